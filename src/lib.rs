@@ -1,0 +1,2 @@
+//! hallservo
+#![no_std]

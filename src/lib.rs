@@ -1,2 +1,8 @@
 //! hallservo
 #![no_std]
+
+pub mod angle;
+pub mod trig;
+
+    pub mod estimate {}
+}

@@ -63,8 +63,5 @@ pub struct Output {
 
 impl Output {
     /// The bridge is off.
-    pub const OFF: Self = Self {
-        compare: [0; 3],
-        legs: Legs::NONE,
-    };
+    pub const OFF: Self = Self { compare: [0; 3], legs: Legs::NONE };
 }

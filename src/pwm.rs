@@ -33,17 +33,10 @@ impl fmt::Display for Error {
                 )
             }
             Self::DeadTime(fraction) => {
-                write!(
-                    f,
-                    "the dead time is {:.0} % of the PWM period: at most 10 % is allowed",
-                    100.0 * fraction
-                )
+                write!(f, "the dead time is {:.0} % of the PWM period: at most 10 % is allowed", 100.0 * fraction)
             }
             Self::Limits { low, high } => {
-                write!(
-                    f,
-                    "compare values from {low} to {high} leave no room around one half"
-                )
+                write!(f, "compare values from {low} to {high} leave no room around one half")
             }
         }
     }
@@ -57,11 +50,7 @@ impl core::error::Error for Error {}
 /// [`Error::Period`] below 16 or above 65,535 counts, or for a frequency that is not positive and finite.
 pub fn period_counts(timer_hz: f32, pwm_hz: f32) -> Result<u16, Error> {
     let counts = libm::roundf(timer_hz / (2.0 * pwm_hz));
-    if (16.0..=65_535.0).contains(&counts) {
-        Ok(counts as u16)
-    } else {
-        Err(Error::Period(counts))
-    }
+    if (16.0..=65_535.0).contains(&counts) { Ok(counts as u16) } else { Err(Error::Period(counts)) }
 }
 
 /// Timer counts of at least a dead time, rounded up: a count too many costs a thousandth of the voltage, a count too few
@@ -108,10 +97,7 @@ impl Limits {
         if room < 4 || high > period {
             return Err(Error::Limits { low, high });
         }
-        Ok(Self {
-            half,
-            largest: (room << Amplitude::FRACTION) - (room << Amplitude::FRACTION) / 8192,
-        })
+        Ok(Self { half, largest: (room << Amplitude::FRACTION) - (room << Amplitude::FRACTION) / 8192 })
     }
 
     /// Compare value of one half.
@@ -123,8 +109,7 @@ impl Limits {
     #[inline(always)]
     pub const fn amplitude(&self, command: Modulation) -> Amplitude {
         // Half of the period in counts is a command of one: 15 + 15 bits.
-        let asked =
-            (self.half as i32 * command.to_bits() as i32) >> (15 - Amplitude::FRACTION as i32);
+        let asked = (self.half as i32 * command.to_bits() as i32) >> (15 - Amplitude::FRACTION as i32);
         Amplitude(if asked > self.largest {
             self.largest
         } else if asked < -self.largest {
@@ -136,8 +121,7 @@ impl Limits {
 
     /// Whether [`Self::amplitude`] cuts a command off.
     pub const fn limits(&self, command: Modulation) -> bool {
-        let asked =
-            (self.half as i32 * command.to_bits() as i32) >> (15 - Amplitude::FRACTION as i32);
+        let asked = (self.half as i32 * command.to_bits() as i32) >> (15 - Amplitude::FRACTION as i32);
         asked > self.largest || asked < -self.largest
     }
 }
@@ -234,19 +218,12 @@ impl FrequencyNeeds {
     /// The lowest frequency that gives the ripple wanted, as far as the bridge and the resolution allow; switching faster than needed
     /// heats the transistors. `None` when a need is not positive and finite or the needs contradict each other.
     pub fn choose(&self) -> Option<FrequencyChoice> {
-        let positive = [
-            self.resistance_ohm,
-            self.inductance_h,
-            self.cycle_s,
-            self.least_bits,
-            self.highest_hz,
-            self.lowest_hz,
-        ];
+        let positive =
+            [self.resistance_ohm, self.inductance_h, self.cycle_s, self.least_bits, self.highest_hz, self.lowest_hz];
         let valid = positive.iter().all(|x| *x > 0.0 && x.is_finite())
             && self.ripple_percent > 0.0
             && self.ripple_percent < 100.0;
-        let wanted =
-            ripple_frequency(self.resistance_ohm, self.inductance_h, self.ripple_percent) / 2.0;
+        let wanted = ripple_frequency(self.resistance_ohm, self.inductance_h, self.ripple_percent) / 2.0;
         let finest = 2.0 / (self.cycle_s * libm::exp2f(self.least_bits));
         let highest = self.highest_hz.min(finest);
         if !valid || highest < self.lowest_hz {

@@ -36,14 +36,7 @@ const SEXTANTS: [Sextant; 8] = {
 
 /// What the legs do where the vector is to point into a sextant: up, down or open. The vector of each step points at
 /// the sextant's middle.
-const STEPS: [[i8; 3]; 6] = [
-    [1, 0, -1],
-    [0, 1, -1],
-    [-1, 1, 0],
-    [-1, 0, 1],
-    [0, -1, 1],
-    [1, -1, 0],
-];
+const STEPS: [[i8; 3]; 6] = [[1, 0, -1], [0, 1, -1], [-1, 1, 0], [-1, 0, 1], [0, -1, 1], [1, -1, 0]];
 
 impl Sextant {
     /// The sextant of an angle.
@@ -72,17 +65,10 @@ impl Sextant {
     #[inline(always)]
     pub const fn output(self, order: PhaseOrder, amplitude: Amplitude, half: u16) -> Output {
         let [a, second, third] = STEPS[self as usize];
-        let (b, c) = if order.is_forward() {
-            (second, third)
-        } else {
-            (third, second)
-        };
+        let (b, c) = if order.is_forward() { (second, third) } else { (third, second) };
         let counts = amplitude.counts();
-        let compare = [
-            half as i32 + a as i32 * counts,
-            half as i32 + b as i32 * counts,
-            half as i32 + c as i32 * counts,
-        ];
+        let compare =
+            [half as i32 + a as i32 * counts, half as i32 + b as i32 * counts, half as i32 + c as i32 * counts];
         let open = if a == 0 {
             0
         } else if b == 0 {
@@ -90,10 +76,7 @@ impl Sextant {
         } else {
             2
         };
-        Output {
-            compare: [compare[0] as u16, compare[1] as u16, compare[2] as u16],
-            legs: Legs::without(open),
-        }
+        Output { compare: [compare[0] as u16, compare[1] as u16, compare[2] as u16], legs: Legs::without(open) }
     }
 }
 
@@ -117,8 +100,7 @@ mod tests {
                 let off = (ElectricalAngle::from_degrees(vector) - angle).to_degrees();
                 assert!(off.abs() <= 30.0, "{angle} {vector}");
                 assert_eq!(a + b + c, 0.0);
-                let open: std::vec::Vec<_> =
-                    (0..3).filter(|&leg| !output.legs.contains(leg)).collect();
+                let open: std::vec::Vec<_> = (0..3).filter(|&leg| !output.legs.contains(leg)).collect();
                 assert_eq!(open.len(), 1);
                 assert_eq!(output.compare[open[0] as usize], 1000);
                 // Line to line: M times the period.
@@ -134,13 +116,8 @@ mod tests {
         for tenth in 0..3600 {
             let angle = ElectricalAngle::from_degrees(tenth as f32 / 10.0 + 0.05);
             let third = ElectricalAngle::THIRD;
-            let signals = [angle, angle - third, angle - third - third]
-                .map(|x| Signal::from_num(trig::sin(x)));
-            assert_eq!(
-                Sextant::of_signals(signals),
-                Some(Sextant::of(angle)),
-                "{angle}"
-            );
+            let signals = [angle, angle - third, angle - third - third].map(|x| Signal::from_num(trig::sin(x)));
+            assert_eq!(Sextant::of_signals(signals), Some(Sextant::of(angle)), "{angle}");
         }
         let one = Signal::ONE;
         assert_eq!(Sextant::of_signals([one; 3]), None);

@@ -17,9 +17,7 @@ impl PhaseOrder {
     /// A, B, C.
     pub const FORWARD: Self = Self(ElectricalAngle::THIRD);
     /// A, C, B.
-    pub const REVERSED: Self = Self(ElectricalAngle::from_bits(
-        -ElectricalAngle::THIRD.to_bits(),
-    ));
+    pub const REVERSED: Self = Self(ElectricalAngle::from_bits(-ElectricalAngle::THIRD.to_bits()));
 
     /// Whether it is A, B, C.
     #[inline(always)]
@@ -33,21 +31,12 @@ impl PhaseOrder {
 /// Within one count of the exact value for phases A and B, two for C; never outside the limits that the [`Amplitude`] was
 /// made for.
 #[inline(always)]
-pub const fn compare(
-    vector: ElectricalAngle,
-    order: PhaseOrder,
-    amplitude: Amplitude,
-    half: u16,
-) -> [u16; 3] {
+pub const fn compare(vector: ElectricalAngle, order: PhaseOrder, amplitude: Amplitude, half: u16) -> [u16; 3] {
     let behind = ElectricalAngle::from_bits(vector.to_bits().wrapping_sub(order.0.to_bits()));
     let a = amplitude.times(trig::cos(vector));
     let b = amplitude.times(trig::cos(behind));
     let c = -a - b;
-    [
-        (half as i32 + a) as u16,
-        (half as i32 + b) as u16,
-        (half as i32 + c) as u16,
-    ]
+    [(half as i32 + a) as u16, (half as i32 + b) as u16, (half as i32 + c) as u16]
 }
 
 impl Amplitude {
@@ -79,9 +68,7 @@ mod tests {
         let half = 2048;
         let limits = Limits::new(4096, 0, 4096).unwrap();
         for modulation in [-1.0, -0.3, 0.01, 0.5, 0.97] {
-            let amplitude = limits.amplitude(crate::commutation::Modulation::saturating_from_num(
-                modulation,
-            ));
+            let amplitude = limits.amplitude(crate::commutation::Modulation::saturating_from_num(modulation));
             let exact = amplitude.to_counts();
             for_all_angles(|angle, radians| {
                 for (order, sign) in [(PhaseOrder::FORWARD, 1.0), (PhaseOrder::REVERSED, -1.0)] {
@@ -89,10 +76,7 @@ mod tests {
                     for (k, &compare) in found.iter().enumerate() {
                         let ideal = 2048.0 + exact * (radians - sign * TAU * k as f64 / 3.0).cos();
                         let tolerance = if k < 2 { 0.6 } else { 1.2 };
-                        assert!(
-                            (f64::from(compare) - ideal).abs() < tolerance,
-                            "{modulation} {k} {compare} {ideal}"
-                        );
+                        assert!((f64::from(compare) - ideal).abs() < tolerance, "{modulation} {k} {compare} {ideal}");
                     }
                     assert_eq!(found.iter().map(|&c| u32::from(c)).sum::<u32>(), 3 * 2048);
                 }
@@ -103,8 +87,7 @@ mod tests {
     #[test]
     fn reversal_is_the_complement() {
         let limits = Limits::new(2125, 40, 2085).unwrap();
-        let [forward, reversed] =
-            [0.6, -0.6].map(|m| limits.amplitude(crate::commutation::Modulation::from_num(m)));
+        let [forward, reversed] = [0.6, -0.6].map(|m| limits.amplitude(crate::commutation::Modulation::from_num(m)));
         for_all_angles(|angle, _| {
             let a = compare(angle, PhaseOrder::FORWARD, forward, limits.half());
             let b = compare(angle, PhaseOrder::FORWARD, reversed, limits.half());
@@ -117,17 +100,9 @@ mod tests {
 
     #[test]
     fn never_leaves_the_limits() {
-        for (period, low, high) in [
-            (2125, 40, 2085),
-            (2125, 0, 2125),
-            (100, 10, 80),
-            (65_535, 1000, 65_000),
-        ] {
+        for (period, low, high) in [(2125, 40, 2085), (2125, 0, 2125), (100, 10, 80), (65_535, 1000, 65_000)] {
             let limits = Limits::new(period, low, high).unwrap();
-            for modulation in [
-                crate::commutation::Modulation::MIN,
-                crate::commutation::Modulation::MAX,
-            ] {
+            for modulation in [crate::commutation::Modulation::MIN, crate::commutation::Modulation::MAX] {
                 let amplitude = limits.amplitude(modulation);
                 for_all_angles(|angle, _| {
                     for c in compare(angle, PhaseOrder::FORWARD, amplitude, limits.half()) {

@@ -30,6 +30,8 @@
 #![no_std]
 
 mod adc;
+mod bench;
+mod bound;
 mod emf;
 mod error;
 mod hall;
@@ -44,6 +46,8 @@ mod switched;
 mod windings;
 
 pub use adc::{AdcParameters, SenseParameters};
+pub use bench::{Bench, BenchParameters};
+pub use bound::{Bound, Prior};
 pub use emf::{BackEmf, PhaseSequence, Shape};
 pub use error::Error;
 pub use hall::{HallFault, HallParameters, Rail, Saturation};

@@ -53,13 +53,15 @@ impl Bound {
     /// acceleration, rad/s²/√Hz.
     pub fn advance(&mut self, period_s: f64, damping_1_s: f64, acceleration_noise: f64) {
         let p = &mut self.covariance;
+        let decay = 1.0 - damping_1_s * period_s;
+        let reach = period_s * (1.0 - 0.5 * damping_1_s * period_s);
         for k in 0..STATES {
-            p[0][k] += period_s * p[1][k];
-            p[1][k] *= 1.0 - damping_1_s * period_s;
+            p[0][k] += reach * p[1][k];
+            p[1][k] *= decay;
         }
         for row in p.iter_mut() {
-            row[0] += period_s * row[1];
-            row[1] *= 1.0 - damping_1_s * period_s;
+            row[0] += reach * row[1];
+            row[1] *= decay;
         }
         // The noise acts as the bench applies it: one acceleration throughout the period.
         let power = acceleration_noise * acceleration_noise * period_s;

@@ -1,0 +1,225 @@
+//! The extended Kalman filter itself: eleven states and their joint covariance.
+//!
+//! States, in this order: θ (Hall angle, rad), ω (rad a sample), h (third harmonic beyond the calibrated one, the same
+//! for all sensors), and for every sensor its offset and amplitude, relative to the calibrated amplitude, and, but for the
+//! first, its placement ψ (rad). The angles themselves are kept as wrapping integers.
+//!
+//! A sample brings three scalar measurements. They are worked in one after the other, each with the covariance that
+//! the one before has left, so nothing is inverted; all share the derivatives at the predicted angle, so the 66
+//! entries of the covariance are read and written once a sample and not three times.
+
+use crate::angle::ElectricalAngle;
+
+/// Number of states.
+pub const STATES: usize = 11;
+/// Entries of the covariance on and above its diagonal.
+const ENTRIES: usize = STATES * (STATES + 1) / 2;
+
+/// Where a state stands.
+pub const ANGLE: usize = 0;
+pub const SPEED: usize = 1;
+pub const THIRD: usize = 2;
+/// The offset of each sensor; its amplitude and placement follow.
+pub const OFFSET: [usize; 3] = [3, 5, 8];
+
+/// A vector over the states.
+pub type Vector = [f32; STATES];
+
+/// The upper triangle of a symmetric matrix, row by row; 264 bytes.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Covariance([f32; ENTRIES]);
+
+/// Where an entry is kept, whichever triangle it is of.
+const fn at(i: usize, j: usize) -> usize {
+    let (i, j) = if i < j { (i, j) } else { (j, i) };
+    i * STATES - i * (i + 1) / 2 + j
+}
+
+impl Covariance {
+    /// Independent states of these variances.
+    pub fn diagonal(variances: &Vector) -> Self {
+        let mut entries = [0.0; ENTRIES];
+        for (k, variance) in variances.iter().enumerate() {
+            entries[at(k, k)] = *variance;
+        }
+        Self(entries)
+    }
+
+    /// An entry.
+    #[inline(always)]
+    pub const fn get(&self, i: usize, j: usize) -> f32 {
+        self.0[at(i, j)]
+    }
+
+    /// Adds to a variance, but not beyond `largest`.
+    pub fn widen(&mut self, state: usize, variance: f32, largest: f32) {
+        let entry = &mut self.0[at(state, state)];
+        *entry = (*entry + variance).min(largest).max(*entry);
+    }
+
+    /// Forgets what is known of a state, but for this variance.
+    pub fn forget(&mut self, state: usize, variance: f32) {
+        for k in 0..STATES {
+            self.0[at(state, k)] = 0.0;
+        }
+        self.0[at(state, state)] = variance;
+    }
+
+    /// `samples` pass: θ += samples · ω, ω ← decay · ω, with a random change of the speed of variance `noise` a sample.
+    #[inline(always)]
+    pub fn advance(&mut self, samples: f32, decay: f32, noise: f32) {
+        let p = &mut self.0;
+        let (angle, cross, speed) = (p[0], p[1], p[STATES]);
+        let noise = noise * samples;
+        p[0] = angle + samples * (cross + cross + samples * (speed + 0.25 * noise));
+        p[1] = decay * (cross + samples * speed) + 0.5 * samples * noise;
+        p[STATES] = decay * decay * speed + noise;
+        for k in 2..STATES {
+            p[k] += samples * p[STATES - 1 + k];
+            p[STATES - 1 + k] *= decay;
+        }
+    }
+}
+
+/// What a sensor's code tells, at the predicted state.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Measurement {
+    /// Measured less predicted signal.
+    pub innovation: f32,
+    /// Variance of the signal's noise.
+    pub noise: f32,
+    /// Derivatives of the signal; that by the offset is one, that by the placement the negative of `angle`.
+    pub angle: f32,
+    pub amplitude: f32,
+    pub third: f32,
+}
+
+impl Measurement {
+    /// Product of the derivatives with a vector.
+    #[inline(always)]
+    fn dot<const SENSOR: usize>(&self, v: &Vector) -> f32 {
+        let own = OFFSET[SENSOR];
+        let angle = if SENSOR == 0 { v[ANGLE] } else { v[ANGLE] - v[own + 2] };
+        self.angle * angle + self.third * v[THIRD] + v[own] + self.amplitude * v[own + 1]
+    }
+
+    /// Product of the covariance with the derivatives.
+    #[inline(always)]
+    fn spread<const SENSOR: usize>(&self, p: &Covariance) -> Vector {
+        let own = OFFSET[SENSOR];
+        let mut b = [0.0; STATES];
+        for (k, b) in b.iter_mut().enumerate() {
+            let angle = if SENSOR == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(own + 2, k) };
+            *b = self.angle * angle + self.third * p.get(THIRD, k) + p.get(own, k) + self.amplitude * p.get(own + 1, k);
+        }
+        b
+    }
+}
+
+/// How a sample was taken.
+#[derive(Clone, Copy, Debug)]
+pub struct Gate {
+    /// A measurement farther from its prediction than the square root of this many variances is not used.
+    pub squared: f32,
+    /// Whether sensors' parameters may change; if not, only angle and speed follow, and what is known of them together
+    /// with the parameters stays consistent (a Schmidt filter).
+    pub learn: bool,
+    /// Sensors not to use at all.
+    pub ignore: [bool; 3],
+}
+
+/// What became of a sample: the correction of the states, and which sensors were not believed.
+pub struct Update {
+    pub correction: Vector,
+    pub refused: [bool; 3],
+}
+
+impl Covariance {
+    /// Works in a sample.
+    #[inline(always)]
+    pub fn update(&mut self, m: &[Measurement; 3], gate: &Gate) -> Update {
+        let b = [m[0].spread::<0>(self), m[1].spread::<1>(self), m[2].spread::<2>(self)];
+        let variances = [m[0].dot::<0>(&b[0]), m[1].dot::<1>(&b[1]), m[2].dot::<2>(&b[2])];
+        let refused: [bool; 3] = core::array::from_fn(|k| {
+            gate.ignore[k] || m[k].innovation * m[k].innovation > gate.squared * (variances[k] + m[k].noise)
+        });
+        // What is not believed is infinitely noisy.
+        let weight = |k: usize, variance: f32| if refused[k] { 0.0 } else { 1.0 / (variance + m[k].noise) };
+
+        let [b0, mut b1, mut b2] = b;
+        let (c01, c02, c12) = (m[1].dot::<1>(&b0), m[2].dot::<2>(&b0), m[2].dot::<2>(&b1));
+        let w0 = weight(0, variances[0]);
+        let i0 = w0 * m[0].innovation;
+        let (l01, l02) = (w0 * c01, w0 * c02);
+        for k in 0..STATES {
+            b1[k] -= l01 * b0[k];
+        }
+        let w1 = weight(1, variances[1] - l01 * c01);
+        let i1 = w1 * (m[1].innovation - c01 * i0);
+        let c12 = c12 - l01 * c02;
+        let l12 = w1 * c12;
+        for k in 0..STATES {
+            b2[k] -= l02 * b0[k] + l12 * b1[k];
+        }
+        let w2 = weight(2, variances[2] - l02 * c02 - l12 * c12);
+        let i2 = w2 * (m[2].innovation - c02 * i0 - c12 * i1);
+
+        let mut correction = [0.0; STATES];
+        let rows = if gate.learn { STATES } else { 2 };
+        for (k, correction) in correction.iter_mut().enumerate().take(rows) {
+            *correction = i0 * b0[k] + i1 * b1[k] + i2 * b2[k];
+        }
+        self.shrink([w0, w1, w2], &b0, &b1, &b2, gate.learn);
+        Update { correction, refused }
+    }
+
+    /// Subtracts Σ w·b·bᵀ; without learning only from the rows of angle and speed.
+    #[inline(always)]
+    fn shrink(&mut self, [w0, w1, w2]: [f32; 3], b0: &Vector, b1: &Vector, b2: &Vector, learn: bool) {
+        for i in 0..STATES {
+            if i == 2 && !learn {
+                return;
+            }
+            let (k0, k1, k2) = (w0 * b0[i], w1 * b1[i], w2 * b2[i]);
+            for j in i..STATES {
+                self.0[at(i, j)] -= k0 * b0[j] + k1 * b1[j] + k2 * b2[j];
+            }
+        }
+    }
+}
+
+/// Angle, speed and parameters as estimated.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct State {
+    pub angle: ElectricalAngle,
+    pub speed: f32,
+    pub third: f32,
+    pub offset: [f32; 3],
+    pub amplitude: [f32; 3],
+    pub placement: [ElectricalAngle; 3],
+}
+
+impl State {
+    /// Moves by a vector.
+    #[inline(always)]
+    pub fn correct(&mut self, by: &Vector) {
+        self.angle += radians(by[ANGLE]);
+        self.speed += by[SPEED];
+        self.third += by[THIRD];
+        for (k, own) in OFFSET.into_iter().enumerate() {
+            self.offset[k] += by[own];
+            self.amplitude[k] += by[own + 1];
+            if k != 0 {
+                self.placement[k] += radians(by[own + 2]);
+            }
+        }
+    }
+}
+
+/// An angle of a few radians, to 2⁻²⁴ of itself.
+#[inline(always)]
+pub fn radians(angle: f32) -> ElectricalAngle {
+    const BITS: f32 = 4_294_967_296.0 / core::f32::consts::TAU;
+    // Through 64 bits where it may exceed half a turn would be a software routine; corrections never do.
+    ElectricalAngle::from_bits((angle * BITS) as i32)
+}

@@ -13,43 +13,39 @@
 //! - Parameters move only above [`Settings::slowest_hz`]; below, only angle and speed follow.
 //! - A model comes out only when all of the turn has been seen since the last.
 //! - Parameters stay in a box around the calibration. One found at the edge of the box twice is a [`Fault::Drifted`].
-//! - A measurement more than five standard deviations off is not believed. A sensor that is not believed for a fifth of a
-//!   turn is a [`Fault::Lost`]; angle and speed go on from the other two.
+//! - A measurement more than five standard deviations off is not believed, unless all three together say that the rotor
+//!   has been pushed. A sensor that is not believed for a fifth of a turn is a [`Fault::Lost`]; angle and speed go on from
+//!   the other two.
 //! - Parameters' uncertainty grows by their drift only for the time between turns that were seen whole, and never beyond
 //!   where it started. At rest nothing grows.
 //!
-//! Range: 5 to 1000 samples an electrical turn while learning.
+//! A load that is not told is found by integrating what the speed is corrected by.
 
+mod doubt;
+mod fault;
 mod filter;
 mod observe;
 mod settings;
 
 use crate::angle::ElectricalAngle;
+use crate::hall::Codes;
 use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
-use crate::hall::{Channel, Codes};
 use core::f32::consts::TAU;
-use core::fmt;
-use filter::{ANGLE, Covariance, Gate, OFFSET, SPEED, STATES, State, THIRD, Vector, radians};
+use doubt::Doubts;
+pub use fault::{Fault, Parameter};
+use filter::{ANGLE, Covariance, Measurement, OFFSET, SPEED, STATES, Sample, State, THIRD, Vector, radians};
 use observe::Fixed;
 pub use settings::{Config, OutOfRange, Settings, Spread};
 
-/// Squared number of standard deviations beyond which a measurement is not believed.
+/// Squared number of standard deviations beyond which a measurement is an outlier.
 const GATE: f32 = 25.0;
-/// Turns that a sensor may contradict the others.
-const DOUBT: f32 = 0.2;
-/// Turns of doubt that a believed turn takes back.
-const FORGIVENESS: f32 = 0.25;
-/// Fewest samples in a row at the ADC's rail, and fewest contradictions, of a lost sensor.
-const FEWEST: u32 = 4;
 /// Fewest samples of a turn seen whole.
 const WHOLE: u32 = 64;
-/// Times that all parameters may be doubted before one turn is understood.
-const RESTARTS: u32 = 4;
-/// Samples in a row that no angle explains, after which the parameters are doubted.
-const JOLTS: u32 = 6;
 /// Most samples that may be missing in a row for the speed to be believed.
 const LONGEST_GAP: u16 = 20;
+/// Fastest speed to learn at, rad a sample: five samples a turn.
+const FASTEST: f32 = TAU / 5.0;
 
 /// A sample for the filter.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -63,79 +59,13 @@ pub struct Observation {
     pub torque_nm: f32,
 }
 
-/// What may run to the edge of the box.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Parameter {
-    /// The signal's mean.
-    Offset,
-    /// The signal's size.
-    Amplitude,
-    /// The phase against the first sensor.
-    Placement,
-}
-
-impl fmt::Display for Parameter {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Offset => "offset",
-            Self::Amplitude => "amplitude",
-            Self::Placement => "placement",
-        })
-    }
-}
-
-/// Why the adaptation has stopped learning, for good.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Fault {
-    /// The sensor's code sits at the end of the ADC's range: open, shorted or saturated.
-    AtRail(Channel),
-    /// The sensor contradicts the other two: stuck, or its magnet or place has changed suddenly.
-    Lost(Channel),
-    /// The sensor has drifted to the edge of what is allowed around its calibration.
-    Drifted(Channel, Parameter),
-    /// The third harmonic has drifted to that edge.
-    Distorted,
-    /// No parameters near the calibration explain the three sensors.
-    Contradiction,
-}
-
-impl Fault {
-    /// The sensor to do without, where one is to blame and the others still give the angle.
-    pub const fn lost(self) -> Option<Channel> {
-        match self {
-            Self::AtRail(channel) | Self::Lost(channel) => Some(channel),
-            _ => None,
-        }
-    }
-}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::AtRail(channel) => {
-                write!(f, "{channel} stays at the end of the ADC's range: open, shorted or saturated")
-            }
-            Self::Lost(channel) => write!(f, "{channel} contradicts the other two: stuck or loose"),
-            Self::Drifted(channel, parameter) => {
-                write!(f, "the {parameter} of {channel} has drifted as far as allowed from its calibration")
-            }
-            Self::Distorted => write!(f, "the magnet's third harmonic has drifted as far as allowed"),
-            Self::Contradiction => write!(f, "the Halls fit nothing near their calibration: calibrate again"),
-        }
-    }
-}
-
-impl core::error::Error for Fault {}
-
 /// What came of an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Outcome {
     /// Looking for angle and speed.
     Acquiring,
-    /// Too slow to learn, or a fault: angle and speed are followed.
+    /// Too slow to learn, something is doubted, or a fault: angle and speed are followed.
     Following,
     /// Parameters are being learnt.
     Learning,
@@ -154,60 +84,50 @@ enum Phase {
     Tracking,
 }
 
-/// What speaks against a sensor.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-struct Doubt {
-    turns: f32,
-    times: u32,
-    at_rail: u32,
-}
-
-/// The adaptation of one drive; 700 bytes.
+/// The adaptation of one drive.
 #[derive(Clone, Debug)]
 pub struct Adapter {
     config: Config,
     fixed: [Fixed; 3],
     state: State,
     covariance: Covariance,
+    /// Variances at the start, and those gained in a sample.
     start: Vector,
     drift: Vector,
+    /// Natural frequency of the tracking, rad a sample.
+    pace: f32,
+    /// Variance of the angle below which what the speed is corrected by is a load, and the share of it.
+    settled: f32,
+    load_gain: f32,
+    /// Acceleration by what is not told, rad/sample².
+    load: f32,
     phase: Phase,
-    doubts: [Doubt; 3],
-    jolts: u32,
-    restarts: u32,
     /// Eighths of the turn seen since the last model, and samples learnt from and passed since then.
     seen: u8,
     learnt: u32,
     since: u32,
     paused: u32,
     edge: Option<Fault>,
+    doubts: Doubts,
     fault: Option<Fault>,
     model: Model,
 }
 
 impl Adapter {
-    /// Starts from a calibration, or the nominal model (with [`Settings::NOMINAL`] as `start`).
+    /// Starts from a calibration, or from a data sheet's model (with [`Settings::NOMINAL`] as `start`).
     ///
     /// # Errors
     /// [`BadModel`] where the fast path could not work with the model either.
     pub fn new(config: &Config, model: &Model) -> Result<Self, BadModel> {
         estimate::validate(model, config.adc_bits)?;
-        let vector = |spread: &Spread| {
-            let mut vector = [0.0; STATES];
-            vector[THIRD] = spread.third;
-            for (k, own) in OFFSET.into_iter().enumerate() {
-                vector[own] = spread.offset;
-                vector[own + 1] = spread.amplitude;
-                if k != 0 {
-                    vector[own + 2] = spread.placement_deg;
-                }
-            }
-            vector
-        };
-        let start = vector(&config.start);
+        let start = parameters(&config.start);
+        let fixed = [0, 1, 2].map(|k| Fixed::new(&model.sensors[k], config.noise_codes[k]));
+        // Of the angle from one sample: two thirds of the sensors' mean.
+        let angle_noise = (fixed[0].noise + fixed[1].noise + fixed[2].noise) * (2.0 / 9.0);
+        let pace = libm::sqrtf(libm::sqrtf(config.acceleration / angle_noise));
         Ok(Self {
             config: *config,
-            fixed: core::array::from_fn(|k| Fixed::new(&model.sensors[k], config.noise_codes[k])),
+            fixed,
             state: State {
                 angle: ElectricalAngle::ZERO,
                 speed: 0.0,
@@ -218,16 +138,20 @@ impl Adapter {
             },
             covariance: Covariance::diagonal(&start),
             start,
-            drift: vector(&config.drift),
+            drift: parameters(&config.drift),
+            pace,
+            // Four times √2 · pace · noise, the variance of known sensors' tracked angle.
+            settled: 5.7 * pace * angle_noise,
+            // Slow enough to leave the tracking stable and hardly noisier.
+            load_gain: 0.1 * pace,
+            load: 0.0,
             phase: Phase::Blind,
-            doubts: [Doubt::default(); 3],
-            jolts: 0,
-            restarts: 0,
             seen: 0,
             learnt: 0,
             since: 0,
             paused: 0,
             edge: None,
+            doubts: Doubts::default(),
             fault: None,
             model: *model,
         })
@@ -235,112 +159,82 @@ impl Adapter {
 
     /// Works in a sample.
     pub fn update(&mut self, observation: &Observation) -> Outcome {
-        self.since = self.since.saturating_add(observation.elapsed.into());
-        let mut ignore = self.at_rail(&observation.codes);
-        if let Some(lost) = self.fault.and_then(Fault::lost) {
-            ignore[lost.0 as usize] = true;
+        let elapsed = u32::from(observation.elapsed);
+        let samples = f32::from(observation.elapsed);
+        self.since = self.since.saturating_add(elapsed);
+        let mut useless = None;
+        if !self.is_healthy(&observation.codes) {
+            match self.examine(&observation.codes) {
+                Ok(which) => useless = Some(which),
+                Err(outcome) => return outcome,
+            }
         }
-        if observation.elapsed > LONGEST_GAP {
-            self.phase = Phase::Blind;
+        let gap =
+            observation.elapsed > 1 && (observation.elapsed > LONGEST_GAP || self.state.speed.abs() * samples > 1.5);
+        if self.phase != Phase::Tracking || gap {
+            return self.acquire(observation, useless.unwrap_or_default());
         }
-        match self.phase {
-            Phase::Tracking => self.track(observation, ignore),
-            _ => self.acquire(observation, ignore),
+        self.predict(samples, observation.torque_nm);
+        let mut measurements = self.measure(&observation.codes);
+        if let Some(useless) = useless {
+            discard(&mut measurements, useless);
         }
-    }
-
-    /// Sensors at the rail of the ADC.
-    #[inline(always)]
-    fn at_rail(&mut self, codes: &Codes) -> [bool; 3] {
-        let rail = (1_u32 << self.config.adc_bits) - 1;
-        core::array::from_fn(|k| {
-            // Code 0 wraps to the top.
-            let at_rail = u32::from(codes[k]).wrapping_sub(1) >= rail - 1;
-            self.doubts[k].at_rail = if at_rail { self.doubts[k].at_rail + 1 } else { 0 };
-            at_rail
-        })
+        let sample = Sample::new(&measurements, &self.covariance);
+        if sample.is_outlier(0, GATE) | sample.is_outlier(1, GATE) | sample.is_outlier(2, GATE) {
+            return self.reconcile(samples, &mut measurements);
+        }
+        let learn = self.may_learn();
+        self.work_in(sample, learn);
+        if learn { self.learn() } else { self.follow() }
     }
 
     /// Finds the angle, and from two of them the speed.
     #[cold]
-    fn acquire(&mut self, observation: &Observation, ignore: [bool; 3]) -> Outcome {
-        if let Some(outcome) = self.judge() {
-            return outcome;
-        }
-        if ignore.iter().filter(|&&ignore| ignore).count() > 1 {
-            self.phase = Phase::Blind;
+    fn acquire(&mut self, observation: &Observation, useless: [bool; 3]) -> Outcome {
+        let signals = [0, 1, 2].map(|k| self.fixed[k].signal(observation.codes[k]));
+        let angle = observe::acquire(&self.state, &signals, &useless);
+        let step = (angle - self.state.angle).to_radians();
+        self.state.angle = angle;
+        if self.phase != Phase::Still || observation.elapsed != 1 {
+            self.phase = Phase::Still;
             return Outcome::Acquiring;
         }
-        let signals = core::array::from_fn(|k| self.fixed[k].signal(observation.codes[k]));
-        let angle = observe::acquire(&self.state, &signals, &ignore);
-        if self.phase == Phase::Still {
-            let elapsed = f32::from(observation.elapsed.max(1));
-            self.state.speed = (angle - self.state.angle).to_radians() / elapsed;
-            // The parameters bend the angle, by some third of a radian a radian at worst.
-            let deviation = 0.3 * libm::fabsf(self.state.speed) + 0.04 / elapsed;
-            self.covariance.forget(ANGLE, 0.15);
-            self.covariance.forget(SPEED, deviation * deviation);
-            self.state.angle = angle;
-            self.phase = Phase::Tracking;
-            return self.work_in(observation, ignore);
-        }
-        self.state.angle = angle;
-        self.phase = Phase::Still;
+        self.phase = Phase::Tracking;
+        self.state.speed = step;
+        self.load = 0.0;
+        // The parameters bend the angle, by some third of a radian a radian at worst.
+        let deviation = 0.3 * libm::fabsf(step) + 0.04;
+        self.covariance.forget(ANGLE, 0.15);
+        self.covariance.forget(SPEED, deviation * deviation);
+        let mut measurements = self.measure(&observation.codes);
+        discard(&mut measurements, useless);
+        let sample = Sample::new(&measurements, &self.covariance);
+        let learn = self.may_learn();
+        self.work_in(sample, learn);
         Outcome::Acquiring
     }
 
-    /// Predicts, then corrects.
+    /// Angle and speed as the equation of motion has them.
     #[inline(always)]
-    fn track(&mut self, observation: &Observation, ignore: [bool; 3]) -> Outcome {
-        let samples = f32::from(observation.elapsed);
-        let gained = samples * self.config.per_nm * observation.torque_nm;
-        let decay = (1.0 - samples * self.config.damping).max(0.0);
+    fn predict(&mut self, samples: f32, torque_nm: f32) {
+        let gained = samples * (self.config.per_nm * torque_nm + self.load);
+        let lost = samples * self.config.damping;
+        let decay = if lost < 1.0 { 1.0 - lost } else { 0.0 };
         let state = &mut self.state;
         let speed = state.speed * decay + gained;
         state.angle += radians(0.5 * samples * (state.speed + speed));
         state.speed = speed;
         self.covariance.advance(samples, decay, self.config.acceleration);
-        self.work_in(observation, ignore)
     }
 
+    /// All three sensors against their prediction.
     #[inline(always)]
-    fn work_in(&mut self, observation: &Observation, ignore: [bool; 3]) -> Outcome {
-        let turning = self.state.speed.abs() >= self.config.slowest;
-        let learn = turning && self.fault.is_none();
-        if learn {
-            self.resume();
-        } else {
-            self.paused = self.paused.saturating_add(observation.elapsed.into());
-        }
-        let measurements =
-            core::array::from_fn(|k| self.fixed[k].measure(k, &self.state, observation.codes[k], self.bend(k)));
-        let update = self.covariance.update(&measurements, &Gate { squared: GATE, learn, ignore });
-        self.state.correct(&update.correction);
-        if update.refused != [false; 3] {
-            self.refused(&update.refused, &ignore);
-        }
-        let turns = if turning { self.state.speed.abs() * f32::from(observation.elapsed) * (1.0 / TAU) } else { 0.0 };
-        for k in 0..3 {
-            let doubt = &mut self.doubts[k];
-            if update.refused[k] {
-                doubt.turns += turns;
-                doubt.times += 1;
-            } else if doubt.turns > 0.0 {
-                doubt.turns -= FORGIVENESS * turns;
-            } else {
-                doubt.times = 0;
-            }
-        }
-        if let Some(outcome) = self.judge() {
-            return outcome;
-        }
-        if !learn {
-            return Outcome::Following;
-        }
-        self.confine();
-        self.learnt += 1;
-        self.seen |= 1 << (self.state.angle.to_bits() as u32 >> 29);
-        if self.seen == u8::MAX && self.learnt >= WHOLE { self.whole_turn() } else { Outcome::Learning }
+    fn measure(&self, codes: &Codes) -> [Measurement; 3] {
+        [
+            self.fixed[0].measure(0, &self.state, codes[0], self.bend(0)),
+            self.fixed[1].measure(1, &self.state, codes[1], self.bend(1)),
+            self.fixed[2].measure(2, &self.state, codes[2], self.bend(2)),
+        ]
     }
 
     /// What the derivatives at the predicted state leave out of a signal, as a variance: the sine's curvature over an
@@ -349,14 +243,47 @@ impl Adapter {
     #[inline(always)]
     fn bend(&self, sensor: usize) -> f32 {
         const ALIKE: f32 = 0.25;
+        const SLOWEST: f32 = 1e-3;
         let amplitude = OFFSET[sensor] + 1;
         let angle = self.covariance.get(ANGLE, ANGLE);
         let once = angle * (0.5 * angle + self.covariance.get(amplitude, amplitude));
-        once * (1.0 + ALIKE / self.state.speed.abs().max(1e-3))
+        once * (1.0 + ALIKE / (self.state.speed.abs() + SLOWEST))
+    }
+
+    /// Corrects.
+    #[inline(always)]
+    fn work_in(&mut self, sample: Sample, learn: bool) {
+        let speed = self.state.speed;
+        self.covariance.update(sample, &mut self.state, learn);
+        if self.covariance.get(ANGLE, ANGLE) < self.settled {
+            self.load += self.load_gain * (self.state.speed - speed);
+        }
+    }
+
+    #[inline(always)]
+    fn may_learn(&self) -> bool {
+        let speed = self.state.speed.abs();
+        self.fault.is_none() && speed >= self.config.slowest && speed <= FASTEST
+    }
+
+    fn follow(&mut self) -> Outcome {
+        self.paused = self.paused.saturating_add(1);
+        Outcome::Following
+    }
+
+    #[inline(always)]
+    fn learn(&mut self) -> Outcome {
+        if self.paused != 0 {
+            self.resume();
+        }
+        self.confine(self.learnt % 3);
+        self.learnt += 1;
+        self.seen |= 1 << (self.state.angle.to_bits() as u32 >> 29);
+        if self.seen == u8::MAX && self.learnt >= WHOLE { self.whole_turn() } else { Outcome::Learning }
     }
 
     /// Makes up for the drift while nothing was learnt.
-    #[inline(always)]
+    #[cold]
     fn resume(&mut self) {
         if self.paused >= self.config.pause {
             self.wander();
@@ -365,7 +292,6 @@ impl Adapter {
     }
 
     /// The parameters may have drifted since the last time.
-    #[cold]
     fn wander(&mut self) {
         let samples = core::mem::take(&mut self.since) as f32;
         for state in THIRD..STATES {
@@ -373,73 +299,24 @@ impl Adapter {
         }
     }
 
-    /// Some sensors were not believed. When it is more than one, the rotor is not where it was thought to be.
-    #[cold]
-    fn refused(&mut self, refused: &[bool; 3], ignore: &[bool; 3]) {
-        let contradicting = (0..3).filter(|&k| refused[k] && !ignore[k]).count();
-        if contradicting < 2 {
-            return;
-        }
-        self.phase = Phase::Blind;
-        self.doubts = [Doubt::default(); 3];
-        self.jolts += 1;
-        if self.jolts >= JOLTS {
-            self.restart();
-        }
-    }
-
     /// Doubts all parameters as at the start.
-    #[cold]
     fn restart(&mut self) {
         self.covariance = Covariance::diagonal(&self.start);
-        self.phase = Phase::Blind;
-        self.jolts = 0;
-        self.restarts += 1;
         self.seen = 0;
         self.learnt = 0;
     }
 
-    /// Whether there is a fault now.
+    /// Keeps a sensor's parameters and the third harmonic in the box.
     #[inline(always)]
-    fn judge(&mut self) -> Option<Outcome> {
-        if self.fault.is_some() {
-            return None;
-        }
-        for (k, doubt) in self.doubts.iter().enumerate() {
-            let channel = Channel(k as u8);
-            if doubt.at_rail >= FEWEST {
-                return Some(self.fail(Fault::AtRail(channel)));
-            }
-            if doubt.turns > DOUBT && doubt.times >= FEWEST {
-                return Some(self.fail(Fault::Lost(channel)));
-            }
-        }
-        if self.restarts > RESTARTS {
-            return Some(self.fail(Fault::Contradiction));
-        }
-        None
-    }
-
-    #[cold]
-    fn fail(&mut self, fault: Fault) -> Outcome {
-        self.fault = Some(fault);
-        Outcome::Failed(fault)
-    }
-
-    /// Keeps the parameters in the box.
-    #[inline(always)]
-    fn confine(&mut self) {
-        let limits = &self.config.limits;
-        let state = &mut self.state;
+    fn confine(&mut self, sensor: u32) {
+        let (k, limits, state) = (sensor as usize, &self.config.limits, &mut self.state);
         state.third = state.third.clamp(-limits.third, limits.third);
-        for k in 0..3 {
-            state.offset[k] = state.offset[k].clamp(-limits.offset, limits.offset);
-            state.amplitude[k] = state.amplitude[k].clamp(1.0 - limits.amplitude, 1.0 + limits.amplitude);
-            let middle = self.fixed[k].sensor.placement;
-            let limit = radians(limits.placement_deg).to_bits();
-            let placement = (state.placement[k] - middle).to_bits().clamp(-limit, limit);
-            state.placement[k] = middle + ElectricalAngle::from_bits(placement);
-        }
+        state.offset[k] = state.offset[k].clamp(-limits.offset, limits.offset);
+        state.amplitude[k] = state.amplitude[k].clamp(1.0 - limits.amplitude, 1.0 + limits.amplitude);
+        let middle = self.fixed[k].sensor.placement;
+        let limit = radians(limits.placement_deg).to_bits();
+        let placement = (state.placement[k] - middle).to_bits().clamp(-limit, limit);
+        state.placement[k] = middle + ElectricalAngle::from_bits(placement);
     }
 
     /// The first parameter at the edge of the box.
@@ -457,7 +334,7 @@ impl Adapter {
             } else {
                 continue;
             };
-            return Some(Fault::Drifted(Channel(k as u8), parameter));
+            return Some(Fault::Drifted(crate::hall::Channel(k as u8), parameter));
         }
         reached(state.third, limits.third).then_some(Fault::Distorted)
     }
@@ -467,8 +344,10 @@ impl Adapter {
     fn whole_turn(&mut self) -> Outcome {
         self.seen = 0;
         self.learnt = 0;
-        self.jolts = 0;
-        self.restarts = 0;
+        self.doubts.clear();
+        for sensor in 0..3 {
+            self.confine(sensor);
+        }
         self.wander();
         let edge = self.at_edge();
         if let Some(fault) = edge.filter(|_| edge == self.edge) {
@@ -524,5 +403,27 @@ impl Adapter {
     /// Why nothing is learnt any more.
     pub const fn fault(&self) -> Option<Fault> {
         self.fault
+    }
+}
+
+/// A spread as a vector over the states.
+fn parameters(spread: &Spread) -> Vector {
+    let mut vector = [0.0; STATES];
+    vector[THIRD] = spread.third;
+    for (k, own) in OFFSET.into_iter().enumerate() {
+        vector[own] = spread.offset;
+        vector[own + 1] = spread.amplitude;
+        if k != 0 {
+            vector[own + 2] = spread.placement_deg;
+        }
+    }
+    vector
+}
+
+fn discard(measurements: &mut [Measurement; 3], useless: [bool; 3]) {
+    for (measurement, useless) in measurements.iter_mut().zip(useless) {
+        if useless {
+            measurement.discard();
+        }
     }
 }

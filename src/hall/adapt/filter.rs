@@ -116,74 +116,81 @@ impl Measurement {
     }
 }
 
-/// How a sample was taken.
-#[derive(Clone, Copy, Debug)]
-pub struct Gate {
-    /// A measurement farther from its prediction than the square root of this many variances is not used.
-    pub squared: f32,
-    /// Whether sensors' parameters may change; if not, only angle and speed follow, and what is known of them together
-    /// with the parameters stays consistent (a Schmidt filter).
-    pub learn: bool,
-    /// Sensors not to use at all.
-    pub ignore: [bool; 3],
+impl Measurement {
+    /// Of a sensor that is not to be used: infinitely noisy.
+    pub fn discard(&mut self) {
+        self.innovation = 0.0;
+        self.noise = 1e12;
+    }
 }
 
-/// What became of a sample: the correction of the states, and which sensors were not believed.
-pub struct Update {
-    pub correction: Vector,
-    pub refused: [bool; 3],
+/// Three measurements with what they mean for the covariance.
+pub struct Sample<'a> {
+    pub measurements: &'a [Measurement; 3],
+    /// Covariance times derivatives.
+    spreads: [Vector; 3],
+    /// Of the innovations, without their noise.
+    pub variances: [f32; 3],
+}
+
+impl<'a> Sample<'a> {
+    /// Prepares for [`Covariance::update`].
+    #[inline(always)]
+    pub fn new(m: &'a [Measurement; 3], p: &Covariance) -> Self {
+        let spreads = [m[0].spread::<0>(p), m[1].spread::<1>(p), m[2].spread::<2>(p)];
+        let variances = [m[0].dot::<0>(&spreads[0]), m[1].dot::<1>(&spreads[1]), m[2].dot::<2>(&spreads[2])];
+        Self { measurements: m, spreads, variances }
+    }
+
+    /// Whether a measurement is farther from its prediction than the square root of so many variances.
+    #[inline(always)]
+    pub fn is_outlier(&self, sensor: usize, squared: f32) -> bool {
+        let m = &self.measurements[sensor];
+        m.innovation * m.innovation > squared * (self.variances[sensor] + m.noise)
+    }
 }
 
 impl Covariance {
-    /// Works in a sample.
+    /// Works in a sample. Without `learn`, only angle and speed follow, and what is known of them together with the
+    /// parameters stays consistent (a Schmidt filter).
     #[inline(always)]
-    pub fn update(&mut self, m: &[Measurement; 3], gate: &Gate) -> Update {
-        let b = [m[0].spread::<0>(self), m[1].spread::<1>(self), m[2].spread::<2>(self)];
-        let variances = [m[0].dot::<0>(&b[0]), m[1].dot::<1>(&b[1]), m[2].dot::<2>(&b[2])];
-        let refused: [bool; 3] = core::array::from_fn(|k| {
-            gate.ignore[k] || m[k].innovation * m[k].innovation > gate.squared * (variances[k] + m[k].noise)
-        });
-        // What is not believed is infinitely noisy.
-        let weight = |k: usize, variance: f32| if refused[k] { 0.0 } else { 1.0 / (variance + m[k].noise) };
-
-        let [b0, mut b1, mut b2] = b;
+    pub fn update(&mut self, sample: Sample, state: &mut State, learn: bool) {
+        let Sample { measurements: m, spreads: [b0, mut b1, mut b2], variances } = sample;
         let (c01, c02, c12) = (m[1].dot::<1>(&b0), m[2].dot::<2>(&b0), m[2].dot::<2>(&b1));
-        let w0 = weight(0, variances[0]);
+        let w0 = 1.0 / (variances[0] + m[0].noise);
         let i0 = w0 * m[0].innovation;
         let (l01, l02) = (w0 * c01, w0 * c02);
-        for k in 0..STATES {
-            b1[k] -= l01 * b0[k];
-        }
-        let w1 = weight(1, variances[1] - l01 * c01);
+        let w1 = 1.0 / (variances[1] - l01 * c01 + m[1].noise);
         let i1 = w1 * (m[1].innovation - c01 * i0);
         let c12 = c12 - l01 * c02;
         let l12 = w1 * c12;
+        let w2 = 1.0 / (variances[2] - l02 * c02 - l12 * c12 + m[2].noise);
+        let i2 = w2 * (m[2].innovation - c02 * i0 - c12 * i1);
         for k in 0..STATES {
+            b1[k] -= l01 * b0[k];
             b2[k] -= l02 * b0[k] + l12 * b1[k];
         }
-        let w2 = weight(2, variances[2] - l02 * c02 - l12 * c12);
-        let i2 = w2 * (m[2].innovation - c02 * i0 - c12 * i1);
-
-        let mut correction = [0.0; STATES];
-        let rows = if gate.learn { STATES } else { 2 };
-        for (k, correction) in correction.iter_mut().enumerate().take(rows) {
-            *correction = i0 * b0[k] + i1 * b1[k] + i2 * b2[k];
-        }
-        self.shrink([w0, w1, w2], &b0, &b1, &b2, gate.learn);
-        Update { correction, refused }
+        state.correct([i0, i1, i2], [&b0, &b1, &b2], learn);
+        self.shrink([w0, w1, w2], [&b0, &b1, &b2], learn);
     }
 
     /// Subtracts Σ w·b·bᵀ; without learning only from the rows of angle and speed.
     #[inline(always)]
-    fn shrink(&mut self, [w0, w1, w2]: [f32; 3], b0: &Vector, b1: &Vector, b2: &Vector, learn: bool) {
-        for i in 0..STATES {
-            if i == 2 && !learn {
-                return;
-            }
-            let (k0, k1, k2) = (w0 * b0[i], w1 * b1[i], w2 * b2[i]);
-            for j in i..STATES {
-                self.0[at(i, j)] -= k0 * b0[j] + k1 * b1[j] + k2 * b2[j];
-            }
+    fn shrink(&mut self, w: [f32; 3], b: [&Vector; 3], learn: bool) {
+        macro_rules! rows {
+            ($($row:literal)*) => { $(self.shrink_row::<$row>(w, b);)* };
+        }
+        rows!(0 1);
+        if learn {
+            rows!(2 3 4 5 6 7 8 9 10);
+        }
+    }
+
+    #[inline(always)]
+    fn shrink_row<const ROW: usize>(&mut self, w: [f32; 3], b: [&Vector; 3]) {
+        let k = [w[0] * b[0][ROW], w[1] * b[1][ROW], w[2] * b[2][ROW]];
+        for column in ROW..STATES {
+            self.0[at(ROW, column)] -= k[0] * b[0][column] + k[1] * b[1][column] + k[2] * b[2][column];
         }
     }
 }
@@ -200,17 +207,21 @@ pub struct State {
 }
 
 impl State {
-    /// Moves by a vector.
+    /// Moves by Σ i·b.
     #[inline(always)]
-    pub fn correct(&mut self, by: &Vector) {
-        self.angle += radians(by[ANGLE]);
-        self.speed += by[SPEED];
-        self.third += by[THIRD];
+    fn correct(&mut self, i: [f32; 3], b: [&Vector; 3], learn: bool) {
+        let by = |state: usize| i[0] * b[0][state] + i[1] * b[1][state] + i[2] * b[2][state];
+        self.angle += radians(by(ANGLE));
+        self.speed += by(SPEED);
+        if !learn {
+            return;
+        }
+        self.third += by(THIRD);
         for (k, own) in OFFSET.into_iter().enumerate() {
-            self.offset[k] += by[own];
-            self.amplitude[k] += by[own + 1];
+            self.offset[k] += by(own);
+            self.amplitude[k] += by(own + 1);
             if k != 0 {
-                self.placement[k] += radians(by[own + 2]);
+                self.placement[k] += radians(by(own + 2));
             }
         }
     }

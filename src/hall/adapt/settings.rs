@@ -116,6 +116,15 @@ pub struct Config {
     pub(crate) pause: u32,
 }
 
+impl Config {
+    /// Whether a code sits at the end of the ADC's range.
+    #[inline(always)]
+    pub(crate) const fn is_at_rail(&self, code: u16) -> bool {
+        // Code 0 wraps to the top.
+        (code as u32).wrapping_sub(1) >= (1 << self.adc_bits) - 2
+    }
+}
+
 fn within(field: &'static str, value: f32, min: f32, max: f32) -> Result<f32, OutOfRange> {
     // Not a number is in no range.
     if (min..=max).contains(&value) { Ok(value) } else { Err(OutOfRange { field, value, min, max }) }

@@ -174,7 +174,9 @@ impl Adapter {
         if self.phase != Phase::Tracking || gap {
             return self.acquire(observation, useless.unwrap_or_default());
         }
-        self.predict(samples, observation.torque_nm);
+        for _ in 0..observation.elapsed {
+            self.predict(observation.torque_nm);
+        }
         let mut measurements = self.measure(&observation.codes);
         if let Some(useless) = useless {
             discard(&mut measurements, useless);
@@ -214,17 +216,14 @@ impl Adapter {
         Outcome::Acquiring
     }
 
-    /// Angle and speed as the equation of motion has them.
+    /// Angle and speed a sample later, as the equation of motion has them.
     #[inline(always)]
-    fn predict(&mut self, samples: f32, torque_nm: f32) {
-        let gained = samples * (self.config.per_nm * torque_nm + self.load);
-        let lost = samples * self.config.damping;
-        let decay = if lost < 1.0 { 1.0 - lost } else { 0.0 };
+    fn predict(&mut self, torque_nm: f32) {
         let state = &mut self.state;
-        let speed = state.speed * decay + gained;
-        state.angle += radians(0.5 * samples * (state.speed + speed));
-        state.speed = speed;
-        self.covariance.advance(samples, decay, self.config.acceleration);
+        let gained = self.config.per_nm * torque_nm + self.load - self.config.damping * state.speed;
+        state.angle += radians(state.speed + 0.5 * gained);
+        state.speed += gained;
+        self.covariance.advance(self.config.acceleration);
     }
 
     /// All three sensors against their prediction.

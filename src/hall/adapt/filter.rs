@@ -65,18 +65,17 @@ impl Covariance {
         self.0[at(state, state)] = variance;
     }
 
-    /// `samples` pass: θ += samples · ω, ω ← decay · ω, with a random change of the speed of variance `noise` a sample.
+    /// A sample period passes: θ += ω, with a random change of the speed of variance `noise` meanwhile. That the speed
+    /// decays is left out, which makes no difference from sample to sample.
     #[inline(always)]
-    pub fn advance(&mut self, samples: f32, decay: f32, noise: f32) {
+    pub fn advance(&mut self, noise: f32) {
         let p = &mut self.0;
-        let (angle, cross, speed) = (p[0], p[1], p[STATES]);
-        let noise = noise * samples;
-        p[0] = angle + samples * (cross + cross + samples * (speed + 0.25 * noise));
-        p[1] = decay * (cross + samples * speed) + 0.5 * samples * noise;
-        p[STATES] = decay * decay * speed + noise;
+        let (cross, speed) = (p[1], p[STATES] + noise);
+        p[0] += cross + cross + p[STATES] + 0.25 * noise;
+        p[1] += speed - 0.5 * noise;
+        p[STATES] = speed;
         for k in 2..STATES {
-            p[k] += samples * p[STATES - 1 + k];
-            p[STATES - 1 + k] *= decay;
+            p[k] += p[STATES - 1 + k];
         }
     }
 }
@@ -166,31 +165,41 @@ impl Covariance {
         let l12 = w1 * c12;
         let w2 = 1.0 / (variances[2] - l02 * c02 - l12 * c12 + m[2].noise);
         let i2 = w2 * (m[2].innovation - c02 * i0 - c12 * i1);
+        let mut correction = [0.0; STATES];
         for k in 0..STATES {
             b1[k] -= l01 * b0[k];
             b2[k] -= l02 * b0[k] + l12 * b1[k];
+            correction[k] = i0 * b0[k] + i1 * b1[k] + i2 * b2[k];
         }
-        state.correct([i0, i1, i2], [&b0, &b1, &b2], learn);
+        state.correct(&correction, learn);
         self.shrink([w0, w1, w2], [&b0, &b1, &b2], learn);
     }
 
     /// Subtracts Σ w·b·bᵀ; without learning only from the rows of angle and speed.
     #[inline(always)]
     fn shrink(&mut self, w: [f32; 3], b: [&Vector; 3], learn: bool) {
-        macro_rules! rows {
-            ($($row:literal)*) => { $(self.shrink_row::<$row>(w, b);)* };
-        }
-        rows!(0 1);
+        self.shrink_rows::<0, 2>(w, b);
         if learn {
-            rows!(2 3 4 5 6 7 8 9 10);
+            self.shrink_rows::<2, 3>(w, b);
+            self.shrink_rows::<5, 3>(w, b);
+            self.shrink_rows::<8, 3>(w, b);
         }
     }
 
+    /// Several rows at once, so that a column's b are loaded once for them.
     #[inline(always)]
-    fn shrink_row<const ROW: usize>(&mut self, w: [f32; 3], b: [&Vector; 3]) {
-        let k = [w[0] * b[0][ROW], w[1] * b[1][ROW], w[2] * b[2][ROW]];
-        for column in ROW..STATES {
-            self.0[at(ROW, column)] -= k[0] * b[0][column] + k[1] * b[1][column] + k[2] * b[2][column];
+    fn shrink_rows<const FIRST: usize, const ROWS: usize>(&mut self, w: [f32; 3], b: [&Vector; 3]) {
+        let mut k = [[0.0; 3]; ROWS];
+        for (row, k) in k.iter_mut().enumerate() {
+            *k = [w[0] * b[0][FIRST + row], w[1] * b[1][FIRST + row], w[2] * b[2][FIRST + row]];
+        }
+        for column in FIRST..STATES {
+            let [b0, b1, b2] = [b[0][column], b[1][column], b[2][column]];
+            for (row, k) in k.iter().enumerate() {
+                if FIRST + row <= column {
+                    self.0[at(FIRST + row, column)] -= k[0] * b0 + k[1] * b1 + k[2] * b2;
+                }
+            }
         }
     }
 }
@@ -207,21 +216,20 @@ pub struct State {
 }
 
 impl State {
-    /// Moves by Σ i·b.
+    /// Moves by a vector, or only angle and speed.
     #[inline(always)]
-    fn correct(&mut self, i: [f32; 3], b: [&Vector; 3], learn: bool) {
-        let by = |state: usize| i[0] * b[0][state] + i[1] * b[1][state] + i[2] * b[2][state];
-        self.angle += radians(by(ANGLE));
-        self.speed += by(SPEED);
+    fn correct(&mut self, by: &Vector, learn: bool) {
+        self.angle += radians(by[ANGLE]);
+        self.speed += by[SPEED];
         if !learn {
             return;
         }
-        self.third += by(THIRD);
+        self.third += by[THIRD];
         for (k, own) in OFFSET.into_iter().enumerate() {
-            self.offset[k] += by(own);
-            self.amplitude[k] += by(own + 1);
+            self.offset[k] += by[own];
+            self.amplitude[k] += by[own + 1];
             if k != 0 {
-                self.placement[k] += radians(by(own + 2));
+                self.placement[k] += radians(by[own + 2]);
             }
         }
     }

@@ -11,6 +11,8 @@ pub struct Fixed {
     /// The calibration, from which offset and amplitude are counted.
     pub sensor: Sensor,
     per_code: f32,
+    /// The harmonics: 1 + 3h₃ + 5h₅, −4h₃ − 20h₅, 16h₅.
+    series: [f32; 3],
     /// Variance of noise and quantisation, relative to the squared amplitude.
     pub noise: f32,
 }
@@ -22,7 +24,9 @@ impl Fixed {
     pub fn new(sensor: &Sensor, noise_codes: f32) -> Self {
         let per_code = 1.0 / sensor.amplitude;
         let codes = noise_codes * noise_codes + 1.0 / 12.0;
-        Self { sensor: *sensor, per_code, noise: codes * per_code * per_code + UNEXPLAINED * UNEXPLAINED }
+        let (third, fifth) = (sensor.third, sensor.fifth);
+        let series = [1.0 + 3.0 * third + 5.0 * fifth, -4.0 * third - 20.0 * fifth, 16.0 * fifth];
+        Self { sensor: *sensor, per_code, series, noise: codes * per_code * per_code + UNEXPLAINED * UNEXPLAINED }
     }
 
     /// The signal: 0 at the calibrated offset, ±1 at the calibrated amplitude.
@@ -35,21 +39,20 @@ impl Fixed {
     #[inline(always)]
     pub fn measure(&self, sensor: usize, state: &State, code: u16, curvature: f32) -> Measurement {
         let (sine, cosine) = sine_cosine(state.angle - state.placement[sensor]);
-        let (third, fifth) = (self.sensor.third + state.third, self.sensor.fifth);
+        // With h3 and h5: sin 3x = sin x · (3 − 4 sin² x), sin 5x = sin x · (5 − 20 sin² x + 16 sin⁴ x), and likewise the
+        // cosines, so that wave = sin x · (a + q·(b + q·c)), slope = cos x · (a + q·(3b + 5q·c)) with q = sin² x.
         let square = sine * sine;
-        // sin 3x / sin x, cos 3x / cos x and the same for five times the angle.
-        let (sine3, cosine3) = (3.0 - 4.0 * square, 1.0 - 4.0 * square);
-        let fourth = 16.0 * square * square;
-        let (sine5, cosine5) = (5.0 - 20.0 * square + fourth, 1.0 - 12.0 * square + fourth);
-        let wave = sine * (1.0 + third * sine3 + fifth * sine5);
-        let slope = cosine * (1.0 + 3.0 * third * cosine3 + 5.0 * fifth * cosine5);
+        let [a, b, c] = self.series;
+        let (a, b, c) = (a + 3.0 * state.third, b - 4.0 * state.third, c * square);
+        let wave = sine * (a + square * (b + c));
+        let slope = cosine * (a + square * (3.0 * b + 5.0 * c));
         let amplitude = state.amplitude[sensor];
         Measurement {
             innovation: self.signal(code) - state.offset[sensor] - amplitude * wave,
             noise: self.noise + curvature,
             angle: amplitude * slope,
             amplitude: wave,
-            third: amplitude * sine * sine3,
+            third: amplitude * sine * (3.0 - 4.0 * square),
         }
     }
 }

@@ -38,10 +38,16 @@ fn scratch() {
         let w = TAU * hz * dir;
         let mut bench = Bench::new(&bp, seed as f64 * 0.7, w, seed + 1000).unwrap();
         let torque = damping_nms * w / 4.0;
-        let third: f32 = std::env::var("TH").map_or(0.05, |s| s.parse().unwrap()); let known: f32 = std::env::var("KN").map_or(0.0, |s| s.parse().unwrap()); let mut s = Settings { start: Spread { third, ..Settings::NOMINAL }, ..Settings::default() }; s.drift.third = third * 4e-3;
+        let third: f32 = std::env::var("TH").map_or(0.05, |s| s.parse().unwrap());
+        let known: f32 = std::env::var("KN").map_or(0.0, |s| s.parse().unwrap());
+        let mut s = Settings { start: Spread { third, ..Settings::NOMINAL }, ..Settings::default() };
+        s.drift.third = third * 4e-3;
         let c = s.validate().unwrap();
         let mut model = Model::nominal(12, 250.0, ElectricalAngle::THIRD);
-        for x in &mut model.sensors { x.third = known; } let mut a = Adapter::new(&c, &model).unwrap();
+        for x in &mut model.sensors {
+            x.third = known;
+        }
+        let mut a = Adapter::new(&c, &model).unwrap();
         let lsb = 3.3 / 4096.0;
         let mut bound = Bound::new(&Prior {
             angle_rad: 1.8,

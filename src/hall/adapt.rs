@@ -275,10 +275,21 @@ impl Adapter {
         if self.paused != 0 {
             self.resume();
         }
-        self.confine(self.learnt % 3);
         self.learnt += 1;
-        self.seen |= 1 << (self.state.angle.to_bits() as u32 >> 29);
-        if self.seen == u8::MAX && self.learnt >= WHOLE { self.whole_turn() } else { Outcome::Learning }
+        let eighth = 1 << (self.state.angle.to_bits() as u32 >> 29);
+        if self.seen & eighth == 0 { self.new_eighth(eighth) } else { Outcome::Learning }
+    }
+
+    /// Learning has come to an eighth of the turn not seen since the last model.
+    #[cold]
+    fn new_eighth(&mut self, eighth: u8) -> Outcome {
+        self.confine();
+        self.seen |= eighth;
+        if self.seen != u8::MAX {
+            return Outcome::Learning;
+        }
+        self.seen = 0;
+        if self.learnt < WHOLE { Outcome::Learning } else { self.whole_turn() }
     }
 
     /// Makes up for the drift while nothing was learnt.
@@ -305,17 +316,18 @@ impl Adapter {
         self.learnt = 0;
     }
 
-    /// Keeps a sensor's parameters and the third harmonic in the box.
-    #[inline(always)]
-    fn confine(&mut self, sensor: u32) {
-        let (k, limits, state) = (sensor as usize, &self.config.limits, &mut self.state);
-        state.third = state.third.clamp(-limits.third, limits.third);
-        state.offset[k] = state.offset[k].clamp(-limits.offset, limits.offset);
-        state.amplitude[k] = state.amplitude[k].clamp(1.0 - limits.amplitude, 1.0 + limits.amplitude);
-        let middle = self.fixed[k].sensor.placement;
+    /// Keeps the parameters in the box.
+    fn confine(&mut self) {
+        let (limits, state) = (&self.config.limits, &mut self.state);
         let limit = radians(limits.placement_deg).to_bits();
-        let placement = (state.placement[k] - middle).to_bits().clamp(-limit, limit);
-        state.placement[k] = middle + ElectricalAngle::from_bits(placement);
+        state.third = state.third.clamp(-limits.third, limits.third);
+        for (k, fixed) in self.fixed.iter().enumerate() {
+            state.offset[k] = state.offset[k].clamp(-limits.offset, limits.offset);
+            state.amplitude[k] = state.amplitude[k].clamp(1.0 - limits.amplitude, 1.0 + limits.amplitude);
+            let middle = fixed.sensor.placement;
+            let placement = (state.placement[k] - middle).to_bits().clamp(-limit, limit);
+            state.placement[k] = middle + ElectricalAngle::from_bits(placement);
+        }
     }
 
     /// The first parameter at the edge of the box.
@@ -341,12 +353,8 @@ impl Adapter {
     /// All of the turn has been seen.
     #[cold]
     fn whole_turn(&mut self) -> Outcome {
-        self.seen = 0;
         self.learnt = 0;
         self.doubts.clear();
-        for sensor in 0..3 {
-            self.confine(sensor);
-        }
         self.wander();
         let edge = self.at_edge();
         if let Some(fault) = edge.filter(|_| edge == self.edge) {

@@ -180,9 +180,8 @@ impl Covariance {
     fn shrink(&mut self, w: [f32; 3], b: [&Vector; 3], learn: bool) {
         self.shrink_rows::<0, 2>(w, b);
         if learn {
-            self.shrink_rows::<2, 3>(w, b);
-            self.shrink_rows::<5, 3>(w, b);
-            self.shrink_rows::<8, 3>(w, b);
+            self.shrink_rows::<2, 5>(w, b);
+            self.shrink_rows::<7, 4>(w, b);
         }
     }
 

@@ -111,14 +111,16 @@ fn exchanged_leads_reverse_the_motor() {
     close(run(plant::PhaseSequence::Acb), -forward, 1e-9);
 }
 
+type Spoil = fn(&mut PlantParameters);
+
 #[test]
 fn bad_parameters_are_named() {
-    let rejected = |spoil: fn(&mut PlantParameters)| {
+    let rejected = |spoil: Spoil| {
         let mut parameters = PlantParameters::unkind(0);
         spoil(&mut parameters);
         Plant::new(&parameters, 0).unwrap_err()
     };
-    let cases: [(fn(&mut PlantParameters), &str); 22] = [
+    let cases: [(Spoil, &str); 22] = [
         (|p| p.motor.resistance_ohm = 0.0, "motor.resistance_ohm"),
         (|p| p.motor.inductance_h = -1.0, "motor.inductance_h"),
         (|p| p.motor.pole_pairs = 65, "motor.pole_pairs"),

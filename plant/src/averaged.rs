@@ -81,12 +81,7 @@ impl AveragedLegs {
     }
 
     /// Mean terminal voltages at these phase currents.
-    pub fn terminals(
-        &self,
-        dead_time: &DeadTime,
-        currents_a: &[f64; 3],
-        bus_v: f64,
-    ) -> [Terminal; 3] {
+    pub fn terminals(&self, dead_time: &DeadTime, currents_a: &[f64; 3], bus_v: f64) -> [Terminal; 3] {
         let mut terminals = [Terminal::Open; 3];
         for phase in 0..3 {
             if let Some(duty) = self.duty[phase] {

@@ -20,12 +20,7 @@ impl BusParameters {
     /// Stiff.
     #[must_use]
     pub const fn ideal(supply_v: f64) -> Self {
-        Self {
-            supply_v,
-            source_ohm: 0.0,
-            capacitance_f: 0.0,
-            takes_back: true,
-        }
+        Self { supply_v, source_ohm: 0.0, capacitance_f: 0.0, takes_back: true }
     }
 
     pub(crate) fn check(&self) -> Result<(), Error> {
@@ -54,10 +49,7 @@ pub(crate) struct Bus {
 impl Bus {
     pub fn new(parameters: &BusParameters) -> Result<Self, Error> {
         parameters.check()?;
-        Ok(Self {
-            parameters: *parameters,
-            volts: parameters.supply_v,
-        })
+        Ok(Self { parameters: *parameters, volts: parameters.supply_v })
     }
 
     pub fn set_supply(&mut self, supply_v: f64) -> Result<(), Error> {
@@ -71,12 +63,7 @@ impl Bus {
 
     /// Lets the bridge draw a current for a span.
     pub fn draw(&mut self, current_a: f64, span_s: f64) {
-        let BusParameters {
-            supply_v,
-            source_ohm,
-            capacitance_f,
-            takes_back,
-        } = self.parameters;
+        let BusParameters { supply_v, source_ohm, capacitance_f, takes_back } = self.parameters;
         if source_ohm == 0.0 {
             return;
         }

@@ -24,28 +24,18 @@ pub struct Legs {
 
 impl Legs {
     /// All switches off, at once.
-    pub const OFF: Self = Self {
-        legs: [Leg::Open; 3],
-        enabled: false,
-    };
+    pub const OFF: Self = Self { legs: [Leg::Open; 3], enabled: false };
 
     /// All three legs switching.
     #[must_use]
     pub const fn pwm(duties: [f64; 3]) -> Self {
-        Self::new([
-            Leg::Pwm(duties[0]),
-            Leg::Pwm(duties[1]),
-            Leg::Pwm(duties[2]),
-        ])
+        Self::new([Leg::Pwm(duties[0]), Leg::Pwm(duties[1]), Leg::Pwm(duties[2])])
     }
 
     /// An enabled bridge with these legs.
     #[must_use]
     pub const fn new(legs: [Leg; 3]) -> Self {
-        Self {
-            legs,
-            enabled: true,
-        }
+        Self { legs, enabled: true }
     }
 }
 
@@ -86,13 +76,7 @@ impl InverterParameters {
     /// Without dead time and drops, averaged in one step.
     #[must_use]
     pub const fn ideal(pwm_hz: f64) -> Self {
-        Self {
-            pwm_hz,
-            dead_time_s: 0.0,
-            switch_ohm: 0.0,
-            diode_v: 0.0,
-            model: InverterModel::Averaged { steps: 1 },
-        }
+        Self { pwm_hz, dead_time_s: 0.0, switch_ohm: 0.0, diode_v: 0.0, model: InverterModel::Averaged { steps: 1 } }
     }
 
     pub(crate) fn check(&self) -> Result<(), Error> {
@@ -114,16 +98,9 @@ impl InverterParameters {
 
 /// Into 0 ..= 1; what is no number counts as 0.
 pub(crate) fn clipped(duty: f64) -> f64 {
-    if duty > 0.0 {
-        if duty < 1.0 { duty } else { 1.0 }
-    } else {
-        0.0
-    }
+    if duty > 0.0 { if duty < 1.0 { duty } else { 1.0 } } else { 0.0 }
 }
 
 pub(crate) fn diodes(bus_v: f64, diode_v: f64) -> Diodes {
-    Diodes {
-        low_v: -diode_v,
-        high_v: bus_v + diode_v,
-    }
+    Diodes { low_v: -diode_v, high_v: bus_v + diode_v }
 }

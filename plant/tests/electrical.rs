@@ -39,11 +39,9 @@ fn stall_currents() {
 #[test]
 fn torque_constant_is_the_voltage_constant() {
     let mut parameters = PlantParameters::ideal();
-    for (shape, fifth) in [
-        (Shape::Sinusoidal, 0.0),
-        (Shape::Sinusoidal, 0.04),
-        (Shape::Trapezoidal { flat_deg: 120.0 }, -0.02),
-    ] {
+    for (shape, fifth) in
+        [(Shape::Sinusoidal, 0.0), (Shape::Sinusoidal, 0.04), (Shape::Trapezoidal { flat_deg: 120.0 }, -0.02)]
+    {
         parameters.motor.back_emf.shape = shape;
         parameters.motor.back_emf.fifth = fifth;
         let mut plant = Plant::new(&parameters, 0).unwrap();
@@ -51,9 +49,7 @@ fn torque_constant_is_the_voltage_constant() {
             plant.set_dyno(Some(37.0 + f64::from(i))).unwrap();
             plant.advance(&on_q_axis(&plant, 8.0));
             let truth = plant.truth();
-            let electrical: f64 = (0..3)
-                .map(|k| truth.back_emf_v[k] * truth.currents_a[k])
-                .sum();
+            let electrical: f64 = (0..3).map(|k| truth.back_emf_v[k] * truth.currents_a[k]).sum();
             close(electrical, truth.torque_nm * truth.speed_rad_s, 1e-12);
         }
     }
@@ -63,11 +59,7 @@ fn torque_constant_is_the_voltage_constant() {
     plant.place(PI / 2.0 / PAIRS, 0.0).unwrap();
     hold(&mut plant, Legs::pwm([0.4, 0.6, 0.6]), 400);
     let truth = plant.truth();
-    close(
-        truth.torque_nm / -truth.currents_a[0],
-        1.5 * PAIRS * FLUX,
-        1e-12,
-    );
+    close(truth.torque_nm / -truth.currents_a[0], 1.5 * PAIRS * FLUX, 1e-12);
 }
 
 fn emf_of(back_emf: BackEmf, phase: usize, harmonic: f64) -> (f64, f64) {
@@ -86,30 +78,15 @@ fn emf_of(back_emf: BackEmf, phase: usize, harmonic: f64) -> (f64, f64) {
 /// The sums are exact for sinusoids: only rounding.
 #[test]
 fn back_emf_harmonics_are_as_asked() {
-    let back_emf = BackEmf {
-        third: 0.03,
-        fifth: 0.05,
-        seventh: -0.02,
-        ..BackEmf::sinusoidal(FLUX)
-    };
-    for (harmonic, height) in [
-        (1.0, 1.0),
-        (2.0, 0.0),
-        (3.0, 0.03),
-        (5.0, 0.05),
-        (7.0, -0.02),
-        (9.0, 0.0),
-    ] {
+    let back_emf = BackEmf { third: 0.03, fifth: 0.05, seventh: -0.02, ..BackEmf::sinusoidal(FLUX) };
+    for (harmonic, height) in [(1.0, 1.0), (2.0, 0.0), (3.0, 0.03), (5.0, 0.05), (7.0, -0.02), (9.0, 0.0)] {
         for (phase, lag) in [(0, 0.0), (1, TAU / 3.0), (2, -TAU / 3.0)] {
             let (sin, cos) = emf_of(back_emf, phase, harmonic);
             close(sin, -height * (harmonic * lag).cos(), 1e-12);
             close(cos, height * (harmonic * lag).sin(), 1e-12);
         }
     }
-    let swapped = BackEmf {
-        sequence: PhaseSequence::Acb,
-        ..back_emf
-    };
+    let swapped = BackEmf { sequence: PhaseSequence::Acb, ..back_emf };
     assert_eq!(emf_of(swapped, 1, 5.0), emf_of(back_emf, 2, 5.0));
 }
 
@@ -119,10 +96,7 @@ fn back_emf_harmonics_are_as_asked() {
 fn trapezoid_has_its_fourier_series() {
     for flat_deg in [0.0, 90.0, 120.0, 170.0] {
         let flank = (180.0 - flat_deg) * PI / 360.0;
-        let back_emf = BackEmf {
-            shape: Shape::Trapezoidal { flat_deg },
-            ..BackEmf::sinusoidal(FLUX)
-        };
+        let back_emf = BackEmf { shape: Shape::Trapezoidal { flat_deg }, ..BackEmf::sinusoidal(FLUX) };
         for n in [1.0, 3.0, 5.0, 7.0] {
             let expected = 4.0 * (n * flank).sin() / (PI * flank * n * n);
             let (sin, cos) = emf_of(back_emf, 0, n);
@@ -161,11 +135,7 @@ fn six_step_ripple_is_14_percent_of_the_mean() {
     let expected = (3f64.sqrt() - 1.5) / (3f64.sqrt() * 3.0 / PI);
     close(expected, 0.1403, 1e-4);
     close((most - least) / (sum / count), expected, 0.003);
-    close(
-        sum / count,
-        1.6 * PAIRS * FLUX * 3f64.sqrt() * 3.0 / PI,
-        3e-4,
-    );
+    close(sum / count, 1.6 * PAIRS * FLUX * 3f64.sqrt() * 3.0 / PI, 3e-4);
 }
 
 /// A→C carries V/2R when C is opened and B takes over: C's current dies through the upper diode
@@ -186,11 +156,7 @@ fn an_opened_phase_freewheels_and_then_floats() {
         let time_s = f64::from(period) * plant.period_s();
         let current = plant.truth().currents_a[2];
         if time_s < extinct_s {
-            close(
-                current,
-                target + (start - target) * (-time_s / TAU_E).exp(),
-                1e-12,
-            );
+            close(current, target + (start - target) * (-time_s / TAU_E).exp(), 1e-12);
         } else {
             assert_eq!(current, 0.0);
         }
@@ -234,12 +200,7 @@ fn coasting_rectifies_only_above_the_bus_voltage() {
         let slice = last(&plant);
         torque += slice.torque_nm;
         bus += slice.bus_a;
-        assert!(
-            slice
-                .terminals_v
-                .iter()
-                .all(|v| (-1e-9..=24.0 + 1e-9).contains(v))
-        );
+        assert!(slice.terminals_v.iter().all(|v| (-1e-9..=24.0 + 1e-9).contains(v)));
     }
     assert!(torque / 2000.0 < -0.01 && bus / 2000.0 < -0.3);
     // Power into the bus is the braking power less the loss in the windings.
@@ -258,18 +219,10 @@ fn commands_act_one_period_later_and_off_at_once() {
     close(last(&plant).terminals_v[0], 12.0, 0.0);
     plant.advance(&Legs::OFF);
     assert!(last(&plant).bus_a < 0.0); // freewheels into the bus
-    plant.advance(&Legs::new([
-        Leg::Pwm(0.3),
-        Leg::Pwm(f64::NAN),
-        Leg::Pwm(7.0),
-    ]));
+    plant.advance(&Legs::new([Leg::Pwm(0.3), Leg::Pwm(f64::NAN), Leg::Pwm(7.0)]));
     assert_ne!(last(&plant).terminals_v[0], 0.3 * BUS_V);
     plant.advance(&Legs::OFF);
-    plant.advance(&Legs::new([
-        Leg::Pwm(0.3),
-        Leg::Pwm(f64::NAN),
-        Leg::Pwm(7.0),
-    ]));
+    plant.advance(&Legs::new([Leg::Pwm(0.3), Leg::Pwm(f64::NAN), Leg::Pwm(7.0)]));
     plant.advance(&Legs::pwm([0.5; 3]));
     let volts = last(&plant).terminals_v;
     close(volts[0], 0.3 * BUS_V, 1e-12);

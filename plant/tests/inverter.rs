@@ -25,11 +25,8 @@ fn means(plant: &mut Plant, legs: &Legs) -> ([f64; 3], [f64; 3]) {
     (volts, amps)
 }
 
-const MODELS: [InverterModel; 3] = [
-    InverterModel::Averaged { steps: 1 },
-    InverterModel::Averaged { steps: 4 },
-    InverterModel::Switched,
-];
+const MODELS: [InverterModel; 3] =
+    [InverterModel::Averaged { steps: 1 }, InverterModel::Averaged { steps: 4 }, InverterModel::Switched];
 
 /// Each leg loses t_d/T of the bus against its current; with ample current the edges are far from
 /// zero and both models are exact. A diode drop adds twice t_d/T of itself.
@@ -224,12 +221,7 @@ fn a_source_resistance_drops_the_bus() {
     for (capacitance_f, model) in [(0.0, MODELS[0]), (470e-6, MODELS[0]), (470e-6, MODELS[2])] {
         let mut parameters = PlantParameters::ideal();
         parameters.inverter.model = model;
-        parameters.bus = BusParameters {
-            supply_v: BUS_V,
-            source_ohm: 0.5,
-            capacitance_f,
-            takes_back: true,
-        };
+        parameters.bus = BusParameters { supply_v: BUS_V, source_ohm: 0.5, capacitance_f, takes_back: true };
         let mut plant = Plant::new(&parameters, 0).unwrap();
         plant.set_dyno(Some(0.0)).unwrap();
         hold(&mut plant, Legs::pwm([1.0, 0.0, 0.0]), 4000);
@@ -247,12 +239,7 @@ fn a_source_resistance_drops_the_bus() {
 #[test]
 fn braking_pumps_the_bus_up() {
     let mut parameters = PlantParameters::ideal();
-    parameters.bus = BusParameters {
-        supply_v: BUS_V,
-        source_ohm: 0.1,
-        capacitance_f: 1000e-6,
-        takes_back: false,
-    };
+    parameters.bus = BusParameters { supply_v: BUS_V, source_ohm: 0.1, capacitance_f: 1000e-6, takes_back: false };
     let mut plant = Plant::new(&parameters, 0).unwrap();
     plant.place(0.0, 400.0).unwrap();
     let mut highest = BUS_V;
@@ -282,11 +269,7 @@ fn switches_and_diodes_have_their_drops() {
         plant.set_dyno(Some(0.0)).unwrap();
         let legs = Legs::new([Leg::Pwm(1.0), Leg::Pwm(0.0), Leg::Open]);
         hold(&mut plant, legs, 400);
-        close(
-            plant.truth().currents_a[0],
-            BUS_V / (2.0 * (R + 0.25)),
-            1e-12,
-        );
+        close(plant.truth().currents_a[0], BUS_V / (2.0 * (R + 0.25)), 1e-12);
         plant.advance(&Legs::OFF);
         // From A's lower diode to B's upper one.
         let volts = last(&plant).terminals_v;

@@ -15,11 +15,7 @@ fn no_load_speed(volts: f64, friction: Friction) -> f64 {
     let (mut low, mut high) = (0.0, 1000.0);
     for _ in 0..60 {
         let middle = 0.5 * (low + high);
-        *(if surplus(middle) > 0.0 {
-            &mut low
-        } else {
-            &mut high
-        }) = middle;
+        *(if surplus(middle) > 0.0 { &mut low } else { &mut high }) = middle;
     }
     low
 }
@@ -31,14 +27,7 @@ fn no_load_speed_with_and_without_friction() {
     for (volts, friction) in [
         (12.0, Friction::NONE),
         (4.0, Friction::NONE),
-        (
-            12.0,
-            Friction {
-                viscous_nms: 1e-5,
-                coulomb_nm: 2e-3,
-                breakaway_nm: 3e-3,
-            },
-        ),
+        (12.0, Friction { viscous_nms: 1e-5, coulomb_nm: 2e-3, breakaway_nm: 3e-3 }),
     ] {
         let mut parameters = PlantParameters::ideal();
         parameters.motor.friction = friction;
@@ -86,11 +75,7 @@ fn a_load_accelerates_the_inertia() {
 
 fn sticky() -> Plant {
     let mut parameters = PlantParameters::ideal();
-    parameters.motor.friction = Friction {
-        viscous_nms: 0.0,
-        coulomb_nm: 1e-3,
-        breakaway_nm: 1.5e-3,
-    };
+    parameters.motor.friction = Friction { viscous_nms: 0.0, coulomb_nm: 1e-3, breakaway_nm: 1.5e-3 };
     Plant::new(&parameters, 0).unwrap()
 }
 
@@ -131,11 +116,7 @@ fn runs_out_and_stays_at_rest() {
         }
     }
     assert!(rested > 10_000);
-    close(
-        plant.truth().mechanical_angle_rad,
-        J * 400.0 / (2.0 * 1e-3),
-        1e-9,
-    );
+    close(plant.truth().mechanical_angle_rad, J * 400.0 / (2.0 * 1e-3), 1e-9);
 }
 
 /// Cogging of 24 cycles a turn pulls the rotor to rest at a zero of the torque with falling slope;
@@ -143,11 +124,7 @@ fn runs_out_and_stays_at_rest() {
 #[test]
 fn cogging_holds_the_rotor_in_its_notches() {
     let mut parameters = PlantParameters::ideal();
-    parameters.motor.cogging[0] = plant::Cogging {
-        amplitude_nm: 2e-3,
-        cycles_per_turn: 24,
-        phase_rad: 0.0,
-    };
+    parameters.motor.cogging[0] = plant::Cogging { amplitude_nm: 2e-3, cycles_per_turn: 24, phase_rad: 0.0 };
     parameters.motor.friction.viscous_nms = 2e-4;
     let mut plant = Plant::new(&parameters, 0).unwrap();
     let pitch = 2.0 * PI / 24.0;
@@ -230,10 +207,7 @@ fn energy_balances() {
     let (coarse, input) = disputed(1);
     let (fine, _) = disputed(4);
     assert!(input > 5.0, "{input} J put in");
-    assert!(
-        coarse < 1e-7 && fine < coarse / 8.0,
-        "{coarse:e}, {fine:e} of {input} J"
-    );
+    assert!(coarse < 1e-7 && fine < coarse / 8.0, "{coarse:e}, {fine:e} of {input} J");
 }
 
 /// Mean square of a current that decays exponentially from one value to another.

@@ -1,10 +1,7 @@
 //! Hall sensors and converter: statistics, harmonics, limits, faults.
 mod common;
 use common::*;
-use plant::{
-    AdcParameters, HallFault, HallLayout, HallParameters, Legs, Plant, PlantParameters, Rail,
-    Saturation,
-};
+use plant::{AdcParameters, HallFault, HallLayout, HallParameters, Legs, Plant, PlantParameters, Rail, Saturation};
 use std::f64::consts::{PI, TAU};
 
 const LSB_V: f64 = 3.3 / 65536.0;
@@ -45,13 +42,7 @@ fn halls_show_what_they_are_made_of() {
     for sensor in 0..3 {
         let lag = 0.4 + 0.1 - PI / 3.0 * sensor as f64;
         let amplitude = 0.3 + 0.1 * sensor as f64;
-        for (n, height) in [
-            (1.0, 1.0),
-            (2.0, 0.0),
-            (3.0, 0.05),
-            (5.0, -0.03),
-            (7.0, 0.0),
-        ] {
+        for (n, height) in [(1.0, 1.0), (2.0, 0.0), (3.0, 0.05), (5.0, -0.03), (7.0, 0.0)] {
             let (sin, cos) = fourier(|angle| volts_at(&plant, sensor, angle), n);
             close(sin, amplitude * height * (n * lag).cos(), 2e-6);
             close(cos, -amplitude * height * (n * lag).sin(), 2e-6);
@@ -70,11 +61,7 @@ fn layouts_are_what_they_say() {
         (HallLayout::Deg60Reversed, -60.0),
     ] {
         for sensor in 0..3 {
-            close(
-                deg(layout.placement_rad(sensor)),
-                spacing * sensor as f64,
-                1e-12,
-            );
+            close(deg(layout.placement_rad(sensor)), spacing * sensor as f64, 1e-12);
         }
     }
 }
@@ -90,11 +77,8 @@ fn hall_noise_is_gaussian_of_the_size_asked_for() {
     }
     let mut plant = Plant::new(&parameters, 7).unwrap();
     let (n, deviation) = (40_000, 0.008);
-    let samples: Vec<[f64; 3]> = (0..n)
-        .map(|_| plant.sample().halls.map(|code| f64::from(code) * LSB_V))
-        .collect();
-    let mean_of =
-        |of: &dyn Fn(&[f64; 3]) -> f64| samples.iter().map(of).sum::<f64>() / f64::from(n);
+    let samples: Vec<[f64; 3]> = (0..n).map(|_| plant.sample().halls.map(|code| f64::from(code) * LSB_V)).collect();
+    let mean_of = |of: &dyn Fn(&[f64; 3]) -> f64| samples.iter().map(of).sum::<f64>() / f64::from(n);
     let error = 4.0 / f64::from(n).sqrt();
     for sensor in 0..3 {
         let mean = mean_of(&|s| s[sensor]);
@@ -108,10 +92,7 @@ fn hall_noise_is_gaussian_of_the_size_asked_for() {
         let middle = mean_of(&|s| s[other]);
         let together = mean_of(&|s| (s[sensor] - mean) * (s[other] - middle));
         close(together / (deviation * deviation), 0.0, error);
-        let next: f64 = samples
-            .windows(2)
-            .map(|w| (w[0][sensor] - mean) * (w[1][sensor] - mean))
-            .sum();
+        let next: f64 = samples.windows(2).map(|w| (w[0][sensor] - mean) * (w[1][sensor] - mean)).sum();
         close(next / f64::from(n) / (deviation * deviation), 0.0, error);
     }
 }
@@ -130,11 +111,7 @@ fn temperature_and_currents_reach_the_halls() {
     let field = -0.9 * (2.0 * PI / 3.0).sin();
     let expected = 1.65 + 0.05 + field + 0.01 * a - 0.02 * b + 0.005 * c;
     assert!(a > 0.5);
-    close(
-        f64::from(plant.sample().halls[1]) * LSB_V,
-        expected,
-        0.51 * LSB_V,
-    );
+    close(f64::from(plant.sample().halls[1]) * LSB_V, expected, 0.51 * LSB_V);
 }
 
 /// Hard clipping stops at the rails; a knee bends smoothly, never passes them, and leaves what is
@@ -144,11 +121,7 @@ fn saturation_holds_the_rails() {
     let shape = |knee: f64| {
         let mut parameters = fine();
         parameters.halls[0].amplitude_v = 2.5;
-        parameters.halls[0].saturation = Saturation {
-            low_v: 0.2,
-            high_v: 3.1,
-            knee,
-        };
+        parameters.halls[0].saturation = Saturation { low_v: 0.2, high_v: 3.1, knee };
         let plant = Plant::new(&parameters, 0).unwrap();
         move |angle: f64| volts_at(&plant, 0, angle)
     };
@@ -215,9 +188,7 @@ fn faults_come_and_go() {
     close(f64::from(shorted[0]), mean, 1.0);
     assert_eq!(shorted[1], healthy.halls[1]);
     plant.set_hall_fault(2, Some(HallFault::Noisy(0.1)));
-    let far = (0..200)
-        .filter(|_| plant.sample().halls[2].abs_diff(healthy.halls[2]) > code(0.1))
-        .count();
+    let far = (0..200).filter(|_| plant.sample().halls[2].abs_diff(healthy.halls[2]) > code(0.1)).count();
     assert!((40..90).contains(&far), "{far}"); // 32 % of 200, give or take four deviations
 }
 
@@ -226,12 +197,7 @@ fn faults_come_and_go() {
 #[test]
 fn converter_rounds_and_clips() {
     let mut parameters = PlantParameters::ideal();
-    parameters.adc = AdcParameters {
-        bits: 8,
-        reference_v: 2.56,
-        gain_error: 0.01,
-        offset_lsb: 0.3,
-    };
+    parameters.adc = AdcParameters { bits: 8, reference_v: 2.56, gain_error: 0.01, offset_lsb: 0.3 };
     let mut plant = Plant::new(&parameters, 0).unwrap();
     let mut code_at = |volts: f64| {
         plant.set_hall_fault(0, Some(HallFault::StuckAt(volts)));
@@ -257,9 +223,5 @@ fn currents_and_bus_are_read_as_scaled() {
         let amps = (f64::from(codes.currents[k]) * lsb_v - 1.65) / 0.2;
         close(amps, truth.currents_a[k], 0.51 * lsb_v / 0.2);
     }
-    close(
-        f64::from(codes.bus) * lsb_v * 11.0,
-        24.0,
-        0.51 * lsb_v * 11.0,
-    );
+    close(f64::from(codes.bus) * lsb_v * 11.0, 24.0, 0.51 * lsb_v * 11.0);
 }

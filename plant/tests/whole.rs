@@ -1,9 +1,7 @@
 //! The whole plant: repeatability, the unkind motor's statistics, rejected parameters.
 mod common;
 use common::*;
-use plant::{
-    BackEmf, HallLayout, InverterModel, Legs, MotorParameters, Plant, PlantParameters, Shape,
-};
+use plant::{BackEmf, HallLayout, InverterModel, Legs, MotorParameters, Plant, PlantParameters, Shape};
 use std::f64::consts::PI;
 
 /// FNV-1a over everything sampled while the unkind motor is dragged round by a rotating field.
@@ -12,31 +10,17 @@ fn fingerprint(parameters: &PlantParameters, seed: u64, periods: u32) -> u64 {
     let mut hash = 0xcbf2_9ce4_8422_2325u64;
     for period in 0..periods {
         let codes = plant.sample();
-        for code in codes
-            .halls
-            .into_iter()
-            .chain(codes.currents)
-            .chain([codes.bus])
-        {
+        for code in codes.halls.into_iter().chain(codes.currents).chain([codes.bus]) {
             hash = (hash ^ u64::from(code)).wrapping_mul(0x0100_0000_01b3);
         }
         // A six-sided field, four turns of it; no sine, so that the command is exact everywhere.
-        let legs = [
-            [0.8, 0.3, 0.3],
-            [0.7, 0.7, 0.2],
-            [0.3, 0.8, 0.3],
-            [0.2, 0.7, 0.7],
-            [0.3, 0.3, 0.8],
-            [0.7, 0.2, 0.7],
-        ][(period / 100 % 6) as usize];
+        let legs =
+            [[0.8, 0.3, 0.3], [0.7, 0.7, 0.2], [0.3, 0.8, 0.3], [0.2, 0.7, 0.7], [0.3, 0.3, 0.8], [0.7, 0.2, 0.7]]
+                [(period / 100 % 6) as usize];
         plant.advance(&Legs::pwm(legs));
     }
     let truth = plant.truth();
-    for value in truth.currents_a.into_iter().chain([
-        truth.mechanical_angle_rad,
-        truth.speed_rad_s,
-        truth.bus_v,
-    ]) {
+    for value in truth.currents_a.into_iter().chain([truth.mechanical_angle_rad, truth.speed_rad_s, truth.bus_v]) {
         hash = (hash ^ value.to_bits()).wrapping_mul(0x0100_0000_01b3);
     }
     hash
@@ -54,11 +38,8 @@ fn results_are_a_function_of_the_seed_alone() {
 
     let mut switched = unkind;
     switched.inverter.model = InverterModel::Switched;
-    switched.motor.back_emf = BackEmf {
-        shape: Shape::Trapezoidal { flat_deg: 120.0 },
-        fifth: 0.02,
-        ..BackEmf::sinusoidal(5e-3)
-    };
+    switched.motor.back_emf =
+        BackEmf { shape: Shape::Trapezoidal { flat_deg: 120.0 }, fifth: 0.02, ..BackEmf::sinusoidal(5e-3) };
     switched.halls[0].bandwidth_hz = Some(20e3);
     switched.halls[1].saturation.knee = 0.05;
     assert_eq!(fingerprint(&switched, 1, 2400), 1_732_831_574_208_150_679);
@@ -70,9 +51,7 @@ fn results_are_a_function_of_the_seed_alone() {
 fn the_unkind_motor_is_as_unkind_as_promised() {
     let nominal_v = 250.0 * 3.3 / 4096.0;
     let seeds = 400;
-    let all: Vec<_> = (0..seeds)
-        .map(|seed| PlantParameters::unkind_with(seed, HallLayout::Deg60))
-        .collect();
+    let all: Vec<_> = (0..seeds).map(|seed| PlantParameters::unkind_with(seed, HallLayout::Deg60)).collect();
     for sensor in 0..3 {
         let spread = |of: &dyn Fn(&PlantParameters) -> f64| {
             let most = all.iter().map(|p| of(p).abs()).fold(0.0, f64::max);
@@ -126,32 +105,14 @@ fn bad_parameters_are_named() {
         (|p| p.motor.pole_pairs = 65, "motor.pole_pairs"),
         (|p| p.motor.inertia_kgm2 = 0.0, "motor.inertia_kgm2"),
         (|p| p.motor.load_nm = f64::NAN, "motor.load_nm"),
-        (
-            |p| p.motor.back_emf.flux_linkage_vs = 0.0,
-            "motor.back_emf.flux_linkage_vs",
-        ),
-        (
-            |p| p.motor.back_emf.shape = Shape::Trapezoidal { flat_deg: 180.0 },
-            "motor.back_emf.shape.flat_deg",
-        ),
-        (
-            |p| p.motor.back_emf.seventh = f64::INFINITY,
-            "motor.back_emf.seventh",
-        ),
-        (
-            |p| p.motor.friction.breakaway_nm = 0.0,
-            "motor.friction.breakaway_nm",
-        ),
-        (
-            |p| p.motor.cogging[1].amplitude_nm = -1.0,
-            "motor.cogging.amplitude_nm",
-        ),
+        (|p| p.motor.back_emf.flux_linkage_vs = 0.0, "motor.back_emf.flux_linkage_vs"),
+        (|p| p.motor.back_emf.shape = Shape::Trapezoidal { flat_deg: 180.0 }, "motor.back_emf.shape.flat_deg"),
+        (|p| p.motor.back_emf.seventh = f64::INFINITY, "motor.back_emf.seventh"),
+        (|p| p.motor.friction.breakaway_nm = 0.0, "motor.friction.breakaway_nm"),
+        (|p| p.motor.cogging[1].amplitude_nm = -1.0, "motor.cogging.amplitude_nm"),
         (|p| p.inverter.pwm_hz = 0.0, "inverter.pwm_hz"),
         (|p| p.inverter.dead_time_s = 1e-5, "inverter.dead_time_s"),
-        (
-            |p| p.inverter.model = InverterModel::Averaged { steps: 0 },
-            "inverter.model.steps",
-        ),
+        (|p| p.inverter.model = InverterModel::Averaged { steps: 0 }, "inverter.model.steps"),
         (|p| p.bus.supply_v = -1.0, "bus.supply_v"),
         (
             |p| {
@@ -161,18 +122,9 @@ fn bad_parameters_are_named() {
             "bus.takes_back",
         ),
         (|p| p.halls[2].noise = -0.01, "halls.noise"),
-        (
-            |p| p.halls[2].saturation.high_v = -1.0,
-            "halls.saturation.high_v",
-        ),
-        (
-            |p| p.halls[2].saturation.knee = 1.1,
-            "halls.saturation.knee",
-        ),
-        (
-            |p| p.halls[2].bandwidth_hz = Some(0.0),
-            "halls.bandwidth_hz",
-        ),
+        (|p| p.halls[2].saturation.high_v = -1.0, "halls.saturation.high_v"),
+        (|p| p.halls[2].saturation.knee = 1.1, "halls.saturation.knee"),
+        (|p| p.halls[2].bandwidth_hz = Some(0.0), "halls.bandwidth_hz"),
         (|p| p.hall_phase_rad = f64::NAN, "hall_phase_rad"),
         (|p| p.adc.bits = 7, "adc.bits"),
         (|p| p.current_sense.noise_v = -1.0, "current_sense.noise_v"),
@@ -189,18 +141,9 @@ fn bad_parameters_are_named() {
     let mut plant = ideal();
     assert_eq!(plant.set_load(f64::NAN).unwrap_err().field, "load_nm");
     assert_eq!(plant.set_supply(-1.0).unwrap_err().field, "bus.supply_v");
-    assert_eq!(
-        plant.place(f64::NAN, 0.0).unwrap_err().field,
-        "mechanical_angle_rad"
-    );
-    assert_eq!(
-        plant.set_dyno(Some(f64::NAN)).unwrap_err().field,
-        "speed_rad_s"
-    );
-    assert_eq!(
-        plant.set_temperature(f64::NAN).unwrap_err().field,
-        "celsius"
-    );
+    assert_eq!(plant.place(f64::NAN, 0.0).unwrap_err().field, "mechanical_angle_rad");
+    assert_eq!(plant.set_dyno(Some(f64::NAN)).unwrap_err().field, "speed_rad_s");
+    assert_eq!(plant.set_temperature(f64::NAN).unwrap_err().field, "celsius");
 }
 
 /// The documentation promises an idle speed of about 5660 rpm.

@@ -64,8 +64,5 @@ pub fn last(plant: &Plant) -> Slice {
 
 #[track_caller]
 pub fn close(value: f64, expected: f64, tolerance: f64) {
-    assert!(
-        (value - expected).abs() <= tolerance,
-        "{value} is not {expected} ± {tolerance}"
-    );
+    assert!((value - expected).abs() <= tolerance, "{value} is not {expected} ± {tolerance}");
 }

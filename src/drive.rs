@@ -145,6 +145,8 @@ pub struct Drive {
     amplitude: Amplitude,
     /// From the rotor to the field: a quarter turn and the phase advance.
     lead: ElectricalAngle,
+    /// Where block commutation stands.
+    sextant: Sextant,
     drag: Drag,
     sequence: u32,
     until_record: u32,
@@ -164,6 +166,7 @@ impl Drive {
             limits: Limits::NONE,
             amplitude: Amplitude::ZERO,
             lead: ElectricalAngle::QUARTER,
+            sextant: Sextant::First,
             sequence: 0,
             until_record: 1,
         }
@@ -256,7 +259,7 @@ impl Drive {
 
     /// The field ahead of the rotor.
     #[inline(always)]
-    fn commutate(&self) -> Output {
+    fn commutate(&mut self) -> Output {
         let vector = self.tracker.predicted(&self.config.tracking) + self.lead;
         let (order, half) = (self.config.order(), self.config.limits.half());
         match self.config.commutation {
@@ -264,7 +267,10 @@ impl Drive {
                 let compare = sinusoidal::compare(vector, order, self.amplitude, half);
                 Output { compare, legs: Legs::ALL }
             }
-            Commutation::Block => Sextant::of(vector).output(order, self.amplitude, half),
+            Commutation::Block => {
+                self.sextant = self.sextant.follow(vector);
+                self.sextant.output(order, self.amplitude, half)
+            }
         }
     }
 

@@ -2,7 +2,5 @@
 #![no_std]
 
 pub mod angle;
+pub mod hall;
 pub mod trig;
-
-    pub mod estimate {}
-}

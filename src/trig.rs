@@ -97,8 +97,7 @@ pub const fn atan2(y: i32, x: i32) -> ElectricalAngle {
 #[inline(always)]
 pub const fn atan2_without_division(y: i32, x: i32) -> ElectricalAngle {
     let (y, x) = normalise(y, x);
-    let (octant, small, large) = octant(y, x);
-    segment_angle(octant, ratio_without_division(small, large), &ATAN2)
+    octant_angle_without_division(y, x, &ATAN2)
 }
 
 /// Scales a vector up until its longer component has 31 bits, so that the quotient has full precision.
@@ -122,13 +121,24 @@ pub type OctantTable = [Segment; 8 << OCTANT_BITS];
 pub const OCTANT_BITS: u32 = 5;
 
 /// Bits of the quotient within a segment.
-const QUOTIENT_LOW: u32 = 16 - OCTANT_BITS;
+pub(crate) const QUOTIENT_LOW: u32 = 16 - OCTANT_BITS;
 
 /// The table value at the angle of (`x`, `y`), for vectors whose longer component has 29 to 31 bits. One division.
 #[inline(always)]
 pub(crate) const fn octant_angle(y: i32, x: i32, table: &OctantTable) -> ElectricalAngle {
     let (octant, small, large) = octant(y, x);
     segment_angle(octant, ratio(small, large), table)
+}
+
+/// [`octant_angle`] by multiplications only.
+#[inline(always)]
+pub(crate) const fn octant_angle_without_division(
+    y: i32,
+    x: i32,
+    table: &OctantTable,
+) -> ElectricalAngle {
+    let (octant, small, large) = octant(y, x);
+    segment_angle(octant, ratio_without_division(small, large), table)
 }
 
 /// Number of the octant (bit 2: y < 0, bit 1: x < 0, bit 0: |y| > |x|), the shorter and the longer component.
@@ -169,6 +179,24 @@ const fn ratio_without_division(small: u32, large: u32) -> u32 {
 const fn segment_angle(octant: u32, ratio: u32, table: &OctantTable) -> ElectricalAngle {
     let index = (octant << OCTANT_BITS) | ((ratio >> QUOTIENT_LOW) & ((1 << OCTANT_BITS) - 1));
     ElectricalAngle::from_bits(table[index as usize].at(ratio & ((1 << QUOTIENT_LOW) - 1)))
+}
+
+/// Vectors (y, x) at the start, in the middle and at the end of a segment of an [`OctantTable`].
+pub(crate) fn segment_vectors(index: usize) -> [(f32, f32); 3] {
+    let half_steps = (index & ((1 << OCTANT_BITS) - 1)) * 2;
+    let octant = index >> OCTANT_BITS;
+    [0, 1, 2].map(|half_step| {
+        let small = (half_steps + half_step) as f32 / (2 << OCTANT_BITS) as f32;
+        let (y, x) = if octant & 1 != 0 {
+            (1.0, small)
+        } else {
+            (small, 1.0)
+        };
+        (
+            if octant & 4 != 0 { -y } else { y },
+            if octant & 2 != 0 { -x } else { x },
+        )
+    })
 }
 
 /// The exact angles at the start, in the middle and at the end of a segment of an [`OctantTable`], in turns, −½ to ½.

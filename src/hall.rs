@@ -1,0 +1,26 @@
+//! Three linear Halls: from ADC codes to the rotor's electrical angle, speed and turns.
+//!
+//! [`model`] says what a sensor delivers, [`calibrate`] finds the model by turning the rotor, [`estimate`] turns it
+//! into integers and inverts it in the control interrupt, [`track`] makes angle, speed and turns of the angles.
+//! [`normalize`] and [`baseline`] are the way of Simpkins and Todorov, kept as the yardstick.
+
+pub mod baseline;
+pub mod estimate;
+pub mod model;
+pub mod normalize;
+
+use core::fmt;
+
+/// The three ADC codes of one instant, right-aligned.
+pub type Codes = [u16; 3];
+
+/// Which of the three sensors, counted from zero.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Channel(pub u8);
+
+impl fmt::Display for Channel {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "Hall {}", self.0)
+    }
+}

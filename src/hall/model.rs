@@ -1,0 +1,124 @@
+//! What a linear Hall delivers at an angle: the model that calibration and adaptation estimate.
+//!
+//! Simpkins and Todorov, eq. (1) and (3), with electrical instead of mechanical phases and with the odd harmonics of
+//! the magnet's field, which all sensors see alike but for their placement ψ:
+//!
+//! ```text
+//! code = offset + amplitude · (sin x + third · sin 3x + fifth · sin 5x),   x = θ_Hall − ψ
+//! ```
+//!
+//! θ_Hall is the rotor's angle as the sensors count it; the electrical angle, whose zero is the axis of phase A, is
+//! `±(θ_Hall − φ)`. From the Halls alone φ cannot be known (errata to eq. (10)): it comes from the alignment.
+
+use crate::angle::ElectricalAngle;
+use crate::hall::Codes;
+use crate::trig;
+
+/// One sensor: minimum α and maximum β of the paper are `offset ∓ amplitude`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Sensor {
+    /// Mean of the signal, in ADC codes.
+    pub offset: f32,
+    /// Amplitude of the fundamental, in ADC codes; positive.
+    pub amplitude: f32,
+    /// Electrical phase ψ relative to the first sensor.
+    pub placement: ElectricalAngle,
+    /// Third harmonic as a fraction of the amplitude; positive makes the wave pointed, negative flat.
+    pub third: f32,
+    /// Fifth harmonic as a fraction of the amplitude.
+    pub fifth: f32,
+}
+
+impl Sensor {
+    /// A sensor without harmonics.
+    pub const fn sinusoidal(offset: f32, amplitude: f32, placement: ElectricalAngle) -> Self {
+        Self {
+            offset,
+            amplitude,
+            placement,
+            third: 0.0,
+            fifth: 0.0,
+        }
+    }
+
+    /// The wave, about ±1, at a Hall angle.
+    pub fn wave(&self, hall: ElectricalAngle) -> f32 {
+        let [s1, s3, s5] = odd(hall - self.placement, trig::sin);
+        s1 + self.third * s3 + self.fifth * s5
+    }
+
+    /// The slope of the wave, per radian.
+    pub fn slope(&self, hall: ElectricalAngle) -> f32 {
+        let [c1, c3, c5] = odd(hall - self.placement, trig::cos);
+        c1 + 3.0 * self.third * c3 + 5.0 * self.fifth * c5
+    }
+
+    /// The ADC code at a Hall angle, before quantisation.
+    pub fn code(&self, hall: ElectricalAngle) -> f32 {
+        self.offset + self.amplitude * self.wave(hall)
+    }
+}
+
+/// A function of the angle, of three times and of five times the angle.
+fn odd(angle: ElectricalAngle, function: fn(ElectricalAngle) -> fixed::types::I2F30) -> [f32; 3] {
+    let multiple = |k: i32| ElectricalAngle::from_bits(angle.to_bits().wrapping_mul(k));
+    [
+        function(angle),
+        function(multiple(3)),
+        function(multiple(5)),
+    ]
+    .map(|value| value.to_num())
+}
+
+/// Three sensors and the alignment to the stator.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Model {
+    /// The sensors in the order of their ADC channels.
+    pub sensors: [Sensor; 3],
+    /// φ: the Hall angle where the electrical angle is zero.
+    pub alignment: ElectricalAngle,
+    /// Whether the electrical angle falls while the Hall angle rises.
+    pub reversed: bool,
+}
+
+impl Model {
+    /// Sensors as a data sheet promises them: equal, `spacing` apart, in the middle of the ADC's range.
+    pub fn nominal(adc_bits: u8, amplitude: f32, spacing: ElectricalAngle) -> Self {
+        let offset = (1_u32 << adc_bits) as f32 / 2.0;
+        let sensor = |placement| Sensor::sinusoidal(offset, amplitude, placement);
+        Self {
+            sensors: [
+                sensor(ElectricalAngle::ZERO),
+                sensor(spacing),
+                sensor(spacing + spacing),
+            ],
+            alignment: ElectricalAngle::ZERO,
+            reversed: false,
+        }
+    }
+
+    /// The electrical angle at a Hall angle.
+    pub fn electrical(&self, hall: ElectricalAngle) -> ElectricalAngle {
+        let angle = hall - self.alignment;
+        if self.reversed { -angle } else { angle }
+    }
+
+    /// The Hall angle at an electrical angle.
+    pub fn hall(&self, electrical: ElectricalAngle) -> ElectricalAngle {
+        self.alignment
+            + if self.reversed {
+                -electrical
+            } else {
+                electrical
+            }
+    }
+
+    /// The ADC codes at an electrical angle, rounded and kept within 16 bit.
+    pub fn codes(&self, electrical: ElectricalAngle) -> Codes {
+        let hall = self.hall(electrical);
+        self.sensors
+            .map(|sensor| libm::roundf(sensor.code(hall)) as u16)
+    }
+}

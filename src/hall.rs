@@ -5,9 +5,11 @@
 //! [`normalize`] and [`baseline`] are the way of Simpkins and Todorov, kept as the yardstick.
 
 pub mod baseline;
+pub mod calibrate;
 pub mod estimate;
 pub mod model;
 pub mod normalize;
+pub mod track;
 
 use core::fmt;
 

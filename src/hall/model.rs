@@ -24,7 +24,7 @@ pub struct Sensor {
     pub amplitude: f32,
     /// Electrical phase ψ relative to the first sensor.
     pub placement: ElectricalAngle,
-    /// Third harmonic as a fraction of the amplitude; positive makes the wave pointed, negative flat.
+    /// Third harmonic as a fraction of the amplitude; positive makes the wave flat, negative pointed.
     pub third: f32,
     /// Fifth harmonic as a fraction of the amplitude.
     pub fifth: f32,
@@ -42,9 +42,14 @@ impl Sensor {
         }
     }
 
+    /// sin x, sin 3x and sin 5x at a Hall angle.
+    pub(crate) fn harmonics(&self, hall: ElectricalAngle) -> [f32; 3] {
+        odd(hall - self.placement, trig::sin)
+    }
+
     /// The wave, about ±1, at a Hall angle.
     pub fn wave(&self, hall: ElectricalAngle) -> f32 {
-        let [s1, s3, s5] = odd(hall - self.placement, trig::sin);
+        let [s1, s3, s5] = self.harmonics(hall);
         s1 + self.third * s3 + self.fifth * s5
     }
 

@@ -1,0 +1,229 @@
+//! Power-up calibration: the model of the sensors from turning the rotor open loop, both ways.
+//!
+//! The stator's field drags the rotor along; [`Collector`] averages the three codes over the field's angle, and
+//! [`fit`](fit::fit) finds offset, amplitude, placement and harmonics of all sensors and the rotor's true angle in every
+//! bin at once, by least squares. (Minimum and maximum, which Simpkins and Todorov propose with eq. (2), are biased by noise:
+//! the larger the number of samples, the more.) The rotor lags behind the field by friction, the opposite way in the
+//! opposite direction, so the mean over both directions is the alignment φ.
+//!
+//! The wave's shape is taken as alike for north and south poles and locked to the placement. Then the third harmonic can be
+//! told from an uneven turning of the rotor, which it looks like to a single sensor, by what it does to the other two.
+
+pub mod fit;
+pub mod report;
+
+use crate::angle::{ElectricalAngle, PolePairs, Position};
+use crate::hall::estimate::{BadModel, Estimator};
+use crate::hall::model::Model;
+use crate::hall::{Channel, Codes};
+use core::fmt;
+use fit::Point;
+pub use report::{Finding, Report};
+
+/// Bins in a turn of the field.
+pub const BINS: usize = 64;
+
+/// Fewest samples in a bin.
+const FEWEST: u32 = 4;
+
+/// Which way the field turns.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Sweep {
+    /// Electrical angle rising.
+    Forward,
+    /// Electrical angle falling.
+    Backward,
+}
+
+/// Why a calibration came to nothing.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Error {
+    /// A bin of a direction has too few samples: the field did not go all the way round.
+    Incomplete(Sweep),
+    /// A sensor sees no magnet turning.
+    NoSignal(Channel),
+    /// No sensors' parameters explain the signals, though all three have a signal.
+    NoFit,
+    /// The parameters found cannot give an angle.
+    Model(BadModel),
+    /// The sensors work, but not well enough; the report's findings say why.
+    Refused(Finding),
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Incomplete(Sweep::Forward) => write!(f, "too few samples while turning forward"),
+            Self::Incomplete(Sweep::Backward) => {
+                write!(f, "too few samples while turning backward")
+            }
+            Self::NoSignal(channel) => {
+                write!(
+                    f,
+                    "{channel} sees no magnet turning: check its supply and wire, and that the rotor is free"
+                )
+            }
+            Self::NoFit => write!(
+                f,
+                "the signals fit no rotor: check that it is free to follow the field"
+            ),
+            Self::Model(bad) => bad.fmt(f),
+            Self::Refused(finding) => finding.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for Error {}
+
+/// What a calibration found: with it a drive can be armed.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Calibration {
+    /// The sensors and the alignment.
+    pub model: Model,
+    /// What a person should know of them.
+    pub report: Report,
+}
+
+#[derive(Clone, Copy, Debug, Default)]
+struct Bin {
+    sums: [u32; 3],
+    count: u32,
+}
+
+/// Sums up the samples of both sweeps; 2.1 KiB.
+#[derive(Clone, Debug)]
+pub struct Collector {
+    bins: [[Bin; BINS]; 2],
+    noise: Noise,
+    at_rail: [u32; 3],
+    adc_bits: u8,
+}
+
+impl Collector {
+    /// An empty one, for an ADC of 1 to 16 bits.
+    pub fn new(adc_bits: u8) -> Self {
+        Self {
+            bins: [[Bin::default(); BINS]; 2],
+            noise: Noise::default(),
+            at_rail: [0; 3],
+            adc_bits,
+        }
+    }
+
+    /// Takes a sample made while the field pointed at `field`. `sequence` counts the samples, so that a lost one is
+    /// noticed. A bin takes up to 65,536 samples and ignores more.
+    pub fn push(&mut self, sweep: Sweep, field: ElectricalAngle, codes: &Codes, sequence: u32) {
+        let bin =
+            &mut self.bins[sweep as usize][field.to_bits() as u32 as usize >> (32 - BINS.ilog2())];
+        if bin.count >= 1 << 16 {
+            return;
+        }
+        bin.count += 1;
+        let rail = (1_u32 << self.adc_bits) - 1;
+        for (channel, &code) in codes.iter().enumerate() {
+            bin.sums[channel] += u32::from(code);
+            self.at_rail[channel] += u32::from(code == 0 || u32::from(code) >= rail);
+        }
+        self.noise.push(codes, sequence);
+    }
+
+    /// Fits the model. `reversed` makes the electrical angle count against the stator's phases A, B, C.
+    ///
+    /// # Errors
+    /// [`Error`], whose `Display` says what is wrong and what to look at.
+    pub fn finish(&self, reversed: bool) -> Result<Calibration, Error> {
+        let points = [self.points(Sweep::Forward)?, self.points(Sweep::Backward)?];
+        let fit = fit::fit(&points)?;
+        let (forward, backward) = (
+            offset(&points[0], &fit.angles[0]),
+            offset(&points[1], &fit.angles[1]),
+        );
+        // Half way between, on the side where they are closer together.
+        let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
+        let model = Model {
+            sensors: fit.sensors,
+            alignment: forward + lag,
+            reversed,
+        };
+        let report = Report::new(&model, self, &fit, lag);
+        Estimator::new(&model, self.adc_bits).map_err(Error::Model)?;
+        match report.findings().find(Finding::refuses) {
+            Some(finding) => Err(Error::Refused(finding)),
+            None => Ok(Calibration { model, report }),
+        }
+    }
+
+    /// Mean codes over the field's angle.
+    fn points(&self, sweep: Sweep) -> Result<[Point; BINS], Error> {
+        let bins = &self.bins[sweep as usize];
+        if bins.iter().any(|bin| bin.count < FEWEST) {
+            return Err(Error::Incomplete(sweep));
+        }
+        Ok(core::array::from_fn(|k| Point {
+            codes: bins[k].sums.map(|sum| sum as f32 / bins[k].count as f32),
+            field: ElectricalAngle::from_bits(((2 * k + 1) << (31 - BINS.ilog2())) as u32 as i32),
+        }))
+    }
+}
+
+/// Mean of rotor's angle less field's angle.
+fn offset(points: &[Point; BINS], angles: &[ElectricalAngle; BINS]) -> ElectricalAngle {
+    // Around the first, so that the mean does not see the wrap.
+    let first = angles[0] - points[0].field;
+    let sum: i64 = points
+        .iter()
+        .zip(angles)
+        .map(|(point, &angle)| i64::from((angle - point.field - first).to_bits()))
+        .sum();
+    first + ElectricalAngle::from_bits((sum / BINS as i64) as i32)
+}
+
+/// Noise from second differences of successive samples, in which the turning of the rotor cancels.
+#[derive(Clone, Copy, Debug, Default)]
+struct Noise {
+    last: [Codes; 2],
+    sequence: [u32; 2],
+    squares: [f32; 3],
+    count: u32,
+}
+
+impl Noise {
+    fn push(&mut self, codes: &Codes, sequence: u32) {
+        let step = sequence.wrapping_sub(self.sequence[0]);
+        // The first two differences compare with nothing; zero codes cannot be a pair of healthy samples.
+        if step == self.sequence[0].wrapping_sub(self.sequence[1]) && self.last[1] != [0; 3] {
+            for channel in 0..3 {
+                let [c1, c0] = self.last.map(|codes| f32::from(codes[channel]));
+                let second = f32::from(codes[channel]) - 2.0 * c1 + c0;
+                self.squares[channel] += second * second;
+            }
+            self.count += 1;
+        }
+        self.last = [*codes, self.last[0]];
+        self.sequence = [sequence, self.sequence[0]];
+    }
+
+    /// Standard deviation in ADC codes; the weights 1, −2, 1 multiply the power by six.
+    fn deviation(&self, channel: usize) -> f32 {
+        libm::sqrtf(self.squares[channel] / (6.0 * self.count.max(1) as f32))
+    }
+}
+
+/// The number of pole pairs, from the electrical turns in a known number of mechanical turns (counted at a mark, or
+/// by a second encoder). `None` unless the ratio is within 10 % of a number from 1 to 64.
+pub fn pole_pairs(electrical: Position, mechanical_turns: f64) -> Option<PolePairs> {
+    let ratio = libm::fabs(electrical.to_turns() / mechanical_turns);
+    let nearest = libm::round(ratio);
+    let near =
+        libm::fabs(ratio - nearest) <= 0.1 * nearest.max(1.0) && libm::fabs(ratio - nearest) < 0.25;
+    if near && nearest <= f64::from(PolePairs::MAX) {
+        PolePairs::new(nearest as u8)
+    } else {
+        None
+    }
+}
+
+#[cfg(test)]
+mod tests;

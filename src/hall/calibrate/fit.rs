@@ -1,0 +1,237 @@
+//! Least squares over all bins: fourteen parameters of the sensors, and the rotor's angle in each bin.
+//!
+//! The residual of sensor i in a bin is `eᵢ = (codeᵢ − offsetᵢ)/amplitudeᵢ − waveᵢ(θ)`. The angle of the bin is eliminated:
+//! it is set where the residual has no part along the tangent `tᵢ = ∂waveᵢ/∂θ`, and what a parameter does along the
+//! tangent is projected out (variable projection), so the normal equations stay 14 × 14 however many bins there are.
+
+use super::{BINS, Error};
+use crate::angle::ElectricalAngle;
+use crate::hall::Channel;
+use crate::hall::model::Sensor;
+use core::f32::consts::PI;
+
+/// Mean codes at a field angle.
+#[derive(Clone, Copy, Debug)]
+pub struct Point {
+    /// Mean code of each sensor.
+    pub codes: [f32; 3],
+    /// The field's angle in the middle of the bin.
+    pub field: ElectricalAngle,
+}
+
+/// Sensors and angles that explain the points best.
+#[derive(Clone, Copy, Debug)]
+pub struct Fit {
+    /// The sensors; the first has placement zero.
+    pub sensors: [Sensor; 3],
+    /// The rotor's Hall angle in each bin of each sweep.
+    pub angles: [[ElectricalAngle; BINS]; 2],
+    /// What stays unexplained: RMS over sensors and bins, as a fraction of the amplitude.
+    pub residual: f32,
+}
+
+/// Offset, amplitude, third and fifth harmonic of each sensor, and the placement of the second and third.
+const PARAMETERS: usize = 14;
+const ITERATIONS: usize = 12;
+/// Smallest amplitude in ADC codes that is a signal.
+const NO_SIGNAL: f32 = 4.0;
+
+/// Fits the sensors to the points of a forward and a backward sweep.
+///
+/// # Errors
+/// [`Error::NoSignal`] for a sensor whose first harmonic is below four codes, [`Error::NoFit`] when the iteration does not settle.
+pub fn fit(points: &[[Point; BINS]; 2]) -> Result<Fit, Error> {
+    let start = start(&points[0])?;
+    // The Hall angle is zero where the first sensor's fundamental rises through its offset.
+    let zero = start[0].placement;
+    let mut sensors = start.map(|sensor| Sensor {
+        placement: sensor.placement - zero,
+        ..sensor
+    });
+    let mut angles = points.map(|sweep| sweep.map(|point| point.field - zero));
+    for _ in 0..ITERATIONS {
+        let mut equations = Equations::default();
+        for (point, angle) in points.iter().flatten().zip(angles.iter_mut().flatten()) {
+            *angle = nearest(&sensors, &point.codes, *angle);
+            equations.add(&sensors, &point.codes, *angle);
+        }
+        let step = equations.solve().ok_or(Error::NoFit)?;
+        apply(&mut sensors, &step);
+    }
+    let mut square = 0.0;
+    for (point, angle) in points.iter().flatten().zip(angles.iter_mut().flatten()) {
+        *angle = nearest(&sensors, &point.codes, *angle);
+        square += residuals(&sensors, &point.codes, *angle)
+            .iter()
+            .map(|e| e * e)
+            .sum::<f32>();
+    }
+    let residual = libm::sqrtf(square / (6 * BINS) as f32);
+    if !residual.is_finite() {
+        return Err(Error::NoFit);
+    }
+    Ok(Fit {
+        sensors: sensors.map(unaveraged),
+        angles,
+        residual,
+    })
+}
+
+/// First harmonic over the field's angle.
+fn start(points: &[Point; BINS]) -> Result<[Sensor; 3], Error> {
+    let mut sensors = [Sensor::sinusoidal(0.0, 0.0, ElectricalAngle::ZERO); 3];
+    for (channel, sensor) in sensors.iter_mut().enumerate() {
+        let (mut mean, mut sine, mut cosine) = (0.0, 0.0, 0.0);
+        for point in points {
+            let (code, field) = (point.codes[channel], point.field.to_radians());
+            mean += code / BINS as f32;
+            sine += code * libm::sinf(field) * 2.0 / BINS as f32;
+            cosine += code * libm::cosf(field) * 2.0 / BINS as f32;
+        }
+        let amplitude = libm::hypotf(sine, cosine);
+        if !(amplitude >= NO_SIGNAL) {
+            return Err(Error::NoSignal(Channel(channel as u8)));
+        }
+        let placement = ElectricalAngle::from_radians(-libm::atan2f(cosine, sine));
+        *sensor = Sensor::sinusoidal(mean, amplitude, placement);
+    }
+    Ok(sensors)
+}
+
+fn residuals(sensors: &[Sensor; 3], codes: &[f32; 3], angle: ElectricalAngle) -> [f32; 3] {
+    core::array::from_fn(|k| {
+        (codes[k] - sensors[k].offset) / sensors[k].amplitude - sensors[k].wave(angle)
+    })
+}
+
+/// The angle nearest to three codes, by Newton's method from a good guess.
+fn nearest(sensors: &[Sensor; 3], codes: &[f32; 3], guess: ElectricalAngle) -> ElectricalAngle {
+    let mut angle = guess;
+    for _ in 0..3 {
+        let e = residuals(sensors, codes, angle);
+        let t = sensors.map(|sensor| sensor.slope(angle));
+        let (along, length) = (dot(&t, &e), dot(&t, &t));
+        // A step of more than half a radian leaves the quadratic neighbourhood.
+        angle += ElectricalAngle::from_radians((along / length).clamp(-0.5, 0.5));
+    }
+    angle
+}
+
+fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+}
+
+/// Normal equations `matrix · step = vector`, lower triangle.
+struct Equations {
+    matrix: [[f32; PARAMETERS]; PARAMETERS],
+    vector: [f32; PARAMETERS],
+}
+
+impl Default for Equations {
+    fn default() -> Self {
+        Self {
+            matrix: [[0.0; PARAMETERS]; PARAMETERS],
+            vector: [0.0; PARAMETERS],
+        }
+    }
+}
+
+/// Which sensor a parameter belongs to.
+fn sensor_of(parameter: usize) -> usize {
+    if parameter < 12 {
+        parameter / 4
+    } else {
+        parameter - 11
+    }
+}
+
+impl Equations {
+    fn add(&mut self, sensors: &[Sensor; 3], codes: &[f32; 3], angle: ElectricalAngle) {
+        let e = residuals(sensors, codes, angle);
+        let t = sensors.map(|sensor| sensor.slope(angle));
+        let (along, length) = (dot(&t, &e), dot(&t, &t));
+        let derivatives = derivatives(sensors, angle, &t);
+        for (row, d) in derivatives.iter().enumerate() {
+            let own = sensor_of(row);
+            self.vector[row] += d * (e[own] - t[own] * along / length);
+            for (column, other_d) in derivatives.iter().enumerate().take(row + 1) {
+                let other = sensor_of(column);
+                let same = if own == other { 1.0 } else { 0.0 };
+                self.matrix[row][column] += d * other_d * (same - t[own] * t[other] / length);
+            }
+        }
+    }
+
+    /// By Cholesky's decomposition; `None` when the matrix is not positive definite.
+    fn solve(mut self) -> Option<[f32; PARAMETERS]> {
+        let mean = (0..PARAMETERS).map(|k| self.matrix[k][k]).sum::<f32>() / PARAMETERS as f32;
+        for row in 0..PARAMETERS {
+            // Weight of the guess "no change" where the data say nothing, far below what they say elsewhere.
+            self.matrix[row][row] += 1e-5 * mean;
+            for column in 0..=row {
+                let products: f32 = (0..column)
+                    .map(|k| self.matrix[row][k] * self.matrix[column][k])
+                    .sum();
+                let rest = self.matrix[row][column] - products;
+                if column < row {
+                    self.matrix[row][column] = rest / self.matrix[column][column];
+                } else if rest > 0.0 {
+                    self.matrix[row][row] = libm::sqrtf(rest);
+                } else {
+                    return None;
+                }
+            }
+        }
+        let mut x = self.vector;
+        for row in 0..PARAMETERS {
+            let products: f32 = (0..row).map(|k| self.matrix[row][k] * x[k]).sum();
+            x[row] = (x[row] - products) / self.matrix[row][row];
+        }
+        for row in (0..PARAMETERS).rev() {
+            let products: f32 = (row + 1..PARAMETERS)
+                .map(|k| self.matrix[k][row] * x[k])
+                .sum();
+            x[row] = (x[row] - products) / self.matrix[row][row];
+        }
+        Some(x)
+    }
+}
+
+/// What each parameter does to its sensor's model: offset and amplitude relative to the amplitude, harmonics, placement.
+fn derivatives(sensors: &[Sensor; 3], angle: ElectricalAngle, t: &[f32; 3]) -> [f32; PARAMETERS] {
+    let mut all = [0.0; PARAMETERS];
+    for (channel, sensor) in sensors.iter().enumerate() {
+        let [_, third, fifth] = sensor.harmonics(angle);
+        all[4 * channel..4 * channel + 4].copy_from_slice(&[1.0, sensor.wave(angle), third, fifth]);
+    }
+    all[12] = -t[1];
+    all[13] = -t[2];
+    all
+}
+
+fn apply(sensors: &mut [Sensor; 3], step: &[f32; PARAMETERS]) {
+    for (channel, sensor) in sensors.iter_mut().enumerate() {
+        let [offset, amplitude, third, fifth] = [0, 1, 2, 3].map(|k| step[4 * channel + k]);
+        sensor.offset += offset * sensor.amplitude;
+        sensor.amplitude *= 1.0 + amplitude.clamp(-0.5, 0.5);
+        sensor.third += third;
+        sensor.fifth += fifth;
+        if channel > 0 {
+            sensor.placement += ElectricalAngle::from_radians(step[11 + channel].clamp(-0.5, 0.5));
+        }
+    }
+}
+
+/// Undoes the averaging over a bin, which shrinks the k-th harmonic by `sin(kπ/BINS)/(kπ/BINS)`.
+fn unaveraged(sensor: Sensor) -> Sensor {
+    let shrunk = |k: f32| {
+        let half = k * PI / BINS as f32;
+        libm::sinf(half) / half
+    };
+    Sensor {
+        amplitude: sensor.amplitude / shrunk(1.0),
+        third: sensor.third * shrunk(1.0) / shrunk(3.0),
+        fifth: sensor.fifth * shrunk(1.0) / shrunk(5.0),
+        ..sensor
+    }
+}

@@ -1,0 +1,247 @@
+//! What a calibration says to the person who mounted the sensors.
+
+use super::{Collector, fit::Fit};
+use crate::angle::{ElectricalAngle, PolePairs};
+use crate::hall::Channel;
+use crate::hall::model::Model;
+use core::fmt;
+
+/// Placement pattern nearest to what was found.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Pattern {
+    /// Electrical degrees from sensor to sensor: 60 or 120.
+    pub spacing: u8,
+    /// Whether the second sensor follows the first in the direction from phase A to B; otherwise the Halls, or two
+    /// motor wires, are in reverse order. Both work.
+    pub forward: bool,
+}
+
+/// One sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct SensorReport {
+    /// Peak to peak, in ADC codes.
+    pub swing: f32,
+    /// In ADC codes.
+    pub offset: f32,
+    /// Difference from the pattern's placement, electrical.
+    pub placement_error: ElectricalAngle,
+    /// Third harmonic in per cent of the amplitude.
+    pub third_pct: f32,
+    /// Fifth harmonic in per cent of the amplitude.
+    pub fifth_pct: f32,
+    /// Standard deviation in per cent of the amplitude.
+    pub noise_pct: f32,
+    /// Samples at the ends of the ADC's range.
+    pub at_rail: u32,
+}
+
+/// All three.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Report {
+    /// The sensors in the order of their channels.
+    pub sensors: [SensorReport; 3],
+    /// How they are placed.
+    pub pattern: Pattern,
+    /// What the model does not explain, RMS in per cent of the amplitude.
+    pub residual_pct: f32,
+    /// How far the rotor lagged behind the field: friction against the torque of the calibration's current.
+    pub lag: ElectricalAngle,
+    /// Noise of the angle before tracking, electrical degrees RMS.
+    pub angle_noise_deg: f32,
+}
+
+/// Something to know or to mend.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Finding {
+    /// The swing, in ADC codes, is small: the sensor is far from the magnet.
+    TooFar(Channel, f32),
+    /// The signal reaches the end of the ADC's range, or is flattened as a saturated sensor's.
+    TooClose(Channel),
+    /// One sensor's swing is this many times another's.
+    Unequal(f32),
+    /// Electrical degrees away from even spacing.
+    Misplaced(Channel, f32),
+    /// Noise in per cent of the amplitude.
+    Noisy(Channel, f32),
+    /// What no rotor with three Halls explains, in per cent: a slipping rotor, a loose magnet, a current's field.
+    Unexplained(f32),
+    /// The rotor lagged behind the field by this many electrical degrees.
+    Lagging(f32),
+}
+
+impl Finding {
+    /// Whether the drive must not be armed.
+    pub fn refuses(&self) -> bool {
+        match *self {
+            Self::TooFar(_, swing) => swing < 40.0,
+            Self::TooClose(_) => true,
+            Self::Unequal(ratio) => ratio > 4.0,
+            Self::Misplaced(_, degrees) => degrees > 20.0,
+            Self::Noisy(_, percent) => percent > 6.0,
+            Self::Unexplained(percent) => percent > 6.0,
+            Self::Lagging(degrees) => degrees > 60.0,
+        }
+    }
+}
+
+impl fmt::Display for Finding {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooFar(channel, swing) => write!(
+                f,
+                "{channel} swings by only {swing:.0} ADC codes: move it closer to the magnet, amplify it, or check which way it faces"
+            ),
+            Self::TooClose(channel) => {
+                write!(
+                    f,
+                    "{channel} saturates (flat peaks): move it away from the magnet, or lower its gain"
+                )
+            }
+            Self::Unequal(ratio) => {
+                write!(
+                    f,
+                    "one Hall swings {ratio:.1} times as much as another: mount them at the same distance from the magnet"
+                )
+            }
+            Self::Misplaced(channel, degrees) => {
+                write!(
+                    f,
+                    "{channel} is {degrees:.0}° (electrical) away from even spacing with the others: move it"
+                )
+            }
+            Self::Noisy(channel, percent) => {
+                write!(
+                    f,
+                    "{channel} has {percent:.1} % noise: shield its wire from the motor's, or filter it"
+                )
+            }
+            Self::Unexplained(percent) => write!(
+                f,
+                "{percent:.1} % of the signals fit no turning magnet: the rotor slips or sticks, a magnet is uneven, or the motor's current reaches the Halls"
+            ),
+            Self::Lagging(degrees) => {
+                write!(
+                    f,
+                    "the rotor lags {degrees:.0}° behind the field: raise the calibration current, or free the shaft"
+                )
+            }
+        }
+    }
+}
+
+impl Report {
+    pub(super) fn new(
+        model: &Model,
+        collector: &Collector,
+        fit: &Fit,
+        lag: ElectricalAngle,
+    ) -> Self {
+        let pattern = Pattern::nearest(model);
+        let sensor = |channel: usize| {
+            let sensor = &model.sensors[channel];
+            SensorReport {
+                swing: 2.0 * sensor.amplitude,
+                offset: sensor.offset,
+                placement_error: pattern.error(model, channel),
+                third_pct: 100.0 * sensor.third,
+                fifth_pct: 100.0 * sensor.fifth,
+                noise_pct: 100.0 * collector.noise.deviation(channel) / sensor.amplitude,
+                at_rail: collector.at_rail[channel],
+            }
+        };
+        let sensors = [sensor(0), sensor(1), sensor(2)];
+        let noise_power: f32 = sensors
+            .iter()
+            .map(|s| s.noise_pct * s.noise_pct / 3e4)
+            .sum();
+        Self {
+            sensors,
+            pattern,
+            residual_pct: 100.0 * fit.residual,
+            lag,
+            angle_noise_deg: libm::sqrtf(noise_power * 2.0 / 3.0).to_degrees(),
+        }
+    }
+
+    /// What to know and what to mend, the sensors first.
+    pub fn findings(&self) -> impl Iterator<Item = Finding> {
+        let swings = self.sensors.map(|sensor| sensor.swing);
+        let ratio = swings.iter().fold(0.0_f32, |a, &b| a.max(b))
+            / swings.iter().fold(f32::MAX, |a, &b| a.min(b));
+        let lag = self.lag.to_degrees().abs();
+        let common = [
+            (ratio > 2.0).then_some(Finding::Unequal(ratio)),
+            (self.residual_pct > 2.0).then_some(Finding::Unexplained(self.residual_pct)),
+            (lag > 30.0).then_some(Finding::Lagging(lag)),
+        ];
+        let sensors = self
+            .sensors
+            .into_iter()
+            .enumerate()
+            .flat_map(|(k, sensor)| sensor.findings(Channel(k as u8)));
+        sensors.chain(common).flatten()
+    }
+
+    /// Counts in an electrical turn by Simpkins and Todorov, eq. (7): four times the swing, of the weakest sensor.
+    pub fn counts_per_electrical_turn(&self) -> f32 {
+        4.0 * self
+            .sensors
+            .iter()
+            .fold(f32::MAX, |least, sensor| least.min(sensor.swing))
+    }
+
+    /// Counts in a mechanical turn.
+    pub fn counts_per_turn(&self, pole_pairs: PolePairs) -> f32 {
+        self.counts_per_electrical_turn() * f32::from(pole_pairs.get())
+    }
+}
+
+impl SensorReport {
+    fn findings(self, channel: Channel) -> [Option<Finding>; 4] {
+        // A sine clipped at 80 % of its peak has 10 % third harmonic; no magnet's own field is as flat.
+        let flat = self.third_pct > 15.0;
+        let misplaced = self.placement_error.to_degrees().abs();
+        [
+            (self.swing < 150.0).then_some(Finding::TooFar(channel, self.swing)),
+            (self.at_rail > 0 || flat).then_some(Finding::TooClose(channel)),
+            (misplaced > 10.0).then_some(Finding::Misplaced(channel, misplaced)),
+            (self.noise_pct > 3.0).then_some(Finding::Noisy(channel, self.noise_pct)),
+        ]
+    }
+}
+
+impl Pattern {
+    fn nearest(model: &Model) -> Self {
+        let candidates = [60, 120]
+            .into_iter()
+            .flat_map(|spacing| [false, true].map(|forward| Self { spacing, forward }));
+        let misfit = |pattern: &Self| {
+            (0..3)
+                .map(|k| i64::from(pattern.error(model, k).to_bits()).abs())
+                .sum::<i64>()
+        };
+        candidates.min_by_key(misfit).unwrap_or(Self {
+            spacing: 120,
+            forward: true,
+        })
+    }
+
+    /// A sensor's distance from the pattern, which is laid so that the three distances have mean zero.
+    fn error(self, model: &Model, channel: usize) -> ElectricalAngle {
+        let spacing = ElectricalAngle::from_degrees(f32::from(self.spacing));
+        let step = if self.forward { spacing } else { -spacing };
+        let errors = [ElectricalAngle::ZERO, step, step + step];
+        let errors: [ElectricalAngle; 3] =
+            core::array::from_fn(|k| model.sensors[k].placement - errors[k]);
+        let mean = errors
+            .iter()
+            .map(|error| i64::from(error.to_bits()))
+            .sum::<i64>()
+            / 3;
+        errors[channel] - ElectricalAngle::from_bits(mean as i32)
+    }
+}

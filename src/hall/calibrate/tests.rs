@@ -1,0 +1,312 @@
+use super::*;
+use crate::hall::estimate::BadModel;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+extern crate std;
+use std::f64::consts::TAU;
+use std::string::ToString;
+
+/// A rotor dragged around, with everything that can be wrong with it, in f64.
+#[derive(Clone)]
+struct Bench {
+    offsets: [f64; 3],
+    amplitudes: [f64; 3],
+    placements_deg: [f64; 3],
+    third: [f64; 3],
+    alignment_deg: f64,
+    lag_deg: f64,
+    cogging_deg: f64,
+    noise: f64,
+    rail: f64,
+    turns: u32,
+}
+
+impl Bench {
+    fn unkind(random: &mut Pcg64) -> Self {
+        let mut within = |range: f64| random.random_range(-range..range);
+        let spacing = [120.0, -120.0, 60.0, -60.0][(within(2.0) + 2.0) as usize];
+        Self {
+            offsets: [0; 3].map(|_| 2048.0 + 50.0 * within(1.0)),
+            amplitudes: [0; 3].map(|_| 250.0 * (1.0 + within(0.3))),
+            placements_deg: [0.0, 1.0, 2.0].map(|k| spacing * k + within(8.0)),
+            third: [0; 3].map(|_| 0.05),
+            alignment_deg: within(180.0),
+            lag_deg: 4.0 + within(3.0),
+            cogging_deg: 2.0,
+            noise: 0.01,
+            rail: 4095.0,
+            turns: 8,
+        }
+    }
+
+    /// A motor without vices.
+    fn kind() -> Self {
+        Self {
+            offsets: [2048.0; 3],
+            amplitudes: [250.0; 3],
+            placements_deg: [0.0, 120.0, 240.0],
+            third: [0.0; 3],
+            alignment_deg: 40.0,
+            lag_deg: 3.0,
+            cogging_deg: 0.0,
+            noise: 0.003,
+            rail: 4095.0,
+            turns: 4,
+        }
+    }
+
+    fn codes(&self, rotor: f64, gauss: &mut impl FnMut() -> f64) -> Codes {
+        core::array::from_fn(|k| {
+            let x = rotor + (self.alignment_deg - self.placements_deg[k]).to_radians();
+            let wave = x.sin() + self.third[k] * (3.0 * x).sin() + self.noise * gauss();
+            (self.offsets[k] + self.amplitudes[k] * wave)
+                .round()
+                .clamp(0.0, self.rail) as u16
+        })
+    }
+
+    fn run(&self, random: &mut Pcg64) -> Collector {
+        let mut gauss = || (0..12).map(|_| random.random_range(-0.5..0.5)).sum::<f64>();
+        let mut collector = Collector::new(12);
+        let samples = 4000;
+        for (sweep, sign) in [(Sweep::Forward, 1.0), (Sweep::Backward, -1.0)] {
+            for k in 0..self.turns * samples {
+                let field = sign * TAU * f64::from(k) / f64::from(samples);
+                let cogging = self.cogging_deg * (6.0 * field).sin()
+                    + 0.5 * self.cogging_deg * (2.0 * field).sin();
+                let rotor = field + (cogging - sign * self.lag_deg).to_radians();
+                let bits = (field / TAU * 4_294_967_296.0) as i64 as i32;
+                collector.push(
+                    sweep,
+                    ElectricalAngle::from_bits(bits),
+                    &self.codes(rotor, &mut gauss),
+                    k,
+                );
+            }
+        }
+        collector
+    }
+
+    /// Largest and mean error of the calibrated estimate over the turn, without noise, in degrees.
+    fn angle_error(&self, calibration: &Calibration) -> (f64, f64) {
+        let estimator = Estimator::new(&calibration.model, 12).unwrap();
+        let exact = Self {
+            noise: 0.0,
+            ..self.clone()
+        };
+        let error = |k: u32| {
+            let rotor = TAU * f64::from(k) / 3600.0;
+            let angle = estimator.angle(&exact.codes(rotor, &mut || 0.0)).unwrap();
+            let truth = ElectricalAngle::from_bits((rotor / TAU * 4_294_967_296.0) as i64 as i32);
+            f64::from((angle - truth).to_degrees())
+        };
+        let errors = (0..3600).map(error);
+        (
+            errors.clone().fold(0.0, |max, e| e.abs().max(max)),
+            errors.sum::<f64>() / 3600.0,
+        )
+    }
+}
+
+#[test]
+fn finds_unkind_sensors_at_both_spacings_in_either_order() {
+    let mut random = Pcg64::seed_from_u64(11);
+    let (mut worst, mut worst_mean) = (0.0_f64, 0.0_f64);
+    for _ in 0..100 {
+        let bench = Bench::unkind(&mut random);
+        let calibration = bench.run(&mut random).finish(false).unwrap();
+        let (largest, mean) = bench.angle_error(&calibration);
+        worst = worst.max(largest);
+        worst_mean = worst_mean.max(mean.abs());
+        for k in 0..3 {
+            let (found, report) = (
+                &calibration.model.sensors[k],
+                &calibration.report.sensors[k],
+            );
+            assert!((f64::from(found.offset) - bench.offsets[k]).abs() < 0.3);
+            assert!((f64::from(found.amplitude) / bench.amplitudes[k] - 1.0).abs() < 2e-3);
+            assert!((found.third - 0.05).abs() < 2e-3, "{}", found.third);
+            assert!(
+                (report.noise_pct - 1.0).abs() < 0.05,
+                "{}",
+                report.noise_pct
+            );
+            let relative = ElectricalAngle::from_degrees(
+                (bench.placements_deg[k] - bench.placements_deg[0]) as f32,
+            );
+            assert!((found.placement - relative).to_degrees().abs() < 0.2);
+        }
+        let spacing = (bench.placements_deg[1] / 60.0).round() * 60.0;
+        assert_eq!(f64::from(calibration.report.pattern.spacing), spacing.abs());
+        assert_eq!(calibration.report.pattern.forward, spacing > 0.0);
+        assert!((f64::from(calibration.report.lag.to_degrees()) - bench.lag_deg).abs() < 0.1);
+        assert!((calibration.report.angle_noise_deg - 0.468).abs() < 0.02);
+    }
+    std::println!("largest angle error {worst:.3}°, mean {worst_mean:.3}°");
+    // Of the largest, 0.25° is the quantisation of 350 codes' swing.
+    assert!(worst < 0.5, "{worst}");
+    assert!(worst_mean < 0.05, "{worst_mean}");
+}
+
+#[test]
+fn reversed_counts_the_other_way() {
+    let mut random = Pcg64::seed_from_u64(12);
+    let bench = Bench::kind();
+    let collector = bench.run(&mut random);
+    let (forward, reversed) = (
+        collector.finish(false).unwrap().model,
+        collector.finish(true).unwrap().model,
+    );
+    for degrees in [0.0, 50.0, 200.0] {
+        let angle = ElectricalAngle::from_degrees(degrees);
+        assert_eq!(forward.electrical(angle), -reversed.electrical(angle));
+    }
+}
+
+/// What `finish` says of a bench made worse by `change`.
+fn verdict(change: impl Fn(&mut Bench)) -> Result<Calibration, Error> {
+    let mut bench = Bench::kind();
+    change(&mut bench);
+    bench.run(&mut Pcg64::seed_from_u64(13)).finish(false)
+}
+
+#[test]
+fn a_kind_motor_has_no_findings() {
+    let calibration = verdict(|_| {}).unwrap();
+    assert_eq!(calibration.report.findings().count(), 0);
+    assert_eq!(
+        calibration.report.counts_per_electrical_turn().round(),
+        2000.0
+    );
+    assert_eq!(
+        calibration
+            .report
+            .counts_per_turn(PolePairs::new(4).unwrap())
+            .round(),
+        8000.0
+    );
+}
+
+#[test]
+fn bad_mountings_are_refused_in_words() {
+    use Finding::*;
+    type Change = fn(&mut Bench);
+    let refusals: [(Change, fn(&Error) -> bool, &str); 10] = [
+        (
+            |b| b.amplitudes[1] = 1.0,
+            |e| *e == Error::NoSignal(Channel(1)),
+            "Hall 1 sees no magnet",
+        ),
+        (
+            |b| b.amplitudes = [15.0; 3],
+            |e| matches!(e, Error::Refused(TooFar(Channel(0), _))),
+            "closer to the magnet",
+        ),
+        (
+            |b| b.amplitudes[2] = 2100.0,
+            |e| matches!(e, Error::Refused(TooClose(Channel(2)))),
+            "saturates",
+        ),
+        (
+            |b| b.third = [0.2; 3],
+            |e| matches!(e, Error::Refused(TooClose(Channel(0)))),
+            "saturates",
+        ),
+        (
+            |b| b.amplitudes[0] = 1500.0,
+            |e| matches!(e, Error::Refused(Unequal(_))),
+            "same distance",
+        ),
+        (
+            |b| b.placements_deg[1] = 155.0,
+            |e| matches!(e, Error::Refused(Misplaced(..))),
+            "away from even spacing",
+        ),
+        (
+            |b| b.placements_deg = [0.0, 15.0, 30.0],
+            |e| matches!(e, Error::Model(BadModel::Placement { .. })),
+            "placed so",
+        ),
+        (
+            |b| b.noise = 0.08,
+            |e| matches!(e, Error::Refused(Noisy(Channel(0), _))),
+            "shield",
+        ),
+        (
+            |b| b.lag_deg = 70.0,
+            |e| matches!(e, Error::Refused(Lagging(_))),
+            "raise the calibration current",
+        ),
+        (
+            |b| b.turns = 0,
+            |e| *e == Error::Incomplete(Sweep::Forward),
+            "too few samples",
+        ),
+    ];
+    for (change, expected, words) in refusals {
+        let error = verdict(change).unwrap_err();
+        assert!(expected(&error), "{error:?}");
+        assert!(error.to_string().contains(words), "{error}");
+    }
+}
+
+#[test]
+fn a_slipping_rotor_is_refused() {
+    // The field goes round, the rotor oscillates in place.
+    let mut random = Pcg64::seed_from_u64(14);
+    let mut collector = Collector::new(12);
+    let bench = Bench::kind();
+    for (sweep, sign) in [(Sweep::Forward, 1.0), (Sweep::Backward, -1.0)] {
+        for k in 0..16_000_u32 {
+            let field = sign * TAU * f64::from(k) / 4000.0;
+            let codes = bench.codes(0.6 * field.sin(), &mut || random.random_range(-1.0..1.0));
+            let bits = (field / TAU * 4_294_967_296.0) as i64 as i32;
+            collector.push(sweep, ElectricalAngle::from_bits(bits), &codes, k);
+        }
+    }
+    let error = collector.finish(false).unwrap_err();
+    std::println!("{error}");
+}
+
+#[test]
+fn small_blemishes_are_told_but_accepted() {
+    use Finding::*;
+    let findings = |change: fn(&mut Bench)| {
+        let calibration = verdict(change).unwrap();
+        calibration.report.findings().collect::<std::vec::Vec<_>>()
+    };
+    assert!(matches!(
+        findings(|b| b.amplitudes = [60.0; 3])[..],
+        [TooFar(..), TooFar(..), TooFar(..)]
+    ));
+    assert!(matches!(
+        findings(|b| b.placements_deg[1] = 138.0)[..],
+        [Misplaced(Channel(1), _)]
+    ));
+    assert!(matches!(
+        findings(|b| b.noise = 0.04)[..],
+        [Noisy(..), Noisy(..), Noisy(..)]
+    ));
+    assert!(matches!(
+        findings(|b| b.amplitudes[1] = 100.0)[..],
+        [Unequal(_)]
+    ));
+    assert!(matches!(findings(|b| b.lag_deg = 40.0)[..], [Lagging(_)]));
+}
+
+#[test]
+fn pole_pairs_from_turns() {
+    let turns = |electrical: f64| Position::from_bits((electrical * 4_294_967_296.0) as i64);
+    for pairs in 1..=64 {
+        for sign in [-1.0, 1.0] {
+            let found = pole_pairs(turns(sign * 3.0 * f64::from(pairs) + 0.2), 3.0);
+            assert_eq!(found, PolePairs::new(pairs), "{pairs}");
+        }
+    }
+    assert_eq!(pole_pairs(turns(4.5), 1.0), None);
+    assert_eq!(pole_pairs(turns(70.0), 1.0), None);
+    assert_eq!(pole_pairs(turns(0.3), 1.0), None);
+    assert_eq!(pole_pairs(turns(4.0), 0.0), None);
+    assert_eq!(pole_pairs(turns(0.0), 0.0), None);
+}

@@ -7,6 +7,8 @@ use shared as _;
 
 mod device;
 mod exit;
+pub mod time;
+mod timers;
 
 pub use device::Interrupt;
 pub use exit::{failure, success};

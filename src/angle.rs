@@ -179,11 +179,7 @@ impl PolePairs {
 
     /// `None` unless 1 to 64.
     pub const fn new(pairs: u8) -> Option<Self> {
-        if 1 <= pairs && pairs <= Self::MAX {
-            Some(Self(pairs))
-        } else {
-            None
-        }
+        if 1 <= pairs && pairs <= Self::MAX { Some(Self(pairs)) } else { None }
     }
 
     /// As a number.
@@ -217,18 +213,9 @@ mod tests {
         }
         assert_eq!(ElectricalAngle::from_degrees(180.0), ElectricalAngle::HALF);
         assert_eq!(ElectricalAngle::from_degrees(-180.0), ElectricalAngle::HALF);
-        assert_eq!(
-            ElectricalAngle::from_degrees(90.0),
-            ElectricalAngle::QUARTER
-        );
-        assert_eq!(
-            ElectricalAngle::from_degrees(f32::NAN),
-            ElectricalAngle::ZERO
-        );
-        assert_eq!(
-            ElectricalAngle::from_degrees(f32::INFINITY),
-            ElectricalAngle::ZERO
-        );
+        assert_eq!(ElectricalAngle::from_degrees(90.0), ElectricalAngle::QUARTER);
+        assert_eq!(ElectricalAngle::from_degrees(f32::NAN), ElectricalAngle::ZERO);
+        assert_eq!(ElectricalAngle::from_degrees(f32::INFINITY), ElectricalAngle::ZERO);
     }
 
     #[test]

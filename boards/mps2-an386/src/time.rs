@@ -71,9 +71,7 @@ impl DualTimer {
         if next == u64::MAX {
             return;
         }
-        let ticks = next
-            .saturating_sub(now)
-            .saturating_mul(CLOCK_TICKS_A_MICROSECOND.into());
+        let ticks = next.saturating_sub(now).saturating_mul(CLOCK_TICKS_A_MICROSECOND.into());
         ALARM.once(u32::try_from(ticks).unwrap_or(u32::MAX).max(1));
     }
 

@@ -83,20 +83,14 @@ impl Slow {
     /// Counts down from 2³² − 1 and wraps.
     pub fn run(&self) {
         self.write(Self::LOAD, u32::MAX);
-        self.write(
-            Self::CONTROL,
-            Self::ENABLE | Self::INTERRUPT | Self::BY_256 | Self::BITS_32,
-        );
+        self.write(Self::CONTROL, Self::ENABLE | Self::INTERRUPT | Self::BY_256 | Self::BITS_32);
     }
 
     /// Interrupts once after `ticks` of this timer, at least one.
     pub fn once(&self, ticks: u32) {
         self.write(Self::CONTROL, 0);
         self.write(Self::LOAD, ticks);
-        self.write(
-            Self::CONTROL,
-            Self::ENABLE | Self::INTERRUPT | Self::BY_256 | Self::BITS_32 | Self::ONE_SHOT,
-        );
+        self.write(Self::CONTROL, Self::ENABLE | Self::INTERRUPT | Self::BY_256 | Self::BITS_32 | Self::ONE_SHOT);
     }
 
     /// Ticks since the start or the last wrap.

@@ -6,7 +6,7 @@
 use core::arch::naked_asm;
 use cortex_m::peripheral::{SYST, syst::SystClkSource};
 
-/// What a function of the C calling convention finds in its registers.
+/// What a function of the C calling convention finds in its registers, and what it should make of it.
 #[derive(Clone, Copy, Default)]
 #[repr(C)]
 pub struct Arguments {
@@ -14,6 +14,8 @@ pub struct Arguments {
     pub r: [u32; 4],
     /// s0 and s1: floats.
     pub s: [f32; 2],
+    /// What the function should find, for the error: an angle in turns.
+    pub turns: f64,
 }
 
 /// What it leaves there.
@@ -69,14 +71,7 @@ unsafe extern "C" fn nothing() {
 unsafe fn ticks(function: Function, arguments: Arguments) -> (Results, u32) {
     let mut results = Results { r0: 0, s0: 0.0 };
     // SAFETY: reads a clock register without side effects; the caller vouches for the call.
-    let ticks = unsafe {
-        call_between_readings(
-            function,
-            &arguments,
-            &mut results,
-            SYST::PTR.byte_add(8).cast(),
-        )
-    };
+    let ticks = unsafe { call_between_readings(function, &arguments, &mut results, SYST::PTR.byte_add(8).cast()) };
     (results, ticks & 0xFF_FFFF)
 }
 

@@ -2,9 +2,9 @@
 
 use crate::call::Arguments;
 use crate::row::{Row, function};
-use crate::trig::{angle, angle_error, turns};
+use crate::trig::{angle_error, turns};
 use core::f64::consts::TAU;
-use core::sync::atomic::{AtomicU16, AtomicUsize, Ordering::Relaxed};
+use core::sync::atomic::{AtomicPtr, AtomicU16, Ordering::Relaxed};
 use fixed::types::I16F16;
 use hallservo::angle::ElectricalAngle;
 use hallservo::hall::{Codes, estimate::Estimator, model::Model};
@@ -63,7 +63,7 @@ extern "C" fn halls_cordic(codes: &Codes) -> i32 {
 /// (sin, cos) of sensors 0°, 120° and 240° behind the rotor, about 2²⁷·⁵ long: what a peer needs in front of its
 /// arctangent, without any calibration.
 #[inline(always)]
-fn clarke(codes: &Codes) -> (i32, i32) {
+pub fn clarke(codes: &Codes) -> (i32, i32) {
     const ONE: i32 = 1 << 15;
     const SQRT_3: i32 = 56_756;
     let [a, b, c] = codes.map(|code| i32::from(code) - OFFSET);
@@ -74,28 +74,34 @@ fn model() -> Model {
     Model::nominal(12, AMPLITUDE, ElectricalAngle::THIRD)
 }
 
-static ESTIMATOR: AtomicUsize = AtomicUsize::new(0);
+static ESTIMATOR: AtomicPtr<Estimator> = AtomicPtr::new(core::ptr::null_mut());
 
 /// Makes the estimator that the rows use.
 pub fn init() {
     static PLACE: StaticCell<Estimator> = StaticCell::new();
-    let Ok(estimator) = Estimator::new(&model(), 12) else {
-        failure()
-    };
-    ESTIMATOR.store((&raw const *PLACE.init(estimator)).addr(), Relaxed);
+    let Ok(estimator) = Estimator::new(&model(), 12) else { failure() };
+    ESTIMATOR.store(PLACE.init(estimator), Relaxed);
 }
 
-/// The codes at angles all over the turn.
-pub fn codes(index: u32) -> Arguments {
+/// The estimator that [`init`] has made.
+pub fn estimator() -> &'static Estimator {
+    // SAFETY: null, or a static that is never written again.
+    unsafe { ESTIMATOR.load(Relaxed).as_ref() }.unwrap_or_else(|| failure())
+}
+
+fn codes(index: u32) -> Arguments {
+    codes_at(index.wrapping_mul(0x9E37_79B9))
+}
+
+/// r0: the codes at an angle, r1: the estimator.
+pub fn codes_at(angle: u32) -> Arguments {
     static CODES: [AtomicU16; 3] = [const { AtomicU16::new(0) }; 3];
-    let mut arguments = angle(index);
-    let angle = turns(arguments.r[3]) * TAU;
+    let turns = turns(angle);
     for (k, code) in CODES.iter().enumerate() {
-        let wave = libm::sin(angle - k as f64 * TAU / 3.0);
+        let wave = libm::sin((turns - k as f64 / 3.0) * TAU);
         let exact = f64::from(OFFSET) + f64::from(AMPLITUDE) * wave;
         code.store(libm::round(exact) as u16, Relaxed);
     }
-    arguments.r[0] = CODES.as_ptr().addr() as u32;
-    arguments.r[1] = ESTIMATOR.load(Relaxed) as u32;
-    arguments
+    let estimator = (&raw const *estimator()).addr() as u32;
+    Arguments { r: [CODES.as_ptr().addr() as u32, estimator, 0, 0], turns, ..Default::default() }
 }

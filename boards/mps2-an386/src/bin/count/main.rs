@@ -6,6 +6,7 @@
 #![no_main]
 
 mod call;
+mod duties;
 mod halls;
 mod row;
 mod trig;
@@ -17,14 +18,13 @@ use row::Row;
 
 #[entry]
 fn main() -> ! {
-    let Some(mut core) = cortex_m::Peripherals::take() else {
-        failure()
-    };
+    let Some(mut core) = cortex_m::Peripherals::take() else { failure() };
     let counter = Counter::new(&mut core.SYST);
     halls::init();
+    duties::init();
     Row::print_head();
     let mut within = true;
-    for row in [trig::ROWS, halls::ROWS].into_iter().flatten() {
+    for row in [trig::ROWS, halls::ROWS, duties::ROWS].into_iter().flatten() {
         within &= row.print(&counter);
     }
     if within { success() } else { failure() }

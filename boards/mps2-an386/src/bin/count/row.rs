@@ -27,14 +27,7 @@ impl Row {
         arguments: fn(index: u32) -> Arguments,
         error: fn(&Arguments, &Results) -> f64,
     ) -> Self {
-        Self {
-            item,
-            by,
-            function,
-            arguments,
-            error,
-            budget: None,
-        }
+        Self { item, by, function, arguments, error, budget: None }
     }
 
     /// The largest number of instructions that the worst input may take.

@@ -3,6 +3,7 @@
 use crate::call::Arguments;
 use crate::row::{Row, function};
 use core::f64::consts::TAU;
+use core::sync::atomic::AtomicI32;
 use fixed::types::I16F16;
 use hallservo::angle::ElectricalAngle;
 use hallservo::trig;
@@ -74,34 +75,28 @@ extern "C" fn atan2_cordic(y: i32, x: i32) -> i32 {
     cordic::atan2(I16F16::from_bits(y), I16F16::from_bits(x)).to_bits()
 }
 
-/// Angles all over the turn, their low bits stirred. r3, which the functions ignore, keeps the angle for the error.
+/// Angles all over the turn, their low bits stirred.
 pub fn angle(index: u32) -> Arguments {
-    static mut COSINE: i32 = 0;
+    static COSINE: AtomicI32 = AtomicI32::new(0);
     let bits = index.wrapping_mul(0x9E37_79B9);
-    Arguments {
-        r: [bits, (&raw mut COSINE).addr() as u32, 0, bits],
-        ..Default::default()
-    }
+    Arguments { r: [bits, COSINE.as_ptr().addr() as u32, 0, 0], turns: turns(bits), ..Default::default() }
 }
 
 fn radians(index: u32) -> Arguments {
     let arguments = angle(index);
-    Arguments {
-        s: [(turns(arguments.r[3]) * TAU) as f32, 0.0],
-        ..arguments
-    }
+    Arguments { s: [(arguments.turns * TAU) as f32, 0.0], ..arguments }
 }
 
 fn fixed_radians(index: u32) -> Arguments {
     let mut arguments = angle(index);
-    arguments.r[0] = I16F16::from_num(turns(arguments.r[3]) * TAU).to_bits() as u32;
+    arguments.r[0] = I16F16::from_num(arguments.turns * TAU).to_bits() as u32;
     arguments
 }
 
 /// (y, x) at the angle, with a length of about 2³⁰.
 fn vector(index: u32) -> Arguments {
     let mut arguments = angle(index);
-    let (sine, cosine) = libm::sincos(turns(arguments.r[3]) * TAU);
+    let (sine, cosine) = libm::sincos(arguments.turns * TAU);
     arguments.r[0] = libm::ldexp(sine, 30) as i32 as u32;
     arguments.r[1] = libm::ldexp(cosine, 30) as i32 as u32;
     arguments
@@ -109,17 +104,14 @@ fn vector(index: u32) -> Arguments {
 
 fn vector_f32(index: u32) -> Arguments {
     let arguments = angle(index);
-    let (sine, cosine) = libm::sincos(turns(arguments.r[3]) * TAU);
-    Arguments {
-        s: [sine as f32, cosine as f32],
-        ..arguments
-    }
+    let (sine, cosine) = libm::sincos(arguments.turns * TAU);
+    Arguments { s: [sine as f32, cosine as f32], ..arguments }
 }
 
 fn vector_fixed(index: u32) -> Arguments {
     let mut arguments = vector(index);
     for component in &mut arguments.r[..2] {
-        *component = (*component as i32 >> 14) as u32;
+        *component = (*component as i32 >> 15) as u32;
     }
     arguments
 }
@@ -133,11 +125,11 @@ fn scaled(bits: u32, fraction: i32) -> f64 {
 }
 
 fn sine_error(arguments: &Arguments, sine: f64) -> f64 {
-    sine - libm::sin(turns(arguments.r[3]) * TAU)
+    sine - libm::sin(arguments.turns * TAU)
 }
 
 /// In rad, the short way around.
 pub fn angle_error(arguments: &Arguments, turns_found: f64) -> f64 {
-    let error = turns_found - turns(arguments.r[3]);
+    let error = turns_found - arguments.turns;
     (error - libm::round(error)) * TAU
 }

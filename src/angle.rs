@@ -174,6 +174,8 @@ impl Position {
 pub struct PolePairs(u8);
 
 impl PolePairs {
+    /// A rotor with two poles.
+    pub const ONE: Self = Self(1);
     /// The largest number supported.
     pub const MAX: u8 = 64;
 

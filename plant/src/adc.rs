@@ -20,12 +20,7 @@ impl AdcParameters {
     /// Without errors but rounding.
     #[must_use]
     pub const fn ideal(bits: u8, reference_v: f64) -> Self {
-        Self {
-            bits,
-            reference_v,
-            gain_error: 0.0,
-            offset_lsb: 0.0,
-        }
+        Self { bits, reference_v, gain_error: 0.0, offset_lsb: 0.0 }
     }
 
     /// Volts of one LSB.
@@ -88,10 +83,6 @@ impl Adc {
     pub fn code(&self, volts: f64) -> u16 {
         let code = volts * self.lsb_per_v + self.offset_lsb + 0.5;
         // A cast from float drops the fraction and stops at 0; half a code is never negative here.
-        (if code > self.highest {
-            self.highest
-        } else {
-            code
-        }) as u16
+        (if code > self.highest { self.highest } else { code }) as u16
     }
 }

@@ -62,11 +62,7 @@ impl BackEmf {
         positive(self.flux_linkage_vs, "motor.back_emf.flux_linkage_vs")?;
         if let Shape::Trapezoidal { flat_deg } = self.shape {
             not_negative(flat_deg, "motor.back_emf.shape.flat_deg")?;
-            require(
-                flat_deg <= 170.0,
-                "motor.back_emf.shape.flat_deg",
-                "at most 170",
-            )?;
+            require(flat_deg <= 170.0, "motor.back_emf.shape.flat_deg", "at most 170")?;
         }
         finite(self.third, "motor.back_emf.third")?;
         finite(self.fifth, "motor.back_emf.fifth")?;
@@ -82,8 +78,7 @@ impl BackEmf {
             Shape::Sinusoidal => at.three_phase(),
             Shape::Trapezoidal { flat_deg } => {
                 let inverse_flank = 1.0 / ((180.0 - flat_deg) * (PI / 360.0));
-                [0.0, -2.0 * PI / 3.0, 2.0 * PI / 3.0]
-                    .map(|shift| trapezoid(electrical_rad + shift, inverse_flank))
+                [0.0, -2.0 * PI / 3.0, 2.0 * PI / 3.0].map(|shift| trapezoid(electrical_rad + shift, inverse_flank))
             }
         };
         if self.third != 0.0 || self.fifth != 0.0 || self.seventh != 0.0 {

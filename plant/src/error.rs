@@ -27,27 +27,16 @@ impl core::error::Error for Error {}
 
 impl Error {
     pub(crate) const fn new(field: &'static str, rule: &'static str) -> Self {
-        Self {
-            field,
-            index: None,
-            rule,
-        }
+        Self { field, index: None, rule }
     }
 
     pub(crate) const fn at(self, index: usize) -> Self {
-        Self {
-            index: Some(index),
-            ..self
-        }
+        Self { index: Some(index), ..self }
     }
 }
 
 pub(crate) fn require(holds: bool, field: &'static str, rule: &'static str) -> Result<(), Error> {
-    if holds {
-        Ok(())
-    } else {
-        Err(Error::new(field, rule))
-    }
+    if holds { Ok(()) } else { Err(Error::new(field, rule)) }
 }
 
 pub(crate) fn finite(value: f64, field: &'static str) -> Result<(), Error> {
@@ -55,17 +44,9 @@ pub(crate) fn finite(value: f64, field: &'static str) -> Result<(), Error> {
 }
 
 pub(crate) fn positive(value: f64, field: &'static str) -> Result<(), Error> {
-    require(
-        value.is_finite() && value > 0.0,
-        field,
-        "finite and above zero",
-    )
+    require(value.is_finite() && value > 0.0, field, "finite and above zero")
 }
 
 pub(crate) fn not_negative(value: f64, field: &'static str) -> Result<(), Error> {
-    require(
-        value.is_finite() && value >= 0.0,
-        field,
-        "finite and not below zero",
-    )
+    require(value.is_finite() && value >= 0.0, field, "finite and not below zero")
 }

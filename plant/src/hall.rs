@@ -20,11 +20,7 @@ impl Saturation {
     /// Hard at 0 and this voltage.
     #[must_use]
     pub const fn hard(high_v: f64) -> Self {
-        Self {
-            low_v: 0.0,
-            high_v,
-            knee: 1.0,
-        }
+        Self { low_v: 0.0, high_v, knee: 1.0 }
     }
 
     fn apply(&self, volts: f64) -> f64 {
@@ -37,11 +33,7 @@ impl Saturation {
             return volts;
         }
         let room = half - linear;
-        let bent = if room > 0.0 {
-            linear + room * libm::tanh(beyond / room)
-        } else {
-            half
-        };
+        let bent = if room > 0.0 { linear + room * libm::tanh(beyond / room) } else { half };
         middle + bent.copysign(out)
     }
 }
@@ -107,18 +99,9 @@ impl HallParameters {
         not_negative(self.noise, "halls.noise")?;
         finite(self.saturation.low_v, "halls.saturation.low_v")?;
         finite(self.saturation.high_v, "halls.saturation.high_v")?;
-        require(
-            self.saturation.high_v > self.saturation.low_v,
-            "halls.saturation.high_v",
-            "above low_v",
-        )?;
-        require(
-            (0.0..=1.0).contains(&self.saturation.knee),
-            "halls.saturation.knee",
-            "0 to 1",
-        )?;
-        self.bandwidth_hz
-            .map_or(Ok(()), |hz| positive(hz, "halls.bandwidth_hz"))
+        require(self.saturation.high_v > self.saturation.low_v, "halls.saturation.high_v", "above low_v")?;
+        require((0.0..=1.0).contains(&self.saturation.knee), "halls.saturation.knee", "0 to 1")?;
+        self.bandwidth_hz.map_or(Ok(()), |hz| positive(hz, "halls.bandwidth_hz"))
     }
 }
 
@@ -175,11 +158,7 @@ impl Hall {
             amplitude_v: parameters.amplitude_v,
             lag: parameters.bandwidth_hz.map(|hz| {
                 let relative = 1.0 / (core::f64::consts::TAU * hz * period_s);
-                Lag {
-                    relative,
-                    kept: libm::exp(-1.0 / relative),
-                    input: 0.0,
-                }
+                Lag { relative, kept: libm::exp(-1.0 / relative), input: 0.0 }
             }),
             volts: parameters.offset_v,
         })
@@ -187,12 +166,7 @@ impl Hall {
 
     /// Field as a voltage.
     fn field_v(&self, rotor: Phasor, currents_a: &[f64; 3]) -> f64 {
-        let HallParameters {
-            third,
-            fifth,
-            coupling_v_a,
-            ..
-        } = self.parameters;
+        let HallParameters { third, fifth, coupling_v_a, .. } = self.parameters;
         let sin = rotor.plus(self.placement).sin;
         let square = sin * sin;
         let mut relative = sin;
@@ -235,19 +209,10 @@ pub(crate) struct Halls {
 }
 
 impl Halls {
-    pub fn new(
-        parameters: &[HallParameters; 3],
-        phase_rad: f64,
-        period_s: f64,
-    ) -> Result<Self, Error> {
+    pub fn new(parameters: &[HallParameters; 3], phase_rad: f64, period_s: f64) -> Result<Self, Error> {
         finite(phase_rad, "hall_phase_rad")?;
-        let hall = |index: usize| {
-            Hall::new(&parameters[index], phase_rad, period_s).map_err(|error| error.at(index))
-        };
-        Ok(Self {
-            halls: [hall(0)?, hall(1)?, hall(2)?],
-            faults: [None; 3],
-        })
+        let hall = |index: usize| Hall::new(&parameters[index], phase_rad, period_s).map_err(|error| error.at(index));
+        Ok(Self { halls: [hall(0)?, hall(1)?, hall(2)?], faults: [None; 3] })
     }
 
     /// Sets a fault, or clears it.

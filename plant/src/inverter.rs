@@ -24,28 +24,18 @@ pub struct Legs {
 
 impl Legs {
     /// All switches off, at once.
-    pub const OFF: Self = Self {
-        legs: [Leg::Open; 3],
-        enabled: false,
-    };
+    pub const OFF: Self = Self { legs: [Leg::Open; 3], enabled: false };
 
     /// All three legs switching.
     #[must_use]
     pub const fn pwm(duties: [f64; 3]) -> Self {
-        Self::new([
-            Leg::Pwm(duties[0]),
-            Leg::Pwm(duties[1]),
-            Leg::Pwm(duties[2]),
-        ])
+        Self::new([Leg::Pwm(duties[0]), Leg::Pwm(duties[1]), Leg::Pwm(duties[2])])
     }
 
     /// An enabled bridge with these legs.
     #[must_use]
     pub const fn new(legs: [Leg; 3]) -> Self {
-        Self {
-            legs,
-            enabled: true,
-        }
+        Self { legs, enabled: true }
     }
 }
 
@@ -84,13 +74,7 @@ impl InverterParameters {
     /// Without dead time and drops, averaged in one step.
     #[must_use]
     pub const fn ideal(pwm_hz: f64) -> Self {
-        Self {
-            pwm_hz,
-            dead_time_s: 0.0,
-            switch_ohm: 0.0,
-            diode_v: 0.0,
-            model: InverterModel::Averaged { steps: 1 },
-        }
+        Self { pwm_hz, dead_time_s: 0.0, switch_ohm: 0.0, diode_v: 0.0, model: InverterModel::Averaged { steps: 1 } }
     }
 
     pub(crate) fn check(&self) -> Result<(), Error> {
@@ -128,12 +112,7 @@ impl BusParameters {
     /// Stiff.
     #[must_use]
     pub const fn ideal(supply_v: f64) -> Self {
-        Self {
-            supply_v,
-            source_ohm: 0.0,
-            capacitance_f: 0.0,
-            takes_back: true,
-        }
+        Self { supply_v, source_ohm: 0.0, capacitance_f: 0.0, takes_back: true }
     }
 
     pub(crate) fn check(&self) -> Result<(), Error> {
@@ -162,10 +141,7 @@ pub(crate) struct Bus {
 impl Bus {
     pub fn new(parameters: &BusParameters) -> Result<Self, Error> {
         parameters.check()?;
-        Ok(Self {
-            parameters: *parameters,
-            volts: parameters.supply_v,
-        })
+        Ok(Self { parameters: *parameters, volts: parameters.supply_v })
     }
 
     pub fn set_supply(&mut self, supply_v: f64) -> Result<(), Error> {
@@ -179,12 +155,7 @@ impl Bus {
 
     /// Lets the bridge draw a current for a span.
     pub fn draw(&mut self, current_a: f64, span_s: f64) {
-        let BusParameters {
-            supply_v,
-            source_ohm,
-            capacitance_f,
-            takes_back,
-        } = self.parameters;
+        let BusParameters { supply_v, source_ohm, capacitance_f, takes_back } = self.parameters;
         if source_ohm == 0.0 {
             return;
         }
@@ -273,12 +244,7 @@ impl AveragedLegs {
     }
 
     /// Mean terminal voltages at these phase currents.
-    pub fn terminals(
-        &self,
-        dead_time: &DeadTime,
-        currents_a: &[f64; 3],
-        bus_v: f64,
-    ) -> [Terminal; 3] {
+    pub fn terminals(&self, dead_time: &DeadTime, currents_a: &[f64; 3], bus_v: f64) -> [Terminal; 3] {
         let mut terminals = [Terminal::Open; 3];
         for phase in 0..3 {
             if let Some(duty) = self.duty[phase] {
@@ -307,11 +273,7 @@ impl AveragedLegs {
 
 /// Into 0 ..= 1; what is no number counts as 0.
 pub(crate) fn clipped(duty: f64) -> f64 {
-    if duty > 0.0 {
-        if duty < 1.0 { duty } else { 1.0 }
-    } else {
-        0.0
-    }
+    if duty > 0.0 { if duty < 1.0 { duty } else { 1.0 } } else { 0.0 }
 }
 
 /// Half of the ripple between a leg's rising and falling edge, in units of V·T/(2L).
@@ -336,8 +298,5 @@ fn edge_ripple(duty: &[Option<f64>; 3]) -> [f64; 3] {
 }
 
 pub(crate) fn diodes(bus_v: f64, diode_v: f64) -> Diodes {
-    Diodes {
-        low_v: -diode_v,
-        high_v: bus_v + diode_v,
-    }
+    Diodes { low_v: -diode_v, high_v: bus_v + diode_v }
 }

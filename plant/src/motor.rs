@@ -43,22 +43,10 @@ impl MotorParameters {
             pole_pairs: 4,
             back_emf: BackEmf::sinusoidal(5e-3),
             inertia_kgm2: 1e-5,
-            friction: Friction {
-                viscous_nms: 1e-6,
-                coulomb_nm: 0.5e-3,
-                breakaway_nm: 0.6e-3,
-            },
+            friction: Friction { viscous_nms: 1e-6, coulomb_nm: 0.5e-3, breakaway_nm: 0.6e-3 },
             cogging: [
-                Cogging {
-                    amplitude_nm: 0.5e-3,
-                    cycles_per_turn: 24,
-                    phase_rad: 0.4,
-                },
-                Cogging {
-                    amplitude_nm: 0.2e-3,
-                    cycles_per_turn: 12,
-                    phase_rad: 1.9,
-                },
+                Cogging { amplitude_nm: 0.5e-3, cycles_per_turn: 24, phase_rad: 0.4 },
+                Cogging { amplitude_nm: 0.2e-3, cycles_per_turn: 12, phase_rad: 1.9 },
             ],
             load_nm: 0.0,
         }
@@ -68,11 +56,7 @@ impl MotorParameters {
     /// with closed formulas.
     #[must_use]
     pub const fn ideal() -> Self {
-        Self {
-            friction: Friction::NONE,
-            cogging: [Cogging::NONE; 2],
-            ..Self::paper()
-        }
+        Self { friction: Friction::NONE, cogging: [Cogging::NONE; 2], ..Self::paper() }
     }
 }
 
@@ -117,11 +101,7 @@ impl Motor {
     /// `switch_ohm` is in series with each phase; `usual_s` the step that comes up most.
     pub fn new(parameters: &MotorParameters, switch_ohm: f64, usual_s: f64) -> Result<Self, Error> {
         positive(parameters.resistance_ohm, "motor.resistance_ohm")?;
-        require(
-            (1..=64).contains(&parameters.pole_pairs),
-            "motor.pole_pairs",
-            "1 to 64",
-        )?;
+        require((1..=64).contains(&parameters.pole_pairs), "motor.pole_pairs", "1 to 64")?;
         parameters.back_emf.check()?;
         for (index, cogging) in parameters.cogging.iter().enumerate() {
             cogging.check().map_err(|error| error.at(index))?;
@@ -132,11 +112,7 @@ impl Motor {
             cogging: parameters.cogging,
             pole_pairs: f64::from(parameters.pole_pairs),
             load_nm: parameters.load_nm,
-            windings: Windings::new(
-                parameters.resistance_ohm + switch_ohm,
-                parameters.inductance_h,
-                usual_s,
-            )?,
+            windings: Windings::new(parameters.resistance_ohm + switch_ohm, parameters.inductance_h, usual_s)?,
             rotor: Rotor::new(parameters.inertia_kgm2, parameters.friction)?,
             phasor: Phasor::new(0.0),
         })
@@ -159,9 +135,7 @@ impl Motor {
     /// Back-EMF at this very moment.
     pub fn back_emf_v(&self) -> [f64; 3] {
         let speed = self.pole_pairs * self.rotor.speed_rad_s;
-        self.back_emf
-            .at(self.phasor, self.electrical_rad())
-            .map(|flux| flux * speed)
+        self.back_emf.at(self.phasor, self.electrical_rad()).map(|flux| flux * speed)
     }
 
     pub fn cogging_nm(&self) -> f64 {
@@ -174,16 +148,12 @@ impl Motor {
 
     /// Electromagnetic torque at this very moment.
     pub fn torque_nm(&self) -> f64 {
-        self.torque_of(
-            &self.back_emf.at(self.phasor, self.electrical_rad()),
-            &self.windings.currents_a,
-        )
+        self.torque_of(&self.back_emf.at(self.phasor, self.electrical_rad()), &self.windings.currents_a)
     }
 
     /// Co-energy: the torque is what the back-EMF takes up per speed, without dividing by it.
     fn torque_of(&self, flux_vs: &[f64; 3], currents_a: &[f64; 3]) -> f64 {
-        self.pole_pairs
-            * (flux_vs[0] * currents_a[0] + flux_vs[1] * currents_a[1] + flux_vs[2] * currents_a[2])
+        self.pole_pairs * (flux_vs[0] * currents_a[0] + flux_vs[1] * currents_a[1] + flux_vs[2] * currents_a[2])
     }
 
     /// One step with constant terminal voltages. The bus current leaves out the driven terminals,
@@ -197,14 +167,10 @@ impl Motor {
         let flux_vs = self.back_emf.at(middle, self.pole_pairs * middle_rad);
         let back_emf_v = flux_vs.map(|flux| flux * self.pole_pairs * speed);
 
-        let flow = self
-            .windings
-            .advance(terminals, &back_emf_v, diodes, span_s);
+        let flow = self.windings.advance(terminals, &back_emf_v, diodes, span_s);
         let torque_nm = self.torque_of(&flux_vs, &flow.currents_a);
         let cogging_nm = self.cogging_at(middle_rad);
-        let motion = self
-            .rotor
-            .step(torque_nm + cogging_nm - self.load_nm, span_s);
+        let motion = self.rotor.step(torque_nm + cogging_nm - self.load_nm, span_s);
         self.phasor = middle.turned_by(self.pole_pairs * (motion.turned_rad - ahead_rad));
         Slice {
             span_s,

@@ -14,10 +14,7 @@ impl Noise {
     /// The stream of this seed.
     #[must_use]
     pub fn new(seed: u64) -> Self {
-        Self {
-            source: Pcg32::seed_from_u64(seed),
-            spare: None,
-        }
+        Self { source: Pcg32::seed_from_u64(seed), spare: None }
     }
 
     /// Uniform in -1 ..= 1, in steps of 2⁻³¹.

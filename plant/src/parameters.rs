@@ -78,16 +78,8 @@ impl PlantParameters {
             ],
             hall_phase_rad: 0.0,
             adc: AdcParameters::ideal(BITS, REFERENCE_V),
-            current_sense: SenseParameters {
-                gain: 0.2,
-                offset_v: 0.5 * REFERENCE_V,
-                noise_v: 0.0,
-            },
-            bus_sense: SenseParameters {
-                gain: 1.0 / 11.0,
-                offset_v: 0.0,
-                noise_v: 0.0,
-            },
+            current_sense: SenseParameters { gain: 0.2, offset_v: 0.5 * REFERENCE_V, noise_v: 0.0 },
+            bus_sense: SenseParameters { gain: 1.0 / 11.0, offset_v: 0.0, noise_v: 0.0 },
         }
     }
 
@@ -115,8 +107,7 @@ impl PlantParameters {
         let nominal_v = 250.0 * ideal.adc.lsb_v();
         let mut halls = ideal.halls;
         for (sensor, hall) in halls.iter_mut().enumerate() {
-            hall.placement_rad =
-                layout.placement_rad(sensor) + random.uniform() * (8.0 * PI / 180.0);
+            hall.placement_rad = layout.placement_rad(sensor) + random.uniform() * (8.0 * PI / 180.0);
             hall.amplitude_v = nominal_v * (1.0 + 0.3 * random.uniform());
             hall.offset_v = 0.5 * REFERENCE_V + 0.1 * nominal_v * random.uniform();
             hall.third = 0.05;
@@ -139,21 +130,13 @@ impl PlantParameters {
                 diode_v: 0.7,
                 model: InverterModel::Averaged { steps: 1 },
             },
-            bus: BusParameters {
-                supply_v: 24.0,
-                source_ohm: 0.1,
-                capacitance_f: 470e-6,
-                takes_back: true,
-            },
+            bus: BusParameters { supply_v: 24.0, source_ohm: 0.1, capacitance_f: 470e-6, takes_back: true },
             current_sense: SenseParameters {
                 offset_v: 0.5 * REFERENCE_V + 0.01 * random.uniform(),
                 noise_v: 1e-3,
                 ..ideal.current_sense
             },
-            bus_sense: SenseParameters {
-                noise_v: 1e-3,
-                ..ideal.bus_sense
-            },
+            bus_sense: SenseParameters { noise_v: 1e-3, ..ideal.bus_sense },
             ..ideal
         }
     }

@@ -23,10 +23,7 @@ impl Phasor {
     /// Of the sum of two angles.
     #[must_use]
     pub fn plus(self, other: Self) -> Self {
-        Self {
-            sin: self.sin * other.cos + self.cos * other.sin,
-            cos: self.cos * other.cos - self.sin * other.sin,
-        }
+        Self { sin: self.sin * other.cos + self.cos * other.sin, cos: self.cos * other.cos - self.sin * other.sin }
     }
 
     /// Of the angle a step further on, in radians; error at most 6e-9 whatever the step.
@@ -39,19 +36,12 @@ impl Phasor {
             return self.plus(Self::new(step_rad));
         }
         let square = step_rad * step_rad;
-        let sin = 1.0
-            - square * (1.0 / 6.0) * (1.0 - square * (1.0 / 20.0) * (1.0 - square * (1.0 / 42.0)));
+        let sin = 1.0 - square * (1.0 / 6.0) * (1.0 - square * (1.0 / 20.0) * (1.0 - square * (1.0 / 42.0)));
         let cos = 1.0
             - square
                 * 0.5
-                * (1.0
-                    - square
-                        * (1.0 / 12.0)
-                        * (1.0 - square * (1.0 / 30.0) * (1.0 - square * (1.0 / 56.0))));
-        self.plus(Self {
-            sin: step_rad * sin,
-            cos,
-        })
+                * (1.0 - square * (1.0 / 12.0) * (1.0 - square * (1.0 / 30.0) * (1.0 - square * (1.0 / 56.0))));
+        self.plus(Self { sin: step_rad * sin, cos })
     }
 
     /// Sines at the angle, 120° before it and 120° after it.
@@ -79,13 +69,8 @@ mod tests {
         for i in -3000..=3000 {
             let step = f64::from(i) * 1e-3;
             let start = 0.7;
-            let (made, exact) = (
-                Phasor::new(start).turned_by(step),
-                Phasor::new(start + step),
-            );
-            worst = worst
-                .max((made.sin - exact.sin).abs())
-                .max((made.cos - exact.cos).abs());
+            let (made, exact) = (Phasor::new(start).turned_by(step), Phasor::new(start + step));
+            worst = worst.max((made.sin - exact.sin).abs()).max((made.cos - exact.cos).abs());
         }
         // The first term left out: 0.5⁹/9! = 5.4e-9.
         assert!(worst < 6e-9 && worst > 1e-9, "{worst:e}");

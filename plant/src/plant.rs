@@ -3,9 +3,7 @@
 use crate::adc::{Adc, SenseParameters};
 use crate::error::{Error, finite};
 use crate::hall::{HallFault, Halls};
-use crate::inverter::{
-    AveragedLegs, Bus, DeadTime, InverterModel, InverterParameters, Legs, diodes,
-};
+use crate::inverter::{AveragedLegs, Bus, DeadTime, InverterModel, InverterParameters, Legs, diodes};
 use crate::motor::{Motor, Slice};
 use crate::noise::Noise;
 use crate::parameters::PlantParameters;
@@ -87,16 +85,8 @@ impl Plant {
             InverterModel::Averaged { steps } => period_s / f64::from(steps),
             InverterModel::Switched => period_s,
         };
-        parameters.current_sense.check([
-            "current_sense.gain",
-            "current_sense.offset_v",
-            "current_sense.noise_v",
-        ])?;
-        parameters.bus_sense.check([
-            "bus_sense.gain",
-            "bus_sense.offset_v",
-            "bus_sense.noise_v",
-        ])?;
+        parameters.current_sense.check(["current_sense.gain", "current_sense.offset_v", "current_sense.noise_v"])?;
+        parameters.bus_sense.check(["bus_sense.gain", "bus_sense.offset_v", "bus_sense.noise_v"])?;
         let mut plant = Self {
             motor: Motor::new(&parameters.motor, inverter.switch_ohm, step_s)?,
             inverter,
@@ -129,16 +119,10 @@ impl Plant {
         let halls = self.halls.volts(&mut self.noise);
         let mut currents = [0; 3];
         for (code, &current) in currents.iter_mut().zip(&self.motor.windings.currents_a) {
-            *code = self
-                .adc
-                .code(self.current_sense.volts(current, &mut self.noise));
+            *code = self.adc.code(self.current_sense.volts(current, &mut self.noise));
         }
         let bus = self.bus_sense.volts(self.bus.volts, &mut self.noise);
-        Codes {
-            halls: halls.map(|volts| self.adc.code(volts)),
-            currents,
-            bus: self.adc.code(bus),
-        }
+        Codes { halls: halls.map(|volts| self.adc.code(volts)), currents, bus: self.adc.code(bus) }
     }
 
     /// One switching period, from valley to valley.
@@ -152,11 +136,7 @@ impl Plant {
 
     /// As [`advance`](Self::advance), showing each step of the simulation as it is done.
     pub fn advance_with(&mut self, command: &Legs, mut observe: impl FnMut(&Slice)) {
-        let acting = if command.enabled {
-            self.preloaded
-        } else {
-            Legs::OFF
-        };
+        let acting = if command.enabled { self.preloaded } else { Legs::OFF };
         self.preloaded = *command;
         match self.inverter.model {
             InverterModel::Averaged { steps } => self.averaged(&acting, steps, &mut observe),
@@ -164,8 +144,7 @@ impl Plant {
         }
         self.periods += 1;
         self.motor.resync();
-        self.halls
-            .advance(self.motor.phasor(), &self.motor.windings.currents_a);
+        self.halls.advance(self.motor.phasor(), &self.motor.windings.currents_a);
     }
 
     fn averaged(&mut self, legs: &Legs, steps: u8, observe: &mut impl FnMut(&Slice)) {
@@ -236,8 +215,7 @@ impl Plant {
     fn put(&mut self, mechanical_angle_rad: f64, speed_rad_s: f64) {
         self.motor.rotor.place(mechanical_angle_rad, speed_rad_s);
         self.motor.resync();
-        self.halls
-            .settle(self.motor.phasor(), &self.motor.windings.currents_a);
+        self.halls.settle(self.motor.phasor(), &self.motor.windings.currents_a);
     }
 
     /// Couples a dyno that imposes a mechanical speed (0: locked rotor), or uncouples it.

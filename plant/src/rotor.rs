@@ -15,21 +15,13 @@ pub struct Friction {
 
 impl Friction {
     /// None.
-    pub const NONE: Self = Self {
-        viscous_nms: 0.0,
-        coulomb_nm: 0.0,
-        breakaway_nm: 0.0,
-    };
+    pub const NONE: Self = Self { viscous_nms: 0.0, coulomb_nm: 0.0, breakaway_nm: 0.0 };
 
     pub(crate) fn check(&self) -> Result<(), Error> {
         not_negative(self.viscous_nms, "motor.friction.viscous_nms")?;
         not_negative(self.coulomb_nm, "motor.friction.coulomb_nm")?;
         finite(self.breakaway_nm, "motor.friction.breakaway_nm")?;
-        require(
-            self.breakaway_nm >= self.coulomb_nm,
-            "motor.friction.breakaway_nm",
-            "at least coulomb_nm",
-        )
+        require(self.breakaway_nm >= self.coulomb_nm, "motor.friction.breakaway_nm", "at least coulomb_nm")
     }
 }
 
@@ -46,11 +38,7 @@ pub struct Cogging {
 
 impl Cogging {
     /// None.
-    pub const NONE: Self = Self {
-        amplitude_nm: 0.0,
-        cycles_per_turn: 1,
-        phase_rad: 0.0,
-    };
+    pub const NONE: Self = Self { amplitude_nm: 0.0, cycles_per_turn: 1, phase_rad: 0.0 };
 
     pub(crate) fn check(&self) -> Result<(), Error> {
         not_negative(self.amplitude_nm, "motor.cogging.amplitude_nm")?;
@@ -120,18 +108,12 @@ impl Rotor {
             self.speed_rad_s = speed;
             self.acceleration_rad_s2 = 0.0;
             self.angle_rad += speed * dt_s;
-            return Motion {
-                turned_rad: speed * dt_s,
-                friction_nm: 0.0,
-            };
+            return Motion { turned_rad: speed * dt_s, friction_nm: 0.0 };
         }
         let start = self.speed_rad_s;
         if start == 0.0 && torque_nm.abs() <= self.friction.breakaway_nm {
             self.acceleration_rad_s2 = 0.0;
-            return Motion {
-                turned_rad: 0.0,
-                friction_nm: -torque_nm,
-            };
+            return Motion { turned_rad: 0.0, friction_nm: -torque_nm };
         }
         let against = if start == 0.0 { torque_nm } else { start };
         let coulomb = self.friction.coulomb_nm.copysign(against);
@@ -151,10 +133,7 @@ impl Rotor {
         self.speed_rad_s = end;
         self.acceleration_rad_s2 = (end - start) / dt_s;
         self.angle_rad += turned_rad;
-        Motion {
-            turned_rad,
-            friction_nm: -coulomb - self.friction.viscous_nms * 0.5 * (start + end),
-        }
+        Motion { turned_rad, friction_nm: -coulomb - self.friction.viscous_nms * 0.5 * (start + end) }
     }
 
     /// Speed after a step with viscous friction taken at its middle.

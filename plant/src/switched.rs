@@ -56,12 +56,7 @@ impl SwitchedLegs {
             period_s,
             dead_time_s,
             before: [Before::default(); 3],
-            now: [Timetable {
-                from_s: 0.0,
-                rise_s: 0.0,
-                fall_s: 0.0,
-                kind: Kind::Open,
-            }; 3],
+            now: [Timetable { from_s: 0.0, rise_s: 0.0, fall_s: 0.0, kind: Kind::Open }; 3],
         }
     }
 
@@ -79,11 +74,7 @@ impl SwitchedLegs {
             mark(quarter * self.period_s, self.period_s);
         }
         for phase in 0..3 {
-            let leg = if legs.enabled {
-                legs.legs[phase]
-            } else {
-                Leg::Open
-            };
+            let leg = if legs.enabled { legs.legs[phase] } else { Leg::Open };
             let table = self.schedule(leg, self.before[phase]);
             self.now[phase] = table;
             self.before[phase] = self.left_behind(table);
@@ -110,11 +101,7 @@ impl SwitchedLegs {
         };
         let changes_over = before.high != (kind == Kind::High);
         Timetable {
-            from_s: if changes_over {
-                self.dead_time_s
-            } else {
-                before.dead_s
-            },
+            from_s: if changes_over { self.dead_time_s } else { before.dead_s },
             rise_s: 0.5 * (1.0 - duty) * self.period_s,
             fall_s: 0.5 * (1.0 + duty) * self.period_s,
             kind,
@@ -124,11 +111,7 @@ impl SwitchedLegs {
     fn left_behind(&self, table: Timetable) -> Before {
         let over_s = table.fall_s + self.dead_time_s - self.period_s;
         Before {
-            dead_s: if table.kind == Kind::Pulse && over_s > 0.0 {
-                over_s
-            } else {
-                0.0
-            },
+            dead_s: if table.kind == Kind::Pulse && over_s > 0.0 { over_s } else { 0.0 },
             high: table.kind == Kind::High,
         }
     }

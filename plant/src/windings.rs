@@ -30,11 +30,7 @@ impl Decay {
     fn over(span_s: f64, time_constant_s: f64) -> Self {
         let relative = span_s / time_constant_s;
         let lost = -libm::expm1(-relative);
-        Self {
-            span_s,
-            lost,
-            old_in_mean: lost / relative,
-        }
+        Self { span_s, lost, old_in_mean: lost / relative }
     }
 }
 
@@ -81,13 +77,7 @@ impl Windings {
     }
 
     /// Lets the currents flow for a span of constant terminal voltages and back-EMF.
-    pub fn advance(
-        &mut self,
-        terminals: &[Terminal; 3],
-        emf_v: &[f64; 3],
-        diodes: Diodes,
-        span_s: f64,
-    ) -> Flow {
+    pub fn advance(&mut self, terminals: &[Terminal; 3], emf_v: &[f64; 3], diodes: Diodes, span_s: f64) -> Flow {
         let mut mean = Flow::default();
         let mut left_s = span_s;
         // A phase goes out at most once for each time that it starts to conduct; three phases
@@ -105,11 +95,7 @@ impl Windings {
             }
             let whole = part_s >= left_s;
             let flow = self.flow(&conduction, &target_a, emf_v, terminals, part_s);
-            let weight = if whole && part == 0 {
-                1.0
-            } else {
-                part_s / span_s
-            };
+            let weight = if whole && part == 0 { 1.0 } else { part_s / span_s };
             mean.add(&flow, weight);
             if whole {
                 break;
@@ -120,12 +106,7 @@ impl Windings {
     }
 
     /// Which phases conduct, and where that puts the star point.
-    fn conduction(
-        &mut self,
-        terminals: &[Terminal; 3],
-        emf_v: &[f64; 3],
-        diodes: Diodes,
-    ) -> Conduction {
+    fn conduction(&mut self, terminals: &[Terminal; 3], emf_v: &[f64; 3], diodes: Diodes) -> Conduction {
         let mut held_v = [None; 3];
         for phase in 0..3 {
             held_v[phase] = match terminals[phase] {
@@ -192,19 +173,14 @@ impl Windings {
         terminals: &[Terminal; 3],
         span_s: f64,
     ) -> Flow {
-        let decay = if span_s == self.usual.span_s {
-            self.usual
-        } else {
-            Decay::over(span_s, self.time_constant_s)
-        };
+        let decay = if span_s == self.usual.span_s { self.usual } else { Decay::over(span_s, self.time_constant_s) };
         let mut flow = Flow::default();
         for phase in 0..3 {
             let (old, target) = (self.currents_a[phase], target_a[phase]);
             let mean = target + (old - target) * decay.old_in_mean;
             self.currents_a[phase] = old + (target - old) * decay.lost;
             flow.currents_a[phase] = mean;
-            flow.terminals_v[phase] =
-                conduction.held_v[phase].unwrap_or(conduction.star_v + emf_v[phase]);
+            flow.terminals_v[phase] = conduction.held_v[phase].unwrap_or(conduction.star_v + emf_v[phase]);
             if terminals[phase] == Terminal::Open && mean < 0.0 {
                 flow.returned_a += mean;
             }
@@ -253,8 +229,5 @@ fn rectifier(emf_v: &[f64; 3], diodes: Diodes) -> Conduction {
         held_v[least] = Some(diodes.low_v);
     }
     let middle_emf = 0.5 * (emf_v[most] + emf_v[least]);
-    Conduction {
-        held_v,
-        star_v: 0.5 * (diodes.low_v + diodes.high_v) - middle_emf,
-    }
+    Conduction { held_v, star_v: 0.5 * (diodes.low_v + diodes.high_v) - middle_emf }
 }

@@ -13,7 +13,7 @@ pub mod fit;
 pub mod report;
 
 use crate::angle::{ElectricalAngle, PolePairs, Position};
-use crate::hall::estimate::{BadModel, Estimator};
+use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
 use crate::hall::{Channel, Codes};
 use core::fmt;
@@ -48,6 +48,8 @@ pub enum Error {
     NoFit,
     /// The parameters found cannot give an angle.
     Model(BadModel),
+    /// The drive did not give back the memory for the estimator.
+    Busy,
     /// The sensors work, but not well enough; the report's findings say why.
     Refused(Finding),
 }
@@ -64,6 +66,7 @@ impl fmt::Display for Error {
             }
             Self::NoFit => write!(f, "the signals fit no rotor: check that it is free to follow the field"),
             Self::Model(bad) => bad.fmt(f),
+            Self::Busy => write!(f, "the drive is busy with the last parameters: try again"),
             Self::Refused(finding) => finding.fmt(f),
         }
     }
@@ -129,7 +132,7 @@ impl Collector {
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
         let model = Model { sensors: fit.sensors, alignment: forward + lag, reversed };
         let report = Report::new(&model, self, &fit, lag);
-        Estimator::new(&model, self.adc_bits).map_err(Error::Model)?;
+        estimate::validate(&model, self.adc_bits).map_err(Error::Model)?;
         match report.findings().find(Finding::refuses) {
             Some(finding) => Err(Error::Refused(finding)),
             None => Ok(Calibration { model, report }),

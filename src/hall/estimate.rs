@@ -101,12 +101,7 @@ impl Estimator {
     /// [`BadModel`], when a parameter is impossible or the placement leaves the angle more than
     /// [`WORST_NOISE_GAIN`] times as noisy as three well-placed sensors.
     pub fn new(model: &Model, adc_bits: u8) -> Result<Self, BadModel> {
-        let windows = windows(model, adc_bits)?;
-        let inverse = Inverse::new(model);
-        let noise_gain = inverse.noise_gain();
-        if !(noise_gain <= WORST_NOISE_GAIN) {
-            return Err(BadModel::Placement { noise_gain });
-        }
+        let (windows, inverse) = check(model, adc_bits)?;
         let unit = inverse.unit();
         let row = |row: [f32; 3]| {
             let gains = [0, 1, 2].map(|k| libm::roundf(unit * row[k] / model.sensors[k].amplitude) as i32);
@@ -125,6 +120,22 @@ impl Estimator {
             table: table(model, &inverse),
             adc_bits,
         })
+    }
+
+    /// Memory for an estimator: it finds every code implausible.
+    pub const fn blank() -> Self {
+        const ROW: Row = Row { gains: [0; 3], bias: 0 };
+        Self {
+            windows: [Window::NOTHING; 3],
+            cosine: ROW,
+            sine: ROW,
+            disagreement: ROW,
+            disagreement_limit: 0,
+            weakest: 0,
+            strength_span: 0,
+            table: [Segment { start: 0, slope: 0 }; 4 << trig::QUADRANT_BITS],
+            adc_bits: 16,
+        }
     }
 
     /// The electrical angle.
@@ -171,6 +182,24 @@ impl Estimator {
         }
         first
     }
+}
+
+/// Whether an estimator can be made of the model, without the work of making it.
+///
+/// # Errors
+/// Those of [`Estimator::new`].
+pub fn validate(model: &Model, adc_bits: u8) -> Result<(), BadModel> {
+    check(model, adc_bits).map(|_| ())
+}
+
+fn check(model: &Model, adc_bits: u8) -> Result<([Window; 3], Inverse), BadModel> {
+    let windows = windows(model, adc_bits)?;
+    let inverse = Inverse::new(model);
+    let noise_gain = inverse.noise_gain();
+    if noise_gain > WORST_NOISE_GAIN {
+        return Err(BadModel::Placement { noise_gain });
+    }
+    Ok((windows, inverse))
 }
 
 fn windows(model: &Model, adc_bits: u8) -> Result<[Window; 3], BadModel> {

@@ -15,7 +15,7 @@ pub type Signal = I4F28;
 pub const PLAUSIBLE: f32 = 1.5;
 
 /// Why the codes of a sample are not an angle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Implausible {
     /// The code sits at the end of the ADC's range: shorted, open, or so close to the magnet that it saturates.
@@ -51,6 +51,9 @@ pub struct Window {
 }
 
 impl Window {
+    /// No code is in it.
+    pub const NOTHING: Self = Self { low: u32::MAX, span: 0 };
+
     /// The codes within [`PLAUSIBLE`] amplitudes of the offset and off the rails of the ADC. Not a number, or a
     /// window without a code in it, gives `None`.
     pub fn new(offset: f32, amplitude: f32, adc_bits: u8) -> Option<Self> {

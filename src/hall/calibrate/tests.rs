@@ -1,5 +1,5 @@
 use super::*;
-use crate::hall::estimate::BadModel;
+use crate::hall::estimate::{BadModel, Estimator};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 

@@ -61,12 +61,12 @@ extern "C" fn duties_idsp(angle: i32, _: usize, duties: &mut Duties, amplitude: 
 }
 
 #[unsafe(no_mangle)]
-extern "C" fn duties_micromath(_: [usize; 2], duties: &mut Duties, angle: f32, amplitude: f32) {
+extern "C" fn duties_micromath(_: usize, _: usize, duties: &mut Duties, angle: f32, amplitude: f32) {
     *duties = inverse_clarke_f32(F32Ext::cos(angle), F32Ext::sin(angle), amplitude);
 }
 
 #[unsafe(no_mangle)]
-extern "C" fn duties_libm(_: [usize; 2], duties: &mut Duties, angle: f32, amplitude: f32) {
+extern "C" fn duties_libm(_: usize, _: usize, duties: &mut Duties, angle: f32, amplitude: f32) {
     *duties = inverse_clarke_f32(libm::cosf(angle), libm::sinf(angle), amplitude);
 }
 

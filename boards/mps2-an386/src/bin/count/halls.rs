@@ -70,17 +70,18 @@ pub fn clarke(codes: &Codes) -> (i32, i32) {
     ((2 * a - b - c) * ONE, (c - b) * SQRT_3)
 }
 
-fn model() -> Model {
-    Model::nominal(12, AMPLITUDE, ElectricalAngle::THIRD)
-}
-
 static ESTIMATOR: AtomicPtr<Estimator> = AtomicPtr::new(core::ptr::null_mut());
+
+/// For ideal sensors.
+pub fn new_estimator() -> Estimator {
+    let model = Model::nominal(12, AMPLITUDE, ElectricalAngle::THIRD);
+    Estimator::new(&model, 12).unwrap_or_else(|_| failure())
+}
 
 /// Makes the estimator that the rows use.
 pub fn init() {
     static PLACE: StaticCell<Estimator> = StaticCell::new();
-    let Ok(estimator) = Estimator::new(&model(), 12) else { failure() };
-    ESTIMATOR.store(PLACE.init(estimator), Relaxed);
+    ESTIMATOR.store(PLACE.init(new_estimator()), Relaxed);
 }
 
 /// The estimator that [`init`] has made.
@@ -93,15 +94,20 @@ fn codes(index: u32) -> Arguments {
     codes_at(index.wrapping_mul(0x9E37_79B9))
 }
 
+/// The codes of ideal sensors at an angle.
+pub fn model_codes(angle: u32) -> Codes {
+    [0, 1, 2].map(|k| {
+        let wave = libm::sin((turns(angle) - f64::from(k) / 3.0) * TAU);
+        libm::round(f64::from(OFFSET) + f64::from(AMPLITUDE) * wave) as u16
+    })
+}
+
 /// r0: the codes at an angle, r1: the estimator.
 pub fn codes_at(angle: u32) -> Arguments {
     static CODES: [AtomicU16; 3] = [const { AtomicU16::new(0) }; 3];
-    let turns = turns(angle);
-    for (k, code) in CODES.iter().enumerate() {
-        let wave = libm::sin((turns - k as f64 / 3.0) * TAU);
-        let exact = f64::from(OFFSET) + f64::from(AMPLITUDE) * wave;
-        code.store(libm::round(exact) as u16, Relaxed);
+    for (place, code) in CODES.iter().zip(model_codes(angle)) {
+        place.store(code, Relaxed);
     }
     let estimator = (&raw const *estimator()).addr() as u32;
-    Arguments { r: [CODES.as_ptr().addr() as u32, estimator, 0, 0], turns, ..Default::default() }
+    Arguments { r: [CODES.as_ptr().addr() as u32, estimator, 0, 0], turns: turns(angle), ..Default::default() }
 }

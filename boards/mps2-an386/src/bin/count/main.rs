@@ -6,6 +6,7 @@
 #![no_main]
 
 mod call;
+mod drive;
 mod duties;
 mod halls;
 mod row;
@@ -22,9 +23,10 @@ fn main() -> ! {
     let counter = Counter::new(&mut core.SYST);
     halls::init();
     duties::init();
+    drive::init();
     Row::print_head();
     let mut within = true;
-    for row in [trig::ROWS, halls::ROWS, duties::ROWS].into_iter().flatten() {
+    for row in [trig::ROWS, halls::ROWS, duties::ROWS, drive::ROWS].into_iter().flatten() {
         within &= row.print(&counter);
     }
     if within { success() } else { failure() }

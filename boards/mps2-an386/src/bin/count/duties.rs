@@ -7,9 +7,9 @@ use crate::trig::angle;
 use core::f64::consts::TAU;
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering::Relaxed};
 use hallservo::angle::ElectricalAngle;
-use hallservo::commutation::{Modulation, sinusoidal, sinusoidal::PhaseOrder};
+use hallservo::commutation::{Modulation, sinusoidal, sinusoidal::{Axes, PhaseOrder}};
 use hallservo::hall::{Codes, estimate::Estimator, track};
-use hallservo::pwm::{Amplitude, Limits};
+use hallservo::pwm::Limits;
 use micromath::F32Ext;
 use mps2_an386::failure;
 use static_cell::StaticCell;
@@ -37,7 +37,7 @@ struct Bare {
     estimator: &'static Estimator,
     tracking: track::Config,
     tracker: track::Tracker,
-    amplitude: Amplitude,
+    axes: Axes,
 }
 
 /// What a peer keeps from call to call.
@@ -49,9 +49,9 @@ struct Turns {
 }
 
 #[unsafe(no_mangle)]
-extern "C" fn duties(angle: i32, amplitude: &Amplitude, duties: &mut Duties) {
+extern "C" fn duties(angle: i32, axes: &Axes, duties: &mut Duties) {
     let angle = ElectricalAngle::from_bits(angle);
-    *duties = sinusoidal::compare(angle, PhaseOrder::FORWARD, *amplitude, HALF as u16);
+    *duties = sinusoidal::compare(angle, axes);
 }
 
 #[unsafe(no_mangle)]
@@ -75,7 +75,7 @@ extern "C" fn whole(codes: &Codes, bare: &mut Bare, duties: &mut Duties) -> bool
     let measured = bare.estimator.angle_unchecked(codes);
     let plausible = bare.tracker.step(&bare.tracking, measured).is_ok();
     let angle = bare.tracker.predicted(&bare.tracking);
-    *duties = sinusoidal::compare(angle, PhaseOrder::FORWARD, bare.amplitude, HALF as u16);
+    *duties = sinusoidal::compare(angle, &bare.axes);
     plausible
 }
 
@@ -139,7 +139,7 @@ fn inverse_clarke_f32(cosine: f32, sine: f32, amplitude: f32) -> Duties {
 }
 
 static DUTIES: [AtomicU16; 3] = [const { AtomicU16::new(0) }; 3];
-static AMPLITUDE: StaticCell<Amplitude> = StaticCell::new();
+static AXES: StaticCell<Axes> = StaticCell::new();
 static BARE: StaticCell<Bare> = StaticCell::new();
 static TURNS: StaticCell<Turns> = StaticCell::new();
 /// Addresses of the three before.
@@ -150,10 +150,11 @@ pub fn init() {
     let Some(tracking) = track::Config::new(4, ElectricalAngle::from_degrees(60.0), 0.0) else { failure() };
     let Ok(limits) = Limits::new(PERIOD, 0, PERIOD) else { failure() };
     let amplitude = limits.amplitude(Modulation::from_num(MODULATION));
+    let axes = Axes::new(amplitude, PhaseOrder::FORWARD, HALF as u16);
     let estimator = halls::estimator();
-    let bare = Bare { estimator, tracking, tracker: track::Tracker::default(), amplitude };
+    let bare = Bare { estimator, tracking, tracker: track::Tracker::default(), axes };
     let places = [
-        (&raw mut *AMPLITUDE.init(amplitude)).addr(),
+        (&raw mut *AXES.init(axes)).addr(),
         (&raw mut *BARE.init(bare)).addr(),
         (&raw mut *TURNS.init(Turns::default())).addr(),
     ];

@@ -76,9 +76,9 @@ impl Default for Settings {
             calibration_modulation: 0.15,
             calibration_align_s: 0.3,
             calibration_hz: 10.0,
-            calibration_turns: 8,
+            calibration_turns: 12,
             record_hz: 1e3,
-            calibration_record_hz: 10e3,
+            calibration_record_hz: 40e3,
         }
     }
 }

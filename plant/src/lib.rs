@@ -30,6 +30,8 @@
 #![no_std]
 
 mod adc;
+mod averaged;
+mod bus;
 mod emf;
 mod error;
 mod hall;
@@ -44,10 +46,11 @@ mod switched;
 mod windings;
 
 pub use adc::{AdcParameters, SenseParameters};
+pub use bus::BusParameters;
 pub use emf::{BackEmf, PhaseSequence, Shape};
 pub use error::Error;
 pub use hall::{HallFault, HallParameters, Rail, Saturation};
-pub use inverter::{BusParameters, InverterModel, InverterParameters, Leg, Legs};
+pub use inverter::{InverterModel, InverterParameters, Leg, Legs};
 pub use motor::{MotorParameters, Slice};
 pub use noise::Noise;
 pub use parameters::{HallLayout, PlantParameters};

@@ -47,7 +47,7 @@ pub struct SenseParameters {
 }
 
 impl SenseParameters {
-    /// `field` names the gain, for lack of a way to join names at run time.
+    /// `names` are those of the three fields.
     pub(crate) fn check(&self, names: [&'static str; 3]) -> Result<(), Error> {
         finite(self.gain, names[0])?;
         finite(self.offset_v, names[1])?;
@@ -82,7 +82,7 @@ impl Adc {
     /// The nearest code, within 0 ..= 2^bits - 1.
     pub fn code(&self, volts: f64) -> u16 {
         let code = volts * self.lsb_per_v + self.offset_lsb + 0.5;
-        // A cast from float drops the fraction and stops at 0; half a code is never negative here.
+        // The cast drops the fraction and stops at 0.
         (if code > self.highest { self.highest } else { code }) as u16
     }
 }

@@ -30,8 +30,10 @@
 #![no_std]
 
 mod adc;
+mod averaged;
 mod bench;
 mod bound;
+mod bus;
 mod emf;
 mod error;
 mod hall;
@@ -48,10 +50,11 @@ mod windings;
 pub use adc::{AdcParameters, SenseParameters};
 pub use bench::{Bench, BenchParameters};
 pub use bound::{Bound, Prior};
+pub use bus::BusParameters;
 pub use emf::{BackEmf, PhaseSequence, Shape};
 pub use error::Error;
 pub use hall::{HallFault, HallParameters, Rail, Saturation};
-pub use inverter::{BusParameters, InverterModel, InverterParameters, Leg, Legs};
+pub use inverter::{InverterModel, InverterParameters, Leg, Legs};
 pub use motor::{MotorParameters, Slice};
 pub use noise::Noise;
 pub use parameters::{HallLayout, PlantParameters};

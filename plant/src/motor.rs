@@ -32,9 +32,9 @@ impl MotorParameters {
     ///
     /// From the paper: 3.75 Ω, 0.36 mH (taken as values of one phase) and four pole pairs. Chosen
     /// as plausible for a pancake motor of that size: a flux linkage of 5 mV·s, so that it idles at
-    /// about 5500 rpm on sinusoids from 24 V; 1e-5 kg·m²; 0.5 mN·m of Coulomb friction, 0.6 mN·m to
-    /// break away; 1 µN·m·s of viscous friction; cogging of 0.5 mN·m at 24 and 0.2 mN·m at 12 cycles
-    /// a turn, as nine slots would not give but an unevenly built stator does.
+    /// about 5660 rpm on sinusoids from 24 V; 1e-5 kg·m²; 0.5 mN·m of Coulomb friction, 0.6 mN·m to
+    /// break away; 1 µN·m·s of viscous friction; cogging of 0.5 mN·m at 24 cycles a
+    /// turn (eight poles over six slots) and 0.2 mN·m at 12 (unequal magnets).
     #[must_use]
     pub const fn paper() -> Self {
         Self {
@@ -65,7 +65,8 @@ impl MotorParameters {
 pub struct Slice {
     /// Length of the step, s.
     pub span_s: f64,
-    /// Terminal voltages against the negative rail, V; less the drop across the switches.
+    /// Terminal voltages against the negative rail, V. The drop across the switches' resistance is
+    /// counted with the windings'.
     pub terminals_v: [f64; 3],
     /// Mean phase currents, A.
     pub currents_a: [f64; 3],

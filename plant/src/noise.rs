@@ -17,15 +17,14 @@ impl Noise {
         Self { source: Pcg32::seed_from_u64(seed), spare: None }
     }
 
-    /// Uniform in -1 ..= 1, in steps of 2⁻³¹.
+    /// Uniform, from -1 to just below 1, in steps of 2⁻³¹.
     pub fn uniform(&mut self) -> f64 {
         f64::from(self.source.next_u32().cast_signed()) * (1.0 / 2_147_483_648.0)
     }
 
     /// Gaussian with mean 0 and standard deviation 1.
     ///
-    /// Marsaglia's polar method: one logarithm and one root for two numbers, no sine. The steps of
-    /// the uniform numbers bound the result to ±9.
+    /// Marsaglia's polar method: one logarithm and one root for two numbers, no sine.
     pub fn gaussian(&mut self) -> f64 {
         if let Some(spare) = self.spare.take() {
             return spare;

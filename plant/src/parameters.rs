@@ -1,8 +1,9 @@
 //! Everything that makes up a plant, and two ready-made ones.
 
 use crate::adc::{AdcParameters, SenseParameters};
+use crate::bus::BusParameters;
 use crate::hall::{HallParameters, Saturation};
-use crate::inverter::{BusParameters, InverterModel, InverterParameters};
+use crate::inverter::{InverterModel, InverterParameters};
 use crate::motor::MotorParameters;
 use crate::noise::Noise;
 use core::f64::consts::PI;

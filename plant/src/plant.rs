@@ -1,9 +1,11 @@
 //! The whole plant, one switching period at a time.
 
 use crate::adc::{Adc, SenseParameters};
+use crate::averaged::{AveragedLegs, DeadTime};
+use crate::bus::Bus;
 use crate::error::{Error, finite};
 use crate::hall::{HallFault, Halls};
-use crate::inverter::{AveragedLegs, Bus, DeadTime, InverterModel, InverterParameters, Legs, diodes};
+use crate::inverter::{InverterModel, InverterParameters, Legs, diodes};
 use crate::motor::{Motor, Slice};
 use crate::noise::Noise;
 use crate::parameters::PlantParameters;
@@ -148,7 +150,7 @@ impl Plant {
     }
 
     fn averaged(&mut self, legs: &Legs, steps: u8, observe: &mut impl FnMut(&Slice)) {
-        let legs = AveragedLegs::new(legs, &self.dead_time);
+        let legs = AveragedLegs::new(legs, &self.dead_time, &self.motor.windings.currents_a, self.bus.volts);
         for _ in 0..steps {
             let bus_v = self.bus.volts;
             let terminals = legs.terminals(&self.dead_time, &self.motor.windings.currents_a, bus_v);

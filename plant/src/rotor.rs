@@ -56,7 +56,8 @@ impl Cogging {
 
 #[derive(Clone, Debug)]
 pub(crate) struct Rotor {
-    inertia_kgm2: f64,
+    /// One over the inertia.
+    mobility: f64,
     friction: Friction,
     /// Unwrapped mechanical angle.
     pub angle_rad: f64,
@@ -78,7 +79,7 @@ impl Rotor {
         positive(inertia_kgm2, "motor.inertia_kgm2")?;
         friction.check()?;
         Ok(Self {
-            inertia_kgm2,
+            mobility: 1.0 / inertia_kgm2,
             friction,
             angle_rad: 0.0,
             speed_rad_s: 0.0,
@@ -138,8 +139,8 @@ impl Rotor {
 
     /// Speed after a step with viscous friction taken at its middle.
     fn slowed(&self, speed_rad_s: f64, torque_nm: f64, dt_s: f64) -> f64 {
-        let half = dt_s / self.inertia_kgm2;
-        let drag = 0.5 * self.friction.viscous_nms * half;
-        (speed_rad_s * (1.0 - drag) + torque_nm * half) / (1.0 + drag)
+        let kick = dt_s * self.mobility;
+        let drag = 0.5 * self.friction.viscous_nms * kick;
+        (speed_rad_s * (1.0 - drag) + torque_nm * kick) / (1.0 + drag)
     }
 }

@@ -201,14 +201,14 @@ impl Flow {
 
 /// Star point of the phases that conduct: their currents add up to nothing.
 fn star_point(held_v: &[Option<f64>; 3], emf_v: &[f64; 3]) -> f64 {
-    let (mut sum, mut count) = (0.0, 0.0);
+    let (mut sum, mut count) = (0.0, 0);
     for phase in 0..3 {
         if let Some(volts) = held_v[phase] {
             sum += volts - emf_v[phase];
-            count += 1.0;
+            count += 1;
         }
     }
-    sum / count
+    sum * [0.0, 1.0, 0.5, 1.0 / 3.0][count]
 }
 
 /// Nothing driven, nothing flowing: the diodes conduct once the line-to-line EMF exceeds the bus.

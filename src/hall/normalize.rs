@@ -62,7 +62,7 @@ impl Window {
         let high = libm::floorf(offset + PLAUSIBLE * amplitude).min(rail - 1.0);
         // False for not-a-numbers, too.
         (amplitude > 0.0 && offset.is_finite() && low <= high)
-            .then(|| Self { low: low as u32, span: (high - low) as u32 })
+            .then_some(Self { low: low as u32, span: (high - low) as u32 })
     }
 
     /// Whether the code is in the window.

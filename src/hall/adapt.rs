@@ -75,6 +75,24 @@ pub enum Outcome {
     Failed(Fault),
 }
 
+/// Standard deviations of the estimates; offset, amplitude and third harmonic relative to the calibrated amplitude.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Deviations {
+    /// Radians.
+    pub angle: f32,
+    /// Radians a sample.
+    pub speed: f32,
+    /// Third harmonic.
+    pub third: f32,
+    /// Of each sensor.
+    pub offset: [f32; 3],
+    /// Of each sensor.
+    pub amplitude: [f32; 3],
+    /// Radians; the first is the origin.
+    pub placement: [f32; 3],
+}
+
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Phase {
     /// Nothing is known of the angle.
@@ -369,8 +387,8 @@ impl Adapter {
         Outcome::Learnt
     }
 
-    /// The model at this moment.
-    fn current(&self) -> Model {
+    /// The model at this moment, to look at; [`Self::model`] is the one to use.
+    pub fn current(&self) -> Model {
         let mut model = self.model;
         for (k, sensor) in model.sensors.iter_mut().enumerate() {
             let fixed = &self.fixed[k].sensor;
@@ -402,9 +420,17 @@ impl Adapter {
         self.state.speed
     }
 
-    /// Standard deviation of the angle as the filter believes, radians.
-    pub fn deviation(&self) -> f32 {
-        libm::sqrtf(self.covariance.get(ANGLE, ANGLE).max(0.0))
+    /// How well the filter believes to know what it estimates.
+    pub fn deviations(&self) -> Deviations {
+        let of = |state: usize| libm::sqrtf(self.covariance.get(state, state).max(0.0));
+        Deviations {
+            angle: of(ANGLE),
+            speed: of(SPEED),
+            third: of(THIRD),
+            offset: OFFSET.map(of),
+            amplitude: OFFSET.map(|own| of(own + 1)),
+            placement: [0.0, of(OFFSET[1] + 2), of(OFFSET[2] + 2)],
+        }
     }
 
     /// Why nothing is learnt any more.

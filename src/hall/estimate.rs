@@ -32,6 +32,9 @@ pub const DISAGREEMENT: f32 = 0.3;
 /// Largest noise of the estimate over the bound for perfectly placed sensors that a placement may cost.
 pub const WORST_NOISE_GAIN: f32 = 1.5;
 
+/// The same for two sensors; 120° or 60° apart they have √2.
+pub const WORST_NOISE_GAIN_OF_TWO: f32 = 2.5;
+
 /// Why sensors cannot give an angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -103,6 +106,30 @@ impl Estimator {
     /// [`WORST_NOISE_GAIN`] times as noisy as three well-placed sensors.
     pub fn new(model: &Model, adc_bits: u8) -> Result<Self, BadModel> {
         let (windows, inverse) = check(model, adc_bits)?;
+        Ok(Self::build(model, adc_bits, windows, &inverse))
+    }
+
+    /// The estimator for the two sensors that remain when one is lost; error below 5e-4 rad for a perfect model.
+    /// The angle is up to [`WORST_NOISE_GAIN_OF_TWO`] times as noisy, a common offset is not rejected, and the loss of another
+    /// sensor shows only in the strength of the signals: enough to run on until stopped.
+    ///
+    /// # Errors
+    /// [`BadModel`], when a parameter is impossible, or the two are so close to the same or opposite phase that the
+    /// noise is more than [`WORST_NOISE_GAIN_OF_TWO`] times that of three well-placed sensors.
+    pub fn without(lost: Channel, model: &Model, adc_bits: u8) -> Result<Self, BadModel> {
+        let mut windows = windows(model, adc_bits)?;
+        let inverse = Inverse::without(lost, model);
+        let noise_gain = inverse.noise_gain();
+        if noise_gain > WORST_NOISE_GAIN_OF_TWO {
+            return Err(BadModel::Placement { noise_gain });
+        }
+        if let Some(window) = windows.get_mut(usize::from(lost.0)) {
+            *window = Window::ANYTHING;
+        }
+        Ok(Self::build(model, adc_bits, windows, &inverse))
+    }
+
+    fn build(model: &Model, adc_bits: u8, windows: [Window; 3], inverse: &Inverse) -> Self {
         let unit = inverse.unit();
         let row = |row: [f32; 3]| {
             let gains = [0, 1, 2].map(|k| libm::roundf(unit * row[k] / model.sensors[k].amplitude) as i32);
@@ -111,7 +138,7 @@ impl Estimator {
         };
         let strength = |relative: f32| (relative * unit) as u32;
         let (common, limit) = (row(inverse.common), (DISAGREEMENT * unit) as i32);
-        Ok(Self {
+        Self {
             windows,
             cosine: row(inverse.cosine),
             sine: row(inverse.sine),
@@ -119,9 +146,9 @@ impl Estimator {
             disagreement_span: 2 * limit as u32,
             weakest: strength(WEAKEST),
             strength_span: strength(STRONGEST) - strength(WEAKEST),
-            table: table(model, &inverse),
+            table: table(model, inverse),
             adc_bits,
-        })
+        }
     }
 
     /// Memory for an estimator: it finds every code implausible.
@@ -238,6 +265,25 @@ impl Inverse {
         let sine = [f[2][0] * s[1] - f[1][0] * s[2], f[0][0] * s[2] - f[2][0] * s[0], f[1][0] * s[0] - f[0][0] * s[1]];
         let divide = |row: [f32; 3]| row.map(|component| component / determinant);
         Self { cosine: divide(cosine), sine: divide(sine), common: divide(null) }
+    }
+
+    /// Of the two sensors other than `lost`; nothing is left to check them by.
+    fn without(lost: Channel, model: &Model) -> Self {
+        let (a, b) = match lost.0 {
+            0 => (1, 2),
+            1 => (2, 0),
+            _ => (0, 1),
+        };
+        // r = sin θ · cos ψ − cos θ · sin ψ for both, solved for cosine and sine.
+        let [(sin_a, cos_a), (sin_b, cos_b)] = [a, b].map(|k| {
+            let placement = model.sensors[k].placement;
+            (trig::sin(placement).to_num::<f32>(), trig::cos(placement).to_num::<f32>())
+        });
+        let determinant = sin_b * cos_a - cos_b * sin_a;
+        let (mut cosine, mut sine) = ([0.0; 3], [0.0; 3]);
+        (cosine[a], cosine[b]) = (cos_b / determinant, -cos_a / determinant);
+        (sine[a], sine[b]) = (sin_b / determinant, -sin_a / determinant);
+        Self { cosine, sine, common: [0.0; 3] }
     }
 
     /// RMS angle noise over the turn, relative to three equal sensors 120° apart. Not a number counts as infinite.

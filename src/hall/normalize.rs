@@ -51,6 +51,9 @@ pub struct Window {
 }
 
 impl Window {
+    /// Every code: of a sensor that is not used.
+    pub(crate) const ANYTHING: Self = Self { low: 0, span: u32::MAX };
+
     /// No code is in it.
     pub const NOTHING: Self = Self { low: u32::MAX, span: 0 };
 

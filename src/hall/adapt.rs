@@ -128,6 +128,8 @@ pub struct Adapter {
     edge: Option<Fault>,
     doubts: Doubts,
     fault: Option<Fault>,
+    /// Whether the fault has been reported.
+    told: bool,
     model: Model,
 }
 
@@ -171,33 +173,47 @@ impl Adapter {
             edge: None,
             doubts: Doubts::default(),
             fault: None,
+            told: false,
             model: *model,
         })
     }
 
     /// Works in a sample.
     pub fn update(&mut self, observation: &Observation) -> Outcome {
+        let outcome = self.process(observation);
+        match self.fault {
+            Some(fault) if !self.told => {
+                self.told = true;
+                Outcome::Failed(fault)
+            }
+            _ => outcome,
+        }
+    }
+
+    #[inline(always)]
+    fn process(&mut self, observation: &Observation) -> Outcome {
         let elapsed = u32::from(observation.elapsed);
         let samples = f32::from(observation.elapsed);
         self.since = self.since.saturating_add(elapsed);
-        let mut useless = None;
-        if !self.is_healthy(&observation.codes) {
-            match self.examine(&observation.codes) {
-                Ok(which) => useless = Some(which),
-                Err(outcome) => return outcome,
+        let mut useless = [false; 3];
+        if self.is_railed(&observation.codes) {
+            match self.useless(&observation.codes) {
+                Some(which) => useless = which,
+                None => return Outcome::Acquiring,
             }
         }
         let gap =
             observation.elapsed > 1 && (observation.elapsed > LONGEST_GAP || self.state.speed.abs() * samples > 1.5);
         if self.phase != Phase::Tracking || gap {
-            return self.acquire(observation, useless.unwrap_or_default());
+            return self.acquire(observation, useless);
         }
         for _ in 0..observation.elapsed {
             self.predict(observation.torque_nm);
         }
         let mut measurements = self.measure(&observation.codes);
-        if let Some(useless) = useless {
+        if self.doubts.exist() || useless != [false; 3] {
             discard(&mut measurements, useless);
+            return self.reconcile(samples, &mut measurements);
         }
         let sample = Sample::new(&measurements, &self.covariance);
         if sample.is_outlier(0, GATE) | sample.is_outlier(1, GATE) | sample.is_outlier(2, GATE) {
@@ -210,7 +226,10 @@ impl Adapter {
 
     /// Finds the angle, and from two of them the speed.
     #[cold]
-    fn acquire(&mut self, observation: &Observation, useless: [bool; 3]) -> Outcome {
+    fn acquire(&mut self, observation: &Observation, mut useless: [bool; 3]) -> Outcome {
+        if useless == [false; 3] {
+            useless = self.doubts.sensors();
+        }
         let signals = [0, 1, 2].map(|k| self.fixed[k].signal(observation.codes[k]));
         let angle = observe::acquire(&self.state, &signals, &useless);
         let step = (angle - self.state.angle).to_radians();
@@ -376,7 +395,8 @@ impl Adapter {
         self.wander();
         let edge = self.at_edge();
         if let Some(fault) = edge.filter(|_| edge == self.edge) {
-            return self.fail(fault);
+            self.fail(fault);
+            return Outcome::Following;
         }
         self.edge = edge;
         let model = self.current();

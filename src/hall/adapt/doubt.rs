@@ -36,7 +36,31 @@ pub struct Doubts {
     restarts: u32,
 }
 
+impl Doubt {
+    fn exists(&self) -> bool {
+        self.turns > 0.0 || self.at_rail > 0
+    }
+
+    /// Turns that fit take doubt back.
+    fn forgive(&mut self, turns: f32) {
+        self.turns -= FORGIVENESS * turns;
+        if self.turns <= 0.0 {
+            (self.turns, self.times) = (0.0, 0);
+        }
+    }
+}
+
 impl Doubts {
+    /// Sensors in doubt.
+    pub fn sensors(&self) -> [bool; 3] {
+        self.sensors.map(|doubt| doubt.turns > 0.0)
+    }
+
+    /// Whether any sensor is.
+    pub fn exist(&self) -> bool {
+        self.any
+    }
+
     /// All that was doubted is understood.
     pub fn clear(&mut self) {
         *self = Self::default();
@@ -44,51 +68,34 @@ impl Doubts {
 }
 
 impl Adapter {
-    /// Whether all three codes are off the rails and nothing is doubted.
+    /// Whether a sensor is at the rail, or was, or is lost.
     #[inline(always)]
-    pub(super) fn is_healthy(&self, codes: &Codes) -> bool {
+    pub(super) fn is_railed(&self, codes: &Codes) -> bool {
         let at_rail = |code| self.config.is_at_rail(code);
-        !(self.doubts.any | at_rail(codes[0]) | at_rail(codes[1]) | at_rail(codes[2]))
+        self.doubts.any | at_rail(codes[0]) | at_rail(codes[1]) | at_rail(codes[2])
     }
 
-    /// The slow way through an observation with something wrong: discards what cannot be used. `Err` ends it.
+    /// Sensors that cannot be used, of a sample with something wrong; `None` if only one can.
     #[cold]
-    pub(super) fn examine(&mut self, codes: &Codes) -> Result<[bool; 3], Outcome> {
-        let mut useless = [false; 3];
-        for (k, doubt) in self.doubts.sensors.iter_mut().enumerate() {
-            useless[k] = self.config.is_at_rail(codes[k]);
-            doubt.at_rail = if useless[k] { doubt.at_rail + 1 } else { 0 };
+    pub(super) fn useless(&mut self, codes: &Codes) -> Option<[bool; 3]> {
+        let mut useless = codes.map(|code| self.config.is_at_rail(code));
+        for (doubt, at_rail) in self.doubts.sensors.iter_mut().zip(useless) {
+            doubt.at_rail = if at_rail { doubt.at_rail.saturating_add(1) } else { 0 };
         }
-        self.doubts.any = true;
         if self.fault.is_none() {
-            self.forgive();
             if let Some(k) = self.doubts.sensors.iter().position(|doubt| doubt.at_rail >= FEWEST) {
-                return Err(self.fail(Fault::AtRail(Channel(k as u8))));
+                self.fail(Fault::AtRail(Channel(k as u8)));
             }
         }
+        self.doubts.any = self.fault.is_some() || self.doubts.sensors.iter().any(Doubt::exists);
         if let Some(lost) = self.fault.and_then(Fault::lost) {
-            useless[lost.0 as usize] = true;
+            useless[usize::from(lost.0)] = true;
         }
         if useless.iter().filter(|&&useless| useless).count() > 1 {
             self.phase = Phase::Blind;
-            return Err(Outcome::Acquiring);
+            return None;
         }
-        Ok(useless)
-    }
-
-    /// Turns that pass take doubts back.
-    fn forgive(&mut self) {
-        let turns = FORGIVENESS * self.turns(1.0);
-        let mut any = false;
-        for doubt in &mut self.doubts.sensors {
-            doubt.turns -= turns;
-            if doubt.turns <= 0.0 {
-                doubt.turns = 0.0;
-                doubt.times = 0;
-            }
-            any |= doubt.turns > 0.0 || doubt.at_rail > 0;
-        }
-        self.doubts.any = any;
+        Some(useless)
     }
 
     /// Turns in so many samples; none where the rotor may be at rest.
@@ -97,45 +104,82 @@ impl Adapter {
         if speed >= self.config.slowest { speed * samples / TAU } else { 0.0 }
     }
 
-    /// Some measurement is an outlier.
+    /// Works in a sample with an outlier, or with a sensor that was one.
     #[cold]
     pub(super) fn reconcile(&mut self, elapsed: f32, measurements: &mut [Measurement; 3]) -> Outcome {
         let sample = Sample::new(measurements, &self.covariance);
         let outliers = [0, 1, 2].map(|k| sample.is_outlier(k, GATE));
-        let (pushed, remaining) = sample.as_a_push();
-        if remaining < PUSHED {
-            // The rotor is elsewhere, and has got there by a speed that was not known.
-            let by = pushed * pushed;
-            self.covariance.widen(ANGLE, by, f32::MAX);
-            self.covariance.widen(SPEED, by * self.pace * self.pace, f32::MAX);
-            return self.believe(measurements);
-        }
-        match outliers {
-            [true, false, false] => self.suspect(0, elapsed, measurements),
-            [false, true, false] => self.suspect(1, elapsed, measurements),
-            [false, false, true] => self.suspect(2, elapsed, measurements),
-            _ => self.jolt(),
+        let turns = self.turns(elapsed);
+        let doubted = self.doubts.sensors.iter().position(|doubt| doubt.turns > 0.0);
+        match (doubted, outliers) {
+            (Some(k), _) => {
+                // It is watched, but not believed until it is forgiven.
+                let outlier = outliers[k];
+                measurements[k].discard();
+                let doubt = &mut self.doubts.sensors[k];
+                if outlier {
+                    self.suspect(k, turns, measurements)
+                } else {
+                    doubt.forgive(turns);
+                    self.believe(measurements)
+                }
+            }
+            (None, [false, false, false]) => self.believe(measurements),
+            (None, [true, false, false]) => self.pushed_or_wrong(0, turns, measurements),
+            (None, [false, true, false]) => self.pushed_or_wrong(1, turns, measurements),
+            (None, [false, false, true]) => self.pushed_or_wrong(2, turns, measurements),
+            (None, _) => match self.push(&Sample::new(measurements, &self.covariance), f32::MAX) {
+                true => self.believe(measurements),
+                false => self.jolt(),
+            },
         }
     }
 
-    /// Angle and speed from what is left of the sample.
+    /// One outlier: whichever explains the sample better.
+    fn pushed_or_wrong(&mut self, sensor: usize, turns: f32, measurements: &mut [Measurement; 3]) -> Outcome {
+        let sample = Sample::new(measurements, &self.covariance);
+        let others = (0..3).filter(|&k| k != sensor).map(|k| sample.squared(k)).sum();
+        if self.push(&sample, others) {
+            return self.believe(measurements);
+        }
+        measurements[sensor].discard();
+        self.suspect(sensor, turns, measurements)
+    }
+
+    /// If a push explains the sample, and better than the alternative: the rotor is elsewhere, and has got there by a
+    /// speed that was not known.
+    fn push(&mut self, sample: &Sample, alternative: f32) -> bool {
+        let (by, remaining) = sample.as_a_push();
+        let pushed = remaining < PUSHED && remaining < alternative;
+        if pushed {
+            self.covariance.widen(ANGLE, by * by, f32::MAX);
+            self.covariance.widen(SPEED, by * by * self.pace * self.pace, f32::MAX);
+        }
+        pushed
+    }
+
+    /// Angle and speed from a sample as it is, unless what is not discarded has an outlier still.
     fn believe(&mut self, measurements: &[Measurement; 3]) -> Outcome {
+        let sample = Sample::new(measurements, &self.covariance);
+        if [0, 1, 2].iter().any(|&k| sample.is_outlier(k, GATE)) {
+            if !self.push(&sample, f32::MAX) {
+                return self.jolt();
+            }
+        }
         let sample = Sample::new(measurements, &self.covariance);
         self.work_in(sample, false);
         self.follow()
     }
 
-    /// One sensor contradicts the other two.
-    fn suspect(&mut self, sensor: usize, elapsed: f32, measurements: &mut [Measurement; 3]) -> Outcome {
-        let turns = self.turns(elapsed);
+    /// One sensor, discarded, contradicts the other two.
+    fn suspect(&mut self, sensor: usize, turns: f32, measurements: &[Measurement; 3]) -> Outcome {
         let doubt = &mut self.doubts.sensors[sensor];
         doubt.turns += turns;
         doubt.times += 1;
         self.doubts.any = true;
         if doubt.turns > LIMIT_TURNS && doubt.times >= FEWEST && self.fault.is_none() {
-            return self.fail(Fault::Lost(Channel(sensor as u8)));
+            self.fail(Fault::Lost(Channel(sensor as u8)));
         }
-        measurements[sensor].discard();
         self.believe(measurements)
     }
 
@@ -148,32 +192,39 @@ impl Adapter {
         }
         self.doubts = Doubts { restarts: self.doubts.restarts + 1, ..Doubts::default() };
         if self.doubts.restarts > RESTARTS {
-            return self.fail(Fault::Contradiction);
+            self.fail(Fault::Contradiction);
+        } else {
+            self.restart();
         }
-        self.restart();
         Outcome::Acquiring
     }
 
-    pub(super) fn fail(&mut self, fault: Fault) -> Outcome {
+    /// Ends learning; angle and speed go on.
+    pub(super) fn fail(&mut self, fault: Fault) {
         self.fault = Some(fault);
         self.doubts.any = true;
-        Outcome::Failed(fault)
     }
 }
 
 impl Sample<'_> {
     /// By how much a pushed rotor would explain the innovations best, and what remains then, in squared deviations.
     fn as_a_push(&self) -> (f32, f32) {
-        let (mut slopes, mut product) = (0.0, 0.0);
+        let (mut slopes, mut product) = (f32::MIN_POSITIVE, 0.0);
         for m in self.measurements {
             slopes += m.angle * m.angle / m.noise;
             product += m.angle * m.innovation / m.noise;
         }
         let by = product / slopes;
-        let remaining = self.measurements.iter().zip(&self.variances).map(|(m, variance)| {
+        let rests = self.measurements.iter().zip(&self.variances).map(|(m, variance)| {
             let rest = m.innovation - m.angle * by;
             rest * rest / (variance + m.noise)
         });
-        (by, remaining.sum())
+        (by, rests.sum())
+    }
+
+    /// A measurement's innovation in squared deviations.
+    fn squared(&self, sensor: usize) -> f32 {
+        let m = &self.measurements[sensor];
+        m.innovation * m.innovation / (self.variances[sensor] + m.noise)
     }
 }

@@ -44,6 +44,8 @@ const GATE: f32 = 25.0;
 const WHOLE: u32 = 64;
 /// Most samples that may be missing in a row for the speed to be believed.
 const LONGEST_GAP: u16 = 20;
+/// Squared number of deviations by which the rotor must turn to be learnt from.
+const CERTAIN: f32 = 9.0;
 /// Fastest speed to learn at, rad a sample: five samples a turn.
 const FASTEST: f32 = TAU / 5.0;
 
@@ -205,6 +207,7 @@ impl Adapter {
         let gap =
             observation.elapsed > 1 && (observation.elapsed > LONGEST_GAP || self.state.speed.abs() * samples > 1.5);
         if self.phase != Phase::Tracking || gap {
+            self.load = if gap { 0.0 } else { self.load };
             return self.acquire(observation, useless);
         }
         for _ in 0..observation.elapsed {
@@ -240,7 +243,6 @@ impl Adapter {
         }
         self.phase = Phase::Tracking;
         self.state.speed = step;
-        self.load = 0.0;
         // The parameters bend the angle, by some third of a radian a radian at worst.
         let deviation = 0.3 * libm::fabsf(step) + 0.04;
         self.covariance.forget(ANGLE, 0.15);
@@ -299,7 +301,8 @@ impl Adapter {
     #[inline(always)]
     fn may_learn(&self) -> bool {
         let speed = self.state.speed.abs();
-        self.fault.is_none() && speed >= self.config.slowest && speed <= FASTEST
+        let certain = speed * speed > CERTAIN * self.covariance.get(SPEED, SPEED);
+        self.fault.is_none() && speed >= self.config.slowest && speed <= FASTEST && certain
     }
 
     fn follow(&mut self) -> Outcome {
@@ -453,6 +456,10 @@ impl Adapter {
         }
     }
 
+    /// dbg
+    pub fn debug(&self) -> f32 {
+        self.load * 1e6
+    }
     /// Why nothing is learnt any more.
     pub const fn fault(&self) -> Option<Fault> {
         self.fault

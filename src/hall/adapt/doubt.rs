@@ -13,7 +13,11 @@ const FORGIVENESS: f32 = 0.25;
 const FEWEST: u32 = 4;
 /// Squared deviations that may remain when an outlier is explained by the rotor's having been pushed.
 const PUSHED: f32 = 9.0;
-/// Samples that no angle explains, after which all parameters are doubted.
+/// Largest push, in radians, that the derivatives of the signals are good for.
+const FARTHEST: f32 = 0.15;
+/// Samples in a row that nothing explains, after which the angle is sought anew.
+const STRANGE: u32 = 4;
+/// Times that the angle may be sought anew within a turn, after which all parameters are doubted.
 const JOLTS: u32 = 6;
 /// Times that all parameters may be doubted before one turn is understood.
 const RESTARTS: u32 = 4;
@@ -32,6 +36,7 @@ pub struct Doubts {
     sensors: [Doubt; 3],
     /// Whether anything does.
     any: bool,
+    strange: u32,
     jolts: u32,
     restarts: u32,
 }
@@ -87,7 +92,8 @@ impl Adapter {
                 self.fail(Fault::AtRail(Channel(k as u8)));
             }
         }
-        self.doubts.any = self.fault.is_some() || self.doubts.sensors.iter().any(Doubt::exists);
+        self.doubts.any =
+            self.fault.is_some() || self.doubts.strange > 0 || self.doubts.sensors.iter().any(Doubt::exists);
         if let Some(lost) = self.fault.and_then(Fault::lost) {
             useless[usize::from(lost.0)] = true;
         }
@@ -109,49 +115,37 @@ impl Adapter {
     pub(super) fn reconcile(&mut self, elapsed: f32, measurements: &mut [Measurement; 3]) -> Outcome {
         let sample = Sample::new(measurements, &self.covariance);
         let outliers = [0, 1, 2].map(|k| sample.is_outlier(k, GATE));
-        let turns = self.turns(elapsed);
         let doubted = self.doubts.sensors.iter().position(|doubt| doubt.turns > 0.0);
-        match (doubted, outliers) {
-            (Some(k), _) => {
-                // It is watched, but not believed until it is forgiven.
-                let outlier = outliers[k];
-                measurements[k].discard();
-                let doubt = &mut self.doubts.sensors[k];
-                if outlier {
-                    self.suspect(k, turns, measurements)
-                } else {
-                    doubt.forgive(turns);
-                    self.believe(measurements)
-                }
-            }
-            (None, [false, false, false]) => self.believe(measurements),
-            (None, [true, false, false]) => self.pushed_or_wrong(0, turns, measurements),
-            (None, [false, true, false]) => self.pushed_or_wrong(1, turns, measurements),
-            (None, [false, false, true]) => self.pushed_or_wrong(2, turns, measurements),
-            (None, _) => match self.push(&Sample::new(measurements, &self.covariance), f32::MAX) {
-                true => self.believe(measurements),
-                false => self.jolt(),
-            },
-        }
-    }
-
-    /// One outlier: whichever explains the sample better.
-    fn pushed_or_wrong(&mut self, sensor: usize, turns: f32, measurements: &mut [Measurement; 3]) -> Outcome {
-        let sample = Sample::new(measurements, &self.covariance);
-        let others = (0..3).filter(|&k| k != sensor).map(|k| sample.squared(k)).sum();
-        if self.push(&sample, others) {
+        if doubted.is_none() && outliers == [false; 3] {
             return self.believe(measurements);
         }
-        measurements[sensor].discard();
-        self.suspect(sensor, turns, measurements)
+        let suspect = doubted.unwrap_or_else(|| sample.farthest());
+        let others = (0..3).filter(|&k| k != suspect).map(|k| sample.squared(k)).sum();
+        if outliers != [false; 3] && self.push(&sample, others) {
+            return self.believe(measurements);
+        }
+        measurements[suspect].discard();
+        if (0..3).any(|k| k != suspect && outliers[k]) {
+            return self.jolt();
+        }
+        // A suspect is watched, but not believed until it is forgiven.
+        let turns = self.turns(elapsed);
+        if outliers[suspect] {
+            self.suspect(suspect, turns);
+        } else {
+            self.doubts.sensors[suspect].forgive(turns);
+        }
+        self.believe(measurements)
     }
 
     /// If a push explains the sample, and better than the alternative: the rotor is elsewhere, and has got there by a
     /// speed that was not known.
     fn push(&mut self, sample: &Sample, alternative: f32) -> bool {
         let (by, remaining) = sample.as_a_push();
-        let pushed = remaining < PUSHED && remaining < alternative;
+        let pushed = by.abs() < FARTHEST && remaining < PUSHED && remaining < alternative;
         if pushed {
+            // An unknown acceleration makes the tracking lag by itself over the square of the pace: half of it, to be careful.
+            self.load += 0.5 * by * self.pace * self.pace;
             self.covariance.widen(ANGLE, by * by, f32::MAX);
             self.covariance.widen(SPEED, by * by * self.pace * self.pace, f32::MAX);
         }
@@ -162,17 +156,16 @@ impl Adapter {
     fn believe(&mut self, measurements: &[Measurement; 3]) -> Outcome {
         let sample = Sample::new(measurements, &self.covariance);
         if [0, 1, 2].iter().any(|&k| sample.is_outlier(k, GATE)) {
-            if !self.push(&sample, f32::MAX) {
-                return self.jolt();
-            }
+            return self.jolt();
         }
+        self.doubts.strange = 0;
         let sample = Sample::new(measurements, &self.covariance);
         self.work_in(sample, false);
         self.follow()
     }
 
-    /// One sensor, discarded, contradicts the other two.
-    fn suspect(&mut self, sensor: usize, turns: f32, measurements: &[Measurement; 3]) -> Outcome {
+    /// One sensor contradicts the other two.
+    fn suspect(&mut self, sensor: usize, turns: f32) {
         let doubt = &mut self.doubts.sensors[sensor];
         doubt.turns += turns;
         doubt.times += 1;
@@ -180,11 +173,17 @@ impl Adapter {
         if doubt.turns > LIMIT_TURNS && doubt.times >= FEWEST && self.fault.is_none() {
             self.fail(Fault::Lost(Channel(sensor as u8)));
         }
-        self.believe(measurements)
     }
 
-    /// Nothing fits: the angle is sought anew, and if that does not help, the parameters.
+    /// Nothing fits. A sample or two may be disturbed and are passed over; if more are, the angle is sought anew, and if that
+    /// does not help, the parameters.
     fn jolt(&mut self) -> Outcome {
+        self.doubts.any = true;
+        self.doubts.strange += 1;
+        if self.doubts.strange < STRANGE {
+            return self.follow();
+        }
+        self.doubts.strange = 0;
         self.phase = Phase::Blind;
         self.doubts.jolts += 1;
         if self.doubts.jolts < JOLTS || self.fault.is_some() {
@@ -220,6 +219,18 @@ impl Sample<'_> {
             rest * rest / (variance + m.noise)
         });
         (by, rests.sum())
+    }
+
+    /// The sensor farthest from its prediction.
+    fn farthest(&self) -> usize {
+        let [a, b, c] = [0, 1, 2].map(|k| self.squared(k));
+        if a >= b && a >= c {
+            0
+        } else if b >= c {
+            1
+        } else {
+            2
+        }
     }
 
     /// A measurement's innovation in squared deviations.

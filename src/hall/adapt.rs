@@ -456,10 +456,6 @@ impl Adapter {
         }
     }
 
-    /// dbg
-    pub fn debug(&self) -> f32 {
-        self.load * 1e6
-    }
     /// Why nothing is learnt any more.
     pub const fn fault(&self) -> Option<Fault> {
         self.fault
@@ -487,3 +483,6 @@ fn discard(measurements: &mut [Measurement; 3], useless: [bool; 3]) {
         }
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -50,9 +50,9 @@ pub struct Settings {
     pub calibration_hz: f32,
     /// Least electrical turns to record in each direction, 2 to 64; rounded up to whole mechanical turns.
     pub calibration_turns: u8,
-    /// Rate of the records to the tasks while running, 1 Hz to the PWM frequency.
+    /// Rate of the records to the tasks while running, 1 Hz to half the PWM frequency.
     pub record_hz: f32,
-    /// The same while calibrating.
+    /// The same while calibrating, 1 Hz to the PWM frequency.
     pub calibration_record_hz: f32,
 }
 
@@ -192,14 +192,14 @@ impl Settings {
             tracking: self.tracking()?,
             fastest: (self.max_electrical_hz / pwm_hz * 4_294_967_296.0) as i32,
             tolerated: within("tolerated_samples", self.tolerated_samples.into(), 0.0, 100.0)? as u32,
-            record_every: self.every("record_hz", self.record_hz)?,
-            calibration_record_every: self.every("calibration_record_hz", self.calibration_record_hz)?,
+            record_every: self.every("record_hz", self.record_hz, self.pwm_hz / 2.0)?,
+            calibration_record_every: self.every("calibration_record_hz", self.calibration_record_hz, self.pwm_hz)?,
             drag: self.drag()?,
         })
     }
 
-    fn every(&self, field: &'static str, hz: f32) -> Result<u32, Error> {
-        Ok(libm::roundf(self.pwm_hz / within(field, hz, 1.0, self.pwm_hz)?) as u32)
+    fn every(&self, field: &'static str, hz: f32, highest: f32) -> Result<u32, Error> {
+        Ok(libm::roundf(self.pwm_hz / within(field, hz, 1.0, highest)?) as u32)
     }
 
     fn tracking(&self) -> Result<track::Config, Error> {
@@ -240,7 +240,7 @@ mod tests {
         let config = Settings::default().validate().unwrap();
         assert_eq!((config.period, config.dead_time), (2125, 85));
         assert_eq!(config.record_every, 40);
-        assert_eq!(config.drag.turns, 8);
+        assert_eq!(config.drag.turns, 12);
     }
 
     #[test]
@@ -274,7 +274,7 @@ mod tests {
             ("calibration_turns", |s| s.calibration_turns = 1),
             ("calibration_turns", |s| s.calibration_turns = 65),
             ("record_hz", |s| s.record_hz = 0.0),
-            ("record_hz", |s| s.record_hz = 40_001.0),
+            ("record_hz", |s| s.record_hz = 20_001.0),
             ("calibration_record_hz", |s| s.calibration_record_hz = f32::NAN),
         ];
         for (name, change) in cases {
@@ -306,7 +306,7 @@ mod tests {
     fn all_pole_pairs_record_whole_mechanical_turns() {
         for pole_pairs in 1..=64 {
             let config = Settings { pole_pairs, ..Settings::default() }.validate().unwrap();
-            assert!(config.drag.turns >= 8 && config.drag.turns.is_multiple_of(pole_pairs.into()));
+            assert!(config.drag.turns >= 12 && config.drag.turns.is_multiple_of(pole_pairs.into()));
         }
     }
 }

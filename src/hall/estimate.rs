@@ -19,13 +19,13 @@ use crate::angle::ElectricalAngle;
 use crate::hall::model::Model;
 use crate::hall::normalize::{Implausible, PLAUSIBLE, Window};
 use crate::hall::{Channel, Codes};
-use crate::trig::{self, QuadrantTable, Segment};
+use crate::trig::{self, Direction, QuadrantTable, Segment};
 use core::fmt;
 
-/// Smallest length of (cos, sin) that is an angle, relative to the calibrated one.
-const WEAKEST: f32 = 0.4;
-/// Largest such length: more than any point of three windows that agree can reach.
-const STRONGEST: f32 = 1.6;
+/// Smallest |cos| + |sin| that is an angle, in calibrated amplitudes: less than half of what a healthy magnet gives.
+const WEAKEST: f32 = 0.45;
+/// Largest such sum: √2 times the windows' [`PLAUSIBLE`].
+const STRONGEST: f32 = 2.2;
 /// Largest plausible disagreement c of the sensors, relative to their amplitude.
 pub const DISAGREEMENT: f32 = 0.3;
 
@@ -109,7 +109,7 @@ impl Estimator {
             let middle: f64 = (0..3).map(|k| f64::from(gains[k]) * f64::from(model.sensors[k].offset)).sum();
             Row { gains, bias: (-middle as i64) as i32 }
         };
-        let strength = |relative: f32| ((relative * unit) * (relative * unit) / 4_294_967_296.0) as u32;
+        let strength = |relative: f32| (relative * unit) as u32;
         let (common, limit) = (row(inverse.common), (DISAGREEMENT * unit) as i32);
         Ok(Self {
             windows,
@@ -155,22 +155,17 @@ impl Estimator {
         if self.disagreement.dot(codes) as u32 > self.disagreement_span {
             return Err(Implausible::Inconsistent);
         }
-        let (y, x) = (self.sine.dot(codes), self.cosine.dot(codes));
-        let strength = ((y as i64 * y as i64 + x as i64 * x as i64) >> 32) as u32;
-        if strength.wrapping_sub(self.weakest) > self.strength_span {
-            return Err(if strength < self.weakest { Implausible::Weak } else { Implausible::Strong });
+        let direction = Direction::of(self.sine.dot(codes), self.cosine.dot(codes));
+        if direction.length().wrapping_sub(self.weakest) > self.strength_span {
+            return Err(if direction.length() < self.weakest { Implausible::Weak } else { Implausible::Strong });
         }
-        Ok(if cfg!(hardware_divide) {
-            trig::quadrant_angle(y, x, &self.table)
-        } else {
-            trig::quadrant_angle_without_division(y, x, &self.table)
-        })
+        Ok(direction.angle(&self.table))
     }
 
     /// The same as [`Self::angle`] without the checks, for codes that are known to be in range.
     #[inline(always)]
     pub fn angle_unchecked(&self, codes: &Codes) -> ElectricalAngle {
-        trig::quadrant_angle(self.sine.dot(codes), self.cosine.dot(codes), &self.table)
+        Direction::of(self.sine.dot(codes), self.cosine.dot(codes)).angle(&self.table)
     }
 
     /// The first sensor whose code is not in its window.

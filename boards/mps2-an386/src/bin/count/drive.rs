@@ -50,8 +50,13 @@ pub fn init() {
     for command in [Command::Install(ESTIMATOR.init(halls::new_estimator())), Command::Arm, Command::Drive(modulation)]
     {
         bench.send(command);
-        step(&mut bench.drive, &bench.sample, &mut bench.output);
-        if bench.tasks.replies.dequeue() != Some(Ok(())) {
+        let reply = loop {
+            step(&mut bench.drive, &bench.sample, &mut bench.output);
+            if let Some(reply) = bench.tasks.replies.dequeue() {
+                break reply;
+            }
+        };
+        if reply.is_err() {
             failure();
         }
     }
@@ -81,9 +86,12 @@ fn running(index: u32) -> Arguments {
     Arguments { r: pointers.map(|address| address as u32), ..Default::default() }
 }
 
+/// Every other step, so that those that had to wait are obeyed, too.
 fn commanded(index: u32) -> Arguments {
-    let command = if index.is_multiple_of(2) { 0.5 } else { -0.5 };
-    bench().send(Command::Drive(Modulation::from_num(command)));
+    if index.is_multiple_of(2) {
+        let command = if index.is_multiple_of(4) { 0.5 } else { -0.5 };
+        bench().send(Command::Drive(Modulation::from_num(command)));
+    }
     running(index)
 }
 

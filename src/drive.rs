@@ -132,6 +132,15 @@ impl Channels {
     }
 }
 
+/// How much of a hurry a step is in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pace {
+    /// Running with sinusoidal commutation.
+    Sinusoidal,
+    /// Anything else.
+    Any,
+}
+
 /// The drive.
 pub struct Drive {
     config: Config,
@@ -139,8 +148,8 @@ pub struct Drive {
     estimator: Option<&'static mut Estimator>,
     /// State, angle and speed.
     live: Record,
-    /// Successive samples without a plausible angle.
-    missed: u32,
+    /// What the mode and the settings come to, for the step to look at first.
+    pace: Pace,
     amplitude: Amplitude,
     /// The same, for the sinusoidal commutation.
     axes: Axes,
@@ -149,8 +158,8 @@ pub struct Drive {
     /// Where block commutation stands.
     sextant: Sextant,
     drag: Drag,
-    /// Steps to the next record.
-    until_record: u32,
+    /// Sequence number of the step with the next record.
+    next_record: u32,
 }
 
 impl Drive {
@@ -162,12 +171,12 @@ impl Drive {
             channels,
             estimator: None,
             live: Record::new(),
-            missed: 0,
+            pace: Pace::Any,
             amplitude: Amplitude::ZERO,
             axes: Axes::new(Amplitude::ZERO, config.order(), config.limits.half()),
             lead: ElectricalAngle::QUARTER,
             sextant: Sextant::First,
-            until_record: 1,
+            next_record: 1,
         }
     }
 
@@ -177,83 +186,79 @@ impl Drive {
     /// A step that hands over a record leaves a waiting command to the next, so that no step is burdened with both.
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
+        let codes = sample.halls;
         self.live.sequence = self.live.sequence.wrapping_add(1);
-        self.until_record = self.until_record.wrapping_sub(1);
-        if self.until_record != 0 {
-            self.receive(sample);
+        let records = self.live.sequence == self.next_record;
+        if !records {
+            self.receive(codes);
         }
         // First what is in a hurry.
-        if !self.is_running() {
-            return self.idle(sample);
+        if self.pace != Pace::Sinusoidal {
+            return self.slow(codes, records);
         }
-        if !self.measure(&sample.halls) {
-            return self.fallen(sample);
+        if !self.measure(codes) {
+            return self.fallen(codes);
         }
-        if self.until_record == 0 {
-            self.record(sample, self.config.record_every);
+        if records {
+            self.record(codes, self.config.record_every);
         }
         let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
-        match self.config.commutation {
-            Commutation::Sinusoidal => Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL },
-            Commutation::Block => self.block(vector),
-        }
-    }
-
-    #[inline(always)]
-    fn is_running(&self) -> bool {
-        matches!(self.live.mode, Mode::Running)
+        Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL }
     }
 
     /// Obeys one command, if there is one.
     #[inline(always)]
-    fn receive(&mut self, sample: &Sample) {
+    fn receive(&mut self, codes: Codes) {
         if let Some(command) = self.channels.commands.dequeue() {
-            let reply = self.obey(command, sample);
+            let reply = self.obey(command, codes);
             // A task that reads no replies does not get any.
             let _ = self.channels.replies.enqueue(reply);
         }
     }
 
-    /// A step in any other state than running.
+    /// A step in any other state than running sinusoidally.
     #[cold]
     #[inline(never)]
-    fn idle(&mut self, sample: &Sample) -> Output {
-        let (output, every) = match self.live.mode {
-            Mode::Aligning | Mode::Calibrating => (self.calibrate(), self.config.calibration_record_every),
-            _ => {
-                self.measure(&sample.halls);
-                (Output::OFF, self.config.record_every)
+    fn slow(&mut self, codes: Codes, records: bool) -> Output {
+        let output = match self.live.mode {
+            Mode::Aligning | Mode::Calibrating => self.calibrate(),
+            Mode::Running => self.block(codes),
+            Mode::Unarmed | Mode::Ready | Mode::Faulted(_) => {
+                self.measure(codes);
+                Output::OFF
             }
         };
-        if self.until_record == 0 {
-            self.record(sample, every);
+        if records {
+            let calibrating = matches!(self.live.mode, Mode::Aligning | Mode::Calibrating);
+            let every = if calibrating { self.config.calibration_record_every } else { self.config.record_every };
+            self.record(codes, every);
             // A calibration may record every step.
             if every == 1 {
-                self.receive(sample);
+                self.receive(codes);
             }
         }
-        // The command may have been to disarm.
+        // The command may have been to disarm, the angle implausible.
         if self.live.mode.drives() { output } else { Output::OFF }
     }
 
     /// The step that found a fault.
     #[cold]
     #[inline(never)]
-    fn fallen(&mut self, sample: &Sample) -> Output {
-        self.record(sample, self.config.record_every);
+    fn fallen(&mut self, codes: Codes) -> Output {
+        self.record(codes, self.config.record_every);
         Output::OFF
     }
 
     /// Angle and speed from the Halls. False when that made a running drive fail.
     #[inline(always)]
-    fn measure(&mut self, codes: &Codes) -> bool {
+    fn measure(&mut self, codes: Codes) -> bool {
         let Some(estimator) = &self.estimator else { return true };
-        match estimator.angle(codes) {
+        match estimator.angle(&codes) {
             Ok(angle) => {
                 if self.live.rotor.step(&self.config.tracking, angle).is_err() {
                     return self.jumped(angle);
                 }
-                if self.missed != 0 {
+                if self.live.missed != 0 {
                     self.found();
                 }
                 if self.live.rotor.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32 {
@@ -268,7 +273,7 @@ impl Drive {
     /// The angle is plausible again.
     #[cold]
     fn found(&mut self) {
-        self.missed = 0;
+        self.live.missed = 0;
         self.live.limits = self.live.limits.without(Limits::EXTRAPOLATED);
     }
 
@@ -304,9 +309,9 @@ impl Drive {
 
     /// Counts a sample without a plausible angle; false when they are too many.
     fn miss(&mut self) -> bool {
-        self.missed = self.missed.saturating_add(1);
+        self.live.missed = self.live.missed.saturating_add(1);
         self.live.limits = self.live.limits.with(Limits::EXTRAPOLATED);
-        self.missed <= self.config.tolerated
+        self.live.missed <= self.config.tolerated
     }
 
     /// Latches a fault if the bridge is on; true if it is not.
@@ -321,8 +326,9 @@ impl Drive {
         !failed
     }
 
-    #[inline(never)]
-    fn block(&mut self, vector: ElectricalAngle) -> Output {
+    fn block(&mut self, codes: Codes) -> Output {
+        self.measure(codes);
+        let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
         self.sextant = self.sextant.follow(vector);
         self.sextant.output(self.config.order(), self.amplitude, self.config.limits.half())
     }
@@ -334,8 +340,8 @@ impl Drive {
 
     /// A step of the calibration's motion.
     fn calibrate(&mut self) -> Output {
-        // The field that acts while this sample is taken.
-        self.live.field = self.drag.field();
+        // The field that acts while this sample is taken stands for the rotor that follows it.
+        self.live.rotor = Tracker::at(self.drag.field());
         self.live.calibration = match self.drag.step(&self.config.drag) {
             Stage::Rise | Stage::Stand(_) => Progress::None,
             Stage::Settle(_) => {
@@ -355,22 +361,22 @@ impl Drive {
 
     /// Hands a record to the tasks; when they do not keep up, it is lost.
     #[inline(always)]
-    fn record(&mut self, sample: &Sample, every: u32) {
-        self.until_record = every;
-        self.live.codes = sample.halls;
+    fn record(&mut self, codes: Codes, every: u32) {
+        self.next_record = self.live.sequence.wrapping_add(every);
+        self.live.codes = codes;
         let _ = self.channels.records.enqueue(self.live);
     }
 
     #[cold]
     #[inline(never)]
-    fn obey(&mut self, command: Command, sample: &Sample) -> Reply {
+    fn obey(&mut self, command: Command, codes: Codes) -> Reply {
         match command {
             Command::Calibrate => {
                 self.on_command(Event::Calibrate)?;
                 self.drag = Drag::OFF;
                 self.live.calibration = Progress::None;
             }
-            Command::Install(estimator) => self.install(estimator, sample)?,
+            Command::Install(estimator) => self.install(estimator, codes)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
             Command::Arm => self.arm()?,
             Command::Disarm => {
@@ -384,7 +390,7 @@ impl Drive {
         Ok(())
     }
 
-    fn install(&mut self, estimator: &'static mut Estimator, sample: &Sample) -> Reply {
+    fn install(&mut self, estimator: &'static mut Estimator, codes: Codes) -> Reply {
         let allowed = self.on_command(Event::Installed);
         let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
@@ -392,22 +398,22 @@ impl Drive {
             let _ = self.channels.retired.enqueue(unused);
         }
         if allowed.is_ok() && self.live.mode == Mode::Ready {
-            self.relock(sample);
+            self.relock(codes);
         }
         allowed
     }
 
     /// Starts to track anew where the rotor is.
-    fn relock(&mut self, sample: &Sample) {
-        let angle = self.estimator.as_ref().and_then(|estimator| estimator.angle(&sample.halls).ok());
-        self.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
+    fn relock(&mut self, codes: Codes) {
+        let angle = self.estimator.as_ref().and_then(|estimator| estimator.angle(&codes).ok());
+        self.live.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
         self.live.rotor = Tracker::at(angle.unwrap_or(ElectricalAngle::ZERO));
     }
 
     fn arm(&mut self) -> Reply {
         match self.live.mode {
             Mode::Unarmed => Err(Refusal::NotCalibrated),
-            Mode::Ready if self.missed != 0 => Err(Refusal::NoAngle),
+            Mode::Ready if self.live.missed != 0 => Err(Refusal::NoAngle),
             _ => {
                 self.set_amplitude(Amplitude::ZERO);
                 self.on_command(Event::Arm)
@@ -435,13 +441,19 @@ impl Drive {
 
     fn on(&mut self, event: Event) {
         if let Some(mode) = self.live.mode.after(event) {
-            self.live.mode = mode;
+            self.enter(mode);
         }
+    }
+
+    fn enter(&mut self, mode: Mode) {
+        self.live.mode = mode;
+        let hurry = mode == Mode::Running && self.config.commutation == Commutation::Sinusoidal;
+        self.pace = if hurry { Pace::Sinusoidal } else { Pace::Any };
     }
 
     fn on_command(&mut self, event: Event) -> Reply {
         let mode = self.live.mode.after(event).ok_or(Refusal::Mode(self.live.mode))?;
-        self.live.mode = mode;
+        self.enter(mode);
         Ok(())
     }
 

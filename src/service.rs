@@ -138,7 +138,7 @@ impl Service {
                     self.collector = Collector::new(self.config.adc_bits);
                 }
                 self.collected += 1;
-                self.collector.push(sweep, record.field, &record.codes, record.sequence);
+                self.collector.push(sweep, record.rotor.angle(), &record.codes, record.sequence);
                 Event::Record(record)
             }
             Progress::Complete if self.collected > 0 => self.finish(),

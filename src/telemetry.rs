@@ -7,25 +7,26 @@ use crate::hall::calibrate::Sweep;
 use crate::hall::track::Tracker;
 use crate::mode::Mode;
 
-/// One sample and what became of it. The drive keeps one up to date as its state, so that handing it over is a copy.
+/// One sample and what became of it: 32 bytes without a gap. The drive keeps one up to date as its state, so that handing
+/// it over is a copy of eight words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(C)]
 pub struct Record {
-    /// Position, angle and speed of the rotor.
+    /// Position, angle and speed of the rotor. While calibrating, the field's, which acts while the sample is taken.
     pub rotor: Tracker,
     /// Number of the step, wrapping.
     pub sequence: u32,
-    /// While calibrating: the angle of the field that acts.
-    pub field: ElectricalAngle,
     /// The Halls as sampled.
     pub codes: Codes,
+    /// Successive samples without a plausible angle up to this one, over which the rotor is extrapolated.
+    pub missed: u16,
+    /// State after the step.
+    pub mode: Mode,
     /// What held the drive back.
     pub limits: Limits,
     /// What the sample is to a calibration.
     pub calibration: Progress,
-    /// State after the step.
-    pub mode: Mode,
 }
 
 impl Record {
@@ -34,11 +35,11 @@ impl Record {
         Self {
             rotor: Tracker::at(ElectricalAngle::ZERO),
             sequence: 0,
-            field: ElectricalAngle::ZERO,
             codes: [0; 3],
+            missed: 0,
+            mode: Mode::Unarmed,
             limits: Limits::NONE,
             calibration: Progress::None,
-            mode: Mode::Unarmed,
         }
     }
 
@@ -64,4 +65,14 @@ pub enum Progress {
     Sample(Sweep),
     /// Both sweeps are done: what was collected is complete.
     Complete,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_is_eight_words() {
+        assert_eq!(size_of::<Record>(), 32);
+    }
 }

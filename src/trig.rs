@@ -110,8 +110,8 @@ const fn normalise(y: i32, x: i32) -> (i32, i32) {
 }
 
 /// A table of the arctangent over the whole turn: four quadrants of 64 segments of the quotient |y| / (|x| + |y|),
-/// along which the angle rises almost evenly and without a decision where |x| = |y|. Quadrants follow [`Direction`]'s
-/// numbering. A calibrated drive has its own table, which also holds what its sensors do to the angle (see
+/// along which the angle rises almost evenly and without a decision where |x| = |y|. Bit 1 of a quadrant's
+/// number is y < 0, bit 0 is x < 0. A calibrated drive has its own table, which also holds what its sensors do to the angle (see
 /// [`crate::hall::estimate`]).
 pub type QuadrantTable = [Segment; 4 << QUADRANT_BITS];
 

@@ -286,7 +286,7 @@ fn a_calibration_can_be_stopped_and_repeated() {
     for disarm_after in [10, 20_000, 60_000] {
         bench.command(Command::Calibrate).unwrap();
         for k in 0..disarm_after {
-            bench.rotor = bench.drive.live().field;
+            bench.rotor = bench.drive.tracker().angle();
             bench.step();
             if k % 40 == 0 {
                 while bench.service.poll().is_some() {}
@@ -300,7 +300,7 @@ fn a_calibration_can_be_stopped_and_repeated() {
     let mut progress = 0.0;
     let calibration = loop {
         // An ideal rotor that follows the field 5° behind.
-        bench.rotor = bench.drive.live().field;
+        bench.rotor = bench.drive.tracker().angle();
         bench.step();
         if bench.mode() == Mode::Calibrating {
             assert!(bench.service.progress() >= progress);

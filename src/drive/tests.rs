@@ -401,11 +401,9 @@ fn a_fault_is_told_at_once_and_the_numbers_stay_right() {
                 continue;
             }
             if told == Some(k) {
-                assert_eq!(
-                    record.map(|(_, at)| at),
-                    Some(100 + extra + k + 1),
-                    "the step after the fault has a record"
-                );
+                // By the step that found it, or the next.
+                let at = record.map_or(0, |(_, at)| at);
+                assert!((100 + extra + k..=100 + extra + k + 1).contains(&at), "{extra} {k} {at}");
             }
         }
         assert!(told.is_some());

@@ -4,3 +4,4 @@
 pub mod angle;
 pub mod hall;
 pub mod trig;
+pub mod vernier;

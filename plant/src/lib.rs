@@ -1,2 +1,4 @@
 //! Physics of the motor.
 #![no_std]
+
+pub mod rings;

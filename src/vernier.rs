@@ -18,6 +18,7 @@
 //! entries of the decoder's table, so that the margin is ±2¹⁵ whatever the rings ([`rings::Rings::residual_counts`]).
 
 pub mod baseline;
+pub mod calibrate;
 pub mod continuity;
 pub mod correct;
 pub mod decode;

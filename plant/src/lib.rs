@@ -1,4 +1,5 @@
 //! Physics of the motor.
 #![no_std]
 
+pub mod construction;
 pub mod rings;

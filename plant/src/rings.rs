@@ -68,7 +68,9 @@ impl Ring {
         let mut angle =
             electrical + displaced(pair) * (1.0 - within) + displaced(pair + 1.0) * within;
         for (order, (amplitude, phase)) in (1..).zip(self.harmonics) {
-            angle += amplitude * sin(f64::from(order) * electrical + phase);
+            if amplitude != 0.0 {
+                angle += amplitude * sin(f64::from(order) * electrical + phase);
+            }
         }
         angle
     }

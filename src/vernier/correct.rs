@@ -37,10 +37,34 @@ impl Curve {
         }
     }
 
-    /// The error at a node, 0 to 32, constant part included.
-    const fn error(&self, node: usize) -> i32 {
-        ((self.errors[node % NODES] as i32) << 16).wrapping_add(self.phase.to_bits())
+    /// The reading without its error, as [`Linearity::correct`] gives it, without the table.
+    pub const fn correct(&self, reading: u16) -> u16 {
+        corrected(self.segment((reading >> OFFSET_BITS) as usize), reading)
     }
+
+    /// The line between a node and the next, from the reading to the place.
+    const fn segment(&self, node: usize) -> Segment {
+        let begin = (node as u32) << (32 - NODE_BITS);
+        let end = begin.wrapping_add(1 << (32 - NODE_BITS));
+        let mut segment = Segment::through(
+            (begin as i32).wrapping_sub(self.error(node)),
+            (end as i32).wrapping_sub(self.error((node + 1) % NODES)),
+            OFFSET_BITS,
+        );
+        // The result is cut to 16 bits: half a bit more makes that a rounding.
+        segment.start = segment.start.wrapping_add(1 << 15);
+        segment
+    }
+
+    /// The error at a node, constant part included.
+    const fn error(&self, node: usize) -> i32 {
+        ((self.errors[node] as i32) << 16).wrapping_add(self.phase.to_bits())
+    }
+}
+
+#[inline(always)]
+const fn corrected(segment: Segment, reading: u16) -> u16 {
+    (segment.at(reading as u32 & ((1 << OFFSET_BITS) - 1)) as u32 >> 16) as u16
 }
 
 /// A curve as the interrupt uses it: reading in, true place in the pole pair out; 256 bytes.
@@ -53,15 +77,7 @@ impl Linearity {
         let mut table = [Segment { start: 0, slope: 0 }; NODES];
         let mut node = 0;
         while node < NODES {
-            let begin = (node as u32) << (32 - NODE_BITS);
-            let end = begin.wrapping_add(1 << (32 - NODE_BITS));
-            table[node] = Segment::through(
-                (begin as i32).wrapping_sub(curve.error(node)),
-                (end as i32).wrapping_sub(curve.error(node + 1)),
-                OFFSET_BITS,
-            );
-            // The result is cut to 16 bits: half a bit more makes that a rounding.
-            table[node].start = table[node].start.wrapping_add(1 << 15);
+            table[node] = curve.segment(node);
             node += 1;
         }
         Self(table)
@@ -70,8 +86,7 @@ impl Linearity {
     /// The reading without its error, wrapped; interpolated between the nodes and rounded to 2⁻¹⁶ pole pairs.
     #[inline(always)]
     pub const fn correct(&self, reading: u16) -> u16 {
-        let segment = self.0[(reading >> OFFSET_BITS) as usize];
-        (segment.at(reading as u32 & ((1 << OFFSET_BITS) - 1)) as u32 >> 16) as u16
+        corrected(self.0[(reading >> OFFSET_BITS) as usize], reading)
     }
 }
 
@@ -119,6 +134,7 @@ mod tests {
         for reading in 0..=u16::MAX {
             let place = f64::from(reading) / 65536.0;
             let truth = place - error(place) - 77.0 / 360.0;
+            assert_eq!(table.correct(reading), curve.correct(reading));
             let corrected = f64::from(table.correct(reading)) / 65536.0;
             let difference = corrected - truth;
             worst = worst.max((difference - libm::round(difference)).abs() * 360.0);

@@ -52,7 +52,7 @@ impl<const HEADS: usize> Calibration<HEADS> {
     /// The largest [`Self::residual_limit`]: beyond it the neighbouring entry is about as likely.
     pub const RESIDUAL_LIMIT: u16 = 3 << 13;
     /// The largest of [`Self::apart_limits`].
-    pub const APART_LIMIT: u16 = 1 << 14;
+    pub const APART_LIMIT: u16 = 3 << 13;
 
     /// For perfect rings, and heads spread evenly around the shaft whose electrical zeros are aligned at the first
     /// head; the limits at their largest.

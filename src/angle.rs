@@ -174,16 +174,14 @@ impl Position {
 pub struct PolePairs(u8);
 
 impl PolePairs {
+    /// A rotor with two poles.
+    pub const ONE: Self = Self(1);
     /// The largest number supported.
     pub const MAX: u8 = 64;
 
     /// `None` unless 1 to 64.
     pub const fn new(pairs: u8) -> Option<Self> {
-        if 1 <= pairs && pairs <= Self::MAX {
-            Some(Self(pairs))
-        } else {
-            None
-        }
+        if 1 <= pairs && pairs <= Self::MAX { Some(Self(pairs)) } else { None }
     }
 
     /// As a number.
@@ -217,18 +215,9 @@ mod tests {
         }
         assert_eq!(ElectricalAngle::from_degrees(180.0), ElectricalAngle::HALF);
         assert_eq!(ElectricalAngle::from_degrees(-180.0), ElectricalAngle::HALF);
-        assert_eq!(
-            ElectricalAngle::from_degrees(90.0),
-            ElectricalAngle::QUARTER
-        );
-        assert_eq!(
-            ElectricalAngle::from_degrees(f32::NAN),
-            ElectricalAngle::ZERO
-        );
-        assert_eq!(
-            ElectricalAngle::from_degrees(f32::INFINITY),
-            ElectricalAngle::ZERO
-        );
+        assert_eq!(ElectricalAngle::from_degrees(90.0), ElectricalAngle::QUARTER);
+        assert_eq!(ElectricalAngle::from_degrees(f32::NAN), ElectricalAngle::ZERO);
+        assert_eq!(ElectricalAngle::from_degrees(f32::INFINITY), ElectricalAngle::ZERO);
     }
 
     #[test]

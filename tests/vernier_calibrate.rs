@@ -12,10 +12,10 @@ const STEP: f64 = TAU / 8_000.0;
 fn imperfect() -> Imperfections {
     let degrees = f64::to_radians;
     Imperfections {
-        eccentricity: 0.05,
-        misplacement: degrees(1.0),
-        harmonics: [degrees(2.0), degrees(2.0), 0.0, 0.0],
-        displacement: 0.0,
+        eccentricity_mm: 0.05,
+        misplacement_rad: degrees(1.0),
+        harmonics_rad: [degrees(2.0), degrees(2.0), 0.0, 0.0],
+        displacement_rad: 0.0,
         noise: 1.0,
     }
 }
@@ -30,9 +30,7 @@ fn paper() -> Rings {
 }
 
 fn read<const HEADS: usize>(construction: &mut Construction, shaft: f64) -> Reading<HEADS> {
-    let [reference, vernier] = construction
-        .digital(shaft)
-        .map(|codes| codes.map(|code| paper().reading(code)));
+    let [reference, vernier] = construction.digital(shaft).map(|codes| codes.map(|code| paper().reading(code)));
     Reading { reference, vernier }
 }
 
@@ -53,10 +51,7 @@ fn calibrate<const HEADS: usize>(
 }
 
 /// Wrong pole pairs, RMS and largest error in degrees, without the constant part.
-fn errors<const HEADS: usize>(
-    construction: &mut Construction,
-    calibration: &Calibration<HEADS>,
-) -> (usize, f64, f64) {
+fn errors<const HEADS: usize>(construction: &mut Construction, calibration: &Calibration<HEADS>) -> (usize, f64, f64) {
     let step = MechanicalAngle::from_degrees(1.0);
     let encoder = Encoder::new(&paper(), calibration, step).unwrap();
     let mut errors: Vec<f64> = (0..10_000)
@@ -89,8 +84,7 @@ fn opposite_heads_on_an_unsteady_shaft() {
         let mut construction = construction(&imperfect(), seed);
         for direction in [1.0, -1.0] {
             let mut shaft = UnsteadyShaft::new(direction * STEP, 0.05, seed);
-            let (calibration, report) =
-                calibrate::<2>(&mut construction, || shaft.turn(), 60_000).unwrap();
+            let (calibration, report) = calibrate::<2>(&mut construction, || shaft.turn(), 60_000).unwrap();
             let (wrong, rms, largest) = errors(&mut construction, &calibration);
             println!("{seed} {direction}: {report:?} {wrong} {rms} {largest}");
             assert_eq!(wrong, 0);

@@ -26,11 +26,7 @@ fn check_every_reading(p: u8, q: u8, bits: u8) {
         let y = vernier_at(position, p.into(), q.into(), bits);
         let pole_pair = (position >> bits) as u8;
 
-        for found in [
-            pairs.decode(x, y),
-            decode_by_search(&rings, x, y),
-            decode_combined(&rings, x, y),
-        ] {
+        for found in [pairs.decode(x, y), decode_by_search(&rings, x, y), decode_combined(&rings, x, y)] {
             assert_eq!(found.pole_pair, pole_pair, "{p}/{q} {bits} {position}");
             assert!(found.distance.abs() <= 1);
             assert_eq!(u64::from(found.position(&rings, x)), position);
@@ -87,19 +83,10 @@ fn every_reading_of_other_rings() {
 #[test]
 fn two_entries_hold_the_nearest() {
     let mut random = Pcg32::seed_from_u64(4);
-    for (p, q) in [
-        (37, 45),
-        (45, 37),
-        (2, 3),
-        (63, 64),
-        (64, 63),
-        (1, 64),
-        (19, 7),
-    ] {
+    for (p, q) in [(37, 45), (45, 37), (2, 3), (63, 64), (64, 63), (1, 64), (19, 7)] {
         let rings = Rings::new(p, q, 16).unwrap();
         for spread in [0, 100, 8_000, 32_767_i16] {
-            let averages: [i16; 64] =
-                core::array::from_fn(|_| random.random_range(-spread..=spread));
+            let averages: [i16; 64] = core::array::from_fn(|_| random.random_range(-spread..=spread));
             let table = AverageTable::new(&rings, &averages);
             let corners = [(0, 0), (u16::MAX, 0), (0, u16::MAX), (u16::MAX, u16::MAX)];
             let anywhere = (0..20_000).map(|_| (random.random(), random.random()));
@@ -120,11 +107,7 @@ fn check_nearest(rings: &Rings, table: &AverageTable, averages: &[i16; 64], x: u
     let distance = |k: i64| {
         let entry = i64::from(averages[k as usize]) - ((q * k) << 16);
         let ahead = (difference - entry).rem_euclid(turn);
-        if ahead > turn / 2 {
-            ahead - turn
-        } else {
-            ahead
-        }
+        if ahead > turn / 2 { ahead - turn } else { ahead }
     };
     let nearest = (0..p).map(|k| distance(k).abs()).min().unwrap();
     let decoded = table.decode(x, y);

@@ -16,10 +16,7 @@ fn paper() -> Rings {
 
 /// 37 and 45 pole pairs of 2 mm, both on one eccentric ring.
 fn plant(eccentricity: f64) -> [Ring; 2] {
-    [37, 45].map(|pole_pairs| Ring {
-        eccentricity,
-        ..Ring::new(pole_pairs, 2.0)
-    })
+    [37, 45].map(|pole_pairs| Ring { eccentricity_mm: eccentricity, ..Ring::new(pole_pairs, 2.0) })
 }
 
 /// Share of wrong pole pairs in percent and largest residual in counts, with an uncalibrated encoder.

@@ -11,13 +11,13 @@ use rand_pcg::Pcg32;
 #[derive(Clone, Copy, Debug)]
 pub struct Imperfections {
     /// Of both rings together, in mm.
-    pub eccentricity: f64,
+    pub eccentricity_mm: f64,
     /// Placement error of the opposite heads, in radians.
-    pub misplacement: f64,
+    pub misplacement_rad: f64,
     /// Amplitudes of the first to fourth harmonic of each ring's angle error, in electrical radians.
-    pub harmonics: [f64; 4],
+    pub harmonics_rad: [f64; 4],
     /// Displacement of the begin of a pole pair, in electrical radians.
-    pub displacement: f64,
+    pub displacement_rad: f64,
     /// Noise of a reading, in codes, evenly distributed.
     pub noise: f64,
 }
@@ -25,10 +25,10 @@ pub struct Imperfections {
 impl Imperfections {
     /// None.
     pub const NONE: Self = Self {
-        eccentricity: 0.0,
-        misplacement: 0.0,
-        harmonics: [0.0; 4],
-        displacement: 0.0,
+        eccentricity_mm: 0.0,
+        misplacement_rad: 0.0,
+        harmonics_rad: [0.0; 4],
+        displacement_rad: 0.0,
         noise: 0.0,
     };
 }
@@ -45,61 +45,54 @@ pub struct Construction {
 }
 
 impl Construction {
-    /// Rings of the given pole pairs, each `pole_pair_length` mm long, with heads of `bits` bits; the heads of the
+    /// Rings of the given pole pairs, each `pole_pair_length_mm` mm long, with heads of `bits` bits; the heads of the
     /// second ring stand `head_angle` further than those of the first.
     pub fn new(
         pole_pairs: [usize; 2],
-        pole_pair_length: f64,
-        head_angle: f64,
+        pole_pair_length_mm: f64,
+        head_angle_rad: f64,
         bits: u32,
         imperfections: &Imperfections,
         seed: u64,
     ) -> Self {
         let mut random = Pcg32::seed_from_u64(seed);
-        let eccentricity_direction = TAU * unit(&mut random);
+        let eccentricity_direction_rad = TAU * unit(&mut random);
         let rings = pole_pairs.map(|pole_pairs| {
             let mut ring = Ring {
-                eccentricity: imperfections.eccentricity,
-                eccentricity_direction,
-                harmonics: imperfections
-                    .harmonics
-                    .map(|amplitude| (amplitude, TAU * unit(&mut random))),
-                ..Ring::new(pole_pairs, pole_pair_length)
+                eccentricity_mm: imperfections.eccentricity_mm,
+                eccentricity_direction_rad,
+                harmonics_rad: imperfections.harmonics_rad.map(|amplitude| (amplitude, TAU * unit(&mut random))),
+                ..Ring::new(pole_pairs, pole_pair_length_mm)
             };
-            for displacement in &mut ring.displacements[..pole_pairs] {
-                *displacement = imperfections.displacement * signed(&mut random);
+            for displacement in &mut ring.displacements_rad[..pole_pairs] {
+                *displacement = imperfections.displacement_rad * signed(&mut random);
             }
             ring
         });
-        let heads = [0.0, head_angle].map(|mounted| {
+        let heads = [0.0, head_angle_rad].map(|mounted| {
             let first = Head::new(mounted, bits);
-            let opposite = first.opposite(imperfections.misplacement * signed(&mut random));
+            let opposite = first.opposite(imperfections.misplacement_rad * signed(&mut random));
             [first, opposite]
         });
-        Self {
-            rings,
-            heads,
-            noise: imperfections.noise,
-            random,
-        }
+        Self { rings, heads, noise: imperfections.noise, random }
     }
 
-    /// The codes of heads that give angles, with the shaft at `shaft`: for each ring those of its first `HEADS` heads.
-    pub fn digital<const HEADS: usize>(&mut self, shaft: f64) -> [[u16; HEADS]; 2] {
+    /// The codes of heads that give angles, with the shaft at `shaft_rad`: for each ring those of its first `HEADS` heads.
+    pub fn digital<const HEADS: usize>(&mut self, shaft_rad: f64) -> [[u16; HEADS]; 2] {
         core::array::from_fn(|ring| {
             core::array::from_fn(|head| {
                 let noise = self.noise * signed(&mut self.random);
-                self.heads[ring][head].digital(&self.rings[ring], shaft, noise)
+                self.heads[ring][head].digital(&self.rings[ring], shaft_rad, noise)
             })
         })
     }
 
     /// The codes of heads that give sine and cosine.
-    pub fn analog<const HEADS: usize>(&mut self, shaft: f64) -> [[[u16; 2]; HEADS]; 2] {
+    pub fn analog<const HEADS: usize>(&mut self, shaft_rad: f64) -> [[[u16; 2]; HEADS]; 2] {
         core::array::from_fn(|ring| {
             core::array::from_fn(|head| {
                 let noise = [(); 2].map(|()| self.noise * signed(&mut self.random));
-                self.heads[ring][head].analog(&self.rings[ring], shaft, noise)
+                self.heads[ring][head].analog(&self.rings[ring], shaft_rad, noise)
             })
         })
     }
@@ -109,8 +102,8 @@ impl Construction {
 #[derive(Clone, Debug)]
 pub struct UnsteadyShaft {
     /// The angle now.
-    pub angle: f64,
-    step: f64,
+    pub angle_rad: f64,
+    step_rad: f64,
     ripple: f64,
     phases: [f64; 4],
 }
@@ -119,15 +112,10 @@ pub struct UnsteadyShaft {
 const RIPPLE: [(f64, f64); 4] = [(1.0, 0.4), (2.0, 0.2), (12.0, 0.2), (42.0, 0.2)];
 
 impl UnsteadyShaft {
-    /// A shaft that turns by `step` radians a sample on average, its speed varying by up to the share `ripple`.
-    pub fn new(step: f64, ripple: f64, seed: u64) -> Self {
+    /// A shaft that turns by `step_rad` radians a sample on average, its speed varying by up to the share `ripple`.
+    pub fn new(step_rad: f64, ripple: f64, seed: u64) -> Self {
         let mut random = Pcg32::seed_from_u64(seed);
-        Self {
-            angle: TAU * unit(&mut random),
-            step,
-            ripple,
-            phases: [(); 4].map(|()| TAU * unit(&mut random)),
-        }
+        Self { angle_rad: TAU * unit(&mut random), step_rad, ripple, phases: [(); 4].map(|()| TAU * unit(&mut random)) }
     }
 
     /// Turns on by one sample, and gives the angle.
@@ -135,10 +123,10 @@ impl UnsteadyShaft {
         let variation: f64 = RIPPLE
             .iter()
             .zip(self.phases)
-            .map(|((order, share), phase)| share * sin(order * self.angle + phase))
+            .map(|((order, share), phase)| share * sin(order * self.angle_rad + phase))
             .sum();
-        self.angle += self.step * (1.0 + self.ripple * variation);
-        self.angle
+        self.angle_rad += self.step_rad * (1.0 + self.ripple * variation);
+        self.angle_rad
     }
 }
 
@@ -159,15 +147,13 @@ mod tests {
     #[test]
     fn the_same_seed_builds_the_same_encoder() {
         let imperfections = Imperfections {
-            eccentricity: 0.05,
-            misplacement: 0.01,
-            harmonics: [0.03, 0.03, 0.0, 0.0],
-            displacement: 0.02,
+            eccentricity_mm: 0.05,
+            misplacement_rad: 0.01,
+            harmonics_rad: [0.03, 0.03, 0.0, 0.0],
+            displacement_rad: 0.02,
             noise: 1.0,
         };
-        let codes = |seed| {
-            Construction::new([37, 45], 2.0, 0.7, 12, &imperfections, seed).digital::<2>(1.0)
-        };
+        let codes = |seed| Construction::new([37, 45], 2.0, 0.7, 12, &imperfections, seed).digital::<2>(1.0);
         assert_eq!(codes(3), codes(3));
         assert_ne!(codes(3), codes(4));
     }
@@ -175,7 +161,7 @@ mod tests {
     #[test]
     fn the_speed_varies_as_much_as_it_should() {
         let mut shaft = UnsteadyShaft::new(1e-3, 0.05, 1);
-        let mut last = shaft.angle;
+        let mut last = shaft.angle_rad;
         let (mut slowest, mut fastest) = (f64::MAX, 0.0_f64);
         for _ in 0..10_000 {
             let angle = shaft.turn();

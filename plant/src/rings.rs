@@ -16,42 +16,42 @@ pub struct Ring {
     /// Number of pole pairs, up to 64.
     pub pole_pairs: usize,
     /// Radius of the circle over which the heads stand.
-    pub radius: f64,
+    pub radius_mm: f64,
     /// Distance of the ring's centre from the axis.
-    pub eccentricity: f64,
+    pub eccentricity_mm: f64,
     /// Direction of that distance at shaft angle zero.
-    pub eccentricity_direction: f64,
+    pub eccentricity_direction_rad: f64,
     /// Amplitude and phase of the first to fourth harmonic of the electrical angle that the magnetisation shows too
     /// much.
-    pub harmonics: [(f64, f64); 4],
+    pub harmonics_rad: [(f64, f64); 4],
     /// Electrical angle by which the begin of each pole pair is displaced.
-    pub displacements: [f64; MAX_POLE_PAIRS],
+    pub displacements_rad: [f64; MAX_POLE_PAIRS],
     /// Strength of the field, 1 as built.
     pub strength: f64,
 }
 
 impl Ring {
-    /// A perfect ring of the given pole pairs, each `pole_pair_length` long.
-    pub fn new(pole_pairs: usize, pole_pair_length: f64) -> Self {
+    /// A perfect ring of the given pole pairs, each `pole_pair_length_mm` long.
+    pub fn new(pole_pairs: usize, pole_pair_length_mm: f64) -> Self {
         Self {
             pole_pairs,
-            radius: pole_pairs as f64 * pole_pair_length / TAU,
-            eccentricity: 0.0,
-            eccentricity_direction: 0.0,
-            harmonics: [(0.0, 0.0); 4],
-            displacements: [0.0; MAX_POLE_PAIRS],
+            radius_mm: pole_pairs as f64 * pole_pair_length_mm / TAU,
+            eccentricity_mm: 0.0,
+            eccentricity_direction_rad: 0.0,
+            harmonics_rad: [(0.0, 0.0); 4],
+            displacements_rad: [0.0; MAX_POLE_PAIRS],
             strength: 1.0,
         }
     }
 
-    /// The place on the ring over which a head stands that is mounted at the angle `mounted`, with the shaft at
-    /// `shaft`: the angle from the ring's zero to the head, seen from the ring's centre. Between −π and π.
-    pub fn angle_under(&self, mounted: f64, shaft: f64) -> f64 {
+    /// The place on the ring over which a head stands that is mounted at the angle `mounted_rad`, with the shaft at
+    /// `shaft_rad`: the angle from the ring's zero to the head, seen from the ring's centre. Between −π and π.
+    pub fn angle_under(&self, mounted_rad: f64, shaft_rad: f64) -> f64 {
         // In axes that turn with the ring the head moves backwards, and the centre stands still.
-        let x = self.radius * cos(shaft - mounted)
-            + self.eccentricity * cos(self.eccentricity_direction);
-        let y = self.radius * sin(shaft - mounted)
-            + self.eccentricity * sin(self.eccentricity_direction);
+        let x =
+            self.radius_mm * cos(shaft_rad - mounted_rad) + self.eccentricity_mm * cos(self.eccentricity_direction_rad);
+        let y =
+            self.radius_mm * sin(shaft_rad - mounted_rad) + self.eccentricity_mm * sin(self.eccentricity_direction_rad);
         atan2(y, x)
     }
 
@@ -63,11 +63,10 @@ impl Ring {
         let within = turns - pair;
         let displaced = |pair: f64| {
             let count = self.pole_pairs as f64;
-            self.displacements[(pair - count * floor(pair / count)) as usize]
+            self.displacements_rad[(pair - count * floor(pair / count)) as usize]
         };
-        let mut angle =
-            electrical + displaced(pair) * (1.0 - within) + displaced(pair + 1.0) * within;
-        for (order, (amplitude, phase)) in (1..).zip(self.harmonics) {
+        let mut angle = electrical + displaced(pair) * (1.0 - within) + displaced(pair + 1.0) * within;
+        for (order, (amplitude, phase)) in (1..).zip(self.harmonics_rad) {
             if amplitude != 0.0 {
                 angle += amplitude * sin(f64::from(order) * electrical + phase);
             }
@@ -80,11 +79,11 @@ impl Ring {
 #[derive(Clone, Debug)]
 pub struct Head {
     /// Angle at which it should be mounted.
-    pub mounted: f64,
+    pub mounted_rad: f64,
     /// Mounting angle for which its zero is set: it shows zero there with the shaft at zero.
-    pub zero: f64,
+    pub zero_rad: f64,
     /// Angle by which it is mounted further.
-    pub misplaced: f64,
+    pub misplaced_rad: f64,
     /// Offset of sine and cosine output in codes.
     pub offsets: [f64; 2],
     /// Amplitude of sine and cosine output in codes at the field strength 1.
@@ -95,12 +94,12 @@ pub struct Head {
 
 impl Head {
     /// A head without errors, whose outputs use 3/4 of the converter's range.
-    pub fn new(mounted: f64, bits: u32) -> Self {
+    pub fn new(mounted_rad: f64, bits: u32) -> Self {
         let half = f64::from(1_u32 << (bits - 1));
         Self {
-            mounted,
-            zero: mounted,
-            misplaced: 0.0,
+            mounted_rad,
+            zero_rad: mounted_rad,
+            misplaced_rad: 0.0,
             offsets: [half; 2],
             amplitudes: [0.75 * half; 2],
             bits,
@@ -108,30 +107,26 @@ impl Head {
     }
 
     /// A head like this one on the opposite side of the shaft, misplaced by an angle; its zero is not moved.
-    pub fn opposite(&self, misplaced: f64) -> Self {
-        Self {
-            mounted: self.mounted + PI,
-            misplaced,
-            ..self.clone()
-        }
+    pub fn opposite(&self, misplaced_rad: f64) -> Self {
+        Self { mounted_rad: self.mounted_rad + PI, misplaced_rad, ..self.clone() }
     }
 
     /// The electrical angle of the ring under the head, zero where the shaft is at zero and nothing is wrong.
-    pub fn electrical(&self, ring: &Ring, shaft: f64) -> f64 {
-        let place = ring.angle_under(self.mounted + self.misplaced, shaft);
-        ring.field_angle(place) + self.zero * ring.pole_pairs as f64
+    pub fn electrical(&self, ring: &Ring, shaft_rad: f64) -> f64 {
+        let place = ring.angle_under(self.mounted_rad + self.misplaced_rad, shaft_rad);
+        ring.field_angle(place) + self.zero_rad * ring.pole_pairs as f64
     }
 
     /// The reading of a head that gives angles: `noise` codes are added before it is rounded down.
-    pub fn digital(&self, ring: &Ring, shaft: f64, noise: f64) -> u16 {
+    pub fn digital(&self, ring: &Ring, shaft_rad: f64, noise: f64) -> u16 {
         let counts = f64::from(1_u32 << self.bits);
-        let code = floor(self.electrical(ring, shaft) / TAU * counts + noise);
+        let code = floor(self.electrical(ring, shaft_rad) / TAU * counts + noise);
         (code - counts * floor(code / counts)) as u16
     }
 
     /// The codes of sine and cosine, each with its noise in codes, rounded, and cut at the ends of the range.
-    pub fn analog(&self, ring: &Ring, shaft: f64, noise: [f64; 2]) -> [u16; 2] {
-        let electrical = self.electrical(ring, shaft);
+    pub fn analog(&self, ring: &Ring, shaft_rad: f64, noise: [f64; 2]) -> [u16; 2] {
+        let electrical = self.electrical(ring, shaft_rad);
         let field = [sin(electrical), cos(electrical)];
         let full_scale = f64::from((1_u32 << self.bits) - 1);
         core::array::from_fn(|channel| {
@@ -152,7 +147,7 @@ mod tests {
     #[test]
     fn a_perfect_ring_shows_the_shaft_angle() {
         let ring = Ring::new(37, 2.0);
-        assert!((ring.radius - 11.777).abs() < 1e-3);
+        assert!((ring.radius_mm - 11.777).abs() < 1e-3);
         for mounted in [0.0, 0.7, PI] {
             let head = Head::new(mounted, 12);
             for step in 0..1000 {
@@ -164,11 +159,7 @@ mod tests {
 
     #[test]
     fn an_eccentric_ring_errs_by_the_ratio_of_eccentricity_and_radius() {
-        let ring = Ring {
-            radius: 14.0,
-            eccentricity: 0.05,
-            ..Ring::new(45, 2.0)
-        };
+        let ring = Ring { radius_mm: 14.0, eccentricity_mm: 0.05, ..Ring::new(45, 2.0) };
         let worst = (0..3600)
             .map(|step| f64::from(step) * TAU / 3600.0)
             .map(|shaft| near(ring.angle_under(0.0, shaft) - shaft).abs())
@@ -181,26 +172,16 @@ mod tests {
     #[test]
     fn displaced_pole_pairs_join() {
         let mut ring = Ring::new(5, 2.0);
-        ring.displacements[2] = 0.1;
+        ring.displacements_rad[2] = 0.1;
         let at = |turns: f64| ring.field_angle(turns * TAU / 5.0) - turns * TAU;
-        for (turns, expected) in [
-            (1.0, 0.0),
-            (1.5, 0.05),
-            (2.0, 0.1),
-            (2.75, 0.025),
-            (-3.0, 0.1),
-            (7.0, 0.1),
-        ] {
+        for (turns, expected) in [(1.0, 0.0), (1.5, 0.05), (2.0, 0.1), (2.75, 0.025), (-3.0, 0.1), (7.0, 0.1)] {
             assert!((at(turns) - expected).abs() < 1e-9, "{turns}");
         }
     }
 
     #[test]
     fn codes_are_cut_at_the_ends_of_the_range() {
-        let ring = Ring {
-            strength: 2.0,
-            ..Ring::new(3, 2.0)
-        };
+        let ring = Ring { strength: 2.0, ..Ring::new(3, 2.0) };
         let head = Head::new(0.0, 12);
         assert_eq!(head.analog(&ring, 0.0, [0.0; 2]), [2048, 4095]);
         assert_eq!(head.analog(&ring, PI / 3.0, [0.0; 2])[1], 0);

@@ -1,2 +1,42 @@
-//! Experiments.
-fn main() {}
+//! The command line of the experiments.
+
+use clap::{Parser, Subcommand};
+use sim::experiment::{self, Common};
+use std::process::ExitCode;
+
+/// hallservo: a servo drive from three linear Hall sensors, against a simulated motor
+#[derive(Parser)]
+#[command(version, about, args_conflicts_with_subcommands = true)]
+struct Arguments {
+    #[command(subcommand)]
+    experiment: Option<Experiment>,
+    #[command(flatten)]
+    common: Common,
+}
+
+#[derive(Subcommand)]
+enum Experiment {
+    /// Calibrate an unkind motor and turn it: start, reversal, slow and fast (the default)
+    Spin(Common),
+    /// Block and sinusoidal commutation side by side: torque and speed ripple
+    Commutation(Common),
+    /// Choose the PWM frequency; current ripple by formula and by a switched simulation
+    Pwm(Common),
+}
+
+fn main() -> ExitCode {
+    let arguments = Arguments::parse();
+    let result = match arguments.experiment {
+        None => experiment::spin::main(&arguments.common),
+        Some(Experiment::Spin(common)) => experiment::spin::main(&common),
+        Some(Experiment::Commutation(common)) => experiment::commutation::main(&common),
+        Some(Experiment::Pwm(common)) => experiment::pwm::main(&common),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("hallservo: {error:#}");
+            ExitCode::FAILURE
+        }
+    }
+}

@@ -27,18 +27,13 @@ pub fn three_sensors(signals: [Signal; 3], placements: [ElectricalAngle; 3]) -> 
     let angle_of = |own: usize| {
         let rising = resolve(signals[own], |candidate| {
             let hall = candidate + placements[own];
-            (0..3)
-                .map(|other| distance(signals[other], trig::sin(hall - placements[other])))
-                .sum()
+            (0..3).map(|other| distance(signals[other], trig::sin(hall - placements[other]))).sum()
         });
         rising + placements[own]
     };
     let first = angle_of(0);
     // Mean of the differences, for the mean of angles is not defined across the wrap.
-    let rest: i64 = [1, 2]
-        .map(|own| i64::from((angle_of(own) - first).to_bits()))
-        .iter()
-        .sum();
+    let rest: i64 = [1, 2].map(|own| i64::from((angle_of(own) - first).to_bits())).iter().sum();
     first + ElectricalAngle::from_bits((rest / 3) as i32)
 }
 
@@ -46,11 +41,7 @@ pub fn three_sensors(signals: [Signal; 3], placements: [ElectricalAngle; 3]) -> 
 fn resolve(signal: Signal, cost: impl Fn(ElectricalAngle) -> i64) -> ElectricalAngle {
     let rising = arcsine(signal);
     let falling = ElectricalAngle::HALF - rising;
-    if cost(rising) <= cost(falling) {
-        rising
-    } else {
-        falling
-    }
+    if cost(rising) <= cost(falling) { rising } else { falling }
 }
 
 /// How far a signal is from an expected one.
@@ -69,8 +60,7 @@ mod tests {
             let placements = [0.0, spacing, 2.0 * spacing].map(ElectricalAngle::from_degrees);
             for k in 0..3600 {
                 let hall = ElectricalAngle::from_degrees(k as f32 / 10.0);
-                let signals =
-                    placements.map(|placement| Signal::from_num(trig::sin(hall - placement)));
+                let signals = placements.map(|placement| Signal::from_num(trig::sin(hall - placement)));
                 worst = worst.max((estimate(signals, placements) - hall).to_degrees().abs());
             }
         }
@@ -80,8 +70,7 @@ mod tests {
     #[test]
     fn single_sensor_finds_ideal_angles() {
         // The error at the peaks is that of the sine table, 4e-5, under the square root: √(2 · 4e-5) rad = 0.51°.
-        let worst =
-            worst_error(|signals, placements| single_sensor(signals[0], signals[1], placements[1]));
+        let worst = worst_error(|signals, placements| single_sensor(signals[0], signals[1], placements[1]));
         assert!(worst < 0.52, "{worst}");
     }
 

@@ -13,7 +13,7 @@ pub mod fit;
 pub mod report;
 
 use crate::angle::{ElectricalAngle, PolePairs, Position};
-use crate::hall::estimate::{BadModel, Estimator};
+use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
 use crate::hall::{Channel, Codes};
 use core::fmt;
@@ -48,6 +48,8 @@ pub enum Error {
     NoFit,
     /// The parameters found cannot give an angle.
     Model(BadModel),
+    /// The drive did not give back the memory for the estimator.
+    Busy,
     /// The sensors work, but not well enough; the report's findings say why.
     Refused(Finding),
 }
@@ -60,16 +62,11 @@ impl fmt::Display for Error {
                 write!(f, "too few samples while turning backward")
             }
             Self::NoSignal(channel) => {
-                write!(
-                    f,
-                    "{channel} sees no magnet turning: check its supply and wire, and that the rotor is free"
-                )
+                write!(f, "{channel} sees no magnet turning: check its supply and wire, and that the rotor is free")
             }
-            Self::NoFit => write!(
-                f,
-                "the signals fit no rotor: check that it is free to follow the field"
-            ),
+            Self::NoFit => write!(f, "the signals fit no rotor: check that it is free to follow the field"),
             Self::Model(bad) => bad.fmt(f),
+            Self::Busy => write!(f, "the drive is busy with the last parameters: try again"),
             Self::Refused(finding) => finding.fmt(f),
         }
     }
@@ -104,19 +101,13 @@ pub struct Collector {
 impl Collector {
     /// An empty one, for an ADC of 1 to 16 bits.
     pub fn new(adc_bits: u8) -> Self {
-        Self {
-            bins: [[Bin::default(); BINS]; 2],
-            noise: Noise::default(),
-            at_rail: [0; 3],
-            adc_bits,
-        }
+        Self { bins: [[Bin::default(); BINS]; 2], noise: Noise::default(), at_rail: [0; 3], adc_bits }
     }
 
     /// Takes a sample made while the field pointed at `field`. `sequence` counts the samples, so that a lost one is
     /// noticed. A bin takes up to 65,536 samples and ignores more.
     pub fn push(&mut self, sweep: Sweep, field: ElectricalAngle, codes: &Codes, sequence: u32) {
-        let bin =
-            &mut self.bins[sweep as usize][field.to_bits() as u32 as usize >> (32 - BINS.ilog2())];
+        let bin = &mut self.bins[sweep as usize][field.to_bits() as u32 as usize >> (32 - BINS.ilog2())];
         if bin.count >= 1 << 16 {
             return;
         }
@@ -136,19 +127,12 @@ impl Collector {
     pub fn finish(&self, reversed: bool) -> Result<Calibration, Error> {
         let points = [self.points(Sweep::Forward)?, self.points(Sweep::Backward)?];
         let fit = fit::fit(&points)?;
-        let (forward, backward) = (
-            offset(&points[0], &fit.angles[0]),
-            offset(&points[1], &fit.angles[1]),
-        );
+        let (forward, backward) = (offset(&points[0], &fit.angles[0]), offset(&points[1], &fit.angles[1]));
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
-        let model = Model {
-            sensors: fit.sensors,
-            alignment: forward + lag,
-            reversed,
-        };
+        let model = Model { sensors: fit.sensors, alignment: forward + lag, reversed };
         let report = Report::new(&model, self, &fit, lag);
-        Estimator::new(&model, self.adc_bits).map_err(Error::Model)?;
+        estimate::validate(&model, self.adc_bits).map_err(Error::Model)?;
         match report.findings().find(Finding::refuses) {
             Some(finding) => Err(Error::Refused(finding)),
             None => Ok(Calibration { model, report }),
@@ -172,11 +156,8 @@ impl Collector {
 fn offset(points: &[Point; BINS], angles: &[ElectricalAngle; BINS]) -> ElectricalAngle {
     // Around the first, so that the mean does not see the wrap.
     let first = angles[0] - points[0].field;
-    let sum: i64 = points
-        .iter()
-        .zip(angles)
-        .map(|(point, &angle)| i64::from((angle - point.field - first).to_bits()))
-        .sum();
+    let sum: i64 =
+        points.iter().zip(angles).map(|(point, &angle)| i64::from((angle - point.field - first).to_bits())).sum();
     first + ElectricalAngle::from_bits((sum / BINS as i64) as i32)
 }
 
@@ -216,13 +197,8 @@ impl Noise {
 pub fn pole_pairs(electrical: Position, mechanical_turns: f64) -> Option<PolePairs> {
     let ratio = libm::fabs(electrical.to_turns() / mechanical_turns);
     let nearest = libm::round(ratio);
-    let near =
-        libm::fabs(ratio - nearest) <= 0.1 * nearest.max(1.0) && libm::fabs(ratio - nearest) < 0.25;
-    if near && nearest <= f64::from(PolePairs::MAX) {
-        PolePairs::new(nearest as u8)
-    } else {
-        None
-    }
+    let near = libm::fabs(ratio - nearest) <= 0.1 * nearest.max(1.0) && libm::fabs(ratio - nearest) < 0.25;
+    if near && nearest <= f64::from(PolePairs::MAX) { PolePairs::new(nearest as u8) } else { None }
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@
 //! 3×3 matrix `(F, s)` gives cosine, sine and c in nine multiply-adds straight from the ADC codes; c costs at most a few
 //! per cent of noise over the best estimate that trusts it to be zero, and is the check that the sensors agree.
 //!
-//! The angle is then the arctangent, from a table of the quotient of the shorter by the longer component. The table
+//! The angle is then the arctangent, from a table of the quotient |y| / (|x| + |y|). The table
 //! is this drive's own: where harmonics, unequal placements and the alignment φ make the true angle differ from the arctangent,
 //! the table holds the true angle. So all of them are corrected without an instruction, and the estimate does not
 //! need the amplitude.
@@ -19,7 +19,7 @@ use crate::angle::ElectricalAngle;
 use crate::hall::model::Model;
 use crate::hall::normalize::{Implausible, PLAUSIBLE, Window};
 use crate::hall::{Channel, Codes};
-use crate::trig::{self, OctantTable, Segment};
+use crate::trig::{self, QuadrantTable, Segment};
 use core::fmt;
 
 /// Smallest length of (cos, sin) that is an angle, relative to the calibrated one.
@@ -54,10 +54,7 @@ impl fmt::Display for BadModel {
             Self::AdcBits(bits) => write!(f, "an ADC of {bits} bits is not supported: 1 to 16"),
             Self::Sensor(channel) => write!(f, "{channel} has impossible parameters"),
             Self::Placement { noise_gain } => {
-                write!(
-                    f,
-                    "the Halls are placed so that the angle is {noise_gain:.1} times as noisy as it could be"
-                )
+                write!(f, "the Halls are placed so that the angle is {noise_gain:.1} times as noisy as it could be")
             }
         }
     }
@@ -76,11 +73,10 @@ impl Row {
     /// Intermediate sums may wrap; the result does not while every code is in its window.
     #[inline(always)]
     const fn dot(&self, codes: &Codes) -> i32 {
-        self.gains[0]
-            .wrapping_mul(codes[0] as i32)
+        self.bias
+            .wrapping_add(self.gains[0].wrapping_mul(codes[0] as i32))
             .wrapping_add(self.gains[1].wrapping_mul(codes[1] as i32))
             .wrapping_add(self.gains[2].wrapping_mul(codes[2] as i32))
-            .wrapping_add(self.bias)
     }
 }
 
@@ -94,7 +90,7 @@ pub struct Estimator {
     disagreement_limit: i32,
     weakest: u32,
     strength_span: u32,
-    table: OctantTable,
+    table: QuadrantTable,
     adc_bits: u8,
 }
 
@@ -105,26 +101,14 @@ impl Estimator {
     /// [`BadModel`], when a parameter is impossible or the placement leaves the angle more than
     /// [`WORST_NOISE_GAIN`] times as noisy as three well-placed sensors.
     pub fn new(model: &Model, adc_bits: u8) -> Result<Self, BadModel> {
-        let windows = windows(model, adc_bits)?;
-        let inverse = Inverse::new(model);
-        let noise_gain = inverse.noise_gain();
-        if !(noise_gain <= WORST_NOISE_GAIN) {
-            return Err(BadModel::Placement { noise_gain });
-        }
+        let (windows, inverse) = check(model, adc_bits)?;
         let unit = inverse.unit();
         let row = |row: [f32; 3]| {
-            let gains =
-                [0, 1, 2].map(|k| libm::roundf(unit * row[k] / model.sensors[k].amplitude) as i32);
-            let middle: f64 = (0..3)
-                .map(|k| f64::from(gains[k]) * f64::from(model.sensors[k].offset))
-                .sum();
-            Row {
-                gains,
-                bias: (-middle as i64) as i32,
-            }
+            let gains = [0, 1, 2].map(|k| libm::roundf(unit * row[k] / model.sensors[k].amplitude) as i32);
+            let middle: f64 = (0..3).map(|k| f64::from(gains[k]) * f64::from(model.sensors[k].offset)).sum();
+            Row { gains, bias: (-middle as i64) as i32 }
         };
-        let strength =
-            |relative: f32| ((relative * unit) * (relative * unit) / 4_294_967_296.0) as u32;
+        let strength = |relative: f32| ((relative * unit) * (relative * unit) / 4_294_967_296.0) as u32;
         Ok(Self {
             windows,
             cosine: row(inverse.cosine),
@@ -136,6 +120,22 @@ impl Estimator {
             table: table(model, &inverse),
             adc_bits,
         })
+    }
+
+    /// Memory for an estimator: it finds every code implausible.
+    pub const fn blank() -> Self {
+        const ROW: Row = Row { gains: [0; 3], bias: 0 };
+        Self {
+            windows: [Window::NOTHING; 3],
+            cosine: ROW,
+            sine: ROW,
+            disagreement: ROW,
+            disagreement_limit: 0,
+            weakest: 0,
+            strength_span: 0,
+            table: [Segment { start: 0, slope: 0 }; 4 << trig::QUADRANT_BITS],
+            adc_bits: 16,
+        }
     }
 
     /// The electrical angle.
@@ -156,23 +156,19 @@ impl Estimator {
         let (y, x) = (self.sine.dot(codes), self.cosine.dot(codes));
         let strength = ((y as i64 * y as i64 + x as i64 * x as i64) >> 32) as u32;
         if strength.wrapping_sub(self.weakest) > self.strength_span {
-            return Err(if strength < self.weakest {
-                Implausible::Weak
-            } else {
-                Implausible::Strong
-            });
+            return Err(if strength < self.weakest { Implausible::Weak } else { Implausible::Strong });
         }
         Ok(if cfg!(hardware_divide) {
-            trig::octant_angle(y, x, &self.table)
+            trig::quadrant_angle(y, x, &self.table)
         } else {
-            trig::octant_angle_without_division(y, x, &self.table)
+            trig::quadrant_angle_without_division(y, x, &self.table)
         })
     }
 
     /// The same as [`Self::angle`] without the checks, for codes that are known to be in range.
     #[inline(always)]
     pub fn angle_unchecked(&self, codes: &Codes) -> ElectricalAngle {
-        trig::octant_angle(self.sine.dot(codes), self.cosine.dot(codes), &self.table)
+        trig::quadrant_angle(self.sine.dot(codes), self.cosine.dot(codes), &self.table)
     }
 
     /// The first sensor whose code is not in its window.
@@ -186,6 +182,24 @@ impl Estimator {
         }
         first
     }
+}
+
+/// Whether an estimator can be made of the model, without the work of making it.
+///
+/// # Errors
+/// Those of [`Estimator::new`].
+pub fn validate(model: &Model, adc_bits: u8) -> Result<(), BadModel> {
+    check(model, adc_bits).map(|_| ())
+}
+
+fn check(model: &Model, adc_bits: u8) -> Result<([Window; 3], Inverse), BadModel> {
+    let windows = windows(model, adc_bits)?;
+    let inverse = Inverse::new(model);
+    let noise_gain = inverse.noise_gain();
+    if noise_gain > WORST_NOISE_GAIN {
+        return Err(BadModel::Placement { noise_gain });
+    }
+    Ok((windows, inverse))
 }
 
 fn windows(model: &Model, adc_bits: u8) -> Result<[Window; 3], BadModel> {
@@ -214,10 +228,7 @@ struct Inverse {
 impl Inverse {
     fn new(model: &Model) -> Self {
         let f = model.sensors.map(|s| {
-            let (sine, cosine) = (
-                trig::sin(s.placement).to_num::<f32>(),
-                trig::cos(s.placement).to_num::<f32>(),
-            );
+            let (sine, cosine) = (trig::sin(s.placement).to_num::<f32>(), trig::cos(s.placement).to_num::<f32>());
             [-sine, cosine]
         });
         let minor = |i: usize, k: usize| f[i][0] * f[k][1] - f[i][1] * f[k][0];
@@ -225,22 +236,11 @@ impl Inverse {
         let null = [minor(1, 2), minor(2, 0), minor(0, 1)];
         let s = null.map(|component| if component * null[0] < 0.0 { -1.0 } else { 1.0 });
         let determinant: f32 = (0..3).map(|k| null[k] * s[k]).sum();
-        let cosine = [
-            f[1][1] * s[2] - f[2][1] * s[1],
-            f[2][1] * s[0] - f[0][1] * s[2],
-            f[0][1] * s[1] - f[1][1] * s[0],
-        ];
-        let sine = [
-            f[2][0] * s[1] - f[1][0] * s[2],
-            f[0][0] * s[2] - f[2][0] * s[0],
-            f[1][0] * s[0] - f[0][0] * s[1],
-        ];
+        let cosine =
+            [f[1][1] * s[2] - f[2][1] * s[1], f[2][1] * s[0] - f[0][1] * s[2], f[0][1] * s[1] - f[1][1] * s[0]];
+        let sine = [f[2][0] * s[1] - f[1][0] * s[2], f[0][0] * s[2] - f[2][0] * s[0], f[1][0] * s[0] - f[0][0] * s[1]];
         let divide = |row: [f32; 3]| row.map(|component| component / determinant);
-        Self {
-            cosine: divide(cosine),
-            sine: divide(sine),
-            common: divide(null),
-        }
+        Self { cosine: divide(cosine), sine: divide(sine), common: divide(null) }
     }
 
     /// RMS angle noise over the turn, relative to three equal sensors 120° apart. Not a number counts as infinite.
@@ -248,19 +248,13 @@ impl Inverse {
         let power: f32 = self.cosine.iter().chain(&self.sine).map(|w| w * w).sum();
         // Half the sum over both rows is the mean over the turn; at 120° it is 2/3.
         let gain = libm::sqrtf(power * 0.5 * 1.5);
-        if gain.is_finite() {
-            gain
-        } else {
-            f32::INFINITY
-        }
+        if gain.is_finite() { gain } else { f32::INFINITY }
     }
 
     /// What one amplitude is in the integers, so that no row overflows anywhere in the windows.
     fn unit(&self) -> f32 {
         let reach = |row: &[f32; 3]| PLAUSIBLE * row.iter().map(|w| w.abs()).sum::<f32>();
-        let worst = reach(&self.cosine)
-            .max(reach(&self.sine))
-            .max(reach(&self.common));
+        let worst = reach(&self.cosine).max(reach(&self.sine)).max(reach(&self.common));
         // One per cent for rounding of the gains.
         2_147_483_648.0 * 0.99 / worst.max(1.0)
     }
@@ -272,11 +266,11 @@ impl Inverse {
 }
 
 /// The table that holds, for every quotient, the electrical angle at which the model delivers it.
-fn table(model: &Model, inverse: &Inverse) -> OctantTable {
-    let mut table = [Segment::default(); 8 << trig::OCTANT_BITS];
+fn table(model: &Model, inverse: &Inverse) -> QuadrantTable {
+    let mut table = [Segment::default(); 4 << trig::QUADRANT_BITS];
     for (index, segment) in table.iter_mut().enumerate() {
-        let [start, middle, end] = trig::segment_vectors(index)
-            .map(|(y, x)| model.electrical(hall_angle(model, inverse, y, x)).to_bits());
+        let [start, middle, end] =
+            trig::segment_vectors(index).map(|(y, x)| model.electrical(hall_angle(model, inverse, y, x)).to_bits());
         *segment = Segment::along(start, middle, end, trig::QUOTIENT_LOW);
     }
     table
@@ -288,10 +282,7 @@ fn hall_angle(model: &Model, inverse: &Inverse, y: f32, x: f32) -> ElectricalAng
     // Each step divides the error by the size of the harmonics; five reach the bits of a float.
     for _ in 0..5 {
         let (cosine, sine) = inverse.apply(model.sensors.map(|sensor| sensor.wave(hall)));
-        hall += ElectricalAngle::from_radians(libm::atan2f(
-            y * cosine - x * sine,
-            x * cosine + y * sine,
-        ));
+        hall += ElectricalAngle::from_radians(libm::atan2f(y * cosine - x * sine, x * cosine + y * sine));
     }
     hall
 }

@@ -33,13 +33,7 @@ pub struct Sensor {
 impl Sensor {
     /// A sensor without harmonics.
     pub const fn sinusoidal(offset: f32, amplitude: f32, placement: ElectricalAngle) -> Self {
-        Self {
-            offset,
-            amplitude,
-            placement,
-            third: 0.0,
-            fifth: 0.0,
-        }
+        Self { offset, amplitude, placement, third: 0.0, fifth: 0.0 }
     }
 
     /// sin x, sin 3x and sin 5x at a Hall angle.
@@ -68,12 +62,7 @@ impl Sensor {
 /// A function of the angle, of three times and of five times the angle.
 fn odd(angle: ElectricalAngle, function: fn(ElectricalAngle) -> fixed::types::I2F30) -> [f32; 3] {
     let multiple = |k: i32| ElectricalAngle::from_bits(angle.to_bits().wrapping_mul(k));
-    [
-        function(angle),
-        function(multiple(3)),
-        function(multiple(5)),
-    ]
-    .map(|value| value.to_num())
+    [function(angle), function(multiple(3)), function(multiple(5))].map(|value| value.to_num())
 }
 
 /// Three sensors and the alignment to the stator.
@@ -94,11 +83,7 @@ impl Model {
         let offset = (1_u32 << adc_bits) as f32 / 2.0;
         let sensor = |placement| Sensor::sinusoidal(offset, amplitude, placement);
         Self {
-            sensors: [
-                sensor(ElectricalAngle::ZERO),
-                sensor(spacing),
-                sensor(spacing + spacing),
-            ],
+            sensors: [sensor(ElectricalAngle::ZERO), sensor(spacing), sensor(spacing + spacing)],
             alignment: ElectricalAngle::ZERO,
             reversed: false,
         }
@@ -112,18 +97,12 @@ impl Model {
 
     /// The Hall angle at an electrical angle.
     pub fn hall(&self, electrical: ElectricalAngle) -> ElectricalAngle {
-        self.alignment
-            + if self.reversed {
-                -electrical
-            } else {
-                electrical
-            }
+        self.alignment + if self.reversed { -electrical } else { electrical }
     }
 
     /// The ADC codes at an electrical angle, rounded and kept within 16 bit.
     pub fn codes(&self, electrical: ElectricalAngle) -> Codes {
         let hall = self.hall(electrical);
-        self.sensors
-            .map(|sensor| libm::roundf(sensor.code(hall)) as u16)
+        self.sensors.map(|sensor| libm::roundf(sensor.code(hall)) as u16)
     }
 }

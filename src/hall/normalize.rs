@@ -15,7 +15,7 @@ pub type Signal = I4F28;
 pub const PLAUSIBLE: f32 = 1.5;
 
 /// Why the codes of a sample are not an angle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Implausible {
     /// The code sits at the end of the ADC's range: shorted, open, or so close to the magnet that it saturates.
@@ -51,6 +51,9 @@ pub struct Window {
 }
 
 impl Window {
+    /// No code is in it.
+    pub const NOTHING: Self = Self { low: u32::MAX, span: 0 };
+
     /// The codes within [`PLAUSIBLE`] amplitudes of the offset and off the rails of the ADC. Not a number, or a
     /// window without a code in it, gives `None`.
     pub fn new(offset: f32, amplitude: f32, adc_bits: u8) -> Option<Self> {
@@ -58,10 +61,8 @@ impl Window {
         let low = libm::ceilf(offset - PLAUSIBLE * amplitude).max(1.0);
         let high = libm::floorf(offset + PLAUSIBLE * amplitude).min(rail - 1.0);
         // False for not-a-numbers, too.
-        (amplitude > 0.0 && offset.is_finite() && low <= high).then(|| Self {
-            low: low as u32,
-            span: (high - low) as u32,
-        })
+        (amplitude > 0.0 && offset.is_finite() && low <= high)
+            .then(|| Self { low: low as u32, span: (high - low) as u32 })
     }
 
     /// Whether the code is in the window.
@@ -109,13 +110,7 @@ impl Normalizer {
         let gain = libm::round(f64::from(1_u32 << Signal::FRAC_NBITS) / f64::from(amplitude));
         // Gain times code may exceed 32 bits; the sum with the bias does not, inside the window, so it may wrap.
         let bias = -gain * f64::from(offset);
-        Some(Self {
-            window,
-            gain: gain as i32,
-            bias: (bias as i64) as i32,
-            channel,
-            adc_bits,
-        })
+        Some(Self { window, gain: gain as i32, bias: (bias as i64) as i32, channel, adc_bits })
     }
 
     /// Eq. (2): −1 at α, +1 at β, to 2⁻¹³ at 16 bits and 2⁻¹⁷ at 12.
@@ -125,11 +120,7 @@ impl Normalizer {
     #[inline(always)]
     pub const fn normalize(&self, code: u16) -> Result<Signal, Implausible> {
         if self.window.contains(code) {
-            Ok(Signal::from_bits(
-                (code as i32)
-                    .wrapping_mul(self.gain)
-                    .wrapping_add(self.bias),
-            ))
+            Ok(Signal::from_bits((code as i32).wrapping_mul(self.gain).wrapping_add(self.bias)))
         } else {
             Err(Window::explain(self.channel, code, self.adc_bits))
         }
@@ -147,12 +138,10 @@ mod tests {
             let full = f64::from((1_u32 << adc_bits) - 1);
             for (minimum, maximum) in [(0.1, 0.9), (0.3, 0.5), (0.02, 0.98), (0.6, 0.8)] {
                 let (minimum, maximum) = (full * minimum, full * maximum);
-                let sensor =
-                    Normalizer::new(Channel(1), minimum as f32, maximum as f32, adc_bits).unwrap();
+                let sensor = Normalizer::new(Channel(1), minimum as f32, maximum as f32, adc_bits).unwrap();
                 for code in 0..=(full as u16) {
                     let exact = 2.0 * (f64::from(code) - minimum) / (maximum - minimum) - 1.0;
-                    let plausible =
-                        exact.abs() <= f64::from(PLAUSIBLE) && code > 0 && f64::from(code) < full;
+                    let plausible = exact.abs() <= f64::from(PLAUSIBLE) && code > 0 && f64::from(code) < full;
                     match sensor.normalize(code) {
                         Ok(signal) => {
                             assert!(plausible, "{code}");
@@ -182,11 +171,7 @@ mod tests {
             (1e2, 2e2, 0),
             (1e2, 2e2, 17),
         ] {
-            assert_eq!(
-                Normalizer::new(Channel(0), minimum, maximum, bits),
-                None,
-                "{minimum} {maximum} {bits}"
-            );
+            assert_eq!(Normalizer::new(Channel(0), minimum, maximum, bits), None, "{minimum} {maximum} {bits}");
         }
     }
 }

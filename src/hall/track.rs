@@ -27,9 +27,7 @@ impl Config {
     /// `None` when the smoothing is not in [`Self::SMOOTHING`], the jump not above zero and below half a turn, or the
     /// delay out of range.
     pub fn new(smoothing: u32, largest_jump: ElectricalAngle, delay: f32) -> Option<Self> {
-        let valid = Self::SMOOTHING.contains(&smoothing)
-            && largest_jump.to_bits() > 0
-            && (0.0..=16.0).contains(&delay);
+        let valid = Self::SMOOTHING.contains(&smoothing) && largest_jump.to_bits() > 0 && (0.0..=16.0).contains(&delay);
         valid.then(|| Self {
             smoothing,
             largest_jump: largest_jump.to_bits() as u32,
@@ -40,10 +38,7 @@ impl Config {
     /// The smoothing exponent whose natural frequency is nearest to `bandwidth_hz`, within [`Self::SMOOTHING`].
     pub fn smoothing_for(bandwidth_hz: f32, sample_hz: f32) -> u32 {
         let exponent = libm::roundf(libm::log2f(sample_hz / (8.886 * bandwidth_hz)));
-        exponent.clamp(
-            *Self::SMOOTHING.start() as f32,
-            *Self::SMOOTHING.end() as f32,
-        ) as u32
+        exponent.clamp(*Self::SMOOTHING.start() as f32, *Self::SMOOTHING.end() as f32) as u32
     }
 }
 
@@ -64,11 +59,7 @@ pub struct Jump;
 impl Tracker {
     /// A rotor at rest at an angle.
     pub const fn at(angle: ElectricalAngle) -> Self {
-        Self {
-            position: Position::from_angle(angle),
-            angle,
-            speed: 0,
-        }
+        Self { position: Position::from_angle(angle), angle, speed: 0 }
     }
 
     /// Takes up the next measured angle.
@@ -94,8 +85,7 @@ impl Tracker {
     /// Goes on at the present speed, for want of a measurement.
     #[inline(always)]
     pub const fn coast(&mut self) {
-        self.position =
-            Position::from_bits(self.position.to_bits().wrapping_add(self.speed as i64));
+        self.position = Position::from_bits(self.position.to_bits().wrapping_add(self.speed as i64));
         self.angle = ElectricalAngle::from_bits(self.angle.to_bits().wrapping_add(self.speed));
     }
 
@@ -171,9 +161,7 @@ mod tests {
         for hz in [-2000.0, -3.0, 0.5, 400.0] {
             let mut tracker = Tracker::at(ElectricalAngle::ZERO);
             for k in 0..4000 {
-                tracker
-                    .step(&config(), angle(hz / SAMPLE_HZ * f64::from(k)))
-                    .unwrap();
+                tracker.step(&config(), angle(hz / SAMPLE_HZ * f64::from(k))).unwrap();
             }
             let lag = tracker.angle() - angle(hz / SAMPLE_HZ * 3999.0);
             let ahead = tracker.predicted(&config()) - angle(hz / SAMPLE_HZ * 4000.5);
@@ -204,10 +192,7 @@ mod tests {
         for k in 0..4000 {
             tracker.step(&config(), angle(0.01 * f64::from(k))).unwrap();
         }
-        assert_eq!(
-            tracker.step(&config(), angle(0.01 * 4000.0 + 0.2)),
-            Err(Jump)
-        );
+        assert_eq!(tracker.step(&config(), angle(0.01 * 4000.0 + 0.2)), Err(Jump));
         let error = tracker.position().to_turns() - 40.0;
         assert!(error.abs() < 1e-3, "{error}");
         assert_eq!(tracker.step(&config(), angle(0.01 * 4001.0)), Ok(()));
@@ -226,13 +211,8 @@ mod tests {
         }
         // (2α² + 2β − 3αβ) / (α (4 − 2α − β)) of the power.
         let (alpha, beta) = (1.0_f64 / 16.0, 1.0 / 512.0);
-        let theory = (2.0 * alpha * alpha + 2.0 * beta - 3.0 * alpha * beta)
-            / (alpha * (4.0 - 2.0 * alpha - beta));
-        assert!(
-            (square / input / theory - 1.0).abs() < 0.1,
-            "{} {theory}",
-            square / input
-        );
+        let theory = (2.0 * alpha * alpha + 2.0 * beta - 3.0 * alpha * beta) / (alpha * (4.0 - 2.0 * alpha - beta));
+        assert!((square / input / theory - 1.0).abs() < 0.1, "{} {theory}", square / input);
     }
 
     #[test]

@@ -29,10 +29,7 @@ impl Errors {
             "{name}: largest error {:.3e}, documented {max:.1e}",
             self.max
         );
-        assert!(
-            found <= rms && found > 0.5 * rms,
-            "{name}: RMS error {found:.3e}, documented {rms:.1e}"
-        );
+        assert!(found <= rms && found > 0.5 * rms, "{name}: RMS error {found:.3e}, documented {rms:.1e}");
     }
 }
 
@@ -83,11 +80,7 @@ fn vectors() -> impl Iterator<Item = (i32, i32)> {
         })
     });
     let corners = [i32::MIN, i32::MIN + 1, -2, -1, 0, 1, 2, i32::MAX];
-    turn.chain(
-        corners
-            .into_iter()
-            .flat_map(move |y| corners.into_iter().map(move |x| (y, x))),
-    )
+    turn.chain(corners.into_iter().flat_map(move |y| corners.into_iter().map(move |x| (y, x))))
 }
 
 #[test]
@@ -98,8 +91,8 @@ fn arctangent_of_any_vector() {
         divided.add(angle_error(atan2(y, x), exact));
         undivided.add(angle_error(atan2_without_division(y, x), exact));
     }
-    divided.assert("atan2", 8e-5, 3.2e-5);
-    undivided.assert("atan2_without_division", 1e-4, 4e-5);
+    divided.assert("atan2", 8.5e-5, 2.8e-5);
+    undivided.assert("atan2_without_division", 1.3e-4, 3.3e-5);
     // The null vector has no angle; what matters is that asking is harmless.
     assert!(angle_error(atan2(0, 0), 0.0).abs() < 1e-4);
 }

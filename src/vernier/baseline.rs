@@ -53,32 +53,23 @@ impl<'a> PairTable<'a> {
 
     /// Searches the pairs with the reference code `x` for the vernier code nearest to `y`.
     pub fn decode(&self, x: u16, y: u16) -> Found {
-        let same_reference = self
-            .codes
-            .iter()
-            .skip(usize::from(x & mask(&self.rings)))
-            .step_by(1 << self.rings.bits());
+        let same_reference = self.codes.iter().skip(usize::from(x & mask(&self.rings))).step_by(1 << self.rings.bits());
         nearest(&self.rings, same_reference.copied(), y)
     }
 }
 
 /// Second method, eq. (3): computes for each pole pair what the vernier would show, and searches that.
 pub fn decode_by_search(rings: &Rings, x: u16, y: u16) -> Found {
-    let positions = (0..rings.pole_pairs(Ring::Reference))
-        .map(|k| (u32::from(k) << rings.bits()) + u32::from(x & mask(rings)));
-    nearest(
-        rings,
-        positions.map(|position| vernier_code(rings, position)),
-        y,
-    )
+    let positions =
+        (0..rings.pole_pairs(Ring::Reference)).map(|k| (u32::from(k) << rings.bits()) + u32::from(x & mask(rings)));
+    nearest(rings, positions.map(|position| vernier_code(rings, position)), y)
 }
 
 /// The combined method, eq. (5) to (8): carries the vernier back to where the reference showed 0,
 /// z = mod(y − r₂/r₁ · x), and searches the table of what it shows there, the codes at the pp zeros of the reference.
 pub fn decode_combined(rings: &Rings, x: u16, y: u16) -> Found {
     let z = y.wrapping_sub(vernier_code(rings, u32::from(x & mask(rings))));
-    let zeros = (0..rings.pole_pairs(Ring::Reference))
-        .map(|k| vernier_code(rings, u32::from(k) << rings.bits()));
+    let zeros = (0..rings.pole_pairs(Ring::Reference)).map(|k| vernier_code(rings, u32::from(k) << rings.bits()));
     nearest(rings, zeros, z)
 }
 
@@ -89,17 +80,11 @@ fn mask(rings: &Rings) -> u16 {
 /// The entry nearest to `code` on the circle of N counts.
 fn nearest(rings: &Rings, entries: impl Iterator<Item = u16>, code: u16) -> Found {
     let shift = 16 - u32::from(rings.bits());
-    let mut best = Found {
-        pole_pair: 0,
-        distance: i32::MAX,
-    };
+    let mut best = Found { pole_pair: 0, distance: i32::MAX };
     for (k, entry) in entries.enumerate() {
         let distance = i32::from((code.wrapping_sub(entry) << shift) as i16) >> shift;
         if distance.abs() < best.distance.abs() {
-            best = Found {
-                pole_pair: k as u8,
-                distance,
-            };
+            best = Found { pole_pair: k as u8, distance };
         }
     }
     best

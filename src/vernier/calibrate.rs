@@ -76,25 +76,16 @@ impl fmt::Display for Refusal {
             Self::TooShort { turns, of } => {
                 write!(f, "the run is too short: {turns} of {of} turns")
             }
-            Self::TooFast => {
-                f.write_str("the shaft turns too fast for the sampling, or samples are missing")
-            }
+            Self::TooFast => f.write_str("the shaft turns too fast for the sampling, or samples are missing"),
             Self::Reversed => f.write_str("the shaft has turned back"),
-            Self::Unsteady { kept, of } => write!(
-                f,
-                "the speed is too unsteady: only {kept} of {of} pole pairs are alike"
-            ),
+            Self::Unsteady { kept, of } => {
+                write!(f, "the speed is too unsteady: only {kept} of {of} pole pairs are alike")
+            }
             Self::Saturated { ring, head } => {
-                write!(
-                    f,
-                    "head {head} of the {ring:?} ring is saturated: too close to the magnet"
-                )
+                write!(f, "head {head} of the {ring:?} ring is saturated: too close to the magnet")
             }
             Self::Nonlinear { ring, head } => {
-                write!(
-                    f,
-                    "head {head} of the {ring:?} ring errs by more than 22.5° electrical"
-                )
+                write!(f, "head {head} of the {ring:?} ring errs by more than 22.5° electrical")
             }
             Self::HeadsApart(ring) => write!(
                 f,
@@ -146,16 +137,9 @@ pub struct Calibrator<const HEADS: usize = 1> {
 }
 
 #[derive(Clone, Debug)]
-#[expect(
-    clippy::large_enum_variant,
-    reason = "there is no heap to put the larger one on"
-)]
+#[expect(clippy::large_enum_variant, reason = "there is no heap to put the larger one on")]
 enum Stage<const HEADS: usize> {
-    Curve {
-        ring: Ring,
-        head: usize,
-        run: curve::Run,
-    },
+    Curve { ring: Ring, head: usize, run: curve::Run },
     Averages(Option<Path>, Residuals<HEADS>),
     Check(Check),
     Done,
@@ -184,10 +168,7 @@ impl<const HEADS: usize> Calibrator<HEADS> {
         Self {
             rings: *rings,
             calibration,
-            report: Report {
-                similar_percent: 100,
-                ..Report::default()
-            },
+            report: Report { similar_percent: 100, ..Report::default() },
             stage: Stage::Curve {
                 ring: Ring::Reference,
                 head: 0,
@@ -218,8 +199,7 @@ impl<const HEADS: usize> Calibrator<HEADS> {
                 let complete = path.push(readings)?;
                 residuals.push(path, &self.calibration, reading);
                 if complete {
-                    self.report.refinement =
-                        residuals.finish(&self.rings, &mut self.calibration)?;
+                    self.report.refinement = residuals.finish(&self.rings, &mut self.calibration)?;
                     self.turns += 1;
                     self.stage = Stage::Check(Check::new(&self.rings, &self.calibration));
                 }
@@ -244,36 +224,20 @@ impl<const HEADS: usize> Calibrator<HEADS> {
     pub fn finish(self) -> Result<(Calibration<HEADS>, Report), Refusal> {
         match self.stage {
             Stage::Done => Ok((self.calibration, self.report)),
-            _ => Err(Refusal::TooShort {
-                turns: self.turns,
-                of: 2 * HEADS as u8 + 2,
-            }),
+            _ => Err(Refusal::TooShort { turns: self.turns, of: 2 * HEADS as u8 + 2 }),
         }
     }
 
-    fn take_curve(
-        &mut self,
-        ring: Ring,
-        head: usize,
-        curve: [f32; NODES],
-        similar: u8,
-    ) -> Result<(), Refusal> {
+    fn take_curve(&mut self, ring: Ring, head: usize, curve: [f32; NODES], similar: u8) -> Result<(), Refusal> {
         if harmonic(&curve, 4) > FOURTH_HARMONIC {
-            return Err(Refusal::Saturated {
-                ring,
-                head: head as u8,
-            });
+            return Err(Refusal::Saturated { ring, head: head as u8 });
         }
         if curve.iter().any(|error| error.abs() > LARGEST_ERROR) {
-            return Err(Refusal::Nonlinear {
-                ring,
-                head: head as u8,
-            });
+            return Err(Refusal::Nonlinear { ring, head: head as u8 });
         }
         let percent = u32::from(similar) * 100 / u32::from(self.rings.pole_pairs(ring));
         self.report.similar_percent = self.report.similar_percent.min(percent as u8);
-        self.calibration.curves_mut(ring)[head].errors =
-            curve.map(|error| libm::roundf(error * 65536.0) as i16);
+        self.calibration.curves_mut(ring)[head].errors = curve.map(|error| libm::roundf(error * 65536.0) as i16);
         Ok(())
     }
 
@@ -283,11 +247,7 @@ impl<const HEADS: usize> Calibrator<HEADS> {
             (Ring::Reference, _) => (Ring::Vernier, 0),
             (Ring::Vernier, _) => return Stage::Averages(None, Residuals::default()),
         };
-        Stage::Curve {
-            ring,
-            head,
-            run: curve::Run::new(self.rings.pole_pairs(ring)),
-        }
+        Stage::Curve { ring, head, run: curve::Run::new(self.rings.pole_pairs(ring)) }
     }
 }
 
@@ -302,25 +262,14 @@ impl Check {
     }
 
     /// Takes a sample; true when the turn is complete.
-    fn push(
-        &mut self,
-        rings: &Rings,
-        readings: [u16; 2],
-        apart: [u16; 2],
-    ) -> Result<bool, Refusal> {
+    fn push(&mut self, rings: &Rings, readings: [u16; 2], apart: [u16; 2]) -> Result<bool, Refusal> {
         let decoded = self.table.decode(readings[0], readings[1]);
-        let (path, begun) = self
-            .path
-            .get_or_insert_with(|| (Path::new(rings, readings), decoded.pole_pair));
+        let (path, begun) = self.path.get_or_insert_with(|| (Path::new(rings, readings), decoded.pole_pair));
         let complete = path.push(readings)?;
         let residual = decoded.residual.unsigned_abs();
-        let pole_pair =
-            (i32::from(*begun) + path.pole_pairs()) % i32::from(rings.pole_pairs(Ring::Reference));
+        let pole_pair = (i32::from(*begun) + path.pole_pairs()) % i32::from(rings.pole_pairs(Ring::Reference));
         if i32::from(decoded.pole_pair) != pole_pair {
-            return Err(Refusal::Margin {
-                worst: residual,
-                margin: residual,
-            });
+            return Err(Refusal::Margin { worst: residual, margin: residual });
         }
         self.worst_residual = self.worst_residual.max(residual);
         for (worst, apart) in self.worst_apart.iter_mut().zip(apart) {
@@ -344,11 +293,9 @@ impl Check {
         report.worst_residual = worst;
         report.margin = margin;
         let limit = worst + (margin - worst) / 3;
-        calibration.residual_limit =
-            limit.clamp(1, Calibration::<HEADS>::RESIDUAL_LIMIT.into()) as u16;
-        for (ring, (limit, worst)) in [Ring::Reference, Ring::Vernier]
-            .into_iter()
-            .zip(calibration.apart_limits.iter_mut().zip(self.worst_apart))
+        calibration.residual_limit = limit.clamp(1, Calibration::<HEADS>::RESIDUAL_LIMIT.into()) as u16;
+        for (ring, (limit, worst)) in
+            [Ring::Reference, Ring::Vernier].into_iter().zip(calibration.apart_limits.iter_mut().zip(self.worst_apart))
         {
             if worst > Calibration::<HEADS>::APART_LIMIT {
                 return Err(Refusal::HeadsApart(ring));
@@ -364,27 +311,18 @@ impl Check {
 fn margin(rings: &Rings, averages: &[i16; 64]) -> u32 {
     let pole_pairs = i32::from(rings.pole_pairs(Ring::Reference));
     let average = |lattice| i32::from(averages[usize::from(rings.pole_pair(lattice))]);
-    (0..pole_pairs)
-        .map(|lattice| ((1 << 16) + average(lattice + 1) - average(lattice)) / 2)
-        .min()
-        .unwrap_or(0) as u32
+    (0..pole_pairs).map(|lattice| ((1 << 16) + average(lattice + 1) - average(lattice)) / 2).min().unwrap_or(0) as u32
 }
 
 /// The corrected readings of both rings and how far their heads are apart.
-fn correct<const HEADS: usize>(
-    calibration: &Calibration<HEADS>,
-    reading: Reading<HEADS>,
-) -> ([u16; 2], [u16; 2]) {
+fn correct<const HEADS: usize>(calibration: &Calibration<HEADS>, reading: Reading<HEADS>) -> ([u16; 2], [u16; 2]) {
     let (x, x_apart) = mean(corrected_heads(&calibration.reference, reading.reference));
     let (y, y_apart) = mean(corrected_heads(&calibration.vernier, reading.vernier));
     ([x, y], [x_apart, y_apart])
 }
 
 /// The readings of a ring's heads without their errors.
-fn corrected_heads<const HEADS: usize>(
-    curves: &[Curve; HEADS],
-    readings: [u16; HEADS],
-) -> [u16; HEADS] {
+fn corrected_heads<const HEADS: usize>(curves: &[Curve; HEADS], readings: [u16; HEADS]) -> [u16; HEADS] {
     core::array::from_fn(|head| curves[head].correct(readings[head]))
 }
 

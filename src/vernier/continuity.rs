@@ -42,12 +42,8 @@ impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
             Self::Residual => "the two rings contradict each other",
-            Self::HeadsApart(Ring::Reference) => {
-                "the heads of the reference ring contradict each other"
-            }
-            Self::HeadsApart(Ring::Vernier) => {
-                "the heads of the vernier ring contradict each other"
-            }
+            Self::HeadsApart(Ring::Reference) => "the heads of the reference ring contradict each other",
+            Self::HeadsApart(Ring::Vernier) => "the heads of the vernier ring contradict each other",
             Self::PolePair => "the rings give another pole pair than the one carried along",
             Self::Jump => "the angle jumped further than the shaft can turn",
             Self::Unread => "the heads could not be read",
@@ -138,25 +134,16 @@ impl State {
         self.mode = match self.mode {
             Mode::Start => Mode::Start,
             Mode::Tracking if limits.hold > 0 => Mode::Holding { missed: 1 },
-            Mode::Holding { missed } if missed < limits.hold => {
-                Mode::Holding { missed: missed + 1 }
-            }
+            Mode::Holding { missed } if missed < limits.hold => Mode::Holding { missed: missed + 1 },
             _ => Mode::Searching,
         };
     }
 
     /// What is wrong with a sample when held against the past.
-    fn inconsistency(
-        &self,
-        limits: &Limits,
-        angle: MechanicalAngle,
-        reference: u16,
-    ) -> Option<Fault> {
+    fn inconsistency(&self, limits: &Limits, angle: MechanicalAngle, reference: u16) -> Option<Fault> {
         let window = match self.mode {
             Mode::Start | Mode::Searching => return None,
-            Mode::Proving {
-                has_speed: false, ..
-            } => limits.step,
+            Mode::Proving { has_speed: false, .. } => limits.step,
             _ => limits.innovation,
         };
         let expected = self.angle + self.speed;
@@ -164,15 +151,10 @@ impl State {
             return None;
         }
         // The reference ring by itself may well be where it should.
-        let expected_reading =
-            (expected.to_bits().wrapping_mul(limits.reference_pairs) >> 16) as u16;
+        let expected_reading = (expected.to_bits().wrapping_mul(limits.reference_pairs) >> 16) as u16;
         let step = reference.wrapping_sub(expected_reading) as i16;
         let fine = (i64::from(step.unsigned_abs()) << 16) / i64::from(limits.reference_pairs);
-        Some(if fine < i64::from(window) {
-            Fault::PolePair
-        } else {
-            Fault::Jump
-        })
+        Some(if fine < i64::from(window) { Fault::PolePair } else { Fault::Jump })
     }
 
     /// A sample with nothing against it.
@@ -187,10 +169,7 @@ impl State {
                 self.track(limits);
             }
             Mode::Proving { lost, has_speed } => {
-                self.mode = Mode::Proving {
-                    lost,
-                    has_speed: true,
-                };
+                self.mode = Mode::Proving { lost, has_speed: true };
                 if has_speed {
                     self.advance(decoded.angle, innovation);
                 } else {
@@ -202,11 +181,7 @@ impl State {
                 }
             }
         }
-        if let Mode::Proving { lost: true, .. } = self.mode {
-            Err(Fault::Searching)
-        } else {
-            Ok(decoded)
-        }
+        if let Mode::Proving { lost: true, .. } = self.mode { Err(Fault::Searching) } else { Ok(decoded) }
     }
 
     #[inline(always)]
@@ -219,10 +194,7 @@ impl State {
         self.angle = angle;
         self.speed = MechanicalAngle::ZERO;
         self.travel = 0;
-        self.mode = Mode::Proving {
-            lost,
-            has_speed: false,
-        };
+        self.mode = Mode::Proving { lost, has_speed: false };
     }
 
     fn track(&mut self, limits: &Limits) {

@@ -31,10 +31,7 @@ pub struct Curve {
 impl Curve {
     /// A perfect head with its zero elsewhere.
     pub const fn shifted(phase: ElectricalAngle) -> Self {
-        Self {
-            errors: [0; NODES],
-            phase,
-        }
+        Self { errors: [0; NODES], phase }
     }
 
     /// The reading without its error, as [`Linearity::correct`] gives it, without the table.

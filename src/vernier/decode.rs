@@ -48,11 +48,7 @@ impl Lattice {
             reference_pairs: p as i32,
             bias: (p as i32) << 16,
             // One is out of range for a single pole pair: 2³² − 1 costs the last bit of the angle.
-            scale: if p == 1 {
-                u32::MAX
-            } else {
-                (((1_u64 << 32) + p as u64 / 2) / p as u64) as u32
-            },
+            scale: if p == 1 { u32::MAX } else { (((1_u64 << 32) + p as u64 / 2) / p as u64) as u32 },
         }
     }
 
@@ -83,17 +79,13 @@ impl IdealTable {
         let mut pole_pairs = [0; ENTRIES];
         let mut index = 0;
         while index < ENTRIES {
-            pole_pairs[index] =
-                rings.pole_pair(index as i32 - rings.pole_pairs(Ring::Reference) as i32);
+            pole_pairs[index] = rings.pole_pair(index as i32 - rings.pole_pairs(Ring::Reference) as i32);
             index += 1;
         }
         let mut lattice = Lattice::new(rings);
         // Half an entry more makes the truncation a rounding.
         lattice.bias += 1 << 15;
-        Self {
-            lattice,
-            pole_pairs,
-        }
+        Self { lattice, pole_pairs }
     }
 
     /// The absolute angle of two readings; every pair is legal. Exact while the residual is within the margin.
@@ -133,24 +125,14 @@ pub struct AverageTable {
 impl AverageTable {
     /// The table from the average residual of each pole pair of the reference ring; those beyond its count are ignored.
     pub const fn new(rings: &Rings, averages: &[i16; 64]) -> Self {
-        let mut entries = [Entry {
-            average: 0,
-            pole_pair: 0,
-        }; ENTRIES];
+        let mut entries = [Entry { average: 0, pole_pair: 0 }; ENTRIES];
         let mut index = 0;
         while index < ENTRIES {
-            let pole_pair =
-                rings.pole_pair(index as i32 - rings.pole_pairs(Ring::Reference) as i32);
-            entries[index] = Entry {
-                average: averages[pole_pair as usize],
-                pole_pair: pole_pair as u16,
-            };
+            let pole_pair = rings.pole_pair(index as i32 - rings.pole_pairs(Ring::Reference) as i32);
+            entries[index] = Entry { average: averages[pole_pair as usize], pole_pair: pole_pair as u16 };
             index += 1;
         }
-        Self {
-            lattice: Lattice::new(rings),
-            entries,
-        }
+        Self { lattice: Lattice::new(rings), entries }
     }
 
     /// The absolute angle of two readings; every pair is legal. The residual counts from the average of the pole pair
@@ -165,11 +147,7 @@ impl AverageTable {
         let over_lower = fraction - lower.average as i32;
         let over_upper = fraction - (1 << 16) - upper.average as i32;
         // Of the two distances the one is counted up and the other down: their sum tells the smaller.
-        let (entry, residual) = if over_lower + over_upper < 0 {
-            (lower, over_lower)
-        } else {
-            (upper, over_upper)
-        };
+        let (entry, residual) = if over_lower + over_upper < 0 { (lower, over_lower) } else { (upper, over_upper) };
         Decoded {
             angle: self.lattice.angle(entry.pole_pair as u32, reference),
             pole_pair: entry.pole_pair as u8,

@@ -43,11 +43,7 @@ impl Geometry {
     /// The radii that follow from the length of a pole pair, r = pp·L / 2π, with the heads at the given angle.
     pub fn from_pole_length(rings: &Rings, pole_pair_length: f32, head_angle: f32) -> Self {
         let radius = |ring| f32::from(rings.pole_pairs(ring)) * pole_pair_length / TAU;
-        Self {
-            reference_radius: radius(Ring::Reference),
-            vernier_radius: radius(Ring::Vernier),
-            head_angle,
-        }
+        Self { reference_radius: radius(Ring::Reference), vernier_radius: radius(Ring::Vernier), head_angle }
     }
 
     /// The contradiction of the rings with one head each at the shaft angle α, eq. (12): β₁ − β₂ in radians, exact.
@@ -122,20 +118,10 @@ fn wrap(angle: f32) -> f32 {
 mod tests {
     use super::*;
 
-    const EXAMPLE: Geometry = Geometry {
-        reference_radius: 14.0,
-        vernier_radius: 12.0,
-        head_angle: 40.0 / 180.0 * PI,
-    };
+    const EXAMPLE: Geometry = Geometry { reference_radius: 14.0, vernier_radius: 12.0, head_angle: 40.0 / 180.0 * PI };
 
     fn exact(geometry: &Geometry, eccentricity: f32) -> f32 {
-        (0..3600)
-            .map(|step| {
-                geometry
-                    .error(eccentricity, step as f32 / 3600.0 * TAU)
-                    .abs()
-            })
-            .fold(0.0, f32::max)
+        (0..3600).map(|step| geometry.error(eccentricity, step as f32 / 3600.0 * TAU).abs()).fold(0.0, f32::max)
     }
 
     #[test]
@@ -148,10 +134,7 @@ mod tests {
         let printed = (a * a + b * b + 2.0 * a * b * EXAMPLE.head_angle.cos()).sqrt();
         assert!((degrees(printed) - 8.3357).abs() < 1e-3);
         for (head_angle, expected) in [(0.0, 0.034), (180.0, 0.443)] {
-            let geometry = Geometry {
-                head_angle: f32::to_radians(head_angle),
-                ..EXAMPLE
-            };
+            let geometry = Geometry { head_angle: f32::to_radians(head_angle), ..EXAMPLE };
             assert!((degrees(geometry.largest_error(0.05)) - expected).abs() < 5e-4);
         }
     }
@@ -160,15 +143,9 @@ mod tests {
     fn the_amplitude_is_good_to_two_percent() {
         for head_angle in [10.0_f32, 40.0, 90.0, 180.0] {
             for eccentricity in [0.01, 0.05, 0.12] {
-                let geometry = Geometry {
-                    head_angle: head_angle.to_radians(),
-                    ..EXAMPLE
-                };
+                let geometry = Geometry { head_angle: head_angle.to_radians(), ..EXAMPLE };
                 let ratio = exact(&geometry, eccentricity) / geometry.largest_error(eccentricity);
-                assert!(
-                    (ratio - 1.0).abs() < 0.02,
-                    "{head_angle} {eccentricity} {ratio}"
-                );
+                assert!((ratio - 1.0).abs() < 0.02, "{head_angle} {eccentricity} {ratio}");
             }
         }
     }
@@ -185,25 +162,18 @@ mod tests {
         };
         const PI2: f64 = core::f64::consts::TAU;
         let constant = (0..STEPS).map(error).sum::<f64>() / STEPS as f64;
-        (0..STEPS)
-            .map(|step| libm::fabs(error(step) - constant))
-            .fold(0.0, f64::max)
-            .to_degrees()
+        (0..STEPS).map(|step| libm::fabs(error(step) - constant)).fold(0.0, f64::max).to_degrees()
     }
 
     #[test]
     fn opposite_heads_cancel_to_the_bound() {
         let ratio = 0.05 / 14.0;
-        for (misplacement, expected) in [(0.0, 0.0004), (0.5, 0.0011), (1.0, 0.0019), (2.0, 0.0036)]
-        {
+        for (misplacement, expected) in [(0.0, 0.0004), (0.5, 0.0011), (1.0, 0.0019), (2.0, 0.0036)] {
             let peak = pair_peak(ratio, f64::to_radians(misplacement));
             assert!((peak - expected).abs() < 5e-5, "{misplacement} {peak}");
             let bound = largest_pair_error(ratio as f32, f32::to_radians(misplacement as f32));
             let bound = f64::from(bound.to_degrees());
-            assert!(
-                peak <= bound * 1.001 && bound < peak * 1.35,
-                "{peak} {bound}"
-            );
+            assert!(peak <= bound * 1.001 && bound < peak * 1.35, "{peak} {bound}");
         }
     }
 

@@ -111,16 +111,12 @@ pub enum EncoderError {
 impl fmt::Display for EncoderError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::ResidualLimit(found) => write!(
-                f,
-                "the calibration's residual limit is {found}, not 1 to {}",
-                Calibration::<1>::RESIDUAL_LIMIT
-            ),
-            Self::ApartLimit(found) => write!(
-                f,
-                "the calibration lets heads be {found} apart, more than {}",
-                Calibration::<1>::APART_LIMIT
-            ),
+            Self::ResidualLimit(found) => {
+                write!(f, "the calibration's residual limit is {found}, not 1 to {}", Calibration::<1>::RESIDUAL_LIMIT)
+            }
+            Self::ApartLimit(found) => {
+                write!(f, "the calibration lets heads be {found} apart, more than {}", Calibration::<1>::APART_LIMIT)
+            }
             Self::LargestStep { found, largest } => write!(
                 f,
                 "the largest step between samples is {found}, not above 0° and at most {largest}, a quarter of a pole pair"
@@ -193,12 +189,10 @@ impl<const HEADS: usize> Encoder<HEADS> {
     /// The readings of both rings, corrected and averaged over their heads, and how far these are apart.
     #[inline(always)]
     pub fn correct(&self, reading: Reading<HEADS>) -> ([u16; 2], [u16; 2]) {
-        let (x, x_apart) = mean::<HEADS>(core::array::from_fn(|head| {
-            self.reference[head].correct(reading.reference[head])
-        }));
-        let (y, y_apart) = mean::<HEADS>(core::array::from_fn(|head| {
-            self.vernier[head].correct(reading.vernier[head])
-        }));
+        let (x, x_apart) =
+            mean::<HEADS>(core::array::from_fn(|head| self.reference[head].correct(reading.reference[head])));
+        let (y, y_apart) =
+            mean::<HEADS>(core::array::from_fn(|head| self.vernier[head].correct(reading.vernier[head])));
         ([x, y], [x_apart, y_apart])
     }
 
@@ -221,8 +215,7 @@ impl<const HEADS: usize> Encoder<HEADS> {
         let ([x, y], apart) = self.correct(reading);
         let decoded = self.table.decode(x, y);
         let sound = decoded.residual.unsigned_abs() <= self.residual_limit
-            && (HEADS == 1
-                || (apart[0] <= self.apart_limits[0] && apart[1] <= self.apart_limits[1]));
+            && (HEADS == 1 || (apart[0] <= self.apart_limits[0] && apart[1] <= self.apart_limits[1]));
         if sound && state.follow(decoded.angle) {
             Ok(decoded)
         } else {

@@ -23,10 +23,7 @@ impl Channel {
         if largest <= smallest.saturating_add(1) {
             return None;
         }
-        Some(Self {
-            offset: smallest + (largest - smallest) / 2,
-            amplitude: (largest - smallest) / 2,
-        })
+        Some(Self { offset: smallest + (largest - smallest) / 2, amplitude: (largest - smallest) / 2 })
     }
 
     /// 2¹² over the amplitude, in 2⁻¹⁶.
@@ -74,10 +71,7 @@ impl Head {
     /// A head of the given channels, converted to codes 0 to `full_scale`. `None` for a channel without amplitude or
     /// with one beyond the full scale.
     pub const fn new(sine: Channel, cosine: Channel, full_scale: u16) -> Option<Self> {
-        if sine.amplitude == 0
-            || cosine.amplitude == 0
-            || sine.amplitude > full_scale
-            || cosine.amplitude > full_scale
+        if sine.amplitude == 0 || cosine.amplitude == 0 || sine.amplitude > full_scale || cosine.amplitude > full_scale
         {
             return None;
         }
@@ -115,8 +109,7 @@ impl Head {
 
     /// A code in units of 2⁻¹² of the amplitude, limited to ±8 amplitudes.
     const fn normalise(&self, channel: usize, code: u16) -> i32 {
-        let scaled =
-            ((code as i32 - self.offsets[channel]) as i64 * self.gains[channel] as i64) >> 16;
+        let scaled = ((code as i32 - self.offsets[channel]) as i64 * self.gains[channel] as i64) >> 16;
         let limit = 8 * UNIT as i64;
         if scaled > limit {
             limit as i32
@@ -133,24 +126,15 @@ mod tests {
     use super::*;
     use core::f64::consts::TAU;
 
-    const SINE: Channel = Channel {
-        offset: 2100,
-        amplitude: 1500,
-    };
-    const COSINE: Channel = Channel {
-        offset: 1980,
-        amplitude: 1400,
-    };
+    const SINE: Channel = Channel { offset: 2100, amplitude: 1500 };
+    const COSINE: Channel = Channel { offset: 1980, amplitude: 1400 };
 
     fn codes(place: f64, field: f64) -> (u16, u16) {
         let code = |channel: Channel, value: f64| {
-            libm::round(f64::from(channel.offset) + f64::from(channel.amplitude) * field * value)
-                .clamp(0.0, 4095.0) as u16
+            libm::round(f64::from(channel.offset) + f64::from(channel.amplitude) * field * value).clamp(0.0, 4095.0)
+                as u16
         };
-        (
-            code(SINE, libm::sin(TAU * place)),
-            code(COSINE, libm::cos(TAU * place)),
-        )
+        (code(SINE, libm::sin(TAU * place)), code(COSINE, libm::cos(TAU * place)))
     }
 
     #[test]
@@ -161,10 +145,7 @@ mod tests {
             let (sine, cosine) = codes(place, 1.0);
             let error = f64::from(head.read(sine, cosine).unwrap()) / 65536.0 - place;
             // Half a code on both channels is the larger part.
-            assert!(
-                (error - libm::round(error)).abs() < 1.3e-4,
-                "{place} {error}"
-            );
+            assert!((error - libm::round(error)).abs() < 1.3e-4, "{place} {error}");
         }
     }
 
@@ -191,21 +172,8 @@ mod tests {
         assert_eq!(Channel::from_extremes(600, 3600), Some(SINE));
         assert_eq!(Channel::from_extremes(600, 601), None);
         assert_eq!(Channel::from_extremes(601, 600), None);
-        let none = Channel {
-            offset: 0,
-            amplitude: 0,
-        };
+        let none = Channel { offset: 0, amplitude: 0 };
         assert!(Head::new(none, COSINE, 4095).is_none());
-        assert!(
-            Head::new(
-                SINE,
-                Channel {
-                    amplitude: 5000,
-                    ..SINE
-                },
-                4095
-            )
-            .is_none()
-        );
+        assert!(Head::new(SINE, Channel { amplitude: 5000, ..SINE }, 4095).is_none());
     }
 }

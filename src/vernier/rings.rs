@@ -83,16 +83,10 @@ impl Rings {
     /// Names the number that is out of range or the common divisor of the two counts.
     pub const fn new(reference: u8, vernier: u8, bits: u8) -> Result<Self, RingsError> {
         let Some(reference_pairs) = PolePairs::new(reference) else {
-            return Err(RingsError::PolePairs {
-                ring: Ring::Reference,
-                found: reference,
-            });
+            return Err(RingsError::PolePairs { ring: Ring::Reference, found: reference });
         };
         let Some(vernier_pairs) = PolePairs::new(vernier) else {
-            return Err(RingsError::PolePairs {
-                ring: Ring::Vernier,
-                found: vernier,
-            });
+            return Err(RingsError::PolePairs { ring: Ring::Vernier, found: vernier });
         };
         let divisor = common_divisor(reference, vernier);
         if divisor != 1 {
@@ -101,11 +95,7 @@ impl Rings {
         if bits < 8 || bits > 16 {
             return Err(RingsError::Resolution(bits));
         }
-        Ok(Self {
-            reference: reference_pairs,
-            vernier: vernier_pairs,
-            bits,
-        })
+        Ok(Self { reference: reference_pairs, vernier: vernier_pairs, bits })
     }
 
     /// Pole pairs of a ring.
@@ -188,13 +178,8 @@ mod tests {
         let error = Rings::new(36, 45, 12).unwrap_err().to_string();
         assert!(error.contains("divisor 9 in common"), "{error}");
         for found in [0, 65, 255] {
-            for (reference, vernier, ring) in
-                [(found, 7, Ring::Reference), (7, found, Ring::Vernier)]
-            {
-                assert_eq!(
-                    Rings::new(reference, vernier, 12),
-                    Err(RingsError::PolePairs { ring, found })
-                );
+            for (reference, vernier, ring) in [(found, 7, Ring::Reference), (7, found, Ring::Vernier)] {
+                assert_eq!(Rings::new(reference, vernier, 12), Err(RingsError::PolePairs { ring, found }));
             }
         }
         for bits in [0, 7, 17, 255] {

@@ -44,10 +44,7 @@ pub fn fit(points: &[[Point; BINS]; 2]) -> Result<Fit, Error> {
     let start = start(&points[0])?;
     // The Hall angle is zero where the first sensor's fundamental rises through its offset.
     let zero = start[0].placement;
-    let mut sensors = start.map(|sensor| Sensor {
-        placement: sensor.placement - zero,
-        ..sensor
-    });
+    let mut sensors = start.map(|sensor| Sensor { placement: sensor.placement - zero, ..sensor });
     let mut angles = points.map(|sweep| sweep.map(|point| point.field - zero));
     for _ in 0..ITERATIONS {
         let mut equations = Equations::default();
@@ -61,20 +58,13 @@ pub fn fit(points: &[[Point; BINS]; 2]) -> Result<Fit, Error> {
     let mut square = 0.0;
     for (point, angle) in points.iter().flatten().zip(angles.iter_mut().flatten()) {
         *angle = nearest(&sensors, &point.codes, *angle);
-        square += residuals(&sensors, &point.codes, *angle)
-            .iter()
-            .map(|e| e * e)
-            .sum::<f32>();
+        square += residuals(&sensors, &point.codes, *angle).iter().map(|e| e * e).sum::<f32>();
     }
     let residual = libm::sqrtf(square / (6 * BINS) as f32);
     if !residual.is_finite() {
         return Err(Error::NoFit);
     }
-    Ok(Fit {
-        sensors: sensors.map(unaveraged),
-        angles,
-        residual,
-    })
+    Ok(Fit { sensors: sensors.map(unaveraged), angles, residual })
 }
 
 /// First harmonic over the field's angle.
@@ -99,9 +89,7 @@ fn start(points: &[Point; BINS]) -> Result<[Sensor; 3], Error> {
 }
 
 fn residuals(sensors: &[Sensor; 3], codes: &[f32; 3], angle: ElectricalAngle) -> [f32; 3] {
-    core::array::from_fn(|k| {
-        (codes[k] - sensors[k].offset) / sensors[k].amplitude - sensors[k].wave(angle)
-    })
+    core::array::from_fn(|k| (codes[k] - sensors[k].offset) / sensors[k].amplitude - sensors[k].wave(angle))
 }
 
 /// The angle nearest to three codes, by Newton's method from a good guess.
@@ -129,20 +117,13 @@ struct Equations {
 
 impl Default for Equations {
     fn default() -> Self {
-        Self {
-            matrix: [[0.0; PARAMETERS]; PARAMETERS],
-            vector: [0.0; PARAMETERS],
-        }
+        Self { matrix: [[0.0; PARAMETERS]; PARAMETERS], vector: [0.0; PARAMETERS] }
     }
 }
 
 /// Which sensor a parameter belongs to.
 fn sensor_of(parameter: usize) -> usize {
-    if parameter < 12 {
-        parameter / 4
-    } else {
-        parameter - 11
-    }
+    if parameter < 12 { parameter / 4 } else { parameter - 11 }
 }
 
 impl Equations {
@@ -169,9 +150,7 @@ impl Equations {
             // Weight of the guess "no change" where the data say nothing, far below what they say elsewhere.
             self.matrix[row][row] += 1e-5 * mean;
             for column in 0..=row {
-                let products: f32 = (0..column)
-                    .map(|k| self.matrix[row][k] * self.matrix[column][k])
-                    .sum();
+                let products: f32 = (0..column).map(|k| self.matrix[row][k] * self.matrix[column][k]).sum();
                 let rest = self.matrix[row][column] - products;
                 if column < row {
                     self.matrix[row][column] = rest / self.matrix[column][column];
@@ -188,9 +167,7 @@ impl Equations {
             x[row] = (x[row] - products) / self.matrix[row][row];
         }
         for row in (0..PARAMETERS).rev() {
-            let products: f32 = (row + 1..PARAMETERS)
-                .map(|k| self.matrix[k][row] * x[k])
-                .sum();
+            let products: f32 = (row + 1..PARAMETERS).map(|k| self.matrix[k][row] * x[k]).sum();
             x[row] = (x[row] - products) / self.matrix[row][row];
         }
         Some(x)

@@ -96,10 +96,7 @@ impl fmt::Display for Finding {
                 "{channel} swings by only {swing:.0} ADC codes: move it closer to the magnet, amplify it, or check which way it faces"
             ),
             Self::TooClose(channel) => {
-                write!(
-                    f,
-                    "{channel} saturates (flat peaks): move it away from the magnet, or lower its gain"
-                )
+                write!(f, "{channel} saturates (flat peaks): move it away from the magnet, or lower its gain")
             }
             Self::Unequal(ratio) => {
                 write!(
@@ -108,16 +105,10 @@ impl fmt::Display for Finding {
                 )
             }
             Self::Misplaced(channel, degrees) => {
-                write!(
-                    f,
-                    "{channel} is {degrees:.0}° (electrical) away from even spacing with the others: move it"
-                )
+                write!(f, "{channel} is {degrees:.0}° (electrical) away from even spacing with the others: move it")
             }
             Self::Noisy(channel, percent) => {
-                write!(
-                    f,
-                    "{channel} has {percent:.1} % noise: shield its wire from the motor's, or filter it"
-                )
+                write!(f, "{channel} has {percent:.1} % noise: shield its wire from the motor's, or filter it")
             }
             Self::Unexplained(percent) => write!(
                 f,
@@ -134,12 +125,7 @@ impl fmt::Display for Finding {
 }
 
 impl Report {
-    pub(super) fn new(
-        model: &Model,
-        collector: &Collector,
-        fit: &Fit,
-        lag: ElectricalAngle,
-    ) -> Self {
+    pub(super) fn new(model: &Model, collector: &Collector, fit: &Fit, lag: ElectricalAngle) -> Self {
         let pattern = Pattern::nearest(model);
         let sensor = |channel: usize| {
             let sensor = &model.sensors[channel];
@@ -154,10 +140,7 @@ impl Report {
             }
         };
         let sensors = [sensor(0), sensor(1), sensor(2)];
-        let noise_power: f32 = sensors
-            .iter()
-            .map(|s| s.noise_pct * s.noise_pct / 3e4)
-            .sum();
+        let noise_power: f32 = sensors.iter().map(|s| s.noise_pct * s.noise_pct / 3e4).sum();
         Self {
             sensors,
             pattern,
@@ -170,28 +153,20 @@ impl Report {
     /// What to know and what to mend, the sensors first.
     pub fn findings(&self) -> impl Iterator<Item = Finding> {
         let swings = self.sensors.map(|sensor| sensor.swing);
-        let ratio = swings.iter().fold(0.0_f32, |a, &b| a.max(b))
-            / swings.iter().fold(f32::MAX, |a, &b| a.min(b));
+        let ratio = swings.iter().fold(0.0_f32, |a, &b| a.max(b)) / swings.iter().fold(f32::MAX, |a, &b| a.min(b));
         let lag = self.lag.to_degrees().abs();
         let common = [
             (ratio > 2.0).then_some(Finding::Unequal(ratio)),
             (self.residual_pct > 2.0).then_some(Finding::Unexplained(self.residual_pct)),
             (lag > 30.0).then_some(Finding::Lagging(lag)),
         ];
-        let sensors = self
-            .sensors
-            .into_iter()
-            .enumerate()
-            .flat_map(|(k, sensor)| sensor.findings(Channel(k as u8)));
+        let sensors = self.sensors.into_iter().enumerate().flat_map(|(k, sensor)| sensor.findings(Channel(k as u8)));
         sensors.chain(common).flatten()
     }
 
     /// Counts in an electrical turn by Simpkins and Todorov, eq. (7): four times the swing, of the weakest sensor.
     pub fn counts_per_electrical_turn(&self) -> f32 {
-        4.0 * self
-            .sensors
-            .iter()
-            .fold(f32::MAX, |least, sensor| least.min(sensor.swing))
+        4.0 * self.sensors.iter().fold(f32::MAX, |least, sensor| least.min(sensor.swing))
     }
 
     /// Counts in a mechanical turn.
@@ -216,18 +191,10 @@ impl SensorReport {
 
 impl Pattern {
     fn nearest(model: &Model) -> Self {
-        let candidates = [60, 120]
-            .into_iter()
-            .flat_map(|spacing| [false, true].map(|forward| Self { spacing, forward }));
-        let misfit = |pattern: &Self| {
-            (0..3)
-                .map(|k| i64::from(pattern.error(model, k).to_bits()).abs())
-                .sum::<i64>()
-        };
-        candidates.min_by_key(misfit).unwrap_or(Self {
-            spacing: 120,
-            forward: true,
-        })
+        let candidates =
+            [60, 120].into_iter().flat_map(|spacing| [false, true].map(|forward| Self { spacing, forward }));
+        let misfit = |pattern: &Self| (0..3).map(|k| i64::from(pattern.error(model, k).to_bits()).abs()).sum::<i64>();
+        candidates.min_by_key(misfit).unwrap_or(Self { spacing: 120, forward: true })
     }
 
     /// A sensor's distance from the pattern, which is laid so that the three distances have mean zero.
@@ -235,13 +202,8 @@ impl Pattern {
         let spacing = ElectricalAngle::from_degrees(f32::from(self.spacing));
         let step = if self.forward { spacing } else { -spacing };
         let errors = [ElectricalAngle::ZERO, step, step + step];
-        let errors: [ElectricalAngle; 3] =
-            core::array::from_fn(|k| model.sensors[k].placement - errors[k]);
-        let mean = errors
-            .iter()
-            .map(|error| i64::from(error.to_bits()))
-            .sum::<i64>()
-            / 3;
+        let errors: [ElectricalAngle; 3] = core::array::from_fn(|k| model.sensors[k].placement - errors[k]);
+        let mean = errors.iter().map(|error| i64::from(error.to_bits())).sum::<i64>() / 3;
         errors[channel] - ElectricalAngle::from_bits(mean as i32)
     }
 }

@@ -1,5 +1,5 @@
 use super::*;
-use crate::hall::estimate::BadModel;
+use crate::hall::estimate::{BadModel, Estimator};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
@@ -60,9 +60,7 @@ impl Bench {
         core::array::from_fn(|k| {
             let x = rotor + (self.alignment_deg - self.placements_deg[k]).to_radians();
             let wave = x.sin() + self.third[k] * (3.0 * x).sin() + self.noise * gauss();
-            (self.offsets[k] + self.amplitudes[k] * wave)
-                .round()
-                .clamp(0.0, self.rail) as u16
+            (self.offsets[k] + self.amplitudes[k] * wave).round().clamp(0.0, self.rail) as u16
         })
     }
 
@@ -73,16 +71,10 @@ impl Bench {
         for (sweep, sign) in [(Sweep::Forward, 1.0), (Sweep::Backward, -1.0)] {
             for k in 0..self.turns * samples {
                 let field = sign * TAU * f64::from(k) / f64::from(samples);
-                let cogging = self.cogging_deg * (6.0 * field).sin()
-                    + 0.5 * self.cogging_deg * (2.0 * field).sin();
+                let cogging = self.cogging_deg * (6.0 * field).sin() + 0.5 * self.cogging_deg * (2.0 * field).sin();
                 let rotor = field + (cogging - sign * self.lag_deg).to_radians();
                 let bits = (field / TAU * 4_294_967_296.0) as i64 as i32;
-                collector.push(
-                    sweep,
-                    ElectricalAngle::from_bits(bits),
-                    &self.codes(rotor, &mut gauss),
-                    k,
-                );
+                collector.push(sweep, ElectricalAngle::from_bits(bits), &self.codes(rotor, &mut gauss), k);
             }
         }
         collector
@@ -91,10 +83,7 @@ impl Bench {
     /// Largest and mean error of the calibrated estimate over the turn, without noise, in degrees.
     fn angle_error(&self, calibration: &Calibration) -> (f64, f64) {
         let estimator = Estimator::new(&calibration.model, 12).unwrap();
-        let exact = Self {
-            noise: 0.0,
-            ..self.clone()
-        };
+        let exact = Self { noise: 0.0, ..self.clone() };
         let error = |k: u32| {
             let rotor = TAU * f64::from(k) / 3600.0;
             let angle = estimator.angle(&exact.codes(rotor, &mut || 0.0)).unwrap();
@@ -102,10 +91,7 @@ impl Bench {
             f64::from((angle - truth).to_degrees())
         };
         let errors = (0..3600).map(error);
-        (
-            errors.clone().fold(0.0, |max, e| e.abs().max(max)),
-            errors.sum::<f64>() / 3600.0,
-        )
+        (errors.clone().fold(0.0, |max, e| e.abs().max(max)), errors.sum::<f64>() / 3600.0)
     }
 }
 
@@ -120,21 +106,12 @@ fn finds_unkind_sensors_at_both_spacings_in_either_order() {
         worst = worst.max(largest);
         worst_mean = worst_mean.max(mean.abs());
         for k in 0..3 {
-            let (found, report) = (
-                &calibration.model.sensors[k],
-                &calibration.report.sensors[k],
-            );
+            let (found, report) = (&calibration.model.sensors[k], &calibration.report.sensors[k]);
             assert!((f64::from(found.offset) - bench.offsets[k]).abs() < 0.3);
             assert!((f64::from(found.amplitude) / bench.amplitudes[k] - 1.0).abs() < 2e-3);
             assert!((found.third - 0.05).abs() < 2e-3, "{}", found.third);
-            assert!(
-                (report.noise_pct - 1.0).abs() < 0.05,
-                "{}",
-                report.noise_pct
-            );
-            let relative = ElectricalAngle::from_degrees(
-                (bench.placements_deg[k] - bench.placements_deg[0]) as f32,
-            );
+            assert!((report.noise_pct - 1.0).abs() < 0.05, "{}", report.noise_pct);
+            let relative = ElectricalAngle::from_degrees((bench.placements_deg[k] - bench.placements_deg[0]) as f32);
             assert!((found.placement - relative).to_degrees().abs() < 0.2);
         }
         let spacing = (bench.placements_deg[1] / 60.0).round() * 60.0;
@@ -154,10 +131,7 @@ fn reversed_counts_the_other_way() {
     let mut random = Pcg64::seed_from_u64(12);
     let bench = Bench::kind();
     let collector = bench.run(&mut random);
-    let (forward, reversed) = (
-        collector.finish(false).unwrap().model,
-        collector.finish(true).unwrap().model,
-    );
+    let (forward, reversed) = (collector.finish(false).unwrap().model, collector.finish(true).unwrap().model);
     for degrees in [0.0, 50.0, 200.0] {
         let angle = ElectricalAngle::from_degrees(degrees);
         assert_eq!(forward.electrical(angle), -reversed.electrical(angle));
@@ -175,17 +149,8 @@ fn verdict(change: impl Fn(&mut Bench)) -> Result<Calibration, Error> {
 fn a_kind_motor_has_no_findings() {
     let calibration = verdict(|_| {}).unwrap();
     assert_eq!(calibration.report.findings().count(), 0);
-    assert_eq!(
-        calibration.report.counts_per_electrical_turn().round(),
-        2000.0
-    );
-    assert_eq!(
-        calibration
-            .report
-            .counts_per_turn(PolePairs::new(4).unwrap())
-            .round(),
-        8000.0
-    );
+    assert_eq!(calibration.report.counts_per_electrical_turn().round(), 2000.0);
+    assert_eq!(calibration.report.counts_per_turn(PolePairs::new(4).unwrap()).round(), 8000.0);
 }
 
 #[test]
@@ -193,56 +158,20 @@ fn bad_mountings_are_refused_in_words() {
     use Finding::*;
     type Change = fn(&mut Bench);
     let refusals: [(Change, fn(&Error) -> bool, &str); 10] = [
-        (
-            |b| b.amplitudes[1] = 1.0,
-            |e| *e == Error::NoSignal(Channel(1)),
-            "Hall 1 sees no magnet",
-        ),
-        (
-            |b| b.amplitudes = [15.0; 3],
-            |e| matches!(e, Error::Refused(TooFar(Channel(0), _))),
-            "closer to the magnet",
-        ),
-        (
-            |b| b.amplitudes[2] = 2100.0,
-            |e| matches!(e, Error::Refused(TooClose(Channel(2)))),
-            "saturates",
-        ),
-        (
-            |b| b.third = [0.2; 3],
-            |e| matches!(e, Error::Refused(TooClose(Channel(0)))),
-            "saturates",
-        ),
-        (
-            |b| b.amplitudes[0] = 1500.0,
-            |e| matches!(e, Error::Refused(Unequal(_))),
-            "same distance",
-        ),
-        (
-            |b| b.placements_deg[1] = 155.0,
-            |e| matches!(e, Error::Refused(Misplaced(..))),
-            "away from even spacing",
-        ),
+        (|b| b.amplitudes[1] = 1.0, |e| *e == Error::NoSignal(Channel(1)), "Hall 1 sees no magnet"),
+        (|b| b.amplitudes = [15.0; 3], |e| matches!(e, Error::Refused(TooFar(Channel(0), _))), "closer to the magnet"),
+        (|b| b.amplitudes[2] = 2100.0, |e| matches!(e, Error::Refused(TooClose(Channel(2)))), "saturates"),
+        (|b| b.third = [0.2; 3], |e| matches!(e, Error::Refused(TooClose(Channel(0)))), "saturates"),
+        (|b| b.amplitudes[0] = 1500.0, |e| matches!(e, Error::Refused(Unequal(_))), "same distance"),
+        (|b| b.placements_deg[1] = 155.0, |e| matches!(e, Error::Refused(Misplaced(..))), "away from even spacing"),
         (
             |b| b.placements_deg = [0.0, 15.0, 30.0],
             |e| matches!(e, Error::Model(BadModel::Placement { .. })),
             "placed so",
         ),
-        (
-            |b| b.noise = 0.08,
-            |e| matches!(e, Error::Refused(Noisy(Channel(0), _))),
-            "shield",
-        ),
-        (
-            |b| b.lag_deg = 70.0,
-            |e| matches!(e, Error::Refused(Lagging(_))),
-            "raise the calibration current",
-        ),
-        (
-            |b| b.turns = 0,
-            |e| *e == Error::Incomplete(Sweep::Forward),
-            "too few samples",
-        ),
+        (|b| b.noise = 0.08, |e| matches!(e, Error::Refused(Noisy(Channel(0), _))), "shield"),
+        (|b| b.lag_deg = 70.0, |e| matches!(e, Error::Refused(Lagging(_))), "raise the calibration current"),
+        (|b| b.turns = 0, |e| *e == Error::Incomplete(Sweep::Forward), "too few samples"),
     ];
     for (change, expected, words) in refusals {
         let error = verdict(change).unwrap_err();
@@ -276,22 +205,10 @@ fn small_blemishes_are_told_but_accepted() {
         let calibration = verdict(change).unwrap();
         calibration.report.findings().collect::<std::vec::Vec<_>>()
     };
-    assert!(matches!(
-        findings(|b| b.amplitudes = [60.0; 3])[..],
-        [TooFar(..), TooFar(..), TooFar(..)]
-    ));
-    assert!(matches!(
-        findings(|b| b.placements_deg[1] = 138.0)[..],
-        [Misplaced(Channel(1), _)]
-    ));
-    assert!(matches!(
-        findings(|b| b.noise = 0.04)[..],
-        [Noisy(..), Noisy(..), Noisy(..)]
-    ));
-    assert!(matches!(
-        findings(|b| b.amplitudes[1] = 100.0)[..],
-        [Unequal(_)]
-    ));
+    assert!(matches!(findings(|b| b.amplitudes = [60.0; 3])[..], [TooFar(..), TooFar(..), TooFar(..)]));
+    assert!(matches!(findings(|b| b.placements_deg[1] = 138.0)[..], [Misplaced(Channel(1), _)]));
+    assert!(matches!(findings(|b| b.noise = 0.04)[..], [Noisy(..), Noisy(..), Noisy(..)]));
+    assert!(matches!(findings(|b| b.amplitudes[1] = 100.0)[..], [Unequal(_)]));
     assert!(matches!(findings(|b| b.lag_deg = 40.0)[..], [Lagging(_)]));
 }
 

@@ -14,43 +14,26 @@ fn unkind(spacing: f32, adc_bits: u8, swing: f32, harmonics: bool) -> Model {
         offset: full * 0.5 + swing * [0.05, -0.04, 0.03][k],
         amplitude: swing * 0.5 * [1.0, 0.7, 1.3][k] * 0.7,
         placement: DEGREES(spacing * k as f32 + [0.0, 8.0, -8.0][k]),
-        third: if harmonics {
-            [0.05, 0.04, 0.06][k]
-        } else {
-            0.0
-        },
+        third: if harmonics { [0.05, 0.04, 0.06][k] } else { 0.0 },
         fifth: if harmonics { -0.01 } else { 0.0 },
     };
-    Model {
-        sensors: [sensor(0), sensor(1), sensor(2)],
-        alignment: DEGREES(33.0),
-        reversed: spacing > 100.0,
-    }
+    Model { sensors: [sensor(0), sensor(1), sensor(2)], alignment: DEGREES(33.0), reversed: spacing > 100.0 }
 }
 
 use crate::hall::model::Sensor;
 
 /// Errors in degrees over the turn, for codes made from exact sines in f64.
-fn errors(
-    model: &Model,
-    estimator: &Estimator,
-    mut disturb: impl FnMut(usize, f64) -> f64,
-) -> Vec<f64> {
+fn errors(model: &Model, estimator: &Estimator, mut disturb: impl FnMut(usize, f64) -> f64) -> Vec<f64> {
     (0..7200)
         .map(|k| {
             let electrical = ElectricalAngle::from_bits((k as u32).wrapping_mul(596_523) as i32);
-            let hall = f64::from(model.hall(electrical).to_bits()) / 4_294_967_296.0
-                * std::f64::consts::TAU;
+            let hall = f64::from(model.hall(electrical).to_bits()) / 4_294_967_296.0 * std::f64::consts::TAU;
             let mut codes = [0; 3];
             for (channel, code) in codes.iter_mut().enumerate() {
                 let s = &model.sensors[channel];
-                let x = hall
-                    - f64::from(s.placement.to_bits()) / 4_294_967_296.0 * std::f64::consts::TAU;
-                let wave = x.sin()
-                    + f64::from(s.third) * (3.0 * x).sin()
-                    + f64::from(s.fifth) * (5.0 * x).sin();
-                let exact =
-                    f64::from(s.offset) + f64::from(s.amplitude) * (wave + disturb(channel, x));
+                let x = hall - f64::from(s.placement.to_bits()) / 4_294_967_296.0 * std::f64::consts::TAU;
+                let wave = x.sin() + f64::from(s.third) * (3.0 * x).sin() + f64::from(s.fifth) * (5.0 * x).sin();
+                let exact = f64::from(s.offset) + f64::from(s.amplitude) * (wave + disturb(channel, x));
                 *code = exact.round() as u16;
             }
             let angle = estimator.angle(&codes).unwrap();
@@ -131,18 +114,11 @@ fn no_code_in_the_windows_overflows() {
             let model = unkind(spacing, adc_bits, 0.9 * (1_u32 << adc_bits) as f32, true);
             let estimator = Estimator::new(&model, adc_bits).unwrap();
             for _ in 0..100_000 {
-                let codes = estimator
-                    .windows
-                    .map(|w| random.random_range(w.bounds().0..=w.bounds().1));
+                let codes = estimator.windows.map(|w| random.random_range(w.bounds().0..=w.bounds().1));
                 for row in [&estimator.cosine, &estimator.sine, &estimator.disagreement] {
                     let offsets = [0, 1, 2].map(|k| f64::from(model.sensors[k].offset));
-                    let exact: f64 = (0..3)
-                        .map(|k| f64::from(row.gains[k]) * (f64::from(codes[k]) - offsets[k]))
-                        .sum();
-                    assert!(
-                        exact.abs() < 2_147_483_648.0
-                            && (exact - f64::from(row.dot(&codes))).abs() < 2e6
-                    );
+                    let exact: f64 = (0..3).map(|k| f64::from(row.gains[k]) * (f64::from(codes[k]) - offsets[k])).sum();
+                    assert!(exact.abs() < 2_147_483_648.0 && (exact - f64::from(row.dot(&codes))).abs() < 2e6);
                 }
             }
         }
@@ -164,18 +140,9 @@ fn implausible_codes_are_named() {
         assert_eq!(with(channel, 0), Err(Implausible::AtRail(name)));
         assert_eq!(with(channel, 4095), Err(Implausible::AtRail(name)));
         assert_eq!(with(channel, u16::MAX), Err(Implausible::AtRail(name)));
-        assert_eq!(
-            with(channel, 2048 + 751),
-            Err(Implausible::OutOfRange(name))
-        );
-        assert_eq!(
-            with(channel, 2048 - 751),
-            Err(Implausible::OutOfRange(name))
-        );
-        assert_eq!(
-            with(channel, if codes[channel] > 2048 { 1600 } else { 2500 }),
-            Err(Implausible::Inconsistent)
-        );
+        assert_eq!(with(channel, 2048 + 751), Err(Implausible::OutOfRange(name)));
+        assert_eq!(with(channel, 2048 - 751), Err(Implausible::OutOfRange(name)));
+        assert_eq!(with(channel, if codes[channel] > 2048 { 1600 } else { 2500 }), Err(Implausible::Inconsistent));
     }
     assert_eq!(estimator.angle(&[2048; 3]), Err(Implausible::Weak));
     let strong = Model::nominal(12, 749.0, ElectricalAngle::THIRD);
@@ -192,10 +159,7 @@ fn impossible_models_are_refused() {
     };
     let bad = |channel| Err(BadModel::Sensor(Channel(channel)));
     assert_eq!(with(|_| {}), Ok(()));
-    assert_eq!(
-        Estimator::new(&good, 17).map(|_| ()),
-        Err(BadModel::AdcBits(17))
-    );
+    assert_eq!(Estimator::new(&good, 17).map(|_| ()), Err(BadModel::AdcBits(17)));
     assert_eq!(with(|m| m.sensors[1].amplitude = f32::NAN), bad(1));
     assert_eq!(with(|m| m.sensors[2].amplitude = -3.0), bad(2));
     assert_eq!(with(|m| m.sensors[0].offset = 5000.0), bad(0));
@@ -205,9 +169,6 @@ fn impossible_models_are_refused() {
         let mut model = good;
         model.sensors[1].placement = DEGREES(twin);
         model.sensors[2].placement = DEGREES(2.0 * twin);
-        assert!(
-            matches!(Estimator::new(&model, 12), Err(BadModel::Placement { .. })),
-            "{twin}"
-        );
+        assert!(matches!(Estimator::new(&model, 12), Err(BadModel::Placement { .. })), "{twin}");
     }
 }

@@ -137,11 +137,7 @@ impl Run {
             return;
         }
         self.direction = self.position.signum();
-        let rising = if self.direction > 0 {
-            reading
-        } else {
-            reading.wrapping_neg()
-        };
+        let rising = if self.direction > 0 { reading } else { reading.wrapping_neg() };
         self.position = i32::from(rising);
         self.node = self.position / NODE;
         // The rest of this pole pair leads to the first begin of one.
@@ -151,10 +147,7 @@ impl Run {
     /// Closes the mean and notes the times of the nodes between it and the one before.
     fn pass_nodes(&mut self) -> Result<(), Refusal> {
         let count = self.mean.count as f32;
-        let mut point = Point {
-            time: self.mean.time as f32 / count,
-            position: self.mean.position as f32 / count,
-        };
+        let mut point = Point { time: self.mean.time as f32 / count, position: self.mean.position as f32 / count };
         let samples = core::mem::take(&mut self.mean).count;
         if samples == 0 {
             return Ok(());
@@ -188,12 +181,8 @@ impl Run {
             self.collected += 1;
         }
         let whole = end as u32;
-        let shift = |point: Point| Point {
-            time: point.time - whole as f32,
-            position: point.position - 65536.0,
-        };
-        self.begins =
-            [Some(end), self.begins[0]].map(|begin| begin.map(|time| time - whole as f32));
+        let shift = |point: Point| Point { time: point.time - whole as f32, position: point.position - 65536.0 };
+        self.begins = [Some(end), self.begins[0]].map(|begin| begin.map(|time| time - whole as f32));
         self.times[0] = end - whole as f32;
         self.known = 1;
         self.time -= whole;
@@ -218,28 +207,13 @@ impl Run {
         loop {
             let left = kept[..count].iter().filter(|&&kept| kept).count();
             if left * 4 < count * 3 || left == 0 {
-                return Err(Refusal::Unsteady {
-                    kept: left as u8,
-                    of: self.collected,
-                });
+                return Err(Refusal::Unsteady { kept: left as u8, of: self.collected });
             }
-            let average = mean_curve(
-                curves
-                    .iter()
-                    .zip(kept)
-                    .filter(|(_, kept)| *kept)
-                    .map(|(curve, _)| curve),
-            );
-            let size =
-                norm(average.iter().copied()).max(SMALLEST_CURVE * libm::sqrtf(NODES as f32));
+            let average = mean_curve(curves.iter().zip(kept).filter(|(_, kept)| *kept).map(|(curve, _)| curve));
+            let size = norm(average.iter().copied()).max(SMALLEST_CURVE * libm::sqrtf(NODES as f32));
             let mut omitted = false;
             for (curve, kept) in curves.iter().zip(&mut kept).filter(|(_, kept)| **kept) {
-                let distance = norm(
-                    curve
-                        .iter()
-                        .zip(average)
-                        .map(|(&value, mean)| in_pole_pairs(value) - mean),
-                );
+                let distance = norm(curve.iter().zip(average).map(|(&value, mean)| in_pole_pairs(value) - mean));
                 if 100.0 * (1.0 - distance / size) < SIMILARITY {
                     *kept = false;
                     omitted = true;
@@ -253,18 +227,12 @@ impl Run {
 
     /// What is left of each pole pair's readings after the trend, in pole pairs, in the order they were passed.
     pub fn curves(&self) -> impl Iterator<Item = [f32; NODES]> {
-        self.curves[..usize::from(self.collected)]
-            .iter()
-            .map(|curve| self.unmirrored(curve.map(in_pole_pairs)))
+        self.curves[..usize::from(self.collected)].iter().map(|curve| self.unmirrored(curve.map(in_pole_pairs)))
     }
 
     /// A curve of readings that fell was taken from −reading.
     fn unmirrored(&self, curve: [f32; NODES]) -> [f32; NODES] {
-        if self.direction < 0 {
-            core::array::from_fn(|node| -curve[(NODES - node) % NODES])
-        } else {
-            curve
-        }
+        if self.direction < 0 { core::array::from_fn(|node| -curve[(NODES - node) % NODES]) } else { curve }
     }
 }
 

@@ -136,11 +136,7 @@ impl<const HEADS: usize> Residuals<HEADS> {
     ///
     /// # Errors
     /// An average is further than the margin from where it should be.
-    pub fn finish(
-        &self,
-        rings: &Rings,
-        calibration: &mut Calibration<HEADS>,
-    ) -> Result<u16, Refusal> {
+    pub fn finish(&self, rings: &Rings, calibration: &mut Calibration<HEADS>) -> Result<u16, Refusal> {
         let zero = self.align(rings, calibration);
         // The path began in the pole pair that belongs to this entry.
         let lattice = libm::roundf(zero / 65536.0);
@@ -150,10 +146,7 @@ impl<const HEADS: usize> Residuals<HEADS> {
         for (index, average) in self.by_pole_pair[..pairs].iter().enumerate() {
             let average = average.get() - mean;
             if average.abs() > 32767.0 {
-                return Err(Refusal::Margin {
-                    worst: average.abs() as u32,
-                    margin: 1 << 15,
-                });
+                return Err(Refusal::Margin { worst: average.abs() as u32, margin: 1 << 15 });
             }
             calibration.averages[(first + index) % pairs] = libm::roundf(average) as i16;
         }
@@ -168,11 +161,7 @@ impl<const HEADS: usize> Residuals<HEADS> {
     fn align(&self, rings: &Rings, calibration: &mut Calibration<HEADS>) -> f32 {
         let mut zero = self.all.get();
         for (index, ring) in RINGS.into_iter().enumerate() {
-            for (curve, apart) in calibration
-                .curves_mut(ring)
-                .iter_mut()
-                .zip(&self.apart[index])
-            {
+            for (curve, apart) in calibration.curves_mut(ring).iter_mut().zip(&self.apart[index]) {
                 curve.phase += in_bits(apart.get());
                 zero -= apart.get() / HEADS as f32 * weight(rings, ring);
             }
@@ -184,11 +173,7 @@ impl<const HEADS: usize> Residuals<HEADS> {
     fn refine(&self, rings: &Rings, calibration: &mut Calibration<HEADS>) -> u16 {
         let mut largest = 0;
         for (index, ring) in RINGS.into_iter().enumerate() {
-            for (curve, means) in calibration
-                .curves_mut(ring)
-                .iter_mut()
-                .zip(&self.by_place[index])
-            {
+            for (curve, means) in calibration.curves_mut(ring).iter_mut().zip(&self.by_place[index]) {
                 let missed = means.map(|mean| (mean.get() - self.all.get()) / weight(rings, ring));
                 let constant = missed.iter().sum::<f32>() / NODES as f32;
                 for (error, missed) in curve.errors.iter_mut().zip(missed) {

@@ -1,0 +1,83 @@
+//! The supply of the inverter.
+
+use crate::error::{Error, finite, not_negative, require};
+
+/// The supply and its capacitor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct BusParameters {
+    /// Open-circuit voltage of the supply, V.
+    pub supply_v: f64,
+    /// Resistance of the supply and its wires, Ω.
+    pub source_ohm: f64,
+    /// Capacitance of the bus, F; with 0 the bus follows the current of the last step at once.
+    pub capacitance_f: f64,
+    /// Whether the supply takes current back, as a battery does; otherwise braking pumps the bus
+    /// up. Without capacitance it has to.
+    pub takes_back: bool,
+}
+
+impl BusParameters {
+    /// Stiff.
+    #[must_use]
+    pub const fn ideal(supply_v: f64) -> Self {
+        Self { supply_v, source_ohm: 0.0, capacitance_f: 0.0, takes_back: true }
+    }
+
+    pub(crate) fn check(&self) -> Result<(), Error> {
+        supply(self.supply_v)?;
+        not_negative(self.source_ohm, "bus.source_ohm")?;
+        not_negative(self.capacitance_f, "bus.capacitance_f")?;
+        require(
+            self.takes_back || (self.capacitance_f > 0.0 && self.source_ohm > 0.0),
+            "bus.takes_back",
+            "true where source_ohm or capacitance_f is zero",
+        )
+    }
+}
+
+fn supply(volts: f64) -> Result<(), Error> {
+    finite(volts, "bus.supply_v")?;
+    not_negative(volts, "bus.supply_v")
+}
+
+#[derive(Clone, Debug)]
+pub(crate) struct Bus {
+    parameters: BusParameters,
+    pub volts: f64,
+}
+
+impl Bus {
+    pub fn new(parameters: &BusParameters) -> Result<Self, Error> {
+        parameters.check()?;
+        Ok(Self { parameters: *parameters, volts: parameters.supply_v })
+    }
+
+    pub fn set_supply(&mut self, supply_v: f64) -> Result<(), Error> {
+        supply(supply_v)?;
+        self.parameters.supply_v = supply_v;
+        if self.parameters.source_ohm == 0.0 {
+            self.volts = supply_v;
+        }
+        Ok(())
+    }
+
+    /// Lets the bridge draw a current for a span.
+    pub fn draw(&mut self, current_a: f64, span_s: f64) {
+        let BusParameters { supply_v, source_ohm, capacitance_f, takes_back } = self.parameters;
+        if source_ohm == 0.0 {
+            return;
+        }
+        let settled_v = supply_v - source_ohm * current_a;
+        if capacitance_f == 0.0 {
+            self.volts = settled_v;
+            return;
+        }
+        if !takes_back && self.volts > supply_v {
+            self.volts -= current_a * span_s / capacitance_f;
+            return;
+        }
+        // Implicit, so that a small capacitor cannot make it swing.
+        let relative = span_s / (source_ohm * capacitance_f);
+        self.volts = (self.volts + relative * settled_v) / (1.0 + relative);
+    }
+}

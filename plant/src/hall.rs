@@ -1,0 +1,273 @@
+//! Linear Hall sensors, with what is wrong with cheap ones, and with broken ones.
+
+use crate::error::{Error, finite, not_negative, positive, require};
+use crate::noise::Noise;
+use crate::phasor::Phasor;
+
+/// Output range of a sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Saturation {
+    /// Lowest output, V.
+    pub low_v: f64,
+    /// Highest output, V.
+    pub high_v: f64,
+    /// Where the output begins to bend, as a share of the half range; 1 clips hard, below 1 a
+    /// hyperbolic tangent leads into the rail.
+    pub knee: f64,
+}
+
+impl Saturation {
+    /// Hard at 0 and this voltage.
+    #[must_use]
+    pub const fn hard(high_v: f64) -> Self {
+        Self { low_v: 0.0, high_v, knee: 1.0 }
+    }
+
+    fn apply(&self, volts: f64) -> f64 {
+        let half = 0.5 * (self.high_v - self.low_v);
+        let middle = 0.5 * (self.high_v + self.low_v);
+        let out = volts - middle;
+        let linear = self.knee * half;
+        let beyond = out.abs() - linear;
+        if beyond <= 0.0 {
+            return volts;
+        }
+        let room = half - linear;
+        let bent = if room > 0.0 { linear + room * libm::tanh(beyond / room) } else { half };
+        middle + bent.copysign(out)
+    }
+}
+
+/// One sensor: r = sin x + h3·sin 3x + h5·sin 5x, where x = θe − φ − ψ, becomes
+/// offset + amplitude·r + coupling·currents.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct HallParameters {
+    /// Output without field at 25 °C, V.
+    pub offset_v: f64,
+    /// Amplitude of the fundamental at 25 °C, V.
+    pub amplitude_v: f64,
+    /// Placement ψ, electrical radians, its error included.
+    pub placement_rad: f64,
+    /// Third harmonic h3, relative.
+    pub third: f64,
+    /// Fifth harmonic h5, relative.
+    pub fifth: f64,
+    /// Drift of the output without field, V/K.
+    pub offset_drift_v_k: f64,
+    /// Relative change of the amplitude per kelvin.
+    pub amplitude_drift_k: f64,
+    /// Stray field of the three phase currents, V/A.
+    pub coupling_v_a: [f64; 3],
+    /// Standard deviation of the Gaussian noise, relative to the amplitude at 25 °C.
+    pub noise: f64,
+    /// Output range.
+    pub saturation: Saturation,
+    /// Bandwidth of the first-order lag, Hz; `None`: no lag.
+    pub bandwidth_hz: Option<f64>,
+}
+
+impl HallParameters {
+    /// Without flaws, saturating at 0 and twice the offset.
+    #[must_use]
+    pub const fn ideal(offset_v: f64, amplitude_v: f64, placement_rad: f64) -> Self {
+        Self {
+            offset_v,
+            amplitude_v,
+            placement_rad,
+            third: 0.0,
+            fifth: 0.0,
+            offset_drift_v_k: 0.0,
+            amplitude_drift_k: 0.0,
+            coupling_v_a: [0.0; 3],
+            noise: 0.0,
+            saturation: Saturation::hard(2.0 * offset_v),
+            bandwidth_hz: None,
+        }
+    }
+
+    fn check(&self) -> Result<(), Error> {
+        finite(self.offset_v, "halls.offset_v")?;
+        not_negative(self.amplitude_v, "halls.amplitude_v")?;
+        finite(self.placement_rad, "halls.placement_rad")?;
+        finite(self.third, "halls.third")?;
+        finite(self.fifth, "halls.fifth")?;
+        finite(self.offset_drift_v_k, "halls.offset_drift_v_k")?;
+        finite(self.amplitude_drift_k, "halls.amplitude_drift_k")?;
+        for coupling in self.coupling_v_a {
+            finite(coupling, "halls.coupling_v_a")?;
+        }
+        not_negative(self.noise, "halls.noise")?;
+        finite(self.saturation.low_v, "halls.saturation.low_v")?;
+        finite(self.saturation.high_v, "halls.saturation.high_v")?;
+        require(self.saturation.high_v > self.saturation.low_v, "halls.saturation.high_v", "above low_v")?;
+        require((0.0..=1.0).contains(&self.saturation.knee), "halls.saturation.knee", "0 to 1")?;
+        self.bandwidth_hz.map_or(Ok(()), |hz| positive(hz, "halls.bandwidth_hz"))
+    }
+}
+
+/// A rail of the sensors' supply.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rail {
+    /// 0 V.
+    Low,
+    /// The converter's reference or above.
+    High,
+}
+
+/// What has happened to a sensor.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum HallFault {
+    /// The output stays at a voltage.
+    StuckAt(f64),
+    /// A broken wire, pulled to a rail.
+    Open(Rail),
+    /// Connected with the output of the sensor of this number: both show the mean. A number that
+    /// is not 0 to 2, or the sensor itself, does nothing.
+    ShortedTo(usize),
+    /// Gaussian noise of this standard deviation on top, V.
+    Noisy(f64),
+}
+
+#[derive(Clone, Debug)]
+struct Hall {
+    parameters: HallParameters,
+    /// Of -φ-ψ.
+    placement: Phasor,
+    offset_v: f64,
+    amplitude_v: f64,
+    lag: Option<Lag>,
+    volts: f64,
+}
+
+/// First-order lag whose input is taken to run straight from sample to sample.
+#[derive(Clone, Copy, Debug)]
+struct Lag {
+    /// Time constant over period.
+    relative: f64,
+    kept: f64,
+    input: f64,
+}
+
+impl Hall {
+    fn new(parameters: &HallParameters, phase_rad: f64, period_s: f64) -> Result<Self, Error> {
+        parameters.check()?;
+        Ok(Self {
+            parameters: *parameters,
+            placement: Phasor::new(-phase_rad - parameters.placement_rad),
+            offset_v: parameters.offset_v,
+            amplitude_v: parameters.amplitude_v,
+            lag: parameters.bandwidth_hz.map(|hz| {
+                let relative = 1.0 / (core::f64::consts::TAU * hz * period_s);
+                Lag { relative, kept: libm::exp(-1.0 / relative), input: 0.0 }
+            }),
+            volts: parameters.offset_v,
+        })
+    }
+
+    /// Field as a voltage.
+    fn field_v(&self, rotor: Phasor, currents_a: &[f64; 3]) -> f64 {
+        let HallParameters { third, fifth, coupling_v_a, .. } = self.parameters;
+        let sin = rotor.plus(self.placement).sin;
+        let square = sin * sin;
+        let mut relative = sin;
+        if third != 0.0 {
+            relative += third * sin * (3.0 - 4.0 * square);
+        }
+        if fifth != 0.0 {
+            relative += fifth * sin * (5.0 - square * (20.0 - 16.0 * square));
+        }
+        self.offset_v
+            + self.amplitude_v * relative
+            + coupling_v_a[0] * currents_a[0]
+            + coupling_v_a[1] * currents_a[1]
+            + coupling_v_a[2] * currents_a[2]
+    }
+
+    fn settle(&mut self, field_v: f64) {
+        self.volts = field_v;
+        if let Some(lag) = &mut self.lag {
+            lag.input = field_v;
+        }
+    }
+
+    fn advance(&mut self, field_v: f64) {
+        let Some(lag) = &mut self.lag else {
+            self.volts = field_v;
+            return;
+        };
+        let behind = (field_v - lag.input) * lag.relative;
+        self.volts = field_v - behind + (self.volts - lag.input + behind) * lag.kept;
+        lag.input = field_v;
+    }
+}
+
+/// The three sensors of a motor.
+#[derive(Clone, Debug)]
+pub(crate) struct Halls {
+    halls: [Hall; 3],
+    faults: [Option<HallFault>; 3],
+}
+
+impl Halls {
+    pub fn new(parameters: &[HallParameters; 3], phase_rad: f64, period_s: f64) -> Result<Self, Error> {
+        finite(phase_rad, "hall_phase_rad")?;
+        let hall = |index: usize| Hall::new(&parameters[index], phase_rad, period_s).map_err(|error| error.at(index));
+        Ok(Self { halls: [hall(0)?, hall(1)?, hall(2)?], faults: [None; 3] })
+    }
+
+    /// Sets a fault, or clears it.
+    pub fn set_fault(&mut self, sensor: usize, fault: Option<HallFault>) {
+        if let Some(entry) = self.faults.get_mut(sensor) {
+            *entry = fault;
+        }
+    }
+
+    pub fn set_temperature(&mut self, celsius: f64) {
+        for hall in &mut self.halls {
+            let (parameters, over) = (&hall.parameters, celsius - 25.0);
+            hall.offset_v = parameters.offset_v + parameters.offset_drift_v_k * over;
+            hall.amplitude_v = parameters.amplitude_v * (1.0 + parameters.amplitude_drift_k * over);
+        }
+    }
+
+    /// The sensors have long seen this.
+    pub fn settle(&mut self, rotor: Phasor, currents_a: &[f64; 3]) {
+        for hall in &mut self.halls {
+            hall.settle(hall.field_v(rotor, currents_a));
+        }
+    }
+
+    /// A period later they see this.
+    pub fn advance(&mut self, rotor: Phasor, currents_a: &[f64; 3]) {
+        for hall in &mut self.halls {
+            hall.advance(hall.field_v(rotor, currents_a));
+        }
+    }
+
+    /// Voltages at the converter, with fresh noise.
+    pub fn volts(&self, noise: &mut Noise) -> [f64; 3] {
+        let mut volts = [0.0; 3];
+        for (index, (volts, hall)) in volts.iter_mut().zip(&self.halls).enumerate() {
+            let parameters = &hall.parameters;
+            let own = noise.scaled(parameters.noise * parameters.amplitude_v);
+            let burst = match self.faults[index] {
+                Some(HallFault::Noisy(deviation_v)) => noise.scaled(deviation_v),
+                _ => 0.0,
+            };
+            *volts = parameters.saturation.apply(hall.volts + own + burst);
+        }
+        for (sensor, fault) in self.faults.iter().enumerate() {
+            match *fault {
+                Some(HallFault::StuckAt(at)) => volts[sensor] = at,
+                Some(HallFault::Open(Rail::Low)) => volts[sensor] = 0.0,
+                Some(HallFault::Open(Rail::High)) => volts[sensor] = f64::MAX,
+                Some(HallFault::ShortedTo(other)) if other < 3 => {
+                    let mean = 0.5 * (volts[sensor] + volts[other]);
+                    (volts[sensor], volts[other]) = (mean, mean);
+                }
+                _ => {}
+            }
+        }
+        volts
+    }
+}

@@ -1,0 +1,189 @@
+//! A permanent-magnet machine: windings, back-EMF and rotor, advanced together.
+
+use crate::emf::BackEmf;
+use crate::error::{Error, finite, positive, require};
+use crate::phasor::Phasor;
+use crate::rotor::{Cogging, Friction, Rotor};
+use crate::windings::{Diodes, Terminal, Windings};
+
+/// A motor in a star connection.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MotorParameters {
+    /// Resistance of one phase, Ω.
+    pub resistance_ohm: f64,
+    /// Inductance of one phase in the star (self less mutual), H.
+    pub inductance_h: f64,
+    /// Pole pairs, 1 to 64.
+    pub pole_pairs: u8,
+    /// Back-EMF, and with it torque.
+    pub back_emf: BackEmf,
+    /// Inertia of all that turns, kg·m².
+    pub inertia_kgm2: f64,
+    /// Friction.
+    pub friction: Friction,
+    /// Two components of the cogging torque.
+    pub cogging: [Cogging; 2],
+    /// Torque of the load against positive rotation, N·m; it acts at rest, too.
+    pub load_nm: f64,
+}
+
+impl MotorParameters {
+    /// The motor of Simpkins and Todorov.
+    ///
+    /// From the paper: 3.75 Ω, 0.36 mH (taken as values of one phase) and four pole pairs. Chosen
+    /// as plausible for a pancake motor of that size: a flux linkage of 5 mV·s, so that it idles at
+    /// about 5660 rpm on sinusoids from 24 V; 1e-5 kg·m²; 0.5 mN·m of Coulomb friction, 0.6 mN·m to
+    /// break away; 1 µN·m·s of viscous friction; cogging of 0.5 mN·m at 24 cycles a
+    /// turn (eight poles over six slots) and 0.2 mN·m at 12 (unequal magnets).
+    #[must_use]
+    pub const fn paper() -> Self {
+        Self {
+            resistance_ohm: 3.75,
+            inductance_h: 0.36e-3,
+            pole_pairs: 4,
+            back_emf: BackEmf::sinusoidal(5e-3),
+            inertia_kgm2: 1e-5,
+            friction: Friction { viscous_nms: 1e-6, coulomb_nm: 0.5e-3, breakaway_nm: 0.6e-3 },
+            cogging: [
+                Cogging { amplitude_nm: 0.5e-3, cycles_per_turn: 24, phase_rad: 0.4 },
+                Cogging { amplitude_nm: 0.2e-3, cycles_per_turn: 12, phase_rad: 1.9 },
+            ],
+            load_nm: 0.0,
+        }
+    }
+
+    /// The same motor with a sinusoidal back-EMF and neither friction nor cogging, for comparison
+    /// with closed formulas.
+    #[must_use]
+    pub const fn ideal() -> Self {
+        Self { friction: Friction::NONE, cogging: [Cogging::NONE; 2], ..Self::paper() }
+    }
+}
+
+/// Means over one step of the simulation.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Slice {
+    /// Length of the step, s.
+    pub span_s: f64,
+    /// Terminal voltages against the negative rail, V. The drop across the switches' resistance is
+    /// counted with the windings'.
+    pub terminals_v: [f64; 3],
+    /// Mean phase currents, A.
+    pub currents_a: [f64; 3],
+    /// Phase currents at the end of the step, A.
+    pub end_currents_a: [f64; 3],
+    /// Back-EMF from phase to star point in the middle of the step, V.
+    pub back_emf_v: [f64; 3],
+    /// Electromagnetic torque, N·m.
+    pub torque_nm: f64,
+    /// Cogging torque, N·m.
+    pub cogging_nm: f64,
+    /// Torque of friction, N·m; opposes the motion, or holds the rotor at rest.
+    pub friction_nm: f64,
+    /// Mechanical angle turned, rad.
+    pub turned_rad: f64,
+    /// Current drawn from the positive rail, A.
+    pub bus_a: f64,
+}
+
+/// The machine in motion.
+#[derive(Clone, Debug)]
+pub(crate) struct Motor {
+    back_emf: BackEmf,
+    cogging: [Cogging; 2],
+    pole_pairs: f64,
+    pub load_nm: f64,
+    pub windings: Windings,
+    pub rotor: Rotor,
+    phasor: Phasor,
+}
+
+impl Motor {
+    /// `switch_ohm` is in series with each phase; `usual_s` the step that comes up most.
+    pub fn new(parameters: &MotorParameters, switch_ohm: f64, usual_s: f64) -> Result<Self, Error> {
+        positive(parameters.resistance_ohm, "motor.resistance_ohm")?;
+        require((1..=64).contains(&parameters.pole_pairs), "motor.pole_pairs", "1 to 64")?;
+        parameters.back_emf.check()?;
+        for (index, cogging) in parameters.cogging.iter().enumerate() {
+            cogging.check().map_err(|error| error.at(index))?;
+        }
+        finite(parameters.load_nm, "motor.load_nm")?;
+        Ok(Self {
+            back_emf: parameters.back_emf,
+            cogging: parameters.cogging,
+            pole_pairs: f64::from(parameters.pole_pairs),
+            load_nm: parameters.load_nm,
+            windings: Windings::new(parameters.resistance_ohm + switch_ohm, parameters.inductance_h, usual_s)?,
+            rotor: Rotor::new(parameters.inertia_kgm2, parameters.friction)?,
+            phasor: Phasor::new(0.0),
+        })
+    }
+
+    pub fn electrical_rad(&self) -> f64 {
+        self.pole_pairs * self.rotor.angle_rad
+    }
+
+    /// Sine and cosine of the electrical angle, as of the last [`resync`](Self::resync) or step.
+    pub fn phasor(&self) -> Phasor {
+        self.phasor
+    }
+
+    /// Takes sine and cosine from the angle itself.
+    pub fn resync(&mut self) {
+        self.phasor = Phasor::new(self.electrical_rad());
+    }
+
+    /// Back-EMF at this very moment.
+    pub fn back_emf_v(&self) -> [f64; 3] {
+        let speed = self.pole_pairs * self.rotor.speed_rad_s;
+        self.back_emf.at(self.phasor, self.electrical_rad()).map(|flux| flux * speed)
+    }
+
+    pub fn cogging_nm(&self) -> f64 {
+        self.cogging_at(self.rotor.angle_rad)
+    }
+
+    fn cogging_at(&self, angle_rad: f64) -> f64 {
+        self.cogging[0].torque_nm(angle_rad) + self.cogging[1].torque_nm(angle_rad)
+    }
+
+    /// Electromagnetic torque at this very moment.
+    pub fn torque_nm(&self) -> f64 {
+        self.torque_of(&self.back_emf.at(self.phasor, self.electrical_rad()), &self.windings.currents_a)
+    }
+
+    /// Co-energy: the torque is what the back-EMF takes up per speed, without dividing by it.
+    fn torque_of(&self, flux_vs: &[f64; 3], currents_a: &[f64; 3]) -> f64 {
+        self.pole_pairs * (flux_vs[0] * currents_a[0] + flux_vs[1] * currents_a[1] + flux_vs[2] * currents_a[2])
+    }
+
+    /// One step with constant terminal voltages. The bus current leaves out the driven terminals,
+    /// whose share the inverter knows.
+    pub fn step(&mut self, terminals: &[Terminal; 3], diodes: Diodes, span_s: f64) -> Slice {
+        let half_s = 0.5 * span_s;
+        let speed = self.rotor.speed_ahead_rad_s(half_s);
+        let ahead_rad = half_s * speed;
+        let middle_rad = self.rotor.angle_rad + ahead_rad;
+        let middle = self.phasor.turned_by(self.pole_pairs * ahead_rad);
+        let flux_vs = self.back_emf.at(middle, self.pole_pairs * middle_rad);
+        let back_emf_v = flux_vs.map(|flux| flux * self.pole_pairs * speed);
+
+        let flow = self.windings.advance(terminals, &back_emf_v, diodes, span_s);
+        let torque_nm = self.torque_of(&flux_vs, &flow.currents_a);
+        let cogging_nm = self.cogging_at(middle_rad);
+        let motion = self.rotor.step(torque_nm + cogging_nm - self.load_nm, span_s);
+        self.phasor = middle.turned_by(self.pole_pairs * (motion.turned_rad - ahead_rad));
+        Slice {
+            span_s,
+            terminals_v: flow.terminals_v,
+            currents_a: flow.currents_a,
+            end_currents_a: self.windings.currents_a,
+            back_emf_v,
+            torque_nm,
+            cogging_nm,
+            friction_nm: motion.friction_nm,
+            turned_rad: motion.turned_rad,
+            bus_a: flow.returned_a,
+        }
+    }
+}

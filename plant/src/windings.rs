@@ -1,0 +1,233 @@
+//! Three windings in a star, solved exactly over spans of constant voltage.
+
+use crate::error::{Error, positive};
+
+/// What the inverter does with a terminal.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) enum Terminal {
+    /// Held at a voltage against the negative rail.
+    Driven(f64),
+    /// Left to the diodes.
+    Open,
+}
+
+/// Terminal voltages at which the diodes conduct.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Diodes {
+    pub low_v: f64,
+    pub high_v: f64,
+}
+
+/// Decay of a current over one span: what of it is lost, and the weight of the old in the mean.
+#[derive(Clone, Copy, Debug)]
+struct Decay {
+    span_s: f64,
+    lost: f64,
+    old_in_mean: f64,
+}
+
+impl Decay {
+    fn over(span_s: f64, time_constant_s: f64) -> Self {
+        let relative = span_s / time_constant_s;
+        let lost = -libm::expm1(-relative);
+        Self { span_s, lost, old_in_mean: lost / relative }
+    }
+}
+
+/// An open phase below this current has stopped conducting: far below anything measured, far
+/// above rounding.
+const EXTINCT_A: f64 = 1e-9;
+
+#[derive(Clone, Debug)]
+pub(crate) struct Windings {
+    conductance_s: f64,
+    time_constant_s: f64,
+    usual: Decay,
+    pub currents_a: [f64; 3],
+}
+
+/// Means over a span.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Flow {
+    pub currents_a: [f64; 3],
+    pub terminals_v: [f64; 3],
+    /// Current drawn from the positive rail through diodes; not positive.
+    pub returned_a: f64,
+}
+
+/// Voltages while one set of phases conducts.
+struct Conduction {
+    /// Terminal voltage of the phases that conduct.
+    held_v: [Option<f64>; 3],
+    star_v: f64,
+}
+
+impl Windings {
+    /// `resistance_ohm` of a winding and what drives it; `usual_s` is the span that comes up most.
+    pub fn new(resistance_ohm: f64, inductance_h: f64, usual_s: f64) -> Result<Self, Error> {
+        positive(resistance_ohm, "motor.resistance_ohm")?;
+        positive(inductance_h, "motor.inductance_h")?;
+        let time_constant_s = inductance_h / resistance_ohm;
+        Ok(Self {
+            conductance_s: 1.0 / resistance_ohm,
+            time_constant_s,
+            usual: Decay::over(usual_s, time_constant_s),
+            currents_a: [0.0; 3],
+        })
+    }
+
+    /// Lets the currents flow for a span of constant terminal voltages and back-EMF.
+    pub fn advance(&mut self, terminals: &[Terminal; 3], emf_v: &[f64; 3], diodes: Diodes, span_s: f64) -> Flow {
+        let mut mean = Flow::default();
+        let mut left_s = span_s;
+        // A phase goes out at most once for each time that it starts to conduct; three phases
+        // rarely do so twice in a span. The last part takes what is left in one.
+        for part in 0..6 {
+            let conduction = self.conduction(terminals, emf_v, diodes);
+            let target_a = self.targets(&conduction, emf_v);
+            let mut part_s = left_s;
+            if part < 5 {
+                for phase in 0..3 {
+                    if terminals[phase] == Terminal::Open {
+                        part_s = part_s.min(self.extinction_s(phase, target_a[phase]));
+                    }
+                }
+            }
+            let whole = part_s >= left_s;
+            let flow = self.flow(&conduction, &target_a, emf_v, terminals, part_s);
+            let weight = if whole && part == 0 { 1.0 } else { part_s / span_s };
+            mean.add(&flow, weight);
+            if whole {
+                break;
+            }
+            left_s -= part_s;
+        }
+        mean
+    }
+
+    /// Which phases conduct, and where that puts the star point.
+    fn conduction(&mut self, terminals: &[Terminal; 3], emf_v: &[f64; 3], diodes: Diodes) -> Conduction {
+        let mut held_v = [None; 3];
+        for phase in 0..3 {
+            held_v[phase] = match terminals[phase] {
+                Terminal::Driven(volts) => Some(volts),
+                Terminal::Open if self.currents_a[phase] > EXTINCT_A => Some(diodes.low_v),
+                Terminal::Open if self.currents_a[phase] < -EXTINCT_A => Some(diodes.high_v),
+                Terminal::Open => {
+                    self.currents_a[phase] = 0.0;
+                    None
+                }
+            };
+        }
+        if held_v == [None; 3] {
+            return rectifier(emf_v, diodes);
+        }
+        loop {
+            let star_v = star_point(&held_v, emf_v);
+            // The floating terminal furthest beyond a rail is the next to conduct.
+            let mut furthest = (0.0, None);
+            for phase in 0..3 {
+                if held_v[phase].is_none() {
+                    let volts = star_v + emf_v[phase];
+                    let (above, below) = (volts - diodes.high_v, diodes.low_v - volts);
+                    if above > furthest.0 {
+                        furthest = (above, Some((phase, diodes.high_v)));
+                    }
+                    if below > furthest.0 {
+                        furthest = (below, Some((phase, diodes.low_v)));
+                    }
+                }
+            }
+            match furthest.1 {
+                Some((phase, volts)) => held_v[phase] = Some(volts),
+                None => return Conduction { held_v, star_v },
+            }
+        }
+    }
+
+    /// Currents that the voltages would settle at.
+    fn targets(&self, conduction: &Conduction, emf_v: &[f64; 3]) -> [f64; 3] {
+        let mut target_a = [0.0; 3];
+        for phase in 0..3 {
+            if let Some(volts) = conduction.held_v[phase] {
+                target_a[phase] = (volts - emf_v[phase] - conduction.star_v) * self.conductance_s;
+            }
+        }
+        target_a
+    }
+
+    /// When a freewheeling current reaches zero on its way to a target beyond; never: infinity.
+    fn extinction_s(&self, phase: usize, target_a: f64) -> f64 {
+        let current = self.currents_a[phase];
+        if current == 0.0 || target_a * current >= 0.0 {
+            return f64::INFINITY;
+        }
+        self.time_constant_s * libm::log1p(-current / target_a)
+    }
+
+    fn flow(
+        &mut self,
+        conduction: &Conduction,
+        target_a: &[f64; 3],
+        emf_v: &[f64; 3],
+        terminals: &[Terminal; 3],
+        span_s: f64,
+    ) -> Flow {
+        let decay = if span_s == self.usual.span_s { self.usual } else { Decay::over(span_s, self.time_constant_s) };
+        let mut flow = Flow::default();
+        for phase in 0..3 {
+            let (old, target) = (self.currents_a[phase], target_a[phase]);
+            let mean = target + (old - target) * decay.old_in_mean;
+            self.currents_a[phase] = old + (target - old) * decay.lost;
+            flow.currents_a[phase] = mean;
+            flow.terminals_v[phase] = conduction.held_v[phase].unwrap_or(conduction.star_v + emf_v[phase]);
+            if terminals[phase] == Terminal::Open && mean < 0.0 {
+                flow.returned_a += mean;
+            }
+        }
+        flow
+    }
+}
+
+impl Flow {
+    fn add(&mut self, part: &Self, weight: f64) {
+        for phase in 0..3 {
+            self.currents_a[phase] += weight * part.currents_a[phase];
+            self.terminals_v[phase] += weight * part.terminals_v[phase];
+        }
+        self.returned_a += weight * part.returned_a;
+    }
+}
+
+/// Star point of the phases that conduct: their currents add up to nothing.
+fn star_point(held_v: &[Option<f64>; 3], emf_v: &[f64; 3]) -> f64 {
+    let (mut sum, mut count) = (0.0, 0);
+    for phase in 0..3 {
+        if let Some(volts) = held_v[phase] {
+            sum += volts - emf_v[phase];
+            count += 1;
+        }
+    }
+    sum * [0.0, 1.0, 0.5, 1.0 / 3.0][count]
+}
+
+/// Nothing driven, nothing flowing: the diodes conduct once the line-to-line EMF exceeds the bus.
+/// Otherwise the star point is taken to lie midway, where leakage would leave it.
+fn rectifier(emf_v: &[f64; 3], diodes: Diodes) -> Conduction {
+    let (mut most, mut least) = (0, 0);
+    for phase in 1..3 {
+        if emf_v[phase] > emf_v[most] {
+            most = phase;
+        }
+        if emf_v[phase] < emf_v[least] {
+            least = phase;
+        }
+    }
+    let mut held_v = [None; 3];
+    if emf_v[most] - emf_v[least] > diodes.high_v - diodes.low_v {
+        held_v[most] = Some(diodes.high_v);
+        held_v[least] = Some(diodes.low_v);
+    }
+    let middle_emf = 0.5 * (emf_v[most] + emf_v[least]);
+    Conduction { held_v, star_v: 0.5 * (diodes.low_v + diodes.high_v) - middle_emf }
+}

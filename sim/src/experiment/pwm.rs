@@ -1,0 +1,7 @@
+//! Soon.
+use super::Common;
+use anyhow::Result;
+/// Soon.
+pub fn main(_: &Common) -> Result<()> {
+    Ok(())
+}

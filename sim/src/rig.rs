@@ -1,0 +1,151 @@
+//! The drive's control code in a closed loop with the simulated motor: what a board and its motor are to each other.
+
+use anyhow::{Context, Result, anyhow, bail};
+use hallservo::angle::ElectricalAngle;
+use hallservo::commutation::{Modulation, Output};
+use hallservo::drive::{Channels, Command, Drive, Sample};
+use hallservo::hall::calibrate::Calibration;
+use hallservo::hall::estimate::Estimator;
+use hallservo::service::{Event, Service};
+use hallservo::settings::{Config, Settings};
+use plant::{Leg, Legs, Plant, PlantParameters, Truth};
+
+/// A drive, its service and its motor.
+pub struct Rig {
+    /// The motor and everything between it and the drive.
+    pub plant: Plant,
+    /// What the control interrupt owns.
+    pub drive: Drive,
+    /// What the tasks own.
+    pub service: Service,
+    /// The settings in the interrupt's units.
+    pub config: Config,
+    period_s: f64,
+}
+
+/// One control period: what the drive saw and did, and how it really was at the sampling instant.
+#[derive(Clone, Copy, Debug)]
+pub struct Period {
+    /// What the ADC delivered.
+    pub sample: Sample,
+    /// The state of the motor at that instant.
+    pub truth: Truth,
+    /// What the drive answered.
+    pub output: Output,
+}
+
+impl Rig {
+    /// A drive at a motor, both at rest.
+    ///
+    /// # Errors
+    /// What is wrong with the settings or the parameters of the plant.
+    pub fn new(plant: &PlantParameters, settings: &Settings, seed: u64) -> Result<Self> {
+        let config = settings.validate().context("the drive's settings")?;
+        let mut plant = Plant::new(plant, seed).map_err(|error| anyhow!("the plant's parameters: {error}"))?;
+        let period_s = plant.period_s();
+        if (period_s * f64::from(settings.pwm_hz) - 1.0).abs() > 1e-6 {
+            bail!("the plant switches with {} Hz and the drive with {} Hz", 1.0 / period_s, settings.pwm_hz);
+        }
+        plant.place(0.3, 0.0).map_err(|error| anyhow!("{error}"))?;
+        // On the chip these are statics; here, too, a drive lives as long as its process.
+        let (interrupt, tasks) = Box::leak(Box::new(Channels::new())).split();
+        let estimators = [(); 2].map(|()| Box::leak(Box::new(Estimator::blank())));
+        Ok(Self {
+            plant,
+            drive: Drive::new(config, interrupt),
+            service: Service::new(config, tasks, estimators),
+            config,
+            period_s,
+        })
+    }
+
+    /// Length of a control period in seconds.
+    pub fn period_s(&self) -> f64 {
+        self.period_s
+    }
+
+    /// One control period.
+    pub fn step(&mut self) -> Period {
+        let sample = Sample { halls: self.plant.sample().halls };
+        let truth = self.plant.truth();
+        let output = self.drive.step(&sample);
+        self.plant.advance(&legs(&output, self.config.period));
+        Period { sample, truth, output }
+    }
+
+    /// Control periods in a time.
+    pub fn periods(&self, seconds: f64) -> u32 {
+        (seconds / self.period_s).round() as u32
+    }
+
+    /// Sends a command and lets the drive obey it.
+    ///
+    /// # Errors
+    /// The drive's refusal.
+    pub fn command(&mut self, command: Command) -> Result<()> {
+        self.service.send(command).map_err(|command| anyhow!("no room for {command:?}"))?;
+        self.step();
+        while let Some(event) = self.service.poll() {
+            if let Event::Reply(reply) = event {
+                return Ok(reply?);
+            }
+        }
+        bail!("the drive did not answer")
+    }
+
+    /// Commands a modulation.
+    ///
+    /// # Errors
+    /// The drive's refusal.
+    pub fn drive_with(&mut self, modulation: f64) -> Result<()> {
+        self.command(Command::Drive(Modulation::saturating_from_num(modulation)))
+    }
+
+    /// Lets the drive calibrate itself; `progress` hears from 0 to 1.
+    ///
+    /// # Errors
+    /// Why the drive refused the sensors.
+    pub fn calibrate(&mut self, mut progress: impl FnMut(f32)) -> Result<Calibration> {
+        self.command(Command::Calibrate)?;
+        for step in 0..self.periods(60.0) {
+            self.step();
+            if step % 40 == 0 {
+                progress(self.service.progress());
+                while let Some(event) = self.service.poll() {
+                    match event {
+                        Event::Calibrated(calibration) => {
+                            self.step();
+                            return Ok(calibration);
+                        }
+                        Event::Refused(error) => return Err(error.into()),
+                        Event::Reply(_) | Event::Record(_) => {}
+                    }
+                }
+            }
+        }
+        bail!("the calibration did not come to an end")
+    }
+
+    /// Empties the queues, as the tasks do.
+    pub fn serve(&mut self) {
+        while self.service.poll().is_some() {}
+    }
+}
+
+/// What the timer makes of an output.
+pub fn legs(output: &Output, period: u16) -> Legs {
+    if output.legs == hallservo::commutation::Legs::NONE {
+        return Legs::OFF;
+    }
+    let leg = |k: u8| {
+        let duty = f64::from(output.compare[usize::from(k)]) / f64::from(period);
+        if output.legs.contains(k) { Leg::Pwm(duty) } else { Leg::Open }
+    };
+    Legs::new([leg(0), leg(1), leg(2)])
+}
+
+/// Estimated less true angle, electrical degrees, −180 to 180.
+pub fn error_deg(estimated: ElectricalAngle, true_rad: f64) -> f64 {
+    let turns = f64::from(estimated.to_bits()) / 4_294_967_296.0 - true_rad / std::f64::consts::TAU;
+    360.0 * (turns - turns.round())
+}

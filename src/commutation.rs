@@ -1,0 +1,67 @@
+//! From the rotor's angle and a command to what the bridge's three legs do.
+//!
+//! The command is a modulation M from −1 to 1; its sign is the direction of the torque. Angles are electrical: zero is the axis of
+//! phase A, and the field that pulls hardest stands a quarter turn ahead of the rotor, or behind it for a negative command.
+
+pub mod block;
+pub mod sinusoidal;
+
+use fixed::types::I1F15;
+
+/// A voltage command as a fraction of what the bridge can do without over-modulation: the amplitude of the phase
+/// voltages is `M · V_bus / 2`.
+pub type Modulation = I1F15;
+
+/// How the phases are driven.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Commutation {
+    /// Six steps a turn, two phases at a time. Simpkins and Todorov, section III.A.
+    Block,
+    /// Three sines. Simpkins and Todorov, section III.B.
+    #[default]
+    Sinusoidal,
+}
+
+/// Which legs of the bridge switch; the others are open, both transistors off.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Legs(u8);
+
+impl Legs {
+    /// The bridge is off.
+    pub const NONE: Self = Self(0);
+    /// All three switch.
+    pub const ALL: Self = Self(7);
+
+    /// All but one, 0 to 2; any other number is none to leave out.
+    pub const fn without(leg: u8) -> Self {
+        Self(if leg < 3 { 7 & !(1 << leg) } else { 7 })
+    }
+
+    /// Whether a leg, 0 to 2, switches.
+    pub const fn contains(self, leg: u8) -> bool {
+        leg < 3 && self.0 >> leg & 1 != 0
+    }
+
+    /// Bit 0 is phase A.
+    pub const fn bits(self) -> u8 {
+        self.0
+    }
+}
+
+/// What the board writes to the timer.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Output {
+    /// Compare values of phases A, B and C in timer counts: the leg's upper transistor conducts for `compare` of the
+    /// `period` counts of a half cycle.
+    pub compare: [u16; 3],
+    /// Which legs switch at all; [`Legs::NONE`] turns the bridge off at once.
+    pub legs: Legs,
+}
+
+impl Output {
+    /// The bridge is off.
+    pub const OFF: Self = Self { compare: [0; 3], legs: Legs::NONE };
+}

@@ -1,0 +1,115 @@
+//! Sinusoidal commutation: Simpkins and Todorov, eq. (8) and (9), with the errata.
+//!
+//! The sines are signed and duties are not, so the duties are centred at one half. The third phase is driven so that the
+//! three always sum to the same; reversal is the complement, a negative amplitude.
+
+use crate::angle::ElectricalAngle;
+use crate::pwm::Amplitude;
+use crate::trig;
+use fixed::types::I2F30;
+
+/// Direction from phase A to B to C along which a vector turns: forward, or with two phases exchanged.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct PhaseOrder(ElectricalAngle);
+
+impl PhaseOrder {
+    /// A, B, C.
+    pub const FORWARD: Self = Self(ElectricalAngle::THIRD);
+    /// A, C, B.
+    pub const REVERSED: Self = Self(ElectricalAngle::from_bits(-ElectricalAngle::THIRD.to_bits()));
+
+    /// Whether it is A, B, C.
+    #[inline(always)]
+    pub const fn is_forward(self) -> bool {
+        self.0.to_bits() >= 0
+    }
+}
+
+/// Compare values for a voltage vector at an angle, for a timer with `half` of its period as the middle.
+///
+/// Within one count of the exact value for phases A and B, two for C; never outside the limits that the [`Amplitude`] was
+/// made for.
+#[inline(always)]
+pub const fn compare(vector: ElectricalAngle, order: PhaseOrder, amplitude: Amplitude, half: u16) -> [u16; 3] {
+    let behind = ElectricalAngle::from_bits(vector.to_bits().wrapping_sub(order.0.to_bits()));
+    let a = amplitude.times(trig::cos(vector));
+    let b = amplitude.times(trig::cos(behind));
+    let c = -a - b;
+    [(half as i32 + a) as u16, (half as i32 + b) as u16, (half as i32 + c) as u16]
+}
+
+impl Amplitude {
+    /// The amplitude times a sine, in counts, rounded.
+    #[inline(always)]
+    const fn times(self, sine: I2F30) -> i32 {
+        let product = (self.to_bits() as i64 * sine.to_bits() as i64) >> 32;
+        (product as i32 + (1 << (Amplitude::FRACTION - 3))) >> (Amplitude::FRACTION - 2)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pwm::Limits;
+    use core::f64::consts::TAU;
+
+    extern crate std;
+
+    fn for_all_angles(mut check: impl FnMut(ElectricalAngle, f64)) {
+        for k in 0..1 << 16 {
+            let angle = ElectricalAngle::from_bits((k as u32).wrapping_mul(65_537) as i32);
+            check(angle, f64::from(angle.to_bits()) / 4_294_967_296.0 * TAU);
+        }
+    }
+
+    #[test]
+    fn follows_the_equations_to_a_count() {
+        let half = 2048;
+        let limits = Limits::new(4096, 0, 4096).unwrap();
+        for modulation in [-1.0, -0.3, 0.01, 0.5, 0.97] {
+            let amplitude = limits.amplitude(crate::commutation::Modulation::saturating_from_num(modulation));
+            let exact = amplitude.to_counts();
+            for_all_angles(|angle, radians| {
+                for (order, sign) in [(PhaseOrder::FORWARD, 1.0), (PhaseOrder::REVERSED, -1.0)] {
+                    let found = compare(angle, order, amplitude, half);
+                    for (k, &compare) in found.iter().enumerate() {
+                        let ideal = 2048.0 + exact * (radians - sign * TAU * k as f64 / 3.0).cos();
+                        let tolerance = if k < 2 { 0.6 } else { 1.2 };
+                        assert!((f64::from(compare) - ideal).abs() < tolerance, "{modulation} {k} {compare} {ideal}");
+                    }
+                    assert_eq!(found.iter().map(|&c| u32::from(c)).sum::<u32>(), 3 * 2048);
+                }
+            });
+        }
+    }
+
+    #[test]
+    fn reversal_is_the_complement() {
+        let limits = Limits::new(2125, 40, 2085).unwrap();
+        let [forward, reversed] = [0.6, -0.6].map(|m| limits.amplitude(crate::commutation::Modulation::from_num(m)));
+        for_all_angles(|angle, _| {
+            let a = compare(angle, PhaseOrder::FORWARD, forward, limits.half());
+            let b = compare(angle, PhaseOrder::FORWARD, reversed, limits.half());
+            for k in 0..3 {
+                let sum = i32::from(a[k]) + i32::from(b[k]) - 2 * i32::from(limits.half());
+                assert!(sum.abs() <= 2, "{sum}");
+            }
+        });
+    }
+
+    #[test]
+    fn never_leaves_the_limits() {
+        for (period, low, high) in [(2125, 40, 2085), (2125, 0, 2125), (100, 10, 80), (65_535, 1000, 65_000)] {
+            let limits = Limits::new(period, low, high).unwrap();
+            for modulation in [crate::commutation::Modulation::MIN, crate::commutation::Modulation::MAX] {
+                let amplitude = limits.amplitude(modulation);
+                for_all_angles(|angle, _| {
+                    for c in compare(angle, PhaseOrder::FORWARD, amplitude, limits.half()) {
+                        assert!((low..=high).contains(&c), "{low} {c} {high}");
+                    }
+                });
+            }
+        }
+    }
+}

@@ -1,0 +1,62 @@
+//! What switches the bridge off, and what only holds the drive back.
+
+use crate::hall::normalize::Implausible;
+use core::fmt;
+
+/// Latched: the bridge is off until a person or the application clears it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Fault {
+    /// The Halls gave no angle for longer than tolerated.
+    Hall(Implausible),
+    /// The angle jumped farther from sample to sample than the motor can turn, for longer than tolerated.
+    AngleJump,
+    /// The rotor turns faster than `max_electrical_hz`.
+    OverSpeed,
+    /// The calibration failed; the service that ran it knows why.
+    Calibration,
+}
+
+impl fmt::Display for Fault {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Hall(why) => why.fmt(f),
+            Self::AngleJump => write!(f, "the angle jumps from sample to sample: a loose connection or interference"),
+            Self::OverSpeed => write!(f, "the rotor turned faster than allowed"),
+            Self::Calibration => write!(f, "the calibration failed"),
+        }
+    }
+}
+
+impl core::error::Error for Fault {}
+
+/// Reported, still running: what holds the drive back at the moment.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Limits(u8);
+
+impl Limits {
+    /// Nothing.
+    pub const NONE: Self = Self(0);
+    /// The command asks for more than the duty limit allows.
+    pub const DUTY: Self = Self(1);
+    /// The last sample was implausible and the angle is extrapolated.
+    pub const EXTRAPOLATED: Self = Self(2);
+
+    /// Whether all of `other` are active.
+    pub const fn contains(self, other: Self) -> bool {
+        self.0 & other.0 == other.0
+    }
+
+    /// Both.
+    #[must_use]
+    pub const fn with(self, other: Self) -> Self {
+        Self(self.0 | other.0)
+    }
+
+    /// Without those of `other`.
+    #[must_use]
+    pub const fn without(self, other: Self) -> Self {
+        Self(self.0 & !other.0)
+    }
+}

@@ -1,0 +1,141 @@
+//! The low-rate side of a drive: collects the calibration's samples, fits the model and installs it.
+
+use crate::drive::{Command, Reply, Tasks};
+use crate::hall::calibrate::{self, Calibration, Collector};
+use crate::hall::estimate::{BadModel, Estimator};
+use crate::hall::model::Model;
+use crate::mode::Mode;
+use crate::settings::Config;
+use crate::telemetry::{Progress, Record};
+use core::fmt;
+use heapless::Vec;
+
+/// What came of a look at the drive.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Event {
+    /// A command was answered.
+    Reply(Reply),
+    /// A sample.
+    Record(Record),
+    /// The rotor was turned, the model fits and is on its way to the drive.
+    Calibrated(Calibration),
+    /// The calibration came to nothing; the drive becomes faulted.
+    Refused(calibrate::Error),
+}
+
+/// There is no estimator to fill: one is with the drive and the other on its way.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum InstallError {
+    /// The drive has not given back the last one yet; try again after the next step.
+    Busy,
+    /// The model is no good.
+    Model(BadModel),
+}
+
+impl fmt::Display for InstallError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Busy => write!(f, "the drive has not taken up the last parameters yet"),
+            Self::Model(bad) => bad.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for InstallError {}
+
+/// Serves one drive; 2.3 KiB beside the two estimators.
+pub struct Service {
+    tasks: Tasks,
+    collector: Collector,
+    collected: u32,
+    spares: Vec<&'static mut Estimator, 2>,
+    config: Config,
+}
+
+impl Service {
+    /// For the tasks' end of a drive's channels. One of the estimators can be filled while the drive uses the other.
+    pub fn new(config: Config, tasks: Tasks, estimators: [&'static mut Estimator; 2]) -> Self {
+        let spares = Vec::from_array(estimators);
+        Self { tasks, collector: Collector::new(config.adc_bits), collected: 0, spares, config }
+    }
+
+    /// Sends a command; its answer is a later [`Event::Reply`].
+    ///
+    /// # Errors
+    /// The command itself, when the drive has eight to obey already.
+    pub fn send(&mut self, command: Command) -> Result<(), Command> {
+        self.tasks.commands.enqueue(command)
+    }
+
+    /// Makes an estimator of a model and sends it to the drive, which takes it up between two steps.
+    ///
+    /// # Errors
+    /// [`InstallError`]; nothing has changed then.
+    pub fn install(&mut self, model: &Model) -> Result<(), InstallError> {
+        let estimator = Estimator::new(model, self.config.adc_bits).map_err(InstallError::Model)?;
+        self.take_back();
+        let spare = self.spares.pop().ok_or(InstallError::Busy)?;
+        *spare = estimator;
+        if let Err(Command::Install(spare)) = self.tasks.commands.enqueue(Command::Install(spare)) {
+            let _ = self.spares.push(spare);
+            return Err(InstallError::Busy);
+        }
+        Ok(())
+    }
+
+    fn take_back(&mut self) {
+        while let Some(estimator) = self.tasks.retired.dequeue() {
+            let _ = self.spares.push(estimator);
+        }
+    }
+
+    /// The next thing that happened; to be called until it is `None`, at least every
+    /// 63 records. After a calibration's last sample the fit runs in here, for some ten million instructions.
+    pub fn poll(&mut self) -> Option<Event> {
+        if let Some(reply) = self.tasks.replies.dequeue() {
+            return Some(Event::Reply(reply));
+        }
+        let record = self.tasks.records.dequeue()?;
+        Some(match record.calibration {
+            Progress::Sample(sweep) => {
+                if self.collected == 0 {
+                    self.collector = Collector::new(self.config.adc_bits);
+                }
+                self.collected += 1;
+                self.collector.push(sweep, record.angle, &record.codes, record.sequence);
+                Event::Record(record)
+            }
+            Progress::Complete if self.collected > 0 => self.finish(),
+            Progress::None if record.mode == Mode::Aligning => {
+                self.collected = 0;
+                Event::Record(record)
+            }
+            _ => Event::Record(record),
+        })
+    }
+
+    fn finish(&mut self) -> Event {
+        self.collected = 0;
+        let result = self.collector.finish(self.config.reversed).and_then(|calibration| {
+            match self.install(&calibration.model) {
+                Ok(()) => Ok(calibration),
+                Err(InstallError::Model(bad)) => Err(calibrate::Error::Model(bad)),
+                Err(InstallError::Busy) => Err(calibrate::Error::Busy),
+            }
+        });
+        match result {
+            Ok(calibration) => Event::Calibrated(calibration),
+            Err(error) => {
+                // The queue has room: the drive obeys one command a step, and nobody sends eight a step.
+                let _ = self.send(Command::CalibrationFailed);
+                Event::Refused(error)
+            }
+        }
+    }
+
+    /// How much of the calibration's samples are collected, 0 to 1.
+    pub fn progress(&self) -> f32 {
+        self.collected as f32 / self.config.calibration_records().max(1) as f32
+    }
+}

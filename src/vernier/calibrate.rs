@@ -21,6 +21,7 @@ use super::decode::AverageTable;
 use super::encoder::{Calibration, Reading};
 use super::rings::{Ring, Rings};
 use core::fmt;
+use curve::Average;
 use turn::{Path, Residuals};
 
 /// Why a run gives no calibration.
@@ -59,7 +60,7 @@ pub enum Refusal {
         /// Which of its heads.
         head: u8,
     },
-    /// The heads of a ring are more than a quarter of a pole pair apart at some shaft angles.
+    /// The heads of a ring are more than 3/8 of a pole pair apart at some shaft angles.
     HeadsApart(Ring),
     /// The rings contradict each other by too much of the margin.
     Margin {
@@ -89,7 +90,7 @@ impl fmt::Display for Refusal {
             }
             Self::HeadsApart(ring) => write!(
                 f,
-                "the heads of the {ring:?} ring are more than a quarter of a pole pair apart: misplaced or very eccentric"
+                "the heads of the {ring:?} ring are more than 3/8 of a pole pair apart: misplaced or very eccentric"
             ),
             Self::Margin { worst, margin } => write!(
                 f,
@@ -187,8 +188,8 @@ impl<const HEADS: usize> Calibrator<HEADS> {
             Stage::Curve { ring, head, run } => {
                 if run.push(reading.ring(*ring)[*head])? {
                     let (ring, head) = (*ring, *head);
-                    let (curve, similar) = run.average()?;
-                    self.take_curve(ring, head, curve, similar)?;
+                    let average = run.average()?;
+                    self.take_curve(ring, head, &average)?;
                     self.turns += 1;
                     self.stage = self.after_curve(ring, head);
                 }
@@ -228,16 +229,17 @@ impl<const HEADS: usize> Calibrator<HEADS> {
         }
     }
 
-    fn take_curve(&mut self, ring: Ring, head: usize, curve: [f32; NODES], similar: u8) -> Result<(), Refusal> {
-        if harmonic(&curve, 4) > FOURTH_HARMONIC {
+    fn take_curve(&mut self, ring: Ring, head: usize, average: &Average) -> Result<(), Refusal> {
+        let errors = &average.errors;
+        if harmonic(errors, 4) > FOURTH_HARMONIC {
             return Err(Refusal::Saturated { ring, head: head as u8 });
         }
-        if curve.iter().any(|error| error.abs() > LARGEST_ERROR) {
+        if errors.iter().any(|error| error.abs() > LARGEST_ERROR) {
             return Err(Refusal::Nonlinear { ring, head: head as u8 });
         }
-        let percent = u32::from(similar) * 100 / u32::from(self.rings.pole_pairs(ring));
+        let percent = u32::from(average.similar) * 100 / u32::from(self.rings.pole_pairs(ring));
         self.report.similar_percent = self.report.similar_percent.min(percent as u8);
-        self.calibration.curves_mut(ring)[head].errors = curve.map(|error| libm::roundf(error * 65536.0) as i16);
+        self.calibration.curves_mut(ring)[head].errors = errors.map(|error| libm::roundf(error * 65536.0) as i16);
         Ok(())
     }
 

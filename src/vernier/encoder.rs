@@ -43,8 +43,8 @@ pub struct Calibration<const HEADS: usize = 1> {
     pub averages: [i16; 64],
     /// The largest residual believed, in the same unit; at most 3/4 of the margin.
     pub residual_limit: u16,
-    /// How far apart the heads of the reference and of the vernier ring may be, in 2⁻¹⁶ pole pairs; at most a quarter
-    /// of a pole pair.
+    /// How far apart the heads of the reference and of the vernier ring may be, in 2⁻¹⁶ pole pairs; at most
+    /// 3/8 of a pole pair.
     pub apart_limits: [u16; 2],
 }
 

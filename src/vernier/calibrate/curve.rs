@@ -45,6 +45,17 @@ struct Mean {
     position: i64,
 }
 
+/// The average curve of a turn.
+#[derive(Clone, Debug)]
+pub struct Average {
+    /// What the head reads too much at the nodes, in pole pairs, mean removed.
+    pub errors: [f32; NODES],
+    /// Which pole pairs it was made of, in the order they were passed.
+    pub kept: [bool; 64],
+    /// How many.
+    pub similar: u8,
+}
+
 /// One head's turn, sample by sample; 4.3 KiB.
 #[derive(Clone, Debug)]
 pub struct Run {
@@ -191,7 +202,7 @@ impl Run {
         Ok(shift(point))
     }
 
-    /// The average curve, in pole pairs, and how many pole pairs it is made of.
+    /// The average of the curves that are alike.
     ///
     /// Similarity after eq. (30): 100 (1 − ‖fᵢ − f̄‖ / ‖f̄ − mean f̄‖) percent. The print has the fraction bar under
     /// 1 − ‖…‖ and a bar too many under it, which would divide by zero; this is the normalised root mean square error
@@ -200,27 +211,26 @@ impl Run {
     ///
     /// # Errors
     /// Fewer than three quarters are left.
-    pub fn average(&self) -> Result<([f32; NODES], u8), Refusal> {
-        let count = usize::from(self.collected);
-        let curves = &self.curves[..count];
-        let mut kept = [true; 64];
+    pub fn average(&self) -> Result<Average, Refusal> {
+        let curves = &self.curves[..usize::from(self.collected)];
+        let mut kept = [false; 64];
+        kept[..curves.len()].fill(true);
         loop {
-            let left = kept[..count].iter().filter(|&&kept| kept).count();
-            if left * 4 < count * 3 || left == 0 {
-                return Err(Refusal::Unsteady { kept: left as u8, of: self.collected });
+            let similar = kept.iter().filter(|&&kept| kept).count();
+            if similar * 4 < curves.len() * 3 || similar == 0 {
+                return Err(Refusal::Unsteady { kept: similar as u8, of: self.collected });
             }
-            let average = mean_curve(curves.iter().zip(kept).filter(|(_, kept)| *kept).map(|(curve, _)| curve));
-            let size = norm(average.iter().copied()).max(SMALLEST_CURVE * libm::sqrtf(NODES as f32));
-            let mut omitted = false;
-            for (curve, kept) in curves.iter().zip(&mut kept).filter(|(_, kept)| **kept) {
-                let distance = norm(curve.iter().zip(average).map(|(&value, mean)| in_pole_pairs(value) - mean));
-                if 100.0 * (1.0 - distance / size) < SIMILARITY {
-                    *kept = false;
-                    omitted = true;
-                }
+            let curve = mean_curve(curves.iter().zip(kept).filter(|(_, kept)| *kept).map(|(curve, _)| curve));
+            let size = norm(curve.iter().copied()).max(SMALLEST_CURVE * libm::sqrtf(NODES as f32));
+            let similarity = |other: &[i16; NODES]| {
+                let distance = norm(other.iter().zip(curve).map(|(&value, mean)| in_pole_pairs(value) - mean));
+                100.0 * (1.0 - distance / size)
+            };
+            for (kept, curve) in kept.iter_mut().zip(curves) {
+                *kept &= similarity(curve) >= SIMILARITY;
             }
-            if !omitted {
-                return Ok((self.unmirrored(average), left as u8));
+            if kept.iter().filter(|&&kept| kept).count() == similar {
+                return Ok(Average { errors: self.unmirrored(curve), kept, similar: similar as u8 });
             }
         }
     }

@@ -291,13 +291,14 @@ impl Summary {
     }
 
     fn fault_table(&self) -> Vec<Vec<String>> {
-        let head = ["fault", "trials", "reported", "wrong", "worst good angle", "false alarms"];
+        let head = ["fault", "trials", "reported", "wrong", "wrong unchecked", "worst good angle", "false alarms"];
         let rows = self.faults.iter().map(|outcome| {
             vec![
                 format!("{:?}", outcome.fault),
                 outcome.trials.to_string(),
                 outcome.flagged.to_string(),
                 outcome.wrong.to_string(),
+                outcome.unchecked_wrong.to_string(),
                 format!("{:.4}°", outcome.worst_deg),
                 outcome.false_alarms.to_string(),
             ]

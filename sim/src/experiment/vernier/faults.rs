@@ -41,10 +41,28 @@ pub struct Outcome {
     pub flagged: usize,
     /// Trials in which an angle off by more than the margin was returned as good, before or after a report.
     pub wrong: usize,
+    /// Trials in which the decoder by itself, without the checks, would have returned one.
+    pub unchecked_wrong: usize,
     /// The largest error of an angle that was returned as good, mechanical degrees.
     pub worst_deg: f64,
     /// Reports while nothing was broken.
     pub false_alarms: usize,
+}
+
+impl Outcome {
+    /// This and the trials of another encoder, of the same fault.
+    #[must_use]
+    pub fn plus(self, other: Self) -> Self {
+        Self {
+            trials: self.trials + other.trials,
+            flagged: self.flagged + other.flagged,
+            wrong: self.wrong + other.wrong,
+            unchecked_wrong: self.unchecked_wrong + other.unchecked_wrong,
+            worst_deg: self.worst_deg.max(other.worst_deg),
+            false_alarms: self.false_alarms + other.false_alarms,
+            ..self
+        }
+    }
 }
 
 /// Places on the turn at which the encoder is known: 0.0014° apart, finer than a count of either ring.
@@ -98,8 +116,16 @@ impl<const HEADS: usize> Recorded<HEADS> {
 
     /// Injects a fault `trials` times.
     pub fn trials(&self, fault: Fault, trials: usize, seed: u64) -> Outcome {
-        let mut outcome =
-            Outcome { fault, heads: HEADS, trials, flagged: 0, wrong: 0, worst_deg: 0.0, false_alarms: 0 };
+        let mut outcome = Outcome {
+            fault,
+            heads: HEADS,
+            trials,
+            flagged: 0,
+            wrong: 0,
+            unchecked_wrong: 0,
+            worst_deg: 0.0,
+            false_alarms: 0,
+        };
         let mut random = Pcg32::seed_from_u64(seed);
         let mut shaft = Shaft { place: random.random_range(0.0..PLACES as f64), step: 500.0, target: 500.0 };
         let mut state = State::default();
@@ -115,21 +141,25 @@ impl<const HEADS: usize> Recorded<HEADS> {
                 let sample = self.sample(shaft.place(), None, 0, &mut random);
                 outcome.false_alarms += usize::from(self.step(&mut state, sample).is_err());
             }
-            let (flagged, worst_deg) = self.trial(fault, state, shaft.clone(), &mut random);
-            outcome.flagged += usize::from(flagged);
-            outcome.wrong += usize::from(worst_deg > self.margin_deg);
-            outcome.worst_deg = outcome.worst_deg.max(worst_deg);
+            let trial = self.trial(fault, state, shaft.clone(), &mut random);
+            outcome.flagged += usize::from(trial.flagged);
+            outcome.wrong += usize::from(trial.worst_deg > self.margin_deg);
+            outcome.unchecked_wrong += usize::from(trial.worst_unchecked_deg > self.margin_deg);
+            outcome.worst_deg = outcome.worst_deg.max(trial.worst_deg);
         }
         outcome
     }
 
-    /// One fault: whether it was reported, and the largest error of an angle returned as good.
-    fn trial(&self, fault: Fault, mut state: State, mut shaft: Shaft, random: &mut Pcg32) -> (bool, f64) {
+    /// One fault.
+    fn trial(&self, fault: Fault, mut state: State, mut shaft: Shaft, random: &mut Pcg32) -> Trial {
         let broken = random.random_range(0..2 * HEADS);
         let burst = random.random_range(1..=64);
         let stuck = self.digital(shaft.place(), random);
         let mut reported_at = None;
-        let mut worst = 0_i32;
+        let (mut worst, mut worst_unchecked) = (0.0, 0.0);
+        let error_deg = |angle: MechanicalAngle, place: usize| {
+            f64::from((angle - self.healthy[place]).to_bits().unsigned_abs()) / 2f64.powi(32) * 360.0
+        };
         for number in 0..LONGEST {
             if reported_at.is_some_and(|at| number > at + AFTER_REPORT) {
                 break;
@@ -152,17 +182,18 @@ impl<const HEADS: usize> Recorded<HEADS> {
                 }
                 _ => self.sample(place, (!over).then_some(fault), broken / HEADS, random),
             };
+            if let Ok(readings) = sample {
+                let angle = self.encoder.decode(reading(readings)).angle;
+                worst_unchecked = f64::max(worst_unchecked, error_deg(angle, place));
+            }
             match self.step(&mut state, sample) {
-                Ok(angle) => {
-                    let error = angle - self.healthy[place];
-                    worst = worst.max(error.to_bits().saturating_abs());
-                }
+                Ok(angle) => worst = f64::max(worst, error_deg(angle, place)),
                 Err(()) => {
                     reported_at.get_or_insert(number);
                 }
             }
         }
-        (reported_at.is_some(), f64::from(worst) / 2f64.powi(32) * 360.0)
+        Trial { flagged: reported_at.is_some(), worst_deg: worst, worst_unchecked_deg: worst_unchecked }
     }
 
     fn step(&self, state: &mut State, sample: Result<[[u16; HEADS]; 2], HeadFault>) -> Result<MechanicalAngle, ()> {
@@ -218,6 +249,13 @@ impl<const HEADS: usize> Recorded<HEADS> {
         }
         Ok(readings)
     }
+}
+
+/// What became of one fault: the largest errors of angles returned as good, and of the decoder's without checks.
+struct Trial {
+    flagged: bool,
+    worst_deg: f64,
+    worst_unchecked_deg: f64,
 }
 
 fn reading<const HEADS: usize>([reference, vernier]: [[u16; HEADS]; 2]) -> Reading<HEADS> {

@@ -189,8 +189,9 @@ impl<const HEADS: usize> Bench<HEADS> {
             }
             let ([x, y], _) = encoder.correct(reading);
             let z = f64::from(y) - PAIRS[1] / PAIRS[0] * f64::from(x);
-            // The true entry of this place; z is taken near it.
-            let n = (PAIRS[1] * (turns * PAIRS[0]).floor()).rem_euclid(PAIRS[0]);
+            // The entry of the true pole pair; z is taken near it.
+            let pole_pair = (turns * PAIRS[0] - f64::from(x) / 65536.0).round();
+            let n = (PAIRS[1] * pole_pair).rem_euclid(PAIRS[0]);
             if n < 6.0 {
                 let ideal = n / PAIRS[0];
                 let off = z / 65536.0 - ideal;

@@ -8,7 +8,7 @@ pub mod drag;
 
 use crate::angle::ElectricalAngle;
 use crate::commutation::block::Sextant;
-use crate::commutation::sinusoidal::{self, PhaseOrder};
+use crate::commutation::sinusoidal::{self, Axes, PhaseOrder};
 use crate::commutation::{Commutation, Legs, Modulation, Output};
 use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
@@ -95,22 +95,22 @@ pub struct Channels {
 
 /// The interrupt's ends of the queues.
 pub struct Interrupt {
-    commands: Consumer<'static, Command>,
-    replies: Producer<'static, Reply>,
-    records: Producer<'static, Record>,
-    retired: Producer<'static, &'static mut Estimator>,
+    commands: Consumer<'static, Command, 8>,
+    replies: Producer<'static, Reply, 16>,
+    records: Producer<'static, Record, RECORDS>,
+    retired: Producer<'static, &'static mut Estimator, 8>,
 }
 
 /// The tasks' ends of the queues.
 pub struct Tasks {
     /// To the drive; one is obeyed a step.
-    pub commands: Producer<'static, Command>,
+    pub commands: Producer<'static, Command, 8>,
     /// One for each command, in order.
-    pub replies: Consumer<'static, Reply>,
+    pub replies: Consumer<'static, Reply, 16>,
     /// Decimated samples; lost ones show in their sequence numbers.
-    pub records: Consumer<'static, Record>,
+    pub records: Consumer<'static, Record, RECORDS>,
     /// Estimators that the drive no longer uses.
-    pub retired: Consumer<'static, &'static mut Estimator>,
+    pub retired: Consumer<'static, &'static mut Estimator, 8>,
 }
 
 impl Channels {
@@ -143,8 +143,12 @@ pub struct Drive {
     mode: Mode,
     limits: Limits,
     amplitude: Amplitude,
+    /// The same, for the sinusoidal commutation.
+    axes: Axes,
     /// From the rotor to the field: a quarter turn and the phase advance.
     lead: ElectricalAngle,
+    /// Where block commutation stands.
+    sextant: Sextant,
     drag: Drag,
     sequence: u32,
     until_record: u32,
@@ -163,7 +167,9 @@ impl Drive {
             mode: Mode::Unarmed,
             limits: Limits::NONE,
             amplitude: Amplitude::ZERO,
+            axes: Axes::new(Amplitude::ZERO, config.order(), config.limits.half()),
             lead: ElectricalAngle::QUARTER,
+            sextant: Sextant::First,
             sequence: 0,
             until_record: 1,
         }
@@ -179,11 +185,30 @@ impl Drive {
             let _ = self.channels.replies.enqueue(reply);
         }
         self.measure(&sample.halls);
-        let output = match self.mode {
-            Mode::Running => self.commutate(),
-            Mode::Aligning | Mode::Calibrating => return self.calibrate(sample),
-            Mode::Unarmed | Mode::Ready | Mode::Faulted(_) => Output::OFF,
-        };
+        // First the one that is in a hurry: told apart by a comparison, without decoding the mode.
+        if matches!(self.mode, Mode::Running) {
+            self.report(sample);
+            self.commutate()
+        } else {
+            self.off(sample)
+        }
+    }
+
+    /// A step with the bridge off, or calibrating.
+    #[cold]
+    #[inline(never)]
+    fn off(&mut self, sample: &Sample) -> Output {
+        if matches!(self.mode, Mode::Aligning | Mode::Calibrating) {
+            self.calibrate(sample)
+        } else {
+            self.report(sample);
+            Output::OFF
+        }
+    }
+
+    /// A record to the tasks, when it is time.
+    #[inline(always)]
+    fn report(&mut self, sample: &Sample) {
         self.sequence = self.sequence.wrapping_add(1);
         self.until_record = self.until_record.wrapping_sub(1);
         if self.until_record == 0 {
@@ -191,7 +216,6 @@ impl Drive {
             let progress = if self.drag.is_done() { Progress::Complete } else { Progress::None };
             self.record(sample, progress, self.tracker.angle());
         }
-        output
     }
 
     /// Angle and speed from the Halls.
@@ -206,7 +230,7 @@ impl Drive {
                     self.missed = 0;
                     self.limits = self.limits.without(Limits::EXTRAPOLATED);
                 }
-                if self.tracker.speed().unsigned_abs() > self.config.fastest as u32 {
+                if self.tracker.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32 {
                     self.fail(Fault::OverSpeed);
                 }
             }
@@ -250,26 +274,32 @@ impl Drive {
     fn fail(&mut self, fault: Fault) {
         if let Some(mode) = self.mode.after(Event::Fail(fault)) {
             self.mode = mode;
-            self.amplitude = Amplitude::ZERO;
+            self.set_amplitude(Amplitude::ZERO);
         }
     }
 
     /// The field ahead of the rotor.
     #[inline(always)]
-    fn commutate(&self) -> Output {
+    fn commutate(&mut self) -> Output {
         let vector = self.tracker.predicted(&self.config.tracking) + self.lead;
-        let (order, half) = (self.config.order(), self.config.limits.half());
         match self.config.commutation {
-            Commutation::Sinusoidal => {
-                let compare = sinusoidal::compare(vector, order, self.amplitude, half);
-                Output { compare, legs: Legs::ALL }
-            }
-            Commutation::Block => Sextant::of(vector).output(order, self.amplitude, half),
+            Commutation::Sinusoidal => Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL },
+            Commutation::Block => self.block(vector),
         }
     }
 
+    #[inline(never)]
+    fn block(&mut self, vector: ElectricalAngle) -> Output {
+        self.sextant = self.sextant.follow(vector);
+        self.sextant.output(self.config.order(), self.amplitude, self.config.limits.half())
+    }
+
+    fn set_amplitude(&mut self, amplitude: Amplitude) {
+        self.amplitude = amplitude;
+        self.axes = Axes::new(amplitude, self.config.order(), self.config.limits.half());
+    }
+
     /// A step of the calibration's motion.
-    #[cold]
     fn calibrate(&mut self, sample: &Sample) -> Output {
         self.sequence = self.sequence.wrapping_add(1);
         // The field that acts while this sample is taken.
@@ -294,9 +324,8 @@ impl Drive {
             self.record(sample, progress, field);
         }
         let amplitude = self.config.limits.amplitude(self.drag.modulation());
-        let half = self.config.limits.half();
-        let compare = sinusoidal::compare(self.drag.field(), PhaseOrder::FORWARD, amplitude, half);
-        Output { compare, legs: Legs::ALL }
+        let axes = Axes::new(amplitude, PhaseOrder::FORWARD, self.config.limits.half());
+        Output { compare: sinusoidal::compare(self.drag.field(), &axes), legs: Legs::ALL }
     }
 
     /// To the tasks; when they do not keep up, the record is lost.
@@ -328,7 +357,7 @@ impl Drive {
             Command::Arm => self.arm()?,
             Command::Disarm => {
                 self.on_command(Event::Disarm)?;
-                self.amplitude = Amplitude::ZERO;
+                self.set_amplitude(Amplitude::ZERO);
             }
             Command::Drive(modulation) => self.drive(modulation)?,
             Command::Clear => self.on_command(Event::Clear { calibrated: self.estimator.is_some() })?,
@@ -361,7 +390,7 @@ impl Drive {
             Mode::Unarmed => Err(Refusal::NotCalibrated),
             Mode::Ready if self.missed != 0 => Err(Refusal::NoAngle),
             _ => {
-                self.amplitude = Amplitude::ZERO;
+                self.set_amplitude(Amplitude::ZERO);
                 self.on_command(Event::Arm)
             }
         }
@@ -375,7 +404,7 @@ impl Drive {
         if magnitude > i32::from(self.config.max_modulation.to_bits()).unsigned_abs() {
             return Err(Refusal::TooLarge);
         }
-        self.amplitude = self.config.limits.amplitude(modulation);
+        self.set_amplitude(self.config.limits.amplitude(modulation));
         let cut = self.config.limits.limits(modulation);
         self.limits = if cut { self.limits.with(Limits::DUTY) } else { self.limits.without(Limits::DUTY) };
         // A negative amplitude turns the field by half a turn; its advance is in the direction of the command, too.

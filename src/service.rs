@@ -56,7 +56,7 @@ pub struct Service {
 impl Service {
     /// For the tasks' end of a drive's channels. One of the estimators can be filled while the drive uses the other.
     pub fn new(config: Config, tasks: Tasks, estimators: [&'static mut Estimator; 2]) -> Self {
-        let spares = Vec::from_array(estimators);
+        let spares = Vec::from_iter(estimators);
         Self { tasks, collector: Collector::new(config.adc_bits), collected: 0, spares, config }
     }
 

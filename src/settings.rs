@@ -240,7 +240,7 @@ mod tests {
         let config = Settings::default().validate().unwrap();
         assert_eq!((config.period, config.dead_time), (2125, 85));
         assert_eq!(config.record_every, 40);
-        assert_eq!(config.drag.turns, 8);
+        assert_eq!(config.drag.turns, 12);
     }
 
     #[test]
@@ -306,7 +306,7 @@ mod tests {
     fn all_pole_pairs_record_whole_mechanical_turns() {
         for pole_pairs in 1..=64 {
             let config = Settings { pole_pairs, ..Settings::default() }.validate().unwrap();
-            assert!(config.drag.turns >= 8 && config.drag.turns.is_multiple_of(pole_pairs.into()));
+            assert!(config.drag.turns >= 12 && config.drag.turns.is_multiple_of(pole_pairs.into()));
         }
     }
 }

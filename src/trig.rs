@@ -52,6 +52,14 @@ pub const fn cos(angle: ElectricalAngle) -> I2F30 {
     sin(ElectricalAngle::from_bits(angle.to_bits().wrapping_add(1 << 30)))
 }
 
+/// Sine and cosine of an angle, each with the error of [`sin`], for four instructions more.
+#[inline(always)]
+pub const fn sin_cos(angle: ElectricalAngle) -> (I2F30, I2F30) {
+    let bits = angle.to_bits() as u32;
+    let (index, offset) = ((bits >> 24) as usize, (bits >> SINE_OFFSET_LOW) & (SINE_STEPS - 1));
+    (I2F30::from_bits(SINE[index].at(offset)), I2F30::from_bits(SINE[index + QUARTER].at(offset)))
+}
+
 /// Arcsine, −90° to 90°; |error| ≤ 1e-4 rad, RMS 2.6e-5 rad. Arguments beyond ±1 give ±90°.
 ///
 /// Away from zero the argument is taken as its distance from one, in segments that halve from octave to octave,
@@ -213,13 +221,16 @@ const ATAN2: QuadrantTable = {
 const SINE_STEPS: u32 = 1 << 12;
 const SINE_OFFSET_LOW: u32 = 24 - 12;
 
-/// 256 segments of a turn. Chords lie inside the arc; scaling them by 1 + h²/16 halves the largest error.
-static SINE: [Segment; 256] = {
+/// Segments of a quarter turn.
+const QUARTER: usize = 64;
+
+/// 256 segments of a turn and another quarter turn for the cosine. Chords lie inside the arc; scaling them by 1 + h²/16 halves the largest error.
+static SINE: [Segment; 256 + QUARTER] = {
     const STEP: f64 = TAU / 256.0;
     const SCALE: f64 = (1u64 << 30) as f64 * (1.0 + STEP * STEP / 16.0);
-    let mut table = [Segment { start: 0, slope: 0 }; 256];
+    let mut table = [Segment { start: 0, slope: 0 }; 256 + QUARTER];
     let mut index = 0;
-    while index < 256 {
+    while index < table.len() {
         let start = round(SCALE * sine(index as f64 * STEP));
         let end = round(SCALE * sine((index + 1) as f64 * STEP));
         table[index] = Segment::through(start as i32, end as i32, SINE_STEPS.ilog2());

@@ -6,7 +6,9 @@ use sim::experiment::spin::{Summary, run};
 const SEEDS: std::ops::Range<u64> = 1..101;
 
 fn summaries(plant: impl Fn(u64) -> PlantParameters + Sync) -> Vec<Summary> {
-    sim::parallel(SEEDS, |seed| run(seed, &plant(seed), |_, _| {}).unwrap_or_else(|error| panic!("seed {seed}: {error}")).summary)
+    sim::parallel(SEEDS, |seed| {
+        run(seed, &plant(seed), |_, _| {}).unwrap_or_else(|error| panic!("seed {seed}: {error}")).summary
+    })
 }
 
 fn worst(summaries: &[Summary], of: impl Fn(&Summary) -> f64) -> f64 {
@@ -22,7 +24,9 @@ fn a_hundred_unkind_motors_reach_the_bounds() {
     let bias = worst(&summaries, |s| s.angle_bias_worst_deg);
     let tracked = worst(&summaries, |s| s.tracked_error_deg_rms);
     let tracked_all = worst(&summaries, |s| s.tracked_error_all_deg_rms);
-    println!("worst of 100: untracked {untracked:.3} of the bound ({placed:.3} of the placed one), mean {mean:.3}°, bias {bias:.3}°, tracked {tracked:.3}° ({tracked_all:.3}°)");
+    println!(
+        "worst of 100: untracked {untracked:.3} of the bound ({placed:.3} of the placed one), mean {mean:.3}°, bias {bias:.3}°, tracked {tracked:.3}° ({tracked_all:.3}°)"
+    );
     assert!(summaries.iter().all(|s| s.turns_lost == 0 && s.turns_made > 200.0));
     assert!(untracked <= 1.1 && placed <= 1.1);
     assert!(mean <= 0.1);

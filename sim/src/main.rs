@@ -21,7 +21,7 @@ enum Experiment {
     /// Block and sinusoidal commutation side by side: torque and speed ripple
     Commutation(Common),
     /// Choose the PWM frequency; current ripple by formula and by a switched simulation
-    Pwm(Common),
+    Pwm(experiment::pwm::Options),
     /// Absolute angle from two rings: before and after self-calibration, and when something breaks
     Vernier(experiment::vernier::Options),
 }
@@ -32,7 +32,7 @@ fn main() -> ExitCode {
         None => experiment::spin::main(&arguments.common),
         Some(Experiment::Spin(common)) => experiment::spin::main(&common),
         Some(Experiment::Commutation(common)) => experiment::commutation::main(&common),
-        Some(Experiment::Pwm(common)) => experiment::pwm::main(&common),
+        Some(Experiment::Pwm(options)) => experiment::pwm::main(&options),
         Some(Experiment::Vernier(options)) => experiment::vernier::main(&options),
     };
     match result {

@@ -45,6 +45,17 @@ impl Sextant {
         SEXTANTS[((angle.to_bits() as u32 as u64 * 6) >> 32) as usize & 7]
     }
 
+    /// The sextant of an angle, or still this one while the angle is less than half a degree outside, so that noise at the border
+    /// does not step to and fro.
+    #[inline(always)]
+    pub const fn follow(self, angle: ElectricalAngle) -> Self {
+        const SIXTH: i64 = (1 << 32) / 6;
+        const MARGIN: u32 = ((1_u64 << 32) / 720) as u32;
+        let begin = (self as i64 * SIXTH) as u32;
+        let into = (angle.to_bits() as u32).wrapping_sub(begin).wrapping_add(MARGIN);
+        if into <= SIXTH as u32 + 2 * MARGIN { self } else { Self::of(angle) }
+    }
+
     /// From the signs of three analog signals at 0°, 120° and 240°: the code of three switching Halls in Fig. 5. Of
     /// sensors 60° apart the middle one is the one at 240° upside down. `None` when all three are positive or all negative: no
     /// magnet makes that.
@@ -59,6 +70,11 @@ impl Sextant {
             [false, false, true] => Some(Self::Sixth),
             _ => None,
         }
+    }
+
+    /// The sextant that follows.
+    pub const fn next(self) -> Self {
+        if self as usize == 5 { Self::First } else { SEXTANTS[self as usize + 1] }
     }
 
     /// The step whose vector points at the middle of this sextant; a negative amplitude points it the other way.
@@ -110,6 +126,26 @@ mod tests {
     }
 
     extern crate std;
+
+    #[test]
+    fn follows_with_half_a_degree_of_hysteresis() {
+        let mut sextant = Sextant::of(ElectricalAngle::ZERO);
+        for (degrees, expected) in [
+            (59.0, 0),
+            (60.4, 0),
+            (60.6, 1),
+            (59.6, 1),
+            (59.4, 0),
+            (-0.4, 0),
+            (-0.6, 5),
+            (0.4, 5),
+            (0.6, 0),
+            (170.0, 2),
+        ] {
+            sextant = sextant.follow(ElectricalAngle::from_degrees(degrees));
+            assert_eq!(sextant as u8, expected, "{degrees}");
+        }
+    }
 
     #[test]
     fn signals_and_angle_agree() {

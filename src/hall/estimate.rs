@@ -87,7 +87,8 @@ pub struct Estimator {
     cosine: Row,
     sine: Row,
     disagreement: Row,
-    disagreement_limit: i32,
+    /// Its bias is larger by the limit, so that one comparison tests both ends.
+    disagreement_span: u32,
     weakest: u32,
     strength_span: u32,
     table: QuadrantTable,
@@ -109,12 +110,13 @@ impl Estimator {
             Row { gains, bias: (-middle as i64) as i32 }
         };
         let strength = |relative: f32| ((relative * unit) * (relative * unit) / 4_294_967_296.0) as u32;
+        let (common, limit) = (row(inverse.common), (DISAGREEMENT * unit) as i32);
         Ok(Self {
             windows,
             cosine: row(inverse.cosine),
             sine: row(inverse.sine),
-            disagreement: row(inverse.common),
-            disagreement_limit: (DISAGREEMENT * unit) as i32,
+            disagreement: Row { bias: common.bias.wrapping_add(limit), ..common },
+            disagreement_span: 2 * limit as u32,
             weakest: strength(WEAKEST),
             strength_span: strength(STRONGEST) - strength(WEAKEST),
             table: table(model, &inverse),
@@ -130,7 +132,7 @@ impl Estimator {
             cosine: ROW,
             sine: ROW,
             disagreement: ROW,
-            disagreement_limit: 0,
+            disagreement_span: 0,
             weakest: 0,
             strength_span: 0,
             table: [Segment { start: 0, slope: 0 }; 4 << trig::QUADRANT_BITS],
@@ -150,7 +152,7 @@ impl Estimator {
         {
             return Err(self.explain(codes));
         }
-        if self.disagreement.dot(codes).unsigned_abs() > self.disagreement_limit as u32 {
+        if self.disagreement.dot(codes) as u32 > self.disagreement_span {
             return Err(Implausible::Inconsistent);
         }
         let (y, x) = (self.sine.dot(codes), self.cosine.dot(codes));

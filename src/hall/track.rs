@@ -12,14 +12,15 @@ use crate::angle::{ElectricalAngle, Position};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
-    smoothing: u32,
+    /// α and β in 2⁻³².
+    gains: [i32; 2],
     largest_jump: u32,
     delay: i32,
 }
 
 impl Config {
     /// Smoothing exponents that make sense: below, noise passes; above, a motor outruns it.
-    pub const SMOOTHING: core::ops::RangeInclusive<u32> = 1..=10;
+    pub const SMOOTHING: core::ops::RangeInclusive<u32> = 2..=10;
 
     /// A tracker with `α = 2^−smoothing`, which refuses jumps of more than `largest_jump` between two samples and
     /// predicts over `delay` samples (0 to 16, in steps of 1/256).
@@ -29,7 +30,7 @@ impl Config {
     pub fn new(smoothing: u32, largest_jump: ElectricalAngle, delay: f32) -> Option<Self> {
         let valid = Self::SMOOTHING.contains(&smoothing) && largest_jump.to_bits() > 0 && (0.0..=16.0).contains(&delay);
         valid.then(|| Self {
-            smoothing,
+            gains: [1 << (32 - smoothing), 1 << (31 - 2 * smoothing)],
             largest_jump: largest_jump.to_bits() as u32,
             delay: libm::roundf(delay * 256.0) as i32,
         })
@@ -77,8 +78,9 @@ impl Tracker {
         self.position = Position::from_bits(last.wrapping_add(jump as i64));
         let predicted = self.angle.to_bits().wrapping_add(self.speed);
         let error = measured.to_bits().wrapping_sub(predicted);
-        self.angle = ElectricalAngle::from_bits(predicted.wrapping_add(error >> config.smoothing));
-        self.speed = self.speed.wrapping_add(error >> (2 * config.smoothing + 1));
+        let [alpha, beta] = config.gains;
+        self.angle = ElectricalAngle::from_bits(predicted.wrapping_add(product(error, alpha)));
+        self.speed = self.speed.wrapping_add(product(error, beta));
         Ok(())
     }
 
@@ -110,6 +112,12 @@ impl Tracker {
     pub const fn speed(&self) -> i32 {
         self.speed
     }
+}
+
+/// A difference of angles times a gain in 2⁻³².
+#[inline(always)]
+const fn product(difference: i32, gain: i32) -> i32 {
+    ((difference as i64 * gain as i64) >> 32) as i32
 }
 
 #[cfg(test)]
@@ -224,7 +232,7 @@ mod tests {
         assert_eq!(Config::new(4, ElectricalAngle::HALF, 1.5), None);
         assert_eq!(Config::new(4, jump, f32::NAN), None);
         assert_eq!(Config::smoothing_for(281.0, 40_000.0), 4);
-        assert_eq!(Config::smoothing_for(1e9, 40_000.0), 1);
+        assert_eq!(Config::smoothing_for(1e9, 40_000.0), 2);
         assert_eq!(Config::smoothing_for(0.0, 40_000.0), 10);
     }
 }

@@ -127,7 +127,7 @@ const FOURTH_HARMONIC: f32 = 2.0 / 360.0;
 /// The largest error of a head, in pole pairs.
 const LARGEST_ERROR: f32 = 1.0 / 16.0;
 
-/// The calibration run, sample by sample, which are to be taken at equal intervals.
+/// The calibration run: 4616 bytes with one head a ring, 4752 with two. Samples are to be taken at equal intervals.
 #[derive(Clone, Debug)]
 pub struct Calibrator<const HEADS: usize = 1> {
     rings: Rings,

@@ -69,7 +69,7 @@ enum Mode {
     Searching,
 }
 
-/// What an encoder remembers from sample to sample; `default` is the state at power-up.
+/// What an encoder remembers from sample to sample, 32 bytes; `default` is the state at power-up.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct State {
     angle: MechanicalAngle,
@@ -144,6 +144,8 @@ impl State {
         let window = match self.mode {
             Mode::Start | Mode::Searching => return None,
             Mode::Proving { has_speed: false, .. } => limits.step,
+            // The speed that was held is not known better than the noise.
+            Mode::Holding { .. } => 2 * limits.innovation,
             _ => limits.innovation,
         };
         let expected = self.angle + self.speed;

@@ -31,7 +31,8 @@ impl<const HEADS: usize> Reading<HEADS> {
     }
 }
 
-/// What is known of one built encoder: the result of [`super::calibrate`], and what a drive stores.
+/// What is known of one built encoder: the result of [`super::calibrate`], and what a drive stores. 272 bytes with one
+/// head a ring, 408 with two.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Calibration<const HEADS: usize = 1> {
@@ -127,7 +128,7 @@ impl fmt::Display for EncoderError {
 
 impl core::error::Error for EncoderError {}
 
-/// The encoder's configuration; 1100 bytes with one head a ring, 1616 with two.
+/// The encoder's configuration: 1072 bytes with one head a ring, 1584 with two.
 #[derive(Clone, Debug)]
 pub struct Encoder<const HEADS: usize = 1> {
     reference: [Linearity; HEADS],

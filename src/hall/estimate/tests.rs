@@ -115,10 +115,14 @@ fn no_code_in_the_windows_overflows() {
             let estimator = Estimator::new(&model, adc_bits).unwrap();
             for _ in 0..100_000 {
                 let codes = estimator.windows.map(|w| random.random_range(w.bounds().0..=w.bounds().1));
-                for row in [&estimator.cosine, &estimator.sine, &estimator.disagreement] {
+                let limit = (estimator.disagreement_span / 2) as i32;
+                for (row, raised) in [(&estimator.cosine, 0), (&estimator.sine, 0), (&estimator.disagreement, limit)] {
                     let offsets = [0, 1, 2].map(|k| f64::from(model.sensors[k].offset));
                     let exact: f64 = (0..3).map(|k| f64::from(row.gains[k]) * (f64::from(codes[k]) - offsets[k])).sum();
-                    assert!(exact.abs() < 2_147_483_648.0 && (exact - f64::from(row.dot(&codes))).abs() < 2e6);
+                    assert!(
+                        exact.abs() < 2_147_483_648.0
+                            && (exact - f64::from(row.dot(&codes).wrapping_sub(raised))).abs() < 2e6
+                    );
                 }
             }
         }

@@ -23,12 +23,13 @@ const NODE: i32 = 1 << 16 >> NODES.ilog2();
 /// Fewer samples to a pole pair leave nodes without any of their own.
 pub const FEWEST_SAMPLES: u32 = NODES as u32;
 
-/// Least similarity, eq. (30), in percent, of a pole pair that takes part in the average.
-const SIMILARITY: f32 = 0.0;
+/// Least similarity, eq. (30), in percent, of a pole pair that takes part in the average: twice as far from it as it is
+/// large. Less unlike ones do more good than harm, because ripple cancels over a whole turn.
+const SIMILARITY: f32 = -100.0;
 
 /// Eq. (30) divides by the size of the curve, and a perfect head has none: a curve counts as at least this large, RMS,
-/// in pole pairs (0.7° electrical).
-const SMALLEST_CURVE: f32 = 1.0 / 512.0;
+/// in pole pairs (1.4° electrical).
+const SMALLEST_CURVE: f32 = 1.0 / 256.0;
 
 /// Where the reading was at a time: samples since the begin of the pole pair, 2⁻¹⁶ pole pairs since its begin.
 #[derive(Clone, Copy, Debug, Default)]
@@ -56,7 +57,7 @@ pub struct Average {
     pub similar: u8,
 }
 
-/// One head's turn, sample by sample; 4.3 KiB.
+/// One head's turn, sample by sample.
 #[derive(Clone, Debug)]
 pub struct Run {
     pole_pairs: u8,
@@ -206,7 +207,7 @@ impl Run {
     ///
     /// Similarity after eq. (30): 100 (1 − ‖fᵢ − f̄‖ / ‖f̄ − mean f̄‖) percent. The print has the fraction bar under
     /// 1 − ‖…‖ and a bar too many under it, which would divide by zero; this is the normalised root mean square error
-    /// as a fit in percent, which its terms belong to. Pole pairs less similar than 0 % to the average of those left
+    /// as a fit in percent, which its terms belong to. Pole pairs less similar than −100 % to the average of those left
     /// are omitted, until none is.
     ///
     /// # Errors

@@ -1,0 +1,33 @@
+//! Instructions executed by each function of the fast path and by its peers, over a sweep of inputs, with the errors.
+//!
+//! Prints a table in Markdown and fails when a function exceeds its budget. A count is what a call costs, prologue and
+//! return included; inlined into the control interrupt, the functions cost a few instructions less.
+#![no_std]
+#![no_main]
+
+mod call;
+mod drive;
+mod duties;
+mod halls;
+mod row;
+mod trig;
+
+use call::Counter;
+use cortex_m_rt::entry;
+use mps2_an386::{failure, success};
+use row::Row;
+
+#[entry]
+fn main() -> ! {
+    let Some(mut core) = cortex_m::Peripherals::take() else { failure() };
+    let counter = Counter::new(&mut core.SYST);
+    halls::init();
+    duties::init();
+    drive::init();
+    Row::print_head();
+    let mut within = true;
+    for row in [trig::ROWS, halls::ROWS, duties::ROWS, drive::ROWS].into_iter().flatten() {
+        within &= row.print(&counter);
+    }
+    if within { success() } else { failure() }
+}

@@ -96,7 +96,8 @@ impl State {
     #[inline(always)]
     pub(super) fn follow(&mut self, angle: MechanicalAngle) -> bool {
         let innovation = angle - (self.angle + self.speed);
-        let expected = innovation.to_bits().unsigned_abs() < self.window;
+        // As `within`, but nothing is within 0.
+        let expected = (innovation.to_bits() as u32).wrapping_add(self.window) < 2 * self.window;
         if expected {
             self.advance(angle, innovation);
         }
@@ -104,8 +105,6 @@ impl State {
     }
 
     /// Everything else: a sample that [`Self::follow`] has not taken, with what is wrong with it by itself.
-    #[cold]
-    #[inline(never)]
     pub(super) fn doubt(
         &mut self,
         limits: &Limits,

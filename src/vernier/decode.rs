@@ -31,6 +31,7 @@ pub struct Decoded {
 
 /// What both tables have in common: the multiplications and the angle.
 #[derive(Clone, Copy, Debug)]
+#[repr(C)]
 struct Lattice {
     vernier_pairs: i32,
     reference_pairs: i32,
@@ -101,15 +102,26 @@ impl IdealTable {
     }
 }
 
-/// An entry of the table of averages.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-struct Entry {
-    /// How far the average residual of this pole pair is from zero.
-    average: i16,
-    pole_pair: u16,
+/// An entry of the table of averages: the pole pair in the upper half, in the lower by how far the average residual of
+/// this pole pair is below zero. One word, so that two entries are one load.
+#[derive(Clone, Copy, Debug, Default)]
+struct Entry(u32);
+
+impl Entry {
+    const fn new(pole_pair: u8, average: i16) -> Self {
+        Self((pole_pair as u32) << 16 | average.wrapping_neg() as u16 as u32)
+    }
+
+    const fn pole_pair(self) -> u32 {
+        self.0 >> 16
+    }
+
+    const fn below(self) -> i32 {
+        self.0 as i16 as i32
+    }
 }
 
-/// The decoder for rings as they are, with the average residual of every pole pair (section IV.C): 528 bytes.
+/// The decoder for rings as they are, with the average residual of every pole pair (section IV.C): 532 bytes.
 ///
 /// The nearest entry is one of the two between which u lies, n = ⌊u⌋ and n + 1, as long as no average a is further
 /// than half a distance from its ideal place. Let f = u − n be in [0, 1). The entry below is |f − a| ≤ f + ½ away, and
@@ -117,19 +129,22 @@ struct Entry {
 /// 2 − f − ½. An `i16` cannot hold an average out of that range, so the search over two entries always finds what a
 /// scan of all would.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct AverageTable {
     lattice: Lattice,
-    entries: [Entry; ENTRIES],
+    /// One more than there are, so that every entry has one after it.
+    entries: [Entry; ENTRIES + 1],
 }
 
 impl AverageTable {
-    /// The table from the average residual of each pole pair of the reference ring; those beyond its count are ignored.
+    /// The table from the average residual of each pole pair of the reference ring, above −2¹⁵; those beyond its count
+    /// are ignored.
     pub const fn new(rings: &Rings, averages: &[i16; 64]) -> Self {
-        let mut entries = [Entry { average: 0, pole_pair: 0 }; ENTRIES];
+        let mut entries = [Entry(0); ENTRIES + 1];
         let mut index = 0;
-        while index < ENTRIES {
+        while index < entries.len() {
             let pole_pair = rings.pole_pair(index as i32 - rings.pole_pairs(Ring::Reference) as i32);
-            entries[index] = Entry { average: averages[pole_pair as usize], pole_pair: pole_pair as u16 };
+            entries[index] = Entry::new(pole_pair, averages[pole_pair as usize]);
             index += 1;
         }
         Self { lattice: Lattice::new(rings), entries }
@@ -140,17 +155,16 @@ impl AverageTable {
     #[inline(always)]
     pub const fn decode(&self, reference: u16, vernier: u16) -> Decoded {
         let difference = self.lattice.difference(reference, vernier);
-        let below = (difference >> 16) as usize;
+        let index = (difference >> 16) as usize & (ENTRIES - 1);
         let fraction = difference & 0xFFFF;
-        let lower = self.entries[below & (ENTRIES - 1)];
-        let upper = self.entries[(below + 1) & (ENTRIES - 1)];
-        let over_lower = fraction - lower.average as i32;
-        let over_upper = fraction - (1 << 16) - upper.average as i32;
+        let (lower, upper) = (self.entries[index], self.entries[index + 1]);
+        let over_lower = fraction + lower.below();
+        let over_upper = fraction - (1 << 16) + upper.below();
         // Of the two distances the one is counted up and the other down: their sum tells the smaller.
         let (entry, residual) = if over_lower + over_upper < 0 { (lower, over_lower) } else { (upper, over_upper) };
         Decoded {
-            angle: self.lattice.angle(entry.pole_pair as u32, reference),
-            pole_pair: entry.pole_pair as u8,
+            angle: self.lattice.angle(entry.pole_pair(), reference),
+            pole_pair: entry.pole_pair() as u8,
             residual,
         }
     }

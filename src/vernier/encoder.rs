@@ -128,15 +128,18 @@ impl fmt::Display for EncoderError {
 
 impl core::error::Error for EncoderError {}
 
-/// The encoder's configuration: 1072 bytes with one head a ring, 1584 with two.
+/// The encoder's configuration: 1080 bytes with one head a ring, 1592 with two.
+///
+/// The layout is kept as written: what is read in every step is near the begin, where one instruction loads two words.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Encoder<const HEADS: usize = 1> {
-    reference: [Linearity; HEADS],
-    vernier: [Linearity; HEADS],
-    table: AverageTable,
     residual_limit: u32,
     apart_limits: [u16; 2],
-    pub(super) limits: Limits,
+    table: AverageTable,
+    reference: [Linearity; HEADS],
+    vernier: [Linearity; HEADS],
+    limits: Limits,
 }
 
 /// What the shaft can do between two samples, in 2⁻³² turns.
@@ -215,13 +218,20 @@ impl<const HEADS: usize> Encoder<HEADS> {
     pub fn step(&self, state: &mut State, reading: Reading<HEADS>) -> Result<Decoded, Fault> {
         let ([x, y], apart) = self.correct(reading);
         let decoded = self.table.decode(x, y);
-        let sound = decoded.residual.unsigned_abs() <= self.residual_limit
-            && (HEADS == 1 || (apart[0] <= self.apart_limits[0] && apart[1] <= self.apart_limits[1]));
-        if sound && state.follow(decoded.angle) {
+        if self.contradiction(decoded, apart).is_none() && state.follow(decoded.angle) {
             Ok(decoded)
         } else {
-            state.doubt(&self.limits, decoded, x, self.contradiction(decoded, apart))
+            self.doubt(state, reading)
         }
+    }
+
+    /// A sample that is not simply the next: decoded once more, to keep the usual way short.
+    #[cold]
+    #[inline(never)]
+    fn doubt(&self, state: &mut State, reading: Reading<HEADS>) -> Result<Decoded, Fault> {
+        let ([x, y], apart) = self.correct(reading);
+        let decoded = self.table.decode(x, y);
+        state.doubt(&self.limits, decoded, x, self.contradiction(decoded, apart))
     }
 
     /// Takes a sample that could not be read: a head reported a fault, a transfer failed.
@@ -234,17 +244,24 @@ impl<const HEADS: usize> Encoder<HEADS> {
     }
 
     /// What is wrong with a sample by itself.
+    #[inline(always)]
     fn contradiction(&self, decoded: Decoded, apart: [u16; 2]) -> Option<Fault> {
-        if apart[0] > self.apart_limits[0] {
+        if HEADS > 1 && apart[0] > self.apart_limits[0] {
             Some(Fault::HeadsApart(Ring::Reference))
-        } else if apart[1] > self.apart_limits[1] {
+        } else if HEADS > 1 && apart[1] > self.apart_limits[1] {
             Some(Fault::HeadsApart(Ring::Vernier))
-        } else if decoded.residual.unsigned_abs() > self.residual_limit {
+        } else if !within(decoded.residual, self.residual_limit) {
             Some(Fault::Residual)
         } else {
             None
         }
     }
+}
+
+/// Whether −limit ≤ value ≤ limit, in one comparison; limits below 2³¹.
+#[inline(always)]
+pub(super) fn within(value: i32, limit: u32) -> bool {
+    (value as u32).wrapping_add(limit) <= 2 * limit
 }
 
 impl Limits {

@@ -132,16 +132,24 @@ impl Channels {
     }
 }
 
+/// How much of a hurry a step is in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pace {
+    /// Running with sinusoidal commutation.
+    Sinusoidal,
+    /// Anything else.
+    Any,
+}
+
 /// The drive.
 pub struct Drive {
     config: Config,
     channels: Interrupt,
     estimator: Option<&'static mut Estimator>,
-    tracker: Tracker,
-    /// Successive samples without a plausible angle.
-    missed: u32,
-    mode: Mode,
-    limits: Limits,
+    /// State, angle and speed.
+    live: Record,
+    /// What the mode and the settings come to, for the step to look at first.
+    pace: Pace,
     amplitude: Amplitude,
     /// The same, for the sinusoidal commutation.
     axes: Axes,
@@ -150,8 +158,8 @@ pub struct Drive {
     /// Where block commutation stands.
     sextant: Sextant,
     drag: Drag,
-    sequence: u32,
-    until_record: u32,
+    /// Sequence number of the step with the next record.
+    next_record: u32,
 }
 
 impl Drive {
@@ -162,134 +170,165 @@ impl Drive {
             config,
             channels,
             estimator: None,
-            tracker: Tracker::at(ElectricalAngle::ZERO),
-            missed: 0,
-            mode: Mode::Unarmed,
-            limits: Limits::NONE,
+            live: Record::new(),
+            pace: Pace::Any,
             amplitude: Amplitude::ZERO,
             axes: Axes::new(Amplitude::ZERO, config.order(), config.limits.half()),
             lead: ElectricalAngle::QUARTER,
             sextant: Sextant::First,
-            sequence: 0,
-            until_record: 1,
+            next_record: 1,
         }
     }
 
     /// One PWM period. What it returns is to be written to the preloaded compare registers at once; if the bridge is to
     /// be off, it must be switched off at once.
+    ///
+    /// A step that hands over a record leaves a waiting command to the next, so that no step is burdened with both.
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
+        let codes = sample.halls;
+        self.live.sequence = self.live.sequence.wrapping_add(1);
+        let records = self.live.sequence == self.next_record;
+        if !records {
+            self.receive(codes);
+        }
+        // First what is in a hurry.
+        if self.pace != Pace::Sinusoidal {
+            return self.slow(codes, records);
+        }
+        if !self.measure(codes) {
+            return self.fallen(codes);
+        }
+        if records {
+            self.record(codes, self.config.record_every);
+        }
+        let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
+        Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL }
+    }
+
+    /// Obeys one command, if there is one.
+    #[inline(always)]
+    fn receive(&mut self, codes: Codes) {
         if let Some(command) = self.channels.commands.dequeue() {
-            let reply = self.obey(command, sample);
+            let reply = self.obey(command, codes);
             // A task that reads no replies does not get any.
             let _ = self.channels.replies.enqueue(reply);
         }
-        self.measure(&sample.halls);
-        // First the one that is in a hurry: told apart by a comparison, without decoding the mode.
-        if matches!(self.mode, Mode::Running) {
-            self.report(sample);
-            self.commutate()
-        } else {
-            self.off(sample)
-        }
     }
 
-    /// A step with the bridge off, or calibrating.
+    /// A step in any other state than running sinusoidally.
     #[cold]
     #[inline(never)]
-    fn off(&mut self, sample: &Sample) -> Output {
-        if matches!(self.mode, Mode::Aligning | Mode::Calibrating) {
-            self.calibrate(sample)
-        } else {
-            self.report(sample);
-            Output::OFF
+    fn slow(&mut self, codes: Codes, records: bool) -> Output {
+        let output = match self.live.mode {
+            Mode::Aligning | Mode::Calibrating => self.calibrate(),
+            Mode::Running => self.block(codes),
+            Mode::Unarmed | Mode::Ready | Mode::Faulted(_) => {
+                self.measure(codes);
+                Output::OFF
+            }
+        };
+        if records {
+            let calibrating = matches!(self.live.mode, Mode::Aligning | Mode::Calibrating);
+            let every = if calibrating { self.config.calibration_record_every } else { self.config.record_every };
+            self.record(codes, every);
+            // A calibration may record every step.
+            if every == 1 {
+                self.receive(codes);
+            }
         }
+        // The command may have been to disarm, the angle implausible.
+        if self.live.mode.drives() { output } else { Output::OFF }
     }
 
-    /// A record to the tasks, when it is time.
-    #[inline(always)]
-    fn report(&mut self, sample: &Sample) {
-        self.sequence = self.sequence.wrapping_add(1);
-        self.until_record = self.until_record.wrapping_sub(1);
-        if self.until_record == 0 {
-            self.until_record = self.config.record_every;
-            let progress = if self.drag.is_done() { Progress::Complete } else { Progress::None };
-            self.record(sample, progress, self.tracker.angle());
-        }
+    /// The step that found a fault.
+    #[cold]
+    #[inline(never)]
+    fn fallen(&mut self, codes: Codes) -> Output {
+        self.record(codes, self.config.record_every);
+        Output::OFF
     }
 
-    /// Angle and speed from the Halls.
+    /// Angle and speed from the Halls. False when that made a running drive fail.
     #[inline(always)]
-    fn measure(&mut self, codes: &Codes) {
-        let Some(estimator) = &self.estimator else { return };
-        match estimator.angle(codes) {
+    fn measure(&mut self, codes: Codes) -> bool {
+        let Some(estimator) = &self.estimator else { return true };
+        match estimator.angle(&codes) {
             Ok(angle) => {
-                if self.tracker.step(&self.config.tracking, angle).is_err() {
-                    self.jumped(angle);
-                } else if self.missed != 0 {
-                    self.missed = 0;
-                    self.limits = self.limits.without(Limits::EXTRAPOLATED);
+                if self.live.rotor.step(&self.config.tracking, angle).is_err() {
+                    return self.jumped(angle);
                 }
-                if self.tracker.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32 {
-                    self.fail(Fault::OverSpeed);
+                if self.live.missed != 0 {
+                    self.found();
                 }
+                if self.live.rotor.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32 {
+                    return self.fail(Fault::OverSpeed);
+                }
+                true
             }
             Err(why) => self.blind(why),
         }
     }
 
+    /// The angle is plausible again.
+    #[cold]
+    fn found(&mut self) {
+        self.live.missed = 0;
+        self.live.limits = self.live.limits.without(Limits::EXTRAPOLATED);
+    }
+
     /// The codes are no angle.
     #[cold]
-    fn blind(&mut self, why: Implausible) {
-        self.tracker.coast();
-        if !self.miss(Fault::Hall(why)) && !self.mode.drives() {
-            // Nothing is known of the rotor, so it is not turned on and on.
-            self.tracker = Tracker::at(self.tracker.angle());
+    #[inline(never)]
+    fn blind(&mut self, why: Implausible) -> bool {
+        self.live.rotor.coast();
+        if self.miss() {
+            return true;
         }
+        if !self.live.mode.drives() {
+            // Nothing is known of the rotor, so it is not turned on and on.
+            self.live.rotor = Tracker::at(self.live.rotor.angle());
+        }
+        self.fail(Fault::Hall(why))
     }
 
     /// The angle is not where the rotor can be.
     #[cold]
-    fn jumped(&mut self, angle: ElectricalAngle) {
-        if !self.miss(Fault::AngleJump) && !self.mode.drives() {
+    #[inline(never)]
+    fn jumped(&mut self, angle: ElectricalAngle) -> bool {
+        if self.miss() {
+            return true;
+        }
+        if !self.live.mode.drives() {
             // While nothing is driven, believe what comes again and again.
-            self.tracker = Tracker::at(angle);
-            self.missed = 0;
+            self.live.rotor = Tracker::at(angle);
+            self.found();
         }
+        self.fail(Fault::AngleJump)
     }
 
-    /// Counts a miss; false when they are too many. Then a running drive fails.
-    fn miss(&mut self, fault: Fault) -> bool {
-        self.missed = self.missed.saturating_add(1);
-        self.limits = self.limits.with(Limits::EXTRAPOLATED);
-        let tolerable = self.missed <= self.config.tolerated;
-        if !tolerable && self.mode == Mode::Running {
-            self.fail(fault);
-        }
-        tolerable
+    /// Counts a sample without a plausible angle; false when they are too many.
+    fn miss(&mut self) -> bool {
+        self.live.missed = self.live.missed.saturating_add(1);
+        self.live.limits = self.live.limits.with(Limits::EXTRAPOLATED);
+        self.live.missed <= self.config.tolerated
     }
 
-    /// Latches a fault where the bridge is on.
+    /// Latches a fault if the bridge is on; true if it is not.
     #[cold]
-    fn fail(&mut self, fault: Fault) {
-        if let Some(mode) = self.mode.after(Event::Fail(fault)) {
-            self.mode = mode;
+    fn fail(&mut self, fault: Fault) -> bool {
+        let failed = self.live.mode.drives();
+        if failed {
+            self.on(Event::Fail(fault));
+            self.live.calibration = Progress::None;
             self.set_amplitude(Amplitude::ZERO);
         }
+        !failed
     }
 
-    /// The field ahead of the rotor.
-    #[inline(always)]
-    fn commutate(&mut self) -> Output {
-        let vector = self.tracker.predicted(&self.config.tracking) + self.lead;
-        match self.config.commutation {
-            Commutation::Sinusoidal => Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL },
-            Commutation::Block => self.block(vector),
-        }
-    }
-
-    #[inline(never)]
-    fn block(&mut self, vector: ElectricalAngle) -> Output {
+    fn block(&mut self, codes: Codes) -> Output {
+        self.measure(codes);
+        let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
         self.sextant = self.sextant.follow(vector);
         self.sextant.output(self.config.order(), self.amplitude, self.config.limits.half())
     }
@@ -300,12 +339,10 @@ impl Drive {
     }
 
     /// A step of the calibration's motion.
-    fn calibrate(&mut self, sample: &Sample) -> Output {
-        self.sequence = self.sequence.wrapping_add(1);
-        // The field that acts while this sample is taken.
-        let field = self.drag.field();
-        let stage = self.drag.step(&self.config.drag);
-        let progress = match stage {
+    fn calibrate(&mut self) -> Output {
+        // The field that acts while this sample is taken stands for the rotor that follows it.
+        self.live.rotor = Tracker::at(self.drag.field());
+        self.live.calibration = match self.drag.step(&self.config.drag) {
             Stage::Rise | Stage::Stand(_) => Progress::None,
             Stage::Settle(_) => {
                 self.on(Event::Aligned);
@@ -314,49 +351,37 @@ impl Drive {
             Stage::Record(sweep) => Progress::Sample(sweep),
             Stage::Done => {
                 self.on(Event::Swept);
-                self.record(sample, Progress::Complete, field);
-                return Output::OFF;
+                Progress::Complete
             }
         };
-        self.until_record = self.until_record.wrapping_sub(1);
-        if self.until_record == 0 {
-            self.until_record = self.config.calibration_record_every;
-            self.record(sample, progress, field);
-        }
         let amplitude = self.config.limits.amplitude(self.drag.modulation());
         let axes = Axes::new(amplitude, PhaseOrder::FORWARD, self.config.limits.half());
         Output { compare: sinusoidal::compare(self.drag.field(), &axes), legs: Legs::ALL }
     }
 
-    /// To the tasks; when they do not keep up, the record is lost.
+    /// Hands a record to the tasks; when they do not keep up, it is lost.
     #[inline(always)]
-    fn record(&mut self, sample: &Sample, calibration: Progress, angle: ElectricalAngle) {
-        let record = Record {
-            sequence: self.sequence,
-            codes: sample.halls,
-            mode: self.mode,
-            limits: self.limits,
-            calibration,
-            angle,
-            speed: self.tracker.speed(),
-            position: self.tracker.position(),
-        };
-        let _ = self.channels.records.enqueue(record);
+    fn record(&mut self, codes: Codes, every: u32) {
+        self.next_record = self.live.sequence.wrapping_add(every);
+        self.live.codes = codes;
+        let _ = self.channels.records.enqueue(self.live);
     }
 
     #[cold]
     #[inline(never)]
-    fn obey(&mut self, command: Command, sample: &Sample) -> Reply {
+    fn obey(&mut self, command: Command, codes: Codes) -> Reply {
         match command {
             Command::Calibrate => {
                 self.on_command(Event::Calibrate)?;
                 self.drag = Drag::OFF;
+                self.live.calibration = Progress::None;
             }
-            Command::Install(estimator) => self.install(estimator, sample)?,
+            Command::Install(estimator) => self.install(estimator, codes)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
             Command::Arm => self.arm()?,
             Command::Disarm => {
                 self.on_command(Event::Disarm)?;
+                self.live.calibration = Progress::None;
                 self.set_amplitude(Amplitude::ZERO);
             }
             Command::Drive(modulation) => self.drive(modulation)?,
@@ -365,30 +390,30 @@ impl Drive {
         Ok(())
     }
 
-    fn install(&mut self, estimator: &'static mut Estimator, sample: &Sample) -> Reply {
+    fn install(&mut self, estimator: &'static mut Estimator, codes: Codes) -> Reply {
         let allowed = self.on_command(Event::Installed);
         let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
             // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
             let _ = self.channels.retired.enqueue(unused);
         }
-        if allowed.is_ok() && self.mode == Mode::Ready {
-            self.relock(sample);
+        if allowed.is_ok() && self.live.mode == Mode::Ready {
+            self.relock(codes);
         }
         allowed
     }
 
     /// Starts to track anew where the rotor is.
-    fn relock(&mut self, sample: &Sample) {
-        let angle = self.estimator.as_ref().and_then(|estimator| estimator.angle(&sample.halls).ok());
-        self.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
-        self.tracker = Tracker::at(angle.unwrap_or(ElectricalAngle::ZERO));
+    fn relock(&mut self, codes: Codes) {
+        let angle = self.estimator.as_ref().and_then(|estimator| estimator.angle(&codes).ok());
+        self.live.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
+        self.live.rotor = Tracker::at(angle.unwrap_or(ElectricalAngle::ZERO));
     }
 
     fn arm(&mut self) -> Reply {
-        match self.mode {
+        match self.live.mode {
             Mode::Unarmed => Err(Refusal::NotCalibrated),
-            Mode::Ready if self.missed != 0 => Err(Refusal::NoAngle),
+            Mode::Ready if self.live.missed != 0 => Err(Refusal::NoAngle),
             _ => {
                 self.set_amplitude(Amplitude::ZERO);
                 self.on_command(Event::Arm)
@@ -397,8 +422,8 @@ impl Drive {
     }
 
     fn drive(&mut self, modulation: Modulation) -> Reply {
-        if self.mode != Mode::Running {
-            return Err(Refusal::Mode(self.mode));
+        if self.live.mode != Mode::Running {
+            return Err(Refusal::Mode(self.live.mode));
         }
         let magnitude = i32::from(modulation.to_bits()).unsigned_abs();
         if magnitude > i32::from(self.config.max_modulation.to_bits()).unsigned_abs() {
@@ -406,7 +431,8 @@ impl Drive {
         }
         self.set_amplitude(self.config.limits.amplitude(modulation));
         let cut = self.config.limits.limits(modulation);
-        self.limits = if cut { self.limits.with(Limits::DUTY) } else { self.limits.without(Limits::DUTY) };
+        self.live.limits =
+            if cut { self.live.limits.with(Limits::DUTY) } else { self.live.limits.without(Limits::DUTY) };
         // A negative amplitude turns the field by half a turn; its advance is in the direction of the command, too.
         let advance = if modulation.is_negative() { -self.config.advance } else { self.config.advance };
         self.lead = ElectricalAngle::QUARTER + advance;
@@ -414,31 +440,41 @@ impl Drive {
     }
 
     fn on(&mut self, event: Event) {
-        if let Some(mode) = self.mode.after(event) {
-            self.mode = mode;
-            self.until_record = 1;
+        if let Some(mode) = self.live.mode.after(event) {
+            self.enter(mode);
         }
     }
 
+    fn enter(&mut self, mode: Mode) {
+        self.live.mode = mode;
+        let hurry = mode == Mode::Running && self.config.commutation == Commutation::Sinusoidal;
+        self.pace = if hurry { Pace::Sinusoidal } else { Pace::Any };
+    }
+
     fn on_command(&mut self, event: Event) -> Reply {
-        let mode = self.mode.after(event).ok_or(Refusal::Mode(self.mode))?;
-        self.mode = mode;
+        let mode = self.live.mode.after(event).ok_or(Refusal::Mode(self.live.mode))?;
+        self.enter(mode);
         Ok(())
     }
 
     /// The state.
     pub const fn mode(&self) -> Mode {
-        self.mode
+        self.live.mode
     }
 
     /// What holds the drive back.
     pub const fn limits(&self) -> Limits {
-        self.limits
+        self.live.limits
+    }
+
+    /// Everything known at the last step.
+    pub const fn live(&self) -> &Record {
+        &self.live
     }
 
     /// Angle, speed and turns.
     pub const fn tracker(&self) -> &Tracker {
-        &self.tracker
+        &self.live.rotor
     }
 
     /// The estimator in use.
@@ -446,3 +482,6 @@ impl Drive {
         self.estimator.as_deref()
     }
 }
+
+#[cfg(test)]
+mod tests;

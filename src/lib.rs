@@ -1,4 +1,43 @@
-//! hallservo
+//! A servo drive from a brushless motor, three cheap linear Hall sensors and a Cortex-M.
+//!
+//! `no_std`, no allocation, no `unsafe`. What runs in the control interrupt is integer arithmetic without a panic:
+//! one [`Sample`](drive::Sample) of the sensors in, one [`Output`](commutation::Output) for the timer out, by
+//! [`Drive::step`](drive::Drive::step). Tasks at a lower rate calibrate and supervise it through lock-free queues, by
+//! [`Service`](service::Service).
+//!
+//! | module | |
+//! |---|---|
+//! | [`angle`], [`trig`] | wrapping 32-bit turns; sine, arcsine and arctangent by tables, each with its proven error |
+//! | [`hall`] | normalise, estimate, track, calibrate |
+//! | [`commutation`], [`pwm`] | block and sinusoidal; compare values, limits, dead time, choice of the frequency |
+//! | [`drive`], [`mode`], [`fault`], [`settings`], [`telemetry`] | the control interrupt and its states |
+//! | [`service`] | the tasks' side of a drive |
+//!
+//! The method is that of Simpkins and Todorov, *Position Estimation and Control of Compact BLDC Motors Based on Analog
+//! Linear Hall Effect Sensors* (2010), with corrections where its printed equations do not hold; each is told where it
+//! is used.
+//!
+//! # Example
+//! ```
+//! use hallservo::drive::{Channels, Command, Drive, Sample};
+//! use hallservo::hall::estimate::Estimator;
+//! use hallservo::service::Service;
+//! use hallservo::settings::Settings;
+//!
+//! // What a board keeps in statics.
+//! let channels: &'static mut Channels = Box::leak(Box::new(Channels::new()));
+//! let estimators = [(); 2].map(|()| &mut *Box::leak(Box::new(Estimator::blank())));
+//!
+//! let config = Settings { pole_pairs: 7, ..Settings::default() }.validate()?;
+//! let (interrupt, tasks) = channels.split();
+//! let mut drive = Drive::new(config, interrupt); // the interrupt's
+//! let mut service = Service::new(config, tasks, estimators); // a task's
+//!
+//! service.send(Command::Calibrate).expect("the queue is empty");
+//! let output = drive.step(&Sample { halls: [2100, 1900, 2050] }); // in the interrupt
+//! assert!(output.compare.iter().all(|&compare| compare < config.period));
+//! # Ok::<(), hallservo::settings::Error>(())
+//! ```
 #![no_std]
 
 pub mod angle;

@@ -8,13 +8,15 @@ use crate::mode::Mode;
 use crate::settings::Config;
 use crate::telemetry::{Progress, Record};
 use core::fmt;
-use heapless::Vec;
+use heapless::{Deque, Vec};
 
 /// What came of a look at the drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
     /// A command was answered.
     Reply(Reply),
+    /// The drive took up a model, or would not.
+    Installed(Reply),
     /// A sample.
     Record(Record),
     /// The rotor was turned, the model fits and is on its way to the drive.
@@ -50,14 +52,31 @@ pub struct Service {
     collector: Collector,
     collected: u32,
     spares: Vec<&'static mut Estimator, 2>,
+    /// Commands that are not answered yet.
+    unanswered: Deque<Origin, 16>,
     config: Config,
+}
+
+/// Who asked.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Origin {
+    User,
+    Install,
+    Failure,
 }
 
 impl Service {
     /// For the tasks' end of a drive's channels. One of the estimators can be filled while the drive uses the other.
     pub fn new(config: Config, tasks: Tasks, estimators: [&'static mut Estimator; 2]) -> Self {
         let spares = Vec::from_iter(estimators);
-        Self { tasks, collector: Collector::new(config.adc_bits), collected: 0, spares, config }
+        Self {
+            tasks,
+            collector: Collector::new(config.adc_bits),
+            collected: 0,
+            spares,
+            unanswered: Deque::new(),
+            config,
+        }
     }
 
     /// Sends a command; its answer is a later [`Event::Reply`].
@@ -65,7 +84,19 @@ impl Service {
     /// # Errors
     /// The command itself, when the drive has eight to obey already.
     pub fn send(&mut self, command: Command) -> Result<(), Command> {
-        self.tasks.commands.enqueue(command)
+        if matches!(command, Command::Calibrate) {
+            self.collected = 0;
+        }
+        self.ask(command, Origin::User)
+    }
+
+    fn ask(&mut self, command: Command, origin: Origin) -> Result<(), Command> {
+        if self.unanswered.is_full() {
+            return Err(command);
+        }
+        self.tasks.commands.enqueue(command)?;
+        let _ = self.unanswered.push_back(origin);
+        Ok(())
     }
 
     /// Makes an estimator of a model and sends it to the drive, which takes it up between two steps.
@@ -77,7 +108,7 @@ impl Service {
         self.take_back();
         let spare = self.spares.pop().ok_or(InstallError::Busy)?;
         *spare = estimator;
-        if let Err(Command::Install(spare)) = self.tasks.commands.enqueue(Command::Install(spare)) {
+        if let Err(Command::Install(spare)) = self.ask(Command::Install(spare), Origin::Install) {
             let _ = self.spares.push(spare);
             return Err(InstallError::Busy);
         }
@@ -93,8 +124,12 @@ impl Service {
     /// The next thing that happened; to be called until it is `None`, at least every
     /// 63 records. After a calibration's last sample the fit runs in here, for some ten million instructions.
     pub fn poll(&mut self) -> Option<Event> {
-        if let Some(reply) = self.tasks.replies.dequeue() {
-            return Some(Event::Reply(reply));
+        while let Some(reply) = self.tasks.replies.dequeue() {
+            match self.unanswered.pop_front() {
+                Some(Origin::Install) => return Some(Event::Installed(reply)),
+                Some(Origin::Failure) => {}
+                Some(Origin::User) | None => return Some(Event::Reply(reply)),
+            }
         }
         let record = self.tasks.records.dequeue()?;
         Some(match record.calibration {
@@ -103,7 +138,7 @@ impl Service {
                     self.collector = Collector::new(self.config.adc_bits);
                 }
                 self.collected += 1;
-                self.collector.push(sweep, record.angle, &record.codes, record.sequence);
+                self.collector.push(sweep, record.rotor.angle(), &record.codes, record.sequence);
                 Event::Record(record)
             }
             Progress::Complete if self.collected > 0 => self.finish(),
@@ -128,7 +163,7 @@ impl Service {
             Ok(calibration) => Event::Calibrated(calibration),
             Err(error) => {
                 // The queue has room: the drive obeys one command a step, and nobody sends eight a step.
-                let _ = self.send(Command::CalibrationFailed);
+                let _ = self.ask(Command::CalibrationFailed, Origin::Failure);
                 Event::Refused(error)
             }
         }

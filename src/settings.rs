@@ -50,9 +50,9 @@ pub struct Settings {
     pub calibration_hz: f32,
     /// Least electrical turns to record in each direction, 2 to 64; rounded up to whole mechanical turns.
     pub calibration_turns: u8,
-    /// Rate of the records to the tasks while running, 1 Hz to the PWM frequency.
+    /// Rate of the records to the tasks while running, 1 Hz to half the PWM frequency.
     pub record_hz: f32,
-    /// The same while calibrating.
+    /// The same while calibrating, 1 Hz to the PWM frequency.
     pub calibration_record_hz: f32,
 }
 
@@ -141,7 +141,7 @@ pub struct Config {
     pub(crate) advance: ElectricalAngle,
     pub(crate) tracking: track::Config,
     pub(crate) fastest: i32,
-    pub(crate) tolerated: u32,
+    pub(crate) tolerated: u16,
     pub(crate) record_every: u32,
     pub(crate) calibration_record_every: u32,
     pub(crate) drag: drag::Config,
@@ -191,15 +191,15 @@ impl Settings {
             advance: ElectricalAngle::from_degrees(within("phase_advance_deg", self.phase_advance_deg, -60.0, 60.0)?),
             tracking: self.tracking()?,
             fastest: (self.max_electrical_hz / pwm_hz * 4_294_967_296.0) as i32,
-            tolerated: within("tolerated_samples", self.tolerated_samples.into(), 0.0, 100.0)? as u32,
-            record_every: self.every("record_hz", self.record_hz)?,
-            calibration_record_every: self.every("calibration_record_hz", self.calibration_record_hz)?,
+            tolerated: within("tolerated_samples", self.tolerated_samples.into(), 0.0, 100.0)? as u16,
+            record_every: self.every("record_hz", self.record_hz, self.pwm_hz / 2.0)?,
+            calibration_record_every: self.every("calibration_record_hz", self.calibration_record_hz, self.pwm_hz)?,
             drag: self.drag()?,
         })
     }
 
-    fn every(&self, field: &'static str, hz: f32) -> Result<u32, Error> {
-        Ok(libm::roundf(self.pwm_hz / within(field, hz, 1.0, self.pwm_hz)?) as u32)
+    fn every(&self, field: &'static str, hz: f32, highest: f32) -> Result<u32, Error> {
+        Ok(libm::roundf(self.pwm_hz / within(field, hz, 1.0, highest)?) as u32)
     }
 
     fn tracking(&self) -> Result<track::Config, Error> {
@@ -274,7 +274,7 @@ mod tests {
             ("calibration_turns", |s| s.calibration_turns = 1),
             ("calibration_turns", |s| s.calibration_turns = 65),
             ("record_hz", |s| s.record_hz = 0.0),
-            ("record_hz", |s| s.record_hz = 40_001.0),
+            ("record_hz", |s| s.record_hz = 20_001.0),
             ("calibration_record_hz", |s| s.calibration_record_hz = f32::NAN),
         ];
         for (name, change) in cases {

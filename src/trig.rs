@@ -87,7 +87,8 @@ pub const fn asin(sine: I2F30) -> ElectricalAngle {
 #[inline(always)]
 pub const fn atan2(y: i32, x: i32) -> ElectricalAngle {
     let (y, x) = normalise(y, x);
-    quadrant_angle(y, x, &ATAN2)
+    let direction = Direction::of(y, x);
+    segment_angle(direction.quadrant, ratio(direction.part, direction.whole), &ATAN2)
 }
 
 /// [`atan2`] for cores without a divide instruction; the quotient comes from a table of reciprocals and one step of
@@ -95,7 +96,8 @@ pub const fn atan2(y: i32, x: i32) -> ElectricalAngle {
 #[inline(always)]
 pub const fn atan2_without_division(y: i32, x: i32) -> ElectricalAngle {
     let (y, x) = normalise(y, x);
-    quadrant_angle_without_division(y, x, &ATAN2)
+    let direction = Direction::of(y, x);
+    segment_angle(direction.quadrant, ratio_without_division(direction.part, direction.whole), &ATAN2)
 }
 
 /// Scales a vector up until its longer component has 31 bits, so that the quotient has full precision.
@@ -108,8 +110,8 @@ const fn normalise(y: i32, x: i32) -> (i32, i32) {
 }
 
 /// A table of the arctangent over the whole turn: four quadrants of 64 segments of the quotient |y| / (|x| + |y|),
-/// along which the angle rises almost evenly and without a decision where |x| = |y|. Quadrants follow [`quadrant`]'s
-/// numbering. A calibrated drive has its own table, which also holds what its sensors do to the angle (see
+/// along which the angle rises almost evenly and without a decision where |x| = |y|. Bit 1 of a quadrant's
+/// number is y < 0, bit 0 is x < 0. A calibrated drive has its own table, which also holds what its sensors do to the angle (see
 /// [`crate::hall::estimate`]).
 pub type QuadrantTable = [Segment; 4 << QUADRANT_BITS];
 
@@ -119,29 +121,44 @@ pub const QUADRANT_BITS: u32 = 6;
 /// Bits of the quotient within a segment.
 pub(crate) const QUOTIENT_LOW: u32 = 16 - QUADRANT_BITS;
 
-/// The table value at the angle of (`x`, `y`), for vectors whose longer component has 29 to 31 bits. One division.
-#[inline(always)]
-pub(crate) const fn quadrant_angle(y: i32, x: i32, table: &QuadrantTable) -> ElectricalAngle {
-    let (quadrant, part, whole) = quadrant(y, x);
-    segment_angle(quadrant, ratio(part, whole), table)
+/// A vector as [`QuadrantTable`]s know it.
+#[derive(Clone, Copy)]
+pub(crate) struct Direction {
+    /// Number of the quadrant; bit 1: y < 0, bit 0: x < 0.
+    quadrant: u32,
+    /// |y|.
+    part: u32,
+    /// |x| + |y|.
+    whole: u32,
 }
 
-/// [`quadrant_angle`] by multiplications only.
-#[inline(always)]
-pub(crate) const fn quadrant_angle_without_division(y: i32, x: i32, table: &QuadrantTable) -> ElectricalAngle {
-    let (quadrant, part, whole) = quadrant(y, x);
-    segment_angle(quadrant, ratio_without_division(part, whole), table)
-}
+impl Direction {
+    /// The magnitude of a negative number is taken as its ones' complement: a bit too small, an instruction saved, and it
+    /// never overflows.
+    #[inline(always)]
+    pub(crate) const fn of(y: i32, x: i32) -> Self {
+        let part = (y ^ (y >> 31)) as u32;
+        let rest = (x ^ (x >> 31)) as u32;
+        Self { quadrant: (y as u32 >> 31) * 2 + (x as u32 >> 31), part, whole: part + rest }
+    }
 
-/// Number of the quadrant (bit 1: y < 0, bit 0: x < 0), |y| and |x| + |y|.
-///
-/// The magnitude of a negative number is its ones' complement: a bit too small, an instruction saved, never overflows.
-#[inline(always)]
-const fn quadrant(y: i32, x: i32) -> (u32, u32, u32) {
-    let y_magnitude = (y ^ (y >> 31)) as u32;
-    let x_magnitude = (x ^ (x >> 31)) as u32;
-    let quadrant = (y as u32 >> 31) * 2 + (x as u32 >> 31);
-    (quadrant, y_magnitude, x_magnitude + y_magnitude)
+    /// |x| + |y|: the length, but for a factor from 1 to √2.
+    #[inline(always)]
+    pub(crate) const fn length(self) -> u32 {
+        self.whole
+    }
+
+    /// The table's value; accurate if the length has at least 29 bits. One division where the core divides.
+    #[inline(always)]
+    pub(crate) const fn angle(self, table: &QuadrantTable) -> ElectricalAngle {
+        let quotient = if cfg!(hardware_divide) { ratio(self.part, self.whole) } else { self.ratio_without_division() };
+        segment_angle(self.quadrant, quotient, table)
+    }
+
+    #[inline(always)]
+    const fn ratio_without_division(self) -> u32 {
+        ratio_without_division(self.part, self.whole)
+    }
 }
 
 /// part / whole in 2⁻¹⁶, below one: rounding the divisor up keeps the quotient in range and the divisor from zero.
@@ -197,7 +214,7 @@ pub(crate) const fn segment_turns(index: usize) -> [f64; 3] {
     ]
 }
 
-/// The angle at a number of half segments into a quadrant, unfolded as [`quadrant`] folds.
+/// The angle at a number of half segments into a quadrant, unfolded as [`Direction`] folds.
 const fn quadrant_turns(quadrant: usize, half_steps: usize) -> f64 {
     let y = centred(half_steps as f64 / (2 << QUADRANT_BITS) as f64);
     let x = 1.0 - y;

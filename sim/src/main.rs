@@ -27,6 +27,8 @@ enum Experiment {
 }
 
 fn main() -> ExitCode {
+    // `hallservo | head` ends like any other filter.
+    sigpipe::reset();
     let arguments = Arguments::parse();
     let result = match arguments.experiment {
         None => experiment::spin::main(&arguments.common),

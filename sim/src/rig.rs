@@ -84,10 +84,12 @@ impl Rig {
     /// The drive's refusal.
     pub fn command(&mut self, command: Command) -> Result<()> {
         self.service.send(command).map_err(|command| anyhow!("no room for {command:?}"))?;
-        self.step();
-        while let Some(event) = self.service.poll() {
-            if let Event::Reply(reply) = event {
-                return Ok(reply?);
+        for _ in 0..100 {
+            self.step();
+            while let Some(event) = self.service.poll() {
+                if let Event::Reply(reply) = event {
+                    return Ok(reply?);
+                }
             }
         }
         bail!("the drive did not answer")
@@ -113,12 +115,9 @@ impl Rig {
                 progress(self.service.progress());
                 while let Some(event) = self.service.poll() {
                     match event {
-                        Event::Calibrated(calibration) => {
-                            self.step();
-                            return Ok(calibration);
-                        }
+                        Event::Calibrated(calibration) => return Ok(calibration),
                         Event::Refused(error) => return Err(error.into()),
-                        Event::Reply(_) | Event::Record(_) => {}
+                        Event::Reply(_) | Event::Installed(_) | Event::Record(_) => {}
                     }
                 }
             }

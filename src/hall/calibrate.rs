@@ -132,6 +132,11 @@ impl Collector {
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
         let model = Model { sensors: fit.sensors, alignment: forward + lag, reversed };
         let report = Report::new(&model, self, &fit, lag);
+        // A rotor that slipped fits anything, and nothing of what was fitted means anything.
+        let unexplained = Finding::Unexplained(report.residual_pct);
+        if unexplained.refuses() {
+            return Err(Error::Refused(unexplained));
+        }
         estimate::validate(&model, self.adc_bits).map_err(Error::Model)?;
         match report.findings().find(Finding::refuses) {
             Some(finding) => Err(Error::Refused(finding)),

@@ -62,7 +62,14 @@ impl Window {
         let high = libm::floorf(offset + PLAUSIBLE * amplitude).min(rail - 1.0);
         // False for not-a-numbers, too.
         (amplitude > 0.0 && offset.is_finite() && low <= high)
-            .then(|| Self { low: low as u32, span: (high - low) as u32 })
+            .then_some(Self { low: low as u32, span: (high - low) as u32 })
+    }
+
+    /// The smallest window that holds three others.
+    pub fn around(windows: [Self; 3]) -> Self {
+        let low = windows.iter().fold(u32::MAX, |low, window| low.min(window.low));
+        let high = windows.iter().fold(0, |high, window| high.max(window.low.saturating_add(window.span)));
+        Self { low, span: high.saturating_sub(low) }
     }
 
     /// Whether the code is in the window.

@@ -58,7 +58,7 @@ fn the_sampling_window_bounds_the_duty() {
     let high = highest_compare(2125, 170e6, 1e-6, 0.5e-6);
     // The lower transistor conducts from `high` to `period` and back.
     let low_side_s = 2.0 * f32::from(2125 - high) / 170e6;
-    assert!(low_side_s >= 1.5e-6 && low_side_s < 1.52e-6, "{low_side_s}");
+    assert!((1.5e-6..1.52e-6).contains(&low_side_s), "{low_side_s}");
     assert_eq!(highest_compare(100, 170e6, 1.0, 0.0), 0);
 }
 

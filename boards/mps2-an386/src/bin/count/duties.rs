@@ -7,7 +7,10 @@ use crate::trig::angle;
 use core::f64::consts::TAU;
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering::Relaxed};
 use hallservo::angle::ElectricalAngle;
-use hallservo::commutation::{Modulation, sinusoidal, sinusoidal::{Axes, PhaseOrder}};
+use hallservo::commutation::{
+    Modulation, sinusoidal,
+    sinusoidal::{Axes, PhaseOrder},
+};
 use hallservo::hall::{Codes, estimate::Estimator, track};
 use hallservo::pwm::Limits;
 use micromath::F32Ext;

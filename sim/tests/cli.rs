@@ -1,0 +1,125 @@
+//! The command line as a user meets it.
+
+use serde_json::Value;
+use std::path::{Path, PathBuf};
+use std::process::{Command, Output};
+use std::{env, fs};
+
+/// A fresh folder for a test.
+fn folder(name: &str) -> PathBuf {
+    let folder = Path::new(env!("CARGO_TARGET_TMPDIR")).join(name);
+    let _ = fs::remove_dir_all(&folder);
+    fs::create_dir_all(&folder).unwrap();
+    folder
+}
+
+fn hallservo(folder: &Path, arguments: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_hallservo")).args(arguments).current_dir(folder).output().unwrap()
+}
+
+fn json(folder: &Path, arguments: &[&str]) -> Value {
+    let output = hallservo(folder, &[arguments, &["--json", "figures.json"]].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&fs::read(folder.join("figures.json")).unwrap()).unwrap()
+}
+
+/// The message of a command that must fail.
+fn refusal(folder: &Path, arguments: &[&str]) -> String {
+    let output = hallservo(folder, arguments);
+    assert!(!output.status.success(), "{arguments:?} succeeded");
+    assert!(output.stdout.is_empty());
+    String::from_utf8(output.stderr).unwrap()
+}
+
+#[test]
+fn without_arguments_it_calibrates_and_spins_a_motor() {
+    let folder = folder("default");
+    let output = hallservo(&folder, &[]);
+    assert!(output.status.success());
+    let text = String::from_utf8(output.stdout).unwrap();
+    assert!(text.contains("three sensors, calibrated") && text.contains("report/spin.html"), "{text}");
+    let html = fs::read_to_string(folder.join("report/spin.html")).unwrap();
+    assert_eq!(html.matches("<svg").count(), 8);
+    assert!(!html.contains("NaN") && !html.contains("<script"));
+}
+
+#[test]
+fn spin_writes_its_figures() {
+    let figures = json(&folder("spin"), &["spin", "--seed", "7"]);
+    for name in [
+        "raw_error_deg_rms",
+        "angle_error_deg_rms",
+        "angle_error_deg_max",
+        "angle_bias_deg",
+        "tracked_error_deg_rms",
+        "crlb_deg",
+        "turns_lost",
+    ] {
+        assert!(figures[name].is_number(), "{name}");
+    }
+    assert_eq!(figures["seed"], 7);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_figures_and_another_does_not() {
+    let folder = folder("seeds");
+    let [first, again, other] = ["3", "3", "4"].map(|seed| json(&folder, &["spin", "--seed", seed]));
+    assert_eq!(first, again);
+    assert_ne!(first["angle_error_deg_rms"], other["angle_error_deg_rms"]);
+}
+
+#[test]
+fn commutation_ripples_are_as_theory_says() {
+    let folder = folder("commutation");
+    for seed in ["1", "2", "3", "4", "5"] {
+        let figures = json(&folder, &["commutation", "--seed", seed]);
+        let ripple = |name: &str| figures[name].as_f64().unwrap();
+        // (1 − cos 30°) over the mean 3/π is 14.03 %.
+        let block = ripple("block_torque_ripple_pct");
+        assert!((13.03..=15.03).contains(&block), "seed {seed}: {block}");
+        assert!(ripple("sine_torque_ripple_pct") < 1.5, "seed {seed}: {figures}");
+        assert!(ripple("uncalibrated_block_torque_ripple_pct") > 1.5 * block);
+        assert!(ripple("sine_speed_ripple_pct") < 0.3 * ripple("block_speed_ripple_pct"), "seed {seed}: {figures}");
+    }
+}
+
+#[test]
+fn pwm_is_chosen_for_the_motor() {
+    let folder = folder("pwm");
+    let figures = json(&folder, &["pwm"]);
+    assert_eq!(figures["ripple_reached"], true);
+    for ripple in figures["sweep"].as_array().unwrap() {
+        let (exact, simulated) = (ripple["exact_pct"].as_f64().unwrap(), ripple["simulated_pct"].as_f64().unwrap());
+        assert!((simulated / exact - 1.0).abs() < 1e-3, "{ripple}");
+    }
+    let figures = json(&folder, &["pwm", "--inductance", "0.00003", "--highest", "50000"]);
+    assert_eq!(figures["ripple_reached"], false);
+    assert!(refusal(&folder, &["pwm", "--resistance", "0"]).contains("positive"));
+    assert!(refusal(&folder, &["pwm", "--inductance", "NaN"]).contains("positive"));
+    assert!(refusal(&folder, &["pwm", "--dead-time", "1"]).contains("dead time"));
+}
+
+#[test]
+fn wrong_usage_is_explained() {
+    let folder = folder("usage");
+    assert!(refusal(&folder, &["spin", "--sede", "1"]).contains("--seed"));
+    assert!(refusal(&folder, &["spin", "--seed", "many"]).contains("many"));
+    assert!(refusal(&folder, &["spinn"]).contains("spin"));
+    let help = hallservo(&folder, &["--help"]);
+    let help = String::from_utf8(help.stdout).unwrap();
+    assert!(
+        ["spin", "commutation", "pwm", "--seed", "--json", "--out"].iter().all(|word| help.contains(word)),
+        "{help}"
+    );
+}
+
+#[test]
+fn what_cannot_be_written_is_named_before_the_work() {
+    let folder = folder("unwritable");
+    fs::write(folder.join("file"), "").unwrap();
+    assert!(refusal(&folder, &["--out", "file/below"]).contains("file/below"));
+    assert!(refusal(&folder, &["--out", "file"]).contains("file"));
+    assert!(refusal(&folder, &["--json", "missing/figures.json"]).contains("missing/figures.json"));
+    assert!(refusal(&folder, &["--json", "."]).contains('.'));
+    assert!(refusal(&folder, &["--out", "/proc/nothing"]).contains("/proc/nothing"));
+}

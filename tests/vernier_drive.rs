@@ -42,7 +42,7 @@ impl Machine {
 fn the_drive_calibrates_its_encoder_and_the_encoder_its_turn_counter() {
     let build = Build { eccentricity: 0.05, head_angle: 40.0, pairs: true };
     let parameters = PlantParameters::unkind(1);
-    let pole_pairs = PolePairs::new(parameters.motor.pole_pairs as u8).unwrap();
+    let pole_pairs = PolePairs::new(parameters.motor.pole_pairs).unwrap();
     let rig = Rig::new(&parameters, &Settings::default(), 1).unwrap();
     let mut machine = Machine { rig, construction: build.construction(1), rings: build.rings().unwrap() };
     machine.rig.calibrate(|_| {}).unwrap();

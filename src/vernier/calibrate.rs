@@ -3,8 +3,7 @@
 //! [`Calibrator`] takes sample after sample, on the chip or from a recording:
 //!
 //! 1. a turn for each head: its error curve, after section IV.B of the paper ([`curve`]);
-//! 2. a turn for the zeros of the heads and the rings, for the averages, and for what the curves have missed
-//!    ([`turn`]);
+//! 2. a turn for the zeros of the heads and the rings, for the averages, and for what the curves have missed;
 //! 3. a turn to check: "it is very important to validate the result because the algorithm can converge to a bad
 //!    result". The largest residual is held against the margin that the averages leave, and the limits that
 //!    [`super::encoder`] will hold every sample to are put between the two.
@@ -14,12 +13,14 @@
 //! starts from has it.
 
 pub mod curve;
-pub mod turn;
+mod turn;
 
 use super::correct::{Curve, NODES, mean};
 use super::decode::AverageTable;
 use super::encoder::{Calibration, Reading};
 use super::rings::{Ring, Rings};
+use crate::angle::ElectricalAngle;
+use crate::trig;
 use core::fmt;
 use curve::Average;
 use turn::{Path, Residuals};
@@ -239,7 +240,7 @@ impl<const HEADS: usize> Calibrator<HEADS> {
         }
         let percent = u32::from(average.similar) * 100 / u32::from(self.rings.pole_pairs(ring));
         self.report.similar_percent = self.report.similar_percent.min(percent as u8);
-        self.calibration.curves_mut(ring)[head].errors = errors.map(|error| libm::roundf(error * 65536.0) as i16);
+        self.calibration.curves_mut(ring)[head].errors = errors.map(|error| round(error * 65536.0));
         Ok(())
     }
 
@@ -332,9 +333,15 @@ fn corrected_heads<const HEADS: usize>(curves: &[Curve; HEADS], readings: [u16; 
 fn harmonic(curve: &[f32; NODES], order: usize) -> f32 {
     let (mut sine, mut cosine) = (0.0, 0.0);
     for (node, value) in curve.iter().enumerate() {
-        let angle = (node * order) as f32 * (core::f32::consts::TAU / NODES as f32);
-        sine += value * libm::sinf(angle);
-        cosine += value * libm::cosf(angle);
+        let angle = ElectricalAngle::from_bits(((node * order) as i32) << (32 - NODES.ilog2()));
+        sine += value * trig::sin(angle).to_num::<f32>();
+        cosine += value * trig::cos(angle).to_num::<f32>();
     }
-    libm::hypotf(sine, cosine) * (2.0 / NODES as f32)
+    libm::sqrtf(sine * sine + cosine * cosine) * (2.0 / NODES as f32)
+}
+
+/// To the nearest integer, saturated. Kept out of line: the loops it is called from are unrolled.
+#[inline(never)]
+fn round(value: f32) -> i16 {
+    libm::roundf(value) as i16
 }

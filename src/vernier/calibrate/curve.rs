@@ -14,7 +14,7 @@
 //!
 //! Sampling must be at equal intervals; their length does not matter.
 
-use super::Refusal;
+use super::{Refusal, round};
 use crate::vernier::correct::NODES;
 
 /// Distance of nodes in 2⁻¹⁶ pole pairs.
@@ -258,7 +258,7 @@ fn detrend(times: &[f32; NODES + 1], begins: [f32; 3]) -> [i16; NODES] {
         node as f32 / NODES as f32 - time * (slope + curvature * time)
     });
     let mean = rest.iter().sum::<f32>() / NODES as f32;
-    rest.map(|value| libm::roundf((value - mean) * 65536.0) as i16)
+    rest.map(|value| round((value - mean) * 65536.0))
 }
 
 fn mean_curve<'a>(curves: impl Iterator<Item = &'a [i16; NODES]>) -> [f32; NODES] {

@@ -9,7 +9,7 @@
 //!   meet every place of the one together with every place of the other. That corrects the curves by what an uneven
 //!   speed has left in them.
 
-use super::{Refusal, corrected_heads};
+use super::{Refusal, corrected_heads, round};
 use crate::angle::ElectricalAngle;
 use crate::vernier::correct::NODES;
 use crate::vernier::encoder::{Calibration, Reading};
@@ -148,7 +148,7 @@ impl<const HEADS: usize> Residuals<HEADS> {
             if average.abs() > 32767.0 {
                 return Err(Refusal::Margin { worst: average.abs() as u32, margin: 1 << 15 });
             }
-            calibration.averages[(first + index) % pairs] = libm::roundf(average) as i16;
+            calibration.averages[(first + index) % pairs] = round(average);
         }
         let offset = (zero - lattice * 65536.0) / pairs as f32;
         for curve in &mut calibration.vernier {
@@ -177,7 +177,7 @@ impl<const HEADS: usize> Residuals<HEADS> {
                 let missed = means.map(|mean| (mean.get() - self.all.get()) / weight(rings, ring));
                 let constant = missed.iter().sum::<f32>() / NODES as f32;
                 for (error, missed) in curve.errors.iter_mut().zip(missed) {
-                    let missed = libm::roundf(missed - constant) as i16;
+                    let missed = round(missed - constant);
                     *error = error.saturating_add(missed);
                     largest = largest.max(missed.unsigned_abs());
                 }

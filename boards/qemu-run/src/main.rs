@@ -66,16 +66,10 @@ fn print(frame: &Frame, location: Option<&Location>) {
     let Some(level) = frame.level() else {
         return println!("{}", frame.display_message());
     };
-    let time = frame
-        .display_timestamp()
-        .map_or_else(String::new, |time| time.to_string());
+    let time = frame.display_timestamp().map_or_else(String::new, |time| time.to_string());
     let place = location.map_or_else(String::new, |location| {
         let file = location.file.file_name().unwrap_or_default();
         format!("{}:{}", file.display(), location.line)
     });
-    println!(
-        "{:5} {time} {} ({place})",
-        level.as_str(),
-        frame.display_message()
-    );
+    println!("{:5} {time} {} ({place})", level.as_str(), frame.display_message());
 }

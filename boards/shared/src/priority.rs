@@ -29,11 +29,7 @@ pub fn init(nvic: &mut NVIC, scb: &mut SCB, control: impl InterruptNumber) {
         for register in &nvic.ipr {
             register.write(CEILING);
         }
-        for handler in [
-            SystemHandler::SVCall,
-            SystemHandler::PendSV,
-            SystemHandler::SysTick,
-        ] {
+        for handler in [SystemHandler::SVCall, SystemHandler::PendSV, SystemHandler::SysTick] {
             scb.set_priority(handler, CEILING);
         }
         nvic.set_priority(control, CONTROL);

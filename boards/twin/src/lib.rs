@@ -47,7 +47,15 @@ impl Twin {
         let mut plant = Plant::new(&PlantParameters::unkind(SEED), SEED).ok()?;
         plant.place(0.3, 0.0).ok()?;
         let drive = Drive::new(config, channels);
-        Some(Self { plant, drive, config, digest: Digest::default(), periods: 0, installed: None, figures: Figures::new(config.pole_pairs) })
+        Some(Self {
+            plant,
+            drive,
+            config,
+            digest: Digest::default(),
+            periods: 0,
+            installed: None,
+            figures: Figures::new(config.pole_pairs),
+        })
     }
 
     /// What the converters deliver at the beginning of a period.

@@ -79,7 +79,7 @@ impl Host {
             match event {
                 Event::Calibrated(_) => return Ok(()),
                 Event::Refused(error) => return Err(error.into()),
-                Event::Reply(_) | Event::Record(_) => {}
+                Event::Reply(_) | Event::Installed(_) | Event::Record(_) => {}
             }
         }
         bail!("the chip was calibrated in period {}, the host not", self.twin.periods())

@@ -59,7 +59,7 @@ async fn log() {
     loop {
         let record = LATEST.wait().await;
         let hz = record.electrical_hz(time::CONTROL_HZ as f32);
-        info!("{}: {=f32} Hz electrical, turn {=i32}", record.mode, hz, record.position.turns());
+        info!("{}: {=f32} Hz electrical, turn {=i32}", record.mode, hz, record.rotor.position().turns());
         Timer::after_millis(100).await;
     }
 }
@@ -136,7 +136,7 @@ impl Run {
             match event {
                 Event::Calibrated(calibration) => return Ok(Some(calibration)),
                 Event::Record(record) => LATEST.signal(record),
-                Event::Reply(Ok(())) => {}
+                Event::Reply(Ok(())) | Event::Installed(_) => {}
                 Event::Reply(Err(_)) => return Err("the drive refused a command"),
                 Event::Refused(error) => {
                     error!("{}", Display2Format(&error));

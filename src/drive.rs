@@ -18,7 +18,7 @@ use crate::hall::track::Tracker;
 use crate::mode::{Event, Mode};
 use crate::pwm::Amplitude;
 use crate::settings::Config;
-use crate::telemetry::{Progress, Record};
+use crate::telemetry::{Progress, Record, Status};
 use core::fmt;
 use drag::{Drag, Stage};
 use heapless::spsc::{Consumer, Producer, Queue};
@@ -135,7 +135,7 @@ impl Channels {
 /// How much of a hurry a step is in.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Pace {
-    /// Running with sinusoidal commutation.
+    /// Running with sinusoidal commutation, no sample missed.
     Sinusoidal,
     /// Anything else.
     Any,
@@ -146,7 +146,10 @@ pub struct Drive {
     config: Config,
     channels: Interrupt,
     estimator: Option<&'static mut Estimator>,
-    /// State, angle and speed.
+    mode: Mode,
+    limits: Limits,
+    progress: Progress,
+    /// The same with angle and speed, as the tasks get it.
     live: Record,
     /// What the mode and the settings come to, for the step to look at first.
     pace: Pace,
@@ -158,8 +161,8 @@ pub struct Drive {
     /// Where block commutation stands.
     sextant: Sextant,
     drag: Drag,
-    /// Sequence number of the step with the next record.
-    next_record: u32,
+    /// Steps to the next record.
+    until_record: u32,
 }
 
 impl Drive {
@@ -170,13 +173,16 @@ impl Drive {
             config,
             channels,
             estimator: None,
+            mode: Mode::Unarmed,
+            limits: Limits::NONE,
+            progress: Progress::None,
             live: Record::new(),
             pace: Pace::Any,
             amplitude: Amplitude::ZERO,
             axes: Axes::new(Amplitude::ZERO, config.order(), config.limits.half()),
             lead: ElectricalAngle::QUARTER,
             sextant: Sextant::First,
-            next_record: 1,
+            until_record: 1,
         }
     }
 
@@ -187,8 +193,8 @@ impl Drive {
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
         let codes = sample.halls;
-        self.live.sequence = self.live.sequence.wrapping_add(1);
-        let records = self.live.sequence == self.next_record;
+        self.until_record = self.until_record.wrapping_sub(1);
+        let records = self.until_record == 0;
         if !records {
             self.receive(codes);
         }
@@ -197,7 +203,7 @@ impl Drive {
             return self.slow(codes, records);
         }
         if !self.measure(codes) {
-            return self.fallen(codes);
+            return self.fallen(codes, records);
         }
         if records {
             self.record(codes, self.config.record_every);
@@ -216,20 +222,27 @@ impl Drive {
         }
     }
 
-    /// A step in any other state than running sinusoidally.
+    /// Takes state, limits and progress over into the record and the pace: after every change.
+    fn publish(&mut self) {
+        let sinusoidal = self.mode == Mode::Running && self.config.commutation == Commutation::Sinusoidal;
+        self.pace = if sinusoidal && self.live.missed == 0 { Pace::Sinusoidal } else { Pace::Any };
+        self.live.status = Status::new(self.mode, self.limits, self.progress);
+    }
+
+    /// A step that is in no hurry.
     #[cold]
     #[inline(never)]
     fn slow(&mut self, codes: Codes, records: bool) -> Output {
-        let output = match self.live.mode {
+        let output = match self.mode {
             Mode::Aligning | Mode::Calibrating => self.calibrate(),
-            Mode::Running => self.block(codes),
+            Mode::Running => self.run(codes),
             Mode::Unarmed | Mode::Ready | Mode::Faulted(_) => {
                 self.measure(codes);
                 Output::OFF
             }
         };
         if records {
-            let calibrating = matches!(self.live.mode, Mode::Aligning | Mode::Calibrating);
+            let calibrating = matches!(self.mode, Mode::Aligning | Mode::Calibrating);
             let every = if calibrating { self.config.calibration_record_every } else { self.config.record_every };
             self.record(codes, every);
             // A calibration may record every step.
@@ -238,15 +251,25 @@ impl Drive {
             }
         }
         // The command may have been to disarm, the angle implausible.
-        if self.live.mode.drives() { output } else { Output::OFF }
+        if self.mode.drives() { output } else { Output::OFF }
     }
 
     /// The step that found a fault.
     #[cold]
     #[inline(never)]
-    fn fallen(&mut self, codes: Codes) -> Output {
-        self.record(codes, self.config.record_every);
+    fn fallen(&mut self, codes: Codes, records: bool) -> Output {
+        if records {
+            self.record(codes, self.config.record_every);
+        }
         Output::OFF
+    }
+
+    /// Lets the next step hand over a record, unless this one does.
+    fn hasten_record(&mut self) {
+        if self.until_record != 0 {
+            self.live.sequence = self.live.sequence.wrapping_sub(self.until_record - 1);
+            self.until_record = 1;
+        }
     }
 
     /// Angle and speed from the Halls. False when that made a running drive fail.
@@ -258,7 +281,8 @@ impl Drive {
                 if self.live.rotor.step(&self.config.tracking, angle).is_err() {
                     return self.jumped(angle);
                 }
-                if self.live.missed != 0 {
+                // While samples were missed the drive is in no hurry, so this costs the running one nothing.
+                if self.pace != Pace::Sinusoidal && self.live.missed != 0 {
                     self.found();
                 }
                 if self.live.rotor.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32 {
@@ -274,7 +298,8 @@ impl Drive {
     #[cold]
     fn found(&mut self) {
         self.live.missed = 0;
-        self.live.limits = self.live.limits.without(Limits::EXTRAPOLATED);
+        self.limits = self.limits.without(Limits::EXTRAPOLATED);
+        self.publish();
     }
 
     /// The codes are no angle.
@@ -285,7 +310,7 @@ impl Drive {
         if self.miss() {
             return true;
         }
-        if !self.live.mode.drives() {
+        if !self.mode.drives() {
             // Nothing is known of the rotor, so it is not turned on and on.
             self.live.rotor = Tracker::at(self.live.rotor.angle());
         }
@@ -299,7 +324,7 @@ impl Drive {
         if self.miss() {
             return true;
         }
-        if !self.live.mode.drives() {
+        if !self.mode.drives() {
             // While nothing is driven, believe what comes again and again.
             self.live.rotor = Tracker::at(angle);
             self.found();
@@ -310,27 +335,35 @@ impl Drive {
     /// Counts a sample without a plausible angle; false when they are too many.
     fn miss(&mut self) -> bool {
         self.live.missed = self.live.missed.saturating_add(1);
-        self.live.limits = self.live.limits.with(Limits::EXTRAPOLATED);
+        self.limits = self.limits.with(Limits::EXTRAPOLATED);
+        self.publish();
         self.live.missed <= self.config.tolerated
     }
 
     /// Latches a fault if the bridge is on; true if it is not.
     #[cold]
     fn fail(&mut self, fault: Fault) -> bool {
-        let failed = self.live.mode.drives();
+        let failed = self.mode.drives();
         if failed {
+            self.progress = Progress::None;
             self.on(Event::Fail(fault));
-            self.live.calibration = Progress::None;
+            self.hasten_record();
             self.set_amplitude(Amplitude::ZERO);
         }
         !failed
     }
 
-    fn block(&mut self, codes: Codes) -> Output {
+    /// A running step that is in no hurry.
+    fn run(&mut self, codes: Codes) -> Output {
         self.measure(codes);
         let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
-        self.sextant = self.sextant.follow(vector);
-        self.sextant.output(self.config.order(), self.amplitude, self.config.limits.half())
+        match self.config.commutation {
+            Commutation::Sinusoidal => Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL },
+            Commutation::Block => {
+                self.sextant = self.sextant.follow(vector);
+                self.sextant.output(self.config.order(), self.amplitude, self.config.limits.half())
+            }
+        }
     }
 
     fn set_amplitude(&mut self, amplitude: Amplitude) {
@@ -342,7 +375,7 @@ impl Drive {
     fn calibrate(&mut self) -> Output {
         // The field that acts while this sample is taken stands for the rotor that follows it.
         self.live.rotor = Tracker::at(self.drag.field());
-        self.live.calibration = match self.drag.step(&self.config.drag) {
+        self.progress = match self.drag.step(&self.config.drag) {
             Stage::Rise | Stage::Stand(_) => Progress::None,
             Stage::Settle(_) => {
                 self.on(Event::Aligned);
@@ -354,6 +387,7 @@ impl Drive {
                 Progress::Complete
             }
         };
+        self.publish();
         let amplitude = self.config.limits.amplitude(self.drag.modulation());
         let axes = Axes::new(amplitude, PhaseOrder::FORWARD, self.config.limits.half());
         Output { compare: sinusoidal::compare(self.drag.field(), &axes), legs: Legs::ALL }
@@ -362,9 +396,10 @@ impl Drive {
     /// Hands a record to the tasks; when they do not keep up, it is lost.
     #[inline(always)]
     fn record(&mut self, codes: Codes, every: u32) {
-        self.next_record = self.live.sequence.wrapping_add(every);
+        self.until_record = every;
         self.live.codes = codes;
         let _ = self.channels.records.enqueue(self.live);
+        self.live.sequence = self.live.sequence.wrapping_add(every);
     }
 
     #[cold]
@@ -374,14 +409,16 @@ impl Drive {
             Command::Calibrate => {
                 self.on_command(Event::Calibrate)?;
                 self.drag = Drag::OFF;
-                self.live.calibration = Progress::None;
+                self.progress = Progress::None;
+                self.publish();
             }
             Command::Install(estimator) => self.install(estimator, codes)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
             Command::Arm => self.arm()?,
             Command::Disarm => {
                 self.on_command(Event::Disarm)?;
-                self.live.calibration = Progress::None;
+                self.progress = Progress::None;
+                self.publish();
                 self.set_amplitude(Amplitude::ZERO);
             }
             Command::Drive(modulation) => self.drive(modulation)?,
@@ -397,7 +434,7 @@ impl Drive {
             // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
             let _ = self.channels.retired.enqueue(unused);
         }
-        if allowed.is_ok() && self.live.mode == Mode::Ready {
+        if allowed.is_ok() && self.mode == Mode::Ready {
             self.relock(codes);
         }
         allowed
@@ -411,7 +448,7 @@ impl Drive {
     }
 
     fn arm(&mut self) -> Reply {
-        match self.live.mode {
+        match self.mode {
             Mode::Unarmed => Err(Refusal::NotCalibrated),
             Mode::Ready if self.live.missed != 0 => Err(Refusal::NoAngle),
             _ => {
@@ -422,8 +459,8 @@ impl Drive {
     }
 
     fn drive(&mut self, modulation: Modulation) -> Reply {
-        if self.live.mode != Mode::Running {
-            return Err(Refusal::Mode(self.live.mode));
+        if self.mode != Mode::Running {
+            return Err(Refusal::Mode(self.mode));
         }
         let magnitude = i32::from(modulation.to_bits()).unsigned_abs();
         if magnitude > i32::from(self.config.max_modulation.to_bits()).unsigned_abs() {
@@ -431,8 +468,7 @@ impl Drive {
         }
         self.set_amplitude(self.config.limits.amplitude(modulation));
         let cut = self.config.limits.limits(modulation);
-        self.live.limits =
-            if cut { self.live.limits.with(Limits::DUTY) } else { self.live.limits.without(Limits::DUTY) };
+        self.limits = if cut { self.limits.with(Limits::DUTY) } else { self.limits.without(Limits::DUTY) };
         // A negative amplitude turns the field by half a turn; its advance is in the direction of the command, too.
         let advance = if modulation.is_negative() { -self.config.advance } else { self.config.advance };
         self.lead = ElectricalAngle::QUARTER + advance;
@@ -440,31 +476,30 @@ impl Drive {
     }
 
     fn on(&mut self, event: Event) {
-        if let Some(mode) = self.live.mode.after(event) {
+        if let Some(mode) = self.mode.after(event) {
             self.enter(mode);
         }
     }
 
     fn enter(&mut self, mode: Mode) {
-        self.live.mode = mode;
-        let hurry = mode == Mode::Running && self.config.commutation == Commutation::Sinusoidal;
-        self.pace = if hurry { Pace::Sinusoidal } else { Pace::Any };
+        self.mode = mode;
+        self.publish();
     }
 
     fn on_command(&mut self, event: Event) -> Reply {
-        let mode = self.live.mode.after(event).ok_or(Refusal::Mode(self.live.mode))?;
+        let mode = self.mode.after(event).ok_or(Refusal::Mode(self.mode))?;
         self.enter(mode);
         Ok(())
     }
 
     /// The state.
     pub const fn mode(&self) -> Mode {
-        self.live.mode
+        self.mode
     }
 
     /// What holds the drive back.
     pub const fn limits(&self) -> Limits {
-        self.live.limits
+        self.limits
     }
 
     /// Everything known at the last step.

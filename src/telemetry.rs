@@ -1,7 +1,7 @@
 //! What the interrupt tells the tasks: raw numbers, SI only when someone looks.
 
 use crate::angle::ElectricalAngle;
-use crate::fault::Limits;
+use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
 use crate::hall::calibrate::Sweep;
 use crate::hall::track::Tracker;
@@ -15,18 +15,14 @@ use crate::mode::Mode;
 pub struct Record {
     /// Position, angle and speed of the rotor. While calibrating, the field's, which acts while the sample is taken.
     pub rotor: Tracker,
-    /// Number of the step, wrapping.
+    /// Number of the step, wrapping; in the drive itself, that of the next record's.
     pub sequence: u32,
     /// The Halls as sampled.
     pub codes: Codes,
     /// Successive samples without a plausible angle up to this one, over which the rotor is extrapolated.
     pub missed: u16,
     /// State after the step.
-    pub mode: Mode,
-    /// What held the drive back.
-    pub limits: Limits,
-    /// What the sample is to a calibration.
-    pub calibration: Progress,
+    pub status: Status,
 }
 
 impl Record {
@@ -37,9 +33,7 @@ impl Record {
             sequence: 0,
             codes: [0; 3],
             missed: 0,
-            mode: Mode::Unarmed,
-            limits: Limits::NONE,
-            calibration: Progress::None,
+            status: Status::new(Mode::Unarmed, Limits::NONE, Progress::None),
         }
     }
 
@@ -67,6 +61,76 @@ pub enum Progress {
     Complete,
 }
 
+/// State, limits and progress in one word of plain numbers, which is copied as a word.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Status {
+    mode: u8,
+    fault: u8,
+    limits: Limits,
+    progress: u8,
+}
+
+impl Status {
+    /// The word.
+    pub const fn new(mode: Mode, limits: Limits, progress: Progress) -> Self {
+        let (mode, fault) = match mode {
+            Mode::Unarmed => (0, 0),
+            Mode::Aligning => (1, 0),
+            Mode::Calibrating => (2, 0),
+            Mode::Ready => (3, 0),
+            Mode::Running => (4, 0),
+            Mode::Faulted(fault) => (5, fault.code()),
+        };
+        let progress = match progress {
+            Progress::None => 0,
+            Progress::Sample(Sweep::Forward) => 1,
+            Progress::Sample(Sweep::Backward) => 2,
+            Progress::Complete => 3,
+        };
+        Self { mode, fault, limits, progress }
+    }
+
+    /// State of the drive.
+    pub const fn mode(self) -> Mode {
+        match (self.mode, Fault::from_code(self.fault)) {
+            (1, _) => Mode::Aligning,
+            (2, _) => Mode::Calibrating,
+            (3, _) => Mode::Ready,
+            (4, _) => Mode::Running,
+            (5, Some(fault)) => Mode::Faulted(fault),
+            _ => Mode::Unarmed,
+        }
+    }
+
+    /// What holds the drive back.
+    pub const fn limits(self) -> Limits {
+        self.limits
+    }
+
+    /// What the sample is to a calibration.
+    pub const fn progress(self) -> Progress {
+        match self.progress {
+            1 => Progress::Sample(Sweep::Forward),
+            2 => Progress::Sample(Sweep::Backward),
+            3 => Progress::Complete,
+            _ => Progress::None,
+        }
+    }
+}
+
+impl core::fmt::Debug for Status {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{:?} {:?} {:?}", self.mode(), self.limits(), self.progress())
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl defmt::Format for Status {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "{} {} {}", self.mode(), self.limits(), self.progress());
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -74,5 +138,24 @@ mod tests {
     #[test]
     fn a_record_is_eight_words() {
         assert_eq!(size_of::<Record>(), 32);
+    }
+
+    #[test]
+    fn a_status_keeps_what_it_was_made_of() {
+        let faults = (0..=u8::MAX).filter_map(Fault::from_code).map(Mode::Faulted);
+        let modes = [Mode::Unarmed, Mode::Aligning, Mode::Calibrating, Mode::Ready, Mode::Running].into_iter();
+        for mode in modes.chain(faults) {
+            for limits in [Limits::NONE, Limits::DUTY.with(Limits::EXTRAPOLATED)] {
+                for progress in [
+                    Progress::None,
+                    Progress::Sample(Sweep::Forward),
+                    Progress::Sample(Sweep::Backward),
+                    Progress::Complete,
+                ] {
+                    let status = Status::new(mode, limits, progress);
+                    assert_eq!((status.mode(), status.limits(), status.progress()), (mode, limits, progress));
+                }
+            }
+        }
     }
 }

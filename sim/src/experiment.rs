@@ -3,6 +3,7 @@
 pub mod commutation;
 pub mod pwm;
 pub mod spin;
+pub mod vernier;
 
 use crate::report::Report;
 use anyhow::{Context, Result};

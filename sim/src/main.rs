@@ -22,6 +22,8 @@ enum Experiment {
     Commutation(Common),
     /// Choose the PWM frequency; current ripple by formula and by a switched simulation
     Pwm(experiment::pwm::Options),
+    /// Absolute angle from two rings: before and after self-calibration, and when something breaks
+    Vernier(experiment::vernier::Options),
 }
 
 fn main() -> ExitCode {
@@ -33,6 +35,7 @@ fn main() -> ExitCode {
         Some(Experiment::Spin(common)) => experiment::spin::main(&common),
         Some(Experiment::Commutation(common)) => experiment::commutation::main(&common),
         Some(Experiment::Pwm(options)) => experiment::pwm::main(&options),
+        Some(Experiment::Vernier(options)) => experiment::vernier::main(&options),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -80,8 +80,9 @@ impl Row {
     }
 }
 
-/// The integer form of a [`Model`]: 2.2 KiB, most of it the table.
+/// The integer form of a [`Model`]: 2.2 KiB, most of it the table, which comes last so that the rest is near.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[repr(C)]
 pub struct Estimator {
     /// What no code may leave: the smallest window around those of the three sensors.
     window: Window,
@@ -93,8 +94,8 @@ pub struct Estimator {
     disagreement_span: u32,
     weakest: u32,
     strength_span: u32,
-    table: QuadrantTable,
     adc_bits: u8,
+    table: QuadrantTable,
 }
 
 impl Estimator {

@@ -18,7 +18,7 @@ use crate::hall::track::Tracker;
 use crate::mode::{Event, Mode};
 use crate::pwm::Amplitude;
 use crate::settings::Config;
-use crate::telemetry::{Progress, Record};
+use crate::telemetry::{Progress, Record, Status};
 use core::fmt;
 use drag::{Drag, Stage};
 use heapless::spsc::{Consumer, Producer, Queue};
@@ -132,15 +132,27 @@ impl Channels {
     }
 }
 
+/// How much of a hurry a step is in.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Pace {
+    /// Running with sinusoidal commutation, no sample missed.
+    Sinusoidal,
+    /// Anything else.
+    Any,
+}
+
 /// The drive.
 pub struct Drive {
     config: Config,
     channels: Interrupt,
     estimator: Option<&'static mut Estimator>,
-    /// State, angle and speed.
+    mode: Mode,
+    limits: Limits,
+    progress: Progress,
+    /// The same with angle and speed, as the tasks get it.
     live: Record,
-    /// Successive samples without a plausible angle.
-    missed: u32,
+    /// What the mode and the settings come to, for the step to look at first.
+    pace: Pace,
     amplitude: Amplitude,
     /// The same, for the sinusoidal commutation.
     axes: Axes,
@@ -161,8 +173,11 @@ impl Drive {
             config,
             channels,
             estimator: None,
+            mode: Mode::Unarmed,
+            limits: Limits::NONE,
+            progress: Progress::None,
             live: Record::new(),
-            missed: 0,
+            pace: Pace::Any,
             amplitude: Amplitude::ZERO,
             axes: Axes::new(Amplitude::ZERO, config.order(), config.limits.half()),
             lead: ElectricalAngle::QUARTER,
@@ -177,83 +192,97 @@ impl Drive {
     /// A step that hands over a record leaves a waiting command to the next, so that no step is burdened with both.
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
-        self.live.sequence = self.live.sequence.wrapping_add(1);
+        let codes = sample.halls;
         self.until_record = self.until_record.wrapping_sub(1);
-        if self.until_record != 0 {
-            self.receive(sample);
+        let records = self.until_record == 0;
+        if !records {
+            self.receive(codes);
         }
         // First what is in a hurry.
-        if !self.is_running() {
-            return self.idle(sample);
+        if self.pace != Pace::Sinusoidal {
+            return self.slow(codes, records);
         }
-        if !self.measure(&sample.halls) {
-            return self.fallen(sample);
+        if !self.measure(codes) {
+            return self.fallen(codes, records);
         }
-        if self.until_record == 0 {
-            self.record(sample, self.config.record_every);
+        if records {
+            self.record(codes, self.config.record_every);
         }
         let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
-        match self.config.commutation {
-            Commutation::Sinusoidal => Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL },
-            Commutation::Block => self.block(vector),
-        }
-    }
-
-    #[inline(always)]
-    fn is_running(&self) -> bool {
-        matches!(self.live.mode, Mode::Running)
+        Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL }
     }
 
     /// Obeys one command, if there is one.
     #[inline(always)]
-    fn receive(&mut self, sample: &Sample) {
+    fn receive(&mut self, codes: Codes) {
         if let Some(command) = self.channels.commands.dequeue() {
-            let reply = self.obey(command, sample);
+            let reply = self.obey(command, codes);
             // A task that reads no replies does not get any.
             let _ = self.channels.replies.enqueue(reply);
         }
     }
 
-    /// A step in any other state than running.
+    /// Takes state, limits and progress over into the record and the pace: after every change.
+    fn publish(&mut self) {
+        let sinusoidal = self.mode == Mode::Running && self.config.commutation == Commutation::Sinusoidal;
+        self.pace = if sinusoidal && self.live.missed == 0 { Pace::Sinusoidal } else { Pace::Any };
+        self.live.status = Status::new(self.mode, self.limits, self.progress);
+    }
+
+    /// A step that is in no hurry.
     #[cold]
     #[inline(never)]
-    fn idle(&mut self, sample: &Sample) -> Output {
-        let (output, every) = match self.live.mode {
-            Mode::Aligning | Mode::Calibrating => (self.calibrate(), self.config.calibration_record_every),
-            _ => {
-                self.measure(&sample.halls);
-                (Output::OFF, self.config.record_every)
+    fn slow(&mut self, codes: Codes, records: bool) -> Output {
+        let output = match self.mode {
+            Mode::Aligning | Mode::Calibrating => self.calibrate(),
+            Mode::Running => self.run(codes),
+            Mode::Unarmed | Mode::Ready | Mode::Faulted(_) => {
+                self.measure(codes);
+                Output::OFF
             }
         };
-        if self.until_record == 0 {
-            self.record(sample, every);
+        if records {
+            let calibrating = matches!(self.mode, Mode::Aligning | Mode::Calibrating);
+            let every = if calibrating { self.config.calibration_record_every } else { self.config.record_every };
+            self.record(codes, every);
             // A calibration may record every step.
             if every == 1 {
-                self.receive(sample);
+                self.receive(codes);
             }
         }
-        // The command may have been to disarm.
-        if self.live.mode.drives() { output } else { Output::OFF }
+        // The command may have been to disarm, the angle implausible.
+        if self.mode.drives() { output } else { Output::OFF }
     }
 
     /// The step that found a fault.
     #[cold]
     #[inline(never)]
-    fn fallen(&mut self, sample: &Sample) -> Output {
-        self.record(sample, self.config.record_every);
+    fn fallen(&mut self, codes: Codes, records: bool) -> Output {
+        if records {
+            self.record(codes, self.config.record_every);
+        }
         Output::OFF
+    }
+
+    /// Lets the next step hand over a record, unless this one does.
+    fn hasten_record(&mut self) {
+        if self.until_record != 0 {
+            self.live.sequence = self.live.sequence.wrapping_sub(self.until_record - 1);
+            self.until_record = 1;
+        }
     }
 
     /// Angle and speed from the Halls. False when that made a running drive fail.
     #[inline(always)]
-    fn measure(&mut self, codes: &Codes) -> bool {
+    fn measure(&mut self, codes: Codes) -> bool {
         let Some(estimator) = &self.estimator else { return true };
-        match estimator.angle(codes) {
+        match estimator.angle(&codes) {
             Ok(angle) => {
                 if self.live.rotor.step(&self.config.tracking, angle).is_err() {
                     return self.jumped(angle);
                 }
-                if self.missed != 0 {
+                // While samples were missed the drive is in no hurry, so this costs the running one nothing.
+                if self.pace != Pace::Sinusoidal && self.live.missed != 0 {
                     self.found();
                 }
                 if self.live.rotor.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32 {
@@ -268,8 +297,9 @@ impl Drive {
     /// The angle is plausible again.
     #[cold]
     fn found(&mut self) {
-        self.missed = 0;
-        self.live.limits = self.live.limits.without(Limits::EXTRAPOLATED);
+        self.live.missed = 0;
+        self.limits = self.limits.without(Limits::EXTRAPOLATED);
+        self.publish();
     }
 
     /// The codes are no angle.
@@ -280,7 +310,7 @@ impl Drive {
         if self.miss() {
             return true;
         }
-        if !self.live.mode.drives() {
+        if !self.mode.drives() {
             // Nothing is known of the rotor, so it is not turned on and on.
             self.live.rotor = Tracker::at(self.live.rotor.angle());
         }
@@ -294,7 +324,7 @@ impl Drive {
         if self.miss() {
             return true;
         }
-        if !self.live.mode.drives() {
+        if !self.mode.drives() {
             // While nothing is driven, believe what comes again and again.
             self.live.rotor = Tracker::at(angle);
             self.found();
@@ -304,27 +334,36 @@ impl Drive {
 
     /// Counts a sample without a plausible angle; false when they are too many.
     fn miss(&mut self) -> bool {
-        self.missed = self.missed.saturating_add(1);
-        self.live.limits = self.live.limits.with(Limits::EXTRAPOLATED);
-        self.missed <= self.config.tolerated
+        self.live.missed = self.live.missed.saturating_add(1);
+        self.limits = self.limits.with(Limits::EXTRAPOLATED);
+        self.publish();
+        self.live.missed <= self.config.tolerated
     }
 
     /// Latches a fault if the bridge is on; true if it is not.
     #[cold]
     fn fail(&mut self, fault: Fault) -> bool {
-        let failed = self.live.mode.drives();
+        let failed = self.mode.drives();
         if failed {
+            self.progress = Progress::None;
             self.on(Event::Fail(fault));
-            self.live.calibration = Progress::None;
+            self.hasten_record();
             self.set_amplitude(Amplitude::ZERO);
         }
         !failed
     }
 
-    #[inline(never)]
-    fn block(&mut self, vector: ElectricalAngle) -> Output {
-        self.sextant = self.sextant.follow(vector);
-        self.sextant.output(self.config.order(), self.amplitude, self.config.limits.half())
+    /// A running step that is in no hurry.
+    fn run(&mut self, codes: Codes) -> Output {
+        self.measure(codes);
+        let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
+        match self.config.commutation {
+            Commutation::Sinusoidal => Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL },
+            Commutation::Block => {
+                self.sextant = self.sextant.follow(vector);
+                self.sextant.output(self.config.order(), self.amplitude, self.config.limits.half())
+            }
+        }
     }
 
     fn set_amplitude(&mut self, amplitude: Amplitude) {
@@ -334,9 +373,9 @@ impl Drive {
 
     /// A step of the calibration's motion.
     fn calibrate(&mut self) -> Output {
-        // The field that acts while this sample is taken.
-        self.live.field = self.drag.field();
-        self.live.calibration = match self.drag.step(&self.config.drag) {
+        // The field that acts while this sample is taken stands for the rotor that follows it.
+        self.live.rotor = Tracker::at(self.drag.field());
+        self.progress = match self.drag.step(&self.config.drag) {
             Stage::Rise | Stage::Stand(_) => Progress::None,
             Stage::Settle(_) => {
                 self.on(Event::Aligned);
@@ -348,6 +387,7 @@ impl Drive {
                 Progress::Complete
             }
         };
+        self.publish();
         let amplitude = self.config.limits.amplitude(self.drag.modulation());
         let axes = Axes::new(amplitude, PhaseOrder::FORWARD, self.config.limits.half());
         Output { compare: sinusoidal::compare(self.drag.field(), &axes), legs: Legs::ALL }
@@ -355,27 +395,30 @@ impl Drive {
 
     /// Hands a record to the tasks; when they do not keep up, it is lost.
     #[inline(always)]
-    fn record(&mut self, sample: &Sample, every: u32) {
+    fn record(&mut self, codes: Codes, every: u32) {
         self.until_record = every;
-        self.live.codes = sample.halls;
+        self.live.codes = codes;
         let _ = self.channels.records.enqueue(self.live);
+        self.live.sequence = self.live.sequence.wrapping_add(every);
     }
 
     #[cold]
     #[inline(never)]
-    fn obey(&mut self, command: Command, sample: &Sample) -> Reply {
+    fn obey(&mut self, command: Command, codes: Codes) -> Reply {
         match command {
             Command::Calibrate => {
                 self.on_command(Event::Calibrate)?;
                 self.drag = Drag::OFF;
-                self.live.calibration = Progress::None;
+                self.progress = Progress::None;
+                self.publish();
             }
-            Command::Install(estimator) => self.install(estimator, sample)?,
+            Command::Install(estimator) => self.install(estimator, codes)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
             Command::Arm => self.arm()?,
             Command::Disarm => {
                 self.on_command(Event::Disarm)?;
-                self.live.calibration = Progress::None;
+                self.progress = Progress::None;
+                self.publish();
                 self.set_amplitude(Amplitude::ZERO);
             }
             Command::Drive(modulation) => self.drive(modulation)?,
@@ -384,30 +427,30 @@ impl Drive {
         Ok(())
     }
 
-    fn install(&mut self, estimator: &'static mut Estimator, sample: &Sample) -> Reply {
+    fn install(&mut self, estimator: &'static mut Estimator, codes: Codes) -> Reply {
         let allowed = self.on_command(Event::Installed);
         let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
             // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
             let _ = self.channels.retired.enqueue(unused);
         }
-        if allowed.is_ok() && self.live.mode == Mode::Ready {
-            self.relock(sample);
+        if allowed.is_ok() && self.mode == Mode::Ready {
+            self.relock(codes);
         }
         allowed
     }
 
     /// Starts to track anew where the rotor is.
-    fn relock(&mut self, sample: &Sample) {
-        let angle = self.estimator.as_ref().and_then(|estimator| estimator.angle(&sample.halls).ok());
-        self.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
+    fn relock(&mut self, codes: Codes) {
+        let angle = self.estimator.as_ref().and_then(|estimator| estimator.angle(&codes).ok());
+        self.live.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
         self.live.rotor = Tracker::at(angle.unwrap_or(ElectricalAngle::ZERO));
     }
 
     fn arm(&mut self) -> Reply {
-        match self.live.mode {
+        match self.mode {
             Mode::Unarmed => Err(Refusal::NotCalibrated),
-            Mode::Ready if self.missed != 0 => Err(Refusal::NoAngle),
+            Mode::Ready if self.live.missed != 0 => Err(Refusal::NoAngle),
             _ => {
                 self.set_amplitude(Amplitude::ZERO);
                 self.on_command(Event::Arm)
@@ -416,8 +459,8 @@ impl Drive {
     }
 
     fn drive(&mut self, modulation: Modulation) -> Reply {
-        if self.live.mode != Mode::Running {
-            return Err(Refusal::Mode(self.live.mode));
+        if self.mode != Mode::Running {
+            return Err(Refusal::Mode(self.mode));
         }
         let magnitude = i32::from(modulation.to_bits()).unsigned_abs();
         if magnitude > i32::from(self.config.max_modulation.to_bits()).unsigned_abs() {
@@ -425,8 +468,7 @@ impl Drive {
         }
         self.set_amplitude(self.config.limits.amplitude(modulation));
         let cut = self.config.limits.limits(modulation);
-        self.live.limits =
-            if cut { self.live.limits.with(Limits::DUTY) } else { self.live.limits.without(Limits::DUTY) };
+        self.limits = if cut { self.limits.with(Limits::DUTY) } else { self.limits.without(Limits::DUTY) };
         // A negative amplitude turns the field by half a turn; its advance is in the direction of the command, too.
         let advance = if modulation.is_negative() { -self.config.advance } else { self.config.advance };
         self.lead = ElectricalAngle::QUARTER + advance;
@@ -434,25 +476,30 @@ impl Drive {
     }
 
     fn on(&mut self, event: Event) {
-        if let Some(mode) = self.live.mode.after(event) {
-            self.live.mode = mode;
+        if let Some(mode) = self.mode.after(event) {
+            self.enter(mode);
         }
     }
 
+    fn enter(&mut self, mode: Mode) {
+        self.mode = mode;
+        self.publish();
+    }
+
     fn on_command(&mut self, event: Event) -> Reply {
-        let mode = self.live.mode.after(event).ok_or(Refusal::Mode(self.live.mode))?;
-        self.live.mode = mode;
+        let mode = self.mode.after(event).ok_or(Refusal::Mode(self.mode))?;
+        self.enter(mode);
         Ok(())
     }
 
     /// The state.
     pub const fn mode(&self) -> Mode {
-        self.live.mode
+        self.mode
     }
 
     /// What holds the drive back.
     pub const fn limits(&self) -> Limits {
-        self.live.limits
+        self.limits
     }
 
     /// Everything known at the last step.

@@ -1,5 +1,6 @@
 //! What switches the bridge off, and what only holds the drive back.
 
+use crate::hall::Channel;
 use crate::hall::normalize::Implausible;
 use core::fmt;
 
@@ -15,6 +16,38 @@ pub enum Fault {
     OverSpeed,
     /// The calibration failed; the service that ran it knows why.
     Calibration,
+}
+
+impl Fault {
+    /// A number that stays the same from version to version: 1 to 3 a Hall at a rail, 4 to 6 one out of range, 7 to 9 the Halls
+    /// together, 16 and above the rest.
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Hall(Implausible::AtRail(Channel(channel))) => 1 + channel % 3,
+            Self::Hall(Implausible::OutOfRange(Channel(channel))) => 4 + channel % 3,
+            Self::Hall(Implausible::Inconsistent) => 7,
+            Self::Hall(Implausible::Weak) => 8,
+            Self::Hall(Implausible::Strong) => 9,
+            Self::AngleJump => 16,
+            Self::OverSpeed => 17,
+            Self::Calibration => 18,
+        }
+    }
+
+    /// The fault with a number, if there is one.
+    pub const fn from_code(code: u8) -> Option<Self> {
+        Some(match code {
+            1..=3 => Self::Hall(Implausible::AtRail(Channel(code - 1))),
+            4..=6 => Self::Hall(Implausible::OutOfRange(Channel(code - 4))),
+            7 => Self::Hall(Implausible::Inconsistent),
+            8 => Self::Hall(Implausible::Weak),
+            9 => Self::Hall(Implausible::Strong),
+            16 => Self::AngleJump,
+            17 => Self::OverSpeed,
+            18 => Self::Calibration,
+            _ => return None,
+        })
+    }
 }
 
 impl fmt::Display for Fault {

@@ -52,3 +52,4 @@ pub mod settings;
 pub mod storage;
 pub mod telemetry;
 pub mod trig;
+pub mod vernier;

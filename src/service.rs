@@ -132,17 +132,17 @@ impl Service {
             }
         }
         let record = self.tasks.records.dequeue()?;
-        Some(match record.calibration {
+        Some(match record.status.progress() {
             Progress::Sample(sweep) => {
                 if self.collected == 0 {
                     self.collector = Collector::new(self.config.adc_bits);
                 }
                 self.collected += 1;
-                self.collector.push(sweep, record.field, &record.codes, record.sequence);
+                self.collector.push(sweep, record.rotor.angle(), &record.codes, record.sequence);
                 Event::Record(record)
             }
             Progress::Complete if self.collected > 0 => self.finish(),
-            Progress::None if record.mode == Mode::Aligning => {
+            Progress::None if record.status.mode() == Mode::Aligning => {
                 self.collected = 0;
                 Event::Record(record)
             }

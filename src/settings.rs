@@ -46,7 +46,8 @@ pub struct Settings {
     pub calibration_modulation: f32,
     /// Time to raise the field, and again to let the rotor settle, 0.05 to 10 s.
     pub calibration_align_s: f32,
-    /// Speed of the turning field, 0.5 to 50 Hz electrical.
+    /// Speed of the turning field, 0.5 to 50 Hz electrical. Where the calibration finds that the rotor swings about the field,
+    /// another one helps: slower with one pole pair, faster with more than twenty.
     pub calibration_hz: f32,
     /// Least electrical turns to record in each direction, 2 to 64; rounded up to whole mechanical turns.
     pub calibration_turns: u8,
@@ -141,7 +142,7 @@ pub struct Config {
     pub(crate) advance: ElectricalAngle,
     pub(crate) tracking: track::Config,
     pub(crate) fastest: i32,
-    pub(crate) tolerated: u32,
+    pub(crate) tolerated: u16,
     pub(crate) record_every: u32,
     pub(crate) calibration_record_every: u32,
     pub(crate) drag: drag::Config,
@@ -191,7 +192,7 @@ impl Settings {
             advance: ElectricalAngle::from_degrees(within("phase_advance_deg", self.phase_advance_deg, -60.0, 60.0)?),
             tracking: self.tracking()?,
             fastest: (self.max_electrical_hz / pwm_hz * 4_294_967_296.0) as i32,
-            tolerated: within("tolerated_samples", self.tolerated_samples.into(), 0.0, 100.0)? as u32,
+            tolerated: within("tolerated_samples", self.tolerated_samples.into(), 0.0, 100.0)? as u16,
             record_every: self.every("record_hz", self.record_hz, self.pwm_hz / 2.0)?,
             calibration_record_every: self.every("calibration_record_hz", self.calibration_record_hz, self.pwm_hz)?,
             drag: self.drag()?,

@@ -1,31 +1,28 @@
 //! What the interrupt tells the tasks: raw numbers, SI only when someone looks.
 
 use crate::angle::ElectricalAngle;
-use crate::fault::Limits;
+use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
 use crate::hall::calibrate::Sweep;
 use crate::hall::track::Tracker;
 use crate::mode::Mode;
 
-/// One sample and what became of it. The drive keeps one up to date as its state, so that handing it over is a copy.
+/// One sample and what became of it: 32 bytes without a gap. The drive keeps one up to date as its state, so that handing
+/// it over is a copy of eight words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(C)]
 pub struct Record {
-    /// Position, angle and speed of the rotor.
+    /// Position, angle and speed of the rotor. While calibrating, the field's, which acts while the sample is taken.
     pub rotor: Tracker,
-    /// Number of the step, wrapping.
+    /// Number of the step, wrapping; in the drive itself, that of the next record's.
     pub sequence: u32,
-    /// While calibrating: the angle of the field that acts.
-    pub field: ElectricalAngle,
     /// The Halls as sampled.
     pub codes: Codes,
-    /// What held the drive back.
-    pub limits: Limits,
-    /// What the sample is to a calibration.
-    pub calibration: Progress,
+    /// Successive samples without a plausible angle up to this one, over which the rotor is extrapolated.
+    pub missed: u16,
     /// State after the step.
-    pub mode: Mode,
+    pub status: Status,
 }
 
 impl Record {
@@ -34,11 +31,9 @@ impl Record {
         Self {
             rotor: Tracker::at(ElectricalAngle::ZERO),
             sequence: 0,
-            field: ElectricalAngle::ZERO,
             codes: [0; 3],
-            limits: Limits::NONE,
-            calibration: Progress::None,
-            mode: Mode::Unarmed,
+            missed: 0,
+            status: Status::new(Mode::Unarmed, Limits::NONE, Progress::None),
         }
     }
 
@@ -64,4 +59,103 @@ pub enum Progress {
     Sample(Sweep),
     /// Both sweeps are done: what was collected is complete.
     Complete,
+}
+
+/// State, limits and progress in one word of plain numbers, which is copied as a word.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub struct Status {
+    mode: u8,
+    fault: u8,
+    limits: Limits,
+    progress: u8,
+}
+
+impl Status {
+    /// The word.
+    pub const fn new(mode: Mode, limits: Limits, progress: Progress) -> Self {
+        let (mode, fault) = match mode {
+            Mode::Unarmed => (0, 0),
+            Mode::Aligning => (1, 0),
+            Mode::Calibrating => (2, 0),
+            Mode::Ready => (3, 0),
+            Mode::Running => (4, 0),
+            Mode::Faulted(fault) => (5, fault.code()),
+        };
+        let progress = match progress {
+            Progress::None => 0,
+            Progress::Sample(Sweep::Forward) => 1,
+            Progress::Sample(Sweep::Backward) => 2,
+            Progress::Complete => 3,
+        };
+        Self { mode, fault, limits, progress }
+    }
+
+    /// State of the drive.
+    pub const fn mode(self) -> Mode {
+        match (self.mode, Fault::from_code(self.fault)) {
+            (1, _) => Mode::Aligning,
+            (2, _) => Mode::Calibrating,
+            (3, _) => Mode::Ready,
+            (4, _) => Mode::Running,
+            (5, Some(fault)) => Mode::Faulted(fault),
+            _ => Mode::Unarmed,
+        }
+    }
+
+    /// What holds the drive back.
+    pub const fn limits(self) -> Limits {
+        self.limits
+    }
+
+    /// What the sample is to a calibration.
+    pub const fn progress(self) -> Progress {
+        match self.progress {
+            1 => Progress::Sample(Sweep::Forward),
+            2 => Progress::Sample(Sweep::Backward),
+            3 => Progress::Complete,
+            _ => Progress::None,
+        }
+    }
+}
+
+impl core::fmt::Debug for Status {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "{:?} {:?} {:?}", self.mode(), self.limits(), self.progress())
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl defmt::Format for Status {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "{} {} {}", self.mode(), self.limits(), self.progress());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_record_is_eight_words() {
+        assert_eq!(size_of::<Record>(), 32);
+    }
+
+    #[test]
+    fn a_status_keeps_what_it_was_made_of() {
+        let faults = (0..=u8::MAX).filter_map(Fault::from_code).map(Mode::Faulted);
+        let modes = [Mode::Unarmed, Mode::Aligning, Mode::Calibrating, Mode::Ready, Mode::Running].into_iter();
+        for mode in modes.chain(faults) {
+            for limits in [Limits::NONE, Limits::DUTY.with(Limits::EXTRAPOLATED)] {
+                for progress in [
+                    Progress::None,
+                    Progress::Sample(Sweep::Forward),
+                    Progress::Sample(Sweep::Backward),
+                    Progress::Complete,
+                ] {
+                    let status = Status::new(mode, limits, progress);
+                    assert_eq!((status.mode(), status.limits(), status.progress()), (mode, limits, progress));
+                }
+            }
+        }
+    }
 }

@@ -4,6 +4,7 @@ pub mod adapt;
 pub mod commutation;
 pub mod pwm;
 pub mod spin;
+pub mod vernier;
 
 use crate::report::Report;
 use anyhow::{Context, Result};

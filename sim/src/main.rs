@@ -24,6 +24,8 @@ enum Experiment {
     Adapt(experiment::adapt::Options),
     /// Choose the PWM frequency; current ripple by formula and by a switched simulation
     Pwm(experiment::pwm::Options),
+    /// Absolute angle from two rings: before and after self-calibration, and when something breaks
+    Vernier(experiment::vernier::Options),
 }
 
 fn main() -> ExitCode {
@@ -36,6 +38,7 @@ fn main() -> ExitCode {
         Some(Experiment::Commutation(common)) => experiment::commutation::main(&common),
         Some(Experiment::Adapt(options)) => experiment::adapt::main(&options),
         Some(Experiment::Pwm(options)) => experiment::pwm::main(&options),
+        Some(Experiment::Vernier(options)) => experiment::vernier::main(&options),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

@@ -286,7 +286,7 @@ fn a_calibration_can_be_stopped_and_repeated() {
     for disarm_after in [10, 20_000, 60_000] {
         bench.command(Command::Calibrate).unwrap();
         for k in 0..disarm_after {
-            bench.rotor = bench.drive.live().field;
+            bench.rotor = bench.drive.tracker().angle();
             bench.step();
             if k % 40 == 0 {
                 while bench.service.poll().is_some() {}
@@ -300,7 +300,7 @@ fn a_calibration_can_be_stopped_and_repeated() {
     let mut progress = 0.0;
     let calibration = loop {
         // An ideal rotor that follows the field 5° behind.
-        bench.rotor = bench.drive.live().field;
+        bench.rotor = bench.drive.tracker().angle();
         bench.step();
         if bench.mode() == Mode::Calibrating {
             assert!(bench.service.progress() >= progress);
@@ -368,6 +368,46 @@ fn records_are_decimated_and_numbered() {
     }
     assert!((99..=101).contains(&sequences.len()), "{}", sequences.len());
     assert!(sequences.windows(2).all(|pair| pair[1] - pair[0] == 40));
+}
+
+#[test]
+fn a_fault_is_told_at_once_and_the_numbers_stay_right() {
+    for extra in 0..80 {
+        let mut bench = Bench::running();
+        let mut steps = 0_u32;
+        let mut last = None;
+        let mut number = |bench: &mut Bench, halls: Option<Codes>| {
+            let halls = halls.unwrap_or_else(|| bench.model.codes(bench.rotor));
+            bench.step_with(halls);
+            steps += 1;
+            while let Some(event) = bench.service.poll() {
+                if let service::Event::Record(record) = event {
+                    if let Some((sequence, at)) = last {
+                        assert_eq!(record.sequence - sequence, steps - at, "{extra}");
+                    }
+                    last = Some((record.sequence, steps));
+                }
+            }
+            (bench.mode(), last)
+        };
+        for _ in 0..100 + extra {
+            number(&mut bench, None);
+        }
+        let mut told = None;
+        for k in 0..200 {
+            let (mode, record) = number(&mut bench, Some([0; 3]));
+            if mode != Mode::Running && told.is_none() {
+                told = Some(k + 1);
+                continue;
+            }
+            if told == Some(k) {
+                // By the step that found it, or the next.
+                let at = record.map_or(0, |(_, at)| at);
+                assert!((100 + extra + k..=100 + extra + k + 1).contains(&at), "{extra} {k} {at}");
+            }
+        }
+        assert!(told.is_some());
+    }
 }
 
 #[derive(Clone, Debug)]

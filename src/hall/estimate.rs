@@ -17,14 +17,14 @@
 
 use crate::angle::ElectricalAngle;
 use crate::hall::model::Model;
-use crate::hall::normalize::{Implausible, PLAUSIBLE, Window};
+use crate::hall::normalize::{Implausible, Window};
 use crate::hall::{Channel, Codes};
 use crate::trig::{self, Direction, QuadrantTable, Segment};
 use core::fmt;
 
 /// Smallest |cos| + |sin| that is an angle, in calibrated amplitudes: less than half of what a healthy magnet gives.
 const WEAKEST: f32 = 0.45;
-/// Largest such sum: √2 times the windows' [`PLAUSIBLE`].
+/// Largest such sum: √2 times [`crate::hall::normalize::PLAUSIBLE`].
 const STRONGEST: f32 = 2.2;
 /// Largest plausible disagreement c of the sensors, relative to their amplitude.
 pub const DISAGREEMENT: f32 = 0.3;
@@ -83,9 +83,12 @@ impl Row {
     }
 }
 
-/// The integer form of a [`Model`]: 2.2 KiB, most of it the table.
+/// The integer form of a [`Model`]: 2.2 KiB, most of it the table, which comes last so that the rest is near.
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[repr(C)]
 pub struct Estimator {
+    /// What no code may leave: the smallest window around those of the three sensors.
+    window: Window,
     windows: [Window; 3],
     cosine: Row,
     sine: Row,
@@ -94,8 +97,8 @@ pub struct Estimator {
     disagreement_span: u32,
     weakest: u32,
     strength_span: u32,
-    table: QuadrantTable,
     adc_bits: u8,
+    table: QuadrantTable,
 }
 
 impl Estimator {
@@ -124,13 +127,14 @@ impl Estimator {
             return Err(BadModel::Placement { noise_gain });
         }
         if let Some(window) = windows.get_mut(usize::from(lost.0)) {
-            *window = Window::ANYTHING;
+            *window = Window::all(adc_bits);
         }
         Ok(Self::build(model, adc_bits, windows, &inverse))
     }
 
     fn build(model: &Model, adc_bits: u8, windows: [Window; 3], inverse: &Inverse) -> Self {
-        let unit = inverse.unit();
+        let window = Window::around(windows);
+        let unit = inverse.unit(model, window);
         let row = |row: [f32; 3]| {
             let gains = [0, 1, 2].map(|k| libm::roundf(unit * row[k] / model.sensors[k].amplitude) as i32);
             let middle: f64 = (0..3).map(|k| f64::from(gains[k]) * f64::from(model.sensors[k].offset)).sum();
@@ -139,6 +143,7 @@ impl Estimator {
         let strength = |relative: f32| (relative * unit) as u32;
         let (common, limit) = (row(inverse.common), (DISAGREEMENT * unit) as i32);
         Self {
+            window,
             windows,
             cosine: row(inverse.cosine),
             sine: row(inverse.sine),
@@ -155,6 +160,7 @@ impl Estimator {
     pub const fn blank() -> Self {
         const ROW: Row = Row { gains: [0; 3], bias: 0 };
         Self {
+            window: Window::NOTHING,
             windows: [Window::NOTHING; 3],
             cosine: ROW,
             sine: ROW,
@@ -173,18 +179,17 @@ impl Estimator {
     /// [`Implausible`], when a code is at a rail or out of its sensor's range, or the three contradict each other.
     #[inline(always)]
     pub fn angle(&self, codes: &Codes) -> Result<ElectricalAngle, Implausible> {
-        if !(self.windows[0].contains(codes[0])
-            && self.windows[1].contains(codes[1])
-            && self.windows[2].contains(codes[2]))
-        {
-            return Err(self.explain(codes));
+        let window = self.window;
+        if !(window.contains(codes[0]) && window.contains(codes[1]) && window.contains(codes[2])) {
+            return Err(self.explain(codes, Implausible::Inconsistent));
         }
         if self.disagreement.dot(codes) as u32 > self.disagreement_span {
-            return Err(Implausible::Inconsistent);
+            return Err(self.explain(codes, Implausible::Inconsistent));
         }
         let direction = Direction::of(self.sine.dot(codes), self.cosine.dot(codes));
         if direction.length().wrapping_sub(self.weakest) > self.strength_span {
-            return Err(if direction.length() < self.weakest { Implausible::Weak } else { Implausible::Strong });
+            let weak = direction.length() < self.weakest;
+            return Err(self.explain(codes, if weak { Implausible::Weak } else { Implausible::Strong }));
         }
         Ok(direction.angle(&self.table))
     }
@@ -195,10 +200,11 @@ impl Estimator {
         Direction::of(self.sine.dot(codes), self.cosine.dot(codes)).angle(&self.table)
     }
 
-    /// The first sensor whose code is not in its window.
+    /// The first sensor whose code is not in its own window, or else what is wrong with all three.
     #[cold]
-    fn explain(&self, codes: &Codes) -> Implausible {
-        let mut first = Implausible::Inconsistent;
+    #[inline(never)]
+    fn explain(&self, codes: &Codes, otherwise: Implausible) -> Implausible {
+        let mut first = otherwise;
         for channel in [2, 1, 0] {
             if !self.windows[channel].contains(codes[channel]) {
                 first = Window::explain(Channel(channel as u8), codes[channel], self.adc_bits);
@@ -294,12 +300,17 @@ impl Inverse {
         if gain.is_finite() { gain } else { f32::INFINITY }
     }
 
-    /// What one amplitude is in the integers, so that no row overflows anywhere in the windows.
-    fn unit(&self) -> f32 {
-        let reach = |row: &[f32; 3]| PLAUSIBLE * row.iter().map(|w| w.abs()).sum::<f32>();
-        let worst = reach(&self.cosine).max(reach(&self.sine)).max(reach(&self.common));
-        // One per cent for rounding of the gains.
-        2_147_483_648.0 * 0.99 / worst.max(1.0)
+    /// What one amplitude is in the integers, so that no row overflows anywhere in the window.
+    fn unit(&self, model: &Model, window: Window) -> f32 {
+        let (low, high) = window.bounds();
+        let largest = model.sensors.map(|sensor| {
+            let farthest = (sensor.offset - f32::from(low)).max(f32::from(high) - sensor.offset);
+            farthest / sensor.amplitude
+        });
+        let reach = |row: &[f32; 3]| (0..3).map(|k| row[k].abs() * largest[k]).sum::<f32>();
+        let worst = reach(&self.cosine).max(reach(&self.sine)).max(reach(&self.common) + DISAGREEMENT);
+        // One per cent for rounding of the gains; at least two, for which the table is centred.
+        2_147_483_648.0 * 0.99 / worst.max(2.0)
     }
 
     fn apply(&self, signals: [f32; 3]) -> (f32, f32) {

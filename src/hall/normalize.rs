@@ -51,8 +51,10 @@ pub struct Window {
 }
 
 impl Window {
-    /// Every code: of a sensor that is not used.
-    pub(crate) const ANYTHING: Self = Self { low: 0, span: u32::MAX };
+    /// Every code, rails included: of a sensor that is not used.
+    pub(crate) const fn all(adc_bits: u8) -> Self {
+        Self { low: 0, span: (1 << adc_bits) - 1 }
+    }
 
     /// No code is in it.
     pub const NOTHING: Self = Self { low: u32::MAX, span: 0 };
@@ -66,6 +68,13 @@ impl Window {
         // False for not-a-numbers, too.
         (amplitude > 0.0 && offset.is_finite() && low <= high)
             .then_some(Self { low: low as u32, span: (high - low) as u32 })
+    }
+
+    /// The smallest window that holds three others.
+    pub fn around(windows: [Self; 3]) -> Self {
+        let low = windows.iter().fold(u32::MAX, |low, window| low.min(window.low));
+        let high = windows.iter().fold(0, |high, window| high.max(window.low.saturating_add(window.span)));
+        Self { low, span: high.saturating_sub(low) }
     }
 
     /// Whether the code is in the window.

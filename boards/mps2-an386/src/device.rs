@@ -6,6 +6,8 @@ use cortex_m::interrupt::InterruptNumber;
 #[derive(Clone, Copy, Debug)]
 #[repr(u16)]
 pub enum Interrupt {
+    /// Reception of UART 0: unused as such, pended by software to run the tasks of lower priority.
+    Uart0 = 0,
     /// CMSDK timer 0: the control interrupt.
     Timer0 = 8,
     /// CMSDK timer 1: unused as a timer, pended by software to run the tasks of higher priority.
@@ -22,6 +24,7 @@ unsafe impl InterruptNumber for Interrupt {
 }
 
 unsafe extern "C" {
+    fn UART0();
     fn TIMER0();
     fn TIMER1();
     fn DUALTIMER();
@@ -32,6 +35,7 @@ unsafe extern "C" {
 #[unsafe(no_mangle)]
 static __INTERRUPTS: [unsafe extern "C" fn(); 32] = {
     let mut vectors: [unsafe extern "C" fn(); 32] = [DefaultHandler; 32];
+    vectors[Interrupt::Uart0 as usize] = UART0;
     vectors[Interrupt::Timer0 as usize] = TIMER0;
     vectors[Interrupt::Timer1 as usize] = TIMER1;
     vectors[Interrupt::DualTimer as usize] = DUALTIMER;

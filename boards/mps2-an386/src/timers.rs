@@ -7,8 +7,8 @@ pub struct Timer {
     base: usize,
 }
 
-/// CMSDK timer 0.
-pub const TIMER0: Timer = Timer { base: 0x4000_0000 };
+/// CMSDK timer 0, in the place of the timer that makes the PWM and triggers the ADC.
+pub const PWM: Timer = Timer { base: 0x4000_0000 };
 
 impl Timer {
     const CONTROL: usize = 0x0;

@@ -12,8 +12,11 @@ pub const CONTROL: u8 = 0x00;
 /// The most urgent priority that critical sections mask. Everything but the control interrupt is here or below.
 pub const CEILING: u8 = 0x10;
 
-/// Tasks on an interrupt executor, below the time driver (at [`CEILING`]).
-pub const TASKS: u8 = 0x80;
+/// Tasks that must not wait for other tasks.
+pub const SERVICE: u8 = 0x80;
+
+/// Tasks that may.
+pub const BACKGROUND: u8 = 0xF0;
 
 /// Out of reset every interrupt has priority 0 and would run inside critical sections. Lowers them all, the system
 /// handlers with them, to [`CEILING`], then raises `control` to [`CONTROL`].
@@ -26,11 +29,7 @@ pub fn init(nvic: &mut NVIC, scb: &mut SCB, control: impl InterruptNumber) {
         for register in &nvic.ipr {
             register.write(CEILING);
         }
-        for handler in [
-            SystemHandler::SVCall,
-            SystemHandler::PendSV,
-            SystemHandler::SysTick,
-        ] {
+        for handler in [SystemHandler::SVCall, SystemHandler::PendSV, SystemHandler::SysTick] {
             scb.set_priority(handler, CEILING);
         }
         nvic.set_priority(control, CONTROL);

@@ -114,7 +114,8 @@ fn no_code_in_the_windows_overflows() {
             let model = unkind(spacing, adc_bits, 0.9 * (1_u32 << adc_bits) as f32, true);
             let estimator = Estimator::new(&model, adc_bits).unwrap();
             for _ in 0..100_000 {
-                let codes = estimator.windows.map(|w| random.random_range(w.bounds().0..=w.bounds().1));
+                let (low, high) = estimator.window.bounds();
+                let codes = [0; 3].map(|_| random.random_range(low..=high));
                 let limit = (estimator.disagreement_span / 2) as i32;
                 for (row, raised) in [(&estimator.cosine, 0), (&estimator.sine, 0), (&estimator.disagreement, limit)] {
                     let offsets = [0, 1, 2].map(|k| f64::from(model.sensors[k].offset));

@@ -47,10 +47,16 @@ pub fn init() {
     let bench = PLACE.init(Bench { drive, tasks, sample: Sample::default(), output: Output::OFF });
     bench.sample.halls = halls::model_codes(0);
     let modulation = Modulation::from_num(0.5);
-    for command in [Command::Install(ESTIMATOR.init(halls::new_estimator())), Command::Arm, Command::Drive(modulation)] {
+    for command in [Command::Install(ESTIMATOR.init(halls::new_estimator())), Command::Arm, Command::Drive(modulation)]
+    {
         bench.send(command);
-        step(&mut bench.drive, &bench.sample, &mut bench.output);
-        if bench.tasks.replies.dequeue() != Some(Ok(())) {
+        let reply = loop {
+            step(&mut bench.drive, &bench.sample, &mut bench.output);
+            if let Some(reply) = bench.tasks.replies.dequeue() {
+                break reply;
+            }
+        };
+        if reply.is_err() {
             failure();
         }
     }
@@ -76,18 +82,16 @@ fn running(index: u32) -> Arguments {
     while bench.tasks.records.dequeue().is_some() {}
     while bench.tasks.replies.dequeue().is_some() {}
     bench.sample.halls = halls::model_codes(index << 18);
-    let pointers = [
-        (&raw mut bench.drive).addr(),
-        (&raw const bench.sample).addr(),
-        (&raw mut bench.output).addr(),
-        0,
-    ];
+    let pointers = [(&raw mut bench.drive).addr(), (&raw const bench.sample).addr(), (&raw mut bench.output).addr(), 0];
     Arguments { r: pointers.map(|address| address as u32), ..Default::default() }
 }
 
+/// Every other step, so that those that had to wait are obeyed, too.
 fn commanded(index: u32) -> Arguments {
-    let command = if index.is_multiple_of(2) { 0.5 } else { -0.5 };
-    bench().send(Command::Drive(Modulation::from_num(command)));
+    if index.is_multiple_of(2) {
+        let command = if index.is_multiple_of(4) { 0.5 } else { -0.5 };
+        bench().send(Command::Drive(Modulation::from_num(command)));
+    }
     running(index)
 }
 

@@ -6,8 +6,11 @@ use crate::row::{Row, function};
 use crate::trig::angle;
 use core::f64::consts::TAU;
 use core::sync::atomic::{AtomicU16, AtomicU32, Ordering::Relaxed};
-use hallservo::angle::ElectricalAngle;
-use hallservo::commutation::{Modulation, sinusoidal, sinusoidal::{Axes, PhaseOrder}};
+use hallservo::angle::{ElectricalAngle, Position};
+use hallservo::commutation::{
+    Modulation, sinusoidal,
+    sinusoidal::{Axes, PhaseOrder},
+};
 use hallservo::hall::{Codes, estimate::Estimator, track};
 use hallservo::pwm::Limits;
 use micromath::F32Ext;
@@ -27,6 +30,7 @@ pub const ROWS: &[Row] = &[
     Row::new("angle → three duties, LSB", "micromath", function!(duties_micromath), angle_amplitude, error),
     Row::new("angle → three duties, LSB", "libm", function!(duties_libm), angle_amplitude, error),
     Row::new("three Halls → turns → three duties, LSB", "hallservo", function!(whole), codes, error).budget(75),
+    Row::new("the same, tracked and predicted", "hallservo", function!(whole_tracked), codes, error),
     Row::new("three Halls → turns → three duties, LSB", "idsp", function!(whole_idsp), peer_codes, error),
     Row::new("three Halls → turns → three duties, LSB", "micromath", function!(whole_micromath), peer_codes, error),
     Row::new("three Halls → turns → three duties, LSB", "libm", function!(whole_libm), peer_codes, error),
@@ -35,6 +39,8 @@ pub const ROWS: &[Row] = &[
 /// What lies between the sensors and the duties.
 struct Bare {
     estimator: &'static Estimator,
+    position: Position,
+    largest_jump: ElectricalAngle,
     tracking: track::Config,
     tracker: track::Tracker,
     axes: Axes,
@@ -70,13 +76,22 @@ extern "C" fn duties_libm(_: usize, _: usize, duties: &mut Duties, angle: f32, a
     *duties = inverse_clarke_f32(libm::cosf(angle), libm::sinf(angle), amplitude);
 }
 
+/// Where the angle is implausible, everything stays.
 #[unsafe(no_mangle)]
-extern "C" fn whole(codes: &Codes, bare: &mut Bare, duties: &mut Duties) -> bool {
-    let measured = bare.estimator.angle_unchecked(codes);
-    let plausible = bare.tracker.step(&bare.tracking, measured).is_ok();
-    let angle = bare.tracker.predicted(&bare.tracking);
-    *duties = sinusoidal::compare(angle, &bare.axes);
-    plausible
+extern "C" fn whole(codes: &Codes, bare: &mut Bare, duties: &mut Duties) {
+    let angle = bare.estimator.angle_unchecked(codes);
+    let jump = angle - bare.position.angle() + bare.largest_jump;
+    if jump.to_bits() as u32 <= 2 * bare.largest_jump.to_bits() as u32 {
+        bare.position = bare.position.advance_to(angle);
+        *duties = sinusoidal::compare(angle, &bare.axes);
+    }
+}
+
+#[unsafe(no_mangle)]
+extern "C" fn whole_tracked(codes: &Codes, bare: &mut Bare, duties: &mut Duties) {
+    // A jump makes it coast.
+    let _ = bare.tracker.step(&bare.tracking, bare.estimator.angle_unchecked(codes));
+    *duties = sinusoidal::compare(bare.tracker.predicted(&bare.tracking), &bare.axes);
 }
 
 #[unsafe(no_mangle)]
@@ -152,15 +167,32 @@ pub fn init() {
     let amplitude = limits.amplitude(Modulation::from_num(MODULATION));
     let axes = Axes::new(amplitude, PhaseOrder::FORWARD, HALF as u16);
     let estimator = halls::estimator();
-    let bare = Bare { estimator, tracking, tracker: track::Tracker::default(), axes };
+    let bare = Bare {
+        estimator,
+        position: Position::default(),
+        largest_jump: ElectricalAngle::from_degrees(60.0),
+        tracking,
+        tracker: track::Tracker::default(),
+        axes,
+    };
     let places = [
         (&raw mut *AXES.init(axes)).addr(),
-        (&raw mut *BARE.init(bare)).addr(),
+        (&raw mut *swing_in(BARE.init(bare))).addr(),
         (&raw mut *TURNS.init(Turns::default())).addr(),
     ];
     for (place, address) in PLACES.iter().zip(places) {
         place.store(address as u32, Relaxed);
     }
+}
+
+/// One turn, for the tracker to take up the speed of the sweep.
+fn swing_in(bare: &'static mut Bare) -> &'static mut Bare {
+    for index in 0..1 << 14 {
+        let codes = halls::model_codes(index << 18);
+        // What it returns tells of the first angle, if that is a jump.
+        let _ = bare.tracker.step(&bare.tracking, bare.estimator.angle_unchecked(&codes));
+    }
+    bare
 }
 
 fn place(number: usize) -> u32 {

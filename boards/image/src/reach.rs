@@ -1,0 +1,104 @@
+//! What a function reaches: every function it calls or names and every table it names, and so on.
+
+use anyhow::{Context, Result};
+use object::{Object, ObjectSection, ObjectSymbol, RelocationFlags, SymbolKind, elf};
+use std::collections::{BTreeMap, BTreeSet};
+
+/// A function or a table.
+#[derive(Clone, Copy, PartialEq)]
+struct Thing {
+    size: u64,
+    is_code: bool,
+}
+
+/// Who names whom, by address.
+pub struct Graph {
+    names: BTreeMap<String, u64>,
+    things: BTreeMap<u64, Thing>,
+    edges: BTreeMap<u64, BTreeSet<u64>>,
+}
+
+impl Graph {
+    pub fn new(image: &object::File) -> Result<Self> {
+        let mut graph = Self { names: BTreeMap::new(), things: BTreeMap::new(), edges: BTreeMap::new() };
+        for symbol in image.symbols().filter(|symbol| symbol.size() > 0) {
+            let is_code = symbol.kind() == SymbolKind::Text;
+            // Bit 0 of a function's address says that it is Thumb code.
+            let address = if is_code { symbol.address() & !1 } else { symbol.address() };
+            graph.names.insert(symbol.name()?.to_owned(), address);
+            graph.things.insert(address, Thing { size: symbol.size(), is_code });
+        }
+        for section in image.sections().filter(crate::is_loaded) {
+            let data = section.data()?;
+            // The lower half of an address, by register, until the upper one comes.
+            let mut lower = BTreeMap::new();
+            for (at, relocation) in section.relocations() {
+                let RelocationFlags::Elf { r_type } = relocation.flags() else { continue };
+                let bytes = &data[(at - section.address()) as usize..];
+                let word = |k: usize| u32::from(u16::from_le_bytes([bytes[2 * k], bytes[2 * k + 1]]));
+                let target = match r_type {
+                    elf::R_ARM_ABS32 => u64::from(word(0) | word(1) << 16),
+                    elf::R_ARM_THM_PC22 | elf::R_ARM_THM_JUMP24 => branch(at, word(0), word(1)),
+                    elf::R_ARM_THM_MOVW_ABS_NC => {
+                        lower.insert(register(word(1)), immediate(word(0), word(1)));
+                        continue;
+                    }
+                    elf::R_ARM_THM_MOVT_ABS => {
+                        let Some(lower) = lower.get(&register(word(1))) else { continue };
+                        u64::from(lower | immediate(word(0), word(1)) << 16)
+                    }
+                    _ => continue,
+                };
+                graph.connect(at, target);
+            }
+        }
+        Ok(graph)
+    }
+
+    fn connect(&mut self, from: u64, to: u64) {
+        if let (Some(from), Some(to)) = (self.containing(from), self.containing(to)) {
+            self.edges.entry(from).or_default().insert(to);
+        }
+    }
+
+    fn containing(&self, address: u64) -> Option<u64> {
+        let (&start, thing) = self.things.range(..=address).next_back()?;
+        (address < start + thing.size).then_some(start)
+    }
+
+    /// Bytes of code and of tables.
+    pub fn reach(&self, function: &str) -> Result<(u64, u64)> {
+        let start = *self.names.get(function).with_context(|| format!("no function {function} in the image"))?;
+        let (mut seen, mut open) = (BTreeSet::from([start]), vec![start]);
+        while let Some(thing) = open.pop() {
+            for &next in self.edges.get(&thing).into_iter().flatten() {
+                if seen.insert(next) {
+                    open.push(next);
+                }
+            }
+        }
+        let bytes = |code| seen.iter().map(|at| self.things[at]).filter(|t| t.is_code == code).map(|t| t.size).sum();
+        Ok((bytes(true), bytes(false)))
+    }
+}
+
+/// Target of a Thumb BL or B.W (Armv7-M manual, A7.7.12 and A7.7.18, encodings T1 and T4).
+fn branch(at: u64, first: u32, second: u32) -> u64 {
+    let bit = |word: u32, n: u32| word >> n & 1;
+    let sign = bit(first, 10);
+    let i1 = 1 ^ bit(second, 13) ^ sign;
+    let i2 = 1 ^ bit(second, 11) ^ sign;
+    let offset = sign << 24 | i1 << 23 | i2 << 22 | (first & 0x3FF) << 12 | (second & 0x7FF) << 1;
+    let offset = i64::from((offset << 7) as i32 >> 7);
+    at.wrapping_add_signed(4 + offset)
+}
+
+/// The 16 bits that MOVW and MOVT move (A7.7.76, encoding T3; A7.7.79).
+fn immediate(first: u32, second: u32) -> u32 {
+    (first & 0xF) << 12 | (first >> 10 & 1) << 11 | (second >> 12 & 7) << 8 | (second & 0xFF)
+}
+
+/// The register that they move it to.
+fn register(second: u32) -> u32 {
+    second >> 8 & 0xF
+}

@@ -5,16 +5,17 @@
 //! references, so a calibration is taken up between two steps by swapping a pointer.
 
 pub mod drag;
+mod loss;
 
 use crate::angle::ElectricalAngle;
 use crate::commutation::block::Sextant;
 use crate::commutation::sinusoidal::{self, Axes, PhaseOrder};
 use crate::commutation::{Commutation, Legs, Modulation, Output};
 use crate::fault::{Fault, Limits};
-use crate::hall::Codes;
 use crate::hall::estimate::Estimator;
 use crate::hall::normalize::Implausible;
 use crate::hall::track::Tracker;
+use crate::hall::{Channel, Codes};
 use crate::mode::{Event, Mode};
 use crate::pwm::Amplitude;
 use crate::settings::Config;
@@ -63,6 +64,8 @@ pub enum Refusal {
     NotCalibrated,
     /// The Halls give no angle at the moment.
     NoAngle,
+    /// A Hall is lost: the drive must be calibrated after its repair.
+    HallLost,
     /// The command is beyond `max_modulation`.
     TooLarge,
 }
@@ -73,6 +76,7 @@ impl fmt::Display for Refusal {
             Self::Mode(Mode::Faulted(fault)) => write!(f, "faulted: {fault}"),
             Self::Mode(mode) => write!(f, "not while {mode:?}"),
             Self::NotCalibrated => write!(f, "not calibrated"),
+            Self::HallLost => write!(f, "a Hall is lost: repair it and calibrate"),
             Self::NoAngle => write!(f, "the Halls give no plausible angle"),
             Self::TooLarge => write!(f, "the command is beyond the allowed modulation"),
         }
@@ -146,6 +150,8 @@ pub struct Drive {
     config: Config,
     channels: Interrupt,
     estimator: Option<&'static mut Estimator>,
+    /// A Hall lost while running, as long as the estimator counts on it.
+    lost: Option<Channel>,
     mode: Mode,
     limits: Limits,
     progress: Progress,
@@ -173,6 +179,7 @@ impl Drive {
             config,
             channels,
             estimator: None,
+            lost: None,
             mode: Mode::Unarmed,
             limits: Limits::NONE,
             progress: Progress::None,
@@ -225,7 +232,8 @@ impl Drive {
     /// Takes state, limits and progress over into the record and the pace: after every change.
     fn publish(&mut self) {
         let sinusoidal = self.mode == Mode::Running && self.config.commutation == Commutation::Sinusoidal;
-        self.pace = if sinusoidal && self.live.missed == 0 { Pace::Sinusoidal } else { Pace::Any };
+        self.pace =
+            if sinusoidal && self.live.missed == 0 && self.lost.is_none() { Pace::Sinusoidal } else { Pace::Any };
         self.live.status = Status::new(self.mode, self.limits, self.progress);
     }
 
@@ -290,7 +298,7 @@ impl Drive {
                 }
                 true
             }
-            Err(why) => self.blind(why),
+            Err(why) => self.blind(why, codes),
         }
     }
 
@@ -305,9 +313,9 @@ impl Drive {
     /// The codes are no angle.
     #[cold]
     #[inline(never)]
-    fn blind(&mut self, why: Implausible) -> bool {
+    fn blind(&mut self, why: Implausible, codes: Codes) -> bool {
         self.live.rotor.coast();
-        if self.miss() {
+        if self.miss() || self.runs_on_without(why, codes) {
             return true;
         }
         if !self.mode.drives() {
@@ -355,7 +363,10 @@ impl Drive {
 
     /// A running step that is in no hurry.
     fn run(&mut self, codes: Codes) -> Output {
-        self.measure(codes);
+        match self.lost {
+            None => self.measure(codes),
+            Some(lost) => self.measure_without(lost, codes),
+        };
         let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
         match self.config.commutation {
             Commutation::Sinusoidal => Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL },
@@ -409,6 +420,7 @@ impl Drive {
             Command::Calibrate => {
                 self.on_command(Event::Calibrate)?;
                 self.drag = Drag::OFF;
+                self.forget_loss();
                 self.progress = Progress::None;
                 self.publish();
             }
@@ -434,6 +446,9 @@ impl Drive {
             // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
             let _ = self.channels.retired.enqueue(unused);
         }
+        if allowed.is_ok() {
+            self.take_up_loss();
+        }
         if allowed.is_ok() && self.mode == Mode::Ready {
             self.relock(codes);
         }
@@ -450,6 +465,7 @@ impl Drive {
     fn arm(&mut self) -> Reply {
         match self.mode {
             Mode::Unarmed => Err(Refusal::NotCalibrated),
+            Mode::Ready if self.limits.contains(Limits::TWO_HALLS) => Err(Refusal::HallLost),
             Mode::Ready if self.live.missed != 0 => Err(Refusal::NoAngle),
             _ => {
                 self.set_amplitude(Amplitude::ZERO);

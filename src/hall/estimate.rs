@@ -73,6 +73,13 @@ struct Row {
 }
 
 impl Row {
+    /// Weights of the normalised signals, with `unit` for one.
+    fn new(weights: [f32; 3], unit: f32, model: &Model) -> Self {
+        let gains = [0, 1, 2].map(|k| libm::roundf(unit * weights[k] / model.sensors[k].amplitude) as i32);
+        let middle: f64 = (0..3).map(|k| f64::from(gains[k]) * f64::from(model.sensors[k].offset)).sum();
+        Self { gains, bias: (-middle as i64) as i32 }
+    }
+
     /// Intermediate sums may wrap; the result does not while every code is in its window.
     #[inline(always)]
     const fn dot(&self, codes: &Codes) -> i32 {
@@ -83,7 +90,7 @@ impl Row {
     }
 }
 
-/// The integer form of a [`Model`]: 2.2 KiB, most of it the table, which comes last so that the rest is near.
+/// The integer form of a [`Model`]: 2.3 KiB, most of it the table, behind which comes what is rarely used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct Estimator {
@@ -99,6 +106,11 @@ pub struct Estimator {
     strength_span: u32,
     adc_bits: u8,
     table: QuadrantTable,
+    /// Cosine and sine from two sensors, for each that may be lost, with what an electrical angle is to them.
+    pairs: [[Row; 2]; 3],
+    alignment: ElectricalAngle,
+    reversed: bool,
+    lost: Option<Channel>,
 }
 
 impl Estimator {
@@ -109,7 +121,7 @@ impl Estimator {
     /// [`WORST_NOISE_GAIN`] times as noisy as three well-placed sensors.
     pub fn new(model: &Model, adc_bits: u8) -> Result<Self, BadModel> {
         let (windows, inverse) = check(model, adc_bits)?;
-        Ok(Self::build(model, adc_bits, windows, &inverse))
+        Ok(Self::build(model, adc_bits, windows, &inverse, None))
     }
 
     /// The estimator for the two sensors that remain when one is lost; error below 5e-4 rad for a perfect model.
@@ -129,17 +141,18 @@ impl Estimator {
         if let Some(window) = windows.get_mut(usize::from(lost.0)) {
             *window = Window::all(adc_bits);
         }
-        Ok(Self::build(model, adc_bits, windows, &inverse))
+        Ok(Self::build(model, adc_bits, windows, &inverse, Some(lost)))
     }
 
-    fn build(model: &Model, adc_bits: u8, windows: [Window; 3], inverse: &Inverse) -> Self {
+    fn build(model: &Model, adc_bits: u8, windows: [Window; 3], inverse: &Inverse, lost: Option<Channel>) -> Self {
         let window = Window::around(windows);
         let unit = inverse.unit(model, window);
-        let row = |row: [f32; 3]| {
-            let gains = [0, 1, 2].map(|k| libm::roundf(unit * row[k] / model.sensors[k].amplitude) as i32);
-            let middle: f64 = (0..3).map(|k| f64::from(gains[k]) * f64::from(model.sensors[k].offset)).sum();
-            Row { gains, bias: (-middle as i64) as i32 }
-        };
+        let row = |row: [f32; 3]| Row::new(row, unit, model);
+        let pairs = [0, 1, 2].map(|lost| {
+            let inverse = Inverse::without(Channel(lost), model);
+            let unit = inverse.unit(model, Window::all(adc_bits));
+            [inverse.cosine, inverse.sine].map(|row| Row::new(row, unit, model))
+        });
         let strength = |relative: f32| (relative * unit) as u32;
         let (common, limit) = (row(inverse.common), (DISAGREEMENT * unit) as i32);
         Self {
@@ -153,6 +166,10 @@ impl Estimator {
             strength_span: strength(STRONGEST) - strength(WEAKEST),
             table: table(model, inverse),
             adc_bits,
+            pairs,
+            alignment: model.alignment,
+            reversed: model.reversed,
+            lost,
         }
     }
 
@@ -170,6 +187,10 @@ impl Estimator {
             strength_span: 0,
             table: [Segment { start: 0, slope: 0 }; 4 << trig::QUADRANT_BITS],
             adc_bits: 16,
+            pairs: [[ROW; 2]; 3],
+            alignment: ElectricalAngle::ZERO,
+            reversed: false,
+            lost: None,
         }
     }
 
@@ -198,6 +219,21 @@ impl Estimator {
     #[inline(always)]
     pub fn angle_unchecked(&self, codes: &Codes) -> ElectricalAngle {
         Direction::of(self.sine.dot(codes), self.cosine.dot(codes)).angle(&self.table)
+    }
+
+    /// The angle from the two sensors other than `lost`, for the time until a new estimator takes its place: their
+    /// harmonics are not corrected, so that with a third harmonic of 5 % it is up to 7° off. `None` where the estimator knows
+    /// of two sensors only.
+    #[cold]
+    pub fn angle_without(&self, lost: Channel, codes: &Codes) -> Option<ElectricalAngle> {
+        let [cosine, sine] = self.pairs.get(usize::from(lost.0)).filter(|_| self.lost.is_none())?;
+        let angle = trig::atan2(sine.dot(codes), cosine.dot(codes)) - self.alignment;
+        Some(if self.reversed { -angle } else { angle })
+    }
+
+    /// The sensor that the estimator does without.
+    pub const fn lost(&self) -> Option<Channel> {
+        self.lost
     }
 
     /// The first sensor whose code is not in its own window, or else what is wrong with all three.

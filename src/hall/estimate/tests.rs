@@ -198,6 +198,16 @@ fn two_sensors_give_the_same_angle_as_three() {
                 worst = worst.max(error.to_radians().abs());
             }
             assert!(worst < 5e-4, "{spacing} without {lost}: {worst}");
+            let three = Estimator::new(&model, 16).unwrap();
+            assert_eq!((three.lost(), estimator.lost()), (None, Some(Channel(lost))));
+            let mut worst = 0.0_f32;
+            for k in 0..3600 {
+                let angle = ElectricalAngle::from_degrees(k as f32 / 10.0);
+                let rough = three.angle_without(Channel(lost), &model.codes(angle)).unwrap();
+                worst = worst.max((rough - angle).to_degrees().abs());
+            }
+            assert!((2.0..7.0).contains(&worst), "{spacing} without {lost}: {worst}°");
+            assert_eq!(estimator.angle_without(Channel(lost), &[30_000; 3]), None);
         }
     }
 }

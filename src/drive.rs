@@ -287,7 +287,7 @@ impl Drive {
         match estimator.angle(&codes) {
             Ok(angle) => {
                 if self.live.rotor.step(&self.config.tracking, angle).is_err() {
-                    return self.jumped(angle);
+                    return self.jumped(angle, codes);
                 }
                 // While samples were missed the drive is in no hurry, so this costs the running one nothing.
                 if self.pace != Pace::Sinusoidal && self.live.missed != 0 {
@@ -328,8 +328,8 @@ impl Drive {
     /// The angle is not where the rotor can be.
     #[cold]
     #[inline(never)]
-    fn jumped(&mut self, angle: ElectricalAngle) -> bool {
-        if self.miss() {
+    fn jumped(&mut self, angle: ElectricalAngle, codes: Codes) -> bool {
+        if self.miss() || self.runs_on_without(Implausible::Inconsistent, codes) {
             return true;
         }
         if !self.mode.drives() {

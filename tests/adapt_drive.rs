@@ -65,7 +65,7 @@ fn warmed(seed: u64, publish: bool) -> (Statistics, u32) {
     let mut adapted = running(&plant, &Settings::default(), seed);
     let mut by_angle = ByAngle::new(36);
     for k in 0..480_000 {
-        adapted.rig.plant.set_temperature(25.0 + 60.0 * (f64::from(k) / 440_000.0).min(1.0));
+        adapted.rig.plant.set_temperature(25.0 + 60.0 * (f64::from(k) / 440_000.0).min(1.0)).unwrap();
         let error = adapted.step(publish);
         assert_eq!(adapted.rig.drive.mode(), Mode::Running, "seed {seed} at {k}");
         if k > 440_000 {
@@ -90,22 +90,27 @@ fn lost(seed: u64, fault: HallFault, commutation: Commutation) {
     let sensor = (seed % 3) as usize;
     let settings = Settings { run_on_two_halls: true, commutation, ..Settings::default() };
     let mut adapted = running(&PlantParameters::unkind(seed), &settings, seed);
-    (0..40_000 + 777 * seed).for_each(|_| drop(adapted.step(true)));
+    (0..40_000 + 777 * seed).for_each(|_| _ = adapted.step(true));
     adapted.rig.plant.set_hall_fault(sensor, Some(fault));
-    let (mut worst, mut settled) = (0.0_f64, Statistics::default());
+    let (mut worst, mut astray, mut settled) = (0.0_f64, 0, Statistics::default());
     for k in 0..40_000 {
         let error = adapted.step(true);
         assert_eq!(adapted.rig.drive.mode(), Mode::Running, "seed {seed}, {fault:?} at {k}");
         worst = worst.max(error.abs());
+        astray += u32::from(error.abs() > 45.0);
         if k > 12_000 {
             settled.push(error);
         }
     }
     let drive = &adapted.rig.drive;
-    println!("seed {seed}, {fault:?}: at most {worst:.1}°, then {:.2}° RMS", settled.rms());
+    println!("seed {seed}, {fault:?}: at most {worst:.1}°, {astray} periods over 45°, then {:.2}° RMS", settled.rms());
     assert!(drive.limits().contains(Limits::TWO_HALLS));
     assert_eq!(drive.estimator().and_then(|estimator| estimator.lost()), Some(Channel(sensor as u8)));
-    assert!(worst < 30.0 && settled.rms() < 0.6, "seed {seed}, {fault:?}: {worst}° {}°", settled.rms());
+    // A broken wire is seen at once. A stuck Hall first misleads the tracking until the three contradict each other, and
+    // then the wrong one may be named for a moment.
+    let (most, longest) = if matches!(fault, HallFault::Open(_)) { (10.0, 0) } else { (100.0, 200) };
+    assert!(worst < most && astray <= longest, "seed {seed}, {fault:?}: {worst}°, {astray} periods over 45°");
+    assert!(settled.rms() < 0.3, "seed {seed}, {fault:?}: {}°", settled.rms());
     // Stopped, it does not start again.
     adapted.rig.command(Command::Disarm).unwrap();
     let refused = adapted.rig.command(Command::Arm).unwrap_err();
@@ -125,8 +130,8 @@ fn a_running_drive_goes_on_with_two_halls() {
 #[test]
 fn without_being_asked_to_it_stops() {
     let mut adapted = running(&PlantParameters::unkind(1), &Settings::default(), 1);
-    (0..20_000).for_each(|_| drop(adapted.step(true)));
+    (0..20_000).for_each(|_| _ = adapted.step(true));
     adapted.rig.plant.set_hall_fault(1, Some(HallFault::Open(Rail::Low)));
-    (0..100).for_each(|_| drop(adapted.step(true)));
+    (0..100).for_each(|_| _ = adapted.step(true));
     assert!(matches!(adapted.rig.drive.mode(), Mode::Faulted(Fault::Hall(_))));
 }

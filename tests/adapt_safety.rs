@@ -156,7 +156,7 @@ fn a_sensor_that_drifts_too_far_is_named_with_what_drifted() {
 #[test]
 fn two_sensors_lost_leave_no_angle_and_no_panic() {
     let mut judge = calibrated(2, Motion::Constant(10.0));
-    (0..500).for_each(|_| drop(judge.step()));
+    (0..500).for_each(|_| _ = judge.step());
     judge.bench.set_fault(0, Some(plant::HallFault::Open(plant::Rail::Low)));
     judge.bench.set_fault(2, Some(plant::HallFault::Open(plant::Rail::High)));
     let outcomes: Vec<_> = (0..500).map(|_| judge.step().outcome).collect();

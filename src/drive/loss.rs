@@ -3,12 +3,16 @@
 use super::Drive;
 use crate::angle::ElectricalAngle;
 use crate::fault::{Fault, Limits};
+use crate::hall::estimate::Estimator;
 use crate::hall::normalize::Implausible;
 use crate::hall::{Channel, Codes};
 use crate::mode::Mode;
 
-/// Farthest that two Halls' angle may be from the tracked one to be believed, in bits: 30°.
-const NEAR: u32 = ElectricalAngle::THIRD.to_bits() as u32 / 4;
+/// Farthest that two Halls' angle may be from the tracked one to be believed, in bits: 45°.
+const NEAR: u32 = 1 << 29;
+
+/// Farthest that two Halls' strength may be from [`Estimator::HEALTHY`]: harmonics and drift together stay below.
+const UNHEALTHY: u32 = 450;
 
 impl Drive {
     /// Names the Hall that is lost and goes on without it, if that is wanted, none was lost before, and the other two say
@@ -21,8 +25,8 @@ impl Drive {
         let Some((lost, angle)) = self.name(why, codes) else { return false };
         self.lost = Some(lost);
         self.limits = self.limits.with(Limits::TWO_HALLS);
-        // What was missed while finding out is made up for.
-        let _ = self.live.rotor.step(&self.config.tracking, angle);
+        // It took time to find out, and the lost Hall has led the tracking astray.
+        self.live.rotor.move_to(angle);
         self.found();
         true
     }
@@ -36,12 +40,16 @@ impl Drive {
             Implausible::Inconsistent => 0..=2,
             Implausible::Weak | Implausible::Strong => return None,
         };
-        let (distance, channel, angle) = suspects
+        let (_, distance, channel, angle) = suspects
             .filter_map(|k| {
-                let angle = estimator.angle_without(Channel(k), &codes)?;
-                Some(((angle - tracked).to_bits().unsigned_abs(), Channel(k), angle))
+                let (angle, strength) = estimator.angle_without(Channel(k), &codes)?;
+                let distance = (angle - tracked).to_bits().unsigned_abs();
+                // A pair with the lost Hall in it is in the wrong place, and too strong or too weak: 30° count as much as
+                // a third of the strength.
+                let doubt = (distance >> 20).saturating_add(strength.abs_diff(Estimator::HEALTHY));
+                Some((doubt, distance, Channel(k), angle))
             })
-            .min_by_key(|&(distance, ..)| distance)?;
+            .min_by_key(|&(doubt, ..)| doubt)?;
         (distance <= NEAR).then_some((channel, angle))
     }
 
@@ -49,9 +57,12 @@ impl Drive {
     #[cold]
     pub(super) fn measure_without(&mut self, lost: Channel, codes: Codes) -> bool {
         let angle = self.estimator.as_deref().and_then(|estimator| estimator.angle_without(lost, &codes));
-        let Some(angle) = angle else { return self.fail(Fault::AngleJump) };
+        let Some((angle, strength)) = angle else { return self.fail(Fault::AngleJump) };
+        if strength.abs_diff(Estimator::HEALTHY) > UNHEALTHY {
+            return self.rename(lost, codes);
+        }
         if self.live.rotor.step(&self.config.tracking, angle).is_err() {
-            return self.miss() || self.fail(Fault::AngleJump);
+            return self.miss() || self.rename(lost, codes);
         }
         if self.live.missed != 0 {
             self.found();
@@ -60,6 +71,27 @@ impl Drive {
             return self.fail(Fault::OverSpeed);
         }
         true
+    }
+
+    /// The two are no healthy pair: the wrong Hall was named, or another is lost, too. The tracking has been led astray
+    /// and cannot help to tell.
+    fn rename(&mut self, lost: Channel, codes: Codes) -> bool {
+        let best = self.estimator.as_deref().and_then(|estimator| {
+            let others = (0..3).map(Channel).filter(|&channel| channel != lost);
+            let pair = |channel| Some((channel, estimator.angle_without(channel, &codes)?));
+            others.filter_map(pair).min_by_key(|(_, (_, strength))| strength.abs_diff(Estimator::HEALTHY))
+        });
+        match best {
+            Some((channel, (angle, strength))) if strength.abs_diff(Estimator::HEALTHY) < UNHEALTHY => {
+                self.lost = Some(channel);
+                self.live.rotor.move_to(angle);
+                true
+            }
+            _ => {
+                self.live.rotor.coast();
+                self.miss() || self.fail(Fault::Hall(Implausible::Inconsistent))
+            }
+        }
     }
 
     /// An estimator has been installed: a running drive that has lost a Hall keeps the limit, whichever it is; at rest, one

@@ -90,6 +90,25 @@ impl Row {
     }
 }
 
+/// What two sensors give alone, in units of a power of two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Pair {
+    cosine: Row,
+    sine: Row,
+    /// log₂ of what one amplitude is.
+    unit_bits: u32,
+}
+
+impl Pair {
+    fn new(lost: Channel, model: &Model, adc_bits: u8) -> Self {
+        let inverse = Inverse::without(lost, model);
+        // Finite and at least two to the sixth: the window has 16 bits, an amplitude at least two.
+        let unit_bits = (inverse.unit(model, Window::all(adc_bits)) as u32).max(64).ilog2();
+        let row = |row| Row::new(row, (1_u32 << unit_bits) as f32, model);
+        Self { cosine: row(inverse.cosine), sine: row(inverse.sine), unit_bits }
+    }
+}
+
 /// The integer form of a [`Model`]: 2.3 KiB, most of it the table, behind which comes what is rarely used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[repr(C)]
@@ -107,7 +126,7 @@ pub struct Estimator {
     adc_bits: u8,
     table: QuadrantTable,
     /// Cosine and sine from two sensors, for each that may be lost, with what an electrical angle is to them.
-    pairs: [[Row; 2]; 3],
+    pairs: [Pair; 3],
     alignment: ElectricalAngle,
     reversed: bool,
     lost: Option<Channel>,
@@ -148,11 +167,7 @@ impl Estimator {
         let window = Window::around(windows);
         let unit = inverse.unit(model, window);
         let row = |row: [f32; 3]| Row::new(row, unit, model);
-        let pairs = [0, 1, 2].map(|lost| {
-            let inverse = Inverse::without(Channel(lost), model);
-            let unit = inverse.unit(model, Window::all(adc_bits));
-            [inverse.cosine, inverse.sine].map(|row| Row::new(row, unit, model))
-        });
+        let pairs = [0, 1, 2].map(|lost| Pair::new(Channel(lost), model, adc_bits));
         let strength = |relative: f32| (relative * unit) as u32;
         let (common, limit) = (row(inverse.common), (DISAGREEMENT * unit) as i32);
         Self {
@@ -187,7 +202,7 @@ impl Estimator {
             strength_span: 0,
             table: [Segment { start: 0, slope: 0 }; 4 << trig::QUADRANT_BITS],
             adc_bits: 16,
-            pairs: [[ROW; 2]; 3],
+            pairs: [Pair { cosine: ROW, sine: ROW, unit_bits: 0 }; 3],
             alignment: ElectricalAngle::ZERO,
             reversed: false,
             lost: None,
@@ -221,15 +236,22 @@ impl Estimator {
         Direction::of(self.sine.dot(codes), self.cosine.dot(codes)).angle(&self.table)
     }
 
-    /// The angle from the two sensors other than `lost`, for the time until a new estimator takes its place: their
-    /// harmonics are not corrected, so that with a third harmonic of 5 % it is up to 7° off. `None` where the estimator knows
-    /// of two sensors only.
+    /// The angle from the two sensors other than `lost`, for the time until a new estimator takes its place, and their
+    /// strength: [`Self::HEALTHY`] for a calibrated magnet, which grows with the square of the signals. Harmonics are not
+    /// corrected, so that with a third harmonic of 5 % the angle is up to 7° off and the strength 30 %. `None` where the
+    /// estimator knows of two sensors only.
     #[cold]
-    pub fn angle_without(&self, lost: Channel, codes: &Codes) -> Option<ElectricalAngle> {
-        let [cosine, sine] = self.pairs.get(usize::from(lost.0)).filter(|_| self.lost.is_none())?;
-        let angle = trig::atan2(sine.dot(codes), cosine.dot(codes)) - self.alignment;
-        Some(if self.reversed { -angle } else { angle })
+    pub fn angle_without(&self, lost: Channel, codes: &Codes) -> Option<(ElectricalAngle, u32)> {
+        let pair = self.pairs.get(usize::from(lost.0)).filter(|_| self.lost.is_none())?;
+        let (y, x) = (pair.sine.dot(codes), pair.cosine.dot(codes));
+        let square = i64::from(y) * i64::from(y) + i64::from(x) * i64::from(x);
+        let strength = square >> (2 * pair.unit_bits - Self::HEALTHY.ilog2());
+        let angle = trig::atan2(y, x) - self.alignment;
+        Some((if self.reversed { -angle } else { angle }, u32::try_from(strength).unwrap_or(u32::MAX)))
     }
+
+    /// Strength of two sensors as calibrated.
+    pub const HEALTHY: u32 = 1024;
 
     /// The sensor that the estimator does without.
     pub const fn lost(&self) -> Option<Channel> {

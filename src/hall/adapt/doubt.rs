@@ -87,10 +87,9 @@ impl Adapter {
         for (doubt, at_rail) in self.doubts.sensors.iter_mut().zip(useless) {
             doubt.at_rail = if at_rail { doubt.at_rail.saturating_add(1) } else { 0 };
         }
-        if self.fault.is_none() {
-            if let Some(k) = self.doubts.sensors.iter().position(|doubt| doubt.at_rail >= FEWEST) {
-                self.fail(Fault::AtRail(Channel(k as u8)));
-            }
+        let stays = self.doubts.sensors.iter().position(|doubt| doubt.at_rail >= FEWEST);
+        if let (None, Some(k)) = (self.fault, stays) {
+            self.fail(Fault::AtRail(Channel(k as u8)));
         }
         self.doubts.any =
             self.fault.is_some() || self.doubts.strange > 0 || self.doubts.sensors.iter().any(Doubt::exists);

@@ -203,7 +203,8 @@ fn two_sensors_give_the_same_angle_as_three() {
             let mut worst = 0.0_f32;
             for k in 0..3600 {
                 let angle = ElectricalAngle::from_degrees(k as f32 / 10.0);
-                let rough = three.angle_without(Channel(lost), &model.codes(angle)).unwrap();
+                let (rough, strength) = three.angle_without(Channel(lost), &model.codes(angle)).unwrap();
+                assert!((700..1400).contains(&strength), "{spacing} without {lost}: {strength}");
                 worst = worst.max((rough - angle).to_degrees().abs());
             }
             assert!((2.0..7.0).contains(&worst), "{spacing} without {lost}: {worst}°");

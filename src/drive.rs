@@ -152,6 +152,8 @@ pub struct Drive {
     estimator: Option<&'static mut Estimator>,
     /// A Hall lost while running, as long as the estimator counts on it.
     lost: Option<Channel>,
+    /// What would be a fault, unless two Halls do.
+    suspicion: Option<Fault>,
     mode: Mode,
     limits: Limits,
     progress: Progress,
@@ -180,6 +182,7 @@ impl Drive {
             channels,
             estimator: None,
             lost: None,
+            suspicion: None,
             mode: Mode::Unarmed,
             limits: Limits::NONE,
             progress: Progress::None,
@@ -266,6 +269,9 @@ impl Drive {
     #[cold]
     #[inline(never)]
     fn fallen(&mut self, codes: Codes, records: bool) -> Output {
+        if self.runs_on(codes) {
+            return self.slow(codes, records);
+        }
         if records {
             self.record(codes, self.config.record_every);
         }
@@ -287,7 +293,7 @@ impl Drive {
         match estimator.angle(&codes) {
             Ok(angle) => {
                 if self.live.rotor.step(&self.config.tracking, angle).is_err() {
-                    return self.jumped(angle, codes);
+                    return self.jumped(angle);
                 }
                 // While samples were missed the drive is in no hurry, so this costs the running one nothing.
                 if self.pace != Pace::Sinusoidal && self.live.missed != 0 {
@@ -298,7 +304,7 @@ impl Drive {
                 }
                 true
             }
-            Err(why) => self.blind(why, codes),
+            Err(why) => self.blind(why),
         }
     }
 
@@ -313,23 +319,23 @@ impl Drive {
     /// The codes are no angle.
     #[cold]
     #[inline(never)]
-    fn blind(&mut self, why: Implausible, codes: Codes) -> bool {
+    fn blind(&mut self, why: Implausible) -> bool {
         self.live.rotor.coast();
-        if self.miss() || self.runs_on_without(why, codes) {
+        if self.miss() {
             return true;
         }
         if !self.mode.drives() {
             // Nothing is known of the rotor, so it is not turned on and on.
             self.live.rotor = Tracker::at(self.live.rotor.angle());
         }
-        self.fail(Fault::Hall(why))
+        self.fail_unless_two_do(Fault::Hall(why))
     }
 
     /// The angle is not where the rotor can be.
     #[cold]
     #[inline(never)]
-    fn jumped(&mut self, angle: ElectricalAngle, codes: Codes) -> bool {
-        if self.miss() || self.runs_on_without(Implausible::Inconsistent, codes) {
+    fn jumped(&mut self, angle: ElectricalAngle) -> bool {
+        if self.miss() {
             return true;
         }
         if !self.mode.drives() {
@@ -337,7 +343,7 @@ impl Drive {
             self.live.rotor = Tracker::at(angle);
             self.found();
         }
-        self.fail(Fault::AngleJump)
+        self.fail_unless_two_do(Fault::AngleJump)
     }
 
     /// Counts a sample without a plausible angle; false when they are too many.
@@ -363,10 +369,13 @@ impl Drive {
 
     /// A running step that is in no hurry.
     fn run(&mut self, codes: Codes) -> Output {
-        match self.lost {
+        let measured = match self.lost {
             None => self.measure(codes),
             Some(lost) => self.measure_without(lost, codes),
         };
+        if !measured {
+            self.runs_on(codes);
+        }
         let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
         match self.config.commutation {
             Commutation::Sinusoidal => Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL },

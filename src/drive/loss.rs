@@ -15,14 +15,20 @@ const NEAR: u32 = 1 << 29;
 const UNHEALTHY: u32 = 450;
 
 impl Drive {
-    /// Names the Hall that is lost and goes on without it, if that is wanted, none was lost before, and the other two say
-    /// that the rotor is about where it was tracked.
-    #[cold]
-    pub(super) fn runs_on_without(&mut self, why: Implausible, codes: Codes) -> bool {
-        if !self.config.run_on_two_halls || self.mode != Mode::Running || self.lost.is_some() {
+    /// Latches a fault, or only suspects it where running on from two Halls is wanted and none was lost before.
+    pub(super) fn fail_unless_two_do(&mut self, fault: Fault) -> bool {
+        if self.config.run_on_two_halls && self.mode == Mode::Running && self.lost.is_none() {
+            self.suspicion = Some(fault);
             return false;
         }
-        let Some((lost, angle)) = self.name(why, codes) else { return false };
+        self.fail(fault)
+    }
+
+    /// Resolves a suspicion: names the Hall that is lost and goes on without it, if the other two say that the rotor is about
+    /// where it was tracked; otherwise it is a fault. False when there is one.
+    pub(super) fn runs_on(&mut self, codes: Codes) -> bool {
+        let Some(fault) = self.suspicion.take() else { return false };
+        let Some((lost, angle)) = self.name(fault, codes) else { return self.fail(fault) };
         self.lost = Some(lost);
         self.limits = self.limits.with(Limits::TWO_HALLS);
         // It took time to find out, and the lost Hall has led the tracking astray.
@@ -32,13 +38,13 @@ impl Drive {
     }
 
     /// The Hall to do without, and the angle then.
-    fn name(&self, why: Implausible, codes: Codes) -> Option<(Channel, ElectricalAngle)> {
+    fn name(&self, fault: Fault, codes: Codes) -> Option<(Channel, ElectricalAngle)> {
         let estimator = self.estimator.as_deref()?;
         let tracked = self.live.rotor.angle();
-        let suspects = match why {
-            Implausible::AtRail(channel) | Implausible::OutOfRange(channel) => channel.0..=channel.0,
-            Implausible::Inconsistent => 0..=2,
-            Implausible::Weak | Implausible::Strong => return None,
+        let suspects = match fault {
+            Fault::Hall(Implausible::AtRail(channel) | Implausible::OutOfRange(channel)) => channel.0..=channel.0,
+            Fault::Hall(Implausible::Inconsistent) | Fault::AngleJump => 0..=2,
+            _ => return None,
         };
         let (_, distance, channel, angle) = suspects
             .filter_map(|k| {

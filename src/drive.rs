@@ -4,6 +4,7 @@
 //! of [`Channels`] only: commands in; replies, records and used-up estimators out. Large parameters travel as
 //! references, so a calibration is taken up between two steps by swapping a pointer.
 
+pub mod absolute;
 pub mod drag;
 
 use crate::angle::ElectricalAngle;
@@ -48,6 +49,8 @@ pub enum Command {
     Drive(Modulation),
     /// Leave the faulted state.
     Clear,
+    /// A task has found a fault: off, if the bridge is on.
+    Trip(Fault),
 }
 
 /// Answer to a [`Command`].
@@ -434,6 +437,9 @@ impl Drive {
                 self.set_amplitude(Amplitude::ZERO);
             }
             Command::Drive(modulation) => self.drive(modulation)?,
+            Command::Trip(fault) => {
+                self.fail(fault);
+            }
             Command::Clear => self.on_command(Event::Clear { calibrated: self.estimator().is_some() })?,
         }
         Ok(())

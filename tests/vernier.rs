@@ -22,9 +22,8 @@ fn a_million_positions_of_a_hundred_encoders() {
     let (rms, max) = (worst(|s| s.error_deg_rms), worst(|s| s.error_deg_max));
     let residual = worst(|s| s.worst_residual_counts);
     let margin = summaries.iter().map(|s| s.margin_counts).fold(f64::MAX, f64::min);
-    println!(
-        "{wrong} of {positions} wrong ({before} uncalibrated), error {rms:.4}° RMS, {max:.4}° at most, residual {residual:.2} of {margin:.2} counts"
-    );
+    println!("{wrong} of {positions} wrong ({before} uncalibrated), error {rms:.4}° RMS, {max:.4}° at most");
+    println!("residual {residual:.2} counts of a margin of {margin:.2}");
     assert!(summaries.iter().all(|s| s.refusal.is_none()));
     assert_eq!((wrong, positions), (0, 1_000_000));
     assert!(rms <= 0.005 / 2.0 && max <= 0.01);
@@ -33,34 +32,33 @@ fn a_million_positions_of_a_hundred_encoders() {
     assert!(before > 10_000, "{before}");
 }
 
-/// A hundred thousand trials of a fault, over ten encoders.
-fn trials<const HEADS: usize>(build: &Build, fault: Fault) -> Outcome {
-    let outcomes =
-        sim::parallel(1..11, |seed| Recorded::<HEADS>::new(build, seed).unwrap().trials(fault, 10_000, seed));
+/// Trials of a fault, over ten encoders.
+fn trials<const HEADS: usize>(build: &Build, fault: Fault, each: usize) -> Outcome {
+    let outcomes = sim::parallel(1..11, |seed| Recorded::<HEADS>::new(build, seed).unwrap().trials(fault, each, seed));
     let total = outcomes.into_iter().reduce(Outcome::plus).unwrap();
     println!("{total:?}");
     total
 }
 
-fn check(outcome: &Outcome) {
-    assert_eq!((outcome.trials, outcome.wrong, outcome.false_alarms), (100_000, 0, 0));
+fn check(outcome: &Outcome, trials: usize) {
+    assert_eq!((outcome.trials, outcome.wrong, outcome.false_alarms), (trials, 0, 0));
     // Only a stuck head over a ring that stands still stays unnoticed, and a burst that repeats what is.
-    assert!(outcome.flagged > 99_900);
+    assert!(outcome.flagged * 1000 > trials * 999);
     // A weak magnet is seen before its angle is read.
-    assert!(outcome.unchecked_wrong > 90_000 || outcome.fault == Fault::HalfDemagnetised);
+    assert!(outcome.unchecked_wrong * 10 > trials * 9 || outcome.fault == Fault::HalfDemagnetised);
 }
 
 #[test]
 fn no_fault_lets_a_wrong_angle_pass_with_one_head_a_ring() {
     for fault in FAULTS {
-        check(&trials::<1>(&ONE_HEAD, fault));
+        check(&trials::<1>(&ONE_HEAD, fault, 10_000), 100_000);
     }
 }
 
 #[test]
 fn no_fault_lets_a_wrong_angle_pass_with_opposite_heads() {
     for fault in FAULTS {
-        check(&trials::<2>(&PAIRS, fault));
+        check(&trials::<2>(&PAIRS, fault, 1_000), 10_000);
     }
 }
 

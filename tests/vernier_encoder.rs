@@ -136,12 +136,11 @@ fn a_position_lost_is_withheld_until_motion_proves_it() {
     for _ in 0..1000 {
         assert_eq!(encoder.step(&mut state, reading(200.0)), Err(Fault::Searching));
     }
-    for number in 1..=194 {
-        let degrees = 200.0 + f64::from(number) * 0.05;
+    for number in 1..=486 {
+        let degrees = 200.0 + f64::from(number) * 0.02;
         assert_eq!(encoder.step(&mut state, reading(degrees)), Err(Fault::Searching));
     }
-    turn(&encoder, &mut state, 209.7, 209.75, 0.05);
-    turn(&encoder, &mut state, 209.75, 300.0, 0.05);
+    turn(&encoder, &mut state, 209.72, 300.0, 0.02);
     assert!(state.is_proven());
 }
 

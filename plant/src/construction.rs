@@ -115,7 +115,8 @@ impl UnsteadyShaft {
     /// A shaft that turns by `step_rad` radians a sample on average, its speed varying by up to the share `ripple`.
     pub fn new(step_rad: f64, ripple: f64, seed: u64) -> Self {
         let mut random = Pcg32::seed_from_u64(seed);
-        Self { angle_rad: TAU * unit(&mut random), step_rad, ripple, phases: [(); 4].map(|()| TAU * unit(&mut random)) }
+        let angle_rad = TAU * unit(&mut random);
+        Self { angle_rad, step_rad, ripple, phases: [(); 4].map(|()| TAU * unit(&mut random)) }
     }
 
     /// Turns on by one sample, and gives the angle.

@@ -143,7 +143,7 @@ impl State {
         let window = match self.mode {
             Mode::Start | Mode::Searching => return None,
             Mode::Proving { has_speed: false, .. } => limits.step,
-            // The speed that was held is not known better than the noise.
+            // A wrong sample that was just let pass must not make the right ones after it fail for good.
             Mode::Holding { .. } => 2 * limits.innovation,
             _ => limits.innovation,
         };

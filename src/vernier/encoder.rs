@@ -120,7 +120,7 @@ impl fmt::Display for EncoderError {
             }
             Self::LargestStep { found, largest } => write!(
                 f,
-                "the largest step between samples is {found}, not above 0° and at most {largest}, a quarter of a pole pair"
+                "the largest step between samples is {found}, not above 0° and up to {largest}, 1/4 of a pole pair"
             ),
         }
     }
@@ -280,8 +280,8 @@ impl Limits {
         }
         Ok(Self {
             step: step as u32,
-            // Half the margin, and what two codes' rounding adds.
-            innovation: turn / (4 * p * q) + ((turn / p) >> rings.bits()) * 2,
+            // A quarter of the margin, and what two codes' rounding adds.
+            innovation: turn / (8 * p * q) + ((turn / p) >> rings.bits()) * 2,
             hold: turn / p.max(q) / 2 / step as u32,
             proof: i64::from(turn / p.min(q)),
             reference_pairs: p as i32,

@@ -68,7 +68,7 @@ impl<const HEADS: usize> Bench<HEADS> {
         report.plot(&all, "Readings less the trend, the pole pairs of a turn over each other (Figure 7).")?;
         report.plot(
             &selected,
-            "The same when the shaft is jolted: pole pairs that are not like the average are omitted from it (Figure 8).",
+            "The same when the shaft is jolted: pole pairs unlike the average are omitted from it (Figure 8).",
         )?;
         report.plot(
             &self.table_values("Table values, uncompensated", &self.ideal.clone(), true),
@@ -82,7 +82,7 @@ impl<const HEADS: usize> Bench<HEADS> {
         report.plot(&self.readings(), "Readings of the first heads (Figure 10, top).")?;
         report.plot(
             &self.ordinals(),
-            "Number of the pole pair, without and with calibration; right is a straight line (Figure 10, middle and bottom).",
+            "Number of the pole pair without and with calibration; right is a staircase (Figure 10, middle and bottom).",
         )?;
         Ok(())
     }

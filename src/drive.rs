@@ -4,6 +4,7 @@
 //! of [`Channels`] only: commands in; replies, records and used-up estimators out. Large parameters travel as
 //! references, so a calibration is taken up between two steps by swapping a pointer.
 
+pub mod absolute;
 pub mod drag;
 mod loss;
 
@@ -14,7 +15,7 @@ use crate::commutation::{Commutation, Legs, Modulation, Output};
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
 use crate::hall::normalize::Implausible;
-use crate::hall::track::Tracker;
+use crate::hall::track::{Jump, Tracker};
 use crate::hall::{Channel, Codes};
 use crate::mode::{Event, Mode};
 use crate::pwm::Amplitude;
@@ -49,6 +50,8 @@ pub enum Command {
     Drive(Modulation),
     /// Leave the faulted state.
     Clear,
+    /// A task has found a fault: off, if the bridge is on.
+    Trip(Fault),
 }
 
 /// Answer to a [`Command`].
@@ -136,20 +139,14 @@ impl Channels {
     }
 }
 
-/// How much of a hurry a step is in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Pace {
-    /// Running with sinusoidal commutation, no sample missed.
-    Sinusoidal,
-    /// Anything else.
-    Any,
-}
-
 /// The drive.
 pub struct Drive {
     config: Config,
     channels: Interrupt,
-    estimator: Option<&'static mut Estimator>,
+    /// The estimator while the drive runs sinusoidally and no sample was missed. That it is here is what a step looks at first.
+    hurried: Option<&'static mut Estimator>,
+    /// The estimator otherwise.
+    resting: Option<&'static mut Estimator>,
     /// A Hall lost while running, as long as the estimator counts on it.
     lost: Option<Channel>,
     /// What would be a fault, unless two Halls do.
@@ -159,8 +156,6 @@ pub struct Drive {
     progress: Progress,
     /// The same with angle and speed, as the tasks get it.
     live: Record,
-    /// What the mode and the settings come to, for the step to look at first.
-    pace: Pace,
     amplitude: Amplitude,
     /// The same, for the sinusoidal commutation.
     axes: Axes,
@@ -180,14 +175,14 @@ impl Drive {
             drag: Drag::OFF,
             config,
             channels,
-            estimator: None,
+            hurried: None,
+            resting: None,
             lost: None,
             suspicion: None,
             mode: Mode::Unarmed,
             limits: Limits::NONE,
             progress: Progress::None,
             live: Record::new(),
-            pace: Pace::Any,
             amplitude: Amplitude::ZERO,
             axes: Axes::new(Amplitude::ZERO, config.order(), config.limits.half()),
             lead: ElectricalAngle::QUARTER,
@@ -199,7 +194,8 @@ impl Drive {
     /// One PWM period. What it returns is to be written to the preloaded compare registers at once; if the bridge is to
     /// be off, it must be switched off at once.
     ///
-    /// A step that hands over a record leaves a waiting command to the next, so that no step is burdened with both.
+    /// A step that hands over a record leaves a waiting command, the look at the speed and the comparison of the sensors with each
+    /// other to the next, so that no step is burdened with everything. Once a sample was missed, all of them are compared.
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
         let codes = sample.halls;
@@ -209,17 +205,25 @@ impl Drive {
             self.receive(codes);
         }
         // First what is in a hurry.
-        if self.pace != Pace::Sinusoidal {
-            return self.slow(codes, records);
-        }
-        if !self.measure(codes) {
+        let Some(estimator) = &self.hurried else { return self.slow(codes, records) };
+        let angle = if records { estimator.angle_of_one(&codes) } else { estimator.angle(&codes) };
+        // No sample was missed, so there is nothing to do when one is found.
+        if !self.follow(angle, |_| ()) {
             return self.fallen(codes, records);
         }
         if records {
             self.record(codes, self.config.record_every);
+        } else if self.is_too_fast() {
+            self.fail(Fault::OverSpeed);
+            return Output::OFF;
         }
         let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
         Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL }
+    }
+
+    #[inline(always)]
+    fn is_too_fast(&self) -> bool {
+        self.live.rotor.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32
     }
 
     /// Obeys one command, if there is one.
@@ -232,11 +236,16 @@ impl Drive {
         }
     }
 
-    /// Takes state, limits and progress over into the record and the pace: after every change.
+    /// Takes state, limits and progress over into the record, and the estimator to where it belongs: after
+    /// every change.
     fn publish(&mut self) {
         let sinusoidal = self.mode == Mode::Running && self.config.commutation == Commutation::Sinusoidal;
-        self.pace =
-            if sinusoidal && self.live.missed == 0 && self.lost.is_none() { Pace::Sinusoidal } else { Pace::Any };
+        let estimator = self.hurried.take().or(self.resting.take());
+        if sinusoidal && self.live.missed == 0 && self.lost.is_none() {
+            self.hurried = estimator;
+        } else {
+            self.resting = estimator;
+        }
         self.live.status = Status::new(self.mode, self.limits, self.progress);
     }
 
@@ -246,6 +255,10 @@ impl Drive {
     fn slow(&mut self, codes: Codes, records: bool) -> Output {
         let output = match self.mode {
             Mode::Aligning | Mode::Calibrating => self.calibrate(),
+            Mode::Running if self.is_too_fast() => {
+                self.fail(Fault::OverSpeed);
+                Output::OFF
+            }
             Mode::Running => self.run(codes),
             Mode::Unarmed | Mode::Ready | Mode::Faulted(_) => {
                 self.measure(codes);
@@ -286,34 +299,35 @@ impl Drive {
         }
     }
 
-    /// Angle and speed from the Halls. False when that made a running drive fail.
+    /// Angle and speed from the Halls in a step that is in no hurry.
+    fn measure(&mut self, codes: Codes) {
+        let Some(estimator) = &self.resting else { return };
+        let angle = estimator.angle(&codes);
+        self.follow(angle, Self::found);
+    }
+
+    /// Takes up an angle, if it is one; `done` is for what else is to be done then. False when a running drive failed.
     #[inline(always)]
-    fn measure(&mut self, codes: Codes) -> bool {
-        let Some(estimator) = &self.estimator else { return true };
-        match estimator.angle(&codes) {
-            Ok(angle) => {
-                if self.live.rotor.step(&self.config.tracking, angle).is_err() {
-                    return self.jumped(angle);
+    fn follow(&mut self, angle: Result<ElectricalAngle, Implausible>, done: impl Fn(&mut Self)) -> bool {
+        match angle {
+            Ok(angle) => match self.live.rotor.step(&self.config.tracking, angle) {
+                Ok(()) => {
+                    done(self);
+                    true
                 }
-                // While samples were missed the drive is in no hurry, so this costs the running one nothing.
-                if self.pace != Pace::Sinusoidal && self.live.missed != 0 {
-                    self.found();
-                }
-                if self.live.rotor.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32 {
-                    return self.fail(Fault::OverSpeed);
-                }
-                true
-            }
+                Err(Jump) => self.jumped(angle),
+            },
             Err(why) => self.blind(why),
         }
     }
 
-    /// The angle is plausible again.
-    #[cold]
+    /// The angle is plausible, perhaps again.
     fn found(&mut self) {
-        self.live.missed = 0;
-        self.limits = self.limits.without(Limits::EXTRAPOLATED);
-        self.publish();
+        if self.live.missed != 0 {
+            self.live.missed = 0;
+            self.limits = self.limits.without(Limits::EXTRAPOLATED);
+            self.publish();
+        }
     }
 
     /// The codes are no angle.
@@ -369,13 +383,11 @@ impl Drive {
 
     /// A running step that is in no hurry.
     fn run(&mut self, codes: Codes) -> Output {
-        let measured = match self.lost {
+        match self.lost {
             None => self.measure(codes),
             Some(lost) => self.measure_without(lost, codes),
-        };
-        if !measured {
-            self.runs_on(codes);
         }
+        self.runs_on(codes);
         let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
         match self.config.commutation {
             Commutation::Sinusoidal => Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL },
@@ -443,14 +455,18 @@ impl Drive {
                 self.set_amplitude(Amplitude::ZERO);
             }
             Command::Drive(modulation) => self.drive(modulation)?,
-            Command::Clear => self.on_command(Event::Clear { calibrated: self.estimator.is_some() })?,
+            Command::Trip(fault) => {
+                self.fail(fault);
+            }
+            Command::Clear => self.on_command(Event::Clear { calibrated: self.estimator().is_some() })?,
         }
         Ok(())
     }
 
     fn install(&mut self, estimator: &'static mut Estimator, codes: Codes) -> Reply {
         let allowed = self.on_command(Event::Installed);
-        let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
+        let slot = if self.hurried.is_some() { &mut self.hurried } else { &mut self.resting };
+        let unused = if allowed.is_ok() { slot.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
             // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
             let _ = self.channels.retired.enqueue(unused);
@@ -466,7 +482,7 @@ impl Drive {
 
     /// Starts to track anew where the rotor is.
     fn relock(&mut self, codes: Codes) {
-        let angle = self.estimator.as_ref().and_then(|estimator| estimator.angle(&codes).ok());
+        let angle = self.estimator().and_then(|estimator| estimator.angle(&codes).ok());
         self.live.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
         self.live.rotor = Tracker::at(angle.unwrap_or(ElectricalAngle::ZERO));
     }
@@ -539,7 +555,7 @@ impl Drive {
 
     /// The estimator in use.
     pub fn estimator(&self) -> Option<&Estimator> {
-        self.estimator.as_deref()
+        self.hurried.as_deref().or(self.resting.as_deref())
     }
 }
 

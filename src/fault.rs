@@ -16,6 +16,10 @@ pub enum Fault {
     OverSpeed,
     /// The calibration failed; the service that ran it knows why.
     Calibration,
+    /// The absolute encoder gave no angle for longer than tolerated.
+    Encoder,
+    /// The Halls' turn counter and the absolute encoder disagree.
+    Turns,
 }
 
 impl Fault {
@@ -31,6 +35,8 @@ impl Fault {
             Self::AngleJump => 16,
             Self::OverSpeed => 17,
             Self::Calibration => 18,
+            Self::Encoder => 32,
+            Self::Turns => 33,
         }
     }
 
@@ -45,6 +51,8 @@ impl Fault {
             16 => Self::AngleJump,
             17 => Self::OverSpeed,
             18 => Self::Calibration,
+            32 => Self::Encoder,
+            33 => Self::Turns,
             _ => return None,
         })
     }
@@ -57,6 +65,8 @@ impl fmt::Display for Fault {
             Self::AngleJump => write!(f, "the angle jumps from sample to sample: a loose connection or interference"),
             Self::OverSpeed => write!(f, "the rotor turned faster than allowed"),
             Self::Calibration => write!(f, "the calibration failed"),
+            Self::Encoder => write!(f, "the absolute encoder gives no trustworthy angle"),
+            Self::Turns => write!(f, "the Halls and the absolute encoder disagree"),
         }
     }
 }

@@ -39,7 +39,7 @@ impl Drive {
 
     /// The Hall to do without, and the angle then.
     fn name(&self, fault: Fault, codes: Codes) -> Option<(Channel, ElectricalAngle)> {
-        let estimator = self.estimator.as_deref()?;
+        let estimator = self.estimator()?;
         let tracked = self.live.rotor.angle();
         let suspects = match fault {
             Fault::Hall(Implausible::AtRail(channel) | Implausible::OutOfRange(channel)) => channel.0..=channel.0,
@@ -61,41 +61,33 @@ impl Drive {
 
     /// Angle and speed from the other two.
     #[cold]
-    pub(super) fn measure_without(&mut self, lost: Channel, codes: Codes) -> bool {
-        let angle = self.estimator.as_deref().and_then(|estimator| estimator.angle_without(lost, &codes));
-        let Some((angle, strength)) = angle else { return self.fail(Fault::AngleJump) };
-        if strength.abs_diff(Estimator::HEALTHY) > UNHEALTHY {
-            return self.rename(lost, codes);
+    pub(super) fn measure_without(&mut self, lost: Channel, codes: Codes) {
+        let pair = self.estimator().and_then(|estimator| estimator.angle_without(lost, &codes));
+        let healthy = pair.filter(|(_, strength)| strength.abs_diff(Estimator::HEALTHY) <= UNHEALTHY);
+        match healthy.map(|(angle, _)| self.live.rotor.step(&self.config.tracking, angle)) {
+            Some(Ok(())) => self.found(),
+            _ => self.rename(lost, codes),
         }
-        if self.live.rotor.step(&self.config.tracking, angle).is_err() {
-            return self.miss() || self.rename(lost, codes);
-        }
-        if self.live.missed != 0 {
-            self.found();
-        }
-        if self.live.rotor.speed().unsigned_abs() > self.config.fastest as u32 {
-            return self.fail(Fault::OverSpeed);
-        }
-        true
     }
 
     /// The two are no healthy pair: the wrong Hall was named, or another is lost, too. The tracking has been led astray
     /// and cannot help to tell.
-    fn rename(&mut self, lost: Channel, codes: Codes) -> bool {
-        let best = self.estimator.as_deref().and_then(|estimator| {
+    fn rename(&mut self, lost: Channel, codes: Codes) {
+        let best = self.estimator().and_then(|estimator| {
             let others = (0..3).map(Channel).filter(|&channel| channel != lost);
             let pair = |channel| Some((channel, estimator.angle_without(channel, &codes)?));
             others.filter_map(pair).min_by_key(|(_, (_, strength))| strength.abs_diff(Estimator::HEALTHY))
         });
         match best {
-            Some((channel, (angle, strength))) if strength.abs_diff(Estimator::HEALTHY) < UNHEALTHY => {
+            Some((channel, (angle, strength))) if strength.abs_diff(Estimator::HEALTHY) <= UNHEALTHY => {
                 self.lost = Some(channel);
                 self.live.rotor.move_to(angle);
-                true
             }
             _ => {
                 self.live.rotor.coast();
-                self.miss() || self.fail(Fault::Hall(Implausible::Inconsistent))
+                if !self.miss() {
+                    self.fail(Fault::Hall(Implausible::Inconsistent));
+                }
             }
         }
     }
@@ -103,7 +95,7 @@ impl Drive {
     /// An estimator has been installed: a running drive that has lost a Hall keeps the limit, whichever it is; at rest, one
     /// for three Halls stands for a repair.
     pub(super) fn take_up_loss(&mut self) {
-        let knows = self.estimator.as_deref().is_some_and(|estimator| estimator.lost().is_some());
+        let knows = self.estimator().is_some_and(|estimator| estimator.lost().is_some());
         if knows {
             self.lost = None;
             self.limits = self.limits.with(Limits::TWO_HALLS);

@@ -6,16 +6,17 @@
 
 pub mod absolute;
 pub mod drag;
+mod loss;
 
 use crate::angle::ElectricalAngle;
 use crate::commutation::block::Sextant;
 use crate::commutation::sinusoidal::{self, Axes, PhaseOrder};
 use crate::commutation::{Commutation, Legs, Modulation, Output};
 use crate::fault::{Fault, Limits};
-use crate::hall::Codes;
 use crate::hall::estimate::Estimator;
 use crate::hall::normalize::Implausible;
 use crate::hall::track::{Jump, Tracker};
+use crate::hall::{Channel, Codes};
 use crate::mode::{Event, Mode};
 use crate::pwm::Amplitude;
 use crate::settings::Config;
@@ -66,6 +67,8 @@ pub enum Refusal {
     NotCalibrated,
     /// The Halls give no angle at the moment.
     NoAngle,
+    /// A Hall is lost: the drive must be calibrated after its repair.
+    HallLost,
     /// The command is beyond `max_modulation`.
     TooLarge,
 }
@@ -76,6 +79,7 @@ impl fmt::Display for Refusal {
             Self::Mode(Mode::Faulted(fault)) => write!(f, "faulted: {fault}"),
             Self::Mode(mode) => write!(f, "not while {mode:?}"),
             Self::NotCalibrated => write!(f, "not calibrated"),
+            Self::HallLost => write!(f, "a Hall is lost: repair it and calibrate"),
             Self::NoAngle => write!(f, "the Halls give no plausible angle"),
             Self::TooLarge => write!(f, "the command is beyond the allowed modulation"),
         }
@@ -143,6 +147,8 @@ pub struct Drive {
     hurried: Option<&'static mut Estimator>,
     /// The estimator otherwise.
     resting: Option<&'static mut Estimator>,
+    /// A Hall lost while running, as long as the estimator counts on it.
+    lost: Option<Channel>,
     mode: Mode,
     limits: Limits,
     progress: Progress,
@@ -169,6 +175,7 @@ impl Drive {
             channels,
             hurried: None,
             resting: None,
+            lost: None,
             mode: Mode::Unarmed,
             limits: Limits::NONE,
             progress: Progress::None,
@@ -198,7 +205,7 @@ impl Drive {
         let Some(estimator) = &self.hurried else { return self.slow(codes, records) };
         let angle = if records { estimator.angle_of_one(&codes) } else { estimator.angle(&codes) };
         // No sample was missed, so there is nothing to do when one is found.
-        if !self.follow(angle, |_| ()) {
+        if !self.follow(angle, codes, |_| ()) {
             return self.fallen(codes, records);
         }
         if records {
@@ -231,7 +238,7 @@ impl Drive {
     fn publish(&mut self) {
         let sinusoidal = self.mode == Mode::Running && self.config.commutation == Commutation::Sinusoidal;
         let estimator = self.hurried.take().or(self.resting.take());
-        if sinusoidal && self.live.missed == 0 {
+        if sinusoidal && self.live.missed == 0 && self.lost.is_none() {
             self.hurried = estimator;
         } else {
             self.resting = estimator;
@@ -290,21 +297,21 @@ impl Drive {
     fn measure(&mut self, codes: Codes) {
         let Some(estimator) = &self.resting else { return };
         let angle = estimator.angle(&codes);
-        self.follow(angle, Self::found);
+        self.follow(angle, codes, Self::found);
     }
 
     /// Takes up an angle, if it is one; `done` is for what else is to be done then. False when a running drive failed.
     #[inline(always)]
-    fn follow(&mut self, angle: Result<ElectricalAngle, Implausible>, done: impl Fn(&mut Self)) -> bool {
+    fn follow(&mut self, angle: Result<ElectricalAngle, Implausible>, codes: Codes, done: impl Fn(&mut Self)) -> bool {
         match angle {
             Ok(angle) => match self.live.rotor.step(&self.config.tracking, angle) {
                 Ok(()) => {
                     done(self);
                     true
                 }
-                Err(Jump) => self.jumped(angle),
+                Err(Jump) => self.jumped(angle, codes),
             },
-            Err(why) => self.blind(why),
+            Err(why) => self.blind(why, codes),
         }
     }
 
@@ -320,9 +327,9 @@ impl Drive {
     /// The codes are no angle.
     #[cold]
     #[inline(never)]
-    fn blind(&mut self, why: Implausible) -> bool {
+    fn blind(&mut self, why: Implausible, codes: Codes) -> bool {
         self.live.rotor.coast();
-        if self.miss() {
+        if self.miss() || self.runs_on_without(why, codes) {
             return true;
         }
         if !self.mode.drives() {
@@ -335,8 +342,8 @@ impl Drive {
     /// The angle is not where the rotor can be.
     #[cold]
     #[inline(never)]
-    fn jumped(&mut self, angle: ElectricalAngle) -> bool {
-        if self.miss() {
+    fn jumped(&mut self, angle: ElectricalAngle, codes: Codes) -> bool {
+        if self.miss() || self.runs_on_without(Implausible::Inconsistent, codes) {
             return true;
         }
         if !self.mode.drives() {
@@ -370,7 +377,12 @@ impl Drive {
 
     /// A running step that is in no hurry.
     fn run(&mut self, codes: Codes) -> Output {
-        self.measure(codes);
+        match self.lost {
+            None => self.measure(codes),
+            Some(lost) => {
+                self.measure_without(lost, codes);
+            }
+        }
         let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
         match self.config.commutation {
             Commutation::Sinusoidal => Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL },
@@ -424,6 +436,7 @@ impl Drive {
             Command::Calibrate => {
                 self.on_command(Event::Calibrate)?;
                 self.drag = Drag::OFF;
+                self.forget_loss();
                 self.progress = Progress::None;
                 self.publish();
             }
@@ -453,6 +466,9 @@ impl Drive {
             // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
             let _ = self.channels.retired.enqueue(unused);
         }
+        if allowed.is_ok() {
+            self.take_up_loss();
+        }
         if allowed.is_ok() && self.mode == Mode::Ready {
             self.relock(codes);
         }
@@ -469,6 +485,7 @@ impl Drive {
     fn arm(&mut self) -> Reply {
         match self.mode {
             Mode::Unarmed => Err(Refusal::NotCalibrated),
+            Mode::Ready if self.limits.contains(Limits::TWO_HALLS) => Err(Refusal::HallLost),
             Mode::Ready if self.live.missed != 0 => Err(Refusal::NoAngle),
             _ => {
                 self.set_amplitude(Amplitude::ZERO);

@@ -85,6 +85,8 @@ impl Limits {
     pub const DUTY: Self = Self(1);
     /// The last sample was implausible and the angle is extrapolated.
     pub const EXTRAPOLATED: Self = Self(2);
+    /// A Hall is lost and the angle comes from the other two: to be stopped, and not armed again.
+    pub const TWO_HALLS: Self = Self(4);
 
     /// Whether all of `other` are active.
     pub const fn contains(self, other: Self) -> bool {

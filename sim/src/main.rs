@@ -20,6 +20,8 @@ enum Experiment {
     Spin(Common),
     /// Block and sinusoidal commutation side by side: torque and speed ripple
     Commutation(Common),
+    /// Find and follow the sensors' parameters while the motor turns; lose a sensor
+    Adapt(experiment::adapt::Options),
     /// Choose the PWM frequency; current ripple by formula and by a switched simulation
     Pwm(experiment::pwm::Options),
     /// Absolute angle from two rings: before and after self-calibration, and when something breaks
@@ -34,6 +36,7 @@ fn main() -> ExitCode {
         None => experiment::spin::main(&arguments.common),
         Some(Experiment::Spin(common)) => experiment::spin::main(&common),
         Some(Experiment::Commutation(common)) => experiment::commutation::main(&common),
+        Some(Experiment::Adapt(options)) => experiment::adapt::main(&options),
         Some(Experiment::Pwm(options)) => experiment::pwm::main(&options),
         Some(Experiment::Vernier(options)) => experiment::vernier::main(&options),
     };

@@ -1,0 +1,115 @@
+//! Running on from two Halls when the third is lost.
+
+use super::Drive;
+use crate::angle::ElectricalAngle;
+use crate::fault::{Fault, Limits};
+use crate::hall::estimate::Estimator;
+use crate::hall::normalize::Implausible;
+use crate::hall::{Channel, Codes};
+use crate::mode::Mode;
+
+/// Farthest that two Halls' angle may be from the tracked one to be believed, in bits: 45°.
+const NEAR: u32 = 1 << 29;
+
+/// Farthest that two Halls' strength may be from [`Estimator::HEALTHY`]: harmonics and drift together stay below.
+const UNHEALTHY: u32 = 450;
+
+impl Drive {
+    /// Names the Hall that is lost and goes on without it, if that is wanted, none was lost before, and the other two say
+    /// that the rotor is about where it was tracked.
+    #[cold]
+    pub(super) fn runs_on_without(&mut self, why: Implausible, codes: Codes) -> bool {
+        if !self.config.run_on_two_halls || self.mode != Mode::Running || self.lost.is_some() {
+            return false;
+        }
+        let Some((lost, angle)) = self.name(why, codes) else { return false };
+        self.lost = Some(lost);
+        self.limits = self.limits.with(Limits::TWO_HALLS);
+        // It took time to find out, and the lost Hall has led the tracking astray.
+        self.live.rotor.move_to(angle);
+        self.found();
+        true
+    }
+
+    /// The Hall to do without, and the angle then.
+    fn name(&self, why: Implausible, codes: Codes) -> Option<(Channel, ElectricalAngle)> {
+        let estimator = self.estimator()?;
+        let tracked = self.live.rotor.angle();
+        let suspects = match why {
+            Implausible::AtRail(channel) | Implausible::OutOfRange(channel) => channel.0..=channel.0,
+            Implausible::Inconsistent => 0..=2,
+            Implausible::Weak | Implausible::Strong => return None,
+        };
+        let (_, distance, channel, angle) = suspects
+            .filter_map(|k| {
+                let (angle, strength) = estimator.angle_without(Channel(k), &codes)?;
+                let distance = (angle - tracked).to_bits().unsigned_abs();
+                // A pair with the lost Hall in it is in the wrong place, and too strong or too weak: 30° count as much as
+                // a third of the strength.
+                let doubt = (distance >> 20).saturating_add(strength.abs_diff(Estimator::HEALTHY));
+                Some((doubt, distance, Channel(k), angle))
+            })
+            .min_by_key(|&(doubt, ..)| doubt)?;
+        (distance <= NEAR).then_some((channel, angle))
+    }
+
+    /// Angle and speed from the other two.
+    #[cold]
+    pub(super) fn measure_without(&mut self, lost: Channel, codes: Codes) -> bool {
+        let angle = self.estimator().and_then(|estimator| estimator.angle_without(lost, &codes));
+        let Some((angle, strength)) = angle else { return self.fail(Fault::AngleJump) };
+        if strength.abs_diff(Estimator::HEALTHY) > UNHEALTHY {
+            return self.rename(lost, codes);
+        }
+        if self.live.rotor.step(&self.config.tracking, angle).is_err() {
+            return self.miss() || self.rename(lost, codes);
+        }
+        if self.live.missed != 0 {
+            self.found();
+        }
+        if self.live.rotor.speed().unsigned_abs() > self.config.fastest as u32 {
+            return self.fail(Fault::OverSpeed);
+        }
+        true
+    }
+
+    /// The two are no healthy pair: the wrong Hall was named, or another is lost, too. The tracking has been led astray
+    /// and cannot help to tell.
+    fn rename(&mut self, lost: Channel, codes: Codes) -> bool {
+        let best = self.estimator().and_then(|estimator| {
+            let others = (0..3).map(Channel).filter(|&channel| channel != lost);
+            let pair = |channel| Some((channel, estimator.angle_without(channel, &codes)?));
+            others.filter_map(pair).min_by_key(|(_, (_, strength))| strength.abs_diff(Estimator::HEALTHY))
+        });
+        match best {
+            Some((channel, (angle, strength))) if strength.abs_diff(Estimator::HEALTHY) < UNHEALTHY => {
+                self.lost = Some(channel);
+                self.live.rotor.move_to(angle);
+                true
+            }
+            _ => {
+                self.live.rotor.coast();
+                self.miss() || self.fail(Fault::Hall(Implausible::Inconsistent))
+            }
+        }
+    }
+
+    /// An estimator has been installed: a running drive that has lost a Hall keeps the limit, whichever it is; at rest, one
+    /// for three Halls stands for a repair.
+    pub(super) fn take_up_loss(&mut self) {
+        let knows = self.estimator().is_some_and(|estimator| estimator.lost().is_some());
+        if knows {
+            self.lost = None;
+            self.limits = self.limits.with(Limits::TWO_HALLS);
+        } else if self.mode != Mode::Running {
+            self.forget_loss();
+        }
+        self.publish();
+    }
+
+    /// A new calibration begins.
+    pub(super) fn forget_loss(&mut self) {
+        self.lost = None;
+        self.limits = self.limits.without(Limits::TWO_HALLS);
+    }
+}

@@ -205,7 +205,7 @@ impl Drive {
         let Some(estimator) = &self.hurried else { return self.slow(codes, records) };
         let angle = if records { estimator.angle_of_one(&codes) } else { estimator.angle(&codes) };
         // No sample was missed, so there is nothing to do when one is found.
-        if !self.follow(angle, codes, |_| ()) {
+        if !self.follow(angle, &sample.halls, |_| ()) {
             return self.fallen(codes, records);
         }
         if records {
@@ -297,12 +297,12 @@ impl Drive {
     fn measure(&mut self, codes: Codes) {
         let Some(estimator) = &self.resting else { return };
         let angle = estimator.angle(&codes);
-        self.follow(angle, codes, Self::found);
+        self.follow(angle, &codes, Self::found);
     }
 
     /// Takes up an angle, if it is one; `done` is for what else is to be done then. False when a running drive failed.
     #[inline(always)]
-    fn follow(&mut self, angle: Result<ElectricalAngle, Implausible>, codes: Codes, done: impl Fn(&mut Self)) -> bool {
+    fn follow(&mut self, angle: Result<ElectricalAngle, Implausible>, codes: &Codes, done: impl Fn(&mut Self)) -> bool {
         match angle {
             Ok(angle) => match self.live.rotor.step(&self.config.tracking, angle) {
                 Ok(()) => {
@@ -327,9 +327,9 @@ impl Drive {
     /// The codes are no angle.
     #[cold]
     #[inline(never)]
-    fn blind(&mut self, why: Implausible, codes: Codes) -> bool {
+    fn blind(&mut self, why: Implausible, codes: &Codes) -> bool {
         self.live.rotor.coast();
-        if self.miss() || self.runs_on_without(why, codes) {
+        if self.miss() || self.runs_on_without(why, *codes) {
             return true;
         }
         if !self.mode.drives() {
@@ -342,8 +342,8 @@ impl Drive {
     /// The angle is not where the rotor can be.
     #[cold]
     #[inline(never)]
-    fn jumped(&mut self, angle: ElectricalAngle, codes: Codes) -> bool {
-        if self.miss() || self.runs_on_without(Implausible::Inconsistent, codes) {
+    fn jumped(&mut self, angle: ElectricalAngle, codes: &Codes) -> bool {
+        if self.miss() || self.runs_on_without(Implausible::Inconsistent, *codes) {
             return true;
         }
         if !self.mode.drives() {

@@ -149,6 +149,8 @@ pub struct Drive {
     resting: Option<&'static mut Estimator>,
     /// A Hall lost while running, as long as the estimator counts on it.
     lost: Option<Channel>,
+    /// What would be a fault, unless two Halls do.
+    suspicion: Option<Fault>,
     mode: Mode,
     limits: Limits,
     progress: Progress,
@@ -176,6 +178,7 @@ impl Drive {
             hurried: None,
             resting: None,
             lost: None,
+            suspicion: None,
             mode: Mode::Unarmed,
             limits: Limits::NONE,
             progress: Progress::None,
@@ -205,7 +208,7 @@ impl Drive {
         let Some(estimator) = &self.hurried else { return self.slow(codes, records) };
         let angle = if records { estimator.angle_of_one(&codes) } else { estimator.angle(&codes) };
         // No sample was missed, so there is nothing to do when one is found.
-        if !self.follow(angle, &sample.halls, |_| ()) {
+        if !self.follow(angle, |_| ()) {
             return self.fallen(codes, records);
         }
         if records {
@@ -279,6 +282,9 @@ impl Drive {
     #[cold]
     #[inline(never)]
     fn fallen(&mut self, codes: Codes, records: bool) -> Output {
+        if self.runs_on(codes) {
+            return self.slow(codes, records);
+        }
         if records {
             self.record(codes, self.config.record_every);
         }
@@ -297,21 +303,21 @@ impl Drive {
     fn measure(&mut self, codes: Codes) {
         let Some(estimator) = &self.resting else { return };
         let angle = estimator.angle(&codes);
-        self.follow(angle, &codes, Self::found);
+        self.follow(angle, Self::found);
     }
 
     /// Takes up an angle, if it is one; `done` is for what else is to be done then. False when a running drive failed.
     #[inline(always)]
-    fn follow(&mut self, angle: Result<ElectricalAngle, Implausible>, codes: &Codes, done: impl Fn(&mut Self)) -> bool {
+    fn follow(&mut self, angle: Result<ElectricalAngle, Implausible>, done: impl Fn(&mut Self)) -> bool {
         match angle {
             Ok(angle) => match self.live.rotor.step(&self.config.tracking, angle) {
                 Ok(()) => {
                     done(self);
                     true
                 }
-                Err(Jump) => self.jumped(angle, codes),
+                Err(Jump) => self.jumped(angle),
             },
-            Err(why) => self.blind(why, codes),
+            Err(why) => self.blind(why),
         }
     }
 
@@ -327,23 +333,23 @@ impl Drive {
     /// The codes are no angle.
     #[cold]
     #[inline(never)]
-    fn blind(&mut self, why: Implausible, codes: &Codes) -> bool {
+    fn blind(&mut self, why: Implausible) -> bool {
         self.live.rotor.coast();
-        if self.miss() || self.runs_on_without(why, *codes) {
+        if self.miss() {
             return true;
         }
         if !self.mode.drives() {
             // Nothing is known of the rotor, so it is not turned on and on.
             self.live.rotor = Tracker::at(self.live.rotor.angle());
         }
-        self.fail(Fault::Hall(why))
+        self.fail_unless_two_do(Fault::Hall(why))
     }
 
     /// The angle is not where the rotor can be.
     #[cold]
     #[inline(never)]
-    fn jumped(&mut self, angle: ElectricalAngle, codes: &Codes) -> bool {
-        if self.miss() || self.runs_on_without(Implausible::Inconsistent, *codes) {
+    fn jumped(&mut self, angle: ElectricalAngle) -> bool {
+        if self.miss() {
             return true;
         }
         if !self.mode.drives() {
@@ -351,7 +357,7 @@ impl Drive {
             self.live.rotor = Tracker::at(angle);
             self.found();
         }
-        self.fail(Fault::AngleJump)
+        self.fail_unless_two_do(Fault::AngleJump)
     }
 
     /// Counts a sample without a plausible angle; false when they are too many.
@@ -379,10 +385,9 @@ impl Drive {
     fn run(&mut self, codes: Codes) -> Output {
         match self.lost {
             None => self.measure(codes),
-            Some(lost) => {
-                self.measure_without(lost, codes);
-            }
+            Some(lost) => self.measure_without(lost, codes),
         }
+        self.runs_on(codes);
         let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
         match self.config.commutation {
             Commutation::Sinusoidal => Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL },

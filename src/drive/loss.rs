@@ -15,14 +15,20 @@ const NEAR: u32 = 1 << 29;
 const UNHEALTHY: u32 = 450;
 
 impl Drive {
-    /// Names the Hall that is lost and goes on without it, if that is wanted, none was lost before, and the other two say
-    /// that the rotor is about where it was tracked.
-    #[cold]
-    pub(super) fn runs_on_without(&mut self, why: Implausible, codes: Codes) -> bool {
-        if !self.config.run_on_two_halls || self.mode != Mode::Running || self.lost.is_some() {
+    /// Latches a fault, or only suspects it where running on from two Halls is wanted and none was lost before.
+    pub(super) fn fail_unless_two_do(&mut self, fault: Fault) -> bool {
+        if self.config.run_on_two_halls && self.mode == Mode::Running && self.lost.is_none() {
+            self.suspicion = Some(fault);
             return false;
         }
-        let Some((lost, angle)) = self.name(why, codes) else { return false };
+        self.fail(fault)
+    }
+
+    /// Resolves a suspicion: names the Hall that is lost and goes on without it, if the other two say that the rotor is about
+    /// where it was tracked; otherwise it is a fault. False when there is one.
+    pub(super) fn runs_on(&mut self, codes: Codes) -> bool {
+        let Some(fault) = self.suspicion.take() else { return false };
+        let Some((lost, angle)) = self.name(fault, codes) else { return self.fail(fault) };
         self.lost = Some(lost);
         self.limits = self.limits.with(Limits::TWO_HALLS);
         // It took time to find out, and the lost Hall has led the tracking astray.
@@ -32,13 +38,13 @@ impl Drive {
     }
 
     /// The Hall to do without, and the angle then.
-    fn name(&self, why: Implausible, codes: Codes) -> Option<(Channel, ElectricalAngle)> {
+    fn name(&self, fault: Fault, codes: Codes) -> Option<(Channel, ElectricalAngle)> {
         let estimator = self.estimator()?;
         let tracked = self.live.rotor.angle();
-        let suspects = match why {
-            Implausible::AtRail(channel) | Implausible::OutOfRange(channel) => channel.0..=channel.0,
-            Implausible::Inconsistent => 0..=2,
-            Implausible::Weak | Implausible::Strong => return None,
+        let suspects = match fault {
+            Fault::Hall(Implausible::AtRail(channel) | Implausible::OutOfRange(channel)) => channel.0..=channel.0,
+            Fault::Hall(Implausible::Inconsistent) | Fault::AngleJump => 0..=2,
+            _ => return None,
         };
         let (_, distance, channel, angle) = suspects
             .filter_map(|k| {
@@ -55,41 +61,33 @@ impl Drive {
 
     /// Angle and speed from the other two.
     #[cold]
-    pub(super) fn measure_without(&mut self, lost: Channel, codes: Codes) -> bool {
-        let angle = self.estimator().and_then(|estimator| estimator.angle_without(lost, &codes));
-        let Some((angle, strength)) = angle else { return self.fail(Fault::AngleJump) };
-        if strength.abs_diff(Estimator::HEALTHY) > UNHEALTHY {
-            return self.rename(lost, codes);
+    pub(super) fn measure_without(&mut self, lost: Channel, codes: Codes) {
+        let pair = self.estimator().and_then(|estimator| estimator.angle_without(lost, &codes));
+        let healthy = pair.filter(|(_, strength)| strength.abs_diff(Estimator::HEALTHY) <= UNHEALTHY);
+        match healthy.map(|(angle, _)| self.live.rotor.step(&self.config.tracking, angle)) {
+            Some(Ok(())) => self.found(),
+            _ => self.rename(lost, codes),
         }
-        if self.live.rotor.step(&self.config.tracking, angle).is_err() {
-            return self.miss() || self.rename(lost, codes);
-        }
-        if self.live.missed != 0 {
-            self.found();
-        }
-        if self.live.rotor.speed().unsigned_abs() > self.config.fastest as u32 {
-            return self.fail(Fault::OverSpeed);
-        }
-        true
     }
 
     /// The two are no healthy pair: the wrong Hall was named, or another is lost, too. The tracking has been led astray
     /// and cannot help to tell.
-    fn rename(&mut self, lost: Channel, codes: Codes) -> bool {
+    fn rename(&mut self, lost: Channel, codes: Codes) {
         let best = self.estimator().and_then(|estimator| {
             let others = (0..3).map(Channel).filter(|&channel| channel != lost);
             let pair = |channel| Some((channel, estimator.angle_without(channel, &codes)?));
             others.filter_map(pair).min_by_key(|(_, (_, strength))| strength.abs_diff(Estimator::HEALTHY))
         });
         match best {
-            Some((channel, (angle, strength))) if strength.abs_diff(Estimator::HEALTHY) < UNHEALTHY => {
+            Some((channel, (angle, strength))) if strength.abs_diff(Estimator::HEALTHY) <= UNHEALTHY => {
                 self.lost = Some(channel);
                 self.live.rotor.move_to(angle);
-                true
             }
             _ => {
                 self.live.rotor.coast();
-                self.miss() || self.fail(Fault::Hall(Implausible::Inconsistent))
+                if !self.miss() {
+                    self.fail(Fault::Hall(Implausible::Inconsistent));
+                }
             }
         }
     }

@@ -10,7 +10,7 @@ use static_cell::StaticCell;
 
 #[rustfmt::skip]
 pub const ROWS: &[Row] = &[
-    Row::new("adaptation, one update", "hallservo", function!(adapt), turning, |_, _| 0.0).budget(1500),
+    Row::new("adaptation, one update", "hallservo", function!(adapt), turning, |_, _| 0.0).budget(1500).ceiling(3400),
 ];
 
 #[unsafe(no_mangle)]

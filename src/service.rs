@@ -1,12 +1,13 @@
 //! The low-rate side of a drive: collects the calibration's samples, fits the model and installs it.
 
+use crate::control::cogging;
 use crate::drive::{Command, Reply, Tasks};
 use crate::hall::calibrate::{self, Calibration, Collector};
 use crate::hall::estimate::{BadModel, Estimator};
 use crate::hall::model::Model;
 use crate::mode::Mode;
 use crate::settings::Config;
-use crate::telemetry::{Progress, Record};
+use crate::telemetry::{Measurement, Progress, Record};
 use core::fmt;
 use heapless::{Deque, Vec};
 
@@ -113,6 +114,16 @@ impl Service {
             return Err(InstallError::Busy);
         }
         Ok(())
+    }
+
+    /// The next measurement of currents and voltages, while running with current control. When nobody takes them, they are lost.
+    pub fn measurement(&mut self) -> Option<Measurement> {
+        self.tasks.measurements.dequeue()
+    }
+
+    /// A table of the cogging that the drive no longer uses.
+    pub fn unused_table(&mut self) -> Option<&'static mut cogging::Table> {
+        self.tasks.tables.dequeue()
     }
 
     fn take_back(&mut self) {

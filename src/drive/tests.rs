@@ -59,7 +59,7 @@ impl Bench {
     }
 
     fn step_with(&mut self, halls: Codes) -> Output {
-        self.drive.step(&Sample { halls })
+        self.drive.step(&Sample { halls, ..Sample::default() })
     }
 
     fn reply(&mut self) -> Reply {

@@ -1,0 +1,47 @@
+//! Torque, speed and position control against the simulated motor.
+
+use hallservo::commutation::Commutation;
+use hallservo::control::settings::Settings as Control;
+use hallservo::drive::Command;
+use hallservo::mode::Mode;
+use hallservo::settings::Settings;
+use plant::PlantParameters;
+use sim::rig::Rig;
+
+fn armed(commutation: Commutation) -> Rig {
+    let settings = Settings { commutation, control: Some(Control::default()), ..Settings::default() };
+    let mut rig = Rig::new(&PlantParameters::unkind(1), &settings, 1).unwrap();
+    rig.calibrate(|_| ()).unwrap();
+    rig.command(Command::Arm).unwrap();
+    rig
+}
+
+#[test]
+fn every_commutation_controls_current_speed_and_position() {
+    for commutation in [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block] {
+        let mut rig = armed(commutation);
+        rig.plant.set_dyno(Some(20.0)).unwrap();
+        rig.command(Command::Current(rig.control().unwrap().torque(0.03).unwrap())).unwrap();
+        rig.run(0.05, |_, _| ());
+        let (mut torque, mut count) = (0.0, 0.0);
+        rig.run(0.2, |_, period| (torque, count) = (torque + period.truth.torque_nm, count + 1.0));
+        println!("{commutation:?} torque {}", torque / count);
+        assert!((torque / count - 0.03).abs() < 0.0015, "{commutation:?} {}", torque / count);
+        rig.plant.set_dyno(None).unwrap();
+
+        rig.command(Command::Speed(rig.control().unwrap().speed(-100.0).unwrap())).unwrap();
+        rig.run(0.3, |_, _| ());
+        let (mut speed, mut count) = (0.0, 0.0);
+        rig.run(0.2, |_, period| (speed, count) = (speed + period.truth.speed_rad_s, count + 1.0));
+        println!("{commutation:?} speed {}", speed / count);
+        assert!((speed / count + 100.0).abs() < 0.5, "{commutation:?} {}", speed / count);
+
+        let here = rig.drive.tracker().position().to_turns() / 4.0;
+        rig.command(Command::Position(rig.control().unwrap().position(here + 3.25).unwrap())).unwrap();
+        rig.run(0.8, |_, _| ());
+        let there = rig.drive.tracker().position().to_turns() / 4.0;
+        println!("{commutation:?} moved {}", there - here);
+        assert!((there - here - 3.25).abs() < 1e-3, "{commutation:?} {}", there - here);
+        assert_eq!(rig.drive.mode(), Mode::Running);
+    }
+}

@@ -194,28 +194,29 @@ enum Pace {
     Any,
 }
 
-/// The drive.
+/// The drive. What a step in a hurry needs comes first, within reach of the short forms of the load instructions.
+#[repr(C)]
 pub struct Drive {
-    config: Config,
-    channels: Interrupt,
+    /// The progress, state and limits with angle and speed, as the tasks get it.
+    live: Record,
+    /// Steps to the next record.
+    until_record: u32,
+    /// What the mode and the settings come to, for the step to look at first.
+    pace: Pace,
+    /// From the rotor to the field: a quarter turn and the phase advance.
+    lead: ElectricalAngle,
     estimator: Option<&'static mut Estimator>,
+    /// The amplitude, for the sinusoidal commutation.
+    axes: Axes,
+    channels: Interrupt,
+    config: Config,
     mode: Mode,
     limits: Limits,
     progress: Progress,
-    /// The same with angle and speed, as the tasks get it.
-    live: Record,
-    /// What the mode and the settings come to, for the step to look at first.
-    pace: Pace,
     amplitude: Amplitude,
-    /// The same, for the sinusoidal commutation.
-    axes: Axes,
-    /// From the rotor to the field: a quarter turn and the phase advance.
-    lead: ElectricalAngle,
     /// Where block commutation stands.
     sextant: Sextant,
     drag: Drag,
-    /// Steps to the next record.
-    until_record: u32,
     servo: Servo,
     cogging: Option<&'static mut cogging::Table>,
 }
@@ -249,7 +250,7 @@ impl Drive {
     /// A step that hands over a record leaves a waiting command to the next, so that no step is burdened with both.
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
-        let codes = sample.halls;
+        let codes = &sample.halls;
         self.until_record = self.until_record.wrapping_sub(1);
         let records = self.until_record == 0;
         if !records {
@@ -292,7 +293,7 @@ impl Drive {
     #[cold]
     #[inline(never)]
     fn slow(&mut self, sample: &Sample, records: bool) -> Output {
-        let codes = sample.halls;
+        let codes = &sample.halls;
         self.watch(sample);
         let output = match self.mode {
             Mode::Running => self.run(codes),
@@ -323,7 +324,7 @@ impl Drive {
         }
         let calibrating = matches!(self.mode, Mode::Aligning | Mode::Calibrating);
         let every = if calibrating { self.config.calibration_record_every } else { self.config.record_every };
-        self.record(sample.halls, every);
+        self.record(&sample.halls, every);
         // A calibration may record every step.
         if every == 1 {
             self.receive(sample);
@@ -343,7 +344,7 @@ impl Drive {
     /// The step that found a fault.
     #[cold]
     #[inline(never)]
-    fn fallen(&mut self, codes: Codes, records: bool) -> Output {
+    fn fallen(&mut self, codes: &Codes, records: bool) -> Output {
         if records {
             self.record(codes, self.config.record_every);
         }
@@ -360,9 +361,9 @@ impl Drive {
 
     /// Angle and speed from the Halls. False when that made a running drive fail.
     #[inline(always)]
-    fn measure(&mut self, codes: Codes) -> bool {
+    fn measure(&mut self, codes: &Codes) -> bool {
         let Some(estimator) = &self.estimator else { return true };
-        match estimator.angle(&codes) {
+        match estimator.angle(codes) {
             Ok(angle) => {
                 if self.live.rotor.step(&self.config.tracking, angle).is_err() {
                     return self.jumped(angle);
@@ -441,7 +442,7 @@ impl Drive {
 
     /// A running step that is in no hurry.
     #[inline(always)]
-    fn run(&mut self, codes: Codes) -> Output {
+    fn run(&mut self, codes: &Codes) -> Output {
         self.measure(codes);
         if self.servo.demand != Demand::Voltage || self.servo.is_silent() {
             return self.regulate();
@@ -506,6 +507,7 @@ impl Drive {
 
     /// A step of the calibration's motion.
     fn calibrate(&mut self) -> Output {
+        self.servo.heard();
         // The field that acts while this sample is taken stands for the rotor that follows it.
         self.live.rotor = Tracker::at(self.drag.field());
         self.progress = match self.drag.step(&self.config.drag) {
@@ -528,9 +530,9 @@ impl Drive {
 
     /// Hands a record to the tasks; when they do not keep up, it is lost.
     #[inline(always)]
-    fn record(&mut self, codes: Codes, every: u32) {
+    fn record(&mut self, codes: &Codes, every: u32) {
         self.until_record = every;
-        self.live.codes = codes;
+        self.live.codes = *codes;
         let _ = self.channels.records.enqueue(self.live);
         self.live.sequence = self.live.sequence.wrapping_add(every);
     }

@@ -129,10 +129,14 @@ impl From<pwm::Error> for Error {
     }
 }
 
-/// [`Settings`] in the units of the interrupt: counts, turns and samples.
+/// [`Settings`] in the units of the interrupt: counts, turns and samples. In the order of haste, as [`Drive`](crate::drive::Drive).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(C)]
 pub struct Config {
+    pub(crate) tracking: track::Config,
+    pub(crate) fastest: i32,
+    pub(crate) record_every: u32,
     /// Auto-reload value of the timer.
     pub period: u16,
     /// Dead time in timer counts.
@@ -143,18 +147,15 @@ pub struct Config {
     pub pole_pairs: PolePairs,
     /// Whether positive is against the phases.
     pub reversed: bool,
-    /// Currents, torque, speed and position.
-    pub control: Option<control::settings::Config>,
     pub(crate) commutation: Commutation,
     pub(crate) limits: pwm::Limits,
     pub(crate) max_modulation: Modulation,
     pub(crate) advance: ElectricalAngle,
-    pub(crate) tracking: track::Config,
-    pub(crate) fastest: i32,
     pub(crate) tolerated: u16,
-    pub(crate) record_every: u32,
     pub(crate) calibration_record_every: u32,
     pub(crate) drag: drag::Config,
+    /// Currents, torque, speed and position.
+    pub control: Option<control::settings::Config>,
 }
 
 impl Config {

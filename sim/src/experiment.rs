@@ -1,7 +1,9 @@
 //! The experiments, one a file: each has its options, runs, and returns a summary and a report.
 
 pub mod commutation;
+pub mod faults;
 pub mod pwm;
+pub mod servo;
 pub mod spin;
 
 use crate::report::Report;

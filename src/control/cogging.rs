@@ -46,7 +46,7 @@ impl Default for Learner {
 const LEAST: u32 = 4;
 
 impl Learner {
-    /// Takes the current that turning takes at an angle, forward or backward.
+    /// Takes the whole current that turning takes at an angle, forward or backward, that of a table in use included.
     pub fn push(&mut self, forward: bool, angle: ElectricalAngle, current: i32) {
         // The nearest point.
         let index = (angle.to_bits() as u32).wrapping_add(1 << 24) >> 25;
@@ -61,9 +61,9 @@ impl Learner {
         enough as f32 / (2 * POINTS) as f32
     }
 
-    /// The table: the mean of both directions without its constant part, of its first `harmonics` (1 to 63) only, added to what
-    /// was in use while learning. `None` while a point lacks samples.
-    pub fn table(&self, harmonics: usize, in_use: &Table) -> Option<Table> {
+    /// The table: the mean of both directions without its constant part, of its first `harmonics` (1 to 63) only. `None` while
+    /// a point lacks samples.
+    pub fn table(&self, harmonics: usize) -> Option<Table> {
         if self.progress() < 1.0 {
             return None;
         }
@@ -84,11 +84,7 @@ impl Learner {
                 *value += scale * (sine * libm::sinf(phase(index)) + cosine * libm::cosf(phase(index)));
             }
         }
-        let mut table = *in_use;
-        for (point, value) in table.0.iter_mut().zip(smooth) {
-            *point = point.saturating_add(libm::roundf(value) as i16);
-        }
-        Some(table)
+        Some(Table(smooth.map(|value| libm::roundf(value) as i16)))
     }
 }
 
@@ -100,7 +96,7 @@ mod tests {
     fn learns_the_cogging_and_not_the_friction() {
         let cogging = |turns: f32| 60.0 * libm::sinf(6.0 * TAU * turns + 0.4) + 25.0 * libm::cosf(3.0 * TAU * turns);
         let mut learner = Learner::default();
-        assert_eq!(learner.table(12, &Table::ZERO), None);
+        assert_eq!(learner.table(12), None);
         for step in 0..128_000_u32 {
             let forward = step < 64_000;
             let angle = ElectricalAngle::from_bits((step as i32).wrapping_mul(6_710_886));
@@ -110,7 +106,7 @@ mod tests {
             learner.push(forward, angle, (cogging(angle.to_turns()) + friction + noise) as i32);
         }
         assert_eq!(learner.progress(), 1.0);
-        let table = learner.table(12, &Table::ZERO).unwrap();
+        let table = learner.table(12).unwrap();
         for k in 0..1000 {
             let angle = ElectricalAngle::from_turns(k as f32 / 1000.0);
             let error = table.current(angle) as f32 - cogging(angle.to_turns());

@@ -246,7 +246,8 @@ impl Servo {
         let current = self.velocity.step(&config.velocity, speed, rotor.speed(), forward, self.most);
         let stalls = (current == self.most || current == -self.most)
             && rotor.speed().wrapping_add(config.guard.creep) as u32 <= 2 * config.guard.creep as u32;
-        self.stalled = if stalls { self.stalled + 1 } else { 0 };
+        // The speed is noisy: a step that seems to turn does not make up for all before.
+        self.stalled = if stalls { self.stalled + 1 } else { self.stalled.saturating_sub(4) };
         current
     }
 

@@ -4,6 +4,7 @@
 //! of [`Channels`] only: commands in; replies, records and used-up estimators out. Large parameters travel as
 //! references, so a calibration is taken up between two steps by swapping a pointer.
 
+pub mod absolute;
 pub mod drag;
 mod servo;
 
@@ -17,7 +18,7 @@ use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
 use crate::hall::estimate::Estimator;
 use crate::hall::normalize::Implausible;
-use crate::hall::track::Tracker;
+use crate::hall::track::{Jump, Tracker};
 use crate::mode::{Event, Mode};
 use crate::pwm::Amplitude;
 use crate::settings::Config;
@@ -71,6 +72,8 @@ pub enum Command {
     Balance(Option<&'static mut cogging::Table>),
     /// Leave the faulted state.
     Clear,
+    /// A task has found a fault: off, if the bridge is on.
+    Trip(Fault),
 }
 
 /// Answer to a [`Command`].
@@ -185,15 +188,6 @@ impl Channels {
     }
 }
 
-/// How much of a hurry a step is in.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Pace {
-    /// Running with sinusoidal commutation, no sample missed.
-    Sinusoidal,
-    /// Anything else.
-    Any,
-}
-
 /// The drive. What a step in a hurry needs comes first, within reach of the short forms of the load instructions.
 #[repr(C)]
 pub struct Drive {
@@ -201,15 +195,16 @@ pub struct Drive {
     live: Record,
     /// Steps to the next record.
     until_record: u32,
-    /// What the mode and the settings come to, for the step to look at first.
-    pace: Pace,
+    /// The estimator while the drive runs sinusoidally and no sample was missed. That it is here is what a step looks at first.
+    hurried: Option<&'static mut Estimator>,
     /// From the rotor to the field: a quarter turn and the phase advance.
     lead: ElectricalAngle,
-    estimator: Option<&'static mut Estimator>,
     /// The amplitude, for the sinusoidal commutation.
     axes: Axes,
     channels: Interrupt,
     config: Config,
+    /// The estimator otherwise.
+    resting: Option<&'static mut Estimator>,
     mode: Mode,
     limits: Limits,
     progress: Progress,
@@ -228,12 +223,12 @@ impl Drive {
             drag: Drag::OFF,
             config,
             channels,
-            estimator: None,
+            hurried: None,
+            resting: None,
             mode: Mode::Unarmed,
             limits: Limits::NONE,
             progress: Progress::None,
             live: Record::new(),
-            pace: Pace::Any,
             amplitude: Amplitude::ZERO,
             axes: Axes::new(Amplitude::ZERO, config.order(), config.limits.half()),
             lead: ElectricalAngle::QUARTER,
@@ -247,7 +242,8 @@ impl Drive {
     /// One PWM period. What it returns is to be written to the preloaded compare registers at once; if the bridge is to
     /// be off, it must be switched off at once.
     ///
-    /// A step that hands over a record leaves a waiting command to the next, so that no step is burdened with both.
+    /// A step that hands over a record leaves a waiting command, the look at the speed and the comparison of the sensors with each
+    /// other to the next, so that no step is burdened with everything. Once a sample was missed, all of them are compared.
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
         let codes = &sample.halls;
@@ -257,17 +253,25 @@ impl Drive {
             self.receive(sample);
         }
         // First what is in a hurry.
-        if self.pace != Pace::Sinusoidal {
-            return self.slow(sample, records);
-        }
-        if !self.measure(codes) {
+        let Some(estimator) = &self.hurried else { return self.slow(sample, records) };
+        let angle = if records { estimator.angle_of_one(codes) } else { estimator.angle(codes) };
+        // No sample was missed, so there is nothing to do when one is found.
+        if !self.track(angle, |_| ()) {
             return self.fallen(codes, records);
         }
         if records {
             self.record(codes, self.config.record_every);
+        } else if self.is_too_fast() {
+            self.fail(Fault::OverSpeed);
+            return Output::OFF;
         }
         let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
         Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL }
+    }
+
+    #[inline(always)]
+    fn is_too_fast(&self) -> bool {
+        self.live.rotor.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32
     }
 
     /// Obeys one command, if there is one.
@@ -280,12 +284,18 @@ impl Drive {
         }
     }
 
-    /// Takes state, limits and progress over into the record and the pace: after every change.
+    /// Takes state, limits and progress over into the record, and the estimator to where it belongs: after
+    /// every change.
     fn publish(&mut self) {
         let sinusoidal = self.mode == Mode::Running
             && self.config.commutation == Commutation::Sinusoidal
             && self.config.control.is_none();
-        self.pace = if sinusoidal && self.live.missed == 0 { Pace::Sinusoidal } else { Pace::Any };
+        let estimator = self.hurried.take().or(self.resting.take());
+        if sinusoidal && self.live.missed == 0 {
+            self.hurried = estimator;
+        } else {
+            self.resting = estimator;
+        }
         self.live.status = Status::new(self.mode, self.limits(), self.progress);
     }
 
@@ -296,6 +306,10 @@ impl Drive {
         let codes = &sample.halls;
         self.watch(sample);
         let output = match self.mode {
+            Mode::Running if self.is_too_fast() => {
+                self.fail(Fault::OverSpeed);
+                Output::OFF
+            }
             Mode::Running => self.run(codes),
             Mode::Aligning | Mode::Calibrating => self.calibrate(),
             Mode::Unarmed | Mode::Ready | Mode::Faulted(_) => {
@@ -359,34 +373,36 @@ impl Drive {
         }
     }
 
-    /// Angle and speed from the Halls. False when that made a running drive fail.
+    /// Angle and speed from the Halls in a step that is in no hurry.
     #[inline(always)]
-    fn measure(&mut self, codes: &Codes) -> bool {
-        let Some(estimator) = &self.estimator else { return true };
-        match estimator.angle(codes) {
-            Ok(angle) => {
-                if self.live.rotor.step(&self.config.tracking, angle).is_err() {
-                    return self.jumped(angle);
+    fn measure(&mut self, codes: &Codes) {
+        let Some(estimator) = &self.resting else { return };
+        let angle = estimator.angle(codes);
+        self.track(angle, Self::found);
+    }
+
+    /// Takes up an angle, if it is one; `done` is for what else is to be done then. False when a running drive failed.
+    #[inline(always)]
+    fn track(&mut self, angle: Result<ElectricalAngle, Implausible>, done: impl Fn(&mut Self)) -> bool {
+        match angle {
+            Ok(angle) => match self.live.rotor.step(&self.config.tracking, angle) {
+                Ok(()) => {
+                    done(self);
+                    true
                 }
-                // While samples were missed the drive is in no hurry, so this costs the running one nothing.
-                if self.pace != Pace::Sinusoidal && self.live.missed != 0 {
-                    self.found();
-                }
-                if self.live.rotor.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32 {
-                    return self.fail(Fault::OverSpeed);
-                }
-                true
-            }
+                Err(Jump) => self.jumped(angle),
+            },
             Err(why) => self.blind(why),
         }
     }
 
-    /// The angle is plausible again.
-    #[cold]
+    /// The angle is plausible, perhaps again.
     fn found(&mut self) {
-        self.live.missed = 0;
-        self.limits = self.limits.without(Limits::EXTRAPOLATED);
-        self.publish();
+        if self.live.missed != 0 {
+            self.live.missed = 0;
+            self.limits = self.limits.without(Limits::EXTRAPOLATED);
+            self.publish();
+        }
     }
 
     /// The codes are no angle.
@@ -567,14 +583,18 @@ impl Drive {
                     let _ = self.channels.tables.enqueue(unused);
                 }
             }
-            Command::Clear => self.on_command(Event::Clear { calibrated: self.estimator.is_some() })?,
+            Command::Trip(fault) => {
+                self.fail(fault);
+            }
+            Command::Clear => self.on_command(Event::Clear { calibrated: self.estimator().is_some() })?,
         }
         Ok(())
     }
 
     fn install(&mut self, estimator: &'static mut Estimator, codes: Codes) -> Reply {
         let allowed = self.on_command(Event::Installed);
-        let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
+        let slot = if self.hurried.is_some() { &mut self.hurried } else { &mut self.resting };
+        let unused = if allowed.is_ok() { slot.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
             // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
             let _ = self.channels.retired.enqueue(unused);
@@ -587,7 +607,7 @@ impl Drive {
 
     /// Starts to track anew where the rotor is.
     fn relock(&mut self, codes: Codes) {
-        let angle = self.estimator.as_ref().and_then(|estimator| estimator.angle(&codes).ok());
+        let angle = self.estimator().and_then(|estimator| estimator.angle(&codes).ok());
         self.live.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
         self.live.rotor = Tracker::at(angle.unwrap_or(ElectricalAngle::ZERO));
     }
@@ -705,7 +725,7 @@ impl Drive {
 
     /// The estimator in use.
     pub fn estimator(&self) -> Option<&Estimator> {
-        self.estimator.as_deref()
+        self.hurried.as_deref().or(self.resting.as_deref())
     }
 }
 

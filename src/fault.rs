@@ -36,6 +36,10 @@ pub enum Fault {
     CommandTimeout,
     /// Control periods passed without a step.
     Deadline,
+    /// The absolute encoder gave no angle for longer than tolerated.
+    Encoder,
+    /// The Halls' turn counter and the absolute encoder disagree.
+    Turns,
 }
 
 /// Those that have no parts, in the order of their codes.
@@ -78,6 +82,8 @@ impl Fault {
             Self::CurrentImbalance => 26,
             Self::CommandTimeout => 27,
             Self::Deadline => 28,
+            Self::Encoder => 32,
+            Self::Turns => 33,
         }
     }
 
@@ -90,6 +96,8 @@ impl Fault {
             8 => Self::Hall(Implausible::Weak),
             9 => Self::Hall(Implausible::Strong),
             16..=28 => PLAIN[code as usize - 16],
+            32 => Self::Encoder,
+            33 => Self::Turns,
             _ => return None,
         })
     }
@@ -112,6 +120,8 @@ impl fmt::Display for Fault {
             Self::CurrentImbalance => write!(f, "the phase currents do not sum to zero: an amplifier or its wiring"),
             Self::CommandTimeout => write!(f, "no command came for too long"),
             Self::Deadline => write!(f, "control periods passed without a step"),
+            Self::Encoder => write!(f, "the absolute encoder gives no trustworthy angle"),
+            Self::Turns => write!(f, "the Halls and the absolute encoder disagree"),
         }
     }
 }
@@ -167,9 +177,12 @@ mod tests {
 
     #[test]
     fn every_code_is_its_faults() {
-        let faults: [u8; 22] = [1, 2, 3, 4, 5, 6, 7, 8, 9, 16, 17, 18, 19, 20, 21, 22, 23, 24, 25, 26, 27, 28];
+        let faults = [1..10, 16..29, 32..34];
         for code in 0..=u8::MAX {
-            assert_eq!(Fault::from_code(code).map(Fault::code), faults.contains(&code).then_some(code));
+            assert_eq!(
+                Fault::from_code(code).map(Fault::code),
+                faults.iter().any(|codes| codes.contains(&code)).then_some(code)
+            );
         }
     }
 }

@@ -53,3 +53,4 @@ pub mod service;
 pub mod settings;
 pub mod telemetry;
 pub mod trig;
+pub mod vernier;

@@ -63,7 +63,7 @@ pub struct Service {
 enum Origin {
     User,
     Install,
-    Failure,
+    Supervision,
 }
 
 impl Service {
@@ -89,6 +89,11 @@ impl Service {
             self.collected = 0;
         }
         self.ask(command, Origin::User)
+    }
+
+    /// Asks for what nobody waits to be answered.
+    pub(crate) fn ask_silently(&mut self, command: Command) -> Result<(), Command> {
+        self.ask(command, Origin::Supervision)
     }
 
     fn ask(&mut self, command: Command, origin: Origin) -> Result<(), Command> {
@@ -138,7 +143,7 @@ impl Service {
         while let Some(reply) = self.tasks.replies.dequeue() {
             match self.unanswered.pop_front() {
                 Some(Origin::Install) => return Some(Event::Installed(reply)),
-                Some(Origin::Failure) => {}
+                Some(Origin::Supervision) => {}
                 Some(Origin::User) | None => return Some(Event::Reply(reply)),
             }
         }
@@ -174,7 +179,7 @@ impl Service {
             Ok(calibration) => Event::Calibrated(calibration),
             Err(error) => {
                 // The queue has room: the drive obeys one command a step, and nobody sends eight a step.
-                let _ = self.ask(Command::CalibrationFailed, Origin::Failure);
+                let _ = self.ask_silently(Command::CalibrationFailed);
                 Event::Refused(error)
             }
         }

@@ -47,7 +47,8 @@ pub struct Settings {
     pub calibration_modulation: f32,
     /// Time to raise the field, and again to let the rotor settle, 0.05 to 10 s.
     pub calibration_align_s: f32,
-    /// Speed of the turning field, 0.5 to 50 Hz electrical.
+    /// Speed of the turning field, 0.5 to 50 Hz electrical. Where the calibration finds that the rotor swings about the field,
+    /// another one helps: slower with one pole pair, faster with more than twenty.
     pub calibration_hz: f32,
     /// Least electrical turns to record in each direction, 2 to 64; rounded up to whole mechanical turns.
     pub calibration_turns: u8,

@@ -32,6 +32,7 @@
 mod adc;
 mod averaged;
 mod bus;
+pub mod construction;
 mod emf;
 mod error;
 mod hall;
@@ -41,6 +42,7 @@ mod noise;
 mod parameters;
 mod phasor;
 mod plant;
+pub mod rings;
 mod rotor;
 mod switched;
 mod windings;

@@ -5,6 +5,7 @@ pub mod faults;
 pub mod pwm;
 pub mod servo;
 pub mod spin;
+pub mod vernier;
 
 use crate::report::Report;
 use anyhow::{Context, Result};

@@ -26,6 +26,8 @@ enum Experiment {
     Faults(experiment::faults::Options),
     /// Choose the PWM frequency; current ripple by formula and by a switched simulation
     Pwm(experiment::pwm::Options),
+    /// Absolute angle from two rings: before and after self-calibration, and when something breaks
+    Vernier(experiment::vernier::Options),
 }
 
 fn main() -> ExitCode {
@@ -39,6 +41,7 @@ fn main() -> ExitCode {
         Some(Experiment::Servo(common)) => experiment::servo::main(&common),
         Some(Experiment::Faults(options)) => experiment::faults::main(&options),
         Some(Experiment::Pwm(options)) => experiment::pwm::main(&options),
+        Some(Experiment::Vernier(options)) => experiment::vernier::main(&options),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

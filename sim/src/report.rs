@@ -99,7 +99,7 @@ impl Plot {
                     .label(&series.name)
                     .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(2)));
             }
-            if self.series.len() > 1 {
+            if (2..=COLOURS.len()).contains(&self.series.len()) {
                 let style = chart.configure_series_labels();
                 let mut style = style;
                 style.background_style(WHITE.mix(0.85)).border_style(RGBColor(0xcc, 0xcc, 0xcc));

@@ -127,11 +127,13 @@ impl Collector {
     pub fn finish(&self, reversed: bool) -> Result<Calibration, Error> {
         let points = [self.points(Sweep::Forward)?, self.points(Sweep::Backward)?];
         let fit = fit::fit(&points)?;
-        let (forward, backward) = (offset(&points[0], &fit.angles[0]), offset(&points[1], &fit.angles[1]));
+        let [forward, backward] = [0, 1].map(|sweep| offset(&points[sweep], &fit.angles[sweep]));
+        let swings = [0, 1].map(|sweep| swing(&points[sweep], &fit.angles[sweep], [forward, backward][sweep]));
+        let hunting = ElectricalAngle::from_radians(libm::hypotf(swings[0], swings[1]) / core::f32::consts::SQRT_2);
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
         let model = Model { sensors: fit.sensors, alignment: forward + lag, reversed };
-        let report = Report::new(&model, self, &fit, lag);
+        let report = Report::new(&model, self, &fit, lag, hunting);
         // A rotor that slipped fits anything, and nothing of what was fitted means anything.
         let unexplained = Finding::Unexplained(report.residual_pct);
         if unexplained.refuses() {
@@ -164,6 +166,15 @@ fn offset(points: &[Point; BINS], angles: &[ElectricalAngle; BINS]) -> Electrica
     let sum: i64 =
         points.iter().zip(angles).map(|(point, &angle)| i64::from((angle - point.field - first).to_bits())).sum();
     first + ElectricalAngle::from_bits((sum / BINS as i64) as i32)
+}
+
+/// RMS of rotor's angle less field's angle about a mean, in radians.
+fn swing(points: &[Point; BINS], angles: &[ElectricalAngle; BINS], mean: ElectricalAngle) -> f32 {
+    let square = |(point, &angle): (&Point, &ElectricalAngle)| {
+        let off = (angle - point.field - mean).to_radians();
+        off * off
+    };
+    libm::sqrtf(points.iter().zip(angles).map(square).sum::<f32>() / BINS as f32)
 }
 
 /// Noise from second differences of successive samples, in which the turning of the rotor cancels.

@@ -152,11 +152,20 @@ impl Estimator {
     /// [`Implausible`], when a code is at a rail or out of its sensor's range, or the three contradict each other.
     #[inline(always)]
     pub fn angle(&self, codes: &Codes) -> Result<ElectricalAngle, Implausible> {
-        let window = self.window;
-        if !(window.contains(codes[0]) && window.contains(codes[1]) && window.contains(codes[2])) {
+        if self.disagreement.dot(codes) as u32 > self.disagreement_span {
             return Err(self.explain(codes, Implausible::Inconsistent));
         }
-        if self.disagreement.dot(codes) as u32 > self.disagreement_span {
+        self.angle_of_one(codes)
+    }
+
+    /// The same without the comparison of the three with each other: for a single sample among others that are compared.
+    ///
+    /// # Errors
+    /// As [`Self::angle`], but for [`Implausible::Inconsistent`].
+    #[inline(always)]
+    pub fn angle_of_one(&self, codes: &Codes) -> Result<ElectricalAngle, Implausible> {
+        let window = self.window;
+        if !(window.contains(codes[0]) && window.contains(codes[1]) && window.contains(codes[2])) {
             return Err(self.explain(codes, Implausible::Inconsistent));
         }
         let direction = Direction::of(self.sine.dot(codes), self.cosine.dot(codes));

@@ -10,6 +10,7 @@ use core::cell::UnsafeCell;
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
 use cortex_m::peripheral::syst::SystClkSource;
 use cortex_m::peripheral::{NVIC, SYST};
+use hallservo::mode::Mode;
 use heapless::spsc::{Consumer, Producer, Queue};
 use twin::{CHECKPOINT, Twin};
 
@@ -26,7 +27,11 @@ pub struct Statistics {
     pub lost: AtomicU32,
     /// Largest time from a period's begin to its interrupt, in ticks.
     pub latest: AtomicU32,
-    /// Most ticks of a drive's step while running.
+    /// Steps of the running drive.
+    pub steps: AtomicU32,
+    /// Their ticks, all together.
+    pub step_ticks: AtomicU32,
+    /// Ticks of the longest of them, which is one that obeyed a command.
     pub longest_step: AtomicU32,
 }
 
@@ -35,6 +40,8 @@ pub static STATISTICS: Statistics = Statistics {
     periods: AtomicU32::new(0),
     lost: AtomicU32::new(0),
     latest: AtomicU32::new(0),
+    steps: AtomicU32::new(0),
+    step_ticks: AtomicU32::new(0),
     longest_step: AtomicU32::new(0),
 };
 
@@ -113,7 +120,11 @@ impl Control {
         let ticks = begin.wrapping_sub(SYST::get_current()) & 0xFF_FFFF;
         self.twin.actuate(&sample, &output);
 
-        STATISTICS.longest_step.fetch_max(ticks, Relaxed);
+        if self.twin.drive().mode() == Mode::Running {
+            STATISTICS.steps.fetch_add(1, Relaxed);
+            STATISTICS.step_ticks.fetch_add(ticks, Relaxed);
+            STATISTICS.longest_step.fetch_max(ticks, Relaxed);
+        }
         let done = self.twin.periods();
         STATISTICS.periods.store(done, Relaxed);
         if done.is_multiple_of(CHECKPOINT) {

@@ -49,6 +49,8 @@ pub struct Report {
     pub residual_pct: f32,
     /// How far the rotor lagged behind the field: friction against the torque of the calibration's current.
     pub lag: ElectricalAngle,
+    /// How far the rotor swung about its mean lag, electrical degrees RMS: cogging, and resonance with it.
+    pub hunting_deg: f32,
     /// Noise of the angle before tracking, electrical degrees RMS.
     pub angle_noise_deg: f32,
 }
@@ -71,6 +73,8 @@ pub enum Finding {
     Unexplained(f32),
     /// The rotor lagged behind the field by this many electrical degrees.
     Lagging(f32),
+    /// The rotor swung about its mean lag by this many electrical degrees RMS.
+    Hunting(f32),
 }
 
 impl Finding {
@@ -84,6 +88,7 @@ impl Finding {
             Self::Noisy(_, percent) => percent > 6.0,
             Self::Unexplained(percent) => percent > 6.0,
             Self::Lagging(degrees) => degrees > 60.0,
+            Self::Hunting(degrees) => degrees > 20.0,
         }
     }
 }
@@ -114,6 +119,10 @@ impl fmt::Display for Finding {
                 f,
                 "{percent:.1} % of the signals fit no turning magnet: the rotor slips or sticks, a magnet is uneven, or the motor's current reaches the Halls"
             ),
+            Self::Hunting(degrees) => write!(
+                f,
+                "the rotor swings {degrees:.0}° about the field: turn it at another speed, away from the resonance, or with more current"
+            ),
             Self::Lagging(degrees) => {
                 write!(
                     f,
@@ -125,7 +134,13 @@ impl fmt::Display for Finding {
 }
 
 impl Report {
-    pub(super) fn new(model: &Model, collector: &Collector, fit: &Fit, lag: ElectricalAngle) -> Self {
+    pub(super) fn new(
+        model: &Model,
+        collector: &Collector,
+        fit: &Fit,
+        lag: ElectricalAngle,
+        hunting: ElectricalAngle,
+    ) -> Self {
         let pattern = Pattern::nearest(model);
         let sensor = |channel: usize| {
             let sensor = &model.sensors[channel];
@@ -146,6 +161,7 @@ impl Report {
             pattern,
             residual_pct: 100.0 * fit.residual,
             lag,
+            hunting_deg: hunting.to_degrees(),
             angle_noise_deg: libm::sqrtf(noise_power * 2.0 / 3.0).to_degrees(),
         }
     }
@@ -159,6 +175,7 @@ impl Report {
             (ratio > 2.0).then_some(Finding::Unequal(ratio)),
             (self.residual_pct > 2.0).then_some(Finding::Unexplained(self.residual_pct)),
             (lag > 30.0).then_some(Finding::Lagging(lag)),
+            (self.hunting_deg > 5.0).then_some(Finding::Hunting(self.hunting_deg)),
         ];
         let sensors = self.sensors.into_iter().enumerate().flat_map(|(k, sensor)| sensor.findings(Channel(k as u8)));
         sensors.chain(common).flatten()

@@ -5,7 +5,7 @@
 #![no_std]
 #![no_main]
 
-use core::sync::atomic::Ordering::Relaxed;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 use cortex_m_rt::entry;
 use defmt::{Display2Format, error, info, println};
 use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
@@ -59,7 +59,7 @@ async fn log() {
     loop {
         let record = LATEST.wait().await;
         let hz = record.electrical_hz(time::CONTROL_HZ as f32);
-        info!("{}: {=f32} Hz electrical, turn {=i32}", record.mode, hz, record.rotor.position().turns());
+        info!("{}: {=f32} Hz electrical, turn {=i32}", record.status.mode(), hz, record.rotor.position().turns());
         Timer::after_millis(100).await;
     }
 }
@@ -152,9 +152,11 @@ impl Run {
         print(twin.installed().ok_or("no calibration was installed")?, What::Install);
         print(twin.periods(), What::Digest(twin.digest()));
         println!("on the chip: {}", Display2Format(twin.figures()));
+        let count = |ticks: &AtomicU32| instructions(ticks.load(Relaxed));
         println!(
-            "Drive::step in the interrupt, at most: {} instructions, commands included",
-            instructions(STATISTICS.longest_step.load(Relaxed))
+            "Drive::step in the interrupt: {} instructions in the mean, {} at most, with a command to obey",
+            count(&STATISTICS.step_ticks) / STATISTICS.steps.load(Relaxed).max(1),
+            count(&STATISTICS.longest_step)
         );
         let lost = STATISTICS.lost.load(Relaxed);
         let [forward, backward] = twin.figures().fastest_hz();

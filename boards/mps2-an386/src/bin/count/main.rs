@@ -11,6 +11,7 @@ mod duties;
 mod halls;
 mod row;
 mod trig;
+mod vernier;
 
 use call::Counter;
 use cortex_m_rt::entry;
@@ -24,9 +25,10 @@ fn main() -> ! {
     halls::init();
     duties::init();
     drive::init();
+    vernier::init();
     Row::print_head();
     let mut within = true;
-    for row in [trig::ROWS, halls::ROWS, duties::ROWS, drive::ROWS].into_iter().flatten() {
+    for row in [trig::ROWS, halls::ROWS, duties::ROWS, drive::ROWS, vernier::ROWS].into_iter().flatten() {
         within &= row.print(&counter);
     }
     if within { success() } else { failure() }

@@ -1,0 +1,347 @@
+//! Calibration by the drive itself: a few turns at roughly constant speed, and no reference encoder.
+//!
+//! [`Calibrator`] takes sample after sample, on the chip or from a recording:
+//!
+//! 1. a turn for each head: its error curve, after section IV.B of the paper ([`curve`]);
+//! 2. a turn for the zeros of the heads and the rings, for the averages, and for what the curves have missed;
+//! 3. a turn to check: "it is very important to validate the result because the algorithm can converge to a bad
+//!    result". The largest residual is held against the margin that the averages leave, and the limits that
+//!    [`super::encoder`] will hold every sample to are put between the two.
+//!
+//! That is four turns and a few pole pairs with one head a ring, six with two. A run that was not fit is refused
+//! with the reason. The zero of the angle, which nothing but a reference can tell, stays where the calibration that one
+//! starts from has it.
+
+pub mod curve;
+mod turn;
+
+use super::correct::{Curve, NODES, mean};
+use super::decode::AverageTable;
+use super::encoder::{Calibration, Reading};
+use super::rings::{Ring, Rings};
+use crate::angle::ElectricalAngle;
+use crate::trig;
+use core::fmt;
+use curve::Average;
+use turn::{Path, Residuals};
+
+/// Why a run gives no calibration.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// The recording ended before everything was measured.
+    TooShort {
+        /// Turns complete.
+        turns: u8,
+        /// Turns necessary.
+        of: u8,
+    },
+    /// Less than 32 samples to a pole pair, or a sample was left out.
+    TooFast,
+    /// The shaft has turned back.
+    Reversed,
+    /// The speed changed too much: too few pole pairs are like the others.
+    Unsteady {
+        /// Pole pairs that are.
+        kept: u8,
+        /// Pole pairs of the ring.
+        of: u8,
+    },
+    /// A head's error has the fourth harmonic of a signal that is cut off at its peaks.
+    Saturated {
+        /// The head's ring.
+        ring: Ring,
+        /// Which of its heads.
+        head: u8,
+    },
+    /// A head's error is larger than 1/16 of a pole pair.
+    Nonlinear {
+        /// The head's ring.
+        ring: Ring,
+        /// Which of its heads.
+        head: u8,
+    },
+    /// The heads of a ring are more than 3/8 of a pole pair apart at some shaft angles.
+    HeadsApart(Ring),
+    /// The rings contradict each other by too much of the margin.
+    Margin {
+        /// The largest residual, in 2⁻¹⁶ of the distance of two table entries.
+        worst: u32,
+        /// The margin in the same unit.
+        margin: u32,
+    },
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::TooShort { turns, of } => {
+                write!(f, "the run is too short: {turns} of {of} turns")
+            }
+            Self::TooFast => f.write_str("the shaft turns too fast for the sampling, or samples are missing"),
+            Self::Reversed => f.write_str("the shaft has turned back"),
+            Self::Unsteady { kept, of } => {
+                write!(f, "the speed is too unsteady: only {kept} of {of} pole pairs are alike")
+            }
+            Self::Saturated { ring, head } => {
+                write!(f, "head {head} of the {ring:?} ring is saturated: too close to the magnet")
+            }
+            Self::Nonlinear { ring, head } => {
+                write!(f, "head {head} of the {ring:?} ring errs by more than 22.5° electrical")
+            }
+            Self::HeadsApart(ring) => write!(
+                f,
+                "the heads of the {ring:?} ring are more than 3/8 of a pole pair apart: misplaced or very eccentric"
+            ),
+            Self::Margin { worst, margin } => write!(
+                f,
+                "the rings contradict each other by {worst} of a margin of {margin}: eccentric, or heads misplaced"
+            ),
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}
+
+/// What a calibration is worth. Residual and margin in 2⁻¹⁶ of the distance of two table entries
+/// ([`Rings::residual_counts`]).
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Report {
+    /// The largest residual of the last turn.
+    pub worst_residual: u32,
+    /// Half the smallest distance of two entries that are neighbours in the table, 2¹⁵ for ideal rings: what a residual
+    /// must reach for a wrong pole pair.
+    pub margin: u32,
+    /// The smallest share of pole pairs that a curve was averaged from, in percent.
+    pub similar_percent: u8,
+    /// The largest change of a curve that the turn for the averages brought, in 2⁻¹⁶ pole pairs.
+    pub refinement: u16,
+}
+
+/// The largest share of the margin, in eighths, that residuals may take up in the last turn.
+const MARGIN_EIGHTHS: u32 = 5;
+
+/// The largest fourth harmonic of an unsaturated head's curve, in pole pairs: 2° electrical.
+const FOURTH_HARMONIC: f32 = 2.0 / 360.0;
+
+/// The largest error of a head, in pole pairs.
+const LARGEST_ERROR: f32 = 1.0 / 16.0;
+
+/// The calibration run: 4616 bytes with one head a ring, 4752 with two. Samples are to be taken at equal intervals.
+#[derive(Clone, Debug)]
+pub struct Calibrator<const HEADS: usize = 1> {
+    rings: Rings,
+    calibration: Calibration<HEADS>,
+    report: Report,
+    stage: Stage<HEADS>,
+    turns: u8,
+}
+
+#[derive(Clone, Debug)]
+#[expect(clippy::large_enum_variant, reason = "there is no heap to put the larger one on")]
+enum Stage<const HEADS: usize> {
+    Curve { ring: Ring, head: usize, run: curve::Run },
+    Averages(Option<Path>, Residuals<HEADS>),
+    Check(Check),
+    Done,
+}
+
+/// The last turn.
+#[derive(Clone, Debug)]
+struct Check {
+    table: AverageTable,
+    /// The way since the first sample, and the pole pair that began in.
+    path: Option<(Path, u8)>,
+    worst_residual: u32,
+    worst_apart: [u16; 2],
+}
+
+impl<const HEADS: usize> Calibrator<HEADS> {
+    /// Calibrates anew an encoder whose zeros are those of `previous`: the calibration stored, or
+    /// [`Calibration::ideal`] for the first.
+    pub fn new(rings: &Rings, previous: &Calibration<HEADS>) -> Self {
+        let mut calibration = previous.clone();
+        for ring in [Ring::Reference, Ring::Vernier] {
+            for curve in calibration.curves_mut(ring) {
+                curve.errors = [0; NODES];
+            }
+        }
+        Self {
+            rings: *rings,
+            calibration,
+            report: Report { similar_percent: 100, ..Report::default() },
+            stage: Stage::Curve {
+                ring: Ring::Reference,
+                head: 0,
+                run: curve::Run::new(rings.pole_pairs(Ring::Reference)),
+            },
+            turns: 0,
+        }
+    }
+
+    /// Takes a sample; true when all is measured, after which samples are ignored.
+    ///
+    /// # Errors
+    /// Why the run is not fit; a new calibrator is needed.
+    pub fn push(&mut self, reading: Reading<HEADS>) -> Result<bool, Refusal> {
+        match &mut self.stage {
+            Stage::Curve { ring, head, run } => {
+                if run.push(reading.ring(*ring)[*head])? {
+                    let (ring, head) = (*ring, *head);
+                    let average = run.average()?;
+                    self.take_curve(ring, head, &average)?;
+                    self.turns += 1;
+                    self.stage = self.after_curve(ring, head);
+                }
+            }
+            Stage::Averages(path, residuals) => {
+                let (readings, _) = correct(&self.calibration, reading);
+                let path = path.get_or_insert_with(|| Path::new(&self.rings, readings));
+                let complete = path.push(readings)?;
+                residuals.push(path, &self.calibration, reading);
+                if complete {
+                    self.report.refinement = residuals.finish(&self.rings, &mut self.calibration)?;
+                    self.turns += 1;
+                    self.stage = Stage::Check(Check::new(&self.rings, &self.calibration));
+                }
+            }
+            Stage::Check(check) => {
+                let (readings, apart) = correct(&self.calibration, reading);
+                if check.push(&self.rings, readings, apart)? {
+                    check.finish(&self.rings, &mut self.calibration, &mut self.report)?;
+                    self.turns += 1;
+                    self.stage = Stage::Done;
+                }
+            }
+            Stage::Done => {}
+        }
+        Ok(matches!(self.stage, Stage::Done))
+    }
+
+    /// The calibration and what it is worth.
+    ///
+    /// # Errors
+    /// [`Refusal::TooShort`] before [`Self::push`] has returned true.
+    pub fn finish(self) -> Result<(Calibration<HEADS>, Report), Refusal> {
+        match self.stage {
+            Stage::Done => Ok((self.calibration, self.report)),
+            _ => Err(Refusal::TooShort { turns: self.turns, of: 2 * HEADS as u8 + 2 }),
+        }
+    }
+
+    fn take_curve(&mut self, ring: Ring, head: usize, average: &Average) -> Result<(), Refusal> {
+        let errors = &average.errors;
+        if harmonic(errors, 4) > FOURTH_HARMONIC {
+            return Err(Refusal::Saturated { ring, head: head as u8 });
+        }
+        if errors.iter().any(|error| error.abs() > LARGEST_ERROR) {
+            return Err(Refusal::Nonlinear { ring, head: head as u8 });
+        }
+        let percent = u32::from(average.similar) * 100 / u32::from(self.rings.pole_pairs(ring));
+        self.report.similar_percent = self.report.similar_percent.min(percent as u8);
+        self.calibration.curves_mut(ring)[head].errors = errors.map(|error| round(error * 65536.0));
+        Ok(())
+    }
+
+    fn after_curve(&self, ring: Ring, head: usize) -> Stage<HEADS> {
+        let (ring, head) = match (ring, head + 1) {
+            (ring, head) if head < HEADS => (ring, head),
+            (Ring::Reference, _) => (Ring::Vernier, 0),
+            (Ring::Vernier, _) => return Stage::Averages(None, Residuals::default()),
+        };
+        Stage::Curve { ring, head, run: curve::Run::new(self.rings.pole_pairs(ring)) }
+    }
+}
+
+impl Check {
+    fn new<const HEADS: usize>(rings: &Rings, calibration: &Calibration<HEADS>) -> Self {
+        Self {
+            table: AverageTable::new(rings, &calibration.averages),
+            path: None,
+            worst_residual: 0,
+            worst_apart: [0; 2],
+        }
+    }
+
+    /// Takes a sample; true when the turn is complete.
+    fn push(&mut self, rings: &Rings, readings: [u16; 2], apart: [u16; 2]) -> Result<bool, Refusal> {
+        let decoded = self.table.decode(readings[0], readings[1]);
+        let (path, begun) = self.path.get_or_insert_with(|| (Path::new(rings, readings), decoded.pole_pair));
+        let complete = path.push(readings)?;
+        let residual = decoded.residual.unsigned_abs();
+        let pole_pair = (i32::from(*begun) + path.pole_pairs()) % i32::from(rings.pole_pairs(Ring::Reference));
+        if i32::from(decoded.pole_pair) != pole_pair {
+            return Err(Refusal::Margin { worst: residual, margin: residual });
+        }
+        self.worst_residual = self.worst_residual.max(residual);
+        for (worst, apart) in self.worst_apart.iter_mut().zip(apart) {
+            *worst = apart.max(*worst);
+        }
+        Ok(complete)
+    }
+
+    /// Puts the limits between what was seen and what would be wrong.
+    fn finish<const HEADS: usize>(
+        &self,
+        rings: &Rings,
+        calibration: &mut Calibration<HEADS>,
+        report: &mut Report,
+    ) -> Result<(), Refusal> {
+        let worst = self.worst_residual;
+        let margin = margin(rings, &calibration.averages);
+        if worst * 8 > margin * MARGIN_EIGHTHS {
+            return Err(Refusal::Margin { worst, margin });
+        }
+        report.worst_residual = worst;
+        report.margin = margin;
+        let limit = worst + (margin - worst) / 3;
+        calibration.residual_limit = limit.clamp(1, Calibration::<HEADS>::RESIDUAL_LIMIT.into()) as u16;
+        for (ring, (limit, worst)) in
+            [Ring::Reference, Ring::Vernier].into_iter().zip(calibration.apart_limits.iter_mut().zip(self.worst_apart))
+        {
+            if worst > Calibration::<HEADS>::APART_LIMIT {
+                return Err(Refusal::HeadsApart(ring));
+            }
+            // A quarter more, and 1/64 of a pole pair.
+            *limit = (worst + worst / 4 + 1024).min(Calibration::<HEADS>::APART_LIMIT);
+        }
+        Ok(())
+    }
+}
+
+/// Half the smallest distance of two neighbours in the table of averages.
+fn margin(rings: &Rings, averages: &[i16; 64]) -> u32 {
+    let pole_pairs = i32::from(rings.pole_pairs(Ring::Reference));
+    let average = |lattice| i32::from(averages[usize::from(rings.pole_pair(lattice))]);
+    (0..pole_pairs).map(|lattice| ((1 << 16) + average(lattice + 1) - average(lattice)) / 2).min().unwrap_or(0) as u32
+}
+
+/// The corrected readings of both rings and how far their heads are apart.
+fn correct<const HEADS: usize>(calibration: &Calibration<HEADS>, reading: Reading<HEADS>) -> ([u16; 2], [u16; 2]) {
+    let (x, x_apart) = mean(corrected_heads(&calibration.reference, reading.reference));
+    let (y, y_apart) = mean(corrected_heads(&calibration.vernier, reading.vernier));
+    ([x, y], [x_apart, y_apart])
+}
+
+/// The readings of a ring's heads without their errors.
+fn corrected_heads<const HEADS: usize>(curves: &[Curve; HEADS], readings: [u16; HEADS]) -> [u16; HEADS] {
+    core::array::from_fn(|head| curves[head].correct(readings[head]))
+}
+
+/// Amplitude of a harmonic of a curve.
+fn harmonic(curve: &[f32; NODES], order: usize) -> f32 {
+    let (mut sine, mut cosine) = (0.0, 0.0);
+    for (node, value) in curve.iter().enumerate() {
+        let angle = ElectricalAngle::from_bits(((node * order) as i32) << (32 - NODES.ilog2()));
+        sine += value * trig::sin(angle).to_num::<f32>();
+        cosine += value * trig::cos(angle).to_num::<f32>();
+    }
+    libm::sqrtf(sine * sine + cosine * cosine) * (2.0 / NODES as f32)
+}
+
+/// To the nearest integer, saturated. Kept out of line: the loops it is called from are unrolled.
+#[inline(never)]
+fn round(value: f32) -> i16 {
+    libm::roundf(value) as i16
+}

@@ -1,0 +1,71 @@
+//! What the vernier must reach: `cargo run --release -- vernier --pairs` over a hundred seeds, and its faults.
+
+use sim::experiment::Common;
+use sim::experiment::vernier::faults::{FAULTS, Fault, Outcome, Recorded};
+use sim::experiment::vernier::{Build, Options, Summary, run};
+
+const ONE_HEAD: Build = Build { eccentricity: 0.02, head_angle: 40.0, pairs: false };
+const PAIRS: Build = Build { eccentricity: 0.05, head_angle: 40.0, pairs: true };
+
+fn summary(build: Build, seed: u64) -> Summary {
+    let common = Common { seed, json: None, out: "report".into() };
+    run(&Options { common, build, positions: 10_000, trials: 0 }).unwrap()
+}
+
+#[test]
+fn a_million_positions_of_a_hundred_encoders() {
+    let summaries = sim::parallel(1..101, |seed| summary(PAIRS, seed));
+    let worst = |of: fn(&Summary) -> f64| summaries.iter().map(of).fold(0.0, f64::max);
+    let positions: usize = summaries.iter().map(|s| s.positions).sum();
+    let wrong: usize = summaries.iter().map(|s| s.wrong_pole_pairs).sum();
+    let before: usize = summaries.iter().map(|s| s.uncalibrated_wrong_pole_pairs).sum();
+    let (rms, max) = (worst(|s| s.error_deg_rms), worst(|s| s.error_deg_max));
+    let residual = worst(|s| s.worst_residual_counts);
+    let margin = summaries.iter().map(|s| s.margin_counts).fold(f64::MAX, f64::min);
+    println!("{wrong} of {positions} wrong ({before} uncalibrated), error {rms:.4}° RMS, {max:.4}° at most");
+    println!("residual {residual:.2} counts of a margin of {margin:.2}");
+    assert!(summaries.iter().all(|s| s.refusal.is_none()));
+    assert_eq!((wrong, positions), (0, 1_000_000));
+    assert!(rms <= 0.005 / 2.0 && max <= 0.01);
+    assert!(residual < 5.0 && margin > 50.0);
+    // What calibration is worth.
+    assert!(before > 10_000, "{before}");
+}
+
+/// Trials of a fault, over ten encoders.
+fn trials<const HEADS: usize>(build: &Build, fault: Fault, each: usize) -> Outcome {
+    let outcomes = sim::parallel(1..11, |seed| Recorded::<HEADS>::new(build, seed).unwrap().trials(fault, each, seed));
+    let total = outcomes.into_iter().reduce(Outcome::plus).unwrap();
+    println!("{total:?}");
+    total
+}
+
+fn check(outcome: &Outcome, trials: usize) {
+    assert_eq!((outcome.trials, outcome.wrong, outcome.false_alarms), (trials, 0, 0));
+    // Only a stuck head over a ring that stands still stays unnoticed, and a burst that repeats what is.
+    assert!(outcome.flagged * 1000 > trials * 999);
+    // A weak magnet is seen before its angle is read.
+    assert!(outcome.unchecked_wrong * 10 > trials * 9 || outcome.fault == Fault::HalfDemagnetised);
+}
+
+#[test]
+fn no_fault_lets_a_wrong_angle_pass_with_one_head_a_ring() {
+    for fault in FAULTS {
+        check(&trials::<1>(&ONE_HEAD, fault, 10_000), 100_000);
+    }
+}
+
+#[test]
+fn no_fault_lets_a_wrong_angle_pass_with_opposite_heads() {
+    for fault in FAULTS {
+        check(&trials::<2>(&PAIRS, fault, 1_000), 10_000);
+    }
+}
+
+#[test]
+fn too_eccentric_for_one_head_is_refused_with_the_reason() {
+    let summary = summary(Build { eccentricity: 0.05, ..ONE_HEAD }, 1);
+    let refusal = summary.refusal.unwrap();
+    assert!(refusal.contains("eccentric"), "{refusal}");
+    assert!(summary.tolerable_eccentricity_mm < 0.05);
+}

@@ -303,6 +303,9 @@ impl Drive {
     #[cold]
     #[inline(never)]
     fn slow(&mut self, sample: &Sample, records: bool) -> Output {
+        if self.mode == Mode::Running && self.servo.demand != Demand::Voltage {
+            return self.serve(sample, records);
+        }
         let codes = &sample.halls;
         self.watch(sample);
         let output = match self.mode {
@@ -325,6 +328,22 @@ impl Drive {
         }
         // The command may have been to disarm, the angle implausible.
         if self.mode.drives() { output } else { Output::OFF }
+    }
+
+    /// A running step that follows a current, a speed or a position.
+    #[inline(never)]
+    fn serve(&mut self, sample: &Sample, records: bool) -> Output {
+        self.watch(sample);
+        if self.is_too_fast() {
+            self.fail(Fault::OverSpeed);
+        }
+        self.measure(&sample.halls);
+        // The loops rely on a voltage and currents within their limits.
+        let output = if self.mode == Mode::Running { self.regulate() } else { Output::OFF };
+        if records {
+            self.record_all(sample);
+        }
+        output
     }
 
     /// A record with currents and voltages, if there are any.
@@ -456,11 +475,10 @@ impl Drive {
         !failed
     }
 
-    /// A running step that is in no hurry.
-    #[inline(always)]
+    /// A running step that is in no hurry and follows a voltage.
     fn run(&mut self, codes: &Codes) -> Output {
         self.measure(codes);
-        if self.servo.demand != Demand::Voltage || self.servo.is_silent() {
+        if self.servo.is_silent() {
             return self.regulate();
         }
         let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
@@ -475,7 +493,7 @@ impl Drive {
         }
     }
 
-    /// A running step that follows a current, a speed or a position.
+    /// What a current, a speed or a position takes.
     #[inline(always)]
     fn regulate(&mut self) -> Output {
         let Some(control) = &self.config.control else { return Output::OFF };

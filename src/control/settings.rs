@@ -117,7 +117,7 @@ impl Thermistor {
         within("warn_c", self.warn_c, -40.0, 199.0)?;
         within("max_c", self.max_c, self.warn_c + 1.0, 200.0)?;
         let (fault, warn) = (self.code(self.max_c), self.code(self.warn_c));
-        Ok(Heat { fault: fault as i32, slope: (65_536.0 / (warn - fault).max(1.0)) as i32 })
+        Ok(Heat { fault: fault as i32, slope: (16_777_216.0 / (warn - fault).max(1.0)) as i32 })
     }
 }
 
@@ -166,7 +166,7 @@ impl Default for GuardSettings {
 pub(crate) struct Heat {
     /// Below, it is too hot.
     pub fault: i32,
-    /// Share of the current per code above that, in 2⁻¹⁶.
+    /// Share of the current per code above that, in 2⁻²⁴.
     pub slope: i32,
 }
 

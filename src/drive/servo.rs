@@ -145,7 +145,7 @@ impl Servo {
             if above < 0 {
                 return Some(fault);
             }
-            share = share.min(above.saturating_mul(heat.slope));
+            share = share.min(above.saturating_mul(heat.slope) >> 8);
         }
         self.most = ((i64::from(config.max_current) * i64::from(share)) >> 16) as i32;
         None

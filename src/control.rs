@@ -5,6 +5,7 @@
 
 pub mod cogging;
 pub mod current;
+pub mod identify;
 pub mod position;
 pub mod settings;
 pub mod trajectory;

@@ -726,6 +726,11 @@ impl Drive {
         &self.servo.state
     }
 
+    /// What the alignment was found to be off by while turning field-oriented: added to the Halls' angle.
+    pub const fn trim(&self) -> ElectricalAngle {
+        self.servo.trim()
+    }
+
     /// How the phases are driven.
     pub const fn commutation(&self) -> Commutation {
         self.config.commutation

@@ -208,6 +208,10 @@ pub struct Config {
     pub(crate) dead_time: [i32; 2],
     /// Counts of a whole period in 2⁻⁸, for a voltage as large as the bus.
     pub(crate) period: u32,
+    /// Speed from which on the back-EMF tells the alignment.
+    pub(crate) telling: i32,
+    /// What the alignment is moved by in a step per voltage along d, in 2⁻³² turns.
+    pub(crate) refinement: i32,
     pub(crate) guard: Guard,
     pub(crate) scale: Scale,
     pub(crate) motor: Motor,
@@ -261,6 +265,11 @@ impl Settings {
             radius: (longest * 65_536.0) as i32,
             dead_time: [half_dead_time, fixed(half_dead_time as f32 / ramp, 16).unwrap_or(i32::MAX)],
             period: u32::from(frame.period) << 15,
+            // A back-EMF of a fiftieth of the bus divider's full scale.
+            telling: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * 4_294_967_296.0).min(536_870_912.0)
+                as i32,
+            // There, a time constant of half a second: an electrical radian over that voltage and the steps of the time.
+            refinement: (4_294_967_296.0 / TAU / (32_768.0 / 50.0) / (0.5 * scale.step_hz)).max(1.0) as i32,
             guard: self.guard.validate(&scale)?,
             scale,
             motor,

@@ -61,6 +61,8 @@ pub(super) struct Servo {
     local: Local,
     /// Zero of each amplifier in 2⁻⁸ codes of 16 bits.
     offsets: [i32; 3],
+    /// What the alignment is off by, as the voltage along d tells while turning; 2⁻³² turns.
+    trim: i32,
     /// Largest current at the moment.
     most: i32,
     /// Which limits were in the way of the last step.
@@ -81,6 +83,7 @@ impl Servo {
             currents: Integrators::ZERO,
             local: Local::ZERO,
             offsets: [MIDDLE; 3],
+            trim: 0,
             most: 0,
             limits: Limits::NONE,
             imbalanced: 0,
@@ -190,9 +193,15 @@ impl Servo {
         self.watch(config, sample).or_else(|| self.heat(config, sample))
     }
 
+    /// What the alignment is off by.
+    pub const fn trim(&self) -> ElectricalAngle {
+        ElectricalAngle::from_bits(self.trim)
+    }
+
     /// Everything at rest, following nothing.
     pub fn reset(&mut self) {
-        *self = Self { offsets: self.offsets, most: self.most, state: self.state, ..Self::new() };
+        let Self { offsets, trim, most, state, .. } = *self;
+        *self = Self { offsets, trim, most, state, ..Self::new() };
         self.state.wanted = 0;
     }
 
@@ -276,22 +285,35 @@ impl Servo {
         limits: &pwm::Limits,
         reversed: bool,
     ) -> [u16; 3] {
-        self.park(rotor.angle(), reversed);
+        let trim = ElectricalAngle::from_bits(self.trim);
+        self.park(rotor.angle() + trim, reversed);
         let wanted = Dq { d: 0, q: self.state.wanted };
         let radius = ((self.state.bus as u32 * config.radius as u32) >> 16) as i32;
         let voltage = self.currents.step(&config.gains, wanted, self.state.current, rotor.speed(), radius);
         self.state.voltage = voltage.dq;
+        self.refine(config, rotor.speed(), voltage.limited);
         self.limits = self.limits.set(Limits::DUTY, voltage.limited);
         // The bus is above the least, which is not zero.
         let counts = (config.period / (self.state.bus as u32 | 1)) as i32;
         let scaled = Dq { d: (voltage.dq.d * counts) >> 7, q: (voltage.dq.q * counts) >> 7 };
         // What is computed now acts in the next period.
-        let ahead = Rotation::at(rotor.predicted(tracking));
+        let ahead = Rotation::at(rotor.predicted(tracking) + trim);
         let [most, slope] = [config.dead_time[0], config.dead_time[1]];
         let flowing = inverse_clarke(ahead.inverse_park(wanted));
         let correction = flowing.map(|current| svpwm::dead_time(current, slope, most));
         let [a, b, c] = svpwm::compare(ahead.inverse_park(scaled), correction, limits);
         if reversed { [a, c, b] } else { [a, b, c] }
+    }
+
+    /// Turns the frame until no back-EMF is left along d: what the integrator holds there, beyond what is fed forward, is that of an
+    /// angle that is off. Only while the rotor turns fast enough to tell, and not farther than 60°.
+    #[inline(always)]
+    fn refine(&mut self, config: &Config, speed: i32, limited: bool) {
+        let fast = speed.wrapping_add(config.telling) as u32 > 2 * config.telling as u32;
+        if fast && !limited {
+            let along = if speed < 0 { -self.currents.d() } else { self.currents.d() };
+            self.trim = clamp(self.trim - along * config.refinement, 715_827_882);
+        }
     }
 
     /// The local feedback of Simpkins and Todorov, Fig. 7, on one current: the modulation.

@@ -6,6 +6,7 @@
 
 pub mod absolute;
 pub mod drag;
+mod loss;
 mod servo;
 
 use crate::angle::{ElectricalAngle, Position};
@@ -15,10 +16,10 @@ use crate::commutation::{Commutation, Legs, Modulation, Output};
 use crate::control::cogging;
 use crate::control::{Current, Speed};
 use crate::fault::{Fault, Limits};
-use crate::hall::Codes;
 use crate::hall::estimate::Estimator;
 use crate::hall::normalize::Implausible;
 use crate::hall::track::{Jump, Tracker};
+use crate::hall::{Channel, Codes};
 use crate::mode::{Event, Mode};
 use crate::pwm::Amplitude;
 use crate::settings::Config;
@@ -91,6 +92,8 @@ pub enum Refusal {
     NoAngle,
     /// The command is beyond `max_modulation`, the largest current or the largest speed.
     TooLarge,
+    /// A Hall is lost: the drive must be calibrated after its repair.
+    HallLost,
     /// The drive was set up without current control.
     NoControl,
     /// What would be a fault at once.
@@ -103,6 +106,7 @@ impl fmt::Display for Refusal {
             Self::Mode(Mode::Faulted(fault)) => write!(f, "faulted: {fault}"),
             Self::Mode(mode) => write!(f, "not while {mode:?}"),
             Self::NotCalibrated => write!(f, "not calibrated"),
+            Self::HallLost => write!(f, "a Hall is lost: repair it and calibrate"),
             Self::NoAngle => write!(f, "the Halls give no plausible angle"),
             Self::TooLarge => write!(f, "the command is beyond the allowed"),
             Self::NoControl => write!(f, "set up without current control"),
@@ -205,6 +209,10 @@ pub struct Drive {
     config: Config,
     /// The estimator otherwise.
     resting: Option<&'static mut Estimator>,
+    /// A Hall lost while running, as long as the estimator counts on it.
+    lost: Option<Channel>,
+    /// What would be a fault, unless two Halls do.
+    suspicion: Option<Fault>,
     mode: Mode,
     limits: Limits,
     progress: Progress,
@@ -225,6 +233,8 @@ impl Drive {
             channels,
             hurried: None,
             resting: None,
+            lost: None,
+            suspicion: None,
             mode: Mode::Unarmed,
             limits: Limits::NONE,
             progress: Progress::None,
@@ -257,7 +267,7 @@ impl Drive {
         let angle = if records { estimator.angle_of_one(codes) } else { estimator.angle(codes) };
         // No sample was missed, so there is nothing to do when one is found.
         if !self.track(angle, |_| ()) {
-            return self.fallen(codes, records);
+            return self.fallen(sample, records);
         }
         if records {
             self.record(codes, self.config.record_every);
@@ -291,7 +301,7 @@ impl Drive {
             && self.config.commutation == Commutation::Sinusoidal
             && self.config.control.is_none();
         let estimator = self.hurried.take().or(self.resting.take());
-        if sinusoidal && self.live.missed == 0 {
+        if sinusoidal && self.live.missed == 0 && self.lost.is_none() {
             self.hurried = estimator;
         } else {
             self.resting = estimator;
@@ -337,7 +347,7 @@ impl Drive {
         if self.is_too_fast() {
             self.fail(Fault::OverSpeed);
         }
-        self.measure(&sample.halls);
+        self.observe(&sample.halls);
         // The loops rely on a voltage and currents within their limits.
         let output = if self.mode == Mode::Running { self.regulate() } else { Output::OFF };
         if records {
@@ -377,7 +387,11 @@ impl Drive {
     /// The step that found a fault.
     #[cold]
     #[inline(never)]
-    fn fallen(&mut self, codes: &Codes, records: bool) -> Output {
+    fn fallen(&mut self, sample: &Sample, records: bool) -> Output {
+        let codes = &sample.halls;
+        if self.runs_on(*codes) {
+            return self.slow(sample, records);
+        }
         if records {
             self.record(codes, self.config.record_every);
         }
@@ -436,7 +450,7 @@ impl Drive {
             // Nothing is known of the rotor, so it is not turned on and on.
             self.live.rotor = Tracker::at(self.live.rotor.angle());
         }
-        self.fail(Fault::Hall(why))
+        self.fail_unless_two_do(Fault::Hall(why))
     }
 
     /// The angle is not where the rotor can be.
@@ -451,7 +465,7 @@ impl Drive {
             self.live.rotor = Tracker::at(angle);
             self.found();
         }
-        self.fail(Fault::AngleJump)
+        self.fail_unless_two_do(Fault::AngleJump)
     }
 
     /// Counts a sample without a plausible angle; false when they are too many.
@@ -475,9 +489,19 @@ impl Drive {
         !failed
     }
 
+    /// Angle and speed from the Halls that are left.
+    #[inline(always)]
+    fn observe(&mut self, codes: &Codes) {
+        match self.lost {
+            None => self.measure(codes),
+            Some(lost) => self.measure_without(lost, *codes),
+        }
+        self.runs_on(*codes);
+    }
+
     /// A running step that is in no hurry and follows a voltage.
     fn run(&mut self, codes: &Codes) -> Output {
-        self.measure(codes);
+        self.observe(codes);
         if self.servo.is_silent() {
             return self.regulate();
         }
@@ -579,6 +603,7 @@ impl Drive {
             Command::Calibrate => {
                 self.on_command(Event::Calibrate)?;
                 self.drag = Drag::OFF;
+                self.forget_loss();
                 self.progress = Progress::None;
                 self.publish();
             }
@@ -617,6 +642,9 @@ impl Drive {
             // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
             let _ = self.channels.retired.enqueue(unused);
         }
+        if allowed.is_ok() {
+            self.take_up_loss();
+        }
         if allowed.is_ok() && self.mode == Mode::Ready {
             self.relock(codes);
         }
@@ -638,6 +666,7 @@ impl Drive {
         }
         match self.mode {
             Mode::Unarmed => Err(Refusal::NotCalibrated),
+            Mode::Ready if self.limits.contains(Limits::TWO_HALLS) => Err(Refusal::HallLost),
             Mode::Ready if self.live.missed != 0 => Err(Refusal::NoAngle),
             _ => {
                 self.set_amplitude(Amplitude::ZERO);

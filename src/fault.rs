@@ -141,11 +141,13 @@ impl Limits {
     /// The last sample was implausible and the angle is extrapolated.
     pub const EXTRAPOLATED: Self = Self(2);
     /// The command asks for more current than allowed.
-    pub const CURRENT: Self = Self(4);
+    pub const CURRENT: Self = Self(8);
     /// Bridge or motor is warm, and the largest current reduced.
-    pub const HEAT: Self = Self(8);
+    pub const HEAT: Self = Self(16);
     /// No command came for too long: the drive has stopped.
-    pub const TIMEOUT: Self = Self(16);
+    pub const TIMEOUT: Self = Self(32);
+    /// A Hall is lost and the angle comes from the other two: to be stopped, and not armed again.
+    pub const TWO_HALLS: Self = Self(4);
 
     /// Whether all of `other` are active.
     pub const fn contains(self, other: Self) -> bool {

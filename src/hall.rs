@@ -4,6 +4,7 @@
 //! into integers and inverts it in the control interrupt, [`track`] makes angle, speed and turns of the angles.
 //! [`normalize`] and [`baseline`] are the way of Simpkins and Todorov, kept as the yardstick.
 
+pub mod adapt;
 pub mod baseline;
 pub mod calibrate;
 pub mod estimate;

@@ -51,6 +51,7 @@ pub mod mode;
 pub mod pwm;
 pub mod service;
 pub mod settings;
+pub mod storage;
 pub mod telemetry;
 pub mod trig;
 pub mod vernier;

@@ -1,7 +1,10 @@
 //! The low-rate side of a drive: collects the calibration's samples, fits the model and installs it.
 
+pub mod adaptation;
+
 use crate::control::cogging;
 use crate::drive::{Command, Reply, Tasks};
+use crate::hall::Channel;
 use crate::hall::calibrate::{self, Calibration, Collector};
 use crate::hall::estimate::{BadModel, Estimator};
 use crate::hall::model::Model;
@@ -110,7 +113,19 @@ impl Service {
     /// # Errors
     /// [`InstallError`]; nothing has changed then.
     pub fn install(&mut self, model: &Model) -> Result<(), InstallError> {
-        let estimator = Estimator::new(model, self.config.adc_bits).map_err(InstallError::Model)?;
+        self.give(Estimator::new(model, self.config.adc_bits))
+    }
+
+    /// The same for the two Halls that are left when one is lost.
+    ///
+    /// # Errors
+    /// [`InstallError`]; nothing has changed then.
+    pub fn install_without(&mut self, lost: Channel, model: &Model) -> Result<(), InstallError> {
+        self.give(Estimator::without(lost, model, self.config.adc_bits))
+    }
+
+    fn give(&mut self, estimator: Result<Estimator, BadModel>) -> Result<(), InstallError> {
+        let estimator = estimator.map_err(InstallError::Model)?;
         self.take_back();
         let spare = self.spares.pop().ok_or(InstallError::Busy)?;
         *spare = estimator;

@@ -43,6 +43,9 @@ pub struct Settings {
     pub max_electrical_hz: f32,
     /// Successive samples without a plausible angle that are extrapolated over, 0 to 100; one more is a fault.
     pub tolerated_samples: u8,
+    /// Whether a running drive that loses a Hall runs on from the other two, with a limit reported, until it is stopped;
+    /// otherwise the loss is a fault.
+    pub run_on_two_halls: bool,
     /// Modulation of the calibration's field, 0.01 to 0.5. A tenth of 24 V drives 0.3 A through the default motor.
     pub calibration_modulation: f32,
     /// Time to raise the field, and again to let the rotor settle, 0.05 to 10 s.
@@ -78,6 +81,7 @@ impl Default for Settings {
             delay_periods: 1.5,
             max_electrical_hz: 2000.0,
             tolerated_samples: 8,
+            run_on_two_halls: false,
             calibration_modulation: 0.15,
             calibration_align_s: 0.3,
             calibration_hz: 10.0,
@@ -153,6 +157,7 @@ pub struct Config {
     pub(crate) max_modulation: Modulation,
     pub(crate) advance: ElectricalAngle,
     pub(crate) tolerated: u16,
+    pub(crate) run_on_two_halls: bool,
     pub(crate) calibration_record_every: u32,
     pub(crate) drag: drag::Config,
     /// Currents, torque, speed and position.
@@ -160,6 +165,11 @@ pub struct Config {
 }
 
 impl Config {
+    /// Steps from record to record while not calibrating.
+    pub const fn record_every(&self) -> u32 {
+        self.record_every
+    }
+
     pub(crate) const fn order(&self) -> PhaseOrder {
         if self.reversed { PhaseOrder::REVERSED } else { PhaseOrder::FORWARD }
     }
@@ -219,6 +229,7 @@ impl Settings {
             tracking: self.tracking()?,
             fastest: (self.max_electrical_hz / pwm_hz * 4_294_967_296.0) as i32,
             tolerated: within("tolerated_samples", self.tolerated_samples.into(), 0.0, 100.0)? as u16,
+            run_on_two_halls: self.run_on_two_halls,
             record_every: self.every("record_hz", self.record_hz, self.pwm_hz / 2.0)?,
             calibration_record_every: self.every("calibration_record_hz", self.calibration_record_hz, self.pwm_hz)?,
             drag: self.drag()?,

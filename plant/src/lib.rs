@@ -31,6 +31,8 @@
 
 mod adc;
 mod averaged;
+mod bench;
+mod bound;
 mod bus;
 pub mod construction;
 mod emf;
@@ -48,6 +50,8 @@ mod switched;
 mod windings;
 
 pub use adc::{AdcParameters, SenseParameters};
+pub use bench::{Bench, BenchParameters};
+pub use bound::{Bound, Prior};
 pub use bus::BusParameters;
 pub use emf::{BackEmf, PhaseSequence, Shape};
 pub use error::Error;

@@ -1,5 +1,6 @@
 //! The experiments, one a file: each has its options, runs, and returns a summary and a report.
 
+pub mod adapt;
 pub mod commutation;
 pub mod faults;
 pub mod pwm;

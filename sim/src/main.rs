@@ -24,6 +24,8 @@ enum Experiment {
     Servo(Common),
     /// Inject every fault at random times into running drives
     Faults(experiment::faults::Options),
+    /// Find and follow the sensors' parameters while the motor turns; lose a sensor
+    Adapt(experiment::adapt::Options),
     /// Choose the PWM frequency; current ripple by formula and by a switched simulation
     Pwm(experiment::pwm::Options),
     /// Absolute angle from two rings: before and after self-calibration, and when something breaks
@@ -40,6 +42,7 @@ fn main() -> ExitCode {
         Some(Experiment::Commutation(common)) => experiment::commutation::main(&common),
         Some(Experiment::Servo(common)) => experiment::servo::main(&common),
         Some(Experiment::Faults(options)) => experiment::faults::main(&options),
+        Some(Experiment::Adapt(options)) => experiment::adapt::main(&options),
         Some(Experiment::Pwm(options)) => experiment::pwm::main(&options),
         Some(Experiment::Vernier(options)) => experiment::vernier::main(&options),
     };

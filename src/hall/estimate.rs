@@ -32,6 +32,9 @@ pub const DISAGREEMENT: f32 = 0.3;
 /// Largest noise of the estimate over the bound for perfectly placed sensors that a placement may cost.
 pub const WORST_NOISE_GAIN: f32 = 1.5;
 
+/// The same for two sensors; 120° or 60° apart they have √2.
+pub const WORST_NOISE_GAIN_OF_TWO: f32 = 2.5;
+
 /// Why sensors cannot give an angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -70,6 +73,13 @@ struct Row {
 }
 
 impl Row {
+    /// Weights of the normalised signals, with `unit` for one.
+    fn new(weights: [f32; 3], unit: f32, model: &Model) -> Self {
+        let gains = [0, 1, 2].map(|k| libm::roundf(unit * weights[k] / model.sensors[k].amplitude) as i32);
+        let middle: f64 = (0..3).map(|k| f64::from(gains[k]) * f64::from(model.sensors[k].offset)).sum();
+        Self { gains, bias: (-middle as i64) as i32 }
+    }
+
     /// Intermediate sums may wrap; the result does not while every code is in its window.
     #[inline(always)]
     const fn dot(&self, codes: &Codes) -> i32 {
@@ -80,7 +90,26 @@ impl Row {
     }
 }
 
-/// The integer form of a [`Model`]: 2.2 KiB, most of it the table, which comes last so that the rest is near.
+/// What two sensors give alone, in units of a power of two.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Pair {
+    cosine: Row,
+    sine: Row,
+    /// log₂ of what one amplitude is.
+    unit_bits: u32,
+}
+
+impl Pair {
+    fn new(lost: Channel, model: &Model, adc_bits: u8) -> Self {
+        let inverse = Inverse::without(lost, model);
+        // Finite and at least two to the sixth: the window has 16 bits, an amplitude at least two.
+        let unit_bits = (inverse.unit(model, Window::all(adc_bits)) as u32).max(64).ilog2();
+        let row = |row| Row::new(row, (1_u32 << unit_bits) as f32, model);
+        Self { cosine: row(inverse.cosine), sine: row(inverse.sine), unit_bits }
+    }
+}
+
+/// The integer form of a [`Model`]: 2.3 KiB, most of it the table, behind which comes what is rarely used.
 #[derive(Clone, Debug, PartialEq, Eq)]
 #[repr(C)]
 pub struct Estimator {
@@ -96,6 +125,11 @@ pub struct Estimator {
     strength_span: u32,
     adc_bits: u8,
     table: QuadrantTable,
+    /// Cosine and sine from two sensors, for each that may be lost, with what an electrical angle is to them.
+    pairs: [Pair; 3],
+    alignment: ElectricalAngle,
+    reversed: bool,
+    lost: Option<Channel>,
 }
 
 impl Estimator {
@@ -106,16 +140,37 @@ impl Estimator {
     /// [`WORST_NOISE_GAIN`] times as noisy as three well-placed sensors.
     pub fn new(model: &Model, adc_bits: u8) -> Result<Self, BadModel> {
         let (windows, inverse) = check(model, adc_bits)?;
+        Ok(Self::build(model, adc_bits, windows, &inverse, None))
+    }
+
+    /// The estimator for the two sensors that remain when one is lost; error below 5e-4 rad for a perfect model.
+    /// The angle is up to [`WORST_NOISE_GAIN_OF_TWO`] times as noisy, a common offset is not rejected, and the loss of another
+    /// sensor shows only in the strength of the signals: enough to run on until stopped.
+    ///
+    /// # Errors
+    /// [`BadModel`], when a parameter is impossible, or the two are so close to the same or opposite phase that the
+    /// noise is more than [`WORST_NOISE_GAIN_OF_TWO`] times that of three well-placed sensors.
+    pub fn without(lost: Channel, model: &Model, adc_bits: u8) -> Result<Self, BadModel> {
+        let mut windows = windows(model, adc_bits)?;
+        let inverse = Inverse::without(lost, model);
+        let noise_gain = inverse.noise_gain();
+        if noise_gain > WORST_NOISE_GAIN_OF_TWO {
+            return Err(BadModel::Placement { noise_gain });
+        }
+        if let Some(window) = windows.get_mut(usize::from(lost.0)) {
+            *window = Window::all(adc_bits);
+        }
+        Ok(Self::build(model, adc_bits, windows, &inverse, Some(lost)))
+    }
+
+    fn build(model: &Model, adc_bits: u8, windows: [Window; 3], inverse: &Inverse, lost: Option<Channel>) -> Self {
         let window = Window::around(windows);
         let unit = inverse.unit(model, window);
-        let row = |row: [f32; 3]| {
-            let gains = [0, 1, 2].map(|k| libm::roundf(unit * row[k] / model.sensors[k].amplitude) as i32);
-            let middle: f64 = (0..3).map(|k| f64::from(gains[k]) * f64::from(model.sensors[k].offset)).sum();
-            Row { gains, bias: (-middle as i64) as i32 }
-        };
+        let row = |row: [f32; 3]| Row::new(row, unit, model);
+        let pairs = [0, 1, 2].map(|lost| Pair::new(Channel(lost), model, adc_bits));
         let strength = |relative: f32| (relative * unit) as u32;
         let (common, limit) = (row(inverse.common), (DISAGREEMENT * unit) as i32);
-        Ok(Self {
+        Self {
             window,
             windows,
             cosine: row(inverse.cosine),
@@ -124,9 +179,13 @@ impl Estimator {
             disagreement_span: 2 * limit as u32,
             weakest: strength(WEAKEST),
             strength_span: strength(STRONGEST) - strength(WEAKEST),
-            table: table(model, &inverse),
+            table: table(model, inverse),
             adc_bits,
-        })
+            pairs,
+            alignment: model.alignment,
+            reversed: model.reversed,
+            lost,
+        }
     }
 
     /// Memory for an estimator: it finds every code implausible.
@@ -143,6 +202,10 @@ impl Estimator {
             strength_span: 0,
             table: [Segment { start: 0, slope: 0 }; 4 << trig::QUADRANT_BITS],
             adc_bits: 16,
+            pairs: [Pair { cosine: ROW, sine: ROW, unit_bits: 0 }; 3],
+            alignment: ElectricalAngle::ZERO,
+            reversed: false,
+            lost: None,
         }
     }
 
@@ -180,6 +243,28 @@ impl Estimator {
     #[inline(always)]
     pub fn angle_unchecked(&self, codes: &Codes) -> ElectricalAngle {
         Direction::of(self.sine.dot(codes), self.cosine.dot(codes)).angle(&self.table)
+    }
+
+    /// The angle from the two sensors other than `lost`, for the time until a new estimator takes its place, and their
+    /// strength: [`Self::HEALTHY`] for a calibrated magnet, which grows with the square of the signals. Harmonics are not
+    /// corrected, so that with a third harmonic of 5 % the angle is up to 7° off and the strength 30 %. `None` where the
+    /// estimator knows of two sensors only.
+    #[cold]
+    pub fn angle_without(&self, lost: Channel, codes: &Codes) -> Option<(ElectricalAngle, u32)> {
+        let pair = self.pairs.get(usize::from(lost.0)).filter(|_| self.lost.is_none())?;
+        let (y, x) = (pair.sine.dot(codes), pair.cosine.dot(codes));
+        let square = i64::from(y) * i64::from(y) + i64::from(x) * i64::from(x);
+        let strength = square >> (2 * pair.unit_bits - Self::HEALTHY.ilog2());
+        let angle = trig::atan2(y, x) - self.alignment;
+        Some((if self.reversed { -angle } else { angle }, u32::try_from(strength).unwrap_or(u32::MAX)))
+    }
+
+    /// Strength of two sensors as calibrated.
+    pub const HEALTHY: u32 = 1024;
+
+    /// The sensor that the estimator does without.
+    pub const fn lost(&self) -> Option<Channel> {
+        self.lost
     }
 
     /// The first sensor whose code is not in its own window, or else what is wrong with all three.
@@ -253,6 +338,25 @@ impl Inverse {
         let sine = [f[2][0] * s[1] - f[1][0] * s[2], f[0][0] * s[2] - f[2][0] * s[0], f[1][0] * s[0] - f[0][0] * s[1]];
         let divide = |row: [f32; 3]| row.map(|component| component / determinant);
         Self { cosine: divide(cosine), sine: divide(sine), common: divide(null) }
+    }
+
+    /// Of the two sensors other than `lost`; nothing is left to check them by.
+    fn without(lost: Channel, model: &Model) -> Self {
+        let (a, b) = match lost.0 {
+            0 => (1, 2),
+            1 => (2, 0),
+            _ => (0, 1),
+        };
+        // r = sin θ · cos ψ − cos θ · sin ψ for both, solved for cosine and sine.
+        let [(sin_a, cos_a), (sin_b, cos_b)] = [a, b].map(|k| {
+            let placement = model.sensors[k].placement;
+            (trig::sin(placement).to_num::<f32>(), trig::cos(placement).to_num::<f32>())
+        });
+        let determinant = sin_b * cos_a - cos_b * sin_a;
+        let (mut cosine, mut sine) = ([0.0; 3], [0.0; 3]);
+        (cosine[a], cosine[b]) = (cos_b / determinant, -cos_a / determinant);
+        (sine[a], sine[b]) = (sin_b / determinant, -sin_a / determinant);
+        Self { cosine, sine, common: [0.0; 3] }
     }
 
     /// RMS angle noise over the turn, relative to three equal sensors 120° apart. Not a number counts as infinite.

@@ -51,6 +51,11 @@ pub struct Window {
 }
 
 impl Window {
+    /// Every code, rails included: of a sensor that is not used.
+    pub(crate) const fn all(adc_bits: u8) -> Self {
+        Self { low: 0, span: (1 << adc_bits) - 1 }
+    }
+
     /// No code is in it.
     pub const NOTHING: Self = Self { low: u32::MAX, span: 0 };
 

@@ -91,6 +91,12 @@ impl Tracker {
         self.angle = ElectricalAngle::from_bits(self.angle.to_bits().wrapping_add(self.speed));
     }
 
+    /// Moves to an angle by the shorter way, however far, and goes on at the present speed.
+    pub const fn move_to(&mut self, angle: ElectricalAngle) {
+        self.position = self.position.advance_to(angle);
+        self.angle = angle;
+    }
+
     /// The smoothed angle at the last sample.
     pub const fn angle(&self) -> ElectricalAngle {
         self.angle
@@ -173,6 +179,18 @@ mod tests {
         let lag = (angle(truth) - tracker.angle()).to_degrees();
         let documented = 360.0 * acceleration as f32 * 512.0;
         assert!((lag / documented - 1.0).abs() < 0.1, "{lag} {documented}");
+    }
+
+    #[test]
+    fn a_move_keeps_speed_and_turns() {
+        let mut tracker = Tracker::at(ElectricalAngle::ZERO);
+        for k in 0..4000 {
+            tracker.step(&config(), angle(0.01 * f64::from(k))).unwrap();
+        }
+        let speed = tracker.speed();
+        tracker.move_to(angle(40.2));
+        assert_eq!((tracker.speed(), tracker.position().turns()), (speed, 40));
+        assert_eq!(tracker.angle(), angle(40.2));
     }
 
     #[test]

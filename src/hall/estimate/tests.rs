@@ -177,3 +177,46 @@ fn impossible_models_are_refused() {
         assert!(matches!(Estimator::new(&model, 12), Err(BadModel::Placement { .. })), "{twin}");
     }
 }
+
+#[test]
+fn two_sensors_give_the_same_angle_as_three() {
+    for spacing in [60.0, 120.0, -60.0, -120.0] {
+        let mut model = Model::nominal(16, 16_000.0, ElectricalAngle::from_degrees(spacing));
+        for (k, sensor) in model.sensors.iter_mut().enumerate() {
+            sensor.placement += ElectricalAngle::from_degrees([0.0, 8.0, -8.0][k]);
+            sensor.amplitude *= [1.0, 0.7, 1.2][k];
+            sensor.third = 0.05;
+        }
+        for lost in 0..3 {
+            let estimator = Estimator::without(Channel(lost), &model, 16).unwrap();
+            let mut worst = 0.0_f32;
+            for k in 0..3600 {
+                let angle = ElectricalAngle::from_degrees(k as f32 / 10.0);
+                let mut codes = model.codes(angle);
+                codes[usize::from(lost)] = [0, 65535, 12345][k % 3];
+                let error = estimator.angle(&codes).unwrap() - angle;
+                worst = worst.max(error.to_radians().abs());
+            }
+            assert!(worst < 5e-4, "{spacing} without {lost}: {worst}");
+            let three = Estimator::new(&model, 16).unwrap();
+            assert_eq!((three.lost(), estimator.lost()), (None, Some(Channel(lost))));
+            let mut worst = 0.0_f32;
+            for k in 0..3600 {
+                let angle = ElectricalAngle::from_degrees(k as f32 / 10.0);
+                let (rough, strength) = three.angle_without(Channel(lost), &model.codes(angle)).unwrap();
+                assert!((700..1400).contains(&strength), "{spacing} without {lost}: {strength}");
+                worst = worst.max((rough - angle).to_degrees().abs());
+            }
+            assert!((2.0..7.0).contains(&worst), "{spacing} without {lost}: {worst}°");
+            assert_eq!(estimator.angle_without(Channel(lost), &[30_000; 3]), None);
+        }
+    }
+}
+
+#[test]
+fn two_sensors_in_opposite_phase_are_refused() {
+    let mut model = Model::nominal(12, 1000.0, ElectricalAngle::from_degrees(120.0));
+    model.sensors[1].placement = ElectricalAngle::from_degrees(175.0);
+    assert!(matches!(Estimator::without(Channel(2), &model, 12), Err(BadModel::Placement { .. })));
+    assert!(Estimator::without(Channel(1), &model, 12).is_ok());
+}

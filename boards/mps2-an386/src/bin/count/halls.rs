@@ -72,10 +72,14 @@ pub fn clarke(codes: &Codes) -> (i32, i32) {
 
 static ESTIMATOR: AtomicPtr<Estimator> = AtomicPtr::new(core::ptr::null_mut());
 
+/// Ideal sensors.
+pub fn model() -> Model {
+    Model::nominal(12, AMPLITUDE, ElectricalAngle::THIRD)
+}
+
 /// For ideal sensors.
 pub fn new_estimator() -> Estimator {
-    let model = Model::nominal(12, AMPLITUDE, ElectricalAngle::THIRD);
-    Estimator::new(&model, 12).unwrap_or_else(|_| failure())
+    Estimator::new(&model(), 12).unwrap_or_else(|_| failure())
 }
 
 /// Makes the estimator that the rows use.

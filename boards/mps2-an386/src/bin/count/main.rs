@@ -5,6 +5,7 @@
 #![no_std]
 #![no_main]
 
+mod adapt;
 mod call;
 mod drive;
 mod duties;
@@ -26,9 +27,10 @@ fn main() -> ! {
     duties::init();
     drive::init();
     vernier::init();
+    adapt::init();
     Row::print_head();
     let mut within = true;
-    for row in [trig::ROWS, halls::ROWS, duties::ROWS, drive::ROWS, vernier::ROWS].into_iter().flatten() {
+    for row in [trig::ROWS, halls::ROWS, duties::ROWS, drive::ROWS, vernier::ROWS, adapt::ROWS].into_iter().flatten() {
         within &= row.print(&counter);
     }
     if within { success() } else { failure() }

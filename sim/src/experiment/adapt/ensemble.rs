@@ -1,0 +1,128 @@
+//! Many motors: how fast and how well the filters find unknown sensors.
+
+use super::judge::{self, ACCELERATION_NOISE, DAMPING_1_S, Judge, Motion, PERIOD_S, Start};
+use crate::paper_filter::{Noises, PaperFilter};
+use crate::statistics::Statistics;
+use anyhow::Result;
+use hallservo::hall::adapt::Outcome;
+use std::f64::consts::TAU;
+
+/// Parts of a turn over which errors of all motors are taken together.
+pub const PARTS: usize = 8;
+/// Turns of a run at constant speed.
+pub const TURNS: usize = 8;
+/// Turns after which an error counts as that of the steady state.
+pub const STEADY_TURNS: usize = 4;
+/// What is wanted, electrical degrees RMS.
+pub const WANTED_DEG: f64 = 0.5;
+
+/// Errors of one motor at constant speed, degrees: RMS over each part of a turn.
+#[derive(Clone, Debug)]
+pub struct Course {
+    /// Of the filter.
+    pub errors: Vec<Statistics>,
+    /// Of the paper's.
+    pub paper: Vec<Statistics>,
+    /// The bound.
+    pub bound: Vec<Statistics>,
+    /// Every error in the steady state.
+    pub steady: Vec<f64>,
+    /// Whether something went wrong.
+    pub diverged: bool,
+}
+
+/// One motor from its data sheet at constant speed.
+///
+/// # Errors
+/// Parameters that plant or filter refuse.
+pub fn course(seed: u64, hz: f64) -> Result<Course> {
+    let hz = if seed.is_multiple_of(2) { hz } else { -hz };
+    let mut judge = Judge::new(seed, judge::halls(seed), Motion::Constant(hz), Start::Nominal)?;
+    let mut paper = paper_filter(&judge, hz);
+    let part = 1.0 / (hz.abs() * PERIOD_S * PARTS as f64);
+    let mut course = Course {
+        errors: vec![Statistics::default(); PARTS * TURNS],
+        paper: vec![Statistics::default(); PARTS * TURNS],
+        bound: vec![Statistics::default(); PARTS * TURNS],
+        steady: Vec::new(),
+        diverged: false,
+    };
+    for k in 0..(part * (PARTS * TURNS) as f64) as usize {
+        let step = judge.step();
+        paper.step(step.codes, DAMPING_1_S * TAU * hz, DAMPING_1_S, PERIOD_S);
+        let now = ((k as f64 / part) as usize).min(PARTS * TURNS - 1);
+        course.errors[now].push(step.error_deg);
+        course.bound[now].push(step.bound_deg);
+        course.paper[now].push(judge::wrapped_deg(paper.angle - judge.hall_rad()));
+        course.diverged |= matches!(step.outcome, Outcome::Failed(_)) || step.error_deg.is_nan();
+        if now >= PARTS * STEADY_TURNS {
+            course.steady.push(step.error_deg);
+            course.diverged |= step.error_deg.abs() > 5.0;
+        }
+    }
+    Ok(course)
+}
+
+/// The paper's filter with what its power-up routine finds, the true minima and maxima, at the true angle and speed.
+pub fn paper_filter(judge: &Judge, hz: f64) -> PaperFilter {
+    let ranges = judge.halls.map(|hall| {
+        // A flattened sine's peak is lower than its fundamental's.
+        let peak = hall.amplitude_v * (1.0 - hall.third + hall.fifth);
+        ((hall.offset_v - peak) / judge::LSB_V, (hall.offset_v + peak) / judge::LSB_V)
+    });
+    let noises = Noises { angle: 1e-4, speed: ACCELERATION_NOISE * ACCELERATION_NOISE, placement: 1e-4, signal: 1e-4 };
+    PaperFilter::new(ranges, judge.hall_rad(), TAU * hz, TAU / 3.0, noises)
+}
+
+/// RMS over all motors of each part of a turn.
+pub fn over_time(courses: &[Course], of: impl Fn(&Course) -> &Vec<Statistics>) -> Vec<f64> {
+    let power = |part: usize| {
+        let (sum, count) = courses
+            .iter()
+            .map(|course| &of(course)[part])
+            .fold((0.0, 0.0), |(sum, count), s| (sum + s.rms() * s.rms() * s.count(), count + s.count()));
+        (sum / f64::max(count, 1.0)).sqrt()
+    };
+    (0..PARTS * TURNS).map(power).collect()
+}
+
+/// Turns after which an RMS stays below what is wanted; `None` if it never does.
+pub fn convergence_turns(rms: &[f64]) -> Option<f64> {
+    match rms.iter().rposition(|rms| !(*rms < WANTED_DEG)) {
+        Some(last) if last + 1 == rms.len() => None,
+        Some(last) => Some((last + 1) as f64 / PARTS as f64),
+        None => Some(0.0),
+    }
+}
+
+/// What came of a motion that is not constant.
+#[derive(Clone, Copy, Debug)]
+pub struct Ride {
+    /// After the first two turns, degrees.
+    pub error: Statistics,
+    /// The bound in the same time.
+    pub bound: Statistics,
+    /// Whether something went wrong.
+    pub diverged: bool,
+}
+
+/// One motor from its data sheet over five seconds of a motion.
+///
+/// # Errors
+/// Parameters that plant or filter refuse.
+pub fn ride(seed: u64, motion: Motion) -> Result<Ride> {
+    let mut judge = Judge::new(seed, judge::halls(seed), motion, Start::Nominal)?;
+    let mut ride = Ride { error: Statistics::default(), bound: Statistics::default(), diverged: false };
+    let mut turned = 0.0;
+    while judge.time_s() < 5.0 {
+        let step = judge.step();
+        turned += judge.bench.speed_rad_s().abs() * PERIOD_S / TAU;
+        ride.diverged |= matches!(step.outcome, Outcome::Failed(_)) || step.error_deg.is_nan();
+        if turned > 2.0 {
+            ride.error.push(step.error_deg);
+            ride.bound.push(step.bound_deg);
+            ride.diverged |= step.error_deg.abs() > 5.0;
+        }
+    }
+    Ok(ride)
+}

@@ -1,0 +1,113 @@
+//! Running on from two Halls when the third is lost.
+
+use super::Drive;
+use crate::angle::ElectricalAngle;
+use crate::fault::{Fault, Limits};
+use crate::hall::estimate::Estimator;
+use crate::hall::normalize::Implausible;
+use crate::hall::{Channel, Codes};
+use crate::mode::Mode;
+
+/// Farthest that two Halls' angle may be from the tracked one to be believed, in bits: 45°.
+const NEAR: u32 = 1 << 29;
+
+/// Farthest that two Halls' strength may be from [`Estimator::HEALTHY`]: harmonics and drift together stay below.
+const UNHEALTHY: u32 = 450;
+
+impl Drive {
+    /// Latches a fault, or only suspects it where running on from two Halls is wanted and none was lost before.
+    pub(super) fn fail_unless_two_do(&mut self, fault: Fault) -> bool {
+        if self.config.run_on_two_halls && self.mode == Mode::Running && self.lost.is_none() {
+            self.suspicion = Some(fault);
+            return false;
+        }
+        self.fail(fault)
+    }
+
+    /// Resolves a suspicion: names the Hall that is lost and goes on without it, if the other two say that the rotor is about
+    /// where it was tracked; otherwise it is a fault. False when there is one.
+    pub(super) fn runs_on(&mut self, codes: Codes) -> bool {
+        let Some(fault) = self.suspicion.take() else { return false };
+        let Some((lost, angle)) = self.name(fault, codes) else { return self.fail(fault) };
+        self.lost = Some(lost);
+        self.limits = self.limits.with(Limits::TWO_HALLS);
+        // It took time to find out, and the lost Hall has led the tracking astray.
+        self.live.rotor.move_to(angle);
+        self.found();
+        true
+    }
+
+    /// The Hall to do without, and the angle then.
+    fn name(&self, fault: Fault, codes: Codes) -> Option<(Channel, ElectricalAngle)> {
+        let estimator = self.estimator()?;
+        let tracked = self.live.rotor.angle();
+        let suspects = match fault {
+            Fault::Hall(Implausible::AtRail(channel) | Implausible::OutOfRange(channel)) => channel.0..=channel.0,
+            Fault::Hall(Implausible::Inconsistent) | Fault::AngleJump => 0..=2,
+            _ => return None,
+        };
+        let (_, distance, channel, angle) = suspects
+            .filter_map(|k| {
+                let (angle, strength) = estimator.angle_without(Channel(k), &codes)?;
+                let distance = (angle - tracked).to_bits().unsigned_abs();
+                // A pair with the lost Hall in it is in the wrong place, and too strong or too weak: 30° count as much as
+                // a third of the strength.
+                let doubt = (distance >> 20).saturating_add(strength.abs_diff(Estimator::HEALTHY));
+                Some((doubt, distance, Channel(k), angle))
+            })
+            .min_by_key(|&(doubt, ..)| doubt)?;
+        (distance <= NEAR).then_some((channel, angle))
+    }
+
+    /// Angle and speed from the other two.
+    #[cold]
+    pub(super) fn measure_without(&mut self, lost: Channel, codes: Codes) {
+        let pair = self.estimator().and_then(|estimator| estimator.angle_without(lost, &codes));
+        let healthy = pair.filter(|(_, strength)| strength.abs_diff(Estimator::HEALTHY) <= UNHEALTHY);
+        match healthy.map(|(angle, _)| self.live.rotor.step(&self.config.tracking, angle)) {
+            Some(Ok(())) => self.found(),
+            _ => self.rename(lost, codes),
+        }
+    }
+
+    /// The two are no healthy pair: the wrong Hall was named, or another is lost, too. The tracking has been led astray
+    /// and cannot help to tell.
+    fn rename(&mut self, lost: Channel, codes: Codes) {
+        let best = self.estimator().and_then(|estimator| {
+            let others = (0..3).map(Channel).filter(|&channel| channel != lost);
+            let pair = |channel| Some((channel, estimator.angle_without(channel, &codes)?));
+            others.filter_map(pair).min_by_key(|(_, (_, strength))| strength.abs_diff(Estimator::HEALTHY))
+        });
+        match best {
+            Some((channel, (angle, strength))) if strength.abs_diff(Estimator::HEALTHY) <= UNHEALTHY => {
+                self.lost = Some(channel);
+                self.live.rotor.move_to(angle);
+            }
+            _ => {
+                self.live.rotor.coast();
+                if !self.miss() {
+                    self.fail(Fault::Hall(Implausible::Inconsistent));
+                }
+            }
+        }
+    }
+
+    /// An estimator has been installed: a running drive that has lost a Hall keeps the limit, whichever it is; at rest, one
+    /// for three Halls stands for a repair.
+    pub(super) fn take_up_loss(&mut self) {
+        let knows = self.estimator().is_some_and(|estimator| estimator.lost().is_some());
+        if knows {
+            self.lost = None;
+            self.limits = self.limits.with(Limits::TWO_HALLS);
+        } else if self.mode != Mode::Running {
+            self.forget_loss();
+        }
+        self.publish();
+    }
+
+    /// A new calibration begins.
+    pub(super) fn forget_loss(&mut self) {
+        self.lost = None;
+        self.limits = self.limits.without(Limits::TWO_HALLS);
+    }
+}

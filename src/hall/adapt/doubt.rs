@@ -1,0 +1,240 @@
+//! When measurements are not where they were predicted: has the rotor been pushed, or is a sensor wrong?
+
+use super::filter::{ANGLE, Measurement, SPEED, Sample};
+use super::{Adapter, Fault, GATE, Outcome, Phase};
+use crate::hall::{Channel, Codes};
+use core::f32::consts::TAU;
+
+/// Turns for which a sensor may contradict the others.
+const LIMIT_TURNS: f32 = 0.2;
+/// Turns of doubt that a believed turn takes back.
+const FORGIVENESS: f32 = 0.25;
+/// Fewest samples in a row at the ADC's rail, and fewest contradictions, of a lost sensor.
+const FEWEST: u32 = 4;
+/// Squared deviations that may remain when an outlier is explained by the rotor's having been pushed.
+const PUSHED: f32 = 9.0;
+/// Largest push, in radians, that the derivatives of the signals are good for.
+const FARTHEST: f32 = 0.15;
+/// Samples in a row that nothing explains, after which the angle is sought anew.
+const STRANGE: u32 = 4;
+/// Times that the angle may be sought anew within a turn, after which all parameters are doubted.
+const JOLTS: u32 = 6;
+/// Times that all parameters may be doubted before one turn is understood.
+const RESTARTS: u32 = 4;
+
+/// What speaks against a sensor.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Doubt {
+    turns: f32,
+    times: u32,
+    at_rail: u32,
+}
+
+/// What speaks against the sensors.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Doubts {
+    sensors: [Doubt; 3],
+    /// Whether anything does.
+    any: bool,
+    strange: u32,
+    jolts: u32,
+    restarts: u32,
+}
+
+impl Doubt {
+    fn exists(&self) -> bool {
+        self.turns > 0.0 || self.at_rail > 0
+    }
+
+    /// Turns that fit take doubt back.
+    fn forgive(&mut self, turns: f32) {
+        self.turns -= FORGIVENESS * turns;
+        if self.turns <= 0.0 {
+            (self.turns, self.times) = (0.0, 0);
+        }
+    }
+}
+
+impl Doubts {
+    /// Sensors in doubt.
+    pub fn sensors(&self) -> [bool; 3] {
+        self.sensors.map(|doubt| doubt.turns > 0.0)
+    }
+
+    /// Whether any sensor is.
+    pub fn exist(&self) -> bool {
+        self.any
+    }
+
+    /// All that was doubted is understood.
+    pub fn clear(&mut self) {
+        *self = Self::default();
+    }
+}
+
+impl Adapter {
+    /// Whether a sensor is at the rail, or was, or is lost.
+    #[inline(always)]
+    pub(super) fn is_railed(&self, codes: &Codes) -> bool {
+        let at_rail = |code| self.config.is_at_rail(code);
+        self.doubts.any | at_rail(codes[0]) | at_rail(codes[1]) | at_rail(codes[2])
+    }
+
+    /// Sensors that cannot be used, of a sample with something wrong; `None` if only one can.
+    #[cold]
+    pub(super) fn useless(&mut self, codes: &Codes) -> Option<[bool; 3]> {
+        let mut useless = codes.map(|code| self.config.is_at_rail(code));
+        for (doubt, at_rail) in self.doubts.sensors.iter_mut().zip(useless) {
+            doubt.at_rail = if at_rail { doubt.at_rail.saturating_add(1) } else { 0 };
+        }
+        let stays = self.doubts.sensors.iter().position(|doubt| doubt.at_rail >= FEWEST);
+        if let (None, Some(k)) = (self.fault, stays) {
+            self.fail(Fault::AtRail(Channel(k as u8)));
+        }
+        self.doubts.any =
+            self.fault.is_some() || self.doubts.strange > 0 || self.doubts.sensors.iter().any(Doubt::exists);
+        if let Some(lost) = self.fault.and_then(Fault::lost) {
+            useless[usize::from(lost.0)] = true;
+        }
+        if useless.iter().filter(|&&useless| useless).count() > 1 {
+            self.phase = Phase::Blind;
+            return None;
+        }
+        Some(useless)
+    }
+
+    /// Turns in so many samples; none where the rotor may be at rest.
+    fn turns(&self, samples: f32) -> f32 {
+        let speed = self.state.speed.abs();
+        if speed >= self.config.slowest { speed * samples / TAU } else { 0.0 }
+    }
+
+    /// Works in a sample with an outlier, or with a sensor that was one.
+    #[cold]
+    pub(super) fn reconcile(&mut self, elapsed: f32, measurements: &mut [Measurement; 3]) -> Outcome {
+        let sample = Sample::new(measurements, &self.covariance);
+        let outliers = [0, 1, 2].map(|k| sample.is_outlier(k, GATE));
+        let doubted = self.doubts.sensors.iter().position(|doubt| doubt.turns > 0.0);
+        if doubted.is_none() && outliers == [false; 3] {
+            return self.believe(measurements);
+        }
+        let suspect = doubted.unwrap_or_else(|| sample.farthest());
+        let others = (0..3).filter(|&k| k != suspect).map(|k| sample.squared(k)).sum();
+        if outliers != [false; 3] && self.push(&sample, others) {
+            return self.believe(measurements);
+        }
+        measurements[suspect].discard();
+        if (0..3).any(|k| k != suspect && outliers[k]) {
+            return self.jolt();
+        }
+        // A suspect is watched, but not believed until it is forgiven.
+        let turns = self.turns(elapsed);
+        if outliers[suspect] {
+            self.suspect(suspect, turns);
+        } else {
+            self.doubts.sensors[suspect].forgive(turns);
+        }
+        self.believe(measurements)
+    }
+
+    /// If a push explains the sample, and better than the alternative: the rotor is elsewhere, and has got there by a
+    /// speed that was not known.
+    fn push(&mut self, sample: &Sample, alternative: f32) -> bool {
+        let (by, remaining) = sample.as_a_push();
+        let pushed = by.abs() < FARTHEST && remaining < PUSHED && remaining < alternative;
+        if pushed {
+            // An unknown acceleration makes the tracking lag by itself over the square of the pace: half of it, to be careful.
+            self.load += 0.5 * by * self.pace * self.pace;
+            self.covariance.widen(ANGLE, by * by, f32::MAX);
+            self.covariance.widen(SPEED, by * by * self.pace * self.pace, f32::MAX);
+        }
+        pushed
+    }
+
+    /// Angle and speed from a sample as it is, unless what is not discarded has an outlier still.
+    fn believe(&mut self, measurements: &[Measurement; 3]) -> Outcome {
+        let sample = Sample::new(measurements, &self.covariance);
+        if [0, 1, 2].iter().any(|&k| sample.is_outlier(k, GATE)) {
+            return self.jolt();
+        }
+        self.doubts.strange = 0;
+        let sample = Sample::new(measurements, &self.covariance);
+        self.work_in(sample, false);
+        self.follow()
+    }
+
+    /// One sensor contradicts the other two.
+    fn suspect(&mut self, sensor: usize, turns: f32) {
+        let doubt = &mut self.doubts.sensors[sensor];
+        doubt.turns += turns;
+        doubt.times += 1;
+        self.doubts.any = true;
+        if doubt.turns > LIMIT_TURNS && doubt.times >= FEWEST && self.fault.is_none() {
+            self.fail(Fault::Lost(Channel(sensor as u8)));
+        }
+    }
+
+    /// Nothing fits. A sample or two may be disturbed and are passed over; if more are, the angle is sought anew, and if that
+    /// does not help, the parameters.
+    fn jolt(&mut self) -> Outcome {
+        self.doubts.any = true;
+        self.doubts.strange += 1;
+        if self.doubts.strange < STRANGE {
+            return self.follow();
+        }
+        self.doubts.strange = 0;
+        self.phase = Phase::Blind;
+        self.doubts.jolts += 1;
+        if self.doubts.jolts < JOLTS || self.fault.is_some() {
+            return Outcome::Acquiring;
+        }
+        self.doubts = Doubts { restarts: self.doubts.restarts + 1, ..Doubts::default() };
+        if self.doubts.restarts > RESTARTS {
+            self.fail(Fault::Contradiction);
+        } else {
+            self.restart();
+        }
+        Outcome::Acquiring
+    }
+
+    /// Ends learning; angle and speed go on.
+    pub(super) fn fail(&mut self, fault: Fault) {
+        self.fault = Some(fault);
+        self.doubts.any = true;
+    }
+}
+
+impl Sample<'_> {
+    /// By how much a pushed rotor would explain the innovations best, and what remains then, in squared deviations.
+    fn as_a_push(&self) -> (f32, f32) {
+        let (mut slopes, mut product) = (f32::MIN_POSITIVE, 0.0);
+        for m in self.measurements {
+            slopes += m.angle * m.angle / m.noise;
+            product += m.angle * m.innovation / m.noise;
+        }
+        let by = product / slopes;
+        let rests = self.measurements.iter().zip(&self.variances).map(|(m, variance)| {
+            let rest = m.innovation - m.angle * by;
+            rest * rest / (variance + m.noise)
+        });
+        (by, rests.sum())
+    }
+
+    /// The sensor farthest from its prediction.
+    fn farthest(&self) -> usize {
+        let [a, b, c] = [0, 1, 2].map(|k| self.squared(k));
+        if a >= b && a >= c {
+            0
+        } else if b >= c {
+            1
+        } else {
+            2
+        }
+    }
+
+    /// A measurement's innovation in squared deviations.
+    fn squared(&self, sensor: usize) -> f32 {
+        let m = &self.measurements[sensor];
+        m.innovation * m.innovation / (self.variances[sensor] + m.noise)
+    }
+}

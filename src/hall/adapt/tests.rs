@@ -1,0 +1,132 @@
+use super::*;
+use crate::hall::Channel;
+use plant::{Bench, BenchParameters, PlantParameters};
+
+extern crate std;
+use std::{println, vec, vec::Vec};
+
+fn adapter(start: Spread) -> Adapter {
+    let settings = Settings { start, ..Settings::default() };
+    let model = Model::nominal(12, 250.0, ElectricalAngle::THIRD);
+    Adapter::new(&settings.validate().unwrap(), &model).unwrap()
+}
+
+/// Smallest pivot of the Cholesky decomposition of the correlations; positive only for a positive definite matrix.
+fn smallest_pivot(covariance: &Covariance) -> f64 {
+    let deviation: Vec<f64> = (0..STATES).map(|k| f64::from(covariance.get(k, k)).sqrt()).collect();
+    let mut l = vec![vec![0.0; STATES]; STATES];
+    let mut smallest = f64::MAX;
+    for i in 0..STATES {
+        for j in 0..=i {
+            let correlation = f64::from(covariance.get(i, j)) / (deviation[i] * deviation[j]);
+            let rest = correlation - (0..j).map(|k| l[i][k] * l[j][k]).sum::<f64>();
+            if i == j {
+                smallest = smallest.min(rest);
+                l[i][i] = rest.sqrt();
+            } else {
+                l[i][j] = rest / l[j][j];
+            }
+        }
+    }
+    smallest
+}
+
+#[test]
+fn ten_million_updates_leave_the_covariance_positive_and_bounded() {
+    let mut adapter = adapter(Settings::NOMINAL);
+    let plant = PlantParameters::unkind(5);
+    let parameters = BenchParameters {
+        halls: plant.halls,
+        adc: plant.adc,
+        period_s: 1e-3,
+        pole_pairs: 4,
+        inertia_kgm2: 1e-5,
+        damping_nms: 1.6e-4,
+        torque_noise_nm_rthz: 1e-5,
+    };
+    let mut bench = Bench::new(&parameters, 0.0, 62.8, 1).unwrap();
+    let (mut smallest, mut largest) = (f64::MAX, 0.0_f32);
+    for k in 0..10_000_000_u32 {
+        // Ten seconds each of turning, standing, turning back, and turning fast.
+        let speed = [62.8, 0.0, -62.8, 400.0][(k / 10_000 % 4) as usize];
+        let torque_nm = (1.6e-4 * speed + 1e-5 * 20.0 * (speed - bench.speed_rad_s())) / 4.0;
+        let observation = Observation { codes: bench.step(torque_nm), elapsed: 1, torque_nm: torque_nm as f32 };
+        let outcome = adapter.update(&observation);
+        assert!(!matches!(outcome, Outcome::Failed(_)), "{outcome:?} at {k}");
+        if k % 10_007 == 0 || k < 1000 {
+            if adapter.phase == Phase::Tracking {
+                smallest = smallest.min(smallest_pivot(&adapter.covariance));
+            }
+            for state in THIRD..STATES {
+                largest = largest.max(adapter.covariance.get(state, state) / adapter.start[state]);
+            }
+        }
+    }
+    println!("smallest pivot {smallest:.1e}, largest variance {largest:.3} of that at the start");
+    assert!(smallest > 1e-5, "{smallest:e}");
+    assert!(largest <= 1.0);
+}
+
+/// The joint update must be what scalar updates one after the other are, with the derivatives at the same state.
+#[test]
+fn three_measurements_at_once_are_three_in_sequence() {
+    let mut variances = [0.0; STATES];
+    for (k, variance) in variances.iter_mut().enumerate() {
+        *variance = 0.01 + 0.003 * k as f32;
+    }
+    let mut p = Covariance::diagonal(&variances);
+    p.advance(1e-3);
+    let measurement =
+        |innovation, angle, amplitude, third| Measurement { innovation, noise: 1e-3, angle, amplitude, third };
+    let m =
+        [measurement(0.02, 0.9, 0.4, -0.3), measurement(-0.05, -0.2, 0.95, 0.7), measurement(0.01, -0.7, -0.8, 0.1)];
+    let row = |sensor: usize| {
+        let (mut row, own, m) = ([0.0_f64; STATES], OFFSET[sensor], &m[sensor]);
+        row[ANGLE] = m.angle.into();
+        row[THIRD] = m.third.into();
+        (row[own], row[own + 1]) = (1.0, m.amplitude.into());
+        if sensor != 0 {
+            row[own + 2] = (-m.angle).into();
+        }
+        row
+    };
+    let mut full: Vec<Vec<f64>> = (0..STATES).map(|i| (0..STATES).map(|j| p.get(i, j).into()).collect()).collect();
+    let mut state = [0.0; STATES];
+    for sensor in 0..3 {
+        let h = row(sensor);
+        let b: Vec<f64> = full.iter().map(|p| p.iter().zip(&h).map(|(p, h)| p * h).sum()).collect();
+        let s = b.iter().zip(&h).map(|(b, h)| b * h).sum::<f64>() + 1e-3;
+        let predicted = h.iter().zip(&state).map(|(h, x)| h * x).sum::<f64>();
+        let innovation = f64::from(m[sensor].innovation) - predicted;
+        for i in 0..STATES {
+            state[i] += b[i] / s * innovation;
+            for j in 0..STATES {
+                full[i][j] -= b[i] * b[j] / s;
+            }
+        }
+    }
+    let mut adapter = adapter(Settings::NOMINAL);
+    adapter.state.speed = 0.0;
+    let sample = Sample::new(&m, &p);
+    let mut after = p.clone();
+    after.update(sample, &mut adapter.state, true);
+    for i in 0..STATES {
+        for j in 0..STATES {
+            assert!((f64::from(after.get(i, j)) - full[i][j]).abs() < 1e-7, "{i} {j}");
+        }
+    }
+    let got = &adapter.state;
+    let values = [got.speed, got.third, got.offset[0], got.amplitude[1] - 1.0, got.offset[2]];
+    for (value, exact) in values.iter().zip([state[1], state[2], state[3], state[6], state[8]]) {
+        assert!((f64::from(*value) - exact).abs() < 1e-6, "{value} {exact}");
+    }
+    assert!((f64::from(got.angle.to_radians()) - state[0]).abs() < 1e-6);
+}
+
+#[test]
+fn what_a_person_reads_names_the_sensor() {
+    let fault = Fault::Drifted(Channel(2), Parameter::Offset);
+    assert!(std::format!("{fault}").contains("offset of Hall 2"));
+    assert_eq!(Fault::Lost(Channel(1)).lost(), Some(Channel(1)));
+    assert_eq!(fault.lost(), None);
+}

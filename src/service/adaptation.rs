@@ -1,0 +1,87 @@
+//! The adaptation at a drive: records in, new estimators out.
+
+use super::{InstallError, Service};
+use crate::hall::Channel;
+use crate::hall::adapt::{self, Adapter, Observation, Outcome};
+use crate::hall::estimate::BadModel;
+use crate::hall::model::Model;
+use crate::mode::Mode;
+use crate::telemetry::Record;
+
+/// What the drive is to be given next.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Due {
+    Nothing,
+    Learnt,
+    Without(Channel),
+}
+
+/// Feeds an [`Adapter`] with a drive's records and gives the drive what it learns.
+#[derive(Clone, Debug)]
+pub struct Adaptation {
+    adapter: Adapter,
+    due: Due,
+    /// Steps of the drive between two records.
+    every: u32,
+    last: Option<u32>,
+    reversed: bool,
+}
+
+impl Adaptation {
+    /// For the model that the drive works with, and records of every so many steps.
+    ///
+    /// # Errors
+    /// [`BadModel`], as [`Adapter::new`].
+    pub fn new(config: &adapt::Config, model: &Model, every: u32) -> Result<Self, BadModel> {
+        let adapter = Adapter::new(config, model)?;
+        Ok(Self { adapter, due: Due::Nothing, every: every.max(1), last: None, reversed: model.reversed })
+    }
+
+    /// Learns from a record of a drive that is ready or running, with the torque as far as it is known, in the direction of
+    /// the electrical angle. Records may be missing.
+    pub fn take(&mut self, record: &Record, torque_nm: f32) -> Outcome {
+        if !matches!(record.status.mode(), Mode::Ready | Mode::Running) {
+            return Outcome::Following;
+        }
+        // A record out of turn, as after a command, counts for the time that it is early or late by.
+        let steps = record.sequence.wrapping_sub(self.last.unwrap_or(record.sequence));
+        let samples = (steps + self.every / 2) / self.every;
+        if samples == 0 && self.last.is_some() {
+            return Outcome::Following;
+        }
+        self.last = Some(record.sequence);
+        let outcome = self.adapter.update(&Observation {
+            codes: record.codes,
+            elapsed: samples.min(u16::MAX.into()) as u16,
+            torque_nm: if self.reversed { -torque_nm } else { torque_nm },
+        });
+        match (outcome, self.adapter.fault().and_then(adapt::Fault::lost)) {
+            (Outcome::Failed(_), Some(lost)) => self.due = Due::Without(lost),
+            (Outcome::Learnt, _) if self.due == Due::Nothing => self.due = Due::Learnt,
+            _ => {}
+        }
+        outcome
+    }
+
+    /// Gives the drive what is due; to be called after [`Self::take`], when there is time to make an estimator. True when
+    /// something was on its way.
+    ///
+    /// # Errors
+    /// [`InstallError`]; when it is `Busy`, the next call tries again.
+    pub fn publish(&mut self, service: &mut Service) -> Result<bool, InstallError> {
+        let result = match self.due {
+            Due::Nothing => return Ok(false),
+            Due::Learnt => service.install(self.adapter.model()),
+            Due::Without(lost) => service.install_without(lost, self.adapter.model()),
+        };
+        if result != Err(InstallError::Busy) {
+            self.due = Due::Nothing;
+        }
+        result.map(|()| true)
+    }
+
+    /// The filter, to look at.
+    pub const fn adapter(&self) -> &Adapter {
+        &self.adapter
+    }
+}

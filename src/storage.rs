@@ -1,0 +1,195 @@
+//! A record in flash that survives a power cut at any moment: two copies, each with version, number and CRC.
+//!
+//! A store owns two erasable blocks of a NOR flash. Saving erases and writes the block that does not hold the newest
+//! record, and reads it back; until its CRC is complete the other block counts. So a cut leaves the record before or the new
+//! one. Loading takes the newest block whose CRC is right. If there is none, it says whether the flash is blank or what it
+//! holds is corrupt or of another version, and whoever asks has to calibrate: nothing is made up.
+
+pub mod calibration;
+
+use core::fmt;
+use crc::{CRC_32_ISO_HDLC, Crc};
+use embedded_storage::nor_flash::NorFlash;
+
+const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+/// "HSRV".
+const MAGIC: u32 = 0x5652_5348;
+const HEADER: usize = 16;
+/// Most bytes that a record may have.
+pub const LONGEST: usize = 240;
+const BUFFER: usize = HEADER + LONGEST;
+
+/// Why a record cannot be loaded or saved.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Error<E> {
+    /// Nothing was ever saved.
+    Blank,
+    /// There is something, but in no block a whole record: a worn flash, or another program's data.
+    Corrupt,
+    /// There is a whole record, of another version of the firmware.
+    Version {
+        /// The version found.
+        found: u16,
+    },
+    /// Longer than [`LONGEST`] or than what the caller has room for.
+    TooLong,
+    /// The place is no two blocks of this flash, or its words are larger than 32 bytes.
+    Place,
+    /// The flash did not keep what was written.
+    NotKept,
+    /// The flash failed.
+    Flash(E),
+}
+
+impl<E: fmt::Debug> fmt::Display for Error<E> {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Blank => write!(f, "nothing is stored: calibrate"),
+            Self::Corrupt => write!(f, "the stored record is corrupt: calibrate"),
+            Self::Version { found } => write!(f, "the stored record is of version {found}: calibrate"),
+            Self::TooLong => write!(f, "the record is too long"),
+            Self::Place => write!(f, "there are no two blocks at this place of the flash"),
+            Self::NotKept => write!(f, "the flash did not keep what was written"),
+            Self::Flash(error) => write!(f, "the flash failed: {error:?}"),
+        }
+    }
+}
+
+impl<E: fmt::Debug> core::error::Error for Error<E> {}
+
+/// What a block holds.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Block {
+    Blank,
+    Corrupt,
+    Whole { version: u16, number: u32, length: usize },
+}
+
+/// Two blocks of a flash.
+#[derive(Debug)]
+pub struct Store<F> {
+    flash: F,
+    start: u32,
+    version: u16,
+}
+
+impl<F: NorFlash> Store<F> {
+    /// Two successive erasable blocks from `start` on, for records of a version.
+    ///
+    /// # Errors
+    /// [`Error::Place`].
+    pub fn new(flash: F, start: u32, version: u16) -> Result<Self, Error<F::Error>> {
+        let size = F::ERASE_SIZE as u64;
+        let fits = u64::from(start) + 2 * size <= flash.capacity() as u64;
+        let sizes =
+            BUFFER.is_multiple_of(F::WRITE_SIZE) && BUFFER.is_multiple_of(F::READ_SIZE) && F::ERASE_SIZE >= BUFFER;
+        if fits && sizes && u64::from(start).is_multiple_of(size) {
+            Ok(Self { flash, start, version })
+        } else {
+            Err(Error::Place)
+        }
+    }
+
+    /// Copies the newest record to `record` and tells its length.
+    ///
+    /// # Errors
+    /// [`Error::Blank`], [`Error::Corrupt`] or [`Error::Version`] ask for a calibration.
+    pub fn load(&mut self, record: &mut [u8]) -> Result<usize, Error<F::Error>> {
+        let mut buffer = [0; BUFFER];
+        let blocks = [self.read(0, &mut buffer), self.read(1, &mut buffer)];
+        let Some((newest, Block::Whole { version, length, .. })) = newest(&blocks) else {
+            let blank = blocks == [Block::Blank; 2];
+            return Err(if blank { Error::Blank } else { Error::Corrupt });
+        };
+        if version != self.version {
+            return Err(Error::Version { found: version });
+        }
+        // Once more, for the buffer holds the second; it may fail only now.
+        if self.read(newest, &mut buffer) != blocks[newest] {
+            return Err(Error::Corrupt);
+        }
+        let place = record.get_mut(..length).ok_or(Error::TooLong)?;
+        place.copy_from_slice(&buffer[HEADER..HEADER + length]);
+        Ok(length)
+    }
+
+    /// Saves a record. When it returns, the record is in the flash; when the power goes before, that or the last one is.
+    ///
+    /// # Errors
+    /// [`Error::TooLong`], [`Error::NotKept`] and [`Error::Flash`]; the last record is still there.
+    pub fn save(&mut self, record: &[u8]) -> Result<(), Error<F::Error>> {
+        if record.len() > LONGEST {
+            return Err(Error::TooLong);
+        }
+        let mut buffer = [0; BUFFER];
+        let blocks = [self.read(0, &mut buffer), self.read(1, &mut buffer)];
+        let (last, number) = match newest(&blocks) {
+            Some((last, Block::Whole { number, .. })) => (last, number),
+            _ => (1, 0),
+        };
+        let number = number.wrapping_add(1);
+        buffer.fill(0xff);
+        buffer[0..4].copy_from_slice(&MAGIC.to_le_bytes());
+        buffer[4..6].copy_from_slice(&self.version.to_le_bytes());
+        buffer[6..8].copy_from_slice(&(record.len() as u16).to_le_bytes());
+        buffer[8..12].copy_from_slice(&number.to_le_bytes());
+        buffer[HEADER..HEADER + record.len()].copy_from_slice(record);
+        let crc = checksum(&buffer, record.len());
+        buffer[12..16].copy_from_slice(&crc.to_le_bytes());
+        let block = 1 - last;
+        let start = self.start(block);
+        self.flash.erase(start, start + F::ERASE_SIZE as u32).map_err(Error::Flash)?;
+        let words = (HEADER + record.len()).next_multiple_of(F::WRITE_SIZE);
+        self.flash.write(start, &buffer[..words]).map_err(Error::Flash)?;
+        let written = Block::Whole { version: self.version, number, length: record.len() };
+        if self.read(block, &mut buffer) == written { Ok(()) } else { Err(Error::NotKept) }
+    }
+
+    /// Gives the flash back.
+    pub fn free(self) -> F {
+        self.flash
+    }
+
+    fn start(&self, block: usize) -> u32 {
+        self.start + block as u32 * F::ERASE_SIZE as u32
+    }
+
+    /// What a block holds. One that cannot be read, as after a cut in the middle of a word, is corrupt.
+    fn read(&mut self, block: usize, buffer: &mut [u8; BUFFER]) -> Block {
+        if self.flash.read(self.start(block), buffer).is_err() {
+            return Block::Corrupt;
+        }
+        if buffer.iter().all(|&byte| byte == 0xff) {
+            return Block::Blank;
+        }
+        let word = |at: usize| u32::from_le_bytes([buffer[at], buffer[at + 1], buffer[at + 2], buffer[at + 3]]);
+        let length = (word(4) >> 16) as usize;
+        if word(0) == MAGIC && length <= LONGEST && word(12) == checksum(buffer, length) {
+            Block::Whole { version: word(4) as u16, number: word(8), length }
+        } else {
+            Block::Corrupt
+        }
+    }
+}
+
+/// Over all but the CRC itself.
+fn checksum(buffer: &[u8; BUFFER], length: usize) -> u32 {
+    let mut digest = CRC.digest();
+    digest.update(&buffer[..12]);
+    digest.update(&buffer[HEADER..HEADER + length]);
+    digest.finalize()
+}
+
+/// The newest whole block; the number may have wrapped.
+fn newest(blocks: &[Block; 2]) -> Option<(usize, Block)> {
+    let choice = match *blocks {
+        [Block::Whole { number: first, .. }, Block::Whole { number: second, .. }] => {
+            usize::from((second.wrapping_sub(first) as i32) > 0)
+        }
+        [Block::Whole { .. }, _] => 0,
+        [_, Block::Whole { .. }] => 1,
+        _ => return None,
+    };
+    Some((choice, blocks[choice]))
+}

@@ -1,0 +1,204 @@
+//! What must not go wrong with the adaptation, whatever happens to it.
+
+use hallservo::angle::ElectricalAngle;
+use hallservo::hall::Channel;
+use hallservo::hall::adapt::{Adapter, Fault, Observation, Outcome, Parameter, Settings};
+use hallservo::hall::model::Model;
+use plant::HallParameters;
+use proptest::prelude::*;
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use sim::experiment::adapt::judge::{self, Judge, Motion, Start};
+use sim::statistics::Statistics;
+use std::f64::consts::TAU;
+
+fn calibrated(seed: u64, motion: Motion) -> Judge {
+    Judge::new(seed, judge::halls(seed), motion, Start::Calibrated).unwrap()
+}
+
+fn error_deg(judge: &Judge) -> f64 {
+    judge::wrapped_deg(f64::from(judge.adapter.hall_angle().to_radians()) - judge.hall_rad())
+}
+
+#[test]
+fn standing_for_two_hours_moves_nothing() {
+    let mut judge = calibrated(3, Motion::Constant(0.0));
+    let before = judge.adapter.current();
+    let noisy = HallParameters { noise: 0.01, ..judge.halls[0] };
+    let mut random = plant::Noise::new(5);
+    let codes = judge.bench.step(0.0);
+    let known = judge.adapter.deviations();
+    for _ in 0..7_200_000 {
+        // A rotor at rest: the bench's would be pushed about by its unknown torque.
+        let codes = codes.map(|code| (f64::from(code) + random.scaled(noisy.noise * 250.0)).round() as u16);
+        let outcome = judge.adapter.update(&Observation { codes, elapsed: 1, torque_nm: 0.0 });
+        assert!(matches!(outcome, Outcome::Acquiring | Outcome::Following), "{outcome:?}");
+    }
+    assert_eq!(judge.adapter.current(), before);
+    let after = judge.adapter.deviations();
+    assert_eq!((known.offset, known.amplitude, known.placement), (after.offset, after.amplitude, after.placement));
+    assert!(after.angle < 0.02 && after.speed < 1e-3);
+}
+
+#[test]
+fn swinging_over_a_small_arc_publishes_nothing_and_fails_nothing() {
+    let mut judge = calibrated(4, Motion::Constant(0.0));
+    let published = *judge.adapter.model();
+    // ±8° at 8 Hz, up to 7 rad/s: learning is allowed most of the time.
+    let mut learning = 0;
+    for k in 0..300_000 {
+        let t = f64::from(k) * judge::PERIOD_S;
+        judge.bench.set_speed(0.14 * TAU * 8.0 * (TAU * 8.0 * t).cos());
+        let codes = judge.bench.step(0.0);
+        let outcome = judge.adapter.update(&Observation { codes, elapsed: 1, torque_nm: 0.0 });
+        learning += u32::from(outcome == Outcome::Learning);
+        assert!(!matches!(outcome, Outcome::Failed(_) | Outcome::Learnt), "{outcome:?} at {k}");
+    }
+    assert!(learning > 30_000, "{learning}");
+    assert_eq!(*judge.adapter.model(), published);
+}
+
+#[test]
+fn lost_samples_and_spikes_are_tolerated() {
+    let mut error = Statistics::default();
+    for seed in 0..50 {
+        let mut judge = calibrated(seed, Motion::Constant(10.0));
+        let mut random = Pcg64::seed_from_u64(seed);
+        let torque_nm = 1.6e-4 * TAU * 10.0 / 4.0;
+        let mut elapsed = 0_u16;
+        for k in 0..3000 {
+            let mut codes = judge.bench.step(torque_nm);
+            elapsed += 1;
+            // One in five is lost, and now and then half a second.
+            if random.random_bool(0.2) || k % 1000 < 500 && k >= 2000 {
+                continue;
+            }
+            if random.random_bool(0.01) {
+                codes[random.random_range(0..3)] = random.random_range(1..4095);
+            }
+            let observation = Observation { codes, elapsed, torque_nm: torque_nm as f32 };
+            elapsed = 0;
+            let outcome = judge.adapter.update(&observation);
+            assert!(!matches!(outcome, Outcome::Failed(_)), "seed {seed}: {outcome:?} at {k}");
+            if (500..2000).contains(&k) || k > 2600 {
+                error.push(error_deg(&judge));
+            }
+        }
+    }
+    assert!(error.rms() < 0.25, "{}", error.rms());
+}
+
+#[test]
+fn a_torque_that_is_not_told_is_found() {
+    let mut settled = Statistics::default();
+    for seed in 0..50 {
+        let mut judge = calibrated(seed, Motion::Constant(10.0));
+        for k in 0..4000 {
+            // A load of 2 mN·m comes and goes; the drive holds the speed, which the filter takes for acceleration.
+            let told = 1.6e-4 * TAU * 10.0 / 4.0 + if k % 2000 < 1000 { 0.0 } else { 2e-3 };
+            let codes = judge.bench.step(1.6e-4 * TAU * 10.0 / 4.0);
+            let outcome = judge.adapter.update(&Observation { codes, elapsed: 1, torque_nm: told as f32 });
+            assert!(!matches!(outcome, Outcome::Failed(_)), "seed {seed}: {outcome:?} at {k}");
+            if k > 1000 && k % 1000 > 500 {
+                settled.push(error_deg(&judge));
+            }
+        }
+    }
+    assert!(settled.rms() < 0.25, "{}", settled.rms());
+}
+
+#[test]
+fn a_pushed_rotor_is_caught_and_nobody_is_blamed() {
+    for seed in 0..100 {
+        let mut judge = calibrated(seed, Motion::Constant(10.0));
+        let mut random = Pcg64::seed_from_u64(seed);
+        for k in 0..4000 {
+            if k % 500 == 499 {
+                judge.bench.set_speed(random.random_range(-300.0..300.0));
+            }
+            let step = judge.step();
+            assert!(!matches!(step.outcome, Outcome::Failed(_)), "seed {seed}: {:?} at {k}", step.outcome);
+            assert!(!(450..499).contains(&(k % 500)) || error_deg(&judge).abs() < 2.0, "seed {seed} {k}");
+        }
+    }
+}
+
+#[test]
+fn a_sensor_that_drifts_too_far_is_named_with_what_drifted() {
+    let cases = [
+        (Parameter::Amplitude, HallParameters { amplitude_drift_k: -0.01, ..judge::halls(1)[1] }),
+        (
+            Parameter::Offset,
+            HallParameters { offset_drift_v_k: 0.01 * judge::halls(1)[1].amplitude_v, ..judge::halls(1)[1] },
+        ),
+    ];
+    for (parameter, drifting) in cases {
+        let mut halls = judge::halls(1);
+        halls[1] = drifting;
+        let mut judge = Judge::new(1, halls, Motion::Constant(10.0), Start::Calibrated).unwrap();
+        let mut failed = None;
+        for k in 0..200_000 {
+            // A kelvin every two seconds.
+            judge.bench.set_temperature(25.0 + f64::from(k) * 5e-4);
+            if let Outcome::Failed(fault) = judge.step().outcome {
+                failed = Some((fault, k));
+                break;
+            }
+        }
+        let (fault, when) = failed.unwrap();
+        assert_eq!(fault, Fault::Drifted(Channel(1), parameter), "{when}");
+        // 25 % of offset or 45 % of amplitude.
+        let expected: i32 = if parameter == Parameter::Offset { 50_000 } else { 90_000 };
+        assert!((when - expected).abs() < 5_000, "{fault} at {when}");
+    }
+}
+
+#[test]
+fn two_sensors_lost_leave_no_angle_and_no_panic() {
+    let mut judge = calibrated(2, Motion::Constant(10.0));
+    (0..500).for_each(|_| _ = judge.step());
+    judge.bench.set_fault(0, Some(plant::HallFault::Open(plant::Rail::Low)));
+    judge.bench.set_fault(2, Some(plant::HallFault::Open(plant::Rail::High)));
+    let outcomes: Vec<_> = (0..500).map(|_| judge.step().outcome).collect();
+    assert!(outcomes.contains(&Outcome::Failed(Fault::AtRail(Channel(0)))));
+    assert_eq!(outcomes[499], Outcome::Acquiring);
+}
+
+fn inside(model: &Model, start: &Model, settings: &Settings) -> bool {
+    (0..3).all(|k| {
+        let (now, then) = (&model.sensors[k], &start.sensors[k]);
+        let limits = &settings.limits;
+        (now.offset - then.offset).abs() <= 1.001 * limits.offset * then.amplitude
+            && (now.amplitude / then.amplitude - 1.0).abs() <= 1.001 * limits.amplitude
+            && (now.placement - then.placement).to_degrees().abs() <= 1.001 * limits.placement_deg
+            && (now.third - then.third).abs() <= 1.001 * limits.third
+    })
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 200, ..ProptestConfig::default() })]
+
+    /// Whatever comes: no panic, numbers stay numbers, and what is published stays in the box.
+    #[test]
+    fn any_codes_are_survived(seed: u64, wild in 0.0..1.0_f64, torque in -1.0_f32..1.0) {
+        let settings = judge::settings(Start::Nominal);
+        let model = judge::nominal_model();
+        let mut adapter = Adapter::new(&settings.validate().unwrap(), &model).unwrap();
+        let mut random = Pcg64::seed_from_u64(seed);
+        let (mut angle, mut speed) = (0.0_f32, 0.0_f32);
+        for _ in 0..2000 {
+            speed = (speed + random.random_range(-0.01..0.01_f32)).clamp(-0.3, 0.3);
+            angle += speed;
+            let codes = if random.random_bool(wild * wild) {
+                [0; 3].map(|_: u16| random.random_range(0..4096))
+            } else {
+                model.codes(ElectricalAngle::from_turns(angle))
+            };
+            let elapsed = random.random_range(0..30);
+            adapter.update(&Observation { codes, elapsed, torque_nm: torque });
+            let known = adapter.deviations();
+            prop_assert!(known.angle.is_finite() && known.speed.is_finite() && adapter.speed().is_finite());
+            prop_assert!(inside(adapter.model(), &model, &settings));
+        }
+    }
+}

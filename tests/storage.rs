@@ -1,0 +1,203 @@
+//! Records in a simulated flash whose power is cut at every operation.
+
+use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use hallservo::angle::ElectricalAngle;
+use hallservo::hall::model::Model;
+use hallservo::storage::{Error, LONGEST, Store, calibration};
+use rand::{Rng, RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+
+const BLOCK: usize = 2048;
+const WORD: usize = 8;
+
+#[derive(Debug, PartialEq, Clone, Copy)]
+struct Cut;
+
+impl NorFlashError for Cut {
+    fn kind(&self) -> NorFlashErrorKind {
+        NorFlashErrorKind::Other
+    }
+}
+
+/// Double words and pages of 2 KiB, as in an STM32G4: an erased bit can be cleared once.
+#[derive(Clone)]
+struct Flash {
+    bytes: Vec<u8>,
+    /// Words written and pages erased until the power goes.
+    left: Option<u32>,
+    operations: u32,
+    random: Pcg64,
+}
+
+impl Flash {
+    fn new(seed: u64) -> Self {
+        Self { bytes: vec![0xff; 4 * BLOCK], left: None, operations: 0, random: Pcg64::seed_from_u64(seed) }
+    }
+
+    /// Whether the power lasts for one operation more.
+    fn powered(&mut self) -> Result<bool, Cut> {
+        self.operations += 1;
+        match &mut self.left {
+            None => Ok(true),
+            Some(0) => {
+                self.left = Some(0);
+                Ok(false)
+            }
+            Some(left) => {
+                *left -= 1;
+                Ok(true)
+            }
+        }
+    }
+}
+
+impl ErrorType for Flash {
+    type Error = Cut;
+}
+
+impl ReadNorFlash for Flash {
+    const READ_SIZE: usize = 1;
+
+    fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Cut> {
+        bytes.copy_from_slice(&self.bytes[offset as usize..][..bytes.len()]);
+        Ok(())
+    }
+
+    fn capacity(&self) -> usize {
+        self.bytes.len()
+    }
+}
+
+impl NorFlash for Flash {
+    const WRITE_SIZE: usize = WORD;
+    const ERASE_SIZE: usize = BLOCK;
+
+    fn erase(&mut self, from: u32, to: u32) -> Result<(), Cut> {
+        assert!((from as usize).is_multiple_of(BLOCK) && to - from == BLOCK as u32);
+        let powered = self.powered()?;
+        for byte in &mut self.bytes[from as usize..to as usize] {
+            // A cut erase leaves any bits that were not yet set.
+            *byte |= if powered { 0xff } else { self.random.next_u32() as u8 };
+        }
+        if powered { Ok(()) } else { Err(Cut) }
+    }
+
+    fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Cut> {
+        assert!((offset as usize).is_multiple_of(WORD) && bytes.len().is_multiple_of(WORD));
+        for (k, word) in bytes.chunks(WORD).enumerate() {
+            let place = offset as usize + k * WORD;
+            assert!(self.bytes[place..place + WORD].iter().all(|&byte| byte == 0xff), "written twice");
+            let powered = self.powered()?;
+            for (cell, byte) in self.bytes[place..place + WORD].iter_mut().zip(word) {
+                *cell = if powered { *byte } else { byte | self.random.next_u32() as u8 };
+            }
+            if !powered {
+                return Err(Cut);
+            }
+        }
+        Ok(())
+    }
+}
+
+fn store(flash: Flash) -> Store<Flash> {
+    Store::new(flash, 2 * BLOCK as u32, 1).unwrap()
+}
+
+fn load(flash: &Flash) -> Result<Vec<u8>, Error<Cut>> {
+    let mut record = [0; LONGEST];
+    let length = store(flash.clone()).load(&mut record)?;
+    Ok(record[..length].to_vec())
+}
+
+/// A flash after saving some records.
+fn saved(seed: u64, records: &[Vec<u8>]) -> Flash {
+    let mut store = store(Flash::new(seed));
+    records.iter().for_each(|record| store.save(record).unwrap());
+    store.free()
+}
+
+#[test]
+fn a_cut_at_any_operation_leaves_the_old_record_or_the_new() {
+    let (mut kept, mut replaced) = (0, 0);
+    for seed in 0..50 {
+        let mut random = Pcg64::seed_from_u64(seed);
+        let records: Vec<Vec<u8>> =
+            (0..5).map(|_| (0..random.random_range(1..LONGEST)).map(|_| random.next_u32() as u8).collect()).collect();
+        for before in 0..4 {
+            let (old, new) = (&records[..before], &records[before]);
+            let whole = saved(seed, old);
+            let mut counting = store(whole.clone());
+            counting.save(new).unwrap();
+            let operations = counting.free().operations - whole.operations;
+            for cut in 0..operations {
+                let mut flash = Flash { left: Some(cut), ..whole.clone() };
+                let mut cut_store = store(flash);
+                assert_eq!(cut_store.save(new), Err(Error::Flash(Cut)));
+                flash = Flash { left: None, ..cut_store.free() };
+                match (load(&flash), old.last()) {
+                    (Ok(record), _) if record == *new => replaced += 1,
+                    (Ok(record), Some(old)) => {
+                        assert_eq!(record, *old);
+                        kept += 1;
+                    }
+                    (Err(Error::Blank | Error::Corrupt), None) => kept += 1,
+                    (other, _) => panic!("seed {seed}, record {before}, cut {cut}: {other:?}"),
+                }
+                // And the next save works.
+                let mut again = store(flash);
+                again.save(new).unwrap();
+                assert_eq!(load(&again.free()).unwrap(), *new);
+            }
+        }
+    }
+    println!("{kept} cuts kept the old record, {replaced} came after the last bit of the new");
+    assert!(kept > 1000);
+}
+
+#[test]
+fn what_is_not_a_record_is_named() {
+    assert_eq!(load(&Flash::new(1)), Err(Error::Blank));
+    let flash = saved(1, &[vec![1, 2, 3], vec![4, 5, 6]]);
+    // A flipped bit in the newer record brings the older back, in both none.
+    let mut one = flash.clone();
+    one.bytes[3 * BLOCK + 17] ^= 4;
+    assert_eq!(load(&one).unwrap(), [1, 2, 3]);
+    one.bytes[2 * BLOCK + 8] ^= 1;
+    assert_eq!(load(&one), Err(Error::Corrupt));
+    let mut other = Store::new(flash.clone(), 2 * BLOCK as u32, 2).unwrap();
+    assert_eq!(other.load(&mut [0; 10]), Err(Error::Version { found: 1 }));
+    assert_eq!(store(flash.clone()).load(&mut [0; 2]), Err(Error::TooLong));
+    assert_eq!(store(flash.clone()).save(&[0; LONGEST + 1]), Err(Error::TooLong));
+    for start in [1, 3 * BLOCK as u32, u32::MAX] {
+        assert!(matches!(Store::new(flash.clone(), start, 1), Err(Error::Place)));
+    }
+}
+
+#[test]
+fn every_bit_of_a_record_is_guarded() {
+    let flash = saved(2, &[(0..60).collect()]);
+    for byte in 0..16 + 60 {
+        for bit in 0..8 {
+            let mut damaged = flash.clone();
+            damaged.bytes[2 * BLOCK + byte] ^= 1 << bit;
+            assert_eq!(load(&damaged), Err(Error::Corrupt), "byte {byte} bit {bit}");
+        }
+    }
+}
+
+#[test]
+fn a_model_comes_back_as_it_was() {
+    let mut model = Model::nominal(12, 250.0, ElectricalAngle::THIRD);
+    model.sensors[1].third = 0.05;
+    model.sensors[2].fifth = -0.01;
+    model.alignment = ElectricalAngle::from_degrees(77.0);
+    for reversed in [false, true] {
+        model.reversed = reversed;
+        let flash = saved(3, &[calibration::encode(&model).to_vec()]);
+        assert_eq!(calibration::decode(&load(&flash).unwrap()), Some(model));
+    }
+    let mut record = calibration::encode(&model);
+    record[64] = 2;
+    assert_eq!(calibration::decode(&record), None);
+    assert_eq!(calibration::decode(&record[1..]), None);
+}

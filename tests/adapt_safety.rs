@@ -124,6 +124,23 @@ fn a_pushed_rotor_is_caught_and_nobody_is_blamed() {
 }
 
 #[test]
+fn a_start_from_rest_is_followed() {
+    let model = judge::nominal_model();
+    let settings = Settings { damping_nms: 0.0, ..Settings::default() };
+    let mut adapter = Adapter::new(&settings.validate().unwrap(), &model).unwrap();
+    let (mut worst, mut learning) = (0.0_f32, 0);
+    for k in 0..20_000 {
+        // At rest for long enough to be sure of it, then at once at 2.7 Hz, over 216° and back.
+        let swing = f64::from((k - 1000).max(0)) / 700.0;
+        let angle = ElectricalAngle::from_turns((0.3 * (TAU * swing).sin()) as f32);
+        let outcome = adapter.update(&Observation { codes: model.codes(angle), elapsed: 1, torque_nm: 0.0 });
+        learning += u32::from(outcome == Outcome::Learning);
+        worst = worst.max((adapter.hall_angle() - angle).to_degrees().abs());
+    }
+    assert!(worst < 4.0 && learning > 10_000, "{worst}° {learning}");
+}
+
+#[test]
 fn a_sensor_that_drifts_too_far_is_named_with_what_drifted() {
     let cases = [
         (Parameter::Amplitude, HallParameters { amplitude_drift_k: -0.01, ..judge::halls(1)[1] }),

@@ -104,7 +104,7 @@ enum Phase {
     Tracking,
 }
 
-/// The adaptation of one drive.
+/// The adaptation of one drive; at most 800 bytes.
 #[derive(Clone, Debug)]
 pub struct Adapter {
     config: Config,
@@ -213,7 +213,8 @@ impl Adapter {
         for _ in 0..observation.elapsed {
             self.predict(observation.torque_nm);
         }
-        let mut measurements = self.measure(&observation.codes);
+        let learn = self.may_learn();
+        let mut measurements = self.measure(&observation.codes, learn);
         if self.doubts.exist() || useless != [false; 3] {
             discard(&mut measurements, useless);
             return self.reconcile(samples, &mut measurements);
@@ -222,7 +223,6 @@ impl Adapter {
         if sample.is_outlier(0, GATE) | sample.is_outlier(1, GATE) | sample.is_outlier(2, GATE) {
             return self.reconcile(samples, &mut measurements);
         }
-        let learn = self.may_learn();
         self.work_in(sample, learn);
         if learn { self.learn() } else { self.follow() }
     }
@@ -247,11 +247,10 @@ impl Adapter {
         let deviation = 0.3 * libm::fabsf(step) + 0.04;
         self.covariance.forget(ANGLE, 0.15);
         self.covariance.forget(SPEED, deviation * deviation);
-        let mut measurements = self.measure(&observation.codes);
-        discard(&mut measurements, useless);
-        let sample = Sample::new(&measurements, &self.covariance);
         let learn = self.may_learn();
-        self.work_in(sample, learn);
+        let mut measurements = self.measure(&observation.codes, learn);
+        discard(&mut measurements, useless);
+        self.work_in(Sample::new(&measurements, &self.covariance), learn);
         Outcome::Acquiring
     }
 
@@ -265,27 +264,26 @@ impl Adapter {
         self.covariance.advance(self.config.acceleration);
     }
 
-    /// All three sensors against their prediction.
+    /// All three sensors against their prediction, to learn from or only to follow.
     #[inline(always)]
-    fn measure(&self, codes: &Codes) -> [Measurement; 3] {
+    fn measure(&self, codes: &Codes, learn: bool) -> [Measurement; 3] {
+        const ALIKE: f32 = 0.25;
+        let times = if learn { 1.0 + ALIKE / self.state.speed.abs() } else { 1.0 };
         [
-            self.fixed[0].measure(0, &self.state, codes[0], self.bend(0)),
-            self.fixed[1].measure(1, &self.state, codes[1], self.bend(1)),
-            self.fixed[2].measure(2, &self.state, codes[2], self.bend(2)),
+            self.fixed[0].measure(0, &self.state, codes[0], self.bend(0, times)),
+            self.fixed[1].measure(1, &self.state, codes[1], self.bend(1, times)),
+            self.fixed[2].measure(2, &self.state, codes[2], self.bend(2, times)),
         ]
     }
 
     /// What the derivatives at the predicted state leave out of a signal, as a variance: the sine's curvature over an
-    /// uncertain angle, and the product of uncertain angle and amplitude. It is alike from sample to sample until
-    /// the rotor has turned by a quarter of a radian, so all samples within together must not count for more than one.
+    /// uncertain angle, and the product of uncertain angle and amplitude. To the parameters it is alike from sample to sample
+    /// until the rotor has turned by a quarter of a radian, so all samples within together must not count for more than one.
     #[inline(always)]
-    fn bend(&self, sensor: usize) -> f32 {
-        const ALIKE: f32 = 0.25;
-        const SLOWEST: f32 = 1e-3;
+    fn bend(&self, sensor: usize, times: f32) -> f32 {
         let amplitude = OFFSET[sensor] + 1;
         let angle = self.covariance.get(ANGLE, ANGLE);
-        let once = angle * (0.5 * angle + self.covariance.get(amplitude, amplitude));
-        once * (1.0 + ALIKE / (self.state.speed.abs() + SLOWEST))
+        angle * (0.5 * angle + self.covariance.get(amplitude, amplitude)) * times
     }
 
     /// Corrects.

@@ -124,6 +124,11 @@ fn three_measurements_at_once_are_three_in_sequence() {
 }
 
 #[test]
+fn it_is_as_small_as_documented() {
+    assert!((700..=800).contains(&size_of::<Adapter>()), "{}", size_of::<Adapter>());
+}
+
+#[test]
 fn what_a_person_reads_names_the_sensor() {
     let fault = Fault::Drifted(Channel(2), Parameter::Offset);
     assert!(std::format!("{fault}").contains("offset of Hall 2"));

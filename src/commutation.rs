@@ -4,7 +4,9 @@
 //! phase A, and the field that pulls hardest stands a quarter turn ahead of the rotor, or behind it for a negative command.
 
 pub mod block;
+pub mod frames;
 pub mod sinusoidal;
+pub mod svpwm;
 
 use fixed::types::I1F15;
 
@@ -21,6 +23,8 @@ pub enum Commutation {
     /// Three sines. Simpkins and Todorov, section III.B.
     #[default]
     Sinusoidal,
+    /// Currents controlled in the frame of the rotor, with space-vector modulation.
+    FieldOriented,
 }
 
 /// Which legs of the bridge switch; the others are open, both transistors off.

@@ -7,11 +7,14 @@
 pub mod absolute;
 pub mod drag;
 mod loss;
+mod servo;
 
-use crate::angle::ElectricalAngle;
+use crate::angle::{ElectricalAngle, Position};
 use crate::commutation::block::Sextant;
 use crate::commutation::sinusoidal::{self, Axes, PhaseOrder};
 use crate::commutation::{Commutation, Legs, Modulation, Output};
+use crate::control::cogging;
+use crate::control::{Current, Speed};
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
 use crate::hall::normalize::Implausible;
@@ -20,10 +23,12 @@ use crate::hall::{Channel, Codes};
 use crate::mode::{Event, Mode};
 use crate::pwm::Amplitude;
 use crate::settings::Config;
-use crate::telemetry::{Progress, Record, Status};
+use crate::telemetry::{Measurement, Progress, Record, Status};
 use core::fmt;
 use drag::{Drag, Stage};
 use heapless::spsc::{Consumer, Producer, Queue};
+use servo::Servo;
+pub use servo::{Demand, State};
 
 /// What the ADCs delivered at one instant.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -31,6 +36,14 @@ use heapless::spsc::{Consumer, Producer, Queue};
 pub struct Sample {
     /// The three Halls.
     pub halls: Codes,
+    /// The phase currents; only a drive with [`control`](crate::control) looks at these and at the following.
+    pub currents: Codes,
+    /// The bus voltage.
+    pub bus: u16,
+    /// The thermistors of bridge and motor.
+    pub temperatures: [u16; 2],
+    /// Control periods that passed without a step since the last, by the board's count.
+    pub lost: u8,
 }
 
 /// What a task asks the drive to do. Each is answered by one [`Reply`], in order.
@@ -48,6 +61,16 @@ pub enum Command {
     Disarm,
     /// Voltage as a fraction of the largest; negative turns backward.
     Drive(Modulation),
+    /// Current along q, and so a torque.
+    Current(Current),
+    /// Speed, reached with the largest acceleration.
+    Speed(Speed),
+    /// Position, reached with the largest acceleration and speed and held.
+    Position(Position),
+    /// Another commutation, while the bridge is off.
+    Commutate(Commutation),
+    /// Balance the cogging by a table, or no longer; the old one comes back through [`Tasks::tables`].
+    Balance(Option<&'static mut cogging::Table>),
     /// Leave the faulted state.
     Clear,
     /// A task has found a fault: off, if the bridge is on.
@@ -67,10 +90,14 @@ pub enum Refusal {
     NotCalibrated,
     /// The Halls give no angle at the moment.
     NoAngle,
+    /// The command is beyond `max_modulation`, the largest current or the largest speed.
+    TooLarge,
     /// A Hall is lost: the drive must be calibrated after its repair.
     HallLost,
-    /// The command is beyond `max_modulation`.
-    TooLarge,
+    /// The drive was set up without current control.
+    NoControl,
+    /// What would be a fault at once.
+    Fault(Fault),
 }
 
 impl fmt::Display for Refusal {
@@ -81,7 +108,9 @@ impl fmt::Display for Refusal {
             Self::NotCalibrated => write!(f, "not calibrated"),
             Self::HallLost => write!(f, "a Hall is lost: repair it and calibrate"),
             Self::NoAngle => write!(f, "the Halls give no plausible angle"),
-            Self::TooLarge => write!(f, "the command is beyond the allowed modulation"),
+            Self::TooLarge => write!(f, "the command is beyond the allowed"),
+            Self::NoControl => write!(f, "set up without current control"),
+            Self::Fault(fault) => fault.fmt(f),
         }
     }
 }
@@ -98,6 +127,8 @@ pub struct Channels {
     replies: Queue<Reply, 16>,
     records: Queue<Record, RECORDS>,
     retired: Queue<&'static mut Estimator, 8>,
+    measurements: Queue<Measurement, RECORDS>,
+    tables: Queue<&'static mut cogging::Table, 8>,
 }
 
 /// The interrupt's ends of the queues.
@@ -106,6 +137,8 @@ pub struct Interrupt {
     replies: Producer<'static, Reply, 16>,
     records: Producer<'static, Record, RECORDS>,
     retired: Producer<'static, &'static mut Estimator, 8>,
+    measurements: Producer<'static, Measurement, RECORDS>,
+    tables: Producer<'static, &'static mut cogging::Table, 8>,
 }
 
 /// The tasks' ends of the queues.
@@ -118,12 +151,23 @@ pub struct Tasks {
     pub records: Consumer<'static, Record, RECORDS>,
     /// Estimators that the drive no longer uses.
     pub retired: Consumer<'static, &'static mut Estimator, 8>,
+    /// Currents and voltages, with every record while running with current control.
+    pub measurements: Consumer<'static, Measurement, RECORDS>,
+    /// Tables that the drive no longer uses.
+    pub tables: Consumer<'static, &'static mut cogging::Table, 8>,
 }
 
 impl Channels {
     /// Empty ones.
     pub const fn new() -> Self {
-        Self { commands: Queue::new(), replies: Queue::new(), records: Queue::new(), retired: Queue::new() }
+        Self {
+            commands: Queue::new(),
+            replies: Queue::new(),
+            records: Queue::new(),
+            retired: Queue::new(),
+            measurements: Queue::new(),
+            tables: Queue::new(),
+        }
     }
 
     /// Both ends.
@@ -132,19 +176,37 @@ impl Channels {
         let (replies, replies_out) = self.replies.split();
         let (records, records_out) = self.records.split();
         let (retired, retired_out) = self.retired.split();
+        let (measurements, measurements_out) = self.measurements.split();
+        let (tables, tables_out) = self.tables.split();
         (
-            Interrupt { commands, replies, records, retired },
-            Tasks { commands: commands_in, replies: replies_out, records: records_out, retired: retired_out },
+            Interrupt { commands, replies, records, retired, measurements, tables },
+            Tasks {
+                commands: commands_in,
+                replies: replies_out,
+                records: records_out,
+                retired: retired_out,
+                measurements: measurements_out,
+                tables: tables_out,
+            },
         )
     }
 }
 
-/// The drive.
+/// The drive. What a step in a hurry needs comes first, within reach of the short forms of the load instructions.
+#[repr(C)]
 pub struct Drive {
-    config: Config,
-    channels: Interrupt,
+    /// The progress, state and limits with angle and speed, as the tasks get it.
+    live: Record,
+    /// Steps to the next record.
+    until_record: u32,
     /// The estimator while the drive runs sinusoidally and no sample was missed. That it is here is what a step looks at first.
     hurried: Option<&'static mut Estimator>,
+    /// From the rotor to the field: a quarter turn and the phase advance.
+    lead: ElectricalAngle,
+    /// The amplitude, for the sinusoidal commutation.
+    axes: Axes,
+    channels: Interrupt,
+    config: Config,
     /// The estimator otherwise.
     resting: Option<&'static mut Estimator>,
     /// A Hall lost while running, as long as the estimator counts on it.
@@ -154,18 +216,12 @@ pub struct Drive {
     mode: Mode,
     limits: Limits,
     progress: Progress,
-    /// The same with angle and speed, as the tasks get it.
-    live: Record,
     amplitude: Amplitude,
-    /// The same, for the sinusoidal commutation.
-    axes: Axes,
-    /// From the rotor to the field: a quarter turn and the phase advance.
-    lead: ElectricalAngle,
     /// Where block commutation stands.
     sextant: Sextant,
     drag: Drag,
-    /// Steps to the next record.
-    until_record: u32,
+    servo: Servo,
+    cogging: Option<&'static mut cogging::Table>,
 }
 
 impl Drive {
@@ -188,6 +244,8 @@ impl Drive {
             lead: ElectricalAngle::QUARTER,
             sextant: Sextant::First,
             until_record: 1,
+            servo: Servo::new(),
+            cogging: None,
         }
     }
 
@@ -198,18 +256,18 @@ impl Drive {
     /// other to the next, so that no step is burdened with everything. Once a sample was missed, all of them are compared.
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
-        let codes = sample.halls;
+        let codes = &sample.halls;
         self.until_record = self.until_record.wrapping_sub(1);
         let records = self.until_record == 0;
         if !records {
-            self.receive(codes);
+            self.receive(sample);
         }
         // First what is in a hurry.
-        let Some(estimator) = &self.hurried else { return self.slow(codes, records) };
-        let angle = if records { estimator.angle_of_one(&codes) } else { estimator.angle(&codes) };
+        let Some(estimator) = &self.hurried else { return self.slow(sample, records) };
+        let angle = if records { estimator.angle_of_one(codes) } else { estimator.angle(codes) };
         // No sample was missed, so there is nothing to do when one is found.
-        if !self.follow(angle, |_| ()) {
-            return self.fallen(codes, records);
+        if !self.track(angle, |_| ()) {
+            return self.fallen(sample, records);
         }
         if records {
             self.record(codes, self.config.record_every);
@@ -228,9 +286,9 @@ impl Drive {
 
     /// Obeys one command, if there is one.
     #[inline(always)]
-    fn receive(&mut self, codes: Codes) {
+    fn receive(&mut self, sample: &Sample) {
         if let Some(command) = self.channels.commands.dequeue() {
-            let reply = self.obey(command, codes);
+            let reply = self.obey(command, sample);
             // A task that reads no replies does not get any.
             let _ = self.channels.replies.enqueue(reply);
         }
@@ -239,51 +297,100 @@ impl Drive {
     /// Takes state, limits and progress over into the record, and the estimator to where it belongs: after
     /// every change.
     fn publish(&mut self) {
-        let sinusoidal = self.mode == Mode::Running && self.config.commutation == Commutation::Sinusoidal;
+        let sinusoidal = self.mode == Mode::Running
+            && self.config.commutation == Commutation::Sinusoidal
+            && self.config.control.is_none();
         let estimator = self.hurried.take().or(self.resting.take());
         if sinusoidal && self.live.missed == 0 && self.lost.is_none() {
             self.hurried = estimator;
         } else {
             self.resting = estimator;
         }
-        self.live.status = Status::new(self.mode, self.limits, self.progress);
+        self.live.status = Status::new(self.mode, self.limits(), self.progress);
     }
 
     /// A step that is in no hurry.
     #[cold]
     #[inline(never)]
-    fn slow(&mut self, codes: Codes, records: bool) -> Output {
+    fn slow(&mut self, sample: &Sample, records: bool) -> Output {
+        if self.mode == Mode::Running && self.servo.demand != Demand::Voltage {
+            return self.serve(sample, records);
+        }
+        let codes = &sample.halls;
+        self.watch(sample);
         let output = match self.mode {
-            Mode::Aligning | Mode::Calibrating => self.calibrate(),
             Mode::Running if self.is_too_fast() => {
                 self.fail(Fault::OverSpeed);
                 Output::OFF
             }
             Mode::Running => self.run(codes),
+            Mode::Aligning | Mode::Calibrating => self.calibrate(),
             Mode::Unarmed | Mode::Ready | Mode::Faulted(_) => {
                 self.measure(codes);
+                if let Some(control) = &self.config.control {
+                    self.servo.idle(control, sample);
+                }
                 Output::OFF
             }
         };
         if records {
-            let calibrating = matches!(self.mode, Mode::Aligning | Mode::Calibrating);
-            let every = if calibrating { self.config.calibration_record_every } else { self.config.record_every };
-            self.record(codes, every);
-            // A calibration may record every step.
-            if every == 1 {
-                self.receive(codes);
-            }
+            self.record_all(sample);
         }
         // The command may have been to disarm, the angle implausible.
         if self.mode.drives() { output } else { Output::OFF }
     }
 
+    /// A running step that follows a current, a speed or a position.
+    #[inline(never)]
+    fn serve(&mut self, sample: &Sample, records: bool) -> Output {
+        self.watch(sample);
+        if self.is_too_fast() {
+            self.fail(Fault::OverSpeed);
+        }
+        self.observe(&sample.halls);
+        // The loops rely on a voltage and currents within their limits.
+        let output = if self.mode == Mode::Running { self.regulate() } else { Output::OFF };
+        if records {
+            self.record_all(sample);
+        }
+        output
+    }
+
+    /// A record with currents and voltages, if there are any.
+    #[inline(never)]
+    fn record_all(&mut self, sample: &Sample) {
+        if self.config.control.is_some() && self.mode == Mode::Running {
+            self.publish();
+            let Record { rotor, sequence, .. } = self.live;
+            let measurement = Measurement { rotor, sequence, state: self.servo.state };
+            let _ = self.channels.measurements.enqueue(measurement);
+        }
+        let calibrating = matches!(self.mode, Mode::Aligning | Mode::Calibrating);
+        let every = if calibrating { self.config.calibration_record_every } else { self.config.record_every };
+        self.record(&sample.halls, every);
+        // A calibration may record every step.
+        if every == 1 {
+            self.receive(sample);
+        }
+    }
+
+    /// Currents, voltage and temperatures; what is wrong with them makes a running drive fail.
+    #[inline(always)]
+    fn watch(&mut self, sample: &Sample) {
+        if let Some(control) = &self.config.control
+            && let Some(fault) = self.servo.watch(control, sample)
+        {
+            self.fail(fault);
+        }
+    }
+
     /// The step that found a fault.
     #[cold]
     #[inline(never)]
-    fn fallen(&mut self, codes: Codes, records: bool) -> Output {
-        if self.runs_on(codes) {
-            return self.slow(codes, records);
+    fn fallen(&mut self, sample: &Sample, records: bool) -> Output {
+        let codes = &sample.halls;
+        if self.runs_on(*codes) {
+            return self.slow(sample, records);
         }
         if records {
             self.record(codes, self.config.record_every);
@@ -300,15 +407,16 @@ impl Drive {
     }
 
     /// Angle and speed from the Halls in a step that is in no hurry.
-    fn measure(&mut self, codes: Codes) {
+    #[inline(always)]
+    fn measure(&mut self, codes: &Codes) {
         let Some(estimator) = &self.resting else { return };
-        let angle = estimator.angle(&codes);
-        self.follow(angle, Self::found);
+        let angle = estimator.angle(codes);
+        self.track(angle, Self::found);
     }
 
     /// Takes up an angle, if it is one; `done` is for what else is to be done then. False when a running drive failed.
     #[inline(always)]
-    fn follow(&mut self, angle: Result<ElectricalAngle, Implausible>, done: impl Fn(&mut Self)) -> bool {
+    fn track(&mut self, angle: Result<ElectricalAngle, Implausible>, done: impl Fn(&mut Self)) -> bool {
         match angle {
             Ok(angle) => match self.live.rotor.step(&self.config.tracking, angle) {
                 Ok(()) => {
@@ -381,21 +489,73 @@ impl Drive {
         !failed
     }
 
-    /// A running step that is in no hurry.
-    fn run(&mut self, codes: Codes) -> Output {
+    /// Angle and speed from the Halls that are left.
+    #[inline(always)]
+    fn observe(&mut self, codes: &Codes) {
         match self.lost {
             None => self.measure(codes),
-            Some(lost) => self.measure_without(lost, codes),
+            Some(lost) => self.measure_without(lost, *codes),
         }
-        self.runs_on(codes);
+        self.runs_on(*codes);
+    }
+
+    /// A running step that is in no hurry and follows a voltage.
+    fn run(&mut self, codes: &Codes) -> Output {
+        self.observe(codes);
+        if self.servo.is_silent() {
+            return self.regulate();
+        }
         let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
         match self.config.commutation {
-            Commutation::Sinusoidal => Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL },
+            Commutation::Sinusoidal | Commutation::FieldOriented => {
+                Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL }
+            }
             Commutation::Block => {
                 self.sextant = self.sextant.follow(vector);
                 self.sextant.output(self.config.order(), self.amplitude, self.config.limits.half())
             }
         }
+    }
+
+    /// What a current, a speed or a position takes.
+    #[inline(always)]
+    fn regulate(&mut self) -> Output {
+        let Some(control) = &self.config.control else { return Output::OFF };
+        let rotor = &self.live.rotor;
+        if self.servo.is_silent() && self.servo.demand != Demand::Speed(Speed(0)) {
+            self.servo.follow(Demand::Speed(Speed(0)), rotor);
+        }
+        self.servo.outer(control, rotor, self.cogging.as_deref());
+        let Config { limits, tracking, reversed, .. } = &self.config;
+        if self.config.commutation == Commutation::FieldOriented {
+            return Output { compare: self.servo.field(control, rotor, tracking, limits, *reversed), legs: Legs::ALL };
+        }
+        self.locally()
+    }
+
+    /// With the local feedback: one current, one voltage.
+    #[inline(never)]
+    fn locally(&mut self) -> Output {
+        let Some(control) = &self.config.control else { return Output::OFF };
+        let (rotor, order) = (&self.live.rotor, self.config.order());
+        let vector = rotor.predicted(&self.config.tracking) + ElectricalAngle::QUARTER;
+        let block = self.config.commutation == Commutation::Block;
+        let measured = if block {
+            self.servo.across(self.sextant.conducting(order))
+        } else {
+            self.servo.park(rotor.angle(), self.config.reversed);
+            self.servo.state.current.q
+        };
+        let modulation = self.servo.local(control, measured, rotor.speed());
+        let limits = &self.config.limits;
+        self.servo.limits = self.servo.limits.set(Limits::DUTY, limits.limits(modulation));
+        let amplitude = limits.amplitude(modulation);
+        if block {
+            self.sextant = self.sextant.follow(vector);
+            return self.sextant.output(order, amplitude, limits.half());
+        }
+        let axes = Axes::new(amplitude, order, limits.half());
+        Output { compare: sinusoidal::compare(vector, &axes), legs: Legs::ALL }
     }
 
     fn set_amplitude(&mut self, amplitude: Amplitude) {
@@ -405,6 +565,7 @@ impl Drive {
 
     /// A step of the calibration's motion.
     fn calibrate(&mut self) -> Output {
+        self.servo.heard();
         // The field that acts while this sample is taken stands for the rotor that follows it.
         self.live.rotor = Tracker::at(self.drag.field());
         self.progress = match self.drag.step(&self.config.drag) {
@@ -427,16 +588,17 @@ impl Drive {
 
     /// Hands a record to the tasks; when they do not keep up, it is lost.
     #[inline(always)]
-    fn record(&mut self, codes: Codes, every: u32) {
+    fn record(&mut self, codes: &Codes, every: u32) {
         self.until_record = every;
-        self.live.codes = codes;
+        self.live.codes = *codes;
         let _ = self.channels.records.enqueue(self.live);
         self.live.sequence = self.live.sequence.wrapping_add(every);
     }
 
     #[cold]
     #[inline(never)]
-    fn obey(&mut self, command: Command, codes: Codes) -> Reply {
+    fn obey(&mut self, command: Command, sample: &Sample) -> Reply {
+        self.servo.heard();
         match command {
             Command::Calibrate => {
                 self.on_command(Event::Calibrate)?;
@@ -445,9 +607,9 @@ impl Drive {
                 self.progress = Progress::None;
                 self.publish();
             }
-            Command::Install(estimator) => self.install(estimator, codes)?,
+            Command::Install(estimator) => self.install(estimator, sample.halls)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
-            Command::Arm => self.arm()?,
+            Command::Arm => self.arm(sample)?,
             Command::Disarm => {
                 self.on_command(Event::Disarm)?;
                 self.progress = Progress::None;
@@ -455,6 +617,15 @@ impl Drive {
                 self.set_amplitude(Amplitude::ZERO);
             }
             Command::Drive(modulation) => self.drive(modulation)?,
+            Command::Current(current) => self.follow(Demand::Current(current))?,
+            Command::Speed(speed) => self.follow(Demand::Speed(speed))?,
+            Command::Position(position) => self.follow(Demand::Position(position))?,
+            Command::Commutate(commutation) => self.commutate(commutation)?,
+            Command::Balance(table) => {
+                if let Some(unused) = core::mem::replace(&mut self.cogging, table) {
+                    let _ = self.channels.tables.enqueue(unused);
+                }
+            }
             Command::Trip(fault) => {
                 self.fail(fault);
             }
@@ -487,16 +658,51 @@ impl Drive {
         self.live.rotor = Tracker::at(angle.unwrap_or(ElectricalAngle::ZERO));
     }
 
-    fn arm(&mut self) -> Reply {
+    fn arm(&mut self, sample: &Sample) -> Reply {
+        if let (Mode::Ready, Some(control)) = (self.mode, &self.config.control)
+            && let Some(fault) = self.servo.refusal(control, sample)
+        {
+            return Err(Refusal::Fault(fault));
+        }
         match self.mode {
             Mode::Unarmed => Err(Refusal::NotCalibrated),
             Mode::Ready if self.limits.contains(Limits::TWO_HALLS) => Err(Refusal::HallLost),
             Mode::Ready if self.live.missed != 0 => Err(Refusal::NoAngle),
             _ => {
                 self.set_amplitude(Amplitude::ZERO);
+                self.servo.reset();
                 self.on_command(Event::Arm)
             }
         }
+    }
+
+    /// Takes up a demand for current, speed or position.
+    fn follow(&mut self, demand: Demand) -> Reply {
+        let control = self.config.control.as_ref().ok_or(Refusal::NoControl)?;
+        if self.mode != Mode::Running {
+            return Err(Refusal::Mode(self.mode));
+        }
+        let (magnitude, most) = match demand {
+            Demand::Current(Current(current)) => (current.unsigned_abs(), control.max_current),
+            Demand::Speed(Speed(speed)) => (speed.unsigned_abs(), control.trajectory.speed()),
+            Demand::Position(_) | Demand::Voltage => (0, 0),
+        };
+        if magnitude > most as u32 {
+            return Err(Refusal::TooLarge);
+        }
+        self.servo.follow(demand, &self.live.rotor);
+        Ok(())
+    }
+
+    fn commutate(&mut self, commutation: Commutation) -> Reply {
+        if commutation == Commutation::FieldOriented && self.config.control.is_none() {
+            return Err(Refusal::NoControl);
+        }
+        if self.mode.drives() {
+            return Err(Refusal::Mode(self.mode));
+        }
+        self.config.commutation = commutation;
+        Ok(())
     }
 
     fn drive(&mut self, modulation: Modulation) -> Reply {
@@ -507,6 +713,7 @@ impl Drive {
         if magnitude > i32::from(self.config.max_modulation.to_bits()).unsigned_abs() {
             return Err(Refusal::TooLarge);
         }
+        self.servo.reset();
         self.set_amplitude(self.config.limits.amplitude(modulation));
         let cut = self.config.limits.limits(modulation);
         self.limits = if cut { self.limits.with(Limits::DUTY) } else { self.limits.without(Limits::DUTY) };
@@ -540,7 +747,22 @@ impl Drive {
 
     /// What holds the drive back.
     pub const fn limits(&self) -> Limits {
-        self.limits
+        self.limits.with(self.servo.limits)
+    }
+
+    /// Currents and voltages of a drive with current control.
+    pub const fn state(&self) -> &State {
+        &self.servo.state
+    }
+
+    /// What the alignment was found to be off by while turning field-oriented: added to the Halls' angle.
+    pub const fn trim(&self) -> ElectricalAngle {
+        self.servo.trim()
+    }
+
+    /// How the phases are driven.
+    pub const fn commutation(&self) -> Commutation {
+        self.config.commutation
     }
 
     /// Everything known at the last step.

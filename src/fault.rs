@@ -16,11 +16,48 @@ pub enum Fault {
     OverSpeed,
     /// The calibration failed; the service that ran it knows why.
     Calibration,
+    /// The bus voltage is above `over_voltage_v`.
+    OverVoltage,
+    /// The bus voltage is below `under_voltage_v`.
+    UnderVoltage,
+    /// A phase current is beyond `over_current_a`.
+    OverCurrent,
+    /// The bridge is hotter than its `max_c`, or its thermistor shorted.
+    BridgeHot,
+    /// The motor is hotter than its `max_c`, or its thermistor shorted.
+    MotorHot,
+    /// The rotor does not turn though the current is at its limit.
+    Stall,
+    /// A current amplifier shows more than `offset_a` while no current flows.
+    CurrentOffset,
+    /// The three currents do not sum to zero.
+    CurrentImbalance,
+    /// No command came for `command_timeout_s`.
+    CommandTimeout,
+    /// Control periods passed without a step.
+    Deadline,
     /// The absolute encoder gave no angle for longer than tolerated.
     Encoder,
     /// The Halls' turn counter and the absolute encoder disagree.
     Turns,
 }
+
+/// Those that have no parts, in the order of their codes.
+const PLAIN: [Fault; 13] = [
+    Fault::AngleJump,
+    Fault::OverSpeed,
+    Fault::Calibration,
+    Fault::OverVoltage,
+    Fault::UnderVoltage,
+    Fault::OverCurrent,
+    Fault::BridgeHot,
+    Fault::MotorHot,
+    Fault::Stall,
+    Fault::CurrentOffset,
+    Fault::CurrentImbalance,
+    Fault::CommandTimeout,
+    Fault::Deadline,
+];
 
 impl Fault {
     /// A number that stays the same from version to version: 1 to 3 a Hall at a rail, 4 to 6 one out of range, 7 to 9 the Halls
@@ -35,6 +72,16 @@ impl Fault {
             Self::AngleJump => 16,
             Self::OverSpeed => 17,
             Self::Calibration => 18,
+            Self::OverVoltage => 19,
+            Self::UnderVoltage => 20,
+            Self::OverCurrent => 21,
+            Self::BridgeHot => 22,
+            Self::MotorHot => 23,
+            Self::Stall => 24,
+            Self::CurrentOffset => 25,
+            Self::CurrentImbalance => 26,
+            Self::CommandTimeout => 27,
+            Self::Deadline => 28,
             Self::Encoder => 32,
             Self::Turns => 33,
         }
@@ -48,9 +95,7 @@ impl Fault {
             7 => Self::Hall(Implausible::Inconsistent),
             8 => Self::Hall(Implausible::Weak),
             9 => Self::Hall(Implausible::Strong),
-            16 => Self::AngleJump,
-            17 => Self::OverSpeed,
-            18 => Self::Calibration,
+            16..=28 => PLAIN[code as usize - 16],
             32 => Self::Encoder,
             33 => Self::Turns,
             _ => return None,
@@ -65,6 +110,16 @@ impl fmt::Display for Fault {
             Self::AngleJump => write!(f, "the angle jumps from sample to sample: a loose connection or interference"),
             Self::OverSpeed => write!(f, "the rotor turned faster than allowed"),
             Self::Calibration => write!(f, "the calibration failed"),
+            Self::OverVoltage => write!(f, "the bus voltage is too high"),
+            Self::UnderVoltage => write!(f, "the bus voltage is too low"),
+            Self::OverCurrent => write!(f, "a phase current is too large"),
+            Self::BridgeHot => write!(f, "the bridge is too hot, or its thermistor shorted"),
+            Self::MotorHot => write!(f, "the motor is too hot, or its thermistor shorted"),
+            Self::Stall => write!(f, "the rotor does not turn at the largest current"),
+            Self::CurrentOffset => write!(f, "a current amplifier shows a current while none flows"),
+            Self::CurrentImbalance => write!(f, "the phase currents do not sum to zero: an amplifier or its wiring"),
+            Self::CommandTimeout => write!(f, "no command came for too long"),
+            Self::Deadline => write!(f, "control periods passed without a step"),
             Self::Encoder => write!(f, "the absolute encoder gives no trustworthy angle"),
             Self::Turns => write!(f, "the Halls and the absolute encoder disagree"),
         }
@@ -85,12 +140,24 @@ impl Limits {
     pub const DUTY: Self = Self(1);
     /// The last sample was implausible and the angle is extrapolated.
     pub const EXTRAPOLATED: Self = Self(2);
+    /// The command asks for more current than allowed.
+    pub const CURRENT: Self = Self(8);
+    /// Bridge or motor is warm, and the largest current reduced.
+    pub const HEAT: Self = Self(16);
+    /// No command came for too long: the drive has stopped.
+    pub const TIMEOUT: Self = Self(32);
     /// A Hall is lost and the angle comes from the other two: to be stopped, and not armed again.
     pub const TWO_HALLS: Self = Self(4);
 
     /// Whether all of `other` are active.
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0
+    }
+
+    /// With those of `other` if, and only if, they are `active`.
+    #[must_use]
+    pub const fn set(self, other: Self, active: bool) -> Self {
+        if active { self.with(other) } else { self.without(other) }
     }
 
     /// Both.
@@ -103,5 +170,21 @@ impl Limits {
     #[must_use]
     pub const fn without(self, other: Self) -> Self {
         Self(self.0 & !other.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_code_is_its_faults() {
+        let faults = [1..10, 16..29, 32..34];
+        for code in 0..=u8::MAX {
+            assert_eq!(
+                Fault::from_code(code).map(Fault::code),
+                faults.iter().any(|codes| codes.contains(&code)).then_some(code)
+            );
+        }
     }
 }

@@ -9,7 +9,8 @@
 //! |---|---|
 //! | [`angle`], [`trig`] | wrapping 32-bit turns; sine, arcsine and arctangent by tables, each with its proven error |
 //! | [`hall`] | normalise, estimate, track, calibrate |
-//! | [`commutation`], [`pwm`] | block and sinusoidal; compare values, limits, dead time, choice of the frequency |
+//! | [`commutation`], [`pwm`] | block, sinusoidal and field-oriented; compare values, limits, dead time, choice of the frequency |
+//! | [`control`] | current, speed, position, trajectory; gains by bandwidth |
 //! | [`drive`], [`mode`], [`fault`], [`settings`], [`telemetry`] | the control interrupt and its states |
 //! | [`service`] | the tasks' side of a drive |
 //!
@@ -34,7 +35,7 @@
 //! let mut service = Service::new(config, tasks, estimators); // a task's
 //!
 //! service.send(Command::Calibrate).expect("the queue is empty");
-//! let output = drive.step(&Sample { halls: [2100, 1900, 2050] }); // in the interrupt
+//! let output = drive.step(&Sample { halls: [2100, 1900, 2050], ..Default::default() }); // in the interrupt
 //! assert!(output.compare.iter().all(|&compare| compare < config.period));
 //! # Ok::<(), hallservo::settings::Error>(())
 //! ```
@@ -42,6 +43,7 @@
 
 pub mod angle;
 pub mod commutation;
+pub mod control;
 pub mod drive;
 pub mod fault;
 pub mod hall;

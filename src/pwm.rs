@@ -81,6 +81,8 @@ pub fn highest_compare(period: u16, timer_hz: f32, window_s: f32, dead_time_s: f
 pub struct Limits {
     half: u16,
     largest: i32,
+    low: u16,
+    high: u16,
 }
 
 impl Limits {
@@ -97,12 +99,36 @@ impl Limits {
         if room < 4 || high > period {
             return Err(Error::Limits { low, high });
         }
-        Ok(Self { half, largest: (room << Amplitude::FRACTION) - (room << Amplitude::FRACTION) / 8192 })
+        Ok(Self { half, largest: (room << Amplitude::FRACTION) - (room << Amplitude::FRACTION) / 8192, low, high })
     }
 
     /// Compare value of one half.
     pub const fn half(&self) -> u16 {
         self.half
+    }
+
+    /// Middle of the allowed range in counts with a fraction of so many bits, and half a count for rounding.
+    #[inline(always)]
+    pub const fn middle(&self, fraction: u32) -> i32 {
+        ((self.low as i32 + self.high as i32 + 1) << fraction) >> 1
+    }
+
+    /// The compare value nearest to a number within the limits.
+    #[inline(always)]
+    pub const fn clamped(&self, compare: i32) -> u16 {
+        if compare < self.low as i32 {
+            self.low
+        } else if compare > self.high as i32 {
+            self.high
+        } else {
+            compare as u16
+        }
+    }
+
+    /// Length in counts of the longest voltage vector that fits the range in every direction with
+    /// [`svpwm`](crate::commutation::svpwm): its line voltage is the whole range, less two counts for rounding.
+    pub fn longest_vector(&self) -> f64 {
+        f64::from(self.high - self.low - 2) / libm::sqrt(3.0)
     }
 
     /// The amplitude that a command asks for, or the largest that the limits allow.

@@ -2,6 +2,7 @@
 
 pub mod adaptation;
 
+use crate::control::cogging;
 use crate::drive::{Command, Reply, Tasks};
 use crate::hall::Channel;
 use crate::hall::calibrate::{self, Calibration, Collector};
@@ -9,7 +10,7 @@ use crate::hall::estimate::{BadModel, Estimator};
 use crate::hall::model::Model;
 use crate::mode::Mode;
 use crate::settings::Config;
-use crate::telemetry::{Progress, Record};
+use crate::telemetry::{Measurement, Progress, Record};
 use core::fmt;
 use heapless::{Deque, Vec};
 
@@ -133,6 +134,16 @@ impl Service {
             return Err(InstallError::Busy);
         }
         Ok(())
+    }
+
+    /// The next measurement of currents and voltages, while running with current control. When nobody takes them, they are lost.
+    pub fn measurement(&mut self) -> Option<Measurement> {
+        self.tasks.measurements.dequeue()
+    }
+
+    /// A table of the cogging that the drive no longer uses.
+    pub fn unused_table(&mut self) -> Option<&'static mut cogging::Table> {
+        self.tasks.tables.dequeue()
     }
 
     fn take_back(&mut self) {

@@ -3,6 +3,7 @@
 use crate::angle::{ElectricalAngle, PolePairs};
 use crate::commutation::sinusoidal::PhaseOrder;
 use crate::commutation::{Commutation, Modulation};
+use crate::control;
 use crate::drive::drag;
 use crate::hall::track;
 use crate::pwm;
@@ -58,6 +59,9 @@ pub struct Settings {
     pub record_hz: f32,
     /// The same while calibrating, 1 Hz to the PWM frequency.
     pub calibration_record_hz: f32,
+    /// Sensing of currents and bus, the motor and the loops; `None`: only a voltage can be commanded, and nothing but the
+    /// Halls is watched.
+    pub control: Option<control::settings::Settings>,
 }
 
 impl Default for Settings {
@@ -84,6 +88,7 @@ impl Default for Settings {
             calibration_turns: 12,
             record_hz: 1e3,
             calibration_record_hz: 40e3,
+            control: None,
         }
     }
 }
@@ -105,6 +110,8 @@ pub enum Error {
     },
     /// The PWM settings contradict each other.
     Pwm(pwm::Error),
+    /// Field-oriented commutation needs `control`.
+    NoControl,
 }
 
 impl fmt::Display for Error {
@@ -114,6 +121,7 @@ impl fmt::Display for Error {
                 write!(f, "{field} is {value}, but must be from {min} to {max}")
             }
             Self::Pwm(error) => error.fmt(f),
+            Self::NoControl => write!(f, "field-oriented commutation needs the settings of the current control"),
         }
     }
 }
@@ -126,10 +134,14 @@ impl From<pwm::Error> for Error {
     }
 }
 
-/// [`Settings`] in the units of the interrupt: counts, turns and samples.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// [`Settings`] in the units of the interrupt: counts, turns and samples. In the order of haste, as [`Drive`](crate::drive::Drive).
+#[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(C)]
 pub struct Config {
+    pub(crate) tracking: track::Config,
+    pub(crate) fastest: i32,
+    pub(crate) record_every: u32,
     /// Auto-reload value of the timer.
     pub period: u16,
     /// Dead time in timer counts.
@@ -144,13 +156,12 @@ pub struct Config {
     pub(crate) limits: pwm::Limits,
     pub(crate) max_modulation: Modulation,
     pub(crate) advance: ElectricalAngle,
-    pub(crate) tracking: track::Config,
-    pub(crate) fastest: i32,
     pub(crate) tolerated: u16,
     pub(crate) run_on_two_halls: bool,
-    pub(crate) record_every: u32,
     pub(crate) calibration_record_every: u32,
     pub(crate) drag: drag::Config,
+    /// Currents, torque, speed and position.
+    pub control: Option<control::settings::Config>,
 }
 
 impl Config {
@@ -171,7 +182,7 @@ impl Config {
 }
 
 /// `value` if it is from `min` to `max`.
-fn within(field: &'static str, value: f32, min: f32, max: f32) -> Result<f32, Error> {
+pub(crate) fn within(field: &'static str, value: f32, min: f32, max: f32) -> Result<f32, Error> {
     // Not a number is in no range.
     if (min..=max).contains(&value) { Ok(value) } else { Err(Error::OutOfRange { field, value, min, max }) }
 }
@@ -190,14 +201,29 @@ impl Settings {
         let period = pwm::period_counts(timer_hz, pwm_hz)?;
         let dead_time = pwm::dead_time_counts(timer_hz, pwm_hz, self.dead_time_s)?;
         let highest = pwm::highest_compare(period, timer_hz, self.sampling_window_s, self.dead_time_s);
+        let limits = pwm::Limits::new(period, 0, highest)?;
+        let frame = control::settings::Frame {
+            adc_bits: self.adc_bits,
+            pole_pairs: self.pole_pairs,
+            pwm_hz,
+            period,
+            dead_time,
+            limits,
+            max_electrical_hz: within("max_electrical_hz", self.max_electrical_hz, 1.0, pwm_hz / 20.0)?,
+        };
+        let control = self.control.map(|control| control.validate(&frame)).transpose()?;
+        if control.is_none() && self.commutation == Commutation::FieldOriented {
+            return Err(Error::NoControl);
+        }
         Ok(Config {
+            control,
             period,
             dead_time,
             adc_bits: self.adc_bits,
             pole_pairs: PolePairs::new(self.pole_pairs).unwrap_or(PolePairs::ONE),
             reversed: self.reversed,
             commutation: self.commutation,
-            limits: pwm::Limits::new(period, 0, highest)?,
+            limits,
             max_modulation: Modulation::saturating_from_num(within("max_modulation", self.max_modulation, 0.0, 1.0)?),
             advance: ElectricalAngle::from_degrees(within("phase_advance_deg", self.phase_advance_deg, -60.0, 60.0)?),
             tracking: self.tracking()?,

@@ -1,6 +1,7 @@
 //! What the interrupt tells the tasks: raw numbers, SI only when someone looks.
 
 use crate::angle::ElectricalAngle;
+use crate::drive::State;
 use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
 use crate::hall::calibrate::Sweep;
@@ -47,6 +48,18 @@ impl Default for Record {
     fn default() -> Self {
         Self::new()
     }
+}
+
+/// Rotor, currents and voltages of a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Measurement {
+    /// Position, angle and speed of the rotor.
+    pub rotor: Tracker,
+    /// Number of the step, wrapping.
+    pub sequence: u32,
+    /// Currents and voltages.
+    pub state: State,
 }
 
 /// What a sample is to a calibration.

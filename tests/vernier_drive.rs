@@ -132,7 +132,7 @@ impl Absolute {
     fn step(&mut self) {
         let shaft = self.plant.truth().mechanical_angle_rad;
         let reading = (self.disturb)(read(&self.rings, &mut self.construction, shaft));
-        let output = self.drive.step(&Sample { halls: self.plant.sample().halls }, reading);
+        let output = self.drive.step(&Sample { halls: self.plant.sample().halls, ..Sample::default() }, reading);
         self.plant.advance(&sim::rig::legs(&output, self.period));
     }
 

@@ -2,7 +2,9 @@
 
 pub mod adapt;
 pub mod commutation;
+pub mod faults;
 pub mod pwm;
+pub mod servo;
 pub mod spin;
 pub mod vernier;
 

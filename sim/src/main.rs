@@ -20,6 +20,10 @@ enum Experiment {
     Spin(Common),
     /// Block and sinusoidal commutation side by side: torque and speed ripple
     Commutation(Common),
+    /// Current, speed and position control: steps, hold under load, ripple, copper loss, anti-cogging
+    Servo(Common),
+    /// Inject every fault at random times into running drives
+    Faults(experiment::faults::Options),
     /// Find and follow the sensors' parameters while the motor turns; lose a sensor
     Adapt(experiment::adapt::Options),
     /// Choose the PWM frequency; current ripple by formula and by a switched simulation
@@ -36,6 +40,8 @@ fn main() -> ExitCode {
         None => experiment::spin::main(&arguments.common),
         Some(Experiment::Spin(common)) => experiment::spin::main(&common),
         Some(Experiment::Commutation(common)) => experiment::commutation::main(&common),
+        Some(Experiment::Servo(common)) => experiment::servo::main(&common),
+        Some(Experiment::Faults(options)) => experiment::faults::main(&options),
         Some(Experiment::Adapt(options)) => experiment::adapt::main(&options),
         Some(Experiment::Pwm(options)) => experiment::pwm::main(&options),
         Some(Experiment::Vernier(options)) => experiment::vernier::main(&options),

@@ -20,8 +20,18 @@ pub struct Rig {
     pub service: Service,
     /// The settings in the interrupt's units.
     pub config: Config,
+    /// What the thermistors read.
+    pub temperatures: [u16; 2],
+    /// Changes samples on their way from the ADC to the drive.
+    pub disturb: Option<Disturb>,
     period_s: f64,
 }
+
+/// A change of a sample.
+pub type Disturb = Box<dyn FnMut(&mut Sample)>;
+
+/// A thermistor of [`Thermistor::ntc_10k`](hallservo::control::settings::Thermistor::ntc_10k) at 25 °C, 12 bit.
+const COOL: u16 = 2048;
 
 /// One control period: what the drive saw and did, and how it really was at the sampling instant.
 #[derive(Clone, Copy, Debug)]
@@ -55,6 +65,8 @@ impl Rig {
             drive: Drive::new(config, interrupt),
             service: Service::new(config, tasks, estimators),
             config,
+            temperatures: [COOL; 2],
+            disturb: None,
             period_s,
         })
     }
@@ -66,7 +78,11 @@ impl Rig {
 
     /// One control period.
     pub fn step(&mut self) -> Period {
-        let sample = Sample { halls: self.plant.sample().halls };
+        let plant::Codes { halls, currents, bus } = self.plant.sample();
+        let mut sample = Sample { halls, currents, bus, temperatures: self.temperatures, lost: 0 };
+        if let Some(disturb) = &mut self.disturb {
+            disturb(&mut sample);
+        }
         let truth = self.plant.truth();
         let output = self.drive.step(&sample);
         self.plant.advance(&legs(&output, self.config.period));
@@ -101,6 +117,25 @@ impl Rig {
     /// The drive's refusal.
     pub fn drive_with(&mut self, modulation: f64) -> Result<()> {
         self.command(Command::Drive(Modulation::saturating_from_num(modulation)))
+    }
+
+    /// The settings of torque, speed and position in the interrupt's units.
+    ///
+    /// # Errors
+    /// The drive has none.
+    pub fn control(&self) -> Result<&hallservo::control::settings::Config> {
+        self.config.control.as_ref().context("the drive has no current control")
+    }
+
+    /// Steps for a time, serving the queues once a millisecond.
+    pub fn run(&mut self, seconds: f64, mut look: impl FnMut(&Self, &Period)) {
+        for k in 0..self.periods(seconds) {
+            let period = self.step();
+            look(self, &period);
+            if k % 40 == 0 {
+                self.serve();
+            }
+        }
     }
 
     /// Lets the drive calibrate itself; `progress` hears from 0 to 1.

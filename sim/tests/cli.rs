@@ -84,6 +84,31 @@ fn commutation_ripples_are_as_theory_says() {
 }
 
 #[test]
+fn servo_reaches_its_targets() {
+    let figures = json(&folder("servo"), &["servo"]);
+    let figure = |name: &str| figures[name].as_f64().unwrap();
+    assert!(figure("current_bandwidth_hz") >= 1000.0, "{figures}");
+    assert!(figure("current_overshoot_pct") <= 10.0 && figure("current_rise_us") <= 350.0, "{figures}");
+    assert!(10.0 * figure("speed_ripple_pct") <= figure("block_speed_ripple_pct"), "{figures}");
+    assert!(10.0 * figure("speed_ripple_pct") <= figure("block_open_speed_ripple_pct"), "{figures}");
+    assert!(figure("position_noise_deg") <= 0.02 && figure("position_hold_error_deg") <= 0.2, "{figures}");
+    assert!(figure("load_step_recovery_ms") <= 100.0, "{figures}");
+    assert!(figure("cogging_reduction") >= 5.0, "{figures}");
+    // In theory (3/π)².
+    assert!((figure("foc_copper_loss_vs_block") - 0.912).abs() < 0.02, "{figures}");
+}
+
+#[test]
+fn every_fault_is_found_and_none_invented() {
+    let figures = json(&folder("faults"), &["faults", "--injections", "1000"]);
+    assert_eq!((&figures["injected"], &figures["detected"]), (&1000.into(), &1000.into()), "{figures}");
+    assert_eq!((&figures["missed"], &figures["false_alarms"]), (&0.into(), &0.into()), "{figures}");
+    assert_eq!(figures["worst_detection_periods"], 1);
+    assert_eq!(figures["bridge_off_within_one_period"], true);
+    assert_eq!(figures["kinds"].as_object().unwrap().len(), 14);
+}
+
+#[test]
 fn pwm_is_chosen_for_the_motor() {
     let folder = folder("pwm");
     let figures = json(&folder, &["pwm"]);

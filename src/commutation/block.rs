@@ -77,6 +77,14 @@ impl Sextant {
         if self as usize == 5 { Self::First } else { SEXTANTS[self as usize + 1] }
     }
 
+    /// Which legs pull up and down in the step of this sextant, 0 to 2.
+    #[inline(always)]
+    pub const fn conducting(self, order: PhaseOrder) -> (usize, usize) {
+        const PAIRS: [(usize, usize); 6] = [(0, 2), (1, 2), (1, 0), (2, 0), (2, 1), (0, 1)];
+        const REVERSED: [(usize, usize); 6] = [(0, 1), (2, 1), (2, 0), (1, 0), (1, 2), (0, 2)];
+        if order.is_forward() { PAIRS[self as usize] } else { REVERSED[self as usize] }
+    }
+
     /// The step whose vector points at the middle of this sextant; a negative amplitude points it the other way.
     #[inline(always)]
     pub const fn output(self, order: PhaseOrder, amplitude: Amplitude, half: u16) -> Output {
@@ -116,6 +124,8 @@ mod tests {
                 let off = (ElectricalAngle::from_degrees(vector) - angle).to_degrees();
                 assert!(off.abs() <= 30.0, "{angle} {vector}");
                 assert_eq!(a + b + c, 0.0);
+                let (up, down) = Sextant::of(angle).conducting(order);
+                assert!(output.compare[up] > 1000 && output.compare[down] < 1000);
                 let open: std::vec::Vec<_> = (0..3).filter(|&leg| !output.legs.contains(leg)).collect();
                 assert_eq!(open.len(), 1);
                 assert_eq!(output.compare[open[0] as usize], 1000);

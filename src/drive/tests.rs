@@ -19,6 +19,8 @@ struct Bench {
     model: Model,
     rotor: ElectricalAngle,
     config: Config,
+    /// Whether currents, voltage and temperatures are there.
+    healthy: bool,
 }
 
 impl Bench {
@@ -32,6 +34,7 @@ impl Bench {
             model: Model::nominal(12, 600.0, ElectricalAngle::THIRD),
             rotor: ElectricalAngle::from_degrees(10.0),
             config,
+            healthy: false,
         }
     }
 
@@ -59,7 +62,8 @@ impl Bench {
     }
 
     fn step_with(&mut self, halls: Codes) -> Output {
-        self.drive.step(&Sample { halls })
+        let sample = if self.healthy { healthy(halls) } else { Sample { halls, ..Sample::default() } };
+        self.drive.step(&sample)
     }
 
     fn reply(&mut self) -> Reply {
@@ -473,4 +477,161 @@ fn speed_in_hertz() {
     }
     let hz = bench.drive.live().electrical_hz(40e3);
     assert!((hz - 123.0).abs() < 0.5, "{hz}");
+}
+
+/// 24 V, no current, 25 °C.
+fn healthy(halls: Codes) -> Sample {
+    Sample { halls, currents: [2048; 3], bus: 2708, temperatures: [2048; 2], lost: 0 }
+}
+
+fn with_control(commutation: Commutation, change: impl Fn(&mut crate::control::settings::Settings)) -> Bench {
+    let mut control = crate::control::settings::Settings::default();
+    change(&mut control);
+    let mut bench = Bench::new(&Settings { commutation, control: Some(control), ..Settings::default() });
+    bench.healthy = true;
+    bench.install().unwrap();
+    bench
+}
+
+#[test]
+fn a_drive_without_current_control_says_so() {
+    let mut bench = Bench::running();
+    assert_eq!(bench.command(Command::Current(Current(0))), Err(Refusal::NoControl));
+    bench.command(Command::Disarm).unwrap();
+    assert_eq!(bench.command(Command::Commutate(Commutation::FieldOriented)), Err(Refusal::NoControl));
+    let settings = Settings { commutation: Commutation::FieldOriented, ..Settings::default() };
+    assert_eq!(settings.validate(), Err(crate::settings::Error::NoControl));
+}
+
+#[test]
+fn the_commutation_changes_only_while_the_bridge_is_off() {
+    let mut bench = with_control(Commutation::Block, |_| ());
+    bench.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
+    bench.command(Command::Arm).unwrap();
+    assert_eq!(bench.command(Command::Commutate(Commutation::Block)), Err(Refusal::Mode(Mode::Running)));
+    assert_eq!(bench.drive.commutation(), Commutation::FieldOriented);
+}
+
+#[test]
+fn demands_beyond_the_limits_are_refused() {
+    let mut bench = with_control(Commutation::FieldOriented, |_| ());
+    assert_eq!(bench.command(Command::Current(Current(0))), Err(Refusal::Mode(Mode::Ready)));
+    bench.command(Command::Arm).unwrap();
+    for bad in [i32::MAX, i32::MIN, 20_000, -20_000] {
+        assert_eq!(bench.command(Command::Current(Current(bad))), Err(Refusal::TooLarge));
+    }
+    assert_eq!(bench.command(Command::Speed(Speed(i32::MIN))), Err(Refusal::TooLarge));
+    assert_eq!(bench.mode(), Mode::Running);
+}
+
+#[test]
+fn nothing_is_armed_that_would_fail_at_once() {
+    type Spoil = fn(&mut Sample);
+    let cases: [(Spoil, Fault); 6] = [
+        (|s| s.bus = 1000, Fault::UnderVoltage),
+        (|s| s.bus = 4000, Fault::OverVoltage),
+        (|s| s.currents[1] = 4095, Fault::OverCurrent),
+        (|s| s.temperatures[0] = 100, Fault::BridgeHot),
+        (|s| s.temperatures[1] = 100, Fault::MotorHot),
+        (|s| s.lost = 1, Fault::Deadline),
+    ];
+    for (spoil, fault) in cases {
+        let mut bench = with_control(Commutation::FieldOriented, |_| ());
+        bench.service.send(Command::Arm).unwrap();
+        let mut sample = healthy(bench.model.codes(bench.rotor));
+        spoil(&mut sample);
+        while bench.service.poll().is_some() {}
+        bench.drive.step(&sample);
+        bench.drive.step(&sample);
+        assert_eq!(bench.reply(), Err(Refusal::Fault(fault)));
+        // The same while running.
+        bench.command(Command::Arm).unwrap();
+        bench.command(Command::Current(Current(100))).unwrap();
+        let off = (1..=8).find(|_| bench.drive.step(&sample).legs == Legs::NONE);
+        assert!(off.is_some_and(|steps| steps == 1 || matches!(fault, Fault::BridgeHot | Fault::MotorHot)));
+        assert_eq!(bench.mode(), Mode::Faulted(fault));
+    }
+}
+
+#[test]
+fn heat_reduces_the_current_before_it_is_a_fault() {
+    let mut bench = with_control(Commutation::FieldOriented, |_| ());
+    bench.command(Command::Arm).unwrap();
+    let full = bench.config.control.unwrap().current(3.0).unwrap();
+    bench.command(Command::Current(full)).unwrap();
+    // Half way in codes from 80 to 100 °C.
+    let ntc = crate::control::settings::Thermistor::ntc_10k(80.0, 100.0);
+    let code = (ntc.code(80.0) + ntc.code(100.0)) / 32.0;
+    let mut sample = healthy(bench.model.codes(bench.rotor));
+    sample.temperatures[0] = code as u16;
+    for _ in 0..16 {
+        bench.drive.step(&sample);
+    }
+    let share = bench.drive.state().wanted as f32 / full.0 as f32;
+    assert!((share - 0.5).abs() < 0.02, "{share}");
+    assert!(bench.drive.limits().contains(Limits::HEAT.with(Limits::CURRENT)));
+}
+
+#[test]
+fn silence_stops_the_drive_if_so_chosen() {
+    use crate::control::settings::OnTimeout;
+    let mut bench = with_control(Commutation::FieldOriented, |control| {
+        control.guard.command_timeout_s = 0.01;
+        control.guard.on_timeout = OnTimeout::Stop;
+    });
+    bench.command(Command::Arm).unwrap();
+    let speed = bench.config.control.unwrap().speed(100.0).unwrap();
+    bench.command(Command::Speed(speed)).unwrap();
+    for _ in 0..390 {
+        bench.step();
+    }
+    assert!(!bench.drive.limits().contains(Limits::TIMEOUT));
+    for _ in 0..20 {
+        bench.step();
+    }
+    assert!(bench.drive.limits().contains(Limits::TIMEOUT));
+    assert_eq!(bench.drive.servo.demand, Demand::Speed(Speed(0)));
+    bench.command(Command::Speed(speed)).unwrap();
+    assert!(!bench.drive.limits().contains(Limits::TIMEOUT));
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(64))]
+    #[test]
+    fn no_input_sequence_leaves_the_duty_limits(
+        steps in prop::collection::vec((any::<[u16; 3]>(), any::<[u16; 3]>(), any::<u16>(), 0..12_u8, any::<i32>()), 1..300),
+        commutation in 0..3_usize, wild in any::<bool>(),
+    ) {
+        let commutation = [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block][commutation];
+        let mut bench = with_control(commutation, |_| ());
+        let highest = bench.config.limits.clamped(i32::MAX);
+        bench.command(Command::Arm).unwrap();
+        for (halls, currents, bus, what, value) in steps {
+            let command = match what {
+                0 => Some(Command::Current(Current(value >> 18))),
+                1 => Some(Command::Speed(Speed(value >> 6))),
+                2 => Some(Command::Position(Position::from_bits(i64::from(value) << 8))),
+                3 => Some(Command::Drive(Modulation::from_bits(value as i16))),
+                4 => Some(Command::Clear),
+                5 => Some(Command::Arm),
+                _ => None,
+            };
+            if let Some(command) = command {
+                let _ = bench.service.send(command);
+            }
+            bench.rotor += ElectricalAngle::from_bits(value >> 8);
+            // Codes within the allowed keep it running; any codes at all must do no harm either.
+            let codes = |codes: [u16; 3]| codes.map(|code| if wild { code } else { 2048 + code % 1000 - 500 });
+            let sample = Sample {
+                halls: if wild { halls } else { bench.model.codes(bench.rotor) },
+                currents: codes(currents),
+                bus: if wild { bus } else { 1500 + bus % 2000 },
+                ..healthy([0; 3])
+            };
+            let output = bench.drive.step(&sample);
+            prop_assert!(output.compare.iter().all(|&compare| compare <= highest), "{output:?}");
+            prop_assert!(bench.mode().drives() || output == Output::OFF);
+            while bench.service.poll().is_some() {}
+        }
+    }
 }

@@ -114,6 +114,12 @@ impl Tracker {
         self.position
     }
 
+    /// The smoothed position with its turns.
+    #[inline(always)]
+    pub const fn smoothed(&self) -> Position {
+        self.position.advance_to(self.angle)
+    }
+
     /// The smoothed speed in 2⁻³² electrical turns a sample.
     pub const fn speed(&self) -> i32 {
         self.speed

@@ -60,7 +60,7 @@ impl Twin {
 
     /// What the converters deliver at the beginning of a period.
     pub fn sample(&mut self) -> Sample {
-        Sample { halls: self.plant.sample().halls }
+        Sample { halls: self.plant.sample().halls, ..Sample::default() }
     }
 
     /// The drive, whose step comes between [`Self::sample`] and [`Self::actuate`].

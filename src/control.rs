@@ -1,0 +1,102 @@
+//! Current, speed and position control: cascaded loops in integers, their gains computed from the motor and a bandwidth.
+//!
+//! Units of the loops: a current of 2¹⁵ is the full scale of the current amplifiers, a voltage of 2¹⁵ that of the bus divider; speeds
+//! are in 2⁻³² electrical turns a step, as the [tracker](crate::hall::track)'s, positions in 2⁻³² electrical turns.
+
+pub mod cogging;
+pub mod current;
+pub mod identify;
+pub mod position;
+pub mod settings;
+pub mod trajectory;
+pub mod velocity;
+
+/// Current of a phase or along an axis, in 2⁻¹⁵ of the full scale of the amplifiers.
+/// [`settings::Config::current`] makes one of amperes.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Current(pub(crate) i32);
+
+/// Speed in 2⁻³² electrical turns a step. [`settings::Config::speed`] makes one of radians a second.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Speed(pub(crate) i32);
+
+/// What the units of the loops are in SI.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Scale {
+    /// Steps a second.
+    pub step_hz: f32,
+    /// Current of 2¹⁵.
+    pub amperes: f32,
+    /// Voltage of 2¹⁵.
+    pub volts: f32,
+    /// Electrical turns in a mechanical turn.
+    pub pole_pairs: f32,
+}
+
+/// 2³², the bits of a turn.
+const TURN: f32 = 4_294_967_296.0;
+
+impl Scale {
+    /// Units of current in an ampere.
+    pub fn per_ampere(&self) -> f32 {
+        32_768.0 / self.amperes
+    }
+
+    /// Units of speed in a mechanical radian a second.
+    pub fn per_radian_s(&self) -> f32 {
+        self.pole_pairs / core::f32::consts::TAU / self.step_hz * TURN
+    }
+
+    /// Units of current per unit of voltage in a siemens.
+    pub fn conductance(&self) -> f32 {
+        self.volts / self.amperes
+    }
+}
+
+/// The motor, as the loops need it.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Motor {
+    /// Resistance of a phase, star.
+    pub resistance_ohm: f32,
+    /// Inductance of a phase, star.
+    pub inductance_h: f32,
+    /// Flux of the magnets linked with a phase, amplitude; the back-EMF constant per electrical radian a second.
+    pub flux_linkage_wb: f32,
+    /// Inertia of all that turns.
+    pub inertia_kgm2: f32,
+}
+
+impl Motor {
+    /// Torque per ampere along q: 1.5 · pole pairs · flux linkage.
+    pub fn torque_constant(&self, pole_pairs: f32) -> f32 {
+        1.5 * pole_pairs * self.flux_linkage_wb
+    }
+}
+
+/// `value · 2^bits` as an integer, if it is one of `i32`.
+fn fixed(value: f32, bits: i32) -> Option<i32> {
+    let scaled = libm::ldexp(f64::from(value), bits);
+    (scaled.abs() < 2_147_483_648.0).then(|| libm::round(scaled) as i32)
+}
+
+/// Upper half of a product.
+#[inline(always)]
+const fn high(a: i32, b: i32) -> i32 {
+    ((a as i64 * b as i64) >> 32) as i32
+}
+
+/// `x` cut to ± `most`.
+#[inline(always)]
+pub(crate) const fn clamp(x: i32, most: i32) -> i32 {
+    if x > most {
+        most
+    } else if x < -most {
+        -most
+    } else {
+        x
+    }
+}

@@ -1,0 +1,64 @@
+//! Position control: a proportional gain asks for a speed, with that of the trajectory fed forward.
+
+use crate::angle::Position;
+use crate::control::{Scale, clamp, fixed};
+use core::f32::consts::TAU;
+
+/// Gain of the position controller.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Gain(i32);
+
+impl Gain {
+    /// For a bandwidth in hertz. `None` when it is beyond the range of the integers.
+    pub fn new(bandwidth_hz: f32, scale: &Scale) -> Option<Self> {
+        Some(Self(fixed(TAU * bandwidth_hz / scale.step_hz, 32)?.max(1)))
+    }
+
+    /// The speed that makes the `measured` position the `wanted` one, beside what is fed `forward`; up to ± `most`.
+    /// A deviation beyond half an electrical turn counts as half a turn.
+    #[inline(always)]
+    pub const fn speed(&self, wanted: Position, measured: Position, forward: i32, most: i32) -> i32 {
+        let error = wanted.to_bits().wrapping_sub(measured.to_bits());
+        let error = if error > i32::MAX as i64 {
+            i32::MAX
+        } else if error < -(i32::MAX as i64) {
+            -i32::MAX
+        } else {
+            error as i32
+        };
+        clamp(((error as i64 * self.0 as i64) >> 32) as i32 + forward, most)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const SCALE: Scale = Scale { step_hz: 40e3, amperes: 8.25, volts: 36.3, pole_pairs: 4.0 };
+
+    #[test]
+    fn approaches_with_the_bandwidth() {
+        let gain = Gain::new(20.0, &SCALE).unwrap();
+        let wanted = Position::from_bits(1 << 30);
+        let mut at = 0_i64;
+        // One time constant.
+        for _ in 0..318 {
+            at += i64::from(gain.speed(wanted, Position::from_bits(at), 0, i32::MAX / 2));
+        }
+        let left = 1.0 - at as f64 / f64::from(1 << 30);
+        assert!((left - 0.368).abs() < 2e-3, "{left}");
+    }
+
+    #[test]
+    fn far_away_and_any_feed_forward_stay_within_the_limit() {
+        let gain = Gain::new(20.0, &SCALE).unwrap();
+        for wanted in [i64::MIN, -1 << 40, 0, 1 << 40, i64::MAX] {
+            for forward in [-1000, 0, 1000] {
+                let speed = gain.speed(Position::from_bits(wanted), Position::from_bits(0), forward, 900);
+                assert!(speed.abs() <= 900, "{wanted} {forward} {speed}");
+                assert!(wanted == 0 || i64::from(speed.signum()) == wanted.signum());
+            }
+        }
+    }
+}

@@ -1,0 +1,444 @@
+//! What a person sets for currents, torque, speed and position, in SI units, and what the interrupt makes of it.
+
+use crate::angle::Position;
+use crate::control::current::{self, Feedback, LocalGains};
+use crate::control::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity};
+use crate::pwm;
+use crate::settings::{Error, within};
+use core::f32::consts::TAU;
+use core::fmt;
+
+/// Current and bus sensing, the motor, the loops and their limits. The default is the motor of Simpkins and Todorov on 24 V, with
+/// amplifiers of 0.2 V/A about the middle of 3.3 V, and a divider of eleven.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Settings {
+    /// Current from the middle of the ADC's range to its end, 0.1 to 1000 A.
+    pub current_full_scale_a: f32,
+    /// Bus voltage at the end of the ADC's range, 5 to 1000 V.
+    pub bus_full_scale_v: f32,
+    /// Resistance of a phase, 1 mΩ to 100 Ω.
+    pub resistance_ohm: f32,
+    /// Inductance of a phase, 1 µH to 0.1 H.
+    pub inductance_h: f32,
+    /// Flux linkage of a phase, 10 µWb to 1 Wb.
+    pub flux_linkage_wb: f32,
+    /// Inertia of all that turns, 1e-9 to 1 kg·m².
+    pub inertia_kgm2: f32,
+    /// Bandwidth of the current control, 10 Hz to a twentieth of the PWM frequency.
+    pub current_bandwidth_hz: f32,
+    /// Parts of the local feedback with block and sinusoidal commutation.
+    pub feedback: Feedback,
+    /// Bandwidth of the speed control, 0.5 Hz to a quarter of that of the current.
+    pub speed_bandwidth_hz: f32,
+    /// Bandwidth of the position control, 0.1 Hz to half of that of the speed.
+    pub position_bandwidth_hz: f32,
+    /// Current below which the dead time acts in part only, 1 mA to the full scale.
+    pub dead_time_ramp_a: f32,
+    /// Largest current, up to nine tenths of the full scale; more is cut.
+    pub max_current_a: f32,
+    /// Largest mechanical speed of a command, 0.1 rad/s to what `max_electrical_hz` allows.
+    pub max_speed_rad_s: f32,
+    /// Largest acceleration of a trajectory, 1 to 1e6 rad/s².
+    pub max_acceleration_rad_s2: f32,
+    /// Faults.
+    pub guard: GuardSettings,
+}
+
+/// Thresholds of the faults.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct GuardSettings {
+    /// Least bus voltage, at least a twentieth of the full scale.
+    pub under_voltage_v: f32,
+    /// Largest bus voltage, up to the full scale.
+    pub over_voltage_v: f32,
+    /// Largest current of a phase, up to the full scale.
+    pub over_current_a: f32,
+    /// Largest sum of the three currents over 20 steps: beyond, an amplifier is wrong.
+    pub imbalance_a: f32,
+    /// Largest current that an amplifier may show while none flows.
+    pub offset_a: f32,
+    /// Thermistor of the bridge.
+    pub bridge: Thermistor,
+    /// Thermistor of the motor.
+    pub motor: Thermistor,
+    /// How long the current may be at its limit while the rotor does not turn under speed or position control, 0.01 to 100 s.
+    pub stall_s: f32,
+    /// How long a command holds, 0.001 to 1000 s; infinity: for ever.
+    pub command_timeout_s: f32,
+    /// What happens then.
+    pub on_timeout: OnTimeout,
+}
+
+/// What a drive does whose commands stay away.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum OnTimeout {
+    /// A fault: bridge off.
+    #[default]
+    Fault,
+    /// Brakes to rest under speed control and stays there.
+    Stop,
+}
+
+/// An NTC between the ADC's pin and ground, pulled up to the reference: `R = R₂₅ · exp(B (1/T − 1/298.15 K))`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Thermistor {
+    /// Pull-up, 10 Ω to 10 MΩ.
+    pub pull_up_ohm: f32,
+    /// Resistance at 25 °C, 10 Ω to 10 MΩ.
+    pub nominal_ohm: f32,
+    /// B, 1000 to 10000 K.
+    pub beta_k: f32,
+    /// Above, the largest current is reduced, linearly down to nothing at `max_c`; −40 to 200 °C.
+    pub warn_c: f32,
+    /// Above, a fault; at least 1 °C above `warn_c`, up to 200 °C.
+    pub max_c: f32,
+}
+
+impl Thermistor {
+    /// 10 kΩ at a pull-up of 10 kΩ, B = 3380 K.
+    pub const fn ntc_10k(warn_c: f32, max_c: f32) -> Self {
+        Self { pull_up_ohm: 10e3, nominal_ohm: 10e3, beta_k: 3380.0, warn_c, max_c }
+    }
+
+    /// What the ADC reads at a temperature, for a full scale of 2¹⁶.
+    pub fn code(&self, celsius: f32) -> f32 {
+        let resistance = self.nominal_ohm * libm::expf(self.beta_k * (1.0 / (celsius + 273.15) - 1.0 / 298.15));
+        65_536.0 * resistance / (resistance + self.pull_up_ohm)
+    }
+
+    fn validate(&self) -> Result<Heat, Error> {
+        within("pull_up_ohm", self.pull_up_ohm, 10.0, 1e7)?;
+        within("nominal_ohm", self.nominal_ohm, 10.0, 1e7)?;
+        within("beta_k", self.beta_k, 1e3, 1e4)?;
+        within("warn_c", self.warn_c, -40.0, 199.0)?;
+        within("max_c", self.max_c, self.warn_c + 1.0, 200.0)?;
+        let (fault, warn) = (self.code(self.max_c), self.code(self.warn_c));
+        Ok(Heat { fault: fault as i32, slope: (16_777_216.0 / (warn - fault).max(1.0)) as i32 })
+    }
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            current_full_scale_a: 8.25,
+            bus_full_scale_v: 36.3,
+            resistance_ohm: 3.75,
+            inductance_h: 0.36e-3,
+            flux_linkage_wb: 5e-3,
+            inertia_kgm2: 1e-5,
+            current_bandwidth_hz: 1000.0,
+            feedback: Feedback::Pi,
+            speed_bandwidth_hz: 60.0,
+            position_bandwidth_hz: 15.0,
+            dead_time_ramp_a: 0.05,
+            max_current_a: 3.0,
+            max_speed_rad_s: 500.0,
+            max_acceleration_rad_s2: 5000.0,
+            guard: GuardSettings::default(),
+        }
+    }
+}
+
+impl Default for GuardSettings {
+    fn default() -> Self {
+        Self {
+            under_voltage_v: 12.0,
+            over_voltage_v: 32.0,
+            over_current_a: 6.0,
+            imbalance_a: 0.5,
+            offset_a: 0.5,
+            bridge: Thermistor::ntc_10k(80.0, 100.0),
+            motor: Thermistor::ntc_10k(100.0, 120.0),
+            stall_s: 0.5,
+            command_timeout_s: f32::INFINITY,
+            on_timeout: OnTimeout::Fault,
+        }
+    }
+}
+
+/// Threshold of a temperature in codes, and the way down to it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(crate) struct Heat {
+    /// Below, it is too hot.
+    pub fault: i32,
+    /// Share of the current per code above that, in 2⁻²⁴.
+    pub slope: i32,
+}
+
+/// Thresholds in the units of the interrupt.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(crate) struct Guard {
+    /// Least bus voltage and the range above it.
+    pub under: i32,
+    pub range: u32,
+    pub over_current: i32,
+    pub imbalance: i32,
+    pub offset: i32,
+    pub heat: [Heat; 2],
+    /// Steps.
+    pub stall: u32,
+    /// Steps; 0 is for ever.
+    pub timeout: u32,
+    pub stops: bool,
+    /// Slower is at rest, for the stall.
+    pub creep: i32,
+}
+
+/// [`Settings`] in the units of the interrupt.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Config {
+    pub(crate) gains: current::Gains,
+    pub(crate) local: LocalGains,
+    pub(crate) velocity: velocity::Gains,
+    pub(crate) position: position::Gain,
+    pub(crate) trajectory: trajectory::Limits,
+    pub(crate) max_current: i32,
+    /// To a code for a full scale of 2¹⁶.
+    pub(crate) shift: u32,
+    /// Longest voltage vector per bus voltage, in 2⁻¹⁶.
+    pub(crate) radius: i32,
+    /// Half of the dead time in 2⁻⁸ counts, and the slope to it.
+    pub(crate) dead_time: [i32; 2],
+    /// Counts of a whole period in 2⁻⁸, for a voltage as large as the bus.
+    pub(crate) period: u32,
+    /// Speed from which on the back-EMF tells the alignment.
+    pub(crate) telling: i32,
+    /// What the alignment is moved by in a step per voltage along d, in 2⁻³² turns.
+    pub(crate) refinement: i32,
+    pub(crate) guard: Guard,
+    pub(crate) scale: Scale,
+    pub(crate) motor: Motor,
+}
+
+/// What the control shares with the rest of a drive.
+pub(crate) struct Frame {
+    pub adc_bits: u8,
+    pub pole_pairs: u8,
+    pub pwm_hz: f32,
+    pub period: u16,
+    pub dead_time: u16,
+    pub limits: pwm::Limits,
+    pub max_electrical_hz: f32,
+}
+
+impl Settings {
+    /// Checks every field.
+    pub(crate) fn validate(&self, frame: &Frame) -> Result<Config, Error> {
+        let amperes = within("current_full_scale_a", self.current_full_scale_a, 0.1, 1000.0)?;
+        let volts = within("bus_full_scale_v", self.bus_full_scale_v, 5.0, 1000.0)?;
+        let scale = Scale { step_hz: frame.pwm_hz, amperes, volts, pole_pairs: frame.pole_pairs.into() };
+        let motor = Motor {
+            resistance_ohm: within("resistance_ohm", self.resistance_ohm, 1e-3, 100.0)?,
+            inductance_h: within("inductance_h", self.inductance_h, 1e-6, 0.1)?,
+            flux_linkage_wb: within("flux_linkage_wb", self.flux_linkage_wb, 1e-5, 1.0)?,
+            inertia_kgm2: within("inertia_kgm2", self.inertia_kgm2, 1e-9, 1.0)?,
+        };
+        let current_hz = within("current_bandwidth_hz", self.current_bandwidth_hz, 10.0, frame.pwm_hz / 20.0)?;
+        let speed_hz = within("speed_bandwidth_hz", self.speed_bandwidth_hz, 0.5, current_hz / 4.0)?;
+        let position_hz = within("position_bandwidth_hz", self.position_bandwidth_hz, 0.1, speed_hz / 2.0)?;
+        let ramp = within("dead_time_ramp_a", self.dead_time_ramp_a, 1e-3, amperes)? * scale.per_ampere();
+        let max_current = within("max_current_a", self.max_current_a, 0.0, 0.9 * amperes)? * scale.per_ampere();
+        let fastest = TAU * frame.max_electrical_hz / scale.pole_pairs;
+        let speed = within("max_speed_rad_s", self.max_speed_rad_s, 0.1, fastest)? * scale.per_radian_s();
+        let acceleration = within("max_acceleration_rad_s2", self.max_acceleration_rad_s2, 1.0, 1e6)?;
+        let acceleration = acceleration * scale.per_radian_s() / scale.step_hz;
+        let gain = |field, gain: f32| Error::OutOfRange { field, value: gain, min: 0.0, max: 0.0 };
+        let longest = frame.limits.longest_vector() / f64::from(frame.period);
+        let half_dead_time = i32::from(frame.dead_time) << 7;
+        Ok(Config {
+            gains: current::Gains::new(&motor, current_hz, &scale).ok_or(gain("current_bandwidth_hz", current_hz))?,
+            local: LocalGains::new(&motor, self.feedback, current_hz, &scale)
+                .ok_or(gain("current_bandwidth_hz", current_hz))?,
+            velocity: velocity::Gains::new(&motor, speed_hz, &scale).ok_or(gain("speed_bandwidth_hz", speed_hz))?,
+            position: position::Gain::new(position_hz, &scale).ok_or(gain("position_bandwidth_hz", position_hz))?,
+            trajectory: trajectory::Limits::new((acceleration as i32).max(1), speed as i32)
+                .ok_or(gain("max_acceleration_rad_s2", self.max_acceleration_rad_s2))?,
+            max_current: libm::roundf(max_current) as i32,
+            shift: 16 - u32::from(frame.adc_bits),
+            radius: (longest * 65_536.0) as i32,
+            dead_time: [half_dead_time, fixed(half_dead_time as f32 / ramp, 16).unwrap_or(i32::MAX)],
+            period: u32::from(frame.period) << 15,
+            // A back-EMF of a fiftieth of the bus divider's full scale.
+            telling: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * 4_294_967_296.0).min(536_870_912.0)
+                as i32,
+            // There, a time constant of half a second: an electrical radian over that voltage and the steps of the time.
+            refinement: (4_294_967_296.0 / TAU / (32_768.0 / 50.0) / (0.5 * scale.step_hz)).max(1.0) as i32,
+            guard: self.guard.validate(&scale)?,
+            scale,
+            motor,
+        })
+    }
+}
+
+impl GuardSettings {
+    fn validate(&self, scale: &Scale) -> Result<Guard, Error> {
+        let per_volt = 32_768.0 / scale.volts;
+        let under = within("under_voltage_v", self.under_voltage_v, scale.volts / 20.0, 0.9 * scale.volts)?;
+        let over = within("over_voltage_v", self.over_voltage_v, under, scale.volts)?;
+        let most = scale.amperes;
+        let timeout_s = self.command_timeout_s;
+        let timeout = if timeout_s == f32::INFINITY { 0.0 } else { within("command_timeout_s", timeout_s, 1e-3, 1e3)? };
+        Ok(Guard {
+            under: (under * per_volt) as i32,
+            range: ((over - under) * per_volt) as u32,
+            over_current: (within("over_current_a", self.over_current_a, 0.0, 0.99 * most)? * scale.per_ampere())
+                as i32,
+            imbalance: (within("imbalance_a", self.imbalance_a, 0.0, most)? * scale.per_ampere()) as i32,
+            offset: (within("offset_a", self.offset_a, 0.0, most)? * scale.per_ampere()) as i32,
+            heat: [self.bridge.validate()?, self.motor.validate()?],
+            stall: (within("stall_s", self.stall_s, 0.01, 100.0)? * scale.step_hz) as u32,
+            timeout: (timeout * scale.step_hz) as u32,
+            stops: self.on_timeout == OnTimeout::Stop,
+            creep: scale.per_radian_s() as i32,
+        })
+    }
+}
+
+/// A command that is no number or beyond its limit.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct BadDemand {
+    /// What was asked for.
+    pub value: f64,
+    /// Largest magnitude allowed.
+    pub most: f64,
+}
+
+impl fmt::Display for BadDemand {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the command is {}, but must be a number from {} to {}", self.value, -self.most, self.most)
+    }
+}
+
+impl core::error::Error for BadDemand {}
+
+impl Config {
+    /// A current along q, in amperes.
+    ///
+    /// # Errors
+    /// Not a number, or beyond `max_current_a`.
+    pub fn current(&self, amperes: f32) -> Result<Current, BadDemand> {
+        let most = self.max_current as f32 / self.scale.per_ampere();
+        demand(amperes.into(), most.into())?;
+        Ok(Current((libm::roundf(amperes * self.scale.per_ampere()) as i32).clamp(-self.max_current, self.max_current)))
+    }
+
+    /// The current of a torque in newton metres, by the flux linkage.
+    ///
+    /// # Errors
+    /// Not a number, or beyond the torque of `max_current_a`.
+    pub fn torque(&self, newton_metres: f32) -> Result<Current, BadDemand> {
+        let constant = self.motor.torque_constant(self.scale.pole_pairs);
+        let most = self.max_current as f32 / self.scale.per_ampere() * constant;
+        demand(newton_metres.into(), most.into())?;
+        self.current(newton_metres / constant)
+    }
+
+    /// A mechanical speed in radians a second.
+    ///
+    /// # Errors
+    /// Not a number, or beyond `max_speed_rad_s`.
+    pub fn speed(&self, radians_s: f32) -> Result<Speed, BadDemand> {
+        let most = self.trajectory.speed() as f32 / self.scale.per_radian_s();
+        demand(radians_s.into(), most.into())?;
+        let most = self.trajectory.speed();
+        Ok(Speed(((radians_s * self.scale.per_radian_s()) as i32).clamp(-most, most)))
+    }
+
+    /// A mechanical position in turns.
+    ///
+    /// # Errors
+    /// Not a number, or beyond a quarter of the range of a [`Position`].
+    pub fn position(&self, turns: f64) -> Result<Position, BadDemand> {
+        let pairs = f64::from(self.scale.pole_pairs);
+        demand(turns, f64::from(1 << 29) / pairs)?;
+        Ok(Position::from_bits(libm::round(turns * pairs * 4_294_967_296.0) as i64))
+    }
+}
+
+fn demand(value: f64, most: f64) -> Result<(), BadDemand> {
+    // The limit itself has been rounded.
+    if value.abs() <= most * 1.000_1 { Ok(()) } else { Err(BadDemand { value, most }) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    type Change = fn(&mut Settings);
+
+    fn validate(settings: &Settings) -> Result<crate::settings::Config, Error> {
+        crate::settings::Settings { control: Some(*settings), ..Default::default() }.validate()
+    }
+
+    #[test]
+    fn every_field_out_of_range_is_named() {
+        assert!(validate(&Settings::default()).is_ok());
+        let cases: [(&str, Change); 24] = [
+            ("current_full_scale_a", |s| s.current_full_scale_a = 0.0),
+            ("bus_full_scale_v", |s| s.bus_full_scale_v = f32::NAN),
+            ("resistance_ohm", |s| s.resistance_ohm = 0.0),
+            ("inductance_h", |s| s.inductance_h = -1.0),
+            ("flux_linkage_wb", |s| s.flux_linkage_wb = f32::NAN),
+            ("inertia_kgm2", |s| s.inertia_kgm2 = 0.0),
+            ("current_bandwidth_hz", |s| s.current_bandwidth_hz = 2001.0),
+            ("speed_bandwidth_hz", |s| s.speed_bandwidth_hz = 251.0),
+            ("position_bandwidth_hz", |s| s.position_bandwidth_hz = 31.0),
+            ("dead_time_ramp_a", |s| s.dead_time_ramp_a = 0.0),
+            ("max_current_a", |s| s.max_current_a = 7.5),
+            ("max_speed_rad_s", |s| s.max_speed_rad_s = 1e5),
+            ("max_acceleration_rad_s2", |s| s.max_acceleration_rad_s2 = 0.0),
+            ("under_voltage_v", |s| s.guard.under_voltage_v = 0.0),
+            ("over_voltage_v", |s| s.guard.over_voltage_v = 11.0),
+            ("over_current_a", |s| s.guard.over_current_a = 8.25),
+            ("imbalance_a", |s| s.guard.imbalance_a = f32::NAN),
+            ("offset_a", |s| s.guard.offset_a = -1.0),
+            ("pull_up_ohm", |s| s.guard.bridge.pull_up_ohm = 0.0),
+            ("nominal_ohm", |s| s.guard.motor.nominal_ohm = f32::INFINITY),
+            ("beta_k", |s| s.guard.motor.beta_k = 10.0),
+            ("max_c", |s| s.guard.bridge.max_c = 80.0),
+            ("stall_s", |s| s.guard.stall_s = 0.0),
+            ("command_timeout_s", |s| s.guard.command_timeout_s = f32::NAN),
+        ];
+        for (name, change) in cases {
+            let mut settings = Settings::default();
+            change(&mut settings);
+            match validate(&settings) {
+                Err(Error::OutOfRange { field, .. }) => assert_eq!(field, name),
+                other => panic!("{name}: {other:?}"),
+            }
+        }
+    }
+
+    #[test]
+    fn commands_that_are_no_number_or_too_large_are_refused() {
+        let config = validate(&Settings::default()).unwrap().control.unwrap();
+        for bad in [f32::NAN, f32::INFINITY, -f32::INFINITY, 1e9, -1e9] {
+            assert!(config.current(bad).is_err() && config.speed(bad).is_err() && config.torque(bad).is_err());
+            assert!(config.position(f64::from(bad)).is_err());
+        }
+        assert_eq!(config.current(3.0).unwrap().0, config.max_current);
+        assert_eq!(config.torque(0.09).unwrap().0, config.max_current);
+        assert!(config.current(3.01).is_err());
+        assert_eq!(config.position(1.25).unwrap().to_bits(), 5 << 32);
+        // 100 rad/s are 63.66 Hz electrical.
+        let hz = f64::from(config.speed(100.0).unwrap().0) * 40e3 / 4_294_967_296.0;
+        assert!((hz - 63.662).abs() < 1e-3, "{hz}");
+    }
+
+    #[test]
+    fn a_thermistor_reads_half_at_25_degrees_and_less_when_hot() {
+        let ntc = Thermistor::ntc_10k(80.0, 100.0);
+        assert!((ntc.code(25.0) - 32_768.0).abs() < 1.0);
+        // 10 kΩ · exp(3380 (1/373.15 − 1/298.15)) = 1.024 kΩ.
+        assert!((ntc.code(100.0) / 65_536.0 - 0.0929).abs() < 2e-4);
+        assert!(ntc.code(80.0) > ntc.code(100.0));
+    }
+}

@@ -1,0 +1,204 @@
+//! The way to a position or a speed with limited speed and acceleration, computed on line: the target may change at any step.
+//!
+//! Each step takes the highest of the three speeds within reach, a little more, the same or a little less, from which the rotor can
+//! still stop in time. It arrives exactly and without a division.
+
+use crate::angle::Position;
+use crate::control::clamp;
+
+/// Limits of a trajectory.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Limits {
+    acceleration: i32,
+    speed: i32,
+    /// A way that is longer than any to rest.
+    far: i64,
+}
+
+impl Limits {
+    /// Largest acceleration, units of speed a step, and speed. `None` unless both are from 1 to 2²⁹.
+    pub const fn new(acceleration: i32, speed: i32) -> Option<Self> {
+        const MOST: i32 = 1 << 29;
+        if acceleration < 1 || speed < 1 || acceleration > MOST || speed > MOST {
+            return None;
+        }
+        Some(Self { acceleration, speed, far: i64::MAX / (2 * acceleration as i64) })
+    }
+
+    /// Largest speed.
+    pub const fn speed(&self) -> i32 {
+        self.speed
+    }
+}
+
+/// Where the trajectory is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Trajectory {
+    position: Position,
+    speed: i32,
+    acceleration: i32,
+}
+
+impl Trajectory {
+    /// At a position, moving.
+    pub const fn at(position: Position, speed: i32) -> Self {
+        Self { position, speed, acceleration: 0 }
+    }
+
+    /// One step towards a speed, up to ± that of the limits.
+    #[inline(always)]
+    pub const fn towards_speed(&mut self, target: i32, limits: &Limits) {
+        let change = target.wrapping_sub(self.speed);
+        self.go(self.speed + clamp(change, limits.acceleration));
+    }
+
+    /// One step towards rest at a position.
+    #[inline(always)]
+    pub const fn towards(&mut self, target: Position, limits: &Limits) {
+        let Limits { acceleration, speed: fastest, far } = *limits;
+        let left = target.to_bits().wrapping_sub(self.position.to_bits());
+        // As if the target lay ahead.
+        let back = left < 0;
+        let left = if back { left.wrapping_neg().wrapping_sub((left == i64::MIN) as i64) } else { left };
+        let speed = if back { -self.speed } else { self.speed };
+        let slow = speed <= acceleration && speed >= -acceleration;
+        let next = if slow && left <= acceleration as i64 {
+            left as i32
+        } else {
+            let room = (if left < far { left } else { far }) * (2 * acceleration as i64);
+            let faster = if speed + acceleration < fastest { speed + acceleration } else { fastest };
+            if speed > fastest {
+                speed - acceleration
+            } else if stops(faster, acceleration, room) {
+                faster
+            } else if stops(speed, acceleration, room) {
+                speed
+            } else {
+                speed - acceleration
+            }
+        };
+        self.go(if back { -next } else { next });
+    }
+
+    #[inline(always)]
+    const fn go(&mut self, speed: i32) {
+        self.acceleration = speed - self.speed;
+        self.speed = speed;
+        self.position = Position::from_bits(self.position.to_bits().wrapping_add(speed as i64));
+    }
+
+    /// Where the rotor should be.
+    pub const fn position(&self) -> Position {
+        self.position
+    }
+
+    /// How fast it should turn.
+    pub const fn speed(&self) -> i32 {
+        self.speed
+    }
+
+    /// Its acceleration, for the feed-forward.
+    pub const fn acceleration(&self) -> i32 {
+        self.acceleration
+    }
+}
+
+/// Whether a rotor that moves on by `speed` this step, and then ever slower, comes to rest within `room`: twice the
+/// acceleration times what is left.
+#[inline(always)]
+const fn stops(speed: i32, acceleration: i32, room: i64) -> bool {
+    speed <= 0 || speed as i64 * (speed + acceleration) as i64 <= room
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    /// Steps until at rest at the target; asserts the limits on the way.
+    fn arrive(trajectory: &mut Trajectory, target: i64, limits: &Limits) -> u32 {
+        let started_within = trajectory.speed.abs() <= limits.speed;
+        for step in 0..2_000_000 {
+            if trajectory.position.to_bits() == target && trajectory.speed == 0 {
+                return step;
+            }
+            let before = *trajectory;
+            trajectory.towards(Position::from_bits(target), limits);
+            assert!((trajectory.speed - before.speed).abs() <= 2 * limits.acceleration);
+            assert!(!started_within || trajectory.speed.abs() <= limits.speed);
+        }
+        panic!("never arrives: {trajectory:?}, {target}");
+    }
+
+    #[test]
+    fn takes_the_time_of_a_trapezoid() {
+        let limits = Limits::new(1000, 1_000_000).unwrap();
+        let distance = 20_000_000_000;
+        let steps = arrive(&mut Trajectory::default(), distance, &limits);
+        // Way over speed, and the time to speed up: 20000 + 1000 steps.
+        assert!((20_990..=21_030).contains(&steps), "{steps}");
+    }
+
+    #[test]
+    fn never_overshoots_from_rest() {
+        let limits = Limits::new(777, 123_456).unwrap();
+        for distance in (1..50_000_000_i64).step_by(1_234_567).chain(0..50) {
+            for target in [distance, -distance] {
+                let mut trajectory = Trajectory::default();
+                while trajectory.position.to_bits() != target || trajectory.speed != 0 {
+                    trajectory.towards(Position::from_bits(target), &limits);
+                    let way = trajectory.position.to_bits() * target.signum();
+                    assert!((0..=distance).contains(&way), "{target} {trajectory:?}");
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_speed_is_reached_by_a_ramp() {
+        let limits = Limits::new(1000, 100_000).unwrap();
+        let mut trajectory = Trajectory::default();
+        for step in 1..=100 {
+            trajectory.towards_speed(50_500, &limits);
+            assert_eq!(trajectory.speed(), (step * 1000).min(50_500));
+            assert_eq!(
+                trajectory.acceleration(),
+                if step <= 50 {
+                    1000
+                } else if step == 51 {
+                    500
+                } else {
+                    0
+                }
+            );
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn arrives_from_any_state_at_any_target(
+            start in -(1_i64 << 36)..(1 << 36), target in -(1_i64 << 36)..(1 << 36),
+            speed in -(1 << 24)..(1 << 24), acceleration in 1000..(1 << 20), fastest in (1 << 20)..(1 << 28),
+        ) {
+            let limits = Limits::new(acceleration, fastest).unwrap();
+            arrive(&mut Trajectory::at(Position::from_bits(start), speed), target, &limits);
+        }
+
+        #[test]
+        fn extremes_do_not_overflow(
+            start in any::<i64>(), targets in prop::collection::vec(any::<i64>(), 1..20),
+            acceleration in 1..=(1 << 29), fastest in 1..=(1 << 29),
+        ) {
+            let limits = Limits::new(acceleration, fastest).unwrap();
+            let mut trajectory = Trajectory::at(Position::from_bits(start), 0);
+            for target in targets {
+                for _ in 0..10 {
+                    trajectory.towards(Position::from_bits(target), &limits);
+                    prop_assert!(i64::from(trajectory.speed).abs() <= i64::from(fastest) + 2 * i64::from(acceleration));
+                }
+            }
+        }
+    }
+}

@@ -1,0 +1,107 @@
+//! Torque, speed and position control against the simulated motor.
+
+use hallservo::angle::ElectricalAngle;
+use hallservo::commutation::Commutation;
+use hallservo::control::settings::Settings as Control;
+use hallservo::drive::Command;
+use hallservo::mode::Mode;
+use hallservo::settings::Settings;
+use plant::PlantParameters;
+use sim::rig::{Rig, error_deg};
+
+fn settings() -> Settings {
+    let commutation = Commutation::FieldOriented;
+    Settings { commutation, control: Some(Control::default()), ..Settings::default() }
+}
+
+fn armed(commutation: Commutation) -> Rig {
+    let settings = Settings { commutation, ..settings() };
+    let mut rig = Rig::new(&PlantParameters::unkind(1), &settings, 1).unwrap();
+    rig.calibrate(|_| ()).unwrap();
+    rig.command(Command::Arm).unwrap();
+    rig
+}
+
+#[test]
+fn every_commutation_controls_current_speed_and_position() {
+    for commutation in [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block] {
+        let mut rig = armed(commutation);
+        rig.plant.set_dyno(Some(20.0)).unwrap();
+        rig.command(Command::Current(rig.control().unwrap().torque(0.03).unwrap())).unwrap();
+        rig.run(0.05, |_, _| ());
+        let (mut torque, mut count) = (0.0, 0.0);
+        rig.run(0.2, |_, period| (torque, count) = (torque + period.truth.torque_nm, count + 1.0));
+        assert!((torque / count - 0.03).abs() < 0.0015, "{commutation:?} {}", torque / count);
+        rig.plant.set_dyno(None).unwrap();
+
+        rig.command(Command::Speed(rig.control().unwrap().speed(-100.0).unwrap())).unwrap();
+        rig.run(0.3, |_, _| ());
+        let (mut speed, mut count) = (0.0, 0.0);
+        rig.run(0.2, |_, period| (speed, count) = (speed + period.truth.speed_rad_s, count + 1.0));
+        assert!((speed / count + 100.0).abs() < 0.5, "{commutation:?} {}", speed / count);
+
+        let here = rig.drive.tracker().position().to_turns() / 4.0;
+        rig.command(Command::Position(rig.control().unwrap().position(here + 3.25).unwrap())).unwrap();
+        rig.run(0.8, |_, _| ());
+        let there = rig.drive.tracker().position().to_turns() / 4.0;
+        assert!((there - here - 3.25).abs() < 1e-3, "{commutation:?} {}", there - here);
+        assert_eq!(rig.drive.mode(), Mode::Running);
+    }
+}
+
+#[test]
+fn the_drive_measures_its_motor() {
+    use hallservo::control::identify::Identifier;
+    // The drive is told parameters that are off by a fifth.
+    let told = Control {
+        resistance_ohm: 4.5,
+        inductance_h: 0.3e-3,
+        flux_linkage_wb: 4e-3,
+        inertia_kgm2: 0.8e-5,
+        ..Control::default()
+    };
+    let settings = Settings { commutation: Commutation::FieldOriented, control: Some(told), ..Settings::default() };
+    let mut rig = Rig::new(&PlantParameters::unkind(1), &settings, 1).unwrap();
+    rig.calibrate(|_| ()).unwrap();
+    rig.command(Command::Arm).unwrap();
+    let mut identifier = Identifier::new(rig.control().unwrap());
+    assert_eq!(identifier.report(), None);
+    for speed in [300.0, -300.0, 150.0, -400.0, 400.0, -100.0] {
+        rig.command(Command::Speed(rig.control().unwrap().speed(speed).unwrap())).unwrap();
+        for _ in 0..250 {
+            rig.run(0.001, |_, _| ());
+            while let Some(measurement) = rig.service.measurement() {
+                identifier.push(&measurement);
+            }
+        }
+    }
+    let found = identifier.report().unwrap();
+    let near = |found: f64, exact: f64, share: f64| assert!((found / exact - 1.0).abs() < share, "{found} {exact}");
+    // With the switches' 20 mΩ.
+    near(found.resistance_ohm, 3.77, 0.05);
+    near(found.flux_linkage_wb, 5e-3, 0.01);
+    near(found.inductance_h, 0.36e-3, 0.1);
+    near(found.inertia_kgm2, 1e-5, 0.03);
+}
+
+#[test]
+fn a_wrong_alignment_heals_while_turning() {
+    for off_deg in [-30.0, 20.0] {
+        let mut rig = Rig::new(&PlantParameters::unkind(1), &settings(), 1).unwrap();
+        let mut model = rig.calibrate(|_| ()).unwrap().model;
+        model.alignment += ElectricalAngle::from_degrees(off_deg);
+        rig.serve();
+        rig.service.install(&model).unwrap();
+        rig.run(0.02, |_, _| ());
+        rig.command(Command::Arm).unwrap();
+        for speed in [200.0, -200.0] {
+            rig.command(Command::Speed(rig.control().unwrap().speed(speed).unwrap())).unwrap();
+            let mut error = f64::NAN;
+            rig.run(1.5, |rig, period| {
+                let angle = rig.drive.tracker().angle() + rig.drive.trim();
+                error = error_deg(angle, period.truth.electrical_angle_rad);
+            });
+            assert!(error.abs() < 0.5, "{off_deg} {speed}: {error}");
+        }
+    }
+}

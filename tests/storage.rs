@@ -201,3 +201,42 @@ fn a_model_comes_back_as_it_was() {
     assert_eq!(calibration::decode(&record), None);
     assert_eq!(calibration::decode(&record[1..]), None);
 }
+
+#[test]
+fn what_is_stored_is_used_at_the_next_power_up() {
+    use hallservo::drive::Command;
+    use hallservo::mode::Mode;
+    use hallservo::settings::Settings;
+    use plant::PlantParameters;
+    use sim::rig::{Rig, error_deg};
+    use sim::statistics::Statistics;
+
+    let motor = PlantParameters::unkind(5);
+    let mut flash = store(Flash::new(5));
+    let model = Rig::new(&motor, &Settings::default(), 5).unwrap().calibrate(|_| ()).unwrap().model;
+    flash.save(&calibration::encode(&model)).unwrap();
+
+    // The next day, other noise, the rotor elsewhere: no calibration, the drive is ready at once.
+    let mut record = [0; LONGEST];
+    let length = flash.load(&mut record).unwrap();
+    let stored = calibration::decode(&record[..length]).unwrap();
+    let mut rig = Rig::new(&motor, &Settings::default(), 6).unwrap();
+    rig.service.install(&stored).unwrap();
+    for _ in 0..5 {
+        rig.step();
+    }
+    assert_eq!(rig.drive.mode(), Mode::Ready);
+    rig.command(Command::Arm).unwrap();
+    rig.drive_with(0.2).unwrap();
+    let mut errors = Statistics::default();
+    for k in 0..rig.periods(0.8) {
+        let period = rig.step();
+        if k > rig.periods(0.4) {
+            errors.push(error_deg(rig.drive.tracker().angle(), period.truth.electrical_angle_rad));
+        }
+        if k % 40 == 0 {
+            rig.serve();
+        }
+    }
+    assert!(errors.rms() < 0.2, "{}", errors.rms());
+}

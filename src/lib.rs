@@ -8,15 +8,16 @@
 //! | module | |
 //! |---|---|
 //! | [`angle`], [`trig`] | wrapping 32-bit turns; sine, arcsine and arctangent by tables, each with its proven error |
-//! | [`hall`] | normalise, estimate, track, calibrate |
+//! | [`hall`] | normalise, estimate, track, calibrate, adapt |
+//! | [`vernier`] | the absolute angle from two rings |
 //! | [`commutation`], [`pwm`] | block, sinusoidal and field-oriented; compare values, limits, dead time, choice of the frequency |
 //! | [`control`] | current, speed, position, trajectory; gains by bandwidth |
 //! | [`drive`], [`mode`], [`fault`], [`settings`], [`telemetry`] | the control interrupt and its states |
-//! | [`service`] | the tasks' side of a drive |
+//! | [`service`], [`storage`] | the tasks' side of a drive; what survives a power cut |
 //!
-//! The method is that of Simpkins and Todorov, *Position Estimation and Control of Compact BLDC Motors Based on Analog
-//! Linear Hall Effect Sensors* (2010), with corrections where its printed equations do not hold; each is told where it
-//! is used.
+//! The methods are those of Simpkins and Todorov, *Position Estimation and Control of Compact BLDC Motors Based on Analog
+//! Linear Hall Effect Sensors* (2010), and of Bakos, Gőzse and Soumelidis, *Design and Analysis of a Magnetic Off-axis
+//! Rotary Position Sensing Device*, with corrections where the printed equations do not hold; each is told where it is used.
 //!
 //! # Example
 //! ```

@@ -1,6 +1,7 @@
 //! The drive step by step, with codes straight from a model.
 
 use super::*;
+use crate::angle::Position;
 use crate::hall::model::Model;
 use crate::service::{self, Service};
 use crate::settings::Settings;

@@ -1,0 +1,175 @@
+//! What passes between the control interrupt and the tasks: samples, commands, replies, records, and the queues for them.
+
+use crate::angle::Position;
+use crate::commutation::{Commutation, Modulation};
+use crate::control::cogging;
+use crate::control::{Current, Speed};
+use crate::fault::Fault;
+use crate::hall::Codes;
+use crate::hall::estimate::Estimator;
+use crate::mode::Mode;
+use crate::telemetry::{Measurement, Record};
+use core::fmt;
+use heapless::spsc::{Consumer, Producer, Queue};
+
+/// What the ADCs delivered at one instant.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Sample {
+    /// The three Halls.
+    pub halls: Codes,
+    /// The phase currents; only a drive with [`control`](crate::control) looks at these and at the following.
+    pub currents: Codes,
+    /// The bus voltage.
+    pub bus: u16,
+    /// The thermistors of bridge and motor.
+    pub temperatures: [u16; 2],
+    /// Control periods that passed without a step since the last, by the board's count.
+    pub lost: u8,
+}
+
+/// What a task asks the drive to do. Each is answered by one [`Reply`], in order.
+#[derive(Debug)]
+pub enum Command {
+    /// Turn the rotor open loop and record the Halls.
+    Calibrate,
+    /// Take up a new estimator; the old one comes back through [`Tasks::retired`].
+    Install(&'static mut Estimator),
+    /// The samples of the calibration made no model: a fault.
+    CalibrationFailed,
+    /// Bridge on, command zero.
+    Arm,
+    /// Bridge off.
+    Disarm,
+    /// Voltage as a fraction of the largest; negative turns backward.
+    Drive(Modulation),
+    /// Current along q, and so a torque.
+    Current(Current),
+    /// Speed, reached with the largest acceleration.
+    Speed(Speed),
+    /// Position, reached with the largest acceleration and speed and held.
+    Position(Position),
+    /// Another commutation, while the bridge is off.
+    Commutate(Commutation),
+    /// Balance the cogging by a table, or no longer; the old one comes back through [`Tasks::tables`].
+    Balance(Option<&'static mut cogging::Table>),
+    /// Leave the faulted state.
+    Clear,
+    /// A task has found a fault: off, if the bridge is on.
+    Trip(Fault),
+}
+
+/// Answer to a [`Command`].
+pub type Reply = Result<(), Refusal>;
+
+/// Why a command was not obeyed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Refusal {
+    /// Not in this state.
+    Mode(Mode),
+    /// There is no calibration: the drive must turn the rotor first.
+    NotCalibrated,
+    /// The Halls give no angle at the moment.
+    NoAngle,
+    /// The command is beyond `max_modulation`, the largest current or the largest speed.
+    TooLarge,
+    /// A Hall is lost: the drive must be calibrated after its repair.
+    HallLost,
+    /// The drive was set up without current control.
+    NoControl,
+    /// What would be a fault at once.
+    Fault(Fault),
+}
+
+impl fmt::Display for Refusal {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Mode(Mode::Faulted(fault)) => write!(f, "faulted: {fault}"),
+            Self::Mode(mode) => write!(f, "not while {mode:?}"),
+            Self::NotCalibrated => write!(f, "not calibrated"),
+            Self::HallLost => write!(f, "a Hall is lost: repair it and calibrate"),
+            Self::NoAngle => write!(f, "the Halls give no plausible angle"),
+            Self::TooLarge => write!(f, "the command is beyond the allowed"),
+            Self::NoControl => write!(f, "set up without current control"),
+            Self::Fault(fault) => fault.fmt(f),
+        }
+    }
+}
+
+impl core::error::Error for Refusal {}
+
+/// Records that fit between two looks of a task, less one.
+const RECORDS: usize = 64;
+
+/// The queues between the interrupt and the tasks.
+#[derive(Default)]
+pub struct Channels {
+    commands: Queue<Command, 8>,
+    replies: Queue<Reply, 16>,
+    records: Queue<Record, RECORDS>,
+    retired: Queue<&'static mut Estimator, 8>,
+    measurements: Queue<Measurement, RECORDS>,
+    tables: Queue<&'static mut cogging::Table, 8>,
+}
+
+/// The interrupt's ends of the queues.
+pub struct Interrupt {
+    pub(super) commands: Consumer<'static, Command, 8>,
+    pub(super) replies: Producer<'static, Reply, 16>,
+    pub(super) records: Producer<'static, Record, RECORDS>,
+    pub(super) retired: Producer<'static, &'static mut Estimator, 8>,
+    pub(super) measurements: Producer<'static, Measurement, RECORDS>,
+    pub(super) tables: Producer<'static, &'static mut cogging::Table, 8>,
+}
+
+/// The tasks' ends of the queues.
+pub struct Tasks {
+    /// To the drive; one is obeyed a step.
+    pub commands: Producer<'static, Command, 8>,
+    /// One for each command, in order.
+    pub replies: Consumer<'static, Reply, 16>,
+    /// Decimated samples; lost ones show in their sequence numbers.
+    pub records: Consumer<'static, Record, RECORDS>,
+    /// Estimators that the drive no longer uses.
+    pub retired: Consumer<'static, &'static mut Estimator, 8>,
+    /// Currents and voltages, with every record while running with current control.
+    pub measurements: Consumer<'static, Measurement, RECORDS>,
+    /// Tables that the drive no longer uses.
+    pub tables: Consumer<'static, &'static mut cogging::Table, 8>,
+}
+
+impl Channels {
+    /// Empty ones.
+    pub const fn new() -> Self {
+        Self {
+            commands: Queue::new(),
+            replies: Queue::new(),
+            records: Queue::new(),
+            retired: Queue::new(),
+            measurements: Queue::new(),
+            tables: Queue::new(),
+        }
+    }
+
+    /// Both ends.
+    pub fn split(&'static mut self) -> (Interrupt, Tasks) {
+        let (commands_in, commands) = self.commands.split();
+        let (replies, replies_out) = self.replies.split();
+        let (records, records_out) = self.records.split();
+        let (retired, retired_out) = self.retired.split();
+        let (measurements, measurements_out) = self.measurements.split();
+        let (tables, tables_out) = self.tables.split();
+        (
+            Interrupt { commands, replies, records, retired, measurements, tables },
+            Tasks {
+                commands: commands_in,
+                replies: replies_out,
+                records: records_out,
+                retired: retired_out,
+                measurements: measurements_out,
+                tables: tables_out,
+            },
+        )
+    }
+}

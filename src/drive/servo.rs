@@ -271,8 +271,9 @@ impl Servo {
     /// Current that flows in at one leg and out at another, as the length of a vector along q that makes the same mean
     /// torque under block commutation: 2/√3 · 3/π = 1.103 times it.
     pub fn across(&self, (up, down): (usize, usize)) -> i32 {
-        let phases = &self.state.phases;
-        (phases[up] - phases[down]) * 1129 / 2048
+        // Never out of range, which the compiler does not see.
+        let phase = |leg: usize| self.state.phases.get(leg).copied().unwrap_or(0);
+        (phase(up) - phase(down)) * 1129 / 2048
     }
 
     /// Field-oriented: compare values of the three legs.

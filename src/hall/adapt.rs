@@ -21,31 +21,35 @@
 //!
 //! A load that is not told is found by integrating what the speed is corrected by.
 
+mod acquire;
 mod doubt;
 mod fault;
 mod filter;
+mod learn;
 mod observe;
 mod settings;
+mod window;
 
 use crate::angle::ElectricalAngle;
 use crate::hall::Codes;
 use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
 use core::f32::consts::TAU;
-use doubt::Doubts;
+use doubt::{Doubts, Sample};
 pub use fault::{Fault, Parameter};
-use filter::{ANGLE, Covariance, Measurement, OFFSET, SPEED, STATES, Sample, State, THIRD, Vector, radians};
+use filter::{ANGLE, Covariance, Measurement, OFFSET, SPEED, STATES, State, THIRD, Vector, radians};
 use observe::Fixed;
 pub use settings::{Config, OutOfRange, Settings, Spread};
+use window::Window;
 
 /// Squared number of standard deviations beyond which a measurement is an outlier.
 const GATE: f32 = 25.0;
-/// Fewest samples of a turn seen whole.
-const WHOLE: u32 = 64;
 /// Most samples that may be missing in a row for the speed to be believed.
 const LONGEST_GAP: u16 = 20;
 /// Squared number of deviations by which the rotor must turn to be learnt from.
 const CERTAIN: f32 = 9.0;
+/// Radians within which samples are alike to the parameters.
+const ALIKE: f32 = 0.25;
 /// Fastest speed to learn at, rad a sample: five samples a turn.
 const FASTEST: f32 = TAU / 5.0;
 
@@ -122,11 +126,14 @@ pub struct Adapter {
     /// Acceleration by what is not told, rad/sample².
     load: f32,
     phase: Phase,
+    window: Window,
     /// Eighths of the turn seen since the last model, and samples learnt from and passed since then.
     seen: u8,
     learnt: u32,
     since: u32,
     paused: u32,
+    /// Whether all of a turn has been seen, and the model is still to be made.
+    turned: bool,
     edge: Option<Fault>,
     doubts: Doubts,
     fault: Option<Fault>,
@@ -168,10 +175,12 @@ impl Adapter {
             load_gain: 0.1 * pace,
             load: 0.0,
             phase: Phase::Blind,
+            window: Window::default(),
             seen: 0,
             learnt: 0,
             since: 0,
             paused: 0,
+            turned: false,
             edge: None,
             doubts: Doubts::default(),
             fault: None,
@@ -194,9 +203,41 @@ impl Adapter {
 
     #[inline(always)]
     fn process(&mut self, observation: &Observation) -> Outcome {
-        let elapsed = u32::from(observation.elapsed);
+        self.since = self.since.saturating_add(u32::from(observation.elapsed));
+        let regular = self.phase == Phase::Tracking && observation.elapsed == 1 && self.state.speed.abs() <= FASTEST;
+        if self.is_railed(&observation.codes) || !regular {
+            return self.single(observation);
+        }
+        let mean = self.window.push(&observation.codes);
+        if self.turned {
+            // This sensor's turn is left out: once in a turn of the rotor that is nothing.
+            self.predict(observation.torque_nm);
+            return self.whole_turn();
+        }
+        let Some((sensor, mean)) = mean else {
+            self.predict(observation.torque_nm);
+            return self.follow();
+        };
+        let learn = self.may_learn();
+        // The state is that of the sample before, which is the middle of the three.
+        let bend = self.bend(sensor, if learn { 1.0 + ALIKE / (3.0 * self.state.speed.abs()) } else { 1.0 });
+        let measurement = self.fixed[sensor].measure_mean(sensor, &self.state, mean, bend);
+        let relation = measurement.relation(sensor, &self.covariance);
+        if measurement.is_outlier(&relation, GATE) {
+            return self.single(observation);
+        }
+        let speed = self.state.speed;
+        self.covariance.work_in(&measurement, &relation, &mut self.state, learn);
+        self.find_load(speed);
+        self.predict(observation.torque_nm);
+        if learn { self.learn() } else { self.follow() }
+    }
+
+    /// Works in a sample by itself: three sensors, at the angle where they were sampled.
+    #[cold]
+    fn single(&mut self, observation: &Observation) -> Outcome {
+        self.window.clear();
         let samples = f32::from(observation.elapsed);
-        self.since = self.since.saturating_add(elapsed);
         let mut useless = [false; 3];
         if self.is_railed(&observation.codes) {
             match self.useless(&observation.codes) {
@@ -215,43 +256,13 @@ impl Adapter {
         }
         let learn = self.may_learn();
         let mut measurements = self.measure(&observation.codes, learn);
-        if self.doubts.exist() || useless != [false; 3] {
-            discard(&mut measurements, useless);
-            return self.reconcile(samples, &mut measurements);
-        }
-        let sample = Sample::new(&measurements, &self.covariance);
-        if sample.is_outlier(0, GATE) | sample.is_outlier(1, GATE) | sample.is_outlier(2, GATE) {
-            return self.reconcile(samples, &mut measurements);
-        }
-        self.work_in(sample, learn);
-        if learn { self.learn() } else { self.follow() }
-    }
-
-    /// Finds the angle, and from two of them the speed.
-    #[cold]
-    fn acquire(&mut self, observation: &Observation, mut useless: [bool; 3]) -> Outcome {
-        if useless == [false; 3] {
-            useless = self.doubts.sensors();
-        }
-        let signals = [0, 1, 2].map(|k| self.fixed[k].signal(observation.codes[k]));
-        let angle = observe::acquire(&self.state, &signals, &useless);
-        let step = (angle - self.state.angle).to_radians();
-        self.state.angle = angle;
-        if self.phase != Phase::Still || observation.elapsed != 1 {
-            self.phase = Phase::Still;
-            return Outcome::Acquiring;
-        }
-        self.phase = Phase::Tracking;
-        self.state.speed = step;
-        // The parameters bend the angle, by some third of a radian a radian at worst.
-        let deviation = 0.3 * libm::fabsf(step) + 0.04;
-        self.covariance.forget(ANGLE, 0.15);
-        self.covariance.forget(SPEED, deviation * deviation);
-        let learn = self.may_learn();
-        let mut measurements = self.measure(&observation.codes, learn);
         discard(&mut measurements, useless);
-        self.work_in(Sample::new(&measurements, &self.covariance), learn);
-        Outcome::Acquiring
+        let contradicts = Sample::new(&measurements, &self.covariance).outliers() != [false; 3];
+        if contradicts || self.doubts.exist() || useless != [false; 3] {
+            return self.reconcile(samples, &mut measurements);
+        }
+        self.work_in(&measurements, learn);
+        if learn { self.learn() } else { self.follow() }
     }
 
     /// Angle and speed a sample later, as the equation of motion has them.
@@ -264,16 +275,10 @@ impl Adapter {
         self.covariance.advance(self.config.acceleration);
     }
 
-    /// All three sensors against their prediction, to learn from or only to follow.
-    #[inline(always)]
+    /// All three sensors of a sample against their prediction, to learn from or only to follow.
     fn measure(&self, codes: &Codes, learn: bool) -> [Measurement; 3] {
-        const ALIKE: f32 = 0.25;
         let times = if learn { 1.0 + ALIKE / self.state.speed.abs() } else { 1.0 };
-        [
-            self.fixed[0].measure(0, &self.state, codes[0], self.bend(0, times)),
-            self.fixed[1].measure(1, &self.state, codes[1], self.bend(1, times)),
-            self.fixed[2].measure(2, &self.state, codes[2], self.bend(2, times)),
-        ]
+        [0, 1, 2].map(|k| self.fixed[k].measure(k, &self.state, codes[k], self.bend(k, times)))
     }
 
     /// What the derivatives at the predicted state leave out of a signal, as a variance: the sine's curvature over an
@@ -286,11 +291,16 @@ impl Adapter {
         angle * (0.5 * angle + self.covariance.get(amplitude, amplitude)) * times
     }
 
-    /// Corrects.
-    #[inline(always)]
-    fn work_in(&mut self, sample: Sample, learn: bool) {
+    /// Corrects by three sensors at once.
+    fn work_in(&mut self, measurements: &[Measurement; 3], learn: bool) {
         let speed = self.state.speed;
-        self.covariance.update(sample, &mut self.state, learn);
+        self.covariance.work_in_all(measurements, &mut self.state, learn);
+        self.find_load(speed);
+    }
+
+    /// What corrects the speed again and again is a load.
+    #[inline(always)]
+    fn find_load(&mut self, speed: f32) {
         if self.covariance.get(ANGLE, ANGLE) < self.settled {
             self.load += self.load_gain * (self.state.speed - speed);
         }
@@ -301,111 +311,6 @@ impl Adapter {
         let speed = self.state.speed.abs();
         let certain = speed * speed > CERTAIN * self.covariance.get(SPEED, SPEED);
         self.fault.is_none() && speed >= self.config.slowest && speed <= FASTEST && certain
-    }
-
-    fn follow(&mut self) -> Outcome {
-        self.paused = self.paused.saturating_add(1);
-        Outcome::Following
-    }
-
-    #[inline(always)]
-    fn learn(&mut self) -> Outcome {
-        if self.paused != 0 {
-            self.resume();
-        }
-        self.learnt += 1;
-        let eighth = 1 << (self.state.angle.to_bits() as u32 >> 29);
-        if self.seen & eighth == 0 { self.new_eighth(eighth) } else { Outcome::Learning }
-    }
-
-    /// Learning has come to an eighth of the turn not seen since the last model.
-    #[cold]
-    fn new_eighth(&mut self, eighth: u8) -> Outcome {
-        self.confine();
-        self.seen |= eighth;
-        if self.seen != u8::MAX {
-            return Outcome::Learning;
-        }
-        self.seen = 0;
-        if self.learnt < WHOLE { Outcome::Learning } else { self.whole_turn() }
-    }
-
-    /// Makes up for the drift while nothing was learnt.
-    #[cold]
-    fn resume(&mut self) {
-        if self.paused >= self.config.pause {
-            self.wander();
-        }
-        self.paused = 0;
-    }
-
-    /// The parameters may have drifted since the last time.
-    fn wander(&mut self) {
-        let samples = core::mem::take(&mut self.since) as f32;
-        for state in THIRD..STATES {
-            self.covariance.widen(state, self.drift[state] * samples, self.start[state]);
-        }
-    }
-
-    /// Doubts all parameters as at the start.
-    fn restart(&mut self) {
-        self.covariance = Covariance::diagonal(&self.start);
-        self.seen = 0;
-        self.learnt = 0;
-    }
-
-    /// Keeps the parameters in the box.
-    fn confine(&mut self) {
-        let (limits, state) = (&self.config.limits, &mut self.state);
-        let limit = radians(limits.placement_deg).to_bits();
-        state.third = state.third.clamp(-limits.third, limits.third);
-        for (k, fixed) in self.fixed.iter().enumerate() {
-            state.offset[k] = state.offset[k].clamp(-limits.offset, limits.offset);
-            state.amplitude[k] = state.amplitude[k].clamp(1.0 - limits.amplitude, 1.0 + limits.amplitude);
-            let middle = fixed.sensor.placement;
-            let placement = (state.placement[k] - middle).to_bits().clamp(-limit, limit);
-            state.placement[k] = middle + ElectricalAngle::from_bits(placement);
-        }
-    }
-
-    /// The first parameter at the edge of the box.
-    fn at_edge(&self) -> Option<Fault> {
-        let (limits, state) = (&self.config.limits, &self.state);
-        let reached = |value: f32, limit: f32| value.abs() >= 0.999 * limit;
-        for k in 0..3 {
-            let placement = (state.placement[k] - self.fixed[k].sensor.placement).to_radians();
-            let parameter = if reached(state.offset[k], limits.offset) {
-                Parameter::Offset
-            } else if reached(state.amplitude[k] - 1.0, limits.amplitude) {
-                Parameter::Amplitude
-            } else if reached(placement, limits.placement_deg) {
-                Parameter::Placement
-            } else {
-                continue;
-            };
-            return Some(Fault::Drifted(crate::hall::Channel(k as u8), parameter));
-        }
-        reached(state.third, limits.third).then_some(Fault::Distorted)
-    }
-
-    /// All of the turn has been seen.
-    #[cold]
-    fn whole_turn(&mut self) -> Outcome {
-        self.learnt = 0;
-        self.doubts.clear();
-        self.wander();
-        let edge = self.at_edge();
-        if let Some(fault) = edge.filter(|_| edge == self.edge) {
-            self.fail(fault);
-            return Outcome::Following;
-        }
-        self.edge = edge;
-        let model = self.current();
-        if edge.is_some() || estimate::validate(&model, self.config.adc_bits).is_err() {
-            return Outcome::Learning;
-        }
-        self.model = model;
-        Outcome::Learnt
     }
 
     /// The model at this moment, to look at; [`Self::model`] is the one to use.

@@ -1,6 +1,6 @@
 //! When measurements are not where they were predicted: has the rotor been pushed, or is a sensor wrong?
 
-use super::filter::{ANGLE, Measurement, SPEED, Sample};
+use super::filter::{ANGLE, Covariance, Measurement, SPEED};
 use super::{Adapter, Fault, GATE, Outcome, Phase};
 use crate::hall::{Channel, Codes};
 use core::f32::consts::TAU;
@@ -113,7 +113,7 @@ impl Adapter {
     #[cold]
     pub(super) fn reconcile(&mut self, elapsed: f32, measurements: &mut [Measurement; 3]) -> Outcome {
         let sample = Sample::new(measurements, &self.covariance);
-        let outliers = [0, 1, 2].map(|k| sample.is_outlier(k, GATE));
+        let outliers = sample.outliers();
         let doubted = self.doubts.sensors.iter().position(|doubt| doubt.turns > 0.0);
         if doubted.is_none() && outliers == [false; 3] {
             return self.believe(measurements);
@@ -154,12 +154,11 @@ impl Adapter {
     /// Angle and speed from a sample as it is, unless what is not discarded has an outlier still.
     fn believe(&mut self, measurements: &[Measurement; 3]) -> Outcome {
         let sample = Sample::new(measurements, &self.covariance);
-        if [0, 1, 2].iter().any(|&k| sample.is_outlier(k, GATE)) {
+        if sample.outliers() != [false; 3] {
             return self.jolt();
         }
         self.doubts.strange = 0;
-        let sample = Sample::new(measurements, &self.covariance);
-        self.work_in(sample, false);
+        self.work_in(measurements, false);
         self.follow()
     }
 
@@ -204,11 +203,28 @@ impl Adapter {
     }
 }
 
-impl Sample<'_> {
+/// The three sensors of a sample, with the variances of their innovations.
+pub struct Sample {
+    measurements: [Measurement; 3],
+    /// Without the noise.
+    variances: [f32; 3],
+}
+
+impl Sample {
+    pub fn new(measurements: &[Measurement; 3], p: &Covariance) -> Self {
+        let variances = [0, 1, 2].map(|k| measurements[k].relation(k, p).variance);
+        Self { measurements: *measurements, variances }
+    }
+
+    /// Sensors farther from their prediction than is believed.
+    pub fn outliers(&self) -> [bool; 3] {
+        [0, 1, 2].map(|k| self.squared(k) > GATE)
+    }
+
     /// By how much a pushed rotor would explain the innovations best, and what remains then, in squared deviations.
     fn as_a_push(&self) -> (f32, f32) {
         let (mut slopes, mut product) = (f32::MIN_POSITIVE, 0.0);
-        for m in self.measurements {
+        for m in &self.measurements {
             slopes += m.angle * m.angle / m.noise;
             product += m.angle * m.innovation / m.noise;
         }

@@ -4,9 +4,8 @@
 //! for all sensors), and for every sensor its offset and amplitude, relative to the calibrated amplitude, and, but for the
 //! first, its placement ψ (rad). The angles themselves are kept as wrapping integers.
 //!
-//! A sample brings three scalar measurements. They are worked in one after the other, each with the covariance that
-//! the one before has left, so nothing is inverted; all share the derivatives at the predicted angle, so the 66
-//! entries of the covariance are read and written once a sample and not three times.
+//! Measurements are scalars and are worked in one after the other, so nothing is inverted. One costs what reading and
+//! writing the 66 entries of the covariance costs.
 
 use crate::angle::ElectricalAngle;
 
@@ -80,7 +79,7 @@ impl Covariance {
     }
 }
 
-/// What a sensor's code tells, at the predicted state.
+/// What a sensor's signal tells, at the predicted state.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Measurement {
     /// Measured less predicted signal.
@@ -93,26 +92,13 @@ pub struct Measurement {
     pub third: f32,
 }
 
-impl Measurement {
-    /// Product of the derivatives with a vector.
-    #[inline(always)]
-    fn dot<const SENSOR: usize>(&self, v: &Vector) -> f32 {
-        let own = OFFSET[SENSOR];
-        let angle = if SENSOR == 0 { v[ANGLE] } else { v[ANGLE] - v[own + 2] };
-        self.angle * angle + self.third * v[THIRD] + v[own] + self.amplitude * v[own + 1]
-    }
-
-    /// Product of the covariance with the derivatives.
-    #[inline(always)]
-    fn spread<const SENSOR: usize>(&self, p: &Covariance) -> Vector {
-        let own = OFFSET[SENSOR];
-        let mut b = [0.0; STATES];
-        for (k, b) in b.iter_mut().enumerate() {
-            let angle = if SENSOR == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(own + 2, k) };
-            *b = self.angle * angle + self.third * p.get(THIRD, k) + p.get(own, k) + self.amplitude * p.get(own + 1, k);
-        }
-        b
-    }
+/// What a measurement has to do with the states.
+#[derive(Clone, Copy, Debug)]
+pub struct Relation {
+    /// Covariance times derivatives.
+    spread: Vector,
+    /// Of the innovation, without its noise.
+    pub variance: f32,
 }
 
 impl Measurement {
@@ -121,85 +107,94 @@ impl Measurement {
         self.innovation = 0.0;
         self.noise = 1e12;
     }
-}
 
-/// Three measurements with what they mean for the covariance.
-pub struct Sample<'a> {
-    pub measurements: &'a [Measurement; 3],
-    /// Covariance times derivatives.
-    spreads: [Vector; 3],
-    /// Of the innovations, without their noise.
-    pub variances: [f32; 3],
-}
-
-impl<'a> Sample<'a> {
-    /// Prepares for [`Covariance::update`].
+    /// As the signal of this sensor.
     #[inline(always)]
-    pub fn new(m: &'a [Measurement; 3], p: &Covariance) -> Self {
-        let spreads = [m[0].spread::<0>(p), m[1].spread::<1>(p), m[2].spread::<2>(p)];
-        let variances = [m[0].dot::<0>(&spreads[0]), m[1].dot::<1>(&spreads[1]), m[2].dot::<2>(&spreads[2])];
-        Self { measurements: m, spreads, variances }
+    pub fn relation(&self, sensor: usize, p: &Covariance) -> Relation {
+        match sensor {
+            0 => self.relation_of::<0>(p),
+            1 => self.relation_of::<1>(p),
+            _ => self.relation_of::<2>(p),
+        }
     }
 
-    /// Whether a measurement is farther from its prediction than the square root of so many variances.
+    /// Whether the innovation is farther from zero than the square root of so many variances.
     #[inline(always)]
-    pub fn is_outlier(&self, sensor: usize, squared: f32) -> bool {
-        let m = &self.measurements[sensor];
-        m.innovation * m.innovation > squared * (self.variances[sensor] + m.noise)
+    pub fn is_outlier(&self, relation: &Relation, squared: f32) -> bool {
+        self.innovation * self.innovation > squared * (relation.variance + self.noise)
+    }
+
+    /// Product of the derivatives with a vector.
+    fn dot(&self, sensor: usize, v: &Vector) -> f32 {
+        match sensor {
+            0 => self.dot_of::<0>(v),
+            1 => self.dot_of::<1>(v),
+            _ => self.dot_of::<2>(v),
+        }
+    }
+
+    #[inline(always)]
+    fn dot_of<const SENSOR: usize>(&self, v: &Vector) -> f32 {
+        let own = OFFSET[SENSOR];
+        let angle = if SENSOR == 0 { v[ANGLE] } else { v[ANGLE] - v[own + 2] };
+        self.angle * angle + self.third * v[THIRD] + v[own] + self.amplitude * v[own + 1]
+    }
+
+    #[inline(always)]
+    fn relation_of<const SENSOR: usize>(&self, p: &Covariance) -> Relation {
+        let own = OFFSET[SENSOR];
+        let mut spread = [0.0; STATES];
+        for (k, b) in spread.iter_mut().enumerate() {
+            let angle = if SENSOR == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(own + 2, k) };
+            *b = self.angle * angle + self.third * p.get(THIRD, k) + p.get(own, k) + self.amplitude * p.get(own + 1, k);
+        }
+        Relation { variance: self.dot_of::<SENSOR>(&spread), spread }
     }
 }
 
 impl Covariance {
-    /// Works in a sample. Without `learn`, only angle and speed follow, and what is known of them together with the
-    /// parameters stays consistent (a Schmidt filter).
+    /// Works in a measurement of this noise. Without `learn`, only angle and speed follow, and what is known of them
+    /// together with the parameters stays consistent (a Schmidt filter).
     #[inline(always)]
-    pub fn update(&mut self, sample: Sample, state: &mut State, learn: bool) {
-        let Sample { measurements: m, spreads: [b0, mut b1, mut b2], variances } = sample;
-        let (c01, c02, c12) = (m[1].dot::<1>(&b0), m[2].dot::<2>(&b0), m[2].dot::<2>(&b1));
-        let w0 = 1.0 / (variances[0] + m[0].noise);
-        let i0 = w0 * m[0].innovation;
-        let (l01, l02) = (w0 * c01, w0 * c02);
-        let w1 = 1.0 / (variances[1] - l01 * c01 + m[1].noise);
-        let i1 = w1 * (m[1].innovation - c01 * i0);
-        let c12 = c12 - l01 * c02;
-        let l12 = w1 * c12;
-        let w2 = 1.0 / (variances[2] - l02 * c02 - l12 * c12 + m[2].noise);
-        let i2 = w2 * (m[2].innovation - c02 * i0 - c12 * i1);
-        let mut correction = [0.0; STATES];
-        for k in 0..STATES {
-            b1[k] -= l01 * b0[k];
-            b2[k] -= l02 * b0[k] + l12 * b1[k];
-            correction[k] = i0 * b0[k] + i1 * b1[k] + i2 * b2[k];
-        }
-        state.correct(&correction, learn);
-        self.shrink([w0, w1, w2], [&b0, &b1, &b2], learn);
-    }
-
-    /// Subtracts Σ w·b·bᵀ; without learning only from the rows of angle and speed.
-    #[inline(always)]
-    fn shrink(&mut self, w: [f32; 3], b: [&Vector; 3], learn: bool) {
-        self.shrink_rows::<0, 2>(w, b);
+    fn shrink(&mut self, relation: &Relation, noise: f32, learn: bool) -> f32 {
+        let weight = 1.0 / (relation.variance + noise);
+        self.shrink_rows::<0, 2>(weight, &relation.spread);
         if learn {
-            self.shrink_rows::<2, 5>(w, b);
-            self.shrink_rows::<7, 4>(w, b);
+            self.shrink_rows::<2, STATES>(weight, &relation.spread);
         }
+        weight
     }
 
-    /// Several rows at once, so that a column's b are loaded once for them.
     #[inline(always)]
-    fn shrink_rows<const FIRST: usize, const ROWS: usize>(&mut self, w: [f32; 3], b: [&Vector; 3]) {
-        let mut k = [[0.0; 3]; ROWS];
-        for (row, k) in k.iter_mut().enumerate() {
-            *k = [w[0] * b[0][FIRST + row], w[1] * b[1][FIRST + row], w[2] * b[2][FIRST + row]];
-        }
-        for column in FIRST..STATES {
-            let [b0, b1, b2] = [b[0][column], b[1][column], b[2][column]];
-            for (row, k) in k.iter().enumerate() {
-                if FIRST + row <= column {
-                    self.0[at(FIRST + row, column)] -= k[0] * b0 + k[1] * b1 + k[2] * b2;
-                }
+    fn shrink_rows<const FIRST: usize, const END: usize>(&mut self, weight: f32, b: &Vector) {
+        for row in FIRST..END {
+            let gain = weight * b[row];
+            for column in row..STATES {
+                self.0[at(row, column)] -= gain * b[column];
             }
         }
+    }
+
+    /// Works in one measurement, with its relation to this covariance.
+    #[inline(always)]
+    pub fn work_in(&mut self, m: &Measurement, relation: &Relation, state: &mut State, learn: bool) {
+        let weight = self.shrink(relation, m.noise, learn);
+        state.correct(weight * m.innovation, &relation.spread, learn);
+    }
+
+    /// Works in all three sensors, whose derivatives are at the same state.
+    pub fn work_in_all(&mut self, measurements: &[Measurement; 3], state: &mut State, learn: bool) {
+        let mut correction = [0.0; STATES];
+        for (sensor, m) in measurements.iter().enumerate() {
+            let relation = m.relation(sensor, self);
+            let innovation = m.innovation - m.dot(sensor, &correction);
+            let gain = self.shrink(&relation, m.noise, learn) * innovation;
+            let moved = if learn { STATES } else { THIRD };
+            for (sum, b) in correction.iter_mut().zip(&relation.spread).take(moved) {
+                *sum += gain * b;
+            }
+        }
+        state.correct(1.0, &correction, learn);
     }
 }
 
@@ -215,20 +210,20 @@ pub struct State {
 }
 
 impl State {
-    /// Moves by a vector, or only angle and speed.
+    /// Moves by a multiple of a vector, or only angle and speed.
     #[inline(always)]
-    fn correct(&mut self, by: &Vector, learn: bool) {
-        self.angle += radians(by[ANGLE]);
-        self.speed += by[SPEED];
+    fn correct(&mut self, times: f32, by: &Vector, learn: bool) {
+        self.angle += radians(times * by[ANGLE]);
+        self.speed += times * by[SPEED];
         if !learn {
             return;
         }
-        self.third += by[THIRD];
+        self.third += times * by[THIRD];
         for (k, own) in OFFSET.into_iter().enumerate() {
-            self.offset[k] += by[own];
-            self.amplitude[k] += by[own + 1];
+            self.offset[k] += times * by[own];
+            self.amplitude[k] += times * by[own + 1];
             if k != 0 {
-                self.placement[k] += radians(by[own + 2]);
+                self.placement[k] += radians(times * by[own + 2]);
             }
         }
     }

@@ -107,9 +107,8 @@ fn three_measurements_at_once_are_three_in_sequence() {
     }
     let mut adapter = adapter(Settings::NOMINAL);
     adapter.state.speed = 0.0;
-    let sample = Sample::new(&m, &p);
     let mut after = p.clone();
-    after.update(sample, &mut adapter.state, true);
+    after.work_in_all(&m, &mut adapter.state, true);
     for i in 0..STATES {
         for j in 0..STATES {
             assert!((f64::from(after.get(i, j)) - full[i][j]).abs() < 1e-7, "{i} {j}");

@@ -50,6 +50,8 @@ const LONGEST_GAP: u16 = 20;
 const CERTAIN: f32 = 9.0;
 /// Radians within which samples are alike to the parameters.
 const ALIKE: f32 = 0.25;
+/// Radians between observations for which the derivatives are good.
+const FARTHEST: f32 = 1.5;
 /// Fastest speed to learn at, rad a sample: five samples a turn.
 const FASTEST: f32 = TAU / 5.0;
 
@@ -204,40 +206,49 @@ impl Adapter {
     #[inline(always)]
     fn process(&mut self, observation: &Observation) -> Outcome {
         self.since = self.since.saturating_add(u32::from(observation.elapsed));
-        let regular = self.phase == Phase::Tracking && observation.elapsed == 1 && self.state.speed.abs() <= FASTEST;
-        if self.is_railed(&observation.codes) || !regular {
-            return self.single(observation);
+        if self.is_railed(&observation.codes) || self.phase != Phase::Tracking || !self.is_near(observation.elapsed) {
+            return self.work_in_alone(observation);
         }
-        let mean = self.window.push(&observation.codes);
+        let (sensor, mean) = self.window.push(&observation.codes, observation.elapsed);
         if self.turned {
-            // This sensor's turn is left out: once in a turn of the rotor that is nothing.
-            self.predict(observation.torque_nm);
+            // A sensor's turn is left out: once in a turn of the rotor that is nothing.
+            self.predict(observation);
             return self.whole_turn();
         }
-        let Some((sensor, mean)) = mean else {
-            self.predict(observation.torque_nm);
-            return self.follow();
-        };
+        let Some(mean) = mean else { return self.work_in_one(sensor, observation) };
+        // The state is that of the sample before, the middle one of the three.
         let learn = self.may_learn();
-        // The state is that of the sample before, which is the middle of the three.
-        let bend = self.bend(sensor, if learn { 1.0 + ALIKE / (3.0 * self.state.speed.abs()) } else { 1.0 });
+        let bend = self.bend(sensor, learn, 3.0);
         let measurement = self.fixed[sensor].measure_mean(sensor, &self.state, mean, bend);
-        let relation = measurement.relation(sensor, &self.covariance);
-        if measurement.is_outlier(&relation, GATE) {
-            return self.single(observation);
+        if !self.work_in(sensor, &measurement, learn) {
+            return self.work_in_alone(observation);
         }
-        let speed = self.state.speed;
-        self.covariance.work_in(&measurement, &relation, &mut self.state, learn);
-        self.find_load(speed);
-        self.predict(observation.torque_nm);
+        self.predict(observation);
         if learn { self.learn() } else { self.follow() }
     }
 
-    /// Works in a sample by itself: three sensors, at the angle where they were sampled.
+    /// Whether the derivatives are good from the last observation to this one, or for a window of three.
+    #[inline(always)]
+    fn is_near(&self, elapsed: u16) -> bool {
+        elapsed <= LONGEST_GAP && self.state.speed.abs() * f32::from(elapsed) <= FARTHEST
+    }
+
+    /// After a gap there is no mean: one sensor of one sample.
     #[cold]
-    fn single(&mut self, observation: &Observation) -> Outcome {
-        self.window.clear();
-        let samples = f32::from(observation.elapsed);
+    fn work_in_one(&mut self, sensor: usize, observation: &Observation) -> Outcome {
+        self.predict(observation);
+        let learn = self.may_learn();
+        let bend = self.bend(sensor, learn, 1.0);
+        let measurement = self.fixed[sensor].measure(sensor, &self.state, observation.codes[sensor], bend);
+        if !self.work_in(sensor, &measurement, learn) {
+            return self.reconsider(observation, [false; 3]);
+        }
+        if learn { self.learn() } else { self.follow() }
+    }
+
+    /// Works in a sample with which something is wrong: its three sensors, and no other sample.
+    #[cold]
+    fn work_in_alone(&mut self, observation: &Observation) -> Outcome {
         let mut useless = [false; 3];
         if self.is_railed(&observation.codes) {
             match self.useless(&observation.codes) {
@@ -245,54 +256,74 @@ impl Adapter {
                 None => return Outcome::Acquiring,
             }
         }
-        let gap =
-            observation.elapsed > 1 && (observation.elapsed > LONGEST_GAP || self.state.speed.abs() * samples > 1.5);
-        if self.phase != Phase::Tracking || gap {
-            self.load = if gap { 0.0 } else { self.load };
+        let lost = observation.elapsed > 1 && !self.is_near(observation.elapsed);
+        if self.phase != Phase::Tracking || lost {
+            self.load = if lost { 0.0 } else { self.load };
             return self.acquire(observation, useless);
         }
-        for _ in 0..observation.elapsed {
-            self.predict(observation.torque_nm);
-        }
+        self.predict(observation);
+        self.reconsider(observation, useless)
+    }
+
+    /// The three sensors of a sample by themselves: learnt from if nothing is wrong with them.
+    fn reconsider(&mut self, observation: &Observation, useless: [bool; 3]) -> Outcome {
+        self.window.clear();
         let learn = self.may_learn();
-        let mut measurements = self.measure(&observation.codes, learn);
-        discard(&mut measurements, useless);
-        let contradicts = Sample::new(&measurements, &self.covariance).outliers() != [false; 3];
-        if contradicts || self.doubts.exist() || useless != [false; 3] {
-            return self.reconcile(samples, &mut measurements);
+        let sample = Sample::new(self.measure(&observation.codes, useless, learn), &self.covariance);
+        if !learn || self.doubts.exist() || useless != [false; 3] || sample.outliers() != [false; 3] {
+            return self.reconcile(f32::from(observation.elapsed), sample);
         }
-        self.work_in(&measurements, learn);
-        if learn { self.learn() } else { self.follow() }
+        self.work_in_all(&sample.measurements, true);
+        self.learn()
     }
 
-    /// Angle and speed a sample later, as the equation of motion has them.
+    /// Angle and speed at an observation, as the equation of motion has them.
     #[inline(always)]
-    fn predict(&mut self, torque_nm: f32) {
+    fn predict(&mut self, observation: &Observation) {
         let state = &mut self.state;
-        let gained = self.config.per_nm * torque_nm + self.load - self.config.damping * state.speed;
-        state.angle += radians(state.speed + 0.5 * gained);
-        state.speed += gained;
-        self.covariance.advance(self.config.acceleration);
+        let pushed = self.config.per_nm * observation.torque_nm + self.load;
+        for _ in 0..observation.elapsed {
+            let gained = pushed - self.config.damping * state.speed;
+            state.angle += radians(state.speed + 0.5 * gained);
+            state.speed += gained;
+        }
+        self.covariance.advance(self.config.acceleration, f32::from(observation.elapsed));
     }
 
-    /// All three sensors of a sample against their prediction, to learn from or only to follow.
-    fn measure(&self, codes: &Codes, learn: bool) -> [Measurement; 3] {
-        let times = if learn { 1.0 + ALIKE / self.state.speed.abs() } else { 1.0 };
-        [0, 1, 2].map(|k| self.fixed[k].measure(k, &self.state, codes[k], self.bend(k, times)))
+    /// The sensors of a sample against their prediction, but for the useless ones, to learn from or only to follow.
+    fn measure(&self, codes: &Codes, useless: [bool; 3], learn: bool) -> [Measurement; 3] {
+        [0, 1, 2].map(|k| match useless[k] {
+            true => Measurement::NONE,
+            false => self.fixed[k].measure(k, &self.state, codes[k], self.bend(k, learn, 1.0)),
+        })
     }
 
     /// What the derivatives at the predicted state leave out of a signal, as a variance: the sine's curvature over an
     /// uncertain angle, and the product of uncertain angle and amplitude. To the parameters it is alike from sample to sample
     /// until the rotor has turned by a quarter of a radian, so all samples within together must not count for more than one.
     #[inline(always)]
-    fn bend(&self, sensor: usize, times: f32) -> f32 {
+    fn bend(&self, sensor: usize, learn: bool, samples: f32) -> f32 {
         let amplitude = OFFSET[sensor] + 1;
         let angle = self.covariance.get(ANGLE, ANGLE);
+        let times = if learn { 1.0 + ALIKE / (samples * self.state.speed.abs()) } else { 1.0 };
         angle * (0.5 * angle + self.covariance.get(amplitude, amplitude)) * times
     }
 
+    /// Corrects by a sensor, unless that is an outlier.
+    #[inline(always)]
+    fn work_in(&mut self, sensor: usize, measurement: &Measurement, learn: bool) -> bool {
+        let relation = measurement.relation(sensor, &self.covariance);
+        if measurement.is_outlier(&relation, GATE) {
+            return false;
+        }
+        let speed = self.state.speed;
+        self.covariance.work_in(measurement, &relation, &mut self.state, learn);
+        self.find_load(speed);
+        true
+    }
+
     /// Corrects by three sensors at once.
-    fn work_in(&mut self, measurements: &[Measurement; 3], learn: bool) {
+    fn work_in_all(&mut self, measurements: &[Measurement; 3], learn: bool) {
         let speed = self.state.speed;
         self.covariance.work_in_all(measurements, &mut self.state, learn);
         self.find_load(speed);
@@ -377,14 +408,6 @@ fn parameters(spread: &Spread) -> Vector {
         }
     }
     vector
-}
-
-fn discard(measurements: &mut [Measurement; 3], useless: [bool; 3]) {
-    for (measurement, useless) in measurements.iter_mut().zip(useless) {
-        if useless {
-            measurement.discard();
-        }
-    }
 }
 
 #[cfg(test)]

@@ -2,13 +2,14 @@
 
 use super::filter::{ANGLE, SPEED, State};
 use super::observe::sine_cosine;
-use super::{Adapter, Observation, Outcome, Phase, discard};
+use super::{Adapter, Observation, Outcome, Phase};
 use crate::angle::ElectricalAngle;
 
 impl Adapter {
     /// Finds the angle, and from two of them the speed.
     #[cold]
     pub(super) fn acquire(&mut self, observation: &Observation, mut useless: [bool; 3]) -> Outcome {
+        self.window.clear();
         if useless == [false; 3] {
             useless = self.doubts.sensors();
         }
@@ -27,9 +28,8 @@ impl Adapter {
         self.covariance.forget(ANGLE, 0.15);
         self.covariance.forget(SPEED, deviation * deviation);
         let learn = self.may_learn();
-        let mut measurements = self.measure(&observation.codes, learn);
-        discard(&mut measurements, useless);
-        self.work_in(&measurements, learn);
+        let measurements = self.measure(&observation.codes, useless, learn);
+        self.work_in_all(&measurements, learn);
         Outcome::Acquiring
     }
 }

@@ -14,7 +14,7 @@ const FEWEST: u32 = 4;
 /// Squared deviations that may remain when an outlier is explained by the rotor's having been pushed.
 const PUSHED: f32 = 9.0;
 /// Largest push, in radians, that the derivatives of the signals are good for.
-const FARTHEST: f32 = 0.15;
+const LARGEST: f32 = 0.15;
 /// Samples in a row that nothing explains, after which the angle is sought anew.
 const STRANGE: u32 = 4;
 /// Times that the angle may be sought anew within a turn, after which all parameters are doubted.
@@ -109,21 +109,19 @@ impl Adapter {
         if speed >= self.config.slowest { speed * samples / TAU } else { 0.0 }
     }
 
-    /// Works in a sample with an outlier, or with a sensor that was one.
-    #[cold]
-    pub(super) fn reconcile(&mut self, elapsed: f32, measurements: &mut [Measurement; 3]) -> Outcome {
-        let sample = Sample::new(measurements, &self.covariance);
+    /// Works in a sample with an outlier, or with a sensor that was one, or without one.
+    pub(super) fn reconcile(&mut self, elapsed: f32, mut sample: Sample) -> Outcome {
         let outliers = sample.outliers();
         let doubted = self.doubts.sensors.iter().position(|doubt| doubt.turns > 0.0);
         if doubted.is_none() && outliers == [false; 3] {
-            return self.believe(measurements);
+            return self.believe(&sample);
         }
         let suspect = doubted.unwrap_or_else(|| sample.farthest());
         let others = (0..3).filter(|&k| k != suspect).map(|k| sample.squared(k)).sum();
         if outliers != [false; 3] && self.push(&sample, others) {
-            return self.believe(measurements);
+            return self.believe(&Sample::new(sample.measurements, &self.covariance));
         }
-        measurements[suspect].discard();
+        sample.measurements[suspect] = Measurement::NONE;
         if (0..3).any(|k| k != suspect && outliers[k]) {
             return self.jolt();
         }
@@ -134,14 +132,14 @@ impl Adapter {
         } else {
             self.doubts.sensors[suspect].forgive(turns);
         }
-        self.believe(measurements)
+        self.believe(&sample)
     }
 
     /// If a push explains the sample, and better than the alternative: the rotor is elsewhere, and has got there by a
     /// speed that was not known.
     fn push(&mut self, sample: &Sample, alternative: f32) -> bool {
         let (by, remaining) = sample.as_a_push();
-        let pushed = by.abs() < FARTHEST && remaining < PUSHED && remaining < alternative;
+        let pushed = by.abs() < LARGEST && remaining < PUSHED && remaining < alternative;
         if pushed {
             // An unknown acceleration makes the tracking lag by itself over the square of the pace: half of it, to be careful.
             self.load += 0.5 * by * self.pace * self.pace;
@@ -152,13 +150,12 @@ impl Adapter {
     }
 
     /// Angle and speed from a sample as it is, unless what is not discarded has an outlier still.
-    fn believe(&mut self, measurements: &[Measurement; 3]) -> Outcome {
-        let sample = Sample::new(measurements, &self.covariance);
+    fn believe(&mut self, sample: &Sample) -> Outcome {
         if sample.outliers() != [false; 3] {
             return self.jolt();
         }
         self.doubts.strange = 0;
-        self.work_in(measurements, false);
+        self.work_in_all(&sample.measurements, false);
         self.follow()
     }
 
@@ -205,15 +202,16 @@ impl Adapter {
 
 /// The three sensors of a sample, with the variances of their innovations.
 pub struct Sample {
-    measurements: [Measurement; 3],
+    pub measurements: [Measurement; 3],
     /// Without the noise.
     variances: [f32; 3],
 }
 
 impl Sample {
-    pub fn new(measurements: &[Measurement; 3], p: &Covariance) -> Self {
-        let variances = [0, 1, 2].map(|k| measurements[k].relation(k, p).variance);
-        Self { measurements: *measurements, variances }
+    pub fn new(measurements: [Measurement; 3], p: &Covariance) -> Self {
+        let variance = |m: &Measurement, k| if m.is_none() { 0.0 } else { m.relation(k, p).variance };
+        let variances = [0, 1, 2].map(|k| variance(&measurements[k], k));
+        Self { measurements, variances }
     }
 
     /// Sensors farther from their prediction than is believed.

@@ -64,23 +64,23 @@ impl Covariance {
         self.0[at(state, state)] = variance;
     }
 
-    /// A sample period passes: θ += ω, with a random change of the speed of variance `noise` meanwhile. That the speed
-    /// decays is left out, which makes no difference from sample to sample.
+    /// So many sample periods pass: θ += ω in each, with a random change of the speed of variance `noise` meanwhile. That the
+    /// speed decays is left out, which makes no difference from sample to sample.
     #[inline(always)]
-    pub fn advance(&mut self, noise: f32) {
+    pub fn advance(&mut self, noise: f32, samples: f32) {
         let p = &mut self.0;
-        let (cross, speed) = (p[1], p[STATES] + noise);
-        p[0] += cross + cross + p[STATES] + 0.25 * noise;
-        p[1] += speed - 0.5 * noise;
-        p[STATES] = speed;
+        let (cross, speed, noise) = (p[1], p[STATES], samples * noise);
+        p[0] += samples * (cross + cross + samples * speed) + noise * (samples * samples * (1.0 / 3.0) - 1.0 / 12.0);
+        p[1] += samples * (speed + 0.5 * noise);
+        p[STATES] = speed + noise;
         for k in 2..STATES {
-            p[k] += p[STATES - 1 + k];
+            p[k] += samples * p[STATES - 1 + k];
         }
     }
 }
 
 /// What a sensor's signal tells, at the predicted state.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Measurement {
     /// Measured less predicted signal.
     pub innovation: f32,
@@ -103,9 +103,11 @@ pub struct Relation {
 
 impl Measurement {
     /// Of a sensor that is not to be used: infinitely noisy.
-    pub fn discard(&mut self) {
-        self.innovation = 0.0;
-        self.noise = 1e12;
+    pub const NONE: Self = Self { innovation: 0.0, noise: f32::INFINITY, angle: 0.0, amplitude: 0.0, third: 0.0 };
+
+    /// Whether there is anything in it.
+    pub fn is_none(&self) -> bool {
+        self.noise == f32::INFINITY
     }
 
     /// As the signal of this sensor.
@@ -185,7 +187,7 @@ impl Covariance {
     /// Works in all three sensors, whose derivatives are at the same state.
     pub fn work_in_all(&mut self, measurements: &[Measurement; 3], state: &mut State, learn: bool) {
         let mut correction = [0.0; STATES];
-        for (sensor, m) in measurements.iter().enumerate() {
+        for (sensor, m) in measurements.iter().enumerate().filter(|(_, m)| !m.is_none()) {
             let relation = m.relation(sensor, self);
             let innovation = m.innovation - m.dot(sensor, &correction);
             let gain = self.shrink(&relation, m.noise, learn) * innovation;

@@ -33,7 +33,13 @@ impl Adapter {
             return Outcome::Learning;
         }
         self.seen = 0;
-        self.turned = self.learnt >= WHOLE;
+        if self.learnt >= WHOLE {
+            self.learnt = 0;
+            self.doubts.clear();
+            self.wander();
+            // The model is the next observation's work.
+            self.turned = true;
+        }
         Outcome::Learning
     }
 
@@ -100,9 +106,6 @@ impl Adapter {
     #[cold]
     pub(super) fn whole_turn(&mut self) -> Outcome {
         self.turned = false;
-        self.learnt = 0;
-        self.doubts.clear();
-        self.wander();
         let edge = self.at_edge();
         if let Some(fault) = edge.filter(|_| edge == self.edge) {
             self.fail(fault);

@@ -75,7 +75,7 @@ fn three_measurements_at_once_are_three_in_sequence() {
         *variance = 0.01 + 0.003 * k as f32;
     }
     let mut p = Covariance::diagonal(&variances);
-    p.advance(1e-3);
+    p.advance(1e-3, 1.0);
     let measurement =
         |innovation, angle, amplitude, third| Measurement { innovation, noise: 1e-3, angle, amplitude, third };
     let m =

@@ -14,25 +14,29 @@ pub struct Window {
 }
 
 impl Window {
-    /// No sample so far may be worked in: they have been already, or there was one missing.
+    /// The samples so far are used up.
     pub fn clear(&mut self) {
         self.filled = 0;
     }
 
-    /// Takes a sample. With the two before it makes the mean code of the sensor whose turn it is; the next two samples are those of
-    /// the others, so every sample of every sensor is used once.
+    /// Takes a sample, so many periods after the last; returns the sensor whose turn it is and, if there are two samples
+    /// just before, the mean code of the three. Without a gap the next two samples are those of the other sensors, so
+    /// that every sample of every sensor is used once.
     #[inline(always)]
-    pub fn push(&mut self, codes: &Codes) -> Option<(usize, f32)> {
+    pub fn push(&mut self, codes: &Codes, elapsed: u16) -> (usize, Option<f32>) {
+        let sensor = usize::from(self.sensor);
+        self.sensor = if sensor >= 2 { 0 } else { self.sensor + 1 };
+        let sensor = sensor.min(2);
         let [oldest, middle] = self.codes;
         self.codes = [middle, *codes];
+        if elapsed != 1 {
+            self.filled = 0;
+        }
         if self.filled < 2 {
             self.filled += 1;
-            return None;
+            return (sensor, None);
         }
-        let sensor = usize::from(self.sensor);
-        self.sensor = if sensor == 2 { 0 } else { self.sensor + 1 };
-        let sensor = sensor.min(2);
         let sum = u32::from(oldest[sensor]) + u32::from(middle[sensor]) + u32::from(codes[sensor]);
-        Some((sensor, sum as f32 * (1.0 / 3.0)))
+        (sensor, Some(sum as f32 * (1.0 / 3.0)))
     }
 }

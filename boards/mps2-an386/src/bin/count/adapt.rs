@@ -10,7 +10,9 @@ use static_cell::StaticCell;
 
 #[rustfmt::skip]
 pub const ROWS: &[Row] = &[
-    Row::new("adaptation, one update", "hallservo", function!(adapt), turning, |_, _| 0.0).budget(1500).ceiling(3400),
+    Row::new("adaptation, one update", "hallservo", function!(adapt), turning, |_, _| 0.0).budget(1500),
+    Row::new("the same, after lost samples", "hallservo", function!(adapt), skipping, |_, _| 0.0).budget(1500),
+    Row::new("the same, with a Hall lost", "hallservo", function!(adapt), losing, |_, _| 0.0).budget(1500),
 ];
 
 #[unsafe(no_mangle)]
@@ -54,11 +56,31 @@ impl Bench {
     }
 }
 
-/// r0: the filter, r1: the next observation.
 fn turning(_: u32) -> Arguments {
+    next(1, None)
+}
+
+/// One to nine samples lost, before every observation.
+fn skipping(index: u32) -> Arguments {
+    next(2 + (index % 9) as u16, None)
+}
+
+/// From here on one Hall says nothing.
+fn losing(_: u32) -> Arguments {
+    next(1, Some(0))
+}
+
+/// r0: the filter, r1: the observation after so many samples.
+fn next(elapsed: u16, stuck: Option<u16>) -> Arguments {
     // SAFETY: a static that only the row that is being counted uses.
     let bench = unsafe { BENCH.load(Relaxed).as_mut() }.unwrap_or_else(|| failure());
-    bench.turn();
+    for _ in 0..elapsed {
+        bench.turn();
+    }
+    bench.observation.elapsed = elapsed;
+    if let Some(code) = stuck {
+        bench.observation.codes[1] = code;
+    }
     let r = [(&raw const bench.adapter).addr() as u32, (&raw const bench.observation).addr() as u32, 0, 0];
     Arguments { r, ..Default::default() }
 }

@@ -220,10 +220,11 @@ impl Adapter {
         let learn = self.may_learn();
         let bend = self.bend(sensor, learn, 3.0);
         let measurement = self.fixed[sensor].measure_mean(sensor, &self.state, mean, bend);
-        if !self.work_in(sensor, &measurement, learn) {
-            return self.work_in_alone(observation);
-        }
+        let believed = self.work_in(sensor, &measurement, learn);
         self.predict(observation);
+        if !believed {
+            return self.doubt();
+        }
         if learn { self.learn() } else { self.follow() }
     }
 
@@ -241,7 +242,7 @@ impl Adapter {
         let bend = self.bend(sensor, learn, 1.0);
         let measurement = self.fixed[sensor].measure(sensor, &self.state, observation.codes[sensor], bend);
         if !self.work_in(sensor, &measurement, learn) {
-            return self.reconsider(observation, [false; 3]);
+            return self.doubt();
         }
         if learn { self.learn() } else { self.follow() }
     }
@@ -262,19 +263,9 @@ impl Adapter {
             return self.acquire(observation, useless);
         }
         self.predict(observation);
-        self.reconsider(observation, useless)
-    }
-
-    /// The three sensors of a sample by themselves: learnt from if nothing is wrong with them.
-    fn reconsider(&mut self, observation: &Observation, useless: [bool; 3]) -> Outcome {
         self.window.clear();
-        let learn = self.may_learn();
-        let sample = Sample::new(self.measure(&observation.codes, useless, learn), &self.covariance);
-        if !learn || self.doubts.exist() || useless != [false; 3] || sample.outliers() != [false; 3] {
-            return self.reconcile(f32::from(observation.elapsed), sample);
-        }
-        self.work_in_all(&sample.measurements, true);
-        self.learn()
+        let mut sample = Sample::new(self.measure(&observation.codes, useless), &self.covariance);
+        self.reconcile(f32::from(observation.elapsed), &mut sample)
     }
 
     /// Angle and speed at an observation, as the equation of motion has them.
@@ -290,11 +281,11 @@ impl Adapter {
         self.covariance.advance(self.config.acceleration, f32::from(observation.elapsed));
     }
 
-    /// The sensors of a sample against their prediction, but for the useless ones, to learn from or only to follow.
-    fn measure(&self, codes: &Codes, useless: [bool; 3], learn: bool) -> [Measurement; 3] {
+    /// The sensors of a sample against their prediction, but for the useless ones, to follow.
+    fn measure(&self, codes: &Codes, useless: [bool; 3]) -> [Measurement; 3] {
         [0, 1, 2].map(|k| match useless[k] {
             true => Measurement::NONE,
-            false => self.fixed[k].measure(k, &self.state, codes[k], self.bend(k, learn, 1.0)),
+            false => self.fixed[k].measure(k, &self.state, codes[k], self.bend(k, false, 1.0)),
         })
     }
 
@@ -322,10 +313,10 @@ impl Adapter {
         true
     }
 
-    /// Corrects by three sensors at once.
-    fn work_in_all(&mut self, measurements: &[Measurement; 3], learn: bool) {
+    /// Angle and speed by a sample of three sensors.
+    fn follow_all(&mut self, sample: &mut Sample) {
         let speed = self.state.speed;
-        self.covariance.work_in_all(measurements, &mut self.state, learn);
+        self.covariance.follow(&sample.measurements, &mut sample.relations, &mut self.state);
         self.find_load(speed);
     }
 

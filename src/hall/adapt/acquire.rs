@@ -1,5 +1,6 @@
 //! The begin, and the begin anew: angle and speed from the samples alone.
 
+use super::doubt::Sample;
 use super::filter::{ANGLE, SPEED, State};
 use super::observe::sine_cosine;
 use super::{Adapter, Observation, Outcome, Phase};
@@ -27,9 +28,8 @@ impl Adapter {
         let deviation = 0.3 * libm::fabsf(step) + 0.04;
         self.covariance.forget(ANGLE, 0.15);
         self.covariance.forget(SPEED, deviation * deviation);
-        let learn = self.may_learn();
-        let measurements = self.measure(&observation.codes, useless, learn);
-        self.work_in_all(&measurements, learn);
+        let mut sample = Sample::new(self.measure(&observation.codes, useless), &self.covariance);
+        self.follow_all(&mut sample);
         Outcome::Acquiring
     }
 }

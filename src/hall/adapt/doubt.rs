@@ -1,6 +1,6 @@
 //! When measurements are not where they were predicted: has the rotor been pushed, or is a sensor wrong?
 
-use super::filter::{ANGLE, Covariance, Measurement, SPEED};
+use super::filter::{ANGLE, Covariance, Measurement, Relation, SPEED};
 use super::{Adapter, Fault, GATE, Outcome, Phase};
 use crate::hall::{Channel, Codes};
 use core::f32::consts::TAU;
@@ -61,11 +61,6 @@ impl Doubts {
         self.sensors.map(|doubt| doubt.turns > 0.0)
     }
 
-    /// Whether any sensor is.
-    pub fn exist(&self) -> bool {
-        self.any
-    }
-
     /// All that was doubted is understood.
     pub fn clear(&mut self) {
         *self = Self::default();
@@ -110,16 +105,16 @@ impl Adapter {
     }
 
     /// Works in a sample with an outlier, or with a sensor that was one, or without one.
-    pub(super) fn reconcile(&mut self, elapsed: f32, mut sample: Sample) -> Outcome {
+    pub(super) fn reconcile(&mut self, elapsed: f32, sample: &mut Sample) -> Outcome {
         let outliers = sample.outliers();
         let doubted = self.doubts.sensors.iter().position(|doubt| doubt.turns > 0.0);
         if doubted.is_none() && outliers == [false; 3] {
-            return self.believe(&sample);
+            return self.believe(sample);
         }
         let suspect = doubted.unwrap_or_else(|| sample.farthest());
         let others = (0..3).filter(|&k| k != suspect).map(|k| sample.squared(k)).sum();
-        if outliers != [false; 3] && self.push(&sample, others) {
-            return self.believe(&Sample::new(sample.measurements, &self.covariance));
+        if outliers != [false; 3] && self.push(sample, others) {
+            return self.believe(sample);
         }
         sample.measurements[suspect] = Measurement::NONE;
         if (0..3).any(|k| k != suspect && outliers[k]) {
@@ -132,30 +127,40 @@ impl Adapter {
         } else {
             self.doubts.sensors[suspect].forgive(turns);
         }
-        self.believe(&sample)
+        self.believe(sample)
+    }
+
+    /// Something does not fit: the next sample is looked at as a whole.
+    #[cold]
+    pub(super) fn doubt(&mut self) -> Outcome {
+        self.doubts.any = true;
+        self.follow()
     }
 
     /// If a push explains the sample, and better than the alternative: the rotor is elsewhere, and has got there by a
     /// speed that was not known.
-    fn push(&mut self, sample: &Sample, alternative: f32) -> bool {
+    fn push(&mut self, sample: &mut Sample, alternative: f32) -> bool {
         let (by, remaining) = sample.as_a_push();
         let pushed = by.abs() < LARGEST && remaining < PUSHED && remaining < alternative;
         if pushed {
             // An unknown acceleration makes the tracking lag by itself over the square of the pace: half of it, to be careful.
             self.load += 0.5 * by * self.pace * self.pace;
             self.covariance.widen(ANGLE, by * by, f32::MAX);
+            for (m, relation) in sample.measurements.iter().zip(&mut sample.relations) {
+                m.widen(relation, by * by);
+            }
             self.covariance.widen(SPEED, by * by * self.pace * self.pace, f32::MAX);
         }
         pushed
     }
 
     /// Angle and speed from a sample as it is, unless what is not discarded has an outlier still.
-    fn believe(&mut self, sample: &Sample) -> Outcome {
+    fn believe(&mut self, sample: &mut Sample) -> Outcome {
         if sample.outliers() != [false; 3] {
             return self.jolt();
         }
         self.doubts.strange = 0;
-        self.work_in_all(&sample.measurements, false);
+        self.follow_all(sample);
         self.follow()
     }
 
@@ -200,23 +205,22 @@ impl Adapter {
     }
 }
 
-/// The three sensors of a sample, with the variances of their innovations.
+/// The three sensors of a sample.
 pub struct Sample {
     pub measurements: [Measurement; 3],
-    /// Without the noise.
-    variances: [f32; 3],
+    pub relations: [Relation; 3],
 }
 
 impl Sample {
     pub fn new(measurements: [Measurement; 3], p: &Covariance) -> Self {
-        let variance = |m: &Measurement, k| if m.is_none() { 0.0 } else { m.relation(k, p).variance };
-        let variances = [0, 1, 2].map(|k| variance(&measurements[k], k));
-        Self { measurements, variances }
+        let relation = |m: &Measurement, k| if m.is_none() { Relation::default() } else { m.relation(k, p) };
+        let relations = [0, 1, 2].map(|k| relation(&measurements[k], k));
+        Self { measurements, relations }
     }
 
     /// Sensors farther from their prediction than is believed.
     pub fn outliers(&self) -> [bool; 3] {
-        [0, 1, 2].map(|k| self.squared(k) > GATE)
+        [0, 1, 2].map(|k| self.measurements[k].is_outlier(&self.relations[k], GATE))
     }
 
     /// By how much a pushed rotor would explain the innovations best, and what remains then, in squared deviations.
@@ -227,9 +231,9 @@ impl Sample {
             product += m.angle * m.innovation / m.noise;
         }
         let by = product / slopes;
-        let rests = self.measurements.iter().zip(&self.variances).map(|(m, variance)| {
+        let rests = self.measurements.iter().zip(&self.relations).map(|(m, relation)| {
             let rest = m.innovation - m.angle * by;
-            rest * rest / (variance + m.noise)
+            rest * rest / (relation.variance + m.noise)
         });
         (by, rests.sum())
     }
@@ -249,6 +253,6 @@ impl Sample {
     /// A measurement's innovation in squared deviations.
     fn squared(&self, sensor: usize) -> f32 {
         let m = &self.measurements[sensor];
-        m.innovation * m.innovation / (self.variances[sensor] + m.noise)
+        m.innovation * m.innovation / (self.relations[sensor].variance + m.noise)
     }
 }

@@ -53,7 +53,12 @@ impl Covariance {
     /// Adds to a variance, but not beyond `largest`.
     pub fn widen(&mut self, state: usize, variance: f32, largest: f32) {
         let entry = &mut self.0[at(state, state)];
-        *entry = (*entry + variance).min(largest).max(*entry);
+        let wider = *entry + variance;
+        if wider <= largest {
+            *entry = wider;
+        } else if *entry < largest {
+            *entry = largest;
+        }
     }
 
     /// Forgets what is known of a state, but for this variance.
@@ -93,7 +98,7 @@ pub struct Measurement {
 }
 
 /// What a measurement has to do with the states.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Relation {
     /// Covariance times derivatives.
     spread: Vector,
@@ -120,6 +125,30 @@ impl Measurement {
         }
     }
 
+    /// Changes a relation to what it is where the angle's variance is larger by so much.
+    pub fn widen(&self, relation: &mut Relation, variance: f32) {
+        relation.spread[ANGLE] += variance * self.angle;
+        relation.variance += variance * self.angle * self.angle;
+    }
+
+    /// Changes a relation to what it is after another measurement has been worked in for angle and speed.
+    fn after(&self, sensor: usize, relation: &mut Relation, other: &Relation, weight: f32) {
+        let common = match sensor {
+            0 => self.dot::<0>(&other.spread),
+            1 => self.dot::<1>(&other.spread),
+            _ => self.dot::<2>(&other.spread),
+        };
+        // The parameters among themselves are related as before.
+        let moved = self.angle * other.spread[ANGLE];
+        let (with_all, with_angle) = (weight * common, weight * moved);
+        relation.spread[ANGLE] -= with_all * other.spread[ANGLE];
+        relation.spread[SPEED] -= with_all * other.spread[SPEED];
+        for k in THIRD..STATES {
+            relation.spread[k] -= with_angle * other.spread[k];
+        }
+        relation.variance -= with_angle * (common + common - moved);
+    }
+
     /// Whether the innovation is farther from zero than the square root of so many variances.
     #[inline(always)]
     pub fn is_outlier(&self, relation: &Relation, squared: f32) -> bool {
@@ -127,16 +156,8 @@ impl Measurement {
     }
 
     /// Product of the derivatives with a vector.
-    fn dot(&self, sensor: usize, v: &Vector) -> f32 {
-        match sensor {
-            0 => self.dot_of::<0>(v),
-            1 => self.dot_of::<1>(v),
-            _ => self.dot_of::<2>(v),
-        }
-    }
-
     #[inline(always)]
-    fn dot_of<const SENSOR: usize>(&self, v: &Vector) -> f32 {
+    fn dot<const SENSOR: usize>(&self, v: &Vector) -> f32 {
         let own = OFFSET[SENSOR];
         let angle = if SENSOR == 0 { v[ANGLE] } else { v[ANGLE] - v[own + 2] };
         self.angle * angle + self.third * v[THIRD] + v[own] + self.amplitude * v[own + 1]
@@ -150,7 +171,7 @@ impl Measurement {
             let angle = if SENSOR == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(own + 2, k) };
             *b = self.angle * angle + self.third * p.get(THIRD, k) + p.get(own, k) + self.amplitude * p.get(own + 1, k);
         }
-        Relation { variance: self.dot_of::<SENSOR>(&spread), spread }
+        Relation { variance: self.dot::<SENSOR>(&spread), spread }
     }
 }
 
@@ -184,19 +205,26 @@ impl Covariance {
         state.correct(weight * m.innovation, &relation.spread, learn);
     }
 
-    /// Works in all three sensors, whose derivatives are at the same state.
-    pub fn work_in_all(&mut self, measurements: &[Measurement; 3], state: &mut State, learn: bool) {
-        let mut correction = [0.0; STATES];
-        for (sensor, m) in measurements.iter().enumerate().filter(|(_, m)| !m.is_none()) {
-            let relation = m.relation(sensor, self);
-            let innovation = m.innovation - m.dot(sensor, &correction);
-            let gain = self.shrink(&relation, m.noise, learn) * innovation;
-            let moved = if learn { STATES } else { THIRD };
-            for (sum, b) in correction.iter_mut().zip(&relation.spread).take(moved) {
-                *sum += gain * b;
+    /// Angle and speed only, from three sensors with their relations to this covariance, all at the same state.
+    pub fn follow(&mut self, measurements: &[Measurement; 3], relations: &mut [Relation; 3], state: &mut State) {
+        let (mut angle, mut speed) = (0.0, 0.0);
+        for sensor in 0..3 {
+            let m = &measurements[sensor];
+            if m.is_none() {
+                continue;
+            }
+            let (done, rest) = relations.split_at_mut(sensor + 1);
+            let used = &done[sensor];
+            let weight = self.shrink(used, m.noise, false);
+            let gain = weight * (m.innovation - m.angle * angle);
+            angle += gain * used.spread[ANGLE];
+            speed += gain * used.spread[SPEED];
+            for (k, relation) in (sensor + 1..).zip(rest) {
+                measurements[k].after(k, relation, used, weight);
             }
         }
-        state.correct(1.0, &correction, learn);
+        state.angle += radians(angle);
+        state.speed += speed;
     }
 }
 

@@ -12,7 +12,8 @@ use static_cell::StaticCell;
 pub const ROWS: &[Row] = &[
     Row::new("adaptation, one update", "hallservo", function!(adapt), turning, |_, _| 0.0).budget(1500),
     Row::new("the same, after lost samples", "hallservo", function!(adapt), skipping, |_, _| 0.0).budget(1500),
-    Row::new("the same, with a Hall lost", "hallservo", function!(adapt), losing, |_, _| 0.0).budget(1500),
+    Row::new("the same, with outliers", "hallservo", function!(adapt), spiking, |_, _| 0.0),
+    Row::new("the same, with a Hall lost", "hallservo", function!(adapt), losing, |_, _| 0.0),
 ];
 
 #[unsafe(no_mangle)]
@@ -58,6 +59,11 @@ impl Bench {
 
 fn turning(_: u32) -> Arguments {
     next(1, None)
+}
+
+/// Now and then one Hall says something else.
+fn spiking(index: u32) -> Arguments {
+    next(1, index.is_multiple_of(37).then_some(2048))
 }
 
 /// One to nine samples lost, before every observation.

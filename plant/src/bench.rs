@@ -37,6 +37,7 @@ pub struct Bench {
     noise: Noise,
     angle_rad: f64,
     speed_rad_s: f64,
+    currents_a: [f64; 3],
 }
 
 impl Bench {
@@ -58,6 +59,7 @@ impl Bench {
             noise: Noise::new(seed),
             angle_rad,
             speed_rad_s,
+            currents_a: [0.0; 3],
         })
     }
 
@@ -70,7 +72,7 @@ impl Bench {
             (f64::from(pole_pairs) * (torque_nm + unknown_nm) - damping_nms * self.speed_rad_s) / inertia_kgm2;
         self.angle_rad = wrapped(self.angle_rad + period_s * (self.speed_rad_s + 0.5 * period_s * acceleration));
         self.speed_rad_s += period_s * acceleration;
-        self.halls.advance(Phasor::new(self.angle_rad), &[0.0; 3]);
+        self.halls.advance(Phasor::new(self.angle_rad), &self.currents_a);
         self.halls.volts(&mut self.noise).map(|volts| self.adc.code(volts))
     }
 
@@ -82,6 +84,11 @@ impl Bench {
     /// Sets a sensor's fault, or clears it.
     pub fn set_fault(&mut self, sensor: usize, fault: Option<HallFault>) {
         self.halls.set_fault(sensor, fault);
+    }
+
+    /// Phase currents from now on, A, which only the sensors see: their torque is the caller's business.
+    pub fn set_currents(&mut self, currents_a: [f64; 3]) {
+        self.currents_a = currents_a;
     }
 
     /// Temperature of the sensors, °C.

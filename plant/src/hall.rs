@@ -4,6 +4,9 @@ use crate::error::{Error, finite, not_negative, positive, require};
 use crate::noise::Noise;
 use crate::phasor::Phasor;
 
+/// 120°.
+const THIRD_TURN: f64 = core::f64::consts::TAU / 3.0;
+
 /// Output range of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Saturation {
@@ -83,6 +86,17 @@ impl HallParameters {
             saturation: Saturation::hard(2.0 * offset_v),
             bandwidth_hz: None,
         }
+    }
+
+    /// With the field of the windings: a current vector of `rated_a` acts like a magnet in its direction, with a share
+    /// of the rotor's field. The windings lie 120° apart, that of phase A at zero; `phase_rad` is φ, as the plant has it.
+    #[must_use]
+    pub fn with_windings(mut self, share: f64, rated_a: f64, phase_rad: f64) -> Self {
+        let volts_per_ampere = share * self.amplitude_v / rated_a;
+        let away = -phase_rad - self.placement_rad;
+        // A vector of the amplitude i has i · cos in each phase; their sum is 3/2 as long.
+        self.coupling_v_a = [0.0, 1.0, 2.0].map(|phase| volts_per_ampere / 1.5 * libm::sin(phase * THIRD_TURN + away));
+        self
     }
 
     fn check(&self) -> Result<(), Error> {

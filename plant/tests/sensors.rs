@@ -114,6 +114,20 @@ fn temperature_and_currents_reach_the_halls() {
     close(f64::from(plant.sample().halls[1]) * LSB_V, expected, 0.51 * LSB_V);
 }
 
+/// The windings' field turns with the current vector, as the rotor's with the rotor.
+#[test]
+fn the_windings_are_a_magnet_of_a_share() {
+    for placement_rad in [0.0, 2.0, 4.3] {
+        let hall = HallParameters::ideal(1.65, 0.9, placement_rad).with_windings(0.05, 3.0, 0.4);
+        for k in 0..36 {
+            let direction = TAU * f64::from(k) / 36.0;
+            let currents = [0.0, 1.0, 2.0].map(|phase| 2.0 * (direction - phase * TAU / 3.0).cos());
+            let volts: f64 = hall.coupling_v_a.iter().zip(currents).map(|(c, i)| c * i).sum();
+            close(volts, 0.05 * 0.9 * (2.0 / 3.0) * (direction - 0.4 - placement_rad).sin(), 1e-12);
+        }
+    }
+}
+
 /// Hard clipping stops at the rails; a knee bends smoothly, never passes them, and leaves what is
 /// below it alone.
 #[test]

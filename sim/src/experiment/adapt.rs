@@ -1,6 +1,7 @@
 //! The adaptation: unknown sensors found while the motor turns (Figure 11 of Simpkins and Todorov), a temperature ramp
 //! followed, a sensor lost.
 
+pub mod coupling;
 pub mod drift;
 pub mod ensemble;
 pub mod judge;
@@ -74,6 +75,14 @@ pub struct Summary {
     pub drift_bias_deg_rms: f64,
     /// The same without adaptation.
     pub drift_bias_without_adaptation_deg_rms: f64,
+    /// Field of the windings at the Halls at rated current, relative to the magnet's.
+    pub coupling_shares: [f64; 3],
+    /// Error of the filter's angle for each of them, under rated torque of both signs.
+    pub coupling_error_without_deg_rms: [f64; 3],
+    /// The same if the codes are corrected by the currents, with a coupling known to 10 %.
+    pub coupling_error_with_deg_rms: [f64; 3],
+    /// What is not corrected, without the shift of the whole turn, which follows the torque and no Hall can see.
+    pub coupling_ripple_deg_rms: [f64; 3],
     /// Motors that lost a sensor.
     pub losses: usize,
     /// Losses found, with the right sensor named.
@@ -125,6 +134,12 @@ pub fn run(seed: u64, motors: u64) -> Result<Run> {
     let drift_motors = motors.min(24);
     let drifts = crate::parallel(seed..seed.saturating_add(drift_motors), |seed| drift::run(seed, HZ));
     let drifts = drifts.into_iter().collect::<Result<Vec<_>>>()?;
+    let couplings = coupling::SHARES.map(|share| {
+        let runs = crate::parallel(seed..seed.saturating_add(drift_motors), |seed| coupling::run(seed, HZ, share));
+        runs.into_iter().collect::<Result<Vec<_>>>()
+    });
+    let [none, some, much] = couplings;
+    let couplings = [none?, some?, much?];
     let losses = crate::parallel(seeds(), |seed| loss::run(seed, HZ)).into_iter().collect::<Result<Vec<_>>>()?;
 
     let errors = ensemble::over_time(&courses, |course| &course.errors);
@@ -161,6 +176,10 @@ pub fn run(seed: u64, motors: u64) -> Result<Run> {
         drift_error_without_adaptation_deg_rms: worst(|drift| drift.untouched.rms()),
         drift_bias_deg_rms: worst(|drift| drift.bias_adapted.rms()),
         drift_bias_without_adaptation_deg_rms: worst(|drift| drift.bias_untouched.rms()),
+        coupling_shares: coupling::SHARES,
+        coupling_error_without_deg_rms: couplings.each_ref().map(|runs| coupling::rms(runs, |run| run.without)),
+        coupling_error_with_deg_rms: couplings.each_ref().map(|runs| coupling::rms(runs, |run| run.with)),
+        coupling_ripple_deg_rms: couplings.each_ref().map(|runs| coupling::rms(runs, |run| run.ripple)),
         losses: losses.len(),
         losses_named: losses.iter().filter(|loss| loss.named && loss.detected_turns.is_some()).count(),
         loss_detection_turns: losses.iter().filter_map(|loss| loss.detected_turns).fold(0.0, f64::max),
@@ -178,6 +197,17 @@ impl Summary {
     fn table(&self) -> Vec<Vec<String>> {
         let row = |name: &str, ours: String, other: String| vec![name.to_string(), ours, other];
         let degrees = |x: f64| format!("{x:.3}°");
+        let coupled = |k: usize| {
+            row(
+                &format!("windings' field {} % of the magnet's", 100.0 * self.coupling_shares[k]),
+                degrees(self.coupling_error_without_deg_rms[k]),
+                format!(
+                    "corrected: {}, without the shift: {}",
+                    degrees(self.coupling_error_with_deg_rms[k]),
+                    degrees(self.coupling_ripple_deg_rms[k])
+                ),
+            )
+        };
         let turns = |x: Option<f64>| x.map_or("never".to_string(), |x| format!("{x:.2} turns"));
         vec![
             row("electrical degrees RMS", "adapted".into(), "to compare".into()),
@@ -217,6 +247,9 @@ impl Summary {
                 degrees(self.drift_bias_deg_rms),
                 format!("without adaptation: {}", degrees(self.drift_bias_without_adaptation_deg_rms)),
             ),
+            coupled(0),
+            coupled(1),
+            coupled(2),
             row(
                 "sensors lost, found and named",
                 format!("{} of {}", self.losses_named, self.losses),

@@ -11,10 +11,10 @@ use std::f64::consts::{PI, TAU};
 pub const PERIOD_S: f64 = 1e-3;
 /// LSB of the converter.
 pub const LSB_V: f64 = 3.3 / 4096.0;
-const POLE_PAIRS: f64 = 4.0;
+pub(super) const POLE_PAIRS: f64 = 4.0;
 const INERTIA_KGM2: f64 = 1e-5;
 /// Of friction and the back-EMF at a voltage command.
-const DAMPING_NMS: f64 = 1.6e-4;
+pub(super) const DAMPING_NMS: f64 = 1.6e-4;
 /// Density of the torque nobody knows.
 const TORQUE_NOISE_NM_RTHZ: f64 = 1e-5;
 /// The same as an electrical acceleration, rad/s²/√Hz.
@@ -186,14 +186,24 @@ impl Judge {
     pub fn step(&mut self) -> Step {
         let (speed, acceleration) = self.motion.at(self.time_s);
         let torque_nm = (INERTIA_KGM2 * acceleration + DAMPING_NMS * speed) / POLE_PAIRS;
+        let codes = self.sample(torque_nm);
+        let observation = Observation { codes, elapsed: 1, torque_nm: torque_nm as f32 };
+        let outcome = self.adapter.update(&observation);
+        Step { codes, torque_nm, outcome, error_deg: self.error_deg(), bound_deg: self.bound.angle_rad().to_degrees() }
+    }
+
+    /// The next sample under a torque; the filter does not see it yet.
+    pub fn sample(&mut self, torque_nm: f64) -> [u16; 3] {
         self.time_s += PERIOD_S;
         let codes = self.bench.step(torque_nm);
         self.bound.advance(PERIOD_S, DAMPING_1_S, ACCELERATION_NOISE);
         self.bound.observe(&self.halls, self.bench.angle_rad(), LSB_V);
-        let observation = Observation { codes, elapsed: 1, torque_nm: torque_nm as f32 };
-        let outcome = self.adapter.update(&observation);
-        let error_deg = wrapped_deg(f64::from(self.adapter.hall_angle().to_radians()) - self.hall_rad());
-        Step { codes, torque_nm, outcome, error_deg, bound_deg: self.bound.angle_rad().to_degrees() }
+        codes
+    }
+
+    /// The filter's angle less the true one, degrees.
+    pub fn error_deg(&self) -> f64 {
+        wrapped_deg(f64::from(self.adapter.hall_angle().to_radians()) - self.hall_rad())
     }
 
     /// The true angle from where the first sensor's signal rises.

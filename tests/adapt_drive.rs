@@ -1,13 +1,14 @@
 //! The adaptation at a drive that turns a simulated motor: new parameters and lost Halls while it runs.
 
 use hallservo::commutation::Commutation;
+use hallservo::control::settings::Settings as Control;
 use hallservo::drive::{Command, Refusal};
 use hallservo::fault::{Fault, Limits};
 use hallservo::hall::Channel;
 use hallservo::hall::adapt;
 use hallservo::mode::Mode;
 use hallservo::service::Event;
-use hallservo::service::adaptation::Adaptation;
+use hallservo::service::adaptation::{Adaptation, torque_nm};
 use hallservo::settings::Settings;
 use plant::{HallFault, PlantParameters, Rail};
 use sim::rig::{Rig, error_deg};
@@ -134,4 +135,46 @@ fn without_being_asked_to_it_stops() {
     adapted.rig.plant.set_hall_fault(1, Some(HallFault::Open(Rail::Low)));
     (0..100).for_each(|_| _ = adapted.step(true));
     assert!(matches!(adapted.rig.drive.mode(), Mode::Faulted(Fault::Hall(_))));
+}
+
+/// Error of the filter's angle while the speed swings, degrees, and the mean torque told over that of the motor.
+fn swinging(seed: u64, tell: bool) -> (Statistics, f64) {
+    let settings =
+        Settings { commutation: Commutation::FieldOriented, control: Some(Control::default()), ..Settings::default() };
+    let mut rig = Rig::new(&PlantParameters::unkind(seed), &settings, seed).unwrap();
+    let calibration = rig.calibrate(|_| ()).unwrap();
+    rig.command(Command::Arm).unwrap();
+    let noise_codes = [0, 1, 2].map(|k| 0.01 * calibration.model.sensors[k].amplitude);
+    let motor = adapt::Settings { noise_codes, damping_nms: 1e-5, torque_noise_nm_rthz: 4e-5, ..Default::default() };
+    let config = motor.validate().unwrap();
+    let mut adaptation = Adaptation::new(&config, &calibration.model, rig.config.record_every()).unwrap();
+    let (mut error, mut told, mut exact) = (Statistics::default(), 0.0, 0.0);
+    for k in 0..40 {
+        let speed = if k % 2 == 0 { 60.0 } else { -60.0 };
+        rig.command(Command::Speed(rig.control().unwrap().speed(speed).unwrap())).unwrap();
+        for _ in 0..2000 {
+            let truth = rig.step().truth;
+            exact += truth.torque_nm.abs();
+            while let Some(event) = rig.service.poll() {
+                let Event::Record(record) = event else { continue };
+                let torque = rig.service.measurement().map_or(0.0, |m| torque_nm(&m, rig.control().unwrap()));
+                told += f64::from(torque).abs() * f64::from(rig.config.record_every());
+                let outcome = adaptation.take(&record, if tell { torque } else { 0.0 });
+                assert!(!matches!(outcome, adapt::Outcome::Failed(_)), "seed {seed}: {outcome:?}");
+                if k > 4 {
+                    error.push(error_deg(adaptation.adapter().angle(), truth.electrical_angle_rad));
+                }
+            }
+        }
+    }
+    (error, told / exact)
+}
+
+#[test]
+fn the_current_s_torque_helps_to_follow() {
+    for ((with, share), (without, _)) in sim::parallel(1..5, |seed| (swinging(seed, true), swinging(seed, false))) {
+        println!("{:.3}°, torque {share:.3} of the motor's; not told {:.3}°", with.rms(), without.rms());
+        assert!((share - 1.0).abs() < 0.03, "{share}");
+        assert!(with.rms() < 0.25 * without.rms());
+    }
 }

@@ -9,6 +9,16 @@
 //! The filter runs in a task, at about 1 kHz, on samples that the control interrupt queues; some may be missing. What
 //! it has learnt comes out as a [`Model`] ([`Adapter::model`]) from which the fast path's tables are made anew.
 //!
+//! An update works in one scalar: the mean of three successive samples of one sensor, and the next two updates those of the
+//! others, so that every sample of every sensor is used once. That costs half of what three scalars a sample cost, and angle
+//! and speed are known a sample later. The work at a turn's end is spread over two updates. On a Cortex-M4F an
+//! update takes some 870 instructions, 1200 at a turn's end, 1300 after lost samples; a sample with an outlier, which is
+//! looked at with all three sensors, takes 2000.
+//!
+//! The field of the windings turns with the current, and along q it is a shift of the whole turn, 1.1° electrical for 2 % of
+//! the magnet's field, which no Hall can tell from a turned rotor; nor is it learnt here. What differs from sensor to sensor
+//! goes into their parameters.
+//!
 //! What keeps it safe:
 //! - Parameters move only above [`Settings::slowest_hz`]; below, only angle and speed follow.
 //! - A model comes out only when all of the turn has been seen since the last.
@@ -22,6 +32,7 @@
 //! A load that is not told is found by integrating what the speed is corrected by.
 
 mod acquire;
+mod deviations;
 mod doubt;
 mod fault;
 mod filter;
@@ -35,6 +46,7 @@ use crate::hall::Codes;
 use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
 use core::f32::consts::TAU;
+pub use deviations::Deviations;
 use doubt::{Doubts, Sample};
 pub use fault::{Fault, Parameter};
 use filter::{ANGLE, Covariance, Measurement, OFFSET, SPEED, STATES, State, THIRD, Vector, radians};
@@ -81,24 +93,6 @@ pub enum Outcome {
     Learnt,
     /// A fault has been found, just now; [`Adapter::fault`] keeps it.
     Failed(Fault),
-}
-
-/// Standard deviations of the estimates; offset, amplitude and third harmonic relative to the calibrated amplitude.
-#[derive(Clone, Copy, Debug, PartialEq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Deviations {
-    /// Radians.
-    pub angle: f32,
-    /// Radians a sample.
-    pub speed: f32,
-    /// Third harmonic.
-    pub third: f32,
-    /// Of each sensor.
-    pub offset: [f32; 3],
-    /// Of each sensor.
-    pub amplitude: [f32; 3],
-    /// Radians; the first is the origin.
-    pub placement: [f32; 3],
 }
 
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -366,19 +360,6 @@ impl Adapter {
     /// Speed of the Hall angle, radians a sample.
     pub const fn speed(&self) -> f32 {
         self.state.speed
-    }
-
-    /// How well the filter believes to know what it estimates.
-    pub fn deviations(&self) -> Deviations {
-        let of = |state: usize| libm::sqrtf(self.covariance.get(state, state).max(0.0));
-        Deviations {
-            angle: of(ANGLE),
-            speed: of(SPEED),
-            third: of(THIRD),
-            offset: OFFSET.map(of),
-            amplitude: OFFSET.map(|own| of(own + 1)),
-            placement: [0.0, of(OFFSET[1] + 2), of(OFFSET[2] + 2)],
-        }
     }
 
     /// Why nothing is learnt any more.

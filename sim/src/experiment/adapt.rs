@@ -1,5 +1,5 @@
 //! The adaptation: unknown sensors found while the motor turns (Figure 11 of Simpkins and Todorov), a temperature ramp
-//! followed, a sensor lost.
+//! followed, the field of the windings, a sensor lost.
 
 pub mod coupling;
 pub mod drift;

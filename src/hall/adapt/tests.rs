@@ -1,5 +1,6 @@
 use super::*;
 use crate::hall::Channel;
+use crate::hall::model::Sensor;
 use plant::{Bench, BenchParameters, PlantParameters};
 
 extern crate std;
@@ -121,6 +122,46 @@ fn an_update_is_the_textbook_s() {
     let values = [state.angle.to_radians(), state.speed, state.third, state.offset[0], state.amplitude[1] - 1.0];
     for (value, exact) in values.iter().zip([x[0], x[1], 0.0, 0.0, 0.0]) {
         assert!((f64::from(*value) - exact).abs() < 1e-6, "{value} {exact}");
+    }
+}
+
+#[test]
+fn every_sample_of_every_sensor_is_used_once() {
+    let mut window = Window::default();
+    let mut used = [[0; 3]; 100];
+    for k in 0..100_u16 {
+        // Some are lost before the fortieth.
+        let elapsed = if k == 40 { 7 } else { 1 };
+        match window.push(&[k, k + 1000, k + 2000], elapsed) {
+            (sensor, Some(mean)) => {
+                assert_eq!(mean, f32::from(k - 1 + 1000 * sensor as u16));
+                (0..3).for_each(|back| used[usize::from(k - back)][sensor] += 1);
+            }
+            (sensor, None) => {
+                assert!([0, 1, 40, 41].contains(&k));
+                used[usize::from(k)][sensor] += 1;
+            }
+        }
+    }
+    assert!(used.iter().all(|sensors| sensors.iter().all(|&times| times <= 1)));
+    for whole in [2..38, 42..97] {
+        assert!(used[whole].iter().all(|sensors| *sensors == [1; 3]));
+    }
+}
+
+#[test]
+fn the_mean_of_three_samples_is_predicted() {
+    let sensor = Sensor { third: 0.05, fifth: 0.01, ..Sensor::sinusoidal(2000.0, 300.0, ElectricalAngle::THIRD) };
+    let fixed = Fixed::new(&sensor, 2.5);
+    let mut state = adapter(Settings::NOMINAL).state;
+    for k in 0..100_u16 {
+        state.angle = ElectricalAngle::from_turns(0.01 * f32::from(k));
+        state.speed = FASTEST * (0.02 * f32::from(k) - 1.0);
+        let step = ElectricalAngle::from_radians(state.speed);
+        let mean =
+            [-step, ElectricalAngle::ZERO, step].map(|by| sensor.code(state.angle + by)).iter().sum::<f32>() / 3.0;
+        let measured = fixed.measure_mean(1, &state, mean, 0.0);
+        assert!(measured.innovation.abs() < 2e-4, "{}", measured.innovation);
     }
 }
 

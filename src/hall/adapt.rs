@@ -15,7 +15,7 @@
 //! update takes some 870 instructions, 1200 at a turn's end, 1300 after lost samples; a sample with an outlier, which is
 //! looked at with all three sensors, takes 2000.
 //!
-//! The field of the windings turns with the current, and along q it is a shift of the whole turn, 1.1° electrical for 2 % of
+//! The field of the windings turns with the current, and along q it is a shift of the whole turn, 1.15° electrical for 2 % of
 //! the magnet's field, which no Hall can tell from a turned rotor; nor is it learnt here. What differs from sensor to sensor
 //! goes into their parameters.
 //!

@@ -15,7 +15,7 @@ const RATED_A: f64 = 1.0;
 const UNEVEN: [f64; 3] = [1.0, 0.7, 1.3];
 /// How much of the coupling is known: nobody measures it exactly.
 const KNOWN: f64 = 0.9;
-/// Time in which the torque comes and goes: rated, half a period long forwards and half backwards.
+/// The torque is rated, forwards for so long and then backwards.
 const LOAD_S: f64 = 0.5;
 const LENGTH_S: f64 = 6.0;
 
@@ -50,7 +50,7 @@ fn one(seed: u64, hz: f64, share: f64, known: f64) -> Result<(Statistics, Statis
     let (mut all, mut parts) = (Statistics::default(), [[Statistics::default(); 36]; 2]);
     while judge.time_s() < LENGTH_S {
         let backwards = usize::from(judge.time_s().rem_euclid(2.0 * LOAD_S) >= LOAD_S);
-        // The current leads the rotor's flux by a quarter of a turn, or follows it; the load takes its torque.
+        // A quarter of a turn before the rotor's flux or behind it; the load takes the torque.
         let quadrature_a = if backwards == 0 { RATED_A } else { -RATED_A };
         let currents_a = phases(quadrature_a, judge.next_angle_rad());
         judge.bench.set_currents(currents_a);

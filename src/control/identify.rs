@@ -204,23 +204,26 @@ impl<const N: usize> Fit<N> {
 /// A measurement in SI.
 #[derive(Clone, Copy, Debug)]
 struct Point {
-    sequence: u32,
-    /// In electrical radians.
+    seconds: f64,
+    /// In mechanical radians.
     position: f64,
-    /// Electrical, rad/s.
-    omega: f64,
-    /// Measured along q.
+    /// Along q, measured.
     current: f64,
+    /// Along d and q.
+    voltage: [f64; 2],
 }
 
 /// Sums from mark to mark.
 #[derive(Clone, Copy, Debug)]
 struct Momentum {
-    start: Point,
-    /// ∫ i dt, ∫ sign dt, and the time.
+    /// Speed, position and time at the begin.
+    speed: f64,
+    position: f64,
+    seconds: f64,
+    /// ∫ i dt, ∫ sign dt, and the square of what the first is uncertain by.
     impulse: f64,
     sign: f64,
-    seconds: f64,
+    uncertain: f64,
 }
 
 /// Collects measurements.
@@ -232,7 +235,9 @@ pub struct Identifier {
     q: Fit<3>,
     d: Fit<2>,
     motion: Fit<4>,
-    last: Option<Point>,
+    /// The last measurements, the newest last.
+    points: [Option<Point>; 2],
+    sequence: u32,
     momentum: Option<Momentum>,
     /// Whether the next measurement ends a balance and begins another.
     marked: bool,
@@ -252,7 +257,8 @@ impl Identifier {
             q: Fit::NEW,
             d: Fit::NEW,
             motion: Fit::NEW,
-            last: None,
+            points: [None; 2],
+            sequence: 0,
             momentum: None,
             marked: false,
             samples: 0,
@@ -263,46 +269,53 @@ impl Identifier {
     pub fn push(&mut self, measurement: &Measurement) {
         let volts = f64::from(self.scale.volts) / 32_768.0;
         let amperes = f64::from(self.scale.amperes) / 32_768.0;
-        let step_hz = f64::from(self.scale.step_hz);
         let state = &measurement.state;
-        let point = Point {
-            sequence: measurement.sequence,
-            position: measurement.rotor.smoothed().to_turns() * TAU,
-            omega: f64::from(measurement.rotor.speed()) / 4_294_967_296.0 * step_hz * TAU,
+        let steps = measurement.sequence.wrapping_sub(core::mem::replace(&mut self.sequence, measurement.sequence));
+        let elapsed = f64::from(steps) / f64::from(self.scale.step_hz);
+        let newest = Point {
+            seconds: self.points[1].map_or(0.0, |last| last.seconds + elapsed),
+            position: measurement.rotor.smoothed().to_turns() * TAU / f64::from(self.scale.pole_pairs),
             current: f64::from(state.current.q) * amperes,
+            voltage: [state.voltage.d, state.voltage.q].map(|voltage| f64::from(voltage) * volts),
         };
-        let last = self.last.replace(point);
-        self.balance(last, point, step_hz);
-        let Point { omega, current, .. } = point;
-        // Where the current has just leapt, the inductance has a say.
-        if last.is_some_and(|last| (last.current - current).abs() > LEAP * (current.abs() + self.ramp_a)) {
+        if let [Some(before), Some(middle)] = self.points {
+            self.take(&before, &middle, &newest);
+        }
+        self.points = [self.points[1], Some(newest)];
+    }
+
+    /// Takes the middle one of three, where the speed does not lag.
+    fn take(&mut self, before: &Point, point: &Point, after: &Point) {
+        let speed = (after.position - before.position) / (after.seconds - before.seconds);
+        self.balance(speed, before, point);
+        let Point { current, voltage: [d, q], .. } = *point;
+        // Where the current leaps, the inductance has a say.
+        if (after.current - before.current).abs() > LEAP * (current.abs() + self.ramp_a) {
             return;
         }
-        let soft = (current / self.ramp_a).clamp(-1.0, 1.0);
-        self.q.push([current, omega, soft], f64::from(state.voltage.q) * volts);
-        self.d.push([-omega * current, omega], f64::from(state.voltage.d) * volts);
+        let omega = speed * f64::from(self.scale.pole_pairs);
+        self.q.push([current, omega, (current / self.ramp_a).clamp(-1.0, 1.0)], q);
+        self.d.push([-omega * current, omega], d);
         self.samples += 1;
     }
 
-    fn balance(&mut self, last: Option<Point>, point: Point, step_hz: f64) {
-        if let (Some(momentum), Some(last)) = (&mut self.momentum, last) {
-            let seconds = f64::from(point.sequence.wrapping_sub(last.sequence)) / step_hz;
-            momentum.impulse += (last.current + point.current) / 2.0 * seconds;
-            momentum.sign += (last.omega.signum() + point.omega.signum()) / 2.0 * seconds;
-            momentum.seconds += seconds;
+    fn balance(&mut self, speed: f64, before: &Point, point: &Point) {
+        if let Some(momentum) = &mut self.momentum {
+            let elapsed = point.seconds - before.seconds;
+            momentum.impulse += (before.current + point.current) / 2.0 * elapsed;
+            momentum.sign += speed.signum() * elapsed;
+            let leap = (point.current - before.current) * elapsed;
+            momentum.uncertain += leap * leap;
         }
         if !core::mem::take(&mut self.marked) {
             return;
         }
-        let start = Momentum { start: point, impulse: 0.0, sign: 0.0, seconds: 0.0 };
-        if let Some(Momentum { start, impulse, sign, seconds }) = self.momentum.replace(start)
-            && seconds > 0.0
-        {
-            let pairs = f64::from(self.scale.pole_pairs);
-            let (speed, way) = ((point.omega - start.omega) / pairs, (point.position - start.position) / pairs);
-            // The noise of an integral grows with the root of its time.
-            let weight = 1.0 / libm::sqrt(seconds);
-            self.motion.push([speed, way, sign, seconds].map(|x| x * weight), impulse * weight);
+        let Point { position, seconds, .. } = *point;
+        let begun = Momentum { speed, position, seconds, impulse: 0.0, sign: 0.0, uncertain: 0.0 };
+        if let Some(ended) = self.momentum.replace(begun) {
+            let weight = 1.0 / libm::sqrt(ended.uncertain.max(1e-12));
+            let row = [speed - ended.speed, position - ended.position, ended.sign, seconds - ended.seconds];
+            self.motion.push(row.map(|x| x * weight), ended.impulse * weight);
         }
     }
 

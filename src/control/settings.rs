@@ -334,7 +334,11 @@ impl Config {
     pub(crate) fn dead_time_ramp_a(&self) -> f32 {
         let [most, slope] = self.dead_time;
         // Without a dead time, a hundredth of the full scale.
-        if slope > 0 { most as f32 * 65_536.0 / slope as f32 / self.scale.per_ampere() } else { self.scale.amperes / 100.0 }
+        if slope > 0 {
+            most as f32 * 65_536.0 / slope as f32 / self.scale.per_ampere()
+        } else {
+            self.scale.amperes / 100.0
+        }
     }
 
     /// The current of a torque in newton metres, by the flux linkage.

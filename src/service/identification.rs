@@ -55,7 +55,7 @@ const SWING_MS: u32 = 1000;
 const SPEEDS: [f32; 4] = [1.0, 0.6, 0.3, 0.15];
 /// Time after the speed is reached, to settle and to measure; ms.
 const SETTLING_MS: u32 = 200;
-const MEASURING_MS: u32 = 500;
+const MEASURING_MS: u32 = 1000;
 /// Time between two marks there, ms.
 const MARK_MS: u32 = 100;
 /// How near the speed has to come, in the fastest's.

@@ -92,7 +92,9 @@ impl fmt::Display for Error {
             Self::Fault(fault) => fault.fmt(f),
             Self::Disarmed => write!(f, "the bridge was switched off"),
             Self::Silent => write!(f, "the drive does not answer"),
-            Self::Unreached => write!(f, "the rotor did not turn as told: blocked, loaded, or a wrong setting of the motor"),
+            Self::Unreached => {
+                write!(f, "the rotor did not turn as told: blocked, loaded, or a wrong setting of the motor")
+            }
             Self::Untold => write!(f, "the measurements do not tell what was asked"),
             Self::NoTable => write!(f, "the service has no table to fill"),
             Self::Cancelled => write!(f, "cancelled"),

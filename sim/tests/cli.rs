@@ -94,6 +94,10 @@ fn servo_reaches_its_targets() {
     assert!(figure("position_noise_deg") <= 0.02 && figure("position_hold_error_deg") <= 0.2, "{figures}");
     assert!(figure("load_step_recovery_ms") <= 100.0, "{figures}");
     assert!(figure("cogging_reduction") >= 5.0, "{figures}");
+    for (name, compared) in figures["identification"].as_object().unwrap() {
+        let value = |name: &str| compared[name].as_f64().unwrap();
+        assert!((value("measured") - value("exact")).abs() <= value("expected_error"), "{name}: {compared}");
+    }
     // In theory (3/π)².
     assert!((figure("foc_copper_loss_vs_block") - 0.912).abs() < 0.02, "{figures}");
 }

@@ -117,7 +117,7 @@ impl fmt::Display for Report {
             ("resistance", self.resistance_ohm, 1.0, "Ω", told(self.told.resistance_ohm), "resistance_ohm"),
             ("inductance", self.inductance_h, 1e3, "mH", told(self.told.inductance_h), "inductance_h"),
             ("flux linkage", self.flux_linkage_wb, 1e3, "mWb", told(self.told.flux_linkage_wb), "flux_linkage_wb"),
-            ("inertia", self.inertia_kgm2, 1e6, "mg·m²·10³", told(self.told.inertia_kgm2), "inertia_kgm2"),
+            ("inertia", self.inertia_kgm2, 1e7, "g·cm²", told(self.told.inertia_kgm2), "inertia_kgm2"),
             ("torque constant", self.torque_constant_nm_a(), 1e3, "mN·m/A", None, ""),
             ("time constant L/R", self.time_constant_s(), 1e6, "µs", None, ""),
             ("Coulomb friction", self.coulomb_nm, 1e3, "mN·m", None, ""),

@@ -109,7 +109,7 @@ fn every_fault_is_found_and_none_invented() {
     assert_eq!((&figures["missed"], &figures["false_alarms"]), (&0.into(), &0.into()), "{figures}");
     assert_eq!(figures["worst_detection_periods"], 1);
     assert_eq!(figures["bridge_off_within_one_period"], true);
-    assert_eq!(figures["kinds"].as_object().unwrap().len(), 14);
+    assert_eq!(figures["kinds"].as_object().unwrap().len(), 18);
 }
 
 #[test]

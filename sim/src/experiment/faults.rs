@@ -118,8 +118,8 @@ pub fn run(seed: u64, injections: u32) -> Result<Summary> {
     const CAMPAIGNS: u64 = 8;
     let campaign = |number: u64| {
         let share = injections / CAMPAIGNS as u32 + u32::from(number < u64::from(injections) % CAMPAIGNS);
-        // Two of the eighteen kinds are the encoder's.
-        let encoder = share / 9;
+        // Three of the eighteen kinds are found with an encoder.
+        let encoder = share / 6;
         let seed = seed.wrapping_mul(CAMPAIGNS) + number;
         let mut summary = Campaign::new(seed)?.run(share - encoder)?;
         summary.add(&EncoderCampaign::new(seed)?.run(encoder)?);

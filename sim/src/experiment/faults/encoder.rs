@@ -1,4 +1,8 @@
-//! The faults that take an absolute encoder to be found: the Halls' turns against it, and one of its own heads.
+//! The faults that take an absolute encoder to be found: the Halls' turns against it, one of its own heads, and swapped Halls.
+//!
+//! Two Halls that are swapped show a rotor that turns the other way, each of them healthy and, as far as they are equal, in
+//! agreement with the others. Only where the swap makes the angle leap, or with something that has seen the true one, can
+//! that be told.
 
 use super::{Found, Summary, settings};
 use crate::experiment::vernier::{Build, calibrate, read};
@@ -45,6 +49,7 @@ struct Machine {
     slipped: f64,
     slip: f64,
     frozen: Option<(Ring, usize, Option<u16>)>,
+    swapped: Option<(usize, usize)>,
     drive: AbsoluteDrive<HEADS>,
     service: Service,
     tasks: AbsoluteTasks<HEADS>,
@@ -76,6 +81,7 @@ impl Machine {
             slipped: 0.0,
             slip: 0.0,
             frozen: None,
+            swapped: None,
             drive: AbsoluteDrive::new(Drive::new(config, interrupt), absolute_interrupt, config.record_every()),
             service: Service::new(config, tasks, estimators),
             tasks: absolute_tasks,
@@ -104,6 +110,9 @@ impl Machine {
             let ahead = self.slipped * TAU / f64::from(self.config.pole_pairs.get());
             self.ghost.place(truth.mechanical_angle_rad + ahead, 0.0).map_err(|error| anyhow!("{error}"))?;
             halls = self.ghost.sample().halls;
+        }
+        if let Some((one, other)) = self.swapped {
+            halls.swap(one, other);
         }
         let sample = Sample { halls, currents, bus, temperatures: [2048; 2], lost: 0 };
         let output = self.drive.step(&sample, reading);
@@ -164,6 +173,35 @@ impl Machine {
     }
 }
 
+/// What is done to it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Injection {
+    /// The Halls' counter goes wrong by some turns while the bridge is off.
+    SlippedAtRest,
+    /// The Halls run ahead or behind, by half a degree a period.
+    Slipping,
+    HeadFrozen,
+    HallsSwapped,
+}
+
+impl Injection {
+    fn name(self) -> &'static str {
+        match self {
+            Self::SlippedAtRest | Self::Slipping => "Halls' turns against the encoder",
+            Self::HeadFrozen => "encoder's head frozen",
+            Self::HallsSwapped => "two Halls swapped, with an encoder",
+        }
+    }
+
+    fn is(self, fault: Fault) -> bool {
+        match self {
+            Self::SlippedAtRest | Self::Slipping => fault == Fault::Turns,
+            Self::HeadFrozen => fault == Fault::Encoder,
+            Self::HallsSwapped => matches!(fault, Fault::Turns | Fault::Hall(_) | Fault::AngleJump),
+        }
+    }
+}
+
 /// A machine and what befalls it.
 pub(super) struct EncoderCampaign {
     machine: Machine,
@@ -189,9 +227,11 @@ impl EncoderCampaign {
     pub fn run(mut self, injections: u32) -> Result<Summary> {
         for _ in 0..injections {
             self.machine.watch()?;
-            let head = self.random.random_bool(0.5);
-            let at_rest = !head && self.random.random_bool(0.5);
-            if at_rest {
+            use Injection::{HallsSwapped, HeadFrozen, SlippedAtRest, Slipping};
+            // Each kind as often as the others.
+            let kinds = [HallsSwapped, HallsSwapped, HeadFrozen, HeadFrozen, SlippedAtRest, Slipping];
+            let injection = *kinds.choose(&mut self.random).context("no kinds")?;
+            if injection == SlippedAtRest {
                 self.slip_at_rest()?;
             } else {
                 self.turn()?;
@@ -201,22 +241,10 @@ impl EncoderCampaign {
                     self.summary.false_alarms += 1;
                     Found::default()
                 }
-                _ if head => self.freeze()?,
-                _ if at_rest => {
-                    self.machine.command(Command::Arm)?;
-                    self.until(TOLD, f64::INFINITY)?
-                }
-                _ => {
-                    self.machine.slip = if self.random.random_bool(0.5) { SLIP } else { -SLIP };
-                    self.until(APART + TOLD, f64::INFINITY)?
-                }
+                _ => self.inject(injection)?,
             };
-            let (name, right) = if head {
-                ("encoder's head frozen", Fault::Encoder)
-            } else {
-                ("Halls' turns against the encoder", Fault::Turns)
-            };
-            self.summary.count(name, found.fault == Some(right), &found, false);
+            let right = found.fault.is_some_and(|fault| injection.is(fault));
+            self.summary.count(injection.name(), right, &found, false);
             self.recover()?;
         }
         Ok(self.summary)
@@ -238,7 +266,25 @@ impl EncoderCampaign {
         Ok(())
     }
 
-    /// The Halls' counter goes wrong by some turns while the bridge is off.
+    fn inject(&mut self, injection: Injection) -> Result<Found> {
+        match injection {
+            Injection::SlippedAtRest => {
+                self.machine.command(Command::Arm)?;
+                self.until(TOLD, f64::INFINITY)
+            }
+            Injection::Slipping => {
+                self.machine.slip = if self.random.random_bool(0.5) { SLIP } else { -SLIP };
+                self.until(APART + TOLD, f64::INFINITY)
+            }
+            Injection::HeadFrozen => self.freeze(),
+            Injection::HallsSwapped => {
+                let first = self.random.random_range(0..3);
+                self.machine.swapped = Some((first, (first + 1) % 3));
+                self.until(LONGEST, 1.0)
+            }
+        }
+    }
+
     fn slip_at_rest(&mut self) -> Result<()> {
         let turns = *[-2.0, -1.0, 1.0, 2.0, 3.0].choose(&mut self.random).context("no turns")?;
         let periods = self.random.random_range(200..1000);
@@ -279,7 +325,7 @@ impl EncoderCampaign {
     /// Mends everything and comes to rest.
     fn recover(&mut self) -> Result<()> {
         let machine = &mut self.machine;
-        (machine.slip, machine.slipped, machine.frozen) = (0.0, 0.0, None);
+        (machine.slip, machine.slipped, machine.frozen, machine.swapped) = (0.0, 0.0, None, None);
         // An encoder that has lost its place finds it where the shaft turns.
         for speed in [20.0, 20.0, 0.0, 0.0] {
             machine.ramp_to(speed)?;

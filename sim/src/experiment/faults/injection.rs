@@ -46,13 +46,12 @@ pub(super) enum Injection {
     HallAtGround,
     HallsShorted,
     HallFrozen,
-    HallsSwapped,
     OverSpeed,
     Stall,
     CommandTimeout,
 }
 
-pub(super) const INJECTIONS: [Injection; 16] = [
+pub(super) const INJECTIONS: [Injection; 15] = [
     Injection::OverVoltage,
     Injection::UnderVoltage,
     Injection::OverCurrent,
@@ -65,7 +64,6 @@ pub(super) const INJECTIONS: [Injection; 16] = [
     Injection::HallAtGround,
     Injection::HallsShorted,
     Injection::HallFrozen,
-    Injection::HallsSwapped,
     Injection::OverSpeed,
     Injection::Stall,
     Injection::CommandTimeout,
@@ -86,7 +84,6 @@ impl Injection {
             Self::HallAtGround => "Hall at ground",
             Self::HallsShorted => "two Halls shorted",
             Self::HallFrozen => "Hall frozen at its value",
-            Self::HallsSwapped => "two Halls swapped",
             Self::OverSpeed => "over-speed",
             Self::Stall => "stall",
             Self::CommandTimeout => "command timeout",
@@ -108,7 +105,7 @@ impl Injection {
             Self::BridgeHot => fault == Fault::BridgeHot,
             Self::MotorHot => fault == Fault::MotorHot,
             Self::Deadline => fault == Fault::Deadline,
-            Self::HallAtRail | Self::HallAtGround | Self::HallsShorted | Self::HallFrozen | Self::HallsSwapped => {
+            Self::HallAtRail | Self::HallAtGround | Self::HallsShorted | Self::HallFrozen => {
                 matches!(fault, Fault::Hall(_) | Fault::AngleJump)
             }
             Self::OverSpeed => fault == Fault::OverSpeed,
@@ -124,7 +121,7 @@ impl Injection {
             Self::BridgeHot | Self::MotorHot => 8,
             Self::CurrentImbalance => 20,
             Self::HallAtRail | Self::HallAtGround => 9,
-            Self::HallsShorted | Self::HallFrozen | Self::HallsSwapped => return Deadline::Turn,
+            Self::HallsShorted | Self::HallFrozen => return Deadline::Turn,
             // The tracker has to follow the leap of speed.
             Self::OverSpeed => 400,
             Self::Stall => 8000,
@@ -180,7 +177,6 @@ impl Injection {
                     *code = *held.get_or_insert(*code);
                 })
             }
-            Self::HallsSwapped => Box::new(move |sample| sample.halls.swap(channel, (channel + 1) % 3)),
             Self::OverSpeed | Self::Stall | Self::CommandTimeout => return None,
         })
     }

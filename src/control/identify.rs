@@ -138,7 +138,11 @@ impl fmt::Display for Report {
             }
             writeln!(f)?;
         }
-        Ok(())
+        writeln!(
+            f,
+            "  {:<20} {:>9} told, not measured: torque and everything mechanical stand and fall with it",
+            "pole pairs", self.pole_pairs
+        )
     }
 }
 

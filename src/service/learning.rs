@@ -99,7 +99,7 @@ impl Learning {
             speed: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,
             leg: 0,
             leg_began_ms: None,
-            way: i64::from(plan.turns) * i64::from(config.pole_pairs.get()) << 32,
+            way: (i64::from(plan.turns) * i64::from(config.pole_pairs.get())) << 32,
             from: None,
             there: 0,
             made: 0.0,

@@ -72,6 +72,8 @@ fn undisturbed_they_come_to_their_end_at_rest_and_as_the_drive_was() {
         let (state, ms) = run(&mut rig, procedure.as_mut(), |_, _, _| ());
         println!("{ms} ms");
         assert_eq!((state, procedure.progress()), (State::Done, 1.0));
+        procedure.cancel();
+        assert_eq!(procedure.serve(&mut rig.service, ms), State::Done);
         assert!(ready(&rig) && rig.plant.truth().speed_rad_s.abs() < 1.0);
     }
 }
@@ -152,6 +154,9 @@ fn a_drive_that_stops_to_answer_is_told() {
                 }
             }
             assert_eq!(state, State::Failed(Error::Silent));
+            // Should it come to itself, it finds that it is to switch off.
+            rig.run(0.01, |_, _| ());
+            assert!(!rig.drive.mode().drives());
         }
     }
 }
@@ -202,6 +207,13 @@ fn commands_that_must_keep_coming_do() {
     for mut procedure in both(&rig) {
         assert_eq!(run(&mut rig, procedure.as_mut(), |_, _, _| ()).0, State::Done);
     }
+}
+
+#[test]
+fn too_few_records_for_all_points_are_told() {
+    let mut rig = rig(&Settings { record_hz: 100.0, ..settings() });
+    let [_, mut learning] = both(&rig);
+    assert_eq!(run(&mut rig, learning.as_mut(), |_, _, _| ()).0, State::Failed(Error::Untold));
 }
 
 #[test]

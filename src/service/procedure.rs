@@ -249,6 +249,10 @@ impl Pilot {
         }
         self.watch();
         self.proceed();
+        if self.phase == Phase::Over && self.failure == Some(Error::Silent) {
+            // Should it come to itself.
+            let _ = service.ask_silently(Command::Disarm);
+        }
         if self.asked.is_none()
             && let Some(command) = self.wanted()
             && service.ask_for_procedure(command).is_ok()
@@ -347,6 +351,9 @@ impl Pilot {
 
     /// Ends without a result: from turning, by braking.
     pub fn cancel(&mut self, error: Error) {
+        if self.phase == Phase::Over {
+            return;
+        }
         self.failure.get_or_insert(error);
         match self.phase {
             Phase::Preparing => self.enter(Phase::Restoring),

@@ -2,7 +2,7 @@
 
 use hallservo::angle::ElectricalAngle;
 use hallservo::commutation::Commutation;
-use hallservo::control::settings::Settings as Control;
+use hallservo::control::settings::{GuardSettings, Settings as Control};
 use hallservo::drive::Command;
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
@@ -52,18 +52,21 @@ fn every_commutation_controls_current_speed_and_position() {
 
 #[test]
 fn after_a_stall_the_drive_arms_again() {
-    let mut rig = armed(Commutation::FieldOriented);
+    let guard = GuardSettings { stall_s: 0.02, ..GuardSettings::default() };
+    let control = Control { guard, ..Control::default() };
+    let mut rig = Rig::new(&PlantParameters::unkind(1), &Settings { control: Some(control), ..settings() }, 1).unwrap();
+    rig.calibrate(|_| ()).unwrap();
     rig.plant.set_dyno(Some(0.0)).unwrap();
-    rig.command(Command::Speed(rig.control().unwrap().speed(100.0).unwrap())).unwrap();
-    rig.run(2.0, |_, _| ());
-    assert_eq!(rig.drive.mode(), Mode::Faulted(Fault::Stall));
-    rig.plant.set_dyno(None).unwrap();
-    rig.command(Command::Clear).unwrap();
-    // At any step: not every one looks at the stall.
-    for _ in 0..20 {
-        rig.step();
+    // At any step: only one in eight looks at the stall.
+    for steps in 0..40 {
+        for _ in 0..steps {
+            rig.step();
+        }
         rig.command(Command::Arm).unwrap();
-        rig.command(Command::Disarm).unwrap();
+        rig.command(Command::Speed(rig.control().unwrap().speed(100.0).unwrap())).unwrap();
+        rig.run(0.1, |_, _| ());
+        assert_eq!(rig.drive.mode(), Mode::Faulted(Fault::Stall));
+        rig.command(Command::Clear).unwrap();
     }
 }
 

@@ -85,7 +85,7 @@ fn fixed(value: f32, bits: i32) -> Option<i32> {
 
 /// Upper half of a product.
 #[inline(always)]
-const fn high(a: i32, b: i32) -> i32 {
+pub(crate) const fn high(a: i32, b: i32) -> i32 {
     ((a as i64 * b as i64) >> 32) as i32
 }
 

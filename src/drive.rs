@@ -8,14 +8,16 @@ pub mod absolute;
 mod channels;
 pub mod drag;
 mod loss;
+mod obey;
 mod servo;
+mod slots;
+mod watch;
 
 use crate::angle::ElectricalAngle;
 use crate::commutation::block::Sextant;
 use crate::commutation::sinusoidal::{self, Axes, PhaseOrder};
-use crate::commutation::{Commutation, Legs, Modulation, Output};
+use crate::commutation::{Commutation, Legs, Output};
 use crate::control::cogging;
-use crate::control::{Current, Speed};
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
 use crate::hall::normalize::Implausible;
@@ -24,11 +26,13 @@ use crate::hall::{Channel, Codes};
 use crate::mode::{Event, Mode};
 use crate::pwm::Amplitude;
 use crate::settings::Config;
-use crate::telemetry::{Measurement, Progress, Record, Status};
+use crate::telemetry::{Progress, Record, Status};
 pub use channels::{Channels, Command, Interrupt, Refusal, Reply, Sample, Tasks};
 use drag::{Drag, Stage};
 use servo::Servo;
 pub use servo::{Demand, State};
+use slots::at_least;
+pub use slots::{CYCLE, OUTER};
 
 /// The drive. What a step in a hurry needs comes first, within reach of the short forms of the load instructions.
 #[repr(C)]
@@ -45,6 +49,19 @@ pub struct Drive {
     axes: Axes,
     channels: Interrupt,
     config: Config,
+    /// Whether a current, a speed or a position is followed.
+    serves: bool,
+    /// The estimator while the drive does so field-oriented and no sample was missed.
+    serving: Option<&'static mut Estimator>,
+    /// The step of the schedule.
+    tick: u32,
+    /// While something is followed: what to add to that for the number of a step, and where the next record, and the next currents and
+    /// voltages are due.
+    first: u32,
+    record_due: u32,
+    state_due: u32,
+    /// From one to the next of both.
+    record_every: [u32; 2],
     /// The estimator otherwise.
     resting: Option<&'static mut Estimator>,
     /// A Hall lost while running, as long as the estimator counts on it.
@@ -70,6 +87,13 @@ impl Drive {
             config,
             channels,
             hurried: None,
+            serves: false,
+            serving: None,
+            tick: 0,
+            first: 0,
+            record_due: 0,
+            state_due: 0,
+            record_every: [at_least(config.record_every, CYCLE / 2), at_least(config.record_every, CYCLE)],
             resting: None,
             lost: None,
             suspicion: None,
@@ -94,6 +118,9 @@ impl Drive {
     /// other to the next, so that no step is burdened with everything. Once a sample was missed, all of them are compared.
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
+        if self.serves {
+            return self.serve(sample);
+        }
         let codes = &sample.halls;
         self.until_record = self.until_record.wrapping_sub(1);
         let records = self.until_record == 0;
@@ -101,11 +128,13 @@ impl Drive {
             self.receive(sample);
         }
         // First what is in a hurry.
-        let Some(estimator) = &self.hurried else { return self.slow(sample, records) };
+        let Some(estimator) = &self.hurried else {
+            return Output::unpack(self.slow(sample, records));
+        };
         let angle = if records { estimator.angle_of_one(codes) } else { estimator.angle(codes) };
         // No sample was missed, so there is nothing to do when one is found.
         if !self.track(angle, |_| ()) {
-            return self.fallen(sample, records);
+            return Output::unpack(self.fallen(sample, records));
         }
         if records {
             self.record(codes, self.config.record_every);
@@ -135,27 +164,26 @@ impl Drive {
     /// Takes state, limits and progress over into the record, and the estimator to where it belongs: after
     /// every change.
     fn publish(&mut self) {
-        let sinusoidal = self.mode == Mode::Running
-            && self.config.commutation == Commutation::Sinusoidal
-            && self.config.control.is_none();
-        let estimator = self.hurried.take().or(self.resting.take());
-        if sinusoidal && self.live.missed == 0 && self.lost.is_none() {
-            self.hurried = estimator;
-        } else {
-            self.resting = estimator;
+        let Config { commutation, control, .. } = &self.config;
+        let follows = self.servo.demand != Demand::Voltage;
+        let complete = self.mode == Mode::Running && self.live.missed == 0 && self.lost.is_none();
+        let estimator = self.hurried.take().or(self.serving.take()).or(self.resting.take());
+        match commutation {
+            Commutation::Sinusoidal if complete && control.is_none() => self.hurried = estimator,
+            Commutation::FieldOriented if complete && follows => self.serving = estimator,
+            _ => self.resting = estimator,
         }
+        self.serve_if(self.mode == Mode::Running && follows);
         self.live.status = Status::new(self.mode, self.limits(), self.progress);
     }
 
     /// A step that is in no hurry.
     #[cold]
     #[inline(never)]
-    fn slow(&mut self, sample: &Sample, records: bool) -> Output {
-        if self.mode == Mode::Running && self.servo.demand != Demand::Voltage {
-            return self.serve(sample, records);
-        }
+    fn slow(&mut self, sample: &Sample, records: bool) -> u64 {
         let codes = &sample.halls;
-        self.watch(sample);
+        self.attend(sample);
+        self.is_healthy(sample);
         let output = match self.mode {
             Mode::Running if self.is_too_fast() => {
                 self.fail(Fault::OverSpeed);
@@ -166,7 +194,7 @@ impl Drive {
             Mode::Unarmed | Mode::Ready | Mode::Faulted(_) => {
                 self.measure(codes);
                 if let Some(control) = &self.config.control {
-                    self.servo.idle(control, sample);
+                    self.servo.watch.idle(control, sample);
                 }
                 Output::OFF
             }
@@ -175,33 +203,80 @@ impl Drive {
             self.record_all(sample);
         }
         // The command may have been to disarm, the angle implausible.
-        if self.mode.drives() { output } else { Output::OFF }
+        if self.mode.drives() { output.pack() } else { Output::OFF.pack() }
     }
 
     /// A running step that follows a current, a speed or a position.
+    #[inline(always)]
+    fn serve(&mut self, sample: &Sample) -> Output {
+        self.attend(sample);
+        let Some(estimator) = &self.serving else { return Output::unpack(self.serve_slowly(sample)) };
+        // No sample was missed, so there is nothing to do when one is found.
+        let Ok(angle) = estimator.angle_of_one(&sample.halls) else { return Output::unpack(self.stumble(sample)) };
+        if self.live.rotor.step(&self.config.tracking, angle).is_err() && !self.leaps(angle, sample) {
+            return Output::OFF;
+        }
+        if !self.is_healthy(sample) {
+            return Output::OFF;
+        }
+        let compare = self.servo.field(&self.live.rotor, &self.config.tracking, sample);
+        Output { compare, legs: Legs::ALL }
+    }
+
+    /// Looks at currents and voltage. False when a running drive failed.
+    #[inline(always)]
+    fn is_healthy(&mut self, sample: &Sample) -> bool {
+        self.servo.watch.healthy(sample) || self.fail(self.servo.watch.explain(sample))
+    }
+
+    /// The codes are no angle: this step finds out as after a missed sample.
+    #[cold]
     #[inline(never)]
-    fn serve(&mut self, sample: &Sample, records: bool) -> Output {
-        self.watch(sample);
-        if self.is_too_fast() {
-            self.fail(Fault::OverSpeed);
+    fn stumble(&mut self, sample: &Sample) -> u64 {
+        self.resting = self.serving.take();
+        self.serve_slowly(sample)
+    }
+
+    /// The angle is not where the rotor can be; whether the drive runs on.
+    #[cold]
+    #[inline(never)]
+    fn leaps(&mut self, angle: ElectricalAngle, sample: &Sample) -> bool {
+        self.jumped(angle) || self.runs_on(sample.halls)
+    }
+
+    /// Field-oriented, whatever was missed.
+    #[inline(never)]
+    fn field(&mut self, sample: &Sample) -> u64 {
+        let compare = self.servo.field(&self.live.rotor, &self.config.tracking, sample);
+        Output { compare, legs: Legs::ALL }.pack()
+    }
+
+    /// The same with local feedback, or after samples were missed, or when a command has ended it.
+    #[cold]
+    #[inline(never)]
+    fn serve_slowly(&mut self, sample: &Sample) -> u64 {
+        if self.mode == Mode::Running && self.is_healthy(sample) {
+            self.observe(&sample.halls);
         }
-        self.observe(&sample.halls);
-        // The loops rely on a voltage and currents within their limits.
-        let output = if self.mode == Mode::Running { self.regulate() } else { Output::OFF };
-        if records {
-            self.record_all(sample);
+        // The command may have been to disarm, the angle implausible.
+        if self.mode != Mode::Running {
+            return Output::OFF.pack();
         }
-        output
+        if self.config.commutation != Commutation::FieldOriented {
+            return self.locally(sample).pack();
+        }
+        self.field(sample)
     }
 
     /// A record with currents and voltages, if there are any.
     #[inline(never)]
     fn record_all(&mut self, sample: &Sample) {
-        if self.config.control.is_some() && self.mode == Mode::Running {
+        if let Some(control) = &self.config.control
+            && self.mode == Mode::Running
+        {
+            self.servo.note(control, &self.live.rotor, self.live.sequence, sample);
             self.publish();
-            let Record { rotor, sequence, .. } = self.live;
-            let measurement = Measurement { rotor, sequence, state: self.servo.state, trim: self.servo.trim() };
-            let _ = self.channels.measurements.enqueue(measurement);
+            self.hand_over();
         }
         let calibrating = matches!(self.mode, Mode::Aligning | Mode::Calibrating);
         let every = if calibrating { self.config.calibration_record_every } else { self.config.record_every };
@@ -212,20 +287,10 @@ impl Drive {
         }
     }
 
-    /// Currents, voltage and temperatures; what is wrong with them makes a running drive fail.
-    #[inline(always)]
-    fn watch(&mut self, sample: &Sample) {
-        if let Some(control) = &self.config.control
-            && let Some(fault) = self.servo.watch(control, sample)
-        {
-            self.fail(fault);
-        }
-    }
-
     /// The step that found a fault.
     #[cold]
     #[inline(never)]
-    fn fallen(&mut self, sample: &Sample, records: bool) -> Output {
+    fn fallen(&mut self, sample: &Sample, records: bool) -> u64 {
         let codes = &sample.halls;
         if self.runs_on(*codes) {
             return self.slow(sample, records);
@@ -233,7 +298,7 @@ impl Drive {
         if records {
             self.record(codes, self.config.record_every);
         }
-        Output::OFF
+        Output::OFF.pack()
     }
 
     /// Lets the next step hand over a record, unless this one does.
@@ -340,9 +405,6 @@ impl Drive {
     /// A running step that is in no hurry and follows a voltage.
     fn run(&mut self, codes: &Codes) -> Output {
         self.observe(codes);
-        if self.servo.is_silent() {
-            return self.regulate();
-        }
         let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
         match self.config.commutation {
             Commutation::Sinusoidal | Commutation::FieldOriented => {
@@ -355,38 +417,17 @@ impl Drive {
         }
     }
 
-    /// What a current, a speed or a position takes.
-    #[inline(always)]
-    fn regulate(&mut self) -> Output {
-        let Some(control) = &self.config.control else { return Output::OFF };
-        let rotor = &self.live.rotor;
-        if self.servo.is_silent() && self.servo.demand != Demand::Speed(Speed(0)) {
-            self.servo.follow(Demand::Speed(Speed(0)), rotor);
-        }
-        self.servo.outer(control, rotor, self.cogging.as_deref());
-        let Config { limits, tracking, reversed, .. } = &self.config;
-        if self.config.commutation == Commutation::FieldOriented {
-            return Output { compare: self.servo.field(control, rotor, tracking, limits, *reversed), legs: Legs::ALL };
-        }
-        self.locally()
-    }
-
     /// With the local feedback: one current, one voltage.
     #[inline(never)]
-    fn locally(&mut self) -> Output {
+    fn locally(&mut self, sample: &Sample) -> Output {
         let Some(control) = &self.config.control else { return Output::OFF };
         let (rotor, order) = (&self.live.rotor, self.config.order());
         let vector = rotor.predicted(&self.config.tracking) + ElectricalAngle::QUARTER;
         let block = self.config.commutation == Commutation::Block;
-        let measured = if block {
-            self.servo.across(self.sextant.conducting(order))
-        } else {
-            self.servo.park(rotor.angle(), self.config.reversed);
-            self.servo.state.current.q
-        };
-        let modulation = self.servo.local(control, measured, rotor.speed());
+        let legs = block.then(|| self.sextant.conducting(order));
+        let modulation = self.servo.local(control, rotor, sample, legs);
         let limits = &self.config.limits;
-        self.servo.limits = self.servo.limits.set(Limits::DUTY, limits.limits(modulation));
+        self.servo.cut_off(limits.limits(modulation));
         let amplitude = limits.amplitude(modulation);
         if block {
             self.sextant = self.sextant.follow(vector);
@@ -433,134 +474,6 @@ impl Drive {
         self.live.sequence = self.live.sequence.wrapping_add(every);
     }
 
-    #[cold]
-    #[inline(never)]
-    fn obey(&mut self, command: Command, sample: &Sample) -> Reply {
-        self.servo.heard();
-        match command {
-            Command::Calibrate => {
-                self.on_command(Event::Calibrate)?;
-                self.drag = Drag::OFF;
-                self.forget_loss();
-                self.progress = Progress::None;
-                self.publish();
-            }
-            Command::Install(estimator) => self.install(estimator, sample.halls)?,
-            Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
-            Command::Arm => self.arm(sample)?,
-            Command::Disarm => {
-                self.on_command(Event::Disarm)?;
-                self.progress = Progress::None;
-                self.publish();
-                self.set_amplitude(Amplitude::ZERO);
-            }
-            Command::Drive(modulation) => self.drive(modulation)?,
-            Command::Current(current) => self.follow(Demand::Current(current))?,
-            Command::Speed(speed) => self.follow(Demand::Speed(speed))?,
-            Command::Position(position) => self.follow(Demand::Position(position))?,
-            Command::Commutate(commutation) => self.commutate(commutation)?,
-            Command::Balance(table) => {
-                if let Some(unused) = core::mem::replace(&mut self.cogging, table) {
-                    let _ = self.channels.tables.enqueue(unused);
-                }
-            }
-            Command::Trip(fault) => {
-                self.fail(fault);
-            }
-            Command::Clear => self.on_command(Event::Clear { calibrated: self.estimator().is_some() })?,
-        }
-        Ok(())
-    }
-
-    fn install(&mut self, estimator: &'static mut Estimator, codes: Codes) -> Reply {
-        let allowed = self.on_command(Event::Installed);
-        let slot = if self.hurried.is_some() { &mut self.hurried } else { &mut self.resting };
-        let unused = if allowed.is_ok() { slot.replace(estimator) } else { Some(estimator) };
-        if let Some(unused) = unused {
-            // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
-            let _ = self.channels.retired.enqueue(unused);
-        }
-        if allowed.is_ok() {
-            self.take_up_loss();
-        }
-        if allowed.is_ok() && self.mode == Mode::Ready {
-            self.relock(codes);
-        }
-        allowed
-    }
-
-    /// Starts to track anew where the rotor is.
-    fn relock(&mut self, codes: Codes) {
-        let angle = self.estimator().and_then(|estimator| estimator.angle(&codes).ok());
-        self.live.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
-        self.live.rotor = Tracker::at(angle.unwrap_or(ElectricalAngle::ZERO));
-    }
-
-    fn arm(&mut self, sample: &Sample) -> Reply {
-        if let (Mode::Ready, Some(control)) = (self.mode, &self.config.control)
-            && let Some(fault) = self.servo.refusal(control, sample)
-        {
-            return Err(Refusal::Fault(fault));
-        }
-        match self.mode {
-            Mode::Unarmed => Err(Refusal::NotCalibrated),
-            Mode::Ready if self.limits.contains(Limits::TWO_HALLS) => Err(Refusal::HallLost),
-            Mode::Ready if self.live.missed != 0 => Err(Refusal::NoAngle),
-            _ => {
-                self.set_amplitude(Amplitude::ZERO);
-                self.servo.reset();
-                self.on_command(Event::Arm)
-            }
-        }
-    }
-
-    /// Takes up a demand for current, speed or position.
-    fn follow(&mut self, demand: Demand) -> Reply {
-        let control = self.config.control.as_ref().ok_or(Refusal::NoControl)?;
-        if self.mode != Mode::Running {
-            return Err(Refusal::Mode(self.mode));
-        }
-        let (magnitude, most) = match demand {
-            Demand::Current(Current(current)) => (current.unsigned_abs(), control.max_current),
-            Demand::Speed(Speed(speed)) => (speed.unsigned_abs(), control.trajectory.speed()),
-            Demand::Position(_) | Demand::Voltage => (0, 0),
-        };
-        if magnitude > most as u32 {
-            return Err(Refusal::TooLarge);
-        }
-        self.servo.follow(demand, &self.live.rotor);
-        Ok(())
-    }
-
-    fn commutate(&mut self, commutation: Commutation) -> Reply {
-        if commutation == Commutation::FieldOriented && self.config.control.is_none() {
-            return Err(Refusal::NoControl);
-        }
-        if self.mode.drives() {
-            return Err(Refusal::Mode(self.mode));
-        }
-        self.config.commutation = commutation;
-        Ok(())
-    }
-
-    fn drive(&mut self, modulation: Modulation) -> Reply {
-        if self.mode != Mode::Running {
-            return Err(Refusal::Mode(self.mode));
-        }
-        let magnitude = i32::from(modulation.to_bits()).unsigned_abs();
-        if magnitude > i32::from(self.config.max_modulation.to_bits()).unsigned_abs() {
-            return Err(Refusal::TooLarge);
-        }
-        self.servo.reset();
-        self.set_amplitude(self.config.limits.amplitude(modulation));
-        let cut = self.config.limits.limits(modulation);
-        self.limits = if cut { self.limits.with(Limits::DUTY) } else { self.limits.without(Limits::DUTY) };
-        // A negative amplitude turns the field by half a turn; its advance is in the direction of the command, too.
-        let advance = if modulation.is_negative() { -self.config.advance } else { self.config.advance };
-        self.lead = ElectricalAngle::QUARTER + advance;
-        Ok(())
-    }
-
     fn on(&mut self, event: Event) {
         if let Some(mode) = self.mode.after(event) {
             self.enter(mode);
@@ -588,9 +501,9 @@ impl Drive {
         self.limits.with(self.servo.limits)
     }
 
-    /// Currents and voltages of a drive with current control.
+    /// Currents and voltages of a drive with current control, as noted last: every [`CYCLE`] steps.
     pub const fn state(&self) -> &State {
-        &self.servo.state
+        &self.servo.noted.state
     }
 
     /// What the alignment was found to be off by while turning field-oriented: added to the Halls' angle.
@@ -615,7 +528,7 @@ impl Drive {
 
     /// The estimator in use.
     pub fn estimator(&self) -> Option<&Estimator> {
-        self.hurried.as_deref().or(self.resting.as_deref())
+        self.hurried.as_deref().or(self.serving.as_deref()).or(self.resting.as_deref())
     }
 }
 

@@ -210,6 +210,7 @@ impl Settings {
             dead_time,
             limits,
             max_electrical_hz: within("max_electrical_hz", self.max_electrical_hz, 1.0, pwm_hz / 20.0)?,
+            reversed: self.reversed,
         };
         let control = self.control.map(|control| control.validate(&frame)).transpose()?;
         if control.is_none() && self.commutation == Commutation::FieldOriented {

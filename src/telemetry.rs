@@ -64,6 +64,16 @@ pub struct Measurement {
     pub trim: ElectricalAngle,
 }
 
+impl Measurement {
+    /// Before the first.
+    pub(crate) const NONE: Self = Self {
+        rotor: Tracker::at(ElectricalAngle::ZERO),
+        sequence: 0,
+        state: State::NONE,
+        trim: ElectricalAngle::ZERO,
+    };
+}
+
 /// What a sample is to a calibration.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -103,6 +113,11 @@ impl Status {
             Progress::Complete => 3,
         };
         Self { mode, fault, limits, progress }
+    }
+
+    /// With other limits.
+    pub(crate) const fn with_limits(self, limits: Limits) -> Self {
+        Self { limits, ..self }
     }
 
     /// State of the drive.

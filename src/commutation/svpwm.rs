@@ -2,121 +2,165 @@
 //!
 //! The star point is free, so the three compare values are moved together until the highest and the lowest lie
 //! symmetrically in the allowed range. That makes 2/√3 of the amplitude of centred sines possible, the circle inside
-//! the hexagon of space vectors.
+//! the hexagon of space vectors, less what the dead time's correction needs.
 
-use crate::commutation::frames::{AlphaBeta, Dq, inverse_clarke};
+use crate::commutation::frames::{Dq, InverseClarke, Rotation};
+use crate::control::{clamp, high};
 use crate::pwm::Limits;
 
-/// Bits of the fraction of a voltage or a compare value.
-pub const FRACTION: u32 = 8;
+/// The largest voltage along d. The unit of the voltages follows from it: [`LONGEST`] is the longest vector in every direction.
+pub const MOST_D: i32 = 1 << 21;
 
-/// Compare values of a vector in 2⁻⁸ counts, to which each phase's `correction` in 2⁻⁸ counts is added, see
-/// [`dead_time`]. Within one count of the exact value where that is within the limits, and never outside them,
-/// whatever the vector.
-#[inline(always)]
-pub const fn compare(vector: AlphaBeta, correction: [i32; 3], limits: &Limits) -> [u16; 3] {
-    let [a, b, c] = inverse_clarke(vector);
-    let (a, b, c) = (a + correction[0], b + correction[1], c + correction[2]);
-    let (low, high) = if a < b { (a, b) } else { (b, a) };
-    let low = if c < low { c } else { low };
-    let high = if c > high { c } else { high };
-    let shift = limits.middle(FRACTION) - ((low + high) >> 1);
-    [
-        limits.clamped((a + shift) >> FRACTION),
-        limits.clamped((b + shift) >> FRACTION),
-        limits.clamped((c + shift) >> FRACTION),
-    ]
-}
+/// The longest voltage vector, of which [`MOST_D`] is 7/10.
+pub const LONGEST: i32 = 2_995_931;
 
-/// A vector cut to a circle, its direction kept; `radius` is 0 to 2¹⁵ and the components are from −2²⁰ to 2²⁰. The
-/// length of the result is at most `radius` · (1 + 6e-5) + 1.5; a component beyond the circle is cut to it first.
-#[inline(always)]
-pub const fn within_circle(vector: Dq, radius: i32) -> Dq {
-    let d = clamp(vector.d, radius);
-    let q = clamp(vector.q, radius);
-    let square = (d * d) as u32 + (q * q) as u32;
-    let most = (radius * radius) as u32;
-    if square <= most {
-        return Dq { d, q };
+/// A voltage cut to the circle of [`LONGEST`], components of any size. The one along d comes first, up to [`MOST_D`]; that along
+/// q gets what is left, by a parabola through the top of the circle and the point at the largest d: up to 1.6 % of the
+/// radius less than the circle leaves, and 0.1 % where there is no voltage along d.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Circle(i32);
+
+/// (1 − √(1 − 0.7²)) / 0.7² of the radius, in 2³² over its square; rounded up.
+const BEND: i32 = 837;
+
+impl Circle {
+    /// The only one. A constant in memory is loaded by one instruction.
+    pub const NEW: Self = Self(LONGEST - BEND);
+
+    /// A voltage within it.
+    #[inline(always)]
+    pub const fn cut(&self, vector: Dq) -> Dq {
+        let d = between(vector.d, -MOST_D, MOST_D - 1);
+        Dq { d, q: clamp(vector.q, self.left(d)) }
     }
-    // From a half to one, in 2⁻¹⁵: the square is at most twice the most, and its leading one makes the divisor positive.
-    let shift = square.leading_zeros();
-    let ratio = (most << shift) / (((square << shift) >> 15) + 1);
-    // Rounding may have gone below a half.
-    let ratio = if ratio < 1 << 14 { 1 << 14 } else { ratio };
-    let [start, slope] = SQUARE_ROOT[((ratio >> 9) & 31) as usize];
-    let factor = start + ((slope * (ratio & 511) as i32) >> 16);
-    Dq { d: (d * factor) >> 15, q: (q * factor) >> 15 }
-}
 
-#[inline(always)]
-const fn clamp(x: i32, most: i32) -> i32 {
-    if x > most {
-        most
-    } else if x < -most {
-        -most
-    } else {
-        x
+    /// What d leaves to q.
+    #[inline(always)]
+    const fn left(&self, d: i32) -> i32 {
+        // The square of d loses its fraction.
+        self.0 - high(d, d) * BEND
+    }
+
+    /// Whether a voltage has been cut, or just not.
+    #[inline(always)]
+    pub const fn touches(&self, Dq { d, q }: Dq) -> bool {
+        let left = self.left(d);
+        q >= left || q <= -left || d >= MOST_D - 1 || d <= -MOST_D
     }
 }
 
-/// What to add to a compare value so that a current flows as if there were no dead time, in the unit of `most`, which
-/// is half of the dead time's counts: with the sign of the current, and in proportion to it below `ramp`, where the
-/// terminal floats for part of the dead time. `slope` is `most` · 2¹⁶ / `ramp`.
+/// `x` cut to a range; with powers of two one instruction.
 #[inline(always)]
-pub const fn dead_time(current: i32, slope: i32, most: i32) -> i32 {
-    clamp(((current as i64 * slope as i64) >> 16) as i32, most)
+const fn between(x: i32, low: i32, top: i32) -> i32 {
+    let x = if x < top { x } else { top };
+    if x > low { x } else { low }
 }
 
-/// Square root in 2⁻¹⁵ from ½ to 1 in 32 segments of 512 steps: start, and slope in 2⁻¹⁶.
-static SQUARE_ROOT: [[i32; 2]; 32] = {
-    let mut table = [[0; 2]; 32];
-    let mut index = 0;
-    while index < 32 {
-        let (start, end) = (root(32 + index as i64), root(33 + index as i64));
-        table[index] = [start as i32, ((end - start) * 128) as i32];
-        index += 1;
-    }
-    table
-};
+/// Makes compare values.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Modulator {
+    /// Counts for a phase voltage of 2³².
+    counts: i32,
+    /// Middle of the allowed range, and half a count for rounding, as an eighth of a voltage.
+    middle: i32,
+    phases: InverseClarke,
+    /// What half of the dead time takes, as an eighth of a voltage, in 2¹¹.
+    dead_time: i32,
+}
 
-/// √(`sixtyfourths` / 64) in 2⁻¹⁵, rounded down.
-const fn root(sixtyfourths: i64) -> i64 {
-    let square = sixtyfourths << 24;
-    let mut root = 1 << 15;
-    while root * root > square {
-        root = (root + square / root) / 2;
+/// A current from which on the dead time acts in full.
+pub const RAMP: i32 = 1 << 24;
+
+impl Modulator {
+    /// Memory for one.
+    pub const NONE: Self = Self { counts: 0, middle: 0, phases: InverseClarke::new(false), dead_time: 0 };
+
+    /// For a timer, and a dead time in counts, up to a fifth of the period.
+    pub fn new(period: u16, dead_time: u16, limits: &Limits, reversed: bool) -> Self {
+        let share = Self::longest(period, dead_time, limits);
+        // An eighth of a voltage of one count.
+        let eighth = f64::from(LONGEST) / share / f64::from(period) / 8.0;
+        Self {
+            counts: libm::floor(4_294_967_296.0 / eighth) as i32,
+            middle: libm::round(f64::from(limits.middle(8)) / 256.0 * eighth) as i32,
+            phases: InverseClarke::new(reversed),
+            dead_time: libm::round(f64::from(dead_time) / 2.0 * eighth * 2048.0) as i32,
+        }
     }
-    root
+
+    /// The longest vector that fits the limits in every direction, with the correction of the dead time, as a share of the bus.
+    pub fn longest(period: u16, dead_time: u16, limits: &Limits) -> f64 {
+        (limits.longest_vector() - f64::from(dead_time) / libm::sqrt(3.0)) / f64::from(period)
+    }
+
+    /// Compare values of a `voltage` within the [circle](within_circle) for a rotor at an angle. Within one count of the exact value,
+    /// and in the limits.
+    ///
+    /// To each phase is added what the dead time takes: half of its counts, with the sign of the phase's share of the `current` along q
+    /// and in proportion to it below [`RAMP`], where the terminal floats for part of the dead time.
+    #[inline(always)]
+    pub const fn compare(&self, rotor: Rotation, voltage: Dq, current: i32) -> [u16; 3] {
+        let [a, b, c] = self.phases.of(rotor.inverse_park(voltage));
+        // A vector along d stands a quarter turn behind one along q, which saves two signs.
+        let behind = rotor.inverse_park_d(current);
+        let [flowing_a, flowing_b, flowing_c] = self.phases.of_ahead(behind);
+        let (a, b, c) = (a - self.taken(flowing_a), b + self.taken(flowing_b), c + self.taken(flowing_c));
+        let (low, top) = if a < b { (a, b) } else { (b, a) };
+        let low = if c < low { c } else { low };
+        let top = if c > top { c } else { top };
+        let shift = self.middle - ((low + top) >> 1);
+        [self.compare_of(a + shift), self.compare_of(b + shift), self.compare_of(c + shift)]
+    }
+
+    /// What the dead time takes from a phase with an eighth of a current.
+    #[inline(always)]
+    const fn taken(&self, current: i32) -> i32 {
+        high(between(current, -RAMP / 8, RAMP / 8 - 1), self.dead_time)
+    }
+
+    #[inline(always)]
+    const fn compare_of(&self, eighth: i32) -> u16 {
+        high(eighth, self.counts) as u16
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::angle::ElectricalAngle;
     use core::f64::consts::TAU;
     use proptest::prelude::*;
 
     extern crate std;
 
+    fn vector(length: f64, angle: f64) -> Dq {
+        Dq { d: (length * libm::cos(angle)) as i32, q: (length * libm::sin(angle)) as i32 }
+    }
+
     #[test]
     fn the_line_voltages_are_the_vectors_and_the_range_is_used_evenly() {
         let limits = Limits::new(2125, 0, 1997).unwrap();
-        let longest = limits.longest_vector();
-        for tenth in 0..3600 {
-            for share in [0.01, 0.5, 1.0] {
-                let length = share * longest * 256.0;
-                let angle = f64::from(tenth) / 3600.0 * TAU;
-                let vector =
-                    AlphaBeta { alpha: (length * libm::cos(angle)) as i32, beta: (length * libm::sin(angle)) as i32 };
-                let compare = compare(vector, [0; 3], &limits).map(f64::from);
-                for (k, next) in [(0, 1), (1, 2), (2, 0)] {
-                    let phase = |k: usize| length / 256.0 * libm::cos(angle - k as f64 / 3.0 * TAU);
-                    let exact = phase(k) - phase(next);
-                    assert!((compare[k] - compare[next] - exact).abs() <= 1.1, "{tenth} {share}");
+        for (reversed, sign) in [(false, 1.0), (true, -1.0)] {
+            let modulator = Modulator::new(2125, 0, &limits, reversed);
+            for tenth in 0..3600 {
+                for share in [0.01, 0.5, 1.0] {
+                    let angle = f64::from(tenth) / 3600.0 * TAU;
+                    let rotor = ElectricalAngle::from_degrees(0.1 * tenth as f32);
+                    let voltage = vector(share * f64::from(LONGEST), 0.4);
+                    let compare = modulator.compare(Rotation::at(rotor), voltage, 0).map(f64::from);
+                    let phase = |k: usize| {
+                        share * limits.longest_vector() * libm::cos(angle + 0.4 - sign * k as f64 / 3.0 * TAU)
+                    };
+                    for (k, next) in [(0, 1), (1, 2), (2, 0)] {
+                        let exact = phase(k) - phase(next);
+                        assert!((compare[k] - compare[next] - exact).abs() <= 1.2, "{tenth} {share}");
+                    }
+                    let high = compare.iter().copied().fold(0.0, f64::max);
+                    let low = compare.iter().copied().fold(1e9, f64::min);
+                    assert!((high + low - 1997.0).abs() <= 2.0, "{compare:?}");
                 }
-                let high = compare.iter().copied().fold(0.0, f64::max);
-                let low = compare.iter().copied().fold(1e9, f64::min);
-                assert!((high + low - 1997.0).abs() <= 2.0, "{compare:?}");
             }
         }
     }
@@ -124,53 +168,65 @@ mod tests {
     #[test]
     fn a_full_vector_is_two_over_root_three_of_centred_sines() {
         let limits = Limits::new(2000, 0, 2000).unwrap();
-        let ratio = limits.longest_vector() / 1000.0;
+        let ratio = Modulator::longest(2000, 0, &limits) * 2000.0 / 1000.0;
         assert!((ratio - 2.0 / 3.0_f64.sqrt()).abs() < 0.004, "{ratio}");
     }
 
     proptest! {
         #[test]
-        fn no_input_leaves_the_limits(
-            period in 64..=65_535_u16, low in 0..=20_u16, window in 0..=20_u16,
-            alpha in -(1 << 28)..(1 << 28), beta in -(1 << 28)..(1 << 28), correction in -50_000..50_000,
+        fn no_voltage_that_is_cut_leaves_the_limits(
+            period in 64..=65_535_u16, low in 0..=20_u16, window in 0..=20_u16, dead_time in 0.0..0.1,
+            d in any::<i32>(), q in any::<i32>(), length in 0.0..1.1, angle in 0.0..TAU,
+            rotor in any::<i32>(), current in -(1 << 30)..(1 << 30), reversed: bool,
         ) {
             let limits = Limits::new(period, low, period - window).unwrap();
-            let vector = AlphaBeta { alpha, beta };
-            for compare in compare(vector, [correction, -correction, correction / 2], &limits) {
-                prop_assert!((low..=period - window).contains(&compare));
-            }
-        }
-    }
-
-    #[test]
-    fn the_circle_keeps_the_direction() {
-        for radius in [0, 1, 100, 5000, 18_000, 32_768] {
-            for degree in 0..360 {
-                for share in [0.2, 0.99, 1.01, 1.2, 1.4, 5.0, 30.0] {
-                    let length = share * f64::from(radius);
-                    let angle = f64::from(degree) / 360.0 * TAU;
-                    let vector = Dq { d: (length * libm::cos(angle)) as i32, q: (length * libm::sin(angle)) as i32 };
-                    let cut = within_circle(vector, radius);
-                    let found = libm::hypot(f64::from(cut.d), f64::from(cut.q));
-                    assert!(found <= f64::from(radius) * (1.0 + 6e-5) + 1.5, "{radius} {degree} {share} {found}");
-                    if share < 1.0 {
-                        assert_eq!(cut, vector);
-                    } else if share < 1.01 && radius >= 5000 {
-                        // Cut along the direction: nothing of the length is given away.
-                        assert!(found >= f64::from(radius) * (1.0 - 1.5e-4) - 2.0, "{radius} {degree} {share} {found}");
-                        let cross = f64::from(cut.d) * libm::sin(angle) - f64::from(cut.q) * libm::cos(angle);
-                        assert!(cross.abs() <= 3.0, "{cross}");
-                    }
+            let dead_time = (dead_time * f64::from(period)) as u16;
+            let modulator = Modulator::new(period, dead_time, &limits, reversed);
+            let rotation = Rotation::at(ElectricalAngle::from_bits(rotor));
+            for voltage in [Dq { d, q }, vector(length * f64::from(LONGEST), angle)] {
+                for compare in modulator.compare(rotation, Circle::NEW.cut(voltage), current) {
+                    prop_assert!((low..=period - window).contains(&compare), "{compare}");
                 }
             }
         }
     }
 
     #[test]
+    fn the_circle_cuts_q_after_d_and_gives_little_away() {
+        let radius = f64::from(LONGEST);
+        for degree in 0..360 {
+            for share in [0.2, 0.98, 1.0, 1.2, 1.4, 5.0, 300.0] {
+                let asked = vector(share * radius, f64::from(degree) / 360.0 * TAU);
+                let cut = Circle::NEW.cut(asked);
+                let (d, q) = (f64::from(cut.d), f64::from(cut.q));
+                assert!(libm::hypot(d, q) <= radius, "{degree} {share}");
+                assert!(asked.d.abs() < MOST_D && cut.d == asked.d || d.abs() >= 0.69999 * radius);
+                let left = libm::sqrt(radius * radius - d * d) / radius;
+                let given_away = left - q.abs() / radius;
+                assert!(cut.q == asked.q || given_away <= 0.016, "{degree} {share} {given_away}");
+                assert!(cut.q == asked.q || cut.d != 0 || given_away <= 0.001);
+                assert!(cut == asked || Circle::NEW.touches(cut));
+                assert!(share > 0.9 || cut == asked && (cut.d.abs() >= MOST_D || !Circle::NEW.touches(cut)));
+            }
+        }
+    }
+
+    #[test]
     fn the_dead_time_is_given_back_with_the_sign_of_the_current() {
-        let (most, ramp) = (42 << 8, 100);
-        let slope = (most << 16) / ramp;
-        assert_eq!([-5000, -101, 0, 101, 5000].map(|i| dead_time(i, slope, most)), [-most, -most, 0, most, most]);
-        assert!((dead_time(50, slope, most) - most / 2).abs() <= 1);
+        let limits = Limits::new(2125, 0, 2125).unwrap();
+        let modulator = Modulator::new(2125, 84, &limits, false);
+        // The vector along q at −90° is along phase A.
+        let rotation = Rotation::at(ElectricalAngle::from_degrees(-90.0));
+        let line = |current: i32| {
+            let [a, b, c] = modulator.compare(rotation, Dq { d: 0, q: 0 }, current).map(i32::from);
+            assert_eq!(b, c);
+            a - b
+        };
+        // A up by 42 counts and the others, with half of its current, down by as much.
+        for (current, exact) in [(-1 << 28, -84), (-2 * RAMP - 99, -84), (0, 0), (2 * RAMP + 99, 84), (1 << 28, 84)] {
+            assert!((line(current) - exact).abs() <= 1, "{current} {}", line(current));
+        }
+        // Below, A at its half and the others at their quarter.
+        assert!((line(RAMP / 2) - 31).abs() <= 1, "{}", line(RAMP / 2));
     }
 }

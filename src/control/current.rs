@@ -5,49 +5,115 @@
 //! corrected by what the limit took off (back-calculation), with the winding's time constant.
 
 use crate::commutation::frames::Dq;
-use crate::commutation::svpwm::within_circle;
+use crate::commutation::svpwm::{Circle, LONGEST};
 use crate::control::{Motor, Scale, clamp, fixed, high};
 use core::f32::consts::TAU;
 
-/// Bits of the fraction of a voltage within the controllers.
+/// Bits of the fraction of a voltage within the local feedback.
 const FRACTION: u32 = 8;
 
-/// Gains of the d/q controller.
+/// Gains of the d/q controller. It computes with currents in 2⁻²⁸ of the full scale and with voltages of which the bus allows
+/// [`LONGEST`], so its gains follow the bus: these are for a bus of the divider's full scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Gains {
-    /// Voltage per current in 2⁻²⁶.
+    /// Voltage per current in 2⁻³².
     proportional: i32,
-    /// Voltage per current and step in 2⁻²⁶.
+    /// The same a step.
     integral: i32,
     /// Share of what the limit took off, in 2⁻³².
     back: i32,
-    /// Inductive voltage per current and speed.
+    /// Inductive voltage per current at a turn a step, in 2⁻²⁶.
     inductance: i32,
-    /// Voltage in 2⁻⁸ per speed in 2⁻³².
+    /// Induced voltage at a turn a step, a quarter.
     flux: i32,
 }
 
+/// The same for a bus and a speed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(C)]
+pub struct Present {
+    /// ω L, as the gains.
+    reactance: i32,
+    proportional: i32,
+    /// ω λ, a voltage.
+    induced: i32,
+    circle: Circle,
+    integral: i32,
+    back: i32,
+}
+
 impl Gains {
-    /// For a bandwidth in hertz. `None` when they are beyond the range of the integers.
-    pub fn new(motor: &Motor, bandwidth_hz: f32, scale: &Scale) -> Option<Self> {
+    /// For a bandwidth in hertz, a bus of at least a share `least_bus` of its full scale, and a bridge whose longest voltage is a share
+    /// `longest` of the bus. `None` when they are beyond the range of the integers.
+    pub fn new(motor: &Motor, bandwidth_hz: f32, scale: &Scale, least_bus: f32, longest: f32) -> Option<Self> {
+        /// So that no sum overflows, whatever the currents.
+        const MOST: f32 = 16.0;
         let omega = TAU * bandwidth_hz;
         let conductance = scale.conductance();
         let proportional = omega * motor.inductance_h / conductance;
         let integral = omega * motor.resistance_ohm / conductance / scale.step_hz;
-        // Radians a second in a speed of 2³².
+        // Radians a second at a turn a step; a drive turns by a twentieth at most.
         let radians_s = TAU * scale.step_hz;
+        let inductance = radians_s * motor.inductance_h / conductance;
+        let flux = radians_s * motor.flux_linkage_wb / scale.volts;
+        let largest = proportional.max(integral).max(inductance / 20.0).max(flux / 20.0);
+        // From shares of the full scale to the unit of the voltages, with 22 bits.
+        let unit = LONGEST as f32 / 4_194_304.0 / longest;
+        (unit * largest < MOST * least_bus).then_some(())?;
         Some(Self {
-            proportional: fixed(proportional, 26)?,
-            integral: fixed(integral, 26)?.max(1),
+            proportional: fixed(unit * proportional, 26)?,
+            integral: fixed(unit * integral, 26)?.max(1),
             back: fixed((integral / proportional).min(0.49), 32)?,
-            inductance: fixed(radians_s * motor.inductance_h / conductance, 22)?,
-            flux: fixed(radians_s * motor.flux_linkage_wb / scale.volts, 15 + FRACTION as i32)?,
+            inductance: fixed(unit * inductance, 20)?,
+            flux: fixed(unit * flux, 20)?,
         })
     }
 }
 
-/// What the d/q controller keeps: the integrators, voltages in 2⁻⁸.
+impl Present {
+    /// No gain at all.
+    pub const ZERO: Self =
+        Self { reactance: 0, proportional: 0, induced: 0, circle: Circle::NEW, integral: 0, back: 0 };
+
+    /// Takes up a bus voltage.
+    #[inline(always)]
+    pub const fn scale(&mut self, gains: &Gains, bus: Inverse) {
+        self.proportional = bus.of(gains.proportional) << 6;
+        self.integral = bus.of(gains.integral) << 6;
+        self.back = gains.back;
+    }
+
+    /// Takes up what turning with `speed`, up to a twentieth of a turn a step, induces.
+    #[inline(always)]
+    pub const fn induce(&mut self, gains: &Gains, bus: Inverse, speed: i32) {
+        let speed = speed.wrapping_shl(3);
+        self.reactance = bus.of(high(speed, gains.inductance)) << 9;
+        self.induced = bus.of(high(speed, gains.flux)) << 5;
+    }
+}
+
+/// One over a bus voltage, a share of its full scale, in 2⁻²⁶.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Inverse(i32);
+
+impl Inverse {
+    /// Of a voltage of 2⁻¹⁵ of the full scale, from a twentieth of it on; within 2⁻¹⁴. One division.
+    #[inline(always)]
+    pub const fn new(bus: i32) -> Self {
+        // Never zero, which the compiler does not see.
+        Self((((1 << 30) / (bus as u32 | 1)) << 11) as i32)
+    }
+
+    /// A product with it, in 2⁻⁶.
+    #[inline(always)]
+    const fn of(self, x: i32) -> i32 {
+        high(x, self.0)
+    }
+}
+
+/// What the d/q controller keeps: the integrators, voltages.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Integrators {
@@ -55,45 +121,41 @@ pub struct Integrators {
     q: i32,
 }
 
-/// A voltage, and whether the limit was in the way.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Voltage {
-    /// The voltage to be applied.
-    pub dq: Dq,
-    /// Whether more was asked for.
-    pub limited: bool,
-}
-
 impl Integrators {
     /// Nothing.
     pub const ZERO: Self = Self { d: 0, q: 0 };
 
-    /// One step: the voltage that makes the `measured` currents the `wanted` ones, within a circle of `radius`.
+    /// One step: the voltage that makes the `measured` currents `wanted` along q and nothing along d, within the circle.
     ///
-    /// The voltages that turning with `speed` induces from axis to axis are fed forward, so that d and q do not disturb each
-    /// other. Currents are up to 2¹⁶ and the radius up to 2¹⁵.
+    /// The voltages that turning induces from axis to axis are fed forward, so that d and q do not disturb each
+    /// other. Currents are in 2⁻²⁸ of the full scale and up to 4/3 of it.
     #[inline(always)]
-    pub const fn step(&mut self, gains: &Gains, wanted: Dq, measured: Dq, speed: i32, radius: i32) -> Voltage {
-        let error = Dq { d: (wanted.d - measured.d) << 14, q: (wanted.q - measured.q) << 14 };
-        // ω L and ω λ.
-        let reactance = high(speed, gains.inductance);
-        let coupled_d = -(high(reactance, measured.q << 15) << 3);
-        let coupled_q = (high(reactance, measured.d << 15) << 3) + high(speed, gains.flux);
+    pub const fn step(&mut self, gains: &Present, wanted: i32, measured: Dq) -> Dq {
+        let error = wanted - measured.q;
         let asked = Dq {
-            d: (high(error.d, gains.proportional) + self.d + coupled_d) >> FRACTION,
-            q: (high(error.q, gains.proportional) + self.q + coupled_q) >> FRACTION,
+            d: self.d - high(measured.d, gains.proportional) - high(measured.q, gains.reactance),
+            q: self.q + gains.induced + high(error, gains.proportional) + high(measured.d, gains.reactance),
         };
-        let dq = within_circle(asked, radius);
-        let over = Dq { d: (dq.d - asked.d) << FRACTION, q: (dq.q - asked.q) << FRACTION };
-        let most = radius << FRACTION;
-        self.d = clamp(self.d + high(error.d, gains.integral) + high(over.d, gains.back), most);
-        self.q = clamp(self.q + high(error.q, gains.integral) + high(over.q, gains.back), most);
-        Voltage { dq, limited: (over.d | over.q) != 0 }
+        let dq = gains.circle.cut(asked);
+        let over = Dq { d: dq.d - asked.d, q: dq.q - asked.q };
+        self.d = self.d - high(measured.d, gains.integral) + high(over.d, gains.back);
+        self.q = self.q + high(error, gains.integral) + high(over.q, gains.back);
+        dq
     }
 
-    /// Voltage along d that the integrator holds, in units of voltage: what the angle's error and the model's show in.
+    /// Keeps the voltages when the bus was `before` and is now what `bus` is the inverse of.
+    #[inline(always)]
+    pub const fn follow(&mut self, before: i32, now: i32, bus: Inverse) {
+        let before = if before < 2 * now { before } else { 2 * now - 1 };
+        // In 2⁻³⁰: the inverse without its shift.
+        let ratio = before.wrapping_mul(bus.0 >> 11);
+        self.d = high(self.d, ratio) << 2;
+        self.q = high(self.q, ratio) << 2;
+    }
+
+    /// Voltage along d that the integrator holds: what the angle's error and the model's show in.
     pub const fn d(&self) -> i32 {
-        self.d >> FRACTION
+        self.d
     }
 }
 
@@ -127,17 +189,20 @@ pub struct LocalGains {
 impl LocalGains {
     /// For a bandwidth in hertz. `None` when they are beyond the range of the integers.
     pub fn new(motor: &Motor, feedback: Feedback, bandwidth_hz: f32, scale: &Scale) -> Option<Self> {
-        let Gains { proportional, integral, back, flux, .. } = Gains::new(motor, bandwidth_hz, scale)?;
+        let omega = TAU * bandwidth_hz;
+        let proportional = omega * motor.inductance_h / scale.conductance();
+        let integral = omega * motor.resistance_ohm / scale.conductance() / scale.step_hz;
+        let flux = TAU * scale.step_hz * motor.flux_linkage_wb / scale.volts;
         let integrates = matches!(feedback, Feedback::Pi | Feedback::Pid);
         let derives = matches!(feedback, Feedback::Pd | Feedback::Pid);
         Some(Self {
             feed_forward: if integrates { 0 } else { fixed(motor.resistance_ohm / scale.conductance(), 26)? },
-            proportional,
-            integral: if integrates { integral } else { 0 },
+            proportional: fixed(proportional, 26)?,
+            integral: if integrates { fixed(integral, 26)?.max(1) } else { 0 },
             // Half of 1.5 steps.
-            derivative: if derives { proportional / 4 * 3 } else { 0 },
-            back,
-            flux,
+            derivative: if derives { fixed(0.75 * proportional, 26)? } else { 0 },
+            back: fixed((integral / proportional).min(0.49), 32)?,
+            flux: fixed(flux, 15 + FRACTION as i32)?,
         })
     }
 }
@@ -202,13 +267,31 @@ mod tests {
             .collect()
     }
 
+    /// Longest voltage of the tests as a share of the bus, and the bus: 24 V.
+    const LONGEST_SHARE: f64 = 0.55;
+    const BUS: i32 = 21_664;
+
+    fn present(bandwidth: f32, speed: i32) -> Present {
+        let gains = Gains::new(&MOTOR, bandwidth, &SCALE, 0.3, LONGEST_SHARE as f32).unwrap();
+        let mut present = Present::ZERO;
+        present.scale(&gains, Inverse::new(BUS));
+        present.induce(&gains, Inverse::new(BUS), speed);
+        present
+    }
+
+    /// In 2⁻¹⁵ of the full scale.
+    fn units(voltage: i32, bus: i32) -> f64 {
+        f64::from(voltage) / f64::from(LONGEST) * LONGEST_SHARE * f64::from(bus)
+    }
+
     #[test]
     fn a_step_has_the_bandwidth_and_no_overshoot_to_speak_of() {
         for bandwidth in [200.0, 500.0, 1000.0, 2000.0] {
-            let gains = Gains::new(&MOTOR, bandwidth, &SCALE).unwrap();
+            let gains = present(bandwidth, 0);
             let mut integrators = Integrators::default();
-            let wanted = Dq { d: 0, q: 4000 };
-            let currents = winding(3.75, 2000, |q| integrators.step(&gains, wanted, Dq { d: 0, q }, 0, 12_000).dq.q);
+            let currents = winding(3.75, 2000, |q| {
+                units(integrators.step(&gains, 4000 << 13, Dq { d: 0, q: q << 13 }).q, BUS) as i32
+            });
             let at = |level: i32| currents.iter().position(|&i| i >= level).unwrap() as f32;
             let rise_s = (at(3600) - at(400)) / 40e3;
             // 0.35 / f for a first order; the delay makes it faster.
@@ -225,35 +308,49 @@ mod tests {
 
     #[test]
     fn leaves_a_limit_without_overshoot() {
-        let gains = Gains::new(&MOTOR, 1000.0, &SCALE).unwrap();
+        let gains = present(1000.0, 0);
         let mut integrators = Integrators::default();
-        let mut wanted = Dq { d: 0, q: 30_000 };
+        let mut wanted = 30_000;
         let mut step = 0;
         let currents = winding(3.75, 8000, |q| {
             step += 1;
             if step == 4000 {
-                wanted.q = 2000;
+                wanted = 2000;
             }
-            integrators.step(&gains, wanted, Dq { d: 0, q }, 0, 5000).dq.q
+            units(integrators.step(&gains, wanted << 13, Dq { d: 0, q: q << 13 }).q, BUS) as i32
         });
-        // 5000 units of voltage are 5.54 V: 1.48 A.
-        assert!((currents[3999] - 5866).abs() < 30, "{}", currents[3999]);
+        // 13.2 V: 3.52 A.
+        assert!((currents[3999] - 13_980).abs() < 60, "{}", currents[3999]);
         let least = currents[4000..].iter().min().unwrap();
         assert!(*least > 1800, "{least}");
     }
 
     #[test]
     fn turning_does_not_couple_the_axes() {
-        let gains = Gains::new(&MOTOR, 1000.0, &SCALE).unwrap();
-        // 500 Hz electrical; ω L i and ω λ in volts for 1 A along d and 2 A along q.
-        let speed = (500.0 / 40e3 * 4_294_967_296.0) as i32;
+        // 300 Hz electrical; ω L i and ω λ in volts for 1 A along d and 2 A along q.
+        let gains = present(1000.0, (300.0 / 40e3 * 4_294_967_296.0) as i32);
         let per_ampere = SCALE.per_ampere();
-        let current = Dq { d: per_ampere as i32, q: (2.0 * per_ampere) as i32 };
-        let voltage = Integrators::default().step(&gains, current, current, speed, 16_000).dq;
-        let omega = TAU * 500.0;
-        let volts = |x: i32| x as f32 * SCALE.volts / 32_768.0;
-        assert!((volts(voltage.d) + omega * 0.36e-3 * 2.0).abs() < 3e-3, "{voltage:?}");
-        assert!((volts(voltage.q) - omega * (0.36e-3 + 5e-3)).abs() < 3e-3, "{voltage:?}");
+        let current = Dq { d: per_ampere as i32 * 8192, q: (2.0 * per_ampere) as i32 * 8192 };
+        let integrators = Integrators::default();
+        let volts = |x: i32| units(x, BUS) as f32 * SCALE.volts / 32_768.0;
+        let omega = TAU * 300.0;
+        // One step with the currents as wanted along q; along d the proportional part takes its share.
+        let voltage = { integrators }.step(&gains, current.q, Dq { d: 0, ..current });
+        assert!((volts(voltage.d) + omega * 0.36e-3 * 2.0).abs() < 5e-3, "{}", volts(voltage.d));
+        assert!((volts(voltage.q) - omega * 5e-3).abs() < 5e-3, "{}", volts(voltage.q));
+        let coupled = { integrators }.step(&gains, current.q, current);
+        assert!((volts(coupled.q) - omega * (0.36e-3 + 5e-3)).abs() < 5e-3, "{}", volts(coupled.q));
+    }
+
+    #[test]
+    fn the_voltages_stay_when_the_bus_changes() {
+        for (before, now) in [(20_000, 15_000), (15_000, 20_000), (15_000, 15_001), (30_000, 14_999)] {
+            let mut integrators = Integrators { d: -700_000, q: 900_000 };
+            let exact = units(900_000, before).min(units(1_800_000, now));
+            integrators.follow(before, now, Inverse::new(now));
+            assert!((units(integrators.q, now) / exact - 1.0).abs() < 2e-4, "{before} {now}");
+            assert!((units(integrators.d, now) / exact * 9.0 / 7.0 + 1.0).abs() < 2e-4, "{before} {now}");
+        }
     }
 
     #[test]
@@ -278,16 +375,14 @@ mod tests {
     proptest! {
         #[test]
         fn the_voltage_is_within_the_circle_for_any_input(
-            currents in prop::collection::vec((-65_536..65_536, -65_536..65_536), 1..100),
-            wanted in (-32_768..32_768, -32_768..32_768), speed in -(1 << 28)..(1 << 28), radius in 0..32_768,
+            currents in prop::collection::vec((-43_690..43_690, -43_690..43_690), 1..100),
+            wanted in -32_768..32_768, speed in -(1 << 27)..(1 << 27), bandwidth in 100.0..2000.0_f32,
         ) {
-            let gains = Gains::new(&MOTOR, 2000.0, &SCALE).unwrap();
+            let gains = present(bandwidth, speed);
             let mut integrators = Integrators::default();
             for (d, q) in currents {
-                let wanted = Dq { d: wanted.0, q: wanted.1 };
-                let Dq { d, q } = integrators.step(&gains, wanted, Dq { d: d / 2, q: q / 2 }, speed, radius).dq;
-                let length = libm::hypot(f64::from(d), f64::from(q));
-                prop_assert!(length <= f64::from(radius) * 1.0001 + 1.5);
+                let Dq { d, q } = integrators.step(&gains, wanted << 13, Dq { d: d << 13, q: q << 13 });
+                prop_assert!(libm::hypot(f64::from(d), f64::from(q)) <= f64::from(LONGEST));
             }
         }
     }

@@ -1,7 +1,7 @@
 //! Position control: a proportional gain asks for a speed, with that of the trajectory fed forward.
 
 use crate::angle::Position;
-use crate::control::{Scale, clamp, fixed};
+use crate::control::{clamp, fixed, high};
 use core::f32::consts::TAU;
 
 /// Gain of the position controller.
@@ -10,24 +10,26 @@ use core::f32::consts::TAU;
 pub struct Gain(i32);
 
 impl Gain {
-    /// For a bandwidth in hertz. `None` when it is beyond the range of the integers.
-    pub fn new(bandwidth_hz: f32, scale: &Scale) -> Option<Self> {
-        Some(Self(fixed(TAU * bandwidth_hz / scale.step_hz, 32)?.max(1)))
+    /// For a bandwidth in hertz, and speeds in units of position a step of a loop that is computed `loop_hz` times a second. `None`
+    /// when it is beyond the range of the integers.
+    pub fn new(bandwidth_hz: f32, loop_hz: f32) -> Option<Self> {
+        Some(Self(fixed(TAU * bandwidth_hz / loop_hz, 32)?.max(1)))
     }
 
     /// The speed that makes the `measured` position the `wanted` one, beside what is fed `forward`; up to ± `most`.
-    /// A deviation beyond half an electrical turn counts as half a turn.
+    /// A deviation beyond 2³¹ counts as that.
     #[inline(always)]
     pub const fn speed(&self, wanted: Position, measured: Position, forward: i32, most: i32) -> i32 {
         let error = wanted.to_bits().wrapping_sub(measured.to_bits());
-        let error = if error > i32::MAX as i64 {
-            i32::MAX
-        } else if error < -(i32::MAX as i64) {
+        let narrow = error as i32;
+        let error = if narrow as i64 == error {
+            narrow
+        } else if error < 0 {
             -i32::MAX
         } else {
-            error as i32
+            i32::MAX
         };
-        clamp(((error as i64 * self.0 as i64) >> 32) as i32 + forward, most)
+        clamp(high(error, self.0) + forward, most)
     }
 }
 
@@ -35,11 +37,9 @@ impl Gain {
 mod tests {
     use super::*;
 
-    const SCALE: Scale = Scale { step_hz: 40e3, amperes: 8.25, volts: 36.3, pole_pairs: 4.0 };
-
     #[test]
     fn approaches_with_the_bandwidth() {
-        let gain = Gain::new(20.0, &SCALE).unwrap();
+        let gain = Gain::new(20.0, 40e3).unwrap();
         let wanted = Position::from_bits(1 << 30);
         let mut at = 0_i64;
         // One time constant.
@@ -52,7 +52,7 @@ mod tests {
 
     #[test]
     fn far_away_and_any_feed_forward_stay_within_the_limit() {
-        let gain = Gain::new(20.0, &SCALE).unwrap();
+        let gain = Gain::new(20.0, 40e3).unwrap();
         for wanted in [i64::MIN, -1 << 40, 0, 1 << 40, i64::MAX] {
             for forward in [-1000, 0, 1000] {
                 let speed = gain.speed(Position::from_bits(wanted), Position::from_bits(0), forward, 900);

@@ -1,8 +1,10 @@
 //! What a person sets for currents, torque, speed and position, in SI units, and what the interrupt makes of it.
 
 use crate::angle::Position;
+use crate::commutation::svpwm;
 use crate::control::current::{self, Feedback, LocalGains};
-use crate::control::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity};
+use crate::control::{Current, Motor, Scale, Speed, position, trajectory, velocity};
+use crate::drive::{CYCLE, OUTER};
 use crate::pwm;
 use crate::settings::{Error, within};
 use core::f32::consts::TAU;
@@ -55,7 +57,7 @@ pub struct GuardSettings {
     pub over_voltage_v: f32,
     /// Largest current of a phase, up to the full scale.
     pub over_current_a: f32,
-    /// Largest sum of the three currents over 20 steps: beyond, an amplifier is wrong.
+    /// Largest sum of the three currents: beyond at two looks, eight steps apart, an amplifier is wrong.
     pub imbalance_a: f32,
     /// Largest current that an amplifier may show while none flows.
     pub offset_a: f32,
@@ -117,7 +119,8 @@ impl Thermistor {
         within("warn_c", self.warn_c, -40.0, 199.0)?;
         within("max_c", self.max_c, self.warn_c + 1.0, 200.0)?;
         let (fault, warn) = (self.code(self.max_c), self.code(self.warn_c));
-        Ok(Heat { fault: fault as i32, slope: (16_777_216.0 / (warn - fault).max(1.0)) as i32 })
+        let room = (warn - fault).max(1.0);
+        Ok(Heat { fault: fault as i32, room: room as i32, slope: (16_777_216.0 / room) as i32 })
     }
 }
 
@@ -166,7 +169,9 @@ impl Default for GuardSettings {
 pub(crate) struct Heat {
     /// Below, it is too hot.
     pub fault: i32,
-    /// Share of the current per code above that, in 2⁻²⁴.
+    /// Codes above that from which on the current is not reduced.
+    pub room: i32,
+    /// Share of the current per code, in 2⁻²⁴.
     pub slope: i32,
 }
 
@@ -174,16 +179,18 @@ pub(crate) struct Heat {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Guard {
-    /// Least bus voltage and the range above it.
-    pub under: i32,
+    /// Least bus voltage and the range above it, in codes.
+    pub under: u32,
     pub range: u32,
-    pub over_current: i32,
-    pub imbalance: i32,
+    /// In codes.
+    pub over_current: u32,
+    /// In codes.
+    pub imbalance: u32,
     pub offset: i32,
     pub heat: [Heat; 2],
-    /// Steps.
+    /// Cycles.
     pub stall: u32,
-    /// Steps; 0 is for ever.
+    /// Steps of the outer loops; 0 is for ever.
     pub timeout: u32,
     pub stops: bool,
     /// Slower is at rest, for the stall.
@@ -199,18 +206,23 @@ pub struct Config {
     pub(crate) velocity: velocity::Gains,
     pub(crate) position: position::Gain,
     pub(crate) trajectory: trajectory::Limits,
+    /// Largest speed to catch up with the trajectory: an eighth more than its largest.
+    pub(crate) catching_up: i32,
     pub(crate) max_current: i32,
     /// To a code for a full scale of 2¹⁶.
     pub(crate) shift: u32,
-    /// Longest voltage vector per bus voltage, in 2⁻¹⁶.
-    pub(crate) radius: i32,
-    /// Half of the dead time in 2⁻⁸ counts, and the slope to it.
-    pub(crate) dead_time: [i32; 2],
-    /// Counts of a whole period in 2⁻⁸, for a voltage as large as the bus.
-    pub(crate) period: u32,
+    pub(crate) modulator: svpwm::Modulator,
+    /// Voltage in 2⁻¹⁵ of its full scale per voltage of the current control and bus, in 2⁻³⁸.
+    pub(crate) volts: i32,
+    /// Slope of the dead time's correction: current of the [modulator](svpwm::Modulator::compare)'s unit per current.
+    pub(crate) ramp: i32,
+    /// Current from which on the correction hardly changes any more.
+    pub(crate) steep: i32,
+    /// Whether phases B and C are exchanged.
+    pub(crate) reversed: bool,
     /// Speed from which on the back-EMF tells the alignment.
     pub(crate) telling: i32,
-    /// What the alignment is moved by in a step per voltage along d, in 2⁻³² turns.
+    /// What the alignment is moved by, each [`CYCLE`](crate::drive::CYCLE) steps, per voltage along d; in 2⁻⁵⁶ turns.
     pub(crate) refinement: i32,
     pub(crate) guard: Guard,
     pub(crate) scale: Scale,
@@ -226,6 +238,7 @@ pub(crate) struct Frame {
     pub dead_time: u16,
     pub limits: pwm::Limits,
     pub max_electrical_hz: f32,
+    pub reversed: bool,
 }
 
 impl Settings {
@@ -248,29 +261,41 @@ impl Settings {
         let fastest = TAU * frame.max_electrical_hz / scale.pole_pairs;
         let speed = within("max_speed_rad_s", self.max_speed_rad_s, 0.1, fastest)? * scale.per_radian_s();
         let acceleration = within("max_acceleration_rad_s2", self.max_acceleration_rad_s2, 1.0, 1e6)?;
-        let acceleration = acceleration * scale.per_radian_s() / scale.step_hz;
+        let loop_hz = scale.step_hz / OUTER as f32;
+        let acceleration = acceleration * scale.per_radian_s() / loop_hz;
         let gain = |field, gain: f32| Error::OutOfRange { field, value: gain, min: 0.0, max: 0.0 };
-        let longest = frame.limits.longest_vector() / f64::from(frame.period);
-        let half_dead_time = i32::from(frame.dead_time) << 7;
+        let least_bus = self.guard.under_voltage_v / volts;
+        let longest = svpwm::Modulator::longest(frame.period, frame.dead_time, &frame.limits);
         Ok(Config {
-            gains: current::Gains::new(&motor, current_hz, &scale).ok_or(gain("current_bandwidth_hz", current_hz))?,
+            guard: self.guard.validate(frame.adc_bits, loop_hz, &scale)?,
+            gains: current::Gains::new(&motor, current_hz, &scale, least_bus, longest as f32)
+                .ok_or(gain("current_bandwidth_hz", current_hz))?,
             local: LocalGains::new(&motor, self.feedback, current_hz, &scale)
                 .ok_or(gain("current_bandwidth_hz", current_hz))?,
-            velocity: velocity::Gains::new(&motor, speed_hz, &scale).ok_or(gain("speed_bandwidth_hz", speed_hz))?,
-            position: position::Gain::new(position_hz, &scale).ok_or(gain("position_bandwidth_hz", position_hz))?,
+            velocity: velocity::Gains::new(&motor, speed_hz, loop_hz, &scale)
+                .ok_or(gain("speed_bandwidth_hz", speed_hz))?,
+            position: position::Gain::new(position_hz, loop_hz).ok_or(gain("position_bandwidth_hz", position_hz))?,
             trajectory: trajectory::Limits::new((acceleration as i32).max(1), speed as i32)
                 .ok_or(gain("max_acceleration_rad_s2", self.max_acceleration_rad_s2))?,
+            catching_up: (1.125 * speed) as i32,
             max_current: libm::roundf(max_current) as i32,
             shift: 16 - u32::from(frame.adc_bits),
-            radius: (longest * 65_536.0) as i32,
-            dead_time: [half_dead_time, fixed(half_dead_time as f32 / ramp, 16).unwrap_or(i32::MAX)],
-            period: u32::from(frame.period) << 15,
+            volts: (longest * 65_536.0 * 4_194_304.0 / f64::from(svpwm::LONGEST)) as i32,
+            modulator: svpwm::Modulator::new(frame.period, frame.dead_time, &frame.limits, frame.reversed),
+            ramp: (svpwm::RAMP as f32 / ramp.max(1.0)) as i32,
+            steep: (RAMPS as f32 * ramp.max(1.0)) as i32,
+            reversed: frame.reversed,
             // A back-EMF of a fiftieth of the bus divider's full scale.
             telling: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * 4_294_967_296.0).min(536_870_912.0)
                 as i32,
-            // There, a time constant of half a second: an electrical radian over that voltage and the steps of the time.
-            refinement: (4_294_967_296.0 / TAU / (32_768.0 / 50.0) / (0.5 * scale.step_hz)).max(1.0) as i32,
-            guard: self.guard.validate(&scale)?,
+            // There, a time constant of half a second on a bus of the full scale: an electrical radian over that voltage and the
+            // corrections of the time.
+            refinement: (4_294_967_296.0
+                / TAU
+                / (svpwm::LONGEST as f32 / longest as f32 / 50.0)
+                / (0.5 * scale.step_hz / CYCLE as f32)
+                * 16_777_216.0)
+                .clamp(1.0, 2_147_483_520.0) as i32,
             scale,
             motor,
         })
@@ -278,23 +303,24 @@ impl Settings {
 }
 
 impl GuardSettings {
-    fn validate(&self, scale: &Scale) -> Result<Guard, Error> {
-        let per_volt = 32_768.0 / scale.volts;
+    fn validate(&self, adc_bits: u8, loop_hz: f32, scale: &Scale) -> Result<Guard, Error> {
+        let codes = libm::exp2f(adc_bits.into());
+        let per_volt = codes / scale.volts;
         let under = within("under_voltage_v", self.under_voltage_v, scale.volts / 20.0, 0.9 * scale.volts)?;
         let over = within("over_voltage_v", self.over_voltage_v, under, scale.volts)?;
         let most = scale.amperes;
+        let per_ampere = codes / 2.0 / most;
         let timeout_s = self.command_timeout_s;
         let timeout = if timeout_s == f32::INFINITY { 0.0 } else { within("command_timeout_s", timeout_s, 1e-3, 1e3)? };
         Ok(Guard {
-            under: (under * per_volt) as i32,
+            under: libm::ceilf(under * per_volt) as u32,
             range: ((over - under) * per_volt) as u32,
-            over_current: (within("over_current_a", self.over_current_a, 0.0, 0.99 * most)? * scale.per_ampere())
-                as i32,
-            imbalance: (within("imbalance_a", self.imbalance_a, 0.0, most)? * scale.per_ampere()) as i32,
+            over_current: (within("over_current_a", self.over_current_a, 0.0, 0.99 * most)? * per_ampere) as u32,
+            imbalance: (within("imbalance_a", self.imbalance_a, 0.0, most)? * per_ampere) as u32,
             offset: (within("offset_a", self.offset_a, 0.0, most)? * scale.per_ampere()) as i32,
             heat: [self.bridge.validate()?, self.motor.validate()?],
-            stall: (within("stall_s", self.stall_s, 0.01, 100.0)? * scale.step_hz) as u32,
-            timeout: (timeout * scale.step_hz) as u32,
+            stall: (within("stall_s", self.stall_s, 0.01, 100.0)? * scale.step_hz / CYCLE as f32) as u32,
+            timeout: libm::ceilf(timeout * loop_hz) as u32,
             stops: self.on_timeout == OnTimeout::Stop,
             creep: scale.per_radian_s() as i32,
         })
@@ -319,7 +345,16 @@ impl fmt::Display for BadDemand {
 
 impl core::error::Error for BadDemand {}
 
+/// Multiple of the current below which the dead time acts in part, from which on its correction is the same.
+const RAMPS: i32 = 64;
+
 impl Config {
+    /// A bus voltage in 2⁻¹⁵ of its full scale.
+    #[inline(always)]
+    pub(crate) const fn bus(&self, code: u16) -> i32 {
+        ((code as i32) << self.shift) >> 1
+    }
+
     /// A current along q, in amperes.
     ///
     /// # Errors
@@ -332,13 +367,7 @@ impl Config {
 
     /// Current below which the dead time acts in part only, in amperes.
     pub(crate) fn dead_time_ramp_a(&self) -> f32 {
-        let [most, slope] = self.dead_time;
-        // Without a dead time, a hundredth of the full scale.
-        if slope > 0 {
-            most as f32 * 65_536.0 / slope as f32 / self.scale.per_ampere()
-        } else {
-            self.scale.amperes / 100.0
-        }
+        self.steep as f32 / RAMPS as f32 / self.scale.per_ampere()
     }
 
     /// The current of a torque in newton metres, by the flux linkage.

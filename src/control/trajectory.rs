@@ -13,7 +13,7 @@ pub struct Limits {
     acceleration: i32,
     speed: i32,
     /// A way that is longer than any to rest.
-    far: i64,
+    far: u64,
 }
 
 impl Limits {
@@ -23,7 +23,7 @@ impl Limits {
         if acceleration < 1 || speed < 1 || acceleration > MOST || speed > MOST {
             return None;
         }
-        Some(Self { acceleration, speed, far: i64::MAX / (2 * acceleration as i64) })
+        Some(Self { acceleration, speed, far: i64::MAX as u64 / (2 * acceleration as u64) })
     }
 
     /// Largest speed.
@@ -44,12 +44,16 @@ pub struct Trajectory {
     position: Position,
     speed: i32,
     acceleration: i32,
+    /// Whether the target lies behind; twice the acceleration times the way to it; and the way, if a step does it.
+    back: bool,
+    room: u64,
+    near: i32,
 }
 
 impl Trajectory {
     /// At a position, moving.
     pub const fn at(position: Position, speed: i32) -> Self {
-        Self { position, speed, acceleration: 0 }
+        Self { position, speed, acceleration: 0, back: false, room: 0, near: i32::MAX }
     }
 
     /// One step towards a speed, up to ± that of the limits.
@@ -59,32 +63,45 @@ impl Trajectory {
         self.go(self.speed + clamp(change, limits.acceleration));
     }
 
-    /// One step towards rest at a position.
+    /// One step towards rest at a position: [`Self::look_ahead`] and [`Self::go_on`], which may as well be called one after the other.
     #[inline(always)]
     pub const fn towards(&mut self, target: Position, limits: &Limits) {
-        let Limits { acceleration, speed: fastest, far } = *limits;
+        self.look_ahead(target, limits);
+        self.go_on(limits);
+    }
+
+    /// What is left of the way to a position.
+    #[inline(always)]
+    pub const fn look_ahead(&mut self, target: Position, limits: &Limits) {
         let left = target.to_bits().wrapping_sub(self.position.to_bits());
+        self.back = left < 0;
+        let left = left.unsigned_abs();
+        self.near = if left <= limits.acceleration as u64 { left as i32 } else { i32::MAX };
+        self.room = if left < limits.far { left } else { limits.far } * (2 * limits.acceleration as u32) as u64;
+    }
+
+    /// One step on the way that was looked at.
+    #[inline(always)]
+    pub const fn go_on(&mut self, limits: &Limits) {
+        let Limits { acceleration, speed: fastest, .. } = *limits;
         // As if the target lay ahead.
-        let back = left < 0;
-        let left = if back { left.wrapping_neg().wrapping_sub((left == i64::MIN) as i64) } else { left };
-        let speed = if back { -self.speed } else { self.speed };
+        let speed = if self.back { -self.speed } else { self.speed };
         let slow = speed <= acceleration && speed >= -acceleration;
-        let next = if slow && left <= acceleration as i64 {
-            left as i32
+        let next = if slow && self.near <= acceleration {
+            self.near
         } else {
-            let room = (if left < far { left } else { far }) * (2 * acceleration as i64);
             let faster = if speed + acceleration < fastest { speed + acceleration } else { fastest };
             if speed > fastest {
                 speed - acceleration
-            } else if stops(faster, acceleration, room) {
+            } else if stops(faster, acceleration, self.room) {
                 faster
-            } else if stops(speed, acceleration, room) {
+            } else if stops(speed, acceleration, self.room) {
                 speed
             } else {
                 speed - acceleration
             }
         };
-        self.go(if back { -next } else { next });
+        self.go(if self.back { -next } else { next });
     }
 
     #[inline(always)]
@@ -113,8 +130,8 @@ impl Trajectory {
 /// Whether a rotor that moves on by `speed` this step, and then ever slower, comes to rest within `room`: twice the
 /// acceleration times what is left.
 #[inline(always)]
-const fn stops(speed: i32, acceleration: i32, room: i64) -> bool {
-    speed <= 0 || speed as i64 * (speed + acceleration) as i64 <= room
+const fn stops(speed: i32, acceleration: i32, room: u64) -> bool {
+    speed <= 0 || speed as u32 as u64 * (speed + acceleration) as u32 as u64 <= room
 }
 
 #[cfg(test)]

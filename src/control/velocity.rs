@@ -3,53 +3,54 @@
 //! With the gain `ω J / K_t` the rotor's inertia makes the loop an integrator of bandwidth ω; the integral acts below ω/4, which
 //! damps the loop with a ratio of 1. Where the current is limited, the integrator is corrected by what the limit took off.
 
-use crate::control::{Motor, Scale, clamp, fixed, high};
+use crate::control::{Motor, Scale, clamp, fixed};
 use core::f32::consts::TAU;
-
-/// Bits of the fraction of a current within the controller.
-const FRACTION: u32 = 8;
 
 /// Gains of the speed controller.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Gains {
-    /// Current in 2⁻⁸ per speed in 2⁻²⁴.
+    /// Current per speed in 2⁻³².
     proportional: i32,
-    /// The same a step.
+    /// The same a step of the loop.
     integral: i32,
     /// Share of what the limit took off, in 2⁻³².
     back: i32,
     /// Current per acceleration in 2⁻²⁴.
     inertia: i32,
+    /// Error of the speed from which on the proportional current is four full scales.
+    far: i32,
 }
 
 impl Gains {
-    /// For a bandwidth in hertz. `None` when they are beyond the range of the integers.
-    pub fn new(motor: &Motor, bandwidth_hz: f32, scale: &Scale) -> Option<Self> {
+    /// For a bandwidth in hertz, and a loop that is computed `loop_hz` times a second. `None` when they are beyond the range of
+    /// the integers.
+    pub fn new(motor: &Motor, bandwidth_hz: f32, loop_hz: f32, scale: &Scale) -> Option<Self> {
         let omega = TAU * bandwidth_hz;
         // Units of current for a change of speed by one unit in a second.
         let inertia =
             motor.inertia_kgm2 / motor.torque_constant(scale.pole_pairs) * scale.per_ampere() / scale.per_radian_s();
-        let share = omega / 4.0 / scale.step_hz;
+        let share = omega / 4.0 / loop_hz;
         Some(Self {
-            proportional: fixed(inertia * omega, 24 + FRACTION as i32)?,
-            integral: fixed(inertia * omega * share, 24 + FRACTION as i32)?.max(1),
+            proportional: fixed(inertia * omega, 32)?,
+            integral: fixed(inertia * omega * share.min(1.0), 32)?.max(1),
             back: fixed(share.min(0.49), 32)?,
-            inertia: fixed(inertia * scale.step_hz, 24)?,
+            inertia: fixed(inertia * loop_hz, 24)?,
+            far: (131_072.0 / (inertia * omega)).min(536_870_912.0) as i32,
         })
     }
 
-    /// The current that accelerates by `acceleration`, in units of speed a step.
+    /// The current that accelerates by `acceleration`, in units of speed a step of the loop.
     #[inline(always)]
     pub const fn feed_forward(&self, acceleration: i32) -> i32 {
         ((acceleration as i64 * self.inertia as i64) >> 24) as i32
     }
 }
 
-/// The speed controller's integrator: a current in 2⁻⁸.
+/// The speed controller's integrator: a current in 2⁻³².
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Integrator(i32);
+pub struct Integrator(i64);
 
 impl Integrator {
     /// Nothing.
@@ -57,34 +58,19 @@ impl Integrator {
 
     /// What holds a current.
     pub const fn holding(current: i32) -> Self {
-        Self(current << FRACTION)
+        Self((current as i64) << 32)
     }
 
     /// One step: the current that makes the `measured` speed the `wanted` one, beside what is fed `forward`; up to
     /// ± `most`. Speeds are up to 2²⁹, currents up to 2¹⁵.
     #[inline(always)]
     pub const fn step(&mut self, gains: &Gains, wanted: i32, measured: i32, forward: i32, most: i32) -> i32 {
-        let error = clamp(wanted.wrapping_sub(measured), 1 << 29) as i64;
-        let proportional = clamp_wide((error * gains.proportional as i64) >> 24);
-        let asked = ((proportional + self.0) >> FRACTION) + forward;
+        let error = clamp(wanted.wrapping_sub(measured), gains.far);
+        let asked = ((self.0 + error as i64 * gains.proportional as i64) >> 32) as i32 + forward;
         let current = clamp(asked, most);
-        let over = (current - asked) << FRACTION;
-        let integral = clamp_wide((error * gains.integral as i64) >> 24);
-        self.0 = clamp(self.0 + integral + high(over, gains.back), most << FRACTION);
+        // What is taken back is more than what is added, so it needs no limit of its own.
+        self.0 += error as i64 * gains.integral as i64 + (current - asked) as i64 * gains.back as i64;
         current
-    }
-}
-
-/// To four times the full scale of a current.
-#[inline(always)]
-const fn clamp_wide(x: i64) -> i32 {
-    const MOST: i64 = 1 << (17 + FRACTION);
-    if x > MOST {
-        MOST as i32
-    } else if x < -MOST {
-        -MOST as i32
-    } else {
-        x as i32
     }
 }
 
@@ -98,7 +84,7 @@ mod tests {
 
     /// An inertia without friction: largest and last speed in units after a step to 100 rad/s against a load.
     fn turn(most_a: f32, load_nm: f32) -> (f32, f32) {
-        let gains = Gains::new(&MOTOR, 50.0, &SCALE).unwrap();
+        let gains = Gains::new(&MOTOR, 50.0, SCALE.step_hz, &SCALE).unwrap();
         let mut integrator = Integrator::default();
         let (mut speed, mut largest) = (0.0_f32, 0.0_f32);
         let most = (most_a * SCALE.per_ampere()) as i32;
@@ -126,7 +112,7 @@ mod tests {
 
     #[test]
     fn the_acceleration_is_fed_forward() {
-        let gains = Gains::new(&MOTOR, 50.0, &SCALE).unwrap();
+        let gains = Gains::new(&MOTOR, 50.0, SCALE.step_hz, &SCALE).unwrap();
         // 2000 rad/s² take 20 mN·m: 0.667 A.
         let acceleration = (2000.0 * SCALE.per_radian_s() / SCALE.step_hz) as i32;
         let current = gains.feed_forward(acceleration) as f32 / SCALE.per_ampere();

@@ -2,6 +2,8 @@
 
 use super::*;
 use crate::angle::Position;
+use crate::commutation::Modulation;
+use crate::control::{Current, Speed};
 use crate::hall::model::Model;
 use crate::service::{self, Service};
 use crate::settings::Settings;
@@ -565,12 +567,74 @@ fn heat_reduces_the_current_before_it_is_a_fault() {
     let code = (ntc.code(80.0) + ntc.code(100.0)) / 32.0;
     let mut sample = healthy(bench.model.codes(bench.rotor));
     sample.temperatures[0] = code as u16;
-    for _ in 0..16 {
+    for _ in 0..2 * CYCLE {
         bench.drive.step(&sample);
     }
     let share = bench.drive.state().wanted as f32 / full.0 as f32;
     assert!((share - 0.5).abs() < 0.02, "{share}");
     assert!(bench.drive.limits().contains(Limits::HEAT.with(Limits::CURRENT)));
+}
+
+#[test]
+fn records_while_following_are_numbered_and_come_as_often() {
+    for end in [Command::Disarm, Command::Trip(Fault::Encoder)] {
+        let mut bench = with_control(Commutation::FieldOriented, |_| ());
+        bench.command(Command::Arm).unwrap();
+        let (mut steps, mut records, mut states) = (0_u32, Vec::new(), Vec::new());
+        let mut run = |bench: &mut Bench, count: u32| {
+            for _ in 0..count {
+                bench.step();
+                steps += 1;
+                while let Some(event) = bench.service.poll() {
+                    if let service::Event::Record(record) = event {
+                        records.push((record.sequence, steps));
+                    }
+                }
+                while let Some(measurement) = bench.service.measurement() {
+                    states.push((measurement.sequence, steps));
+                }
+            }
+        };
+        run(&mut bench, 100);
+        bench.service.send(Command::Speed(Speed(0))).unwrap();
+        run(&mut bench, 8000);
+        bench.service.send(end).unwrap();
+        run(&mut bench, 900);
+        let start = records[0].1.wrapping_sub(records[0].0);
+        assert!(records.iter().all(|(sequence, step)| step.wrapping_sub(*sequence) == start), "{records:?}");
+        assert!((222..=228).contains(&records.len()), "{}", records.len());
+        // Noted down half a cycle before they are handed over.
+        assert!(
+            states.iter().skip(5).all(|(sequence, step)| step.wrapping_sub(*sequence) == start.wrapping_add(CYCLE / 2))
+        );
+        assert!((198..=206).contains(&states.len()), "{}", states.len());
+    }
+}
+
+#[test]
+fn two_halls_that_contradict_each_other_are_found_within_eight_steps() {
+    let mut bench = with_control(Commutation::FieldOriented, |_| ());
+    bench.command(Command::Arm).unwrap();
+    bench.command(Command::Current(Current(0))).unwrap();
+    for extra in 0..40 {
+        for _ in 0..extra {
+            bench.step();
+        }
+        assert_eq!(bench.drive.live().missed, 0);
+        // Plausible each for itself, and together not at all.
+        let mut codes = bench.model.codes(bench.rotor);
+        codes[1] = codes[1].wrapping_add(350);
+        codes[2] = codes[2].wrapping_add(350);
+        let found = (1..=8).find(|_| {
+            bench.step_with(codes);
+            bench.drive.live().missed != 0
+        });
+        assert!(found.is_some(), "{extra}");
+        for _ in 0..4 {
+            bench.step();
+        }
+        assert_eq!(bench.mode(), Mode::Running);
+    }
 }
 
 #[test]
@@ -587,7 +651,7 @@ fn silence_stops_the_drive_if_so_chosen() {
         bench.step();
     }
     assert!(!bench.drive.limits().contains(Limits::TIMEOUT));
-    for _ in 0..20 {
+    for _ in 0..10 + 2 * OUTER {
         bench.step();
     }
     assert!(bench.drive.limits().contains(Limits::TIMEOUT));

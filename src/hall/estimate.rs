@@ -215,10 +215,16 @@ impl Estimator {
     /// [`Implausible`], when a code is at a rail or out of its sensor's range, or the three contradict each other.
     #[inline(always)]
     pub fn angle(&self, codes: &Codes) -> Result<ElectricalAngle, Implausible> {
-        if self.disagreement.dot(codes) as u32 > self.disagreement_span {
+        if !self.agree(codes) {
             return Err(self.explain(codes, Implausible::Inconsistent));
         }
         self.angle_of_one(codes)
+    }
+
+    /// Whether the three do not contradict each other.
+    #[inline(always)]
+    pub fn agree(&self, codes: &Codes) -> bool {
+        self.disagreement.dot(codes) as u32 <= self.disagreement_span
     }
 
     /// The same without the comparison of the three with each other: for a single sample among others that are compared.

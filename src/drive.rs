@@ -31,7 +31,7 @@ pub use channels::{Channels, Command, Interrupt, Refusal, Reply, Sample, Tasks};
 use drag::{Drag, Stage};
 use servo::Servo;
 pub use servo::{Demand, State};
-use slots::at_least;
+pub(crate) use slots::RECORDS;
 pub use slots::{CYCLE, OUTER};
 
 /// The drive. What a step in a hurry needs comes first, within reach of the short forms of the load instructions.
@@ -60,8 +60,6 @@ pub struct Drive {
     first: u32,
     record_due: u32,
     state_due: u32,
-    /// From one to the next of both.
-    record_every: [u32; 2],
     /// The estimator otherwise.
     resting: Option<&'static mut Estimator>,
     /// A Hall lost while running, as long as the estimator counts on it.
@@ -93,7 +91,6 @@ impl Drive {
             first: 0,
             record_due: 0,
             state_due: 0,
-            record_every: [at_least(config.record_every, CYCLE / 2), at_least(config.record_every, CYCLE)],
             resting: None,
             lost: None,
             suspicion: None,

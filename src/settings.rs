@@ -4,7 +4,7 @@ use crate::angle::{ElectricalAngle, PolePairs};
 use crate::commutation::sinusoidal::PhaseOrder;
 use crate::commutation::{Commutation, Modulation};
 use crate::control;
-use crate::drive::drag;
+use crate::drive::{RECORDS, drag};
 use crate::hall::track;
 use crate::pwm;
 use core::fmt;
@@ -55,7 +55,8 @@ pub struct Settings {
     pub calibration_hz: f32,
     /// Least electrical turns to record in each direction, 2 to 64; rounded up to whole mechanical turns.
     pub calibration_turns: u8,
-    /// Rate of the records to the tasks while running, 1 Hz to half the PWM frequency.
+    /// Rate of the records to the tasks while running, 1 Hz to half the PWM frequency. With `control`, they come every 16 steps or
+    /// the nearest multiple: 1250 Hz for 1 kHz at 40 kHz.
     pub record_hz: f32,
     /// The same while calibrating, 1 Hz to the PWM frequency.
     pub calibration_record_hz: f32,
@@ -231,7 +232,7 @@ impl Settings {
             fastest: (self.max_electrical_hz / pwm_hz * 4_294_967_296.0) as i32,
             tolerated: within("tolerated_samples", self.tolerated_samples.into(), 0.0, 100.0)? as u16,
             run_on_two_halls: self.run_on_two_halls,
-            record_every: self.every("record_hz", self.record_hz, self.pwm_hz / 2.0)?,
+            record_every: self.record_every()?,
             calibration_record_every: self.every("calibration_record_hz", self.calibration_record_hz, self.pwm_hz)?,
             drag: self.drag()?,
         })
@@ -239,6 +240,13 @@ impl Settings {
 
     fn every(&self, field: &'static str, hz: f32, highest: f32) -> Result<u32, Error> {
         Ok(libm::roundf(self.pwm_hz / within(field, hz, 1.0, highest)?) as u32)
+    }
+
+    /// With current control, records have their slots in the drive's schedule.
+    fn record_every(&self) -> Result<u32, Error> {
+        let every = self.every("record_hz", self.record_hz, self.pwm_hz / 2.0)?;
+        let slotted = |every: u32| ((every + RECORDS / 2 - 1) / RECORDS).max(1) * RECORDS;
+        Ok(if self.control.is_some() { slotted(every) } else { every })
     }
 
     fn tracking(&self) -> Result<track::Config, Error> {

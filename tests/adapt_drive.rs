@@ -145,10 +145,13 @@ fn swinging(seed: u64, tell: bool) -> (Statistics, f64) {
     let calibration = rig.calibrate(|_| ()).unwrap();
     rig.command(Command::Arm).unwrap();
     let noise_codes = [0, 1, 2].map(|k| 0.01 * calibration.model.sensors[k].amplitude);
-    let motor = adapt::Settings { noise_codes, damping_nms: 1e-5, torque_noise_nm_rthz: 4e-5, ..Default::default() };
+    let update_hz = settings.pwm_hz / rig.config.record_every() as f32;
+    let motor =
+        adapt::Settings { update_hz, noise_codes, damping_nms: 1e-5, torque_noise_nm_rthz: 4e-5, ..Default::default() };
     let config = motor.validate().unwrap();
     let mut adaptation = Adaptation::new(&config, &calibration.model, rig.config.record_every()).unwrap();
     let (mut error, mut told, mut exact) = (Statistics::default(), 0.0, 0.0);
+    let mut torque = 0.0;
     for k in 0..40 {
         let speed = if k % 2 == 0 { 60.0 } else { -60.0 };
         rig.command(Command::Speed(rig.control().unwrap().speed(speed).unwrap())).unwrap();
@@ -157,7 +160,9 @@ fn swinging(seed: u64, tell: bool) -> (Statistics, f64) {
             exact += truth.torque_nm.abs();
             while let Some(event) = rig.service.poll() {
                 let Event::Record(record) = event else { continue };
-                let torque = rig.service.measurement().map_or(0.0, |m| torque_nm(&m, rig.control().unwrap()));
+                while let Some(measurement) = rig.service.measurement() {
+                    torque = torque_nm(&measurement, rig.control().unwrap());
+                }
                 told += f64::from(torque).abs() * f64::from(rig.config.record_every());
                 let outcome = adaptation.take(&record, if tell { torque } else { 0.0 });
                 assert!(!matches!(outcome, adapt::Outcome::Failed(_)), "seed {seed}: {outcome:?}");

@@ -13,8 +13,8 @@
 //! |---|---|
 //! | 0 | bus voltage for the current control |
 //! | 1, 5 | record |
-//! | 2 | alignment |
-//! | 3 | currents and voltages noted down |
+//! | 2 | currents and voltages noted down, where the current has settled since the outer loops changed it |
+//! | 3 | alignment |
 //! | 4 | speed for the current control; stall |
 //! | 6 | reduction of the largest current by the temperatures; over-speed |
 //! | 7 | currents and voltages handed over |
@@ -26,13 +26,14 @@ use crate::fault::{Fault, Limits};
 /// Steps of a schedule.
 pub const CYCLE: u32 = 32;
 
+/// Steps from one chance of a record to the next.
+pub(crate) const RECORDS: u32 = CYCLE / 2;
+
+/// The first of them.
+const RECORD: u32 = 7;
+
 /// Steps from one computation of the outer loops to the next: 5 kHz at 40 kHz. At a bandwidth of 60 Hz that costs 3° of phase.
 pub const OUTER: u32 = 8;
-
-/// `every`, or `least` if that is more.
-pub(super) const fn at_least(every: u32, least: u32) -> u32 {
-    if every < least { least } else { every }
-}
 
 impl Drive {
     /// The share of the slow work that belongs to this step. What is found wrong makes a running drive fail.
@@ -47,11 +48,11 @@ impl Drive {
             4 | 12 | 20 | 28 => self.turn(),
             6 | 14 | 22 | 30 => self.choose(),
             5 => self.scale(sample),
-            13 => self.refine(),
+            13 => self.note(sample),
             21 => self.induce(),
             29 => self.derate(sample),
-            7 | 23 => self.record_served(sample),
-            15 => self.note(sample),
+            RECORD | 23 => self.record_served(sample),
+            15 => self.refine(),
             _ => self.hand_over_served(),
         }
     }
@@ -171,14 +172,14 @@ impl Drive {
         }
     }
 
-    /// Begins or ceases to follow something. Meanwhile a record waits for its slot.
+    /// Begins or ceases to follow something. The schedule begins such that the next record, and so every one after it, is due in its slot.
     pub(super) fn serve_if(&mut self, serves: bool) {
         if serves && !self.serves {
+            self.record_due = RECORD;
+            self.state_due = RECORD;
             // A command does so before the step attends.
-            let this = self.tick.wrapping_add(1);
-            self.record_due = this.wrapping_add(self.until_record);
-            self.state_due = self.record_due;
-            self.first = self.live.sequence.wrapping_sub(self.record_due);
+            self.tick = RECORD.wrapping_sub(self.until_record).wrapping_sub(1);
+            self.first = self.live.sequence.wrapping_sub(RECORD);
         } else if self.serves && !serves {
             self.until_record = (self.record_due.wrapping_sub(self.tick) as i32).max(1) as u32;
             self.live.sequence = self.first.wrapping_add(self.tick).wrapping_add(self.until_record);
@@ -186,16 +187,15 @@ impl Drive {
         self.serves = serves;
     }
 
-    /// Whether something is due in this step or nearer to it than to its next chance.
     #[inline(always)]
-    const fn is_due(&self, due: u32, chances: u32) -> bool {
-        self.serves && due.wrapping_sub(self.tick) as i32 <= (CYCLE / chances / 2) as i32
+    const fn is_due(&self, due: u32) -> bool {
+        self.serves && due.wrapping_sub(self.tick) as i32 <= 0
     }
 
     #[inline(never)]
     fn record_served(&mut self, sample: &Sample) {
-        if self.is_due(self.record_due, 2) {
-            self.record_due = self.record_due.wrapping_add(self.record_every[0]);
+        if self.is_due(self.record_due) {
+            self.record_due = self.record_due.wrapping_add(self.config.record_every);
             self.live.status = self.live.status.with_limits(self.limits());
             self.live.codes = sample.halls;
             self.live.sequence = self.first.wrapping_add(self.tick);
@@ -205,8 +205,8 @@ impl Drive {
 
     #[inline(never)]
     fn hand_over_served(&mut self) {
-        if self.is_due(self.state_due, 1) {
-            self.state_due = self.state_due.wrapping_add(self.record_every[1]);
+        if self.is_due(self.state_due) {
+            self.state_due = self.state_due.wrapping_add(self.config.record_every.next_multiple_of(CYCLE));
             self.hand_over();
         }
     }

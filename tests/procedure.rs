@@ -231,7 +231,7 @@ fn what_cannot_be_is_refused_before_anything_turns() {
     assert_eq!(identification::Plan::new(&voltage).err(), Some(Error::NoControl));
     assert_eq!(learning::Plan::new(&voltage).err(), Some(Error::NoControl));
     let config = settings().validate().unwrap();
-    let slow = Settings { record_hz: 99.0, ..settings() }.validate().unwrap();
+    let slow = Settings { record_hz: 95.0, ..settings() }.validate().unwrap();
     let plan = identification::Plan::new(&config).unwrap();
     assert_eq!(Identification::new(&slow, &plan).err(), Some(Error::FewRecords));
     assert_eq!(Identification::new(&voltage, &plan).err(), Some(Error::NoControl));

@@ -355,6 +355,21 @@ impl Config {
         ((code as i32) << self.shift) >> 1
     }
 
+    /// Least bus voltage that is no fault, in volts.
+    pub(crate) fn under_voltage_v(&self) -> f32 {
+        self.bus(self.guard.under as u16) as f32 / 32_768.0 * self.scale.volts
+    }
+
+    /// Largest acceleration of a trajectory, in rad/s².
+    pub(crate) fn acceleration_rad_s2(&self) -> f32 {
+        self.trajectory.acceleration() as f32 / self.scale.per_radian_s() * self.scale.step_hz / OUTER as f32
+    }
+
+    /// Time from the largest speed to rest, in seconds.
+    pub(crate) fn braking_s(&self) -> f32 {
+        self.trajectory.speed() as f32 / self.scale.per_radian_s() / self.acceleration_rad_s2()
+    }
+
     /// A current along q, in amperes.
     ///
     /// # Errors

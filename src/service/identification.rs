@@ -33,10 +33,9 @@ impl Plan {
         let control = config.control.as_ref().ok_or(Error::NoControl)?;
         let scale = &control.scale;
         let fastest = control.trajectory.speed() as f32 / scale.per_radian_s();
-        let volts = control.guard.under as f32 / 32_768.0 * scale.volts;
-        let reached = volts / 1.732 / (control.motor.flux_linkage_wb * scale.pole_pairs);
-        let acceleration = control.trajectory.acceleration() as f32 / scale.per_radian_s() * scale.step_hz;
-        let needed = acceleration * control.motor.inertia_kgm2 / control.motor.torque_constant(scale.pole_pairs);
+        let reached = control.under_voltage_v() / 1.732 / (control.motor.flux_linkage_wb * scale.pole_pairs);
+        let needed = control.acceleration_rad_s2() * control.motor.inertia_kgm2
+            / control.motor.torque_constant(scale.pole_pairs);
         let most = control.max_current as f32 / scale.per_ampere();
         Ok(Self {
             speed_rad_s: 0.8 * fastest.min(reached),
@@ -110,8 +109,7 @@ impl Identification {
             return Err(Error::Plan { field });
         }
         let pilot = Pilot::new(config, plan.commutation)?;
-        let limits = &control.trajectory;
-        let ramp_ms = 2000.0 * limits.speed() as f32 / limits.acceleration() as f32 / control.scale.step_hz;
+        let ramp_ms = 2000.0 * control.braking_s();
         Ok(Self {
             pilot,
             identifier: Identifier::new(config).ok_or(Error::NoControl)?,

@@ -201,8 +201,7 @@ impl Pilot {
         if record_hz < LEAST_RECORD_HZ {
             return Err(Error::FewRecords);
         }
-        let limits = &control.trajectory;
-        let braking_s = limits.speed() as f32 / limits.acceleration() as f32 / control.scale.step_hz;
+        let braking_s = control.braking_s();
         Ok(Self {
             phase: Phase::Preparing,
             commutation,

@@ -1,6 +1,9 @@
 //! The low-rate side of a drive: collects the calibration's samples, fits the model and installs it.
 
 pub mod adaptation;
+pub mod identification;
+pub mod learning;
+pub mod procedure;
 
 use crate::control::cogging;
 use crate::drive::{Command, Reply, Tasks};
@@ -58,6 +61,9 @@ pub struct Service {
     spares: Vec<&'static mut Estimator, 2>,
     /// Commands that are not answered yet.
     unanswered: Deque<Origin, 16>,
+    /// The drive's answer to a procedure.
+    answer: Option<Reply>,
+    tables: Vec<&'static mut cogging::Table, 2>,
     config: Config,
     /// Settings on their way to the drive.
     coming: Option<Config>,
@@ -70,6 +76,7 @@ enum Origin {
     Install,
     Configure,
     Supervision,
+    Procedure,
 }
 
 impl Service {
@@ -82,6 +89,8 @@ impl Service {
             collected: 0,
             spares,
             unanswered: Deque::new(),
+            answer: None,
+            tables: Vec::new(),
             config,
             coming: None,
         }
@@ -101,6 +110,15 @@ impl Service {
     /// Asks for what nobody waits to be answered.
     pub(crate) fn ask_silently(&mut self, command: Command) -> Result<(), Command> {
         self.ask(command, Origin::Supervision)
+    }
+
+    /// Asks for a [procedure](procedure), which sees the answer by [`Self::procedure_answer`].
+    pub(crate) fn ask_for_procedure(&mut self, command: Command) -> Result<(), Command> {
+        self.ask(command, Origin::Procedure)
+    }
+
+    pub(crate) const fn procedure_answer(&mut self) -> Option<Reply> {
+        self.answer.take()
     }
 
     fn ask(&mut self, command: Command, origin: Origin) -> Result<(), Command> {
@@ -173,6 +191,38 @@ impl Service {
         self.tasks.measurements.dequeue()
     }
 
+    /// Lends the service a table to fill; with two, it can fill one while the drive uses the other. Gives the table back where
+    /// there are two already.
+    pub fn lend(&mut self, table: &'static mut cogging::Table) -> Option<&'static mut cogging::Table> {
+        self.tables.push(table).err()
+    }
+
+    /// Has the drive balance the cogging by a table, with one that was [lent](Self::lend), or no longer.
+    ///
+    /// # Errors
+    /// [`InstallError::Busy`]: no table is left or the queue is full; nothing has changed then.
+    pub fn balance(&mut self, table: Option<&cogging::Table>) -> Result<(), InstallError> {
+        while !self.tables.is_full()
+            && let Some(table) = self.tasks.tables.dequeue()
+        {
+            let _ = self.tables.push(table);
+        }
+        let place = match table {
+            None => None,
+            Some(table) => {
+                let place = self.tables.pop().ok_or(InstallError::Busy)?;
+                *place = *table;
+                Some(place)
+            }
+        };
+        self.ask_silently(Command::Balance(place)).map_err(|refused| {
+            if let Command::Balance(Some(place)) = refused {
+                let _ = self.tables.push(place);
+            }
+            InstallError::Busy
+        })
+    }
+
     /// A table of the cogging that the drive no longer uses.
     pub fn unused_table(&mut self) -> Option<&'static mut cogging::Table> {
         self.tasks.tables.dequeue()
@@ -195,6 +245,7 @@ impl Service {
                     return Some(Event::Reply(reply));
                 }
                 Some(Origin::Supervision) => {}
+                Some(Origin::Procedure) => self.answer = Some(reply),
                 Some(Origin::User) | None => return Some(Event::Reply(reply)),
             }
         }

@@ -79,7 +79,7 @@ fn evening(options: &[&str]) {
     let folder = folder();
     let file = |name: &str| folder.path().join(name);
     let flash = file("flash.bin");
-    let drive = Drive::with_flash(&flash, &[options, &["--fault", "hall-open@2s"]].concat());
+    let drive = Drive::with_flash(&flash, &[options, &["--fault", "hall-open@4s"]].concat());
 
     assert!(drive.ok(&["status"]).contains("unarmed: bridge off, not calibrated"));
     assert!(drive.fails(6, &["arm"]).contains("`hallctl calibrate` first"));

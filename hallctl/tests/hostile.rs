@@ -106,7 +106,7 @@ fn throw(drive: &mut Simulator, bytes: &[u8], milliseconds: u32) {
     }
 }
 
-const CASES: u32 = 200;
+const CASES: u32 = 500;
 /// Milliseconds of garbage.
 const LONG: u32 = 60;
 

@@ -200,7 +200,7 @@ impl Drive {
         if self.config.control.is_some() && self.mode == Mode::Running {
             self.publish();
             let Record { rotor, sequence, .. } = self.live;
-            let measurement = Measurement { rotor, sequence, state: self.servo.state };
+            let measurement = Measurement { rotor, sequence, state: self.servo.state, trim: self.servo.trim() };
             let _ = self.channels.measurements.enqueue(measurement);
         }
         let calibrating = matches!(self.mode, Mode::Aligning | Mode::Calibrating);

@@ -68,15 +68,22 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// At power-up, the motor at rest.
+    /// At power-up, an unkind motor at rest.
+    ///
+    /// # Errors
+    /// What is wrong with the defaults.
+    pub fn new(seed: u64, flash: Flash, planned: Vec<Planned>) -> Result<Self> {
+        Self::at(&PlantParameters::unkind(seed), seed, flash, planned)
+    }
+
+    /// The same at any motor.
     ///
     /// # Errors
     /// What is wrong with the motor's parameters.
-    pub fn new(seed: u64, flash: Flash, planned: Vec<Planned>) -> Result<Self> {
+    pub fn at(plant: &PlantParameters, seed: u64, flash: Flash, planned: Vec<Planned>) -> Result<Self> {
         let clock = CLOCK.lock().unwrap_or_else(PoisonError::into_inner);
         MockDriver::get().reset();
-        let mut plant =
-            Plant::new(&PlantParameters::unkind(seed), seed).map_err(|error| anyhow!("the motor: {error}"))?;
+        let mut plant = Plant::new(plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
         plant.place(0.3, 0.0).map_err(|error| anyhow!("{error}"))?;
         // On a chip these are statics; here, too, a drive lives as long as its process.
         let memory: &'static mut Memory = Box::leak(Box::new(Memory::new()));

@@ -158,8 +158,8 @@ mod tests {
     fn sequence_and_trigger() {
         // ADC_JSQR: JL 1:0 = 11, JEXTSEL 6:2 = 01000, JEXTEN 8:7 = 01, JSQ1 13:9, JSQ2 19:15, JSQ3 25:21, JSQ4 31:27.
         assert_eq!(SEQUENCE.jsqr(), 3 | 8 << 2 | 1 << 7 | 3 << 9 | 12 << 15 | 14 << 21 | 5 << 27);
-        assert_eq!(SEQUENCE.jsqr(), 0x29C6_06A3);
-        assert_eq!(Sequence(&[Rank::new(5, Cycles24_5)]).jsqr(), 0x0000_0AA0);
+        const ONE: Sequence = Sequence(&[Rank::new(5, Cycles24_5)]);
+        assert_eq!(ONE.jsqr(), 8 << 2 | 1 << 7 | 5 << 9);
     }
 
     #[test]

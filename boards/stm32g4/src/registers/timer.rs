@@ -62,12 +62,12 @@ pub const fn dead_time_field(ticks: u16) -> Option<u8> {
 
 /// Ticks that a field DTG makes (RM0440, 28.6.20).
 pub const fn dead_time_ticks(field: u8) -> u16 {
-    let low = |bits: u8| (field & bits) as u16;
+    let field = field as u16;
     match field >> 5 {
-        0..=3 => field as u16,
-        4 | 5 => (64 + low(0x3F)) * 2,
-        6 => (32 + low(0x1F)) * 8,
-        _ => (32 + low(0x1F)) * 16,
+        0..=3 => field,
+        4 | 5 => (64 + (field & 0x3F)) * 2,
+        6 => (32 + (field & 0x1F)) * 8,
+        _ => (32 + (field & 0x1F)) * 16,
     }
 }
 
@@ -86,6 +86,10 @@ pub const EGR_COMMUTATE: u32 = 1 << 5;
 
 /// TIM1_BDTR, MOE: main output enable.
 pub const MOE: u32 = 1 << 15;
+/// SYSCFG_CFGR2: breaks that the chip raises by itself: CLL, the core has locked up; SPL, a parity error of the SRAM; ECCL, a
+/// double error of the flash.
+pub const SYSTEM_BREAKS: u32 = bit(true, 0) | bit(true, 1) | bit(true, 3);
+
 /// TIM1_SR, BIF: a break has come.
 pub const BIF: u32 = 1 << 7;
 
@@ -303,6 +307,7 @@ mod tests {
         assert_eq!(bdtr(0x84, Break::Comparators(0b1011), 15), 0x000F_3E84);
         assert_eq!(bdtr(0xFF, Break::Comparators(1), 15) & MOE, 0);
         // TIM1_AF1: BKINE bit 0, BKCMP1E bit 1, BKCMP2E bit 2, BKCMP4E bit 4; all polarities 0.
+        assert_eq!(SYSTEM_BREAKS, 0xB);
         assert_eq!(af1(Break::PinLow), 0x001);
         assert_eq!(af1(Break::Comparators(0b1011)), 0x016);
     }

@@ -1,5 +1,6 @@
 //! The adaptation in the tasks: it learns from the records while the motor turns, and the drive takes up what was learnt.
 
+use crate::saving::Sensors;
 use crate::settings::Settings;
 use crate::wire;
 use hallservo::hall::adapt::{self, Outcome};
@@ -9,8 +10,6 @@ use hallservo::service::adaptation::Adaptation;
 use hallservo::telemetry::Record;
 use hallservo_protocol::{self as protocol, Cause};
 
-/// Noise of a sensor that was not measured, as a share of its amplitude: a calibration since power-up measures it.
-pub(crate) const NOISE: f32 = 0.01;
 /// Density of the torque that is not told, relative to the electrical acceleration it makes: rad/s²/√Hz. Cogging and loads.
 const UNTOLD: f32 = 16.0;
 /// What the shaft loses of its speed in a second when it is left alone.
@@ -27,12 +26,12 @@ pub(crate) struct Learning {
 }
 
 impl Learning {
-    /// Starts anew from a model, with each sensor's noise in ADC codes.
-    pub fn restart(&mut self, settings: &Settings, model: Option<&Model>, noise_codes: [f32; 3], every: u32) {
+    /// Starts anew from what is known of the sensors.
+    pub fn restart(&mut self, settings: &Settings, sensors: Option<&Sensors>, every: u32) {
         self.ended = None;
-        self.adaptation = model.filter(|_| settings.adaptation).and_then(|model| {
-            let config = config(settings, noise_codes, every)?;
-            Adaptation::new(&config, model, every).ok()
+        self.adaptation = sensors.filter(|_| settings.adaptation).and_then(|sensors| {
+            let config = config(settings, sensors.noise, every)?;
+            Adaptation::new(&config, &sensors.model, every).ok()
         });
     }
 

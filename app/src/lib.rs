@@ -13,7 +13,7 @@
 //! ```
 //!
 //! # The flash
-//! Six erasable blocks from `place` on, two for each kind of [record](hallservo::storage): sensors, cogging, settings. It is written only
+//! [`saving::BLOCKS`] erasable blocks from `place` on, two for each kind of [record](hallservo::storage): sensors, cogging, settings. It is written only
 //! while the bridge is off, for an erase stalls the core; what is to be saved meanwhile waits. A calibration and a learnt table of
 //! the cogging are saved by themselves. So is what the adaptation has learnt, when it differs from what is stored by more
 //! than [`saving::WORTH`], and not more often than every [`saving::REST_S`]. Settings are saved when asked to.
@@ -27,6 +27,7 @@ mod heartbeat;
 mod history;
 mod learning;
 mod measure;
+mod procedure;
 mod request;
 mod run;
 pub mod saving;

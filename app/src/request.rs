@@ -1,6 +1,7 @@
 //! From a request to its answer. What the drive has to obey is answered when it has.
 
 use crate::history::ENTRIES;
+use crate::procedure::Procedure;
 use crate::settings::{self, Entry, Settings, TABLE, find};
 use crate::supervisor::Supervisor;
 use crate::wire;
@@ -45,7 +46,8 @@ impl<F: NorFlash> Supervisor<F> {
             Ask::Hello => self.hello(),
             Ask::Status => Answer::Status(self.status()),
             Ask::Calibration => Answer::Calibration(self.calibration),
-            Ask::Identification => Answer::Identification(hallservo_protocol::Identification::None),
+            Ask::Identification => Answer::Identification(self.identification),
+            Ask::Cogging => Answer::Cogging(self.cogging),
             Ask::Setting(number) => {
                 let entry = TABLE.get(usize::from(number)).ok_or(Refusal::NoSetting)?;
                 Answer::Setting(self.setting(entry)?)
@@ -62,7 +64,10 @@ impl<F: NorFlash> Supervisor<F> {
                 let entry = self.history.entry(number.min(ENTRIES as u8));
                 Answer::History(History { total: self.history.total(), entry })
             }
-            Ask::Disarm => return self.obey(Command::Disarm, After::Done),
+            Ask::Disarm => {
+                self.cancel();
+                return self.obey(Command::Disarm, After::Done);
+            }
             _ if self.activity() != Activity::None => return Err(Refusal::Busy(self.activity())),
             _ => return self.command(ask),
         };
@@ -99,6 +104,16 @@ impl<F: NorFlash> Supervisor<F> {
                 self.change("commutation", number)
             }
             Ask::Calibrate => self.obey(Command::Calibrate, After::Calibrating),
+            Ask::Identify => {
+                self.turn(Procedure::motor(self.service.config())?)?;
+                Ok(Step::Answer(Answer::Done))
+            }
+            Ask::LearnCogging => {
+                self.turn(Procedure::cogging(self.service.config())?)?;
+                Ok(Step::Answer(Answer::Done))
+            }
+            Ask::Balance(true) if !self.has_table() => Err(Refusal::NoTable),
+            Ask::Balance(on) => self.change("anti_cogging", u8::from(on).into()),
             Ask::Set { name, value } => self.change(name, value),
             Ask::Save => {
                 self.ask_to_save();
@@ -110,7 +125,17 @@ impl<F: NorFlash> Supervisor<F> {
                 self.adopt(settings, After::Done)
             }
             Ask::Restore => self.adopt(self.defaults, After::Done),
-            _ => Err(Refusal::NoControl),
+            // Answered by `attempt`.
+            Ask::Hello
+            | Ask::Status
+            | Ask::Disarm
+            | Ask::Calibration
+            | Ask::Identification
+            | Ask::Cogging
+            | Ask::Setting(_)
+            | Ask::Get(_)
+            | Ask::Telemetry(_)
+            | Ask::History(_) => Ok(Step::Answer(Answer::Done)),
         }
     }
 

@@ -7,10 +7,11 @@ pub use record::{KEYED, key};
 pub use table::TABLE;
 
 use hallservo::commutation::Commutation;
+use hallservo::control::cogging::Table;
 use hallservo::control::current::Feedback;
 use hallservo::control::settings::OnTimeout;
 use hallservo::settings::{self, Config};
-use hallservo_protocol::{Kind, Refusal};
+use hallservo_protocol::{Cogging, Kind, Refusal};
 
 /// The settings of a drive and of its tasks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +28,19 @@ impl Settings {
     /// With what a board has by default.
     pub const fn new(drive: settings::Settings) -> Self {
         Self { drive, adaptation: true, anti_cogging: true }
+    }
+
+    /// Full scale of the current sensing, A; zero without.
+    pub(crate) fn full_scale_a(&self) -> f32 {
+        self.drive.control.map_or(0.0, |control| control.current_full_scale_a)
+    }
+
+    /// A table of the cogging in SI.
+    pub(crate) fn cogging(&self, table: &Table) -> Cogging {
+        let amperes = |current: &i16| f32::from(*current) / 32_768.0 * self.full_scale_a();
+        let largest_a = table.0.iter().map(|current| amperes(current).abs()).fold(0.0, f32::max);
+        let squares: f32 = table.0.iter().map(|current| amperes(current) * amperes(current)).sum();
+        Cogging { largest_a, rms_a: libm::sqrtf(squares / table.0.len() as f32) }
     }
 
     /// In the units of the interrupt.

@@ -3,21 +3,24 @@
 use crate::fmt::say;
 use crate::heartbeat::Sensed;
 use crate::history::History;
-use crate::learning::{Learning, NOISE};
-use crate::saving::{REST_S, Saving, differ};
+use crate::learning::Learning;
+use crate::procedure::{Outcome, Procedure};
+use crate::saving::{REST_S, Saving, Sensors};
 use crate::settings::Settings;
 use crate::{Identity, Memory, measure, wire};
 use core::f32::consts::TAU;
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::control::cogging::Table;
 use hallservo::drive::{Command, Drive};
-use hallservo::hall::estimate;
-use hallservo::hall::model::Model;
 use hallservo::mode::Mode;
 use hallservo::service::{Event, Service};
 use hallservo::settings::{self, Config};
-use hallservo::storage::{LONGEST, calibration};
+
 use hallservo::telemetry::{Measurement, Record as Live};
-use hallservo_protocol::{Activity, Calibration, CalibrationError, Cause, Problem, Record, Refusal, Status, Telemetry};
+use hallservo_protocol::{
+    self as protocol, Activity, Calibration, CalibrationError, Cause, Cogging, Motor, Problem, Record, Refusal, Status,
+    Telemetry,
+};
 
 /// Ticks after a command from which on the records tell what it did.
 pub(crate) const SETTLED: u32 = 5;
@@ -45,23 +48,30 @@ pub(crate) struct Supervisor<F> {
     spare: Option<&'static mut Config>,
     saving: Saving<F>,
     stored: [Problem; 3],
-    stored_model: Option<Model>,
+    stored_sensors: Option<Sensors>,
     stored_settings: Settings,
     /// What is to be saved when the bridge is off.
     waiting: [bool; 3],
     learnt_saved_ms: Option<u64>,
-    model: Option<Model>,
-    /// The drive has to be given the model once more.
+    sensors: Option<Sensors>,
+    /// The drive has to be given their model.
     install: bool,
-    noise_codes: [f32; 3],
     learning: Learning,
+    /// Of the cogging.
+    table: Option<Table>,
+    /// The drive has to be given it, or told to do without.
+    balance: bool,
+    balanced: bool,
+    procedure: Option<Procedure>,
     pub calibration: Calibration,
+    pub identification: protocol::Procedure<'static, Motor>,
+    pub cogging: protocol::Procedure<'static, Cogging>,
     live: Live,
     measurement: Option<Measurement>,
     sensed: Sensed,
     reply: Option<Result<(), Refusal<'static>>>,
-    /// Whether nobody waits for the drive's next answer any more.
-    late: bool,
+    /// Answers of the drive that nobody waits for.
+    unheard: u8,
     pub since_command: u32,
     stream: Option<Stream>,
     lost_records: u32,
@@ -80,38 +90,50 @@ impl<F: NorFlash> Supervisor<F> {
     ) -> (Drive, Self) {
         let defaults = Settings::new(defaults);
         let mut saving = Saving::new(flash, place);
-        let (settings, settings_problem) = stored_settings(&mut saving, &defaults);
+        let (settings, settings_problem) = saving.settings(&defaults);
         let config = match settings.validate() {
             Ok(config) => config,
             Err(_) => panic!("the board's default settings are invalid"),
         };
-        let (model, model_problem) = stored_model(&mut saving, &settings);
-        let Memory { channels, estimators: [first, second], config: spare, .. } = memory;
+        let sensors = saving.sensors(&settings);
+        let table = saving.table(settings.full_scale_a());
+        let stored = [sensors.err().unwrap_or_default(), table.err().unwrap_or_default(), settings_problem];
+        let (sensors, table) = (sensors.ok(), table.ok());
+        let Memory { channels, estimators: [first, second], tables, config: spare } = memory;
         let (interrupt, tasks) = channels.split();
+        let mut service = Service::new(config, tasks, [first, second]);
+        for table in tables {
+            service.lend(table);
+        }
         let mut supervisor = Self {
             identity,
-            service: Service::new(config, tasks, [first, second]),
+            service,
             history: History::new(),
             defaults,
             settings,
             coming: None,
             spare: Some(spare.insert(config)),
             saving,
-            stored: [model_problem, Problem::Blank, settings_problem],
-            stored_model: model,
+            stored,
+            stored_sensors: sensors,
             stored_settings: settings,
             waiting: [false; 3],
             learnt_saved_ms: None,
-            model,
-            install: model.is_some(),
-            noise_codes: noise_codes(model.as_ref()),
+            sensors,
+            install: sensors.is_some(),
             learning: Learning::default(),
+            balance: table.is_some(),
+            table,
+            balanced: false,
+            procedure: None,
             calibration: Calibration::None,
+            identification: protocol::Procedure::None,
+            cogging: protocol::Procedure::None,
             live: Live::new(),
             measurement: None,
             sensed: Sensed { bus: 0, temperatures: [0; 2] },
             reply: None,
-            late: false,
+            unheard: 0,
             since_command: 0,
             stream: None,
             lost_records: 0,
@@ -136,8 +158,12 @@ impl<F: NorFlash> Supervisor<F> {
         self.since_command = self.since_command.saturating_add(1);
         let torque_nm = self.take_measurements();
         while let Some(event) = self.service.poll() {
+            if let Some(procedure) = &mut self.procedure {
+                procedure.event(&event);
+            }
             self.on(event, torque_nm);
         }
+        self.proceed();
         self.spare = self.spare.take().or_else(|| self.service.unused_config());
         self.give();
         self.end_calibration();
@@ -152,6 +178,9 @@ impl<F: NorFlash> Supervisor<F> {
             sum += measure::current_a(control, self.settings.drive.reversed, &measurement)[1];
             count += 1.0;
             self.measurement = Some(measurement);
+            if let Some(procedure) = &mut self.procedure {
+                procedure.measurement(&measurement);
+            }
         }
         let newton_metres = 1.5 * f32::from(self.settings.drive.pole_pairs) * control.flux_linkage_wb;
         if count > 0.0 { sum / count * newton_metres } else { 0.0 }
@@ -166,9 +195,8 @@ impl<F: NorFlash> Supervisor<F> {
             Event::Calibrated(calibrate) => {
                 say!(info, "calibrated, residual {} %", calibrate.report.residual_pct);
                 self.calibration = Calibration::Found(wire::report(&calibrate.report));
-                self.model = Some(calibrate.model);
-                self.noise_codes =
-                    calibrate.report.sensors.each_ref().map(|sensor| sensor.noise_pct / 200.0 * sensor.swing);
+                let noise = calibrate.report.sensors.each_ref().map(|sensor| sensor.noise_pct / 200.0 * sensor.swing);
+                self.sensors = Some(Sensors { model: calibrate.model, noise });
                 self.waiting[Record::Sensors as usize] = true;
                 self.relearn();
             }
@@ -185,18 +213,21 @@ impl<F: NorFlash> Supervisor<F> {
         {
             self.take_up(settings);
         }
-        if !core::mem::take(&mut self.late) {
-            self.reply = Some(reply);
+        match self.unheard.checked_sub(1) {
+            Some(fewer) => self.unheard = fewer,
+            None => self.reply = Some(reply),
         }
     }
 
     /// The drive works with other settings now.
     fn take_up(&mut self, settings: Settings) {
-        let turned = settings.drive.reversed != self.settings.drive.reversed;
-        if let Some(model) = self.model.as_mut().filter(|_| turned) {
-            model.reversed = settings.drive.reversed;
-            self.install = true;
+        if settings.drive.reversed != self.settings.drive.reversed {
+            self.install = self.sensors.is_some();
+            if let Some(sensors) = &mut self.sensors {
+                sensors.model.reversed = settings.drive.reversed;
+            }
         }
+        self.balance |= settings.anti_cogging != self.settings.anti_cogging;
         self.settings = settings;
         self.relearn();
     }
@@ -231,20 +262,86 @@ impl<F: NorFlash> Supervisor<F> {
         self.history.push(self.now_ms, wire::mode(self.mode()), cause);
     }
 
-    /// Gives the drive a model, if it is due.
+    /// Gives the drive what is due: a model, a table.
     fn give(&mut self) {
-        if self.install {
-            let model = self.model.filter(|_| self.mode() != Mode::Running);
-            self.install = model.is_some_and(|model| self.service.install(&model).is_err());
-        } else if let Some(model) = self.learning.publish(&mut self.service, self.settings.drive.run_on_two_halls) {
-            self.model = Some(model);
+        if let Some(sensors) = &mut self.sensors {
+            if self.install {
+                self.install = self.service.install(&sensors.model).is_err();
+            } else if let Some(model) = self.learning.publish(&mut self.service, self.settings.drive.run_on_two_halls) {
+                sensors.model = model;
+            }
+        }
+        if self.balance {
+            let table = self.table.as_ref().filter(|_| self.settings.anti_cogging);
+            self.balance = self.service.balance(table).is_err();
+            self.balanced = !self.balance && table.is_some();
         }
     }
 
     /// Starts to learn anew from the model in use.
     pub fn relearn(&mut self) {
         let every = self.service.config().record_every();
-        self.learning.restart(&self.settings, self.model.as_ref(), self.noise_codes, every);
+        self.learning.restart(&self.settings, self.sensors.as_ref(), every);
+    }
+
+    /// Begins a procedure, with the drive ready.
+    pub fn turn(&mut self, procedure: Procedure) -> Result<(), Refusal<'static>> {
+        match self.mode() {
+            Mode::Ready => {}
+            Mode::Unarmed => return Err(Refusal::NotCalibrated),
+            mode => return Err(Refusal::Mode(wire::mode(mode))),
+        }
+        match procedure.activity() {
+            Activity::Identification => self.identification = protocol::Procedure::Turning,
+            _ => self.cogging = protocol::Procedure::Turning,
+        }
+        self.procedure = Some(procedure);
+        Ok(())
+    }
+
+    /// Ends a procedure; the bridge is to be switched off beside.
+    pub fn cancel(&mut self) {
+        if let Some(procedure) = &mut self.procedure {
+            procedure.cancel();
+        }
+    }
+
+    fn proceed(&mut self) {
+        let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(&mut self.service, self.now_ms as u32)) else {
+            return;
+        };
+        match outcome {
+            Outcome::Motor(report) => {
+                let mut settings = self.settings;
+                if let Some(control) = &mut settings.drive.control {
+                    report.apply(control);
+                }
+                // A motor beyond the ranges of the settings is told all the same.
+                self.unheard = self.configure(settings).is_ok().into();
+                self.identification = protocol::Procedure::Found(wire::motor(&report));
+            }
+            Outcome::Cogging(table) => {
+                self.cogging = protocol::Procedure::Found(self.settings.cogging(&table));
+                self.table = Some(table);
+                // The procedure has put it to work, wanted or not.
+                self.balance = true;
+                self.waiting[Record::Cogging as usize] = true;
+            }
+            Outcome::Failed(Activity::Identification, error) => {
+                self.identification = protocol::Procedure::Failed(wire::procedure_error(error));
+            }
+            Outcome::Failed(_, error) => {
+                self.cogging = protocol::Procedure::Failed(wire::procedure_error(error));
+                // Whatever it has put to work.
+                self.balance = true;
+            }
+        }
+        self.procedure = None;
+    }
+
+    /// Whether the cogging has been learnt.
+    pub const fn has_table(&self) -> bool {
+        self.table.is_some()
     }
 
     /// A calibration that a command or a fault has ended.
@@ -266,7 +363,9 @@ impl<F: NorFlash> Supervisor<F> {
             self.waiting[Record::Sensors as usize] = true;
         }
         if core::mem::take(&mut self.waiting[Record::Sensors as usize]) {
-            self.save_model();
+            self.save_sensors();
+        } else if core::mem::take(&mut self.waiting[Record::Cogging as usize]) {
+            self.save_table();
         } else if core::mem::take(&mut self.waiting[Record::Settings as usize]) {
             self.save_settings();
         }
@@ -278,26 +377,28 @@ impl<F: NorFlash> Supervisor<F> {
     }
 
     fn is_worth_saving(&self) -> bool {
-        match (&self.model, &self.stored_model) {
-            (Some(model), Some(stored)) => differ(model, stored),
-            (model, _) => model.is_some() && self.calibration != Calibration::Turning,
+        match (&self.sensors, &self.stored_sensors) {
+            (Some(sensors), Some(stored)) => sensors.differ(stored),
+            (sensors, _) => sensors.is_some(),
         }
     }
 
-    fn save_model(&mut self) {
-        let Some(model) = self.model else { return };
-        let saved = self.saving.save(Record::Sensors, &calibration::encode(&model));
-        // One that cannot be saved is not tried again and again.
-        self.stored_model = Some(model);
+    fn save_sensors(&mut self) {
+        let Some(sensors) = &self.sensors else { return };
+        let saved = self.saving.save_sensors(sensors);
+        // Those that cannot be saved are not tried again and again.
+        self.stored_sensors = Some(*sensors);
         self.saved(Record::Sensors, saved);
     }
 
+    fn save_table(&mut self) {
+        let Some(table) = &self.table else { return };
+        let saved = self.saving.save_table(table, self.settings.full_scale_a());
+        self.saved(Record::Cogging, saved);
+    }
+
     fn save_settings(&mut self) {
-        let mut record = [0; LONGEST];
-        let saved = match self.settings.record(&self.defaults, &mut record) {
-            Some(length) => self.saving.save(Record::Settings, &record[..length]),
-            None => Err(Problem::Flash),
-        };
+        let saved = self.saving.save_settings(&self.settings, &self.defaults);
         if saved.is_ok() {
             self.stored_settings = self.settings;
         }
@@ -325,7 +426,7 @@ impl<F: NorFlash> Supervisor<F> {
 
     /// The settings in the flash.
     pub fn load_settings(&mut self) -> Result<Settings, Problem> {
-        match stored_settings(&mut self.saving, &self.defaults) {
+        match self.saving.settings(&self.defaults) {
             (settings, Problem::None | Problem::Foreign) => Ok(settings),
             (_, problem) => Err(problem),
         }
@@ -358,7 +459,7 @@ impl<F: NorFlash> Supervisor<F> {
     fn ready_to_ask(&mut self) -> Result<(), Refusal<'static>> {
         self.reply = None;
         self.since_command = 0;
-        if self.late { Err(Refusal::Silent) } else { Ok(()) }
+        if self.unheard > 0 { Err(Refusal::Silent) } else { Ok(()) }
     }
 
     /// The drive's answer to the last command.
@@ -368,7 +469,7 @@ impl<F: NorFlash> Supervisor<F> {
 
     /// Nobody waits for the answer any more.
     pub fn give_up(&mut self) {
-        self.late = true;
+        self.unheard = 1;
     }
 
     pub fn mode(&self) -> Mode {
@@ -426,7 +527,13 @@ impl<F: NorFlash> Supervisor<F> {
 
     /// What goes on that takes a while.
     pub fn activity(&self) -> Activity {
-        if self.calibration == Calibration::Turning { Activity::Calibration } else { Activity::None }
+        match &self.procedure {
+            Some(procedure) => procedure.activity(),
+            None if self.calibration == Calibration::Turning => Activity::Calibration,
+            // The drive takes up what was found.
+            None if self.unheard > 0 && self.coming.is_some() => Activity::Identification,
+            None => Activity::None,
+        }
     }
 
     pub fn status(&self) -> Status {
@@ -438,16 +545,20 @@ impl<F: NorFlash> Supervisor<F> {
             uptime_ms: self.now_ms,
             mode: wire::mode(mode),
             limits: self.live.status.limits().bits(),
-            calibrated: self.model.is_some() && !matches!(mode, Mode::Unarmed | Mode::Aligning | Mode::Calibrating),
+            calibrated: self.sensors.is_some() && !matches!(mode, Mode::Unarmed | Mode::Aligning | Mode::Calibrating),
             commutation: wire::commutation(drive.commutation),
-            balanced: false,
+            balanced: self.balanced,
             position_turns: self.position_turns(),
             speed_rad_s: self.speed_rad_s(),
             current_a: drive.control.as_ref().zip(self.measurement.as_ref()).map_or(f32::NAN, |(c, m)| current(c, m)),
             bus_v: measure::bus_v(drive, self.sensed),
             temperatures_c: measure::temperatures_c(drive, self.sensed),
             activity,
-            progress: if activity == Activity::Calibration { self.service.progress() } else { 0.0 },
+            progress: match &self.procedure {
+                Some(procedure) => procedure.progress(),
+                None if activity == Activity::Calibration => self.service.progress(),
+                None => 0.0,
+            },
             learning: self.learning.state(),
             learnt: self.learning.count,
             stored: self.stored,
@@ -459,32 +570,4 @@ impl<F: NorFlash> Supervisor<F> {
             incidents: self.history.len(),
         }
     }
-}
-
-/// The settings to work with, and what is wrong with those stored.
-fn stored_settings<F: NorFlash>(saving: &mut Saving<F>, defaults: &Settings) -> (Settings, Problem) {
-    let mut record = [0; LONGEST];
-    match saving.load(Record::Settings, &mut record) {
-        Ok(length) => Settings::of_record(defaults, &record[..length]),
-        Err(problem) => (*defaults, problem),
-    }
-}
-
-/// The stored model, if it can give an angle, or what is wrong with it.
-fn stored_model<F: NorFlash>(saving: &mut Saving<F>, settings: &Settings) -> (Option<Model>, Problem) {
-    let mut record = [0; LONGEST];
-    let model = match saving.load(Record::Sensors, &mut record) {
-        Ok(length) => calibration::decode(&record[..length]),
-        Err(problem) => return (None, problem),
-    };
-    match model.filter(|model| estimate::validate(model, settings.drive.adc_bits).is_ok()) {
-        // The settings may have been saved after the model.
-        Some(model) => (Some(Model { reversed: settings.drive.reversed, ..model }), Problem::None),
-        None => (None, Problem::Corrupt),
-    }
-}
-
-/// Of sensors whose noise was not measured.
-fn noise_codes(model: Option<&Model>) -> [f32; 3] {
-    model.map_or([0.0; 3], |model| model.sensors.each_ref().map(|sensor| NOISE * sensor.amplitude))
 }

@@ -1,5 +1,6 @@
 //! From the library's types to those of the protocol.
 
+use hallservo::control::identify;
 use hallservo::control::settings::BadDemand;
 use hallservo::drive;
 use hallservo::hall::Channel;
@@ -7,8 +8,11 @@ use hallservo::hall::adapt::{self, Parameter};
 use hallservo::hall::calibrate::report::{self, Finding};
 use hallservo::hall::calibrate::{self, Sweep};
 use hallservo::hall::estimate::BadModel;
+use hallservo::service::procedure;
 use hallservo::{commutation, mode};
-use hallservo_protocol::{CalibrationError, Cause, Commutation, Mode, Refusal, Report, SensorReport};
+use hallservo_protocol::{
+    CalibrationError, Cause, Commutation, Mode, Motor, ProcedureError, Refusal, Report, SensorReport,
+};
 
 pub(crate) fn mode(mode: mode::Mode) -> Mode {
     match mode {
@@ -87,6 +91,49 @@ pub(crate) fn calibration_error(error: calibrate::Error) -> CalibrationError {
             Finding::Lagging(degrees) => Wire::Lagging(degrees),
             Finding::Hunting(degrees) => Wire::Hunting(degrees),
         },
+    }
+}
+
+/// Why a procedure cannot begin.
+pub(crate) fn procedure(error: procedure::Error) -> Refusal<'static> {
+    match error {
+        procedure::Error::NoControl => Refusal::NoControl,
+        procedure::Error::Demand(bad) => demand(bad),
+        procedure::Error::Refused(refused) => refusal(refused),
+        procedure::Error::Fault(fault) => Refusal::Fault(fault.code()),
+        _ => Refusal::Contradiction,
+    }
+}
+
+/// Why a procedure came to nothing.
+pub(crate) fn procedure_error(error: procedure::Error) -> ProcedureError<'static> {
+    match error {
+        procedure::Error::Fault(fault) => ProcedureError::Fault(fault.code()),
+        procedure::Error::Disarmed => ProcedureError::Disarmed,
+        procedure::Error::Silent => ProcedureError::Silent,
+        procedure::Error::Unreached => ProcedureError::Unreached,
+        procedure::Error::Untold => ProcedureError::Untold,
+        procedure::Error::NoTable => ProcedureError::NoTable,
+        procedure::Error::Cancelled => ProcedureError::Cancelled,
+        refused => ProcedureError::Refused(procedure(refused)),
+    }
+}
+
+pub(crate) fn motor(report: &identify::Report) -> Motor {
+    let of = |estimate: identify::Estimate| [estimate.value as f32, estimate.error as f32];
+    let told = &report.told;
+    Motor {
+        resistance_ohm: of(report.resistance_ohm),
+        inductance_h: of(report.inductance_h),
+        flux_linkage_wb: of(report.flux_linkage_wb),
+        inertia_kgm2: of(report.inertia_kgm2),
+        coulomb_nm: of(report.coulomb_nm),
+        viscous_nms: of(report.viscous_nms),
+        load_nm: of(report.load_nm),
+        leftover_v: of(report.leftover_v),
+        told: [told.resistance_ohm, told.inductance_h, told.flux_linkage_wb, told.inertia_kgm2],
+        pole_pairs: report.pole_pairs,
+        samples: report.samples,
     }
 }
 

@@ -30,7 +30,7 @@ pub use message::{
     Activity, Answer, Ask, Cause, Commutation, Hello, History, Incident, Kind, Learning, Mode, Problem, Record,
     Refusal, Reply, Request, Setting, Status, Telemetry,
 };
-pub use report::{Calibration, CalibrationError, Identification, Report, SensorReport};
+pub use report::{Calibration, CalibrationError, Cogging, Motor, Procedure, ProcedureError, Report, SensorReport};
 
 /// Version of the messages.
 pub const VERSION: u8 = 1;

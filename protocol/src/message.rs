@@ -1,6 +1,6 @@
 //! The messages. Their order is their number on the wire.
 
-use crate::report::{Calibration, Identification};
+use crate::report::{Calibration, Cogging, Motor, Procedure};
 use serde::{Deserialize, Serialize};
 
 /// From a tool to the drive.
@@ -50,12 +50,14 @@ pub enum Ask<'a> {
     Calibrate,
     /// What the last one came to: [`Answer::Calibration`].
     Calibration,
-    /// Turn to and fro and measure the motor; the drive must be armed.
+    /// Turn to and fro and measure the motor, from a drive that is ready; the bridge is off again in the end.
     Identify,
     /// What the last one came to: [`Answer::Identification`].
     Identification,
-    /// Turn slowly both ways and learn what the magnets do to the teeth; the drive must be armed.
+    /// Turn slowly both ways and learn what the magnets do to the teeth, the same way.
     LearnCogging,
+    /// What the last one came to: [`Answer::Cogging`].
+    Cogging,
     /// Balance what was learnt, or no longer.
     Balance(bool),
     /// A setting by its number, from zero: [`Answer::Setting`].
@@ -96,7 +98,9 @@ pub enum Answer<'a> {
     /// To [`Ask::Calibration`].
     Calibration(Calibration),
     /// To [`Ask::Identification`].
-    Identification(Identification),
+    Identification(Procedure<'a, Motor>),
+    /// To [`Ask::Cogging`].
+    Cogging(Procedure<'a, Cogging>),
     /// To [`Ask::Setting`], [`Ask::Get`] and [`Ask::Set`].
     Setting(Setting<'a>),
     /// The settings are in the flash, or will be when the bridge is off.

@@ -1,5 +1,6 @@
 //! What the long procedures found.
 
+use crate::message::Refusal;
 use serde::{Deserialize, Serialize};
 
 /// What the last calibration came to.
@@ -93,24 +94,74 @@ pub enum CalibrationError {
     Ended,
 }
 
-/// What the last identification of the motor came to.
+/// What a procedure that turns the motor came to.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Identification {
+pub enum Procedure<'a, T> {
     /// There was none since power-up.
     None,
     /// It goes on.
     Turning,
-    /// The motor; its parameters are in the settings, not yet saved.
-    Found {
-        /// Resistance of a phase, Ω.
-        resistance_ohm: f32,
-        /// Inductance of a phase, H.
-        inductance_h: f32,
-        /// Flux linkage, Wb.
-        flux_linkage_wb: f32,
-        /// Inertia of all that turns, kg·m².
-        inertia_kgm2: f32,
-    },
-    /// The measurements tell nothing, or a command or a fault ended it.
-    Failed,
+    /// What it found.
+    Found(T),
+    /// Why it came to nothing.
+    #[serde(borrow)]
+    Failed(ProcedureError<'a>),
+}
+
+/// Why a procedure came to nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum ProcedureError<'a> {
+    /// The drive refused a command of it.
+    #[serde(borrow)]
+    Refused(Refusal<'a>),
+    /// A fault switched the bridge off.
+    Fault(u8),
+    /// Somebody switched the bridge off.
+    Disarmed,
+    /// The drive gave no answer.
+    Silent,
+    /// The rotor did not reach a speed or a place in time.
+    Unreached,
+    /// The measurements do not tell what was asked.
+    Untold,
+    /// There was no room for the result.
+    NoTable,
+    /// A command ended it.
+    Cancelled,
+}
+
+/// The motor as measured: values and how far they may be off. What is not doubtful is in the settings, not yet saved.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Motor {
+    /// Resistance of a phase, Ω.
+    pub resistance_ohm: [f32; 2],
+    /// Inductance of a phase, H.
+    pub inductance_h: [f32; 2],
+    /// Flux linkage, Wb.
+    pub flux_linkage_wb: [f32; 2],
+    /// Inertia, kg·m².
+    pub inertia_kgm2: [f32; 2],
+    /// Friction at any speed, N·m.
+    pub coulomb_nm: [f32; 2],
+    /// Friction that grows with the speed, N·m·s.
+    pub viscous_nms: [f32; 2],
+    /// Constant load against positive rotation, N·m.
+    pub load_nm: [f32; 2],
+    /// Voltage that the dead-time compensation leaves, V.
+    pub leftover_v: [f32; 2],
+    /// Resistance, inductance, flux linkage and inertia that the drive was told.
+    pub told: [f32; 4],
+    /// Pole pairs that the drive was told.
+    pub pole_pairs: u8,
+    /// Measurements used.
+    pub samples: u32,
+}
+
+/// The cogging as learnt; it is in the flash, or will be at once.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct Cogging {
+    /// Largest current of the table, A.
+    pub largest_a: f32,
+    /// Its RMS, A.
+    pub rms_a: f32,
 }

@@ -51,7 +51,7 @@ const FREE: bool = false;
 
 /// Every setting.
 #[rustfmt::skip]
-pub static TABLE: &[Entry] = &[
+pub const TABLE: &[Entry] = &[
     row!("adc_bits", "bit", Whole, BOARD, drive.adc_bits, |s| 8.0, 16.0, "resolution of the ADC"),
     row!("timer_hz", "Hz", Real, BOARD, drive.timer_hz, |s| 1e6, 1e9, "clock of the PWM timer"),
     row!("pwm_hz", "Hz", Real, BOARD, drive.pwm_hz, |s| 1e3, 200e3, "switching frequency and rate of the control"),

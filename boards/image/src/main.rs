@@ -47,7 +47,10 @@ fn interrupt(graph: &reach::Graph, functions: &[String]) -> Result<()> {
         let names: Vec<String> = reached.iter().map(|&at| graph.name(at)).collect();
         let bad: Vec<&String> = names.iter().filter(|name| FORBIDDEN.iter().any(|bad| name.contains(bad))).collect();
         ensure!(bad.is_empty(), "{function} can reach {bad:?}");
-        println!("{function} and what it reaches, {} functions and tables: no panic, no log, no critical section", names.len());
+        println!(
+            "{function} and what it reaches, {} functions and tables: no panic, no log, no critical section",
+            names.len()
+        );
     }
     Ok(())
 }
@@ -58,7 +61,7 @@ const EXCEPTION: u64 = 27 * 4;
 fn stack_fits(image: &object::File, graph: &reach::Graph, functions: &[String]) -> Result<()> {
     let [thread, preempting @ .., control] = functions else { anyhow::bail!("at least a thread and an interrupt") };
     let mut total = 0;
-    let mut add = |function: &str, entry: u64| -> Result<u64> {
+    let add = |function: &str, entry: u64| -> Result<u64> {
         let deepest = stack::deepest(graph, graph.find(function)?);
         println!("{function}: {} bytes of stack; the deepest way:", deepest.bytes + entry);
         for (name, bytes) in deepest.chain.iter().filter(|(_, bytes)| *bytes >= 100) {
@@ -73,7 +76,8 @@ fn stack_fits(image: &object::File, graph: &reach::Graph, functions: &[String]) 
         most = most.max(add(function, EXCEPTION)?);
     }
     total += most + add(control, EXCEPTION)?;
-    let place = |name: &str| image.symbol_by_name(name).map(|symbol| symbol.address()).context("no bounds of the stack");
+    let place =
+        |name: &str| image.symbol_by_name(name).map(|symbol| symbol.address()).context("no bounds of the stack");
     let room = place("_stack_start")? - place("_stack_end")?;
     println!("{total} bytes of stack at most, of {room}");
     ensure!(total <= room, "the stack is too small by {} bytes", total - room);

@@ -22,7 +22,8 @@ pub struct Graph {
 
 impl Graph {
     pub fn new(image: &object::File) -> Result<Self> {
-        let mut graph = Self { names: BTreeMap::new(), things: BTreeMap::new(), edges: BTreeMap::new(), frames: BTreeMap::new() };
+        let mut graph =
+            Self { names: BTreeMap::new(), things: BTreeMap::new(), edges: BTreeMap::new(), frames: BTreeMap::new() };
         for symbol in image.symbols().filter(|symbol| symbol.size() > 0) {
             let is_code = symbol.kind() == SymbolKind::Text;
             // Bit 0 of a function's address says that it is Thumb code.

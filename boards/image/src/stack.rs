@@ -96,8 +96,12 @@ pub fn deepest(graph: &Graph, function: u64) -> Deepest {
         }
         next = search.known.get(&at).and_then(|&(_, next)| next);
     }
-    let indirect =
-        search.known.keys().filter(|&&at| graph.frame(at).is_some_and(|f| f.indirect)).map(|&at| graph.name(at)).collect();
+    let indirect = search
+        .known
+        .keys()
+        .filter(|&&at| graph.frame(at).is_some_and(|f| f.indirect))
+        .map(|&at| graph.name(at))
+        .collect();
     Deepest { bytes, chain, indirect }
 }
 

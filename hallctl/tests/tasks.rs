@@ -5,7 +5,7 @@ mod tool;
 use hallctl::simulate::flash::Flash;
 use hallctl::simulate::{Simulator, fault};
 use hallservo::mode::Mode;
-use hallservo_protocol::{Answer, Ask, Cause, Learning, Problem, Procedure, Record, Refusal};
+use hallservo_protocol::{Answer, Ask, Cause, Decoder, Learning, Problem, Procedure, Record, Refusal, Reply};
 use plant::PlantParameters;
 use tool::{ask, calibrated, done, drive, run, status, wait};
 
@@ -28,9 +28,9 @@ fn a_dead_control_interrupt_is_told_and_nothing_waits_for_ever() {
     drive.write(&tool::request(7, Ask::Arm));
     (0..200).for_each(|_| drive.stall());
     let reply = drive.read();
-    let mut decoder = hallservo_protocol::Decoder::new();
+    let mut decoder = Decoder::new();
     let silent = reply.iter().any(|&byte| {
-        let message = decoder.push::<hallservo_protocol::Reply<'_>>(byte);
+        let message = decoder.push::<Reply<'_>>(byte);
         matches!(message, Some(Ok(reply)) if reply.answer == Answer::Refused(Refusal::Silent))
     });
     assert!(silent);
@@ -39,6 +39,30 @@ fn a_dead_control_interrupt_is_told_and_nothing_waits_for_ever() {
     assert_eq!(drive.drive().mode(), Mode::Running);
     done(&mut drive, Ask::Disarm);
     assert_eq!(drive.drive().mode(), Mode::Ready);
+}
+
+#[test]
+fn a_tool_of_another_version_is_told_the_drives() {
+    let mut drive = drive(Flash::blank());
+    run(&mut drive, 10);
+    // COBS of the version 7 and its CRC, which has no zero in it.
+    drive.write(&[0, 6, 7, 0x2e, 0x7a, 0x66, 0x4c, 0]);
+    run(&mut drive, 10);
+    let mut decoder = Decoder::new();
+    let hello = drive.read().iter().any(|&byte| {
+        let message = decoder.push::<Reply<'_>>(byte);
+        matches!(message, Some(Ok(Reply { id: 0, answer: Answer::Hello(hello) })) if hello.board == "simulated")
+    });
+    assert!(hello);
+    assert_eq!(status(&mut drive).garbage, 1);
+}
+
+#[test]
+fn what_is_off_is_disarmed() {
+    let mut drive = drive(Flash::blank());
+    run(&mut drive, 10);
+    done(&mut drive, Ask::Disarm);
+    assert_eq!(drive.drive().mode(), Mode::Unarmed);
 }
 
 #[test]

@@ -66,6 +66,8 @@ pub struct Service {
     answer: Option<Reply>,
     tables: Vec<&'static mut cogging::Table, 2>,
     config: Config,
+    /// Settings on their way to the drive.
+    coming: Option<Config>,
 }
 
 /// Who asked.
@@ -73,6 +75,7 @@ pub struct Service {
 enum Origin {
     User,
     Install,
+    Configure,
     Supervision,
     Procedure,
 }
@@ -90,6 +93,7 @@ impl Service {
             answer: None,
             tables: Vec::new(),
             config,
+            coming: None,
         }
     }
 
@@ -125,6 +129,34 @@ impl Service {
         self.tasks.commands.enqueue(command)?;
         let _ = self.unanswered.push_back(origin);
         Ok(())
+    }
+
+    /// Sends other settings, which a drive takes up while its bridge is off; its answer is a later [`Event::Reply`].
+    ///
+    /// # Errors
+    /// The settings themselves, when others are on their way or the drive has eight commands to obey already.
+    pub fn configure(&mut self, config: &'static mut Config) -> Result<(), &'static mut Config> {
+        if self.coming.is_some() {
+            return Err(config);
+        }
+        let coming = *config;
+        match self.ask(Command::Configure(config), Origin::Configure) {
+            Err(Command::Configure(config)) => Err(config),
+            _ => {
+                self.coming = Some(coming);
+                Ok(())
+            }
+        }
+    }
+
+    /// The memory of settings that the drive no longer uses.
+    pub fn unused_config(&mut self) -> Option<&'static mut Config> {
+        self.tasks.configs.dequeue()
+    }
+
+    /// The settings that the drive works with.
+    pub const fn config(&self) -> &Config {
+        &self.config
     }
 
     /// Makes an estimator of a model and sends it to the drive, which takes it up between two steps.
@@ -209,6 +241,10 @@ impl Service {
         while let Some(reply) = self.tasks.replies.dequeue() {
             match self.unanswered.pop_front() {
                 Some(Origin::Install) => return Some(Event::Installed(reply)),
+                Some(Origin::Configure) => {
+                    self.config = self.coming.take().filter(|_| reply.is_ok()).unwrap_or(self.config);
+                    return Some(Event::Reply(reply));
+                }
                 Some(Origin::Supervision) => {}
                 Some(Origin::Procedure) => self.answer = Some(reply),
                 Some(Origin::User) | None => return Some(Event::Reply(reply)),

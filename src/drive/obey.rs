@@ -16,7 +16,10 @@ impl Drive {
     #[cold]
     #[inline(never)]
     pub(super) fn obey(&mut self, command: Command, sample: &Sample) -> Reply {
-        self.servo.heard();
+        // What the tasks send by themselves says nothing of whoever commands.
+        if !matches!(command, Command::Install(_) | Command::Balance(_) | Command::Trip(_)) {
+            self.servo.heard();
+        }
         match command {
             Command::Calibrate => {
                 self.on_command(Event::Calibrate)?;
@@ -44,6 +47,14 @@ impl Drive {
                 if let Some(unused) = core::mem::replace(&mut self.cogging, table) {
                     let _ = self.channels.tables.enqueue(unused);
                 }
+            }
+            Command::Configure(config) => {
+                let allowed = if self.mode.drives() { Err(Refusal::Mode(self.mode)) } else { Ok(()) };
+                if allowed.is_ok() {
+                    core::mem::swap(&mut self.config, config);
+                }
+                let _ = self.channels.configs.enqueue(config);
+                return allowed;
             }
             Command::Trip(fault) => {
                 self.fail(fault);

@@ -1,0 +1,48 @@
+//! Pins, and the way from ADC results to a sample. Schematic: MB1419.
+
+use crate::constants::{self, EARLY, FIRST, SECOND, ZERO};
+use embassy_stm32::pac::adccommon::AdcCommon;
+use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, GPIOA, GPIOB, GPIOC};
+use hallservo::drive::Sample;
+use hallservo::settings::Settings;
+use stm32g4::sensing::{Early, NO_THERMISTOR, current, pulled_up};
+use stm32g4::wiring::Wiring;
+use stm32g4::{Board, Converter, Pin, result};
+
+/// The state of the board in the control interrupt.
+pub struct Esc1 {
+    first_hall: Early,
+}
+
+impl Esc1 {
+    pub const fn new() -> Self {
+        Self { first_hall: Early::new(EARLY, 2 * Self::BRIDGE.period() as u32) }
+    }
+}
+
+impl Board for Esc1 {
+    const NAME: &'static str = "B-G431B-ESC1";
+
+    const BRIDGE: Wiring = constants::BRIDGE;
+    const PINS: &'static [Pin] =
+        &[(GPIOA, 8, 6), (GPIOC, 13, 4), (GPIOA, 9, 6), (GPIOA, 12, 6), (GPIOA, 10, 6), (GPIOB, 15, 4)];
+
+    const CONVERTERS: &'static [Converter] =
+        &[Converter { adc: ADC1, sequence: FIRST }, Converter { adc: ADC2, sequence: SECOND }];
+    const GROUPS: &'static [AdcCommon] = &[ADC12_COMMON];
+
+    fn settings() -> Settings {
+        constants::settings()
+    }
+
+    #[inline(always)]
+    fn sample(&mut self) -> Sample {
+        Sample {
+            halls: [self.first_hall.at_once(result::<1>(ADC2)), result::<2>(ADC2), result::<2>(ADC1)],
+            currents: [result::<0>(ADC1), result::<0>(ADC2), result::<1>(ADC1)].map(|code| current(code, ZERO)),
+            bus: result::<3>(ADC2),
+            temperatures: [pulled_up(result::<3>(ADC1)), NO_THERMISTOR],
+            lost: 0,
+        }
+    }
+}

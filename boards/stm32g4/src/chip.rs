@@ -1,0 +1,141 @@
+//! A drive on the chip.
+
+mod bridge;
+mod clock;
+mod control;
+mod converters;
+mod last;
+mod watchdog;
+
+pub use bridge::{Bridge, Pin};
+pub use control::Control;
+pub use converters::{Converter, result};
+
+use crate::registers::clock::{HCLK_HZ, PCLK1_HZ, baud};
+use crate::wiring::Wiring;
+use core::ptr::addr_of;
+use defmt_rtt as _;
+use embassy_executor::Executor;
+use embassy_stm32::flash::{Blocking, Flash};
+use embassy_stm32::pac::adccommon::AdcCommon;
+use embassy_stm32::pac::{DBGMCU, Interrupt, RCC};
+use embassy_stm32::usart::{self, BufferedUart};
+use embassy_stm32::{Peri, Peripherals, peripherals};
+use hallservo::drive::{Drive, Sample};
+use hallservo::settings::Settings;
+use hallservo_app::{App, Heartbeat, Identity, Memory};
+use static_cell::StaticCell;
+
+/// What a board is, beyond its chip.
+pub trait Board: Send + 'static {
+    /// Its name.
+    const NAME: &'static str;
+    /// The way to the gate drivers.
+    const BRIDGE: Wiring;
+    /// Outputs of TIM1, and its break input if that is a pin.
+    const PINS: &'static [Pin];
+    /// The ADCs. The end of the first one's sequence is the control interrupt.
+    const CONVERTERS: &'static [Converter];
+    /// What the ADCs share.
+    const GROUPS: &'static [AdcCommon];
+
+    /// What a drive on this board starts with, as long as nothing else is stored.
+    fn settings() -> Settings;
+
+    /// The results of the sequences that have just ended. In the control interrupt.
+    fn sample(&mut self) -> Sample;
+}
+
+/// Baud rate of the serial line.
+const BAUD: u32 = 460_800;
+const _: () = assert!(baud(PCLK1_HZ, BAUD).1.abs() < 100, "the baud rate is off by more than 1 %");
+
+static ALIVE: Heartbeat = Heartbeat::new();
+
+/// The bridge, safe before anything else happens; then clocks, priorities and time.
+pub fn start<B: Board>() -> (Bridge, Peripherals) {
+    let bridge = Bridge::new(&B::BRIDGE, B::PINS);
+    let Some(mut core) = cortex_m::Peripherals::take() else { panic!("started twice") };
+    shared::priority::init(&mut core.NVIC, &mut core.SCB, Interrupt::ADC1_2);
+    core.DCB.enable_trace();
+    core.DWT.enable_cycle_counter();
+    let peripherals = clock::start();
+    bridge.guard_against_the_core();
+    // A breakpoint stops the timer, which takes its outputs to their idle levels, and the watchdog.
+    DBGMCU.apb2fzr().modify(|freeze| freeze.set_tim1(true));
+    DBGMCU.apb1lfzr().modify(|freeze| freeze.set_iwdg(true));
+    (bridge, peripherals)
+}
+
+/// The serial line as `hallctl` expects it.
+pub fn serial() -> usart::Config {
+    let mut config = usart::Config::default();
+    config.baudrate = BAUD;
+    config
+}
+
+/// Everything else. Never returns.
+pub fn run<B: Board>(
+    board: B,
+    bridge: Bridge,
+    control: &'static Control<B>,
+    flash: Peri<'static, peripherals::FLASH>,
+    serial: BufferedUart<'static>,
+) -> ! {
+    greet::<B>();
+    converters::start(B::GROUPS, B::CONVERTERS);
+    watchdog::start();
+    let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
+    let (drive, app) = begin(identity, B::settings(), Flash::new_blocking(flash));
+    control.start(board, drive, bridge, &ALIVE);
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    EXECUTOR.init(Executor::new()).run(|spawner| match tasks(app, serial) {
+        Ok(tasks) => spawner.spawn(tasks),
+        Err(_) => unreachable!("spawned once"),
+    })
+}
+
+type Application = App<Flash<'static, Blocking>>;
+
+/// What is large goes to its place and leaves the stack.
+#[inline(never)]
+fn begin(identity: Identity, defaults: Settings, flash: Flash<'static, Blocking>) -> (Drive, &'static Application) {
+    static MEMORY: StaticCell<Memory> = StaticCell::new();
+    static APP: StaticCell<Application> = StaticCell::new();
+    let memory = MEMORY.init_with(Memory::new);
+    let (drive, app) = hallservo_app::start(identity, defaults, flash, storage(), memory);
+    (drive, APP.init(app))
+}
+
+/// All that is not the control interrupt. Here, and not generic, so that it is compiled for size.
+#[embassy_executor::task]
+async fn tasks(app: &'static Application, serial: BufferedUart<'static>) -> ! {
+    let (tx, rx) = serial.split();
+    app.run(rx, tx, &ALIVE, watchdog::feed).await
+}
+
+/// Where the place for settings begins, from the begin of the flash: memory.x reserves it.
+fn storage() -> u32 {
+    unsafe extern "C" {
+        static _storage: u8;
+    }
+    addr_of!(_storage) as u32
+}
+
+/// What a person with a probe wants to know at first.
+fn greet<B: Board>() {
+    let wiring = &B::BRIDGE;
+    defmt::info!("{=str}, hallservo {=str}: the bridge is off", B::NAME, env!("CARGO_PKG_VERSION"));
+    defmt::info!(
+        "{=u32} MHz from the internal oscillator; PWM {=u32} Hz, {=u16} counts; dead time {=u32} ns",
+        HCLK_HZ / 1_000_000,
+        wiring.pwm_hz,
+        wiring.period(),
+        u32::from(wiring.dead_time_ticks()) * 1000 / (HCLK_HZ / 1_000_000)
+    );
+    let causes = RCC.csr().read();
+    if causes.iwdgrstf() {
+        defmt::error!("the watchdog has reset the chip: the control interrupt or a task had stopped");
+    }
+    RCC.csr().modify(|csr| csr.set_rmvf(true));
+}

@@ -66,7 +66,7 @@ pub struct Measurement {
 
 impl Measurement {
     /// Before the first.
-    pub(crate) const NONE: Self = Self {
+    pub const NONE: Self = Self {
         rotor: Tracker::at(ElectricalAngle::ZERO),
         sequence: 0,
         state: State::NONE,

@@ -83,11 +83,18 @@ impl Image {
             Some((&start, (size, name))) if address - start < *size => name.clone(),
             _ => format!("{address:#010x}"),
         };
-        let line = self.lines.find_location(address.into()).ok().flatten().and_then(|location| {
-            let file = location.file?.rsplit(['/', '\\']).next()?.to_owned();
-            Some(format!("{file}:{}", location.line?))
-        });
+        let line = self.lines.find_location(address.into()).ok().flatten().as_ref().and_then(short);
         Place { function, line }
+    }
+
+    /// All lines that an address stands for: the innermost inlined function's first, its callers' after it.
+    pub fn source(&self, address: u32) -> Vec<String> {
+        let mut lines = Vec::new();
+        let Ok(mut frames) = self.lines.find_frames((address & !1).into()).skip_all_loads() else { return lines };
+        while let Ok(Some(frame)) = frames.next() {
+            lines.extend(frame.location.as_ref().and_then(short));
+        }
+        lines
     }
 
     /// The image as flash of `size` bytes, erased where nothing is.
@@ -104,6 +111,12 @@ impl Image {
         }
         Ok(flash)
     }
+}
+
+/// File name without its path, and line.
+fn short(location: &addr2line::Location<'_>) -> Option<String> {
+    let file = location.file?.rsplit(['/', '\\']).next()?;
+    Some(format!("{file}:{}", location.line?))
 }
 
 /// `object` gives virtual addresses; initialised data is flashed elsewhere, at the physical one.

@@ -140,6 +140,9 @@ pub struct Facts {
     pub watchdog: Option<Watchdog>,
     /// Flash operations: programmed double words and erased pages.
     pub flash_operations: u64,
+    /// What is wrong at pins or inside without an access to blame, seconds of the first time: `dead time: …`,
+    /// `idle states: …`, `alternate function: …`, `ADC1: …`.
+    pub findings: Vec<(f64, String)>,
     /// The script's disturbances and what else happened, with seconds.
     pub events: Vec<(f64, String)>,
     /// Figures of the motor at the end: `angle_turns`, `speed_rad_s`, …

@@ -1,0 +1,464 @@
+//! The timers (RM0440, chapters 28 to 31): counter, prescaler, preloads, compare channels and the outputs of TIM1.
+//!
+//! Nothing counts: between two counts at which something happens, the time of the next is computed. Times are cycles of
+//! HCLK; the timers' clock divides it by a whole number.
+
+mod compare;
+mod outputs;
+mod registers;
+
+pub use outputs::{Outputs, dead_time_counts};
+pub use registers::Settings;
+
+use bus::Cycle;
+use compare::reference;
+
+/// What a timer has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Shape {
+    /// As the manual calls it.
+    pub name: &'static str,
+    /// Width of the counter.
+    pub bits: u32,
+    /// Compare channels: 6 with complementary outputs, 4, 2, 1 or 0.
+    pub channels: usize,
+    /// Complementary outputs, break and repetition.
+    pub advanced: bool,
+}
+
+/// An edge of a trigger output.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Edge {
+    /// None.
+    #[default]
+    None,
+    /// A level rises.
+    Rising,
+    /// A level falls.
+    Falling,
+    /// Up and down again at once.
+    Pulse,
+}
+
+/// What happened at a count.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Happened {
+    /// TRGO.
+    pub trgo: Edge,
+    /// TRGO2.
+    pub trgo2: Edge,
+    /// A reference or an output setting changed: pins may have.
+    pub outputs: bool,
+    /// The counter has reached zero from above, or wrapped to it.
+    pub valley: bool,
+}
+
+/// Edges of MOE and of the break flags, to be taken by who keeps the record.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct MoeEdge {
+    /// When.
+    pub at: Cycle,
+    /// The new state.
+    pub on: bool,
+    /// By which break input (0 or 1) and source (0: pin, 1 to 7: comparator); `None`: software.
+    pub cause: Option<(usize, usize)>,
+}
+
+const UIF: u32 = 1;
+const BIF: u32 = 1 << 7;
+const NEVER: Cycle = Cycle::MAX;
+
+/// A timer.
+#[derive(Clone, Debug)]
+pub struct Timer {
+    shape: Shape,
+    cr1: u32,
+    cr2: u32,
+    smcr: u32,
+    dier: u32,
+    sr: u32,
+    ccmr: [u32; 3],
+    ccer: u32,
+    psc: u32,
+    arr: u32,
+    rcr: u32,
+    ccr: [u32; 6],
+    bdtr: u32,
+    dtr2: u32,
+    af: [u32; 2],
+    /// What acts until the next update.
+    psc_acts: u32,
+    arr_acts: u32,
+    ccr_acts: [u32; 6],
+    /// With CCPC: what acts until the next commutation.
+    ccmr_acts: [u32; 3],
+    ccer_acts: u32,
+    repetition: u32,
+    count: u32,
+    down: bool,
+    /// When `count` was reached.
+    at: Cycle,
+    /// Cycles of HCLK per cycle of the timer's clock.
+    ratio: Cycle,
+    references: [bool; 6],
+    /// When something happens next.
+    next: Cycle,
+    /// Last time at zero.
+    valley: Option<Cycle>,
+    /// The outputs of channels 1 to 3.
+    pub outputs: Outputs,
+    breaks: [bool; 2],
+    moe_edges: Vec<MoeEdge>,
+}
+
+impl Timer {
+    /// As reset leaves it.
+    pub fn new(shape: Shape) -> Self {
+        let all = if shape.bits == 32 { u32::MAX } else { 0xffff };
+        Self {
+            shape,
+            cr1: 0,
+            cr2: 0,
+            smcr: 0,
+            dier: 0,
+            sr: 0,
+            ccmr: [0; 3],
+            ccer: 0,
+            psc: 0,
+            arr: all,
+            rcr: 0,
+            ccr: [0; 6],
+            bdtr: 0,
+            dtr2: 0,
+            af: [1, 1],
+            psc_acts: 0,
+            arr_acts: all,
+            ccr_acts: [0; 6],
+            ccmr_acts: [0; 3],
+            ccer_acts: 0,
+            repetition: 0,
+            count: 0,
+            down: false,
+            at: 0,
+            ratio: 1,
+            references: [false; 6],
+            next: NEVER,
+            valley: None,
+            outputs: Outputs::default(),
+            breaks: [false; 2],
+            moe_edges: Vec::new(),
+        }
+    }
+
+    /// Puts the registers into their reset state.
+    pub fn reset(&mut self) {
+        *self = Self { ratio: self.ratio, ..Self::new(self.shape) };
+    }
+
+    /// The timer's clock divides HCLK by this; to be called at the time of the change.
+    pub fn set_ratio(&mut self, ratio: Cycle, now: Cycle) {
+        self.settle(now);
+        self.ratio = ratio;
+        self.configure_outputs();
+        self.schedule();
+    }
+
+    /// Cycles of HCLK that one count lasts.
+    fn step(&self) -> Cycle {
+        (Cycle::from(self.psc_acts) + 1) * self.ratio
+    }
+
+    fn enabled(&self) -> bool {
+        self.cr1 & 1 != 0
+    }
+
+    fn centred(&self) -> bool {
+        self.cr1 & 0x60 != 0
+    }
+
+    /// When something happens next, which may be of no interest to anyone outside.
+    pub fn next(&self) -> Cycle {
+        self.next.min(self.outputs.next())
+    }
+
+    /// The next count at which an interrupt or a trigger is possible.
+    pub fn next_of_interest(&self) -> Cycle {
+        if self.dier & 0xff != 0 || self.cr2 & 0x00f0_0070 != 0 { self.next } else { NEVER }
+    }
+
+    /// Whether any interrupt of these flags is up.
+    pub fn interrupt(&self, flags: u32) -> bool {
+        self.sr & self.dier & flags != 0
+    }
+
+    /// Break flags share one enable (28.6.4: BIE).
+    pub fn break_interrupt(&self) -> bool {
+        self.dier & BIF != 0 && self.sr & (BIF | 1 << 8) != 0
+    }
+
+    /// Time at which the counter was last at zero.
+    pub fn valley(&self) -> Option<Cycle> {
+        self.valley
+    }
+
+    /// Length of a period in cycles of HCLK, from valley to valley.
+    pub fn period(&self) -> Cycle {
+        let counts = if self.centred() { 2 * Cycle::from(self.arr_acts) } else { Cycle::from(self.arr_acts) + 1 };
+        counts * self.step()
+    }
+
+    /// Main output enable.
+    pub fn moe(&self) -> bool {
+        self.bdtr >> 15 & 1 != 0
+    }
+
+    /// Edges of MOE since the last call.
+    pub fn take_moe_edges(&mut self) -> Vec<MoeEdge> {
+        core::mem::take(&mut self.moe_edges)
+    }
+
+    /// Counts to go until this value in the present direction, if it comes before the turn.
+    fn distance(&self, target: u32) -> Option<u32> {
+        let distance = if self.down { self.count.checked_sub(target) } else { target.checked_sub(self.count) }?;
+        (distance > 0).then_some(distance)
+    }
+
+    /// The value at which the direction changes or the counter wraps, and how far it is: the step of the wrap
+    /// included.
+    fn turn(&self) -> u64 {
+        let (count, reload) = (u64::from(self.count), u64::from(self.arr_acts));
+        if self.centred() {
+            if self.down { count } else { reload.saturating_sub(count).max(1) }
+        } else if self.down {
+            count + 1
+        } else if count <= reload {
+            reload - count + 1
+        } else {
+            (1_u64 << self.shape.bits) - count
+        }
+    }
+
+    fn schedule(&mut self) {
+        if !self.enabled() || self.arr_acts == 0 {
+            self.next = NEVER;
+            return;
+        }
+        let mut counts = self.turn();
+        for &target in &self.ccr_acts[..self.shape.channels] {
+            if let Some(distance) = self.distance(target) {
+                counts = counts.min(u64::from(distance));
+            }
+        }
+        self.next = self.at + counts * self.step();
+    }
+
+    /// Moves the counter to where it is now; nothing happens on the way.
+    fn settle(&mut self, now: Cycle) {
+        if self.enabled() && self.arr_acts != 0 {
+            let counts = ((now - self.at) / self.step()) as u32;
+            self.count = if self.down { self.count.wrapping_sub(counts) } else { self.count.wrapping_add(counts) };
+            self.at += Cycle::from(counts) * self.step();
+        } else {
+            self.at = now;
+        }
+    }
+
+    /// Does what is due at [`Timer::next`].
+    pub fn fire(&mut self) -> Happened {
+        let now = self.next();
+        let mut happened = Happened::default();
+        if self.outputs.next() == now {
+            self.outputs.settle(now);
+            happened.outputs = true;
+        }
+        if self.next == now {
+            self.reach(now, &mut happened);
+        }
+        happened
+    }
+
+    fn reach(&mut self, now: Cycle, happened: &mut Happened) {
+        let counts = (now - self.at) / self.step();
+        let turns = counts == self.turn();
+        self.at = now;
+        if !turns {
+            self.count = if self.down { self.count - counts as u32 } else { self.count + counts as u32 };
+        } else if self.centred() {
+            self.count = if self.down { 0 } else { self.arr_acts };
+            self.down = !self.down;
+        } else {
+            self.count = if self.down { self.arr_acts } else { 0 };
+        }
+        if turns {
+            happened.valley = if self.centred() { !self.down } else { true };
+            if happened.valley {
+                self.valley = Some(now);
+            }
+            self.overflow(happened);
+        }
+        self.compare(happened);
+        self.refresh_references(now, happened);
+        self.schedule();
+    }
+
+    fn overflow(&mut self, happened: &mut Happened) {
+        if self.shape.advanced && self.repetition > 0 {
+            self.repetition -= 1;
+            return;
+        }
+        if self.cr1 & 1 << 3 != 0 {
+            self.cr1 &= !1;
+        }
+        self.update(happened, true);
+    }
+
+    /// An update event (28.3.2): preloads act from now on.
+    fn update(&mut self, happened: &mut Happened, flag: bool) {
+        self.repetition = self.rcr;
+        if self.cr1 & 2 != 0 {
+            return;
+        }
+        self.psc_acts = self.psc;
+        self.arr_acts = self.arr;
+        self.ccr_acts = self.ccr;
+        if flag {
+            self.sr |= UIF;
+        }
+        if self.bdtr & 1 << 14 != 0 && !self.moe() && self.breaks == [false; 2] {
+            self.set_moe(true, self.at, None);
+            happened.outputs = true;
+        }
+        if self.cr2 >> 4 & 7 == 2 {
+            happened.trgo = Edge::Pulse;
+        }
+        if self.cr2 >> 20 & 0xf == 2 {
+            happened.trgo2 = Edge::Pulse;
+        }
+    }
+
+    /// Flags of the channels whose value is reached; in centre-aligned mode 1 on the way down, 2 up, 3 both (28.6.1).
+    fn compare(&mut self, happened: &mut Happened) {
+        let counts = match self.cr1 >> 5 & 3 {
+            1 => self.down || self.count == 0,
+            2 => !self.down || self.count == self.arr_acts,
+            _ => true,
+        };
+        if !counts {
+            return;
+        }
+        for channel in 0..self.shape.channels {
+            if self.ccr_acts[channel] == self.count && self.is_output(channel) {
+                self.sr |= if channel < 4 { 2 << channel } else { 1 << (12 + channel) };
+                if channel == 0 {
+                    if self.cr2 >> 4 & 7 == 3 {
+                        happened.trgo = Edge::Pulse;
+                    }
+                    if self.cr2 >> 20 & 0xf == 3 {
+                        happened.trgo2 = Edge::Pulse;
+                    }
+                }
+            }
+        }
+    }
+
+    fn is_output(&self, channel: usize) -> bool {
+        channel >= 4 || self.ccmr_acts[channel / 2] >> (8 * (channel % 2)) & 3 == 0
+    }
+
+    /// Output compare mode (OCxM) of a channel.
+    fn mode(&self, channel: usize) -> u32 {
+        let half = self.ccmr_acts[channel / 2] >> (8 * (channel % 2));
+        half >> 4 & 7 | half >> 13 & 8
+    }
+
+    fn refresh_references(&mut self, now: Cycle, happened: &mut Happened) {
+        let old = self.references;
+        for channel in 0..self.shape.channels {
+            let down = self.down && self.centred() || self.cr1 & 0x70 == 0x10;
+            self.references[channel] =
+                reference(self.mode(channel), self.count, down, self.ccr_acts[channel], old[channel]);
+        }
+        if self.references == old {
+            return;
+        }
+        let edge = |channel: usize| match (old[channel], self.references[channel]) {
+            (false, true) => Edge::Rising,
+            (true, false) => Edge::Falling,
+            _ => Edge::None,
+        };
+        if let mode @ 4..=7 = self.cr2 >> 4 & 7 {
+            happened.trgo = edge(mode as usize - 4);
+        }
+        happened.trgo2 = trigger_2(self.cr2 >> 20 & 0xf, edge).unwrap_or(happened.trgo2);
+        if self.shape.advanced {
+            self.outputs.set_references([self.references[0], self.references[1], self.references[2]], now);
+            happened.outputs = true;
+        }
+    }
+
+    fn configure_outputs(&mut self) {
+        let dts = self.ratio << (self.cr1 >> 8 & 3);
+        self.outputs.configure(self.ccer_acts, self.cr2, self.bdtr, self.dtr2, dts);
+    }
+
+    fn set_moe(&mut self, on: bool, at: Cycle, cause: Option<(usize, usize)>) {
+        if on == self.moe() {
+            return;
+        }
+        self.bdtr = self.bdtr & !(1 << 15) | u32::from(on) << 15;
+        self.outputs.set_moe(on, at);
+        self.moe_edges.push(MoeEdge { at, on, cause });
+    }
+
+    /// Levels of the sources of both break inputs: the pin (`None` where no pin is assigned) and comparators 1 to 7.
+    /// BKF's filter is not modelled: a break acts at once. Returns whether pins may have changed.
+    pub fn set_breaks(&mut self, sources: [[Option<bool>; 8]; 2], now: Cycle) -> bool {
+        let mut changed = false;
+        for (input, levels) in sources.iter().enumerate() {
+            let active_high = self.bdtr >> [13, 25][input] & 1 != 0;
+            let af = self.af[input];
+            let active = |source: usize| {
+                // BKINP, BKCMP1P to BKCMP4P (28.6.26).
+                let inverted = source <= 4 && af >> (9 + source) & 1 != 0;
+                af >> source & 1 != 0 && levels[source].is_some_and(|level| (level != inverted) == active_high)
+            };
+            let cause = (0..8).find(|&source| self.break_enabled(input) && active(source));
+            self.breaks[input] = cause.is_some();
+            if let Some(source) = cause {
+                self.sr |= BIF << input;
+                changed |= self.moe();
+                self.set_moe(false, now, Some((input, source)));
+            }
+        }
+        changed
+    }
+
+    /// Names of the sources that AF1 (`0`) or AF2 (`1`) lets through to an enabled break input.
+    pub fn break_names(&self, input: usize) -> Vec<String> {
+        let pin = ["TIM1_BKIN", "TIM1_BKIN2"][input];
+        (0..8)
+            .filter(|&source| self.break_enabled(input) && self.af[input] >> source & 1 != 0)
+            .map(|source| if source == 0 { pin.into() } else { format!("COMP{source}") })
+            .collect()
+    }
+
+    /// Whether a break input is enabled.
+    pub fn break_enabled(&self, input: usize) -> bool {
+        self.bdtr >> [12, 24][input] & 1 != 0
+    }
+}
+
+/// Edges of TRGO2 that come from references (28.6.2, MMS2).
+fn trigger_2(mode: u32, edge: impl Fn(usize) -> Edge) -> Option<Edge> {
+    let pulse = |is: bool| Some(if is { Edge::Pulse } else { Edge::None });
+    match mode {
+        4..=9 => Some(edge(mode as usize - 4)),
+        10 => pulse(edge(3) != Edge::None),
+        11 => pulse(edge(5) != Edge::None),
+        12 => pulse(edge(3) == Edge::Rising || edge(5) == Edge::Rising),
+        13 => pulse(edge(3) == Edge::Rising || edge(5) == Edge::Falling),
+        14 => pulse(edge(4) == Edge::Rising || edge(5) == Edge::Rising),
+        15 => pulse(edge(4) == Edge::Rising || edge(5) == Edge::Falling),
+        _ => None,
+    }
+}

@@ -464,6 +464,14 @@ impl Drive {
                     let _ = self.channels.tables.enqueue(unused);
                 }
             }
+            Command::Configure(config) => {
+                let allowed = if self.mode.drives() { Err(Refusal::Mode(self.mode)) } else { Ok(()) };
+                if allowed.is_ok() {
+                    core::mem::swap(&mut self.config, config);
+                }
+                let _ = self.channels.configs.enqueue(config);
+                return allowed;
+            }
             Command::Trip(fault) => {
                 self.fail(fault);
             }

@@ -149,6 +149,16 @@ impl Limits {
     /// A Hall is lost and the angle comes from the other two: to be stopped, and not armed again.
     pub const TWO_HALLS: Self = Self(4);
 
+    /// A bit each, in the order of their numbers: these stay the same from version to version.
+    pub const fn bits(self) -> u8 {
+        self.0
+    }
+
+    /// Those of a number; bits that stand for none are ignored.
+    pub const fn from_bits(bits: u8) -> Self {
+        Self(bits & 63)
+    }
+
     /// Whether all of `other` are active.
     pub const fn contains(self, other: Self) -> bool {
         self.0 & other.0 == other.0

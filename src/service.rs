@@ -1,6 +1,9 @@
 //! The low-rate side of a drive: collects the calibration's samples, fits the model and installs it.
 
 pub mod adaptation;
+pub mod identification;
+pub mod learning;
+pub mod procedure;
 
 use crate::control::cogging;
 use crate::drive::{Command, Reply, Tasks};
@@ -58,7 +61,12 @@ pub struct Service {
     spares: Vec<&'static mut Estimator, 2>,
     /// Commands that are not answered yet.
     unanswered: Deque<Origin, 16>,
+    /// The drive's answer to a procedure.
+    answer: Option<Reply>,
+    tables: Vec<&'static mut cogging::Table, 2>,
     config: Config,
+    /// Settings on their way to the drive.
+    coming: Option<Config>,
 }
 
 /// Who asked.
@@ -66,7 +74,9 @@ pub struct Service {
 enum Origin {
     User,
     Install,
+    Configure,
     Supervision,
+    Procedure,
 }
 
 impl Service {
@@ -79,7 +89,10 @@ impl Service {
             collected: 0,
             spares,
             unanswered: Deque::new(),
+            answer: None,
+            tables: Vec::new(),
             config,
+            coming: None,
         }
     }
 
@@ -99,6 +112,15 @@ impl Service {
         self.ask(command, Origin::Supervision)
     }
 
+    /// Asks for a [procedure](procedure), which sees the answer by [`Self::procedure_answer`].
+    pub(crate) fn ask_for_procedure(&mut self, command: Command) -> Result<(), Command> {
+        self.ask(command, Origin::Procedure)
+    }
+
+    pub(crate) const fn procedure_answer(&mut self) -> Option<Reply> {
+        self.answer.take()
+    }
+
     fn ask(&mut self, command: Command, origin: Origin) -> Result<(), Command> {
         if self.unanswered.is_full() {
             return Err(command);
@@ -106,6 +128,34 @@ impl Service {
         self.tasks.commands.enqueue(command)?;
         let _ = self.unanswered.push_back(origin);
         Ok(())
+    }
+
+    /// Sends other settings, which a drive takes up while its bridge is off; its answer is a later [`Event::Reply`].
+    ///
+    /// # Errors
+    /// The settings themselves, when others are on their way or the drive has eight commands to obey already.
+    pub fn configure(&mut self, config: &'static mut Config) -> Result<(), &'static mut Config> {
+        if self.coming.is_some() {
+            return Err(config);
+        }
+        let coming = *config;
+        match self.ask(Command::Configure(config), Origin::Configure) {
+            Err(Command::Configure(config)) => Err(config),
+            _ => {
+                self.coming = Some(coming);
+                Ok(())
+            }
+        }
+    }
+
+    /// The memory of settings that the drive no longer uses.
+    pub fn unused_config(&mut self) -> Option<&'static mut Config> {
+        self.tasks.configs.dequeue()
+    }
+
+    /// The settings that the drive works with.
+    pub const fn config(&self) -> &Config {
+        &self.config
     }
 
     /// Makes an estimator of a model and sends it to the drive, which takes it up between two steps.
@@ -141,6 +191,38 @@ impl Service {
         self.tasks.measurements.dequeue()
     }
 
+    /// Lends the service a table to fill; with two, it can fill one while the drive uses the other. Gives the table back where
+    /// there are two already.
+    pub fn lend(&mut self, table: &'static mut cogging::Table) -> Option<&'static mut cogging::Table> {
+        self.tables.push(table).err()
+    }
+
+    /// Has the drive balance the cogging by a table, with one that was [lent](Self::lend), or no longer.
+    ///
+    /// # Errors
+    /// [`InstallError::Busy`]: no table is left or the queue is full; nothing has changed then.
+    pub fn balance(&mut self, table: Option<&cogging::Table>) -> Result<(), InstallError> {
+        while !self.tables.is_full()
+            && let Some(table) = self.tasks.tables.dequeue()
+        {
+            let _ = self.tables.push(table);
+        }
+        let place = match table {
+            None => None,
+            Some(table) => {
+                let place = self.tables.pop().ok_or(InstallError::Busy)?;
+                *place = *table;
+                Some(place)
+            }
+        };
+        self.ask_silently(Command::Balance(place)).map_err(|refused| {
+            if let Command::Balance(Some(place)) = refused {
+                let _ = self.tables.push(place);
+            }
+            InstallError::Busy
+        })
+    }
+
     /// A table of the cogging that the drive no longer uses.
     pub fn unused_table(&mut self) -> Option<&'static mut cogging::Table> {
         self.tasks.tables.dequeue()
@@ -158,7 +240,12 @@ impl Service {
         while let Some(reply) = self.tasks.replies.dequeue() {
             match self.unanswered.pop_front() {
                 Some(Origin::Install) => return Some(Event::Installed(reply)),
+                Some(Origin::Configure) => {
+                    self.config = self.coming.take().filter(|_| reply.is_ok()).unwrap_or(self.config);
+                    return Some(Event::Reply(reply));
+                }
                 Some(Origin::Supervision) => {}
+                Some(Origin::Procedure) => self.answer = Some(reply),
                 Some(Origin::User) | None => return Some(Event::Reply(reply)),
             }
         }

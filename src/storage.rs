@@ -4,8 +4,31 @@
 //! record, and reads it back; until its CRC is complete the other block counts. So a cut leaves the record before or the new
 //! one. Loading takes the newest block whose CRC is right. If there is none, it says whether the flash is blank or what it
 //! holds is corrupt or of another version, and whoever asks has to calibrate: nothing is made up.
+//!
+//! Each kind of record has a store of its own, with blocks of its own: the sensors' [calibration], the [cogging] table, an
+//! application's settings. A store is cheap to make when it is needed, so they can share a flash that is lent to each in turn:
+//!
+//! ```
+//! # use embedded_storage::nor_flash::NorFlash;
+//! use hallservo::control::cogging::Table;
+//! use hallservo::storage::{self, Error, Store, calibration, cogging};
+//!
+//! const BLOCK: u32 = 2048;
+//! type Calibrations<F> = Store<F, { storage::size(calibration::LENGTH) }>;
+//! type Tables<F> = Store<F, { storage::size(cogging::LENGTH) }>;
+//! type Settings<F> = Store<F, { storage::size(100) }>;
+//!
+//! # fn save<F: NorFlash>(flash: &mut F, table: &Table) -> Result<(), Error<F::Error>> {
+//! let mut calibrations = Calibrations::new(&mut *flash, 0, calibration::VERSION)?;
+//! calibrations.load(&mut [0; calibration::LENGTH])?;
+//! let mut tables = Tables::new(&mut *flash, 2 * BLOCK, cogging::VERSION)?;
+//! tables.save(&cogging::encode(table, 8.25))?;
+//! let mut settings = Settings::new(&mut *flash, 4 * BLOCK, 0x0301)?;
+//! # settings.load(&mut [0; 100])?; Ok(()) }
+//! ```
 
 pub mod calibration;
+pub mod cogging;
 
 use core::fmt;
 use crc::{CRC_32_ISO_HDLC, Crc};
@@ -15,9 +38,11 @@ const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
 /// "HSRV".
 const MAGIC: u32 = 0x5652_5348;
 const HEADER: usize = 16;
-/// Most bytes that a record may have.
-pub const LONGEST: usize = 240;
-const BUFFER: usize = HEADER + LONGEST;
+
+/// Bytes of flash, and of stack, for records of up to `longest` bytes, header included: the `SIZE` of a [`Store`].
+pub const fn size(longest: usize) -> usize {
+    (HEADER + longest).next_multiple_of(32)
+}
 
 /// Why a record cannot be loaded or saved.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -32,7 +57,7 @@ pub enum Error<E> {
         /// The version found.
         found: u16,
     },
-    /// Longer than [`LONGEST`] or than what the caller has room for.
+    /// Longer than [`Store::LONGEST`] or than what the caller has room for.
     TooLong,
     /// The place is no two blocks of this flash, or its words are larger than 32 bytes.
     Place,
@@ -66,24 +91,30 @@ enum Block {
     Whole { version: u16, number: u32, length: usize },
 }
 
-/// Two blocks of a flash.
+/// Two blocks of a flash, for records that take up to `SIZE` bytes, as [`size`] tells.
 #[derive(Debug)]
-pub struct Store<F> {
+pub struct Store<F, const SIZE: usize> {
     flash: F,
     start: u32,
     version: u16,
 }
 
-impl<F: NorFlash> Store<F> {
-    /// Two successive erasable blocks from `start` on, for records of a version.
+impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
+    /// Most bytes that a record may have.
+    pub const LONGEST: usize = {
+        assert!(SIZE > HEADER && SIZE - HEADER <= u16::MAX as usize, "SIZE is not one of `size`");
+        SIZE - HEADER
+    };
+
+    /// Two successive erasable blocks from `start` on, for records of a version. Let no two kinds have the same, and a
+    /// record at the wrong place is told from the right one.
     ///
     /// # Errors
     /// [`Error::Place`].
     pub fn new(flash: F, start: u32, version: u16) -> Result<Self, Error<F::Error>> {
         let size = F::ERASE_SIZE as u64;
         let fits = u64::from(start) + 2 * size <= flash.capacity() as u64;
-        let sizes =
-            BUFFER.is_multiple_of(F::WRITE_SIZE) && BUFFER.is_multiple_of(F::READ_SIZE) && F::ERASE_SIZE >= BUFFER;
+        let sizes = SIZE.is_multiple_of(F::WRITE_SIZE) && SIZE.is_multiple_of(F::READ_SIZE) && F::ERASE_SIZE >= SIZE;
         if fits && sizes && u64::from(start).is_multiple_of(size) {
             Ok(Self { flash, start, version })
         } else {
@@ -96,7 +127,7 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// [`Error::Blank`], [`Error::Corrupt`] or [`Error::Version`] ask for a calibration.
     pub fn load(&mut self, record: &mut [u8]) -> Result<usize, Error<F::Error>> {
-        let mut buffer = [0; BUFFER];
+        let mut buffer = [0; SIZE];
         let blocks = [self.read(0, &mut buffer), self.read(1, &mut buffer)];
         let Some((newest, Block::Whole { version, length, .. })) = newest(&blocks) else {
             let blank = blocks == [Block::Blank; 2];
@@ -119,10 +150,10 @@ impl<F: NorFlash> Store<F> {
     /// # Errors
     /// [`Error::TooLong`], [`Error::NotKept`] and [`Error::Flash`]; the last record is still there.
     pub fn save(&mut self, record: &[u8]) -> Result<(), Error<F::Error>> {
-        if record.len() > LONGEST {
+        if record.len() > Self::LONGEST {
             return Err(Error::TooLong);
         }
-        let mut buffer = [0; BUFFER];
+        let mut buffer = [0; SIZE];
         let blocks = [self.read(0, &mut buffer), self.read(1, &mut buffer)];
         let (last, number) = match newest(&blocks) {
             Some((last, Block::Whole { number, .. })) => (last, number),
@@ -156,7 +187,7 @@ impl<F: NorFlash> Store<F> {
     }
 
     /// What a block holds. One that cannot be read, as after a cut in the middle of a word, is corrupt.
-    fn read(&mut self, block: usize, buffer: &mut [u8; BUFFER]) -> Block {
+    fn read(&mut self, block: usize, buffer: &mut [u8; SIZE]) -> Block {
         if self.flash.read(self.start(block), buffer).is_err() {
             return Block::Corrupt;
         }
@@ -165,7 +196,7 @@ impl<F: NorFlash> Store<F> {
         }
         let word = |at: usize| u32::from_le_bytes([buffer[at], buffer[at + 1], buffer[at + 2], buffer[at + 3]]);
         let length = (word(4) >> 16) as usize;
-        if word(0) == MAGIC && length <= LONGEST && word(12) == checksum(buffer, length) {
+        if word(0) == MAGIC && length <= Self::LONGEST && word(12) == checksum(buffer, length) {
             Block::Whole { version: word(4) as u16, number: word(8), length }
         } else {
             Block::Corrupt
@@ -174,7 +205,7 @@ impl<F: NorFlash> Store<F> {
 }
 
 /// Over all but the CRC itself.
-fn checksum(buffer: &[u8; BUFFER], length: usize) -> u32 {
+fn checksum(buffer: &[u8], length: usize) -> u32 {
     let mut digest = CRC.digest();
     digest.update(&buffer[..12]);
     digest.update(&buffer[HEADER..HEADER + length]);

@@ -50,41 +50,6 @@ fn every_commutation_controls_current_speed_and_position() {
 }
 
 #[test]
-fn the_drive_measures_its_motor() {
-    use hallservo::control::identify::Identifier;
-    // The drive is told parameters that are off by a fifth.
-    let told = Control {
-        resistance_ohm: 4.5,
-        inductance_h: 0.3e-3,
-        flux_linkage_wb: 4e-3,
-        inertia_kgm2: 0.8e-5,
-        ..Control::default()
-    };
-    let settings = Settings { commutation: Commutation::FieldOriented, control: Some(told), ..Settings::default() };
-    let mut rig = Rig::new(&PlantParameters::unkind(1), &settings, 1).unwrap();
-    rig.calibrate(|_| ()).unwrap();
-    rig.command(Command::Arm).unwrap();
-    let mut identifier = Identifier::new(rig.control().unwrap());
-    assert_eq!(identifier.report(), None);
-    for speed in [300.0, -300.0, 150.0, -400.0, 400.0, -100.0] {
-        rig.command(Command::Speed(rig.control().unwrap().speed(speed).unwrap())).unwrap();
-        for _ in 0..250 {
-            rig.run(0.001, |_, _| ());
-            while let Some(measurement) = rig.service.measurement() {
-                identifier.push(&measurement);
-            }
-        }
-    }
-    let found = identifier.report().unwrap();
-    let near = |found: f64, exact: f64, share: f64| assert!((found / exact - 1.0).abs() < share, "{found} {exact}");
-    // With the switches' 20 mΩ.
-    near(found.resistance_ohm, 3.77, 0.05);
-    near(found.flux_linkage_wb, 5e-3, 0.01);
-    near(found.inductance_h, 0.36e-3, 0.1);
-    near(found.inertia_kgm2, 1e-5, 0.03);
-}
-
-#[test]
 fn a_wrong_alignment_heals_while_turning() {
     for off_deg in [-30.0, 20.0] {
         let mut rig = Rig::new(&PlantParameters::unkind(1), &settings(), 1).unwrap();

@@ -2,13 +2,16 @@
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use hallservo::angle::ElectricalAngle;
+use hallservo::control::cogging::{POINTS, Table};
 use hallservo::hall::model::Model;
-use hallservo::storage::{Error, LONGEST, Store, calibration};
+use hallservo::storage::{self, Error, Store, calibration, cogging};
 use rand::{Rng, RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 const BLOCK: usize = 2048;
 const WORD: usize = 8;
+const SIZE: usize = storage::size(240);
+const LONGEST: usize = Store::<Flash, SIZE>::LONGEST;
 
 #[derive(Debug, PartialEq, Clone, Copy)]
 struct Cut;
@@ -31,7 +34,7 @@ struct Flash {
 
 impl Flash {
     fn new(seed: u64) -> Self {
-        Self { bytes: vec![0xff; 4 * BLOCK], left: None, operations: 0, random: Pcg64::seed_from_u64(seed) }
+        Self { bytes: vec![0xff; 6 * BLOCK], left: None, operations: 0, random: Pcg64::seed_from_u64(seed) }
     }
 
     /// Whether the power lasts for one operation more.
@@ -99,7 +102,7 @@ impl NorFlash for Flash {
     }
 }
 
-fn store(flash: Flash) -> Store<Flash> {
+fn store(flash: Flash) -> Store<Flash, SIZE> {
     Store::new(flash, 2 * BLOCK as u32, 1).unwrap()
 }
 
@@ -154,6 +157,121 @@ fn a_cut_at_any_operation_leaves_the_old_record_or_the_new() {
     assert!(kept > 1000);
 }
 
+/// The three kinds of records that an application keeps: version, place, and the size of its store.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Kind {
+    Calibration,
+    Cogging,
+    Settings,
+}
+
+const KINDS: [Kind; 3] = [Kind::Calibration, Kind::Cogging, Kind::Settings];
+const SETTINGS: usize = 100;
+
+impl Kind {
+    fn save(self, flash: &mut Flash, record: &[u8]) -> Result<(), Error<Cut>> {
+        match self {
+            Self::Calibration => self.store::<{ storage::size(calibration::LENGTH) }>(flash).save(record),
+            Self::Cogging => self.store::<{ storage::size(cogging::LENGTH) }>(flash).save(record),
+            Self::Settings => self.store::<{ storage::size(SETTINGS) }>(flash).save(record),
+        }
+    }
+
+    fn load(self, flash: &mut Flash) -> Result<Vec<u8>, Error<Cut>> {
+        let mut record = [0; 300];
+        let length = match self {
+            Self::Calibration => self.store::<{ storage::size(calibration::LENGTH) }>(flash).load(&mut record),
+            Self::Cogging => self.store::<{ storage::size(cogging::LENGTH) }>(flash).load(&mut record),
+            Self::Settings => self.store::<{ storage::size(SETTINGS) }>(flash).load(&mut record),
+        };
+        length.map(|length| record[..length].to_vec())
+    }
+
+    fn store<const SIZE: usize>(self, flash: &mut Flash) -> Store<&mut Flash, SIZE> {
+        let version = [calibration::VERSION, cogging::VERSION, 0x0301][self as usize];
+        Store::new(flash, 2 * (self as usize * BLOCK) as u32, version).unwrap()
+    }
+
+    /// A record as long as they are.
+    fn record(self, random: &mut Pcg64) -> Vec<u8> {
+        match self {
+            Self::Calibration => {
+                let mut model = Model::nominal(12, random.random_range(200.0..300.0), ElectricalAngle::THIRD);
+                model.sensors[1].third = 0.05;
+                calibration::encode(&model).to_vec()
+            }
+            Self::Cogging => cogging::encode(&table(random), 8.25).to_vec(),
+            Self::Settings => (0..random.random_range(1..=SETTINGS)).map(|_| random.next_u32() as u8).collect(),
+        }
+    }
+}
+
+fn table(random: &mut Pcg64) -> Table {
+    Table([(); POINTS].map(|()| random.random_range(-3000..3000)))
+}
+
+#[test]
+fn a_cut_in_one_kind_of_record_touches_no_other() {
+    let mut cuts = [0; 3];
+    for seed in 0..10 {
+        let mut random = Pcg64::seed_from_u64(seed);
+        let mut flash = Flash::new(seed);
+        let mut last: [Option<Vec<u8>>; 3] = [None, None, None];
+        for _ in 0..9 {
+            let kind = KINDS[random.random_range(0..3_usize)];
+            let new = kind.record(&mut random);
+            let mut whole = flash.clone();
+            kind.save(&mut whole, &new).unwrap();
+            for cut in 0..whole.operations - flash.operations {
+                let mut after = Flash { left: Some(cut), ..flash.clone() };
+                assert_eq!(kind.save(&mut after, &new), Err(Error::Flash(Cut)));
+                after.left = None;
+                for other in KINDS {
+                    match (other.load(&mut after), &last[other as usize]) {
+                        (Ok(record), _) if other == kind && record == new => {}
+                        (Ok(record), Some(old)) => assert_eq!(record, *old),
+                        (Err(Error::Blank), None) => {}
+                        (Err(Error::Corrupt), None) if other == kind => {}
+                        (wrong, _) => panic!("seed {seed}, {kind:?} cut at {cut}: {other:?} is {wrong:?}"),
+                    }
+                }
+                kind.save(&mut after, &new).unwrap();
+                assert_eq!(kind.load(&mut after).unwrap(), new);
+                cuts[kind as usize] += 1;
+            }
+            flash = whole;
+            last[kind as usize] = Some(new);
+        }
+    }
+    println!("cuts while saving calibration, table, settings: {cuts:?}");
+    assert!(cuts.iter().all(|cuts| *cuts > 200));
+}
+
+#[test]
+fn a_record_of_another_kind_is_not_taken_for_ones_own() {
+    let mut flash = Flash::new(4);
+    Kind::Calibration.save(&mut flash, &Kind::Calibration.record(&mut Pcg64::seed_from_u64(4))).unwrap();
+    let mut misplaced = Store::<_, { storage::size(cogging::LENGTH) }>::new(&mut flash, 0, cogging::VERSION).unwrap();
+    assert_eq!(misplaced.load(&mut [0; 300]), Err(Error::Version { found: calibration::VERSION }));
+}
+
+#[test]
+fn a_table_comes_back_as_it_was_in_amperes() {
+    let mut flash = Flash::new(5);
+    let table = table(&mut Pcg64::seed_from_u64(5));
+    Kind::Cogging.save(&mut flash, &cogging::encode(&table, 8.25)).unwrap();
+    let record = Kind::Cogging.load(&mut flash).unwrap();
+    assert_eq!(cogging::decode(&record, 8.25), Some(table));
+    // Amplifiers of twice the range: half the numbers.
+    let halved = cogging::decode(&record, 16.5).unwrap();
+    assert!(table.0.iter().zip(halved.0).all(|(whole, half)| (whole - 2 * half).abs() <= 1));
+    for bad in [0.0, -1.0, f32::NAN, 0.1] {
+        assert_eq!(cogging::decode(&record, bad), None, "{bad}");
+    }
+    assert_eq!(cogging::decode(&record[1..], 8.25), None);
+    assert_eq!(cogging::decode(&cogging::encode(&table, f32::NAN), 8.25), None);
+}
+
 #[test]
 fn what_is_not_a_record_is_named() {
     assert_eq!(load(&Flash::new(1)), Err(Error::Blank));
@@ -164,12 +282,12 @@ fn what_is_not_a_record_is_named() {
     assert_eq!(load(&one).unwrap(), [1, 2, 3]);
     one.bytes[2 * BLOCK + 8] ^= 1;
     assert_eq!(load(&one), Err(Error::Corrupt));
-    let mut other = Store::new(flash.clone(), 2 * BLOCK as u32, 2).unwrap();
+    let mut other = Store::<_, SIZE>::new(flash.clone(), 2 * BLOCK as u32, 2).unwrap();
     assert_eq!(other.load(&mut [0; 10]), Err(Error::Version { found: 1 }));
     assert_eq!(store(flash.clone()).load(&mut [0; 2]), Err(Error::TooLong));
     assert_eq!(store(flash.clone()).save(&[0; LONGEST + 1]), Err(Error::TooLong));
-    for start in [1, 3 * BLOCK as u32, u32::MAX] {
-        assert!(matches!(Store::new(flash.clone(), start, 1), Err(Error::Place)));
+    for start in [1, 5 * BLOCK as u32, u32::MAX] {
+        assert!(matches!(Store::<_, SIZE>::new(flash.clone(), start, 1), Err(Error::Place)));
     }
 }
 

@@ -3,9 +3,14 @@
 use anyhow::{Context, Result, anyhow, bail};
 use hallservo::angle::ElectricalAngle;
 use hallservo::commutation::{Modulation, Output};
+use hallservo::control::cogging::Table;
+use hallservo::control::identify::Report;
 use hallservo::drive::{Channels, Command, Drive, Sample};
 use hallservo::hall::calibrate::Calibration;
 use hallservo::hall::estimate::Estimator;
+use hallservo::service::identification::{self, Identification};
+use hallservo::service::learning::{self, Learning};
+use hallservo::service::procedure::State;
 use hallservo::service::{Event, Service};
 use hallservo::settings::{Config, Settings};
 use plant::{Leg, Legs, Plant, PlantParameters, Truth};
@@ -158,6 +163,58 @@ impl Rig {
             }
         }
         bail!("the calibration did not come to an end")
+    }
+
+    /// Lets the drive measure its motor.
+    ///
+    /// # Errors
+    /// Why it came to nothing.
+    pub fn identify(&mut self, plan: &identification::Plan) -> Result<Report> {
+        let mut procedure = Identification::new(&self.config, plan)?;
+        self.proceed(|service, now_ms| {
+            while let Some(event) = service.poll() {
+                procedure.event(&event);
+            }
+            while let Some(measurement) = service.measurement() {
+                procedure.measurement(&measurement);
+            }
+            procedure.step(service, now_ms)
+        })?;
+        Ok(*procedure.report().context("done without a report")?)
+    }
+
+    /// Lets the drive learn the cogging, and balance it from then on.
+    ///
+    /// # Errors
+    /// Why it came to nothing.
+    pub fn learn(&mut self, plan: &learning::Plan) -> Result<Table> {
+        while self.service.lend(Box::leak(Box::new(Table::ZERO))).is_none() {}
+        let mut procedure = Learning::new(&self.config, plan)?;
+        self.proceed(|service, now_ms| {
+            while let Some(event) = service.poll() {
+                procedure.event(&event);
+            }
+            while let Some(measurement) = service.measurement() {
+                procedure.measurement(&measurement);
+            }
+            procedure.step(service, now_ms)
+        })?;
+        Ok(*procedure.table().context("done without a table")?)
+    }
+
+    /// Steps with a task once a millisecond until it ends.
+    fn proceed(&mut self, mut task: impl FnMut(&mut Service, u32) -> State) -> Result<()> {
+        for now_ms in 0..300_000 {
+            match task(&mut self.service, now_ms) {
+                State::Running => {}
+                State::Done => return Ok(()),
+                State::Failed(error) => return Err(error.into()),
+            }
+            for _ in 0..self.periods(1e-3) {
+                self.step();
+            }
+        }
+        bail!("the procedure did not come to an end")
     }
 
     /// Empties the queues, as the tasks do.

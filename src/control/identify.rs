@@ -1,27 +1,140 @@
-//! The motor's parameters from what the drive measures while it turns to and fro under field-oriented speed control.
+//! The motor's parameters from what the drive measures while it turns field-oriented, to and fro.
 //!
-//! Three regressions of the machine's equations: `v_q = R i_q + λ ω`, `v_d = −L ω i_q`, and `K_t i_q = J ω̇ + viscous and Coulomb
-//! friction`, with the electrical speed ω and, for J, the mechanical one. On the simulated unkind motor, told parameters that are
-//! off by a fifth: R within 5 %, L within 10 %, λ within 1 %, J within 3 %. In the tasks; f64.
+//! Three regressions of the machine's equations, with the electrical speed ω and the mechanical one Ω:
+//!
+//! - `v_q = R i_q + λ ω + v₀ s(i_q)`: s is the sign, softened as the dead-time compensation's. What that leaves, and the diodes' drop, is v₀, kept
+//!   apart by currents of several magnitudes.
+//! - `v_d = −L ω i_q + δ λ ω`, with the angle δ that the frame is off by.
+//! - `K_t ∫i_q dt = J ΔΩ + B Δθ + C ∫sign Ω dt + T t`: the balance of momentum from [mark](Identifier::mark) to mark, where the speed is steady.
+//!   Offsets and noise of the currents average out, what is left of an offset acts as a load T and does not touch the friction,
+//!   which has the other sign on the way back.
+//!
+//! Each value comes with the error within which the true one is expected: twice the standard error of the regression and what
+//! the tests have found beyond. In the tasks; f64.
 
-use crate::control::settings::Config;
+use crate::control::settings::{self, Config};
+use crate::control::{Motor, Scale};
 use crate::telemetry::Measurement;
 use core::f64::consts::TAU;
+use core::fmt;
+
+/// A value, and how far it may be off.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Estimate {
+    /// The value.
+    pub value: f64,
+    /// The true value is expected within ± this.
+    pub error: f64,
+}
+
+impl Estimate {
+    /// Times a factor.
+    fn times(self, factor: f64) -> Self {
+        Self { value: self.value * factor, error: self.error * factor.abs() }
+    }
+
+    /// With an error of a share of the value more.
+    fn beside(self, share: f64) -> Self {
+        Self { error: self.error + share * self.value.abs(), ..self }
+    }
+
+    /// Whether the error is larger than a share of the value.
+    pub fn is_doubtful(self) -> bool {
+        !(self.error <= DOUBTFUL * self.value.abs())
+    }
+}
+
+/// Share from which on an error makes a value doubtful.
+const DOUBTFUL: f64 = 0.15;
 
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Report {
     /// Resistance of a phase and what is in series, Ω.
-    pub resistance_ohm: f64,
+    pub resistance_ohm: Estimate,
     /// Inductance of a phase, H.
-    pub inductance_h: f64,
+    pub inductance_h: Estimate,
     /// Flux linkage, Wb.
-    pub flux_linkage_wb: f64,
+    pub flux_linkage_wb: Estimate,
     /// Inertia, kg·m².
-    pub inertia_kgm2: f64,
+    pub inertia_kgm2: Estimate,
+    /// Friction at any speed, N·m.
+    pub coulomb_nm: Estimate,
+    /// Friction that grows with the mechanical speed, N·m·s.
+    pub viscous_nms: Estimate,
+    /// Constant load against positive rotation, and what the offsets of the currents pretend, N·m.
+    pub load_nm: Estimate,
+    /// Voltage in the direction of the current that the dead-time compensation leaves, V.
+    pub leftover_v: Estimate,
+    /// What the drive was told.
+    pub told: Motor,
+    /// Pole pairs that the drive was told; torque constant and everything mechanical stand and fall with them.
+    pub pole_pairs: u8,
     /// Measurements used.
     pub samples: u32,
+}
+
+impl Report {
+    /// Torque per ampere along q, N·m/A: 1.5 · pole pairs · flux linkage.
+    pub fn torque_constant_nm_a(&self) -> Estimate {
+        self.flux_linkage_wb.times(1.5 * f64::from(self.pole_pairs))
+    }
+
+    /// L/R, s.
+    pub fn time_constant_s(&self) -> Estimate {
+        let share = |x: Estimate| x.error / x.value;
+        let value = self.inductance_h.value / self.resistance_ohm.value;
+        Estimate { value, error: value * (share(self.inductance_h) + share(self.resistance_ohm)) }
+    }
+
+    /// Sets what was found and is not doubtful.
+    pub fn apply(&self, settings: &mut settings::Settings) {
+        let fields = [
+            (&mut settings.resistance_ohm, self.resistance_ohm),
+            (&mut settings.inductance_h, self.inductance_h),
+            (&mut settings.flux_linkage_wb, self.flux_linkage_wb),
+            (&mut settings.inertia_kgm2, self.inertia_kgm2),
+        ];
+        for (field, estimate) in fields.into_iter().filter(|(_, estimate)| !estimate.is_doubtful()) {
+            *field = estimate.value as f32;
+        }
+    }
+}
+
+/// A table: what was found, how far it may be off, what the drive was told, and the field of the settings that it belongs to.
+impl fmt::Display for Report {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        writeln!(f, "  {:<20} {:>9} {:>8}  {:<9} {:>8}", "", "measured", "±", "", "told")?;
+        let told = |value: f32| Some(f64::from(value));
+        let rows = [
+            ("resistance", self.resistance_ohm, 1.0, "Ω", told(self.told.resistance_ohm), "resistance_ohm"),
+            ("inductance", self.inductance_h, 1e3, "mH", told(self.told.inductance_h), "inductance_h"),
+            ("flux linkage", self.flux_linkage_wb, 1e3, "mWb", told(self.told.flux_linkage_wb), "flux_linkage_wb"),
+            ("inertia", self.inertia_kgm2, 1e6, "mg·m²·10³", told(self.told.inertia_kgm2), "inertia_kgm2"),
+            ("torque constant", self.torque_constant_nm_a(), 1e3, "mN·m/A", None, ""),
+            ("time constant L/R", self.time_constant_s(), 1e6, "µs", None, ""),
+            ("Coulomb friction", self.coulomb_nm, 1e3, "mN·m", None, ""),
+            ("viscous friction", self.viscous_nms, 1e6, "µN·m·s", None, ""),
+            ("constant load", self.load_nm, 1e3, "mN·m", None, ""),
+            ("left of dead time", self.leftover_v, 1e3, "mV", None, ""),
+        ];
+        for (name, estimate, scale, unit, told, field) in rows {
+            let Estimate { value, error } = estimate.times(scale);
+            write!(f, "  {name:<20} {value:>9.3} {error:>8.3}  {unit:<9}")?;
+            match told {
+                Some(told) => write!(f, " {:>8.3}", told * scale)?,
+                None => write!(f, " {:>8}", "")?,
+            }
+            if !field.is_empty() {
+                let verdict = if estimate.is_doubtful() { "doubtful, keep" } else { "set" };
+                write!(f, "  {verdict} {field}")?;
+            }
+            writeln!(f)?;
+        }
+        Ok(())
+    }
 }
 
 /// Sums of a linear regression with `N` regressors.
@@ -29,10 +142,12 @@ pub struct Report {
 struct Fit<const N: usize> {
     squares: [[f64; N]; N],
     products: [f64; N],
+    square: f64,
+    count: u32,
 }
 
 impl<const N: usize> Fit<N> {
-    const NEW: Self = Self { squares: [[0.0; N]; N], products: [0.0; N] };
+    const NEW: Self = Self { squares: [[0.0; N]; N], products: [0.0; N], square: 0.0, count: 0 };
 
     fn push(&mut self, x: [f64; N], y: f64) {
         for i in 0..N {
@@ -41,11 +156,29 @@ impl<const N: usize> Fit<N> {
                 self.squares[i][j] += x[i] * x[j];
             }
         }
+        self.square += y * y;
+        self.count += 1;
     }
 
-    /// The coefficients, by elimination; `None` where the regressors do not tell them apart.
-    fn solve(&self) -> Option<[f64; N]> {
-        let (mut a, mut b) = (self.squares, self.products);
+    /// The coefficients, each with twice its standard error; `None` where the regressors do not tell them apart.
+    fn solve(&self) -> Option<[Estimate; N]> {
+        let values = self.eliminate(&self.products)?;
+        let explained: f64 = values.iter().zip(&self.products).map(|(value, product)| value * product).sum();
+        let freedom = self.count.checked_sub(N as u32 + 1)?;
+        let variance = (self.square - explained).max(0.0) / f64::from(freedom.max(1));
+        let mut estimates = [Estimate { value: 0.0, error: 0.0 }; N];
+        for (k, estimate) in estimates.iter_mut().enumerate() {
+            let mut unit = [0.0; N];
+            unit[k] = 1.0;
+            let inverse = self.eliminate(&unit)?[k];
+            *estimate = Estimate { value: values[k], error: 2.0 * libm::sqrt(variance * inverse) };
+        }
+        Some(estimates)
+    }
+
+    /// Solves the normal equations for a right side, by elimination.
+    fn eliminate(&self, right: &[f64; N]) -> Option<[f64; N]> {
+        let (mut a, mut b) = (self.squares, *right);
         for k in 0..N {
             if !(a[k][k] > 1e-9 * self.squares[k][k]) {
                 return None;
@@ -68,24 +201,47 @@ impl<const N: usize> Fit<N> {
     }
 }
 
-/// Collects measurements.
-#[derive(Clone, Copy, Debug)]
-pub struct Identifier {
-    config: Config,
-    q: Fit<2>,
-    d: Fit<1>,
-    motion: Fit<3>,
-    last: [Option<Point>; 2],
-    samples: u32,
-}
-
 /// A measurement in SI.
 #[derive(Clone, Copy, Debug)]
 struct Point {
-    sequence: u32,
-    /// Electrical, rad/s.
-    omega: f64,
+    seconds: f64,
+    /// In mechanical radians.
+    position: f64,
+    /// Along q, measured.
     current: f64,
+    /// Along d and q.
+    voltage: [f64; 2],
+}
+
+/// Sums from mark to mark.
+#[derive(Clone, Copy, Debug)]
+struct Momentum {
+    /// Speed, position and time at the begin.
+    speed: f64,
+    position: f64,
+    seconds: f64,
+    /// ∫ i dt, ∫ sign dt, and the square of what the first is uncertain by.
+    impulse: f64,
+    sign: f64,
+    uncertain: f64,
+}
+
+/// Collects measurements.
+#[derive(Clone, Copy, Debug)]
+pub struct Identifier {
+    scale: Scale,
+    told: Motor,
+    ramp_a: f64,
+    q: Fit<3>,
+    d: Fit<2>,
+    motion: Fit<4>,
+    /// The last measurements, the newest last.
+    points: [Option<Point>; 2],
+    sequence: u32,
+    momentum: Option<Momentum>,
+    /// Whether the next measurement ends a balance and begins another.
+    marked: bool,
+    samples: u32,
 }
 
 /// Fewest measurements for a report.
@@ -93,50 +249,106 @@ const LEAST: u32 = 500;
 
 impl Identifier {
     /// For a drive.
-    pub const fn new(config: &Config) -> Self {
-        Self { config: *config, q: Fit::NEW, d: Fit::NEW, motion: Fit::NEW, last: [None; 2], samples: 0 }
+    pub fn new(config: &Config) -> Self {
+        Self {
+            scale: config.scale,
+            told: config.motor,
+            ramp_a: f64::from(config.dead_time_ramp_a()),
+            q: Fit::NEW,
+            d: Fit::NEW,
+            motion: Fit::NEW,
+            points: [None; 2],
+            sequence: 0,
+            momentum: None,
+            marked: false,
+            samples: 0,
+        }
     }
 
-    /// Takes a measurement; to be called in their order.
+    /// Takes a measurement; to be called in their order. One that was lost does no harm.
     pub fn push(&mut self, measurement: &Measurement) {
-        let scale = &self.config.scale;
-        let volts = f64::from(scale.volts) / 32_768.0;
-        let amperes = f64::from(scale.amperes) / 32_768.0;
-        let step_hz = f64::from(scale.step_hz);
+        let volts = f64::from(self.scale.volts) / 32_768.0;
+        let amperes = f64::from(self.scale.amperes) / 32_768.0;
         let state = &measurement.state;
-        let omega = f64::from(measurement.rotor.speed()) / 4_294_967_296.0 * step_hz * TAU;
-        let current = f64::from(state.current.q) * amperes;
-        self.q.push([current, omega], f64::from(state.voltage.q) * volts);
-        self.d.push([-omega * current], f64::from(state.voltage.d) * volts);
-        let point = Point { sequence: measurement.sequence, omega, current: f64::from(state.wanted) * amperes };
-        // The acceleration at the middle of three, where the rotor turns one way.
-        if let [Some(first), Some(middle)] = self.last
-            && first.omega * omega > 0.0
-        {
-            let seconds = f64::from(point.sequence.wrapping_sub(first.sequence)) / step_hz;
-            let pairs = f64::from(scale.pole_pairs);
-            let speed = middle.omega / pairs;
-            self.motion.push([(omega - first.omega) / pairs / seconds, speed, speed.signum()], middle.current);
+        let steps = measurement.sequence.wrapping_sub(core::mem::replace(&mut self.sequence, measurement.sequence));
+        let elapsed = f64::from(steps) / f64::from(self.scale.step_hz);
+        let newest = Point {
+            seconds: self.points[1].map_or(0.0, |last| last.seconds + elapsed),
+            position: measurement.rotor.smoothed().to_turns() * TAU / f64::from(self.scale.pole_pairs),
+            current: f64::from(state.current.q) * amperes,
+            voltage: [state.voltage.d, state.voltage.q].map(|voltage| f64::from(voltage) * volts),
+        };
+        if let [Some(before), Some(middle)] = self.points {
+            self.take(&before, &middle, &newest);
         }
-        self.last = [self.last[1], Some(point)];
+        self.points = [self.points[1], Some(newest)];
+    }
+
+    /// Takes the middle one of three, where the speed does not lag.
+    fn take(&mut self, before: &Point, point: &Point, after: &Point) {
+        let speed = (after.position - before.position) / (after.seconds - before.seconds);
+        self.balance(speed, before, point);
+        let Point { current, voltage: [d, q], .. } = *point;
+        // Where the current leaps, the inductance has a say.
+        if (after.current - before.current).abs() > LEAP * (current.abs() + self.ramp_a) {
+            return;
+        }
+        let omega = speed * f64::from(self.scale.pole_pairs);
+        self.q.push([current, omega, (current / self.ramp_a).clamp(-1.0, 1.0)], q);
+        self.d.push([-omega * current, omega], d);
         self.samples += 1;
+    }
+
+    fn balance(&mut self, speed: f64, before: &Point, point: &Point) {
+        if let Some(momentum) = &mut self.momentum {
+            let elapsed = point.seconds - before.seconds;
+            momentum.impulse += (before.current + point.current) / 2.0 * elapsed;
+            momentum.sign += speed.signum() * elapsed;
+            let leap = (point.current - before.current) * elapsed;
+            momentum.uncertain += leap * leap;
+        }
+        if !core::mem::take(&mut self.marked) {
+            return;
+        }
+        let Point { position, seconds, .. } = *point;
+        let begun = Momentum { speed, position, seconds, impulse: 0.0, sign: 0.0, uncertain: 0.0 };
+        if let Some(ended) = self.momentum.replace(begun) {
+            let weight = 1.0 / libm::sqrt(ended.uncertain.max(1e-12));
+            let row = [speed - ended.speed, position - ended.position, ended.sign, seconds - ended.seconds];
+            self.motion.push(row.map(|x| x * weight), ended.impulse * weight);
+        }
+    }
+
+    /// The speed is steady: with the next measurement, a balance of momentum ends and another begins.
+    pub const fn mark(&mut self) {
+        self.marked = true;
     }
 
     /// What the measurements say; `None` while they are too few, or do not vary enough to tell.
     pub fn report(&self) -> Option<Report> {
-        let [resistance_ohm, flux_linkage_wb] = self.q.solve()?;
-        let [inductance_h] = self.d.solve()?;
-        // Dead time and offsets of the currents show in the friction's, so they are not reported.
-        let [inertia, _, _] = self.motion.solve()?;
-        let torque_constant = 1.5 * f64::from(self.config.scale.pole_pairs) * flux_linkage_wb;
+        let [resistance, flux_linkage, leftover] = self.q.solve()?;
+        let [inductance, _] = self.d.solve()?;
+        let motion = self.motion.solve()?;
+        let pairs = f64::from(self.scale.pole_pairs);
+        let [inertia, viscous, coulomb, load] = motion.map(|x| x.times(1.5 * pairs * flux_linkage.value));
+        let share = flux_linkage.error / flux_linkage.value;
         let report = Report {
-            resistance_ohm,
-            inductance_h,
-            flux_linkage_wb,
-            inertia_kgm2: inertia * torque_constant,
+            resistance_ohm: resistance,
+            inductance_h: inductance,
+            flux_linkage_wb: flux_linkage,
+            inertia_kgm2: inertia.beside(share),
+            coulomb_nm: coulomb.beside(share),
+            viscous_nms: viscous.beside(share),
+            load_nm: load.times(-1.0),
+            leftover_v: leftover,
+            told: self.told,
+            pole_pairs: self.scale.pole_pairs as u8,
             samples: self.samples,
         };
-        let sane = [resistance_ohm, inductance_h, flux_linkage_wb, report.inertia_kgm2].iter().all(|x| *x > 0.0);
+        let sane = [resistance, inductance, flux_linkage, inertia].iter().all(|x| x.value > 0.0);
         (self.samples >= LEAST && sane).then_some(report)
     }
 }
+
+/// Share of a current by which it has leapt from one measurement to the next.
+const LEAP: f64 = 0.3;

@@ -330,6 +330,17 @@ impl Config {
         Ok(Current((libm::roundf(amperes * self.scale.per_ampere()) as i32).clamp(-self.max_current, self.max_current)))
     }
 
+    /// Current below which the dead time acts in part only, in amperes.
+    pub(crate) fn dead_time_ramp_a(&self) -> f32 {
+        let [most, slope] = self.dead_time;
+        // Without a dead time, a hundredth of the full scale.
+        if slope > 0 {
+            most as f32 * 65_536.0 / slope as f32 / self.scale.per_ampere()
+        } else {
+            self.scale.amperes / 100.0
+        }
+    }
+
     /// The current of a torque in newton metres, by the flux linkage.
     ///
     /// # Errors

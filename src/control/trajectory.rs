@@ -30,6 +30,11 @@ impl Limits {
     pub const fn speed(&self) -> i32 {
         self.speed
     }
+
+    /// Largest acceleration, units of speed a step.
+    pub const fn acceleration(&self) -> i32 {
+        self.acceleration
+    }
 }
 
 /// Where the trajectory is.

@@ -8,6 +8,7 @@ use crate::fault::Fault;
 use crate::hall::Codes;
 use crate::hall::estimate::Estimator;
 use crate::mode::Mode;
+use crate::settings::Config;
 use crate::telemetry::{Measurement, Record};
 use core::fmt;
 use heapless::spsc::{Consumer, Producer, Queue};
@@ -53,6 +54,8 @@ pub enum Command {
     Commutate(Commutation),
     /// Balance the cogging by a table, or no longer; the old one comes back through [`Tasks::tables`].
     Balance(Option<&'static mut cogging::Table>),
+    /// Other settings, while the bridge is off; the old ones, or those refused, come back through [`Tasks::configs`].
+    Configure(&'static mut Config),
     /// Leave the faulted state.
     Clear,
     /// A task has found a fault: off, if the bridge is on.
@@ -111,6 +114,7 @@ pub struct Channels {
     retired: Queue<&'static mut Estimator, 8>,
     measurements: Queue<Measurement, RECORDS>,
     tables: Queue<&'static mut cogging::Table, 8>,
+    configs: Queue<&'static mut Config, 8>,
 }
 
 /// The interrupt's ends of the queues.
@@ -121,6 +125,7 @@ pub struct Interrupt {
     pub(super) retired: Producer<'static, &'static mut Estimator, 8>,
     pub(super) measurements: Producer<'static, Measurement, RECORDS>,
     pub(super) tables: Producer<'static, &'static mut cogging::Table, 8>,
+    pub(super) configs: Producer<'static, &'static mut Config, 8>,
 }
 
 /// The tasks' ends of the queues.
@@ -137,6 +142,8 @@ pub struct Tasks {
     pub measurements: Consumer<'static, Measurement, RECORDS>,
     /// Tables that the drive no longer uses.
     pub tables: Consumer<'static, &'static mut cogging::Table, 8>,
+    /// Settings that the drive no longer uses.
+    pub configs: Consumer<'static, &'static mut Config, 8>,
 }
 
 impl Channels {
@@ -149,6 +156,7 @@ impl Channels {
             retired: Queue::new(),
             measurements: Queue::new(),
             tables: Queue::new(),
+            configs: Queue::new(),
         }
     }
 
@@ -160,8 +168,9 @@ impl Channels {
         let (retired, retired_out) = self.retired.split();
         let (measurements, measurements_out) = self.measurements.split();
         let (tables, tables_out) = self.tables.split();
+        let (configs, configs_out) = self.configs.split();
         (
-            Interrupt { commands, replies, records, retired, measurements, tables },
+            Interrupt { commands, replies, records, retired, measurements, tables, configs },
             Tasks {
                 commands: commands_in,
                 replies: replies_out,
@@ -169,6 +178,7 @@ impl Channels {
                 retired: retired_out,
                 measurements: measurements_out,
                 tables: tables_out,
+                configs: configs_out,
             },
         )
     }

@@ -1,0 +1,55 @@
+//! What went wrong since power-up.
+
+#[cfg(feature = "defmt")]
+use crate::fmt::say;
+use hallservo_protocol::{Cause, Incident, Mode};
+use heapless::Deque;
+
+/// Entries that are kept; older ones are pushed out.
+pub const ENTRIES: usize = 16;
+
+/// The latest incidents.
+pub(crate) struct History {
+    entries: Deque<Incident, ENTRIES>,
+    total: u32,
+}
+
+impl History {
+    pub const fn new() -> Self {
+        Self { entries: Deque::new(), total: 0 }
+    }
+
+    pub fn push(&mut self, at_ms: u64, mode: Mode, cause: Cause) {
+        #[cfg(feature = "defmt")]
+        tell(cause);
+        if self.entries.is_full() {
+            self.entries.pop_back();
+        }
+        let _ = self.entries.push_front(Incident { at_ms, mode, cause });
+        self.total = self.total.saturating_add(1);
+    }
+
+    /// The entry with a number, 0 the latest.
+    pub fn entry(&self, number: u8) -> Option<Incident> {
+        self.entries.iter().nth(number.into()).copied()
+    }
+
+    pub const fn total(&self) -> u32 {
+        self.total
+    }
+
+    pub fn len(&self) -> u8 {
+        self.entries.len() as u8
+    }
+}
+
+/// Into the log.
+#[cfg(feature = "defmt")]
+fn tell(cause: Cause) {
+    match cause {
+        Cause::Fault(code) => say!(error, "fault {}: {}", code, hallservo::fault::Fault::from_code(code)),
+        Cause::Stored(record, _) => say!(warn, "stored record {} cannot be used", record as u8),
+        Cause::NotSaved(record) => say!(error, "record {} could not be saved", record as u8),
+        Cause::Sensor { channel, why } => say!(warn, "sensor {} is not learnt any more: {}", channel, why),
+    }
+}

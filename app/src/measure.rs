@@ -1,0 +1,60 @@
+//! From codes to SI.
+
+use crate::heartbeat::Sensed;
+use hallservo::angle::ElectricalAngle;
+use hallservo::commutation::frames::{Dq, Rotation, clarke};
+use hallservo::control::settings::{Settings as Control, Thermistor};
+use hallservo::settings::Settings;
+use hallservo::telemetry::Measurement;
+
+/// Of a code that the ADC's whole range is 1.
+fn share(code: u16, adc_bits: u8) -> f32 {
+    f32::from(code) / (1_u32 << adc_bits.min(16)) as f32
+}
+
+/// Bus voltage; not a number without current control.
+pub(crate) fn bus_v(settings: &Settings, sensed: Sensed) -> f32 {
+    settings.control.map_or(f32::NAN, |control| share(sensed.bus, settings.adc_bits) * control.bus_full_scale_v)
+}
+
+/// Temperatures of bridge and motor; not numbers without current control.
+pub(crate) fn temperatures_c(settings: &Settings, sensed: Sensed) -> [f32; 2] {
+    let Some(control) = &settings.control else { return [f32::NAN; 2] };
+    let of = |thermistor: &Thermistor, code| celsius(thermistor, share(code, settings.adc_bits));
+    let [bridge, motor] = sensed.temperatures;
+    [of(&control.guard.bridge, bridge), of(&control.guard.motor, motor)]
+}
+
+/// The inverse of [`Thermistor::code`]; infinite or below −273 °C for a shorted or an open one.
+fn celsius(thermistor: &Thermistor, share: f32) -> f32 {
+    let resistance = thermistor.pull_up_ohm * share / (1.0 - share);
+    1.0 / (1.0 / 298.15 + libm::logf(resistance / thermistor.nominal_ohm) / thermistor.beta_k) - 273.15
+}
+
+/// Currents along d and q at the rotor's angle, A.
+pub(crate) fn current_a(control: &Control, reversed: bool, measurement: &Measurement) -> [f32; 2] {
+    let [a, b, c] = measurement.state.phases;
+    let angle: ElectricalAngle = measurement.rotor.angle();
+    let Dq { d, q } = Rotation::at(angle).park(clarke(if reversed { [a, c, b] } else { [a, b, c] }));
+    [d, q].map(|current| current as f32 / 32_768.0 * control.current_full_scale_a)
+}
+
+/// Voltages along d and q, V.
+pub(crate) fn voltage_v(control: &Control, measurement: &Measurement) -> [f32; 2] {
+    let Dq { d, q } = measurement.state.voltage;
+    [d, q].map(|voltage| voltage as f32 / 32_768.0 * control.bus_full_scale_v)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_thermistor_is_read_as_it_was_made() {
+        let ntc = Thermistor::ntc_10k(80.0, 100.0);
+        for degrees in [-20.0, 0.0, 25.0, 60.0, 100.0, 150.0] {
+            let read = celsius(&ntc, ntc.code(degrees) / 65_536.0);
+            assert!((read - degrees).abs() < 0.01, "{degrees} {read}");
+        }
+    }
+}

@@ -1,0 +1,92 @@
+//! What the drive finds out by turning its motor: the motor's parameters, and its cogging.
+
+use crate::wire;
+use hallservo::control::cogging::Table;
+use hallservo::control::identify::Report;
+use hallservo::service::identification::{self, Identification};
+use hallservo::service::learning::{self, Learning};
+use hallservo::service::procedure::{Error, State};
+use hallservo::service::{Event, Service};
+use hallservo::settings::Config;
+use hallservo::telemetry::Measurement;
+use hallservo_protocol::{Activity, Refusal};
+
+/// One of them, at work.
+// The larger one makes no difference: there is one, in a static.
+#[allow(clippy::large_enum_variant)]
+pub(crate) enum Procedure {
+    Motor(Identification),
+    Cogging(Learning),
+}
+
+/// What came of it.
+pub(crate) enum Outcome {
+    Motor(Report),
+    Cogging(Table),
+    Failed(Activity, Error),
+}
+
+impl Procedure {
+    pub fn motor(config: &Config) -> Result<Self, Refusal<'static>> {
+        let plan = identification::Plan::new(config).map_err(wire::procedure)?;
+        Identification::new(config, &plan).map(Self::Motor).map_err(wire::procedure)
+    }
+
+    pub fn cogging(config: &Config) -> Result<Self, Refusal<'static>> {
+        let plan = learning::Plan::new(config).map_err(wire::procedure)?;
+        Learning::new(config, &plan).map(Self::Cogging).map_err(wire::procedure)
+    }
+
+    pub fn event(&mut self, event: &Event) {
+        match self {
+            Self::Motor(motor) => motor.event(event),
+            Self::Cogging(cogging) => cogging.event(event),
+        }
+    }
+
+    pub fn measurement(&mut self, measurement: &Measurement) {
+        match self {
+            Self::Motor(motor) => motor.measurement(measurement),
+            Self::Cogging(cogging) => cogging.measurement(measurement),
+        }
+    }
+
+    /// Goes on; what came of it, at the end.
+    pub fn step(&mut self, service: &mut Service, now_ms: u32) -> Option<Outcome> {
+        let state = match self {
+            Self::Motor(motor) => motor.step(service, now_ms),
+            Self::Cogging(cogging) => cogging.step(service, now_ms),
+        };
+        let found = match self {
+            Self::Motor(motor) => motor.report().copied().map(Outcome::Motor),
+            Self::Cogging(cogging) => cogging.table().copied().map(Outcome::Cogging),
+        };
+        match state {
+            State::Running => None,
+            State::Failed(error) => Some(Outcome::Failed(self.activity(), error)),
+            State::Done => Some(found.unwrap_or(Outcome::Failed(self.activity(), Error::Untold))),
+        }
+    }
+
+    /// Ends it without a result.
+    pub fn cancel(&mut self) {
+        match self {
+            Self::Motor(motor) => motor.cancel(),
+            Self::Cogging(cogging) => cogging.cancel(),
+        }
+    }
+
+    pub fn progress(&self) -> f32 {
+        match self {
+            Self::Motor(motor) => motor.progress(),
+            Self::Cogging(cogging) => cogging.progress(),
+        }
+    }
+
+    pub const fn activity(&self) -> Activity {
+        match self {
+            Self::Motor(_) => Activity::Identification,
+            Self::Cogging(_) => Activity::Cogging,
+        }
+    }
+}

@@ -1,0 +1,137 @@
+//! What survives a power cut: three kinds of records, when they are saved, and what is wrong with those found.
+
+use crate::settings::{KEYED, Settings, TABLE};
+use embedded_storage::nor_flash::NorFlash;
+use hallservo::control::cogging::Table;
+use hallservo::hall::estimate;
+use hallservo::hall::model::Model;
+use hallservo::storage::{Error, Store, calibration, cogging, size};
+use hallservo_protocol::{Problem, Record};
+
+/// Erasable blocks of the flash: two for each kind.
+pub const BLOCKS: u32 = 6;
+/// Least difference between what is learnt and what is stored for it to be worth a save: 1 % of an amplitude in offset or amplitude,
+/// 1 % of third harmonic. It is above what noise moves the parameters by, and below what is felt.
+pub const WORTH: f32 = 0.01;
+/// The same for the placement, electrical degrees.
+pub const WORTH_DEG: f32 = 0.5;
+/// Least time between two saves of what is learnt. At this rate the 10 000 erases of a block of an STM32G4, two blocks in turn,
+/// last for 138 days of constant learning, and saving ends where nothing differs any more.
+pub const REST_S: u64 = 600;
+
+/// Versions of the records' forms.
+const VERSIONS: [u16; 3] = [0x0101, cogging::VERSION, 0x0301];
+/// Bytes of the sensors' record: their model, and the noise of each in ADC codes.
+const SENSORS: usize = calibration::LENGTH + 12;
+/// Most bytes of a record: that of the table, or all settings.
+const LONGEST: usize = if KEYED * TABLE.len() > cogging::LENGTH { KEYED * TABLE.len() } else { cogging::LENGTH };
+
+type Buffer = [u8; LONGEST];
+
+/// What is known of the sensors.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(crate) struct Sensors {
+    pub model: Model,
+    /// Standard deviations in ADC codes.
+    pub noise: [f32; 3],
+}
+
+impl Sensors {
+    /// Whether they differ by so much that it is worth a save.
+    pub fn differ(&self, stored: &Self) -> bool {
+        let (a, b) = (&self.model, &stored.model);
+        (a.alignment, a.reversed) != (b.alignment, b.reversed)
+            || a.sensors.iter().zip(&b.sensors).any(|(a, b)| {
+                let least = WORTH * b.amplitude;
+                libm::fabsf(a.offset - b.offset) > least
+                    || libm::fabsf(a.amplitude - b.amplitude) > least
+                    || libm::fabsf((a.placement - b.placement).to_degrees()) > WORTH_DEG
+                    || libm::fabsf(a.third - b.third) > WORTH
+            })
+    }
+
+    fn encode(&self) -> [u8; SENSORS] {
+        let mut record = [0; SENSORS];
+        let (model, noise) = record.split_at_mut(calibration::LENGTH);
+        model.copy_from_slice(&calibration::encode(&self.model));
+        for (place, noise) in noise.chunks_exact_mut(4).zip(self.noise) {
+            place.copy_from_slice(&noise.to_le_bytes());
+        }
+        record
+    }
+
+    fn decode(record: &[u8]) -> Option<Self> {
+        let (model, noise) = record.split_at_checked(calibration::LENGTH)?;
+        let noise: &[u8; 12] = noise.try_into().ok()?;
+        let noise = [0, 4, 8].map(|at| f32::from_le_bytes([noise[at], noise[at + 1], noise[at + 2], noise[at + 3]]));
+        Some(Self { model: calibration::decode(model)?, noise })
+    }
+}
+
+/// The flash with its blocks.
+pub(crate) struct Saving<F> {
+    flash: F,
+    place: u32,
+}
+
+impl<F: NorFlash> Saving<F> {
+    pub const fn new(flash: F, place: u32) -> Self {
+        Self { flash, place }
+    }
+
+    fn store(&mut self, kind: Record) -> Result<Store<&mut F, { size(LONGEST) }>, Problem> {
+        let place = self.place + 2 * kind as u32 * F::ERASE_SIZE as u32;
+        Store::new(&mut self.flash, place, VERSIONS[kind as usize]).map_err(|_| Problem::Flash)
+    }
+
+    fn load<'a>(&mut self, kind: Record, buffer: &'a mut Buffer) -> Result<&'a [u8], Problem> {
+        let length = self.store(kind)?.load(buffer).map_err(|error| match error {
+            Error::Blank => Problem::Blank,
+            Error::Version { found } => Problem::Version(found),
+            Error::Corrupt | Error::TooLong | Error::NotKept => Problem::Corrupt,
+            Error::Place | Error::Flash(_) => Problem::Flash,
+        })?;
+        buffer.get(..length).ok_or(Problem::Corrupt)
+    }
+
+    /// Saves a record; it stalls the core for as long as an erase takes.
+    fn save(&mut self, kind: Record, record: &[u8]) -> Result<(), Problem> {
+        self.store(kind)?.save(record).map_err(|_| Problem::Flash)
+    }
+
+    /// The stored sensors, if they can give an angle, or what is wrong with them.
+    pub fn sensors(&mut self, settings: &Settings) -> Result<Sensors, Problem> {
+        let mut sensors = Sensors::decode(self.load(Record::Sensors, &mut [0; LONGEST])?).ok_or(Problem::Corrupt)?;
+        estimate::validate(&sensors.model, settings.drive.adc_bits).map_err(|_| Problem::Corrupt)?;
+        // The settings may have been saved since.
+        sensors.model.reversed = settings.drive.reversed;
+        Ok(sensors)
+    }
+
+    pub fn save_sensors(&mut self, sensors: &Sensors) -> Result<(), Problem> {
+        self.save(Record::Sensors, &sensors.encode())
+    }
+
+    /// The stored table of the cogging.
+    pub fn table(&mut self, full_scale_a: f32) -> Result<Table, Problem> {
+        cogging::decode(self.load(Record::Cogging, &mut [0; LONGEST])?, full_scale_a).ok_or(Problem::Corrupt)
+    }
+
+    pub fn save_table(&mut self, table: &Table, full_scale_a: f32) -> Result<(), Problem> {
+        self.save(Record::Cogging, &cogging::encode(table, full_scale_a))
+    }
+
+    /// The settings to work with, and what is wrong with those stored.
+    pub fn settings(&mut self, defaults: &Settings) -> (Settings, Problem) {
+        match self.load(Record::Settings, &mut [0; LONGEST]) {
+            Ok(record) => Settings::of_record(defaults, record),
+            Err(problem) => (*defaults, problem),
+        }
+    }
+
+    pub fn save_settings(&mut self, settings: &Settings, defaults: &Settings) -> Result<(), Problem> {
+        let mut record = [0; LONGEST];
+        let length = settings.record(defaults, &mut record).ok_or(Problem::Flash)?;
+        self.save(Record::Settings, record.get(..length).ok_or(Problem::Flash)?)
+    }
+}

@@ -1,0 +1,573 @@
+//! What the tasks know of the drive, and what they do once a millisecond.
+
+use crate::fmt::say;
+use crate::heartbeat::Sensed;
+use crate::history::History;
+use crate::learning::Learning;
+use crate::procedure::{Outcome, Procedure};
+use crate::saving::{REST_S, Saving, Sensors};
+use crate::settings::Settings;
+use crate::{Identity, Memory, measure, wire};
+use core::f32::consts::TAU;
+use embedded_storage::nor_flash::NorFlash;
+use hallservo::control::cogging::Table;
+use hallservo::drive::{Command, Drive};
+use hallservo::mode::Mode;
+use hallservo::service::{Event, Service};
+use hallservo::settings::{self, Config};
+
+use hallservo::telemetry::{Measurement, Record as Live};
+use hallservo_protocol::{
+    self as protocol, Activity, Calibration, CalibrationError, Cause, Cogging, Motor, Problem, Record, Refusal, Status,
+    Telemetry,
+};
+
+/// Ticks after a command from which on the records tell what it did.
+pub(crate) const SETTLED: u32 = 5;
+
+/// Telemetry that was asked for.
+#[derive(Clone, Copy)]
+struct Stream {
+    id: u16,
+    /// Frames a tick, and what is left of them.
+    rate: f32,
+    due: f32,
+    number: u32,
+}
+
+/// Everything in the tasks' hands.
+pub(crate) struct Supervisor<F> {
+    pub identity: Identity,
+    pub service: Service,
+    pub history: History,
+    pub defaults: Settings,
+    pub settings: Settings,
+    /// Those that the drive is asked to take up.
+    coming: Option<Settings>,
+    /// Memory for them.
+    spare: Option<&'static mut Config>,
+    saving: Saving<F>,
+    stored: [Problem; 3],
+    stored_sensors: Option<Sensors>,
+    stored_settings: Settings,
+    /// What is to be saved when the bridge is off.
+    waiting: [bool; 3],
+    learnt_saved_ms: Option<u64>,
+    sensors: Option<Sensors>,
+    /// The drive has to be given their model.
+    install: bool,
+    learning: Learning,
+    /// Of the cogging.
+    table: Option<Table>,
+    /// The drive has to be given it, or told to do without.
+    balance: bool,
+    balanced: bool,
+    procedure: Option<Procedure>,
+    pub calibration: Calibration,
+    pub identification: protocol::Procedure<'static, Motor>,
+    pub cogging: protocol::Procedure<'static, Cogging>,
+    live: Live,
+    measurement: Option<Measurement>,
+    sensed: Sensed,
+    reply: Option<Result<(), Refusal<'static>>>,
+    /// Answers of the drive that nobody waits for.
+    unheard: u8,
+    pub since_command: u32,
+    stream: Option<Stream>,
+    lost_records: u32,
+    pub garbage: u32,
+    pub lost_frames: u32,
+    now_ms: u64,
+}
+
+impl<F: NorFlash> Supervisor<F> {
+    pub fn start(
+        identity: Identity,
+        defaults: settings::Settings,
+        flash: F,
+        place: u32,
+        memory: &'static mut Memory,
+    ) -> (Drive, Self) {
+        let defaults = Settings::new(defaults);
+        let mut saving = Saving::new(flash, place);
+        let (settings, settings_problem) = saving.settings(&defaults);
+        let config = match settings.validate() {
+            Ok(config) => config,
+            Err(_) => panic!("the board's default settings are invalid"),
+        };
+        let sensors = saving.sensors(&settings);
+        let table = saving.table(settings.full_scale_a());
+        let stored = [sensors.err().unwrap_or_default(), table.err().unwrap_or_default(), settings_problem];
+        let (sensors, table) = (sensors.ok(), table.ok());
+        let Memory { channels, estimators: [first, second], tables, config: spare } = memory;
+        let (interrupt, tasks) = channels.split();
+        let mut service = Service::new(config, tasks, [first, second]);
+        for table in tables {
+            service.lend(table);
+        }
+        let mut supervisor = Self {
+            identity,
+            service,
+            history: History::new(),
+            defaults,
+            settings,
+            coming: None,
+            spare: Some(spare.insert(config)),
+            saving,
+            stored,
+            stored_sensors: sensors,
+            stored_settings: settings,
+            waiting: [false; 3],
+            learnt_saved_ms: None,
+            sensors,
+            install: sensors.is_some(),
+            learning: Learning::default(),
+            balance: table.is_some(),
+            table,
+            balanced: false,
+            procedure: None,
+            calibration: Calibration::None,
+            identification: protocol::Procedure::None,
+            cogging: protocol::Procedure::None,
+            live: Live::new(),
+            measurement: None,
+            sensed: Sensed { bus: 0, temperatures: [0; 2] },
+            reply: None,
+            unheard: 0,
+            since_command: 0,
+            stream: None,
+            lost_records: 0,
+            garbage: 0,
+            lost_frames: 0,
+            now_ms: 0,
+        };
+        for (record, problem) in [Record::Sensors, Record::Cogging, Record::Settings].into_iter().zip(supervisor.stored)
+        {
+            if !matches!(problem, Problem::None | Problem::Blank) {
+                supervisor.note(Cause::Stored(record, problem));
+            }
+        }
+        supervisor.relearn();
+        (Drive::new(config, interrupt), supervisor)
+    }
+
+    /// Everything that is due every millisecond.
+    pub fn tick(&mut self, now_ms: u64, sensed: Sensed) {
+        self.now_ms = now_ms;
+        self.sensed = sensed;
+        self.since_command = self.since_command.saturating_add(1);
+        let torque_nm = self.take_measurements();
+        while let Some(event) = self.service.poll() {
+            if let Some(procedure) = &mut self.procedure {
+                procedure.event(&event);
+            }
+            self.on(event, torque_nm);
+        }
+        self.proceed();
+        self.spare = self.spare.take().or_else(|| self.service.unused_config());
+        self.give();
+        self.end_calibration();
+        self.save();
+    }
+
+    /// Mean torque since the last tick, in the direction of the electrical angle, as far as the currents tell it.
+    fn take_measurements(&mut self) -> f32 {
+        let Some(control) = &self.settings.drive.control else { return 0.0 };
+        let (mut sum, mut count) = (0.0, 0.0);
+        while let Some(measurement) = self.service.measurement() {
+            sum += measure::current_a(control, self.settings.drive.reversed, &measurement)[1];
+            count += 1.0;
+            self.measurement = Some(measurement);
+            if let Some(procedure) = &mut self.procedure {
+                procedure.measurement(&measurement);
+            }
+        }
+        let newton_metres = 1.5 * f32::from(self.settings.drive.pole_pairs) * control.flux_linkage_wb;
+        if count > 0.0 { sum / count * newton_metres } else { 0.0 }
+    }
+
+    fn on(&mut self, event: Event, torque_nm: f32) {
+        match event {
+            Event::Reply(reply) => self.answered(reply.map_err(wire::refusal)),
+            // What is learnt while the drive is faulted is refused, and comes again.
+            Event::Installed(_) => {}
+            Event::Record(record) => self.take(record, torque_nm),
+            Event::Calibrated(calibrate) => {
+                say!(info, "calibrated, residual {} %", calibrate.report.residual_pct);
+                self.calibration = Calibration::Found(wire::report(&calibrate.report));
+                let noise = calibrate.report.sensors.each_ref().map(|sensor| sensor.noise_pct / 200.0 * sensor.swing);
+                self.sensors = Some(Sensors { model: calibrate.model, noise });
+                self.waiting[Record::Sensors as usize] = true;
+                self.relearn();
+            }
+            Event::Refused(error) => {
+                say!(warn, "the calibration failed");
+                self.calibration = Calibration::Failed(wire::calibration_error(error));
+            }
+        }
+    }
+
+    fn answered(&mut self, reply: Result<(), Refusal<'static>>) {
+        if let Some(settings) = self.coming.take()
+            && reply.is_ok()
+        {
+            self.take_up(settings);
+        }
+        match self.unheard.checked_sub(1) {
+            Some(fewer) => self.unheard = fewer,
+            None => self.reply = Some(reply),
+        }
+    }
+
+    /// The drive works with other settings now.
+    fn take_up(&mut self, settings: Settings) {
+        if settings.drive.reversed != self.settings.drive.reversed {
+            self.install = self.sensors.is_some();
+            if let Some(sensors) = &mut self.sensors {
+                sensors.model.reversed = settings.drive.reversed;
+            }
+        }
+        self.balance |= settings.anti_cogging != self.settings.anti_cogging;
+        self.settings = settings;
+        self.relearn();
+    }
+
+    fn take(&mut self, record: Live, torque_nm: f32) {
+        let before = self.live.status.mode();
+        let mode = record.status.mode();
+        if mode != before {
+            say!(info, "{} after {}", mode, before);
+            if let Mode::Faulted(fault) = mode {
+                let cause = Cause::Fault(fault.code());
+                self.history.push(self.now_ms, wire::mode(before), cause);
+            }
+        }
+        if mode == before && !mode.drives() || mode == Mode::Running {
+            let every = self.service.config().record_every();
+            let missing = (record.sequence.wrapping_sub(self.live.sequence) + every / 2) / every;
+            // A record out of turn comes early, never late.
+            self.lost_records = self.lost_records.saturating_add(missing.saturating_sub(1).min(1 << 16));
+        }
+        if mode != Mode::Running {
+            self.measurement = None;
+        }
+        self.live = record;
+        if let Some(cause) = self.learning.take(&record, torque_nm) {
+            self.note(cause);
+        }
+    }
+
+    /// An incident of this moment.
+    fn note(&mut self, cause: Cause) {
+        self.history.push(self.now_ms, wire::mode(self.mode()), cause);
+    }
+
+    /// Gives the drive what is due: a model, a table.
+    fn give(&mut self) {
+        if let Some(sensors) = &mut self.sensors {
+            if self.install {
+                self.install = self.service.install(&sensors.model).is_err();
+            } else if let Some(model) = self.learning.publish(&mut self.service, self.settings.drive.run_on_two_halls) {
+                sensors.model = model;
+            }
+        }
+        if self.balance {
+            let table = self.table.as_ref().filter(|_| self.settings.anti_cogging);
+            self.balance = self.service.balance(table).is_err();
+            self.balanced = !self.balance && table.is_some();
+        }
+    }
+
+    /// Starts to learn anew from the model in use.
+    pub fn relearn(&mut self) {
+        let every = self.service.config().record_every();
+        self.learning.restart(&self.settings, self.sensors.as_ref(), every);
+    }
+
+    /// Begins a procedure, with the drive ready.
+    pub fn turn(&mut self, procedure: Procedure) -> Result<(), Refusal<'static>> {
+        match self.mode() {
+            Mode::Ready => {}
+            Mode::Unarmed => return Err(Refusal::NotCalibrated),
+            mode => return Err(Refusal::Mode(wire::mode(mode))),
+        }
+        match procedure.activity() {
+            Activity::Identification => self.identification = protocol::Procedure::Turning,
+            _ => self.cogging = protocol::Procedure::Turning,
+        }
+        self.procedure = Some(procedure);
+        Ok(())
+    }
+
+    /// Ends a procedure; the bridge is to be switched off beside.
+    pub fn cancel(&mut self) {
+        if let Some(procedure) = &mut self.procedure {
+            procedure.cancel();
+        }
+    }
+
+    fn proceed(&mut self) {
+        let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(&mut self.service, self.now_ms as u32)) else {
+            return;
+        };
+        match outcome {
+            Outcome::Motor(report) => {
+                let mut settings = self.settings;
+                if let Some(control) = &mut settings.drive.control {
+                    report.apply(control);
+                }
+                // A motor beyond the ranges of the settings is told all the same.
+                self.unheard = self.configure(settings).is_ok().into();
+                self.identification = protocol::Procedure::Found(wire::motor(&report));
+            }
+            Outcome::Cogging(table) => {
+                self.cogging = protocol::Procedure::Found(self.settings.cogging(&table));
+                self.table = Some(table);
+                // The procedure has put it to work, wanted or not.
+                self.balance = true;
+                self.waiting[Record::Cogging as usize] = true;
+            }
+            Outcome::Failed(Activity::Identification, error) => {
+                self.identification = protocol::Procedure::Failed(wire::procedure_error(error));
+            }
+            Outcome::Failed(_, error) => {
+                self.cogging = protocol::Procedure::Failed(wire::procedure_error(error));
+                // Whatever it has put to work.
+                self.balance = true;
+            }
+        }
+        self.procedure = None;
+    }
+
+    /// Whether the cogging has been learnt.
+    pub const fn has_table(&self) -> bool {
+        self.table.is_some()
+    }
+
+    /// A calibration that a command or a fault has ended.
+    fn end_calibration(&mut self) {
+        let turns = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);
+        if self.calibration == Calibration::Turning && !turns && self.since_command > SETTLED {
+            self.calibration = Calibration::Failed(CalibrationError::Ended);
+        }
+    }
+
+    /// Saves one of what waits, if the bridge is off.
+    fn save(&mut self) {
+        if !self.may_save() {
+            return;
+        }
+        let rested = self.learnt_saved_ms.is_none_or(|then| self.now_ms >= then + 1000 * REST_S);
+        if rested && self.is_worth_saving() {
+            self.learnt_saved_ms = Some(self.now_ms);
+            self.waiting[Record::Sensors as usize] = true;
+        }
+        if core::mem::take(&mut self.waiting[Record::Sensors as usize]) {
+            self.save_sensors();
+        } else if core::mem::take(&mut self.waiting[Record::Cogging as usize]) {
+            self.save_table();
+        } else if core::mem::take(&mut self.waiting[Record::Settings as usize]) {
+            self.save_settings();
+        }
+    }
+
+    /// Whether an erase, which stalls the core, does no harm.
+    pub fn may_save(&self) -> bool {
+        !self.mode().drives() && self.since_command >= SETTLED
+    }
+
+    fn is_worth_saving(&self) -> bool {
+        match (&self.sensors, &self.stored_sensors) {
+            (Some(sensors), Some(stored)) => sensors.differ(stored),
+            (sensors, _) => sensors.is_some(),
+        }
+    }
+
+    fn save_sensors(&mut self) {
+        let Some(sensors) = &self.sensors else { return };
+        let saved = self.saving.save_sensors(sensors);
+        // Those that cannot be saved are not tried again and again.
+        self.stored_sensors = Some(*sensors);
+        self.saved(Record::Sensors, saved);
+    }
+
+    fn save_table(&mut self) {
+        let Some(table) = &self.table else { return };
+        let saved = self.saving.save_table(table, self.settings.full_scale_a());
+        self.saved(Record::Cogging, saved);
+    }
+
+    fn save_settings(&mut self) {
+        let saved = self.saving.save_settings(&self.settings, &self.defaults);
+        if saved.is_ok() {
+            self.stored_settings = self.settings;
+        }
+        self.saved(Record::Settings, saved);
+    }
+
+    fn saved(&mut self, record: Record, saved: Result<(), Problem>) {
+        self.stored[record as usize] = saved.err().unwrap_or(Problem::None);
+        match saved {
+            Ok(()) => say!(info, "record {} saved", record as u8),
+            Err(_) => self.note(Cause::NotSaved(record)),
+        }
+    }
+
+    /// Asks for the settings to be saved when that is possible.
+    pub fn ask_to_save(&mut self) {
+        self.waiting[Record::Settings as usize] = true;
+    }
+
+    /// Whether they have been, and how that went.
+    pub fn settings_saved(&self) -> Option<bool> {
+        let done = !self.waiting[Record::Settings as usize];
+        done.then(|| self.stored[Record::Settings as usize] == Problem::None)
+    }
+
+    /// The settings in the flash.
+    pub fn load_settings(&mut self) -> Result<Settings, Problem> {
+        match self.saving.settings(&self.defaults) {
+            (settings, Problem::None | Problem::Foreign) => Ok(settings),
+            (_, problem) => Err(problem),
+        }
+    }
+
+    /// Sends a command to the drive; [`Self::take_reply`] has the answer.
+    pub fn send(&mut self, command: Command) -> Result<(), Refusal<'static>> {
+        self.ready_to_ask()?;
+        self.service.send(command).map_err(|_| Refusal::Silent)
+    }
+
+    /// Sends other settings to the drive, the same way.
+    pub fn configure(&mut self, settings: Settings) -> Result<(), Refusal<'static>> {
+        let config = settings.validate()?;
+        self.ready_to_ask()?;
+        let spare = self.spare.take().ok_or(Refusal::Silent)?;
+        *spare = config;
+        match self.service.configure(spare) {
+            Ok(()) => {
+                self.coming = Some(settings);
+                Ok(())
+            }
+            Err(spare) => {
+                self.spare = Some(spare);
+                Err(Refusal::Silent)
+            }
+        }
+    }
+
+    fn ready_to_ask(&mut self) -> Result<(), Refusal<'static>> {
+        self.reply = None;
+        self.since_command = 0;
+        if self.unheard > 0 { Err(Refusal::Silent) } else { Ok(()) }
+    }
+
+    /// The drive's answer to the last command.
+    pub fn take_reply(&mut self) -> Option<Result<(), Refusal<'static>>> {
+        self.reply.take()
+    }
+
+    /// Nobody waits for the answer any more.
+    pub fn give_up(&mut self) {
+        self.unheard = 1;
+    }
+
+    pub fn mode(&self) -> Mode {
+        self.live.status.mode()
+    }
+
+    /// Control periods a second.
+    pub fn step_hz(&self) -> f32 {
+        self.settings.drive.pwm_hz
+    }
+
+    /// Starts telemetry, or ends it with a rate of zero.
+    pub fn stream(&mut self, id: u16, hz: f32) {
+        self.stream = (hz > 0.0).then_some(Stream { id, rate: hz / 1000.0, due: 0.0, number: 0 });
+    }
+
+    /// Telemetry that is due, with the id of its request.
+    pub fn telemetry(&mut self) -> Option<(u16, Telemetry)> {
+        let stream = self.stream.as_mut()?;
+        stream.due += stream.rate;
+        if stream.due < 1.0 {
+            return None;
+        }
+        stream.due -= 1.0;
+        stream.number = stream.number.wrapping_add(1);
+        let Stream { id, number, .. } = *stream;
+        let [mut current_a, mut voltage_v] = [[f32::NAN; 2]; 2];
+        if let (Some(measurement), Some(control)) = (&self.measurement, &self.settings.drive.control) {
+            current_a = measure::current_a(control, self.settings.drive.reversed, measurement);
+            voltage_v = measure::voltage_v(control, measurement);
+        }
+        let telemetry = Telemetry {
+            number,
+            step: self.live.sequence,
+            angle_deg: self.live.rotor.angle().to_degrees(),
+            speed_rad_s: self.speed_rad_s(),
+            position_turns: self.position_turns(),
+            current_a,
+            voltage_v,
+            bus_v: measure::bus_v(&self.settings.drive, self.sensed),
+            mode: wire::mode(self.mode()),
+            limits: self.live.status.limits().bits(),
+            codes: self.live.codes,
+        };
+        Some((id, telemetry))
+    }
+
+    fn speed_rad_s(&self) -> f32 {
+        self.live.electrical_hz(self.step_hz()) * TAU / f32::from(self.settings.drive.pole_pairs)
+    }
+
+    fn position_turns(&self) -> f64 {
+        self.live.rotor.position().to_turns() / f64::from(self.settings.drive.pole_pairs)
+    }
+
+    /// What goes on that takes a while.
+    pub fn activity(&self) -> Activity {
+        match &self.procedure {
+            Some(procedure) => procedure.activity(),
+            None if self.calibration == Calibration::Turning => Activity::Calibration,
+            // The drive takes up what was found.
+            None if self.unheard > 0 && self.coming.is_some() => Activity::Identification,
+            None => Activity::None,
+        }
+    }
+
+    pub fn status(&self) -> Status {
+        let Settings { drive, .. } = &self.settings;
+        let current = |control, measurement| measure::current_a(control, drive.reversed, measurement)[1];
+        let mode = self.mode();
+        let activity = self.activity();
+        Status {
+            uptime_ms: self.now_ms,
+            mode: wire::mode(mode),
+            limits: self.live.status.limits().bits(),
+            calibrated: self.sensors.is_some() && !matches!(mode, Mode::Unarmed | Mode::Aligning | Mode::Calibrating),
+            commutation: wire::commutation(drive.commutation),
+            balanced: self.balanced,
+            position_turns: self.position_turns(),
+            speed_rad_s: self.speed_rad_s(),
+            current_a: drive.control.as_ref().zip(self.measurement.as_ref()).map_or(f32::NAN, |(c, m)| current(c, m)),
+            bus_v: measure::bus_v(drive, self.sensed),
+            temperatures_c: measure::temperatures_c(drive, self.sensed),
+            activity,
+            progress: match &self.procedure {
+                Some(procedure) => procedure.progress(),
+                None if activity == Activity::Calibration => self.service.progress(),
+                None => 0.0,
+            },
+            learning: self.learning.state(),
+            learnt: self.learning.count,
+            stored: self.stored,
+            unsaved: self.waiting != [false; 3] || self.settings != self.stored_settings || self.is_worth_saving(),
+            lost_records: self.lost_records,
+            garbage: self.garbage,
+            lost_frames: self.lost_frames,
+            command_timeout_s: drive.control.map_or(f32::INFINITY, |control| control.guard.command_timeout_s),
+            incidents: self.history.len(),
+        }
+    }
+}

@@ -1,0 +1,37 @@
+//! hallservo on a B-G431B-ESC1 (MB1419): L6387 gate drivers, three shunts at the chip's own op-amps, two ADCs.
+#![no_std]
+#![no_main]
+
+mod analog;
+mod board;
+
+use board::Esc1;
+use embassy_executor::Spawner;
+use embassy_stm32::usart::BufferedUart;
+use embassy_stm32::{bind_interrupts, interrupt, peripherals, usart};
+use static_cell::ConstStaticCell;
+use stm32g4::Control;
+
+bind_interrupts!(struct Interrupts {
+    USART2 => usart::BufferedInterruptHandler<peripherals::USART2>;
+});
+
+static CONTROL: Control<Esc1> = Control::new();
+static TX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
+static RX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
+
+#[embassy_executor::main]
+async fn main(_: Spawner) -> ! {
+    let (bridge, chip) = stm32g4::start::<Esc1>();
+    analog::start();
+    // The virtual COM port of the ST-LINK.
+    let serial = BufferedUart::new(chip.USART2, chip.PB4, chip.PB3, TX.take(), RX.take(), Interrupts, stm32g4::serial());
+    let Ok(serial) = serial else { panic!("the serial line cannot be set up") };
+    stm32g4::run(Esc1::new(), bridge, &CONTROL, chip.FLASH, serial).await
+}
+
+#[interrupt]
+unsafe fn ADC1_2() {
+    // SAFETY: this is the interrupt that it is for.
+    unsafe { CONTROL.interrupt() }
+}

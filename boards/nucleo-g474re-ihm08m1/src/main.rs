@@ -1,0 +1,35 @@
+//! hallservo on a Nucleo-G474RE with an X-NUCLEO-IHM08M1: L6398 gate drivers, amplifiers on the shield, an ADC for each Hall.
+#![no_std]
+#![no_main]
+
+mod board;
+
+use board::Nucleo;
+use embassy_executor::Spawner;
+use embassy_stm32::usart::BufferedUart;
+use embassy_stm32::{bind_interrupts, interrupt, peripherals, usart};
+use static_cell::ConstStaticCell;
+use stm32g4::Control;
+
+bind_interrupts!(struct Interrupts {
+    USART2 => usart::BufferedInterruptHandler<peripherals::USART2>;
+});
+
+static CONTROL: Control<Nucleo> = Control::new();
+static TX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
+static RX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
+
+#[embassy_executor::main]
+async fn main(_: Spawner) -> ! {
+    let (bridge, chip) = stm32g4::start::<Nucleo>();
+    // The virtual COM port of the ST-LINK.
+    let serial = BufferedUart::new(chip.USART2, chip.PA3, chip.PA2, TX.take(), RX.take(), Interrupts, stm32g4::serial());
+    let Ok(serial) = serial else { panic!("the serial line cannot be set up") };
+    stm32g4::run(Nucleo, bridge, &CONTROL, chip.FLASH, serial).await
+}
+
+#[interrupt]
+unsafe fn ADC1_2() {
+    // SAFETY: this is the interrupt that it is for.
+    unsafe { CONTROL.interrupt() }
+}

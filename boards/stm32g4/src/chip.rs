@@ -1,0 +1,114 @@
+//! A drive on the chip.
+
+mod bridge;
+mod clock;
+mod control;
+mod converters;
+mod last;
+mod watchdog;
+
+pub use bridge::{Bridge, Wiring};
+pub use control::Control;
+pub use converters::{Converter, result};
+
+use crate::registers::clock::{HCLK_HZ, PCLK1_HZ, baud};
+use core::ptr::addr_of;
+use defmt_rtt as _;
+use embassy_stm32::flash::Flash;
+use embassy_stm32::pac::adccommon::AdcCommon;
+use embassy_stm32::pac::{Interrupt, RCC};
+use embassy_stm32::usart::{self, BufferedUart};
+use embassy_stm32::{Peri, Peripherals, peripherals};
+use hallservo::drive::Sample;
+use hallservo::settings::Settings;
+use hallservo_app::{Heartbeat, Identity, Memory};
+use static_cell::ConstStaticCell;
+
+/// What a board is, beyond its chip.
+pub trait Board: Send + 'static {
+    /// Its name.
+    const NAME: &'static str;
+    /// The way to the gate drivers.
+    const BRIDGE: Wiring;
+    /// The ADCs. The end of the first one's sequence is the control interrupt.
+    const CONVERTERS: &'static [Converter];
+    /// What the ADCs share.
+    const GROUPS: &'static [AdcCommon];
+
+    /// What a drive on this board starts with, as long as nothing else is stored.
+    fn settings() -> Settings;
+
+    /// The results of the sequences that have just ended. In the control interrupt.
+    fn sample(&mut self) -> Sample;
+}
+
+/// Baud rate of the serial line.
+const BAUD: u32 = 460_800;
+const _: () = assert!(baud(PCLK1_HZ, BAUD).1.abs() < 100, "the baud rate is off by more than 1 %");
+
+static ALIVE: Heartbeat = Heartbeat::new();
+static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
+
+/// The bridge, safe before anything else happens; then clocks, priorities and time.
+pub fn start<B: Board>() -> (Bridge, Peripherals) {
+    let bridge = Bridge::new(&B::BRIDGE);
+    let Some(mut core) = cortex_m::Peripherals::take() else { panic!("started twice") };
+    shared::priority::init(&mut core.NVIC, &mut core.SCB, Interrupt::ADC1_2);
+    core.DCB.enable_trace();
+    core.DWT.enable_cycle_counter();
+    let peripherals = clock::start();
+    bridge.guard_against_the_core();
+    (bridge, peripherals)
+}
+
+/// The serial line as `hallctl` expects it.
+pub fn serial() -> usart::Config {
+    let mut config = usart::Config::default();
+    config.baudrate = BAUD;
+    config
+}
+
+/// Everything else. Never returns.
+pub async fn run<B: Board>(
+    board: B,
+    bridge: Bridge,
+    control: &'static Control<B>,
+    flash: Peri<'static, peripherals::FLASH>,
+    serial: BufferedUart<'static>,
+) -> ! {
+    greet::<B>();
+    converters::start(B::GROUPS, B::CONVERTERS);
+    let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
+    let (drive, app) =
+        hallservo_app::start(identity, B::settings(), Flash::new_blocking(flash), storage(), MEMORY.take());
+    watchdog::start();
+    control.start(board, drive, bridge, &ALIVE);
+    let (tx, rx) = serial.split();
+    app.run(rx, tx, &ALIVE, watchdog::feed).await
+}
+
+/// Where the place for settings begins, from the begin of the flash: memory.x reserves it.
+fn storage() -> u32 {
+    unsafe extern "C" {
+        static _storage: u8;
+    }
+    addr_of!(_storage) as u32
+}
+
+/// What a person with a probe wants to know at first.
+fn greet<B: Board>() {
+    let wiring = &B::BRIDGE;
+    defmt::info!("{=str}, hallservo {=str}: the bridge is off", B::NAME, env!("CARGO_PKG_VERSION"));
+    defmt::info!(
+        "{=u32} MHz from the internal oscillator; PWM {=u32} Hz, {=u16} counts; dead time {=u32} ns",
+        HCLK_HZ / 1_000_000,
+        wiring.pwm_hz,
+        wiring.period(),
+        u32::from(wiring.dead_time_ticks()) * 1000 / (HCLK_HZ / 1_000_000)
+    );
+    let causes = RCC.csr().read();
+    if causes.iwdgrstf() {
+        defmt::error!("the watchdog has reset the chip: the control interrupt or a task had stopped");
+    }
+    RCC.csr().modify(|csr| csr.set_rmvf(true));
+}

@@ -1,0 +1,164 @@
+//! The bridge: TIM1 and its pins.
+
+use crate::registers::clock::HCLK_HZ;
+use crate::registers::timer::{self, Break, Gates};
+use embassy_stm32::pac::gpio::Gpio;
+use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
+use embassy_stm32::pac::timer::regs;
+use embassy_stm32::pac::{RCC, SYSCFG, TIM1};
+use hallservo::commutation::{Legs, Output};
+
+/// How TIM1 is wired to the gate drivers.
+pub struct Wiring {
+    /// Outputs, and the break input if it is a pin: port, number, alternate function.
+    pub pins: &'static [(Gpio, usize, u8)],
+    /// Which levels switch transistors on.
+    pub gates: Gates,
+    /// From one transistor's off to the other's on, at least, in nanoseconds.
+    pub dead_time_ns: u32,
+    /// Switching frequency.
+    pub pwm_hz: u32,
+    /// What switches the bridge off without code.
+    pub source: Break,
+    /// How long a break is taken for noise, at most, in nanoseconds.
+    pub noise_ns: u32,
+    /// From the trigger of the ADCs to the valley, in ticks.
+    pub lead: u32,
+}
+
+impl Wiring {
+    /// Counts of half a period.
+    pub const fn period(&self) -> u16 {
+        timer::auto_reload(HCLK_HZ, self.pwm_hz)
+    }
+
+    /// Dead time as a field of BDTR.
+    const fn dead_time_field(&self) -> u8 {
+        timer::dead_time_field(timer::ticks(HCLK_HZ, self.dead_time_ns) as u16).expect("a dead time of 1 to 1008 ticks")
+    }
+
+    /// Dead time as it is, in ticks.
+    pub const fn dead_time_ticks(&self) -> u16 {
+        timer::dead_time_ticks(self.dead_time_field())
+    }
+
+    /// The same in seconds.
+    pub const fn dead_time_s(&self) -> f32 {
+        self.dead_time_ticks() as f32 / HCLK_HZ as f32
+    }
+
+    /// From an input that is held so many ticks after the trigger to the middle of the period that acts on it, in periods: a period
+    /// and a half from the valley.
+    pub const fn delay_periods(&self, held: u32) -> f32 {
+        1.5 + (self.lead as f32 - held as f32) / (2.0 * self.period() as f32)
+    }
+
+    const fn bdtr(&self) -> u32 {
+        timer::bdtr(self.dead_time_field(), self.source, timer::break_filter(timer::ticks(HCLK_HZ, self.noise_ns)))
+    }
+}
+
+/// TIM1 as it drives the bridge.
+pub struct Bridge {
+    gates: Gates,
+    period: u16,
+    /// As preloaded.
+    legs: Legs,
+    /// The timer has compare values of the running drive.
+    prepared: bool,
+    /// Switched on, and not off since.
+    on: bool,
+}
+
+impl Bridge {
+    /// Sets everything up, off: all pins at the levels at which the transistors do not conduct, and the break armed. To be
+    /// called before anything else: it needs no clock but the one out of reset.
+    pub fn new(wiring: &Wiring) -> Self {
+        RCC.apb2enr().modify(|enable| {
+            enable.set_tim1en(true);
+            enable.set_syscfgen(true);
+        });
+        RCC.ahb2enr().modify(|enable| {
+            enable.set_gpioaen(true);
+            enable.set_gpioben(true);
+            enable.set_gpiocen(true);
+        });
+        let legs = timer::legs(wiring.gates, Legs::ALL.bits());
+        TIM1.cr1().write_value(regs::Cr1Gp16(timer::CR1));
+        TIM1.cr2().write_value(regs::Cr2Adv(timer::cr2(wiring.gates)));
+        TIM1.arr().write_value(regs::ArrCore(wiring.period().into()));
+        TIM1.rcr().write_value(regs::RcrAdv(timer::RCR));
+        for channel in 0..3 {
+            TIM1.ccr(channel).write_value(regs::Ccr1ch(wiring.period().into()));
+        }
+        TIM1.ccr(3).write_value(regs::Ccr1ch(wiring.lead));
+        TIM1.ccmr_output(0).write_value(regs::CcmrOutputGp16(legs.ccmr1));
+        TIM1.ccmr_output(1).write_value(regs::CcmrOutputGp16(legs.ccmr2));
+        TIM1.ccer().write_value(regs::CcerAdv(legs.ccer));
+        TIM1.af1().write_value(regs::Af1Adv(timer::af1(wiring.source)));
+        TIM1.egr().write_value(regs::EgrAdv(timer::EGR_UPDATE | timer::EGR_COMMUTATE));
+        TIM1.bdtr().write_value(regs::BdtrAdv(wiring.bdtr()));
+        for &(port, pin, function) in wiring.pins {
+            port.afr(pin / 8).modify(|afr| afr.set_afr(pin % 8, function));
+            port.ospeedr().modify(|speed| speed.set_ospeedr(pin, Ospeedr::HIGH_SPEED));
+            port.moder().modify(|mode| mode.set_moder(pin, Moder::ALTERNATE));
+        }
+        Self { gates: wiring.gates, period: wiring.period(), legs: Legs::ALL, prepared: false, on: false }
+    }
+
+    /// A locked-up core, a parity error of the SRAM and a double error of the flash are breaks as well, without code.
+    pub(crate) fn guard_against_the_core(&self) {
+        SYSCFG.cfgr2().write_value(embassy_stm32::pac::syscfg::regs::Cfgr2(timer::SYSTEM_BREAKS));
+    }
+
+    /// Starts to count, and so to trigger the ADCs. The bridge stays off.
+    pub(crate) fn start(&self) {
+        TIM1.cr1().write_value(regs::Cr1Gp16(timer::CR1_COUNTING));
+    }
+
+    /// First thing in a period: the states of the legs that belong to the compare values which the valley has just taken up.
+    #[inline(always)]
+    pub(crate) fn commutate(&self) {
+        TIM1.egr().write_value(regs::EgrAdv(timer::EGR_COMMUTATE));
+    }
+
+    /// Whether the hardware has switched off what should be on.
+    #[inline(always)]
+    pub(crate) fn has_tripped(&self) -> bool {
+        self.on && TIM1.bdtr().read().0 & timer::MOE == 0
+    }
+
+    /// What a step returned. Off is at once; anything else is from the next valley on, when all of it is taken up together.
+    #[inline(always)]
+    pub(crate) fn apply(&mut self, output: &Output) {
+        if output.legs == Legs::NONE {
+            off();
+            (self.prepared, self.on) = (false, false);
+            return;
+        }
+        for channel in 0..3 {
+            let count = self.period.saturating_sub(output.compare[channel]);
+            TIM1.ccr(channel).write_value(regs::Ccr1ch(count.into()));
+        }
+        if output.legs != self.legs {
+            self.legs = output.legs;
+            let legs = timer::legs(self.gates, output.legs.bits());
+            TIM1.ccmr_output(0).write_value(regs::CcmrOutputGp16(legs.ccmr1));
+            TIM1.ccmr_output(1).write_value(regs::CcmrOutputGp16(legs.ccmr2));
+            TIM1.ccer().write_value(regs::CcerAdv(legs.ccer));
+        }
+        if self.prepared && !self.on {
+            // A step ago the first values were written; now they are in the timer. A break that is still there keeps MOE clear.
+            TIM1.sr().write_value(regs::SrAdv(!timer::BIF));
+            TIM1.bdtr().modify(|bdtr| bdtr.0 |= timer::MOE);
+            self.on = true;
+        }
+        self.prepared = true;
+    }
+}
+
+/// Switches all transistors off.
+#[inline(always)]
+pub fn off() {
+    TIM1.bdtr().modify(|bdtr| bdtr.0 &= !timer::MOE);
+}

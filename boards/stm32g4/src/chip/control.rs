@@ -1,0 +1,71 @@
+//! The control interrupt.
+
+use crate::chip::bridge::Bridge;
+use crate::sensing::{Cadence, FULL_SCALE};
+use crate::chip::{Board, converters};
+use core::cell::UnsafeCell;
+use core::num::NonZeroU32;
+use cortex_m::peripheral::{DWT, NVIC};
+use embassy_stm32::pac::Interrupt;
+use hallservo::drive::Drive;
+use hallservo_app::Heartbeat;
+
+/// What the control interrupt of a board owns: a static of the board, filled by [`run`](crate::run).
+pub struct Control<B>(UnsafeCell<Option<Owned<B>>>);
+
+// SAFETY: written before the interrupt is enabled, and from then on used by the interrupt alone.
+unsafe impl<B: Send> Sync for Control<B> {}
+
+struct Owned<B> {
+    board: B,
+    drive: Drive,
+    bridge: Bridge,
+    cadence: Cadence,
+    alive: &'static Heartbeat,
+}
+
+impl<B: Board> Control<B> {
+    /// Before the start.
+    pub const fn new() -> Self {
+        Self(UnsafeCell::new(None))
+    }
+
+    /// Hands everything to the interrupt, and starts it.
+    pub(crate) fn start(&'static self, board: B, drive: Drive, bridge: Bridge, alive: &'static Heartbeat) {
+        let period = NonZeroU32::MIN.saturating_add(2 * u32::from(B::BRIDGE.period()) - 1);
+        let owned = Owned { board, drive, bridge, cadence: Cadence::new(period), alive };
+        // SAFETY: the interrupt is not enabled, so nothing else looks at it.
+        let owned = unsafe { (*self.0.get()).insert(owned) };
+        owned.bridge.start();
+        // SAFETY: no critical section relies on this interrupt's being masked; it could not mask it.
+        unsafe { NVIC::unmask(Interrupt::ADC1_2) };
+    }
+
+    /// One PWM period, from the end of the ADCs' sequences. It must be over before the next valley, which takes its compare values
+    /// up; a period without one is counted, and a running drive fails at it.
+    ///
+    /// # Safety
+    /// To be called by the interrupt ADC1_2 and by nothing else.
+    #[inline(always)]
+    pub unsafe fn interrupt(&self) {
+        converters::acknowledge(&B::CONVERTERS[0].adc);
+        // SAFETY: the interrupt owns it and does not interrupt itself.
+        let Some(owned) = (unsafe { &mut *self.0.get() }) else { return };
+        owned.bridge.commutate();
+        let mut sample = owned.board.sample();
+        sample.lost = owned.cadence.lost(DWT::cycle_count());
+        if owned.bridge.has_tripped() {
+            // The hardware saw a current between two samples. The drive fails at the largest that it can be shown.
+            sample.currents = [FULL_SCALE; 3];
+        }
+        owned.alive.beat(&sample);
+        let output = owned.drive.step(&sample);
+        owned.bridge.apply(&output);
+    }
+}
+
+impl<B: Board> Default for Control<B> {
+    fn default() -> Self {
+        Self::new()
+    }
+}

@@ -1,0 +1,212 @@
+//! The drive measures its motor, as a procedure: swings at several currents, then steady speeds both ways.
+//!
+//! Takes some ten seconds, in which the shaft must be free to turn in both directions. See [`identify`](crate::control::identify) for what
+//! becomes of the measurements.
+
+use super::procedure::{Demand, Error, Pilot, State};
+use super::{Event, Service};
+use crate::commutation::Commutation;
+use crate::control::identify::{Identifier, Report};
+use crate::control::{Current, Speed};
+use crate::settings::Config;
+use crate::telemetry::Measurement;
+
+/// How to measure.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Plan {
+    /// Largest mechanical speed, above 0, rad/s.
+    pub speed_rad_s: f32,
+    /// Largest current, above 0, A.
+    pub current_a: f32,
+    /// What to commutate by in the end.
+    pub commutation: Commutation,
+}
+
+impl Plan {
+    /// At most four fifths of the allowed speed and of the one that the least allowed voltage reaches, and at most half the allowed
+    /// current and the one that the motor as told takes for the allowed acceleration.
+    ///
+    /// # Errors
+    /// [`Error::NoControl`].
+    pub fn new(config: &Config) -> Result<Self, Error> {
+        let control = config.control.as_ref().ok_or(Error::NoControl)?;
+        let scale = &control.scale;
+        let fastest = control.trajectory.speed() as f32 / scale.per_radian_s();
+        let volts = control.guard.under as f32 / 32_768.0 * scale.volts;
+        let reached = volts / 1.732 / (control.motor.flux_linkage_wb * scale.pole_pairs);
+        let acceleration = control.trajectory.acceleration() as f32 / scale.per_radian_s() * scale.step_hz;
+        let needed = acceleration * control.motor.inertia_kgm2 / control.motor.torque_constant(scale.pole_pairs);
+        let most = control.max_current as f32 / scale.per_ampere();
+        Ok(Self {
+            speed_rad_s: 0.8 * fastest.min(reached),
+            current_a: needed.min(0.5 * most),
+            commutation: config.commutation,
+        })
+    }
+}
+
+/// Swings: shares of the current, each forward and backward to this share of the speed.
+const SWINGS: [f32; 3] = [1.0, 0.5, 0.25];
+const SWING_TO: f32 = 0.7;
+/// Longest swing, ms; it need not get there.
+const SWING_MS: u32 = 1000;
+/// Shares of the speed to keep, each forward and backward.
+const SPEEDS: [f32; 4] = [1.0, 0.6, 0.3, 0.15];
+/// Time after the speed is reached, to settle and to measure; ms.
+const SETTLING_MS: u32 = 200;
+const MEASURING_MS: u32 = 1000;
+/// Time between two marks there, ms.
+const MARK_MS: u32 = 100;
+/// How near the speed has to come, in the fastest's.
+const NEAR: f32 = 0.03;
+/// Longest time until the speed is reached beyond what the largest acceleration needs, ms.
+const PATIENCE_MS: u32 = 2000;
+
+const LEGS: usize = 2 * (SWINGS.len() + SPEEDS.len());
+
+/// What is done in a leg.
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Leg {
+    Swing(f32),
+    Speed(f32),
+}
+
+/// The legs, in their order.
+fn leg(number: usize) -> Option<Leg> {
+    let sign = if number.is_multiple_of(2) { 1.0 } else { -1.0 };
+    let pair = number / 2;
+    match SWINGS.get(pair) {
+        Some(share) => Some(Leg::Swing(sign * share)),
+        None => SPEEDS.get(pair - SWINGS.len()).map(|share| Leg::Speed(sign * share)),
+    }
+}
+
+/// The procedure.
+#[derive(Clone, Debug)]
+pub struct Identification {
+    pilot: Pilot,
+    identifier: Identifier,
+    report: Option<Report>,
+    number: usize,
+    fastest: Speed,
+    largest: Current,
+    began_ms: Option<u32>,
+    /// When the speed was reached, and when the last mark was made.
+    reached_ms: Option<u32>,
+    marked_ms: u32,
+    patience_ms: u32,
+}
+
+impl Identification {
+    /// To be begun by the first [`Self::step`], with the drive ready and its bridge off.
+    ///
+    /// # Errors
+    /// What of the plan cannot be.
+    pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
+        let control = config.control.as_ref().ok_or(Error::NoControl)?;
+        let fields = [("speed_rad_s", plan.speed_rad_s > 0.0), ("current_a", plan.current_a > 0.0)];
+        if let Some((field, _)) = fields.into_iter().find(|(_, right)| !right) {
+            return Err(Error::Plan { field });
+        }
+        let pilot = Pilot::new(config, plan.commutation)?;
+        let limits = &control.trajectory;
+        let ramp_ms = 2000.0 * limits.speed() as f32 / limits.acceleration() as f32 / control.scale.step_hz;
+        Ok(Self {
+            pilot,
+            identifier: Identifier::new(control),
+            report: None,
+            number: 0,
+            fastest: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,
+            largest: control.current(plan.current_a).map_err(Error::Demand)?,
+            began_ms: None,
+            reached_ms: None,
+            marked_ms: 0,
+            patience_ms: PATIENCE_MS + ramp_ms as u32,
+        })
+    }
+
+    /// What the service's [`poll`](Service::poll) delivered.
+    pub fn event(&mut self, event: &Event) {
+        self.pilot.event(event);
+    }
+
+    /// What the service's [`measurement`](Service::measurement) delivered.
+    pub fn measurement(&mut self, measurement: &Measurement) {
+        if self.began_ms.is_some() {
+            self.identifier.push(measurement);
+        }
+    }
+
+    /// Goes on; to be called once a millisecond or so after what was delivered, with the task's clock, which may wrap.
+    pub fn step(&mut self, service: &mut Service, now_ms: u32) -> State {
+        if self.pilot.step(service, now_ms) {
+            self.turn();
+        }
+        self.pilot.state()
+    }
+
+    fn turn(&mut self) {
+        let Some(leg) = leg(self.number) else {
+            self.report = self.identifier.report();
+            return if self.report.is_some() { self.pilot.finish() } else { self.pilot.cancel(Error::Untold) };
+        };
+        let now_ms = self.pilot.now_ms();
+        let began_ms = *self.began_ms.get_or_insert(now_ms);
+        let elapsed_ms = now_ms.wrapping_sub(began_ms);
+        match leg {
+            Leg::Swing(share) => self.swing(share, elapsed_ms),
+            Leg::Speed(share) => self.keep(share, now_ms, elapsed_ms),
+        }
+    }
+
+    fn swing(&mut self, share: f32, elapsed_ms: u32) {
+        self.pilot.follow(Demand::Current(Current((share * self.largest.0 as f32) as i32)));
+        let there = self.pilot.speed() as f32 * share.signum() >= SWING_TO * self.fastest.0 as f32;
+        if there || elapsed_ms > SWING_MS {
+            self.next();
+        }
+    }
+
+    fn keep(&mut self, share: f32, now_ms: u32, elapsed_ms: u32) {
+        let wanted = share * self.fastest.0 as f32;
+        self.pilot.follow(Demand::Speed(Speed(wanted as i32)));
+        let near = (self.pilot.speed() as f32 - wanted).abs() <= NEAR * self.fastest.0 as f32;
+        match self.reached_ms {
+            None if near => self.reached_ms = Some(now_ms),
+            None if elapsed_ms > self.patience_ms => self.pilot.cancel(Error::Unreached),
+            None => {}
+            Some(reached_ms) => {
+                let kept_ms = now_ms.wrapping_sub(reached_ms);
+                if kept_ms >= SETTLING_MS && now_ms.wrapping_sub(self.marked_ms) >= MARK_MS {
+                    self.marked_ms = now_ms;
+                    self.identifier.mark();
+                }
+                if kept_ms >= SETTLING_MS + MEASURING_MS {
+                    self.next();
+                }
+            }
+        }
+    }
+
+    fn next(&mut self) {
+        self.number += 1;
+        self.began_ms = self.began_ms.map(|_| self.pilot.now_ms());
+        self.reached_ms = None;
+    }
+
+    /// Brakes and ends without a result, with [`Error::Cancelled`].
+    pub fn cancel(&mut self) {
+        self.pilot.cancel(Error::Cancelled);
+    }
+
+    /// 0 to 1.
+    pub fn progress(&self) -> f32 {
+        self.number as f32 / LEGS as f32
+    }
+
+    /// What was found, from the last measurement on.
+    pub const fn report(&self) -> Option<&Report> {
+        self.report.as_ref()
+    }
+}

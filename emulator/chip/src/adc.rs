@@ -224,6 +224,21 @@ impl Adc {
         next.min(self.calibrates_until.unwrap_or(f64::INFINITY)).min(self.ready_at.unwrap_or(f64::INFINITY))
     }
 
+    /// When it may raise its interrupt next.
+    pub fn next_of_interest(&self) -> f64 {
+        match &self.run {
+            Some(run) if self.ier & !(JEOS | EOS) == 0 && self.ier != 0 => {
+                let mut last = run.now;
+                while last.rank + 1 < self.ranks(run.injected) {
+                    last = self.conversion(run.injected, last.rank + 1, last.ends);
+                }
+                last.ends
+            }
+            _ if self.ier != 0 => self.next(),
+            _ => f64::INFINITY,
+        }
+    }
+
     /// Does what is due at [`Adc::next`].
     pub fn fire(&mut self) -> Due {
         let now = self.next();

@@ -58,6 +58,9 @@ pub(crate) const TRIGGERS: [(u32, &str); 12] = [
     (17, "TIM20_TRGO2"),
 ];
 
+/// Cycles after which the interrupt of a break is seen at the latest. What the break does is not late.
+const BREAK_LATENCY: Cycle = 1000;
+
 /// A chip on a board, with a motor.
 #[derive(Clone, Debug)]
 pub struct Chip {
@@ -203,7 +206,7 @@ impl Chip {
                     self.compare(at);
                 }
                 Next::Adc(index) => self.fire_adc(index),
-                Next::Usart(index) => self.fire_usart(index),
+                Next::Usart(index) => self.fire_usart(index, at),
                 Next::Flash => self.flash.advance(self.now_s(at)),
                 Next::Watchdog => {
                     self.record.bites += 1;
@@ -256,7 +259,7 @@ impl Chip {
             next = next.min(timer.next_of_interest());
         }
         for adc in &self.adcs {
-            next = next.min(ceiling(adc.next()));
+            next = next.min(ceiling(adc.next_of_interest()));
         }
         for usart in &self.usarts {
             next = next.min(ceiling(usart.next()));
@@ -264,7 +267,8 @@ impl Chip {
         for at_s in self.flash.ends_s().into_iter().chain(self.iwdg.bites_at_s()) {
             next = next.min(self.cycle_of(at_s));
         }
-        next.min(self.cycle_of(self.record.next_trace_s()))
+        // Nobody knows when a current will be too large.
+        if self.timers[0].interrupts_at_break() { next.min(self.now + BREAK_LATENCY) } else { next }
     }
 
     fn fire_timer(&mut self, index: usize) {
@@ -357,14 +361,14 @@ impl Chip {
         (turns - turns.round()) * period / self.time.hz() * 1e9
     }
 
-    fn fire_usart(&mut self, index: usize) {
+    fn fire_usart(&mut self, index: usize, at: Cycle) {
         if let Some(byte) = self.usarts[index].fire() {
             if self.serial_port(0) == Some(index) {
                 self.sent.push(byte);
             } else {
                 let name = self.usarts[index].name();
-                let at_s = self.time.seconds(self.usarts[index].next());
-                self.record.find(at_s.min(1e9), format!("alternate function: {name} sends, and no pin carries its TX"));
+                self.record
+                    .find(self.now_s(at), format!("alternate function: {name} sends, and no pin carries its TX"));
             }
         }
     }

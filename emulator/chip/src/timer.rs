@@ -181,14 +181,41 @@ impl Timer {
         self.next.min(self.outputs.next())
     }
 
-    /// The next count at which an interrupt or a trigger is possible.
+    /// The next count at which an interrupt or a trigger is possible, or the next turn before it.
     pub fn next_of_interest(&self) -> Cycle {
-        if self.dier & 0xff != 0 || self.cr2 & 0x00f0_0070 != 0 { self.next } else { NEVER }
+        let (mms, mms2) = (self.cr2 >> 4 & 7, self.cr2 >> 20 & 0xf);
+        if !self.enabled() || self.dier & 0x1f == 0 && mms < 2 && mms2 < 2 {
+            return NEVER;
+        }
+        let triggers = [mms, mms2].map(|mode| match mode {
+            3 => 1,
+            4..=9 => 1 << (mode - 4),
+            10..=15 => 0x38,
+            _ => 0,
+        });
+        let channels = self.dier >> 1 & 0xf | triggers[0] | triggers[1];
+        self.at + self.counts_to(channels) * self.step()
+    }
+
+    /// Counts to the turn, or to the compare value of one of these channels if that comes first.
+    fn counts_to(&self, channels: u32) -> u64 {
+        let mut counts = self.turn();
+        for channel in (0..self.shape.channels).filter(|channel| channels >> channel & 1 != 0) {
+            if let Some(distance) = self.distance(self.ccr_acts[channel]) {
+                counts = counts.min(u64::from(distance));
+            }
+        }
+        counts
     }
 
     /// Whether any interrupt of these flags is up.
     pub fn interrupt(&self, flags: u32) -> bool {
         self.sr & self.dier & flags != 0
+    }
+
+    /// Whether a break raises an interrupt.
+    pub fn interrupts_at_break(&self) -> bool {
+        self.dier & BIF != 0
     }
 
     /// Break flags share one enable (28.6.4: BIE).
@@ -243,13 +270,7 @@ impl Timer {
             self.next = NEVER;
             return;
         }
-        let mut counts = self.turn();
-        for &target in &self.ccr_acts[..self.shape.channels] {
-            if let Some(distance) = self.distance(target) {
-                counts = counts.min(u64::from(distance));
-            }
-        }
-        self.next = self.at + counts * self.step();
+        self.next = self.at + self.counts_to(u32::MAX) * self.step();
     }
 
     /// Moves the counter to where it is now; nothing happens on the way.

@@ -78,7 +78,7 @@ fn main() -> Result<ExitCode> {
 fn run(session: &mut Session, end_s: f64, port: Option<(Port, String)>) -> Result<()> {
     let bar = bar(end_s)?;
     let mut port = port.map(|(port, name)| {
-        bar.println(format!("serial port: {name}"));
+        println!("serial port: {name}");
         port
     });
     let (start, mut shown) = (Instant::now(), 0);
@@ -88,12 +88,13 @@ fn run(session: &mut Session, end_s: f64, port: Option<(Port, String)>) -> Resul
             port.send(&sent);
             let received = port.receive();
             if !received.is_empty() && session.receive(received).is_err() {
-                bar.println("bytes at the serial port are lost: the firmware has not set it up");
+                bar.suspend(|| println!("bytes at the serial port are lost: the firmware has not set it up"));
             }
             std::thread::sleep(Duration::from_secs_f64(session.seconds()).saturating_sub(start.elapsed()));
         }
         for line in &session.lines[shown..] {
-            bar.println(show(line));
+            // Standard output, so that the log can be piped.
+            bar.suspend(|| println!("{}", show(line)));
         }
         shown = session.lines.len();
         bar.set_position((session.seconds() * 1e3) as u64);

@@ -257,6 +257,7 @@ impl System for Chip {
 
     fn write(&mut self, address: u32, width: Width, value: u32, now: Cycle) -> Option<Complaint> {
         self.sync(now);
+        self.due = 0;
         if let Some(offset) = self.in_flash(address) {
             let now_s = self.now_s(now);
             return match self.flash.store(offset, width.bytes(), value, now_s) {
@@ -322,6 +323,7 @@ impl System for Chip {
     }
 
     fn reset(&mut self, cause: ResetCause) {
+        self.due = 0;
         let now = self.now;
         let now_s = self.now_s(now);
         if self.timers[0].moe() {
@@ -373,6 +375,7 @@ impl System for Chip {
 
     fn disturb(&mut self, disturbance: &Disturbance, now: Cycle) -> Result<(), String> {
         self.sync(now);
+        self.due = 0;
         let now_s = self.now_s(now);
         self.machine.advance(now_s);
         let in_range = |index: usize| if index < 3 { Ok(index) } else { Err(format!("there is no number {index}")) };

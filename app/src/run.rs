@@ -28,9 +28,11 @@ const OUTBOX: usize = 3;
 type Frame = Vec<u8, FRAME>;
 type Outbox = Channel<NoopRawMutex, Frame, OUTBOX>;
 
-/// The tasks of a drive, to be run.
+/// The tasks of a drive, to be run. They are one future, so a borrow that is not kept across an `await` meets no other.
 pub struct App<F> {
-    supervisor: Supervisor<F>,
+    supervisor: RefCell<Supervisor<F>>,
+    outbox: Outbox,
+    pulse: Pulse,
 }
 
 /// Which tasks have moved since the watchdog was fed last.
@@ -63,31 +65,19 @@ impl Pulse {
     }
 }
 
-/// What the tasks share. They are one future, so a borrow that is not kept across an `await` meets no other.
-struct Shared<F> {
-    supervisor: RefCell<Supervisor<F>>,
-    outbox: Outbox,
-    pulse: Pulse,
-}
-
 impl<F: NorFlash> App<F> {
-    pub(crate) const fn new(supervisor: Supervisor<F>) -> Self {
-        Self { supervisor }
+    pub(crate) fn new(supervisor: Supervisor<F>) -> Self {
+        Self { supervisor: RefCell::new(supervisor), outbox: Channel::new(), pulse: Pulse::default() }
     }
 
     /// Runs everything, for ever. `rx` and `tx` are the serial line: at 460 800 baud, 8N1, where it is one. `feed` feeds the watchdog,
     /// about every 20 ms as long as the control interrupt beats and all tasks move; a calibration's fit and a save keep
     /// them for up to a quarter of a second, so a watchdog needs half a second at least.
-    pub async fn run(self, rx: impl Read, tx: impl Write, alive: &'static Heartbeat, feed: impl FnMut()) -> ! {
-        let shared =
-            Shared { supervisor: RefCell::new(self.supervisor), outbox: Channel::new(), pulse: Pulse::default() };
-        let (never, ..) =
-            join4(shared.supervise(alive), shared.receive(rx), shared.send(tx), shared.watch(alive, feed)).await;
+    pub async fn run(&self, rx: impl Read, tx: impl Write, alive: &'static Heartbeat, feed: impl FnMut()) -> ! {
+        let (never, ..) = join4(self.supervise(alive), self.receive(rx), self.send(tx), self.watch(alive, feed)).await;
         never
     }
-}
 
-impl<F: NorFlash> Shared<F> {
     async fn supervise(&self, alive: &Heartbeat) -> ! {
         let mut next = Instant::now();
         loop {

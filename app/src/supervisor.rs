@@ -171,6 +171,7 @@ impl<F: NorFlash> Supervisor<F> {
     }
 
     /// Mean torque since the last tick, in the direction of the electrical angle, as far as the currents tell it.
+    #[inline(never)]
     fn take_measurements(&mut self) -> f32 {
         let Some(control) = &self.settings.drive.control else { return 0.0 };
         let (mut sum, mut count) = (0.0, 0.0);
@@ -186,6 +187,7 @@ impl<F: NorFlash> Supervisor<F> {
         if count > 0.0 { sum / count * newton_metres } else { 0.0 }
     }
 
+    #[inline(never)]
     fn on(&mut self, event: Event, torque_nm: f32) {
         match event {
             Event::Reply(reply) => self.answered(reply.map_err(wire::refusal)),
@@ -220,6 +222,7 @@ impl<F: NorFlash> Supervisor<F> {
     }
 
     /// The drive works with other settings now.
+    #[inline(never)]
     fn take_up(&mut self, settings: Settings) {
         if settings.drive.reversed != self.settings.drive.reversed {
             self.install = self.sensors.is_some();
@@ -263,6 +266,7 @@ impl<F: NorFlash> Supervisor<F> {
     }
 
     /// Gives the drive what is due: a model, a table.
+    #[inline(never)]
     fn give(&mut self) {
         if let Some(sensors) = &mut self.sensors {
             if self.install {
@@ -279,6 +283,7 @@ impl<F: NorFlash> Supervisor<F> {
     }
 
     /// Starts to learn anew from the model in use.
+    #[inline(never)]
     pub fn relearn(&mut self) {
         let every = self.service.config().record_every();
         self.learning.restart(&self.settings, self.sensors.as_ref(), every);
@@ -306,6 +311,7 @@ impl<F: NorFlash> Supervisor<F> {
         }
     }
 
+    #[inline(never)]
     fn proceed(&mut self) {
         let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(&mut self.service, self.now_ms as u32)) else {
             return;
@@ -353,6 +359,7 @@ impl<F: NorFlash> Supervisor<F> {
     }
 
     /// Saves one of what waits, if the bridge is off.
+    #[inline(never)]
     fn save(&mut self) {
         if !self.may_save() {
             return;
@@ -383,6 +390,7 @@ impl<F: NorFlash> Supervisor<F> {
         }
     }
 
+    #[inline(never)]
     fn save_sensors(&mut self) {
         let Some(sensors) = &self.sensors else { return };
         let saved = self.saving.save_sensors(sensors);
@@ -391,12 +399,14 @@ impl<F: NorFlash> Supervisor<F> {
         self.saved(Record::Sensors, saved);
     }
 
+    #[inline(never)]
     fn save_table(&mut self) {
         let Some(table) = &self.table else { return };
         let saved = self.saving.save_table(table, self.settings.full_scale_a());
         self.saved(Record::Cogging, saved);
     }
 
+    #[inline(never)]
     fn save_settings(&mut self) {
         let saved = self.saving.save_settings(&self.settings, &self.defaults);
         if saved.is_ok() {

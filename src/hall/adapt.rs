@@ -358,10 +358,10 @@ impl Adapter {
     fn confine(&mut self) {
         let (limits, state) = (&self.config.limits, &mut self.state);
         let limit = radians(limits.placement_deg).to_bits();
-        state.third = state.third.clamp(-limits.third, limits.third);
+        state.third = within(state.third, -limits.third, limits.third);
         for (k, fixed) in self.fixed.iter().enumerate() {
-            state.offset[k] = state.offset[k].clamp(-limits.offset, limits.offset);
-            state.amplitude[k] = state.amplitude[k].clamp(1.0 - limits.amplitude, 1.0 + limits.amplitude);
+            state.offset[k] = within(state.offset[k], -limits.offset, limits.offset);
+            state.amplitude[k] = within(state.amplitude[k], 1.0 - limits.amplitude, 1.0 + limits.amplitude);
             let middle = fixed.sensor.placement;
             let placement = (state.placement[k] - middle).to_bits().clamp(-limit, limit);
             state.placement[k] = middle + ElectricalAngle::from_bits(placement);
@@ -472,6 +472,12 @@ fn parameters(spread: &Spread) -> Vector {
         }
     }
     vector
+}
+
+/// `value` within a range. `f32::clamp` says what is wrong with a range that is none, and brings all of the formatting of floats with
+/// it into a firmware: 24 KiB.
+fn within(value: f32, least: f32, most: f32) -> f32 {
+    value.max(least).min(most)
 }
 
 fn discard(measurements: &mut [Measurement; 3], useless: [bool; 3]) {

@@ -6,7 +6,7 @@ mod analog;
 mod board;
 
 use board::Esc1;
-use embassy_executor::Spawner;
+use cortex_m_rt::entry;
 use embassy_stm32::usart::BufferedUart;
 use embassy_stm32::{bind_interrupts, interrupt, peripherals, usart};
 use static_cell::ConstStaticCell;
@@ -20,14 +20,14 @@ static CONTROL: Control<Esc1> = Control::new();
 static TX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
 static RX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
 
-#[embassy_executor::main]
-async fn main(_: Spawner) -> ! {
+#[entry]
+fn main() -> ! {
     let (bridge, chip) = stm32g4::start::<Esc1>();
     analog::start();
     // The virtual COM port of the ST-LINK.
     let serial = BufferedUart::new(chip.USART2, chip.PB4, chip.PB3, TX.take(), RX.take(), Interrupts, stm32g4::serial());
     let Ok(serial) = serial else { panic!("the serial line cannot be set up") };
-    stm32g4::run(Esc1::new(), bridge, &CONTROL, chip.FLASH, serial).await
+    stm32g4::run(Esc1::new(), bridge, &CONTROL, chip.FLASH, serial)
 }
 
 #[interrupt]

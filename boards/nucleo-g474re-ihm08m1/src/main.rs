@@ -5,7 +5,7 @@
 mod board;
 
 use board::Nucleo;
-use embassy_executor::Spawner;
+use cortex_m_rt::entry;
 use embassy_stm32::usart::BufferedUart;
 use embassy_stm32::{bind_interrupts, interrupt, peripherals, usart};
 use static_cell::ConstStaticCell;
@@ -19,13 +19,13 @@ static CONTROL: Control<Nucleo> = Control::new();
 static TX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
 static RX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
 
-#[embassy_executor::main]
-async fn main(_: Spawner) -> ! {
+#[entry]
+fn main() -> ! {
     let (bridge, chip) = stm32g4::start::<Nucleo>();
     // The virtual COM port of the ST-LINK.
     let serial = BufferedUart::new(chip.USART2, chip.PA3, chip.PA2, TX.take(), RX.take(), Interrupts, stm32g4::serial());
     let Ok(serial) = serial else { panic!("the serial line cannot be set up") };
-    stm32g4::run(Nucleo, bridge, &CONTROL, chip.FLASH, serial).await
+    stm32g4::run(Nucleo, bridge, &CONTROL, chip.FLASH, serial)
 }
 
 #[interrupt]

@@ -14,15 +14,16 @@ pub use converters::{Converter, result};
 use crate::registers::clock::{HCLK_HZ, PCLK1_HZ, baud};
 use core::ptr::addr_of;
 use defmt_rtt as _;
-use embassy_stm32::flash::Flash;
+use embassy_executor::Executor;
+use embassy_stm32::flash::{Blocking, Flash};
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{Interrupt, RCC};
 use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{Peri, Peripherals, peripherals};
 use hallservo::drive::Sample;
 use hallservo::settings::Settings;
-use hallservo_app::{Heartbeat, Identity, Memory};
-use static_cell::ConstStaticCell;
+use hallservo_app::{App, Heartbeat, Identity, Memory};
+use static_cell::StaticCell;
 
 /// What a board is, beyond its chip.
 pub trait Board: Send + 'static {
@@ -47,7 +48,7 @@ const BAUD: u32 = 460_800;
 const _: () = assert!(baud(PCLK1_HZ, BAUD).1.abs() < 100, "the baud rate is off by more than 1 %");
 
 static ALIVE: Heartbeat = Heartbeat::new();
-static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
+static MEMORY: StaticCell<Memory> = StaticCell::new();
 
 /// The bridge, safe before anything else happens; then clocks, priorities and time.
 pub fn start<B: Board>() -> (Bridge, Peripherals) {
@@ -69,7 +70,7 @@ pub fn serial() -> usart::Config {
 }
 
 /// Everything else. Never returns.
-pub async fn run<B: Board>(
+pub fn run<B: Board>(
     board: B,
     bridge: Bridge,
     control: &'static Control<B>,
@@ -80,9 +81,19 @@ pub async fn run<B: Board>(
     converters::start(B::GROUPS, B::CONVERTERS);
     let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
     let (drive, app) =
-        hallservo_app::start(identity, B::settings(), Flash::new_blocking(flash), storage(), MEMORY.take());
+        hallservo_app::start(identity, B::settings(), Flash::new_blocking(flash), storage(), MEMORY.init_with(Memory::new));
     watchdog::start();
     control.start(board, drive, bridge, &ALIVE);
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    EXECUTOR.init(Executor::new()).run(|spawner| match tasks(app, serial) {
+        Ok(tasks) => spawner.spawn(tasks),
+        Err(_) => unreachable!("spawned once"),
+    })
+}
+
+/// All that is not the control interrupt. Here, and not generic, so that it is compiled for size.
+#[embassy_executor::task]
+async fn tasks(app: App<Flash<'static, Blocking>>, serial: BufferedUart<'static>) -> ! {
     let (tx, rx) = serial.split();
     app.run(rx, tx, &ALIVE, watchdog::feed).await
 }

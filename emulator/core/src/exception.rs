@@ -90,7 +90,9 @@ impl<S: System> Machine<S> {
                 return self.lock_up("no handler in the vector table");
             }
         }
-        self.profile.entered(number, self.now, self.instructions);
+        let sampling = self.system.last_sampling();
+        let trigger = sampling.filter(|(line, _)| line + nvic::FIRST_IRQ == number).map(|(_, at)| at);
+        self.profile.entered(number, self.now, trigger, self.instructions);
         self.hung |= self.is_hung(number);
     }
 

@@ -17,9 +17,21 @@ pub struct Activity {
     pub instructions: Range,
     /// Own cycles.
     pub cycles: Range,
-    /// When it was last entered.
+    /// From the ADC trigger that led to it, to its first instruction.
+    pub after_trigger: Range,
+    /// Sum of the periods.
     #[serde(skip)]
-    pub last_entry: Option<Cycle>,
+    periods: Cycle,
+    /// When it was last entered, and the trigger of that time.
+    #[serde(skip)]
+    last: Option<(Cycle, Option<Cycle>)>,
+}
+
+impl Activity {
+    /// Mean of the periods, cycles; not a number where there is none.
+    pub fn mean_period(&self) -> f64 {
+        self.periods as f64 / self.period.count as f64
+    }
 }
 
 struct Frame {
@@ -52,6 +64,7 @@ impl Profile {
     pub(crate) fn abandon(&mut self) {
         self.stack.clear();
         self.pending_since.clear();
+        self.activities.values_mut().for_each(|activity| activity.last = None);
     }
 
     pub(crate) fn pended(&mut self, mut set: u128, now: Cycle) {
@@ -61,13 +74,21 @@ impl Profile {
         }
     }
 
-    pub(crate) fn entered(&mut self, exception: u16, now: Cycle, instructions: u64) {
+    /// `trigger`: when the ADC was triggered whose interrupt this is.
+    pub(crate) fn entered(&mut self, exception: u16, now: Cycle, trigger: Option<Cycle>, instructions: u64) {
         let activity = self.activities.entry(exception).or_default();
         if let Some(since) = self.pending_since.remove(&exception) {
             activity.latency.add((now - since) as f64);
         }
-        if let Some(last) = activity.last_entry.replace(now) {
+        let last = activity.last.replace((now, trigger));
+        if let Some((last, _)) = last {
             activity.period.add((now - last) as f64);
+            activity.periods += now - last;
+        }
+        if let Some(at) = trigger
+            && last.is_none_or(|(_, before)| before != trigger)
+        {
+            activity.after_trigger.add((now - at) as f64);
         }
         self.stack.push(Frame { exception, entered: now, instructions, others: (0, 0) });
     }

@@ -141,6 +141,8 @@ impl<S: System> Machine<S> {
             0xE000_E200..=0xE000_E21C => irq_bits(self.nvic.pending, (address & 0x7F) / 4),
             0xE000_E280..=0xE000_E29C => irq_bits(self.nvic.pending, (address & 0x7F) / 4),
             0xE000_E300..=0xE000_E31C => irq_bits(self.nvic.active, (address & 0x7F) / 4),
+            // Registers of interrupts that the chip has not read as zero and ignore writes.
+            0xE000_E470..=0xE000_E7EC => 0,
             0xE000_E400..=0xE000_E46C => {
                 let at = (address - 0xE000_E400) as usize;
                 u32::from_le_bytes(self.nvic.priority[at..at + 4].try_into().unwrap_or_default())
@@ -184,7 +186,7 @@ impl<S: System> Machine<S> {
     pub(crate) fn write_private(&mut self, address: u32, width: Width, value: u32) -> Result<(), Fault> {
         self.due = 0;
         match (address, width) {
-            (0xE000_E400..=0xE000_E46F, _) | (0xE000_ED18..=0xE000_ED23, _) => {
+            (0xE000_E400..=0xE000_E7EF, _) | (0xE000_ED18..=0xE000_ED23, _) => {
                 for index in 0..width.bytes() {
                     self.write_priority(address + index, (value >> (8 * index)) as u8 & PRIORITY_BITS);
                 }
@@ -256,7 +258,9 @@ impl<S: System> Machine<S> {
 
     fn write_priority(&mut self, address: u32, value: u8) {
         if address < 0xE000_ED00 {
-            self.nvic.priority[(address - 0xE000_E400) as usize] = value;
+            if let Some(place) = self.nvic.priority.get_mut((address - 0xE000_E400) as usize) {
+                *place = value;
+            }
         } else {
             self.nvic.system_priority[(address - 0xE000_ED18) as usize] = value;
         }

@@ -19,7 +19,7 @@ const TICK_HZ: u32 = embassy_time::TICK_HZ as u32;
 pub(crate) fn start() -> Peripherals {
     let mut config = embassy_stm32::Config::default();
     // Out of the box these are at the priority of the control interrupt.
-    config.dma_interrupt_priority = Priority::from(shared::priority::CEILING);
+    config.bdma_interrupt_priority = Priority::from(shared::priority::CEILING);
     config.rcc.pll = Some(Pll {
         source: Pllsrc::HSI,
         prediv: Pllm::from_bits((PLL_M - 1) as u8),

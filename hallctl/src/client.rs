@@ -1,0 +1,196 @@
+//! A conversation with a drive: one request, one answer; telemetry in between.
+
+use crate::error::{Error, Result};
+use crate::link::{self, Stream};
+use crate::words;
+use anyhow::Context;
+use hallservo_protocol::{
+    Answer, Ask, Decoder, Error as Frame, FRAME, Reply, Request, Setting, Status, Telemetry, encode,
+};
+use std::collections::VecDeque;
+use std::io::ErrorKind;
+use std::time::{Duration, Instant};
+
+/// Longest wait for an answer.
+const PATIENCE: Duration = Duration::from_secs(5);
+/// From look to look of a drive whose time is that on the wall.
+const EVERY: Duration = Duration::from_millis(50);
+
+/// Who answers.
+#[derive(Clone, Debug)]
+pub struct Identity {
+    /// The board.
+    pub board: String,
+    /// Version of its firmware.
+    pub firmware: String,
+    /// Number of settings.
+    pub settings: u16,
+    /// Control periods a second.
+    pub step_hz: f64,
+}
+
+/// A drive at the other end of a line.
+pub struct Client {
+    stream: Box<dyn Stream>,
+    port: String,
+    decoder: Decoder,
+    id: u16,
+    identity: Identity,
+    telemetry: VecDeque<Telemetry>,
+    garbage: bool,
+}
+
+impl Client {
+    /// Opens a port and asks who is there.
+    ///
+    /// # Errors
+    /// No port, no answer, or another version of the protocol.
+    pub fn connect(port: &str) -> Result<Self> {
+        let stream = link::open(port).map_err(|source| Error::Port { port: port.into(), source })?;
+        let identity = Identity { board: String::new(), firmware: String::new(), settings: 0, step_hz: 1.0 };
+        let mut client = Self {
+            stream,
+            port: port.into(),
+            decoder: Decoder::new(),
+            // Another tool's answers may still be on their way; they have other numbers, as far as chance allows.
+            id: std::process::id() as u16,
+            identity,
+            telemetry: VecDeque::new(),
+            garbage: false,
+        };
+        client.identity = client.ask(Ask::Hello, |answer| match answer {
+            Answer::Hello(hello) => Ok(Identity {
+                board: hello.board.into(),
+                firmware: hello.firmware.into(),
+                settings: hello.settings,
+                step_hz: hello.step_hz.into(),
+            }),
+            other => unexpected(&other),
+        })?;
+        // Another tool may have left without a word.
+        client.order(Ask::Telemetry(0.0))?;
+        Ok(client)
+    }
+
+    /// Who answers.
+    pub const fn identity(&self) -> &Identity {
+        &self.identity
+    }
+
+    /// Asks, and hands the answer to `understand`. A refusal is an error with its reason in words.
+    ///
+    /// # Errors
+    /// No answer, another version, a refusal, or what `understand` makes of it.
+    pub fn ask<R>(&mut self, ask: Ask<'_>, understand: impl FnOnce(Answer<'_>) -> Result<R>) -> Result<R> {
+        self.id = self.id.wrapping_add(1);
+        let mut frame = [0; FRAME];
+        let length = encode(&Request { id: self.id, ask }, &mut frame).context("the request is too long")?;
+        self.stream.write_all(&frame[..length]).context("the connection broke")?;
+        self.stream.flush().context("the connection broke")?;
+        let sent = Instant::now();
+        let mut byte = [0];
+        while sent.elapsed() < PATIENCE {
+            if !self.read(&mut byte)? {
+                continue;
+            }
+            match self.decoder.push::<Reply<'_>>(byte[0]) {
+                None => {}
+                Some(Ok(Reply { answer: Answer::Telemetry(telemetry), .. })) => self.telemetry.push_back(telemetry),
+                Some(Ok(Reply { id, answer })) if id == self.id => {
+                    return match answer {
+                        Answer::Refused(refusal) => Err(Error::Refused(words::refusal(&refusal))),
+                        answer => understand(answer),
+                    };
+                }
+                Some(Ok(_)) => {}
+                Some(Err(Frame::Version { found })) => return Err(Error::Version { found }),
+                Some(Err(_)) => self.garbage = true,
+            }
+        }
+        Err(Error::Silent { port: self.port.clone(), garbage: self.garbage })
+    }
+
+    /// One byte, if one came before the time was up.
+    fn read(&mut self, byte: &mut [u8; 1]) -> Result<bool> {
+        match self.stream.read(byte) {
+            Ok(0) => Err(Error::Other(anyhow::anyhow!("the connection to {} was closed", self.port))),
+            Ok(_) => Ok(true),
+            Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => Ok(false),
+            Err(error) if error.kind() == ErrorKind::Interrupted => Ok(false),
+            Err(error) => Err(Error::Other(anyhow::Error::new(error).context("the connection broke"))),
+        }
+    }
+
+    /// Asks for what is answered by `Done`.
+    ///
+    /// # Errors
+    /// As [`Self::ask`].
+    pub fn order(&mut self, ask: Ask<'_>) -> Result<()> {
+        self.ask(ask, |answer| match answer {
+            Answer::Done => Ok(()),
+            other => unexpected(&other),
+        })
+    }
+
+    /// How the drive is.
+    ///
+    /// # Errors
+    /// As [`Self::ask`].
+    pub fn status(&mut self) -> Result<Status> {
+        self.ask(Ask::Status, |answer| match answer {
+            Answer::Status(status) => Ok(status),
+            other => unexpected(&other),
+        })
+    }
+
+    /// Asks for a setting, and hands it to `understand`.
+    ///
+    /// # Errors
+    /// As [`Self::ask`].
+    pub fn setting<R>(&mut self, ask: Ask<'_>, understand: impl FnOnce(&Setting<'_>) -> R) -> Result<R> {
+        self.ask(ask, |answer| match answer {
+            Answer::Setting(setting) => Ok(understand(&setting)),
+            other => unexpected(&other),
+        })
+    }
+
+    /// Waits between two looks at the drive, collecting telemetry; not for a simulated drive that is ahead of the wall. `before` is the
+    /// look before, `now_ms` the drive's time now.
+    ///
+    /// # Errors
+    /// The connection broke.
+    pub fn rest(&mut self, before: &mut (Instant, u64), now_ms: u64) -> Result<()> {
+        let (wall, drive_ms) = *before;
+        let passed = Duration::from_millis(now_ms.saturating_sub(drive_ms));
+        if passed < 2 * wall.elapsed() || passed.is_zero() {
+            self.listen(EVERY)?;
+        }
+        *before = (Instant::now(), now_ms);
+        Ok(())
+    }
+
+    fn listen(&mut self, time: Duration) -> Result<()> {
+        let (began, mut byte) = (Instant::now(), [0]);
+        while began.elapsed() < time {
+            if self.read(&mut byte)?
+                && let Some(Ok(Reply { answer: Answer::Telemetry(telemetry), .. })) = self.decoder.push(byte[0])
+            {
+                self.telemetry.push_back(telemetry);
+            }
+        }
+        Ok(())
+    }
+
+    /// Telemetry that came with the answers so far.
+    pub fn telemetry(&mut self) -> Option<Telemetry> {
+        self.telemetry.pop_front()
+    }
+}
+
+/// A drive that answers something else.
+///
+/// # Errors
+/// Always.
+pub fn unexpected<T>(answer: &Answer<'_>) -> Result<T> {
+    Err(Error::Other(anyhow::anyhow!("the drive answered something else: {answer:?}")))
+}

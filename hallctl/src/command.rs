@@ -1,0 +1,143 @@
+//! The command line.
+
+mod faults;
+mod motion;
+mod procedures;
+mod settings;
+mod status;
+mod telemetry;
+
+use crate::client::Client;
+use crate::error::Result;
+use crate::simulate::serve;
+use clap::{Parser, Subcommand, ValueEnum};
+use hallservo_protocol::{Ask, Commutation};
+use std::path::PathBuf;
+
+/// hallctl: talks to a hallservo drive
+#[derive(Debug, Parser)]
+#[command(version, about)]
+pub struct Arguments {
+    /// Port of the drive: a serial port, a pseudo-terminal, or tcp:HOST:PORT
+    #[arg(long, short, global = true, default_value = "/dev/ttyACM0", env = "HALLCTL_PORT")]
+    pub port: String,
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+enum Command {
+    /// Who is there, and how it is
+    Status,
+    /// Bridge on, command zero
+    Arm,
+    /// Bridge off; ends whatever goes on
+    Disarm,
+    /// Take note of a fault
+    Clear,
+    /// Voltage as a fraction of the largest, −1 to 1
+    #[command(allow_negative_numbers = true)]
+    Voltage(motion::Options<f32>),
+    /// Torque, N·m
+    #[command(allow_negative_numbers = true)]
+    Torque(motion::Options<f32>),
+    /// Speed, rad/s
+    #[command(allow_negative_numbers = true)]
+    Speed(motion::Options<f32>),
+    /// Position, turns
+    #[command(allow_negative_numbers = true)]
+    Position(motion::Options<f64>),
+    /// How the phases are driven, until the power goes or `settings save`
+    Commutation {
+        /// The commutation
+        kind: Kind,
+    },
+    /// Turn the rotor and find out what the Halls deliver
+    Calibrate,
+    /// Turn to and fro and measure the motor
+    Identify,
+    /// What the magnets do to the teeth
+    Cogging {
+        /// Learn it by turning slowly, balance it or not
+        what: Cogging,
+    },
+    /// List, read, change and keep settings
+    #[command(subcommand)]
+    Settings(settings::Command),
+    /// Watch the drive
+    Telemetry(telemetry::Options),
+    /// What went wrong since power-up, and what to do
+    Faults,
+    /// Be a drive with a simulated motor
+    Simulate(serve::Options),
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Kind {
+    /// Six steps a turn
+    Block,
+    /// Three sines
+    Sinusoidal,
+    /// Currents in the frame of the rotor
+    FieldOriented,
+}
+
+#[derive(Clone, Copy, Debug, ValueEnum)]
+enum Cogging {
+    /// Turn slowly both ways and learn it
+    Learn,
+    /// Balance it
+    On,
+    /// Do not
+    Off,
+}
+
+/// Does what the command line says.
+///
+/// # Errors
+/// Each with its exit code.
+pub fn run(arguments: &Arguments) -> Result<()> {
+    if let Command::Simulate(options) = &arguments.command {
+        return Ok(serve::main(options)?);
+    }
+    let mut client = Client::connect(&arguments.port)?;
+    let client = &mut client;
+    match &arguments.command {
+        Command::Simulate(_) => Ok(()),
+        Command::Status => status::show(client),
+        Command::Arm => client.order(Ask::Arm),
+        Command::Disarm => client.order(Ask::Disarm),
+        Command::Clear => client.order(Ask::Clear),
+        Command::Voltage(options) => {
+            motion::hold(client, options, Ask::Voltage(options.value), Some(Ask::Voltage(0.0)))
+        }
+        Command::Torque(options) => motion::hold(client, options, Ask::Torque(options.value), Some(Ask::Torque(0.0))),
+        Command::Speed(options) => motion::hold(client, options, Ask::Speed(options.value), Some(Ask::Speed(0.0))),
+        Command::Position(options) => motion::hold(client, options, Ask::Position(options.value), None),
+        Command::Commutation { kind } => {
+            let commutation = match kind {
+                Kind::Block => Commutation::Block,
+                Kind::Sinusoidal => Commutation::Sinusoidal,
+                Kind::FieldOriented => Commutation::FieldOriented,
+            };
+            client.setting(Ask::Commutate(commutation), |_| ())
+        }
+        Command::Calibrate => procedures::calibrate(client),
+        Command::Identify => procedures::identify(client),
+        Command::Cogging { what: Cogging::Learn } => procedures::learn_cogging(client),
+        Command::Cogging { what: Cogging::On } => client.setting(Ask::Balance(true), |_| ()),
+        Command::Cogging { what: Cogging::Off } => client.setting(Ask::Balance(false), |_| ()),
+        Command::Settings(command) => settings::run(client, command),
+        Command::Telemetry(options) => telemetry::watch(client, options),
+        Command::Faults => faults::show(client),
+    }
+}
+
+/// A file that a person gave for writing, tried before the work begins.
+fn writable(path: Option<&PathBuf>) -> Result<()> {
+    use anyhow::Context;
+    if let Some(path) = path {
+        std::fs::write(path, "").with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,107 @@
+//! What takes a while: calibration, identification, cogging.
+
+use crate::client::{Client, unexpected};
+use crate::error::{Error, Result};
+use crate::words;
+use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure};
+use indicatif::{ProgressBar, ProgressStyle};
+use sim::report::print_table;
+use std::time::Instant;
+
+/// Shows a bar until the drive has nothing going on any more.
+fn wait(client: &mut Client, name: &'static str) -> Result<()> {
+    let bar = ProgressBar::new(1000);
+    let style = ProgressStyle::with_template("{msg} {wide_bar} {percent:>3} %");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    bar.set_message(name);
+    let mut look = (Instant::now(), 0);
+    loop {
+        let status = client.status()?;
+        if status.activity == Activity::None {
+            bar.finish_and_clear();
+            return Ok(());
+        }
+        bar.set_position((1000.0 * status.progress) as u64);
+        client.rest(&mut look, status.uptime_ms)?;
+    }
+}
+
+pub(super) fn calibrate(client: &mut Client) -> Result<()> {
+    client.order(Ask::Calibrate)?;
+    wait(client, "calibrating")?;
+    let outcome = client.ask(Ask::Calibration, |answer| match answer {
+        Answer::Calibration(outcome) => Ok(outcome),
+        other => unexpected(&other),
+    })?;
+    let wire = match outcome {
+        Calibration::Found(report) => report,
+        Calibration::Failed(error) => {
+            return Err(Error::Failed(format!("the calibration failed: {}", words::calibration_error(error))));
+        }
+        Calibration::None | Calibration::Turning => {
+            return Err(Error::Failed("the drive was restarted while it calibrated".into()));
+        }
+    };
+    let report = words::report(&wire);
+    println!("Calibrated.\n");
+    let head = ["", "swing", "offset", "placement", "3rd", "5th", "noise"].map(String::from).to_vec();
+    let rows = report.sensors.iter().enumerate().map(|(k, sensor)| {
+        vec![
+            format!("Hall {k}"),
+            format!("{:.0} codes", sensor.swing),
+            format!("{:.0}", sensor.offset),
+            format!("{:+.1}°", sensor.placement_error.to_degrees()),
+            format!("{:.1} %", sensor.third_pct),
+            format!("{:.1} %", sensor.fifth_pct),
+            format!("{:.1} %", sensor.noise_pct),
+        ]
+    });
+    print_table(&std::iter::once(head).chain(rows).collect::<Vec<_>>());
+    let order = if report.pattern.forward { "in the order of the phases" } else { "against the order of the phases" };
+    println!("\nThe Halls are {}° apart, {order}.", report.pattern.spacing);
+    println!("The angle is noisy by {:.2}° before tracking (electrical, RMS).", report.angle_noise_deg);
+    println!(
+        "The rotor lagged {:.1}° behind the field and swung by {:.1}°; {:.2} % of the signals are unexplained.",
+        report.lag.to_degrees().abs(),
+        report.hunting_deg,
+        report.residual_pct
+    );
+    for finding in report.findings() {
+        println!("Worth mending: {finding}.");
+    }
+    Ok(())
+}
+
+pub(super) fn identify(client: &mut Client) -> Result<()> {
+    client.order(Ask::Identify)?;
+    wait(client, "measuring the motor")?;
+    client.ask(Ask::Identification, |answer| match answer {
+        Answer::Identification(Procedure::Found(motor)) => {
+            print!("{}", words::motor(&motor));
+            println!("What is not doubtful is in the settings now; `hallctl settings save` keeps it.");
+            Ok(())
+        }
+        Answer::Identification(Procedure::Failed(error)) => {
+            Err(Error::Failed(format!("the identification failed: {}", words::procedure_error(&error))))
+        }
+        other => unexpected(&other),
+    })
+}
+
+pub(super) fn learn_cogging(client: &mut Client) -> Result<()> {
+    client.order(Ask::LearnCogging)?;
+    wait(client, "learning the cogging")?;
+    client.ask(Ask::Cogging, |answer| match answer {
+        Answer::Cogging(Procedure::Found(cogging)) => {
+            println!(
+                "The cogging takes {:.3} A RMS, {:.3} A at most; it is balanced from now on, and stored.",
+                cogging.rms_a, cogging.largest_a
+            );
+            Ok(())
+        }
+        Answer::Cogging(Procedure::Failed(error)) => {
+            Err(Error::Failed(format!("learning the cogging failed: {}", words::procedure_error(&error))))
+        }
+        other => unexpected(&other),
+    })
+}

@@ -1,0 +1,63 @@
+//! `hallctl status`.
+
+use crate::client::Client;
+use crate::error::Result;
+use crate::words;
+use hallservo_protocol::{Activity, Mode, Status};
+
+pub(super) fn show(client: &mut Client) -> Result<()> {
+    let identity = client.identity().clone();
+    let status = client.status()?;
+    let line = |name: &str, value: &str| println!("  {name:<14}{value}");
+    println!("{} (firmware {}), up {}", identity.board, identity.firmware, uptime(status.uptime_ms));
+    line("state", &words::mode(status.mode));
+    if let Mode::Faulted(code) = status.mode {
+        line("", &format!("→ {}; then `hallctl clear`", words::advice(code)));
+    }
+    let limits = words::limits(status.limits);
+    line("limited by", &if limits.is_empty() { "nothing".into() } else { limits.join(", ") });
+    if status.activity != Activity::None {
+        line("goes on", &format!("{}, {:.0} %", words::activity(status.activity), 100.0 * status.progress));
+    }
+    line("position", &format!("{:.4} turns", status.position_turns));
+    line("speed", &format!("{:.2} rad/s", status.speed_rad_s));
+    line("current", &measured(status.current_a, "A along q"));
+    line("bus", &measured(status.bus_v, "V"));
+    let [bridge, motor] = status.temperatures_c.map(|celsius| measured(celsius, "°C"));
+    line("temperatures", &format!("bridge {bridge}, motor {motor}"));
+    let balanced = if status.balanced { ", cogging balanced" } else { "" };
+    line("commutation", &format!("{}{balanced}", words::commutation(status.commutation)));
+    line("learning", &format!("{}, {} models so far", words::learning(status.learning), status.learnt));
+    line("command holds", &timeout(&status));
+    let [sensors, cogging, settings] = status.stored.map(words::problem);
+    line("flash", &format!("sensors {sensors}; cogging {cogging}; settings {settings}"));
+    if status.unsaved {
+        line("", "there is something that it does not hold yet");
+    }
+    let lost = format!(
+        "{} samples, {} frames to this tool, {} from it",
+        status.lost_records, status.lost_frames, status.garbage
+    );
+    line("lost", &lost);
+    if status.incidents > 0 {
+        line("history", &format!("{} entries: `hallctl faults`", status.incidents));
+    }
+    Ok(())
+}
+
+fn uptime(milliseconds: u64) -> String {
+    let seconds = milliseconds / 1000;
+    format!("{}:{:02}:{:02}.{:03}", seconds / 3600, seconds / 60 % 60, seconds % 60, milliseconds % 1000)
+}
+
+fn timeout(status: &Status) -> String {
+    if status.command_timeout_s.is_finite() {
+        format!("{} s", status.command_timeout_s)
+    } else {
+        "for ever (command_timeout_s)".into()
+    }
+}
+
+fn measured(value: f32, unit: &str) -> String {
+    if value.is_nan() { "not measured".into() } else { format!("{value:.2} {unit}") }
+}

@@ -1,0 +1,86 @@
+//! What can go wrong between a person and a drive, each with an exit code of its own.
+
+use hallservo_protocol::VERSION;
+use std::fmt;
+
+/// Why a command came to nothing.
+#[derive(Debug)]
+pub enum Error {
+    /// The port cannot be opened.
+    Port {
+        /// Its name.
+        port: String,
+        /// Why.
+        source: std::io::Error,
+    },
+    /// Nothing came back, or nothing that makes sense.
+    Silent {
+        /// The port.
+        port: String,
+        /// Whether anything came at all.
+        garbage: bool,
+    },
+    /// Another version of the protocol.
+    Version {
+        /// That of the drive.
+        found: u8,
+    },
+    /// The drive refused; why, and what to do.
+    Refused(String),
+    /// It began and came to nothing; why, and what to do.
+    Failed(String),
+    /// Files and the like.
+    Other(anyhow::Error),
+}
+
+/// What a command returns.
+pub type Result<T> = std::result::Result<T, Error>;
+
+impl Error {
+    /// 1 files and the like, 3 no port, 4 no answer, 5 another version, 6 refused, 7 failed; 2 is a wrong command line.
+    pub const fn code(&self) -> u8 {
+        match self {
+            Self::Other(_) => 1,
+            Self::Port { .. } => 3,
+            Self::Silent { .. } => 4,
+            Self::Version { .. } => 5,
+            Self::Refused(_) => 6,
+            Self::Failed(_) => 7,
+        }
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Port { port, source } => write!(
+                f,
+                "cannot open {port}: {source}\n  Is the board plugged in? `ls /dev/ttyACM*` shows its port; a simulated drive says its own. Your user may need the group `dialout`."
+            ),
+            Self::Silent { port, garbage: false } => write!(
+                f,
+                "no answer from {port}\n  Is it powered, is the firmware running, and is this its port? Another program may have the port open."
+            ),
+            Self::Silent { port, garbage: true } => write!(
+                f,
+                "what comes from {port} is not the protocol of a hallservo drive\n  Another device, another baud rate, or another program on the same port?"
+            ),
+            Self::Version { found } => {
+                write!(f, "the drive speaks version {found} of the protocol, this hallctl version {VERSION}\n  ")?;
+                let older = if *found < VERSION { "the drive's firmware" } else { "hallctl" };
+                write!(f, "Update {older}.")
+            }
+            Self::Refused(why) => write!(f, "refused: {why}"),
+            Self::Failed(why) => f.write_str(why),
+            Self::Other(error) => write!(f, "{error:#}"),
+        }
+    }
+}
+
+impl std::error::Error for Error {}
+
+impl From<anyhow::Error> for Error {
+    fn from(error: anyhow::Error) -> Self {
+        Self::Other(error)
+    }
+}

@@ -1,0 +1,314 @@
+//! What the drive says by numbers, in words, and what to do about it.
+
+use hallservo::angle::ElectricalAngle;
+use hallservo::control::Motor as Told;
+use hallservo::control::identify::{self, Estimate};
+use hallservo::fault::{Fault, Limits};
+use hallservo::hall::Channel;
+use hallservo::hall::adapt::{self, Parameter};
+use hallservo::hall::calibrate::report::{self, Finding, Pattern};
+use hallservo::hall::calibrate::{self, Sweep};
+use hallservo::hall::estimate::BadModel;
+use hallservo_protocol::{
+    Activity, CalibrationError, Cause, Commutation, Incident, Kind, Learning, Mode, Motor, Problem, ProcedureError,
+    Record, Refusal, Report, Setting,
+};
+
+/// A state.
+pub fn mode(mode: Mode) -> String {
+    match mode {
+        Mode::Unarmed => "unarmed: bridge off, not calibrated".into(),
+        Mode::Aligning => "aligning: the field pulls the rotor to it".into(),
+        Mode::Calibrating => "calibrating: the field drags the rotor along".into(),
+        Mode::Ready => "ready: bridge off, calibrated".into(),
+        Mode::Running => "running: bridge on".into(),
+        Mode::Faulted(code) => format!("faulted: {}", fault(code)),
+    }
+}
+
+/// One word for a table.
+pub fn mode_word(mode: Mode) -> &'static str {
+    match mode {
+        Mode::Unarmed => "unarmed",
+        Mode::Aligning => "aligning",
+        Mode::Calibrating => "calibrating",
+        Mode::Ready => "ready",
+        Mode::Running => "running",
+        Mode::Faulted(_) => "faulted",
+    }
+}
+
+/// A fault's text.
+pub fn fault(code: u8) -> String {
+    Fault::from_code(code).map_or_else(|| format!("fault {code}, which this hallctl does not know"), |f| f.to_string())
+}
+
+/// What to do about a fault.
+pub fn advice(code: u8) -> &'static str {
+    match Fault::from_code(code) {
+        Some(Fault::Hall(_)) => {
+            "check that Hall's supply, wire and distance to the magnet; after a repair, `hallctl calibrate`"
+        }
+        Some(Fault::AngleJump) => "look for a loose connector and for motor wires beside those of the Halls",
+        Some(Fault::OverSpeed) => "lower the command, or raise max_electrical_hz if the motor may turn so fast",
+        Some(Fault::Calibration) => "`hallctl calibrate` again and mend what it names",
+        Some(Fault::OverVoltage) => "braking feeds the supply: lower max_acceleration_rad_s2, or add a brake resistor",
+        Some(Fault::UnderVoltage) => "check the supply and its current limit; under_voltage_v is the threshold",
+        Some(Fault::OverCurrent) => {
+            "check for a short; a wrong resistance_ohm or inductance_h makes the current control overshoot: `hallctl identify`"
+        }
+        Some(Fault::BridgeHot) => "let it cool, improve the cooling, or lower max_current_a",
+        Some(Fault::MotorHot) => "let it cool, lower the load or max_current_a",
+        Some(Fault::Stall) => "free the shaft, or raise max_current_a or stall_s",
+        Some(Fault::CurrentOffset) => "check the current amplifiers and their reference; offset_a is the threshold",
+        Some(Fault::CurrentImbalance) => "check the shunts, the amplifiers and the motor's insulation",
+        Some(Fault::CommandTimeout) => "keep hallctl running while the motor is to turn, or raise command_timeout_s",
+        Some(Fault::Deadline) => "the control interrupt was late: report it, with the firmware's version",
+        Some(Fault::Encoder) => "check the ring magnets' heads and their wires",
+        Some(Fault::Turns) => "a Hall or the encoder has lost turns: calibrate both",
+        None => "update hallctl",
+    }
+}
+
+/// Everything that holds the drive back; empty where nothing does.
+pub fn limits(bits: u8) -> Vec<&'static str> {
+    let limits = Limits::from_bits(bits);
+    let names = [
+        (Limits::DUTY, "voltage"),
+        (Limits::EXTRAPOLATED, "an angle extrapolated"),
+        (Limits::CURRENT, "current"),
+        (Limits::HEAT, "heat"),
+        (Limits::TIMEOUT, "stopped: no command came for too long"),
+        (Limits::TWO_HALLS, "running on two Halls"),
+    ];
+    names.into_iter().filter(|(limit, _)| limits.contains(*limit)).map(|(_, name)| name).collect()
+}
+
+/// A commutation.
+pub const fn commutation(commutation: Commutation) -> &'static str {
+    match commutation {
+        Commutation::Block => "block",
+        Commutation::Sinusoidal => "sinusoidal",
+        Commutation::FieldOriented => "field-oriented",
+    }
+}
+
+/// What goes on.
+pub const fn activity(activity: Activity) -> &'static str {
+    match activity {
+        Activity::None => "nothing",
+        Activity::Calibration => "a calibration",
+        Activity::Identification => "the identification of the motor",
+        Activity::Cogging => "learning the cogging",
+    }
+}
+
+/// A kind of record.
+pub const fn record(record: Record) -> &'static str {
+    match record {
+        Record::Sensors => "sensors",
+        Record::Cogging => "cogging",
+        Record::Settings => "settings",
+    }
+}
+
+/// What the flash holds.
+pub fn problem(problem: Problem) -> String {
+    match problem {
+        Problem::None => "stored".into(),
+        Problem::Blank => "never stored".into(),
+        Problem::Corrupt => "corrupt, not used".into(),
+        Problem::Version(found) => format!("of version {found}, another firmware's, not used"),
+        Problem::Foreign => "stored, but for what this firmware does not know or allow".into(),
+        Problem::Flash => "the flash failed".into(),
+    }
+}
+
+/// The Kalman filter in the tasks.
+pub fn learning(learning: Learning) -> String {
+    match learning {
+        Learning::Off => "off".into(),
+        Learning::On => "on".into(),
+        Learning::Ended { channel, why } => format!("ended: {}", sensor(channel, why)),
+    }
+}
+
+/// Why a sensor is not learnt any more.
+pub fn sensor(channel: u8, why: u8) -> String {
+    let hall = Channel(channel);
+    let fault = match why {
+        0 => adapt::Fault::AtRail(hall),
+        1 => adapt::Fault::Lost(hall),
+        2 => adapt::Fault::Drifted(hall, Parameter::Offset),
+        3 => adapt::Fault::Drifted(hall, Parameter::Amplitude),
+        4 => adapt::Fault::Drifted(hall, Parameter::Placement),
+        5 => adapt::Fault::Distorted,
+        _ => adapt::Fault::Contradiction,
+    };
+    fault.to_string()
+}
+
+/// What went wrong, and what to do.
+pub fn incident(incident: &Incident) -> (String, &'static str) {
+    match incident.cause {
+        Cause::Fault(code) => (fault(code), advice(code)),
+        Cause::Stored(kind @ Record::Sensors, why) => {
+            (format!("the {} in the flash are {}", record(kind), problem(why)), "`hallctl calibrate` stores them anew")
+        }
+        Cause::Stored(kind @ Record::Cogging, why) => {
+            (format!("the {} in the flash is {}", record(kind), problem(why)), "`hallctl cogging learn` stores it anew")
+        }
+        Cause::Stored(kind @ Record::Settings, why) => (
+            format!("the {} in the flash are {}", record(kind), problem(why)),
+            "look through `hallctl settings list`, set what is missing, then `hallctl settings save`",
+        ),
+        Cause::NotSaved(kind) => (format!("the {} could not be saved", record(kind)), "the flash may be worn out"),
+        Cause::Sensor { channel, why } => (sensor(channel, why), "`hallctl calibrate`, after a look at that Hall"),
+    }
+}
+
+/// Why something is refused, and what to do.
+pub fn refusal(refusal: &Refusal<'_>) -> String {
+    match refusal {
+        Refusal::Mode(Mode::Faulted(code)) => {
+            format!("the drive is faulted: {}\n  {}; then `hallctl clear`.", fault(*code), advice(*code))
+        }
+        Refusal::Mode(Mode::Running) => "the bridge is on\n  `hallctl disarm` first.".into(),
+        Refusal::Mode(Mode::Ready | Mode::Unarmed) => "the bridge is off\n  `hallctl arm` first.".into(),
+        Refusal::Mode(_) => "the drive calibrates\n  Wait, or end it by `hallctl disarm`.".into(),
+        Refusal::NotCalibrated => "there is no calibration\n  `hallctl calibrate` first: it turns the rotor.".into(),
+        Refusal::NoAngle => "the Halls give no plausible angle\n  Check their supply, wires and the magnet.".into(),
+        Refusal::Beyond { value, most } => format!("{value} is beyond ±{most}, which the settings allow"),
+        Refusal::HallLost => "a Hall is lost\n  Repair it, then `hallctl calibrate`.".into(),
+        Refusal::NoControl => "this drive has no current control: it can be given a voltage only".into(),
+        Refusal::Fault(code) => format!("{}\n  {}.", fault(*code), advice(*code)),
+        Refusal::NoSetting => "there is no such setting\n  `hallctl settings list` names them all.".into(),
+        Refusal::Fixed => "this setting follows from the board's parts and cannot be changed".into(),
+        Refusal::OutOfRange { field, value, min, max } => {
+            format!("{field} would be {value}, but must be from {min} to {max}, with the other settings as they are")
+        }
+        Refusal::NoChoice => "this setting takes whole numbers or one of its names only".into(),
+        Refusal::Contradiction => "this does not go with the other settings".into(),
+        Refusal::NothingStored(why) => format!("there are no settings in the flash to go back to ({})", problem(*why)),
+        Refusal::Flash => "the flash did not take it\n  Try again; the flash may be worn out.".into(),
+        Refusal::NoTable => "the cogging is not learnt yet\n  `hallctl cogging learn` first.".into(),
+        Refusal::Busy(what) => format!("{} goes on\n  Wait, or end it by `hallctl disarm`.", activity(*what)),
+        Refusal::Silent => {
+            "the control interrupt does not answer\n  Does its timer run? Look at the board's log.".into()
+        }
+    }
+}
+
+/// A calibration's failure, as the library says it.
+pub fn calibration_error(error: CalibrationError) -> String {
+    use CalibrationError as Wire;
+    use calibrate::Error;
+    let finding = |finding| Error::Refused(finding);
+    match error {
+        Wire::Ended => return "a command or a fault ended it: `hallctl faults` knows".into(),
+        Wire::Incomplete { forward: true } => Error::Incomplete(Sweep::Forward),
+        Wire::Incomplete { forward: false } => Error::Incomplete(Sweep::Backward),
+        Wire::NoSignal(channel) => Error::NoSignal(Channel(channel)),
+        Wire::NoFit => Error::NoFit,
+        Wire::AdcBits(bits) => Error::Model(BadModel::AdcBits(bits)),
+        Wire::Sensor(channel) => Error::Model(BadModel::Sensor(Channel(channel))),
+        Wire::Placement(noise_gain) => Error::Model(BadModel::Placement { noise_gain }),
+        Wire::Busy => Error::Busy,
+        Wire::TooFar(channel, swing) => finding(Finding::TooFar(Channel(channel), swing)),
+        Wire::TooClose(channel) => finding(Finding::TooClose(Channel(channel))),
+        Wire::Unequal(ratio) => finding(Finding::Unequal(ratio)),
+        Wire::Misplaced(channel, degrees) => finding(Finding::Misplaced(Channel(channel), degrees)),
+        Wire::Noisy(channel, percent) => finding(Finding::Noisy(Channel(channel), percent)),
+        Wire::Unexplained(percent) => finding(Finding::Unexplained(percent)),
+        Wire::Lagging(degrees) => finding(Finding::Lagging(degrees)),
+        Wire::Hunting(degrees) => finding(Finding::Hunting(degrees)),
+    }
+    .to_string()
+}
+
+/// A calibration's report, as the library has it.
+pub fn report(wire: &Report) -> report::Report {
+    let sensors = wire.sensors.map(|sensor| report::SensorReport {
+        swing: sensor.swing,
+        offset: sensor.offset,
+        placement_error: ElectricalAngle::from_degrees(sensor.placement_error_deg),
+        third_pct: sensor.third_pct,
+        fifth_pct: sensor.fifth_pct,
+        noise_pct: sensor.noise_pct,
+        at_rail: sensor.at_rail,
+    });
+    report::Report {
+        sensors,
+        pattern: Pattern { spacing: wire.spacing, forward: wire.forward },
+        residual_pct: wire.residual_pct,
+        lag: ElectricalAngle::from_degrees(wire.lag_deg),
+        hunting_deg: wire.hunting_deg,
+        angle_noise_deg: wire.angle_noise_deg,
+    }
+}
+
+/// Why a procedure came to nothing.
+pub fn procedure_error(error: &ProcedureError<'_>) -> String {
+    match error {
+        ProcedureError::Refused(why) => refusal(why),
+        ProcedureError::Fault(code) => format!("{}\n  {}; then `hallctl clear`.", fault(*code), advice(*code)),
+        ProcedureError::Disarmed => "the bridge was switched off".into(),
+        ProcedureError::Silent => "the control interrupt gave no answer".into(),
+        ProcedureError::Unreached => {
+            "the rotor did not turn as told: is it blocked or loaded, are pole_pairs and the motor's settings right?"
+                .into()
+        }
+        ProcedureError::Untold => "the measurements do not tell what was asked: is the shaft free?".into(),
+        ProcedureError::NoTable => "there was no room for the result: try again".into(),
+        ProcedureError::Cancelled => "a command ended it".into(),
+    }
+}
+
+/// The motor as measured, as the library has it.
+pub fn motor(wire: &Motor) -> identify::Report {
+    let of = |[value, error]: [f32; 2]| Estimate { value: value.into(), error: error.into() };
+    let [resistance_ohm, inductance_h, flux_linkage_wb, inertia_kgm2] = wire.told;
+    identify::Report {
+        resistance_ohm: of(wire.resistance_ohm),
+        inductance_h: of(wire.inductance_h),
+        flux_linkage_wb: of(wire.flux_linkage_wb),
+        inertia_kgm2: of(wire.inertia_kgm2),
+        coulomb_nm: of(wire.coulomb_nm),
+        viscous_nms: of(wire.viscous_nms),
+        load_nm: of(wire.load_nm),
+        leftover_v: of(wire.leftover_v),
+        told: Told { resistance_ohm, inductance_h, flux_linkage_wb, inertia_kgm2 },
+        pole_pairs: wire.pole_pairs,
+        samples: wire.samples,
+    }
+}
+
+/// A setting's value as a person writes it.
+pub fn value(setting: &Setting<'_>, value: f32) -> String {
+    match setting.kind {
+        Kind::Switch => if value == 0.0 { "no" } else { "yes" }.into(),
+        Kind::Choice(names) => names.split('|').nth(value as usize).unwrap_or("?").into(),
+        Kind::Whole => format!("{value:.0}"),
+        Kind::Real => number(value),
+    }
+}
+
+/// With as many digits as a float has, and an exponent where that is shorter.
+fn number(value: f32) -> String {
+    let plain = value.to_string();
+    let scientific = format!("{value:e}");
+    if plain.len() > scientific.len() + 2 { scientific } else { plain }
+}
+
+/// The number of a value as a person writes it.
+pub fn parse(setting: &Setting<'_>, text: &str) -> Option<f32> {
+    match setting.kind {
+        Kind::Switch => match text {
+            "yes" | "on" | "true" | "1" => Some(1.0),
+            "no" | "off" | "false" | "0" => Some(0.0),
+            _ => None,
+        },
+        Kind::Choice(names) => names.split('|').position(|name| name == text).map(|place| place as f32),
+        Kind::Real | Kind::Whole => text.parse().ok(),
+    }
+}

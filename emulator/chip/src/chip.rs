@@ -16,7 +16,7 @@ use crate::time::Time;
 use crate::timer::{Edge, Happened, Shape, Timer};
 use crate::usart::Usart;
 use bus::{Cycle, ResetCause};
-use plant::{Error, Plant, PlantParameters, Truth};
+use plant::{Error, PlantParameters, Truth};
 
 /// The timers in the order of [`Block::Timer`](crate::map::Block), and TRGO's number as a trigger of injected sequences.
 const TIMERS: [(Shape, Option<u32>); 12] = {
@@ -132,7 +132,7 @@ impl Chip {
             opamps: [Opamp::default(); 6],
             iwdg: Iwdg::default(),
             bridge: Bridge::new(board.driver),
-            machine: Machine::new(Plant::new(parameters, seed)?),
+            machine: Machine::new(parameters, seed)?,
             record: Record::default(),
             sent: Vec::new(),
             break_pin: None,

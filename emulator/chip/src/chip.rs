@@ -16,7 +16,7 @@ use crate::time::Time;
 use crate::timer::{Edge, Happened, Shape, Timer};
 use crate::usart::Usart;
 use bus::{Cycle, ResetCause};
-use plant::{Error, Plant, PlantParameters, Truth};
+use plant::{Error, PlantParameters, Truth};
 
 /// The timers in the order of [`Block::Timer`](crate::map::Block), and TRGO's number as a trigger of injected sequences.
 const TIMERS: [(Shape, Option<u32>); 12] = {
@@ -66,6 +66,8 @@ const BREAK_LATENCY: Cycle = 1000;
 pub struct Chip {
     pub(crate) board: &'static Board,
     pub(crate) now: Cycle,
+    /// Nothing happens before this; 0 where a write may have changed that.
+    pub(crate) due: Cycle,
     pub(crate) time: Time,
     pub(crate) clocks: Clocks,
     pub(crate) rcc: Rcc,
@@ -108,6 +110,7 @@ impl Chip {
         let mut chip = Self {
             board,
             now: 0,
+            due: 0,
             time: Time::new(clocks.hclk),
             clocks,
             rcc,
@@ -129,7 +132,7 @@ impl Chip {
             opamps: [Opamp::default(); 6],
             iwdg: Iwdg::default(),
             bridge: Bridge::new(board.driver),
-            machine: Machine::new(Plant::new(parameters, seed)?),
+            machine: Machine::new(parameters, seed)?,
             record: Record::default(),
             sent: Vec::new(),
             break_pin: None,
@@ -192,9 +195,13 @@ impl Chip {
     /// Does everything that is due until now, in order.
     pub(crate) fn sync(&mut self, now: Cycle) {
         self.now = now;
+        if now < self.due {
+            return;
+        }
         loop {
             let (at, what) = self.next();
             if at > now {
+                self.due = at;
                 break;
             }
             match what {
@@ -388,5 +395,6 @@ enum Next {
 
 /// The first cycle not before an instant; never for infinity.
 fn ceiling(at: f64) -> Cycle {
-    at.ceil() as Cycle
+    let whole = at as Cycle;
+    whole.saturating_add(Cycle::from((whole as f64) < at))
 }

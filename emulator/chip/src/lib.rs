@@ -5,6 +5,19 @@
 //! so is an access to a peripheral whose clock is off. The six gate signals are computed from the pins: alternate
 //! function, dead time, polarity, idle states and MOE act as they do at the driver.
 //!
+//! What has a model: RCC, PWR (ranges, boost), FLASH (programming, erasing, errors, power cut), GPIO with alternate
+//! functions, SYSCFG, EXTI lines of pins, TIM1 to TIM8, TIM15 to TIM17 and TIM20 (counting, compare, preloads; with
+//! TIM1's outputs, dead time, break inputs and triggers), ADC1 to ADC5 (calibration, regular and injected sequences,
+//! offsets), OPAMP, COMP, DAC, USART1 to USART3 and LPUART1, IWDG, DBGMCU, the factory's words.
+//!
+//! What has none, and is complained of: DMA, the other serial buses, RTC, HRTIM, CORDIC, RNG, CRC; of the timers input
+//! capture, slave modes, combined and asymmetric PWM, dithering; of the converters dual modes, the queue of contexts,
+//! oversampling, analogue watchdogs, differential inputs; option bytes cannot be programmed, HSE and LSE are not there.
+//! Beyond that the model is simpler than silicon in this: a break acts at once, without its filter, and the lock-up,
+//! parity and ECC breaks of SYSCFG never come; interrupts of comparators do not reach EXTI; a double word torn by a
+//! power cut reads as garbage without an ECC error; what crosses a change of HCLK keeps its number of cycles;
+//! switching leaves no noise at the shunts.
+//!
 //! Time is event by event, not cycle by cycle: [`Chip::advance`](bus::System::advance) jumps from edge to edge of the
 //! PWM and from sample to sample of the converters, and moves the motor in between.
 
@@ -27,6 +40,8 @@ pub mod pwr;
 pub mod rcc;
 mod record;
 mod registers;
+mod report;
+mod seam;
 mod signals;
 mod system;
 mod time;

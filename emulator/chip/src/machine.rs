@@ -3,7 +3,7 @@
 use crate::analog::VDDA;
 use crate::board::Net;
 use bus::HallFault;
-use plant::{Plant, Switch, Truth};
+use plant::{Error, Noise, Plant, PlantParameters, Switch, Truth};
 
 /// Longest step of the simulation, s: a quarter of a period at 20 kHz.
 const LONGEST_S: f64 = 12.5e-6;
@@ -23,13 +23,19 @@ pub struct Machine {
     wires: [usize; 3],
     /// Currents through shorts, A.
     pub shorts_a: [f64; 3],
+    noise: Noise,
+    /// Standard deviation of the noise at the converter, V: of currents and of the bus.
+    noise_v: [f64; 2],
 }
 
 impl Machine {
     /// At rest.
-    pub fn new(plant: Plant) -> Self {
-        Self {
-            plant,
+    ///
+    /// # Errors
+    /// What is wrong with the parameters.
+    pub fn new(parameters: &PlantParameters, seed: u64) -> Result<Self, Error> {
+        Ok(Self {
+            plant: Plant::new(parameters, seed)?,
             at_s: 0.0,
             switches: [Switch::Neither; 3],
             halls_v: [0.0; 3],
@@ -38,7 +44,9 @@ impl Machine {
             stuck_v: [0.0; 3],
             wires: [0, 1, 2],
             shorts_a: [0.0; 3],
-        }
+            noise: Noise::new(seed ^ 0x5eed),
+            noise_v: [parameters.current_sense.noise_v, parameters.bus_sense.noise_v],
+        })
     }
 
     /// Brings the motor to this time with the switches as they were.
@@ -80,6 +88,15 @@ impl Machine {
             Net::Potentiometer => 0.5 * VDDA,
         };
         volts.clamp(-0.3, VDDA + 0.3)
+    }
+
+    /// Fresh noise of what is sampled, V; the Hall sensors have brought their own. `None` is an op-amp's output.
+    pub fn noise_v(&mut self, net: Option<Net>) -> f64 {
+        match net {
+            None | Some(Net::Shunt { .. }) => self.noise.scaled(self.noise_v[0]),
+            Some(Net::Bus(_)) => self.noise.scaled(self.noise_v[1]),
+            Some(Net::Hall(_) | Net::Ntc(_) | Net::Potentiometer) => 0.0,
+        }
     }
 
     fn hall_v(&mut self, wire: usize) -> f64 {

@@ -216,9 +216,12 @@ impl Chip {
                     let name = self.adcs[converter].name();
                     self.record.find(at_s, format!("{name}: samples {pin}, which is not analogue"));
                 }
-                (self.pin_volts(pin), self.board.net(pin).map_or(100.0, |(_, ohm)| ohm))
+                let net = self.board.net(pin);
+                (self.pin_volts(pin) + self.machine.noise_v(net.map(|(net, _)| net)), net.map_or(100.0, |(_, ohm)| ohm))
             }
-            Some(Input::Opamp(number)) if self.opamps[number].internal() => (self.opamp_volts(number), 100.0),
+            Some(Input::Opamp(number)) if self.opamps[number].internal() => {
+                (self.opamp_volts(number) + self.machine.noise_v(None), 100.0)
+            }
             Some(Input::Temperature) if self.commons[common].connects(23) => (0.76, 100.0),
             Some(Input::Battery) if self.commons[common].connects(24) => (VDDA / 3.0, 100.0),
             Some(Input::Reference) if self.commons[common].connects(22) => (VREFINT, 100.0),

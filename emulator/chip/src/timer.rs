@@ -3,6 +3,7 @@
 //! Nothing counts: between two counts at which something happens, the time of the next is computed. Times are cycles of
 //! HCLK; the timers' clock divides it by a whole number.
 
+mod breaks;
 mod compare;
 mod outputs;
 mod registers;
@@ -11,7 +12,6 @@ pub use outputs::{Outputs, dead_time_counts};
 pub use registers::Settings;
 
 use bus::Cycle;
-use compare::reference;
 
 /// What a timer has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -357,129 +357,8 @@ impl Timer {
         }
     }
 
-    /// Flags of the channels whose value is reached; in centre-aligned mode 1 on the way down, 2 up, 3 both (28.6.1).
-    fn compare(&mut self, happened: &mut Happened) {
-        let counts = match self.cr1 >> 5 & 3 {
-            1 => self.down || self.count == 0,
-            2 => !self.down || self.count == self.arr_acts,
-            _ => true,
-        };
-        if !counts {
-            return;
-        }
-        for channel in 0..self.shape.channels {
-            if self.ccr_acts[channel] == self.count && self.is_output(channel) {
-                self.sr |= if channel < 4 { 2 << channel } else { 1 << (12 + channel) };
-                if channel == 0 {
-                    if self.cr2 >> 4 & 7 == 3 {
-                        happened.trgo = Edge::Pulse;
-                    }
-                    if self.cr2 >> 20 & 0xf == 3 {
-                        happened.trgo2 = Edge::Pulse;
-                    }
-                }
-            }
-        }
-    }
-
-    fn is_output(&self, channel: usize) -> bool {
-        channel >= 4 || self.ccmr_acts[channel / 2] >> (8 * (channel % 2)) & 3 == 0
-    }
-
-    /// Output compare mode (OCxM) of a channel.
-    fn mode(&self, channel: usize) -> u32 {
-        let half = self.ccmr_acts[channel / 2] >> (8 * (channel % 2));
-        half >> 4 & 7 | half >> 13 & 8
-    }
-
-    fn refresh_references(&mut self, now: Cycle, happened: &mut Happened) {
-        let old = self.references;
-        for channel in 0..self.shape.channels {
-            let down = self.down && self.centred() || self.cr1 & 0x70 == 0x10;
-            self.references[channel] =
-                reference(self.mode(channel), self.count, down, self.ccr_acts[channel], old[channel]);
-        }
-        if self.references == old {
-            return;
-        }
-        let edge = |channel: usize| match (old[channel], self.references[channel]) {
-            (false, true) => Edge::Rising,
-            (true, false) => Edge::Falling,
-            _ => Edge::None,
-        };
-        if let mode @ 4..=7 = self.cr2 >> 4 & 7 {
-            happened.trgo = edge(mode as usize - 4);
-        }
-        happened.trgo2 = trigger_2(self.cr2 >> 20 & 0xf, edge).unwrap_or(happened.trgo2);
-        if self.shape.advanced {
-            self.outputs.set_references([self.references[0], self.references[1], self.references[2]], now);
-            happened.outputs = true;
-        }
-    }
-
     fn configure_outputs(&mut self) {
         let dts = self.ratio << (self.cr1 >> 8 & 3);
         self.outputs.configure(self.ccer_acts, self.cr2, self.bdtr, self.dtr2, dts);
-    }
-
-    fn set_moe(&mut self, on: bool, at: Cycle, cause: Option<(usize, usize)>) {
-        if on == self.moe() {
-            return;
-        }
-        self.bdtr = self.bdtr & !(1 << 15) | u32::from(on) << 15;
-        self.outputs.set_moe(on, at);
-        self.moe_edges.push(MoeEdge { at, on, cause });
-    }
-
-    /// Levels of the sources of both break inputs: the pin (`None` where no pin is assigned) and comparators 1 to 7.
-    /// BKF's filter is not modelled: a break acts at once. Returns whether pins may have changed.
-    pub fn set_breaks(&mut self, sources: [[Option<bool>; 8]; 2], now: Cycle) -> bool {
-        let mut changed = false;
-        for (input, levels) in sources.iter().enumerate() {
-            let active_high = self.bdtr >> [13, 25][input] & 1 != 0;
-            let af = self.af[input];
-            let active = |source: usize| {
-                // BKINP, BKCMP1P to BKCMP4P (28.6.26).
-                let inverted = source <= 4 && af >> (9 + source) & 1 != 0;
-                af >> source & 1 != 0 && levels[source].is_some_and(|level| (level != inverted) == active_high)
-            };
-            let cause = (0..8).find(|&source| self.break_enabled(input) && active(source));
-            self.breaks[input] = cause.is_some();
-            if let Some(source) = cause {
-                self.sr |= BIF << input;
-                changed |= self.moe();
-                self.set_moe(false, now, Some((input, source)));
-            }
-        }
-        changed
-    }
-
-    /// Names of the sources that AF1 (`0`) or AF2 (`1`) lets through to an enabled break input.
-    pub fn break_names(&self, input: usize) -> Vec<String> {
-        let pin = ["TIM1_BKIN", "TIM1_BKIN2"][input];
-        (0..8)
-            .filter(|&source| self.break_enabled(input) && self.af[input] >> source & 1 != 0)
-            .map(|source| if source == 0 { pin.into() } else { format!("COMP{source}") })
-            .collect()
-    }
-
-    /// Whether a break input is enabled.
-    pub fn break_enabled(&self, input: usize) -> bool {
-        self.bdtr >> [12, 24][input] & 1 != 0
-    }
-}
-
-/// Edges of TRGO2 that come from references (28.6.2, MMS2).
-fn trigger_2(mode: u32, edge: impl Fn(usize) -> Edge) -> Option<Edge> {
-    let pulse = |is: bool| Some(if is { Edge::Pulse } else { Edge::None });
-    match mode {
-        4..=9 => Some(edge(mode as usize - 4)),
-        10 => pulse(edge(3) != Edge::None),
-        11 => pulse(edge(5) != Edge::None),
-        12 => pulse(edge(3) == Edge::Rising || edge(5) == Edge::Rising),
-        13 => pulse(edge(3) == Edge::Rising || edge(5) == Edge::Falling),
-        14 => pulse(edge(4) == Edge::Rising || edge(5) == Edge::Rising),
-        15 => pulse(edge(4) == Edge::Rising || edge(5) == Edge::Falling),
-        _ => None,
     }
 }

@@ -26,7 +26,7 @@ struct Pair {
 }
 
 /// Outputs of channels 1 to 3 with their complements.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub struct Outputs {
     pairs: [Pair; 3],
     moe: bool,
@@ -40,6 +40,24 @@ pub struct Outputs {
     moe_at: Cycle,
     /// Up to here, delayed edges have been dealt with.
     settled: Cycle,
+    next: Cycle,
+}
+
+impl Default for Outputs {
+    fn default() -> Self {
+        Self {
+            pairs: [Pair::default(); 3],
+            moe: false,
+            off_state_idle: false,
+            off_state_run: false,
+            dead: [0; 2],
+            references: [false; 3],
+            changed_at: [0; 3],
+            moe_at: 0,
+            settled: 0,
+            next: NEVER,
+        }
+    }
 }
 
 impl Outputs {
@@ -58,6 +76,7 @@ impl Outputs {
         let rising = Cycle::from(dead_time_counts(bdtr & 0xff)) * dts;
         let falling = if dtr2 >> 16 & 1 != 0 { Cycle::from(dead_time_counts(dtr2 & 0xff)) * dts } else { rising };
         self.dead = [rising, falling];
+        self.schedule();
     }
 
     /// References of channels 1 to 3 from now on.
@@ -68,23 +87,28 @@ impl Outputs {
             }
         }
         self.references = references;
-        self.settled = now;
+        self.settle(now);
     }
 
     /// MOE from now on.
     pub fn set_moe(&mut self, on: bool, now: Cycle) {
         self.moe = on;
         self.moe_at = now;
-        self.settled = now;
+        self.settle(now);
     }
 
     /// Delayed edges up to now have been seen.
     pub fn settle(&mut self, now: Cycle) {
         self.settled = self.settled.max(now);
+        self.schedule();
     }
 
     /// When a delayed edge comes next.
     pub fn next(&self) -> Cycle {
+        self.next
+    }
+
+    fn schedule(&mut self) {
         let mut next = NEVER;
         let mut due = |at: Cycle| {
             if at > self.settled && at < next {
@@ -97,7 +121,7 @@ impl Outputs {
         if !self.moe {
             due(self.moe_at + self.dead[0]);
         }
-        next
+        self.next = next;
     }
 
     /// Level of output `side` (0: OCx, 1: OCxN) of channel 0 to 2; `None` where the timer does not drive it.

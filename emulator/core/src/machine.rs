@@ -42,6 +42,7 @@ pub struct Listed {
 }
 
 /// A chip: the core, its RAM, and everything else as a [`System`].
+#[derive(Clone)]
 pub struct Machine<S> {
     /// Peripherals, board, motor.
     pub system: S,

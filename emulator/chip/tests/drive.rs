@@ -180,7 +180,7 @@ fn a_compare_channel_triggers_ahead_of_the_valley() {
     assert!((held.min - expected).abs() < 1e-6 && (held.max - expected).abs() < 1e-6, "{held:?} {expected}");
     let (line, trigger) = bench.chip.last_sampling().unwrap();
     assert_eq!(line, 18);
-    assert!(bench.now - trigger < PERIOD);
+    assert!(bench.now - trigger < PERIOD + 100, "the one before is complete");
 }
 
 #[test]

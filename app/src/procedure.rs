@@ -11,6 +11,9 @@ use hallservo::settings::Config;
 use hallservo::telemetry::Measurement;
 use hallservo_protocol::{Activity, Refusal};
 
+/// Whether the firmware has them.
+const BUILT_IN: bool = cfg!(feature = "procedures");
+
 /// One of them, at work.
 // The larger one makes no difference: there is one, in a static.
 #[allow(clippy::large_enum_variant)]
@@ -28,11 +31,17 @@ pub(crate) enum Outcome {
 
 impl Procedure {
     pub fn motor(config: &Config) -> Result<Self, Refusal<'static>> {
+        if !BUILT_IN {
+            return Err(Refusal::LeftOut);
+        }
         let plan = identification::Plan::new(config).map_err(wire::procedure)?;
         Identification::new(config, &plan).map(Self::Motor).map_err(wire::procedure)
     }
 
     pub fn cogging(config: &Config) -> Result<Self, Refusal<'static>> {
+        if !BUILT_IN {
+            return Err(Refusal::LeftOut);
+        }
         let plan = learning::Plan::new(config).map_err(wire::procedure)?;
         Learning::new(config, &plan).map(Self::Cogging).map_err(wire::procedure)
     }
@@ -53,6 +62,9 @@ impl Procedure {
 
     /// Goes on; what came of it, at the end.
     pub fn step(&mut self, service: &mut Service, now_ms: u32) -> Option<Outcome> {
+        if !BUILT_IN {
+            return None;
+        }
         let state = match self {
             Self::Motor(motor) => motor.step(service, now_ms),
             Self::Cogging(cogging) => cogging.step(service, now_ms),

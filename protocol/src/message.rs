@@ -380,6 +380,8 @@ pub enum Refusal<'a> {
     Busy(Activity),
     /// The control interrupt does not answer.
     Silent,
+    /// This firmware was built without it.
+    LeftOut,
 }
 
 /// What went wrong.

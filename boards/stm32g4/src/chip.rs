@@ -20,7 +20,7 @@ use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{Interrupt, RCC};
 use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{Peri, Peripherals, peripherals};
-use hallservo::drive::Sample;
+use hallservo::drive::{Drive, Sample};
 use hallservo::settings::Settings;
 use hallservo_app::{App, Heartbeat, Identity, Memory};
 use static_cell::StaticCell;
@@ -48,7 +48,6 @@ const BAUD: u32 = 460_800;
 const _: () = assert!(baud(PCLK1_HZ, BAUD).1.abs() < 100, "the baud rate is off by more than 1 %");
 
 static ALIVE: Heartbeat = Heartbeat::new();
-static MEMORY: StaticCell<Memory> = StaticCell::new();
 
 /// The bridge, safe before anything else happens; then clocks, priorities and time.
 pub fn start<B: Board>() -> (Bridge, Peripherals) {
@@ -80,8 +79,7 @@ pub fn run<B: Board>(
     greet::<B>();
     converters::start(B::GROUPS, B::CONVERTERS);
     let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
-    let (drive, app) =
-        hallservo_app::start(identity, B::settings(), Flash::new_blocking(flash), storage(), MEMORY.init_with(Memory::new));
+    let (drive, app) = begin(identity, B::settings(), Flash::new_blocking(flash));
     watchdog::start();
     control.start(board, drive, bridge, &ALIVE);
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
@@ -91,9 +89,25 @@ pub fn run<B: Board>(
     })
 }
 
+type Application = App<Flash<'static, Blocking>>;
+
+/// What is large goes to its place and leaves the stack.
+#[inline(never)]
+fn begin(
+    identity: Identity,
+    defaults: Settings,
+    flash: Flash<'static, Blocking>,
+) -> (Drive, &'static Application) {
+    static MEMORY: StaticCell<Memory> = StaticCell::new();
+    static APP: StaticCell<Application> = StaticCell::new();
+    let memory = MEMORY.init_with(Memory::new);
+    let (drive, app) = hallservo_app::start(identity, defaults, flash, storage(), memory);
+    (drive, APP.init(app))
+}
+
 /// All that is not the control interrupt. Here, and not generic, so that it is compiled for size.
 #[embassy_executor::task]
-async fn tasks(app: App<Flash<'static, Blocking>>, serial: BufferedUart<'static>) -> ! {
+async fn tasks(app: &'static Application, serial: BufferedUart<'static>) -> ! {
     let (tx, rx) = serial.split();
     app.run(rx, tx, &ALIVE, watchdog::feed).await
 }

@@ -164,6 +164,9 @@ impl Timer {
             self.down = bit(value, 4);
         }
         self.at = if was_on { self.at } else { now };
+        if !was_on && value & 1 != 0 && self.count == 0 {
+            self.valley = Some(now);
+        }
         let name = self.shape.name;
         if value & DITHER != 0 {
             return Some(wrong(name, "CR1: dithering is not modelled"));

@@ -49,7 +49,12 @@ fn electrical_turns(trace: &Trace, at_s: f64) -> Option<f64> {
 }
 
 /// Over frames within a span of time, seconds; `None` where there are none.
-pub fn error(frames: &[Telemetry], periods: &Periods, trace: &Trace, span_s: core::ops::Range<f64>) -> Option<AngleError> {
+pub fn error(
+    frames: &[Telemetry],
+    periods: &Periods,
+    trace: &Trace,
+    span_s: core::ops::Range<f64>,
+) -> Option<AngleError> {
     let errors: Vec<_> = frames
         .iter()
         .filter_map(|frame| {
@@ -64,5 +69,10 @@ pub fn error(frames: &[Telemetry], periods: &Periods, trace: &Trace, span_s: cor
     let mut range = Range::default();
     errors.iter().for_each(|error| range.add((error - mean_deg).abs()));
     let squares: f64 = errors.iter().map(|error| (error - mean_deg).powi(2)).sum();
-    (range.count > 0).then(|| AngleError { mean_deg, rms_deg: (squares / count).sqrt(), max_deg: range.max, count: range.count })
+    (range.count > 0).then(|| AngleError {
+        mean_deg,
+        rms_deg: (squares / count).sqrt(),
+        max_deg: range.max,
+        count: range.count,
+    })
 }

@@ -94,6 +94,8 @@ pub struct Chip {
     pub(crate) held_v: [f64; 5],
     pub(crate) wanted_reset: Option<ResetCause>,
     pub(crate) stall_s: f64,
+    /// Until then, flash operations hold the core, and its handlers catch up.
+    pub(crate) held_until: f64,
     pub(crate) last_sampling: Option<(u16, Cycle)>,
 }
 
@@ -139,6 +141,7 @@ impl Chip {
             held_v: [0.0; 5],
             wanted_reset: None,
             stall_s: 0.0,
+            held_until: 0.0,
             last_sampling: None,
         };
         chip.distribute_clocks(0);
@@ -334,7 +337,9 @@ impl Chip {
                 self.adcs[index].hold(volts / crate::analog::VDDA);
                 self.compare(ceiling(at));
             }
-            Due::Converted(one) => {
+            Due::Converted(mut one) => {
+                // A flash operation holds the core; with the bridge off nobody misses the data.
+                one.unread &= self.timers[0].moe() || at > self.held_until;
                 if one.last && self.adcs[index].interrupts_at_end() {
                     let line = [18, 18, 47, 61, 62][index];
                     self.last_sampling = Some((line, one.instants[0] as Cycle));

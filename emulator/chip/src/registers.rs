@@ -220,6 +220,10 @@ impl Chip {
 
     pub(crate) fn begin(&mut self, begun: Begun, now_s: f64) {
         self.stall_s += begun.stall_s;
+        if begun.stall_s > 0.0 {
+            let catching_up = 2 * self.timers[0].period();
+            self.held_until = self.time.cycle(now_s + begun.stall_s) + catching_up as f64;
+        }
         if begun.power_cut {
             self.record.events.push((now_s, "the power goes in the middle of a flash operation".into()));
             self.wanted_reset = Some(ResetCause::PowerOn);

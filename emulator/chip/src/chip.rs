@@ -327,6 +327,7 @@ impl Chip {
 
     fn fire_adc(&mut self, index: usize) {
         let at = self.adcs[index].next();
+        self.adcs[index].excused = self.excuses(at);
         match self.adcs[index].fire() {
             Due::Internal => {}
             Due::Hold { channel, sampled } => {
@@ -337,9 +338,7 @@ impl Chip {
                 self.adcs[index].hold(volts / crate::analog::VDDA);
                 self.compare(ceiling(at));
             }
-            Due::Converted(mut one) => {
-                // A flash operation holds the core; with the bridge off nobody misses the data.
-                one.unread &= self.timers[0].moe() || at > self.held_until;
+            Due::Converted(one) => {
                 if one.last && self.adcs[index].interrupts_at_end() {
                     let line = [18, 18, 47, 61, 62][index];
                     self.last_sampling = Some((line, one.instants[0] as Cycle));
@@ -354,6 +353,11 @@ impl Chip {
         if let Some(complaint) = self.adcs[index].take_complaint() {
             self.record.find(self.time.seconds(at), complaint);
         }
+    }
+
+    /// While a flash operation holds the core and the bridge is off, nobody misses what is converted.
+    pub(crate) fn excuses(&self, at: f64) -> bool {
+        !self.timers[0].moe() && at <= self.held_until
     }
 
     fn record_trigger(&mut self, index: usize) {

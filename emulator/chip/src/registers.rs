@@ -55,7 +55,10 @@ impl Chip {
             Block::Timer(index) => self.timers[index].read(offset, now),
             Block::Usart(index) => self.usarts[index].read(offset),
             Block::Adc(group) => match self.converter(group, offset) {
-                Some(index) => self.adcs[index].read(offset & 0xff),
+                Some(index) => {
+                    self.adcs[index].excused = self.excuses(now as f64);
+                    self.adcs[index].read(offset & 0xff)
+                }
                 None if offset >= 0x300 => {
                     let flags = [0, 1].map(|k| self.adcs.get(2 * group + k).map_or(0, Adc::flags));
                     self.commons[group].read(offset - 0x300, flags)

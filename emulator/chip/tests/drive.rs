@@ -210,6 +210,22 @@ fn data_that_nobody_fetches_is_counted() {
         bench.run(stall);
         assert_eq!(bench.chip.facts().unread_sequences > before, on);
     }
+    // Fetched too early is found, once the core is free.
+    bench.run(3 * PERIOD);
+    bench.write(common::ADC[0], 0x60);
+    bench.run_seeing(2 * PERIOD, |chip, now| {
+        if chip.interrupts() >> 18 & 1 != 0 {
+            chip.read(common::ADC[0] + 0x80, bus::Width::Word, now);
+            chip.write(common::ADC[0], bus::Width::Word, 0x60, now);
+        }
+    });
+    assert_eq!(bench.chip.facts().findings, []);
+    for _ in 0..40 {
+        bench.run(PERIOD / 40);
+        bench.jdr(0, 0);
+    }
+    bench.run(PERIOD);
+    assert_eq!(bench.chip.facts().findings[0].1, "ADC1: JDR1 is read while its rank converts");
 }
 
 #[test]

@@ -4,6 +4,7 @@
 
 mod analog;
 mod board;
+mod constants;
 
 use board::Esc1;
 use cortex_m_rt::entry;
@@ -25,7 +26,8 @@ fn main() -> ! {
     let (bridge, chip) = stm32g4::start::<Esc1>();
     analog::start();
     // The virtual COM port of the ST-LINK.
-    let serial = BufferedUart::new(chip.USART2, chip.PB4, chip.PB3, TX.take(), RX.take(), Interrupts, stm32g4::serial());
+    let serial =
+        BufferedUart::new(chip.USART2, chip.PB4, chip.PB3, TX.take(), RX.take(), Interrupts, stm32g4::serial());
     let Ok(serial) = serial else { panic!("the serial line cannot be set up") };
     stm32g4::run(Esc1::new(), bridge, &CONTROL, chip.FLASH, serial)
 }

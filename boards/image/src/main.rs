@@ -1,10 +1,15 @@
 //! `image ELF` prints the flash and the RAM of a firmware in bytes, `image ELF FUNCTION…` the code and the tables that
-//! each function reaches. The latter needs an image linked with `--emit-relocs`.
+//! each function reaches.
+//!
+//! `image ELF --interrupt FUNCTION` fails if the function can reach a panic, the log or a critical section; `image ELF
+//! --stack THREAD PREEMPTING… CONTROL` tells the deepest stack, and fails if the memory for it (`_stack_end` to
+//! `_stack_start`) is smaller. All but the first need an image linked with `--emit-relocs`.
 
 mod reach;
+mod stack;
 
-use anyhow::{Context, Result};
-use object::{Object, ObjectSection, SectionFlags, SectionKind, elf};
+use anyhow::{Context, Result, ensure};
+use object::{Object, ObjectSection, ObjectSymbol, SectionFlags, SectionKind, elf};
 use std::{env, fs};
 
 fn main() -> Result<()> {
@@ -19,12 +24,63 @@ fn main() -> Result<()> {
         return Ok(());
     }
     let graph = reach::Graph::new(&image)?;
+    match functions.split_first() {
+        Some((option, functions)) if option == "--interrupt" => return interrupt(&graph, functions),
+        Some((option, functions)) if option == "--stack" => return stack_fits(&image, &graph, functions),
+        _ => {}
+    }
     println!("| function | code bytes | table bytes |");
     println!("|---|---:|---:|");
     for function in functions {
         let (code, tables) = graph.reach(&function)?;
         println!("| {function} | {code} | {tables} |");
     }
+    Ok(())
+}
+
+/// What a control interrupt must not reach: it would wait, or not come back.
+const FORBIDDEN: [&str; 4] = ["panic", "_defmt_", "_critical_section_1_0_", "unwrap_failed"];
+
+fn interrupt(graph: &reach::Graph, functions: &[String]) -> Result<()> {
+    for function in functions {
+        let reached = graph.reached(graph.find(function)?);
+        let names: Vec<String> = reached.iter().map(|&at| graph.name(at)).collect();
+        let bad: Vec<&String> = names.iter().filter(|name| FORBIDDEN.iter().any(|bad| name.contains(bad))).collect();
+        ensure!(bad.is_empty(), "{function} can reach {bad:?}");
+        println!(
+            "{function} and what it reaches, {} functions and tables: no panic, no log, no critical section",
+            names.len()
+        );
+    }
+    Ok(())
+}
+
+/// Bytes that an exception pushes: 26 words with those of the FPU, and one to align (Armv7-M manual, B1.5.7).
+const EXCEPTION: u64 = 27 * 4;
+
+fn stack_fits(image: &object::File, graph: &reach::Graph, functions: &[String]) -> Result<()> {
+    let [thread, preempting @ .., control] = functions else { anyhow::bail!("at least a thread and an interrupt") };
+    let mut total = 0;
+    let add = |function: &str, entry: u64| -> Result<u64> {
+        let deepest = stack::deepest(graph, graph.find(function)?);
+        println!("{function}: {} bytes of stack; the deepest way:", deepest.bytes + entry);
+        for (name, bytes) in deepest.chain.iter().filter(|(_, bytes)| *bytes >= 100) {
+            println!("  {bytes:6} {name}");
+        }
+        println!("  calls through registers: {}", deepest.indirect.len());
+        Ok(deepest.bytes + entry)
+    };
+    total += add(thread, 0)?;
+    let mut most = 0;
+    for function in preempting {
+        most = most.max(add(function, EXCEPTION)?);
+    }
+    total += most + add(control, EXCEPTION)?;
+    let place =
+        |name: &str| image.symbol_by_name(name).map(|symbol| symbol.address()).context("no bounds of the stack");
+    let room = place("_stack_start")? - place("_stack_end")?;
+    println!("{total} bytes of stack at most, of {room}");
+    ensure!(total <= room, "the stack is too small by {} bytes", total - room);
     Ok(())
 }
 

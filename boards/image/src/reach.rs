@@ -1,5 +1,6 @@
 //! What a function reaches: every function it calls or names and every table it names, and so on.
 
+use crate::stack::Frame;
 use anyhow::{Context, Result};
 use object::{Object, ObjectSection, ObjectSymbol, RelocationFlags, SymbolKind, elf};
 use std::collections::{BTreeMap, BTreeSet};
@@ -16,11 +17,13 @@ pub struct Graph {
     names: BTreeMap<String, u64>,
     things: BTreeMap<u64, Thing>,
     edges: BTreeMap<u64, BTreeSet<u64>>,
+    frames: BTreeMap<u64, Frame>,
 }
 
 impl Graph {
     pub fn new(image: &object::File) -> Result<Self> {
-        let mut graph = Self { names: BTreeMap::new(), things: BTreeMap::new(), edges: BTreeMap::new() };
+        let mut graph =
+            Self { names: BTreeMap::new(), things: BTreeMap::new(), edges: BTreeMap::new(), frames: BTreeMap::new() };
         for symbol in image.symbols().filter(|symbol| symbol.size() > 0) {
             let is_code = symbol.kind() == SymbolKind::Text;
             // Bit 0 of a function's address says that it is Thumb code.
@@ -52,7 +55,57 @@ impl Graph {
                 graph.connect(at, target);
             }
         }
+        graph.read_frames(image)?;
         Ok(graph)
+    }
+
+    /// Frames of all functions. Mapping symbols tell the code from the constants between ($t and $d; ELF for Arm, 5.5.5).
+    fn read_frames(&mut self, image: &object::File) -> Result<()> {
+        let mut data = BTreeMap::new();
+        for symbol in image.symbols() {
+            let name = symbol.name()?;
+            if name.starts_with("$d") || name.starts_with("$t") {
+                data.insert(symbol.address() & !1, name.starts_with("$d"));
+            }
+        }
+        let is_data = |at: u64| data.range(..=at).next_back().is_some_and(|(_, &is_data)| is_data);
+        for section in image.sections().filter(crate::is_loaded) {
+            let bytes = section.data()?;
+            let end = section.address() + bytes.len() as u64;
+            for (&start, thing) in self.things.range(section.address()..end).filter(|(_, thing)| thing.is_code) {
+                let code: Vec<u16> = (start..(start + thing.size).min(end - 1))
+                    .step_by(2)
+                    .filter(|&at| !is_data(at))
+                    .map(|at| {
+                        let k = (at - section.address()) as usize;
+                        u16::from_le_bytes([bytes[k], bytes[k + 1]])
+                    })
+                    .collect();
+                self.frames.insert(start, Frame::of(&code));
+            }
+        }
+        Ok(())
+    }
+
+    /// What a function or a table names.
+    pub fn named_by(&self, at: u64) -> impl Iterator<Item = u64> {
+        self.edges.get(&at).into_iter().flatten().copied()
+    }
+
+    /// Frame of a function; a table has none.
+    pub fn frame(&self, at: u64) -> Option<&Frame> {
+        self.frames.get(&at)
+    }
+
+    /// Name of what is at an address.
+    pub fn name(&self, at: u64) -> String {
+        let name = self.names.iter().find(|&(_, &address)| address == at).map_or("?", |(name, _)| name);
+        format!("{:#}", rustc_demangle::demangle(name))
+    }
+
+    /// Address of a function.
+    pub fn find(&self, function: &str) -> Result<u64> {
+        self.names.get(function).copied().with_context(|| format!("no function {function} in the image"))
     }
 
     fn connect(&mut self, from: u64, to: u64) {
@@ -68,17 +121,22 @@ impl Graph {
 
     /// Bytes of code and of tables.
     pub fn reach(&self, function: &str) -> Result<(u64, u64)> {
-        let start = *self.names.get(function).with_context(|| format!("no function {function} in the image"))?;
-        let (mut seen, mut open) = (BTreeSet::from([start]), vec![start]);
+        let seen = self.reached(self.find(function)?);
+        let bytes = |code| seen.iter().map(|at| self.things[at]).filter(|t| t.is_code == code).map(|t| t.size).sum();
+        Ok((bytes(true), bytes(false)))
+    }
+
+    /// Everything that a function names, and what that names, and so on.
+    pub fn reached(&self, function: u64) -> BTreeSet<u64> {
+        let (mut seen, mut open) = (BTreeSet::from([function]), vec![function]);
         while let Some(thing) = open.pop() {
-            for &next in self.edges.get(&thing).into_iter().flatten() {
+            for next in self.named_by(thing) {
                 if seen.insert(next) {
                     open.push(next);
                 }
             }
         }
-        let bytes = |code| seen.iter().map(|at| self.things[at]).filter(|t| t.is_code == code).map(|t| t.size).sum();
-        Ok((bytes(true), bytes(false)))
+        seen
     }
 }
 

@@ -1,41 +1,13 @@
-//! Pins and constants, with reasons. Schematics: X-NUCLEO-IHM08M1 (UM1996), MB1367 (UM2505).
+//! Pins, and the way from ADC results to a sample. Schematics: X-NUCLEO-IHM08M1 (UM1996), MB1367 (UM2505).
 
+use crate::constants::{self, FIRST, FOURTH, SECOND, THIRD, ZERO};
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{ADC1, ADC2, ADC3, ADC4, ADC12_COMMON, ADC345_COMMON, GPIOA, GPIOB};
-use hallservo::commutation::Commutation;
-use hallservo::control::settings::{GuardSettings, Settings as Control, Thermistor};
 use hallservo::drive::Sample;
 use hallservo::settings::Settings;
-use stm32g4::registers::adc::{Rank, Sampling, Sequence};
-use stm32g4::registers::clock::HCLK_HZ;
-use stm32g4::registers::timer::{Active, Break, Gates};
 use stm32g4::sensing::{NO_THERMISTOR, current, pulled_up};
-use stm32g4::{Board, Converter, Wiring, result};
-
-/// Shunts of 10 mΩ, amplified 5.18 times by the shield.
-const VOLTS_PER_AMPERE: f32 = 0.010 * 5.18;
-/// Code of an amplifier without current: 1.71 V of 3.3 V. The drive measures what it is exactly.
-const ZERO: u16 = 2122;
-
-/// The amplifiers are strong sources, the thermistor is one of 3.2 kΩ at most.
-const SHORT: Sampling = Sampling::from_source(3_200);
-/// 169 kΩ and 9.31 kΩ: 8.8 kΩ. The Halls take as long as the bus that is sampled beside them.
-const BUS: Sampling = Sampling::from_source(8_800);
-
-/// Hall 3, U, W.
-const FIRST: Sequence = Sequence(&[Rank::new(5, BUS), Rank::new(1, SHORT), Rank::new(6, SHORT)]);
-/// Bus, V, temperature.
-const SECOND: Sequence = Sequence(&[Rank::new(2, BUS), Rank::new(7, SHORT), Rank::new(8, SHORT)]);
-/// Hall 2.
-const THIRD: Sequence = Sequence(&[Rank::new(5, BUS)]);
-/// Hall 1.
-const FOURTH: Sequence = Sequence(&[Rank::new(3, BUS)]);
-
-/// U and V are held as long before the valley as W after it.
-const LEAD: u32 = (FIRST.held(1) + FIRST.held(2)) / 2;
-// All Halls are held at once, and the interrupt comes when everything is done.
-const _: () = assert!(FIRST.held(0) == THIRD.held(0) && FIRST.held(0) == FOURTH.held(0));
-const _: () = assert!(FIRST.done() >= SECOND.done() && FIRST.done() > THIRD.done());
+use stm32g4::wiring::Wiring;
+use stm32g4::{Board, Converter, Pin, result};
 
 /// The board in the control interrupt.
 pub struct Nucleo;
@@ -43,28 +15,17 @@ pub struct Nucleo;
 impl Board for Nucleo {
     const NAME: &'static str = "Nucleo-G474RE, X-NUCLEO-IHM08M1";
 
-    const BRIDGE: Wiring = Wiring {
+    const BRIDGE: Wiring = constants::BRIDGE;
+    const PINS: &'static [Pin] = &[
         // PA6 is TIM1_BKIN.
-        pins: &[
-            (GPIOA, 8, 6),
-            (GPIOA, 7, 6),
-            (GPIOA, 9, 6),
-            (GPIOB, 0, 6),
-            (GPIOA, 10, 6),
-            (GPIOB, 1, 6),
-            (GPIOA, 6, 6),
-        ],
-        // L6398: the lower inputs are inverted.
-        gates: Gates { upper: Active::High, lower: Active::Low },
-        // The L6398 makes 320 ns of its own, counted from the same edges: the longer one acts.
-        dead_time_ns: 500,
-        // Not to be heard, and little loss by switching.
-        pwm_hz: 20_000,
-        // The shield's comparators at the shunts, 30 A: open collectors, low at a current that is too large.
-        source: Break::PinLow,
-        noise_ns: 380,
-        lead: LEAD,
-    };
+        (GPIOA, 8, 6),
+        (GPIOA, 7, 6),
+        (GPIOA, 9, 6),
+        (GPIOB, 0, 6),
+        (GPIOA, 10, 6),
+        (GPIOB, 1, 6),
+        (GPIOA, 6, 6),
+    ];
 
     const CONVERTERS: &'static [Converter] = &[
         Converter { adc: ADC1, sequence: FIRST },
@@ -75,34 +36,7 @@ impl Board for Nucleo {
     const GROUPS: &'static [AdcCommon] = &[ADC12_COMMON, ADC345_COMMON];
 
     fn settings() -> Settings {
-        Settings {
-            timer_hz: HCLK_HZ as f32,
-            pwm_hz: Self::BRIDGE.pwm_hz as f32,
-            dead_time_s: Self::BRIDGE.dead_time_s(),
-            // Two thirds of a microsecond to either side, and a half for the amplifiers to settle.
-            sampling_window_s: 2.5e-6,
-            delay_periods: Self::BRIDGE.delay_periods(FIRST.held(0)),
-            commutation: Commutation::FieldOriented,
-            max_electrical_hz: 1000.0,
-            calibration_record_hz: Self::BRIDGE.pwm_hz as f32,
-            control: Some(Control {
-                current_full_scale_a: 1.65 / VOLTS_PER_AMPERE,
-                // 169 kΩ and 9.31 kΩ.
-                bus_full_scale_v: 3.3 * 178.31 / 9.31,
-                guard: GuardSettings {
-                    under_voltage_v: 9.0,
-                    over_voltage_v: 50.0,
-                    // 2 % of the resistors is 0.7 A.
-                    offset_a: 1.5,
-                    imbalance_a: 1.5,
-                    // To 3.3 V, against 4.7 kΩ to ground.
-                    bridge: Thermistor { pull_up_ohm: 4700.0, beta_k: 3425.0, ..Thermistor::ntc_10k(80.0, 100.0) },
-                    ..GuardSettings::default()
-                },
-                ..Control::default()
-            }),
-            ..Settings::default()
-        }
+        constants::settings()
     }
 
     #[inline(always)]

@@ -3,6 +3,7 @@
 #![no_main]
 
 mod board;
+mod constants;
 
 use board::Nucleo;
 use cortex_m_rt::entry;
@@ -23,7 +24,8 @@ static RX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
 fn main() -> ! {
     let (bridge, chip) = stm32g4::start::<Nucleo>();
     // The virtual COM port of the ST-LINK.
-    let serial = BufferedUart::new(chip.USART2, chip.PA3, chip.PA2, TX.take(), RX.take(), Interrupts, stm32g4::serial());
+    let serial =
+        BufferedUart::new(chip.USART2, chip.PA3, chip.PA2, TX.take(), RX.take(), Interrupts, stm32g4::serial());
     let Ok(serial) = serial else { panic!("the serial line cannot be set up") };
     stm32g4::run(Nucleo, bridge, &CONTROL, chip.FLASH, serial)
 }

@@ -7,17 +7,18 @@ mod converters;
 mod last;
 mod watchdog;
 
-pub use bridge::{Bridge, Wiring};
+pub use bridge::{Bridge, Pin};
 pub use control::Control;
 pub use converters::{Converter, result};
 
 use crate::registers::clock::{HCLK_HZ, PCLK1_HZ, baud};
+use crate::wiring::Wiring;
 use core::ptr::addr_of;
 use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::flash::{Blocking, Flash};
 use embassy_stm32::pac::adccommon::AdcCommon;
-use embassy_stm32::pac::{Interrupt, RCC};
+use embassy_stm32::pac::{DBGMCU, Interrupt, RCC};
 use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{Peri, Peripherals, peripherals};
 use hallservo::drive::{Drive, Sample};
@@ -31,6 +32,8 @@ pub trait Board: Send + 'static {
     const NAME: &'static str;
     /// The way to the gate drivers.
     const BRIDGE: Wiring;
+    /// Outputs of TIM1, and its break input if that is a pin.
+    const PINS: &'static [Pin];
     /// The ADCs. The end of the first one's sequence is the control interrupt.
     const CONVERTERS: &'static [Converter];
     /// What the ADCs share.
@@ -51,13 +54,16 @@ static ALIVE: Heartbeat = Heartbeat::new();
 
 /// The bridge, safe before anything else happens; then clocks, priorities and time.
 pub fn start<B: Board>() -> (Bridge, Peripherals) {
-    let bridge = Bridge::new(&B::BRIDGE);
+    let bridge = Bridge::new(&B::BRIDGE, B::PINS);
     let Some(mut core) = cortex_m::Peripherals::take() else { panic!("started twice") };
     shared::priority::init(&mut core.NVIC, &mut core.SCB, Interrupt::ADC1_2);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
     let peripherals = clock::start();
     bridge.guard_against_the_core();
+    // A breakpoint stops the timer, which takes its outputs to their idle levels, and the watchdog.
+    DBGMCU.apb2fzr().modify(|freeze| freeze.set_tim1(true));
+    DBGMCU.apb1lfzr().modify(|freeze| freeze.set_iwdg(true));
     (bridge, peripherals)
 }
 
@@ -93,11 +99,7 @@ type Application = App<Flash<'static, Blocking>>;
 
 /// What is large goes to its place and leaves the stack.
 #[inline(never)]
-fn begin(
-    identity: Identity,
-    defaults: Settings,
-    flash: Flash<'static, Blocking>,
-) -> (Drive, &'static Application) {
+fn begin(identity: Identity, defaults: Settings, flash: Flash<'static, Blocking>) -> (Drive, &'static Application) {
     static MEMORY: StaticCell<Memory> = StaticCell::new();
     static APP: StaticCell<Application> = StaticCell::new();
     let memory = MEMORY.init_with(Memory::new);

@@ -145,7 +145,8 @@ mod tests {
         let mut cadence = Cadence::new(NonZeroU32::new(1000).unwrap());
         let mut now = u32::MAX - 2500;
         assert_eq!(cadence.lost(now), 0);
-        for (elapsed, lost) in [(1000, 0), (1400, 0), (600, 0), (2000, 1), (2400, 1), (3000, 2), (1, 0), (700_000, 255)] {
+        for (elapsed, lost) in [(1000, 0), (1400, 0), (600, 0), (2000, 1), (2400, 1), (3000, 2), (1, 0), (700_000, 255)]
+        {
             now = now.wrapping_add(elapsed);
             assert_eq!(cadence.lost(now), lost, "{elapsed}");
         }

@@ -236,7 +236,9 @@ impl<S: System> Machine<S> {
             Fault::Undefined => (USAGE, fault::UNDEFINSTR, "undefined instruction", None),
             Fault::InvalidState => (USAGE, fault::INVSTATE, "branch to an address without the Thumb bit", None),
             Fault::InvalidReturn => (USAGE, fault::INVPC, "wrong return from an exception", None),
-            Fault::NoCoprocessor => (USAGE, fault::NOCP, "floating-point instruction, but the FPU is off (CPACR)", None),
+            Fault::NoCoprocessor => {
+                (USAGE, fault::NOCP, "floating-point instruction, but the FPU is off (CPACR)", None)
+            }
             Fault::Unaligned => (USAGE, fault::UNALIGNED, "unaligned access", None),
             Fault::DivideByZero => (USAGE, fault::DIVBYZERO, "division by zero", None),
             Fault::Data(address) => {

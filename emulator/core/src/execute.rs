@@ -201,7 +201,8 @@ impl<S: System> Machine<S> {
                 self.set(rd, value);
             }
             Op::Sel { rd, rn, rm } => {
-                let mask = (0..4).filter(|lane| self.cpu.ge >> lane & 1 != 0).fold(0, |mask, lane| mask | 0xFF << (8 * lane));
+                let mask =
+                    (0..4).filter(|lane| self.cpu.ge >> lane & 1 != 0).fold(0, |mask, lane| mask | 0xFF << (8 * lane));
                 self.set(rd, self.reg(rn) & mask | self.reg(rm) & !mask);
             }
             Op::Saturating { kind, rd, rn, rm } => {

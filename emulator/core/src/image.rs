@@ -1,8 +1,8 @@
 //! The firmware file: what is flashed, and the way from an address back to function, file and line.
 
 use addr2line::Context as Lines;
-use gimli::{EndianRcSlice, RunTimeEndian};
 use anyhow::{Context, Result, bail, ensure};
+use gimli::{EndianRcSlice, RunTimeEndian};
 use object::{Object, ObjectSection, ObjectSegment, ObjectSymbol, SymbolKind};
 use serde::Serialize;
 use std::collections::BTreeMap;

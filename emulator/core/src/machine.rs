@@ -42,6 +42,7 @@ pub struct Listed {
 }
 
 /// A chip: the core, its RAM, and everything else as a [`System`].
+#[derive(Clone)]
 pub struct Machine<S> {
     /// Peripherals, board, motor.
     pub system: S,
@@ -254,9 +255,8 @@ impl<S: System> Machine<S> {
     fn wake_up(&mut self) {
         let Some(sleep) = self.cpu.sleep else { return };
         // PRIMASK does not keep an interrupt from waking the core (B1.5.17).
-        let wakes = self.nvic.first().is_some_and(|(_, priority)| {
-            self.nvic.group_of(priority) < self.masked_priority(false)
-        });
+        let wakes =
+            self.nvic.first().is_some_and(|(_, priority)| self.nvic.group_of(priority) < self.masked_priority(false));
         if wakes || sleep == Sleep::Event && std::mem::take(&mut self.cpu.event) {
             self.cpu.sleep = None;
             self.asleep += self.now - self.awake_since;
@@ -304,10 +304,7 @@ impl<S: System> Machine<S> {
     pub(crate) fn complain(&mut self, complaint: Complaint, address: u32, write: bool) {
         let first_s = self.system.seconds(self.now);
         let (pc, key) = (self.here, (self.here, address, write, complaint.clone()));
-        self.complaints
-            .entry(key)
-            .or_insert(Listed { complaint, pc, address, write, count: 0, first_s })
-            .count += 1;
+        self.complaints.entry(key).or_insert(Listed { complaint, pc, address, write, count: 0, first_s }).count += 1;
     }
 
     /// All wrong accesses so far.

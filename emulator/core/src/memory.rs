@@ -39,6 +39,7 @@ const FRESH: Decoded = Decoded { op: Op::Undefined, length: 0 };
 /// Stores mark code as changed by blocks of 64 bytes.
 const BLOCK: u32 = 6;
 
+#[derive(Clone)]
 pub struct Memory {
     pub map: Map,
     pub ram: Vec<u8>,

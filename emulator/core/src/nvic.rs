@@ -42,15 +42,7 @@ impl Nvic {
     pub fn new() -> Self {
         // Reset, NMI, HardFault, SVCall, PendSV and SysTick cannot be disabled; the other faults are by SHCSR.
         let enabled = one(NMI) | one(HARD_FAULT) | one(SVCALL) | one(PENDSV) | one(SYSTICK);
-        Nvic {
-            enabled,
-            pending: 0,
-            active: 0,
-            lines: 0,
-            priority: [0; 112],
-            system_priority: [0; 12],
-            group: 0,
-        }
+        Nvic { enabled, pending: 0, active: 0, lines: 0, priority: [0; 112], system_priority: [0; 12], group: 0 }
     }
 
     pub fn pend(&mut self, number: u16) {

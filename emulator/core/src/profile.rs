@@ -19,6 +19,8 @@ pub struct Activity {
     pub cycles: Range,
     /// From the ADC trigger that led to it, to its first instruction.
     pub after_trigger: Range,
+    #[serde(skip)]
+    entries: u64,
     /// Sum of the periods.
     #[serde(skip)]
     periods: Cycle,
@@ -28,12 +30,23 @@ pub struct Activity {
 }
 
 impl Activity {
+    /// How often it began.
+    pub fn count(&self) -> u64 {
+        self.entries
+    }
+
+    /// The trigger that led to the last one.
+    pub fn last_trigger(&self) -> Option<Cycle> {
+        self.last?.1
+    }
+
     /// Mean of the periods, cycles; not a number where there is none.
     pub fn mean_period(&self) -> f64 {
         self.periods as f64 / self.period.count as f64
     }
 }
 
+#[derive(Clone)]
 struct Frame {
     exception: u16,
     entered: Cycle,
@@ -43,7 +56,7 @@ struct Frame {
 }
 
 /// All of them.
-#[derive(Default)]
+#[derive(Clone, Default)]
 pub struct Profile {
     activities: BTreeMap<u16, Activity>,
     pending_since: BTreeMap<u16, Cycle>,
@@ -80,6 +93,7 @@ impl Profile {
         if let Some(since) = self.pending_since.remove(&exception) {
             activity.latency.add((now - since) as f64);
         }
+        activity.entries += 1;
         let last = activity.last.replace((now, trigger));
         if let Some((last, _)) = last {
             activity.period.add((now - last) as f64);

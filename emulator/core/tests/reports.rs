@@ -16,7 +16,11 @@ fn a_hard_fault_is_reported_with_function_and_line() {
     assert_eq!(fault.registers[0], 0x9000_0010);
     let place = image.place(fault.pc);
     assert_eq!(place.function, "hardfault::write_to");
-    assert!(image.source(fault.pc).iter().any(|line| line.starts_with("hardfault.rs:")), "{:?}", image.source(fault.pc));
+    assert!(
+        image.source(fault.pc).iter().any(|line| line.starts_with("hardfault.rs:")),
+        "{:?}",
+        image.source(fault.pc)
+    );
     let wrong: Vec<_> = machine.complaints().collect();
     assert_eq!(wrong.len(), 1);
     assert_eq!((&wrong[0].complaint, wrong[0].write, wrong[0].count), (&Complaint::Unmapped, true, 1));

@@ -1,5 +1,6 @@
 //! What a run came to: all figures, as JSON has them.
 
+use crate::angle::AngleError;
 use crate::session::{Session, explain};
 use anyhow::Result;
 use bus::{Facts, Range, ResetCause, System};
@@ -23,6 +24,8 @@ pub struct Outcome {
     pub handlers: Vec<Handler>,
     /// The stack.
     pub stack: Option<Stack>,
+    /// Of the drive's angle, where a script asked for telemetry.
+    pub angle_error: Option<AngleError>,
     /// What was seen at the pins.
     #[serde(flatten)]
     pub facts: Facts,
@@ -91,8 +94,12 @@ impl Outcome {
     /// Of a session so far.
     pub fn of(session: &Session) -> Outcome {
         let machine = &session.machine;
-        let handlers: Vec<_> =
-            machine.profile().activities().iter().map(|(&number, activity)| handler(session, number, activity)).collect();
+        let handlers: Vec<_> = machine
+            .profile()
+            .activities()
+            .iter()
+            .map(|(&number, activity)| handler(session, number, activity))
+            .collect();
         let control = session.control_exception();
         let wrong_accesses = machine.complaints().map(|listed| WrongAccess {
             what: listed.complaint.to_string(),
@@ -110,6 +117,7 @@ impl Outcome {
             control: handlers.iter().find(|handler| Some(handler.exception) == control).cloned(),
             handlers,
             stack: session.stack().map(|(size, used)| Stack { size, used }),
+            angle_error: session.angle_error(0.0..f64::INFINITY),
             facts: machine.system.facts(),
             wrong_accesses: wrong_accesses.collect(),
             faults: machine.faults.iter().map(|fault| explain(fault, &session.image)).collect(),

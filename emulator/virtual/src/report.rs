@@ -67,9 +67,16 @@ fn run(outcome: &Outcome) -> Vec<Vec<String>> {
     if let Some(stack) = outcome.stack {
         rows.push(row(["stack used".into(), format!("{} of {} bytes", stack.used, stack.size)]));
     }
+    if let Some(error) = outcome.angle_error {
+        let text = format!("{:.3}° RMS, {:.2}° at most, about {:.3}°", error.rms_deg, error.max_deg, error.mean_deg);
+        rows.push(row(["electrical angle in telemetry, error".into(), text]));
+    }
     if let Some(watchdog) = &facts.watchdog {
         let Range { min, max, count } = watchdog.interval_s;
-        rows.push(row(["watchdog".into(), format!("{:.1} ms, bit {} times", watchdog.timeout_s * 1e3, watchdog.bites)]));
+        rows.push(row([
+            "watchdog".into(),
+            format!("{:.1} ms, bit {} times", watchdog.timeout_s * 1e3, watchdog.bites),
+        ]));
         if count > 0 {
             rows.push(row(["fed after".into(), format!("{:.2} to {:.2} ms", min * 1e3, max * 1e3)]));
         }
@@ -81,7 +88,8 @@ fn run(outcome: &Outcome) -> Vec<Vec<String>> {
 }
 
 fn clocks(outcome: &Outcome) -> Vec<Vec<String>> {
-    let clocks = outcome.facts.clocks.iter().map(|clock| row([clock.name.clone(), format!("{:.6} MHz", clock.hz / 1e6)]));
+    let clocks =
+        outcome.facts.clocks.iter().map(|clock| row([clock.name.clone(), format!("{:.6} MHz", clock.hz / 1e6)]));
     std::iter::once(head(["clock", "frequency"])).chain(clocks).collect()
 }
 
@@ -109,7 +117,8 @@ fn legs(outcome: &Outcome) -> Vec<Vec<String>> {
             leg.shoot_through.to_string(),
         ])
     });
-    let head = head(["pins", "on by the timer", "on at the driver", "dead time rising", "dead time falling", "shoot-through"]);
+    let head =
+        head(["pins", "on by the timer", "on at the driver", "dead time rising", "dead time falling", "shoot-through"]);
     std::iter::once(head).chain(legs).collect()
 }
 
@@ -124,7 +133,9 @@ fn sampling(outcome: &Outcome) -> Vec<Vec<String>> {
             range(one.end_ns, "ns"),
         ])
     });
-    std::iter::once(head(["converter", "signal", "trigger", "samples from", "until", "converted"])).chain(rows).collect()
+    std::iter::once(head(["converter", "signal", "trigger", "samples from", "until", "converted"]))
+        .chain(rows)
+        .collect()
 }
 
 fn handlers(outcome: &Outcome) -> Vec<Vec<String>> {
@@ -146,9 +157,10 @@ fn handlers(outcome: &Outcome) -> Vec<Vec<String>> {
 }
 
 fn moe(outcome: &Outcome) -> Vec<Vec<String>> {
-    let edges = outcome.facts.moe.iter().map(|edge| {
-        row([format!("{:.6} s", edge.at_s), if edge.on { "on" } else { "off" }.into(), edge.by.clone()])
-    });
+    let edges =
+        outcome.facts.moe.iter().map(|edge| {
+            row([format!("{:.6} s", edge.at_s), if edge.on { "on" } else { "off" }.into(), edge.by.clone()])
+        });
     std::iter::once(head(["when", "bridge", "by"])).chain(edges).collect()
 }
 
@@ -158,7 +170,8 @@ pub fn text(outcome: &Outcome) -> String {
     for Section { title, rows } in sections(outcome) {
         text += &format!("\n{title}\n");
         let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
-        let width = |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
+        let width =
+            |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
         for row in &rows {
             let cells = (0..columns).filter_map(|column| {
                 let cell = row.get(column)?;
@@ -193,9 +206,16 @@ pub fn html(outcome: &Outcome, trace: &Trace) -> Result<String> {
         }
     }
     let lines = outcome.log.iter().map(|line| {
-        row([format!("{:.6} s", line.at_ns as f64 * 1e-9), line.level.clone(), line.message.clone(), line.place.clone()])
+        row([
+            format!("{:.6} s", line.at_ns as f64 * 1e-9),
+            line.level.clone(),
+            line.message.clone(),
+            line.place.clone(),
+        ])
     });
-    report.heading("Log").table(&std::iter::once(head(["time", "level", "message", "place"])).chain(lines).collect::<Vec<_>>());
+    report
+        .heading("Log")
+        .table(&std::iter::once(head(["time", "level", "message", "place"])).chain(lines).collect::<Vec<_>>());
     Ok(report.html())
 }
 

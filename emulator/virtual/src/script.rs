@@ -203,7 +203,8 @@ fn bytes(quoted: &str) -> Result<Vec<u8>, String> {
             Some(same @ ('"' | '\\')) => same as u8,
             Some('x') => {
                 let digits: String = rest.by_ref().take(2).collect();
-                u8::from_str_radix(&digits, 16).map_err(|_| format!("\\x takes two hexadecimal digits, not {digits:?}"))?
+                u8::from_str_radix(&digits, 16)
+                    .map_err(|_| format!("\\x takes two hexadecimal digits, not {digits:?}"))?
             }
             other => return Err(format!("unknown escape \\{}", other.map_or(String::new(), String::from))),
         });
@@ -263,7 +264,8 @@ mod tests {
     #[test]
     fn every_line_of_the_description_is_understood() {
         let text = include_str!("script.rs");
-        let described = text.lines().filter_map(|line| line.strip_prefix("//! ")).filter(|line| line.starts_with("at "));
+        let described =
+            text.lines().filter_map(|line| line.strip_prefix("//! ")).filter(|line| line.starts_with("at "));
         let steps: Vec<_> = described.map(only).collect();
         assert_eq!(steps.len(), 11);
         assert_eq!(steps[0], Action::Disturb(Disturbance::Hall(0, HallFault::Open)));

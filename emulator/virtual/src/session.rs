@@ -1,13 +1,15 @@
 //! One run of a virtual board.
 
+use crate::angle::{AngleError, Periods, error};
 use crate::script::{Action, Step};
 use anyhow::{Context, Result, bail};
 use bus::{Disturbance, ResetCause, System, Trace};
 use chip::{Board, Chip};
 use cortex::{FIRST_IRQ, FaultReport, Image, Log, LogLine, Machine, Map, PAINT, Rtt, Stop};
-use hallservo_protocol::{Answer, Decoder, Reply};
+use hallservo_protocol::{Answer, Decoder, Reply, Telemetry};
 use plant::PlantParameters;
 use std::collections::VecDeque;
+use std::rc::Rc;
 
 /// How often log, serial port and script are looked after, seconds of the board's time.
 const SLICE_S: f64 = 100e-6;
@@ -17,13 +19,16 @@ pub struct Session {
     /// Core and chip.
     pub machine: Machine<Chip>,
     /// The firmware's file.
-    pub image: Image,
+    pub image: Rc<Image>,
     /// What was logged so far, the script's steps and the drive's replies among it.
     pub lines: Vec<LogLine>,
     /// Resets, with seconds.
     pub resets: Vec<(f64, ResetCause)>,
     /// What the motor did.
     pub trace: Trace,
+    /// Telemetry that the drive was asked for.
+    pub telemetry: Vec<Telemetry>,
+    periods: Periods,
     board: &'static Board,
     rtt: Option<Rtt>,
     log: Option<Log>,
@@ -55,15 +60,39 @@ impl Session {
         Ok(Session {
             machine: Machine::new(chip, map),
             rtt: Rtt::find(&image),
-            image,
+            image: Rc::new(image),
             lines: Vec::new(),
             resets: Vec::new(),
             trace: Trace::default(),
+            telemetry: Vec::new(),
+            periods: Periods::default(),
             board,
             log,
             script: VecDeque::new(),
             replies: Decoder::new(),
             told_faults: 0,
+        })
+    }
+
+    /// The same board once more, to go another way from here; log, script and what was recorded so far stay with this one.
+    ///
+    /// # Errors
+    /// As [`Session::new`].
+    pub fn fork(&self) -> Result<Session> {
+        Ok(Session {
+            machine: self.machine.clone(),
+            image: Rc::clone(&self.image),
+            lines: Vec::new(),
+            resets: Vec::new(),
+            trace: Trace::default(),
+            telemetry: Vec::new(),
+            periods: self.periods,
+            board: self.board,
+            rtt: self.rtt,
+            log: Log::new(&self.image)?,
+            script: VecDeque::new(),
+            replies: Decoder::new(),
+            told_faults: self.told_faults,
         })
     }
 
@@ -117,6 +146,7 @@ impl Session {
         let trace = self.machine.system.take_trace();
         self.trace.names = trace.names;
         self.trace.rows.extend(trace.rows);
+        self.count_periods();
         Ok(sent)
     }
 
@@ -161,6 +191,21 @@ impl Session {
         self.machine.system.last_sampling().map(|(line, _)| line + FIRST_IRQ)
     }
 
+    fn count_periods(&mut self) {
+        let Some((line, sampled)) = self.machine.system.last_sampling() else { return };
+        let Some(activity) = self.machine.profile().activities().get(&(line + FIRST_IRQ)) else { return };
+        // Only where the handler of the last sampling has begun.
+        if activity.last_trigger() == Some(sampled) {
+            let period_s = activity.mean_period() / self.machine.system.hclk_hz();
+            self.periods = Periods { count: activity.count(), last_s: self.machine.system.seconds(sampled), period_s };
+        }
+    }
+
+    /// Error of the drive's angle in a span of time, from its telemetry.
+    pub fn angle_error(&self, span_s: core::ops::Range<f64>) -> Option<AngleError> {
+        error(&self.telemetry, &self.periods, &self.trace, span_s)
+    }
+
     fn read_log(&mut self) {
         let at_ns = self.now_ns();
         if let (Some(rtt), Some(log)) = (self.rtt, &mut self.log) {
@@ -173,7 +218,8 @@ impl Session {
         let at_ns = self.now_ns();
         for &byte in sent {
             match self.replies.push::<Reply>(byte) {
-                None | Some(Ok(Reply { answer: Answer::Telemetry(_), .. })) => {}
+                None => {}
+                Some(Ok(Reply { answer: Answer::Telemetry(frame), .. })) => self.telemetry.push(frame),
                 Some(Ok(reply)) => self.lines.push(note(at_ns, "REPLY", format!("#{} {:?}", reply.id, reply.answer))),
                 Some(Err(error)) => self.lines.push(note(at_ns, "REPLY", format!("not understood: {error:?}"))),
             }
@@ -203,6 +249,12 @@ pub fn explain(fault: &FaultReport, image: &Image) -> String {
     let mut text = format!("{}: {}", fault.exception, fault.what);
     if let Some(address) = fault.address {
         text += &format!(" ({address:#010x})");
+    }
+    if let (Some(bottom), Some(top)) = (image.symbol("_stack_end"), image.symbol("_stack_start"))
+        && fault.registers[13] < bottom
+    {
+        let over = bottom - fault.registers[13];
+        text += &format!("; stack overflow, {over} bytes more than the {} there are", top - bottom);
     }
     text += &format!(", at {:#010x} {}", fault.pc, image.place(fault.pc));
     let inlined = image.source(fault.pc);

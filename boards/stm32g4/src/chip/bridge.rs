@@ -1,62 +1,15 @@
 //! The bridge: TIM1 and its pins.
 
-use crate::registers::clock::HCLK_HZ;
-use crate::registers::timer::{self, Break, Gates};
+use crate::registers::timer::{self, Gates};
+use crate::wiring::Wiring;
 use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
 use embassy_stm32::pac::timer::regs;
 use embassy_stm32::pac::{RCC, SYSCFG, TIM1};
 use hallservo::commutation::{Legs, Output};
 
-/// How TIM1 is wired to the gate drivers.
-pub struct Wiring {
-    /// Outputs, and the break input if it is a pin: port, number, alternate function.
-    pub pins: &'static [(Gpio, usize, u8)],
-    /// Which levels switch transistors on.
-    pub gates: Gates,
-    /// From one transistor's off to the other's on, at least, in nanoseconds.
-    pub dead_time_ns: u32,
-    /// Switching frequency.
-    pub pwm_hz: u32,
-    /// What switches the bridge off without code.
-    pub source: Break,
-    /// How long a break is taken for noise, at most, in nanoseconds.
-    pub noise_ns: u32,
-    /// From the trigger of the ADCs to the valley, in ticks.
-    pub lead: u32,
-}
-
-impl Wiring {
-    /// Counts of half a period.
-    pub const fn period(&self) -> u16 {
-        timer::auto_reload(HCLK_HZ, self.pwm_hz)
-    }
-
-    /// Dead time as a field of BDTR.
-    const fn dead_time_field(&self) -> u8 {
-        timer::dead_time_field(timer::ticks(HCLK_HZ, self.dead_time_ns) as u16).expect("a dead time of 1 to 1008 ticks")
-    }
-
-    /// Dead time as it is, in ticks.
-    pub const fn dead_time_ticks(&self) -> u16 {
-        timer::dead_time_ticks(self.dead_time_field())
-    }
-
-    /// The same in seconds.
-    pub const fn dead_time_s(&self) -> f32 {
-        self.dead_time_ticks() as f32 / HCLK_HZ as f32
-    }
-
-    /// From an input that is held so many ticks after the trigger to the middle of the period that acts on it, in periods: a period
-    /// and a half from the valley.
-    pub const fn delay_periods(&self, held: u32) -> f32 {
-        1.5 + (self.lead as f32 - held as f32) / (2.0 * self.period() as f32)
-    }
-
-    const fn bdtr(&self) -> u32 {
-        timer::bdtr(self.dead_time_field(), self.source, timer::break_filter(timer::ticks(HCLK_HZ, self.noise_ns)))
-    }
-}
+/// A pin that TIM1 drives or watches: port, number, alternate function.
+pub type Pin = (Gpio, usize, u8);
 
 /// TIM1 as it drives the bridge.
 pub struct Bridge {
@@ -73,7 +26,7 @@ pub struct Bridge {
 impl Bridge {
     /// Sets everything up, off: all pins at the levels at which the transistors do not conduct, and the break armed. To be
     /// called before anything else: it needs no clock but the one out of reset.
-    pub fn new(wiring: &Wiring) -> Self {
+    pub fn new(wiring: &Wiring, pins: &[Pin]) -> Self {
         RCC.apb2enr().modify(|enable| {
             enable.set_tim1en(true);
             enable.set_syscfgen(true);
@@ -98,7 +51,7 @@ impl Bridge {
         TIM1.af1().write_value(regs::Af1Adv(timer::af1(wiring.source)));
         TIM1.egr().write_value(regs::EgrAdv(timer::EGR_UPDATE | timer::EGR_COMMUTATE));
         TIM1.bdtr().write_value(regs::BdtrAdv(wiring.bdtr()));
-        for &(port, pin, function) in wiring.pins {
+        for &(port, pin, function) in pins {
             port.afr(pin / 8).modify(|afr| afr.set_afr(pin % 8, function));
             port.ospeedr().modify(|speed| speed.set_ospeedr(pin, Ospeedr::HIGH_SPEED));
             port.moder().modify(|mode| mode.set_moder(pin, Moder::ALTERNATE));

@@ -1,8 +1,8 @@
 //! The control interrupt.
 
 use crate::chip::bridge::Bridge;
-use crate::sensing::{Cadence, FULL_SCALE};
 use crate::chip::{Board, converters};
+use crate::sensing::{Cadence, FULL_SCALE};
 use core::cell::UnsafeCell;
 use core::num::NonZeroU32;
 use cortex_m::peripheral::{DWT, NVIC};

@@ -45,8 +45,7 @@ pub enum Sampling {
 }
 
 impl Sampling {
-    const ALL: [Self; 5] =
-        [Self::Cycles6_5, Self::Cycles12_5, Self::Cycles24_5, Self::Cycles47_5, Self::Cycles92_5];
+    const ALL: [Self; 5] = [Self::Cycles6_5, Self::Cycles12_5, Self::Cycles24_5, Self::Cycles47_5, Self::Cycles92_5];
 
     /// In ticks of TIM1.
     pub const fn ticks(self) -> u32 {
@@ -151,8 +150,12 @@ mod tests {
     use super::*;
     use Sampling::*;
 
-    const SEQUENCE: Sequence =
-        Sequence(&[Rank::new(3, Cycles12_5), Rank::new(12, Cycles12_5), Rank::new(14, Cycles24_5), Rank::new(5, Cycles47_5)]);
+    const SEQUENCE: Sequence = Sequence(&[
+        Rank::new(3, Cycles12_5),
+        Rank::new(12, Cycles12_5),
+        Rank::new(14, Cycles24_5),
+        Rank::new(5, Cycles47_5),
+    ]);
 
     #[test]
     fn sequence_and_trigger() {

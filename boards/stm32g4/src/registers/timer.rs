@@ -209,9 +209,16 @@ mod tests {
     #[test]
     fn dead_time_as_in_the_manuals_example() {
         // RM0440, 28.6.20: with t_DTS = 125 ns, 0 to 15875 ns by 125, 16 to 31750 ns by 250, 32 to 63 µs by 1 µs, 64 to 126 µs by 2.
-        for (field, nanoseconds) in
-            [(0, 0), (127, 15_875), (0x80, 16_000), (0xBF, 31_750), (0xC0, 32_000), (0xDF, 63_000), (0xE0, 64_000), (0xFF, 126_000)]
-        {
+        for (field, nanoseconds) in [
+            (0, 0),
+            (127, 15_875),
+            (0x80, 16_000),
+            (0xBF, 31_750),
+            (0xC0, 32_000),
+            (0xDF, 63_000),
+            (0xE0, 64_000),
+            (0xFF, 126_000),
+        ] {
             assert_eq!(u32::from(dead_time_ticks(field)) * 125, nanoseconds);
         }
         // 800 ns at 170 MHz are 136 ticks: 10 000100.

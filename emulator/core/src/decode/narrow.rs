@@ -83,8 +83,7 @@ fn immediate(h: u32) -> Op {
 
 fn register(h: u32) -> Op {
     let (rd, rm) = (low(h, 0), low(h, 3));
-    let alu =
-        |op| Op::Reg { op, set: Set::OutsideIt, shift: Shift::Lsl, amount: 0, rd, rn: rd, rm };
+    let alu = |op| Op::Reg { op, set: Set::OutsideIt, shift: Shift::Lsl, amount: 0, rd, rn: rd, rm };
     let test = |op| Op::Reg { op, set: Set::Yes, shift: Shift::Lsl, amount: 0, rd, rn: rd, rm };
     let shift = |shift| Op::ShiftReg { shift, set: Set::OutsideIt, rd, rn: rd, rm };
     match bits(h, 9, 6) {

@@ -1,9 +1,7 @@
 //! 32-bit encodings, A5.3. `h` is the first half-word, `l` the second.
 
 use super::{bit, bits, float, reg, sign_extend};
-use crate::op::{
-    Alu, Bits, Cell, Dsp, DspLong, Extend, Hint, Index, Lane, Lanes, Long, Op, Saturating, Set, Shift,
-};
+use crate::op::{Alu, Bits, Cell, Dsp, DspLong, Extend, Hint, Index, Lane, Lanes, Long, Op, Saturating, Set, Shift};
 
 pub fn decode(h: u32, l: u32) -> Option<Op> {
     let op2 = bits(h, 10, 4);

@@ -1,5 +1,8 @@
 //! A chip that is nothing but flash, and the small firmwares on it and in QEMU.
 
+// Not every test and example uses all of it.
+#![allow(dead_code)]
+
 use bus::{Complaint, Cycle, Disturbance, Facts, ResetCause, System, Trace, Width};
 use cortex::{Image, Machine, Map, Stop};
 use std::path::{Path, PathBuf};

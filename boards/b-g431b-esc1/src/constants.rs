@@ -1,0 +1,86 @@
+//! Constants, with reasons. Schematic: MB1419.
+
+use hallservo::commutation::Commutation;
+use hallservo::control::settings::{GuardSettings, Settings as Control, Thermistor};
+use hallservo::settings::Settings;
+use stm32g4::registers::adc::{Rank, Sampling, Sequence};
+use stm32g4::registers::clock::HCLK_HZ;
+use stm32g4::registers::timer::{Active, Break, Gates};
+use stm32g4::wiring::Wiring;
+
+/// Each shunt, of 3 mΩ, feeds its op-amp through 1.5 kΩ against 2.2 kΩ to ground and 22 kΩ to 3.3 V: 4/7 of its voltage, and
+/// 128.6 mV. Sixteen times that is 27.4 mV/A.
+const VOLTS_PER_AMPERE: f32 = 0.003 * 16.0 * 4.0 / 7.0;
+/// Code of an op-amp without current: 16 · 128.6 mV of 3.3 V. The drive measures what it is exactly.
+pub const ZERO: u16 = 2553;
+
+/// The comparators see the op-amps' inputs: 128.6 mV and 1.714 mV/A. 60 A, half as much again as the board is made for: they are to
+/// stop a short circuit, the drive stops a current that is too large. In microvolts.
+pub const TRIP_UV: u32 = 128_600 + 60 * 1714;
+
+/// Op-amps and Hall sensors are strong sources; the longer of the short times, as 6.5 cycles leave 2 kΩ to them.
+const SHORT: Sampling = Sampling::Cycles12_5;
+/// 169 kΩ and 18 kΩ: 16.3 kΩ.
+const BUS: Sampling = Sampling::from_source(16_300);
+
+/// U, W, Hall 3, temperature.
+pub const FIRST: Sequence =
+    Sequence(&[Rank::new(3, SHORT), Rank::new(12, SHORT), Rank::new(14, SHORT), Rank::new(5, BUS)]);
+/// V, Hall 1, Hall 2, bus.
+pub const SECOND: Sequence =
+    Sequence(&[Rank::new(3, SHORT), Rank::new(17, SHORT), Rank::new(5, SHORT), Rank::new(1, BUS)]);
+
+/// U and V are held as long before the valley as W after it.
+const LEAD: u32 = (FIRST.held(0) + FIRST.held(1)) / 2;
+/// Hall 1 is held 588 ns before the others: two ADCs cannot hold three at once.
+pub const EARLY: u32 = FIRST.held(2) - SECOND.held(1);
+const _: () = assert!(FIRST.held(2) == SECOND.held(2) && FIRST.done() >= SECOND.done());
+
+/// The way to the gate drivers.
+pub const BRIDGE: Wiring = Wiring {
+    // L6387: both inputs active high.
+    gates: Gates { upper: Active::High, lower: Active::High },
+    // The L6387 refuses to switch both on, but makes no dead time: 110 and 105 ns of delay, 69 + 42 ns of the STL180N6F7 to switch
+    // off, and gate resistors. ST's own firmware takes 800 ns.
+    dead_time_ns: 800,
+    // Not to be heard, and little loss by switching.
+    pwm_hz: 20_000,
+    // COMP1, COMP2, COMP4.
+    source: Break::Comparators(0b1011),
+    // The longest there is: switching shows at the shunts.
+    noise_ns: 1506,
+    lead: LEAD,
+};
+
+/// What a drive on this board starts with.
+pub fn settings() -> Settings {
+    Settings {
+        timer_hz: HCLK_HZ as f32,
+        pwm_hz: BRIDGE.pwm_hz as f32,
+        dead_time_s: BRIDGE.dead_time_s(),
+        // Two thirds of a microsecond to either side, and 1.4 for the op-amps to settle.
+        sampling_window_s: 4e-6,
+        delay_periods: BRIDGE.delay_periods(FIRST.held(2)),
+        commutation: Commutation::FieldOriented,
+        max_electrical_hz: 1000.0,
+        calibration_record_hz: BRIDGE.pwm_hz as f32,
+        control: Some(Control {
+            current_full_scale_a: 1.65 / VOLTS_PER_AMPERE,
+            // 169 kΩ and 18 kΩ.
+            bus_full_scale_v: 3.3 * 187.0 / 18.0,
+            guard: GuardSettings {
+                under_voltage_v: 7.0,
+                // Six lithium cells, and something for braking.
+                over_voltage_v: 28.0,
+                // 1 % of the resistors is 1.5 A.
+                offset_a: 3.0,
+                imbalance_a: 3.0,
+                // To 3.3 V, against 4.7 kΩ to ground.
+                bridge: Thermistor { pull_up_ohm: 4700.0, beta_k: 3425.0, ..Thermistor::ntc_10k(80.0, 100.0) },
+                ..GuardSettings::default()
+            },
+            ..Control::default()
+        }),
+        ..Settings::default()
+    }
+}

@@ -1,0 +1,54 @@
+//! How a board drives its bridge.
+
+use crate::registers::clock::HCLK_HZ;
+use crate::registers::timer::{self, Break, Gates};
+
+/// What TIM1 has to know of the board.
+#[derive(Clone, Copy, Debug)]
+pub struct Wiring {
+    /// Which levels switch transistors on.
+    pub gates: Gates,
+    /// From one transistor's off to the other's on, at least, in nanoseconds.
+    pub dead_time_ns: u32,
+    /// Switching frequency.
+    pub pwm_hz: u32,
+    /// What switches the bridge off without code.
+    pub source: Break,
+    /// How long a break is taken for noise, at most, in nanoseconds.
+    pub noise_ns: u32,
+    /// From the trigger of the ADCs to the valley, in ticks.
+    pub lead: u32,
+}
+
+impl Wiring {
+    /// Counts of half a period.
+    pub const fn period(&self) -> u16 {
+        timer::auto_reload(HCLK_HZ, self.pwm_hz)
+    }
+
+    /// Dead time as a field of BDTR.
+    const fn dead_time_field(&self) -> u8 {
+        timer::dead_time_field(timer::ticks(HCLK_HZ, self.dead_time_ns) as u16).expect("a dead time of 1 to 1008 ticks")
+    }
+
+    /// Dead time as it is, in ticks.
+    pub const fn dead_time_ticks(&self) -> u16 {
+        timer::dead_time_ticks(self.dead_time_field())
+    }
+
+    /// The same in seconds.
+    pub const fn dead_time_s(&self) -> f32 {
+        self.dead_time_ticks() as f32 / HCLK_HZ as f32
+    }
+
+    /// From an input that is held so many ticks after the trigger to the middle of the period that acts on it, in periods: a period
+    /// and a half from the valley.
+    pub const fn delay_periods(&self, held: u32) -> f32 {
+        1.5 + (self.lead as f32 - held as f32) / (2.0 * self.period() as f32)
+    }
+
+    /// TIM1_BDTR.
+    pub const fn bdtr(&self) -> u32 {
+        timer::bdtr(self.dead_time_field(), self.source, timer::break_filter(timer::ticks(HCLK_HZ, self.noise_ns)))
+    }
+}

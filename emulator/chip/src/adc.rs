@@ -129,6 +129,8 @@ pub struct Adc {
     put_off: Option<usize>,
     /// Someone reads the injected data.
     pub read: bool,
+    /// Who reads late has an excuse, and nobody minds.
+    pub excused: bool,
     /// Triggers of the injected sequence, and those that came while it ran.
     pub triggers: u64,
     /// Triggers that came too early.
@@ -166,6 +168,7 @@ impl Adc {
             run: None,
             put_off: None,
             read: false,
+            excused: false,
             triggers: 0,
             missed: 0,
             complaint: None,
@@ -360,7 +363,7 @@ impl Adc {
             channel: done.channel,
             instants: [run.triggered, done.starts, done.holds, done.ends],
             last,
-            unread: unread && self.read,
+            unread: unread && self.read && !self.excused,
         })
     }
 

@@ -94,6 +94,8 @@ pub struct Chip {
     pub(crate) held_v: [f64; 5],
     pub(crate) wanted_reset: Option<ResetCause>,
     pub(crate) stall_s: f64,
+    /// Until then, flash operations hold the core, and its handlers catch up.
+    pub(crate) held_until: f64,
     pub(crate) last_sampling: Option<(u16, Cycle)>,
 }
 
@@ -139,6 +141,7 @@ impl Chip {
             held_v: [0.0; 5],
             wanted_reset: None,
             stall_s: 0.0,
+            held_until: 0.0,
             last_sampling: None,
         };
         chip.distribute_clocks(0);
@@ -324,6 +327,7 @@ impl Chip {
 
     fn fire_adc(&mut self, index: usize) {
         let at = self.adcs[index].next();
+        self.adcs[index].excused = self.excuses(at);
         match self.adcs[index].fire() {
             Due::Internal => {}
             Due::Hold { channel, sampled } => {
@@ -349,6 +353,11 @@ impl Chip {
         if let Some(complaint) = self.adcs[index].take_complaint() {
             self.record.find(self.time.seconds(at), complaint);
         }
+    }
+
+    /// While a flash operation holds the core and the bridge is off, nobody misses what is converted.
+    pub(crate) fn excuses(&self, at: f64) -> bool {
+        !self.timers[0].moe() && at <= self.held_until
     }
 
     fn record_trigger(&mut self, index: usize) {

@@ -55,7 +55,10 @@ impl Chip {
             Block::Timer(index) => self.timers[index].read(offset, now),
             Block::Usart(index) => self.usarts[index].read(offset),
             Block::Adc(group) => match self.converter(group, offset) {
-                Some(index) => self.adcs[index].read(offset & 0xff),
+                Some(index) => {
+                    self.adcs[index].excused = self.excuses(now as f64);
+                    self.adcs[index].read(offset & 0xff)
+                }
                 None if offset >= 0x300 => {
                     let flags = [0, 1].map(|k| self.adcs.get(2 * group + k).map_or(0, Adc::flags));
                     self.commons[group].read(offset - 0x300, flags)
@@ -220,6 +223,10 @@ impl Chip {
 
     pub(crate) fn begin(&mut self, begun: Begun, now_s: f64) {
         self.stall_s += begun.stall_s;
+        if begun.stall_s > 0.0 {
+            let catching_up = 2 * self.timers[0].period();
+            self.held_until = self.time.cycle(now_s + begun.stall_s) + catching_up as f64;
+        }
         if begun.power_cut {
             self.record.events.push((now_s, "the power goes in the middle of a flash operation".into()));
             self.wanted_reset = Some(ResetCause::PowerOn);

@@ -193,6 +193,39 @@ fn data_that_nobody_fetches_is_counted() {
     bench.run(10 * PERIOD);
     let unread = bench.chip.facts().unread_sequences;
     assert!((9..=10).contains(&unread), "{unread}");
+    // A flash operation holds the core: no excuse while the bridge is on.
+    for on in [true, false] {
+        if !on {
+            let bdtr = bench.read(TIM1 + 0x44);
+            bench.write(TIM1 + 0x44, bdtr & !(1 << 15));
+        }
+        if on {
+            bench.write(common::FLASH + 0x08, 0x4567_0123);
+            bench.write(common::FLASH + 0x08, 0xcdef_89ab);
+        }
+        bench.jdr(0, 0);
+        bench.write(common::FLASH + 0x14, 1 << 1 | 9 << 3 | 1 << 16);
+        let before = bench.chip.facts().unread_sequences;
+        let stall = bench.chip.take_stall();
+        bench.run(stall);
+        assert_eq!(bench.chip.facts().unread_sequences > before, on);
+    }
+    // Fetched too early is found, once the core is free.
+    bench.run(3 * PERIOD);
+    bench.write(common::ADC[0], 0x60);
+    bench.run_seeing(2 * PERIOD, |chip, now| {
+        if chip.interrupts() >> 18 & 1 != 0 {
+            chip.read(common::ADC[0] + 0x80, bus::Width::Word, now);
+            chip.write(common::ADC[0], bus::Width::Word, 0x60, now);
+        }
+    });
+    assert_eq!(bench.chip.facts().findings, []);
+    for _ in 0..40 {
+        bench.run(PERIOD / 40);
+        bench.jdr(0, 0);
+    }
+    bench.run(PERIOD);
+    assert_eq!(bench.chip.facts().findings[0].1, "ADC1: JDR1 is read while its rank converts");
 }
 
 #[test]

@@ -35,7 +35,7 @@ impl Adc {
         self.read = true;
         self.unread[rank] = false;
         // Not a complaint that could carry the value, so the record takes it.
-        if self.run.is_some_and(|run| run.injected && run.now.rank <= rank) {
+        if !self.excused && self.run.is_some_and(|run| run.injected && run.now.rank <= rank) {
             let name = self.name;
             self.complaint.get_or_insert_with(|| format!("{name}: JDR{} is read while its rank converts", rank + 1));
         }

@@ -272,9 +272,10 @@ impl Estimator {
     #[inline(never)]
     fn explain(&self, codes: &Codes, otherwise: Implausible) -> Implausible {
         let mut first = otherwise;
-        for channel in [2, 1, 0] {
-            if !self.windows[channel].contains(codes[channel]) {
-                first = Window::explain(Channel(channel as u8), codes[channel], self.adc_bits);
+        // Without an index: compiled for size, the compiler would not see that it is in range.
+        for (channel, (window, &code)) in self.windows.iter().zip(codes).enumerate().rev() {
+            if !window.contains(code) {
+                first = Window::explain(Channel(channel as u8), code, self.adc_bits);
             }
         }
         first

@@ -196,9 +196,9 @@ mod tests {
             let field = dead_time_field(ticks).unwrap();
             let made = dead_time_ticks(field);
             let step = match ticks {
-                ..=127 => 1,
-                ..=254 => 2,
-                ..=504 => 8,
+                1..=127 => 1,
+                128..=254 => 2,
+                255..=504 => 8,
                 _ => 16,
             };
             assert!(made >= ticks && made < ticks + step, "{ticks}: {made}");

@@ -302,7 +302,7 @@ impl<S: System> Machine<S> {
             Dsp::Smlaxy { x, y } => accumulate + wide(x, y),
             Dsp::Smlad { exchange } => accumulate + wide(false, exchange) + wide(true, !exchange),
             Dsp::Smlsd { exchange } => accumulate + wide(false, exchange) - wide(true, !exchange),
-            Dsp::Smlaw { top } => accumulate + (i64::from(n as i32) * i64::from(alu::half(m, top)) >> 16),
+            Dsp::Smlaw { top } => accumulate + ((i64::from(n as i32) * i64::from(alu::half(m, top))) >> 16),
             Dsp::Smmla { round } | Dsp::Smmls { round } => {
                 let product = i64::from(n as i32) * i64::from(m as i32);
                 let base = accumulate << 32;

@@ -156,7 +156,7 @@ fn to_half(bits: u32) -> u16 {
     let exponent = ((bits >> 23 & 0xFF) as i32 - 127).max(-14);
     let units = (f64::from(magnitude) * 2f64.powi(10 - exponent)).round_ties_even() as u16;
     // 1024 units are the hidden bit, which counts the exponent up by one; a carry out of the fraction does the same.
-    sign | (((exponent + 14) as u16) << 10) + units
+    sign | ((((exponent + 14) as u16) << 10) + units)
 }
 
 impl<S: System> Machine<S> {

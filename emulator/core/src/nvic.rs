@@ -80,7 +80,7 @@ impl Nvic {
 
     /// The part of a priority that pre-empts.
     pub fn group_of(&self, priority: i32) -> i32 {
-        if priority < 0 || priority >= THREAD { priority } else { priority & !((2 << self.group) - 1) }
+        if (0..THREAD).contains(&priority) { priority & !((2 << self.group) - 1) } else { priority }
     }
 
     /// The pre-empting priority that executes, without masks.

@@ -30,7 +30,7 @@ pub(crate) const SETTLED: u32 = 5;
 /// Everything in the tasks' hands.
 pub(crate) struct Supervisor<F> {
     pub identity: Identity,
-    pub service: Service,
+    pub service: &'static mut Service,
     pub history: History,
     pub defaults: Settings,
     pub settings: Settings,
@@ -48,13 +48,13 @@ pub(crate) struct Supervisor<F> {
     sensors: Option<Sensors>,
     /// The drive has to be given their model.
     install: bool,
-    learning: Learning,
+    learning: &'static mut Learning,
     /// Of the cogging.
     table: Option<Table>,
     /// The drive has to be given it, or told to do without.
     balance: bool,
     balanced: bool,
-    procedure: Option<Procedure>,
+    procedure: &'static mut Option<Procedure>,
     pub calibration: Calibration,
     pub identification: protocol::Procedure<'static, Motor>,
     pub cogging: protocol::Procedure<'static, Cogging>,
@@ -91,9 +91,10 @@ impl<F: NorFlash> Supervisor<F> {
         let table = saving.table(settings.full_scale_a());
         let stored = [sensors.err().unwrap_or_default(), table.err().unwrap_or_default(), settings_problem];
         let (sensors, table) = (sensors.ok(), table.ok());
-        let Memory { channels, estimators: [first, second], tables, config: spare } = memory;
+        let Memory { channels, estimators: [first, second], tables, config: spare, service, procedure, learning } =
+            memory;
         let (interrupt, tasks) = channels.split();
-        let mut service = Service::new(config, tasks, [first, second]);
+        let service = service.insert(Service::new(config, tasks, [first, second]));
         for table in tables {
             service.lend(table);
         }
@@ -113,11 +114,11 @@ impl<F: NorFlash> Supervisor<F> {
             learnt_saved_ms: None,
             sensors,
             install: sensors.is_some(),
-            learning: Learning::default(),
+            learning,
             balance: table.is_some(),
             table,
             balanced: false,
-            procedure: None,
+            procedure,
             calibration: Calibration::None,
             identification: protocol::Procedure::None,
             cogging: protocol::Procedure::None,
@@ -150,7 +151,7 @@ impl<F: NorFlash> Supervisor<F> {
         self.since_command = self.since_command.saturating_add(1);
         let torque_nm = self.take_measurements();
         while let Some(event) = self.service.poll() {
-            if let Some(procedure) = &mut self.procedure {
+            if let Some(procedure) = self.procedure {
                 procedure.event(&event);
             }
             self.on(event, torque_nm);
@@ -171,7 +172,7 @@ impl<F: NorFlash> Supervisor<F> {
             sum += measure::current_a(control, self.settings.drive.reversed, &measurement)[1];
             count += 1.0;
             self.measurement = Some(measurement);
-            if let Some(procedure) = &mut self.procedure {
+            if let Some(procedure) = self.procedure {
                 procedure.measurement(&measurement);
             }
         }
@@ -263,7 +264,7 @@ impl<F: NorFlash> Supervisor<F> {
         if let Some(sensors) = &mut self.sensors {
             if self.install {
                 self.install = self.service.install(&sensors.model).is_err();
-            } else if let Some(model) = self.learning.publish(&mut self.service, self.settings.drive.run_on_two_halls) {
+            } else if let Some(model) = self.learning.publish(self.service, self.settings.drive.run_on_two_halls) {
                 sensors.model = model;
             }
         }
@@ -292,20 +293,20 @@ impl<F: NorFlash> Supervisor<F> {
             Activity::Identification => self.identification = protocol::Procedure::Turning,
             _ => self.cogging = protocol::Procedure::Turning,
         }
-        self.procedure = Some(procedure);
+        *self.procedure = Some(procedure);
         Ok(())
     }
 
     /// Ends a procedure; the bridge is to be switched off beside.
     pub fn cancel(&mut self) {
-        if let Some(procedure) = &mut self.procedure {
+        if let Some(procedure) = self.procedure {
             procedure.cancel();
         }
     }
 
     #[inline(never)]
     fn proceed(&mut self) {
-        let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(&mut self.service, self.now_ms as u32)) else {
+        let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(self.service, self.now_ms as u32)) else {
             return;
         };
         match outcome {
@@ -334,7 +335,7 @@ impl<F: NorFlash> Supervisor<F> {
                 self.balance = true;
             }
         }
-        self.procedure = None;
+        *self.procedure = None;
     }
 
     /// Whether the cogging has been learnt.
@@ -401,7 +402,7 @@ impl<F: NorFlash> Supervisor<F> {
 
     /// What goes on that takes a while.
     pub fn activity(&self) -> Activity {
-        match &self.procedure {
+        match &*self.procedure {
             Some(procedure) => procedure.activity(),
             None if self.calibration == Calibration::Turning => Activity::Calibration,
             // The drive takes up what was found.

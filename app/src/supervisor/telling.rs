@@ -82,7 +82,7 @@ impl<F: NorFlash> Supervisor<F> {
             bus_v: measure::bus_v(drive, self.sensed),
             temperatures_c: measure::temperatures_c(drive, self.sensed),
             activity,
-            progress: match &self.procedure {
+            progress: match &*self.procedure {
                 Some(procedure) => procedure.progress(),
                 None if activity == Activity::Calibration => self.service.progress(),
                 None => 0.0,

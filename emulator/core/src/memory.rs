@@ -4,12 +4,12 @@ use crate::decode;
 use crate::op::Op;
 use bus::System;
 
-/// Where the RAM is. Flash is at [`FLASH`] and again at 0, as long as the system says.
+/// Where the RAM is. Flash is at `0x0800_0000` and again at 0.
 #[derive(Clone, Copy, Debug)]
 pub struct Map {
-    /// Bytes of RAM from [`RAM`] on: SRAM1, SRAM2 and CCM SRAM in one piece (RM0440, 2.2).
+    /// Bytes of RAM from `0x2000_0000` on: SRAM1, SRAM2 and CCM SRAM in one piece (RM0440, 2.2).
     pub ram: u32,
-    /// Of these, the last ones are the CCM SRAM, which is at [`CCM`] as well.
+    /// Of these, the last ones are the CCM SRAM, which is at `0x1000_0000` as well.
     pub ccm: u32,
 }
 

@@ -115,7 +115,7 @@ impl Session {
         (self.seconds() * 1e9) as u64
     }
 
-    /// Runs for [`SLICE_S`], less where the end or a step of the script comes first. Returns what the firmware has sent.
+    /// Runs for 100 µs, less where the end or a step of the script comes first. Returns what the firmware has sent.
     ///
     /// # Errors
     /// A step of the script that the board cannot do.

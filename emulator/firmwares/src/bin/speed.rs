@@ -15,11 +15,11 @@ fn main() -> ! {
     let mut table = [0i32; 64];
     let (mut angle, mut gain) = (1i32, 0.5f32);
     loop {
-        for index in 0..table.len() {
+        for place in &mut table {
             angle = angle.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-            let product = i64::from(angle) * i64::from(table[index] | 1) >> 31;
-            table[index] = if product & 4 != 0 { product as i32 } else { angle >> 3 };
-            gain = 0.99 * gain + 0.01 * (table[index] as f32);
+            let product = i64::from(angle) * i64::from(*place | 1);
+            *place = if product & 4 != 0 { (product >> 31) as i32 } else { angle >> 3 };
+            gain = 0.99 * gain + 0.01 * (*place as f32);
         }
         black_box((&table, gain));
     }

@@ -72,7 +72,7 @@ impl Bench {
             (f64::from(pole_pairs) * (torque_nm + unknown_nm) - damping_nms * self.speed_rad_s) / inertia_kgm2;
         self.angle_rad = wrapped(self.angle_rad + period_s * (self.speed_rad_s + 0.5 * period_s * acceleration));
         self.speed_rad_s += period_s * acceleration;
-        self.halls.advance(Phasor::new(self.angle_rad), &self.currents_a);
+        self.halls.advance(Phasor::new(self.angle_rad), &self.currents_a, period_s);
         self.halls.volts(&mut self.noise).map(|volts| self.adc.code(volts))
     }
 

@@ -156,10 +156,29 @@ struct Hall {
 /// First-order lag whose input is taken to run straight from sample to sample.
 #[derive(Clone, Copy, Debug)]
 struct Lag {
-    /// Time constant over period.
+    time_constant_s: f64,
+    /// The span that comes up most, what is kept of a deviation over it, and the time constant over it.
+    usual_s: f64,
     relative: f64,
     kept: f64,
     input: f64,
+}
+
+impl Lag {
+    fn new(bandwidth_hz: f64, usual_s: f64) -> Self {
+        let time_constant_s = 1.0 / (core::f64::consts::TAU * bandwidth_hz);
+        let relative = time_constant_s / usual_s;
+        Self { time_constant_s, usual_s, relative, kept: libm::exp(-1.0 / relative), input: 0.0 }
+    }
+
+    /// Time constant over this span, and what is kept over it.
+    fn over(&self, span_s: f64) -> (f64, f64) {
+        if span_s == self.usual_s {
+            return (self.relative, self.kept);
+        }
+        let relative = self.time_constant_s / span_s;
+        (relative, libm::exp(-1.0 / relative))
+    }
 }
 
 impl Hall {
@@ -170,10 +189,7 @@ impl Hall {
             placement: Phasor::new(-phase_rad - parameters.placement_rad),
             offset_v: parameters.offset_v,
             amplitude_v: parameters.amplitude_v,
-            lag: parameters.bandwidth_hz.map(|hz| {
-                let relative = 1.0 / (core::f64::consts::TAU * hz * period_s);
-                Lag { relative, kept: libm::exp(-1.0 / relative), input: 0.0 }
-            }),
+            lag: parameters.bandwidth_hz.map(|hz| Lag::new(hz, period_s)),
             volts: parameters.offset_v,
         })
     }
@@ -204,13 +220,14 @@ impl Hall {
         }
     }
 
-    fn advance(&mut self, field_v: f64) {
+    fn advance(&mut self, field_v: f64, span_s: f64) {
         let Some(lag) = &mut self.lag else {
             self.volts = field_v;
             return;
         };
-        let behind = (field_v - lag.input) * lag.relative;
-        self.volts = field_v - behind + (self.volts - lag.input + behind) * lag.kept;
+        let (relative, kept) = lag.over(span_s);
+        let behind = (field_v - lag.input) * relative;
+        self.volts = field_v - behind + (self.volts - lag.input + behind) * kept;
         lag.input = field_v;
     }
 }
@@ -251,10 +268,10 @@ impl Halls {
         }
     }
 
-    /// A period later they see this.
-    pub fn advance(&mut self, rotor: Phasor, currents_a: &[f64; 3]) {
+    /// A span later they see this.
+    pub fn advance(&mut self, rotor: Phasor, currents_a: &[f64; 3], span_s: f64) {
         for hall in &mut self.halls {
-            hall.advance(hall.field_v(rotor, currents_a));
+            hall.advance(hall.field_v(rotor, currents_a), span_s);
         }
     }
 

@@ -63,3 +63,4 @@ pub use parameters::{HallLayout, PlantParameters};
 pub use phasor::Phasor;
 pub use plant::{Codes, Plant, Truth};
 pub use rotor::{Cogging, Friction};
+pub use switched::Switch;

@@ -10,7 +10,7 @@ use crate::motor::{Motor, Slice};
 use crate::noise::Noise;
 use crate::parameters::PlantParameters;
 use crate::phasor::wrapped;
-use crate::switched::SwitchedLegs;
+use crate::switched::{Switch, SwitchedLegs};
 
 /// What the converter delivers at a valley.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -71,6 +71,8 @@ pub struct Plant {
     /// Compare registers as loaded at the coming valley.
     preloaded: Legs,
     periods: u64,
+    /// Time spent in [`Plant::conduct`], s.
+    conducted_s: f64,
     last: Option<Slice>,
 }
 
@@ -104,6 +106,7 @@ impl Plant {
             noise: Noise::new(seed),
             preloaded: Legs::OFF,
             periods: 0,
+            conducted_s: 0.0,
             last: None,
         };
         plant.put(0.0, 0.0);
@@ -146,7 +149,7 @@ impl Plant {
         }
         self.periods += 1;
         self.motor.resync();
-        self.halls.advance(self.motor.phasor(), &self.motor.windings.currents_a);
+        self.halls.advance(self.motor.phasor(), &self.motor.windings.currents_a, self.period_s);
     }
 
     fn averaged(&mut self, legs: &Legs, steps: u8, observe: &mut impl FnMut(&Slice)) {
@@ -185,11 +188,45 @@ impl Plant {
         self.last = Some(slice);
     }
 
+    /// A span with the switches as they are, for an inverter whose edges are known elsewhere. Spans
+    /// over a quarter of a period let the rotor turn too far in one step.
+    pub fn conduct(&mut self, switches: [Switch; 3], span_s: f64) {
+        let bus_v = self.bus.volts;
+        let terminals = switches.map(|switch| switch.terminal(bus_v));
+        let mut slice = self.motor.step(&terminals, diodes(bus_v, self.inverter.diode_v), span_s);
+        for (switch, current) in switches.iter().zip(&slice.currents_a) {
+            if *switch == Switch::High {
+                slice.bus_a += current;
+            }
+        }
+        self.finish(slice, &mut |_| {});
+        self.conducted_s += span_s;
+        self.motor.resync();
+        self.halls.advance(self.motor.phasor(), &self.motor.windings.currents_a, span_s);
+    }
+
+    /// Voltages of the Hall sensors' outputs now. Each call draws fresh noise.
+    pub fn hall_volts(&mut self) -> [f64; 3] {
+        self.halls.volts(&mut self.noise)
+    }
+
+    /// Phase currents now, A.
+    #[must_use]
+    pub fn currents_a(&self) -> [f64; 3] {
+        self.motor.windings.currents_a
+    }
+
+    /// Voltage of the bus now, V.
+    #[must_use]
+    pub fn bus_v(&self) -> f64 {
+        self.bus.volts
+    }
+
     /// The state at this instant.
     #[must_use]
     pub fn truth(&self) -> Truth {
         Truth {
-            time_s: self.periods as f64 * self.period_s,
+            time_s: self.periods as f64 * self.period_s + self.conducted_s,
             electrical_angle_rad: wrapped(self.motor.electrical_rad()),
             mechanical_angle_rad: self.motor.rotor.angle_rad,
             speed_rad_s: self.motor.rotor.speed_rad_s,

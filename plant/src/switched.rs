@@ -5,10 +5,24 @@ use crate::windings::Terminal;
 
 /// What a half bridge does at a moment.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-enum Switch {
+pub enum Switch {
+    /// The low side conducts.
     Low,
+    /// The high side conducts.
     High,
+    /// Both are off: the diodes decide.
     Neither,
+}
+
+impl Switch {
+    /// What it does to its terminal.
+    pub(crate) fn terminal(self, bus_v: f64) -> Terminal {
+        match self {
+            Self::Low => Terminal::Driven(0.0),
+            Self::High => Terminal::Driven(bus_v),
+            Self::Neither => Terminal::Open,
+        }
+    }
 }
 
 /// A leg's timetable over one period.
@@ -135,11 +149,7 @@ impl SwitchedLegs {
 
     /// Terminals within the span that contains this instant.
     pub fn terminals(&self, at_s: f64, bus_v: f64) -> [Terminal; 3] {
-        [0, 1, 2].map(|phase| match self.switch(phase, at_s) {
-            Switch::Low => Terminal::Driven(0.0),
-            Switch::High => Terminal::Driven(bus_v),
-            Switch::Neither => Terminal::Open,
-        })
+        [0, 1, 2].map(|phase| self.switch(phase, at_s).terminal(bus_v))
     }
 
     /// Current that the high sides draw within the span that contains this instant.

@@ -134,6 +134,13 @@ impl Report {
         Self { title: title.into(), body: String::new() }
     }
 
+    /// A heading.
+    pub fn heading(&mut self, text: &str) -> &mut Self {
+        // Writing into a string does not fail.
+        let _ = writeln!(self.body, "<h2>{}</h2>", escaped(text));
+        self
+    }
+
     /// A paragraph.
     pub fn text(&mut self, text: &str) -> &mut Self {
         // Writing into a string does not fail.

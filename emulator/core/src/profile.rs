@@ -1,0 +1,122 @@
+//! How often, how late and how long handlers run.
+
+use bus::{Cycle, Range};
+use serde::Serialize;
+use std::collections::BTreeMap;
+
+/// One exception's handler. Cycles of HCLK.
+#[derive(Clone, Debug, Default, Serialize)]
+pub struct Activity {
+    /// From pending to the first instruction.
+    pub latency: Range,
+    /// Between two first instructions.
+    pub period: Range,
+    /// From the first instruction to the return, handlers that pre-empted it included.
+    pub duration: Range,
+    /// Its own instructions, without those of handlers that pre-empted it.
+    pub instructions: Range,
+    /// Own cycles.
+    pub cycles: Range,
+    /// From the ADC trigger that led to it, to its first instruction.
+    pub after_trigger: Range,
+    #[serde(skip)]
+    entries: u64,
+    /// Sum of the periods.
+    #[serde(skip)]
+    periods: Cycle,
+    /// When it was last entered, and the trigger of that time.
+    #[serde(skip)]
+    last: Option<(Cycle, Option<Cycle>)>,
+}
+
+impl Activity {
+    /// How often it began.
+    pub fn count(&self) -> u64 {
+        self.entries
+    }
+
+    /// The trigger that led to the last one.
+    pub fn last_trigger(&self) -> Option<Cycle> {
+        self.last?.1
+    }
+
+    /// Mean of the periods, cycles; not a number where there is none.
+    pub fn mean_period(&self) -> f64 {
+        self.periods as f64 / self.period.count as f64
+    }
+}
+
+#[derive(Clone)]
+struct Frame {
+    exception: u16,
+    entered: Cycle,
+    instructions: u64,
+    /// Instructions and cycles of those that pre-empted it.
+    others: (u64, u64),
+}
+
+/// All of them.
+#[derive(Clone, Default)]
+pub struct Profile {
+    activities: BTreeMap<u16, Activity>,
+    pending_since: BTreeMap<u16, Cycle>,
+    stack: Vec<Frame>,
+}
+
+impl Profile {
+    /// By exception number.
+    pub fn activities(&self) -> &BTreeMap<u16, Activity> {
+        &self.activities
+    }
+
+    /// Begins anew, e.g. after the firmware has started up.
+    pub fn clear(&mut self) {
+        self.activities.clear();
+    }
+
+    pub(crate) fn abandon(&mut self) {
+        self.stack.clear();
+        self.pending_since.clear();
+        self.activities.values_mut().for_each(|activity| activity.last = None);
+    }
+
+    pub(crate) fn pended(&mut self, mut set: u128, now: Cycle) {
+        while set != 0 {
+            self.pending_since.entry(set.trailing_zeros() as u16).or_insert(now);
+            set &= set - 1;
+        }
+    }
+
+    /// `trigger`: when the ADC was triggered whose interrupt this is.
+    pub(crate) fn entered(&mut self, exception: u16, now: Cycle, trigger: Option<Cycle>, instructions: u64) {
+        let activity = self.activities.entry(exception).or_default();
+        if let Some(since) = self.pending_since.remove(&exception) {
+            activity.latency.add((now - since) as f64);
+        }
+        activity.entries += 1;
+        let last = activity.last.replace((now, trigger));
+        if let Some((last, _)) = last {
+            activity.period.add((now - last) as f64);
+            activity.periods += now - last;
+        }
+        if let Some(at) = trigger
+            && last.is_none_or(|(_, before)| before != trigger)
+        {
+            activity.after_trigger.add((now - at) as f64);
+        }
+        self.stack.push(Frame { exception, entered: now, instructions, others: (0, 0) });
+    }
+
+    pub(crate) fn left(&mut self, exception: u16, now: Cycle, instructions: u64) {
+        let Some(frame) = self.stack.pop_if(|frame| frame.exception == exception) else { return };
+        let whole = (instructions - frame.instructions, now - frame.entered);
+        let activity = self.activities.entry(exception).or_default();
+        activity.duration.add(whole.1 as f64);
+        activity.instructions.add((whole.0 - frame.others.0) as f64);
+        activity.cycles.add((whole.1 - frame.others.1) as f64);
+        if let Some(below) = self.stack.last_mut() {
+            below.others.0 += whole.0;
+            below.others.1 += whole.1;
+        }
+    }
+}

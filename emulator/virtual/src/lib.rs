@@ -1,0 +1,10 @@
+//! A virtual board: the firmware on its chip, the chip on its board, a motor at its pins; scripts that do things to them, and
+//! a report of what was seen.
+
+pub mod angle;
+pub mod firmware;
+pub mod outcome;
+pub mod report;
+pub mod script;
+pub mod serial;
+pub mod session;

@@ -1,0 +1,122 @@
+//! `cargo virtual BOARD`: the firmware that would be flashed, on a virtual board.
+
+use anyhow::{Context, Result, anyhow};
+use chip::Board;
+use clap::Parser;
+use cortex::LogLine;
+use indicatif::{ProgressBar, ProgressStyle};
+use plant::PlantParameters;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::{Duration, Instant};
+use virtual_board::{firmware, outcome::Outcome, report, script, serial::Port, session::Session};
+
+/// Runs the very firmware that would be flashed on a virtual STM32G4 with a simulated motor, and reports what it did.
+#[derive(Parser)]
+#[command(name = "cargo virtual")]
+struct Arguments {
+    /// b-g431b-esc1 or nucleo-g474re-ihm08m1
+    board: String,
+    /// Virtual time to run; without end with --serial, else 1 s
+    #[arg(long)]
+    seconds: Option<f64>,
+    /// What happens to the board, and when
+    #[arg(long)]
+    script: Option<PathBuf>,
+    /// All figures and the log, as JSON
+    #[arg(long)]
+    json: Option<PathBuf>,
+    /// Folder for report.html and trace.csv
+    #[arg(long)]
+    out: Option<PathBuf>,
+    /// Where tools connect to: tcp:127.0.0.1:PORT or pty
+    #[arg(long)]
+    serial: Option<String>,
+    /// The firmware, instead of building the board's
+    #[arg(long)]
+    elf: Option<PathBuf>,
+    /// Seed of the motor's imperfections and the sensors' noise
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+}
+
+fn main() -> Result<ExitCode> {
+    let arguments = Arguments::parse();
+    let board = Board::named(&arguments.board).ok_or_else(|| {
+        let known: Vec<_> = Board::ALL.iter().map(|board| board.name).collect();
+        anyhow!("no virtual board {:?}; there are {}", arguments.board, known.join(" and "))
+    })?;
+    let steps = arguments.script.as_ref().map(|path| {
+        let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+        script::parse(&text).with_context(|| path.display().to_string())
+    });
+    let steps = steps.transpose()?;
+    let elf = arguments.elf.clone().map_or_else(|| firmware::build(board.name), Ok)?;
+    let image = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
+    let mut session = Session::new(board, image, &PlantParameters::unkind(arguments.seed), arguments.seed)?;
+    session.follow(steps.unwrap_or_default());
+
+    let end_s = arguments.seconds.unwrap_or(if arguments.serial.is_some() { f64::INFINITY } else { 1.0 });
+    let port = arguments.serial.as_deref().map(Port::open).transpose()?;
+    run(&mut session, end_s, port)?;
+
+    let outcome = Outcome::of(&session);
+    println!("{}", report::text(&outcome));
+    if let Some(path) = &arguments.json {
+        std::fs::write(path, outcome.json()?).with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    if let Some(folder) = &arguments.out {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        std::fs::write(folder.join("report.html"), report::html(&outcome, &session.trace)?)?;
+        std::fs::write(folder.join("trace.csv"), report::csv(&session.trace))?;
+        println!("plots: {}", folder.join("report.html").display());
+    }
+    Ok(if outcome.verdict().is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// Runs to the end, shows the log, and serves who is at the serial port, never faster than real time then.
+fn run(session: &mut Session, end_s: f64, port: Option<(Port, String)>) -> Result<()> {
+    let bar = bar(end_s)?;
+    let mut port = port.map(|(port, name)| {
+        println!("serial port: {name}");
+        port
+    });
+    let (start, mut shown) = (Instant::now(), 0);
+    while session.seconds() < end_s {
+        let sent = session.slice(end_s)?;
+        if let Some(port) = &mut port {
+            port.send(&sent);
+            let received = port.receive();
+            if !received.is_empty() && session.receive(received).is_err() {
+                bar.suspend(|| println!("bytes at the serial port are lost: the firmware has not set it up"));
+            }
+            std::thread::sleep(Duration::from_secs_f64(session.seconds()).saturating_sub(start.elapsed()));
+        }
+        for line in &session.lines[shown..] {
+            // Standard output, so that the log can be piped.
+            bar.suspend(|| println!("{}", show(line)));
+        }
+        shown = session.lines.len();
+        bar.set_position((session.seconds() * 1e3) as u64);
+    }
+    bar.finish_and_clear();
+    let (virtual_s, real_s) = (session.seconds(), start.elapsed().as_secs_f64());
+    eprintln!("{virtual_s:.3} s of the board in {real_s:.1} s: {:.2} s a minute", 60.0 * virtual_s / real_s);
+    Ok(())
+}
+
+fn bar(end_s: f64) -> Result<ProgressBar> {
+    let (length, template) = if end_s.is_finite() {
+        (Some((end_s * 1e3) as u64), "{wide_bar} {pos} of {len} ms, {eta} left")
+    } else {
+        (None, "{spinner} {pos} ms")
+    };
+    let bar = ProgressBar::with_draw_target(length, indicatif::ProgressDrawTarget::stderr_with_hz(5));
+    bar.set_style(ProgressStyle::with_template(template)?);
+    Ok(bar)
+}
+
+fn show(line: &LogLine) -> String {
+    let place = if line.place.is_empty() { String::new() } else { format!(" ({})", line.place) };
+    format!("{:12.6} {:6} {}{place}", line.at_ns as f64 * 1e-9, line.level, line.message)
+}

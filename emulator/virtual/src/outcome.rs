@@ -1,0 +1,181 @@
+//! What a run came to: all figures, as JSON has them.
+
+use crate::angle::AngleError;
+use crate::session::{Session, explain};
+use anyhow::Result;
+use bus::{Facts, Range, ResetCause, System};
+use cortex::{Activity, FIRST_IRQ, LogLine, system_name};
+use serde::Serialize;
+
+/// All figures.
+#[derive(Debug, Serialize)]
+pub struct Outcome {
+    /// Name of the board.
+    pub board: String,
+    /// Virtual time, seconds.
+    pub seconds: f64,
+    /// Executed since power-on.
+    pub instructions: u64,
+    /// Part of the time that the core did not sleep.
+    pub load: f64,
+    /// The control interrupt.
+    pub control: Option<Handler>,
+    /// All handlers, the control interrupt's among them.
+    pub handlers: Vec<Handler>,
+    /// The stack.
+    pub stack: Option<Stack>,
+    /// Of the drive's angle, where a script asked for telemetry.
+    pub angle_error: Option<AngleError>,
+    /// What was seen at the pins.
+    #[serde(flatten)]
+    pub facts: Facts,
+    /// Accesses to what is not clocked, not modelled, or not there.
+    pub wrong_accesses: Vec<WrongAccess>,
+    /// Faults, with function, line and registers.
+    pub faults: Vec<String>,
+    /// Resets, with seconds.
+    pub resets: Vec<(f64, ResetCause)>,
+    /// The log.
+    pub log: Vec<LogLine>,
+}
+
+/// How an exception's handler ran. Times in nanoseconds at the clock that HCLK has in the end.
+#[derive(Clone, Debug, Serialize)]
+pub struct Handler {
+    /// Number of the exception.
+    pub exception: u16,
+    /// Function in the vector table.
+    pub name: String,
+    /// How often it began in a second, from the mean period.
+    pub rate_hz: f64,
+    /// Between two beginnings.
+    pub period_ns: Range,
+    /// From pending to the first instruction.
+    pub latency_ns: Range,
+    /// Difference between the longest and the shortest latency.
+    pub jitter_ns: f64,
+    /// From the ADC's trigger to the first instruction.
+    pub after_trigger_ns: Range,
+    /// From the first instruction to the return.
+    pub duration_ns: Range,
+    /// Own instructions.
+    pub instructions: Range,
+    /// Own cycles.
+    pub cycles: Range,
+}
+
+/// The main stack.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Stack {
+    /// Bytes of it.
+    pub size: u32,
+    /// Bytes that were ever used.
+    pub used: u32,
+}
+
+/// A wrong access.
+#[derive(Clone, Debug, Serialize)]
+pub struct WrongAccess {
+    /// What is wrong.
+    pub what: String,
+    /// Address of the access.
+    pub address: u32,
+    /// Whether it was a store.
+    pub write: bool,
+    /// Function and line.
+    pub place: String,
+    /// How often.
+    pub count: u64,
+    /// When first, seconds.
+    pub first_s: f64,
+}
+
+impl Outcome {
+    /// Of a session so far.
+    pub fn of(session: &Session) -> Outcome {
+        let machine = &session.machine;
+        let handlers: Vec<_> = machine
+            .profile()
+            .activities()
+            .iter()
+            .map(|(&number, activity)| handler(session, number, activity))
+            .collect();
+        let control = session.control_exception();
+        let wrong_accesses = machine.complaints().map(|listed| WrongAccess {
+            what: listed.complaint.to_string(),
+            address: listed.address,
+            write: listed.write,
+            place: session.image.place(listed.pc).to_string(),
+            count: listed.count,
+            first_s: listed.first_s,
+        });
+        Outcome {
+            board: session.board().name.into(),
+            seconds: session.seconds(),
+            instructions: machine.instructions(),
+            load: 1.0 - machine.asleep() as f64 / machine.now() as f64,
+            control: handlers.iter().find(|handler| Some(handler.exception) == control).cloned(),
+            handlers,
+            stack: session.stack().map(|(size, used)| Stack { size, used }),
+            angle_error: session.angle_error(0.0..f64::INFINITY),
+            facts: machine.system.facts(),
+            wrong_accesses: wrong_accesses.collect(),
+            faults: machine.faults.iter().map(|fault| explain(fault, &session.image)).collect(),
+            resets: session.resets.clone(),
+            log: session.lines.clone(),
+        }
+    }
+
+    /// What no firmware should do, in words; nothing of it comes from a script's disturbance alone.
+    pub fn verdict(&self) -> Vec<String> {
+        let mut wrong: Vec<_> = self.wrong_accesses.iter().map(WrongAccess::to_string).collect();
+        wrong.extend(self.facts.findings.iter().map(|(at_s, what)| format!("{what} (first at {at_s:.6} s)")));
+        wrong.extend(self.faults.iter().map(|fault| fault.lines().next().unwrap_or_default().to_owned()));
+        for leg in self.facts.legs.iter().filter(|leg| leg.shoot_through != 0) {
+            wrong.push(format!("shoot-through at {} and {}: {} times", leg.pins[0], leg.pins[1], leg.shoot_through));
+        }
+        if self.facts.missed_triggers != 0 {
+            wrong.push(format!("{} triggers came while a sequence was still converting", self.facts.missed_triggers));
+        }
+        if self.facts.unread_sequences != 0 {
+            wrong.push(format!("{} sequences were overwritten before they were read", self.facts.unread_sequences));
+        }
+        wrong
+    }
+
+    /// As JSON.
+    ///
+    /// # Errors
+    /// None that can be expected: the figures are numbers and text.
+    pub fn json(&self) -> Result<String> {
+        Ok(serde_json::to_string_pretty(self)?)
+    }
+}
+
+impl std::fmt::Display for WrongAccess {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let verb = if self.write { "write to" } else { "read of" };
+        write!(f, "{}: {verb} {:#010x} by {}, {} times", self.what, self.address, self.place, self.count)
+    }
+}
+
+fn handler(session: &Session, exception: u16, activity: &Activity) -> Handler {
+    let ns = 1e9 / session.machine.system.hclk_hz();
+    let in_ns = |range: Range| Range { min: range.min * ns, max: range.max * ns, ..range };
+    let vector = session.machine.system.flash().get(4 * usize::from(exception)..);
+    let target = vector.and_then(|bytes| Some(u32::from_le_bytes(bytes.get(..4)?.try_into().ok()?)));
+    let name = system_name(exception).map(String::from).or_else(|| Some(session.image.place(target?).function));
+    let jitter = activity.latency.max - activity.latency.min;
+    Handler {
+        exception,
+        name: name.unwrap_or_else(|| format!("IRQ {}", exception - FIRST_IRQ)),
+        rate_hz: 1e9 / (activity.mean_period() * ns),
+        period_ns: in_ns(activity.period),
+        latency_ns: in_ns(activity.latency),
+        jitter_ns: if jitter.is_finite() { jitter * ns } else { 0.0 },
+        after_trigger_ns: in_ns(activity.after_trigger),
+        duration_ns: in_ns(activity.duration),
+        instructions: activity.instructions,
+        cycles: activity.cycles,
+    }
+}

@@ -1,0 +1,235 @@
+//! The report, as text and as HTML with plots.
+
+use crate::outcome::{Handler, Outcome};
+use anyhow::Result;
+use bus::{Range, Trace};
+use sim::report::{Plot, Report, Series};
+
+/// Heading and rows of a table; the first row is its head.
+pub struct Section {
+    /// Heading.
+    pub title: &'static str,
+    /// Rows of cells.
+    pub rows: Vec<Vec<String>>,
+}
+
+fn range(range: Range, unit: &str) -> String {
+    if range.count == 0 {
+        "—".into()
+    } else if range.max - range.min < 0.5 {
+        format!("{:.0} {unit}", range.max)
+    } else {
+        format!("{:.0} to {:.0} {unit}", range.min, range.max)
+    }
+}
+
+fn row<const N: usize>(cells: [String; N]) -> Vec<String> {
+    cells.into()
+}
+
+fn head<const N: usize>(cells: [&str; N]) -> Vec<String> {
+    cells.map(String::from).into()
+}
+
+/// Everything but log and traces.
+pub fn sections(outcome: &Outcome) -> Vec<Section> {
+    let mut sections = vec![
+        Section { title: "Run", rows: run(outcome) },
+        Section { title: "Clocks", rows: clocks(outcome) },
+        Section { title: "Motor timer", rows: timer(outcome) },
+        Section { title: "Legs, measured at the pins", rows: legs(outcome) },
+        Section { title: "Sampling, from the valley of the PWM", rows: sampling(outcome) },
+        Section { title: "Handlers", rows: handlers(outcome) },
+        Section { title: "Bridge enabled (MOE)", rows: moe(outcome) },
+    ];
+    let events = outcome.facts.events.iter().map(|(at_s, what)| row([format!("{at_s:.6} s"), what.clone()]));
+    sections.push(Section { title: "Events", rows: std::iter::once(head(["when", "what"])).chain(events).collect() });
+    let wrong = outcome.verdict().into_iter().map(|what| row([what]));
+    sections.push(Section { title: "Wrong", rows: std::iter::once(head(["what"])).chain(wrong).collect() });
+    sections.retain(|section| section.rows.len() > 1);
+    sections
+}
+
+fn run(outcome: &Outcome) -> Vec<Vec<String>> {
+    let facts = &outcome.facts;
+    let mut rows = vec![
+        head(["figure", "value"]),
+        row(["board".into(), outcome.board.clone()]),
+        row(["time".into(), format!("{:.3} s", outcome.seconds)]),
+        row(["instructions".into(), format!("{:.1} million", outcome.instructions as f64 / 1e6)]),
+        row(["core busy".into(), format!("{:.1} %", 100.0 * outcome.load)]),
+        row(["triggers of the ADC".into(), facts.triggers.to_string()]),
+        row(["missed triggers".into(), facts.missed_triggers.to_string()]),
+        row(["sequences never read".into(), facts.unread_sequences.to_string()]),
+        row(["flash operations".into(), facts.flash_operations.to_string()]),
+        row(["resets".into(), outcome.resets.len().to_string()]),
+    ];
+    if let Some(stack) = outcome.stack {
+        rows.push(row(["stack used".into(), format!("{} of {} bytes", stack.used, stack.size)]));
+    }
+    if let Some(error) = outcome.angle_error {
+        let text = format!("{:.3}° RMS, {:.2}° at most, about {:.3}°", error.rms_deg, error.max_deg, error.mean_deg);
+        rows.push(row(["electrical angle in telemetry, error".into(), text]));
+    }
+    if let Some(watchdog) = &facts.watchdog {
+        let Range { min, max, count } = watchdog.interval_s;
+        rows.push(row([
+            "watchdog".into(),
+            format!("{:.1} ms, bit {} times", watchdog.timeout_s * 1e3, watchdog.bites),
+        ]));
+        if count > 0 {
+            rows.push(row(["fed after".into(), format!("{:.2} to {:.2} ms", min * 1e3, max * 1e3)]));
+        }
+    }
+    for (name, value) in &facts.motor {
+        rows.push(row([format!("motor: {name}"), format!("{value:.4}")]));
+    }
+    rows
+}
+
+fn clocks(outcome: &Outcome) -> Vec<Vec<String>> {
+    let clocks =
+        outcome.facts.clocks.iter().map(|clock| row([clock.name.clone(), format!("{:.6} MHz", clock.hz / 1e6)]));
+    std::iter::once(head(["clock", "frequency"])).chain(clocks).collect()
+}
+
+fn timer(outcome: &Outcome) -> Vec<Vec<String>> {
+    let mut rows = vec![head(["figure", "value"])];
+    if let Some(pwm) = &outcome.facts.pwm {
+        rows.extend([
+            row(["PWM".into(), format!("{:.1} Hz, {}, {} ticks", pwm.hz, pwm.mode, pwm.reload)]),
+            row(["dead time asked for".into(), format!("{:.0} ns", pwm.dead_time_ns)]),
+            row(["outputs while off".into(), pwm.off_state.clone()]),
+            row(["break inputs".into(), pwm.breaks.join(", ")]),
+        ]);
+    }
+    rows
+}
+
+fn legs(outcome: &Outcome) -> Vec<Vec<String>> {
+    let legs = outcome.facts.legs.iter().map(|leg| {
+        row([
+            leg.pins.join(", "),
+            leg.timer_on_level.join(", "),
+            leg.driver_on_level.join(", "),
+            range(leg.dead_time_rising_ns, "ns"),
+            range(leg.dead_time_falling_ns, "ns"),
+            leg.shoot_through.to_string(),
+        ])
+    });
+    let head =
+        head(["pins", "on by the timer", "on at the driver", "dead time rising", "dead time falling", "shoot-through"]);
+    std::iter::once(head).chain(legs).collect()
+}
+
+fn sampling(outcome: &Outcome) -> Vec<Vec<String>> {
+    let rows = outcome.facts.sampling.iter().map(|one| {
+        row([
+            format!("{} rank {}", one.adc, one.rank),
+            format!("{} (channel {})", one.signal, one.channel),
+            one.trigger.clone(),
+            range(one.start_ns, "ns"),
+            range(one.held_ns, "ns"),
+            range(one.end_ns, "ns"),
+        ])
+    });
+    std::iter::once(head(["converter", "signal", "trigger", "samples from", "until", "converted"]))
+        .chain(rows)
+        .collect()
+}
+
+fn handlers(outcome: &Outcome) -> Vec<Vec<String>> {
+    let control = outcome.control.as_ref().map(|control| control.exception);
+    let rows = outcome.handlers.iter().map(|handler| {
+        let Handler { name, rate_hz, latency_ns, jitter_ns, after_trigger_ns, duration_ns, instructions, .. } = handler;
+        row([
+            if Some(handler.exception) == control { format!("{name} (control)") } else { name.clone() },
+            format!("{rate_hz:.1} Hz"),
+            range(*latency_ns, "ns"),
+            format!("{jitter_ns:.0} ns"),
+            range(*after_trigger_ns, "ns"),
+            range(*duration_ns, "ns"),
+            range(*instructions, ""),
+        ])
+    });
+    let head = head(["handler", "rate", "latency", "jitter", "after the trigger", "duration", "own instructions"]);
+    std::iter::once(head).chain(rows).collect()
+}
+
+fn moe(outcome: &Outcome) -> Vec<Vec<String>> {
+    let edges =
+        outcome.facts.moe.iter().map(|edge| {
+            row([format!("{:.6} s", edge.at_s), if edge.on { "on" } else { "off" }.into(), edge.by.clone()])
+        });
+    std::iter::once(head(["when", "bridge", "by"])).chain(edges).collect()
+}
+
+/// The report for a terminal.
+pub fn text(outcome: &Outcome) -> String {
+    let mut text = String::new();
+    for Section { title, rows } in sections(outcome) {
+        text += &format!("\n{title}\n");
+        let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
+        let width =
+            |column: usize| rows.iter().filter_map(|row| row.get(column)).map(|cell| cell.chars().count()).max();
+        for row in &rows {
+            let cells = (0..columns).filter_map(|column| {
+                let cell = row.get(column)?;
+                Some(format!("{cell:<width$}", width = width(column).unwrap_or(0)))
+            });
+            text += &format!("  {}\n", cells.collect::<Vec<_>>().join("  ").trim_end());
+        }
+    }
+    text
+}
+
+/// The report with plots of the traces and the log, one file.
+///
+/// # Errors
+/// A trace that cannot be plotted.
+pub fn html(outcome: &Outcome, trace: &Trace) -> Result<String> {
+    let mut report = Report::new(&format!("{} on a virtual chip", outcome.board));
+    for Section { title, rows } in sections(outcome) {
+        report.heading(title).table(&rows);
+    }
+    for (title, columns) in [
+        ("Angle", &["angle / turns"][..]),
+        ("Speed", &["speed / rad/s"]),
+        ("Phase currents", &["current U / A", "current V / A", "current W / A"]),
+        ("Torque", &["torque / N m"]),
+        ("Bus", &["bus / V"]),
+        ("Bridge enabled", &["MOE"]),
+    ] {
+        let series: Vec<_> = columns.iter().filter_map(|name| series(trace, name)).collect();
+        if !series.is_empty() {
+            report.plot(&Plot::new(title, "time / s", columns[0], series), "")?;
+        }
+    }
+    let lines = outcome.log.iter().map(|line| {
+        row([
+            format!("{:.6} s", line.at_ns as f64 * 1e-9),
+            line.level.clone(),
+            line.message.clone(),
+            line.place.clone(),
+        ])
+    });
+    report
+        .heading("Log")
+        .table(&std::iter::once(head(["time", "level", "message", "place"])).chain(lines).collect::<Vec<_>>());
+    Ok(report.html())
+}
+
+fn series(trace: &Trace, name: &str) -> Option<Series> {
+    let column = trace.names.iter().position(|known| known == name)?;
+    (trace.rows.len() > 1).then(|| Series::new(name, trace.rows.iter().map(|row| (row[0], row[column]))))
+}
+
+/// The traces as comma-separated values.
+pub fn csv(trace: &Trace) -> String {
+    let mut text = trace.names.join(",") + "\n";
+    for row in &trace.rows {
+        text += &row.iter().map(f64::to_string).collect::<Vec<_>>().join(",");
+        text.push('\n');
+    }
+    text
+}

@@ -1,0 +1,149 @@
+//! The other end of the board's serial port: a TCP connection or a pseudo-terminal.
+
+use anyhow::{Context, Result, bail};
+use rustix::fs::{Mode, OFlags};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
+use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
+use std::fs::File;
+use std::io::{ErrorKind, Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::os::fd::OwnedFd;
+
+/// Where tools connect to.
+pub enum Port {
+    /// One connection at a time.
+    Tcp {
+        /// Where it listens.
+        listener: TcpListener,
+        /// Who is connected.
+        stream: Option<TcpStream>,
+    },
+    /// A pseudo-terminal.
+    Pty {
+        /// The side of the board.
+        master: File,
+        /// Keeps the terminal open while no tool has it.
+        _slave: OwnedFd,
+    },
+}
+
+impl Port {
+    /// Opens `tcp:ADDRESS:PORT` or `pty`; returns it with what a tool has to connect to.
+    ///
+    /// # Errors
+    /// A description that is none of these, an address that is taken, no pseudo-terminal.
+    pub fn open(description: &str) -> Result<(Port, String)> {
+        if description == "pty" {
+            return pty();
+        }
+        let Some(address) = description.strip_prefix("tcp:") else {
+            bail!("--serial takes tcp:ADDRESS:PORT or pty, not {description:?}");
+        };
+        let listener = TcpListener::bind(address).with_context(|| format!("cannot listen at {address}"))?;
+        listener.set_nonblocking(true)?;
+        let name = format!("tcp:{}", listener.local_addr()?);
+        Ok((Port::Tcp { listener, stream: None }, name))
+    }
+
+    /// What has come from the tool since the last call.
+    pub fn receive(&mut self) -> Vec<u8> {
+        let mut buffer = [0; 512];
+        match self {
+            Port::Pty { master, .. } => match master.read(&mut buffer) {
+                Ok(length) => buffer[..length].to_vec(),
+                Err(_) => Vec::new(),
+            },
+            Port::Tcp { listener, stream } => {
+                if let Ok((new, _)) = listener.accept() {
+                    // Frames are small, and answers are waited for.
+                    let ready = new.set_nonblocking(true).and_then(|()| new.set_nodelay(true));
+                    *stream = ready.is_ok().then_some(new);
+                }
+                match stream.as_mut().map(|stream| stream.read(&mut buffer)) {
+                    Some(Ok(length @ 1..)) => return buffer[..length].to_vec(),
+                    Some(Err(error)) if error.kind() == ErrorKind::WouldBlock => {}
+                    _ => *stream = None,
+                }
+                Vec::new()
+            }
+        }
+    }
+
+    /// Passes on what the board has sent. As on a wire, it is lost where nobody listens.
+    pub fn send(&mut self, bytes: &[u8]) {
+        match self {
+            Port::Pty { master, .. } => {
+                let _ = master.write_all(bytes);
+            }
+            Port::Tcp { stream, .. } => {
+                let lost = stream.as_mut().is_some_and(|stream| {
+                    stream.write_all(bytes).is_err_and(|error| error.kind() != ErrorKind::WouldBlock)
+                });
+                if lost {
+                    *stream = None;
+                }
+            }
+        }
+    }
+}
+
+fn pty() -> Result<(Port, String)> {
+    let master = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).context("no pseudo-terminal")?;
+    grantpt(&master)?;
+    unlockpt(&master)?;
+    let name = ptsname(&master, Vec::new())?.into_string()?;
+    let slave = rustix::fs::open(&*name, OFlags::RDWR | OFlags::NOCTTY, Mode::empty())?;
+    // Bytes as they are: no echo, no line ends.
+    let mut attributes = tcgetattr(&slave)?;
+    attributes.make_raw();
+    tcsetattr(&slave, OptionalActions::Now, &attributes)?;
+    rustix::fs::fcntl_setfl(&master, OFlags::NONBLOCK)?;
+    Ok((Port::Pty { master: master.into(), _slave: slave }, name))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::time::Duration;
+
+    fn eventually(port: &mut Port) -> Vec<u8> {
+        for _ in 0..1000 {
+            let bytes = port.receive();
+            if !bytes.is_empty() {
+                return bytes;
+            }
+            std::thread::sleep(Duration::from_millis(2));
+        }
+        Vec::new()
+    }
+
+    #[test]
+    fn bytes_go_both_ways_over_tcp() {
+        let (mut port, name) = Port::open("tcp:127.0.0.1:0").unwrap();
+        let mut tool = TcpStream::connect(name.strip_prefix("tcp:").unwrap()).unwrap();
+        tool.write_all(b"hello").unwrap();
+        assert_eq!(eventually(&mut port), b"hello");
+        port.send(&[0, 255, 10]);
+        let mut answer = [0; 3];
+        tool.read_exact(&mut answer).unwrap();
+        assert_eq!(answer, [0, 255, 10]);
+    }
+
+    #[test]
+    fn a_pseudo_terminal_passes_bytes_as_they_are() {
+        let (mut port, name) = Port::open("pty").unwrap();
+        let mut tool = File::options().read(true).write(true).open(name).unwrap();
+        tool.write_all(&[13, 10, 3, 0, 255]).unwrap();
+        assert_eq!(eventually(&mut port), [13, 10, 3, 0, 255]);
+        port.send(&[0, 10, 17, 19]);
+        let mut answer = [0; 4];
+        tool.read_exact(&mut answer).unwrap();
+        assert_eq!(answer, [0, 10, 17, 19]);
+    }
+
+    #[test]
+    fn other_ports_are_refused() {
+        let error = Port::open("com1").map(|_| ()).unwrap_err().to_string();
+        assert_eq!(error, "--serial takes tcp:ADDRESS:PORT or pty, not \"com1\"");
+    }
+}

@@ -200,7 +200,7 @@ impl Drive {
         if self.config.control.is_some() && self.mode == Mode::Running {
             self.publish();
             let Record { rotor, sequence, .. } = self.live;
-            let measurement = Measurement { rotor, sequence, state: self.servo.state };
+            let measurement = Measurement { rotor, sequence, state: self.servo.state, trim: self.servo.trim() };
             let _ = self.channels.measurements.enqueue(measurement);
         }
         let calibrating = matches!(self.mode, Mode::Aligning | Mode::Calibrating);
@@ -436,7 +436,10 @@ impl Drive {
     #[cold]
     #[inline(never)]
     fn obey(&mut self, command: Command, sample: &Sample) -> Reply {
-        self.servo.heard();
+        // What the tasks send by themselves says nothing of whoever commands.
+        if !matches!(command, Command::Install(_) | Command::Balance(_) | Command::Trip(_)) {
+            self.servo.heard();
+        }
         match command {
             Command::Calibrate => {
                 self.on_command(Event::Calibrate)?;

@@ -197,4 +197,15 @@ mod tests {
             );
         }
     }
+
+    #[test]
+    fn limits_are_their_bits() {
+        let limits =
+            [Limits::DUTY, Limits::EXTRAPOLATED, Limits::TWO_HALLS, Limits::CURRENT, Limits::HEAT, Limits::TIMEOUT];
+        for (place, limit) in limits.into_iter().enumerate() {
+            assert_eq!(limit.bits(), 1 << place);
+        }
+        let all = limits.into_iter().fold(Limits::NONE, Limits::with);
+        assert_eq!((all.bits(), Limits::from_bits(u8::MAX)), (63, all));
+    }
 }

@@ -3,6 +3,7 @@
 pub mod adaptation;
 pub mod identification;
 pub mod learning;
+pub mod pole_pairs;
 pub mod procedure;
 
 use crate::control::cogging;

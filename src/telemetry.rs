@@ -60,6 +60,8 @@ pub struct Measurement {
     pub sequence: u32,
     /// Currents and voltages.
     pub state: State,
+    /// What the frame of the currents is turned by against the rotor's angle: see [`Drive::trim`](crate::drive::Drive::trim).
+    pub trim: ElectricalAngle,
 }
 
 /// What a sample is to a calibration.

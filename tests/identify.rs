@@ -1,12 +1,12 @@
 //! The drive measures its motor, against what the simulated motor is.
 
 use hallservo::commutation::Commutation;
-use hallservo::control::identify::Report;
+use hallservo::control::identify::{Estimate, Report};
 use hallservo::control::settings::Settings as Control;
 use hallservo::mode::Mode;
 use hallservo::service::identification::Plan;
 use hallservo::settings::Settings;
-use plant::PlantParameters;
+use plant::{Friction, PlantParameters};
 use sim::rig::Rig;
 
 /// The drive is told parameters that are off by a fifth.
@@ -21,7 +21,14 @@ fn told() -> Control {
 }
 
 fn calibrated(plant: &PlantParameters, control: Control, seed: u64) -> Rig {
-    let settings = Settings { control: Some(control), ..Settings::default() };
+    let settings = Settings {
+        control: Some(control),
+        pole_pairs: plant.motor.pole_pairs,
+        // Enough for friction, load and inertia, and away from the resonance of rotor and field.
+        calibration_modulation: 0.3,
+        calibration_hz: 4.0,
+        ..Settings::default()
+    };
     let mut rig = Rig::new(plant, &settings, seed).unwrap();
     rig.calibrate(|_| ()).unwrap();
     rig
@@ -34,10 +41,80 @@ fn identified(plant: &PlantParameters, control: Control, seed: u64) -> Report {
     report
 }
 
+/// Name, what was found, and what is.
+fn compared(report: &Report, plant: &PlantParameters) -> [(&'static str, Estimate, f64); 8] {
+    let PlantParameters { motor, inverter, .. } = plant;
+    let flux = motor.back_emf.flux_linkage_vs;
+    let constant = 1.5 * f64::from(motor.pole_pairs) * flux;
+    let resistance = motor.resistance_ohm + inverter.switch_ohm;
+    [
+        ("R", report.resistance_ohm, resistance),
+        ("L", report.inductance_h, motor.inductance_h),
+        ("flux", report.flux_linkage_wb, flux),
+        ("J", report.inertia_kgm2, motor.inertia_kgm2),
+        ("Kt", report.torque_constant_nm_a(), constant),
+        ("Coulomb", report.coulomb_nm, motor.friction.coulomb_nm),
+        ("viscous", report.viscous_nms, motor.friction.viscous_nms),
+        ("load", report.load_nm, motor.load_nm),
+    ]
+}
+
 #[test]
-fn the_drive_measures_its_motor() {
-    for seed in 0..4 {
-        let report = identified(&PlantParameters::unkind(seed), told(), seed);
-        println!("{report}");
+fn the_drive_measures_its_motor_as_well_as_it_says() {
+    type Change = fn(&mut PlantParameters, &mut Control);
+    let cases: [(&str, Change); 8] = [
+        ("as it is", |_, _| ()),
+        ("four times the friction", |plant, _| {
+            plant.motor.friction = Friction { viscous_nms: 5e-6, coulomb_nm: 2e-3, breakaway_nm: 2.5e-3 };
+        }),
+        ("no friction", |plant, _| plant.motor.friction = Friction::NONE),
+        ("a constant load", |plant, _| plant.motor.load_nm = 5e-3),
+        ("ten times the inertia", |plant, _| plant.motor.inertia_kgm2 = 1e-4),
+        ("a shorter dead time than told", |plant, _| plant.inverter.dead_time_s = 0.3e-6),
+        ("told too much where it was too little", |_, control| {
+            (control.resistance_ohm, control.inductance_h) = (3.0, 0.43e-3);
+            (control.flux_linkage_wb, control.inertia_kgm2) = (6e-3, 1.2e-5);
+        }),
+        ("seven pole pairs on 20 V", |plant, control| {
+            (plant.motor.pole_pairs, plant.bus.supply_v) = (7, 20.0);
+            plant.motor.back_emf.flux_linkage_vs *= 4.0 / 7.0;
+            control.flux_linkage_wb *= 4.0 / 7.0;
+        }),
+    ];
+    // R, L, flux, J and K_t relative; Coulomb friction, viscous friction and load in SI.
+    let bounds = [0.02, 0.02, 0.007, 0.01, 0.007, 0.06e-3, 0.5e-6, 0.06e-3];
+    let mut worst = [0.0_f64; 8];
+    for (seed, (case, change)) in (0..).zip(cases) {
+        let (mut plant, mut control) = (PlantParameters::unkind(seed), told());
+        change(&mut plant, &mut control);
+        let report = identified(&plant, control, seed);
+        for (k, (name, found, exact)) in compared(&report, &plant).into_iter().enumerate() {
+            let off = (found.value - exact).abs();
+            assert!(off <= found.error, "{case}, {name}: {found:?} is {exact}\n{report}");
+            let off = if k < 5 { off / exact } else { off };
+            worst[k] = worst[k].max(off);
+            assert!(off <= bounds[k], "{case}, {name}: {found:?} is {exact}");
+        }
     }
+    let worst = worst.map(|off| format!("{off:.1e}")).join(", ");
+    println!("largest errors of R, L, flux, J, Kt (shares), Coulomb, viscous, load: {worst}");
+}
+
+#[test]
+fn the_report_tells_what_to_set() {
+    let report = identified(&PlantParameters::unkind(1), told(), 1);
+    let table = report.to_string();
+    for field in ["resistance_ohm", "inductance_h", "flux_linkage_wb", "inertia_kgm2"] {
+        assert!(table.contains(&format!("set {field}")), "{table}");
+    }
+    let mut settings = told();
+    report.apply(&mut settings);
+    assert_eq!(settings.resistance_ohm, report.resistance_ohm.value as f32);
+    assert_eq!(settings.inertia_kgm2, report.inertia_kgm2.value as f32);
+    assert!((report.time_constant_s().value / (0.36e-3 / 3.77) - 1.0).abs() < 0.03);
+    // What is doubtful is said to be, and not set.
+    let doubtful = Report { inertia_kgm2: Estimate { value: 1e-5, error: 2e-6 }, ..report };
+    assert!(doubtful.to_string().contains("doubtful, keep inertia_kgm2"));
+    doubtful.apply(&mut settings);
+    assert_eq!(settings.inertia_kgm2, report.inertia_kgm2.value as f32);
 }

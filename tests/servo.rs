@@ -4,6 +4,7 @@ use hallservo::angle::ElectricalAngle;
 use hallservo::commutation::Commutation;
 use hallservo::control::settings::Settings as Control;
 use hallservo::drive::Command;
+use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
 use plant::PlantParameters;
@@ -46,6 +47,23 @@ fn every_commutation_controls_current_speed_and_position() {
         let there = rig.drive.tracker().position().to_turns() / 4.0;
         assert!((there - here - 3.25).abs() < 1e-3, "{commutation:?} {}", there - here);
         assert_eq!(rig.drive.mode(), Mode::Running);
+    }
+}
+
+#[test]
+fn after_a_stall_the_drive_arms_again() {
+    let mut rig = armed(Commutation::FieldOriented);
+    rig.plant.set_dyno(Some(0.0)).unwrap();
+    rig.command(Command::Speed(rig.control().unwrap().speed(100.0).unwrap())).unwrap();
+    rig.run(2.0, |_, _| ());
+    assert_eq!(rig.drive.mode(), Mode::Faulted(Fault::Stall));
+    rig.plant.set_dyno(None).unwrap();
+    rig.command(Command::Clear).unwrap();
+    // At any step: not every one looks at the stall.
+    for _ in 0..20 {
+        rig.step();
+        rig.command(Command::Arm).unwrap();
+        rig.command(Command::Disarm).unwrap();
     }
 }
 

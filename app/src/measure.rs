@@ -31,10 +31,10 @@ fn celsius(thermistor: &Thermistor, share: f32) -> f32 {
     1.0 / (1.0 / 298.15 + libm::logf(resistance / thermistor.nominal_ohm) / thermistor.beta_k) - 273.15
 }
 
-/// Currents along d and q at the rotor's angle, A.
+/// Currents along d and q at the rotor's angle, as the alignment is trimmed, A.
 pub(crate) fn current_a(control: &Control, reversed: bool, measurement: &Measurement) -> [f32; 2] {
     let [a, b, c] = measurement.state.phases;
-    let angle: ElectricalAngle = measurement.rotor.angle();
+    let angle: ElectricalAngle = measurement.rotor.angle() + measurement.trim;
     let Dq { d, q } = Rotation::at(angle).park(clarke(if reversed { [a, c, b] } else { [a, b, c] }));
     [d, q].map(|current| current as f32 / 32_768.0 * control.current_full_scale_a)
 }

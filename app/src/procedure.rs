@@ -5,7 +5,7 @@ use hallservo::control::cogging::Table;
 use hallservo::control::identify::Report;
 use hallservo::service::identification::{self, Identification};
 use hallservo::service::learning::{self, Learning};
-use hallservo::service::procedure::{Error, State};
+use hallservo::service::procedure::{self, Error, Procedure as _, State};
 use hallservo::service::{Event, Service};
 use hallservo::settings::Config;
 use hallservo::telemetry::Measurement;
@@ -46,18 +46,19 @@ impl Procedure {
         Learning::new(config, &plan).map(Self::Cogging).map_err(wire::procedure)
     }
 
-    pub fn event(&mut self, event: &Event) {
+    fn inner(&mut self) -> &mut dyn procedure::Procedure {
         match self {
-            Self::Motor(motor) => motor.event(event),
-            Self::Cogging(cogging) => cogging.event(event),
+            Self::Motor(motor) => motor,
+            Self::Cogging(cogging) => cogging,
         }
     }
 
+    pub fn event(&mut self, event: &Event) {
+        self.inner().event(event);
+    }
+
     pub fn measurement(&mut self, measurement: &Measurement) {
-        match self {
-            Self::Motor(motor) => motor.measurement(measurement),
-            Self::Cogging(cogging) => cogging.measurement(measurement),
-        }
+        self.inner().measurement(measurement);
     }
 
     /// Goes on; what came of it, at the end.
@@ -65,10 +66,7 @@ impl Procedure {
         if !BUILT_IN {
             return None;
         }
-        let state = match self {
-            Self::Motor(motor) => motor.step(service, now_ms),
-            Self::Cogging(cogging) => cogging.step(service, now_ms),
-        };
+        let state = self.inner().step(service, now_ms);
         let found = match self {
             Self::Motor(motor) => motor.report().copied().map(Outcome::Motor),
             Self::Cogging(cogging) => cogging.table().copied().map(Outcome::Cogging),
@@ -82,10 +80,7 @@ impl Procedure {
 
     /// Ends it without a result.
     pub fn cancel(&mut self) {
-        match self {
-            Self::Motor(motor) => motor.cancel(),
-            Self::Cogging(cogging) => cogging.cancel(),
-        }
+        self.inner().cancel();
     }
 
     pub fn progress(&self) -> f32 {

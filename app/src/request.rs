@@ -28,6 +28,7 @@ pub(crate) enum Step {
 #[derive(Clone, Copy)]
 pub(crate) enum After {
     Done,
+    Disarmed,
     Calibrating,
     Cleared,
     Set(&'static Entry),
@@ -66,7 +67,7 @@ impl<F: NorFlash> Supervisor<F> {
             }
             Ask::Disarm => {
                 self.cancel();
-                return self.obey(Command::Disarm, After::Done);
+                return self.obey(Command::Disarm, After::Disarmed);
             }
             _ if self.activity() != Activity::None => return Err(Refusal::Busy(self.activity())),
             _ => return self.command(ask),
@@ -174,11 +175,13 @@ impl<F: NorFlash> Supervisor<F> {
 
     /// What to answer, once the drive has.
     pub fn obeyed(&mut self, after: After) -> Option<Answer<'static>> {
-        if let Err(refusal) = self.take_reply()? {
-            return Some(Answer::Refused(refusal));
+        match (self.take_reply()?, after) {
+            // Off is off.
+            (Err(Refusal::Mode(_)), After::Disarmed) | (Ok(()), _) => {}
+            (Err(refusal), _) => return Some(Answer::Refused(refusal)),
         }
         Some(match after {
-            After::Done => Answer::Done,
+            After::Done | After::Disarmed => Answer::Done,
             After::Calibrating => {
                 self.calibration = Calibration::Turning;
                 Answer::Done

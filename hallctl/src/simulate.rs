@@ -49,12 +49,14 @@ pub struct Simulator {
     pub plant: Plant,
     drive: Drive,
     alive: &'static Heartbeat,
+    flash: Flash,
     app: Pin<Box<dyn Future<Output = ()>>>,
     woken: Arc<Woken>,
     input: Bytes,
     output: Bytes,
     fed: Rc<Cell<u32>>,
     last: Output,
+    digest: u64,
     /// Of the timer, in counts.
     period: u16,
     /// Control periods in a millisecond, and in the state running.
@@ -66,20 +68,27 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// At power-up, the motor at rest.
+    /// At power-up, an unkind motor at rest.
+    ///
+    /// # Errors
+    /// What is wrong with the defaults.
+    pub fn new(seed: u64, flash: Flash, planned: Vec<Planned>) -> Result<Self> {
+        Self::at(&PlantParameters::unkind(seed), seed, flash, planned)
+    }
+
+    /// The same at any motor.
     ///
     /// # Errors
     /// What is wrong with the motor's parameters.
-    pub fn new(seed: u64, flash: Flash, planned: Vec<Planned>) -> Result<Self> {
+    pub fn at(plant: &PlantParameters, seed: u64, flash: Flash, planned: Vec<Planned>) -> Result<Self> {
         let clock = CLOCK.lock().unwrap_or_else(PoisonError::into_inner);
         MockDriver::get().reset();
-        let mut plant =
-            Plant::new(&PlantParameters::unkind(seed), seed).map_err(|error| anyhow!("the motor: {error}"))?;
+        let mut plant = Plant::new(plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
         plant.place(0.3, 0.0).map_err(|error| anyhow!("{error}"))?;
         // On a chip these are statics; here, too, a drive lives as long as its process.
         let memory: &'static mut Memory = Box::leak(Box::new(Memory::new()));
         let alive: &'static Heartbeat = Box::leak(Box::new(Heartbeat::new()));
-        let (drive, app) = hallservo_app::start(IDENTITY, defaults(), flash, 0, memory);
+        let (drive, app) = hallservo_app::start(IDENTITY, defaults(), flash.clone(), 0, memory);
         let (input, output, fed) = (Bytes::default(), Bytes::default(), Rc::new(Cell::new(0)));
         let feed = {
             let fed = Rc::clone(&fed);
@@ -91,12 +100,14 @@ impl Simulator {
             plant,
             drive,
             alive,
+            flash,
             app: Box::pin(async move { app.run(rx, tx, alive, feed).await }),
             woken: Arc::default(),
             input,
             output,
             fed,
             last: Output::OFF,
+            digest: 0xcbf2_9ce4_8422_2325,
             period: defaults().validate().context("the defaults")?.period,
             periods,
             running: 0,
@@ -139,6 +150,10 @@ impl Simulator {
         }
         self.alive.beat(&sample);
         self.last = self.drive.step(&sample);
+        let [a, b, c] = self.last.compare;
+        for word in [a, b, c, self.last.legs.bits().into()] {
+            self.digest = (self.digest ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3);
+        }
         self.plant.advance(&sim::rig::legs(&self.last, self.period));
         if self.drive.mode() == Mode::Running {
             self.running += 1;
@@ -170,6 +185,16 @@ impl Simulator {
     /// What the control interrupt wrote to the timer last.
     pub const fn output(&self) -> &Output {
         &self.last
+    }
+
+    /// A digest (FNV-1a, a word at a time) of all that it ever wrote: two drives with the same have turned their motors alike.
+    pub const fn digest(&self) -> u64 {
+        self.digest
+    }
+
+    /// What its flash holds.
+    pub fn flash(&self) -> Vec<u8> {
+        self.flash.bytes()
     }
 
     /// The drive, to look at.

@@ -178,13 +178,14 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
         Refusal::Mode(_) => "the drive calibrates\n  Wait, or end it by `hallctl disarm`.".into(),
         Refusal::NotCalibrated => "there is no calibration\n  `hallctl calibrate` first: it turns the rotor.".into(),
         Refusal::NoAngle => "the Halls give no plausible angle\n  Check their supply, wires and the magnet.".into(),
-        Refusal::Beyond { value, most } => format!("{value} is beyond ±{most}, which the settings allow"),
+        Refusal::Beyond { value, most } => format!("{value} is beyond ±{}, which the settings allow", short(*most)),
         Refusal::HallLost => "a Hall is lost\n  Repair it, then `hallctl calibrate`.".into(),
         Refusal::NoControl => "this drive has no current control: it can be given a voltage only".into(),
         Refusal::Fault(code) => format!("{}\n  {}.", fault(*code), advice(*code)),
         Refusal::NoSetting => "there is no such setting\n  `hallctl settings list` names them all.".into(),
         Refusal::Fixed => "this setting follows from the board's parts and cannot be changed".into(),
         Refusal::OutOfRange { field, value, min, max } => {
+            let (min, max) = (short(*min), short(*max));
             format!("{field} would be {value}, but must be from {min} to {max}, with the other settings as they are")
         }
         Refusal::NoChoice => "this setting takes whole numbers or one of its names only".into(),
@@ -292,6 +293,11 @@ pub fn value(setting: &Setting<'_>, value: f32) -> String {
         Kind::Whole => format!("{value:.0}"),
         Kind::Real => number(value),
     }
+}
+
+/// With six digits, for a limit that was computed.
+pub fn short(value: f32) -> String {
+    format!("{value:.5e}").parse().map_or_else(|_| value.to_string(), number)
 }
 
 /// With as many digits as a float has, and an exponent where that is shorter.

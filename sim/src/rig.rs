@@ -10,7 +10,7 @@ use hallservo::hall::calibrate::Calibration;
 use hallservo::hall::estimate::Estimator;
 use hallservo::service::identification::{self, Identification};
 use hallservo::service::learning::{self, Learning};
-use hallservo::service::procedure::State;
+use hallservo::service::procedure::{Procedure, State};
 use hallservo::service::{Event, Service};
 use hallservo::settings::{Config, Settings};
 use plant::{Leg, Legs, Plant, PlantParameters, Truth};
@@ -171,15 +171,7 @@ impl Rig {
     /// Why it came to nothing.
     pub fn identify(&mut self, plan: &identification::Plan) -> Result<Report> {
         let mut procedure = Identification::new(&self.config, plan)?;
-        self.proceed(|service, now_ms| {
-            while let Some(event) = service.poll() {
-                procedure.event(&event);
-            }
-            while let Some(measurement) = service.measurement() {
-                procedure.measurement(&measurement);
-            }
-            procedure.step(service, now_ms)
-        })?;
+        self.proceed(&mut procedure)?;
         Ok(*procedure.report().context("done without a report")?)
     }
 
@@ -190,22 +182,14 @@ impl Rig {
     pub fn learn(&mut self, plan: &learning::Plan) -> Result<Table> {
         while self.service.lend(Box::leak(Box::new(Table::ZERO))).is_none() {}
         let mut procedure = Learning::new(&self.config, plan)?;
-        self.proceed(|service, now_ms| {
-            while let Some(event) = service.poll() {
-                procedure.event(&event);
-            }
-            while let Some(measurement) = service.measurement() {
-                procedure.measurement(&measurement);
-            }
-            procedure.step(service, now_ms)
-        })?;
+        self.proceed(&mut procedure)?;
         Ok(*procedure.table().context("done without a table")?)
     }
 
-    /// Steps with a task once a millisecond until it ends.
-    fn proceed(&mut self, mut task: impl FnMut(&mut Service, u32) -> State) -> Result<()> {
+    /// Steps until a procedure ends that is served once a millisecond.
+    fn proceed(&mut self, procedure: &mut impl Procedure) -> Result<()> {
         for now_ms in 0..300_000 {
-            match task(&mut self.service, now_ms) {
+            match procedure.serve(&mut self.service, now_ms) {
                 State::Running => {}
                 State::Done => return Ok(()),
                 State::Failed(error) => return Err(error.into()),

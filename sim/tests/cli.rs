@@ -94,6 +94,10 @@ fn servo_reaches_its_targets() {
     assert!(figure("position_noise_deg") <= 0.02 && figure("position_hold_error_deg") <= 0.2, "{figures}");
     assert!(figure("load_step_recovery_ms") <= 100.0, "{figures}");
     assert!(figure("cogging_reduction") >= 5.0, "{figures}");
+    for (name, compared) in figures["identification"].as_object().unwrap() {
+        let value = |name: &str| compared[name].as_f64().unwrap();
+        assert!((value("measured") - value("exact")).abs() <= value("expected_error"), "{name}: {compared}");
+    }
     // In theory (3/π)².
     assert!((figure("foc_copper_loss_vs_block") - 0.912).abs() < 0.02, "{figures}");
 }
@@ -105,7 +109,7 @@ fn every_fault_is_found_and_none_invented() {
     assert_eq!((&figures["missed"], &figures["false_alarms"]), (&0.into(), &0.into()), "{figures}");
     assert_eq!(figures["worst_detection_periods"], 1);
     assert_eq!(figures["bridge_off_within_one_period"], true);
-    assert_eq!(figures["kinds"].as_object().unwrap().len(), 14);
+    assert_eq!(figures["kinds"].as_object().unwrap().len(), 18);
 }
 
 #[test]

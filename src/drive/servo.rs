@@ -182,6 +182,8 @@ impl Servo {
         }
         self.imbalanced = 0;
         self.silent = 0;
+        // What has stalled is no reason not to arm again.
+        self.stalled = 0;
     }
 
     /// What speaks against switching the bridge on.

@@ -36,6 +36,11 @@ impl Config {
         })
     }
 
+    /// What the smoothed angle lags by at a constant acceleration, in samples².
+    pub(crate) fn lag(&self) -> f32 {
+        4_294_967_296.0 / self.gains[1] as f32
+    }
+
     /// The smoothing exponent whose natural frequency is nearest to `bandwidth_hz`, within [`Self::SMOOTHING`].
     pub fn smoothing_for(bandwidth_hz: f32, sample_hz: f32) -> u32 {
         let exponent = libm::roundf(libm::log2f(sample_hz / (8.886 * bandwidth_hz)));

@@ -3,7 +3,7 @@
 //! Takes some ten seconds, in which the shaft must be free to turn in both directions. See [`identify`](crate::control::identify) for what
 //! becomes of the measurements.
 
-use super::procedure::{Demand, Error, Pilot, State};
+use super::procedure::{Demand, Error, Pilot, Procedure, State};
 use super::{Event, Service};
 use crate::commutation::Commutation;
 use crate::control::identify::{Identifier, Report};
@@ -114,7 +114,7 @@ impl Identification {
         let ramp_ms = 2000.0 * limits.speed() as f32 / limits.acceleration() as f32 / control.scale.step_hz;
         Ok(Self {
             pilot,
-            identifier: Identifier::new(control),
+            identifier: Identifier::new(config).ok_or(Error::NoControl)?,
             report: None,
             number: 0,
             fastest: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,
@@ -124,26 +124,6 @@ impl Identification {
             marked_ms: 0,
             patience_ms: PATIENCE_MS + ramp_ms as u32,
         })
-    }
-
-    /// What the service's [`poll`](Service::poll) delivered.
-    pub fn event(&mut self, event: &Event) {
-        self.pilot.event(event);
-    }
-
-    /// What the service's [`measurement`](Service::measurement) delivered.
-    pub fn measurement(&mut self, measurement: &Measurement) {
-        if self.began_ms.is_some() {
-            self.identifier.push(measurement);
-        }
-    }
-
-    /// Goes on; to be called once a millisecond or so after what was delivered, with the task's clock, which may wrap.
-    pub fn step(&mut self, service: &mut Service, now_ms: u32) -> State {
-        if self.pilot.step(service, now_ms) {
-            self.turn();
-        }
-        self.pilot.state()
     }
 
     fn turn(&mut self) {
@@ -195,18 +175,35 @@ impl Identification {
         self.reached_ms = None;
     }
 
-    /// Brakes and ends without a result, with [`Error::Cancelled`].
-    pub fn cancel(&mut self) {
-        self.pilot.cancel(Error::Cancelled);
-    }
-
-    /// 0 to 1.
-    pub fn progress(&self) -> f32 {
-        self.number as f32 / LEGS as f32
-    }
-
     /// What was found, from the last measurement on.
     pub const fn report(&self) -> Option<&Report> {
         self.report.as_ref()
+    }
+}
+
+impl Procedure for Identification {
+    fn event(&mut self, event: &Event) {
+        self.pilot.event(event);
+    }
+
+    fn measurement(&mut self, measurement: &Measurement) {
+        if self.began_ms.is_some() {
+            self.identifier.push(measurement);
+        }
+    }
+
+    fn step(&mut self, service: &mut Service, now_ms: u32) -> State {
+        if self.pilot.step(service, now_ms) {
+            self.turn();
+        }
+        self.pilot.state()
+    }
+
+    fn cancel(&mut self) {
+        self.pilot.cancel(Error::Cancelled);
+    }
+
+    fn progress(&self) -> f32 {
+        self.number as f32 / LEGS as f32
     }
 }

@@ -4,7 +4,7 @@
 //! use, wavers less and finds what is left. Whoever stores the table has it from [`Learning::table`]; after a power-up,
 //! [`Service::balance`] puts it to work again.
 
-use super::procedure::{Demand, Error, Pilot, State};
+use super::procedure::{Demand, Error, Pilot, Procedure, State};
 use super::{Event, Service};
 use crate::commutation::Commutation;
 use crate::control::Speed;
@@ -69,6 +69,8 @@ pub struct Learning {
     way: i64,
     from: Option<i64>,
     there: i64,
+    /// Largest share of the way made in this leg.
+    made: f32,
     patience_ms: u32,
 }
 
@@ -97,36 +99,20 @@ impl Learning {
             speed: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,
             leg: 0,
             leg_began_ms: None,
-            way: i64::from(plan.turns) * i64::from(config.pole_pairs.get()) << 32,
+            way: (i64::from(plan.turns) * i64::from(config.pole_pairs.get())) << 32,
             from: None,
             there: 0,
+            made: 0.0,
             patience_ms: (PATIENCE * leg_ms + PATIENCE_MS) as u32,
         })
     }
 
-    /// What the service's [`poll`](Service::poll) delivered.
-    pub fn event(&mut self, event: &Event) {
-        self.pilot.event(event);
-    }
-
-    /// What the service's [`measurement`](Service::measurement) delivered.
-    pub fn measurement(&mut self, measurement: &Measurement) {
-        self.there = measurement.rotor.position().to_bits();
-        if self.from.is_some() {
-            self.learner.push(self.forward(), measurement.rotor.angle(), measurement.state.wanted);
-        }
-    }
-
-    /// Goes on; to be called once a millisecond or so after what was delivered, with the task's clock, which may wrap.
-    pub fn step(&mut self, service: &mut Service, now_ms: u32) -> State {
-        if self.pilot.step(service, now_ms) {
-            self.turn(service);
-        }
-        self.pilot.state()
-    }
-
     fn forward(&self) -> bool {
         self.leg.is_multiple_of(2)
+    }
+
+    fn sign(&self) -> f32 {
+        if self.forward() { 1.0 } else { -1.0 }
     }
 
     fn turn(&mut self, service: &mut Service) {
@@ -140,14 +126,14 @@ impl Learning {
         }
         match self.from {
             None if elapsed_ms >= SETTLING_MS => self.from = Some(self.there),
-            Some(from) if (self.there.wrapping_sub(from)).abs() >= self.way => self.next_leg(service),
+            Some(_) if self.made >= 1.0 => self.next_leg(service),
             _ => {}
         }
     }
 
     fn next_leg(&mut self, service: &mut Service) {
         self.leg += 1;
-        (self.leg_began_ms, self.from) = (None, None);
+        (self.leg_began_ms, self.from, self.made) = (None, None, 0.0);
         if !self.forward() {
             return;
         }
@@ -164,19 +150,37 @@ impl Learning {
         }
     }
 
-    /// Brakes and ends without a result, with [`Error::Cancelled`]. Tables of whole passes stay in use.
-    pub fn cancel(&mut self) {
-        self.pilot.cancel(Error::Cancelled);
-    }
-
-    /// 0 to 1.
-    pub fn progress(&self) -> f32 {
-        let turned = self.from.map_or(0.0, |from| (self.there.wrapping_sub(from) as f32 / self.way as f32).abs());
-        ((self.leg as f32 + turned.min(1.0)) / (2.0 * f32::from(self.plan.passes))).min(1.0)
-    }
-
     /// The table of the last whole pass, which the drive uses.
     pub const fn table(&self) -> Option<&cogging::Table> {
         self.table.as_ref()
+    }
+}
+
+impl Procedure for Learning {
+    fn event(&mut self, event: &Event) {
+        self.pilot.event(event);
+    }
+
+    fn measurement(&mut self, measurement: &Measurement) {
+        self.there = measurement.rotor.position().to_bits();
+        if let Some(from) = self.from {
+            self.made = self.made.max(self.there.wrapping_sub(from) as f32 / self.way as f32 * self.sign());
+            self.learner.push(self.forward(), measurement.rotor.angle(), measurement.state.wanted);
+        }
+    }
+
+    fn step(&mut self, service: &mut Service, now_ms: u32) -> State {
+        if self.pilot.step(service, now_ms) {
+            self.turn(service);
+        }
+        self.pilot.state()
+    }
+
+    fn cancel(&mut self) {
+        self.pilot.cancel(Error::Cancelled);
+    }
+
+    fn progress(&self) -> f32 {
+        ((self.leg as f32 + self.made.min(1.0)) / (2.0 * f32::from(self.plan.passes))).min(1.0)
     }
 }

@@ -1,10 +1,13 @@
 //! What the procedures that turn the motor have in common: arming, speeds, time-outs, and the way back to rest.
 //!
-//! A task owns a procedure and, once a millisecond or so, shows it what the service delivers:
+//! A task owns a [`Procedure`] and, once a millisecond or so, shows it what the service delivers:
 //!
 //! ```no_run
-//! # use hallservo::{control::cogging, service::{Service, learning::{Learning, Plan}, procedure::State}, settings::Config};
-//! # fn task(service: &mut Service, config: &Config, now_ms: impl Fn() -> u32) -> Result<(), hallservo::service::procedure::Error> {
+//! use hallservo::service::learning::{Learning, Plan};
+//! use hallservo::service::procedure::{Error, Procedure, State};
+//! # use hallservo::{service::Service, settings::Config};
+//!
+//! # fn task(service: &mut Service, config: &Config, now_ms: impl Fn() -> u32) -> Result<(), Error> {
 //! let mut learning = Learning::new(config, &Plan::new(config)?)?;
 //! let end = loop {
 //!     while let Some(event) = service.poll() {
@@ -33,8 +36,38 @@ use crate::drive::{Command, Refusal};
 use crate::fault::Fault;
 use crate::mode::Mode;
 use crate::settings::Config;
-use crate::telemetry::Record;
+use crate::telemetry::{Measurement, Record};
 use core::fmt;
+
+/// Something that a drive does at the hand of a task.
+pub trait Procedure {
+    /// Takes what the service's [`poll`](Service::poll) delivered.
+    fn event(&mut self, event: &Event);
+
+    /// Takes what the service's [`measurement`](Service::measurement) delivered.
+    fn measurement(&mut self, measurement: &Measurement);
+
+    /// Goes on, after what was delivered; to be called once a millisecond or so with the task's clock, which may wrap. The
+    /// first call begins.
+    fn step(&mut self, service: &mut Service, now_ms: u32) -> State;
+
+    /// Ends without a result, with [`Error::Cancelled`]: a turning rotor is braked first.
+    fn cancel(&mut self);
+
+    /// 0 to 1.
+    fn progress(&self) -> f32;
+
+    /// All of it for a task that has nothing else to do with what the service delivers.
+    fn serve(&mut self, service: &mut Service, now_ms: u32) -> State {
+        while let Some(event) = service.poll() {
+            self.event(&event);
+        }
+        while let Some(measurement) = service.measurement() {
+            self.measurement(&measurement);
+        }
+        self.step(service, now_ms)
+    }
+}
 
 /// Where a procedure is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -216,6 +249,10 @@ impl Pilot {
         }
         self.watch();
         self.proceed();
+        if self.phase == Phase::Over && self.failure == Some(Error::Silent) {
+            // Should it come to itself.
+            let _ = service.ask_silently(Command::Disarm);
+        }
         if self.asked.is_none()
             && let Some(command) = self.wanted()
             && service.ask_for_procedure(command).is_ok()
@@ -314,6 +351,9 @@ impl Pilot {
 
     /// Ends without a result: from turning, by braking.
     pub fn cancel(&mut self, error: Error) {
+        if self.phase == Phase::Over {
+            return;
+        }
         self.failure.get_or_insert(error);
         match self.phase {
             Phase::Preparing => self.enter(Phase::Restoring),

@@ -78,7 +78,7 @@ fn list(client: &mut Client) -> Result<()> {
             _ if setting.fixed => "the board's".into(),
             Kind::Switch => "no|yes".into(),
             Kind::Choice(names) => names.into(),
-            _ => format!("{} … {}", words::value(setting, setting.min), words::value(setting, setting.max)),
+            _ => format!("{} … {}", words::short(setting.min), words::short(setting.max)),
         };
         println!("{changed} {:<24}{value:>15} {:<7} {range:<32} {}", setting.name, setting.unit, setting.about);
     })?;
@@ -111,11 +111,12 @@ fn set(client: &mut Client, name: &str, value: &str) -> Result<()> {
 }
 
 fn save(client: &mut Client) -> Result<()> {
-    client.ask(Ask::Save, |answer| match answer {
-        Answer::Saved { waits: false } => Ok(println!("saved")),
-        Answer::Saved { waits: true } => Ok(println!("will be saved when the bridge is off: `hallctl disarm`")),
+    let waits = client.ask(Ask::Save, |answer| match answer {
+        Answer::Saved { waits } => Ok(waits),
         other => unexpected(&other),
-    })
+    })?;
+    println!("{}", if waits { "will be saved when the bridge is off: `hallctl disarm`" } else { "saved" });
+    Ok(())
 }
 
 fn export(client: &mut Client, path: &Path) -> Result<()> {

@@ -3,16 +3,21 @@
 use anyhow::{Context, Result, ensure};
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use hallservo_app::saving::BLOCKS;
+use std::cell::RefCell;
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::Path;
+use std::rc::Rc;
 
 const BLOCK: usize = 2048;
 const SIZE: usize = BLOCK * BLOCKS as usize;
 
-/// The flash.
+/// The flash. A clone is the same flash.
+#[derive(Clone, Debug)]
+pub struct Flash(Rc<RefCell<Cells>>);
+
 #[derive(Debug)]
-pub struct Flash {
+struct Cells {
     bytes: Vec<u8>,
     file: Option<File>,
 }
@@ -30,12 +35,17 @@ impl NorFlashError for Broken {
 impl Flash {
     /// A blank one, forgotten with the process.
     pub fn blank() -> Self {
-        Self { bytes: vec![0xff; SIZE], file: None }
+        Self::of(vec![0xff; SIZE])
     }
 
     /// With these contents.
     pub fn of(bytes: Vec<u8>) -> Self {
-        Self { bytes, file: None }
+        Self(Rc::new(RefCell::new(Cells { bytes, file: None })))
+    }
+
+    /// What it holds.
+    pub fn bytes(&self) -> Vec<u8> {
+        self.0.borrow().bytes.clone()
     }
 
     /// In a file; a new one is blank.
@@ -53,9 +63,11 @@ impl Flash {
             file.write_all(&bytes).with_context(name)?;
         }
         ensure!(bytes.len() == SIZE, "{} has {} bytes, not {SIZE}", name(), bytes.len());
-        Ok(Self { bytes, file: Some(file) })
+        Ok(Self(Rc::new(RefCell::new(Cells { bytes, file: Some(file) }))))
     }
+}
 
+impl Cells {
     /// Writes through.
     fn keep(&mut self, from: usize, to: usize) -> Result<(), Broken> {
         let Some(file) = &mut self.file else { return Ok(()) };
@@ -72,12 +84,12 @@ impl ReadNorFlash for Flash {
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Broken> {
         let from = offset as usize;
-        bytes.copy_from_slice(self.bytes.get(from..from + bytes.len()).ok_or(Broken)?);
+        bytes.copy_from_slice(self.0.borrow().bytes.get(from..from + bytes.len()).ok_or(Broken)?);
         Ok(())
     }
 
     fn capacity(&self) -> usize {
-        self.bytes.len()
+        self.0.borrow().bytes.len()
     }
 }
 
@@ -87,16 +99,18 @@ impl NorFlash for Flash {
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Broken> {
         let (from, to) = (from as usize, to as usize);
-        self.bytes.get_mut(from..to).ok_or(Broken)?.fill(0xff);
-        self.keep(from, to)
+        let mut cells = self.0.borrow_mut();
+        cells.bytes.get_mut(from..to).ok_or(Broken)?.fill(0xff);
+        cells.keep(from, to)
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Broken> {
         let (from, to) = (offset as usize, offset as usize + bytes.len());
-        for (cell, byte) in self.bytes.get_mut(from..to).ok_or(Broken)?.iter_mut().zip(bytes) {
+        let mut cells = self.0.borrow_mut();
+        for (cell, byte) in cells.bytes.get_mut(from..to).ok_or(Broken)?.iter_mut().zip(bytes) {
             // A bit is cleared by writing, and set by erasing only.
             *cell &= byte;
         }
-        self.keep(from, to)
+        cells.keep(from, to)
     }
 }

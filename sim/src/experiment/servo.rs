@@ -6,9 +6,10 @@ use crate::rig::Rig;
 use crate::statistics::{Statistics, ripple_pct};
 use anyhow::{Context, Result, anyhow};
 use hallservo::commutation::Commutation;
-use hallservo::control::cogging::{Learner, Table};
+use hallservo::control::identify::{Estimate, Report as Identified};
 use hallservo::control::settings::Settings as Control;
 use hallservo::drive::Command;
+use hallservo::service::{identification, learning};
 use hallservo::settings::Settings;
 use plant::{PlantParameters, Truth};
 use serde::Serialize;
@@ -49,6 +50,8 @@ pub struct Summary {
     pub load_step_recovery_ms: f64,
     /// RMS of the net torque of a slow turn at zero command without over that with the table.
     pub cogging_reduction: f64,
+    /// What the drive finds its motor to be.
+    pub identification: Identification,
 }
 
 /// Everything to plot.
@@ -71,6 +74,8 @@ pub fn main(common: &Common) -> Result<()> {
     let run = run(common.seed)?;
     println!("Current, speed and position control (seed {}):\n", common.seed);
     print_table(&run.table());
+    println!();
+    print_table(&run.summary.identification.table());
     println!();
     common.finish("servo", &run.summary, &run.report()?)
 }
@@ -122,6 +127,7 @@ pub fn run(seed: u64) -> Result<Run> {
     let block = turn(seed, Commutation::Block)?;
     let hold = hold(seed)?;
     let (cogging, cogging_reduction) = cogging(seed)?;
+    let (plant, identified) = identified(seed)?;
     let summary = Summary {
         seed,
         current_rise_us: 1e3 * (at(0.9)? - at(0.1)?),
@@ -139,6 +145,7 @@ pub fn run(seed: u64) -> Result<Run> {
         load_step_deviation_deg: hold.deviation_deg,
         load_step_recovery_ms: hold.recovery_ms,
         cogging_reduction,
+        identification: Identification::new(&plant, &identified),
     };
     let turns = [("field-oriented", foc), ("sinusoidal", sine), ("block", block)];
     let over_time = |values: &[f64]| values.iter().take(8000).enumerate().map(|(k, x)| (k as f64 / 40.0, *x)).collect();
@@ -210,8 +217,7 @@ const SLOW_RAD_S: f32 = 10.471_976;
 fn turn(seed: u64, commutation: Commutation) -> Result<Turn> {
     let mut rig = armed(seed, commutation, SMOOTH)?;
     if commutation == Commutation::FieldOriented {
-        let table = learn(&mut rig)?;
-        rig.command(Command::Balance(Some(Box::leak(Box::new(table)))))?;
+        learn(&mut rig)?;
     }
     rig.command(Command::Speed(rig.control()?.speed(0.0)?))?;
     rig.run(0.3, |_, _| ());
@@ -274,47 +280,122 @@ fn hold(seed: u64) -> Result<Hold> {
     })
 }
 
-/// Speed of learning and of measuring, rad/s.
-const LEARNING_RAD_S: f32 = 3.0;
+/// Speed of the dynamometer that measures the cogging, rad/s.
+const TURNING_RAD_S: f64 = 3.0;
+
+/// Has an armed drive learn the cogging, and arms it again.
+fn learn(rig: &mut Rig) -> Result<()> {
+    rig.command(Command::Disarm)?;
+    rig.run(0.3, |_, _| ());
+    rig.learn(&learning::Plan::new(&rig.config)?)?;
+    rig.command(Command::Arm)
+}
+
+/// Has a drive that was told a motor off by a fifth measure the one that it has.
+fn identified(seed: u64) -> Result<(PlantParameters, Identified)> {
+    let right = Control::default();
+    let control = Control {
+        resistance_ohm: 1.2 * right.resistance_ohm,
+        inductance_h: 0.8 * right.inductance_h,
+        flux_linkage_wb: 0.8 * right.flux_linkage_wb,
+        inertia_kgm2: 0.8 * right.inertia_kgm2,
+        ..right
+    };
+    let plant = PlantParameters::unkind(seed);
+    let mut rig = Rig::new(&plant, &Settings { control: Some(control), ..Settings::default() }, seed)?;
+    rig.calibrate(|_| ())?;
+    let report = rig.identify(&identification::Plan::new(&rig.config)?)?;
+    Ok((plant, report))
+}
+
+/// Something identified, and what it really is.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Compared {
+    /// What the drive found.
+    pub measured: f64,
+    /// What it expects to be off by at most.
+    pub expected_error: f64,
+    /// The motor's.
+    pub exact: f64,
+}
+
+/// The identified motor beside the true one; SI units.
+#[derive(Clone, Copy, Debug, Serialize)]
+pub struct Identification {
+    /// Resistance of a phase and the switch in series.
+    pub resistance_ohm: Compared,
+    /// Inductance of a phase.
+    pub inductance_h: Compared,
+    /// Flux linkage.
+    pub flux_linkage_wb: Compared,
+    /// Torque constant.
+    pub torque_constant_nm_a: Compared,
+    /// L/R.
+    pub time_constant_s: Compared,
+    /// Inertia.
+    pub inertia_kgm2: Compared,
+    /// Coulomb friction.
+    pub coulomb_nm: Compared,
+    /// Viscous friction.
+    pub viscous_nms: Compared,
+}
+
+impl Identification {
+    fn new(plant: &PlantParameters, report: &Identified) -> Self {
+        let motor = &plant.motor;
+        let flux = motor.back_emf.flux_linkage_vs;
+        let resistance = motor.resistance_ohm + plant.inverter.switch_ohm;
+        let compared = |Estimate { value, error }, exact| Compared { measured: value, expected_error: error, exact };
+        Self {
+            resistance_ohm: compared(report.resistance_ohm, resistance),
+            inductance_h: compared(report.inductance_h, motor.inductance_h),
+            flux_linkage_wb: compared(report.flux_linkage_wb, flux),
+            torque_constant_nm_a: compared(report.torque_constant_nm_a(), 1.5 * f64::from(motor.pole_pairs) * flux),
+            time_constant_s: compared(report.time_constant_s(), motor.inductance_h / resistance),
+            inertia_kgm2: compared(report.inertia_kgm2, motor.inertia_kgm2),
+            coulomb_nm: compared(report.coulomb_nm, motor.friction.coulomb_nm),
+            viscous_nms: compared(report.viscous_nms, motor.friction.viscous_nms),
+        }
+    }
+
+    fn table(&self) -> Vec<Vec<String>> {
+        let head = ["measured by the drive itself, told a fifth too much or too little", "measured", "±", "exact"];
+        let rows = [
+            ("resistance, switches included / Ω", self.resistance_ohm, 1.0),
+            ("inductance / mH", self.inductance_h, 1e3),
+            ("flux linkage / mWb", self.flux_linkage_wb, 1e3),
+            ("torque constant / mN·m/A", self.torque_constant_nm_a, 1e3),
+            ("time constant L/R / µs", self.time_constant_s, 1e6),
+            ("inertia / g·cm²", self.inertia_kgm2, 1e7),
+            ("Coulomb friction / mN·m", self.coulomb_nm, 1e3),
+            ("viscous friction / µN·m·s", self.viscous_nms, 1e6),
+        ];
+        let row = |(name, compared, scale): (&str, Compared, f64)| {
+            let values = [compared.measured, compared.expected_error, compared.exact];
+            std::iter::once(name.to_string()).chain(values.map(|value| format!("{:.3}", value * scale))).collect()
+        };
+        std::iter::once(head.map(String::from).to_vec()).chain(rows.into_iter().map(row)).collect()
+    }
+}
 
 /// Net torque over the electrical angle without and with the table, and the quotient of their RMS.
 fn cogging(seed: u64) -> Result<(Vec<Series>, f64)> {
     let mut rig = armed(seed, Commutation::FieldOriented, SMOOTH)?;
     let off = net_torque(&mut rig)?;
-    // The second time with the table of the first, so that the speed hardly wavers any more.
-    for _ in 0..2 {
-        let table = learn(&mut rig)?;
-        rig.command(Command::Balance(Some(Box::leak(Box::new(table)))))?;
-    }
+    learn(&mut rig)?;
     let on = net_torque(&mut rig)?;
     let rms = |torque: &[(f64, f64)]| torque.iter().map(|p| p.1).collect::<Statistics>().rms();
     let reduction = rms(&off) / rms(&on);
     Ok((vec![Series::new("off", off), Series::new("on", on)], reduction))
 }
 
-fn learn(rig: &mut Rig) -> Result<Table> {
-    let mut learner = Learner::default();
-    for direction in [1.0, -1.0] {
-        rig.command(Command::Speed(rig.control()?.speed(direction * LEARNING_RAD_S)?))?;
-        rig.run(0.3, |_, _| ());
-        while rig.service.measurement().is_some() {}
-        for _ in 0..4000 {
-            rig.run(0.001, |_, _| ());
-            while let Some(measurement) = rig.service.measurement() {
-                learner.push(direction > 0.0, measurement.rotor.angle(), measurement.state.wanted);
-            }
-        }
-    }
-    learner.table(12).context("the rotor did not come by all angles")
-}
-
 /// Torque of the currents and the cogging in mN·m over the electrical angle in degrees, at zero command and turned slowly.
 fn net_torque(rig: &mut Rig) -> Result<Vec<(f64, f64)>> {
     rig.command(Command::Current(rig.control()?.current(0.0)?))?;
-    rig.plant.set_dyno(Some(LEARNING_RAD_S.into())).map_err(|error| anyhow!("{error}"))?;
+    rig.plant.set_dyno(Some(TURNING_RAD_S)).map_err(|error| anyhow!("{error}"))?;
     rig.run(0.1, |_, _| ());
     let mut by_angle = crate::statistics::ByAngle::new(360);
-    rig.run(TAU / f64::from(LEARNING_RAD_S), |_, period| {
+    rig.run(TAU / TURNING_RAD_S, |_, period| {
         let truth = &period.truth;
         by_angle.push(truth.electrical_angle_rad.to_degrees(), 1e3 * (truth.torque_nm + truth.cogging_nm));
     });
@@ -357,6 +438,7 @@ impl Run {
              280 Hz for holding a position.",
         );
         report.table(&self.table());
+        report.table(&self.summary.identification.table());
         let current = vec![Series::new("current along q", self.current.iter().take(120).copied())];
         let plots = [
             ("Current step, rotor locked", "time / ms", "A", &current, "Field-oriented, set for 1 kHz at 40 kHz PWM."),

@@ -1,0 +1,243 @@
+//! `hallctl` at `hallctl simulate`: every command that a person has, over TCP and over a pseudo-terminal.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpListener;
+use std::path::Path;
+use std::process::{Child, Command, Output, Stdio};
+use std::thread;
+use tempfile::TempDir;
+
+const HALLCTL: &str = env!("CARGO_BIN_EXE_hallctl");
+
+/// A simulated drive in a process of its own; dropped, its power is cut.
+struct Drive {
+    process: Child,
+    port: String,
+}
+
+impl Drop for Drive {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+impl Drive {
+    fn start(options: &[&str]) -> Self {
+        let mut process = Command::new(HALLCTL)
+            .args(["simulate", "--speed", "fast"])
+            .args(options)
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut line = String::new();
+        BufReader::new(process.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let port = line.trim().strip_prefix("The simulated drive is at ").unwrap_or_else(|| panic!("{line}")).into();
+        Self { process, port }
+    }
+
+    fn with_flash(flash: &Path, options: &[&str]) -> Self {
+        Self::start(&[&["--flash", flash.to_str().unwrap()], options].concat())
+    }
+
+    fn call(&self, arguments: &[&str]) -> Output {
+        call(&self.port, arguments)
+    }
+
+    /// What it prints, when it succeeds.
+    fn ok(&self, arguments: &[&str]) -> String {
+        let output = self.call(arguments);
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(output.status.success(), "{arguments:?}: {text}{}", String::from_utf8_lossy(&output.stderr));
+        text
+    }
+
+    /// What it says, when it fails with an exit code.
+    fn fails(&self, code: i32, arguments: &[&str]) -> String {
+        fails(&self.port, code, arguments)
+    }
+}
+
+fn call(port: &str, arguments: &[&str]) -> Output {
+    Command::new(HALLCTL).args(["--port", port]).args(arguments).output().unwrap()
+}
+
+fn fails(port: &str, code: i32, arguments: &[&str]) -> String {
+    let output = call(port, arguments);
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {text}");
+    text
+}
+
+fn folder() -> TempDir {
+    tempfile::tempdir().unwrap()
+}
+
+/// Everything that a first evening with a drive has.
+fn evening(options: &[&str]) {
+    let folder = folder();
+    let file = |name: &str| folder.path().join(name);
+    let flash = file("flash.bin");
+    let drive = Drive::with_flash(&flash, &[options, &["--fault", "hall-open@4s"]].concat());
+
+    assert!(drive.ok(&["status"]).contains("unarmed: bridge off, not calibrated"));
+    assert!(drive.fails(6, &["arm"]).contains("`hallctl calibrate` first"));
+    let report = drive.ok(&["calibrate"]);
+    assert!(report.contains("Calibrated.") && report.contains("120° apart"), "{report}");
+    drive.ok(&["arm"]);
+    let turning = drive.ok(&["speed", "100", "--seconds", "0.5"]);
+    let speed: f64 = turning.split(' ').next().unwrap().parse().unwrap();
+    assert!((speed - 100.0).abs() < 3.0, "{turning}");
+
+    // Telemetry of a motor that is told once, and stops a second later by itself.
+    drive.ok(&["speed", "50", "--once"]);
+    let (csv, html) = (file("t.csv"), file("t.html"));
+    let paths = [csv.to_str().unwrap(), html.to_str().unwrap()];
+    drive.ok(&["telemetry", "--seconds", "1.2", "--hz", "500", "--csv", paths[0], "--plot", paths[1]]);
+    let mut rows = csv::Reader::from_path(&csv).unwrap();
+    let column = |name: &str| rows.headers().unwrap().iter().position(|head| head == name).unwrap();
+    let [time, speed, lost] = ["time_s", "speed_rad_s", "lost"].map(column);
+    let rows: Vec<_> = rows.records().map(Result::unwrap).collect();
+    let number = |row: &csv::StringRecord, place: usize| row[place].parse::<f64>().unwrap();
+    assert!((500..700).contains(&rows.len()), "{}", rows.len());
+    assert!(rows.iter().all(|row| number(row, lost) == 0.0));
+    assert!(number(&rows[rows.len() - 1], time) > 1.0);
+    assert!(rows.iter().any(|row| (number(row, speed) - 50.0).abs() < 3.0));
+    assert!(number(&rows[rows.len() - 1], speed).abs() < 3.0);
+    assert!(fs::read_to_string(html).unwrap().contains("<svg"));
+    assert!(drive.ok(&["status"]).contains("stopped: no command came for too long"));
+
+    // The Hall breaks while the position is held.
+    let fallen = drive.fails(7, &["position", "2.5", "--seconds", "5"]);
+    assert!(fallen.contains("Hall 0 is at the end of the ADC's range"), "{fallen}");
+    let history = drive.ok(&["faults"]);
+    assert!(
+        history.contains("running)  Hall 0 is at the end") && history.contains("→ check that Hall's supply"),
+        "{history}"
+    );
+    assert!(drive.ok(&["status"]).contains("faulted"));
+    drive.ok(&["clear"]);
+
+    drive.ok(&["settings", "set", "max_current_a", "2.5"]);
+    assert!(drive.fails(6, &["settings", "set", "max_current_a", "99"]).contains("must be from 0 to 7.425"));
+    assert!(drive.fails(6, &["settings", "set", "adc_bits", "16"]).contains("follows from the board's parts"));
+    assert_eq!(drive.ok(&["settings", "save"]), "saved\n");
+    drop(drive);
+
+    // The same flash, another power-up.
+    let drive = Drive::with_flash(&flash, options);
+    assert!(drive.ok(&["settings", "get", "max_current_a"]).contains("max_current_a = 2.5 A"));
+    assert!(drive.ok(&["status"]).contains("ready: bridge off, calibrated"));
+    drive.ok(&["arm"]);
+    drive.ok(&["position", "2.5", "--seconds", "1"]);
+    let status = drive.ok(&["status"]);
+    assert!(status.contains("running: bridge on") && status.contains("2.50"), "{status}");
+    drive.ok(&["disarm"]);
+}
+
+#[test]
+fn an_evening_over_tcp() {
+    evening(&[]);
+}
+
+#[test]
+fn an_evening_over_a_pseudo_terminal() {
+    evening(&["--pty"]);
+}
+
+#[test]
+fn settings_go_into_a_file_and_back() {
+    let folder = folder();
+    let file = folder.path().join("settings.toml");
+    let path = file.to_str().unwrap();
+    let drive = Drive::start(&[]);
+    drive.ok(&["settings", "set", "commutation", "block"]);
+    drive.ok(&["commutation", "sinusoidal"]);
+    drive.ok(&["settings", "set", "reversed", "yes"]);
+    // In the file, the bandwidth of the speed comes after the one that limits it, and that has to fall first.
+    drive.ok(&["settings", "set", "position_bandwidth_hz", "2"]);
+    drive.ok(&["settings", "set", "speed_bandwidth_hz", "8"]);
+    drive.ok(&["settings", "set", "current_bandwidth_hz", "40"]);
+    drive.ok(&["settings", "export", path]);
+    drive.ok(&["settings", "reset"]);
+    let list = drive.ok(&["settings", "list"]);
+    assert!(!list.lines().any(|line| line.starts_with("* ") && !line.contains("differs")), "{list}");
+    drive.ok(&["settings", "import", path]);
+    let list = drive.ok(&["settings", "list"]);
+    let changed = list.lines().filter(|line| line.starts_with("* ") && !line.contains("differs")).count();
+    assert_eq!(changed, 5, "{list}");
+    assert!(list.contains("* commutation                  sinusoidal"), "{list}");
+    assert!(drive.fails(6, &["settings", "load"]).contains("never stored"));
+
+    fs::write(&file, "stall_s = 0.7\nno_such_setting = 1\n").unwrap();
+    assert!(drive.fails(6, &["settings", "import", path]).contains("no such setting"));
+    fs::write(&file, "reversed = \"perhaps\"\n").unwrap();
+    assert!(drive.fails(1, &["settings", "import", path]).contains("takes yes or no"));
+}
+
+#[test]
+fn the_motor_is_measured_and_its_cogging_learnt() {
+    let drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    let motor = drive.ok(&["identify"]);
+    assert!(motor.contains("resistance") && motor.contains("inertia_kgm2"), "{motor}");
+    assert!(drive.ok(&["cogging", "learn"]).contains("A RMS"));
+    assert!(drive.ok(&["status"]).contains("cogging balanced"));
+    drive.ok(&["cogging", "off"]);
+    assert!(!drive.ok(&["status"]).contains("cogging balanced"));
+    drive.ok(&["arm"]);
+    drive.ok(&["torque", "0.01", "--seconds", "0.2"]);
+    drive.ok(&["voltage", "-0.2", "--seconds", "0.2"]);
+    assert!(drive.fails(6, &["torque", "nan", "--once"]).contains("beyond"));
+}
+
+#[test]
+fn what_is_no_drive_is_told_apart() {
+    assert!(fails("/dev/no-such-port", 3, &["status"]).contains("Is the board plugged in?"));
+    // Free a moment ago.
+    let free = TcpListener::bind("127.0.0.1:0").unwrap().local_addr().unwrap();
+    assert!(fails(&format!("tcp:{free}"), 3, &["status"]).contains("cannot open"));
+    let of_version_2 = serve(&frame_of_version(2));
+    let text = fails(&of_version_2, 5, &["status"]);
+    assert!(text.contains("version 2") && text.contains("version 1") && text.contains("Update hallctl"), "{text}");
+    let text = fails(&serve(b"\x00hello, I am a modem\x00"), 4, &["status"]);
+    assert!(text.contains("not the protocol of a hallservo drive"), "{text}");
+}
+
+/// Says the same to everyone, and nothing more.
+fn serve(bytes: &[u8]) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let port = format!("tcp:{}", listener.local_addr().unwrap());
+    let bytes = bytes.to_vec();
+    thread::spawn(move || {
+        let mut kept = Vec::new();
+        for mut stream in listener.incoming().flatten() {
+            let _ = stream.write_all(&bytes);
+            kept.push(stream);
+        }
+    });
+    port
+}
+
+/// As a drive of another version would send it.
+fn frame_of_version(version: u8) -> Vec<u8> {
+    let inside = [version, 1, 0];
+    let checksum = !inside.iter().fold(u32::MAX, |crc, &byte| {
+        (0..8).fold(crc ^ u32::from(byte), |crc, _| (crc >> 1) ^ if crc & 1 == 1 { 0xedb8_8320 } else { 0 })
+    });
+    let inside = [&inside[..], &checksum.to_le_bytes()].concat();
+    // COBS: the distance to the next zero in the place of each.
+    let mut frame = vec![0, 0];
+    let mut mark = 1;
+    for byte in inside {
+        if byte == 0 {
+            frame[mark] = (frame.len() - mark) as u8;
+            mark = frame.len();
+        }
+        frame.push(byte);
+    }
+    frame[mark] = (frame.len() - mark) as u8;
+    frame.push(0);
+    frame
+}

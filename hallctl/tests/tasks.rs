@@ -1,0 +1,251 @@
+//! The tasks of a drive: watchdog, time-out, storage, procedures.
+
+mod tool;
+
+use hallctl::simulate::flash::Flash;
+use hallctl::simulate::{Simulator, fault};
+use hallservo::mode::Mode;
+use hallservo_protocol::{Answer, Ask, Cause, Decoder, Learning, Problem, Procedure, Record, Refusal, Reply};
+use plant::PlantParameters;
+use tool::{ask, calibrated, done, drive, run, status, wait};
+
+#[test]
+fn the_watchdog_is_fed_only_while_the_control_interrupt_comes() {
+    let mut drive = drive(Flash::blank());
+    run(&mut drive, 1000);
+    let fed = drive.fed();
+    // Every 20 ms.
+    assert!((45..=50).contains(&fed), "{fed}");
+    (0..1000).for_each(|_| drive.stall());
+    assert!(drive.fed() <= fed + 1);
+    run(&mut drive, 100);
+    assert!(drive.fed() > fed + 1);
+}
+
+#[test]
+fn a_dead_control_interrupt_is_told_and_nothing_waits_for_ever() {
+    let (mut drive, _) = calibrated();
+    drive.write(&tool::request(7, Ask::Arm));
+    (0..200).for_each(|_| drive.stall());
+    let reply = drive.read();
+    let mut decoder = Decoder::new();
+    let silent = reply.iter().any(|&byte| {
+        let message = decoder.push::<Reply<'_>>(byte);
+        matches!(message, Some(Ok(reply)) if reply.answer == Answer::Refused(Refusal::Silent))
+    });
+    assert!(silent);
+    // Its answer comes late and is nobody's; what is asked for then is answered as it should.
+    run(&mut drive, 10);
+    assert_eq!(drive.drive().mode(), Mode::Running);
+    done(&mut drive, Ask::Disarm);
+    assert_eq!(drive.drive().mode(), Mode::Ready);
+}
+
+#[test]
+fn a_tool_of_another_version_is_told_the_drives() {
+    let mut drive = drive(Flash::blank());
+    run(&mut drive, 10);
+    // COBS of the version 7 and its CRC, which has no zero in it.
+    drive.write(&[0, 6, 7, 0x2e, 0x7a, 0x66, 0x4c, 0]);
+    run(&mut drive, 10);
+    let mut decoder = Decoder::new();
+    let hello = drive.read().iter().any(|&byte| {
+        let message = decoder.push::<Reply<'_>>(byte);
+        matches!(message, Some(Ok(Reply { id: 0, answer: Answer::Hello(hello) })) if hello.board == "simulated")
+    });
+    assert!(hello);
+    assert_eq!(status(&mut drive).garbage, 1);
+}
+
+#[test]
+fn what_is_off_is_disarmed() {
+    let mut drive = drive(Flash::blank());
+    run(&mut drive, 10);
+    done(&mut drive, Ask::Disarm);
+    assert_eq!(drive.drive().mode(), Mode::Unarmed);
+}
+
+#[test]
+fn a_motor_whose_tool_has_died_stops() {
+    let (mut drive, _) = calibrated();
+    done(&mut drive, Ask::Arm);
+    done(&mut drive, Ask::Speed(100.0));
+    run(&mut drive, 900);
+    assert!((drive.plant.truth().speed_rad_s - 100.0).abs() < 5.0);
+    run(&mut drive, 500);
+    assert!(drive.plant.truth().speed_rad_s.abs() < 2.0);
+    assert_eq!(hallctl::words::limits(status(&mut drive).limits), ["stopped: no command came for too long"]);
+}
+
+#[test]
+fn a_calibration_outlives_the_power_and_a_corrupt_one_is_named() {
+    let (first, flash) = calibrated();
+    drop(first);
+    let mut second = drive(Flash::of(flash.clone()));
+    run(&mut second, 10);
+    assert!(status(&mut second).calibrated);
+    done(&mut second, Ask::Arm);
+    drop(second);
+
+    let mut broken = flash;
+    broken[40] ^= 4;
+    let mut third = drive(Flash::of(broken));
+    run(&mut third, 10);
+    let status = status(&mut third);
+    assert_eq!((status.calibrated, status.stored[0], status.incidents), (false, Problem::Corrupt, 1));
+    ask(&mut third, Ask::History(0), |answer| match answer {
+        Answer::History(history) => {
+            let cause = history.entry.map(|incident| incident.cause);
+            assert_eq!(cause, Some(Cause::Stored(Record::Sensors, Problem::Corrupt)));
+        }
+        other => panic!("{other:?}"),
+    });
+    ask(&mut third, Ask::Arm, |answer| assert_eq!(answer, Answer::Refused(Refusal::NotCalibrated)));
+}
+
+#[test]
+fn settings_are_saved_while_the_bridge_is_off_only() {
+    let (mut first, _) = calibrated();
+    let set = Ask::Set { name: "stall_s", value: 2.5 };
+    done(&mut first, set);
+    done(&mut first, Ask::Arm);
+    ask(&mut first, set, |answer| assert!(matches!(answer, Answer::Refused(Refusal::Mode(_))), "{answer:?}"));
+    let before = first.flash();
+    ask(&mut first, Ask::Save, |answer| assert_eq!(answer, Answer::Saved { waits: true }));
+    run(&mut first, 50);
+    assert!(first.flash() == before, "written while the bridge was on");
+    done(&mut first, Ask::Disarm);
+    run(&mut first, 50);
+    let flash = first.flash();
+    assert!(flash != before && !status(&mut first).unsaved);
+    drop(first);
+
+    let mut second = drive(Flash::of(flash));
+    run(&mut second, 10);
+    ask(&mut second, Ask::Get("stall_s"), |answer| match answer {
+        Answer::Setting(setting) => assert_eq!((setting.value, setting.default), (2.5, 0.5)),
+        other => panic!("{other:?}"),
+    });
+    done(&mut second, Ask::Restore);
+    ask(&mut second, Ask::Get("stall_s"), |answer| {
+        assert!(matches!(answer, Answer::Setting(setting) if setting.value == 0.5));
+    });
+    done(&mut second, Ask::Load);
+    ask(&mut second, Ask::Get("stall_s"), |answer| {
+        assert!(matches!(answer, Answer::Setting(setting) if setting.value == 2.5));
+    });
+}
+
+#[test]
+fn what_is_learnt_is_saved_after_the_next_disarming_and_not_too_often() {
+    let (mut first, flash) = calibrated();
+    drop(first);
+    // The second sensor fades as it warms up, by a tenth in 20 K.
+    let mut parameters = PlantParameters::unkind(1);
+    parameters.halls[1].amplitude_drift_k = -0.005;
+    first = Simulator::at(&parameters, 1, Flash::of(flash.clone()), Vec::new()).unwrap();
+    run(&mut first, 10);
+    let mut warm = |to_c: f64, saves: bool| {
+        done(&mut first, Ask::Arm);
+        let before = first.flash();
+        for step in 0..150 {
+            first.plant.set_temperature(to_c - 20.0 * (1.0 - (f64::from(step) / 100.0).min(1.0))).unwrap();
+            done(&mut first, Ask::Speed(60.0));
+            run(&mut first, 20);
+        }
+        let learnt = status(&mut first);
+        assert_eq!((learnt.learning, learnt.unsaved), (Learning::On, true));
+        assert!(first.flash() == before, "written while the bridge was on");
+        done(&mut first, Ask::Disarm);
+        run(&mut first, 50);
+        assert_eq!((first.flash() != before, !status(&mut first).unsaved), (saves, saves));
+    };
+    warm(45.0, true);
+    warm(65.0, false);
+    let learnt = first.flash();
+    drop(first);
+    // After a power-up it begins from what was learnt: nothing is left to be saved.
+    parameters.halls[1].amplitude_v *= 0.9;
+    parameters.halls[1].amplitude_drift_k = 0.0;
+    let mut second = Simulator::at(&parameters, 1, Flash::of(learnt), Vec::new()).unwrap();
+    run(&mut second, 10);
+    done(&mut second, Ask::Arm);
+    for _ in 0..50 {
+        done(&mut second, Ask::Speed(60.0));
+        run(&mut second, 20);
+    }
+    assert!(!status(&mut second).unsaved);
+}
+
+#[test]
+fn the_drive_measures_its_motor_and_balances_its_cogging() {
+    let (mut first, _) = calibrated();
+    done(&mut first, Ask::Set { name: "resistance_ohm", value: 4.5 });
+    done(&mut first, Ask::Identify);
+    ask(&mut first, Ask::Arm, |answer| assert!(matches!(answer, Answer::Refused(Refusal::Busy(_))), "{answer:?}"));
+    wait(&mut first);
+    ask(&mut first, Ask::Identification, |answer| match answer {
+        Answer::Identification(Procedure::Found(motor)) => {
+            assert!((motor.resistance_ohm[0] / 3.77 - 1.0).abs() < 0.1, "{motor:?}");
+            assert_eq!(motor.told[0], 4.5);
+        }
+        other => panic!("{other:?}"),
+    });
+    ask(&mut first, Ask::Get("resistance_ohm"), |answer| {
+        assert!(matches!(answer, Answer::Setting(setting) if (setting.value / 3.77 - 1.0).abs() < 0.1), "{answer:?}");
+    });
+    ask(&mut first, Ask::Balance(true), |answer| assert_eq!(answer, Answer::Refused(Refusal::NoTable)));
+    done(&mut first, Ask::LearnCogging);
+    wait(&mut first);
+    run(&mut first, 50);
+    assert!(status(&mut first).balanced);
+    ask(&mut first, Ask::Cogging, |answer| match answer {
+        Answer::Cogging(Procedure::Found(cogging)) => assert!(cogging.rms_a > 0.01, "{cogging:?}"),
+        other => panic!("{other:?}"),
+    });
+    let flash = first.flash();
+    drop(first);
+    let mut second = drive(Flash::of(flash));
+    run(&mut second, 20);
+    assert!(status(&mut second).balanced);
+    done(&mut second, Ask::Balance(false));
+    run(&mut second, 10);
+    assert!(!status(&mut second).balanced);
+}
+
+#[test]
+fn a_procedure_is_ended_by_disarming() {
+    let (mut drive, _) = calibrated();
+    for procedure in [Ask::Identify, Ask::LearnCogging, Ask::Calibrate] {
+        done(&mut drive, procedure);
+        run(&mut drive, 300);
+        assert!(drive.drive().mode().drives(), "{procedure:?}");
+        drive.write(&tool::request(1, Ask::Disarm));
+        run(&mut drive, 5);
+        assert!(!drive.drive().mode().drives(), "{procedure:?}");
+        wait(&mut drive);
+        assert!(!drive.drive().mode().drives(), "{procedure:?}");
+    }
+}
+
+#[test]
+fn every_fault_is_in_the_history_with_its_text() {
+    let kinds =
+        [("hall-open", "end of the ADC"), ("over-voltage", "too high"), ("hot", "too hot"), ("late", "without a step")];
+    let flash = calibrated().1;
+    for (name, text) in kinds {
+        let planned: fault::Planned = format!("{name}@0.1s").parse().unwrap();
+        let mut drive = Simulator::new(1, Flash::of(flash.clone()), vec![planned]).unwrap();
+        run(&mut drive, 10);
+        done(&mut drive, Ask::Arm);
+        run(&mut drive, 150);
+        ask(&mut drive, Ask::History(0), |answer| match answer {
+            Answer::History(history) => {
+                let (found, _) = hallctl::words::incident(&history.entry.unwrap());
+                assert!(found.contains(text), "{name}: {found}");
+            }
+            other => panic!("{other:?}"),
+        });
+        assert!(matches!(drive.drive().mode(), Mode::Faulted(_)), "{name}");
+    }
+}

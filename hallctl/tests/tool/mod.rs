@@ -1,0 +1,73 @@
+//! A tool in the same process as the simulated drive.
+
+use hallctl::simulate::Simulator;
+use hallctl::simulate::flash::Flash;
+use hallservo_protocol::*;
+
+/// Milliseconds that a tool waits.
+const PATIENCE: u32 = 300;
+
+pub fn request(id: u16, ask: Ask<'_>) -> Vec<u8> {
+    let mut frame = [0; FRAME];
+    let length = encode(&Request { id, ask }, &mut frame).unwrap();
+    frame[..length].to_vec()
+}
+
+/// Asks, and hands the answer to `understand`; lets the drive's time pass until it comes.
+pub fn ask<R>(drive: &mut Simulator, ask: Ask<'_>, understand: impl FnOnce(Answer<'_>) -> R) -> R {
+    const ID: u16 = 0xabcd;
+    drive.write(&request(ID, ask));
+    let mut decoder = Decoder::new();
+    for _ in 0..PATIENCE {
+        drive.step();
+        for byte in drive.read() {
+            if let Some(Ok(Reply { id: ID, answer })) = decoder.push(byte) {
+                return understand(answer);
+            }
+        }
+    }
+    panic!("no answer to {ask:?}");
+}
+
+pub fn done(drive: &mut Simulator, what: Ask<'_>) {
+    ask(drive, what, |answer| {
+        assert!(!matches!(answer, Answer::Refused(_)), "{what:?}: {answer:?}");
+    });
+}
+
+pub fn status(drive: &mut Simulator) -> Status {
+    ask(drive, Ask::Status, |answer| match answer {
+        Answer::Status(status) => status,
+        other => panic!("{other:?}"),
+    })
+}
+
+pub fn run(drive: &mut Simulator, milliseconds: u32) {
+    (0..milliseconds).for_each(|_| drive.step());
+}
+
+/// Waits for what goes on.
+pub fn wait(drive: &mut Simulator) {
+    for _ in 0..2000 {
+        if status(drive).activity == Activity::None {
+            return;
+        }
+        run(drive, 20);
+    }
+    panic!("it goes on and on");
+}
+
+pub fn drive(flash: Flash) -> Simulator {
+    Simulator::new(1, flash, Vec::new()).unwrap()
+}
+
+/// A drive that has calibrated itself, and what its flash holds then.
+pub fn calibrated() -> (Simulator, Vec<u8>) {
+    let mut drive = drive(Flash::blank());
+    run(&mut drive, 10);
+    done(&mut drive, Ask::Calibrate);
+    wait(&mut drive);
+    run(&mut drive, 20);
+    let flash = drive.flash();
+    (drive, flash)
+}

@@ -1,0 +1,182 @@
+//! Frames: whatever comes over the line, the decoder finds the whole ones and nothing else.
+
+use hallservo_protocol::*;
+use proptest::prelude::*;
+
+fn request(id: u16, ask: Ask<'_>) -> Vec<u8> {
+    let mut frame = [0; FRAME];
+    let length = encode(&Request { id, ask }, &mut frame).unwrap();
+    frame[..length].to_vec()
+}
+
+/// What a stream of bytes comes to: the requests as text, for they borrow.
+fn decoded(bytes: &[u8]) -> Vec<Result<String, Error>> {
+    let mut decoder = Decoder::new();
+    let mut messages = Vec::new();
+    for &byte in bytes {
+        messages.extend(decoder.push::<Request<'_>>(byte).map(|message| message.map(|request| format!("{request:?}"))));
+    }
+    messages
+}
+
+fn texts(bytes: &[u8]) -> Vec<String> {
+    decoded(bytes).into_iter().flatten().collect()
+}
+
+/// Any request, with values as wild as they come.
+fn asks() -> impl Strategy<Value = Vec<u8>> {
+    let name = "[a-z_]{0,40}";
+    (any::<u16>(), 0..23_u8, any::<u32>(), any::<u64>(), name).prop_map(|(id, kind, bits, wide, name)| {
+        let (value, number) = (f32::from_bits(bits), bits as u16);
+        request(
+            id,
+            match kind {
+                0 => Ask::Hello,
+                1 => Ask::Status,
+                2 => Ask::Arm,
+                3 => Ask::Disarm,
+                4 => Ask::Clear,
+                5 => Ask::Voltage(value),
+                6 => Ask::Torque(value),
+                7 => Ask::Speed(value),
+                8 => Ask::Position(f64::from_bits(wide)),
+                9 => Ask::Commutate(Commutation::Block),
+                10 => Ask::Calibrate,
+                11 => Ask::Calibration,
+                12 => Ask::Identify,
+                13 => Ask::LearnCogging,
+                14 => Ask::Balance(bits & 1 == 0),
+                15 => Ask::Setting(number),
+                16 => Ask::Get(&name),
+                17 => Ask::Set { name: &name, value },
+                18 => Ask::Save,
+                19 => Ask::Load,
+                20 => Ask::Restore,
+                21 => Ask::Telemetry(value),
+                _ => Ask::History(number as u8),
+            },
+        )
+    })
+}
+
+/// Of no request: the ids tell.
+fn noise(length: usize) -> impl Strategy<Value = Vec<u8>> {
+    prop::collection::vec(any::<u8>(), 0..length)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 4096, ..ProptestConfig::default() })]
+
+    #[test]
+    fn noise_is_no_message(bytes in noise(2000)) {
+        prop_assert_eq!(texts(&bytes), Vec::<String>::new());
+    }
+
+    #[test]
+    fn a_frame_is_found_after_any_noise(noise in noise(600), frame in asks()) {
+        let alone = texts(&frame);
+        prop_assert_eq!(alone.len(), 1);
+        prop_assert_eq!(texts(&[noise, frame].concat()), alone);
+    }
+
+    #[test]
+    fn a_cut_frame_is_none_and_the_next_is_found(first in asks(), second in asks(), cut in any::<prop::sample::Index>()) {
+        // Without its last byte, the closing zero, it is whole all the same: the next one begins with a zero.
+        let cut = cut.index(first.len() - 1);
+        prop_assert_eq!(texts(&[&first[..cut], &second].concat()), texts(&second));
+    }
+
+    #[test]
+    fn a_changed_frame_is_none(frame in asks(), place in any::<prop::sample::Index>(), bit in 0..8_u32) {
+        let mut changed = frame.clone();
+        changed[place.index(frame.len())] ^= 1_u8 << bit;
+        // A zero at either end does not belong to what is protected.
+        let messages = texts(&[&changed[..], &[0]].concat());
+        prop_assert!(messages.is_empty() || messages == texts(&frame), "{messages:?}");
+    }
+
+    #[test]
+    fn frames_together_are_all_found(frames in prop::collection::vec(asks(), 0..8)) {
+        let expected: Vec<_> = frames.iter().flat_map(|frame| texts(frame)).collect();
+        prop_assert_eq!(expected.len(), frames.len());
+        prop_assert_eq!(texts(&frames.concat()), expected);
+    }
+
+    #[test]
+    fn what_is_too_long_is_told_once_and_the_next_is_found(
+        bytes in prop::collection::vec(1..=u8::MAX, FRAME..4 * FRAME), frame in asks(),
+    ) {
+        let messages = decoded(&[bytes, frame.clone()].concat());
+        prop_assert_eq!(messages.len(), 2);
+        prop_assert_eq!(&messages[0], &Err(Error::TooLong));
+        prop_assert_eq!(texts(&frame), vec![messages[1].clone().unwrap()]);
+    }
+}
+
+#[test]
+fn another_version_is_told() {
+    for version in (0..=u8::MAX).filter(|&version| version != VERSION) {
+        let checksum = crc32(&[version, 1, 2, 3]).to_le_bytes();
+        let inside = [&[version, 1, 2, 3][..], &checksum[..]].concat();
+        let mut frame = vec![0; 32];
+        let length = cobs::encode(&inside, &mut frame);
+        frame.truncate(length + 1);
+        assert_eq!(decoded(&frame), [Err(Error::Version { found: version })]);
+    }
+    let text = Error::Version { found: 9 }.to_string();
+    assert!(text.contains("version 9") && text.contains("version 1"), "{text}");
+}
+
+/// Bit by bit, from the polynomial.
+fn crc32(bytes: &[u8]) -> u32 {
+    !bytes.iter().fold(u32::MAX, |crc, &byte| {
+        (0..8).fold(crc ^ u32::from(byte), |crc, _| (crc >> 1) ^ if crc & 1 == 1 { 0xedb8_8320 } else { 0 })
+    })
+}
+
+#[test]
+fn what_follows_a_message_in_its_frame_makes_it_meaningless() {
+    let inside = [VERSION, 0, 1, 77];
+    let inside = [&inside[..], &crc32(&inside).to_le_bytes()].concat();
+    let mut frame = vec![0; 32];
+    let length = cobs::encode(&inside, &mut frame);
+    assert_eq!(decoded(&frame[..=length]), [Err(Error::Meaningless)]);
+}
+
+/// These bytes are what version 1 is: when they change, [`VERSION`] has to.
+#[test]
+fn the_bytes_of_this_version() {
+    let frames =
+        [request(1, Ask::Hello), request(300, Ask::Speed(-1.5)), request(2, Ask::Set { name: "stall_s", value: 1.0 })];
+    let bodies = frames.map(|frame| {
+        let mut inside = frame[1..frame.len() - 1].to_vec();
+        let length = cobs::decode_in_place(&mut inside).unwrap();
+        inside[..length - 4].to_vec()
+    });
+    assert_eq!(bodies[0], [1, 1, 0]);
+    assert_eq!(bodies[1], [1, 0xac, 0x02, 7, 0, 0, 0xc0, 0xbf]);
+    assert_eq!(bodies[2], [&[1, 2, 19, 7][..], b"stall_s", &[0, 0, 0x80, 0x3f]].concat());
+}
+
+/// The largest and the smallest of what is said often.
+#[test]
+fn frames_have_these_lengths() {
+    let reply = |answer: Answer<'_>| encode(&Reply { id: u16::MAX, answer }, &mut [0; FRAME]).unwrap();
+    let telemetry = Telemetry {
+        number: u32::MAX,
+        step: u32::MAX,
+        mode: Mode::Faulted(255),
+        codes: [u16::MAX; 3],
+        ..Telemetry::default()
+    };
+    assert_eq!(reply(Answer::Telemetry(telemetry)), 70);
+    assert_eq!(reply(Answer::Done), 12);
+    assert_eq!(request(1, Ask::Arm).len(), 10);
+    assert_eq!(reply(Answer::Calibration(Calibration::Found(Report::default()))), 106);
+    assert!(reply(Answer::Status(Status { uptime_ms: u64::MAX, ..Status::default() })) <= FRAME);
+    let long = "x".repeat(MESSAGE);
+    assert_eq!(encode(&Request { id: 1, ask: Ask::Get(&long) }, &mut [0; FRAME]), Err(Error::TooLong));
+    // Of the largest a whole one passes.
+    let longest = &long[..MESSAGE - 4];
+    assert_eq!(texts(&request(1, Ask::Get(longest))).len(), 1);
+}

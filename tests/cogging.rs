@@ -1,0 +1,82 @@
+//! The drive learns the cogging and balances it, against what the simulated motor's magnets do.
+
+use hallservo::commutation::Commutation;
+use hallservo::control::cogging::Table;
+use hallservo::control::settings::Settings as Control;
+use hallservo::drive::Command;
+use hallservo::mode::Mode;
+use hallservo::service::learning::Plan;
+use hallservo::settings::Settings;
+use plant::{Friction, PlantParameters};
+use sim::rig::Rig;
+use sim::statistics::Statistics;
+use std::f64::consts::TAU;
+
+/// Bandwidths of the speed control and the tracker: for turning evenly, and the default for holding against loads.
+const SMOOTH: [f32; 2] = [20.0, 140.0];
+const STIFF: [f32; 2] = [60.0, 280.0];
+
+fn calibrated(plant: &PlantParameters, [speed_hz, tracking_hz]: [f32; 2], seed: u64) -> Rig {
+    let control = Control { speed_bandwidth_hz: speed_hz, position_bandwidth_hz: speed_hz / 4.0, ..Control::default() };
+    let settings = Settings { control: Some(control), tracking_bandwidth_hz: tracking_hz, ..Settings::default() };
+    let mut rig = Rig::new(plant, &settings, seed).unwrap();
+    rig.calibrate(|_| ()).unwrap();
+    rig
+}
+
+/// RMS of the torque of currents and cogging, at zero command and turned slowly.
+fn net_torque(rig: &mut Rig) -> f64 {
+    rig.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
+    rig.command(Command::Arm).unwrap();
+    rig.command(Command::Current(rig.control().unwrap().current(0.0).unwrap())).unwrap();
+    rig.plant.set_dyno(Some(3.0)).unwrap();
+    rig.run(0.1, |_, _| ());
+    // The mean over the angle, for the currents are noisy.
+    let mut by_angle = sim::statistics::ByAngle::new(360);
+    rig.run(TAU / 3.0, |_, period| {
+        let truth = &period.truth;
+        by_angle.push(truth.electrical_angle_rad.to_degrees(), truth.torque_nm + truth.cogging_nm);
+    });
+    rig.plant.set_dyno(Some(0.0)).unwrap();
+    rig.run(0.05, |_, _| ());
+    rig.plant.set_dyno(None).unwrap();
+    rig.command(Command::Disarm).unwrap();
+    by_angle.means(1.0).map(|(_, torque)| torque).collect::<Statistics>().rms()
+}
+
+#[test]
+fn the_procedure_balances_the_cogging_and_ends_at_rest() {
+    for (seed, bandwidths) in [(1, SMOOTH), (2, SMOOTH), (3, STIFF)] {
+        let mut plant = PlantParameters::unkind(seed);
+        // Twice the friction: it must not get into the table.
+        plant.motor.friction = Friction { viscous_nms: 2e-6, coulomb_nm: 1e-3, breakaway_nm: 1.2e-3 };
+        let mut rig = calibrated(&plant, bandwidths, seed);
+        let off = net_torque(&mut rig);
+        let table = rig.learn(&Plan::new(&rig.config).unwrap()).unwrap();
+        assert_eq!(rig.drive.mode(), Mode::Ready);
+        assert!(rig.plant.truth().speed_rad_s.abs() < 1.0);
+        let on = net_torque(&mut rig);
+        println!("seed {seed}: {:.3} mN·m without, {:.3} with, {:.1}", 1e3 * off, 1e3 * on, off / on);
+        assert!(off / on > 5.0, "seed {seed}: {off} {on}");
+        // No longer, and again, as after a power-up.
+        rig.service.balance(None).unwrap();
+        rig.run(0.01, |_, _| ());
+        assert!(net_torque(&mut rig) > 0.9 * off);
+        rig.service.balance(Some(&table)).unwrap();
+        rig.run(0.01, |_, _| ());
+        assert!(net_torque(&mut rig) < 1.2 * on);
+    }
+}
+
+#[test]
+fn lent_tables_are_two_and_come_back() {
+    let mut rig = calibrated(&PlantParameters::unkind(1), STIFF, 1);
+    let lend = |rig: &mut Rig| rig.service.lend(Box::leak(Box::new(Table::ZERO)));
+    assert!(rig.service.balance(Some(&Table::ZERO)).is_err());
+    assert!(lend(&mut rig).is_none() && lend(&mut rig).is_none());
+    assert!(lend(&mut rig).is_some());
+    for _ in 0..20 {
+        rig.service.balance(Some(&Table::ZERO)).unwrap();
+        rig.run(0.001, |_, _| ());
+    }
+}

@@ -8,6 +8,7 @@ use super::{BINS, Error};
 use crate::angle::ElectricalAngle;
 use crate::hall::Channel;
 use crate::hall::model::Sensor;
+use crate::trig;
 use core::f32::consts::PI;
 
 /// Mean codes at a field angle.
@@ -73,10 +74,11 @@ fn start(points: &[Point; BINS]) -> Result<[Sensor; 3], Error> {
     for (channel, sensor) in sensors.iter_mut().enumerate() {
         let (mut mean, mut sine, mut cosine) = (0.0, 0.0, 0.0);
         for point in points {
-            let (code, field) = (point.codes[channel], point.field.to_radians());
+            let (code, [sin, cos]) =
+                (point.codes[channel], [trig::sin, trig::cos].map(|f| f(point.field).to_num::<f32>()));
             mean += code / BINS as f32;
-            sine += code * libm::sinf(field) * 2.0 / BINS as f32;
-            cosine += code * libm::cosf(field) * 2.0 / BINS as f32;
+            sine += code * sin * 2.0 / BINS as f32;
+            cosine += code * cos * 2.0 / BINS as f32;
         }
         let amplitude = libm::hypotf(sine, cosine);
         if !(amplitude >= NO_SIGNAL) {
@@ -202,8 +204,9 @@ fn apply(sensors: &mut [Sensor; 3], step: &[f32; PARAMETERS]) {
 /// Undoes the averaging over a bin, which shrinks the k-th harmonic by `sin(kπ/BINS)/(kπ/BINS)`.
 fn unaveraged(sensor: Sensor) -> Sensor {
     let shrunk = |k: f32| {
-        let half = k * PI / BINS as f32;
-        libm::sinf(half) / half
+        // Of the sine's series, what is left out is below 10⁻⁷.
+        let square = k * PI / BINS as f32 * (k * PI / BINS as f32);
+        1.0 - square / 6.0 * (1.0 - square / 20.0)
     };
     Sensor {
         amplitude: sensor.amplitude / shrunk(1.0),

@@ -250,7 +250,7 @@ impl Adapter {
         let learn = self.may_learn();
         let mut measurements = self.measure(&observation.codes, learn);
         discard(&mut measurements, useless);
-        self.work_in(Sample::new(&measurements, &self.covariance), learn);
+        self.work_in_rarely(&measurements, learn);
         Outcome::Acquiring
     }
 
@@ -294,6 +294,13 @@ impl Adapter {
         if self.covariance.get(ANGLE, ANGLE) < self.settled {
             self.load += self.load_gain * (self.state.speed - speed);
         }
+    }
+
+    /// Corrects where nothing is in a hurry: once in the code, and not wherever that is.
+    #[cold]
+    #[inline(never)]
+    fn work_in_rarely(&mut self, measurements: &[Measurement; 3], learn: bool) {
+        self.work_in(Sample::outlined(measurements, &self.covariance), learn);
     }
 
     #[inline(always)]

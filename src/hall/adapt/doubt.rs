@@ -1,6 +1,6 @@
 //! When measurements are not where they were predicted: has the rotor been pushed, or is a sensor wrong?
 
-use super::filter::{ANGLE, Measurement, SPEED, Sample};
+use super::filter::{ANGLE, Covariance, Measurement, SPEED, Sample};
 use super::{Adapter, Fault, GATE, Outcome, Phase};
 use crate::hall::{Channel, Codes};
 use core::f32::consts::TAU;
@@ -112,7 +112,7 @@ impl Adapter {
     /// Works in a sample with an outlier, or with a sensor that was one.
     #[cold]
     pub(super) fn reconcile(&mut self, elapsed: f32, measurements: &mut [Measurement; 3]) -> Outcome {
-        let sample = Sample::new(measurements, &self.covariance);
+        let sample = Sample::outlined(measurements, &self.covariance);
         let outliers = [0, 1, 2].map(|k| sample.is_outlier(k, GATE));
         let doubted = self.doubts.sensors.iter().position(|doubt| doubt.turns > 0.0);
         if doubted.is_none() && outliers == [false; 3] {
@@ -153,13 +153,12 @@ impl Adapter {
 
     /// Angle and speed from a sample as it is, unless what is not discarded has an outlier still.
     fn believe(&mut self, measurements: &[Measurement; 3]) -> Outcome {
-        let sample = Sample::new(measurements, &self.covariance);
+        let sample = Sample::outlined(measurements, &self.covariance);
         if [0, 1, 2].iter().any(|&k| sample.is_outlier(k, GATE)) {
             return self.jolt();
         }
         self.doubts.strange = 0;
-        let sample = Sample::new(measurements, &self.covariance);
-        self.work_in(sample, false);
+        self.work_in_rarely(measurements, false);
         self.follow()
     }
 
@@ -204,7 +203,14 @@ impl Adapter {
     }
 }
 
-impl Sample<'_> {
+impl<'a> Sample<'a> {
+    /// [`Self::new`] where nothing is in a hurry: it is long, and needed once there.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn outlined(m: &'a [Measurement; 3], p: &Covariance) -> Self {
+        Self::new(m, p)
+    }
+
     /// By how much a pushed rotor would explain the innovations best, and what remains then, in squared deviations.
     fn as_a_push(&self) -> (f32, f32) {
         let (mut slopes, mut product) = (f32::MIN_POSITIVE, 0.0);

@@ -166,11 +166,11 @@ impl<F: NorFlash> Supervisor<F> {
     }
 
     fn setting(&self, entry: &Entry) -> Result<Setting<'static>, Refusal<'static>> {
-        let settings::Entry { name, unit, about, kind, fixed, .. } = *entry;
+        let settings::Entry { name, unit, kind, fixed, .. } = *entry;
         let value = entry.get(&self.settings).ok_or(Refusal::NoControl)?;
         let default = entry.get(&self.defaults).ok_or(Refusal::NoControl)?;
         let (min, max) = entry.range(&self.settings);
-        Ok(Setting { name, unit, about, kind, value, default, min, max, fixed })
+        Ok(Setting { name, unit, kind, value, default, min, max, fixed })
     }
 
     /// What to answer, once the drive has.

@@ -76,8 +76,6 @@ pub struct Entry {
     pub name: &'static str,
     /// Unit of the value, up to 8 bytes.
     pub unit: &'static str,
-    /// What it is, up to 90 bytes.
-    pub about: &'static str,
     /// Of what kind the value is.
     pub kind: Kind<'static>,
     /// Whether it follows from the board's parts.
@@ -116,6 +114,11 @@ impl Entry {
         (self.set)(settings, value);
         Ok(())
     }
+}
+
+/// What a setting is, in words of up to 90 bytes; empty for a name that is not in the table. For tools: a drive does not have it.
+pub fn about(name: &str) -> &'static str {
+    table::ABOUT.iter().find(|(one, _)| *one == name).map_or("", |(_, about)| about)
 }
 
 /// The row with a name.

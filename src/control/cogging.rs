@@ -96,6 +96,7 @@ impl Learner {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core::f32::consts::TAU;
 
     #[test]
     fn learns_the_cogging_and_not_the_friction() {

@@ -19,7 +19,6 @@ const DAMPING: f32 = 16.0;
 const BUILT_IN: bool = cfg!(feature = "adaptation");
 
 /// The adaptation of a drive with a calibration, if it is wanted.
-#[derive(Default)]
 pub(crate) struct Learning {
     adaptation: Option<Adaptation>,
     /// What it gave up for, once it has been told.
@@ -29,6 +28,11 @@ pub(crate) struct Learning {
 }
 
 impl Learning {
+    /// Off.
+    pub const fn new() -> Self {
+        Self { adaptation: None, ended: None, count: 0 }
+    }
+
     /// Starts anew from what is known of the sensors.
     pub fn restart(&mut self, settings: &Settings, sensors: Option<&Sensors>, every: u32) {
         self.ended = None;

@@ -43,7 +43,10 @@ use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::cogging::Table;
 use hallservo::drive::{Channels, Drive};
 use hallservo::hall::estimate::Estimator;
+use hallservo::service::Service;
 use hallservo::settings::{Config, Settings};
+use learning::Learning;
+use procedure::Procedure;
 
 /// What the board is, for a person who asks.
 #[derive(Clone, Copy, Debug)]
@@ -61,6 +64,10 @@ pub struct Memory {
     tables: [Table; 2],
     /// Settings on their way to the drive.
     config: Option<Config>,
+    /// What is large, and would pass over the stack otherwise.
+    service: Option<Service>,
+    procedure: Option<Procedure>,
+    learning: Learning,
 }
 
 impl Memory {
@@ -71,6 +78,9 @@ impl Memory {
             estimators: [Estimator::blank(), Estimator::blank()],
             tables: [Table::ZERO; 2],
             config: None,
+            service: None,
+            procedure: None,
+            learning: Learning::new(),
         }
     }
 }

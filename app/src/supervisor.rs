@@ -1,44 +1,36 @@
 //! What the tasks know of the drive, and what they do once a millisecond.
 
+mod keeping;
+mod telling;
+
 use crate::fmt::say;
 use crate::heartbeat::Sensed;
 use crate::history::History;
 use crate::learning::Learning;
 use crate::procedure::{Outcome, Procedure};
-use crate::saving::{REST_S, Saving, Sensors};
+use crate::saving::{Saving, Sensors};
 use crate::settings::Settings;
 use crate::{Identity, Memory, measure, wire};
-use core::f32::consts::TAU;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::cogging::Table;
 use hallservo::drive::{Command, Drive};
 use hallservo::mode::Mode;
 use hallservo::service::{Event, Service};
 use hallservo::settings::{self, Config};
+use telling::Stream;
 
 use hallservo::telemetry::{Measurement, Record as Live};
 use hallservo_protocol::{
-    self as protocol, Activity, Calibration, CalibrationError, Cause, Cogging, Motor, Problem, Record, Refusal, Status,
-    Telemetry,
+    self as protocol, Activity, Calibration, CalibrationError, Cause, Cogging, Motor, Problem, Record, Refusal,
 };
 
 /// Ticks after a command from which on the records tell what it did.
 pub(crate) const SETTLED: u32 = 5;
 
-/// Telemetry that was asked for.
-#[derive(Clone, Copy)]
-struct Stream {
-    id: u16,
-    /// Frames a tick, and what is left of them.
-    rate: f32,
-    due: f32,
-    number: u32,
-}
-
 /// Everything in the tasks' hands.
 pub(crate) struct Supervisor<F> {
     pub identity: Identity,
-    pub service: Service,
+    pub service: &'static mut Service,
     pub history: History,
     pub defaults: Settings,
     pub settings: Settings,
@@ -56,13 +48,13 @@ pub(crate) struct Supervisor<F> {
     sensors: Option<Sensors>,
     /// The drive has to be given their model.
     install: bool,
-    learning: Learning,
+    learning: &'static mut Learning,
     /// Of the cogging.
     table: Option<Table>,
     /// The drive has to be given it, or told to do without.
     balance: bool,
     balanced: bool,
-    procedure: Option<Procedure>,
+    procedure: &'static mut Option<Procedure>,
     pub calibration: Calibration,
     pub identification: protocol::Procedure<'static, Motor>,
     pub cogging: protocol::Procedure<'static, Cogging>,
@@ -99,9 +91,10 @@ impl<F: NorFlash> Supervisor<F> {
         let table = saving.table(settings.full_scale_a());
         let stored = [sensors.err().unwrap_or_default(), table.err().unwrap_or_default(), settings_problem];
         let (sensors, table) = (sensors.ok(), table.ok());
-        let Memory { channels, estimators: [first, second], tables, config: spare } = memory;
+        let Memory { channels, estimators: [first, second], tables, config: spare, service, procedure, learning } =
+            memory;
         let (interrupt, tasks) = channels.split();
-        let mut service = Service::new(config, tasks, [first, second]);
+        let service = service.insert(Service::new(config, tasks, [first, second]));
         for table in tables {
             service.lend(table);
         }
@@ -121,11 +114,11 @@ impl<F: NorFlash> Supervisor<F> {
             learnt_saved_ms: None,
             sensors,
             install: sensors.is_some(),
-            learning: Learning::default(),
+            learning,
             balance: table.is_some(),
             table,
             balanced: false,
-            procedure: None,
+            procedure,
             calibration: Calibration::None,
             identification: protocol::Procedure::None,
             cogging: protocol::Procedure::None,
@@ -158,7 +151,7 @@ impl<F: NorFlash> Supervisor<F> {
         self.since_command = self.since_command.saturating_add(1);
         let torque_nm = self.take_measurements();
         while let Some(event) = self.service.poll() {
-            if let Some(procedure) = &mut self.procedure {
+            if let Some(procedure) = self.procedure {
                 procedure.event(&event);
             }
             self.on(event, torque_nm);
@@ -179,7 +172,7 @@ impl<F: NorFlash> Supervisor<F> {
             sum += measure::current_a(control, self.settings.drive.reversed, &measurement)[1];
             count += 1.0;
             self.measurement = Some(measurement);
-            if let Some(procedure) = &mut self.procedure {
+            if let Some(procedure) = self.procedure {
                 procedure.measurement(&measurement);
             }
         }
@@ -271,7 +264,7 @@ impl<F: NorFlash> Supervisor<F> {
         if let Some(sensors) = &mut self.sensors {
             if self.install {
                 self.install = self.service.install(&sensors.model).is_err();
-            } else if let Some(model) = self.learning.publish(&mut self.service, self.settings.drive.run_on_two_halls) {
+            } else if let Some(model) = self.learning.publish(self.service, self.settings.drive.run_on_two_halls) {
                 sensors.model = model;
             }
         }
@@ -300,20 +293,20 @@ impl<F: NorFlash> Supervisor<F> {
             Activity::Identification => self.identification = protocol::Procedure::Turning,
             _ => self.cogging = protocol::Procedure::Turning,
         }
-        self.procedure = Some(procedure);
+        *self.procedure = Some(procedure);
         Ok(())
     }
 
     /// Ends a procedure; the bridge is to be switched off beside.
     pub fn cancel(&mut self) {
-        if let Some(procedure) = &mut self.procedure {
+        if let Some(procedure) = self.procedure {
             procedure.cancel();
         }
     }
 
     #[inline(never)]
     fn proceed(&mut self) {
-        let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(&mut self.service, self.now_ms as u32)) else {
+        let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(self.service, self.now_ms as u32)) else {
             return;
         };
         match outcome {
@@ -342,7 +335,7 @@ impl<F: NorFlash> Supervisor<F> {
                 self.balance = true;
             }
         }
-        self.procedure = None;
+        *self.procedure = None;
     }
 
     /// Whether the cogging has been learnt.
@@ -355,90 +348,6 @@ impl<F: NorFlash> Supervisor<F> {
         let turns = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);
         if self.calibration == Calibration::Turning && !turns && self.since_command > SETTLED {
             self.calibration = Calibration::Failed(CalibrationError::Ended);
-        }
-    }
-
-    /// Saves one of what waits, if the bridge is off.
-    #[inline(never)]
-    fn save(&mut self) {
-        if !self.may_save() {
-            return;
-        }
-        let rested = self.learnt_saved_ms.is_none_or(|then| self.now_ms >= then + 1000 * REST_S);
-        if rested && self.is_worth_saving() {
-            self.learnt_saved_ms = Some(self.now_ms);
-            self.waiting[Record::Sensors as usize] = true;
-        }
-        if core::mem::take(&mut self.waiting[Record::Sensors as usize]) {
-            self.save_sensors();
-        } else if core::mem::take(&mut self.waiting[Record::Cogging as usize]) {
-            self.save_table();
-        } else if core::mem::take(&mut self.waiting[Record::Settings as usize]) {
-            self.save_settings();
-        }
-    }
-
-    /// Whether an erase, which stalls the core, does no harm.
-    pub fn may_save(&self) -> bool {
-        !self.mode().drives() && self.since_command >= SETTLED
-    }
-
-    fn is_worth_saving(&self) -> bool {
-        match (&self.sensors, &self.stored_sensors) {
-            (Some(sensors), Some(stored)) => sensors.differ(stored),
-            (sensors, _) => sensors.is_some(),
-        }
-    }
-
-    #[inline(never)]
-    fn save_sensors(&mut self) {
-        let Some(sensors) = &self.sensors else { return };
-        let saved = self.saving.save_sensors(sensors);
-        // Those that cannot be saved are not tried again and again.
-        self.stored_sensors = Some(*sensors);
-        self.saved(Record::Sensors, saved);
-    }
-
-    #[inline(never)]
-    fn save_table(&mut self) {
-        let Some(table) = &self.table else { return };
-        let saved = self.saving.save_table(table, self.settings.full_scale_a());
-        self.saved(Record::Cogging, saved);
-    }
-
-    #[inline(never)]
-    fn save_settings(&mut self) {
-        let saved = self.saving.save_settings(&self.settings, &self.defaults);
-        if saved.is_ok() {
-            self.stored_settings = self.settings;
-        }
-        self.saved(Record::Settings, saved);
-    }
-
-    fn saved(&mut self, record: Record, saved: Result<(), Problem>) {
-        self.stored[record as usize] = saved.err().unwrap_or(Problem::None);
-        match saved {
-            Ok(()) => say!(info, "record {} saved", record as u8),
-            Err(_) => self.note(Cause::NotSaved(record)),
-        }
-    }
-
-    /// Asks for the settings to be saved when that is possible.
-    pub fn ask_to_save(&mut self) {
-        self.waiting[Record::Settings as usize] = true;
-    }
-
-    /// Whether they have been, and how that went.
-    pub fn settings_saved(&self) -> Option<bool> {
-        let done = !self.waiting[Record::Settings as usize];
-        done.then(|| self.stored[Record::Settings as usize] == Problem::None)
-    }
-
-    /// The settings in the flash.
-    pub fn load_settings(&mut self) -> Result<Settings, Problem> {
-        match self.saving.settings(&self.defaults) {
-            (settings, Problem::None | Problem::Foreign) => Ok(settings),
-            (_, problem) => Err(problem),
         }
     }
 
@@ -491,93 +400,14 @@ impl<F: NorFlash> Supervisor<F> {
         self.settings.drive.pwm_hz
     }
 
-    /// Starts telemetry, or ends it with a rate of zero.
-    pub fn stream(&mut self, id: u16, hz: f32) {
-        self.stream = (hz > 0.0).then_some(Stream { id, rate: hz / 1000.0, due: 0.0, number: 0 });
-    }
-
-    /// Telemetry that is due, with the id of its request.
-    pub fn telemetry(&mut self) -> Option<(u16, Telemetry)> {
-        let stream = self.stream.as_mut()?;
-        stream.due += stream.rate;
-        if stream.due < 1.0 {
-            return None;
-        }
-        stream.due -= 1.0;
-        stream.number = stream.number.wrapping_add(1);
-        let Stream { id, number, .. } = *stream;
-        let [mut current_a, mut voltage_v] = [[f32::NAN; 2]; 2];
-        if let (Some(measurement), Some(control)) = (&self.measurement, &self.settings.drive.control) {
-            current_a = measure::current_a(control, self.settings.drive.reversed, measurement);
-            voltage_v = measure::voltage_v(control, measurement);
-        }
-        let telemetry = Telemetry {
-            number,
-            step: self.live.sequence,
-            angle_deg: self.live.rotor.angle().to_degrees(),
-            speed_rad_s: self.speed_rad_s(),
-            position_turns: self.position_turns(),
-            current_a,
-            voltage_v,
-            bus_v: measure::bus_v(&self.settings.drive, self.sensed),
-            mode: wire::mode(self.mode()),
-            limits: self.live.status.limits().bits(),
-            codes: self.live.codes,
-        };
-        Some((id, telemetry))
-    }
-
-    fn speed_rad_s(&self) -> f32 {
-        self.live.electrical_hz(self.step_hz()) * TAU / f32::from(self.settings.drive.pole_pairs)
-    }
-
-    fn position_turns(&self) -> f64 {
-        self.live.rotor.position().to_turns() / f64::from(self.settings.drive.pole_pairs)
-    }
-
     /// What goes on that takes a while.
     pub fn activity(&self) -> Activity {
-        match &self.procedure {
+        match &*self.procedure {
             Some(procedure) => procedure.activity(),
             None if self.calibration == Calibration::Turning => Activity::Calibration,
             // The drive takes up what was found.
             None if self.unheard > 0 && self.coming.is_some() => Activity::Identification,
             None => Activity::None,
-        }
-    }
-
-    pub fn status(&self) -> Status {
-        let Settings { drive, .. } = &self.settings;
-        let current = |control, measurement| measure::current_a(control, drive.reversed, measurement)[1];
-        let mode = self.mode();
-        let activity = self.activity();
-        Status {
-            uptime_ms: self.now_ms,
-            mode: wire::mode(mode),
-            limits: self.live.status.limits().bits(),
-            calibrated: self.sensors.is_some() && !matches!(mode, Mode::Unarmed | Mode::Aligning | Mode::Calibrating),
-            commutation: wire::commutation(drive.commutation),
-            balanced: self.balanced,
-            position_turns: self.position_turns(),
-            speed_rad_s: self.speed_rad_s(),
-            current_a: drive.control.as_ref().zip(self.measurement.as_ref()).map_or(f32::NAN, |(c, m)| current(c, m)),
-            bus_v: measure::bus_v(drive, self.sensed),
-            temperatures_c: measure::temperatures_c(drive, self.sensed),
-            activity,
-            progress: match &self.procedure {
-                Some(procedure) => procedure.progress(),
-                None if activity == Activity::Calibration => self.service.progress(),
-                None => 0.0,
-            },
-            learning: self.learning.state(),
-            learnt: self.learning.count,
-            stored: self.stored,
-            unsaved: self.waiting != [false; 3] || self.settings != self.stored_settings || self.is_worth_saving(),
-            lost_records: self.lost_records,
-            garbage: self.garbage,
-            lost_frames: self.lost_frames,
-            command_timeout_s: drive.control.map_or(f32::INFINITY, |control| control.guard.command_timeout_s),
-            incidents: self.history.len(),
         }
     }
 }

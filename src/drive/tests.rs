@@ -586,6 +586,8 @@ fn silence_stops_the_drive_if_so_chosen() {
     for _ in 0..390 {
         bench.step();
     }
+    // What the tasks do by themselves is no sign of life of whoever commands.
+    bench.install().unwrap();
     assert!(!bench.drive.limits().contains(Limits::TIMEOUT));
     for _ in 0..20 {
         bench.step();
@@ -635,4 +637,27 @@ proptest! {
             while bench.service.poll().is_some() {}
         }
     }
+}
+
+#[test]
+fn other_settings_are_taken_up_while_the_bridge_is_off_only() {
+    let mut bench = Bench::running();
+    let first = bench.config;
+    let other = Settings { max_modulation: 0.25, ..Settings::default() }.validate().unwrap();
+    bench.service.configure(Box::leak(Box::new(other))).unwrap();
+    // One at a time.
+    assert!(bench.service.configure(Box::leak(Box::new(other))).is_err());
+    assert_eq!(bench.reply(), Err(Refusal::Mode(Mode::Running)));
+    assert_eq!(*bench.service.config(), first);
+    // They come back as they went.
+    let refused = bench.service.unused_config().unwrap();
+    assert_eq!(*refused, other);
+
+    bench.command(Command::Disarm).unwrap();
+    bench.service.configure(refused).unwrap();
+    assert_eq!(bench.reply(), Ok(()));
+    assert_eq!(*bench.service.config(), other);
+    assert_eq!(*bench.service.unused_config().unwrap(), first);
+    bench.command(Command::Arm).unwrap();
+    assert_eq!(bench.command(Command::Drive(Modulation::from_num(0.3))), Err(Refusal::TooLarge));
 }

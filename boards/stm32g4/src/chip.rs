@@ -84,9 +84,9 @@ pub fn run<B: Board>(
 ) -> ! {
     greet::<B>();
     converters::start(B::GROUPS, B::CONVERTERS);
+    watchdog::start();
     let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
     let (drive, app) = begin(identity, B::settings(), Flash::new_blocking(flash));
-    watchdog::start();
     control.start(board, drive, bridge, &ALIVE);
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
     EXECUTOR.init(Executor::new()).run(|spawner| match tasks(app, serial) {

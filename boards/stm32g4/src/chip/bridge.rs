@@ -101,9 +101,12 @@ impl Bridge {
             TIM1.ccer().write_value(regs::CcerAdv(legs.ccer));
         }
         if self.prepared && !self.on {
-            // A step ago the first values were written; now they are in the timer. A break that is still there keeps MOE clear.
+            // A step ago the first values were written; now they are in the timer. A break that is still there stays noted in BIF:
+            // the bridge stays off, and counts as tripped.
             TIM1.sr().write_value(regs::SrAdv(!timer::BIF));
-            TIM1.bdtr().modify(|bdtr| bdtr.0 |= timer::MOE);
+            if TIM1.sr().read().0 & timer::BIF == 0 {
+                TIM1.bdtr().modify(|bdtr| bdtr.0 |= timer::MOE);
+            }
             self.on = true;
         }
         self.prepared = true;

@@ -63,8 +63,8 @@ unsafe fn DefaultHandler(number: i16) -> ! {
     panic!()
 }
 
-/// Clears MOE before it uses the stack, for the stack may be what failed: it ends at the begin of the RAM, and the first push
-/// beyond comes here. Then gets a stack to tell of it.
+/// Clears MOE before it uses the stack, for the stack may be what failed: it ends at the begin of the RAM. Where the fault's own
+/// frame finds no room either, the core locks up instead, which is a break of TIM1. Then gets a stack to tell of it.
 ///
 /// # Safety
 /// Called by the hardware.

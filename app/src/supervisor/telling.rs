@@ -1,0 +1,101 @@
+//! What the drive tells of itself: status and telemetry.
+
+use super::Supervisor;
+use crate::settings::Settings;
+use crate::{measure, wire};
+use core::f32::consts::TAU;
+use embedded_storage::nor_flash::NorFlash;
+use hallservo::mode::Mode;
+use hallservo_protocol::{Activity, Status, Telemetry};
+
+/// Telemetry that was asked for.
+#[derive(Clone, Copy)]
+pub(super) struct Stream {
+    id: u16,
+    /// Frames a tick, and what is left of them.
+    rate: f32,
+    due: f32,
+    number: u32,
+}
+
+impl<F: NorFlash> Supervisor<F> {
+    /// Starts telemetry, or ends it with a rate of zero.
+    pub fn stream(&mut self, id: u16, hz: f32) {
+        self.stream = (hz > 0.0).then_some(Stream { id, rate: hz / 1000.0, due: 0.0, number: 0 });
+    }
+
+    /// Telemetry that is due, with the id of its request.
+    pub fn telemetry(&mut self) -> Option<(u16, Telemetry)> {
+        let stream = self.stream.as_mut()?;
+        stream.due += stream.rate;
+        if stream.due < 1.0 {
+            return None;
+        }
+        stream.due -= 1.0;
+        stream.number = stream.number.wrapping_add(1);
+        let Stream { id, number, .. } = *stream;
+        let [mut current_a, mut voltage_v] = [[f32::NAN; 2]; 2];
+        if let (Some(measurement), Some(control)) = (&self.measurement, &self.settings.drive.control) {
+            current_a = measure::current_a(control, self.settings.drive.reversed, measurement);
+            voltage_v = measure::voltage_v(control, measurement);
+        }
+        let telemetry = Telemetry {
+            number,
+            step: self.live.sequence,
+            angle_deg: self.live.rotor.angle().to_degrees(),
+            speed_rad_s: self.speed_rad_s(),
+            position_turns: self.position_turns(),
+            current_a,
+            voltage_v,
+            bus_v: measure::bus_v(&self.settings.drive, self.sensed),
+            mode: wire::mode(self.mode()),
+            limits: self.live.status.limits().bits(),
+            codes: self.live.codes,
+        };
+        Some((id, telemetry))
+    }
+
+    fn speed_rad_s(&self) -> f32 {
+        self.live.electrical_hz(self.step_hz()) * TAU / f32::from(self.settings.drive.pole_pairs)
+    }
+
+    fn position_turns(&self) -> f64 {
+        self.live.rotor.position().to_turns() / f64::from(self.settings.drive.pole_pairs)
+    }
+
+    /// How it is.
+    pub fn status(&self) -> Status {
+        let Settings { drive, .. } = &self.settings;
+        let current = |control, measurement| measure::current_a(control, drive.reversed, measurement)[1];
+        let mode = self.mode();
+        let activity = self.activity();
+        Status {
+            uptime_ms: self.now_ms,
+            mode: wire::mode(mode),
+            limits: self.live.status.limits().bits(),
+            calibrated: self.sensors.is_some() && !matches!(mode, Mode::Unarmed | Mode::Aligning | Mode::Calibrating),
+            commutation: wire::commutation(drive.commutation),
+            balanced: self.balanced,
+            position_turns: self.position_turns(),
+            speed_rad_s: self.speed_rad_s(),
+            current_a: drive.control.as_ref().zip(self.measurement.as_ref()).map_or(f32::NAN, |(c, m)| current(c, m)),
+            bus_v: measure::bus_v(drive, self.sensed),
+            temperatures_c: measure::temperatures_c(drive, self.sensed),
+            activity,
+            progress: match &*self.procedure {
+                Some(procedure) => procedure.progress(),
+                None if activity == Activity::Calibration => self.service.progress(),
+                None => 0.0,
+            },
+            learning: self.learning.state(),
+            learnt: self.learning.count,
+            stored: self.stored,
+            unsaved: self.waiting != [false; 3] || self.settings != self.stored_settings || self.is_worth_saving(),
+            lost_records: self.lost_records,
+            garbage: self.garbage,
+            lost_frames: self.lost_frames,
+            command_timeout_s: drive.control.map_or(f32::INFINITY, |control| control.guard.command_timeout_s),
+            incidents: self.history.len(),
+        }
+    }
+}

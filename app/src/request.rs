@@ -38,6 +38,7 @@ type Outcome = Result<Step, Refusal<'static>>;
 
 impl<F: NorFlash> Supervisor<F> {
     /// Begins what is asked.
+    #[inline(never)]
     pub fn begin(&mut self, id: u16, ask: Ask<'_>) -> Step {
         self.attempt(id, ask).unwrap_or_else(|refusal| Step::Answer(Answer::Refused(refusal)))
     }
@@ -106,11 +107,11 @@ impl<F: NorFlash> Supervisor<F> {
             }
             Ask::Calibrate => self.obey(Command::Calibrate, After::Calibrating),
             Ask::Identify => {
-                self.turn(Procedure::motor(self.service.config())?)?;
+                self.identify()?;
                 Ok(Step::Answer(Answer::Done))
             }
             Ask::LearnCogging => {
-                self.turn(Procedure::cogging(self.service.config())?)?;
+                self.learn_cogging()?;
                 Ok(Step::Answer(Answer::Done))
             }
             Ask::Balance(true) if !self.has_table() => Err(Refusal::NoTable),
@@ -138,6 +139,17 @@ impl<F: NorFlash> Supervisor<F> {
             | Ask::Telemetry(_)
             | Ask::History(_) => Ok(Step::Answer(Answer::Done)),
         }
+    }
+
+    // Procedures are large: their way over the stack is not to add to that of other requests.
+    #[inline(never)]
+    fn identify(&mut self) -> Result<(), Refusal<'static>> {
+        self.turn(Procedure::motor(self.service.config())?)
+    }
+
+    #[inline(never)]
+    fn learn_cogging(&mut self) -> Result<(), Refusal<'static>> {
+        self.turn(Procedure::cogging(self.service.config())?)
     }
 
     fn obey(&mut self, command: Command, after: After) -> Outcome {

@@ -11,9 +11,11 @@ use crate::procedure::{Outcome, Procedure};
 use crate::saving::{Saving, Sensors};
 use crate::settings::Settings;
 use crate::{Identity, Memory, measure, wire};
+use core::mem::MaybeUninit;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::cogging::Table;
-use hallservo::drive::{Command, Drive};
+use hallservo::drive::{Command, Drive, Tasks};
+use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
 use hallservo::service::{Event, Service};
 use hallservo::settings::{self, Config};
@@ -72,6 +74,22 @@ pub(crate) struct Supervisor<F> {
     now_ms: u64,
 }
 
+/// What passes over the stack does so by itself, and has left it when the next comes.
+#[inline(never)]
+fn blank(place: &mut MaybeUninit<Estimator>) -> &mut Estimator {
+    place.write(Estimator::blank())
+}
+
+#[inline(never)]
+fn serve(
+    place: &'static mut MaybeUninit<Service>,
+    config: Config,
+    tasks: Tasks,
+    estimators: [&'static mut Estimator; 2],
+) -> &'static mut Service {
+    place.write(Service::new(config, tasks, estimators))
+}
+
 impl<F: NorFlash> Supervisor<F> {
     pub fn start(
         identity: Identity,
@@ -91,10 +109,10 @@ impl<F: NorFlash> Supervisor<F> {
         let table = saving.table(settings.full_scale_a());
         let stored = [sensors.err().unwrap_or_default(), table.err().unwrap_or_default(), settings_problem];
         let (sensors, table) = (sensors.ok(), table.ok());
-        let Memory { channels, estimators: [first, second], tables, config: spare, service, procedure, learning } =
-            memory;
+        let Memory { channels, estimators, tables, config: spare, service, procedure, learning } = memory;
         let (interrupt, tasks) = channels.split();
-        let service = service.insert(Service::new(config, tasks, [first, second]));
+        let estimators = estimators.each_mut().map(blank);
+        let service = serve(service, config, tasks, estimators);
         for table in tables {
             service.lend(table);
         }
@@ -105,7 +123,7 @@ impl<F: NorFlash> Supervisor<F> {
             defaults,
             settings,
             coming: None,
-            spare: Some(spare.insert(config)),
+            spare: Some(spare.write(config)),
             saving,
             stored,
             stored_sensors: sensors,
@@ -114,11 +132,11 @@ impl<F: NorFlash> Supervisor<F> {
             learnt_saved_ms: None,
             sensors,
             install: sensors.is_some(),
-            learning,
+            learning: learning.write(Learning::new()),
             balance: table.is_some(),
             table,
             balanced: false,
-            procedure,
+            procedure: procedure.write(None),
             calibration: Calibration::None,
             identification: protocol::Procedure::None,
             cogging: protocol::Procedure::None,

@@ -104,6 +104,14 @@ impl Collector {
         Self { bins: [[Bin::default(); BINS]; 2], noise: Noise::default(), at_rail: [0; 3], adc_bits }
     }
 
+    /// Forgets all, without the stack that a new one would take.
+    pub(crate) fn clear(&mut self, adc_bits: u8) {
+        for bin in self.bins.iter_mut().flatten() {
+            *bin = Bin::default();
+        }
+        (self.noise, self.at_rail, self.adc_bits) = (Noise::default(), [0; 3], adc_bits);
+    }
+
     /// Takes a sample made while the field pointed at `field`. `sequence` counts the samples, so that a lost one is
     /// noticed. A bin takes up to 65,536 samples and ignores more.
     pub fn push(&mut self, sweep: Sweep, field: ElectricalAngle, codes: &Codes, sequence: u32) {

@@ -24,7 +24,7 @@ use embassy_stm32::{Peri, Peripherals, peripherals};
 use hallservo::drive::{Drive, Sample};
 use hallservo::settings::Settings;
 use hallservo_app::{App, Heartbeat, Identity, Memory};
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 /// What a board is, beyond its chip.
 pub trait Board: Send + 'static {
@@ -100,10 +100,9 @@ type Application = App<Flash<'static, Blocking>>;
 /// What is large goes to its place and leaves the stack.
 #[inline(never)]
 fn begin(identity: Identity, defaults: Settings, flash: Flash<'static, Blocking>) -> (Drive, &'static Application) {
-    static MEMORY: StaticCell<Memory> = StaticCell::new();
+    static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
     static APP: StaticCell<Application> = StaticCell::new();
-    let memory = MEMORY.init_with(Memory::new);
-    let (drive, app) = hallservo_app::start(identity, defaults, flash, storage(), memory);
+    let (drive, app) = hallservo_app::start(identity, defaults, flash, storage(), MEMORY.take());
     (drive, APP.init(app))
 }
 

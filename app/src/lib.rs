@@ -7,7 +7,7 @@
 //! static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
 //! static ALIVE: Heartbeat = Heartbeat::new();
 //!
-//! let (drive, app) = hallservo_app::start(IDENTITY, defaults, flash, PLACE, MEMORY.take());
+//! let (drive, app) = hallservo_app::start(IDENTITY, defaults, flash, PLACE, MEMORY.take(), APP.uninit());
 //! // The control interrupt owns the drive: ALIVE.beat(&sample); let output = drive.step(&sample);
 //! app.run(rx, tx, &ALIVE, || watchdog.pet()).await
 //! ```
@@ -93,7 +93,8 @@ impl Default for Memory {
     }
 }
 
-/// Reads the flash and decides what the drive starts with. `place` is the address of the first of six erasable blocks.
+/// Reads the flash and decides what the drive starts with. `place` is the address of the first of six erasable blocks; `app` is
+/// where the application is to live, so that it is not moved over a small stack.
 ///
 /// # Panics
 /// When the board's own `defaults` are invalid, which a test of the board shows.
@@ -103,7 +104,7 @@ pub fn start<F: NorFlash>(
     flash: F,
     place: u32,
     memory: &'static mut Memory,
-) -> (Drive, App<F>) {
-    let (drive, supervisor) = Supervisor::start(identity, defaults, flash, place, memory);
-    (drive, App::new(supervisor))
+    app: &'static mut MaybeUninit<App<F>>,
+) -> (Drive, &'static App<F>) {
+    Supervisor::start(identity, defaults, flash, place, memory, app)
 }

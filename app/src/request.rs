@@ -9,7 +9,9 @@ use embedded_storage::nor_flash::NorFlash;
 use hallservo::commutation::Modulation;
 use hallservo::control::settings::Config;
 use hallservo::drive::Command;
-use hallservo_protocol::{Activity, Answer, Ask, Calibration, Commutation, Hello, History, Refusal, Setting};
+use hallservo_protocol::{
+    self as protocol, Activity, Answer, Ask, Calibration, Commutation, Hello, History, Refusal, Setting,
+};
 
 /// Fastest telemetry, Hz.
 const FASTEST: f32 = 1000.0;
@@ -144,12 +146,18 @@ impl<F: NorFlash> Supervisor<F> {
     // Procedures are large: their way over the stack is not to add to that of other requests.
     #[inline(never)]
     fn identify(&mut self) -> Result<(), Refusal<'static>> {
-        self.turn(Procedure::motor(self.service.config())?)
+        self.may_turn()?;
+        Procedure::motor(self.procedure, self.service.config())?;
+        self.identification = protocol::Procedure::Turning;
+        Ok(())
     }
 
     #[inline(never)]
     fn learn_cogging(&mut self) -> Result<(), Refusal<'static>> {
-        self.turn(Procedure::cogging(self.service.config())?)
+        self.may_turn()?;
+        Procedure::cogging(self.procedure, self.service.config())?;
+        self.cogging = protocol::Procedure::Turning;
+        Ok(())
     }
 
     fn obey(&mut self, command: Command, after: After) -> Outcome {

@@ -10,7 +10,7 @@ use crate::learning::Learning;
 use crate::procedure::{Outcome, Procedure};
 use crate::saving::{Saving, Sensors};
 use crate::settings::Settings;
-use crate::{Identity, Memory, measure, wire};
+use crate::{App, Identity, Memory, measure, wire};
 use core::mem::MaybeUninit;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::cogging::Table;
@@ -56,7 +56,7 @@ pub(crate) struct Supervisor<F> {
     /// The drive has to be given it, or told to do without.
     balance: bool,
     balanced: bool,
-    procedure: &'static mut Option<Procedure>,
+    pub procedure: &'static mut Option<Procedure>,
     pub calibration: Calibration,
     pub identification: protocol::Procedure<'static, Motor>,
     pub cogging: protocol::Procedure<'static, Cogging>,
@@ -97,7 +97,8 @@ impl<F: NorFlash> Supervisor<F> {
         flash: F,
         place: u32,
         memory: &'static mut Memory,
-    ) -> (Drive, Self) {
+        app: &'static mut MaybeUninit<App<F>>,
+    ) -> (Drive, &'static App<F>) {
         let defaults = Settings::new(defaults);
         let mut saving = Saving::new(flash, place);
         let (settings, settings_problem) = saving.settings(&defaults);
@@ -116,7 +117,7 @@ impl<F: NorFlash> Supervisor<F> {
         for table in tables {
             service.lend(table);
         }
-        let mut supervisor = Self {
+        let app = app.write(App::new(Self {
             identity,
             service,
             history: History::new(),
@@ -151,7 +152,8 @@ impl<F: NorFlash> Supervisor<F> {
             garbage: 0,
             lost_frames: 0,
             now_ms: 0,
-        };
+        }));
+        let supervisor = app.supervisor();
         for (record, problem) in [Record::Sensors, Record::Cogging, Record::Settings].into_iter().zip(supervisor.stored)
         {
             if !matches!(problem, Problem::None | Problem::Blank) {
@@ -159,7 +161,7 @@ impl<F: NorFlash> Supervisor<F> {
             }
         }
         supervisor.relearn();
-        (Drive::new(config, interrupt), supervisor)
+        (Drive::new(config, interrupt), app)
     }
 
     /// Everything that is due every millisecond.
@@ -300,19 +302,13 @@ impl<F: NorFlash> Supervisor<F> {
         self.learning.restart(&self.settings, self.sensors.as_ref(), every);
     }
 
-    /// Begins a procedure, with the drive ready.
-    pub fn turn(&mut self, procedure: Procedure) -> Result<(), Refusal<'static>> {
+    /// Whether a procedure may begin: with the drive ready.
+    pub fn may_turn(&self) -> Result<(), Refusal<'static>> {
         match self.mode() {
-            Mode::Ready => {}
-            Mode::Unarmed => return Err(Refusal::NotCalibrated),
-            mode => return Err(Refusal::Mode(wire::mode(mode))),
+            Mode::Ready => Ok(()),
+            Mode::Unarmed => Err(Refusal::NotCalibrated),
+            mode => Err(Refusal::Mode(wire::mode(mode))),
         }
-        match procedure.activity() {
-            Activity::Identification => self.identification = protocol::Procedure::Turning,
-            _ => self.cogging = protocol::Procedure::Turning,
-        }
-        *self.procedure = Some(procedure);
-        Ok(())
     }
 
     /// Ends a procedure; the bridge is to be switched off beside.

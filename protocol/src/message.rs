@@ -378,8 +378,6 @@ pub enum Refusal<'a> {
     Busy(Activity),
     /// The control interrupt does not answer.
     Silent,
-    /// This firmware was built without it.
-    LeftOut,
 }
 
 /// What went wrong.

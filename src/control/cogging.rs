@@ -38,7 +38,7 @@ pub struct Learner {
 
 impl Default for Learner {
     fn default() -> Self {
-        Self { bins: [[(0.0, 0); POINTS]; 2] }
+        Self { bins: const { [[(0.0, 0); POINTS]; 2] } }
     }
 }
 

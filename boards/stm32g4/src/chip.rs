@@ -102,8 +102,7 @@ type Application = App<Flash<'static, Blocking>>;
 fn begin(identity: Identity, defaults: Settings, flash: Flash<'static, Blocking>) -> (Drive, &'static Application) {
     static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
     static APP: StaticCell<Application> = StaticCell::new();
-    let (drive, app) = hallservo_app::start(identity, defaults, flash, storage(), MEMORY.take());
-    (drive, APP.init(app))
+    hallservo_app::start(identity, defaults, flash, storage(), MEMORY.take(), APP.uninit())
 }
 
 /// All that is not the control interrupt. Here, and not generic, so that it is compiled for size.

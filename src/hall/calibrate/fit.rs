@@ -12,7 +12,7 @@ use crate::trig;
 use core::f32::consts::PI;
 
 /// Mean codes at a field angle.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Point {
     /// Mean code of each sensor.
     pub codes: [f32; 3],
@@ -41,12 +41,17 @@ const NO_SIGNAL: f32 = 4.0;
 ///
 /// # Errors
 /// [`Error::NoSignal`] for a sensor whose first harmonic is below four codes, [`Error::NoFit`] when the iteration does not settle.
+// A stack frame of its own, given back before the report.
+#[inline(never)]
 pub fn fit(points: &[[Point; BINS]; 2]) -> Result<Fit, Error> {
     let start = start(&points[0])?;
     // The Hall angle is zero where the first sensor's fundamental rises through its offset.
     let zero = start[0].placement;
     let mut sensors = start.map(|sensor| Sensor { placement: sensor.placement - zero, ..sensor });
-    let mut angles = points.map(|sweep| sweep.map(|point| point.field - zero));
+    let mut angles = [[ElectricalAngle::ZERO; BINS]; 2];
+    for (angle, point) in angles.iter_mut().flatten().zip(points.iter().flatten()) {
+        *angle = point.field - zero;
+    }
     for _ in 0..ITERATIONS {
         let mut equations = Equations::default();
         for (point, angle) in points.iter().flatten().zip(angles.iter_mut().flatten()) {

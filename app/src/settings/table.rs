@@ -15,8 +15,7 @@ macro_rules! row {
             fixed: $fixed,
             get: |settings| Some(settings.$($field).+.number()),
             set: |settings, value| settings.$($field).+.assign(value),
-            range: |settings| {
-                let $s = &settings.drive;
+            range: |$s, _| {
                 let _ = $s;
                 ($min, $max)
             },
@@ -34,8 +33,7 @@ macro_rules! row {
                     control.$($field).+.assign(value);
                 }
             },
-            range: |settings| {
-                let ($s, $c) = (&settings.drive, settings.drive.control.unwrap_or_default());
+            range: |$s, $c| {
                 let _ = ($s, $c);
                 ($min, $max)
             },

@@ -82,17 +82,29 @@ pub fn run<B: Board>(
     flash: Peri<'static, peripherals::FLASH>,
     serial: BufferedUart<'static>,
 ) -> ! {
+    let app = prepare(board, bridge, control, flash);
+    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    EXECUTOR.init(Executor::new()).run(|spawner| match tasks(app, serial) {
+        Ok(tasks) => spawner.spawn(tasks),
+        Err(_) => unreachable!("spawned once"),
+    })
+}
+
+/// What the start takes of the stack is given back before the tasks run.
+#[inline(never)]
+fn prepare<B: Board>(
+    board: B,
+    bridge: Bridge,
+    control: &'static Control<B>,
+    flash: Peri<'static, peripherals::FLASH>,
+) -> &'static Application {
     greet::<B>();
     converters::start(B::GROUPS, B::CONVERTERS);
     watchdog::start();
     let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
     let (drive, app) = begin(identity, B::settings(), Flash::new_blocking(flash));
     control.start(board, drive, bridge, &ALIVE);
-    static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    EXECUTOR.init(Executor::new()).run(|spawner| match tasks(app, serial) {
-        Ok(tasks) => spawner.spawn(tasks),
-        Err(_) => unreachable!("spawned once"),
-    })
+    app
 }
 
 type Application = App<Flash<'static, Blocking>>;

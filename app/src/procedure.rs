@@ -30,15 +30,25 @@ impl Procedure {
     /// Puts one in its place: it is large for a stack.
     pub fn motor(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = identification::Plan::new(config).map_err(wire::procedure)?;
-        *place = Some(Self::Motor(Identification::new(config, &plan).map_err(wire::procedure)?));
-        Ok(())
+        match Identification::new(config, &plan) {
+            Ok(identification) => {
+                *place = Some(Self::Motor(identification));
+                Ok(())
+            }
+            Err(error) => Err(wire::procedure(error)),
+        }
     }
 
     /// Likewise.
     pub fn cogging(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = learning::Plan::new(config).map_err(wire::procedure)?;
-        *place = Some(Self::Cogging(Learning::new(config, &plan).map_err(wire::procedure)?));
-        Ok(())
+        match Learning::new(config, &plan) {
+            Ok(learning) => {
+                *place = Some(Self::Cogging(learning));
+                Ok(())
+            }
+            Err(error) => Err(wire::procedure(error)),
+        }
     }
 
     fn inner(&mut self) -> &mut dyn procedure::Procedure {

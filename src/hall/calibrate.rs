@@ -132,6 +132,8 @@ impl Collector {
     ///
     /// # Errors
     /// [`Error`], whose `Display` says what is wrong and what to look at.
+    // A stack frame of its own, given back before an estimator is made.
+    #[inline(never)]
     pub fn finish(&self, reversed: bool) -> Result<Calibration, Error> {
         // In place: these are 2 KiB of a small stack.
         let mut points = [[Point::default(); BINS]; 2];

@@ -254,7 +254,7 @@ impl Service {
         Some(match record.status.progress() {
             Progress::Sample(sweep) => {
                 if self.collected == 0 {
-                    self.collector = Collector::new(self.config.adc_bits);
+                    self.collector.clear(self.config.adc_bits);
                 }
                 self.collected += 1;
                 self.collector.push(sweep, record.rotor.angle(), &record.codes, record.sequence);
@@ -269,6 +269,7 @@ impl Service {
         })
     }
 
+    #[inline(never)]
     fn finish(&mut self) -> Event {
         self.collected = 0;
         let result = self.collector.finish(self.config.reversed).and_then(|calibration| {

@@ -31,10 +31,10 @@ pub mod calibration;
 pub mod cogging;
 
 use core::fmt;
-use crc::{CRC_32_ISO_HDLC, Crc};
+use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use embedded_storage::nor_flash::NorFlash;
 
-const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 /// "HSRV".
 const MAGIC: u32 = 0x5652_5348;
 const HEADER: usize = 16;

@@ -15,9 +15,6 @@ const UNTOLD: f32 = 16.0;
 /// What the shaft loses of its speed in a second when it is left alone.
 const DAMPING: f32 = 16.0;
 
-/// Whether the firmware has it.
-const BUILT_IN: bool = cfg!(feature = "adaptation");
-
 /// The adaptation of a drive with a calibration, if it is wanted.
 pub(crate) struct Learning {
     adaptation: Option<Adaptation>,
@@ -36,7 +33,7 @@ impl Learning {
     /// Starts anew from what is known of the sensors.
     pub fn restart(&mut self, settings: &Settings, sensors: Option<&Sensors>, every: u32) {
         self.ended = None;
-        self.adaptation = sensors.filter(|_| BUILT_IN && settings.adaptation).and_then(|sensors| {
+        self.adaptation = sensors.filter(|_| settings.adaptation).and_then(|sensors| {
             let config = config(settings, sensors.noise, every)?;
             Adaptation::new(&config, &sensors.model, every).ok()
         });
@@ -44,7 +41,7 @@ impl Learning {
 
     /// Learns from a record; the reason, when it gives up.
     pub fn take(&mut self, record: &Record, torque_nm: f32) -> Option<Cause> {
-        match self.adaptation.as_mut().filter(|_| BUILT_IN)?.take(record, torque_nm) {
+        match self.adaptation.as_mut()?.take(record, torque_nm) {
             Outcome::Failed(fault) => {
                 self.ended = Some(fault);
                 Some(wire::sensor(fault))
@@ -55,7 +52,7 @@ impl Learning {
 
     /// Gives the drive what is due; the model then. Without a Hall only if the drive may run so.
     pub fn publish(&mut self, service: &mut Service, on_two_halls: bool) -> Option<Model> {
-        let adaptation = self.adaptation.as_mut().filter(|_| BUILT_IN && (self.ended.is_none() || on_two_halls))?;
+        let adaptation = self.adaptation.as_mut().filter(|_| self.ended.is_none() || on_two_halls)?;
         if adaptation.publish(service) != Ok(true) {
             return None;
         }

@@ -4,10 +4,10 @@
 //! code and differ in what they give it: a flash, a serial line, a clock (`embassy-time`), and the control interrupt.
 //!
 //! ```ignore
-//! static MEMORY: StaticCell<Memory> = StaticCell::new();
+//! static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
 //! static ALIVE: Heartbeat = Heartbeat::new();
 //!
-//! let (drive, app) = hallservo_app::start(IDENTITY, defaults, flash, PLACE, MEMORY.init(Memory::new()));
+//! let (drive, app) = hallservo_app::start(IDENTITY, defaults, flash, PLACE, MEMORY.take(), APP.uninit());
 //! // The control interrupt owns the drive: ALIVE.beat(&sample); let output = drive.step(&sample);
 //! app.run(rx, tx, &ALIVE, || watchdog.pet()).await
 //! ```
@@ -39,6 +39,7 @@ pub use heartbeat::Heartbeat;
 pub use run::App;
 
 use crate::supervisor::Supervisor;
+use core::mem::MaybeUninit;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::cogging::Table;
 use hallservo::drive::{Channels, Drive};
@@ -57,17 +58,18 @@ pub struct Identity {
     pub firmware: &'static str,
 }
 
-/// What outlives everything: a static of a board, leaked memory of a host.
+/// What outlives everything: a static of a board, leaked memory of a host. What [`start`] fills is not initialised, so that a
+/// static is all zeros, which neither the flash nor the stack of a chip has to hold.
 pub struct Memory {
     channels: Channels,
-    estimators: [Estimator; 2],
     tables: [Table; 2],
+    estimators: [MaybeUninit<Estimator>; 2],
     /// Settings on their way to the drive.
-    config: Option<Config>,
+    config: MaybeUninit<Config>,
     /// What is large, and would pass over the stack otherwise.
-    service: Option<Service>,
-    procedure: Option<Procedure>,
-    learning: Learning,
+    service: MaybeUninit<Service>,
+    procedure: MaybeUninit<Option<Procedure>>,
+    learning: MaybeUninit<Learning>,
 }
 
 impl Memory {
@@ -75,12 +77,12 @@ impl Memory {
     pub const fn new() -> Self {
         Self {
             channels: Channels::new(),
-            estimators: [Estimator::blank(), Estimator::blank()],
             tables: [Table::ZERO; 2],
-            config: None,
-            service: None,
-            procedure: None,
-            learning: Learning::new(),
+            estimators: [MaybeUninit::uninit(), MaybeUninit::uninit()],
+            config: MaybeUninit::uninit(),
+            service: MaybeUninit::uninit(),
+            procedure: MaybeUninit::uninit(),
+            learning: MaybeUninit::uninit(),
         }
     }
 }
@@ -91,7 +93,8 @@ impl Default for Memory {
     }
 }
 
-/// Reads the flash and decides what the drive starts with. `place` is the address of the first of six erasable blocks.
+/// Reads the flash and decides what the drive starts with. `place` is the address of the first of six erasable blocks; `app` is
+/// where the application is to live, so that it is not moved over a small stack.
 ///
 /// # Panics
 /// When the board's own `defaults` are invalid, which a test of the board shows.
@@ -101,7 +104,7 @@ pub fn start<F: NorFlash>(
     flash: F,
     place: u32,
     memory: &'static mut Memory,
-) -> (Drive, App<F>) {
-    let (drive, supervisor) = Supervisor::start(identity, defaults, flash, place, memory);
-    (drive, App::new(supervisor))
+    app: &'static mut MaybeUninit<App<F>>,
+) -> (Drive, &'static App<F>) {
+    Supervisor::start(identity, defaults, flash, place, memory, app)
 }

@@ -11,9 +11,6 @@ use hallservo::settings::Config;
 use hallservo::telemetry::Measurement;
 use hallservo_protocol::{Activity, Refusal};
 
-/// Whether the firmware has them.
-const BUILT_IN: bool = cfg!(feature = "procedures");
-
 /// One of them, at work.
 // The larger one makes no difference: there is one, in a static.
 #[allow(clippy::large_enum_variant)]
@@ -30,20 +27,28 @@ pub(crate) enum Outcome {
 }
 
 impl Procedure {
-    pub fn motor(config: &Config) -> Result<Self, Refusal<'static>> {
-        if !BUILT_IN {
-            return Err(Refusal::LeftOut);
-        }
+    /// Puts one in its place: it is large for a stack.
+    pub fn motor(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = identification::Plan::new(config).map_err(wire::procedure)?;
-        Identification::new(config, &plan).map(Self::Motor).map_err(wire::procedure)
+        match Identification::new(config, &plan) {
+            Ok(identification) => {
+                *place = Some(Self::Motor(identification));
+                Ok(())
+            }
+            Err(error) => Err(wire::procedure(error)),
+        }
     }
 
-    pub fn cogging(config: &Config) -> Result<Self, Refusal<'static>> {
-        if !BUILT_IN {
-            return Err(Refusal::LeftOut);
-        }
+    /// Likewise.
+    pub fn cogging(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = learning::Plan::new(config).map_err(wire::procedure)?;
-        Learning::new(config, &plan).map(Self::Cogging).map_err(wire::procedure)
+        match Learning::new(config, &plan) {
+            Ok(learning) => {
+                *place = Some(Self::Cogging(learning));
+                Ok(())
+            }
+            Err(error) => Err(wire::procedure(error)),
+        }
     }
 
     fn inner(&mut self) -> &mut dyn procedure::Procedure {
@@ -63,9 +68,6 @@ impl Procedure {
 
     /// Goes on; what came of it, at the end.
     pub fn step(&mut self, service: &mut Service, now_ms: u32) -> Option<Outcome> {
-        if !BUILT_IN {
-            return None;
-        }
         let state = self.inner().step(service, now_ms);
         let found = match self {
             Self::Motor(motor) => motor.report().copied().map(Outcome::Motor),

@@ -9,7 +9,9 @@ use embedded_storage::nor_flash::NorFlash;
 use hallservo::commutation::Modulation;
 use hallservo::control::settings::Config;
 use hallservo::drive::Command;
-use hallservo_protocol::{Activity, Answer, Ask, Calibration, Commutation, Hello, History, Refusal, Setting};
+use hallservo_protocol::{
+    self as protocol, Activity, Answer, Ask, Calibration, Commutation, Hello, History, Refusal, Setting,
+};
 
 /// Fastest telemetry, Hz.
 const FASTEST: f32 = 1000.0;
@@ -38,6 +40,7 @@ type Outcome = Result<Step, Refusal<'static>>;
 
 impl<F: NorFlash> Supervisor<F> {
     /// Begins what is asked.
+    #[inline(never)]
     pub fn begin(&mut self, id: u16, ask: Ask<'_>) -> Step {
         self.attempt(id, ask).unwrap_or_else(|refusal| Step::Answer(Answer::Refused(refusal)))
     }
@@ -106,11 +109,11 @@ impl<F: NorFlash> Supervisor<F> {
             }
             Ask::Calibrate => self.obey(Command::Calibrate, After::Calibrating),
             Ask::Identify => {
-                self.turn(Procedure::motor(self.service.config())?)?;
+                self.identify()?;
                 Ok(Step::Answer(Answer::Done))
             }
             Ask::LearnCogging => {
-                self.turn(Procedure::cogging(self.service.config())?)?;
+                self.learn_cogging()?;
                 Ok(Step::Answer(Answer::Done))
             }
             Ask::Balance(true) if !self.has_table() => Err(Refusal::NoTable),
@@ -140,6 +143,23 @@ impl<F: NorFlash> Supervisor<F> {
         }
     }
 
+    // Procedures are large: their way over the stack is not to add to that of other requests.
+    #[inline(never)]
+    fn identify(&mut self) -> Result<(), Refusal<'static>> {
+        self.may_turn()?;
+        Procedure::motor(self.procedure, self.service.config())?;
+        self.identification = protocol::Procedure::Turning;
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn learn_cogging(&mut self) -> Result<(), Refusal<'static>> {
+        self.may_turn()?;
+        Procedure::cogging(self.procedure, self.service.config())?;
+        self.cogging = protocol::Procedure::Turning;
+        Ok(())
+    }
+
     fn obey(&mut self, command: Command, after: After) -> Outcome {
         self.send(command)?;
         Ok(Step::Obeyed(after))
@@ -166,11 +186,11 @@ impl<F: NorFlash> Supervisor<F> {
     }
 
     fn setting(&self, entry: &Entry) -> Result<Setting<'static>, Refusal<'static>> {
-        let settings::Entry { name, unit, about, kind, fixed, .. } = *entry;
+        let settings::Entry { name, unit, kind, fixed, .. } = *entry;
         let value = entry.get(&self.settings).ok_or(Refusal::NoControl)?;
         let default = entry.get(&self.defaults).ok_or(Refusal::NoControl)?;
         let (min, max) = entry.range(&self.settings);
-        Ok(Setting { name, unit, about, kind, value, default, min, max, fixed })
+        Ok(Setting { name, unit, kind, value, default, min, max, fixed })
     }
 
     /// What to answer, once the drive has.

@@ -70,6 +70,11 @@ impl<F: NorFlash> App<F> {
         Self { supervisor: RefCell::new(supervisor), outbox: Channel::new(), pulse: Pulse::default() }
     }
 
+    /// Before it runs.
+    pub(crate) fn supervisor(&mut self) -> &mut Supervisor<F> {
+        self.supervisor.get_mut()
+    }
+
     /// Runs everything, for ever. `rx` and `tx` are the serial line: at 460 800 baud, 8N1, where it is one. `feed` feeds the watchdog,
     /// about every 20 ms as long as the control interrupt beats and all tasks move; a calibration's fit and a save keep
     /// them for up to a quarter of a second, so a watchdog needs half a second at least.

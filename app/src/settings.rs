@@ -9,7 +9,7 @@ pub use table::TABLE;
 use hallservo::commutation::Commutation;
 use hallservo::control::cogging::Table;
 use hallservo::control::current::Feedback;
-use hallservo::control::settings::OnTimeout;
+use hallservo::control::settings::{OnTimeout, Settings as Control};
 use hallservo::settings::{self, Config};
 use hallservo_protocol::{Cogging, Kind, Refusal};
 
@@ -55,6 +55,11 @@ impl Settings {
         })
     }
 
+    /// Whether all have the same values: shorter in the flash than comparing field by field.
+    pub(crate) fn same(&self, other: &Self) -> bool {
+        TABLE.iter().all(|entry| entry.get(self) == entry.get(other))
+    }
+
     /// With another value of a setting, if all together are valid then.
     ///
     /// # Errors
@@ -76,8 +81,6 @@ pub struct Entry {
     pub name: &'static str,
     /// Unit of the value, up to 8 bytes.
     pub unit: &'static str,
-    /// What it is, up to 90 bytes.
-    pub about: &'static str,
     /// Of what kind the value is.
     pub kind: Kind<'static>,
     /// Whether it follows from the board's parts.
@@ -86,7 +89,7 @@ pub struct Entry {
     get: fn(&Settings) -> Option<f32>,
     set: fn(&mut Settings, f32),
     /// Least and most, as the other settings are.
-    range: fn(&Settings) -> (f32, f32),
+    range: fn(&settings::Settings, &Control) -> (f32, f32),
 }
 
 impl Entry {
@@ -97,7 +100,7 @@ impl Entry {
 
     /// Least and most value, as the other settings are.
     pub fn range(&self, settings: &Settings) -> (f32, f32) {
-        (self.range)(settings)
+        (self.range)(&settings.drive, &settings.drive.control.unwrap_or_default())
     }
 
     /// Another value, if it is in its range.
@@ -116,6 +119,11 @@ impl Entry {
         (self.set)(settings, value);
         Ok(())
     }
+}
+
+/// What a setting is, in words of up to 90 bytes; empty for a name that is not in the table. For tools: a drive does not have it.
+pub fn about(name: &str) -> &'static str {
+    table::ABOUT.iter().find(|(one, _)| *one == name).map_or("", |(_, about)| about)
 }
 
 /// The row with a name.

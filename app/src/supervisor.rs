@@ -10,10 +10,12 @@ use crate::learning::Learning;
 use crate::procedure::{Outcome, Procedure};
 use crate::saving::{Saving, Sensors};
 use crate::settings::Settings;
-use crate::{Identity, Memory, measure, wire};
+use crate::{App, Identity, Memory, measure, wire};
+use core::mem::MaybeUninit;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::cogging::Table;
-use hallservo::drive::{Command, Drive};
+use hallservo::drive::{Command, Drive, Tasks};
+use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
 use hallservo::service::{Event, Service};
 use hallservo::settings::{self, Config};
@@ -54,7 +56,7 @@ pub(crate) struct Supervisor<F> {
     /// The drive has to be given it, or told to do without.
     balance: bool,
     balanced: bool,
-    procedure: &'static mut Option<Procedure>,
+    pub procedure: &'static mut Option<Procedure>,
     pub calibration: Calibration,
     pub identification: protocol::Procedure<'static, Motor>,
     pub cogging: protocol::Procedure<'static, Cogging>,
@@ -72,6 +74,22 @@ pub(crate) struct Supervisor<F> {
     now_ms: u64,
 }
 
+/// What passes over the stack does so by itself, and has left it when the next comes.
+#[inline(never)]
+fn blank(place: &mut MaybeUninit<Estimator>) -> &mut Estimator {
+    place.write(Estimator::blank())
+}
+
+#[inline(never)]
+fn serve(
+    place: &'static mut MaybeUninit<Service>,
+    config: Config,
+    tasks: Tasks,
+    estimators: [&'static mut Estimator; 2],
+) -> &'static mut Service {
+    place.write(Service::new(config, tasks, estimators))
+}
+
 impl<F: NorFlash> Supervisor<F> {
     pub fn start(
         identity: Identity,
@@ -79,7 +97,8 @@ impl<F: NorFlash> Supervisor<F> {
         flash: F,
         place: u32,
         memory: &'static mut Memory,
-    ) -> (Drive, Self) {
+        app: &'static mut MaybeUninit<App<F>>,
+    ) -> (Drive, &'static App<F>) {
         let defaults = Settings::new(defaults);
         let mut saving = Saving::new(flash, place);
         let (settings, settings_problem) = saving.settings(&defaults);
@@ -91,21 +110,21 @@ impl<F: NorFlash> Supervisor<F> {
         let table = saving.table(settings.full_scale_a());
         let stored = [sensors.err().unwrap_or_default(), table.err().unwrap_or_default(), settings_problem];
         let (sensors, table) = (sensors.ok(), table.ok());
-        let Memory { channels, estimators: [first, second], tables, config: spare, service, procedure, learning } =
-            memory;
+        let Memory { channels, estimators, tables, config: spare, service, procedure, learning } = memory;
         let (interrupt, tasks) = channels.split();
-        let service = service.insert(Service::new(config, tasks, [first, second]));
+        let estimators = estimators.each_mut().map(blank);
+        let service = serve(service, config, tasks, estimators);
         for table in tables {
             service.lend(table);
         }
-        let mut supervisor = Self {
+        let app = app.write(App::new(Self {
             identity,
             service,
             history: History::new(),
             defaults,
             settings,
             coming: None,
-            spare: Some(spare.insert(config)),
+            spare: Some(spare.write(config)),
             saving,
             stored,
             stored_sensors: sensors,
@@ -114,11 +133,11 @@ impl<F: NorFlash> Supervisor<F> {
             learnt_saved_ms: None,
             sensors,
             install: sensors.is_some(),
-            learning,
+            learning: learning.write(Learning::new()),
             balance: table.is_some(),
             table,
             balanced: false,
-            procedure,
+            procedure: procedure.write(None),
             calibration: Calibration::None,
             identification: protocol::Procedure::None,
             cogging: protocol::Procedure::None,
@@ -133,7 +152,8 @@ impl<F: NorFlash> Supervisor<F> {
             garbage: 0,
             lost_frames: 0,
             now_ms: 0,
-        };
+        }));
+        let supervisor = app.supervisor();
         for (record, problem) in [Record::Sensors, Record::Cogging, Record::Settings].into_iter().zip(supervisor.stored)
         {
             if !matches!(problem, Problem::None | Problem::Blank) {
@@ -141,7 +161,7 @@ impl<F: NorFlash> Supervisor<F> {
             }
         }
         supervisor.relearn();
-        (Drive::new(config, interrupt), supervisor)
+        (Drive::new(config, interrupt), app)
     }
 
     /// Everything that is due every millisecond.
@@ -282,19 +302,13 @@ impl<F: NorFlash> Supervisor<F> {
         self.learning.restart(&self.settings, self.sensors.as_ref(), every);
     }
 
-    /// Begins a procedure, with the drive ready.
-    pub fn turn(&mut self, procedure: Procedure) -> Result<(), Refusal<'static>> {
+    /// Whether a procedure may begin: with the drive ready.
+    pub fn may_turn(&self) -> Result<(), Refusal<'static>> {
         match self.mode() {
-            Mode::Ready => {}
-            Mode::Unarmed => return Err(Refusal::NotCalibrated),
-            mode => return Err(Refusal::Mode(wire::mode(mode))),
+            Mode::Ready => Ok(()),
+            Mode::Unarmed => Err(Refusal::NotCalibrated),
+            mode => Err(Refusal::Mode(wire::mode(mode))),
         }
-        match procedure.activity() {
-            Activity::Identification => self.identification = protocol::Procedure::Turning,
-            _ => self.cogging = protocol::Procedure::Turning,
-        }
-        *self.procedure = Some(procedure);
-        Ok(())
     }
 
     /// Ends a procedure; the bridge is to be switched off beside.

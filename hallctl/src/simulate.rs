@@ -88,7 +88,8 @@ impl Simulator {
         // On a chip these are statics; here, too, a drive lives as long as its process.
         let memory: &'static mut Memory = Box::leak(Box::new(Memory::new()));
         let alive: &'static Heartbeat = Box::leak(Box::new(Heartbeat::new()));
-        let (drive, app) = hallservo_app::start(IDENTITY, defaults(), flash.clone(), 0, memory);
+        let (drive, app) =
+            hallservo_app::start(IDENTITY, defaults(), flash.clone(), 0, memory, Box::leak(Box::new_uninit()));
         let (input, output, fed) = (Bytes::default(), Bytes::default(), Rc::new(Cell::new(0)));
         let feed = {
             let fed = Rc::clone(&fed);

@@ -192,7 +192,6 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
         Refusal::Contradiction => "this does not go with the other settings".into(),
         Refusal::NothingStored(why) => format!("there are no settings in the flash to go back to ({})", problem(*why)),
         Refusal::Flash => "the flash did not take it\n  Try again; the flash may be worn out.".into(),
-        Refusal::LeftOut => "this firmware was built without it, for a chip with little flash".into(),
         Refusal::NoTable => "the cogging is not learnt yet\n  `hallctl cogging learn` first.".into(),
         Refusal::Busy(what) => format!("{} goes on\n  Wait, or end it by `hallctl disarm`.", activity(*what)),
         Refusal::Silent => {

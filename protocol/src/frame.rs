@@ -2,10 +2,10 @@
 
 use crate::{FRAME, MESSAGE, VERSION};
 use core::fmt;
-use crc::{CRC_32_ISO_HDLC, Crc};
+use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use serde::{Deserialize, Serialize};
 
-const CRC: Crc<u32> = Crc::<u32>::new(&CRC_32_ISO_HDLC);
+const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 const CHECKSUM: usize = 4;
 /// Version, message, CRC.
 const INSIDE: usize = 1 + MESSAGE + CHECKSUM;

@@ -313,8 +313,6 @@ pub struct Setting<'a> {
     pub name: &'a str,
     /// Unit of the value.
     pub unit: &'a str,
-    /// What it is.
-    pub about: &'a str,
     /// Of what kind it is.
     pub kind: Kind<'a>,
     /// What it is at the moment.
@@ -380,8 +378,6 @@ pub enum Refusal<'a> {
     Busy(Activity),
     /// The control interrupt does not answer.
     Silent,
-    /// This firmware was built without it.
-    LeftOut,
 }
 
 /// What went wrong.

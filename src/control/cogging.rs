@@ -5,7 +5,7 @@
 //! motors whose slots divide evenly among the pole pairs; what does not repeat averages out and stays.
 
 use crate::angle::ElectricalAngle;
-use core::f32::consts::TAU;
+use crate::trig;
 
 /// Points of the table.
 pub const POINTS: usize = 128;
@@ -38,7 +38,7 @@ pub struct Learner {
 
 impl Default for Learner {
     fn default() -> Self {
-        Self { bins: [[(0.0, 0); POINTS]; 2] }
+        Self { bins: const { [[(0.0, 0); POINTS]; 2] } }
     }
 }
 
@@ -73,15 +73,20 @@ impl Learner {
         };
         let mut smooth = [0.0_f32; POINTS];
         for harmonic in 1..=harmonics.clamp(1, POINTS / 2 - 1) {
-            let phase = |index: usize| TAU * ((harmonic * index) % POINTS) as f32 / POINTS as f32;
+            let wave = |index: usize| {
+                let phase = ElectricalAngle::from_turns(((harmonic * index) % POINTS) as f32 / POINTS as f32);
+                [trig::sin(phase), trig::cos(phase)].map(|value| value.to_num::<f32>())
+            };
             let (mut sine, mut cosine) = (0.0, 0.0);
             for index in 0..POINTS {
-                sine += mean(index) * libm::sinf(phase(index));
-                cosine += mean(index) * libm::cosf(phase(index));
+                let [sin, cos] = wave(index);
+                sine += mean(index) * sin;
+                cosine += mean(index) * cos;
             }
             for (index, value) in smooth.iter_mut().enumerate() {
                 let scale = 2.0 / POINTS as f32;
-                *value += scale * (sine * libm::sinf(phase(index)) + cosine * libm::cosf(phase(index)));
+                let [sin, cos] = wave(index);
+                *value += scale * (sine * sin + cosine * cos);
             }
         }
         Some(Table(smooth.map(|value| libm::roundf(value) as i16)))
@@ -91,6 +96,7 @@ impl Learner {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use core::f32::consts::TAU;
 
     #[test]
     fn learns_the_cogging_and_not_the_friction() {

@@ -104,6 +104,14 @@ impl Collector {
         Self { bins: [[Bin::default(); BINS]; 2], noise: Noise::default(), at_rail: [0; 3], adc_bits }
     }
 
+    /// Forgets all, without the stack that a new one would take.
+    pub(crate) fn clear(&mut self, adc_bits: u8) {
+        for bin in self.bins.iter_mut().flatten() {
+            *bin = Bin::default();
+        }
+        (self.noise, self.at_rail, self.adc_bits) = (Noise::default(), [0; 3], adc_bits);
+    }
+
     /// Takes a sample made while the field pointed at `field`. `sequence` counts the samples, so that a lost one is
     /// noticed. A bin takes up to 65,536 samples and ignores more.
     pub fn push(&mut self, sweep: Sweep, field: ElectricalAngle, codes: &Codes, sequence: u32) {
@@ -124,8 +132,14 @@ impl Collector {
     ///
     /// # Errors
     /// [`Error`], whose `Display` says what is wrong and what to look at.
+    // A stack frame of its own, given back before an estimator is made.
+    #[inline(never)]
     pub fn finish(&self, reversed: bool) -> Result<Calibration, Error> {
-        let points = [self.points(Sweep::Forward)?, self.points(Sweep::Backward)?];
+        // In place: these are 2 KiB of a small stack.
+        let mut points = [[Point::default(); BINS]; 2];
+        for sweep in [Sweep::Forward, Sweep::Backward] {
+            self.points(sweep, &mut points[sweep as usize])?;
+        }
         let fit = fit::fit(&points)?;
         let [forward, backward] = [0, 1].map(|sweep| offset(&points[sweep], &fit.angles[sweep]));
         let swings = [0, 1].map(|sweep| swing(&points[sweep], &fit.angles[sweep], [forward, backward][sweep]));
@@ -147,15 +161,16 @@ impl Collector {
     }
 
     /// Mean codes over the field's angle.
-    fn points(&self, sweep: Sweep) -> Result<[Point; BINS], Error> {
+    fn points(&self, sweep: Sweep, points: &mut [Point; BINS]) -> Result<(), Error> {
         let bins = &self.bins[sweep as usize];
         if bins.iter().any(|bin| bin.count < FEWEST) {
             return Err(Error::Incomplete(sweep));
         }
-        Ok(core::array::from_fn(|k| Point {
-            codes: bins[k].sums.map(|sum| sum as f32 / bins[k].count as f32),
-            field: ElectricalAngle::from_bits(((2 * k + 1) << (31 - BINS.ilog2())) as u32 as i32),
-        }))
+        for (k, (point, bin)) in points.iter_mut().zip(bins).enumerate() {
+            point.codes = bin.sums.map(|sum| sum as f32 / bin.count as f32);
+            point.field = ElectricalAngle::from_bits(((2 * k + 1) << (31 - BINS.ilog2())) as u32 as i32);
+        }
+        Ok(())
     }
 }
 

@@ -79,6 +79,8 @@ impl Learning {
     ///
     /// # Errors
     /// What of the plan cannot be.
+    // Called, it fills what its caller has for it; inlined, it would be another two on the stack.
+    #[inline(never)]
     pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
         let control = config.control.as_ref().ok_or(Error::NoControl)?;
         let fields = [
@@ -91,12 +93,14 @@ impl Learning {
             return Err(Error::Plan { field });
         }
         let leg_ms = 1000.0 * plan.turns as f32 * TAU / plan.speed_rad_s;
+        let pilot = Pilot::new(config, plan.commutation)?;
+        let speed = control.speed(plan.speed_rad_s).map_err(Error::Demand)?;
         Ok(Self {
-            pilot: Pilot::new(config, plan.commutation)?,
+            pilot,
             plan: *plan,
             learner: Learner::default(),
             table: None,
-            speed: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,
+            speed,
             leg: 0,
             leg_began_ms: None,
             way: (i64::from(plan.turns) * i64::from(config.pole_pairs.get())) << 32,

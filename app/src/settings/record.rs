@@ -6,13 +6,13 @@
 //! told as [`Problem::Foreign`].
 
 use super::{Entry, Settings, TABLE};
-use crc::{CRC_16_IBM_SDLC, Crc};
+use crc::{CRC_16_IBM_SDLC, Crc, NoTable};
 use hallservo_protocol::Problem;
 
 /// Bytes of a pair.
 pub const KEYED: usize = 6;
 
-const CRC: Crc<u16> = Crc::<u16>::new(&CRC_16_IBM_SDLC);
+const CRC: Crc<u16, NoTable> = Crc::<u16, NoTable>::new(&CRC_16_IBM_SDLC);
 
 /// What stands for a name: its CRC-16. No two names of the table have the same.
 pub fn key(name: &str) -> u16 {

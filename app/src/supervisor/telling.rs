@@ -90,7 +90,7 @@ impl<F: NorFlash> Supervisor<F> {
             learning: self.learning.state(),
             learnt: self.learning.count,
             stored: self.stored,
-            unsaved: self.waiting != [false; 3] || self.settings != self.stored_settings || self.is_worth_saving(),
+            unsaved: self.waiting != [false; 3] || !self.settings.same(&self.stored_settings) || self.is_worth_saving(),
             lost_records: self.lost_records,
             garbage: self.garbage,
             lost_frames: self.lost_frames,

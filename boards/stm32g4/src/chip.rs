@@ -24,7 +24,7 @@ use embassy_stm32::{Peri, Peripherals, peripherals};
 use hallservo::drive::{Drive, Sample};
 use hallservo::settings::Settings;
 use hallservo_app::{App, Heartbeat, Identity, Memory};
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 /// What a board is, beyond its chip.
 pub trait Board: Send + 'static {
@@ -82,12 +82,7 @@ pub fn run<B: Board>(
     flash: Peri<'static, peripherals::FLASH>,
     serial: BufferedUart<'static>,
 ) -> ! {
-    greet::<B>();
-    converters::start(B::GROUPS, B::CONVERTERS);
-    watchdog::start();
-    let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
-    let (drive, app) = begin(identity, B::settings(), Flash::new_blocking(flash));
-    control.start(board, drive, bridge, &ALIVE);
+    let app = prepare(board, bridge, control, flash);
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
     EXECUTOR.init(Executor::new()).run(|spawner| match tasks(app, serial) {
         Ok(tasks) => spawner.spawn(tasks),
@@ -95,16 +90,31 @@ pub fn run<B: Board>(
     })
 }
 
+/// What the start takes of the stack is given back before the tasks run.
+#[inline(never)]
+fn prepare<B: Board>(
+    board: B,
+    bridge: Bridge,
+    control: &'static Control<B>,
+    flash: Peri<'static, peripherals::FLASH>,
+) -> &'static Application {
+    greet::<B>();
+    converters::start(B::GROUPS, B::CONVERTERS);
+    watchdog::start();
+    let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
+    let (drive, app) = begin(identity, B::settings(), Flash::new_blocking(flash));
+    control.start(board, drive, bridge, &ALIVE);
+    app
+}
+
 type Application = App<Flash<'static, Blocking>>;
 
 /// What is large goes to its place and leaves the stack.
 #[inline(never)]
 fn begin(identity: Identity, defaults: Settings, flash: Flash<'static, Blocking>) -> (Drive, &'static Application) {
-    static MEMORY: StaticCell<Memory> = StaticCell::new();
+    static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
     static APP: StaticCell<Application> = StaticCell::new();
-    let memory = MEMORY.init_with(Memory::new);
-    let (drive, app) = hallservo_app::start(identity, defaults, flash, storage(), memory);
-    (drive, APP.init(app))
+    hallservo_app::start(identity, defaults, flash, storage(), MEMORY.take(), APP.uninit())
 }
 
 /// All that is not the control interrupt. Here, and not generic, so that it is compiled for size.

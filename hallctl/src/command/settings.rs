@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::words;
 use anyhow::{Context, anyhow};
 use clap::Subcommand;
+use hallservo_app::settings::about;
 use hallservo_protocol::{Answer, Ask, Kind, Setting};
 use std::fmt::Write;
 use std::fs;
@@ -80,7 +81,7 @@ fn list(client: &mut Client) -> Result<()> {
             Kind::Choice(names) => names.into(),
             _ => format!("{} … {}", words::short(setting.min), words::short(setting.max)),
         };
-        println!("{changed} {:<24}{value:>15} {:<7} {range:<32} {}", setting.name, setting.unit, setting.about);
+        println!("{changed} {:<24}{value:>15} {:<7} {range:<32} {}", setting.name, setting.unit, about(setting.name));
     })?;
     println!("* differs from the board's default");
     Ok(())
@@ -132,7 +133,7 @@ fn export(client: &mut Client, path: &Path) -> Result<()> {
         let fixed = if setting.fixed { "# the board's: " } else { "" };
         let unit = if setting.unit.is_empty() { String::new() } else { format!(" [{}]", setting.unit) };
         // Writing into a string does not fail.
-        let _ = writeln!(text, "\n# {}{unit}\n{fixed}{} = {value}", setting.about, setting.name);
+        let _ = writeln!(text, "\n# {}{unit}\n{fixed}{} = {value}", about(setting.name), setting.name);
     })?;
     Ok(fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?)
 }

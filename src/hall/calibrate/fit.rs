@@ -8,10 +8,11 @@ use super::{BINS, Error};
 use crate::angle::ElectricalAngle;
 use crate::hall::Channel;
 use crate::hall::model::Sensor;
+use crate::trig;
 use core::f32::consts::PI;
 
 /// Mean codes at a field angle.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, Default)]
 pub struct Point {
     /// Mean code of each sensor.
     pub codes: [f32; 3],
@@ -40,12 +41,17 @@ const NO_SIGNAL: f32 = 4.0;
 ///
 /// # Errors
 /// [`Error::NoSignal`] for a sensor whose first harmonic is below four codes, [`Error::NoFit`] when the iteration does not settle.
+// A stack frame of its own, given back before the report.
+#[inline(never)]
 pub fn fit(points: &[[Point; BINS]; 2]) -> Result<Fit, Error> {
     let start = start(&points[0])?;
     // The Hall angle is zero where the first sensor's fundamental rises through its offset.
     let zero = start[0].placement;
     let mut sensors = start.map(|sensor| Sensor { placement: sensor.placement - zero, ..sensor });
-    let mut angles = points.map(|sweep| sweep.map(|point| point.field - zero));
+    let mut angles = [[ElectricalAngle::ZERO; BINS]; 2];
+    for (angle, point) in angles.iter_mut().flatten().zip(points.iter().flatten()) {
+        *angle = point.field - zero;
+    }
     for _ in 0..ITERATIONS {
         let mut equations = Equations::default();
         for (point, angle) in points.iter().flatten().zip(angles.iter_mut().flatten()) {
@@ -73,10 +79,11 @@ fn start(points: &[Point; BINS]) -> Result<[Sensor; 3], Error> {
     for (channel, sensor) in sensors.iter_mut().enumerate() {
         let (mut mean, mut sine, mut cosine) = (0.0, 0.0, 0.0);
         for point in points {
-            let (code, field) = (point.codes[channel], point.field.to_radians());
+            let (code, [sin, cos]) =
+                (point.codes[channel], [trig::sin, trig::cos].map(|f| f(point.field).to_num::<f32>()));
             mean += code / BINS as f32;
-            sine += code * libm::sinf(field) * 2.0 / BINS as f32;
-            cosine += code * libm::cosf(field) * 2.0 / BINS as f32;
+            sine += code * sin * 2.0 / BINS as f32;
+            cosine += code * cos * 2.0 / BINS as f32;
         }
         let amplitude = libm::hypotf(sine, cosine);
         if !(amplitude >= NO_SIGNAL) {
@@ -202,8 +209,9 @@ fn apply(sensors: &mut [Sensor; 3], step: &[f32; PARAMETERS]) {
 /// Undoes the averaging over a bin, which shrinks the k-th harmonic by `sin(kπ/BINS)/(kπ/BINS)`.
 fn unaveraged(sensor: Sensor) -> Sensor {
     let shrunk = |k: f32| {
-        let half = k * PI / BINS as f32;
-        libm::sinf(half) / half
+        // Of the sine's series, what is left out is below 10⁻⁷.
+        let square = k * PI / BINS as f32 * (k * PI / BINS as f32);
+        1.0 - square / 6.0 * (1.0 - square / 20.0)
     };
     Sensor {
         amplitude: sensor.amplitude / shrunk(1.0),

@@ -3,8 +3,9 @@
 //! The watchdog is not fed any more, so the chip starts over within its time, with the bridge off.
 
 use crate::chip::bridge;
-use core::arch::naked_asm;
+use core::arch::{asm, naked_asm};
 use core::panic::PanicInfo;
+use core::ptr::addr_of;
 use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use cortex_m_rt::exception;
 
@@ -12,19 +13,46 @@ use cortex_m_rt::exception;
 const BDTR: usize = 0x4001_2C44;
 const _: () = assert!(BDTR == 0x4001_2C00 + 0x44);
 
-/// Tells where, but not what: the texts and what formats them would take a fifth of a small chip's flash.
+/// Return addresses that a panic tells.
+const DEPTH: usize = 6;
+
+/// Tells where, but not what: texts, file names and what formats them would take a fifth of a small chip's flash. The addresses
+/// that the latest calls return to, the innermost first, are lines of the source to `addr2line -ife FIRMWARE ADDRESS…`.
 #[panic_handler]
-fn panic(info: &PanicInfo) -> ! {
+fn panic(_: &PanicInfo) -> ! {
     cortex_m::interrupt::disable();
     bridge::off();
     // The log itself may have been what panicked.
     static ONCE: AtomicBool = AtomicBool::new(false);
     if !ONCE.load(Relaxed) {
         ONCE.store(true, Relaxed);
-        let (file, line) = info.location().map_or(("", 0), |place| (place.file(), place.line()));
-        defmt::error!("panic at {=str}:{=u32}; the bridge is off", file, line);
+        defmt::error!("panic, called from {=[?; 6]:#010x}; the bridge is off", callers());
     }
     cortex_m::asm::udf()
+}
+
+/// Every function of this target keeps a frame in r7: the caller's r7, and the address to return to.
+#[inline(always)]
+fn callers() -> [u32; DEPTH] {
+    unsafe extern "C" {
+        static _stack_end: u8;
+        static _stack_start: u8;
+    }
+    let stack = addr_of!(_stack_end) as u32..addr_of!(_stack_start) as u32 - 7;
+    let mut frame: u32;
+    // SAFETY: looks at a register.
+    unsafe { asm!("mov {}, r7", out(reg) frame, options(nomem, nostack, preserves_flags)) };
+    let mut callers = [0; DEPTH];
+    for caller in &mut callers {
+        if !stack.contains(&frame) || !frame.is_multiple_of(4) {
+            break;
+        }
+        // SAFETY: two aligned words within the memory of the stack.
+        let [outer, back] = unsafe { core::ptr::read_volatile(frame as *const [u32; 2]) };
+        *caller = back & !1;
+        frame = outer;
+    }
+    callers
 }
 
 /// An interrupt that nobody expects.

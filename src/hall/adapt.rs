@@ -200,10 +200,14 @@ impl Adapter {
     #[inline(always)]
     fn process(&mut self, observation: &Observation) -> Outcome {
         self.since = self.since.saturating_add(u32::from(observation.elapsed));
-        if self.is_railed(&observation.codes) || self.phase != Phase::Tracking || !self.is_near(observation.elapsed) {
+        if self.is_doubtful(&observation.codes) || self.phase != Phase::Tracking || !self.is_near(observation.elapsed) {
             return self.work_in_alone(observation);
         }
         let (sensor, mean) = self.window.push(&observation.codes, observation.elapsed);
+        if self.doubts.is_lost(sensor) {
+            self.predict(observation);
+            return self.follow();
+        }
         if self.turned {
             // A sensor's turn is left out: once in a turn of the rotor that is nothing.
             self.predict(observation);
@@ -244,13 +248,7 @@ impl Adapter {
     /// Works in a sample with which something is wrong: its three sensors, and no other sample.
     #[cold]
     fn work_in_alone(&mut self, observation: &Observation) -> Outcome {
-        let mut useless = [false; 3];
-        if self.is_railed(&observation.codes) {
-            match self.useless(&observation.codes) {
-                Some(which) => useless = which,
-                None => return Outcome::Acquiring,
-            }
-        }
+        let Some(useless) = self.useless(&observation.codes) else { return Outcome::Acquiring };
         let lost = observation.elapsed > 1 && !self.is_near(observation.elapsed);
         if self.phase != Phase::Tracking || lost {
             self.load = if lost { 0.0 } else { self.load };
@@ -307,10 +305,13 @@ impl Adapter {
         true
     }
 
-    /// Angle and speed by a sample of three sensors.
-    fn follow_all(&mut self, sample: &mut Sample) {
+    /// Angle and speed by the one sensor of a sample that tells most of the angle.
+    fn follow_steepest(&mut self, sample: &Sample) {
+        let sensor = sample.steepest();
+        let measurement = &sample.measurements[sensor];
+        let relation = measurement.relation(sensor, &self.covariance);
         let speed = self.state.speed;
-        self.covariance.follow(&sample.measurements, &mut sample.relations, &mut self.state);
+        self.covariance.work_in(measurement, &relation, &mut self.state, false);
         self.find_load(speed);
     }
 

@@ -28,8 +28,8 @@ impl Adapter {
         let deviation = 0.3 * libm::fabsf(step) + 0.04;
         self.covariance.forget(ANGLE, 0.15);
         self.covariance.forget(SPEED, deviation * deviation);
-        let mut sample = Sample::new(self.measure(&observation.codes, useless), &self.covariance);
-        self.follow_all(&mut sample);
+        let sample = Sample::new(self.measure(&observation.codes, useless), &self.covariance);
+        self.follow_steepest(&sample);
         Outcome::Acquiring
     }
 }

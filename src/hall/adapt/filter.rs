@@ -98,7 +98,7 @@ pub struct Measurement {
 }
 
 /// What a measurement has to do with the states.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Relation {
     /// Covariance times derivatives.
     spread: Vector,
@@ -110,11 +110,6 @@ impl Measurement {
     /// Of a sensor that is not to be used: infinitely noisy.
     pub const NONE: Self = Self { innovation: 0.0, noise: f32::INFINITY, angle: 0.0, amplitude: 0.0, third: 0.0 };
 
-    /// Whether there is anything in it.
-    pub fn is_none(&self) -> bool {
-        self.noise == f32::INFINITY
-    }
-
     /// As the signal of this sensor.
     #[inline(always)]
     pub fn relation(&self, sensor: usize, p: &Covariance) -> Relation {
@@ -125,34 +120,35 @@ impl Measurement {
         }
     }
 
-    /// Changes a relation to what it is where the angle's variance is larger by so much.
-    pub fn widen(&self, relation: &mut Relation, variance: f32) {
-        relation.spread[ANGLE] += variance * self.angle;
-        relation.variance += variance * self.angle * self.angle;
-    }
-
-    /// Changes a relation to what it is after another measurement has been worked in for angle and speed.
-    fn after(&self, sensor: usize, relation: &mut Relation, other: &Relation, weight: f32) {
-        let common = match sensor {
-            0 => self.dot::<0>(&other.spread),
-            1 => self.dot::<1>(&other.spread),
-            _ => self.dot::<2>(&other.spread),
-        };
-        // The parameters among themselves are related as before.
-        let moved = self.angle * other.spread[ANGLE];
-        let (with_all, with_angle) = (weight * common, weight * moved);
-        relation.spread[ANGLE] -= with_all * other.spread[ANGLE];
-        relation.spread[SPEED] -= with_all * other.spread[SPEED];
-        for k in THIRD..STATES {
-            relation.spread[k] -= with_angle * other.spread[k];
-        }
-        relation.variance -= with_angle * (common + common - moved);
-    }
-
     /// Whether the innovation is farther from zero than the square root of so many variances.
     #[inline(always)]
     pub fn is_outlier(&self, relation: &Relation, squared: f32) -> bool {
         self.innovation * self.innovation > squared * (relation.variance + self.noise)
+    }
+
+    /// Variance of the innovation, without its noise: that of the relation, for a third of the work.
+    #[inline(always)]
+    pub fn variance(&self, sensor: usize, p: &Covariance) -> f32 {
+        match sensor {
+            0 => self.variance_of::<0>(p),
+            1 => self.variance_of::<1>(p),
+            _ => self.variance_of::<2>(p),
+        }
+    }
+
+    #[inline(always)]
+    fn variance_of<const SENSOR: usize>(&self, p: &Covariance) -> f32 {
+        let offset = OFFSET[SENSOR];
+        let (amplitude, placement) = (offset + 1, offset + 2);
+        let (a, h) = (self.amplitude, self.third);
+        let own = |k| p.get(offset, k) + a * p.get(amplitude, k);
+        let angle = |k| if SENSOR == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(placement, k) };
+        let angles = if SENSOR == 0 { angle(ANGLE) } else { angle(ANGLE) - angle(placement) };
+        let with_angle = angle(offset) + a * angle(amplitude) + h * angle(THIRD);
+        let with_third = own(THIRD);
+        self.angle * (self.angle * angles + with_angle + with_angle)
+            + h * (h * p.get(THIRD, THIRD) + with_third + with_third)
+            + (own(offset) + a * own(amplitude))
     }
 
     /// Product of the derivatives with a vector.
@@ -203,28 +199,6 @@ impl Covariance {
     pub fn work_in(&mut self, m: &Measurement, relation: &Relation, state: &mut State, learn: bool) {
         let weight = self.shrink(relation, m.noise, learn);
         state.correct(weight * m.innovation, &relation.spread, learn);
-    }
-
-    /// Angle and speed only, from three sensors with their relations to this covariance, all at the same state.
-    pub fn follow(&mut self, measurements: &[Measurement; 3], relations: &mut [Relation; 3], state: &mut State) {
-        let (mut angle, mut speed) = (0.0, 0.0);
-        for sensor in 0..3 {
-            let m = &measurements[sensor];
-            if m.is_none() {
-                continue;
-            }
-            let (done, rest) = relations.split_at_mut(sensor + 1);
-            let used = &done[sensor];
-            let weight = self.shrink(used, m.noise, false);
-            let gain = weight * (m.innovation - m.angle * angle);
-            angle += gain * used.spread[ANGLE];
-            speed += gain * used.spread[SPEED];
-            for (k, relation) in (sensor + 1..).zip(rest) {
-                measurements[k].after(k, relation, used, weight);
-            }
-        }
-        state.angle += radians(angle);
-        state.speed += speed;
     }
 }
 

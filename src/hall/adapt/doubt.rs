@@ -40,7 +40,7 @@ pub struct Doubts {
     jolts: u32,
     restarts: u32,
     /// The sensor that is done without.
-    lost: Option<u8>,
+    lost: Option<Channel>,
 }
 
 impl Doubt {
@@ -71,7 +71,7 @@ impl Doubts {
     /// Whether it is done without a sensor.
     #[inline(always)]
     pub fn is_lost(&self, sensor: usize) -> bool {
-        self.lost.is_some_and(|lost| usize::from(lost) == sensor)
+        self.lost == Some(Channel(sensor as u8))
     }
 }
 
@@ -79,8 +79,14 @@ impl Adapter {
     /// Whether a sensor is at the rail, or in doubt.
     #[inline(always)]
     pub(super) fn is_doubtful(&self, codes: &Codes) -> bool {
-        let at_rail = |k: usize| self.config.is_at_rail(codes[k]) & !self.doubts.is_lost(k);
-        self.doubts.any | at_rail(0) | at_rail(1) | at_rail(2)
+        let at_rail = |k: usize| self.config.is_at_rail(codes[k]);
+        self.doubts.any | at_rail(0) | at_rail(1) | at_rail(2) && !self.is_known(codes)
+    }
+
+    /// Whether all that is wrong with a sample is a sensor that is done without.
+    #[cold]
+    fn is_known(&self, codes: &Codes) -> bool {
+        !self.doubts.any && (0..3).all(|k| self.doubts.is_lost(k) || !self.config.is_at_rail(codes[k]))
     }
 
     /// Sensors that cannot be used, of a sample with something wrong; `None` if only one can.
@@ -169,7 +175,7 @@ impl Adapter {
             return self.jolt();
         }
         self.doubts.strange = 0;
-        self.follow_steepest(sample);
+        self.follow_steepest(&sample.measurements);
         self.follow()
     }
 
@@ -211,7 +217,7 @@ impl Adapter {
     pub(super) fn fail(&mut self, fault: Fault) {
         self.fault = Some(fault);
         self.turned = false;
-        self.doubts = Doubts { lost: fault.lost().map(|channel| channel.0), ..Doubts::default() };
+        self.doubts = Doubts { lost: fault.lost(), ..Doubts::default() };
     }
 }
 
@@ -268,17 +274,12 @@ impl Sample {
 
     /// The sensor farthest from its prediction.
     fn farthest(&self) -> usize {
-        largest(self.squares)
-    }
-
-    /// The sensor that tells most of the angle.
-    pub fn steepest(&self) -> usize {
-        largest([0, 1, 2].map(|k| self.measurements[k].angle.abs()))
+        largest(&self.squares)
     }
 }
 
 /// Which of three is the largest.
-fn largest([a, b, c]: [f32; 3]) -> usize {
+pub fn largest([a, b, c]: &[f32; 3]) -> usize {
     if a >= b && a >= c {
         0
     } else if b >= c {

@@ -47,7 +47,7 @@ use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
 use core::f32::consts::TAU;
 pub use deviations::Deviations;
-use doubt::{Doubts, Sample, largest};
+use doubt::{Doubts, Sample, condense};
 pub use fault::{Fault, Parameter};
 use filter::{ANGLE, Covariance, Measurement, OFFSET, SPEED, STATES, State, THIRD, Vector, radians};
 use observe::Fixed;
@@ -305,13 +305,11 @@ impl Adapter {
         true
     }
 
-    /// Angle and speed by the one sensor of a sample that tells most of the angle.
-    fn follow_steepest(&mut self, measurements: &[Measurement; 3]) {
-        let sensor = largest(&measurements.each_ref().map(|m| m.angle.abs()));
-        let measurement = &measurements[sensor];
-        let relation = measurement.relation(sensor, &self.covariance);
+    /// Angle and speed by a sample of three sensors.
+    fn follow_all(&mut self, measurements: &[Measurement; 3]) {
+        let (measurement, relation) = condense(measurements, &self.covariance);
         let speed = self.state.speed;
-        self.covariance.work_in(measurement, &relation, &mut self.state, false);
+        self.covariance.work_in(&measurement, &relation, &mut self.state, false);
         self.find_load(speed);
     }
 

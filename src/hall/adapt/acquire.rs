@@ -27,7 +27,7 @@ impl Adapter {
         let deviation = 0.3 * libm::fabsf(step) + 0.04;
         self.covariance.forget(ANGLE, 0.15);
         self.covariance.forget(SPEED, deviation * deviation);
-        self.follow_steepest(&self.measure(&observation.codes, useless));
+        self.follow_all(&self.measure(&observation.codes, useless));
         Outcome::Acquiring
     }
 }

@@ -1,6 +1,6 @@
 //! When measurements are not where they were predicted: has the rotor been pushed, or is a sensor wrong?
 
-use super::filter::{ANGLE, Covariance, Measurement, SPEED};
+use super::filter::{ANGLE, Covariance, Measurement, Relation, SPEED};
 use super::{Adapter, Fault, GATE, Outcome, Phase};
 use crate::hall::{Channel, Codes};
 use core::f32::consts::TAU;
@@ -175,7 +175,7 @@ impl Adapter {
             return self.jolt();
         }
         self.doubts.strange = 0;
-        self.follow_steepest(&sample.measurements);
+        self.follow_all(&sample.measurements);
         self.follow()
     }
 
@@ -258,13 +258,7 @@ impl Sample {
 
     /// By how much a pushed rotor would explain the innovations best, and what remains then, in squared deviations.
     fn as_a_push(&self) -> (f32, f32) {
-        let (mut slopes, mut product) = (f32::MIN_POSITIVE, 0.0);
-        for m in &self.measurements {
-            let weight = m.angle / m.noise;
-            slopes += m.angle * weight;
-            product += m.innovation * weight;
-        }
-        let by = product / slopes;
+        let (by, _) = common(&self.measurements);
         let rests = self.measurements.iter().zip(&self.variances).map(|(m, variance)| {
             let rest = m.innovation - m.angle * by;
             rest * rest / variance
@@ -278,8 +272,29 @@ impl Sample {
     }
 }
 
+/// By how much a turned rotor would explain the innovations best, and how certain that is: one over its variance, as far as
+/// that comes from noise.
+fn common(measurements: &[Measurement; 3]) -> (f32, f32) {
+    let (mut certainty, mut product) = (f32::MIN_POSITIVE, 0.0);
+    for m in measurements {
+        let weight = m.angle / m.noise;
+        certainty += m.angle * weight;
+        product += m.innovation * weight;
+    }
+    (product / certainty, certainty)
+}
+
+/// What all of them tell of the angle, as one measurement, and its relation to the states.
+pub fn condense(measurements: &[Measurement; 3], p: &Covariance) -> (Measurement, Relation) {
+    let (by, certainty) = common(measurements);
+    let noise = 1.0 / certainty;
+    let weights = measurements.each_ref().map(|m| noise * m.angle / m.noise);
+    let relation = Relation::of_all(measurements, &weights, p);
+    (Measurement { innovation: by, noise, ..Measurement::NONE }, relation)
+}
+
 /// Which of three is the largest.
-pub fn largest([a, b, c]: &[f32; 3]) -> usize {
+fn largest([a, b, c]: &[f32; 3]) -> usize {
     if a >= b && a >= c {
         0
     } else if b >= c {

@@ -50,6 +50,24 @@ impl Covariance {
         self.0[at(i, j)]
     }
 
+    /// A row without the speed.
+    #[inline(always)]
+    const fn row<const K: usize>(&self) -> [f32; STATES - 1] {
+        let p = &self.0;
+        [
+            p[const { at(0, K) }],
+            p[const { at(2, K) }],
+            p[const { at(3, K) }],
+            p[const { at(4, K) }],
+            p[const { at(5, K) }],
+            p[const { at(6, K) }],
+            p[const { at(7, K) }],
+            p[const { at(8, K) }],
+            p[const { at(9, K) }],
+            p[const { at(10, K) }],
+        ]
+    }
+
     /// Adds to a variance, but not beyond `largest`.
     pub fn widen(&mut self, state: usize, variance: f32, largest: f32) {
         let entry = &mut self.0[at(state, state)];
@@ -104,6 +122,49 @@ pub struct Relation {
     spread: Vector,
     /// Of the innovation, without its noise.
     pub variance: f32,
+}
+
+/// Scalar product, but for the speed.
+#[inline(always)]
+fn product(h: &[f32; STATES - 1], b: &[f32; STATES - 1]) -> f32 {
+    h[0] * b[0]
+        + h[1] * b[1]
+        + h[2] * b[2]
+        + h[3] * b[3]
+        + h[4] * b[4]
+        + h[5] * b[5]
+        + h[6] * b[6]
+        + h[7] * b[7]
+        + h[8] * b[8]
+        + h[9] * b[9]
+}
+
+impl Relation {
+    /// Of the weighted sum of three sensors' signals.
+    pub fn of_all(measurements: &[Measurement; 3], weights: &[f32; 3], p: &Covariance) -> Self {
+        let [a, b, c] = measurements;
+        let [u, v, w] = weights;
+        let (angle, third) = (u * a.angle + v * b.angle + w * c.angle, u * a.third + v * b.third + w * c.third);
+        let h =
+            [angle, third, *u, u * a.amplitude, *v, v * b.amplitude, -v * b.angle, *w, w * c.amplitude, -w * c.angle];
+        let spread = [
+            product(&h, &p.row::<0>()),
+            product(&h, &p.row::<1>()),
+            product(&h, &p.row::<2>()),
+            product(&h, &p.row::<3>()),
+            product(&h, &p.row::<4>()),
+            product(&h, &p.row::<5>()),
+            product(&h, &p.row::<6>()),
+            product(&h, &p.row::<7>()),
+            product(&h, &p.row::<8>()),
+            product(&h, &p.row::<9>()),
+            product(&h, &p.row::<10>()),
+        ];
+        let [angle, _, rest @ ..] = spread;
+        let [third, o0, a0, o1, a1, p1, o2, a2, p2] = rest;
+        let variance = product(&h, &[angle, third, o0, a0, o1, a1, p1, o2, a2, p2]);
+        Self { spread, variance }
+    }
 }
 
 impl Measurement {

@@ -249,7 +249,9 @@ impl Adapter {
     #[cold]
     fn work_in_alone(&mut self, observation: &Observation) -> Outcome {
         let Some(useless) = self.useless(&observation.codes) else { return Outcome::Acquiring };
-        let lost = observation.elapsed > 1 && !self.is_near(observation.elapsed);
+        // A quarter of the longest gap is too long where something is wrong, too; that also bounds the work.
+        let long = observation.elapsed > LONGEST_GAP / 4;
+        let lost = observation.elapsed > 1 && (long || !self.is_near(observation.elapsed));
         if self.phase != Phase::Tracking || lost {
             self.load = if lost { 0.0 } else { self.load };
             return self.acquire(observation, useless);

@@ -1,6 +1,5 @@
 //! The begin, and the begin anew: angle and speed from the samples alone.
 
-use super::doubt::Sample;
 use super::filter::{ANGLE, SPEED, State};
 use super::observe::sine_cosine;
 use super::{Adapter, Observation, Outcome, Phase};
@@ -28,8 +27,7 @@ impl Adapter {
         let deviation = 0.3 * libm::fabsf(step) + 0.04;
         self.covariance.forget(ANGLE, 0.15);
         self.covariance.forget(SPEED, deviation * deviation);
-        let mut sample = Sample::new(self.measure(&observation.codes, useless), &self.covariance);
-        self.follow_all(&mut sample);
+        self.follow_all(&self.measure(&observation.codes, useless));
         Outcome::Acquiring
     }
 }

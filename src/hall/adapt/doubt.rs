@@ -39,6 +39,8 @@ pub struct Doubts {
     strange: u32,
     jolts: u32,
     restarts: u32,
+    /// The sensor that is done without.
+    lost: Option<Channel>,
 }
 
 impl Doubt {
@@ -63,33 +65,48 @@ impl Doubts {
 
     /// All that was doubted is understood.
     pub fn clear(&mut self) {
-        *self = Self::default();
+        *self = Self { lost: self.lost, ..Self::default() };
+    }
+
+    /// Whether it is done without a sensor.
+    #[inline(always)]
+    pub fn is_lost(&self, sensor: usize) -> bool {
+        self.lost == Some(Channel(sensor as u8))
     }
 }
 
 impl Adapter {
-    /// Whether a sensor is at the rail, or was, or is lost.
+    /// Whether a sensor is at the rail, or in doubt.
     #[inline(always)]
-    pub(super) fn is_railed(&self, codes: &Codes) -> bool {
-        let at_rail = |code| self.config.is_at_rail(code);
-        self.doubts.any | at_rail(codes[0]) | at_rail(codes[1]) | at_rail(codes[2])
+    pub(super) fn is_doubtful(&self, codes: &Codes) -> bool {
+        let at_rail = |k: usize| self.config.is_at_rail(codes[k]);
+        self.doubts.any | at_rail(0) | at_rail(1) | at_rail(2) && !self.is_known(codes)
+    }
+
+    /// Whether all that is wrong with a sample is a sensor that is done without.
+    #[cold]
+    fn is_known(&self, codes: &Codes) -> bool {
+        !self.doubts.any && (0..3).all(|k| self.doubts.is_lost(k) || !self.config.is_at_rail(codes[k]))
     }
 
     /// Sensors that cannot be used, of a sample with something wrong; `None` if only one can.
     #[cold]
     pub(super) fn useless(&mut self, codes: &Codes) -> Option<[bool; 3]> {
-        let mut useless = codes.map(|code| self.config.is_at_rail(code));
-        for (doubt, at_rail) in self.doubts.sensors.iter_mut().zip(useless) {
-            doubt.at_rail = if at_rail { doubt.at_rail.saturating_add(1) } else { 0 };
+        let mut useless = [false; 3];
+        let mut stays = None;
+        for (k, useless) in useless.iter_mut().enumerate() {
+            let lost = self.doubts.is_lost(k);
+            let at_rail = self.config.is_at_rail(codes[k]);
+            *useless = lost | at_rail;
+            let doubt = &mut self.doubts.sensors[k];
+            doubt.at_rail = if at_rail & !lost { doubt.at_rail.saturating_add(1) } else { 0 };
+            if doubt.at_rail >= FEWEST {
+                stays = stays.or(Some(k));
+            }
         }
-        let stays = self.doubts.sensors.iter().position(|doubt| doubt.at_rail >= FEWEST);
+        self.doubts.any = self.doubts.strange > 0 || self.doubts.sensors.iter().any(Doubt::exists);
         if let (None, Some(k)) = (self.fault, stays) {
             self.fail(Fault::AtRail(Channel(k as u8)));
-        }
-        self.doubts.any =
-            self.fault.is_some() || self.doubts.strange > 0 || self.doubts.sensors.iter().any(Doubt::exists);
-        if let Some(lost) = self.fault.and_then(Fault::lost) {
-            useless[usize::from(lost.0)] = true;
         }
         if useless.iter().filter(|&&useless| useless).count() > 1 {
             self.phase = Phase::Blind;
@@ -112,11 +129,11 @@ impl Adapter {
             return self.believe(sample);
         }
         let suspect = doubted.unwrap_or_else(|| sample.farthest());
-        let others = (0..3).filter(|&k| k != suspect).map(|k| sample.squared(k)).sum();
+        let others = sample.squares.iter().sum::<f32>() - sample.squares[suspect];
         if outliers != [false; 3] && self.push(sample, others) {
             return self.believe(sample);
         }
-        sample.measurements[suspect] = Measurement::NONE;
+        sample.discard(suspect);
         if (0..3).any(|k| k != suspect && outliers[k]) {
             return self.jolt();
         }
@@ -146,9 +163,7 @@ impl Adapter {
             // An unknown acceleration makes the tracking lag by itself over the square of the pace: half of it, to be careful.
             self.load += 0.5 * by * self.pace * self.pace;
             self.covariance.widen(ANGLE, by * by, f32::MAX);
-            for (m, relation) in sample.measurements.iter().zip(&mut sample.relations) {
-                m.widen(relation, by * by);
-            }
+            sample.widen(by * by);
             self.covariance.widen(SPEED, by * by * self.pace * self.pace, f32::MAX);
         }
         pushed
@@ -160,7 +175,7 @@ impl Adapter {
             return self.jolt();
         }
         self.doubts.strange = 0;
-        self.follow_all(sample);
+        self.follow_all(&sample.measurements);
         self.follow()
     }
 
@@ -201,58 +216,90 @@ impl Adapter {
     /// Ends learning; angle and speed go on.
     pub(super) fn fail(&mut self, fault: Fault) {
         self.fault = Some(fault);
-        self.doubts.any = true;
+        self.turned = false;
+        self.doubts = Doubts { lost: fault.lost(), ..Doubts::default() };
     }
 }
 
 /// The three sensors of a sample.
 pub struct Sample {
     pub measurements: [Measurement; 3],
-    pub relations: [Relation; 3],
+    /// Of their innovations, noise included.
+    variances: [f32; 3],
+    /// Innovations in squared deviations.
+    squares: [f32; 3],
 }
 
 impl Sample {
     pub fn new(measurements: [Measurement; 3], p: &Covariance) -> Self {
-        let relation = |m: &Measurement, k| if m.is_none() { Relation::default() } else { m.relation(k, p) };
-        let relations = [0, 1, 2].map(|k| relation(&measurements[k], k));
-        Self { measurements, relations }
+        let variances = [0, 1, 2].map(|k| measurements[k].variance(k, p) + measurements[k].noise);
+        let mut sample = Self { measurements, variances, squares: [0.0; 3] };
+        sample.widen(0.0);
+        sample
+    }
+
+    /// The angle's variance is larger by so much.
+    fn widen(&mut self, by: f32) {
+        for (k, m) in self.measurements.iter().enumerate() {
+            self.variances[k] += by * m.angle * m.angle;
+            self.squares[k] = m.innovation * m.innovation / self.variances[k];
+        }
     }
 
     /// Sensors farther from their prediction than is believed.
-    pub fn outliers(&self) -> [bool; 3] {
-        [0, 1, 2].map(|k| self.measurements[k].is_outlier(&self.relations[k], GATE))
+    fn outliers(&self) -> [bool; 3] {
+        self.squares.map(|square| square > GATE)
+    }
+
+    fn discard(&mut self, sensor: usize) {
+        self.measurements[sensor] = Measurement::NONE;
+        self.squares[sensor] = 0.0;
     }
 
     /// By how much a pushed rotor would explain the innovations best, and what remains then, in squared deviations.
     fn as_a_push(&self) -> (f32, f32) {
-        let (mut slopes, mut product) = (f32::MIN_POSITIVE, 0.0);
-        for m in &self.measurements {
-            slopes += m.angle * m.angle / m.noise;
-            product += m.angle * m.innovation / m.noise;
-        }
-        let by = product / slopes;
-        let rests = self.measurements.iter().zip(&self.relations).map(|(m, relation)| {
+        let (by, _) = common(&self.measurements);
+        let rests = self.measurements.iter().zip(&self.variances).map(|(m, variance)| {
             let rest = m.innovation - m.angle * by;
-            rest * rest / (relation.variance + m.noise)
+            rest * rest / variance
         });
         (by, rests.sum())
     }
 
     /// The sensor farthest from its prediction.
     fn farthest(&self) -> usize {
-        let [a, b, c] = [0, 1, 2].map(|k| self.squared(k));
-        if a >= b && a >= c {
-            0
-        } else if b >= c {
-            1
-        } else {
-            2
-        }
+        largest(&self.squares)
     }
+}
 
-    /// A measurement's innovation in squared deviations.
-    fn squared(&self, sensor: usize) -> f32 {
-        let m = &self.measurements[sensor];
-        m.innovation * m.innovation / (self.relations[sensor].variance + m.noise)
+/// By how much a turned rotor would explain the innovations best, and how certain that is: one over its variance, as far as
+/// that comes from noise.
+fn common(measurements: &[Measurement; 3]) -> (f32, f32) {
+    let (mut certainty, mut product) = (f32::MIN_POSITIVE, 0.0);
+    for m in measurements {
+        let weight = m.angle / m.noise;
+        certainty += m.angle * weight;
+        product += m.innovation * weight;
+    }
+    (product / certainty, certainty)
+}
+
+/// What all of them tell of the angle, as one measurement, and its relation to the states.
+pub fn condense(measurements: &[Measurement; 3], p: &Covariance) -> (Measurement, Relation) {
+    let (by, certainty) = common(measurements);
+    let noise = 1.0 / certainty;
+    let weights = measurements.each_ref().map(|m| noise * m.angle / m.noise);
+    let relation = Relation::of_all(measurements, &weights, p);
+    (Measurement { innovation: by, noise, ..Measurement::NONE }, relation)
+}
+
+/// Which of three is the largest.
+fn largest([a, b, c]: &[f32; 3]) -> usize {
+    if a >= b && a >= c {
+        0
+    } else if b >= c {
+        1
+    } else {
+        2
     }
 }

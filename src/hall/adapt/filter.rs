@@ -50,6 +50,24 @@ impl Covariance {
         self.0[at(i, j)]
     }
 
+    /// A row without the speed.
+    #[inline(always)]
+    const fn row<const K: usize>(&self) -> [f32; STATES - 1] {
+        let p = &self.0;
+        [
+            p[const { at(0, K) }],
+            p[const { at(2, K) }],
+            p[const { at(3, K) }],
+            p[const { at(4, K) }],
+            p[const { at(5, K) }],
+            p[const { at(6, K) }],
+            p[const { at(7, K) }],
+            p[const { at(8, K) }],
+            p[const { at(9, K) }],
+            p[const { at(10, K) }],
+        ]
+    }
+
     /// Adds to a variance, but not beyond `largest`.
     pub fn widen(&mut self, state: usize, variance: f32, largest: f32) {
         let entry = &mut self.0[at(state, state)];
@@ -98,7 +116,7 @@ pub struct Measurement {
 }
 
 /// What a measurement has to do with the states.
-#[derive(Clone, Copy, Debug, Default)]
+#[derive(Clone, Copy, Debug)]
 pub struct Relation {
     /// Covariance times derivatives.
     spread: Vector,
@@ -106,14 +124,52 @@ pub struct Relation {
     pub variance: f32,
 }
 
+/// Scalar product, but for the speed.
+#[inline(always)]
+fn product(h: &[f32; STATES - 1], b: &[f32; STATES - 1]) -> f32 {
+    h[0] * b[0]
+        + h[1] * b[1]
+        + h[2] * b[2]
+        + h[3] * b[3]
+        + h[4] * b[4]
+        + h[5] * b[5]
+        + h[6] * b[6]
+        + h[7] * b[7]
+        + h[8] * b[8]
+        + h[9] * b[9]
+}
+
+impl Relation {
+    /// Of the weighted sum of three sensors' signals.
+    pub fn of_all(measurements: &[Measurement; 3], weights: &[f32; 3], p: &Covariance) -> Self {
+        let [a, b, c] = measurements;
+        let [u, v, w] = weights;
+        let (angle, third) = (u * a.angle + v * b.angle + w * c.angle, u * a.third + v * b.third + w * c.third);
+        let h =
+            [angle, third, *u, u * a.amplitude, *v, v * b.amplitude, -v * b.angle, *w, w * c.amplitude, -w * c.angle];
+        let spread = [
+            product(&h, &p.row::<0>()),
+            product(&h, &p.row::<1>()),
+            product(&h, &p.row::<2>()),
+            product(&h, &p.row::<3>()),
+            product(&h, &p.row::<4>()),
+            product(&h, &p.row::<5>()),
+            product(&h, &p.row::<6>()),
+            product(&h, &p.row::<7>()),
+            product(&h, &p.row::<8>()),
+            product(&h, &p.row::<9>()),
+            product(&h, &p.row::<10>()),
+        ];
+        let [angle, _, rest @ ..] = spread;
+        let [third, o0, a0, o1, a1, p1, o2, a2, p2] = rest;
+        let variance = product(&h, &[angle, third, o0, a0, o1, a1, p1, o2, a2, p2]);
+        Self { spread, variance }
+    }
+}
+
 impl Measurement {
     /// Of a sensor that is not to be used: infinitely noisy.
     pub const NONE: Self = Self { innovation: 0.0, noise: f32::INFINITY, angle: 0.0, amplitude: 0.0, third: 0.0 };
-
-    /// Whether there is anything in it.
-    pub fn is_none(&self) -> bool {
-        self.noise == f32::INFINITY
-    }
 
     /// As the signal of this sensor.
     #[inline(always)]
@@ -125,34 +181,35 @@ impl Measurement {
         }
     }
 
-    /// Changes a relation to what it is where the angle's variance is larger by so much.
-    pub fn widen(&self, relation: &mut Relation, variance: f32) {
-        relation.spread[ANGLE] += variance * self.angle;
-        relation.variance += variance * self.angle * self.angle;
-    }
-
-    /// Changes a relation to what it is after another measurement has been worked in for angle and speed.
-    fn after(&self, sensor: usize, relation: &mut Relation, other: &Relation, weight: f32) {
-        let common = match sensor {
-            0 => self.dot::<0>(&other.spread),
-            1 => self.dot::<1>(&other.spread),
-            _ => self.dot::<2>(&other.spread),
-        };
-        // The parameters among themselves are related as before.
-        let moved = self.angle * other.spread[ANGLE];
-        let (with_all, with_angle) = (weight * common, weight * moved);
-        relation.spread[ANGLE] -= with_all * other.spread[ANGLE];
-        relation.spread[SPEED] -= with_all * other.spread[SPEED];
-        for k in THIRD..STATES {
-            relation.spread[k] -= with_angle * other.spread[k];
-        }
-        relation.variance -= with_angle * (common + common - moved);
-    }
-
     /// Whether the innovation is farther from zero than the square root of so many variances.
     #[inline(always)]
     pub fn is_outlier(&self, relation: &Relation, squared: f32) -> bool {
         self.innovation * self.innovation > squared * (relation.variance + self.noise)
+    }
+
+    /// Variance of the innovation, without its noise: that of the relation, for a third of the work.
+    #[inline(always)]
+    pub fn variance(&self, sensor: usize, p: &Covariance) -> f32 {
+        match sensor {
+            0 => self.variance_of::<0>(p),
+            1 => self.variance_of::<1>(p),
+            _ => self.variance_of::<2>(p),
+        }
+    }
+
+    #[inline(always)]
+    fn variance_of<const SENSOR: usize>(&self, p: &Covariance) -> f32 {
+        let offset = OFFSET[SENSOR];
+        let (amplitude, placement) = (offset + 1, offset + 2);
+        let (a, h) = (self.amplitude, self.third);
+        let own = |k| p.get(offset, k) + a * p.get(amplitude, k);
+        let angle = |k| if SENSOR == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(placement, k) };
+        let angles = if SENSOR == 0 { angle(ANGLE) } else { angle(ANGLE) - angle(placement) };
+        let with_angle = angle(offset) + a * angle(amplitude) + h * angle(THIRD);
+        let with_third = own(THIRD);
+        self.angle * (self.angle * angles + with_angle + with_angle)
+            + h * (h * p.get(THIRD, THIRD) + with_third + with_third)
+            + (own(offset) + a * own(amplitude))
     }
 
     /// Product of the derivatives with a vector.
@@ -203,28 +260,6 @@ impl Covariance {
     pub fn work_in(&mut self, m: &Measurement, relation: &Relation, state: &mut State, learn: bool) {
         let weight = self.shrink(relation, m.noise, learn);
         state.correct(weight * m.innovation, &relation.spread, learn);
-    }
-
-    /// Angle and speed only, from three sensors with their relations to this covariance, all at the same state.
-    pub fn follow(&mut self, measurements: &[Measurement; 3], relations: &mut [Relation; 3], state: &mut State) {
-        let (mut angle, mut speed) = (0.0, 0.0);
-        for sensor in 0..3 {
-            let m = &measurements[sensor];
-            if m.is_none() {
-                continue;
-            }
-            let (done, rest) = relations.split_at_mut(sensor + 1);
-            let used = &done[sensor];
-            let weight = self.shrink(used, m.noise, false);
-            let gain = weight * (m.innovation - m.angle * angle);
-            angle += gain * used.spread[ANGLE];
-            speed += gain * used.spread[SPEED];
-            for (k, relation) in (sensor + 1..).zip(rest) {
-                measurements[k].after(k, relation, used, weight);
-            }
-        }
-        state.angle += radians(angle);
-        state.speed += speed;
     }
 }
 

@@ -12,8 +12,11 @@ use static_cell::StaticCell;
 pub const ROWS: &[Row] = &[
     Row::new("adaptation, one update", "hallservo", function!(adapt), turning, |_, _| 0.0).budget(1500),
     Row::new("the same, after lost samples", "hallservo", function!(adapt), skipping, |_, _| 0.0).budget(1500),
-    Row::new("the same, with outliers", "hallservo", function!(adapt), spiking, |_, _| 0.0).budget(2100),
-    Row::new("the same, with a Hall lost", "hallservo", function!(adapt), losing, |_, _| 0.0).budget(1600),
+    Row::new("the same, with outliers", "hallservo", function!(adapt), spiking, |_, _| 0.0).budget(1500),
+    Row::new("the same, the rotor pushed", "hallservo", function!(adapt), pushing, |_, _| 0.0).budget(1500),
+    Row::new("the same, with a Hall lost", "hallservo", function!(adapt), losing, |_, _| 0.0).budget(1500),
+    Row::new("the same, all of it at once", "hallservo", function!(adapt), everything, |_, _| 0.0).budget(1500),
+    Row::new("the same, on two Halls", "hallservo", function!(adapt), everything_on_two, |_, _| 0.0).budget(1500),
 ];
 
 #[unsafe(no_mangle)]
@@ -23,8 +26,12 @@ extern "C" fn adapt(adapter: &mut Adapter, observation: &Observation) -> u32 {
 
 struct Bench {
     adapter: Adapter,
+    /// What every row begins with.
+    fresh: Adapter,
     observation: Observation,
     angle: u32,
+    begun: u32,
+    random: u32,
 }
 
 static BENCH: AtomicPtr<Bench> = AtomicPtr::new(core::ptr::null_mut());
@@ -38,7 +45,7 @@ pub fn init() {
     let Ok(config) = Settings::default().validate() else { failure() };
     let Ok(adapter) = Adapter::new(&config, &halls::model()) else { failure() };
     let observation = Observation { codes: halls::model_codes(0), elapsed: 1, torque_nm: 0.0 };
-    let bench = PLACE.init(Bench { adapter, observation, angle: 0 });
+    let bench = PLACE.init(Bench { fresh: adapter.clone(), adapter, observation, angle: 0, begun: 0, random: 1 });
     let mut learns = 0;
     for _ in 0..300 {
         bench.turn();
@@ -47,6 +54,8 @@ pub fn init() {
     if learns == 0 {
         failure();
     }
+    bench.fresh = bench.adapter.clone();
+    bench.begun = bench.angle;
     BENCH.store(bench, Relaxed);
 }
 
@@ -57,35 +66,93 @@ impl Bench {
     }
 }
 
-fn turning(_: u32) -> Arguments {
-    next(1, None)
+fn turning(index: u32) -> Arguments {
+    next(index, 1, &[])
 }
 
 /// Now and then one Hall says something else.
 fn spiking(index: u32) -> Arguments {
-    next(1, index.is_multiple_of(37).then_some(2048))
+    next(index, 1, if index.is_multiple_of(37) { &[(1, 2048)] } else { &[] })
 }
 
-/// One to nine samples lost, before every observation.
+/// One to nineteen samples lost, before every observation.
 fn skipping(index: u32) -> Arguments {
-    next(2 + (index % 9) as u16, None)
+    next(index, 2 + (index % 19) as u16, &[])
+}
+
+/// Now and then the rotor is elsewhere, by up to 6° or by anything.
+fn pushing(index: u32) -> Arguments {
+    if index.is_multiple_of(301) {
+        push(if index.is_multiple_of(2) { 5 } else { 0 });
+    }
+    next(index, 1, &[])
 }
 
 /// From here on one Hall says nothing.
-fn losing(_: u32) -> Arguments {
-    next(1, Some(0))
+fn losing(index: u32) -> Arguments {
+    next(index, 1, &[(1, 0)])
 }
 
-/// r0: the filter, r1: the observation after so many samples.
-fn next(elapsed: u16, stuck: Option<u16>) -> Arguments {
-    // SAFETY: a static that only the row that is being counted uses.
-    let bench = unsafe { BENCH.load(Relaxed).as_mut() }.unwrap_or_else(|| failure());
+/// Gaps, spikes, a Hall that is stuck or at the rail for a while, and pushes.
+fn everything(index: u32) -> Arguments {
+    next(index, disturb(index), wrong(index))
+}
+
+/// The same without one of the Halls.
+fn everything_on_two(index: u32) -> Arguments {
+    let arguments = next(index, disturb(index), wrong(index));
+    bench().observation.codes[2] = 4095;
+    arguments
+}
+
+/// Pushes; returns the periods since the last observation.
+fn disturb(index: u32) -> u16 {
+    match index % 1009 {
+        0 => push(5),
+        200 => push(6),
+        400 => push(4),
+        600 => push(0),
+        _ => {}
+    }
+    if index % 512 < 256 && index.is_multiple_of(5) { 1 + (index % 22) as u16 } else { 1 }
+}
+
+fn wrong(index: u32) -> &'static [(usize, u16)] {
+    match index % 397 {
+        0 | 50 => &[(0, 2300)],
+        100..106 => &[(1, 1900)],
+        200 | 201 => &[(1, 0)],
+        300 => &[(0, 2000), (1, 2500)],
+        _ => &[],
+    }
+}
+
+/// Turns the rotor at random, by up to half a turn over 2 to this.
+fn push(shift: u32) {
+    let bench = bench();
+    bench.random = bench.random.wrapping_mul(747_796_405).wrapping_add(2_891_336_453);
+    bench.angle = bench.angle.wrapping_add_signed(bench.random.cast_signed() >> shift);
+}
+
+fn bench() -> &'static mut Bench {
+    // SAFETY: a static that only the row that is being counted uses, one borrow after the other.
+    unsafe { BENCH.load(Relaxed).as_mut() }.unwrap_or_else(|| failure())
+}
+
+/// r0: the filter, r1: the observation after so many samples, some Halls saying something else.
+fn next(index: u32, elapsed: u16, wrong: &[(usize, u16)]) -> Arguments {
+    let bench = bench();
+    // Every row begins with the same filter, and again before too much has gone wrong.
+    if index.is_multiple_of(4096) {
+        bench.adapter = bench.fresh.clone();
+        bench.angle = bench.begun;
+    }
     for _ in 0..elapsed {
         bench.turn();
     }
     bench.observation.elapsed = elapsed;
-    if let Some(code) = stuck {
-        bench.observation.codes[1] = code;
+    for &(sensor, code) in wrong {
+        bench.observation.codes[sensor] = code;
     }
     let r = [(&raw const bench.adapter).addr() as u32, (&raw const bench.observation).addr() as u32, 0, 0];
     Arguments { r, ..Default::default() }

@@ -19,6 +19,7 @@ pub(super) struct Campaign {
     rig: Rig,
     random: Pcg64,
     summary: Summary,
+    commutation: Commutation,
 }
 
 impl Campaign {
@@ -26,7 +27,8 @@ impl Campaign {
         let mut rig = Rig::new(&PlantParameters::unkind(seed), &settings(), seed)?;
         rig.calibrate(|_| ())?;
         let summary = Summary { seed, bridge_off_within_one_period: true, ..Summary::default() };
-        Ok(Self { rig, random: Pcg64::seed_from_u64(seed), summary })
+        let commutation = Commutation::Sinusoidal;
+        Ok(Self { rig, random: Pcg64::seed_from_u64(seed), summary, commutation })
     }
 
     pub fn run(mut self, injections: u32) -> Result<Summary> {
@@ -52,8 +54,8 @@ impl Campaign {
     /// Arms with a random commutation and demand.
     fn set_off(&mut self, injection: Injection) -> Result<()> {
         let commutation = [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block];
-        let commutation = *commutation.choose(&mut self.random).context("no commutation")?;
-        self.rig.command(Command::Commutate(commutation))?;
+        self.commutation = *commutation.choose(&mut self.random).context("no commutation")?;
+        self.rig.command(Command::Commutate(self.commutation))?;
         self.rig.command(Command::Arm)?;
         self.demand(injection)
     }
@@ -91,9 +93,12 @@ impl Campaign {
         Ok(None)
     }
 
-    /// A sign of life that changes nothing.
+    /// A sign of life that changes nothing: refused while the bridge is on, and heard all the same.
     fn alive(&mut self) -> Result<()> {
-        self.rig.service.send(Command::Balance(None)).map_err(|command| anyhow!("no room for {command:?}"))?;
+        self.rig
+            .service
+            .send(Command::Commutate(self.commutation))
+            .map_err(|command| anyhow!("no room for {command:?}"))?;
         self.rig.step();
         self.rig.serve();
         Ok(())

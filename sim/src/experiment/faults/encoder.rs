@@ -260,7 +260,7 @@ impl EncoderCampaign {
             self.machine.step()?;
             self.summary.quiet_periods += 1;
             if k % 400 == 399 {
-                self.machine.command(Command::Balance(None))?;
+                self.machine.command(Command::Speed(speed))?;
             }
         }
         Ok(())

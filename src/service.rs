@@ -171,6 +171,8 @@ impl Service {
     ///
     /// # Errors
     /// [`InstallError`]; nothing has changed then.
+    // An estimator passes over its stack, which is not to add to that of its caller.
+    #[inline(never)]
     pub fn install_without(&mut self, lost: Channel, model: &Model) -> Result<(), InstallError> {
         self.give(Estimator::without(lost, model, self.config.adc_bits))
     }

@@ -140,9 +140,10 @@ impl Collector {
         for sweep in [Sweep::Forward, Sweep::Backward] {
             self.points(sweep, &mut points[sweep as usize])?;
         }
-        let fit = fit::fit(&points)?;
-        let [forward, backward] = [0, 1].map(|sweep| offset(&points[sweep], &fit.angles[sweep]));
-        let swings = [0, 1].map(|sweep| swing(&points[sweep], &fit.angles[sweep], [forward, backward][sweep]));
+        let mut angles = [[ElectricalAngle::ZERO; BINS]; 2];
+        let fit = fit::fit(&points, &mut angles)?;
+        let [forward, backward] = [0, 1].map(|sweep| offset(&points[sweep], &angles[sweep]));
+        let swings = [0, 1].map(|sweep| swing(&points[sweep], &angles[sweep], [forward, backward][sweep]));
         let hunting = ElectricalAngle::from_radians(libm::hypotf(swings[0], swings[1]) / core::f32::consts::SQRT_2);
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);

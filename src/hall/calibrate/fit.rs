@@ -20,13 +20,11 @@ pub struct Point {
     pub field: ElectricalAngle,
 }
 
-/// Sensors and angles that explain the points best.
+/// Sensors that explain the points best.
 #[derive(Clone, Copy, Debug)]
 pub struct Fit {
     /// The sensors; the first has placement zero.
     pub sensors: [Sensor; 3],
-    /// The rotor's Hall angle in each bin of each sweep.
-    pub angles: [[ElectricalAngle; BINS]; 2],
     /// What stays unexplained: RMS over sensors and bins, as a fraction of the amplitude.
     pub residual: f32,
 }
@@ -37,18 +35,17 @@ const ITERATIONS: usize = 12;
 /// Smallest amplitude in ADC codes that is a signal.
 const NO_SIGNAL: f32 = 4.0;
 
-/// Fits the sensors to the points of a forward and a backward sweep.
+/// Fits the sensors to the points of a forward and a backward sweep, and tells the rotor's Hall angle at each.
 ///
 /// # Errors
 /// [`Error::NoSignal`] for a sensor whose first harmonic is below four codes, [`Error::NoFit`] when the iteration does not settle.
 // A stack frame of its own, given back before the report.
 #[inline(never)]
-pub fn fit(points: &[[Point; BINS]; 2]) -> Result<Fit, Error> {
+pub fn fit(points: &[[Point; BINS]; 2], angles: &mut [[ElectricalAngle; BINS]; 2]) -> Result<Fit, Error> {
     let start = start(&points[0])?;
     // The Hall angle is zero where the first sensor's fundamental rises through its offset.
     let zero = start[0].placement;
     let mut sensors = start.map(|sensor| Sensor { placement: sensor.placement - zero, ..sensor });
-    let mut angles = [[ElectricalAngle::ZERO; BINS]; 2];
     for (angle, point) in angles.iter_mut().flatten().zip(points.iter().flatten()) {
         *angle = point.field - zero;
     }
@@ -70,7 +67,7 @@ pub fn fit(points: &[[Point; BINS]; 2]) -> Result<Fit, Error> {
     if !residual.is_finite() {
         return Err(Error::NoFit);
     }
-    Ok(Fit { sensors: sensors.map(unaveraged), angles, residual })
+    Ok(Fit { sensors: sensors.map(unaveraged), residual })
 }
 
 /// First harmonic over the field's angle.

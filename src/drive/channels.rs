@@ -104,6 +104,8 @@ impl core::error::Error for Refusal {}
 
 /// Records that fit between two looks of a task, less one.
 const RECORDS: usize = 64;
+/// Measurements that do: one comes every 32 steps at most.
+const MEASUREMENTS: usize = 16;
 
 /// The queues between the interrupt and the tasks.
 #[derive(Default)]
@@ -112,7 +114,7 @@ pub struct Channels {
     replies: Queue<Reply, 16>,
     records: Queue<Record, RECORDS>,
     retired: Queue<&'static mut Estimator, 8>,
-    measurements: Queue<Measurement, RECORDS>,
+    measurements: Queue<Measurement, MEASUREMENTS>,
     tables: Queue<&'static mut cogging::Table, 8>,
     configs: Queue<&'static mut Config, 8>,
 }
@@ -123,7 +125,7 @@ pub struct Interrupt {
     pub(super) replies: Producer<'static, Reply, 16>,
     pub(super) records: Producer<'static, Record, RECORDS>,
     pub(super) retired: Producer<'static, &'static mut Estimator, 8>,
-    pub(super) measurements: Producer<'static, Measurement, RECORDS>,
+    pub(super) measurements: Producer<'static, Measurement, MEASUREMENTS>,
     pub(super) tables: Producer<'static, &'static mut cogging::Table, 8>,
     pub(super) configs: Producer<'static, &'static mut Config, 8>,
 }
@@ -139,7 +141,7 @@ pub struct Tasks {
     /// Estimators that the drive no longer uses.
     pub retired: Consumer<'static, &'static mut Estimator, 8>,
     /// Currents and voltages, with every record while running with current control.
-    pub measurements: Consumer<'static, Measurement, RECORDS>,
+    pub measurements: Consumer<'static, Measurement, MEASUREMENTS>,
     /// Tables that the drive no longer uses.
     pub tables: Consumer<'static, &'static mut cogging::Table, 8>,
     /// Settings that the drive no longer uses.

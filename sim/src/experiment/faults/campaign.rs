@@ -5,7 +5,7 @@ use super::{Found, Summary, settings};
 use crate::rig::Rig;
 use anyhow::{Context, Result, anyhow, bail};
 use hallservo::commutation::{Commutation, Legs};
-use hallservo::drive::Command;
+use hallservo::drive::{Command, Refusal};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use plant::PlantParameters;
@@ -95,13 +95,10 @@ impl Campaign {
 
     /// A sign of life that changes nothing: refused while the bridge is on, and heard all the same.
     fn alive(&mut self) -> Result<()> {
-        self.rig
-            .service
-            .send(Command::Commutate(self.commutation))
-            .map_err(|command| anyhow!("no room for {command:?}"))?;
-        self.rig.step();
-        self.rig.serve();
-        Ok(())
+        match self.rig.command(Command::Commutate(self.commutation)) {
+            Err(error) if !error.is::<Refusal>() => Err(error),
+            _ => Ok(()),
+        }
     }
 
     /// Breaks something.

@@ -14,7 +14,7 @@
 //!
 //! # The flash
 //! [`saving::BLOCKS`] erasable blocks from `place` on, two for each kind of [record](hallservo::storage): sensors, cogging, settings. It is written only
-//! while the bridge is off, for an erase stalls the core; what is to be saved meanwhile waits. A calibration and a learnt table of
+//! while the bridge is off and the rotor at rest, for an erase stalls the core; what is to be saved meanwhile waits. A calibration and a learnt table of
 //! the cogging are saved by themselves. So is what the adaptation has learnt, when it differs from what is stored by more
 //! than [`saving::WORTH`], and not more often than every [`saving::REST_S`]. Settings are saved when asked to.
 //!

@@ -121,7 +121,7 @@ impl<F: NorFlash> Supervisor<F> {
             Ask::Set { name, value } => self.change(name, value),
             Ask::Save => {
                 self.ask_to_save();
-                let waits = self.mode().drives();
+                let waits = !self.is_at_rest();
                 Ok(if waits { Step::Answer(Answer::Saved { waits }) } else { Step::Saved })
             }
             Ask::Load => {

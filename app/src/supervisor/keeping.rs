@@ -8,6 +8,9 @@ use crate::supervisor::SETTLED;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo_protocol::{Cause, Problem, Record};
 
+/// Slower is rest: while a page of 2 KiB is erased, in some 25 ms, no rotor of up to 10 pole pairs turns out of the tracker's sight then.
+const AT_REST_RAD_S: f32 = 2.0;
+
 impl<F: NorFlash> Supervisor<F> {
     /// Saves one of what waits, if the bridge is off.
     #[inline(never)]
@@ -29,9 +32,14 @@ impl<F: NorFlash> Supervisor<F> {
         }
     }
 
-    /// Whether an erase, which stalls the core, does no harm.
+    /// Whether an erase, which stalls the core, does no harm: the bridge is off, and the rotor does not run out of sight meanwhile.
     pub fn may_save(&self) -> bool {
-        !self.mode().drives() && self.since_command >= SETTLED
+        self.since_command >= SETTLED && self.is_at_rest()
+    }
+
+    /// Whether the bridge is off and the rotor has come to rest.
+    pub fn is_at_rest(&self) -> bool {
+        !self.mode().drives() && self.speed_rad_s().abs() < AT_REST_RAD_S
     }
 
     pub(super) fn is_worth_saving(&self) -> bool {

@@ -55,7 +55,7 @@ impl<F: NorFlash> Supervisor<F> {
         Some((id, telemetry))
     }
 
-    fn speed_rad_s(&self) -> f32 {
+    pub(super) fn speed_rad_s(&self) -> f32 {
         self.live.electrical_hz(self.step_hz()) * TAU / f32::from(self.settings.drive.pole_pairs)
     }
 

@@ -67,7 +67,8 @@ pub fn calibrated() -> (Simulator, Vec<u8>) {
     run(&mut drive, 10);
     done(&mut drive, Ask::Calibrate);
     wait(&mut drive);
-    run(&mut drive, 20);
+    // The rotor comes to rest, and the calibration into the flash.
+    run(&mut drive, 500);
     let flash = drive.flash();
     (drive, flash)
 }

@@ -227,6 +227,8 @@ impl EncoderCampaign {
     pub fn run(mut self, injections: u32) -> Result<Summary> {
         for _ in 0..injections {
             self.machine.watch()?;
+            // The first comparison is what all others are held against.
+            self.machine.run(TOLD)?;
             use Injection::{HallsSwapped, HeadFrozen, SlippedAtRest, Slipping};
             // Each kind as often as the others.
             let kinds = [HallsSwapped, HallsSwapped, HeadFrozen, HeadFrozen, SlippedAtRest, Slipping];

@@ -13,6 +13,8 @@ const FORGIVENESS: f32 = 0.25;
 const FEWEST: u32 = 4;
 /// Squared deviations that may remain when an outlier is explained by the rotor's having been pushed.
 const PUSHED: f32 = 9.0;
+/// Squared deviations by which a push must explain a sample better than a sensor that was doubted before.
+const SOONER: f32 = 9.0;
 /// Largest push, in radians, that the derivatives of the signals are good for.
 const LARGEST: f32 = 0.15;
 /// Samples in a row that nothing explains, after which the angle is sought anew.
@@ -129,7 +131,9 @@ impl Adapter {
             return self.believe(sample);
         }
         let suspect = doubted.unwrap_or_else(|| sample.farthest());
-        let others = sample.squares.iter().sum::<f32>() - sample.squares[suspect];
+        // A sensor that has been contradicting goes on to, sooner than the rotor is pushed just then.
+        let sooner = if doubted.is_some() { SOONER } else { 0.0 };
+        let others = sample.squares.iter().sum::<f32>() - sample.squares[suspect] - sooner;
         if outliers != [false; 3] && self.push(sample, others) {
             return self.believe(sample);
         }

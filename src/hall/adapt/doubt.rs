@@ -13,8 +13,6 @@ const FORGIVENESS: f32 = 0.25;
 const FEWEST: u32 = 4;
 /// Squared deviations that may remain when an outlier is explained by the rotor's having been pushed.
 const PUSHED: f32 = 9.0;
-/// Squared deviations by which a push must explain a sample better than a sensor that was doubted before.
-const SOONER: f32 = 9.0;
 /// Largest push, in radians, that the derivatives of the signals are good for.
 const LARGEST: f32 = 0.15;
 /// Samples in a row that nothing explains, after which the angle is sought anew.
@@ -131,14 +129,19 @@ impl Adapter {
             return self.believe(sample);
         }
         let suspect = doubted.unwrap_or_else(|| sample.farthest());
-        // A sensor that has been contradicting goes on to, sooner than the rotor is pushed just then.
-        let sooner = if doubted.is_some() { SOONER } else { 0.0 };
-        let others = sample.squares.iter().sum::<f32>() - sample.squares[suspect] - sooner;
-        if outliers != [false; 3] && self.push(sample, others) {
+        let others_fit = (0..3).all(|k| k == suspect || !outliers[k]);
+        let alternative = match self.doubts.lost {
+            // A sensor in doubt goes on contradicting sooner than the rotor is pushed just then.
+            None if doubted.is_some() && others_fit => 0.0,
+            None => sample.squares.iter().sum::<f32>() - sample.squares[suspect],
+            // Of two sensors, neither is the suspect.
+            Some(_) => f32::INFINITY,
+        };
+        if outliers != [false; 3] && self.push(sample, alternative) {
             return self.believe(sample);
         }
         sample.discard(suspect);
-        if (0..3).any(|k| k != suspect && outliers[k]) {
+        if !others_fit {
             return self.jolt();
         }
         // A suspect is watched, but not believed until it is forgiven.

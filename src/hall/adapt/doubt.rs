@@ -130,10 +130,11 @@ impl Adapter {
         }
         let suspect = doubted.unwrap_or_else(|| sample.farthest());
         let others_fit = (0..3).all(|k| k == suspect || !outliers[k]);
+        let others = sample.squares.iter().sum::<f32>() - sample.squares[suspect];
         let alternative = match self.doubts.lost {
             // A sensor in doubt goes on contradicting sooner than the rotor is pushed just then.
-            None if doubted.is_some() && others_fit => 0.0,
-            None => sample.squares.iter().sum::<f32>() - sample.squares[suspect],
+            None if doubted.is_some() && others < PUSHED => 0.0,
+            None => others,
             // Of two sensors, neither is the suspect.
             Some(_) => f32::INFINITY,
         };

@@ -129,12 +129,20 @@ impl Adapter {
             return self.believe(sample);
         }
         let suspect = doubted.unwrap_or_else(|| sample.farthest());
+        let others_fit = (0..3).all(|k| k == suspect || !outliers[k]);
         let others = sample.squares.iter().sum::<f32>() - sample.squares[suspect];
-        if outliers != [false; 3] && self.push(sample, others) {
+        let alternative = match self.doubts.lost {
+            // A sensor in doubt goes on contradicting sooner than the rotor is pushed just then.
+            None if doubted.is_some() && others < PUSHED => 0.0,
+            None => others,
+            // Of two sensors, neither is the suspect.
+            Some(_) => f32::INFINITY,
+        };
+        if outliers != [false; 3] && self.push(sample, alternative) {
             return self.believe(sample);
         }
         sample.discard(suspect);
-        if (0..3).any(|k| k != suspect && outliers[k]) {
+        if !others_fit {
             return self.jolt();
         }
         // A suspect is watched, but not believed until it is forgiven.

@@ -182,10 +182,29 @@ impl Config {
     }
 }
 
-/// `value` if it is from `min` to `max`.
-pub(crate) fn within(field: &'static str, value: f32, min: f32, max: f32) -> Result<f32, Error> {
-    // Not a number is in no range.
-    if (min..=max).contains(&value) { Ok(value) } else { Err(Error::OutOfRange { field, value, min, max }) }
+/// Checks many fields and keeps the first error: much shorter in the flash than to return at each.
+#[derive(Default)]
+pub(crate) struct Check(Option<Error>);
+
+impl Check {
+    /// `value` if it is from `min` to `max`, otherwise `min` and an error to [tell](Self::done).
+    #[inline(never)]
+    pub fn within(&mut self, field: &'static str, value: f32, min: f32, max: f32) -> f32 {
+        // Not a number is in no range.
+        if (min..=max).contains(&value) {
+            return value;
+        }
+        self.0.get_or_insert(Error::OutOfRange { field, value, min, max });
+        min
+    }
+
+    /// The first error.
+    pub const fn done(&self) -> Result<(), Error> {
+        match self.0 {
+            Some(error) => Err(error),
+            None => Ok(()),
+        }
+    }
 }
 
 impl Settings {
@@ -194,11 +213,16 @@ impl Settings {
     /// # Errors
     /// [`Error::OutOfRange`] names the first field that is out of its range, [`Error::Pwm`] what does not fit together.
     pub fn validate(&self) -> Result<Config, Error> {
-        within("adc_bits", self.adc_bits.into(), 8.0, 16.0)?;
-        let timer_hz = within("timer_hz", self.timer_hz, 1e6, 1e9)?;
-        let pwm_hz = within("pwm_hz", self.pwm_hz, 1e3, 200e3)?;
-        within("sampling_window_s", self.sampling_window_s, 0.0, 20e-6)?;
-        within("pole_pairs", self.pole_pairs.into(), 1.0, PolePairs::MAX.into())?;
+        let Self { timer_hz, pwm_hz, .. } = *self;
+        let check = &mut Check::default();
+        check.within("adc_bits", self.adc_bits.into(), 8.0, 16.0);
+        check.within("timer_hz", timer_hz, 1e6, 1e9);
+        check.within("pwm_hz", pwm_hz, 1e3, 200e3);
+        check.within("sampling_window_s", self.sampling_window_s, 0.0, 20e-6);
+        check.within("pole_pairs", self.pole_pairs.into(), 1.0, PolePairs::MAX.into());
+        check.within("max_electrical_hz", self.max_electrical_hz, 1.0, pwm_hz / 20.0);
+        // The rest is computed from these.
+        check.done()?;
         let period = pwm::period_counts(timer_hz, pwm_hz)?;
         let dead_time = pwm::dead_time_counts(timer_hz, pwm_hz, self.dead_time_s)?;
         let highest = pwm::highest_compare(period, timer_hz, self.sampling_window_s, self.dead_time_s);
@@ -210,14 +234,14 @@ impl Settings {
             period,
             dead_time,
             limits,
-            max_electrical_hz: within("max_electrical_hz", self.max_electrical_hz, 1.0, pwm_hz / 20.0)?,
+            max_electrical_hz: self.max_electrical_hz,
             reversed: self.reversed,
         };
-        let control = self.control.map(|control| control.validate(&frame)).transpose()?;
+        let control = self.control.map(|control| control.validate(&frame, check)).transpose()?;
         if control.is_none() && self.commutation == Commutation::FieldOriented {
             return Err(Error::NoControl);
         }
-        Ok(Config {
+        let config = Config {
             control,
             period,
             dead_time,
@@ -226,53 +250,64 @@ impl Settings {
             reversed: self.reversed,
             commutation: self.commutation,
             limits,
-            max_modulation: Modulation::saturating_from_num(within("max_modulation", self.max_modulation, 0.0, 1.0)?),
-            advance: ElectricalAngle::from_degrees(within("phase_advance_deg", self.phase_advance_deg, -60.0, 60.0)?),
-            tracking: self.tracking()?,
+            max_modulation: Modulation::saturating_from_num(check.within(
+                "max_modulation",
+                self.max_modulation,
+                0.0,
+                1.0,
+            )),
+            advance: ElectricalAngle::from_degrees(check.within(
+                "phase_advance_deg",
+                self.phase_advance_deg,
+                -60.0,
+                60.0,
+            )),
+            tracking: self.tracking(check)?,
             fastest: (self.max_electrical_hz / pwm_hz * 4_294_967_296.0) as i32,
-            tolerated: within("tolerated_samples", self.tolerated_samples.into(), 0.0, 100.0)? as u16,
+            tolerated: check.within("tolerated_samples", self.tolerated_samples.into(), 0.0, 100.0) as u16,
             run_on_two_halls: self.run_on_two_halls,
-            record_every: self.record_every()?,
-            calibration_record_every: self.every("calibration_record_hz", self.calibration_record_hz, self.pwm_hz)?,
-            drag: self.drag()?,
-        })
+            record_every: self.record_every(check),
+            calibration_record_every: self.every(check, "calibration_record_hz", self.calibration_record_hz, pwm_hz),
+            drag: self.drag(check),
+        };
+        check.done().map(|()| config)
     }
 
-    fn every(&self, field: &'static str, hz: f32, highest: f32) -> Result<u32, Error> {
-        Ok(libm::roundf(self.pwm_hz / within(field, hz, 1.0, highest)?) as u32)
+    fn every(&self, check: &mut Check, field: &'static str, hz: f32, highest: f32) -> u32 {
+        libm::roundf(self.pwm_hz / check.within(field, hz, 1.0, highest)) as u32
     }
 
     /// With current control, records have their slots in the drive's schedule.
-    fn record_every(&self) -> Result<u32, Error> {
-        let every = self.every("record_hz", self.record_hz, self.pwm_hz / 2.0)?;
+    fn record_every(&self, check: &mut Check) -> u32 {
+        let every = self.every(check, "record_hz", self.record_hz, self.pwm_hz / 2.0);
         let slotted = |every: u32| ((every + RECORDS / 2 - 1) / RECORDS).max(1) * RECORDS;
-        Ok(if self.control.is_some() { slotted(every) } else { every })
+        if self.control.is_some() { slotted(every) } else { every }
     }
 
-    fn tracking(&self) -> Result<track::Config, Error> {
-        let bandwidth = within("tracking_bandwidth_hz", self.tracking_bandwidth_hz, 5.0, 5000.0)?;
-        let fastest = within("max_electrical_hz", self.max_electrical_hz, 1.0, self.pwm_hz / 20.0)?;
-        let delay = within("delay_periods", self.delay_periods, 0.0, 16.0)?;
+    fn tracking(&self, check: &mut Check) -> Result<track::Config, Error> {
+        let bandwidth = check.within("tracking_bandwidth_hz", self.tracking_bandwidth_hz, 5.0, 5000.0);
+        let delay = check.within("delay_periods", self.delay_periods, 0.0, 16.0);
         // Noise and an estimate off by some degrees on top of the fastest turning.
-        let jump = ElectricalAngle::from_turns(fastest / self.pwm_hz) + ElectricalAngle::from_degrees(20.0);
+        let jump =
+            ElectricalAngle::from_turns(self.max_electrical_hz / self.pwm_hz) + ElectricalAngle::from_degrees(20.0);
         let smoothing = track::Config::smoothing_for(bandwidth, self.pwm_hz);
         let out_of_range = Error::OutOfRange { field: "delay_periods", value: delay, min: 0.0, max: 16.0 };
         track::Config::new(smoothing, jump, delay).ok_or(out_of_range)
     }
 
-    fn drag(&self) -> Result<drag::Config, Error> {
-        let modulation = within("calibration_modulation", self.calibration_modulation, 0.01, 0.5)?;
-        let align_s = within("calibration_align_s", self.calibration_align_s, 0.05, 10.0)?;
-        let hz = within("calibration_hz", self.calibration_hz, 0.5, 50.0)?;
-        let turns = within("calibration_turns", self.calibration_turns.into(), 2.0, 64.0)?;
+    fn drag(&self, check: &mut Check) -> drag::Config {
+        let modulation = check.within("calibration_modulation", self.calibration_modulation, 0.01, 0.5);
+        let align_s = check.within("calibration_align_s", self.calibration_align_s, 0.05, 10.0);
+        let hz = check.within("calibration_hz", self.calibration_hz, 0.5, 50.0);
+        let turns = check.within("calibration_turns", self.calibration_turns.into(), 2.0, 64.0);
         let mechanical = libm::ceilf(turns / f32::from(self.pole_pairs));
-        Ok(drag::Config {
+        drag::Config {
             modulation: Modulation::from_num(modulation),
             rise: ((modulation * 2_147_483_648.0 / (align_s * self.pwm_hz)) as i32).max(1),
             stand: (align_s * self.pwm_hz) as u32,
             speed: (hz / self.pwm_hz * 4_294_967_296.0) as i32,
             turns: mechanical as u32 * u32::from(self.pole_pairs),
-        })
+        }
     }
 }
 

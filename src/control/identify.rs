@@ -146,23 +146,31 @@ impl fmt::Display for Report {
     }
 }
 
-/// Sums of a linear regression with `N` regressors.
+/// Most regressors.
+const MOST: usize = 4;
+
+/// Sums of a linear regression; one function for all numbers of regressors is shorter than one for each.
 #[derive(Clone, Copy, Debug)]
-struct Fit<const N: usize> {
-    squares: [[f64; N]; N],
-    products: [f64; N],
+struct Fit {
+    squares: [[f64; MOST]; MOST],
+    products: [f64; MOST],
     square: f64,
     count: u32,
+    regressors: usize,
 }
 
-impl<const N: usize> Fit<N> {
-    const NEW: Self = Self { squares: [[0.0; N]; N], products: [0.0; N], square: 0.0, count: 0 };
+impl Fit {
+    /// With up to [`MOST`] regressors.
+    const fn new(regressors: usize) -> Self {
+        Self { squares: [[0.0; MOST]; MOST], products: [0.0; MOST], square: 0.0, count: 0, regressors }
+    }
 
-    fn push(&mut self, x: [f64; N], y: f64) {
-        for i in 0..N {
-            self.products[i] += x[i] * y;
-            for j in 0..N {
-                self.squares[i][j] += x[i] * x[j];
+    /// Those beyond the regressors are to be zero.
+    fn push(&mut self, x: [f64; MOST], y: f64) {
+        for (i, (squares, product)) in self.squares.iter_mut().zip(&mut self.products).enumerate() {
+            *product += x[i] * y;
+            for (square, x_j) in squares.iter_mut().zip(x) {
+                *square += x[i] * x_j;
             }
         }
         self.square += y * y;
@@ -170,14 +178,14 @@ impl<const N: usize> Fit<N> {
     }
 
     /// The coefficients, each with three times its standard error; `None` where the regressors do not tell them apart.
-    fn solve(&self) -> Option<[Estimate; N]> {
+    fn solve(&self) -> Option<[Estimate; MOST]> {
         let values = self.eliminate(&self.products)?;
         let explained: f64 = values.iter().zip(&self.products).map(|(value, product)| value * product).sum();
-        let freedom = self.count.checked_sub(N as u32 + 1)?;
+        let freedom = self.count.checked_sub(self.regressors as u32 + 1)?;
         let variance = (self.square - explained).max(0.0) / f64::from(freedom.max(1));
-        let mut estimates = [Estimate { value: 0.0, error: 0.0 }; N];
-        for (k, estimate) in estimates.iter_mut().enumerate() {
-            let mut unit = [0.0; N];
+        let mut estimates = [Estimate { value: 0.0, error: 0.0 }; MOST];
+        for (k, estimate) in estimates.iter_mut().enumerate().take(self.regressors) {
+            let mut unit = [0.0; MOST];
             unit[k] = 1.0;
             let inverse = self.eliminate(&unit)?[k];
             *estimate = Estimate { value: values[k], error: 3.0 * libm::sqrt(variance * inverse) };
@@ -186,22 +194,22 @@ impl<const N: usize> Fit<N> {
     }
 
     /// Solves the normal equations for a right side, by elimination.
-    fn eliminate(&self, right: &[f64; N]) -> Option<[f64; N]> {
-        let (mut a, mut b) = (self.squares, *right);
-        for k in 0..N {
+    fn eliminate(&self, right: &[f64; MOST]) -> Option<[f64; MOST]> {
+        let (mut a, mut b, n) = (self.squares, *right, self.regressors.min(MOST));
+        for k in 0..n {
             if !(a[k][k] > 1e-9 * self.squares[k][k]) {
                 return None;
             }
-            for i in k + 1..N {
+            for i in k + 1..n {
                 let factor = a[i][k] / a[k][k];
-                for j in k..N {
+                for j in k..n {
                     a[i][j] -= factor * a[k][j];
                 }
                 b[i] -= factor * b[k];
             }
         }
-        for k in (0..N).rev() {
-            for j in k + 1..N {
+        for k in (0..n).rev() {
+            for j in k + 1..n {
                 b[k] -= a[k][j] * b[j];
             }
             b[k] /= a[k][k];
@@ -247,9 +255,9 @@ pub struct Identifier {
     ramp_a: f64,
     /// Angle that the tracker lags by for an acceleration, s².
     lag: f64,
-    q: Fit<3>,
-    d: Fit<3>,
-    motion: Fit<4>,
+    q: Fit,
+    d: Fit,
+    motion: Fit,
     /// The last measurements, the newest last.
     points: [Option<Point>; 2],
     sequence: u32,
@@ -272,9 +280,9 @@ impl Identifier {
             told: control.motor,
             ramp_a: f64::from(control.dead_time_ramp_a()),
             lag: f64::from(config.tracking.lag()) / (step_hz * step_hz),
-            q: Fit::NEW,
-            d: Fit::NEW,
-            motion: Fit::NEW,
+            q: Fit::new(3),
+            d: Fit::new(3),
+            motion: Fit::new(4),
             points: [None; 2],
             sequence: 0,
             momentum: None,
@@ -316,8 +324,8 @@ impl Identifier {
         }
         let omega = speed * f64::from(self.scale.pole_pairs);
         let acceleration = (after.speed - before.speed) / (after.seconds - before.seconds);
-        self.q.push([current, omega, (current / self.ramp_a).clamp(-1.0, 1.0)], q);
-        self.d.push([-omega * current, omega, omega * (point.trim - self.lag * acceleration)], d);
+        self.q.push([current, omega, (current / self.ramp_a).clamp(-1.0, 1.0), 0.0], q);
+        self.d.push([-omega * current, omega, omega * (point.trim - self.lag * acceleration), 0.0], d);
         self.samples += 1;
     }
 
@@ -348,12 +356,12 @@ impl Identifier {
 
     /// What the measurements say; `None` while they are too few, or do not vary enough to tell.
     pub fn report(&self) -> Option<Report> {
-        let [resistance, flux_linkage, leftover] = self.q.solve()?;
+        let [resistance, flux_linkage, leftover, _] = self.q.solve()?;
         // The third coefficient is known by now: as if measured beyond doubt.
         let mut d = self.d;
         let sure = 1e3 * libm::sqrt(d.squares[2][2]);
-        d.push([0.0, 0.0, sure], sure * flux_linkage.value);
-        let [inductance, _, _] = d.solve()?;
+        d.push([0.0, 0.0, sure, 0.0], sure * flux_linkage.value);
+        let [inductance, ..] = d.solve()?;
         let motion = self.motion.solve()?;
         let pairs = f64::from(self.scale.pole_pairs);
         let [inertia, viscous, coulomb, load] = motion.map(|x| x.times(1.5 * pairs * flux_linkage.value));

@@ -6,7 +6,7 @@ use crate::control::current::{self, Feedback, LocalGains};
 use crate::control::{Current, Motor, Scale, Speed, position, trajectory, velocity};
 use crate::drive::{CYCLE, OUTER};
 use crate::pwm;
-use crate::settings::{Error, within};
+use crate::settings::{Check, Error};
 use core::f32::consts::TAU;
 use core::fmt;
 
@@ -112,15 +112,15 @@ impl Thermistor {
         65_536.0 * resistance / (resistance + self.pull_up_ohm)
     }
 
-    fn validate(&self) -> Result<Heat, Error> {
-        within("pull_up_ohm", self.pull_up_ohm, 10.0, 1e7)?;
-        within("nominal_ohm", self.nominal_ohm, 10.0, 1e7)?;
-        within("beta_k", self.beta_k, 1e3, 1e4)?;
-        within("warn_c", self.warn_c, -40.0, 199.0)?;
-        within("max_c", self.max_c, self.warn_c + 1.0, 200.0)?;
-        let (fault, warn) = (self.code(self.max_c), self.code(self.warn_c));
+    fn validate(&self, check: &mut Check) -> Heat {
+        check.within("pull_up_ohm", self.pull_up_ohm, 10.0, 1e7);
+        check.within("nominal_ohm", self.nominal_ohm, 10.0, 1e7);
+        check.within("beta_k", self.beta_k, 1e3, 1e4);
+        let warn_c = check.within("warn_c", self.warn_c, -40.0, 199.0);
+        let max_c = check.within("max_c", self.max_c, warn_c + 1.0, 200.0);
+        let (fault, warn) = (self.code(max_c), self.code(warn_c));
         let room = (warn - fault).max(1.0);
-        Ok(Heat { fault: fault as i32, room: room as i32, slope: (16_777_216.0 / room) as i32 })
+        Heat { fault: fault as i32, room: room as i32, slope: (16_777_216.0 / room) as i32 }
     }
 }
 
@@ -243,31 +243,33 @@ pub(crate) struct Frame {
 
 impl Settings {
     /// Checks every field.
-    pub(crate) fn validate(&self, frame: &Frame) -> Result<Config, Error> {
-        let amperes = within("current_full_scale_a", self.current_full_scale_a, 0.1, 1000.0)?;
-        let volts = within("bus_full_scale_v", self.bus_full_scale_v, 5.0, 1000.0)?;
+    pub(crate) fn validate(&self, frame: &Frame, check: &mut Check) -> Result<Config, Error> {
+        let amperes = check.within("current_full_scale_a", self.current_full_scale_a, 0.1, 1000.0);
+        let volts = check.within("bus_full_scale_v", self.bus_full_scale_v, 5.0, 1000.0);
         let scale = Scale { step_hz: frame.pwm_hz, amperes, volts, pole_pairs: frame.pole_pairs.into() };
         let motor = Motor {
-            resistance_ohm: within("resistance_ohm", self.resistance_ohm, 1e-3, 100.0)?,
-            inductance_h: within("inductance_h", self.inductance_h, 1e-6, 0.1)?,
-            flux_linkage_wb: within("flux_linkage_wb", self.flux_linkage_wb, 1e-5, 1.0)?,
-            inertia_kgm2: within("inertia_kgm2", self.inertia_kgm2, 1e-9, 1.0)?,
+            resistance_ohm: check.within("resistance_ohm", self.resistance_ohm, 1e-3, 100.0),
+            inductance_h: check.within("inductance_h", self.inductance_h, 1e-6, 0.1),
+            flux_linkage_wb: check.within("flux_linkage_wb", self.flux_linkage_wb, 1e-5, 1.0),
+            inertia_kgm2: check.within("inertia_kgm2", self.inertia_kgm2, 1e-9, 1.0),
         };
-        let current_hz = within("current_bandwidth_hz", self.current_bandwidth_hz, 10.0, frame.pwm_hz / 20.0)?;
-        let speed_hz = within("speed_bandwidth_hz", self.speed_bandwidth_hz, 0.5, current_hz / 4.0)?;
-        let position_hz = within("position_bandwidth_hz", self.position_bandwidth_hz, 0.1, speed_hz / 2.0)?;
-        let ramp = within("dead_time_ramp_a", self.dead_time_ramp_a, 1e-3, amperes)? * scale.per_ampere();
-        let max_current = within("max_current_a", self.max_current_a, 0.0, 0.9 * amperes)? * scale.per_ampere();
+        let current_hz = check.within("current_bandwidth_hz", self.current_bandwidth_hz, 10.0, frame.pwm_hz / 20.0);
+        let speed_hz = check.within("speed_bandwidth_hz", self.speed_bandwidth_hz, 0.5, current_hz / 4.0);
+        let position_hz = check.within("position_bandwidth_hz", self.position_bandwidth_hz, 0.1, speed_hz / 2.0);
+        let ramp = check.within("dead_time_ramp_a", self.dead_time_ramp_a, 1e-3, amperes) * scale.per_ampere();
+        let max_current = check.within("max_current_a", self.max_current_a, 0.0, 0.9 * amperes) * scale.per_ampere();
         let fastest = TAU * frame.max_electrical_hz / scale.pole_pairs;
-        let speed = within("max_speed_rad_s", self.max_speed_rad_s, 0.1, fastest)? * scale.per_radian_s();
-        let acceleration = within("max_acceleration_rad_s2", self.max_acceleration_rad_s2, 1.0, 1e6)?;
+        let speed = check.within("max_speed_rad_s", self.max_speed_rad_s, 0.1, fastest) * scale.per_radian_s();
+        let acceleration = check.within("max_acceleration_rad_s2", self.max_acceleration_rad_s2, 1.0, 1e6);
         let loop_hz = scale.step_hz / OUTER as f32;
         let acceleration = acceleration * scale.per_radian_s() / loop_hz;
         let gain = |field, gain: f32| Error::OutOfRange { field, value: gain, min: 0.0, max: 0.0 };
         let least_bus = self.guard.under_voltage_v / volts;
         let longest = svpwm::Modulator::longest(frame.period, frame.dead_time, &frame.limits);
+        let guard = self.guard.validate(frame.adc_bits, loop_hz, &scale, check);
+        check.done()?;
         Ok(Config {
-            guard: self.guard.validate(frame.adc_bits, loop_hz, &scale)?,
+            guard,
             gains: current::Gains::new(&motor, current_hz, &scale, least_bus, longest as f32)
                 .ok_or(gain("current_bandwidth_hz", current_hz))?,
             local: LocalGains::new(&motor, self.feedback, current_hz, &scale)
@@ -303,27 +305,28 @@ impl Settings {
 }
 
 impl GuardSettings {
-    fn validate(&self, adc_bits: u8, loop_hz: f32, scale: &Scale) -> Result<Guard, Error> {
+    fn validate(&self, adc_bits: u8, loop_hz: f32, scale: &Scale, check: &mut Check) -> Guard {
         let codes = libm::exp2f(adc_bits.into());
         let per_volt = codes / scale.volts;
-        let under = within("under_voltage_v", self.under_voltage_v, scale.volts / 20.0, 0.9 * scale.volts)?;
-        let over = within("over_voltage_v", self.over_voltage_v, under, scale.volts)?;
+        let under = check.within("under_voltage_v", self.under_voltage_v, scale.volts / 20.0, 0.9 * scale.volts);
+        let over = check.within("over_voltage_v", self.over_voltage_v, under, scale.volts);
         let most = scale.amperes;
         let per_ampere = codes / 2.0 / most;
         let timeout_s = self.command_timeout_s;
-        let timeout = if timeout_s == f32::INFINITY { 0.0 } else { within("command_timeout_s", timeout_s, 1e-3, 1e3)? };
-        Ok(Guard {
+        let timeout =
+            if timeout_s == f32::INFINITY { 0.0 } else { check.within("command_timeout_s", timeout_s, 1e-3, 1e3) };
+        Guard {
             under: libm::ceilf(under * per_volt) as u32,
             range: ((over - under) * per_volt) as u32,
-            over_current: (within("over_current_a", self.over_current_a, 0.0, 0.99 * most)? * per_ampere) as u32,
-            imbalance: (within("imbalance_a", self.imbalance_a, 0.0, most)? * per_ampere) as u32,
-            offset: (within("offset_a", self.offset_a, 0.0, most)? * scale.per_ampere()) as i32,
-            heat: [self.bridge.validate()?, self.motor.validate()?],
-            stall: (within("stall_s", self.stall_s, 0.01, 100.0)? * scale.step_hz / CYCLE as f32) as u32,
+            over_current: (check.within("over_current_a", self.over_current_a, 0.0, 0.99 * most) * per_ampere) as u32,
+            imbalance: (check.within("imbalance_a", self.imbalance_a, 0.0, most) * per_ampere) as u32,
+            offset: (check.within("offset_a", self.offset_a, 0.0, most) * scale.per_ampere()) as i32,
+            heat: [self.bridge.validate(check), self.motor.validate(check)],
+            stall: (check.within("stall_s", self.stall_s, 0.01, 100.0) * scale.step_hz / CYCLE as f32) as u32,
             timeout: libm::ceilf(timeout * loop_hz) as u32,
             stops: self.on_timeout == OnTimeout::Stop,
             creep: scale.per_radian_s() as i32,
-        })
+        }
     }
 }
 

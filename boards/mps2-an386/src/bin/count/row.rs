@@ -15,8 +15,6 @@ pub struct Row {
     arguments: fn(index: u32) -> Arguments,
     error: fn(&Arguments, &Results) -> f64,
     budget: Option<u32>,
-    /// More than the budget, where that is not reached: so that it does not get worse unnoticed.
-    ceiling: u32,
 }
 
 impl Row {
@@ -29,7 +27,7 @@ impl Row {
         arguments: fn(index: u32) -> Arguments,
         error: fn(&Arguments, &Results) -> f64,
     ) -> Self {
-        Self { item, by, function, arguments, error, budget: None, ceiling: 0 }
+        Self { item, by, function, arguments, error, budget: None }
     }
 
     /// The largest number of instructions that the worst input may take.
@@ -38,18 +36,12 @@ impl Row {
         self
     }
 
-    /// What it may take as long as the budget is not reached.
-    pub const fn ceiling(mut self, instructions: u32) -> Self {
-        self.ceiling = instructions;
-        self
-    }
-
     pub fn print_head() {
         println!("| item | by | min | mean | max | budget | largest error |");
         println!("|---|---|---:|---:|---:|---:|---:|");
     }
 
-    /// Counts, prints and tells whether the row is within its budget, or at least its ceiling.
+    /// Counts, prints and tells whether the row is within its budget.
     pub fn print(&self, counter: &Counter) -> bool {
         let (mut least, mut most, mut sum, mut error) = (u32::MAX, 0, 0, 0.0_f64);
         for index in 0..SWEEP {
@@ -72,7 +64,7 @@ impl Row {
             Display2Format(&Budget(self.budget, within)),
             Display2Format(&format_args!("{error:.1e}")),
         );
-        within || most <= self.ceiling
+        within
     }
 }
 

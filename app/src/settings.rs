@@ -85,9 +85,8 @@ pub struct Entry {
     pub kind: Kind<'static>,
     /// Whether it follows from the board's parts.
     pub fixed: bool,
-    /// `None` without current control.
-    get: fn(&Settings) -> Option<f32>,
-    set: fn(&mut Settings, f32),
+    /// `None` without current control. One function to read and to write, for the sake of the flash.
+    field: fn(&mut Settings) -> Option<&mut dyn Value>,
     /// Least and most, as the other settings are.
     range: fn(&settings::Settings, &Control) -> (f32, f32),
 }
@@ -95,7 +94,7 @@ pub struct Entry {
 impl Entry {
     /// The value; `None` where the drive has no current control, and so no such setting.
     pub fn get(&self, settings: &Settings) -> Option<f32> {
-        (self.get)(settings)
+        (self.field)(&mut { *settings }).map(|field| field.number())
     }
 
     /// Least and most value, as the other settings are.
@@ -105,10 +104,8 @@ impl Entry {
 
     /// Another value, if it is in its range.
     pub(crate) fn assign(&self, settings: &mut Settings, value: f32) -> Result<(), Refusal<'static>> {
-        if self.get(settings).is_none() {
-            return Err(Refusal::NoControl);
-        }
         let (min, max) = self.range(settings);
+        let field = (self.field)(settings).ok_or(Refusal::NoControl)?;
         // Not a number is in no range; infinity is in that of the command's timeout.
         if !(min..=max).contains(&value) {
             return Err(Refusal::OutOfRange { field: self.name, value, min, max });
@@ -116,7 +113,7 @@ impl Entry {
         if self.kind != Kind::Real && value != libm::truncf(value) {
             return Err(Refusal::NoChoice);
         }
-        (self.set)(settings, value);
+        field.assign(value);
         Ok(())
     }
 }

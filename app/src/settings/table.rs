@@ -1,6 +1,6 @@
 //! The table. A name that has been in a release is never given to another setting.
 
-use super::{Entry, Value};
+use super::Entry;
 use core::f32::consts::TAU;
 use hallservo_protocol::Kind::{Choice, Real, Switch, Whole};
 
@@ -13,8 +13,7 @@ macro_rules! row {
             unit: $unit,
             kind: $kind,
             fixed: $fixed,
-            get: |settings| Some(settings.$($field).+.number()),
-            set: |settings, value| settings.$($field).+.assign(value),
+            field: |settings| Some(&mut settings.$($field).+),
             range: |$s, _| {
                 let _ = $s;
                 ($min, $max)
@@ -27,11 +26,9 @@ macro_rules! row {
             unit: $unit,
             kind: $kind,
             fixed: $fixed,
-            get: |settings| settings.drive.control.as_ref().map(|control| control.$($field).+.number()),
-            set: |settings, value| {
-                if let Some(control) = &mut settings.drive.control {
-                    control.$($field).+.assign(value);
-                }
+            field: |settings| match &mut settings.drive.control {
+                Some(control) => Some(&mut control.$($field).+),
+                None => None,
             },
             range: |$s, $c| {
                 let _ = ($s, $c);

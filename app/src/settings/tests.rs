@@ -42,7 +42,7 @@ fn every_range_is_that_of_the_drives_validation() {
                 continue;
             }
             let mut changed = settings;
-            (entry.set)(&mut changed, value);
+            (entry.field)(&mut changed).expect("control").assign(value);
             // At its end a setting may push another out of that one's range, or not fit to the PWM.
             let refused = match changed.validate() {
                 Err(Refusal::OutOfRange { field, .. }) => same(entry.name, field),

@@ -69,7 +69,8 @@ pub fn settings() -> Settings {
             // 169 kΩ and 18 kΩ.
             bus_full_scale_v: 3.3 * 187.0 / 18.0,
             guard: GuardSettings {
-                under_voltage_v: 7.0,
+                // As low as the current control reaches with the default motor's 0.36 mH; one of less inductance may be given less.
+                under_voltage_v: 12.5,
                 // Six lithium cells, and something for braking.
                 over_voltage_v: 28.0,
                 // 1 % of the resistors is 1.5 A.

@@ -158,6 +158,8 @@ fn what_is_learnt_is_saved_after_the_next_disarming_and_not_too_often() {
         assert!(first.flash() == before, "written while the bridge was on");
         done(&mut first, Ask::Disarm);
         run(&mut first, 50);
+        assert!(first.flash() == before, "written while the rotor ran out");
+        run(&mut first, 2000);
         assert_eq!((first.flash() != before, !status(&mut first).unsaved), (saves, saves));
     };
     warm(45.0, true);

@@ -36,11 +36,11 @@ pub(crate) fn current_a(control: &Control, reversed: bool, measurement: &Measure
     let [a, b, c] = measurement.state.phases;
     let angle: ElectricalAngle = measurement.rotor.angle() + measurement.trim;
     let [b, c] = if reversed { [c, b] } else { [b, c] };
-    // Finer than the phases by 2¹⁰.
+    // Finer than the phases by 2¹⁰, of which the transform takes 2².
     let vector =
         AlphaBeta { alpha: (2 * a - b - c) * 1024 / 3, beta: ((b - c) as f32 * (1024.0 * 0.577_350_26)) as i32 };
     let Dq { d, q } = Rotation::at(angle).park(vector);
-    [d, q].map(|current| current as f32 / (32_768.0 * 1024.0) * control.current_full_scale_a)
+    [d, q].map(|current| current as f32 / (32_768.0 * 256.0) * control.current_full_scale_a)
 }
 
 /// Voltages along d and q, V.

@@ -95,7 +95,7 @@ impl Modulator {
         (limits.longest_vector() - f64::from(dead_time) / libm::sqrt(3.0)) / f64::from(period)
     }
 
-    /// Compare values of a `voltage` within the [circle](within_circle) for a rotor at an angle. Within one count of the exact value,
+    /// Compare values of a `voltage` within the [circle](Circle) for a rotor at an angle. Within one count of the exact value,
     /// and in the limits.
     ///
     /// To each phase is added what the dead time takes: half of its counts, with the sign of the phase's share of the `current` along q

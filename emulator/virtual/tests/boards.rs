@@ -142,8 +142,8 @@ fn a_hang_of_the_esc_ends_in_a_watchdog_reset() {
     hangs(ESC);
 }
 
-/// The bridge is off within a PWM period of what the script does.
-fn trips(board: &str, what: &str) {
+/// A turning board to which something is done: after how many microseconds its bridge is off, and by what.
+fn trips(board: &str, what: &str) -> (f64, String) {
     let mut session = calibrated(board);
     ask(&mut session, "arm");
     ask(&mut session, "speed 20");
@@ -153,19 +153,29 @@ fn trips(board: &str, what: &str) {
     session.run_until(session.seconds() + 0.05).expect("a run");
     let edge = session.machine.system.facts().moe.last().cloned().expect("an edge");
     assert!(!edge.on, "{board}, {what}: {:#?}", session.lines);
-    let after_us = edge.at_s * 1e6 - at_us;
-    assert!((0.0..51.0).contains(&after_us), "{board}, {what}: {after_us} us, {edge:?}");
+    println!("{board}, {what}: off after {:.1} us by {}", edge.at_s * 1e6 - at_us, edge.by);
+    (edge.at_s * 1e6 - at_us, edge.by)
+}
+
+/// Current down through a shunt is what the comparators see, at any instant in which the low side conducts: half a period at most,
+/// and their filter. Current up is seen by the next sample, and acted on by the interrupt after it.
+fn over_currents(board: &str, amperes: f64, comparators: &str) {
+    let (after_us, by) = trips(board, &format!("current V -{amperes}A"));
+    assert!(by.starts_with(comparators) && (0.0..30.0).contains(&after_us), "{board}: {after_us} us, {by}");
+    let (after_us, by) = trips(board, &format!("current V {amperes}A"));
+    assert!(by == "software" && (0.0..58.0).contains(&after_us), "{board}: {after_us} us, {by}");
 }
 
 #[test]
 fn break_pin_and_over_current_switch_the_nucleo_off() {
-    trips(NUCLEO, "break low");
-    trips(NUCLEO, "current U 40A");
+    let (after_us, by) = trips(NUCLEO, "break low");
+    assert!(by == "break TIM1_BKIN" && (0.0..1.0).contains(&after_us), "{after_us} us, {by}");
+    over_currents(NUCLEO, 40.0, "break TIM1_BKIN");
 }
 
 #[test]
 fn over_current_switches_the_esc_off() {
-    trips(ESC, "current V 60A");
+    over_currents(ESC, 70.0, "break COMP");
 }
 
 /// Power goes at every flash operation of a save: after it, the setting is the old or the new one, and the calibration is

@@ -61,7 +61,8 @@ pub struct Run {
     current: Vec<(f64, f64)>,
     speed: Vec<Series>,
     ripple: Vec<Series>,
-    position: Vec<Series>,
+    moving: Vec<(f64, f64)>,
+    loaded: Vec<(f64, f64)>,
     cogging: Vec<Series>,
 }
 
@@ -152,7 +153,7 @@ pub fn run(seed: u64) -> Result<Run> {
     let ripple =
         turns.iter().map(|(name, turn)| Series { name: (*name).into(), points: over_time(&turn.rpm) }).collect();
     let speed = turns.into_iter().map(|(name, turn)| Series::new(name, turn.start)).collect();
-    Ok(Run { summary, current, speed, ripple, position: hold.position, cogging })
+    Ok(Run { summary, current, speed, ripple, moving: hold.moving, loaded: hold.loaded, cogging })
 }
 
 /// True current over the time in ms from the command on, rotor locked.
@@ -244,7 +245,8 @@ struct Hold {
     error_deg: f64,
     deviation_deg: f64,
     recovery_ms: f64,
-    position: Vec<Series>,
+    moving: Vec<(f64, f64)>,
+    loaded: Vec<(f64, f64)>,
 }
 
 fn hold(seed: u64) -> Result<Hold> {
@@ -276,7 +278,8 @@ fn hold(seed: u64) -> Result<Hold> {
         error_deg: last.mean().abs(),
         deviation_deg: deviation.max_abs(),
         recovery_ms: recovered as f64 / 40.0,
-        position: vec![Series::new("move of a turn", position), Series::new("load step of 20 mN·m", loaded)],
+        moving: position,
+        loaded,
     })
 }
 
@@ -440,6 +443,8 @@ impl Run {
         report.table(&self.table());
         report.table(&self.summary.identification.table());
         let current = vec![Series::new("current along q", self.current.iter().take(120).copied())];
+        let moving = vec![Series::new("position", self.moving.iter().take(100 * 40).copied())];
+        let loaded = vec![Series::new("position", self.loaded.iter().take(150 * 40).copied())];
         let plots = [
             ("Current step, rotor locked", "time / ms", "A", &current, "Field-oriented, set for 1 kHz at 40 kHz PWM."),
             ("Speed step under load", "time / ms", "rpm", &self.speed, "From 0 to 100 rpm against 40 mN·m."),
@@ -450,12 +455,13 @@ impl Run {
                 &self.ripple,
                 "The three commutations under the same speed control.",
             ),
+            ("Position: a move", "time / ms", "deviation from the target / °", &moving, "One turn."),
             (
-                "Position",
+                "Position: a load",
                 "time / ms",
                 "deviation from the target / °",
-                &self.position,
-                "A move of one turn, and holding it when a load is put on.",
+                &loaded,
+                "A load of 20 mN·m is put on while it is held.",
             ),
             (
                 "Cogging",

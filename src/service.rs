@@ -3,6 +3,7 @@
 pub mod adaptation;
 pub mod identification;
 pub mod learning;
+mod pilot;
 pub mod pole_pairs;
 pub mod procedure;
 

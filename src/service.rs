@@ -227,11 +227,6 @@ impl Service {
         })
     }
 
-    /// A table of the cogging that the drive no longer uses.
-    pub fn unused_table(&mut self) -> Option<&'static mut cogging::Table> {
-        self.tasks.tables.dequeue()
-    }
-
     fn take_back(&mut self) {
         while let Some(estimator) = self.tasks.retired.dequeue() {
             let _ = self.spares.push(estimator);

@@ -18,6 +18,11 @@ fn action() -> impl Strategy<Value = Action> {
     ]
 }
 
+/// What the default settings leave for sampling the currents and for the dead time.
+fn highest(bench: &Bench) -> u16 {
+    crate::pwm::highest_compare(bench.config.period, 170e6, 1e-6, 500e-9)
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
     /// Whatever is sampled and commanded: compare values stay in the limits, and the bridge is on only in a state that drives.
@@ -25,7 +30,7 @@ proptest! {
     fn no_sequence_leaves_the_limits(actions in proptest::collection::vec(action(), 1..400), block: bool, reversed: bool) {
         let commutation = if block { Commutation::Block } else { Commutation::Sinusoidal };
         let mut bench = Bench::running_with(&Settings { commutation, reversed, ..Settings::default() });
-        let highest = crate::pwm::highest_compare(bench.config.period, 170e6, 1e-6, 500e-9);
+        let highest = highest(&bench);
         for action in actions {
             let output = match action {
                 Action::Halls(halls) => bench.step_with(halls),
@@ -64,7 +69,7 @@ proptest! {
     ) {
         let commutation = [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block][commutation];
         let mut bench = with_control(commutation, |_| ());
-        let highest = bench.config.limits.clamped(i32::MAX);
+        let highest = highest(&bench);
         bench.command(Command::Arm).unwrap();
         for (halls, currents, bus, what, value) in steps {
             let command = match what {

@@ -25,7 +25,7 @@ pub(crate) fn temperatures_c(settings: &Settings, sensed: Sensed) -> [f32; 2] {
     [of(&control.guard.bridge, bridge), of(&control.guard.motor, motor)]
 }
 
-/// The inverse of [`Thermistor::code`]; infinite or below −273 °C for a shorted or an open one.
+/// The inverse of [`Thermistor::code`]. One that is shorted reads −273 °C, an open one what the largest code stands for: some −100 °C.
 fn celsius(thermistor: &Thermistor, share: f32) -> f32 {
     let resistance = thermistor.pull_up_ohm * share / (1.0 - share);
     1.0 / (1.0 / 298.15 + libm::logf(resistance / thermistor.nominal_ohm) / thermistor.beta_k) - 273.15
@@ -79,5 +79,7 @@ mod tests {
             let read = celsius(&ntc, ntc.code(degrees) / 65_536.0);
             assert!((read - degrees).abs() < 0.01, "{degrees} {read}");
         }
+        let [shorted, open] = [0, 4095].map(|code| celsius(&ntc, share(code, 12)));
+        assert!((shorted + 273.15).abs() < 0.01 && (-105.0..-95.0).contains(&open), "{shorted} {open}");
     }
 }

@@ -91,7 +91,11 @@ enum Block {
     /// Erased, or begun to be written.
     Blank,
     Corrupt,
-    Whole { version: u16, number: u32, length: usize },
+    Whole {
+        version: u16,
+        number: u32,
+        length: usize,
+    },
 }
 
 /// Two blocks of a flash, for records that take up to `SIZE` bytes, as [`size`] tells.

@@ -75,11 +75,8 @@ impl Session {
     }
 
     /// The same board once more, to go another way from here; log, script and what was recorded so far stay with this one.
-    ///
-    /// # Errors
-    /// As [`Session::new`].
-    pub fn fork(&self) -> Result<Session> {
-        Ok(Session {
+    pub fn fork(&self) -> Session {
+        Session {
             machine: self.machine.clone(),
             image: Rc::clone(&self.image),
             lines: Vec::new(),
@@ -89,11 +86,11 @@ impl Session {
             periods: self.periods,
             board: self.board,
             rtt: self.rtt,
-            log: Log::new(&self.image)?,
+            log: self.log.as_ref().map(Log::again),
             script: VecDeque::new(),
             replies: Decoder::new(),
             told_faults: self.told_faults,
-        })
+        }
     }
 
     /// What will be done, by time.
@@ -131,7 +128,7 @@ impl Session {
                 self.resets.push((self.seconds(), cause));
                 self.lines.push(note(self.now_ns(), "RESET", format!("{cause:?}")));
                 // The log begins anew; a frame that the reset has cut in two is lost.
-                self.log = Log::new(&self.image)?;
+                self.log = self.log.as_ref().map(Log::again);
             }
             Stop::Breakpoint(_) | Stop::Lockup => bail!("the core stopped without a debugger"),
             Stop::Time => {}

@@ -58,6 +58,8 @@ pub fn settings() -> Settings {
         delay_periods: BRIDGE.delay_periods(FIRST.held(0)),
         commutation: Commutation::FieldOriented,
         max_electrical_hz: 1000.0,
+        // A spark disturbs one sample. A second one in a row is a fault, and the bridge is off a period after the first.
+        tolerated_samples: 1,
         calibration_record_hz: BRIDGE.pwm_hz as f32,
         control: Some(Control {
             current_full_scale_a: 1.65 / VOLTS_PER_AMPERE,

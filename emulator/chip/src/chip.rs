@@ -158,6 +158,11 @@ impl Chip {
         self.machine.truth()
     }
 
+    /// Whether the timer drives the bridge (MOE).
+    pub fn bridge_is_on(&self) -> bool {
+        self.timers[0].moe()
+    }
+
     /// The board.
     pub fn board(&self) -> &'static Board {
         self.board

@@ -78,11 +78,8 @@ impl Session {
     }
 
     /// The same board once more, to go another way from here; log, script and what was recorded so far stay with this one.
-    ///
-    /// # Errors
-    /// As [`Session::new`].
-    pub fn fork(&self) -> Result<Session> {
-        Ok(Session {
+    pub fn fork(&self) -> Session {
+        Session {
             machine: self.machine.clone(),
             image: Rc::clone(&self.image),
             lines: Vec::new(),
@@ -93,11 +90,11 @@ impl Session {
             periods_before: self.periods_before,
             board: self.board,
             rtt: self.rtt,
-            log: Log::new(&self.image)?,
+            log: self.log.as_ref().map(Log::again),
             script: VecDeque::new(),
             replies: Decoder::new(),
             told_faults: self.told_faults,
-        })
+        }
     }
 
     /// What will be done, by time.
@@ -135,7 +132,7 @@ impl Session {
                 self.resets.push((self.seconds(), cause));
                 self.lines.push(note(self.now_ns(), "RESET", format!("{cause:?}")));
                 // The log begins anew; a frame that the reset has cut in two is lost.
-                self.log = Log::new(&self.image)?;
+                self.log = self.log.as_ref().map(Log::again);
                 self.periods = Periods::default();
                 self.periods_before = self.control().map_or(0, Activity::count);
             }

@@ -1,16 +1,15 @@
-//! The firmwares as they would be flashed, on their boards.
+//! Boards with their firmwares, and what is asked of them.
 
 // Each test uses what it needs.
 #![allow(dead_code)]
 
-use chip::Board;
+use chip::{Board, Chip};
+use cortex::Machine;
 use plant::PlantParameters;
-use std::sync::OnceLock;
+use std::sync::{Mutex, OnceLock};
 use virtual_board::{firmware, script, session::Session};
 
-/// The reference board.
 pub const NUCLEO: &str = "nucleo-g474re-ihm08m1";
-/// The small one.
 pub const ESC: &str = "b-g431b-esc1";
 
 fn elf(board: &str) -> Vec<u8> {
@@ -19,7 +18,6 @@ fn elf(board: &str) -> Vec<u8> {
     BUILT[usize::from(board == ESC)].get_or_init(build).clone()
 }
 
-/// A board at power-on, with a script.
 pub fn session(board: &str, script: &str) -> Session {
     let known = Board::named(board).expect("a board");
     let mut session = Session::new(known, elf(board), &PlantParameters::unkind(1), 1).expect("a session");
@@ -27,12 +25,10 @@ pub fn session(board: &str, script: &str) -> Session {
     session
 }
 
-/// Whether a line with this text was logged.
 pub fn says(session: &Session, text: &str) -> bool {
     session.lines.iter().any(|line| line.message.contains(text))
 }
 
-/// Runs until a line with this text is logged.
 pub fn until(session: &mut Session, text: &str, at_most_s: f64) {
     while !says(session, text) {
         assert!(session.seconds() < at_most_s, "no {text:?} until {at_most_s} s: {:#?}", session.lines);
@@ -40,19 +36,52 @@ pub fn until(session: &mut Session, text: &str, at_most_s: f64) {
     }
 }
 
-/// A board that has calibrated, with its bridge off.
+pub fn run(session: &mut Session, seconds: f64) {
+    session.run_until(session.seconds() + seconds).expect("a run");
+}
+
+/// A board that has calibrated and saved what it found, with its bridge off. It does so once for all tests.
 pub fn calibrated(board: &str) -> Session {
+    static DONE: [Mutex<Option<Machine<Chip>>>; 2] = [const { Mutex::new(None) }; 2];
+    let mut done = DONE[usize::from(board == ESC)].lock().expect("the board calibrates");
+    if let Some(machine) = &*done {
+        let mut session = session(board, "");
+        session.machine = machine.clone();
+        return session;
+    }
     let mut session = session(board, "at 30ms send calibrate");
-    until(&mut session, "calibrated", 8.0);
-    until(&mut session, "Ready after", 8.2);
-    session.run_until(session.seconds() + 0.05).expect("a run");
+    until(&mut session, "record 0 saved", 8.0);
+    run(&mut session, 0.05);
+    *done = Some(session.machine.clone());
     session
 }
 
-/// Sends a request and waits for its reply.
-pub fn ask(session: &mut Session, what: &str) {
-    let at_us = (session.seconds() * 1e6).ceil();
-    session.follow(script::parse(&format!("at {at_us}us send {what}")).expect("a request"));
+/// … that turns, field-oriented.
+pub fn turning(board: &str) -> Session {
+    let mut session = calibrated(board);
+    ask(&mut session, "arm");
+    ask(&mut session, "speed 40");
+    run(&mut session, 0.25);
+    session
+}
+
+pub fn perform(session: &mut Session, what: &str) {
+    session.follow(script::parse(&format!("at 0s {what}")).expect("a script"));
+    session.slice(f64::INFINITY).expect("a run");
+}
+
+/// Sends a request; what the drive answers.
+pub fn ask(session: &mut Session, what: &str) -> String {
+    let before = session.lines.len();
+    perform(session, &format!("send {what}"));
     // The longest reply takes 5.5 ms at the line's rate.
-    session.run_until(session.seconds() + 8e-3).expect("a run");
+    run(session, 8e-3);
+    let reply = session.lines[before..].iter().find(|line| line.level == "REPLY");
+    reply.map_or_else(String::new, |line| line.message.clone())
+}
+
+/// Last value of a column of the motor's trace.
+pub fn motor(session: &Session, name: &str) -> f64 {
+    let column = session.trace.names.iter().position(|known| known == name).expect("a column");
+    session.trace.rows.last().expect("a row")[column]
 }

@@ -29,7 +29,7 @@ pub(crate) fn temperatures_c(settings: &Settings, sensed: Sensed) -> [f32; 2] {
     [of(&control.guard.bridge, bridge), of(&control.guard.motor, motor)]
 }
 
-/// The inverse of [`Thermistor::code`]; below −273 °C or infinite for a shorted one.
+/// The inverse of [`Thermistor::code`]. One that is shorted reads −273 °C.
 fn celsius(thermistor: &Thermistor, share: f32) -> f32 {
     let resistance = thermistor.pull_up_ohm * share / (1.0 - share);
     1.0 / (1.0 / 298.15 + libm::logf(resistance / thermistor.nominal_ohm) / thermistor.beta_k) - 273.15
@@ -93,5 +93,7 @@ mod tests {
             let read = celsius(&ntc, ntc.code(degrees) / 65_536.0);
             assert!((read - degrees).abs() < 0.01, "{degrees} {read}");
         }
+        let shorted = celsius(&ntc, share(0, 12));
+        assert!((shorted + 273.15).abs() < 0.01, "{shorted}");
     }
 }

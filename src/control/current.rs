@@ -131,7 +131,8 @@ impl Present {
 pub struct Inverse(i32);
 
 impl Inverse {
-    /// Of a voltage of 2⁻¹⁵ of the full scale, from a twentieth of it on; within 2⁻¹⁴. One division.
+    /// Of a voltage of 2⁻¹⁵ of the full scale, from a twentieth of it on; up to 2⁻¹⁵ and one part in the voltage too small: 6.5e-4 of
+    /// a twentieth, 1e-4 of half the full scale. One division.
     #[inline(always)]
     pub const fn new(bus: i32) -> Self {
         // Never zero, which the compiler does not see.
@@ -372,6 +373,17 @@ mod tests {
         assert!((volts(voltage.q) - omega * 5e-3).abs() < 5e-3, "{}", volts(voltage.q));
         let coupled = { integrators }.step(&gains, current.q, current);
         assert!((volts(coupled.q) - omega * (0.36e-3 + 5e-3)).abs() < 5e-3, "{}", volts(coupled.q));
+    }
+
+    #[test]
+    fn one_over_the_bus_is_at_most_a_little_too_small() {
+        for (least, most, allowed) in [(1639, 16_384, 6.5e-4), (16_384, 32_768, 1e-4)] {
+            let lacking = (least..most)
+                .map(|bus| 1.0 - f64::from(Inverse::new(bus).0) * f64::from(bus) / f64::from(1 << 30) / 2048.0);
+            let (low, high) =
+                lacking.fold((1.0_f64, 0.0_f64), |(low, high), lacking| (low.min(lacking), high.max(lacking)));
+            assert!(low >= 0.0 && high <= allowed, "{low} {high}");
+        }
     }
 
     #[test]

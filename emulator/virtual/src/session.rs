@@ -177,7 +177,7 @@ impl Session {
             Action::Disturb(disturbance) => self.machine.system.disturb(&disturbance, now),
             Action::Hang(exception) => match exception.or_else(|| self.control_exception()) {
                 Some(exception) => {
-                    self.machine.hang(Some(exception));
+                    self.machine.hang(exception);
                     Ok(())
                 }
                 None => Err("there is no control interrupt yet".into()),

@@ -161,9 +161,9 @@ fn trips(board: &str, what: &str) -> (f64, String) {
 /// and their filter. Current up is seen by the next sample, and acted on by the interrupt after it.
 fn over_currents(board: &str, amperes: f64, comparators: &str) {
     let (after_us, by) = trips(board, &format!("current V -{amperes}A"));
-    assert!(by.starts_with(comparators) && (0.0..30.0).contains(&after_us), "{board}: {after_us} us, {by}");
+    assert!(by.starts_with(comparators) && (0.0..16.0).contains(&after_us), "{board}: {after_us} us, {by}");
     let (after_us, by) = trips(board, &format!("current V {amperes}A"));
-    assert!(by == "software" && (0.0..58.0).contains(&after_us), "{board}: {after_us} us, {by}");
+    assert!(by == "software" && (0.0..33.0).contains(&after_us), "{board}: {after_us} us, {by}");
 }
 
 #[test]

@@ -115,7 +115,7 @@ pub struct Status {
     pub current_a: f32,
     /// Not a number where it is not measured.
     pub bus_v: f32,
-    /// Of bridge and motor; not a number where it is not measured.
+    /// Of bridge and motor; not a number where there is no thermistor.
     pub temperatures_c: [f32; 2],
     /// What goes on.
     pub activity: Activity,
@@ -164,6 +164,6 @@ pub struct Telemetry {
     pub mode: Mode,
     /// What holds the drive back.
     pub limits: u8,
-    /// The Halls, ADC codes.
+    /// The Halls, ADC codes; while a current, a speed or a position is followed, of the period after.
     pub codes: [u16; 3],
 }

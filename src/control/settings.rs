@@ -4,7 +4,7 @@ mod guard;
 
 use crate::angle::Position;
 use crate::commutation::svpwm;
-use crate::control::current::{self, Feedback, LocalGains};
+use crate::control::current::{self, Excess, Feedback, LocalGains};
 use crate::control::{Current, Motor, Scale, Speed, position, trajectory, velocity};
 use crate::drive::{CYCLE, OUTER};
 use crate::pwm;
@@ -134,7 +134,8 @@ impl Settings {
         let position_hz = check.within("position_bandwidth_hz", self.position_bandwidth_hz, 0.1, speed_hz / 2.0);
         let ramp = check.within("dead_time_ramp_a", self.dead_time_ramp_a, 1e-3, amperes) * scale.per_ampere();
         let max_current = check.within("max_current_a", self.max_current_a, 0.0, 0.9 * amperes) * scale.per_ampere();
-        let fastest = TAU * frame.max_electrical_hz / scale.pole_pairs;
+        let fastest_hz = frame.max_electrical_hz;
+        let fastest = TAU * fastest_hz / scale.pole_pairs;
         let speed = check.within("max_speed_rad_s", self.max_speed_rad_s, 0.1, fastest) * scale.per_radian_s();
         let acceleration = check.within("max_acceleration_rad_s2", self.max_acceleration_rad_s2, 1.0, 1e6);
         let loop_hz = scale.step_hz / OUTER as f32;
@@ -146,8 +147,16 @@ impl Settings {
         check.done()?;
         Ok(Config {
             guard,
-            gains: current::Gains::new(&motor, current_hz, &scale, least_bus, longest as f32)
-                .ok_or(gain("current_bandwidth_hz", current_hz))?,
+            gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest as f32).map_err(
+                |excess| match excess {
+                    Excess::Bandwidth(max) => {
+                        Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max }
+                    }
+                    Excess::Speed(max) => {
+                        Error::OutOfRange { field: "max_electrical_hz", value: fastest_hz, min: 0.0, max }
+                    }
+                },
+            )?,
             local: LocalGains::new(&motor, self.feedback, current_hz, &scale)
                 .ok_or(gain("current_bandwidth_hz", current_hz))?,
             velocity: velocity::Gains::new(&motor, speed_hz, loop_hz, &scale)

@@ -235,6 +235,13 @@ impl<S: System> Machine<S> {
         }
     }
 
+    #[cold]
+    pub(crate) fn pend_nmi(&mut self) {
+        self.nvic.pend(crate::nvic::NMI);
+        self.profile.pended(1 << crate::nvic::NMI, self.now);
+        self.due = 0;
+    }
+
     /// Brings the system to now; returns its next event.
     pub(crate) fn catch_up(&mut self) -> Cycle {
         let next = self.system.advance(self.now);
@@ -343,6 +350,11 @@ impl<S: System> Machine<S> {
     /// How often, how late and how long each exception's handler ran.
     pub fn profile(&self) -> &Profile {
         &self.profile
+    }
+
+    /// What handlers did so far is not to count.
+    pub fn forget_profile(&mut self) {
+        self.profile.clear();
     }
 
     /// R0 to R12, SP, LR, and the program counter.

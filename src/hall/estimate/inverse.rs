@@ -16,7 +16,7 @@ pub(super) struct Inverse {
 impl Inverse {
     pub fn new(model: &Model) -> Self {
         let f = model.sensors.map(|s| {
-            let (sine, cosine) = (trig::sin(s.placement).to_num::<f32>(), trig::cos(s.placement).to_num::<f32>());
+            let (sine, cosine) = (trig::float(trig::sin(s.placement)), trig::float(trig::cos(s.placement)));
             [-sine, cosine]
         });
         let minor = |i: usize, k: usize| f[i][0] * f[k][1] - f[i][1] * f[k][0];
@@ -41,7 +41,7 @@ impl Inverse {
         // r = sin θ · cos ψ − cos θ · sin ψ for both, solved for cosine and sine.
         let [(sin_a, cos_a), (sin_b, cos_b)] = [a, b].map(|k| {
             let placement = model.sensors[k].placement;
-            (trig::sin(placement).to_num::<f32>(), trig::cos(placement).to_num::<f32>())
+            (trig::float(trig::sin(placement)), trig::float(trig::cos(placement)))
         });
         let determinant = sin_b * cos_a - cos_b * sin_a;
         let (mut cosine, mut sine) = ([0.0; 3], [0.0; 3]);

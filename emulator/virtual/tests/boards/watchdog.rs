@@ -92,7 +92,8 @@ fn is_fed_in_time(board: &str) {
     assert_eq!(session.resets, []);
     let Watchdog { timeout_s, interval_s, bites } = watchdog(&session);
     assert_eq!(bites, 0);
-    assert!(interval_s.max < 0.5 * timeout_s, "{board}: {interval_s:?}");
+    // The oscillator may be 5 % fast (DS12589), and the virtual chip's durations are good to 30 %.
+    assert!(1.3 * interval_s.max < timeout_s / 1.05, "{board}: {interval_s:?}");
 }
 
 #[test]

@@ -233,3 +233,19 @@ fn newest(blocks: &[Block; 2]) -> Option<(usize, Block)> {
     };
     Some((choice, blocks[choice]))
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_newest_is_the_one_after_the_other_even_where_the_number_wraps() {
+        let whole = |number| Block::Whole { version: 1, number, length: 4 };
+        for (older, newer) in [(1, 2), (u32::MAX - 1, u32::MAX), (u32::MAX, 0), (u32::MAX, 1)] {
+            assert_eq!(newest(&[whole(older), whole(newer)]), Some((1, whole(newer))));
+            assert_eq!(newest(&[whole(newer), whole(older)]), Some((0, whole(newer))));
+        }
+        assert_eq!(newest(&[Block::Corrupt, whole(7)]), Some((1, whole(7))));
+        assert_eq!(newest(&[Block::Corrupt, Block::Blank]), None);
+    }
+}

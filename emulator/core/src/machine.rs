@@ -352,6 +352,11 @@ impl<S: System> Machine<S> {
         &self.profile
     }
 
+    /// What handlers did so far is not to count.
+    pub fn forget_profile(&mut self) {
+        self.profile.clear();
+    }
+
     /// R0 to R12, SP, LR, and the program counter.
     pub fn registers(&self) -> [u32; 16] {
         let mut registers = self.cpu.r;

@@ -3,6 +3,7 @@
 mod faults;
 mod line;
 mod power;
+#[path = "../common/mod.rs"]
 mod support;
 mod watchdog;
 

@@ -147,15 +147,8 @@ impl Injection {
                 let code = if up { random.random_range(3560..=4095) } else { random.random_range(0..530) };
                 Box::new(move |sample| sample.currents[channel] = code)
             }
-            // At least 0.5 A, with a margin for noise and offset; at most what the offset may not be.
-            Self::CurrentImbalance => {
-                let off = random.random_range(140..400_u16);
-                Box::new(move |sample| {
-                    let code = &mut sample.currents[channel];
-                    *code = if up { *code + off } else { *code - off };
-                })
-            }
-            Self::CurrentOffset => {
+            // At least the 0.5 A that both thresholds are, with a margin for noise and offset.
+            Self::CurrentImbalance | Self::CurrentOffset => {
                 let off = random.random_range(140..400_u16);
                 Box::new(move |sample| {
                     let code = &mut sample.currents[channel];

@@ -1,5 +1,8 @@
 //! Boards with their firmwares, and what is asked of them.
 
+// Each test uses what it needs.
+#![allow(dead_code)]
+
 use bus::System;
 use chip::{Board, Chip};
 use cortex::Machine;

@@ -1,7 +1,7 @@
 //! Everything that a script can break, on both boards: after which time the bridge is off and by what, what the drive says of it,
 //! that it stays off, and that it runs again once it is mended and cleared.
 
-use crate::support::{ESC, NUCLEO, ask, motor, perform, run, says, turning};
+use crate::support::{ESC, NUCLEO, ask, motor, perform, run, says, turning, until};
 use bus::System;
 use virtual_board::session::Session;
 
@@ -92,7 +92,8 @@ fn number(reply: &str, key: &str) -> Option<u8> {
 /// Named, latched, and over when it is mended and cleared.
 fn recovers(session: &mut Session, board: &str, fault: &Fault) -> u8 {
     let what = fault.what;
-    run(session, 5e-3);
+    let at_most_s = session.seconds() + 0.2;
+    until(session, "Faulted(", at_most_s);
     let status = ask(session, "status");
     let code = number(&status, "mode: Faulted(").unwrap_or_else(|| panic!("{board}, {what}: {status}"));
     assert!(fault.codes.contains(&code), "{board}, {what}: {status}");

@@ -151,7 +151,13 @@ fn all_switch_off(board: &str, faults: &[Fault]) {
             }
         }
         println!("| {what} | {code} | {:.1} | {:.1} | {samples} | {at_once} |", after_s * 1e6, shown_s * 1e6);
-        assert!(4 * at_once >= 3 * INSTANTS || matches!(fault.by, By::Turn), "{board}, {what}: {at_once}");
+        let expected = match fault.by {
+            By::Turn => 0,
+            // Elsewhere the two angles are not far apart.
+            By::Stall => INSTANTS / 2,
+            _ => INSTANTS,
+        };
+        assert!(at_once >= expected, "{board}, {what}: {at_once}");
         let from_sample_s = match fault.by {
             By::Sample(tolerated) => f64::from(tolerated) * period_s + REACTION_S,
             By::Bus(..) => REACTION_S,
@@ -208,7 +214,7 @@ fn every_fault_switches_the_esc_off() {
         faults.push(fault(of("-8A"), mend, By::Sample(0), &[21]));
         faults.push(fault(of("8A"), mend, By::Sample(0), &[21]));
     }
-    faults.push(fault("bus 10V", "bus 24V", By::Bus(12.3, 28.2), &[20]));
-    faults.push(fault("bus 32V", "bus 24V", By::Bus(12.3, 28.2), &[19]));
+    faults.push(fault("bus 7V", "bus 24V", By::Bus(8.8, 28.2), &[20]));
+    faults.push(fault("bus 32V", "bus 24V", By::Bus(8.8, 28.2), &[19]));
     all_switch_off(ESC, &faults);
 }

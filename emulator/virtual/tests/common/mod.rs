@@ -97,7 +97,7 @@ pub fn ask(session: &mut Session, what: &str) -> String {
     let before = session.lines.len();
     perform(session, &format!("send {what}"));
     // While a model of the sensors is built, the tasks are late.
-    let at_most_s = session.seconds() + 0.2;
+    let at_most_s = session.seconds() + 0.5;
     loop {
         // A reset may have cut a frame in two.
         let reply = session.lines[before..].iter().find(|line| line.level == "REPLY" && line.message.starts_with('#'));

@@ -118,7 +118,10 @@ fn all_switch_off(board: &str, faults: &[Fault]) {
     let mut running = turning(board);
     let facts = running.machine.system.facts();
     let period_s = 1.0 / facts.pwm.as_ref().expect("a PWM").hz;
-    println!("{board}, a period of {:.1} us: us after the injection, after the first sample; samples, times at once", period_s * 1e6);
+    println!(
+        "{board}, a period of {:.1} us: us after the injection, after the first sample; samples, times at once",
+        period_s * 1e6
+    );
     for fault in faults {
         let what = fault.what;
         let (at_most_s, apart_s) = match fault.by {

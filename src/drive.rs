@@ -57,8 +57,8 @@ pub struct Drive {
     serving: Option<&'static mut Estimator>,
     /// The step of the schedule.
     tick: u32,
-    /// While something is followed: what to add to that for the number of a step, and where the next record, and the next currents and
-    /// voltages are due.
+    /// While something is followed: what to add to that for the number of the step before, and where the next record, and the next
+    /// currents and voltages are due.
     first: u32,
     record_due: u32,
     state_due: u32,

@@ -124,6 +124,8 @@ impl<F: NorFlash> Supervisor<F> {
                 let waits = !self.is_at_rest();
                 Ok(if waits { Step::Answer(Answer::Saved { waits }) } else { Step::Saved })
             }
+            // A record that a power cut has left half written may be a break of the bridge when it is read.
+            Ask::Load if self.mode().drives() => Err(Refusal::Mode(wire::mode(self.mode()))),
             Ask::Load => {
                 let settings = self.load_settings().map_err(Refusal::NothingStored)?;
                 self.adopt(settings, After::Done)

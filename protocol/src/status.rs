@@ -164,6 +164,6 @@ pub struct Telemetry {
     pub mode: Mode,
     /// What holds the drive back.
     pub limits: u8,
-    /// The Halls, ADC codes.
+    /// The Halls, ADC codes; while a current, a speed or a position is followed, of the period after.
     pub codes: [u16; 3],
 }

@@ -62,6 +62,8 @@ pub fn settings() -> Settings {
         delay_periods: BRIDGE.delay_periods(FIRST.held(0)),
         commutation: Commutation::FieldOriented,
         max_electrical_hz: 1000.0,
+        // A spark disturbs one sample. A second one in a row is a fault, and the bridge is off a period after the first.
+        tolerated_samples: 1,
         // Each costs the tasks some microseconds: half of the samples is what they can take.
         calibration_record_hz: PWM_HZ as f32 / 2.0,
         control: Some(Control {

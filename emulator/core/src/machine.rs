@@ -235,6 +235,13 @@ impl<S: System> Machine<S> {
         }
     }
 
+    #[cold]
+    pub(crate) fn pend_nmi(&mut self) {
+        self.nvic.pend(crate::nvic::NMI);
+        self.profile.pended(1 << crate::nvic::NMI, self.now);
+        self.due = 0;
+    }
+
     /// Brings the system to now; returns its next event.
     pub(crate) fn catch_up(&mut self) -> Cycle {
         let next = self.system.advance(self.now);

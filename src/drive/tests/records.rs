@@ -63,18 +63,20 @@ fn records_while_following_are_numbered_and_come_as_often() {
     for end in [Command::Disarm, Command::Trip(Fault::Encoder)] {
         let mut bench = with_control(Commutation::FieldOriented, |_| ());
         bench.command(Command::Arm).unwrap();
-        let (mut steps, mut records, mut states) = (0_u32, Vec::new(), Vec::new());
+        let (mut rotors, mut records, mut states) = (Vec::new(), Vec::new(), Vec::new());
         let mut run = |bench: &mut Bench, count: u32| {
             for _ in 0..count {
+                bench.rotor = bench.rotor + ElectricalAngle::from_degrees(1.0);
                 bench.step();
-                steps += 1;
+                let now = rotors.len() as u32;
+                rotors.push(*bench.drive.tracker());
                 while let Some(event) = bench.service.poll() {
                     if let service::Event::Record(record) = event {
-                        records.push((record.sequence, steps));
+                        records.push((record, now));
                     }
                 }
                 while let Some(measurement) = bench.service.measurement() {
-                    states.push((measurement.sequence, steps));
+                    states.push((measurement, now));
                 }
             }
         };
@@ -83,14 +85,23 @@ fn records_while_following_are_numbered_and_come_as_often() {
         run(&mut bench, 8000);
         bench.service.send(end).unwrap();
         run(&mut bench, 900);
-        let start = records[0].1.wrapping_sub(records[0].0);
-        assert!(records.iter().all(|(sequence, step)| step.wrapping_sub(*sequence) == start), "{records:?}");
+        let start = records[0].1.wrapping_sub(records[0].0.sequence);
+        let index = |sequence: u32| sequence.wrapping_add(start) as usize;
+        // The number is that of the step whose rotor it is; while following, it is told in the next.
+        for (record, now) in &records {
+            assert!((0..=1).contains(&(*now as usize - index(record.sequence))), "{record:?} {now}");
+            assert_eq!(record.rotor, rotors[index(record.sequence)], "{record:?}");
+        }
         // Regularly, from arming on to the end; a fault is told at once.
-        let irregular = records.windows(2).filter(|pair| pair[1].0.wrapping_sub(pair[0].0) != CYCLE).count();
+        let irregular =
+            records.windows(2).filter(|pair| pair[1].0.sequence.wrapping_sub(pair[0].0.sequence) != CYCLE).count();
         assert!(irregular <= 1, "{records:?}");
         assert!((281..=283).contains(&records.len()), "{}", records.len());
-        // Noted down in slot 13, handed over in slot 31.
-        assert!(states.iter().skip(5).all(|(sequence, step)| step.wrapping_sub(*sequence) == start.wrapping_add(18)));
+        // Noted down in slot 13, of the step before, and handed over in slot 31.
+        for (measurement, now) in states.iter().skip(5) {
+            assert_eq!(*now as usize - index(measurement.sequence), 19);
+            assert_eq!(measurement.rotor, rotors[index(measurement.sequence)], "{measurement:?}");
+        }
         assert!((250..=254).contains(&states.len()), "{}", states.len());
     }
 }

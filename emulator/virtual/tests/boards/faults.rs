@@ -201,7 +201,7 @@ fn every_fault_switches_the_esc_off() {
         faults.push(fault(of("-8A"), mend, By::Sample(0), &[21]));
         faults.push(fault(of("8A"), mend, By::Sample(0), &[21]));
     }
-    faults.push(fault("bus 10V", "bus 24V", By::Bus(12.3, 28.2), &[20]));
-    faults.push(fault("bus 32V", "bus 24V", By::Bus(12.3, 28.2), &[19]));
+    faults.push(fault("bus 8V", "bus 24V", By::Bus(8.8, 28.2), &[20]));
+    faults.push(fault("bus 32V", "bus 24V", By::Bus(8.8, 28.2), &[19]));
     all_switch_off(ESC, &faults);
 }

@@ -35,7 +35,7 @@ pub const EARLY: u32 = FIRST.held(2) - SECOND.held(1);
 const _: () = assert!(FIRST.held(2) == SECOND.held(2) && FIRST.done() >= SECOND.done());
 
 /// PWM, and control in every period. Twice what nobody hears any more: half the ripple of the current, half the delay, and so 1 kHz of
-/// current control with a phase to spare. The control interrupt takes half of a period at most, and sampling and dead time a fifth,
+/// current control with a phase to spare. The control interrupt takes six tenths of a period at most, and sampling and dead time a fifth,
 /// which is the voltage that is given for it. 20 kHz for little loss by switching: everything else follows.
 const PWM_HZ: u32 = 40_000;
 

@@ -49,7 +49,13 @@ fn hears_through_garbage(board: &str) {
         bytes.extend(frame(id, Ask::Status));
         bytes.extend(noise.bytes(20));
         session.receive(bytes).expect("a port");
-        run(&mut session, 10e-3);
+        // The tasks may make an estimator of what they have learnt.
+        for _ in 0..4 {
+            run(&mut session, 10e-3);
+            if answers(&session, id) {
+                break;
+            }
+        }
         assert!(answers(&session, id), "{board}, {id}: {:#?}", session.lines);
     }
     // Whatever bit of it flips, a frame is obeyed as a whole or not at all. Its ends are zeros: without, it is two or none.

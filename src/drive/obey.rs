@@ -158,7 +158,7 @@ impl Drive {
         self.publish();
         self.set_amplitude(self.config.limits.amplitude(modulation));
         let cut = self.config.limits.limits(modulation);
-        self.limits = if cut { self.limits.with(Limits::DUTY) } else { self.limits.without(Limits::DUTY) };
+        self.limits = self.limits.set(Limits::DUTY, cut);
         // A negative amplitude turns the field by half a turn; its advance is in the direction of the command, too.
         let advance = if modulation.is_negative() { -self.config.advance } else { self.config.advance };
         self.lead = ElectricalAngle::QUARTER + advance;

@@ -14,6 +14,11 @@ use fixed::types::I1F15;
 /// voltages is `M · V_bus / 2`.
 pub type Modulation = I1F15;
 
+/// A fraction as a [`Modulation`], the nearest there is; zero for what is not a number.
+pub fn modulation(share: f32) -> Modulation {
+    Modulation::from_bits(libm::roundf(share * 32_768.0) as i16)
+}
+
 /// How the phases are driven.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -80,5 +85,17 @@ impl Output {
     #[inline(always)]
     pub(crate) const fn unpack(bits: u64) -> Self {
         Self { compare: [bits as u16, (bits >> 16) as u16, (bits >> 32) as u16], legs: Legs((bits >> 48) as u8) }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fraction_is_rounded_and_saturates() {
+        for (fraction, bits) in [(0.5, 16_384), (-0.100_02, -3277), (1.0, 32_767), (-7.0, -32_768), (f32::NAN, 0)] {
+            assert_eq!(modulation(fraction).to_bits(), bits, "{fraction}");
+        }
     }
 }

@@ -7,9 +7,12 @@
 pub mod absolute;
 mod channels;
 pub mod drag;
+mod follow;
 mod loss;
 mod obey;
+mod records;
 mod servo;
+mod sight;
 mod slots;
 mod watch;
 
@@ -20,8 +23,7 @@ use crate::commutation::{Commutation, Legs, Output};
 use crate::control::cogging;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
-use crate::hall::normalize::Implausible;
-use crate::hall::track::{Jump, Tracker};
+use crate::hall::track::Tracker;
 use crate::hall::{Channel, Codes};
 use crate::mode::{Event, Mode};
 use crate::pwm::Amplitude;
@@ -55,8 +57,8 @@ pub struct Drive {
     serving: Option<&'static mut Estimator>,
     /// The step of the schedule.
     tick: u32,
-    /// While something is followed: what to add to that for the number of a step, and where the next record, and the next currents and
-    /// voltages are due.
+    /// While something is followed: what to add to that for the number of the step before, and where the next record, and the next
+    /// currents and voltages are due.
     first: u32,
     record_due: u32,
     state_due: u32,
@@ -203,85 +205,10 @@ impl Drive {
         if self.mode.drives() { output.pack() } else { Output::OFF.pack() }
     }
 
-    /// A running step that follows a current, a speed or a position.
-    #[inline(always)]
-    fn serve(&mut self, sample: &Sample) -> Output {
-        self.attend(sample);
-        let Some(estimator) = &self.serving else { return Output::unpack(self.serve_slowly(sample)) };
-        // No sample was missed, so there is nothing to do when one is found.
-        let Ok(angle) = estimator.angle_of_one(&sample.halls) else { return Output::unpack(self.stumble(sample)) };
-        if self.live.rotor.step(&self.config.tracking, angle).is_err() && !self.leaps(angle, sample) {
-            return Output::OFF;
-        }
-        if !self.is_healthy(sample) {
-            return Output::OFF;
-        }
-        let compare = self.servo.field(&self.live.rotor, &self.config.tracking, sample);
-        Output { compare, legs: Legs::ALL }
-    }
-
     /// Looks at currents and voltage. False when a running drive failed.
     #[inline(always)]
     fn is_healthy(&mut self, sample: &Sample) -> bool {
         self.servo.watch.healthy(sample) || self.fail(self.servo.watch.explain(sample))
-    }
-
-    /// The codes are no angle: this step finds out as after a missed sample.
-    #[cold]
-    #[inline(never)]
-    fn stumble(&mut self, sample: &Sample) -> u64 {
-        self.resting = self.serving.take();
-        self.serve_slowly(sample)
-    }
-
-    /// The angle is not where the rotor can be; whether the drive runs on.
-    #[cold]
-    #[inline(never)]
-    fn leaps(&mut self, angle: ElectricalAngle, sample: &Sample) -> bool {
-        self.jumped(angle) || self.runs_on(sample.halls)
-    }
-
-    /// Field-oriented, whatever was missed.
-    #[inline(never)]
-    fn field(&mut self, sample: &Sample) -> u64 {
-        let compare = self.servo.field(&self.live.rotor, &self.config.tracking, sample);
-        Output { compare, legs: Legs::ALL }.pack()
-    }
-
-    /// The same with local feedback, or after samples were missed, or when a command has ended it.
-    #[cold]
-    #[inline(never)]
-    fn serve_slowly(&mut self, sample: &Sample) -> u64 {
-        if self.mode == Mode::Running && self.is_healthy(sample) {
-            self.observe(&sample.halls);
-        }
-        // The command may have been to disarm, the angle implausible.
-        if self.mode != Mode::Running {
-            return Output::OFF.pack();
-        }
-        if self.config.commutation != Commutation::FieldOriented {
-            return self.locally(sample).pack();
-        }
-        self.field(sample)
-    }
-
-    /// A record with currents and voltages, if there are any.
-    #[inline(never)]
-    fn record_all(&mut self, sample: &Sample) {
-        if let Some(control) = &self.config.control
-            && self.mode == Mode::Running
-        {
-            self.servo.note(control, &self.live.rotor, self.live.sequence, sample);
-            self.publish();
-            self.hand_over();
-        }
-        let calibrating = matches!(self.mode, Mode::Aligning | Mode::Calibrating);
-        let every = if calibrating { self.config.calibration_record_every } else { self.config.record_every };
-        self.record(&sample.halls, every);
-        // A calibration may record every step.
-        if every == 1 {
-            self.receive(sample);
-        }
     }
 
     /// The step that found a fault.
@@ -298,84 +225,6 @@ impl Drive {
         Output::OFF.pack()
     }
 
-    /// Lets the next step hand over a record, unless this one does.
-    fn hasten_record(&mut self) {
-        if self.until_record != 0 {
-            self.live.sequence = self.live.sequence.wrapping_sub(self.until_record - 1);
-            self.until_record = 1;
-        }
-    }
-
-    /// Angle and speed from the Halls in a step that is in no hurry.
-    #[inline(always)]
-    fn measure(&mut self, codes: &Codes) {
-        let Some(estimator) = &self.resting else { return };
-        let angle = estimator.angle(codes);
-        self.track(angle, Self::found);
-    }
-
-    /// Takes up an angle, if it is one; `done` is for what else is to be done then. False when a running drive failed.
-    #[inline(always)]
-    fn track(&mut self, angle: Result<ElectricalAngle, Implausible>, done: impl Fn(&mut Self)) -> bool {
-        match angle {
-            Ok(angle) => match self.live.rotor.step(&self.config.tracking, angle) {
-                Ok(()) => {
-                    done(self);
-                    true
-                }
-                Err(Jump) => self.jumped(angle),
-            },
-            Err(why) => self.blind(why),
-        }
-    }
-
-    /// The angle is plausible, perhaps again.
-    fn found(&mut self) {
-        if self.live.missed != 0 {
-            self.live.missed = 0;
-            self.limits = self.limits.without(Limits::EXTRAPOLATED);
-            self.publish();
-        }
-    }
-
-    /// The codes are no angle.
-    #[cold]
-    #[inline(never)]
-    fn blind(&mut self, why: Implausible) -> bool {
-        self.live.rotor.coast();
-        if self.miss() {
-            return true;
-        }
-        if !self.mode.drives() {
-            // Nothing is known of the rotor, so it is not turned on and on.
-            self.live.rotor = Tracker::at(self.live.rotor.angle());
-        }
-        self.fail_unless_two_do(Fault::Hall(why))
-    }
-
-    /// The angle is not where the rotor can be.
-    #[cold]
-    #[inline(never)]
-    fn jumped(&mut self, angle: ElectricalAngle) -> bool {
-        if self.miss() {
-            return true;
-        }
-        if !self.mode.drives() {
-            // While nothing is driven, believe what comes again and again.
-            self.live.rotor = Tracker::at(angle);
-            self.found();
-        }
-        self.fail_unless_two_do(Fault::AngleJump)
-    }
-
-    /// Counts a sample without a plausible angle; false when they are too many.
-    fn miss(&mut self) -> bool {
-        self.live.missed = self.live.missed.saturating_add(1);
-        self.limits = self.limits.with(Limits::EXTRAPOLATED);
-        self.publish();
-        self.live.missed <= self.config.tolerated
-    }
-
     /// Latches a fault if the bridge is on; true if it is not.
     #[cold]
     fn fail(&mut self, fault: Fault) -> bool {
@@ -387,16 +236,6 @@ impl Drive {
             self.set_amplitude(Amplitude::ZERO);
         }
         !failed
-    }
-
-    /// Angle and speed from the Halls that are left.
-    #[inline(always)]
-    fn observe(&mut self, codes: &Codes) {
-        match self.lost {
-            None => self.measure(codes),
-            Some(lost) => self.measure_without(lost, *codes),
-        }
-        self.runs_on(*codes);
     }
 
     /// A running step that is in no hurry and follows a voltage.
@@ -412,26 +251,6 @@ impl Drive {
                 self.sextant.output(self.config.order(), self.amplitude, self.config.limits.half())
             }
         }
-    }
-
-    /// With the local feedback: one current, one voltage.
-    #[inline(never)]
-    fn locally(&mut self, sample: &Sample) -> Output {
-        let Some(control) = &self.config.control else { return Output::OFF };
-        let (rotor, order) = (&self.live.rotor, self.config.order());
-        let vector = rotor.predicted(&self.config.tracking) + ElectricalAngle::QUARTER;
-        let block = self.config.commutation == Commutation::Block;
-        let legs = block.then(|| self.sextant.conducting(order));
-        let modulation = self.servo.local(control, rotor, sample, legs);
-        let limits = &self.config.limits;
-        self.servo.cut_off(limits.limits(modulation));
-        let amplitude = limits.amplitude(modulation);
-        if block {
-            self.sextant = self.sextant.follow(vector);
-            return self.sextant.output(order, amplitude, limits.half());
-        }
-        let axes = Axes::new(amplitude, order, limits.half());
-        Output { compare: sinusoidal::compare(vector, &axes), legs: Legs::ALL }
     }
 
     fn set_amplitude(&mut self, amplitude: Amplitude) {
@@ -460,15 +279,6 @@ impl Drive {
         let amplitude = self.config.limits.amplitude(self.drag.modulation());
         let axes = Axes::new(amplitude, PhaseOrder::FORWARD, self.config.limits.half());
         Output { compare: sinusoidal::compare(self.drag.field(), &axes), legs: Legs::ALL }
-    }
-
-    /// Hands a record to the tasks; when they do not keep up, it is lost.
-    #[inline(always)]
-    fn record(&mut self, codes: &Codes, every: u32) {
-        self.until_record = every;
-        self.live.codes = *codes;
-        let _ = self.channels.records.enqueue(self.live);
-        self.live.sequence = self.live.sequence.wrapping_add(every);
     }
 
     fn on(&mut self, event: Event) {

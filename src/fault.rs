@@ -140,14 +140,14 @@ impl Limits {
     pub const DUTY: Self = Self(1);
     /// The last sample was implausible and the angle is extrapolated.
     pub const EXTRAPOLATED: Self = Self(2);
+    /// A Hall is lost and the angle comes from the other two: to be stopped, and not armed again.
+    pub const TWO_HALLS: Self = Self(4);
     /// The command asks for more current than allowed.
     pub const CURRENT: Self = Self(8);
     /// Bridge or motor is warm, and the largest current reduced.
     pub const HEAT: Self = Self(16);
     /// No command came for too long: the drive has stopped.
     pub const TIMEOUT: Self = Self(32);
-    /// A Hall is lost and the angle comes from the other two: to be stopped, and not armed again.
-    pub const TWO_HALLS: Self = Self(4);
 
     /// A bit each, in the order of their numbers: these stay the same from version to version.
     pub const fn bits(self) -> u8 {

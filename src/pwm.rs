@@ -113,18 +113,6 @@ impl Limits {
         ((self.low as i32 + self.high as i32 + 1) << fraction) >> 1
     }
 
-    /// The compare value nearest to a number within the limits.
-    #[inline(always)]
-    pub const fn clamped(&self, compare: i32) -> u16 {
-        if compare < self.low as i32 {
-            self.low
-        } else if compare > self.high as i32 {
-            self.high
-        } else {
-            compare as u16
-        }
-    }
-
     /// Length in counts of the longest voltage vector that fits the range in every direction with
     /// [`svpwm`](crate::commutation::svpwm): its line voltage is the whole range, less two counts for rounding.
     pub fn longest_vector(&self) -> f64 {

@@ -3,6 +3,7 @@
 pub mod adaptation;
 pub mod identification;
 pub mod learning;
+mod pilot;
 pub mod pole_pairs;
 pub mod procedure;
 
@@ -224,11 +225,6 @@ impl Service {
             }
             InstallError::Busy
         })
-    }
-
-    /// A table of the cogging that the drive no longer uses.
-    pub fn unused_table(&mut self) -> Option<&'static mut cogging::Table> {
-        self.tasks.tables.dequeue()
     }
 
     fn take_back(&mut self) {

@@ -2,7 +2,7 @@
 
 use crate::angle::{ElectricalAngle, PolePairs};
 use crate::commutation::sinusoidal::PhaseOrder;
-use crate::commutation::{Commutation, Modulation};
+use crate::commutation::{self, Commutation, Modulation};
 use crate::control;
 use crate::drive::{RECORDS, drag};
 use crate::hall::track;
@@ -250,12 +250,7 @@ impl Settings {
             reversed: self.reversed,
             commutation: self.commutation,
             limits,
-            max_modulation: Modulation::saturating_from_num(check.within(
-                "max_modulation",
-                self.max_modulation,
-                0.0,
-                1.0,
-            )),
+            max_modulation: commutation::modulation(check.within("max_modulation", self.max_modulation, 0.0, 1.0)),
             advance: ElectricalAngle::from_degrees(check.within(
                 "phase_advance_deg",
                 self.phase_advance_deg,
@@ -302,7 +297,7 @@ impl Settings {
         let turns = check.within("calibration_turns", self.calibration_turns.into(), 2.0, 64.0);
         let mechanical = libm::ceilf(turns / f32::from(self.pole_pairs));
         drag::Config {
-            modulation: Modulation::from_num(modulation),
+            modulation: commutation::modulation(modulation),
             rise: ((modulation * 2_147_483_648.0 / (align_s * self.pwm_hz)) as i32).max(1),
             stand: (align_s * self.pwm_hz) as u32,
             speed: (hz / self.pwm_hz * 4_294_967_296.0) as i32,

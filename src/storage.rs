@@ -1,9 +1,9 @@
 //! A record in flash that survives a power cut at any moment: two copies, each with version, number and CRC.
 //!
 //! A store owns two erasable blocks of a NOR flash. Saving erases and writes the block that does not hold the newest
-//! record, and reads it back; until its CRC is complete the other block counts. So a cut leaves the record before or the new
-//! one. Loading takes the newest block whose CRC is right. If there is none, it says whether the flash is blank or what it
-//! holds is corrupt or of another version, and whoever asks has to calibrate: nothing is made up.
+//! record, its first word last, and reads it back; until that word is complete the other block counts. So a cut leaves the record
+//! before or the new one. Loading takes the newest block whose CRC is right. If there is none, it says whether nothing was ever
+//! completely saved, or what the flash holds is corrupt or of another version, and whoever asks has to calibrate: nothing is made up.
 //!
 //! Each kind of record has a store of its own, with blocks of its own: the sensors' [calibration], the [cogging] table, an
 //! application's settings. A store is cheap to make when it is needed, so they can share a flash that is lent to each in turn:
@@ -38,6 +38,8 @@ const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 /// "HSRV".
 const MAGIC: u32 = 0x5652_5348;
 const HEADER: usize = 16;
+/// Bytes of the header that are written last: magic number, version and length.
+const MARK: usize = 8;
 
 /// Bytes of flash, and of stack, for records of up to `longest` bytes, header included: the `SIZE` of a [`Store`].
 pub const fn size(longest: usize) -> usize {
@@ -48,7 +50,7 @@ pub const fn size(longest: usize) -> usize {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Error<E> {
-    /// Nothing was ever saved.
+    /// Nothing was ever saved, or the power went during the very first time: nothing is lost.
     Blank,
     /// There is something, but in no block a whole record: a worn flash, or another program's data.
     Corrupt,
@@ -86,9 +88,14 @@ impl<E: fmt::Debug> core::error::Error for Error<E> {}
 /// What a block holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Block {
+    /// Erased, or begun to be written.
     Blank,
     Corrupt,
-    Whole { version: u16, number: u32, length: usize },
+    Whole {
+        version: u16,
+        number: u32,
+        length: usize,
+    },
 }
 
 /// Two blocks of a flash, for records that take up to `SIZE` bytes, as [`size`] tells.
@@ -171,8 +178,10 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
         let block = 1 - last;
         let start = self.start(block);
         self.flash.erase(start, start + F::ERASE_SIZE as u32).map_err(Error::Flash)?;
-        let words = (HEADER + record.len()).next_multiple_of(F::WRITE_SIZE);
-        self.flash.write(start, &buffer[..words]).map_err(Error::Flash)?;
+        let end = (HEADER + record.len()).next_multiple_of(F::WRITE_SIZE);
+        let first = MARK.next_multiple_of(F::WRITE_SIZE);
+        self.flash.write(start + first as u32, &buffer[first..end]).map_err(Error::Flash)?;
+        self.flash.write(start, &buffer[..first]).map_err(Error::Flash)?;
         let written = Block::Whole { version: self.version, number, length: record.len() };
         if self.read(block, &mut buffer) == written { Ok(()) } else { Err(Error::NotKept) }
     }
@@ -191,13 +200,13 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
         if self.flash.read(self.start(block), buffer).is_err() {
             return Block::Corrupt;
         }
-        if buffer.iter().all(|&byte| byte == 0xff) {
-            return Block::Blank;
-        }
         let word = |at: usize| u32::from_le_bytes([buffer[at], buffer[at + 1], buffer[at + 2], buffer[at + 3]]);
         let length = (word(4) >> 16) as usize;
         if word(0) == MAGIC && length <= Self::LONGEST && word(12) == checksum(buffer, length) {
             Block::Whole { version: word(4) as u16, number: word(8), length }
+        } else if word(0) & MAGIC == MAGIC && (word(0) & !MAGIC).count_ones() > 1 {
+            // The first word comes last, and writing clears bits: here, some are not yet clear. A single one may have flipped.
+            Block::Blank
         } else {
             Block::Corrupt
         }
@@ -223,4 +232,20 @@ fn newest(blocks: &[Block; 2]) -> Option<(usize, Block)> {
         _ => return None,
     };
     Some((choice, blocks[choice]))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_newest_is_the_one_after_the_other_even_where_the_number_wraps() {
+        let whole = |number| Block::Whole { version: 1, number, length: 4 };
+        for (older, newer) in [(1, 2), (u32::MAX - 1, u32::MAX), (u32::MAX, 0), (u32::MAX, 1)] {
+            assert_eq!(newest(&[whole(older), whole(newer)]), Some((1, whole(newer))));
+            assert_eq!(newest(&[whole(newer), whole(older)]), Some((0, whole(newer))));
+        }
+        assert_eq!(newest(&[Block::Corrupt, whole(7)]), Some((1, whole(7))));
+        assert_eq!(newest(&[Block::Corrupt, Block::Blank]), None);
+    }
 }

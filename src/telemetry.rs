@@ -16,9 +16,9 @@ use crate::mode::Mode;
 pub struct Record {
     /// Position, angle and speed of the rotor. While calibrating, the field's, which acts while the sample is taken.
     pub rotor: Tracker,
-    /// Number of the step, wrapping; in the drive itself, that of the next record's.
+    /// Number of the step whose rotor it is, wrapping; in the drive itself, that of the next record's.
     pub sequence: u32,
-    /// The Halls as sampled.
+    /// The Halls as sampled; while a current, a speed or a position is followed, a step later.
     pub codes: Codes,
     /// Successive samples without a plausible angle up to this one, over which the rotor is extrapolated.
     pub missed: u16,
@@ -56,9 +56,9 @@ impl Default for Record {
 pub struct Measurement {
     /// Position, angle and speed of the rotor.
     pub rotor: Tracker,
-    /// Number of the step, wrapping.
+    /// Number of the step whose rotor it is, wrapping.
     pub sequence: u32,
-    /// Currents and voltages.
+    /// Currents and voltages; `phases` a step later while something is followed.
     pub state: State,
     /// What the frame of the currents is turned by against the rotor's angle: see [`Drive::trim`](crate::drive::Drive::trim).
     pub trim: ElectricalAngle,

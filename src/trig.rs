@@ -60,6 +60,12 @@ pub const fn sin_cos(angle: ElectricalAngle) -> (I2F30, I2F30) {
     (I2F30::from_bits(SINE[index].at(offset)), I2F30::from_bits(SINE[index + QUARTER].at(offset)))
 }
 
+/// A sine as a float. One conversion and one multiplication, where `to_num`, made for every format, shifts 64 bits about.
+#[inline(always)]
+pub(crate) const fn float(sine: I2F30) -> f32 {
+    sine.to_bits() as f32 * (1.0 / 1_073_741_824.0)
+}
+
 /// Arcsine, −90° to 90°; |error| ≤ 1e-4 rad, RMS 2.6e-5 rad. Arguments beyond ±1 give ±90°.
 ///
 /// Away from zero the argument is taken as its distance from one, in segments that halve from octave to octave,

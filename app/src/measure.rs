@@ -17,15 +17,19 @@ pub(crate) fn bus_v(settings: &Settings, sensed: Sensed) -> f32 {
     settings.control.map_or(f32::NAN, |control| share(sensed.bus, settings.adc_bits) * control.bus_full_scale_v)
 }
 
-/// Temperatures of bridge and motor; not numbers without current control.
+/// Temperatures of bridge and motor; not numbers without current control or without a thermistor.
 pub(crate) fn temperatures_c(settings: &Settings, sensed: Sensed) -> [f32; 2] {
     let Some(control) = &settings.control else { return [f32::NAN; 2] };
-    let of = |thermistor: &Thermistor, code| celsius(thermistor, share(code, settings.adc_bits));
+    let of = |thermistor: &Thermistor, code: u16| {
+        // The end of the range is an open one, which is what a board shows that has none.
+        let open = u32::from(code) + 1 >= 1 << settings.adc_bits;
+        if open { f32::NAN } else { celsius(thermistor, share(code, settings.adc_bits)) }
+    };
     let [bridge, motor] = sensed.temperatures;
     [of(&control.guard.bridge, bridge), of(&control.guard.motor, motor)]
 }
 
-/// The inverse of [`Thermistor::code`]; infinite or below −273 °C for a shorted or an open one.
+/// The inverse of [`Thermistor::code`]. One that is shorted reads −273 °C.
 fn celsius(thermistor: &Thermistor, share: f32) -> f32 {
     let resistance = thermistor.pull_up_ohm * share / (1.0 - share);
     1.0 / (1.0 / 298.15 + libm::logf(resistance / thermistor.nominal_ohm) / thermistor.beta_k) - 273.15
@@ -73,11 +77,23 @@ mod tests {
     }
 
     #[test]
+    fn no_thermistor_is_no_temperature() {
+        let settings = Settings { adc_bits: 12, control: Some(Control::default()), ..Settings::default() };
+        let read = |motor| temperatures_c(&settings, Sensed { bus: 0, temperatures: [2048, motor] });
+        let [bridge, motor] = read(4095);
+        assert!((bridge - 25.0).abs() < 0.1 && motor.is_nan(), "{bridge} {motor}");
+        // One that is as cold as can be told.
+        assert!(read(4094)[1] < -90.0, "{}", read(4094)[1]);
+    }
+
+    #[test]
     fn a_thermistor_is_read_as_it_was_made() {
         let ntc = Thermistor::ntc_10k(80.0, 100.0);
         for degrees in [-20.0, 0.0, 25.0, 60.0, 100.0, 150.0] {
             let read = celsius(&ntc, ntc.code(degrees) / 65_536.0);
             assert!((read - degrees).abs() < 0.01, "{degrees} {read}");
         }
+        let shorted = celsius(&ntc, share(0, 12));
+        assert!((shorted + 273.15).abs() < 0.01, "{shorted}");
     }
 }

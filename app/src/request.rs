@@ -6,7 +6,7 @@ use crate::settings::{self, Entry, Settings, TABLE, find};
 use crate::supervisor::Supervisor;
 use crate::wire;
 use embedded_storage::nor_flash::NorFlash;
-use hallservo::commutation::Modulation;
+use hallservo::commutation::modulation;
 use hallservo::control::settings::Config;
 use hallservo::drive::Command;
 use hallservo_protocol::{
@@ -85,7 +85,7 @@ impl<F: NorFlash> Supervisor<F> {
             Ask::Clear => self.obey(Command::Clear, After::Cleared),
             Ask::Voltage(share) => {
                 let share = at_most(share, self.settings.drive.max_modulation)?;
-                self.obey(Command::Drive(Modulation::saturating_from_num(share)), After::Done)
+                self.obey(Command::Drive(modulation(share)), After::Done)
             }
             Ask::Torque(torque) => {
                 let current = self.control()?.torque(torque).map_err(wire::demand)?;
@@ -124,6 +124,8 @@ impl<F: NorFlash> Supervisor<F> {
                 let waits = !self.is_at_rest();
                 Ok(if waits { Step::Answer(Answer::Saved { waits }) } else { Step::Saved })
             }
+            // A record that a power cut has left half written may be a break of the bridge when it is read.
+            Ask::Load if self.mode().drives() => Err(Refusal::Mode(wire::mode(self.mode()))),
             Ask::Load => {
                 let settings = self.load_settings().map_err(Refusal::NothingStored)?;
                 self.adopt(settings, After::Done)

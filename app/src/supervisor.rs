@@ -1,30 +1,29 @@
 //! What the tasks know of the drive, and what they do once a millisecond.
 
+mod asking;
 mod keeping;
 mod telling;
+mod turning;
 
 use crate::fmt::say;
 use crate::heartbeat::Sensed;
 use crate::history::History;
 use crate::learning::Learning;
-use crate::procedure::{Outcome, Procedure};
+use crate::procedure::Procedure;
 use crate::saving::{Saving, Sensors};
 use crate::settings::Settings;
 use crate::{App, Identity, Memory, measure, wire};
 use core::mem::MaybeUninit;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::cogging::Table;
-use hallservo::drive::{Command, Drive, Tasks};
+use hallservo::drive::{Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
 use hallservo::service::{Event, Service};
 use hallservo::settings::{self, Config};
-use telling::Stream;
-
 use hallservo::telemetry::{Measurement, Record as Live};
-use hallservo_protocol::{
-    self as protocol, Activity, Calibration, CalibrationError, Cause, Cogging, Motor, Problem, Record, Refusal,
-};
+use hallservo_protocol::{self as protocol, Calibration, Cause, Cogging, Motor, Problem, Record, Refusal};
+use telling::Stream;
 
 /// Ticks after a command from which on the records tell what it did.
 pub(crate) const SETTLED: u32 = 5;
@@ -222,32 +221,6 @@ impl<F: NorFlash> Supervisor<F> {
         }
     }
 
-    fn answered(&mut self, reply: Result<(), Refusal<'static>>) {
-        if let Some(settings) = self.coming.take()
-            && reply.is_ok()
-        {
-            self.take_up(settings);
-        }
-        match self.unheard.checked_sub(1) {
-            Some(fewer) => self.unheard = fewer,
-            None => self.reply = Some(reply),
-        }
-    }
-
-    /// The drive works with other settings now.
-    #[inline(never)]
-    fn take_up(&mut self, settings: Settings) {
-        if settings.drive.reversed != self.settings.drive.reversed {
-            self.install = self.sensors.is_some();
-            if let Some(sensors) = &mut self.sensors {
-                sensors.model.reversed = settings.drive.reversed;
-            }
-        }
-        self.balance |= settings.anti_cogging != self.settings.anti_cogging;
-        self.settings = settings;
-        self.relearn();
-    }
-
     fn take(&mut self, record: Live, torque_nm: f32) {
         let before = self.live.status.mode();
         let mode = record.status.mode();
@@ -302,107 +275,9 @@ impl<F: NorFlash> Supervisor<F> {
         self.learning.restart(&self.settings, self.sensors.as_ref(), every);
     }
 
-    /// Whether a procedure may begin: with the drive ready.
-    pub fn may_turn(&self) -> Result<(), Refusal<'static>> {
-        match self.mode() {
-            Mode::Ready => Ok(()),
-            Mode::Unarmed => Err(Refusal::NotCalibrated),
-            mode => Err(Refusal::Mode(wire::mode(mode))),
-        }
-    }
-
-    /// Ends a procedure; the bridge is to be switched off beside.
-    pub fn cancel(&mut self) {
-        if let Some(procedure) = self.procedure {
-            procedure.cancel();
-        }
-    }
-
-    #[inline(never)]
-    fn proceed(&mut self) {
-        let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(self.service, self.now_ms as u32)) else {
-            return;
-        };
-        match outcome {
-            Outcome::Motor(report) => {
-                let mut settings = self.settings;
-                if let Some(control) = &mut settings.drive.control {
-                    report.apply(control);
-                }
-                // A motor beyond the ranges of the settings is told all the same.
-                self.unheard = self.configure(settings).is_ok().into();
-                self.identification = protocol::Procedure::Found(wire::motor(&report));
-            }
-            Outcome::Cogging(table) => {
-                self.cogging = protocol::Procedure::Found(self.settings.cogging(&table));
-                self.table = Some(table);
-                // The procedure has put it to work, wanted or not.
-                self.balance = true;
-                self.waiting[Record::Cogging as usize] = true;
-            }
-            Outcome::Failed(Activity::Identification, error) => {
-                self.identification = protocol::Procedure::Failed(wire::procedure_error(error));
-            }
-            Outcome::Failed(_, error) => {
-                self.cogging = protocol::Procedure::Failed(wire::procedure_error(error));
-                // Whatever it has put to work.
-                self.balance = true;
-            }
-        }
-        *self.procedure = None;
-    }
-
     /// Whether the cogging has been learnt.
     pub const fn has_table(&self) -> bool {
         self.table.is_some()
-    }
-
-    /// A calibration that a command or a fault has ended.
-    fn end_calibration(&mut self) {
-        let turns = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);
-        if self.calibration == Calibration::Turning && !turns && self.since_command > SETTLED {
-            self.calibration = Calibration::Failed(CalibrationError::Ended);
-        }
-    }
-
-    /// Sends a command to the drive; [`Self::take_reply`] has the answer.
-    pub fn send(&mut self, command: Command) -> Result<(), Refusal<'static>> {
-        self.ready_to_ask()?;
-        self.service.send(command).map_err(|_| Refusal::Silent)
-    }
-
-    /// Sends other settings to the drive, the same way.
-    pub fn configure(&mut self, settings: Settings) -> Result<(), Refusal<'static>> {
-        let config = settings.validate()?;
-        self.ready_to_ask()?;
-        let spare = self.spare.take().ok_or(Refusal::Silent)?;
-        *spare = config;
-        match self.service.configure(spare) {
-            Ok(()) => {
-                self.coming = Some(settings);
-                Ok(())
-            }
-            Err(spare) => {
-                self.spare = Some(spare);
-                Err(Refusal::Silent)
-            }
-        }
-    }
-
-    fn ready_to_ask(&mut self) -> Result<(), Refusal<'static>> {
-        self.reply = None;
-        self.since_command = 0;
-        if self.unheard > 0 { Err(Refusal::Silent) } else { Ok(()) }
-    }
-
-    /// The drive's answer to the last command.
-    pub fn take_reply(&mut self) -> Option<Result<(), Refusal<'static>>> {
-        self.reply.take()
-    }
-
-    /// Nobody waits for the answer any more.
-    pub fn give_up(&mut self) {
-        self.unheard = 1;
     }
 
     pub fn mode(&self) -> Mode {
@@ -412,16 +287,5 @@ impl<F: NorFlash> Supervisor<F> {
     /// Control periods a second.
     pub fn step_hz(&self) -> f32 {
         self.settings.drive.pwm_hz
-    }
-
-    /// What goes on that takes a while.
-    pub fn activity(&self) -> Activity {
-        match &*self.procedure {
-            Some(procedure) => procedure.activity(),
-            None if self.calibration == Calibration::Turning => Activity::Calibration,
-            // The drive takes up what was found.
-            None if self.unheard > 0 && self.coming.is_some() => Activity::Identification,
-            None => Activity::None,
-        }
     }
 }

@@ -84,7 +84,7 @@ impl Simulator {
         let clock = CLOCK.lock().unwrap_or_else(PoisonError::into_inner);
         MockDriver::get().reset();
         let mut plant = Plant::new(plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
-        plant.place(0.3, 0.0).map_err(|error| anyhow!("{error}"))?;
+        plant.place(0.3, 0.0)?;
         // On a chip these are statics; here, too, a drive lives as long as its process.
         let memory: &'static mut Memory = Box::leak(Box::new(Memory::new()));
         let alive: &'static Heartbeat = Box::leak(Box::new(Heartbeat::new()));

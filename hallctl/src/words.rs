@@ -152,16 +152,16 @@ pub fn sensor(channel: u8, why: u8) -> String {
 pub fn incident(incident: &Incident) -> (String, &'static str) {
     match incident.cause {
         Cause::Fault(code) => (fault(code), advice(code)),
-        Cause::Stored(kind @ Record::Sensors, why) => {
-            (format!("the {} in the flash are {}", record(kind), problem(why)), "`hallctl calibrate` stores them anew")
+        Cause::Stored(kind, why) => {
+            let advice = match kind {
+                Record::Sensors => "`hallctl calibrate` stores them anew",
+                Record::Cogging => "`hallctl cogging learn` stores it anew",
+                Record::Settings => {
+                    "look through `hallctl settings list`, set what is missing, then `hallctl settings save`"
+                }
+            };
+            (format!("the {} in the flash: {}", record(kind), problem(why)), advice)
         }
-        Cause::Stored(kind @ Record::Cogging, why) => {
-            (format!("the {} in the flash is {}", record(kind), problem(why)), "`hallctl cogging learn` stores it anew")
-        }
-        Cause::Stored(kind @ Record::Settings, why) => (
-            format!("the {} in the flash are {}", record(kind), problem(why)),
-            "look through `hallctl settings list`, set what is missing, then `hallctl settings save`",
-        ),
         Cause::NotSaved(kind) => (format!("the {} could not be saved", record(kind)), "the flash may be worn out"),
         Cause::Sensor { channel, why } => (sensor(channel, why), "`hallctl calibrate`, after a look at that Hall"),
     }

@@ -22,15 +22,16 @@
 #![no_std]
 
 mod frame;
+mod history;
 mod message;
 mod report;
+mod status;
 
 pub use frame::{Decoder, Error, encode};
-pub use message::{
-    Activity, Answer, Ask, Cause, Commutation, Hello, History, Incident, Kind, Learning, Mode, Problem, Record,
-    Refusal, Reply, Request, Setting, Status, Telemetry,
-};
+pub use history::{Cause, History, Incident};
+pub use message::{Answer, Ask, Hello, Kind, Refusal, Reply, Request, Setting};
 pub use report::{Calibration, CalibrationError, Cogging, Motor, Procedure, ProcedureError, Report, SensorReport};
+pub use status::{Activity, Commutation, Learning, Mode, Problem, Record, Status, Telemetry};
 
 /// Version of the messages.
 pub const VERSION: u8 = 1;

@@ -61,7 +61,7 @@ impl Rig {
         if (period_s * f64::from(settings.pwm_hz) - 1.0).abs() > 1e-6 {
             bail!("the plant switches with {} Hz and the drive with {} Hz", 1.0 / period_s, settings.pwm_hz);
         }
-        plant.place(0.3, 0.0).map_err(|error| anyhow!("{error}"))?;
+        plant.place(0.3, 0.0)?;
         // On the chip these are statics; here, too, a drive lives as long as its process.
         let (interrupt, tasks) = Box::leak(Box::new(Channels::new())).split();
         let estimators = [(); 2].map(|()| Box::leak(Box::new(Estimator::blank())));

@@ -157,6 +157,13 @@ mod tests {
                         let exact = phase(k) - phase(next);
                         assert!((compare[k] - compare[next] - exact).abs() <= 1.2, "{tenth} {share}");
                     }
+                    let exact = [0, 1, 2].map(phase);
+                    let middle =
+                        exact.iter().copied().fold(f64::MIN, f64::max) + exact.iter().copied().fold(f64::MAX, f64::min);
+                    for (compare, phase) in compare.iter().zip(exact) {
+                        let exact = 1997.0 / 2.0 + phase - middle / 2.0;
+                        assert!((compare - exact).abs() <= 1.0, "{tenth} {share} {compare} {exact}");
+                    }
                     let high = compare.iter().copied().fold(0.0, f64::max);
                     let low = compare.iter().copied().fold(1e9, f64::min);
                     assert!((high + low - 1997.0).abs() <= 2.0, "{compare:?}");

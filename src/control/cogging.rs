@@ -75,7 +75,7 @@ impl Learner {
         for harmonic in 1..=harmonics.clamp(1, POINTS / 2 - 1) {
             let wave = |index: usize| {
                 let phase = ElectricalAngle::from_turns(((harmonic * index) % POINTS) as f32 / POINTS as f32);
-                [trig::sin(phase), trig::cos(phase)].map(|value| value.to_num::<f32>())
+                [trig::sin(phase), trig::cos(phase)].map(trig::float)
             };
             let (mut sine, mut cosine) = (0.0, 0.0);
             for index in 0..POINTS {

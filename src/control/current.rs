@@ -23,10 +23,21 @@ pub struct Gains {
     integral: i32,
     /// Share of what the limit took off, in 2⁻³².
     back: i32,
-    /// Inductive voltage per current at a turn a step, in 2⁻²⁶.
+    /// Inductive voltage per current at a turn a step, and induced voltage: products with a speed that is shifted left by `shift`.
     inductance: i32,
-    /// Induced voltage at a turn a step, a quarter.
     flux: i32,
+    shift: u32,
+    /// Faster is fed forward as this.
+    fastest: i32,
+}
+
+/// Gains that are beyond the range of the integers at the least bus voltage.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Excess {
+    /// Those of the control: this bandwidth in hertz has room.
+    Bandwidth(f32),
+    /// Those of what turning induces: this electrical frequency in hertz has room.
+    Speed(f32),
 }
 
 /// The same for a bus and a speed.
@@ -45,29 +56,50 @@ pub struct Present {
 }
 
 impl Gains {
-    /// For a bandwidth in hertz, a bus of at least a share `least_bus` of its full scale, and a bridge whose longest voltage is a share
-    /// `longest` of the bus. `None` when they are beyond the range of the integers.
-    pub fn new(motor: &Motor, bandwidth_hz: f32, scale: &Scale, least_bus: f32, longest: f32) -> Option<Self> {
-        /// So that no sum overflows, whatever the currents.
-        const MOST: f32 = 16.0;
-        let omega = TAU * bandwidth_hz;
-        let conductance = scale.conductance();
-        let proportional = omega * motor.inductance_h / conductance;
-        let integral = omega * motor.resistance_ohm / conductance / scale.step_hz;
-        // Radians a second at a turn a step; a drive turns by a twentieth at most.
-        let radians_s = TAU * scale.step_hz;
-        let inductance = radians_s * motor.inductance_h / conductance;
-        let flux = radians_s * motor.flux_linkage_wb / scale.volts;
-        let largest = proportional.max(integral).max(inductance / 20.0).max(flux / 20.0);
+    /// For a bandwidth, a rotor that turns with up to `fastest_hz` electrical, at most a twentieth of a turn a step, a bus of at least a
+    /// share `least_bus` of its full scale, and a bridge whose longest voltage is a share `longest` of the bus.
+    ///
+    /// # Errors
+    /// [`Excess`], with what there is room for.
+    pub fn new(
+        motor: &Motor,
+        bandwidth_hz: f32,
+        fastest_hz: f32,
+        scale: &Scale,
+        least_bus: f32,
+        longest: f32,
+    ) -> Result<Self, Excess> {
+        /// Present gains have 26 bits of fraction and 31 in all; the rest is for roundings. No sum overflows, whatever the currents.
+        const MOST: f32 = 31.0;
         // From shares of the full scale to the unit of the voltages, with 22 bits.
         let unit = LONGEST as f32 / 4_194_304.0 / longest;
-        (unit * largest < MOST * least_bus).then_some(())?;
-        Some(Self {
-            proportional: fixed(unit * proportional, 26)?,
-            integral: fixed(unit * integral, 26)?.max(1),
-            back: fixed((integral / proportional).min(0.49), 32)?,
-            inductance: fixed(unit * inductance, 20)?,
-            flux: fixed(unit * flux, 20)?,
+        let omega = TAU * bandwidth_hz;
+        let proportional = unit * omega * motor.inductance_h / scale.conductance();
+        let integral = unit * omega * motor.resistance_ohm / scale.conductance() / scale.step_hz;
+        // Radians a second at a turn a step.
+        let radians_s = TAU * scale.step_hz;
+        let inductance = unit * radians_s * motor.inductance_h / scale.conductance();
+        let flux = unit * radians_s * motor.flux_linkage_wb / scale.volts;
+        let turns = fastest_hz / scale.step_hz;
+        // The fastest speed fills the integer.
+        let shift = libm::ceilf(-libm::log2f(turns)) as i32 - 2;
+        let room = |gain: f32| MOST * least_bus / gain;
+        let (control, turning) = (room(proportional.max(integral)), room(turns * inductance.max(flux)));
+        if control <= 1.0 {
+            return Err(Excess::Bandwidth(control * bandwidth_hz));
+        }
+        if turning <= 1.0 {
+            return Err(Excess::Speed(turning * fastest_hz));
+        }
+        let hold = |gain: f32, bits| libm::roundf(libm::ldexpf(gain, bits)) as i32;
+        Ok(Self {
+            proportional: hold(proportional, 26),
+            integral: hold(integral, 26).max(1),
+            back: hold((integral / proportional).min(0.49), 32),
+            inductance: hold(inductance, 23 - shift),
+            flux: hold(flux, 23 - shift),
+            shift: shift as u32,
+            fastest: (turns * 4_294_967_296.0) as i32,
         })
     }
 }
@@ -85,10 +117,10 @@ impl Present {
         self.back = gains.back;
     }
 
-    /// Takes up what turning with `speed`, up to a twentieth of a turn a step, induces.
+    /// Takes up what turning with `speed` induces.
     #[inline(always)]
     pub const fn induce(&mut self, gains: &Gains, bus: Inverse, speed: i32) {
-        let speed = speed.wrapping_shl(3);
+        let speed = clamp(speed, gains.fastest).wrapping_shl(gains.shift);
         self.reactance = bus.of(high(speed, gains.inductance)) << 9;
         self.induced = bus.of(high(speed, gains.flux)) << 5;
     }
@@ -99,7 +131,8 @@ impl Present {
 pub struct Inverse(i32);
 
 impl Inverse {
-    /// Of a voltage of 2⁻¹⁵ of the full scale, from a twentieth of it on; within 2⁻¹⁴. One division.
+    /// Of a voltage of 2⁻¹⁵ of the full scale, from a twentieth of it on; up to 2⁻¹⁵ and one part in the voltage too small: 6.5e-4 of
+    /// a twentieth, 1e-4 of half the full scale. One division.
     #[inline(always)]
     pub const fn new(bus: i32) -> Self {
         // Never zero, which the compiler does not see.
@@ -272,7 +305,7 @@ mod tests {
     const BUS: i32 = 21_664;
 
     fn present(bandwidth: f32, speed: i32) -> Present {
-        let gains = Gains::new(&MOTOR, bandwidth, &SCALE, 0.3, LONGEST_SHARE as f32).unwrap();
+        let gains = Gains::new(&MOTOR, bandwidth, 2000.0, &SCALE, 0.3, LONGEST_SHARE as f32).unwrap();
         let mut present = Present::ZERO;
         present.scale(&gains, Inverse::new(BUS));
         present.induce(&gains, Inverse::new(BUS), speed);
@@ -343,6 +376,17 @@ mod tests {
     }
 
     #[test]
+    fn one_over_the_bus_is_at_most_a_little_too_small() {
+        for (least, most, allowed) in [(1639, 16_384, 6.5e-4), (16_384, 32_768, 1e-4)] {
+            let lacking = (least..most)
+                .map(|bus| 1.0 - f64::from(Inverse::new(bus).0) * f64::from(bus) / f64::from(1 << 30) / 2048.0);
+            let (low, high) =
+                lacking.fold((1.0_f64, 0.0_f64), |(low, high), lacking| (low.min(lacking), high.max(lacking)));
+            assert!(low >= 0.0 && high <= allowed, "{low} {high}");
+        }
+    }
+
+    #[test]
     fn the_voltages_stay_when_the_bus_changes() {
         for (before, now) in [(20_000, 15_000), (15_000, 20_000), (15_000, 15_001), (30_000, 14_999)] {
             let mut integrators = Integrators { d: -700_000, q: 900_000 };
@@ -372,14 +416,64 @@ mod tests {
         }
     }
 
+    /// A motor of this inductance, relative to that of the others, on a bus of 9 V.
+    fn gains(inductance: f32, bandwidth: f32, fastest: f32) -> Result<Gains, Excess> {
+        let motor = Motor { inductance_h: inductance * MOTOR.inductance_h, ..MOTOR };
+        Gains::new(&motor, bandwidth, fastest, &SCALE, 9.0 / 36.3, LONGEST_SHARE as f32)
+    }
+
+    #[test]
+    fn a_refusal_tells_what_there_is_room_for() {
+        assert!(gains(1.0, 1000.0, 2000.0).is_ok());
+        for inductance in [20.0, 100.0, 1000.0] {
+            let Err(Excess::Bandwidth(bandwidth)) = gains(inductance, 2000.0, 2000.0) else { panic!("{inductance}") };
+            let Err(Excess::Speed(fastest)) = gains(inductance, 0.99 * bandwidth, 2000.0) else {
+                panic!("{inductance}")
+            };
+            assert!(gains(inductance, 0.99 * bandwidth, 0.99 * fastest).is_ok(), "{inductance} {bandwidth} {fastest}");
+        }
+    }
+
+    #[test]
+    fn the_feed_forward_is_as_exact_with_any_fastest_speed() {
+        // Powers of two among them, and what fills the integer.
+        for fastest in [1.0, 9.0, 39.0625, 312.0, 625.0, 1000.0, 1250.0, 1999.0, 2000.0] {
+            let gains = gains(1.0, 500.0, fastest).unwrap();
+            let induced = |hz: f32| {
+                let mut present = Present::ZERO;
+                present.induce(&gains, Inverse::new(BUS), (hz / 40e3 * 4_294_967_296.0) as i32);
+                units(present.induced, BUS) as f32 * SCALE.volts / 32_768.0
+            };
+            let exact = TAU * fastest * MOTOR.flux_linkage_wb;
+            for (hz, exact) in [(fastest, exact), (-fastest, -exact), (10.0 * fastest, exact)] {
+                assert!((induced(hz) - exact).abs() < 1e-3 * exact.abs() + 2e-4, "{fastest}: {} {exact}", induced(hz));
+            }
+        }
+    }
+
     proptest! {
         #[test]
         fn the_voltage_is_within_the_circle_for_any_input(
             currents in prop::collection::vec((-43_690..43_690, -43_690..43_690), 1..100),
-            wanted in -32_768..32_768, speed in -(1 << 27)..(1 << 27), bandwidth in 100.0..2000.0_f32,
+            wanted in -32_768..32_768, speed: i32, room in 0.01..1.0_f32, resistance in 0.0..3.0_f32,
         ) {
-            let gains = present(bandwidth, speed);
+            // Up to the largest gains there is room for, on the lowest bus.
+            let least = 0.05;
+            let unit = LONGEST as f32 / 4_194_304.0 / LONGEST_SHARE as f32;
+            let (gain, omega) = (30.9 * room * least / unit, TAU * 2000.0);
+            let ohm = gain * SCALE.conductance();
+            let motor = Motor {
+                inductance_h: ohm / omega,
+                resistance_ohm: resistance * ohm,
+                flux_linkage_wb: gain * SCALE.volts / omega,
+                ..MOTOR
+            };
+            let gains = Gains::new(&motor, 2000.0, 2000.0, &SCALE, least, LONGEST_SHARE as f32).unwrap();
+            let (mut present, bus) = (Present::ZERO, Inverse::new((least * 32_768.0) as i32));
+            present.scale(&gains, bus);
+            present.induce(&gains, bus, speed);
             let mut integrators = Integrators::default();
+            let gains = present;
             for (d, q) in currents {
                 let Dq { d, q } = integrators.step(&gains, wanted << 13, Dq { d: d << 13, q: q << 13 });
                 prop_assert!(libm::hypot(f64::from(d), f64::from(q)) <= f64::from(LONGEST));

@@ -120,10 +120,18 @@ impl Servo {
 
     /// Everything at rest, following nothing; the amplifiers' zeros and the gains are those of now.
     pub fn reset(&mut self, config: &Config, rotor: &Tracker, sample: &Sample) {
-        let Self { mut watch, trim, noted, .. } = *self;
-        watch.zero(config);
-        let clarke = Clarke::new(config.shift, watch.offsets, config.reversed);
-        *self = Self { watch, clarke, trim, modulator: config.modulator, noted, ..Self::new() };
+        self.watch.zero(config);
+        self.clarke = Clarke::new(config.shift, self.watch.offsets, config.reversed);
+        self.modulator = config.modulator;
+        // One by one: a whole new servo on its way over the stack would take as long as all the rest of the step.
+        self.currents = Integrators::ZERO;
+        (self.current, self.voltage) = (Dq { d: 0, q: 0 }, Dq { d: 0, q: 0 });
+        self.demand = Demand::Voltage;
+        self.trajectory = Trajectory::at(Position::from_bits(0), 0);
+        (self.speed, self.asked) = (0, 0);
+        self.velocity = Integrator::ZERO;
+        self.local = Local::ZERO;
+        self.limits = Limits::NONE;
         self.aim(config, 0);
         self.bus = config.bus(sample.bus);
         self.scale(config, sample);

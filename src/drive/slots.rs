@@ -172,17 +172,19 @@ impl Drive {
         }
     }
 
-    /// Begins or ceases to follow something. The schedule begins such that the next record, and so every one after it, is due in its slot.
+    /// Begins or ceases to follow something. The schedule begins such that the next record, and so every one after it, is due in its slot;
+    /// a slot comes before the angle is found, so a record there is of the step before.
     pub(super) fn serve_if(&mut self, serves: bool) {
         if serves && !self.serves {
             self.record_due = RECORD;
             self.state_due = RECORD;
             // A command does so before the step attends.
-            self.tick = RECORD.wrapping_sub(self.until_record).wrapping_sub(1);
+            self.tick = RECORD.wrapping_sub(self.until_record).wrapping_sub(2);
             self.first = self.live.sequence.wrapping_sub(RECORD);
         } else if self.serves && !serves {
-            self.until_record = (self.record_due.wrapping_sub(self.tick) as i32).max(1) as u32;
-            self.live.sequence = self.first.wrapping_add(self.tick).wrapping_add(self.until_record);
+            let next = self.tick.wrapping_add(1);
+            self.until_record = (self.record_due.wrapping_sub(next) as i32).max(1) as u32;
+            self.live.sequence = self.first.wrapping_add(next).wrapping_add(self.until_record);
         }
         self.serves = serves;
     }

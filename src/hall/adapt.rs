@@ -23,7 +23,8 @@
 //! What keeps it safe:
 //! - Parameters move only above [`Settings::slowest_hz`]; below, only angle and speed follow.
 //! - A model comes out only when all of the turn has been seen since the last.
-//! - Parameters stay in a box around the calibration. One found at the edge of the box twice is a [`Fault::Drifted`].
+//! - Parameters are brought back into a box around the calibration at every eighth of a turn, and no model leaves it. One found at the edge of
+//!   the box twice is a [`Fault::Drifted`].
 //! - A measurement more than five standard deviations off is not believed, unless all three together say that the rotor
 //!   has been pushed. A sensor that is not believed for a fifth of a turn is a [`Fault::Lost`]; angle and speed go on from
 //!   the other two.

@@ -62,7 +62,7 @@ impl Sensor {
 /// A function of the angle, of three times and of five times the angle.
 fn odd(angle: ElectricalAngle, function: fn(ElectricalAngle) -> fixed::types::I2F30) -> [f32; 3] {
     let multiple = |k: i32| ElectricalAngle::from_bits(angle.to_bits().wrapping_mul(k));
-    [function(angle), function(multiple(3)), function(multiple(5))].map(|value| value.to_num())
+    [function(angle), function(multiple(3)), function(multiple(5))].map(trig::float)
 }
 
 /// Three sensors and the alignment to the stator.

@@ -3,7 +3,8 @@
 //! Takes some ten seconds, in which the shaft must be free to turn in both directions. See [`identify`](crate::control::identify) for what
 //! becomes of the measurements.
 
-use super::procedure::{Demand, Error, Pilot, Procedure, State};
+use super::pilot::{Demand, Pilot};
+use super::procedure::{Error, Procedure, State};
 use super::{Event, Service};
 use crate::commutation::Commutation;
 use crate::control::identify::{Identifier, Report};

@@ -4,7 +4,8 @@
 //! use, wavers less and finds what is left. Whoever stores the table has it from [`Learning::table`]; after a power-up,
 //! [`Service::balance`] puts it to work again.
 
-use super::procedure::{Demand, Error, Pilot, Procedure, State};
+use super::pilot::{Demand, Pilot};
+use super::procedure::{Error, Procedure, State};
 use super::{Event, Service};
 use crate::commutation::Commutation;
 use crate::control::Speed;

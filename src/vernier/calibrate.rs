@@ -334,8 +334,8 @@ fn harmonic(curve: &[f32; NODES], order: usize) -> f32 {
     let (mut sine, mut cosine) = (0.0, 0.0);
     for (node, value) in curve.iter().enumerate() {
         let angle = ElectricalAngle::from_bits(((node * order) as i32) << (32 - NODES.ilog2()));
-        sine += value * trig::sin(angle).to_num::<f32>();
-        cosine += value * trig::cos(angle).to_num::<f32>();
+        sine += value * trig::float(trig::sin(angle));
+        cosine += value * trig::float(trig::cos(angle));
     }
     libm::sqrtf(sine * sine + cosine * cosine) * (2.0 / NODES as f32)
 }

@@ -36,6 +36,11 @@ const LEAD: u32 = (FIRST.held(0) + FIRST.held(1)) / 2;
 pub const EARLY: u32 = FIRST.held(2) - SECOND.held(1);
 const _: () = assert!(FIRST.held(2) == SECOND.held(2) && FIRST.done() >= SECOND.done());
 
+/// PWM, and control in every period. Twice what nobody hears any more: half the ripple of the current, half the delay, and so 1 kHz of
+/// current control with a phase to spare. The control interrupt takes half of a period at most, and sampling and dead time a fifth,
+/// which is the voltage that is given for it. 20 kHz for little loss by switching: everything else follows.
+const PWM_HZ: u32 = 40_000;
+
 /// The way to the gate drivers.
 pub const BRIDGE: Wiring = Wiring {
     // L6387: both inputs active high.
@@ -43,8 +48,7 @@ pub const BRIDGE: Wiring = Wiring {
     // The L6387 refuses to switch both on, but makes no dead time: 110 and 105 ns of delay, 69 + 42 ns of the STL180N6F7 to switch
     // off, and gate resistors. ST's own firmware takes 800 ns.
     dead_time_ns: 800,
-    // Not to be heard, and little loss by switching.
-    pwm_hz: 20_000,
+    pwm_hz: PWM_HZ,
     // COMP1, COMP2, COMP4.
     source: Break::Comparators(0b1011),
     // The longest there is: switching shows at the shunts.
@@ -56,21 +60,24 @@ pub const BRIDGE: Wiring = Wiring {
 pub fn settings() -> Settings {
     Settings {
         timer_hz: HCLK_HZ as f32,
-        pwm_hz: BRIDGE.pwm_hz as f32,
+        pwm_hz: PWM_HZ as f32,
         dead_time_s: BRIDGE.dead_time_s(),
         // Two thirds of a microsecond to either side, and 1.4 for the op-amps to settle.
         sampling_window_s: 4e-6,
         delay_periods: BRIDGE.delay_periods(FIRST.held(2)),
         commutation: Commutation::FieldOriented,
         max_electrical_hz: 1000.0,
-        calibration_record_hz: BRIDGE.pwm_hz as f32,
+        // A spark disturbs one sample. A second one in a row is a fault, and the bridge is off a period after the first.
+        tolerated_samples: 1,
+        // Each costs the tasks some microseconds: half of the samples is what they can take.
+        calibration_record_hz: PWM_HZ as f32 / 2.0,
         control: Some(Control {
             current_full_scale_a: 1.65 / VOLTS_PER_AMPERE,
             // 169 kΩ and 18 kΩ.
             bus_full_scale_v: 3.3 * 187.0 / 18.0,
             guard: GuardSettings {
-                // As low as the current control reaches with the default motor's 0.36 mH; one of less inductance may be given less.
-                under_voltage_v: 12.5,
+                // Three lithium cells that are empty; the L6387 gives up below 6 V.
+                under_voltage_v: 9.0,
                 // Six lithium cells, and something for braking.
                 over_voltage_v: 28.0,
                 // 1 % of the resistors is 1.5 A.

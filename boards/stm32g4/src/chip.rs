@@ -5,6 +5,7 @@ mod clock;
 mod control;
 mod converters;
 mod last;
+mod storage;
 mod watchdog;
 
 pub use bridge::{Bridge, Pin};
@@ -16,7 +17,6 @@ use crate::wiring::Wiring;
 use core::ptr::addr_of;
 use defmt_rtt as _;
 use embassy_executor::Executor;
-use embassy_stm32::flash::{Blocking, Flash};
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{DBGMCU, Interrupt, RCC};
 use embassy_stm32::usart::{self, BufferedUart};
@@ -25,6 +25,7 @@ use hallservo::drive::{Drive, Sample};
 use hallservo::settings::Settings;
 use hallservo_app::{App, Heartbeat, Identity, Memory};
 use static_cell::{ConstStaticCell, StaticCell};
+use storage::Storage;
 
 /// What a board is, beyond its chip.
 pub trait Board: Send + 'static {
@@ -102,19 +103,19 @@ fn prepare<B: Board>(
     converters::start(B::GROUPS, B::CONVERTERS);
     watchdog::start();
     let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
-    let (drive, app) = begin(identity, B::settings(), Flash::new_blocking(flash));
+    let (drive, app) = begin(identity, B::settings(), Storage::new(flash));
     control.start(board, drive, bridge, &ALIVE);
     app
 }
 
-type Application = App<Flash<'static, Blocking>>;
+type Application = App<Storage>;
 
 /// What is large goes to its place and leaves the stack.
 #[inline(never)]
-fn begin(identity: Identity, defaults: Settings, flash: Flash<'static, Blocking>) -> (Drive, &'static Application) {
+fn begin(identity: Identity, defaults: Settings, flash: Storage) -> (Drive, &'static Application) {
     static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
     static APP: StaticCell<Application> = StaticCell::new();
-    hallservo_app::start(identity, defaults, flash, storage(), MEMORY.take(), APP.uninit())
+    hallservo_app::start(identity, defaults, flash, place(), MEMORY.take(), APP.uninit())
 }
 
 /// All that is not the control interrupt. Here, and not generic, so that it is compiled for size.
@@ -125,7 +126,7 @@ async fn tasks(app: &'static Application, serial: BufferedUart<'static>) -> ! {
 }
 
 /// Where the place for settings begins, from the begin of the flash: memory.x reserves it.
-fn storage() -> u32 {
+fn place() -> u32 {
     unsafe extern "C" {
         static _storage: u8;
     }

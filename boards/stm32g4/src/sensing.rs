@@ -113,11 +113,11 @@ mod tests {
 
     #[test]
     fn an_early_channel_catches_up() {
-        // 100 ticks early in 8500, 1 kHz electrical at 20 kHz PWM.
-        let (early, period, amplitude) = (100.0, 8500.0, 1500.0);
+        // 100 ticks early in 4250, 1 kHz electrical at 40 kHz PWM.
+        let (early, period, amplitude) = (100.0, 4250.0, 1500.0);
         let omega = core::f64::consts::TAU * 1000.0 / 170e6;
         let wave = |tick: f64| 2048.0 + amplitude * (omega * tick).sin();
-        let mut channel = Early::new(100, 8500);
+        let mut channel = Early::new(100, 4250);
         channel.at_once(wave(-period - early).round() as u16);
         let (mut worst, mut without) = (0_f64, 0_f64);
         for n in 0..1000 {

@@ -16,7 +16,7 @@ mod nucleo;
 #[test]
 fn timer_of_the_nucleo() {
     let Wiring { gates, source, lead, .. } = nucleo::BRIDGE;
-    assert_eq!(nucleo::BRIDGE.period(), 4250);
+    assert_eq!(nucleo::BRIDGE.period(), 2125);
     // DTG = 85 ticks, 500 ns; LOCK 2; OSSI, OSSR, BKE; BKP = 0, active low; BKF = 1001: 64 ticks, 376 ns.
     assert_eq!(nucleo::BRIDGE.bdtr(), 85 | 2 << 8 | 0b0111 << 10 | 9 << 16);
     assert_eq!(timer::af1(source), 1);
@@ -30,7 +30,7 @@ fn timer_of_the_nucleo() {
 #[test]
 fn timer_of_the_esc() {
     let Wiring { gates, source, lead, .. } = esc1::BRIDGE;
-    assert_eq!(esc1::BRIDGE.period(), 4250);
+    assert_eq!(esc1::BRIDGE.period(), 2125);
     // DTG = 10 000100: 136 ticks, 800 ns; BKP = 1, active high; BKF = 1111: 256 ticks, 1.5 µs.
     assert_eq!(esc1::BRIDGE.bdtr(), 0x84 | 2 << 8 | 0b1111 << 10 | 15 << 16);
     assert_eq!(timer::af1(source), 1 << 1 | 1 << 2 | 1 << 4);
@@ -85,6 +85,7 @@ fn settings_are_valid_and_agree_with_the_registers() {
         let config = settings.validate().unwrap();
         assert_eq!((config.period, config.dead_time), (wiring.period(), wiring.dead_time_ticks()));
         assert_eq!(config.adc_bits, 12);
+        assert_eq!((settings.pwm_hz, settings.timer_hz), (40e3, 170e6));
     }
 }
 

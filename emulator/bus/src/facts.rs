@@ -87,7 +87,9 @@ pub struct Sampling {
     pub signal: String,
     /// Such as `TIM1_TRGO2`.
     pub trigger: String,
-    /// Where in the PWM period sampling starts, from the timer's underflow, ns.
+    /// Where in the PWM period the trigger comes, from the timer's underflow, ns.
+    pub trigger_ns: Range,
+    /// Where sampling starts, ns.
     pub start_ns: Range,
     /// Where it ends (the sample is held), ns.
     pub held_ns: Range,

@@ -115,6 +115,12 @@ pub trait System {
     /// Byte offsets into [`System::flash`] that changed since the last call.
     fn take_flash_changes(&mut self) -> Vec<core::ops::Range<u32>>;
 
+    /// Data are read from the flash at this offset; whether they cannot be corrected, which is a non-maskable interrupt (RM0440, 3.3.4).
+    fn reads_torn_flash(&mut self, offset: u32) -> bool {
+        let _ = offset;
+        false
+    }
+
     /// Cycles that the core is held before its next instruction, once: a flash operation stalls fetches from flash
     /// (RM0440, 3.3.8).
     fn take_stall(&mut self) -> Cycle {

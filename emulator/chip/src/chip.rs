@@ -158,6 +158,11 @@ impl Chip {
         self.machine.truth()
     }
 
+    /// Whether the timer drives the bridge (MOE).
+    pub fn bridge_is_on(&self) -> bool {
+        self.timers[0].moe()
+    }
+
     /// The board.
     pub fn board(&self) -> &'static Board {
         self.board
@@ -343,7 +348,7 @@ impl Chip {
                     let line = [18, 18, 47, 61, 62][index];
                     self.last_sampling = Some((line, one.instants[0] as Cycle));
                 }
-                let instants = [one.instants[1], one.instants[2], one.instants[3]].map(|at| self.after_valley_ns(at));
+                let instants = one.instants.map(|at| self.after_valley_ns(at));
                 let name = self.adcs[index].name();
                 let (board, number) = (self.board, index);
                 self.record.convert(name, || crate::signals::describe(board, number, one.channel), &one, instants);

@@ -1,8 +1,10 @@
-//! Embedded flash memory (RM0440, chapters 3 and 4): programming, erasing, and what a power cut leaves behind.
+//! Embedded flash memory (RM0440, chapters 3 and 4): programming, erasing, and what a power cut leaves behind: double words that
+//! their error correction (3.3.4) cannot make good.
 
 use crate::bits::{bit, field, unmodelled, wrong};
 use bus::Complaint;
 use core::ops::Range;
+use std::collections::BTreeSet;
 
 const NAME: &str = "FLASH";
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
@@ -25,6 +27,9 @@ const SIZERR: u32 = 1 << 6;
 const PGSERR: u32 = 1 << 7;
 const ERRORS: u32 = 0xc3fa;
 const BSY: u32 = 1 << 16;
+/// FLASH_ECCR.ECCD, and the flags of that register.
+const ECCD: u32 = 31;
+const ECC_FLAGS: u32 = 0xf000_0000;
 /// FLASH_OPTR.DBANK on category 3 devices.
 const DBANK: u32 = 22;
 
@@ -53,11 +58,14 @@ pub struct Begun {
 pub struct Flash {
     memory: Vec<u8>,
     changes: Vec<Range<u32>>,
+    /// Double words that a power cut has left neither as they were nor as they should be.
+    torn: BTreeSet<u32>,
     /// Two banks where DBANK is set; category 2 devices have one.
     category_3: bool,
     acr: u32,
     cr: u32,
     sr: u32,
+    eccr: u32,
     optr: u32,
     keys: usize,
     option_keys: usize,
@@ -79,10 +87,12 @@ impl Flash {
         Self {
             memory: vec![0xff; bytes],
             changes: Vec::new(),
+            torn: BTreeSet::new(),
             category_3,
             acr: 0x0004_0600,
             cr: 0xc000_0000,
             sr: 0,
+            eccr: 0,
             optr,
             keys: 0,
             option_keys: 0,
@@ -100,8 +110,9 @@ impl Flash {
         let fresh = Self::new(0, self.category_3, true);
         let memory = core::mem::take(&mut self.memory);
         let changes = core::mem::take(&mut self.changes);
+        let torn = core::mem::take(&mut self.torn);
         let (optr, operations, cut_after, garbage) = (self.optr, self.operations, self.cut_after, self.garbage);
-        *self = Self { memory, changes, optr, operations, cut_after, garbage, ..fresh };
+        *self = Self { memory, changes, torn, optr, operations, cut_after, garbage, ..fresh };
     }
 
     /// The array.
@@ -156,7 +167,20 @@ impl Flash {
         }
     }
 
+    /// Data are read; whether they cannot be corrected, which FLASH_ECCR tells from then on.
+    pub fn reads_torn(&mut self, offset: u32) -> bool {
+        let at = offset & !7;
+        if self.torn.is_empty() || !self.torn.contains(&at) {
+            return false;
+        }
+        let bank = u32::from(self.dual_bank() && at >= self.bank_bytes());
+        self.eccr = self.eccr & !0x003f_ffff | 1 << ECCD | bank << 21 | (at - bank * self.bank_bytes());
+        true
+    }
+
     fn put(&mut self, at: u32, bytes: &[u8]) {
+        let end = at + bytes.len() as u32;
+        self.torn.retain(|torn| !(at..end).contains(torn));
         self.memory[at as usize..at as usize + bytes.len()].copy_from_slice(bytes);
         self.changes.push(at..at + bytes.len() as u32);
     }
@@ -168,7 +192,7 @@ impl Flash {
             0x04..=0x0c => 0,
             0x10 => self.sr,
             0x14 => self.cr,
-            0x18 => 0,
+            0x18 => self.eccr,
             0x20 => self.optr,
             _ => return Err(unmodelled(NAME, offset)),
         })
@@ -199,6 +223,10 @@ impl Flash {
             }
             0x10 => self.sr &= !(value & (ERRORS | EOP)),
             0x14 => return self.write_cr(value, now_s),
+            0x18 => {
+                let left = self.eccr & ECC_FLAGS & !value;
+                self.eccr = self.eccr & 0x003f_ffff | value & 1 << 24 | left;
+            }
             _ => return Err(unmodelled(NAME, offset)),
         }
         Ok(Begun::default())
@@ -310,13 +338,19 @@ impl Flash {
             Operation::Program { at, data } => {
                 let torn = data.map(|byte| byte | self.random() as u8);
                 self.put(*at, &torn);
+                if torn != *data && torn != [0xff; 8] {
+                    self.torn.insert(*at);
+                }
             }
             Operation::Erase(range) => {
                 let mut torn = self.memory[range.start as usize..range.end as usize].to_vec();
                 for byte in &mut torn {
                     *byte |= self.random() as u8;
                 }
+                let old = self.memory[range.start as usize..range.end as usize].to_vec();
                 self.put(range.start, &torn);
+                let words = range.clone().step_by(8).zip(torn.chunks(8).zip(old.chunks(8)));
+                self.torn.extend(words.filter(|(_, (new, old))| new != old).map(|(at, _)| at));
             }
         }
     }
@@ -350,6 +384,7 @@ mod tests {
 
     const CR: u32 = 0x14;
     const SR: u32 = 0x10;
+    const ECCR: u32 = 0x18;
 
     fn unlocked() -> Flash {
         let mut flash = Flash::new(128 << 10, false, false);
@@ -444,5 +479,16 @@ mod tests {
         assert!(torn != [0; 8] && torn != [0xff; 8], "{torn:x?}");
         flash.reset();
         assert_eq!(flash.read(SR).unwrap(), 0);
+        // Its error correction notices when it is read, until the page is erased.
+        assert!(!flash.reads_torn(4) && flash.read(ECCR).unwrap() == 0);
+        assert!(flash.reads_torn(12) && flash.read(ECCR).unwrap() == 1 << ECCD | 8);
+        flash.write(ECCR, 1 << ECCD, 1.0).unwrap();
+        assert_eq!(flash.read(ECCR).unwrap(), 8);
+        for key in KEYS {
+            flash.write(0x08, key, 1.0).unwrap();
+        }
+        flash.write(CR, 1 << PER | 1 << STRT, 1.0).unwrap();
+        flash.advance(2.0);
+        assert!(!flash.reads_torn(12));
     }
 }

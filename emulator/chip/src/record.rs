@@ -37,8 +37,9 @@ impl Record {
         }
     }
 
-    /// A conversion of an injected sequence ended; `instants_ns` of start, hold and end against the nearest valley.
-    pub fn convert(&mut self, adc: &str, signal: impl FnOnce() -> String, one: &Converted, instants_ns: [f64; 3]) {
+    /// A conversion of an injected sequence ended; `instants_ns` of trigger, start, hold and end against the
+    /// nearest valley.
+    pub fn convert(&mut self, adc: &str, signal: impl FnOnce() -> String, one: &Converted, instants_ns: [f64; 4]) {
         self.unread_now |= one.unread;
         if one.last && core::mem::take(&mut self.unread_now) {
             self.unread += 1;
@@ -53,6 +54,7 @@ impl Record {
                 channel,
                 signal: signal(),
                 trigger: String::new(),
+                trigger_ns: Range::default(),
                 start_ns: Range::default(),
                 held_ns: Range::default(),
                 end_ns: Range::default(),
@@ -60,9 +62,10 @@ impl Record {
             self.sampling.len() - 1
         });
         let entry = &mut self.sampling[index];
-        entry.start_ns.add(instants_ns[0]);
-        entry.held_ns.add(instants_ns[1]);
-        entry.end_ns.add(instants_ns[2]);
+        entry.trigger_ns.add(instants_ns[0]);
+        entry.start_ns.add(instants_ns[1]);
+        entry.held_ns.add(instants_ns[2]);
+        entry.end_ns.add(instants_ns[3]);
     }
 
     /// When the next row of the trace is due, s.

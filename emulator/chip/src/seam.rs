@@ -97,6 +97,10 @@ impl System for Chip {
         self.flash.take_changes()
     }
 
+    fn reads_torn_flash(&mut self, offset: u32) -> bool {
+        self.flash.reads_torn(offset)
+    }
+
     fn take_stall(&mut self) -> Cycle {
         (core::mem::take(&mut self.stall_s) * self.time.hz()).ceil() as Cycle
     }

@@ -11,10 +11,7 @@ const PERIOD: u64 = 4250;
 fn spinning(board: &'static chip::Board) -> Bench {
     let mut bench = Bench::new(board);
     bench.clocks();
-    bench.timer(85);
-    bench.gate_pins();
-    bench.count();
-    bench.moe();
+    bench.switching(85);
     bench
 }
 
@@ -290,10 +287,7 @@ fn the_break_pin_switches_off_at_once() {
     let mut bench = Bench::new(&NUCLEO_IHM08M1);
     bench.clocks();
     bench.alternate(b'A', 6, 6);
-    bench.timer(85 | 1 << 12);
-    bench.gate_pins();
-    bench.count();
-    bench.moe();
+    bench.switching(85 | 1 << 12);
     bench.write(TIM1 + 0x0c, 1 << 7);
     bench.run(10 * PERIOD + 1000);
     let before = bench.chip.seconds(bench.now);
@@ -320,10 +314,7 @@ fn too_much_current_trips_the_shields_comparators() {
     let mut bench = Bench::new(&NUCLEO_IHM08M1);
     bench.clocks();
     bench.alternate(b'A', 6, 6);
-    bench.timer(85 | 1 << 12);
-    bench.gate_pins();
-    bench.count();
-    bench.moe();
+    bench.switching(85 | 1 << 12);
     bench.run(10 * PERIOD);
     let at_s = bench.chip.seconds(bench.now);
     bench.chip.disturb(&Disturbance::Overcurrent(1, -40.0), bench.now).unwrap();
@@ -345,10 +336,7 @@ fn comparators_against_a_dac_are_the_small_boards_break() {
         bench.write(comparator, 1 | 4 << 4);
     }
     bench.write(TIM1 + 0x60, 0x16);
-    bench.timer(85 | 1 << 12 | 1 << 13);
-    bench.gate_pins();
-    bench.count();
-    bench.moe();
+    bench.switching(85 | 1 << 12 | 1 << 13);
     for (phase, comparator) in [(0, "COMP1"), (1, "COMP2"), (2, "COMP4")] {
         bench.run(10 * PERIOD);
         assert_eq!(bench.read(TIM1 + 0x44) >> 15 & 1, 1);

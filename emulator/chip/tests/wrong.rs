@@ -18,10 +18,7 @@ fn no_dead_time() {
     for board in Board::ALL {
         let mut bench = Bench::new(board);
         bench.clocks();
-        bench.timer(0);
-        bench.gate_pins();
-        bench.count();
-        bench.moe();
+        bench.switching(0);
         bench.run(10 * PERIOD);
         let facts = bench.chip.facts();
         let found = findings(&bench);

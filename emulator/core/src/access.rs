@@ -36,6 +36,9 @@ impl<S: System> Machine<S> {
             Place::Ram(offset) => Ok(little::<N>(&self.memory.ram, offset)),
             Place::Flash(offset) => {
                 self.now += u64::from(self.flash_data(offset));
+                if self.system.reads_torn_flash(offset) {
+                    self.pend_nmi();
+                }
                 Ok(little::<N>(self.system.flash(), offset))
             }
             _ if !address.is_multiple_of(N as u32) => Err(Fault::Unaligned),

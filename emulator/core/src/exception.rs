@@ -93,7 +93,7 @@ impl<S: System> Machine<S> {
         let sampling = self.system.last_sampling();
         let trigger = sampling.filter(|(line, _)| line + nvic::FIRST_IRQ == number).map(|(_, at)| at);
         self.profile.entered(number, self.now, trigger, self.instructions);
-        self.hung |= self.is_hung(number);
+        self.entered(number);
     }
 
     /// Pushes the frame (B1.5.6); returns EXC_RETURN.

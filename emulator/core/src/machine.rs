@@ -65,7 +65,8 @@ pub struct Machine<S> {
     pub debugger: bool,
     /// The handler of this exception hangs as soon as it is entered.
     hang: Option<u16>,
-    pub(crate) hung: bool,
+    /// Its handler does; 0 is thread mode.
+    pub(crate) hung: Option<u16>,
     locked_up: bool,
     /// Address of the instruction that executes.
     pub(crate) here: u32,
@@ -94,7 +95,7 @@ impl<S: System> Machine<S> {
             complaints: BTreeMap::new(),
             debugger: false,
             hang: None,
-            hung: false,
+            hung: None,
             locked_up: false,
             here: 0,
             awake_since: 0,
@@ -110,7 +111,7 @@ impl<S: System> Machine<S> {
         self.nvic = Nvic::new();
         self.scs = Scs::default();
         self.profile.abandon();
-        (self.hung, self.locked_up, self.due) = (false, false, 0);
+        (self.hang, self.hung, self.locked_up, self.due) = (None, None, false, 0);
         match (self.load::<4>(0), self.load::<4>(4)) {
             (Ok(stack), Ok(entry)) if entry & 1 != 0 => {
                 self.cpu.r[13] = stack & !3;
@@ -149,7 +150,7 @@ impl<S: System> Machine<S> {
                 if self.now >= until {
                     return Stop::Time;
                 }
-                if self.cpu.sleep.is_some() || self.hung || self.locked_up {
+                if self.cpu.sleep.is_some() || self.is_stuck() || self.locked_up {
                     // Nothing happens until then.
                     self.now = self.due.max(self.now);
                     continue;
@@ -227,11 +228,18 @@ impl<S: System> Machine<S> {
             }
             self.wake_up();
             self.due = next.min(next_tick).min(until);
-            if self.cpu.sleep.is_some() || self.hung || self.locked_up || !self.take_exception() {
+            if self.cpu.sleep.is_some() || self.locked_up || !self.take_exception() {
                 return None;
             }
             // Taking it took time: look again for what came meanwhile.
         }
+    }
+
+    #[cold]
+    pub(crate) fn pend_nmi(&mut self) {
+        self.nvic.pend(crate::nvic::NMI);
+        self.profile.pended(1 << crate::nvic::NMI, self.now);
+        self.due = 0;
     }
 
     /// Brings the system to now; returns its next event.
@@ -276,13 +284,25 @@ impl<S: System> Machine<S> {
         self.report("lockup", what.to_owned(), None);
     }
 
-    pub(crate) fn is_hung(&self, exception: u16) -> bool {
-        self.hang == Some(exception)
+    /// What executes is an endless loop. What is more urgent comes all the same.
+    fn is_stuck(&self) -> bool {
+        self.hung == Some(self.cpu.ipsr)
     }
 
-    /// From the next entry on, the handler of this exception never ends: an endless loop as its first instruction.
-    pub fn hang(&mut self, exception: Option<u16>) {
-        self.hang = exception;
+    /// A handler has been entered.
+    pub(crate) fn entered(&mut self, exception: u16) {
+        if self.hang == Some(exception) {
+            self.hung = self.hang.take();
+        }
+    }
+
+    /// From its next entry on, the handler of this exception never ends: an endless loop as its first instruction. 0 is thread mode,
+    /// which hangs at once. Ends with a reset.
+    pub fn hang(&mut self, exception: u16) {
+        match exception {
+            0 => self.hung = Some(0),
+            _ => self.hang = Some(exception),
+        }
     }
 
     pub(crate) fn report(&mut self, exception: &'static str, what: String, address: Option<u32>) {
@@ -330,6 +350,11 @@ impl<S: System> Machine<S> {
     /// How often, how late and how long each exception's handler ran.
     pub fn profile(&self) -> &Profile {
         &self.profile
+    }
+
+    /// What handlers did so far is not to count.
+    pub fn forget_profile(&mut self) {
+        self.profile.clear();
     }
 
     /// R0 to R12, SP, LR, and the program counter.

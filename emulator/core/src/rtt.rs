@@ -5,6 +5,7 @@ use crate::machine::Machine;
 use anyhow::{Context, Result};
 use bus::System;
 use defmt_decoder::{DecodeError, Frame, Location, Locations, StreamDecoder, Table};
+use std::rc::Rc;
 
 /// The control block begins with this, then come the counts of up- and down-channels and the channels' descriptors, of which
 /// each is name, buffer, size, write offset, read offset, flags.
@@ -73,8 +74,9 @@ pub struct LogLine {
 
 /// Decodes defmt's frames.
 pub struct Log {
+    table: &'static Table,
     decoder: Box<dyn StreamDecoder>,
-    locations: Locations,
+    locations: Rc<Locations>,
 }
 
 impl Log {
@@ -84,7 +86,13 @@ impl Log {
         let locations = table.get_locations(&image.elf).context("the firmware's debug information")?;
         // The table lives as long as the process: there is one firmware, and the decoder borrows it.
         let table: &'static Table = Box::leak(Box::new(table));
-        Ok(Some(Log { decoder: table.new_stream_decoder(), locations }))
+        Ok(Some(Log { table, decoder: table.new_stream_decoder(), locations: Rc::new(locations) }))
+    }
+
+    /// The same firmware's, from the begin of a frame.
+    pub fn again(&self) -> Log {
+        let Self { table, locations, .. } = self;
+        Log { table, decoder: table.new_stream_decoder(), locations: Rc::clone(locations) }
     }
 
     /// Lines that these bytes complete. What cannot be decoded is a line of its own.

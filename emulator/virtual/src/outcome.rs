@@ -1,6 +1,6 @@
 //! What a run came to: all figures, as JSON has them.
 
-use crate::angle::AngleError;
+use crate::angle::AngleErrors;
 use crate::session::{Session, explain, place};
 use anyhow::Result;
 use bus::{Facts, Range, ResetCause, System};
@@ -25,7 +25,7 @@ pub struct Outcome {
     /// The stack.
     pub stack: Option<Stack>,
     /// Of the drive's angle, where a script asked for telemetry.
-    pub angle_error: Option<AngleError>,
+    pub angle_error: Option<AngleErrors>,
     /// What was seen at the pins.
     #[serde(flatten)]
     pub facts: Facts,
@@ -117,7 +117,7 @@ impl Outcome {
             control: handlers.iter().find(|handler| Some(handler.exception) == control).cloned(),
             handlers,
             stack: session.stack().map(|(size, used)| Stack { size, used }),
-            angle_error: session.angle_error(0.0..f64::INFINITY),
+            angle_error: AngleErrors::of(&session.deviations(0.0..f64::INFINITY)),
             facts: machine.system.facts(),
             wrong_accesses: wrong_accesses.collect(),
             faults: machine.faults.iter().map(|fault| explain(fault, &session.image)).collect(),

@@ -1,5 +1,6 @@
 //! The report, as text and as HTML with plots.
 
+use crate::angle::{AngleError, AngleErrors};
 use crate::outcome::{Handler, Outcome};
 use anyhow::Result;
 use bus::{Range, Trace};
@@ -67,9 +68,12 @@ fn run(outcome: &Outcome) -> Vec<Vec<String>> {
     if let Some(stack) = outcome.stack {
         rows.push(row(["stack used".into(), format!("{} of {} bytes", stack.used, stack.size)]));
     }
-    if let Some(error) = outcome.angle_error {
-        let text = format!("{:.3}° RMS, {:.2}° at most, about {:.3}°", error.rms_deg, error.max_deg, error.mean_deg);
-        rows.push(row(["electrical angle in telemetry, error".into(), text]));
+    if let Some(AngleErrors { constant_speed, transients }) = outcome.angle_error {
+        for (when, error) in [("at constant speed", constant_speed), ("in transients", transients)] {
+            let Some(AngleError { mean_deg, rms_deg, max_deg, count }) = error else { continue };
+            let text = format!("{rms_deg:.3}° RMS, {max_deg:.2}° at most, about {mean_deg:+.3}°; {count} frames");
+            rows.push(row([format!("error of the electrical angle {when}"), text]));
+        }
     }
     if let Some(watchdog) = &facts.watchdog {
         let Range { min, max, count } = watchdog.interval_s;
@@ -128,12 +132,13 @@ fn sampling(outcome: &Outcome) -> Vec<Vec<String>> {
             format!("{} rank {}", one.adc, one.rank),
             format!("{} (channel {})", one.signal, one.channel),
             one.trigger.clone(),
+            range(one.trigger_ns, "ns"),
             range(one.start_ns, "ns"),
             range(one.held_ns, "ns"),
             range(one.end_ns, "ns"),
         ])
     });
-    std::iter::once(head(["converter", "signal", "trigger", "samples from", "until", "converted"]))
+    std::iter::once(head(["converter", "signal", "trigger", "at", "samples from", "until", "converted"]))
         .chain(rows)
         .collect()
 }

@@ -13,7 +13,7 @@
 //! at 1s     send calibrate         # a frame of the drive's protocol, see below
 //! at 3s     power cut after 12 operations   # in the midst of the 13th flash operation from now; it comes back at once
 //! at 3s     power cycle
-//! at 4s     hang                   # the control interrupt never ends; also: hang 15, by exception number
+//! at 4s     hang                   # the control interrupt never ends; also: hang tasks, hang 44 (an exception's number)
 //! ```
 //!
 //! `send` takes `hello`, `status`, `arm`, `disarm`, `clear`, `calibrate`, `calibration`, `identify`, `identification`,
@@ -30,7 +30,8 @@ use std::fmt;
 pub enum Action {
     /// To the board, the motor or the flash.
     Disturb(Disturbance),
-    /// The handler of this exception hangs from its next entry on; `None` is the control interrupt.
+    /// The handler of this exception hangs from its next entry on until the next reset, 0 what is in no handler; `None` is the
+    /// control interrupt.
     Hang(Option<u16>),
 }
 
@@ -163,6 +164,7 @@ fn action(words: &[&str], id: usize) -> Result<Action, String> {
         ["power", "cut", "after", count, "operations" | "operation"] => PowerCut(whole(count)?),
         ["power", "cycle"] => PowerCycle,
         ["hang"] => return Ok(Action::Hang(None)),
+        ["hang", "tasks"] => return Ok(Action::Hang(Some(0))),
         ["hang", exception] => {
             let number = whole(exception)?;
             let number = u16::try_from(number).ok().filter(|number| (2..128).contains(number));

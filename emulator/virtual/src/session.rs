@@ -1,12 +1,12 @@
 //! One run of a virtual board.
 
-use crate::angle::{AngleError, Periods, error};
+use crate::angle::{Deviation, Periods, Told, deviations};
 use crate::script::{Action, Step};
 use anyhow::{Context, Result, bail};
 use bus::{Disturbance, ResetCause, System, Trace};
 use chip::{Board, Chip};
-use cortex::{FIRST_IRQ, FaultReport, Image, Log, LogLine, Machine, Map, PAINT, Rtt, Stop};
-use hallservo_protocol::{Answer, Decoder, Reply, Telemetry};
+use cortex::{Activity, FIRST_IRQ, FaultReport, Image, Log, LogLine, Machine, Map, PAINT, Rtt, Stop};
+use hallservo_protocol::{Answer, Decoder, Reply};
 use plant::PlantParameters;
 use std::collections::VecDeque;
 use std::rc::Rc;
@@ -27,8 +27,10 @@ pub struct Session {
     /// What the motor did.
     pub trace: Trace,
     /// Telemetry that the drive was asked for.
-    pub telemetry: Vec<Telemetry>,
+    pub telemetry: Vec<Told>,
     periods: Periods,
+    /// Control periods before the last reset.
+    periods_before: u64,
     board: &'static Board,
     rtt: Option<Rtt>,
     log: Option<Log>,
@@ -66,6 +68,7 @@ impl Session {
             trace: Trace::default(),
             telemetry: Vec::new(),
             periods: Periods::default(),
+            periods_before: 0,
             board,
             log,
             script: VecDeque::new(),
@@ -75,25 +78,23 @@ impl Session {
     }
 
     /// The same board once more, to go another way from here; log, script and what was recorded so far stay with this one.
-    ///
-    /// # Errors
-    /// As [`Session::new`].
-    pub fn fork(&self) -> Result<Session> {
-        Ok(Session {
+    pub fn fork(&self) -> Session {
+        Session {
             machine: self.machine.clone(),
             image: Rc::clone(&self.image),
             lines: Vec::new(),
             resets: Vec::new(),
             trace: Trace::default(),
             telemetry: Vec::new(),
-            periods: self.periods,
+            periods: self.periods.clone(),
+            periods_before: self.periods_before,
             board: self.board,
             rtt: self.rtt,
-            log: Log::new(&self.image)?,
+            log: self.log.as_ref().map(Log::again),
             script: VecDeque::new(),
             replies: Decoder::new(),
             told_faults: self.told_faults,
-        })
+        }
     }
 
     /// What will be done, by time.
@@ -131,7 +132,9 @@ impl Session {
                 self.resets.push((self.seconds(), cause));
                 self.lines.push(note(self.now_ns(), "RESET", format!("{cause:?}")));
                 // The log begins anew; a frame that the reset has cut in two is lost.
-                self.log = Log::new(&self.image)?;
+                self.log = self.log.as_ref().map(Log::again);
+                self.periods = Periods::default();
+                self.periods_before = self.control().map_or(0, Activity::count);
             }
             Stop::Breakpoint(_) | Stop::Lockup => bail!("the core stopped without a debugger"),
             Stop::Time => {}
@@ -141,12 +144,12 @@ impl Session {
             let Some(step) = self.script.pop_front() else { break };
             self.perform(step)?;
         }
+        self.note_period();
         let sent = self.machine.system.take_serial();
         self.read_replies(&sent);
         let trace = self.machine.system.take_trace();
         self.trace.names = trace.names;
         self.trace.rows.extend(trace.rows);
-        self.count_periods();
         Ok(sent)
     }
 
@@ -177,7 +180,7 @@ impl Session {
             Action::Disturb(disturbance) => self.machine.system.disturb(&disturbance, now),
             Action::Hang(exception) => match exception.or_else(|| self.control_exception()) {
                 Some(exception) => {
-                    self.machine.hang(Some(exception));
+                    self.machine.hang(exception);
                     Ok(())
                 }
                 None => Err("there is no control interrupt yet".into()),
@@ -191,19 +194,27 @@ impl Session {
         self.machine.system.last_sampling().map(|(line, _)| line + FIRST_IRQ)
     }
 
-    fn count_periods(&mut self) {
-        let Some((line, sampled)) = self.machine.system.last_sampling() else { return };
-        let Some(activity) = self.machine.profile().activities().get(&(line + FIRST_IRQ)) else { return };
-        // Only where the handler of the last sampling has begun.
-        if activity.last_trigger() == Some(sampled) {
-            let period_s = activity.mean_period() / self.machine.system.hclk_hz();
-            self.periods = Periods { count: activity.count(), last_s: self.machine.system.seconds(sampled), period_s };
+    /// The control interrupt.
+    fn control(&self) -> Option<&Activity> {
+        self.machine.profile().activities().get(&self.control_exception()?)
+    }
+
+    /// The last control period; the interrupt is entered once for each.
+    fn note_period(&mut self) {
+        let Some(control) = self.control() else { return };
+        let (count, trigger) = (control.count(), control.last_trigger());
+        if let (Some(number), Some(trigger)) = ((count - self.periods_before).checked_sub(1), trigger) {
+            self.periods.saw(number as u32, self.machine.system.seconds(trigger));
         }
     }
 
-    /// Error of the drive's angle in a span of time, from its telemetry.
-    pub fn angle_error(&self, span_s: core::ops::Range<f64>) -> Option<AngleError> {
-        error(&self.telemetry, &self.periods, &self.trace, span_s)
+    /// What telemetry tells of the drive's angle in a span of time, against the motor's.
+    pub fn deviations(&self, span_s: core::ops::Range<f64>) -> Vec<Deviation> {
+        let facts = self.machine.system.facts();
+        let halls = facts.sampling.iter().filter(|one| one.signal.starts_with("hall"));
+        // One that is held earlier is brought up to the others by the firmware.
+        let held_ns = halls.map(|one| one.held_ns.max - one.trigger_ns.max).fold(0.0, f64::max);
+        deviations(&self.telemetry, held_ns * 1e-9, &self.trace, span_s)
     }
 
     fn read_log(&mut self) {
@@ -219,7 +230,10 @@ impl Session {
         for &byte in sent {
             match self.replies.push::<Reply>(byte) {
                 None => {}
-                Some(Ok(Reply { answer: Answer::Telemetry(frame), .. })) => self.telemetry.push(frame),
+                Some(Ok(Reply { answer: Answer::Telemetry(frame), .. })) => {
+                    let period_s = self.machine.system.facts().pwm.map_or(0.0, |pwm| 1.0 / pwm.hz);
+                    self.telemetry.extend(self.periods.at_s(frame.step, period_s).map(|at_s| Told { at_s, frame }));
+                }
                 Some(Ok(reply)) => self.lines.push(note(at_ns, "REPLY", format!("#{} {:?}", reply.id, reply.answer))),
                 Some(Err(error)) => self.lines.push(note(at_ns, "REPLY", format!("not understood: {error:?}"))),
             }

@@ -175,6 +175,8 @@ fn obeyed(truth: &Truth, motion: &Motion) {
 fn telemetry(board: &Virtual) -> (Vec<f64>, Range<f64>) {
     let file = board.folder.path().join("telemetry.csv");
     board.ok(&["commutation", "field-oriented"]);
+    board.ok(&["settings", "set", "command_timeout_s", "1"]);
+    board.ok(&["settings", "set", "on_timeout", "stop"]);
     board.ok(&["arm"]);
     board.ok(&["speed", &SPEED_RAD_S.to_string(), "--once"]);
     let path = file.to_str().expect("a path");
@@ -209,8 +211,8 @@ fn evening(name: &str, serial: &str) {
     let speeds = truth.during("speed / rad/s", &time);
     let [told, found] = [told, speeds].map(|speeds| speeds.into_iter().fold(0.0, f64::max));
     assert!((told - found).abs() < 2.0 && found > SPEED_RAD_S - 2.0, "{told} rad/s told, {found} true");
-    println!("{}: {:#}", name, truth.report["angle_error"]);
-    let error = &truth.report["angle_error"];
+    println!("{name}: {:#}", truth.report["angle_error"]);
+    let error = &truth.report["angle_error"]["constant_speed"];
     assert!(error["count"].as_u64().expect("frames") > 800, "{error}");
     assert!(error["rms_deg"].as_f64().expect("an error") < 1.0, "{error}");
     assert_eq!(truth.report["resets"], serde_json::json!([]));

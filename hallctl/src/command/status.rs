@@ -23,7 +23,7 @@ pub(super) fn show(client: &mut Client) -> Result<()> {
     line("speed", &format!("{:.2} rad/s", status.speed_rad_s));
     line("current", &measured(status.current_a, "A along q"));
     line("bus", &measured(status.bus_v, "V"));
-    let [bridge, motor] = status.temperatures_c.map(|celsius| measured(celsius, "°C"));
+    let [bridge, motor] = status.temperatures_c.map(temperature);
     line("temperatures", &format!("bridge {bridge}, motor {motor}"));
     let balanced = if status.balanced { ", cogging balanced" } else { "" };
     line("commutation", &format!("{}{balanced}", words::commutation(status.commutation)));
@@ -58,6 +58,19 @@ fn timeout(status: &Status) -> String {
     }
 }
 
+fn temperature(celsius: f32) -> String {
+    if celsius.is_nan() { "no thermistor".into() } else { format!("{celsius:.1} °C") }
+}
+
 fn measured(value: f32, unit: &str) -> String {
     if value.is_nan() { "not measured".into() } else { format!("{value:.2} {unit}") }
+}
+
+#[cfg(test)]
+mod tests {
+    #[test]
+    fn no_thermistor_is_said() {
+        assert_eq!(super::temperature(f32::NAN), "no thermistor");
+        assert_eq!(super::temperature(31.25), "31.2 °C");
+    }
 }

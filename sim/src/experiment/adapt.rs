@@ -298,7 +298,7 @@ impl Run {
 
     fn convergence(&self) -> Plot {
         let curve = |name: &str, rms: Vec<f64>| {
-            let points = rms.into_iter().enumerate().map(|(k, rms)| ((k + 1) as f64 / PARTS as f64, rms.log10()));
+            let points = rms.into_iter().enumerate().map(|(k, rms)| ((k + 1) as f64 / PARTS as f64, rms));
             Series::new(name, points)
         };
         let series = vec![
@@ -306,12 +306,8 @@ impl Run {
             curve("bound", ensemble::over_time(&self.courses, |course| &course.bound)),
             curve("paper's filter", ensemble::over_time(&self.courses, |course| &course.paper)),
         ];
-        Plot::new(
-            "Error of the angle from unknown sensors",
-            "electrical turns",
-            "log₁₀ of electrical degrees RMS",
-            series,
-        )
+        Plot::new("Error of the angle from unknown sensors", "electrical turns", "electrical degrees RMS", series)
+            .logarithmic()
     }
 }
 
@@ -345,7 +341,7 @@ fn figure_11(seed: u64) -> Result<Vec<(Plot, &'static str)>> {
             100.0 * known.third,
         ];
         for (points, spread) in deviations.iter_mut().zip(spreads) {
-            points.push((t, f64::from(spread).max(1e-3).log10()));
+            points.push((t, f64::from(spread)));
         }
         errors[0].push((t, step.error_deg));
         errors[1].push((t, judge::wrapped_deg(paper.angle - judge.hall_rad())));
@@ -370,9 +366,10 @@ fn figure_11(seed: u64) -> Result<Vec<(Plot, &'static str)>> {
             Plot::new(
                 "Figure 11(b): what the filter believes not to know",
                 "time / s",
-                "log₁₀ of a standard deviation",
+                "standard deviation",
                 series(kinds.map(String::from).to_vec(), deviations),
-            ),
+            )
+            .logarithmic(),
             "Square roots of the covariance's diagonal; offset and amplitude of Hall 0, placement of Hall 1.",
         ),
         (

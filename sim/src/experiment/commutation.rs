@@ -4,7 +4,7 @@ use super::Common;
 use crate::report::{Plot, Report, Series, print_table};
 use crate::rig::{Rig, legs};
 use crate::statistics::{ByAngle, ripple_pct};
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use hallservo::commutation::block::Sextant;
 use hallservo::commutation::sinusoidal::PhaseOrder;
 use hallservo::commutation::{Commutation, Modulation};
@@ -108,7 +108,7 @@ fn armed(plant: &PlantParameters, seed: u64, commutation: Commutation) -> Result
 /// Mean torque in mN·m over the electrical angle, in half degrees.
 fn torque(seed: u64, commutation: Commutation) -> Result<Vec<(f64, f64)>> {
     let mut rig = armed(&constant_current(seed), seed, commutation)?;
-    rig.plant.set_dyno(Some(DYNO_RAD_S)).map_err(|error| anyhow!("{error}"))?;
+    rig.plant.set_dyno(Some(DYNO_RAD_S))?;
     rig.drive_with(MODULATION)?;
     let settle = rig.periods(0.1);
     for _ in 0..settle {
@@ -130,8 +130,8 @@ fn torque_uncalibrated(seed: u64) -> Result<Vec<(f64, f64)>> {
     // Sensors that a person has turned to where switching Halls belong, but for their placement errors: so that the
     // signs change where the field, a quarter turn ahead, is to step.
     let parameters = PlantParameters { hall_phase_rad: TAU / 12.0, ..constant_current(seed) };
-    let mut plant = Plant::new(&parameters, seed).map_err(|error| anyhow!("{error}"))?;
-    plant.set_dyno(Some(DYNO_RAD_S)).map_err(|error| anyhow!("{error}"))?;
+    let mut plant = Plant::new(&parameters, seed)?;
+    plant.set_dyno(Some(DYNO_RAD_S))?;
     let limits = Limits::new(2125, 0, 2125)?;
     let amplitude = limits.amplitude(Modulation::from_num(MODULATION));
     let mut by_angle = ByAngle::new(720);
@@ -166,7 +166,7 @@ fn speed(seed: u64, commutation: Commutation, cogging: bool) -> Result<Vec<f64>>
     }
     let mut rig = armed(&plant, seed, commutation)?;
     rig.drive_with(0.5)?;
-    rig.plant.set_load(LOAD_NM).map_err(|error| anyhow!("{error}"))?;
+    rig.plant.set_load(LOAD_NM)?;
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..12 {
         let middle = (low + high) / 2.0;

@@ -5,7 +5,7 @@ mod encoder;
 mod injection;
 
 use super::Common;
-use crate::report::{Plot, Report, Series, print_table};
+use crate::report::{Bars, Report, print_table};
 use anyhow::Result;
 use campaign::Campaign;
 use encoder::EncoderCampaign;
@@ -71,6 +71,8 @@ pub struct Summary {
 }
 
 const TIMEOUT_PERIODS: u32 = 1200;
+/// Successive samples without an angle that are bridged, as on the boards: a spark, but not a broken wire.
+const TOLERATED: u8 = 1;
 
 fn settings() -> Settings {
     let guard = GuardSettings {
@@ -80,7 +82,7 @@ fn settings() -> Settings {
         ..GuardSettings::default()
     };
     let control = Control { max_speed_rad_s: 150.0, guard, ..Control::default() };
-    Settings { control: Some(control), max_electrical_hz: 150.0, ..Settings::default() }
+    Settings { control: Some(control), max_electrical_hz: 150.0, tolerated_samples: TOLERATED, ..Settings::default() }
 }
 
 /// `faults`: the experiment on the command line.
@@ -100,11 +102,9 @@ pub fn main(options: &Options) -> Result<()> {
     let mut report = Report::new("Faults");
     report.text("Faults injected at random times into drives that follow currents, speeds and positions with all three commutations.");
     report.table(&rows);
-    let points =
-        summary.kinds.values().enumerate().map(|(k, kind)| (k as f64, f64::from(kind.worst_detection_periods)));
-    let series = vec![Series::new("worst", points)];
-    report.plot(
-        &Plot::new("Longest detection", "kind, in the order of the table", "control periods", series),
+    let bars = summary.kinds.iter().map(|(name, kind)| (name.to_string(), f64::from(kind.worst_detection_periods)));
+    report.bars(
+        &Bars { title: "Longest detection".into(), x: "control periods".into(), bars: bars.collect() },
         "A stall, a timeout and two Halls that agree for the moment take the time that is set, or that the rotor needs to turn on.",
     )?;
     options.common.finish("faults", &summary, &report)

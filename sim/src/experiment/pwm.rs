@@ -127,8 +127,8 @@ fn simulated(resistance_ohm: f64, inductance_h: f64, hz: f64) -> Result<f64> {
     let motor = MotorParameters { resistance_ohm, inductance_h, ..MotorParameters::ideal() };
     let inverter = InverterParameters { model: InverterModel::Switched, ..InverterParameters::ideal(hz) };
     let parameters = PlantParameters { motor, inverter, ..ideal };
-    let mut plant = Plant::new(&parameters, 1).map_err(|error| anyhow!("{error}"))?;
-    plant.set_dyno(Some(0.0)).map_err(|error| anyhow!("{error}"))?;
+    let mut plant = Plant::new(&parameters, 1)?;
+    plant.set_dyno(Some(0.0))?;
     let legs = Legs::new([Leg::Pwm(0.5), Leg::Pwm(0.0), Leg::Open]);
     let settle = (20.0 * inductance_h / resistance_ohm * hz).ceil() as u32 + 10;
     for _ in 0..settle {

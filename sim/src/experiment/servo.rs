@@ -1,16 +1,19 @@
 //! The servo: current, speed and position control on the paper's motor with unkind Halls.
 
+mod identified;
+
 use super::Common;
 use crate::report::{Plot, Report, Series, print_table};
 use crate::rig::Rig;
 use crate::statistics::{Statistics, ripple_pct};
 use anyhow::{Context, Result, anyhow};
 use hallservo::commutation::Commutation;
-use hallservo::control::identify::{Estimate, Report as Identified};
 use hallservo::control::settings::Settings as Control;
 use hallservo::drive::Command;
-use hallservo::service::{identification, learning};
+use hallservo::service::learning;
 use hallservo::settings::Settings;
+use identified::identified;
+pub use identified::{Compared, Identification};
 use plant::{PlantParameters, Truth};
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -61,7 +64,8 @@ pub struct Run {
     current: Vec<(f64, f64)>,
     speed: Vec<Series>,
     ripple: Vec<Series>,
-    position: Vec<Series>,
+    moving: Vec<(f64, f64)>,
+    loaded: Vec<(f64, f64)>,
     cogging: Vec<Series>,
 }
 
@@ -127,7 +131,6 @@ pub fn run(seed: u64) -> Result<Run> {
     let block = turn(seed, Commutation::Block)?;
     let hold = hold(seed)?;
     let (cogging, cogging_reduction) = cogging(seed)?;
-    let (plant, identified) = identified(seed)?;
     let summary = Summary {
         seed,
         current_rise_us: 1e3 * (at(0.9)? - at(0.1)?),
@@ -145,20 +148,20 @@ pub fn run(seed: u64) -> Result<Run> {
         load_step_deviation_deg: hold.deviation_deg,
         load_step_recovery_ms: hold.recovery_ms,
         cogging_reduction,
-        identification: Identification::new(&plant, &identified),
+        identification: identified(seed)?,
     };
     let turns = [("field-oriented", foc), ("sinusoidal", sine), ("block", block)];
     let over_time = |values: &[f64]| values.iter().take(8000).enumerate().map(|(k, x)| (k as f64 / 40.0, *x)).collect();
     let ripple =
         turns.iter().map(|(name, turn)| Series { name: (*name).into(), points: over_time(&turn.rpm) }).collect();
     let speed = turns.into_iter().map(|(name, turn)| Series::new(name, turn.start)).collect();
-    Ok(Run { summary, current, speed, ripple, position: hold.position, cogging })
+    Ok(Run { summary, current, speed, ripple, moving: hold.moving, loaded: hold.loaded, cogging })
 }
 
 /// True current over the time in ms from the command on, rotor locked.
 fn current_step(seed: u64) -> Result<Vec<(f64, f64)>> {
     let mut rig = armed(seed, Commutation::FieldOriented, SMOOTH)?;
-    rig.plant.set_dyno(Some(0.0)).map_err(|error| anyhow!("{error}"))?;
+    rig.plant.set_dyno(Some(0.0))?;
     rig.command(Command::Current(rig.control()?.current(0.0)?))?;
     rig.run(0.02, |_, _| ());
     let demand = rig.control()?.current(1.5)?;
@@ -171,7 +174,7 @@ fn current_step(seed: u64) -> Result<Vec<(f64, f64)>> {
 /// The frequency at which a sine of 0.5 A about 1 A comes out with 1/√2 of its amplitude.
 fn bandwidth(seed: u64) -> Result<f64> {
     let mut rig = armed(seed, Commutation::FieldOriented, SMOOTH)?;
-    rig.plant.set_dyno(Some(0.0)).map_err(|error| anyhow!("{error}"))?;
+    rig.plant.set_dyno(Some(0.0))?;
     let control = *rig.control()?;
     let mut last = 0.0;
     for hz in (500..4000).step_by(100) {
@@ -221,7 +224,7 @@ fn turn(seed: u64, commutation: Commutation) -> Result<Turn> {
     }
     rig.command(Command::Speed(rig.control()?.speed(0.0)?))?;
     rig.run(0.3, |_, _| ());
-    rig.plant.set_load(LOAD_NM).map_err(|error| anyhow!("{error}"))?;
+    rig.plant.set_load(LOAD_NM)?;
     rig.run(0.3, |_, _| ());
     rig.command(Command::Speed(rig.control()?.speed(SLOW_RAD_S)?))?;
     let rpm = |truth: &Truth| truth.speed_rad_s * 60.0 / TAU;
@@ -244,7 +247,8 @@ struct Hold {
     error_deg: f64,
     deviation_deg: f64,
     recovery_ms: f64,
-    position: Vec<Series>,
+    moving: Vec<(f64, f64)>,
+    loaded: Vec<(f64, f64)>,
 }
 
 fn hold(seed: u64) -> Result<Hold> {
@@ -265,7 +269,7 @@ fn hold(seed: u64) -> Result<Hold> {
     rig.run(1.0, |_, period| rest.push(true_deg(&period.truth)));
     let mean = rest.iter().sum::<f64>() / rest.len() as f64;
     let noise: Statistics = rest.iter().map(|x| x - mean).collect();
-    rig.plant.set_load(0.02).map_err(|error| anyhow!("{error}"))?;
+    rig.plant.set_load(0.02)?;
     let mut loaded = Vec::new();
     rig.run(0.5, |_, period| loaded.push((loaded.len() as f64 / 40.0, true_deg(&period.truth))));
     let deviation: Statistics = loaded.iter().map(|p| p.1 - mean).collect();
@@ -276,7 +280,8 @@ fn hold(seed: u64) -> Result<Hold> {
         error_deg: last.mean().abs(),
         deviation_deg: deviation.max_abs(),
         recovery_ms: recovered as f64 / 40.0,
-        position: vec![Series::new("move of a turn", position), Series::new("load step of 20 mN·m", loaded)],
+        moving: position,
+        loaded,
     })
 }
 
@@ -289,93 +294,6 @@ fn learn(rig: &mut Rig) -> Result<()> {
     rig.run(0.3, |_, _| ());
     rig.learn(&learning::Plan::new(&rig.config)?)?;
     rig.command(Command::Arm)
-}
-
-/// Has a drive that was told a motor off by a fifth measure the one that it has.
-fn identified(seed: u64) -> Result<(PlantParameters, Identified)> {
-    let right = Control::default();
-    let control = Control {
-        resistance_ohm: 1.2 * right.resistance_ohm,
-        inductance_h: 0.8 * right.inductance_h,
-        flux_linkage_wb: 0.8 * right.flux_linkage_wb,
-        inertia_kgm2: 0.8 * right.inertia_kgm2,
-        ..right
-    };
-    let plant = PlantParameters::unkind(seed);
-    let mut rig = Rig::new(&plant, &Settings { control: Some(control), ..Settings::default() }, seed)?;
-    rig.calibrate(|_| ())?;
-    let report = rig.identify(&identification::Plan::new(&rig.config)?)?;
-    Ok((plant, report))
-}
-
-/// Something identified, and what it really is.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Compared {
-    /// What the drive found.
-    pub measured: f64,
-    /// What it expects to be off by at most.
-    pub expected_error: f64,
-    /// The motor's.
-    pub exact: f64,
-}
-
-/// The identified motor beside the true one; SI units.
-#[derive(Clone, Copy, Debug, Serialize)]
-pub struct Identification {
-    /// Resistance of a phase and the switch in series.
-    pub resistance_ohm: Compared,
-    /// Inductance of a phase.
-    pub inductance_h: Compared,
-    /// Flux linkage.
-    pub flux_linkage_wb: Compared,
-    /// Torque constant.
-    pub torque_constant_nm_a: Compared,
-    /// L/R.
-    pub time_constant_s: Compared,
-    /// Inertia.
-    pub inertia_kgm2: Compared,
-    /// Coulomb friction.
-    pub coulomb_nm: Compared,
-    /// Viscous friction.
-    pub viscous_nms: Compared,
-}
-
-impl Identification {
-    fn new(plant: &PlantParameters, report: &Identified) -> Self {
-        let motor = &plant.motor;
-        let flux = motor.back_emf.flux_linkage_vs;
-        let resistance = motor.resistance_ohm + plant.inverter.switch_ohm;
-        let compared = |Estimate { value, error }, exact| Compared { measured: value, expected_error: error, exact };
-        Self {
-            resistance_ohm: compared(report.resistance_ohm, resistance),
-            inductance_h: compared(report.inductance_h, motor.inductance_h),
-            flux_linkage_wb: compared(report.flux_linkage_wb, flux),
-            torque_constant_nm_a: compared(report.torque_constant_nm_a(), 1.5 * f64::from(motor.pole_pairs) * flux),
-            time_constant_s: compared(report.time_constant_s(), motor.inductance_h / resistance),
-            inertia_kgm2: compared(report.inertia_kgm2, motor.inertia_kgm2),
-            coulomb_nm: compared(report.coulomb_nm, motor.friction.coulomb_nm),
-            viscous_nms: compared(report.viscous_nms, motor.friction.viscous_nms),
-        }
-    }
-
-    fn table(&self) -> Vec<Vec<String>> {
-        let head = ["measured by the drive itself, told a fifth too much or too little", "measured", "±", "exact"];
-        let rows = [
-            ("resistance, switches included / Ω", self.resistance_ohm, 1.0),
-            ("inductance / mH", self.inductance_h, 1e3),
-            ("flux linkage / mWb", self.flux_linkage_wb, 1e3),
-            ("torque constant / mN·m/A", self.torque_constant_nm_a, 1e3),
-            ("time constant L/R / µs", self.time_constant_s, 1e6),
-            ("inertia / g·cm²", self.inertia_kgm2, 1e7),
-            ("Coulomb friction / mN·m", self.coulomb_nm, 1e3),
-            ("viscous friction / µN·m·s", self.viscous_nms, 1e6),
-        ];
-        let row = |(name, compared, scale): (&str, Compared, f64)| {
-            let values = [compared.measured, compared.expected_error, compared.exact];
-            std::iter::once(name.to_string()).chain(values.map(|value| format!("{:.3}", value * scale))).collect()
-        };
-        std::iter::once(head.map(String::from).to_vec()).chain(rows.into_iter().map(row)).collect()
-    }
 }
 
 /// Net torque over the electrical angle without and with the table, and the quotient of their RMS.
@@ -392,14 +310,14 @@ fn cogging(seed: u64) -> Result<(Vec<Series>, f64)> {
 /// Torque of the currents and the cogging in mN·m over the electrical angle in degrees, at zero command and turned slowly.
 fn net_torque(rig: &mut Rig) -> Result<Vec<(f64, f64)>> {
     rig.command(Command::Current(rig.control()?.current(0.0)?))?;
-    rig.plant.set_dyno(Some(TURNING_RAD_S)).map_err(|error| anyhow!("{error}"))?;
+    rig.plant.set_dyno(Some(TURNING_RAD_S))?;
     rig.run(0.1, |_, _| ());
     let mut by_angle = crate::statistics::ByAngle::new(360);
     rig.run(TAU / TURNING_RAD_S, |_, period| {
         let truth = &period.truth;
         by_angle.push(truth.electrical_angle_rad.to_degrees(), 1e3 * (truth.torque_nm + truth.cogging_nm));
     });
-    rig.plant.set_dyno(None).map_err(|error| anyhow!("{error}"))?;
+    rig.plant.set_dyno(None)?;
     Ok(by_angle.means(1.0).collect())
 }
 
@@ -440,6 +358,8 @@ impl Run {
         report.table(&self.table());
         report.table(&self.summary.identification.table());
         let current = vec![Series::new("current along q", self.current.iter().take(120).copied())];
+        let moving = vec![Series::new("position", self.moving.iter().take(100 * 40).copied())];
+        let loaded = vec![Series::new("position", self.loaded.iter().take(150 * 40).copied())];
         let plots = [
             ("Current step, rotor locked", "time / ms", "A", &current, "Field-oriented, set for 1 kHz at 40 kHz PWM."),
             ("Speed step under load", "time / ms", "rpm", &self.speed, "From 0 to 100 rpm against 40 mN·m."),
@@ -450,12 +370,13 @@ impl Run {
                 &self.ripple,
                 "The three commutations under the same speed control.",
             ),
+            ("Position: a move", "time / ms", "deviation from the target / °", &moving, "One turn."),
             (
-                "Position",
+                "Position: a load",
                 "time / ms",
                 "deviation from the target / °",
-                &self.position,
-                "A move of one turn, and holding it when a load is put on.",
+                &loaded,
+                "A load of 20 mN·m is put on while it is held.",
             ),
             (
                 "Cogging",

@@ -77,7 +77,7 @@ fn start(points: &[Point; BINS]) -> Result<[Sensor; 3], Error> {
         let (mut mean, mut sine, mut cosine) = (0.0, 0.0, 0.0);
         for point in points {
             let (code, [sin, cos]) =
-                (point.codes[channel], [trig::sin, trig::cos].map(|f| f(point.field).to_num::<f32>()));
+                (point.codes[channel], [trig::sin, trig::cos].map(|f| trig::float(f(point.field))));
             mean += code / BINS as f32;
             sine += code * sin * 2.0 / BINS as f32;
             cosine += code * cos * 2.0 / BINS as f32;

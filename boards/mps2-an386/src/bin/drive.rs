@@ -12,16 +12,13 @@ use embassy_sync::blocking_mutex::raw::CriticalSectionRawMutex;
 use embassy_sync::signal::Signal;
 use embassy_time::{Duration, Instant, Timer};
 use hallservo::commutation::Modulation;
-use hallservo::drive::{Channels, Command};
+use hallservo::drive::Command;
 use hallservo::hall::calibrate::Calibration;
-use hallservo::hall::estimate::Estimator;
 use hallservo::service::{Event, Service};
 use hallservo::telemetry::Record;
 use heapless::spsc::Consumer;
 use mps2_an386::control::{self, Checkpoint, STATISTICS, instructions};
-use mps2_an386::{failure, success, tasks, time};
-use static_cell::{ConstStaticCell, StaticCell};
-use twin::Twin;
+use mps2_an386::{Machine, failure, success, tasks, time};
 use twin::log::{Entry, What};
 
 /// Modulation and time of each part of the run.
@@ -34,20 +31,8 @@ static LATEST: Signal<CriticalSectionRawMutex, Record> = Signal::new();
 
 #[entry]
 fn main() -> ! {
-    static CHANNELS: ConstStaticCell<Channels> = ConstStaticCell::new(Channels::new());
-    static ESTIMATORS: ConstStaticCell<[Estimator; 2]> =
-        ConstStaticCell::new([const { Estimator::blank() }, const { Estimator::blank() }]);
-    static SERVICE: StaticCell<Service> = StaticCell::new();
-
-    let mut core = mps2_an386::init();
-    let Ok(config) = twin::settings().validate() else { failure() };
-    let (interrupt, tasks) = CHANNELS.take().split();
-    let service = SERVICE.init(Service::new(config, tasks, ESTIMATORS.take().each_mut()));
-    let Some(twin) = Twin::new(config, interrupt) else { failure() };
-    let checkpoints = control::start(twin, &mut core.SYST);
-
+    let Machine { service, checkpoints, urgent, background } = Machine::start();
     let (Ok(serve), Ok(log)) = (serve(Run { service, checkpoints }), log()) else { failure() };
-    let [urgent, background] = tasks::start(&mut core.NVIC);
     urgent.spawn(serve);
     background.spawn(log);
     tasks::idle()

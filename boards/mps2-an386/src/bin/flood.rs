@@ -12,13 +12,10 @@ use defmt::{error, info, println};
 use embassy_futures::join::join;
 use embassy_futures::yield_now;
 use embassy_time::{Duration, Instant, Timer};
-use hallservo::drive::{Channels, Command};
-use hallservo::hall::estimate::Estimator;
+use hallservo::drive::Command;
 use hallservo::service::Service;
 use mps2_an386::control::{self, STATISTICS, instructions};
-use mps2_an386::{failure, success, tasks, time};
-use static_cell::{ConstStaticCell, StaticCell};
-use twin::Twin;
+use mps2_an386::{Machine, failure, success, tasks, time};
 
 /// At least, in the motor's time: 2000 control periods.
 const TIME: Duration = Duration::from_millis(50);
@@ -35,18 +32,7 @@ static FRAMES: AtomicU32 = AtomicU32::new(0);
 
 #[entry]
 fn main() -> ! {
-    static CHANNELS: ConstStaticCell<Channels> = ConstStaticCell::new(Channels::new());
-    static ESTIMATORS: ConstStaticCell<[Estimator; 2]> =
-        ConstStaticCell::new([const { Estimator::blank() }, const { Estimator::blank() }]);
-    static SERVICE: StaticCell<Service> = StaticCell::new();
-
-    let mut core = mps2_an386::init();
-    let Ok(config) = twin::settings().validate() else { failure() };
-    let (interrupt, tasks) = CHANNELS.take().split();
-    let service = SERVICE.init(Service::new(config, tasks, ESTIMATORS.take().each_mut()));
-    let Some(twin) = Twin::new(config, interrupt) else { failure() };
-    let _checkpoints = control::start(twin, &mut core.SYST);
-    let [urgent, background] = tasks::start(&mut core.NVIC);
+    let Machine { service, urgent, background, .. } = Machine::start();
     let (Ok(serve), Ok(flood)) = (serve(service), flood()) else { failure() };
     urgent.spawn(serve);
     background.spawn(flood);

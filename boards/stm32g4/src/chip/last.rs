@@ -2,7 +2,7 @@
 //!
 //! The watchdog is not fed any more, so the chip starts over within its time, with the bridge off.
 
-use crate::chip::bridge;
+use crate::chip::{bridge, storage};
 use core::arch::{asm, naked_asm};
 use core::panic::PanicInfo;
 use core::ptr::addr_of;
@@ -55,9 +55,22 @@ fn callers() -> [u32; DEPTH] {
     callers
 }
 
+/// Nothing, if it comes from a record that a power cut has left half written.
+#[exception]
+unsafe fn NonMaskableInt() {
+    if !storage::is_torn_record() {
+        unexpected(-14);
+    }
+}
+
 /// An interrupt that nobody expects.
 #[exception]
 unsafe fn DefaultHandler(number: i16) -> ! {
+    unexpected(number)
+}
+
+#[inline(never)]
+fn unexpected(number: i16) -> ! {
     bridge::off();
     defmt::error!("interrupt {=i16} is not expected; the bridge is off", number);
     panic!()

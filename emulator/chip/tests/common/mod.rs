@@ -134,6 +134,14 @@ impl Bench {
         self.set(TIM1 + 0x44, 1 << 15);
     }
 
+    /// All three legs switch, with [`Self::timer`]'s dead time and break settings.
+    pub fn switching(&mut self, dead_time: u32) {
+        self.timer(dead_time);
+        self.gate_pins();
+        self.count();
+        self.moe();
+    }
+
     /// A converter at HCLK/4, calibrated, with this injected sequence of (channel, SMP) from TIM1_TRGO2.
     pub fn converter(&mut self, index: usize, sequence: &[(u32, u32)], interrupt: bool) {
         let base = ADC[index];

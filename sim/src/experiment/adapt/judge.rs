@@ -1,6 +1,6 @@
 //! One run of the adaptation against three unkind Halls on a bench, with the bound that no filter can beat.
 
-use anyhow::{Result, anyhow};
+use anyhow::Result;
 use hallservo::angle::ElectricalAngle;
 use hallservo::hall::adapt::{Adapter, Observation, Outcome, Settings};
 use hallservo::hall::model::{Model, Sensor};
@@ -161,7 +161,7 @@ impl Judge {
         };
         // Anywhere in the turn, another place for each seed.
         let angle = TAU * (seed as f64 * 0.618_034).fract() - PI;
-        let bench = Bench::new(&parameters, angle, motion.at(0.0).0, seed).map_err(|error| anyhow!("{error}"))?;
+        let bench = Bench::new(&parameters, angle, motion.at(0.0).0, seed)?;
         let config = settings.validate()?;
         let nominal_v = 250.0 * LSB_V;
         let prior = Prior {

@@ -3,7 +3,7 @@
 use super::injection::{INJECTIONS, Injection};
 use super::{Found, Summary, settings};
 use crate::rig::Rig;
-use anyhow::{Context, Result, anyhow, bail};
+use anyhow::{Context, Result, bail};
 use hallservo::commutation::{Commutation, Legs};
 use hallservo::drive::{Command, Refusal};
 use hallservo::fault::Fault;
@@ -146,7 +146,7 @@ impl Campaign {
     }
 
     fn dyno(&mut self, speed: Option<f64>) -> Result<()> {
-        self.rig.plant.set_dyno(speed).map_err(|error| anyhow!("{error}"))
+        Ok(self.rig.plant.set_dyno(speed)?)
     }
 
     /// Mends everything and comes to rest.

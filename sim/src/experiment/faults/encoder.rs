@@ -74,7 +74,7 @@ impl Machine {
         let (absolute_interrupt, mut absolute_tasks) = Box::leak(Box::new(AbsoluteChannels::new())).split();
         absolute_tasks.install(Box::leak(Box::new(encoder))).map_err(|_| anyhow!("no room for the encoder"))?;
         let parameters = PlantParameters::unkind(seed);
-        let plant = |seed| Plant::new(&parameters, seed).map_err(|error| anyhow!("{error}"));
+        let plant = |seed| Plant::new(&parameters, seed);
         Ok(Self {
             plant: plant(seed)?,
             ghost: plant(!seed)?,
@@ -108,7 +108,7 @@ impl Machine {
         self.slipped += self.slip;
         if self.slipped != 0.0 {
             let ahead = self.slipped * TAU / f64::from(self.config.pole_pairs.get());
-            self.ghost.place(truth.mechanical_angle_rad + ahead, 0.0).map_err(|error| anyhow!("{error}"))?;
+            self.ghost.place(truth.mechanical_angle_rad + ahead, 0.0)?;
             halls = self.ghost.sample().halls;
         }
         if let Some((one, other)) = self.swapped {
@@ -142,7 +142,7 @@ impl Machine {
         let start = self.plant.truth().speed_rad_s;
         for k in 1..=2000 {
             let speed = start + (speed_rad_s - start) * f64::from(k) / 2000.0;
-            self.plant.set_dyno(Some(speed)).map_err(|error| anyhow!("{error}"))?;
+            self.plant.set_dyno(Some(speed))?;
             self.step()?;
         }
         Ok(())
@@ -332,7 +332,7 @@ impl EncoderCampaign {
         for speed in [20.0, 20.0, 0.0, 0.0] {
             machine.ramp_to(speed)?;
         }
-        machine.plant.set_dyno(None).map_err(|error| anyhow!("{error}"))?;
+        machine.plant.set_dyno(None)?;
         match machine.mode() {
             Mode::Faulted(_) => machine.command(Command::Clear),
             Mode::Running => machine.command(Command::Disarm),

@@ -1,6 +1,6 @@
 //! What is done to the drive, and what it should say.
 
-use super::TIMEOUT_PERIODS;
+use super::{TIMEOUT_PERIODS, TOLERATED};
 use crate::rig::Disturb;
 use hallservo::drive::Sample;
 use hallservo::fault::Fault;
@@ -12,7 +12,7 @@ use rand_pcg::Pcg64;
 pub(super) enum Deadline {
     /// Within so many control periods.
     Periods(u32),
-    /// Within an electrical turn of the rotor and the nine periods that a wrong sample is tolerated for: it looks like a healthy
+    /// Within an electrical turn of the rotor and the periods that a wrong sample is tolerated for: it looks like a healthy
     /// sensor where the rotor stands or where the sensors happen to agree.
     Turn,
 }
@@ -25,8 +25,8 @@ impl Deadline {
     pub fn has_passed(self, periods: u32, turns: f64) -> bool {
         match self {
             Self::Periods(most) => periods >= most,
-            // The rotor goes on turning in the periods that are tolerated: 9 at the fastest speed are 0.02 turns.
-            Self::Turn => turns >= 1.02 || periods >= LONGEST_TURN,
+            // The rotor goes on turning in the periods that are tolerated: two at the fastest speed are 0.01 turns.
+            Self::Turn => turns >= 1.01 || periods >= LONGEST_TURN,
         }
     }
 }
@@ -122,7 +122,7 @@ impl Injection {
             Self::OverVoltage | Self::UnderVoltage | Self::OverCurrent | Self::Deadline | Self::CurrentOffset => 1,
             Self::BridgeHot | Self::MotorHot => 8,
             Self::CurrentImbalance => 20,
-            Self::HallAtRail | Self::HallAtGround => 9,
+            Self::HallAtRail | Self::HallAtGround => u32::from(TOLERATED) + 1,
             Self::HallsShorted | Self::HallFrozen => return Deadline::Turn,
             // The tracker has to follow the leap of speed.
             Self::OverSpeed => 400,
@@ -147,15 +147,8 @@ impl Injection {
                 let code = if up { random.random_range(3560..=4095) } else { random.random_range(0..530) };
                 Box::new(move |sample| sample.currents[channel] = code)
             }
-            // At least 0.5 A, with a margin for noise and offset; at most what the offset may not be.
-            Self::CurrentImbalance => {
-                let off = random.random_range(140..400_u16);
-                Box::new(move |sample| {
-                    let code = &mut sample.currents[channel];
-                    *code = if up { *code + off } else { *code - off };
-                })
-            }
-            Self::CurrentOffset => {
+            // At least the 0.5 A that both thresholds are, with a margin for noise and offset.
+            Self::CurrentImbalance | Self::CurrentOffset => {
                 let off = random.random_range(140..400_u16);
                 Box::new(move |sample| {
                     let code = &mut sample.currents[channel];

@@ -1,0 +1,79 @@
+//! What turns the rotor for a while: the calibration, and the procedures.
+
+use super::{SETTLED, Supervisor};
+use crate::procedure::Outcome;
+use crate::wire;
+use embedded_storage::nor_flash::NorFlash;
+use hallservo::mode::Mode;
+use hallservo_protocol::{self as protocol, Activity, Calibration, CalibrationError, Record, Refusal};
+
+impl<F: NorFlash> Supervisor<F> {
+    /// Whether a procedure may begin: with the drive ready.
+    pub fn may_turn(&self) -> Result<(), Refusal<'static>> {
+        match self.mode() {
+            Mode::Ready => Ok(()),
+            Mode::Unarmed => Err(Refusal::NotCalibrated),
+            mode => Err(Refusal::Mode(wire::mode(mode))),
+        }
+    }
+
+    /// Ends a procedure; the bridge is to be switched off beside.
+    pub fn cancel(&mut self) {
+        if let Some(procedure) = self.procedure {
+            procedure.cancel();
+        }
+    }
+
+    #[inline(never)]
+    pub(super) fn proceed(&mut self) {
+        let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(self.service, self.now_ms as u32)) else {
+            return;
+        };
+        match outcome {
+            Outcome::Motor(report) => {
+                let mut settings = self.settings;
+                if let Some(control) = &mut settings.drive.control {
+                    report.apply(control);
+                }
+                // A motor beyond the ranges of the settings is told all the same.
+                self.unheard = self.configure(settings).is_ok().into();
+                self.identification = protocol::Procedure::Found(wire::motor(&report));
+            }
+            Outcome::Cogging(table) => {
+                self.cogging = protocol::Procedure::Found(self.settings.cogging(&table));
+                self.table = Some(table);
+                // The procedure has put it to work, wanted or not.
+                self.balance = true;
+                self.waiting[Record::Cogging as usize] = true;
+            }
+            Outcome::Failed(Activity::Identification, error) => {
+                self.identification = protocol::Procedure::Failed(wire::procedure_error(error));
+            }
+            Outcome::Failed(_, error) => {
+                self.cogging = protocol::Procedure::Failed(wire::procedure_error(error));
+                // Whatever it has put to work.
+                self.balance = true;
+            }
+        }
+        *self.procedure = None;
+    }
+
+    /// A calibration that a command or a fault has ended.
+    pub(super) fn end_calibration(&mut self) {
+        let turns = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);
+        if self.calibration == Calibration::Turning && !turns && self.since_command > SETTLED {
+            self.calibration = Calibration::Failed(CalibrationError::Ended);
+        }
+    }
+
+    /// What goes on that takes a while.
+    pub fn activity(&self) -> Activity {
+        match &*self.procedure {
+            Some(procedure) => procedure.activity(),
+            None if self.calibration == Calibration::Turning => Activity::Calibration,
+            // The drive takes up what was found.
+            None if self.unheard > 0 && self.coming.is_some() => Activity::Identification,
+            None => Activity::None,
+        }
+    }
+}

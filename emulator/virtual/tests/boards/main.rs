@@ -1,0 +1,71 @@
+//! The firmwares as they would be flashed, on their boards: boot, calibrate, spin, and what happens when something breaks.
+
+mod faults;
+mod line;
+mod power;
+#[path = "../common/mod.rs"]
+mod support;
+mod watchdog;
+
+use support::{ESC, NUCLEO, ask, calibrated, motor, run, says, session};
+use virtual_board::outcome::Outcome;
+
+fn boots(board: &str) {
+    let mut session = session(board, "at 50ms send hello");
+    run(&mut session, 0.25);
+    let outcome = Outcome::of(&session);
+    assert_eq!(outcome.verdict(), Vec::<String>::new());
+    assert!(says(&session, "Hello(Hello"), "{:#?}", session.lines);
+    let control = outcome.control.expect("a control interrupt");
+    let pwm = outcome.facts.pwm.expect("a PWM");
+    assert!((control.rate_hz / pwm.hz - 1.0).abs() < 1e-3, "{} and {}", control.rate_hz, pwm.hz);
+    assert!(control.latency_ns.max < 500.0, "{:?}", control.latency_ns);
+    assert!(outcome.facts.moe.is_empty(), "{:?}", outcome.facts.moe);
+    let stack = outcome.stack.expect("a stack");
+    assert!(stack.used < stack.size, "{stack:?}");
+    let clock = |name: &str| outcome.facts.clocks.iter().find(|clock| clock.name == name).expect("a clock").hz;
+    assert_eq!(clock("HCLK"), 170e6);
+}
+
+#[test]
+fn the_nucleo_boots() {
+    boots(NUCLEO);
+}
+
+#[test]
+fn the_esc_boots() {
+    boots(ESC);
+}
+
+/// Calibrates, then turns both ways in all three commutations.
+fn spins(board: &str) {
+    let mut session = calibrated(board);
+    for commutation in ["field-oriented", "sinusoidal", "block"] {
+        ask(&mut session, &format!("commutate {commutation}"));
+        ask(&mut session, "arm");
+        for speed in [40.0, -40.0] {
+            ask(&mut session, &format!("speed {speed}"));
+            run(&mut session, 0.5);
+            let found = motor(&session, "speed / rad/s");
+            assert!((found - speed).abs() < 4.0, "{commutation}: {found} instead of {speed}: {:#?}", session.lines);
+        }
+        ask(&mut session, "disarm");
+        run(&mut session, 1.0);
+    }
+    let outcome = Outcome::of(&session);
+    assert_eq!(outcome.verdict(), Vec::<String>::new());
+    assert_eq!(outcome.resets, []);
+    for leg in &outcome.facts.legs {
+        assert!(leg.dead_time_rising_ns.min > 400.0 && leg.dead_time_falling_ns.min > 400.0, "{leg:?}");
+    }
+}
+
+#[test]
+fn the_nucleo_calibrates_and_spins() {
+    spins(NUCLEO);
+}
+
+#[test]
+fn the_esc_calibrates_and_spins() {
+    spins(ESC);
+}

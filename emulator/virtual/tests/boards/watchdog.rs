@@ -1,0 +1,106 @@
+//! The watchdog bites where something hangs, within its time, and never otherwise.
+
+use crate::support::{ESC, NUCLEO, ask, calibrated, perform, run, says, turning, until};
+use bus::{ResetCause, System, Watchdog};
+use virtual_board::outcome::Outcome;
+use virtual_board::session::Session;
+
+fn watchdog(session: &Session) -> Watchdog {
+    session.machine.system.facts().watchdog.expect("a watchdog")
+}
+
+/// Number of the exception whose handler has such a name.
+fn exception(session: &Session, name: &str) -> u16 {
+    let handlers = Outcome::of(session).handlers;
+    let handler = handlers.iter().find(|handler| handler.name.contains(name));
+    handler.unwrap_or_else(|| panic!("no handler {name}: {handlers:#?}")).exception
+}
+
+/// Hangs something in a turning drive: the bridge is off within the watchdog's time, and the board comes back with what it knew.
+fn bites(board: &str, turning: &Session, what: &str) {
+    let mut session = turning.fork();
+    let at_s = session.seconds();
+    perform(&mut session, what);
+    // The serial port's handler runs only if something comes.
+    perform(&mut session, "send hello");
+    let timeout_s = watchdog(&session).timeout_s;
+    while session.resets.is_empty() && session.seconds() < at_s + 2.0 * timeout_s {
+        session.slice(at_s + 2.0 * timeout_s).expect("a run");
+    }
+    let [(reset_s, ResetCause::Watchdog)] = session.resets[..] else { panic!("{board}, {what}: {:?}", session.resets) };
+    let edge = session.machine.system.facts().moe.last().cloned().expect("an edge");
+    println!("{board}, {what}: off after {:.1} ms by {}", (edge.at_s - at_s) * 1e3, edge.by);
+    assert!(!edge.on && edge.at_s <= reset_s && reset_s < at_s + timeout_s, "{board}, {what}: {reset_s} s, {edge:?}");
+    run(&mut session, 0.1);
+    assert!(says(&session, "the watchdog has reset the chip"), "{board}, {what}: {:#?}", session.lines);
+    for request in ["arm", "speed 40"] {
+        let reply = ask(&mut session, request);
+        assert!(reply.contains("Done"), "{board}, {what}, {request}: {reply}");
+    }
+    run(&mut session, timeout_s);
+    assert_eq!(session.resets.len(), 1, "{board}, {what}: {:?}", session.resets);
+}
+
+fn bites_where_something_hangs(board: &str) {
+    let turning = turning(board);
+    let [time, serial] = ["TIM", "USART"].map(|name| exception(&turning, name));
+    for what in ["hang".into(), "hang tasks".into(), format!("hang {time}"), format!("hang {serial}")] {
+        bites(board, &turning, &what);
+    }
+}
+
+#[test]
+fn the_watchdog_of_the_nucleo_bites_where_something_hangs() {
+    bites_where_something_hangs(NUCLEO);
+}
+
+#[test]
+fn the_watchdog_of_the_esc_bites_where_something_hangs() {
+    bites_where_something_hangs(ESC);
+}
+
+/// All that keeps the tasks busy, with the longest time between two feeds meanwhile.
+fn is_fed_in_time(board: &str) {
+    let mut session = calibrated(board);
+    let mut told = 0.0;
+    let mut tell = |session: &Session, what: &str| {
+        let most = watchdog(session).interval_s.max;
+        if most > told {
+            println!("{board}, {what}: fed after {:.1} ms", most * 1e3);
+            told = most;
+        }
+    };
+    tell(&session, "start and calibration");
+    ask(&mut session, "set max_speed_rad_s 111");
+    ask(&mut session, "save");
+    run(&mut session, 0.2);
+    tell(&session, "save of the settings");
+    ask(&mut session, "telemetry 1000");
+    ask(&mut session, "arm");
+    ask(&mut session, "speed 40");
+    run(&mut session, 1.0);
+    tell(&session, "telemetry and adaptation");
+    ask(&mut session, "telemetry 0");
+    ask(&mut session, "disarm");
+    run(&mut session, 1.0);
+    ask(&mut session, "identify");
+    session.lines.clear();
+    let end_s = session.seconds() + 15.0;
+    until(&mut session, "Ready after", end_s);
+    run(&mut session, 0.5);
+    tell(&session, "identification");
+    assert_eq!(session.resets, []);
+    let Watchdog { timeout_s, interval_s, bites } = watchdog(&session);
+    assert_eq!(bites, 0);
+    assert!(interval_s.max < 0.5 * timeout_s, "{board}: {interval_s:?}");
+}
+
+#[test]
+fn the_nucleo_feeds_its_watchdog_in_time() {
+    is_fed_in_time(NUCLEO);
+}
+
+#[test]
+fn the_esc_feeds_its_watchdog_in_time() {
+    is_fed_in_time(ESC);
+}

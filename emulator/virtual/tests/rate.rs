@@ -1,0 +1,83 @@
+//! Control and PWM at 40 kHz on both boards: two seconds of turning without a late, a missed or a wrong period, and how long a period's
+//! work takes.
+
+use bus::System;
+use chip::Board;
+use plant::PlantParameters;
+use virtual_board::{firmware, outcome::Outcome, script, session::Session};
+
+/// PWM period, ns.
+const PERIOD_NS: f64 = 25_000.0;
+
+fn run(session: &mut Session, seconds: f64) {
+    session.run_until(session.seconds() + seconds).expect("a run");
+}
+
+fn ask(session: &mut Session, what: &str) {
+    let at_us = (session.seconds() * 1e6).ceil();
+    session.follow(script::parse(&format!("at {at_us}us send {what}")).expect("a request"));
+    run(session, 8e-3);
+}
+
+/// The control interrupt takes at most a share of the period, and is over when the next one samples.
+fn within(outcome: &Outcome, at_most: f64) {
+    let control = outcome.control.as_ref().expect("a control interrupt");
+    let (begins, lasts) = (control.after_trigger_ns.min, control.duration_ns.max);
+    println!(
+        "{}: {:.0} Hz; a period's work begins {begins:.0} ns after the trigger and takes {:.0} to {lasts:.0} ns, {:.1} % of the period",
+        outcome.board,
+        control.rate_hz,
+        control.duration_ns.min,
+        100.0 * lasts / PERIOD_NS
+    );
+    assert!(begins + lasts < PERIOD_NS && lasts < at_most * PERIOD_NS, "{control:?}");
+}
+
+fn turns_at_40_khz(name: &str) {
+    let elf = std::fs::read(firmware::build(name).expect("the firmware builds")).expect("it is there");
+    let board = Board::named(name).expect("a board");
+    let mut session = Session::new(board, elf, &PlantParameters::unkind(1), 1).expect("a session");
+    session.follow(script::parse("at 30ms send calibrate").expect("a script"));
+    while !session.lines.iter().any(|line| line.message.contains("record 0 saved")) {
+        assert!(session.seconds() < 8.0, "{:#?}", session.lines);
+        session.slice(8.0).expect("a run");
+    }
+    // Whatever a step of start and calibration does.
+    within(&Outcome::of(&session), 0.7);
+    run(&mut session, 0.05);
+
+    session.machine.forget_profile();
+    let (from_s, triggers) = (session.seconds(), session.machine.system.facts().triggers);
+    ask(&mut session, "arm");
+    ask(&mut session, "telemetry 500");
+    for speed in [100.0, -100.0, 40.0, -40.0] {
+        ask(&mut session, &format!("speed {speed}"));
+        run(&mut session, 0.5);
+        let found = session.machine.system.facts().motor["speed_rad_s"];
+        assert!((found - speed).abs() < 4.0, "{found} instead of {speed}: {:#?}", session.lines);
+    }
+    let elapsed_s = session.seconds() - from_s;
+    assert!(elapsed_s > 2.0);
+
+    let outcome = Outcome::of(&session);
+    assert_eq!(outcome.verdict(), Vec::<String>::new());
+    assert_eq!(outcome.facts.moe.last().map(|edge| edge.on), Some(true), "{:#?}", session.lines);
+    // Every trigger has led to one interrupt, and each came when it should.
+    let triggers = (outcome.facts.triggers - triggers) as f64;
+    let control = outcome.control.as_ref().expect("a control interrupt");
+    assert!((triggers - elapsed_s * 40e3).abs() <= 2.0, "{triggers} in {elapsed_s} s");
+    assert!((triggers - control.duration_ns.count as f64).abs() <= 2.0, "{control:?}");
+    assert!(control.period_ns.min > 0.98 * PERIOD_NS && control.period_ns.max < 1.02 * PERIOD_NS, "{control:?}");
+    assert!(control.latency_ns.max < 500.0, "{control:?}");
+    within(&outcome, 0.7);
+}
+
+#[test]
+fn the_nucleo_turns_at_40_khz() {
+    turns_at_40_khz("nucleo-g474re-ihm08m1");
+}
+
+#[test]
+fn the_esc_turns_at_40_khz() {
+    turns_at_40_khz("b-g431b-esc1");
+}

@@ -1,0 +1,246 @@
+//! Diagrams as SVG.
+
+use anyhow::{Result, anyhow};
+use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
+use plotters::coord::types::RangedCoordf64;
+use plotters::coord::{Shift, cartesian::Cartesian2d};
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use std::error::Error;
+use std::ops::Range;
+
+/// A curve.
+#[derive(Clone, Debug)]
+pub struct Series {
+    /// Its name in the legend.
+    pub name: String,
+    /// Its points in the order of x.
+    pub points: Vec<(f64, f64)>,
+}
+
+impl Series {
+    /// A curve from points.
+    pub fn new(name: impl Into<String>, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
+        Self { name: name.into(), points: points.into_iter().collect() }
+    }
+
+    /// At most `2 · most` points that look the same: the extremes of `most` parts.
+    fn thinned(&self, most: usize) -> Vec<(f64, f64)> {
+        if self.points.len() <= 2 * most {
+            return self.points.clone();
+        }
+        let part = self.points.len().div_ceil(most);
+        let extremes = |points: &[(f64, f64)]| {
+            let by_y = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
+            let (low, high) = (points.iter().min_by(by_y).copied(), points.iter().max_by(by_y).copied());
+            let mut both = [low, high];
+            both.sort_by(|a, b| a.map_or(0.0, |p| p.0).total_cmp(&b.map_or(0.0, |p| p.0)));
+            both.into_iter().flatten()
+        };
+        self.points.chunks(part).flat_map(extremes).collect()
+    }
+}
+
+/// A diagram of one or more curves.
+#[derive(Clone, Debug)]
+pub struct Plot {
+    /// Heading.
+    pub title: String,
+    /// Name and unit of the abscissa.
+    pub x: String,
+    /// Name and unit of the ordinate.
+    pub y: String,
+    /// The curves.
+    pub series: Vec<Series>,
+    logarithmic: bool,
+}
+
+const COLOURS: [RGBColor; 6] = [
+    RGBColor(0x1f, 0x6f, 0xb4),
+    RGBColor(0xd6, 0x5f, 0x0e),
+    RGBColor(0x2b, 0x8c, 0x4a),
+    RGBColor(0xb0, 0x2a, 0x37),
+    RGBColor(0x6f, 0x4b, 0xa3),
+    RGBColor(0x55, 0x55, 0x55),
+];
+const GRID: RGBColor = RGBColor(0xe4, 0xe4, 0xe4);
+const AXIS: RGBColor = RGBColor(0x88, 0x88, 0x88);
+/// Font and its size.
+const LABEL: (&str, i32) = ("sans-serif", 13);
+/// Height of a row of the legend, which stands above the curves and hides none, and the width that it has, pixels.
+const LEGEND: i32 = 18;
+const LEGEND_END: i32 = 880;
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+
+impl Plot {
+    /// A diagram.
+    pub fn new(title: &str, x: &str, y: &str, series: Vec<Series>) -> Self {
+        Self { title: title.into(), x: x.into(), y: y.into(), series, logarithmic: false }
+    }
+
+    /// With a logarithmic ordinate: values of zero and below are left out.
+    pub fn logarithmic(mut self) -> Self {
+        self.series.iter_mut().for_each(|series| series.points.retain(|(_, y)| *y > 0.0));
+        self.logarithmic = true;
+        self
+    }
+
+    /// The diagram as SVG.
+    ///
+    /// # Errors
+    /// A curve without a finite point.
+    pub fn svg(&self) -> Result<String> {
+        self.draw().map_err(|error| anyhow!("the plot {:?}: {error}", self.title))
+    }
+
+    fn draw(&self) -> Result<String, Box<dyn Error>> {
+        let (x, y) = (self.range(|p| p.0, 0.0)?, self.range(|p| p.1, 0.06)?);
+        let mut svg = String::new();
+        {
+            let root = SVGBackend::with_string(&mut svg, (900, 300)).into_drawing_area();
+            root.fill(&WHITE)?;
+            let mut area = root.clone();
+            if self.series.len() > 1 {
+                let rows = self.legend(&root)?;
+                area = root.split_vertically(4 + rows * LEGEND).1;
+            }
+            if self.logarithmic {
+                let high = y.end;
+                let decade = 0.99 * 10_f64.powf(self.range(|p| p.1, 0.0)?.start.log10().floor());
+                self.curves(&area, x, (decade..high).log_scale())?;
+            } else {
+                self.curves(&area, x, y)?;
+            }
+            root.present()?;
+        }
+        Ok(svg)
+    }
+
+    fn curves<Y>(&self, area: &Area, x: Range<f64>, y: Y) -> Result<(), Box<dyn Error>>
+    where
+        Y: AsRangedCoord<Value = f64>,
+        Y::CoordDescType: ValueFormatter<f64>,
+    {
+        let mut chart: ChartContext<_, Cartesian2d<RangedCoordf64, Y::CoordDescType>> = ChartBuilder::on(area)
+            .margin(8)
+            .margin_right(16)
+            .x_label_area_size(38)
+            .y_label_area_size(62)
+            .build_cartesian_2d(x, y)?;
+        chart
+            .configure_mesh()
+            .x_desc(&self.x)
+            .y_desc(&self.y)
+            .x_label_formatter(&number)
+            .y_label_formatter(&number)
+            .light_line_style(WHITE)
+            .bold_line_style(GRID)
+            .axis_style(AXIS)
+            .label_style(LABEL)
+            .draw()?;
+        for (series, colour) in self.series.iter().zip(COLOURS.iter().cycle()) {
+            chart.draw_series(LineSeries::new(series.thinned(1200), colour.stroke_width(1)))?;
+        }
+        Ok(())
+    }
+
+    /// Names side by side, each after a stroke of its colour; returns how many rows they take.
+    fn legend(&self, area: &Area) -> Result<i32, Box<dyn Error>> {
+        let style = TextStyle::from(LABEL).pos(Pos::new(HPos::Left, VPos::Center));
+        let (mut x, mut rows) = (70, 1);
+        for (series, colour) in self.series.iter().zip(COLOURS.iter().cycle()) {
+            let width = 24 + area.estimate_text_size(&series.name, &style)?.0 as i32;
+            if x + width > LEGEND_END {
+                (x, rows) = (70, rows + 1);
+            }
+            let y = rows * LEGEND - 4;
+            area.draw(&PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(3)))?;
+            area.draw(&Text::new(series.name.as_str(), (x + 24, y), style.clone()))?;
+            x += width + 18;
+        }
+        Ok(rows)
+    }
+
+    fn range(&self, of: fn(&(f64, f64)) -> f64, margin: f64) -> Result<Range<f64>> {
+        let values = self.series.iter().flat_map(|series| series.points.iter().map(of)).filter(|v| v.is_finite());
+        let (low, high) = values.fold((f64::MAX, f64::MIN), |(low, high), v| (low.min(v), high.max(v)));
+        if low > high {
+            return Err(anyhow!("nothing to plot"));
+        }
+        let room = if high > low { margin * (high - low) } else { low.abs().max(1.0) * 0.1 };
+        Ok(low - room..high + room)
+    }
+}
+
+/// Named bars on a logarithmic scale that begins at a half.
+#[derive(Clone, Debug)]
+pub struct Bars {
+    /// Heading.
+    pub title: String,
+    /// Name and unit of what is compared.
+    pub x: String,
+    /// Name and value of each, from above.
+    pub bars: Vec<(String, f64)>,
+}
+
+impl Bars {
+    /// As SVG.
+    ///
+    /// # Errors
+    /// No bar, or one that is not a number.
+    pub fn svg(&self) -> Result<String> {
+        self.draw().map_err(|error| anyhow!("the bars {:?}: {error}", self.title))
+    }
+
+    fn draw(&self) -> Result<String, Box<dyn Error>> {
+        let longest = self.bars.iter().map(|(_, value)| *value).fold(1.0, f64::max);
+        if self.bars.is_empty() || self.bars.iter().any(|(_, value)| !value.is_finite()) {
+            return Err("nothing to plot".into());
+        }
+        let count = self.bars.len();
+        let mut svg = String::new();
+        {
+            let root = SVGBackend::with_string(&mut svg, (900, 60 + 20 * count as u32)).into_drawing_area();
+            root.fill(&WHITE)?;
+            let mut chart = ChartBuilder::on(&root)
+                .margin(8)
+                .margin_right(50)
+                .x_label_area_size(38)
+                .y_label_area_size(250)
+                .build_cartesian_2d((0.5..longest).log_scale(), (0..count - 1).into_segmented())?;
+            chart
+                .configure_mesh()
+                .disable_y_mesh()
+                .x_desc(&self.x)
+                .x_label_formatter(&number)
+                .y_label_formatter(&|row| match row {
+                    SegmentValue::CenterOf(row) => {
+                        self.bars.get(count - 1 - row).map(|(name, _)| name.clone()).unwrap_or_default()
+                    }
+                    _ => String::new(),
+                })
+                .y_labels(count)
+                .light_line_style(WHITE)
+                .bold_line_style(GRID)
+                .axis_style(AXIS)
+                .label_style(LABEL)
+                .draw()?;
+            let bars = self.bars.iter().rev().enumerate().map(|(row, (_, value))| {
+                let (from, to) = (SegmentValue::Exact(row), SegmentValue::Exact(row + 1));
+                let mut bar = Rectangle::new([(0.5, from), (value.max(0.5), to)], COLOURS[0].filled());
+                bar.set_margin(3, 3, 0, 0);
+                bar
+            });
+            chart.draw_series(bars)?;
+            root.present()?;
+        }
+        Ok(svg)
+    }
+}
+
+/// As short as it can be told apart from its neighbours, and zero without a sign.
+fn number(value: &f64) -> String {
+    let rounded = (value * 1e6).round() / 1e6;
+    format!("{}", if rounded == 0.0 { 0.0 } else { rounded })
+}

@@ -1,0 +1,43 @@
+//! What is handed over to the tasks.
+
+use super::{Drive, Sample};
+use crate::hall::Codes;
+use crate::mode::Mode;
+
+impl Drive {
+    /// A record with currents and voltages, if there are any.
+    #[inline(never)]
+    pub(super) fn record_all(&mut self, sample: &Sample) {
+        if let Some(control) = &self.config.control
+            && self.mode == Mode::Running
+        {
+            self.servo.note(control, &self.live.rotor, self.live.sequence, sample);
+            self.publish();
+            self.hand_over();
+        }
+        let calibrating = matches!(self.mode, Mode::Aligning | Mode::Calibrating);
+        let every = if calibrating { self.config.calibration_record_every } else { self.config.record_every };
+        self.record(&sample.halls, every);
+        // A calibration may record every step.
+        if every == 1 {
+            self.receive(sample);
+        }
+    }
+
+    /// Lets the next step hand over a record, unless this one does.
+    pub(super) fn hasten_record(&mut self) {
+        if self.until_record != 0 {
+            self.live.sequence = self.live.sequence.wrapping_sub(self.until_record - 1);
+            self.until_record = 1;
+        }
+    }
+
+    /// Hands a record to the tasks; when they do not keep up, it is lost.
+    #[inline(always)]
+    pub(super) fn record(&mut self, codes: &Codes, every: u32) {
+        self.until_record = every;
+        self.live.codes = *codes;
+        let _ = self.channels.records.enqueue(self.live);
+        self.live.sequence = self.live.sequence.wrapping_add(every);
+    }
+}

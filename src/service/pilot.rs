@@ -1,0 +1,273 @@
+//! What the procedures that turn the motor have in common inside: arming, demands, time-outs, and the way back to rest.
+
+use super::procedure::{Error, State};
+use super::{Event, Service};
+use crate::commutation::Commutation;
+use crate::control::{Current, Speed};
+use crate::drive::{Command, Refusal};
+use crate::mode::Mode;
+use crate::settings::Config;
+use crate::telemetry::Record;
+
+/// Least rate of records and measurements.
+pub(super) const LEAST_RECORD_HZ: f32 = 100.0;
+/// Longest wait for an answer or a record beside three records' time, ms.
+const PATIENCE_MS: u32 = 200;
+/// Time of braking beyond what the largest acceleration needs, and from then to rest, ms.
+const BRAKING_MS: u32 = 1000;
+const REST_MS: u32 = 100;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Phase {
+    Preparing,
+    Arming,
+    /// The drive has agreed to arm.
+    Armed,
+    Turning,
+    Braking,
+    Disarming,
+    Restoring,
+    Over,
+}
+
+/// What a pilot asks the drive to follow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Demand {
+    Speed(Speed),
+    Current(Current),
+}
+
+impl Demand {
+    const REST: Self = Self::Speed(Speed(0));
+}
+
+/// Takes a drive from rest to turning and back.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Pilot {
+    phase: Phase,
+    /// To go back to.
+    commutation: Commutation,
+    demand: Demand,
+    failure: Option<Error>,
+    /// The phase whose command is not answered yet.
+    asked: Option<Phase>,
+    started: bool,
+    /// The last record, and when it came.
+    record: Option<Record>,
+    /// Whether one came since the last step.
+    heard: bool,
+    now_ms: u32,
+    heard_ms: u32,
+    since_ms: u32,
+    patience_ms: u32,
+    braking_ms: u32,
+    /// Slower is rest.
+    rest: i32,
+}
+
+impl Pilot {
+    /// For a drive, which goes back to a commutation in the end.
+    pub fn new(config: &Config, commutation: Commutation) -> Result<Self, Error> {
+        let control = config.control.as_ref().ok_or(Error::NoControl)?;
+        let record_hz = control.scale.step_hz / config.record_every as f32;
+        if record_hz < LEAST_RECORD_HZ {
+            return Err(Error::FewRecords);
+        }
+        let braking_s = control.braking_s();
+        Ok(Self {
+            phase: Phase::Preparing,
+            commutation,
+            demand: Demand::REST,
+            failure: None,
+            asked: None,
+            started: false,
+            record: None,
+            heard: false,
+            now_ms: 0,
+            heard_ms: 0,
+            since_ms: 0,
+            patience_ms: PATIENCE_MS + (3000.0 / record_hz) as u32,
+            braking_ms: BRAKING_MS + (1000.0 * braking_s) as u32,
+            rest: control.trajectory.speed() / 50,
+        })
+    }
+
+    /// Takes up what the service delivered.
+    pub fn event(&mut self, event: &Event) {
+        if let Event::Record(record) = event {
+            self.record = Some(*record);
+            self.heard = true;
+        }
+    }
+
+    /// Goes on; true while the rotor is the procedure's to turn.
+    pub fn step(&mut self, service: &mut Service, now_ms: u32) -> bool {
+        self.now_ms = now_ms;
+        if !core::mem::replace(&mut self.started, true) {
+            self.since_ms = now_ms;
+            self.heard = true;
+        }
+        if core::mem::take(&mut self.heard) {
+            self.heard_ms = now_ms;
+        }
+        if self.phase == Phase::Over {
+            return false;
+        }
+        if let Some(reply) = service.procedure_answer()
+            && self.asked.take() == Some(self.phase)
+        {
+            self.answered(reply);
+        }
+        self.watch();
+        self.proceed();
+        if self.phase == Phase::Over && self.failure == Some(Error::Silent) {
+            // Should it come to itself.
+            let _ = service.ask_silently(Command::Disarm);
+        }
+        if self.asked.is_none()
+            && let Some(command) = self.wanted()
+            && service.ask_for_procedure(command).is_ok()
+        {
+            self.asked = Some(self.phase);
+        }
+        self.phase == Phase::Turning
+    }
+
+    fn answered(&mut self, reply: Result<(), Refusal>) {
+        match (self.phase, reply) {
+            (Phase::Preparing, Ok(())) => self.enter(Phase::Arming),
+            (Phase::Arming, Ok(())) => self.enter(Phase::Armed),
+            (Phase::Disarming, _) => self.enter(Phase::Restoring),
+            (Phase::Restoring, _) => self.enter(Phase::Over),
+            (_, Ok(())) => {}
+            // Its record is on the way.
+            (Phase::Turning | Phase::Braking, Err(Refusal::Mode(_))) => {}
+            (_, Err(refusal)) => self.fail(Error::Refused(refusal)),
+        }
+    }
+
+    /// What the drive itself has done.
+    fn watch(&mut self) {
+        if self.now_ms.wrapping_sub(self.heard_ms) > self.patience_ms {
+            // Nobody is there to be asked for anything.
+            self.failure.get_or_insert(Error::Silent);
+            self.enter(Phase::Over);
+        }
+        let mode = self.mode();
+        match (self.phase, mode) {
+            (Phase::Armed | Phase::Turning | Phase::Braking, Some(Mode::Faulted(fault))) => {
+                self.failure.get_or_insert(Error::Fault(fault));
+                self.enter(Phase::Restoring);
+            }
+            (Phase::Turning | Phase::Braking, Some(mode)) if mode != Mode::Running => {
+                self.failure.get_or_insert(Error::Disarmed);
+                self.enter(Phase::Restoring);
+            }
+            (Phase::Armed, Some(Mode::Running)) => self.enter(Phase::Turning),
+            _ => {}
+        }
+    }
+
+    /// What takes its time.
+    fn proceed(&mut self) {
+        let elapsed = self.elapsed_ms();
+        match self.phase {
+            Phase::Preparing | Phase::Arming | Phase::Armed if elapsed > self.patience_ms => self.fail(Error::Silent),
+            Phase::Disarming | Phase::Restoring if elapsed > self.patience_ms => {
+                self.failure.get_or_insert(Error::Silent);
+                self.enter(Phase::Over);
+            }
+            Phase::Braking if elapsed > self.braking_ms => self.fail(Error::Unreached),
+            Phase::Braking if elapsed > REST_MS && self.speed().abs() <= self.rest => self.enter(Phase::Disarming),
+            _ => {}
+        }
+    }
+
+    /// What to ask the drive for now. A demand is repeated: a drive may take silence for a fault.
+    fn wanted(&self) -> Option<Command> {
+        Some(match self.phase {
+            Phase::Preparing => Command::Commutate(Commutation::FieldOriented),
+            Phase::Arming => Command::Arm,
+            Phase::Turning | Phase::Braking => match self.demand {
+                Demand::Speed(speed) => Command::Speed(speed),
+                Demand::Current(current) => Command::Current(current),
+            },
+            Phase::Disarming => Command::Disarm,
+            Phase::Restoring => Command::Commutate(self.commutation),
+            Phase::Armed | Phase::Over => return None,
+        })
+    }
+
+    fn enter(&mut self, phase: Phase) {
+        if self.phase != phase {
+            self.phase = phase;
+            self.since_ms = self.now_ms;
+        }
+    }
+
+    /// Follows a demand from now on.
+    pub fn follow(&mut self, demand: Demand) {
+        if self.phase == Phase::Turning {
+            self.demand = demand;
+        }
+    }
+
+    /// Goes to rest and ends.
+    pub fn finish(&mut self) {
+        if self.phase == Phase::Turning {
+            self.demand = Demand::REST;
+            self.enter(Phase::Braking);
+        }
+    }
+
+    /// Ends without a result: from turning, by braking.
+    pub fn cancel(&mut self, error: Error) {
+        if self.phase == Phase::Over {
+            return;
+        }
+        self.failure.get_or_insert(error);
+        match self.phase {
+            Phase::Preparing => self.enter(Phase::Restoring),
+            Phase::Arming | Phase::Armed => self.enter(Phase::Disarming),
+            _ => self.finish(),
+        }
+    }
+
+    /// Ends with the bridge off at once.
+    fn fail(&mut self, error: Error) {
+        self.failure.get_or_insert(error);
+        match self.phase {
+            Phase::Preparing => self.enter(Phase::Restoring),
+            Phase::Arming | Phase::Armed | Phase::Turning | Phase::Braking => self.enter(Phase::Disarming),
+            Phase::Disarming | Phase::Restoring | Phase::Over => {}
+        }
+    }
+
+    /// Where the procedure is; `result` when it went well.
+    pub const fn state(&self) -> State {
+        match (self.phase, self.failure) {
+            (Phase::Over, Some(error)) => State::Failed(error),
+            (Phase::Over, None) => State::Done,
+            _ => State::Running,
+        }
+    }
+
+    /// Time in this phase, ms.
+    pub const fn elapsed_ms(&self) -> u32 {
+        self.now_ms.wrapping_sub(self.since_ms)
+    }
+
+    /// The task's clock at the last step, ms.
+    pub const fn now_ms(&self) -> u32 {
+        self.now_ms
+    }
+
+    fn mode(&self) -> Option<Mode> {
+        self.record.map(|record| record.status.mode())
+    }
+
+    /// Speed of the rotor in the last record, 2⁻³² electrical turns a step.
+    pub fn speed(&self) -> i32 {
+        self.record.map_or(0, |record| record.rotor.speed())
+    }
+}

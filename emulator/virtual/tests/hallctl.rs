@@ -144,6 +144,12 @@ fn moves(board: &Virtual, commutation: &'static str) -> Motion {
     Motion { commutation, torque, speed, position }
 }
 
+/// How many of them are within 2 rad/s of a speed, and their mean.
+fn near(speeds: Vec<f64>, wanted: f64) -> (usize, f64) {
+    let held: Vec<_> = speeds.into_iter().filter(|found| (found - wanted).abs() < 2.0).collect();
+    (held.len(), held.iter().sum::<f64>() / held.len() as f64)
+}
+
 /// The motor has done what it was told.
 fn obeyed(truth: &Truth, motion: &Motion) {
     let Motion { commutation, torque, speed, position } = motion;
@@ -158,11 +164,9 @@ fn obeyed(truth: &Truth, motion: &Motion) {
     println!("{commutation}: {found_nm:.5} N m");
     assert!((found_nm / TORQUE_NM - 1.0).abs() < 0.05, "{commutation}: {found_nm} N m instead of {TORQUE_NM}");
 
-    let speeds = truth.during("speed / rad/s", speed);
-    let held: Vec<_> = speeds.into_iter().filter(|found| (found + SPEED_RAD_S).abs() < 2.0).collect();
-    let mean = held.iter().sum::<f64>() / held.len() as f64;
-    println!("{commutation}: {mean:.3} rad/s for {:.3} s", held.len() as f64 * truth.row_s());
-    assert!(held.len() as f64 * truth.row_s() > 0.5, "{commutation}: {SPEED_RAD_S} rad/s is not held");
+    let (held, mean) = near(truth.during("speed / rad/s", speed), -SPEED_RAD_S);
+    println!("{commutation}: {mean:.3} rad/s for {:.3} s", held as f64 * truth.row_s());
+    assert!(held as f64 * truth.row_s() > 0.5, "{commutation}: {SPEED_RAD_S} rad/s is not held");
     assert!((mean + SPEED_RAD_S).abs() < 0.5, "{commutation}: {mean} rad/s");
 
     let angles = truth.during("angle / turns", position);
@@ -189,7 +193,8 @@ fn telemetry(board: &Virtual) -> (Vec<f64>, Range<f64>) {
     let column = |name| names.iter().position(|known| *known == name).expect("a column");
     let [speed, lost] = ["speed_rad_s", "lost"].map(column);
     let rows: Vec<Vec<_>> = lines.map(|line| line.split(',').collect()).collect();
-    assert!(rows.len() > 800, "{} frames", rows.len());
+    // While what is learnt is taken up, the tasks have no time for frames.
+    assert!(rows.len() > 400, "{} frames", rows.len());
     assert!(rows.iter().all(|row| row[lost] == "0"));
     (rows.iter().map(|row| row[speed].parse().expect("a speed")).collect(), time)
 }
@@ -208,12 +213,13 @@ fn evening(name: &str, serial: &str) {
 
     let truth = board.end();
     motions.iter().for_each(|motion| obeyed(&truth, motion));
-    let speeds = truth.during("speed / rad/s", &time);
-    let [told, found] = [told, speeds].map(|speeds| speeds.into_iter().fold(0.0, f64::max));
-    assert!((told - found).abs() < 2.0 && found > SPEED_RAD_S - 2.0, "{told} rad/s told, {found} true");
+    let [(frames, told), (_, found)] =
+        [told, truth.during("speed / rad/s", &time)].map(|speeds| near(speeds, SPEED_RAD_S));
+    println!("{name}: {told:.3} rad/s told by {frames} frames, {found:.3} true");
+    assert!(frames > 100 && (told - found).abs() < 0.5, "{told} rad/s told by {frames} frames, {found} true");
     println!("{name}: {:#}", truth.report["angle_error"]);
     let error = &truth.report["angle_error"]["constant_speed"];
-    assert!(error["count"].as_u64().expect("frames") > 800, "{error}");
+    assert!(error["count"].as_u64().expect("frames") > 400, "{error}");
     assert!(error["rms_deg"].as_f64().expect("an error") < 1.0, "{error}");
     assert_eq!(truth.report["resets"], serde_json::json!([]));
 }

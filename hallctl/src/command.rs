@@ -14,6 +14,7 @@ use crate::simulate::serve;
 use clap::{Parser, Subcommand, ValueEnum};
 use hallservo_protocol::{Ask, Commutation};
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// hallctl: talks to a hallservo drive
 #[derive(Debug, Parser)]
@@ -22,6 +23,9 @@ pub struct Arguments {
     /// Port of the drive: a serial port, a pseudo-terminal, or tcp:HOST:PORT
     #[arg(long, short, global = true, default_value = "/dev/ttyACM0", env = "HALLCTL_PORT")]
     pub port: String,
+    /// Longest wait for an answer, in seconds on the wall: more for a virtual board on a slow machine
+    #[arg(long, global = true, default_value_t = 3, env = "HALLCTL_PATIENCE", value_name = "SECONDS")]
+    patience: u64,
     #[command(subcommand)]
     command: Command,
 }
@@ -107,7 +111,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Command::Simulate(options) = &arguments.command {
         return Ok(serve::main(options)?);
     }
-    let mut client = Client::connect(&arguments.port)?;
+    let mut client = Client::connect(&arguments.port, Duration::from_secs(arguments.patience))?;
     let client = &mut client;
     match &arguments.command {
         Command::Simulate(_) => Ok(()),

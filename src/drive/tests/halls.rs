@@ -126,7 +126,7 @@ fn turns_by_hand_survive_a_new_model() {
     bench.install().unwrap();
     let turn = |bench: &mut Bench| {
         for _ in 0..1200 {
-            bench.rotor = bench.rotor + ElectricalAngle::from_degrees(0.3);
+            bench.rotor += ElectricalAngle::from_degrees(0.3);
             bench.step();
         }
     };

@@ -37,13 +37,13 @@ macro_rules! angle {
                 self.0
             }
 
-            /// From turns, wrapped; the resolution is that of an `f32`, 2⁻²⁴ of the distance from zero, and 2⁻³⁰ turns about zero.
+            /// From turns, wrapped; the resolution is that of an `f32`, 2⁻²⁴ of the distance from zero.
             /// Not a number becomes 0.
             pub fn from_turns(turns: f32) -> Self {
-                // `as` saturates, so take the fraction first; a float of more than 23 bits has none. Times 2³⁰ whatever is
-                // less than a turn is an integer.
+                // `as` saturates, so take the fraction first; a float of more than 23 bits has none.
                 let fraction = if turns.abs() < 8_388_608.0 { turns - turns as i32 as f32 } else { 0.0 };
-                Self(((fraction * (TURN / 4.0)) as i32).wrapping_mul(4))
+                let whole = if fraction >= 0.5 { 1.0 } else if fraction < -0.5 { -1.0 } else { 0.0 };
+                Self(((fraction - whole) * TURN) as i32)
             }
 
             /// In turns, −0.5 to 0.5.

@@ -11,8 +11,6 @@ use std::collections::VecDeque;
 use std::io::ErrorKind;
 use std::time::{Duration, Instant};
 
-/// Longest wait for an answer.
-const PATIENCE: Duration = Duration::from_secs(3);
 /// From look to look of a drive whose time is that on the wall.
 const EVERY: Duration = Duration::from_millis(50);
 
@@ -33,6 +31,7 @@ pub struct Identity {
 pub struct Client {
     stream: Box<dyn Stream>,
     port: String,
+    patience: Duration,
     decoder: Decoder,
     id: u16,
     identity: Identity,
@@ -41,16 +40,17 @@ pub struct Client {
 }
 
 impl Client {
-    /// Opens a port and asks who is there.
+    /// Opens a port and asks who is there; `patience` is the longest wait for an answer.
     ///
     /// # Errors
     /// No port, no answer, or another version of the protocol.
-    pub fn connect(port: &str) -> Result<Self> {
+    pub fn connect(port: &str, patience: Duration) -> Result<Self> {
         let stream = link::open(port).map_err(|source| Error::Port { port: port.into(), source })?;
         let identity = Identity { board: String::new(), firmware: String::new(), settings: 0, step_hz: 1.0 };
         let mut client = Self {
             stream,
             port: port.into(),
+            patience,
             decoder: Decoder::new(),
             // Another tool's answers may still be on their way; they have other numbers, as far as chance allows.
             id: std::process::id() as u16,
@@ -89,7 +89,7 @@ impl Client {
         self.stream.flush().context("the connection broke")?;
         let sent = Instant::now();
         let mut byte = [0];
-        while sent.elapsed() < PATIENCE {
+        while sent.elapsed() < self.patience {
             if !self.read(&mut byte)? {
                 continue;
             }

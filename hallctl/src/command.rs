@@ -2,6 +2,7 @@
 
 mod faults;
 mod motion;
+mod pole_pairs;
 mod procedures;
 mod settings;
 mod status;
@@ -13,6 +14,7 @@ use crate::simulate::serve;
 use clap::{Parser, Subcommand, ValueEnum};
 use hallservo_protocol::{Ask, Commutation};
 use std::path::PathBuf;
+use std::time::Duration;
 
 /// hallctl: talks to a hallservo drive
 #[derive(Debug, Parser)]
@@ -21,6 +23,9 @@ pub struct Arguments {
     /// Port of the drive: a serial port, a pseudo-terminal, or tcp:HOST:PORT
     #[arg(long, short, global = true, default_value = "/dev/ttyACM0", env = "HALLCTL_PORT")]
     pub port: String,
+    /// Longest wait for an answer, in seconds on the wall: more for a virtual board on a slow machine
+    #[arg(long, global = true, default_value_t = 3, env = "HALLCTL_PATIENCE", value_name = "SECONDS")]
+    patience: u64,
     #[command(subcommand)]
     command: Command,
 }
@@ -56,6 +61,12 @@ enum Command {
     Calibrate,
     /// Turn to and fro and measure the motor
     Identify,
+    /// Count the pole pairs while you turn the shaft by hand; after `calibrate`, with the bridge off
+    PolePairs {
+        /// Turns of the shaft: one tells up to 14 pole pairs, five tell all
+        #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
+        turns: u8,
+    },
     /// What the magnets do to the teeth
     Cogging {
         /// Learn it by turning slowly, balance it or not
@@ -100,7 +111,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     if let Command::Simulate(options) = &arguments.command {
         return Ok(serve::main(options)?);
     }
-    let mut client = Client::connect(&arguments.port)?;
+    let mut client = Client::connect(&arguments.port, Duration::from_secs(arguments.patience))?;
     let client = &mut client;
     match &arguments.command {
         Command::Simulate(_) => Ok(()),
@@ -124,6 +135,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         Command::Calibrate => procedures::calibrate(client),
         Command::Identify => procedures::identify(client),
+        Command::PolePairs { turns } => pole_pairs::count(client, *turns),
         Command::Cogging { what: Cogging::Learn } => procedures::learn_cogging(client),
         Command::Cogging { what: Cogging::On } => client.setting(Ask::Balance(true), |_| ()),
         Command::Cogging { what: Cogging::Off } => client.setting(Ask::Balance(false), |_| ()),

@@ -65,6 +65,8 @@ impl Drive {
     }
 
     fn install(&mut self, estimator: &'static mut Estimator, codes: Codes) -> Reply {
+        // What was learnt while somebody turns the shaft is no reason to forget its turns.
+        let tracks = self.mode == Mode::Ready && self.live.missed <= self.config.tolerated;
         let allowed = self.on_command(Event::Installed);
         let slot = match self {
             Self { hurried: Some(_), .. } => &mut self.hurried,
@@ -79,7 +81,7 @@ impl Drive {
         if allowed.is_ok() {
             self.take_up_loss();
         }
-        if allowed.is_ok() && self.mode == Mode::Ready {
+        if allowed.is_ok() && self.mode == Mode::Ready && !tracks {
             self.relock(codes);
         }
         allowed

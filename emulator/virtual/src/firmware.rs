@@ -16,9 +16,18 @@ pub fn folder(board: &str) -> PathBuf {
 pub fn build(board: &str) -> Result<PathBuf> {
     let folder = folder(board);
     ensure!(folder.is_dir(), "there is no firmware in {}", folder.display());
+    executable(&folder, &["build", "--release"], board)
+}
+
+/// Lets cargo build in a folder, and returns the path of the executable of a name.
+///
+/// # Errors
+/// The build's failure, or no such executable.
+pub fn executable(folder: &Path, arguments: &[&str], name: &str) -> Result<PathBuf> {
     let output = Command::new("cargo")
-        .args(["build", "--release", "--message-format=json-render-diagnostics"])
-        .current_dir(&folder)
+        .args(arguments)
+        .arg("--message-format=json-render-diagnostics")
+        .current_dir(folder)
         // The toolchain and the flags are the folder's, not those of the command that runs this.
         .env_remove("RUSTUP_TOOLCHAIN")
         .env_remove("RUSTFLAGS")
@@ -26,13 +35,10 @@ pub fn build(board: &str) -> Result<PathBuf> {
         .stderr(std::process::Stdio::inherit())
         .output()
         .context("cargo does not start")?;
-    ensure!(output.status.success(), "the firmware in {} does not build", folder.display());
-    executable(&output.stdout, board).with_context(|| format!("cargo built no executable in {}", folder.display()))
-}
-
-/// The executable named like the board among cargo's messages.
-fn executable(messages: &[u8], board: &str) -> Option<PathBuf> {
-    let messages = serde_json::Deserializer::from_slice(messages).into_iter::<serde_json::Value>();
+    ensure!(output.status.success(), "what is in {} does not build", folder.display());
+    let messages = serde_json::Deserializer::from_slice(&output.stdout).into_iter::<serde_json::Value>();
     let mut paths = messages.flatten().filter_map(|message| Some(PathBuf::from(message.get("executable")?.as_str()?)));
-    paths.find(|path| path.file_stem().is_some_and(|stem| stem == board))
+    paths
+        .find(|path| path.file_stem().is_some_and(|stem| stem == name))
+        .with_context(|| format!("cargo built no {name} in {}", folder.display()))
 }

@@ -8,8 +8,12 @@ use indicatif::{ProgressBar, ProgressStyle};
 use plant::PlantParameters;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
-use virtual_board::{firmware, outcome::Outcome, report, script, serial::Port, session::Session};
+use virtual_board::{firmware, outcome::Outcome, report, script, serial::Line, session::Session};
+
+/// From look to look at the serial port while time stands still.
+const LOOK: Duration = Duration::from_millis(1);
 
 /// Runs the very firmware that would be flashed on a virtual STM32G4 with a simulated motor, and reports what it did.
 #[derive(Parser)]
@@ -32,6 +36,9 @@ struct Arguments {
     /// Where tools connect to: tcp:127.0.0.1:PORT or pty
     #[arg(long)]
     serial: Option<String>,
+    /// Time passes as fast as this machine computes, but stands still half a second after the last byte of a tool
+    #[arg(long, requires = "serial")]
+    wait: bool,
     /// The firmware, instead of building the board's
     #[arg(long)]
     elf: Option<PathBuf>,
@@ -57,8 +64,8 @@ fn main() -> Result<ExitCode> {
     session.follow(steps.unwrap_or_default());
 
     let end_s = arguments.seconds.unwrap_or(if arguments.serial.is_some() { f64::INFINITY } else { 1.0 });
-    let port = arguments.serial.as_deref().map(Port::open).transpose()?;
-    run(&mut session, end_s, port)?;
+    let line = arguments.serial.as_deref().map(|description| Line::open(description, arguments.wait)).transpose()?;
+    run(&mut session, end_s, line)?;
 
     let outcome = Outcome::of(&session);
     println!("{}", report::text(&outcome));
@@ -74,23 +81,24 @@ fn main() -> Result<ExitCode> {
     Ok(if outcome.verdict().is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
 }
 
-/// Runs to the end, shows the log, and serves who is at the serial port, never faster than real time then.
-fn run(session: &mut Session, end_s: f64, port: Option<(Port, String)>) -> Result<()> {
+/// Runs to the end or until Ctrl-C, shows the log, and serves who is at the serial port.
+fn run(session: &mut Session, end_s: f64, mut line: Option<Line>) -> Result<()> {
+    static ENDED: AtomicBool = AtomicBool::new(false);
+    ctrlc::set_handler(|| ENDED.store(true, Relaxed))?;
     let bar = bar(end_s)?;
-    let mut port = port.map(|(port, name)| {
-        println!("serial port: {name}");
-        port
-    });
     let (start, mut shown) = (Instant::now(), 0);
-    while session.seconds() < end_s {
-        let sent = session.slice(end_s)?;
-        if let Some(port) = &mut port {
-            port.send(&sent);
-            let received = port.receive();
-            if !received.is_empty() && session.receive(received).is_err() {
-                bar.suspend(|| println!("bytes at the serial port are lost: the firmware has not set it up"));
+    while session.seconds() < end_s && !ENDED.load(Relaxed) {
+        if let Some(line) = &mut line {
+            line.hear(session);
+            line.send(&[]);
+            if !line.may_run(session.seconds(), start.elapsed()) {
+                std::thread::sleep(LOOK);
+                continue;
             }
-            std::thread::sleep(Duration::from_secs_f64(session.seconds()).saturating_sub(start.elapsed()));
+        }
+        let sent = session.slice(end_s)?;
+        if let Some(line) = &mut line {
+            line.send(&sent);
         }
         for line in &session.lines[shown..] {
             // Standard output, so that the log can be piped.

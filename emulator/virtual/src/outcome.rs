@@ -1,7 +1,7 @@
 //! What a run came to: all figures, as JSON has them.
 
 use crate::angle::AngleErrors;
-use crate::session::{Session, explain};
+use crate::session::{Session, explain, place};
 use anyhow::Result;
 use bus::{Facts, Range, ResetCause, System};
 use cortex::{Activity, FIRST_IRQ, LogLine, system_name};
@@ -105,7 +105,7 @@ impl Outcome {
             what: listed.complaint.to_string(),
             address: listed.address,
             write: listed.write,
-            place: session.image.place(listed.pc).to_string(),
+            place: place(&session.image, listed.pc),
             count: listed.count,
             first_s: listed.first_s,
         });

@@ -1,5 +1,6 @@
 //! The other end of the board's serial port: a TCP connection or a pseudo-terminal.
 
+use crate::session::Session;
 use anyhow::{Context, Result, bail};
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
@@ -8,6 +9,7 @@ use std::fs::File;
 use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::os::fd::OwnedFd;
+use std::time::Duration;
 
 /// Where tools connect to.
 pub enum Port {
@@ -69,20 +71,81 @@ impl Port {
         }
     }
 
-    /// Passes on what the board has sent. As on a wire, it is lost where nobody listens.
-    pub fn send(&mut self, bytes: &[u8]) {
-        match self {
-            Port::Pty { master, .. } => {
-                let _ = master.write_all(bytes);
-            }
-            Port::Tcp { stream, .. } => {
-                let lost = stream.as_mut().is_some_and(|stream| {
-                    stream.write_all(bytes).is_err_and(|error| error.kind() != ErrorKind::WouldBlock)
-                });
-                if lost {
+    /// Passes on what the board has sent, and returns how much of it found room.
+    pub fn send(&mut self, bytes: &[u8]) -> usize {
+        let written = match self {
+            Port::Pty { master, .. } => master.write(bytes),
+            Port::Tcp { stream, .. } => match stream.as_mut().map(|stream| stream.write(bytes)) {
+                Some(Err(error)) if error.kind() != ErrorKind::WouldBlock => {
                     *stream = None;
+                    Ok(bytes.len())
                 }
-            }
+                // As on a wire, it is lost where nobody listens.
+                written => written.unwrap_or(Ok(bytes.len())),
+            },
+        };
+        written.unwrap_or(0)
+    }
+}
+
+/// Seconds of the board's time after the last byte of a tool for which it goes on. Less than a command holds, so that a tool that
+/// the machine keeps waiting does not look like one that is gone; more than any answer takes.
+const WAIT_S: f64 = 0.5;
+
+/// The serial port while the board runs: how its time passes.
+pub struct Line {
+    port: Port,
+    waits: bool,
+    heard_s: f64,
+    received: Vec<u8>,
+    unsent: Vec<u8>,
+}
+
+impl Line {
+    /// Opens a port and says what a tool has to connect to. Who `waits` has no time of its own but the tool's: it is as fast as
+    /// can be, and stands still when nobody has asked for half a second. Otherwise time is that on the wall, or slower.
+    ///
+    /// # Errors
+    /// As [`Port::open`].
+    pub fn open(description: &str, waits: bool) -> Result<Line> {
+        let (port, name) = Port::open(description)?;
+        println!("serial port: {name}");
+        std::io::stdout().flush()?;
+        Ok(Line { port, waits, heard_s: 0.0, received: Vec::new(), unsent: Vec::new() })
+    }
+
+    /// Passes on what has come from the tool. As on a wire, it is lost before the firmware has set up its port; not where the
+    /// board waits for the tool.
+    pub fn hear(&mut self, session: &mut Session) {
+        self.received.extend(self.port.receive());
+        if self.received.is_empty() {
+            return;
+        }
+        self.heard_s = session.seconds();
+        let heard = session.receive(self.received.clone()).is_ok();
+        if !heard && !self.waits {
+            eprintln!("bytes at the serial port are lost: the firmware has not set it up");
+        }
+        if heard || !self.waits {
+            self.received.clear();
+        }
+    }
+
+    /// Passes on what the board has sent. What a tool is too slow for is lost; not where the board waits for it.
+    pub fn send(&mut self, bytes: &[u8]) {
+        self.unsent.extend(bytes);
+        if !self.unsent.is_empty() {
+            let sent = self.port.send(&self.unsent);
+            self.unsent.drain(..if self.waits { sent } else { self.unsent.len() });
+        }
+    }
+
+    /// Whether time may pass, that being so late on the board and on the wall.
+    pub fn may_run(&self, board_s: f64, wall: Duration) -> bool {
+        if self.waits {
+            self.unsent.is_empty() && board_s < self.heard_s + WAIT_S
+        } else {
+            board_s < wall.as_secs_f64()
         }
     }
 }
@@ -104,7 +167,6 @@ fn pty() -> Result<(Port, String)> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use std::time::Duration;
 
     fn eventually(port: &mut Port) -> Vec<u8> {
         for _ in 0..1000 {
@@ -139,6 +201,18 @@ mod tests {
         let mut answer = [0; 4];
         tool.read_exact(&mut answer).unwrap();
         assert_eq!(answer, [0, 10, 17, 19]);
+    }
+
+    #[test]
+    fn time_passes_as_on_the_wall_or_as_long_as_somebody_asks() {
+        let line = |waits| Line { heard_s: 2.0, ..Line::open("tcp:127.0.0.1:0", waits).unwrap() };
+        let [early, late] = [Duration::from_secs(1), Duration::from_secs(9)];
+        assert!(!line(false).may_run(2.2, early) && line(false).may_run(2.2, late));
+        for wall in [early, late] {
+            assert!(line(true).may_run(2.2, wall) && !line(true).may_run(2.6, wall));
+            let behind = Line { unsent: vec![0], ..line(true) };
+            assert!(!behind.may_run(2.2, wall), "the tool has to read first");
+        }
     }
 
     #[test]

@@ -258,6 +258,12 @@ impl Session {
     }
 }
 
+/// Function and line of an address, with the lines that it is inlined in.
+pub fn place(image: &Image, pc: u32) -> String {
+    let (place, lines) = (image.place(pc).to_string(), image.source(pc));
+    if lines.len() > 1 { format!("{place} within {}", lines[1..].join(", ")) } else { place }
+}
+
 /// A fault, with function, line and registers.
 pub fn explain(fault: &FaultReport, image: &Image) -> String {
     let mut text = format!("{}: {}", fault.exception, fault.what);
@@ -270,11 +276,7 @@ pub fn explain(fault: &FaultReport, image: &Image) -> String {
         let over = bottom - fault.registers[13];
         text += &format!("; stack overflow, {over} bytes more than the {} there are", top - bottom);
     }
-    text += &format!(", at {:#010x} {}", fault.pc, image.place(fault.pc));
-    let inlined = image.source(fault.pc);
-    if inlined.len() > 1 {
-        text += &format!(" within {}", inlined[1..].join(", "));
-    }
+    text += &format!(", at {:#010x} {}", fault.pc, place(image, fault.pc));
     text += &format!("\n    called from {}", image.place(fault.registers[14].wrapping_sub(2)));
     for (index, value) in fault.registers.iter().enumerate() {
         let name = ["SP", "LR"].get(index.wrapping_sub(13)).map_or_else(|| format!("R{index}"), |name| (*name).into());

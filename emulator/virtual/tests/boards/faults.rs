@@ -68,7 +68,9 @@ fn inject(session: &mut Session, fault: &Fault, at_most_s: f64) -> Option<Off> {
         let now = session.machine.system.last_sampling();
         if now != last && visible {
             samples += 1;
-            first_s = first_s.or(now.map(|(_, trigger)| session.machine.system.seconds(trigger)));
+            // A sequence that had begun may have held its input before.
+            let trigger_s = now.map(|(_, trigger)| session.machine.system.seconds(trigger));
+            first_s = first_s.or(trigger_s.filter(|&trigger_s| trigger_s >= begun_s));
         }
         last = now;
         if let By::Bus(low_v, high_v) = fault.by {

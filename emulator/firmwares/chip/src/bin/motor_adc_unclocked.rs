@@ -1,0 +1,17 @@
+//! Would turn a motor, had the ADC a clock.
+#![no_std]
+#![no_main]
+
+use chip_firmwares::motor::{self, Mistake};
+use cortex_m_rt::entry;
+use stm32_metapac::interrupt;
+
+#[entry]
+fn main() -> ! {
+    motor::run(Some(Mistake::AdcUnclocked))
+}
+
+#[interrupt]
+fn ADC1_2() {
+    motor::control();
+}

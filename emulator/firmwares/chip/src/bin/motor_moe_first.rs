@@ -1,0 +1,17 @@
+//! Turns a motor, and sets MOE before the idle states.
+#![no_std]
+#![no_main]
+
+use chip_firmwares::motor::{self, Mistake};
+use cortex_m_rt::entry;
+use stm32_metapac::interrupt;
+
+#[entry]
+fn main() -> ! {
+    motor::run(Some(Mistake::MoeBeforeIdleStates))
+}
+
+#[interrupt]
+fn ADC1_2() {
+    motor::control();
+}

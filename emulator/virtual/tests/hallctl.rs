@@ -1,0 +1,235 @@
+//! `hallctl` at a virtual board, as a person has it at a real one: every command over the serial port, and what the motor really
+//! does meanwhile. No time is that on the wall: the board's passes as long as the tool asks, and the tool counts the board's.
+
+use plant::PlantParameters;
+use rustix::process::{Pid, Signal, kill_process};
+use std::io::{BufRead, BufReader};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output, Stdio};
+use std::sync::OnceLock;
+use tempfile::TempDir;
+use virtual_board::firmware;
+
+/// The tool itself, built as the workspace at the root builds it.
+fn hallctl() -> &'static Path {
+    static BUILT: OnceLock<PathBuf> = OnceLock::new();
+    BUILT.get_or_init(|| {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR")).join("../..");
+        firmware::executable(&root, &["build", "-p", "hallctl"], "hallctl").expect("hallctl builds")
+    })
+}
+
+/// `cargo virtual BOARD --serial …` in a process of its own.
+struct Virtual {
+    process: Child,
+    port: String,
+    folder: TempDir,
+}
+
+impl Drop for Virtual {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+impl Virtual {
+    fn start(board: &str, serial: &str) -> Self {
+        let folder = tempfile::tempdir().expect("a folder");
+        let mut process = Command::new(env!("CARGO_BIN_EXE_virtual"))
+            .args([board, "--wait", "--serial", serial, "--out"])
+            .arg(folder.path())
+            .arg("--json")
+            .arg(folder.path().join("report.json"))
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("the command starts");
+        let mut lines = BufReader::new(process.stdout.take().expect("a pipe")).lines().map_while(Result::ok);
+        let port = lines.find_map(|line| Some(line.strip_prefix("serial port: ")?.to_owned())).expect("a port");
+        // The log has to go somewhere.
+        std::thread::spawn(move || lines.for_each(drop));
+        Self { process, port, folder }
+    }
+
+    fn call(&self, arguments: &[&str]) -> Output {
+        // However slow this machine is.
+        let arguments = [&["--port", &self.port, "--patience", "600"], arguments].concat();
+        Command::new(hallctl()).args(arguments).output().expect("hallctl starts")
+    }
+
+    /// What it prints, when it succeeds.
+    fn ok(&self, arguments: &[&str]) -> String {
+        let output = self.call(arguments);
+        let text = String::from_utf8(output.stdout).expect("text");
+        assert!(output.status.success(), "{arguments:?}: {text}{}", String::from_utf8_lossy(&output.stderr));
+        text
+    }
+
+    /// Figures of `hallctl status` by name; `up` in seconds.
+    fn status(&self, name: &str) -> f64 {
+        let text = self.ok(&["status"]);
+        let up = || Some(text.lines().next()?.rsplit_once("up ")?.1.split(':').map(|part| part.parse().ok()));
+        let found = match name {
+            "up" => up().and_then(|mut parts| parts.try_fold(0.0, |sum, part: Option<f64>| Some(60.0 * sum + part?))),
+            _ => text.lines().find_map(|line| line.trim().strip_prefix(name)?.split_whitespace().next()?.parse().ok()),
+        };
+        found.unwrap_or_else(|| panic!("no {name}: {text}"))
+    }
+
+    /// Does something, and says when on the board's clock it was done.
+    fn timed(&self, arguments: &[&str]) -> Range<f64> {
+        let begin_s = self.status("up");
+        println!("{begin_s:.3} s: {arguments:?}: {}", self.ok(arguments).trim());
+        begin_s..self.status("up")
+    }
+
+    /// Ctrl-C: what the board has to say in the end.
+    fn end(mut self) -> Truth {
+        let id = Pid::from_child(&self.process);
+        kill_process(id, Signal::INT).expect("a signal");
+        let status = self.process.wait().expect("an end");
+        let file = |name: &str| std::fs::read_to_string(self.folder.path().join(name)).expect("a file");
+        let report = serde_json::from_str(&file("report.json")).expect("JSON");
+        assert!(status.success(), "{status}: {report:#}");
+        let trace = file("trace.csv");
+        let mut lines = trace.lines();
+        let names = lines.next().expect("names").split(',').map(String::from).collect();
+        let rows = lines.map(|line| line.split(',').map(|cell| cell.parse().expect("a number")).collect());
+        Truth { report, names, rows: rows.collect() }
+    }
+}
+
+/// What the motor did.
+struct Truth {
+    report: serde_json::Value,
+    names: Vec<String>,
+    rows: Vec<Vec<f64>>,
+}
+
+impl Truth {
+    /// A column of the trace over a time.
+    fn during(&self, name: &str, time_s: &Range<f64>) -> Vec<f64> {
+        let column = self.names.iter().position(|known| known == name).expect("a column");
+        self.rows.iter().filter(|row| time_s.contains(&row[0])).map(|row| row[column]).collect()
+    }
+
+    /// From row to row of the trace, seconds.
+    fn row_s(&self) -> f64 {
+        (self.rows[self.rows.len() - 1][0] - self.rows[0][0]) / (self.rows.len() - 1) as f64
+    }
+}
+
+const TORQUE_NM: f64 = 0.004;
+const SPEED_RAD_S: f64 = 40.0;
+const TURNS: f64 = 1.5;
+
+/// Torque, speed and position by the tool, and when each was.
+struct Motion {
+    commutation: &'static str,
+    torque: Range<f64>,
+    speed: Range<f64>,
+    position: Range<f64>,
+}
+
+fn moves(board: &Virtual, commutation: &'static str) -> Motion {
+    board.ok(&["commutation", commutation]);
+    board.ok(&["arm"]);
+    let torque = board.timed(&["torque", &TORQUE_NM.to_string(), "--seconds", "0.25"]);
+    let speed = board.timed(&["speed", &(-SPEED_RAD_S).to_string(), "--seconds", "0.8"]);
+    board.timed(&["speed", "0", "--seconds", "0.3"]);
+    let target = board.status("position") + TURNS;
+    let position = board.timed(&["position", &target.to_string(), "--seconds", "1.2"]);
+    board.ok(&["disarm"]);
+    Motion { commutation, torque, speed, position }
+}
+
+/// How many of them are within 2 rad/s of a speed, and their mean.
+fn near(speeds: Vec<f64>, wanted: f64) -> (usize, f64) {
+    let held: Vec<_> = speeds.into_iter().filter(|found| (found - wanted).abs() < 2.0).collect();
+    (held.len(), held.iter().sum::<f64>() / held.len() as f64)
+}
+
+/// The motor has done what it was told.
+fn obeyed(truth: &Truth, motion: &Motion) {
+    let Motion { commutation, torque, speed, position } = motion;
+    // The rotor is free: what the torque leaves above friction accelerates it. Between two speeds, for it began somewhere.
+    let motor = PlantParameters::unkind(1).motor;
+    let speeds = truth.during("speed / rad/s", torque);
+    let (from, to) = (20.0, 80.0);
+    let rows = speeds.iter().filter(|speed| (from..to).contains(*speed)).count() as f64;
+    let acceleration = (to - from) / (rows * truth.row_s());
+    let friction_nm = motor.friction.coulomb_nm + motor.friction.viscous_nms * (from + to) / 2.0;
+    let found_nm = motor.inertia_kgm2 * acceleration + friction_nm;
+    println!("{commutation}: {found_nm:.5} N m");
+    assert!((found_nm / TORQUE_NM - 1.0).abs() < 0.05, "{commutation}: {found_nm} N m instead of {TORQUE_NM}");
+
+    let (held, mean) = near(truth.during("speed / rad/s", speed), -SPEED_RAD_S);
+    println!("{commutation}: {mean:.3} rad/s for {:.3} s", held as f64 * truth.row_s());
+    assert!(held as f64 * truth.row_s() > 0.5, "{commutation}: {SPEED_RAD_S} rad/s is not held");
+    assert!((mean + SPEED_RAD_S).abs() < 0.5, "{commutation}: {mean} rad/s");
+
+    let angles = truth.during("angle / turns", position);
+    let turned = angles[angles.len() - 1] - angles[0];
+    println!("{commutation}: {turned:.5} turns");
+    assert!((turned - TURNS).abs() < 3e-3, "{commutation}: {turned} turns instead of {TURNS}");
+}
+
+/// Telemetry of a motor that is told once and stops by itself when the command is too old.
+fn telemetry(board: &Virtual) -> (Vec<f64>, Range<f64>) {
+    let file = board.folder.path().join("telemetry.csv");
+    board.ok(&["commutation", "field-oriented"]);
+    board.ok(&["settings", "set", "command_timeout_s", "1"]);
+    board.ok(&["settings", "set", "on_timeout", "stop"]);
+    board.ok(&["arm"]);
+    board.ok(&["speed", &SPEED_RAD_S.to_string(), "--once"]);
+    let path = file.to_str().expect("a path");
+    let time = board.timed(&["telemetry", "--seconds", "2", "--hz", "500", "--csv", path]);
+    assert!(board.ok(&["status"]).contains("stopped: no command came for too long"));
+    board.ok(&["disarm"]);
+    let text = std::fs::read_to_string(file).expect("a file");
+    let mut lines = text.lines();
+    let names: Vec<_> = lines.next().expect("names").split(',').collect();
+    let column = |name| names.iter().position(|known| *known == name).expect("a column");
+    let [speed, lost] = ["speed_rad_s", "lost"].map(column);
+    let rows: Vec<Vec<_>> = lines.map(|line| line.split(',').collect()).collect();
+    // While what is learnt is taken up, the tasks have no time for frames.
+    assert!(rows.len() > 400, "{} frames", rows.len());
+    assert!(rows.iter().all(|row| row[lost] == "0"));
+    (rows.iter().map(|row| row[speed].parse().expect("a speed")).collect(), time)
+}
+
+fn evening(name: &str, serial: &str) {
+    let board = Virtual::start(name, serial);
+    assert!(board.ok(&["status"]).contains("unarmed: bridge off, not calibrated"));
+    assert_eq!(board.call(&["arm"]).status.code(), Some(6), "not calibrated");
+    let report = board.ok(&["calibrate"]);
+    assert!(report.contains("Calibrated.") && report.contains("120° apart"), "{report}");
+    let motions = ["field-oriented", "sinusoidal", "block"].map(|commutation| moves(&board, commutation));
+    let (told, time) = telemetry(&board);
+    board.ok(&["settings", "set", "max_current_a", "2.5"]);
+    assert_eq!(board.ok(&["settings", "save"]), "saved\n");
+    assert!(board.ok(&["settings", "get", "max_current_a"]).contains("max_current_a = 2.5 A"));
+
+    let truth = board.end();
+    motions.iter().for_each(|motion| obeyed(&truth, motion));
+    let [(frames, told), (_, found)] =
+        [told, truth.during("speed / rad/s", &time)].map(|speeds| near(speeds, SPEED_RAD_S));
+    println!("{name}: {told:.3} rad/s told by {frames} frames, {found:.3} true");
+    assert!(frames > 100 && (told - found).abs() < 0.5, "{told} rad/s told by {frames} frames, {found} true");
+    println!("{name}: {:#}", truth.report["angle_error"]);
+    let error = &truth.report["angle_error"]["constant_speed"];
+    assert!(error["count"].as_u64().expect("frames") > 400, "{error}");
+    assert!(error["rms_deg"].as_f64().expect("an error") < 1.0, "{error}");
+    assert_eq!(truth.report["resets"], serde_json::json!([]));
+}
+
+#[test]
+fn the_nucleo_over_tcp() {
+    evening("nucleo-g474re-ihm08m1", "tcp:127.0.0.1:0");
+}
+
+#[test]
+fn the_esc_over_a_pseudo_terminal() {
+    evening("b-g431b-esc1", "pty");
+}

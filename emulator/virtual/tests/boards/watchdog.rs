@@ -45,8 +45,6 @@ fn bites(board: &str, turning: &Session, what: &str, entered_s: f64) {
     assert!(if what == "hang" { share < 1e-3 } else { (share - 1.0).abs() < 1e-2 }, "{board}, {what}: {share}");
     run(&mut session, 0.1);
     assert!(says(&session, "the watchdog has reset the chip"), "{board}, {what}: {:#?}", session.lines);
-    // A reply that the reset has cut in two garbles the next one.
-    ask(&mut session, "hello");
     for request in ["arm", "speed 40"] {
         let reply = ask(&mut session, request);
         assert!(reply.contains("Done"), "{board}, {what}, {request}: {reply}");

@@ -5,6 +5,8 @@ use bus::{ResetCause, System, Watchdog};
 use virtual_board::outcome::Outcome;
 use virtual_board::session::Session;
 
+const PWM_HZ: f64 = 40e3;
+
 fn watchdog(session: &Session) -> Watchdog {
     session.machine.system.facts().watchdog.expect("a watchdog")
 }
@@ -21,6 +23,9 @@ fn exception(session: &Session, name: &str) -> u16 {
 fn bites(board: &str, turning: &Session, what: &str, entered_s: f64) {
     let mut session = turning.fork();
     let at_s = session.seconds();
+    let control = session.control_exception().expect("a control interrupt");
+    let periods = |session: &Session| session.machine.profile().activities()[&control].count();
+    let before = periods(&session);
     perform(&mut session, what);
     // The serial port's handler runs only if something comes.
     perform(&mut session, "send hello");
@@ -35,10 +40,11 @@ fn bites(board: &str, turning: &Session, what: &str, entered_s: f64) {
         !edge.on && edge.at_s <= reset_s && reset_s < at_s + entered_s + timeout_s,
         "{board}, {what}: {reset_s} s, {edge:?}"
     );
+    // What hangs below the control interrupt does not touch it.
+    let share = (periods(&session) - before) as f64 / ((reset_s - at_s) * PWM_HZ);
+    assert!(if what == "hang" { share < 1e-3 } else { (share - 1.0).abs() < 1e-2 }, "{board}, {what}: {share}");
     run(&mut session, 0.1);
     assert!(says(&session, "the watchdog has reset the chip"), "{board}, {what}: {:#?}", session.lines);
-    // A reply that the reset has cut in two garbles the next one.
-    ask(&mut session, "hello");
     for request in ["arm", "speed 40"] {
         let reply = ask(&mut session, request);
         assert!(reply.contains("Done"), "{board}, {what}, {request}: {reply}");

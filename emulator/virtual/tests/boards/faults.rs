@@ -66,11 +66,11 @@ fn inject(session: &mut Session, fault: &Fault, at_most_s: f64) -> Option<Off> {
         }
         session.slice(session.seconds() + if samples < 100 { 1e-6 } else { 1e-4 }).expect("a run");
         let now = session.machine.system.last_sampling();
-        if now != last && visible {
+        // A sequence that had begun may have held its input before.
+        let trigger_s = now.map(|(_, trigger)| session.machine.system.seconds(trigger));
+        if now != last && visible && trigger_s.is_some_and(|trigger_s| trigger_s >= begun_s) {
             samples += 1;
-            // A sequence that had begun may have held its input before.
-            let trigger_s = now.map(|(_, trigger)| session.machine.system.seconds(trigger));
-            first_s = first_s.or(trigger_s.filter(|&trigger_s| trigger_s >= begun_s));
+            first_s = first_s.or(trigger_s);
         }
         last = now;
         if let By::Bus(low_v, high_v) = fault.by {

@@ -40,9 +40,10 @@ macro_rules! angle {
             /// From turns, wrapped; the resolution is that of an `f32`, 2⁻²⁴ of the distance from zero.
             /// Not a number becomes 0.
             pub fn from_turns(turns: f32) -> Self {
-                // `as` saturates, so take the fraction first; the sum of both halves reaches ±½ turn exactly.
-                let fraction = turns - libm::roundf(turns);
-                Self((fraction * TURN) as i64 as i32)
+                // `as` saturates, so take the fraction first; a float of more than 23 bits has none.
+                let fraction = if turns.abs() < 8_388_608.0 { turns - turns as i32 as f32 } else { 0.0 };
+                let whole = if fraction >= 0.5 { 1.0 } else if fraction < -0.5 { -1.0 } else { 0.0 };
+                Self(((fraction - whole) * TURN) as i32)
             }
 
             /// In turns, −0.5 to 0.5.

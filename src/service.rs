@@ -101,7 +101,7 @@ impl Service {
     /// Sends a command; its answer is a later [`Event::Reply`].
     ///
     /// # Errors
-    /// The command itself, when the drive has eight to obey already.
+    /// The command itself, when the drive has seven to obey already.
     pub fn send(&mut self, command: Command) -> Result<(), Command> {
         if matches!(command, Command::Calibrate) {
             self.collected = 0;
@@ -135,7 +135,7 @@ impl Service {
     /// Sends other settings, which a drive takes up while its bridge is off; its answer is a later [`Event::Reply`].
     ///
     /// # Errors
-    /// The settings themselves, when others are on their way or the drive has eight commands to obey already.
+    /// The settings themselves, when others are on their way or the drive has seven commands to obey already.
     pub fn configure(&mut self, config: &'static mut Config) -> Result<(), &'static mut Config> {
         if self.coming.is_some() {
             return Err(config);
@@ -280,7 +280,7 @@ impl Service {
         match result {
             Ok(calibration) => Event::Calibrated(calibration),
             Err(error) => {
-                // The queue has room: the drive obeys one command a step, and nobody sends eight a step.
+                // The queue has room: the drive obeys one command a step, and nobody sends seven a step.
                 let _ = self.ask_silently(Command::CalibrationFailed);
                 Event::Refused(error)
             }

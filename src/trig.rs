@@ -198,15 +198,15 @@ const fn centred(quotient: f64) -> f64 {
     quotient + (1.7 * quotient + 0.5) / 65536.0
 }
 
-/// Vectors (y, x) at the start, in the middle and at the end of a segment of a [`QuadrantTable`].
-pub(crate) fn segment_vectors(index: usize) -> [(f32, f32); 3] {
-    let half_steps = (index & ((1 << QUADRANT_BITS) - 1)) * 2;
+/// The vector (y, x) at the start of a segment of a [`QuadrantTable`], or so many halves of one after it.
+pub(crate) fn segment_vector(index: usize, halves: usize) -> (f32, f32) {
+    let half_steps = (index & ((1 << QUADRANT_BITS) - 1)) * 2 + halves;
     let quadrant = index >> QUADRANT_BITS;
-    [0, 1, 2].map(|half_step| {
-        let y = centred((half_steps + half_step) as f64 / (2 << QUADRANT_BITS) as f64) as f32;
-        let x = 1.0 - y;
-        (if quadrant & 2 != 0 { -y } else { y }, if quadrant & 1 != 0 { -x } else { x })
-    })
+    let quotient = half_steps as f32 / (2 << QUADRANT_BITS) as f32;
+    // As [`centred`], for a chip that computes with floats of this size only.
+    let y = quotient + (1.7 * quotient + 0.5) / 65_536.0;
+    let x = 1.0 - y;
+    (if quadrant & 2 != 0 { -y } else { y }, if quadrant & 1 != 0 { -x } else { x })
 }
 
 /// The exact angles at the start, in the middle and at the end of a segment of a [`QuadrantTable`], in turns, −½ to ½.

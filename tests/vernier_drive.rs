@@ -3,9 +3,8 @@
 use hallservo::angle::{ElectricalAngle, MechanicalAngle, PolePairs, Position};
 use hallservo::commutation::Modulation;
 use hallservo::drive::absolute::{self, AbsoluteChannels, AbsoluteDrive, AbsoluteTasks};
-use hallservo::drive::{Channels, Command, Drive, Sample};
+use hallservo::drive::{Command, Sample};
 use hallservo::fault::Fault;
-use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
 use hallservo::service::Service;
 use hallservo::settings::Settings;
@@ -104,7 +103,7 @@ struct Absolute {
     construction: Construction,
     rings: Rings,
     period: u16,
-    /// Electrical turns that the shaft seems to jump by, for the Halls do not see it.
+    /// What becomes of what the heads read on the way to the drive.
     disturb: fn(Reading<2>) -> Reading<2>,
 }
 
@@ -112,15 +111,14 @@ impl Absolute {
     fn new() -> Self {
         let build = Build { eccentricity: 0.05, head_angle: 40.0, pairs: true };
         let config = Settings::default().validate().unwrap();
-        let (interrupt, tasks) = Box::leak(Box::new(Channels::new())).split();
-        let estimators = [(); 2].map(|()| Box::leak(Box::new(Estimator::blank())));
+        let (drive, service) = sim::rig::connected(config);
         let (absolute_interrupt, absolute_tasks) = Box::leak(Box::new(AbsoluteChannels::new())).split();
         let mut plant = plant::Plant::new(&PlantParameters::unkind(2), 2).unwrap();
         plant.place(1.0, 0.0).unwrap();
         Self {
             plant,
-            drive: AbsoluteDrive::new(Drive::new(config, interrupt), absolute_interrupt, 40),
-            service: Service::new(config, tasks, estimators),
+            drive: AbsoluteDrive::new(drive, absolute_interrupt, 40),
+            service,
             tasks: absolute_tasks,
             construction: build.construction(2),
             rings: build.rings().unwrap(),

@@ -33,7 +33,7 @@ mod run;
 pub mod saving;
 pub mod settings;
 mod supervisor;
-mod wire;
+pub mod wire;
 
 pub use heartbeat::Heartbeat;
 pub use run::App;

@@ -86,8 +86,8 @@ impl<F: NorFlash> App<F> {
     async fn supervise(&self, alive: &Heartbeat) -> ! {
         let mut next = Instant::now();
         loop {
-            // After a stall there is no hurry to make up for what was missed.
-            next = (next + TICK).max(Instant::now());
+            // After a stall there is no hurry to make up for what was missed, and the others come first: the watchdog among them.
+            next = (next + TICK).max(Instant::now() + Duration::from_ticks(1));
             Timer::at(next).await;
             let telemetry = {
                 let mut supervisor = self.supervisor.borrow_mut();

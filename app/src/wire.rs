@@ -1,4 +1,6 @@
-//! From the library's types to those of the protocol.
+//! From the library's types to those of the protocol, [and back](back).
+
+pub mod back;
 
 use hallservo::control::identify;
 use hallservo::control::settings::BadDemand;

@@ -2,6 +2,7 @@
 
 mod faults;
 mod motion;
+mod pole_pairs;
 mod procedures;
 mod settings;
 mod status;
@@ -60,6 +61,12 @@ enum Command {
     Calibrate,
     /// Turn to and fro and measure the motor
     Identify,
+    /// Count the pole pairs while you turn the shaft by hand; after `calibrate`, with the bridge off
+    PolePairs {
+        /// Turns of the shaft: one tells up to 14 pole pairs, five tell all
+        #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
+        turns: u8,
+    },
     /// What the magnets do to the teeth
     Cogging {
         /// Learn it by turning slowly, balance it or not
@@ -128,6 +135,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         }
         Command::Calibrate => procedures::calibrate(client),
         Command::Identify => procedures::identify(client),
+        Command::PolePairs { turns } => pole_pairs::count(client, *turns),
         Command::Cogging { what: Cogging::Learn } => procedures::learn_cogging(client),
         Command::Cogging { what: Cogging::On } => client.setting(Ask::Balance(true), |_| ()),
         Command::Cogging { what: Cogging::Off } => client.setting(Ask::Balance(false), |_| ()),

@@ -64,6 +64,8 @@ pub struct Simulator {
     running: u64,
     planned: Vec<Planned>,
     disturbed: Option<fault::Kind>,
+    /// Control periods for which a hand turns the shaft.
+    hand: u32,
     _clock: MutexGuard<'static, ()>,
 }
 
@@ -114,6 +116,7 @@ impl Simulator {
             running: 0,
             planned,
             disturbed: None,
+            hand: 0,
             _clock: clock,
         })
     }
@@ -124,6 +127,27 @@ impl Simulator {
             self.period();
         }
         self.tasks();
+    }
+
+    /// A hand takes the shaft, turns it by so many turns, negative ones backwards, and lets it go: a turn takes a second.
+    ///
+    /// # Errors
+    /// A number of turns that is not finite.
+    pub fn turn_by_hand(&mut self, turns: f64) -> Result<()> {
+        self.plant.set_dyno(Some(std::f64::consts::TAU.copysign(turns)))?;
+        self.hand = (turns.abs() / self.plant.period_s()).round() as u32;
+        Ok(())
+    }
+
+    /// A period of the hand, which stops the shaft before it lets it go.
+    fn hold(&mut self) {
+        if self.hand > 0 {
+            self.hand -= 1;
+            if self.hand == 0 {
+                let stopped = self.plant.set_dyno(Some(0.0)).and_then(|()| self.plant.set_dyno(None));
+                debug_assert!(stopped.is_ok(), "both speeds are finite");
+            }
+        }
     }
 
     /// A millisecond in which the control interrupt does not come.
@@ -156,6 +180,7 @@ impl Simulator {
             self.digest = (self.digest ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3);
         }
         self.plant.advance(&sim::rig::legs(&self.last, self.period));
+        self.hold();
         if self.drive.mode() == Mode::Running {
             self.running += 1;
             self.inject();

@@ -1,17 +1,10 @@
 //! What the drive says by numbers, in words, and what to do about it.
 
-use hallservo::angle::ElectricalAngle;
-use hallservo::control::Motor as Told;
-use hallservo::control::identify::{self, Estimate};
 use hallservo::fault::{Fault, Limits};
-use hallservo::hall::Channel;
-use hallservo::hall::adapt::{self, Parameter};
-use hallservo::hall::calibrate::report::{self, Finding, Pattern};
-use hallservo::hall::calibrate::{self, Sweep};
-use hallservo::hall::estimate::BadModel;
+use hallservo_app::wire;
 use hallservo_protocol::{
-    Activity, CalibrationError, Cause, Commutation, Incident, Kind, Learning, Mode, Motor, Problem, ProcedureError,
-    Record, Refusal, Report, Setting,
+    Activity, CalibrationError, Cause, Commutation, Incident, Kind, Learning, Mode, Problem, ProcedureError, Record,
+    Refusal, Setting,
 };
 
 /// A state.
@@ -135,17 +128,7 @@ pub fn learning(learning: Learning) -> String {
 
 /// Why a sensor is not learnt any more.
 pub fn sensor(channel: u8, why: u8) -> String {
-    let hall = Channel(channel);
-    let fault = match why {
-        0 => adapt::Fault::AtRail(hall),
-        1 => adapt::Fault::Lost(hall),
-        2 => adapt::Fault::Drifted(hall, Parameter::Offset),
-        3 => adapt::Fault::Drifted(hall, Parameter::Amplitude),
-        4 => adapt::Fault::Drifted(hall, Parameter::Placement),
-        5 => adapt::Fault::Distorted,
-        _ => adapt::Fault::Contradiction,
-    };
-    fault.to_string()
+    wire::back::sensor(channel, why).to_string()
 }
 
 /// What went wrong, and what to do.
@@ -200,51 +183,11 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
     }
 }
 
-/// A calibration's failure, as the library says it.
+/// Why a calibration came to nothing, as the library says it.
 pub fn calibration_error(error: CalibrationError) -> String {
-    use CalibrationError as Wire;
-    use calibrate::Error;
-    let finding = |finding| Error::Refused(finding);
-    match error {
-        Wire::Ended => return "a command or a fault ended it: `hallctl faults` knows".into(),
-        Wire::Incomplete { forward: true } => Error::Incomplete(Sweep::Forward),
-        Wire::Incomplete { forward: false } => Error::Incomplete(Sweep::Backward),
-        Wire::NoSignal(channel) => Error::NoSignal(Channel(channel)),
-        Wire::NoFit => Error::NoFit,
-        Wire::AdcBits(bits) => Error::Model(BadModel::AdcBits(bits)),
-        Wire::Sensor(channel) => Error::Model(BadModel::Sensor(Channel(channel))),
-        Wire::Placement(noise_gain) => Error::Model(BadModel::Placement { noise_gain }),
-        Wire::Busy => Error::Busy,
-        Wire::TooFar(channel, swing) => finding(Finding::TooFar(Channel(channel), swing)),
-        Wire::TooClose(channel) => finding(Finding::TooClose(Channel(channel))),
-        Wire::Unequal(ratio) => finding(Finding::Unequal(ratio)),
-        Wire::Misplaced(channel, degrees) => finding(Finding::Misplaced(Channel(channel), degrees)),
-        Wire::Noisy(channel, percent) => finding(Finding::Noisy(Channel(channel), percent)),
-        Wire::Unexplained(percent) => finding(Finding::Unexplained(percent)),
-        Wire::Lagging(degrees) => finding(Finding::Lagging(degrees)),
-        Wire::Hunting(degrees) => finding(Finding::Hunting(degrees)),
-    }
-    .to_string()
-}
-
-/// A calibration's report, as the library has it.
-pub fn report(wire: &Report) -> report::Report {
-    let sensors = wire.sensors.map(|sensor| report::SensorReport {
-        swing: sensor.swing,
-        offset: sensor.offset,
-        placement_error: ElectricalAngle::from_degrees(sensor.placement_error_deg),
-        third_pct: sensor.third_pct,
-        fifth_pct: sensor.fifth_pct,
-        noise_pct: sensor.noise_pct,
-        at_rail: sensor.at_rail,
-    });
-    report::Report {
-        sensors,
-        pattern: Pattern { spacing: wire.spacing, forward: wire.forward },
-        residual_pct: wire.residual_pct,
-        lag: ElectricalAngle::from_degrees(wire.lag_deg),
-        hunting_deg: wire.hunting_deg,
-        angle_noise_deg: wire.angle_noise_deg,
+    match wire::back::calibration_error(error) {
+        Some(error) => error.to_string(),
+        None => "a command or a fault ended it: `hallctl faults` knows".into(),
     }
 }
 
@@ -262,25 +205,6 @@ pub fn procedure_error(error: &ProcedureError<'_>) -> String {
         ProcedureError::Untold => "the measurements do not tell what was asked: is the shaft free?".into(),
         ProcedureError::NoTable => "there was no room for the result: try again".into(),
         ProcedureError::Cancelled => "a command ended it".into(),
-    }
-}
-
-/// The motor as measured, as the library has it.
-pub fn motor(wire: &Motor) -> identify::Report {
-    let of = |[value, error]: [f32; 2]| Estimate { value: value.into(), error: error.into() };
-    let [resistance_ohm, inductance_h, flux_linkage_wb, inertia_kgm2] = wire.told;
-    identify::Report {
-        resistance_ohm: of(wire.resistance_ohm),
-        inductance_h: of(wire.inductance_h),
-        flux_linkage_wb: of(wire.flux_linkage_wb),
-        inertia_kgm2: of(wire.inertia_kgm2),
-        coulomb_nm: of(wire.coulomb_nm),
-        viscous_nms: of(wire.viscous_nms),
-        load_nm: of(wire.load_nm),
-        leftover_v: of(wire.leftover_v),
-        told: Told { resistance_ohm, inductance_h, flux_linkage_wb, inertia_kgm2 },
-        pole_pairs: wire.pole_pairs,
-        samples: wire.samples,
     }
 }
 

@@ -1,10 +1,10 @@
 //! `hallctl` at `hallctl simulate`: every command that a person has, over TCP and over a pseudo-terminal.
 
 use std::fs;
-use std::io::{BufRead, BufReader, Write};
+use std::io::{BufRead, BufReader, Read, Write};
 use std::net::TcpListener;
 use std::path::Path;
-use std::process::{Child, Command, Output, Stdio};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Output, Stdio};
 use std::thread;
 use tempfile::TempDir;
 
@@ -13,6 +13,8 @@ const HALLCTL: &str = env!("CARGO_BIN_EXE_hallctl");
 /// A simulated drive in a process of its own; dropped, its power is cut.
 struct Drive {
     process: Child,
+    keyboard: ChildStdin,
+    screen: BufReader<ChildStdout>,
     port: String,
 }
 
@@ -28,13 +30,15 @@ impl Drive {
         let mut process = Command::new(HALLCTL)
             .args(["simulate", "--speed", "fast"])
             .args(options)
+            .stdin(Stdio::piped())
             .stdout(Stdio::piped())
             .spawn()
             .unwrap();
-        let mut line = String::new();
-        BufReader::new(process.stdout.take().unwrap()).read_line(&mut line).unwrap();
+        let keyboard = process.stdin.take().unwrap();
+        let (mut line, mut screen) = (String::new(), BufReader::new(process.stdout.take().unwrap()));
+        screen.read_line(&mut line).unwrap();
         let port = line.trim().strip_prefix("The simulated drive is at ").unwrap_or_else(|| panic!("{line}")).into();
-        Self { process, port }
+        Self { process, keyboard, screen, port }
     }
 
     fn with_flash(flash: &Path, options: &[&str]) -> Self {
@@ -43,6 +47,14 @@ impl Drive {
 
     fn call(&self, arguments: &[&str]) -> Output {
         call(&self.port, arguments)
+    }
+
+    /// A hand turns its shaft.
+    fn hand(&mut self, turns: &str) {
+        writeln!(self.keyboard, "turn {turns}").unwrap();
+        let mut line = String::new();
+        self.screen.read_line(&mut line).unwrap();
+        assert_eq!(line, format!("The shaft is turned by {turns} turns.\n"));
     }
 
     /// What it prints, when it succeeds.
@@ -60,7 +72,7 @@ impl Drive {
 }
 
 fn call(port: &str, arguments: &[&str]) -> Output {
-    Command::new(HALLCTL).args(["--port", port]).args(arguments).output().unwrap()
+    Command::new(HALLCTL).args(["--port", port]).args(arguments).stdin(Stdio::null()).output().unwrap()
 }
 
 fn fails(port: &str, code: i32, arguments: &[&str]) -> String {
@@ -136,6 +148,39 @@ fn evening(options: &[&str]) {
     let position: f64 = position.unwrap().parse().unwrap();
     assert!(status.contains("running: bridge on") && (position - 2.5).abs() < 1e-3, "{status}");
     drive.ok(&["disarm"]);
+}
+
+#[test]
+fn pole_pairs_are_counted_by_a_turn_of_the_hand() {
+    let mut drive = Drive::start(&[]);
+    assert!(drive.fails(7, &["pole-pairs"]).contains("the drive must be calibrated"));
+    drive.ok(&["calibrate"]);
+    // It has four.
+    drive.ok(&["settings", "set", "pole_pairs", "7"]);
+    let mut count = |turns: &str, asked: &str| {
+        let mut tool = Command::new(HALLCTL)
+            .args(["--port", &drive.port, "pole-pairs", "--turns", asked])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let mut out = BufReader::new(tool.stdout.take().unwrap());
+        out.read_line(&mut String::new()).unwrap();
+        drive.hand(turns);
+        tool.stdin.take().unwrap().write_all(b"\n").unwrap();
+        let mut text = String::new();
+        out.read_to_string(&mut text).unwrap();
+        let ended = tool.wait_with_output().unwrap();
+        (ended.status.code(), text + &String::from_utf8(ended.stderr).unwrap())
+    };
+    let (code, text) = count("1.3", "1");
+    assert!(code == Some(7) && text.contains("not told apart"), "{text}");
+    let (code, text) = count("-2.005", "2");
+    assert!(code == Some(0) && text.starts_with("4 pole pairs: the shaft was 1.8° off"), "{text}");
+    assert!(drive.ok(&["settings", "get", "pole_pairs"]).contains("pole_pairs = 4"));
+    // Nobody at the keyboard.
+    assert!(drive.fails(7, &["pole-pairs"]).contains("nobody pressed Enter"));
 }
 
 #[test]

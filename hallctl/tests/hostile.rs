@@ -5,7 +5,7 @@ mod tool;
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
 use hallservo::mode::Mode;
-use hallservo_protocol::{Ask, Problem, VERSION};
+use hallservo_protocol::{Ask, Problem};
 use proptest::prelude::*;
 use std::sync::LazyLock;
 use tool::{calibrated, done, drive, request, run, status};
@@ -87,8 +87,8 @@ fn garbage() -> impl Strategy<Value = Vec<u8>> {
         }),
         // Too long ones.
         1 => prop::collection::vec(1..=u8::MAX, 252..1500),
-        // Of another version, as whole as they can be.
-        1 => Just(vec![0, 4, VERSION.wrapping_add(1), 1, 2, 0]),
+        // Of another version, and whole: COBS of the version 7 and its CRC.
+        1 => Just(vec![0, 6, 7, 0x2e, 0x7a, 0x66, 0x4c, 0]),
         3 => hostile(),
     ];
     prop::collection::vec(piece, 1..8).prop_map(|pieces| pieces.concat())

@@ -110,6 +110,8 @@ fn settings_are_saved_while_the_bridge_is_off_only() {
     done(&mut first, set);
     done(&mut first, Ask::Arm);
     ask(&mut first, set, |answer| assert!(matches!(answer, Answer::Refused(Refusal::Mode(_))), "{answer:?}"));
+    // Not even read: there is nothing, which would be told otherwise.
+    ask(&mut first, Ask::Load, |answer| assert!(matches!(answer, Answer::Refused(Refusal::Mode(_))), "{answer:?}"));
     let before = first.flash();
     ask(&mut first, Ask::Save, |answer| assert_eq!(answer, Answer::Saved { waits: true }));
     run(&mut first, 50);

@@ -90,9 +90,8 @@ proptest! {
     fn a_changed_frame_is_none(frame in asks(), place in any::<prop::sample::Index>(), bit in 0..8_u32) {
         let mut changed = frame.clone();
         changed[place.index(frame.len())] ^= 1_u8 << bit;
-        // A zero at either end does not belong to what is protected.
         let messages = texts(&[&changed[..], &[0]].concat());
-        prop_assert!(messages.is_empty() || messages == texts(&frame), "{messages:?}");
+        prop_assert!(messages.is_empty(), "{messages:?}");
     }
 
     #[test]

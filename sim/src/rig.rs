@@ -62,18 +62,8 @@ impl Rig {
             bail!("the plant switches with {} Hz and the drive with {} Hz", 1.0 / period_s, settings.pwm_hz);
         }
         plant.place(0.3, 0.0)?;
-        // On the chip these are statics; here, too, a drive lives as long as its process.
-        let (interrupt, tasks) = Box::leak(Box::new(Channels::new())).split();
-        let estimators = [(); 2].map(|()| Box::leak(Box::new(Estimator::blank())));
-        Ok(Self {
-            plant,
-            drive: Drive::new(config, interrupt),
-            service: Service::new(config, tasks, estimators),
-            config,
-            temperatures: [COOL; 2],
-            disturb: None,
-            period_s,
-        })
+        let (drive, service) = connected(config);
+        Ok(Self { plant, drive, service, config, temperatures: [COOL; 2], disturb: None, period_s })
     }
 
     /// Length of a control period in seconds.
@@ -205,6 +195,13 @@ impl Rig {
     pub fn serve(&mut self) {
         while self.service.poll().is_some() {}
     }
+}
+
+/// A drive and its service. On the chip, what connects them are statics; here, too, a drive lives as long as its process.
+pub fn connected(config: Config) -> (Drive, Service) {
+    let (interrupt, tasks) = Box::leak(Box::new(Channels::new())).split();
+    let estimators = [(); 2].map(|()| Box::leak(Box::new(Estimator::blank())));
+    (Drive::new(config, interrupt), Service::new(config, tasks, estimators))
 }
 
 /// What the timer makes of an output.

@@ -27,17 +27,8 @@ pub struct Gains {
     inductance: i32,
     flux: i32,
     shift: u32,
-    /// Faster is fed forward as this.
-    fastest: i32,
-}
-
-/// Gains that are beyond the range of the integers at the least bus voltage.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub enum Excess {
-    /// Those of the control: this bandwidth in hertz has room.
-    Bandwidth(f32),
-    /// Those of what turning induces: this electrical frequency in hertz has room.
-    Speed(f32),
+    /// Faster than what this leaves of the integers is fed forward as that.
+    beyond: i32,
 }
 
 /// The same for a bus and a speed.
@@ -59,8 +50,10 @@ impl Gains {
     /// For a bandwidth, a rotor that turns with up to `fastest_hz` electrical, at most a twentieth of a turn a step, a bus of at least a
     /// share `least_bus` of its full scale, and a bridge whose longest voltage is a share `longest` of the bus.
     ///
+    /// What turning induces is fed forward as far as the integers reach; the integrators do the rest.
+    ///
     /// # Errors
-    /// [`Excess`], with what there is room for.
+    /// The bandwidth that the integers have room for, where it is not more than the one that was asked for.
     pub fn new(
         motor: &Motor,
         bandwidth_hz: f32,
@@ -68,7 +61,7 @@ impl Gains {
         scale: &Scale,
         least_bus: f32,
         longest: f32,
-    ) -> Result<Self, Excess> {
+    ) -> Result<Self, f32> {
         /// Present gains have 26 bits of fraction and 31 in all; the rest is for roundings. No sum overflows, whatever the currents.
         const MOST: f32 = 31.0;
         // From shares of the full scale to the unit of the voltages, with 22 bits.
@@ -80,17 +73,13 @@ impl Gains {
         let radians_s = TAU * scale.step_hz;
         let inductance = unit * radians_s * motor.inductance_h / scale.conductance();
         let flux = unit * radians_s * motor.flux_linkage_wb / scale.volts;
-        let turns = fastest_hz / scale.step_hz;
+        let room = |gain: f32| MOST * least_bus / gain;
+        if room(proportional.max(integral)) <= 1.0 {
+            return Err(room(proportional.max(integral)) * bandwidth_hz);
+        }
+        let turns = (fastest_hz / scale.step_hz).min(room(inductance.max(flux)));
         // The fastest speed fills the integer.
         let shift = libm::ceilf(-libm::log2f(turns)) as i32 - 2;
-        let room = |gain: f32| MOST * least_bus / gain;
-        let (control, turning) = (room(proportional.max(integral)), room(turns * inductance.max(flux)));
-        if control <= 1.0 {
-            return Err(Excess::Bandwidth(control * bandwidth_hz));
-        }
-        if turning <= 1.0 {
-            return Err(Excess::Speed(turning * fastest_hz));
-        }
         let hold = |gain: f32, bits| libm::roundf(libm::ldexpf(gain, bits)) as i32;
         Ok(Self {
             proportional: hold(proportional, 26),
@@ -99,7 +88,7 @@ impl Gains {
             inductance: hold(inductance, 23 - shift),
             flux: hold(flux, 23 - shift),
             shift: shift as u32,
-            fastest: (turns * 4_294_967_296.0) as i32,
+            beyond: i32::MAX - (turns * 4_294_967_296.0) as i32,
         })
     }
 }
@@ -120,7 +109,10 @@ impl Present {
     /// Takes up what turning with `speed` induces.
     #[inline(always)]
     pub const fn induce(&mut self, gains: &Gains, bus: Inverse, speed: i32) {
-        let speed = clamp(speed, gains.fastest).wrapping_shl(gains.shift);
+        // Cut to both sides by saturation, in four instructions.
+        let beyond = gains.beyond;
+        let speed = speed.saturating_add(beyond).wrapping_sub(beyond).saturating_sub(beyond).wrapping_add(beyond);
+        let speed = speed.wrapping_shl(gains.shift);
         self.reactance = bus.of(high(speed, gains.inductance)) << 9;
         self.induced = bus.of(high(speed, gains.flux)) << 5;
     }
@@ -417,7 +409,7 @@ mod tests {
     }
 
     /// A motor of this inductance, relative to that of the others, on a bus of 9 V.
-    fn gains(inductance: f32, bandwidth: f32, fastest: f32) -> Result<Gains, Excess> {
+    fn gains(inductance: f32, bandwidth: f32, fastest: f32) -> Result<Gains, f32> {
         let motor = Motor { inductance_h: inductance * MOTOR.inductance_h, ..MOTOR };
         Gains::new(&motor, bandwidth, fastest, &SCALE, 9.0 / 36.3, LONGEST_SHARE as f32)
     }
@@ -426,11 +418,9 @@ mod tests {
     fn a_refusal_tells_what_there_is_room_for() {
         assert!(gains(1.0, 1000.0, 2000.0).is_ok());
         for inductance in [20.0, 100.0, 1000.0] {
-            let Err(Excess::Bandwidth(bandwidth)) = gains(inductance, 2000.0, 2000.0) else { panic!("{inductance}") };
-            let Err(Excess::Speed(fastest)) = gains(inductance, 0.99 * bandwidth, 2000.0) else {
-                panic!("{inductance}")
-            };
-            assert!(gains(inductance, 0.99 * bandwidth, 0.99 * fastest).is_ok(), "{inductance} {bandwidth} {fastest}");
+            let bandwidth = gains(inductance, 2000.0, 2000.0).unwrap_err();
+            assert!(gains(inductance, 0.999 * bandwidth, 2000.0).is_ok(), "{inductance} {bandwidth}");
+            assert!(gains(inductance, 1.001 * bandwidth, 2000.0).is_err(), "{inductance} {bandwidth}");
         }
     }
 
@@ -456,8 +446,9 @@ mod tests {
         fn the_voltage_is_within_the_circle_for_any_input(
             currents in prop::collection::vec((-43_690..43_690, -43_690..43_690), 1..100),
             wanted in -32_768..32_768, speed: i32, room in 0.01..1.0_f32, resistance in 0.0..3.0_f32,
+            flux in 0.0..10.0_f32,
         ) {
-            // Up to the largest gains there is room for, on the lowest bus.
+            // Up to the largest gains there is room for, and more flux than that, on the lowest bus.
             let least = 0.05;
             let unit = LONGEST as f32 / 4_194_304.0 / LONGEST_SHARE as f32;
             let (gain, omega) = (30.9 * room * least / unit, TAU * 2000.0);
@@ -465,7 +456,7 @@ mod tests {
             let motor = Motor {
                 inductance_h: ohm / omega,
                 resistance_ohm: resistance * ohm,
-                flux_linkage_wb: gain * SCALE.volts / omega,
+                flux_linkage_wb: flux * gain * SCALE.volts / omega,
                 ..MOTOR
             };
             let gains = Gains::new(&motor, 2000.0, 2000.0, &SCALE, least, LONGEST_SHARE as f32).unwrap();
@@ -473,9 +464,8 @@ mod tests {
             present.scale(&gains, bus);
             present.induce(&gains, bus, speed);
             let mut integrators = Integrators::default();
-            let gains = present;
             for (d, q) in currents {
-                let Dq { d, q } = integrators.step(&gains, wanted << 13, Dq { d: d << 13, q: q << 13 });
+                let Dq { d, q } = integrators.step(&present, wanted << 13, Dq { d: d << 13, q: q << 13 });
                 prop_assert!(libm::hypot(f64::from(d), f64::from(q)) <= f64::from(LONGEST));
             }
         }

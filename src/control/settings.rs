@@ -4,7 +4,7 @@ mod guard;
 
 use crate::angle::Position;
 use crate::commutation::svpwm;
-use crate::control::current::{self, Excess, Feedback, LocalGains};
+use crate::control::current::{self, Feedback, LocalGains};
 use crate::control::{Current, Motor, Scale, Speed, position, trajectory, velocity};
 use crate::drive::{CYCLE, OUTER};
 use crate::pwm;
@@ -147,16 +147,8 @@ impl Settings {
         check.done()?;
         Ok(Config {
             guard,
-            gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest as f32).map_err(
-                |excess| match excess {
-                    Excess::Bandwidth(max) => {
-                        Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max }
-                    }
-                    Excess::Speed(max) => {
-                        Error::OutOfRange { field: "max_electrical_hz", value: fastest_hz, min: 0.0, max }
-                    }
-                },
-            )?,
+            gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest as f32)
+                .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,
             local: LocalGains::new(&motor, self.feedback, current_hz, &scale)
                 .ok_or(gain("current_bandwidth_hz", current_hz))?,
             velocity: velocity::Gains::new(&motor, speed_hz, loop_hz, &scale)

@@ -65,6 +65,8 @@ impl Drive {
     }
 
     fn install(&mut self, estimator: &'static mut Estimator, codes: Codes) -> Reply {
+        // What was learnt while somebody turns the shaft is no reason to forget its turns.
+        let tracks = self.mode == Mode::Ready && self.live.missed <= self.config.tolerated;
         let allowed = self.on_command(Event::Installed);
         let slot = match self {
             Self { hurried: Some(_), .. } => &mut self.hurried,
@@ -79,7 +81,7 @@ impl Drive {
         if allowed.is_ok() {
             self.take_up_loss();
         }
-        if allowed.is_ok() && self.mode == Mode::Ready {
+        if allowed.is_ok() && self.mode == Mode::Ready && !tracks {
             self.relock(codes);
         }
         allowed
@@ -158,7 +160,7 @@ impl Drive {
         self.publish();
         self.set_amplitude(self.config.limits.amplitude(modulation));
         let cut = self.config.limits.limits(modulation);
-        self.limits = if cut { self.limits.with(Limits::DUTY) } else { self.limits.without(Limits::DUTY) };
+        self.limits = self.limits.set(Limits::DUTY, cut);
         // A negative amplitude turns the field by half a turn; its advance is in the direction of the command, too.
         let advance = if modulation.is_negative() { -self.config.advance } else { self.config.advance };
         self.lead = ElectricalAngle::QUARTER + advance;

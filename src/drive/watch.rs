@@ -141,8 +141,12 @@ impl Watch {
     pub fn stalls(&mut self, config: &Config, limited: bool, speed: i32) -> bool {
         let creep = config.guard.creep;
         let stalls = limited && speed.wrapping_add(creep) as u32 <= 2 * creep as u32;
-        // The speed is noisy: a look at which it seems to turn does not make up for all before.
-        self.stalled = if stalls { self.stalled + 1 } else { self.stalled.saturating_sub(4) };
+        if !stalls {
+            // The speed is noisy: a look at which it seems to turn does not make up for all before.
+            self.stalled = self.stalled.saturating_sub(4);
+            return false;
+        }
+        self.stalled += 1;
         self.stalled > config.guard.stall
     }
 

@@ -328,10 +328,16 @@ fn windows(model: &Model, adc_bits: u8) -> Result<[Window; 3], BadModel> {
 /// The table that holds, for every quotient, the electrical angle at which the model delivers it.
 fn table(model: &Model, inverse: &Inverse) -> QuadrantTable {
     let mut table = [Segment::default(); 4 << trig::QUADRANT_BITS];
+    let mut end = 0;
     for (index, segment) in table.iter_mut().enumerate() {
-        let [start, middle, end] =
-            trig::segment_vectors(index).map(|(y, x)| model.electrical(hall_angle(model, inverse, y, x)).to_bits());
-        *segment = Segment::along(start, middle, end, trig::QUOTIENT_LOW);
+        let angle = |halves| {
+            let (y, x) = trig::segment_vector(index, halves);
+            model.electrical(hall_angle(model, inverse, y, x)).to_bits()
+        };
+        // Within a quadrant a segment begins where the last one ended.
+        let start = if index % (1 << trig::QUADRANT_BITS) == 0 { angle(0) } else { end };
+        end = angle(2);
+        *segment = Segment::along(start, angle(1), end, trig::QUOTIENT_LOW);
     }
     table
 }

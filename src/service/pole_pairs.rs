@@ -75,6 +75,31 @@ impl fmt::Display for Count {
 /// Farthest that a person ends from whole turns, degrees of the shaft.
 const BY_EYE_DEG: f32 = 10.0;
 
+impl Count {
+    /// From the electrical turns in so many turns of the shaft by hand, at least one, in either direction; as sure as [`ByHand`] says.
+    ///
+    /// # Errors
+    /// All of [`Error`] but that the drive is not ready.
+    pub fn of(electrical_turns: f64, turns: u8) -> Result<Self, Error> {
+        let (electrical, shaft) = (electrical_turns.abs() as f32, f32::from(turns.max(1)));
+        let likely = match libm::roundf(electrical / shaft) as u8 {
+            0 => return Err(Error::NotTurned),
+            number => PolePairs::new(number).ok_or(Error::TooMany)?,
+        };
+        let off_deg = |pairs: f32| 360.0 * (electrical / pairs - shaft).abs();
+        let pairs = f32::from(likely.get());
+        let fewer = if pairs > 1.0 { off_deg(pairs - 1.0) } else { f32::INFINITY };
+        let next_off_deg = fewer.min(off_deg(pairs + 1.0));
+        let off_deg = off_deg(pairs);
+        if off_deg <= BY_EYE_DEG && next_off_deg >= 2.0 * BY_EYE_DEG {
+            return Ok(Self { pole_pairs: likely, off_deg, next_off_deg });
+        }
+        // Where one more pole pair would be twice as far off as a person may be, and more than was not enough.
+        let needed = libm::ceilf(2.0 * BY_EYE_DEG / 360.0 * (pairs + 1.0)) as u8;
+        Err(Error::Ambiguous { likely, turns_needed: needed.max(turns.saturating_add(1)) })
+    }
+}
+
 /// Counts while a person turns the shaft by whole turns with the bridge off, in either direction, as fast or slow and with as many rests
 /// as they like. A number is told only where another one would put the end more than 20° off: one whose turns end within 19° of whole ones
 /// never gets a wrong one.
@@ -119,24 +144,7 @@ impl ByHand {
     /// [`Error`].
     pub fn finish(&self) -> Result<Count, Error> {
         self.ends.unwrap_or(Err(Error::NotReady))?;
-        let electrical = self.electrical_turns().abs() as f32;
-        let turns = f32::from(self.turns);
-        let likely = libm::roundf(electrical / turns);
-        let likely = match likely as u8 {
-            0 => return Err(Error::NotTurned),
-            number => PolePairs::new(number).ok_or(Error::TooMany)?,
-        };
-        let off_deg = |pairs: f32| 360.0 * (electrical / pairs - turns).abs();
-        let pairs = f32::from(likely.get());
-        let fewer = if pairs > 1.0 { off_deg(pairs - 1.0) } else { f32::INFINITY };
-        let next_off_deg = fewer.min(off_deg(pairs + 1.0));
-        let off_deg = off_deg(pairs);
-        if off_deg <= BY_EYE_DEG && next_off_deg >= 2.0 * BY_EYE_DEG {
-            return Ok(Count { pole_pairs: likely, off_deg, next_off_deg });
-        }
-        // Where one more pole pair would be twice as far off as a person may be, and more than was not enough.
-        let needed = libm::ceilf(2.0 * BY_EYE_DEG / 360.0 * (pairs + 1.0)) as u8;
-        Err(Error::Ambiguous { likely, turns_needed: needed.max(self.turns.saturating_add(1)) })
+        Count::of(self.electrical_turns(), self.turns)
     }
 }
 

@@ -1,10 +1,8 @@
 //! Constants, with reasons. Schematic: MB1419.
 
-use hallservo::commutation::Commutation;
 use hallservo::control::settings::{GuardSettings, Settings as Control, Thermistor};
 use hallservo::settings::Settings;
 use stm32g4::registers::adc::{Rank, Sampling, Sequence};
-use stm32g4::registers::clock::HCLK_HZ;
 use stm32g4::registers::timer::{Active, Break, Gates};
 use stm32g4::wiring::Wiring;
 
@@ -37,7 +35,7 @@ pub const EARLY: u32 = FIRST.held(2) - SECOND.held(1);
 const _: () = assert!(FIRST.held(2) == SECOND.held(2) && FIRST.done() >= SECOND.done());
 
 /// PWM, and control in every period. Twice what nobody hears any more: half the ripple of the current, half the delay, and so 1 kHz of
-/// current control with a phase to spare. The control interrupt takes half of a period at most, and sampling and dead time a fifth,
+/// current control with a phase to spare. The control interrupt takes six tenths of a period at most, and sampling and dead time a fifth,
 /// which is the voltage that is given for it. 20 kHz for little loss by switching: everything else follows.
 const PWM_HZ: u32 = 40_000;
 
@@ -58,37 +56,25 @@ pub const BRIDGE: Wiring = Wiring {
 
 /// What a drive on this board starts with.
 pub fn settings() -> Settings {
-    Settings {
-        timer_hz: HCLK_HZ as f32,
-        pwm_hz: PWM_HZ as f32,
-        dead_time_s: BRIDGE.dead_time_s(),
-        // Two thirds of a microsecond to either side, and 1.4 for the op-amps to settle.
-        sampling_window_s: 4e-6,
-        delay_periods: BRIDGE.delay_periods(FIRST.held(2)),
-        commutation: Commutation::FieldOriented,
-        max_electrical_hz: 1000.0,
-        // A spark disturbs one sample. A second one in a row is a fault, and the bridge is off a period after the first.
-        tolerated_samples: 1,
-        // Each costs the tasks some microseconds: half of the samples is what they can take.
-        calibration_record_hz: PWM_HZ as f32 / 2.0,
-        control: Some(Control {
-            current_full_scale_a: 1.65 / VOLTS_PER_AMPERE,
-            // 169 kΩ and 18 kΩ.
-            bus_full_scale_v: 3.3 * 187.0 / 18.0,
-            guard: GuardSettings {
-                // Three lithium cells that are empty; the L6387 gives up below 6 V.
-                under_voltage_v: 9.0,
-                // Six lithium cells, and something for braking.
-                over_voltage_v: 28.0,
-                // 1 % of the resistors is 1.5 A.
-                offset_a: 3.0,
-                imbalance_a: 3.0,
-                // To 3.3 V, against 4.7 kΩ to ground.
-                bridge: Thermistor { pull_up_ohm: 4700.0, beta_k: 3425.0, ..Thermistor::ntc_10k(80.0, 100.0) },
-                ..GuardSettings::default()
-            },
-            ..Control::default()
-        }),
-        ..Settings::default()
-    }
+    let control = Control {
+        current_full_scale_a: 1.65 / VOLTS_PER_AMPERE,
+        // 169 kΩ and 18 kΩ.
+        bus_full_scale_v: 3.3 * 187.0 / 18.0,
+        guard: GuardSettings {
+            // Three lithium cells that are empty; the L6387 gives up below 6 V.
+            under_voltage_v: 9.0,
+            // Six lithium cells, and something for braking.
+            over_voltage_v: 28.0,
+            // 1 % of the resistors is 1.5 A.
+            offset_a: 3.0,
+            imbalance_a: 3.0,
+            // To 3.3 V, against 4.7 kΩ to ground.
+            bridge: Thermistor { pull_up_ohm: 4700.0, beta_k: 3425.0, ..Thermistor::ntc_10k(80.0, 100.0) },
+            ..GuardSettings::default()
+        },
+        ..Control::default()
+    };
+    // Two thirds of a microsecond to either side, and 1.4 for the op-amps to settle.
+    let sampling_window_s = 4e-6;
+    BRIDGE.settings(sampling_window_s, FIRST.held(2), control)
 }

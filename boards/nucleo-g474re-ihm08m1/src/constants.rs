@@ -1,10 +1,8 @@
 //! Constants, with reasons. Schematics: X-NUCLEO-IHM08M1 (UM1996), MB1367 (UM2505).
 
-use hallservo::commutation::Commutation;
 use hallservo::control::settings::{GuardSettings, Settings as Control, Thermistor};
 use hallservo::settings::Settings;
 use stm32g4::registers::adc::{Rank, Sampling, Sequence};
-use stm32g4::registers::clock::HCLK_HZ;
 use stm32g4::registers::timer::{Active, Break, Gates};
 use stm32g4::wiring::Wiring;
 
@@ -53,35 +51,23 @@ pub const BRIDGE: Wiring = Wiring {
 
 /// What a drive on this board starts with.
 pub fn settings() -> Settings {
-    Settings {
-        timer_hz: HCLK_HZ as f32,
-        pwm_hz: PWM_HZ as f32,
-        dead_time_s: BRIDGE.dead_time_s(),
-        // Two thirds of a microsecond to either side, and a half for the amplifiers to settle.
-        sampling_window_s: 2.5e-6,
-        delay_periods: BRIDGE.delay_periods(FIRST.held(0)),
-        commutation: Commutation::FieldOriented,
-        max_electrical_hz: 1000.0,
-        // A spark disturbs one sample. A second one in a row is a fault, and the bridge is off a period after the first.
-        tolerated_samples: 1,
-        // Each costs the tasks some microseconds: half of the samples is what they can take.
-        calibration_record_hz: PWM_HZ as f32 / 2.0,
-        control: Some(Control {
-            current_full_scale_a: 1.65 / VOLTS_PER_AMPERE,
-            // 169 kΩ and 9.31 kΩ.
-            bus_full_scale_v: 3.3 * 178.31 / 9.31,
-            guard: GuardSettings {
-                under_voltage_v: 9.0,
-                over_voltage_v: 50.0,
-                // 2 % of the resistors is 0.7 A.
-                offset_a: 1.5,
-                imbalance_a: 1.5,
-                // To 3.3 V, against 4.7 kΩ to ground.
-                bridge: Thermistor { pull_up_ohm: 4700.0, beta_k: 3425.0, ..Thermistor::ntc_10k(80.0, 100.0) },
-                ..GuardSettings::default()
-            },
-            ..Control::default()
-        }),
-        ..Settings::default()
-    }
+    let control = Control {
+        current_full_scale_a: 1.65 / VOLTS_PER_AMPERE,
+        // 169 kΩ and 9.31 kΩ.
+        bus_full_scale_v: 3.3 * 178.31 / 9.31,
+        guard: GuardSettings {
+            under_voltage_v: 9.0,
+            over_voltage_v: 50.0,
+            // 2 % of the resistors is 0.7 A.
+            offset_a: 1.5,
+            imbalance_a: 1.5,
+            // To 3.3 V, against 4.7 kΩ to ground.
+            bridge: Thermistor { pull_up_ohm: 4700.0, beta_k: 3425.0, ..Thermistor::ntc_10k(80.0, 100.0) },
+            ..GuardSettings::default()
+        },
+        ..Control::default()
+    };
+    // Two thirds of a microsecond to either side, and a half for the amplifiers to settle.
+    let sampling_window_s = 2.5e-6;
+    BRIDGE.settings(sampling_window_s, FIRST.held(0), control)
 }

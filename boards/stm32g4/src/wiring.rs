@@ -2,6 +2,9 @@
 
 use crate::registers::clock::HCLK_HZ;
 use crate::registers::timer::{self, Break, Gates};
+use hallservo::commutation::Commutation;
+use hallservo::control::settings::Settings as Control;
+use hallservo::settings::Settings;
 
 /// What TIM1 has to know of the board.
 #[derive(Clone, Copy, Debug)]
@@ -50,5 +53,26 @@ impl Wiring {
     /// TIM1_BDTR.
     pub const fn bdtr(&self) -> u32 {
         timer::bdtr(self.dead_time_field(), self.source, timer::break_filter(timer::ticks(HCLK_HZ, self.noise_ns)))
+    }
+
+    /// What a drive starts with, whose sampling needs the lower transistors to conduct for a time, and whose Halls are held so many
+    /// ticks after the trigger.
+    pub fn settings(&self, sampling_window_s: f32, held: u32, control: Control) -> Settings {
+        let pwm_hz = self.pwm_hz as f32;
+        Settings {
+            timer_hz: HCLK_HZ as f32,
+            pwm_hz,
+            dead_time_s: self.dead_time_s(),
+            sampling_window_s,
+            delay_periods: self.delay_periods(held),
+            commutation: Commutation::FieldOriented,
+            max_electrical_hz: 1000.0,
+            // A spark disturbs one sample. A second one in a row is a fault, and the bridge is off a period after the first.
+            tolerated_samples: 1,
+            // Each costs the tasks some microseconds: half of the samples is what they can take.
+            calibration_record_hz: pwm_hz / 2.0,
+            control: Some(control),
+            ..Settings::default()
+        }
     }
 }

@@ -1,6 +1,9 @@
 //! The boards' constants: every register that decides whether transistors burn, and the settings a drive starts with.
 
-use hallservo::settings::Settings;
+use hallservo::commutation::svpwm::Modulator;
+use hallservo::control::settings::Settings as Control;
+use hallservo::pwm;
+use hallservo::settings::{Error, Settings};
 use stm32g4::registers::adc::Sequence;
 use stm32g4::registers::{analog, timer};
 use stm32g4::wiring::Wiring;
@@ -87,6 +90,40 @@ fn settings_are_valid_and_agree_with_the_registers() {
         assert_eq!(config.adc_bits, 12);
         assert_eq!((settings.pwm_hz, settings.timer_hz), (40e3, 170e6));
     }
+}
+
+/// Of the voltage that a bridge without sampling and dead time reaches, 1/√3 of the bus.
+#[test]
+fn what_sampling_and_dead_time_leave_of_the_voltage() {
+    for (settings, hz, expected) in [
+        (nucleo::settings(), 40e3, 0.84),
+        (nucleo::settings(), 20e3, 0.92),
+        (esc1::settings(), 40e3, 0.74),
+        (esc1::settings(), 20e3, 0.87),
+    ] {
+        let period = pwm::period_counts(settings.timer_hz, hz).unwrap();
+        let dead_time = pwm::dead_time_counts(settings.timer_hz, hz, settings.dead_time_s).unwrap();
+        let highest = pwm::highest_compare(period, settings.timer_hz, settings.sampling_window_s, settings.dead_time_s);
+        let limits = pwm::Limits::new(period, 0, highest).unwrap();
+        let left = Modulator::longest(period, dead_time, &limits) * 3.0_f64.sqrt();
+        assert!((left - expected).abs() < 0.005, "{hz}: {left}");
+    }
+}
+
+/// Three lithium cells and 12 V supplies: the current control has room for the default motor down to the least bus voltage. A motor for
+/// which there is none is told how much there is.
+#[test]
+fn the_esc_serves_three_cells() {
+    let with = |inductance_h: f32, current_bandwidth_hz: f32| {
+        let control = esc1::settings().control.unwrap();
+        let control = Some(Control { inductance_h, current_bandwidth_hz, ..control });
+        Settings { control, ..esc1::settings() }.validate()
+    };
+    assert_eq!(esc1::settings().control.unwrap().guard.under_voltage_v, 9.0);
+    assert!(with(0.43e-3, 1000.0).is_ok());
+    let Err(Error::OutOfRange { field: "current_bandwidth_hz", max, .. }) = with(1e-3, 1000.0) else { panic!() };
+    assert!((430.0..450.0).contains(&max), "{max}");
+    assert!(with(1e-3, 430.0).is_ok());
 }
 
 #[test]

@@ -1,23 +1,14 @@
 //! Control and PWM at 40 kHz on both boards: two seconds of turning without a late, a missed or a wrong period, and how long a period's
 //! work takes.
 
+mod common;
+
 use bus::System;
-use chip::Board;
-use plant::PlantParameters;
-use virtual_board::{firmware, outcome::Outcome, script, session::Session};
+use common::{ESC, NUCLEO, ask, calibrated, run};
+use virtual_board::outcome::Outcome;
 
 /// PWM period, ns.
 const PERIOD_NS: f64 = 25_000.0;
-
-fn run(session: &mut Session, seconds: f64) {
-    session.run_until(session.seconds() + seconds).expect("a run");
-}
-
-fn ask(session: &mut Session, what: &str) {
-    let at_us = (session.seconds() * 1e6).ceil();
-    session.follow(script::parse(&format!("at {at_us}us send {what}")).expect("a request"));
-    run(session, 8e-3);
-}
 
 /// The control interrupt takes at most a share of the period, and is over when the next one samples.
 fn within(outcome: &Outcome, at_most: f64) {
@@ -33,18 +24,10 @@ fn within(outcome: &Outcome, at_most: f64) {
     assert!(begins + lasts < PERIOD_NS && lasts < at_most * PERIOD_NS, "{control:?}");
 }
 
-fn turns_at_40_khz(name: &str) {
-    let elf = std::fs::read(firmware::build(name).expect("the firmware builds")).expect("it is there");
-    let board = Board::named(name).expect("a board");
-    let mut session = Session::new(board, elf, &PlantParameters::unkind(1), 1).expect("a session");
-    session.follow(script::parse("at 30ms send calibrate").expect("a script"));
-    while !session.lines.iter().any(|line| line.message.contains("record 0 saved")) {
-        assert!(session.seconds() < 8.0, "{:#?}", session.lines);
-        session.slice(8.0).expect("a run");
-    }
+fn turns_at_40_khz(board: &str) {
+    let mut session = calibrated(board);
     // Whatever a step of start and calibration does.
     within(&Outcome::of(&session), 0.7);
-    run(&mut session, 0.05);
 
     session.machine.forget_profile();
     let (from_s, triggers) = (session.seconds(), session.machine.system.facts().triggers);
@@ -61,6 +44,7 @@ fn turns_at_40_khz(name: &str) {
 
     let outcome = Outcome::of(&session);
     assert_eq!(outcome.verdict(), Vec::<String>::new());
+    assert_eq!(outcome.resets, []);
     assert_eq!(outcome.facts.moe.last().map(|edge| edge.on), Some(true), "{:#?}", session.lines);
     // Every trigger has led to one interrupt, and each came when it should.
     let triggers = (outcome.facts.triggers - triggers) as f64;
@@ -74,10 +58,10 @@ fn turns_at_40_khz(name: &str) {
 
 #[test]
 fn the_nucleo_turns_at_40_khz() {
-    turns_at_40_khz("nucleo-g474re-ihm08m1");
+    turns_at_40_khz(NUCLEO);
 }
 
 #[test]
 fn the_esc_turns_at_40_khz() {
-    turns_at_40_khz("b-g431b-esc1");
+    turns_at_40_khz(ESC);
 }

@@ -3,6 +3,7 @@
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
 use crate::words;
+use hallservo_app::wire::back;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure};
 use indicatif::{ProgressBar, ProgressStyle};
 use sim::report::print_table;
@@ -42,7 +43,7 @@ pub(super) fn calibrate(client: &mut Client) -> Result<()> {
             return Err(Error::Failed("the drive was restarted while it calibrated".into()));
         }
     };
-    let report = words::report(&wire);
+    let report = back::report(&wire);
     println!("Calibrated.\n");
     let head = ["", "swing", "offset", "placement", "3rd", "5th", "noise"].map(String::from).to_vec();
     let rows = report.sensors.iter().enumerate().map(|(k, sensor)| {
@@ -77,7 +78,7 @@ pub(super) fn identify(client: &mut Client) -> Result<()> {
     wait(client, "measuring the motor")?;
     client.ask(Ask::Identification, |answer| match answer {
         Answer::Identification(Procedure::Found(motor)) => {
-            print!("{}", words::motor(&motor));
+            print!("{}", back::motor(&motor));
             println!("What is not doubtful is in the settings now; `hallctl settings save` keeps it.");
             Ok(())
         }

@@ -61,9 +61,11 @@ enum Event {
     Came(SyncSender<Vec<u8>>),
     /// It has sent something.
     Bytes(Vec<u8>),
+    /// A person turns the shaft by so many turns.
+    Hand(f64),
 }
 
-/// Simulates a drive until the process is ended.
+/// Simulates a drive until the process is ended. `turn 2` on the standard input turns its shaft by hand, by two turns in two seconds.
 ///
 /// # Errors
 /// What is wrong with the options.
@@ -75,6 +77,7 @@ pub fn main(options: &Options) -> Result<()> {
     };
     let mut simulator = Simulator::new(options.seed, flash, planned)?;
     let (events, line) = channel();
+    hand(events.clone());
     let name = if options.pty { terminal(events)? } else { listen(&options.listen, events)? };
     println!("The simulated drive is at {name}");
     std::io::stdout().flush().context("the terminal")?;
@@ -90,13 +93,21 @@ pub fn main(options: &Options) -> Result<()> {
 struct Tool(Option<SyncSender<Vec<u8>>>);
 
 impl Tool {
-    /// Takes up what came; the number of zeros, of which a frame has two.
+    /// Takes up what came; how many milliseconds it is worth. A frame has two zeros.
     fn take(&mut self, simulator: &mut Simulator, event: Event) -> u32 {
         match event {
             Event::Came(tool) => self.0 = Some(tool),
             Event::Bytes(bytes) => {
                 simulator.write(&bytes);
-                return bytes.iter().filter(|&&byte| byte == 0).count() as u32;
+                return bytes.iter().filter(|&&byte| byte == 0).count() as u32 * WORTH / 2;
+            }
+            Event::Hand(turns) => {
+                if let Err(error) = simulator.turn_by_hand(turns) {
+                    eprintln!("turn {turns}: {error}");
+                    return 0;
+                }
+                println!("The shaft is turned by {turns} turns.");
+                return (1000.0 * turns.abs()) as u32;
             }
         }
         0
@@ -138,7 +149,7 @@ fn fast(simulator: &mut Simulator, line: &Receiver<Event>) {
         let worth = match if idle < IDLE_TURNS { line.recv_timeout(IDLE) } else { line.recv().map_err(Into::into) } {
             Ok(event) => {
                 idle = 0;
-                tool.take(simulator, event) * WORTH / 2
+                tool.take(simulator, event)
             }
             Err(RecvTimeoutError::Timeout) => {
                 idle += 1;
@@ -150,6 +161,20 @@ fn fast(simulator: &mut Simulator, line: &Receiver<Event>) {
             tool.step(simulator);
         }
     }
+}
+
+/// What a person does to the shaft, line by line from the standard input.
+fn hand(events: Sender<Event>) {
+    thread::spawn(move || {
+        for line in std::io::stdin().lines().map_while(Result::ok) {
+            let turns = line.trim().strip_prefix("turn ").and_then(|turns| turns.trim().parse().ok());
+            match turns.filter(|turns: &f64| turns.is_finite()) {
+                Some(turns) if events.send(Event::Hand(turns)).is_err() => return,
+                Some(_) => {}
+                None => eprintln!("{line:?}: `turn 2` turns the shaft by hand, by two turns"),
+            }
+        }
+    });
 }
 
 fn listen(address: &str, events: Sender<Event>) -> Result<String> {

@@ -130,3 +130,16 @@ fn other_settings_are_taken_up_while_the_bridge_is_off_only() {
     bench.command(Command::Arm).unwrap();
     assert_eq!(bench.command(Command::Drive(Modulation::from_num(0.3))), Err(Refusal::TooLarge));
 }
+
+#[test]
+fn seven_commands_wait_and_no_more() {
+    let mut bench = Bench::new(&Settings::default());
+    for _ in 0..7 {
+        bench.service.send(Command::Disarm).unwrap();
+    }
+    assert!(bench.service.send(Command::Disarm).is_err());
+    // One is obeyed, and there is room for another.
+    bench.step();
+    bench.step();
+    bench.service.send(Command::Disarm).unwrap();
+}

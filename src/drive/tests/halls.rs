@@ -119,3 +119,31 @@ fn speed_in_hertz() {
     let hz = bench.drive.live().electrical_hz(40e3);
     assert!((hz - 123.0).abs() < 0.5, "{hz}");
 }
+
+#[test]
+fn turns_by_hand_survive_a_new_model() {
+    let mut bench = Bench::new(&Settings::default());
+    bench.install().unwrap();
+    let turn = |bench: &mut Bench| {
+        for _ in 0..1200 {
+            bench.rotor += ElectricalAngle::from_degrees(0.3);
+            bench.step();
+        }
+    };
+    let start = bench.drive.tracker().position().to_turns();
+    for k in 1..=3 {
+        turn(&mut bench);
+        let before = bench.drive.tracker().speed();
+        bench.install().unwrap();
+        assert!((bench.drive.tracker().speed() - before).abs() < before / 20, "{k}");
+        let turns = bench.drive.tracker().position().to_turns() - start;
+        assert!((turns - f64::from(k)).abs() < 0.01, "{k}: {turns}");
+    }
+    // Where the angle was not known, it is taken up anew.
+    for _ in 0..100 {
+        bench.step_with([2048; 3]);
+    }
+    bench.install().unwrap();
+    let turns = bench.drive.tracker().position().to_turns();
+    assert!(turns.abs() < 1.0, "{turns}");
+}

@@ -66,7 +66,7 @@ fn records_while_following_are_numbered_and_come_as_often() {
         let (mut rotors, mut records, mut states) = (Vec::new(), Vec::new(), Vec::new());
         let mut run = |bench: &mut Bench, count: u32| {
             for _ in 0..count {
-                bench.rotor = bench.rotor + ElectricalAngle::from_degrees(1.0);
+                bench.rotor += ElectricalAngle::from_degrees(1.0);
                 bench.step();
                 let now = rotors.len() as u32;
                 rotors.push(*bench.drive.tracker());

@@ -14,7 +14,7 @@ use embassy_futures::yield_now;
 use embassy_time::{Duration, Instant, Timer};
 use hallservo::drive::Command;
 use hallservo::service::Service;
-use mps2_an386::control::{self, STATISTICS, instructions};
+use mps2_an386::control::{STATISTICS, instructions};
 use mps2_an386::{Machine, failure, success, tasks, time};
 
 /// At least, in the motor's time: 2000 control periods.

@@ -7,7 +7,7 @@ mod power;
 mod support;
 mod watchdog;
 
-use support::{ESC, NUCLEO, ask, calibrated, motor, run, says, session};
+use support::{ESC, NUCLEO, ask, calibrated, motor, perform, run, says, session};
 use virtual_board::outcome::Outcome;
 
 fn boots(board: &str) {
@@ -68,4 +68,20 @@ fn the_nucleo_calibrates_and_spins() {
 #[test]
 fn the_esc_calibrates_and_spins() {
     spins(ESC);
+}
+
+/// Three cells that are nearly empty.
+#[test]
+fn the_esc_turns_both_ways_on_three_cells() {
+    let mut session = calibrated(ESC);
+    perform(&mut session, "bus 9.5V");
+    run(&mut session, 0.05);
+    ask(&mut session, "arm");
+    for speed in [100.0, -100.0] {
+        ask(&mut session, &format!("speed {speed}"));
+        run(&mut session, 0.5);
+        let found = motor(&session, "speed / rad/s");
+        assert!((found - speed).abs() < 4.0, "{found} instead of {speed}: {:#?}", session.lines);
+    }
+    assert_eq!(Outcome::of(&session).verdict(), Vec::<String>::new());
 }

@@ -1,64 +1,112 @@
 //! Power that goes at every flash operation of a save.
 
-use crate::support::{ESC, NUCLEO, ask, calibrated, run, says, until};
+use crate::support::{ESC, NUCLEO, ask, calibrated, calibrating, perform, run, says, until};
 use bus::{Disturbance, ResetCause, System};
+use virtual_board::outcome::Outcome;
 use virtual_board::session::Session;
 
-/// Flash operations until the log says `done`, beginning with `request`.
-fn operations(prepared: &Session, request: &str, done: &str) -> u64 {
-    let mut whole = prepared.fork();
-    ask(&mut whole, request);
-    let at_most_s = whole.seconds() + 0.5;
-    until(&mut whole, done, at_most_s);
-    whole.machine.system.facts().flash_operations - prepared.machine.system.facts().flash_operations
+/// Exception that a read of a half-written double word raises.
+const NMI: u16 = 2;
+
+/// What is asked of a board, and the record that it saves then.
+#[derive(Clone, Copy)]
+struct Save<'a> {
+    prepared: &'a Session,
+    request: Option<&'static str>,
+    saved: &'static str,
 }
 
-/// The same with the power cut in the midst of an operation, and the board on again.
-fn cut(prepared: &Session, operation: u64, request: &str) -> Session {
-    let mut session = prepared.fork();
-    let now = session.machine.now();
-    session.machine.system.disturb(&Disturbance::PowerCut(operation), now).expect("a power cut");
-    ask(&mut session, request);
-    run(&mut session, 0.15);
-    assert!(matches!(session.resets[..], [(_, ResetCause::PowerOn)]), "{operation}: {:?}", session.resets);
-    session
+impl Save<'_> {
+    fn begun(&self, cut_after: Option<u64>) -> Session {
+        let mut session = self.prepared.fork();
+        let now = session.machine.now();
+        if let Some(operations) = cut_after {
+            session.machine.system.disturb(&Disturbance::PowerCut(operations), now).expect("a power cut");
+        }
+        if let Some(request) = self.request {
+            perform(&mut session, request);
+        }
+        session
+    }
+
+    /// Flash operations that it takes.
+    fn operations(&self) -> u64 {
+        let mut session = self.begun(None);
+        until(&mut session, self.saved, self.prepared.seconds() + 0.7);
+        session.machine.system.facts().flash_operations - self.prepared.machine.system.facts().flash_operations
+    }
+
+    /// The board, on again after the power was cut in the midst of an operation.
+    fn cut(&self, operation: u64) -> Session {
+        let mut session = self.begun(Some(operation));
+        let at_most_s = session.seconds() + 0.7;
+        while session.resets.is_empty() && session.seconds() < at_most_s {
+            session.slice(at_most_s).expect("a run");
+        }
+        run(&mut session, 0.1);
+        assert!(matches!(session.resets[..], [(_, ResetCause::PowerOn)]), "{operation}: {:?}", session.resets);
+        assert!(!says(&session, "cannot be used"), "{operation}: {:#?}", session.lines);
+        assert_eq!(Outcome::of(&session).faults, [""; 0], "{operation}");
+        session
+    }
+}
+
+/// The first calibration: until it is saved as a whole there is none, and nothing to be afraid of.
+fn calibration_survives(board: &str) {
+    let prepared = calibrating(board);
+    let save = Save { prepared: &prepared, request: None, saved: "record 0 saved" };
+    let mut torn = 0;
+    for operation in 0..save.operations() {
+        let mut session = save.cut(operation);
+        let status = ask(&mut session, "status");
+        assert!(status.contains("calibrated: false"), "{board}, {operation}: {status}");
+        assert!(status.contains("stored: [Blank, Blank, Blank]"), "{board}, {operation}: {status}");
+        torn += u32::from(session.machine.profile().activities().contains_key(&NMI));
+    }
+    println!("{board}: cut at {} operations, {torn} times a torn word was read", save.operations());
+    assert!(torn > 10, "{board}: {torn}");
 }
 
 /// The setting is the first value or the second, never anything else, and the second from one operation on.
-fn intact(board: &str, prepared: &Session, done: &str, values: [&str; 2], stored: &str) {
-    let operations = operations(prepared, "save", done);
-    assert!(operations > 2, "{operations}");
+fn setting_survives(board: &str, prepared: &Session, values: [&str; 2], before: &str) {
+    let save = Save { prepared, request: Some("send save"), saved: "record 2 saved" };
     let mut found = Vec::new();
-    for operation in 0..operations {
-        let mut session = cut(prepared, operation, "save");
+    for operation in 0..save.operations() {
+        let mut session = save.cut(operation);
         let status = ask(&mut session, "status");
-        assert!(status.contains("calibrated: true"), "{board}, {operation}: {:#?}", session.lines);
-        assert!(!says(&session, "cannot be used"), "{board}, {operation}: {:#?}", session.lines);
+        assert!(status.contains("calibrated: true"), "{board}, {operation}: {status}");
         let reply = ask(&mut session, "get max_speed_rad_s");
         let value = values.iter().position(|value| reply.contains(&format!(" value: {value},")));
         let value = value.unwrap_or_else(|| panic!("{board}, {operation}: {reply}"));
-        let expected = ["stored: [None, Blank, ", ["None", stored][usize::from(value == 0)], "]"].concat();
-        assert!(status.contains(&expected), "{board}, {operation}: {status}");
+        let stored = format!("stored: [None, Blank, {}]", [before, "None"][value]);
+        assert!(status.contains(&stored), "{board}, {operation}: {status}");
         found.push(value);
     }
-    println!(
-        "{board}: {operations} operations, the new value from cut {} on",
-        found.iter().filter(|new| **new == 0).count()
-    );
-    assert!(found.is_sorted() && found[0] == 0, "{board}: {found:?}");
+    println!("{board}: {before} before, found after a cut at each operation: {found:?}");
+    assert!(found.len() > 2 && found.is_sorted() && found[0] == 0, "{board}: {found:?}");
 }
 
-/// Before anything was stored, a save that is cut leaves nothing stored, and nothing to be afraid of; later, the old or the new.
+/// Nothing is stored, then the old settings or the new ones; and the calibration is still there.
 fn settings_survive(board: &str) {
     let mut prepared = calibrated(board);
-    ask(&mut prepared, "set max_speed_rad_s 111");
-    let default = ask(&mut calibrated(board), "get max_speed_rad_s");
+    let default = ask(&mut prepared, "get max_speed_rad_s");
     let default = default.split_once(" value: ").and_then(|(_, rest)| rest.split_once(',')).expect("a value").0;
-    intact(board, &prepared, "record 2 saved", [default, "111.0"], "Blank");
+    ask(&mut prepared, "set max_speed_rad_s 111");
+    setting_survives(board, &prepared, [default, "111.0"], "Blank");
     ask(&mut prepared, "save");
-    until(&mut prepared, "record 2 saved", 10.0);
+    run(&mut prepared, 0.1);
     ask(&mut prepared, "set max_speed_rad_s 123");
-    intact(board, &prepared, "record 2 saved", ["111.0", "123.0"], "None");
+    setting_survives(board, &prepared, ["111.0", "123.0"], "None");
+}
+
+#[test]
+fn power_cuts_leave_the_calibration_of_the_nucleo_intact() {
+    calibration_survives(NUCLEO);
+}
+
+#[test]
+fn power_cuts_leave_the_calibration_of_the_esc_intact() {
+    calibration_survives(ESC);
 }
 
 #[test]

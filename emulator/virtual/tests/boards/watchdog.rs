@@ -16,8 +16,9 @@ fn exception(session: &Session, name: &str) -> u16 {
     handler.unwrap_or_else(|| panic!("no handler {name}: {handlers:#?}")).exception
 }
 
-/// Hangs something in a turning drive: the bridge is off within the watchdog's time, and the board comes back with what it knew.
-fn bites(board: &str, turning: &Session, what: &str) {
+/// Hangs something in a turning drive, which happens at its next entry: the bridge is off within the watchdog's time, and the board comes back
+/// with what it knew.
+fn bites(board: &str, turning: &Session, what: &str, entered_s: f64) {
     let mut session = turning.fork();
     let at_s = session.seconds();
     perform(&mut session, what);
@@ -30,9 +31,14 @@ fn bites(board: &str, turning: &Session, what: &str) {
     let [(reset_s, ResetCause::Watchdog)] = session.resets[..] else { panic!("{board}, {what}: {:?}", session.resets) };
     let edge = session.machine.system.facts().moe.last().cloned().expect("an edge");
     println!("{board}, {what}: off after {:.1} ms by {}", (edge.at_s - at_s) * 1e3, edge.by);
-    assert!(!edge.on && edge.at_s <= reset_s && reset_s < at_s + timeout_s, "{board}, {what}: {reset_s} s, {edge:?}");
+    assert!(
+        !edge.on && edge.at_s <= reset_s && reset_s < at_s + entered_s + timeout_s,
+        "{board}, {what}: {reset_s} s, {edge:?}"
+    );
     run(&mut session, 0.1);
     assert!(says(&session, "the watchdog has reset the chip"), "{board}, {what}: {:#?}", session.lines);
+    // A reply that the reset has cut in two garbles the next one.
+    ask(&mut session, "hello");
     for request in ["arm", "speed 40"] {
         let reply = ask(&mut session, request);
         assert!(reply.contains("Done"), "{board}, {what}, {request}: {reply}");
@@ -44,9 +50,11 @@ fn bites(board: &str, turning: &Session, what: &str) {
 fn bites_where_something_hangs(board: &str) {
     let turning = turning(board);
     let [time, serial] = ["TIM", "USART"].map(|name| exception(&turning, name));
-    for what in ["hang".into(), "hang tasks".into(), format!("hang {time}"), format!("hang {serial}")] {
-        bites(board, &turning, &what);
-    }
+    bites(board, &turning, "hang", 0.0);
+    bites(board, &turning, "hang tasks", 0.0);
+    // While the tasks stand still they set no alarm, and a byte is waited for.
+    bites(board, &turning, &format!("hang {time}"), 0.1);
+    bites(board, &turning, &format!("hang {serial}"), 0.1);
 }
 
 #[test]
@@ -92,7 +100,8 @@ fn is_fed_in_time(board: &str) {
     assert_eq!(session.resets, []);
     let Watchdog { timeout_s, interval_s, bites } = watchdog(&session);
     assert_eq!(bites, 0);
-    assert!(interval_s.max < 0.5 * timeout_s, "{board}: {interval_s:?}");
+    // The oscillator may be 5 % fast (DS12589), and the virtual chip's durations are good to 30 %.
+    assert!(1.3 * interval_s.max < timeout_s / 1.05, "{board}: {interval_s:?}");
 }
 
 #[test]

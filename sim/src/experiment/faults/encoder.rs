@@ -6,14 +6,13 @@
 
 use super::{Found, Summary, settings};
 use crate::experiment::vernier::{Build, calibrate, read};
-use crate::rig::legs;
+use crate::rig::{connected, legs};
 use anyhow::{Context, Result, anyhow, bail};
 use hallservo::angle::{ElectricalAngle, MechanicalAngle};
 use hallservo::commutation::{Commutation, Legs};
 use hallservo::drive::absolute::{AbsoluteChannels, AbsoluteDrive, AbsoluteTasks};
-use hallservo::drive::{Channels, Command, Drive, Reply, Sample};
+use hallservo::drive::{Command, Reply, Sample};
 use hallservo::fault::Fault;
-use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
 use hallservo::service::{Event, Service};
 use hallservo::settings::{Config, Settings};
@@ -69,8 +68,7 @@ impl Machine {
         let (rings, mut construction) = (build.rings()?, build.construction(seed));
         let (calibration, _) = calibrate::<HEADS>(&build, &mut construction, seed)?;
         let encoder = Encoder::new(&rings, &calibration, MechanicalAngle::from_degrees(1.0))?;
-        let (interrupt, tasks) = Box::leak(Box::new(Channels::new())).split();
-        let estimators = [(); 2].map(|()| Box::leak(Box::new(Estimator::blank())));
+        let (drive, service) = connected(config);
         let (absolute_interrupt, mut absolute_tasks) = Box::leak(Box::new(AbsoluteChannels::new())).split();
         absolute_tasks.install(Box::leak(Box::new(encoder))).map_err(|_| anyhow!("no room for the encoder"))?;
         let parameters = PlantParameters::unkind(seed);
@@ -82,8 +80,8 @@ impl Machine {
             slip: 0.0,
             frozen: None,
             swapped: None,
-            drive: AbsoluteDrive::new(Drive::new(config, interrupt), absolute_interrupt, config.record_every()),
-            service: Service::new(config, tasks, estimators),
+            drive: AbsoluteDrive::new(drive, absolute_interrupt, config.record_every()),
+            service,
             tasks: absolute_tasks,
             construction,
             rings,

@@ -90,7 +90,7 @@ impl Port {
 
 /// Seconds of the board's time after the last byte of a tool for which it goes on. Less than a command holds, so that a tool that
 /// the machine keeps waiting does not look like one that is gone; more than any answer takes.
-const WAIT_S: f64 = 0.5;
+const WAIT_S: f64 = 0.8;
 
 /// The serial port while the board runs: how its time passes.
 pub struct Line {
@@ -103,7 +103,7 @@ pub struct Line {
 
 impl Line {
     /// Opens a port and says what a tool has to connect to. Who `waits` has no time of its own but the tool's: it is as fast as
-    /// can be, and stands still when nobody has asked for half a second. Otherwise time is that on the wall, or slower.
+    /// can be, and stands still when nobody has asked for 0.8 s. Otherwise time is that on the wall, or slower.
     ///
     /// # Errors
     /// As [`Port::open`].
@@ -209,7 +209,7 @@ mod tests {
         let [early, late] = [Duration::from_secs(1), Duration::from_secs(9)];
         assert!(!line(false).may_run(2.2, early) && line(false).may_run(2.2, late));
         for wall in [early, late] {
-            assert!(line(true).may_run(2.2, wall) && !line(true).may_run(2.6, wall));
+            assert!(line(true).may_run(2.2, wall) && !line(true).may_run(2.9, wall));
             let behind = Line { unsent: vec![0], ..line(true) };
             assert!(!behind.may_run(2.2, wall), "the tool has to read first");
         }

@@ -7,7 +7,7 @@ use std::io::{BufRead, BufReader};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Output, Stdio};
-use std::sync::OnceLock;
+use std::sync::{Arc, Mutex, OnceLock};
 use tempfile::TempDir;
 use virtual_board::firmware;
 
@@ -25,6 +25,7 @@ struct Virtual {
     process: Child,
     port: String,
     folder: TempDir,
+    log: Arc<Mutex<Vec<String>>>,
 }
 
 impl Drop for Virtual {
@@ -47,14 +48,15 @@ impl Virtual {
             .expect("the command starts");
         let mut lines = BufReader::new(process.stdout.take().expect("a pipe")).lines().map_while(Result::ok);
         let port = lines.find_map(|line| Some(line.strip_prefix("serial port: ")?.to_owned())).expect("a port");
-        // The log has to go somewhere.
-        std::thread::spawn(move || lines.for_each(drop));
-        Self { process, port, folder }
+        let log = Arc::new(Mutex::new(Vec::new()));
+        let kept = Arc::clone(&log);
+        std::thread::spawn(move || lines.for_each(|line| kept.lock().expect("the log").push(line)));
+        Self { process, port, folder, log }
     }
 
     fn call(&self, arguments: &[&str]) -> Output {
         // However slow this machine is.
-        let arguments = [&["--port", &self.port, "--patience", "600"], arguments].concat();
+        let arguments = [&["--port", &self.port, "--patience", "120"], arguments].concat();
         Command::new(hallctl()).args(arguments).output().expect("hallctl starts")
     }
 
@@ -62,7 +64,11 @@ impl Virtual {
     fn ok(&self, arguments: &[&str]) -> String {
         let output = self.call(arguments);
         let text = String::from_utf8(output.stdout).expect("text");
-        assert!(output.status.success(), "{arguments:?}: {text}{}", String::from_utf8_lossy(&output.stderr));
+        if !output.status.success() {
+            let log = self.log.lock().expect("the log");
+            let last = log[log.len().saturating_sub(12)..].join("\n");
+            panic!("{arguments:?}: {text}{}\n{last}", String::from_utf8_lossy(&output.stderr));
+        }
         text
     }
 

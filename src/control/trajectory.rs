@@ -44,16 +44,16 @@ pub struct Trajectory {
     position: Position,
     speed: i32,
     acceleration: i32,
-    /// Whether the target lies behind; twice the acceleration times the way to it; and the way, if a step does it.
-    back: bool,
+    /// −1 if the target lies behind, else 0; twice the acceleration times the way to it; and the way, if a step does it.
+    back: i32,
     room: u64,
     near: i32,
 }
 
 impl Trajectory {
-    /// At a position, moving.
+    /// At a position, moving; on the way to rest, until it has looked ahead.
     pub const fn at(position: Position, speed: i32) -> Self {
-        Self { position, speed, acceleration: 0, back: false, room: 0, near: i32::MAX }
+        Self { position, speed, acceleration: 0, back: 0, room: 0, near: 0 }
     }
 
     /// One step towards a speed, up to ± that of the limits.
@@ -74,7 +74,7 @@ impl Trajectory {
     #[inline(always)]
     pub const fn look_ahead(&mut self, target: Position, limits: &Limits) {
         let left = target.to_bits().wrapping_sub(self.position.to_bits());
-        self.back = left < 0;
+        self.back = (left >> 63) as i32;
         let left = left.unsigned_abs();
         self.near = if left <= limits.acceleration as u64 { left as i32 } else { i32::MAX };
         self.room = if left < limits.far { left } else { limits.far } * (2 * limits.acceleration as u32) as u64;
@@ -85,23 +85,23 @@ impl Trajectory {
     pub const fn go_on(&mut self, limits: &Limits) {
         let Limits { acceleration, speed: fastest, .. } = *limits;
         // As if the target lay ahead.
-        let speed = if self.back { -self.speed } else { self.speed };
-        let slow = speed <= acceleration && speed >= -acceleration;
+        let speed = turned(self.speed, self.back);
+        let faster = speed + acceleration;
+        let slow = faster as u32 <= 2 * acceleration as u32;
+        let faster = if faster < fastest { faster } else { fastest };
         let next = if slow && self.near <= acceleration {
             self.near
+        } else if speed.wrapping_sub(1) as u32 >= fastest as u32 {
+            // Too fast, or not yet on the way, which is longer than what one step of it takes.
+            if speed > 0 { speed - acceleration } else { faster }
+        } else if stops(faster, acceleration, self.room) {
+            faster
+        } else if stops(speed, acceleration, self.room) {
+            speed
         } else {
-            let faster = if speed + acceleration < fastest { speed + acceleration } else { fastest };
-            if speed > fastest {
-                speed - acceleration
-            } else if stops(faster, acceleration, self.room) {
-                faster
-            } else if stops(speed, acceleration, self.room) {
-                speed
-            } else {
-                speed - acceleration
-            }
+            speed - acceleration
         };
-        self.go(if self.back { -next } else { next });
+        self.go(turned(next, self.back));
     }
 
     #[inline(always)]
@@ -127,11 +127,17 @@ impl Trajectory {
     }
 }
 
-/// Whether a rotor that moves on by `speed` this step, and then ever slower, comes to rest within `room`: twice the
+/// The speed, the other way round where `back` is −1.
+#[inline(always)]
+const fn turned(speed: i32, back: i32) -> i32 {
+    (speed ^ back) - back
+}
+
+/// Whether a rotor that moves on by `speed`, which is positive, this step, and then ever slower, comes to rest within `room`: twice the
 /// acceleration times what is left.
 #[inline(always)]
 const fn stops(speed: i32, acceleration: i32, room: u64) -> bool {
-    speed <= 0 || speed as u32 as u64 * (speed + acceleration) as u32 as u64 <= room
+    speed as u32 as u64 * (speed + acceleration) as u32 as u64 <= room
 }
 
 #[cfg(test)]

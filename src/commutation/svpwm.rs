@@ -45,8 +45,9 @@ impl Circle {
     /// Whether a voltage has been cut, or just not.
     #[inline(always)]
     pub const fn touches(&self, Dq { d, q }: Dq) -> bool {
-        let left = self.left(d);
-        q >= left || q <= -left || d >= MOST_D - 1 || d <= -MOST_D
+        // One less to the negative side, as in the range.
+        let along = d ^ (d >> 31);
+        ((q.abs() - self.left(d)) & (along - (MOST_D - 1))) >= 0
     }
 }
 

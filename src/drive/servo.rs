@@ -78,7 +78,7 @@ pub(super) struct Servo {
     /// Bus voltage of the present gains.
     bus: i32,
     trajectory: Trajectory,
-    /// The speed and the current that the outer loops ask for.
+    /// The speed that the outer loops ask for, and the current that they or the demand do.
     speed: i32,
     asked: i32,
     velocity: Integrator,
@@ -155,6 +155,7 @@ impl Servo {
         }
         self.demand = demand;
         if let Demand::Current(Current(current)) = demand {
+            self.asked = current;
             self.aim(config, current);
         }
     }
@@ -206,15 +207,8 @@ impl Servo {
     /// What the demand and the cogging ask for.
     #[inline(always)]
     pub fn choose(&mut self, config: &Config, rotor: &Tracker, cogging: Option<&cogging::Table>) {
-        let asked = match self.demand {
-            Demand::Voltage => 0,
-            Demand::Current(Current(current)) => current,
-            Demand::Speed(_) | Demand::Position(_) => self.asked,
-        };
-        let asked = match cogging {
-            Some(table) => asked + table.current(rotor.angle()),
-            None => asked,
-        };
+        let balance = cogging.map_or(0, |table| table.current(rotor.angle()));
+        let asked = self.asked + balance;
         self.aim(config, asked);
     }
 

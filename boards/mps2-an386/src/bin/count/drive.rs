@@ -27,7 +27,7 @@ pub const ROWS: &[Row] = &[
 /// function, into which it is inlined as into the interrupt.
 #[unsafe(no_mangle)]
 #[inline(never)]
-extern "C" fn step(drive: &mut Drive, sample: &Sample, output: &mut Output) {
+pub extern "C" fn step(drive: &mut Drive, sample: &Sample, output: &mut Output) {
     *output = drive.step(sample);
 }
 

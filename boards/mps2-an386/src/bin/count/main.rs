@@ -10,7 +10,9 @@ mod call;
 mod drive;
 mod duties;
 mod halls;
+mod motor;
 mod row;
+mod servo;
 mod trig;
 mod vernier;
 
@@ -26,11 +28,13 @@ fn main() -> ! {
     halls::init();
     duties::init();
     drive::init();
+    servo::init();
     vernier::init();
     adapt::init();
     Row::print_head();
     let mut within = true;
-    for row in [trig::ROWS, halls::ROWS, duties::ROWS, drive::ROWS, vernier::ROWS, adapt::ROWS].into_iter().flatten() {
+    let tables = [trig::ROWS, halls::ROWS, duties::ROWS, drive::ROWS, servo::ROWS, vernier::ROWS, adapt::ROWS];
+    for row in tables.into_iter().flatten() {
         within &= row.print(&counter);
     }
     if within { success() } else { failure() }

@@ -5,7 +5,7 @@ use defmt::{Display2Format, println};
 
 /// Inputs of a sweep. Functions without branches take the same number of instructions everywhere; for the others it
 /// must be enough to meet their rarest path.
-const SWEEP: u32 = 1 << 14;
+pub const SWEEP: u32 = 1 << 14;
 
 /// A function to count.
 pub struct Row {

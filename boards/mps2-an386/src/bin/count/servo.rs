@@ -1,0 +1,250 @@
+//! The field-oriented step where it has most to do: fast, accelerating and turning back on the way, with the alignment refined and a table
+//! against cogging; stalled; and with a command.
+
+use crate::call::{Arguments, Results};
+use crate::drive::step;
+use crate::halls;
+use crate::motor::{INERTIA_KGM2, Motor};
+use crate::row::{Row, SWEEP, function};
+use core::sync::atomic::{AtomicPtr, Ordering::Relaxed};
+use hallservo::angle::ElectricalAngle;
+use hallservo::commutation::{Commutation, Output};
+use hallservo::control::cogging::Table;
+use hallservo::control::settings::{Config as Control, GuardSettings, Settings as ControlSettings};
+use hallservo::drive::{Channels, Command, Drive, Sample, Tasks};
+use hallservo::hall::estimate::Estimator;
+use hallservo::mode::Mode;
+use hallservo::settings::Settings;
+use mps2_an386::failure;
+use static_cell::StaticCell;
+
+#[rustfmt::skip]
+pub const ROWS: &[Row] = &[
+    Row::new("field-oriented, fast, current", "hallservo", function!(step), fast::<CURRENT>, stays_on).budget(300),
+    Row::new("field-oriented, fast, speed", "hallservo", function!(step), fast::<SPEED>, stays_on).budget(300),
+    Row::new("field-oriented, fast, position", "hallservo", function!(step), fast::<POSITION>, stays_on).budget(300),
+    Row::new("field-oriented, stalled, current", "hallservo", function!(step), stalled::<CURRENT>, stays_on).budget(300),
+    Row::new("field-oriented, stalled, speed", "hallservo", function!(step), stalled::<SPEED>, stays_on).budget(300),
+    Row::new("field-oriented, stalled, position", "hallservo", function!(step), stalled::<POSITION>, stays_on).budget(300),
+    Row::new("field-oriented, with a table, current", "hallservo", function!(step), balanced::<CURRENT>, stays_on).budget(300),
+    Row::new("field-oriented, with a table, speed", "hallservo", function!(step), balanced::<SPEED>, stays_on).budget(300),
+    Row::new("field-oriented, with a table, position", "hallservo", function!(step), balanced::<POSITION>, stays_on).budget(300),
+    Row::new("field-oriented, with a command", "hallservo", function!(step), commanded, stays_on),
+];
+
+const CURRENT: usize = 0;
+const SPEED: usize = 1;
+const POSITION: usize = 2;
+const DEMANDS: usize = 3;
+
+/// A, rad/s and turns, one after the other. A current of 3 A ends where the voltage does; on the way to a speed or a far position it turns
+/// back; near ones are reached, one by three steps of the trajectory.
+const FOLLOWED: [[f64; PARTS as usize]; DEMANDS] = [
+    [0.5, 0.5, -0.5, -0.5, 2.0, 2.0, -3.0, -3.0, 3.0, 0.5, -0.5, 3.0, 0.01, -0.01, 3.0, -3.0],
+    [400.0, 400.0, -400.0, -400.0, 0.0, -200.0, 399.0, 400.0, 401.0, -500.0, -500.0, 5.0, -5.0, 0.0, 400.0, -400.0],
+    [30.0, 30.0, -30.0, -30.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.100_24, 0.13, 0.0, -0.08, 30.0, 30.0, -30.0],
+];
+
+/// Parts of a sweep, each with its demand.
+const PARTS: u32 = 16;
+const PART: u32 = SWEEP / PARTS;
+
+struct Bench {
+    drive: Drive,
+    tasks: Tasks,
+    sample: Sample,
+    output: Output,
+    motor: Motor,
+    control: Control,
+    table: Option<&'static mut Table>,
+    estimator: Option<&'static mut Estimator>,
+    /// What a sweep has seen: speeds either way, the alignment moved.
+    fastest: [f32; 2],
+    trimmed: bool,
+}
+
+static BENCHES: [AtomicPtr<Bench>; DEMANDS] = [const { AtomicPtr::new(core::ptr::null_mut()) }; DEMANDS];
+
+/// Armed drives.
+pub fn init() {
+    static PLACES: [StaticCell<Bench>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
+    static ESTIMATORS: [[StaticCell<Estimator>; DEMANDS]; 2] = [const { [const { StaticCell::new() }; DEMANDS] }; 2];
+    static TABLES: [StaticCell<Table>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
+    static CHANNELS: [StaticCell<Channels>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
+    // No timeout is reached, but it is looked at.
+    let guard = GuardSettings { command_timeout_s: 1000.0, ..GuardSettings::default() };
+    let control = ControlSettings {
+        inertia_kgm2: INERTIA_KGM2,
+        max_acceleration_rad_s2: 1.5e4,
+        guard,
+        ..ControlSettings::default()
+    };
+    let settings = Settings { commutation: Commutation::FieldOriented, control: Some(control), ..Settings::default() };
+    for number in 0..DEMANDS {
+        let Ok(config) = settings.validate() else { failure() };
+        let Some(control) = config.control else { failure() };
+        let (interrupt, tasks) = CHANNELS[number].init(Channels::new()).split();
+        let mut table = Table::ZERO;
+        for (point, current) in table.0.iter_mut().enumerate() {
+            *current = (point * 97 % 401) as i16 - 200;
+        }
+        let bench = PLACES[number].init(Bench {
+            drive: Drive::new(config, interrupt),
+            tasks,
+            // 24 V.
+            sample: Sample { bus: 2708, ..Sample::default() },
+            output: Output::OFF,
+            motor: Motor::new(),
+            control,
+            table: Some(TABLES[number].init(table)),
+            estimator: Some(ESTIMATORS[0][number].init(halls::new_estimator())),
+            fastest: [0.0; 2],
+            trimmed: false,
+        });
+        bench.heat(0);
+        bench.command(Command::Install(ESTIMATORS[1][number].init(halls::new_estimator())));
+        bench.command(Command::Arm);
+        BENCHES[number].store(bench, Relaxed);
+    }
+}
+
+impl Bench {
+    /// A period on.
+    fn advance(&mut self) {
+        self.motor.step(&self.output);
+        self.motor.sense(&mut self.sample);
+        while self.tasks.measurements.dequeue().is_some() {}
+        while self.tasks.records.dequeue().is_some() {}
+        let [forward, backward] = &mut self.fastest;
+        *forward = forward.max(self.motor.speed);
+        *backward = backward.max(-self.motor.speed);
+    }
+
+    fn send(&mut self, command: Command) {
+        if self.tasks.commands.enqueue(command).is_err() {
+            failure();
+        }
+    }
+
+    /// Sends a command; steps until it has been obeyed, which are not counted.
+    fn command(&mut self, command: Command) {
+        self.send(command);
+        let reply = loop {
+            self.advance();
+            step(&mut self.drive, &self.sample, &mut self.output);
+            if let Some(reply) = self.tasks.replies.dequeue() {
+                break reply;
+            }
+        };
+        if reply.is_err() {
+            failure();
+        }
+    }
+
+    /// Cold, or bridge and motor so warm that they reduce the current a little.
+    fn heat(&mut self, part: u32) {
+        self.sample.temperatures = if part.is_multiple_of(2) { [2048; 2] } else { [600, 450] };
+    }
+
+    /// At the begin of each part its demand; then the next period.
+    fn prepare(&mut self, followed: usize, index: u32) -> Arguments {
+        if index.is_multiple_of(PART) {
+            let part = index / PART;
+            self.heat(part);
+            self.command(self.demand(followed, part));
+        }
+        self.advance();
+        self.trimmed |= self.drive.trim() != ElectricalAngle::ZERO;
+        let pointers =
+            [(&raw mut self.drive).addr(), (&raw const self.sample).addr(), (&raw mut self.output).addr(), 0];
+        Arguments { r: pointers.map(|address| address as u32), ..Default::default() }
+    }
+}
+
+impl Bench {
+    fn demand(&self, followed: usize, part: u32) -> Command {
+        let value = FOLLOWED[followed][part as usize];
+        let demand = match followed {
+            CURRENT => self.control.current(value as f32).map(Command::Current),
+            SPEED => self.control.speed(value as f32).map(Command::Speed),
+            _ => self.control.position(value).map(Command::Position),
+        };
+        demand.unwrap_or_else(|_| failure())
+    }
+
+    /// Takes a table into use, or none.
+    fn balance(&mut self, table: Option<&'static mut Table>) {
+        self.command(Command::Balance(table));
+        self.table = self.tasks.tables.dequeue().or(self.table.take());
+    }
+
+    /// That a sweep has met what it is there for: 200 Hz electrical either way, and the alignment moved.
+    fn was_fast(&self) {
+        if self.fastest.iter().any(|&speed| speed < 315.0) || !self.trimmed {
+            failure();
+        }
+    }
+}
+
+fn bench(number: usize) -> &'static mut Bench {
+    // SAFETY: null, or what `init` leaked; one thread, and no reference outlives the function that asked for it.
+    unsafe { BENCHES[number].load(Relaxed).as_mut() }.unwrap_or_else(|| failure())
+}
+
+/// There and back at several hundred hertz electrical.
+fn fast<const FOLLOWED: usize>(index: u32) -> Arguments {
+    let bench = bench(FOLLOWED);
+    bench.motor.locked = false;
+    let arguments = bench.prepare(FOLLOWED, index);
+    if index == SWEEP - 1 {
+        bench.was_fast();
+    }
+    arguments
+}
+
+/// The same with a table against cogging.
+fn balanced<const FOLLOWED: usize>(index: u32) -> Arguments {
+    let bench = bench(FOLLOWED);
+    if index == 0 {
+        let table = bench.table.take();
+        bench.balance(table);
+    }
+    fast::<FOLLOWED>(index)
+}
+
+/// The rotor is held.
+fn stalled<const FOLLOWED: usize>(index: u32) -> Arguments {
+    let bench = bench(FOLLOWED);
+    bench.motor.locked = true;
+    bench.prepare(FOLLOWED, index)
+}
+
+/// While the speed is followed, now and then a new model, which an adaptation has learnt, or a table, or another speed.
+fn commanded(index: u32) -> Arguments {
+    let bench = bench(SPEED);
+    while bench.tasks.replies.dequeue().is_some() {}
+    if let Some(estimator) = bench.tasks.retired.dequeue() {
+        bench.estimator = Some(estimator);
+    }
+    if let Some(table) = bench.tasks.tables.dequeue() {
+        bench.table = Some(table);
+    }
+    let arguments = fast::<SPEED>(index);
+    match index % 64 {
+        40 => {
+            let Some(estimator) = bench.estimator.take() else { failure() };
+            bench.send(Command::Install(estimator));
+        }
+        48 => {
+            let table = bench.table.take();
+            bench.send(Command::Balance(table));
+        }
+        56 => bench.send(bench.demand(SPEED, index / PART)),
+        _ => {}
+    }
+    arguments
+}
+
+fn stays_on(_: &Arguments, _: &Results) -> f64 {
+    if (0..DEMANDS).all(|number| bench(number).drive.mode() == Mode::Running) { 0.0 } else { failure() }
+}

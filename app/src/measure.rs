@@ -1,8 +1,7 @@
 //! From codes to SI.
 
 use crate::heartbeat::Sensed;
-use hallservo::angle::ElectricalAngle;
-use hallservo::commutation::frames::{AlphaBeta, Dq, Rotation};
+use hallservo::commutation::frames::Dq;
 use hallservo::control::settings::{Settings as Control, Thermistor};
 use hallservo::settings::Settings;
 use hallservo::telemetry::Measurement;
@@ -35,18 +34,6 @@ fn celsius(thermistor: &Thermistor, share: f32) -> f32 {
     1.0 / (1.0 / 298.15 + libm::logf(resistance / thermistor.nominal_ohm) / thermistor.beta_k) - 273.15
 }
 
-/// Currents along d and q at the rotor's angle, as the alignment is trimmed, A.
-pub(crate) fn current_a(control: &Control, reversed: bool, measurement: &Measurement) -> [f32; 2] {
-    let [a, b, c] = measurement.state.phases;
-    let angle: ElectricalAngle = measurement.rotor.angle() + measurement.trim;
-    let [b, c] = if reversed { [c, b] } else { [b, c] };
-    // Finer than the phases by 2¹⁰, of which the transform takes 2².
-    let vector =
-        AlphaBeta { alpha: (2 * a - b - c) * 1024 / 3, beta: ((b - c) as f32 * (1024.0 * 0.577_350_26)) as i32 };
-    let Dq { d, q } = Rotation::at(angle).park(vector);
-    [d, q].map(|current| current as f32 / (32_768.0 * 256.0) * control.current_full_scale_a)
-}
-
 /// Voltages along d and q, V.
 pub(crate) fn voltage_v(control: &Control, measurement: &Measurement) -> [f32; 2] {
     let Dq { d, q } = measurement.state.voltage;
@@ -56,25 +43,6 @@ pub(crate) fn voltage_v(control: &Control, measurement: &Measurement) -> [f32; 2
 #[cfg(test)]
 mod tests {
     use super::*;
-    use hallservo::drive::State;
-
-    #[test]
-    fn phases_are_currents_along_d_and_q() {
-        let control = Control::default();
-        for (degrees, reversed) in [(0.0_f32, false), (50.0, false), (200.0, true)] {
-            // 12 000 along q and 5000 along d, in the order of the phases.
-            let phase = |lead: f32| {
-                let (sin, cos) = libm::sincosf((degrees - lead).to_radians());
-                (5000.0 * cos - 12_000.0 * sin) as i32
-            };
-            let [a, b, c] = [phase(0.0), phase(120.0), phase(240.0)];
-            let state = State { phases: if reversed { [a, c, b] } else { [a, b, c] }, ..State::default() };
-            let measurement = Measurement { state, trim: ElectricalAngle::from_degrees(degrees), ..Measurement::NONE };
-            let exact = [5000.0, 12_000.0].map(|current| current / 32_768.0 * control.current_full_scale_a);
-            let found = current_a(&control, reversed, &measurement);
-            assert!((0..2).all(|k| (found[k] - exact[k]).abs() < 2e-3), "{found:?} {exact:?}");
-        }
-    }
 
     #[test]
     fn no_thermistor_is_no_temperature() {

@@ -12,14 +12,14 @@ use crate::learning::Learning;
 use crate::procedure::Procedure;
 use crate::saving::{Saving, Sensors};
 use crate::settings::Settings;
-use crate::{App, Identity, Memory, measure, wire};
+use crate::{App, Identity, Memory, wire};
 use core::mem::MaybeUninit;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::cogging::Table;
 use hallservo::drive::{Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
-use hallservo::service::{Event, Service};
+use hallservo::service::{Event, Service, adaptation};
 use hallservo::settings::{self, Config};
 use hallservo::telemetry::{Measurement, Record as Live};
 use hallservo_protocol::{self as protocol, Calibration, Cause, Cogging, Motor, Problem, Record, Refusal};
@@ -185,18 +185,17 @@ impl<F: NorFlash> Supervisor<F> {
     /// Mean torque since the last tick, in the direction of the electrical angle, as far as the currents tell it.
     #[inline(never)]
     fn take_measurements(&mut self) -> f32 {
-        let Some(control) = &self.settings.drive.control else { return 0.0 };
+        let Some(control) = self.service.config().control else { return 0.0 };
         let (mut sum, mut count) = (0.0, 0.0);
         while let Some(measurement) = self.service.measurement() {
-            sum += measure::current_a(control, self.settings.drive.reversed, &measurement)[1];
+            sum += adaptation::torque_nm(&measurement, &control);
             count += 1.0;
             self.measurement = Some(measurement);
             if let Some(procedure) = self.procedure {
                 procedure.measurement(&measurement);
             }
         }
-        let newton_metres = 1.5 * f32::from(self.settings.drive.pole_pairs) * control.flux_linkage_wb;
-        if count > 0.0 { sum / count * newton_metres } else { 0.0 }
+        if count > 0.0 { sum / count } else { 0.0 }
     }
 
     #[inline(never)]

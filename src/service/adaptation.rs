@@ -22,7 +22,7 @@ enum Due {
 /// [`adapt::Settings::damping_nms`], for the current has the back-EMF in it. Within 3 % of the simulated motor's torque on
 /// average.
 pub fn torque_nm(measurement: &Measurement, control: &Control) -> f32 {
-    let amperes = measurement.state.current.q as f32 / control.scale.per_ampere();
+    let [_, amperes] = measurement.current_a(control);
     amperes * control.motor.torque_constant(control.scale.pole_pairs)
 }
 

@@ -6,6 +6,7 @@ use crate::{measure, wire};
 use core::f32::consts::TAU;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::mode::Mode;
+use hallservo::telemetry::Measurement;
 use hallservo_protocol::{Activity, Status, Telemetry};
 
 /// Telemetry that was asked for.
@@ -36,7 +37,7 @@ impl<F: NorFlash> Supervisor<F> {
         let Stream { id, number, .. } = *stream;
         let [mut current_a, mut voltage_v] = [[f32::NAN; 2]; 2];
         if let (Some(measurement), Some(control)) = (&self.measurement, &self.settings.drive.control) {
-            current_a = measure::current_a(control, self.settings.drive.reversed, measurement);
+            current_a = self.current_a(measurement);
             voltage_v = measure::voltage_v(control, measurement);
         }
         let telemetry = Telemetry {
@@ -55,6 +56,11 @@ impl<F: NorFlash> Supervisor<F> {
         Some((id, telemetry))
     }
 
+    fn current_a(&self, measurement: &Measurement) -> [f32; 2] {
+        let control = self.service.config().control.as_ref();
+        control.map_or([f32::NAN; 2], |control| measurement.current_a(control))
+    }
+
     pub(super) fn speed_rad_s(&self) -> f32 {
         self.live.electrical_hz(self.step_hz()) * TAU / f32::from(self.settings.drive.pole_pairs)
     }
@@ -66,7 +72,6 @@ impl<F: NorFlash> Supervisor<F> {
     /// How it is.
     pub fn status(&self) -> Status {
         let Settings { drive, .. } = &self.settings;
-        let current = |control, measurement| measure::current_a(control, drive.reversed, measurement)[1];
         let mode = self.mode();
         let activity = self.activity();
         Status {
@@ -78,7 +83,7 @@ impl<F: NorFlash> Supervisor<F> {
             balanced: self.balanced,
             position_turns: self.position_turns(),
             speed_rad_s: self.speed_rad_s(),
-            current_a: drive.control.as_ref().zip(self.measurement.as_ref()).map_or(f32::NAN, |(c, m)| current(c, m)),
+            current_a: self.measurement.as_ref().map_or(f32::NAN, |measurement| self.current_a(measurement)[1]),
             bus_v: measure::bus_v(drive, self.sensed),
             temperatures_c: measure::temperatures_c(drive, self.sensed),
             activity,

@@ -15,6 +15,10 @@ const UNTOLD: f32 = 16.0;
 /// What the shaft loses of its speed in a second when it is left alone.
 const DAMPING: f32 = 16.0;
 
+/// Records to learn from, from one model for the drive to the next: a second's. A turn is enough to learn one, but to make its table keeps
+/// the tasks of a small chip for a tenth of a second, in which nobody learns, answers or tells; and the first turn's is the worst.
+const REST: u16 = 1000;
+
 /// The adaptation of a drive with a calibration, if it is wanted.
 pub(crate) struct Learning {
     adaptation: Option<Adaptation>,
@@ -22,17 +26,20 @@ pub(crate) struct Learning {
     ended: Option<adapt::Fault>,
     /// Models that the drive took up.
     pub count: u32,
+    /// Records to learn from until the next.
+    rest: u16,
 }
 
 impl Learning {
     /// Off.
     pub const fn new() -> Self {
-        Self { adaptation: None, ended: None, count: 0 }
+        Self { adaptation: None, ended: None, count: 0, rest: REST }
     }
 
     /// Starts anew from what is known of the sensors.
     pub fn restart(&mut self, settings: &Settings, sensors: Option<&Sensors>, every: u32) {
         self.ended = None;
+        self.rest = REST;
         self.adaptation = sensors.filter(|_| settings.adaptation).and_then(|sensors| {
             let config = config(settings, sensors.noise, every)?;
             Adaptation::new(&config, &sensors.model, every).ok()
@@ -46,16 +53,24 @@ impl Learning {
                 self.ended = Some(fault);
                 Some(wire::sensor(fault))
             }
+            Outcome::Learning | Outcome::Learnt => {
+                self.rest = self.rest.saturating_sub(1);
+                None
+            }
             _ => None,
         }
     }
 
-    /// Gives the drive what is due; the model then. Without a Hall only if the drive may run so.
+    /// Gives the drive what is due; the model then. Without a Hall only if the drive may run so, and at once.
     pub fn publish(&mut self, service: &mut Service, on_two_halls: bool) -> Option<Model> {
         let adaptation = self.adaptation.as_mut().filter(|_| self.ended.is_none() || on_two_halls)?;
+        if self.rest > 0 && self.ended.is_none() {
+            return None;
+        }
         if adaptation.publish(service) != Ok(true) {
             return None;
         }
+        self.rest = REST;
         self.count = self.count.saturating_add(1);
         self.ended.is_none().then(|| *adaptation.adapter().model())
     }

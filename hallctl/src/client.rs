@@ -14,6 +14,14 @@ use std::time::{Duration, Instant};
 /// From look to look of a drive whose time is that on the wall.
 const EVERY: Duration = Duration::from_millis(50);
 
+/// How often a request goes out, at most, while nothing comes back: a line may lose a byte.
+const ATTEMPTS: u32 = 4;
+
+/// Whether asked twice is no more than asked once, though the answer to the first was lost. What begins something, or ends it, is not.
+const fn may_repeat(ask: &Ask<'_>) -> bool {
+    !matches!(ask, Ask::Arm | Ask::Clear | Ask::Calibrate | Ask::Identify | Ask::LearnCogging | Ask::Save)
+}
+
 /// Who answers.
 #[derive(Clone, Debug)]
 pub struct Identity {
@@ -77,7 +85,7 @@ impl Client {
         &self.identity
     }
 
-    /// Asks, and hands the answer to `understand`. A refusal is an error with its reason in words.
+    /// Asks, again where nothing comes back and that does no harm, and hands the answer to `understand`. A refusal is an error with its reason in words.
     ///
     /// # Errors
     /// No answer, another version, a refusal, or what `understand` makes of it.
@@ -85,11 +93,13 @@ impl Client {
         self.id = self.id.wrapping_add(1);
         let mut frame = [0; FRAME];
         let length = encode(&Request { id: self.id, ask }, &mut frame).context("the request is too long")?;
-        self.stream.write_all(&frame[..length]).context("the connection broke")?;
-        self.stream.flush().context("the connection broke")?;
-        let sent = Instant::now();
-        let mut byte = [0];
-        while sent.elapsed() < self.patience {
+        let (asked, mut attempts, mut byte) = (Instant::now(), 0, [0]);
+        while asked.elapsed() < self.patience {
+            if attempts == 0 || may_repeat(&ask) && asked.elapsed() > self.patience * attempts / ATTEMPTS {
+                self.stream.write_all(&frame[..length]).context("the connection broke")?;
+                self.stream.flush().context("the connection broke")?;
+                attempts += 1;
+            }
             if !self.read(&mut byte)? {
                 continue;
             }

@@ -15,7 +15,7 @@ use hallservo::drive::{Drive, Sample};
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
 use hallservo_app::{Heartbeat, Identity, Memory};
-use plant::{Plant, PlantParameters};
+use plant::{Plant, PlantParameters, Truth};
 use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
 use std::convert::Infallible;
@@ -43,10 +43,15 @@ type Bytes = Rc<RefCell<VecDeque<u8>>>;
 /// There is one clock in a process, so there can be one drive at a time.
 static CLOCK: Mutex<()> = Mutex::new(());
 
+/// Sees each sample before the drive does, with how things really are, and may change it.
+pub type Observe = Box<dyn FnMut(&mut Sample, &Truth)>;
+
 /// A drive, its tasks and its motor.
 pub struct Simulator {
     /// The motor.
     pub plant: Plant,
+    /// Somebody who looks on.
+    pub observe: Option<Observe>,
     drive: Drive,
     alive: &'static Heartbeat,
     flash: Flash,
@@ -83,6 +88,21 @@ impl Simulator {
     /// # Errors
     /// What is wrong with the motor's parameters.
     pub fn at(plant: &PlantParameters, seed: u64, flash: Flash, planned: Vec<Planned>) -> Result<Self> {
+        Self::with(defaults(), plant, seed, flash, planned)
+    }
+
+    /// The same with the settings of a board, whose PWM the motor has to have.
+    ///
+    /// # Errors
+    /// What is wrong with the settings or the motor's parameters.
+    pub fn with(
+        settings: Settings,
+        plant: &PlantParameters,
+        seed: u64,
+        flash: Flash,
+        planned: Vec<Planned>,
+    ) -> Result<Self> {
+        let config = settings.validate().context("the settings")?;
         let clock = CLOCK.lock().unwrap_or_else(PoisonError::into_inner);
         MockDriver::get().reset();
         let mut plant = Plant::new(plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
@@ -91,7 +111,7 @@ impl Simulator {
         let memory: &'static mut Memory = Box::leak(Box::new(Memory::new()));
         let alive: &'static Heartbeat = Box::leak(Box::new(Heartbeat::new()));
         let (drive, app) =
-            hallservo_app::start(IDENTITY, defaults(), flash.clone(), 0, memory, Box::leak(Box::new_uninit()));
+            hallservo_app::start(IDENTITY, settings, flash.clone(), 0, memory, Box::leak(Box::new_uninit()));
         let (input, output, fed) = (Bytes::default(), Bytes::default(), Rc::new(Cell::new(0)));
         let feed = {
             let fed = Rc::clone(&fed);
@@ -101,6 +121,7 @@ impl Simulator {
         let periods = (1e-3 / plant.period_s()).round() as u32;
         Ok(Self {
             plant,
+            observe: None,
             drive,
             alive,
             flash,
@@ -111,7 +132,7 @@ impl Simulator {
             fed,
             last: Output::OFF,
             digest: 0xcbf2_9ce4_8422_2325,
-            period: defaults().validate().context("the defaults")?.period,
+            period: config.period,
             periods,
             running: 0,
             planned,
@@ -172,6 +193,9 @@ impl Simulator {
         let mut sample = Sample { halls, currents, bus, temperatures: [COOL; 2], lost: 0 };
         if let Some(kind) = self.disturbed {
             kind.disturb(&mut sample);
+        }
+        if let Some(observe) = &mut self.observe {
+            observe(&mut sample, &self.plant.truth());
         }
         self.alive.beat(&sample);
         self.last = self.drive.step(&sample);

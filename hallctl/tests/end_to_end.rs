@@ -2,7 +2,7 @@
 
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
-use std::net::TcpListener;
+use std::net::{Shutdown, TcpListener, TcpStream};
 use std::path::Path;
 use std::process::{Child, ChildStdin, ChildStdout, Command, Output, Stdio};
 use std::thread;
@@ -250,6 +250,46 @@ fn what_is_no_drive_is_told_apart() {
     assert!(text.contains("version 2") && text.contains("version 1") && text.contains("Update hallctl"), "{text}");
     let text = fails(&serve(b"\x00hello, I am a modem\x00"), 4, &["status"]);
     assert!(text.contains("not the protocol of a hallservo drive"), "{text}");
+}
+
+#[test]
+fn a_line_that_loses_frames_is_asked_again() {
+    let drive = Drive::start(&[]);
+    // The first three are those of every command: who is there, and no telemetry.
+    for lost in 1..=3 {
+        let port = lossy(&drive.port, lost);
+        let output = call(&port, &["status"]);
+        assert!(output.status.success(), "{lost}: {}", String::from_utf8_lossy(&output.stderr));
+        assert!(String::from_utf8(output.stdout).unwrap().contains("unarmed"));
+    }
+    // What may have begun is not begun again.
+    assert!(fails(&lossy(&drive.port, 3), 4, &["calibrate"]).contains("no answer"));
+    assert!(drive.ok(&["status"]).contains("unarmed: bridge off, not calibrated"));
+}
+
+/// A line to a port that loses the `lost`th frame on the way there.
+fn lossy(port: &str, lost: usize) -> String {
+    let listener = TcpListener::bind("127.0.0.1:0").unwrap();
+    let name = format!("tcp:{}", listener.local_addr().unwrap());
+    let there = port.strip_prefix("tcp:").unwrap().to_string();
+    thread::spawn(move || {
+        let (mut tool, _) = listener.accept().unwrap();
+        let mut drive = TcpStream::connect(there).unwrap();
+        let (mut back, mut answers) = (tool.try_clone().unwrap(), drive.try_clone().unwrap());
+        thread::spawn(move || std::io::copy(&mut answers, &mut back));
+        let mut frames = 0;
+        let mut byte = [0];
+        let mut inside = false;
+        while tool.read(&mut byte).is_ok_and(|length| length == 1) {
+            frames += usize::from(byte[0] != 0 && !inside);
+            inside = byte[0] != 0;
+            if frames != lost || !inside {
+                drive.write_all(&byte).unwrap();
+            }
+        }
+        let _ = drive.shutdown(Shutdown::Both);
+    });
+    name
 }
 
 /// Says the same to everyone, and nothing more.

@@ -138,6 +138,21 @@ fn settings_are_saved_while_the_bridge_is_off_only() {
     });
 }
 
+/// A model a turn, of which there are forty a second, would keep the tasks of a small chip from all else.
+#[test]
+fn the_drive_is_given_what_is_learnt_once_a_second() {
+    let (mut drive, _) = calibrated();
+    done(&mut drive, Ask::Arm);
+    let before = status(&mut drive);
+    for _ in 0..50 {
+        done(&mut drive, Ask::Speed(60.0));
+        run(&mut drive, 100);
+    }
+    let after = status(&mut drive);
+    let (models, ms) = (u64::from(after.learnt - before.learnt), after.uptime_ms - before.uptime_ms);
+    assert!((ms / 1000 - 1..=ms / 1000 + 1).contains(&models), "{models} in {ms} ms");
+}
+
 #[test]
 fn what_is_learnt_is_saved_after_the_next_disarming_and_not_too_often() {
     let (mut first, flash) = calibrated();

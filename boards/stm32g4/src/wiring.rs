@@ -3,7 +3,7 @@
 use crate::registers::clock::HCLK_HZ;
 use crate::registers::timer::{self, Break, Gates};
 use hallservo::commutation::Commutation;
-use hallservo::control::settings::Settings as Control;
+use hallservo::control::settings::{GuardSettings, OnTimeout, Settings as Control};
 use hallservo::settings::Settings;
 
 /// What TIM1 has to know of the board.
@@ -59,6 +59,8 @@ impl Wiring {
     /// ticks after the trigger.
     pub fn settings(&self, sampling_window_s: f32, held: u32, control: Control) -> Settings {
         let pwm_hz = self.pwm_hz as f32;
+        // A motor whose tool has died, or whose line is broken, comes to rest.
+        let guard = GuardSettings { command_timeout_s: 1.0, on_timeout: OnTimeout::Stop, ..control.guard };
         Settings {
             timer_hz: HCLK_HZ as f32,
             pwm_hz,
@@ -71,7 +73,7 @@ impl Wiring {
             tolerated_samples: 1,
             // Each costs the tasks some microseconds: half of the samples is what they can take.
             calibration_record_hz: pwm_hz / 2.0,
-            control: Some(control),
+            control: Some(Control { guard, ..control }),
             ..Settings::default()
         }
     }

@@ -19,8 +19,6 @@ pub struct Activity {
     pub cycles: Range,
     /// From the ADC trigger that led to it, to its first instruction.
     pub after_trigger: Range,
-    #[serde(skip)]
-    entries: u64,
     /// Sum of the periods.
     #[serde(skip)]
     periods: Cycle,
@@ -30,16 +28,6 @@ pub struct Activity {
 }
 
 impl Activity {
-    /// How often it began.
-    pub fn count(&self) -> u64 {
-        self.entries
-    }
-
-    /// The trigger that led to the last one.
-    pub fn last_trigger(&self) -> Option<Cycle> {
-        self.last?.1
-    }
-
     /// Mean of the periods, cycles; not a number where there is none.
     pub fn mean_period(&self) -> f64 {
         self.periods as f64 / self.period.count as f64
@@ -55,9 +43,19 @@ struct Frame {
     others: (u64, u64),
 }
 
+/// Since the last reset, whatever else was forgotten.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Entries {
+    /// How often a handler began.
+    pub count: u64,
+    /// The ADC trigger that led to the last time.
+    pub trigger: Option<Cycle>,
+}
+
 /// All of them.
 #[derive(Clone, Default)]
 pub struct Profile {
+    entries: BTreeMap<u16, Entries>,
     activities: BTreeMap<u16, Activity>,
     pending_since: BTreeMap<u16, Cycle>,
     stack: Vec<Frame>,
@@ -69,6 +67,11 @@ impl Profile {
         &self.activities
     }
 
+    /// How often an exception's handler began since the last reset.
+    pub fn entries(&self, exception: u16) -> Entries {
+        self.entries.get(&exception).copied().unwrap_or_default()
+    }
+
     /// Begins anew, e.g. after the firmware has started up.
     pub fn clear(&mut self) {
         self.activities.clear();
@@ -76,6 +79,7 @@ impl Profile {
 
     pub(crate) fn abandon(&mut self) {
         self.stack.clear();
+        self.entries.clear();
         self.pending_since.clear();
         self.activities.values_mut().for_each(|activity| activity.last = None);
     }
@@ -93,7 +97,8 @@ impl Profile {
         if let Some(since) = self.pending_since.remove(&exception) {
             activity.latency.add((now - since) as f64);
         }
-        activity.entries += 1;
+        let entries = self.entries.entry(exception).or_default();
+        *entries = Entries { count: entries.count + 1, trigger };
         let last = activity.last.replace((now, trigger));
         if let Some((last, _)) = last {
             activity.period.add((now - last) as f64);

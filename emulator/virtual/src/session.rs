@@ -5,7 +5,7 @@ use crate::script::{Action, Step};
 use anyhow::{Context, Result, bail};
 use bus::{Disturbance, ResetCause, System, Trace};
 use chip::{Board, Chip};
-use cortex::{Activity, FIRST_IRQ, FaultReport, Image, Log, LogLine, Machine, Map, PAINT, Rtt, Stop};
+use cortex::{Entries, FIRST_IRQ, FaultReport, Image, Log, LogLine, Machine, Map, PAINT, Rtt, Stop};
 use hallservo_protocol::{Answer, Decoder, Reply};
 use plant::PlantParameters;
 use std::collections::VecDeque;
@@ -29,8 +29,6 @@ pub struct Session {
     /// Telemetry that the drive was asked for.
     pub telemetry: Vec<Told>,
     periods: Periods,
-    /// Control periods before the last reset.
-    periods_before: u64,
     board: &'static Board,
     rtt: Option<Rtt>,
     log: Option<Log>,
@@ -68,7 +66,6 @@ impl Session {
             trace: Trace::default(),
             telemetry: Vec::new(),
             periods: Periods::default(),
-            periods_before: 0,
             board,
             log,
             script: VecDeque::new(),
@@ -87,7 +84,6 @@ impl Session {
             trace: Trace::default(),
             telemetry: Vec::new(),
             periods: self.periods.clone(),
-            periods_before: self.periods_before,
             board: self.board,
             rtt: self.rtt,
             log: self.log.as_ref().map(Log::again),
@@ -134,7 +130,6 @@ impl Session {
                 // The log begins anew; a frame that the reset has cut in two is lost.
                 self.log = self.log.as_ref().map(Log::again);
                 self.periods = Periods::default();
-                self.periods_before = self.control().map_or(0, Activity::count);
             }
             Stop::Breakpoint(_) | Stop::Lockup => bail!("the core stopped without a debugger"),
             Stop::Time => {}
@@ -194,16 +189,11 @@ impl Session {
         self.machine.system.last_sampling().map(|(line, _)| line + FIRST_IRQ)
     }
 
-    /// The control interrupt.
-    fn control(&self) -> Option<&Activity> {
-        self.machine.profile().activities().get(&self.control_exception()?)
-    }
-
     /// The last control period; the interrupt is entered once for each.
     fn note_period(&mut self) {
-        let Some(control) = self.control() else { return };
-        let (count, trigger) = (control.count(), control.last_trigger());
-        if let (Some(number), Some(trigger)) = ((count - self.periods_before).checked_sub(1), trigger) {
+        let Some(exception) = self.control_exception() else { return };
+        let Entries { count, trigger } = self.machine.profile().entries(exception);
+        if let (Some(number), Some(trigger)) = (count.checked_sub(1), trigger) {
             self.periods.saw(number as u32, self.machine.system.seconds(trigger));
         }
     }

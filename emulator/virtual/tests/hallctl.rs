@@ -185,8 +185,6 @@ fn obeyed(truth: &Truth, motion: &Motion) {
 fn telemetry(board: &Virtual) -> (Vec<f64>, Range<f64>) {
     let file = board.folder.path().join("telemetry.csv");
     board.ok(&["commutation", "field-oriented"]);
-    board.ok(&["settings", "set", "command_timeout_s", "1"]);
-    board.ok(&["settings", "set", "on_timeout", "stop"]);
     board.ok(&["arm"]);
     board.ok(&["speed", &SPEED_RAD_S.to_string(), "--once"]);
     let path = file.to_str().expect("a path");

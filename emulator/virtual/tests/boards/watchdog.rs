@@ -24,7 +24,7 @@ fn bites(board: &str, turning: &Session, what: &str, entered_s: f64) {
     let mut session = turning.fork();
     let at_s = session.seconds();
     let control = session.control_exception().expect("a control interrupt");
-    let periods = |session: &Session| session.machine.profile().activities()[&control].count();
+    let periods = |session: &Session| session.machine.profile().activities()[&control].period.count;
     let before = periods(&session);
     perform(&mut session, what);
     // The serial port's handler runs only if something comes.

@@ -72,10 +72,12 @@ pub fn calibrating(board: &str) -> Session {
     resumed(board, before)
 }
 
-/// A board that has calibrated.
+/// A board that has calibrated, and whose commands need no repetition.
 pub fn calibrated(board: &str) -> Session {
     let [_, after] = calibration(board);
-    resumed(board, after)
+    let mut session = resumed(board, after);
+    ask(&mut session, "set command_timeout_s 1000");
+    session
 }
 
 /// … that turns, field-oriented.

@@ -12,7 +12,7 @@ use crate::pwr::Pwr;
 use crate::rcc::{Clocks, Rcc};
 use crate::record::Record;
 use crate::system::{Dbgmcu, Exti, Syscfg};
-use crate::time::Time;
+use crate::time::{Time, ceiling};
 use crate::timer::{Edge, Happened, Shape, Timer};
 use crate::usart::Usart;
 use bus::{Cycle, ResetCause};
@@ -195,9 +195,8 @@ impl Chip {
         }
     }
 
-    /// The first cycle that is not before an instant.
     fn cycle_of(&self, at_s: f64) -> Cycle {
-        ceiling(self.time.cycle(at_s))
+        self.time.first_cycle(at_s)
     }
 
     /// Does everything that is due until now, in order.
@@ -405,10 +404,4 @@ enum Next {
     Flash,
     Watchdog,
     Trace,
-}
-
-/// The first cycle not before an instant; never for infinity.
-fn ceiling(at: f64) -> Cycle {
-    let whole = at as Cycle;
-    whole.saturating_add(Cycle::from((whole as f64) < at))
 }

@@ -82,21 +82,3 @@ fn fixed(value: f32, bits: i32) -> Option<i32> {
     let scaled = libm::ldexp(f64::from(value), bits);
     (scaled.abs() < 2_147_483_648.0).then(|| libm::round(scaled) as i32)
 }
-
-/// Upper half of a product.
-#[inline(always)]
-pub(crate) const fn high(a: i32, b: i32) -> i32 {
-    ((a as i64 * b as i64) >> 32) as i32
-}
-
-/// `x` cut to ± `most`.
-#[inline(always)]
-pub(crate) const fn clamp(x: i32, most: i32) -> i32 {
-    if x > most {
-        most
-    } else if x < -most {
-        -most
-    } else {
-        x
-    }
-}

@@ -2,6 +2,7 @@
 
 mod asking;
 mod keeping;
+mod rest;
 mod telling;
 mod turning;
 
@@ -22,7 +23,8 @@ use hallservo::mode::Mode;
 use hallservo::service::{Event, Service, adaptation};
 use hallservo::settings::{self, Config};
 use hallservo::telemetry::{Measurement, Record as Live};
-use hallservo_protocol::{self as protocol, Calibration, Cause, Cogging, Motor, Problem, Record, Refusal};
+use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Cogging, Motor, Problem, Record, Refusal};
+use rest::Rest;
 use telling::Stream;
 
 /// Ticks after a command from which on the records tell what it did.
@@ -56,6 +58,8 @@ pub(crate) struct Supervisor<F> {
     balance: bool,
     balanced: bool,
     pub procedure: &'static mut Option<Procedure>,
+    /// The rotor that the last of them has turned.
+    rest: Option<Rest>,
     pub calibration: Calibration,
     pub identification: protocol::Procedure<'static, Motor>,
     pub cogging: protocol::Procedure<'static, Cogging>,
@@ -137,6 +141,7 @@ impl<F: NorFlash> Supervisor<F> {
             table,
             balanced: false,
             procedure: procedure.write(None),
+            rest: None,
             calibration: Calibration::None,
             identification: protocol::Procedure::None,
             cogging: protocol::Procedure::None,
@@ -180,6 +185,7 @@ impl<F: NorFlash> Supervisor<F> {
         self.give();
         self.end_calibration();
         self.save();
+        self.come_to_rest();
     }
 
     /// Mean torque since the last tick, in the direction of the electrical angle, as far as the currents tell it.
@@ -211,6 +217,7 @@ impl<F: NorFlash> Supervisor<F> {
                 let noise = calibrate.report.sensors.each_ref().map(|sensor| sensor.noise_pct / 200.0 * sensor.swing);
                 self.sensors = Some(Sensors { model: calibrate.model, noise });
                 self.waiting[Record::Sensors as usize] = true;
+                self.rest = Some(Rest::after(Activity::Calibration, self.now_ms));
                 self.relearn();
             }
             Event::Refused(error) => {

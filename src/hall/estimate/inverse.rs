@@ -3,7 +3,7 @@
 use super::DISAGREEMENT;
 use crate::hall::Channel;
 use crate::hall::model::Model;
-use crate::hall::normalize::Window;
+use crate::hall::plausibility::Window;
 use crate::trig;
 
 /// The inverse of (F, s): what to take of each normalised signal for cosine, sine and what is common.

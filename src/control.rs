@@ -11,6 +11,8 @@ pub mod settings;
 pub mod trajectory;
 pub mod velocity;
 
+use crate::angle::TURN;
+
 /// Current of a phase or along an axis, in 2⁻¹⁵ of the full scale of the amplifiers.
 /// [`settings::Config::current`] makes one of amperes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -35,9 +37,6 @@ pub struct Scale {
     /// Electrical turns in a mechanical turn.
     pub pole_pairs: f32,
 }
-
-/// 2³², the bits of a turn.
-const TURN: f32 = 4_294_967_296.0;
 
 impl Scale {
     /// Units of current in an ampere.

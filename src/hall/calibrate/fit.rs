@@ -9,7 +9,7 @@ use crate::angle::ElectricalAngle;
 use crate::hall::Channel;
 use crate::hall::model::Sensor;
 use crate::math;
-use crate::trig;
+use crate::trig::sin_cos_f32;
 use core::f32::consts::PI;
 
 /// Mean codes at a field angle.
@@ -77,8 +77,7 @@ fn start(points: &[Point; BINS]) -> Result<[Sensor; 3], Error> {
     for (channel, sensor) in sensors.iter_mut().enumerate() {
         let (mut mean, mut sine, mut cosine) = (0.0, 0.0, 0.0);
         for point in points {
-            let (code, [sin, cos]) =
-                (point.codes[channel], [trig::sin, trig::cos].map(|f| trig::float(f(point.field))));
+            let (code, (sin, cos)) = (point.codes[channel], sin_cos_f32(point.field));
             mean += code / BINS as f32;
             sine += code * sin * 2.0 / BINS as f32;
             cosine += code * cos * 2.0 / BINS as f32;

@@ -2,9 +2,10 @@
 
 pub mod experiment;
 pub mod paper_filter;
-pub mod report;
 pub mod rig;
 pub mod statistics;
+
+pub use plots as report;
 
 /// A result for each number of a range, in its order, computed on all cores.
 pub fn parallel<T: Send>(range: std::ops::Range<u64>, work: impl Fn(u64) -> T + Sync) -> Vec<T> {

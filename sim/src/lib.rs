@@ -2,6 +2,7 @@
 
 pub mod baseline;
 pub mod experiment;
-pub mod report;
 pub mod rig;
 pub mod statistics;
+
+pub use plots as report;

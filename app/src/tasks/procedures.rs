@@ -1,13 +1,13 @@
-//! What turns the rotor for a while: the calibration, and the procedures.
+//! The calibration and the procedures that turn the rotor.
 
-use super::{SETTLED, Supervisor};
+use super::{SETTLED, Tasks};
 use crate::procedure::Outcome;
 use crate::wire;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::mode::Mode;
 use hallservo_protocol::{self as protocol, Activity, Calibration, CalibrationError, Record, Refusal};
 
-impl<F: NorFlash> Supervisor<F> {
+impl<F: NorFlash> Tasks<F> {
     /// Whether a procedure may begin: with the drive ready.
     pub fn may_turn(&self) -> Result<(), Refusal<'static>> {
         match self.mode() {
@@ -17,7 +17,7 @@ impl<F: NorFlash> Supervisor<F> {
         }
     }
 
-    /// Ends a procedure; the bridge is to be switched off beside.
+    /// Ends a procedure. The bridge is to be switched off, too.
     pub fn cancel(&mut self) {
         if let Some(procedure) = self.procedure {
             procedure.cancel();
@@ -35,24 +35,24 @@ impl<F: NorFlash> Supervisor<F> {
                 if let Some(control) = &mut settings.drive.control {
                     report.apply(control);
                 }
-                // A motor beyond the ranges of the settings is told all the same.
-                self.unheard = self.configure(settings).is_ok().into();
+                // A motor beyond the ranges of the settings is reported all the same.
+                self.unclaimed_replies = self.configure(settings).is_ok().into();
                 self.identification = protocol::Procedure::Found(wire::motor(&report));
             }
             Outcome::Cogging(table) => {
                 self.cogging = protocol::Procedure::Found(self.settings.cogging(&table));
                 self.table = Some(table);
-                // The procedure has put it to work, wanted or not.
-                self.balance = true;
-                self.waiting[Record::Cogging as usize] = true;
+                // The drive uses it already, whether the settings want it or not.
+                self.table_due = true;
+                self.unsaved[Record::Cogging as usize] = true;
             }
             Outcome::Failed(Activity::Identification, error) => {
                 self.identification = protocol::Procedure::Failed(wire::procedure_error(error));
             }
             Outcome::Failed(_, error) => {
                 self.cogging = protocol::Procedure::Failed(wire::procedure_error(error));
-                // Whatever it has put to work.
-                self.balance = true;
+                // The drive may use a table of an earlier pass.
+                self.table_due = true;
             }
         }
         *self.procedure = None;
@@ -66,13 +66,13 @@ impl<F: NorFlash> Supervisor<F> {
         }
     }
 
-    /// What goes on that takes a while.
+    /// The procedure at work.
     pub fn activity(&self) -> Activity {
         match &*self.procedure {
             Some(procedure) => procedure.activity(),
             None if self.calibration == Calibration::Turning => Activity::Calibration,
             // The drive takes up what was found.
-            None if self.unheard > 0 && self.coming.is_some() => Activity::Identification,
+            None if self.unclaimed_replies > 0 && self.sent_settings.is_some() => Activity::Identification,
             None => Activity::None,
         }
     }

@@ -56,6 +56,12 @@ impl<F: NorFlash> Tasks<F> {
         let answer = match ask {
             Ask::Hello => self.hello(),
             Ask::Status => Answer::Status(self.status()),
+            // What comes of it is told when it is over.
+            Ask::Calibration if self.activity() == Activity::Calibration => Answer::Calibration(Calibration::Turning),
+            Ask::Identification if self.activity() == Activity::Identification => {
+                Answer::Identification(protocol::Procedure::Turning)
+            }
+            Ask::Cogging if self.activity() == Activity::Cogging => Answer::Cogging(protocol::Procedure::Turning),
             Ask::Calibration => Answer::Calibration(self.calibration),
             Ask::Identification => Answer::Identification(self.identification),
             Ask::Cogging => Answer::Cogging(self.cogging),

@@ -2,6 +2,7 @@
 
 mod commands;
 mod procedures;
+mod rest;
 mod storage;
 mod telemetry;
 
@@ -22,7 +23,8 @@ use hallservo::mode::Mode;
 use hallservo::service::{Event, Service, adaptation};
 use hallservo::settings::{self, Config};
 use hallservo::telemetry::{Measurement, Record as DriveRecord};
-use hallservo_protocol::{self as protocol, Calibration, Cause, Cogging, Motor, Problem, Record, Refusal};
+use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Cogging, Motor, Problem, Record, Refusal};
+use rest::Rest;
 use telemetry::Stream;
 
 /// Ticks after a command until the records show its effect.
@@ -57,6 +59,8 @@ pub(crate) struct Tasks<F> {
     /// Whether the drive uses the table.
     balanced: bool,
     pub procedure: &'static mut Option<Procedure>,
+    /// The wait for the rotor that the last procedure has turned.
+    rest: Option<Rest>,
     pub calibration: Calibration,
     pub identification: protocol::Procedure<'static, Motor>,
     pub cogging: protocol::Procedure<'static, Cogging>,
@@ -136,6 +140,7 @@ impl<F: NorFlash> Tasks<F> {
             table,
             balanced: false,
             procedure: procedure.write(None),
+            rest: None,
             calibration: Calibration::None,
             identification: protocol::Procedure::None,
             cogging: protocol::Procedure::None,
@@ -176,6 +181,7 @@ impl<F: NorFlash> Tasks<F> {
         self.update_drive();
         self.end_calibration();
         self.save();
+        self.come_to_rest();
     }
 
     /// Mean torque since the last tick, in the direction of the electrical angle, as far as the currents tell it.
@@ -207,6 +213,7 @@ impl<F: NorFlash> Tasks<F> {
                 let noise = calibrate.report.sensors.each_ref().map(|sensor| sensor.noise_pct / 200.0 * sensor.swing);
                 self.sensors = Some(Sensors { model: calibrate.model, noise });
                 self.unsaved[Record::Sensors as usize] = true;
+                self.rest = Some(Rest::after(Activity::Calibration, self.now_ms));
                 self.relearn();
             }
             Event::Refused(error) => {

@@ -1,10 +1,12 @@
 //! The calibration and the procedures that turn the rotor.
 
+use super::rest::Rest;
 use super::{SETTLED, Tasks};
 use crate::procedure::Outcome;
 use crate::wire;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::mode::Mode;
+use hallservo::service::procedure::Error;
 use hallservo_protocol::{self as protocol, Activity, Calibration, CalibrationError, Record, Refusal};
 
 impl<F: NorFlash> Tasks<F> {
@@ -17,8 +19,9 @@ impl<F: NorFlash> Tasks<F> {
         }
     }
 
-    /// Ends a procedure. The bridge is to be switched off, too.
+    /// Ends a procedure, and the wait for the rotor after one. The bridge is to be switched off, too.
     pub fn cancel(&mut self) {
+        self.rest = None;
         if let Some(procedure) = self.procedure {
             procedure.cancel();
         }
@@ -29,6 +32,10 @@ impl<F: NorFlash> Tasks<F> {
         let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(self.service, self.now_ms as u32)) else {
             return;
         };
+        // Who has ended it has nothing to wait for.
+        if !matches!(outcome, Outcome::Failed(_, Error::Cancelled | Error::Disarmed)) {
+            self.rest = Some(Rest::after(self.activity(), self.now_ms));
+        }
         match outcome {
             Outcome::Motor(report) => {
                 let mut settings = self.settings;
@@ -68,12 +75,13 @@ impl<F: NorFlash> Tasks<F> {
 
     /// The procedure at work.
     pub fn activity(&self) -> Activity {
-        match &*self.procedure {
-            Some(procedure) => procedure.activity(),
-            None if self.calibration == Calibration::Turning => Activity::Calibration,
+        match (&*self.procedure, &self.rest) {
+            (Some(procedure), _) => procedure.activity(),
+            (None, Some(rest)) => rest.after,
+            _ if self.calibration == Calibration::Turning => Activity::Calibration,
             // The drive takes up what was found.
-            None if self.unclaimed_replies > 0 && self.sent_settings.is_some() => Activity::Identification,
-            None => Activity::None,
+            _ if self.unclaimed_replies > 0 && self.sent_settings.is_some() => Activity::Identification,
+            _ => Activity::None,
         }
     }
 }

@@ -89,6 +89,7 @@ impl<F: NorFlash> Tasks<F> {
             activity,
             progress: match &*self.procedure {
                 Some(procedure) => procedure.progress(),
+                None if self.rest.is_some() => 1.0,
                 None if activity == Activity::Calibration => self.service.progress(),
                 None => 0.0,
             },

@@ -9,7 +9,7 @@
 //! use hallservo::{drive::Drive, settings::{Error, Settings}};
 //! use hallservo_app::{Housekeeping, Identity, Memory, Supervisor};
 //! # trait Board {
-//! #     fn start_control_interrupt(&mut self, drive: Drive);
+//! #     fn start_control_interrupt(&mut self, drive: &'static mut Drive);
 //! #     fn millis(&self) -> u64;
 //! #     fn received(&mut self) -> &[u8];
 //! #     fn consume(&mut self, bytes: usize);
@@ -75,7 +75,7 @@ pub use supervisor::Supervisor;
 use adaptation::SensorAdaptation;
 use core::mem::MaybeUninit;
 use hallservo::control::cogging::Table;
-use hallservo::drive::Channels;
+use hallservo::drive::{Channels, Drive};
 use hallservo::hall::estimate::Estimator;
 use hallservo::service::Service;
 use hallservo::settings::Config;
@@ -93,39 +93,32 @@ pub struct Identity {
 /// The memory of one drive and its supervisor: a static. What [`Supervisor::start`] fills is not initialised, so that the static is
 /// all zeros, which neither the flash nor the stack of a chip has to hold.
 pub struct Memory<F> {
-    parts: Parts,
-    supervisor: MaybeUninit<Supervisor<F>>,
-}
-
-/// What the supervisor refers to.
-pub(crate) struct Parts {
-    pub channels: Channels,
-    pub tables: [Table; 2],
-    pub estimators: [MaybeUninit<Estimator>; 2],
+    drive: MaybeUninit<Drive>,
+    channels: Channels,
+    tables: [Table; 2],
+    estimators: [MaybeUninit<Estimator>; 2],
     /// Settings on their way to the drive.
-    pub config: MaybeUninit<Config>,
-    pub service: MaybeUninit<Service>,
-    pub procedure: MaybeUninit<Option<Procedure>>,
-    pub adaptation: MaybeUninit<SensorAdaptation>,
+    config: MaybeUninit<Config>,
+    service: MaybeUninit<Service>,
+    procedure: MaybeUninit<Option<Procedure>>,
+    adaptation: MaybeUninit<SensorAdaptation>,
+    supervisor: MaybeUninit<Supervisor<F>>,
 }
 
 impl<F> Memory<F> {
     /// Of one drive.
     pub const fn new() -> Self {
-        let parts = Parts {
+        Self {
+            drive: MaybeUninit::uninit(),
             channels: Channels::new(),
             tables: [Table::ZERO; 2],
-            estimators: [MaybeUninit::uninit(), MaybeUninit::uninit()],
+            estimators: [const { MaybeUninit::uninit() }; 2],
             config: MaybeUninit::uninit(),
             service: MaybeUninit::uninit(),
             procedure: MaybeUninit::uninit(),
             adaptation: MaybeUninit::uninit(),
-        };
-        Self { parts, supervisor: MaybeUninit::uninit() }
-    }
-
-    pub(crate) const fn split(&'static mut self) -> (&'static mut Parts, &'static mut MaybeUninit<Supervisor<F>>) {
-        (&mut self.parts, &mut self.supervisor)
+            supervisor: MaybeUninit::uninit(),
+        }
     }
 }
 

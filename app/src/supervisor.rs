@@ -3,7 +3,7 @@
 use crate::housekeeping::Readings;
 use crate::outbox::Outbox;
 use crate::requests::{Awaited, Step};
-use crate::tasks::Tasks;
+use crate::tasks::{Tasks, start};
 use crate::{Identity, Memory};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::drive::Drive;
@@ -57,18 +57,17 @@ impl<F: NorFlash> Supervisor<F> {
         flash: F,
         first_block: u32,
         memory: &'static mut Memory<F>,
-    ) -> Result<(Drive, &'static mut Self), settings::Error> {
-        let (parts, place) = memory.split();
-        let (drive, tasks) = Tasks::start(identity, defaults, flash, first_block, parts)?;
-        let supervisor = place.write(Self {
-            tasks,
-            decoder: Decoder::new(),
-            outbox: Outbox::new(),
-            pending: None,
-            alive: Alive::default(),
-        });
-        supervisor.tasks.relearn();
-        Ok((drive, supervisor))
+    ) -> Result<(&'static mut Drive, &'static mut Self), settings::Error> {
+        start(identity, defaults, flash, first_block, memory)
+    }
+
+    pub(crate) fn new(tasks: Tasks<F>) -> Self {
+        Self { tasks, decoder: Decoder::new(), outbox: Outbox::new(), pending: None, alive: Alive::default() }
+    }
+
+    /// Before the first tick.
+    pub(crate) const fn tasks(&mut self) -> &mut Tasks<F> {
+        &mut self.tasks
     }
 
     /// Everything that is due every millisecond. `now_ms` is the time since power-up; ticks that were missed are not made up for.

@@ -3,6 +3,7 @@
 mod commands;
 mod procedures;
 mod rest;
+mod start;
 mod storage;
 mod telemetry;
 
@@ -13,18 +14,16 @@ use crate::housekeeping::Readings;
 use crate::procedure::Procedure;
 use crate::settings::Settings;
 use crate::storage::{Sensors, Storage};
-use crate::{Identity, Parts, wire};
-use core::mem::MaybeUninit;
+use crate::{Identity, wire};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::cogging::Table;
-use hallservo::drive::{self, Drive};
-use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
 use hallservo::service::{Event, Service, adaptation};
-use hallservo::settings::{self, Config};
+use hallservo::settings::Config;
 use hallservo::telemetry::{Measurement, Record as DriveRecord};
 use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Cogging, Motor, Problem, Record, Refusal};
 use rest::Rest;
+pub(crate) use start::start;
 use telemetry::Stream;
 
 /// Ticks after a command until the records show its effect.
@@ -80,90 +79,7 @@ pub(crate) struct Tasks<F> {
     now_ms: u64,
 }
 
-// Large values are written to their places by functions of their own, so that they do not add up on the stack.
-#[inline(never)]
-fn blank(place: &mut MaybeUninit<Estimator>) -> &mut Estimator {
-    place.write(Estimator::blank())
-}
-
-#[inline(never)]
-fn service(
-    place: &'static mut MaybeUninit<Service>,
-    config: Config,
-    tasks: drive::Tasks,
-    estimators: [&'static mut Estimator; 2],
-) -> &'static mut Service {
-    place.write(Service::new(config, tasks, estimators))
-}
-
 impl<F: NorFlash> Tasks<F> {
-    pub fn start(
-        identity: Identity,
-        defaults: settings::Settings,
-        flash: F,
-        first_block: u32,
-        parts: &'static mut Parts,
-    ) -> Result<(Drive, Self), settings::Error> {
-        let defaults = Settings::new(defaults);
-        defaults.drive.validate()?;
-        let mut storage = Storage::new(flash, first_block);
-        let (settings, settings_problem) = storage.settings(&defaults);
-        let config = settings.drive.validate()?;
-        let sensors = storage.sensors(&settings);
-        let table = storage.table(settings.full_scale_a());
-        let stored = [sensors.err().unwrap_or_default(), table.err().unwrap_or_default(), settings_problem];
-        let (sensors, table) = (sensors.ok(), table.ok());
-        let Parts { channels, estimators, tables, config: spare_config, service: place, procedure, adaptation } = parts;
-        let (interrupt, tasks) = channels.split();
-        let service = service(place, config, tasks, estimators.each_mut().map(blank));
-        for table in tables {
-            service.lend(table);
-        }
-        let mut tasks = Self {
-            identity,
-            service,
-            history: History::new(),
-            defaults,
-            settings,
-            sent_settings: None,
-            spare_config: Some(spare_config.write(config)),
-            storage,
-            stored,
-            stored_sensors: sensors,
-            stored_settings: settings,
-            unsaved: [false; 3],
-            learnt_saved_ms: None,
-            sensors,
-            install_due: sensors.is_some(),
-            adaptation: adaptation.write(SensorAdaptation::new()),
-            table_due: table.is_some(),
-            table,
-            balanced: false,
-            procedure: procedure.write(None),
-            rest: None,
-            calibration: Calibration::None,
-            identification: protocol::Procedure::None,
-            cogging: protocol::Procedure::None,
-            record: DriveRecord::new(),
-            measurement: None,
-            readings: Readings::default(),
-            reply: None,
-            unclaimed_replies: 0,
-            since_command: 0,
-            stream: None,
-            lost_records: 0,
-            garbage: 0,
-            lost_frames: 0,
-            now_ms: 0,
-        };
-        for (record, problem) in [Record::Sensors, Record::Cogging, Record::Settings].into_iter().zip(stored) {
-            if !matches!(problem, Problem::None | Problem::Blank) {
-                tasks.note(Cause::Stored(record, problem));
-            }
-        }
-        Ok((Drive::new(config, interrupt), tasks))
-    }
-
     /// Everything that is due every millisecond.
     pub fn tick(&mut self, now_ms: u64, readings: Readings) {
         self.now_ms = now_ms;

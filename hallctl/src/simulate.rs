@@ -40,7 +40,7 @@ pub struct Simulator {
     pub plant: Plant,
     /// Somebody who looks on.
     pub observe: Option<Observe>,
-    drive: Drive,
+    drive: &'static mut Drive,
     supervisor: &'static mut Supervisor<Flash>,
     housekeeping: Housekeeping,
     flash: Flash,
@@ -233,7 +233,7 @@ impl Simulator {
 
     /// The drive, to look at.
     pub const fn drive(&self) -> &Drive {
-        &self.drive
+        self.drive
     }
 
     /// How often the watchdog was fed.

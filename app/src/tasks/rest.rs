@@ -1,6 +1,6 @@
 //! The wait for the rotor to come to rest after something has turned it: what is asked next finds it where it stays.
 
-use super::Supervisor;
+use super::Tasks;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::angle::Position;
 use hallservo::mode::Mode;
@@ -38,10 +38,10 @@ impl Rest {
     }
 }
 
-impl<F: NorFlash> Supervisor<F> {
+impl<F: NorFlash> Tasks<F> {
     /// Ends the wait once the rotor is at rest, and what was found is at work and in the flash; or when a fault is to be told.
     pub(super) fn come_to_rest(&mut self) {
-        let place = self.is_settled().then(|| self.live.rotor.position());
+        let place = self.is_settled().then(|| self.record.rotor.position());
         let faulted = matches!(self.mode(), Mode::Faulted(_));
         if self.rest.as_mut().is_some_and(|rest| faulted || rest.is_over(place, self.now_ms)) {
             self.rest = None;
@@ -50,8 +50,8 @@ impl<F: NorFlash> Supervisor<F> {
 
     /// Whether the drive works with all that was found, and the flash holds it.
     fn is_settled(&self) -> bool {
-        let stores = self.waiting[Record::Sensors as usize] || self.waiting[Record::Cogging as usize];
-        self.mode() == Mode::Ready && self.coming.is_none() && !self.install && !self.balance && !stores
+        let stores = self.unsaved[Record::Sensors as usize] || self.unsaved[Record::Cogging as usize];
+        self.mode() == Mode::Ready && self.sent_settings.is_none() && !self.install_due && !self.table_due && !stores
     }
 }
 

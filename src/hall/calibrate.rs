@@ -17,11 +17,10 @@ use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
 use crate::hall::{Channel, Codes};
 use core::fmt;
-use fit::Point;
+pub use fit::BINS;
+use fit::{NoFit, Point};
+use report::Raw;
 pub use report::{Finding, Report};
-
-/// Bins in a turn of the field.
-pub const BINS: usize = 64;
 
 /// Fewest samples in a bin.
 const FEWEST: u32 = 4;
@@ -73,6 +72,15 @@ impl fmt::Display for Error {
 }
 
 impl core::error::Error for Error {}
+
+impl From<NoFit> for Error {
+    fn from(why: NoFit) -> Self {
+        match why {
+            NoFit::NoSignal(channel) => Self::NoSignal(channel),
+            NoFit::Diverged => Self::NoFit,
+        }
+    }
+}
 
 /// What a calibration found: with it a drive can be armed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -148,7 +156,8 @@ impl Collector {
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
         let model = Model { sensors: fit.sensors, alignment: forward + lag, reversed };
-        let report = Report::new(&model, self, &fit, lag, hunting);
+        let raw = [0, 1, 2].map(|k| Raw { noise: self.noise.deviation(k), at_rail: self.at_rail[k] });
+        let report = Report::new(&model, &raw, &fit, lag, hunting);
         // A rotor that slipped fits anything, and nothing of what was fitted means anything.
         let unexplained = Finding::Unexplained(report.residual_pct);
         if unexplained.refuses() {

@@ -23,14 +23,13 @@ use crate::hall::plausibility::{Implausible, Window};
 use crate::hall::{Channel, Codes};
 use crate::trig::{self, Direction, QuadrantTable, Segment};
 use core::fmt;
+pub use inverse::DISAGREEMENT;
 use inverse::Inverse;
 
 /// Smallest |cos| + |sin| that is an angle, in calibrated amplitudes: less than half of what a healthy magnet gives.
 const WEAKEST: f32 = 0.45;
 /// Largest such sum: √2 times [`crate::hall::plausibility::PLAUSIBLE`].
 const STRONGEST: f32 = 2.2;
-/// Largest plausible disagreement c of the sensors, relative to their amplitude.
-pub const DISAGREEMENT: f32 = 0.3;
 
 /// Largest noise of the estimate over the bound for perfectly placed sensors that a placement may cost.
 pub const WORST_NOISE_GAIN: f32 = 1.5;

@@ -1,13 +1,14 @@
 //! Power-up calibration: the model of the sensors from turning the rotor open loop, both ways.
 //!
 //! The stator's field drags the rotor along; [`Collector`] averages the three codes over the field's angle, and
-//! [`fit`](fit::fit) finds offset, amplitude, placement and harmonics of all sensors and the rotor's true angle in every
-//! bin at once, by least squares. (Minimum and maximum, which Simpkins and Todorov propose with eq. (2), are biased by noise:
-//! the larger the number of samples, the more.) The rotor lags behind the field by friction, the opposite way in the
-//! opposite direction, so the mean over both directions is the alignment φ.
+//! [`fit`](fit::fit) finds offset, amplitude, placement and harmonics of all sensors and the rotor's true angle in
+//! every bin at once, by least squares. (Minimum and maximum, which Simpkins and Todorov propose with eq. (2), are
+//! biased by noise: the larger the number of samples, the more.) The rotor lags behind the field by friction, the
+//! opposite way in the opposite direction, so the mean over both directions is the alignment φ.
 //!
-//! The wave's shape is taken as alike for north and south poles and locked to the placement. Then the third harmonic can be
-//! told from an uneven turning of the rotor, which it looks like to a single sensor, by what it does to the other two.
+//! The wave's shape is taken as alike for north and south poles and locked to the placement. Then the third harmonic
+//! can be told from an uneven turning of the rotor, which it looks like to a single sensor, by what it does to the
+//! other two.
 
 pub mod fit;
 pub mod report;

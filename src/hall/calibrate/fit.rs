@@ -1,8 +1,9 @@
 //! Least squares over all bins: fourteen parameters of the sensors, and the rotor's angle in each bin.
 //!
-//! The residual of sensor i in a bin is `eᵢ = (codeᵢ − offsetᵢ)/amplitudeᵢ − waveᵢ(θ)`. The angle of the bin is eliminated:
-//! it is set where the residual has no part along the tangent `tᵢ = ∂waveᵢ/∂θ`, and what a parameter does along the
-//! tangent is projected out (variable projection), so the normal equations stay 14 × 14 however many bins there are.
+//! The residual of sensor i in a bin is `eᵢ = (codeᵢ − offsetᵢ)/amplitudeᵢ − waveᵢ(θ)`. The angle of the bin is
+//! eliminated: it is set where the residual has no part along the tangent `tᵢ = ∂waveᵢ/∂θ`, and what a parameter does
+//! along the tangent is projected out (variable projection), so the normal equations stay 14 × 14 however many bins
+//! there are.
 
 use crate::angle::ElectricalAngle;
 use crate::hall::Channel;
@@ -169,7 +170,8 @@ impl Equations {
     }
 }
 
-/// What each parameter does to its sensor's model: offset and amplitude relative to the amplitude, harmonics, placement.
+/// What each parameter does to its sensor's model: offset and amplitude relative to the amplitude, harmonics,
+/// placement.
 fn derivatives(sensors: &[Sensor; 3], angle: ElectricalAngle, t: &[f32; 3]) -> [f32; PARAMETERS] {
     let mut all = [0.0; PARAMETERS];
     for (channel, sensor) in sensors.iter().enumerate() {

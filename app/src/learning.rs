@@ -53,7 +53,7 @@ impl Learning {
                 self.ended = Some(fault);
                 Some(wire::sensor(fault))
             }
-            Outcome::Learning | Outcome::Learnt => {
+            Outcome::Adapting | Outcome::ModelReady => {
                 self.rest = self.rest.saturating_sub(1);
                 None
             }

@@ -21,7 +21,7 @@ fn elf(name: &str) -> PathBuf {
 
 fn session(board: &'static Board, name: &str) -> Session {
     let image = std::fs::read(elf(name)).expect("a built firmware");
-    Session::new(board, image, &PlantParameters::unkind(1), 1).expect("a session")
+    Session::new(board, image, &PlantParameters::imperfect(1), 1).expect("a session")
 }
 
 fn messages(session: &Session) -> Vec<&str> {

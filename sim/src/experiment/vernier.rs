@@ -9,7 +9,7 @@ use crate::statistics::Statistics;
 use anyhow::Result;
 use faults::{FAULTS, Outcome, Recorded};
 use hallservo::angle::MechanicalAngle;
-use hallservo::vernier::calibrate::{Calibrator, Refusal, Report};
+use hallservo::vernier::calibrate::{self, Calibrator, Report};
 use hallservo::vernier::eccentricity::Geometry;
 use hallservo::vernier::encoder::{Calibration, Encoder, Reading};
 use hallservo::vernier::rings::Rings;
@@ -203,9 +203,9 @@ pub fn calibrate<const HEADS: usize>(
     build: &Build,
     construction: &mut Construction,
     seed: u64,
-) -> Result<(Calibration<HEADS>, Report), Refusal> {
+) -> Result<(Calibration<HEADS>, Report), calibrate::Error> {
     // The rings are coprime.
-    let Ok(rings) = build.rings() else { return Err(Refusal::TooFast) };
+    let Ok(rings) = build.rings() else { return Err(calibrate::Error::TooFast) };
     let mut shaft = UnsteadyShaft::new(TAU / SAMPLES_A_TURN, RIPPLE, seed);
     let mut calibrator = Calibrator::new(&rings, &Calibration::ideal(&rings));
     let most = 8 * SAMPLES_A_TURN as usize;

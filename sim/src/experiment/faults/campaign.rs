@@ -24,7 +24,7 @@ pub(super) struct Campaign {
 
 impl Campaign {
     pub fn new(seed: u64) -> Result<Self> {
-        let mut rig = Rig::new(&PlantParameters::unkind(seed), &settings(), seed)?;
+        let mut rig = Rig::new(&PlantParameters::imperfect(seed), &settings(), seed)?;
         rig.calibrate(|_| ())?;
         let summary = Summary { seed, bridge_off_within_one_period: true, ..Summary::default() };
         let commutation = Commutation::Sinusoidal;

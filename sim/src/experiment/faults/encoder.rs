@@ -72,7 +72,7 @@ impl Machine {
         let (drive, service) = connected(config);
         let (absolute_interrupt, mut absolute_tasks) = Box::leak(Box::new(AbsoluteChannels::new())).split();
         absolute_tasks.install(Box::leak(Box::new(encoder))).map_err(|_| anyhow!("no room for the encoder"))?;
-        let parameters = PlantParameters::unkind(seed);
+        let parameters = PlantParameters::imperfect(seed);
         let plant = |seed| Plant::new(&parameters, seed);
         Ok(Self {
             plant: plant(seed)?,

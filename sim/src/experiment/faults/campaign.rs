@@ -1,7 +1,7 @@
 //! Faults injected at random times into running drives.
 
 use super::injection::{INJECTIONS, Injection};
-use super::{Found, Summary, settings};
+use super::summary::{Found, Summary, settings};
 use crate::rig::Rig;
 use anyhow::{Context, Result, bail};
 use hallservo::commutation::{Commutation, Legs};

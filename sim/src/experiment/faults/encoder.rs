@@ -5,7 +5,7 @@
 //! equal, in agreement with the others. Only where the swap makes the angle leap, or with something that has seen the
 //! true one, can that be told.
 
-use super::{Found, Summary, settings};
+use super::summary::{Found, Summary, settings};
 use crate::experiment::vernier::{Build, calibrate, read};
 use crate::rig::{connected, legs};
 use anyhow::{Context, Result, anyhow, bail};

@@ -130,7 +130,7 @@ impl Drive {
         let Some(estimator) = &self.hurried else {
             return Output::unpack(self.slow(sample, records));
         };
-        let angle = if records { estimator.angle_of_one(codes) } else { estimator.angle(codes) };
+        let angle = if records { estimator.angle_in_range(codes) } else { estimator.angle(codes) };
         // No sample was missed, so there is nothing to do when one is found.
         if !self.track(angle, |_| ()) {
             return Output::unpack(self.fallen(sample, records));

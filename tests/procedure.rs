@@ -18,7 +18,7 @@ fn settings() -> Settings {
 }
 
 fn rig(settings: &Settings) -> Rig {
-    let mut rig = Rig::new(&PlantParameters::unkind(1), settings, 1).unwrap();
+    let mut rig = Rig::new(&PlantParameters::imperfect(1), settings, 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
     // The field has let go of a turning rotor.
     rig.run(0.5, |_, _| ());
@@ -106,7 +106,7 @@ fn a_fault_ends_them_and_is_named() {
 
 #[test]
 fn a_refusal_ends_them_and_leaves_the_drive_as_it_was() {
-    let mut uncalibrated = Rig::new(&PlantParameters::unkind(1), &settings(), 1).unwrap();
+    let mut uncalibrated = Rig::new(&PlantParameters::imperfect(1), &settings(), 1).unwrap();
     for mut procedure in both(&uncalibrated) {
         let state = run(&mut uncalibrated, procedure.as_mut(), |_, _, _| ()).0;
         assert_eq!(state, State::Failed(Error::Refused(Refusal::NotCalibrated)));
@@ -218,7 +218,7 @@ fn too_few_records_for_all_points_are_told() {
 
 #[test]
 fn tables_must_be_lent() {
-    let mut rig = Rig::new(&PlantParameters::unkind(1), &settings(), 1).unwrap();
+    let mut rig = Rig::new(&PlantParameters::imperfect(1), &settings(), 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
     let [_, mut learning] = both(&rig);
     assert_eq!(run(&mut rig, learning.as_mut(), |_, _, _| ()).0, State::Failed(Error::NoTable));

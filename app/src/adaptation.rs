@@ -53,7 +53,7 @@ impl SensorAdaptation {
                 self.ended = Some(fault);
                 Some(wire::sensor(fault))
             }
-            Outcome::Learning | Outcome::Learnt => {
+            Outcome::Adapting | Outcome::ModelReady => {
                 self.wait = self.wait.saturating_sub(1);
                 None
             }

@@ -63,12 +63,12 @@ pub struct Simulator {
 }
 
 impl Simulator {
-    /// At power-up, an unkind motor at rest.
+    /// At power-up, an imperfect motor at rest.
     ///
     /// # Errors
     /// What is wrong with the defaults.
     pub fn new(seed: u64, flash: Flash, planned: Vec<Planned>) -> Result<Self> {
-        Self::at(&PlantParameters::unkind(seed), seed, flash, planned)
+        Self::at(&PlantParameters::imperfect(seed), seed, flash, planned)
     }
 
     /// The same at any motor.

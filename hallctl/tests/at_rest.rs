@@ -94,7 +94,7 @@ fn a_result_is_told_when_it_is_final() {
 
 #[test]
 fn a_heavy_rotor_without_friction_is_not_waited_for_for_ever() {
-    let mut parameters = PlantParameters::unkind(1);
+    let mut parameters = PlantParameters::imperfect(1);
     // It would turn for half a minute.
     parameters.motor.friction = Friction { viscous_nms: 1e-6, ..Friction::NONE };
     parameters.motor.cogging = [Cogging::NONE; 2];

@@ -158,7 +158,7 @@ fn what_is_learnt_is_saved_after_the_next_disarming_and_not_too_often() {
     let (mut first, flash) = calibrated();
     drop(first);
     // The second sensor fades as it warms up, by a tenth in 20 K.
-    let mut parameters = PlantParameters::unkind(1);
+    let mut parameters = PlantParameters::imperfect(1);
     parameters.halls[1].amplitude_drift_k = -0.005;
     first = Simulator::at(&parameters, 1, Flash::of(flash.clone()), Vec::new()).unwrap();
     run(&mut first, 10);

@@ -13,7 +13,7 @@ impl Drive {
         self.attend(sample);
         let Some(estimator) = &self.serving else { return Output::unpack(self.serve_slowly(sample)) };
         // No sample was missed, so there is nothing to do when one is found.
-        let Ok(angle) = estimator.angle_of_one(&sample.halls) else { return Output::unpack(self.stumble(sample)) };
+        let Ok(angle) = estimator.angle_in_range(&sample.halls) else { return Output::unpack(self.stumble(sample)) };
         if self.live.rotor.step(&self.config.tracking, angle).is_err() && !self.leaps(angle, sample) {
             return Output::OFF;
         }

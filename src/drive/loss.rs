@@ -11,7 +11,7 @@ use crate::mode::Mode;
 /// Farthest that two Halls' angle may be from the tracked one to be believed, in bits: 45°.
 const NEAR: u32 = 1 << 29;
 
-/// Farthest that two Halls' strength may be from [`Estimator::HEALTHY`]: harmonics and drift together stay below.
+/// Farthest that two Halls' strength may be from [`Estimator::NOMINAL_STRENGTH`]: harmonics and drift together stay below.
 const UNHEALTHY: u32 = 450;
 
 impl Drive {
@@ -52,7 +52,7 @@ impl Drive {
                 let distance = (angle - tracked).to_bits().unsigned_abs();
                 // A pair with the lost Hall in it is in the wrong place, and too strong or too weak: 30° count as much as
                 // a third of the strength.
-                let doubt = (distance >> 20).saturating_add(strength.abs_diff(Estimator::HEALTHY));
+                let doubt = (distance >> 20).saturating_add(strength.abs_diff(Estimator::NOMINAL_STRENGTH));
                 Some((doubt, distance, Channel(k), angle))
             })
             .min_by_key(|&(doubt, ..)| doubt)?;
@@ -63,7 +63,7 @@ impl Drive {
     #[cold]
     pub(super) fn measure_without(&mut self, lost: Channel, codes: Codes) {
         let pair = self.estimator().and_then(|estimator| estimator.angle_without(lost, &codes));
-        let healthy = pair.filter(|(_, strength)| strength.abs_diff(Estimator::HEALTHY) <= UNHEALTHY);
+        let healthy = pair.filter(|(_, strength)| strength.abs_diff(Estimator::NOMINAL_STRENGTH) <= UNHEALTHY);
         match healthy.map(|(angle, _)| self.live.rotor.step(&self.config.tracking, angle)) {
             Some(Ok(())) => self.found(),
             _ => self.rename(lost, codes),
@@ -76,10 +76,10 @@ impl Drive {
         let best = self.estimator().and_then(|estimator| {
             let others = (0..3).map(Channel).filter(|&channel| channel != lost);
             let pair = |channel| Some((channel, estimator.angle_without(channel, &codes)?));
-            others.filter_map(pair).min_by_key(|(_, (_, strength))| strength.abs_diff(Estimator::HEALTHY))
+            others.filter_map(pair).min_by_key(|(_, (_, strength))| strength.abs_diff(Estimator::NOMINAL_STRENGTH))
         });
         match best {
-            Some((channel, (angle, strength))) if strength.abs_diff(Estimator::HEALTHY) <= UNHEALTHY => {
+            Some((channel, (angle, strength))) if strength.abs_diff(Estimator::NOMINAL_STRENGTH) <= UNHEALTHY => {
                 self.lost = Some(channel);
                 self.live.rotor.move_to(angle);
             }

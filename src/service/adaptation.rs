@@ -51,13 +51,13 @@ impl Adaptation {
     /// the electrical angle: [`torque_nm`], or 0 where no current is measured. Records may be missing.
     pub fn take(&mut self, record: &Record, torque_nm: f32) -> Outcome {
         if !matches!(record.status.mode(), Mode::Ready | Mode::Running) {
-            return Outcome::Following;
+            return Outcome::Tracking;
         }
         // A record out of turn, as after a command, counts for the time that it is early or late by.
         let steps = record.sequence.wrapping_sub(self.last.unwrap_or(record.sequence));
         let samples = (steps + self.every / 2) / self.every;
         if samples == 0 && self.last.is_some() {
-            return Outcome::Following;
+            return Outcome::Tracking;
         }
         self.last = Some(record.sequence);
         let outcome = self.adapter.update(&Observation {
@@ -67,7 +67,7 @@ impl Adaptation {
         });
         match (outcome, self.adapter.fault().and_then(adapt::Fault::lost)) {
             (Outcome::Failed(_), Some(lost)) => self.due = Due::Without(lost),
-            (Outcome::Learnt, _) if self.due == Due::Nothing => self.due = Due::Learnt,
+            (Outcome::ModelReady, _) if self.due == Due::Nothing => self.due = Due::Learnt,
             _ => {}
         }
         outcome

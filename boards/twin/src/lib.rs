@@ -44,7 +44,7 @@ impl Twin {
     /// Both at rest; the drive takes its commands from the other end of `channels`. `None` if the plant refuses its own
     /// parameters.
     pub fn new(config: Config, channels: Interrupt) -> Option<Self> {
-        let mut plant = Plant::new(&PlantParameters::unkind(SEED), SEED).ok()?;
+        let mut plant = Plant::new(&PlantParameters::imperfect(SEED), SEED).ok()?;
         plant.place(0.3, 0.0).ok()?;
         let drive = Drive::new(config, channels);
         Some(Self {

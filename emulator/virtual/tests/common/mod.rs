@@ -54,7 +54,7 @@ fn elf(board: &str) -> Vec<u8> {
 
 pub fn session(board: &str, script: &str) -> Session {
     let known = self::board(board);
-    let mut session = Session::new(&known, elf(board), &PlantParameters::unkind(1), 1).expect("a session");
+    let mut session = Session::new(&known, elf(board), &PlantParameters::imperfect(1), 1).expect("a session");
     session.follow(script::parse(script).expect("a script"));
     session
 }

@@ -5,7 +5,7 @@
 //! equal, in agreement with the others. Only where the swap makes the angle leap, or with something that has seen the
 //! true one, can that be told.
 
-use super::{Found, Summary, settings};
+use super::summary::{Found, Summary, settings};
 use crate::experiment::vernier::{Build, calibrate, read};
 use crate::rig::{connected, legs};
 use anyhow::{Context, Result, anyhow, bail};
@@ -72,7 +72,7 @@ impl Machine {
         let (drive, service) = connected(config);
         let (absolute_interrupt, mut absolute_tasks) = Box::leak(Box::new(AbsoluteChannels::new())).split();
         absolute_tasks.install(Box::leak(Box::new(encoder))).map_err(|_| anyhow!("no room for the encoder"))?;
-        let parameters = PlantParameters::unkind(seed);
+        let parameters = PlantParameters::imperfect(seed);
         let plant = |seed| Plant::new(&parameters, seed);
         Ok(Self {
             plant: plant(seed)?,

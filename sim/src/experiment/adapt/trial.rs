@@ -1,4 +1,4 @@
-//! One run of the adaptation against three unkind Halls on a bench, with the bound that no filter can beat.
+//! One run of the adaptation against three imperfect Halls on a bench, with the bound that no filter can beat.
 
 use anyhow::Result;
 use hallservo::angle::ElectricalAngle;
@@ -59,7 +59,7 @@ pub enum Start {
 }
 
 /// A bench with a filter.
-pub struct Judge {
+pub struct Trial {
     /// The rotor and its sensors.
     pub bench: Bench,
     /// The filter.
@@ -87,9 +87,9 @@ pub struct Step {
     pub bound_deg: f64,
 }
 
-/// Sensors drawn from the seed: see `PlantParameters::unkind`.
+/// Sensors drawn from the seed: see `PlantParameters::imperfect`.
 pub fn halls(seed: u64) -> [HallParameters; 3] {
-    PlantParameters::unkind(seed).halls
+    PlantParameters::imperfect(seed).halls
 }
 
 /// The model of sensors known exactly; zero is where the first sensor's signal rises through its offset.
@@ -126,7 +126,7 @@ pub fn wrapped_deg(radians: f64) -> f64 {
     (radians - TAU * (radians / TAU).round()).to_degrees()
 }
 
-impl Judge {
+impl Trial {
     /// A motor of the seed.
     ///
     /// # Errors
@@ -152,7 +152,7 @@ impl Judge {
     ) -> Result<Self> {
         let parameters = BenchParameters {
             halls,
-            adc: PlantParameters::unkind(seed).adc,
+            adc: PlantParameters::imperfect(seed).adc,
             period_s: PERIOD_S,
             pole_pairs: POLE_PAIRS as u8,
             inertia_kgm2: INERTIA_KGM2,

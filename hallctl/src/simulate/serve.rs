@@ -128,18 +128,22 @@ impl Tool {
     }
 }
 
-/// Something happens to the drive; how many milliseconds it takes.
+/// What a person has typed happens; how many milliseconds it takes.
 fn happen(simulator: &mut Simulator, kind: Kind, text: &str) -> u32 {
     if let Err(error) = simulator.happen(kind) {
         eprintln!("{text}: {error}");
         return 0;
     }
-    if let Kind::Turn(turns) = kind {
-        println!("The shaft is turned by {turns} turns.");
-        return (1000.0 * turns.abs()) as u32;
+    match kind {
+        Kind::Turn(turns) => {
+            println!("The shaft is turned by {turns} turns.");
+            (1000.0 * turns.abs()) as u32
+        }
+        _ => {
+            println!("{text}: done");
+            0
+        }
     }
-    println!("{text}: done");
-    0
 }
 
 fn real(simulator: &mut Simulator, line: &Receiver<Event>) {
@@ -169,7 +173,9 @@ fn fast(simulator: &mut Simulator, line: &Receiver<Event>) {
         match event {
             Event::Came(out) => tool.out = Some(out),
             Event::Bytes(bytes) => bytes.into_iter().for_each(|byte| tool.ask(simulator, byte)),
-            Event::Typed(kind, text) => (0..happen(simulator, kind, &text)).for_each(|_| tool.step(simulator)),
+            Event::Typed(kind, text) => {
+                (0..happen(simulator, kind, &text)).for_each(|_| tool.step(simulator));
+            }
         }
     }
 }

@@ -1,7 +1,7 @@
 //! What the control interrupt tells the tasks beside its queues: that it lives, and what changes slowly.
 
 use core::sync::atomic::{AtomicU32, Ordering};
-use hallservo::drive::Sample;
+use hallservo::board::Sample;
 
 /// Counts control periods; the application feeds the watchdog only while it moves and all its tasks do.
 #[derive(Debug, Default)]

@@ -4,8 +4,8 @@
 //! across the two, so a command M puts `M · V_bus` between them.
 
 use crate::angle::ElectricalAngle;
+use crate::board::{Legs, Output};
 use crate::commutation::sinusoidal::PhaseOrder;
-use crate::commutation::{Legs, Output};
 use crate::hall::normalize::Signal;
 use crate::pwm::Amplitude;
 

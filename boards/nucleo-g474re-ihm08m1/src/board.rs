@@ -3,7 +3,7 @@
 use crate::constants::{self, FIRST, FOURTH, SECOND, THIRD, ZERO};
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{ADC1, ADC2, ADC3, ADC4, ADC12_COMMON, ADC345_COMMON, GPIOA, GPIOB};
-use hallservo::drive::Sample;
+use hallservo::board::Sample;
 use hallservo::settings::Settings;
 use stm32g4::sensing::{NO_THERMISTOR, current, pulled_up};
 use stm32g4::wiring::Wiring;

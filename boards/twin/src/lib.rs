@@ -12,8 +12,8 @@ pub mod log;
 pub use digest::Digest;
 pub use figures::Figures;
 
-use hallservo::commutation::Output;
-use hallservo::drive::{Drive, Interrupt, Sample};
+use hallservo::board::{Output, Sample};
+use hallservo::drive::{Drive, Interrupt};
 use hallservo::mode::Mode;
 use hallservo::settings::{Config, Settings};
 use plant::{Leg, Legs, Plant, PlantParameters};
@@ -106,7 +106,7 @@ impl Twin {
 
 /// What the timer makes of an output.
 fn legs(output: &Output, period: u16) -> Legs {
-    if output.legs == hallservo::commutation::Legs::NONE {
+    if output.legs == hallservo::board::Legs::NONE {
         return Legs::OFF;
     }
     let leg = |k: u8| {

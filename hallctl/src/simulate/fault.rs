@@ -1,7 +1,7 @@
 //! Faults of a simulated drive, to see what it does about them.
 
 use anyhow::{Context, Result, bail};
-use hallservo::drive::Sample;
+use hallservo::board::Sample;
 use plant::{HallFault, Plant, Rail};
 use std::str::FromStr;
 

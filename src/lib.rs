@@ -1,7 +1,7 @@
 //! A servo drive from a brushless motor, three cheap linear Hall sensors and a Cortex-M.
 //!
 //! `no_std`, no allocation, no `unsafe`. What runs in the control interrupt is integer arithmetic without a panic:
-//! one [`Sample`](drive::Sample) of the sensors in, one [`Output`](commutation::Output) for the timer out, by
+//! one [`Sample`](board::Sample) of the sensors in, one [`Output`](board::Output) for the timer out, by
 //! [`Drive::step`](drive::Drive::step). Tasks at a lower rate calibrate and supervise it through lock-free queues, by
 //! [`Service`](service::Service).
 //!
@@ -45,6 +45,7 @@
 #![no_std]
 
 pub mod angle;
+pub mod board;
 pub mod commutation;
 pub mod control;
 pub mod drive;

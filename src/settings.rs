@@ -4,7 +4,7 @@ use crate::angle::{ElectricalAngle, PolePairs};
 use crate::commutation::sinusoidal::PhaseOrder;
 use crate::commutation::{self, Commutation, Modulation};
 use crate::control;
-use crate::drive::{RECORDS, drag};
+use crate::drive::{RECORDS, open_loop};
 use crate::hall::track;
 use crate::pwm;
 use core::fmt;
@@ -160,7 +160,7 @@ pub struct Config {
     pub(crate) tolerated: u16,
     pub(crate) run_on_two_halls: bool,
     pub(crate) calibration_record_every: u32,
-    pub(crate) drag: drag::Config,
+    pub(crate) open_loop: open_loop::Config,
     /// Currents, torque, speed and position.
     pub control: Option<control::settings::Config>,
 }
@@ -177,7 +177,7 @@ impl Config {
 
     /// Records that both sweeps of a calibration deliver.
     pub(crate) const fn calibration_records(&self) -> u32 {
-        let steps = ((2 * self.drag.turns as u64) << 32) / self.drag.speed as u64;
+        let steps = ((2 * self.open_loop.turns as u64) << 32) / self.open_loop.speed as u64;
         (steps / self.calibration_record_every as u64) as u32
     }
 }
@@ -263,7 +263,7 @@ impl Settings {
             run_on_two_halls: self.run_on_two_halls,
             record_every: self.record_every(check),
             calibration_record_every: self.every(check, "calibration_record_hz", self.calibration_record_hz, pwm_hz),
-            drag: self.drag(check),
+            open_loop: self.open_loop(check),
         };
         check.done().map(|()| config)
     }
@@ -290,13 +290,13 @@ impl Settings {
         track::Config::new(smoothing, jump, delay).ok_or(out_of_range)
     }
 
-    fn drag(&self, check: &mut Check) -> drag::Config {
+    fn open_loop(&self, check: &mut Check) -> open_loop::Config {
         let modulation = check.within("calibration_modulation", self.calibration_modulation, 0.01, 0.5);
         let align_s = check.within("calibration_align_s", self.calibration_align_s, 0.05, 10.0);
         let hz = check.within("calibration_hz", self.calibration_hz, 0.5, 50.0);
         let turns = check.within("calibration_turns", self.calibration_turns.into(), 2.0, 64.0);
         let mechanical = libm::ceilf(turns / f32::from(self.pole_pairs));
-        drag::Config {
+        open_loop::Config {
             modulation: commutation::modulation(modulation),
             rise: ((modulation * 2_147_483_648.0 / (align_s * self.pwm_hz)) as i32).max(1),
             stand: (align_s * self.pwm_hz) as u32,
@@ -317,7 +317,7 @@ mod tests {
         let config = Settings::default().validate().unwrap();
         assert_eq!((config.period, config.dead_time), (2125, 85));
         assert_eq!(config.record_every, 40);
-        assert_eq!(config.drag.turns, 12);
+        assert_eq!(config.open_loop.turns, 12);
     }
 
     #[test]
@@ -383,7 +383,7 @@ mod tests {
     fn all_pole_pairs_record_whole_mechanical_turns() {
         for pole_pairs in 1..=64 {
             let config = Settings { pole_pairs, ..Settings::default() }.validate().unwrap();
-            assert!(config.drag.turns >= 12 && config.drag.turns.is_multiple_of(pole_pairs.into()));
+            assert!(config.open_loop.turns >= 12 && config.open_loop.turns.is_multiple_of(pole_pairs.into()));
         }
     }
 }

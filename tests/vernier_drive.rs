@@ -1,9 +1,10 @@
 //! The vernier on the shaft of a running drive: calibrated by it, and the absolute reference beside its Halls.
 
 use hallservo::angle::{ElectricalAngle, MechanicalAngle, PolePairs, Position};
+use hallservo::board::Sample;
 use hallservo::commutation::Modulation;
+use hallservo::drive::Command;
 use hallservo::drive::absolute::{self, AbsoluteChannels, AbsoluteDrive, AbsoluteTasks};
-use hallservo::drive::{Command, Sample};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::service::Service;

@@ -2,10 +2,11 @@
 
 use anyhow::{Context, Result, anyhow, bail};
 use hallservo::angle::ElectricalAngle;
-use hallservo::commutation::{Modulation, Output};
+use hallservo::board::{Output, Sample};
+use hallservo::commutation::Modulation;
 use hallservo::control::cogging::Table;
 use hallservo::control::identify::Report;
-use hallservo::drive::{Channels, Command, Drive, Sample};
+use hallservo::drive::{Channels, Command, Drive};
 use hallservo::hall::calibrate::Calibration;
 use hallservo::hall::estimate::Estimator;
 use hallservo::service::identification::{self, Identification};

@@ -10,6 +10,9 @@ use crate::control::{Motor, Scale, fixed};
 use crate::math::{clamp, high};
 use core::f32::consts::TAU;
 
+/// Bits by which a current of the d/q controller, in 2⁻²⁸ of the full scale, is finer than one of the outer loops.
+pub(crate) const PARK_BITS: u32 = 13;
+
 /// Bits of the fraction of a voltage within the local feedback.
 const FRACTION: u32 = 8;
 

@@ -97,9 +97,9 @@ pub struct Config {
     /// Whether phases B and C are exchanged.
     pub(crate) reversed: bool,
     /// Speed from which on the back-EMF tells the alignment.
-    pub(crate) telling: i32,
+    pub(crate) trim_from: i32,
     /// What the alignment is moved by, each [`CYCLE`](crate::drive::CYCLE) steps, per voltage along d; in 2⁻⁵⁶ turns.
-    pub(crate) refinement: i32,
+    pub(crate) trim_gain: i32,
     pub(crate) guard: Guard,
     pub(crate) scale: Scale,
     pub(crate) motor: Motor,
@@ -165,11 +165,11 @@ impl Settings {
             steep: (RAMPS as f32 * ramp.max(1.0)) as i32,
             reversed: frame.reversed,
             // A back-EMF of a fiftieth of the bus divider's full scale.
-            telling: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * 4_294_967_296.0).min(536_870_912.0)
+            trim_from: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * 4_294_967_296.0).min(536_870_912.0)
                 as i32,
             // There, a time constant of half a second on a bus of the full scale: an electrical radian over that voltage and the
             // corrections of the time.
-            refinement: (4_294_967_296.0
+            trim_gain: (4_294_967_296.0
                 / TAU
                 / (svpwm::LONGEST as f32 / longest as f32 / 50.0)
                 / (0.5 * scale.step_hz / CYCLE as f32)

@@ -11,6 +11,7 @@ use super::*;
 use crate::angle::Position;
 use crate::commutation::Modulation;
 use crate::control::{Current, Speed};
+use crate::hall::Codes;
 use crate::hall::model::Model;
 use crate::service::{self, Service};
 use crate::settings::Settings;

@@ -23,6 +23,7 @@ use crate::hall::plausibility::{Implausible, Window};
 use crate::hall::{Channel, Codes};
 use crate::trig::{self, Direction, QuadrantTable, Segment};
 use core::fmt;
+use core::sync::atomic::{Ordering, compiler_fence};
 pub use inverse::DISAGREEMENT;
 use inverse::Inverse;
 
@@ -240,7 +241,11 @@ impl Estimator {
         if !(window.contains(codes[0]) && window.contains(codes[1]) && window.contains(codes[2])) {
             return Err(self.explain(codes, Implausible::Inconsistent));
         }
-        let direction = Direction::of(self.sine.dot(codes), self.cosine.dot(codes));
+        let codes = &[codes[0], codes[1], codes[2]];
+        let cosine = self.cosine.dot(codes);
+        // One row after the other: mixed, as the compiler would, they need more registers than there are.
+        compiler_fence(Ordering::SeqCst);
+        let direction = Direction::of(self.sine.dot(codes), cosine);
         if direction.length().wrapping_sub(self.weakest) > self.strength_span {
             let weak = direction.length() < self.weakest;
             return Err(self.explain(codes, if weak { Implausible::Weak } else { Implausible::Strong }));

@@ -12,8 +12,8 @@ pub mod log;
 pub use digest::Digest;
 pub use figures::Figures;
 
-use hallservo::commutation::Output;
-use hallservo::drive::{Drive, Interrupt, Sample};
+use hallservo::board::{Output, Sample};
+use hallservo::drive::{Drive, Interrupt};
 use hallservo::mode::Mode;
 use hallservo::settings::{Config, Settings};
 use plant::{Legs, Plant, PlantParameters};

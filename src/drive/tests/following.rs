@@ -101,7 +101,7 @@ fn silence_stops_the_drive_if_so_chosen() {
         bench.step();
     }
     assert!(bench.drive.limits().contains(Limits::TIMEOUT));
-    assert_eq!(bench.drive.servo.demand, Demand::Speed(Speed(0)));
+    assert_eq!(bench.drive.servo.demand(), Demand::Speed(Speed(0)));
     bench.command(Command::Speed(speed)).unwrap();
     assert!(!bench.drive.limits().contains(Limits::TIMEOUT));
 }

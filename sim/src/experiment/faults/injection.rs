@@ -2,7 +2,7 @@
 
 use super::summary::{TIMEOUT_PERIODS, TOLERATED};
 use crate::rig::Disturb;
-use hallservo::drive::Sample;
+use hallservo::board::Sample;
 use hallservo::fault::Fault;
 use rand::RngExt;
 use rand_pcg::Pcg64;

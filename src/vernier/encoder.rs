@@ -43,10 +43,10 @@ pub struct Calibration<const HEADS: usize = 1> {
     pub vernier: [Curve; HEADS],
     /// The average residual over each pole pair of the reference ring, in 2⁻¹⁶ of the distance of two table entries.
     pub averages: [i16; 64],
-    /// The largest residual believed, in the same unit; at most 3/4 of the margin.
+    /// The largest residual accepted, in the same unit; at most 3/4 of the margin.
     pub residual_limit: u16,
-    /// How far apart the heads of the reference and of the vernier ring may be, in 2⁻¹⁶ pole pairs; at most
-    /// 3/8 of a pole pair.
+    /// Largest distance between the corrected readings of a ring's heads, reference ring first, in 2⁻¹⁶ pole pairs; at
+    /// most 3/8 of a pole pair.
     pub head_distance_limits: [u16; 2],
 }
 

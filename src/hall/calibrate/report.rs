@@ -21,11 +21,11 @@ pub struct Pattern {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct SensorReport {
-    /// Peak to peak, in ADC codes.
+    /// Peak to peak, 2 A, in ADC codes.
     pub swing: f32,
-    /// In ADC codes.
+    /// Mean of the signal, in ADC codes.
     pub offset: f32,
-    /// Difference from the pattern's placement, electrical.
+    /// Difference of ψ from the pattern's placement, electrical; refused beyond 20°.
     pub placement_error: ElectricalAngle,
     /// Third harmonic in per cent of the amplitude.
     pub third_pct: f32,
@@ -63,7 +63,7 @@ pub struct Report {
     pub angle_noise_deg: f32,
 }
 
-/// Something to know or to mend.
+/// Something that the person who mounted the sensors should know or change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Finding {
@@ -174,7 +174,7 @@ impl Report {
         }
     }
 
-    /// What to know and what to mend, the sensors first.
+    /// All findings, those of single sensors first.
     pub fn findings(&self) -> impl Iterator<Item = Finding> {
         let swings = self.sensors.map(|sensor| sensor.swing);
         let ratio = swings.iter().fold(0.0_f32, |a, &b| a.max(b)) / swings.iter().fold(f32::MAX, |a, &b| a.min(b));

@@ -7,19 +7,19 @@ use hallservo::hall::model::{Model, Sensor};
 use plant::{Bench, BenchParameters, Bound, HallParameters, PlantParameters, Prior};
 use std::f64::consts::{PI, TAU};
 
-/// Time between samples.
+/// Time between samples, s.
 pub const PERIOD_S: f64 = 1e-3;
-/// LSB of the converter.
+/// LSB of the converter, V.
 pub const LSB_V: f64 = 3.3 / 4096.0;
 pub(super) const POLE_PAIRS: f64 = 4.0;
 const INERTIA_KGM2: f64 = 1e-5;
-/// Of friction and the back-EMF at a voltage command.
+/// Damping torque per speed, by friction and by the back-EMF at a voltage command, N·m·s.
 pub(super) const DAMPING_NMS: f64 = 1.6e-4;
-/// Density of the torque nobody knows.
+/// Density of the torque that the filter is not told, N·m/√Hz.
 const TORQUE_NOISE_NM_RTHZ: f64 = 1e-5;
 /// The same as an electrical acceleration, rad/s²/√Hz.
 pub const ACCELERATION_NOISE: f64 = POLE_PAIRS / INERTIA_KGM2 * TORQUE_NOISE_NM_RTHZ;
-/// Rate at which the speed decays.
+/// Rate at which the speed decays, 1/s.
 pub const DAMPING_1_S: f64 = DAMPING_NMS / INERTIA_KGM2;
 
 /// The electrical speed that is asked for, over time.

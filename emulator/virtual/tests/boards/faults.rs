@@ -200,7 +200,7 @@ pub fn switch_off(name: &str) {
     for phase in ["U", "V", "W"] {
         let mut add = |amperes: f64, by| {
             faults.push(fault(
-                words(format!("current {phase} {amperes}A")),
+                words(format!("current {phase} {amperes:.2}A")),
                 words(format!("current {phase} 0A")),
                 by,
                 &[21],
@@ -213,8 +213,8 @@ pub fn switch_off(name: &str) {
         add(over_a, By::Sample(0));
     }
     let bus = By::Bus(low_v - 0.2, high_v + 0.2);
-    faults.push(fault(words(format!("bus {}V", low_v - 2.0)), "bus 24V", bus, &[20]));
-    faults.push(fault(words(format!("bus {}V", 1.15 * high_v)), "bus 24V", bus, &[19]));
+    faults.push(fault(words(format!("bus {:.1}V", low_v - 2.0)), "bus 24V", bus, &[20]));
+    faults.push(fault(words(format!("bus {:.1}V", 1.15 * high_v)), "bus 24V", bus, &[19]));
     if board.trip.is_some() {
         faults.push(fault("break low", "break released", By::Pin("break TIM1_BKIN"), &[21]));
     }

@@ -28,8 +28,11 @@ impl<T: Clone> PerBoard<T> {
     }
 }
 
+/// A test's name, and the test of a board.
+type Test = (&'static str, fn(&str));
+
 /// Runs every test on every board that there is, as the standard harness would; `cargo test … NAME` chooses by test or board.
-pub fn on_every_board(tests: &[(&str, fn(&str))]) {
+pub fn on_every_board(tests: &[Test]) {
     let boards = Board::names(&firmware::boards()).expect("the boards' folder");
     let trials = boards.iter().flat_map(|board| {
         tests.iter().map(move |&(name, test)| {

@@ -44,6 +44,7 @@
 
 pub mod angle;
 pub mod commutation;
+pub mod config;
 pub mod control;
 pub mod drive;
 pub mod fault;

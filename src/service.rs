@@ -7,6 +7,7 @@ mod pilot;
 pub mod pole_pairs;
 pub mod procedure;
 
+use crate::config::Config;
 use crate::control::cogging;
 use crate::drive::{Command, Reply, Tasks};
 use crate::hall::Channel;
@@ -14,7 +15,6 @@ use crate::hall::calibrate::{self, Calibration, Collector};
 use crate::hall::estimate::{BadModel, Estimator};
 use crate::hall::model::Model;
 use crate::mode::Mode;
-use crate::settings::Config;
 use crate::telemetry::{Measurement, Progress, Record};
 use core::fmt;
 use heapless::{Deque, Vec};

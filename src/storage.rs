@@ -5,8 +5,8 @@
 //! before or the new one. Loading takes the newest block whose CRC is right. If there is none, it says whether nothing was ever
 //! completely saved, or what the flash holds is corrupt or of another version, and whoever asks has to calibrate: nothing is made up.
 //!
-//! Each kind of record has a store of its own, with blocks of its own: the sensors' [calibration], the [cogging] table, an
-//! application's settings. A store is cheap to make when it is needed, so they can share a flash that is lent to each in turn:
+//! Each kind of record has a store of its own, with blocks of its own: the sensors' [calibration], the [cogging] table, the
+//! [settings]. A store is cheap to make when it is needed, so they can share a flash that is lent to each in turn:
 //!
 //! ```
 //! # use embedded_storage::nor_flash::NorFlash;
@@ -29,6 +29,7 @@
 
 pub mod calibration;
 pub mod cogging;
+pub mod settings;
 
 use core::fmt;
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};

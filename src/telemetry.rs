@@ -2,7 +2,7 @@
 
 use crate::angle::ElectricalAngle;
 use crate::commutation::frames::{AlphaBeta, Dq, Rotation};
-use crate::control::settings::Config as Control;
+use crate::control::config::Config as Control;
 use crate::drive::State;
 use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
@@ -177,8 +177,7 @@ impl defmt::Format for Status {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control;
-    use crate::settings::Settings;
+    use crate::settings::{Control, Settings};
 
     #[test]
     fn a_record_is_eight_words() {
@@ -207,8 +206,7 @@ mod tests {
     #[test]
     fn phases_are_currents_along_d_and_q() {
         for (degrees, reversed) in [(0.0_f32, false), (50.0, false), (200.0, true)] {
-            let settings =
-                Settings { reversed, control: Some(control::settings::Settings::default()), ..Settings::default() };
+            let settings = Settings { reversed, control: Some(Control::default()), ..Settings::default() };
             let control = settings.validate().unwrap().control.unwrap();
             // 12 000 along q and 5000 along d, in the order of the phases.
             let phase = |lead: f32| {

@@ -2,9 +2,9 @@
 
 use hallservo::commutation::Commutation;
 use hallservo::control::identify::{Estimate, Report};
-use hallservo::control::settings::Settings as Control;
 use hallservo::mode::Mode;
 use hallservo::service::identification::Plan;
+use hallservo::settings::Control;
 use hallservo::settings::Settings;
 use plant::{Friction, PlantParameters};
 use sim::rig::Rig;

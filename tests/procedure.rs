@@ -2,7 +2,6 @@
 
 use hallservo::commutation::Commutation;
 use hallservo::control::cogging::Table;
-use hallservo::control::settings::{GuardSettings, Settings as Control};
 use hallservo::drive::{Command, Refusal};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
@@ -10,6 +9,7 @@ use hallservo::service::identification::{self, Identification};
 use hallservo::service::learning::{self, Learning};
 use hallservo::service::procedure::{Error, Procedure, State};
 use hallservo::settings::Settings;
+use hallservo::settings::{Control, GuardSettings};
 use plant::PlantParameters;
 use sim::rig::Rig;
 

@@ -63,22 +63,20 @@ mod measure;
 mod outbox;
 mod procedure;
 mod requests;
-pub mod settings;
 pub mod storage;
 mod supervisor;
 mod tasks;
-pub mod wire;
 
 pub use housekeeping::{Housekeeping, Readings};
 pub use supervisor::Supervisor;
 
 use adaptation::SensorAdaptation;
 use core::mem::MaybeUninit;
+use hallservo::config::Config;
 use hallservo::control::cogging::Table;
 use hallservo::drive::{Channels, Drive};
 use hallservo::hall::estimate::Estimator;
 use hallservo::service::Service;
-use hallservo::settings::Config;
 use procedure::Procedure;
 
 /// Name of the board and version of its firmware, for a person who asks.

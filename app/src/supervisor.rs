@@ -57,7 +57,7 @@ impl<F: NorFlash> Supervisor<F> {
         flash: F,
         first_block: u32,
         memory: &'static mut Memory<F>,
-    ) -> Result<(&'static mut Drive, &'static mut Self), settings::Error> {
+    ) -> Result<(&'static mut Drive, &'static mut Self), settings::Error<'static>> {
         start(identity, defaults, flash, first_block, memory)
     }
 
@@ -145,7 +145,7 @@ impl<F: NorFlash> Supervisor<F> {
             None if ticks < ANSWER_TIMEOUT => return,
             None => {
                 self.tasks.give_up(awaited);
-                Answer::Refused(Refusal::Silent)
+                Answer::Refused(Refusal::NoAnswer)
             }
         };
         self.pending = None;

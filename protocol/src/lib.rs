@@ -1,6 +1,7 @@
 //! The messages between a drive and its tools, and the frames that carry them over a UART, a TCP stream or a pseudo-terminal.
 //!
-//! `no_std`, no allocation: a board and a host use the same code. A UART runs at [`BAUD`], 8N1.
+//! `no_std`, no allocation: a board and a host use the same code. Modes, faults, reports and errors are the types of [`hallservo`],
+//! which travel as they are. A UART runs at [`BAUD`], 8N1.
 //!
 //! # Frame
 //! ```text
@@ -29,12 +30,12 @@ mod status;
 
 pub use frame::{Decoder, Error, encode};
 pub use history::{Cause, History, Incident};
-pub use message::{Answer, Ask, Hello, Kind, Refusal, Reply, Request, Setting};
-pub use report::{Calibration, CalibrationError, Cogging, Motor, Procedure, ProcedureError, Report, SensorReport};
-pub use status::{Activity, Commutation, Learning, Mode, Problem, Record, Status, Telemetry};
+pub use message::{Answer, Ask, Hello, Refusal, Reply, Request, Setting};
+pub use report::{Calibration, Cogging, Procedure};
+pub use status::{Activity, Learning, Problem, Record, Status, Telemetry};
 
 /// Version of the messages.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 /// Most bytes of a message.
 pub const MESSAGE: usize = 244;
 /// Most bytes of a frame, zeros included: version and CRC on top of the message, one byte of COBS for each 254, two zeros.

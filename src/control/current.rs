@@ -7,6 +7,7 @@
 use crate::commutation::frames::Dq;
 use crate::commutation::svpwm::{Circle, LONGEST};
 use crate::control::{Motor, Scale, clamp, fixed, high};
+use crate::settings::Feedback;
 use core::f32::consts::TAU;
 
 /// Bits of the fraction of a voltage within the local feedback.
@@ -182,21 +183,6 @@ impl Integrators {
     pub const fn d(&self) -> i32 {
         self.d
     }
-}
-
-/// Which parts the local feedback has.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Feedback {
-    /// Proportional, as in the paper.
-    P,
-    /// With an integral part, which leaves no error at rest.
-    #[default]
-    Pi,
-    /// With a derivative part, which makes up for half of the loop's delay.
-    Pd,
-    /// All three.
-    Pid,
 }
 
 /// Gains of the local feedback.

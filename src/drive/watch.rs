@@ -1,6 +1,6 @@
 //! What currents, voltage, temperatures and time tell about the health of a drive with current sensing.
 
-use crate::control::settings::Config;
+use crate::control::config::Config;
 use crate::drive::Sample;
 use crate::fault::Fault;
 

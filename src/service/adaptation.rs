@@ -1,7 +1,7 @@
 //! The adaptation at a drive: records in, new estimators out.
 
 use super::{InstallError, Service};
-use crate::control::settings::Config as Control;
+use crate::control::config::Config as Control;
 use crate::hall::Channel;
 use crate::hall::adapt::{self, Adapter, Observation, Outcome};
 use crate::hall::estimate::BadModel;

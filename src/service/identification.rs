@@ -7,9 +7,9 @@ use super::pilot::{Demand, Pilot};
 use super::procedure::{Error, Procedure, State};
 use super::{Event, Service};
 use crate::commutation::Commutation;
+use crate::config::Config;
 use crate::control::identify::{Identifier, Report};
 use crate::control::{Current, Speed};
-use crate::settings::Config;
 use crate::telemetry::Measurement;
 
 /// How to measure.

@@ -8,9 +8,9 @@ use super::pilot::{Demand, Pilot};
 use super::procedure::{Error, Procedure, State};
 use super::{Event, Service};
 use crate::commutation::Commutation;
+use crate::config::Config;
 use crate::control::Speed;
 use crate::control::cogging::{self, Learner};
-use crate::settings::Config;
 use crate::telemetry::Measurement;
 use core::f32::consts::TAU;
 

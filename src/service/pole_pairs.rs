@@ -80,7 +80,7 @@ impl Count {
     ///
     /// # Errors
     /// All of [`Error`] but that the drive is not ready.
-    pub fn of(electrical_turns: f64, turns: u8) -> Result<Self, Error> {
+    fn of(electrical_turns: f64, turns: u8) -> Result<Self, Error> {
         let (electrical, shaft) = (electrical_turns.abs() as f32, f32::from(turns.max(1)));
         let likely = match libm::roundf(electrical / shaft) as u8 {
             0 => return Err(Error::NotTurned),
@@ -119,23 +119,29 @@ impl ByHand {
 
     /// Takes what the service delivered, from before the shaft is turned to after it.
     pub fn event(&mut self, event: &Event) {
-        let Event::Record(record) = event else { return };
-        let here = record.rotor.position();
-        let ready = record.status.mode() == Mode::Ready && record.missed == 0;
-        self.ends = match self.ends {
-            Some(Err(error)) => Some(Err(error)),
-            _ if !ready => Some(Err(Error::NotReady)),
-            None => Some(Ok((here, here))),
-            Some(Ok((first, _))) => Some(Ok((first, here))),
-        };
+        if let Event::Record(record) = event {
+            let known = record.status.mode() == Mode::Ready && record.missed == 0;
+            self.observe(known.then(|| record.rotor.position()));
+        }
     }
 
-    /// Electrical turns so far, for a display.
-    pub fn electrical_turns(&self) -> f64 {
-        match self.ends {
-            Some(Ok((first, last))) => Position::from_bits(last.to_bits().wrapping_sub(first.to_bits())).to_turns(),
-            _ => 0.0,
-        }
+    /// Takes the rotor's position, from before the shaft is turned to after it; `None` when the drive was not ready or did not know it.
+    pub fn observe(&mut self, position: Option<Position>) {
+        self.ends = Some(match (self.ends, position) {
+            (Some(Err(error)), _) => Err(error),
+            (_, None) => Err(Error::NotReady),
+            (None, Some(here)) => Ok((here, here)),
+            (Some(Ok((first, _))), Some(here)) => Ok((first, here)),
+        });
+    }
+
+    /// Electrical turns so far.
+    ///
+    /// # Errors
+    /// [`Error::NotReady`]: the drive was not ready in between, or has not been observed yet.
+    pub fn electrical_turns(&self) -> Result<f64, Error> {
+        let (first, last) = self.ends.unwrap_or(Err(Error::NotReady))?;
+        Ok(Position::from_bits(last.to_bits().wrapping_sub(first.to_bits())).to_turns())
     }
 
     /// The number, when the person says that the turns are made.
@@ -143,8 +149,7 @@ impl ByHand {
     /// # Errors
     /// [`Error`].
     pub fn finish(&self) -> Result<Count, Error> {
-        self.ends.unwrap_or(Err(Error::NotReady))?;
-        Count::of(self.electrical_turns(), self.turns)
+        Count::of(self.electrical_turns()?, self.turns)
     }
 }
 

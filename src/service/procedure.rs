@@ -30,7 +30,7 @@
 
 use super::pilot::LEAST_RECORD_HZ;
 use super::{Event, Service};
-use crate::control::settings::BadDemand;
+use crate::control::config::BadDemand;
 use crate::drive::Refusal;
 use crate::fault::Fault;
 use crate::telemetry::Measurement;
@@ -81,6 +81,7 @@ pub enum State {
 /// Why a procedure came to nothing, or cannot begin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Error {
     /// The drive was set up without current control.
     NoControl,
@@ -88,7 +89,8 @@ pub enum Error {
     FewRecords,
     /// A part of the plan is not in its range.
     Plan {
-        /// Name of the field.
+        /// Name of the field. It is not serialised: who makes a plan is there.
+        #[cfg_attr(feature = "serde", serde(skip, default = "unnamed"))]
         field: &'static str,
     },
     /// The drive cannot be asked for a speed or a current of the plan.
@@ -109,6 +111,12 @@ pub enum Error {
     NoTable,
     /// The task ended it.
     Cancelled,
+}
+
+/// The name of a field that was not serialised.
+#[cfg(feature = "serde")]
+const fn unnamed() -> &'static str {
+    "field"
 }
 
 impl fmt::Display for Error {

@@ -2,9 +2,9 @@
 
 use super::{SETTLED, Tasks};
 use crate::fmt::log;
-use crate::settings::Settings;
 use crate::storage::SAVE_INTERVAL_S;
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::settings::Settings;
 use hallservo_protocol::{Cause, Problem, Record};
 
 /// Slower is rest, mechanical rad/s: in the 25 ms that the erase of a page of 2 KiB takes, a rotor of up to 10 pole pairs turns by less

@@ -1,8 +1,8 @@
 //! The boards' constants: every register that decides whether transistors burn, and the settings a drive starts with.
 
 use hallservo::commutation::svpwm::Modulator;
-use hallservo::control::settings::Settings as Control;
 use hallservo::pwm;
+use hallservo::settings::Control;
 use hallservo::settings::{Error, Settings};
 use stm32g4::registers::adc::Sequence;
 use stm32g4::registers::{analog, timer};

@@ -22,7 +22,8 @@
 //! `history N`.
 
 use bus::{Disturbance, HallFault};
-use hallservo_protocol::{Ask, Commutation, FRAME, Request, encode};
+use hallservo::commutation::Commutation;
+use hallservo_protocol::{Ask, FRAME, Request, encode};
 use std::fmt;
 
 /// Something that a script does.

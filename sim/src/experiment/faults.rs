@@ -9,9 +9,9 @@ use crate::report::{Bars, Report, print_table};
 use anyhow::Result;
 use campaign::Campaign;
 use encoder::EncoderCampaign;
-use hallservo::control::settings::{GuardSettings, OnTimeout, Settings as Control};
 use hallservo::fault::Fault;
 use hallservo::settings::Settings;
+use hallservo::settings::{Control, GuardSettings, OnTimeout};
 use serde::Serialize;
 use std::collections::BTreeMap;
 

@@ -9,6 +9,7 @@ use core::fmt;
 /// Placement pattern nearest to what was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pattern {
     /// Electrical degrees from sensor to sensor: 60 or 120.
     pub spacing: u8,
@@ -20,6 +21,7 @@ pub struct Pattern {
 /// One sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SensorReport {
     /// Peak to peak, in ADC codes.
     pub swing: f32,
@@ -40,6 +42,7 @@ pub struct SensorReport {
 /// All three.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Report {
     /// The sensors in the order of their channels.
     pub sensors: [SensorReport; 3],
@@ -58,6 +61,7 @@ pub struct Report {
 /// Something to know or to mend.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Finding {
     /// The swing, in ADC codes, is small: the sensor is far from the magnet.
     TooFar(Channel, f32),

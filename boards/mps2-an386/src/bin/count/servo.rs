@@ -10,11 +10,12 @@ use core::sync::atomic::{AtomicPtr, Ordering::Relaxed};
 use hallservo::angle::ElectricalAngle;
 use hallservo::commutation::{Commutation, Output};
 use hallservo::control::cogging::Table;
-use hallservo::control::settings::{Config as Control, GuardSettings, Settings as ControlSettings};
+use hallservo::control::config::Config as Control;
 use hallservo::drive::{Channels, Command, Drive, Sample, Tasks};
 use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
+use hallservo::settings::{Control as ControlSettings, GuardSettings};
 use mps2_an386::failure;
 use static_cell::StaticCell;
 

@@ -3,10 +3,10 @@
 use super::procedure::{Error, State};
 use super::{Event, Service};
 use crate::commutation::Commutation;
+use crate::config::Config;
 use crate::control::{Current, Speed};
 use crate::drive::{Command, Refusal};
 use crate::mode::Mode;
-use crate::settings::Config;
 use crate::telemetry::Record;
 
 /// Least rate of records and measurements.

@@ -16,9 +16,9 @@
 //! Each value comes with the error within which the true one is expected: three times the standard error of the regression and what
 //! the tests have found beyond. In the tasks; f64.
 
-use crate::control::settings::{self as control};
+use crate::config::Config;
 use crate::control::{Motor, Scale};
-use crate::settings::Config;
+use crate::settings::Control;
 use crate::telemetry::Measurement;
 use core::f64::consts::TAU;
 use core::fmt;
@@ -26,6 +26,7 @@ use core::fmt;
 /// A value, and how far it may be off.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Estimate {
     /// The value.
     pub value: f64,
@@ -56,6 +57,7 @@ const DOUBTFUL: f64 = 0.15;
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Report {
     /// Resistance of a phase and what is in series, Ω.
     pub resistance_ohm: Estimate,
@@ -95,7 +97,7 @@ impl Report {
     }
 
     /// Sets what was found and is not doubtful.
-    pub fn apply(&self, settings: &mut control::Settings) {
+    pub fn apply(&self, settings: &mut Control) {
         let fields = [
             (&mut settings.resistance_ohm, self.resistance_ohm),
             (&mut settings.inductance_h, self.inductance_h),

@@ -4,9 +4,9 @@ use crate::angle::{ElectricalAngle, PolePairs};
 use crate::commutation::sinusoidal::PhaseOrder;
 use crate::commutation::{self, Commutation, Modulation};
 use crate::control;
-use crate::drive::{RECORDS, drag};
 use crate::hall::track;
 use crate::pwm;
+use crate::schedule::RECORDS;
 use crate::settings::{Error, Settings};
 
 /// [`Settings`] in the units of the interrupt. What the shortest steps need comes first, as in [`Drive`](crate::drive::Drive).
@@ -34,9 +34,25 @@ pub struct Config {
     pub(crate) tolerated: u16,
     pub(crate) run_on_two_halls: bool,
     pub(crate) calibration_record_every: u32,
-    pub(crate) drag: drag::Config,
+    pub(crate) drag: OpenLoop,
     /// Currents, torque, speed and position.
     pub control: Option<control::Config>,
+}
+
+/// The calibration's motion, open loop, in the units of the interrupt.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct OpenLoop {
+    /// Strength of the field.
+    pub modulation: Modulation,
+    /// What the strength rises by in a step, in 2⁻³¹; positive.
+    pub rise: i32,
+    /// Steps to stand with the full field.
+    pub stand: u32,
+    /// Speed in 2⁻³² electrical turns a step; positive.
+    pub speed: i32,
+    /// Turns to record each way; at least one.
+    pub turns: u32,
 }
 
 impl Config {
@@ -124,10 +140,10 @@ impl Settings {
         track::Config::new(smoothing, jump, delay).ok_or(out_of_range)
     }
 
-    fn drag(&self) -> drag::Config {
+    fn drag(&self) -> OpenLoop {
         let Self { calibration_modulation: modulation, calibration_align_s: align_s, .. } = *self;
         let mechanical = libm::ceilf(f32::from(self.calibration_turns) / f32::from(self.pole_pairs));
-        drag::Config {
+        OpenLoop {
             modulation: commutation::modulation(modulation),
             rise: ((modulation * 2_147_483_648.0 / (align_s * self.pwm_hz)) as i32).max(1),
             stand: (align_s * self.pwm_hz) as u32,

@@ -6,7 +6,7 @@
 pub mod cogging;
 pub mod config;
 pub mod current;
-pub mod identify;
+mod measured;
 pub mod position;
 pub mod trajectory;
 pub mod velocity;

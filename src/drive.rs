@@ -33,7 +33,6 @@ pub use channels::{Channels, Command, Interrupt, Refusal, Reply, Sample, Tasks};
 use drag::{Drag, Stage};
 use servo::Servo;
 pub use servo::{Demand, State};
-pub(crate) use slots::RECORDS;
 pub use slots::{CYCLE, OUTER};
 
 /// The drive. What a step in a hurry needs comes first, within reach of the short forms of the load instructions.

@@ -51,6 +51,7 @@ pub mod fault;
 pub mod hall;
 pub mod mode;
 pub mod pwm;
+mod schedule;
 pub mod service;
 pub mod settings;
 pub mod storage;

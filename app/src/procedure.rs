@@ -2,8 +2,8 @@
 
 use hallservo::config::Config;
 use hallservo::control::cogging::Table;
-use hallservo::control::identify::Report;
 use hallservo::service::identification::{self, Identification};
+use hallservo::service::identify::Report;
 use hallservo::service::learning::{self, Learning};
 use hallservo::service::procedure::{self, Error, Procedure as _, State};
 use hallservo::service::{Event, Service};
@@ -75,7 +75,7 @@ impl Procedure {
         match state {
             State::Running => None,
             State::Failed(error) => Some(Outcome::Failed(self.activity(), error)),
-            State::Done => Some(found.unwrap_or(Outcome::Failed(self.activity(), Error::Untold))),
+            State::Done => Some(found.unwrap_or(Outcome::Failed(self.activity(), Error::Inconclusive))),
         }
     }
 

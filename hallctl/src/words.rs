@@ -203,10 +203,10 @@ pub fn procedure_error(error: &procedure::Error) -> String {
         Error::Demand(bad) => refusal(&Refusal::Demand(*bad)),
         Error::Refused(why) => drive_refusal(*why),
         Error::Fault(fault) => format!("{fault}\n  {}; then `hallctl clear`.", advice(*fault)),
-        Error::Unreached => {
+        Error::NotReached => {
             format!("{error}\n  Is the rotor blocked or loaded, are pole_pairs and the motor's settings right?")
         }
-        Error::Untold => format!("{error}\n  Is the shaft free?"),
+        Error::Inconclusive => format!("{error}\n  Is the shaft free?"),
         error => error.to_string(),
     }
 }

@@ -213,7 +213,7 @@ fn the_drive_measures_its_motor_and_balances_its_cogging() {
     ask(&mut first, Ask::Identification, |answer| match answer {
         Answer::Identification(Procedure::Done(motor)) => {
             assert!((motor.resistance_ohm.value / 3.77 - 1.0).abs() < 0.1, "{motor:?}");
-            assert_eq!(motor.told.resistance_ohm, 4.5);
+            assert_eq!(motor.configured.resistance_ohm, 4.5);
         }
         other => panic!("{other:?}"),
     });

@@ -4,7 +4,6 @@ use hallservo::angle::ElectricalAngle;
 use hallservo::commutation::Commutation;
 use hallservo::control::Motor;
 use hallservo::control::config::BadDemand;
-use hallservo::control::identify::{self, Estimate};
 use hallservo::drive;
 use hallservo::fault::{Fault, Limits};
 use hallservo::hall::Channel;
@@ -14,6 +13,7 @@ use hallservo::hall::calibrate::{self, Sweep};
 use hallservo::hall::estimate::BadModel;
 use hallservo::mode::Mode;
 use hallservo::pwm;
+use hallservo::service::identify::{self, Estimate};
 use hallservo::service::procedure;
 use hallservo::settings::{self, Kind};
 use hallservo_protocol::*;
@@ -115,9 +115,9 @@ fn refusals() {
         (procedure::Error::Refused(drive::Refusal::NoAngle), "0402"),
         (procedure::Error::Fault(Fault::Stall), "0518"),
         (procedure::Error::Disarmed, "06"),
-        (procedure::Error::Silent, "07"),
-        (procedure::Error::Unreached, "08"),
-        (procedure::Error::Untold, "09"),
+        (procedure::Error::NoAnswer, "07"),
+        (procedure::Error::NotReached, "08"),
+        (procedure::Error::Inconclusive, "09"),
         (procedure::Error::NoTable, "0a"),
         (procedure::Error::Cancelled, "0b"),
     ];
@@ -209,7 +209,7 @@ fn motors_and_cogging() {
         viscous_nms: of(6.0),
         load_nm: of(7.0),
         leftover_v: of(8.0),
-        told: Motor { resistance_ohm: 9.0, inductance_h: 10.0, flux_linkage_wb: 11.0, inertia_kgm2: 12.0 },
+        configured: Motor { resistance_ohm: 9.0, inductance_h: 10.0, flux_linkage_wb: 11.0, inertia_kgm2: 12.0 },
         pole_pairs: 13,
         samples: u32::MAX,
     };

@@ -17,6 +17,7 @@ use crate::drive::{OUTER, Sample};
 use crate::fault::Limits;
 use crate::hall::track::{self, Tracker};
 use crate::telemetry::Measurement;
+pub use crate::telemetry::State;
 
 /// What is to be followed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -31,28 +32,6 @@ pub enum Demand {
     Speed(Speed),
     /// A position.
     Position(Position),
-}
-
-/// What the control has in its hands, beside angle and speed: voltages and currents in 2⁻¹⁵ of their full scales.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct State {
-    /// Phase currents, offsets taken off.
-    pub phases: [i32; 3],
-    /// Currents in the frame of the rotor.
-    pub current: Dq,
-    /// Current along q that is asked for.
-    pub wanted: i32,
-    /// Voltage of the last step under field-oriented commutation.
-    pub voltage: Dq,
-    /// Bus voltage.
-    pub bus: i32,
-}
-
-impl State {
-    /// Nothing.
-    pub(crate) const NONE: Self =
-        Self { phases: [0; 3], current: Dq { d: 0, q: 0 }, wanted: 0, voltage: Dq { d: 0, q: 0 }, bus: 0 };
 }
 
 /// Bits of the fraction of a current within the current control.

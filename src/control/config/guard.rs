@@ -1,7 +1,7 @@
 //! Thresholds of the faults in the units of the interrupt.
 
 use crate::control::Scale;
-use crate::drive::CYCLE;
+use crate::schedule::CYCLE;
 use crate::settings::{GuardSettings, OnTimeout, Thermistor};
 
 /// Threshold of a temperature, and the derating of the current above its warning, in codes.

@@ -9,7 +9,8 @@ use crate::pwm;
 use crate::schedule::RECORDS;
 use crate::settings::{Error, Settings};
 
-/// [`Settings`] in the units of the interrupt. What the shortest steps need comes first, as in [`Drive`](crate::drive::Drive).
+/// [`Settings`] in the units of the interrupt. What the shortest steps need comes first, as in
+/// [`Drive`](crate::drive::Drive).
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(C)]
@@ -76,7 +77,8 @@ impl Settings {
     /// Checks all settings together and makes what the interrupt works with of them.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] names the first setting that is out of its range, [`Error::Pwm`] what does not fit together.
+    /// [`Error::OutOfRange`] names the first setting that is out of its range, [`Error::Pwm`] what does not fit
+    /// together.
     pub fn validate(&self) -> Result<Config, Error<'static>> {
         if self.control.is_none() && self.commutation == Commutation::FieldOriented {
             return Err(Error::NoControl);

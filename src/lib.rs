@@ -12,7 +12,8 @@
 //! | [`vernier`] | the absolute angle from two rings |
 //! | [`commutation`], [`pwm`] | block, sinusoidal and field-oriented; compare values, limits, dead time, choice of the frequency |
 //! | [`control`] | current, speed, position, trajectory; gains by bandwidth |
-//! | [`drive`], [`mode`], [`fault`], [`settings`], [`telemetry`] | the control interrupt and its states |
+//! | [`settings`], [`config`] | what a person sets; what the interrupt works with |
+//! | [`drive`], [`mode`], [`fault`], [`telemetry`] | the control interrupt and its states |
 //! | [`service`], [`storage`] | the tasks' side of a drive; what survives a power cut |
 //!
 //! The methods are those of Simpkins and Todorov, *Position Estimation and Control of Compact BLDC Motors Based on Analog
@@ -38,7 +39,7 @@
 //! service.send(Command::Calibrate).expect("the queue is empty");
 //! let output = drive.step(&Sample { halls: [2100, 1900, 2050], ..Default::default() }); // in the interrupt
 //! assert!(output.compare.iter().all(|&compare| compare < config.period));
-//! # Ok::<(), hallservo::settings::Error>(())
+//! # Ok::<(), hallservo::settings::Error<'static>>(())
 //! ```
 #![no_std]
 

@@ -191,13 +191,14 @@ impl Service {
         Ok(())
     }
 
-    /// The next measurement of currents and voltages, while running with current control. When nobody takes them, they are lost.
+    /// The next measurement of currents and voltages, while running with current control. When nobody takes them, they
+    /// are lost.
     pub fn measurement(&mut self) -> Option<Measurement> {
         self.tasks.measurements.dequeue()
     }
 
-    /// Lends the service a table to fill; with two, it can fill one while the drive uses the other. Gives the table back where
-    /// there are two already.
+    /// Lends the service a table to fill; with two, it can fill one while the drive uses the other. Gives the table
+    /// back where there are two already.
     pub fn lend(&mut self, table: &'static mut cogging::Table) -> Option<&'static mut cogging::Table> {
         self.tables.push(table).err()
     }

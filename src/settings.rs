@@ -1,7 +1,8 @@
-//! What a person sets, in SI units. One declaration gives each setting its field, default, range, unit, name and description.
+//! What a person sets, in SI units. One declaration gives each setting its field, default, range, unit, name and
+//! description.
 //!
-//! [`TABLE`] lists the settings by name, for tools and for the flash. [`Settings::validate`] checks all of them together, for some
-//! ranges depend on other settings, and makes a [`Config`](crate::config::Config) of them.
+//! [`TABLE`] lists the settings by name, for tools and for the flash. [`Settings::validate`] checks all of them
+//! together, for some ranges depend on other settings, and makes a [`Config`](crate::config::Config) of them.
 
 mod choice;
 mod declaration;

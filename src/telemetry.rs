@@ -8,8 +8,8 @@ use crate::hall::calibrate::Sweep;
 use crate::hall::track::Tracker;
 use crate::mode::Mode;
 
-/// One sample and what became of it: 32 bytes without a gap. The drive keeps one up to date as its state, so that handing
-/// it over is a copy of eight words.
+/// One sample and what became of it: 32 bytes without a gap. The drive keeps one up to date as its state, so that
+/// handing it over is a copy of eight words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(C)]
@@ -82,7 +82,8 @@ pub struct Measurement {
     pub sequence: u32,
     /// Currents and voltages; `phases` a step later while something is followed.
     pub state: State,
-    /// What the frame of the currents is turned by against the rotor's angle: see [`Drive::trim`](crate::drive::Drive::trim).
+    /// What the frame of the currents is turned by against the rotor's angle: see
+    /// [`Drive::trim`](crate::drive::Drive::trim).
     pub trim: ElectricalAngle,
 }
 

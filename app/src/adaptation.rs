@@ -14,8 +14,8 @@ const UNMEASURED_TORQUE: f32 = 16.0;
 /// Viscous damping over inertia, 1/s.
 const DAMPING: f32 = 16.0;
 
-/// Records from one model that is sent to the drive to the next: a second's. One turn would be enough, but making the estimator's table
-/// stalls the tasks of a small chip for a tenth of a second.
+/// Records from one model that is sent to the drive to the next: a second's. One turn would be enough, but making the
+/// estimator's table stalls the tasks of a small chip for a tenth of a second.
 const RECORDS_PER_MODEL: u16 = 1000;
 
 /// The adaptation of a drive with a calibration, if it is wanted.
@@ -60,7 +60,8 @@ impl SensorAdaptation {
         }
     }
 
-    /// Sends the drive the model that is due and returns it; after the loss of a Hall one for the other two, if the drive may run so.
+    /// Sends the drive the model that is due and returns it; after the loss of a Hall one for the other two, if the
+    /// drive may run so.
     pub fn publish(&mut self, service: &mut Service, on_two_halls: bool) -> Option<Model> {
         let adaptation = self.adaptation.as_mut().filter(|_| self.ended.is_none() || on_two_halls)?;
         if self.wait > 0 && self.ended.is_none() {

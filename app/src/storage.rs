@@ -10,13 +10,13 @@ use hallservo_protocol::{Problem, Record};
 
 /// Erasable blocks of the flash: two for each kind.
 pub const BLOCKS: u32 = 6;
-/// Least difference between what is learnt and what is stored for it to be worth a save: 1 % of an amplitude in offset or amplitude,
-/// 1 % of third harmonic. It is above what noise moves the parameters by, and below what is felt.
+/// Least difference between what is learnt and what is stored for it to be worth a save: 1 % of an amplitude in offset
+/// or amplitude, 1 % of third harmonic. It is above what noise moves the parameters by, and below what is felt.
 pub const LEAST_CHANGE: f32 = 0.01;
 /// The same for the placement, electrical degrees.
 pub const LEAST_CHANGE_DEG: f32 = 0.5;
-/// Least time between two saves of what is learnt. At this rate the 10 000 erases of a block of an STM32G4, two blocks in turn,
-/// last for 138 days of constant learning, and saving ends where nothing differs any more.
+/// Least time between two saves of what is learnt. At this rate the 10 000 erases of a block of an STM32G4, two blocks
+/// in turn, last for 138 days of constant learning, and saving ends where nothing differs any more.
 pub const SAVE_INTERVAL_S: u64 = 600;
 
 /// Versions of the records' forms.

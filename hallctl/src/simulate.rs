@@ -1,4 +1,5 @@
-//! A drive without a board: the application of every board and its control interrupt, at the simulated motor, in time of its own.
+//! A drive without a board: the application of every board and its control interrupt, at the simulated motor, in time
+//! of its own.
 
 pub mod fault;
 pub mod flash;
@@ -21,7 +22,8 @@ const IDENTITY: Identity = Identity { board: "simulated", firmware: env!("CARGO_
 /// Both thermistors at 25 °C, 12 bit.
 const COOL: u16 = 2048;
 
-/// What the simulated board has by default: the motor of Simpkins and Todorov, field-oriented; a command holds for a second.
+/// What the simulated board has by default: the motor of Simpkins and Todorov, field-oriented; a command holds for a
+/// second.
 pub fn defaults() -> Settings {
     let guard = GuardSettings { command_timeout_s: 1.0, on_timeout: OnTimeout::Stop, ..GuardSettings::default() };
     let control = Control { guard, ..Control::default() };
@@ -127,7 +129,8 @@ impl Simulator {
         self.tasks();
     }
 
-    /// A hand takes the shaft, turns it by so many turns, negative ones backwards, and lets it go: a turn takes a second.
+    /// A hand takes the shaft, turns it by so many turns, negative ones backwards, and lets it go: a turn takes a
+    /// second.
     ///
     /// # Errors
     /// A number of turns that is not finite.
@@ -221,7 +224,8 @@ impl Simulator {
         &self.last
     }
 
-    /// A digest (FNV-1a, a word at a time) of all that it ever wrote: two drives with the same have turned their motors alike.
+    /// A digest (FNV-1a, a word at a time) of all that it ever wrote: two drives with the same have turned their motors
+    /// alike.
     pub const fn digest(&self) -> u64 {
         self.digest
     }

@@ -5,7 +5,8 @@ use crate::commutation::frames::{AlphaBeta, Dq, Rotation};
 use crate::telemetry::Measurement;
 
 impl Measurement {
-    /// Currents along d and q at the rotor's angle, as the alignment is trimmed, A; of the phases, so whatever the drive follows.
+    /// Currents along d and q at the rotor's angle, as the alignment is trimmed, A; of the phases, so whatever the
+    /// drive follows.
     pub fn current_a(&self, control: &Config) -> [f32; 2] {
         let [a, b, c] = self.state.phases;
         let [b, c] = if control.reversed { [c, b] } else { [b, c] };

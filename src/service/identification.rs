@@ -1,7 +1,7 @@
 //! The drive measures its motor, as a procedure: swings at several currents, then steady speeds both ways.
 //!
-//! Takes some ten seconds, in which the shaft must be free to turn in both directions. See [`identify`](crate::service::identify) for what
-//! becomes of the measurements.
+//! Takes some ten seconds, in which the shaft must be free to turn in both directions. See
+//! [`identify`](crate::service::identify) for what becomes of the measurements.
 
 use super::procedure::{Error, Procedure, State};
 use super::sequence::{Demand, Sequence};
@@ -25,8 +25,8 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// At most four fifths of the allowed speed and of the one that the least allowed voltage reaches, and at most half the allowed
-    /// current and the one that the motor as told takes for the allowed acceleration.
+    /// At most four fifths of the allowed speed and of the one that the least allowed voltage reaches, and at most half
+    /// the allowed current and the one that the motor as told takes for the allowed acceleration.
     ///
     /// # Errors
     /// [`Error::NoControl`].

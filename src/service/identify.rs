@@ -2,19 +2,20 @@
 //!
 //! Three regressions of the machine's equations, with the electrical speed ω and the mechanical one Ω:
 //!
-//! - `v_q = R i_q + λ ω + v₀ s(i_q)`: s is the sign, softened as the dead-time compensation's. What that leaves, and the diodes' drop, is v₀, kept
-//!   apart by currents of several magnitudes.
+//! - `v_q = R i_q + λ ω + v₀ s(i_q)`: s is the sign, softened as the dead-time compensation's. What that leaves, and
+//!   the diodes' drop, is v₀, kept apart by currents of several magnitudes.
 //! - `v_d = −L ω i_q + λ ω (δ + τ)`, with the constant angle δ that the frame is off by, and the angle τ by which it
 //!   is trimmed and the tracker lags meanwhile.
-//! - `K_t ∫i_q dt = J ΔΩ + B Δθ + C ∫sign Ω dt + T t`: the balance of momentum from [mark](Identifier::mark) to mark, where the speed is steady.
-//!   Offsets and noise of the currents average out, what is left of an offset acts as a load T and does not touch the friction,
-//!   which has the other sign on the way back.
+//! - `K_t ∫i_q dt = J ΔΩ + B Δθ + C ∫sign Ω dt + T t`: the balance of momentum from [mark](Identifier::mark) to mark,
+//!   where the speed is steady. Offsets and noise of the currents average out, what is left of an offset acts as a load
+//!   T and does not touch the friction, which has the other sign on the way back.
 //!
-//! Against the simulated unkind motor, whatever its friction, load, inertia and dead time, and settings off by a fifth: R and L within
-//! 2 %, λ within 0.7 %, J within 1 %, Coulomb friction and load within 0.06 mN·m, viscous friction within 0.5 µN·m·s.
+//! Against the simulated unkind motor, whatever its friction, load, inertia and dead time, and settings off by a fifth:
+//! R and L within 2 %, λ within 0.7 %, J within 1 %, Coulomb friction and load within 0.06 mN·m, viscous friction
+//! within 0.5 µN·m·s.
 //!
-//! Each value comes with the error within which the true one is expected: three times the standard error of the regression and what
-//! the tests have found beyond. In the tasks; f64.
+//! Each value comes with the error within which the true one is expected: three times the standard error of the
+//! regression and what the tests have found beyond. In the tasks; f64.
 
 use crate::config::Config;
 use crate::control::{Motor, Scale};
@@ -110,7 +111,8 @@ impl Report {
     }
 }
 
-/// A table: what was found, how far it may be off, the setting so far, and the field of the settings that it belongs to.
+/// A table: what was found, how far it may be off, the setting so far, and the field of the settings that it belongs
+/// to.
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "  {:<20} {:>9} {:>8}  {:<9} {:>8}", "", "measured", "±", "", "setting")?;

@@ -1,8 +1,9 @@
-//! Anti-cogging as a procedure: the drive turns its motor slowly both ways, learns a [table](cogging::Table) and uses it.
+//! Anti-cogging as a procedure: the drive turns its motor slowly both ways, learns a [table](cogging::Table) and uses
+//! it.
 //!
-//! Each pass turns whole turns forward and backward and puts the table of what it took to work; the next pass, with the first table in
-//! use, wavers less and finds what is left. Whoever stores the table has it from [`Learning::table`]; after a power-up,
-//! [`Service::balance`] puts it to work again.
+//! Each pass turns whole turns forward and backward and puts the table of what it took to work; the next pass, with the
+//! first table in use, wavers less and finds what is left. Whoever stores the table has it from [`Learning::table`];
+//! after a power-up, [`Service::balance`] puts it to work again.
 
 use super::procedure::{Error, Procedure, State};
 use super::sequence::{Demand, Sequence};

@@ -1,9 +1,10 @@
-//! The number of pole pairs, measured: electrical turns by the Halls in mechanical turns by somebody who sees the shaft.
+//! The number of pole pairs, measured: electrical turns by the Halls in mechanical turns by somebody who sees the
+//! shaft.
 //!
-//! The Halls, the currents and the voltages of a motor repeat with the electrical turn; how many of these make a turn of the shaft is in
-//! none of them. It takes a person who turns the shaft ([`ByHand`]) or an absolute encoder ([`ByEncoder`]). What differs from
-//! magnet to magnet repeats after a turn of the shaft, too, but also after half of one or a third, and
-//! would tell no more than a divisor.
+//! The Halls, the currents and the voltages of a motor repeat with the electrical turn; how many of these make a turn
+//! of the shaft is in none of them. It takes a person who turns the shaft ([`ByHand`]) or an absolute encoder
+//! ([`ByEncoder`]). What differs from magnet to magnet repeats after a turn of the shaft, too, but also after half of
+//! one or a third, and would tell no more than a divisor.
 
 use super::Event;
 use crate::angle::{MechanicalAngle, PolePairs, Position};
@@ -26,7 +27,8 @@ pub struct Count {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Error {
-    /// The drive is not ready with its bridge off, or lost the angle: from calibration to the last turn, it must not be touched.
+    /// The drive is not ready with its bridge off, or lost the angle: from calibration to the last turn, it must not be
+    /// touched.
     NotReady,
     /// The shaft has turned by less than half an electrical turn for each turn that it was to.
     NotTurned,
@@ -76,7 +78,8 @@ impl fmt::Display for Count {
 const BY_EYE_DEG: f32 = 10.0;
 
 impl Count {
-    /// From the electrical turns in so many turns of the shaft by hand, at least one, in either direction; as sure as [`ByHand`] says.
+    /// From the electrical turns in so many turns of the shaft by hand, at least one, in either direction; as sure as
+    /// [`ByHand`] says.
     ///
     /// # Errors
     /// All of [`Error`] but that the drive is not ready.
@@ -100,9 +103,9 @@ impl Count {
     }
 }
 
-/// Counts while a person turns the shaft by whole turns with the bridge off, in either direction, as fast or slow and with as many rests
-/// as they like. A number is told only where another one would put the end more than 20° off: one whose turns end within 19° of whole ones
-/// never gets a wrong one.
+/// Counts while a person turns the shaft by whole turns with the bridge off, in either direction, as fast or slow and
+/// with as many rests as they like. A number is told only where another one would put the end more than 20° off: one
+/// whose turns end within 19° of whole ones never gets a wrong one.
 #[derive(Clone, Copy, Debug)]
 pub struct ByHand {
     turns: u8,
@@ -125,7 +128,8 @@ impl ByHand {
         }
     }
 
-    /// Takes the rotor's position, from before the shaft is turned to after it; `None` when the drive was not ready or did not know it.
+    /// Takes the rotor's position, from before the shaft is turned to after it; `None` when the drive was not ready or
+    /// did not know it.
     pub fn observe(&mut self, position: Option<Position>) {
         self.ends = Some(match (self.ends, position) {
             (Some(Err(error)), _) => Err(error),
@@ -182,8 +186,8 @@ impl ByEncoder {
         self.last = Some((angle, halls));
     }
 
-    /// The number; `None` until the shaft has turned by half a turn, and where Halls and encoder do not go together: off
-    /// whole numbers by a tenth.
+    /// The number; `None` until the shaft has turned by half a turn, and where Halls and encoder do not go together:
+    /// off whole numbers by a tenth.
     pub fn count(&self) -> Option<EncoderCount> {
         let [mechanical, electrical] = self.ways;
         if mechanical.unsigned_abs() < 1 << 31 {

@@ -24,9 +24,9 @@
 //! # let _ = end; Ok(()) }
 //! ```
 //!
-//! A procedure begins and ends with the bridge off, field-oriented in between, with commands of its own that the task does not see. It cannot get
-//! stuck: its time is the task's clock, and everything that it waits for has a limit. A task that commands the drive meanwhile
-//! spoils it; `Command::Disarm` ends it.
+//! A procedure begins and ends with the bridge off, field-oriented in between, with commands of its own that the task
+//! does not see. It cannot get stuck: its time is the task's clock, and everything that it waits for has a limit. A
+//! task that commands the drive meanwhile spoils it; `Command::Disarm` ends it.
 
 use super::sequence::LEAST_RECORD_HZ;
 use super::{Event, Service};
@@ -44,8 +44,8 @@ pub trait Procedure {
     /// Takes what the service's [`measurement`](Service::measurement) delivered.
     fn measurement(&mut self, measurement: &Measurement);
 
-    /// Goes on, after what was delivered; to be called once a millisecond or so with the task's clock, which may wrap. The
-    /// first call begins.
+    /// Goes on, after what was delivered; to be called once a millisecond or so with the task's clock, which may wrap.
+    /// The first call begins.
     fn step(&mut self, service: &mut Service, now_ms: u32) -> State;
 
     /// Ends without a result, with [`Error::Cancelled`]: a turning rotor is braked first.

@@ -30,9 +30,10 @@ macro_rules! entry {
     };
 }
 
-/// The structures, their defaults, the table and the descriptions. A row: `field: type = default, least => most, unit, kind, whether
-/// it is the board's, description`; the range may depend on all settings, `s`, and those of the current control, `c`. Behind
-/// `with` are fields that are no settings themselves. `rows of` are the settings of what a structure has several of.
+/// The structures, their defaults, the table and the descriptions. A row: `field: type = default, least => most, unit,
+/// kind, whether it is the board's, description`; the range may depend on all settings, `s`, and those of the current
+/// control, `c`. Behind `with` are fields that are no settings themselves. `rows of` are the settings of what a
+/// structure has several of.
 macro_rules! settings {
     (
         |$s:ident, $c:ident|
@@ -157,8 +158,8 @@ settings! {
         calibration_modulation: f32 = 0.15, 0.01 => 0.5, "", Real, FREE, "Voltage of the calibration's field";
         calibration_align_s: f32 = 0.3, 0.05 => 10.0, "s", Real, FREE,
             "Time to raise the field, and again to let the rotor settle";
-        /// Where the calibration finds that the rotor swings about the field, another one helps: slower with one pole pair,
-        /// faster with more than twenty.
+        /// Where the calibration finds that the rotor swings about the field, another one helps: slower with one pole
+        /// pair, faster with more than twenty.
         calibration_hz: f32 = 10.0, 0.5 => 50.0, "Hz", Real, FREE, "Speed of the calibration's field, electrical";
         /// Rounded up to whole mechanical turns.
         calibration_turns: u8 = 12, 2.0 => 64.0, "", Whole, FREE,
@@ -166,13 +167,13 @@ settings! {
         adaptation: bool = true, 0.0 => 1.0, "", Switch, FREE, "Adapt the sensors' model while the motor turns";
         anti_cogging: bool = true, 0.0 => 1.0, "", Switch, FREE, "Compensate the cogging, once it has been learnt";
     } with {
-        /// Sensing of currents and bus, the motor and the loops; `None`: only a voltage can be commanded, and nothing but
-        /// the Halls is monitored.
+        /// Sensing of currents and bus, the motor and the loops; `None`: only a voltage can be commanded, and nothing
+        /// but the Halls is monitored.
         control: Option<Control> = None;
     }
 
-    /// Current and bus sensing, the motor, the loops and their limits. The default is the motor of Simpkins and Todorov on
-    /// 24 V, with amplifiers of 0.2 V/A about the middle of 3.3 V, and a divider of eleven.
+    /// Current and bus sensing, the motor, the loops and their limits. The default is the motor of Simpkins and Todorov
+    /// on 24 V, with amplifiers of 0.2 V/A about the middle of 3.3 V, and a divider of eleven.
     struct Control from control {
         /// From its middle.
         current_full_scale_a: f32 = 8.25, 0.1 => 1000.0, "A", Real, BOARD, "Current at the end of the ADC's range";

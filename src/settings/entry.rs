@@ -57,7 +57,8 @@ impl Entry {
         if inside { Ok(()) } else { Err(Error::OutOfRange { field: self.name, value, min, max }) }
     }
 
-    /// Another value. A real one may be out of its range, for [`Settings::check`] to find out with the others; the rest may not.
+    /// Another value. A real one may be out of its range, for [`Settings::check`] to find out with the others; the rest
+    /// may not.
     pub(crate) fn assign(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
         if self.kind != Kind::Real {
             self.check_value(settings, value)?;

@@ -1,7 +1,8 @@
 //! The settings as a record: those that differ from the board's defaults, each under the key of its name.
 //!
-//! A list of pairs, little endian: the [`key`] of a name, then the value as `f32`. So a later firmware that knows more settings keeps
-//! the old values and gives the new ones its defaults, and a default that nobody has changed follows the firmware.
+//! A list of pairs, little endian: the [`key`] of a name, then the value as `f32`. So a later firmware that knows more
+//! settings keeps the old values and gives the new ones its defaults, and a default that nobody has changed follows the
+//! firmware.
 
 use crate::settings::{Entry, Error, Settings, TABLE, find};
 use crc::{CRC_16_IBM_SDLC, Crc, NoTable};
@@ -33,8 +34,9 @@ pub fn encode(settings: &Settings, defaults: &Settings, record: &mut [u8]) -> Op
     Some(length)
 }
 
-/// The defaults, changed as a record says, and whether all of it was taken over: what is not known or not allowed any more stays at its
-/// default. Settings are judged together: one out of its range falls back to its default, and where that does not help, all do.
+/// The defaults, changed as a record says, and whether all of it was taken over: what is not known or not allowed any
+/// more stays at its default. Settings are judged together: one out of its range falls back to its default, and where
+/// that does not help, all do.
 pub fn decode(defaults: &Settings, record: &[u8]) -> (Settings, bool) {
     let mut settings = *defaults;
     let mut complete = record.len().is_multiple_of(PAIR);

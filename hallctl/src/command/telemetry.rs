@@ -98,6 +98,11 @@ pub(super) fn watch(client: &mut Client, options: &Options) -> Result<()> {
         // The status, beside being the clock, shows the drive that somebody is there.
         let now_ms = client.status()?.uptime_ms;
         client.rest(&mut look, now_ms)?;
+        let over = end_ms.is_some_and(|end| now_ms >= end);
+        if over {
+            // The frames before the answer are the last.
+            client.order(Ask::Telemetry(0.0))?;
+        }
         while let Some(frame) = client.telemetry() {
             let row = rows.row(frame);
             count += 1;
@@ -111,11 +116,10 @@ pub(super) fn watch(client: &mut Client, options: &Options) -> Result<()> {
                 kept.push(row);
             }
         }
-        if end_ms.is_some_and(|end| now_ms >= end) {
+        if over {
             break;
         }
     }
-    client.order(Ask::Telemetry(0.0))?;
     if let Some(mut csv) = csv {
         csv.flush().context("the CSV file")?;
     }

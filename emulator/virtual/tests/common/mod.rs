@@ -41,7 +41,7 @@ pub fn run(session: &mut Session, seconds: f64) {
     session.run_until(session.seconds() + seconds).expect("a run");
 }
 
-/// A board shortly before its calibration is complete, and after it has been saved, the bridge off. It does so once for all tests.
+/// A board shortly before its calibration is complete, and when it is over: saved, the rotor at rest. It does so once for all tests.
 fn calibration(board: &str) -> [Machine<Chip>; 2] {
     static DONE: [Mutex<Option<[Machine<Chip>; 2]>>; 2] = [const { Mutex::new(None) }; 2];
     let mut done = DONE[usize::from(board == ESC)].lock().expect("the board calibrates");
@@ -54,7 +54,10 @@ fn calibration(board: &str) -> [Machine<Chip>; 2] {
             assert!(session.seconds() < 8.0, "{:#?}", session.lines);
         }
         until(&mut session, "record 0 saved", 8.0);
-        run(&mut session, 0.05);
+        while !ask(&mut session, "status").contains("activity: None") {
+            assert!(session.seconds() < 12.0, "{:#?}", session.lines);
+            run(&mut session, 0.05);
+        }
         [before, session.machine]
     };
     done.get_or_insert_with(calibrate).clone()

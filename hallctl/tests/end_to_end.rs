@@ -1,5 +1,6 @@
 //! `hallctl` at `hallctl simulate`: every command that a person has, over TCP and over a pseudo-terminal.
 
+use hallservo_protocol::VERSION;
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
@@ -270,9 +271,10 @@ fn what_is_no_drive_is_told_apart() {
     assert!(fails("/dev/no-such-port", 3, &["status"]).contains("Is the board plugged in?"));
     // Nobody listens there.
     assert!(fails("tcp:127.0.0.1:1", 3, &["status"]).contains("cannot open"));
-    let of_version_2 = serve(&frame_of_version(2));
-    let text = fails(&of_version_2, 5, &["status"]);
-    assert!(text.contains("version 2") && text.contains("version 1") && text.contains("Update hallctl"), "{text}");
+    let newer = VERSION + 1;
+    let text = fails(&serve(&frame_of_version(newer)), 5, &["status"]);
+    let both = text.contains(&format!("version {newer}")) && text.contains(&format!("version {VERSION}"));
+    assert!(both && text.contains("Update hallctl"), "{text}");
     let text = fails(&serve(b"\x00hello, I am a modem\x00"), 4, &["--patience", "3", "status"]);
     assert!(text.contains("not the protocol of a hallservo drive"), "{text}");
 }

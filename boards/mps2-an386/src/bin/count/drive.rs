@@ -10,7 +10,7 @@ use hallservo::control;
 use hallservo::drive::{Channels, Command, Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
-use hallservo::settings::Settings;
+use hallservo::settings::{Control, Settings};
 use mps2_an386::failure;
 use static_cell::StaticCell;
 
@@ -51,7 +51,7 @@ pub fn init() {
     for number in 0..DEMANDS {
         let field_oriented = Settings {
             commutation: Commutation::FieldOriented,
-            control: Some(settings::Control::default()),
+            control: Some(Control::default()),
             ..Settings::default()
         };
         let settings = if number == 0 { Settings::default() } else { field_oriented };

@@ -6,6 +6,7 @@ mod commands;
 mod following;
 mod halls;
 mod records;
+mod refusals;
 
 use super::*;
 use crate::angle::Position;

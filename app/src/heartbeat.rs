@@ -1,7 +1,7 @@
 //! What the control interrupt tells the tasks beside its queues: that it lives, and what changes slowly.
 
 use core::sync::atomic::{AtomicU32, Ordering};
-use hallservo::board::Sample;
+use hallservo::board::{Sample, TemperatureCode};
 
 /// Counts control periods; the application feeds the watchdog only while it moves and all its tasks do.
 #[derive(Debug, Default)]
@@ -16,7 +16,7 @@ pub struct Heartbeat {
 pub(crate) struct Sensed {
     pub bus: u16,
     /// Bridge and motor.
-    pub temperatures: [u16; 2],
+    pub temperatures: [TemperatureCode; 2],
 }
 
 impl Heartbeat {
@@ -28,9 +28,9 @@ impl Heartbeat {
     /// To be called by the control interrupt, and by nobody else, once a period: a load and three stores.
     #[inline(always)]
     pub fn beat(&self, sample: &Sample) {
-        let [bridge, motor] = sample.temperatures;
-        self.bus_and_bridge.store(u32::from(sample.bus) << 16 | u32::from(bridge), Ordering::Relaxed);
-        self.motor.store(motor.into(), Ordering::Relaxed);
+        let [bridge, motor] = sample.temperatures.map(|code| u32::from(code.to_bits()));
+        self.bus_and_bridge.store(u32::from(sample.bus) << 16 | bridge, Ordering::Relaxed);
+        self.motor.store(motor, Ordering::Relaxed);
         // There is one writer, so this needs no exchange, which a Cortex-M0 does not have.
         self.periods.store(self.periods.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
     }
@@ -43,6 +43,6 @@ impl Heartbeat {
     pub(crate) fn sensed(&self) -> Sensed {
         let word = self.bus_and_bridge.load(Ordering::Relaxed);
         let motor = self.motor.load(Ordering::Relaxed) as u16;
-        Sensed { bus: (word >> 16) as u16, temperatures: [word as u16, motor] }
+        Sensed { bus: (word >> 16) as u16, temperatures: [word as u16, motor].map(TemperatureCode::from_bits) }
     }
 }

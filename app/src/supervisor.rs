@@ -15,6 +15,7 @@ use crate::settings::Settings;
 use crate::{App, Identity, Memory, wire};
 use core::mem::MaybeUninit;
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::board::TemperatureCode;
 use hallservo::control::cogging::Table;
 use hallservo::drive::{Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
@@ -142,7 +143,7 @@ impl<F: NorFlash> Supervisor<F> {
             cogging: protocol::Procedure::None,
             live: Live::new(),
             measurement: None,
-            sensed: Sensed { bus: 0, temperatures: [0; 2] },
+            sensed: Sensed { bus: 0, temperatures: [TemperatureCode::MISSING; 2] },
             reply: None,
             unheard: 0,
             since_command: 0,

@@ -9,7 +9,7 @@ use embassy_time::{Duration, MockDriver};
 use embedded_io_async::{ErrorType, Read, Write};
 use fault::Planned;
 use flash::Flash;
-use hallservo::board::{Output, Sample};
+use hallservo::board::{Output, Sample, TemperatureCode};
 use hallservo::commutation::Commutation;
 use hallservo::control::settings::{GuardSettings, OnTimeout, Settings as Control};
 use hallservo::drive::Drive;
@@ -30,7 +30,7 @@ use std::task::{Context, Poll, Wake, Waker};
 /// What it says it is.
 const IDENTITY: Identity = Identity { board: "simulated", firmware: env!("CARGO_PKG_VERSION") };
 /// Both thermistors at 25 °C, 12 bit.
-const COOL: u16 = 2048;
+const COOL: TemperatureCode = TemperatureCode::new(2048);
 
 /// What the simulated board has by default: the motor of Simpkins and Todorov, field-oriented; a command holds for a second.
 pub fn defaults() -> Settings {
@@ -191,7 +191,7 @@ impl Simulator {
     /// The control interrupt.
     fn period(&mut self) {
         let plant::Codes { halls, currents, bus } = self.plant.sample();
-        let mut sample = Sample { halls, currents, bus, temperatures: [COOL; 2], lost: 0 };
+        let mut sample = Sample { halls, currents, bus, temperatures: [COOL; 2], ..Sample::default() };
         if let Some(kind) = self.disturbed {
             kind.disturb(&mut sample);
         }

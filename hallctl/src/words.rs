@@ -58,6 +58,7 @@ pub fn advice(code: u8) -> &'static str {
         Some(Fault::CommandTimeout) => "keep hallctl running while the motor is to turn, or raise command_timeout_s",
         Some(Fault::Deadline) => "the control interrupt was late: report it, with the firmware's version",
         Some(Fault::Encoder) => "check the ring magnets' heads and their wires",
+        Some(Fault::GateDriver) => "read the gate driver's registers: a short circuit, its supply, or its SPI lines",
         Some(Fault::Turns) => "a Hall or the encoder has lost turns: calibrate both",
         None => "update hallctl",
     }

@@ -9,6 +9,7 @@ use super::correct::{Curve, Linearity, mean};
 use super::decode::{AverageTable, Decoded};
 use super::rings::{Ring, Rings};
 use crate::angle::{ElectricalAngle, MechanicalAngle};
+use crate::board::encoder::AbsoluteEncoder;
 use core::fmt;
 
 /// One sample of every head. One head a ring, or two on opposite sides of the shaft, which cancels eccentricity.
@@ -286,5 +287,20 @@ impl Limits {
             proof: i64::from(turn / p.min(q)),
             reference_pairs: p as i32,
         })
+    }
+}
+
+impl<const HEADS: usize> AbsoluteEncoder for Encoder<HEADS> {
+    type Reading = Reading<HEADS>;
+    type State = State;
+    type Fault = Fault;
+
+    #[inline]
+    fn angle(&self, state: &mut State, reading: Reading<HEADS>) -> Result<MechanicalAngle, Fault> {
+        self.step(state, reading).map(|decoded| decoded.angle)
+    }
+
+    fn is_proven(state: &State) -> bool {
+        state.is_proven()
     }
 }

@@ -1,7 +1,7 @@
 //! Faults of a simulated drive, to see what it does about them.
 
 use anyhow::{Context, Result, bail};
-use hallservo::board::Sample;
+use hallservo::board::{LostPeriods, Sample, TemperatureCode};
 use plant::{HallFault, Plant, Rail};
 use std::str::FromStr;
 
@@ -66,8 +66,8 @@ impl Kind {
     pub(crate) fn disturb(self, sample: &mut Sample) {
         match self {
             Self::OverVoltage => sample.bus = 4095,
-            Self::Hot => sample.temperatures[0] = 150,
-            Self::Late => sample.lost = 1,
+            Self::Hot => sample.temperatures[0] = TemperatureCode::new(150),
+            Self::Late => sample.lost = LostPeriods::counted(1),
             Self::HallOpen | Self::HallStuck => {}
         }
     }

@@ -5,16 +5,16 @@
 //! the loop is an integrator with the delay of sampling and PWM, 1.5 periods. Where the voltage is limited, the
 //! integrator is corrected by what the limit took off (back-calculation), with the winding's time constant.
 
+mod local;
+
 use crate::commutation::frames::Dq;
 use crate::commutation::svpwm::{Circle, LONGEST};
-use crate::control::{Motor, Scale, clamp, fixed, high};
+use crate::control::{Motor, Scale, high};
 use core::f32::consts::TAU;
+pub use local::{Feedback, Local, LocalGains};
 
 /// Bits by which a current of the d/q controller, in 2⁻²⁸ of the full scale, is finer than one of the outer loops.
 pub(crate) const PARK_BITS: u32 = 13;
-
-/// Bits of the fraction of a voltage within the local feedback.
-const FRACTION: u32 = 8;
 
 /// Gains of the d/q controller. It computes with currents in 2⁻²⁸ of the full scale and with voltages of which the bus
 /// allows [`LONGEST`], so its gains follow the bus: these are for a bus of the divider's full scale.
@@ -189,87 +189,6 @@ impl Integrators {
     /// Voltage along d that the integrator holds: what the angle's error and the model's show in.
     pub const fn d(&self) -> i32 {
         self.d
-    }
-}
-
-/// Which parts the local feedback has.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Feedback {
-    /// Proportional, as in the paper.
-    P,
-    /// With an integral part, which leaves no error at rest.
-    #[default]
-    Pi,
-    /// With a derivative part, which makes up for half of the loop's delay.
-    Pd,
-    /// All three.
-    Pid,
-}
-
-/// Gains of the local feedback.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct LocalGains {
-    feed_forward: i32,
-    proportional: i32,
-    integral: i32,
-    derivative: i32,
-    back: i32,
-    flux: i32,
-}
-
-impl LocalGains {
-    /// For a bandwidth in hertz. `None` when they are beyond the range of the integers.
-    pub fn new(motor: &Motor, feedback: Feedback, bandwidth_hz: f32, scale: &Scale) -> Option<Self> {
-        let omega = TAU * bandwidth_hz;
-        let proportional = omega * motor.inductance_h / scale.conductance();
-        let integral = omega * motor.resistance_ohm / scale.conductance() / scale.step_hz;
-        let flux = TAU * scale.step_hz * motor.flux_linkage_wb / scale.volts;
-        let integrates = matches!(feedback, Feedback::Pi | Feedback::Pid);
-        let derives = matches!(feedback, Feedback::Pd | Feedback::Pid);
-        Some(Self {
-            feed_forward: if integrates { 0 } else { fixed(motor.resistance_ohm / scale.conductance(), 26)? },
-            proportional: fixed(proportional, 26)?,
-            integral: if integrates { fixed(integral, 26)?.max(1) } else { 0 },
-            // Half of 1.5 steps.
-            derivative: if derives { fixed(0.75 * proportional, 26)? } else { 0 },
-            back: fixed((integral / proportional).min(0.49), 32)?,
-            flux: fixed(flux, 15 + FRACTION as i32)?,
-        })
-    }
-}
-
-/// The local feedback: a current in, a voltage out.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Local {
-    integral: i32,
-    last: i32,
-}
-
-impl Local {
-    /// Nothing.
-    pub const ZERO: Self = Self { integral: 0, last: 0 };
-
-    /// One step: the voltage that makes the `measured` current the `wanted` one, up to ± `most`.
-    ///
-    /// The voltage that the back-EMF is expected to take is fed forward; to a feedback without an integral also that of
-    /// the resistance, so that it has to make up for the rest only.
-    pub const fn step(&mut self, gains: &LocalGains, wanted: i32, measured: i32, speed: i32, most: i32) -> i32 {
-        let error = (wanted - measured) << 14;
-        let change = (measured - self.last) << 14;
-        self.last = measured;
-        let forward = high(wanted << 14, gains.feed_forward) + high(speed, gains.flux);
-        let asked =
-            (high(error, gains.proportional) + self.integral + forward - high(change, gains.derivative)) >> FRACTION;
-        let voltage = clamp(asked, most);
-        if gains.integral != 0 {
-            let over = (voltage - asked) << FRACTION;
-            self.integral =
-                clamp(self.integral + high(error, gains.integral) + high(over, gains.back), most << FRACTION);
-        }
-        voltage
     }
 }
 

@@ -27,25 +27,28 @@ pub struct Absolute<Reading, Fault> {
     pub halls: Position,
 }
 
+/// One sample of an encoder of a kind.
+pub type SampleOf<E> = Absolute<<E as AbsoluteEncoder>::Reading, <E as AbsoluteEncoder>::Fault>;
+
 /// The queues between the interrupt and the tasks, beside those of the drive.
 pub struct AbsoluteChannels<E: AbsoluteEncoder + 'static> {
     encoders: Queue<&'static mut E, 2>,
     retired: Queue<&'static mut E, 4>,
-    samples: Queue<Absolute<E::Reading, E::Fault>, 64>,
+    samples: Queue<SampleOf<E>, 64>,
 }
 
 /// The interrupt's ends.
 pub struct AbsoluteInterrupt<E: AbsoluteEncoder + 'static> {
     encoders: Consumer<'static, &'static mut E, 2>,
     retired: Producer<'static, &'static mut E, 4>,
-    samples: Producer<'static, Absolute<E::Reading, E::Fault>, 64>,
+    samples: Producer<'static, SampleOf<E>, 64>,
 }
 
 /// The tasks' ends.
 pub struct AbsoluteTasks<E: AbsoluteEncoder + 'static> {
     encoders: Producer<'static, &'static mut E, 2>,
     retired: Consumer<'static, &'static mut E, 4>,
-    samples: Consumer<'static, Absolute<E::Reading, E::Fault>, 64>,
+    samples: Consumer<'static, SampleOf<E>, 64>,
     check: Option<TurnCheck>,
     zero: TurnZero,
 }
@@ -184,10 +187,7 @@ impl<E: AbsoluteEncoder + 'static> AbsoluteTasks<E> {
 
     /// The next sample, compared with the Halls where both have an angle. A disagreement makes a running drive fail
     /// with [`Fault::Turns`].
-    pub fn poll(
-        &mut self,
-        service: &mut Service,
-    ) -> Option<(Absolute<E::Reading, E::Fault>, Result<(), Disagreement>)> {
+    pub fn poll(&mut self, service: &mut Service) -> Option<(SampleOf<E>, Result<(), Disagreement>)> {
         let absolute = self.samples.dequeue()?;
         let agreement = match (&self.check, absolute.angle) {
             (Some(check), Some(Ok(angle))) => check.check(&mut self.zero, angle, absolute.halls).map(|_| ()),

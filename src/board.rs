@@ -1,21 +1,123 @@
-//! The board contract: what a port gives to the control interrupt, and what it gets.
+//! The board contract: all that a port has to fulfil. One [`Sample`] in, one [`Output`] out, once a PWM period.
+//!
+//! The timer counts up and down (centre-aligned); *valley* is where the lower transistors conduct and the shunts carry
+//! the phase currents. Once a period, at the valley:
+//!
+//! 1. The ADCs hold Halls, currents, bus voltage and thermistors. That instant is the sample's; an input that is held
+//!    earlier is brought up to it by [`sensing::SkewCompensation`], and how far it is from the middle of the period that
+//!    acts on it is told to the drive by [`delay_periods`](timing::delay_periods).
+//! 2. The end of the conversion is the control interrupt, the highest of all. It builds a [`Sample`] and calls
+//!    [`Drive::step`](crate::drive::Drive::step).
+//! 3. It writes the [`Output`] to preloaded compare registers, which the timer takes up at the next valley, or switches
+//!    the bridge off at once. When the outputs may be enabled is [`timing::OutputEnable`]'s business.
+//!
+//! Beside that a board may have a [gate driver](gate_driver::GateDriver) that is configured and has faults of its own,
+//! and an [absolute encoder](encoder::AbsoluteEncoder) on the shaft.
+
+pub mod encoder;
+pub mod gate_driver;
+pub mod sensing;
+pub mod timing;
 
 use crate::hall::Codes;
 
-/// What the ADCs delivered at one instant.
+/// What the ADCs delivered at one instant: right-aligned codes of `adc_bits` bits, as in the
+/// [settings](crate::settings::Settings::adc_bits).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sample {
-    /// The three Halls.
+    /// Halls 1 to 3, as they come: the calibration finds offset, amplitude, order and direction. A code at either end
+    /// of the range is a broken sensor or wire.
     pub halls: Codes,
-    /// The phase currents; only a drive with [`control`](crate::control) looks at these and at the following.
+    /// Currents of phases A to C, positive **into** the motor. The middle of the range, 2^(bits−1), is zero and
+    /// `current_full_scale_a` lies between it and the end; what the amplifiers really show without a current the drive
+    /// learns while the bridge is off. Valid while the lower transistors conduct. Only a drive with
+    /// [`control`](crate::control) looks at these and at the following.
     pub currents: Codes,
-    /// The bus voltage.
+    /// Bus voltage: zero is zero, and the end of the range is `bus_full_scale_v`.
     pub bus: u16,
-    /// The thermistors of bridge and motor.
-    pub temperatures: [u16; 2],
-    /// Control periods that passed without a step since the last, by the board's count.
-    pub lost: u8,
+    /// Thermistors of bridge and motor.
+    pub temperatures: [TemperatureCode; 2],
+    /// Control periods that passed without a step since the last one.
+    pub lost: LostPeriods,
+}
+
+/// Reading of a thermistor as an NTC to ground with a pull-up to the reference gives it: the higher, the colder. Or
+/// that there is none.
+///
+/// ```
+/// use hallservo::board::TemperatureCode;
+/// assert_eq!(TemperatureCode::new(2048).code(), Some(2048));
+/// assert_eq!(TemperatureCode::MISSING.code(), None);
+/// ```
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct TemperatureCode(u16);
+
+impl TemperatureCode {
+    /// The board has no such thermistor: nothing is held back and nothing fails. In the interrupt, colder than any
+    /// other.
+    pub const MISSING: Self = Self(u16::MAX);
+
+    /// A code of the ADC; one of the largest of 16 bits counts as one less.
+    #[inline(always)]
+    pub const fn new(code: u16) -> Self {
+        Self(if code == u16::MAX { code - 1 } else { code })
+    }
+
+    /// The code, if there is a thermistor.
+    pub const fn code(self) -> Option<u16> {
+        if self.0 == u16::MAX { None } else { Some(self.0) }
+    }
+
+    /// As 16 bits, for a task that gets them through an atomic.
+    #[inline(always)]
+    pub const fn to_bits(self) -> u16 {
+        self.0
+    }
+
+    /// From those.
+    pub const fn from_bits(bits: u16) -> Self {
+        Self(bits)
+    }
+}
+
+impl Default for TemperatureCode {
+    fn default() -> Self {
+        Self::MISSING
+    }
+}
+
+/// Control periods that passed without a step. A running drive with current control fails at the first.
+///
+/// ```
+/// use hallservo::board::LostPeriods;
+/// assert!(LostPeriods::counted(1).any() && !LostPeriods::NOT_COUNTED.any());
+/// ```
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct LostPeriods(u8);
+
+impl LostPeriods {
+    /// The board cannot tell: the drive takes every step for the next period, and a missed deadline is no fault.
+    pub const NOT_COUNTED: Self = Self(0);
+
+    /// By the board's count, as of a [`PeriodCounter`](timing::PeriodCounter): so many, 255 also for more.
+    #[inline(always)]
+    pub const fn counted(periods: u8) -> Self {
+        Self(periods)
+    }
+
+    /// Whether there were any.
+    #[inline(always)]
+    pub const fn any(self) -> bool {
+        self.0 != 0
+    }
+
+    #[inline(always)]
+    pub(crate) const fn count(self) -> u8 {
+        self.0
+    }
 }
 
 /// Which legs of the bridge switch; the others are open, both transistors off.
@@ -45,14 +147,17 @@ impl Legs {
     }
 }
 
-/// What the board writes to the timer.
+/// What the board does with its bridge until the next step.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Output {
-    /// Compare values of phases A, B and C in timer counts: the leg's upper transistor conducts for `compare` of the
-    /// `period` counts of a half cycle.
+    /// Compare values of phases A, B and C in timer counts, 0 to the settings' `period`: the leg's **upper** transistor
+    /// conducts for `compare` of the `period` counts of each half of a PWM period, about the peak; the lower one for
+    /// the rest, about the valley. To be preloaded; they act from the next valley on, all at once. Without meaning
+    /// while `legs` is [`Legs::NONE`].
     pub compare: [u16; 3],
-    /// Which legs switch at all; [`Legs::NONE`] turns the bridge off at once.
+    /// Which legs switch, from the same valley on; both transistors of the others are off. [`Legs::NONE`] is at once:
+    /// the bridge is off before the interrupt returns.
     pub legs: Legs,
 }
 

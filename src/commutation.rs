@@ -1,7 +1,8 @@
 //! From the rotor's angle and a command to what the bridge's three legs do.
 //!
-//! The command is a modulation M from −1 to 1; its sign is the direction of the torque. Angles are electrical: zero is the axis of
-//! phase A, and the field that pulls hardest stands a quarter turn ahead of the rotor, or behind it for a negative command.
+//! The command is a modulation M from −1 to 1; its sign is the direction of the torque. Angles are electrical: zero is
+//! the axis of phase A, and the field that pulls hardest stands a quarter turn ahead of the rotor, or behind it for a
+//! negative command.
 
 pub mod block;
 pub mod frames;

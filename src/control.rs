@@ -1,7 +1,9 @@
-//! Current, speed and position control: cascaded loops in integers, their gains computed from the motor and a bandwidth.
+//! Current, speed and position control: cascaded loops in integers, their gains computed from the motor and a
+//! bandwidth.
 //!
-//! Units of the loops: a current of 2¹⁵ is the full scale of the current amplifiers, a voltage of 2¹⁵ that of the bus divider; speeds
-//! are in 2⁻³² electrical turns a step, as the [tracker](crate::hall::track)'s, positions in 2⁻³² electrical turns.
+//! Units of the loops: a current of 2¹⁵ is the full scale of the current amplifiers, a voltage of 2¹⁵ that of the bus
+//! divider; speeds are in 2⁻³² electrical turns a step, as the [tracker](crate::hall::track)'s, positions in 2⁻³²
+//! electrical turns.
 
 pub mod cogging;
 pub mod config;

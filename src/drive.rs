@@ -1,7 +1,7 @@
 //! Everything that the control interrupt does: one [`Sample`] in, one [`Output`] out.
 //!
-//! The interrupt owns a [`Drive`] and calls [`Drive::step`] once a PWM period. Tasks talk to it through the lock-free queues
-//! of [`Channels`] only: commands in; replies, records and used-up estimators out. Large parameters travel as
+//! The interrupt owns a [`Drive`] and calls [`Drive::step`] once a PWM period. Tasks talk to it through the lock-free
+//! queues of [`Channels`] only: commands in; replies, records and used-up estimators out. Large parameters travel as
 //! references, so a calibration is taken up between two steps by swapping a pointer.
 //!
 //! A drive dispatches its steps over control paths. The state ([`Mode`]), what is followed ([`Demand`]) and the
@@ -93,8 +93,8 @@ enum Path {
     FieldOriented,
 }
 
-/// How the next step is done. Two paths have a short step beside the general one, for the time that nothing is amiss: no sample was
-/// missed and no Hall is lost. A short step that meets anything else hands over to the general one.
+/// How the next step is done. Two paths have a short step beside the general one, for the time that nothing is amiss:
+/// no sample was missed and no Hall is lost. A short step that meets anything else hands over to the general one.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Route {
     /// The short step of the voltage path: sinusoidal, without current sensing.
@@ -133,8 +133,9 @@ impl Drive {
     /// One PWM period. What it returns is to be written to the preloaded compare registers at once; if the bridge is to
     /// be off, it must be switched off at once.
     ///
-    /// A step that hands over a record leaves a waiting command, the look at the speed and the comparison of the sensors with each
-    /// other to the next, so that no step is burdened with everything. Once a sample was missed, all of them are compared.
+    /// A step that hands over a record leaves a waiting command, the look at the speed and the comparison of the
+    /// sensors with each other to the next, so that no step is burdened with everything. Once a sample was missed, all
+    /// of them are compared.
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
         match self.route {

@@ -42,6 +42,8 @@ pub enum Fault {
     Encoder,
     /// The Halls' turn counter and the absolute encoder disagree.
     Turns,
+    /// The gate driver reports a fault, or does not answer.
+    GateDriver,
 }
 
 /// Those that have no parts, in the order of their codes.
@@ -62,8 +64,8 @@ const PLAIN: [Fault; 13] = [
 ];
 
 impl Fault {
-    /// A number that stays the same from version to version: 1 to 3 a Hall at a rail, 4 to 6 one out of range, 7 to 9 the Halls
-    /// together, 16 and above the rest.
+    /// A number that stays the same from version to version: 1 to 3 a Hall at a rail, 4 to 6 one out of range, 7 to 9
+    /// the Halls together, 16 and above the rest.
     pub const fn code(self) -> u8 {
         match self {
             Self::Hall(Implausible::AtRail(Channel(channel))) => 1 + channel % 3,
@@ -86,6 +88,7 @@ impl Fault {
             Self::Deadline => 28,
             Self::Encoder => 32,
             Self::Turns => 33,
+            Self::GateDriver => 34,
         }
     }
 
@@ -100,6 +103,7 @@ impl Fault {
             16..=28 => PLAIN[code as usize - 16],
             32 => Self::Encoder,
             33 => Self::Turns,
+            34 => Self::GateDriver,
             _ => return None,
         })
     }
@@ -151,6 +155,7 @@ impl fmt::Display for Fault {
             Self::Deadline => write!(f, "control periods passed without a step"),
             Self::Encoder => write!(f, "the absolute encoder gives no trustworthy angle"),
             Self::Turns => write!(f, "the Halls and the absolute encoder disagree"),
+            Self::GateDriver => write!(f, "the gate driver reports a fault, or does not answer"),
         }
     }
 }
@@ -219,7 +224,7 @@ mod tests {
 
     #[test]
     fn every_code_is_its_faults() {
-        let faults = [1..10, 16..29, 32..34];
+        let faults = [1..10, 16..29, 32..35];
         for code in 0..=u8::MAX {
             assert_eq!(
                 Fault::from_code(code).map(Fault::code),

@@ -10,6 +10,7 @@
 //! | [`angle`], [`trig`] | wrapping 32-bit turns; sine, arcsine and arctangent by tables, each with its proven error |
 //! | [`hall`] | normalise, estimate, track, calibrate, adapt |
 //! | [`vernier`] | the absolute angle from two rings |
+//! | [`board`] | what a port gives and gets: samples, outputs, sensing, timing, gate driver, encoder |
 //! | [`commutation`], [`pwm`] | block, sinusoidal and field-oriented; compare values, limits, dead time, choice of the frequency |
 //! | [`control`] | current, speed, position, trajectory; gains by bandwidth |
 //! | [`settings`], [`config`] | what a person sets; what the interrupt works with |
@@ -24,7 +25,8 @@
 //!
 //! # Example
 //! ```
-//! use hallservo::drive::{Channels, Command, Drive, Sample};
+//! use hallservo::board::Sample;
+//! use hallservo::drive::{Channels, Command, Drive};
 //! use hallservo::hall::estimate::Estimator;
 //! use hallservo::service::Service;
 //! use hallservo::settings::Settings;

@@ -23,7 +23,7 @@ pub enum Mode {
     Unarmed,
     /// The field stands still and pulls the rotor to it.
     Aligning,
-    /// The field turns and drags the rotor along while samples are taken.
+    /// The field turns open loop, and the rotor with it, while samples are taken.
     Calibrating,
     /// Bridge off, angle and speed are known.
     Ready,

@@ -54,8 +54,8 @@ pub fn period_counts(timer_hz: f32, pwm_hz: f32) -> Result<u16, Error> {
     if (16.0..=65_535.0).contains(&counts) { Ok(counts as u16) } else { Err(Error::Period(counts)) }
 }
 
-/// Timer counts of at least a dead time, rounded up: a count too many costs a thousandth of the voltage, a count too few
-/// a transistor.
+/// Timer counts of at least a dead time, rounded up: a count too many costs a thousandth of the voltage, a count too
+/// few a transistor.
 ///
 /// # Errors
 /// [`Error::DeadTime`] for more than a tenth of the PWM period, or a time that is negative or not a number.
@@ -189,8 +189,8 @@ pub fn ripple_frequency(resistance_ohm: f32, inductance_h: f32, percent: f32) ->
     -resistance_ohm / (2.0 * inductance_h * libm::log1pf(-percent / 100.0))
 }
 
-/// Copper loss of a current that swings by ± `deviation` (relative to its mean) as a square wave, over that of its mean: eq. (16),
-/// (17). The square wave between zero and twice the mean, deviation 1, costs twice the loss.
+/// Copper loss of a current that swings by ± `deviation` (relative to its mean) as a square wave, over that of its
+/// mean: eq. (16), (17). The square wave between zero and twice the mean, deviation 1, costs twice the loss.
 pub fn square_wave_loss(deviation: f32) -> f32 {
     1.0 + deviation * deviation
 }
@@ -230,8 +230,9 @@ pub struct FrequencyChoice {
 }
 
 impl FrequencyNeeds {
-    /// The lowest frequency that gives the ripple wanted, as far as the bridge and the resolution allow; switching faster than needed
-    /// heats the transistors. `None` when a need is not positive and finite or the needs contradict each other.
+    /// The lowest frequency that gives the ripple wanted, as far as the bridge and the resolution allow; switching
+    /// faster than needed heats the transistors. `None` when a need is not positive and finite or the needs contradict
+    /// each other.
     pub fn choose(&self) -> Option<FrequencyChoice> {
         let positive =
             [self.resistance_ohm, self.inductance_h, self.cycle_s, self.least_bits, self.highest_hz, self.lowest_hz];

@@ -10,7 +10,7 @@ use hallservo::mode::Mode;
 use hallservo::service::Service;
 use hallservo::settings::Settings;
 use hallservo::vernier::calibrate::Calibrator;
-use hallservo::vernier::continuity::State;
+use hallservo::vernier::continuity::{self, State};
 use hallservo::vernier::encoder::{Calibration, Encoder, Reading};
 use hallservo::vernier::rings::Rings;
 use hallservo::vernier::turns::{Disagreement, TurnCheck, TurnZero};
@@ -98,9 +98,9 @@ fn the_drive_calibrates_its_encoder_and_the_encoder_its_turn_counter() {
 /// A drive with the encoder in it, at a motor with rings on its shaft.
 struct Absolute {
     plant: plant::Plant,
-    drive: AbsoluteDrive<2>,
+    drive: AbsoluteDrive<Encoder<2>>,
     service: Service,
-    tasks: AbsoluteTasks<2>,
+    tasks: AbsoluteTasks<Encoder<2>>,
     construction: Construction,
     rings: Rings,
     period: u16,
@@ -136,7 +136,11 @@ impl Absolute {
     }
 
     /// Runs and serves the tasks; tells each sample of the encoder, and whether the Halls agree.
-    fn seconds(&mut self, seconds: f64, mut see: impl FnMut(&Self, absolute::Absolute<2>, bool)) {
+    fn seconds(
+        &mut self,
+        seconds: f64,
+        mut see: impl FnMut(&Self, absolute::Absolute<Reading<2>, continuity::Fault>, bool),
+    ) {
         for _ in 0..(seconds * 1000.0) as u32 {
             (0..40).for_each(|_| self.step());
             while self.service.poll().is_some() {}

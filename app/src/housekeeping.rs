@@ -1,7 +1,7 @@
 //! What the control interrupt reports to the tasks beside its queues: that it runs, and what changes slowly.
 
 use core::sync::atomic::{AtomicU32, Ordering};
-use hallservo::board::Sample;
+use hallservo::board::{Sample, TemperatureCode};
 
 /// Counts control periods and keeps the latest bus voltage and temperatures. A static: the control interrupt writes it,
 /// the tasks read it.
@@ -20,7 +20,7 @@ pub struct Readings {
     /// Bus voltage, ADC codes.
     pub bus: u16,
     /// Temperatures of bridge and motor, ADC codes.
-    pub temperatures: [u16; 2],
+    pub temperatures: [TemperatureCode; 2],
 }
 
 impl Housekeeping {
@@ -32,9 +32,9 @@ impl Housekeeping {
     /// To be called by the control interrupt, and by nobody else, once a period: a load and three stores.
     #[inline(always)]
     pub fn update(&self, sample: &Sample) {
-        let [bridge, motor] = sample.temperatures;
-        self.bus_and_bridge.store(u32::from(sample.bus) << 16 | u32::from(bridge), Ordering::Relaxed);
-        self.motor.store(motor.into(), Ordering::Relaxed);
+        let [bridge, motor] = sample.temperatures.map(|code| u32::from(code.to_bits()));
+        self.bus_and_bridge.store(u32::from(sample.bus) << 16 | bridge, Ordering::Relaxed);
+        self.motor.store(motor, Ordering::Relaxed);
         // There is one writer, so this needs no exchange, which a Cortex-M0 does not have.
         self.periods.store(self.periods.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
     }
@@ -44,6 +44,7 @@ impl Housekeeping {
         let word = self.bus_and_bridge.load(Ordering::Relaxed);
         let motor = self.motor.load(Ordering::Relaxed) as u16;
         let periods = self.periods.load(Ordering::Relaxed);
-        Readings { periods, bus: (word >> 16) as u16, temperatures: [word as u16, motor] }
+        let temperatures = [word as u16, motor].map(TemperatureCode::from_bits);
+        Readings { periods, bus: (word >> 16) as u16, temperatures }
     }
 }

@@ -1,6 +1,7 @@
 //! From ADC codes to SI.
 
 use crate::housekeeping::Readings;
+use hallservo::board::TemperatureCode;
 use hallservo::commutation::frames::Dq;
 use hallservo::control::cogging::Table;
 use hallservo::settings::Settings;
@@ -21,8 +22,9 @@ pub(crate) fn bus_v(settings: &Settings, readings: Readings) -> f32 {
 /// Temperatures of bridge and motor; not numbers without current control or without a thermistor.
 pub(crate) fn temperatures_c(settings: &Settings, readings: Readings) -> [f32; 2] {
     let Some(control) = &settings.control else { return [f32::NAN; 2] };
-    let of = |thermistor: &Thermistor, code: u16| {
-        // The end of the range is an open one, which is what a board shows that has none.
+    let of = |thermistor: &Thermistor, code: TemperatureCode| {
+        let Some(code) = code.code() else { return f32::NAN };
+        // The end of the range is an open one.
         let open = u32::from(code) + 1 >= 1 << settings.adc_bits;
         if open { f32::NAN } else { celsius(thermistor, share(code, settings.adc_bits)) }
     };
@@ -57,11 +59,15 @@ mod tests {
     #[test]
     fn no_thermistor_is_no_temperature() {
         let settings = Settings { adc_bits: 12, control: Some(Control::default()), ..Settings::default() };
-        let read = |motor| temperatures_c(&settings, Readings { temperatures: [2048, motor], ..Readings::default() });
-        let [bridge, motor] = read(4095);
+        let read = |motor| {
+            let temperatures = [TemperatureCode::new(2048), motor];
+            temperatures_c(&settings, Readings { temperatures, ..Readings::default() })
+        };
+        let [bridge, motor] = read(TemperatureCode::MISSING);
         assert!((bridge - 25.0).abs() < 0.1 && motor.is_nan(), "{bridge} {motor}");
         // One that is as cold as can be told.
-        assert!(read(4094)[1] < -90.0, "{}", read(4094)[1]);
+        assert!(read(TemperatureCode::new(4094))[1] < -90.0);
+        assert!(read(TemperatureCode::new(4095))[1].is_nan());
     }
 
     #[test]

@@ -8,7 +8,7 @@ pub mod serve;
 use anyhow::{Context as _, Result, anyhow};
 use fault::Planned;
 use flash::Flash;
-use hallservo::board::{Output, Sample};
+use hallservo::board::{Output, Sample, TemperatureCode};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Drive;
 use hallservo::mode::Mode;
@@ -21,7 +21,7 @@ use std::collections::VecDeque;
 /// What it says it is.
 const IDENTITY: Identity = Identity { board: "simulated", firmware: env!("CARGO_PKG_VERSION") };
 /// Both thermistors at 25 °C, 12 bit.
-const COOL: u16 = 2048;
+const COOL: TemperatureCode = TemperatureCode::new(2048);
 
 /// What the simulated board has by default: the motor of Simpkins and Todorov, field-oriented; a command holds for a
 /// second.
@@ -191,7 +191,7 @@ impl Simulator {
     /// The control interrupt.
     fn period(&mut self) {
         let plant::Codes { halls, currents, bus } = self.plant.sample();
-        let mut sample = Sample { halls, currents, bus, temperatures: [COOL; 2], lost: 0 };
+        let mut sample = Sample { halls, currents, bus, temperatures: [COOL; 2], ..Sample::default() };
         if let Some(kind) = self.disturbed {
             kind.disturb(&mut sample);
         }

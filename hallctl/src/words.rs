@@ -54,6 +54,7 @@ pub const fn advice(fault: Fault) -> &'static str {
         Fault::CommandTimeout => "keep hallctl running while the motor is to turn, or raise command_timeout_s",
         Fault::Deadline => "the control interrupt was late: report it, with the firmware's version",
         Fault::Encoder => "check the ring magnets' heads and their wires",
+        Fault::GateDriver => "read the gate driver's registers: a short circuit, its supply, or its SPI lines",
         Fault::Turns => "a Hall or the encoder has lost turns: calibrate both",
     }
 }

@@ -2,7 +2,7 @@
 
 use anyhow::{Context, Result, anyhow, bail};
 use hallservo::angle::ElectricalAngle;
-use hallservo::board::{Output, Sample};
+use hallservo::board::{Output, Sample, TemperatureCode};
 use hallservo::commutation::Modulation;
 use hallservo::config::Config;
 use hallservo::control::cogging::Table;
@@ -28,7 +28,7 @@ pub struct Rig {
     /// The settings in the interrupt's units.
     pub config: Config,
     /// What the thermistors read.
-    pub temperatures: [u16; 2],
+    pub temperatures: [TemperatureCode; 2],
     /// Changes samples on their way from the ADC to the drive.
     pub disturb: Option<Disturb>,
     period_s: f64,
@@ -38,7 +38,7 @@ pub struct Rig {
 pub type Disturb = Box<dyn FnMut(&mut Sample)>;
 
 /// A thermistor of [`Thermistor::ntc_10k`](hallservo::settings::Thermistor::ntc_10k) at 25 °C, 12 bit.
-const COOL: u16 = 2048;
+const COOL: TemperatureCode = TemperatureCode::new(2048);
 
 /// One control period: what the drive saw and did, and how it really was at the sampling instant.
 #[derive(Clone, Copy, Debug)]
@@ -76,7 +76,7 @@ impl Rig {
     /// One control period.
     pub fn step(&mut self) -> Period {
         let plant::Codes { halls, currents, bus } = self.plant.sample();
-        let mut sample = Sample { halls, currents, bus, temperatures: self.temperatures, lost: 0 };
+        let mut sample = Sample { halls, currents, bus, temperatures: self.temperatures, ..Sample::default() };
         if let Some(disturb) = &mut self.disturb {
             disturb(&mut sample);
         }

@@ -1,7 +1,7 @@
 //! Block commutation: the six-step table of Simpkins and Todorov, Fig. 5.
 //!
-//! In each sixth of a turn two legs are driven against each other and the third is open. Twice the deviation from one half lies
-//! across the two, so a command M puts `M · V_bus` between them.
+//! In each sixth of a turn two legs are driven against each other and the third is open. Twice the deviation from one
+//! half lies across the two, so a command M puts `M · V_bus` between them.
 
 use crate::angle::ElectricalAngle;
 use crate::board::{Legs, Output};
@@ -44,8 +44,8 @@ impl Sextant {
         SEXTANTS[((angle.to_bits() as u32 as u64 * 6) >> 32) as usize & 7]
     }
 
-    /// The sextant of an angle, or still this one while the angle is less than half a degree outside, so that noise at the border
-    /// does not step to and fro.
+    /// The sextant of an angle, or still this one while the angle is less than half a degree outside, so that noise at
+    /// the border does not step to and fro.
     #[inline(always)]
     pub const fn follow(self, angle: ElectricalAngle) -> Self {
         const SIXTH: i64 = (1 << 32) / 6;

@@ -1,8 +1,8 @@
 //! Clarke and Park transforms and their inverses, amplitude-invariant, in integers.
 //!
-//! Three phases that sum to zero are a vector: α along the axis of phase A, β a quarter turn ahead. Seen from the rotor, d is along
-//! its north pole and q a quarter turn ahead. The length of the vector is the amplitude of the phases. All components are
-//! in a unit of the caller's and up to 2²⁸.
+//! Three phases that sum to zero are a vector: α along the axis of phase A, β a quarter turn ahead. Seen from the
+//! rotor, d is along its north pole and q a quarter turn ahead. The length of the vector is the amplitude of the
+//! phases. All components are in a unit of the caller's and up to 2²⁸.
 
 use crate::math::high;
 use crate::trig;
@@ -35,7 +35,8 @@ pub struct Rotation {
     cos: I2F30,
 }
 
-/// From the codes of three current amplifiers to a vector: what they have in common is taken off, and each amplifier's zero.
+/// From the codes of three current amplifiers to a vector: what they have in common is taken off, and each amplifier's
+/// zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Clarke {
@@ -45,8 +46,8 @@ pub struct Clarke {
 }
 
 impl Clarke {
-    /// For codes of which 2¹⁵ · 2^−`shift` are 2³⁰, with the amplifiers' zeros in 2⁻⁸ · 2^−`shift` codes; phases B and C exchanged
-    /// if the motor is `reversed`.
+    /// For codes of which 2¹⁵ · 2^−`shift` are 2³⁰, with the amplifiers' zeros in 2⁻⁸ · 2^−`shift` codes; phases B and
+    /// C exchanged if the motor is `reversed`.
     pub const fn new(shift: u32, zeros: [i32; 3], reversed: bool) -> Self {
         /// 2¹⁵/3 and 2¹⁵/√3 with a shift of 8.
         const THIRD: i32 = 2_796_203;

@@ -1,7 +1,7 @@
 //! Sinusoidal commutation: Simpkins and Todorov, eq. (8) and (9), with the errata.
 //!
-//! The sines are signed and duties are not, so the duties are centred at one half. The third phase is driven so that the
-//! three always sum to the same; reversal is the complement, a negative amplitude.
+//! The sines are signed and duties are not, so the duties are centred at one half. The third phase is driven so that
+//! the three always sum to the same; reversal is the complement, a negative amplitude.
 
 use crate::angle::ElectricalAngle;
 use crate::math::high;

@@ -8,15 +8,16 @@ use crate::commutation::frames::{Dq, InverseClarke, Rotation};
 use crate::math::{clamp, high};
 use crate::pwm::Limits;
 
-/// The largest voltage along d. The unit of the voltages follows from it: [`LONGEST`] is the longest vector in every direction.
+/// The largest voltage along d. The unit of the voltages follows from it: [`LONGEST`] is the longest vector in every
+/// direction.
 pub const MOST_D: i32 = 1 << 21;
 
 /// The longest voltage vector, of which [`MOST_D`] is 7/10.
 pub const LONGEST: i32 = 2_995_931;
 
-/// A voltage cut to the circle of [`LONGEST`], components of any size. The one along d comes first, up to [`MOST_D`]; that along
-/// q gets what is left, by a parabola through the top of the circle and the point at the largest d: up to 1.6 % of the
-/// radius less than the circle leaves, and 0.1 % where there is no voltage along d.
+/// A voltage cut to the circle of [`LONGEST`], components of any size. The one along d comes first, up to [`MOST_D`];
+/// that along q gets what is left, by a parabola through the top of the circle and the point at the largest d: up to
+/// 1.6 % of the radius less than the circle leaves, and 0.1 % where there is no voltage along d.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Circle(i32);
@@ -91,16 +92,17 @@ impl Modulator {
         }
     }
 
-    /// The longest vector that fits the limits in every direction, with the correction of the dead time, as a share of the bus.
+    /// The longest vector that fits the limits in every direction, with the correction of the dead time, as a share of
+    /// the bus.
     pub fn longest(period: u16, dead_time: u16, limits: &Limits) -> f64 {
         (limits.longest_vector() - f64::from(dead_time) / libm::sqrt(3.0)) / f64::from(period)
     }
 
-    /// Compare values of a `voltage` within the [circle](Circle) for a rotor at an angle. Within one count of the exact value,
-    /// and in the limits.
+    /// Compare values of a `voltage` within the [circle](Circle) for a rotor at an angle. Within one count of the exact
+    /// value, and in the limits.
     ///
-    /// To each phase is added what the dead time takes: half of its counts, with the sign of the phase's share of the `current` along q
-    /// and in proportion to it below [`RAMP`], where the terminal floats for part of the dead time.
+    /// To each phase is added what the dead time takes: half of its counts, with the sign of the phase's share of the
+    /// `current` along q and in proportion to it below [`RAMP`], where the terminal floats for part of the dead time.
     #[inline(always)]
     pub const fn compare(&self, rotor: Rotation, voltage: Dq, current: i32) -> [u16; 3] {
         let [a, b, c] = self.phases.of(rotor.inverse_park(voltage));

@@ -1,8 +1,9 @@
 //! Anti-cogging: a current over the electrical turn that balances what the magnets do to the teeth.
 //!
-//! The rotor turns slowly under speed control, once forward and once backward; the current that this takes, averaged over both
-//! directions, is the cogging's: friction has the other sign on the way back. Cogging repeats with the electrical turn in all
-//! motors whose slots divide evenly among the pole pairs; what does not repeat averages out and stays.
+//! The rotor turns slowly under speed control, once forward and once backward; the current that this takes, averaged
+//! over both directions, is the cogging's: friction has the other sign on the way back. Cogging repeats with the
+//! electrical turn in all motors whose slots divide evenly among the pole pairs; what does not repeat averages out and
+//! stays.
 
 use crate::angle::ElectricalAngle;
 use crate::trig;
@@ -61,8 +62,8 @@ impl Learner {
         enough as f32 / (2 * POINTS) as f32
     }
 
-    /// The table: the mean of both directions without its constant part, of its first `harmonics` (1 to 63) only. `None` while
-    /// a point lacks samples.
+    /// The table: the mean of both directions without its constant part, of its first `harmonics` (1 to 63) only.
+    /// `None` while a point lacks samples.
     pub fn table(&self, harmonics: usize) -> Option<Table> {
         if self.progress() < 1.0 {
             return None;

@@ -1,24 +1,24 @@
-//! Current control: d/q PI for field orientation, and the local feedback of Simpkins and Todorov, Fig. 7, on one current.
+//! Current control: d/q PI for field orientation, and the local feedback of Simpkins and Todorov, Fig. 7, on one
+//! current.
 //!
-//! Both have the gains `ω L` and `ω R` for a bandwidth ω: the zero of the PI cancels the pole R/L of the winding, so the loop is
-//! an integrator with the delay of sampling and PWM, 1.5 periods. Where the voltage is limited, the integrator is
-//! corrected by what the limit took off (back-calculation), with the winding's time constant.
+//! Both have the gains `ω L` and `ω R` for a bandwidth ω: the zero of the PI cancels the pole R/L of the winding, so
+//! the loop is an integrator with the delay of sampling and PWM, 1.5 periods. Where the voltage is limited, the
+//! integrator is corrected by what the limit took off (back-calculation), with the winding's time constant.
+
+mod local;
 
 use crate::commutation::frames::Dq;
 use crate::commutation::svpwm::{Circle, LONGEST};
-use crate::control::{Motor, Scale, fixed};
-use crate::math::{clamp, high};
-use crate::settings::Feedback;
+use crate::control::{Motor, Scale};
+use crate::math::high;
 use core::f32::consts::TAU;
+pub use local::{Local, LocalGains};
 
 /// Bits by which a current of the d/q controller, in 2⁻²⁸ of the full scale, is finer than one of the outer loops.
 pub(crate) const PARK_BITS: u32 = 13;
 
-/// Bits of the fraction of a voltage within the local feedback.
-const FRACTION: u32 = 8;
-
-/// Gains of the d/q controller. It computes with currents in 2⁻²⁸ of the full scale and with voltages of which the bus allows
-/// [`LONGEST`], so its gains follow the bus: these are for a bus of the divider's full scale.
+/// Gains of the d/q controller. It computes with currents in 2⁻²⁸ of the full scale and with voltages of which the bus
+/// allows [`LONGEST`], so its gains follow the bus: these are for a bus of the divider's full scale.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Gains {
@@ -28,7 +28,8 @@ pub struct Gains {
     integral: i32,
     /// Share of what the limit took off, in 2⁻³².
     back: i32,
-    /// Inductive voltage per current at a turn a step, and induced voltage: products with a speed that is shifted left by `shift`.
+    /// Inductive voltage per current at a turn a step, and induced voltage: products with a speed that is shifted left
+    /// by `shift`.
     inductance: i32,
     flux: i32,
     shift: u32,
@@ -52,8 +53,9 @@ pub struct Present {
 }
 
 impl Gains {
-    /// For a bandwidth, a rotor that turns with up to `fastest_hz` electrical, at most a twentieth of a turn a step, a bus of at least a
-    /// share `least_bus` of its full scale, and a bridge whose longest voltage is a share `longest` of the bus.
+    /// For a bandwidth, a rotor that turns with up to `fastest_hz` electrical, at most a twentieth of a turn a step, a
+    /// bus of at least a share `least_bus` of its full scale, and a bridge whose longest voltage is a share `longest`
+    /// of the bus.
     ///
     /// What turning induces is fed forward as far as the integers reach; the integrators do the rest.
     ///
@@ -67,7 +69,8 @@ impl Gains {
         least_bus: f32,
         longest: f32,
     ) -> Result<Self, f32> {
-        /// Present gains have 26 bits of fraction and 31 in all; the rest is for roundings. No sum overflows, whatever the currents.
+        /// Present gains have 26 bits of fraction and 31 in all; the rest is for roundings. No sum overflows, whatever
+        /// the currents.
         const MOST: f32 = 31.0;
         // From shares of the full scale to the unit of the voltages, with 22 bits.
         let unit = LONGEST as f32 / 4_194_304.0 / longest;
@@ -105,7 +108,7 @@ impl Present {
 
     /// Takes up a bus voltage.
     #[inline(always)]
-    pub const fn scale(&mut self, gains: &Gains, bus: Inverse) {
+    pub const fn take_up_bus(&mut self, gains: &Gains, bus: Inverse) {
         self.proportional = bus.of(gains.proportional) << 6;
         self.integral = bus.of(gains.integral) << 6;
         self.back = gains.back;
@@ -113,7 +116,7 @@ impl Present {
 
     /// Takes up what turning with `speed` induces.
     #[inline(always)]
-    pub const fn induce(&mut self, gains: &Gains, bus: Inverse, speed: i32) {
+    pub const fn take_up_speed(&mut self, gains: &Gains, bus: Inverse, speed: i32) {
         // Cut to both sides by saturation, in four instructions.
         let beyond = gains.beyond;
         let speed = speed.saturating_add(beyond).wrapping_sub(beyond).saturating_sub(beyond).wrapping_add(beyond);
@@ -128,8 +131,8 @@ impl Present {
 pub struct Inverse(i32);
 
 impl Inverse {
-    /// Of a voltage of 2⁻¹⁵ of the full scale, from a twentieth of it on; up to 2⁻¹⁵ and one part in the voltage too small: 6.5e-4 of
-    /// a twentieth, 1e-4 of half the full scale. One division.
+    /// Of a voltage of 2⁻¹⁵ of the full scale, from a twentieth of it on; up to 2⁻¹⁵ and one part in the voltage too
+    /// small: 6.5e-4 of a twentieth, 1e-4 of half the full scale. One division.
     #[inline(always)]
     pub const fn new(bus: i32) -> Self {
         // Never zero, which the compiler does not see.
@@ -155,7 +158,8 @@ impl Integrators {
     /// Nothing.
     pub const ZERO: Self = Self { d: 0, q: 0 };
 
-    /// One step: the voltage that makes the `measured` currents `wanted` along q and nothing along d, within the circle.
+    /// One step: the voltage that makes the `measured` currents `wanted` along q and nothing along d, within the
+    /// circle.
     ///
     /// The voltages that turning induces from axis to axis are fed forward, so that d and q do not disturb each
     /// other. Currents are in 2⁻²⁸ of the full scale and up to 4/3 of it.
@@ -189,75 +193,10 @@ impl Integrators {
     }
 }
 
-/// Gains of the local feedback.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct LocalGains {
-    feed_forward: i32,
-    proportional: i32,
-    integral: i32,
-    derivative: i32,
-    back: i32,
-    flux: i32,
-}
-
-impl LocalGains {
-    /// For a bandwidth in hertz. `None` when they are beyond the range of the integers.
-    pub fn new(motor: &Motor, feedback: Feedback, bandwidth_hz: f32, scale: &Scale) -> Option<Self> {
-        let omega = TAU * bandwidth_hz;
-        let proportional = omega * motor.inductance_h / scale.conductance();
-        let integral = omega * motor.resistance_ohm / scale.conductance() / scale.step_hz;
-        let flux = TAU * scale.step_hz * motor.flux_linkage_wb / scale.volts;
-        let integrates = matches!(feedback, Feedback::Pi | Feedback::Pid);
-        let derives = matches!(feedback, Feedback::Pd | Feedback::Pid);
-        Some(Self {
-            feed_forward: if integrates { 0 } else { fixed(motor.resistance_ohm / scale.conductance(), 26)? },
-            proportional: fixed(proportional, 26)?,
-            integral: if integrates { fixed(integral, 26)?.max(1) } else { 0 },
-            // Half of 1.5 steps.
-            derivative: if derives { fixed(0.75 * proportional, 26)? } else { 0 },
-            back: fixed((integral / proportional).min(0.49), 32)?,
-            flux: fixed(flux, 15 + FRACTION as i32)?,
-        })
-    }
-}
-
-/// The local feedback: a current in, a voltage out.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Local {
-    integral: i32,
-    last: i32,
-}
-
-impl Local {
-    /// Nothing.
-    pub const ZERO: Self = Self { integral: 0, last: 0 };
-
-    /// One step: the voltage that makes the `measured` current the `wanted` one, up to ± `most`.
-    ///
-    /// The voltage that the back-EMF is expected to take is fed forward; to a feedback without an integral also that of the
-    /// resistance, so that it has to make up for the rest only.
-    pub const fn step(&mut self, gains: &LocalGains, wanted: i32, measured: i32, speed: i32, most: i32) -> i32 {
-        let error = (wanted - measured) << 14;
-        let change = (measured - self.last) << 14;
-        self.last = measured;
-        let forward = high(wanted << 14, gains.feed_forward) + high(speed, gains.flux);
-        let asked =
-            (high(error, gains.proportional) + self.integral + forward - high(change, gains.derivative)) >> FRACTION;
-        let voltage = clamp(asked, most);
-        if gains.integral != 0 {
-            let over = (voltage - asked) << FRACTION;
-            self.integral =
-                clamp(self.integral + high(error, gains.integral) + high(over, gains.back), most << FRACTION);
-        }
-        voltage
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::settings::Feedback;
     use proptest::prelude::*;
 
     extern crate std;
@@ -289,8 +228,8 @@ mod tests {
     fn present(bandwidth: f32, speed: i32) -> Present {
         let gains = Gains::new(&MOTOR, bandwidth, 2000.0, &SCALE, 0.3, LONGEST_SHARE as f32).unwrap();
         let mut present = Present::ZERO;
-        present.scale(&gains, Inverse::new(BUS));
-        present.induce(&gains, Inverse::new(BUS), speed);
+        present.take_up_bus(&gains, Inverse::new(BUS));
+        present.take_up_speed(&gains, Inverse::new(BUS), speed);
         present
     }
 
@@ -421,7 +360,7 @@ mod tests {
             let gains = gains(1.0, 500.0, fastest).unwrap();
             let induced = |hz: f32| {
                 let mut present = Present::ZERO;
-                present.induce(&gains, Inverse::new(BUS), (hz / 40e3 * 4_294_967_296.0) as i32);
+                present.take_up_speed(&gains, Inverse::new(BUS), (hz / 40e3 * 4_294_967_296.0) as i32);
                 units(present.induced, BUS) as f32 * SCALE.volts / 32_768.0
             };
             let exact = TAU * fastest * MOTOR.flux_linkage_wb;
@@ -451,8 +390,8 @@ mod tests {
             };
             let gains = Gains::new(&motor, 2000.0, 2000.0, &SCALE, least, LONGEST_SHARE as f32).unwrap();
             let (mut present, bus) = (Present::ZERO, Inverse::new((least * 32_768.0) as i32));
-            present.scale(&gains, bus);
-            present.induce(&gains, bus, speed);
+            present.take_up_bus(&gains, bus);
+            present.take_up_speed(&gains, bus, speed);
             let mut integrators = Integrators::default();
             for (d, q) in currents {
                 let Dq { d, q } = integrators.step(&present, wanted << 13, Dq { d: d << 13, q: q << 13 });

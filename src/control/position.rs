@@ -11,8 +11,8 @@ use core::f32::consts::TAU;
 pub struct Gain(i32);
 
 impl Gain {
-    /// For a bandwidth in hertz, and speeds in units of position a step of a loop that is computed `loop_hz` times a second. `None`
-    /// when it is beyond the range of the integers.
+    /// For a bandwidth in hertz, and speeds in units of position a step of a loop that is computed `loop_hz` times a
+    /// second. `None` when it is beyond the range of the integers.
     pub fn new(bandwidth_hz: f32, loop_hz: f32) -> Option<Self> {
         Some(Self(fixed(TAU * bandwidth_hz / loop_hz, 32)?.max(1)))
     }

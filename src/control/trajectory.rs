@@ -1,7 +1,8 @@
-//! The way to a position or a speed with limited speed and acceleration, computed on line: the target may change at any step.
+//! The trajectory to a position or a speed, with limited speed and acceleration, computed on line: the target may
+//! change at any step.
 //!
-//! Each step takes the highest of the three speeds within reach, a little more, the same or a little less, from which the rotor can
-//! still stop in time. It arrives exactly and without a division.
+//! Each step takes the highest of the three speeds within reach, a little more, the same or a little less, from which
+//! the rotor can still stop in time. It arrives exactly and without a division.
 
 use crate::angle::Position;
 use crate::math::clamp;
@@ -10,10 +11,12 @@ use crate::math::clamp;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Limits {
+    /// Largest acceleration, units of speed a step.
     acceleration: i32,
+    /// Largest speed.
     speed: i32,
-    /// A way that is longer than any to rest.
-    far: u64,
+    /// Distance beyond which stopping is no question; keeps twice its product with the acceleration within 63 bits.
+    longest_distance: u64,
 }
 
 impl Limits {
@@ -23,7 +26,7 @@ impl Limits {
         if acceleration < 1 || speed < 1 || acceleration > MOST || speed > MOST {
             return None;
         }
-        Some(Self { acceleration, speed, far: i64::MAX as u64 / (2 * acceleration as u64) })
+        Some(Self { acceleration, speed, longest_distance: i64::MAX as u64 / (2 * acceleration as u64) })
     }
 
     /// Largest speed.
@@ -41,19 +44,25 @@ impl Limits {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Trajectory {
+    /// Reference of the position.
     position: Position,
+    /// Reference of the speed, units of position a step.
     speed: i32,
+    /// Change of the speed in the last step.
     acceleration: i32,
-    /// −1 if the target lies behind, else 0; twice the acceleration times the way to it; and the way, if a step does it.
-    back: i32,
-    room: u64,
-    near: i32,
+    /// −1 if the target lies in the negative direction, else 0.
+    direction: i32,
+    /// Twice the largest acceleration times the distance to the target: the square of the speed from which the rotor
+    /// just stops there.
+    stopping: u64,
+    /// Distance to the target, if one step can cover it; otherwise the largest number.
+    last_step: i32,
 }
 
 impl Trajectory {
     /// At a position, moving; on the way to rest, until it has looked ahead.
     pub const fn at(position: Position, speed: i32) -> Self {
-        Self { position, speed, acceleration: 0, back: 0, room: 0, near: 0 }
+        Self { position, speed, acceleration: 0, direction: 0, stopping: 0, last_step: 0 }
     }
 
     /// One step towards a speed, up to ± that of the limits.
@@ -63,45 +72,47 @@ impl Trajectory {
         self.move_on(self.speed + clamp(change, limits.acceleration));
     }
 
-    /// One step towards rest at a position: [`Self::plan`] and [`Self::advance`], which may as well be called one after the other.
+    /// One step towards rest at a position: [`Self::plan`] and [`Self::advance`], which may as well be called one after
+    /// the other.
     #[inline(always)]
     pub const fn towards(&mut self, target: Position, limits: &Limits) {
         self.plan(target, limits);
         self.advance(limits);
     }
 
-    /// What is left of the way to a position.
+    /// Looks at the distance to a position.
     #[inline(always)]
     pub const fn plan(&mut self, target: Position, limits: &Limits) {
         let left = target.to_bits().wrapping_sub(self.position.to_bits());
-        self.back = (left >> 63) as i32;
+        self.direction = (left >> 63) as i32;
         let left = left.unsigned_abs();
-        self.near = if left <= limits.acceleration as u64 { left as i32 } else { i32::MAX };
-        self.room = if left < limits.far { left } else { limits.far } * (2 * limits.acceleration as u32) as u64;
+        self.last_step = if left <= limits.acceleration as u64 { left as i32 } else { i32::MAX };
+        let distance = if left < limits.longest_distance { left } else { limits.longest_distance };
+        self.stopping = distance * (2 * limits.acceleration as u32) as u64;
     }
 
-    /// One step on the way that was looked at.
+    /// One step towards the position that was planned for.
     #[inline(always)]
     pub const fn advance(&mut self, limits: &Limits) {
         let Limits { acceleration, speed: fastest, .. } = *limits;
         // As if the target lay ahead.
-        let speed = turned(self.speed, self.back);
+        let speed = along(self.speed, self.direction);
         let faster = speed + acceleration;
         let slow = faster as u32 <= 2 * acceleration as u32;
         let faster = if faster < fastest { faster } else { fastest };
-        let next = if slow && self.near <= acceleration {
-            self.near
+        let next = if slow && self.last_step <= acceleration {
+            self.last_step
         } else if speed.wrapping_sub(1) as u32 >= fastest as u32 {
             // Too fast, or not yet on the way, which is longer than what one step of it takes.
             if speed > 0 { speed - acceleration } else { faster }
-        } else if stops(faster, acceleration, self.room) {
+        } else if stops(faster, acceleration, self.stopping) {
             faster
-        } else if stops(speed, acceleration, self.room) {
+        } else if stops(speed, acceleration, self.stopping) {
             speed
         } else {
             speed - acceleration
         };
-        self.move_on(turned(next, self.back));
+        self.move_on(along(next, self.direction));
     }
 
     #[inline(always)]
@@ -127,17 +138,17 @@ impl Trajectory {
     }
 }
 
-/// The speed, the other way round where `back` is −1.
+/// The speed along a direction: with the other sign where that is −1.
 #[inline(always)]
-const fn turned(speed: i32, back: i32) -> i32 {
-    (speed ^ back) - back
+const fn along(speed: i32, direction: i32) -> i32 {
+    (speed ^ direction) - direction
 }
 
-/// Whether a rotor that moves on by `speed`, which is positive, this step, and then ever slower, comes to rest within `room`: twice the
-/// acceleration times what is left.
+/// Whether a rotor that moves on by `speed`, which is positive, this step, and then ever slower, comes to rest within
+/// the distance of which `stopping` is twice the acceleration times.
 #[inline(always)]
-const fn stops(speed: i32, acceleration: i32, room: u64) -> bool {
-    speed as u32 as u64 * (speed + acceleration) as u32 as u64 <= room
+const fn stops(speed: i32, acceleration: i32, stopping: u64) -> bool {
+    speed as u32 as u64 * (speed + acceleration) as u32 as u64 <= stopping
 }
 
 #[cfg(test)]

@@ -1,7 +1,8 @@
 //! Speed control: a PI that asks for a current, with the torque of the acceleration fed forward.
 //!
-//! With the gain `ω J / K_t` the rotor's inertia makes the loop an integrator of bandwidth ω; the integral acts below ω/4, which
-//! damps the loop with a ratio of 1. Where the current is limited, the integrator is corrected by what the limit took off.
+//! With the gain `ω J / K_t` the rotor's inertia makes the loop an integrator of bandwidth ω; the integral acts below
+//! ω/4, which damps the loop with a ratio of 1. Where the current is limited, the integrator is corrected by what the
+//! limit took off.
 
 use crate::control::{Motor, Scale, fixed};
 use crate::math::clamp;
@@ -24,8 +25,8 @@ pub struct Gains {
 }
 
 impl Gains {
-    /// For a bandwidth in hertz, and a loop that is computed `loop_hz` times a second. `None` when they are beyond the range of
-    /// the integers.
+    /// For a bandwidth in hertz, and a loop that is computed `loop_hz` times a second. `None` when they are beyond the
+    /// range of the integers.
     pub fn new(motor: &Motor, bandwidth_hz: f32, loop_hz: f32, scale: &Scale) -> Option<Self> {
         let omega = TAU * bandwidth_hz;
         // Units of current for a change of speed by one unit in a second.

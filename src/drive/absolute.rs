@@ -2,63 +2,71 @@
 //!
 //! [`AbsoluteDrive`] is what the interrupt owns then, around its [`Drive`], which goes on commutating by the Halls. The
 //! encoder's angle is checked by itself on every sample; a task checks the Halls' turn counter against it
-//! ([`AbsoluteTasks::poll`]). An encoder without an angle for longer than tolerated, or a disagreement, switches a running
-//! bridge off.
+//! ([`AbsoluteTasks::poll`]). An encoder without an angle for longer than tolerated, or a disagreement, switches a
+//! running bridge off.
 
 use super::{Command, Drive, Sample};
 use crate::angle::{MechanicalAngle, Position};
+use crate::board::encoder::AbsoluteEncoder;
 use crate::board::{Legs, Output};
 use crate::fault::Fault;
 use crate::service::Service;
-use crate::vernier::continuity::{self, State};
-use crate::vernier::encoder::{Encoder, Reading};
 use crate::vernier::turns::{Disagreement, TurnCheck, TurnZero};
 use heapless::spsc::{Consumer, Producer, Queue};
 
-/// One sample of the encoder, with where the Halls were at the same instant.
+/// One sample of an encoder, with where the Halls were at the same instant.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Absolute<const HEADS: usize> {
-    /// The heads, for a [`Calibrator`](crate::vernier::calibrate::Calibrator).
-    pub reading: Reading<HEADS>,
+pub struct Absolute<Reading, Fault> {
+    /// What was read of it, for a calibration such as the vernier's
+    /// [`Calibrator`](crate::vernier::calibrate::Calibrator).
+    pub reading: Reading,
     /// The angle, or why there is none; `None` while no encoder is installed.
-    pub angle: Option<Result<MechanicalAngle, continuity::Fault>>,
+    pub angle: Option<Result<MechanicalAngle, Fault>>,
     /// Position by the Halls.
     pub halls: Position,
 }
 
+/// One sample of an encoder of a kind.
+pub type SampleOf<E> = Absolute<<E as AbsoluteEncoder>::Reading, <E as AbsoluteEncoder>::Fault>;
+
 /// The queues between the interrupt and the tasks, beside those of the drive.
-#[derive(Default)]
-pub struct AbsoluteChannels<const HEADS: usize> {
-    encoders: Queue<&'static mut Encoder<HEADS>, 2>,
-    retired: Queue<&'static mut Encoder<HEADS>, 4>,
-    samples: Queue<Absolute<HEADS>, 64>,
+pub struct AbsoluteChannels<E: AbsoluteEncoder + 'static> {
+    encoders: Queue<&'static mut E, 2>,
+    retired: Queue<&'static mut E, 4>,
+    samples: Queue<SampleOf<E>, 64>,
 }
 
 /// The interrupt's ends.
-pub struct AbsoluteInterrupt<const HEADS: usize> {
-    encoders: Consumer<'static, &'static mut Encoder<HEADS>, 2>,
-    retired: Producer<'static, &'static mut Encoder<HEADS>, 4>,
-    samples: Producer<'static, Absolute<HEADS>, 64>,
+pub struct AbsoluteInterrupt<E: AbsoluteEncoder + 'static> {
+    encoders: Consumer<'static, &'static mut E, 2>,
+    retired: Producer<'static, &'static mut E, 4>,
+    samples: Producer<'static, SampleOf<E>, 64>,
 }
 
 /// The tasks' ends.
-pub struct AbsoluteTasks<const HEADS: usize> {
-    encoders: Producer<'static, &'static mut Encoder<HEADS>, 2>,
-    retired: Consumer<'static, &'static mut Encoder<HEADS>, 4>,
-    samples: Consumer<'static, Absolute<HEADS>, 64>,
+pub struct AbsoluteTasks<E: AbsoluteEncoder + 'static> {
+    encoders: Producer<'static, &'static mut E, 2>,
+    retired: Consumer<'static, &'static mut E, 4>,
+    samples: Consumer<'static, SampleOf<E>, 64>,
     check: Option<TurnCheck>,
     zero: TurnZero,
 }
 
-impl<const HEADS: usize> AbsoluteChannels<HEADS> {
+impl<E: AbsoluteEncoder + 'static> Default for AbsoluteChannels<E> {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl<E: AbsoluteEncoder + 'static> AbsoluteChannels<E> {
     /// Empty ones.
     pub const fn new() -> Self {
         Self { encoders: Queue::new(), retired: Queue::new(), samples: Queue::new() }
     }
 
     /// Both ends.
-    pub fn split(&'static mut self) -> (AbsoluteInterrupt<HEADS>, AbsoluteTasks<HEADS>) {
+    pub fn split(&'static mut self) -> (AbsoluteInterrupt<E>, AbsoluteTasks<E>) {
         let (encoders_in, encoders) = self.encoders.split();
         let (retired, retired_out) = self.retired.split();
         let (samples, samples_out) = self.samples.split();
@@ -75,34 +83,34 @@ impl<const HEADS: usize> AbsoluteChannels<HEADS> {
 }
 
 /// The drive and its encoder.
-pub struct AbsoluteDrive<const HEADS: usize> {
+pub struct AbsoluteDrive<E: AbsoluteEncoder + 'static> {
     drive: Drive,
-    channels: AbsoluteInterrupt<HEADS>,
-    encoder: Option<&'static mut Encoder<HEADS>>,
-    state: State,
-    angle: Option<Result<MechanicalAngle, continuity::Fault>>,
+    channels: AbsoluteInterrupt<E>,
+    encoder: Option<&'static mut E>,
+    state: E::State,
+    angle: Option<Result<MechanicalAngle, E::Fault>>,
     /// Successive samples without an angle.
     missed: u16,
     every: u32,
     until_sample: u32,
 }
 
-impl<const HEADS: usize> AbsoluteDrive<HEADS> {
+impl<E: AbsoluteEncoder + 'static> AbsoluteDrive<E> {
     /// Around a drive. Every `every`-th sample, at least each, goes to the tasks.
-    pub fn new(drive: Drive, channels: AbsoluteInterrupt<HEADS>, every: u32) -> Self {
+    pub fn new(drive: Drive, channels: AbsoluteInterrupt<E>, every: u32) -> Self {
         let every = every.max(1);
-        let state = State::default();
+        let state = E::State::default();
         Self { drive, channels, encoder: None, state, angle: None, missed: 0, every, until_sample: 1 }
     }
 
     /// One PWM period, as [`Drive::step`], with the encoder's heads read at the same instant.
     #[inline]
-    pub fn step(&mut self, sample: &Sample, reading: Reading<HEADS>) -> Output {
+    pub fn step(&mut self, sample: &Sample, reading: E::Reading) -> Output {
         if let Some(encoder) = self.channels.encoders.dequeue() {
             self.install(encoder);
         }
         let output = self.drive.step(sample);
-        let output = if self.follow(reading) { output } else { self.trip(&output) };
+        let output = if self.read(reading) { output } else { self.trip(&output) };
         self.until_sample = self.until_sample.wrapping_sub(1);
         if self.until_sample == 0 {
             self.until_sample = self.every;
@@ -113,20 +121,20 @@ impl<const HEADS: usize> AbsoluteDrive<HEADS> {
     }
 
     /// Reads the encoder. False when it has had no angle for longer than tolerated.
-    fn follow(&mut self, reading: Reading<HEADS>) -> bool {
+    fn read(&mut self, reading: E::Reading) -> bool {
         let Some(encoder) = &self.encoder else { return true };
-        let angle = encoder.step(&mut self.state, reading).map(|decoded| decoded.angle);
+        let angle = encoder.angle(&mut self.state, reading);
         self.missed = if angle.is_ok() { 0 } else { self.missed.saturating_add(1) };
         self.angle = Some(angle);
         self.missed <= self.drive.config.tolerated
     }
 
     #[cold]
-    fn install(&mut self, encoder: &'static mut Encoder<HEADS>) {
+    fn install(&mut self, encoder: &'static mut E) {
         if let Some(old) = self.encoder.replace(encoder) {
             let _ = self.channels.retired.enqueue(old);
         }
-        self.state = State::default();
+        self.state = E::State::default();
         self.missed = 0;
     }
 
@@ -145,29 +153,29 @@ impl<const HEADS: usize> AbsoluteDrive<HEADS> {
     }
 
     /// The shaft's angle at the last sample, or why there is none; `None` while no encoder is installed.
-    pub const fn angle(&self) -> Option<Result<MechanicalAngle, continuity::Fault>> {
+    pub const fn angle(&self) -> Option<Result<MechanicalAngle, E::Fault>> {
         self.angle
     }
 
     /// Whether the angle has been proven by motion since power-up.
     pub fn is_proven(&self) -> bool {
-        self.state.is_proven()
+        E::is_proven(&self.state)
     }
 }
 
-impl<const HEADS: usize> AbsoluteTasks<HEADS> {
+impl<E: AbsoluteEncoder + 'static> AbsoluteTasks<E> {
     /// Gives the drive a calibrated encoder, which it takes up between two steps. What it had before comes back from
     /// [`Self::retired`].
     ///
     /// # Errors
     /// The encoder, while the last one is not taken up yet.
-    pub fn install(&mut self, encoder: &'static mut Encoder<HEADS>) -> Result<(), &'static mut Encoder<HEADS>> {
+    pub fn install(&mut self, encoder: &'static mut E) -> Result<(), &'static mut E> {
         self.zero = TurnZero::default();
         self.encoders.enqueue(encoder)
     }
 
     /// An encoder that the drive no longer uses.
-    pub fn retired(&mut self) -> Option<&'static mut Encoder<HEADS>> {
+    pub fn retired(&mut self) -> Option<&'static mut E> {
         self.retired.dequeue()
     }
 
@@ -177,9 +185,9 @@ impl<const HEADS: usize> AbsoluteTasks<HEADS> {
         self.zero = TurnZero::default();
     }
 
-    /// The next sample, compared with the Halls where both have an angle. A disagreement makes a running drive fail with
-    /// [`Fault::Turns`].
-    pub fn poll(&mut self, service: &mut Service) -> Option<(Absolute<HEADS>, Result<(), Disagreement>)> {
+    /// The next sample, compared with the Halls where both have an angle. A disagreement makes a running drive fail
+    /// with [`Fault::Turns`].
+    pub fn poll(&mut self, service: &mut Service) -> Option<(SampleOf<E>, Result<(), Disagreement>)> {
         let absolute = self.samples.dequeue()?;
         let agreement = match (&self.check, absolute.angle) {
             (Some(check), Some(Ok(angle))) => check.check(&mut self.zero, angle, absolute.halls).map(|_| ()),

@@ -1,4 +1,5 @@
-//! What passes between the control interrupt and the tasks: samples, commands, replies, records, and the queues for them.
+//! What passes between the control interrupt and the tasks: samples, commands, replies, records, and the queues for
+//! them.
 
 use crate::angle::Position;
 use crate::commutation::{Commutation, Modulation};
@@ -48,7 +49,7 @@ pub enum Command {
 /// Answer to a [`Command`].
 pub type Reply = Result<(), Refusal>;
 
-/// Why a command was not obeyed.
+/// Why a command was refused.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -116,7 +117,7 @@ pub struct Interrupt {
 
 /// The tasks' ends of the queues.
 pub struct Tasks {
-    /// To the drive; one is obeyed a step.
+    /// To the drive, which carries out one a step.
     pub commands: Producer<'static, Command, 8>,
     /// One for each command, in order.
     pub replies: Consumer<'static, Reply, 16>,

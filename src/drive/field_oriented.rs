@@ -1,4 +1,5 @@
-//! Field-oriented control: the currents along d and q controlled in the frame of the rotor, with space-vector modulation.
+//! Field-oriented control: the currents along d and q controlled in the frame of the rotor, with space-vector
+//! modulation.
 
 use super::Sample;
 use super::servo::Servo;
@@ -66,7 +67,7 @@ impl FieldOriented {
     pub fn take_up_bus(&mut self, config: &Config, sample: &Sample) {
         let bus = config.bus(sample.bus);
         let inverse = Inverse::new(bus);
-        self.gains.scale(&config.gains, inverse);
+        self.gains.take_up_bus(&config.gains, inverse);
         self.integrators.follow(self.bus, bus, inverse);
         self.bus = bus;
     }
@@ -74,7 +75,7 @@ impl FieldOriented {
     /// Feed-forward of the back-EMF and of the coupling of the axes, for a speed in 2⁻³² electrical turns a step.
     #[inline(always)]
     pub fn take_up_speed(&mut self, config: &Config, speed: i32) {
-        self.gains.induce(&config.gains, Inverse::new(self.bus), speed);
+        self.gains.take_up_speed(&config.gains, Inverse::new(self.bus), speed);
     }
 
     /// Whether the voltage is at its limit.
@@ -83,8 +84,8 @@ impl FieldOriented {
         Circle::NEW.touches(self.voltage)
     }
 
-    /// Trims the alignment until no back-EMF is left along d: what the integrator holds there, beyond what is fed forward, is that of an
-    /// angle that is off. Only while the rotor turns fast enough to tell.
+    /// Trims the alignment until no back-EMF is left along d: what the integrator holds there, beyond what is fed
+    /// forward, is that of an angle that is off. Only while the rotor turns fast enough to tell.
     #[inline(always)]
     pub fn trim_alignment(&mut self, config: &Config, speed: i32) {
         let fast = speed.wrapping_add(config.trim_from) as u32 > 2 * config.trim_from as u32;

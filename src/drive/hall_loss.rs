@@ -38,8 +38,8 @@ impl Drive {
         }
     }
 
-    /// Resolves a suspicion: names the Hall that is lost and goes on without it, if the other two say that the rotor is about
-    /// where it was tracked; otherwise it is a fault.
+    /// Resolves a suspicion: names the Hall that is lost and goes on without it, if the other two say that the rotor is
+    /// about where it was tracked; otherwise it is a fault.
     pub(super) fn resolve_suspicion(&mut self, codes: Codes) {
         let Some(fault) = self.hall_loss.suspicion.take() else { return };
         let Some((lost, angle)) = self.find_lost_hall(fault, codes) else { return self.fail(fault) };
@@ -63,8 +63,8 @@ impl Drive {
             .filter_map(|k| {
                 let (angle, strength) = estimator.angle_without(Channel(k), &codes)?;
                 let distance = (angle - tracked).to_bits().unsigned_abs();
-                // A pair with the lost Hall in it is in the wrong place, and too strong or too weak: 30° count as much as
-                // a third of the strength.
+                // A pair with the lost Hall in it is in the wrong place, and too strong or too weak: 30° count as much
+                // as a third of the strength.
                 let doubt = (distance >> 20).saturating_add(strength.abs_diff(Estimator::NOMINAL_STRENGTH));
                 Some((doubt, distance, Channel(k), angle))
             })
@@ -105,8 +105,8 @@ impl Drive {
         }
     }
 
-    /// An estimator has been installed: a running drive that has lost a Hall keeps the limit, whichever it is; at rest, one
-    /// for three Halls stands for a repair.
+    /// An estimator has been installed: a running drive that has lost a Hall keeps the limit, whichever it is; at rest,
+    /// one for three Halls stands for a repair.
     pub(super) fn update_hall_loss(&mut self) {
         let knows = self.estimator().is_some_and(|estimator| estimator.lost().is_some());
         if knows {

@@ -1,4 +1,5 @@
-//! The local feedback of Simpkins and Todorov, Fig. 7: one current controlled by one voltage, with block or sinusoidal commutation.
+//! The local feedback of Simpkins and Todorov, Fig. 7: one current controlled by one voltage, with block or sinusoidal
+//! commutation.
 
 use super::servo::Servo;
 use super::{Idle, Sample};

@@ -1,5 +1,5 @@
-//! The open-loop path: alignment and the calibration's sweeps. A field rises, stands, and turns once forward and once backward,
-//! whatever the rotor does.
+//! The open-loop path: alignment and the calibration's sweeps. A field rises, stands, and turns once forward and once
+//! backward, whatever the rotor does.
 
 use crate::angle::ElectricalAngle;
 use crate::board::{Legs, Output};

@@ -33,7 +33,8 @@ pub(super) struct Protection {
 }
 
 impl Protection {
-    /// Everything is allowed, and no current: that of a drive without current sensing, and before the bridge is first on.
+    /// Everything is allowed, and no current: that of a drive without current sensing, and before the bridge is first
+    /// on.
     pub const NONE: Self = Self {
         current_floors: [0; 3],
         current_span: u32::MAX,
@@ -86,7 +87,7 @@ impl Protection {
     pub fn allows(&self, sample: &Sample) -> bool {
         let flows = |k: usize| u32::from(sample.currents[k]).wrapping_sub(self.current_floors[k]) <= self.current_span;
         // A bus voltage has 16 bits: with a lost period it is out of every range.
-        let bus = (u32::from(sample.bus) | u32::from(sample.lost) << 16).wrapping_sub(self.bus_floor);
+        let bus = (u32::from(sample.bus) | u32::from(sample.lost.count()) << 16).wrapping_sub(self.bus_floor);
         flows(0) && flows(1) && flows(2) && bus <= self.bus_span
     }
 
@@ -99,7 +100,7 @@ impl Protection {
             Fault::UnderVoltage
         } else if bus - self.bus_floor > self.bus_span {
             Fault::OverVoltage
-        } else if sample.lost != 0 {
+        } else if sample.lost.any() {
             Fault::Deadline
         } else {
             Fault::OverCurrent
@@ -118,7 +119,7 @@ impl Protection {
     /// Temperatures that are too high.
     #[inline(always)]
     pub fn over_temperature(&self, config: &Config, sample: &Sample) -> Option<Fault> {
-        let hot = |k: usize| i32::from(sample.temperatures[k]) << config.shift < config.guard.heat[k].fault;
+        let hot = |k: usize| i32::from(sample.temperatures[k].to_bits()) << config.shift < config.guard.heat[k].fault;
         if hot(0) {
             Some(Fault::BridgeHot)
         } else if hot(1) {
@@ -132,7 +133,7 @@ impl Protection {
     #[inline(always)]
     pub fn derate(&mut self, config: &Config, sample: &Sample, thermistor: usize) {
         let heat = config.guard.heat[thermistor];
-        let above = ((i32::from(sample.temperatures[thermistor]) << config.shift) - heat.fault).max(0);
+        let above = ((i32::from(sample.temperatures[thermistor].to_bits()) << config.shift) - heat.fault).max(0);
         self.shares[thermistor] = if above < heat.room { (above * heat.slope) >> 8 } else { 1 << 16 };
         let share = self.shares[0].min(self.shares[1]);
         // 0.9 · 2¹⁵ and 2¹⁶.

@@ -1,7 +1,8 @@
-//! What a drive with current sensing does beside the current control, a share in each step so that none has to do everything.
+//! What a drive with current sensing does beside the current control, a share in each step so that none has to do
+//! everything.
 //!
-//! [`Drive::attend`] is the table: the outer loops and what is urgent come every [`OUTER`] steps, the rest once in a [`CYCLE`]. A row is
-//! a slot; a step has exactly one, before the angle of the step is known.
+//! [`Drive::attend`] is the table: the outer loops and what is urgent come every [`OUTER`] steps, the rest once in a
+//! [`CYCLE`]. A row is a slot; a step has exactly one, before the angle of the step is known.
 
 use super::servo::{Context, Servo};
 use super::{Demand, Drive, Paths, Route, Sample};
@@ -61,7 +62,8 @@ impl Drive {
             6 | 14 | 22 | 30 => self.slot(sample, |servo, _, with| servo.update_reference(with)),
             // Every 16 steps.
             RECORD | 23 => self.record_slot(sample),
-            // Every 32 steps. The currents have settled since the last change of their reference where they are noted down.
+            // Every 32 steps. The currents have settled since the last change of their reference where they are noted
+            // down.
             5 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
             13 => self.slot(sample, Self::measurement_slot),
             15 => self.slot(sample, Self::alignment_slot),
@@ -119,8 +121,8 @@ impl Drive {
         if waits { self.estimator_if_short() } else { self.estimator() }
     }
 
-    /// The three Halls compared with each other, the sum of the currents, temperatures. Where the Halls disagree, the rest of the
-    /// step finds the angle as after a missed sample.
+    /// The three Halls compared with each other, the sum of the currents, temperatures. Where the Halls disagree, the
+    /// rest of the step finds the angle as after a missed sample.
     #[inline(never)]
     fn protection_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         let fault = self.with_servo(sample, |servo, _, with| {
@@ -218,8 +220,8 @@ impl Drive {
         }
     }
 
-    /// Lets the records come by the schedule, or no longer. It begins such that the next record, and so every one after it, is due in
-    /// its slot; a slot comes before the angle is found, so a record there is of the step before.
+    /// Lets the records come by the schedule, or no longer. It begins such that the next record, and so every one after
+    /// it, is due in its slot; a slot comes before the angle is found, so a record there is of the step before.
     pub(super) fn record_by_schedule(&mut self, records: bool) {
         let schedule = &mut self.servo.schedule;
         if records && !schedule.records {

@@ -1,5 +1,6 @@
-//! Control with currents, beside the current control itself: the outer loops, the reference of the current, what is measured, the
-//! protection and the schedule. Shared by [local feedback](super::local_feedback) and [field orientation](super::field_oriented).
+//! Control with currents, beside the current control itself: the outer loops, the reference of the current, what is
+//! measured, the protection and the schedule. Shared by [local feedback](super::local_feedback) and [field
+//! orientation](super::field_oriented).
 
 use super::protection::Protection;
 use super::schedule::{OUTER, Schedule};
@@ -38,7 +39,8 @@ pub enum Demand {
 pub(super) struct Reference {
     /// In 2⁻²⁸ of the full scale.
     pub current: i32,
-    /// For the compensation of the dead time, in the unit of [`Modulator::compare`](crate::commutation::svpwm::Modulator::compare).
+    /// For the compensation of the dead time, in the unit of
+    /// [`Modulator::compare`](crate::commutation::svpwm::Modulator::compare).
     pub dead_time: i32,
 }
 

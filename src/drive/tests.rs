@@ -6,9 +6,12 @@ mod commands;
 mod following;
 mod halls;
 mod records;
+mod refusals;
+mod seams;
 
 use super::*;
 use crate::angle::Position;
+use crate::board::{LostPeriods, TemperatureCode};
 use crate::commutation::Modulation;
 use crate::control::{Current, Speed};
 use crate::hall::Codes;
@@ -101,7 +104,7 @@ impl Bench {
 
 /// 24 V, no current, 25 °C.
 fn healthy(halls: Codes) -> Sample {
-    Sample { halls, currents: [2048; 3], bus: 2708, temperatures: [2048; 2], lost: 0 }
+    Sample { halls, currents: [2048; 3], bus: 2708, temperatures: [TemperatureCode::new(2048); 2], ..Sample::default() }
 }
 
 /// Installed, and with currents to measure.

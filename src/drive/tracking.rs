@@ -8,7 +8,8 @@ use crate::hall::plausibility::Implausible;
 use crate::hall::track::{Jump, Tracker};
 
 impl Drive {
-    /// Angle and speed from the Halls, all three or those that are left; with what is to be done where they do not tell.
+    /// Angle and speed from the Halls, all three or those that are left; with what is to be done where they do not
+    /// tell.
     pub(super) fn measure(&mut self, codes: &Codes) {
         match (self.hall_loss.lost, &self.estimator) {
             (Some(lost), _) if self.mode.drives() => self.measure_without(lost, *codes),

@@ -33,7 +33,8 @@ impl Voltage {
         }
     }
 
-    /// Takes up a command. A negative one turns the vector by half a turn; its advance is in the direction of the command, too.
+    /// Takes up a command. A negative one turns the vector by half a turn; its advance is in the direction of the
+    /// command, too.
     pub fn command(&mut self, modulation: Modulation, config: &Config) {
         self.set_amplitude(config.limits.amplitude(modulation), config);
         let advance = if modulation.is_negative() { -config.advance } else { config.advance };

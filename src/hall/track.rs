@@ -1,9 +1,9 @@
 //! Angle, speed and turns from the angles of successive samples.
 //!
 //! Turns are counted on the measured angle: the shorter way from sample to sample, the corrected jump detector of
-//! Simpkins and Todorov, eq. (4). A jump beyond the plausible speed is refused and the rotor is taken to have gone on as
-//! before. Angle and speed are smoothed by an α-β filter, the steady-state Kalman filter of a rotor whose speed wanders:
-//! no lag at constant speed, damping ratio 0.71, natural frequency `f_sample · 2⁻ᵃ / 8.9` with `α = 2⁻ᵃ` and
+//! Simpkins and Todorov, eq. (4). A jump beyond the plausible speed is refused and the rotor is taken to have gone on
+//! as before. Angle and speed are smoothed by an α-β filter, the steady-state Kalman filter of a rotor whose speed
+//! wanders: no lag at constant speed, damping ratio 0.71, natural frequency `f_sample · 2⁻ᵃ / 8.9` with `α = 2⁻ᵃ` and
 //! `β = 2⁻²ᵃ⁻¹`. At acceleration A it lags by `A · 2²ᵃ⁺¹ / f²`.
 
 use crate::angle::{ElectricalAngle, Position};

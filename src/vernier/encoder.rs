@@ -9,6 +9,7 @@ use super::correct::{Curve, Linearity, mean};
 use super::decode::{AverageTable, Decoded};
 use super::rings::{Ring, Rings};
 use crate::angle::{ElectricalAngle, MechanicalAngle};
+use crate::board::encoder::AbsoluteEncoder;
 use crate::math::within;
 use core::fmt;
 
@@ -245,5 +246,20 @@ impl<const HEADS: usize> Encoder<HEADS> {
         } else {
             None
         }
+    }
+}
+
+impl<const HEADS: usize> AbsoluteEncoder for Encoder<HEADS> {
+    type Reading = Reading<HEADS>;
+    type State = State;
+    type Fault = Fault;
+
+    #[inline]
+    fn angle(&self, state: &mut State, reading: Reading<HEADS>) -> Result<MechanicalAngle, Fault> {
+        self.step(state, reading).map(|decoded| decoded.angle)
+    }
+
+    fn is_proven(state: &State) -> bool {
+        state.is_proven()
     }
 }

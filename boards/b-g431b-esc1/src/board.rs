@@ -3,20 +3,20 @@
 use b_g431b_esc1::constants::{self, EARLY, FIRST, SECOND, ZERO};
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, GPIOA, GPIOB, GPIOC};
-use hallservo::board::Sample;
+use hallservo::board::sensing::SkewCompensation;
+use hallservo::board::{LostPeriods, Sample, TemperatureCode};
 use hallservo::settings::Settings;
-use stm32g4::sensing::{Early, NO_THERMISTOR, current, pulled_up};
 use stm32g4::wiring::Wiring;
-use stm32g4::{Board, Converter, Pin, result};
+use stm32g4::{Adc, Board, Converter, Pin, result};
 
 /// The state of the board in the control interrupt.
 pub struct Esc1 {
-    first_hall: Early,
+    first_hall: SkewCompensation<12>,
 }
 
 impl Esc1 {
     pub const fn new() -> Self {
-        Self { first_hall: Early::new(EARLY, 2 * Self::BRIDGE.period() as u32) }
+        Self { first_hall: SkewCompensation::new(EARLY, 2 * Self::BRIDGE.period() as u32) }
     }
 }
 
@@ -39,10 +39,12 @@ impl Board for Esc1 {
     fn sample(&mut self) -> Sample {
         Sample {
             halls: [self.first_hall.at_once(result::<1>(ADC2)), result::<2>(ADC2), result::<2>(ADC1)],
-            currents: [result::<0>(ADC1), result::<0>(ADC2), result::<1>(ADC1)].map(|code| current(code, ZERO)),
+            currents: [result::<0>(ADC1), result::<0>(ADC2), result::<1>(ADC1)]
+                .map(|code| Adc::low_side_current(code, ZERO)),
             bus: result::<3>(ADC2),
-            temperatures: [pulled_up(result::<3>(ADC1)), NO_THERMISTOR],
-            lost: 0,
+            temperatures: [Adc::ntc_to_reference(result::<3>(ADC1)), TemperatureCode::MISSING],
+            // The chip's control interrupt counts them.
+            lost: LostPeriods::NOT_COUNTED,
         }
     }
 }

@@ -2,6 +2,7 @@
 
 use crate::registers::clock::HCLK_HZ;
 use crate::registers::timer::{self, Break, Gates};
+use hallservo::board::timing;
 use hallservo::commutation::Commutation;
 use hallservo::settings::Settings;
 use hallservo::settings::{Control, GuardSettings, OnTimeout};
@@ -44,10 +45,10 @@ impl Wiring {
         self.dead_time_ticks() as f32 / HCLK_HZ as f32
     }
 
-    /// From an input that is held so many ticks after the trigger to the middle of the period that acts on it, in periods: a period
-    /// and a half from the valley.
+    /// From an input that is held so many ticks after the trigger to the middle of the period that acts on it, in
+    /// periods.
     pub const fn delay_periods(&self, held: u32) -> f32 {
-        1.5 + (self.lead as f32 - held as f32) / (2.0 * self.period() as f32)
+        timing::delay_periods(self.lead, held, self.period())
     }
 
     /// TIM1_BDTR.
@@ -55,8 +56,8 @@ impl Wiring {
         timer::bdtr(self.dead_time_field(), self.source, timer::break_filter(timer::ticks(HCLK_HZ, self.noise_ns)))
     }
 
-    /// What a drive starts with, whose sampling needs the lower transistors to conduct for a time, and whose Halls are held so many
-    /// ticks after the trigger.
+    /// What a drive starts with, whose sampling needs the lower transistors to conduct for a time, and whose Halls are
+    /// held so many ticks after the trigger.
     pub fn settings(&self, sampling_window_s: f32, held: u32, control: Control) -> Settings {
         let pwm_hz = self.pwm_hz as f32;
         // A motor whose tool has died, or whose line is broken, comes to rest.
@@ -69,7 +70,8 @@ impl Wiring {
             delay_periods: self.delay_periods(held),
             commutation: Commutation::FieldOriented,
             max_electrical_hz: 1000.0,
-            // A spark disturbs one sample. A second one in a row is a fault, and the bridge is off a period after the first.
+            // A spark disturbs one sample. A second one in a row is a fault, and the bridge is off a period after the
+            // first.
             tolerated_samples: 1,
             // Each costs the tasks some microseconds: half of the samples is what they can take.
             calibration_record_hz: pwm_hz / 2.0,

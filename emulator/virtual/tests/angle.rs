@@ -5,6 +5,8 @@ mod common;
 use chip::{Disturbance, Trace};
 use common::{ESC, NUCLEO, ask, calibrated, run, says};
 use hallctl::simulate::{Simulator, flash::Flash};
+use hallservo::board::TemperatureCode;
+use hallservo::board::sensing::SkewCompensation;
 use hallservo::settings::Settings;
 use hallservo_protocol::{Answer, Decoder, Reply};
 use plant::{InverterModel, PlantParameters};
@@ -12,8 +14,8 @@ use std::cell::RefCell;
 use std::f64::consts::TAU;
 use std::ops::Range;
 use std::rc::Rc;
+use stm32g4::Adc;
 use stm32g4::registers::clock::HCLK_HZ;
-use stm32g4::sensing::{Early, NO_THERMISTOR, pulled_up};
 use virtual_board::angle::{AngleError, Told, deviations};
 use virtual_board::script::{self, Action};
 use virtual_board::session::Session;
@@ -49,9 +51,9 @@ impl Host {
         let names = ["time / s", "angle / turns", "electrical angle / turns"].map(String::from).to_vec();
         let trace = Rc::new(RefCell::new(Trace { names, rows: Vec::new() }));
         let seen = Rc::clone(&trace);
-        let mut first_hall = Early::new(early, HCLK_HZ / settings.pwm_hz as u32);
+        let mut first_hall = SkewCompensation::<12>::new(early, HCLK_HZ / settings.pwm_hz as u32);
         simulator.observe = Some(Box::new(move |sample, truth| {
-            sample.temperatures = [pulled_up(COOL), NO_THERMISTOR];
+            sample.temperatures = [Adc::ntc_to_reference(COOL), TemperatureCode::MISSING];
             sample.halls[0] = first_hall.at_once(sample.halls[0]);
             let rows = &mut seen.borrow_mut().rows;
             let [mechanical, electrical] =

@@ -1,7 +1,7 @@
 //! What may happen to a simulated drive, to see what it does about it. The language is that of the crate [`script`].
 
 use anyhow::{Context as _, Result, anyhow, bail};
-use hallservo::board::Sample;
+use hallservo::board::{LostPeriods, Sample, TemperatureCode};
 use plant::{HallFault, Plant, Rail};
 use script::{Event, HallWire};
 use std::str::FromStr;
@@ -79,8 +79,8 @@ impl Kind {
     /// What is done to a sample.
     pub(crate) fn disturb(self, sample: &mut Sample) {
         match self {
-            Self::Hot => sample.temperatures[0] = 150,
-            Self::Late => sample.lost = 1,
+            Self::Hot => sample.temperatures[0] = TemperatureCode::new(150),
+            Self::Late => sample.lost = LostPeriods::counted(1),
             Self::Hall(..) | Self::Bus(_) | Self::Load(_) | Self::Turn(_) => {}
         }
     }

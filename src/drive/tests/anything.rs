@@ -25,7 +25,8 @@ fn highest(bench: &Bench) -> u16 {
 
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(300))]
-    /// Whatever is sampled and commanded: compare values stay in the limits, and the bridge is on only in a state that drives.
+    /// Whatever is sampled and commanded: compare values stay in the limits, and the bridge is on only in a state that
+    /// drives.
     #[test]
     fn no_sequence_leaves_the_limits(actions in proptest::collection::vec(action(), 1..400), block: bool, reversed: bool) {
         let commutation = if block { Commutation::Block } else { Commutation::Sinusoidal };

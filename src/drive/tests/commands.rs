@@ -138,7 +138,7 @@ fn seven_commands_wait_and_no_more() {
         bench.service.send(Command::Disarm).unwrap();
     }
     assert!(bench.service.send(Command::Disarm).is_err());
-    // One is obeyed, and there is room for another.
+    // One is carried out, and there is room for another.
     bench.step();
     bench.step();
     bench.service.send(Command::Disarm).unwrap();

@@ -40,9 +40,9 @@ fn nothing_is_armed_that_would_fail_at_once() {
         (|s| s.bus = 1000, Fault::UnderVoltage),
         (|s| s.bus = 4000, Fault::OverVoltage),
         (|s| s.currents[1] = 4095, Fault::OverCurrent),
-        (|s| s.temperatures[0] = 100, Fault::BridgeHot),
-        (|s| s.temperatures[1] = 100, Fault::MotorHot),
-        (|s| s.lost = 1, Fault::Deadline),
+        (|s| s.temperatures[0] = TemperatureCode::new(100), Fault::BridgeHot),
+        (|s| s.temperatures[1] = TemperatureCode::new(100), Fault::MotorHot),
+        (|s| s.lost = LostPeriods::counted(1), Fault::Deadline),
     ];
     for (spoil, fault) in cases {
         let mut bench = with_control(Commutation::FieldOriented, |_| ());
@@ -72,7 +72,7 @@ fn heat_reduces_the_current_before_it_is_a_fault() {
     let ntc = crate::settings::Thermistor::ntc_10k(80.0, 100.0);
     let code = (ntc.code(80.0) + ntc.code(100.0)) / 32.0;
     let mut sample = healthy(bench.model.codes(bench.rotor));
-    sample.temperatures[0] = code as u16;
+    sample.temperatures[0] = TemperatureCode::new(code as u16);
     for _ in 0..2 * CYCLE {
         bench.drive.step(&sample);
     }

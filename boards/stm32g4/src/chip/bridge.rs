@@ -6,6 +6,7 @@ use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
 use embassy_stm32::pac::timer::regs;
 use embassy_stm32::pac::{RCC, SYSCFG, TIM1};
+use hallservo::board::timing::{Enable, OutputEnable};
 use hallservo::board::{Legs, Output};
 
 /// A pin that TIM1 drives or watches: port, number, alternate function.
@@ -17,15 +18,12 @@ pub struct Bridge {
     period: u16,
     /// As preloaded.
     legs: Legs,
-    /// The timer has compare values of the running drive.
-    prepared: bool,
-    /// Switched on, and not off since.
-    on: bool,
+    enable: OutputEnable,
 }
 
 impl Bridge {
-    /// Sets everything up, off: all pins at the levels at which the transistors do not conduct, and the break armed. To be
-    /// called before anything else: it needs no clock but the one out of reset.
+    /// Sets everything up, off: all pins at the levels at which the transistors do not conduct, and the break armed. To
+    /// be called before anything else: it needs no clock but the one out of reset.
     pub fn new(wiring: &Wiring, pins: &[Pin]) -> Self {
         RCC.apb2enr().modify(|enable| {
             enable.set_tim1en(true);
@@ -56,7 +54,7 @@ impl Bridge {
             port.ospeedr().modify(|speed| speed.set_ospeedr(pin, Ospeedr::HIGH_SPEED));
             port.moder().modify(|mode| mode.set_moder(pin, Moder::ALTERNATE));
         }
-        Self { gates: wiring.gates, period: wiring.period(), legs: Legs::ALL, prepared: false, on: false }
+        Self { gates: wiring.gates, period: wiring.period(), legs: Legs::ALL, enable: OutputEnable::new() }
     }
 
     /// A locked-up core, a parity error of the SRAM and a double error of the flash are breaks as well, without code.
@@ -69,7 +67,8 @@ impl Bridge {
         TIM1.cr1().write_value(regs::Cr1Gp16(timer::CR1_COUNTING));
     }
 
-    /// First thing in a period: the states of the legs that belong to the compare values which the valley has just taken up.
+    /// First thing in a period: the states of the legs that belong to the compare values which the valley has just
+    /// taken up.
     #[inline(always)]
     pub(crate) fn commutate(&self) {
         TIM1.egr().write_value(regs::EgrAdv(timer::EGR_COMMUTATE));
@@ -78,15 +77,16 @@ impl Bridge {
     /// Whether the hardware has switched off what should be on.
     #[inline(always)]
     pub(crate) fn has_tripped(&self) -> bool {
-        self.on && TIM1.bdtr().read().0 & timer::MOE == 0
+        self.enable.is_on() && TIM1.bdtr().read().0 & timer::MOE == 0
     }
 
-    /// What a step returned. Off is at once; anything else is from the next valley on, when all of it is taken up together.
+    /// What a step returned. Off is at once; anything else is from the next valley on, when all of it is taken up
+    /// together.
     #[inline(always)]
     pub(crate) fn apply(&mut self, output: &Output) {
-        if output.legs == Legs::NONE {
+        let enable = self.enable.step(output);
+        if enable == Enable::Off {
             off();
-            (self.prepared, self.on) = (false, false);
             return;
         }
         for channel in 0..3 {
@@ -100,16 +100,13 @@ impl Bridge {
             TIM1.ccmr_output(1).write_value(regs::CcmrOutputGp16(legs.ccmr2));
             TIM1.ccer().write_value(regs::CcerAdv(legs.ccer));
         }
-        if self.prepared && !self.on {
-            // A step ago the first values were written; now they are in the timer. A break that is still there stays noted in BIF:
-            // the bridge stays off, and counts as tripped.
+        if enable == Enable::On {
+            // A break that is still there stays noted in BIF: the bridge stays off, and counts as tripped.
             TIM1.sr().write_value(regs::SrAdv(!timer::BIF));
             if TIM1.sr().read().0 & timer::BIF == 0 {
                 TIM1.bdtr().modify(|bdtr| bdtr.0 |= timer::MOE);
             }
-            self.on = true;
         }
-        self.prepared = true;
     }
 }
 

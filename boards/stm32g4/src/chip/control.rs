@@ -1,12 +1,13 @@
 //! The control interrupt.
 
+use crate::Adc;
 use crate::chip::bridge::Bridge;
 use crate::chip::{Board, converters};
-use crate::sensing::{Cadence, FULL_SCALE};
 use core::cell::UnsafeCell;
 use core::num::NonZeroU32;
 use cortex_m::peripheral::{DWT, NVIC};
 use embassy_stm32::pac::Interrupt;
+use hallservo::board::timing::PeriodCounter;
 use hallservo::drive::Drive;
 use hallservo_app::Housekeeping;
 
@@ -20,7 +21,7 @@ struct Owned<B> {
     board: B,
     drive: &'static mut Drive,
     bridge: Bridge,
-    cadence: Cadence,
+    periods: PeriodCounter,
     housekeeping: &'static Housekeeping,
 }
 
@@ -39,7 +40,7 @@ impl<B: Board> Control<B> {
         housekeeping: &'static Housekeeping,
     ) {
         let period = NonZeroU32::MIN.saturating_add(2 * u32::from(B::BRIDGE.period()) - 1);
-        let owned = Owned { board, drive, bridge, cadence: Cadence::new(period), housekeeping };
+        let owned = Owned { board, drive, bridge, periods: PeriodCounter::new(period), housekeeping };
         // SAFETY: the interrupt is not enabled, so nothing else looks at it.
         let owned = unsafe { (*self.0.get()).insert(owned) };
         owned.bridge.start();
@@ -47,8 +48,8 @@ impl<B: Board> Control<B> {
         unsafe { NVIC::unmask(Interrupt::ADC1_2) };
     }
 
-    /// One PWM period, from the end of the ADCs' sequences. It must be over before the next valley, which takes its compare values
-    /// up; a period without one is counted, and a running drive fails at it.
+    /// One PWM period, from the end of the ADCs' sequences. It must be over before the next valley, which takes its
+    /// compare values up; a period without one is counted, and a running drive fails at it.
     ///
     /// # Safety
     /// To be called by the interrupt ADC1_2 and by nothing else.
@@ -59,10 +60,10 @@ impl<B: Board> Control<B> {
         let Some(owned) = (unsafe { &mut *self.0.get() }) else { return };
         owned.bridge.commutate();
         let mut sample = owned.board.sample();
-        sample.lost = owned.cadence.lost(DWT::cycle_count());
+        sample.lost = owned.periods.lost(DWT::cycle_count());
         if owned.bridge.has_tripped() {
             // The hardware saw a current between two samples. The drive fails at the largest that it can be shown.
-            sample.currents = [FULL_SCALE; 3];
+            sample.currents = [Adc::FULL_SCALE; 3];
         }
         owned.housekeeping.update(&sample);
         let output = owned.drive.step(&sample);

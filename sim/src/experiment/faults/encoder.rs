@@ -10,7 +10,7 @@ use crate::experiment::vernier::{Build, calibrate, read};
 use crate::rig::{connected, legs};
 use anyhow::{Context, Result, anyhow, bail};
 use hallservo::angle::{ElectricalAngle, MechanicalAngle};
-use hallservo::board::{Legs, Sample};
+use hallservo::board::{Legs, Sample, TemperatureCode};
 use hallservo::commutation::Commutation;
 use hallservo::config::Config;
 use hallservo::drive::absolute::{AbsoluteChannels, AbsoluteDrive, AbsoluteTasks};
@@ -52,9 +52,9 @@ struct Machine {
     slip: f64,
     frozen: Option<(Ring, usize, Option<u16>)>,
     swapped: Option<(usize, usize)>,
-    drive: AbsoluteDrive<HEADS>,
+    drive: AbsoluteDrive<Encoder<HEADS>>,
     service: Service,
-    tasks: AbsoluteTasks<HEADS>,
+    tasks: AbsoluteTasks<Encoder<HEADS>>,
     construction: Construction,
     rings: Rings,
     config: Config,
@@ -115,7 +115,8 @@ impl Machine {
         if let Some((one, other)) = self.swapped {
             halls.swap(one, other);
         }
-        let sample = Sample { halls, currents, bus, temperatures: [2048; 2], lost: 0 };
+        let sample =
+            Sample { halls, currents, bus, temperatures: [TemperatureCode::new(2048); 2], ..Sample::default() };
         let output = self.drive.step(&sample, reading);
         self.plant.advance(&legs(&output, self.config.period));
         self.periods += 1;

@@ -2,7 +2,7 @@
 
 use super::summary::{TIMEOUT_PERIODS, TOLERATED};
 use crate::rig::Disturb;
-use hallservo::board::Sample;
+use hallservo::board::{LostPeriods, Sample, TemperatureCode};
 use hallservo::fault::Fault;
 use rand::RngExt;
 use rand_pcg::Pcg64;
@@ -156,9 +156,9 @@ impl Injection {
                     *code = if up { *code + off } else { *code - off };
                 })
             }
-            Self::BridgeHot => Box::new(|sample| sample.temperatures[0] = 300),
-            Self::MotorHot => Box::new(|sample| sample.temperatures[1] = 200),
-            Self::Deadline => Box::new(|sample| sample.lost = 1),
+            Self::BridgeHot => Box::new(|sample| sample.temperatures[0] = TemperatureCode::new(300)),
+            Self::MotorHot => Box::new(|sample| sample.temperatures[1] = TemperatureCode::new(200)),
+            Self::Deadline => Box::new(|sample| sample.lost = LostPeriods::counted(1)),
             Self::HallAtRail => Box::new(move |sample| sample.halls[channel] = 4095),
             Self::HallAtGround => Box::new(move |sample| sample.halls[channel] = 0),
             Self::HallsShorted => Box::new(move |sample| {

@@ -4,7 +4,7 @@ use crate::call::{Arguments, Results};
 use crate::halls;
 use crate::row::{Row, function};
 use core::sync::atomic::{AtomicPtr, Ordering::Relaxed};
-use hallservo::board::{Output, Sample};
+use hallservo::board::{Output, Sample, TemperatureCode};
 use hallservo::commutation::{Commutation, Modulation};
 use hallservo::control;
 use hallservo::drive::{Channels, Command, Drive, Tasks};
@@ -60,8 +60,13 @@ pub fn init() {
         let drive = Drive::new(config, interrupt);
         let bench = PLACES[number].init(Bench { drive, tasks, sample: Sample::default(), output: Output::OFF });
         // 24 V, 25 °C.
-        bench.sample =
-            Sample { halls: halls::model_codes(0), currents: [2048; 3], bus: 2708, temperatures: [2048; 2], lost: 0 };
+        bench.sample = Sample {
+            halls: halls::model_codes(0),
+            currents: [2048; 3],
+            bus: 2708,
+            temperatures: [TemperatureCode::new(2048); 2],
+            ..Sample::default()
+        };
         let demand = match (number, &config.control) {
             (1, Some(control)) => control.current(2.0).map(Command::Current),
             (2, Some(control)) => control.speed(300.0).map(Command::Speed),

@@ -8,7 +8,7 @@ use crate::motor::{INERTIA_KGM2, Motor};
 use crate::row::{Row, SWEEP, function};
 use core::sync::atomic::{AtomicPtr, Ordering::Relaxed};
 use hallservo::angle::ElectricalAngle;
-use hallservo::board::{Output, Sample};
+use hallservo::board::{Output, Sample, TemperatureCode};
 use hallservo::commutation::Commutation;
 use hallservo::control::cogging::Table;
 use hallservo::control::config::Config as Control;
@@ -145,7 +145,8 @@ impl Bench {
 
     /// Cold, or bridge and motor so warm that they reduce the current a little.
     fn heat(&mut self, part: u32) {
-        self.sample.temperatures = if part.is_multiple_of(2) { [2048; 2] } else { [600, 450] };
+        self.sample.temperatures =
+            if part.is_multiple_of(2) { [2048; 2] } else { [600, 450] }.map(TemperatureCode::new);
     }
 
     /// At the begin of each part its demand; then the next period.

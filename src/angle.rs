@@ -8,7 +8,7 @@ use core::fmt;
 use core::ops::{Add, AddAssign, Neg, Sub, SubAssign};
 
 /// Bits of one turn as a float: 2³².
-const TURN: f32 = 4_294_967_296.0;
+pub(crate) const TURN: f32 = 4_294_967_296.0;
 
 macro_rules! angle {
     ($(#[$doc:meta])* $name:ident) => {

@@ -11,6 +11,8 @@ pub mod settings;
 pub mod trajectory;
 pub mod velocity;
 
+use crate::angle::TURN;
+
 /// Current of a phase or along an axis, in 2⁻¹⁵ of the full scale of the amplifiers.
 /// [`settings::Config::current`] makes one of amperes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
@@ -35,9 +37,6 @@ pub struct Scale {
     /// Electrical turns in a mechanical turn.
     pub pole_pairs: f32,
 }
-
-/// 2³², the bits of a turn.
-const TURN: f32 = 4_294_967_296.0;
 
 impl Scale {
     /// Units of current in an ampere.
@@ -81,22 +80,4 @@ impl Motor {
 fn fixed(value: f32, bits: i32) -> Option<i32> {
     let scaled = libm::ldexp(f64::from(value), bits);
     (scaled.abs() < 2_147_483_648.0).then(|| libm::round(scaled) as i32)
-}
-
-/// Upper half of a product.
-#[inline(always)]
-pub(crate) const fn high(a: i32, b: i32) -> i32 {
-    ((a as i64 * b as i64) >> 32) as i32
-}
-
-/// `x` cut to ± `most`.
-#[inline(always)]
-pub(crate) const fn clamp(x: i32, most: i32) -> i32 {
-    if x > most {
-        most
-    } else if x < -most {
-        -most
-    } else {
-        x
-    }
 }

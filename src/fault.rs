@@ -1,7 +1,7 @@
 //! What switches the bridge off, and what only holds the drive back.
 
 use crate::hall::Channel;
-use crate::hall::normalize::Implausible;
+use crate::hall::plausibility::Implausible;
 use core::fmt;
 
 /// Latched: the bridge is off until a person or the application clears it.

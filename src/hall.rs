@@ -2,14 +2,13 @@
 //!
 //! [`model`] says what a sensor delivers, [`calibrate`] finds the model by turning the rotor, [`estimate`] turns it
 //! into integers and inverts it in the control interrupt, [`track`] makes angle, speed and turns of the angles.
-//! [`normalize`] and [`baseline`] are the way of Simpkins and Todorov, kept as the yardstick.
+//! [`plausibility`] tells which codes no healthy sensor delivers.
 
 pub mod adapt;
-pub mod baseline;
 pub mod calibrate;
 pub mod estimate;
 pub mod model;
-pub mod normalize;
+pub mod plausibility;
 pub mod track;
 
 use core::fmt;

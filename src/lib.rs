@@ -48,6 +48,7 @@ pub mod control;
 pub mod drive;
 pub mod fault;
 pub mod hall;
+mod math;
 pub mod mode;
 pub mod pwm;
 pub mod service;

@@ -66,6 +66,13 @@ pub(crate) const fn float(sine: I2F30) -> f32 {
     sine.to_bits() as f32 * (1.0 / 1_073_741_824.0)
 }
 
+/// Sine and cosine of an angle as floats, each with the error of [`sin`].
+#[inline(always)]
+pub(crate) const fn sin_cos_f32(angle: ElectricalAngle) -> (f32, f32) {
+    let (sine, cosine) = sin_cos(angle);
+    (float(sine), float(cosine))
+}
+
 /// Arcsine, −90° to 90°; |error| ≤ 1e-4 rad, RMS 2.6e-5 rad. Arguments beyond ±1 give ±90°.
 ///
 /// Away from zero the argument is taken as its distance from one, in segments that halve from octave to octave,

@@ -7,7 +7,7 @@
 //! Device", corrected.
 //!
 //! - [`rings`]: the two rings and the error that they forgive.
-//! - [`decode`]: the pole pair in a handful of instructions; [`baseline`] has the paper's own methods.
+//! - [`decode`]: the pole pair in a handful of instructions.
 //! - [`correct`]: what the heads' nonlinearity does to a reading, undone.
 //! - [`eccentricity`]: what an eccentric ring does, and how much of it the construction bears.
 //! - [`calibrate`]: tables and averages from a few turns of the drive, without a reference encoder.
@@ -19,7 +19,6 @@
 //! bits stands at the left ([`rings::Rings::reading`]). **Residuals** are measured in 2⁻¹⁶ of the distance between two
 //! entries of the decoder's table, so that the margin is ±2¹⁵ whatever the rings ([`rings::Rings::residual_counts`]).
 
-pub mod baseline;
 pub mod calibrate;
 pub mod continuity;
 pub mod correct;

@@ -1,6 +1,7 @@
 //! The adaptation against a thousand unkind motors: what `cargo run --release -- adapt` measures.
 
 use hallservo::hall::adapt::{Outcome, Settings, Spread};
+use rayon::prelude::*;
 use sim::experiment::adapt::judge::{self, Judge, Motion};
 use sim::experiment::adapt::{HZ, ensemble, run};
 use sim::statistics::Statistics;
@@ -70,7 +71,7 @@ fn the_third_harmonic_must_be_a_state_and_costs_nothing() {
 fn every_speed_of_the_range_converges() {
     // Samples a turn: 1400 down to 12, of which a mean of three spans a quarter.
     for (hz, turns) in [(0.7, 0.8), (2.0, 0.8), (20.0, 0.9), (40.0, 1.2), (80.0, 2.2)] {
-        let courses = sim::parallel(0..100, |seed| ensemble::course(seed, hz).unwrap());
+        let courses = (0..100).into_par_iter().map(|seed| ensemble::course(seed, hz).unwrap()).collect::<Vec<_>>();
         assert!(courses.iter().all(|course| !course.diverged), "{hz} Hz");
         let rms = ensemble::over_time(&courses, |course| &course.errors);
         let converged = ensemble::convergence_turns(&rms).unwrap();

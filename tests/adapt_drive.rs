@@ -11,6 +11,7 @@ use hallservo::service::Event;
 use hallservo::service::adaptation::{Adaptation, torque_nm};
 use hallservo::settings::Settings;
 use plant::{HallFault, PlantParameters, Rail};
+use rayon::prelude::*;
 use sim::rig::{Rig, error_deg};
 use sim::statistics::{ByAngle, Statistics};
 
@@ -79,7 +80,7 @@ fn warmed(seed: u64, publish: bool) -> (Statistics, u32) {
 
 #[test]
 fn a_running_drive_takes_up_what_is_learnt() {
-    let results = sim::parallel(1..5, |seed| (warmed(seed, true), warmed(seed, false)));
+    let results = (1..5).into_par_iter().map(|seed| (warmed(seed, true), warmed(seed, false))).collect::<Vec<_>>();
     for ((adapted, published), (untouched, _)) in results {
         println!("{published} models, systematic {:.3}°; without {:.3}°", adapted.rms(), untouched.rms());
         assert!(published > 100);
@@ -122,7 +123,7 @@ fn lost(seed: u64, fault: HallFault, commutation: Commutation) {
 fn a_running_drive_goes_on_with_two_halls() {
     let faults =
         [HallFault::Open(Rail::Low), HallFault::Open(Rail::High), HallFault::StuckAt(1.65), HallFault::StuckAt(1.8)];
-    sim::parallel(1..13, |seed| {
+    (1..13).into_par_iter().for_each(|seed| {
         let commutation = if seed % 2 == 0 { Commutation::Sinusoidal } else { Commutation::Block };
         lost(seed, faults[(seed / 3 % 4) as usize], commutation);
     });
@@ -177,7 +178,8 @@ fn swinging(seed: u64, tell: bool) -> (Statistics, f64) {
 
 #[test]
 fn the_current_s_torque_helps_to_follow() {
-    for ((with, share), (without, _)) in sim::parallel(1..5, |seed| (swinging(seed, true), swinging(seed, false))) {
+    let results = (1..5).into_par_iter().map(|seed| (swinging(seed, true), swinging(seed, false))).collect::<Vec<_>>();
+    for ((with, share), (without, _)) in results {
         println!("{:.3}°, torque {share:.3} of the motor's; not told {:.3}°", with.rms(), without.rms());
         assert!((share - 1.0).abs() < 0.03, "{share}");
         assert!(with.rms() < 0.25 * without.rms());

@@ -32,12 +32,7 @@ fn turn(plant: &PlantParameters, settings: &Settings, modulation: f64) -> (f64, 
 #[test]
 fn any_number_of_pole_pairs() {
     for pole_pairs in [1, 2, 3, 7, 14, 21, 40, 64] {
-        let mut plant = PlantParameters::unkind(3);
-        plant.motor.pole_pairs = pole_pairs;
-        // The same torque and speed constant, and cogging where such a motor has it.
-        plant.motor.back_emf.flux_linkage_vs *= 4.0 / f64::from(pole_pairs);
-        plant.motor.cogging[0].cycles_per_turn = 6 * u16::from(pole_pairs);
-        plant.motor.cogging[1].cycles_per_turn = 3 * u16::from(pole_pairs);
+        let plant = PlantParameters::unkind(3).with_pole_pairs(pole_pairs);
         // Away from the resonance of rotor and field: many poles make a stiff spring and a small angle between them.
         let calibration_hz = if pole_pairs < 2 {
             5.0

@@ -27,11 +27,7 @@ fn turn_by_hand(rig: &mut Rig, count: &mut ByHand, turns: f64, off_deg: f64) {
 }
 
 fn calibrated(pole_pairs: u8) -> Rig {
-    let mut plant = PlantParameters::unkind(3);
-    plant.motor.pole_pairs = pole_pairs;
-    plant.motor.back_emf.flux_linkage_vs *= 4.0 / f64::from(pole_pairs);
-    plant.motor.cogging[0].cycles_per_turn = 6 * u16::from(pole_pairs);
-    plant.motor.cogging[1].cycles_per_turn = 3 * u16::from(pole_pairs);
+    let plant = PlantParameters::unkind(3).with_pole_pairs(pole_pairs);
     let calibration_hz = if pole_pairs < 20 { 10.0 } else { 20.0 };
     // Told four, whatever there are.
     let mut rig = Rig::new(&plant, &Settings { calibration_hz, ..Settings::default() }, 5).unwrap();

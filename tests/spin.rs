@@ -1,12 +1,13 @@
 //! The whole drive against a hundred unkind motors: what `cargo run --release -- spin` measures on one.
 
 use plant::{HallLayout, PlantParameters};
+use rayon::prelude::*;
 use sim::experiment::spin::{Summary, run};
 
 fn summaries(seeds: std::ops::Range<u64>, plant: impl Fn(u64) -> PlantParameters + Sync) -> Vec<Summary> {
-    sim::parallel(seeds, |seed| {
-        run(seed, &plant(seed), |_, _| {}).unwrap_or_else(|error| panic!("seed {seed}: {error}")).summary
-    })
+    let summary =
+        |seed| run(seed, &plant(seed), |_, _| {}).unwrap_or_else(|error| panic!("seed {seed}: {error}")).summary;
+    seeds.into_par_iter().map(summary).collect()
 }
 
 fn worst(summaries: &[Summary], of: impl Fn(&Summary) -> f64) -> f64 {

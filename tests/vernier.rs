@@ -1,5 +1,6 @@
 //! What the vernier must reach: `cargo run --release -- vernier --pairs` over a hundred seeds, and its faults.
 
+use rayon::prelude::*;
 use sim::experiment::Common;
 use sim::experiment::vernier::faults::{FAULTS, Fault, Outcome, Recorded};
 use sim::experiment::vernier::{Build, Options, Summary, run};
@@ -14,7 +15,7 @@ fn summary(build: Build, seed: u64) -> Summary {
 
 #[test]
 fn a_million_positions_of_a_hundred_encoders() {
-    let summaries = sim::parallel(1..101, |seed| summary(PAIRS, seed));
+    let summaries = (1..101).into_par_iter().map(|seed| summary(PAIRS, seed)).collect::<Vec<_>>();
     let worst = |of: fn(&Summary) -> f64| summaries.iter().map(of).fold(0.0, f64::max);
     let positions: usize = summaries.iter().map(|s| s.positions).sum();
     let wrong: usize = summaries.iter().map(|s| s.wrong_pole_pairs).sum();
@@ -34,8 +35,8 @@ fn a_million_positions_of_a_hundred_encoders() {
 
 /// Trials of a fault, over ten encoders.
 fn trials<const HEADS: usize>(build: &Build, fault: Fault, each: usize) -> Outcome {
-    let outcomes = sim::parallel(1..11, |seed| Recorded::<HEADS>::new(build, seed).unwrap().trials(fault, each, seed));
-    let total = outcomes.into_iter().reduce(Outcome::plus).unwrap();
+    let of_one = |seed| Recorded::<HEADS>::new(build, seed).unwrap().trials(fault, each, seed);
+    let total = (1..11).into_par_iter().map(of_one).reduce_with(Outcome::plus).unwrap();
     println!("{total:?}");
     total
 }

@@ -1,7 +1,7 @@
 //! Logging: defmt where the board has it, nothing otherwise.
 
-/// Does nothing with its arguments but use them.
-macro_rules! say {
+/// Without defmt the arguments are only used, for the sake of the compiler.
+macro_rules! log {
     ($level:ident, $($argument:expr),+) => {{
         #[cfg(feature = "defmt")]
         defmt::$level!($($argument),+);
@@ -12,4 +12,4 @@ macro_rules! say {
     }};
 }
 
-pub(crate) use say;
+pub(crate) use log;

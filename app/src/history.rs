@@ -1,7 +1,7 @@
 //! What went wrong since power-up.
 
 #[cfg(feature = "defmt")]
-use crate::fmt::say;
+use crate::fmt::log;
 use hallservo_protocol::{Cause, Incident, Mode};
 use heapless::Deque;
 
@@ -21,7 +21,7 @@ impl History {
 
     pub fn push(&mut self, at_ms: u64, mode: Mode, cause: Cause) {
         #[cfg(feature = "defmt")]
-        tell(cause);
+        log_incident(cause);
         if self.entries.is_full() {
             self.entries.pop_back();
         }
@@ -45,11 +45,11 @@ impl History {
 
 /// Into the log.
 #[cfg(feature = "defmt")]
-fn tell(cause: Cause) {
+fn log_incident(cause: Cause) {
     match cause {
-        Cause::Fault(code) => say!(error, "fault {}: {}", code, hallservo::fault::Fault::from_code(code)),
-        Cause::Stored(record, _) => say!(warn, "stored record {} cannot be used", record as u8),
-        Cause::NotSaved(record) => say!(error, "record {} could not be saved", record as u8),
-        Cause::Sensor { channel, why } => say!(warn, "sensor {} is not learnt any more: {}", channel, why),
+        Cause::Fault(code) => log!(error, "fault {}: {}", code, hallservo::fault::Fault::from_code(code)),
+        Cause::Stored(record, _) => log!(warn, "stored record {} cannot be used", record as u8),
+        Cause::NotSaved(record) => log!(error, "record {} could not be saved", record as u8),
+        Cause::Sensor { channel, why } => log!(warn, "the adaptation gave up at sensor {}: {}", channel, why),
     }
 }

@@ -1,55 +1,87 @@
-//! What every drive runs beside the control interrupt: the tasks for commands, telemetry, adaptation, storage and the watchdog.
+//! What every drive runs beside the control interrupt: commands, telemetry, adaptation, procedures, storage and a sign of life for the
+//! watchdog.
 //!
-//! `no_std`, no allocation, no `unsafe`, no peripheral: a real board, the emulated one and the simulated drive run this same
-//! code and differ in what they give it: a flash, a serial line, a clock (`embassy-time`), and the control interrupt.
+//! `no_std`, no allocation, no `unsafe`, no peripheral and no runtime: a [`Supervisor`] has one call for time and one for each direction
+//! of a serial line. A main loop, RTIC or an RTOS calls them; [`embassy`] does with the feature of that name.
 //!
-//! ```ignore
-//! static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
-//! static ALIVE: Heartbeat = Heartbeat::new();
+//! ```
+//! use embedded_storage::nor_flash::NorFlash;
+//! use hallservo::{drive::Drive, settings::{Error, Settings}};
+//! use hallservo_app::{Housekeeping, Identity, Memory, Supervisor};
+//! # trait Board {
+//! #     fn start_control_interrupt(&mut self, drive: &'static mut Drive);
+//! #     fn millis(&self) -> u64;
+//! #     fn received(&mut self) -> &[u8];
+//! #     fn consume(&mut self, bytes: usize);
+//! #     fn send(&mut self, bytes: &[u8]);
+//! #     fn feed_watchdog(&mut self);
+//! # }
 //!
-//! let (drive, app) = hallservo_app::start(IDENTITY, defaults, flash, PLACE, MEMORY.take(), APP.uninit());
-//! // The control interrupt owns the drive: ALIVE.beat(&sample); let output = drive.step(&sample);
-//! app.run(rx, tx, &ALIVE, || watchdog.pet()).await
+//! // In the control interrupt: HOUSEKEEPING.update(&sample); let output = drive.step(&sample);
+//! static HOUSEKEEPING: Housekeeping = Housekeeping::new();
+//!
+//! // `memory` is a static: `static MEMORY: ConstStaticCell<Memory<Flash>> = ConstStaticCell::new(Memory::new());`
+//! fn run<F: NorFlash>(flash: F, memory: &'static mut Memory<F>, board: &mut impl Board) -> Result<(), Error> {
+//!     let identity = Identity { board: "mine", firmware: "1.0" };
+//!     let (drive, supervisor) = Supervisor::start(identity, Settings::default(), flash, 0, memory)?;
+//!     board.start_control_interrupt(drive);
+//!     let (mut ticked_ms, mut bytes) = (0, [0; 64]);
+//!     loop {
+//!         let taken = supervisor.receive(board.received());
+//!         board.consume(taken);
+//!         let length = supervisor.transmit(&mut bytes);
+//!         board.send(&bytes[..length]);
+//!         let now_ms = board.millis();
+//!         if now_ms != ticked_ms {
+//!             ticked_ms = now_ms;
+//!             supervisor.tick(now_ms, HOUSEKEEPING.read());
+//!         }
+//!         if supervisor.is_alive() {
+//!             board.feed_watchdog();
+//!         }
+//!     }
+//! }
 //! ```
 //!
 //! # The flash
-//! [`saving::BLOCKS`] erasable blocks from `place` on, two for each kind of [record](hallservo::storage): sensors, cogging, settings. It is written only
-//! while the bridge is off and the rotor at rest, for an erase stalls the core; what is to be saved meanwhile waits. A calibration and a learnt table of
-//! the cogging are saved by themselves. So is what the adaptation has learnt, when it differs from what is stored by more
-//! than [`saving::WORTH`], and not more often than every [`saving::REST_S`]. Settings are saved when asked to.
+//! [`storage::BLOCKS`] erasable blocks, two for each kind of [record](hallservo::storage): sensors, cogging, settings. It is written only
+//! while the bridge is off and the rotor at rest, for an erase stalls the core; what is to be saved meanwhile waits. A calibration and a
+//! learnt table of the cogging are saved by themselves. So is what the adaptation has learnt, when it differs from what is stored by more
+//! than [`storage::LEAST_CHANGE`], and not more often than every [`storage::SAVE_INTERVAL_S`]. Settings are saved on request.
 //!
 //! A record that is corrupt or foreign is named in the history, the log and the status; the drive then starts with the board's
 //! settings, or without a calibration, and never with half of either.
 #![no_std]
 
+mod adaptation;
+#[cfg(feature = "embassy")]
+pub mod embassy;
 mod fmt;
-mod heartbeat;
 mod history;
-mod learning;
+mod housekeeping;
 mod measure;
+mod outbox;
 mod procedure;
-mod request;
-mod run;
-pub mod saving;
+mod requests;
 pub mod settings;
+pub mod storage;
 mod supervisor;
+mod tasks;
 pub mod wire;
 
-pub use heartbeat::Heartbeat;
-pub use run::App;
+pub use housekeeping::{Housekeeping, Readings};
+pub use supervisor::Supervisor;
 
-use crate::supervisor::Supervisor;
+use adaptation::SensorAdaptation;
 use core::mem::MaybeUninit;
-use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::cogging::Table;
 use hallservo::drive::{Channels, Drive};
 use hallservo::hall::estimate::Estimator;
 use hallservo::service::Service;
-use hallservo::settings::{Config, Settings};
-use learning::Learning;
+use hallservo::settings::Config;
 use procedure::Procedure;
 
-/// What the board is, for a person who asks.
+/// Name of the board and version of its firmware, for a person who asks.
 #[derive(Clone, Copy, Debug)]
 pub struct Identity {
     /// Name of the board, up to 40 bytes.
@@ -58,53 +90,40 @@ pub struct Identity {
     pub firmware: &'static str,
 }
 
-/// What outlives everything: a static of a board, leaked memory of a host. What [`start`] fills is not initialised, so that a
-/// static is all zeros, which neither the flash nor the stack of a chip has to hold.
-pub struct Memory {
+/// The memory of one drive and its supervisor: a static. What [`Supervisor::start`] fills is not initialised, so that the static is
+/// all zeros, which neither the flash nor the stack of a chip has to hold.
+pub struct Memory<F> {
+    drive: MaybeUninit<Drive>,
     channels: Channels,
     tables: [Table; 2],
     estimators: [MaybeUninit<Estimator>; 2],
     /// Settings on their way to the drive.
     config: MaybeUninit<Config>,
-    /// What is large, and would pass over the stack otherwise.
     service: MaybeUninit<Service>,
     procedure: MaybeUninit<Option<Procedure>>,
-    learning: MaybeUninit<Learning>,
+    adaptation: MaybeUninit<SensorAdaptation>,
+    supervisor: MaybeUninit<Supervisor<F>>,
 }
 
-impl Memory {
+impl<F> Memory<F> {
     /// Of one drive.
     pub const fn new() -> Self {
         Self {
+            drive: MaybeUninit::uninit(),
             channels: Channels::new(),
             tables: [Table::ZERO; 2],
-            estimators: [MaybeUninit::uninit(), MaybeUninit::uninit()],
+            estimators: [const { MaybeUninit::uninit() }; 2],
             config: MaybeUninit::uninit(),
             service: MaybeUninit::uninit(),
             procedure: MaybeUninit::uninit(),
-            learning: MaybeUninit::uninit(),
+            adaptation: MaybeUninit::uninit(),
+            supervisor: MaybeUninit::uninit(),
         }
     }
 }
 
-impl Default for Memory {
+impl<F> Default for Memory<F> {
     fn default() -> Self {
         Self::new()
     }
-}
-
-/// Reads the flash and decides what the drive starts with. `place` is the address of the first of six erasable blocks; `app` is
-/// where the application is to live, so that it is not moved over a small stack.
-///
-/// # Panics
-/// When the board's own `defaults` are invalid, which a test of the board shows.
-pub fn start<F: NorFlash>(
-    identity: Identity,
-    defaults: Settings,
-    flash: F,
-    place: u32,
-    memory: &'static mut Memory,
-    app: &'static mut MaybeUninit<App<F>>,
-) -> (Drive, &'static App<F>) {
-    Supervisor::start(identity, defaults, flash, place, memory, app)
 }

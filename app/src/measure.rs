@@ -1,6 +1,6 @@
-//! From codes to SI.
+//! From ADC codes to SI.
 
-use crate::heartbeat::Sensed;
+use crate::housekeeping::Readings;
 use hallservo::commutation::frames::Dq;
 use hallservo::control::settings::{Settings as Control, Thermistor};
 use hallservo::settings::Settings;
@@ -12,19 +12,19 @@ fn share(code: u16, adc_bits: u8) -> f32 {
 }
 
 /// Bus voltage; not a number without current control.
-pub(crate) fn bus_v(settings: &Settings, sensed: Sensed) -> f32 {
-    settings.control.map_or(f32::NAN, |control| share(sensed.bus, settings.adc_bits) * control.bus_full_scale_v)
+pub(crate) fn bus_v(settings: &Settings, readings: Readings) -> f32 {
+    settings.control.map_or(f32::NAN, |control| share(readings.bus, settings.adc_bits) * control.bus_full_scale_v)
 }
 
 /// Temperatures of bridge and motor; not numbers without current control or without a thermistor.
-pub(crate) fn temperatures_c(settings: &Settings, sensed: Sensed) -> [f32; 2] {
+pub(crate) fn temperatures_c(settings: &Settings, readings: Readings) -> [f32; 2] {
     let Some(control) = &settings.control else { return [f32::NAN; 2] };
     let of = |thermistor: &Thermistor, code: u16| {
         // The end of the range is an open one, which is what a board shows that has none.
         let open = u32::from(code) + 1 >= 1 << settings.adc_bits;
         if open { f32::NAN } else { celsius(thermistor, share(code, settings.adc_bits)) }
     };
-    let [bridge, motor] = sensed.temperatures;
+    let [bridge, motor] = readings.temperatures;
     [of(&control.guard.bridge, bridge), of(&control.guard.motor, motor)]
 }
 
@@ -47,7 +47,7 @@ mod tests {
     #[test]
     fn no_thermistor_is_no_temperature() {
         let settings = Settings { adc_bits: 12, control: Some(Control::default()), ..Settings::default() };
-        let read = |motor| temperatures_c(&settings, Sensed { bus: 0, temperatures: [2048, motor] });
+        let read = |motor| temperatures_c(&settings, Readings { temperatures: [2048, motor], ..Readings::default() });
         let [bridge, motor] = read(4095);
         assert!((bridge - 25.0).abs() < 0.1 && motor.is_nan(), "{bridge} {motor}");
         // One that is as cold as can be told.

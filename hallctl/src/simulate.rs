@@ -5,8 +5,6 @@ pub mod flash;
 pub mod serve;
 
 use anyhow::{Context as _, Result, anyhow};
-use embassy_time::{Duration, MockDriver};
-use embedded_io_async::{ErrorType, Read, Write};
 use fault::Planned;
 use flash::Flash;
 use hallservo::commutation::{Commutation, Output};
@@ -14,17 +12,9 @@ use hallservo::control::settings::{GuardSettings, OnTimeout, Settings as Control
 use hallservo::drive::{Drive, Sample};
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
-use hallservo_app::{Heartbeat, Identity, Memory};
+use hallservo_app::{Housekeeping, Identity, Memory, Supervisor};
 use plant::{Plant, PlantParameters, Truth};
-use std::cell::{Cell, RefCell};
 use std::collections::VecDeque;
-use std::convert::Infallible;
-use std::future::{Future, poll_fn};
-use std::pin::Pin;
-use std::rc::Rc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::task::{Context, Poll, Wake, Waker};
 
 /// What it says it is.
 const IDENTITY: Identity = Identity { board: "simulated", firmware: env!("CARGO_PKG_VERSION") };
@@ -38,10 +28,8 @@ pub fn defaults() -> Settings {
     Settings { commutation: Commutation::FieldOriented, control: Some(control), ..Settings::default() }
 }
 
-type Bytes = Rc<RefCell<VecDeque<u8>>>;
-
-/// There is one clock in a process, so there can be one drive at a time.
-static CLOCK: Mutex<()> = Mutex::new(());
+/// From check to check of the watchdog, ms.
+const WATCHDOG_MS: u64 = 20;
 
 /// Sees each sample before the drive does, with how things really are, and may change it.
 pub type Observe = Box<dyn FnMut(&mut Sample, &Truth)>;
@@ -52,14 +40,14 @@ pub struct Simulator {
     pub plant: Plant,
     /// Somebody who looks on.
     pub observe: Option<Observe>,
-    drive: Drive,
-    alive: &'static Heartbeat,
+    drive: &'static mut Drive,
+    supervisor: &'static mut Supervisor<Flash>,
+    housekeeping: Housekeeping,
     flash: Flash,
-    app: Pin<Box<dyn Future<Output = ()>>>,
-    woken: Arc<Woken>,
-    input: Bytes,
-    output: Bytes,
-    fed: Rc<Cell<u32>>,
+    now_ms: u64,
+    input: VecDeque<u8>,
+    output: Vec<u8>,
+    fed: u32,
     last: Output,
     digest: u64,
     /// Of the timer, in counts.
@@ -71,7 +59,6 @@ pub struct Simulator {
     disturbed: Option<fault::Kind>,
     /// Control periods for which a hand turns the shaft.
     hand: u32,
-    _clock: MutexGuard<'static, ()>,
 }
 
 impl Simulator {
@@ -103,33 +90,24 @@ impl Simulator {
         planned: Vec<Planned>,
     ) -> Result<Self> {
         let config = settings.validate().context("the settings")?;
-        let clock = CLOCK.lock().unwrap_or_else(PoisonError::into_inner);
-        MockDriver::get().reset();
         let mut plant = Plant::new(plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
         plant.place(0.3, 0.0)?;
-        // On a chip these are statics; here, too, a drive lives as long as its process.
-        let memory: &'static mut Memory = Box::leak(Box::new(Memory::new()));
-        let alive: &'static Heartbeat = Box::leak(Box::new(Heartbeat::new()));
-        let (drive, app) =
-            hallservo_app::start(IDENTITY, settings, flash.clone(), 0, memory, Box::leak(Box::new_uninit()));
-        let (input, output, fed) = (Bytes::default(), Bytes::default(), Rc::new(Cell::new(0)));
-        let feed = {
-            let fed = Rc::clone(&fed);
-            move || fed.set(fed.get() + 1)
-        };
-        let (rx, tx) = (Line(Rc::clone(&input)), Line(Rc::clone(&output)));
+        // On a chip this is a static; here, too, a drive lives as long as its process.
+        let memory = Box::leak(Box::new(Memory::new()));
+        let (drive, supervisor) =
+            Supervisor::start(IDENTITY, settings, flash.clone(), 0, memory).context("the settings")?;
         let periods = (1e-3 / plant.period_s()).round() as u32;
         Ok(Self {
             plant,
             observe: None,
             drive,
-            alive,
+            supervisor,
+            housekeeping: Housekeeping::new(),
             flash,
-            app: Box::pin(async move { app.run(rx, tx, alive, feed).await }),
-            woken: Arc::default(),
-            input,
-            output,
-            fed,
+            now_ms: 0,
+            input: VecDeque::new(),
+            output: Vec::new(),
+            fed: 0,
             last: Output::OFF,
             digest: 0xcbf2_9ce4_8422_2325,
             period: config.period,
@@ -138,7 +116,6 @@ impl Simulator {
             planned,
             disturbed: None,
             hand: 0,
-            _clock: clock,
         })
     }
 
@@ -176,14 +153,21 @@ impl Simulator {
         self.tasks();
     }
 
-    /// The tasks' share of a millisecond.
+    /// The tasks' share of a millisecond, as a main loop would do it.
     fn tasks(&mut self) {
-        MockDriver::get().advance(Duration::from_millis(1));
-        let waker = Waker::from(Arc::clone(&self.woken));
-        self.woken.0.store(true, Ordering::Relaxed);
-        while self.woken.0.swap(false, Ordering::Relaxed) {
-            // It never returns.
-            let _ = self.app.as_mut().poll(&mut Context::from_waker(&waker));
+        self.now_ms += 1;
+        self.supervisor.tick(self.now_ms, self.housekeeping.read());
+        let taken = self.supervisor.receive(self.input.make_contiguous());
+        self.input.drain(..taken);
+        let mut bytes = [0; 64];
+        loop {
+            match self.supervisor.transmit(&mut bytes) {
+                0 => break,
+                length => self.output.extend(&bytes[..length]),
+            }
+        }
+        if self.now_ms.is_multiple_of(WATCHDOG_MS) && self.supervisor.is_alive() {
+            self.fed += 1;
         }
     }
 
@@ -197,7 +181,7 @@ impl Simulator {
         if let Some(observe) = &mut self.observe {
             observe(&mut sample, &self.plant.truth());
         }
-        self.alive.beat(&sample);
+        self.housekeeping.update(&sample);
         self.last = self.drive.step(&sample);
         let [a, b, c] = self.last.compare;
         for word in [a, b, c, self.last.legs.bits().into()] {
@@ -224,12 +208,12 @@ impl Simulator {
 
     /// Bytes to the drive.
     pub fn write(&mut self, bytes: &[u8]) {
-        self.input.borrow_mut().extend(bytes);
+        self.input.extend(bytes);
     }
 
     /// Bytes from the drive since the last call.
     pub fn read(&mut self) -> Vec<u8> {
-        self.output.borrow_mut().drain(..).collect()
+        std::mem::take(&mut self.output)
     }
 
     /// What the control interrupt wrote to the timer last.
@@ -249,57 +233,11 @@ impl Simulator {
 
     /// The drive, to look at.
     pub const fn drive(&self) -> &Drive {
-        &self.drive
+        self.drive
     }
 
     /// How often the watchdog was fed.
-    pub fn fed(&self) -> u32 {
-        self.fed.get()
-    }
-}
-
-/// Whether the tasks are to be polled once more.
-#[derive(Default)]
-struct Woken(AtomicBool);
-
-impl Wake for Woken {
-    fn wake(self: Arc<Self>) {
-        self.0.store(true, Ordering::Relaxed);
-    }
-}
-
-/// One direction of the serial line.
-struct Line(Bytes);
-
-impl ErrorType for Line {
-    type Error = Infallible;
-}
-
-impl Read for Line {
-    async fn read(&mut self, bytes: &mut [u8]) -> Result<usize, Infallible> {
-        poll_fn(|_| {
-            let mut line = self.0.borrow_mut();
-            // What comes next comes between two polls, which a millisecond has one of at least.
-            if line.is_empty() {
-                return Poll::Pending;
-            }
-            let length = line.len().min(bytes.len());
-            for (place, byte) in bytes.iter_mut().zip(line.drain(..length)) {
-                *place = byte;
-            }
-            Poll::Ready(Ok(length))
-        })
-        .await
-    }
-}
-
-impl Write for Line {
-    async fn write(&mut self, bytes: &[u8]) -> Result<usize, Infallible> {
-        self.0.borrow_mut().extend(bytes);
-        Ok(bytes.len())
-    }
-
-    async fn flush(&mut self) -> Result<(), Infallible> {
-        Ok(())
+    pub const fn fed(&self) -> u32 {
+        self.fed
     }
 }

@@ -216,7 +216,6 @@ fn the_drive_measures_its_motor_and_balances_its_cogging() {
     ask(&mut first, Ask::Balance(true), |answer| assert_eq!(answer, Answer::Refused(Refusal::NoTable)));
     done(&mut first, Ask::LearnCogging);
     wait(&mut first);
-    run(&mut first, 50);
     assert!(status(&mut first).balanced);
     ask(&mut first, Ask::Cogging, |answer| match answer {
         Answer::Cogging(Procedure::Found(cogging)) => assert!(cogging.rms_a > 0.01, "{cogging:?}"),

@@ -37,6 +37,17 @@ impl Legs {
     pub const fn new(legs: [Leg; 3]) -> Self {
         Self { legs, enabled: true }
     }
+
+    /// What a timer makes of its compare values, in counts of `period`: legs that are not connected are open, and without
+    /// any the bridge is off.
+    #[must_use]
+    pub fn timer(compare: [u16; 3], period: u16, connected: [bool; 3]) -> Self {
+        if connected == [false; 3] {
+            return Self::OFF;
+        }
+        let duty = |k: usize| Leg::Pwm(f64::from(compare[k]) / f64::from(period));
+        Self::new([0, 1, 2].map(|k| if connected[k] { duty(k) } else { Leg::Open }))
+    }
 }
 
 /// How the inverter is simulated.

@@ -141,4 +141,16 @@ impl PlantParameters {
             ..ideal
         }
     }
+
+    /// The same with another number of pole pairs: torque and speed constant stay, and cogging is where such a motor has it.
+    #[must_use]
+    pub fn with_pole_pairs(mut self, pole_pairs: u8) -> Self {
+        let ratio = f64::from(self.motor.pole_pairs) / f64::from(pole_pairs);
+        self.motor.back_emf.flux_linkage_vs *= ratio;
+        for cogging in &mut self.motor.cogging {
+            cogging.cycles_per_turn = (f64::from(cogging.cycles_per_turn) / ratio) as u16;
+        }
+        self.motor.pole_pairs = pole_pairs;
+        self
+    }
 }

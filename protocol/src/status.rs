@@ -117,7 +117,7 @@ pub struct Status {
     pub bus_v: f32,
     /// Of bridge and motor; not a number where there is no thermistor.
     pub temperatures_c: [f32; 2],
-    /// What goes on.
+    /// What goes on. It is over when the rotor is at rest, and what was found at work and in the flash: 5 s after the last turn at most.
     pub activity: Activity,
     /// How far, 0 to 1.
     pub progress: f32,

@@ -13,7 +13,7 @@ use hallservo::service::learning::{self, Learning};
 use hallservo::service::procedure::{Procedure, State};
 use hallservo::service::{Event, Service};
 use hallservo::settings::{Config, Settings};
-use plant::{Leg, Legs, Plant, PlantParameters, Truth};
+use plant::{Legs, Plant, PlantParameters, Truth};
 
 /// A drive, its service and its motor.
 pub struct Rig {
@@ -206,14 +206,7 @@ pub fn connected(config: Config) -> (Drive, Service) {
 
 /// What the timer makes of an output.
 pub fn legs(output: &Output, period: u16) -> Legs {
-    if output.legs == hallservo::commutation::Legs::NONE {
-        return Legs::OFF;
-    }
-    let leg = |k: u8| {
-        let duty = f64::from(output.compare[usize::from(k)]) / f64::from(period);
-        if output.legs.contains(k) { Leg::Pwm(duty) } else { Leg::Open }
-    };
-    Legs::new([leg(0), leg(1), leg(2)])
+    Legs::timer(output.compare, period, [0, 1, 2].map(|leg| output.legs.contains(leg)))
 }
 
 /// Estimated less true angle, electrical degrees, −180 to 180.

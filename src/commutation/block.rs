@@ -6,7 +6,6 @@
 use crate::angle::ElectricalAngle;
 use crate::commutation::sinusoidal::PhaseOrder;
 use crate::commutation::{Legs, Output};
-use crate::hall::normalize::Signal;
 use crate::pwm::Amplitude;
 
 /// A sixth of the electrical turn: number k runs from `k · 60°` to `(k + 1) · 60°`.
@@ -56,12 +55,11 @@ impl Sextant {
         if into <= SIXTH as u32 + 2 * MARGIN { self } else { Self::of(angle) }
     }
 
-    /// From the signs of three analog signals at 0°, 120° and 240°: the code of three switching Halls in Fig. 5. Of
-    /// sensors 60° apart the middle one is the one at 240° upside down. `None` when all three are positive or all negative: no
-    /// magnet makes that.
-    pub fn of_signals(signals: [Signal; 3]) -> Option<Self> {
+    /// From three switching Halls at 0°, 120° and 240°, high where their signal is positive: the code in Fig. 5. Of sensors
+    /// 60° apart the middle one is the one at 240° upside down. `None` when all three are alike: no magnet makes that.
+    pub fn of_switching_halls(high: [bool; 3]) -> Option<Self> {
         // The signs of sin θ, sin(θ − 120°) and sin(θ − 240°) within each sextant of θ.
-        match signals.map(|signal| signal >= Signal::ZERO) {
+        match high {
             [true, false, true] => Some(Self::First),
             [true, false, false] => Some(Self::Second),
             [true, true, false] => Some(Self::Third),
@@ -162,11 +160,10 @@ mod tests {
         for tenth in 0..3600 {
             let angle = ElectricalAngle::from_degrees(tenth as f32 / 10.0 + 0.05);
             let third = ElectricalAngle::THIRD;
-            let signals = [angle, angle - third, angle - third - third].map(|x| Signal::from_num(trig::sin(x)));
-            assert_eq!(Sextant::of_signals(signals), Some(Sextant::of(angle)), "{angle}");
+            let signals = [angle, angle - third, angle - third - third].map(|x| trig::sin(x) >= 0);
+            assert_eq!(Sextant::of_switching_halls(signals), Some(Sextant::of(angle)), "{angle}");
         }
-        let one = Signal::ONE;
-        assert_eq!(Sextant::of_signals([one; 3]), None);
-        assert_eq!(Sextant::of_signals([-one; 3]), None);
+        assert_eq!(Sextant::of_switching_halls([true; 3]), None);
+        assert_eq!(Sextant::of_switching_halls([false; 3]), None);
     }
 }

@@ -4,7 +4,7 @@
 //! its north pole and q a quarter turn ahead. The length of the vector is the amplitude of the phases. All components are
 //! in a unit of the caller's and up to 2²⁸.
 
-use crate::control::high;
+use crate::math::high;
 use crate::trig;
 use fixed::types::I2F30;
 

@@ -4,9 +4,9 @@
 //! three always sum to the same; reversal is the complement, a negative amplitude.
 
 use crate::angle::ElectricalAngle;
+use crate::math::high;
 use crate::pwm::Amplitude;
 use crate::trig;
-use fixed::types::I2F30;
 
 /// Direction from phase A to B to C along which a vector turns: forward, or with two phases exchanged.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -61,21 +61,15 @@ impl Axes {
 #[inline(always)]
 pub const fn compare(vector: ElectricalAngle, axes: &Axes) -> [u16; 3] {
     let (sin, cos) = trig::sin_cos(vector);
-    let a = axes.middle + product(axes.along, cos);
+    let a = axes.middle + high(axes.along, cos.to_bits());
     // Twice the mean of the other two, and their difference.
     let rest = axes.sum - a;
-    let difference = product(axes.across, sin);
+    let difference = high(axes.across, sin.to_bits());
     [
         (a >> FRACTION) as u16,
         ((rest + difference) >> (FRACTION + 1)) as u16,
         ((rest - difference) >> (FRACTION + 1)) as u16,
     ]
-}
-
-/// An amplitude times a sine.
-#[inline(always)]
-const fn product(amplitude: i32, sine: I2F30) -> i32 {
-    ((amplitude as i64 * sine.to_bits() as i64) >> 32) as i32
 }
 
 #[cfg(test)]

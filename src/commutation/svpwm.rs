@@ -5,7 +5,7 @@
 //! the hexagon of space vectors, less what the dead time's correction needs.
 
 use crate::commutation::frames::{Dq, InverseClarke, Rotation};
-use crate::control::{clamp, high};
+use crate::math::{clamp, high};
 use crate::pwm::Limits;
 
 /// The largest voltage along d. The unit of the voltages follows from it: [`LONGEST`] is the longest vector in every direction.

@@ -75,17 +75,17 @@ impl Learner {
         for harmonic in 1..=harmonics.clamp(1, POINTS / 2 - 1) {
             let wave = |index: usize| {
                 let phase = ElectricalAngle::from_turns(((harmonic * index) % POINTS) as f32 / POINTS as f32);
-                [trig::sin(phase), trig::cos(phase)].map(trig::float)
+                trig::sin_cos_f32(phase)
             };
             let (mut sine, mut cosine) = (0.0, 0.0);
             for index in 0..POINTS {
-                let [sin, cos] = wave(index);
+                let (sin, cos) = wave(index);
                 sine += mean(index) * sin;
                 cosine += mean(index) * cos;
             }
             for (index, value) in smooth.iter_mut().enumerate() {
                 let scale = 2.0 / POINTS as f32;
-                let [sin, cos] = wave(index);
+                let (sin, cos) = wave(index);
                 *value += scale * (sine * sin + cosine * cos);
             }
         }

@@ -6,7 +6,8 @@
 
 use crate::commutation::frames::Dq;
 use crate::commutation::svpwm::{Circle, LONGEST};
-use crate::control::{Motor, Scale, clamp, fixed, high};
+use crate::control::{Motor, Scale, fixed};
+use crate::math::{clamp, high};
 use core::f32::consts::TAU;
 
 /// Bits of the fraction of a voltage within the local feedback.

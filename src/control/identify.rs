@@ -18,6 +18,7 @@
 
 use crate::control::settings::{self as control};
 use crate::control::{Motor, Scale};
+use crate::math;
 use crate::settings::Config;
 use crate::telemetry::Measurement;
 use core::f64::consts::TAU;
@@ -179,7 +180,7 @@ impl Fit {
 
     /// The coefficients, each with three times its standard error; `None` where the regressors do not tell them apart.
     fn solve(&self) -> Option<[Estimate; MOST]> {
-        let values = self.eliminate(&self.products)?;
+        let values = self.solve_for(self.products)?;
         let explained: f64 = values.iter().zip(&self.products).map(|(value, product)| value * product).sum();
         let freedom = self.count.checked_sub(self.regressors as u32 + 1)?;
         let variance = (self.square - explained).max(0.0) / f64::from(freedom.max(1));
@@ -187,34 +188,16 @@ impl Fit {
         for (k, estimate) in estimates.iter_mut().enumerate().take(self.regressors) {
             let mut unit = [0.0; MOST];
             unit[k] = 1.0;
-            let inverse = self.eliminate(&unit)?[k];
+            let inverse = self.solve_for(unit)?[k];
             *estimate = Estimate { value: values[k], error: 3.0 * libm::sqrt(variance * inverse) };
         }
         Some(estimates)
     }
 
-    /// Solves the normal equations for a right side, by elimination.
-    fn eliminate(&self, right: &[f64; MOST]) -> Option<[f64; MOST]> {
-        let (mut a, mut b, n) = (self.squares, *right, self.regressors.min(MOST));
-        for k in 0..n {
-            if !(a[k][k] > 1e-9 * self.squares[k][k]) {
-                return None;
-            }
-            for i in k + 1..n {
-                let factor = a[i][k] / a[k][k];
-                for j in k..n {
-                    a[i][j] -= factor * a[k][j];
-                }
-                b[i] -= factor * b[k];
-            }
-        }
-        for k in (0..n).rev() {
-            for j in k + 1..n {
-                b[k] -= a[k][j] * b[j];
-            }
-            b[k] /= a[k][k];
-        }
-        Some(b)
+    /// Solves the normal equations for a right side.
+    fn solve_for(&self, mut right: [f64; MOST]) -> Option<[f64; MOST]> {
+        math::solve(&mut self.squares.clone(), &mut right, self.regressors, 1e-9)?;
+        Some(right)
     }
 }
 

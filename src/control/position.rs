@@ -1,7 +1,8 @@
 //! Position control: a proportional gain asks for a speed, with that of the trajectory fed forward.
 
 use crate::angle::Position;
-use crate::control::{clamp, fixed, high};
+use crate::control::fixed;
+use crate::math::{clamp, high};
 use core::f32::consts::TAU;
 
 /// Gain of the position controller.

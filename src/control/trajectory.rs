@@ -4,7 +4,7 @@
 //! still stop in time. It arrives exactly and without a division.
 
 use crate::angle::Position;
-use crate::control::clamp;
+use crate::math::clamp;
 
 /// Limits of a trajectory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

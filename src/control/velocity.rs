@@ -3,7 +3,8 @@
 //! With the gain `ω J / K_t` the rotor's inertia makes the loop an integrator of bandwidth ω; the integral acts below ω/4, which
 //! damps the loop with a ratio of 1. Where the current is limited, the integrator is corrected by what the limit took off.
 
-use crate::control::{Motor, Scale, clamp, fixed};
+use crate::control::{Motor, Scale, fixed};
+use crate::math::clamp;
 use core::f32::consts::TAU;
 
 /// Gains of the speed controller.

@@ -11,11 +11,12 @@ use crate::control::current::{Integrators, Inverse, Local, Present};
 use crate::control::settings::Config;
 use crate::control::trajectory::Trajectory;
 use crate::control::velocity::Integrator;
-use crate::control::{Current, Speed, clamp, high};
+use crate::control::{Current, Speed};
 use crate::drive::watch::Watch;
 use crate::drive::{OUTER, Sample};
 use crate::fault::Limits;
 use crate::hall::track::{self, Tracker};
+use crate::math::{clamp, high};
 use crate::telemetry::Measurement;
 
 /// What is to be followed.

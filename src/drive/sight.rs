@@ -4,7 +4,7 @@ use super::Drive;
 use crate::angle::ElectricalAngle;
 use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
-use crate::hall::normalize::Implausible;
+use crate::hall::plausibility::Implausible;
 use crate::hall::track::{Jump, Tracker};
 
 impl Drive {

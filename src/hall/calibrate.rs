@@ -12,7 +12,7 @@
 pub mod fit;
 pub mod report;
 
-use crate::angle::{ElectricalAngle, PolePairs, Position};
+use crate::angle::ElectricalAngle;
 use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
 use crate::hall::{Channel, Codes};
@@ -222,15 +222,6 @@ impl Noise {
     fn deviation(&self, channel: usize) -> f32 {
         libm::sqrtf(self.squares[channel] / (6.0 * self.count.max(1) as f32))
     }
-}
-
-/// The number of pole pairs, from the electrical turns in a known number of mechanical turns (counted at a mark, or
-/// by a second encoder). `None` unless the ratio is within 10 % of a number from 1 to 64.
-pub fn pole_pairs(electrical: Position, mechanical_turns: f64) -> Option<PolePairs> {
-    let ratio = libm::fabs(electrical.to_turns() / mechanical_turns);
-    let nearest = libm::round(ratio);
-    let near = libm::fabs(ratio - nearest) <= 0.1 * nearest.max(1.0) && libm::fabs(ratio - nearest) < 0.25;
-    if near && nearest <= f64::from(PolePairs::MAX) { PolePairs::new(nearest as u8) } else { None }
 }
 
 #[cfg(test)]

@@ -19,7 +19,7 @@ mod inverse;
 
 use crate::angle::ElectricalAngle;
 use crate::hall::model::Model;
-use crate::hall::normalize::{Implausible, Window};
+use crate::hall::plausibility::{Implausible, Window};
 use crate::hall::{Channel, Codes};
 use crate::trig::{self, Direction, QuadrantTable, Segment};
 use core::fmt;
@@ -27,7 +27,7 @@ use inverse::Inverse;
 
 /// Smallest |cos| + |sin| that is an angle, in calibrated amplitudes: less than half of what a healthy magnet gives.
 const WEAKEST: f32 = 0.45;
-/// Largest such sum: √2 times [`crate::hall::normalize::PLAUSIBLE`].
+/// Largest such sum: √2 times [`crate::hall::plausibility::PLAUSIBLE`].
 const STRONGEST: f32 = 2.2;
 /// Largest plausible disagreement c of the sensors, relative to their amplitude.
 pub const DISAGREEMENT: f32 = 0.3;

@@ -7,6 +7,7 @@
 //! `β = 2⁻²ᵃ⁻¹`. At acceleration A it lags by `A · 2²ᵃ⁺¹ / f²`.
 
 use crate::angle::{ElectricalAngle, Position};
+use crate::math::high;
 
 /// How the tracker smooths and what it believes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -84,8 +85,8 @@ impl Tracker {
         let predicted = self.angle.to_bits().wrapping_add(self.speed);
         let error = measured.to_bits().wrapping_sub(predicted);
         let [alpha, beta] = config.gains;
-        self.angle = ElectricalAngle::from_bits(predicted.wrapping_add(product(error, alpha)));
-        self.speed = self.speed.wrapping_add(product(error, beta));
+        self.angle = ElectricalAngle::from_bits(predicted.wrapping_add(high(error, alpha)));
+        self.speed = self.speed.wrapping_add(high(error, beta));
         Ok(())
     }
 
@@ -129,12 +130,6 @@ impl Tracker {
     pub const fn speed(&self) -> i32 {
         self.speed
     }
-}
-
-/// A difference of angles times a gain in 2⁻³².
-#[inline(always)]
-const fn product(difference: i32, gain: i32) -> i32 {
-    ((difference as i64 * gain as i64) >> 32) as i32
 }
 
 #[cfg(test)]

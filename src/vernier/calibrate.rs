@@ -20,7 +20,7 @@ use super::decode::AverageTable;
 use super::encoder::{Calibration, Reading};
 use super::rings::{Ring, Rings};
 use crate::angle::ElectricalAngle;
-use crate::trig;
+use crate::trig::sin_cos_f32;
 use core::fmt;
 use curve::Average;
 use turn::{Path, Residuals};
@@ -334,8 +334,9 @@ fn harmonic(curve: &[f32; NODES], order: usize) -> f32 {
     let (mut sine, mut cosine) = (0.0, 0.0);
     for (node, value) in curve.iter().enumerate() {
         let angle = ElectricalAngle::from_bits(((node * order) as i32) << (32 - NODES.ilog2()));
-        sine += value * trig::float(trig::sin(angle));
-        cosine += value * trig::float(trig::cos(angle));
+        let (s, c) = sin_cos_f32(angle);
+        sine += value * s;
+        cosine += value * c;
     }
     libm::sqrtf(sine * sine + cosine * cosine) * (2.0 / NODES as f32)
 }

@@ -1,6 +1,6 @@
 //! Op-amps at the shunts, and the comparators that are the break input.
 
-use crate::constants::TRIP_UV;
+use b_g431b_esc1::constants::TRIP_UV;
 use embassy_stm32::pac::comp::regs::Csr;
 use embassy_stm32::pac::dac::regs::{Cr, Dhr12rd, Mcr};
 use embassy_stm32::pac::opamp::regs::Csr as OpampCsr;

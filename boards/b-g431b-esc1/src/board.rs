@@ -1,6 +1,6 @@
 //! Pins, and the way from ADC results to a sample. Schematic: MB1419.
 
-use crate::constants::{self, EARLY, FIRST, SECOND, ZERO};
+use b_g431b_esc1::constants::{self, EARLY, FIRST, SECOND, ZERO};
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, GPIOA, GPIOB, GPIOC};
 use hallservo::drive::Sample;

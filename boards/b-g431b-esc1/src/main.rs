@@ -4,7 +4,6 @@
 
 mod analog;
 mod board;
-mod constants;
 
 use board::Esc1;
 use cortex_m_rt::entry;

@@ -1,10 +1,11 @@
-//! `image ELF` prints the flash and the RAM of a firmware in bytes, `image ELF FUNCTION…` the code and the tables that
-//! each function reaches.
+//! `image ELF` prints the flash and the RAM of a firmware in bytes, `image ELF --memory FILE` beside what a `memory.x` has of
+//! them, and `image ELF FUNCTION…` the code and the tables that each function reaches.
 //!
 //! `image ELF --interrupt FUNCTION` fails if the function can reach a panic, the log or a critical section; `image ELF
 //! --stack THREAD PREEMPTING… CONTROL` tells the deepest stack, and fails if the memory for it (`_stack_end` to
 //! `_stack_start`) is smaller. All but the first need an image linked with `--emit-relocs`.
 
+mod memory;
 mod reach;
 mod stack;
 
@@ -23,6 +24,11 @@ fn main() -> Result<()> {
         println!("{flash} bytes of flash, {ram} bytes of RAM without the stack");
         return Ok(());
     }
+    if let [option, path] = &functions[..]
+        && option == "--memory"
+    {
+        return fits(&image, path);
+    }
     let graph = reach::Graph::new(&image)?;
     match functions.split_first() {
         Some((option, functions)) if option == "--interrupt" => return interrupt(&graph, functions),
@@ -34,6 +40,18 @@ fn main() -> Result<()> {
     for function in functions {
         let (code, tables) = graph.reach(&function)?;
         println!("| {function} | {code} | {tables} |");
+    }
+    Ok(())
+}
+
+/// The linker has refused what is too large; this says how much is left.
+fn fits(image: &object::File, path: &str) -> Result<()> {
+    let text = fs::read_to_string(path).with_context(|| format!("cannot read {path}"))?;
+    let (flash, ram) = sizes(image);
+    for (name, needed) in [("FLASH", flash), ("RAM", ram)] {
+        let room = memory::length(&text, name).with_context(|| format!("{path} has no LENGTH of {name}"))?;
+        println!("{name}: {needed} bytes of {room}");
+        ensure!(needed <= room, "{name} is too small by {} bytes", needed - room);
     }
     Ok(())
 }

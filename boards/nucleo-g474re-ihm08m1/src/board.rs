@@ -1,10 +1,10 @@
 //! Pins, and the way from ADC results to a sample. Schematics: X-NUCLEO-IHM08M1 (UM1996), MB1367 (UM2505).
 
-use crate::constants::{self, FIRST, FOURTH, SECOND, THIRD, ZERO};
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{ADC1, ADC2, ADC3, ADC4, ADC12_COMMON, ADC345_COMMON, GPIOA, GPIOB};
 use hallservo::drive::Sample;
 use hallservo::settings::Settings;
+use nucleo_g474re_ihm08m1::constants::{self, FIRST, FOURTH, SECOND, THIRD, ZERO};
 use stm32g4::sensing::{NO_THERMISTOR, current, pulled_up};
 use stm32g4::wiring::Wiring;
 use stm32g4::{Board, Converter, Pin, result};

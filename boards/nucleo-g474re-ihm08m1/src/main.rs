@@ -3,7 +3,6 @@
 #![no_main]
 
 mod board;
-mod constants;
 
 use board::Nucleo;
 use cortex_m_rt::entry;

@@ -23,7 +23,7 @@ use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{Peri, Peripherals, peripherals};
 use hallservo::drive::{Drive, Sample};
 use hallservo::settings::Settings;
-use hallservo_app::{App, Heartbeat, Identity, Memory};
+use hallservo_app::{Housekeeping, Identity, Memory, Supervisor, embassy};
 use static_cell::{ConstStaticCell, StaticCell};
 use storage::Storage;
 
@@ -51,7 +51,7 @@ pub trait Board: Send + 'static {
 const BAUD: u32 = 460_800;
 const _: () = assert!(baud(PCLK1_HZ, BAUD).1.abs() < 100, "the baud rate is off by more than 1 %");
 
-static ALIVE: Heartbeat = Heartbeat::new();
+static HOUSEKEEPING: Housekeeping = Housekeeping::new();
 
 /// The bridge, safe before anything else happens; then clocks, priorities and time.
 pub fn start<B: Board>() -> (Bridge, Peripherals) {
@@ -83,9 +83,9 @@ pub fn run<B: Board>(
     flash: Peri<'static, peripherals::FLASH>,
     serial: BufferedUart<'static>,
 ) -> ! {
-    let app = prepare(board, bridge, control, flash);
+    let supervisor = prepare(board, bridge, control, flash);
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    EXECUTOR.init(Executor::new()).run(|spawner| match tasks(app, serial) {
+    EXECUTOR.init(Executor::new()).run(|spawner| match tasks(supervisor, serial) {
         Ok(tasks) => spawner.spawn(tasks),
         Err(_) => unreachable!("spawned once"),
     })
@@ -98,31 +98,31 @@ fn prepare<B: Board>(
     bridge: Bridge,
     control: &'static Control<B>,
     flash: Peri<'static, peripherals::FLASH>,
-) -> &'static Application {
+) -> &'static mut Supervisor<Storage> {
     greet::<B>();
     converters::start(B::GROUPS, B::CONVERTERS);
     watchdog::start();
     let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
-    let (drive, app) = begin(identity, B::settings(), Storage::new(flash));
-    control.start(board, drive, bridge, &ALIVE);
-    app
+    let (drive, supervisor) = begin(identity, B::settings(), Storage::new(flash));
+    control.start(board, drive, bridge, &HOUSEKEEPING);
+    supervisor
 }
-
-type Application = App<Storage>;
 
 /// What is large goes to its place and leaves the stack.
 #[inline(never)]
-fn begin(identity: Identity, defaults: Settings, flash: Storage) -> (Drive, &'static Application) {
-    static MEMORY: ConstStaticCell<Memory> = ConstStaticCell::new(Memory::new());
-    static APP: StaticCell<Application> = StaticCell::new();
-    hallservo_app::start(identity, defaults, flash, place(), MEMORY.take(), APP.uninit())
+fn begin(identity: Identity, defaults: Settings, flash: Storage) -> (&'static mut Drive, &'static mut Supervisor<Storage>) {
+    static MEMORY: ConstStaticCell<Memory<Storage>> = ConstStaticCell::new(Memory::new());
+    match Supervisor::start(identity, defaults, flash, place(), MEMORY.take()) {
+        Ok(started) => started,
+        Err(_) => panic!("the board's default settings are invalid"),
+    }
 }
 
 /// All that is not the control interrupt. Here, and not generic, so that it is compiled for size.
 #[embassy_executor::task]
-async fn tasks(app: &'static Application, serial: BufferedUart<'static>) -> ! {
+async fn tasks(supervisor: &'static mut Supervisor<Storage>, serial: BufferedUart<'static>) -> ! {
     let (tx, rx) = serial.split();
-    app.run(rx, tx, &ALIVE, watchdog::feed).await
+    embassy::run(supervisor, rx, tx, &HOUSEKEEPING, watchdog::feed).await
 }
 
 /// Where the place for settings begins, from the begin of the flash: memory.x reserves it.

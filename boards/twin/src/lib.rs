@@ -16,7 +16,7 @@ use hallservo::commutation::Output;
 use hallservo::drive::{Drive, Interrupt, Sample};
 use hallservo::mode::Mode;
 use hallservo::settings::{Config, Settings};
-use plant::{Leg, Legs, Plant, PlantParameters};
+use plant::{Legs, Plant, PlantParameters};
 
 /// Seed of the motor, its imperfections and its noise.
 const SEED: u64 = 1;
@@ -106,12 +106,5 @@ impl Twin {
 
 /// What the timer makes of an output.
 fn legs(output: &Output, period: u16) -> Legs {
-    if output.legs == hallservo::commutation::Legs::NONE {
-        return Legs::OFF;
-    }
-    let leg = |k: u8| {
-        let duty = f64::from(output.compare[usize::from(k)]) / f64::from(period);
-        if output.legs.contains(k) { Leg::Pwm(duty) } else { Leg::Open }
-    };
-    Legs::new([leg(0), leg(1), leg(2)])
+    Legs::timer(output.compare, period, [0, 1, 2].map(|leg| output.legs.contains(leg)))
 }

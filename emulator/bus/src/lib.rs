@@ -1,19 +1,14 @@
-//! The seam of the emulator: on one side the Cortex-M core, on the other the chip, the board and the motor.
+//! What an emulated Cortex-M and the chip around it know of each other: accesses to the bus, interrupt lines, resets and time.
 //!
-//! The core owns the instructions, the RAM, the exceptions and everything at `0xE000_0000` and above. Everything else that an
-//! address can reach is a [`System`]. Time is counted in [`Cycle`]s of HCLK; the core drives it, the system follows.
-
-mod disturbance;
-mod facts;
-
-pub use disturbance::{Disturbance, HallFault};
-pub use facts::{Clock, Edge, Facts, Leg, Pwm, Range, Sampling, Trace, Watchdog};
+//! The core owns the instructions, the RAM, the exceptions and the private peripherals from `0xE000_0000` on. Everything else
+//! that an address can reach is a [`Bus`], which also says by its [`Integration`] where the memories are. Time is counted in
+//! [`Cycle`]s of the core's clock; the core drives it, the bus follows.
 
 use serde::Serialize;
 use std::fmt;
 
-/// Cycles of HCLK since power-on. Keeps counting over a reset. How long one lasts is [`System::hclk_hz`]'s answer, which
-/// changes while the firmware programs the clock tree; [`System::seconds`] adds them up.
+/// Cycles of the core's clock since power-on. Keeps counting over a reset. How long one lasts is [`Bus::clock_hz`]'s answer,
+/// which changes while the firmware programs the clocks; [`Bus::seconds`] adds them up.
 pub type Cycle = u64;
 
 /// Size of an access.
@@ -38,8 +33,7 @@ impl Width {
     }
 }
 
-/// Why an access is wrong. Each is listed in the report with program counter, symbol, line and count; none is silently
-/// accepted.
+/// Why an access is wrong. The core lists each with program counter and count; none is silently accepted.
 #[derive(Clone, Debug, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize)]
 pub enum Complaint {
     /// The peripheral's clock is off.
@@ -78,81 +72,116 @@ impl fmt::Display for Complaint {
     }
 }
 
-/// What reset the chip (RM0440, 7.4.29, RCC_CSR, and power-on).
+/// What reset the chip.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize)]
 pub enum ResetCause {
     /// Power came (back).
     PowerOn,
-    /// The independent watchdog.
+    /// A watchdog.
     Watchdog,
     /// AIRCR.SYSRESETREQ.
     Software,
-    /// Flash option bytes were reloaded.
-    OptionBytes,
+}
+
+/// How a core is built into a chip: where the memories are, and what Armv7-M leaves to the maker.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Integration {
+    /// Address of the code memory; its bytes are [`Bus::code`].
+    pub code: u32,
+    /// Where else the whole of it appears. The vector table is read at 0 out of reset.
+    pub code_aliases: &'static [u32],
+    /// The cache in front of the code memory.
+    pub cache: Cache,
+    /// Address of the RAM.
+    pub ram: u32,
+    /// Its size, bytes: a multiple of 64.
+    pub ram_bytes: u32,
+    /// Parts of it that appear elsewhere as well.
+    pub ram_aliases: &'static [Alias],
+    /// Implemented bits of a priority, from the highest: 3 to 8.
+    pub priority_bits: u8,
+    /// Core cycles in a cycle of SysTick's external reference.
+    pub systick_reference: u64,
+}
+
+/// A part of the RAM at another address.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Alias {
+    /// The other address.
+    pub address: u32,
+    /// Begin of the part, bytes from the begin of the RAM.
+    pub offset: u32,
+    /// Its size, bytes.
+    pub bytes: u32,
+}
+
+/// A direct-mapped cache, always on. A line that is missing costs [`Bus::code_wait_states`] once.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cache {
+    /// Bytes of a line: a power of two.
+    pub line_bytes: u32,
+    /// Lines for instructions: a power of two.
+    pub instruction_lines: u32,
+    /// Lines for data: a power of two.
+    pub data_lines: u32,
 }
 
 /// Everything outside the core.
-pub trait System {
-    /// Reads a peripheral register, or flash through the bus. `now` never decreases from call to call.
+pub trait Bus {
+    /// How the core is built in; the same for ever.
+    fn integration(&self) -> Integration;
+
+    /// Reads what is neither RAM nor code memory. `now` never decreases from call to call.
     fn read(&mut self, address: u32, width: Width, now: Cycle) -> (u32, Option<Complaint>);
 
-    /// Writes one.
+    /// Writes anything but RAM; a write to code memory programs it.
     fn write(&mut self, address: u32, width: Width, value: u32, now: Cycle) -> Option<Complaint>;
 
-    /// Brings peripherals and motor to `now`; returns when something happens next at the latest, always later than `now`, so
-    /// that the core can run until then in one go. The core asks again at that cycle and after every read and write.
+    /// Brings everything to `now`; returns when something happens next at the latest, always later than `now`, so that the core
+    /// can run until then in one go. The core asks again at that cycle and after every read and write.
     fn advance(&mut self, now: Cycle) -> Cycle;
 
     /// Level of each interrupt line at the last access or `advance`: bit n is IRQ n.
     fn interrupts(&self) -> u128;
 
+    /// When what an interrupt line tells of began, if that is known: the trigger of a conversion, say. Latency is counted from
+    /// there as well.
+    fn origin(&self, line: u16) -> Option<Cycle> {
+        let _ = line;
+        None
+    }
+
     /// When a reset is asked for from outside the core (watchdog, the power coming back, …), its cause, once.
     fn take_reset(&mut self) -> Option<ResetCause>;
 
-    /// Contents of the flash at `0x0800_0000`, whole.
-    fn flash(&self) -> &[u8];
+    /// Puts the registers into their reset state. Code memory and time go on.
+    fn reset(&mut self, cause: ResetCause);
 
-    /// Byte offsets into [`System::flash`] that changed since the last call.
-    fn take_flash_changes(&mut self) -> Vec<core::ops::Range<u32>>;
+    /// Contents of the code memory, whole.
+    fn code(&self) -> &[u8];
 
-    /// Data are read from the flash at this offset; whether they cannot be corrected, which is a non-maskable interrupt (RM0440, 3.3.4).
-    fn reads_torn_flash(&mut self, offset: u32) -> bool {
+    /// Byte offsets into [`Bus::code`] that changed since the last call.
+    fn take_code_changes(&mut self) -> Vec<core::ops::Range<u32>> {
+        Vec::new()
+    }
+
+    /// Data are read from the code memory at this offset; whether they cannot be corrected, which is a non-maskable interrupt.
+    fn code_is_torn(&mut self, offset: u32) -> bool {
         let _ = offset;
         false
     }
 
-    /// Cycles that the core is held before its next instruction, once: a flash operation stalls fetches from flash
-    /// (RM0440, 3.3.8).
+    /// Wait states of the code memory as programmed.
+    fn code_wait_states(&self) -> u32;
+
+    /// Cycles that the core is held before its next instruction, once: while the code memory is busy, nothing is fetched from it.
     fn take_stall(&mut self) -> Cycle {
         0
     }
 
-    /// Puts the registers into their reset state. Flash, motor, and time go on.
-    fn reset(&mut self, cause: ResetCause);
-
-    /// HCLK as the clock tree is programmed at this moment.
-    fn hclk_hz(&self) -> f64;
+    /// The core's clock at this moment.
+    fn clock_hz(&self) -> f64;
 
     /// Time since power-on, seconds.
     fn seconds(&self, at: Cycle) -> f64;
-
-    /// Flash wait states as programmed (FLASH_ACR.LATENCY).
-    fn flash_wait_states(&self) -> u32;
-
-    /// The last ADC trigger whose end of sequence raised an interrupt line: line and cycle of the trigger.
-    fn last_sampling(&self) -> Option<(u16, Cycle)> {
-        None
-    }
-
-    /// Does to the board or the motor what a script asks. Refuses what the board has not, saying what.
-    fn disturb(&mut self, disturbance: &Disturbance, now: Cycle) -> Result<(), String>;
-
-    /// Bytes that the firmware sent over its serial port since the last call.
-    fn take_serial(&mut self) -> Vec<u8>;
-
-    /// What was seen at the pins so far.
-    fn facts(&self) -> Facts;
-
-    /// Traces recorded since the last call.
-    fn take_trace(&mut self) -> Trace;
 }

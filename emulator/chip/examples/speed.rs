@@ -3,12 +3,11 @@
 #[path = "../tests/common/mod.rs"]
 mod common;
 
-use bus::{System, Width};
-use chip::board::NUCLEO_IHM08M1;
+use bus::{Bus, Width};
 use std::time::Instant;
 
 fn main() {
-    let mut bench = common::Bench::new(&NUCLEO_IHM08M1);
+    let mut bench = common::Bench::new(&common::nucleo());
     bench.clocks();
     bench.timer(85);
     bench.gate_pins();

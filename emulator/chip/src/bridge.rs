@@ -1,7 +1,7 @@
 //! Gate drivers and transistors: from the levels at the timer's pins to what conducts.
 
 use crate::board::Driver;
-use bus::Range;
+use measure::Range;
 use plant::Switch;
 
 /// Gaps longer than this are no dead time but a bridge that was off, s.
@@ -173,7 +173,14 @@ impl Bridge {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::board::{B_G431B_ESC1, NUCLEO_IHM08M1};
+
+    fn l6387() -> Driver {
+        Driver { name: "L6387".into(), low_inverted: false, own_dead_time_s: 0.0, overlap_s: 60e-9, standby: None }
+    }
+
+    fn l6398() -> Driver {
+        Driver { name: "L6398".into(), low_inverted: true, own_dead_time_s: 320e-9, ..l6387() }
+    }
 
     fn inputs(high: bool, low: bool) -> [[Option<bool>; 2]; 3] {
         [[Some(high), Some(low)], [None; 2], [None; 2]]
@@ -181,7 +188,7 @@ mod tests {
 
     #[test]
     fn dead_time_is_measured_at_the_inputs() {
-        let mut bridge = Bridge::new(B_G431B_ESC1.driver);
+        let mut bridge = Bridge::new(l6387());
         for (high, low, at_s) in [(false, true, 0.0), (false, false, 1e-3), (true, false, 1.0008e-3)] {
             bridge.set_inputs(inputs(high, low), at_s);
         }
@@ -193,7 +200,7 @@ mod tests {
 
     #[test]
     fn without_dead_time_the_transistors_overlap() {
-        let mut bridge = Bridge::new(B_G431B_ESC1.driver);
+        let mut bridge = Bridge::new(l6387());
         bridge.set_inputs(inputs(false, true), 0.0);
         bridge.set_inputs(inputs(true, false), 1e-3);
         assert_eq!(bridge.legs[0].rising_s.min, 0.0);
@@ -202,7 +209,7 @@ mod tests {
 
     #[test]
     fn the_l6398_has_a_dead_time_of_its_own_and_an_inverted_input() {
-        let mut bridge = Bridge::new(NUCLEO_IHM08M1.driver);
+        let mut bridge = Bridge::new(l6398());
         bridge.set_inputs(inputs(false, false), 0.0);
         assert_eq!(bridge.switches()[0], Switch::Low, "low at LIN is on");
         bridge.set_inputs(inputs(true, true), 1e-3);
@@ -215,7 +222,7 @@ mod tests {
 
     #[test]
     fn both_inputs_on_is_counted_and_nothing_conducts() {
-        let mut bridge = Bridge::new(B_G431B_ESC1.driver);
+        let mut bridge = Bridge::new(l6387());
         bridge.set_inputs(inputs(true, false), 0.0);
         bridge.set_inputs(inputs(true, true), 1e-3);
         assert_eq!(bridge.switches()[0], Switch::Neither);

@@ -7,7 +7,7 @@ use crate::bridge::Bridge;
 use crate::flash::Flash;
 use crate::gpio::Gpio;
 use crate::iwdg::Iwdg;
-use crate::machine::Machine;
+use crate::motor::Motor;
 use crate::pwr::Pwr;
 use crate::rcc::{Clocks, Rcc};
 use crate::record::Record;
@@ -17,6 +17,7 @@ use crate::timer::{Edge, Happened, Shape, Timer};
 use crate::usart::Usart;
 use bus::{Cycle, ResetCause};
 use plant::{Error, PlantParameters, Truth};
+use std::sync::Arc;
 
 /// The timers in the order of [`Block::Timer`](crate::map::Block), and TRGO's number as a trigger of injected sequences.
 const TIMERS: [(Shape, Option<u32>); 12] = {
@@ -64,7 +65,7 @@ const BREAK_LATENCY: Cycle = 1000;
 /// A chip on a board, with a motor.
 #[derive(Clone, Debug)]
 pub struct Chip {
-    pub(crate) board: &'static Board,
+    pub(crate) board: Arc<Board>,
     pub(crate) now: Cycle,
     /// Nothing happens before this; 0 where a write may have changed that.
     pub(crate) due: Cycle,
@@ -86,7 +87,7 @@ pub struct Chip {
     pub(crate) opamps: [Opamp; 6],
     pub(crate) iwdg: Iwdg,
     pub(crate) bridge: Bridge,
-    pub(crate) machine: Machine,
+    pub(crate) motor: Motor,
     pub(crate) record: Record,
     pub(crate) sent: Vec<u8>,
     pub(crate) break_pin: Option<bool>,
@@ -104,12 +105,13 @@ impl Chip {
     ///
     /// # Errors
     /// What is wrong with the motor's parameters.
-    pub fn new(board: &'static Board, dual_bank: bool, parameters: &PlantParameters, seed: u64) -> Result<Self, Error> {
+    pub fn new(board: Arc<Board>, dual_bank: bool, parameters: &PlantParameters, seed: u64) -> Result<Self, Error> {
         let device = board.device;
         let rcc = Rcc::new(ResetCause::PowerOn);
         let clocks = rcc.clocks();
         let bytes = usize::from(device.flash_kib()) << 10;
         let mut chip = Self {
+            bridge: Bridge::new(board.driver.clone()),
             board,
             now: 0,
             due: 0,
@@ -117,7 +119,7 @@ impl Chip {
             clocks,
             rcc,
             pwr: Pwr::default(),
-            flash: Flash::new(bytes, device == crate::device::Device::G474, dual_bank),
+            flash: Flash::new(bytes, device.is_large(), dual_bank),
             gpio: core::array::from_fn(Gpio::new),
             syscfg: Syscfg::default(),
             exti: Exti::default(),
@@ -133,8 +135,7 @@ impl Chip {
             comps: [Comp::default(); 7],
             opamps: [Opamp::default(); 6],
             iwdg: Iwdg::default(),
-            bridge: Bridge::new(board.driver),
-            machine: Machine::new(parameters, seed)?,
+            motor: Motor::new(parameters, seed)?,
             record: Record::default(),
             sent: Vec::new(),
             break_pin: None,
@@ -155,7 +156,7 @@ impl Chip {
 
     /// The state of motor and supply, which no drive gets to see, at the last event or access.
     pub fn truth(&self) -> Truth {
-        self.machine.truth()
+        self.motor.truth()
     }
 
     /// Whether the timer drives the bridge (MOE).
@@ -164,8 +165,8 @@ impl Chip {
     }
 
     /// The board.
-    pub fn board(&self) -> &'static Board {
-        self.board
+    pub fn board(&self) -> &Arc<Board> {
+        &self.board
     }
 
     pub(crate) fn now_s(&self, now: Cycle) -> f64 {
@@ -216,7 +217,7 @@ impl Chip {
                 Next::Driver => {
                     let at_s = self.bridge.next_s();
                     self.bridge.settle(at_s);
-                    self.machine.set_switches(self.bridge.switches(), at_s);
+                    self.motor.set_switches(self.bridge.switches(), at_s);
                     self.compare(at);
                 }
                 Next::Adc(index) => self.fire_adc(index),
@@ -230,8 +231,8 @@ impl Chip {
                 }
                 Next::Trace => {
                     let at_s = self.record.next_trace_s();
-                    self.machine.advance(at_s);
-                    let (truth, moe) = (self.machine.truth(), self.timers[0].moe());
+                    self.motor.advance(at_s);
+                    let (truth, moe) = (self.motor.truth(), self.timers[0].moe());
                     self.record.trace(at_s, &truth, moe);
                     self.compare(at);
                 }
@@ -336,7 +337,7 @@ impl Chip {
             Due::Internal => {}
             Due::Hold { channel, sampled } => {
                 let at_s = self.time.seconds(at);
-                self.machine.advance(at_s);
+                self.motor.advance(at_s);
                 let sampled_s = sampled / self.time.hz();
                 let volts = self.sample(index, channel, sampled_s, at_s);
                 self.adcs[index].hold(volts / crate::analog::VDDA);
@@ -349,7 +350,7 @@ impl Chip {
                 }
                 let instants = one.instants.map(|at| self.after_valley_ns(at));
                 let name = self.adcs[index].name();
-                let (board, number) = (self.board, index);
+                let (board, number) = (&self.board, index);
                 self.record.convert(name, || crate::signals::describe(board, number, one.channel), &one, instants);
                 self.record_trigger(index);
             }

@@ -1,14 +1,27 @@
-//! The two chips: what they have, and which pin carries which signal.
+//! The chips: what they have, and which pin carries which signal.
 
 use crate::gpio::Pin;
+use bus::{Alias, Cache, Integration};
+use serde::Deserialize;
 
 /// A chip.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Deserialize)]
 pub enum Device {
-    /// STM32G431CB: 128 KiB, ADC1 and ADC2.
-    G431,
+    /// STM32G431CB: 128 KiB, ADC1 and ADC2; 48 pins.
+    #[serde(rename = "STM32G431CB")]
+    G431CB,
+    /// STM32G431RB: the same with 64 pins.
+    #[serde(rename = "STM32G431RB")]
+    G431RB,
     /// STM32G474RE: 512 KiB in two banks, ADC1 to ADC5.
-    G474,
+    #[serde(rename = "STM32G474RE")]
+    G474RE,
+}
+
+impl core::fmt::Display for Device {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        write!(f, "STM32{self:?}")
+    }
 }
 
 /// A signal of a peripheral at a pin.
@@ -139,50 +152,73 @@ pub enum Input {
 }
 
 impl Device {
+    /// The larger die, with everything.
+    pub const fn is_large(self) -> bool {
+        matches!(self, Self::G474RE)
+    }
+
+    /// Memories (RM0440, 2.2), flash accelerator (3.3.6), priorities (PM0214, 4.3.7), SysTick (RM0440, 7.2). SRAM1, SRAM2 and
+    /// CCM SRAM are one piece, of which the last part is at `0x1000_0000` as well.
+    pub const fn integration(self) -> Integration {
+        const SMALL: &[Alias] = &[Alias { address: 0x1000_0000, offset: 22 << 10, bytes: 10 << 10 }];
+        const LARGE: &[Alias] = &[Alias { address: 0x1000_0000, offset: 96 << 10, bytes: 32 << 10 }];
+        Integration {
+            code: 0x0800_0000,
+            code_aliases: &[0],
+            // Of several ways in the chip; here direct-mapped.
+            cache: Cache { line_bytes: 32, instruction_lines: 32, data_lines: 8 },
+            ram: 0x2000_0000,
+            ram_bytes: if self.is_large() { 128 << 10 } else { 32 << 10 },
+            ram_aliases: if self.is_large() { LARGE } else { SMALL },
+            priority_bits: 4,
+            systick_reference: 8,
+        }
+    }
+
     /// Flash, KiB.
     pub const fn flash_kib(self) -> u16 {
         match self {
-            Self::G431 => 128,
-            Self::G474 => 512,
+            Self::G431CB | Self::G431RB => 128,
+            Self::G474RE => 512,
         }
     }
 
     /// Number of converters.
     pub const fn converters(self) -> usize {
         match self {
-            Self::G431 => 2,
-            Self::G474 => 5,
+            Self::G431CB | Self::G431RB => 2,
+            Self::G474RE => 5,
         }
     }
 
     /// Number of comparators.
     pub const fn comparators(self) -> usize {
         match self {
-            Self::G431 => 4,
-            Self::G474 => 7,
+            Self::G431CB | Self::G431RB => 4,
+            Self::G474RE => 7,
         }
     }
 
     /// Number of op-amps.
     pub const fn opamps(self) -> usize {
         match self {
-            Self::G431 => 3,
-            Self::G474 => 6,
+            Self::G431CB | Self::G431RB => 3,
+            Self::G474RE => 6,
         }
     }
 
     /// DBGMCU_IDCODE (47.6.1): categories 2 and 3, revisions Z and X.
     pub const fn idcode(self) -> u32 {
         match self {
-            Self::G431 => 0x2001_6468,
-            Self::G474 => 0x2003_6469,
+            Self::G431CB | Self::G431RB => 0x2001_6468,
+            Self::G474RE => 0x2003_6469,
         }
     }
 
     /// Signal that alternate function `af` puts on a pin, among those that have a model.
     pub fn signal(self, pin: Pin, af: u8) -> Option<Signal> {
         // PC0 to PC3 and PC5 are not on the small package.
-        let hidden = self == Self::G431 && pin.port == 2 && matches!(pin.number, 0..=3 | 5);
+        let hidden = self == Self::G431CB && pin.port == 2 && matches!(pin.number, 0..=3 | 5);
         SIGNALS
             .iter()
             .find(|(port, number, function, _)| Pin::of(*port, *number) == pin && *function == af && !hidden)
@@ -225,17 +261,19 @@ mod tests {
     #[test]
     fn alternate_functions_of_the_boards() {
         for (device, port, number, af, signal) in [
-            (Device::G474, b'A', 7, 6, Signal::Gate(0, 1)),
-            (Device::G431, b'C', 13, 4, Signal::Gate(0, 1)),
-            (Device::G431, b'A', 12, 6, Signal::Gate(1, 1)),
-            (Device::G431, b'B', 15, 4, Signal::Gate(2, 1)),
-            (Device::G431, b'B', 3, 7, Signal::Tx(1)),
-            (Device::G474, b'A', 3, 12, Signal::Rx(3)),
+            (Device::G474RE, b'A', 7, 6, Signal::Gate(0, 1)),
+            (Device::G431CB, b'C', 13, 4, Signal::Gate(0, 1)),
+            (Device::G431CB, b'A', 12, 6, Signal::Gate(1, 1)),
+            (Device::G431CB, b'B', 15, 4, Signal::Gate(2, 1)),
+            (Device::G431CB, b'B', 3, 7, Signal::Tx(1)),
+            (Device::G474RE, b'A', 3, 12, Signal::Rx(3)),
         ] {
             assert_eq!(device.signal(Pin::of(port, number), af), Some(signal));
             assert_eq!(device.alternate(Pin::of(port, number), signal), Some(af));
         }
-        assert_eq!(Device::G431.signal(Pin::of(b'B', 15), 6), None);
+        assert_eq!(Device::G431CB.signal(Pin::of(b'B', 15), 6), None);
+        assert_eq!(Device::G431CB.signal(Pin::of(b'C', 0), 2), None, "not on that package");
+        assert_eq!(Device::G431RB.signal(Pin::of(b'C', 0), 2), Some(Signal::Gate(0, 0)));
     }
 
     #[test]
@@ -250,9 +288,9 @@ mod tests {
 
     #[test]
     fn converter_inputs() {
-        assert_eq!(Device::G431.input(1, 17), Some(Input::Pin(Pin::of(b'A', 4))));
-        assert_eq!(Device::G474.input(3, 3), Some(Input::Pin(Pin::of(b'B', 12))));
-        assert_eq!(Device::G431.input(1, 18), Some(Input::Opamp(2)));
-        assert_eq!(Device::G431.input(3, 3), None, "no ADC4");
+        assert_eq!(Device::G431CB.input(1, 17), Some(Input::Pin(Pin::of(b'A', 4))));
+        assert_eq!(Device::G474RE.input(3, 3), Some(Input::Pin(Pin::of(b'B', 12))));
+        assert_eq!(Device::G431CB.input(1, 18), Some(Input::Opamp(2)));
+        assert_eq!(Device::G431CB.input(3, 3), None, "no ADC4");
     }
 }

@@ -2,12 +2,14 @@
 
 use crate::bits::{bit, field, unmodelled, wrong};
 use bus::Complaint;
+use serde::Deserialize;
 
 /// Names of the ports.
 pub const PORTS: [&str; 7] = ["GPIOA", "GPIOB", "GPIOC", "GPIOD", "GPIOE", "GPIOF", "GPIOG"];
 
 /// A pin of the package, such as PA8.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Deserialize)]
+#[serde(try_from = "String")]
 pub struct Pin {
     /// 0 is port A.
     pub port: u8,
@@ -19,6 +21,21 @@ impl Pin {
     /// `Pin::of(b'A', 8)` is PA8.
     pub const fn of(port: u8, number: u8) -> Self {
         Self { port: port - b'A', number }
+    }
+}
+
+impl TryFrom<String> for Pin {
+    type Error = String;
+
+    fn try_from(name: String) -> Result<Self, String> {
+        let pin = match name.as_bytes() {
+            [b'P', port @ b'A'..=b'G', digits @ ..] => {
+                let number = core::str::from_utf8(digits).ok().and_then(|digits| digits.parse().ok());
+                number.filter(|number| *number < 16).map(|number| Self::of(*port, number))
+            }
+            _ => None,
+        };
+        pin.filter(|pin| pin.to_string() == name).ok_or_else(|| format!("a pin is like PA8, not {name:?}"))
     }
 }
 

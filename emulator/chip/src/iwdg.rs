@@ -2,7 +2,8 @@
 
 use crate::bits::{unmodelled, wrong};
 use crate::rcc::LSI_HZ;
-use bus::{Complaint, Range};
+use bus::Complaint;
+use measure::Range;
 
 const NAME: &str = "IWDG";
 /// A write to PR, RLR or WINR takes effect after five cycles of LSI at the most (41.4.4).

@@ -1,4 +1,4 @@
-//! STM32G431CB and STM32G474RE without their core: peripherals, the boards around them, the motor.
+//! STM32G431 and STM32G474 without their core: peripherals, the boards around them, the motor.
 //!
 //! Behaviour is that of the reference manual RM0440 and the data sheets (DS12589, DS12288), register by register; it
 //! shares nothing with the firmware that it judges. What has no model is complained of, never silently accepted, and
@@ -18,7 +18,7 @@
 //! power cut reads as garbage without an ECC error; what crosses a change of HCLK keeps its number of cycles;
 //! switching leaves no noise at the shunts.
 //!
-//! Time is event by event, not cycle by cycle: [`Chip::advance`](bus::System::advance) jumps from edge to edge of the
+//! Time is event by event, not cycle by cycle: [`Chip::advance`](bus::Bus::advance) jumps from edge to edge of the
 //! PWM and from sample to sample of the converters, and moves the motor in between.
 
 // Channels, legs and sides read better by index.
@@ -31,11 +31,14 @@ pub mod board;
 pub mod bridge;
 mod chip;
 pub mod device;
+mod disturbance;
+mod facts;
 pub mod flash;
 pub mod gpio;
 pub mod iwdg;
-pub mod machine;
 mod map;
+pub mod motor;
+mod outside;
 pub mod pwr;
 pub mod rcc;
 mod record;
@@ -50,3 +53,5 @@ pub mod usart;
 
 pub use board::Board;
 pub use chip::Chip;
+pub use disturbance::{Disturbance, HallFault};
+pub use facts::{Clock, Edge, Facts, Leg, Pwm, Sampling, Trace, Watchdog};

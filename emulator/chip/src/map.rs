@@ -139,7 +139,7 @@ const LARGE: [&str; 10] = ["TIM5", "TIM20", "ADC345", "DAC2", "DAC4", "UART5", "
 pub fn at(address: u32, device: Device) -> Option<&'static Place> {
     let above = MAP.partition_point(|place| place.base <= address);
     let place = MAP.get(above.checked_sub(1)?)?;
-    let there = address - place.base < 0x400 && (device == Device::G474 || !LARGE.contains(&place.name));
+    let there = address - place.base < 0x400 && (device.is_large() || !LARGE.contains(&place.name));
     there.then_some(place)
 }
 
@@ -156,10 +156,10 @@ mod tests {
     fn the_map_is_in_order_and_knows_the_smaller_chip() {
         assert!(MAP.is_sorted_by_key(|place| place.base));
         let name = |address, device| at(address, device).map(|place| place.name);
-        assert_eq!(name(0x4001_2c44, Device::G431), Some("TIM1"));
-        assert_eq!(name(0x5000_0308, Device::G431), Some("ADC12"));
-        assert_eq!(name(0x5000_0400, Device::G431), None);
-        assert_eq!(name(0x5000_0700, Device::G474), Some("ADC345"));
-        assert_eq!(name(0x4002_1800, Device::G474), None);
+        assert_eq!(name(0x4001_2c44, Device::G431CB), Some("TIM1"));
+        assert_eq!(name(0x5000_0308, Device::G431CB), Some("ADC12"));
+        assert_eq!(name(0x5000_0400, Device::G431CB), None);
+        assert_eq!(name(0x5000_0700, Device::G474RE), Some("ADC345"));
+        assert_eq!(name(0x4002_1800, Device::G474RE), None);
     }
 }

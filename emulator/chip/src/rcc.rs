@@ -82,7 +82,6 @@ impl Rcc {
             ResetCause::PowerOn => 0x0c00_0000,
             ResetCause::Watchdog => 0x2400_0000,
             ResetCause::Software => 0x1400_0000,
-            ResetCause::OptionBytes => 0x0600_0000,
         };
         Self { registers, hsi_at: 0.0, pll_at: 0.0, lsi_at: 0.0, hsi48_at: 0.0, watchdog_runs: false }
     }

@@ -1,7 +1,8 @@
 //! What is seen while the chip runs, for the report.
 
 use crate::adc::Converted;
-use bus::{Edge, Range, Sampling, Trace};
+use crate::facts::{Edge, Sampling, Trace};
+use measure::Range;
 use plant::Truth;
 
 /// Rows of a trace in a second.

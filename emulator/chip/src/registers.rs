@@ -109,7 +109,7 @@ impl Chip {
                     }
                     _ => self.syscfg.write(offset, value),
                 };
-                self.machine.advance(now_s);
+                self.motor.advance(now_s);
                 self.compare(now);
                 result
             }
@@ -119,7 +119,7 @@ impl Chip {
             Block::Adc(group) => self.write_adc(place, group, offset, value, now),
             Block::Dac(index) => {
                 let result = self.dacs[index].write(offset, value);
-                self.machine.advance(now_s);
+                self.motor.advance(now_s);
                 self.compare(now);
                 result
             }
@@ -136,7 +136,7 @@ impl Chip {
     fn write_timer(&mut self, index: usize, offset: u32, value: u32, now: Cycle) -> Result<(), Complaint> {
         let (moe, idle) = (self.timers[0].moe(), self.idle_settings());
         let (happened, complaint) = self.timers[index].write(offset, value, now);
-        self.machine.advance(self.now_s(now));
+        self.motor.advance(self.now_s(now));
         self.follow(index, happened, now);
         if moe && self.timers[0].moe() && idle != self.idle_settings() {
             let what = "idle states: they are written while MOE is set (OIS of CR2, OSSI of BDTR)";

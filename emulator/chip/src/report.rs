@@ -1,8 +1,9 @@
 //! What was seen, as the report has it.
 
 use crate::chip::Chip;
+use crate::facts::{Clock, Facts, Leg, Pwm, Watchdog};
 use crate::signals::PHASES;
-use bus::{Clock, Facts, Pwm, Range, Watchdog};
+use measure::Range;
 use std::collections::BTreeMap;
 
 impl Chip {
@@ -70,11 +71,11 @@ impl Chip {
         })
     }
 
-    fn leg_facts(&self, leg: usize) -> bus::Leg {
+    fn leg_facts(&self, leg: usize) -> Leg {
         let seen = &self.bridge.legs[leg];
         let level = |high: bool| if high { "high".to_string() } else { "low".to_string() };
         let ns = |range: &Range| Range { min: range.min * 1e9, max: range.max * 1e9, count: range.count };
-        bus::Leg {
+        Leg {
             pins: self.board.gates[leg].map(|pin| pin.to_string()),
             driver_on_level: [level(true), level(!self.board.driver.low_inverted)],
             timer_on_level: self.timers[0].outputs.active_low(leg).map(|low| level(!low)),
@@ -86,7 +87,7 @@ impl Chip {
     }
 
     fn motor_facts(&self) -> BTreeMap<String, f64> {
-        let truth = self.machine.truth();
+        let truth = self.motor.truth();
         let mut facts = BTreeMap::from([
             ("angle_turns".to_string(), truth.mechanical_angle_rad / core::f64::consts::TAU),
             ("electrical_angle_rad".to_string(), truth.electrical_angle_rad),

@@ -1,15 +1,20 @@
-//! The side of the core: accesses of any width, interrupt lines, resets, and what a script does.
+//! The side of the core: accesses of any width, interrupt lines, resets, time.
 
 use crate::bits::{unmodelled, wrong};
 use crate::chip::Chip;
+use crate::facts::Edge;
 use crate::gpio::Gpio;
 use crate::map::{self, Block};
 use crate::pwr::Pwr;
 use crate::rcc::Rcc;
 use crate::system::{Dbgmcu, Exti, Syscfg, factory};
-use bus::{Complaint, Cycle, Disturbance, Edge, Facts, ResetCause, System, Trace, Width};
+use bus::{Bus, Complaint, Cycle, Integration, ResetCause, Width};
 
-impl System for Chip {
+impl Bus for Chip {
+    fn integration(&self) -> Integration {
+        self.board.device.integration()
+    }
+
     fn read(&mut self, address: u32, width: Width, now: Cycle) -> (u32, Option<Complaint>) {
         self.sync(now);
         let mask = u32::MAX >> (32 - 8 * width.bytes());
@@ -85,19 +90,23 @@ impl System for Chip {
         lines
     }
 
+    fn origin(&self, line: u16) -> Option<Cycle> {
+        self.last_sampling.filter(|(sampled, _)| *sampled == line).map(|(_, at)| at)
+    }
+
     fn take_reset(&mut self) -> Option<ResetCause> {
         self.wanted_reset.take()
     }
 
-    fn flash(&self) -> &[u8] {
+    fn code(&self) -> &[u8] {
         self.flash.memory()
     }
 
-    fn take_flash_changes(&mut self) -> Vec<core::ops::Range<u32>> {
+    fn take_code_changes(&mut self) -> Vec<core::ops::Range<u32>> {
         self.flash.take_changes()
     }
 
-    fn reads_torn_flash(&mut self, offset: u32) -> bool {
+    fn code_is_torn(&mut self, offset: u32) -> bool {
         self.flash.reads_torn(offset)
     }
 
@@ -140,7 +149,7 @@ impl System for Chip {
         self.refresh_gates(now);
     }
 
-    fn hclk_hz(&self) -> f64 {
+    fn clock_hz(&self) -> f64 {
         self.clocks.hclk
     }
 
@@ -148,59 +157,7 @@ impl System for Chip {
         self.now_s(at)
     }
 
-    fn flash_wait_states(&self) -> u32 {
+    fn code_wait_states(&self) -> u32 {
         self.flash.wait_states()
-    }
-
-    fn last_sampling(&self) -> Option<(u16, Cycle)> {
-        self.last_sampling
-    }
-
-    fn disturb(&mut self, disturbance: &Disturbance, now: Cycle) -> Result<(), String> {
-        self.sync(now);
-        self.due = 0;
-        let now_s = self.now_s(now);
-        self.machine.advance(now_s);
-        let in_range = |index: usize| if index < 3 { Ok(index) } else { Err(format!("there is no number {index}")) };
-        match disturbance {
-            Disturbance::Hall(wire, fault) => self.machine.set_hall_fault(in_range(*wire)?, *fault),
-            Disturbance::SwapHalls(a, b) => self.machine.swap_halls(in_range(*a)?, in_range(*b)?),
-            Disturbance::Bus(volts) => self.machine.plant.set_supply(*volts).map_err(|error| error.to_string())?,
-            Disturbance::Overcurrent(phase, amperes) => self.machine.shorts_a[in_range(*phase)?] = *amperes,
-            Disturbance::BreakPin(level) => {
-                let Some((pin, _)) = self.board.trip else {
-                    return Err(format!("{} has no break pin; its comparators watch the shunts", self.board.name));
-                };
-                let before = self.level(pin, now);
-                self.break_pin = *level;
-                let (after, line) = (self.level(pin, now), u32::from(pin.number));
-                if after != before && self.syscfg.port(line) == pin.port {
-                    self.exti.edge(line, after == Some(true));
-                }
-            }
-            Disturbance::Load(torque) => self.machine.plant.set_load(*torque).map_err(|error| error.to_string())?,
-            Disturbance::Serial(bytes) => {
-                let port = self.serial_port(1).ok_or("no serial port is connected to the RX pin")?;
-                self.usarts[port].receive(bytes, now);
-                return Ok(());
-            }
-            Disturbance::PowerCut(operations) => self.flash.cut_power_after(*operations),
-            Disturbance::PowerCycle => self.wanted_reset = Some(ResetCause::PowerOn),
-        }
-        self.record.events.push((now_s, format!("{disturbance:?}")));
-        self.compare(now);
-        Ok(())
-    }
-
-    fn take_serial(&mut self) -> Vec<u8> {
-        core::mem::take(&mut self.sent)
-    }
-
-    fn facts(&self) -> Facts {
-        self.report()
-    }
-
-    fn take_trace(&mut self) -> Trace {
-        self.record.take_trace()
     }
 }

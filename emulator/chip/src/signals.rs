@@ -4,8 +4,9 @@ use crate::analog::{OPAMP_OUT, Threshold, VDDA, VREFINT};
 use crate::board::{Board, Net};
 use crate::chip::Chip;
 use crate::device::{Input, Signal};
+use crate::facts::Edge;
 use crate::gpio::{Mode, Pin};
-use bus::{Cycle, Edge};
+use bus::Cycle;
 use core::array::from_fn;
 
 /// Resistance and capacitance of a converter's input (DS12288, table 66).
@@ -62,7 +63,7 @@ impl Chip {
     fn outside(&self, pin: Pin) -> Option<bool> {
         match self.board.trip {
             Some((trip, limit_a)) if trip == pin => {
-                let over = (0..3).any(|phase| self.machine.shunt_a(phase) < -limit_a);
+                let over = (0..3).any(|phase| self.motor.shunt_a(phase) < -limit_a);
                 Some(self.break_pin.unwrap_or(!over))
             }
             _ => self.board.pulled_up.contains(&pin).then_some(true),
@@ -71,10 +72,12 @@ impl Chip {
 
     /// Takes the gate signals from the pins.
     pub(crate) fn refresh_gates(&mut self, now: Cycle) {
-        let levels = from_fn(|leg| from_fn(|side| self.level(self.board.gates[leg][side], now)));
+        let awake = self.board.driver.standby.is_none_or(|pin| self.level(pin, now) == Some(true));
+        let input = |leg: usize, side: usize| self.level(self.board.gates[leg][side], now).filter(|_| awake);
+        let levels = from_fn(|leg| from_fn(|side| input(leg, side)));
         let now_s = self.now_s(now);
         self.bridge.set_inputs(levels, now_s);
-        self.machine.set_switches(self.bridge.switches(), now_s);
+        self.motor.set_switches(self.bridge.switches(), now_s);
         for edge in self.timers[0].take_moe_edges() {
             let at_s = self.time.seconds(edge.at as f64);
             let by = match edge.cause {
@@ -102,6 +105,10 @@ impl Chip {
 
     /// MOE has been set: what should have been in place before.
     fn check_before_on(&mut self, at_s: f64) {
+        if let Some(pin) = self.board.driver.standby.filter(|pin| self.level(*pin, self.now) != Some(true)) {
+            let what = format!("standby: MOE is set while {pin} keeps the {} asleep", self.board.driver.name);
+            self.record.find(at_s, what);
+        }
         let outputs = &self.timers[0].outputs;
         if !outputs.driven_when_off() {
             let what = "idle states: MOE is set while OSSI is clear, so the drivers' inputs float when it falls";
@@ -188,7 +195,7 @@ impl Chip {
     /// Voltage at a pin; the motor has been advanced.
     fn pin_volts(&mut self, pin: Pin) -> f64 {
         if let Some((net, _)) = self.board.net(pin) {
-            return self.machine.volts(net);
+            return self.motor.volts(net);
         }
         let opamp = OPAMP_OUT[..self.board.device.opamps()].iter().position(|out| *out == pin);
         match opamp {
@@ -217,10 +224,10 @@ impl Chip {
                     self.record.find(at_s, format!("{name}: samples {pin}, which is not analogue"));
                 }
                 let net = self.board.net(pin);
-                (self.pin_volts(pin) + self.machine.noise_v(net.map(|(net, _)| net)), net.map_or(100.0, |(_, ohm)| ohm))
+                (self.pin_volts(pin) + self.motor.noise_v(net.map(|(net, _)| net)), net.map_or(100.0, |(_, ohm)| ohm))
             }
             Some(Input::Opamp(number)) if self.opamps[number].internal() => {
-                (self.opamp_volts(number) + self.machine.noise_v(None), 100.0)
+                (self.opamp_volts(number) + self.motor.noise_v(None), 100.0)
             }
             Some(Input::Temperature) if self.commons[common].connects(23) => (0.76, 100.0),
             Some(Input::Battery) if self.commons[common].connects(24) => (VDDA / 3.0, 100.0),

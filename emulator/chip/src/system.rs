@@ -145,10 +145,10 @@ mod tests {
     #[test]
     fn calibration_words_follow_from_the_data_sheet() {
         let code = |volts: f64| (volts / 3.0 * 4096.0).round() as u16;
-        assert_eq!(factory(0x1fff_75aa, Device::G431), Some(code(crate::analog::VREFINT)));
-        assert_eq!(factory(0x1fff_75a8, Device::G431), Some(code(0.76)));
-        assert_eq!(factory(0x1fff_75ca, Device::G431), Some(code(0.76 + 0.0025 * 100.0)));
-        assert_eq!(factory(0x1fff_75e0, Device::G474), Some(512));
+        assert_eq!(factory(0x1fff_75aa, Device::G431CB), Some(code(crate::analog::VREFINT)));
+        assert_eq!(factory(0x1fff_75a8, Device::G431CB), Some(code(0.76)));
+        assert_eq!(factory(0x1fff_75ca, Device::G431CB), Some(code(0.76 + 0.0025 * 100.0)));
+        assert_eq!(factory(0x1fff_75e0, Device::G474RE), Some(512));
     }
 
     #[test]

@@ -2,13 +2,14 @@
 
 mod common;
 
-use bus::{Disturbance, HallFault, System};
-use chip::board::{B_G431B_ESC1, NUCLEO_IHM08M1};
-use common::{Bench, GPIO, TIM1};
+use bus::Bus;
+use chip::{Disturbance, HallFault};
+use common::{Bench, GPIO, TIM1, boards, esc, nucleo};
+use std::sync::Arc;
 
 const PERIOD: u64 = 4250;
 
-fn spinning(board: &'static chip::Board) -> Bench {
+fn spinning(board: &Arc<chip::Board>) -> Bench {
     let mut bench = Bench::new(board);
     bench.clocks();
     bench.switching(85);
@@ -17,7 +18,7 @@ fn spinning(board: &'static chip::Board) -> Bench {
 
 #[test]
 fn pwm_and_dead_time_come_out_of_the_pins() {
-    for board in chip::Board::ALL {
+    for board in &boards() {
         let mut bench = spinning(board);
         bench.run(100 * PERIOD);
         let facts = bench.chip.facts();
@@ -42,7 +43,7 @@ fn pwm_and_dead_time_come_out_of_the_pins() {
 
 #[test]
 fn a_voltage_on_a_held_rotor_drives_the_current_of_ohms_law() {
-    for board in chip::Board::ALL {
+    for board in &boards() {
         let mut bench = spinning(board);
         bench.duties([1062 + 200, 1062 - 100, 1062 - 100]);
         // The rotor aligns with phase U and stays.
@@ -64,7 +65,7 @@ fn the_motor_sees_what_the_simulations_own_inverter_would_give_it() {
     parameters.inverter.model = plant::InverterModel::Switched;
     parameters.inverter.dead_time_s = 500e-9;
     parameters.inverter.diode_v = 0.7;
-    let mut bench = Bench { chip: chip::Chip::new(&B_G431B_ESC1, true, &parameters, 1).unwrap(), now: 0 };
+    let mut bench = Bench { chip: chip::Chip::new(esc(), true, &parameters, 1).unwrap(), now: 0 };
     bench.clocks();
     bench.timer(85);
     bench.gate_pins();
@@ -91,7 +92,7 @@ fn the_motor_sees_what_the_simulations_own_inverter_would_give_it() {
 
 #[test]
 fn a_turning_voltage_turns_the_rotor_either_way() {
-    for (board, direction) in [(&NUCLEO_IHM08M1, 1.0), (&B_G431B_ESC1, -1.0)] {
+    for (board, direction) in [(&nucleo(), 1.0), (&esc(), -1.0)] {
         let mut bench = spinning(board);
         // A field that reaches 10 turns a second, electrical.
         let mut angle = 0.0_f64;
@@ -112,7 +113,7 @@ fn a_turning_voltage_turns_the_rotor_either_way() {
 
 #[test]
 fn converters_sample_at_the_valley_all_at_once() {
-    let mut bench = Bench::new(&NUCLEO_IHM08M1);
+    let mut bench = Bench::new(&nucleo());
     bench.clocks();
     bench.timer(85);
     bench.gate_pins();
@@ -158,7 +159,7 @@ fn converters_sample_at_the_valley_all_at_once() {
 
 #[test]
 fn a_compare_channel_triggers_ahead_of_the_valley() {
-    let mut bench = Bench::new(&NUCLEO_IHM08M1);
+    let mut bench = Bench::new(&nucleo());
     bench.clocks();
     bench.timer(85);
     bench.gate_pins();
@@ -182,7 +183,7 @@ fn a_compare_channel_triggers_ahead_of_the_valley() {
 
 #[test]
 fn data_that_nobody_fetches_is_counted() {
-    let mut bench = spinning(&NUCLEO_IHM08M1);
+    let mut bench = spinning(&nucleo());
     bench.converter(0, &[(5, 2)], true);
     bench.run(10 * PERIOD);
     assert_eq!(bench.chip.facts().unread_sequences, 0, "nobody has begun to read");
@@ -228,7 +229,7 @@ fn data_that_nobody_fetches_is_counted() {
 #[test]
 fn shunts_show_the_current_of_the_low_side_and_fall_with_it() {
     for (board, converter, channel, gain, zero) in
-        [(&NUCLEO_IHM08M1, 0, 1, 0.0518, 1.71), (&B_G431B_ESC1, 0, 3, 0.003 * 64.0 / 7.0, 16.0 * 0.128571)]
+        [(&nucleo(), 0, 1, 0.0518, 1.71), (&esc(), 0, 3, 0.003 * 64.0 / 7.0, 16.0 * 0.128571)]
     {
         let mut bench = spinning(board);
         if board.trip.is_none() {
@@ -248,7 +249,7 @@ fn shunts_show_the_current_of_the_low_side_and_fall_with_it() {
 
 #[test]
 fn without_its_opamp_a_shunt_shows_nothing() {
-    let mut bench = spinning(&B_G431B_ESC1);
+    let mut bench = spinning(&esc());
     bench.converter(0, &[(3, 2)], false);
     bench.run(10 * PERIOD);
     assert!(bench.jdr(0, 0) < 8, "noise alone");
@@ -256,7 +257,7 @@ fn without_its_opamp_a_shunt_shows_nothing() {
 
 #[test]
 fn hall_wires_break_as_asked() {
-    let mut bench = spinning(&NUCLEO_IHM08M1);
+    let mut bench = spinning(&nucleo());
     bench.converter(3, &[(3, 2)], false);
     bench.converter(2, &[(5, 2)], false);
     bench.run(10 * PERIOD);
@@ -284,7 +285,7 @@ fn hall_wires_break_as_asked() {
 
 #[test]
 fn the_break_pin_switches_off_at_once() {
-    let mut bench = Bench::new(&NUCLEO_IHM08M1);
+    let mut bench = Bench::new(&nucleo());
     bench.clocks();
     bench.alternate(b'A', 6, 6);
     bench.switching(85 | 1 << 12);
@@ -311,7 +312,7 @@ fn the_break_pin_switches_off_at_once() {
 
 #[test]
 fn too_much_current_trips_the_shields_comparators() {
-    let mut bench = Bench::new(&NUCLEO_IHM08M1);
+    let mut bench = Bench::new(&nucleo());
     bench.clocks();
     bench.alternate(b'A', 6, 6);
     bench.switching(85 | 1 << 12);
@@ -327,7 +328,7 @@ fn too_much_current_trips_the_shields_comparators() {
 
 #[test]
 fn comparators_against_a_dac_are_the_small_boards_break() {
-    let mut bench = Bench::new(&B_G431B_ESC1);
+    let mut bench = Bench::new(&esc());
     bench.clocks();
     // DAC3 at 231.4 mV, COMP1, COMP2 and COMP4 against it; BKCMP1E, 2E, 4E; active high.
     bench.write(0x5000_1020, 288 | 288 << 16);
@@ -357,7 +358,7 @@ fn comparators_against_a_dac_are_the_small_boards_break() {
 
 #[test]
 fn the_bridge_is_off_while_moe_is_and_after_a_reset() {
-    for board in chip::Board::ALL {
+    for board in &boards() {
         let mut bench = spinning(board);
         bench.run(10 * PERIOD);
         bench.duties([2000, 100, 100]);
@@ -381,7 +382,7 @@ fn the_bridge_is_off_while_moe_is_and_after_a_reset() {
 #[test]
 fn an_open_leg_floats_and_its_pins_stay_driven() {
     // OSSR drives the disabled output of a leg to its inactive level; forcing the reference low does the rest.
-    for board in chip::Board::ALL {
+    for board in &boards() {
         let mut bench = spinning(board);
         bench.run(2 * PERIOD);
         bench.write(TIM1 + 0x18, 0x4878);
@@ -399,7 +400,7 @@ fn an_open_leg_floats_and_its_pins_stay_driven() {
 
 #[test]
 fn with_ccpc_the_legs_wait_for_a_commutation() {
-    let mut bench = Bench::new(&B_G431B_ESC1);
+    let mut bench = Bench::new(&esc());
     bench.clocks();
     bench.timer(85);
     bench.write(TIM1 + 0x04, 1 | 2 << 20);

@@ -2,17 +2,17 @@
 
 mod common;
 
-use bus::{Complaint, Disturbance, ResetCause, System, Width};
-use chip::board::{B_G431B_ESC1, NUCLEO_IHM08M1};
-use common::{Bench, FLASH, GPIO, IWDG, PWR, RCC, USART2};
+use bus::{Bus, Complaint, ResetCause, Width};
+use chip::Disturbance;
+use common::{Bench, FLASH, GPIO, IWDG, PWR, RCC, USART2, boards, esc, nucleo};
 
 #[test]
 fn it_reaches_170_mhz_without_a_complaint() {
-    for board in chip::Board::ALL {
+    for board in &boards() {
         let mut bench = Bench::new(board);
-        assert_eq!(bench.chip.hclk_hz(), 16e6);
+        assert_eq!(bench.chip.clock_hz(), 16e6);
         bench.clocks();
-        assert_eq!(bench.chip.hclk_hz(), 170e6);
+        assert_eq!(bench.chip.clock_hz(), 170e6);
         let (start, at_s) = (bench.now, bench.chip.seconds(bench.now));
         bench.run(1_700_000);
         assert!((bench.chip.seconds(start + 1_700_000) - at_s - 0.01).abs() < 1e-12);
@@ -23,7 +23,7 @@ fn it_reaches_170_mhz_without_a_complaint() {
 
 #[test]
 fn boost_and_wait_states_are_asked_for() {
-    let mut bench = Bench::new(&B_G431B_ESC1);
+    let mut bench = Bench::new(&esc());
     bench.clocks();
     let complaint = bench.try_write(PWR + 0x80, 0x100).unwrap().to_string();
     assert!(complaint.contains("R1MODE (CR5, bit 8) is not cleared"), "{complaint}");
@@ -34,7 +34,7 @@ fn boost_and_wait_states_are_asked_for() {
 
 #[test]
 fn nothing_is_silently_accepted() {
-    let mut bench = Bench::new(&B_G431B_ESC1);
+    let mut bench = Bench::new(&esc());
     assert_eq!(bench.try_write(GPIO, 0), Some(Complaint::Unclocked { peripheral: "GPIOA" }));
     bench.set(RCC + 0x48, 1);
     assert_eq!(
@@ -53,7 +53,7 @@ fn nothing_is_silently_accepted() {
 
 #[test]
 fn a_peripheral_reset_resets() {
-    let mut bench = Bench::new(&NUCLEO_IHM08M1);
+    let mut bench = Bench::new(&nucleo());
     bench.clocks();
     bench.timer(85);
     bench.set(RCC + 0x40, 1 << 11);
@@ -64,7 +64,7 @@ fn a_peripheral_reset_resets() {
 
 #[test]
 fn factory_words_and_identification() {
-    let mut bench = Bench::new(&NUCLEO_IHM08M1);
+    let mut bench = Bench::new(&nucleo());
     assert_eq!(bench.chip.read(0x1fff_75e0, Width::Half, 1).0, 512);
     assert_ne!(bench.chip.read(0x1fff_7590, Width::Word, 1).0, 0);
     assert_eq!(bench.chip.read(0xe004_2000, Width::Word, 1).0 & 0xfff, 0x469);
@@ -78,7 +78,7 @@ fn unlock(bench: &mut Bench) {
 
 #[test]
 fn flash_is_written_through_the_bus_and_holds_the_core() {
-    let mut bench = Bench::new(&B_G431B_ESC1);
+    let mut bench = Bench::new(&esc());
     bench.clocks();
     unlock(&mut bench);
     bench.write(FLASH + 0x14, 1 << 1 | 63 << 3 | 1 << 16);
@@ -95,13 +95,13 @@ fn flash_is_written_through_the_bus_and_holds_the_core() {
     bench.run(stall);
     assert_eq!(bench.read(0x0801_f800), 0x1234_5678);
     assert_eq!(bench.chip.read(0x0801_f805, Width::Byte, bench.now).0, 0xde);
-    assert_eq!(bench.chip.take_flash_changes(), [0x1_f800..0x2_0000, 0x1_f800..0x1_f808]);
+    assert_eq!(bench.chip.take_code_changes(), [0x1_f800..0x2_0000, 0x1_f800..0x1_f808]);
     assert_eq!(bench.chip.facts().flash_operations, 2);
 }
 
 #[test]
 fn a_power_cut_asks_for_a_power_on_reset() {
-    let mut bench = Bench::new(&NUCLEO_IHM08M1);
+    let mut bench = Bench::new(&nucleo());
     bench.clocks();
     bench.chip.disturb(&Disturbance::PowerCut(1), bench.now).unwrap();
     unlock(&mut bench);
@@ -116,13 +116,13 @@ fn a_power_cut_asks_for_a_power_on_reset() {
     bench.chip.reset(ResetCause::PowerOn);
     let torn = bench.read(0x0807_f800);
     assert!(torn != 0 && torn != u32::MAX, "{torn:#x}");
-    assert_eq!(bench.chip.hclk_hz(), 16e6);
+    assert_eq!(bench.chip.clock_hz(), 16e6);
     assert_ne!(bench.read(RCC + 0x94) >> 27 & 1, 0, "BORRSTF");
 }
 
 #[test]
 fn bytes_go_out_and_come_in_over_the_boards_pins() {
-    for (board, port, tx, rx) in [(&NUCLEO_IHM08M1, b'A', 2, 3), (&B_G431B_ESC1, b'B', 3, 4)] {
+    for (board, port, tx, rx) in [(&nucleo(), b'A', 2, 3), (&esc(), b'B', 3, 4)] {
         let mut bench = Bench::new(board);
         bench.clocks();
         let incoming = Disturbance::Serial(b"hello".to_vec());
@@ -159,7 +159,7 @@ fn bytes_go_out_and_come_in_over_the_boards_pins() {
 
 #[test]
 fn a_transmitter_without_a_pin_is_found() {
-    let mut bench = Bench::new(&B_G431B_ESC1);
+    let mut bench = Bench::new(&esc());
     bench.clocks();
     bench.alternate(b'B', 3, 5);
     bench.write(USART2 + 0x0c, 369);
@@ -171,7 +171,7 @@ fn a_transmitter_without_a_pin_is_found() {
 
 #[test]
 fn the_watchdog_bites_unless_it_is_fed() {
-    let mut bench = Bench::new(&B_G431B_ESC1);
+    let mut bench = Bench::new(&esc());
     bench.clocks();
     // 4 · 800 / 32 kHz = 100 ms.
     bench.write(IWDG, 0xcccc);
@@ -199,7 +199,7 @@ fn the_watchdog_bites_unless_it_is_fed() {
 #[test]
 fn a_time_driver_gets_its_interrupts() {
     const TIM3: u32 = 0x4000_0400;
-    let mut bench = Bench::new(&NUCLEO_IHM08M1);
+    let mut bench = Bench::new(&nucleo());
     bench.clocks();
     // A microsecond a count; overflow, half-way, and an alarm at 40 000, as embassy's driver does it.
     bench.write(TIM3 + 0x28, 169);

@@ -2,10 +2,8 @@
 
 mod common;
 
-use bus::{Complaint, System};
-use chip::Board;
-use chip::board::{B_G431B_ESC1, NUCLEO_IHM08M1};
-use common::{ADC, Bench, RCC, TIM1};
+use bus::{Bus, Complaint};
+use common::{ADC, Bench, RCC, TIM1, boards, esc, nucleo};
 
 const PERIOD: u64 = 4250;
 
@@ -15,7 +13,7 @@ fn findings(bench: &Bench) -> Vec<String> {
 
 #[test]
 fn no_dead_time() {
-    for board in Board::ALL {
+    for board in &boards() {
         let mut bench = Bench::new(board);
         bench.clocks();
         bench.switching(0);
@@ -24,15 +22,15 @@ fn no_dead_time() {
         let found = findings(&bench);
         assert!(found.iter().any(|what| what.starts_with("dead time: leg U")), "{found:?}");
         assert_eq!(facts.legs[0].dead_time_rising_ns.min, 0.0);
-        // The L6398 has a dead time of its own, the L6387 has not.
+        // A driver with a dead time of its own prevents it.
         let shoots = facts.legs.iter().all(|leg| leg.shoot_through > 0);
-        assert_eq!(shoots, board == &B_G431B_ESC1, "{}", board.name);
+        assert_eq!(shoots, board.driver.own_dead_time_s < board.driver.overlap_s, "{}", board.name);
     }
 }
 
 #[test]
 fn moe_before_the_idle_states() {
-    for board in Board::ALL {
+    for board in &boards() {
         let mut bench = Bench::new(board);
         bench.clocks();
         bench.timer(85);
@@ -50,7 +48,7 @@ fn moe_before_the_idle_states() {
             assert_eq!(findings(&bench), [] as [String; 0], "all low is off");
         }
     }
-    let mut bench = Bench::new(&B_G431B_ESC1);
+    let mut bench = Bench::new(&esc());
     bench.clocks();
     bench.timer(85);
     bench.write(TIM1 + 0x44, 85);
@@ -63,8 +61,8 @@ fn moe_before_the_idle_states() {
 #[test]
 fn wrong_alternate_function() {
     for (board, port, pin, told) in [
-        (&B_G431B_ESC1, b'B', 15, "alternate function: PB15 is AF6 while MOE is set; TIM1_CH3N is AF4"),
-        (&NUCLEO_IHM08M1, b'A', 8, "alternate function: PA8 is AF4 while MOE is set; TIM1_CH1 is AF6"),
+        (&esc(), b'B', 15, "alternate function: PB15 is AF6 while MOE is set; TIM1_CH3N is AF4"),
+        (&nucleo(), b'A', 8, "alternate function: PA8 is AF4 while MOE is set; TIM1_CH1 is AF6"),
     ] {
         let mut bench = Bench::new(board);
         bench.clocks();
@@ -82,7 +80,7 @@ fn wrong_alternate_function() {
 
 #[test]
 fn converter_without_clock() {
-    for board in Board::ALL {
+    for board in &boards() {
         let mut bench = Bench::new(board);
         bench.clocks();
         let enable = bench.read(RCC + 0x4c);
@@ -93,7 +91,7 @@ fn converter_without_clock() {
         assert_eq!((value, complaint), (0, unclocked));
     }
     // The enable is there, the kernel clock is not.
-    let mut bench = Bench::new(&B_G431B_ESC1);
+    let mut bench = Bench::new(&esc());
     bench.clocks();
     bench.write(ADC[0] + 0x08, 1 << 28);
     bench.run(3500);

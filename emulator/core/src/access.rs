@@ -2,8 +2,8 @@
 
 use crate::fault::Fault;
 use crate::machine::Machine;
-use crate::memory::{Place, RAM};
-use bus::{Complaint, System, Width};
+use crate::memory::Place;
+use bus::{Bus, Complaint, Width};
 
 const fn width(bytes: usize) -> Width {
     match bytes {
@@ -19,11 +19,11 @@ fn little<const N: usize>(bytes: &[u8], offset: u32) -> u32 {
     u32::from_le_bytes(word)
 }
 
-impl<S: System> Machine<S> {
+impl<S: Bus> Machine<S> {
     /// Reads `N` bytes, 1, 2 or 4, zero-extended.
     #[inline(always)]
     pub(crate) fn load<const N: usize>(&mut self, address: u32) -> Result<u32, Fault> {
-        let offset = address.wrapping_sub(RAM);
+        let offset = address.wrapping_sub(self.memory.integration.ram);
         if (offset as usize) < self.memory.ram.len() - 3 {
             return Ok(little::<N>(&self.memory.ram, offset));
         }
@@ -34,16 +34,16 @@ impl<S: System> Machine<S> {
     fn load_elsewhere<const N: usize>(&mut self, address: u32) -> Result<u32, Fault> {
         match self.memory.place(address, N as u32) {
             Place::Ram(offset) => Ok(little::<N>(&self.memory.ram, offset)),
-            Place::Flash(offset) => {
-                self.now += u64::from(self.flash_data(offset));
-                if self.system.reads_torn_flash(offset) {
+            Place::Code(offset) => {
+                self.now += u64::from(self.code_data(offset));
+                if self.system.code_is_torn(offset) {
                     self.pend_nmi();
                 }
-                Ok(little::<N>(self.system.flash(), offset))
+                Ok(little::<N>(self.system.code(), offset))
             }
             _ if !address.is_multiple_of(N as u32) => Err(Fault::Unaligned),
             Place::Private => self.read_private(address, width(N)),
-            Place::System => {
+            Place::Bus => {
                 let (value, complaint) = self.system.read(address, width(N), self.now);
                 self.touched(address, false, complaint)?;
                 Ok(value)
@@ -54,7 +54,7 @@ impl<S: System> Machine<S> {
     /// Writes the lower `N` bytes.
     #[inline(always)]
     pub(crate) fn store<const N: usize>(&mut self, address: u32, value: u32) -> Result<(), Fault> {
-        let offset = address.wrapping_sub(RAM);
+        let offset = address.wrapping_sub(self.memory.integration.ram);
         if (offset as usize) < self.memory.ram.len() - 3 {
             self.store_ram::<N>(offset, value);
             return Ok(());
@@ -78,8 +78,8 @@ impl<S: System> Machine<S> {
             }
             _ if !address.is_multiple_of(N as u32) => Err(Fault::Unaligned),
             Place::Private => self.write_private(address, width(N), value),
-            // A store to flash is a programming operation, and the chip's business.
-            Place::Flash(_) | Place::System => {
+            // A store to code memory programs it, which is the chip's business.
+            Place::Code(_) | Place::Bus => {
                 let complaint = self.system.write(address, width(N), value, self.now);
                 self.touched(address, true, complaint)
             }

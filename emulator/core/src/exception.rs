@@ -7,13 +7,13 @@ use crate::cpu::{FPCA, Sleep};
 use crate::fault::{self, Fault};
 use crate::machine::Machine;
 use crate::nvic::{self, BUS, HARD_FAULT, SVCALL, USAGE};
-use bus::System;
+use bus::Bus;
 
 const ENTRY: u64 = 12;
 const TAIL: u64 = 6;
 const RETURN: u64 = 10;
 
-impl<S: System> Machine<S> {
+impl<S: Bus> Machine<S> {
     /// The priority that an exception has to be above to be taken now.
     pub(crate) fn masked_priority(&self, primask: bool) -> i32 {
         let mut priority = self.nvic.executing();
@@ -90,9 +90,8 @@ impl<S: System> Machine<S> {
                 return self.lock_up("no handler in the vector table");
             }
         }
-        let sampling = self.system.last_sampling();
-        let trigger = sampling.filter(|(line, _)| line + nvic::FIRST_IRQ == number).map(|(_, at)| at);
-        self.profile.entered(number, self.now, trigger, self.instructions);
+        let origin = number.checked_sub(nvic::FIRST_IRQ).and_then(|line| self.system.origin(line));
+        self.profile.entered(number, self.now, origin, self.instructions);
         self.entered(number);
     }
 

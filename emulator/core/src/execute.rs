@@ -9,12 +9,12 @@ use crate::alu::{self, add_with_carry};
 use crate::fault::Fault;
 use crate::machine::Machine;
 use crate::op::{Alu, Dsp, DspLong, Extend, Hint, Index, Long, Op, Saturating, Set, Shift};
-use bus::System;
+use bus::Bus;
 
 /// A taken branch, beyond its own cycle.
 const REFILL: u64 = 2;
 
-impl<S: System> Machine<S> {
+impl<S: Bus> Machine<S> {
     #[inline(always)]
     pub(crate) fn reg(&self, number: u8) -> u32 {
         self.cpu.r[usize::from(number & 15)]

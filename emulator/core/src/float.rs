@@ -5,7 +5,7 @@ use crate::cpu::Cpu;
 use crate::fault::Fault;
 use crate::machine::Machine;
 use crate::op::{Float2, Float3, Op};
-use bus::System;
+use bus::Bus;
 
 const DEFAULT_NAN: u32 = 0x7FC0_0000;
 
@@ -159,7 +159,7 @@ fn to_half(bits: u32) -> u16 {
     sign | ((((exponent + 14) as u16) << 10) + units)
 }
 
-impl<S: System> Machine<S> {
+impl<S: Bus> Machine<S> {
     #[inline(never)]
     pub(crate) fn execute_float(&mut self, op: Op) -> Result<(), Fault> {
         self.prepare_float()?;

@@ -2,6 +2,7 @@
 
 use addr2line::Context as Lines;
 use anyhow::{Context, Result, bail, ensure};
+use bus::Integration;
 use gimli::{EndianRcSlice, RunTimeEndian};
 use object::{Object, ObjectSection, ObjectSegment, ObjectSymbol, SymbolKind};
 use serde::Serialize;
@@ -97,19 +98,19 @@ impl Image {
         lines
     }
 
-    /// The image as flash of `size` bytes, erased where nothing is.
-    pub fn flash(&self, size: usize) -> Result<Vec<u8>> {
-        let mut flash = vec![0xFF; size];
+    /// The image as code memory of `size` bytes, erased where nothing is.
+    pub fn code(&self, integration: &Integration, size: usize) -> Result<Vec<u8>> {
+        let mut code = vec![0xFF; size];
         for (address, bytes) in &self.segments {
-            let start = address.wrapping_sub(crate::memory::FLASH) as usize;
-            let start = if start < size { start } else { *address as usize };
-            let place = flash.get_mut(start..).and_then(|rest| rest.get_mut(..bytes.len()));
+            let bases = std::iter::once(&integration.code).chain(integration.code_aliases);
+            let start = bases.map(|base| address.wrapping_sub(*base) as usize).find(|start| *start < size);
+            let place = start.and_then(|start| code.get_mut(start..)?.get_mut(..bytes.len()));
             let place = place.with_context(|| {
-                format!("{} bytes at {address:#010x} are not within the {} KiB of flash", bytes.len(), size >> 10)
+                format!("{} bytes at {address:#010x} are not within the {} KiB of code memory", bytes.len(), size >> 10)
             })?;
             place.copy_from_slice(bytes);
         }
-        Ok(flash)
+        Ok(code)
     }
 }
 

@@ -1,4 +1,4 @@
-//! An Arm Cortex-M4F: Armv7E-M with FPv4-SP, instruction by instruction, exceptions included, beside a [`bus::System`] that is
+//! An Arm Cortex-M4F: Armv7E-M with FPv4-SP, instruction by instruction, exceptions included, beside a [`bus::Bus`] that is
 //! everything else on the chip.
 //!
 //! Interpreted, not translated: time is exact to the instruction at every access, an interrupt is taken between the same two
@@ -7,7 +7,7 @@
 
 mod access;
 mod alu;
-mod art;
+mod cache;
 mod cpu;
 mod decode;
 mod exception;
@@ -28,7 +28,7 @@ mod transfer;
 pub use fault::FaultReport;
 pub use image::{Image, Place};
 pub use machine::{Listed, Machine, Stop};
-pub use memory::{Map, PAINT};
+pub use memory::PAINT;
 pub use nvic::{FIRST_IRQ, system_name};
 pub use profile::{Activity, Entries, Profile};
 pub use rtt::{Log, LogLine, Rtt};

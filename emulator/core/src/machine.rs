@@ -1,13 +1,13 @@
 //! The core with its memory and the system around it, and how time passes.
 
-use crate::art::Art;
+use crate::cache::Caches;
 use crate::cpu::{Cpu, Sleep};
 use crate::fault::{Fault, FaultReport};
-use crate::memory::{Map, Memory};
+use crate::memory::Memory;
 use crate::nvic::Nvic;
 use crate::profile::Profile;
 use crate::scs::Scs;
-use bus::{Complaint, Cycle, ResetCause, System};
+use bus::{Bus, Complaint, Cycle, ResetCause};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -41,7 +41,7 @@ pub struct Listed {
     pub first_s: f64,
 }
 
-/// A chip: the core, its RAM, and everything else as a [`System`].
+/// A chip: the core, its RAM, and everything else as a [`Bus`].
 #[derive(Clone)]
 pub struct Machine<S> {
     /// Peripherals, board, motor.
@@ -50,7 +50,7 @@ pub struct Machine<S> {
     pub(crate) nvic: Nvic,
     pub(crate) scs: Scs,
     pub(crate) memory: Memory,
-    pub(crate) art: Art,
+    pub(crate) caches: Caches,
     pub(crate) now: Cycle,
     /// When the core has to look up from its instructions: the system's next event, SysTick's, the end of the run; 0 at once.
     pub(crate) due: Cycle,
@@ -75,17 +75,18 @@ pub struct Machine<S> {
     asleep: Cycle,
 }
 
-impl<S: System> Machine<S> {
+impl<S: Bus> Machine<S> {
     /// At power-on.
-    pub fn new(system: S, map: Map) -> Self {
-        let memory = Memory::new(map, system.flash().len());
+    pub fn new(system: S) -> Self {
+        let integration = system.integration();
+        let memory = Memory::new(integration, system.code().len());
         let mut machine = Machine {
             system,
             cpu: Cpu::new(),
             nvic: Nvic::new(),
-            scs: Scs::default(),
+            scs: Scs::new(&integration),
             memory,
-            art: Art::default(),
+            caches: Caches::new(&integration),
             now: 0,
             due: 0,
             within_it: false,
@@ -109,7 +110,7 @@ impl<S: System> Machine<S> {
     fn start(&mut self) {
         self.cpu = Cpu::new();
         self.nvic = Nvic::new();
-        self.scs = Scs::default();
+        self.scs = Scs::new(&self.memory.integration);
         self.profile.abandon();
         (self.hang, self.hung, self.locked_up, self.due) = (None, None, false, 0);
         match (self.load::<4>(0), self.load::<4>(4)) {
@@ -118,14 +119,14 @@ impl<S: System> Machine<S> {
                 self.cpu.r[14] = u32::MAX;
                 self.cpu.pc = entry & !1;
             }
-            _ => self.lock_up("no vector table in flash"),
+            _ => self.lock_up("no vector table at address 0"),
         }
     }
 
     /// Resets core and system. RAM keeps its contents, unless power was gone.
     pub fn reset(&mut self, cause: ResetCause) {
         if cause == ResetCause::PowerOn {
-            self.memory = Memory::new(self.memory.map, self.system.flash().len());
+            self.memory = Memory::new(self.memory.integration, self.system.code().len());
         }
         self.system.reset(cause);
         self.start();
@@ -197,17 +198,17 @@ impl<S: System> Machine<S> {
         done
     }
 
-    /// Wait states of a fetch from flash.
+    /// Wait states of a fetch from code memory.
     #[inline(always)]
     fn fetched(&mut self, pc: u32) {
-        if self.art.line_changes(pc) {
-            self.now += u64::from(self.art.fetch(pc, self.system.flash_wait_states()));
+        if self.caches.line_changes(pc) && self.memory.is_code(pc) {
+            self.now += u64::from(self.caches.fetch(pc, self.system.code_wait_states()));
         }
     }
 
-    /// Wait states of a load from flash.
-    pub(crate) fn flash_data(&mut self, offset: u32) -> u32 {
-        self.art.load(offset, self.system.flash_wait_states())
+    /// Wait states of a load from code memory.
+    pub(crate) fn code_data(&mut self, offset: u32) -> u32 {
+        self.caches.load(offset, self.system.code_wait_states())
     }
 
     /// Lets the system catch up, takes an exception where one is due, and says when to look up again. `Some` asks for a reset.
@@ -245,9 +246,9 @@ impl<S: System> Machine<S> {
     /// Brings the system to now; returns its next event.
     pub(crate) fn catch_up(&mut self) -> Cycle {
         let next = self.system.advance(self.now);
-        for range in self.system.take_flash_changes() {
-            self.memory.forget_flash(range);
-            self.art.flush();
+        for range in self.system.take_code_changes() {
+            self.memory.forget_code(range);
+            self.caches.flush();
         }
         self.now += self.system.take_stall();
         let new = self.nvic.sample(self.system.interrupts());

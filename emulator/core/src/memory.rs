@@ -1,28 +1,8 @@
-//! RAM and flash as the core sees them, and the instructions decoded from them.
+//! RAM and code memory as the core sees them, and the instructions decoded from them.
 
 use crate::decode;
 use crate::op::Op;
-use bus::System;
-
-/// Where the RAM is. Flash is at `0x0800_0000` and again at 0.
-#[derive(Clone, Copy, Debug)]
-pub struct Map {
-    /// Bytes of RAM from `0x2000_0000` on: SRAM1, SRAM2 and CCM SRAM in one piece (RM0440, 2.2).
-    pub ram: u32,
-    /// Of these, the last ones are the CCM SRAM, which is at `0x1000_0000` as well.
-    pub ccm: u32,
-}
-
-impl Map {
-    /// STM32G474: 80 + 16 + 32 KiB.
-    pub const STM32G474: Map = Map { ram: 128 << 10, ccm: 32 << 10 };
-    /// STM32G431: 16 + 6 + 10 KiB.
-    pub const STM32G431: Map = Map { ram: 32 << 10, ccm: 10 << 10 };
-}
-
-pub const FLASH: u32 = 0x0800_0000;
-pub const RAM: u32 = 0x2000_0000;
-pub const CCM: u32 = 0x1000_0000;
+use bus::{Bus, Integration};
 
 /// What an uninitialised word of RAM holds: what is still there was never used.
 pub const PAINT: u32 = 0xACAC_ACAC;
@@ -41,9 +21,9 @@ const BLOCK: u32 = 6;
 
 #[derive(Clone)]
 pub struct Memory {
-    pub map: Map,
+    pub integration: Integration,
     pub ram: Vec<u8>,
-    flash_code: Vec<Decoded>,
+    code: Vec<Decoded>,
     ram_code: Vec<Decoded>,
     ram_has_code: Vec<bool>,
 }
@@ -51,21 +31,32 @@ pub struct Memory {
 /// Where an address leads.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Place {
-    Flash(u32),
+    Code(u32),
     Ram(u32),
     Private,
-    System,
+    Bus,
 }
 
 impl Memory {
-    pub fn new(map: Map, flash: usize) -> Self {
+    pub fn new(integration: Integration, code_bytes: usize) -> Self {
+        let ram_bytes = integration.ram_bytes as usize;
         Memory {
-            map,
-            ram: PAINT.to_le_bytes().repeat(map.ram as usize / 4),
-            flash_code: vec![FRESH; flash / 2],
-            ram_code: vec![FRESH; map.ram as usize / 2],
-            ram_has_code: vec![false; (map.ram >> BLOCK) as usize],
+            integration,
+            ram: PAINT.to_le_bytes().repeat(ram_bytes / 4),
+            code: vec![FRESH; code_bytes / 2],
+            ram_code: vec![FRESH; ram_bytes / 2],
+            ram_has_code: vec![false; ram_bytes >> BLOCK],
         }
+    }
+
+    fn code_bytes(&self) -> u32 {
+        self.code.len() as u32 * 2
+    }
+
+    /// Whether an instruction comes out of the code memory at its own address.
+    #[inline(always)]
+    pub fn is_code(&self, pc: u32) -> bool {
+        pc.wrapping_sub(self.integration.code) < self.code_bytes()
     }
 
     /// The place of a whole access of `bytes`.
@@ -75,27 +66,29 @@ impl Memory {
             let offset = address.wrapping_sub(base);
             (offset < size && size - offset >= bytes).then_some(offset)
         };
-        let flash = self.flash_code.len() as u32 * 2;
-        if let Some(offset) = within(RAM, self.map.ram) {
+        let Integration { code, code_aliases, ram, ram_bytes, ram_aliases, .. } = self.integration;
+        let in_code = |base| within(base, self.code_bytes());
+        if let Some(offset) = within(ram, ram_bytes) {
             Place::Ram(offset)
-        } else if let Some(offset) = within(FLASH, flash).or_else(|| within(0, flash)) {
-            Place::Flash(offset)
-        } else if let Some(offset) = within(CCM, self.map.ccm) {
-            Place::Ram(self.map.ram - self.map.ccm + offset)
+        } else if let Some(offset) = in_code(code).or_else(|| code_aliases.iter().find_map(|&base| in_code(base))) {
+            Place::Code(offset)
+        } else if let Some(offset) =
+            ram_aliases.iter().find_map(|alias| Some(alias.offset + within(alias.address, alias.bytes)?))
+        {
+            Place::Ram(offset)
         } else if (0xE000_0000..0xE004_0000).contains(&address) || address >> 12 == 0xE00FF {
             Place::Private
         } else {
-            Place::System
+            Place::Bus
         }
     }
 
     /// The instruction at `pc`, which is even; `None` where nothing can be fetched.
     #[inline(always)]
-    pub fn fetch<S: System>(&mut self, pc: u32, system: &S) -> Option<Decoded> {
-        let offset = pc.wrapping_sub(FLASH) as usize / 2;
-        if let Some(decoded) = self.flash_code.get(offset)
+    pub fn fetch<S: Bus>(&mut self, pc: u32, system: &S) -> Option<Decoded> {
+        let offset = pc.wrapping_sub(self.integration.code) as usize / 2;
+        if let Some(decoded) = self.code.get(offset)
             && decoded.length != 0
-            && pc >= FLASH
         {
             return Some(*decoded);
         }
@@ -103,11 +96,11 @@ impl Memory {
     }
 
     #[inline(never)]
-    fn fetch_slow<S: System>(&mut self, pc: u32, system: &S) -> Option<Decoded> {
+    fn fetch_slow<S: Bus>(&mut self, pc: u32, system: &S) -> Option<Decoded> {
         let (bytes, code, offset) = match self.place(pc, 2) {
-            Place::Flash(offset) => (system.flash(), &mut self.flash_code, offset as usize),
+            Place::Code(offset) => (system.code(), &mut self.code, offset as usize),
             Place::Ram(offset) => {
-                for block in offset >> BLOCK..=(offset + 3).min(self.map.ram - 1) >> BLOCK {
+                for block in offset >> BLOCK..=(offset + 3).min(self.integration.ram_bytes - 1) >> BLOCK {
                     self.ram_has_code[block as usize] = true;
                 }
                 (&self.ram[..], &mut self.ram_code, offset as usize)
@@ -144,10 +137,10 @@ impl Memory {
         self.ram_code[first as usize..last as usize].fill(FRESH);
     }
 
-    /// The flash has changed there.
-    pub fn forget_flash(&mut self, range: core::ops::Range<u32>) {
+    /// The code memory has changed there.
+    pub fn forget_code(&mut self, range: core::ops::Range<u32>) {
         let (first, last) = ((range.start.max(2) - 2) / 2, range.end.div_ceil(2));
-        let last = last.min(self.flash_code.len() as u32);
-        self.flash_code[first as usize..last as usize].fill(FRESH);
+        let last = last.min(self.code.len() as u32);
+        self.code[first as usize..last as usize].fill(FRESH);
     }
 }

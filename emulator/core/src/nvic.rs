@@ -12,9 +12,6 @@ pub const SYSTICK: u16 = 15;
 /// Number of IRQ 0.
 pub const FIRST_IRQ: u16 = 16;
 
-/// Implemented priority bits of the STM32G4 (PM0214, 4.3.7): the upper four.
-pub const PRIORITY_BITS: u8 = 0xF0;
-
 /// Lower than every exception's.
 pub const THREAD: i32 = 256;
 
@@ -26,7 +23,7 @@ pub struct Nvic {
     pub active: u128,
     /// Levels of the lines, already shifted by 16.
     lines: u128,
-    /// Of IRQs; 4 bits each in the upper half.
+    /// Of IRQs; as many upper bits as are implemented.
     pub priority: [u8; 112],
     /// SHPR1 to SHPR3: of exceptions 4 to 15.
     pub system_priority: [u8; 12],

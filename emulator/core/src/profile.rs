@@ -1,10 +1,11 @@
 //! How often, how late and how long handlers run.
 
-use bus::{Cycle, Range};
+use bus::Cycle;
+use measure::Range;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
-/// One exception's handler. Cycles of HCLK.
+/// One exception's handler. Core cycles.
 #[derive(Clone, Debug, Default, Serialize)]
 pub struct Activity {
     /// From pending to the first instruction.
@@ -17,12 +18,12 @@ pub struct Activity {
     pub instructions: Range,
     /// Own cycles.
     pub cycles: Range,
-    /// From the ADC trigger that led to it, to its first instruction.
-    pub after_trigger: Range,
+    /// From the origin that the bus names (the trigger of a conversion, say) to its first instruction.
+    pub since_origin: Range,
     /// Sum of the periods.
     #[serde(skip)]
     periods: Cycle,
-    /// When it was last entered, and the trigger of that time.
+    /// When it was last entered, and the origin of that time.
     #[serde(skip)]
     last: Option<(Cycle, Option<Cycle>)>,
 }
@@ -48,8 +49,8 @@ struct Frame {
 pub struct Entries {
     /// How often a handler began.
     pub count: u64,
-    /// The ADC trigger that led to the last time.
-    pub trigger: Option<Cycle>,
+    /// What led to the last time.
+    pub origin: Option<Cycle>,
 }
 
 /// All of them.
@@ -91,23 +92,23 @@ impl Profile {
         }
     }
 
-    /// `trigger`: when the ADC was triggered whose interrupt this is.
-    pub(crate) fn entered(&mut self, exception: u16, now: Cycle, trigger: Option<Cycle>, instructions: u64) {
+    /// `origin`: when what this interrupt tells of began.
+    pub(crate) fn entered(&mut self, exception: u16, now: Cycle, origin: Option<Cycle>, instructions: u64) {
         let activity = self.activities.entry(exception).or_default();
         if let Some(since) = self.pending_since.remove(&exception) {
             activity.latency.add((now - since) as f64);
         }
         let entries = self.entries.entry(exception).or_default();
-        *entries = Entries { count: entries.count + 1, trigger };
-        let last = activity.last.replace((now, trigger));
+        *entries = Entries { count: entries.count + 1, origin };
+        let last = activity.last.replace((now, origin));
         if let Some((last, _)) = last {
             activity.period.add((now - last) as f64);
             activity.periods += now - last;
         }
-        if let Some(at) = trigger
-            && last.is_none_or(|(_, before)| before != trigger)
+        if let Some(at) = origin
+            && last.is_none_or(|(_, before)| before != origin)
         {
-            activity.after_trigger.add((now - at) as f64);
+            activity.since_origin.add((now - at) as f64);
         }
         self.stack.push(Frame { exception, entered: now, instructions, others: (0, 0) });
     }

@@ -3,7 +3,7 @@
 use crate::image::Image;
 use crate::machine::Machine;
 use anyhow::{Context, Result};
-use bus::System;
+use bus::Bus;
 use defmt_decoder::{DecodeError, Frame, Location, Locations, StreamDecoder, Table};
 use std::rc::Rc;
 
@@ -17,7 +17,7 @@ pub struct Rtt {
     block: u32,
 }
 
-fn word<S: System>(machine: &Machine<S>, address: u32) -> Option<u32> {
+fn word<S: Bus>(machine: &Machine<S>, address: u32) -> Option<u32> {
     Some(u32::from_le_bytes(machine.ram(address, 4)?.try_into().ok()?))
 }
 
@@ -28,11 +28,11 @@ impl Rtt {
     }
 
     /// What has been written since the last call; nothing before the firmware has set up the channel.
-    pub fn read<S: System>(&self, machine: &mut Machine<S>) -> Vec<u8> {
+    pub fn read<S: Bus>(&self, machine: &mut Machine<S>) -> Vec<u8> {
         self.take(machine).unwrap_or_default()
     }
 
-    fn take<S: System>(&self, machine: &mut Machine<S>) -> Option<Vec<u8>> {
+    fn take<S: Bus>(&self, machine: &mut Machine<S>) -> Option<Vec<u8>> {
         if !machine.ram(self.block, 16)?.starts_with(ID) {
             return None;
         }

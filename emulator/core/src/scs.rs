@@ -3,9 +3,13 @@
 use crate::cpu::SPSEL;
 use crate::fault::Fault;
 use crate::machine::Machine;
-use crate::nvic::{self, FIRST_IRQ, PENDSV, PRIORITY_BITS, SVCALL, SYSTICK};
+use crate::nvic::{self, FIRST_IRQ, PENDSV, SVCALL, SYSTICK};
 use crate::systick::{CycleCounter, SysTick};
-use bus::{Complaint, System, Width};
+use bus::{Bus, Complaint, Integration, Width};
+
+const ASPEN: u32 = 1 << 31;
+const LSPEN: u32 = 1 << 30;
+const LSPACT: u32 = 1;
 
 /// Registers that the core itself acts on.
 #[derive(Clone, Debug)]
@@ -23,12 +27,14 @@ pub struct Scs {
     demcr: u32,
     actlr: u32,
     reset_requested: bool,
+    /// Implemented bits of a priority.
+    priority_mask: u8,
     pub systick: SysTick,
     pub cycles: CycleCounter,
 }
 
-impl Default for Scs {
-    fn default() -> Self {
+impl Scs {
+    pub fn new(integration: &Integration) -> Self {
         Scs {
             vtor: 0,
             scr: 0,
@@ -43,17 +49,12 @@ impl Default for Scs {
             demcr: 0,
             actlr: 0,
             reset_requested: false,
-            systick: SysTick::default(),
+            priority_mask: !(0xFF >> integration.priority_bits),
+            systick: SysTick::new(integration.systick_reference),
             cycles: CycleCounter::default(),
         }
     }
-}
 
-const ASPEN: u32 = 1 << 31;
-const LSPEN: u32 = 1 << 30;
-const LSPACT: u32 = 1;
-
-impl Scs {
     pub fn traps_division(&self) -> bool {
         self.ccr & 1 << 4 != 0
     }
@@ -115,7 +116,7 @@ fn irq_bits(set: u128, register: u32) -> u32 {
     if at < 128 { (set >> at) as u32 } else { 0 }
 }
 
-impl<S: System> Machine<S> {
+impl<S: Bus> Machine<S> {
     pub(crate) fn read_private(&mut self, address: u32, width: Width) -> Result<u32, Fault> {
         let word = self.private_word(address & !3)?;
         let shifted = word >> (8 * (address & 3));
@@ -188,7 +189,7 @@ impl<S: System> Machine<S> {
         match (address, width) {
             (0xE000_E400..=0xE000_E7EF, _) | (0xE000_ED18..=0xE000_ED23, _) => {
                 for index in 0..width.bytes() {
-                    self.write_priority(address + index, (value >> (8 * index)) as u8 & PRIORITY_BITS);
+                    self.write_priority(address + index, (value >> (8 * index)) as u8 & self.scs.priority_mask);
                 }
                 return Ok(());
             }
@@ -356,9 +357,9 @@ impl<S: System> Machine<S> {
             8 => self.cpu.set_msp(value),
             9 => self.cpu.set_psp(value),
             16 => self.cpu.primask = value & 1 != 0,
-            17 => self.cpu.basepri = value as u8 & PRIORITY_BITS,
+            17 => self.cpu.basepri = value as u8 & self.scs.priority_mask,
             18 => {
-                let value = value as u8 & PRIORITY_BITS;
+                let value = value as u8 & self.scs.priority_mask;
                 if value != 0 && (self.cpu.basepri == 0 || value < self.cpu.basepri) {
                     self.cpu.basepri = value;
                 }

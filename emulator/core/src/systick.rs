@@ -2,9 +2,11 @@
 
 use bus::Cycle;
 
-/// Counts down from RELOAD to 0 in HCLK cycles, or in eighths of them.
-#[derive(Clone, Debug, Default)]
+/// Counts down from RELOAD to 0 in cycles of the core, or of an external reference.
+#[derive(Clone, Debug)]
 pub struct SysTick {
+    /// Core cycles in a cycle of the external reference.
+    reference: u64,
     control: u32,
     reload: u32,
     /// When the counter is next loaded with RELOAD after having been 0.
@@ -16,13 +18,17 @@ pub struct SysTick {
 }
 
 impl SysTick {
+    pub fn new(reference: u64) -> Self {
+        SysTick { reference, control: 0, reload: 0, wrap: 0, held: 0, flag: false }
+    }
+
     fn is_on(&self) -> bool {
         self.control & 1 != 0 && self.reload != 0
     }
 
-    /// Cycles of HCLK a count: the external reference is HCLK/8 on the STM32G4 (RM0440, 7.2).
+    /// Core cycles a count.
     fn divider(&self) -> u64 {
-        if self.control & 4 != 0 { 1 } else { 8 }
+        if self.control & 4 != 0 { 1 } else { self.reference }
     }
 
     fn period(&self) -> u64 {
@@ -124,7 +130,7 @@ mod tests {
 
     #[test]
     fn systick_comes_every_reload_plus_one_counts() {
-        let mut tick = SysTick::default();
+        let mut tick = SysTick::new(8);
         tick.write_reload(99, 0);
         tick.clear(0);
         tick.write_control(7, 1000);

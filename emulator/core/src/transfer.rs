@@ -3,9 +3,9 @@
 use crate::fault::Fault;
 use crate::machine::Machine;
 use crate::op::{Cell, Index};
-use bus::System;
+use bus::Bus;
 
-impl<S: System> Machine<S> {
+impl<S: Bus> Machine<S> {
     #[inline(always)]
     pub(crate) fn load_cell(&mut self, cell: Cell, address: u32) -> Result<u32, Fault> {
         Ok(match cell {

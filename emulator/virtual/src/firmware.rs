@@ -1,22 +1,34 @@
-//! Finds or builds the firmware of a board.
+//! The boards of this repository: found by their folders, their firmware built.
 
-use anyhow::{Context, Result, ensure};
+use anyhow::{Context, Result, bail, ensure};
+use chip::Board;
 use std::path::{Path, PathBuf};
 use std::process::Command;
+use std::sync::Arc;
 
-/// The folder of a board's firmware in this repository.
-pub fn folder(board: &str) -> PathBuf {
-    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../boards").join(board)
+/// The folder of all boards.
+pub fn boards() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../boards")
+}
+
+/// The board of a name.
+///
+/// # Errors
+/// No such board, with those that there are; or what is wrong with its description.
+pub fn board(name: &str) -> Result<Arc<Board>> {
+    let known = Board::names(&boards())?;
+    if !known.iter().any(|known| known == name) {
+        bail!("no virtual board {name:?}; there are {}", known.join(", "));
+    }
+    Ok(Board::load(&boards().join(name))?)
 }
 
 /// Builds what `cargo run --release` in the board's folder would flash, and returns its path.
 ///
 /// # Errors
-/// The build's failure, or a board without a folder.
+/// The build's failure.
 pub fn build(board: &str) -> Result<PathBuf> {
-    let folder = folder(board);
-    ensure!(folder.is_dir(), "there is no firmware in {}", folder.display());
-    executable(&folder, &["build", "--release"], board)
+    executable(&boards().join(board), &["build", "--release"], board)
 }
 
 /// Lets cargo build in a folder, and returns the path of the executable of a name.

@@ -1,7 +1,6 @@
 //! `cargo virtual BOARD`: the firmware that would be flashed, on a virtual board.
 
-use anyhow::{Context, Result, anyhow};
-use chip::Board;
+use anyhow::{Context, Result};
 use clap::Parser;
 use cortex::LogLine;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -19,7 +18,7 @@ const LOOK: Duration = Duration::from_millis(1);
 #[derive(Parser)]
 #[command(name = "cargo virtual")]
 struct Arguments {
-    /// b-g431b-esc1 or nucleo-g474re-ihm08m1
+    /// Name of a folder in boards/ with a virtual.toml
     board: String,
     /// Virtual time to run; without end with --serial, else 1 s
     #[arg(long)]
@@ -49,18 +48,15 @@ struct Arguments {
 
 fn main() -> Result<ExitCode> {
     let arguments = Arguments::parse();
-    let board = Board::named(&arguments.board).ok_or_else(|| {
-        let known: Vec<_> = Board::ALL.iter().map(|board| board.name).collect();
-        anyhow!("no virtual board {:?}; there are {}", arguments.board, known.join(" and "))
-    })?;
+    let board = firmware::board(&arguments.board)?;
     let steps = arguments.script.as_ref().map(|path| {
         let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
         script::parse(&text).with_context(|| path.display().to_string())
     });
     let steps = steps.transpose()?;
-    let elf = arguments.elf.clone().map_or_else(|| firmware::build(board.name), Ok)?;
+    let elf = arguments.elf.clone().map_or_else(|| firmware::build(&board.name), Ok)?;
     let image = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
-    let mut session = Session::new(board, image, &PlantParameters::unkind(arguments.seed), arguments.seed)?;
+    let mut session = Session::new(&board, image, &PlantParameters::unkind(arguments.seed), arguments.seed)?;
     session.follow(steps.unwrap_or_default());
 
     let end_s = arguments.seconds.unwrap_or(if arguments.serial.is_some() { f64::INFINITY } else { 1.0 });

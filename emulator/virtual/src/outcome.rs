@@ -3,8 +3,10 @@
 use crate::angle::AngleErrors;
 use crate::session::{Session, explain, place};
 use anyhow::Result;
-use bus::{Facts, Range, ResetCause, System};
+use bus::{Bus, ResetCause};
+use chip::Facts;
 use cortex::{Activity, FIRST_IRQ, LogLine, system_name};
+use measure::Range;
 use serde::Serialize;
 
 /// All figures.
@@ -110,7 +112,7 @@ impl Outcome {
             first_s: listed.first_s,
         });
         Outcome {
-            board: session.board().name.into(),
+            board: session.board().name.clone(),
             seconds: session.seconds(),
             instructions: machine.instructions(),
             load: 1.0 - machine.asleep() as f64 / machine.now() as f64,
@@ -160,9 +162,9 @@ impl std::fmt::Display for WrongAccess {
 }
 
 fn handler(session: &Session, exception: u16, activity: &Activity) -> Handler {
-    let ns = 1e9 / session.machine.system.hclk_hz();
+    let ns = 1e9 / session.machine.system.clock_hz();
     let in_ns = |range: Range| Range { min: range.min * ns, max: range.max * ns, ..range };
-    let vector = session.machine.system.flash().get(4 * usize::from(exception)..);
+    let vector = session.machine.system.code().get(4 * usize::from(exception)..);
     let target = vector.and_then(|bytes| Some(u32::from_le_bytes(bytes.get(..4)?.try_into().ok()?)));
     let name = system_name(exception).map(String::from).or_else(|| Some(session.image.place(target?).function));
     let jitter = activity.latency.max - activity.latency.min;
@@ -173,7 +175,7 @@ fn handler(session: &Session, exception: u16, activity: &Activity) -> Handler {
         period_ns: in_ns(activity.period),
         latency_ns: in_ns(activity.latency),
         jitter_ns: if jitter.is_finite() { jitter * ns } else { 0.0 },
-        after_trigger_ns: in_ns(activity.after_trigger),
+        after_trigger_ns: in_ns(activity.since_origin),
         duration_ns: in_ns(activity.duration),
         instructions: activity.instructions,
         cycles: activity.cycles,

@@ -3,8 +3,9 @@
 use crate::angle::{AngleError, AngleErrors};
 use crate::outcome::{Handler, Outcome};
 use anyhow::Result;
-use bus::{Range, Trace};
-use sim::report::{Plot, Report, Series};
+use chip::Trace;
+use measure::Range;
+use plots::{Plot, Report, Series};
 
 /// Heading and rows of a table; the first row is its head.
 pub struct Section {

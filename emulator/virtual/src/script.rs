@@ -21,7 +21,7 @@
 //! `speed X` (rad/s), `position X` (turns), `get NAME`, `set NAME X`, `save`, `load`, `restore`, `telemetry X` (Hz) and
 //! `history N`.
 
-use bus::{Disturbance, HallFault};
+use chip::{Disturbance, HallFault};
 use hallservo_protocol::{Ask, Commutation, FRAME, Request, encode};
 use std::fmt;
 

@@ -3,13 +3,14 @@
 use crate::angle::{Deviation, Periods, Told, deviations};
 use crate::script::{Action, Step};
 use anyhow::{Context, Result, bail};
-use bus::{Disturbance, ResetCause, System, Trace};
-use chip::{Board, Chip};
-use cortex::{Entries, FIRST_IRQ, FaultReport, Image, Log, LogLine, Machine, Map, PAINT, Rtt, Stop};
+use bus::{Bus, ResetCause};
+use chip::{Board, Chip, Disturbance, Trace};
+use cortex::{Entries, FIRST_IRQ, FaultReport, Image, Log, LogLine, Machine, PAINT, Rtt, Stop};
 use hallservo_protocol::{Answer, Decoder, Reply};
 use plant::PlantParameters;
 use std::collections::VecDeque;
 use std::rc::Rc;
+use std::sync::Arc;
 
 /// How often log, serial port and script are looked after, seconds of the board's time.
 const SLICE_S: f64 = 100e-6;
@@ -29,7 +30,7 @@ pub struct Session {
     /// Telemetry that the drive was asked for.
     pub telemetry: Vec<Told>,
     periods: Periods,
-    board: &'static Board,
+    board: Arc<Board>,
     rtt: Option<Rtt>,
     log: Option<Log>,
     script: VecDeque<Step>,
@@ -47,18 +48,14 @@ impl Session {
     ///
     /// # Errors
     /// An image that is no firmware or does not fit, or what is wrong with the motor's parameters.
-    pub fn new(board: &'static Board, elf: Vec<u8>, motor: &PlantParameters, seed: u64) -> Result<Session> {
+    pub fn new(board: &Arc<Board>, elf: Vec<u8>, motor: &PlantParameters, seed: u64) -> Result<Session> {
         let image = Image::parse(elf).context("the firmware")?;
-        let mut chip = Chip::new(board, true, motor, seed).context("the motor")?;
-        let size = chip.flash().len();
-        chip.load(0, &image.flash(size)?);
-        let map = match board.device {
-            chip::device::Device::G431 => Map::STM32G431,
-            chip::device::Device::G474 => Map::STM32G474,
-        };
+        let mut chip = Chip::new(Arc::clone(board), true, motor, seed).context("the motor")?;
+        let size = chip.code().len();
+        chip.load(0, &image.code(&chip.integration(), size)?);
         let log = Log::new(&image)?;
         Ok(Session {
-            machine: Machine::new(chip, map),
+            machine: Machine::new(chip),
             rtt: Rtt::find(&image),
             image: Rc::new(image),
             lines: Vec::new(),
@@ -66,7 +63,7 @@ impl Session {
             trace: Trace::default(),
             telemetry: Vec::new(),
             periods: Periods::default(),
-            board,
+            board: Arc::clone(board),
             log,
             script: VecDeque::new(),
             replies: Decoder::new(),
@@ -84,7 +81,7 @@ impl Session {
             trace: Trace::default(),
             telemetry: Vec::new(),
             periods: self.periods.clone(),
-            board: self.board,
+            board: Arc::clone(&self.board),
             rtt: self.rtt,
             log: self.log.as_ref().map(Log::again),
             script: VecDeque::new(),
@@ -99,8 +96,8 @@ impl Session {
     }
 
     /// The board.
-    pub fn board(&self) -> &'static Board {
-        self.board
+    pub fn board(&self) -> &Board {
+        &self.board
     }
 
     /// Time since power-on, seconds.
@@ -120,7 +117,7 @@ impl Session {
         let from_s = self.seconds();
         let step_s = self.script.front().map_or(f64::INFINITY, |step| step.at_s);
         let until_s = (from_s + SLICE_S).min(end_s).min(step_s.max(from_s));
-        let cycles = ((until_s - from_s) * self.machine.system.hclk_hz()).ceil().max(1.0) as u64;
+        let cycles = ((until_s - from_s) * self.machine.system.clock_hz()).ceil().max(1.0) as u64;
         let stop = self.machine.run(self.machine.now() + cycles);
         self.tell_faults();
         match stop {
@@ -192,8 +189,8 @@ impl Session {
     /// The last control period; the interrupt is entered once for each.
     fn note_period(&mut self) {
         let Some(exception) = self.control_exception() else { return };
-        let Entries { count, trigger } = self.machine.profile().entries(exception);
-        if let (Some(number), Some(trigger)) = (count.checked_sub(1), trigger) {
+        let Entries { count, origin } = self.machine.profile().entries(exception);
+        if let (Some(number), Some(trigger)) = (count.checked_sub(1), origin) {
             self.periods.saw(number as u32, self.machine.system.seconds(trigger));
         }
     }

@@ -2,7 +2,7 @@
 
 mod common;
 
-use bus::{Disturbance, System, Trace};
+use chip::{Disturbance, Trace};
 use common::{ESC, NUCLEO, ask, calibrated, run, says};
 use hallctl::simulate::{Simulator, flash::Flash};
 use hallservo::settings::Settings;

@@ -1,6 +1,8 @@
 //! `hallctl` at a virtual board, as a person has it at a real one: every command over the serial port, and what the motor really
 //! does meanwhile. No time is that on the wall: the board's passes as long as the tool asks, and the tool counts the board's.
 
+mod common;
+
 use plant::PlantParameters;
 use rustix::process::{Pid, Signal, kill_process};
 use std::io::{BufRead, BufReader};
@@ -228,12 +230,12 @@ fn evening(name: &str, serial: &str) {
     assert_eq!(truth.report["resets"], serde_json::json!([]));
 }
 
-#[test]
-fn the_nucleo_over_tcp() {
-    evening("nucleo-g474re-ihm08m1", "tcp:127.0.0.1:0");
+/// The first board at a pseudo-terminal, the others over TCP.
+fn all_evening(board: &str) {
+    let boards = chip::Board::names(&firmware::boards()).expect("the boards' folder");
+    evening(board, if boards[0] == board { "pty" } else { "tcp:127.0.0.1:0" });
 }
 
-#[test]
-fn the_esc_over_a_pseudo_terminal() {
-    evening("b-g431b-esc1", "pty");
+fn main() {
+    common::on_every_board(&[("does_what_hallctl_says", all_evening)]);
 }

@@ -1,10 +1,9 @@
-//! Control and PWM at 40 kHz on both boards: two seconds of turning without a late, a missed or a wrong period, and how long a period's
+//! Control and PWM at 40 kHz: two seconds of turning without a late, a missed or a wrong period, and how long a period's
 //! work takes.
 
 mod common;
 
-use bus::System;
-use common::{ESC, NUCLEO, ask, calibrated, run};
+use common::{ask, calibrated, run};
 use virtual_board::outcome::Outcome;
 
 /// PWM period, ns.
@@ -56,12 +55,6 @@ fn turns_at_40_khz(board: &str) {
     within(&outcome, 0.7);
 }
 
-#[test]
-fn the_nucleo_turns_at_40_khz() {
-    turns_at_40_khz(NUCLEO);
-}
-
-#[test]
-fn the_esc_turns_at_40_khz() {
-    turns_at_40_khz(ESC);
+fn main() {
+    common::on_every_board(&[("turns_at_40_khz", turns_at_40_khz)]);
 }

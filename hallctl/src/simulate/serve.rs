@@ -4,13 +4,14 @@ use super::Simulator;
 use super::fault::Planned;
 use super::flash::Flash;
 use anyhow::{Context, Result};
+use hallservo_protocol::{Answer, Decoder, Reply, Request};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, Sender, SyncSender, TryRecvError, channel, sync_channel};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, TryRecvError, channel, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -19,7 +20,7 @@ use std::time::{Duration, Instant};
 pub enum Pace {
     /// As on the wall
     Real,
-    /// Each request is worth 20 ms, which pass as fast as this machine computes; nobody asks, no time passes
+    /// Each request is worth 20 ms, or what its answer takes, as fast as this machine computes; nobody asks, no time passes
     Fast,
 }
 
@@ -48,10 +49,8 @@ pub struct Options {
 
 /// Milliseconds that a request is worth.
 const WORTH: u32 = 20;
-/// Without a request for so long on the wall, a waiting tool gets its 20 ms all the same.
-const IDLE: Duration = Duration::from_millis(50);
-/// So often.
-const IDLE_TURNS: u32 = 40;
+/// At most, while it is not answered: more than the drive takes for any.
+const LONGEST: u32 = 300;
 /// Pieces on their way to a tool that may not read them.
 const OUT: usize = 256;
 
@@ -90,38 +89,51 @@ pub fn main(options: &Options) -> Result<()> {
 
 /// The end of a line at the drive.
 #[derive(Default)]
-struct Tool(Option<SyncSender<Vec<u8>>>);
+struct Tool {
+    out: Option<SyncSender<Vec<u8>>>,
+    requests: Decoder,
+    answers: Decoder,
+    /// Whether a request has no answer yet.
+    waits: bool,
+}
 
 impl Tool {
-    /// Takes up what came; how many milliseconds it is worth. A frame has two zeros.
-    fn take(&mut self, simulator: &mut Simulator, event: Event) -> u32 {
-        match event {
-            Event::Came(tool) => self.0 = Some(tool),
-            Event::Bytes(bytes) => {
-                simulator.write(&bytes);
-                return bytes.iter().filter(|&&byte| byte == 0).count() as u32 * WORTH / 2;
-            }
-            Event::Hand(turns) => {
-                if let Err(error) = simulator.turn_by_hand(turns) {
-                    eprintln!("turn {turns}: {error}");
-                    return 0;
-                }
-                println!("The shaft is turned by {turns} turns.");
-                return (1000.0 * turns.abs()) as u32;
+    /// A byte to the drive. If it ends a frame, time passes: until it is answered, if it is a request.
+    fn ask(&mut self, simulator: &mut Simulator, byte: u8) {
+        simulator.write(&[byte]);
+        let Some(frame) = self.requests.push::<Request<'_>>(byte) else { return };
+        self.waits = frame.is_ok();
+        for passed in 0..LONGEST {
+            if passed < WORTH || self.waits {
+                self.step(simulator);
             }
         }
-        0
     }
 
     /// A millisecond.
-    fn step(&self, simulator: &mut Simulator) {
+    fn step(&mut self, simulator: &mut Simulator) {
         simulator.step();
         let bytes = simulator.read();
-        if let Some(tool) = self.0.as_ref().filter(|_| !bytes.is_empty()) {
+        for &byte in &bytes {
+            if let Some(Ok(Reply { answer, .. })) = self.answers.push::<Reply<'_>>(byte) {
+                self.waits &= matches!(answer, Answer::Telemetry(_));
+            }
+        }
+        if let Some(tool) = self.out.as_ref().filter(|_| !bytes.is_empty()) {
             // A tool that does not read loses frames, and the drive goes on.
             let _ = tool.try_send(bytes);
         }
     }
+}
+
+/// The hand takes the shaft; how many milliseconds it turns it.
+fn turn(simulator: &mut Simulator, turns: f64) -> u32 {
+    if let Err(error) = simulator.turn_by_hand(turns) {
+        eprintln!("turn {turns}: {error}");
+        return 0;
+    }
+    println!("The shaft is turned by {turns} turns.");
+    (1000.0 * turns.abs()) as u32
 }
 
 fn real(simulator: &mut Simulator, line: &Receiver<Event>) {
@@ -130,7 +142,9 @@ fn real(simulator: &mut Simulator, line: &Receiver<Event>) {
     loop {
         loop {
             match line.try_recv() {
-                Ok(event) => _ = tool.take(simulator, event),
+                Ok(Event::Came(out)) => tool.out = Some(out),
+                Ok(Event::Bytes(bytes)) => simulator.write(&bytes),
+                Ok(Event::Hand(turns)) => _ = turn(simulator, turns),
                 Err(TryRecvError::Empty) => break,
                 Err(TryRecvError::Disconnected) => return,
             }
@@ -142,23 +156,14 @@ fn real(simulator: &mut Simulator, line: &Receiver<Event>) {
     }
 }
 
+/// What the drive does depends on what comes, in which order, and on nothing else: neither on when, nor on how it is cut in pieces.
 fn fast(simulator: &mut Simulator, line: &Receiver<Event>) {
     let mut tool = Tool::default();
-    let mut idle = IDLE_TURNS;
-    loop {
-        let worth = match if idle < IDLE_TURNS { line.recv_timeout(IDLE) } else { line.recv().map_err(Into::into) } {
-            Ok(event) => {
-                idle = 0;
-                tool.take(simulator, event)
-            }
-            Err(RecvTimeoutError::Timeout) => {
-                idle += 1;
-                WORTH
-            }
-            Err(RecvTimeoutError::Disconnected) => return,
-        };
-        for _ in 0..worth {
-            tool.step(simulator);
+    while let Ok(event) = line.recv() {
+        match event {
+            Event::Came(out) => tool.out = Some(out),
+            Event::Bytes(bytes) => bytes.into_iter().for_each(|byte| tool.ask(simulator, byte)),
+            Event::Hand(turns) => (0..turn(simulator, turns)).for_each(|_| tool.step(simulator)),
         }
     }
 }

@@ -1,5 +1,8 @@
 //! A tool in the same process as the simulated drive.
 
+// Each test uses what it needs.
+#![allow(dead_code)]
+
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
 use hallservo_protocol::*;
@@ -67,8 +70,6 @@ pub fn calibrated() -> (Simulator, Vec<u8>) {
     run(&mut drive, 10);
     done(&mut drive, Ask::Calibrate);
     wait(&mut drive);
-    // The rotor comes to rest, and the calibration into the flash.
-    run(&mut drive, 500);
     let flash = drive.flash();
     (drive, flash)
 }

@@ -15,6 +15,7 @@ use drift::Drift;
 use ensemble::{Course, PARTS};
 use judge::{Judge, Motion, PERIOD_S, Start};
 use loss::Loss;
+use rayon::prelude::*;
 use serde::Serialize;
 
 /// Electrical speed: a hundred samples a turn.
@@ -124,23 +125,19 @@ pub fn main(options: &Options) -> Result<()> {
 /// Parameters that plant or filter refuse.
 pub fn run(seed: u64, motors: u64) -> Result<Run> {
     ensure!(motors >= 1, "--motors must be at least 1");
-    let seeds = || seed..seed.saturating_add(motors);
-    let courses =
-        crate::parallel(seeds(), |seed| ensemble::course(seed, HZ)).into_iter().collect::<Result<Vec<_>>>()?;
-    let [ramps, reversals] = [Motion::Ramp(HZ), Motion::Reversals(HZ)].map(|motion| {
-        crate::parallel(seeds(), |seed| ensemble::ride(seed, motion)).into_iter().collect::<Result<Vec<_>>>()
-    });
+    let seeds = || (seed..seed.saturating_add(motors)).into_par_iter();
+    let courses = seeds().map(|seed| ensemble::course(seed, HZ)).collect::<Result<Vec<_>>>()?;
+    let [ramps, reversals] = [Motion::Ramp(HZ), Motion::Reversals(HZ)]
+        .map(|motion| seeds().map(|seed| ensemble::ride(seed, motion)).collect::<Result<Vec<_>>>());
     let (ramps, reversals) = (ramps?, reversals?);
     let drift_motors = motors.min(24);
-    let drifts = crate::parallel(seed..seed.saturating_add(drift_motors), |seed| drift::run(seed, HZ));
-    let drifts = drifts.into_iter().collect::<Result<Vec<_>>>()?;
-    let couplings = coupling::SHARES.map(|share| {
-        let runs = crate::parallel(seed..seed.saturating_add(drift_motors), |seed| coupling::run(seed, HZ, share));
-        runs.into_iter().collect::<Result<Vec<_>>>()
-    });
+    let drift_seeds = || (seed..seed.saturating_add(drift_motors)).into_par_iter();
+    let drifts = drift_seeds().map(|seed| drift::run(seed, HZ)).collect::<Result<Vec<_>>>()?;
+    let couplings = coupling::SHARES
+        .map(|share| drift_seeds().map(|seed| coupling::run(seed, HZ, share)).collect::<Result<Vec<_>>>());
     let [none, some, much] = couplings;
     let couplings = [none?, some?, much?];
-    let losses = crate::parallel(seeds(), |seed| loss::run(seed, HZ)).into_iter().collect::<Result<Vec<_>>>()?;
+    let losses = seeds().map(|seed| loss::run(seed, HZ)).collect::<Result<Vec<_>>>()?;
 
     let errors = ensemble::over_time(&courses, |course| &course.errors);
     let paper = ensemble::over_time(&courses, |course| &course.paper);

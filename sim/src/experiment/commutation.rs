@@ -9,8 +9,6 @@ use hallservo::commutation::block::Sextant;
 use hallservo::commutation::sinusoidal::PhaseOrder;
 use hallservo::commutation::{Commutation, Modulation};
 use hallservo::drive::Command;
-use hallservo::hall::Channel;
-use hallservo::hall::normalize::Normalizer;
 use hallservo::pwm::Limits;
 use hallservo::settings::Settings;
 use plant::{Cogging, InverterModel, InverterParameters, MotorParameters, Plant, PlantParameters};
@@ -137,13 +135,9 @@ fn torque_uncalibrated(seed: u64) -> Result<Vec<(f64, f64)>> {
     let mut by_angle = ByAngle::new(720);
     for k in 0..184_000 {
         let codes = plant.sample().halls;
-        let normalized = |channel: usize| {
-            Normalizer::new(Channel(channel as u8), 1700.0, 2396.0, 12)?.normalize(codes[channel]).ok()
-        };
-        let signals = [normalized(0), normalized(1), normalized(2)].map(Option::unwrap_or_default);
         let truth = plant.truth();
         // From the middle of a sextant of the Halls to the field: 30° to the rotor and a quarter turn.
-        let step = Sextant::of_signals(signals)
+        let step = Sextant::of_switching_halls(codes.map(|code| code >= 2048))
             .map(|sextant| sextant.next().next().output(PhaseOrder::FORWARD, amplitude, limits.half()));
         plant.advance(&step.map_or(plant::Legs::OFF, |output| legs(&output, 2125)));
         if k > 4000 {

@@ -12,6 +12,7 @@ use encoder::EncoderCampaign;
 use hallservo::control::settings::{GuardSettings, OnTimeout, Settings as Control};
 use hallservo::fault::Fault;
 use hallservo::settings::Settings;
+use rayon::prelude::*;
 use serde::Serialize;
 use std::collections::BTreeMap;
 
@@ -125,9 +126,10 @@ pub fn run(seed: u64, injections: u32) -> Result<Summary> {
         summary.add(&EncoderCampaign::new(seed)?.run(encoder)?);
         anyhow::Ok(summary)
     };
+    let parts = (0..CAMPAIGNS).into_par_iter().map(campaign).collect::<Result<Vec<_>>>()?;
     let mut total = Summary { seed, bridge_off_within_one_period: true, ..Summary::default() };
-    for part in crate::parallel(0..CAMPAIGNS, campaign) {
-        total.add(&part?);
+    for part in parts {
+        total.add(&part);
     }
     Ok(total)
 }

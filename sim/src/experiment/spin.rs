@@ -1,6 +1,7 @@
 //! Calibrates an unkind motor and turns it through start, reversal, slow and fast.
 
 use super::Common;
+use crate::baseline::halls::{Normalizer, Signal, single_sensor};
 use crate::report::{Plot, Report, Series, print_table};
 use crate::rig::{Period, Rig, error_deg};
 use crate::statistics::{ByAngle, Statistics};
@@ -8,9 +9,7 @@ use anyhow::Result;
 use hallservo::angle::ElectricalAngle;
 use hallservo::drive::Command;
 use hallservo::hall::Channel;
-use hallservo::hall::baseline;
 use hallservo::hall::calibrate::Calibration;
-use hallservo::hall::normalize::{Normalizer, Signal};
 use hallservo::settings::Settings;
 use hallservo::trig;
 use indicatif::{ProgressBar, ProgressStyle};
@@ -153,7 +152,7 @@ fn uncalibrated(period: &Period) -> ElectricalAngle {
         let normalizer = Normalizer::new(Channel(channel as u8), 2048.0 - 250.0, 2048.0 + 250.0, 12);
         normalizer.and_then(|n| n.normalize(period.sample.halls[channel]).ok()).unwrap_or(Signal::ZERO)
     };
-    baseline::single_sensor(signal(0), signal(1), ElectricalAngle::THIRD)
+    single_sensor(signal(0), signal(1), ElectricalAngle::THIRD)
 }
 
 fn summary(seed: u64, plant: &PlantParameters, trace: &[Row], by_angle: &ByAngle, turns_lost: i64) -> Summary {

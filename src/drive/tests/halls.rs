@@ -1,7 +1,7 @@
 //! What the drive makes of good and bad samples of the Halls.
 
 use super::*;
-use crate::hall::normalize::Implausible;
+use crate::hall::plausibility::Implausible;
 
 /// Steps until the bridge is off; `None` when it stays on.
 fn steps_to_off(bench: &mut Bench, codes: impl Fn(&Bench) -> Codes) -> Option<u32> {

@@ -1,9 +1,9 @@
 //! The begin, and the begin anew: angle and speed from the samples alone.
 
 use super::filter::{ANGLE, SPEED, State};
-use super::observe::sine_cosine;
 use super::{Adapter, Observation, Outcome, Phase};
 use crate::angle::ElectricalAngle;
+use crate::trig::sin_cos_f32;
 
 impl Adapter {
     /// Finds the angle, and from two of them the speed.
@@ -37,7 +37,7 @@ fn bearing(state: &State, signals: &[f32; 3], ignore: &[bool; 3]) -> ElectricalA
     // Normal equations of signal = offset + amplitude · (sin θ · cos ψ − cos θ · sin ψ).
     let (mut cc, mut ss, mut cs, mut yc, mut ys) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for k in (0..3).filter(|&k| !ignore[k]) {
-        let (sine, cosine) = sine_cosine(state.placement[k]);
+        let (sine, cosine) = sin_cos_f32(state.placement[k]);
         let (c, s) = (state.amplitude[k] * cosine, -state.amplitude[k] * sine);
         let y = signals[k] - state.offset[k];
         cc += c * c;

@@ -7,7 +7,7 @@
 //! Measurements are scalars and are worked in one after the other, so nothing is inverted. One costs what reading and
 //! writing the 66 entries of the covariance costs.
 
-use crate::angle::ElectricalAngle;
+use crate::angle::{ElectricalAngle, TURN};
 
 /// Number of states.
 pub const STATES: usize = 11;
@@ -297,7 +297,7 @@ impl State {
 /// An angle of a few radians, to 2⁻²⁴ of itself.
 #[inline(always)]
 pub fn radians(angle: f32) -> ElectricalAngle {
-    const BITS: f32 = 4_294_967_296.0 / core::f32::consts::TAU;
+    const BITS: f32 = TURN / core::f32::consts::TAU;
     // Through 64 bits where it may exceed half a turn would be a software routine; corrections never do.
     ElectricalAngle::from_bits((angle * BITS) as i32)
 }

@@ -1,9 +1,8 @@
 //! One sensor as the filter sees it: signals relative to the calibration, and their derivatives.
 
 use super::filter::{Measurement, State, radians};
-use crate::angle::ElectricalAngle;
 use crate::hall::model::Sensor;
-use crate::trig;
+use crate::trig::sin_cos_f32;
 
 /// What the filter does not estimate of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -31,7 +30,7 @@ impl Blur {
     /// The mean of three samples at this speed, rad a sample: (1 + 2·cos kω) / 3 of the k-th harmonic in the middle.
     #[inline(always)]
     pub fn of_three(speed: f32) -> Self {
-        let (_, c) = sine_cosine(radians(speed));
+        let (_, c) = sin_cos_f32(radians(speed));
         let square = c * c;
         let cosines = [c, c * (4.0 * square - 3.0), c * (5.0 + square * (16.0 * square - 20.0))];
         Self(cosines.map(|cosine| (1.0 / 3.0) + (2.0 / 3.0) * cosine))
@@ -65,7 +64,7 @@ impl Fixed {
 
     #[inline(always)]
     fn compare(&self, sensor: usize, state: &State, code: f32, blur: Blur, noise: f32) -> Measurement {
-        let (sine, cosine) = sine_cosine(state.angle - state.placement[sensor]);
+        let (sine, cosine) = sin_cos_f32(state.angle - state.placement[sensor]);
         // sin 3x = sin x · (3 − 4 sin² x), sin 5x = sin x · (5 − 20 sin² x + 16 sin⁴ x), and likewise the cosines, so that
         // wave = sin x · (a + q·(b + q·c)), slope = cos x · (a + q·(3b + 5q·c)) with q = sin² x.
         let square = sine * sine;
@@ -84,12 +83,4 @@ impl Fixed {
             third: amplitude * third * sine * (3.0 - 4.0 * square),
         }
     }
-}
-
-/// Sine and cosine from the table.
-#[inline(always)]
-pub fn sine_cosine(angle: ElectricalAngle) -> (f32, f32) {
-    const ONE: f32 = 1.0 / (1_u32 << 30) as f32;
-    let (sine, cosine) = trig::sin_cos(angle);
-    (sine.to_bits() as f32 * ONE, cosine.to_bits() as f32 * ONE)
 }

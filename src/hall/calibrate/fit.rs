@@ -8,7 +8,8 @@ use super::{BINS, Error};
 use crate::angle::ElectricalAngle;
 use crate::hall::Channel;
 use crate::hall::model::Sensor;
-use crate::trig;
+use crate::math;
+use crate::trig::sin_cos_f32;
 use core::f32::consts::PI;
 
 /// Mean codes at a field angle.
@@ -55,8 +56,8 @@ pub fn fit(points: &[[Point; BINS]; 2], angles: &mut [[ElectricalAngle; BINS]; 2
             *angle = nearest(&sensors, &point.codes, *angle);
             equations.add(&sensors, &point.codes, *angle);
         }
-        let step = equations.solve().ok_or(Error::NoFit)?;
-        apply(&mut sensors, &step);
+        equations.solve().ok_or(Error::NoFit)?;
+        apply(&mut sensors, &equations.vector);
     }
     let mut square = 0.0;
     for (point, angle) in points.iter().flatten().zip(angles.iter_mut().flatten()) {
@@ -76,8 +77,7 @@ fn start(points: &[Point; BINS]) -> Result<[Sensor; 3], Error> {
     for (channel, sensor) in sensors.iter_mut().enumerate() {
         let (mut mean, mut sine, mut cosine) = (0.0, 0.0, 0.0);
         for point in points {
-            let (code, [sin, cos]) =
-                (point.codes[channel], [trig::sin, trig::cos].map(|f| trig::float(f(point.field))));
+            let (code, (sin, cos)) = (point.codes[channel], sin_cos_f32(point.field));
             mean += code / BINS as f32;
             sine += code * sin * 2.0 / BINS as f32;
             cosine += code * cos * 2.0 / BINS as f32;
@@ -147,34 +147,14 @@ impl Equations {
         }
     }
 
-    /// By Cholesky's decomposition; `None` when the matrix is not positive definite.
-    fn solve(mut self) -> Option<[f32; PARAMETERS]> {
+    /// Leaves the solution in `vector`; `None` when the matrix is not positive definite.
+    fn solve(&mut self) -> Option<()> {
         let mean = (0..PARAMETERS).map(|k| self.matrix[k][k]).sum::<f32>() / PARAMETERS as f32;
-        for row in 0..PARAMETERS {
+        for k in 0..PARAMETERS {
             // Weight of the guess "no change" where the data say nothing, far below what they say elsewhere.
-            self.matrix[row][row] += 1e-5 * mean;
-            for column in 0..=row {
-                let products: f32 = (0..column).map(|k| self.matrix[row][k] * self.matrix[column][k]).sum();
-                let rest = self.matrix[row][column] - products;
-                if column < row {
-                    self.matrix[row][column] = rest / self.matrix[column][column];
-                } else if rest > 0.0 {
-                    self.matrix[row][row] = libm::sqrtf(rest);
-                } else {
-                    return None;
-                }
-            }
+            self.matrix[k][k] += 1e-5 * mean;
         }
-        let mut x = self.vector;
-        for row in 0..PARAMETERS {
-            let products: f32 = (0..row).map(|k| self.matrix[row][k] * x[k]).sum();
-            x[row] = (x[row] - products) / self.matrix[row][row];
-        }
-        for row in (0..PARAMETERS).rev() {
-            let products: f32 = (row + 1..PARAMETERS).map(|k| self.matrix[k][row] * x[k]).sum();
-            x[row] = (x[row] - products) / self.matrix[row][row];
-        }
-        Some(x)
+        math::solve(&mut self.matrix, &mut self.vector, PARAMETERS, 0.0)
     }
 }
 

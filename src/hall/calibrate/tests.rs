@@ -1,4 +1,5 @@
 use super::*;
+use crate::angle::PolePairs;
 use crate::hall::estimate::{BadModel, Estimator};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -212,20 +213,4 @@ fn small_blemishes_are_told_but_accepted() {
     assert!(matches!(findings(|b| b.noise = 0.04)[..], [Noisy(..), Noisy(..), Noisy(..)]));
     assert!(matches!(findings(|b| b.amplitudes[1] = 100.0)[..], [Unequal(_)]));
     assert!(matches!(findings(|b| b.lag_deg = 40.0)[..], [Lagging(_)]));
-}
-
-#[test]
-fn pole_pairs_from_turns() {
-    let turns = |electrical: f64| Position::from_bits((electrical * 4_294_967_296.0) as i64);
-    for pairs in 1..=64 {
-        for sign in [-1.0, 1.0] {
-            let found = pole_pairs(turns(sign * 3.0 * f64::from(pairs) + 0.2), 3.0);
-            assert_eq!(found, PolePairs::new(pairs), "{pairs}");
-        }
-    }
-    assert_eq!(pole_pairs(turns(4.5), 1.0), None);
-    assert_eq!(pole_pairs(turns(70.0), 1.0), None);
-    assert_eq!(pole_pairs(turns(0.3), 1.0), None);
-    assert_eq!(pole_pairs(turns(4.0), 0.0), None);
-    assert_eq!(pole_pairs(turns(0.0), 0.0), None);
 }

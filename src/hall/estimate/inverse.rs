@@ -3,8 +3,8 @@
 use super::DISAGREEMENT;
 use crate::hall::Channel;
 use crate::hall::model::Model;
-use crate::hall::normalize::Window;
-use crate::trig;
+use crate::hall::plausibility::Window;
+use crate::trig::sin_cos_f32;
 
 /// The inverse of (F, s): what to take of each normalised signal for cosine, sine and what is common.
 pub(super) struct Inverse {
@@ -16,7 +16,7 @@ pub(super) struct Inverse {
 impl Inverse {
     pub fn new(model: &Model) -> Self {
         let f = model.sensors.map(|s| {
-            let (sine, cosine) = (trig::float(trig::sin(s.placement)), trig::float(trig::cos(s.placement)));
+            let (sine, cosine) = sin_cos_f32(s.placement);
             [-sine, cosine]
         });
         let minor = |i: usize, k: usize| f[i][0] * f[k][1] - f[i][1] * f[k][0];
@@ -39,10 +39,7 @@ impl Inverse {
             _ => (0, 1),
         };
         // r = sin θ · cos ψ − cos θ · sin ψ for both, solved for cosine and sine.
-        let [(sin_a, cos_a), (sin_b, cos_b)] = [a, b].map(|k| {
-            let placement = model.sensors[k].placement;
-            (trig::float(trig::sin(placement)), trig::float(trig::cos(placement)))
-        });
+        let [(sin_a, cos_a), (sin_b, cos_b)] = [a, b].map(|k| sin_cos_f32(model.sensors[k].placement));
         let determinant = sin_b * cos_a - cos_b * sin_a;
         let (mut cosine, mut sine) = ([0.0; 3], [0.0; 3]);
         (cosine[a], cosine[b]) = (cos_b / determinant, -cos_a / determinant);

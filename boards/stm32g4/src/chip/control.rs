@@ -8,7 +8,7 @@ use core::num::NonZeroU32;
 use cortex_m::peripheral::{DWT, NVIC};
 use embassy_stm32::pac::Interrupt;
 use hallservo::drive::Drive;
-use hallservo_app::Heartbeat;
+use hallservo_app::Housekeeping;
 
 /// What the control interrupt of a board owns: a static of the board, filled by [`run`](crate::run).
 pub struct Control<B>(UnsafeCell<Option<Owned<B>>>);
@@ -18,10 +18,10 @@ unsafe impl<B: Send> Sync for Control<B> {}
 
 struct Owned<B> {
     board: B,
-    drive: Drive,
+    drive: &'static mut Drive,
     bridge: Bridge,
     cadence: Cadence,
-    alive: &'static Heartbeat,
+    housekeeping: &'static Housekeeping,
 }
 
 impl<B: Board> Control<B> {
@@ -31,9 +31,9 @@ impl<B: Board> Control<B> {
     }
 
     /// Hands everything to the interrupt, and starts it.
-    pub(crate) fn start(&'static self, board: B, drive: Drive, bridge: Bridge, alive: &'static Heartbeat) {
+    pub(crate) fn start(&'static self, board: B, drive: &'static mut Drive, bridge: Bridge, housekeeping: &'static Housekeeping) {
         let period = NonZeroU32::MIN.saturating_add(2 * u32::from(B::BRIDGE.period()) - 1);
-        let owned = Owned { board, drive, bridge, cadence: Cadence::new(period), alive };
+        let owned = Owned { board, drive, bridge, cadence: Cadence::new(period), housekeeping };
         // SAFETY: the interrupt is not enabled, so nothing else looks at it.
         let owned = unsafe { (*self.0.get()).insert(owned) };
         owned.bridge.start();
@@ -58,7 +58,7 @@ impl<B: Board> Control<B> {
             // The hardware saw a current between two samples. The drive fails at the largest that it can be shown.
             sample.currents = [FULL_SCALE; 3];
         }
-        owned.alive.beat(&sample);
+        owned.housekeeping.update(&sample);
         let output = owned.drive.step(&sample);
         owned.bridge.apply(&output);
     }

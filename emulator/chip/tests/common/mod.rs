@@ -1,9 +1,12 @@
 //! What a firmware would write, by hand.
 #![allow(dead_code)]
 
-use bus::{Complaint, Cycle, System, Width};
+use bus::{Bus, Complaint, Cycle, Width};
+use chip::gpio::Pin;
 use chip::{Board, Chip};
 use plant::PlantParameters;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 pub const TIM1: u32 = 0x4001_2c00;
 pub const RCC: u32 = 0x4002_1000;
@@ -15,14 +18,33 @@ pub const IWDG: u32 = 0x4000_3000;
 pub const ADC: [u32; 5] = [0x5000_0000, 0x5000_0100, 0x5000_0400, 0x5000_0500, 0x5000_0600];
 pub const ADC_COMMON: [u32; 2] = [0x5000_0300, 0x5000_0700];
 
+fn folder() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("../../boards")
+}
+
+/// Every board that there is.
+pub fn boards() -> Vec<Arc<Board>> {
+    Board::all(&folder()).expect("boards")
+}
+
+/// The larger chip, with drivers whose lower inputs are inverted and a break pin.
+pub fn nucleo() -> Arc<Board> {
+    Board::load(&folder().join("nucleo-g474re-ihm08m1")).expect("a board")
+}
+
+/// The smaller chip, whose op-amps and comparators are at the shunts.
+pub fn esc() -> Arc<Board> {
+    Board::load(&folder().join("b-g431b-esc1")).expect("a board")
+}
+
 pub struct Bench {
     pub chip: Chip,
     pub now: Cycle,
 }
 
 impl Bench {
-    pub fn new(board: &'static Board) -> Self {
-        Self { chip: Chip::new(board, true, &PlantParameters::unkind(1), 1).unwrap(), now: 0 }
+    pub fn new(board: &Arc<Board>) -> Self {
+        Self { chip: Chip::new(Arc::clone(board), true, &PlantParameters::unkind(1), 1).unwrap(), now: 0 }
     }
 
     pub fn try_write(&mut self, address: u32, value: u32) -> Option<Complaint> {
@@ -66,7 +88,7 @@ impl Bench {
         self.set(RCC + 0x58, 1 << 28 | 1 << 17 | 1 << 1);
         self.set(RCC + 0x60, 1 | 1 << 11);
         self.set(RCC + 0x4c, 0x3f | 1 << 13);
-        if self.chip.board().device == chip::device::Device::G474 {
+        if self.chip.board().device.is_large() {
             self.set(RCC + 0x4c, 1 << 14);
         } else {
             self.set(RCC + 0x4c, 1 << 18);
@@ -93,8 +115,15 @@ impl Bench {
         self.write(base, moder | 2 << (2 * pin));
     }
 
+    /// The gate signals, and the driver awake.
     pub fn gate_pins(&mut self) {
-        let board = self.chip.board();
+        let board = Arc::clone(self.chip.board());
+        if let Some(Pin { port, number }) = board.driver.standby {
+            let base = GPIO + 0x400 * u32::from(port);
+            self.write(base + 0x18, 1 << number);
+            let moder = self.read(base) & !(3 << (2 * number));
+            self.write(base, moder | 1 << (2 * number));
+        }
         for (leg, pins) in board.gates.iter().enumerate() {
             for (side, pin) in pins.iter().enumerate() {
                 let af = board.device.alternate(*pin, chip::device::Signal::Gate(leg, side)).unwrap();

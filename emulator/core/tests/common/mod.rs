@@ -1,22 +1,38 @@
-//! A chip that is nothing but flash, and the small firmwares on it and in QEMU.
+//! A chip that is nothing but memory, and the small firmwares on it and in QEMU.
 
 // Not every test and example uses all of it.
 #![allow(dead_code)]
 
-use bus::{Complaint, Cycle, Disturbance, Facts, ResetCause, System, Trace, Width};
-use cortex::{Image, Machine, Map, Stop};
+use bus::{Bus, Cache, Complaint, Cycle, Integration, ResetCause, Width};
+use cortex::{Image, Machine, Stop};
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::sync::OnceLock;
 
-const HCLK: f64 = 170e6;
+const CLOCK_HZ: f64 = 170e6;
 
-/// Flash, and nothing at any other address.
+/// The memories of QEMU's machine `mps2-an386` that the firmwares are linked for.
+const INTEGRATION: Integration = Integration {
+    code: 0,
+    code_aliases: &[],
+    cache: Cache { line_bytes: 32, instruction_lines: 32, data_lines: 8 },
+    ram: 0x2000_0000,
+    ram_bytes: 32 << 10,
+    ram_aliases: &[],
+    priority_bits: 4,
+    systick_reference: 8,
+};
+
+/// Code memory, and nothing at any other address.
 pub struct Bare {
-    flash: Vec<u8>,
+    code: Vec<u8>,
 }
 
-impl System for Bare {
+impl Bus for Bare {
+    fn integration(&self) -> Integration {
+        INTEGRATION
+    }
+
     fn read(&mut self, _: u32, _: Width, _: Cycle) -> (u32, Option<Complaint>) {
         (0, Some(Complaint::Unmapped))
     }
@@ -37,42 +53,22 @@ impl System for Bare {
         None
     }
 
-    fn flash(&self) -> &[u8] {
-        &self.flash
-    }
-
-    fn take_flash_changes(&mut self) -> Vec<core::ops::Range<u32>> {
-        Vec::new()
-    }
-
     fn reset(&mut self, _: ResetCause) {}
 
-    fn hclk_hz(&self) -> f64 {
-        HCLK
+    fn code(&self) -> &[u8] {
+        &self.code
     }
 
-    fn seconds(&self, at: Cycle) -> f64 {
-        at as f64 / HCLK
-    }
-
-    fn flash_wait_states(&self) -> u32 {
+    fn code_wait_states(&self) -> u32 {
         4
     }
 
-    fn disturb(&mut self, _: &Disturbance, _: Cycle) -> Result<(), String> {
-        Err("a chip without a board".into())
+    fn clock_hz(&self) -> f64 {
+        CLOCK_HZ
     }
 
-    fn take_serial(&mut self) -> Vec<u8> {
-        Vec::new()
-    }
-
-    fn facts(&self) -> Facts {
-        Facts::default()
-    }
-
-    fn take_trace(&mut self) -> Trace {
-        Trace::default()
+    fn seconds(&self, at: Cycle) -> f64 {
+        at as f64 / CLOCK_HZ
     }
 }
 
@@ -101,8 +97,8 @@ pub fn elf(name: &str) -> PathBuf {
 
 pub fn machine(name: &str) -> (Machine<Bare>, Image) {
     let image = Image::parse(std::fs::read(elf(name)).expect("a built firmware")).expect("a firmware");
-    let flash = image.flash(128 << 10).expect("it fits");
-    (Machine::new(Bare { flash }, Map::STM32G431), image)
+    let code = image.code(&INTEGRATION, 128 << 10).expect("it fits");
+    (Machine::new(Bare { code }), image)
 }
 
 /// Runs to the end, and gives the text that came by semihosting.

@@ -1,8 +1,8 @@
-//! Everything that a script can break, on both boards: after which time the bridge is off and by what, what the drive says of it,
+//! Everything that a script can break: after which time the bridge is off and by what, what the drive says of it,
 //! that it stays off, and that it runs again once it is mended and cleared.
 
-use crate::support::{ESC, NUCLEO, ask, motor, perform, run, says, turning, until};
-use bus::System;
+use crate::support::{ask, board, motor, perform, run, says, turning, until};
+use bus::Bus;
 use virtual_board::session::Session;
 
 /// Instants at which a fault is injected: spread over a PWM period, or over an electrical turn where the angle matters.
@@ -191,35 +191,36 @@ const HALLS: [Fault; 11] = [
     fault("swap halls 1 2", "swap halls 1 2", By::Stall, &[16, 24]),
 ];
 
-#[test]
-fn every_fault_switches_the_nucleo_off() {
+pub fn switch_off(name: &str) {
+    let board = board(name);
+    let [low_v, high_v] = board.promises.bus_v;
+    let (over_a, trip_a) = (board.promises.over_current_a / 0.75, 1.2 * board.promises.trip_a);
+    let by = if board.trip.is_some() { "break TIM1_BKIN" } else { "break COMP" };
     let mut faults = Vec::from(HALLS);
-    for (phase, mend) in [("U", "current U 0A"), ("V", "current V 0A"), ("W", "current W 0A")] {
-        let of = |amperes: &str| &*format!("current {phase} {amperes}").leak();
-        // From 30 A down through a shunt by hardware, all else by the next sample.
-        faults.push(fault(of("-40A"), mend, By::Shunt("break TIM1_BKIN"), &[21]));
-        faults.push(fault(of("40A"), mend, By::Sample(0), &[21]));
-        faults.push(fault(of("-8A"), mend, By::Sample(0), &[21]));
-        faults.push(fault(of("8A"), mend, By::Sample(0), &[21]));
+    for phase in ["U", "V", "W"] {
+        let mut add = |amperes: f64, by| {
+            faults.push(fault(
+                words(format!("current {phase} {amperes}A")),
+                words(format!("current {phase} 0A")),
+                by,
+                &[21],
+            ));
+        };
+        // Down through a shunt by hardware, all else by the next sample.
+        add(-trip_a, By::Shunt(by));
+        add(trip_a, By::Sample(0));
+        add(-over_a, By::Sample(0));
+        add(over_a, By::Sample(0));
     }
-    faults.push(fault("bus 7V", "bus 24V", By::Bus(8.8, 50.2), &[20]));
-    faults.push(fault("bus 60V", "bus 24V", By::Bus(8.8, 50.2), &[19]));
-    faults.push(fault("break low", "break released", By::Pin("break TIM1_BKIN"), &[21]));
-    all_switch_off(NUCLEO, &faults);
+    let bus = By::Bus(low_v - 0.2, high_v + 0.2);
+    faults.push(fault(words(format!("bus {}V", low_v - 2.0)), "bus 24V", bus, &[20]));
+    faults.push(fault(words(format!("bus {}V", 1.15 * high_v)), "bus 24V", bus, &[19]));
+    if board.trip.is_some() {
+        faults.push(fault("break low", "break released", By::Pin("break TIM1_BKIN"), &[21]));
+    }
+    all_switch_off(name, &faults);
 }
 
-#[test]
-fn every_fault_switches_the_esc_off() {
-    let mut faults = Vec::from(HALLS);
-    for (phase, mend) in [("U", "current U 0A"), ("V", "current V 0A"), ("W", "current W 0A")] {
-        let of = |amperes: &str| &*format!("current {phase} {amperes}").leak();
-        // From 60 A down through a shunt by the comparators, all else by the next sample.
-        faults.push(fault(of("-70A"), mend, By::Shunt("break COMP"), &[21]));
-        faults.push(fault(of("70A"), mend, By::Sample(0), &[21]));
-        faults.push(fault(of("-8A"), mend, By::Sample(0), &[21]));
-        faults.push(fault(of("8A"), mend, By::Sample(0), &[21]));
-    }
-    faults.push(fault("bus 7V", "bus 24V", By::Bus(8.8, 28.2), &[20]));
-    faults.push(fault("bus 32V", "bus 24V", By::Bus(8.8, 28.2), &[19]));
-    all_switch_off(ESC, &faults);
+fn words(text: String) -> &'static str {
+    text.leak()
 }

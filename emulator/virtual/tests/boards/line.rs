@@ -1,6 +1,6 @@
 //! Whatever comes over the serial line.
 
-use crate::support::{ESC, NUCLEO, ask, motor, run, turning};
+use crate::support::{ask, motor, run, turning};
 use hallservo_protocol::{Ask, FRAME, Request, encode};
 use virtual_board::outcome::Outcome;
 use virtual_board::session::Session;
@@ -33,7 +33,7 @@ fn answers(session: &Session, id: u16) -> bool {
 
 /// Garbage without pause, and frames that are damaged, do nothing to a turning drive and to its control interrupt; a frame that is
 /// whole is answered whatever came before and comes after it.
-fn hears_through_garbage(board: &str) {
+pub fn hears_through_garbage(board: &str) {
     let quiet = turning(board);
     let mut session = quiet.fork();
     let mut noise = Noise(1);
@@ -89,14 +89,4 @@ fn hears_through_garbage(board: &str) {
     assert_eq!(control.latency_ns.count, alone.latency_ns.count, "{board}: no period is lost");
     ask(&mut session, "disarm");
     assert!(!session.machine.system.bridge_is_on(), "{board}");
-}
-
-#[test]
-fn garbage_does_not_disturb_the_nucleo() {
-    hears_through_garbage(NUCLEO);
-}
-
-#[test]
-fn garbage_does_not_disturb_the_esc() {
-    hears_through_garbage(ESC);
 }

@@ -7,7 +7,7 @@ mod power;
 mod support;
 mod watchdog;
 
-use support::{ESC, NUCLEO, ask, calibrated, motor, perform, run, says, session};
+use support::{ask, board, calibrated, motor, perform, run, says, session};
 use virtual_board::outcome::Outcome;
 
 fn boots(board: &str) {
@@ -25,16 +25,6 @@ fn boots(board: &str) {
     assert!(stack.used < stack.size, "{stack:?}");
     let clock = |name: &str| outcome.facts.clocks.iter().find(|clock| clock.name == name).expect("a clock").hz;
     assert_eq!(clock("HCLK"), 170e6);
-}
-
-#[test]
-fn the_nucleo_boots() {
-    boots(NUCLEO);
-}
-
-#[test]
-fn the_esc_boots() {
-    boots(ESC);
 }
 
 /// Calibrates, then turns both ways in all three commutations.
@@ -60,21 +50,11 @@ fn spins(board: &str) {
     }
 }
 
-#[test]
-fn the_nucleo_calibrates_and_spins() {
-    spins(NUCLEO);
-}
-
-#[test]
-fn the_esc_calibrates_and_spins() {
-    spins(ESC);
-}
-
-/// Three cells that are nearly empty.
-#[test]
-fn the_esc_turns_both_ways_on_three_cells() {
-    let mut session = calibrated(ESC);
-    perform(&mut session, "bus 9.5V");
+/// At a bus voltage with which it just runs.
+fn turns_at_the_lowest_voltage(name: &str) {
+    let mut session = calibrated(name);
+    let volts = board(name).promises.bus_v[0] + 0.5;
+    perform(&mut session, &format!("bus {volts}V"));
     run(&mut session, 0.05);
     ask(&mut session, "arm");
     for speed in [100.0, -100.0] {
@@ -84,4 +64,18 @@ fn the_esc_turns_both_ways_on_three_cells() {
         assert!((found - speed).abs() < 4.0, "{found} instead of {speed}: {:#?}", session.lines);
     }
     assert_eq!(Outcome::of(&session).verdict(), Vec::<String>::new());
+}
+
+fn main() {
+    support::on_every_board(&[
+        ("boots", boots),
+        ("calibrates_and_spins", spins),
+        ("turns_at_the_lowest_voltage", turns_at_the_lowest_voltage),
+        ("every_fault_switches_it_off", faults::switch_off),
+        ("garbage_does_not_disturb_it", line::hears_through_garbage),
+        ("power_cuts_leave_its_calibration_intact", power::calibration_survives),
+        ("power_cuts_leave_its_settings_intact", power::settings_survive),
+        ("its_watchdog_bites_where_something_hangs", watchdog::bites_where_something_hangs),
+        ("its_watchdog_is_fed_in_time", watchdog::is_fed_in_time),
+    ]);
 }

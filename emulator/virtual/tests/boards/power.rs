@@ -1,7 +1,8 @@
 //! Power that goes at every flash operation of a save.
 
-use crate::support::{ESC, NUCLEO, ask, calibrated, calibrating, perform, run, says, until};
-use bus::{Disturbance, ResetCause, System};
+use crate::support::{ask, calibrated, calibrating, perform, run, says, until};
+use bus::ResetCause;
+use chip::Disturbance;
 use virtual_board::outcome::Outcome;
 use virtual_board::session::Session;
 
@@ -52,7 +53,7 @@ impl Save<'_> {
 }
 
 /// The first calibration: until it is saved as a whole there is none, and nothing to be afraid of.
-fn calibration_survives(board: &str) {
+pub fn calibration_survives(board: &str) {
     let prepared = calibrating(board);
     let save = Save { prepared: &prepared, request: None, saved: "record 0 saved" };
     let mut torn = 0;
@@ -87,7 +88,7 @@ fn setting_survives(board: &str, prepared: &Session, values: [&str; 2], before: 
 }
 
 /// Nothing is stored, then the old settings or the new ones; and the calibration is still there.
-fn settings_survive(board: &str) {
+pub fn settings_survive(board: &str) {
     let mut prepared = calibrated(board);
     let default = ask(&mut prepared, "get max_speed_rad_s");
     let default = default.split_once(" value: ").and_then(|(_, rest)| rest.split_once(',')).expect("a value").0;
@@ -97,24 +98,4 @@ fn settings_survive(board: &str) {
     run(&mut prepared, 0.1);
     ask(&mut prepared, "set max_speed_rad_s 123");
     setting_survives(board, &prepared, ["111.0", "123.0"], "None");
-}
-
-#[test]
-fn power_cuts_leave_the_calibration_of_the_nucleo_intact() {
-    calibration_survives(NUCLEO);
-}
-
-#[test]
-fn power_cuts_leave_the_calibration_of_the_esc_intact() {
-    calibration_survives(ESC);
-}
-
-#[test]
-fn power_cuts_leave_the_settings_of_the_nucleo_intact() {
-    settings_survive(NUCLEO);
-}
-
-#[test]
-fn power_cuts_leave_the_settings_of_the_esc_intact() {
-    settings_survive(ESC);
 }

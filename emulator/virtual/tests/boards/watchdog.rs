@@ -1,7 +1,8 @@
 //! The watchdog bites where something hangs, within its time, and never otherwise.
 
-use crate::support::{ESC, NUCLEO, ask, calibrated, perform, run, says, turning, until};
-use bus::{ResetCause, System, Watchdog};
+use crate::support::{ask, calibrated, perform, run, says, turning, until};
+use bus::ResetCause;
+use chip::Watchdog;
 use virtual_board::outcome::Outcome;
 use virtual_board::session::Session;
 
@@ -53,7 +54,7 @@ fn bites(board: &str, turning: &Session, what: &str, entered_s: f64) {
     assert_eq!(session.resets.len(), 1, "{board}, {what}: {:?}", session.resets);
 }
 
-fn bites_where_something_hangs(board: &str) {
+pub fn bites_where_something_hangs(board: &str) {
     let turning = turning(board);
     let [time, serial] = ["TIM", "USART"].map(|name| exception(&turning, name));
     bites(board, &turning, "hang", 0.0);
@@ -63,18 +64,8 @@ fn bites_where_something_hangs(board: &str) {
     bites(board, &turning, &format!("hang {serial}"), 0.1);
 }
 
-#[test]
-fn the_watchdog_of_the_nucleo_bites_where_something_hangs() {
-    bites_where_something_hangs(NUCLEO);
-}
-
-#[test]
-fn the_watchdog_of_the_esc_bites_where_something_hangs() {
-    bites_where_something_hangs(ESC);
-}
-
 /// All that keeps the tasks busy, with the longest time between two feeds meanwhile.
-fn is_fed_in_time(board: &str) {
+pub fn is_fed_in_time(board: &str) {
     let mut session = calibrated(board);
     let mut told = 0.0;
     let mut tell = |session: &Session, what: &str| {
@@ -108,14 +99,4 @@ fn is_fed_in_time(board: &str) {
     assert_eq!(bites, 0);
     // The oscillator may be 5 % fast (DS12589), and the virtual chip's durations are good to 30 %.
     assert!(1.3 * interval_s.max < timeout_s / 1.05, "{board}: {interval_s:?}");
-}
-
-#[test]
-fn the_nucleo_feeds_its_watchdog_in_time() {
-    is_fed_in_time(NUCLEO);
-}
-
-#[test]
-fn the_esc_feeds_its_watchdog_in_time() {
-    is_fed_in_time(ESC);
 }

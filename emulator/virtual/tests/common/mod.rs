@@ -3,25 +3,58 @@
 // Each test uses what it needs.
 #![allow(dead_code)]
 
-use bus::System;
 use chip::{Board, Chip};
 use cortex::Machine;
+use libtest_mimic::{Arguments, Trial};
 use plant::PlantParameters;
-use std::sync::{Mutex, OnceLock};
+use std::collections::BTreeMap;
+use std::sync::{Arc, Mutex, OnceLock};
 use virtual_board::{firmware, script, session::Session};
 
 pub const NUCLEO: &str = "nucleo-g474re-ihm08m1";
 pub const ESC: &str = "b-g431b-esc1";
 
+/// Something that is made once for each board, on whichever test comes first.
+struct PerBoard<T>(Mutex<BTreeMap<String, Arc<OnceLock<T>>>>);
+
+impl<T: Clone> PerBoard<T> {
+    const fn new() -> Self {
+        PerBoard(Mutex::new(BTreeMap::new()))
+    }
+
+    fn get(&self, board: &str, make: impl FnOnce() -> T) -> T {
+        let place = Arc::clone(self.0.lock().expect("no panic").entry(board.into()).or_default());
+        place.get_or_init(make).clone()
+    }
+}
+
+/// Runs every test on every board that there is, as the standard harness would; `cargo test … NAME` chooses by test or board.
+pub fn on_every_board(tests: &[(&str, fn(&str))]) {
+    let boards = Board::names(&firmware::boards()).expect("the boards' folder");
+    let trials = boards.iter().flat_map(|board| {
+        tests.iter().map(move |&(name, test)| {
+            let of = board.clone();
+            Trial::test(format!("{board}::{name}"), move || {
+                test(&of);
+                Ok(())
+            })
+        })
+    });
+    libtest_mimic::run(&Arguments::from_args(), trials.collect()).exit();
+}
+
+pub fn board(name: &str) -> Arc<Board> {
+    firmware::board(name).expect("a board")
+}
+
 fn elf(board: &str) -> Vec<u8> {
-    static BUILT: [OnceLock<Vec<u8>>; 2] = [const { OnceLock::new() }; 2];
-    let build = || std::fs::read(firmware::build(board).expect("the firmware builds")).expect("it is there");
-    BUILT[usize::from(board == ESC)].get_or_init(build).clone()
+    static BUILT: PerBoard<Vec<u8>> = PerBoard::new();
+    BUILT.get(board, || std::fs::read(firmware::build(board).expect("the firmware builds")).expect("it is there"))
 }
 
 pub fn session(board: &str, script: &str) -> Session {
-    let known = Board::named(board).expect("a board");
-    let mut session = Session::new(known, elf(board), &PlantParameters::unkind(1), 1).expect("a session");
+    let known = self::board(board);
+    let mut session = Session::new(&known, elf(board), &PlantParameters::unkind(1), 1).expect("a session");
     session.follow(script::parse(script).expect("a script"));
     session
 }
@@ -43,9 +76,8 @@ pub fn run(session: &mut Session, seconds: f64) {
 
 /// A board shortly before its calibration is complete, and after it has been saved, the bridge off. It does so once for all tests.
 fn calibration(board: &str) -> [Machine<Chip>; 2] {
-    static DONE: [Mutex<Option<[Machine<Chip>; 2]>>; 2] = [const { Mutex::new(None) }; 2];
-    let mut done = DONE[usize::from(board == ESC)].lock().expect("the board calibrates");
-    let calibrate = || {
+    static DONE: PerBoard<[Machine<Chip>; 2]> = PerBoard::new();
+    DONE.get(board, || {
         let mut session = session(board, "at 30ms send calibrate");
         let mut before = session.machine.clone();
         while session.machine.system.facts().flash_operations == 0 {
@@ -56,8 +88,7 @@ fn calibration(board: &str) -> [Machine<Chip>; 2] {
         until(&mut session, "record 0 saved", 8.0);
         run(&mut session, 0.05);
         [before, session.machine]
-    };
-    done.get_or_insert_with(calibrate).clone()
+    })
 }
 
 fn resumed(board: &str, machine: Machine<Chip>) -> Session {

@@ -1,7 +1,7 @@
 //! Many motors: how fast and how well the filters find unknown sensors.
 
 use super::judge::{self, ACCELERATION_NOISE, DAMPING_1_S, Judge, Motion, PERIOD_S, Start};
-use crate::paper_filter::{Noises, PaperFilter};
+use crate::baseline::filter::{Noises, PaperFilter};
 use crate::statistics::Statistics;
 use anyhow::Result;
 use hallservo::hall::adapt::Outcome;

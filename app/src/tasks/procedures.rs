@@ -1,13 +1,15 @@
-//! What turns the rotor for a while: the calibration, and the procedures.
+//! The calibration and the procedures that turn the rotor.
 
-use super::{SETTLED, Supervisor};
+use super::rest::Rest;
+use super::{SETTLED, Tasks};
 use crate::procedure::Outcome;
 use crate::wire;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::mode::Mode;
+use hallservo::service::procedure::Error;
 use hallservo_protocol::{self as protocol, Activity, Calibration, CalibrationError, Record, Refusal};
 
-impl<F: NorFlash> Supervisor<F> {
+impl<F: NorFlash> Tasks<F> {
     /// Whether a procedure may begin: with the drive ready.
     pub fn may_turn(&self) -> Result<(), Refusal<'static>> {
         match self.mode() {
@@ -17,8 +19,9 @@ impl<F: NorFlash> Supervisor<F> {
         }
     }
 
-    /// Ends a procedure; the bridge is to be switched off beside.
+    /// Ends a procedure, and the wait for the rotor after one. The bridge is to be switched off, too.
     pub fn cancel(&mut self) {
+        self.rest = None;
         if let Some(procedure) = self.procedure {
             procedure.cancel();
         }
@@ -29,30 +32,34 @@ impl<F: NorFlash> Supervisor<F> {
         let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(self.service, self.now_ms as u32)) else {
             return;
         };
+        // Who has ended it has nothing to wait for.
+        if !matches!(outcome, Outcome::Failed(_, Error::Cancelled | Error::Disarmed)) {
+            self.rest = Some(Rest::after(self.activity(), self.now_ms));
+        }
         match outcome {
             Outcome::Motor(report) => {
                 let mut settings = self.settings;
                 if let Some(control) = &mut settings.drive.control {
                     report.apply(control);
                 }
-                // A motor beyond the ranges of the settings is told all the same.
-                self.unheard = self.configure(settings).is_ok().into();
+                // A motor beyond the ranges of the settings is reported all the same.
+                self.unclaimed_replies = self.configure(settings).is_ok().into();
                 self.identification = protocol::Procedure::Found(wire::motor(&report));
             }
             Outcome::Cogging(table) => {
                 self.cogging = protocol::Procedure::Found(self.settings.cogging(&table));
                 self.table = Some(table);
-                // The procedure has put it to work, wanted or not.
-                self.balance = true;
-                self.waiting[Record::Cogging as usize] = true;
+                // The drive uses it already, whether the settings want it or not.
+                self.table_due = true;
+                self.unsaved[Record::Cogging as usize] = true;
             }
             Outcome::Failed(Activity::Identification, error) => {
                 self.identification = protocol::Procedure::Failed(wire::procedure_error(error));
             }
             Outcome::Failed(_, error) => {
                 self.cogging = protocol::Procedure::Failed(wire::procedure_error(error));
-                // Whatever it has put to work.
-                self.balance = true;
+                // The drive may use a table of an earlier pass.
+                self.table_due = true;
             }
         }
         *self.procedure = None;
@@ -66,14 +73,15 @@ impl<F: NorFlash> Supervisor<F> {
         }
     }
 
-    /// What goes on that takes a while.
+    /// The procedure at work.
     pub fn activity(&self) -> Activity {
-        match &*self.procedure {
-            Some(procedure) => procedure.activity(),
-            None if self.calibration == Calibration::Turning => Activity::Calibration,
+        match (&*self.procedure, &self.rest) {
+            (Some(procedure), _) => procedure.activity(),
+            (None, Some(rest)) => rest.after,
+            _ if self.calibration == Calibration::Turning => Activity::Calibration,
             // The drive takes up what was found.
-            None if self.unheard > 0 && self.coming.is_some() => Activity::Identification,
-            None => Activity::None,
+            _ if self.unclaimed_replies > 0 && self.sent_settings.is_some() => Activity::Identification,
+            _ => Activity::None,
         }
     }
 }

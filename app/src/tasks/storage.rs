@@ -1,38 +1,38 @@
-//! What is kept in the flash, and when.
+//! What is saved in the flash, and when.
 
-use super::Supervisor;
-use crate::fmt::say;
-use crate::saving::REST_S;
+use super::{SETTLED, Tasks};
+use crate::fmt::log;
 use crate::settings::Settings;
-use crate::supervisor::SETTLED;
+use crate::storage::SAVE_INTERVAL_S;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo_protocol::{Cause, Problem, Record};
 
-/// Slower is rest: while a page of 2 KiB is erased, in some 25 ms, no rotor of up to 10 pole pairs turns out of the tracker's sight then.
+/// Slower is rest, mechanical rad/s: in the 25 ms that the erase of a page of 2 KiB takes, a rotor of up to 10 pole pairs turns by less
+/// than half an electrical turn then, which the tracker follows.
 const AT_REST_RAD_S: f32 = 2.0;
 
-impl<F: NorFlash> Supervisor<F> {
-    /// Saves one of what waits, if the bridge is off.
+impl<F: NorFlash> Tasks<F> {
+    /// Saves one of the records that are due, if the bridge is off.
     #[inline(never)]
     pub(super) fn save(&mut self) {
         if !self.may_save() {
             return;
         }
-        let rested = self.learnt_saved_ms.is_none_or(|then| self.now_ms >= then + 1000 * REST_S);
-        if rested && self.is_worth_saving() {
+        let interval_over = self.learnt_saved_ms.is_none_or(|then| self.now_ms >= then + 1000 * SAVE_INTERVAL_S);
+        if interval_over && self.is_worth_saving() {
             self.learnt_saved_ms = Some(self.now_ms);
-            self.waiting[Record::Sensors as usize] = true;
+            self.unsaved[Record::Sensors as usize] = true;
         }
-        if core::mem::take(&mut self.waiting[Record::Sensors as usize]) {
+        if core::mem::take(&mut self.unsaved[Record::Sensors as usize]) {
             self.save_sensors();
-        } else if core::mem::take(&mut self.waiting[Record::Cogging as usize]) {
+        } else if core::mem::take(&mut self.unsaved[Record::Cogging as usize]) {
             self.save_table();
-        } else if core::mem::take(&mut self.waiting[Record::Settings as usize]) {
+        } else if core::mem::take(&mut self.unsaved[Record::Settings as usize]) {
             self.save_settings();
         }
     }
 
-    /// Whether an erase, which stalls the core, does no harm: the bridge is off, and the rotor does not run out of sight meanwhile.
+    /// Whether an erase, which stalls the core, does no harm: the bridge is off, and the rotor at rest.
     pub fn may_save(&self) -> bool {
         self.since_command >= SETTLED && self.is_at_rest()
     }
@@ -52,7 +52,7 @@ impl<F: NorFlash> Supervisor<F> {
     #[inline(never)]
     fn save_sensors(&mut self) {
         let Some(sensors) = &self.sensors else { return };
-        let saved = self.saving.save_sensors(sensors);
+        let saved = self.storage.save_sensors(sensors);
         // Those that cannot be saved are not tried again and again.
         self.stored_sensors = Some(*sensors);
         self.saved(Record::Sensors, saved);
@@ -61,13 +61,13 @@ impl<F: NorFlash> Supervisor<F> {
     #[inline(never)]
     fn save_table(&mut self) {
         let Some(table) = &self.table else { return };
-        let saved = self.saving.save_table(table, self.settings.full_scale_a());
+        let saved = self.storage.save_table(table, self.settings.full_scale_a());
         self.saved(Record::Cogging, saved);
     }
 
     #[inline(never)]
     fn save_settings(&mut self) {
-        let saved = self.saving.save_settings(&self.settings, &self.defaults);
+        let saved = self.storage.save_settings(&self.settings, &self.defaults);
         if saved.is_ok() {
             self.stored_settings = self.settings;
         }
@@ -77,25 +77,25 @@ impl<F: NorFlash> Supervisor<F> {
     fn saved(&mut self, record: Record, saved: Result<(), Problem>) {
         self.stored[record as usize] = saved.err().unwrap_or(Problem::None);
         match saved {
-            Ok(()) => say!(info, "record {} saved", record as u8),
+            Ok(()) => log!(info, "record {} saved", record as u8),
             Err(_) => self.note(Cause::NotSaved(record)),
         }
     }
 
-    /// Asks for the settings to be saved when that is possible.
-    pub fn ask_to_save(&mut self) {
-        self.waiting[Record::Settings as usize] = true;
+    /// Has the settings saved as soon as that is possible.
+    pub fn request_save(&mut self) {
+        self.unsaved[Record::Settings as usize] = true;
     }
 
-    /// Whether they have been, and how that went.
+    /// Whether a requested save went well; `None` while it is due.
     pub fn settings_saved(&self) -> Option<bool> {
-        let done = !self.waiting[Record::Settings as usize];
+        let done = !self.unsaved[Record::Settings as usize];
         done.then(|| self.stored[Record::Settings as usize] == Problem::None)
     }
 
     /// The settings in the flash.
     pub fn load_settings(&mut self) -> Result<Settings, Problem> {
-        match self.saving.settings(&self.defaults) {
+        match self.storage.settings(&self.defaults) {
             (settings, Problem::None | Problem::Foreign) => Ok(settings),
             (_, problem) => Err(problem),
         }

@@ -1,7 +1,7 @@
-//! The adaptation in the tasks: it learns from the records while the motor turns, and the drive takes up what was learnt.
+//! The adaptation of the sensors' model from the records while the motor turns.
 
-use crate::saving::Sensors;
 use crate::settings::Settings;
+use crate::storage::Sensors;
 use crate::wire;
 use hallservo::hall::adapt::{self, Outcome};
 use hallservo::hall::model::Model;
@@ -10,36 +10,36 @@ use hallservo::service::adaptation::Adaptation;
 use hallservo::telemetry::Record;
 use hallservo_protocol::{self as protocol, Cause};
 
-/// Density of the torque that is not told, relative to the electrical acceleration it makes: rad/s²/√Hz. Cogging and loads.
-const UNTOLD: f32 = 16.0;
-/// What the shaft loses of its speed in a second when it is left alone.
+/// Spectral density of unmeasured torque (cogging, loads), as the electrical acceleration that it causes, rad/s²/√Hz.
+const UNMEASURED_TORQUE: f32 = 16.0;
+/// Viscous damping over inertia, 1/s.
 const DAMPING: f32 = 16.0;
 
-/// Records to learn from, from one model for the drive to the next: a second's. A turn is enough to learn one, but to make its table keeps
-/// the tasks of a small chip for a tenth of a second, in which nobody learns, answers or tells; and the first turn's is the worst.
-const REST: u16 = 1000;
+/// Records from one model that is sent to the drive to the next: a second's. One turn would be enough, but making the estimator's table
+/// stalls the tasks of a small chip for a tenth of a second.
+const RECORDS_PER_MODEL: u16 = 1000;
 
 /// The adaptation of a drive with a calibration, if it is wanted.
-pub(crate) struct Learning {
+pub(crate) struct SensorAdaptation {
     adaptation: Option<Adaptation>,
-    /// What it gave up for, once it has been told.
+    /// Why it gave up.
     ended: Option<adapt::Fault>,
-    /// Models that the drive took up.
+    /// Models that the drive has accepted.
     pub count: u32,
-    /// Records to learn from until the next.
-    rest: u16,
+    /// Records until the next model may be sent.
+    wait: u16,
 }
 
-impl Learning {
+impl SensorAdaptation {
     /// Off.
     pub const fn new() -> Self {
-        Self { adaptation: None, ended: None, count: 0, rest: REST }
+        Self { adaptation: None, ended: None, count: 0, wait: RECORDS_PER_MODEL }
     }
 
     /// Starts anew from what is known of the sensors.
     pub fn restart(&mut self, settings: &Settings, sensors: Option<&Sensors>, every: u32) {
         self.ended = None;
-        self.rest = REST;
+        self.wait = RECORDS_PER_MODEL;
         self.adaptation = sensors.filter(|_| settings.adaptation).and_then(|sensors| {
             let config = config(settings, sensors.noise, every)?;
             Adaptation::new(&config, &sensors.model, every).ok()
@@ -54,23 +54,23 @@ impl Learning {
                 Some(wire::sensor(fault))
             }
             Outcome::Learning | Outcome::Learnt => {
-                self.rest = self.rest.saturating_sub(1);
+                self.wait = self.wait.saturating_sub(1);
                 None
             }
             _ => None,
         }
     }
 
-    /// Gives the drive what is due; the model then. Without a Hall only if the drive may run so, and at once.
+    /// Sends the drive the model that is due and returns it; after the loss of a Hall one for the other two, if the drive may run so.
     pub fn publish(&mut self, service: &mut Service, on_two_halls: bool) -> Option<Model> {
         let adaptation = self.adaptation.as_mut().filter(|_| self.ended.is_none() || on_two_halls)?;
-        if self.rest > 0 && self.ended.is_none() {
+        if self.wait > 0 && self.ended.is_none() {
             return None;
         }
         if adaptation.publish(service) != Ok(true) {
             return None;
         }
-        self.rest = REST;
+        self.wait = RECORDS_PER_MODEL;
         self.count = self.count.saturating_add(1);
         self.ended.is_none().then(|| *adaptation.adapter().model())
     }
@@ -95,7 +95,7 @@ fn config(settings: &Settings, noise_codes: [f32; 3], every: u32) -> Option<adap
         pole_pairs: drive.pole_pairs,
         inertia_kgm2,
         damping_nms: DAMPING * inertia_kgm2,
-        torque_noise_nm_rthz: UNTOLD * inertia_kgm2 / f32::from(drive.pole_pairs),
+        torque_noise_nm_rthz: UNMEASURED_TORQUE * inertia_kgm2 / f32::from(drive.pole_pairs),
         ..default
     }
     .validate()

@@ -2,7 +2,7 @@
 
 use crate::analog::VDDA;
 use crate::board::Net;
-use bus::HallFault;
+use crate::disturbance::HallFault;
 use plant::{Error, Noise, Plant, PlantParameters, Switch, Truth};
 
 /// Longest step of the simulation, s: a quarter of a period at 20 kHz.
@@ -10,7 +10,7 @@ const LONGEST_S: f64 = 12.5e-6;
 
 /// Motor and wiring.
 #[derive(Clone, Debug)]
-pub struct Machine {
+pub struct Motor {
     /// The physics.
     pub plant: Plant,
     at_s: f64,
@@ -28,7 +28,7 @@ pub struct Machine {
     noise_v: [f64; 2],
 }
 
-impl Machine {
+impl Motor {
     /// At rest.
     ///
     /// # Errors

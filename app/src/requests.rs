@@ -1,14 +1,14 @@
-//! From a request to its answer. What the drive has to obey is answered when it has.
+//! From a request to its answer. A command is answered when the control interrupt has.
 
 use crate::history::ENTRIES;
 use crate::procedure::Procedure;
 use crate::settings::{self, Entry, Settings, TABLE, find};
-use crate::supervisor::Supervisor;
+use crate::tasks::Tasks;
 use crate::wire;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::commutation::modulation;
 use hallservo::control::settings::Config;
-use hallservo::drive::Command;
+use hallservo::drive;
 use hallservo_protocol::{
     self as protocol, Activity, Answer, Ask, Calibration, Commutation, Hello, History, Refusal, Setting,
 };
@@ -20,26 +20,33 @@ const FASTEST: f32 = 1000.0;
 pub(crate) enum Step {
     /// An answer at once.
     Answer(Answer<'static>),
-    /// An answer when the drive has obeyed.
-    Obeyed(After),
-    /// An answer when the settings are in the flash.
+    /// An answer later.
+    Await(Awaited),
+}
+
+/// What the answer to a request waits for.
+#[derive(Clone, Copy)]
+pub(crate) enum Awaited {
+    /// The drive's answer to a command.
+    Reply(Command),
+    /// The settings' being in the flash.
     Saved,
 }
 
-/// What to answer when the drive has obeyed.
+/// The request behind a command to the drive.
 #[derive(Clone, Copy)]
-pub(crate) enum After {
-    Done,
-    Disarmed,
-    Calibrating,
-    Cleared,
+pub(crate) enum Command {
+    Plain,
+    Disarm,
+    Calibrate,
+    Clear,
     Set(&'static Entry),
 }
 
 type Outcome = Result<Step, Refusal<'static>>;
 
-impl<F: NorFlash> Supervisor<F> {
-    /// Begins what is asked.
+impl<F: NorFlash> Tasks<F> {
+    /// Begins to answer a request.
     #[inline(never)]
     pub fn begin(&mut self, id: u16, ask: Ask<'_>) -> Step {
         self.attempt(id, ask).unwrap_or_else(|refusal| Step::Answer(Answer::Refused(refusal)))
@@ -49,6 +56,12 @@ impl<F: NorFlash> Supervisor<F> {
         let answer = match ask {
             Ask::Hello => self.hello(),
             Ask::Status => Answer::Status(self.status()),
+            // What comes of it is told when it is over.
+            Ask::Calibration if self.activity() == Activity::Calibration => Answer::Calibration(Calibration::Turning),
+            Ask::Identification if self.activity() == Activity::Identification => {
+                Answer::Identification(protocol::Procedure::Turning)
+            }
+            Ask::Cogging if self.activity() == Activity::Cogging => Answer::Cogging(protocol::Procedure::Turning),
             Ask::Calibration => Answer::Calibration(self.calibration),
             Ask::Identification => Answer::Identification(self.identification),
             Ask::Cogging => Answer::Cogging(self.cogging),
@@ -70,34 +83,34 @@ impl<F: NorFlash> Supervisor<F> {
             }
             Ask::Disarm => {
                 self.cancel();
-                return self.obey(Command::Disarm, After::Disarmed);
+                return self.command(drive::Command::Disarm, Command::Disarm);
             }
             _ if self.activity() != Activity::None => return Err(Refusal::Busy(self.activity())),
-            _ => return self.command(ask),
+            _ => return self.attempt_when_idle(ask),
         };
         Ok(Step::Answer(answer))
     }
 
-    /// What is refused while something goes on.
-    fn command(&mut self, ask: Ask<'_>) -> Outcome {
+    /// What is refused while a procedure is at work.
+    fn attempt_when_idle(&mut self, ask: Ask<'_>) -> Outcome {
         match ask {
-            Ask::Arm => self.obey(Command::Arm, After::Done),
-            Ask::Clear => self.obey(Command::Clear, After::Cleared),
+            Ask::Arm => self.command(drive::Command::Arm, Command::Plain),
+            Ask::Clear => self.command(drive::Command::Clear, Command::Clear),
             Ask::Voltage(share) => {
                 let share = at_most(share, self.settings.drive.max_modulation)?;
-                self.obey(Command::Drive(modulation(share)), After::Done)
+                self.command(drive::Command::Drive(modulation(share)), Command::Plain)
             }
             Ask::Torque(torque) => {
                 let current = self.control()?.torque(torque).map_err(wire::demand)?;
-                self.obey(Command::Current(current), After::Done)
+                self.command(drive::Command::Current(current), Command::Plain)
             }
             Ask::Speed(speed) => {
                 let speed = self.control()?.speed(speed).map_err(wire::demand)?;
-                self.obey(Command::Speed(speed), After::Done)
+                self.command(drive::Command::Speed(speed), Command::Plain)
             }
             Ask::Position(turns) => {
                 let position = self.control()?.position(turns).map_err(wire::demand)?;
-                self.obey(Command::Position(position), After::Done)
+                self.command(drive::Command::Position(position), Command::Plain)
             }
             Ask::Commutate(commutation) => {
                 let number = match commutation {
@@ -107,7 +120,7 @@ impl<F: NorFlash> Supervisor<F> {
                 };
                 self.change("commutation", number)
             }
-            Ask::Calibrate => self.obey(Command::Calibrate, After::Calibrating),
+            Ask::Calibrate => self.command(drive::Command::Calibrate, Command::Calibrate),
             Ask::Identify => {
                 self.identify()?;
                 Ok(Step::Answer(Answer::Done))
@@ -120,17 +133,17 @@ impl<F: NorFlash> Supervisor<F> {
             Ask::Balance(on) => self.change("anti_cogging", u8::from(on).into()),
             Ask::Set { name, value } => self.change(name, value),
             Ask::Save => {
-                self.ask_to_save();
+                self.request_save();
                 let waits = !self.is_at_rest();
-                Ok(if waits { Step::Answer(Answer::Saved { waits }) } else { Step::Saved })
+                Ok(if waits { Step::Answer(Answer::Saved { waits }) } else { Step::Await(Awaited::Saved) })
             }
             // A record that a power cut has left half written may be a break of the bridge when it is read.
             Ask::Load if self.mode().drives() => Err(Refusal::Mode(wire::mode(self.mode()))),
             Ask::Load => {
                 let settings = self.load_settings().map_err(Refusal::NothingStored)?;
-                self.adopt(settings, After::Done)
+                self.reconfigure(settings, Command::Plain)
             }
-            Ask::Restore => self.adopt(self.defaults, After::Done),
+            Ask::Restore => self.reconfigure(self.defaults, Command::Plain),
             // Answered by `attempt`.
             Ask::Hello
             | Ask::Status
@@ -162,19 +175,19 @@ impl<F: NorFlash> Supervisor<F> {
         Ok(())
     }
 
-    fn obey(&mut self, command: Command, after: After) -> Outcome {
+    fn command(&mut self, command: drive::Command, kind: Command) -> Outcome {
         self.send(command)?;
-        Ok(Step::Obeyed(after))
+        Ok(Step::Await(Awaited::Reply(kind)))
     }
 
-    fn adopt(&mut self, settings: Settings, after: After) -> Outcome {
+    fn reconfigure(&mut self, settings: Settings, kind: Command) -> Outcome {
         self.configure(settings)?;
-        Ok(Step::Obeyed(after))
+        Ok(Step::Await(Awaited::Reply(kind)))
     }
 
     fn change(&mut self, name: &str, value: f32) -> Outcome {
         let entry = find(name).ok_or(Refusal::NoSetting)?;
-        self.adopt(self.settings.with(name, value)?, After::Set(entry))
+        self.reconfigure(self.settings.with(name, value)?, Command::Set(entry))
     }
 
     fn control(&self) -> Result<&Config, Refusal<'static>> {
@@ -195,31 +208,37 @@ impl<F: NorFlash> Supervisor<F> {
         Ok(Setting { name, unit, kind, value, default, min, max, fixed })
     }
 
-    /// What to answer, once the drive has.
-    pub fn obeyed(&mut self, after: After) -> Option<Answer<'static>> {
-        match (self.take_reply()?, after) {
-            // Off is off.
-            (Err(Refusal::Mode(_)), After::Disarmed) | (Ok(()), _) => {}
-            (Err(refusal), _) => return Some(Answer::Refused(refusal)),
+    /// The answer that a request waits for, once it is known.
+    pub fn awaited(&mut self, awaited: Awaited) -> Option<Answer<'static>> {
+        match awaited {
+            Awaited::Reply(command) => self.take_reply().map(|reply| self.answer_to(command, reply)),
+            Awaited::Saved => self.settings_saved().map(|saved| match saved {
+                true => Answer::Saved { waits: false },
+                false => Answer::Refused(Refusal::Flash),
+            }),
         }
-        Some(match after {
-            After::Done | After::Disarmed => Answer::Done,
-            After::Calibrating => {
-                self.calibration = Calibration::Turning;
-                Answer::Done
-            }
-            After::Cleared => {
-                self.relearn();
-                Answer::Done
-            }
-            After::Set(entry) => self.setting(entry).map_or_else(Answer::Refused, Answer::Setting),
-        })
     }
 
-    /// What to answer, once the settings are saved.
-    pub fn kept(&self) -> Option<Answer<'static>> {
-        let kept = self.settings_saved()?;
-        Some(if kept { Answer::Saved { waits: false } } else { Answer::Refused(Refusal::Flash) })
+    fn answer_to(&mut self, command: Command, reply: Result<(), Refusal<'static>>) -> Answer<'static> {
+        match (command, reply) {
+            // A bridge that is off already has nothing to disarm.
+            (Command::Disarm, Err(Refusal::Mode(_))) => return Answer::Done,
+            (_, Err(refusal)) => return Answer::Refused(refusal),
+            (Command::Plain | Command::Disarm, Ok(())) => {}
+            (Command::Calibrate, Ok(())) => self.calibration = Calibration::Turning,
+            (Command::Clear, Ok(())) => self.relearn(),
+            (Command::Set(entry), Ok(())) => {
+                return self.setting(entry).map_or_else(Answer::Refused, Answer::Setting);
+            }
+        }
+        Answer::Done
+    }
+
+    /// Nothing waits for it any more.
+    pub const fn give_up(&mut self, awaited: Awaited) {
+        if let Awaited::Reply(_) = awaited {
+            self.abandon_reply();
+        }
     }
 }
 

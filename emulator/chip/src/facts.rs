@@ -1,33 +1,8 @@
 //! What is measured at pins and registers, for the report and the JSON. Times in nanoseconds or seconds as named.
 
+use measure::Range;
 use serde::Serialize;
 use std::collections::BTreeMap;
-
-/// Smallest and largest of what was seen, and how many.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize)]
-pub struct Range {
-    /// Smallest; infinite as long as nothing was seen.
-    pub min: f64,
-    /// Largest.
-    pub max: f64,
-    /// How often.
-    pub count: u64,
-}
-
-impl Default for Range {
-    fn default() -> Self {
-        Range { min: f64::INFINITY, max: f64::NEG_INFINITY, count: 0 }
-    }
-}
-
-impl Range {
-    /// Takes one more.
-    pub fn add(&mut self, value: f64) {
-        self.min = self.min.min(value);
-        self.max = self.max.max(value);
-        self.count += 1;
-    }
-}
 
 /// One node of the clock tree.
 #[derive(Clone, Debug, PartialEq, Serialize)]

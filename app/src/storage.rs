@@ -1,4 +1,4 @@
-//! What survives a power cut: three kinds of records, when they are saved, and what is wrong with those found.
+//! What survives a power cut: three kinds of records in the flash.
 
 use crate::settings::{KEYED, Settings, TABLE};
 use embedded_storage::nor_flash::NorFlash;
@@ -12,12 +12,12 @@ use hallservo_protocol::{Problem, Record};
 pub const BLOCKS: u32 = 6;
 /// Least difference between what is learnt and what is stored for it to be worth a save: 1 % of an amplitude in offset or amplitude,
 /// 1 % of third harmonic. It is above what noise moves the parameters by, and below what is felt.
-pub const WORTH: f32 = 0.01;
+pub const LEAST_CHANGE: f32 = 0.01;
 /// The same for the placement, electrical degrees.
-pub const WORTH_DEG: f32 = 0.5;
+pub const LEAST_CHANGE_DEG: f32 = 0.5;
 /// Least time between two saves of what is learnt. At this rate the 10 000 erases of a block of an STM32G4, two blocks in turn,
 /// last for 138 days of constant learning, and saving ends where nothing differs any more.
-pub const REST_S: u64 = 600;
+pub const SAVE_INTERVAL_S: u64 = 600;
 
 /// Versions of the records' forms.
 const VERSIONS: [u16; 3] = [0x0101, cogging::VERSION, 0x0301];
@@ -42,11 +42,11 @@ impl Sensors {
         let (a, b) = (&self.model, &stored.model);
         (a.alignment, a.reversed) != (b.alignment, b.reversed)
             || a.sensors.iter().zip(&b.sensors).any(|(a, b)| {
-                let least = WORTH * b.amplitude;
+                let least = LEAST_CHANGE * b.amplitude;
                 libm::fabsf(a.offset - b.offset) > least
                     || libm::fabsf(a.amplitude - b.amplitude) > least
-                    || libm::fabsf((a.placement - b.placement).to_degrees()) > WORTH_DEG
-                    || libm::fabsf(a.third - b.third) > WORTH
+                    || libm::fabsf((a.placement - b.placement).to_degrees()) > LEAST_CHANGE_DEG
+                    || libm::fabsf(a.third - b.third) > LEAST_CHANGE
             })
     }
 
@@ -69,18 +69,18 @@ impl Sensors {
 }
 
 /// The flash with its blocks.
-pub(crate) struct Saving<F> {
+pub(crate) struct Storage<F> {
     flash: F,
-    place: u32,
+    first_block: u32,
 }
 
-impl<F: NorFlash> Saving<F> {
-    pub const fn new(flash: F, place: u32) -> Self {
-        Self { flash, place }
+impl<F: NorFlash> Storage<F> {
+    pub const fn new(flash: F, first_block: u32) -> Self {
+        Self { flash, first_block }
     }
 
     fn store(&mut self, kind: Record) -> Result<Store<&mut F, { size(LONGEST) }>, Problem> {
-        let place = self.place + 2 * kind as u32 * F::ERASE_SIZE as u32;
+        let place = self.first_block + 2 * kind as u32 * F::ERASE_SIZE as u32;
         Store::new(&mut self.flash, place, VERSIONS[kind as usize]).map_err(|_| Problem::Flash)
     }
 

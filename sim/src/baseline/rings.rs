@@ -1,9 +1,9 @@
 //! The paper's three ways from two readings to the pole pair, as printed but for the errors in print: what the fast
-//! path of [`super::decode`] is tested against and what it is measured by.
+//! path of [`hallservo::vernier::decode`] is tested against and what it is measured by.
 //!
 //! Codes here are those of the heads, 0 to N − 1 with N = 2^bits, and so are distances; k counts from 0.
 
-use super::rings::{Ring, Rings};
+use hallservo::vernier::rings::{Ring, Rings};
 
 /// What one of the paper's methods found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

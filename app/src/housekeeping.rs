@@ -1,25 +1,29 @@
-//! What the control interrupt tells the tasks beside its queues: that it lives, and what changes slowly.
+//! What the control interrupt reports to the tasks beside its queues: that it runs, and what changes slowly.
 
 use core::sync::atomic::{AtomicU32, Ordering};
 use hallservo::drive::Sample;
 
-/// Counts control periods; the application feeds the watchdog only while it moves and all its tasks do.
+/// Counts control periods and keeps the latest bus voltage and temperatures. A static: the control interrupt writes it, the tasks
+/// read it.
 #[derive(Debug, Default)]
-pub struct Heartbeat {
+pub struct Housekeeping {
     periods: AtomicU32,
     bus_and_bridge: AtomicU32,
     motor: AtomicU32,
 }
 
-/// What the ADCs said last of what changes slowly, in codes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(crate) struct Sensed {
+/// The housekeeping of one moment, for [`Supervisor::tick`](crate::Supervisor::tick).
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Readings {
+    /// Control periods so far, wrapping.
+    pub periods: u32,
+    /// Bus voltage, ADC codes.
     pub bus: u16,
-    /// Bridge and motor.
+    /// Temperatures of bridge and motor, ADC codes.
     pub temperatures: [u16; 2],
 }
 
-impl Heartbeat {
+impl Housekeeping {
     /// Before the first period.
     pub const fn new() -> Self {
         Self { periods: AtomicU32::new(0), bus_and_bridge: AtomicU32::new(0), motor: AtomicU32::new(0) }
@@ -27,7 +31,7 @@ impl Heartbeat {
 
     /// To be called by the control interrupt, and by nobody else, once a period: a load and three stores.
     #[inline(always)]
-    pub fn beat(&self, sample: &Sample) {
+    pub fn update(&self, sample: &Sample) {
         let [bridge, motor] = sample.temperatures;
         self.bus_and_bridge.store(u32::from(sample.bus) << 16 | u32::from(bridge), Ordering::Relaxed);
         self.motor.store(motor.into(), Ordering::Relaxed);
@@ -35,14 +39,11 @@ impl Heartbeat {
         self.periods.store(self.periods.load(Ordering::Relaxed).wrapping_add(1), Ordering::Relaxed);
     }
 
-    /// Control periods so far, wrapping.
-    pub fn periods(&self) -> u32 {
-        self.periods.load(Ordering::Relaxed)
-    }
-
-    pub(crate) fn sensed(&self) -> Sensed {
+    /// As of now.
+    pub fn read(&self) -> Readings {
         let word = self.bus_and_bridge.load(Ordering::Relaxed);
         let motor = self.motor.load(Ordering::Relaxed) as u16;
-        Sensed { bus: (word >> 16) as u16, temperatures: [word as u16, motor] }
+        let periods = self.periods.load(Ordering::Relaxed);
+        Readings { periods, bus: (word >> 16) as u16, temperatures: [word as u16, motor] }
     }
 }

@@ -1,6 +1,6 @@
-//! What the drive tells of itself: status and telemetry.
+//! Status and telemetry.
 
-use super::Supervisor;
+use super::Tasks;
 use crate::settings::Settings;
 use crate::{measure, wire};
 use core::f32::consts::TAU;
@@ -9,17 +9,17 @@ use hallservo::mode::Mode;
 use hallservo::telemetry::Measurement;
 use hallservo_protocol::{Activity, Status, Telemetry};
 
-/// Telemetry that was asked for.
+/// Telemetry that was requested.
 #[derive(Clone, Copy)]
 pub(super) struct Stream {
     id: u16,
-    /// Frames a tick, and what is left of them.
+    /// Frames a tick, and those due.
     rate: f32,
     due: f32,
     number: u32,
 }
 
-impl<F: NorFlash> Supervisor<F> {
+impl<F: NorFlash> Tasks<F> {
     /// Starts telemetry, or ends it with a rate of zero.
     pub fn stream(&mut self, id: u16, hz: f32) {
         self.stream = (hz > 0.0).then_some(Stream { id, rate: hz / 1000.0, due: 0.0, number: 0 });
@@ -42,16 +42,16 @@ impl<F: NorFlash> Supervisor<F> {
         }
         let telemetry = Telemetry {
             number,
-            step: self.live.sequence,
-            angle_deg: self.live.rotor.angle().to_degrees(),
+            step: self.record.sequence,
+            angle_deg: self.record.rotor.angle().to_degrees(),
             speed_rad_s: self.speed_rad_s(),
             position_turns: self.position_turns(),
             current_a,
             voltage_v,
-            bus_v: measure::bus_v(&self.settings.drive, self.sensed),
+            bus_v: measure::bus_v(&self.settings.drive, self.readings),
             mode: wire::mode(self.mode()),
-            limits: self.live.status.limits().bits(),
-            codes: self.live.codes,
+            limits: self.record.status.limits().bits(),
+            codes: self.record.codes,
         };
         Some((id, telemetry))
     }
@@ -62,14 +62,14 @@ impl<F: NorFlash> Supervisor<F> {
     }
 
     pub(super) fn speed_rad_s(&self) -> f32 {
-        self.live.electrical_hz(self.step_hz()) * TAU / f32::from(self.settings.drive.pole_pairs)
+        self.record.electrical_hz(self.step_hz()) * TAU / f32::from(self.settings.drive.pole_pairs)
     }
 
     fn position_turns(&self) -> f64 {
-        self.live.rotor.position().to_turns() / f64::from(self.settings.drive.pole_pairs)
+        self.record.rotor.position().to_turns() / f64::from(self.settings.drive.pole_pairs)
     }
 
-    /// How it is.
+    /// The state of the drive.
     pub fn status(&self) -> Status {
         let Settings { drive, .. } = &self.settings;
         let mode = self.mode();
@@ -77,25 +77,26 @@ impl<F: NorFlash> Supervisor<F> {
         Status {
             uptime_ms: self.now_ms,
             mode: wire::mode(mode),
-            limits: self.live.status.limits().bits(),
+            limits: self.record.status.limits().bits(),
             calibrated: self.sensors.is_some() && !matches!(mode, Mode::Unarmed | Mode::Aligning | Mode::Calibrating),
             commutation: wire::commutation(drive.commutation),
             balanced: self.balanced,
             position_turns: self.position_turns(),
             speed_rad_s: self.speed_rad_s(),
             current_a: self.measurement.as_ref().map_or(f32::NAN, |measurement| self.current_a(measurement)[1]),
-            bus_v: measure::bus_v(drive, self.sensed),
-            temperatures_c: measure::temperatures_c(drive, self.sensed),
+            bus_v: measure::bus_v(drive, self.readings),
+            temperatures_c: measure::temperatures_c(drive, self.readings),
             activity,
             progress: match &*self.procedure {
                 Some(procedure) => procedure.progress(),
+                None if self.rest.is_some() => 1.0,
                 None if activity == Activity::Calibration => self.service.progress(),
                 None => 0.0,
             },
-            learning: self.learning.state(),
-            learnt: self.learning.count,
+            learning: self.adaptation.state(),
+            learnt: self.adaptation.count,
             stored: self.stored,
-            unsaved: self.waiting != [false; 3] || !self.settings.same(&self.stored_settings) || self.is_worth_saving(),
+            unsaved: self.unsaved != [false; 3] || !self.settings.same(&self.stored_settings) || self.is_worth_saving(),
             lost_records: self.lost_records,
             garbage: self.garbage,
             lost_frames: self.lost_frames,

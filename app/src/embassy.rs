@@ -1,0 +1,104 @@
+//! The [`Supervisor`] under embassy: its three calls as one future.
+
+use crate::{Housekeeping, Supervisor};
+use core::cell::RefCell;
+use core::future::Future;
+use core::pin::pin;
+use embassy_futures::join::join4;
+use embassy_futures::select::{Either, select};
+use embassy_time::{Duration, Instant, Timer};
+use embedded_io_async::{Read, Write};
+use embedded_storage::nor_flash::NorFlash;
+
+/// From tick to tick.
+const TICK: Duration = Duration::from_millis(1);
+/// From check to check of the watchdog. A direction of the line that waits shows as often that it is served.
+const CHECK: Duration = Duration::from_millis(20);
+/// Bytes read or written at once.
+const PIECE: usize = 64;
+
+/// One future, so a borrow that is not kept across an `await` meets no other.
+type Shared<'a, F> = RefCell<&'a mut Supervisor<F>>;
+
+/// Runs a supervisor for ever. `rx` and `tx` are the serial line: at 460 800 baud, 8N1, where it is one. `feed` feeds the watchdog,
+/// about every 20 ms as long as the control interrupt and all tasks run; a calibration's fit and a write to the flash stall them for
+/// up to a quarter of a second, so a watchdog needs half a second at least.
+pub async fn run<F: NorFlash>(
+    supervisor: &mut Supervisor<F>,
+    rx: impl Read,
+    tx: impl Write,
+    housekeeping: &Housekeeping,
+    feed: impl FnMut(),
+) -> ! {
+    let shared = RefCell::new(supervisor);
+    let shared = &shared;
+    let (never, ..) =
+        join4(tick(shared, housekeeping), receive(shared, rx), transmit(shared, tx), watch(shared, feed)).await;
+    never
+}
+
+async fn tick<F: NorFlash>(supervisor: &Shared<'_, F>, housekeeping: &Housekeeping) -> ! {
+    let mut next = Instant::now();
+    loop {
+        // Ticks missed in a stall are not made up for, and the other tasks come first: the watchdog among them.
+        next = (next + TICK).max(Instant::now() + Duration::from_ticks(1));
+        Timer::at(next).await;
+        supervisor.borrow_mut().tick(Instant::now().as_millis(), housekeeping.read());
+    }
+}
+
+async fn receive<F: NorFlash>(supervisor: &Shared<'_, F>, mut rx: impl Read) -> ! {
+    let mut piece = [0; PIECE];
+    loop {
+        // Noise on the line is no byte.
+        let length = waiting(rx.read(&mut piece), || _ = supervisor.borrow_mut().receive(&[])).await.unwrap_or(0);
+        let mut bytes = piece.get(..length).unwrap_or_default();
+        while !bytes.is_empty() {
+            let taken = supervisor.borrow_mut().receive(bytes);
+            bytes = bytes.get(taken..).unwrap_or_default();
+            if !bytes.is_empty() {
+                Timer::after(TICK).await;
+            }
+        }
+        if length == 0 {
+            supervisor.borrow_mut().receive(&[]);
+            Timer::after(TICK).await;
+        }
+    }
+}
+
+async fn transmit<F: NorFlash>(supervisor: &Shared<'_, F>, mut tx: impl Write) -> ! {
+    let mut piece = [0; PIECE];
+    loop {
+        let length = supervisor.borrow_mut().transmit(&mut piece);
+        let served = || _ = supervisor.borrow_mut().transmit(&mut []);
+        match piece.get(..length) {
+            // A tool that is gone asks again when it is back.
+            Some(bytes) if length > 0 => _ = waiting(tx.write_all(bytes), served).await,
+            _ => {
+                let _ = waiting(tx.flush(), served).await;
+                Timer::after(TICK).await;
+            }
+        }
+    }
+}
+
+async fn watch<F: NorFlash>(supervisor: &Shared<'_, F>, mut feed: impl FnMut()) -> ! {
+    loop {
+        Timer::after(CHECK).await;
+        if supervisor.borrow_mut().is_alive() {
+            feed();
+        }
+    }
+}
+
+/// Waits for a future, calling `served` from time to time.
+async fn waiting<T>(future: impl Future<Output = T>, mut served: impl FnMut()) -> T {
+    let mut future = pin!(future);
+    loop {
+        if let Either::First(output) = select(future.as_mut(), Timer::after(CHECK)).await {
+            return output;
+        }
+        served();
+    }
+}

@@ -1,0 +1,209 @@
+//! What the tasks know of the drive, and what they do once a millisecond.
+
+mod commands;
+mod procedures;
+mod rest;
+mod start;
+mod storage;
+mod telemetry;
+
+use crate::adaptation::SensorAdaptation;
+use crate::fmt::log;
+use crate::history::History;
+use crate::housekeeping::Readings;
+use crate::procedure::Procedure;
+use crate::settings::Settings;
+use crate::storage::{Sensors, Storage};
+use crate::{Identity, wire};
+use embedded_storage::nor_flash::NorFlash;
+use hallservo::control::cogging::Table;
+use hallservo::mode::Mode;
+use hallservo::service::{Event, Service, adaptation};
+use hallservo::settings::Config;
+use hallservo::telemetry::{Measurement, Record as DriveRecord};
+use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Cogging, Motor, Problem, Record, Refusal};
+use rest::Rest;
+pub(crate) use start::start;
+use telemetry::Stream;
+
+/// Ticks after a command until the records show its effect.
+const SETTLED: u32 = 5;
+
+/// Everything in the tasks' hands.
+pub(crate) struct Tasks<F> {
+    pub identity: Identity,
+    pub service: &'static mut Service,
+    pub history: History,
+    pub defaults: Settings,
+    pub settings: Settings,
+    /// Those that were sent to the drive and are not acknowledged yet.
+    sent_settings: Option<Settings>,
+    /// Memory for the next ones.
+    spare_config: Option<&'static mut Config>,
+    storage: Storage<F>,
+    stored: [Problem; 3],
+    stored_sensors: Option<Sensors>,
+    stored_settings: Settings,
+    /// Kinds of records to save when the bridge is off.
+    unsaved: [bool; 3],
+    learnt_saved_ms: Option<u64>,
+    sensors: Option<Sensors>,
+    /// Whether their model is to be sent to the drive.
+    install_due: bool,
+    adaptation: &'static mut SensorAdaptation,
+    /// Of the cogging.
+    table: Option<Table>,
+    /// Whether the drive is to be sent the table, or to stop using it.
+    table_due: bool,
+    /// Whether the drive uses the table.
+    balanced: bool,
+    pub procedure: &'static mut Option<Procedure>,
+    /// The wait for the rotor that the last procedure has turned.
+    rest: Option<Rest>,
+    pub calibration: Calibration,
+    pub identification: protocol::Procedure<'static, Motor>,
+    pub cogging: protocol::Procedure<'static, Cogging>,
+    /// The latest record.
+    record: DriveRecord,
+    measurement: Option<Measurement>,
+    readings: Readings,
+    reply: Option<Result<(), Refusal<'static>>>,
+    /// Answers of the drive to come that no request waits for.
+    unclaimed_replies: u8,
+    /// Ticks since the last command.
+    since_command: u32,
+    stream: Option<Stream>,
+    lost_records: u32,
+    pub garbage: u32,
+    pub lost_frames: u32,
+    now_ms: u64,
+}
+
+impl<F: NorFlash> Tasks<F> {
+    /// Everything that is due every millisecond.
+    pub fn tick(&mut self, now_ms: u64, readings: Readings) {
+        self.now_ms = now_ms;
+        self.readings = readings;
+        self.since_command = self.since_command.saturating_add(1);
+        let torque_nm = self.take_measurements();
+        while let Some(event) = self.service.poll() {
+            if let Some(procedure) = self.procedure {
+                procedure.event(&event);
+            }
+            self.handle(event, torque_nm);
+        }
+        self.proceed();
+        self.spare_config = self.spare_config.take().or_else(|| self.service.unused_config());
+        self.update_drive();
+        self.end_calibration();
+        self.save();
+        self.come_to_rest();
+    }
+
+    /// Mean torque since the last tick, in the direction of the electrical angle, as far as the currents tell it.
+    #[inline(never)]
+    fn take_measurements(&mut self) -> f32 {
+        let Some(control) = self.service.config().control else { return 0.0 };
+        let (mut sum, mut count) = (0.0, 0.0);
+        while let Some(measurement) = self.service.measurement() {
+            sum += adaptation::torque_nm(&measurement, &control);
+            count += 1.0;
+            self.measurement = Some(measurement);
+            if let Some(procedure) = self.procedure {
+                procedure.measurement(&measurement);
+            }
+        }
+        if count > 0.0 { sum / count } else { 0.0 }
+    }
+
+    #[inline(never)]
+    fn handle(&mut self, event: Event, torque_nm: f32) {
+        match event {
+            Event::Reply(reply) => self.on_reply(reply.map_err(wire::refusal)),
+            // A faulted drive refuses what is learnt; later models follow.
+            Event::Installed(_) => {}
+            Event::Record(record) => self.on_record(record, torque_nm),
+            Event::Calibrated(calibrate) => {
+                log!(info, "calibrated, residual {} %", calibrate.report.residual_pct);
+                self.calibration = Calibration::Found(wire::report(&calibrate.report));
+                let noise = calibrate.report.sensors.each_ref().map(|sensor| sensor.noise_pct / 200.0 * sensor.swing);
+                self.sensors = Some(Sensors { model: calibrate.model, noise });
+                self.unsaved[Record::Sensors as usize] = true;
+                self.rest = Some(Rest::after(Activity::Calibration, self.now_ms));
+                self.relearn();
+            }
+            Event::Refused(error) => {
+                log!(warn, "the calibration failed");
+                self.calibration = Calibration::Failed(wire::calibration_error(error));
+            }
+        }
+    }
+
+    fn on_record(&mut self, record: DriveRecord, torque_nm: f32) {
+        let before = self.record.status.mode();
+        let mode = record.status.mode();
+        if mode != before {
+            log!(info, "{} after {}", mode, before);
+            if let Mode::Faulted(fault) = mode {
+                let cause = Cause::Fault(fault.code());
+                self.history.push(self.now_ms, wire::mode(before), cause);
+            }
+        }
+        if mode == before && !mode.drives() || mode == Mode::Running {
+            let every = self.service.config().record_every();
+            let missing = (record.sequence.wrapping_sub(self.record.sequence) + every / 2) / every;
+            // A record out of turn comes early, never late.
+            self.lost_records = self.lost_records.saturating_add(missing.saturating_sub(1).min(1 << 16));
+        }
+        if mode != Mode::Running {
+            self.measurement = None;
+        }
+        self.record = record;
+        if let Some(cause) = self.adaptation.take(&record, torque_nm) {
+            self.note(cause);
+        }
+    }
+
+    /// An incident of this moment.
+    fn note(&mut self, cause: Cause) {
+        self.history.push(self.now_ms, wire::mode(self.mode()), cause);
+    }
+
+    /// Sends the drive what is due: a model, a table.
+    #[inline(never)]
+    fn update_drive(&mut self) {
+        if let Some(sensors) = &mut self.sensors {
+            if self.install_due {
+                self.install_due = self.service.install(&sensors.model).is_err();
+            } else if let Some(model) = self.adaptation.publish(self.service, self.settings.drive.run_on_two_halls) {
+                sensors.model = model;
+            }
+        }
+        if self.table_due {
+            let table = self.table.as_ref().filter(|_| self.settings.anti_cogging);
+            self.table_due = self.service.balance(table).is_err();
+            self.balanced = !self.table_due && table.is_some();
+        }
+    }
+
+    /// Restarts the adaptation from the model in use.
+    #[inline(never)]
+    pub fn relearn(&mut self) {
+        let every = self.service.config().record_every();
+        self.adaptation.restart(&self.settings, self.sensors.as_ref(), every);
+    }
+
+    /// Whether the cogging has been learnt.
+    pub const fn has_table(&self) -> bool {
+        self.table.is_some()
+    }
+
+    pub fn mode(&self) -> Mode {
+        self.record.status.mode()
+    }
+
+    /// Control periods a second.
+    pub fn step_hz(&self) -> f32 {
+        self.settings.drive.pwm_hz
+    }
+}

@@ -1,0 +1,146 @@
+//! The start: what the flash holds, and everything written to its place.
+//!
+//! Large values are written to their places by functions of their own, so that they do not add up on the stack.
+
+use super::Tasks;
+use crate::adaptation::SensorAdaptation;
+use crate::history::History;
+use crate::housekeeping::Readings;
+use crate::procedure::Procedure;
+use crate::settings::Settings;
+use crate::storage::Storage;
+use crate::{Identity, Memory, Supervisor};
+use core::mem::MaybeUninit;
+use embedded_storage::nor_flash::NorFlash;
+use hallservo::drive::{self, Drive};
+use hallservo::hall::estimate::Estimator;
+use hallservo::service::Service;
+use hallservo::settings::{self, Config};
+use hallservo::telemetry::Record as DriveRecord;
+use hallservo_protocol::{self as protocol, Calibration, Cause, Problem, Record};
+
+/// Places that are filled already.
+struct Places {
+    service: &'static mut Service,
+    config: &'static mut Config,
+    adaptation: &'static mut SensorAdaptation,
+    procedure: &'static mut Option<Procedure>,
+}
+
+/// The settings to start with.
+struct Start<F> {
+    identity: Identity,
+    defaults: Settings,
+    settings: Settings,
+    /// What is wrong with those stored.
+    problem: Problem,
+    storage: Storage<F>,
+}
+
+#[inline(never)]
+fn blank(place: &mut MaybeUninit<Estimator>) -> &mut Estimator {
+    place.write(Estimator::blank())
+}
+
+#[inline(never)]
+fn new_service(
+    place: &'static mut MaybeUninit<Service>,
+    config: &Config,
+    tasks: drive::Tasks,
+    estimators: [&'static mut Estimator; 2],
+) -> &'static mut Service {
+    place.write(Service::new(*config, tasks, estimators))
+}
+
+#[inline(never)]
+fn new_drive(
+    place: &'static mut MaybeUninit<Drive>,
+    config: &Config,
+    interrupt: drive::Interrupt,
+) -> &'static mut Drive {
+    place.write(Drive::new(*config, interrupt))
+}
+
+/// See [`Supervisor::start`].
+pub(crate) fn start<F: NorFlash>(
+    identity: Identity,
+    defaults: settings::Settings,
+    flash: F,
+    first_block: u32,
+    memory: &'static mut Memory<F>,
+) -> Result<(&'static mut Drive, &'static mut Supervisor<F>), settings::Error> {
+    let Memory { drive, channels, tables, estimators, config, service, procedure, adaptation, supervisor } = memory;
+    let defaults = Settings::new(defaults);
+    let mut storage = Storage::new(flash, first_block);
+    let (settings, problem) = storage.settings(&defaults);
+    let config = config.write(settings.drive.validate()?);
+    let (interrupt, tasks) = channels.split();
+    let drive = new_drive(drive, config, interrupt);
+    let service = new_service(service, config, tasks, estimators.each_mut().map(blank));
+    for table in tables {
+        service.lend(table);
+    }
+    let adaptation = adaptation.write(SensorAdaptation::new());
+    let places = Places { service, config, adaptation, procedure: procedure.write(None) };
+    let start = Start { identity, defaults, settings, problem, storage };
+    let supervisor = supervise(start, places, supervisor);
+    supervisor.tasks().relearn();
+    Ok((drive, supervisor))
+}
+
+#[inline(never)]
+fn supervise<F: NorFlash>(
+    start: Start<F>,
+    places: Places,
+    supervisor: &'static mut MaybeUninit<Supervisor<F>>,
+) -> &'static mut Supervisor<F> {
+    let Start { identity, defaults, settings, problem, mut storage } = start;
+    let sensors = storage.sensors(&settings);
+    let table = storage.table(settings.full_scale_a());
+    let stored = [sensors.err().unwrap_or_default(), table.err().unwrap_or_default(), problem];
+    let (sensors, table) = (sensors.ok(), table.ok());
+    // Written right into its place, which spares the stack a copy.
+    let supervisor = supervisor.write(Supervisor::new(Tasks {
+        identity,
+        service: places.service,
+        history: History::new(),
+        defaults,
+        settings,
+        sent_settings: None,
+        spare_config: Some(places.config),
+        storage,
+        stored,
+        stored_sensors: sensors,
+        stored_settings: settings,
+        unsaved: [false; 3],
+        learnt_saved_ms: None,
+        sensors,
+        install_due: sensors.is_some(),
+        adaptation: places.adaptation,
+        table_due: table.is_some(),
+        table,
+        balanced: false,
+        procedure: places.procedure,
+        rest: None,
+        calibration: Calibration::None,
+        identification: protocol::Procedure::None,
+        cogging: protocol::Procedure::None,
+        record: DriveRecord::new(),
+        measurement: None,
+        readings: Readings::default(),
+        reply: None,
+        unclaimed_replies: 0,
+        since_command: 0,
+        stream: None,
+        lost_records: 0,
+        garbage: 0,
+        lost_frames: 0,
+        now_ms: 0,
+    }));
+    for (record, problem) in [Record::Sensors, Record::Cogging, Record::Settings].into_iter().zip(stored) {
+        if !matches!(problem, Problem::None | Problem::Blank) {
+            supervisor.tasks().note(Cause::Stored(record, problem));
+        }
+    }
+    supervisor
+}

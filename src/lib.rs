@@ -14,10 +14,12 @@
 //! | [`control`] | current, speed, position, trajectory; gains by bandwidth |
 //! | [`drive`], [`mode`], [`fault`], [`settings`], [`telemetry`] | the control interrupt and its states |
 //! | [`service`], [`storage`] | the tasks' side of a drive; what survives a power cut |
+//! | [`glossary`] | every symbol and word with its unit and range |
 //!
-//! The methods are those of Simpkins and Todorov, *Position Estimation and Control of Compact BLDC Motors Based on Analog
-//! Linear Hall Effect Sensors* (2010), and of Bakos, Gőzse and Soumelidis, *Design and Analysis of a Magnetic Off-axis
-//! Rotary Position Sensing Device*, with corrections where the printed equations do not hold; each is told where it is used.
+//! The methods are those of Simpkins and Todorov, *Position Estimation and Control of Compact BLDC Motors Based on
+//! Analog Linear Hall Effect Sensors* (2010), and of Bakos, Gőzse and Soumelidis, *Design and Analysis of a Magnetic
+//! Off-axis Rotary Position Sensing Device*, with corrections where the printed equations do not hold; each is told
+//! where it is used.
 //!
 //! # Example
 //! ```
@@ -47,6 +49,10 @@ pub mod commutation;
 pub mod control;
 pub mod drive;
 pub mod fault;
+/// Glossary: symbol, words, unit, range, and where each is defined.
+///
+#[doc = include_str!("../docs/glossary.md")]
+pub mod glossary {}
 pub mod hall;
 mod math;
 pub mod mode;

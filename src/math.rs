@@ -20,8 +20,15 @@ pub(crate) const fn clamp(x: i32, limit: i32) -> i32 {
     }
 }
 
-/// Solves `matrix · x = vector` in place for the first `size` unknowns, by LDLᵀ decomposition of a symmetric, positive definite
-/// matrix, of which only the lower triangle is read. `vector` becomes the solution, the lower triangle the factors.
+/// Whether −limit ≤ value ≤ limit, in one comparison; limits below 2³¹.
+#[inline(always)]
+pub(crate) const fn within(value: i32, limit: u32) -> bool {
+    (value as u32).wrapping_add(limit) <= 2 * limit
+}
+
+/// Solves `matrix · x = vector` in place for the first `size` unknowns, by LDLᵀ decomposition of a symmetric, positive
+/// definite matrix, of which only the lower triangle is read. `vector` becomes the solution, the lower triangle the
+/// factors.
 ///
 /// `None` if a pivot is not above `smallest_pivot` times its diagonal element: then the equations do not determine the
 /// unknown, or a value is not a number.

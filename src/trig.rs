@@ -60,7 +60,8 @@ pub const fn sin_cos(angle: ElectricalAngle) -> (I2F30, I2F30) {
     (I2F30::from_bits(SINE[index].at(offset)), I2F30::from_bits(SINE[index + QUARTER].at(offset)))
 }
 
-/// A sine as a float. One conversion and one multiplication, where `to_num`, made for every format, shifts 64 bits about.
+/// A sine as a float. One conversion and one multiplication, where `to_num`, made for every format, shifts 64 bits
+/// about.
 #[inline(always)]
 pub(crate) const fn float(sine: I2F30) -> f32 {
     sine.to_bits() as f32 * (1.0 / 1_073_741_824.0)
@@ -123,8 +124,8 @@ const fn normalise(y: i32, x: i32) -> (i32, i32) {
 }
 
 /// A table of the arctangent over the whole turn: four quadrants of 64 segments of the quotient |y| / (|x| + |y|),
-/// along which the angle rises almost evenly and without a decision where |x| = |y|. Bit 1 of a quadrant's
-/// number is y < 0, bit 0 is x < 0. A calibrated drive has its own table, which also holds what its sensors do to the angle (see
+/// along which the angle rises almost evenly and without a decision where |x| = |y|. Bit 1 of a quadrant's number is y
+/// < 0, bit 0 is x < 0. A calibrated drive has its own table, which also holds what its sensors do to the angle (see
 /// [`crate::hall::estimate`]).
 pub type QuadrantTable = [Segment; 4 << QUADRANT_BITS];
 
@@ -146,8 +147,8 @@ pub(crate) struct Direction {
 }
 
 impl Direction {
-    /// The magnitude of a negative number is taken as its ones' complement: a bit too small, an instruction saved, and it
-    /// never overflows.
+    /// The magnitude of a negative number is taken as its ones' complement: a bit too small, an instruction saved, and
+    /// it never overflows.
     #[inline(always)]
     pub(crate) const fn of(y: i32, x: i32) -> Self {
         let part = (y ^ (y >> 31)) as u32;
@@ -254,7 +255,8 @@ const SINE_OFFSET_LOW: u32 = 24 - 12;
 /// Segments of a quarter turn.
 const QUARTER: usize = 64;
 
-/// 256 segments of a turn and another quarter turn for the cosine. Chords lie inside the arc; scaling them by 1 + h²/16 halves the largest error.
+/// 256 segments of a turn and another quarter turn for the cosine. Chords lie inside the arc; scaling them by 1 + h²/16
+/// halves the largest error.
 static SINE: [Segment; 256 + QUARTER] = {
     const STEP: f64 = TAU / 256.0;
     const SCALE: f64 = (1u64 << 30) as f64 * (1.0 + STEP * STEP / 16.0);

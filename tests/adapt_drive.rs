@@ -108,8 +108,8 @@ fn lost(seed: u64, fault: HallFault, commutation: Commutation) {
     println!("seed {seed}, {fault:?}: at most {worst:.1}°, {astray} periods over 45°, then {:.2}° RMS", settled.rms());
     assert!(drive.limits().contains(Limits::TWO_HALLS));
     assert_eq!(drive.estimator().and_then(|estimator| estimator.lost()), Some(Channel(sensor as u8)));
-    // A broken wire is seen at once. A stuck Hall first misleads the tracking until the three contradict each other, and
-    // then the wrong one may be named for a moment.
+    // A broken wire is seen at once. A stuck Hall first misleads the tracking until the three contradict each other,
+    // and then the wrong one may be named for a moment.
     let (most, longest) = if matches!(fault, HallFault::Open(_)) { (10.0, 0) } else { (100.0, 200) };
     assert!(worst < most && astray <= longest, "seed {seed}, {fault:?}: {worst}°, {astray} periods over 45°");
     assert!(settled.rms() < 0.3, "seed {seed}, {fault:?}: {}°", settled.rms());

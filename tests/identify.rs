@@ -92,7 +92,8 @@ fn the_drive_measures_its_motor_as_well_as_it_says() {
             let off = (found.value - exact).abs();
             assert!(off <= found.error, "{case}, {name}: {found:?} is {exact}\n{report}");
             let off = if k < 5 { off / exact } else { off };
-            // Friction is what inertia and acceleration leave of the torque, so it is known the worse the more inertia there is.
+            // Friction is what inertia and acceleration leave of the torque, so it is known the worse the more inertia
+            // there is.
             let share = if k < 5 { 1.0 } else { plant.motor.inertia_kgm2 / 1e-5 };
             worst[k] = worst[k].max(off / share);
             assert!(off <= bounds[k] * share, "{case}, {name}: {found:?} is {exact}");

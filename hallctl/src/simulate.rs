@@ -56,6 +56,7 @@ pub struct Simulator {
     periods: u32,
     running: u64,
     planned: Vec<Planned>,
+    /// What happens to each sample.
     disturbed: Option<fault::Kind>,
     /// Control periods for which a hand turns the shaft.
     hand: u32,
@@ -125,6 +126,19 @@ impl Simulator {
             self.period();
         }
         self.tasks();
+    }
+
+    /// Something happens, now.
+    ///
+    /// # Errors
+    /// A number that the motor refuses.
+    pub fn happen(&mut self, kind: fault::Kind) -> Result<()> {
+        match kind {
+            fault::Kind::Turn(turns) => return self.turn_by_hand(turns),
+            fault::Kind::Hot | fault::Kind::Late => self.disturbed = Some(kind),
+            _ => {}
+        }
+        kind.act(&mut self.plant)
     }
 
     /// A hand takes the shaft, turns it by so many turns, negative ones backwards, and lets it go: a turn takes a second.
@@ -200,9 +214,9 @@ impl Simulator {
         let seconds = self.running as f64 * self.plant.period_s();
         while let Some(at) = self.planned.iter().position(|planned| planned.after_s <= seconds) {
             let kind = self.planned.swap_remove(at).kind;
-            if !kind.break_hall(&mut self.plant) {
-                self.disturbed = Some(kind);
-            }
+            // The numbers are finite, and the motor takes any.
+            let done = self.happen(kind);
+            debug_assert!(done.is_ok(), "{kind:?}: {done:?}");
         }
     }
 

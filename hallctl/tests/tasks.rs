@@ -249,7 +249,7 @@ fn a_procedure_is_ended_by_disarming() {
 #[test]
 fn every_fault_is_in_the_history_with_its_text() {
     let kinds =
-        [("hall-open", "end of the ADC"), ("over-voltage", "too high"), ("hot", "too hot"), ("late", "without a step")];
+        [("hall-open", "end of the ADC"), ("bus-60V", "too high"), ("hot", "too hot"), ("late", "without a step")];
     let flash = calibrated().1;
     for (name, text) in kinds {
         let planned: fault::Planned = format!("{name}@0.1s").parse().unwrap();

@@ -77,7 +77,8 @@ impl Construction {
         Self { rings, heads, noise: imperfections.noise, random }
     }
 
-    /// The codes of heads that give angles, with the shaft at `shaft_rad`: for each ring those of its first `HEADS` heads.
+    /// The codes of heads that give angles, with the shaft at `shaft_rad`: for each ring those of its first `HEADS`
+    /// heads.
     pub fn digital<const HEADS: usize>(&mut self, shaft_rad: f64) -> [[u16; HEADS]; 2] {
         core::array::from_fn(|ring| {
             core::array::from_fn(|head| {

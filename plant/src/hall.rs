@@ -89,7 +89,8 @@ impl HallParameters {
     }
 
     /// With the field of the windings: a current vector of `rated_a` acts like a magnet in its direction, with a share
-    /// of the rotor's field. The windings lie 120° apart, that of phase A at zero; `phase_rad` is φ, as the plant has it.
+    /// of the rotor's field. The windings lie 120° apart, that of phase A at zero; `phase_rad` is φ, as the plant has
+    /// it.
     #[must_use]
     pub fn with_windings(mut self, share: f64, rated_a: f64, phase_rad: f64) -> Self {
         let volts_per_ampere = share * self.amplitude_v / rated_a;

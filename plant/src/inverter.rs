@@ -38,8 +38,8 @@ impl Legs {
         Self { legs, enabled: true }
     }
 
-    /// What a timer makes of its compare values, in counts of `period`: legs that are not connected are open, and without
-    /// any the bridge is off.
+    /// What a timer makes of its compare values, in counts of `period`: legs that are not connected are open, and
+    /// without any the bridge is off.
     #[must_use]
     pub fn timer(compare: [u16; 3], period: u16, connected: [bool; 3]) -> Self {
         if connected == [false; 3] {

@@ -142,7 +142,8 @@ impl PlantParameters {
         }
     }
 
-    /// The same with another number of pole pairs: torque and speed constant stay, and cogging is where such a motor has it.
+    /// The same with another number of pole pairs: torque and speed constant stay, and cogging is where such a motor
+    /// has it.
     #[must_use]
     pub fn with_pole_pairs(mut self, pole_pairs: u8) -> Self {
         let ratio = f64::from(self.motor.pole_pairs) / f64::from(pole_pairs);

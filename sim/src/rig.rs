@@ -197,7 +197,8 @@ impl Rig {
     }
 }
 
-/// A drive and its service. On the chip, what connects them are statics; here, too, a drive lives as long as its process.
+/// A drive and its service. On the chip, what connects them are statics; here, too, a drive lives as long as its
+/// process.
 pub fn connected(config: Config) -> (Drive, Service) {
     let (interrupt, tasks) = Box::leak(Box::new(Channels::new())).split();
     let estimators = [(); 2].map(|()| Box::leak(Box::new(Estimator::blank())));

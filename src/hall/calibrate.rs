@@ -1,13 +1,14 @@
 //! Power-up calibration: the model of the sensors from turning the rotor open loop, both ways.
 //!
 //! The stator's field drags the rotor along; [`Collector`] averages the three codes over the field's angle, and
-//! [`fit`](fit::fit) finds offset, amplitude, placement and harmonics of all sensors and the rotor's true angle in every
-//! bin at once, by least squares. (Minimum and maximum, which Simpkins and Todorov propose with eq. (2), are biased by noise:
-//! the larger the number of samples, the more.) The rotor lags behind the field by friction, the opposite way in the
-//! opposite direction, so the mean over both directions is the alignment φ.
+//! [`fit`](fit::fit) finds offset, amplitude, placement and harmonics of all sensors and the rotor's true angle in
+//! every bin at once, by least squares. (Minimum and maximum, which Simpkins and Todorov propose with eq. (2), are
+//! biased by noise: the larger the number of samples, the more.) The rotor lags behind the field by friction, the
+//! opposite way in the opposite direction, so the mean over both directions is the alignment φ.
 //!
-//! The wave's shape is taken as alike for north and south poles and locked to the placement. Then the third harmonic can be
-//! told from an uneven turning of the rotor, which it looks like to a single sensor, by what it does to the other two.
+//! The wave's shape is taken as alike for north and south poles and locked to the placement. Then the third harmonic
+//! can be told from an uneven turning of the rotor, which it looks like to a single sensor, by what it does to the
+//! other two.
 
 pub mod fit;
 pub mod report;
@@ -17,11 +18,10 @@ use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
 use crate::hall::{Channel, Codes};
 use core::fmt;
-use fit::Point;
+pub use fit::BINS;
+use fit::{NoFit, Point};
+use report::Raw;
 pub use report::{Finding, Report};
-
-/// Bins in a turn of the field.
-pub const BINS: usize = 64;
 
 /// Fewest samples in a bin.
 const FEWEST: u32 = 4;
@@ -73,6 +73,15 @@ impl fmt::Display for Error {
 }
 
 impl core::error::Error for Error {}
+
+impl From<NoFit> for Error {
+    fn from(why: NoFit) -> Self {
+        match why {
+            NoFit::NoSignal(channel) => Self::NoSignal(channel),
+            NoFit::Diverged => Self::NoFit,
+        }
+    }
+}
 
 /// What a calibration found: with it a drive can be armed.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -148,7 +157,8 @@ impl Collector {
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
         let model = Model { sensors: fit.sensors, alignment: forward + lag, reversed };
-        let report = Report::new(&model, self, &fit, lag, hunting);
+        let raw = [0, 1, 2].map(|k| Raw { noise: self.noise.deviation(k), at_rail: self.at_rail[k] });
+        let report = Report::new(&model, &raw, &fit, lag, hunting);
         // A rotor that slipped fits anything, and nothing of what was fitted means anything.
         let unexplained = Finding::Unexplained(report.residual_pct);
         if unexplained.refuses() {

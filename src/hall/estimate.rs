@@ -3,14 +3,14 @@
 //! With calibrated sensors the normalised signals are `r = F·(cos θ, sin θ) + s·c`, where row i of F is
 //! `(−sin ψᵢ, cos ψᵢ)` and c is whatever the three have in common: a drifting supply, a stray field, and at exactly
 //! 120° the third harmonic. `s = (1, 1, 1)` for sensors 120° apart. At 60° the middle sensor is a sensor at 240° upside
-//! down, so there `s = (1, −1, 1)`: the third harmonic is rejected, a common offset only seen. The inverse of the
-//! 3×3 matrix `(F, s)` gives cosine, sine and c in nine multiply-adds straight from the ADC codes; c costs at most a few
+//! down, so there `s = (1, −1, 1)`: the third harmonic is rejected, a common offset only seen. The inverse of the 3×3
+//! matrix `(F, s)` gives cosine, sine and c in nine multiply-adds straight from the ADC codes; c costs at most a few
 //! per cent of noise over the best estimate that trusts it to be zero, and is the check that the sensors agree.
 //!
-//! The angle is then the arctangent, from a table of the quotient |y| / (|x| + |y|). The table
-//! is this drive's own: where harmonics, unequal placements and the alignment φ make the true angle differ from the arctangent,
-//! the table holds the true angle. So all of them are corrected without an instruction, and the estimate does not
-//! need the amplitude.
+//! The angle is then the arctangent, from a table of the quotient |y| / (|x| + |y|). The table is this drive's own:
+//! where harmonics, unequal placements and the alignment φ make the true angle differ from the arctangent, the table
+//! holds the true angle. So all of them are corrected without an instruction, and the estimate does not need the
+//! amplitude.
 //!
 //! Error: below 1.5e-4 rad for a perfect model and ideal codes; the quantisation of a 12-bit full-scale code is 3e-4
 //! rad. One division; its divisor is at least one by construction.
@@ -23,14 +23,13 @@ use crate::hall::plausibility::{Implausible, Window};
 use crate::hall::{Channel, Codes};
 use crate::trig::{self, Direction, QuadrantTable, Segment};
 use core::fmt;
+pub use inverse::DISAGREEMENT;
 use inverse::Inverse;
 
 /// Smallest |cos| + |sin| that is an angle, in calibrated amplitudes: less than half of what a healthy magnet gives.
 const WEAKEST: f32 = 0.45;
 /// Largest such sum: √2 times [`crate::hall::plausibility::PLAUSIBLE`].
 const STRONGEST: f32 = 2.2;
-/// Largest plausible disagreement c of the sensors, relative to their amplitude.
-pub const DISAGREEMENT: f32 = 0.3;
 
 /// Largest noise of the estimate over the bound for perfectly placed sensors that a placement may cost.
 pub const WORST_NOISE_GAIN: f32 = 1.5;
@@ -146,9 +145,9 @@ impl Estimator {
         Ok(Self::build(model, adc_bits, windows, &inverse, None))
     }
 
-    /// The estimator for the two sensors that remain when one is lost; error below 5e-4 rad for a perfect model.
-    /// The angle is up to [`WORST_NOISE_GAIN_OF_TWO`] times as noisy, a common offset is not rejected, and the loss of another
-    /// sensor shows only in the strength of the signals: enough to run on until stopped.
+    /// The estimator for the two sensors that remain when one is lost; error below 5e-4 rad for a perfect model. The
+    /// angle is up to [`WORST_NOISE_GAIN_OF_TWO`] times as noisy, a common offset is not rejected, and the loss of
+    /// another sensor shows only in the strength of the signals: enough to run on until stopped.
     ///
     /// # Errors
     /// [`BadModel`], when a parameter is impossible, or the two are so close to the same or opposite phase that the
@@ -230,7 +229,8 @@ impl Estimator {
         self.disagreement.dot(codes) as u32 <= self.disagreement_span
     }
 
-    /// The same without the comparison of the three with each other: for a single sample among others that are compared.
+    /// The same without the comparison of the three with each other: for a single sample among others that are
+    /// compared.
     ///
     /// # Errors
     /// As [`Self::angle`], but for [`Implausible::Inconsistent`].
@@ -255,9 +255,9 @@ impl Estimator {
     }
 
     /// The angle from the two sensors other than `lost`, for the time until a new estimator takes its place, and their
-    /// strength: [`Self::HEALTHY`] for a calibrated magnet, which grows with the square of the signals. Harmonics are not
-    /// corrected, so that with a third harmonic of 5 % the angle is up to 7° off and the strength 30 %. `None` where the
-    /// estimator knows of two sensors only.
+    /// strength: [`Self::HEALTHY`] for a calibrated magnet, which grows with the square of the signals. Harmonics are
+    /// not corrected, so that with a third harmonic of 5 % the angle is up to 7° off and the strength 30 %. `None`
+    /// where the estimator knows of two sensors only.
     #[cold]
     pub fn angle_without(&self, lost: Channel, codes: &Codes) -> Option<(ElectricalAngle, u32)> {
         let pair = self.pairs.get(usize::from(lost.0)).filter(|_| self.lost.is_none())?;

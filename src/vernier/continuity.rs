@@ -15,8 +15,7 @@
 //! but [`State::is_proven`] tells that they rest on the residual alone until the shaft has moved a pole pair.
 
 use super::decode::Decoded;
-use super::encoder::Limits;
-use super::rings::Ring;
+use super::rings::{Ring, Rings};
 use crate::angle::MechanicalAngle;
 use core::fmt;
 
@@ -53,6 +52,45 @@ impl fmt::Display for Fault {
 }
 
 impl core::error::Error for Fault {}
+
+/// What the shaft can do between two samples, in 2⁻³² turns.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Limits {
+    /// The largest step.
+    pub step: u32,
+    /// How far an angle may be from where the last two put it.
+    pub innovation: u32,
+    /// Samples for which the last speed is taken to hold: within them not even the largest steps make half a pole
+    /// pair of either ring, so that a stuck head cannot have come round to where it fits.
+    pub hold: u32,
+    /// The travel that proves that no head is stuck: a pole pair of the coarser ring.
+    pub proof: i64,
+    /// Pole pairs of the reference ring.
+    pub reference_pairs: i32,
+}
+
+impl Limits {
+    /// For steps between samples above zero and up to `largest_step`. The error is the largest that the rings allow.
+    pub fn new(rings: &Rings, largest_step: MechanicalAngle) -> Result<Self, MechanicalAngle> {
+        let p = u32::from(rings.pole_pairs(Ring::Reference));
+        let q = u32::from(rings.pole_pairs(Ring::Vernier));
+        // A turn has one bit too many for the type; the last does not matter here.
+        let turn = u32::MAX;
+        let largest = turn / p.max(q) / 4;
+        let step = largest_step.to_bits();
+        if step <= 0 || step as u32 > largest {
+            return Err(MechanicalAngle::from_bits(largest as i32));
+        }
+        Ok(Self {
+            step: step as u32,
+            // A quarter of the margin, and what two codes' rounding adds.
+            innovation: turn / (8 * p * q) + ((turn / p) >> rings.bits()) * 2,
+            hold: turn / p.max(q) / 2 / step as u32,
+            proof: i64::from(turn / p.min(q)),
+            reference_pairs: p as i32,
+        })
+    }
+}
 
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 enum Mode {

@@ -87,6 +87,11 @@ impl Linearity {
     }
 }
 
+/// The readings of a ring's heads without their errors.
+pub(super) fn correct_heads<const HEADS: usize>(curves: &[Curve; HEADS], readings: [u16; HEADS]) -> [u16; HEADS] {
+    core::array::from_fn(|head| curves[head].correct(readings[head]))
+}
+
 /// The mean of the heads of one ring, their readings corrected to the same zero, and how far they are apart.
 ///
 /// The mean is taken from the first head along the shorter way round, so that readings on either side of the wrap
@@ -106,6 +111,12 @@ pub fn mean<const HEADS: usize>(readings: [u16; HEADS]) -> (u16, u16) {
         distance = distance.max(apart.unsigned_abs());
     }
     (first.wrapping_add((sum / HEADS as i32) as u16), distance)
+}
+
+/// To the nearest integer, saturated. Kept out of line: the loops it is called from are unrolled.
+#[inline(never)]
+pub(super) fn round(value: f32) -> i16 {
+    libm::roundf(value) as i16
 }
 
 #[cfg(test)]

@@ -4,11 +4,12 @@
 //! remembers from sample to sample; [`Encoder::step`] is for the interrupt. See [`super::continuity`] for what is
 //! checked against the past and how an encoder that has lost its position finds it again.
 
-use super::continuity::{Fault, State};
+use super::continuity::{Fault, Limits, State};
 use super::correct::{Curve, Linearity, mean};
 use super::decode::{AverageTable, Decoded};
 use super::rings::{Ring, Rings};
 use crate::angle::{ElectricalAngle, MechanicalAngle};
+use crate::math::within;
 use core::fmt;
 
 /// One sample of every head. One head a ring, or two on opposite sides of the shaft, which cancels eccentricity.
@@ -142,22 +143,6 @@ pub struct Encoder<const HEADS: usize = 1> {
     limits: Limits,
 }
 
-/// What the shaft can do between two samples, in 2⁻³² turns.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Limits {
-    /// The largest step.
-    pub step: u32,
-    /// How far an angle may be from where the last two put it.
-    pub innovation: u32,
-    /// Samples for which the last speed is taken to hold: within them not even the largest steps make half a pole
-    /// pair of either ring, so that a stuck head cannot have come round to where it fits.
-    pub hold: u32,
-    /// The travel that proves that no head is stuck: a pole pair of the coarser ring.
-    pub proof: i64,
-    /// Pole pairs of the reference ring.
-    pub reference_pairs: i32,
-}
-
 impl<const HEADS: usize> Encoder<HEADS> {
     /// The encoder of these rings, on a shaft that turns at most `largest_step` between two samples.
     ///
@@ -186,7 +171,8 @@ impl<const HEADS: usize> Encoder<HEADS> {
             table: AverageTable::new(rings, &calibration.averages),
             residual_limit: u32::from(residual_limit),
             apart_limits: calibration.apart_limits,
-            limits: Limits::new(rings, largest_step)?,
+            limits: Limits::new(rings, largest_step)
+                .map_err(|largest| EncoderError::LargestStep { found: largest_step, largest })?,
         })
     }
 
@@ -255,36 +241,5 @@ impl<const HEADS: usize> Encoder<HEADS> {
         } else {
             None
         }
-    }
-}
-
-/// Whether −limit ≤ value ≤ limit, in one comparison; limits below 2³¹.
-#[inline(always)]
-pub(super) fn within(value: i32, limit: u32) -> bool {
-    (value as u32).wrapping_add(limit) <= 2 * limit
-}
-
-impl Limits {
-    fn new(rings: &Rings, largest_step: MechanicalAngle) -> Result<Self, EncoderError> {
-        let p = u32::from(rings.pole_pairs(Ring::Reference));
-        let q = u32::from(rings.pole_pairs(Ring::Vernier));
-        // A turn has one bit too many for the type; the last does not matter here.
-        let turn = u32::MAX;
-        let largest = turn / p.max(q) / 4;
-        let step = largest_step.to_bits();
-        if step <= 0 || step as u32 > largest {
-            return Err(EncoderError::LargestStep {
-                found: largest_step,
-                largest: MechanicalAngle::from_bits(largest as i32),
-            });
-        }
-        Ok(Self {
-            step: step as u32,
-            // A quarter of the margin, and what two codes' rounding adds.
-            innovation: turn / (8 * p * q) + ((turn / p) >> rings.bits()) * 2,
-            hold: turn / p.max(q) / 2 / step as u32,
-            proof: i64::from(turn / p.min(q)),
-            reference_pairs: p as i32,
-        })
     }
 }

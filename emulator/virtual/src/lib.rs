@@ -5,6 +5,7 @@ pub mod angle;
 pub mod firmware;
 pub mod outcome;
 pub mod report;
+mod request;
 pub mod script;
 pub mod serial;
 pub mod session;

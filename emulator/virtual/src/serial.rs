@@ -2,6 +2,7 @@
 
 use crate::session::Session;
 use anyhow::{Context, Result, bail};
+use hallservo_protocol::{Answer, Decoder, Reply, Request};
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
@@ -88,22 +89,29 @@ impl Port {
     }
 }
 
-/// Seconds of the board's time after the last byte of a tool for which it goes on. Less than a command holds, so that a tool that
-/// the machine keeps waiting does not look like one that is gone; more than any answer takes.
-const WAIT_S: f64 = 0.8;
+/// Seconds of the board's time that a request is worth where the board waits for the tool.
+const WORTH_S: f64 = 0.05;
+/// … and at most, while it is not answered: more than any answer takes, and less than a command holds.
+const LONGEST_S: f64 = 0.8;
 
 /// The serial port while the board runs: how its time passes.
 pub struct Line {
     port: Port,
     waits: bool,
+    /// When a tool was heard last, and whether it has its answer.
     heard_s: f64,
+    answered: bool,
+    answers: Decoder,
+    /// What has come from it, and whether there is a frame in it.
     received: Vec<u8>,
+    whole: bool,
+    requests: Decoder,
     unsent: Vec<u8>,
 }
 
 impl Line {
-    /// Opens a port and says what a tool has to connect to. Who `waits` has no time of its own but the tool's: it is as fast as
-    /// can be, and stands still when nobody has asked for 0.8 s. Otherwise time is that on the wall, or slower.
+    /// Opens a port and says what a tool has to connect to. Who `waits` has no time of its own but the tool's: each request is
+    /// worth 50 ms, or what its answer takes, as fast as can be. Otherwise time is that on the wall, or slower.
     ///
     /// # Errors
     /// As [`Port::open`].
@@ -111,28 +119,51 @@ impl Line {
         let (port, name) = Port::open(description)?;
         println!("serial port: {name}");
         std::io::stdout().flush()?;
-        Ok(Line { port, waits, heard_s: 0.0, received: Vec::new(), unsent: Vec::new() })
+        Ok(Line {
+            port,
+            waits,
+            heard_s: 0.0,
+            answered: true,
+            answers: Decoder::new(),
+            received: Vec::new(),
+            whole: false,
+            requests: Decoder::new(),
+            unsent: Vec::new(),
+        })
     }
 
     /// Passes on what has come from the tool. As on a wire, it is lost before the firmware has set up its port; not where the
-    /// board waits for the tool.
+    /// board waits for the tool. There, it is heard as a whole frame and while time stands still, so that what the board does
+    /// depends neither on when it comes nor on how it is cut in pieces.
     pub fn hear(&mut self, session: &mut Session) {
-        self.received.extend(self.port.receive());
-        if self.received.is_empty() {
+        if self.waits && self.is_busy(session.seconds()) {
+            return;
+        }
+        let bytes = self.port.receive();
+        self.whole |= bytes.iter().filter(|&&byte| self.requests.push::<Request>(byte).is_some()).count() > 0;
+        self.received.extend(bytes);
+        if self.received.is_empty() || self.waits && !self.whole {
             return;
         }
         self.heard_s = session.seconds();
         let heard = session.receive(self.received.clone()).is_ok();
+        self.answered = !heard;
         if !heard && !self.waits {
             eprintln!("bytes at the serial port are lost: the firmware has not set it up");
         }
         if heard || !self.waits {
             self.received.clear();
+            self.whole = false;
         }
     }
 
     /// Passes on what the board has sent. What a tool is too slow for is lost; not where the board waits for it.
     pub fn send(&mut self, bytes: &[u8]) {
+        for &byte in bytes {
+            if let Some(Ok(Reply { answer, .. })) = self.answers.push::<Reply>(byte) {
+                self.answered |= !matches!(answer, Answer::Telemetry(_));
+            }
+        }
         self.unsent.extend(bytes);
         if !self.unsent.is_empty() {
             let sent = self.port.send(&self.unsent);
@@ -142,11 +173,12 @@ impl Line {
 
     /// Whether time may pass, that being so late on the board and on the wall.
     pub fn may_run(&self, board_s: f64, wall: Duration) -> bool {
-        if self.waits {
-            self.unsent.is_empty() && board_s < self.heard_s + WAIT_S
-        } else {
-            board_s < wall.as_secs_f64()
-        }
+        if self.waits { self.unsent.is_empty() && self.is_busy(board_s) } else { board_s < wall.as_secs_f64() }
+    }
+
+    /// Whether the time that the last request is worth passes.
+    fn is_busy(&self, board_s: f64) -> bool {
+        board_s < self.heard_s + if self.answered { WORTH_S } else { LONGEST_S }
     }
 }
 
@@ -209,9 +241,11 @@ mod tests {
         let [early, late] = [Duration::from_secs(1), Duration::from_secs(9)];
         assert!(!line(false).may_run(2.2, early) && line(false).may_run(2.2, late));
         for wall in [early, late] {
-            assert!(line(true).may_run(2.2, wall) && !line(true).may_run(2.9, wall));
+            assert!(line(true).may_run(2.04, wall) && !line(true).may_run(2.06, wall));
+            let asked = Line { answered: false, ..line(true) };
+            assert!(asked.may_run(2.2, wall) && !asked.may_run(2.9, wall));
             let behind = Line { unsent: vec![0], ..line(true) };
-            assert!(!behind.may_run(2.2, wall), "the tool has to read first");
+            assert!(!behind.may_run(2.04, wall), "the tool has to read first");
         }
     }
 

@@ -1,35 +1,16 @@
-//! Faults of a simulated drive, to see what it does about them.
+//! What may happen to a simulated drive, to see what it does about it. The language is that of the crate [`script`].
 
-use anyhow::{Context, Result, bail};
+use anyhow::{Context as _, Result, anyhow, bail};
 use hallservo::drive::Sample;
 use plant::{HallFault, Plant, Rail};
+use script::{Event, HallWire};
 use std::str::FromStr;
 
-/// What breaks.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Kind {
-    /// The wire of Hall 0.
-    HallOpen,
-    /// Hall 1 stays where it is.
-    HallStuck,
-    /// The bus.
-    OverVoltage,
-    /// The bridge's thermistor reads 150 °C.
-    Hot,
-    /// A control period is lost.
-    Late,
-}
+/// Supply of the Halls, V.
+const SUPPLY_V: f64 = 3.3;
 
-const NAMES: [(&str, Kind); 5] = [
-    ("hall-open", Kind::HallOpen),
-    ("hall-stuck", Kind::HallStuck),
-    ("over-voltage", Kind::OverVoltage),
-    ("hot", Kind::Hot),
-    ("late", Kind::Late),
-];
-
-/// What breaks, and when.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// What happens, and when.
+#[derive(Clone, Debug, PartialEq)]
 pub struct Planned {
     /// What.
     pub kind: Kind,
@@ -42,33 +23,96 @@ impl FromStr for Planned {
 
     /// `hall-open@2s`.
     fn from_str(text: &str) -> Result<Self> {
-        let (name, time) = text.split_once('@').context("a fault and its time, as in hall-open@2s")?;
-        let Some((_, kind)) = NAMES.iter().find(|(known, _)| *known == name) else {
-            bail!("no fault {name}: {}", NAMES.map(|(name, _)| name).join(", "));
-        };
-        let after_s = time.strip_suffix('s').unwrap_or(time).parse().context("the time, as in 2s")?;
-        Ok(Self { kind: *kind, after_s })
+        let step = script::timed(text).map_err(|what| anyhow!("{text:?}: {what}"))?;
+        Ok(Self { kind: Kind::of(&step.event).with_context(|| format!("{text:?}"))?, after_s: step.at_s })
     }
 }
 
+/// What a simulated drive can be done to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub enum Kind {
+    /// A Hall's wire, 0 to 2.
+    Hall(usize, HallWire),
+    /// The supply, V.
+    Bus(f64),
+    /// Torque against the shaft, N·m.
+    Load(f64),
+    /// A hand turns the shaft by so many turns.
+    Turn(f64),
+    /// The bridge's thermistor reads 150 °C, from now on.
+    Hot,
+    /// A control period is lost each time, from now on.
+    Late,
+}
+
 impl Kind {
-    /// True for one that breaks a Hall, and has.
-    pub(crate) fn break_hall(self, plant: &mut Plant) -> bool {
-        match self {
-            Self::HallOpen => plant.set_hall_fault(0, Some(HallFault::Open(Rail::High))),
-            Self::HallStuck => plant.set_hall_fault(1, Some(HallFault::StuckAt(1.65))),
-            Self::OverVoltage | Self::Hot | Self::Late => return false,
-        }
-        true
+    /// Of an event.
+    ///
+    /// # Errors
+    /// What a simulated drive has not.
+    pub fn of(event: &Event) -> Result<Self> {
+        Ok(match event {
+            Event::Hall(hall, wire) => Self::Hall(*hall, *wire),
+            Event::Bus(volts) => Self::Bus(*volts),
+            Event::Load(torque) => Self::Load(*torque),
+            Event::Turn(turns) => Self::Turn(*turns),
+            Event::Hot => Self::Hot,
+            Event::Late => Self::Late,
+            _ => bail!("a simulated drive can do: hall, bus, load, turn, hot, late"),
+        })
     }
 
-    /// What the others do to a sample.
+    /// What is done to the motor; the others are done to each sample.
+    pub(crate) fn act(self, plant: &mut Plant) -> Result<()> {
+        match self {
+            Self::Hall(hall, wire) => {
+                let level_v = plant.hall_volts()[hall];
+                plant.set_hall_fault(hall, hall_fault(wire, level_v));
+            }
+            Self::Bus(volts) => plant.set_supply(volts)?,
+            Self::Load(torque) => plant.set_load(torque)?,
+            Self::Turn(_) | Self::Hot | Self::Late => {}
+        }
+        Ok(())
+    }
+
+    /// What is done to a sample.
     pub(crate) fn disturb(self, sample: &mut Sample) {
         match self {
-            Self::OverVoltage => sample.bus = 4095,
             Self::Hot => sample.temperatures[0] = 150,
             Self::Late => sample.lost = 1,
-            Self::HallOpen | Self::HallStuck => {}
+            Self::Hall(..) | Self::Bus(_) | Self::Load(_) | Self::Turn(_) => {}
         }
+    }
+}
+
+fn hall_fault(wire: HallWire, level_v: f64) -> Option<HallFault> {
+    Some(match wire {
+        HallWire::Good => return None,
+        HallWire::Open => HallFault::Open(Rail::High),
+        HallWire::Ground => HallFault::StuckAt(0.0),
+        HallWire::Supply => HallFault::StuckAt(SUPPLY_V),
+        HallWire::Stuck => HallFault::StuckAt(level_v),
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_a_simulated_drive_cannot_do_is_refused() {
+        for (text, named) in [
+            ("power-cycle@1s", "a simulated drive can do: hall, bus, load, turn, hot, late"),
+            ("hall-wet@1s", "a Hall is good, open, ground, supply or stuck, not \"wet\""),
+            ("hot@-1s", "a time is like 0.5s, 20ms or 300us, not \"-1s\""),
+            ("bus-nanV@1s", "expected a number with V, found \"nanV\""),
+            ("hot", "an event and its time are like hall-open@2s, not \"hot\""),
+        ] {
+            let error = format!("{:#}", text.parse::<Planned>().unwrap_err());
+            assert!(error.contains(named) && error.contains(text), "{text}: {error}");
+        }
+        let planned: Planned = "hall-open@40s".parse().unwrap();
+        assert_eq!(planned, Planned { kind: Kind::Hall(0, HallWire::Open), after_s: 40.0 });
     }
 }

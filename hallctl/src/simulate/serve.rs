@@ -1,7 +1,7 @@
 //! The simulated drive at the end of a line: TCP on loopback, or a pseudo-terminal.
 
 use super::Simulator;
-use super::fault::Planned;
+use super::fault::{Kind, Planned};
 use super::flash::Flash;
 use anyhow::{Context, Result};
 use hallservo_protocol::{Answer, Decoder, Reply, Request};
@@ -42,8 +42,9 @@ pub struct Options {
     /// Keep the flash in this file; without, it is forgotten in the end
     #[arg(long, value_name = "FILE")]
     pub flash: Option<PathBuf>,
-    /// Break something after so long in the state running: hall-open, hall-stuck, over-voltage, hot or late
-    #[arg(long, value_name = "KIND@SECONDS")]
+    /// Something happens after so long in the state running: hall-open@40s, hall-2-stuck@5s, bus-60V@1s, load-0.05Nm@1s, hot@1s,
+    /// late@1s; typed, it happens at once
+    #[arg(long, value_name = "EVENT@TIME")]
     pub fault: Vec<String>,
 }
 
@@ -60,11 +61,12 @@ enum Event {
     Came(SyncSender<Vec<u8>>),
     /// It has sent something.
     Bytes(Vec<u8>),
-    /// A person turns the shaft by so many turns.
-    Hand(f64),
+    /// A person does something to the drive, with the words for it.
+    Typed(Kind, String),
 }
 
-/// Simulates a drive until the process is ended. `turn 2` on the standard input turns its shaft by hand, by two turns in two seconds.
+/// Simulates a drive until the process is ended. Events on the standard input happen at once: `turn 2` turns its shaft by hand, by two
+/// turns in two seconds.
 ///
 /// # Errors
 /// What is wrong with the options.
@@ -76,7 +78,7 @@ pub fn main(options: &Options) -> Result<()> {
     };
     let mut simulator = Simulator::new(options.seed, flash, planned)?;
     let (events, line) = channel();
-    hand(events.clone());
+    listen_to_keyboard(events.clone());
     let name = if options.pty { terminal(events)? } else { listen(&options.listen, events)? };
     println!("The simulated drive is at {name}");
     std::io::stdout().flush().context("the terminal")?;
@@ -126,14 +128,18 @@ impl Tool {
     }
 }
 
-/// The hand takes the shaft; how many milliseconds it turns it.
-fn turn(simulator: &mut Simulator, turns: f64) -> u32 {
-    if let Err(error) = simulator.turn_by_hand(turns) {
-        eprintln!("turn {turns}: {error}");
+/// Something happens to the drive; how many milliseconds it takes.
+fn happen(simulator: &mut Simulator, kind: Kind, text: &str) -> u32 {
+    if let Err(error) = simulator.happen(kind) {
+        eprintln!("{text}: {error}");
         return 0;
     }
-    println!("The shaft is turned by {turns} turns.");
-    (1000.0 * turns.abs()) as u32
+    if let Kind::Turn(turns) = kind {
+        println!("The shaft is turned by {turns} turns.");
+        return (1000.0 * turns.abs()) as u32;
+    }
+    println!("{text}: done");
+    0
 }
 
 fn real(simulator: &mut Simulator, line: &Receiver<Event>) {
@@ -144,7 +150,7 @@ fn real(simulator: &mut Simulator, line: &Receiver<Event>) {
             match line.try_recv() {
                 Ok(Event::Came(out)) => tool.out = Some(out),
                 Ok(Event::Bytes(bytes)) => simulator.write(&bytes),
-                Ok(Event::Hand(turns)) => _ = turn(simulator, turns),
+                Ok(Event::Typed(kind, text)) => _ = happen(simulator, kind, &text),
                 Err(TryRecvError::Empty) => break,
                 Err(TryRecvError::Disconnected) => return,
             }
@@ -163,20 +169,23 @@ fn fast(simulator: &mut Simulator, line: &Receiver<Event>) {
         match event {
             Event::Came(out) => tool.out = Some(out),
             Event::Bytes(bytes) => bytes.into_iter().for_each(|byte| tool.ask(simulator, byte)),
-            Event::Hand(turns) => (0..turn(simulator, turns)).for_each(|_| tool.step(simulator)),
+            Event::Typed(kind, text) => (0..happen(simulator, kind, &text)).for_each(|_| tool.step(simulator)),
         }
     }
 }
 
-/// What a person does to the shaft, line by line from the standard input.
-fn hand(events: Sender<Event>) {
+/// What a person types, line by line from the standard input.
+fn listen_to_keyboard(events: Sender<Event>) {
     thread::spawn(move || {
         for line in std::io::stdin().lines().map_while(Result::ok) {
-            let turns = line.trim().strip_prefix("turn ").and_then(|turns| turns.trim().parse().ok());
-            match turns.filter(|turns: &f64| turns.is_finite()) {
-                Some(turns) if events.send(Event::Hand(turns)).is_err() => return,
-                Some(_) => {}
-                None => eprintln!("{line:?}: `turn 2` turns the shaft by hand, by two turns"),
+            let kind = script::event(&line).map_err(anyhow::Error::msg).and_then(|event| Kind::of(&event));
+            match kind {
+                Ok(kind) => {
+                    if events.send(Event::Typed(kind, line)).is_err() {
+                        return;
+                    }
+                }
+                Err(error) => eprintln!("{line:?}: {error}; `turn 2` turns the shaft by hand, by two turns"),
             }
         }
     });

@@ -1,10 +1,10 @@
 //! The diagonal filter of Simpkins and Todorov, eq. (11) to (15), with the least corrections that make it run.
 //!
 //! One variance a state, each gain computed as if the other states were known. Corrected against the print (see the
-//! equations' numbers): the variance of θ grows by that of θ̇ and not by 2θ̇σ (11); measurement derivatives are without the
-//! factor θ̇ and with the sign of the derivative (12); the innovation of ψᵢ uses rᵢ (14); the variance of θ̇ uses its own
-//! state (14). As in the paper, φ is held constant, and α and β, though states, have neither dynamics nor gain: they stay at
-//! what they start from.
+//! equations' numbers): the variance of θ grows by that of θ̇ and not by 2θ̇σ (11); measurement derivatives are without
+//! the factor θ̇ and with the sign of the derivative (12); the innovation of ψᵢ uses rᵢ (14); the variance of θ̇ uses
+//! its own state (14). As in the paper, φ is held constant, and α and β, though states, have neither dynamics nor gain:
+//! they stay at what they start from.
 
 use std::f64::consts::TAU;
 

@@ -1,4 +1,5 @@
-//! The angle of Simpkins and Todorov, eq. (2) and (4) to (6), with the errata: the baseline of [`hallservo::hall::estimate`].
+//! The angle of Simpkins and Todorov, eq. (2) and (4) to (6), with the errata: the baseline of
+//! [`hallservo::hall::estimate`].
 //!
 //! The arcsine of one signal is ambiguous and steepens without bound at the peaks, where it amplifies noise; and a
 //! signal beyond ±1 has none. That is in the method, so it stays.

@@ -121,7 +121,8 @@ fn ripple(resistance: f64, inductance: f64, hz: f64) -> Result<Ripple> {
     })
 }
 
-/// Two phases in series at a locked rotor: one leg at half duty, one low, so that the ripple has the switching frequency.
+/// Two phases in series at a locked rotor: one leg at half duty, one low, so that the ripple has the switching
+/// frequency.
 fn simulated(resistance_ohm: f64, inductance_h: f64, hz: f64) -> Result<f64> {
     let ideal = PlantParameters::ideal();
     let motor = MotorParameters { resistance_ohm, inductance_h, ..MotorParameters::ideal() };

@@ -307,7 +307,8 @@ fn cogging(seed: u64) -> Result<(Vec<Series>, f64)> {
     Ok((vec![Series::new("off", off), Series::new("on", on)], reduction))
 }
 
-/// Torque of the currents and the cogging in mN·m over the electrical angle in degrees, at zero command and turned slowly.
+/// Torque of the currents and the cogging in mN·m over the electrical angle in degrees, at zero command and turned
+/// slowly.
 fn net_torque(rig: &mut Rig) -> Result<Vec<(f64, f64)>> {
     rig.command(Command::Current(rig.control()?.current(0.0)?))?;
     rig.plant.set_dyno(Some(TURNING_RAD_S))?;

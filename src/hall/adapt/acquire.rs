@@ -1,4 +1,4 @@
-//! The begin, and the begin anew: angle and speed from the samples alone.
+//! Acquisition: angle and speed from samples alone, at the start and when tracking was lost.
 
 use super::filter::{ANGLE, SPEED, State};
 use super::{Adapter, Observation, Outcome, Phase};
@@ -6,34 +6,34 @@ use crate::angle::ElectricalAngle;
 use crate::trig::sin_cos_f32;
 
 impl Adapter {
-    /// Finds the angle, and from two of them the speed.
+    /// The angle from one sample, and the speed from two.
     #[cold]
-    pub(super) fn acquire(&mut self, observation: &Observation, mut useless: [bool; 3]) -> Outcome {
+    pub(super) fn acquire(&mut self, observation: &Observation, mut unusable: [bool; 3]) -> Outcome {
         self.window.clear();
-        if useless == [false; 3] {
-            useless = self.doubts.sensors();
+        if unusable == [false; 3] {
+            unusable = self.suspicions.suspected();
         }
-        let signals = [0, 1, 2].map(|k| self.fixed[k].signal(f32::from(observation.codes[k])));
-        let angle = bearing(&self.state, &signals, &useless);
+        let signals = [0, 1, 2].map(|k| self.sensors[k].signal(f32::from(observation.codes[k])));
+        let angle = angle_of_signals(&self.state, &signals, &unusable);
         let step = (angle - self.state.angle).to_radians();
         self.state.angle = angle;
-        if self.phase != Phase::Still || observation.elapsed != 1 {
-            self.phase = Phase::Still;
+        if self.phase != Phase::AngleKnown || observation.elapsed != 1 {
+            self.phase = Phase::AngleKnown;
             return Outcome::Acquiring;
         }
         self.phase = Phase::Tracking;
         self.state.speed = step;
         // The parameters bend the angle, by some third of a radian a radian at worst.
         let deviation = 0.3 * libm::fabsf(step) + 0.04;
-        self.covariance.forget(ANGLE, 0.15);
-        self.covariance.forget(SPEED, deviation * deviation);
-        self.follow_all(&self.measure(&observation.codes, useless));
+        self.covariance.reset(ANGLE, 0.15);
+        self.covariance.reset(SPEED, deviation * deviation);
+        self.track_all(&self.measure(&observation.codes, unusable));
         Outcome::Acquiring
     }
 }
 
 /// The angle that explains three (or, ignoring some, two) signals best as sinusoids.
-fn bearing(state: &State, signals: &[f32; 3], ignore: &[bool; 3]) -> ElectricalAngle {
+fn angle_of_signals(state: &State, signals: &[f32; 3], ignore: &[bool; 3]) -> ElectricalAngle {
     // Normal equations of signal = offset + amplitude · (sin θ · cos ψ − cos θ · sin ψ).
     let (mut cc, mut ss, mut cs, mut yc, mut ys) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for k in (0..3).filter(|&k| !ignore[k]) {

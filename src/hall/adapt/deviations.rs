@@ -1,31 +1,30 @@
 //! How well the filter knows what it estimates.
 
-use super::Adapter;
-use super::filter::{ANGLE, OFFSET, SPEED, THIRD};
+use super::filter::{ANGLE, Covariance, OFFSET, SPEED, THIRD};
 
 /// Standard deviations of the estimates; offset, amplitude and third harmonic relative to the calibrated amplitude.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Deviations {
-    /// Radians.
+    /// √P of the angle, rad electrical.
     pub angle: f32,
-    /// Radians a sample.
+    /// √P of the speed, rad electrical a sample.
     pub speed: f32,
-    /// Third harmonic.
+    /// √P of the third harmonic, share of the amplitude.
     pub third: f32,
-    /// Of each sensor.
+    /// √P of each offset, share of the calibrated amplitude.
     pub offset: [f32; 3],
-    /// Of each sensor.
+    /// √P of each amplitude, share of the calibrated one.
     pub amplitude: [f32; 3],
-    /// Radians; the first is the origin.
+    /// √P of each placement, rad electrical; the first is the origin and zero.
     pub placement: [f32; 3],
 }
 
-impl Adapter {
-    /// How well the filter believes to know what it estimates.
-    pub fn deviations(&self) -> Deviations {
-        let of = |state: usize| libm::sqrtf(self.covariance.get(state, state).max(0.0));
-        Deviations {
+impl Deviations {
+    /// The square roots of the diagonal.
+    pub(super) fn of(covariance: &Covariance) -> Self {
+        let of = |state: usize| libm::sqrtf(covariance.get(state, state).max(0.0));
+        Self {
             angle: of(ANGLE),
             speed: of(SPEED),
             third: of(THIRD),

@@ -1,11 +1,11 @@
 //! The extended Kalman filter itself: eleven states and their joint covariance.
 //!
 //! States, in this order: θ (Hall angle, rad), ω (rad a sample), h (third harmonic beyond the calibrated one, the same
-//! for all sensors), and for every sensor its offset and amplitude, relative to the calibrated amplitude, and, but for the
-//! first, its placement ψ (rad). The angles themselves are kept as wrapping integers.
+//! for all sensors), and for every sensor its offset and amplitude, relative to the calibrated amplitude, and, but for
+//! the first, its placement ψ (rad). The angles themselves are kept as wrapping integers.
 //!
-//! Measurements are scalars and are worked in one after the other, so nothing is inverted. One costs what reading and
-//! writing the 66 entries of the covariance costs.
+//! Measurements are scalars, used one after the other, so nothing is inverted. One costs what reading and writing the
+//! 66 entries of the covariance costs.
 
 use crate::angle::{ElectricalAngle, TURN};
 
@@ -14,11 +14,11 @@ pub const STATES: usize = 11;
 /// Entries of the covariance on and above its diagonal.
 const ENTRIES: usize = STATES * (STATES + 1) / 2;
 
-/// Where a state stands.
+/// Index of each state.
 pub const ANGLE: usize = 0;
 pub const SPEED: usize = 1;
 pub const THIRD: usize = 2;
-/// The offset of each sensor; its amplitude and placement follow.
+/// Index of each sensor's offset; its amplitude and placement follow.
 pub const OFFSET: [usize; 3] = [3, 5, 8];
 
 /// A vector over the states.
@@ -28,7 +28,7 @@ pub type Vector = [f32; STATES];
 #[derive(Clone, Debug, PartialEq)]
 pub struct Covariance([f32; ENTRIES]);
 
-/// Where an entry is kept, whichever triangle it is of.
+/// Index of an entry, of either triangle.
 const fn at(i: usize, j: usize) -> usize {
     let (i, j) = if i < j { (i, j) } else { (j, i) };
     i * STATES - i * (i + 1) / 2 + j
@@ -68,8 +68,8 @@ impl Covariance {
         ]
     }
 
-    /// Adds to a variance, but not beyond `largest`.
-    pub fn widen(&mut self, state: usize, variance: f32, largest: f32) {
+    /// Adds to a variance, up to `largest`.
+    pub fn inflate(&mut self, state: usize, variance: f32, largest: f32) {
         let entry = &mut self.0[at(state, state)];
         let wider = *entry + variance;
         if wider <= largest {
@@ -79,16 +79,16 @@ impl Covariance {
         }
     }
 
-    /// Forgets what is known of a state, but for this variance.
-    pub fn forget(&mut self, state: usize, variance: f32) {
+    /// Makes a state independent of the others, with this variance.
+    pub fn reset(&mut self, state: usize, variance: f32) {
         for k in 0..STATES {
             self.0[at(state, k)] = 0.0;
         }
         self.0[at(state, state)] = variance;
     }
 
-    /// So many sample periods pass: θ += ω in each, with a random change of the speed of variance `noise` meanwhile. That the
-    /// speed decays is left out, which makes no difference from sample to sample.
+    /// Prediction over `samples` periods: θ += ω in each, with process noise of variance `noise` on the speed. That
+    /// friction slows the rotor is left out here, which makes no difference from sample to sample.
     #[inline(always)]
     pub fn advance(&mut self, noise: f32, samples: f32) {
         let p = &mut self.0;
@@ -102,25 +102,26 @@ impl Covariance {
     }
 }
 
-/// What a sensor's signal tells, at the predicted state.
+/// A sensor's signal against its prediction; relative to the calibrated amplitude.
 #[derive(Clone, Copy, Debug)]
 pub struct Measurement {
     /// Measured less predicted signal.
     pub innovation: f32,
     /// Variance of the signal's noise.
     pub noise: f32,
-    /// Derivatives of the signal; that by the offset is one, that by the placement the negative of `angle`.
+    /// Derivatives of the signal by angle (rad), amplitude and third harmonic; that by the offset is one, that by the
+    /// placement the negative of `angle`.
     pub angle: f32,
     pub amplitude: f32,
     pub third: f32,
 }
 
-/// What a measurement has to do with the states.
+/// Covariance of a measurement with the states: P·hᵀ and h·P·hᵀ for the derivatives h.
 #[derive(Clone, Copy, Debug)]
-pub struct Relation {
-    /// Covariance times derivatives.
+pub struct CrossCovariance {
+    /// P·hᵀ.
     spread: Vector,
-    /// Of the innovation, without its noise.
+    /// h·P·hᵀ: variance of the innovation without its noise.
     pub variance: f32,
 }
 
@@ -139,7 +140,7 @@ fn product(h: &[f32; STATES - 1], b: &[f32; STATES - 1]) -> f32 {
         + h[9] * b[9]
 }
 
-impl Relation {
+impl CrossCovariance {
     /// Of the weighted sum of three sensors' signals.
     pub fn of_all(measurements: &[Measurement; 3], weights: &[f32; 3], p: &Covariance) -> Self {
         let [a, b, c] = measurements;
@@ -168,23 +169,23 @@ impl Relation {
 }
 
 impl Measurement {
-    /// Of a sensor that is not to be used: infinitely noisy.
+    /// A sensor that is not to be used: infinitely noisy.
     pub const NONE: Self = Self { innovation: 0.0, noise: f32::INFINITY, angle: 0.0, amplitude: 0.0, third: 0.0 };
 
-    /// As the signal of this sensor.
+    /// The covariance with the states, for this sensor.
     #[inline(always)]
-    pub fn relation(&self, sensor: usize, p: &Covariance) -> Relation {
+    pub fn cross(&self, sensor: usize, p: &Covariance) -> CrossCovariance {
         match sensor {
-            0 => self.relation_of::<0>(p),
-            1 => self.relation_of::<1>(p),
-            _ => self.relation_of::<2>(p),
+            0 => self.cross_of::<0>(p),
+            1 => self.cross_of::<1>(p),
+            _ => self.cross_of::<2>(p),
         }
     }
 
-    /// Whether the innovation is farther from zero than the square root of so many variances.
+    /// Whether the squared innovation exceeds this multiple of its variance.
     #[inline(always)]
-    pub fn is_outlier(&self, relation: &Relation, squared: f32) -> bool {
-        self.innovation * self.innovation > squared * (relation.variance + self.noise)
+    pub fn is_outlier(&self, cross: &CrossCovariance, squared: f32) -> bool {
+        self.innovation * self.innovation > squared * (cross.variance + self.noise)
     }
 
     /// Variance of the innovation, without its noise: that of the relation, for a third of the work.
@@ -221,32 +222,32 @@ impl Measurement {
     }
 
     #[inline(always)]
-    fn relation_of<const SENSOR: usize>(&self, p: &Covariance) -> Relation {
+    fn cross_of<const SENSOR: usize>(&self, p: &Covariance) -> CrossCovariance {
         let own = OFFSET[SENSOR];
         let mut spread = [0.0; STATES];
         for (k, b) in spread.iter_mut().enumerate() {
             let angle = if SENSOR == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(own + 2, k) };
             *b = self.angle * angle + self.third * p.get(THIRD, k) + p.get(own, k) + self.amplitude * p.get(own + 1, k);
         }
-        Relation { variance: self.dot::<SENSOR>(&spread), spread }
+        CrossCovariance { variance: self.dot::<SENSOR>(&spread), spread }
     }
 }
 
 impl Covariance {
-    /// Works in a measurement of this noise. Without `learn`, only angle and speed follow, and what is known of them
-    /// together with the parameters stays consistent (a Schmidt filter).
+    /// Update of the covariance by a measurement of this noise. Without `learn`, only angle and speed are corrected,
+    /// and their covariance with the parameters stays consistent (Schmidt–Kalman filter).
     #[inline(always)]
-    fn shrink(&mut self, relation: &Relation, noise: f32, learn: bool) -> f32 {
-        let weight = 1.0 / (relation.variance + noise);
-        self.shrink_rows::<0, 2>(weight, &relation.spread);
+    fn reduce(&mut self, cross: &CrossCovariance, noise: f32, learn: bool) -> f32 {
+        let weight = 1.0 / (cross.variance + noise);
+        self.reduce_rows::<0, 2>(weight, &cross.spread);
         if learn {
-            self.shrink_rows::<2, STATES>(weight, &relation.spread);
+            self.reduce_rows::<2, STATES>(weight, &cross.spread);
         }
         weight
     }
 
     #[inline(always)]
-    fn shrink_rows<const FIRST: usize, const END: usize>(&mut self, weight: f32, b: &Vector) {
+    fn reduce_rows<const FIRST: usize, const END: usize>(&mut self, weight: f32, b: &Vector) {
         for row in FIRST..END {
             let gain = weight * b[row];
             for column in row..STATES {
@@ -255,11 +256,11 @@ impl Covariance {
         }
     }
 
-    /// Works in one measurement, with its relation to this covariance.
+    /// Update by one measurement, whose covariance with the states is `cross`.
     #[inline(always)]
-    pub fn work_in(&mut self, m: &Measurement, relation: &Relation, state: &mut State, learn: bool) {
-        let weight = self.shrink(relation, m.noise, learn);
-        state.correct(weight * m.innovation, &relation.spread, learn);
+    pub fn update_by(&mut self, m: &Measurement, cross: &CrossCovariance, state: &mut State, learn: bool) {
+        let weight = self.reduce(cross, m.noise, learn);
+        state.correct(weight * m.innovation, &cross.spread, learn);
     }
 }
 
@@ -275,7 +276,7 @@ pub struct State {
 }
 
 impl State {
-    /// Moves by a multiple of a vector, or only angle and speed.
+    /// Adds a multiple of a vector; without `learn` to angle and speed only.
     #[inline(always)]
     fn correct(&mut self, times: f32, by: &Vector, learn: bool) {
         self.angle += radians(times * by[ANGLE]);

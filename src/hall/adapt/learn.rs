@@ -1,12 +1,12 @@
-//! What becomes of what is learnt: turns seen whole, the box, the drift, and a new model.
+//! Adaptation of the parameters: coverage of the turn, limits, drift, and a new model.
 
 use super::filter::{Covariance, STATES, THIRD, radians};
 use super::{Adapter, Fault, Outcome, Parameter};
 use crate::angle::ElectricalAngle;
 use crate::hall::{Channel, estimate};
 
-/// Fewest samples of a turn seen whole.
-const WHOLE: u32 = 64;
+/// Fewest samples from which a model is made.
+const FEWEST_SAMPLES: u32 = 64;
 
 impl Adapter {
     pub(super) fn follow(&mut self) -> Outcome {
@@ -19,75 +19,75 @@ impl Adapter {
         if self.paused != 0 {
             self.resume();
         }
-        self.learnt += 1;
+        self.learnt_samples += 1;
         let eighth = 1 << (self.state.angle.to_bits() as u32 >> 29);
-        if self.seen & eighth == 0 { self.new_eighth(eighth) } else { Outcome::Learning }
+        if self.seen_eighths & eighth == 0 { self.new_eighth(eighth) } else { Outcome::Learning }
     }
 
-    /// Learning has come to an eighth of the turn not seen since the last model.
+    /// The rotor has come to an eighth of the turn that was not covered since the last model.
     #[cold]
     fn new_eighth(&mut self, eighth: u8) -> Outcome {
-        self.confine();
-        self.seen |= eighth;
-        if self.seen != u8::MAX {
+        self.limit_parameters();
+        self.seen_eighths |= eighth;
+        if self.seen_eighths != u8::MAX {
             return Outcome::Learning;
         }
-        self.seen = 0;
-        if self.learnt >= WHOLE {
-            self.learnt = 0;
-            self.doubts.clear();
-            self.wander();
+        self.seen_eighths = 0;
+        if self.learnt_samples >= FEWEST_SAMPLES {
+            self.learnt_samples = 0;
+            self.suspicions.clear();
+            self.add_drift();
             // The model is the next observation's work.
-            self.turned = true;
+            self.model_due = true;
         }
         Outcome::Learning
     }
 
-    /// Makes up for the drift while nothing was learnt.
+    /// Adds the drift of the time in which nothing was learnt.
     #[cold]
     fn resume(&mut self) {
         if self.paused >= self.config.pause {
-            self.wander();
+            self.add_drift();
         }
         self.paused = 0;
     }
 
-    /// The parameters may have drifted since the last time.
-    fn wander(&mut self) {
-        let samples = core::mem::take(&mut self.since) as f32;
+    /// Adds the drift since the last time to the parameters' variances.
+    fn add_drift(&mut self) {
+        let samples = core::mem::take(&mut self.samples_since_drift) as f32;
         for state in THIRD..STATES {
-            self.covariance.widen(state, self.drift[state] * samples, self.start[state]);
+            self.covariance.inflate(state, self.drift[state] * samples, self.start[state]);
         }
     }
 
-    /// Doubts all parameters as at the start.
+    /// Parameters' variances as at the start.
     pub(super) fn restart(&mut self) {
         self.covariance = Covariance::diagonal(&self.start);
-        self.seen = 0;
-        self.learnt = 0;
-        self.turned = false;
+        self.seen_eighths = 0;
+        self.learnt_samples = 0;
+        self.model_due = false;
     }
 
-    /// Keeps the parameters in the box.
-    fn confine(&mut self) {
+    /// Cuts the parameters to their limits around the calibration.
+    fn limit_parameters(&mut self) {
         let (limits, state) = (&self.config.limits, &mut self.state);
         let limit = radians(limits.placement_deg).to_bits();
         state.third = within(state.third, -limits.third, limits.third);
-        for (k, fixed) in self.fixed.iter().enumerate() {
+        for (k, sensors) in self.sensors.iter().enumerate() {
             state.offset[k] = within(state.offset[k], -limits.offset, limits.offset);
             state.amplitude[k] = within(state.amplitude[k], 1.0 - limits.amplitude, 1.0 + limits.amplitude);
-            let middle = fixed.sensor.placement;
+            let middle = sensors.sensor.placement;
             let placement = (state.placement[k] - middle).to_bits().clamp(-limit, limit);
             state.placement[k] = middle + ElectricalAngle::from_bits(placement);
         }
     }
 
-    /// The first parameter at the edge of the box.
-    fn at_edge(&self) -> Option<Fault> {
+    /// The first parameter at its limit.
+    fn limit_reached(&self) -> Option<Fault> {
         let (limits, state) = (&self.config.limits, &self.state);
         let reached = |value: f32, limit: f32| value.abs() >= 0.999 * limit;
         for k in 0..3 {
-            let placement = (state.placement[k] - self.fixed[k].sensor.placement).to_radians();
+            let placement = (state.placement[k] - self.sensors[k].sensor.placement).to_radians();
             let parameter = if reached(state.offset[k], limits.offset) {
                 Parameter::Offset
             } else if reached(state.amplitude[k] - 1.0, limits.amplitude) {
@@ -102,18 +102,18 @@ impl Adapter {
         reached(state.third, limits.third).then_some(Fault::Distorted)
     }
 
-    /// All of the turn has been seen: is it a model?
+    /// All of the turn has been covered: makes a model of it, unless a parameter is at its limit.
     #[cold]
-    pub(super) fn whole_turn(&mut self) -> Outcome {
-        self.turned = false;
-        let edge = self.at_edge();
-        if let Some(fault) = edge.filter(|_| edge == self.edge) {
+    pub(super) fn publish_model(&mut self) -> Outcome {
+        self.model_due = false;
+        let last_limit = self.limit_reached();
+        if let Some(fault) = last_limit.filter(|_| last_limit == self.last_limit) {
             self.fail(fault);
             return Outcome::Following;
         }
-        self.edge = edge;
+        self.last_limit = last_limit;
         let model = self.current();
-        if edge.is_some() || estimate::validate(&model, self.config.adc_bits).is_err() {
+        if last_limit.is_some() || estimate::validate(&model, self.config.adc_bits).is_err() {
             return Outcome::Learning;
         }
         self.model = model;
@@ -121,8 +121,8 @@ impl Adapter {
     }
 }
 
-/// `value` within a range. `f32::clamp` says what is wrong with a range that is none, and brings all of the formatting of floats with
-/// it into a firmware.
+/// `value` within a range. `f32::clamp` says what is wrong with a range that is none, and brings all of the formatting
+/// of floats with it into a firmware.
 fn within(value: f32, least: f32, most: f32) -> f32 {
     value.max(least).min(most)
 }

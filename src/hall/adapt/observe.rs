@@ -4,11 +4,12 @@ use super::filter::{Measurement, State, radians};
 use crate::hall::model::Sensor;
 use crate::trig::sin_cos_f32;
 
-/// What the filter does not estimate of a sensor.
+/// A sensor as calibrated: what the filter does not estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Fixed {
-    /// The calibration, from which offset and amplitude are counted.
+pub struct CalibratedSensor {
+    /// The calibration; offsets and amplitudes of the state are relative to it.
     pub sensor: Sensor,
+    /// One over the calibrated amplitude, 1/codes.
     per_code: f32,
     /// Variance of noise and quantisation of one sample, relative to the squared amplitude.
     pub noise: f32,
@@ -19,12 +20,12 @@ pub struct Fixed {
 /// What the best model leaves unexplained, relative to the amplitude.
 const UNEXPLAINED: f32 = 2e-3;
 
-/// What is left of sin x, sin 3x and sin 5x in what is looked at.
+/// Share of sin x, sin 3x and sin 5x that a mean of samples keeps.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Blur([f32; 3]);
+pub struct Attenuation([f32; 3]);
 
-impl Blur {
-    /// A single sample: everything.
+impl Attenuation {
+    /// A single sample keeps all.
     pub const NONE: Self = Self([1.0; 3]);
 
     /// The mean of three samples at this speed, rad a sample: (1 + 2·cos kω) / 3 of the k-th harmonic in the middle.
@@ -37,7 +38,7 @@ impl Blur {
     }
 }
 
-impl Fixed {
+impl CalibratedSensor {
     pub fn new(sensor: &Sensor, noise_codes: f32) -> Self {
         let per_code = 1.0 / sensor.amplitude;
         let white = (noise_codes * noise_codes + 1.0 / 12.0) * per_code * per_code;
@@ -53,22 +54,22 @@ impl Fixed {
 
     /// Compares a sample with what the state predicts.
     pub fn measure(&self, sensor: usize, state: &State, code: u16, curvature: f32) -> Measurement {
-        self.compare(sensor, state, f32::from(code), Blur::NONE, self.noise + curvature)
+        self.compare(sensor, state, f32::from(code), Attenuation::NONE, self.noise + curvature)
     }
 
     /// Compares the mean of three samples with what the state in the middle predicts.
     #[inline(always)]
     pub fn measure_mean(&self, sensor: usize, state: &State, mean: f32, curvature: f32) -> Measurement {
-        self.compare(sensor, state, mean, Blur::of_three(state.speed), self.mean_noise + curvature)
+        self.compare(sensor, state, mean, Attenuation::of_three(state.speed), self.mean_noise + curvature)
     }
 
     #[inline(always)]
-    fn compare(&self, sensor: usize, state: &State, code: f32, blur: Blur, noise: f32) -> Measurement {
+    fn compare(&self, sensor: usize, state: &State, code: f32, attenuation: Attenuation, noise: f32) -> Measurement {
         let (sine, cosine) = sin_cos_f32(state.angle - state.placement[sensor]);
-        // sin 3x = sin x · (3 − 4 sin² x), sin 5x = sin x · (5 − 20 sin² x + 16 sin⁴ x), and likewise the cosines, so that
-        // wave = sin x · (a + q·(b + q·c)), slope = cos x · (a + q·(3b + 5q·c)) with q = sin² x.
+        // sin 3x = sin x · (3 − 4 sin² x), sin 5x = sin x · (5 − 20 sin² x + 16 sin⁴ x), and likewise the cosines, so
+        // that wave = sin x · (a + q·(b + q·c)), slope = cos x · (a + q·(3b + 5q·c)) with q = sin² x.
         let square = sine * sine;
-        let Blur([first, third, fifth]) = blur;
+        let Attenuation([first, third, fifth]) = attenuation;
         let h3 = third * (self.sensor.third + state.third);
         let h5 = fifth * self.sensor.fifth;
         let (a, b, c) = (first + 3.0 * h3 + 5.0 * h5, -4.0 * h3 - 20.0 * h5, 16.0 * h5 * square);

@@ -1,19 +1,19 @@
-//! What a person sets of the adaptation, in SI units, and the form the filter works with.
+//! Settings of the adaptation in SI units, and the form the filter works with.
 
 use core::f32::consts::TAU;
 use core::fmt;
 
-/// How far parameters may be from the calibration; all but the placement relative to the sensor's calibrated amplitude.
+/// One number for each kind of parameter; all but the placement are shares of the sensor's calibrated amplitude.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Spread {
-    /// Of each offset.
+    /// Offset of each sensor, share of the amplitude.
     pub offset: f32,
-    /// Of each amplitude.
+    /// Amplitude of each sensor, share of the calibrated one.
     pub amplitude: f32,
-    /// Of the second and third sensor's placement against the first, electrical degrees.
+    /// ψ: placement of the second and third sensor against the first, electrical degrees.
     pub placement_deg: f32,
-    /// Of the third harmonic that the sensors share.
+    /// h₃: third harmonic, which the sensors share, share of the amplitude.
     pub third: f32,
 }
 
@@ -25,8 +25,8 @@ pub struct Settings {
     pub adc_bits: u8,
     /// Rate of the samples, 50 Hz to 20 kHz.
     pub update_hz: f32,
-    /// Standard deviation of each sensor's noise in ADC codes, 0 to a tenth of the ADC's range. The calibration measures
-    /// it; half a code of quantisation comes on top.
+    /// Standard deviation of each sensor's noise in ADC codes, 0 to a tenth of the ADC's range. The calibration
+    /// measures it; half a code of quantisation comes on top.
     pub noise_codes: [f32; 3],
     /// Pole pairs of the rotor, 1 to 64.
     pub pole_pairs: u8,
@@ -34,14 +34,14 @@ pub struct Settings {
     pub inertia_kgm2: f32,
     /// k_e + μ_f of eq. (11): torque against the motion per speed, 0 to 10 N·m·s.
     pub damping_nms: f32,
-    /// Density of the torque that is not told to the filter, N·m/√Hz: what follows from the inertia must be from 1e-3 to
-    /// 1e5 rad/s²/√Hz, electrical. Low smooths more, high follows faster.
+    /// Density of the torque that is not told to the filter, N·m/√Hz: what follows from the inertia must be from 1e-3
+    /// to 1e5 rad/s²/√Hz, electrical. Low smooths more, high follows faster.
     pub torque_noise_nm_rthz: f32,
     /// What each parameter may wander by in a second, and in t seconds √t times as much; each 0 to 1, degrees 0 to 10.
     pub drift: Spread,
     /// Standard deviation of the model it starts from; each 0 to 0.5, degrees 0 to 20.
     pub start: Spread,
-    /// The box around that model which no parameter leaves; at least as large as `start`, at most 0.6 and 25 degrees.
+    /// Limits around that model which no parameter leaves; at least as large as `start`, at most 0.6 and 25 degrees.
     pub limits: Spread,
     /// Slowest speed at which parameters are learnt, 0.05 Hz electrical to a tenth of `update_hz`.
     pub slowest_hz: f32,
@@ -70,7 +70,7 @@ impl Default for Settings {
     }
 }
 
-/// A setting that cannot be.
+/// A setting out of its range.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct OutOfRange {
@@ -98,21 +98,21 @@ impl core::error::Error for OutOfRange {}
 pub struct Config {
     pub(crate) adc_bits: u8,
     pub(crate) noise_codes: [f32; 3],
-    /// Speed lost in a sample, as a fraction.
+    /// Share of the speed that friction takes in a sample, 0 to 1.
     pub(crate) damping: f32,
-    /// Acceleration in rad/sample² of a torque.
+    /// Acceleration by a torque, rad/sample² for 1 N·m.
     pub(crate) per_nm: f32,
-    /// Variance of the speed's random change in a sample.
+    /// Variance of the speed's random change in a sample, rad²/sample².
     pub(crate) acceleration: f32,
-    /// Variances gained in a sample.
+    /// Variances that the parameters gain in a sample.
     pub(crate) drift: Spread,
-    /// Variances at the start.
+    /// Variances of the parameters at the start.
     pub(crate) start: Spread,
-    /// The box, radians.
+    /// Limits of the parameters, share of the amplitude and rad.
     pub(crate) limits: Spread,
-    /// Radians a sample.
+    /// Slowest speed at which parameters are adapted, rad a sample.
     pub(crate) slowest: f32,
-    /// Samples after which the drift is made up for when learning goes on again.
+    /// Samples without adaptation after which the drift of that time is added before it goes on: one second.
     pub(crate) pause: u32,
 }
 

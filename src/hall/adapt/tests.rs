@@ -96,8 +96,8 @@ fn an_update_is_the_textbook_s() {
         let b: Vec<f64> = full.iter().map(|p| p.iter().zip(&h).map(|(p, h)| p * h).sum()).collect();
         let s = b.iter().zip(&h).map(|(b, h)| b * h).sum::<f64>() + 1e-3;
         assert!((f64::from(m.variance(sensor, &p)) - (s - 1e-3)).abs() < 1e-7);
-        let relation = m.relation(sensor, &p);
-        p.work_in(m, &relation, &mut state, learn);
+        let cross = m.cross(sensor, &p);
+        p.update_by(m, &cross, &mut state, learn);
         for i in 0..STATES {
             let moves = learn || i < THIRD;
             x[i] += if moves { b[i] / s * f64::from(m.innovation) } else { 0.0 };
@@ -144,15 +144,15 @@ fn every_sample_of_every_sensor_is_used_once() {
 #[test]
 fn the_mean_of_three_samples_is_predicted() {
     let sensor = Sensor { third: 0.05, fifth: 0.01, ..Sensor::sinusoidal(2000.0, 300.0, ElectricalAngle::THIRD) };
-    let fixed = Fixed::new(&sensor, 2.5);
+    let sensors = CalibratedSensor::new(&sensor, 2.5);
     let mut state = adapter(Settings::NOMINAL).state;
     for k in 0..100_u16 {
         state.angle = ElectricalAngle::from_turns(0.01 * f32::from(k));
-        state.speed = FASTEST * (0.02 * f32::from(k) - 1.0);
+        state.speed = FASTEST_SPEED * (0.02 * f32::from(k) - 1.0);
         let step = ElectricalAngle::from_radians(state.speed);
         let mean =
             [-step, ElectricalAngle::ZERO, step].map(|by| sensor.code(state.angle + by)).iter().sum::<f32>() / 3.0;
-        let measured = fixed.measure_mean(1, &state, mean, 0.0);
+        let measured = sensors.measure_mean(1, &state, mean, 0.0);
         assert!(measured.innovation.abs() < 2e-4, "{}", measured.innovation);
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::hall::Codes;
 
-/// The latest samples, a sample period apart, that may be worked in.
+/// The latest samples, a sample period apart, that have not been used for every sensor.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Window {
     /// The one before last, and the last.
@@ -19,9 +19,9 @@ impl Window {
         self.filled = 0;
     }
 
-    /// Takes a sample, so many periods after the last; returns the sensor whose turn it is and, if there are two samples
-    /// just before, the mean code of the three. Without a gap the next two samples are those of the other sensors, so
-    /// that every sample of every sensor is used once.
+    /// Takes a sample, so many periods after the last; returns the sensor whose turn it is and, if there are two
+    /// samples just before, the mean code of the three. Without a gap the next two samples are those of the other
+    /// sensors, so that every sample of every sensor is used once.
     #[inline(always)]
     pub fn push(&mut self, codes: &Codes, elapsed: u16) -> (usize, Option<f32>) {
         let sensor = usize::from(self.sensor);

@@ -1,16 +1,28 @@
 //! Least squares over all bins: fourteen parameters of the sensors, and the rotor's angle in each bin.
 //!
-//! The residual of sensor i in a bin is `eᵢ = (codeᵢ − offsetᵢ)/amplitudeᵢ − waveᵢ(θ)`. The angle of the bin is eliminated:
-//! it is set where the residual has no part along the tangent `tᵢ = ∂waveᵢ/∂θ`, and what a parameter does along the
-//! tangent is projected out (variable projection), so the normal equations stay 14 × 14 however many bins there are.
+//! The residual of sensor i in a bin is `eᵢ = (codeᵢ − offsetᵢ)/amplitudeᵢ − waveᵢ(θ)`. The angle of the bin is
+//! eliminated: it is set where the residual has no part along the tangent `tᵢ = ∂waveᵢ/∂θ`, and what a parameter does
+//! along the tangent is projected out (variable projection), so the normal equations stay 14 × 14 however many bins
+//! there are.
 
-use super::{BINS, Error};
 use crate::angle::ElectricalAngle;
 use crate::hall::Channel;
 use crate::hall::model::Sensor;
 use crate::math;
 use crate::trig::sin_cos_f32;
 use core::f32::consts::PI;
+
+/// Bins in a turn of the field.
+pub const BINS: usize = 64;
+
+/// Why no sensors fit.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum NoFit {
+    /// The first harmonic of this sensor is below four codes.
+    NoSignal(Channel),
+    /// The iteration does not settle.
+    Diverged,
+}
 
 /// Mean codes at a field angle.
 #[derive(Clone, Copy, Debug, Default)]
@@ -39,10 +51,10 @@ const NO_SIGNAL: f32 = 4.0;
 /// Fits the sensors to the points of a forward and a backward sweep, and tells the rotor's Hall angle at each.
 ///
 /// # Errors
-/// [`Error::NoSignal`] for a sensor whose first harmonic is below four codes, [`Error::NoFit`] when the iteration does not settle.
+/// [`NoFit`], by a sensor without a signal or an iteration that does not settle.
 // A stack frame of its own, given back before the report.
 #[inline(never)]
-pub fn fit(points: &[[Point; BINS]; 2], angles: &mut [[ElectricalAngle; BINS]; 2]) -> Result<Fit, Error> {
+pub fn fit(points: &[[Point; BINS]; 2], angles: &mut [[ElectricalAngle; BINS]; 2]) -> Result<Fit, NoFit> {
     let start = start(&points[0])?;
     // The Hall angle is zero where the first sensor's fundamental rises through its offset.
     let zero = start[0].placement;
@@ -56,7 +68,7 @@ pub fn fit(points: &[[Point; BINS]; 2], angles: &mut [[ElectricalAngle; BINS]; 2
             *angle = nearest(&sensors, &point.codes, *angle);
             equations.add(&sensors, &point.codes, *angle);
         }
-        equations.solve().ok_or(Error::NoFit)?;
+        equations.solve().ok_or(NoFit::Diverged)?;
         apply(&mut sensors, &equations.vector);
     }
     let mut square = 0.0;
@@ -66,13 +78,13 @@ pub fn fit(points: &[[Point; BINS]; 2], angles: &mut [[ElectricalAngle; BINS]; 2
     }
     let residual = libm::sqrtf(square / (6 * BINS) as f32);
     if !residual.is_finite() {
-        return Err(Error::NoFit);
+        return Err(NoFit::Diverged);
     }
     Ok(Fit { sensors: sensors.map(unaveraged), residual })
 }
 
 /// First harmonic over the field's angle.
-fn start(points: &[Point; BINS]) -> Result<[Sensor; 3], Error> {
+fn start(points: &[Point; BINS]) -> Result<[Sensor; 3], NoFit> {
     let mut sensors = [Sensor::sinusoidal(0.0, 0.0, ElectricalAngle::ZERO); 3];
     for (channel, sensor) in sensors.iter_mut().enumerate() {
         let (mut mean, mut sine, mut cosine) = (0.0, 0.0, 0.0);
@@ -84,7 +96,7 @@ fn start(points: &[Point; BINS]) -> Result<[Sensor; 3], Error> {
         }
         let amplitude = libm::hypotf(sine, cosine);
         if !(amplitude >= NO_SIGNAL) {
-            return Err(Error::NoSignal(Channel(channel as u8)));
+            return Err(NoFit::NoSignal(Channel(channel as u8)));
         }
         let placement = ElectricalAngle::from_radians(-libm::atan2f(cosine, sine));
         *sensor = Sensor::sinusoidal(mean, amplitude, placement);
@@ -158,7 +170,8 @@ impl Equations {
     }
 }
 
-/// What each parameter does to its sensor's model: offset and amplitude relative to the amplitude, harmonics, placement.
+/// What each parameter does to its sensor's model: offset and amplitude relative to the amplitude, harmonics,
+/// placement.
 fn derivatives(sensors: &[Sensor; 3], angle: ElectricalAngle, t: &[f32; 3]) -> [f32; PARAMETERS] {
     let mut all = [0.0; PARAMETERS];
     for (channel, sensor) in sensors.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! What a calibration says to the person who mounted the sensors.
 
-use super::{Collector, fit::Fit};
+use super::fit::Fit;
 use crate::angle::{ElectricalAngle, PolePairs};
 use crate::hall::Channel;
 use crate::hall::model::Model;
@@ -33,6 +33,14 @@ pub struct SensorReport {
     pub fifth_pct: f32,
     /// Standard deviation in per cent of the amplitude.
     pub noise_pct: f32,
+    /// Samples at the ends of the ADC's range.
+    pub at_rail: u32,
+}
+
+/// What the samples of a sensor tell without a model.
+pub(super) struct Raw {
+    /// Standard deviation of the noise, in ADC codes.
+    pub noise: f32,
     /// Samples at the ends of the ADC's range.
     pub at_rail: u32,
 }
@@ -136,7 +144,7 @@ impl fmt::Display for Finding {
 impl Report {
     pub(super) fn new(
         model: &Model,
-        collector: &Collector,
+        raw: &[Raw; 3],
         fit: &Fit,
         lag: ElectricalAngle,
         hunting: ElectricalAngle,
@@ -150,8 +158,8 @@ impl Report {
                 placement_error: pattern.error(model, channel),
                 third_pct: 100.0 * sensor.third,
                 fifth_pct: 100.0 * sensor.fifth,
-                noise_pct: 100.0 * collector.noise.deviation(channel) / sensor.amplitude,
-                at_rail: collector.at_rail[channel],
+                noise_pct: 100.0 * raw[channel].noise / sensor.amplitude,
+                at_rail: raw[channel].at_rail,
             }
         };
         let sensors = [sensor(0), sensor(1), sensor(2)];

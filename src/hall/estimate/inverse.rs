@@ -1,10 +1,12 @@
 //! The matrix by which three signals become cosine, sine and what they have in common.
 
-use super::DISAGREEMENT;
 use crate::hall::Channel;
 use crate::hall::model::Model;
 use crate::hall::plausibility::Window;
 use crate::trig::sin_cos_f32;
+
+/// Largest plausible disagreement c of the sensors, relative to their amplitude.
+pub const DISAGREEMENT: f32 = 0.3;
 
 /// The inverse of (F, s): what to take of each normalised signal for cosine, sine and what is common.
 pub(super) struct Inverse {

@@ -14,8 +14,8 @@
 //!
 //! Sampling must be at equal intervals; their length does not matter.
 
-use super::{Refusal, round};
-use crate::vernier::correct::NODES;
+use super::refusal::Refusal;
+use crate::vernier::correct::{NODES, round};
 
 /// Distance of nodes in 2⁻¹⁶ pole pairs.
 const NODE: i32 = 1 << 16 >> NODES.ilog2();

@@ -9,9 +9,9 @@
 //!   meet every place of the one together with every place of the other. That corrects the curves by what an uneven
 //!   speed has left in them.
 
-use super::{Refusal, corrected_heads, round};
+use super::refusal::Refusal;
 use crate::angle::ElectricalAngle;
-use crate::vernier::correct::NODES;
+use crate::vernier::correct::{NODES, correct_heads, round};
 use crate::vernier::encoder::{Calibration, Reading};
 use crate::vernier::rings::{Ring, Rings};
 
@@ -124,7 +124,7 @@ impl<const HEADS: usize> Residuals<HEADS> {
                 let node = ((usize::from(reading) + (1 << 15) / NODES) * NODES) >> 16;
                 means[node % NODES].push(difference);
             }
-            let heads = corrected_heads(calibration.curves(ring), readings);
+            let heads = correct_heads(calibration.curves(ring), readings);
             for (mean, head) in self.apart[index].iter_mut().zip(heads) {
                 mean.push((head.wrapping_sub(heads[0]) as i16).into());
             }

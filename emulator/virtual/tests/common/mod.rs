@@ -74,7 +74,7 @@ pub fn run(session: &mut Session, seconds: f64) {
     session.run_until(session.seconds() + seconds).expect("a run");
 }
 
-/// A board shortly before its calibration is complete, and after it has been saved, the bridge off. It does so once for all tests.
+/// A board shortly before its calibration is complete, and when it is over: saved, the rotor at rest. It does so once for all tests.
 fn calibration(board: &str) -> [Machine<Chip>; 2] {
     static DONE: PerBoard<[Machine<Chip>; 2]> = PerBoard::new();
     DONE.get(board, || {
@@ -86,7 +86,10 @@ fn calibration(board: &str) -> [Machine<Chip>; 2] {
             assert!(session.seconds() < 8.0, "{:#?}", session.lines);
         }
         until(&mut session, "record 0 saved", 8.0);
-        run(&mut session, 0.05);
+        while !ask(&mut session, "status").contains("activity: None") {
+            assert!(session.seconds() < 12.0, "{:#?}", session.lines);
+            run(&mut session, 0.05);
+        }
         [before, session.machine]
     })
 }

@@ -1,8 +1,9 @@
-//! The faults that take an absolute encoder to be found: the Halls' turns against it, one of its own heads, and swapped Halls.
+//! The faults that take an absolute encoder to be found: the Halls' turns against it, one of its own heads, and swapped
+//! Halls.
 //!
-//! Two Halls that are swapped show a rotor that turns the other way, each of them healthy and, as far as they are equal, in
-//! agreement with the others. Only where the swap makes the angle leap, or with something that has seen the true one, can
-//! that be told.
+//! Two Halls that are swapped show a rotor that turns the other way, each of them healthy and, as far as they are
+//! equal, in agreement with the others. Only where the swap makes the angle leap, or with something that has seen the
+//! true one, can that be told.
 
 use super::{Found, Summary, settings};
 use crate::experiment::vernier::{Build, calibrate, read};

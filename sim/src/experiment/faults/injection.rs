@@ -12,8 +12,8 @@ use rand_pcg::Pcg64;
 pub(super) enum Deadline {
     /// Within so many control periods.
     Periods(u32),
-    /// Within an electrical turn of the rotor and the periods that a wrong sample is tolerated for: it looks like a healthy
-    /// sensor where the rotor stands or where the sensors happen to agree.
+    /// Within an electrical turn of the rotor and the periods that a wrong sample is tolerated for: it looks like a
+    /// healthy sensor where the rotor stands or where the sensors happen to agree.
     Turn,
 }
 
@@ -108,7 +108,8 @@ impl Injection {
             Self::HallAtRail | Self::HallAtGround | Self::HallsShorted => {
                 matches!(fault, Fault::Hall(_) | Fault::AngleJump)
             }
-            // With one sensor frozen, the angle runs unevenly: once in two thousand times, that looks like over-speed first.
+            // With one sensor frozen, the angle runs unevenly: once in two thousand times, that looks like over-speed
+            // first.
             Self::HallFrozen => matches!(fault, Fault::Hall(_) | Fault::AngleJump | Fault::OverSpeed),
             Self::OverSpeed => fault == Fault::OverSpeed,
             Self::Stall => fault == Fault::Stall,

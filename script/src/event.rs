@@ -1,0 +1,82 @@
+//! Events out of words.
+
+use crate::words::{bytes, number, quantity, whole};
+use crate::{Event, HallWire, Hang};
+
+pub fn event(words: &[&str]) -> Result<Event, String> {
+    Ok(match words {
+        [] => return Err("nothing is done".into()),
+        ["hall", which, wire] => Event::Hall(hall(which)?, hall_wire(wire)?),
+        ["swap", "halls", a, b] => Event::SwapHalls(hall(a)?, hall(b)?),
+        ["bus", volts] => Event::Bus(quantity(volts, "V")?),
+        ["current", phase, amperes] => Event::Current(self::phase(phase)?, quantity(amperes, "A")?),
+        ["break", level] => Event::Break(break_level(level)?),
+        ["load", torque] => Event::Load(quantity(torque, "Nm")?),
+        ["turn", turns] => Event::Turn(number(turns)?),
+        ["hot"] => Event::Hot,
+        ["late"] => Event::Late,
+        ["uart", text] => Event::Uart(bytes(text)?),
+        ["send"] => return Err("nothing is sent".into()),
+        ["send", request @ ..] => Event::Send(request.iter().map(|word| (*word).to_owned()).collect()),
+        ["power", "cut", "after", count, "operations" | "operation"] => Event::PowerCut(whole(count)?),
+        ["power", "cycle"] => Event::PowerCycle,
+        ["hang"] => Event::Hang(Hang::Control),
+        ["hang", "tasks"] => Event::Hang(Hang::Tasks),
+        ["hang", number] => Event::Hang(Hang::Exception(exception(number)?)),
+        _ => return Err(format!("cannot do {:?}", words.join(" "))),
+    })
+}
+
+/// Words with hyphens or spaces between them; one that follows another is a sign.
+pub fn hyphenated(text: &str) -> Vec<String> {
+    let mut words = vec![String::new()];
+    for character in text.chars() {
+        let begins = words.last().is_none_or(String::is_empty);
+        match character {
+            '-' | ' ' if !begins => words.push(String::new()),
+            ' ' => {}
+            _ => words.last_mut().into_iter().for_each(|word| word.push(character)),
+        }
+    }
+    words.retain(|word| !word.is_empty());
+    words
+}
+
+fn hall(word: &str) -> Result<usize, String> {
+    match word {
+        "1" => Ok(0),
+        "2" => Ok(1),
+        "3" => Ok(2),
+        _ => Err(format!("Halls are 1, 2 and 3, not {word:?}")),
+    }
+}
+
+fn hall_wire(word: &str) -> Result<HallWire, String> {
+    Ok(match word {
+        "good" => HallWire::Good,
+        "open" => HallWire::Open,
+        "ground" => HallWire::Ground,
+        "supply" => HallWire::Supply,
+        "stuck" => HallWire::Stuck,
+        _ => return Err(format!("a Hall is good, open, ground, supply or stuck, not {word:?}")),
+    })
+}
+
+fn phase(word: &str) -> Result<usize, String> {
+    let index = ["U", "V", "W"].iter().position(|name| *name == word);
+    index.ok_or_else(|| format!("phases are U, V and W, not {word:?}"))
+}
+
+fn break_level(word: &str) -> Result<Option<bool>, String> {
+    match word {
+        "low" => Ok(Some(false)),
+        "high" => Ok(Some(true)),
+        "released" => Ok(None),
+        _ => Err(format!("the break pin is low, high or released, not {word:?}")),
+    }
+}
+
+fn exception(word: &str) -> Result<u16, String> {
+    let number = u16::try_from(whole(word)?).ok().filter(|number| (2..128).contains(number));
+    number.ok_or_else(|| format!("exceptions are 2 to 127, not {word:?}"))
+}

@@ -3,110 +3,130 @@
 //! The interrupt owns a [`Drive`] and calls [`Drive::step`] once a PWM period. Tasks talk to it through the lock-free queues
 //! of [`Channels`] only: commands in; replies, records and used-up estimators out. Large parameters travel as
 //! references, so a calibration is taken up between two steps by swapping a pointer.
+//!
+//! A drive dispatches its steps over control paths. The state ([`Mode`]), what is followed ([`Demand`]) and the
+//! [`Commutation`] say which one is active; each keeps what it alone needs:
+//!
+//! | path | active | what it does |
+//! |---|---|---|
+//! | `idle` | bridge off | measures the angle; learns the current amplifiers' zeros |
+//! | `open_loop` | aligning, calibrating | turns the field whatever the rotor does |
+//! | `voltage` | running by a modulation | a voltage vector turned with the rotor, sinusoidal or block |
+//! | `local_feedback` | following, sinusoidal or block | one current controlled by one voltage |
+//! | `field_oriented` | following, field-oriented | currents along d and q controlled |
+//!
+//! What control with currents needs beside its path, the outer loops, the protection and the schedule, is in `servo`.
 
 pub mod absolute;
 mod channels;
-pub mod drag;
-mod follow;
-mod loss;
-mod obey;
+mod command;
+mod field_oriented;
+mod hall_loss;
+mod idle;
+mod local_feedback;
+pub mod open_loop;
+mod protection;
 mod records;
+mod schedule;
 mod servo;
-mod sight;
-mod slots;
-mod watch;
+mod tracking;
+mod voltage;
 
 use crate::angle::ElectricalAngle;
-use crate::commutation::block::Sextant;
-use crate::commutation::sinusoidal::{self, Axes, PhaseOrder};
-use crate::commutation::{Commutation, Legs, Output};
-use crate::control::cogging;
+use crate::board::{Legs, Output, Sample};
+use crate::commutation::Commutation;
+use crate::config::Config;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
 use crate::hall::track::Tracker;
-use crate::hall::{Channel, Codes};
 use crate::mode::{Event, Mode};
-use crate::pwm::Amplitude;
-use crate::settings::Config;
 use crate::telemetry::{Progress, Record, Status};
-pub use channels::{Channels, Command, Interrupt, Refusal, Reply, Sample, Tasks};
-use drag::{Drag, Stage};
+pub use channels::{Channels, Command, Interrupt, Refusal, Reply, Tasks};
+use field_oriented::FieldOriented;
+use hall_loss::HallLoss;
+use idle::Idle;
+use local_feedback::LocalFeedback;
+use open_loop::{OpenLoop, Stage};
+pub use schedule::{CYCLE, OUTER};
 use servo::Servo;
 pub use servo::{Demand, State};
-pub(crate) use slots::RECORDS;
-pub use slots::{CYCLE, OUTER};
+use voltage::Voltage;
 
-/// The drive. What a step in a hurry needs comes first, within reach of the short forms of the load instructions.
+/// The drive. What every step needs comes first, within reach of the short forms of the load instructions.
 #[repr(C)]
 pub struct Drive {
     /// The progress, state and limits with angle and speed, as the tasks get it.
     live: Record,
     /// Steps to the next record.
     until_record: u32,
-    /// The estimator while the drive runs sinusoidally and no sample was missed. That it is here is what a step looks at first.
-    hurried: Option<&'static mut Estimator>,
-    /// From the rotor to the field: a quarter turn and the phase advance.
-    lead: ElectricalAngle,
-    /// The amplitude, for the sinusoidal commutation.
-    axes: Axes,
+    /// Which step comes next.
+    route: Route,
+    /// The estimator in use; none before the first calibration.
+    estimator: Option<&'static mut Estimator>,
     channels: Interrupt,
     config: Config,
-    /// Whether a current, a speed or a position is followed.
-    serves: bool,
-    /// The estimator while the drive does so field-oriented and no sample was missed.
-    serving: Option<&'static mut Estimator>,
-    /// The step of the schedule.
-    tick: u32,
-    /// While something is followed: what to add to that for the number of the step before, and where the next record, and the next
-    /// currents and voltages are due.
-    first: u32,
-    record_due: u32,
-    state_due: u32,
-    /// The estimator otherwise.
-    resting: Option<&'static mut Estimator>,
-    /// A Hall lost while running, as long as the estimator counts on it.
-    lost: Option<Channel>,
-    /// What would be a fault, unless two Halls do.
-    suspicion: Option<Fault>,
+    paths: Paths,
+    servo: Servo,
+    hall_loss: HallLoss,
     mode: Mode,
     limits: Limits,
     progress: Progress,
-    amplitude: Amplitude,
-    /// Where block commutation stands.
-    sextant: Sextant,
-    drag: Drag,
-    servo: Servo,
-    cogging: Option<&'static mut cogging::Table>,
+}
+
+/// The control paths.
+#[repr(C)]
+struct Paths {
+    voltage: Voltage,
+    field_oriented: FieldOriented,
+    local_feedback: LocalFeedback,
+    open_loop: OpenLoop,
+    idle: Idle,
+}
+
+/// The control path that is active.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Path {
+    Idle,
+    OpenLoop,
+    Voltage,
+    LocalFeedback,
+    FieldOriented,
+}
+
+/// How the next step is done. Two paths have a short step beside the general one, for the time that nothing is amiss: no sample was
+/// missed and no Hall is lost. A short step that meets anything else hands over to the general one.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Route {
+    /// The short step of the voltage path: sinusoidal, without current sensing.
+    Voltage,
+    /// The short step of the field-oriented path.
+    FieldOriented,
+    /// Any path, whatever was missed.
+    General,
 }
 
 impl Drive {
     /// Unarmed and without a calibration.
     pub const fn new(config: Config, channels: Interrupt) -> Self {
         Self {
-            drag: Drag::OFF,
-            config,
+            live: Record::new(),
+            until_record: 1,
+            route: Route::General,
+            estimator: None,
             channels,
-            hurried: None,
-            serves: false,
-            serving: None,
-            tick: 0,
-            first: 0,
-            record_due: 0,
-            state_due: 0,
-            resting: None,
-            lost: None,
-            suspicion: None,
+            paths: Paths {
+                voltage: Voltage::new(&config),
+                field_oriented: FieldOriented::new(),
+                local_feedback: LocalFeedback::new(),
+                open_loop: OpenLoop::OFF,
+                idle: Idle::new(),
+            },
+            config,
+            servo: Servo::new(),
+            hall_loss: HallLoss::NONE,
             mode: Mode::Unarmed,
             limits: Limits::NONE,
             progress: Progress::None,
-            live: Record::new(),
-            amplitude: Amplitude::ZERO,
-            axes: Axes::new(Amplitude::ZERO, config.order(), config.limits.half()),
-            lead: ElectricalAngle::QUARTER,
-            sextant: Sextant::First,
-            until_record: 1,
-            servo: Servo::new(),
-            cogging: None,
         }
     }
 
@@ -117,32 +137,173 @@ impl Drive {
     /// other to the next, so that no step is burdened with everything. Once a sample was missed, all of them are compared.
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
-        if self.serves {
-            return self.serve(sample);
+        match self.route {
+            Route::Voltage => self.voltage_step(sample),
+            Route::FieldOriented => self.field_oriented_step(sample),
+            Route::General => Output::unpack(self.general_step(sample)),
         }
-        let codes = &sample.halls;
+    }
+
+    /// The short step of the field-oriented path.
+    #[inline(always)]
+    fn field_oriented_step(&mut self, sample: &Sample) -> Output {
+        let angle = self.attend(sample).and_then(|estimator| estimator.angle_in_range(&sample.halls).ok());
+        if !angle.is_some_and(|angle| self.live.rotor.follow(&self.config.tracking, angle)) {
+            return Output::unpack(self.finish_step(sample, false));
+        }
+        if !self.is_healthy(sample) {
+            return Output::OFF;
+        }
+        let Self { paths, servo, live, config, .. } = self;
+        let compare = paths.field_oriented.step(servo, &live.rotor, &config.tracking, sample);
+        Output { compare, legs: Legs::ALL }
+    }
+
+    /// The short step of the voltage path.
+    #[inline(always)]
+    fn voltage_step(&mut self, sample: &Sample) -> Output {
         self.until_record = self.until_record.wrapping_sub(1);
         let records = self.until_record == 0;
-        if !records {
+        if records {
+            self.live.codes = sample.halls;
+        } else if self.channels.commands.ready() {
             self.receive(sample);
+            if self.route != Route::Voltage {
+                return Output::unpack(self.finish_step(sample, false));
+            }
         }
-        // First what is in a hurry.
-        let Some(estimator) = &self.hurried else {
-            return Output::unpack(self.slow(sample, records));
+        let Some(estimator) = &self.estimator else { return Output::OFF };
+        let angle = if records { estimator.angle_in_range(&sample.halls) } else { estimator.angle(&sample.halls) };
+        let followed = match angle {
+            Ok(angle) => self.live.rotor.follow(&self.config.tracking, angle),
+            Err(_) => false,
         };
-        let angle = if records { estimator.angle_of_one(codes) } else { estimator.angle(codes) };
-        // No sample was missed, so there is nothing to do when one is found.
-        if !self.track(angle, |_| ()) {
-            return Output::unpack(self.fallen(sample, records));
+        if !followed {
+            return Output::unpack(self.start_over(sample));
         }
         if records {
-            self.record(codes, self.config.record_every);
+            self.record(self.config.record_every);
         } else if self.is_too_fast() {
             self.fail(Fault::OverSpeed);
             return Output::OFF;
         }
-        let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
-        Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL }
+        self.paths.voltage.sinusoidal(self.live.rotor.predicted(&self.config.tracking))
+    }
+
+    /// What a short step of the voltage path has met is for the general step.
+    #[cold]
+    #[inline(never)]
+    fn start_over(&mut self, sample: &Sample) -> u64 {
+        self.until_record = self.until_record.wrapping_add(1);
+        self.general_step(sample)
+    }
+
+    /// A step of any path.
+    #[cold]
+    #[inline(never)]
+    fn general_step(&mut self, sample: &Sample) -> u64 {
+        let mut records = false;
+        if !self.servo.schedule.records {
+            self.until_record = self.until_record.wrapping_sub(1);
+            records = self.until_record == 0;
+            if !records {
+                self.receive(sample);
+            }
+        }
+        self.attend(sample);
+        self.finish_step(sample, records)
+    }
+
+    /// The rest of a step of any path, after its slot of the schedule.
+    #[cold]
+    #[inline(never)]
+    fn finish_step(&mut self, sample: &Sample, records: bool) -> u64 {
+        self.is_healthy(sample);
+        let output = match self.path() {
+            Path::Idle => self.idle(sample),
+            Path::OpenLoop => self.open_loop(),
+            Path::Voltage => self.voltage(sample),
+            Path::LocalFeedback => self.local_feedback(sample),
+            Path::FieldOriented => self.field_oriented(sample),
+        };
+        if records {
+            self.record_all(sample);
+        }
+        self.route = self.route();
+        // The command may have been to disarm, the angle implausible.
+        if self.mode.drives() { output.pack() } else { Output::OFF.pack() }
+    }
+
+    fn path(&self) -> Path {
+        match (self.mode, self.config.commutation) {
+            (Mode::Unarmed | Mode::Ready | Mode::Faulted(_), _) => Path::Idle,
+            (Mode::Aligning | Mode::Calibrating, _) => Path::OpenLoop,
+            (Mode::Running, _) if !self.servo.follows() => Path::Voltage,
+            (Mode::Running, Commutation::FieldOriented) => Path::FieldOriented,
+            (Mode::Running, Commutation::Block | Commutation::Sinusoidal) => Path::LocalFeedback,
+        }
+    }
+
+    fn route(&self) -> Route {
+        let complete = self.live.missed == 0 && self.hall_loss.lost.is_none() && self.estimator.is_some();
+        let Config { commutation, control, .. } = &self.config;
+        match self.path() {
+            Path::FieldOriented if complete => Route::FieldOriented,
+            Path::Voltage if complete && *commutation == Commutation::Sinusoidal && control.is_none() => Route::Voltage,
+            _ => Route::General,
+        }
+    }
+
+    fn idle(&mut self, sample: &Sample) -> Output {
+        self.measure(&sample.halls);
+        if let Some(control) = &self.config.control {
+            self.paths.idle.step(control, sample);
+            self.servo.protection.rest();
+        }
+        Output::OFF
+    }
+
+    /// The field that acts while this sample is taken stands for the rotor that follows it.
+    fn open_loop(&mut self) -> Output {
+        self.servo.command_received();
+        let open_loop = &mut self.paths.open_loop;
+        self.live.rotor = Tracker::at(open_loop.field());
+        let stage = open_loop.step(&self.config.open_loop);
+        let output = open_loop.output(&self.config.limits);
+        self.progress = match stage {
+            Stage::Rise | Stage::Stand(_) | Stage::Settle(_) => Progress::None,
+            Stage::Record(sweep) => Progress::Sample(sweep),
+            Stage::Done => Progress::Complete,
+        };
+        match stage {
+            Stage::Settle(_) => self.on(Event::Aligned),
+            Stage::Done => self.on(Event::Swept),
+            _ => {}
+        }
+        self.publish();
+        output
+    }
+
+    fn voltage(&mut self, sample: &Sample) -> Output {
+        self.measure(&sample.halls);
+        if self.is_too_fast() {
+            self.fail(Fault::OverSpeed);
+        }
+        self.paths.voltage.output(self.live.rotor.predicted(&self.config.tracking), &self.config)
+    }
+
+    fn local_feedback(&mut self, sample: &Sample) -> Output {
+        self.measure(&sample.halls);
+        let Self { config, paths: Paths { local_feedback, idle, .. }, servo, live, .. } = self;
+        let Some(control) = &config.control else { return Output::OFF };
+        local_feedback.step(config, control, servo, idle, &live.rotor, sample)
+    }
+
+    fn field_oriented(&mut self, sample: &Sample) -> Output {
+        self.measure(&sample.halls);
+        let Self { config, paths, servo, live, .. } = self;
+        let compare = paths.field_oriented.step(servo, &live.rotor, &config.tracking, sample);
+        Output { compare, legs: Legs::ALL }
     }
 
     #[inline(always)]
@@ -150,135 +311,29 @@ impl Drive {
         self.live.rotor.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32
     }
 
-    /// Obeys one command, if there is one.
-    #[inline(always)]
-    fn receive(&mut self, sample: &Sample) {
-        if let Some(command) = self.channels.commands.dequeue() {
-            let reply = self.obey(command, sample);
-            // A task that reads no replies does not get any.
-            let _ = self.channels.replies.enqueue(reply);
-        }
-    }
-
-    /// Takes state, limits and progress over into the record, and the estimator to where it belongs: after
-    /// every change.
-    fn publish(&mut self) {
-        let Config { commutation, control, .. } = &self.config;
-        let follows = self.servo.demand != Demand::Voltage;
-        let complete = self.mode == Mode::Running && self.live.missed == 0 && self.lost.is_none();
-        let estimator = self.hurried.take().or(self.serving.take()).or(self.resting.take());
-        match commutation {
-            Commutation::Sinusoidal if complete && control.is_none() => self.hurried = estimator,
-            Commutation::FieldOriented if complete && follows => self.serving = estimator,
-            _ => self.resting = estimator,
-        }
-        self.serve_if(self.mode == Mode::Running && follows);
-        self.live.status = Status::new(self.mode, self.limits(), self.progress);
-    }
-
-    /// A step that is in no hurry.
-    #[cold]
-    #[inline(never)]
-    fn slow(&mut self, sample: &Sample, records: bool) -> u64 {
-        let codes = &sample.halls;
-        self.attend(sample);
-        self.is_healthy(sample);
-        let output = match self.mode {
-            Mode::Running if self.is_too_fast() => {
-                self.fail(Fault::OverSpeed);
-                Output::OFF
-            }
-            Mode::Running => self.run(codes),
-            Mode::Aligning | Mode::Calibrating => self.calibrate(),
-            Mode::Unarmed | Mode::Ready | Mode::Faulted(_) => {
-                self.measure(codes);
-                if let Some(control) = &self.config.control {
-                    self.servo.watch.idle(control, sample);
-                }
-                Output::OFF
-            }
-        };
-        if records {
-            self.record_all(sample);
-        }
-        // The command may have been to disarm, the angle implausible.
-        if self.mode.drives() { output.pack() } else { Output::OFF.pack() }
-    }
-
-    /// Looks at currents and voltage. False when a running drive failed.
+    /// Looks at currents, voltage and time. False when a running drive failed.
     #[inline(always)]
     fn is_healthy(&mut self, sample: &Sample) -> bool {
-        self.servo.watch.healthy(sample) || self.fail(self.servo.watch.explain(sample))
+        self.servo.protection.allows(sample) || self.is_ill(sample)
     }
 
-    /// The step that found a fault.
+    /// What the protection found is a fault while the bridge is on; false then.
     #[cold]
     #[inline(never)]
-    fn fallen(&mut self, sample: &Sample, records: bool) -> u64 {
-        let codes = &sample.halls;
-        if self.runs_on(*codes) {
-            return self.slow(sample, records);
-        }
-        if records {
-            self.record(codes, self.config.record_every);
-        }
-        Output::OFF.pack()
+    fn is_ill(&mut self, sample: &Sample) -> bool {
+        self.fail(self.servo.protection.fault(sample));
+        !matches!(self.mode, Mode::Faulted(_))
     }
 
-    /// Latches a fault if the bridge is on; true if it is not.
+    /// Latches a fault if the bridge is on.
     #[cold]
-    fn fail(&mut self, fault: Fault) -> bool {
-        let failed = self.mode.drives();
-        if failed {
+    #[inline(never)]
+    fn fail(&mut self, fault: Fault) {
+        if self.mode.drives() {
             self.progress = Progress::None;
             self.on(Event::Fail(fault));
             self.hasten_record();
-            self.set_amplitude(Amplitude::ZERO);
         }
-        !failed
-    }
-
-    /// A running step that is in no hurry and follows a voltage.
-    fn run(&mut self, codes: &Codes) -> Output {
-        self.observe(codes);
-        let vector = self.live.rotor.predicted(&self.config.tracking) + self.lead;
-        match self.config.commutation {
-            Commutation::Sinusoidal | Commutation::FieldOriented => {
-                Output { compare: sinusoidal::compare(vector, &self.axes), legs: Legs::ALL }
-            }
-            Commutation::Block => {
-                self.sextant = self.sextant.follow(vector);
-                self.sextant.output(self.config.order(), self.amplitude, self.config.limits.half())
-            }
-        }
-    }
-
-    fn set_amplitude(&mut self, amplitude: Amplitude) {
-        self.amplitude = amplitude;
-        self.axes = Axes::new(amplitude, self.config.order(), self.config.limits.half());
-    }
-
-    /// A step of the calibration's motion.
-    fn calibrate(&mut self) -> Output {
-        self.servo.heard();
-        // The field that acts while this sample is taken stands for the rotor that follows it.
-        self.live.rotor = Tracker::at(self.drag.field());
-        self.progress = match self.drag.step(&self.config.drag) {
-            Stage::Rise | Stage::Stand(_) => Progress::None,
-            Stage::Settle(_) => {
-                self.on(Event::Aligned);
-                Progress::None
-            }
-            Stage::Record(sweep) => Progress::Sample(sweep),
-            Stage::Done => {
-                self.on(Event::Swept);
-                Progress::Complete
-            }
-        };
-        self.publish();
-        let amplitude = self.config.limits.amplitude(self.drag.modulation());
-        let axes = Axes::new(amplitude, PhaseOrder::FORWARD, self.config.limits.half());
-        Output { compare: sinusoidal::compare(self.drag.field(), &axes), legs: Legs::ALL }
     }
 
     fn on(&mut self, event: Event) {
@@ -292,10 +347,11 @@ impl Drive {
         self.publish();
     }
 
-    fn on_command(&mut self, event: Event) -> Reply {
-        let mode = self.mode.after(event).ok_or(Refusal::Mode(self.mode))?;
-        self.enter(mode);
-        Ok(())
+    /// After every change: state, limits and progress go into the record, and the next step is chosen.
+    fn publish(&mut self) {
+        self.record_by_schedule(self.mode == Mode::Running && self.servo.follows());
+        self.live.status = Status::new(self.mode, self.limits(), self.progress);
+        self.route = self.route();
     }
 
     /// The state.
@@ -310,12 +366,12 @@ impl Drive {
 
     /// Currents and voltages of a drive with current control, as noted last: every [`CYCLE`] steps.
     pub const fn state(&self) -> &State {
-        &self.servo.noted.state
+        &self.servo.measurement.state
     }
 
     /// What the alignment was found to be off by while turning field-oriented: added to the Halls' angle.
     pub const fn trim(&self) -> ElectricalAngle {
-        self.servo.trim()
+        self.paths.field_oriented.trim()
     }
 
     /// How the phases are driven.
@@ -335,7 +391,7 @@ impl Drive {
 
     /// The estimator in use.
     pub fn estimator(&self) -> Option<&Estimator> {
-        self.hurried.as_deref().or(self.serving.as_deref()).or(self.resting.as_deref())
+        self.estimator.as_deref()
     }
 }
 

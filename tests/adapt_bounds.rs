@@ -1,8 +1,8 @@
-//! The adaptation against a thousand unkind motors: what `cargo run --release -- adapt` measures.
+//! The adaptation against a thousand imperfect motors: what `cargo run --release -- adapt` measures.
 
 use hallservo::hall::adapt::{Outcome, Settings, Spread};
 use rayon::prelude::*;
-use sim::experiment::adapt::judge::{self, Judge, Motion};
+use sim::experiment::adapt::trial::{self, Motion, Trial};
 use sim::experiment::adapt::{HZ, ensemble, run};
 use sim::statistics::Statistics;
 
@@ -41,12 +41,12 @@ fn a_thousand_unknown_motors_are_learnt_followed_and_lost() {
 /// Share of motors that go wrong, and RMS error of the rest in the fourth turn, with settings of the start.
 fn outcome(start: Spread, third: f32) -> (f64, f64) {
     let settings = Settings { start, drift: Spread { third: 0.0, ..Settings::default().drift }, ..Settings::default() };
-    let mut model = judge::nominal_model();
+    let mut model = trial::nominal_model();
     model.sensors.iter_mut().for_each(|sensor| sensor.third = third);
     let (mut wrong, mut error) = (0, Statistics::default());
     for seed in 0..200 {
-        let mut judge = Judge::with(seed, judge::halls(seed), Motion::Constant(HZ), &model, &settings).unwrap();
-        let steps: Vec<_> = (0..400).map(|_| judge.step()).collect();
+        let mut trial = Trial::with(seed, trial::halls(seed), Motion::Constant(HZ), &model, &settings).unwrap();
+        let steps: Vec<_> = (0..400).map(|_| trial.step()).collect();
         if steps.iter().any(|step| matches!(step.outcome, Outcome::Failed(_))) {
             wrong += 1;
         } else {
@@ -71,7 +71,7 @@ fn the_third_harmonic_must_be_a_state_and_costs_nothing() {
 fn every_speed_of_the_range_converges() {
     // Samples a turn: 1400 down to 12, of which a mean of three spans a quarter.
     for (hz, turns) in [(0.7, 0.8), (2.0, 0.8), (20.0, 0.9), (40.0, 1.2), (80.0, 2.2)] {
-        let courses = (0..100).into_par_iter().map(|seed| ensemble::course(seed, hz).unwrap()).collect::<Vec<_>>();
+        let courses = (0..100).into_par_iter().map(|seed| ensemble::converge(seed, hz).unwrap()).collect::<Vec<_>>();
         assert!(courses.iter().all(|course| !course.diverged), "{hz} Hz");
         let rms = ensemble::over_time(&courses, |course| &course.errors);
         let converged = ensemble::convergence_turns(&rms).unwrap();

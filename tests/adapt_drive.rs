@@ -1,7 +1,6 @@
 //! The adaptation at a drive that turns a simulated motor: new parameters and lost Halls while it runs.
 
 use hallservo::commutation::Commutation;
-use hallservo::control::settings::Settings as Control;
 use hallservo::drive::{Command, Refusal};
 use hallservo::fault::{Fault, Limits};
 use hallservo::hall::Channel;
@@ -9,6 +8,7 @@ use hallservo::hall::adapt;
 use hallservo::mode::Mode;
 use hallservo::service::Event;
 use hallservo::service::adaptation::{Adaptation, torque_nm};
+use hallservo::settings::Control;
 use hallservo::settings::Settings;
 use plant::{HallFault, PlantParameters, Rail};
 use rayon::prelude::*;
@@ -59,7 +59,7 @@ impl Adapted {
 
 /// Systematic error of the tracked angle over the last of twelve seconds in which the Halls warm by 60 K, degrees.
 fn warmed(seed: u64, publish: bool) -> (Statistics, u32) {
-    let mut plant = PlantParameters::unkind(seed);
+    let mut plant = PlantParameters::imperfect(seed);
     for (hall, share) in plant.halls.iter_mut().zip([1.0, 0.75, 0.5]) {
         hall.amplitude_drift_k = -0.2 * share / 60.0;
         hall.offset_drift_v_k = 0.05 * share * hall.amplitude_v / 60.0;
@@ -91,7 +91,7 @@ fn a_running_drive_takes_up_what_is_learnt() {
 fn lost(seed: u64, fault: HallFault, commutation: Commutation) {
     let sensor = (seed % 3) as usize;
     let settings = Settings { run_on_two_halls: true, commutation, ..Settings::default() };
-    let mut adapted = running(&PlantParameters::unkind(seed), &settings, seed);
+    let mut adapted = running(&PlantParameters::imperfect(seed), &settings, seed);
     (0..40_000 + 777 * seed).for_each(|_| _ = adapted.step(true));
     adapted.rig.plant.set_hall_fault(sensor, Some(fault));
     let (mut worst, mut astray, mut settled) = (0.0_f64, 0, Statistics::default());
@@ -131,7 +131,7 @@ fn a_running_drive_goes_on_with_two_halls() {
 
 #[test]
 fn without_being_asked_to_it_stops() {
-    let mut adapted = running(&PlantParameters::unkind(1), &Settings::default(), 1);
+    let mut adapted = running(&PlantParameters::imperfect(1), &Settings::default(), 1);
     (0..20_000).for_each(|_| _ = adapted.step(true));
     adapted.rig.plant.set_hall_fault(1, Some(HallFault::Open(Rail::Low)));
     (0..100).for_each(|_| _ = adapted.step(true));
@@ -142,7 +142,7 @@ fn without_being_asked_to_it_stops() {
 fn swinging(seed: u64, tell: bool) -> (Statistics, f64) {
     let settings =
         Settings { commutation: Commutation::FieldOriented, control: Some(Control::default()), ..Settings::default() };
-    let mut rig = Rig::new(&PlantParameters::unkind(seed), &settings, seed).unwrap();
+    let mut rig = Rig::new(&PlantParameters::imperfect(seed), &settings, seed).unwrap();
     let calibration = rig.calibrate(|_| ()).unwrap();
     rig.command(Command::Arm).unwrap();
     let noise_codes = [0, 1, 2].map(|k| 0.01 * calibration.model.sensors[k].amplitude);

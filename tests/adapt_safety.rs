@@ -8,66 +8,66 @@ use plant::HallParameters;
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use sim::experiment::adapt::judge::{self, Judge, Motion, Start};
+use sim::experiment::adapt::trial::{self, Motion, Start, Trial};
 use sim::statistics::Statistics;
 use std::f64::consts::TAU;
 
-fn calibrated(seed: u64, motion: Motion) -> Judge {
-    Judge::new(seed, judge::halls(seed), motion, Start::Calibrated).unwrap()
+fn calibrated(seed: u64, motion: Motion) -> Trial {
+    Trial::new(seed, trial::halls(seed), motion, Start::Calibrated).unwrap()
 }
 
-fn error_deg(judge: &Judge) -> f64 {
-    judge::wrapped_deg(f64::from(judge.adapter.hall_angle().to_radians()) - judge.hall_rad())
+fn error_deg(trial: &Trial) -> f64 {
+    trial::wrapped_deg(f64::from(trial.adapter.hall_angle().to_radians()) - trial.hall_rad())
 }
 
 #[test]
 fn standing_for_two_hours_moves_nothing() {
-    let mut judge = calibrated(3, Motion::Constant(0.0));
-    let before = judge.adapter.current();
-    let noisy = HallParameters { noise: 0.01, ..judge.halls[0] };
+    let mut trial = calibrated(3, Motion::Constant(0.0));
+    let before = trial.adapter.current();
+    let noisy = HallParameters { noise: 0.01, ..trial.halls[0] };
     let mut random = plant::Noise::new(5);
-    let codes = judge.bench.step(0.0);
-    let known = judge.adapter.deviations();
+    let codes = trial.bench.step(0.0);
+    let known = trial.adapter.deviations();
     for _ in 0..7_200_000 {
         // A rotor at rest: the bench's would be pushed about by its unknown torque.
         let codes = codes.map(|code| (f64::from(code) + random.scaled(noisy.noise * 250.0)).round() as u16);
-        let outcome = judge.adapter.update(&Observation { codes, elapsed: 1, torque_nm: 0.0 });
-        assert!(matches!(outcome, Outcome::Acquiring | Outcome::Following), "{outcome:?}");
+        let outcome = trial.adapter.update(&Observation { codes, elapsed: 1, torque_nm: 0.0 });
+        assert!(matches!(outcome, Outcome::Acquiring | Outcome::Tracking), "{outcome:?}");
     }
-    assert_eq!(judge.adapter.current(), before);
-    let after = judge.adapter.deviations();
+    assert_eq!(trial.adapter.current(), before);
+    let after = trial.adapter.deviations();
     assert_eq!((known.offset, known.amplitude, known.placement), (after.offset, after.amplitude, after.placement));
     assert!(after.angle < 0.02 && after.speed < 1e-3);
 }
 
 #[test]
 fn swinging_over_a_small_arc_publishes_nothing_and_fails_nothing() {
-    let mut judge = calibrated(4, Motion::Constant(0.0));
-    let published = *judge.adapter.model();
+    let mut trial = calibrated(4, Motion::Constant(0.0));
+    let published = *trial.adapter.model();
     // ±8° at 8 Hz, up to 7 rad/s: learning is allowed most of the time.
     let mut learning = 0;
     for k in 0..300_000 {
-        let t = f64::from(k) * judge::PERIOD_S;
-        judge.bench.set_speed(0.14 * TAU * 8.0 * (TAU * 8.0 * t).cos());
-        let codes = judge.bench.step(0.0);
-        let outcome = judge.adapter.update(&Observation { codes, elapsed: 1, torque_nm: 0.0 });
-        learning += u32::from(outcome == Outcome::Learning);
-        assert!(!matches!(outcome, Outcome::Failed(_) | Outcome::Learnt), "{outcome:?} at {k}");
+        let t = f64::from(k) * trial::PERIOD_S;
+        trial.bench.set_speed(0.14 * TAU * 8.0 * (TAU * 8.0 * t).cos());
+        let codes = trial.bench.step(0.0);
+        let outcome = trial.adapter.update(&Observation { codes, elapsed: 1, torque_nm: 0.0 });
+        learning += u32::from(outcome == Outcome::Adapting);
+        assert!(!matches!(outcome, Outcome::Failed(_) | Outcome::ModelReady), "{outcome:?} at {k}");
     }
     assert!(learning > 30_000, "{learning}");
-    assert_eq!(*judge.adapter.model(), published);
+    assert_eq!(*trial.adapter.model(), published);
 }
 
 #[test]
 fn lost_samples_and_spikes_are_tolerated() {
     let mut error = Statistics::default();
     for seed in 0..50 {
-        let mut judge = calibrated(seed, Motion::Constant(10.0));
+        let mut trial = calibrated(seed, Motion::Constant(10.0));
         let mut random = Pcg64::seed_from_u64(seed);
         let torque_nm = 1.6e-4 * TAU * 10.0 / 4.0;
         let mut elapsed = 0_u16;
         for k in 0..3000 {
-            let mut codes = judge.bench.step(torque_nm);
+            let mut codes = trial.bench.step(torque_nm);
             elapsed += 1;
             // One in five is lost, and now and then half a second.
             if random.random_bool(0.2) || k % 1000 < 500 && k >= 2000 {
@@ -78,10 +78,10 @@ fn lost_samples_and_spikes_are_tolerated() {
             }
             let observation = Observation { codes, elapsed, torque_nm: torque_nm as f32 };
             elapsed = 0;
-            let outcome = judge.adapter.update(&observation);
+            let outcome = trial.adapter.update(&observation);
             assert!(!matches!(outcome, Outcome::Failed(_)), "seed {seed}: {outcome:?} at {k}");
             if (500..2000).contains(&k) || k > 2600 {
-                error.push(error_deg(&judge));
+                error.push(error_deg(&trial));
             }
         }
     }
@@ -92,15 +92,15 @@ fn lost_samples_and_spikes_are_tolerated() {
 fn a_torque_that_is_not_told_is_found() {
     let mut settled = Statistics::default();
     for seed in 0..50 {
-        let mut judge = calibrated(seed, Motion::Constant(10.0));
+        let mut trial = calibrated(seed, Motion::Constant(10.0));
         for k in 0..4000 {
             // A load of 2 mN·m comes and goes; the drive holds the speed, which the filter takes for acceleration.
             let told = 1.6e-4 * TAU * 10.0 / 4.0 + if k % 2000 < 1000 { 0.0 } else { 2e-3 };
-            let codes = judge.bench.step(1.6e-4 * TAU * 10.0 / 4.0);
-            let outcome = judge.adapter.update(&Observation { codes, elapsed: 1, torque_nm: told as f32 });
+            let codes = trial.bench.step(1.6e-4 * TAU * 10.0 / 4.0);
+            let outcome = trial.adapter.update(&Observation { codes, elapsed: 1, torque_nm: told as f32 });
             assert!(!matches!(outcome, Outcome::Failed(_)), "seed {seed}: {outcome:?} at {k}");
             if k > 1000 && k % 1000 > 500 {
-                settled.push(error_deg(&judge));
+                settled.push(error_deg(&trial));
             }
         }
     }
@@ -110,22 +110,22 @@ fn a_torque_that_is_not_told_is_found() {
 #[test]
 fn a_pushed_rotor_is_caught_and_nobody_is_blamed() {
     for seed in 0..100 {
-        let mut judge = calibrated(seed, Motion::Constant(10.0));
+        let mut trial = calibrated(seed, Motion::Constant(10.0));
         let mut random = Pcg64::seed_from_u64(seed);
         for k in 0..4000 {
             if k % 500 == 499 {
-                judge.bench.set_speed(random.random_range(-300.0..300.0));
+                trial.bench.set_speed(random.random_range(-300.0..300.0));
             }
-            let step = judge.step();
+            let step = trial.step();
             assert!(!matches!(step.outcome, Outcome::Failed(_)), "seed {seed}: {:?} at {k}", step.outcome);
-            assert!(!(450..499).contains(&(k % 500)) || error_deg(&judge).abs() < 2.0, "seed {seed} {k}");
+            assert!(!(450..499).contains(&(k % 500)) || error_deg(&trial).abs() < 2.0, "seed {seed} {k}");
         }
     }
 }
 
 #[test]
 fn a_start_from_rest_is_followed() {
-    let model = judge::nominal_model();
+    let model = trial::nominal_model();
     let settings = Settings { damping_nms: 0.0, ..Settings::default() };
     let mut adapter = Adapter::new(&settings.validate().unwrap(), &model).unwrap();
     let (mut worst, mut learning) = (0.0_f32, 0);
@@ -134,7 +134,7 @@ fn a_start_from_rest_is_followed() {
         let swing = f64::from((k - 1000).max(0)) / 700.0;
         let angle = ElectricalAngle::from_turns((0.3 * (TAU * swing).sin()) as f32);
         let outcome = adapter.update(&Observation { codes: model.codes(angle), elapsed: 1, torque_nm: 0.0 });
-        learning += u32::from(outcome == Outcome::Learning);
+        learning += u32::from(outcome == Outcome::Adapting);
         worst = worst.max((adapter.hall_angle() - angle).to_degrees().abs());
     }
     assert!(worst < 4.0 && learning > 10_000, "{worst}° {learning}");
@@ -143,21 +143,21 @@ fn a_start_from_rest_is_followed() {
 #[test]
 fn a_sensor_that_drifts_too_far_is_named_with_what_drifted() {
     let cases = [
-        (Parameter::Amplitude, HallParameters { amplitude_drift_k: -0.01, ..judge::halls(1)[1] }),
+        (Parameter::Amplitude, HallParameters { amplitude_drift_k: -0.01, ..trial::halls(1)[1] }),
         (
             Parameter::Offset,
-            HallParameters { offset_drift_v_k: 0.01 * judge::halls(1)[1].amplitude_v, ..judge::halls(1)[1] },
+            HallParameters { offset_drift_v_k: 0.01 * trial::halls(1)[1].amplitude_v, ..trial::halls(1)[1] },
         ),
     ];
     for (parameter, drifting) in cases {
-        let mut halls = judge::halls(1);
+        let mut halls = trial::halls(1);
         halls[1] = drifting;
-        let mut judge = Judge::new(1, halls, Motion::Constant(10.0), Start::Calibrated).unwrap();
+        let mut trial = Trial::new(1, halls, Motion::Constant(10.0), Start::Calibrated).unwrap();
         let mut failed = None;
         for k in 0..200_000 {
             // A kelvin every two seconds.
-            judge.bench.set_temperature(25.0 + f64::from(k) * 5e-4);
-            if let Outcome::Failed(fault) = judge.step().outcome {
+            trial.bench.set_temperature(25.0 + f64::from(k) * 5e-4);
+            if let Outcome::Failed(fault) = trial.step().outcome {
                 failed = Some((fault, k));
                 break;
             }
@@ -172,11 +172,11 @@ fn a_sensor_that_drifts_too_far_is_named_with_what_drifted() {
 
 #[test]
 fn two_sensors_lost_leave_no_angle_and_no_panic() {
-    let mut judge = calibrated(2, Motion::Constant(10.0));
-    (0..500).for_each(|_| _ = judge.step());
-    judge.bench.set_fault(0, Some(plant::HallFault::Open(plant::Rail::Low)));
-    judge.bench.set_fault(2, Some(plant::HallFault::Open(plant::Rail::High)));
-    let outcomes: Vec<_> = (0..500).map(|_| judge.step().outcome).collect();
+    let mut trial = calibrated(2, Motion::Constant(10.0));
+    (0..500).for_each(|_| _ = trial.step());
+    trial.bench.set_fault(0, Some(plant::HallFault::Open(plant::Rail::Low)));
+    trial.bench.set_fault(2, Some(plant::HallFault::Open(plant::Rail::High)));
+    let outcomes: Vec<_> = (0..500).map(|_| trial.step().outcome).collect();
     assert!(outcomes.contains(&Outcome::Failed(Fault::AtRail(Channel(0)))));
     assert_eq!(outcomes[499], Outcome::Acquiring);
 }
@@ -198,7 +198,7 @@ fn reach(model: &Model, start: &Model, settings: &Settings) -> [f32; 4] {
 /// Sensors beyond the box in one parameter each, learnt from the data sheet's model.
 #[test]
 fn what_is_learnt_is_kept_in_the_box() {
-    let (settings, start) = (judge::settings(Start::Nominal), judge::nominal_model());
+    let (settings, start) = (trial::settings(Start::Nominal), trial::nominal_model());
     let ideal = [0.0, 1.0, 2.0]
         .map(|k| HallParameters { noise: 0.01, ..HallParameters::ideal(1.65, 250.0 * 3.3 / 4096.0, TAU * k / 3.0) });
     let spoil: [fn(&mut [HallParameters; 3]); 4] = [
@@ -210,13 +210,13 @@ fn what_is_learnt_is_kept_in_the_box() {
     for (parameter, spoil) in spoil.into_iter().enumerate() {
         let mut halls = ideal;
         spoil(&mut halls);
-        let mut judge = Judge::new(1, halls, Motion::Constant(10.0), Start::Nominal).unwrap();
-        let failed = (0..2000).any(|_| matches!(judge.step().outcome, Outcome::Failed(_)));
-        let reached = reach(&judge.adapter.current(), &start, &settings);
+        let mut trial = Trial::new(1, halls, Motion::Constant(10.0), Start::Nominal).unwrap();
+        let failed = (0..2000).any(|_| matches!(trial.step().outcome, Outcome::Failed(_)));
+        let reached = reach(&trial.adapter.current(), &start, &settings);
         assert!(failed && reached[parameter] > 0.95, "{parameter}: {reached:?}");
         // An eighth of a turn may have gone by since it was brought back.
         assert!(reached.iter().all(|&share| share < 1.05), "{parameter}: {reached:?}");
-        assert_eq!(*judge.adapter.model(), start);
+        assert_eq!(*trial.adapter.model(), start);
     }
 }
 
@@ -226,8 +226,8 @@ proptest! {
     /// Whatever comes: no panic, numbers stay numbers, and what is published stays in the box.
     #[test]
     fn any_codes_are_survived(seed: u64, wild in 0.0..1.0_f64, torque in -1.0_f32..1.0) {
-        let settings = judge::settings(Start::Nominal);
-        let model = judge::nominal_model();
+        let settings = trial::settings(Start::Nominal);
+        let model = trial::nominal_model();
         let mut adapter = Adapter::new(&settings.validate().unwrap(), &model).unwrap();
         let mut random = Pcg64::seed_from_u64(seed);
         let (mut angle, mut speed) = (0.0_f32, 0.0_f32);

@@ -2,10 +2,10 @@
 
 use hallservo::commutation::Commutation;
 use hallservo::control::cogging::Table;
-use hallservo::control::settings::Settings as Control;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use hallservo::service::learning::Plan;
+use hallservo::settings::Control;
 use hallservo::settings::Settings;
 use plant::{Friction, PlantParameters};
 use sim::rig::Rig;
@@ -47,7 +47,7 @@ fn net_torque(rig: &mut Rig) -> f64 {
 #[test]
 fn the_procedure_balances_the_cogging_and_ends_at_rest() {
     for (seed, bandwidths) in [(1, SMOOTH), (2, SMOOTH), (3, STIFF)] {
-        let mut plant = PlantParameters::unkind(seed);
+        let mut plant = PlantParameters::imperfect(seed);
         // Twice the friction: it must not get into the table.
         plant.motor.friction = Friction { viscous_nms: 2e-6, coulomb_nm: 1e-3, breakaway_nm: 1.2e-3 };
         let mut rig = calibrated(&plant, bandwidths, seed);
@@ -70,7 +70,7 @@ fn the_procedure_balances_the_cogging_and_ends_at_rest() {
 
 #[test]
 fn lent_tables_are_two_and_come_back() {
-    let mut rig = calibrated(&PlantParameters::unkind(1), STIFF, 1);
+    let mut rig = calibrated(&PlantParameters::imperfect(1), STIFF, 1);
     let lend = |rig: &mut Rig| rig.service.lend(Box::leak(Box::new(Table::ZERO)));
     assert!(rig.service.balance(Some(&Table::ZERO)).is_err());
     assert!(lend(&mut rig).is_none() && lend(&mut rig).is_none());

@@ -1,10 +1,10 @@
 //! The drive measures its motor, against what the simulated motor is.
 
 use hallservo::commutation::Commutation;
-use hallservo::control::identify::{Estimate, Report};
-use hallservo::control::settings::Settings as Control;
 use hallservo::mode::Mode;
 use hallservo::service::identification::Plan;
+use hallservo::service::identify::{Estimate, Report};
+use hallservo::settings::Control;
 use hallservo::settings::Settings;
 use plant::{Friction, PlantParameters};
 use sim::rig::Rig;
@@ -85,7 +85,7 @@ fn the_drive_measures_its_motor_as_well_as_it_says() {
     let bounds = [0.02, 0.02, 0.007, 0.01, 0.007, 0.06e-3, 0.5e-6, 0.06e-3];
     let mut worst = [0.0_f64; 8];
     for (seed, (case, change)) in (0..).zip(cases) {
-        let (mut plant, mut control) = (PlantParameters::unkind(seed), told());
+        let (mut plant, mut control) = (PlantParameters::imperfect(seed), told());
         change(&mut plant, &mut control);
         let report = identified(&plant, control, seed);
         for (k, (name, found, exact)) in compared(&report, &plant).into_iter().enumerate() {
@@ -105,7 +105,7 @@ fn the_drive_measures_its_motor_as_well_as_it_says() {
 
 #[test]
 fn the_report_tells_what_to_set() {
-    let report = identified(&PlantParameters::unkind(1), told(), 1);
+    let report = identified(&PlantParameters::imperfect(1), told(), 1);
     let table = report.to_string();
     for field in ["resistance_ohm", "inductance_h", "flux_linkage_wb", "inertia_kgm2"] {
         assert!(table.contains(&format!("set {field}")), "{table}");

@@ -32,7 +32,7 @@ fn turn(plant: &PlantParameters, settings: &Settings, modulation: f64) -> (f64, 
 #[test]
 fn any_number_of_pole_pairs() {
     for pole_pairs in [1, 2, 3, 7, 14, 21, 40, 64] {
-        let plant = PlantParameters::unkind(3).with_pole_pairs(pole_pairs);
+        let plant = PlantParameters::imperfect(3).with_pole_pairs(pole_pairs);
         // Away from the resonance of rotor and field: many poles make a stiff spring and a small angle between them.
         let calibration_hz = if pole_pairs < 2 {
             5.0
@@ -53,7 +53,7 @@ fn any_number_of_pole_pairs() {
 
 #[test]
 fn a_calibration_in_resonance_says_so() {
-    let mut plant = PlantParameters::unkind(3);
+    let mut plant = PlantParameters::imperfect(3);
     plant.motor.cogging[0].amplitude_nm *= 1.5;
     let settings = Settings { calibration_hz: 2.5, ..Settings::default() };
     let calibration = Rig::new(&plant, &settings, 5).unwrap().calibrate(|_| ()).unwrap();
@@ -62,7 +62,7 @@ fn a_calibration_in_resonance_says_so() {
 
 #[test]
 fn a_trapezoidal_back_emf() {
-    let mut plant = PlantParameters::unkind(4);
+    let mut plant = PlantParameters::imperfect(4);
     plant.motor.back_emf = BackEmf { shape: Shape::Trapezoidal { flat_deg: 120.0 }, ..plant.motor.back_emf };
     let (rms, turns) = turn(&plant, &Settings::default(), 0.3);
     assert!(rms < 0.3 && turns > 20.0, "{rms} {turns}");
@@ -71,7 +71,7 @@ fn a_trapezoidal_back_emf() {
 #[test]
 fn converters_from_ten_to_sixteen_bits() {
     for adc_bits in [10, 12, 14, 16] {
-        let mut plant = PlantParameters::unkind(6);
+        let mut plant = PlantParameters::imperfect(6);
         plant.adc = AdcParameters { bits: adc_bits, ..plant.adc };
         // The 500 codes of 12 bit are 125 of 10 bit, which a person is told of, but which works.
         let (rms, turns) = turn(&plant, &Settings { adc_bits, ..Settings::default() }, 0.2);
@@ -82,7 +82,7 @@ fn converters_from_ten_to_sixteen_bits() {
 
 #[test]
 fn turning_against_the_phases() {
-    let plant = PlantParameters::unkind(7);
+    let plant = PlantParameters::imperfect(7);
     let [forward, reversed] =
         [false, true].map(|reversed| turn(&plant, &Settings { reversed, ..Settings::default() }, 0.2).1);
     assert!(forward > 20.0 && (reversed / forward + 1.0).abs() < 0.1, "{forward} {reversed}");

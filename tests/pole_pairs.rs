@@ -27,7 +27,7 @@ fn turn_by_hand(rig: &mut Rig, count: &mut ByHand, turns: f64, off_deg: f64) {
 }
 
 fn calibrated(pole_pairs: u8) -> Rig {
-    let plant = PlantParameters::unkind(3).with_pole_pairs(pole_pairs);
+    let plant = PlantParameters::imperfect(3).with_pole_pairs(pole_pairs);
     let calibration_hz = if pole_pairs < 20 { 10.0 } else { 20.0 };
     // Told four, whatever there are.
     let mut rig = Rig::new(&plant, &Settings { calibration_hz, ..Settings::default() }, 5).unwrap();
@@ -65,7 +65,7 @@ fn what_one_turn_does_not_tell_more_do() {
 
 #[test]
 fn a_drive_that_is_not_ready_counts_nothing() {
-    let mut uncalibrated = Rig::new(&PlantParameters::unkind(3), &Settings::default(), 5).unwrap();
+    let mut uncalibrated = Rig::new(&PlantParameters::imperfect(3), &Settings::default(), 5).unwrap();
     let mut count = ByHand::new(1);
     turn_by_hand(&mut uncalibrated, &mut count, 1.0, 0.0);
     assert_eq!(count.finish(), Err(Error::NotReady));

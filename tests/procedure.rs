@@ -2,7 +2,6 @@
 
 use hallservo::commutation::Commutation;
 use hallservo::control::cogging::Table;
-use hallservo::control::settings::{GuardSettings, Settings as Control};
 use hallservo::drive::{Command, Refusal};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
@@ -10,6 +9,7 @@ use hallservo::service::identification::{self, Identification};
 use hallservo::service::learning::{self, Learning};
 use hallservo::service::procedure::{Error, Procedure, State};
 use hallservo::settings::Settings;
+use hallservo::settings::{Control, GuardSettings};
 use plant::PlantParameters;
 use sim::rig::Rig;
 
@@ -18,7 +18,7 @@ fn settings() -> Settings {
 }
 
 fn rig(settings: &Settings) -> Rig {
-    let mut rig = Rig::new(&PlantParameters::unkind(1), settings, 1).unwrap();
+    let mut rig = Rig::new(&PlantParameters::imperfect(1), settings, 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
     // The field has let go of a turning rotor.
     rig.run(0.5, |_, _| ());
@@ -106,7 +106,7 @@ fn a_fault_ends_them_and_is_named() {
 
 #[test]
 fn a_refusal_ends_them_and_leaves_the_drive_as_it_was() {
-    let mut uncalibrated = Rig::new(&PlantParameters::unkind(1), &settings(), 1).unwrap();
+    let mut uncalibrated = Rig::new(&PlantParameters::imperfect(1), &settings(), 1).unwrap();
     for mut procedure in both(&uncalibrated) {
         let state = run(&mut uncalibrated, procedure.as_mut(), |_, _, _| ()).0;
         assert_eq!(state, State::Failed(Error::Refused(Refusal::NotCalibrated)));
@@ -153,7 +153,7 @@ fn a_drive_that_stops_to_answer_is_told() {
                     rig.step();
                 }
             }
-            assert_eq!(state, State::Failed(Error::Silent));
+            assert_eq!(state, State::Failed(Error::NoAnswer));
             // Should it come to itself, it finds that it is to switch off.
             rig.run(0.01, |_, _| ());
             assert!(!rig.drive.mode().drives());
@@ -168,7 +168,7 @@ fn a_blocked_rotor_ends_in_time() {
         rig.plant.set_dyno(Some(0.0)).unwrap();
         let (state, ms) = run(&mut rig, procedure.as_mut(), |_, _, _| ());
         // The drive finds a stall by itself when the current is at its limit.
-        assert!(matches!(state, State::Failed(Error::Unreached | Error::Fault(Fault::Stall))), "{state:?}");
+        assert!(matches!(state, State::Failed(Error::NotReached | Error::Fault(Fault::Stall))), "{state:?}");
         assert!(ms < 15_000, "{ms}");
         assert!(!rig.drive.mode().drives());
         rig.plant.set_dyno(None).unwrap();
@@ -213,12 +213,12 @@ fn commands_that_must_keep_coming_do() {
 fn too_few_records_for_all_points_are_told() {
     let mut rig = rig(&Settings { record_hz: 100.0, ..settings() });
     let [_, mut learning] = both(&rig);
-    assert_eq!(run(&mut rig, learning.as_mut(), |_, _, _| ()).0, State::Failed(Error::Untold));
+    assert_eq!(run(&mut rig, learning.as_mut(), |_, _, _| ()).0, State::Failed(Error::Inconclusive));
 }
 
 #[test]
 fn tables_must_be_lent() {
-    let mut rig = Rig::new(&PlantParameters::unkind(1), &settings(), 1).unwrap();
+    let mut rig = Rig::new(&PlantParameters::imperfect(1), &settings(), 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
     let [_, mut learning] = both(&rig);
     assert_eq!(run(&mut rig, learning.as_mut(), |_, _, _| ()).0, State::Failed(Error::NoTable));

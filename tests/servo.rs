@@ -2,11 +2,11 @@
 
 use hallservo::angle::ElectricalAngle;
 use hallservo::commutation::Commutation;
-use hallservo::control::settings::{GuardSettings, Settings as Control};
 use hallservo::drive::Command;
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
+use hallservo::settings::{Control, GuardSettings};
 use plant::PlantParameters;
 use sim::rig::{Rig, error_deg};
 
@@ -17,7 +17,7 @@ fn settings() -> Settings {
 
 fn armed(commutation: Commutation) -> Rig {
     let settings = Settings { commutation, ..settings() };
-    let mut rig = Rig::new(&PlantParameters::unkind(1), &settings, 1).unwrap();
+    let mut rig = Rig::new(&PlantParameters::imperfect(1), &settings, 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
     rig.command(Command::Arm).unwrap();
     rig
@@ -54,7 +54,8 @@ fn every_commutation_controls_current_speed_and_position() {
 fn after_a_stall_the_drive_arms_again() {
     let guard = GuardSettings { stall_s: 0.02, ..GuardSettings::default() };
     let control = Control { guard, ..Control::default() };
-    let mut rig = Rig::new(&PlantParameters::unkind(1), &Settings { control: Some(control), ..settings() }, 1).unwrap();
+    let mut rig =
+        Rig::new(&PlantParameters::imperfect(1), &Settings { control: Some(control), ..settings() }, 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
     rig.plant.set_dyno(Some(0.0)).unwrap();
     // At any step: only one in eight looks at the stall.
@@ -73,7 +74,7 @@ fn after_a_stall_the_drive_arms_again() {
 #[test]
 fn a_wrong_alignment_heals_while_turning() {
     for off_deg in [-30.0, 20.0] {
-        let mut rig = Rig::new(&PlantParameters::unkind(1), &settings(), 1).unwrap();
+        let mut rig = Rig::new(&PlantParameters::imperfect(1), &settings(), 1).unwrap();
         let mut model = rig.calibrate(|_| ()).unwrap().model;
         model.alignment += ElectricalAngle::from_degrees(off_deg);
         rig.serve();

@@ -1,4 +1,4 @@
-//! The whole drive against a hundred unkind motors: what `cargo run --release -- spin` measures on one.
+//! The whole drive against a hundred imperfect motors: what `cargo run --release -- spin` measures on one.
 
 use plant::{HallLayout, PlantParameters};
 use rayon::prelude::*;
@@ -15,8 +15,8 @@ fn worst(summaries: &[Summary], of: impl Fn(&Summary) -> f64) -> f64 {
 }
 
 #[test]
-fn a_hundred_unkind_motors_reach_the_bounds() {
-    let summaries = summaries(1..101, PlantParameters::unkind);
+fn a_hundred_imperfect_motors_reach_the_bounds() {
+    let summaries = summaries(1..101, PlantParameters::imperfect);
     let untracked = worst(&summaries, |s| s.angle_error_deg_rms / s.crlb_deg);
     let placed = worst(&summaries, |s| s.angle_error_deg_rms / s.crlb_placed_deg);
     let mean = worst(&summaries, |s| s.angle_bias_deg.abs());
@@ -39,7 +39,7 @@ fn a_hundred_unkind_motors_reach_the_bounds() {
 fn every_layout_of_the_sensors_is_calibrated() {
     // A third of the motors for each: the arithmetic is the same.
     for layout in [HallLayout::Deg120Reversed, HallLayout::Deg60, HallLayout::Deg60Reversed] {
-        let summaries = summaries(1..34, |seed| PlantParameters::unkind_with(seed, layout));
+        let summaries = summaries(1..34, |seed| PlantParameters::imperfect_with(seed, layout));
         let untracked = worst(&summaries, |s| s.angle_error_deg_rms / s.crlb_deg);
         let mean = worst(&summaries, |s| s.angle_bias_deg.abs());
         println!("{layout:?}: worst of 33: untracked {untracked:.3} of the bound, mean {mean:.3}°");

@@ -332,7 +332,7 @@ fn what_is_stored_is_used_at_the_next_power_up() {
     use sim::rig::{Rig, error_deg};
     use sim::statistics::Statistics;
 
-    let motor = PlantParameters::unkind(5);
+    let motor = PlantParameters::imperfect(5);
     let mut flash = store(Flash::new(5));
     let model = Rig::new(&motor, &Settings::default(), 5).unwrap().calibrate(|_| ()).unwrap().model;
     flash.save(&calibration::encode(&model)).unwrap();

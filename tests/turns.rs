@@ -25,7 +25,7 @@ fn model() -> Model {
     Model { sensors: [sensor(0), sensor(1), sensor(2)], alignment: ElectricalAngle::ZERO, reversed: false }
 }
 
-/// Unkind sensors with one per cent of noise at 12 bit.
+/// Imperfect sensors with one per cent of noise at 12 bit.
 fn codes(turns: f64, noise: &mut Noise) -> Codes {
     [0, 1, 2].map(|k| {
         let x = TAU * (turns.fract() - PLACEMENTS_DEG[k] / 360.0);

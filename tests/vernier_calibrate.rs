@@ -2,7 +2,7 @@
 
 use core::f64::consts::TAU;
 use hallservo::angle::MechanicalAngle;
-use hallservo::vernier::calibrate::{Calibrator, Refusal, Report};
+use hallservo::vernier::calibrate::{self, Calibrator, Report};
 use hallservo::vernier::encoder::{Calibration, Encoder, Reading};
 use hallservo::vernier::rings::Rings;
 use plant::construction::{Construction, Imperfections, UnsteadyShaft};
@@ -34,7 +34,7 @@ fn read<const HEADS: usize>(construction: &mut Construction, shaft: f64) -> Read
     Reading { reference, vernier }
 }
 
-type Outcome<const HEADS: usize> = Result<(Calibration<HEADS>, Report), Refusal>;
+type Outcome<const HEADS: usize> = Result<(Calibration<HEADS>, Report), calibrate::Error>;
 
 fn calibrate<const HEADS: usize>(
     construction: &mut Construction,
@@ -162,7 +162,7 @@ fn the_zero_stays() {
     }
 }
 
-fn refusal<const HEADS: usize>(imperfections: &Imperfections, shaft: impl FnMut() -> f64) -> Refusal {
+fn refusal<const HEADS: usize>(imperfections: &Imperfections, shaft: impl FnMut() -> f64) -> calibrate::Error {
     calibrate::<HEADS>(&mut construction(imperfections, 1), shaft, 60_000).unwrap_err()
 }
 
@@ -170,7 +170,7 @@ fn refusal<const HEADS: usize>(imperfections: &Imperfections, shaft: impl FnMut(
 fn unfit_runs_are_refused_with_the_reason() {
     let perfect = Imperfections::NONE;
     let short = calibrate::<1>(&mut construction(&perfect, 1), unsteady(1), 20_000);
-    assert_eq!(short.unwrap_err(), Refusal::TooShort { turns: 2, of: 4 });
+    assert_eq!(short.unwrap_err(), calibrate::Error::TooShort { turns: 2, of: 4 });
     let speed = |step: f64| {
         let mut angle = 0.0;
         move || {
@@ -178,28 +178,28 @@ fn unfit_runs_are_refused_with_the_reason() {
             angle
         }
     };
-    assert_eq!(refusal::<1>(&imperfect(), speed(STEP * 8.0)), Refusal::TooFast);
-    assert_eq!(refusal::<1>(&imperfect(), speed(STEP * 80.0)), Refusal::TooFast);
+    assert_eq!(refusal::<1>(&imperfect(), speed(STEP * 8.0)), calibrate::Error::TooFast);
+    assert_eq!(refusal::<1>(&imperfect(), speed(STEP * 80.0)), calibrate::Error::TooFast);
     let mut number = 0.0_f64;
     let turning_back = move || {
         number += 1.0;
         (number * 1e-4).sin()
     };
-    assert_eq!(refusal::<1>(&imperfect(), turning_back), Refusal::Reversed);
+    assert_eq!(refusal::<1>(&imperfect(), turning_back), calibrate::Error::Reversed);
     let jerky = refusal::<1>(&Imperfections { eccentricity_mm: 0.0, ..imperfect() }, rippled(0.6, 23.0));
-    assert!(matches!(jerky, Refusal::Unsteady { kept, of: 37 } if kept < 28), "{jerky:?}");
+    assert!(matches!(jerky, calibrate::Error::Unsteady { kept, of: 37 } if kept < 28), "{jerky:?}");
 }
 
 #[test]
 fn unfit_encoders_are_refused_with_the_reason() {
     let first = |degrees: f64| [degrees.to_radians(), 0.0, 0.0, 0.0];
     let bent = Imperfections { harmonics_rad: first(30.0), ..Imperfections::NONE };
-    assert!(matches!(refusal::<1>(&bent, unsteady(1)), Refusal::Nonlinear { head: 0, .. }));
+    assert!(matches!(refusal::<1>(&bent, unsteady(1)), calibrate::Error::Nonlinear { head: 0, .. }));
     let eccentric = Imperfections { eccentricity_mm: 0.05, ..Imperfections::NONE };
-    assert!(matches!(refusal::<1>(&eccentric, unsteady(1)), Refusal::Margin { .. }));
+    assert!(matches!(refusal::<1>(&eccentric, unsteady(1)), calibrate::Error::Margin { .. }));
     let very_eccentric = Imperfections { eccentricity_mm: 0.45, ..Imperfections::NONE };
     let refusal = refusal::<2>(&very_eccentric, unsteady(1));
-    assert!(matches!(refusal, Refusal::HeadsApart(_)), "{refusal:?}");
+    assert!(matches!(refusal, calibrate::Error::HeadsApart(_)), "{refusal:?}");
 }
 
 /// Heads whose outputs are cut off at the ends of the converter's range, and whose own status is not listened to.
@@ -227,5 +227,5 @@ fn saturated_heads_are_refused() {
         calibrator.finish()
     };
     assert!(outcome(0.98).is_ok());
-    assert!(matches!(outcome(1.5).unwrap_err(), Refusal::Saturated { head: 0, .. }));
+    assert!(matches!(outcome(1.5).unwrap_err(), calibrate::Error::Saturated { head: 0, .. }));
 }

@@ -1,9 +1,10 @@
 //! The vernier on the shaft of a running drive: calibrated by it, and the absolute reference beside its Halls.
 
 use hallservo::angle::{ElectricalAngle, MechanicalAngle, PolePairs, Position};
+use hallservo::board::Sample;
 use hallservo::commutation::Modulation;
+use hallservo::drive::Command;
 use hallservo::drive::absolute::{self, AbsoluteChannels, AbsoluteDrive, AbsoluteTasks};
-use hallservo::drive::{Command, Sample};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::service::Service;
@@ -46,7 +47,7 @@ impl Machine {
 #[test]
 fn the_drive_calibrates_its_encoder_and_the_encoder_its_turn_counter() {
     let build = Build { eccentricity: 0.05, head_angle: 40.0, pairs: true };
-    let parameters = PlantParameters::unkind(1);
+    let parameters = PlantParameters::imperfect(1);
     let pole_pairs = PolePairs::new(parameters.motor.pole_pairs).unwrap();
     let rig = Rig::new(&parameters, &Settings::default(), 1).unwrap();
     let mut machine = Machine { rig, construction: build.construction(1), rings: build.rings().unwrap() };
@@ -113,7 +114,7 @@ impl Absolute {
         let config = Settings::default().validate().unwrap();
         let (drive, service) = sim::rig::connected(config);
         let (absolute_interrupt, absolute_tasks) = Box::leak(Box::new(AbsoluteChannels::new())).split();
-        let mut plant = plant::Plant::new(&PlantParameters::unkind(2), 2).unwrap();
+        let mut plant = plant::Plant::new(&PlantParameters::imperfect(2), 2).unwrap();
         plant.place(1.0, 0.0).unwrap();
         Self {
             plant,

@@ -183,8 +183,8 @@ fn steps_and_limits_out_of_range_are_refused_by_name() {
         let error = Encoder::new(&rings(), &Calibration { residual_limit, ..ideal.clone() }, step).unwrap_err();
         assert_eq!(error, EncoderError::ResidualLimit(residual_limit));
     }
-    let error = Encoder::new(&rings(), &Calibration { apart_limits: [0, 24_577], ..ideal }, step).unwrap_err();
-    assert_eq!(error, EncoderError::ApartLimit(24_577));
+    let error = Encoder::new(&rings(), &Calibration { head_distance_limits: [0, 24_577], ..ideal }, step).unwrap_err();
+    assert_eq!(error, EncoderError::HeadDistanceLimit(24_577));
 }
 
 #[test]

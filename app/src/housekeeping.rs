@@ -1,10 +1,10 @@
 //! What the control interrupt reports to the tasks beside its queues: that it runs, and what changes slowly.
 
 use core::sync::atomic::{AtomicU32, Ordering};
-use hallservo::drive::Sample;
+use hallservo::board::Sample;
 
-/// Counts control periods and keeps the latest bus voltage and temperatures. A static: the control interrupt writes it, the tasks
-/// read it.
+/// Counts control periods and keeps the latest bus voltage and temperatures. A static: the control interrupt writes it,
+/// the tasks read it.
 #[derive(Debug, Default)]
 pub struct Housekeeping {
     periods: AtomicU32,

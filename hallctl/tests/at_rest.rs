@@ -6,8 +6,8 @@ use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Problem, Procedure, Refusal, Status};
-use plant::{Cogging, Friction, PlantParameters};
-use tool::{ask, done, drive, run, status, wait};
+use plant::{Cogging, Friction, HallFault, PlantParameters, Rail};
+use tool::{ask, calibrated, done, drive, run, status, wait};
 
 /// Longest wait beyond what a procedure itself takes, ms, and what looks at it add.
 const LONGEST_MS: u64 = 5000 + 10;
@@ -71,19 +71,18 @@ fn a_result_is_told_when_it_is_final() {
     let coasting = swept(&mut drive);
     assert!(coasting.speed_rad_s.abs() > 2.0 && coasting.activity == Activity::Calibration, "{coasting:?}");
     assert_eq!(coasting.progress, 1.0);
-    ask(&mut drive, Ask::Calibration, |answer| assert_eq!(answer, Answer::Calibration(Calibration::Turning)));
+    ask(&mut drive, Ask::Calibration, |answer| assert_eq!(answer, Answer::Calibration(Calibration::Running)));
     for what in [Ask::Arm, Ask::Calibrate, Ask::Identify, Ask::Set { name: "pole_pairs", value: 7.0 }] {
         refused(&mut drive, what);
     }
     wait(&mut drive);
-    ask(&mut drive, Ask::Calibration, |answer| assert!(matches!(answer, Answer::Calibration(Calibration::Found(_)))));
+    ask(&mut drive, Ask::Calibration, |answer| assert!(matches!(answer, Answer::Calibration(Calibration::Done(_)))));
     // A procedure is over as soon as it is told so.
     done(&mut drive, Ask::Identify);
     for _ in 0..20_000 {
         let over = status(&mut drive).activity == Activity::None;
-        let told = ask(&mut drive, Ask::Identification, |answer| {
-            matches!(answer, Answer::Identification(Procedure::Found(_)))
-        });
+        let told =
+            ask(&mut drive, Ask::Identification, |answer| matches!(answer, Answer::Identification(Procedure::Done(_))));
         assert!(told || !over);
         if over {
             return;
@@ -94,7 +93,7 @@ fn a_result_is_told_when_it_is_final() {
 
 #[test]
 fn a_heavy_rotor_without_friction_is_not_waited_for_for_ever() {
-    let mut parameters = PlantParameters::unkind(1);
+    let mut parameters = PlantParameters::imperfect(1);
     // It would turn for half a minute.
     parameters.motor.friction = Friction { viscous_nms: 1e-6, ..Friction::NONE };
     parameters.motor.cogging = [Cogging::NONE; 2];
@@ -132,9 +131,46 @@ fn a_disarming_ends_the_wait_and_keeps_the_result() {
     swept(&mut drive);
     done(&mut drive, Ask::Disarm);
     assert_eq!(status(&mut drive).activity, Activity::None);
-    ask(&mut drive, Ask::Calibration, |answer| assert!(matches!(answer, Answer::Calibration(Calibration::Found(_)))));
+    ask(&mut drive, Ask::Calibration, |answer| assert!(matches!(answer, Answer::Calibration(Calibration::Done(_)))));
     done(&mut drive, Ask::Arm);
     done(&mut drive, Ask::Disarm);
     run(&mut drive, 1000);
     assert!(!status(&mut drive).unsaved);
+}
+
+#[test]
+fn who_disarms_a_procedure_waits_for_nothing() {
+    let (mut drive, _) = calibrated();
+    done(&mut drive, Ask::Identify);
+    run(&mut drive, 300);
+    assert!(drive.plant.truth().speed_rad_s.abs() > 10.0);
+    done(&mut drive, Ask::Disarm);
+    run(&mut drive, 20);
+    assert_eq!(status(&mut drive).activity, Activity::None);
+    done(&mut drive, Ask::Arm);
+    assert!(drive.plant.truth().speed_rad_s.abs() > 2.0, "it coasts");
+}
+
+#[test]
+fn what_goes_wrong_meanwhile_does_not_hold_it_up() {
+    // A hand turns the shaft against the field: no calibration comes of it.
+    let mut first = drive(Flash::blank());
+    run(&mut first, 10);
+    done(&mut first, Ask::Calibrate);
+    run(&mut first, 1000);
+    first.turn_by_hand(2.3).unwrap();
+    wait(&mut first);
+    ask(&mut first, Ask::Calibration, |answer| {
+        assert!(matches!(answer, Answer::Calibration(Calibration::Failed(_))), "{answer:?}");
+    });
+    assert!(matches!(first.drive().mode(), Mode::Faulted(_)));
+    drop(first);
+    // A Hall breaks while the rotor runs out.
+    let mut second = drive(Flash::blank());
+    run(&mut second, 10);
+    swept(&mut second);
+    second.plant.set_hall_fault(0, Some(HallFault::Open(Rail::High)));
+    let waited = waited_ms(&mut second);
+    assert!(waited < LONGEST_MS + 50, "{waited} ms");
+    ask(&mut second, Ask::Arm, |answer| assert!(matches!(answer, Answer::Refused(_)), "{answer:?}"));
 }

@@ -12,9 +12,9 @@ use crate::phasor::{Phasor, wrapped};
 /// The rotor of a [`Bench`] and how it is sampled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BenchParameters {
-    /// Sensors.
+    /// The three linear Halls.
     pub halls: [HallParameters; 3],
-    /// Converter.
+    /// The ADC that reads them.
     pub adc: AdcParameters,
     /// Time between samples, s.
     pub period_s: f64,
@@ -24,7 +24,7 @@ pub struct BenchParameters {
     pub inertia_kgm2: f64,
     /// Torque against the motion per speed, of friction and back-EMF together, N·m·s.
     pub damping_nms: f64,
-    /// Density of a white torque that nobody knows, N·m/√Hz.
+    /// Density of a white torque that the estimator is not told, N·m/√Hz.
     pub torque_noise_nm_rthz: f64,
 }
 

@@ -1,4 +1,4 @@
-//! What no estimator can beat: the posterior Cramér–Rao bound of the angle from three Hall sensors.
+//! The least error that any estimator can reach: the posterior Cramér–Rao bound of the angle from three Hall sensors.
 //!
 //! The recursion of Tichavský, Muravchik and Nehorai for the sensors' true model, along the true motion: the state is
 //! angle, speed, the third harmonic that the sensors share, and offset, amplitude and placement of each, the first
@@ -9,7 +9,7 @@ use crate::hall::HallParameters;
 
 const STATES: usize = 12;
 
-/// Standard deviations of what is not known at first.
+/// Standard deviations before the first sample.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Prior {
     /// Angle, rad.

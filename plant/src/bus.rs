@@ -13,14 +13,14 @@ pub struct BusParameters {
     pub capacitance_f: f64,
     /// Whether the supply takes current back, as a battery does; otherwise braking pumps the bus
     /// up. Without capacitance it has to.
-    pub takes_back: bool,
+    pub regenerative: bool,
 }
 
 impl BusParameters {
     /// Stiff.
     #[must_use]
     pub const fn ideal(supply_v: f64) -> Self {
-        Self { supply_v, source_ohm: 0.0, capacitance_f: 0.0, takes_back: true }
+        Self { supply_v, source_ohm: 0.0, capacitance_f: 0.0, regenerative: true }
     }
 
     pub(crate) fn check(&self) -> Result<(), Error> {
@@ -28,8 +28,8 @@ impl BusParameters {
         not_negative(self.source_ohm, "bus.source_ohm")?;
         not_negative(self.capacitance_f, "bus.capacitance_f")?;
         require(
-            self.takes_back || (self.capacitance_f > 0.0 && self.source_ohm > 0.0),
-            "bus.takes_back",
+            self.regenerative || (self.capacitance_f > 0.0 && self.source_ohm > 0.0),
+            "bus.regenerative",
             "true where source_ohm or capacitance_f is zero",
         )
     }
@@ -63,7 +63,7 @@ impl Bus {
 
     /// Lets the bridge draw a current for a span.
     pub fn draw(&mut self, current_a: f64, span_s: f64) {
-        let BusParameters { supply_v, source_ohm, capacitance_f, takes_back } = self.parameters;
+        let BusParameters { supply_v, source_ohm, capacitance_f, regenerative } = self.parameters;
         if source_ohm == 0.0 {
             return;
         }
@@ -72,7 +72,7 @@ impl Bus {
             self.volts = settled_v;
             return;
         }
-        if !takes_back && self.volts > supply_v {
+        if !regenerative && self.volts > supply_v {
             self.volts -= current_a * span_s / capacitance_f;
             return;
         }

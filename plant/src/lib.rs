@@ -17,7 +17,7 @@
 //!
 //! ```
 //! use plant::{Legs, Plant, PlantParameters};
-//! let mut plant = Plant::new(&PlantParameters::unkind(1), 1)?;
+//! let mut plant = Plant::new(&PlantParameters::imperfect(1), 1)?;
 //! for _ in 0..4000 {
 //!     let codes = plant.sample();
 //!     assert!(codes.halls.iter().all(|&code| code < 4096));

@@ -84,13 +84,13 @@ impl PlantParameters {
         }
     }
 
-    /// The unkind motor with its sensors meant to sit 120° apart: see [`unkind_with`](Self::unkind_with).
+    /// The imperfect motor with its sensors meant to sit 120° apart: see [`imperfect_with`](Self::imperfect_with).
     #[must_use]
-    pub fn unkind(seed: u64) -> Self {
-        Self::unkind_with(seed, HallLayout::Deg120)
+    pub fn imperfect(seed: u64) -> Self {
+        Self::imperfect_with(seed, HallLayout::Deg120)
     }
 
-    /// The unkind motor: everything that a cheap drive has to live with at once.
+    /// The imperfect motor: everything that a cheap drive has to live with at once.
     ///
     /// Drawn from the seed, uniform: a placement error within ±8° electrical for each sensor, an
     /// amplitude within ±30 % and an offset within ±10 % of the nominal amplitude, the common
@@ -101,7 +101,7 @@ impl PlantParameters {
     /// diodes of 0.7 V, a supply of 24 V behind 0.1 Ω and 470 µF, current and bus sensing with
     /// 1 mV of noise. No drift, stray field, lag or fault: those are for experiments of their own.
     #[must_use]
-    pub fn unkind_with(seed: u64, layout: HallLayout) -> Self {
+    pub fn imperfect_with(seed: u64, layout: HallLayout) -> Self {
         // Apart from the plant's own noise, which may have the same seed.
         let mut random = Noise::new(!seed);
         let ideal = Self::ideal();
@@ -131,7 +131,7 @@ impl PlantParameters {
                 diode_v: 0.7,
                 model: InverterModel::Averaged { steps: 1 },
             },
-            bus: BusParameters { supply_v: 24.0, source_ohm: 0.1, capacitance_f: 470e-6, takes_back: true },
+            bus: BusParameters { supply_v: 24.0, source_ohm: 0.1, capacitance_f: 470e-6, regenerative: true },
             current_sense: SenseParameters {
                 offset_v: 0.5 * REFERENCE_V + 0.01 * random.uniform(),
                 noise_v: 1e-3,

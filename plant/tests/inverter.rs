@@ -154,12 +154,12 @@ fn valley_current_of_the_switched_model_is_the_averaged_one() {
     }
 }
 
-/// The unkind motor run up and reversed under both models: speeds and ways agree within 0.3 %, with
+/// The imperfect motor run up and reversed under both models: speeds and ways agree within 0.3 %, with
 /// one step a period as with four.
 #[test]
 fn averaged_and_switched_models_move_alike() {
     let run = |model: InverterModel| {
-        let mut parameters = PlantParameters::unkind(5);
+        let mut parameters = PlantParameters::imperfect(5);
         parameters.inverter.model = model;
         let mut plant = Plant::new(&parameters, 0).unwrap();
         let mut marks = [0.0; 4];
@@ -221,7 +221,7 @@ fn a_source_resistance_drops_the_bus() {
     for (capacitance_f, model) in [(0.0, MODELS[0]), (470e-6, MODELS[0]), (470e-6, MODELS[2])] {
         let mut parameters = PlantParameters::ideal();
         parameters.inverter.model = model;
-        parameters.bus = BusParameters { supply_v: BUS_V, source_ohm: 0.5, capacitance_f, takes_back: true };
+        parameters.bus = BusParameters { supply_v: BUS_V, source_ohm: 0.5, capacitance_f, regenerative: true };
         let mut plant = Plant::new(&parameters, 0).unwrap();
         plant.set_dyno(Some(0.0)).unwrap();
         hold(&mut plant, Legs::pwm([1.0, 0.0, 0.0]), 4000);
@@ -239,7 +239,7 @@ fn a_source_resistance_drops_the_bus() {
 #[test]
 fn braking_pumps_the_bus_up() {
     let mut parameters = PlantParameters::ideal();
-    parameters.bus = BusParameters { supply_v: BUS_V, source_ohm: 0.1, capacitance_f: 1000e-6, takes_back: false };
+    parameters.bus = BusParameters { supply_v: BUS_V, source_ohm: 0.1, capacitance_f: 1000e-6, regenerative: false };
     let mut plant = Plant::new(&parameters, 0).unwrap();
     plant.place(0.0, 400.0).unwrap();
     let mut highest = BUS_V;

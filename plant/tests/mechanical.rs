@@ -164,7 +164,7 @@ fn current_in_phase_a_aligns_the_rotor_to_zero() {
 #[test]
 fn energy_balances() {
     let disputed = |steps: u8| {
-        let mut parameters = PlantParameters::unkind(3);
+        let mut parameters = PlantParameters::imperfect(3);
         parameters.inverter.switch_ohm = 0.0;
         parameters.inverter.model = InverterModel::Averaged { steps };
         parameters.motor.load_nm = 5e-3;

@@ -1,10 +1,10 @@
-//! The whole plant: repeatability, the unkind motor's statistics, rejected parameters.
+//! The whole plant: repeatability, the imperfect motor's statistics, rejected parameters.
 mod common;
 use common::*;
 use plant::{BackEmf, HallLayout, InverterModel, Legs, MotorParameters, Plant, PlantParameters, Shape};
 use std::f64::consts::PI;
 
-/// FNV-1a over everything sampled while the unkind motor is dragged round by a rotating field.
+/// FNV-1a over everything sampled while the imperfect motor is dragged round by a rotating field.
 fn fingerprint(parameters: &PlantParameters, seed: u64, periods: u32) -> u64 {
     let mut plant = Plant::new(parameters, seed).unwrap();
     let mut hash = 0xcbf2_9ce4_8422_2325u64;
@@ -30,13 +30,13 @@ fn fingerprint(parameters: &PlantParameters, seed: u64, periods: u32) -> u64 {
 /// too.
 #[test]
 fn results_are_a_function_of_the_seed_alone() {
-    let unkind = PlantParameters::unkind(1);
-    assert_eq!(fingerprint(&unkind, 1, 2400), fingerprint(&unkind, 1, 2400));
-    assert_ne!(fingerprint(&unkind, 1, 2400), fingerprint(&unkind, 2, 2400));
-    assert_ne!(PlantParameters::unkind(1), PlantParameters::unkind(2));
-    assert_eq!(fingerprint(&unkind, 1, 2400), 15_109_617_797_135_344_660);
+    let imperfect = PlantParameters::imperfect(1);
+    assert_eq!(fingerprint(&imperfect, 1, 2400), fingerprint(&imperfect, 1, 2400));
+    assert_ne!(fingerprint(&imperfect, 1, 2400), fingerprint(&imperfect, 2, 2400));
+    assert_ne!(PlantParameters::imperfect(1), PlantParameters::imperfect(2));
+    assert_eq!(fingerprint(&imperfect, 1, 2400), 15_109_617_797_135_344_660);
 
-    let mut switched = unkind;
+    let mut switched = imperfect;
     switched.inverter.model = InverterModel::Switched;
     switched.motor.back_emf =
         BackEmf { shape: Shape::Trapezoidal { flat_deg: 120.0 }, fifth: 0.02, ..BackEmf::sinusoidal(5e-3) };
@@ -48,10 +48,10 @@ fn results_are_a_function_of_the_seed_alone() {
 /// Over 400 seeds every error stays in its range, reaches out to nine tenths of it, and averages
 /// to nothing within four standard errors.
 #[test]
-fn the_unkind_motor_is_as_unkind_as_promised() {
+fn the_imperfect_motor_is_as_imperfect_as_promised() {
     let nominal_v = 250.0 * 3.3 / 4096.0;
     let seeds = 400;
-    let all: Vec<_> = (0..seeds).map(|seed| PlantParameters::unkind_with(seed, HallLayout::Deg60)).collect();
+    let all: Vec<_> = (0..seeds).map(|seed| PlantParameters::imperfect_with(seed, HallLayout::Deg60)).collect();
     for sensor in 0..3 {
         let spread = |of: &dyn Fn(&PlantParameters) -> f64| {
             let most = all.iter().map(|p| of(p).abs()).fold(0.0, f64::max);
@@ -95,7 +95,7 @@ type Spoil = fn(&mut PlantParameters);
 #[test]
 fn bad_parameters_are_named() {
     let rejected = |spoil: Spoil| {
-        let mut parameters = PlantParameters::unkind(0);
+        let mut parameters = PlantParameters::imperfect(0);
         spoil(&mut parameters);
         Plant::new(&parameters, 0).unwrap_err()
     };
@@ -116,10 +116,10 @@ fn bad_parameters_are_named() {
         (|p| p.bus.supply_v = -1.0, "bus.supply_v"),
         (
             |p| {
-                p.bus.takes_back = false;
+                p.bus.regenerative = false;
                 p.bus.source_ohm = 0.0;
             },
-            "bus.takes_back",
+            "bus.regenerative",
         ),
         (|p| p.halls[2].noise = -0.01, "halls.noise"),
         (|p| p.halls[2].saturation.high_v = -1.0, "halls.saturation.high_v"),

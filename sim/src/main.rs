@@ -16,7 +16,7 @@ struct Arguments {
 
 #[derive(Subcommand)]
 enum Experiment {
-    /// Calibrate an unkind motor and turn it: start, reversal, slow and fast (the default)
+    /// Calibrate an imperfect motor and turn it: start, reversal, slow and fast (the default)
     Spin(Common),
     /// Block and sinusoidal commutation side by side: torque and speed ripple
     Commutation(Common),

@@ -4,8 +4,8 @@
 //! across the two, so a command M puts `M · V_bus` between them.
 
 use crate::angle::ElectricalAngle;
+use crate::board::{Legs, Output};
 use crate::commutation::sinusoidal::PhaseOrder;
-use crate::commutation::{Legs, Output};
 use crate::pwm::Amplitude;
 
 /// A sixth of the electrical turn: number k runs from `k · 60°` to `(k + 1) · 60°`.

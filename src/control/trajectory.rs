@@ -60,19 +60,19 @@ impl Trajectory {
     #[inline(always)]
     pub const fn towards_speed(&mut self, target: i32, limits: &Limits) {
         let change = target.wrapping_sub(self.speed);
-        self.go(self.speed + clamp(change, limits.acceleration));
+        self.move_on(self.speed + clamp(change, limits.acceleration));
     }
 
-    /// One step towards rest at a position: [`Self::look_ahead`] and [`Self::go_on`], which may as well be called one after the other.
+    /// One step towards rest at a position: [`Self::plan`] and [`Self::advance`], which may as well be called one after the other.
     #[inline(always)]
     pub const fn towards(&mut self, target: Position, limits: &Limits) {
-        self.look_ahead(target, limits);
-        self.go_on(limits);
+        self.plan(target, limits);
+        self.advance(limits);
     }
 
     /// What is left of the way to a position.
     #[inline(always)]
-    pub const fn look_ahead(&mut self, target: Position, limits: &Limits) {
+    pub const fn plan(&mut self, target: Position, limits: &Limits) {
         let left = target.to_bits().wrapping_sub(self.position.to_bits());
         self.back = (left >> 63) as i32;
         let left = left.unsigned_abs();
@@ -82,7 +82,7 @@ impl Trajectory {
 
     /// One step on the way that was looked at.
     #[inline(always)]
-    pub const fn go_on(&mut self, limits: &Limits) {
+    pub const fn advance(&mut self, limits: &Limits) {
         let Limits { acceleration, speed: fastest, .. } = *limits;
         // As if the target lay ahead.
         let speed = turned(self.speed, self.back);
@@ -101,11 +101,11 @@ impl Trajectory {
         } else {
             speed - acceleration
         };
-        self.go(turned(next, self.back));
+        self.move_on(turned(next, self.back));
     }
 
     #[inline(always)]
-    const fn go(&mut self, speed: i32) {
+    const fn move_on(&mut self, speed: i32) {
         self.acceleration = speed - self.speed;
         self.speed = speed;
         self.position = Position::from_bits(self.position.to_bits().wrapping_add(speed as i64));

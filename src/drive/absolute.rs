@@ -7,7 +7,7 @@
 
 use super::{Command, Drive, Sample};
 use crate::angle::{MechanicalAngle, Position};
-use crate::commutation::{Legs, Output};
+use crate::board::{Legs, Output};
 use crate::fault::Fault;
 use crate::service::Service;
 use crate::vernier::continuity::{self, State};
@@ -102,7 +102,7 @@ impl<const HEADS: usize> AbsoluteDrive<HEADS> {
             self.install(encoder);
         }
         let output = self.drive.step(sample);
-        let output = if self.follow(reading) { output } else { self.trip(output) };
+        let output = if self.follow(reading) { output } else { self.trip(&output) };
         self.until_sample = self.until_sample.wrapping_sub(1);
         if self.until_sample == 0 {
             self.until_sample = self.every;
@@ -132,8 +132,11 @@ impl<const HEADS: usize> AbsoluteDrive<HEADS> {
 
     /// Off, if the bridge was on.
     #[cold]
-    fn trip(&mut self, output: Output) -> Output {
-        if output.legs == Legs::NONE || self.drive.fail(Fault::Encoder) { output } else { Output::OFF }
+    fn trip(&mut self, output: &Output) -> Output {
+        if output.legs != Legs::NONE {
+            self.drive.fail(Fault::Encoder);
+        }
+        Output::OFF
     }
 
     /// The drive inside.
@@ -201,6 +204,6 @@ impl Service {
     /// # Errors
     /// The command, when the queue is full.
     pub fn trip(&mut self, fault: Fault) -> Result<(), Command> {
-        self.ask_silently(Command::Trip(fault))
+        self.send_internal(Command::Trip(fault))
     }
 }

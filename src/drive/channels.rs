@@ -2,32 +2,15 @@
 
 use crate::angle::Position;
 use crate::commutation::{Commutation, Modulation};
+use crate::config::Config;
 use crate::control::cogging;
 use crate::control::{Current, Speed};
 use crate::fault::Fault;
-use crate::hall::Codes;
 use crate::hall::estimate::Estimator;
 use crate::mode::Mode;
-use crate::settings::Config;
 use crate::telemetry::{Measurement, Record};
 use core::fmt;
 use heapless::spsc::{Consumer, Producer, Queue};
-
-/// What the ADCs delivered at one instant.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Sample {
-    /// The three Halls.
-    pub halls: Codes,
-    /// The phase currents; only a drive with [`control`](crate::control) looks at these and at the following.
-    pub currents: Codes,
-    /// The bus voltage.
-    pub bus: u16,
-    /// The thermistors of bridge and motor.
-    pub temperatures: [u16; 2],
-    /// Control periods that passed without a step since the last, by the board's count.
-    pub lost: u8,
-}
 
 /// What a task asks the drive to do. Each is answered by one [`Reply`], in order.
 #[derive(Debug)]
@@ -68,6 +51,7 @@ pub type Reply = Result<(), Refusal>;
 /// Why a command was not obeyed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Refusal {
     /// Not in this state.
     Mode(Mode),

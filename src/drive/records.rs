@@ -1,23 +1,25 @@
 //! What is handed over to the tasks.
 
+use super::servo::Context;
 use super::{Drive, Sample};
-use crate::hall::Codes;
 use crate::mode::Mode;
 
 impl Drive {
     /// A record with currents and voltages, if there are any.
     #[inline(never)]
     pub(super) fn record_all(&mut self, sample: &Sample) {
-        if let Some(control) = &self.config.control
+        if let Some(config) = &self.config.control
             && self.mode == Mode::Running
         {
-            self.servo.note(control, &self.live.rotor, self.live.sequence, sample);
+            let with = Context { config, rotor: &self.live.rotor, sample };
+            self.servo.note(&with, &self.paths.field_oriented, &self.paths.idle, self.live.sequence);
             self.publish();
-            self.hand_over();
+            self.hand_over_measurement();
         }
         let calibrating = matches!(self.mode, Mode::Aligning | Mode::Calibrating);
         let every = if calibrating { self.config.calibration_record_every } else { self.config.record_every };
-        self.record(&sample.halls, every);
+        self.live.codes = sample.halls;
+        self.record(every);
         // A calibration may record every step.
         if every == 1 {
             self.receive(sample);
@@ -32,11 +34,10 @@ impl Drive {
         }
     }
 
-    /// Hands a record to the tasks; when they do not keep up, it is lost.
+    /// Hands a record to the tasks; when they do not keep up, it is lost. The next one comes after `every` steps.
     #[inline(always)]
-    pub(super) fn record(&mut self, codes: &Codes, every: u32) {
+    pub(super) fn record(&mut self, every: u32) {
         self.until_record = every;
-        self.live.codes = *codes;
         let _ = self.channels.records.enqueue(self.live);
         self.live.sequence = self.live.sequence.wrapping_add(every);
     }

@@ -90,11 +90,11 @@ pub enum Outcome {
     /// Angle and speed are being acquired.
     Acquiring,
     /// Angle and speed are tracked, parameters are not adapted: too slow, a sensor under suspicion, or a fault.
-    Following,
+    Tracking,
     /// Angle and speed are tracked and parameters adapted.
-    Learning,
+    Adapting,
     /// All of the turn was covered: [`Adapter::model`] is new.
-    Learnt,
+    ModelReady,
     /// A fault was found by this observation; [`Adapter::fault`] keeps it.
     Failed(Fault),
 }

@@ -23,6 +23,7 @@ use crate::hall::plausibility::{Implausible, Window};
 use crate::hall::{Channel, Codes};
 use crate::trig::{self, Direction, QuadrantTable, Segment};
 use core::fmt;
+use core::sync::atomic::{Ordering, compiler_fence};
 pub use inverse::DISAGREEMENT;
 use inverse::Inverse;
 
@@ -40,6 +41,7 @@ pub const WORST_NOISE_GAIN_OF_TWO: f32 = 2.5;
 /// Why sensors cannot give an angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum BadModel {
     /// The ADC has 1 to 16 bits.
     AdcBits(u8),
@@ -220,7 +222,7 @@ impl Estimator {
         if !self.agree(codes) {
             return Err(self.explain(codes, Implausible::Inconsistent));
         }
-        self.angle_of_one(codes)
+        self.angle_in_range(codes)
     }
 
     /// Whether the three do not contradict each other.
@@ -235,12 +237,16 @@ impl Estimator {
     /// # Errors
     /// As [`Self::angle`], but for [`Implausible::Inconsistent`].
     #[inline(always)]
-    pub fn angle_of_one(&self, codes: &Codes) -> Result<ElectricalAngle, Implausible> {
+    pub fn angle_in_range(&self, codes: &Codes) -> Result<ElectricalAngle, Implausible> {
         let window = self.window;
         if !(window.contains(codes[0]) && window.contains(codes[1]) && window.contains(codes[2])) {
             return Err(self.explain(codes, Implausible::Inconsistent));
         }
-        let direction = Direction::of(self.sine.dot(codes), self.cosine.dot(codes));
+        let codes = &[codes[0], codes[1], codes[2]];
+        let cosine = self.cosine.dot(codes);
+        // One row after the other: mixed, as the compiler would, they need more registers than there are.
+        compiler_fence(Ordering::SeqCst);
+        let direction = Direction::of(self.sine.dot(codes), cosine);
         if direction.length().wrapping_sub(self.weakest) > self.strength_span {
             let weak = direction.length() < self.weakest;
             return Err(self.explain(codes, if weak { Implausible::Weak } else { Implausible::Strong }));
@@ -255,7 +261,7 @@ impl Estimator {
     }
 
     /// The angle from the two sensors other than `lost`, for the time until a new estimator takes its place, and their
-    /// strength: [`Self::HEALTHY`] for a calibrated magnet, which grows with the square of the signals. Harmonics are
+    /// strength: [`Self::NOMINAL_STRENGTH`] for a calibrated magnet, which grows with the square of the signals. Harmonics are
     /// not corrected, so that with a third harmonic of 5 % the angle is up to 7° off and the strength 30 %. `None`
     /// where the estimator knows of two sensors only.
     #[cold]
@@ -263,13 +269,13 @@ impl Estimator {
         let pair = self.pairs.get(usize::from(lost.0)).filter(|_| self.lost.is_none())?;
         let (y, x) = (pair.sine.dot(codes), pair.cosine.dot(codes));
         let square = i64::from(y) * i64::from(y) + i64::from(x) * i64::from(x);
-        let strength = square >> (2 * pair.unit_bits - Self::HEALTHY.ilog2());
+        let strength = square >> (2 * pair.unit_bits - Self::NOMINAL_STRENGTH.ilog2());
         let angle = trig::atan2(y, x) - self.alignment;
         Some((if self.reversed { -angle } else { angle }, u32::try_from(strength).unwrap_or(u32::MAX)))
     }
 
     /// Strength of two sensors as calibrated.
-    pub const HEALTHY: u32 = 1024;
+    pub const NOMINAL_STRENGTH: u32 = 1024;
 
     /// The sensor that the estimator does without.
     pub const fn lost(&self) -> Option<Channel> {

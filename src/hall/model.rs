@@ -18,15 +18,15 @@ use crate::trig;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Sensor {
-    /// Mean of the signal, in ADC codes.
+    /// o: mean of the signal, in ADC codes; from the calibration.
     pub offset: f32,
-    /// Amplitude of the fundamental, in ADC codes; positive.
+    /// A: amplitude of the fundamental, in ADC codes; at least 4; from the calibration.
     pub amplitude: f32,
-    /// Electrical phase ψ relative to the first sensor.
+    /// ψ: electrical phase against the first sensor; from the calibration.
     pub placement: ElectricalAngle,
-    /// Third harmonic as a fraction of the amplitude; positive makes the wave flat, negative pointed.
+    /// h₃: third harmonic, share of the amplitude, −0.5 to 0.5; positive makes the wave flat, negative pointed.
     pub third: f32,
-    /// Fifth harmonic as a fraction of the amplitude.
+    /// h₅: fifth harmonic, share of the amplitude, −0.5 to 0.5.
     pub fifth: f32,
 }
 

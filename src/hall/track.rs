@@ -75,11 +75,20 @@ impl Tracker {
     /// [`Jump`]; the tracker then has gone on at its speed, as [`Self::coast`].
     #[inline(always)]
     pub const fn step(&mut self, config: &Config, measured: ElectricalAngle) -> Result<(), Jump> {
+        if self.follow(config, measured) {
+            return Ok(());
+        }
+        self.coast();
+        Err(Jump)
+    }
+
+    /// Takes up the next measured angle, if it is plausible; otherwise nothing changes.
+    #[inline(always)]
+    pub const fn follow(&mut self, config: &Config, measured: ElectricalAngle) -> bool {
         let last = self.position.to_bits();
         let jump = measured.to_bits().wrapping_sub(last as i32);
         if jump.wrapping_add(config.largest_jump as i32) as u32 > 2 * config.largest_jump {
-            self.coast();
-            return Err(Jump);
+            return false;
         }
         self.position = Position::from_bits(last.wrapping_add(jump as i64));
         let predicted = self.angle.to_bits().wrapping_add(self.speed);
@@ -87,7 +96,7 @@ impl Tracker {
         let [alpha, beta] = config.gains;
         self.angle = ElectricalAngle::from_bits(predicted.wrapping_add(high(error, alpha)));
         self.speed = self.speed.wrapping_add(high(error, beta));
-        Ok(())
+        true
     }
 
     /// Goes on at the present speed, for want of a measurement.

@@ -13,7 +13,7 @@
 //! starts from has it.
 
 pub mod curve;
-mod refusal;
+mod error;
 mod turn;
 
 use super::correct::{NODES, correct_heads, mean, round};
@@ -23,7 +23,7 @@ use super::rings::{Ring, Rings};
 use crate::angle::ElectricalAngle;
 use crate::trig::sin_cos_f32;
 use curve::Average;
-pub use refusal::Refusal;
+pub use error::Error;
 use turn::{Path, Residuals};
 
 /// What a calibration is worth. Residual and margin in 2⁻¹⁶ of the distance of two table entries
@@ -107,7 +107,7 @@ impl<const HEADS: usize> Calibrator<HEADS> {
     ///
     /// # Errors
     /// Why the run is not fit; a new calibrator is needed.
-    pub fn push(&mut self, reading: Reading<HEADS>) -> Result<bool, Refusal> {
+    pub fn push(&mut self, reading: Reading<HEADS>) -> Result<bool, Error> {
         match &mut self.stage {
             Stage::Curve { ring, head, run } => {
                 if run.push(reading.ring(*ring)[*head])? {
@@ -145,21 +145,21 @@ impl<const HEADS: usize> Calibrator<HEADS> {
     /// The calibration and what it is worth.
     ///
     /// # Errors
-    /// [`Refusal::TooShort`] before [`Self::push`] has returned true.
-    pub fn finish(self) -> Result<(Calibration<HEADS>, Report), Refusal> {
+    /// [`Error::TooShort`] before [`Self::push`] has returned true.
+    pub fn finish(self) -> Result<(Calibration<HEADS>, Report), Error> {
         match self.stage {
             Stage::Done => Ok((self.calibration, self.report)),
-            _ => Err(Refusal::TooShort { turns: self.turns, of: 2 * HEADS as u8 + 2 }),
+            _ => Err(Error::TooShort { turns: self.turns, of: 2 * HEADS as u8 + 2 }),
         }
     }
 
-    fn take_curve(&mut self, ring: Ring, head: usize, average: &Average) -> Result<(), Refusal> {
+    fn take_curve(&mut self, ring: Ring, head: usize, average: &Average) -> Result<(), Error> {
         let errors = &average.errors;
         if harmonic(errors, 4) > FOURTH_HARMONIC {
-            return Err(Refusal::Saturated { ring, head: head as u8 });
+            return Err(Error::Saturated { ring, head: head as u8 });
         }
         if errors.iter().any(|error| error.abs() > LARGEST_ERROR) {
-            return Err(Refusal::Nonlinear { ring, head: head as u8 });
+            return Err(Error::Nonlinear { ring, head: head as u8 });
         }
         let percent = u32::from(average.similar) * 100 / u32::from(self.rings.pole_pairs(ring));
         self.report.similar_percent = self.report.similar_percent.min(percent as u8);
@@ -188,14 +188,14 @@ impl Check {
     }
 
     /// Takes a sample; true when the turn is complete.
-    fn push(&mut self, rings: &Rings, readings: [u16; 2], apart: [u16; 2]) -> Result<bool, Refusal> {
+    fn push(&mut self, rings: &Rings, readings: [u16; 2], apart: [u16; 2]) -> Result<bool, Error> {
         let decoded = self.table.decode(readings[0], readings[1]);
         let (path, begun) = self.path.get_or_insert_with(|| (Path::new(rings, readings), decoded.pole_pair));
         let complete = path.push(readings)?;
         let residual = decoded.residual.unsigned_abs();
         let pole_pair = (i32::from(*begun) + path.pole_pairs()) % i32::from(rings.pole_pairs(Ring::Reference));
         if i32::from(decoded.pole_pair) != pole_pair {
-            return Err(Refusal::Margin { worst: residual, margin: residual });
+            return Err(Error::Margin { worst: residual, margin: residual });
         }
         self.worst_residual = self.worst_residual.max(residual);
         for (worst, apart) in self.worst_apart.iter_mut().zip(apart) {
@@ -210,24 +210,25 @@ impl Check {
         rings: &Rings,
         calibration: &mut Calibration<HEADS>,
         report: &mut Report,
-    ) -> Result<(), Refusal> {
+    ) -> Result<(), Error> {
         let worst = self.worst_residual;
         let margin = margin(rings, &calibration.averages);
         if worst * 8 > margin * MARGIN_EIGHTHS {
-            return Err(Refusal::Margin { worst, margin });
+            return Err(Error::Margin { worst, margin });
         }
         report.worst_residual = worst;
         report.margin = margin;
         let limit = worst + (margin - worst) / 3;
         calibration.residual_limit = limit.clamp(1, Calibration::<HEADS>::RESIDUAL_LIMIT.into()) as u16;
-        for (ring, (limit, worst)) in
-            [Ring::Reference, Ring::Vernier].into_iter().zip(calibration.apart_limits.iter_mut().zip(self.worst_apart))
+        for (ring, (limit, worst)) in [Ring::Reference, Ring::Vernier]
+            .into_iter()
+            .zip(calibration.head_distance_limits.iter_mut().zip(self.worst_apart))
         {
-            if worst > Calibration::<HEADS>::APART_LIMIT {
-                return Err(Refusal::HeadsApart(ring));
+            if worst > Calibration::<HEADS>::HEAD_DISTANCE_LIMIT {
+                return Err(Error::HeadsApart(ring));
             }
             // A quarter more, and 1/64 of a pole pair.
-            *limit = (worst + worst / 4 + 1024).min(Calibration::<HEADS>::APART_LIMIT);
+            *limit = (worst + worst / 4 + 1024).min(Calibration::<HEADS>::HEAD_DISTANCE_LIMIT);
         }
         Ok(())
     }

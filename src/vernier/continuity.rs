@@ -53,7 +53,7 @@ impl fmt::Display for Fault {
 
 impl core::error::Error for Fault {}
 
-/// What the shaft can do between two samples, in 2⁻³² turns.
+/// Limits of the shaft's motion between two samples, in 2⁻³² turns.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Limits {
     /// The largest step.
@@ -101,7 +101,7 @@ enum Mode {
     Proving { lost: bool, has_speed: bool },
     /// All is well.
     Tracking,
-    /// The last `missed` samples were doubtful.
+    /// The last `missed` samples were not accepted; the last speed is taken to hold.
     Holding { missed: u32 },
     /// Position lost, no sample to start from yet.
     Searching,
@@ -111,12 +111,12 @@ enum Mode {
 #[derive(Clone, Copy, Debug, Default)]
 pub struct State {
     angle: MechanicalAngle,
-    /// Per sample.
+    /// Speed, 2⁻³² turns a sample.
     speed: MechanicalAngle,
-    /// The innovation that needs no second thought; 0 unless tracking.
+    /// Largest innovation that is accepted without further checks, 2⁻³² turns; 0 unless tracking.
     window: u32,
     mode: Mode,
-    /// While proving.
+    /// Travel while proving, 2⁻³² turns.
     travel: i64,
 }
 

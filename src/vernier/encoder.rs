@@ -43,18 +43,18 @@ pub struct Calibration<const HEADS: usize = 1> {
     pub vernier: [Curve; HEADS],
     /// The average residual over each pole pair of the reference ring, in 2⁻¹⁶ of the distance of two table entries.
     pub averages: [i16; 64],
-    /// The largest residual believed, in the same unit; at most 3/4 of the margin.
+    /// The largest residual accepted, in the same unit; at most 3/4 of the margin.
     pub residual_limit: u16,
-    /// How far apart the heads of the reference and of the vernier ring may be, in 2⁻¹⁶ pole pairs; at most
-    /// 3/8 of a pole pair.
-    pub apart_limits: [u16; 2],
+    /// Largest distance between the corrected readings of a ring's heads, reference ring first, in 2⁻¹⁶ pole pairs; at
+    /// most 3/8 of a pole pair.
+    pub head_distance_limits: [u16; 2],
 }
 
 impl<const HEADS: usize> Calibration<HEADS> {
     /// The largest [`Self::residual_limit`]: beyond it the neighbouring entry is about as likely.
     pub const RESIDUAL_LIMIT: u16 = 3 << 13;
-    /// The largest of [`Self::apart_limits`].
-    pub const APART_LIMIT: u16 = 3 << 13;
+    /// The largest of [`Self::head_distance_limits`].
+    pub const HEAD_DISTANCE_LIMIT: u16 = 3 << 13;
 
     /// For perfect rings, and heads spread evenly around the shaft whose electrical zeros are aligned at the first
     /// head; the limits at their largest.
@@ -72,7 +72,7 @@ impl<const HEADS: usize> Calibration<HEADS> {
             vernier: curves(Ring::Vernier),
             averages: [0; 64],
             residual_limit: Self::RESIDUAL_LIMIT,
-            apart_limits: [Self::APART_LIMIT; 2],
+            head_distance_limits: [Self::HEAD_DISTANCE_LIMIT; 2],
         }
     }
 
@@ -99,8 +99,8 @@ impl<const HEADS: usize> Calibration<HEADS> {
 pub enum EncoderError {
     /// The calibration's `residual_limit` is 0 or above [`Calibration::RESIDUAL_LIMIT`].
     ResidualLimit(u16),
-    /// One of the calibration's `apart_limits` is above [`Calibration::APART_LIMIT`].
-    ApartLimit(u16),
+    /// One of the calibration's `head_distance_limits` is above [`Calibration::HEAD_DISTANCE_LIMIT`].
+    HeadDistanceLimit(u16),
     /// The shaft may not turn backwards in the largest step, nor further than `largest`.
     LargestStep {
         /// What was asked for.
@@ -116,8 +116,12 @@ impl fmt::Display for EncoderError {
             Self::ResidualLimit(found) => {
                 write!(f, "the calibration's residual limit is {found}, not 1 to {}", Calibration::<1>::RESIDUAL_LIMIT)
             }
-            Self::ApartLimit(found) => {
-                write!(f, "the calibration lets heads be {found} apart, more than {}", Calibration::<1>::APART_LIMIT)
+            Self::HeadDistanceLimit(found) => {
+                write!(
+                    f,
+                    "the calibration lets heads be {found} apart, more than {}",
+                    Calibration::<1>::HEAD_DISTANCE_LIMIT
+                )
             }
             Self::LargestStep { found, largest } => write!(
                 f,
@@ -136,7 +140,7 @@ impl core::error::Error for EncoderError {}
 #[repr(C)]
 pub struct Encoder<const HEADS: usize = 1> {
     residual_limit: u32,
-    apart_limits: [u16; 2],
+    head_distance_limits: [u16; 2],
     table: AverageTable,
     reference: [Linearity; HEADS],
     vernier: [Linearity; HEADS],
@@ -160,9 +164,9 @@ impl<const HEADS: usize> Encoder<HEADS> {
         if residual_limit == 0 || residual_limit > Calibration::<HEADS>::RESIDUAL_LIMIT {
             return Err(EncoderError::ResidualLimit(residual_limit));
         }
-        for limit in calibration.apart_limits {
-            if limit > Calibration::<HEADS>::APART_LIMIT {
-                return Err(EncoderError::ApartLimit(limit));
+        for limit in calibration.head_distance_limits {
+            if limit > Calibration::<HEADS>::HEAD_DISTANCE_LIMIT {
+                return Err(EncoderError::HeadDistanceLimit(limit));
             }
         }
         Ok(Self {
@@ -170,7 +174,7 @@ impl<const HEADS: usize> Encoder<HEADS> {
             vernier: calibration.vernier.each_ref().map(Linearity::new),
             table: AverageTable::new(rings, &calibration.averages),
             residual_limit: u32::from(residual_limit),
-            apart_limits: calibration.apart_limits,
+            head_distance_limits: calibration.head_distance_limits,
             limits: Limits::new(rings, largest_step)
                 .map_err(|largest| EncoderError::LargestStep { found: largest_step, largest })?,
         })
@@ -232,9 +236,9 @@ impl<const HEADS: usize> Encoder<HEADS> {
     /// What is wrong with a sample by itself.
     #[inline(always)]
     fn contradiction(&self, decoded: Decoded, apart: [u16; 2]) -> Option<Fault> {
-        if HEADS > 1 && apart[0] > self.apart_limits[0] {
+        if HEADS > 1 && apart[0] > self.head_distance_limits[0] {
             Some(Fault::HeadsApart(Ring::Reference))
-        } else if HEADS > 1 && apart[1] > self.apart_limits[1] {
+        } else if HEADS > 1 && apart[1] > self.head_distance_limits[1] {
             Some(Fault::HeadsApart(Ring::Vernier))
         } else if !within(decoded.residual, self.residual_limit) {
             Some(Fault::Residual)

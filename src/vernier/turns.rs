@@ -1,8 +1,8 @@
 //! The Hall sensors' turn counter against the absolute angle.
 //!
-//! The Halls know where the rotor is within an electrical turn, and from power-up they count these turns; which of them
-//! the first was they cannot know. The encoder tells: its first good angle gives the counter its start, after which
-//! the motor's position is absolute from the Halls alone, and every later one must find the counter where it was left.
+//! The Halls give the angle within an electrical turn and count electrical turns from power-up on, but not which turn
+//! was the first. The encoder's first valid angle sets the counter's zero. From then on the Halls alone give the
+//! absolute position, and every later angle of the encoder is compared with it.
 
 use crate::angle::{ElectricalAngle, MechanicalAngle, PolePairs, Position};
 use core::fmt;
@@ -11,7 +11,7 @@ use core::fmt;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TurnCheck {
-    /// Of the motor.
+    /// p: pole pairs of the motor, 1 to 64.
     pub pole_pairs: PolePairs,
     /// Electrical angle of the Halls where the encoder shows zero; [`Self::offset`] measures it.
     pub offset: ElectricalAngle,
@@ -20,12 +20,13 @@ pub struct TurnCheck {
     pub tolerance: ElectricalAngle,
 }
 
-/// What the counter has to be told: whole electrical turns to take off the Halls' position. `default` is power-up.
+/// Zero of the turn counter: whole electrical turns to subtract from the Halls' position. `default` is power-up:
+/// unknown.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct TurnZero(Option<i32>);
 
-/// Why Halls and encoder do not go together.
+/// How Halls and encoder disagree.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Disagreement {

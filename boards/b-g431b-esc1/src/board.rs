@@ -3,7 +3,7 @@
 use b_g431b_esc1::constants::{self, EARLY, FIRST, SECOND, ZERO};
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, GPIOA, GPIOB, GPIOC};
-use hallservo::drive::Sample;
+use hallservo::board::Sample;
 use hallservo::settings::Settings;
 use stm32g4::sensing::{Early, NO_THERMISTOR, current, pulled_up};
 use stm32g4::wiring::Wiring;

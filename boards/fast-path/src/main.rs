@@ -7,8 +7,8 @@
 #![no_main]
 
 use core::panic::PanicInfo;
-use hallservo::commutation::Output;
-use hallservo::drive::{Drive, Sample};
+use hallservo::board::{Output, Sample};
+use hallservo::drive::Drive;
 
 /// What the control interrupt calls.
 #[unsafe(no_mangle)]

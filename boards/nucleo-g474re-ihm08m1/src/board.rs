@@ -2,7 +2,7 @@
 
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{ADC1, ADC2, ADC3, ADC4, ADC12_COMMON, ADC345_COMMON, GPIOA, GPIOB};
-use hallservo::drive::Sample;
+use hallservo::board::Sample;
 use hallservo::settings::Settings;
 use nucleo_g474re_ihm08m1::constants::{self, FIRST, FOURTH, SECOND, THIRD, ZERO};
 use stm32g4::sensing::{NO_THERMISTOR, current, pulled_up};

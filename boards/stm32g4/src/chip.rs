@@ -21,7 +21,8 @@ use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{DBGMCU, Interrupt, RCC};
 use embassy_stm32::usart::{self, BufferedUart};
 use embassy_stm32::{Peri, Peripherals, peripherals};
-use hallservo::drive::{Drive, Sample};
+use hallservo::board::Sample;
+use hallservo::drive::Drive;
 use hallservo::settings::Settings;
 use hallservo_app::{Housekeeping, Identity, Memory, Supervisor, embassy};
 use static_cell::{ConstStaticCell, StaticCell};
@@ -110,7 +111,11 @@ fn prepare<B: Board>(
 
 /// What is large goes to its place and leaves the stack.
 #[inline(never)]
-fn begin(identity: Identity, defaults: Settings, flash: Storage) -> (&'static mut Drive, &'static mut Supervisor<Storage>) {
+fn begin(
+    identity: Identity,
+    defaults: Settings,
+    flash: Storage,
+) -> (&'static mut Drive, &'static mut Supervisor<Storage>) {
     static MEMORY: ConstStaticCell<Memory<Storage>> = ConstStaticCell::new(Memory::new());
     match Supervisor::start(identity, defaults, flash, place(), MEMORY.take()) {
         Ok(started) => started,

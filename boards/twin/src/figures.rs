@@ -3,7 +3,8 @@
 use core::f64::consts::TAU;
 use core::fmt;
 use hallservo::angle::{ElectricalAngle, PolePairs};
-use hallservo::drive::{Drive, Sample};
+use hallservo::board::Sample;
+use hallservo::drive::Drive;
 use plant::Truth;
 
 /// Over all periods judged.

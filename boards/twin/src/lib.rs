@@ -12,10 +12,11 @@ pub mod log;
 pub use digest::Digest;
 pub use figures::Figures;
 
-use hallservo::commutation::Output;
-use hallservo::drive::{Drive, Interrupt, Sample};
+use hallservo::board::{Output, Sample};
+use hallservo::config::Config;
+use hallservo::drive::{Drive, Interrupt};
 use hallservo::mode::Mode;
-use hallservo::settings::{Config, Settings};
+use hallservo::settings::Settings;
 use plant::{Legs, Plant, PlantParameters};
 
 /// Seed of the motor, its imperfections and its noise.
@@ -44,7 +45,7 @@ impl Twin {
     /// Both at rest; the drive takes its commands from the other end of `channels`. `None` if the plant refuses its own
     /// parameters.
     pub fn new(config: Config, channels: Interrupt) -> Option<Self> {
-        let mut plant = Plant::new(&PlantParameters::unkind(SEED), SEED).ok()?;
+        let mut plant = Plant::new(&PlantParameters::imperfect(SEED), SEED).ok()?;
         plant.place(0.3, 0.0).ok()?;
         let drive = Drive::new(config, channels);
         Some(Self {

@@ -9,3 +9,8 @@ mod request;
 pub mod script;
 pub mod serial;
 pub mod session;
+
+/// The README's example compiles.
+#[cfg(doctest)]
+#[doc = include_str!("../../README.md")]
+struct Readme;

@@ -56,7 +56,7 @@ fn main() -> Result<ExitCode> {
     let steps = steps.transpose()?;
     let elf = arguments.elf.clone().map_or_else(|| firmware::build(&board.name), Ok)?;
     let image = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
-    let mut session = Session::new(&board, image, &PlantParameters::unkind(arguments.seed), arguments.seed)?;
+    let mut session = Session::new(&board, image, &PlantParameters::imperfect(arguments.seed), arguments.seed)?;
     session.follow(steps.unwrap_or_default());
 
     let end_s = arguments.seconds.unwrap_or(if arguments.serial.is_some() { f64::INFINITY } else { 1.0 });

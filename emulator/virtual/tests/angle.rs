@@ -65,7 +65,7 @@ impl Host {
 /// The virtual board's motor at what a board senses with.
 fn motor(settings: &Settings, early: u32) -> PlantParameters {
     let control = settings.control.expect("current control");
-    let mut motor = PlantParameters::unkind(1);
+    let mut motor = PlantParameters::imperfect(1);
     motor.inverter.pwm_hz = f64::from(settings.pwm_hz);
     motor.inverter.dead_time_s = f64::from(settings.dead_time_s);
     motor.inverter.model = InverterModel::Switched;

@@ -162,7 +162,7 @@ fn near(speeds: Vec<f64>, wanted: f64) -> (usize, f64) {
 fn obeyed(truth: &Truth, motion: &Motion) {
     let Motion { commutation, torque, speed, position } = motion;
     // The rotor is free: what the torque leaves above friction accelerates it. Between two speeds, for it began somewhere.
-    let motor = PlantParameters::unkind(1).motor;
+    let motor = PlantParameters::imperfect(1).motor;
     let speeds = truth.during("speed / rad/s", torque);
     let (from, to) = (20.0, 80.0);
     let rows = speeds.iter().filter(|speed| (from..to).contains(*speed)).count() as f64;

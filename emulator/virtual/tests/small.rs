@@ -26,7 +26,7 @@ fn boards() -> [Arc<Board>; 2] {
 
 fn session(board: &Arc<Board>, name: &str) -> Session {
     let image = std::fs::read(elf(name)).expect("a built firmware");
-    Session::new(board, image, &PlantParameters::unkind(1), 1).expect("a session")
+    Session::new(board, image, &PlantParameters::imperfect(1), 1).expect("a session")
 }
 
 fn messages(session: &Session) -> Vec<&str> {

@@ -1,7 +1,7 @@
 //! What may happen to a simulated drive, to see what it does about it. The language is that of the crate [`script`].
 
 use anyhow::{Context as _, Result, anyhow, bail};
-use hallservo::drive::Sample;
+use hallservo::board::Sample;
 use plant::{HallFault, Plant, Rail};
 use script::{Event, HallWire};
 use std::str::FromStr;

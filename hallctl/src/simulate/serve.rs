@@ -20,7 +20,8 @@ use std::time::{Duration, Instant};
 pub enum Pace {
     /// As on the wall
     Real,
-    /// Each request is worth 20 ms, or what its answer takes, as fast as this machine computes; nobody asks, no time passes
+    /// Each request is worth 20 ms, or what its answer takes, as fast as this machine computes; nobody asks, no time
+    /// passes
     Fast,
 }
 
@@ -128,18 +129,22 @@ impl Tool {
     }
 }
 
-/// Something happens to the drive; how many milliseconds it takes.
+/// What a person has typed happens; how many milliseconds it takes.
 fn happen(simulator: &mut Simulator, kind: Kind, text: &str) -> u32 {
     if let Err(error) = simulator.happen(kind) {
         eprintln!("{text}: {error}");
         return 0;
     }
-    if let Kind::Turn(turns) = kind {
-        println!("The shaft is turned by {turns} turns.");
-        return (1000.0 * turns.abs()) as u32;
+    match kind {
+        Kind::Turn(turns) => {
+            println!("The shaft is turned by {turns} turns.");
+            (1000.0 * turns.abs()) as u32
+        }
+        _ => {
+            println!("{text}: done");
+            0
+        }
     }
-    println!("{text}: done");
-    0
 }
 
 fn real(simulator: &mut Simulator, line: &Receiver<Event>) {
@@ -162,14 +167,17 @@ fn real(simulator: &mut Simulator, line: &Receiver<Event>) {
     }
 }
 
-/// What the drive does depends on what comes, in which order, and on nothing else: neither on when, nor on how it is cut in pieces.
+/// What the drive does depends on what comes, in which order, and on nothing else: neither on when, nor on how it is
+/// cut in pieces.
 fn fast(simulator: &mut Simulator, line: &Receiver<Event>) {
     let mut tool = Tool::default();
     while let Ok(event) = line.recv() {
         match event {
             Event::Came(out) => tool.out = Some(out),
             Event::Bytes(bytes) => bytes.into_iter().for_each(|byte| tool.ask(simulator, byte)),
-            Event::Typed(kind, text) => (0..happen(simulator, kind, &text)).for_each(|_| tool.step(simulator)),
+            Event::Typed(kind, text) => {
+                (0..happen(simulator, kind, &text)).for_each(|_| tool.step(simulator));
+            }
         }
     }
 }

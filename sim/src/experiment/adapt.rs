@@ -4,19 +4,19 @@
 pub mod coupling;
 pub mod drift;
 pub mod ensemble;
-pub mod judge;
 pub mod loss;
+pub mod trial;
 
 use super::Common;
 use crate::report::{Plot, Report, Series, print_table};
 use crate::statistics::Statistics;
 use anyhow::{Result, ensure};
 use drift::Drift;
-use ensemble::{Course, PARTS};
-use judge::{Judge, Motion, PERIOD_S, Start};
+use ensemble::{Convergence, PARTS};
 use loss::Loss;
 use rayon::prelude::*;
 use serde::Serialize;
+use trial::{Motion, PERIOD_S, Start, Trial};
 
 /// Electrical speed: a hundred samples a turn.
 pub const HZ: f64 = 10.0;
@@ -100,7 +100,7 @@ pub struct Summary {
 pub struct Run {
     /// The figures.
     pub summary: Summary,
-    courses: Vec<Course>,
+    courses: Vec<Convergence>,
     drift: Drift,
     loss: Loss,
 }
@@ -126,9 +126,9 @@ pub fn main(options: &Options) -> Result<()> {
 pub fn run(seed: u64, motors: u64) -> Result<Run> {
     ensure!(motors >= 1, "--motors must be at least 1");
     let seeds = || (seed..seed.saturating_add(motors)).into_par_iter();
-    let courses = seeds().map(|seed| ensemble::course(seed, HZ)).collect::<Result<Vec<_>>>()?;
+    let courses = seeds().map(|seed| ensemble::converge(seed, HZ)).collect::<Result<Vec<_>>>()?;
     let [ramps, reversals] = [Motion::Ramp(HZ), Motion::Reversals(HZ)]
-        .map(|motion| seeds().map(|seed| ensemble::ride(seed, motion)).collect::<Result<Vec<_>>>());
+        .map(|motion| seeds().map(|seed| ensemble::track(seed, motion)).collect::<Result<Vec<_>>>());
     let (ramps, reversals) = (ramps?, reversals?);
     let drift_motors = motors.min(24);
     let drift_seeds = || (seed..seed.saturating_add(drift_motors)).into_par_iter();
@@ -146,8 +146,8 @@ pub fn run(seed: u64, motors: u64) -> Result<Run> {
     let rms = |parts: &[f64]| parts.iter().copied().collect::<Statistics>().rms();
     let mut all: Vec<f64> = courses.iter().flat_map(|course| course.steady.iter().map(|error| error.abs())).collect();
     all.sort_by(f64::total_cmp);
-    let ride_rms =
-        |rides: &[ensemble::Ride], of: fn(&ensemble::Ride) -> f64| rms(&rides.iter().map(of).collect::<Vec<_>>());
+    let tracking_rms =
+        |runs: &[ensemble::Tracking], of: fn(&ensemble::Tracking) -> f64| rms(&runs.iter().map(of).collect::<Vec<_>>());
     let worst = |of: fn(&Drift) -> f64| drifts.iter().map(of).fold(0.0, f64::max);
     let summary = Summary {
         seed,
@@ -159,12 +159,12 @@ pub fn run(seed: u64, motors: u64) -> Result<Run> {
         error_deg_rms: rms(&errors[steady..]),
         error_deg_p99: all[(all.len() - 1) * 99 / 100],
         posterior_bound_deg: rms(&bound[steady..]),
-        ramp_error_deg_rms: ride_rms(&ramps, |ride| ride.error.rms()),
-        ramp_bound_deg: ride_rms(&ramps, |ride| ride.bound.rms()),
-        reversal_error_deg_rms: ride_rms(&reversals, |ride| ride.error.rms()),
-        reversal_bound_deg: ride_rms(&reversals, |ride| ride.bound.rms()),
+        ramp_error_deg_rms: tracking_rms(&ramps, |run| run.error.rms()),
+        ramp_bound_deg: tracking_rms(&ramps, |run| run.bound.rms()),
+        reversal_error_deg_rms: tracking_rms(&reversals, |run| run.error.rms()),
+        reversal_bound_deg: tracking_rms(&reversals, |run| run.bound.rms()),
         diverged: courses.iter().filter(|course| course.diverged).count()
-            + ramps.iter().chain(&reversals).filter(|ride| ride.diverged).count()
+            + ramps.iter().chain(&reversals).filter(|run| run.diverged).count()
             + drifts.iter().filter(|drift| drift.diverged).count(),
         paper_filter_convergence_turns: ensemble::convergence_turns(&paper),
         paper_filter_error_deg_rms: rms(&paper[steady..]),
@@ -310,22 +310,22 @@ impl Run {
 
 /// Figure 11 of the paper for both filters: Halls, covariances, parameters, angle error.
 fn figure_11(seed: u64) -> Result<Vec<(Plot, &'static str)>> {
-    let mut judge = Judge::new(seed, judge::halls(seed), Motion::Constant(HZ), Start::Nominal)?;
-    let mut paper = ensemble::paper_filter(&judge, HZ);
+    let mut trial = Trial::new(seed, trial::halls(seed), Motion::Constant(HZ), Start::Nominal)?;
+    let mut paper = ensemble::paper_filter(&trial, HZ);
     let names = |kind: &str| (0..3).map(|k| format!("Hall {k}, {kind}")).collect::<Vec<_>>();
     let mut halls = vec![Vec::new(); 6];
     let mut deviations = vec![Vec::new(); 5];
     let mut parameters = vec![Vec::new(); 6];
     let mut errors = vec![Vec::new(); 2];
-    while judge.time_s() < 0.5 {
-        let step = judge.step();
-        paper.step(step.codes, judge::DAMPING_1_S * std::f64::consts::TAU * HZ, judge::DAMPING_1_S, PERIOD_S);
-        let (t, model) = (judge.time_s(), judge.adapter.current());
-        let known = judge.adapter.deviations();
+    while trial.time_s() < 0.5 {
+        let step = trial.step();
+        paper.step(step.codes, trial::DAMPING_1_S * std::f64::consts::TAU * HZ, trial::DAMPING_1_S, PERIOD_S);
+        let (t, model) = (trial.time_s(), trial.adapter.current());
+        let known = trial.adapter.deviations();
         for k in 0..3 {
             halls[k].push((t, f64::from(step.codes[k])));
-            halls[k + 3].push((t, f64::from(model.sensors[k].code(judge.adapter.hall_angle()))));
-            let truth = judge::exact_model(&judge.halls).sensors[k];
+            halls[k + 3].push((t, f64::from(model.sensors[k].code(trial.adapter.hall_angle()))));
+            let truth = trial::exact_model(&trial.halls).sensors[k];
             parameters[k].push((t, f64::from((model.sensors[k].amplitude / truth.amplitude - 1.0) * 100.0)));
             let placement = (model.sensors[k].placement - truth.placement).to_degrees();
             parameters[k + 3].push((t, f64::from(placement)));
@@ -341,7 +341,7 @@ fn figure_11(seed: u64) -> Result<Vec<(Plot, &'static str)>> {
             points.push((t, f64::from(spread)));
         }
         errors[0].push((t, step.error_deg));
-        errors[1].push((t, judge::wrapped_deg(paper.angle - judge.hall_rad())));
+        errors[1].push((t, trial::wrapped_deg(paper.angle - trial.hall_rad())));
     }
     let series = |names: Vec<String>, points: Vec<Vec<(f64, f64)>>| {
         names.into_iter().zip(points).map(|(name, points)| Series::new(name, points)).collect::<Vec<_>>()

@@ -82,12 +82,12 @@ pub fn run(seed: u64) -> Result<Run> {
     Ok(Run { summary, torque: [block, sine, raw], speed: [block_speed, sine_speed] })
 }
 
-/// The unkind sensors on a motor whose current is the command's: no dead time, no drops, no cogging.
+/// The imperfect sensors on a motor whose current is the command's: no dead time, no drops, no cogging.
 fn constant_current(seed: u64) -> PlantParameters {
-    let unkind = PlantParameters::unkind(seed);
+    let imperfect = PlantParameters::imperfect(seed);
     let inverter =
         InverterParameters { model: InverterModel::Averaged { steps: 1 }, ..InverterParameters::ideal(40e3) };
-    PlantParameters { motor: MotorParameters::ideal(), inverter, bus: PlantParameters::ideal().bus, ..unkind }
+    PlantParameters { motor: MotorParameters::ideal(), inverter, bus: PlantParameters::ideal().bus, ..imperfect }
 }
 
 /// Speed of the dynamometer: so slow that neither the back-EMF nor the change from step to step shows.
@@ -154,7 +154,7 @@ const SLOW_RPM: f64 = 100.0;
 
 /// Speed in rpm, each period of a second, at the constant command that turns the load with [`SLOW_RPM`].
 fn speed(seed: u64, commutation: Commutation, cogging: bool) -> Result<Vec<f64>> {
-    let mut plant = PlantParameters::unkind(seed);
+    let mut plant = PlantParameters::imperfect(seed);
     if !cogging {
         plant.motor.cogging = [Cogging::NONE; 2];
     }
@@ -222,7 +222,7 @@ impl Run {
     fn report(&self) -> Result<Report> {
         let mut report = Report::new("Block and sinusoidal commutation");
         report.text(
-            "The paper's motor with unkind Halls, calibrated by the drive. Torque: turned slowly by a dynamometer at a constant \
+            "The paper's motor with imperfect Halls, calibrated by the drive. Torque: turned slowly by a dynamometer at a constant \
              command, an ideal inverter. Speed: turning a load of 40 mN·m with 100 rpm at a constant command without feedback, with dead time.",
         );
         report.table(&self.table());

@@ -1,4 +1,4 @@
-//! The servo: current, speed and position control on the paper's motor with unkind Halls.
+//! The servo: current, speed and position control on the paper's motor with imperfect Halls.
 
 mod identified;
 
@@ -8,9 +8,9 @@ use crate::rig::Rig;
 use crate::statistics::{Statistics, ripple_pct};
 use anyhow::{Context, Result, anyhow};
 use hallservo::commutation::Commutation;
-use hallservo::control::settings::Settings as Control;
 use hallservo::drive::Command;
 use hallservo::service::learning;
+use hallservo::settings::Control;
 use hallservo::settings::Settings;
 use identified::identified;
 pub use identified::{Compared, Identification};
@@ -103,7 +103,7 @@ fn armed(seed: u64, commutation: Commutation, tuning: Tuning) -> Result<Rig> {
     let control = Control { speed_bandwidth_hz: speed_hz, position_bandwidth_hz: position_hz, ..Control::default() };
     let settings =
         Settings { commutation, control: Some(control), tracking_bandwidth_hz: tracking_hz, ..Settings::default() };
-    let mut rig = Rig::new(&PlantParameters::unkind(seed), &settings, seed)?;
+    let mut rig = Rig::new(&PlantParameters::imperfect(seed), &settings, seed)?;
     rig.calibrate(|_| ())?;
     rig.command(Command::Arm)?;
     Ok(rig)
@@ -352,7 +352,7 @@ impl Run {
     fn report(&self) -> Result<Report> {
         let mut report = Report::new("Current, speed and position control");
         report.text(
-            "The paper's motor with unkind Halls, dead time, friction and cogging, calibrated by the drive. Torques, speeds and \
+            "The paper's motor with imperfect Halls, dead time, friction and cogging, calibrated by the drive. Torques, speeds and \
              positions are the motor's true ones. Bandwidths of speed, position and tracker: 20, 6 and 140 Hz for turning evenly, 60, 15 and \
              280 Hz for holding a position.",
         );

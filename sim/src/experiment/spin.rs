@@ -1,4 +1,4 @@
-//! Calibrates an unkind motor and turns it through start, reversal, slow and fast.
+//! Calibrates an imperfect motor and turns it through start, reversal, slow and fast.
 
 use super::Common;
 use crate::baseline::halls::{Normalizer, Signal, single_sensor};
@@ -81,12 +81,15 @@ struct Row {
 pub fn main(common: &Common) -> Result<()> {
     common.prepare()?;
     let bar = ProgressBar::new(1000).with_style(ProgressStyle::with_template("{msg:12} {wide_bar} {percent:>3} %")?);
-    let run = run(common.seed, &PlantParameters::unkind(common.seed), |what, part| {
+    let run = run(common.seed, &PlantParameters::imperfect(common.seed), |what, part| {
         bar.set_message(what);
         bar.set_position((1000.0 * part) as u64);
     })?;
     bar.finish_and_clear();
-    println!("An unkind motor, calibrated and turned by the code of the control interrupt (seed {}):\n", common.seed);
+    println!(
+        "An imperfect motor, calibrated and turned by the code of the control interrupt (seed {}):\n",
+        common.seed
+    );
     print_table(&run.table());
     println!();
     print_table(&run.sensor_table());
@@ -231,7 +234,7 @@ impl Run {
     }
 
     fn report(&self) -> Result<Report> {
-        let mut report = Report::new("An unkind motor, calibrated and turned");
+        let mut report = Report::new("An imperfect motor, calibrated and turned");
         report.text(
             "Three linear Halls with placement errors up to 8°, amplitudes off by up to 30 % and offsets by up to 10 %, 5 % third \
              harmonic and 1 % noise at a 12-bit ADC; friction, cogging and dead time. The control code is the one that \

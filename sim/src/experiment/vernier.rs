@@ -1,5 +1,6 @@
 //! The two-ring encoder of Bakos, Gőzse and Soumelidis: before and after it has calibrated itself, and when it breaks.
 
+mod build;
 pub mod faults;
 mod plots;
 
@@ -7,13 +8,13 @@ use super::Common;
 use crate::report::print_table;
 use crate::statistics::Statistics;
 use anyhow::Result;
+pub use build::{Build, calibrate, read};
 use faults::{FAULTS, Outcome, Recorded};
 use hallservo::angle::MechanicalAngle;
-use hallservo::vernier::calibrate::{Calibrator, Refusal, Report};
-use hallservo::vernier::eccentricity::Geometry;
-use hallservo::vernier::encoder::{Calibration, Encoder, Reading};
+use hallservo::vernier::calibrate::Report;
+use hallservo::vernier::encoder::{Calibration, Encoder};
 use hallservo::vernier::rings::Rings;
-use plant::construction::{Construction, Imperfections, UnsteadyShaft};
+use plant::construction::Construction;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
 use serde::Serialize;
@@ -34,20 +35,6 @@ pub struct Options {
     /// Times to inject each fault
     #[arg(long, value_name = "N", default_value_t = 10_000)]
     pub trials: usize,
-}
-
-/// The paper's construction, 37 and 45 pole pairs of 2 mm under 12-bit heads, but for these.
-#[derive(Clone, Copy, Debug, clap::Args)]
-pub struct Build {
-    /// Distance of the rings' centre from the axis, in mm
-    #[arg(long, value_name = "MM", default_value_t = 0.02)]
-    pub eccentricity: f64,
-    /// From the heads of one ring to those of the other, in degrees
-    #[arg(long, value_name = "DEG", default_value_t = 40.0)]
-    pub head_angle: f64,
-    /// Two opposite heads over each ring
-    #[arg(long)]
-    pub pairs: bool,
 }
 
 /// The figures of `vernier --json`. Angles are mechanical degrees, counts those of a 12-bit head over the outer ring.
@@ -79,44 +66,6 @@ pub struct Summary {
     pub refusal: Option<String>,
     /// What became of the faults injected.
     pub faults: Vec<Outcome>,
-}
-
-/// Placement error of opposite heads, degrees.
-const MISPLACEMENT_DEG: f64 = 1.0;
-/// Samples in a turn of the calibration run, and by how much its speed varies.
-const SAMPLES_A_TURN: f64 = 8000.0;
-const RIPPLE: f64 = 0.05;
-
-impl Build {
-    /// The paper's rings.
-    ///
-    /// # Errors
-    /// None: they are coprime.
-    pub fn rings(&self) -> Result<Rings> {
-        Ok(Rings::new(37, 45, 12)?)
-    }
-
-    /// One built encoder: 2° of first and second harmonic, opposite heads up to 1° off, a count of noise.
-    pub fn construction(&self, seed: u64) -> Construction {
-        let harmonic = 2.0_f64.to_radians();
-        let imperfections = Imperfections {
-            eccentricity_mm: self.eccentricity,
-            misplacement_rad: MISPLACEMENT_DEG.to_radians(),
-            harmonics_rad: [harmonic, harmonic, 0.0, 0.0],
-            displacement_rad: 0.0,
-            noise: 1.0,
-        };
-        Construction::new([37, 45], 2.0, self.head_angle.to_radians(), 12, &imperfections, seed)
-    }
-
-    fn tolerable_mm(&self) -> Result<f64> {
-        let rings = self.rings()?;
-        let geometry = Geometry::from_pole_length(&rings, 2.0, self.head_angle.to_radians() as f32);
-        let misplacement = MISPLACEMENT_DEG.to_radians() as f32;
-        let tolerable =
-            if self.pairs { geometry.tolerable_with_pairs(&rings, misplacement) } else { geometry.tolerable(&rings) };
-        Ok(tolerable.into())
-    }
 }
 
 /// `vernier`: the experiment on the command line.
@@ -187,34 +136,6 @@ fn run_with<const HEADS: usize>(options: &Options) -> Result<Summary> {
         refusal,
         faults,
     })
-}
-
-/// The codes of the heads as the decoder takes them.
-pub fn read<const HEADS: usize>(rings: &Rings, construction: &mut Construction, shaft_rad: f64) -> Reading<HEADS> {
-    let [reference, vernier] = construction.digital(shaft_rad).map(|codes| codes.map(|code| rings.reading(code)));
-    Reading { reference, vernier }
-}
-
-/// Calibrates an encoder by turning it unsteadily.
-///
-/// # Errors
-/// The calibration's refusal.
-pub fn calibrate<const HEADS: usize>(
-    build: &Build,
-    construction: &mut Construction,
-    seed: u64,
-) -> Result<(Calibration<HEADS>, Report), Refusal> {
-    // The rings are coprime.
-    let Ok(rings) = build.rings() else { return Err(Refusal::TooFast) };
-    let mut shaft = UnsteadyShaft::new(TAU / SAMPLES_A_TURN, RIPPLE, seed);
-    let mut calibrator = Calibrator::new(&rings, &Calibration::ideal(&rings));
-    let most = 8 * SAMPLES_A_TURN as usize;
-    for _ in 0..most {
-        if calibrator.push(read(&rings, construction, shaft.turn()))? {
-            break;
-        }
-    }
-    calibrator.finish()
 }
 
 struct Decoding {

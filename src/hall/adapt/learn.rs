@@ -11,7 +11,7 @@ const FEWEST_SAMPLES: u32 = 64;
 impl Adapter {
     pub(super) fn follow(&mut self) -> Outcome {
         self.paused = self.paused.saturating_add(1);
-        Outcome::Following
+        Outcome::Tracking
     }
 
     #[inline(always)]
@@ -21,7 +21,7 @@ impl Adapter {
         }
         self.learnt_samples += 1;
         let eighth = 1 << (self.state.angle.to_bits() as u32 >> 29);
-        if self.seen_eighths & eighth == 0 { self.new_eighth(eighth) } else { Outcome::Learning }
+        if self.seen_eighths & eighth == 0 { self.new_eighth(eighth) } else { Outcome::Adapting }
     }
 
     /// The rotor has come to an eighth of the turn that was not covered since the last model.
@@ -30,7 +30,7 @@ impl Adapter {
         self.limit_parameters();
         self.seen_eighths |= eighth;
         if self.seen_eighths != u8::MAX {
-            return Outcome::Learning;
+            return Outcome::Adapting;
         }
         self.seen_eighths = 0;
         if self.learnt_samples >= FEWEST_SAMPLES {
@@ -40,7 +40,7 @@ impl Adapter {
             // The model is the next observation's work.
             self.model_due = true;
         }
-        Outcome::Learning
+        Outcome::Adapting
     }
 
     /// Adds the drift of the time in which nothing was learnt.
@@ -109,15 +109,15 @@ impl Adapter {
         let last_limit = self.limit_reached();
         if let Some(fault) = last_limit.filter(|_| last_limit == self.last_limit) {
             self.fail(fault);
-            return Outcome::Following;
+            return Outcome::Tracking;
         }
         self.last_limit = last_limit;
         let model = self.current();
         if last_limit.is_some() || estimate::validate(&model, self.config.adc_bits).is_err() {
-            return Outcome::Learning;
+            return Outcome::Adapting;
         }
         self.model = model;
-        Outcome::Learnt
+        Outcome::ModelReady
     }
 }
 

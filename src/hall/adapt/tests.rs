@@ -35,7 +35,7 @@ fn smallest_pivot(covariance: &Covariance) -> f64 {
 #[test]
 fn ten_million_updates_leave_the_covariance_positive_and_bounded() {
     let mut adapter = adapter(Settings::NOMINAL);
-    let plant = PlantParameters::unkind(5);
+    let plant = PlantParameters::imperfect(5);
     let parameters = BenchParameters {
         halls: plant.halls,
         adc: plant.adc,

@@ -9,6 +9,7 @@ use core::fmt;
 /// Placement pattern nearest to what was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pattern {
     /// Electrical degrees from sensor to sensor: 60 or 120.
     pub spacing: u8,
@@ -20,12 +21,13 @@ pub struct Pattern {
 /// One sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SensorReport {
-    /// Peak to peak, in ADC codes.
+    /// Peak to peak, 2 A, in ADC codes.
     pub swing: f32,
-    /// In ADC codes.
+    /// Mean of the signal, in ADC codes.
     pub offset: f32,
-    /// Difference from the pattern's placement, electrical.
+    /// Difference of ψ from the pattern's placement, electrical; refused beyond 20°.
     pub placement_error: ElectricalAngle,
     /// Third harmonic in per cent of the amplitude.
     pub third_pct: f32,
@@ -48,6 +50,7 @@ pub(super) struct Raw {
 /// All three.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Report {
     /// The sensors in the order of their channels.
     pub sensors: [SensorReport; 3],
@@ -63,9 +66,10 @@ pub struct Report {
     pub angle_noise_deg: f32,
 }
 
-/// Something to know or to mend.
+/// Something that the person who mounted the sensors should know or change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Finding {
     /// The swing, in ADC codes, is small: the sensor is far from the magnet.
     TooFar(Channel, f32),
@@ -174,7 +178,7 @@ impl Report {
         }
     }
 
-    /// What to know and what to mend, the sensors first.
+    /// All findings, those of single sensors first.
     pub fn findings(&self) -> impl Iterator<Item = Finding> {
         let swings = self.sensors.map(|sensor| sensor.swing);
         let ratio = swings.iter().fold(0.0_f32, |a, &b| a.max(b)) / swings.iter().fold(f32::MAX, |a, &b| a.min(b));

@@ -24,7 +24,7 @@ struct Bench {
 }
 
 impl Bench {
-    fn unkind(random: &mut Pcg64) -> Self {
+    fn imperfect(random: &mut Pcg64) -> Self {
         let mut within = |range: f64| random.random_range(-range..range);
         let spacing = [120.0, -120.0, 60.0, -60.0][(within(2.0) + 2.0) as usize];
         Self {
@@ -97,11 +97,11 @@ impl Bench {
 }
 
 #[test]
-fn finds_unkind_sensors_at_both_spacings_in_either_order() {
+fn finds_imperfect_sensors_at_both_spacings_in_either_order() {
     let mut random = Pcg64::seed_from_u64(11);
     let (mut worst, mut worst_mean) = (0.0_f64, 0.0_f64);
     for _ in 0..100 {
-        let bench = Bench::unkind(&mut random);
+        let bench = Bench::imperfect(&mut random);
         let calibration = bench.run(&mut random).finish(false).unwrap();
         let (largest, mean) = bench.angle_error(&calibration);
         worst = worst.max(largest);

@@ -8,7 +8,7 @@ use std::vec::Vec;
 const DEGREES: fn(f32) -> ElectricalAngle = ElectricalAngle::from_degrees;
 
 /// Unequal sensors: placement errors, amplitudes, offsets and harmonics as large as they come.
-fn unkind(spacing: f32, adc_bits: u8, swing: f32, harmonics: bool) -> Model {
+fn imperfect(spacing: f32, adc_bits: u8, swing: f32, harmonics: bool) -> Model {
     let full = (1_u32 << adc_bits) as f32;
     let sensor = |k: usize| Sensor {
         offset: full * 0.5 + swing * [0.05, -0.04, 0.03][k],
@@ -54,7 +54,7 @@ fn rms(errors: &[f64]) -> f64 {
 fn inverts_the_model_at_both_spacings_in_either_order() {
     for spacing in [120.0, 60.0, -120.0, -60.0] {
         for harmonics in [false, true] {
-            let model = unkind(spacing, 16, 60_000.0, harmonics);
+            let model = imperfect(spacing, 16, 60_000.0, harmonics);
             let estimator = Estimator::new(&model, 16).unwrap();
             let worst = max(&errors(&model, &estimator, |_, _| 0.0)).to_radians();
             std::println!("{spacing}°, harmonics {harmonics}: {worst:.2e} rad");
@@ -80,7 +80,7 @@ fn what_is_common_does_not_reach_the_angle() {
     let third = max(&errors(&model, &estimator, |_, x| 0.05 * (3.0 * x).sin()));
     assert!(offset < 0.01 && third < 0.01, "{offset} {third}");
     // With misplaced sensors a common offset still does not; an unknown third harmonic does, so it is calibrated.
-    let model = unkind(120.0, 16, 50_000.0, true);
+    let model = imperfect(120.0, 16, 50_000.0, true);
     let estimator = Estimator::new(&model, 16).unwrap();
     let offset = max(&errors(&model, &estimator, |_, _| 0.05));
     assert!(offset < 0.1, "{offset}");
@@ -96,8 +96,8 @@ fn noise_stays_at_the_bound() {
     for (model, limit) in [
         (Model::nominal(16, 20_000.0, ElectricalAngle::THIRD), 1.02),
         (Model::nominal(16, 20_000.0, DEGREES(60.0)), 1.02),
-        (unkind(120.0, 16, 50_000.0, true), 1.1),
-        (unkind(-60.0, 16, 50_000.0, true), 1.1),
+        (imperfect(120.0, 16, 50_000.0, true), 1.1),
+        (imperfect(-60.0, 16, 50_000.0, true), 1.1),
     ] {
         let estimator = Estimator::new(&model, 16).unwrap();
         let ratio = rms(&errors(&model, &estimator, |_, _| 0.01 * gauss())) / bound;
@@ -111,7 +111,7 @@ fn no_code_in_the_windows_overflows() {
     let mut random = Pcg64::seed_from_u64(2);
     for adc_bits in [8, 12, 16] {
         for spacing in [60.0, 120.0, -60.0, -120.0] {
-            let model = unkind(spacing, adc_bits, 0.9 * (1_u32 << adc_bits) as f32, true);
+            let model = imperfect(spacing, adc_bits, 0.9 * (1_u32 << adc_bits) as f32, true);
             let estimator = Estimator::new(&model, adc_bits).unwrap();
             for _ in 0..100_000 {
                 let (low, high) = estimator.window.bounds();

@@ -14,7 +14,7 @@
 //!
 //! Sampling must be at equal intervals; their length does not matter.
 
-use super::refusal::Refusal;
+use super::error::Error;
 use crate::vernier::correct::{NODES, round};
 
 /// Distance of nodes in 2⁻¹⁶ pole pairs.
@@ -107,7 +107,7 @@ impl Run {
     ///
     /// # Errors
     /// The shaft turns too fast or has turned back.
-    pub fn push(&mut self, reading: u16) -> Result<bool, Refusal> {
+    pub fn push(&mut self, reading: u16) -> Result<bool, Error> {
         let step = i32::from(reading.wrapping_sub(self.last) as i16);
         self.last = reading;
         if !self.started {
@@ -115,7 +115,7 @@ impl Run {
             return Ok(false);
         }
         if step.abs() > (1 << 14) {
-            return Err(Refusal::TooFast);
+            return Err(Error::TooFast);
         }
         if self.direction == 0 {
             self.find_direction(step, reading);
@@ -129,7 +129,7 @@ impl Run {
             // Positions count from the begin of a pole pair that may have begun just now.
             self.node = self.position.div_euclid(NODE);
         } else if node < self.node - NODES as i32 / 4 {
-            return Err(Refusal::Reversed);
+            return Err(Error::Reversed);
         }
         self.mean.count += 1;
         self.mean.time += u64::from(self.time);
@@ -157,7 +157,7 @@ impl Run {
     }
 
     /// Closes the mean and notes the times of the nodes between it and the one before.
-    fn pass_nodes(&mut self) -> Result<(), Refusal> {
+    fn pass_nodes(&mut self) -> Result<(), Error> {
         let count = self.mean.count as f32;
         let mut point = Point { time: self.mean.time as f32 / count, position: self.mean.position as f32 / count };
         let samples = core::mem::take(&mut self.mean).count;
@@ -182,12 +182,12 @@ impl Run {
     }
 
     /// Ends a pole pair: keeps its curve and lets time and position count from the begin of the next.
-    fn pass_pole_pair(&mut self, end: f32, point: Point) -> Result<Point, Refusal> {
+    fn pass_pole_pair(&mut self, end: f32, point: Point) -> Result<Point, Error> {
         if let [Some(begin), Some(before)] = self.begins
             && self.collected < self.pole_pairs
         {
             if end - begin < FEWEST_SAMPLES as f32 {
-                return Err(Refusal::TooFast);
+                return Err(Error::TooFast);
             }
             self.curves[usize::from(self.collected)] = detrend(&self.times, [before, begin, end]);
             self.collected += 1;
@@ -212,14 +212,14 @@ impl Run {
     ///
     /// # Errors
     /// Fewer than three quarters are left.
-    pub fn average(&self) -> Result<Average, Refusal> {
+    pub fn average(&self) -> Result<Average, Error> {
         let curves = &self.curves[..usize::from(self.collected)];
         let mut kept = [false; 64];
         kept[..curves.len()].fill(true);
         loop {
             let similar = kept.iter().filter(|&&kept| kept).count();
             if similar * 4 < curves.len() * 3 || similar == 0 {
-                return Err(Refusal::Unsteady { kept: similar as u8, of: self.collected });
+                return Err(Error::Unsteady { kept: similar as u8, of: self.collected });
             }
             let curve = mean_curve(curves.iter().zip(kept).filter(|(_, kept)| *kept).map(|(curve, _)| curve));
             let size = norm(curve.iter().copied()).max(SMALLEST_CURVE * libm::sqrtf(NODES as f32));

@@ -9,7 +9,7 @@
 //!   meet every place of the one together with every place of the other. That corrects the curves by what an uneven
 //!   speed has left in them.
 
-use super::refusal::Refusal;
+use super::error::Error;
 use crate::angle::ElectricalAngle;
 use crate::vernier::correct::{NODES, correct_heads, round};
 use crate::vernier::encoder::{Calibration, Reading};
@@ -40,11 +40,11 @@ impl Path {
     ///
     /// # Errors
     /// More than a quarter of a pole pair in one step.
-    pub fn push(&mut self, readings: [u16; 2]) -> Result<bool, Refusal> {
+    pub fn push(&mut self, readings: [u16; 2]) -> Result<bool, Error> {
         for ((place, last), reading) in self.places.iter_mut().zip(&mut self.last).zip(readings) {
             let step = i32::from(reading.wrapping_sub(*last) as i16);
             if step.abs() > 1 << 14 {
-                return Err(Refusal::TooFast);
+                return Err(Error::TooFast);
             }
             *place += step;
             *last = reading;
@@ -136,7 +136,7 @@ impl<const HEADS: usize> Residuals<HEADS> {
     ///
     /// # Errors
     /// An average is further than the margin from where it should be.
-    pub fn finish(&self, rings: &Rings, calibration: &mut Calibration<HEADS>) -> Result<u16, Refusal> {
+    pub fn finish(&self, rings: &Rings, calibration: &mut Calibration<HEADS>) -> Result<u16, Error> {
         let zero = self.align(rings, calibration);
         // The path began in the pole pair that belongs to this entry.
         let lattice = libm::roundf(zero / 65536.0);
@@ -146,7 +146,7 @@ impl<const HEADS: usize> Residuals<HEADS> {
         for (index, average) in self.by_pole_pair[..pairs].iter().enumerate() {
             let average = average.get() - mean;
             if average.abs() > 32767.0 {
-                return Err(Refusal::Margin { worst: average.abs() as u32, margin: 1 << 15 });
+                return Err(Error::Margin { worst: average.abs() as u32, margin: 1 << 15 });
             }
             calibration.averages[(first + index) % pairs] = round(average);
         }

@@ -1,4 +1,4 @@
-//! The whole drive as Arm machine code: calibrates an unkind motor, arms, and spins it both ways.
+//! The whole drive as Arm machine code: calibrates an imperfect motor, arms, and spins it both ways.
 //!
 //! Three priorities, as on a board: the control interrupt; the service task, which must not be late, on an interrupt
 //! executor; the log on another. `twin` repeats the run on the host and compares it to the bit.

@@ -6,7 +6,7 @@ use embassy_stm32::pac::gpio::Gpio;
 use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
 use embassy_stm32::pac::timer::regs;
 use embassy_stm32::pac::{RCC, SYSCFG, TIM1};
-use hallservo::commutation::{Legs, Output};
+use hallservo::board::{Legs, Output};
 
 /// A pin that TIM1 drives or watches: port, number, alternate function.
 pub type Pin = (Gpio, usize, u8);

@@ -44,7 +44,7 @@ pub struct Bench {
 
 impl Bench {
     pub fn new(board: &Arc<Board>) -> Self {
-        Self { chip: Chip::new(Arc::clone(board), true, &PlantParameters::unkind(1), 1).unwrap(), now: 0 }
+        Self { chip: Chip::new(Arc::clone(board), true, &PlantParameters::imperfect(1), 1).unwrap(), now: 0 }
     }
 
     pub fn try_write(&mut self, address: u32, value: u32) -> Option<Complaint> {

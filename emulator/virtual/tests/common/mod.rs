@@ -28,8 +28,11 @@ impl<T: Clone> PerBoard<T> {
     }
 }
 
+/// A test's name, and the test of a board.
+type Test = (&'static str, fn(&str));
+
 /// Runs every test on every board that there is, as the standard harness would; `cargo test … NAME` chooses by test or board.
-pub fn on_every_board(tests: &[(&str, fn(&str))]) {
+pub fn on_every_board(tests: &[Test]) {
     let boards = Board::names(&firmware::boards()).expect("the boards' folder");
     let trials = boards.iter().flat_map(|board| {
         tests.iter().map(move |&(name, test)| {
@@ -54,7 +57,7 @@ fn elf(board: &str) -> Vec<u8> {
 
 pub fn session(board: &str, script: &str) -> Session {
     let known = self::board(board);
-    let mut session = Session::new(&known, elf(board), &PlantParameters::unkind(1), 1).expect("a session");
+    let mut session = Session::new(&known, elf(board), &PlantParameters::imperfect(1), 1).expect("a session");
     session.follow(script::parse(script).expect("a script"));
     session
 }

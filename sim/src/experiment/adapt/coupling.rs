@@ -1,6 +1,6 @@
 //! What the field of the windings does to the Halls, and what it helps to know of it.
 
-use super::judge::{self, Judge, LSB_V, Motion, PERIOD_S, Start};
+use super::trial::{self, LSB_V, Motion, PERIOD_S, Start, Trial};
 use crate::statistics::Statistics;
 use anyhow::Result;
 use hallservo::hall::adapt::Observation;
@@ -41,26 +41,26 @@ pub fn run(seed: u64, hz: f64, share: f64) -> Result<Coupling> {
 }
 
 fn one(seed: u64, hz: f64, share: f64, known: f64) -> Result<(Statistics, Statistics)> {
-    let mut halls = judge::halls(seed);
+    let mut halls = trial::halls(seed);
     for (hall, uneven) in halls.iter_mut().zip(UNEVEN) {
         *hall = hall.with_windings(share * uneven, RATED_A, 0.0);
     }
-    let mut judge = Judge::new(seed, halls, Motion::Constant(hz), Start::Calibrated)?;
-    let torque_nm = judge::DAMPING_NMS * TAU * hz / judge::POLE_PAIRS;
+    let mut trial = Trial::new(seed, halls, Motion::Constant(hz), Start::Calibrated)?;
+    let torque_nm = trial::DAMPING_NMS * TAU * hz / trial::POLE_PAIRS;
     let (mut all, mut parts) = (Statistics::default(), [[Statistics::default(); 36]; 2]);
-    while judge.time_s() < LENGTH_S {
-        let backwards = usize::from(judge.time_s().rem_euclid(2.0 * LOAD_S) >= LOAD_S);
+    while trial.time_s() < LENGTH_S {
+        let backwards = usize::from(trial.time_s().rem_euclid(2.0 * LOAD_S) >= LOAD_S);
         // A quarter of a turn before the rotor's flux or behind it; the load takes the torque.
         let quadrature_a = if backwards == 0 { RATED_A } else { -RATED_A };
-        let currents_a = phases(quadrature_a, judge.next_angle_rad());
-        judge.bench.set_currents(currents_a);
-        let codes = judge.sample(torque_nm);
+        let currents_a = phases(quadrature_a, trial.next_angle_rad());
+        trial.bench.set_currents(currents_a);
+        let codes = trial.sample(torque_nm);
         let corrected = [0, 1, 2].map(|k| corrected(codes[k], &halls[k], &currents_a, known));
-        judge.adapter.update(&Observation { codes: corrected, elapsed: 1, torque_nm: torque_nm as f32 });
-        let error = judge.error_deg();
-        if judge.time_s() > 2.0 * LOAD_S {
+        trial.adapter.update(&Observation { codes: corrected, elapsed: 1, torque_nm: torque_nm as f32 });
+        let error = trial.error_deg();
+        if trial.time_s() > 2.0 * LOAD_S {
             all.push(error);
-            let part = (judge.bench.angle_rad() / TAU).rem_euclid(1.0) * 36.0;
+            let part = (trial.bench.angle_rad() / TAU).rem_euclid(1.0) * 36.0;
             parts[backwards][(part as usize).min(35)].push(error);
         }
     }
@@ -88,7 +88,7 @@ pub fn rms(runs: &[Coupling], of: impl Fn(&Coupling) -> Statistics) -> f64 {
     runs.iter().map(|run| of(run).rms()).collect::<Statistics>().rms()
 }
 
-impl Judge {
+impl Trial {
     /// The electrical angle at the next sample, but for the unknown torque of one period.
     fn next_angle_rad(&self) -> f64 {
         self.bench.angle_rad() + PERIOD_S * self.bench.speed_rad_s()

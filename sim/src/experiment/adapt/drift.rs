@@ -1,6 +1,6 @@
 //! A temperature ramp: the sensors change while the motor turns.
 
-use super::judge::{self, ACCELERATION_NOISE, Judge, LSB_V, Motion, PERIOD_S, Start};
+use super::trial::{self, ACCELERATION_NOISE, LSB_V, Motion, PERIOD_S, Start, Trial};
 use crate::report::Series;
 use crate::statistics::Statistics;
 use anyhow::Result;
@@ -41,7 +41,7 @@ pub struct Drift {
 
 /// Sensors that drift.
 fn drifting(seed: u64) -> [HallParameters; 3] {
-    let mut halls = judge::halls(seed);
+    let mut halls = trial::halls(seed);
     for (hall, share) in halls.iter_mut().zip(SHARES) {
         hall.amplitude_drift_k = AMPLITUDE * share / KELVIN;
         hall.offset_drift_v_k = OFFSET * share * hall.amplitude_v / KELVIN;
@@ -64,10 +64,10 @@ fn at(halls: &[HallParameters; 3], kelvin: f64) -> [HallParameters; 3] {
 /// Parameters that plant or filter refuse.
 pub fn run(seed: u64, hz: f64) -> Result<Drift> {
     let halls = drifting(seed);
-    let calibration = judge::exact_model(&halls);
-    let mut judge = Judge::new(seed, halls, Motion::Constant(hz), Start::Calibrated)?;
+    let calibration = trial::exact_model(&halls);
+    let mut trial = Trial::new(seed, halls, Motion::Constant(hz), Start::Calibrated)?;
     let untouched = Estimator::new(&calibration, 12)?;
-    let mut tracker = SteadyKalman::new(judge.hall_rad(), TAU * hz);
+    let mut tracker = SteadyKalman::new(trial.hall_rad(), TAU * hz);
     let mut drift = Drift {
         adapted: Statistics::default(),
         untouched: Statistics::default(),
@@ -76,22 +76,22 @@ pub fn run(seed: u64, hz: f64) -> Result<Drift> {
         diverged: false,
         plot: [Vec::new(), Vec::new()],
     };
-    while judge.time_s() < RAMP_S {
-        let kelvin = KELVIN * judge.time_s() / RAMP_S;
-        judge.bench.set_temperature(25.0 + kelvin);
-        let step = judge.step();
+    while trial.time_s() < RAMP_S {
+        let kelvin = KELVIN * trial.time_s() / RAMP_S;
+        trial.bench.set_temperature(25.0 + kelvin);
+        let step = trial.step();
         let angle = untouched.angle(&step.codes).ok().map(|angle| f64::from(angle.to_radians()));
-        let without = judge::wrapped_deg(tracker.step(angle) - judge.hall_rad());
+        let without = trial::wrapped_deg(tracker.step(angle) - trial.hall_rad());
         drift.diverged |= matches!(step.outcome, Outcome::Failed(_));
-        if judge.time_s() > 1.0 {
+        if trial.time_s() > 1.0 {
             drift.adapted.push(step.error_deg);
             drift.untouched.push(without);
-            drift.plot[0].push((judge.time_s(), without));
-            drift.plot[1].push((judge.time_s(), step.error_deg));
+            drift.plot[0].push((trial.time_s(), without));
+            drift.plot[1].push((trial.time_s(), step.error_deg));
         }
     }
     let warm = at(&halls, KELVIN);
-    drift.bias_adapted = bias(judge.adapter.model(), &warm)?;
+    drift.bias_adapted = bias(trial.adapter.model(), &warm)?;
     drift.bias_untouched = bias(&calibration, &warm)?;
     Ok(drift)
 }
@@ -108,7 +108,7 @@ pub fn bias(model: &Model, halls: &[HallParameters; 3]) -> Result<Statistics> {
             ((hall.offset_v + hall.amplitude_v * wave) / LSB_V).round() as u16
         });
         if let Ok(angle) = estimator.angle(&codes) {
-            bias.push(judge::wrapped_deg(f64::from(ElectricalAngle::to_radians(angle)) - hall_rad));
+            bias.push(trial::wrapped_deg(f64::from(ElectricalAngle::to_radians(angle)) - hall_rad));
         }
     }
     Ok(bias)
@@ -140,7 +140,7 @@ impl SteadyKalman {
     fn step(&mut self, measured: Option<f64>) -> f64 {
         self.angle += PERIOD_S * self.speed;
         if let Some(measured) = measured {
-            let error = judge::wrapped_deg(measured - self.angle).to_radians();
+            let error = trial::wrapped_deg(measured - self.angle).to_radians();
             self.angle += self.gains[0] * error;
             self.speed += self.gains[1] * error;
         }

@@ -1,6 +1,6 @@
 //! Many motors: how fast and how well the filters find unknown sensors.
 
-use super::judge::{self, ACCELERATION_NOISE, DAMPING_1_S, Judge, Motion, PERIOD_S, Start};
+use super::trial::{self, ACCELERATION_NOISE, DAMPING_1_S, Motion, PERIOD_S, Start, Trial};
 use crate::baseline::filter::{Noises, PaperFilter};
 use crate::statistics::Statistics;
 use anyhow::Result;
@@ -18,7 +18,7 @@ pub const WANTED_DEG: f64 = 0.5;
 
 /// Errors of one motor at constant speed, degrees: RMS over each part of a turn.
 #[derive(Clone, Debug)]
-pub struct Course {
+pub struct Convergence {
     /// Of the filter.
     pub errors: Vec<Statistics>,
     /// Of the paper's.
@@ -35,12 +35,12 @@ pub struct Course {
 ///
 /// # Errors
 /// Parameters that plant or filter refuse.
-pub fn course(seed: u64, hz: f64) -> Result<Course> {
+pub fn converge(seed: u64, hz: f64) -> Result<Convergence> {
     let hz = if seed.is_multiple_of(2) { hz } else { -hz };
-    let mut judge = Judge::new(seed, judge::halls(seed), Motion::Constant(hz), Start::Nominal)?;
-    let mut paper = paper_filter(&judge, hz);
+    let mut trial = Trial::new(seed, trial::halls(seed), Motion::Constant(hz), Start::Nominal)?;
+    let mut paper = paper_filter(&trial, hz);
     let part = 1.0 / (hz.abs() * PERIOD_S * PARTS as f64);
-    let mut course = Course {
+    let mut course = Convergence {
         errors: vec![Statistics::default(); PARTS * TURNS],
         paper: vec![Statistics::default(); PARTS * TURNS],
         bound: vec![Statistics::default(); PARTS * TURNS],
@@ -48,12 +48,12 @@ pub fn course(seed: u64, hz: f64) -> Result<Course> {
         diverged: false,
     };
     for k in 0..(part * (PARTS * TURNS) as f64) as usize {
-        let step = judge.step();
+        let step = trial.step();
         paper.step(step.codes, DAMPING_1_S * TAU * hz, DAMPING_1_S, PERIOD_S);
         let now = ((k as f64 / part) as usize).min(PARTS * TURNS - 1);
         course.errors[now].push(step.error_deg);
         course.bound[now].push(step.bound_deg);
-        course.paper[now].push(judge::wrapped_deg(paper.angle - judge.hall_rad()));
+        course.paper[now].push(trial::wrapped_deg(paper.angle - trial.hall_rad()));
         course.diverged |= matches!(step.outcome, Outcome::Failed(_)) || step.error_deg.is_nan();
         if now >= PARTS * STEADY_TURNS {
             course.steady.push(step.error_deg);
@@ -64,18 +64,18 @@ pub fn course(seed: u64, hz: f64) -> Result<Course> {
 }
 
 /// The paper's filter with what its power-up routine finds, the true minima and maxima, at the true angle and speed.
-pub fn paper_filter(judge: &Judge, hz: f64) -> PaperFilter {
-    let ranges = judge.halls.map(|hall| {
+pub fn paper_filter(trial: &Trial, hz: f64) -> PaperFilter {
+    let ranges = trial.halls.map(|hall| {
         // A flattened sine's peak is lower than its fundamental's.
         let peak = hall.amplitude_v * (1.0 - hall.third + hall.fifth);
-        ((hall.offset_v - peak) / judge::LSB_V, (hall.offset_v + peak) / judge::LSB_V)
+        ((hall.offset_v - peak) / trial::LSB_V, (hall.offset_v + peak) / trial::LSB_V)
     });
     let noises = Noises { angle: 1e-4, speed: ACCELERATION_NOISE * ACCELERATION_NOISE, placement: 1e-4, signal: 1e-4 };
-    PaperFilter::new(ranges, judge.hall_rad(), TAU * hz, TAU / 3.0, noises)
+    PaperFilter::new(ranges, trial.hall_rad(), TAU * hz, TAU / 3.0, noises)
 }
 
 /// RMS over all motors of each part of a turn.
-pub fn over_time(courses: &[Course], of: impl Fn(&Course) -> &Vec<Statistics>) -> Vec<f64> {
+pub fn over_time(courses: &[Convergence], of: impl Fn(&Convergence) -> &Vec<Statistics>) -> Vec<f64> {
     let power = |part: usize| {
         let (sum, count) = courses
             .iter()
@@ -97,7 +97,7 @@ pub fn convergence_turns(rms: &[f64]) -> Option<f64> {
 
 /// What came of a motion that is not constant.
 #[derive(Clone, Copy, Debug)]
-pub struct Ride {
+pub struct Tracking {
     /// After the first two turns, degrees.
     pub error: Statistics,
     /// The bound in the same time.
@@ -110,19 +110,19 @@ pub struct Ride {
 ///
 /// # Errors
 /// Parameters that plant or filter refuse.
-pub fn ride(seed: u64, motion: Motion) -> Result<Ride> {
-    let mut judge = Judge::new(seed, judge::halls(seed), motion, Start::Nominal)?;
-    let mut ride = Ride { error: Statistics::default(), bound: Statistics::default(), diverged: false };
+pub fn track(seed: u64, motion: Motion) -> Result<Tracking> {
+    let mut trial = Trial::new(seed, trial::halls(seed), motion, Start::Nominal)?;
+    let mut run = Tracking { error: Statistics::default(), bound: Statistics::default(), diverged: false };
     let mut turned = 0.0;
-    while judge.time_s() < 5.0 {
-        let step = judge.step();
-        turned += judge.bench.speed_rad_s().abs() * PERIOD_S / TAU;
-        ride.diverged |= matches!(step.outcome, Outcome::Failed(_)) || step.error_deg.is_nan();
+    while trial.time_s() < 5.0 {
+        let step = trial.step();
+        turned += trial.bench.speed_rad_s().abs() * PERIOD_S / TAU;
+        run.diverged |= matches!(step.outcome, Outcome::Failed(_)) || step.error_deg.is_nan();
         if turned > 2.0 {
-            ride.error.push(step.error_deg);
-            ride.bound.push(step.bound_deg);
-            ride.diverged |= step.error_deg.abs() > 5.0;
+            run.error.push(step.error_deg);
+            run.bound.push(step.bound_deg);
+            run.diverged |= step.error_deg.abs() > 5.0;
         }
     }
-    Ok(ride)
+    Ok(run)
 }

@@ -1,6 +1,6 @@
 //! One sensor fails while the motor turns.
 
-use super::judge::{self, Judge, Motion, PERIOD_S, Start};
+use super::trial::{self, Motion, PERIOD_S, Start, Trial};
 use crate::statistics::Statistics;
 use anyhow::Result;
 use hallservo::hall::adapt::Outcome;
@@ -48,8 +48,8 @@ pub struct Loss {
 /// # Errors
 /// Parameters that plant or filter refuse.
 pub fn run(seed: u64, hz: f64) -> Result<Loss> {
-    let halls = judge::halls(seed);
-    let mut judge = Judge::new(seed, halls, Motion::Constant(hz), Start::Calibrated)?;
+    let halls = trial::halls(seed);
+    let mut trial = Trial::new(seed, halls, Motion::Constant(hz), Start::Calibrated)?;
     let sensor = (seed / 4 % 3) as usize;
     let at_s = 0.5 + 0.37 * (seed as f64 * 0.754_877_666).fract();
     let mut loss = Loss {
@@ -61,31 +61,31 @@ pub fn run(seed: u64, hz: f64) -> Result<Loss> {
     };
     let (mut turned, mut failed) = (0.0, false);
     let mut two: Option<Estimator> = None;
-    while judge.time_s() < at_s + 6.0 / hz {
-        let step = judge.step();
+    while trial.time_s() < at_s + 6.0 / hz {
+        let step = trial.step();
         if failed {
-            turned += judge.bench.speed_rad_s().abs() * PERIOD_S / TAU;
+            turned += trial.bench.speed_rad_s().abs() * PERIOD_S / TAU;
             loss.error.push(step.error_deg);
-        } else if judge.time_s() >= at_s {
+        } else if trial.time_s() >= at_s {
             failed = true;
             let volts = match Failure::of(seed) {
-                Failure::Stuck => HallFault::StuckAt(f64::from(step.codes[sensor]) * judge::LSB_V),
+                Failure::Stuck => HallFault::StuckAt(f64::from(step.codes[sensor]) * trial::LSB_V),
                 Failure::Open => HallFault::Open(Rail::Low),
                 Failure::Saturated => HallFault::Open(Rail::High),
                 Failure::Middle => HallFault::StuckAt(1.65),
             };
-            judge.bench.set_fault(sensor, Some(volts));
+            trial.bench.set_fault(sensor, Some(volts));
         }
-        loss.plot.push((judge.time_s() - at_s, step.error_deg));
+        loss.plot.push((trial.time_s() - at_s, step.error_deg));
         if let Outcome::Failed(fault) = step.outcome {
             loss.detected_turns = failed.then_some(turned);
             if let Some(lost) = fault.lost() {
                 loss.named = usize::from(lost.0) == sensor;
-                two = Some(Estimator::without(lost, judge.adapter.model(), 12)?);
+                two = Some(Estimator::without(lost, trial.adapter.model(), 12)?);
             }
         }
         if let Some(angle) = two.as_ref().and_then(|two| two.angle(&step.codes).ok()) {
-            loss.two_sensors.push(judge::wrapped_deg(f64::from(angle.to_radians()) - judge.hall_rad()));
+            loss.two_sensors.push(trial::wrapped_deg(f64::from(angle.to_radians()) - trial.hall_rad()));
         }
     }
     Ok(loss)

@@ -1,10 +1,11 @@
 //! Faults injected at random times into running drives.
 
 use super::injection::{INJECTIONS, Injection};
-use super::{Found, Summary, settings};
+use super::summary::{Found, Summary, settings};
 use crate::rig::Rig;
 use anyhow::{Context, Result, bail};
-use hallservo::commutation::{Commutation, Legs};
+use hallservo::board::Legs;
+use hallservo::commutation::Commutation;
 use hallservo::drive::{Command, Refusal};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
@@ -24,7 +25,7 @@ pub(super) struct Campaign {
 
 impl Campaign {
     pub fn new(seed: u64) -> Result<Self> {
-        let mut rig = Rig::new(&PlantParameters::unkind(seed), &settings(), seed)?;
+        let mut rig = Rig::new(&PlantParameters::imperfect(seed), &settings(), seed)?;
         rig.calibrate(|_| ())?;
         let summary = Summary { seed, bridge_off_within_one_period: true, ..Summary::default() };
         let commutation = Commutation::Sinusoidal;

@@ -5,18 +5,20 @@
 //! equal, in agreement with the others. Only where the swap makes the angle leap, or with something that has seen the
 //! true one, can that be told.
 
-use super::{Found, Summary, settings};
+use super::summary::{Found, Summary, settings};
 use crate::experiment::vernier::{Build, calibrate, read};
 use crate::rig::{connected, legs};
 use anyhow::{Context, Result, anyhow, bail};
 use hallservo::angle::{ElectricalAngle, MechanicalAngle};
-use hallservo::commutation::{Commutation, Legs};
+use hallservo::board::{Legs, Sample};
+use hallservo::commutation::Commutation;
+use hallservo::config::Config;
 use hallservo::drive::absolute::{AbsoluteChannels, AbsoluteDrive, AbsoluteTasks};
-use hallservo::drive::{Command, Reply, Sample};
+use hallservo::drive::{Command, Reply};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::service::{Event, Service};
-use hallservo::settings::{Config, Settings};
+use hallservo::settings::Settings;
 use hallservo::vernier::encoder::Encoder;
 use hallservo::vernier::rings::{Ring, Rings};
 use hallservo::vernier::turns::TurnCheck;
@@ -72,7 +74,7 @@ impl Machine {
         let (drive, service) = connected(config);
         let (absolute_interrupt, mut absolute_tasks) = Box::leak(Box::new(AbsoluteChannels::new())).split();
         absolute_tasks.install(Box::leak(Box::new(encoder))).map_err(|_| anyhow!("no room for the encoder"))?;
-        let parameters = PlantParameters::unkind(seed);
+        let parameters = PlantParameters::imperfect(seed);
         let plant = |seed| Plant::new(&parameters, seed);
         Ok(Self {
             plant: plant(seed)?,

@@ -1,8 +1,8 @@
 //! What is done to the drive, and what it should say.
 
-use super::{TIMEOUT_PERIODS, TOLERATED};
+use super::summary::{TIMEOUT_PERIODS, TOLERATED};
 use crate::rig::Disturb;
-use hallservo::drive::Sample;
+use hallservo::board::Sample;
 use hallservo::fault::Fault;
 use rand::RngExt;
 use rand_pcg::Pcg64;

@@ -2,9 +2,9 @@
 
 use crate::rig::Rig;
 use anyhow::Result;
-use hallservo::control::identify::{Estimate, Report};
-use hallservo::control::settings::Settings as Control;
 use hallservo::service::identification::Plan;
+use hallservo::service::identify::{Estimate, Report};
+use hallservo::settings::Control;
 use hallservo::settings::Settings;
 use plant::PlantParameters;
 use serde::Serialize;
@@ -19,7 +19,7 @@ pub fn identified(seed: u64) -> Result<Identification> {
         inertia_kgm2: 0.8 * right.inertia_kgm2,
         ..right
     };
-    let plant = PlantParameters::unkind(seed);
+    let plant = PlantParameters::imperfect(seed);
     let mut rig = Rig::new(&plant, &Settings { control: Some(control), ..Settings::default() }, seed)?;
     rig.calibrate(|_| ())?;
     let report = rig.identify(&Plan::new(&rig.config)?)?;

@@ -1,6 +1,6 @@
 //! Faults injected into a running encoder: does a wrong angle leave it before the fault is reported?
 
-use super::{Build, calibrate};
+use super::build::{Build, calibrate};
 use anyhow::Result;
 use hallservo::angle::MechanicalAngle;
 use hallservo::vernier::continuity::State;

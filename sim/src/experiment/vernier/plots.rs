@@ -153,13 +153,13 @@ impl<const HEADS: usize> Bench<HEADS> {
     /// A turn of the first head over the reference ring; `jolt` speeds the shaft up by that share for a tenth of it.
     fn curve_run(&mut self, jolt: f64) -> curve::Run {
         let mut run = curve::Run::new(37);
-        let mut shaft = UnsteadyShaft::new(TAU / super::SAMPLES_A_TURN, super::RIPPLE, self.seed);
+        let mut shaft = UnsteadyShaft::new(TAU / super::build::SAMPLES_A_TURN, super::build::RIPPLE, self.seed);
         let mut ahead = 0.0;
-        for _ in 0..2 * super::SAMPLES_A_TURN as usize {
+        for _ in 0..2 * super::build::SAMPLES_A_TURN as usize {
             let angle = shaft.turn();
             let within = (angle / TAU).rem_euclid(1.0);
             if within < 0.1 {
-                ahead += jolt * (within * 10.0 * TAU).sin() * TAU / super::SAMPLES_A_TURN;
+                ahead += jolt * (within * 10.0 * TAU).sin() * TAU / super::build::SAMPLES_A_TURN;
             }
             let reading: Reading<HEADS> = read(&self.rings, &mut self.construction, angle + ahead);
             // An error would end the run early, which the plot shows.

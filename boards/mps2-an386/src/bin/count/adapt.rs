@@ -21,7 +21,7 @@ pub const ROWS: &[Row] = &[
 
 #[unsafe(no_mangle)]
 extern "C" fn adapt(adapter: &mut Adapter, observation: &Observation) -> u32 {
-    u32::from(matches!(adapter.update(observation), Outcome::Learning | Outcome::Learnt))
+    u32::from(matches!(adapter.update(observation), Outcome::Adapting | Outcome::ModelReady))
 }
 
 struct Bench {

@@ -4,9 +4,10 @@ use crate::call::{Arguments, Results};
 use crate::halls;
 use crate::row::{Row, function};
 use core::sync::atomic::{AtomicPtr, Ordering::Relaxed};
-use hallservo::commutation::{Commutation, Modulation, Output};
+use hallservo::board::{Output, Sample};
+use hallservo::commutation::{Commutation, Modulation};
 use hallservo::control;
-use hallservo::drive::{Channels, Command, Drive, Sample, Tasks};
+use hallservo::drive::{Channels, Command, Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
@@ -50,7 +51,7 @@ pub fn init() {
     for number in 0..DEMANDS {
         let field_oriented = Settings {
             commutation: Commutation::FieldOriented,
-            control: Some(control::settings::Settings::default()),
+            control: Some(settings::Control::default()),
             ..Settings::default()
         };
         let settings = if number == 0 { Settings::default() } else { field_oriented };

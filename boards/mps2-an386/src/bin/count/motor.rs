@@ -2,8 +2,7 @@
 //! bring the drive into every state, not to be exact.
 
 use hallservo::angle::ElectricalAngle;
-use hallservo::commutation::Output;
-use hallservo::drive::Sample;
+use hallservo::board::{Output, Sample};
 use hallservo::hall::Codes;
 use hallservo::trig;
 

@@ -11,34 +11,47 @@ use crate::mode::Mode;
 /// Farthest that two Halls' angle may be from the tracked one to be believed, in bits: 45°.
 const NEAR: u32 = 1 << 29;
 
-/// Farthest that two Halls' strength may be from [`Estimator::HEALTHY`]: harmonics and drift together stay below.
+/// Farthest that two Halls' strength may be from [`Estimator::NOMINAL_STRENGTH`]: harmonics and drift together stay below.
 const UNHEALTHY: u32 = 450;
+
+/// What is known and suspected of a lost Hall.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct HallLoss {
+    /// The Hall that was lost while running, as long as the estimator counts on it.
+    pub lost: Option<Channel>,
+    /// What would be a fault, unless the other two Halls tell the angle. Within a step only.
+    suspicion: Option<Fault>,
+}
+
+impl HallLoss {
+    /// All three are there.
+    pub const NONE: Self = Self { lost: None, suspicion: None };
+}
 
 impl Drive {
     /// Latches a fault, or only suspects it where running on from two Halls is wanted and none was lost before.
-    pub(super) fn fail_unless_two_do(&mut self, fault: Fault) -> bool {
-        if self.config.run_on_two_halls && self.mode == Mode::Running && self.lost.is_none() {
-            self.suspicion = Some(fault);
-            return false;
+    pub(super) fn fail_or_suspect(&mut self, fault: Fault) {
+        if self.config.run_on_two_halls && self.mode == Mode::Running && self.hall_loss.lost.is_none() {
+            self.hall_loss.suspicion = Some(fault);
+        } else {
+            self.fail(fault);
         }
-        self.fail(fault)
     }
 
     /// Resolves a suspicion: names the Hall that is lost and goes on without it, if the other two say that the rotor is about
-    /// where it was tracked; otherwise it is a fault. False when there is one.
-    pub(super) fn runs_on(&mut self, codes: Codes) -> bool {
-        let Some(fault) = self.suspicion.take() else { return false };
-        let Some((lost, angle)) = self.name(fault, codes) else { return self.fail(fault) };
-        self.lost = Some(lost);
+    /// where it was tracked; otherwise it is a fault.
+    pub(super) fn resolve_suspicion(&mut self, codes: Codes) {
+        let Some(fault) = self.hall_loss.suspicion.take() else { return };
+        let Some((lost, angle)) = self.find_lost_hall(fault, codes) else { return self.fail(fault) };
+        self.hall_loss.lost = Some(lost);
         self.limits = self.limits.with(Limits::TWO_HALLS);
         // It took time to find out, and the lost Hall has led the tracking astray.
         self.live.rotor.move_to(angle);
-        self.found();
-        true
+        self.angle_found();
     }
 
     /// The Hall to do without, and the angle then.
-    fn name(&self, fault: Fault, codes: Codes) -> Option<(Channel, ElectricalAngle)> {
+    fn find_lost_hall(&self, fault: Fault, codes: Codes) -> Option<(Channel, ElectricalAngle)> {
         let estimator = self.estimator()?;
         let tracked = self.live.rotor.angle();
         let suspects = match fault {
@@ -52,7 +65,7 @@ impl Drive {
                 let distance = (angle - tracked).to_bits().unsigned_abs();
                 // A pair with the lost Hall in it is in the wrong place, and too strong or too weak: 30° count as much as
                 // a third of the strength.
-                let doubt = (distance >> 20).saturating_add(strength.abs_diff(Estimator::HEALTHY));
+                let doubt = (distance >> 20).saturating_add(strength.abs_diff(Estimator::NOMINAL_STRENGTH));
                 Some((doubt, distance, Channel(k), angle))
             })
             .min_by_key(|&(doubt, ..)| doubt)?;
@@ -63,29 +76,29 @@ impl Drive {
     #[cold]
     pub(super) fn measure_without(&mut self, lost: Channel, codes: Codes) {
         let pair = self.estimator().and_then(|estimator| estimator.angle_without(lost, &codes));
-        let healthy = pair.filter(|(_, strength)| strength.abs_diff(Estimator::HEALTHY) <= UNHEALTHY);
+        let healthy = pair.filter(|(_, strength)| strength.abs_diff(Estimator::NOMINAL_STRENGTH) <= UNHEALTHY);
         match healthy.map(|(angle, _)| self.live.rotor.step(&self.config.tracking, angle)) {
-            Some(Ok(())) => self.found(),
-            _ => self.rename(lost, codes),
+            Some(Ok(())) => self.angle_found(),
+            _ => self.find_other_loss(lost, codes),
         }
     }
 
     /// The two are no healthy pair: the wrong Hall was named, or another is lost, too. The tracking has been led astray
     /// and cannot help to tell.
-    fn rename(&mut self, lost: Channel, codes: Codes) {
+    fn find_other_loss(&mut self, lost: Channel, codes: Codes) {
         let best = self.estimator().and_then(|estimator| {
             let others = (0..3).map(Channel).filter(|&channel| channel != lost);
             let pair = |channel| Some((channel, estimator.angle_without(channel, &codes)?));
-            others.filter_map(pair).min_by_key(|(_, (_, strength))| strength.abs_diff(Estimator::HEALTHY))
+            others.filter_map(pair).min_by_key(|(_, (_, strength))| strength.abs_diff(Estimator::NOMINAL_STRENGTH))
         });
         match best {
-            Some((channel, (angle, strength))) if strength.abs_diff(Estimator::HEALTHY) <= UNHEALTHY => {
-                self.lost = Some(channel);
+            Some((channel, (angle, strength))) if strength.abs_diff(Estimator::NOMINAL_STRENGTH) <= UNHEALTHY => {
+                self.hall_loss.lost = Some(channel);
                 self.live.rotor.move_to(angle);
             }
             _ => {
                 self.live.rotor.coast();
-                if !self.miss() {
+                if !self.count_missed() {
                     self.fail(Fault::Hall(Implausible::Inconsistent));
                 }
             }
@@ -94,20 +107,20 @@ impl Drive {
 
     /// An estimator has been installed: a running drive that has lost a Hall keeps the limit, whichever it is; at rest, one
     /// for three Halls stands for a repair.
-    pub(super) fn take_up_loss(&mut self) {
+    pub(super) fn update_hall_loss(&mut self) {
         let knows = self.estimator().is_some_and(|estimator| estimator.lost().is_some());
         if knows {
-            self.lost = None;
+            self.hall_loss.lost = None;
             self.limits = self.limits.with(Limits::TWO_HALLS);
         } else if self.mode != Mode::Running {
-            self.forget_loss();
+            self.clear_hall_loss();
         }
         self.publish();
     }
 
     /// A new calibration begins.
-    pub(super) fn forget_loss(&mut self) {
-        self.lost = None;
+    pub(super) fn clear_hall_loss(&mut self) {
+        self.hall_loss.lost = None;
         self.limits = self.limits.without(Limits::TWO_HALLS);
     }
 }

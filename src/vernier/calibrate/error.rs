@@ -6,7 +6,7 @@ use core::fmt;
 /// Why a run gives no calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Refusal {
+pub enum Error {
     /// The recording ended before everything was measured.
     TooShort {
         /// Turns complete.
@@ -50,7 +50,7 @@ pub enum Refusal {
     },
 }
 
-impl fmt::Display for Refusal {
+impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::TooShort { turns, of } => {
@@ -79,4 +79,4 @@ impl fmt::Display for Refusal {
     }
 }
 
-impl core::error::Error for Refusal {}
+impl core::error::Error for Error {}

@@ -1,4 +1,4 @@
-//! One run of the adaptation against three unkind Halls on a bench, with the bound that no filter can beat.
+//! One run of the adaptation against three imperfect Halls on a bench, with the bound that no filter can beat.
 
 use anyhow::Result;
 use hallservo::angle::ElectricalAngle;
@@ -7,19 +7,19 @@ use hallservo::hall::model::{Model, Sensor};
 use plant::{Bench, BenchParameters, Bound, HallParameters, PlantParameters, Prior};
 use std::f64::consts::{PI, TAU};
 
-/// Time between samples.
+/// Time between samples, s.
 pub const PERIOD_S: f64 = 1e-3;
-/// LSB of the converter.
+/// LSB of the converter, V.
 pub const LSB_V: f64 = 3.3 / 4096.0;
 pub(super) const POLE_PAIRS: f64 = 4.0;
 const INERTIA_KGM2: f64 = 1e-5;
-/// Of friction and the back-EMF at a voltage command.
+/// Damping torque per speed, by friction and by the back-EMF at a voltage command, N·m·s.
 pub(super) const DAMPING_NMS: f64 = 1.6e-4;
-/// Density of the torque nobody knows.
+/// Density of the torque that the filter is not told, N·m/√Hz.
 const TORQUE_NOISE_NM_RTHZ: f64 = 1e-5;
 /// The same as an electrical acceleration, rad/s²/√Hz.
 pub const ACCELERATION_NOISE: f64 = POLE_PAIRS / INERTIA_KGM2 * TORQUE_NOISE_NM_RTHZ;
-/// Rate at which the speed decays.
+/// Rate at which the speed decays, 1/s.
 pub const DAMPING_1_S: f64 = DAMPING_NMS / INERTIA_KGM2;
 
 /// The electrical speed that is asked for, over time.
@@ -59,7 +59,7 @@ pub enum Start {
 }
 
 /// A bench with a filter.
-pub struct Judge {
+pub struct Trial {
     /// The rotor and its sensors.
     pub bench: Bench,
     /// The filter.
@@ -87,9 +87,9 @@ pub struct Step {
     pub bound_deg: f64,
 }
 
-/// Sensors drawn from the seed: see `PlantParameters::unkind`.
+/// Sensors drawn from the seed: see `PlantParameters::imperfect`.
 pub fn halls(seed: u64) -> [HallParameters; 3] {
-    PlantParameters::unkind(seed).halls
+    PlantParameters::imperfect(seed).halls
 }
 
 /// The model of sensors known exactly; zero is where the first sensor's signal rises through its offset.
@@ -126,7 +126,7 @@ pub fn wrapped_deg(radians: f64) -> f64 {
     (radians - TAU * (radians / TAU).round()).to_degrees()
 }
 
-impl Judge {
+impl Trial {
     /// A motor of the seed.
     ///
     /// # Errors
@@ -152,7 +152,7 @@ impl Judge {
     ) -> Result<Self> {
         let parameters = BenchParameters {
             halls,
-            adc: PlantParameters::unkind(seed).adc,
+            adc: PlantParameters::imperfect(seed).adc,
             period_s: PERIOD_S,
             pole_pairs: POLE_PAIRS as u8,
             inertia_kgm2: INERTIA_KGM2,

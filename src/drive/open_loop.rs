@@ -1,24 +1,13 @@
-//! The calibration's motion: a field that rises, stands, and turns once forward and once backward, open loop.
+//! The open-loop path: alignment and the calibration's sweeps. A field rises, stands, and turns once forward and once backward,
+//! whatever the rotor does.
 
 use crate::angle::ElectricalAngle;
+use crate::board::{Legs, Output};
 use crate::commutation::Modulation;
+use crate::commutation::sinusoidal::{self, Axes, PhaseOrder};
+pub use crate::config::OpenLoop as Config;
 use crate::hall::calibrate::Sweep;
-
-/// The motion in the units of the interrupt.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Config {
-    /// Strength of the field.
-    pub modulation: Modulation,
-    /// What the strength rises by in a step, in 2⁻³¹; positive.
-    pub rise: i32,
-    /// Steps to stand with the full field.
-    pub stand: u32,
-    /// Speed in 2⁻³² electrical turns a step; positive.
-    pub speed: i32,
-    /// Turns to record each way; at least one.
-    pub turns: u32,
-}
+use crate::pwm;
 
 /// Turns for the rotor to swing in before recording: speeding up takes the first half of them.
 const SETTLE_TURNS: u64 = 2;
@@ -39,19 +28,21 @@ pub enum Stage {
     Done,
 }
 
-/// The field.
+/// The field of the open-loop path.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Drag {
+pub struct OpenLoop {
     stage: Stage,
     field: ElectricalAngle,
+    /// Speed of the field in 2⁻³² electrical turns a step.
     speed: i32,
     /// Modulation in 2⁻³¹.
     strength: i32,
+    /// Way in the sweep's direction in 2⁻³² electrical turns, since the stage began.
     travelled: u64,
 }
 
-impl Drag {
+impl OpenLoop {
     /// Off, about to rise.
     pub const OFF: Self =
         Self { stage: Stage::Rise, field: ElectricalAngle::ZERO, speed: 0, strength: 0, travelled: 0 };
@@ -63,13 +54,13 @@ impl Drag {
             Stage::Stand(0) => self.stage = Stage::Settle(Sweep::Forward),
             Stage::Stand(left) => self.stage = Stage::Stand(left - 1),
             Stage::Settle(sweep) => {
-                self.turn(config, sweep);
-                self.until(SETTLE_TURNS, Stage::Record(sweep));
+                self.move_field(config, sweep);
+                self.end_stage_after(SETTLE_TURNS, Stage::Record(sweep));
             }
             Stage::Record(sweep) => {
-                self.turn(config, sweep);
+                self.move_field(config, sweep);
                 let next = if sweep == Sweep::Forward { Stage::Settle(Sweep::Backward) } else { Stage::Done };
-                self.until(config.turns.into(), next);
+                self.end_stage_after(config.turns.into(), next);
             }
             Stage::Done => {}
         }
@@ -85,7 +76,7 @@ impl Drag {
     }
 
     /// Changes the speed so that it is reached after one turn from rest, and moves on.
-    fn turn(&mut self, config: &Config, sweep: Sweep) {
+    fn move_field(&mut self, config: &Config, sweep: Sweep) {
         let target = if sweep == Sweep::Forward { config.speed } else { -config.speed };
         // v² / 2 turns: at least one, or nothing ever moves.
         let slew = ((i64::from(config.speed) * i64::from(config.speed)) >> 33).max(1) as i32;
@@ -97,7 +88,8 @@ impl Drag {
         }
     }
 
-    fn until(&mut self, turns: u64, next: Stage) {
+    /// Goes on to the next stage when the field has turned so far.
+    fn end_stage_after(&mut self, turns: u64, next: Stage) {
         if self.travelled >= turns << 32 {
             self.travelled = 0;
             self.stage = next;
@@ -112,6 +104,12 @@ impl Drag {
     /// Strength of the field.
     pub const fn modulation(&self) -> Modulation {
         Modulation::from_bits((self.strength >> 16) as i16)
+    }
+
+    /// What the legs do.
+    pub fn output(&self, limits: &pwm::Limits) -> Output {
+        let axes = Axes::new(limits.amplitude(self.modulation()), PhaseOrder::FORWARD, limits.half());
+        Output { compare: sinusoidal::compare(self.field, &axes), legs: Legs::ALL }
     }
 
     /// Whether both sweeps are done.
@@ -131,46 +129,46 @@ mod tests {
     #[test]
     fn turns_both_ways_over_whole_turns() {
         let config = config(0.2, 1000, 4_294_967, 3);
-        let mut drag = Drag::OFF;
+        let mut open_loop = OpenLoop::OFF;
         let (mut bins, mut last, mut steps) = ([[0_u32; 8]; 2], 0_i32, 0);
         loop {
-            let stage = drag.step(&config);
+            let stage = open_loop.step(&config);
             steps += 1;
             match stage {
                 Stage::Record(sweep) => {
-                    bins[sweep as usize][drag.field().to_bits() as u32 as usize >> 29] += 1;
-                    assert_eq!(drag.speed.unsigned_abs(), 4_294_967);
-                    assert_eq!(drag.speed > 0, sweep == Sweep::Forward);
-                    assert_eq!(drag.modulation(), config.modulation);
+                    bins[sweep as usize][open_loop.field().to_bits() as u32 as usize >> 29] += 1;
+                    assert_eq!(open_loop.speed.unsigned_abs(), 4_294_967);
+                    assert_eq!(open_loop.speed > 0, sweep == Sweep::Forward);
+                    assert_eq!(open_loop.modulation(), config.modulation);
                 }
                 Stage::Done => break,
                 _ => {}
             }
-            assert!((drag.speed - last).abs() < 5000, "a jump of the speed");
-            last = drag.speed;
+            assert!((open_loop.speed - last).abs() < 5000, "a jump of the speed");
+            last = open_loop.speed;
             assert!(steps < 50_000);
         }
         for count in bins.iter().flatten() {
             assert!((375 - 2..=375 + 2).contains(count), "{bins:?}");
         }
-        assert!(drag.is_done());
+        assert!(open_loop.is_done());
     }
 
     #[test]
     fn the_field_rises_evenly_and_then_stands() {
         let config = config(0.5, 100, 1_000_000, 1);
-        let mut drag = Drag::OFF;
+        let mut open_loop = OpenLoop::OFF;
         let mut risen = 0;
-        while drag.step(&config) == Stage::Rise {
+        while open_loop.step(&config) == Stage::Rise {
             risen += 1;
             let expected = f32::from(risen as u16) / 512.0;
-            assert!((drag.modulation().to_num::<f32>() - expected).abs() < 1e-4);
+            assert!((open_loop.modulation().to_num::<f32>() - expected).abs() < 1e-4);
         }
         assert_eq!(risen, 255);
         for _ in 0..100 {
-            assert!(matches!(drag.step(&config), Stage::Stand(_)));
-            assert!(drag.modulation() == config.modulation && drag.field() == ElectricalAngle::ZERO);
+            assert!(matches!(open_loop.step(&config), Stage::Stand(_)));
+            assert!(open_loop.modulation() == config.modulation && open_loop.field() == ElectricalAngle::ZERO);
         }
-        assert_eq!(drag.step(&config), Stage::Settle(Sweep::Forward));
+        assert_eq!(open_loop.step(&config), Stage::Settle(Sweep::Forward));
     }
 }

@@ -1,0 +1,205 @@
+//! What each command does. A refused one changes nothing.
+
+use super::protection::Protection;
+use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample};
+use crate::angle::ElectricalAngle;
+use crate::commutation::{Commutation, Modulation};
+use crate::config::Config;
+use crate::control::{Current, Speed, cogging};
+use crate::fault::{Fault, Limits};
+use crate::hall::Codes;
+use crate::hall::estimate::Estimator;
+use crate::hall::track::Tracker;
+use crate::mode::{Event, Mode};
+use crate::telemetry::Progress;
+
+impl Command {
+    /// Whether it comes from whoever commands the drive; the tasks send the others by themselves.
+    const fn is_of_the_user(&self) -> bool {
+        !matches!(self, Self::Install(_) | Self::CalibrationFailed | Self::Balance(_) | Self::Trip(_))
+    }
+}
+
+impl Drive {
+    /// Carries out a waiting command and answers it.
+    #[cold]
+    #[inline(never)]
+    pub(super) fn receive(&mut self, sample: &Sample) {
+        if let Some(command) = self.channels.commands.dequeue() {
+            let reply = self.execute(command, sample);
+            // A task that reads no replies does not get any.
+            let _ = self.channels.replies.enqueue(reply);
+        }
+    }
+
+    fn execute(&mut self, command: Command, sample: &Sample) -> Reply {
+        let of_the_user = command.is_of_the_user();
+        match command {
+            Command::Calibrate => self.calibrate(sample)?,
+            Command::Install(estimator) => self.install(estimator, sample.halls)?,
+            Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
+            Command::Arm => self.arm(sample)?,
+            Command::Disarm => self.disarm()?,
+            Command::Drive(modulation) => self.drive(modulation, sample)?,
+            Command::Current(current) => self.follow(Demand::Current(current))?,
+            Command::Speed(speed) => self.follow(Demand::Speed(speed))?,
+            Command::Position(position) => self.follow(Demand::Position(position))?,
+            Command::Commutate(commutation) => self.commutate(commutation)?,
+            Command::Balance(table) => self.balance(table),
+            Command::Configure(config) => self.configure(config)?,
+            Command::Trip(fault) => self.fail(fault),
+            Command::Clear => self.on_command(Event::Clear { calibrated: self.estimator().is_some() })?,
+        }
+        if of_the_user {
+            self.sign_of_life();
+        }
+        Ok(())
+    }
+
+    /// Whoever commands is there.
+    fn sign_of_life(&mut self) {
+        let timed_out = self.servo.limits.contains(Limits::TIMEOUT);
+        self.servo.command_received();
+        if timed_out {
+            self.publish();
+        }
+    }
+
+    /// A change of state by a command.
+    fn on_command(&mut self, event: Event) -> Reply {
+        let mode = self.mode.after(event).ok_or(Refusal::Mode(self.mode))?;
+        self.enter(mode);
+        Ok(())
+    }
+
+    fn calibrate(&mut self, sample: &Sample) -> Reply {
+        self.on_command(Event::Calibrate)?;
+        self.paths.open_loop = OpenLoop::OFF;
+        self.reset_servo(sample);
+        self.clear_hall_loss();
+        self.progress = Progress::None;
+        self.publish();
+        Ok(())
+    }
+
+    fn disarm(&mut self) -> Reply {
+        self.on_command(Event::Disarm)?;
+        self.progress = Progress::None;
+        self.publish();
+        Ok(())
+    }
+
+    fn install(&mut self, estimator: &'static mut Estimator, codes: Codes) -> Reply {
+        // What was learnt while somebody turns the shaft is no reason to forget its turns.
+        let tracks = self.mode == Mode::Ready && self.live.missed <= self.config.tolerated;
+        let allowed = self.on_command(Event::Installed);
+        let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
+        if let Some(unused) = unused {
+            // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
+            let _ = self.channels.retired.enqueue(unused);
+        }
+        allowed?;
+        self.update_hall_loss();
+        if self.mode == Mode::Ready && !tracks {
+            self.find_angle_anew(codes);
+        }
+        Ok(())
+    }
+
+    /// Starts to track anew where the rotor is.
+    fn find_angle_anew(&mut self, codes: Codes) {
+        let angle = self.estimator().and_then(|estimator| estimator.angle(&codes).ok());
+        self.live.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
+        self.live.rotor = Tracker::at(angle.unwrap_or(ElectricalAngle::ZERO));
+    }
+
+    fn arm(&mut self, sample: &Sample) -> Reply {
+        match self.mode {
+            Mode::Unarmed => return Err(Refusal::NotCalibrated),
+            Mode::Ready => {}
+            mode => return Err(Refusal::Mode(mode)),
+        }
+        let control = self.config.control.as_ref();
+        let protection = control.map(|control| Protection::for_arming(control, &self.paths.idle, sample)).transpose();
+        let protection = protection.map_err(Refusal::Fault)?;
+        if self.limits.contains(Limits::TWO_HALLS) {
+            return Err(Refusal::HallLost);
+        }
+        if self.live.missed != 0 {
+            return Err(Refusal::NoAngle);
+        }
+        self.servo.protection = protection.unwrap_or(Protection::NONE);
+        self.paths.voltage.release(&self.config);
+        self.reset_servo(sample);
+        self.on_command(Event::Arm)
+    }
+
+    /// Takes up a demand for current, speed or position.
+    fn follow(&mut self, demand: Demand) -> Reply {
+        let control = self.config.control.as_ref().ok_or(Refusal::NoControl)?;
+        if self.mode != Mode::Running {
+            return Err(Refusal::Mode(self.mode));
+        }
+        let (magnitude, most) = match demand {
+            Demand::Current(Current(current)) => (current.unsigned_abs(), control.max_current),
+            Demand::Speed(Speed(speed)) => (speed.unsigned_abs(), control.trajectory.speed()),
+            Demand::Position(_) | Demand::Voltage => (0, 0),
+        };
+        if magnitude > most as u32 {
+            return Err(Refusal::TooLarge);
+        }
+        self.servo.follow(control, demand, &self.live.rotor);
+        self.publish();
+        Ok(())
+    }
+
+    fn reset_servo(&mut self, sample: &Sample) {
+        if let Some(control) = &self.config.control {
+            self.servo.reset(control, &self.paths.idle);
+            self.paths.local_feedback.reset();
+            self.paths.field_oriented.reset(control, self.live.rotor.speed(), sample);
+        }
+    }
+
+    fn commutate(&mut self, commutation: Commutation) -> Reply {
+        if commutation == Commutation::FieldOriented && self.config.control.is_none() {
+            return Err(Refusal::NoControl);
+        }
+        if self.mode.drives() {
+            return Err(Refusal::Mode(self.mode));
+        }
+        self.config.commutation = commutation;
+        Ok(())
+    }
+
+    fn balance(&mut self, table: Option<&'static mut cogging::Table>) {
+        if let Some(unused) = core::mem::replace(&mut self.servo.cogging, table) {
+            let _ = self.channels.tables.enqueue(unused);
+        }
+    }
+
+    fn configure(&mut self, config: &'static mut Config) -> Reply {
+        let allowed = if self.mode.drives() { Err(Refusal::Mode(self.mode)) } else { Ok(()) };
+        if allowed.is_ok() {
+            core::mem::swap(&mut self.config, config);
+        }
+        let _ = self.channels.configs.enqueue(config);
+        allowed
+    }
+
+    fn drive(&mut self, modulation: Modulation, sample: &Sample) -> Reply {
+        if self.mode != Mode::Running {
+            return Err(Refusal::Mode(self.mode));
+        }
+        let magnitude = i32::from(modulation.to_bits()).unsigned_abs();
+        if magnitude > i32::from(self.config.max_modulation.to_bits()).unsigned_abs() {
+            return Err(Refusal::TooLarge);
+        }
+        self.reset_servo(sample);
+        self.publish();
+        self.paths.voltage.command(modulation, &self.config);
+        let cut = self.config.limits.limits(modulation);
+        self.limits = self.limits.set(Limits::DUTY, cut);
+        Ok(())
+    }
+}

@@ -1,0 +1,114 @@
+//! Field-oriented control: the currents along d and q controlled in the frame of the rotor, with space-vector modulation.
+
+use super::Sample;
+use super::servo::Servo;
+use crate::angle::ElectricalAngle;
+use crate::commutation::frames::{Dq, Rotation};
+use crate::commutation::svpwm::{Circle, Modulator};
+use crate::control::config::Config;
+use crate::control::current::{Integrators, Inverse, Present};
+use crate::hall::track::{self, Tracker};
+use crate::math::{clamp, high};
+
+/// Farthest that the alignment is trimmed, 60°, in bits of an angle.
+const LARGEST_TRIM: i32 = 715_827_882;
+
+/// The current controller and what it works with.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct FieldOriented {
+    /// What the alignment was found to be off by; added to the angle of the Halls.
+    trim: ElectricalAngle,
+    modulator: Modulator,
+    /// Gains for the present bus voltage and speed.
+    gains: Present,
+    integrators: Integrators,
+    /// Voltage of the last step, in the unit of [`LONGEST`](crate::commutation::svpwm::LONGEST).
+    voltage: Dq,
+    /// Bus voltage of the present gains, in 2⁻¹⁵ of its full scale.
+    bus: i32,
+}
+
+impl FieldOriented {
+    /// Before the first reset.
+    pub const fn new() -> Self {
+        Self {
+            trim: ElectricalAngle::ZERO,
+            modulator: Modulator::NONE,
+            gains: Present::ZERO,
+            integrators: Integrators::ZERO,
+            voltage: Dq { d: 0, q: 0 },
+            bus: 1,
+        }
+    }
+
+    /// No voltage; gains for the bus voltage and speed of now. The alignment's trim stays.
+    pub fn reset(&mut self, config: &Config, speed: i32, sample: &Sample) {
+        self.modulator = config.modulator;
+        self.integrators = Integrators::ZERO;
+        self.voltage = Dq { d: 0, q: 0 };
+        self.bus = config.bus(sample.bus);
+        self.take_up_bus(config, sample);
+        self.take_up_speed(config, speed);
+    }
+
+    /// One step on: compare values of the three legs.
+    #[inline(always)]
+    pub fn step(&mut self, servo: &mut Servo, rotor: &Tracker, tracking: &track::Config, sample: &Sample) -> [u16; 3] {
+        let current = servo.measure_current(rotor.angle() + self.trim, sample);
+        self.voltage = self.integrators.step(&self.gains, servo.reference.current, current);
+        // What is computed now acts in the next period.
+        let ahead = Rotation::at(rotor.predicted(tracking) + self.trim);
+        self.modulator.compare(ahead, self.voltage, servo.reference.dead_time)
+    }
+
+    /// Gains and integrators for the bus voltage of now.
+    #[inline(always)]
+    pub fn take_up_bus(&mut self, config: &Config, sample: &Sample) {
+        let bus = config.bus(sample.bus);
+        let inverse = Inverse::new(bus);
+        self.gains.scale(&config.gains, inverse);
+        self.integrators.follow(self.bus, bus, inverse);
+        self.bus = bus;
+    }
+
+    /// Feed-forward of the back-EMF and of the coupling of the axes, for a speed in 2⁻³² electrical turns a step.
+    #[inline(always)]
+    pub fn take_up_speed(&mut self, config: &Config, speed: i32) {
+        self.gains.induce(&config.gains, Inverse::new(self.bus), speed);
+    }
+
+    /// Whether the voltage is at its limit.
+    #[inline(always)]
+    pub fn is_limited(&self) -> bool {
+        Circle::NEW.touches(self.voltage)
+    }
+
+    /// Trims the alignment until no back-EMF is left along d: what the integrator holds there, beyond what is fed forward, is that of an
+    /// angle that is off. Only while the rotor turns fast enough to tell.
+    #[inline(always)]
+    pub fn trim_alignment(&mut self, config: &Config, speed: i32) {
+        let fast = speed.wrapping_add(config.trim_from) as u32 > 2 * config.trim_from as u32;
+        if fast && !self.is_limited() {
+            let along = if speed < 0 { -self.integrators.d() } else { self.integrators.d() };
+            let trim = self.trim.to_bits() - high(along << 8, config.trim_gain);
+            self.trim = ElectricalAngle::from_bits(clamp(trim, LARGEST_TRIM));
+        }
+    }
+
+    /// What the alignment was found to be off by.
+    pub const fn trim(&self) -> ElectricalAngle {
+        self.trim
+    }
+
+    /// Bus voltage of the present gains, in 2⁻¹⁵ of its full scale.
+    pub const fn bus(&self) -> i32 {
+        self.bus
+    }
+
+    /// Voltage of the last step, in 2⁻¹⁵ of the full scale of the bus.
+    #[inline(always)]
+    pub const fn voltage(&self, config: &Config) -> Dq {
+        let volts = self.bus.wrapping_mul(config.volts) >> 6;
+        Dq { d: high(self.voltage.d, volts), q: high(self.voltage.q, volts) }
+    }
+}

@@ -1,0 +1,45 @@
+//! The idle path: the bridge is off, so the current amplifiers show what they show without a current.
+
+use crate::board::Sample;
+use crate::control::config::Config;
+
+/// Middle of the range of a code of 16 bits, in 2⁻⁸ codes.
+const MIDDLE: i32 = 32_768 << 8;
+
+/// What is measured while the bridge is off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Idle {
+    /// Code of each amplifier without a current, for a full scale of 2¹⁶, in 2⁻⁸; averaged over 256 steps.
+    zeros: [i32; 3],
+}
+
+impl Idle {
+    /// Amplifiers as they should be: zero in the middle of the range.
+    pub const fn new() -> Self {
+        Self { zeros: [MIDDLE; 3] }
+    }
+
+    /// A step with the bridge off.
+    pub fn step(&mut self, config: &Config, sample: &Sample) {
+        for (zero, code) in self.zeros.iter_mut().zip(sample.currents) {
+            *zero += ((i32::from(code) << (config.shift + 8)) - *zero) >> 8;
+        }
+    }
+
+    /// The zero of each amplifier, as the field says.
+    pub const fn zeros(&self) -> [i32; 3] {
+        self.zeros
+    }
+
+    /// Whether every zero is as near to the middle as the settings want it.
+    pub fn zeros_are_plausible(&self, config: &Config) -> bool {
+        self.zeros.iter().all(|zero| (zero - MIDDLE).abs() >> 8 <= config.guard.offset)
+    }
+
+    /// Phase currents in 2⁻¹⁵ of the full scale.
+    #[inline(always)]
+    pub fn phases(&self, config: &Config, sample: &Sample) -> [i32; 3] {
+        let phase = |k: usize| (i32::from(sample.currents[k]) << config.shift) - (self.zeros[k] >> 8);
+        [phase(0), phase(1), phase(2)]
+    }
+}

@@ -1,0 +1,167 @@
+//! What currents, voltage, temperatures and time tell about the health of a drive with current sensing.
+
+use super::{Idle, Sample};
+use crate::control::config::Config;
+use crate::fault::Fault;
+
+/// Successive looks at a wrong sum of the currents, eight steps apart, that are a fault.
+const IMBALANCES: u32 = 2;
+/// Looks at a standing rotor, 32 steps apart, that one at a turning rotor makes up for.
+const STALL_RECOVERY: u32 = 4;
+
+/// Thresholds in codes of the ADC, and the counters of what has to last to be a fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Protection {
+    /// Least code of each amplifier that is no over-current, and the codes from there to the largest.
+    current_floors: [u32; 3],
+    current_span: u32,
+    /// Least code of the bus voltage, and the codes from there to the largest.
+    bus_floor: u32,
+    bus_span: u32,
+    /// Least sum of the three currents' codes that is no imbalance.
+    sum_floor: u32,
+    /// Largest current at the moment, in 2⁻¹⁵ of the full scale.
+    pub max_current: i32,
+    /// Share of the largest current that each temperature, of bridge and motor, allows: 0 to 2¹⁶.
+    shares: [i32; 2],
+    /// Successive looks at a wrong sum of the currents.
+    imbalances: u32,
+    /// Looks at a standing rotor with the current at its limit.
+    stalls: u32,
+    /// Steps of the outer loops since the last command.
+    command_age: u32,
+}
+
+impl Protection {
+    /// Everything is allowed, and no current: that of a drive without current sensing, and before the bridge is first on.
+    pub const NONE: Self = Self {
+        current_floors: [0; 3],
+        current_span: u32::MAX,
+        bus_floor: 0,
+        bus_span: u32::MAX,
+        sum_floor: 0,
+        max_current: 0,
+        shares: [0; 2],
+        imbalances: 0,
+        stalls: 0,
+        command_age: 0,
+    };
+
+    /// While the bridge is off nothing is counted.
+    pub fn rest(&mut self) {
+        (self.imbalances, self.stalls, self.command_age) = (0, 0, 0);
+    }
+
+    /// Thresholds about the amplifiers' zeros, codes for a full scale of 2¹⁶ in 2⁻⁸.
+    pub fn set_zeros(&mut self, config: &Config, zeros: [i32; 3]) {
+        let guard = &config.guard;
+        let code = |zero: i32| (zero >> (8 + config.shift)) as u32;
+        self.current_floors = zeros.map(|zero| code(zero).wrapping_sub(guard.over_current));
+        self.current_span = 2 * guard.over_current;
+        (self.bus_floor, self.bus_span) = (guard.under, guard.range);
+        self.sum_floor = code(zeros.iter().sum()).wrapping_sub(guard.imbalance);
+    }
+
+    /// The protection of a drive whose bridge is to be switched on now.
+    ///
+    /// # Errors
+    /// What would be a fault at once.
+    pub fn for_arming(config: &Config, zeros: &Idle, sample: &Sample) -> Result<Self, Fault> {
+        if !zeros.zeros_are_plausible(config) {
+            return Err(Fault::CurrentOffset);
+        }
+        let mut protection = Self::NONE;
+        protection.set_zeros(config, zeros.zeros());
+        if !protection.allows(sample) {
+            return Err(protection.fault(sample));
+        }
+        for thermistor in 0..2 {
+            protection.derate(config, sample, thermistor);
+        }
+        protection.over_temperature(config, sample).map_or(Ok(protection), Err)
+    }
+
+    /// Whether currents, voltage and time are as they should; in every step.
+    #[inline(always)]
+    pub fn allows(&self, sample: &Sample) -> bool {
+        let flows = |k: usize| u32::from(sample.currents[k]).wrapping_sub(self.current_floors[k]) <= self.current_span;
+        // A bus voltage has 16 bits: with a lost period it is out of every range.
+        let bus = (u32::from(sample.bus) | u32::from(sample.lost) << 16).wrapping_sub(self.bus_floor);
+        flows(0) && flows(1) && flows(2) && bus <= self.bus_span
+    }
+
+    /// Why not.
+    #[cold]
+    #[inline(never)]
+    pub fn fault(&self, sample: &Sample) -> Fault {
+        let bus = u32::from(sample.bus);
+        if bus < self.bus_floor {
+            Fault::UnderVoltage
+        } else if bus - self.bus_floor > self.bus_span {
+            Fault::OverVoltage
+        } else if sample.lost != 0 {
+            Fault::Deadline
+        } else {
+            Fault::OverCurrent
+        }
+    }
+
+    /// The sum of the currents: a fault when it is wrong at successive looks.
+    #[inline(always)]
+    pub fn imbalance(&mut self, config: &Config, sample: &Sample) -> Option<Fault> {
+        let [a, b, c] = sample.currents.map(u32::from);
+        let balanced = (a + b + c).wrapping_sub(self.sum_floor) <= 2 * config.guard.imbalance;
+        self.imbalances = if balanced { 0 } else { self.imbalances + 1 };
+        (self.imbalances >= IMBALANCES).then_some(Fault::CurrentImbalance)
+    }
+
+    /// Temperatures that are too high.
+    #[inline(always)]
+    pub fn over_temperature(&self, config: &Config, sample: &Sample) -> Option<Fault> {
+        let hot = |k: usize| i32::from(sample.temperatures[k]) << config.shift < config.guard.heat[k].fault;
+        if hot(0) {
+            Some(Fault::BridgeHot)
+        } else if hot(1) {
+            Some(Fault::MotorHot)
+        } else {
+            None
+        }
+    }
+
+    /// What a temperature, of bridge (0) or motor (1), leaves of the largest current.
+    #[inline(always)]
+    pub fn derate(&mut self, config: &Config, sample: &Sample, thermistor: usize) {
+        let heat = config.guard.heat[thermistor];
+        let above = ((i32::from(sample.temperatures[thermistor]) << config.shift) - heat.fault).max(0);
+        self.shares[thermistor] = if above < heat.room { (above * heat.slope) >> 8 } else { 1 << 16 };
+        let share = self.shares[0].min(self.shares[1]);
+        // 0.9 · 2¹⁵ and 2¹⁶.
+        self.max_current = (config.max_current * share) >> 16;
+    }
+
+    /// Whether the rotor has stood still with the current at its limit for too long.
+    #[inline(always)]
+    pub fn is_stalled(&mut self, config: &Config, limited: bool, speed: i32) -> bool {
+        let creep = config.guard.creep;
+        let stands = limited && speed.wrapping_add(creep) as u32 <= 2 * creep as u32;
+        if !stands {
+            // The speed is noisy: a look at which it seems to turn does not make up for all before.
+            self.stalls = self.stalls.saturating_sub(STALL_RECOVERY);
+            return false;
+        }
+        self.stalls += 1;
+        self.stalls > config.guard.stall
+    }
+
+    /// Whether no command has come for too long; to be asked once every step of the outer loops.
+    #[inline(always)]
+    pub fn is_command_overdue(&mut self, config: &Config) -> bool {
+        self.command_age = self.command_age.saturating_add(1);
+        config.guard.timeout != 0 && self.command_age >= config.guard.timeout
+    }
+
+    /// A sign of life of whoever commands.
+    pub fn command_received(&mut self) {
+        self.command_age = 0;
+    }
+}

@@ -1,0 +1,238 @@
+//! What a drive with current sensing does beside the current control, a share in each step so that none has to do everything.
+//!
+//! [`Drive::attend`] is the table: the outer loops and what is urgent come every [`OUTER`] steps, the rest once in a [`CYCLE`]. A row is
+//! a slot; a step has exactly one, before the angle of the step is known.
+
+use super::servo::{Context, Servo};
+use super::{Demand, Drive, Paths, Route, Sample};
+use crate::control::Speed;
+use crate::fault::{Fault, Limits};
+use crate::hall::estimate::Estimator;
+pub use crate::schedule::{CYCLE, OUTER};
+
+/// The first step with a chance of a record.
+const RECORD: u32 = 7;
+
+/// Where the schedule stands, and when it hands over what to the tasks.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Schedule {
+    /// Steps so far, wrapping; the slot is the remainder by [`CYCLE`].
+    tick: u32,
+    /// Whether records come by the schedule: while a current, a speed or a position is followed.
+    pub records: bool,
+    /// Number of the step before, less the tick.
+    first: u32,
+    /// Tick of the next record, and of the next measurement.
+    record_due: u32,
+    measurement_due: u32,
+}
+
+impl Schedule {
+    pub const fn new() -> Self {
+        Self { tick: 0, records: false, first: 0, record_due: 0, measurement_due: 0 }
+    }
+
+    #[inline(always)]
+    const fn is_due(&self, due: u32) -> bool {
+        self.records && due.wrapping_sub(self.tick) as i32 <= 0
+    }
+
+    /// Number of the step whose rotor is known in a slot: of the step before.
+    const fn sequence(&self) -> u32 {
+        self.first.wrapping_add(self.tick)
+    }
+}
+
+impl Drive {
+    /// The share of the slow work that belongs to this step. What is found wrong makes a running drive fail.
+    ///
+    /// Returns the estimator for the rest of a short step; none where the slot has met what is for the general one.
+    #[inline(always)]
+    pub(super) fn attend(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let schedule = &mut self.servo.schedule;
+        schedule.tick = schedule.tick.wrapping_add(1);
+        match schedule.tick % CYCLE {
+            // Every 8 steps.
+            0 | 8 | 16 | 24 => return self.trajectory_slot(sample),
+            1 | 9 | 17 | 25 => self.slot(sample, |servo, _, with| servo.advance_trajectory(with)),
+            2 | 10 | 18 | 26 => return self.command_slot(sample),
+            3 | 11 | 19 | 27 => return self.protection_slot(sample),
+            4 | 12 | 20 | 28 => self.slot(sample, |servo, _, with| servo.speed_loop(with)),
+            6 | 14 | 22 | 30 => self.slot(sample, |servo, _, with| servo.update_reference(with)),
+            // Every 16 steps.
+            RECORD | 23 => self.record_slot(sample),
+            // Every 32 steps. The currents have settled since the last change of their reference where they are noted down.
+            5 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
+            13 => self.slot(sample, Self::measurement_slot),
+            15 => self.slot(sample, Self::alignment_slot),
+            21 => return self.speed_slot(sample),
+            29 => return self.derating_slot(sample),
+            _ => self.hand_over_slot(),
+        }
+        self.estimator()
+    }
+
+    /// The estimator, if the step may go on the short way.
+    fn estimator_if_short(&self) -> Option<&Estimator> {
+        if self.route == Route::FieldOriented { self.estimator() } else { None }
+    }
+
+    /// Work of the servo, for a drive that has currents to control.
+    #[inline(always)]
+    fn with_servo<R>(
+        &mut self,
+        sample: &Sample,
+        work: impl FnOnce(&mut Servo, &mut Paths, &Context) -> R,
+    ) -> Option<R> {
+        let config = self.config.control.as_ref()?;
+        Some(work(&mut self.servo, &mut self.paths, &Context { config, rotor: &self.live.rotor, sample }))
+    }
+
+    /// The same as a slot that finds no fault.
+    #[inline(never)]
+    fn slot(&mut self, sample: &Sample, work: impl FnOnce(&mut Servo, &mut Paths, &Context)) {
+        self.with_servo(sample, work);
+    }
+
+    /// The way to a commanded position; the time since the last command.
+    #[inline(never)]
+    fn trajectory_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let overdue = self.with_servo(sample, |servo, _, with| {
+            servo.plan_trajectory(with);
+            servo.protection.is_command_overdue(with.config)
+        });
+        if overdue == Some(true) {
+            self.command_timeout();
+            return self.estimator_if_short();
+        }
+        self.estimator()
+    }
+
+    /// A command, and the position loop.
+    #[inline(never)]
+    fn command_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let waits = self.servo.schedule.records && self.channels.commands.ready();
+        if waits {
+            self.receive(sample);
+        }
+        self.with_servo(sample, |servo, _, with| servo.position_loop(with));
+        if waits { self.estimator_if_short() } else { self.estimator() }
+    }
+
+    /// The three Halls compared with each other, the sum of the currents, temperatures. Where the Halls disagree, the rest of the
+    /// step finds the angle as after a missed sample.
+    #[inline(never)]
+    fn protection_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let fault = self.with_servo(sample, |servo, _, with| {
+            let fault = servo.protection.imbalance(with.config, with.sample);
+            fault.or_else(|| servo.protection.over_temperature(with.config, with.sample))
+        });
+        if let Some(Some(fault)) = fault {
+            self.fail(fault);
+            return None;
+        }
+        self.estimator().filter(|estimator| estimator.agree(&sample.halls))
+    }
+
+    /// What the tasks get of currents and voltages.
+    #[inline(always)]
+    fn measurement_slot(servo: &mut Servo, paths: &mut Paths, with: &Context) {
+        servo.note(with, &paths.field_oriented, &paths.idle, servo.schedule.sequence());
+    }
+
+    /// The alignment's trim; whether the voltage is at its limit.
+    #[inline(always)]
+    fn alignment_slot(servo: &mut Servo, paths: &mut Paths, with: &Context) {
+        let field = &mut paths.field_oriented;
+        servo.limits = servo.limits.set(Limits::DUTY, field.is_limited());
+        field.trim_alignment(with.config, with.rotor.speed());
+    }
+
+    /// The back-EMF of the speed; a stall.
+    #[inline(never)]
+    fn speed_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let stalled = self.with_servo(sample, |servo, paths, with| {
+            paths.field_oriented.take_up_speed(with.config, with.rotor.speed());
+            servo.is_stalled(with)
+        });
+        if stalled == Some(true) {
+            self.fail(Fault::Stall);
+            return None;
+        }
+        self.estimator()
+    }
+
+    /// The largest current that the temperatures allow; over-speed.
+    #[inline(never)]
+    fn derating_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let done = self.with_servo(sample, |servo, _, with| {
+            servo.protection.derate(with.config, with.sample, 0);
+            servo.protection.derate(with.config, with.sample, 1);
+        });
+        if done.is_some() && self.is_too_fast() {
+            self.fail(Fault::OverSpeed);
+            return None;
+        }
+        self.estimator()
+    }
+
+    #[inline(never)]
+    fn record_slot(&mut self, sample: &Sample) {
+        let Schedule { record_due, .. } = self.servo.schedule;
+        if self.servo.schedule.is_due(record_due) {
+            self.servo.schedule.record_due = record_due.wrapping_add(self.config.record_every);
+            self.live.status = self.live.status.with_limits(self.limits());
+            self.live.codes = sample.halls;
+            self.live.sequence = self.servo.schedule.sequence();
+            let _ = self.channels.records.enqueue(self.live);
+        }
+    }
+
+    #[inline(never)]
+    fn hand_over_slot(&mut self) {
+        let Schedule { measurement_due, .. } = self.servo.schedule;
+        if self.servo.schedule.is_due(measurement_due) {
+            let every = self.config.record_every.next_multiple_of(CYCLE);
+            self.servo.schedule.measurement_due = measurement_due.wrapping_add(every);
+            self.hand_over_measurement();
+        }
+    }
+
+    /// Currents and voltages as noted last.
+    #[inline(always)]
+    pub(super) fn hand_over_measurement(&mut self) {
+        let _ = self.channels.measurements.enqueue(self.servo.measurement);
+    }
+
+    /// No command for too long: a fault, or the drive is stopped by its speed control.
+    #[cold]
+    #[inline(never)]
+    fn command_timeout(&mut self) {
+        let Some(control) = &self.config.control else { return };
+        if !control.guard.stops {
+            self.fail(Fault::CommandTimeout);
+        } else if !self.servo.limits.contains(Limits::TIMEOUT) && self.mode.drives() {
+            self.servo.limits = self.servo.limits.with(Limits::TIMEOUT);
+            self.servo.follow(control, Demand::Speed(Speed(0)), &self.live.rotor);
+            self.publish();
+        }
+    }
+
+    /// Lets the records come by the schedule, or no longer. It begins such that the next record, and so every one after it, is due in
+    /// its slot; a slot comes before the angle is found, so a record there is of the step before.
+    pub(super) fn record_by_schedule(&mut self, records: bool) {
+        let schedule = &mut self.servo.schedule;
+        if records && !schedule.records {
+            schedule.record_due = RECORD;
+            schedule.measurement_due = RECORD;
+            // A command does so before the step attends.
+            schedule.tick = RECORD.wrapping_sub(self.until_record).wrapping_sub(2);
+            schedule.first = self.live.sequence.wrapping_sub(RECORD);
+        } else if schedule.records && !records {
+            let next = schedule.tick.wrapping_add(1);
+            self.until_record = (schedule.record_due.wrapping_sub(next) as i32).max(1) as u32;
+            self.live.sequence = schedule.first.wrapping_add(next).wrapping_add(self.until_record);
+        }
+        schedule.records = records;
+    }
+}

@@ -1,0 +1,74 @@
+//! Where the rotor is, and what becomes of samples that do not tell.
+
+use super::Drive;
+use crate::angle::ElectricalAngle;
+use crate::fault::{Fault, Limits};
+use crate::hall::Codes;
+use crate::hall::plausibility::Implausible;
+use crate::hall::track::{Jump, Tracker};
+
+impl Drive {
+    /// Angle and speed from the Halls, all three or those that are left; with what is to be done where they do not tell.
+    pub(super) fn measure(&mut self, codes: &Codes) {
+        match (self.hall_loss.lost, &self.estimator) {
+            (Some(lost), _) if self.mode.drives() => self.measure_without(lost, *codes),
+            (_, Some(estimator)) => match estimator.angle(codes) {
+                Ok(angle) => self.track(angle),
+                Err(why) => self.no_angle(why),
+            },
+            (_, None) => {}
+        }
+        self.resolve_suspicion(*codes);
+    }
+
+    /// Takes up an angle.
+    fn track(&mut self, angle: ElectricalAngle) {
+        match self.live.rotor.step(&self.config.tracking, angle) {
+            Ok(()) => self.angle_found(),
+            Err(Jump) => self.angle_jumped(angle),
+        }
+    }
+
+    /// The angle is plausible, perhaps again.
+    pub(super) fn angle_found(&mut self) {
+        if self.live.missed != 0 {
+            self.live.missed = 0;
+            self.limits = self.limits.without(Limits::EXTRAPOLATED);
+            self.publish();
+        }
+    }
+
+    /// The codes are no angle.
+    fn no_angle(&mut self, why: Implausible) {
+        self.live.rotor.coast();
+        if self.count_missed() {
+            return;
+        }
+        if !self.mode.drives() {
+            // Nothing is known of the rotor, so it is not turned on and on.
+            self.live.rotor = Tracker::at(self.live.rotor.angle());
+        }
+        self.fail_or_suspect(Fault::Hall(why));
+    }
+
+    /// The angle is not where the rotor can be.
+    fn angle_jumped(&mut self, angle: ElectricalAngle) {
+        if self.count_missed() {
+            return;
+        }
+        if !self.mode.drives() {
+            // While nothing is driven, believe what comes again and again.
+            self.live.rotor = Tracker::at(angle);
+            self.angle_found();
+        }
+        self.fail_or_suspect(Fault::AngleJump);
+    }
+
+    /// Counts a sample without a plausible angle; false when they are too many.
+    pub(super) fn count_missed(&mut self) -> bool {
+        self.live.missed = self.live.missed.saturating_add(1);
+        self.limits = self.limits.with(Limits::EXTRAPOLATED);
+        self.publish();
+        self.live.missed <= self.config.tolerated
+    }
+}

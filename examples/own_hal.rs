@@ -4,14 +4,13 @@
 //! $ cargo run --release --example own_hal
 //! ```
 //!
-//! What a port has to write is `Port`, some fifty lines: calibration, adaptation, storage and the protocol come with it.
-//! `world` stands for the chip, the motor and the tool at the other end of the serial line.
+//! What a port has to write is `Port`: calibration, adaptation, storage and the protocol come with it. `world` stands for the
+//! chip, the motor and the tool at the other end of the serial line.
 
 mod world;
 
-use hallservo::board::Sample;
 use hallservo::drive::Drive;
-use hallservo::settings::{self, Settings};
+use hallservo::settings::Error as BadSetting;
 use hallservo_app::{Housekeeping, Identity, Memory, Supervisor};
 use hallservo_protocol::Ask;
 use static_cell::ConstStaticCell;
@@ -29,16 +28,15 @@ struct Port {
 }
 
 impl Port {
-    fn power_up(motor: Motor, memory: &'static mut Memory<Flash>) -> Result<Self, settings::Error> {
+    fn power_up(motor: Motor, memory: &'static mut Memory<Flash>) -> Result<Self, BadSetting<'static>> {
         let identity = Identity { board: "my board", firmware: "1.0" };
-        let (drive, supervisor) = Supervisor::start(identity, settings(), Flash, 0, memory)?;
+        let (drive, supervisor) = Supervisor::start(identity, world::settings(), Flash::first(), 0, memory)?;
         Ok(Self { motor, drive, supervisor, now_ms: 0 })
     }
 
     /// At the end of the ADCs' conversions, once a PWM period.
     fn control_interrupt(&mut self) {
-        let plant::Codes { halls, currents, bus } = self.motor.read();
-        let sample = Sample { halls, currents, bus, ..Sample::default() };
+        let sample = self.motor.sample();
         HOUSEKEEPING.update(&sample);
         let output = self.drive.step(&sample);
         self.motor.turn(&output);
@@ -62,16 +60,12 @@ impl Port {
     }
 }
 
-fn settings() -> Settings {
-    world::settings()
-}
-
 pub fn main() -> Result<(), Box<dyn Error>> {
     let [first, second] = MEMORY.each_ref().map(ConstStaticCell::take);
-    let motor = Motor::new(1, settings().validate()?.period)?;
+    let motor = Motor::new(1, world::settings().validate()?.period)?;
     let (mut port, mut tool) = (Port::power_up(motor, first)?, Tool::default());
     tool.ask(Ask::Calibrate, |line| port.millisecond(line))?;
-    println!("calibrated and stored: {}", tool.wait(|line| port.millisecond(line))?.calibrated);
+    println!("calibrated: {}", tool.wait(|line| port.millisecond(line))?.calibrated);
 
     // The power goes, and comes back: what was found is in the flash.
     let mut port = Port::power_up(port.motor, second)?;
@@ -82,6 +76,5 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     let speed = tool.status(|line| port.millisecond(line))?.speed_rad_s;
     println!("turns with {speed:.1} rad/s of 50");
     assert!((speed - 50.0).abs() < 2.0, "{speed}");
-    tool.ask(Ask::Disarm, |line| port.millisecond(line))?;
-    Ok(())
+    tool.ask(Ask::Disarm, |line| port.millisecond(line)).map(|_| ())
 }

@@ -4,6 +4,8 @@
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use embedded_storage_inmemory::{MemFlash, MemFlashError};
 use hallservo::board::{Output, Sample};
+use hallservo::commutation::Commutation;
+use hallservo::settings::{Control, Settings};
 use hallservo_protocol::{Activity, Answer, Ask, Decoder, FRAME, Reply, Request, Status, encode};
 use plant::{Plant, PlantParameters};
 use std::collections::VecDeque;
@@ -19,12 +21,18 @@ pub struct Motor {
 
 impl Motor {
     pub fn new(seed: u64, period: u16) -> Result<Self, plant::Error> {
-        Ok(Self { plant: Plant::new(&PlantParameters::unkind(seed), seed)?, period })
+        Ok(Self { plant: Plant::new(&PlantParameters::imperfect(seed), seed)?, period })
     }
 
-    /// The codes of the ADCs.
-    pub fn read(&mut self) -> plant::Codes {
-        self.plant.sample()
+    /// What the ADCs deliver.
+    pub fn sample(&mut self) -> Sample {
+        let plant::Codes { halls, currents, bus } = self.plant.sample();
+        Sample { halls, currents, bus, temperatures: [2048; 2], lost: 0 }
+    }
+
+    /// Mechanical turns since the start, as they really are.
+    pub fn turns(&self) -> f64 {
+        self.plant.truth().mechanical_angle_rad / std::f64::consts::TAU
     }
 
     /// A PWM period with these compare values.
@@ -33,17 +41,26 @@ impl Motor {
     }
 }
 
-/// A flash that keeps what it holds when the power goes: two handles are the same flash.
+/// A flash that keeps what it holds when the power goes: a copy is the same flash.
 #[derive(Clone, Copy)]
-pub struct Flash;
+pub struct Flash(&'static Mutex<Cells>);
 
 type Cells = MemFlash<{ 6 * 2048 }, 2048, 8>;
 
-static CELLS: Mutex<Cells> = Mutex::new(MemFlash::new(0xff));
-
 impl Flash {
-    fn with<T>(access: impl FnOnce(&mut Cells) -> T) -> T {
-        access(&mut CELLS.lock().unwrap_or_else(std::sync::PoisonError::into_inner))
+    /// One of two, each blank at first.
+    pub fn first() -> Self {
+        static CELLS: Mutex<Cells> = Mutex::new(MemFlash::new(0xff));
+        Self(&CELLS)
+    }
+
+    pub fn second() -> Self {
+        static CELLS: Mutex<Cells> = Mutex::new(MemFlash::new(0xff));
+        Self(&CELLS)
+    }
+
+    fn with<T>(self, access: impl FnOnce(&mut Cells) -> T) -> T {
+        access(&mut self.0.lock().unwrap_or_else(std::sync::PoisonError::into_inner))
     }
 }
 
@@ -55,7 +72,7 @@ impl ReadNorFlash for Flash {
     const READ_SIZE: usize = 1;
 
     fn read(&mut self, offset: u32, bytes: &mut [u8]) -> Result<(), Self::Error> {
-        Self::with(|cells| ReadNorFlash::read(cells, offset, bytes))
+        self.with(|cells| ReadNorFlash::read(cells, offset, bytes))
     }
 
     fn capacity(&self) -> usize {
@@ -68,12 +85,17 @@ impl NorFlash for Flash {
     const ERASE_SIZE: usize = 2048;
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Self::Error> {
-        Self::with(|cells| NorFlash::write(cells, offset, bytes))
+        self.with(|cells| NorFlash::write(cells, offset, bytes))
     }
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Self::Error> {
-        Self::with(|cells| NorFlash::erase(cells, from, to))
+        self.with(|cells| NorFlash::erase(cells, from, to))
     }
+}
+
+/// Field-oriented control of the simulated motor, whose sensing and windings are the library's defaults.
+pub fn settings() -> Settings {
+    Settings { commutation: Commutation::FieldOriented, control: Some(Control::default()), ..Settings::default() }
 }
 
 /// The bytes on a serial line, both ways.

@@ -35,6 +35,8 @@ impl fmt::Display for Implausible {
     }
 }
 
+impl core::error::Error for Implausible {}
+
 /// The codes that a healthy sensor can deliver, one comparison to check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

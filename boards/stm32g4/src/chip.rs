@@ -111,7 +111,11 @@ fn prepare<B: Board>(
 
 /// What is large goes to its place and leaves the stack.
 #[inline(never)]
-fn begin(identity: Identity, defaults: Settings, flash: Storage) -> (&'static mut Drive, &'static mut Supervisor<Storage>) {
+fn begin(
+    identity: Identity,
+    defaults: Settings,
+    flash: Storage,
+) -> (&'static mut Drive, &'static mut Supervisor<Storage>) {
     static MEMORY: ConstStaticCell<Memory<Storage>> = ConstStaticCell::new(Memory::new());
     match Supervisor::start(identity, defaults, flash, place(), MEMORY.take()) {
         Ok(started) => started,

@@ -31,7 +31,13 @@ impl<B: Board> Control<B> {
     }
 
     /// Hands everything to the interrupt, and starts it.
-    pub(crate) fn start(&'static self, board: B, drive: &'static mut Drive, bridge: Bridge, housekeeping: &'static Housekeeping) {
+    pub(crate) fn start(
+        &'static self,
+        board: B,
+        drive: &'static mut Drive,
+        bridge: Bridge,
+        housekeeping: &'static Housekeeping,
+    ) {
         let period = NonZeroU32::MIN.saturating_add(2 * u32::from(B::BRIDGE.period()) - 1);
         let owned = Owned { board, drive, bridge, cadence: Cadence::new(period), housekeeping };
         // SAFETY: the interrupt is not enabled, so nothing else looks at it.

@@ -15,6 +15,7 @@ macro_rules! angle {
         $(#[$doc])*
         #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
         #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
         pub struct $name(i32);
 
         impl $name {
@@ -161,6 +162,11 @@ impl Position {
     pub const fn advance_to(self, angle: ElectricalAngle) -> Self {
         let step = angle.0.wrapping_sub(self.0 as i32);
         Self(self.0.wrapping_add(step as i64))
+    }
+
+    /// From electrical turns, rounded.
+    pub fn from_turns(turns: f64) -> Self {
+        Self(libm::round(turns * 4_294_967_296.0) as i64)
     }
 
     /// In electrical turns; the resolution is that of an `f64`.

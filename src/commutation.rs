@@ -22,6 +22,7 @@ pub fn modulation(share: f32) -> Modulation {
 /// How the phases are driven.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Commutation {
     /// Six steps a turn, two phases at a time. Simpkins and Todorov, section III.A.
     Block,

@@ -4,22 +4,23 @@
 //! are in 2⁻³² electrical turns a step, as the [tracker](crate::hall::track)'s, positions in 2⁻³² electrical turns.
 
 pub mod cogging;
+pub mod config;
 pub mod current;
-pub mod identify;
+mod measured;
 pub mod position;
-pub mod settings;
 pub mod trajectory;
 pub mod velocity;
 
 use crate::angle::TURN;
+pub use config::Config;
 
 /// Current of a phase or along an axis, in 2⁻¹⁵ of the full scale of the amplifiers.
-/// [`settings::Config::current`] makes one of amperes.
+/// [`Config::current`] makes one of amperes.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Current(pub(crate) i32);
 
-/// Speed in 2⁻³² electrical turns a step. [`settings::Config::speed`] makes one of radians a second.
+/// Speed in 2⁻³² electrical turns a step. [`Config::speed`] makes one of radians a second.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Speed(pub(crate) i32);
@@ -58,6 +59,7 @@ impl Scale {
 /// The motor, as the loops need it.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Motor {
     /// Resistance of a phase, star.
     pub resistance_ohm: f32,

@@ -7,6 +7,8 @@ use core::fmt;
 /// Latched: the bridge is off until a person or the application clears it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", serde(into = "u8", try_from = "u8"))]
 pub enum Fault {
     /// The Halls gave no angle for longer than tolerated.
     Hall(Implausible),
@@ -103,6 +105,33 @@ impl Fault {
     }
 }
 
+impl From<Fault> for u8 {
+    fn from(fault: Fault) -> Self {
+        fault.code()
+    }
+}
+
+/// A code that stands for no fault.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct UnknownCode(pub u8);
+
+impl fmt::Display for UnknownCode {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "no fault has the code {}", self.0)
+    }
+}
+
+impl core::error::Error for UnknownCode {}
+
+impl TryFrom<u8> for Fault {
+    type Error = UnknownCode;
+
+    fn try_from(code: u8) -> Result<Self, UnknownCode> {
+        Self::from_code(code).ok_or(UnknownCode(code))
+    }
+}
+
 impl fmt::Display for Fault {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
@@ -131,6 +160,7 @@ impl core::error::Error for Fault {}
 /// Reported, still running: what holds the drive back at the moment.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Limits(u8);
 
 impl Limits {

@@ -19,6 +19,7 @@ pub type Codes = [u16; 3];
 /// Which of the three sensors, counted from zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Channel(pub u8);
 
 impl fmt::Display for Channel {

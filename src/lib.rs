@@ -12,7 +12,8 @@
 //! | [`vernier`] | the absolute angle from two rings |
 //! | [`commutation`], [`pwm`] | block, sinusoidal and field-oriented; compare values, limits, dead time, choice of the frequency |
 //! | [`control`] | current, speed, position, trajectory; gains by bandwidth |
-//! | [`drive`], [`mode`], [`fault`], [`settings`], [`telemetry`] | the control interrupt and its states |
+//! | [`settings`], [`config`] | what a person sets; what the interrupt works with |
+//! | [`drive`], [`mode`], [`fault`], [`telemetry`] | the control interrupt and its states |
 //! | [`service`], [`storage`] | the tasks' side of a drive; what survives a power cut |
 //! | [`glossary`] | every symbol and word with its unit and range |
 //!
@@ -40,13 +41,14 @@
 //! service.send(Command::Calibrate).expect("the queue is empty");
 //! let output = drive.step(&Sample { halls: [2100, 1900, 2050], ..Default::default() }); // in the interrupt
 //! assert!(output.compare.iter().all(|&compare| compare < config.period));
-//! # Ok::<(), hallservo::settings::Error>(())
+//! # Ok::<(), hallservo::settings::Error<'static>>(())
 //! ```
 #![no_std]
 
 pub mod angle;
 pub mod board;
 pub mod commutation;
+pub mod config;
 pub mod control;
 pub mod drive;
 pub mod fault;
@@ -58,6 +60,7 @@ pub mod hall;
 mod math;
 pub mod mode;
 pub mod pwm;
+mod schedule;
 pub mod service;
 pub mod settings;
 pub mod storage;

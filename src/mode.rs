@@ -16,6 +16,7 @@ use crate::fault::Fault;
 /// State of the drive.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Mode {
     /// Bridge off, no calibration: the angle is unknown.
     #[default]

@@ -9,6 +9,7 @@ use core::fmt;
 /// What is wrong with a PWM setting.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Error {
     /// The timer would need this many counts for half a period; it can have 16 to 65,535.
     Period(f32),

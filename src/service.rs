@@ -2,11 +2,13 @@
 
 pub mod adaptation;
 pub mod identification;
+pub mod identify;
 pub mod learning;
-mod pilot;
 pub mod pole_pairs;
 pub mod procedure;
+mod sequence;
 
+use crate::config::Config;
 use crate::control::cogging;
 use crate::drive::{Command, Reply, Tasks};
 use crate::hall::Channel;
@@ -14,12 +16,11 @@ use crate::hall::calibrate::{self, Calibration, Collector};
 use crate::hall::estimate::{BadModel, Estimator};
 use crate::hall::model::Model;
 use crate::mode::Mode;
-use crate::settings::Config;
 use crate::telemetry::{Measurement, Progress, Record};
 use core::fmt;
 use heapless::{Deque, Vec};
 
-/// What came of a look at the drive.
+/// What [`Service::poll`] delivers.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Event {
     /// A command was answered.
@@ -68,10 +69,10 @@ pub struct Service {
     tables: Vec<&'static mut cogging::Table, 2>,
     config: Config,
     /// Settings on their way to the drive.
-    coming: Option<Config>,
+    pending_config: Option<Config>,
 }
 
-/// Who asked.
+/// Where a command comes from.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Origin {
     User,
@@ -94,36 +95,36 @@ impl Service {
             answer: None,
             tables: Vec::new(),
             config,
-            coming: None,
+            pending_config: None,
         }
     }
 
     /// Sends a command; its answer is a later [`Event::Reply`].
     ///
     /// # Errors
-    /// The command itself, when the drive has seven to obey already.
+    /// The command itself, when seven are queued already.
     pub fn send(&mut self, command: Command) -> Result<(), Command> {
         if matches!(command, Command::Calibrate) {
             self.collected = 0;
         }
-        self.ask(command, Origin::User)
+        self.enqueue(command, Origin::User)
     }
 
-    /// Asks for what nobody waits to be answered.
-    pub(crate) fn ask_silently(&mut self, command: Command) -> Result<(), Command> {
-        self.ask(command, Origin::Supervision)
+    /// Sends a command whose answer nobody waits for.
+    pub(crate) fn send_internal(&mut self, command: Command) -> Result<(), Command> {
+        self.enqueue(command, Origin::Supervision)
     }
 
-    /// Asks for a [procedure](procedure), which sees the answer by [`Self::procedure_answer`].
-    pub(crate) fn ask_for_procedure(&mut self, command: Command) -> Result<(), Command> {
-        self.ask(command, Origin::Procedure)
+    /// Sends a command of a [procedure], which gets the answer by [`Self::procedure_answer`].
+    pub(crate) fn send_for_procedure(&mut self, command: Command) -> Result<(), Command> {
+        self.enqueue(command, Origin::Procedure)
     }
 
     pub(crate) const fn procedure_answer(&mut self) -> Option<Reply> {
         self.answer.take()
     }
 
-    fn ask(&mut self, command: Command, origin: Origin) -> Result<(), Command> {
+    fn enqueue(&mut self, command: Command, origin: Origin) -> Result<(), Command> {
         if self.unanswered.is_full() {
             return Err(command);
         }
@@ -135,16 +136,16 @@ impl Service {
     /// Sends other settings, which a drive takes up while its bridge is off; its answer is a later [`Event::Reply`].
     ///
     /// # Errors
-    /// The settings themselves, when others are on their way or the drive has seven commands to obey already.
+    /// The settings themselves, when others are on their way or seven commands are queued already.
     pub fn configure(&mut self, config: &'static mut Config) -> Result<(), &'static mut Config> {
-        if self.coming.is_some() {
+        if self.pending_config.is_some() {
             return Err(config);
         }
-        let coming = *config;
-        match self.ask(Command::Configure(config), Origin::Configure) {
+        let pending = *config;
+        match self.enqueue(Command::Configure(config), Origin::Configure) {
             Err(Command::Configure(config)) => Err(config),
             _ => {
-                self.coming = Some(coming);
+                self.pending_config = Some(pending);
                 Ok(())
             }
         }
@@ -165,7 +166,7 @@ impl Service {
     /// # Errors
     /// [`InstallError`]; nothing has changed then.
     pub fn install(&mut self, model: &Model) -> Result<(), InstallError> {
-        self.give(Estimator::new(model, self.config.adc_bits))
+        self.send_estimator(Estimator::new(model, self.config.adc_bits))
     }
 
     /// The same for the two Halls that are left when one is lost.
@@ -175,28 +176,29 @@ impl Service {
     // An estimator passes over its stack, which is not to add to that of its caller.
     #[inline(never)]
     pub fn install_without(&mut self, lost: Channel, model: &Model) -> Result<(), InstallError> {
-        self.give(Estimator::without(lost, model, self.config.adc_bits))
+        self.send_estimator(Estimator::without(lost, model, self.config.adc_bits))
     }
 
-    fn give(&mut self, estimator: Result<Estimator, BadModel>) -> Result<(), InstallError> {
+    fn send_estimator(&mut self, estimator: Result<Estimator, BadModel>) -> Result<(), InstallError> {
         let estimator = estimator.map_err(InstallError::Model)?;
-        self.take_back();
+        self.reclaim();
         let spare = self.spares.pop().ok_or(InstallError::Busy)?;
         *spare = estimator;
-        if let Err(Command::Install(spare)) = self.ask(Command::Install(spare), Origin::Install) {
+        if let Err(Command::Install(spare)) = self.enqueue(Command::Install(spare), Origin::Install) {
             let _ = self.spares.push(spare);
             return Err(InstallError::Busy);
         }
         Ok(())
     }
 
-    /// The next measurement of currents and voltages, while running with current control. When nobody takes them, they are lost.
+    /// The next measurement of currents and voltages, while running with current control. When nobody takes them, they
+    /// are lost.
     pub fn measurement(&mut self) -> Option<Measurement> {
         self.tasks.measurements.dequeue()
     }
 
-    /// Lends the service a table to fill; with two, it can fill one while the drive uses the other. Gives the table back where
-    /// there are two already.
+    /// Lends the service a table to fill; with two, it can fill one while the drive uses the other. Gives the table
+    /// back where there are two already.
     pub fn lend(&mut self, table: &'static mut cogging::Table) -> Option<&'static mut cogging::Table> {
         self.tables.push(table).err()
     }
@@ -219,7 +221,7 @@ impl Service {
                 Some(place)
             }
         };
-        self.ask_silently(Command::Balance(place)).map_err(|refused| {
+        self.send_internal(Command::Balance(place)).map_err(|refused| {
             if let Command::Balance(Some(place)) = refused {
                 let _ = self.tables.push(place);
             }
@@ -227,7 +229,7 @@ impl Service {
         })
     }
 
-    fn take_back(&mut self) {
+    fn reclaim(&mut self) {
         while let Some(estimator) = self.tasks.retired.dequeue() {
             let _ = self.spares.push(estimator);
         }
@@ -240,7 +242,7 @@ impl Service {
             match self.unanswered.pop_front() {
                 Some(Origin::Install) => return Some(Event::Installed(reply)),
                 Some(Origin::Configure) => {
-                    self.config = self.coming.take().filter(|_| reply.is_ok()).unwrap_or(self.config);
+                    self.config = self.pending_config.take().filter(|_| reply.is_ok()).unwrap_or(self.config);
                     return Some(Event::Reply(reply));
                 }
                 Some(Origin::Supervision) => {}
@@ -280,8 +282,8 @@ impl Service {
         match result {
             Ok(calibration) => Event::Calibrated(calibration),
             Err(error) => {
-                // The queue has room: the drive obeys one command a step, and nobody sends seven a step.
-                let _ = self.ask_silently(Command::CalibrationFailed);
+                // The queue has room: the drive takes one command a step, and nobody sends seven a step.
+                let _ = self.send_internal(Command::CalibrationFailed);
                 Event::Refused(error)
             }
         }

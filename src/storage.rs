@@ -1,34 +1,36 @@
 //! A record in flash that survives a power cut at any moment: two copies, each with version, number and CRC.
 //!
 //! A store owns two erasable blocks of a NOR flash. Saving erases and writes the block that does not hold the newest
-//! record, its first word last, and reads it back; until that word is complete the other block counts. So a cut leaves the record
-//! before or the new one. Loading takes the newest block whose CRC is right. If there is none, it says whether nothing was ever
-//! completely saved, or what the flash holds is corrupt or of another version, and whoever asks has to calibrate: nothing is made up.
+//! record, its first word last, and reads it back; until that word is complete the other block counts. So a cut leaves
+//! the record before or the new one. Loading takes the newest block whose CRC is right. If there is none, it says
+//! whether nothing was ever completely saved, or what the flash holds is corrupt or of another version, and whoever
+//! asks has to calibrate: nothing is made up.
 //!
-//! Each kind of record has a store of its own, with blocks of its own: the sensors' [calibration], the [cogging] table, an
-//! application's settings. A store is cheap to make when it is needed, so they can share a flash that is lent to each in turn:
+//! Each kind of record has a store of its own, with blocks of its own: the sensors' [calibration], the [cogging] table,
+//! the [settings]. A store is cheap to make when it is needed, so they can share a flash that is lent to each in turn:
 //!
 //! ```
 //! # use embedded_storage::nor_flash::NorFlash;
 //! use hallservo::control::cogging::Table;
-//! use hallservo::storage::{self, Error, Store, calibration, cogging};
+//! use hallservo::storage::{self, Error, Store, calibration, cogging, settings};
 //!
 //! const BLOCK: u32 = 2048;
 //! type Calibrations<F> = Store<F, { storage::size(calibration::LENGTH) }>;
 //! type Tables<F> = Store<F, { storage::size(cogging::LENGTH) }>;
-//! type Settings<F> = Store<F, { storage::size(100) }>;
+//! type Settings<F> = Store<F, { storage::size(settings::LONGEST) }>;
 //!
 //! # fn save<F: NorFlash>(flash: &mut F, table: &Table) -> Result<(), Error<F::Error>> {
 //! let mut calibrations = Calibrations::new(&mut *flash, 0, calibration::VERSION)?;
 //! calibrations.load(&mut [0; calibration::LENGTH])?;
 //! let mut tables = Tables::new(&mut *flash, 2 * BLOCK, cogging::VERSION)?;
 //! tables.save(&cogging::encode(table, 8.25))?;
-//! let mut settings = Settings::new(&mut *flash, 4 * BLOCK, 0x0301)?;
-//! # settings.load(&mut [0; 100])?; Ok(()) }
+//! let mut saved = Settings::new(&mut *flash, 4 * BLOCK, settings::VERSION)?;
+//! # saved.load(&mut [0; settings::LONGEST])?; Ok(()) }
 //! ```
 
 pub mod calibration;
 pub mod cogging;
+pub mod settings;
 
 use core::fmt;
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
@@ -152,7 +154,8 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
         Ok(length)
     }
 
-    /// Saves a record. When it returns, the record is in the flash; when the power goes before, that or the last one is.
+    /// Saves a record. When it returns, the record is in the flash; when the power goes before, that or the last one
+    /// is.
     ///
     /// # Errors
     /// [`Error::TooLong`], [`Error::NotKept`] and [`Error::Flash`]; the last record is still there.
@@ -205,7 +208,8 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
         if word(0) == MAGIC && length <= Self::LONGEST && word(12) == checksum(buffer, length) {
             Block::Whole { version: word(4) as u16, number: word(8), length }
         } else if word(0) & MAGIC == MAGIC && (word(0) & !MAGIC).count_ones() > 1 {
-            // The first word comes last, and writing clears bits: here, some are not yet clear. A single one may have flipped.
+            // The first word comes last, and writing clears bits: here, some are not yet clear. A single one may have
+            // flipped.
             Block::Blank
         } else {
             Block::Corrupt

@@ -1,17 +1,15 @@
-//! What the interrupt tells the tasks: raw numbers, SI only when someone looks.
+//! What the control interrupt reports to the tasks, as raw numbers.
 
 use crate::angle::ElectricalAngle;
-use crate::commutation::frames::{AlphaBeta, Dq, Rotation};
-use crate::control::settings::Config as Control;
-use crate::drive::State;
+use crate::commutation::frames::Dq;
 use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
 use crate::hall::calibrate::Sweep;
 use crate::hall::track::Tracker;
 use crate::mode::Mode;
 
-/// One sample and what became of it: 32 bytes without a gap. The drive keeps one up to date as its state, so that handing
-/// it over is a copy of eight words.
+/// One sample and what became of it: 32 bytes without a gap. The drive keeps one up to date as its state, so that
+/// handing it over is a copy of eight words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(C)]
@@ -52,6 +50,28 @@ impl Default for Record {
     }
 }
 
+/// Currents and voltages of a step, in 2⁻¹⁵ of their full scales.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct State {
+    /// Phase currents, offsets taken off.
+    pub phases: [i32; 3],
+    /// Currents in the frame of the rotor.
+    pub current: Dq,
+    /// Current along q reference.
+    pub wanted: i32,
+    /// Voltage of the last step under field-oriented commutation.
+    pub voltage: Dq,
+    /// Bus voltage.
+    pub bus: i32,
+}
+
+impl State {
+    /// Nothing.
+    pub(crate) const NONE: Self =
+        Self { phases: [0; 3], current: Dq { d: 0, q: 0 }, wanted: 0, voltage: Dq { d: 0, q: 0 }, bus: 0 };
+}
+
 /// Rotor, currents and voltages of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -62,7 +82,8 @@ pub struct Measurement {
     pub sequence: u32,
     /// Currents and voltages; `phases` a step later while something is followed.
     pub state: State,
-    /// What the frame of the currents is turned by against the rotor's angle: see [`Drive::trim`](crate::drive::Drive::trim).
+    /// What the frame of the currents is turned by against the rotor's angle: see
+    /// [`Drive::trim`](crate::drive::Drive::trim).
     pub trim: ElectricalAngle,
 }
 
@@ -74,17 +95,6 @@ impl Measurement {
         state: State::NONE,
         trim: ElectricalAngle::ZERO,
     };
-
-    /// Currents along d and q at the rotor's angle, as the alignment is trimmed, A; of the phases, so whatever the drive follows.
-    pub fn current_a(&self, control: &Control) -> [f32; 2] {
-        let [a, b, c] = self.state.phases;
-        let [b, c] = if control.reversed { [c, b] } else { [b, c] };
-        // Finer than the phases by 2¹⁰, of which the transform takes 2².
-        let vector =
-            AlphaBeta { alpha: (2 * a - b - c) * 1024 / 3, beta: ((b - c) as f32 * (1024.0 * 0.577_350_26)) as i32 };
-        let Dq { d, q } = Rotation::at(self.rotor.angle() + self.trim).park(vector);
-        [d, q].map(|current| current as f32 / 256.0 / control.scale.per_ampere())
-    }
 }
 
 /// What a sample is to a calibration.
@@ -177,8 +187,6 @@ impl defmt::Format for Status {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control;
-    use crate::settings::Settings;
 
     #[test]
     fn a_record_is_eight_words() {
@@ -201,26 +209,6 @@ mod tests {
                     assert_eq!((status.mode(), status.limits(), status.progress()), (mode, limits, progress));
                 }
             }
-        }
-    }
-
-    #[test]
-    fn phases_are_currents_along_d_and_q() {
-        for (degrees, reversed) in [(0.0_f32, false), (50.0, false), (200.0, true)] {
-            let settings =
-                Settings { reversed, control: Some(control::settings::Settings::default()), ..Settings::default() };
-            let control = settings.validate().unwrap().control.unwrap();
-            // 12 000 along q and 5000 along d, in the order of the phases.
-            let phase = |lead: f32| {
-                let (sin, cos) = libm::sincosf((degrees - lead).to_radians());
-                (5000.0 * cos - 12_000.0 * sin) as i32
-            };
-            let [a, b, c] = [phase(0.0), phase(120.0), phase(240.0)];
-            let state = State { phases: if reversed { [a, c, b] } else { [a, b, c] }, ..State::default() };
-            let measurement = Measurement { state, trim: ElectricalAngle::from_degrees(degrees), ..Measurement::NONE };
-            let exact = [5000.0, 12_000.0].map(|current| current / 32_768.0 * 8.25);
-            let found = measurement.current_a(&control);
-            assert!((0..2).all(|k| (found[k] - exact[k]).abs() < 2e-3), "{found:?} {exact:?}");
         }
     }
 }

@@ -1,7 +1,6 @@
 //! The adaptation at a drive that turns a simulated motor: new parameters and lost Halls while it runs.
 
 use hallservo::commutation::Commutation;
-use hallservo::control::settings::Settings as Control;
 use hallservo::drive::{Command, Refusal};
 use hallservo::fault::{Fault, Limits};
 use hallservo::hall::Channel;
@@ -9,6 +8,7 @@ use hallservo::hall::adapt;
 use hallservo::mode::Mode;
 use hallservo::service::Event;
 use hallservo::service::adaptation::{Adaptation, torque_nm};
+use hallservo::settings::Control;
 use hallservo::settings::Settings;
 use plant::{HallFault, PlantParameters, Rail};
 use rayon::prelude::*;

@@ -2,10 +2,10 @@
 
 use hallservo::commutation::Commutation;
 use hallservo::control::cogging::Table;
-use hallservo::control::settings::Settings as Control;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use hallservo::service::learning::Plan;
+use hallservo::settings::Control;
 use hallservo::settings::Settings;
 use plant::{Friction, PlantParameters};
 use sim::rig::Rig;

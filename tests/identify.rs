@@ -1,10 +1,10 @@
 //! The drive measures its motor, against what the simulated motor is.
 
 use hallservo::commutation::Commutation;
-use hallservo::control::identify::{Estimate, Report};
-use hallservo::control::settings::Settings as Control;
 use hallservo::mode::Mode;
 use hallservo::service::identification::Plan;
+use hallservo::service::identify::{Estimate, Report};
+use hallservo::settings::Control;
 use hallservo::settings::Settings;
 use plant::{Friction, PlantParameters};
 use sim::rig::Rig;

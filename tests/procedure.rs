@@ -2,7 +2,6 @@
 
 use hallservo::commutation::Commutation;
 use hallservo::control::cogging::Table;
-use hallservo::control::settings::{GuardSettings, Settings as Control};
 use hallservo::drive::{Command, Refusal};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
@@ -10,6 +9,7 @@ use hallservo::service::identification::{self, Identification};
 use hallservo::service::learning::{self, Learning};
 use hallservo::service::procedure::{Error, Procedure, State};
 use hallservo::settings::Settings;
+use hallservo::settings::{Control, GuardSettings};
 use plant::PlantParameters;
 use sim::rig::Rig;
 
@@ -153,7 +153,7 @@ fn a_drive_that_stops_to_answer_is_told() {
                     rig.step();
                 }
             }
-            assert_eq!(state, State::Failed(Error::Silent));
+            assert_eq!(state, State::Failed(Error::NoAnswer));
             // Should it come to itself, it finds that it is to switch off.
             rig.run(0.01, |_, _| ());
             assert!(!rig.drive.mode().drives());
@@ -168,7 +168,7 @@ fn a_blocked_rotor_ends_in_time() {
         rig.plant.set_dyno(Some(0.0)).unwrap();
         let (state, ms) = run(&mut rig, procedure.as_mut(), |_, _, _| ());
         // The drive finds a stall by itself when the current is at its limit.
-        assert!(matches!(state, State::Failed(Error::Unreached | Error::Fault(Fault::Stall))), "{state:?}");
+        assert!(matches!(state, State::Failed(Error::NotReached | Error::Fault(Fault::Stall))), "{state:?}");
         assert!(ms < 15_000, "{ms}");
         assert!(!rig.drive.mode().drives());
         rig.plant.set_dyno(None).unwrap();
@@ -213,7 +213,7 @@ fn commands_that_must_keep_coming_do() {
 fn too_few_records_for_all_points_are_told() {
     let mut rig = rig(&Settings { record_hz: 100.0, ..settings() });
     let [_, mut learning] = both(&rig);
-    assert_eq!(run(&mut rig, learning.as_mut(), |_, _, _| ()).0, State::Failed(Error::Untold));
+    assert_eq!(run(&mut rig, learning.as_mut(), |_, _, _| ()).0, State::Failed(Error::Inconclusive));
 }
 
 #[test]

@@ -2,11 +2,11 @@
 
 use hallservo::angle::ElectricalAngle;
 use hallservo::commutation::Commutation;
-use hallservo::control::settings::{GuardSettings, Settings as Control};
 use hallservo::drive::Command;
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
+use hallservo::settings::{Control, GuardSettings};
 use plant::PlantParameters;
 use sim::rig::{Rig, error_deg};
 

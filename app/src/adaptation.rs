@@ -1,12 +1,11 @@
 //! The adaptation of the sensors' model from the records while the motor turns.
 
-use crate::settings::Settings;
 use crate::storage::Sensors;
-use crate::wire;
 use hallservo::hall::adapt::{self, Outcome};
 use hallservo::hall::model::Model;
 use hallservo::service::Service;
 use hallservo::service::adaptation::Adaptation;
+use hallservo::settings::Settings;
 use hallservo::telemetry::Record;
 use hallservo_protocol::{self as protocol, Cause};
 
@@ -15,8 +14,8 @@ const UNMEASURED_TORQUE: f32 = 16.0;
 /// Viscous damping over inertia, 1/s.
 const DAMPING: f32 = 16.0;
 
-/// Records from one model that is sent to the drive to the next: a second's. One turn would be enough, but making the estimator's table
-/// stalls the tasks of a small chip for a tenth of a second.
+/// Records from one model that is sent to the drive to the next: a second's. One turn would be enough, but making the
+/// estimator's table stalls the tasks of a small chip for a tenth of a second.
 const RECORDS_PER_MODEL: u16 = 1000;
 
 /// The adaptation of a drive with a calibration, if it is wanted.
@@ -51,7 +50,7 @@ impl SensorAdaptation {
         match self.adaptation.as_mut()?.take(record, torque_nm) {
             Outcome::Failed(fault) => {
                 self.ended = Some(fault);
-                Some(wire::sensor(fault))
+                Some(Cause::Adaptation(fault))
             }
             Outcome::Adapting | Outcome::ModelReady => {
                 self.wait = self.wait.saturating_sub(1);
@@ -61,7 +60,8 @@ impl SensorAdaptation {
         }
     }
 
-    /// Sends the drive the model that is due and returns it; after the loss of a Hall one for the other two, if the drive may run so.
+    /// Sends the drive the model that is due and returns it; after the loss of a Hall one for the other two, if the
+    /// drive may run so.
     pub fn publish(&mut self, service: &mut Service, on_two_halls: bool) -> Option<Model> {
         let adaptation = self.adaptation.as_mut().filter(|_| self.ended.is_none() || on_two_halls)?;
         if self.wait > 0 && self.ended.is_none() {
@@ -76,8 +76,8 @@ impl SensorAdaptation {
     }
 
     pub fn state(&self) -> protocol::Learning {
-        match (self.ended.map(wire::sensor), &self.adaptation) {
-            (Some(Cause::Sensor { channel, why }), _) => protocol::Learning::Ended { channel, why },
+        match (self.ended, &self.adaptation) {
+            (Some(fault), _) => protocol::Learning::Ended(fault),
             (_, Some(_)) => protocol::Learning::On,
             (_, None) => protocol::Learning::Off,
         }
@@ -85,17 +85,16 @@ impl SensorAdaptation {
 }
 
 fn config(settings: &Settings, noise_codes: [f32; 3], every: u32) -> Option<adapt::Config> {
-    let Settings { drive, .. } = settings;
     let default = adapt::Settings::default();
-    let inertia_kgm2 = drive.control.map_or(default.inertia_kgm2, |control| control.inertia_kgm2);
+    let inertia_kgm2 = settings.control.map_or(default.inertia_kgm2, |control| control.inertia_kgm2);
     adapt::Settings {
-        adc_bits: drive.adc_bits,
-        update_hz: drive.pwm_hz / every as f32,
+        adc_bits: settings.adc_bits,
+        update_hz: settings.pwm_hz / every as f32,
         noise_codes,
-        pole_pairs: drive.pole_pairs,
+        pole_pairs: settings.pole_pairs,
         inertia_kgm2,
         damping_nms: DAMPING * inertia_kgm2,
-        torque_noise_nm_rthz: UNMEASURED_TORQUE * inertia_kgm2 / f32::from(drive.pole_pairs),
+        torque_noise_nm_rthz: UNMEASURED_TORQUE * inertia_kgm2 / f32::from(settings.pole_pairs),
         ..default
     }
     .validate()

@@ -20,9 +20,9 @@ const PIECE: usize = 64;
 /// One future, so a borrow that is not kept across an `await` meets no other.
 type Shared<'a, F> = RefCell<&'a mut Supervisor<F>>;
 
-/// Runs a supervisor for ever. `rx` and `tx` are the serial line: at 460 800 baud, 8N1, where it is one. `feed` feeds the watchdog,
-/// about every 20 ms as long as the control interrupt and all tasks run; a calibration's fit and a write to the flash stall them for
-/// up to a quarter of a second, so a watchdog needs half a second at least.
+/// Runs a supervisor for ever. `rx` and `tx` are the serial line: at 460 800 baud, 8N1, where it is one. `feed` feeds
+/// the watchdog, about every 20 ms as long as the control interrupt and all tasks run; a calibration's fit and a write
+/// to the flash stall them for up to a quarter of a second, so a watchdog needs half a second at least.
 pub async fn run<F: NorFlash>(
     supervisor: &mut Supervisor<F>,
     rx: impl Read,

@@ -2,7 +2,8 @@
 
 #[cfg(feature = "defmt")]
 use crate::fmt::log;
-use hallservo_protocol::{Cause, Incident, Mode};
+use hallservo::mode::Mode;
+use hallservo_protocol::{Cause, Incident};
 use heapless::Deque;
 
 /// Entries that are kept; older ones are pushed out.
@@ -47,9 +48,9 @@ impl History {
 #[cfg(feature = "defmt")]
 fn log_incident(cause: Cause) {
     match cause {
-        Cause::Fault(code) => log!(error, "fault {}: {}", code, hallservo::fault::Fault::from_code(code)),
+        Cause::Fault(fault) => log!(error, "fault {}: {}", fault.code(), fault),
         Cause::Stored(record, _) => log!(warn, "stored record {} cannot be used", record as u8),
         Cause::NotSaved(record) => log!(error, "record {} could not be saved", record as u8),
-        Cause::Sensor { channel, why } => log!(warn, "the adaptation gave up at sensor {}: {}", channel, why),
+        Cause::Adaptation(fault) => log!(warn, "the adaptation gave up: {}", fault),
     }
 }

@@ -3,8 +3,8 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 use hallservo::board::Sample;
 
-/// Counts control periods and keeps the latest bus voltage and temperatures. A static: the control interrupt writes it, the tasks
-/// read it.
+/// Counts control periods and keeps the latest bus voltage and temperatures. A static: the control interrupt writes it,
+/// the tasks read it.
 #[derive(Debug, Default)]
 pub struct Housekeeping {
     periods: AtomicU32,

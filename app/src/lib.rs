@@ -1,8 +1,9 @@
-//! What every drive runs beside the control interrupt: commands, telemetry, adaptation, procedures, storage and a sign of life for the
-//! watchdog.
+//! What every drive runs beside the control interrupt: commands, telemetry, adaptation, procedures, storage and a sign
+//! of life for the watchdog.
 //!
-//! `no_std`, no allocation, no `unsafe`, no peripheral and no runtime: a [`Supervisor`] has one call for time and one for each direction
-//! of a serial line. A main loop, RTIC or an RTOS calls them; [`embassy`] does with the feature of that name.
+//! `no_std`, no allocation, no `unsafe`, no peripheral and no runtime: a [`Supervisor`] has one call for time and one
+//! for each direction of a serial line. A main loop, RTIC or an RTOS calls them; the module `embassy` does with
+//! the feature of that name.
 //!
 //! ```
 //! use embedded_storage::nor_flash::NorFlash;
@@ -44,13 +45,14 @@
 //! ```
 //!
 //! # The flash
-//! [`storage::BLOCKS`] erasable blocks, two for each kind of [record](hallservo::storage): sensors, cogging, settings. It is written only
-//! while the bridge is off and the rotor at rest, for an erase stalls the core; what is to be saved meanwhile waits. A calibration and a
-//! learnt table of the cogging are saved by themselves. So is what the adaptation has learnt, when it differs from what is stored by more
-//! than [`storage::LEAST_CHANGE`], and not more often than every [`storage::SAVE_INTERVAL_S`]. Settings are saved on request.
+//! [`storage::BLOCKS`] erasable blocks, two for each kind of [record](hallservo::storage): sensors, cogging, settings.
+//! It is written only while the bridge is off and the rotor at rest, for an erase stalls the core; what is to be saved
+//! meanwhile waits. A calibration and a learnt table of the cogging are saved by themselves. So is what the adaptation
+//! has learnt, when it differs from what is stored by more than [`storage::LEAST_CHANGE`], and not more often than
+//! every [`storage::SAVE_INTERVAL_S`]. Settings are saved on request.
 //!
-//! A record that is corrupt or foreign is named in the history, the log and the status; the drive then starts with the board's
-//! settings, or without a calibration, and never with half of either.
+//! A record that is corrupt or foreign is named in the history, the log and the status; the drive then starts with the
+//! board's settings, or without a calibration, and never with half of either.
 #![no_std]
 
 mod adaptation;
@@ -63,22 +65,20 @@ mod measure;
 mod outbox;
 mod procedure;
 mod requests;
-pub mod settings;
 pub mod storage;
 mod supervisor;
 mod tasks;
-pub mod wire;
 
 pub use housekeeping::{Housekeeping, Readings};
 pub use supervisor::Supervisor;
 
 use adaptation::SensorAdaptation;
 use core::mem::MaybeUninit;
+use hallservo::config::Config;
 use hallservo::control::cogging::Table;
 use hallservo::drive::{Channels, Drive};
 use hallservo::hall::estimate::Estimator;
 use hallservo::service::Service;
-use hallservo::settings::Config;
 use procedure::Procedure;
 
 /// Name of the board and version of its firmware, for a person who asks.
@@ -90,8 +90,8 @@ pub struct Identity {
     pub firmware: &'static str,
 }
 
-/// The memory of one drive and its supervisor: a static. What [`Supervisor::start`] fills is not initialised, so that the static is
-/// all zeros, which neither the flash nor the stack of a chip has to hold.
+/// The memory of one drive and its supervisor: a static. What [`Supervisor::start`] fills is not initialised, so that
+/// the static is all zeros, which neither the flash nor the stack of a chip has to hold.
 pub struct Memory<F> {
     drive: MaybeUninit<Drive>,
     channels: Channels,

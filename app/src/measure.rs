@@ -2,9 +2,11 @@
 
 use crate::housekeeping::Readings;
 use hallservo::commutation::frames::Dq;
-use hallservo::control::settings::{Settings as Control, Thermistor};
+use hallservo::control::cogging::Table;
 use hallservo::settings::Settings;
+use hallservo::settings::{Control, Thermistor};
 use hallservo::telemetry::Measurement;
+use hallservo_protocol::Cogging;
 
 /// Of a code that the ADC's whole range is 1.
 fn share(code: u16, adc_bits: u8) -> f32 {
@@ -32,6 +34,14 @@ pub(crate) fn temperatures_c(settings: &Settings, readings: Readings) -> [f32; 2
 fn celsius(thermistor: &Thermistor, share: f32) -> f32 {
     let resistance = thermistor.pull_up_ohm * share / (1.0 - share);
     1.0 / (1.0 / 298.15 + libm::logf(resistance / thermistor.nominal_ohm) / thermistor.beta_k) - 273.15
+}
+
+/// A table of the cogging in SI.
+pub(crate) fn cogging(table: &Table, full_scale_a: f32) -> Cogging {
+    let amperes = |current: &i16| f32::from(*current) / 32_768.0 * full_scale_a;
+    let largest_a = table.0.iter().map(|current| amperes(current).abs()).fold(0.0, f32::max);
+    let squares: f32 = table.0.iter().map(|current| amperes(current) * amperes(current)).sum();
+    Cogging { largest_a, rms_a: libm::sqrtf(squares / table.0.len() as f32) }
 }
 
 /// Voltages along d and q, V.

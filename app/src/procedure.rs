@@ -1,13 +1,12 @@
 //! What the drive finds out by turning its motor: the motor's parameters, and its cogging.
 
-use crate::wire;
+use hallservo::config::Config;
 use hallservo::control::cogging::Table;
-use hallservo::control::identify::Report;
 use hallservo::service::identification::{self, Identification};
+use hallservo::service::identify::Report;
 use hallservo::service::learning::{self, Learning};
 use hallservo::service::procedure::{self, Error, Procedure as _, State};
 use hallservo::service::{Event, Service};
-use hallservo::settings::Config;
 use hallservo::telemetry::Measurement;
 use hallservo_protocol::{Activity, Refusal};
 
@@ -29,25 +28,25 @@ pub(crate) enum Outcome {
 impl Procedure {
     /// Puts one in its place: it is large for a stack.
     pub fn motor(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
-        let plan = identification::Plan::new(config).map_err(wire::procedure)?;
+        let plan = identification::Plan::new(config).map_err(Refusal::Procedure)?;
         match Identification::new(config, &plan) {
             Ok(identification) => {
                 *place = Some(Self::Motor(identification));
                 Ok(())
             }
-            Err(error) => Err(wire::procedure(error)),
+            Err(error) => Err(Refusal::Procedure(error)),
         }
     }
 
     /// Likewise.
     pub fn cogging(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
-        let plan = learning::Plan::new(config).map_err(wire::procedure)?;
+        let plan = learning::Plan::new(config).map_err(Refusal::Procedure)?;
         match Learning::new(config, &plan) {
             Ok(learning) => {
                 *place = Some(Self::Cogging(learning));
                 Ok(())
             }
-            Err(error) => Err(wire::procedure(error)),
+            Err(error) => Err(Refusal::Procedure(error)),
         }
     }
 
@@ -76,7 +75,7 @@ impl Procedure {
         match state {
             State::Running => None,
             State::Failed(error) => Some(Outcome::Failed(self.activity(), error)),
-            State::Done => Some(found.unwrap_or(Outcome::Failed(self.activity(), Error::Untold))),
+            State::Done => Some(found.unwrap_or(Outcome::Failed(self.activity(), Error::Inconclusive))),
         }
     }
 

@@ -2,16 +2,17 @@
 
 use crate::history::ENTRIES;
 use crate::procedure::Procedure;
-use crate::settings::{self, Entry, Settings, TABLE, find};
 use crate::tasks::Tasks;
-use crate::wire;
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::commutation::Commutation;
 use hallservo::commutation::modulation;
-use hallservo::control::settings::Config;
+use hallservo::control::config::BadDemand;
+use hallservo::control::config::Config;
 use hallservo::drive;
-use hallservo_protocol::{
-    self as protocol, Activity, Answer, Ask, Calibration, Commutation, Hello, History, Refusal, Setting,
-};
+use hallservo::settings::{self, Entry, Settings, TABLE, find};
+use hallservo_protocol::{self as protocol, Activity, Answer, Ask, Calibration, Hello, History, Refusal, Setting};
+
+const UNKNOWN: Refusal<'static> = Refusal::Setting(settings::Error::Unknown);
 
 /// Fastest telemetry, Hz.
 const FASTEST: f32 = 1000.0;
@@ -57,22 +58,22 @@ impl<F: NorFlash> Tasks<F> {
             Ask::Hello => self.hello(),
             Ask::Status => Answer::Status(self.status()),
             // What comes of it is told when it is over.
-            Ask::Calibration if self.activity() == Activity::Calibration => Answer::Calibration(Calibration::Turning),
+            Ask::Calibration if self.activity() == Activity::Calibration => Answer::Calibration(Calibration::Running),
             Ask::Identification if self.activity() == Activity::Identification => {
-                Answer::Identification(protocol::Procedure::Turning)
+                Answer::Identification(protocol::Procedure::Running)
             }
-            Ask::Cogging if self.activity() == Activity::Cogging => Answer::Cogging(protocol::Procedure::Turning),
+            Ask::Cogging if self.activity() == Activity::Cogging => Answer::Cogging(protocol::Procedure::Running),
             Ask::Calibration => Answer::Calibration(self.calibration),
             Ask::Identification => Answer::Identification(self.identification),
             Ask::Cogging => Answer::Cogging(self.cogging),
             Ask::Setting(number) => {
-                let entry = TABLE.get(usize::from(number)).ok_or(Refusal::NoSetting)?;
+                let entry = TABLE.get(usize::from(number)).ok_or(UNKNOWN)?;
                 Answer::Setting(self.setting(entry)?)
             }
-            Ask::Get(name) => Answer::Setting(self.setting(find(name).ok_or(Refusal::NoSetting)?)?),
+            Ask::Get(name) => Answer::Setting(self.setting(find(name).ok_or(UNKNOWN)?)?),
             Ask::Telemetry(hz) => {
                 if !(0.0..=FASTEST).contains(&hz) {
-                    return Err(Refusal::Beyond { value: hz, most: FASTEST });
+                    return Err(Refusal::Demand(BadDemand { value: hz.into(), most: FASTEST.into() }));
                 }
                 self.stream(id, hz);
                 Answer::Done
@@ -97,19 +98,19 @@ impl<F: NorFlash> Tasks<F> {
             Ask::Arm => self.command(drive::Command::Arm, Command::Plain),
             Ask::Clear => self.command(drive::Command::Clear, Command::Clear),
             Ask::Voltage(share) => {
-                let share = at_most(share, self.settings.drive.max_modulation)?;
+                let share = at_most(share, self.settings.max_modulation)?;
                 self.command(drive::Command::Drive(modulation(share)), Command::Plain)
             }
             Ask::Torque(torque) => {
-                let current = self.control()?.torque(torque).map_err(wire::demand)?;
+                let current = self.control()?.torque(torque).map_err(Refusal::Demand)?;
                 self.command(drive::Command::Current(current), Command::Plain)
             }
             Ask::Speed(speed) => {
-                let speed = self.control()?.speed(speed).map_err(wire::demand)?;
+                let speed = self.control()?.speed(speed).map_err(Refusal::Demand)?;
                 self.command(drive::Command::Speed(speed), Command::Plain)
             }
             Ask::Position(turns) => {
-                let position = self.control()?.position(turns).map_err(wire::demand)?;
+                let position = self.control()?.position(turns).map_err(Refusal::Demand)?;
                 self.command(drive::Command::Position(position), Command::Plain)
             }
             Ask::Commutate(commutation) => {
@@ -138,7 +139,7 @@ impl<F: NorFlash> Tasks<F> {
                 Ok(if waits { Step::Answer(Answer::Saved { waits }) } else { Step::Await(Awaited::Saved) })
             }
             // A record that a power cut has left half written may be a break of the bridge when it is read.
-            Ask::Load if self.mode().drives() => Err(Refusal::Mode(wire::mode(self.mode()))),
+            Ask::Load if self.mode().drives() => Err(Refusal::Drive(drive::Refusal::Mode(self.mode()))),
             Ask::Load => {
                 let settings = self.load_settings().map_err(Refusal::NothingStored)?;
                 self.reconfigure(settings, Command::Plain)
@@ -163,7 +164,7 @@ impl<F: NorFlash> Tasks<F> {
     fn identify(&mut self) -> Result<(), Refusal<'static>> {
         self.may_turn()?;
         Procedure::motor(self.procedure, self.service.config())?;
-        self.identification = protocol::Procedure::Turning;
+        self.identification = protocol::Procedure::Running;
         Ok(())
     }
 
@@ -171,7 +172,7 @@ impl<F: NorFlash> Tasks<F> {
     fn learn_cogging(&mut self) -> Result<(), Refusal<'static>> {
         self.may_turn()?;
         Procedure::cogging(self.procedure, self.service.config())?;
-        self.cogging = protocol::Procedure::Turning;
+        self.cogging = protocol::Procedure::Running;
         Ok(())
     }
 
@@ -186,12 +187,12 @@ impl<F: NorFlash> Tasks<F> {
     }
 
     fn change(&mut self, name: &str, value: f32) -> Outcome {
-        let entry = find(name).ok_or(Refusal::NoSetting)?;
-        self.reconfigure(self.settings.with(name, value)?, Command::Set(entry))
+        let entry = find(name).ok_or(UNKNOWN)?;
+        self.reconfigure(self.settings.with(name, value).map_err(Refusal::Setting)?, Command::Set(entry))
     }
 
     fn control(&self) -> Result<&Config, Refusal<'static>> {
-        self.service.config().control.as_ref().ok_or(Refusal::NoControl)
+        self.service.config().control.as_ref().ok_or(Refusal::Drive(drive::Refusal::NoControl))
     }
 
     pub fn hello(&self) -> Answer<'static> {
@@ -202,8 +203,8 @@ impl<F: NorFlash> Tasks<F> {
 
     fn setting(&self, entry: &Entry) -> Result<Setting<'static>, Refusal<'static>> {
         let settings::Entry { name, unit, kind, fixed, .. } = *entry;
-        let value = entry.get(&self.settings).ok_or(Refusal::NoControl)?;
-        let default = entry.get(&self.defaults).ok_or(Refusal::NoControl)?;
+        let value = entry.get(&self.settings).ok_or(Refusal::Drive(drive::Refusal::NoControl))?;
+        let default = entry.get(&self.defaults).ok_or(Refusal::Drive(drive::Refusal::NoControl))?;
         let (min, max) = entry.range(&self.settings);
         Ok(Setting { name, unit, kind, value, default, min, max, fixed })
     }
@@ -219,13 +220,13 @@ impl<F: NorFlash> Tasks<F> {
         }
     }
 
-    fn answer_to(&mut self, command: Command, reply: Result<(), Refusal<'static>>) -> Answer<'static> {
+    fn answer_to(&mut self, command: Command, reply: drive::Reply) -> Answer<'static> {
         match (command, reply) {
             // A bridge that is off already has nothing to disarm.
-            (Command::Disarm, Err(Refusal::Mode(_))) => return Answer::Done,
-            (_, Err(refusal)) => return Answer::Refused(refusal),
+            (Command::Disarm, Err(drive::Refusal::Mode(_))) => return Answer::Done,
+            (_, Err(refusal)) => return Answer::Refused(Refusal::Drive(refusal)),
             (Command::Plain | Command::Disarm, Ok(())) => {}
-            (Command::Calibrate, Ok(())) => self.calibration = Calibration::Turning,
+            (Command::Calibrate, Ok(())) => self.calibration = Calibration::Running,
             (Command::Clear, Ok(())) => self.relearn(),
             (Command::Set(entry), Ok(())) => {
                 return self.setting(entry).map_or_else(Answer::Refused, Answer::Setting);
@@ -244,5 +245,9 @@ impl<F: NorFlash> Tasks<F> {
 
 /// `value` if it is a number of at most this magnitude.
 fn at_most(value: f32, most: f32) -> Result<f32, Refusal<'static>> {
-    if value.abs() <= most { Ok(value) } else { Err(Refusal::Beyond { value, most }) }
+    if value.abs() <= most {
+        Ok(value)
+    } else {
+        Err(Refusal::Demand(BadDemand { value: value.into(), most: most.into() }))
+    }
 }

@@ -1,30 +1,30 @@
 //! What survives a power cut: three kinds of records in the flash.
 
-use crate::settings::{KEYED, Settings, TABLE};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::cogging::Table;
 use hallservo::hall::estimate;
 use hallservo::hall::model::Model;
-use hallservo::storage::{Error, Store, calibration, cogging, size};
+use hallservo::settings::Settings;
+use hallservo::storage::{Error, Store, calibration, cogging, settings, size};
 use hallservo_protocol::{Problem, Record};
 
 /// Erasable blocks of the flash: two for each kind.
 pub const BLOCKS: u32 = 6;
-/// Least difference between what is learnt and what is stored for it to be worth a save: 1 % of an amplitude in offset or amplitude,
-/// 1 % of third harmonic. It is above what noise moves the parameters by, and below what is felt.
+/// Least difference between what is learnt and what is stored for it to be worth a save: 1 % of an amplitude in offset
+/// or amplitude, 1 % of third harmonic. It is above what noise moves the parameters by, and below what is felt.
 pub const LEAST_CHANGE: f32 = 0.01;
 /// The same for the placement, electrical degrees.
 pub const LEAST_CHANGE_DEG: f32 = 0.5;
-/// Least time between two saves of what is learnt. At this rate the 10 000 erases of a block of an STM32G4, two blocks in turn,
-/// last for 138 days of constant learning, and saving ends where nothing differs any more.
+/// Least time between two saves of what is learnt. At this rate the 10 000 erases of a block of an STM32G4, two blocks
+/// in turn, last for 138 days of constant learning, and saving ends where nothing differs any more.
 pub const SAVE_INTERVAL_S: u64 = 600;
 
 /// Versions of the records' forms.
-const VERSIONS: [u16; 3] = [0x0101, cogging::VERSION, 0x0301];
+const VERSIONS: [u16; 3] = [0x0101, cogging::VERSION, settings::VERSION];
 /// Bytes of the sensors' record: their model, and the noise of each in ADC codes.
 const SENSORS: usize = calibration::LENGTH + 12;
 /// Most bytes of a record: that of the table, or all settings.
-const LONGEST: usize = if KEYED * TABLE.len() > cogging::LENGTH { KEYED * TABLE.len() } else { cogging::LENGTH };
+const LONGEST: usize = if settings::LONGEST > cogging::LENGTH { settings::LONGEST } else { cogging::LENGTH };
 
 type Buffer = [u8; LONGEST];
 
@@ -102,9 +102,9 @@ impl<F: NorFlash> Storage<F> {
     /// The stored sensors, if they can give an angle, or what is wrong with them.
     pub fn sensors(&mut self, settings: &Settings) -> Result<Sensors, Problem> {
         let mut sensors = Sensors::decode(self.load(Record::Sensors, &mut [0; LONGEST])?).ok_or(Problem::Corrupt)?;
-        estimate::validate(&sensors.model, settings.drive.adc_bits).map_err(|_| Problem::Corrupt)?;
+        estimate::validate(&sensors.model, settings.adc_bits).map_err(|_| Problem::Corrupt)?;
         // The settings may have been saved since.
-        sensors.model.reversed = settings.drive.reversed;
+        sensors.model.reversed = settings.reversed;
         Ok(sensors)
     }
 
@@ -124,14 +124,17 @@ impl<F: NorFlash> Storage<F> {
     /// The settings to work with, and what is wrong with those stored.
     pub fn settings(&mut self, defaults: &Settings) -> (Settings, Problem) {
         match self.load(Record::Settings, &mut [0; LONGEST]) {
-            Ok(record) => Settings::of_record(defaults, record),
+            Ok(record) => match settings::decode(defaults, record) {
+                (settings, true) => (settings, Problem::None),
+                (settings, false) => (settings, Problem::Foreign),
+            },
             Err(problem) => (*defaults, problem),
         }
     }
 
     pub fn save_settings(&mut self, settings: &Settings, defaults: &Settings) -> Result<(), Problem> {
         let mut record = [0; LONGEST];
-        let length = settings.record(defaults, &mut record).ok_or(Problem::Flash)?;
+        let length = settings::encode(settings, defaults, &mut record).ok_or(Problem::Flash)?;
         self.save(Record::Settings, record.get(..length).ok_or(Problem::Flash)?)
     }
 }

@@ -15,9 +15,10 @@ const ANSWER_TIMEOUT: u32 = 100;
 
 /// Everything that a drive does beside its control interrupt: commands, telemetry, adaptation, procedures and storage.
 ///
-/// A main loop, a task of RTIC or of an RTOS calls [`tick`](Self::tick) once a millisecond, [`receive`](Self::receive) with what came
-/// over the line and [`transmit`](Self::transmit) for what is to go out. None of them waits, but two of a tick's duties take long: the
-/// fit after a calibration and a write to the flash, up to a quarter of a second. So the tasks run at the lowest priority.
+/// A main loop, a task of RTIC or of an RTOS calls [`tick`](Self::tick) once a millisecond, [`receive`](Self::receive)
+/// with what came over the line and [`transmit`](Self::transmit) for what is to go out. None of them waits, but two of
+/// a tick's duties take long: the fit after a calibration and a write to the flash, up to a quarter of a second. So the
+/// tasks run at the lowest priority.
 pub struct Supervisor<F> {
     tasks: Tasks<F>,
     decoder: Decoder,
@@ -46,8 +47,9 @@ struct Alive {
 }
 
 impl<F: NorFlash> Supervisor<F> {
-    /// Reads the flash and decides what the drive starts with. The drive belongs to the control interrupt, the supervisor to the tasks.
-    /// `first_block` is the address of the first of [`BLOCKS`](crate::storage::BLOCKS) erasable blocks of the flash.
+    /// Reads the flash and decides what the drive starts with. The drive belongs to the control interrupt, the
+    /// supervisor to the tasks. `first_block` is the address of the first of [`BLOCKS`](crate::storage::BLOCKS)
+    /// erasable blocks of the flash.
     ///
     /// # Errors
     /// The board's own `defaults` are invalid, which a test of the board shows.
@@ -57,7 +59,7 @@ impl<F: NorFlash> Supervisor<F> {
         flash: F,
         first_block: u32,
         memory: &'static mut Memory<F>,
-    ) -> Result<(&'static mut Drive, &'static mut Self), settings::Error> {
+    ) -> Result<(&'static mut Drive, &'static mut Self), settings::Error<'static>> {
         start(identity, defaults, flash, first_block, memory)
     }
 
@@ -70,7 +72,8 @@ impl<F: NorFlash> Supervisor<F> {
         &mut self.tasks
     }
 
-    /// Everything that is due every millisecond. `now_ms` is the time since power-up; ticks that were missed are not made up for.
+    /// Everything that is due every millisecond. `now_ms` is the time since power-up; ticks that were missed are not
+    /// made up for.
     pub fn tick(&mut self, now_ms: u64, readings: Readings) {
         self.alive.ticked = true;
         self.alive.periods = readings.periods;
@@ -83,8 +86,8 @@ impl<F: NorFlash> Supervisor<F> {
         }
     }
 
-    /// Takes bytes from the line and returns how many: fewer than all while a request waits for its answer, or answers wait to be
-    /// transmitted. The rest is to be offered again after the next tick.
+    /// Takes bytes from the line and returns how many: fewer than all while a request waits for its answer, or answers
+    /// wait to be transmitted. The rest is to be offered again after the next tick.
     pub fn receive(&mut self, bytes: &[u8]) -> usize {
         self.alive.received = true;
         for (taken, byte) in bytes.iter().enumerate() {
@@ -102,8 +105,9 @@ impl<F: NorFlash> Supervisor<F> {
         self.outbox.pop(bytes)
     }
 
-    /// Whether the watchdog may be fed: since it last returned true, control periods have passed and all of [`tick`](Self::tick),
-    /// [`receive`](Self::receive) and [`transmit`](Self::transmit) were called, be it with nothing to carry.
+    /// Whether the watchdog may be fed: since it last returned true, control periods have passed and all of
+    /// [`tick`](Self::tick), [`receive`](Self::receive) and [`transmit`](Self::transmit) were called, be it with
+    /// nothing to carry.
     pub fn is_alive(&mut self) -> bool {
         let Alive { ticked, received, transmitted, periods, periods_before } = self.alive;
         let alive = ticked && received && transmitted && periods != periods_before;
@@ -145,7 +149,7 @@ impl<F: NorFlash> Supervisor<F> {
             None if ticks < ANSWER_TIMEOUT => return,
             None => {
                 self.tasks.give_up(awaited);
-                Answer::Refused(Refusal::Silent)
+                Answer::Refused(Refusal::NoAnswer)
             }
         };
         self.pending = None;

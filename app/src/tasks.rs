@@ -7,21 +7,23 @@ mod start;
 mod storage;
 mod telemetry;
 
+use crate::Identity;
 use crate::adaptation::SensorAdaptation;
 use crate::fmt::log;
 use crate::history::History;
 use crate::housekeeping::Readings;
 use crate::procedure::Procedure;
-use crate::settings::Settings;
 use crate::storage::{Sensors, Storage};
-use crate::{Identity, wire};
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::config::Config;
 use hallservo::control::cogging::Table;
+use hallservo::drive::Reply;
 use hallservo::mode::Mode;
+use hallservo::service::identify;
 use hallservo::service::{Event, Service, adaptation};
-use hallservo::settings::Config;
+use hallservo::settings::Settings;
 use hallservo::telemetry::{Measurement, Record as DriveRecord};
-use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Cogging, Motor, Problem, Record, Refusal};
+use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Cogging, Problem, Record};
 use rest::Rest;
 pub(crate) use start::start;
 use telemetry::Stream;
@@ -61,13 +63,13 @@ pub(crate) struct Tasks<F> {
     /// The wait for the rotor that the last procedure has turned.
     rest: Option<Rest>,
     pub calibration: Calibration,
-    pub identification: protocol::Procedure<'static, Motor>,
-    pub cogging: protocol::Procedure<'static, Cogging>,
+    pub identification: protocol::Procedure<identify::Report>,
+    pub cogging: protocol::Procedure<Cogging>,
     /// The latest record.
     record: DriveRecord,
     measurement: Option<Measurement>,
     readings: Readings,
-    reply: Option<Result<(), Refusal<'static>>>,
+    reply: Option<Reply>,
     /// Answers of the drive to come that no request waits for.
     unclaimed_replies: u8,
     /// Ticks since the last command.
@@ -119,13 +121,13 @@ impl<F: NorFlash> Tasks<F> {
     #[inline(never)]
     fn handle(&mut self, event: Event, torque_nm: f32) {
         match event {
-            Event::Reply(reply) => self.on_reply(reply.map_err(wire::refusal)),
+            Event::Reply(reply) => self.on_reply(reply),
             // A faulted drive refuses what is learnt; later models follow.
             Event::Installed(_) => {}
             Event::Record(record) => self.on_record(record, torque_nm),
             Event::Calibrated(calibrate) => {
                 log!(info, "calibrated, residual {} %", calibrate.report.residual_pct);
-                self.calibration = Calibration::Found(wire::report(&calibrate.report));
+                self.calibration = Calibration::Done(calibrate.report);
                 let noise = calibrate.report.sensors.each_ref().map(|sensor| sensor.noise_pct / 200.0 * sensor.swing);
                 self.sensors = Some(Sensors { model: calibrate.model, noise });
                 self.unsaved[Record::Sensors as usize] = true;
@@ -134,7 +136,7 @@ impl<F: NorFlash> Tasks<F> {
             }
             Event::Refused(error) => {
                 log!(warn, "the calibration failed");
-                self.calibration = Calibration::Failed(wire::calibration_error(error));
+                self.calibration = Calibration::Failed(error);
             }
         }
     }
@@ -145,8 +147,7 @@ impl<F: NorFlash> Tasks<F> {
         if mode != before {
             log!(info, "{} after {}", mode, before);
             if let Mode::Faulted(fault) = mode {
-                let cause = Cause::Fault(fault.code());
-                self.history.push(self.now_ms, wire::mode(before), cause);
+                self.history.push(self.now_ms, before, Cause::Fault(fault));
             }
         }
         if mode == before && !mode.drives() || mode == Mode::Running {
@@ -166,7 +167,7 @@ impl<F: NorFlash> Tasks<F> {
 
     /// An incident of this moment.
     fn note(&mut self, cause: Cause) {
-        self.history.push(self.now_ms, wire::mode(self.mode()), cause);
+        self.history.push(self.now_ms, self.mode(), cause);
     }
 
     /// Sends the drive what is due: a model, a table.
@@ -175,7 +176,7 @@ impl<F: NorFlash> Tasks<F> {
         if let Some(sensors) = &mut self.sensors {
             if self.install_due {
                 self.install_due = self.service.install(&sensors.model).is_err();
-            } else if let Some(model) = self.adaptation.publish(self.service, self.settings.drive.run_on_two_halls) {
+            } else if let Some(model) = self.adaptation.publish(self.service, self.settings.run_on_two_halls) {
                 sensors.model = model;
             }
         }
@@ -204,6 +205,6 @@ impl<F: NorFlash> Tasks<F> {
 
     /// Control periods a second.
     pub fn step_hz(&self) -> f32 {
-        self.settings.drive.pwm_hz
+        self.settings.pwm_hz
     }
 }

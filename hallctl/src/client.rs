@@ -17,7 +17,8 @@ const EVERY: Duration = Duration::from_millis(50);
 /// How often a request goes out, at most, while nothing comes back: a line may lose a byte.
 const ATTEMPTS: u32 = 4;
 
-/// Whether asked twice is no more than asked once, though the answer to the first was lost. What begins something, or ends it, is not.
+/// Whether asked twice is no more than asked once, though the answer to the first was lost. What begins something, or
+/// ends it, is not.
 const fn may_repeat(ask: &Ask<'_>) -> bool {
     !matches!(ask, Ask::Arm | Ask::Clear | Ask::Calibrate | Ask::Identify | Ask::LearnCogging | Ask::Save)
 }
@@ -85,7 +86,8 @@ impl Client {
         &self.identity
     }
 
-    /// Asks, again where nothing comes back and that does no harm, and hands the answer to `understand`. A refusal is an error with its reason in words.
+    /// Asks, again where nothing comes back and that does no harm, and hands the answer to `understand`. A refusal is
+    /// an error with its reason in words.
     ///
     /// # Errors
     /// No answer, another version, a refusal, or what `understand` makes of it.
@@ -164,8 +166,8 @@ impl Client {
         })
     }
 
-    /// Waits between two looks at the drive, collecting telemetry; not for a simulated drive that is ahead of the wall. `before` is the
-    /// look before, `now_ms` the drive's time now.
+    /// Waits between two looks at the drive, collecting telemetry; not for a simulated drive that is ahead of the wall.
+    /// `before` is the look before, `now_ms` the drive's time now.
     ///
     /// # Errors
     /// The connection broke.

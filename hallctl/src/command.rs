@@ -12,7 +12,8 @@ use crate::client::Client;
 use crate::error::Result;
 use crate::simulate::serve;
 use clap::{Parser, Subcommand, ValueEnum};
-use hallservo_protocol::{Ask, Commutation};
+use hallservo::commutation::Commutation;
+use hallservo_protocol::Ask;
 use std::path::PathBuf;
 use std::time::Duration;
 

@@ -1,4 +1,5 @@
-//! A drive without a board: the application of every board and its control interrupt, at the simulated motor, in time of its own.
+//! A drive without a board: the application of every board and its control interrupt, at the simulated motor, in time
+//! of its own.
 
 pub mod fault;
 pub mod flash;
@@ -9,10 +10,10 @@ use fault::Planned;
 use flash::Flash;
 use hallservo::board::{Output, Sample};
 use hallservo::commutation::Commutation;
-use hallservo::control::settings::{GuardSettings, OnTimeout, Settings as Control};
 use hallservo::drive::Drive;
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
+use hallservo::settings::{Control, GuardSettings, OnTimeout};
 use hallservo_app::{Housekeeping, Identity, Memory, Supervisor};
 use plant::{Plant, PlantParameters, Truth};
 use std::collections::VecDeque;
@@ -22,7 +23,8 @@ const IDENTITY: Identity = Identity { board: "simulated", firmware: env!("CARGO_
 /// Both thermistors at 25 °C, 12 bit.
 const COOL: u16 = 2048;
 
-/// What the simulated board has by default: the motor of Simpkins and Todorov, field-oriented; a command holds for a second.
+/// What the simulated board has by default: the motor of Simpkins and Todorov, field-oriented; a command holds for a
+/// second.
 pub fn defaults() -> Settings {
     let guard = GuardSettings { command_timeout_s: 1.0, on_timeout: OnTimeout::Stop, ..GuardSettings::default() };
     let control = Control { guard, ..Control::default() };
@@ -236,7 +238,8 @@ impl Simulator {
         &self.last
     }
 
-    /// A digest (FNV-1a, a word at a time) of all that it ever wrote: two drives with the same have turned their motors alike.
+    /// A digest (FNV-1a, a word at a time) of all that it ever wrote: two drives with the same have turned their motors
+    /// alike.
     pub const fn digest(&self) -> u64 {
         self.digest
     }

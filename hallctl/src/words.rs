@@ -1,11 +1,12 @@
 //! What the drive says by numbers, in words, and what to do about it.
 
+use hallservo::commutation::Commutation;
+use hallservo::drive;
 use hallservo::fault::{Fault, Limits};
-use hallservo_app::wire;
-use hallservo_protocol::{
-    Activity, CalibrationError, Cause, Commutation, Incident, Kind, Learning, Mode, Problem, ProcedureError, Record,
-    Refusal, Setting,
-};
+use hallservo::mode::Mode;
+use hallservo::service::procedure;
+use hallservo::settings::{self, Kind};
+use hallservo_protocol::{Activity, Cause, Incident, Learning, Problem, Record, Refusal, Setting};
 
 /// A state.
 pub fn mode(mode: Mode) -> String {
@@ -15,7 +16,7 @@ pub fn mode(mode: Mode) -> String {
         Mode::Calibrating => "calibrating: the field drags the rotor along".into(),
         Mode::Ready => "ready: bridge off, calibrated".into(),
         Mode::Running => "running: bridge on".into(),
-        Mode::Faulted(code) => format!("faulted: {}", fault(code)),
+        Mode::Faulted(fault) => format!("faulted: {fault}"),
     }
 }
 
@@ -31,41 +32,34 @@ pub fn mode_word(mode: Mode) -> &'static str {
     }
 }
 
-/// A fault's text.
-pub fn fault(code: u8) -> String {
-    Fault::from_code(code).map_or_else(|| format!("fault {code}, which this hallctl does not know"), |f| f.to_string())
-}
-
 /// What to do about a fault.
-pub fn advice(code: u8) -> &'static str {
-    match Fault::from_code(code) {
-        Some(Fault::Hall(_)) => {
+pub const fn advice(fault: Fault) -> &'static str {
+    match fault {
+        Fault::Hall(_) => {
             "check that Hall's supply, wire and distance to the magnet; after a repair, `hallctl calibrate`"
         }
-        Some(Fault::AngleJump) => "look for a loose connector and for motor wires beside those of the Halls",
-        Some(Fault::OverSpeed) => "lower the command, or raise max_electrical_hz if the motor may turn so fast",
-        Some(Fault::Calibration) => "`hallctl calibrate` again and mend what it names",
-        Some(Fault::OverVoltage) => "braking feeds the supply: lower max_acceleration_rad_s2, or add a brake resistor",
-        Some(Fault::UnderVoltage) => "check the supply and its current limit; under_voltage_v is the threshold",
-        Some(Fault::OverCurrent) => {
+        Fault::AngleJump => "look for a loose connector and for motor wires beside those of the Halls",
+        Fault::OverSpeed => "lower the command, or raise max_electrical_hz if the motor may turn so fast",
+        Fault::Calibration => "`hallctl calibrate` again and mend what it names",
+        Fault::OverVoltage => "braking feeds the supply: lower max_acceleration_rad_s2, or add a brake resistor",
+        Fault::UnderVoltage => "check the supply and its current limit; under_voltage_v is the threshold",
+        Fault::OverCurrent => {
             "check for a short; a wrong resistance_ohm or inductance_h makes the current control overshoot: `hallctl identify`"
         }
-        Some(Fault::BridgeHot) => "let it cool, improve the cooling, or lower max_current_a",
-        Some(Fault::MotorHot) => "let it cool, lower the load or max_current_a",
-        Some(Fault::Stall) => "free the shaft, or raise max_current_a or stall_s",
-        Some(Fault::CurrentOffset) => "check the current amplifiers and their reference; offset_a is the threshold",
-        Some(Fault::CurrentImbalance) => "check the shunts, the amplifiers and the motor's insulation",
-        Some(Fault::CommandTimeout) => "keep hallctl running while the motor is to turn, or raise command_timeout_s",
-        Some(Fault::Deadline) => "the control interrupt was late: report it, with the firmware's version",
-        Some(Fault::Encoder) => "check the ring magnets' heads and their wires",
-        Some(Fault::Turns) => "a Hall or the encoder has lost turns: calibrate both",
-        None => "update hallctl",
+        Fault::BridgeHot => "let it cool, improve the cooling, or lower max_current_a",
+        Fault::MotorHot => "let it cool, lower the load or max_current_a",
+        Fault::Stall => "free the shaft, or raise max_current_a or stall_s",
+        Fault::CurrentOffset => "check the current amplifiers and their reference; offset_a is the threshold",
+        Fault::CurrentImbalance => "check the shunts, the amplifiers and the motor's insulation",
+        Fault::CommandTimeout => "keep hallctl running while the motor is to turn, or raise command_timeout_s",
+        Fault::Deadline => "the control interrupt was late: report it, with the firmware's version",
+        Fault::Encoder => "check the ring magnets' heads and their wires",
+        Fault::Turns => "a Hall or the encoder has lost turns: calibrate both",
     }
 }
 
-/// Everything that holds the drive back; empty where nothing does.
-pub fn limits(bits: u8) -> Vec<&'static str> {
-    let limits = Limits::from_bits(bits);
+/// Everything that limits the drive; empty where nothing does.
+pub fn limits(limits: Limits) -> Vec<&'static str> {
     let names = [
         (Limits::DUTY, "voltage"),
         (Limits::EXTRAPOLATED, "an angle extrapolated"),
@@ -122,19 +116,14 @@ pub fn learning(learning: Learning) -> String {
     match learning {
         Learning::Off => "off".into(),
         Learning::On => "on".into(),
-        Learning::Ended { channel, why } => format!("ended: {}", sensor(channel, why)),
+        Learning::Ended(why) => format!("ended: {why}"),
     }
-}
-
-/// Why a sensor is not learnt any more.
-pub fn sensor(channel: u8, why: u8) -> String {
-    wire::back::sensor(channel, why).to_string()
 }
 
 /// What went wrong, and what to do.
 pub fn incident(incident: &Incident) -> (String, &'static str) {
     match incident.cause {
-        Cause::Fault(code) => (fault(code), advice(code)),
+        Cause::Fault(fault) => (fault.to_string(), advice(fault)),
         Cause::Stored(kind, why) => {
             let advice = match kind {
                 Record::Sensors => "`hallctl calibrate` stores them anew",
@@ -146,65 +135,79 @@ pub fn incident(incident: &Incident) -> (String, &'static str) {
             (format!("the {} in the flash: {}", record(kind), problem(why)), advice)
         }
         Cause::NotSaved(kind) => (format!("the {} could not be saved", record(kind)), "the flash may be worn out"),
-        Cause::Sensor { channel, why } => (sensor(channel, why), "`hallctl calibrate`, after a look at that Hall"),
+        Cause::Adaptation(why) => (why.to_string(), "`hallctl calibrate`, after a look at that Hall"),
     }
 }
 
 /// Why something is refused, and what to do.
 pub fn refusal(refusal: &Refusal<'_>) -> String {
     match refusal {
-        Refusal::Mode(Mode::Faulted(code)) => {
-            format!("the drive is faulted: {}\n  {}; then `hallctl clear`.", fault(*code), advice(*code))
+        Refusal::Drive(why) => drive_refusal(*why),
+        Refusal::Demand(bad) => {
+            format!("{} is beyond ±{}, which the settings allow", bad.value as f32, short(bad.most as f32))
         }
-        Refusal::Mode(Mode::Running) => "the bridge is on\n  `hallctl disarm` first.".into(),
-        Refusal::Mode(Mode::Ready | Mode::Unarmed) => "the bridge is off\n  `hallctl arm` first.".into(),
-        Refusal::Mode(_) => "the drive calibrates\n  Wait, or end it by `hallctl disarm`.".into(),
-        Refusal::NotCalibrated => "there is no calibration\n  `hallctl calibrate` first: it turns the rotor.".into(),
-        Refusal::NoAngle => "the Halls give no plausible angle\n  Check their supply, wires and the magnet.".into(),
-        Refusal::Beyond { value, most } => format!("{value} is beyond ±{}, which the settings allow", short(*most)),
-        Refusal::HallLost => "a Hall is lost\n  Repair it, then `hallctl calibrate`.".into(),
-        Refusal::NoControl => "this drive has no current control: it can be given a voltage only".into(),
-        Refusal::Fault(code) => format!("{}\n  {}.", fault(*code), advice(*code)),
-        Refusal::NoSetting => "there is no such setting\n  `hallctl settings list` names them all.".into(),
-        Refusal::Fixed => "this setting follows from the board's parts and cannot be changed".into(),
-        Refusal::OutOfRange { field, value, min, max } => {
-            let (min, max) = (short(*min), short(*max));
-            format!("{field} would be {value}, but must be from {min} to {max}, with the other settings as they are")
-        }
-        Refusal::NoChoice => "this setting takes whole numbers or one of its names only".into(),
-        Refusal::Contradiction => "this does not go with the other settings".into(),
+        Refusal::Procedure(error) => procedure_error(error),
+        Refusal::Setting(error) => setting_error(error),
         Refusal::NothingStored(why) => format!("there are no settings in the flash to go back to ({})", problem(*why)),
         Refusal::Flash => "the flash did not take it\n  Try again; the flash may be worn out.".into(),
         Refusal::NoTable => "the cogging is not learnt yet\n  `hallctl cogging learn` first.".into(),
-        Refusal::Busy(what) => format!("{} goes on\n  Wait, or end it by `hallctl disarm`.", activity(*what)),
-        Refusal::Silent => {
+        Refusal::Busy(what) => format!("{} is at work\n  Wait, or end it by `hallctl disarm`.", activity(*what)),
+        Refusal::NoAnswer => {
             "the control interrupt does not answer\n  Does its timer run? Look at the board's log.".into()
         }
     }
 }
 
-/// Why a calibration came to nothing, as the library says it.
-pub fn calibration_error(error: CalibrationError) -> String {
-    match wire::back::calibration_error(error) {
-        Some(error) => error.to_string(),
-        None => "a command or a fault ended it: `hallctl faults` knows".into(),
+/// Why the drive refuses a command, and what to do.
+fn drive_refusal(refusal: drive::Refusal) -> String {
+    match refusal {
+        drive::Refusal::Mode(Mode::Faulted(fault)) => {
+            format!("the drive is faulted: {fault}\n  {}; then `hallctl clear`.", advice(fault))
+        }
+        drive::Refusal::Mode(Mode::Running) => "the bridge is on\n  `hallctl disarm` first.".into(),
+        drive::Refusal::Mode(Mode::Ready | Mode::Unarmed) => "the bridge is off\n  `hallctl arm` first.".into(),
+        drive::Refusal::Mode(_) => "the drive calibrates\n  Wait, or end it by `hallctl disarm`.".into(),
+        drive::Refusal::NotCalibrated => {
+            "there is no calibration\n  `hallctl calibrate` first: it turns the rotor.".into()
+        }
+        drive::Refusal::NoAngle => {
+            "the Halls give no plausible angle\n  Check their supply, wires and the magnet.".into()
+        }
+        drive::Refusal::TooLarge => "the command is beyond what the settings allow".into(),
+        drive::Refusal::HallLost => "a Hall is lost\n  Repair it, then `hallctl calibrate`.".into(),
+        drive::Refusal::NoControl => NO_CONTROL.into(),
+        drive::Refusal::Fault(fault) => format!("{fault}\n  {}.", advice(fault)),
+    }
+}
+
+const NO_CONTROL: &str = "this drive has no current control: it can be given a voltage only";
+
+/// Why a setting cannot be changed so, and what to do.
+fn setting_error(error: &settings::Error<'_>) -> String {
+    match error {
+        settings::Error::OutOfRange { field, value, min, max } => {
+            let (min, max) = (short(*min), short(*max));
+            format!("{field} would be {value}, but must be from {min} to {max}, with the other settings as they are")
+        }
+        settings::Error::NoControl => NO_CONTROL.into(),
+        settings::Error::Unknown => format!("{error}\n  `hallctl settings list` names them all."),
+        error => error.to_string(),
     }
 }
 
 /// Why a procedure came to nothing.
-pub fn procedure_error(error: &ProcedureError<'_>) -> String {
+pub fn procedure_error(error: &procedure::Error) -> String {
+    use procedure::Error;
     match error {
-        ProcedureError::Refused(why) => refusal(why),
-        ProcedureError::Fault(code) => format!("{}\n  {}; then `hallctl clear`.", fault(*code), advice(*code)),
-        ProcedureError::Disarmed => "the bridge was switched off".into(),
-        ProcedureError::Silent => "the control interrupt gave no answer".into(),
-        ProcedureError::Unreached => {
-            "the rotor did not turn as told: is it blocked or loaded, are pole_pairs and the motor's settings right?"
-                .into()
+        Error::NoControl => NO_CONTROL.into(),
+        Error::Demand(bad) => refusal(&Refusal::Demand(*bad)),
+        Error::Refused(why) => drive_refusal(*why),
+        Error::Fault(fault) => format!("{fault}\n  {}; then `hallctl clear`.", advice(*fault)),
+        Error::NotReached => {
+            format!("{error}\n  Is the rotor blocked or loaded, are pole_pairs and the motor's settings right?")
         }
-        ProcedureError::Untold => "the measurements do not tell what was asked: is the shaft free?".into(),
-        ProcedureError::NoTable => "there was no room for the result: try again".into(),
-        ProcedureError::Cancelled => "a command ended it".into(),
+        Error::Inconclusive => format!("{error}\n  Is the shaft free?"),
+        error => error.to_string(),
     }
 }
 

@@ -71,19 +71,18 @@ fn a_result_is_told_when_it_is_final() {
     let coasting = swept(&mut drive);
     assert!(coasting.speed_rad_s.abs() > 2.0 && coasting.activity == Activity::Calibration, "{coasting:?}");
     assert_eq!(coasting.progress, 1.0);
-    ask(&mut drive, Ask::Calibration, |answer| assert_eq!(answer, Answer::Calibration(Calibration::Turning)));
+    ask(&mut drive, Ask::Calibration, |answer| assert_eq!(answer, Answer::Calibration(Calibration::Running)));
     for what in [Ask::Arm, Ask::Calibrate, Ask::Identify, Ask::Set { name: "pole_pairs", value: 7.0 }] {
         refused(&mut drive, what);
     }
     wait(&mut drive);
-    ask(&mut drive, Ask::Calibration, |answer| assert!(matches!(answer, Answer::Calibration(Calibration::Found(_)))));
+    ask(&mut drive, Ask::Calibration, |answer| assert!(matches!(answer, Answer::Calibration(Calibration::Done(_)))));
     // A procedure is over as soon as it is told so.
     done(&mut drive, Ask::Identify);
     for _ in 0..20_000 {
         let over = status(&mut drive).activity == Activity::None;
-        let told = ask(&mut drive, Ask::Identification, |answer| {
-            matches!(answer, Answer::Identification(Procedure::Found(_)))
-        });
+        let told =
+            ask(&mut drive, Ask::Identification, |answer| matches!(answer, Answer::Identification(Procedure::Done(_))));
         assert!(told || !over);
         if over {
             return;
@@ -132,7 +131,7 @@ fn a_disarming_ends_the_wait_and_keeps_the_result() {
     swept(&mut drive);
     done(&mut drive, Ask::Disarm);
     assert_eq!(status(&mut drive).activity, Activity::None);
-    ask(&mut drive, Ask::Calibration, |answer| assert!(matches!(answer, Answer::Calibration(Calibration::Found(_)))));
+    ask(&mut drive, Ask::Calibration, |answer| assert!(matches!(answer, Answer::Calibration(Calibration::Done(_)))));
     done(&mut drive, Ask::Arm);
     done(&mut drive, Ask::Disarm);
     run(&mut drive, 1000);

@@ -4,6 +4,7 @@ mod tool;
 
 use hallctl::simulate::flash::Flash;
 use hallctl::simulate::{Simulator, fault};
+use hallservo::drive::Refusal as DriveRefusal;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Answer, Ask, Cause, Decoder, Learning, Problem, Procedure, Record, Refusal, Reply};
 use plant::PlantParameters;
@@ -31,7 +32,7 @@ fn a_dead_control_interrupt_is_told_and_nothing_waits_for_ever() {
     let mut decoder = Decoder::new();
     let silent = reply.iter().any(|&byte| {
         let message = decoder.push::<Reply<'_>>(byte);
-        matches!(message, Some(Ok(reply)) if reply.answer == Answer::Refused(Refusal::Silent))
+        matches!(message, Some(Ok(reply)) if reply.answer == Answer::Refused(Refusal::NoAnswer))
     });
     assert!(silent);
     // Its answer comes late and is nobody's; what is asked for then is answered as it should.
@@ -100,7 +101,9 @@ fn a_calibration_outlives_the_power_and_a_corrupt_one_is_named() {
         }
         other => panic!("{other:?}"),
     });
-    ask(&mut third, Ask::Arm, |answer| assert_eq!(answer, Answer::Refused(Refusal::NotCalibrated)));
+    ask(&mut third, Ask::Arm, |answer| {
+        assert_eq!(answer, Answer::Refused(Refusal::Drive(DriveRefusal::NotCalibrated)))
+    });
 }
 
 #[test]
@@ -109,9 +112,13 @@ fn settings_are_saved_while_the_bridge_is_off_only() {
     let set = Ask::Set { name: "stall_s", value: 2.5 };
     done(&mut first, set);
     done(&mut first, Ask::Arm);
-    ask(&mut first, set, |answer| assert!(matches!(answer, Answer::Refused(Refusal::Mode(_))), "{answer:?}"));
+    ask(&mut first, set, |answer| {
+        assert!(matches!(answer, Answer::Refused(Refusal::Drive(DriveRefusal::Mode(_)))), "{answer:?}")
+    });
     // Not even read: there is nothing, which would be told otherwise.
-    ask(&mut first, Ask::Load, |answer| assert!(matches!(answer, Answer::Refused(Refusal::Mode(_))), "{answer:?}"));
+    ask(&mut first, Ask::Load, |answer| {
+        assert!(matches!(answer, Answer::Refused(Refusal::Drive(DriveRefusal::Mode(_)))), "{answer:?}")
+    });
     let before = first.flash();
     ask(&mut first, Ask::Save, |answer| assert_eq!(answer, Answer::Saved { waits: true }));
     run(&mut first, 50);
@@ -204,9 +211,9 @@ fn the_drive_measures_its_motor_and_balances_its_cogging() {
     ask(&mut first, Ask::Arm, |answer| assert!(matches!(answer, Answer::Refused(Refusal::Busy(_))), "{answer:?}"));
     wait(&mut first);
     ask(&mut first, Ask::Identification, |answer| match answer {
-        Answer::Identification(Procedure::Found(motor)) => {
-            assert!((motor.resistance_ohm[0] / 3.77 - 1.0).abs() < 0.1, "{motor:?}");
-            assert_eq!(motor.told[0], 4.5);
+        Answer::Identification(Procedure::Done(motor)) => {
+            assert!((motor.resistance_ohm.value / 3.77 - 1.0).abs() < 0.1, "{motor:?}");
+            assert_eq!(motor.configured.resistance_ohm, 4.5);
         }
         other => panic!("{other:?}"),
     });
@@ -218,7 +225,7 @@ fn the_drive_measures_its_motor_and_balances_its_cogging() {
     wait(&mut first);
     assert!(status(&mut first).balanced);
     ask(&mut first, Ask::Cogging, |answer| match answer {
-        Answer::Cogging(Procedure::Found(cogging)) => assert!(cogging.rms_a > 0.01, "{cogging:?}"),
+        Answer::Cogging(Procedure::Done(cogging)) => assert!(cogging.rms_a > 0.01, "{cogging:?}"),
         other => panic!("{other:?}"),
     });
     let flash = first.flash();

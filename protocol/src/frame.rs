@@ -63,7 +63,8 @@ pub fn encode<T: Serialize>(message: &T, frame: &mut [u8; FRAME]) -> Result<usiz
     Ok(encoded + 2)
 }
 
-/// Finds frames in a stream of bytes. Whatever comes, it never holds more than a frame, and is in step again after the next zero.
+/// Finds frames in a stream of bytes. Whatever comes, it never holds more than a frame, and is in step again after the
+/// next zero.
 #[derive(Clone, Debug)]
 pub struct Decoder {
     frame: [u8; OUTSIDE],
@@ -83,7 +84,8 @@ impl Decoder {
         Self { frame: [0; OUTSIDE], length: 0 }
     }
 
-    /// Takes a byte. At the end of a frame there is its message, or why it is none; the message may borrow from the decoder.
+    /// Takes a byte. At the end of a frame there is its message, or why it is none; the message may borrow from the
+    /// decoder.
     pub fn push<'a, T: Deserialize<'a>>(&'a mut self, byte: u8) -> Option<Result<T, Error>> {
         if byte != 0 {
             if let Some(place) = self.frame.get_mut(self.length) {

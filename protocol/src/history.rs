@@ -1,25 +1,22 @@
 //! What went wrong, and when. The order of the variants is their number on the wire.
 
-use crate::status::{Mode, Problem, Record};
+use crate::status::{Problem, Record};
+use hallservo::fault::Fault;
+use hallservo::hall::adapt;
+use hallservo::mode::Mode;
 use serde::{Deserialize, Serialize};
 
 /// What went wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Cause {
-    /// The drive switched off, with this code.
-    Fault(u8),
+    /// The drive switched off.
+    Fault(Fault),
     /// A record of the flash could not be used.
     Stored(Record, Problem),
     /// A record could not be saved.
     NotSaved(Record),
-    /// The sensors are not learnt any more. Which sensor, 0 to 2, or 3 for all; and 0 at the rail, 1 lost, 2 its offset,
-    /// 3 its amplitude, 4 its placement drifted too far, 5 the third harmonic did, 6 a contradiction.
-    Sensor {
-        /// The sensor.
-        channel: u8,
-        /// Why.
-        why: u8,
-    },
+    /// The adaptation of the sensors' model gave up.
+    Adaptation(adapt::Fault),
 }
 
 /// What went wrong, and when.

@@ -1,24 +1,26 @@
-//! The messages between a drive and its tools, and the frames that carry them over a UART, a TCP stream or a pseudo-terminal.
+//! The messages between a drive and its tools, and the frames that carry them over a UART, a TCP stream or a
+//! pseudo-terminal.
 //!
-//! `no_std`, no allocation: a board and a host use the same code. A UART runs at [`BAUD`], 8N1.
+//! `no_std`, no allocation: a board and a host use the same code. Modes, faults, reports and errors are the types of
+//! [`hallservo`], which travel as they are. A UART runs at [`BAUD`], 8N1.
 //!
 //! # Frame
 //! ```text
 //! 0x00 │ COBS( version: u8 │ message, by postcard │ CRC-32 of both, little endian ) │ 0x00
 //! ```
-//! COBS leaves no zero inside, so a reader that has lost its way finds it again at the next zero; empty frames are ignored. The
-//! leading zero ends whatever noise or cut-off frame came before. The CRC is that of ISO-HDLC (zlib, Ethernet). A
-//! message has at most [`MESSAGE`] bytes, a frame at most [`FRAME`]: longer ones are refused as a whole.
+//! COBS leaves no zero inside, so a reader that has lost its way finds it again at the next zero; empty frames are
+//! ignored. The leading zero ends whatever noise or cut-off frame came before. The CRC is that of ISO-HDLC (zlib,
+//! Ethernet). A message has at most [`MESSAGE`] bytes, a frame at most [`FRAME`]: longer ones are refused as a whole.
 //!
 //! # Conversation
-//! A tool sends [`Request`]s, the drive answers each by one [`Reply`] with the same `id`, in their order. [`Ask::Telemetry`] makes
-//! the drive send further [`Answer::Telemetry`] with the id of the request, until it is asked for a rate of zero;
-//! a [`Telemetry::number`] left out is a frame lost. A frame that cannot be understood gets no reply, but counts in
-//! [`Status::garbage`]; one of another version gets a frame of the drive's version.
+//! A tool sends [`Request`]s, the drive answers each by one [`Reply`] with the same `id`, in their order.
+//! [`Ask::Telemetry`] makes the drive send further [`Answer::Telemetry`] with the id of the request, until it is asked
+//! for a rate of zero; a [`Telemetry::number`] left out is a frame lost. A frame that cannot be understood gets no
+//! reply, but counts in [`Status::garbage`]; one of another version gets a frame of the drive's version.
 //!
 //! # Versions
-//! Framing, CRC and the version's place never change; any change of a message raises [`VERSION`]. Who receives a frame of another
-//! version gets [`Error::Version`], which names both, and must not guess at the rest.
+//! Framing, CRC and the version's place never change; any change of a message raises [`VERSION`]. Who receives a frame
+//! of another version gets [`Error::Version`], which names both, and must not guess at the rest.
 #![no_std]
 
 mod frame;
@@ -29,15 +31,16 @@ mod status;
 
 pub use frame::{Decoder, Error, encode};
 pub use history::{Cause, History, Incident};
-pub use message::{Answer, Ask, Hello, Kind, Refusal, Reply, Request, Setting};
-pub use report::{Calibration, CalibrationError, Cogging, Motor, Procedure, ProcedureError, Report, SensorReport};
-pub use status::{Activity, Commutation, Learning, Mode, Problem, Record, Status, Telemetry};
+pub use message::{Answer, Ask, Hello, Refusal, Reply, Request, Setting};
+pub use report::{Calibration, Cogging, Procedure};
+pub use status::{Activity, Learning, Problem, Record, Status, Telemetry};
 
 /// Version of the messages.
-pub const VERSION: u8 = 1;
+pub const VERSION: u8 = 2;
 /// Most bytes of a message.
 pub const MESSAGE: usize = 244;
-/// Most bytes of a frame, zeros included: version and CRC on top of the message, one byte of COBS for each 254, two zeros.
+/// Most bytes of a frame, zeros included: version and CRC on top of the message, one byte of COBS for each 254, two
+/// zeros.
 pub const FRAME: usize = 1 + (1 + MESSAGE + 4 + 1) + 1;
 /// Bits a second of a UART.
 pub const BAUD: u32 = 460_800;

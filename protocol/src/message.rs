@@ -1,8 +1,14 @@
 //! What is asked and answered. The order of the variants is their number on the wire.
 
 use crate::history::History;
-use crate::report::{Calibration, Cogging, Motor, Procedure};
-use crate::status::{Activity, Commutation, Mode, Problem, Status, Telemetry};
+use crate::report::{Calibration, Cogging, Procedure};
+use crate::status::{Activity, Problem, Status, Telemetry};
+use hallservo::commutation::Commutation;
+use hallservo::control::config::BadDemand;
+use hallservo::drive;
+use hallservo::service::identify;
+use hallservo::service::procedure;
+use hallservo::settings::{self, Kind};
 use serde::{Deserialize, Serialize};
 
 /// From a tool to the drive.
@@ -100,9 +106,9 @@ pub enum Answer<'a> {
     /// To [`Ask::Calibration`].
     Calibration(Calibration),
     /// To [`Ask::Identification`].
-    Identification(Procedure<'a, Motor>),
+    Identification(Procedure<identify::Report>),
     /// To [`Ask::Cogging`].
-    Cogging(Procedure<'a, Cogging>),
+    Cogging(Procedure<Cogging>),
     /// To [`Ask::Setting`], [`Ask::Get`] and [`Ask::Set`].
     Setting(Setting<'a>),
     /// The settings are in the flash, or will be when the bridge is off.
@@ -129,19 +135,6 @@ pub struct Hello<'a> {
     pub step_hz: f32,
 }
 
-/// Of what kind the value of a setting is.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Kind<'a> {
-    /// A number.
-    Real,
-    /// A whole number.
-    Whole,
-    /// 0 for no and 1 for yes.
-    Switch,
-    /// One of these names, separated by `|`, counted from zero.
-    Choice(&'a str),
-}
-
 /// A setting.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Setting<'a> {
@@ -149,7 +142,7 @@ pub struct Setting<'a> {
     pub name: &'a str,
     /// Unit of the value.
     pub unit: &'a str,
-    /// Of what kind it is.
+    /// What values it takes.
     pub kind: Kind<'a>,
     /// What it is at the moment.
     pub value: f32,
@@ -166,52 +159,23 @@ pub struct Setting<'a> {
 /// Why something is not done.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Refusal<'a> {
-    /// Not in this state.
-    Mode(Mode),
-    /// There is no calibration.
-    NotCalibrated,
-    /// The Halls give no angle at the moment.
-    NoAngle,
-    /// Not a number, or of a larger magnitude than allowed.
-    Beyond {
-        /// What was asked for.
-        value: f32,
-        /// What is allowed.
-        most: f32,
-    },
-    /// A Hall is lost.
-    HallLost,
-    /// The drive has no current control.
-    NoControl,
-    /// What would be a fault at once.
-    Fault(u8),
-    /// There is no such setting.
-    NoSetting,
-    /// It follows from the board's parts.
-    Fixed,
-    /// Out of range: which setting, and its range as the others are.
-    OutOfRange {
-        /// Name as in the drive's validation.
-        field: &'a str,
-        /// What it would be.
-        value: f32,
-        /// Least allowed.
-        min: f32,
-        /// Most allowed.
-        max: f32,
-    },
-    /// Not a whole number, or none of the choices.
-    NoChoice,
-    /// The settings contradict each other.
-    Contradiction,
+    /// The drive refuses the command.
+    Drive(drive::Refusal),
+    /// Not a number, or of a larger magnitude than the settings allow.
+    Demand(BadDemand),
+    /// The procedure cannot begin.
+    Procedure(procedure::Error),
+    /// A setting cannot be changed so.
+    #[serde(borrow)]
+    Setting(settings::Error<'a>),
     /// The flash holds no settings to go back to.
     NothingStored(Problem),
     /// The flash did not take it.
     Flash,
     /// There is no table of the cogging: it has to be learnt first.
     NoTable,
-    /// Something goes on that a disarming ends.
+    /// A procedure is at work, which a disarming ends.
     Busy(Activity),
     /// The control interrupt does not answer.
-    Silent,
+    NoAnswer,
 }

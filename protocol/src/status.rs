@@ -1,36 +1,10 @@
 //! How the drive is. The order of the variants is their number on the wire.
 
+use hallservo::commutation::Commutation;
+use hallservo::fault::Limits;
+use hallservo::hall::adapt;
+use hallservo::mode::Mode;
 use serde::{Deserialize, Serialize};
-
-/// State of the drive, as in `hallservo::mode::Mode`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Mode {
-    /// Bridge off, no calibration.
-    #[default]
-    Unarmed,
-    /// The field stands still and pulls the rotor to it.
-    Aligning,
-    /// The field turns.
-    Calibrating,
-    /// Bridge off, angle and speed are known.
-    Ready,
-    /// Bridge on.
-    Running,
-    /// Bridge off until cleared; the code of the fault, as in `hallservo::fault::Fault::code`.
-    Faulted(u8),
-}
-
-/// How the phases are driven.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
-pub enum Commutation {
-    /// Six steps a turn.
-    Block,
-    /// Three sines.
-    #[default]
-    Sinusoidal,
-    /// Currents in the frame of the rotor.
-    FieldOriented,
-}
 
 /// What takes a while.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -83,13 +57,8 @@ pub enum Learning {
     Off,
     /// It follows, and learns when the rotor turns.
     On,
-    /// It has given up: which sensor (0 to 2, or 3 for all) and why, as [`Cause::Sensor`](crate::Cause::Sensor).
-    Ended {
-        /// The sensor.
-        channel: u8,
-        /// Why.
-        why: u8,
-    },
+    /// It has given up.
+    Ended(adapt::Fault),
 }
 
 /// How the drive is.
@@ -99,8 +68,8 @@ pub struct Status {
     pub uptime_ms: u64,
     /// State.
     pub mode: Mode,
-    /// What holds the drive back, as in `hallservo::fault::Limits::bits`.
-    pub limits: u8,
+    /// What limits the drive.
+    pub limits: Limits,
     /// Whether there is a calibration.
     pub calibrated: bool,
     /// How the phases are driven.
@@ -117,7 +86,8 @@ pub struct Status {
     pub bus_v: f32,
     /// Of bridge and motor; not a number where there is no thermistor.
     pub temperatures_c: [f32; 2],
-    /// What goes on. It is over when the rotor is at rest, and what was found at work and in the flash: 5 s after the last turn at most.
+    /// What goes on. It is over when the rotor is at rest, and what was found at work and in the flash: 5 s after the
+    /// last turn at most.
     pub activity: Activity,
     /// How far, 0 to 1.
     pub progress: f32,
@@ -162,8 +132,8 @@ pub struct Telemetry {
     pub bus_v: f32,
     /// State.
     pub mode: Mode,
-    /// What holds the drive back.
-    pub limits: u8,
+    /// What limits the drive.
+    pub limits: Limits,
     /// The Halls, ADC codes; while a current, a speed or a position is followed, of the period after.
     pub codes: [u16; 3],
 }

@@ -4,16 +4,17 @@ use anyhow::{Context, Result, anyhow, bail};
 use hallservo::angle::ElectricalAngle;
 use hallservo::board::{Output, Sample};
 use hallservo::commutation::Modulation;
+use hallservo::config::Config;
 use hallservo::control::cogging::Table;
-use hallservo::control::identify::Report;
 use hallservo::drive::{Channels, Command, Drive};
 use hallservo::hall::calibrate::Calibration;
 use hallservo::hall::estimate::Estimator;
 use hallservo::service::identification::{self, Identification};
+use hallservo::service::identify::Report;
 use hallservo::service::learning::{self, Learning};
 use hallservo::service::procedure::{Procedure, State};
 use hallservo::service::{Event, Service};
-use hallservo::settings::{Config, Settings};
+use hallservo::settings::Settings;
 use plant::{Legs, Plant, PlantParameters, Truth};
 
 /// A drive, its service and its motor.
@@ -36,7 +37,7 @@ pub struct Rig {
 /// A change of a sample.
 pub type Disturb = Box<dyn FnMut(&mut Sample)>;
 
-/// A thermistor of [`Thermistor::ntc_10k`](hallservo::control::settings::Thermistor::ntc_10k) at 25 °C, 12 bit.
+/// A thermistor of [`Thermistor::ntc_10k`](hallservo::settings::Thermistor::ntc_10k) at 25 °C, 12 bit.
 const COOL: u16 = 2048;
 
 /// One control period: what the drive saw and did, and how it really was at the sampling instant.
@@ -119,7 +120,7 @@ impl Rig {
     ///
     /// # Errors
     /// The drive has none.
-    pub fn control(&self) -> Result<&hallservo::control::settings::Config> {
+    pub fn control(&self) -> Result<&hallservo::control::Config> {
         self.config.control.as_ref().context("the drive has no current control")
     }
 

@@ -8,6 +8,7 @@ use crate::commutation::frames::Dq;
 use crate::commutation::svpwm::{Circle, LONGEST};
 use crate::control::{Motor, Scale, fixed};
 use crate::math::{clamp, high};
+use crate::settings::Feedback;
 use core::f32::consts::TAU;
 
 /// Bits by which a current of the d/q controller, in 2⁻²⁸ of the full scale, is finer than one of the outer loops.
@@ -186,21 +187,6 @@ impl Integrators {
     pub const fn d(&self) -> i32 {
         self.d
     }
-}
-
-/// Which parts the local feedback has.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Feedback {
-    /// Proportional, as in the paper.
-    P,
-    /// With an integral part, which leaves no error at rest.
-    #[default]
-    Pi,
-    /// With a derivative part, which makes up for half of the loop's delay.
-    Pd,
-    /// All three.
-    Pid,
 }
 
 /// Gains of the local feedback.

@@ -204,6 +204,6 @@ impl Service {
     /// # Errors
     /// The command, when the queue is full.
     pub fn trip(&mut self, fault: Fault) -> Result<(), Command> {
-        self.ask_silently(Command::Trip(fault))
+        self.send_internal(Command::Trip(fault))
     }
 }

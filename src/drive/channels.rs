@@ -2,12 +2,12 @@
 
 use crate::angle::Position;
 use crate::commutation::{Commutation, Modulation};
+use crate::config::Config;
 use crate::control::cogging;
 use crate::control::{Current, Speed};
 use crate::fault::Fault;
 use crate::hall::estimate::Estimator;
 use crate::mode::Mode;
-use crate::settings::Config;
 use crate::telemetry::{Measurement, Record};
 use core::fmt;
 use heapless::spsc::{Consumer, Producer, Queue};
@@ -51,6 +51,7 @@ pub type Reply = Result<(), Refusal>;
 /// Why a command was not obeyed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Refusal {
     /// Not in this state.
     Mode(Mode),

@@ -4,13 +4,13 @@ use super::protection::Protection;
 use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample};
 use crate::angle::ElectricalAngle;
 use crate::commutation::{Commutation, Modulation};
+use crate::config::Config;
 use crate::control::{Current, Speed, cogging};
 use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
 use crate::hall::estimate::Estimator;
 use crate::hall::track::Tracker;
 use crate::mode::{Event, Mode};
-use crate::settings::Config;
 use crate::telemetry::Progress;
 
 impl Command {

@@ -5,8 +5,8 @@ use super::servo::Servo;
 use crate::angle::ElectricalAngle;
 use crate::commutation::frames::{Dq, Rotation};
 use crate::commutation::svpwm::{Circle, Modulator};
+use crate::control::config::Config;
 use crate::control::current::{Integrators, Inverse, Present};
-use crate::control::settings::Config;
 use crate::hall::track::{self, Tracker};
 use crate::math::{clamp, high};
 

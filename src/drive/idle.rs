@@ -1,7 +1,7 @@
 //! The idle path: the bridge is off, so the current amplifiers show what they show without a current.
 
 use crate::board::Sample;
-use crate::control::settings::Config;
+use crate::control::config::Config;
 
 /// Middle of the range of a code of 16 bits, in 2⁻⁸ codes.
 const MIDDLE: i32 = 32_768 << 8;

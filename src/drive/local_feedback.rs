@@ -7,12 +7,12 @@ use crate::board::{Legs, Output};
 use crate::commutation::block::Sextant;
 use crate::commutation::sinusoidal::{self, Axes};
 use crate::commutation::{Commutation, Modulation};
+use crate::config::Config;
+use crate::control::config::Config as Control;
 use crate::control::current::{Local, PARK_BITS};
-use crate::control::settings::Config as Control;
 use crate::fault::Limits;
 use crate::hall::track::Tracker;
 use crate::math::clamp;
-use crate::settings::Config;
 
 /// The current between two legs, or the one along q, is made the reference.
 #[derive(Clone, Copy, Debug)]

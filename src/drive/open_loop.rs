@@ -5,24 +5,9 @@ use crate::angle::ElectricalAngle;
 use crate::board::{Legs, Output};
 use crate::commutation::Modulation;
 use crate::commutation::sinusoidal::{self, Axes, PhaseOrder};
+pub use crate::config::OpenLoop as Config;
 use crate::hall::calibrate::Sweep;
 use crate::pwm;
-
-/// The motion in the units of the interrupt.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct Config {
-    /// Strength of the field.
-    pub modulation: Modulation,
-    /// What the strength rises by in a step, in 2⁻³¹; positive.
-    pub rise: i32,
-    /// Steps to stand with the full field.
-    pub stand: u32,
-    /// Speed in 2⁻³² electrical turns a step; positive.
-    pub speed: i32,
-    /// Turns to record each way; at least one.
-    pub turns: u32,
-}
 
 /// Turns for the rotor to swing in before recording: speeding up takes the first half of them.
 const SETTLE_TURNS: u64 = 2;

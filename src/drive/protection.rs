@@ -1,7 +1,7 @@
 //! What currents, voltage, temperatures and time tell about the health of a drive with current sensing.
 
 use super::{Idle, Sample};
-use crate::control::settings::Config;
+use crate::control::config::Config;
 use crate::fault::Fault;
 
 /// Successive looks at a wrong sum of the currents, eight steps apart, that are a fault.

@@ -8,18 +8,10 @@ use super::{Demand, Drive, Paths, Route, Sample};
 use crate::control::Speed;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
+pub use crate::schedule::{CYCLE, OUTER};
 
-/// Steps of the whole schedule.
-pub const CYCLE: u32 = 32;
-
-/// Steps from one chance of a record to the next.
-pub(crate) const RECORDS: u32 = CYCLE / 2;
-
-/// The first of them.
+/// The first step with a chance of a record.
 const RECORD: u32 = 7;
-
-/// Steps from one computation of the outer loops to the next: 5 kHz at 40 kHz. At a bandwidth of 60 Hz that costs 3° of phase.
-pub const OUTER: u32 = 8;
 
 /// Where the schedule stands, and when it hands over what to the tasks.
 #[derive(Clone, Copy, Debug)]

@@ -7,8 +7,8 @@ use super::{FieldOriented, Idle, Sample};
 use crate::angle::{ElectricalAngle, Position};
 use crate::commutation::frames::{Clarke, Dq, Rotation};
 use crate::control::cogging;
+use crate::control::config::Config;
 use crate::control::current::PARK_BITS;
-use crate::control::settings::Config;
 use crate::control::trajectory::Trajectory;
 use crate::control::velocity::Integrator;
 use crate::control::{Current, Speed};
@@ -16,6 +16,7 @@ use crate::fault::Limits;
 use crate::hall::track::Tracker;
 use crate::math::clamp;
 use crate::telemetry::Measurement;
+pub use crate::telemetry::State;
 
 /// What is to be followed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -30,28 +31,6 @@ pub enum Demand {
     Speed(Speed),
     /// A position.
     Position(Position),
-}
-
-/// What the control has in its hands, beside angle and speed: voltages and currents in 2⁻¹⁵ of their full scales.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct State {
-    /// Phase currents, the amplifiers' zeros taken off.
-    pub phases: [i32; 3],
-    /// Currents in the frame of the rotor.
-    pub current: Dq,
-    /// Reference of the current along q.
-    pub wanted: i32,
-    /// Voltage of the last step under field-oriented commutation.
-    pub voltage: Dq,
-    /// Bus voltage.
-    pub bus: i32,
-}
-
-impl State {
-    /// Nothing.
-    pub(crate) const NONE: Self =
-        Self { phases: [0; 3], current: Dq { d: 0, q: 0 }, wanted: 0, voltage: Dq { d: 0, q: 0 }, bus: 0 };
 }
 
 /// Reference of the current along q, as the field-oriented step works with it.

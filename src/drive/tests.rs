@@ -105,8 +105,8 @@ fn healthy(halls: Codes) -> Sample {
 }
 
 /// Installed, and with currents to measure.
-fn with_control(commutation: Commutation, change: impl Fn(&mut crate::control::settings::Settings)) -> Bench {
-    let mut control = crate::control::settings::Settings::default();
+fn with_control(commutation: Commutation, change: impl Fn(&mut crate::settings::Control)) -> Bench {
+    let mut control = crate::settings::Control::default();
     change(&mut control);
     let mut bench = Bench::new(&Settings { commutation, control: Some(control), ..Settings::default() });
     bench.healthy = true;

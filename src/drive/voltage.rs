@@ -5,8 +5,8 @@ use crate::board::{Legs, Output};
 use crate::commutation::block::Sextant;
 use crate::commutation::sinusoidal::{self, Axes};
 use crate::commutation::{Commutation, Modulation};
+use crate::config::Config;
 use crate::pwm::Amplitude;
-use crate::settings::Config;
 
 /// A voltage vector at a fixed angle ahead of the rotor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -29,6 +29,7 @@ const FEWEST: u32 = 4;
 /// Which way the field turns.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Sweep {
     /// Electrical angle rising.
     Forward,
@@ -39,6 +40,7 @@ pub enum Sweep {
 /// Why a calibration came to nothing.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Error {
     /// A bin of a direction has too few samples: the field did not go all the way round.
     Incomplete(Sweep),

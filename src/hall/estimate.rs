@@ -41,6 +41,7 @@ pub const WORST_NOISE_GAIN_OF_TWO: f32 = 2.5;
 /// Why sensors cannot give an angle.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum BadModel {
     /// The ADC has 1 to 16 bits.
     AdcBits(u8),

@@ -1,7 +1,7 @@
 //! The adaptation at a drive: records in, new estimators out.
 
 use super::{InstallError, Service};
-use crate::control::settings::Config as Control;
+use crate::control::config::Config as Control;
 use crate::hall::Channel;
 use crate::hall::adapt::{self, Adapter, Observation, Outcome};
 use crate::hall::estimate::BadModel;
@@ -19,8 +19,8 @@ enum Due {
 
 /// Torque of the measured current along q, N·m, in the direction of the electrical angle: 1.5 · pole pairs · flux
 /// linkage · i_q. The drive gives a [`Measurement`] with each record; for [`Adaptation::take`], with friction alone as
-/// [`adapt::Settings::damping_nms`], for the current has the back-EMF in it. Within 3 % of the simulated motor's torque on
-/// average.
+/// [`adapt::Settings::damping_nms`], for the current has the back-EMF in it. Within 3 % of the simulated motor's torque
+/// on average.
 pub fn torque_nm(measurement: &Measurement, control: &Control) -> f32 {
     let [_, amperes] = measurement.current_a(control);
     amperes * control.motor.torque_constant(control.scale.pole_pairs)
@@ -47,8 +47,8 @@ impl Adaptation {
         Ok(Self { adapter, due: Due::Nothing, every: every.max(1), last: None, reversed: model.reversed })
     }
 
-    /// Learns from a record of a drive that is ready or running, with the torque as far as it is known, in the direction of
-    /// the electrical angle: [`torque_nm`], or 0 where no current is measured. Records may be missing.
+    /// Learns from a record of a drive that is ready or running, with the torque as far as it is known, in the
+    /// direction of the electrical angle: [`torque_nm`], or 0 where no current is measured. Records may be missing.
     pub fn take(&mut self, record: &Record, torque_nm: f32) -> Outcome {
         if !matches!(record.status.mode(), Mode::Ready | Mode::Running) {
             return Outcome::Tracking;
@@ -73,8 +73,8 @@ impl Adaptation {
         outcome
     }
 
-    /// Gives the drive what is due; to be called after [`Self::take`], when there is time to make an estimator. True when
-    /// something was on its way.
+    /// Gives the drive what is due; to be called after [`Self::take`], when there is time to make an estimator. True
+    /// when something was on its way.
     ///
     /// # Errors
     /// [`InstallError`]; when it is `Busy`, the next call tries again.

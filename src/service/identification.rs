@@ -1,15 +1,15 @@
 //! The drive measures its motor, as a procedure: swings at several currents, then steady speeds both ways.
 //!
-//! Takes some ten seconds, in which the shaft must be free to turn in both directions. See [`identify`](crate::control::identify) for what
-//! becomes of the measurements.
+//! Takes some ten seconds, in which the shaft must be free to turn in both directions. See
+//! [`identify`](crate::service::identify) for what becomes of the measurements.
 
-use super::pilot::{Demand, Pilot};
 use super::procedure::{Error, Procedure, State};
+use super::sequence::{Demand, Sequence};
 use super::{Event, Service};
 use crate::commutation::Commutation;
-use crate::control::identify::{Identifier, Report};
+use crate::config::Config;
 use crate::control::{Current, Speed};
-use crate::settings::Config;
+use crate::service::identify::{Identifier, Report};
 use crate::telemetry::Measurement;
 
 /// How to measure.
@@ -25,8 +25,8 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// At most four fifths of the allowed speed and of the one that the least allowed voltage reaches, and at most half the allowed
-    /// current and the one that the motor as told takes for the allowed acceleration.
+    /// At most four fifths of the allowed speed and of the one that the least allowed voltage reaches, and at most half
+    /// the allowed current and the one that the motor as told takes for the allowed acceleration.
     ///
     /// # Errors
     /// [`Error::NoControl`].
@@ -85,7 +85,7 @@ fn leg(number: usize) -> Option<Leg> {
 /// The procedure.
 #[derive(Clone, Debug)]
 pub struct Identification {
-    pilot: Pilot,
+    sequence: Sequence,
     identifier: Identifier,
     report: Option<Report>,
     number: usize,
@@ -109,10 +109,10 @@ impl Identification {
         if let Some((field, _)) = fields.into_iter().find(|(_, right)| !right) {
             return Err(Error::Plan { field });
         }
-        let pilot = Pilot::new(config, plan.commutation)?;
+        let sequence = Sequence::new(config, plan.commutation)?;
         let ramp_ms = 2000.0 * control.braking_s();
         Ok(Self {
-            pilot,
+            sequence,
             identifier: Identifier::new(config).ok_or(Error::NoControl)?,
             report: None,
             number: 0,
@@ -128,9 +128,13 @@ impl Identification {
     fn turn(&mut self) {
         let Some(leg) = leg(self.number) else {
             self.report = self.identifier.report();
-            return if self.report.is_some() { self.pilot.finish() } else { self.pilot.cancel(Error::Untold) };
+            return if self.report.is_some() {
+                self.sequence.finish()
+            } else {
+                self.sequence.cancel(Error::Inconclusive)
+            };
         };
-        let now_ms = self.pilot.now_ms();
+        let now_ms = self.sequence.now_ms();
         let began_ms = *self.began_ms.get_or_insert(now_ms);
         let elapsed_ms = now_ms.wrapping_sub(began_ms);
         match leg {
@@ -140,8 +144,8 @@ impl Identification {
     }
 
     fn swing(&mut self, share: f32, elapsed_ms: u32) {
-        self.pilot.follow(Demand::Current(Current((share * self.largest.0 as f32) as i32)));
-        let there = self.pilot.speed() as f32 * share.signum() >= SWING_TO * self.fastest.0 as f32;
+        self.sequence.follow(Demand::Current(Current((share * self.largest.0 as f32) as i32)));
+        let there = self.sequence.speed() as f32 * share.signum() >= SWING_TO * self.fastest.0 as f32;
         if there || elapsed_ms > SWING_MS {
             self.next();
         }
@@ -149,11 +153,11 @@ impl Identification {
 
     fn keep(&mut self, share: f32, now_ms: u32, elapsed_ms: u32) {
         let wanted = share * self.fastest.0 as f32;
-        self.pilot.follow(Demand::Speed(Speed(wanted as i32)));
-        let near = (self.pilot.speed() as f32 - wanted).abs() <= NEAR * self.fastest.0 as f32;
+        self.sequence.follow(Demand::Speed(Speed(wanted as i32)));
+        let near = (self.sequence.speed() as f32 - wanted).abs() <= NEAR * self.fastest.0 as f32;
         match self.reached_ms {
             None if near => self.reached_ms = Some(now_ms),
-            None if elapsed_ms > self.patience_ms => self.pilot.cancel(Error::Unreached),
+            None if elapsed_ms > self.patience_ms => self.sequence.cancel(Error::NotReached),
             None => {}
             Some(reached_ms) => {
                 let kept_ms = now_ms.wrapping_sub(reached_ms);
@@ -170,7 +174,7 @@ impl Identification {
 
     fn next(&mut self) {
         self.number += 1;
-        self.began_ms = self.began_ms.map(|_| self.pilot.now_ms());
+        self.began_ms = self.began_ms.map(|_| self.sequence.now_ms());
         self.reached_ms = None;
     }
 
@@ -182,7 +186,7 @@ impl Identification {
 
 impl Procedure for Identification {
     fn event(&mut self, event: &Event) {
-        self.pilot.event(event);
+        self.sequence.event(event);
     }
 
     fn measurement(&mut self, measurement: &Measurement) {
@@ -192,14 +196,14 @@ impl Procedure for Identification {
     }
 
     fn step(&mut self, service: &mut Service, now_ms: u32) -> State {
-        if self.pilot.step(service, now_ms) {
+        if self.sequence.step(service, now_ms) {
             self.turn();
         }
-        self.pilot.state()
+        self.sequence.state()
     }
 
     fn cancel(&mut self) {
-        self.pilot.cancel(Error::Cancelled);
+        self.sequence.cancel(Error::Cancelled);
     }
 
     fn progress(&self) -> f32 {

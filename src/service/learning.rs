@@ -1,16 +1,17 @@
-//! Anti-cogging as a procedure: the drive turns its motor slowly both ways, learns a [table](cogging::Table) and uses it.
+//! Anti-cogging as a procedure: the drive turns its motor slowly both ways, learns a [table](cogging::Table) and uses
+//! it.
 //!
-//! Each pass turns whole turns forward and backward and puts the table of what it took to work; the next pass, with the first table in
-//! use, wavers less and finds what is left. Whoever stores the table has it from [`Learning::table`]; after a power-up,
-//! [`Service::balance`] puts it to work again.
+//! Each pass turns whole turns forward and backward and puts the table of what it took to work; the next pass, with the
+//! first table in use, wavers less and finds what is left. Whoever stores the table has it from [`Learning::table`];
+//! after a power-up, [`Service::balance`] puts it to work again.
 
-use super::pilot::{Demand, Pilot};
 use super::procedure::{Error, Procedure, State};
+use super::sequence::{Demand, Sequence};
 use super::{Event, Service};
 use crate::commutation::Commutation;
+use crate::config::Config;
 use crate::control::Speed;
 use crate::control::cogging::{self, Learner};
-use crate::settings::Config;
 use crate::telemetry::Measurement;
 use core::f32::consts::TAU;
 
@@ -58,7 +59,7 @@ const PATIENCE_MS: f32 = 2000.0;
 /// The procedure.
 #[derive(Clone, Debug)]
 pub struct Learning {
-    pilot: Pilot,
+    sequence: Sequence,
     plan: Plan,
     learner: Learner,
     table: Option<cogging::Table>,
@@ -94,10 +95,10 @@ impl Learning {
             return Err(Error::Plan { field });
         }
         let leg_ms = 1000.0 * plan.turns as f32 * TAU / plan.speed_rad_s;
-        let pilot = Pilot::new(config, plan.commutation)?;
+        let sequence = Sequence::new(config, plan.commutation)?;
         let speed = control.speed(plan.speed_rad_s).map_err(Error::Demand)?;
         Ok(Self {
-            pilot,
+            sequence,
             plan: *plan,
             learner: Learner::default(),
             table: None,
@@ -121,13 +122,13 @@ impl Learning {
     }
 
     fn turn(&mut self, service: &mut Service) {
-        let now_ms = self.pilot.now_ms();
+        let now_ms = self.sequence.now_ms();
         let began_ms = *self.leg_began_ms.get_or_insert(now_ms);
         let speed = if self.forward() { self.speed } else { Speed(-self.speed.0) };
-        self.pilot.follow(Demand::Speed(speed));
+        self.sequence.follow(Demand::Speed(speed));
         let elapsed_ms = now_ms.wrapping_sub(began_ms);
         if elapsed_ms > self.patience_ms {
-            return self.pilot.cancel(Error::Unreached);
+            return self.sequence.cancel(Error::NotReached);
         }
         match self.from {
             None if elapsed_ms >= SETTLING_MS => self.from = Some(self.there),
@@ -143,15 +144,15 @@ impl Learning {
             return;
         }
         let Some(table) = self.learner.table(self.plan.harmonics.into()) else {
-            return self.pilot.cancel(Error::Untold);
+            return self.sequence.cancel(Error::Inconclusive);
         };
         self.learner = Learner::default();
         self.table = Some(table);
         if service.balance(Some(&table)).is_err() {
-            return self.pilot.cancel(Error::NoTable);
+            return self.sequence.cancel(Error::NoTable);
         }
         if self.leg == 2 * u32::from(self.plan.passes) {
-            self.pilot.finish();
+            self.sequence.finish();
         }
     }
 
@@ -163,7 +164,7 @@ impl Learning {
 
 impl Procedure for Learning {
     fn event(&mut self, event: &Event) {
-        self.pilot.event(event);
+        self.sequence.event(event);
     }
 
     fn measurement(&mut self, measurement: &Measurement) {
@@ -175,14 +176,14 @@ impl Procedure for Learning {
     }
 
     fn step(&mut self, service: &mut Service, now_ms: u32) -> State {
-        if self.pilot.step(service, now_ms) {
+        if self.sequence.step(service, now_ms) {
             self.turn(service);
         }
-        self.pilot.state()
+        self.sequence.state()
     }
 
     fn cancel(&mut self) {
-        self.pilot.cancel(Error::Cancelled);
+        self.sequence.cancel(Error::Cancelled);
     }
 
     fn progress(&self) -> f32 {

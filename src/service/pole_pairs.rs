@@ -1,9 +1,10 @@
-//! The number of pole pairs, measured: electrical turns by the Halls in mechanical turns by somebody who sees the shaft.
+//! The number of pole pairs, measured: electrical turns by the Halls in mechanical turns by somebody who sees the
+//! shaft.
 //!
-//! The Halls, the currents and the voltages of a motor repeat with the electrical turn; how many of these make a turn of the shaft is in
-//! none of them. It takes a person who turns the shaft ([`ByHand`]) or an absolute encoder ([`ByEncoder`]). What differs from
-//! magnet to magnet repeats after a turn of the shaft, too, but also after half of one or a third, and
-//! would tell no more than a divisor.
+//! The Halls, the currents and the voltages of a motor repeat with the electrical turn; how many of these make a turn
+//! of the shaft is in none of them. It takes a person who turns the shaft ([`ByHand`]) or an absolute encoder
+//! ([`ByEncoder`]). What differs from magnet to magnet repeats after a turn of the shaft, too, but also after half of
+//! one or a third, and would tell no more than a divisor.
 
 use super::Event;
 use crate::angle::{MechanicalAngle, PolePairs, Position};
@@ -26,7 +27,8 @@ pub struct Count {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Error {
-    /// The drive is not ready with its bridge off, or lost the angle: from calibration to the last turn, it must not be touched.
+    /// The drive is not ready with its bridge off, or lost the angle: from calibration to the last turn, it must not be
+    /// touched.
     NotReady,
     /// The shaft has turned by less than half an electrical turn for each turn that it was to.
     NotTurned,
@@ -76,11 +78,12 @@ impl fmt::Display for Count {
 const BY_EYE_DEG: f32 = 10.0;
 
 impl Count {
-    /// From the electrical turns in so many turns of the shaft by hand, at least one, in either direction; as sure as [`ByHand`] says.
+    /// From the electrical turns in so many turns of the shaft by hand, at least one, in either direction; as sure as
+    /// [`ByHand`] says.
     ///
     /// # Errors
     /// All of [`Error`] but that the drive is not ready.
-    pub fn of(electrical_turns: f64, turns: u8) -> Result<Self, Error> {
+    fn of(electrical_turns: f64, turns: u8) -> Result<Self, Error> {
         let (electrical, shaft) = (electrical_turns.abs() as f32, f32::from(turns.max(1)));
         let likely = match libm::roundf(electrical / shaft) as u8 {
             0 => return Err(Error::NotTurned),
@@ -100,9 +103,9 @@ impl Count {
     }
 }
 
-/// Counts while a person turns the shaft by whole turns with the bridge off, in either direction, as fast or slow and with as many rests
-/// as they like. A number is told only where another one would put the end more than 20° off: one whose turns end within 19° of whole ones
-/// never gets a wrong one.
+/// Counts while a person turns the shaft by whole turns with the bridge off, in either direction, as fast or slow and
+/// with as many rests as they like. A number is told only where another one would put the end more than 20° off: one
+/// whose turns end within 19° of whole ones never gets a wrong one.
 #[derive(Clone, Copy, Debug)]
 pub struct ByHand {
     turns: u8,
@@ -119,23 +122,30 @@ impl ByHand {
 
     /// Takes what the service delivered, from before the shaft is turned to after it.
     pub fn event(&mut self, event: &Event) {
-        let Event::Record(record) = event else { return };
-        let here = record.rotor.position();
-        let ready = record.status.mode() == Mode::Ready && record.missed == 0;
-        self.ends = match self.ends {
-            Some(Err(error)) => Some(Err(error)),
-            _ if !ready => Some(Err(Error::NotReady)),
-            None => Some(Ok((here, here))),
-            Some(Ok((first, _))) => Some(Ok((first, here))),
-        };
+        if let Event::Record(record) = event {
+            let known = record.status.mode() == Mode::Ready && record.missed == 0;
+            self.observe(known.then(|| record.rotor.position()));
+        }
     }
 
-    /// Electrical turns so far, for a display.
-    pub fn electrical_turns(&self) -> f64 {
-        match self.ends {
-            Some(Ok((first, last))) => Position::from_bits(last.to_bits().wrapping_sub(first.to_bits())).to_turns(),
-            _ => 0.0,
-        }
+    /// Takes the rotor's position, from before the shaft is turned to after it; `None` when the drive was not ready or
+    /// did not know it.
+    pub fn observe(&mut self, position: Option<Position>) {
+        self.ends = Some(match (self.ends, position) {
+            (Some(Err(error)), _) => Err(error),
+            (_, None) => Err(Error::NotReady),
+            (None, Some(here)) => Ok((here, here)),
+            (Some(Ok((first, _))), Some(here)) => Ok((first, here)),
+        });
+    }
+
+    /// Electrical turns so far.
+    ///
+    /// # Errors
+    /// [`Error::NotReady`]: the drive was not ready in between, or has not been observed yet.
+    pub fn electrical_turns(&self) -> Result<f64, Error> {
+        let (first, last) = self.ends.unwrap_or(Err(Error::NotReady))?;
+        Ok(Position::from_bits(last.to_bits().wrapping_sub(first.to_bits())).to_turns())
     }
 
     /// The number, when the person says that the turns are made.
@@ -143,8 +153,7 @@ impl ByHand {
     /// # Errors
     /// [`Error`].
     pub fn finish(&self) -> Result<Count, Error> {
-        self.ends.unwrap_or(Err(Error::NotReady))?;
-        Count::of(self.electrical_turns(), self.turns)
+        Count::of(self.electrical_turns()?, self.turns)
     }
 }
 
@@ -177,8 +186,8 @@ impl ByEncoder {
         self.last = Some((angle, halls));
     }
 
-    /// The number; `None` until the shaft has turned by half a turn, and where Halls and encoder do not go together: off
-    /// whole numbers by a tenth.
+    /// The number; `None` until the shaft has turned by half a turn, and where Halls and encoder do not go together:
+    /// off whole numbers by a tenth.
     pub fn count(&self) -> Option<EncoderCount> {
         let [mechanical, electrical] = self.ways;
         if mechanical.unsigned_abs() < 1 << 31 {

@@ -24,19 +24,19 @@
 //! # let _ = end; Ok(()) }
 //! ```
 //!
-//! A procedure begins and ends with the bridge off, field-oriented in between, with its commands unseen by the task. It cannot get
-//! stuck: its time is the task's clock, and everything that it waits for has a limit. A task that commands the drive meanwhile
-//! spoils it; `Command::Disarm` ends it.
+//! A procedure begins and ends with the bridge off, field-oriented in between, with commands of its own that the task
+//! does not see. It cannot get stuck: its time is the task's clock, and everything that it waits for has a limit. A
+//! task that commands the drive meanwhile spoils it; `Command::Disarm` ends it.
 
-use super::pilot::LEAST_RECORD_HZ;
+use super::sequence::LEAST_RECORD_HZ;
 use super::{Event, Service};
-use crate::control::settings::BadDemand;
+use crate::control::config::BadDemand;
 use crate::drive::Refusal;
 use crate::fault::Fault;
 use crate::telemetry::Measurement;
 use core::fmt;
 
-/// Something that a drive does at the hand of a task.
+/// A sequence of commands to a drive, with a result, run by a task.
 pub trait Procedure {
     /// Takes what the service's [`poll`](Service::poll) delivered.
     fn event(&mut self, event: &Event);
@@ -44,8 +44,8 @@ pub trait Procedure {
     /// Takes what the service's [`measurement`](Service::measurement) delivered.
     fn measurement(&mut self, measurement: &Measurement);
 
-    /// Goes on, after what was delivered; to be called once a millisecond or so with the task's clock, which may wrap. The
-    /// first call begins.
+    /// Goes on, after what was delivered; to be called once a millisecond or so with the task's clock, which may wrap.
+    /// The first call begins.
     fn step(&mut self, service: &mut Service, now_ms: u32) -> State;
 
     /// Ends without a result, with [`Error::Cancelled`]: a turning rotor is braked first.
@@ -81,6 +81,7 @@ pub enum State {
 /// Why a procedure came to nothing, or cannot begin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Error {
     /// The drive was set up without current control.
     NoControl,
@@ -88,7 +89,8 @@ pub enum Error {
     FewRecords,
     /// A part of the plan is not in its range.
     Plan {
-        /// Name of the field.
+        /// Name of the field. It is not serialised: who makes a plan is there.
+        #[cfg_attr(feature = "serde", serde(skip, default = "unnamed"))]
         field: &'static str,
     },
     /// The drive cannot be asked for a speed or a current of the plan.
@@ -100,15 +102,21 @@ pub enum Error {
     /// Somebody switched the bridge off.
     Disarmed,
     /// The drive gives no answer, or sends no records.
-    Silent,
+    NoAnswer,
     /// The rotor did not reach a speed or a place in time: blocked, too heavy a load, or a wrong setting of the motor.
-    Unreached,
-    /// The measurements do not tell what was asked.
-    Untold,
+    NotReached,
+    /// The measurements do not determine the result.
+    Inconclusive,
     /// There is no room for the result: two tables have to be lent to the service.
     NoTable,
     /// The task ended it.
     Cancelled,
+}
+
+/// The name of a field that was not serialised.
+#[cfg(feature = "serde")]
+const fn unnamed() -> &'static str {
+    "field"
 }
 
 impl fmt::Display for Error {
@@ -121,11 +129,11 @@ impl fmt::Display for Error {
             Self::Refused(refusal) => write!(f, "the drive refuses: {refusal}"),
             Self::Fault(fault) => fault.fmt(f),
             Self::Disarmed => write!(f, "the bridge was switched off"),
-            Self::Silent => write!(f, "the drive does not answer"),
-            Self::Unreached => {
-                write!(f, "the rotor did not turn as told: blocked, loaded, or a wrong setting of the motor")
+            Self::NoAnswer => write!(f, "the drive does not answer"),
+            Self::NotReached => {
+                write!(f, "the rotor did not follow: blocked, loaded, or a wrong setting of the motor")
             }
-            Self::Untold => write!(f, "the measurements do not tell what was asked"),
+            Self::Inconclusive => write!(f, "the measurements do not determine the result"),
             Self::NoTable => write!(f, "the service has no table to fill"),
             Self::Cancelled => write!(f, "cancelled"),
         }

@@ -18,8 +18,8 @@ pub fn encode(table: &Table, full_scale_a: f32) -> [u8; LENGTH] {
     record
 }
 
-/// The table of a record, for a drive whose full scale of the currents may be another by now. `None` where the length is not one that
-/// [`encode`] writes, either full scale is none, or the currents are beyond the new one.
+/// The table of a record, for a drive whose full scale of the currents may be another by now. `None` where the length
+/// is not one that [`encode`] writes, either full scale is none, or the currents are beyond the new one.
 pub fn decode(record: &[u8], full_scale_a: f32) -> Option<Table> {
     let record: &[u8; LENGTH] = record.try_into().ok()?;
     let (scale, points) = record.split_at(4);

@@ -1,23 +1,23 @@
 //! Commands and settings on their way to the drive, and its answers.
 
 use super::Tasks;
-use crate::settings::Settings;
 use embedded_storage::nor_flash::NorFlash;
-use hallservo::drive::Command;
+use hallservo::drive::{Command, Reply};
+use hallservo::settings::Settings;
 use hallservo_protocol::Refusal;
 
 impl<F: NorFlash> Tasks<F> {
     /// Sends a command to the drive; [`Self::take_reply`] has the answer.
     pub fn send(&mut self, command: Command) -> Result<(), Refusal<'static>> {
         self.ready_for_command()?;
-        self.service.send(command).map_err(|_| Refusal::Silent)
+        self.service.send(command).map_err(|_| Refusal::NoAnswer)
     }
 
     /// Sends other settings to the drive; [`Self::take_reply`] has the answer.
     pub fn configure(&mut self, settings: Settings) -> Result<(), Refusal<'static>> {
-        let config = settings.validate()?;
+        let config = settings.validate().map_err(Refusal::Setting)?;
         self.ready_for_command()?;
-        let spare = self.spare_config.take().ok_or(Refusal::Silent)?;
+        let spare = self.spare_config.take().ok_or(Refusal::NoAnswer)?;
         *spare = config;
         match self.service.configure(spare) {
             Ok(()) => {
@@ -26,7 +26,7 @@ impl<F: NorFlash> Tasks<F> {
             }
             Err(spare) => {
                 self.spare_config = Some(spare);
-                Err(Refusal::Silent)
+                Err(Refusal::NoAnswer)
             }
         }
     }
@@ -34,11 +34,11 @@ impl<F: NorFlash> Tasks<F> {
     fn ready_for_command(&mut self) -> Result<(), Refusal<'static>> {
         self.reply = None;
         self.since_command = 0;
-        if self.unclaimed_replies > 0 { Err(Refusal::Silent) } else { Ok(()) }
+        if self.unclaimed_replies > 0 { Err(Refusal::NoAnswer) } else { Ok(()) }
     }
 
     /// The drive's answer to the last command.
-    pub fn take_reply(&mut self) -> Option<Result<(), Refusal<'static>>> {
+    pub fn take_reply(&mut self) -> Option<Reply> {
         self.reply.take()
     }
 
@@ -47,7 +47,7 @@ impl<F: NorFlash> Tasks<F> {
         self.unclaimed_replies = 1;
     }
 
-    pub(super) fn on_reply(&mut self, reply: Result<(), Refusal<'static>>) {
+    pub(super) fn on_reply(&mut self, reply: Reply) {
         if let Some(settings) = self.sent_settings.take()
             && reply.is_ok()
         {
@@ -62,10 +62,10 @@ impl<F: NorFlash> Tasks<F> {
     /// The drive works with other settings now.
     #[inline(never)]
     fn adopt_settings(&mut self, settings: Settings) {
-        if settings.drive.reversed != self.settings.drive.reversed {
+        if settings.reversed != self.settings.reversed {
             self.install_due = self.sensors.is_some();
             if let Some(sensors) = &mut self.sensors {
-                sensors.model.reversed = settings.drive.reversed;
+                sensors.model.reversed = settings.reversed;
             }
         }
         self.table_due |= settings.anti_cogging != self.settings.anti_cogging;

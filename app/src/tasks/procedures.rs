@@ -2,20 +2,21 @@
 
 use super::rest::Rest;
 use super::{SETTLED, Tasks};
+use crate::measure;
 use crate::procedure::Outcome;
-use crate::wire;
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::drive;
 use hallservo::mode::Mode;
 use hallservo::service::procedure::Error;
-use hallservo_protocol::{self as protocol, Activity, Calibration, CalibrationError, Record, Refusal};
+use hallservo_protocol::{self as protocol, Activity, Calibration, Record, Refusal};
 
 impl<F: NorFlash> Tasks<F> {
     /// Whether a procedure may begin: with the drive ready.
     pub fn may_turn(&self) -> Result<(), Refusal<'static>> {
         match self.mode() {
             Mode::Ready => Ok(()),
-            Mode::Unarmed => Err(Refusal::NotCalibrated),
-            mode => Err(Refusal::Mode(wire::mode(mode))),
+            Mode::Unarmed => Err(Refusal::Drive(drive::Refusal::NotCalibrated)),
+            mode => Err(Refusal::Drive(drive::Refusal::Mode(mode))),
         }
     }
 
@@ -39,25 +40,25 @@ impl<F: NorFlash> Tasks<F> {
         match outcome {
             Outcome::Motor(report) => {
                 let mut settings = self.settings;
-                if let Some(control) = &mut settings.drive.control {
+                if let Some(control) = &mut settings.control {
                     report.apply(control);
                 }
                 // A motor beyond the ranges of the settings is reported all the same.
                 self.unclaimed_replies = self.configure(settings).is_ok().into();
-                self.identification = protocol::Procedure::Found(wire::motor(&report));
+                self.identification = protocol::Procedure::Done(report);
             }
             Outcome::Cogging(table) => {
-                self.cogging = protocol::Procedure::Found(self.settings.cogging(&table));
+                self.cogging = protocol::Procedure::Done(measure::cogging(&table, self.settings.full_scale_a()));
                 self.table = Some(table);
                 // The drive uses it already, whether the settings want it or not.
                 self.table_due = true;
                 self.unsaved[Record::Cogging as usize] = true;
             }
             Outcome::Failed(Activity::Identification, error) => {
-                self.identification = protocol::Procedure::Failed(wire::procedure_error(error));
+                self.identification = protocol::Procedure::Failed(error);
             }
             Outcome::Failed(_, error) => {
-                self.cogging = protocol::Procedure::Failed(wire::procedure_error(error));
+                self.cogging = protocol::Procedure::Failed(error);
                 // The drive may use a table of an earlier pass.
                 self.table_due = true;
             }
@@ -68,8 +69,8 @@ impl<F: NorFlash> Tasks<F> {
     /// A calibration that a command or a fault has ended.
     pub(super) fn end_calibration(&mut self) {
         let turns = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);
-        if self.calibration == Calibration::Turning && !turns && self.since_command > SETTLED {
-            self.calibration = Calibration::Failed(CalibrationError::Ended);
+        if self.calibration == Calibration::Running && !turns && self.since_command > SETTLED {
+            self.calibration = Calibration::Ended;
         }
     }
 
@@ -78,7 +79,7 @@ impl<F: NorFlash> Tasks<F> {
         match (&*self.procedure, &self.rest) {
             (Some(procedure), _) => procedure.activity(),
             (None, Some(rest)) => rest.after,
-            _ if self.calibration == Calibration::Turning => Activity::Calibration,
+            _ if self.calibration == Calibration::Running => Activity::Calibration,
             // The drive takes up what was found.
             _ if self.unclaimed_replies > 0 && self.sent_settings.is_some() => Activity::Identification,
             _ => Activity::None,

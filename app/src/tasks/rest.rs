@@ -6,8 +6,9 @@ use hallservo::angle::Position;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Activity, Record};
 
-/// At rest is a rotor that stays within 10 electrical degrees for 200 ms: slower than 0.14 electrical turns a second. Twice as
-/// far as the noise of a bad Hall (1 % of its swing) moves the angle, which the tracker's speed is too noisy for.
+/// At rest is a rotor that stays within 10 electrical degrees for 200 ms: slower than 0.14 electrical turns a second.
+/// Twice as far as the noise of a bad Hall (1 % of its swing) moves the angle, which the tracker's speed is too noisy
+/// for.
 const STILL: u64 = (1 << 32) * 10 / 360;
 const STILL_MS: u64 = 200;
 /// Longest wait: a heavy rotor with little friction, or one that a hand turns, may not come to rest.
@@ -39,7 +40,8 @@ impl Rest {
 }
 
 impl<F: NorFlash> Tasks<F> {
-    /// Ends the wait once the rotor is at rest, and what was found is at work and in the flash; or when a fault is to be told.
+    /// Ends the wait once the rotor is at rest, and what was found is at work and in the flash; or when a fault is to
+    /// be told.
     pub(super) fn come_to_rest(&mut self) {
         let place = self.is_settled().then(|| self.record.rotor.position());
         let faulted = matches!(self.mode(), Mode::Faulted(_));

@@ -7,15 +7,15 @@ use crate::adaptation::SensorAdaptation;
 use crate::history::History;
 use crate::housekeeping::Readings;
 use crate::procedure::Procedure;
-use crate::settings::Settings;
 use crate::storage::Storage;
 use crate::{Identity, Memory, Supervisor};
 use core::mem::MaybeUninit;
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::config::Config;
 use hallservo::drive::{self, Drive};
 use hallservo::hall::estimate::Estimator;
 use hallservo::service::Service;
-use hallservo::settings::{self, Config};
+use hallservo::settings::{Error, Settings};
 use hallservo::telemetry::Record as DriveRecord;
 use hallservo_protocol::{self as protocol, Calibration, Cause, Problem, Record};
 
@@ -64,16 +64,15 @@ fn new_drive(
 /// See [`Supervisor::start`].
 pub(crate) fn start<F: NorFlash>(
     identity: Identity,
-    defaults: settings::Settings,
+    defaults: Settings,
     flash: F,
     first_block: u32,
     memory: &'static mut Memory<F>,
-) -> Result<(&'static mut Drive, &'static mut Supervisor<F>), settings::Error> {
+) -> Result<(&'static mut Drive, &'static mut Supervisor<F>), Error<'static>> {
     let Memory { drive, channels, tables, estimators, config, service, procedure, adaptation, supervisor } = memory;
-    let defaults = Settings::new(defaults);
     let mut storage = Storage::new(flash, first_block);
     let (settings, problem) = storage.settings(&defaults);
-    let config = config.write(settings.drive.validate()?);
+    let config = config.write(settings.validate()?);
     let (interrupt, tasks) = channels.split();
     let drive = new_drive(drive, config, interrupt);
     let service = new_service(service, config, tasks, estimators.each_mut().map(blank));

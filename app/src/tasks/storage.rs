@@ -2,13 +2,13 @@
 
 use super::{SETTLED, Tasks};
 use crate::fmt::log;
-use crate::settings::Settings;
 use crate::storage::SAVE_INTERVAL_S;
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::settings::Settings;
 use hallservo_protocol::{Cause, Problem, Record};
 
-/// Slower is rest, mechanical rad/s: in the 25 ms that the erase of a page of 2 KiB takes, a rotor of up to 10 pole pairs turns by less
-/// than half an electrical turn then, which the tracker follows.
+/// Slower is rest, mechanical rad/s: in the 25 ms that the erase of a page of 2 KiB takes, a rotor of up to 10 pole
+/// pairs turns by less than half an electrical turn then, which the tracker follows.
 const AT_REST_RAD_S: f32 = 2.0;
 
 impl<F: NorFlash> Tasks<F> {

@@ -1,8 +1,7 @@
 //! Status and telemetry.
 
 use super::Tasks;
-use crate::settings::Settings;
-use crate::{measure, wire};
+use crate::measure;
 use core::f32::consts::TAU;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::mode::Mode;
@@ -36,7 +35,7 @@ impl<F: NorFlash> Tasks<F> {
         stream.number = stream.number.wrapping_add(1);
         let Stream { id, number, .. } = *stream;
         let [mut current_a, mut voltage_v] = [[f32::NAN; 2]; 2];
-        if let (Some(measurement), Some(control)) = (&self.measurement, &self.settings.drive.control) {
+        if let (Some(measurement), Some(control)) = (&self.measurement, &self.settings.control) {
             current_a = self.current_a(measurement);
             voltage_v = measure::voltage_v(control, measurement);
         }
@@ -48,9 +47,9 @@ impl<F: NorFlash> Tasks<F> {
             position_turns: self.position_turns(),
             current_a,
             voltage_v,
-            bus_v: measure::bus_v(&self.settings.drive, self.readings),
-            mode: wire::mode(self.mode()),
-            limits: self.record.status.limits().bits(),
+            bus_v: measure::bus_v(&self.settings, self.readings),
+            mode: self.mode(),
+            limits: self.record.status.limits(),
             codes: self.record.codes,
         };
         Some((id, telemetry))
@@ -62,30 +61,30 @@ impl<F: NorFlash> Tasks<F> {
     }
 
     pub(super) fn speed_rad_s(&self) -> f32 {
-        self.record.electrical_hz(self.step_hz()) * TAU / f32::from(self.settings.drive.pole_pairs)
+        self.record.electrical_hz(self.step_hz()) * TAU / f32::from(self.settings.pole_pairs)
     }
 
     fn position_turns(&self) -> f64 {
-        self.record.rotor.position().to_turns() / f64::from(self.settings.drive.pole_pairs)
+        self.record.rotor.position().to_turns() / f64::from(self.settings.pole_pairs)
     }
 
     /// The state of the drive.
     pub fn status(&self) -> Status {
-        let Settings { drive, .. } = &self.settings;
+        let settings = &self.settings;
         let mode = self.mode();
         let activity = self.activity();
         Status {
             uptime_ms: self.now_ms,
-            mode: wire::mode(mode),
-            limits: self.record.status.limits().bits(),
+            mode,
+            limits: self.record.status.limits(),
             calibrated: self.sensors.is_some() && !matches!(mode, Mode::Unarmed | Mode::Aligning | Mode::Calibrating),
-            commutation: wire::commutation(drive.commutation),
+            commutation: settings.commutation,
             balanced: self.balanced,
             position_turns: self.position_turns(),
             speed_rad_s: self.speed_rad_s(),
             current_a: self.measurement.as_ref().map_or(f32::NAN, |measurement| self.current_a(measurement)[1]),
-            bus_v: measure::bus_v(drive, self.readings),
-            temperatures_c: measure::temperatures_c(drive, self.readings),
+            bus_v: measure::bus_v(settings, self.readings),
+            temperatures_c: measure::temperatures_c(settings, self.readings),
             activity,
             progress: match &*self.procedure {
                 Some(procedure) => procedure.progress(),
@@ -96,11 +95,13 @@ impl<F: NorFlash> Tasks<F> {
             learning: self.adaptation.state(),
             learnt: self.adaptation.count,
             stored: self.stored,
-            unsaved: self.unsaved != [false; 3] || !self.settings.same(&self.stored_settings) || self.is_worth_saving(),
+            unsaved: self.unsaved != [false; 3]
+                || !self.settings.is_same(&self.stored_settings)
+                || self.is_worth_saving(),
             lost_records: self.lost_records,
             garbage: self.garbage,
             lost_frames: self.lost_frames,
-            command_timeout_s: drive.control.map_or(f32::INFINITY, |control| control.guard.command_timeout_s),
+            command_timeout_s: settings.control.map_or(f32::INFINITY, |control| control.guard.command_timeout_s),
             incidents: self.history.len(),
         }
     }

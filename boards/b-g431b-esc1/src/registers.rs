@@ -1,7 +1,7 @@
 //! The registers that decide whether transistors burn, worked out from the reference manual, and the settings a drive starts with.
 
 use crate::constants::*;
-use hallservo::control::settings::Settings as Control;
+use hallservo::settings::Control;
 use hallservo::settings::{Error, Settings};
 use stm32g4::check::{self, channels};
 use stm32g4::registers::{analog, timer};

@@ -1,7 +1,7 @@
 //! Constants, with reasons. Schematics: X-NUCLEO-IHM08M1 (UM1996), MB1367 (UM2505).
 
-use hallservo::control::settings::{GuardSettings, Settings as Control, Thermistor};
 use hallservo::settings::Settings;
+use hallservo::settings::{Control, GuardSettings, Thermistor};
 use stm32g4::registers::adc::{Rank, Sampling, Sequence};
 use stm32g4::registers::timer::{Active, Break, Gates};
 use stm32g4::wiring::Wiring;

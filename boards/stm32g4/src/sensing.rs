@@ -103,9 +103,9 @@ mod tests {
     #[test]
     fn thermistor_pulling_up() {
         // 10 kΩ to 3.3 V, 4.7 kΩ to ground at 25 °C: 4095 · 4.7 / 14.7 = 1309; the library expects 10 kΩ to ground.
-        let library = hallservo::control::settings::Thermistor {
+        let library = hallservo::settings::Thermistor {
             pull_up_ohm: 4700.0,
-            ..hallservo::control::settings::Thermistor::ntc_10k(80.0, 100.0)
+            ..hallservo::settings::Thermistor::ntc_10k(80.0, 100.0)
         };
         assert!((f32::from(pulled_up(1309)) * 16.0 - library.code(25.0)).abs() < 16.0);
         assert!(f32::from(NO_THERMISTOR) * 16.0 > library.code(-39.0));

@@ -3,8 +3,8 @@
 use crate::registers::clock::HCLK_HZ;
 use crate::registers::timer::{self, Break, Gates};
 use hallservo::commutation::Commutation;
-use hallservo::control::settings::{GuardSettings, OnTimeout, Settings as Control};
 use hallservo::settings::Settings;
+use hallservo::settings::{Control, GuardSettings, OnTimeout};
 
 /// What TIM1 has to know of the board.
 #[derive(Clone, Copy, Debug)]

@@ -13,9 +13,10 @@ pub use digest::Digest;
 pub use figures::Figures;
 
 use hallservo::board::{Output, Sample};
+use hallservo::config::Config;
 use hallservo::drive::{Drive, Interrupt};
 use hallservo::mode::Mode;
-use hallservo::settings::{Config, Settings};
+use hallservo::settings::Settings;
 use plant::{Legs, Plant, PlantParameters};
 
 /// Seed of the motor, its imperfections and its noise.

@@ -1,7 +1,8 @@
 //! The drive's angle against the motor's: telemetry names the control period, the emulator knows when that was.
 
 use chip::Trace;
-use hallservo_protocol::{Mode, Telemetry};
+use hallservo::mode::Mode;
+use hallservo_protocol::Telemetry;
 use measure::Range;
 use serde::Serialize;
 use std::collections::VecDeque;

@@ -1,6 +1,7 @@
 //! A request of the drive's protocol, out of the words of a script.
 
-use hallservo_protocol::{Ask, Commutation, FRAME, Request, encode};
+use hallservo::commutation::Commutation;
+use hallservo_protocol::{Ask, FRAME, Request, encode};
 use script::words::{number, whole};
 
 /// The bytes that carry it.

@@ -3,7 +3,9 @@
 use crate::client::Client;
 use crate::error::{Error, Result};
 use crate::words;
-use hallservo_protocol::{Ask, Mode, Status};
+use hallservo::fault::Fault;
+use hallservo::mode::Mode;
+use hallservo_protocol::{Ask, Status};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::time::Instant;
 
@@ -44,8 +46,8 @@ where
     while end_ms.is_none_or(|end| last.uptime_ms < end) {
         client.order(ask).map_err(|error| fallen(client, error))?;
         last = client.status()?;
-        if let Mode::Faulted(code) = last.mode {
-            return Err(Error::Failed(fault(code)));
+        if let Mode::Faulted(fault) = last.mode {
+            return Err(Error::Failed(switched_off(fault)));
         }
         line.set_message(motion(&last));
         client.rest(&mut look, last.uptime_ms)?;
@@ -58,13 +60,13 @@ where
 /// A drive that refuses what it took before has a reason.
 fn fallen(client: &mut Client, error: Error) -> Error {
     match client.status() {
-        Ok(Status { mode: Mode::Faulted(code), .. }) => Error::Failed(fault(code)),
+        Ok(Status { mode: Mode::Faulted(fault), .. }) => Error::Failed(switched_off(fault)),
         _ => error,
     }
 }
 
-fn fault(code: u8) -> String {
-    format!("the drive switched off: {}\n  {}; then `hallctl clear`.", words::fault(code), words::advice(code))
+fn switched_off(fault: Fault) -> String {
+    format!("the drive switched off: {fault}\n  {}; then `hallctl clear`.", words::advice(fault))
 }
 
 fn motion(status: &Status) -> String {

@@ -3,8 +3,10 @@
 use crate::client::Client;
 use crate::error::{Error, Result};
 use anyhow::Context;
-use hallservo::service::pole_pairs::{self, Count};
-use hallservo_protocol::{Ask, Mode, Status};
+use hallservo::angle::Position;
+use hallservo::mode::Mode;
+use hallservo::service::pole_pairs::{self, ByHand};
+use hallservo_protocol::Ask;
 use indicatif::ProgressBar;
 use std::io::{BufRead, Write, stdin, stdout};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
@@ -15,13 +17,13 @@ const NAME: &str = "pole_pairs";
 
 pub(super) fn count(client: &mut Client, turns: u8) -> Result<()> {
     let assumed = client.setting(Ask::Get(NAME), |setting| f64::from(setting.value))?;
-    let first = ready(client)?;
+    let mut count = ByHand::new(turns);
+    observe(client, &mut count, assumed)?;
     let way = if turns == 1 { "one whole turn".into() } else { format!("{turns} whole turns") };
     println!("Turn the shaft by hand, by {way} in one direction, and press Enter.");
     stdout().flush().context("the terminal")?;
-    let last = follow(client, &first, assumed)?;
-    let electrical = electrical_turns(&first, &last, assumed);
-    let count = Count::of(electrical, turns).map_err(|error| Error::Failed(error.to_string()))?;
+    follow(client, &mut count, assumed)?;
+    let count = count.finish().map_err(failed)?;
     println!("{count}");
     let value = f32::from(count.pole_pairs.get());
     client.setting(Ask::Set { name: NAME, value }, |_| ())?;
@@ -30,22 +32,35 @@ pub(super) fn count(client: &mut Client, turns: u8) -> Result<()> {
 }
 
 /// Watches the rotor until Enter.
-fn follow(client: &mut Client, first: &Status, assumed: f64) -> Result<Status> {
+fn follow(client: &mut Client, count: &mut ByHand, assumed: f64) -> Result<()> {
     let (line, enter) = (ProgressBar::new_spinner(), enter());
-    let mut look = (Instant::now(), first.uptime_ms);
+    let mut last = (Instant::now(), client.status()?.uptime_ms);
     loop {
         let pressed = match enter.try_recv() {
             Err(TryRecvError::Disconnected) => return Err(Error::Failed("nobody pressed Enter".into())),
             pressed => pressed.is_ok(),
         };
-        let status = ready(client)?;
+        let now_ms = observe(client, count, assumed)?;
         if pressed {
             line.finish_and_clear();
-            return Ok(status);
+            return Ok(());
         }
-        line.set_message(format!("{:.2} electrical turns", electrical_turns(first, &status, assumed)));
-        client.rest(&mut look, status.uptime_ms)?;
+        line.set_message(format!("{:.2} electrical turns", count.electrical_turns().map_err(failed)?));
+        client.rest(&mut last, now_ms)?;
     }
+}
+
+/// Shows the counter where the rotor is; the drive's time.
+fn observe(client: &mut Client, count: &mut ByHand, assumed: f64) -> Result<u64> {
+    let status = client.status()?;
+    let electrical_turns = status.position_turns * assumed;
+    count.observe((status.mode == Mode::Ready).then(|| Position::from_turns(electrical_turns)));
+    count.electrical_turns().map_err(failed)?;
+    Ok(status.uptime_ms)
+}
+
+fn failed(error: pole_pairs::Error) -> Error {
+    Error::Failed(error.to_string())
 }
 
 /// A line on the standard input; disconnected where that ends without one.
@@ -58,16 +73,4 @@ fn enter() -> Receiver<()> {
         }
     });
     enter
-}
-
-/// A drive that knows its angle with the bridge off.
-fn ready(client: &mut Client) -> Result<Status> {
-    match client.status()? {
-        status @ Status { mode: Mode::Ready, .. } => Ok(status),
-        _ => Err(Error::Failed(pole_pairs::Error::NotReady.to_string())),
-    }
-}
-
-fn electrical_turns(first: &Status, last: &Status, assumed: f64) -> f64 {
-    (last.position_turns - first.position_turns) * assumed
 }

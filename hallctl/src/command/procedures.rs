@@ -3,7 +3,6 @@
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
 use crate::words;
-use hallservo_app::wire::back;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure};
 use indicatif::{ProgressBar, ProgressStyle};
 use sim::report::print_table;
@@ -34,16 +33,20 @@ pub(super) fn calibrate(client: &mut Client) -> Result<()> {
         Answer::Calibration(outcome) => Ok(outcome),
         other => unexpected(&other),
     })?;
-    let wire = match outcome {
-        Calibration::Found(report) => report,
+    let report = match outcome {
+        Calibration::Done(report) => report,
         Calibration::Failed(error) => {
-            return Err(Error::Failed(format!("the calibration failed: {}", words::calibration_error(error))));
+            return Err(Error::Failed(format!("the calibration failed: {}", error)));
         }
-        Calibration::None | Calibration::Turning => {
+        Calibration::Ended => {
+            return Err(Error::Failed(
+                "the calibration was ended by a command or a fault: see `hallctl faults`".into(),
+            ));
+        }
+        Calibration::None | Calibration::Running => {
             return Err(Error::Failed("the drive was restarted while it calibrated".into()));
         }
     };
-    let report = back::report(&wire);
     println!("Calibrated.\n");
     let head = ["", "swing", "offset", "placement", "3rd", "5th", "noise"].map(String::from).to_vec();
     let rows = report.sensors.iter().enumerate().map(|(k, sensor)| {
@@ -77,8 +80,8 @@ pub(super) fn identify(client: &mut Client) -> Result<()> {
     client.order(Ask::Identify)?;
     wait(client, "measuring the motor")?;
     client.ask(Ask::Identification, |answer| match answer {
-        Answer::Identification(Procedure::Found(motor)) => {
-            print!("{}", back::motor(&motor));
+        Answer::Identification(Procedure::Done(report)) => {
+            print!("{report}");
             println!("What is not doubtful is in the settings now; `hallctl settings save` keeps it.");
             Ok(())
         }
@@ -93,7 +96,7 @@ pub(super) fn learn_cogging(client: &mut Client) -> Result<()> {
     client.order(Ask::LearnCogging)?;
     wait(client, "learning the cogging")?;
     client.ask(Ask::Cogging, |answer| match answer {
-        Answer::Cogging(Procedure::Found(cogging)) => {
+        Answer::Cogging(Procedure::Done(cogging)) => {
             println!(
                 "The cogging takes {:.3} A RMS, {:.3} A at most; it is balanced from now on, and stored.",
                 cogging.rms_a, cogging.largest_a

@@ -3,7 +3,8 @@
 use crate::client::Client;
 use crate::error::Result;
 use crate::words;
-use hallservo_protocol::{Activity, Mode, Status};
+use hallservo::mode::Mode;
+use hallservo_protocol::{Activity, Status};
 
 pub(super) fn show(client: &mut Client) -> Result<()> {
     let identity = client.identity().clone();
@@ -11,8 +12,8 @@ pub(super) fn show(client: &mut Client) -> Result<()> {
     let line = |name: &str, value: &str| println!("  {name:<14}{value}");
     println!("{} (firmware {}), up {}", identity.board, identity.firmware, uptime(status.uptime_ms));
     line("state", &words::mode(status.mode));
-    if let Mode::Faulted(code) = status.mode {
-        line("", &format!("→ {}; then `hallctl clear`", words::advice(code)));
+    if let Mode::Faulted(fault) = status.mode {
+        line("", &format!("→ {}; then `hallctl clear`", words::advice(fault)));
     }
     let limits = words::limits(status.limits);
     line("limited by", &if limits.is_empty() { "nothing".into() } else { limits.join(", ") });

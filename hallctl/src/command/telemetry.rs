@@ -5,7 +5,8 @@ use crate::client::Client;
 use crate::error::Result;
 use crate::words;
 use anyhow::{Context, anyhow};
-use hallservo_protocol::{Ask, Mode, Telemetry};
+use hallservo::mode::Mode;
+use hallservo_protocol::{Ask, Telemetry};
 use sim::report::{Plot, Report, Series};
 use std::fs;
 use std::io::Write;
@@ -139,7 +140,7 @@ fn record(row: &Row) -> Vec<String> {
     let Row { time_s, lost, frame } = row;
     // What is not measured is left empty.
     let real = |value: f32| if value.is_nan() { String::new() } else { value.to_string() };
-    let fault = if let Mode::Faulted(code) = frame.mode { code } else { 0 };
+    let fault = if let Mode::Faulted(fault) = frame.mode { fault.code() } else { 0 };
     let ([current_d, current_q], [voltage_d, voltage_q]) = (frame.current_a, frame.voltage_v);
     let [hall_0, hall_1, hall_2] = frame.codes;
     vec![
@@ -155,7 +156,7 @@ fn record(row: &Row) -> Vec<String> {
         real(frame.bus_v),
         words::mode_word(frame.mode).into(),
         fault.to_string(),
-        frame.limits.to_string(),
+        frame.limits.bits().to_string(),
         hall_0.to_string(),
         hall_1.to_string(),
         hall_2.to_string(),

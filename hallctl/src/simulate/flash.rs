@@ -1,4 +1,5 @@
-//! A flash with double words and blocks of 2 KiB, as in an STM32G4; kept in a file, if there is one, through any power cut.
+//! A flash with double words and blocks of 2 KiB, as in an STM32G4; kept in a file, if there is one, through any power
+//! cut.
 
 use anyhow::{Context, Result, ensure};
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};

@@ -20,7 +20,8 @@ use std::time::{Duration, Instant};
 pub enum Pace {
     /// As on the wall
     Real,
-    /// Each request is worth 20 ms, or what its answer takes, as fast as this machine computes; nobody asks, no time passes
+    /// Each request is worth 20 ms, or what its answer takes, as fast as this machine computes; nobody asks, no time
+    /// passes
     Fast,
 }
 
@@ -166,7 +167,8 @@ fn real(simulator: &mut Simulator, line: &Receiver<Event>) {
     }
 }
 
-/// What the drive does depends on what comes, in which order, and on nothing else: neither on when, nor on how it is cut in pieces.
+/// What the drive does depends on what comes, in which order, and on nothing else: neither on when, nor on how it is
+/// cut in pieces.
 fn fast(simulator: &mut Simulator, line: &Receiver<Event>) {
     let mut tool = Tool::default();
     while let Ok(event) = line.recv() {

@@ -69,7 +69,7 @@ fn heat_reduces_the_current_before_it_is_a_fault() {
     let full = bench.config.control.unwrap().current(3.0).unwrap();
     bench.command(Command::Current(full)).unwrap();
     // Half way in codes from 80 to 100 °C.
-    let ntc = crate::control::settings::Thermistor::ntc_10k(80.0, 100.0);
+    let ntc = crate::settings::Thermistor::ntc_10k(80.0, 100.0);
     let code = (ntc.code(80.0) + ntc.code(100.0)) / 32.0;
     let mut sample = healthy(bench.model.codes(bench.rotor));
     sample.temperatures[0] = code as u16;
@@ -83,7 +83,7 @@ fn heat_reduces_the_current_before_it_is_a_fault() {
 
 #[test]
 fn silence_stops_the_drive_if_so_chosen() {
-    use crate::control::settings::OnTimeout;
+    use crate::settings::OnTimeout;
     let mut bench = with_control(Commutation::FieldOriented, |control| {
         control.guard.command_timeout_s = 0.01;
         control.guard.on_timeout = OnTimeout::Stop;

@@ -6,6 +6,7 @@ use core::fmt;
 /// What may run to the edge of the box.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Parameter {
     /// The signal's mean.
     Offset,
@@ -28,6 +29,7 @@ impl fmt::Display for Parameter {
 /// Why nothing is learnt any more. The model stays as it was before.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Fault {
     /// The sensor's code stays at the end of the ADC's range.
     AtRail(Channel),

@@ -9,6 +9,7 @@ use core::fmt;
 /// Placement pattern nearest to what was found.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pattern {
     /// Electrical degrees from sensor to sensor: 60 or 120.
     pub spacing: u8,
@@ -20,6 +21,7 @@ pub struct Pattern {
 /// One sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SensorReport {
     /// Peak to peak, 2 A, in ADC codes.
     pub swing: f32,
@@ -48,6 +50,7 @@ pub(super) struct Raw {
 /// All three.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Report {
     /// The sensors in the order of their channels.
     pub sensors: [SensorReport; 3],
@@ -66,6 +69,7 @@ pub struct Report {
 /// Something that the person who mounted the sensors should know or change.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Finding {
     /// The swing, in ADC codes, is small: the sensor is far from the magnet.
     TooFar(Channel, f32),

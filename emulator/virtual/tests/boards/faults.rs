@@ -86,9 +86,10 @@ fn inject(session: &mut Session, fault: &Fault, at_most_s: f64) -> Option<Off> {
     })
 }
 
-fn number(reply: &str, key: &str) -> Option<u8> {
-    let rest = reply.split_once(key)?.1;
-    rest.split(|character: char| !character.is_ascii_digit()).next()?.parse().ok()
+/// The fault that a status names.
+fn named(status: &str) -> Option<hallservo::fault::Fault> {
+    let mut faults = (0..=u8::MAX).filter_map(hallservo::fault::Fault::from_code);
+    faults.find(|fault| status.contains(&format!("mode: Faulted({fault:?})")))
 }
 
 /// Named, latched, and over when it is mended and cleared.
@@ -97,15 +98,16 @@ fn recovers(session: &mut Session, board: &str, fault: &Fault) -> u8 {
     let at_most_s = session.seconds() + 0.2;
     until(session, "Faulted(", at_most_s);
     let status = ask(session, "status");
-    let code = number(&status, "mode: Faulted(").unwrap_or_else(|| panic!("{board}, {what}: {status}"));
+    let name = named(&status).unwrap_or_else(|| panic!("{board}, {what}: {status}"));
+    let code = name.code();
     assert!(fault.codes.contains(&code), "{board}, {what}: {status}");
     assert!(says(session, &format!("fault {code}: ")), "{board}, {what}: {:#?}", session.lines);
     let refused = ask(session, "arm");
-    assert!(refused.contains(&format!("Refused(Mode(Faulted({code})))")), "{board}, {what}: {refused}");
+    assert!(refused.contains(&format!("Refused(Drive(Mode(Faulted({name:?}))))")), "{board}, {what}: {refused}");
     perform(session, fault.mend);
     // The zero of the amplifiers is found again.
     run(session, 0.1);
-    assert_eq!(number(&ask(session, "status"), "mode: Faulted("), Some(code), "{board}, {what}: latched");
+    assert_eq!(named(&ask(session, "status")), Some(name), "{board}, {what}: latched");
     for request in ["clear", "arm", "speed 40"] {
         let reply = ask(session, request);
         assert!(reply.contains("Done"), "{board}, {what}, {request}: {reply}");

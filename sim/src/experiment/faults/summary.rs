@@ -1,8 +1,7 @@
 //! What came of the injections, and the settings of the drives that they are made into.
 
-use hallservo::control::settings::{GuardSettings, OnTimeout, Settings as Control};
 use hallservo::fault::Fault;
-use hallservo::settings::Settings;
+use hallservo::settings::{Control, GuardSettings, OnTimeout, Settings};
 use serde::Serialize;
 use std::collections::BTreeMap;
 

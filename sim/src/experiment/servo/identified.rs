@@ -2,9 +2,9 @@
 
 use crate::rig::Rig;
 use anyhow::Result;
-use hallservo::control::identify::{Estimate, Report};
-use hallservo::control::settings::Settings as Control;
 use hallservo::service::identification::Plan;
+use hallservo::service::identify::{Estimate, Report};
+use hallservo::settings::Control;
 use hallservo::settings::Settings;
 use plant::PlantParameters;
 use serde::Serialize;

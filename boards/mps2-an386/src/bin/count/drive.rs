@@ -51,7 +51,7 @@ pub fn init() {
     for number in 0..DEMANDS {
         let field_oriented = Settings {
             commutation: Commutation::FieldOriented,
-            control: Some(control::settings::Settings::default()),
+            control: Some(settings::Control::default()),
             ..Settings::default()
         };
         let settings = if number == 0 { Settings::default() } else { field_oriented };

@@ -11,11 +11,12 @@ use hallservo::angle::ElectricalAngle;
 use hallservo::board::{Output, Sample};
 use hallservo::commutation::Commutation;
 use hallservo::control::cogging::Table;
-use hallservo::control::settings::{Config as Control, GuardSettings, Settings as ControlSettings};
+use hallservo::control::config::Config as Control;
 use hallservo::drive::{Channels, Command, Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
+use hallservo::settings::{Control as ControlSettings, GuardSettings};
 use mps2_an386::failure;
 use static_cell::StaticCell;
 

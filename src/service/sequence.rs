@@ -1,18 +1,18 @@
-//! What the procedures that turn the motor have in common inside: arming, demands, time-outs, and the way back to rest.
+//! The sequence of every procedure that turns the motor: arming, demands, time-outs, braking, disarming.
 
 use super::procedure::{Error, State};
 use super::{Event, Service};
 use crate::commutation::Commutation;
+use crate::config::Config;
 use crate::control::{Current, Speed};
 use crate::drive::{Command, Refusal};
 use crate::mode::Mode;
-use crate::settings::Config;
 use crate::telemetry::Record;
 
 /// Least rate of records and measurements.
 pub(super) const LEAST_RECORD_HZ: f32 = 100.0;
 /// Longest wait for an answer or a record beside three records' time, ms.
-const PATIENCE_MS: u32 = 200;
+const ANSWER_MS: u32 = 200;
 /// Time of braking beyond what the largest acceleration needs, and from then to rest, ms.
 const BRAKING_MS: u32 = 1000;
 const REST_MS: u32 = 100;
@@ -23,14 +23,14 @@ enum Phase {
     Arming,
     /// The drive has agreed to arm.
     Armed,
-    Turning,
+    Running,
     Braking,
     Disarming,
     Restoring,
     Over,
 }
 
-/// What a pilot asks the drive to follow.
+/// What a sequence asks the drive to follow.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Demand {
     Speed(Speed),
@@ -41,31 +41,31 @@ impl Demand {
     const REST: Self = Self::Speed(Speed(0));
 }
 
-/// Takes a drive from rest to turning and back.
+/// Takes a drive from rest to running and back.
 #[derive(Clone, Copy, Debug)]
-pub(super) struct Pilot {
+pub(super) struct Sequence {
     phase: Phase,
     /// To go back to.
     commutation: Commutation,
     demand: Demand,
     failure: Option<Error>,
     /// The phase whose command is not answered yet.
-    asked: Option<Phase>,
+    unanswered: Option<Phase>,
     started: bool,
     /// The last record, and when it came.
     record: Option<Record>,
     /// Whether one came since the last step.
-    heard: bool,
+    has_record: bool,
     now_ms: u32,
-    heard_ms: u32,
+    record_ms: u32,
     since_ms: u32,
-    patience_ms: u32,
+    answer_ms: u32,
     braking_ms: u32,
     /// Slower is rest.
     rest: i32,
 }
 
-impl Pilot {
+impl Sequence {
     /// For a drive, which goes back to a commutation in the end.
     pub fn new(config: &Config, commutation: Commutation) -> Result<Self, Error> {
         let control = config.control.as_ref().ok_or(Error::NoControl)?;
@@ -79,24 +79,24 @@ impl Pilot {
             commutation,
             demand: Demand::REST,
             failure: None,
-            asked: None,
+            unanswered: None,
             started: false,
             record: None,
-            heard: false,
+            has_record: false,
             now_ms: 0,
-            heard_ms: 0,
+            record_ms: 0,
             since_ms: 0,
-            patience_ms: PATIENCE_MS + (3000.0 / record_hz) as u32,
+            answer_ms: ANSWER_MS + (3000.0 / record_hz) as u32,
             braking_ms: BRAKING_MS + (1000.0 * braking_s) as u32,
             rest: control.trajectory.speed() / 50,
         })
     }
 
-    /// Takes up what the service delivered.
+    /// Takes what the service delivered.
     pub fn event(&mut self, event: &Event) {
         if let Event::Record(record) = event {
             self.record = Some(*record);
-            self.heard = true;
+            self.has_record = true;
         }
     }
 
@@ -105,90 +105,90 @@ impl Pilot {
         self.now_ms = now_ms;
         if !core::mem::replace(&mut self.started, true) {
             self.since_ms = now_ms;
-            self.heard = true;
+            self.has_record = true;
         }
-        if core::mem::take(&mut self.heard) {
-            self.heard_ms = now_ms;
+        if core::mem::take(&mut self.has_record) {
+            self.record_ms = now_ms;
         }
         if self.phase == Phase::Over {
             return false;
         }
         if let Some(reply) = service.procedure_answer()
-            && self.asked.take() == Some(self.phase)
+            && self.unanswered.take() == Some(self.phase)
         {
-            self.answered(reply);
+            self.on_reply(reply);
         }
-        self.watch();
-        self.proceed();
-        if self.phase == Phase::Over && self.failure == Some(Error::Silent) {
-            // Should it come to itself.
-            let _ = service.ask_silently(Command::Disarm);
+        self.check_drive();
+        self.check_time();
+        if self.phase == Phase::Over && self.failure == Some(Error::NoAnswer) {
+            // In case it recovers.
+            let _ = service.send_internal(Command::Disarm);
         }
-        if self.asked.is_none()
-            && let Some(command) = self.wanted()
-            && service.ask_for_procedure(command).is_ok()
+        if self.unanswered.is_none()
+            && let Some(command) = self.command()
+            && service.send_for_procedure(command).is_ok()
         {
-            self.asked = Some(self.phase);
+            self.unanswered = Some(self.phase);
         }
-        self.phase == Phase::Turning
+        self.phase == Phase::Running
     }
 
-    fn answered(&mut self, reply: Result<(), Refusal>) {
+    fn on_reply(&mut self, reply: Result<(), Refusal>) {
         match (self.phase, reply) {
             (Phase::Preparing, Ok(())) => self.enter(Phase::Arming),
             (Phase::Arming, Ok(())) => self.enter(Phase::Armed),
             (Phase::Disarming, _) => self.enter(Phase::Restoring),
             (Phase::Restoring, _) => self.enter(Phase::Over),
             (_, Ok(())) => {}
-            // Its record is on the way.
-            (Phase::Turning | Phase::Braking, Err(Refusal::Mode(_))) => {}
+            // The record that says why is on its way.
+            (Phase::Running | Phase::Braking, Err(Refusal::Mode(_))) => {}
             (_, Err(refusal)) => self.fail(Error::Refused(refusal)),
         }
     }
 
-    /// What the drive itself has done.
-    fn watch(&mut self) {
-        if self.now_ms.wrapping_sub(self.heard_ms) > self.patience_ms {
-            // Nobody is there to be asked for anything.
-            self.failure.get_or_insert(Error::Silent);
+    /// What the drive has done by itself.
+    fn check_drive(&mut self) {
+        if self.now_ms.wrapping_sub(self.record_ms) > self.answer_ms {
+            // No command would be answered.
+            self.failure.get_or_insert(Error::NoAnswer);
             self.enter(Phase::Over);
         }
         let mode = self.mode();
         match (self.phase, mode) {
-            (Phase::Armed | Phase::Turning | Phase::Braking, Some(Mode::Faulted(fault))) => {
+            (Phase::Armed | Phase::Running | Phase::Braking, Some(Mode::Faulted(fault))) => {
                 self.failure.get_or_insert(Error::Fault(fault));
                 self.enter(Phase::Restoring);
             }
-            (Phase::Turning | Phase::Braking, Some(mode)) if mode != Mode::Running => {
+            (Phase::Running | Phase::Braking, Some(mode)) if mode != Mode::Running => {
                 self.failure.get_or_insert(Error::Disarmed);
                 self.enter(Phase::Restoring);
             }
-            (Phase::Armed, Some(Mode::Running)) => self.enter(Phase::Turning),
+            (Phase::Armed, Some(Mode::Running)) => self.enter(Phase::Running),
             _ => {}
         }
     }
 
-    /// What takes its time.
-    fn proceed(&mut self) {
+    /// What has taken its time, or too long.
+    fn check_time(&mut self) {
         let elapsed = self.elapsed_ms();
         match self.phase {
-            Phase::Preparing | Phase::Arming | Phase::Armed if elapsed > self.patience_ms => self.fail(Error::Silent),
-            Phase::Disarming | Phase::Restoring if elapsed > self.patience_ms => {
-                self.failure.get_or_insert(Error::Silent);
+            Phase::Preparing | Phase::Arming | Phase::Armed if elapsed > self.answer_ms => self.fail(Error::NoAnswer),
+            Phase::Disarming | Phase::Restoring if elapsed > self.answer_ms => {
+                self.failure.get_or_insert(Error::NoAnswer);
                 self.enter(Phase::Over);
             }
-            Phase::Braking if elapsed > self.braking_ms => self.fail(Error::Unreached),
+            Phase::Braking if elapsed > self.braking_ms => self.fail(Error::NotReached),
             Phase::Braking if elapsed > REST_MS && self.speed().abs() <= self.rest => self.enter(Phase::Disarming),
             _ => {}
         }
     }
 
-    /// What to ask the drive for now. A demand is repeated: a drive may take silence for a fault.
-    fn wanted(&self) -> Option<Command> {
+    /// The command for the drive now. A demand is repeated, for the drive has a command time-out.
+    fn command(&self) -> Option<Command> {
         Some(match self.phase {
             Phase::Preparing => Command::Commutate(Commutation::FieldOriented),
             Phase::Arming => Command::Arm,
-            Phase::Turning | Phase::Braking => match self.demand {
+            Phase::Running | Phase::Braking => match self.demand {
                 Demand::Speed(speed) => Command::Speed(speed),
                 Demand::Current(current) => Command::Current(current),
             },
@@ -207,14 +207,14 @@ impl Pilot {
 
     /// Follows a demand from now on.
     pub fn follow(&mut self, demand: Demand) {
-        if self.phase == Phase::Turning {
+        if self.phase == Phase::Running {
             self.demand = demand;
         }
     }
 
     /// Goes to rest and ends.
     pub fn finish(&mut self) {
-        if self.phase == Phase::Turning {
+        if self.phase == Phase::Running {
             self.demand = Demand::REST;
             self.enter(Phase::Braking);
         }
@@ -238,7 +238,7 @@ impl Pilot {
         self.failure.get_or_insert(error);
         match self.phase {
             Phase::Preparing => self.enter(Phase::Restoring),
-            Phase::Arming | Phase::Armed | Phase::Turning | Phase::Braking => self.enter(Phase::Disarming),
+            Phase::Arming | Phase::Armed | Phase::Running | Phase::Braking => self.enter(Phase::Disarming),
             Phase::Disarming | Phase::Restoring | Phase::Over => {}
         }
     }

@@ -2,24 +2,25 @@
 //!
 //! Three regressions of the machine's equations, with the electrical speed ω and the mechanical one Ω:
 //!
-//! - `v_q = R i_q + λ ω + v₀ s(i_q)`: s is the sign, softened as the dead-time compensation's. What that leaves, and the diodes' drop, is v₀, kept
-//!   apart by currents of several magnitudes.
+//! - `v_q = R i_q + λ ω + v₀ s(i_q)`: s is the sign, softened as the dead-time compensation's. What that leaves, and
+//!   the diodes' drop, is v₀, kept apart by currents of several magnitudes.
 //! - `v_d = −L ω i_q + λ ω (δ + τ)`, with the constant angle δ that the frame is off by, and the angle τ by which it
 //!   is trimmed and the tracker lags meanwhile.
-//! - `K_t ∫i_q dt = J ΔΩ + B Δθ + C ∫sign Ω dt + T t`: the balance of momentum from [mark](Identifier::mark) to mark, where the speed is steady.
-//!   Offsets and noise of the currents average out, what is left of an offset acts as a load T and does not touch the friction,
-//!   which has the other sign on the way back.
+//! - `K_t ∫i_q dt = J ΔΩ + B Δθ + C ∫sign Ω dt + T t`: the balance of momentum from [mark](Identifier::mark) to mark,
+//!   where the speed is steady. Offsets and noise of the currents average out, what is left of an offset acts as a load
+//!   T and does not touch the friction, which has the other sign on the way back.
 //!
-//! Against the simulated imperfect motor, whatever its friction, load, inertia and dead time, and told parameters off by a fifth: R and L within
-//! 2 %, λ within 0.7 %, J within 1 %, Coulomb friction and load within 0.06 mN·m, viscous friction within 0.5 µN·m·s.
+//! Against the simulated imperfect motor, whatever its friction, load, inertia and dead time, and settings off by a fifth:
+//! R and L within 2 %, λ within 0.7 %, J within 1 %, Coulomb friction and load within 0.06 mN·m, viscous friction
+//! within 0.5 µN·m·s.
 //!
-//! Each value comes with the error within which the true one is expected: three times the standard error of the regression and what
-//! the tests have found beyond. In the tasks; f64.
+//! Each value comes with the error within which the true one is expected: three times the standard error of the
+//! regression and what the tests have found beyond. In the tasks; f64.
 
-use crate::control::settings::{self as control};
+use crate::config::Config;
 use crate::control::{Motor, Scale};
 use crate::math;
-use crate::settings::Config;
+use crate::settings::Control;
 use crate::telemetry::Measurement;
 use core::f64::consts::TAU;
 use core::fmt;
@@ -27,6 +28,7 @@ use core::fmt;
 /// A value, and how far it may be off.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Estimate {
     /// The value.
     pub value: f64,
@@ -57,6 +59,7 @@ const DOUBTFUL: f64 = 0.15;
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Report {
     /// Resistance of a phase and what is in series, Ω.
     pub resistance_ohm: Estimate,
@@ -74,9 +77,9 @@ pub struct Report {
     pub load_nm: Estimate,
     /// Voltage in the direction of the current that the dead-time compensation leaves, V.
     pub leftover_v: Estimate,
-    /// What the drive was told.
-    pub told: Motor,
-    /// Pole pairs that the drive was told; torque constant and everything mechanical stand and fall with them.
+    /// The settings meanwhile.
+    pub configured: Motor,
+    /// Pole pairs in the settings; torque constant and everything mechanical depend on them.
     pub pole_pairs: u8,
     /// Measurements used.
     pub samples: u32,
@@ -96,7 +99,7 @@ impl Report {
     }
 
     /// Sets what was found and is not doubtful.
-    pub fn apply(&self, settings: &mut control::Settings) {
+    pub fn apply(&self, settings: &mut Control) {
         let fields = [
             (&mut settings.resistance_ohm, self.resistance_ohm),
             (&mut settings.inductance_h, self.inductance_h),
@@ -109,16 +112,17 @@ impl Report {
     }
 }
 
-/// A table: what was found, how far it may be off, what the drive was told, and the field of the settings that it belongs to.
+/// A table: what was found, how far it may be off, the setting so far, and the field of the settings that it belongs
+/// to.
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        writeln!(f, "  {:<20} {:>9} {:>8}  {:<9} {:>8}", "", "measured", "±", "", "told")?;
-        let told = |value: f32| Some(f64::from(value));
+        writeln!(f, "  {:<20} {:>9} {:>8}  {:<9} {:>8}", "", "measured", "±", "", "setting")?;
+        let set = |value: f32| Some(f64::from(value));
         let rows = [
-            ("resistance", self.resistance_ohm, 1.0, "Ω", told(self.told.resistance_ohm), "resistance_ohm"),
-            ("inductance", self.inductance_h, 1e3, "mH", told(self.told.inductance_h), "inductance_h"),
-            ("flux linkage", self.flux_linkage_wb, 1e3, "mWb", told(self.told.flux_linkage_wb), "flux_linkage_wb"),
-            ("inertia", self.inertia_kgm2, 1e7, "g·cm²", told(self.told.inertia_kgm2), "inertia_kgm2"),
+            ("resistance", self.resistance_ohm, 1.0, "Ω", set(self.configured.resistance_ohm), "resistance_ohm"),
+            ("inductance", self.inductance_h, 1e3, "mH", set(self.configured.inductance_h), "inductance_h"),
+            ("flux linkage", self.flux_linkage_wb, 1e3, "mWb", set(self.configured.flux_linkage_wb), "flux_linkage_wb"),
+            ("inertia", self.inertia_kgm2, 1e7, "g·cm²", set(self.configured.inertia_kgm2), "inertia_kgm2"),
             ("torque constant", self.torque_constant_nm_a(), 1e3, "mN·m/A", None, ""),
             ("time constant L/R", self.time_constant_s(), 1e6, "µs", None, ""),
             ("Coulomb friction", self.coulomb_nm, 1e3, "mN·m", None, ""),
@@ -126,11 +130,11 @@ impl fmt::Display for Report {
             ("constant load", self.load_nm, 1e3, "mN·m", None, ""),
             ("left of dead time", self.leftover_v, 1e3, "mV", None, ""),
         ];
-        for (name, estimate, scale, unit, told, field) in rows {
+        for (name, estimate, scale, unit, set, field) in rows {
             let Estimate { value, error } = estimate.times(scale);
             write!(f, "  {name:<20} {value:>9.3} {error:>8.3}  {unit:<9}")?;
-            match told {
-                Some(told) => write!(f, " {:>8.3}", told * scale)?,
+            match set {
+                Some(set) => write!(f, " {:>8.3}", set * scale)?,
                 None => write!(f, " {:>8}", "")?,
             }
             if !field.is_empty() {
@@ -141,7 +145,7 @@ impl fmt::Display for Report {
         }
         writeln!(
             f,
-            "  {:<20} {:>9} told, not measured: torque and everything mechanical stand and fall with it",
+            "  {:<20} {:>9} set, not measured: torque and everything mechanical depend on it",
             "pole pairs", self.pole_pairs
         )
     }
@@ -234,7 +238,7 @@ struct Momentum {
 #[derive(Clone, Copy, Debug)]
 pub struct Identifier {
     scale: Scale,
-    told: Motor,
+    configured: Motor,
     ramp_a: f64,
     /// Angle that the tracker lags by for an acceleration, s².
     lag: f64,
@@ -260,7 +264,7 @@ impl Identifier {
         let step_hz = f64::from(control.scale.step_hz);
         Some(Self {
             scale: control.scale,
-            told: control.motor,
+            configured: control.motor,
             ramp_a: f64::from(control.dead_time_ramp_a()),
             lag: f64::from(config.tracking.lag()) / (step_hz * step_hz),
             q: Fit::new(3),
@@ -358,7 +362,7 @@ impl Identifier {
             viscous_nms: viscous.beside(share),
             load_nm: load,
             leftover_v: leftover,
-            told: self.told,
+            configured: self.configured,
             pole_pairs: self.scale.pole_pairs as u8,
             samples: self.samples,
         };

@@ -1,0 +1,261 @@
+//! The bytes of this version: when one of them changes, [`VERSION`] has to.
+
+use hallservo::angle::ElectricalAngle;
+use hallservo::commutation::Commutation;
+use hallservo::control::Motor;
+use hallservo::control::config::BadDemand;
+use hallservo::drive;
+use hallservo::fault::{Fault, Limits};
+use hallservo::hall::Channel;
+use hallservo::hall::adapt::{self, Parameter};
+use hallservo::hall::calibrate::report::{Finding, Pattern, Report, SensorReport};
+use hallservo::hall::calibrate::{self, Sweep};
+use hallservo::hall::estimate::BadModel;
+use hallservo::mode::Mode;
+use hallservo::pwm;
+use hallservo::service::identify::{self, Estimate};
+use hallservo::service::procedure;
+use hallservo::settings::{self, Kind};
+use hallservo_protocol::*;
+use serde::{Deserialize, Serialize};
+use std::fmt::Write;
+
+/// The bytes of a value as postcard has them, which are those of the value in a message; and the value comes back.
+fn hex<'a, T: Serialize + Deserialize<'a> + PartialEq + std::fmt::Debug>(value: &T) -> String {
+    let bytes: &'static mut [u8] = Box::leak(Box::new([0; MESSAGE]));
+    let bytes: &'static [u8] = postcard::to_slice(value, bytes).unwrap();
+    assert_eq!(postcard::from_bytes::<T>(bytes).as_ref(), Ok(value));
+    bytes.iter().fold(String::new(), |mut text, byte| {
+        let _ = write!(text, "{byte:02x}");
+        text
+    })
+}
+
+#[test]
+fn the_version_is_this_one() {
+    assert_eq!(VERSION, 2);
+}
+
+#[test]
+fn requests() {
+    let asks = [
+        (Ask::Hello, "0100"),
+        (Ask::Speed(-1.5), "01070000c0bf"),
+        (Ask::Set { name: "stall_s", value: 1.0 }, "0113077374616c6c5f730000803f"),
+        (Ask::Commutate(Commutation::FieldOriented), "010902"),
+        (Ask::History(3), "011803"),
+    ];
+    for (ask, bytes) in asks {
+        assert_eq!(hex(&Request { id: 1, ask }), bytes, "{ask:?}");
+    }
+}
+
+#[test]
+fn states() {
+    let modes = [
+        (Mode::Unarmed, "00"),
+        (Mode::Aligning, "01"),
+        (Mode::Calibrating, "02"),
+        (Mode::Ready, "03"),
+        (Mode::Running, "04"),
+        (Mode::Faulted(Fault::Turns), "0521"),
+    ];
+    for (mode, bytes) in modes {
+        assert_eq!(hex(&mode), bytes, "{mode:?}");
+    }
+    // A fault is its code, of which all are in the library's tests.
+    assert_eq!(hex(&Fault::Stall), "18");
+    assert!(postcard::from_bytes::<Fault>(&[200]).is_err());
+    assert_eq!(hex(&Limits::DUTY.with(Limits::TIMEOUT)), "21");
+    assert_eq!(hex(&[Commutation::Block, Commutation::Sinusoidal, Commutation::FieldOriented]), "000102");
+    assert_eq!(hex(&[Kind::Real, Kind::Whole, Kind::Switch, Kind::Choice("a|b")]), "0001020303617c62");
+    assert_eq!(
+        hex(&Status::default()),
+        "0000000001000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000"
+    );
+    assert_eq!(
+        hex(&Telemetry::default()),
+        "00000000000000000000000000000000000000000000000000000000000000000000000000000000000000"
+    );
+}
+
+#[test]
+fn refusals() {
+    let drive = [
+        (drive::Refusal::Mode(Mode::Running), "0004"),
+        (drive::Refusal::NotCalibrated, "01"),
+        (drive::Refusal::NoAngle, "02"),
+        (drive::Refusal::TooLarge, "03"),
+        (drive::Refusal::HallLost, "04"),
+        (drive::Refusal::NoControl, "05"),
+        (drive::Refusal::Fault(Fault::OverCurrent), "0615"),
+    ];
+    for (refusal, bytes) in drive {
+        assert_eq!(hex(&refusal), bytes, "{refusal:?}");
+    }
+    let settings = [
+        (
+            settings::Error::OutOfRange { field: "stall_s", value: 1.0, min: 2.0, max: 3.0 },
+            "00077374616c6c5f730000803f0000004000004040",
+        ),
+        (settings::Error::Pwm(pwm::Error::Period(1.0)), "01000000803f"),
+        (settings::Error::NoControl, "02"),
+        (settings::Error::Unknown, "03"),
+        (settings::Error::Fixed, "04"),
+        (settings::Error::NotWhole, "05"),
+    ];
+    for (error, bytes) in settings {
+        assert_eq!(hex(&error), bytes, "{error:?}");
+    }
+    let procedure = [
+        (procedure::Error::NoControl, "00"),
+        (procedure::Error::FewRecords, "01"),
+        (procedure::Error::Plan { field: "field" }, "02"),
+        (procedure::Error::Demand(BadDemand { value: 2.0, most: 1.0 }), "030000000000000040000000000000f03f"),
+        (procedure::Error::Refused(drive::Refusal::NoAngle), "0402"),
+        (procedure::Error::Fault(Fault::Stall), "0518"),
+        (procedure::Error::Disarmed, "06"),
+        (procedure::Error::NoAnswer, "07"),
+        (procedure::Error::NotReached, "08"),
+        (procedure::Error::Inconclusive, "09"),
+        (procedure::Error::NoTable, "0a"),
+        (procedure::Error::Cancelled, "0b"),
+    ];
+    for (error, bytes) in procedure {
+        assert_eq!(hex(&error), bytes, "{error:?}");
+    }
+    let refusals = [
+        (Refusal::Drive(drive::Refusal::NoAngle), "0002"),
+        (Refusal::Demand(BadDemand { value: 2.0, most: 1.0 }), "010000000000000040000000000000f03f"),
+        (Refusal::Procedure(procedure::Error::NoControl), "0200"),
+        (Refusal::Setting(settings::Error::Fixed), "0304"),
+        (Refusal::NothingStored(Problem::Version(3)), "040303"),
+        (Refusal::Flash, "05"),
+        (Refusal::NoTable, "06"),
+        (Refusal::Busy(Activity::Cogging), "0703"),
+        (Refusal::NoAnswer, "08"),
+    ];
+    for (refusal, bytes) in refusals {
+        assert_eq!(hex(&refusal), bytes, "{refusal:?}");
+    }
+}
+
+#[test]
+fn calibrations() {
+    use calibrate::Error;
+    let hall = Channel(2);
+    let errors = [
+        (Error::Incomplete(Sweep::Forward), "0000"),
+        (Error::Incomplete(Sweep::Backward), "0001"),
+        (Error::NoSignal(hall), "0102"),
+        (Error::NoFit, "02"),
+        (Error::Busy, "04"),
+        (Error::Model(BadModel::AdcBits(17)), "030011"),
+        (Error::Model(BadModel::Sensor(hall)), "030102"),
+        (Error::Model(BadModel::Placement { noise_gain: 1.5 }), "03020000c03f"),
+        (Error::Refused(Finding::TooFar(hall, 12.0)), "05000200004041"),
+        (Error::Refused(Finding::TooClose(hall)), "050102"),
+        (Error::Refused(Finding::Unequal(2.5)), "050200002040"),
+        (Error::Refused(Finding::Misplaced(hall, 24.0)), "0503020000c041"),
+        (Error::Refused(Finding::Noisy(hall, 3.0)), "05040200004040"),
+        (Error::Refused(Finding::Unexplained(7.0)), "05050000e040"),
+        (Error::Refused(Finding::Lagging(70.0)), "050600008c42"),
+        (Error::Refused(Finding::Hunting(9.0)), "050700001041"),
+    ];
+    for (error, bytes) in errors {
+        assert_eq!(hex(&error), bytes, "{error:?}");
+    }
+    let sensor = |k: u8| SensorReport {
+        swing: 400.0 + f32::from(k),
+        offset: 2000.0 + f32::from(k),
+        placement_error: ElectricalAngle::from_degrees(11.25 * f32::from(k)),
+        third_pct: 5.0 + f32::from(k),
+        fifth_pct: 1.0 + f32::from(k),
+        noise_pct: 0.5 + f32::from(k),
+        at_rail: u32::from(k),
+    };
+    let report = Report {
+        sensors: [0, 1, 2].map(sensor),
+        pattern: Pattern { spacing: 60, forward: true },
+        residual_pct: 0.25,
+        lag: ElectricalAngle::from_degrees(-22.5),
+        hunting_deg: 0.75,
+        angle_noise_deg: 0.375,
+    };
+    assert_eq!(
+        hex(&report),
+        concat!(
+            "0000c8430000fa44000000a0400000803f0000003f000080c8430020fa4480808080010000c040000000400000c03f01",
+            "0000c9430040fa4480808080020000e0400000404000002040023c010000803effffffff010000403f0000c03e",
+        )
+    );
+    let results = [
+        (Calibration::None, "00"),
+        (Calibration::Running, "01"),
+        (Calibration::Failed(Error::NoFit), "0302"),
+        (Calibration::Ended, "04"),
+    ];
+    for (result, bytes) in results {
+        assert_eq!(hex(&result), bytes, "{result:?}");
+    }
+}
+
+#[test]
+fn motors_and_cogging() {
+    let of = |value: f64| Estimate { value, error: value / 8.0 };
+    let report = identify::Report {
+        resistance_ohm: of(1.0),
+        inductance_h: of(2.0),
+        flux_linkage_wb: of(3.0),
+        inertia_kgm2: of(4.0),
+        coulomb_nm: of(5.0),
+        viscous_nms: of(6.0),
+        load_nm: of(7.0),
+        leftover_v: of(8.0),
+        configured: Motor { resistance_ohm: 9.0, inductance_h: 10.0, flux_linkage_wb: 11.0, inertia_kgm2: 12.0 },
+        pole_pairs: 13,
+        samples: u32::MAX,
+    };
+    assert_eq!(
+        hex(&report),
+        concat!(
+            "000000000000f03f000000000000c03f0000000000000040000000000000d03f0000000000000840000000000000d83f",
+            "0000000000001040000000000000e03f0000000000001440000000000000e43f0000000000001840000000000000e83f",
+            "0000000000001c40000000000000ec3f0000000000002040000000000000f03f00001041000020410000304100004041",
+            "0dffffffff0f",
+        )
+    );
+    let longest = Reply { id: u16::MAX, answer: Answer::Identification(Procedure::Done(report)) };
+    assert!(encode(&longest, &mut [0; FRAME]).is_ok());
+    assert_eq!(hex(&Cogging { largest_a: 1.0, rms_a: 0.5 }), "0000803f0000003f");
+}
+
+#[test]
+fn incidents() {
+    let causes = [
+        (Cause::Fault(Fault::Stall), "0018"),
+        (Cause::Stored(Record::Settings, Problem::Foreign), "010204"),
+        (Cause::NotSaved(Record::Cogging), "0201"),
+        (Cause::Adaptation(adapt::Fault::AtRail(Channel(1))), "030001"),
+        (Cause::Adaptation(adapt::Fault::Lost(Channel(1))), "030101"),
+        (Cause::Adaptation(adapt::Fault::Drifted(Channel(1), Parameter::Offset)), "03020100"),
+        (Cause::Adaptation(adapt::Fault::Drifted(Channel(1), Parameter::Amplitude)), "03020101"),
+        (Cause::Adaptation(adapt::Fault::Drifted(Channel(1), Parameter::Placement)), "03020102"),
+        (Cause::Adaptation(adapt::Fault::Distorted), "0303"),
+        (Cause::Adaptation(adapt::Fault::Contradiction), "0304"),
+    ];
+    for (cause, bytes) in causes {
+        assert_eq!(hex(&cause), bytes, "{cause:?}");
+    }
+}
+
+/// A setting with the longest name and unit that the library allows itself, and each of its settings.
+#[test]
+fn every_setting_fits_a_frame() {
+    for entry in settings::TABLE {
+        let settings::Entry { name, unit, kind, .. } = *entry;
+        let setting = Setting { name, unit, kind, value: 1.0, default: 1.0, min: 0.0, max: 1.0, fixed: true };
+        let reply = Reply { id: u16::MAX, answer: Answer::Setting(setting) };
+        assert!(encode(&reply, &mut [0; FRAME]).is_ok(), "{name}");
+    }
+}

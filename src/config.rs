@@ -1,0 +1,177 @@
+//! The settings in the units of the control interrupt: counts, turns and samples.
+
+use crate::angle::{ElectricalAngle, PolePairs};
+use crate::commutation::sinusoidal::PhaseOrder;
+use crate::commutation::{self, Commutation, Modulation};
+use crate::control;
+use crate::hall::track;
+use crate::pwm;
+use crate::schedule::RECORDS;
+use crate::settings::{Error, Settings};
+
+/// [`Settings`] in the units of the interrupt. What the shortest steps need comes first, as in
+/// [`Drive`](crate::drive::Drive).
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[repr(C)]
+pub struct Config {
+    pub(crate) tracking: track::Config,
+    pub(crate) fastest: i32,
+    pub(crate) record_every: u32,
+    /// Auto-reload value of the timer.
+    pub period: u16,
+    /// Dead time in timer counts.
+    pub dead_time: u16,
+    /// Resolution of the ADC.
+    pub adc_bits: u8,
+    /// Pole pairs of the rotor.
+    pub pole_pairs: PolePairs,
+    /// Whether positive is against the phases.
+    pub reversed: bool,
+    pub(crate) commutation: Commutation,
+    pub(crate) limits: pwm::Limits,
+    pub(crate) max_modulation: Modulation,
+    pub(crate) advance: ElectricalAngle,
+    pub(crate) tolerated: u16,
+    pub(crate) run_on_two_halls: bool,
+    pub(crate) calibration_record_every: u32,
+    pub(crate) open_loop: OpenLoop,
+    /// Currents, torque, speed and position.
+    pub control: Option<control::Config>,
+}
+
+/// The calibration's motion, open loop, in the units of the interrupt.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct OpenLoop {
+    /// Strength of the field.
+    pub modulation: Modulation,
+    /// What the strength rises by in a step, in 2⁻³¹; positive.
+    pub rise: i32,
+    /// Steps to stand with the full field.
+    pub stand: u32,
+    /// Speed in 2⁻³² electrical turns a step; positive.
+    pub speed: i32,
+    /// Turns to record each way; at least one.
+    pub turns: u32,
+}
+
+impl Config {
+    /// Steps from record to record while not calibrating.
+    pub const fn record_every(&self) -> u32 {
+        self.record_every
+    }
+
+    pub(crate) const fn order(&self) -> PhaseOrder {
+        if self.reversed { PhaseOrder::REVERSED } else { PhaseOrder::FORWARD }
+    }
+
+    /// Records that both sweeps of a calibration deliver.
+    pub(crate) const fn calibration_records(&self) -> u32 {
+        let steps = ((2 * self.open_loop.turns as u64) << 32) / self.open_loop.speed as u64;
+        (steps / self.calibration_record_every as u64) as u32
+    }
+}
+
+impl Settings {
+    /// Checks all settings together and makes what the interrupt works with of them.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] names the first setting that is out of its range, [`Error::Pwm`] what does not fit
+    /// together.
+    pub fn validate(&self) -> Result<Config, Error<'static>> {
+        if self.control.is_none() && self.commutation == Commutation::FieldOriented {
+            return Err(Error::NoControl);
+        }
+        self.check()?;
+        let Self { timer_hz, pwm_hz, .. } = *self;
+        let period = pwm::period_counts(timer_hz, pwm_hz)?;
+        let dead_time = pwm::dead_time_counts(timer_hz, pwm_hz, self.dead_time_s)?;
+        let highest = pwm::highest_compare(period, timer_hz, self.sampling_window_s, self.dead_time_s);
+        let limits = pwm::Limits::new(period, 0, highest)?;
+        let frame = control::config::Frame {
+            adc_bits: self.adc_bits,
+            pole_pairs: self.pole_pairs,
+            pwm_hz,
+            period,
+            dead_time,
+            limits,
+            max_electrical_hz: self.max_electrical_hz,
+            reversed: self.reversed,
+        };
+        let control = self.control.map(|control| control::Config::new(&control, &frame)).transpose()?;
+        Ok(Config {
+            control,
+            period,
+            dead_time,
+            adc_bits: self.adc_bits,
+            pole_pairs: PolePairs::new(self.pole_pairs).unwrap_or(PolePairs::ONE),
+            reversed: self.reversed,
+            commutation: self.commutation,
+            limits,
+            max_modulation: commutation::modulation(self.max_modulation),
+            advance: ElectricalAngle::from_degrees(self.phase_advance_deg),
+            tracking: self.tracking()?,
+            fastest: (self.max_electrical_hz / pwm_hz * 4_294_967_296.0) as i32,
+            tolerated: self.tolerated_samples.into(),
+            run_on_two_halls: self.run_on_two_halls,
+            record_every: self.record_every(),
+            calibration_record_every: self.every(self.calibration_record_hz),
+            open_loop: self.open_loop(),
+        })
+    }
+
+    fn every(&self, hz: f32) -> u32 {
+        libm::roundf(self.pwm_hz / hz) as u32
+    }
+
+    /// With current control, records have their places in the drive's schedule.
+    fn record_every(&self) -> u32 {
+        let every = self.every(self.record_hz);
+        let scheduled = |every: u32| ((every + RECORDS / 2 - 1) / RECORDS).max(1) * RECORDS;
+        if self.control.is_some() { scheduled(every) } else { every }
+    }
+
+    fn tracking(&self) -> Result<track::Config, Error<'static>> {
+        let delay = self.delay_periods;
+        // Noise and an estimate off by some degrees on top of the fastest turning.
+        let jump =
+            ElectricalAngle::from_turns(self.max_electrical_hz / self.pwm_hz) + ElectricalAngle::from_degrees(20.0);
+        let smoothing = track::Config::smoothing_for(self.tracking_bandwidth_hz, self.pwm_hz);
+        let out_of_range = Error::OutOfRange { field: "delay_periods", value: delay, min: 0.0, max: 16.0 };
+        track::Config::new(smoothing, jump, delay).ok_or(out_of_range)
+    }
+
+    fn open_loop(&self) -> OpenLoop {
+        let Self { calibration_modulation: modulation, calibration_align_s: align_s, .. } = *self;
+        let mechanical = libm::ceilf(f32::from(self.calibration_turns) / f32::from(self.pole_pairs));
+        OpenLoop {
+            modulation: commutation::modulation(modulation),
+            rise: ((modulation * 2_147_483_648.0 / (align_s * self.pwm_hz)) as i32).max(1),
+            stand: (align_s * self.pwm_hz) as u32,
+            speed: (self.calibration_hz / self.pwm_hz * 4_294_967_296.0) as i32,
+            turns: mechanical as u32 * u32::from(self.pole_pairs),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_default_is_valid() {
+        let config = Settings::default().validate().unwrap();
+        assert_eq!((config.period, config.dead_time), (2125, 85));
+        assert_eq!(config.record_every, 40);
+        assert_eq!(config.open_loop.turns, 12);
+    }
+
+    #[test]
+    fn all_pole_pairs_record_whole_mechanical_turns() {
+        for pole_pairs in 1..=64 {
+            let config = Settings { pole_pairs, ..Settings::default() }.validate().unwrap();
+            assert!(config.open_loop.turns >= 12 && config.open_loop.turns.is_multiple_of(pole_pairs.into()));
+        }
+    }
+}

@@ -1,0 +1,70 @@
+//! Thresholds of the faults in the units of the interrupt.
+
+use crate::control::Scale;
+use crate::schedule::CYCLE;
+use crate::settings::{GuardSettings, OnTimeout, Thermistor};
+
+/// Threshold of a temperature, and the derating of the current above its warning, in codes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(crate) struct Heat {
+    /// Below, it is too hot.
+    pub fault: i32,
+    /// Codes above that from which on the current is not reduced.
+    pub room: i32,
+    /// Share of the current per code, in 2⁻²⁴.
+    pub slope: i32,
+}
+
+/// Thresholds in the units of the interrupt.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(crate) struct Guard {
+    /// Least bus voltage and the range above it, in codes.
+    pub under: u32,
+    pub range: u32,
+    /// In codes.
+    pub over_current: u32,
+    /// In codes.
+    pub imbalance: u32,
+    pub offset: i32,
+    pub heat: [Heat; 2],
+    /// Cycles.
+    pub stall: u32,
+    /// Steps of the outer loops; 0 is for ever.
+    pub timeout: u32,
+    pub stops: bool,
+    /// Slower is at rest, for the stall.
+    pub creep: i32,
+}
+
+impl Heat {
+    fn new(thermistor: &Thermistor) -> Self {
+        let (fault, warn) = (thermistor.code(thermistor.max_c), thermistor.code(thermistor.warn_c));
+        let room = (warn - fault).max(1.0);
+        Self { fault: fault as i32, room: room as i32, slope: (16_777_216.0 / room) as i32 }
+    }
+}
+
+impl Guard {
+    /// Of settings that are in their ranges.
+    pub fn new(settings: &GuardSettings, adc_bits: u8, loop_hz: f32, scale: &Scale) -> Self {
+        let codes = libm::exp2f(adc_bits.into());
+        let per_volt = codes / scale.volts;
+        let per_ampere = codes / 2.0 / scale.amperes;
+        // What a counter cannot count is for ever, as infinity.
+        let timeout = libm::ceilf(settings.command_timeout_s * loop_hz);
+        Self {
+            under: libm::ceilf(settings.under_voltage_v * per_volt) as u32,
+            range: ((settings.over_voltage_v - settings.under_voltage_v) * per_volt) as u32,
+            over_current: (settings.over_current_a * per_ampere) as u32,
+            imbalance: (settings.imbalance_a * per_ampere) as u32,
+            offset: (settings.offset_a * scale.per_ampere()) as i32,
+            heat: [Heat::new(&settings.bridge), Heat::new(&settings.motor)],
+            stall: (settings.stall_s * scale.step_hz / CYCLE as f32) as u32,
+            timeout: if timeout < 2_147_483_648.0 { timeout as u32 } else { 0 },
+            stops: settings.on_timeout == OnTimeout::Stop,
+            creep: scale.per_radian_s() as i32,
+        }
+    }
+}

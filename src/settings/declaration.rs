@@ -1,0 +1,264 @@
+//! The declaration of every setting. A name that has been in a release is never given to another setting.
+
+use super::Kind::{Choice, Real, Switch, Whole};
+use super::entry::{Entry, Value};
+use super::{Feedback, OnTimeout};
+use crate::commutation::Commutation;
+use core::f32::consts::TAU;
+
+/// A row of [`TABLE`].
+macro_rules! entry {
+    (
+        $part:ident, $name:expr, $field:ident, |$s:ident, $c:ident| $min:expr, $max:expr,
+        $unit:expr, $kind:expr, $fixed:expr
+    ) => {
+        Entry {
+            name: $name,
+            unit: $unit,
+            kind: $kind,
+            fixed: $fixed,
+            field: |settings| match $part(settings) {
+                Some(part) => Some(&mut part.$field as &mut dyn Value),
+                None => None,
+            },
+            range: |$s| {
+                let $c = $s.control.unwrap_or_default();
+                let _ = $c;
+                ($min, $max)
+            },
+        }
+    };
+}
+
+/// The structures, their defaults, the table and the descriptions. A row: `field: type = default, least => most, unit,
+/// kind, whether it is the board's, description`; the range may depend on all settings, `s`, and those of the current
+/// control, `c`. Behind `with` are fields that are no settings themselves. `rows of` are the settings of what a
+/// structure has several of.
+macro_rules! settings {
+    (
+        |$s:ident, $c:ident|
+        $(
+            $(#[$struct_meta:meta])*
+            struct $struct:ident from $part:ident {
+                $(
+                    $(#[$meta:meta])*
+                    $field:ident: $type:ty = $default:expr, $min:expr => $max:expr,
+                        $unit:literal, $kind:expr, $fixed:expr, $about:literal;
+                )*
+            } with {
+                $($(#[$other_meta:meta])* $other:ident: $other_type:ty = $other_default:expr;)*
+            }
+        )*
+        $(
+            rows of $row_part:ident {
+                $(
+                    $row_name:literal, $row_field:ident, $row_min:expr => $row_max:expr,
+                        $row_unit:literal, $row_kind:expr, $row_fixed:expr, $row_about:literal;
+                )*
+            }
+        )*
+    ) => {
+        $(
+            $(#[$struct_meta])*
+            #[derive(Clone, Copy, Debug, PartialEq)]
+            #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+            pub struct $struct {
+                $(
+                    #[doc = concat!($about, "; `", stringify!($min), "` to `", stringify!($max), "` ", $unit)]
+                    #[doc = ""]
+                    $(#[$meta])*
+                    pub $field: $type,
+                )*
+                $($(#[$other_meta])* pub $other: $other_type,)*
+            }
+
+            impl Default for $struct {
+                fn default() -> Self {
+                    Self { $($field: $default,)* $($other: $other_default,)* }
+                }
+            }
+        )*
+
+        /// Every setting. Those that a range depends on come first, so that the first one out of its range is to blame.
+        pub static TABLE: &[Entry] = &[
+            $($(
+                entry!($part, stringify!($field), $field, |$s, $c| $min, $max, $unit, $kind, $fixed),
+            )*)*
+            $($(
+                entry!($row_part, $row_name, $row_field, |$s, $c| $row_min, $row_max, $row_unit, $row_kind, $row_fixed),
+            )*)*
+        ];
+
+        /// Names and descriptions. A list of its own, for a chip has no use for it.
+        pub static ABOUT: &[(&str, &str)] =
+            &[$($((stringify!($field), $about),)*)* $($(($row_name, $row_about),)*)*];
+    };
+}
+
+/// Whether a setting is the board's.
+const BOARD: bool = true;
+const FREE: bool = false;
+
+const fn drive(settings: &mut Settings) -> Option<&mut Settings> {
+    Some(settings)
+}
+
+const fn control(settings: &mut Settings) -> Option<&mut Control> {
+    settings.control.as_mut()
+}
+
+fn guard(settings: &mut Settings) -> Option<&mut GuardSettings> {
+    control(settings).map(|control| &mut control.guard)
+}
+
+fn bridge(settings: &mut Settings) -> Option<&mut Thermistor> {
+    guard(settings).map(|guard| &mut guard.bridge)
+}
+
+fn motor(settings: &mut Settings) -> Option<&mut Thermistor> {
+    guard(settings).map(|guard| &mut guard.motor)
+}
+
+settings! {
+    |s, c|
+
+    /// Settings of a drive and its tasks. The default is the motor of Simpkins and Todorov (four pole pairs, 3.75 Ω,
+    /// 0.36 mH) on a timer of 170 MHz.
+    struct Settings from drive {
+        adc_bits: u8 = 12, 8.0 => 16.0, "bit", Whole, BOARD, "Resolution of the ADC";
+        timer_hz: f32 = 170e6, 1e6 => 1e9, "Hz", Real, BOARD, "Clock of the PWM timer";
+        /// [`FrequencyNeeds`](crate::pwm::FrequencyNeeds) chooses one.
+        pwm_hz: f32 = 40e3, 1e3 => 200e3, "Hz", Real, BOARD, "Switching frequency and rate of the control";
+        dead_time_s: f32 = 500e-9, 0.0 => 0.1 / s.pwm_hz, "s", Real, BOARD, "Dead time of a leg";
+        /// Before and after the valley, in all.
+        sampling_window_s: f32 = 1e-6, 0.0 => 20e-6, "s", Real, BOARD,
+            "Time for which sampling needs the lower transistors to conduct";
+        /// 1.5 with preloaded compare registers.
+        delay_periods: f32 = 1.5, 0.0 => 16.0, "periods", Real, BOARD,
+            "From a sample to the middle of the PWM period that acts on it";
+        /// With current control, records come every 16 steps or the nearest multiple: 1250 Hz for 1 kHz at 40 kHz.
+        record_hz: f32 = 1e3, 1.0 => s.pwm_hz / 2.0, "Hz", Real, BOARD, "Rate of the records to the tasks";
+        calibration_record_hz: f32 = 40e3, 1.0 => s.pwm_hz, "Hz", Real, BOARD, "Rate of the records while calibrating";
+        pole_pairs: u8 = 4, 1.0 => 64.0, "", Whole, FREE, "Pole pairs of the rotor";
+        reversed: bool = false, 0.0 => 1.0, "", Switch, FREE, "Count positive against the order of the phases A, B, C";
+        commutation: Commutation = Commutation::Sinusoidal, 0.0 => if s.control.is_some() { 2.0 } else { 1.0 },
+            "", Choice("block|sinusoidal|field-oriented"), FREE, "Commutation";
+        /// ρ, in the direction of the command.
+        phase_advance_deg: f32 = 0.0, -60.0 => 60.0, "°", Real, FREE, "Phase advance beyond a quarter turn, electrical";
+        max_modulation: f32 = 1.0, 0.0 => 1.0, "", Real, FREE, "Largest voltage command";
+        tracking_bandwidth_hz: f32 = 280.0, 5.0 => 5000.0, "Hz", Real, FREE,
+            "Natural frequency of the tracker, rounded to the next octave";
+        max_electrical_hz: f32 = 2000.0, 1.0 => s.pwm_hz / 20.0, "Hz", Real, FREE, "A faster rotor is a fault";
+        tolerated_samples: u8 = 8, 0.0 => 100.0, "", Whole, FREE,
+            "Successive samples without an angle that are bridged; one more is a fault";
+        /// With a limit reported; otherwise the loss is a fault.
+        run_on_two_halls: bool = false, 0.0 => 1.0, "", Switch, FREE,
+            "A running drive that loses a Hall runs on until it is stopped";
+        /// A tenth of 24 V drives 0.3 A through the default motor.
+        calibration_modulation: f32 = 0.15, 0.01 => 0.5, "", Real, FREE, "Voltage of the calibration's field";
+        calibration_align_s: f32 = 0.3, 0.05 => 10.0, "s", Real, FREE,
+            "Time to raise the field, and again to let the rotor settle";
+        /// Where the calibration finds that the rotor swings about the field, another one helps: slower with one pole
+        /// pair, faster with more than twenty.
+        calibration_hz: f32 = 10.0, 0.5 => 50.0, "Hz", Real, FREE, "Speed of the calibration's field, electrical";
+        /// Rounded up to whole mechanical turns.
+        calibration_turns: u8 = 12, 2.0 => 64.0, "", Whole, FREE,
+            "Least electrical turns to calibrate by in each direction";
+        adaptation: bool = true, 0.0 => 1.0, "", Switch, FREE, "Adapt the sensors' model while the motor turns";
+        anti_cogging: bool = true, 0.0 => 1.0, "", Switch, FREE, "Compensate the cogging, once it has been learnt";
+    } with {
+        /// Sensing of currents and bus, the motor and the loops; `None`: only a voltage can be commanded, and nothing
+        /// but the Halls is monitored.
+        control: Option<Control> = None;
+    }
+
+    /// Current and bus sensing, the motor, the loops and their limits. The default is the motor of Simpkins and Todorov
+    /// on 24 V, with amplifiers of 0.2 V/A about the middle of 3.3 V, and a divider of eleven.
+    struct Control from control {
+        /// From its middle.
+        current_full_scale_a: f32 = 8.25, 0.1 => 1000.0, "A", Real, BOARD, "Current at the end of the ADC's range";
+        bus_full_scale_v: f32 = 36.3, 5.0 => 1000.0, "V", Real, BOARD, "Bus voltage at the end of the ADC's range";
+        resistance_ohm: f32 = 3.75, 1e-3 => 100.0, "Ω", Real, FREE, "Resistance of a phase, star";
+        inductance_h: f32 = 0.36e-3, 1e-6 => 0.1, "H", Real, FREE, "Inductance of a phase, star";
+        flux_linkage_wb: f32 = 5e-3, 1e-5 => 1.0, "Wb", Real, FREE,
+            "Flux linkage of a phase: back-EMF per electrical rad/s";
+        inertia_kgm2: f32 = 1e-5, 1e-9 => 1.0, "kg·m²", Real, FREE, "Inertia of all that turns";
+        current_bandwidth_hz: f32 = 1000.0, 10.0 => s.pwm_hz / 20.0, "Hz", Real, FREE,
+            "Bandwidth of the current control";
+        feedback: Feedback = Feedback::Pi, 0.0 => 3.0, "", Choice("p|pi|pd|pid"), FREE,
+            "Current feedback with block and sinusoidal commutation";
+        speed_bandwidth_hz: f32 = 60.0, 0.5 => c.current_bandwidth_hz / 4.0, "Hz", Real, FREE,
+            "Bandwidth of the speed control";
+        position_bandwidth_hz: f32 = 15.0, 0.1 => c.speed_bandwidth_hz / 2.0, "Hz", Real, FREE,
+            "Bandwidth of the position control";
+        dead_time_ramp_a: f32 = 0.05, 1e-3 => c.current_full_scale_a, "A", Real, FREE,
+            "Current below which the dead time acts in part only";
+        max_current_a: f32 = 3.0, 0.0 => 0.9 * c.current_full_scale_a, "A", Real, FREE, "Largest current";
+        max_speed_rad_s: f32 = 500.0, 0.1 => TAU * s.max_electrical_hz / f32::from(s.pole_pairs), "rad/s", Real, FREE,
+            "Largest speed of a command, mechanical";
+        max_acceleration_rad_s2: f32 = 5000.0, 1.0 => 1e6, "rad/s²", Real, FREE,
+            "Largest acceleration of a trajectory, mechanical";
+    } with {
+        /// Thresholds of the faults.
+        guard: GuardSettings = GuardSettings::default();
+    }
+
+    /// Thresholds of the faults.
+    struct GuardSettings from guard {
+        under_voltage_v: f32 = 12.0, c.bus_full_scale_v / 20.0 => 0.9 * c.bus_full_scale_v, "V", Real, FREE,
+            "A lower bus voltage is a fault";
+        over_voltage_v: f32 = 32.0, c.guard.under_voltage_v => c.bus_full_scale_v, "V", Real, FREE,
+            "A higher bus voltage is a fault";
+        over_current_a: f32 = 6.0, 0.0 => 0.99 * c.current_full_scale_a, "A", Real, FREE,
+            "A larger phase current is a fault";
+        /// At two checks, eight steps apart: an amplifier is wrong.
+        imbalance_a: f32 = 0.5, 0.0 => c.current_full_scale_a, "A", Real, FREE,
+            "A larger sum of the phase currents is a fault";
+        offset_a: f32 = 0.5, 0.0 => c.current_full_scale_a, "A", Real, FREE,
+            "Largest reading of an amplifier while no current flows";
+        /// Under speed or position control.
+        stall_s: f32 = 0.5, 0.01 => 100.0, "s", Real, FREE, "At rest at the largest current for longer is a fault";
+        command_timeout_s: f32 = f32::INFINITY, 1e-3 => f32::INFINITY, "s", Real, FREE,
+            "How long a command holds; inf: for ever";
+        on_timeout: OnTimeout = OnTimeout::Fault, 0.0 => 1.0, "", Choice("fault|stop"), FREE,
+            "Reaction when no command came for command_timeout_s";
+    } with {
+        /// Thermistor of the bridge.
+        bridge: Thermistor = Thermistor::ntc_10k(80.0, 100.0);
+        /// Thermistor of the motor.
+        motor: Thermistor = Thermistor::ntc_10k(100.0, 120.0);
+    }
+
+    rows of bridge {
+        "bridge_pull_up_ohm", pull_up_ohm, 10.0 => 1e7, "Ω", Real, BOARD, "Pull-up of the bridge's thermistor";
+        "bridge_nominal_ohm", nominal_ohm, 10.0 => 1e7, "Ω", Real, BOARD,
+            "Resistance of the bridge's thermistor at 25 °C";
+        "bridge_beta_k", beta_k, 1e3 => 1e4, "K", Real, BOARD, "B of the bridge's thermistor";
+        "bridge_warn_c", warn_c, -40.0 => 199.0, "°C", Real, FREE, "A hotter bridge gets less current";
+        "bridge_max_c", max_c, c.guard.bridge.warn_c + 1.0 => 200.0, "°C", Real, FREE, "A hotter bridge is a fault";
+    }
+
+    rows of motor {
+        "motor_pull_up_ohm", pull_up_ohm, 10.0 => 1e7, "Ω", Real, BOARD, "Pull-up of the motor's thermistor";
+        "motor_nominal_ohm", nominal_ohm, 10.0 => 1e7, "Ω", Real, FREE, "Resistance of the motor's thermistor at 25 °C";
+        "motor_beta_k", beta_k, 1e3 => 1e4, "K", Real, FREE, "B of the motor's thermistor";
+        "motor_warn_c", warn_c, -40.0 => 199.0, "°C", Real, FREE, "A hotter motor gets less current";
+        "motor_max_c", max_c, c.guard.motor.warn_c + 1.0 => 200.0, "°C", Real, FREE, "A hotter motor is a fault";
+    }
+}
+
+/// An NTC between the ADC's pin and ground, pulled up to the reference: `R = R₂₅ · exp(B (1/T − 1/298.15 K))`.
+#[derive(Clone, Copy, Debug, PartialEq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Thermistor {
+    /// Pull-up, Ω.
+    pub pull_up_ohm: f32,
+    /// Resistance at 25 °C, Ω.
+    pub nominal_ohm: f32,
+    /// B, K.
+    pub beta_k: f32,
+    /// Above, the largest current is reduced, linearly down to nothing at `max_c`, °C.
+    pub warn_c: f32,
+    /// Above, a fault, °C.
+    pub max_c: f32,
+}

@@ -1,0 +1,184 @@
+use super::*;
+use crate::storage::settings::key;
+
+extern crate std;
+use std::collections::HashSet;
+use std::vec::Vec;
+
+fn full() -> Settings {
+    Settings { control: Some(Control::default()), ..Settings::default() }
+}
+
+fn control(settings: &mut Settings) -> &mut Control {
+    settings.control.as_mut().unwrap()
+}
+
+fn blamed(settings: &Settings) -> &'static str {
+    match settings.validate() {
+        Err(Error::OutOfRange { field, .. }) => field,
+        other => panic!("{other:?}"),
+    }
+}
+
+#[test]
+fn names_and_keys_are_unique_and_all_are_described() {
+    let names: HashSet<_> = TABLE.iter().map(|entry| entry.name).collect();
+    let keys: HashSet<_> = TABLE.iter().map(|entry| key(entry.name)).collect();
+    assert_eq!((names.len(), keys.len()), (TABLE.len(), TABLE.len()));
+    for Entry { name, unit, .. } in TABLE {
+        assert!(name.len() <= 32 && unit.len() <= 8 && (1..=90).contains(&about(name).len()), "{name}");
+    }
+}
+
+#[test]
+fn every_field_out_of_range_is_named() {
+    assert!(full().validate().is_ok());
+    let cases: [(&str, fn(&mut Settings)); 54] = [
+        ("adc_bits", |s| s.adc_bits = 7),
+        ("adc_bits", |s| s.adc_bits = 17),
+        ("timer_hz", |s| s.timer_hz = f32::NAN),
+        ("timer_hz", |s| s.timer_hz = 1e10),
+        ("pwm_hz", |s| s.pwm_hz = 999.0),
+        ("pwm_hz", |s| s.pwm_hz = f32::INFINITY),
+        ("sampling_window_s", |s| s.sampling_window_s = -1e-6),
+        ("pole_pairs", |s| s.pole_pairs = 0),
+        ("pole_pairs", |s| s.pole_pairs = 65),
+        ("phase_advance_deg", |s| s.phase_advance_deg = 61.0),
+        ("phase_advance_deg", |s| s.phase_advance_deg = f32::NAN),
+        ("max_modulation", |s| s.max_modulation = 1.01),
+        ("max_modulation", |s| s.max_modulation = -0.1),
+        ("tracking_bandwidth_hz", |s| s.tracking_bandwidth_hz = 0.0),
+        ("tracking_bandwidth_hz", |s| s.tracking_bandwidth_hz = f32::NAN),
+        ("delay_periods", |s| s.delay_periods = 17.0),
+        ("delay_periods", |s| s.delay_periods = f32::NAN),
+        ("max_electrical_hz", |s| s.max_electrical_hz = 2001.0),
+        ("max_electrical_hz", |s| s.max_electrical_hz = 0.0),
+        ("tolerated_samples", |s| s.tolerated_samples = 101),
+        ("calibration_modulation", |s| s.calibration_modulation = 0.6),
+        ("calibration_align_s", |s| s.calibration_align_s = 0.0),
+        ("calibration_align_s", |s| s.calibration_align_s = 11.0),
+        ("calibration_hz", |s| s.calibration_hz = 51.0),
+        ("calibration_hz", |s| s.calibration_hz = f32::NAN),
+        ("calibration_turns", |s| s.calibration_turns = 1),
+        ("calibration_turns", |s| s.calibration_turns = 65),
+        ("record_hz", |s| s.record_hz = 0.0),
+        ("record_hz", |s| s.record_hz = 20_001.0),
+        ("calibration_record_hz", |s| s.calibration_record_hz = f32::NAN),
+        ("current_full_scale_a", |s| control(s).current_full_scale_a = 0.0),
+        ("bus_full_scale_v", |s| control(s).bus_full_scale_v = f32::NAN),
+        ("resistance_ohm", |s| control(s).resistance_ohm = 0.0),
+        ("inductance_h", |s| control(s).inductance_h = -1.0),
+        ("flux_linkage_wb", |s| control(s).flux_linkage_wb = f32::NAN),
+        ("inertia_kgm2", |s| control(s).inertia_kgm2 = 0.0),
+        ("current_bandwidth_hz", |s| control(s).current_bandwidth_hz = 2001.0),
+        ("speed_bandwidth_hz", |s| control(s).speed_bandwidth_hz = 251.0),
+        ("position_bandwidth_hz", |s| control(s).position_bandwidth_hz = 31.0),
+        ("dead_time_ramp_a", |s| control(s).dead_time_ramp_a = 0.0),
+        ("max_current_a", |s| control(s).max_current_a = 7.5),
+        ("max_speed_rad_s", |s| control(s).max_speed_rad_s = 1e5),
+        ("max_acceleration_rad_s2", |s| control(s).max_acceleration_rad_s2 = 0.0),
+        ("under_voltage_v", |s| control(s).guard.under_voltage_v = 0.0),
+        ("over_voltage_v", |s| control(s).guard.over_voltage_v = 11.0),
+        ("over_current_a", |s| control(s).guard.over_current_a = 8.25),
+        ("imbalance_a", |s| control(s).guard.imbalance_a = f32::NAN),
+        ("offset_a", |s| control(s).guard.offset_a = -1.0),
+        ("bridge_pull_up_ohm", |s| control(s).guard.bridge.pull_up_ohm = 0.0),
+        ("motor_nominal_ohm", |s| control(s).guard.motor.nominal_ohm = f32::INFINITY),
+        ("motor_beta_k", |s| control(s).guard.motor.beta_k = 10.0),
+        ("bridge_max_c", |s| control(s).guard.bridge.max_c = 80.0),
+        ("stall_s", |s| control(s).guard.stall_s = 0.0),
+        ("command_timeout_s", |s| control(s).guard.command_timeout_s = f32::NAN),
+    ];
+    for (name, change) in cases {
+        let mut settings = full();
+        change(&mut settings);
+        assert_eq!(blamed(&settings), name);
+    }
+}
+
+#[test]
+fn both_ends_of_every_range_are_allowed_and_nothing_beyond_nor_what_is_no_number() {
+    for entry in TABLE.iter().filter(|entry| entry.kind == Kind::Real) {
+        let (min, max) = entry.range(&full());
+        let with = |value| {
+            let mut changed = full();
+            entry.assign(&mut changed, value).unwrap();
+            changed
+        };
+        for allowed in [min, max] {
+            // It may take another one out of its range, or not fit the PWM.
+            assert_eq!(entry.check(&with(allowed)), Ok(()), "{}", entry.name);
+        }
+        let step = 1e-3 * (max - min).min(1e6);
+        let beyond = [min - step, max + step, f32::NAN].into_iter().filter(|value| *value != f32::INFINITY);
+        for value in beyond {
+            assert_eq!(blamed(&with(value)), entry.name, "{value}");
+        }
+    }
+}
+
+#[test]
+fn whole_numbers_and_choices_are_kept_and_nothing_between() {
+    let settings = full();
+    for entry in TABLE.iter().filter(|entry| entry.kind != Kind::Real && !entry.fixed) {
+        let (min, max) = entry.range(&settings);
+        for value in [min, max] {
+            // Fewer pole pairs leave the largest speed allowed; more do not.
+            let Ok(changed) = settings.with(entry.name, value) else {
+                assert_eq!(entry.name, "pole_pairs");
+                continue;
+            };
+            assert_eq!(entry.get(&changed), Some(value), "{}", entry.name);
+        }
+        assert_eq!(settings.with(entry.name, min + 0.5), Err(Error::NotWhole), "{}", entry.name);
+        if let Kind::Choice(names) = entry.kind {
+            assert_eq!(names.split('|').count() as f32, max + 1.0, "{}", entry.name);
+        }
+    }
+}
+
+#[test]
+fn what_cannot_be_set_is_named() {
+    let settings = full();
+    assert_eq!(settings.with("adc_bits", 12.0), Err(Error::Fixed));
+    assert_eq!(settings.with("nonsense", 12.0), Err(Error::Unknown));
+    let plain = Settings::default();
+    assert_eq!(plain.with("max_current_a", 1.0), Err(Error::NoControl));
+    assert!(matches!(plain.with("commutation", 2.0), Err(Error::OutOfRange { field: "commutation", .. })));
+    let field_oriented = Settings { commutation: crate::commutation::Commutation::FieldOriented, ..plain };
+    assert_eq!(field_oriented.validate(), Err(Error::NoControl));
+    // 64 pole pairs make the largest speed of the default impossible, and that is what is named.
+    assert!(matches!(settings.with("pole_pairs", 64.0), Err(Error::OutOfRange { field: "max_speed_rad_s", .. })));
+}
+
+#[test]
+fn contradictions_are_refused() {
+    let cases: [fn(&mut Settings); 2] =
+        [|s| (s.timer_hz, s.pwm_hz, s.dead_time_s) = (1e6, 200e3, 0.0), |s| s.sampling_window_s = 20e-6];
+    for change in cases {
+        let mut settings = Settings::default();
+        change(&mut settings);
+        // What follows from the frequency of the PWM.
+        (settings.max_electrical_hz, settings.record_hz) = (500.0, 500.0);
+        assert!(matches!(settings.validate(), Err(Error::Pwm(_))), "{settings:?}");
+    }
+}
+
+#[test]
+fn same_settings_have_the_same_values() {
+    let changed: Vec<_> = TABLE.iter().filter(|entry| entry.kind == Kind::Switch).collect();
+    assert!(full().is_same(&full()) && !changed.is_empty());
+    for entry in changed {
+        let value = entry.get(&full()).unwrap();
+        assert!(!full().with(entry.name, 1.0 - value).unwrap().is_same(&full()));
+    }
+}
+
+#[test]
+fn a_thermistor_reads_half_at_25_degrees_and_less_when_hot() {
+    let ntc = Thermistor::ntc_10k(80.0, 100.0);
+    assert!((ntc.code(25.0) - 32_768.0).abs() < 1.0);
+    // 10 kΩ · exp(3380 (1/373.15 − 1/298.15)) = 1.024 kΩ.
+    assert!((ntc.code(100.0) / 65_536.0 - 0.0929).abs() < 2e-4);
+    assert!(ntc.code(80.0) > ntc.code(100.0));
+}

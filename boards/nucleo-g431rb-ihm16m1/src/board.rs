@@ -1,0 +1,66 @@
+//! Pins, and the way from ADC results to a sample. Schematics: X-NUCLEO-IHM16M1 (UM2415), MB1367 (UM2505).
+
+use embassy_stm32::pac::adccommon::AdcCommon;
+use embassy_stm32::pac::gpio::vals::Moder;
+use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, GPIOA, GPIOB};
+use hallservo::board::Sample;
+use hallservo::settings::Settings;
+use nucleo_g431rb_ihm16m1::constants::{self, EARLY, FIRST, SECOND, ZERO};
+use stm32g4::sensing::{Early, NO_THERMISTOR, current, pulled_up};
+use stm32g4::wiring::Wiring;
+use stm32g4::{Board, Converter, Pin, result};
+
+/// STBY\RESET of the STSPIN830, on port B.
+const STANDBY: usize = 5;
+
+/// Wakes the driver up, whose inputs are low by now.
+pub fn wake() {
+    GPIOB.bsrr().write(|set| set.set_bs(STANDBY, true));
+    GPIOB.moder().modify(|mode| mode.set_moder(STANDBY, Moder::OUTPUT));
+}
+
+/// The state of the board in the control interrupt.
+pub struct Nucleo {
+    first_hall: Early,
+}
+
+impl Nucleo {
+    pub const fn new() -> Self {
+        Self { first_hall: Early::new(EARLY, 2 * Self::BRIDGE.period() as u32) }
+    }
+}
+
+impl Board for Nucleo {
+    const NAME: &'static str = "Nucleo-G431RB, X-NUCLEO-IHM16M1";
+
+    const BRIDGE: Wiring = constants::BRIDGE;
+    const PINS: &'static [Pin] = &[
+        // PB12 is TIM1_BKIN.
+        (GPIOA, 8, 6),
+        (GPIOB, 13, 6),
+        (GPIOA, 9, 6),
+        (GPIOB, 14, 6),
+        (GPIOA, 10, 6),
+        (GPIOB, 15, 4),
+        (GPIOB, 12, 6),
+    ];
+
+    const CONVERTERS: &'static [Converter] =
+        &[Converter { adc: ADC1, sequence: FIRST }, Converter { adc: ADC2, sequence: SECOND }];
+    const GROUPS: &'static [AdcCommon] = &[ADC12_COMMON];
+
+    fn settings() -> Settings {
+        constants::settings()
+    }
+
+    #[inline(always)]
+    fn sample(&mut self) -> Sample {
+        Sample {
+            halls: [self.first_hall.at_once(result::<1>(ADC2)), result::<2>(ADC2), result::<2>(ADC1)],
+            currents: [result::<0>(ADC2), result::<0>(ADC1), result::<1>(ADC1)].map(|code| current(code, ZERO)),
+            bus: result::<3>(ADC1),
+            temperatures: [pulled_up(result::<3>(ADC2)), NO_THERMISTOR],
+            lost: 0,
+        }
+    }
+}

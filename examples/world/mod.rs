@@ -1,4 +1,5 @@
-//! What is around a drive in the examples: a motor, a flash, and a tool at the other end of the serial line. No part of a port.
+//! What is around a drive in the examples: a motor, a flash, and a tool at the other end of the serial line. No part of
+//! a port.
 #![allow(dead_code, reason = "no example uses everything")]
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
@@ -27,7 +28,7 @@ impl Motor {
     /// What the ADCs deliver.
     pub fn sample(&mut self) -> Sample {
         let plant::Codes { halls, currents, bus } = self.plant.sample();
-        Sample { halls, currents, bus, temperatures: [2048; 2], lost: 0 }
+        Sample { halls, currents, bus, ..Sample::default() }
     }
 
     /// Mechanical turns since the start, as they really are.
@@ -115,7 +116,11 @@ pub struct Tool {
 
 impl Tool {
     /// Asks, and takes the answer; a refusal is an error.
-    pub fn ask(&mut self, ask: Ask<'_>, mut millisecond: impl FnMut(&mut Line)) -> Result<Option<Status>, Box<dyn Error>> {
+    pub fn ask(
+        &mut self,
+        ask: Ask<'_>,
+        mut millisecond: impl FnMut(&mut Line),
+    ) -> Result<Option<Status>, Box<dyn Error>> {
         self.id += 1;
         let mut frame = [0; FRAME];
         let length = encode(&Request { id: self.id, ask }, &mut frame)?;

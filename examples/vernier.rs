@@ -20,7 +20,7 @@ use std::error::Error;
 const SAMPLES: f64 = 8000.0;
 
 pub(crate) fn main() -> Result<(), Box<dyn Error>> {
-    // Rings 0.02 mm off their axis, 2 mm a pole pair, one head each, 40° apart; readings of 12 bits.
+    // Rings 0.02 mm off their axis, 2 mm a pole pair, 40° apart; two opposite heads each, of 12 bits.
     let rings = Rings::new(37, 45, 12)?;
     let imperfect = Imperfections {
         eccentricity_mm: 0.02,
@@ -30,7 +30,7 @@ pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     };
     let mut simulated = Construction::new([37, 45], 2.0, 40_f64.to_radians(), 12, &imperfect, 1);
     let mut sample = |shaft_rad| {
-        let [reference, vernier] = simulated.digital::<1>(shaft_rad).map(|codes| codes.map(|code| rings.reading(code)));
+        let [reference, vernier] = simulated.digital::<2>(shaft_rad).map(|codes| codes.map(|code| rings.reading(code)));
         Reading { reference, vernier }
     };
 

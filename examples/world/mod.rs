@@ -3,7 +3,7 @@
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use embedded_storage_inmemory::{MemFlash, MemFlashError};
-use hallservo::board::{Output, Sample};
+use hallservo::board::{LostPeriods, Output, Sample, TemperatureCode};
 use hallservo::commutation::Commutation;
 use hallservo::settings::{Control, Settings};
 use hallservo_protocol::{Activity, Answer, Ask, Decoder, FRAME, Reply, Request, Status, encode};
@@ -27,7 +27,7 @@ impl Motor {
     /// What the ADCs deliver.
     pub fn sample(&mut self) -> Sample {
         let plant::Codes { halls, currents, bus } = self.plant.sample();
-        Sample { halls, currents, bus, temperatures: [2048; 2], lost: 0 }
+        Sample { halls, currents, bus, temperatures: [TemperatureCode::new(2048); 2], lost: LostPeriods::NOT_COUNTED }
     }
 
     /// Mechanical turns since the start, as they really are.
@@ -115,7 +115,11 @@ pub struct Tool {
 
 impl Tool {
     /// Asks, and takes the answer; a refusal is an error.
-    pub fn ask(&mut self, ask: Ask<'_>, mut millisecond: impl FnMut(&mut Line)) -> Result<Option<Status>, Box<dyn Error>> {
+    pub fn ask(
+        &mut self,
+        ask: Ask<'_>,
+        mut millisecond: impl FnMut(&mut Line),
+    ) -> Result<Option<Status>, Box<dyn Error>> {
         self.id += 1;
         let mut frame = [0; FRAME];
         let length = encode(&Request { id: self.id, ask }, &mut frame)?;

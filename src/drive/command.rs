@@ -120,15 +120,18 @@ impl Drive {
             mode => return Err(Refusal::Mode(mode)),
         }
         let control = self.config.control.as_ref();
-        let protection = control.map(|control| Protection::for_arming(control, &self.paths.idle, sample)).transpose();
-        let protection = protection.map_err(Refusal::Fault)?;
+        if let Some(fault) = control.and_then(|control| Protection::refusal(control, &self.paths.idle, sample)) {
+            return Err(Refusal::Fault(fault));
+        }
         if self.limits.contains(Limits::TWO_HALLS) {
             return Err(Refusal::HallLost);
         }
         if self.live.missed != 0 {
             return Err(Refusal::NoAngle);
         }
-        self.servo.protection = protection.unwrap_or(Protection::NONE);
+        if let Some(control) = control {
+            self.servo.protection.arm(control, sample);
+        }
         self.paths.voltage.release(&self.config);
         self.reset_servo(sample);
         self.on_command(Event::Arm)

@@ -5,7 +5,7 @@
 //! ```no_run
 //! use hallservo::service::learning::{Learning, Plan};
 //! use hallservo::service::procedure::{Error, Procedure, State};
-//! # use hallservo::{service::Service, settings::Config};
+//! # use hallservo::{config::Config, service::Service};
 //!
 //! # fn task(service: &mut Service, config: &Config, now_ms: impl Fn() -> u32) -> Result<(), Error> {
 //! let mut learning = Learning::new(config, &Plan::new(config)?)?;

@@ -4,8 +4,7 @@
 //! $ cargo run --release --example own_hal
 //! ```
 //!
-//! What a port has to write is `Port`: calibration, adaptation, storage and the protocol come with it. `world` stands for the
-//! chip, the motor and the tool at the other end of the serial line.
+//! A port writes `Port`; calibration, adaptation, storage and protocol come with it. `world` is chip, motor and tool.
 
 mod world;
 
@@ -60,7 +59,7 @@ impl Port {
     }
 }
 
-pub fn main() -> Result<(), Box<dyn Error>> {
+pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let [first, second] = MEMORY.each_ref().map(ConstStaticCell::take);
     let motor = Motor::new(1, world::settings().validate()?.period)?;
     let (mut port, mut tool) = (Port::power_up(motor, first)?, Tool::default());

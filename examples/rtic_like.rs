@@ -4,8 +4,8 @@
 //! $ cargo run --release --example rtic_like
 //! ```
 //!
-//! In an RTIC application, `drive` and `motor` are the `local` resources of the task bound to the ADC's interrupt, at the highest
-//! priority, and `supervisor` is that of a low one that a timer starts each millisecond. Nothing is locked between them.
+//! In an RTIC application, `drive` and `motor` are the `local` resources of the task bound to the ADC's interrupt, at
+//! the highest priority; `supervisor` is that of a low one, started each millisecond. Nothing is locked between them.
 
 mod world;
 
@@ -38,7 +38,7 @@ fn tasks(supervisor: &mut Supervisor<Flash>, now_ms: u64, line: &mut Line) {
     line.from_drive.extend(&bytes[..length]);
 }
 
-pub fn main() -> Result<(), Box<dyn Error>> {
+pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let settings = world::settings();
     let identity = Identity { board: "my board", firmware: "1.0" };
     let (drive, supervisor) = Supervisor::start(identity, settings, Flash::second(), 0, MEMORY.take())?;

@@ -1,4 +1,5 @@
-//! What is around a drive in the examples: a motor, a flash, and a tool at the other end of the serial line. No part of a port.
+//! What is around a drive in the examples: a motor, a flash, and a tool at the other end of the serial line. No part of
+//! a port.
 #![allow(dead_code, reason = "no example uses everything")]
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
@@ -27,7 +28,7 @@ impl Motor {
     /// What the ADCs deliver.
     pub fn sample(&mut self) -> Sample {
         let plant::Codes { halls, currents, bus } = self.plant.sample();
-        Sample { halls, currents, bus, temperatures: [TemperatureCode::new(2048); 2], lost: LostPeriods::NOT_COUNTED }
+        Sample { halls, currents, bus, ..Sample::default() }
     }
 
     /// Mechanical turns since the start, as they really are.

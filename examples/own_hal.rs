@@ -4,8 +4,8 @@
 //! $ cargo run --release --example own_hal
 //! ```
 //!
-//! What a port has to write is `Port`: calibration, adaptation, storage and the protocol come with it. `world` stands for the
-//! chip, the motor and the tool at the other end of the serial line.
+//! What a port has to write is `Port`: calibration, adaptation, storage and the protocol come with it. `world` stands
+//! for the chip, the motor and the tool at the other end of the serial line.
 
 mod world;
 

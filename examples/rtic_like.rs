@@ -4,8 +4,9 @@
 //! $ cargo run --release --example rtic_like
 //! ```
 //!
-//! In an RTIC application, `drive` and `motor` are the `local` resources of the task bound to the ADC's interrupt, at the highest
-//! priority, and `supervisor` is that of a low one that a timer starts each millisecond. Nothing is locked between them.
+//! In an RTIC application, `drive` and `motor` are the `local` resources of the task bound to the ADC's interrupt, at
+//! the highest priority, and `supervisor` is that of a low one that a timer starts each millisecond. Nothing is locked
+//! between them.
 
 mod world;
 

@@ -1,4 +1,5 @@
-//! What is around a drive in the examples: a motor, a flash, and a tool at the other end of the serial line. No part of a port.
+//! What is around a drive in the examples: a motor, a flash, and a tool at the other end of the serial line. No part of
+//! a port.
 #![allow(dead_code, reason = "no example uses everything")]
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};

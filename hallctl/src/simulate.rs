@@ -144,7 +144,8 @@ impl Simulator {
         kind.act(&mut self.plant)
     }
 
-    /// A hand takes the shaft, turns it by so many turns, negative ones backwards, and lets it go: a turn takes a second.
+    /// A hand takes the shaft, turns it by so many turns, negative ones backwards, and lets it go: a turn takes a
+    /// second.
     ///
     /// # Errors
     /// A number of turns that is not finite.

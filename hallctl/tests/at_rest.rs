@@ -1,4 +1,5 @@
-//! What turns the rotor is over when the rotor is at rest and the result is final, not before; and never takes for ever.
+//! What turns the rotor is over when the rotor is at rest and the result is final, not before; and never takes for
+//! ever.
 
 mod tool;
 

@@ -183,7 +183,8 @@ fn pole_pairs_are_counted_by_a_turn_of_the_hand() {
     assert!(code == Some(7) && text.contains("not told apart"), "{text}");
     let (code, text) = count("-2.005", "2");
     assert_eq!(code, Some(0), "{text}");
-    // 0.005 turns are 1.8°. Either end is uncertain by 0.4° at most of four pole pairs' noise, and let go, the shaft may slip to a tooth.
+    // 0.005 turns are 1.8°. Either end is uncertain by 0.4° at most of four pole pairs' noise, and let go, the shaft
+    // may slip to a tooth.
     let off_deg =
         text.strip_prefix("4 pole pairs: the shaft was ").and_then(|rest| rest.split_once("° off")?.0.parse().ok());
     assert!(off_deg.is_some_and(|off_deg: f64| (off_deg - 1.8).abs() <= 1.0), "{text}");

@@ -101,8 +101,8 @@ impl Config {
             // A back-EMF of a fiftieth of the bus divider's full scale.
             trim_from: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * 4_294_967_296.0).min(536_870_912.0)
                 as i32,
-            // There, a time constant of half a second on a bus of the full scale: an electrical radian over that voltage and the
-            // corrections of the time.
+            // There, a time constant of half a second on a bus of the full scale: an electrical radian over that
+            // voltage and the corrections of the time.
             trim_gain: (4_294_967_296.0
                 / TAU
                 / (svpwm::LONGEST as f32 / longest as f32 / 50.0)

@@ -11,7 +11,8 @@ use crate::mode::Mode;
 /// Farthest that two Halls' angle may be from the tracked one to be believed, in bits: 45°.
 const NEAR: u32 = 1 << 29;
 
-/// Farthest that two Halls' strength may be from [`Estimator::NOMINAL_STRENGTH`]: harmonics and drift together stay below.
+/// Farthest that two Halls' strength may be from [`Estimator::NOMINAL_STRENGTH`]: harmonics and drift together stay
+/// below.
 const UNHEALTHY: u32 = 450;
 
 /// What is known and suspected of a lost Hall.

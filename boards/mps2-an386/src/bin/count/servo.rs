@@ -1,5 +1,5 @@
-//! The field-oriented step where it has most to do: fast, accelerating and turning back on the way, with the alignment refined and a table
-//! against cogging; stalled; and with a command.
+//! The field-oriented step where it has most to do: fast, accelerating and turning back on the way, with the alignment
+//! refined and a table against cogging; stalled; and with a command.
 
 use crate::call::{Arguments, Results};
 use crate::drive::step;
@@ -39,8 +39,8 @@ const SPEED: usize = 1;
 const POSITION: usize = 2;
 const DEMANDS: usize = 3;
 
-/// A, rad/s and turns, one after the other. A current of 3 A ends where the voltage does; on the way to a speed or a far position it turns
-/// back; near ones are reached, one by three steps of the trajectory.
+/// A, rad/s and turns, one after the other. A current of 3 A ends where the voltage does; on the way to a speed or a
+/// far position it turns back; near ones are reached, one by three steps of the trajectory.
 const FOLLOWED: [[f64; PARTS as usize]; DEMANDS] = [
     [0.5, 0.5, -0.5, -0.5, 2.0, 2.0, -3.0, -3.0, 3.0, 0.5, -0.5, 3.0, 0.01, -0.01, 3.0, -3.0],
     [400.0, 400.0, -400.0, -400.0, 0.0, -200.0, 399.0, 400.0, 401.0, -500.0, -500.0, 5.0, -5.0, 0.0, 400.0, -400.0],

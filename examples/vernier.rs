@@ -22,8 +22,12 @@ const SAMPLES: f64 = 8000.0;
 pub fn main() -> Result<(), Box<dyn Error>> {
     // Rings 0.02 mm off their axis, 2 mm a pole pair, one head each, 40° apart; readings of 12 bits.
     let rings = Rings::new(37, 45, 12)?;
-    let imperfect =
-        Imperfections { eccentricity_mm: 0.02, harmonics_rad: [0.03, 0.03, 0.0, 0.0], noise: 1.0, ..Imperfections::NONE };
+    let imperfect = Imperfections {
+        eccentricity_mm: 0.02,
+        harmonics_rad: [0.03, 0.03, 0.0, 0.0],
+        noise: 1.0,
+        ..Imperfections::NONE
+    };
     let mut simulated = Construction::new([37, 45], 2.0, 40_f64.to_radians(), 12, &imperfect, 1);
     let mut sample = |shaft_rad| {
         let [reference, vernier] = simulated.digital::<1>(shaft_rad).map(|codes| codes.map(|code| rings.reading(code)));
@@ -35,7 +39,10 @@ pub fn main() -> Result<(), Box<dyn Error>> {
     let mut shaft = UnsteadyShaft::new(TAU / SAMPLES, 0.05, 1);
     while !calibrator.push(sample(shaft.turn()))? {}
     let (calibration, report) = calibrator.finish()?;
-    println!("largest contradiction of the rings: {:.0} % of what is safe", percent(report.worst_residual, report.margin));
+    println!(
+        "largest contradiction of the rings: {:.0} % of what is safe",
+        percent(report.worst_residual, report.margin)
+    );
 
     // 2. Power up at a thousand places: the first sample tells where the shaft is.
     let encoder = Encoder::new(&rings, &calibration, MechanicalAngle::from_degrees(1.0))?;

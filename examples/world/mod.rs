@@ -116,7 +116,11 @@ pub struct Tool {
 
 impl Tool {
     /// Asks, and takes the answer; a refusal is an error.
-    pub fn ask(&mut self, ask: Ask<'_>, mut millisecond: impl FnMut(&mut Line)) -> Result<Option<Status>, Box<dyn Error>> {
+    pub fn ask(
+        &mut self,
+        ask: Ask<'_>,
+        mut millisecond: impl FnMut(&mut Line),
+    ) -> Result<Option<Status>, Box<dyn Error>> {
         self.id += 1;
         let mut frame = [0; FRAME];
         let length = encode(&Request { id: self.id, ask }, &mut frame)?;

@@ -126,10 +126,10 @@ fn evening(options: &[&str]) {
 
     // The Hall breaks while the position is held.
     let fallen = drive.fails(7, &["position", "2.5", "--seconds", "5"]);
-    assert!(fallen.contains("Hall 0 is at the end of the ADC's range"), "{fallen}");
+    assert!(fallen.contains("Hall 1 is at the end of the ADC's range"), "{fallen}");
     let history = drive.ok(&["faults"]);
     assert!(
-        history.contains("running)  Hall 0 is at the end") && history.contains("→ check that Hall's supply"),
+        history.contains("running)  Hall 1 is at the end") && history.contains("→ check that Hall's supply"),
         "{history}"
     );
     assert!(drive.ok(&["status"]).contains("faulted"));
@@ -258,9 +258,9 @@ fn the_motor_is_measured_and_its_cogging_learnt() {
     let motor = drive.ok(&["identify"]);
     assert!(motor.contains("resistance") && motor.contains("inertia_kgm2"), "{motor}");
     assert!(drive.ok(&["cogging", "learn"]).contains("A RMS"));
-    assert!(drive.ok(&["status"]).contains("cogging balanced"));
+    assert!(drive.ok(&["status"]).contains("anti-cogging on"));
     drive.ok(&["cogging", "off"]);
-    assert!(!drive.ok(&["status"]).contains("cogging balanced"));
+    assert!(!drive.ok(&["status"]).contains("anti-cogging on"));
     drive.ok(&["arm"]);
     drive.ok(&["torque", "0.01", "--seconds", "0.2"]);
     drive.ok(&["voltage", "-0.2", "--seconds", "0.2"]);

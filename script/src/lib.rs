@@ -28,7 +28,7 @@
 //! simulated drive has no pins, no serial port to disturb and no flash that is cut. Each says so when it is asked to.
 //!
 //! `send` takes `hello`, `status`, `arm`, `disarm`, `clear`, `calibrate`, `calibration`, `identify`, `identification`,
-//! `learn-cogging`, `cogging`, `balance on|off`, `commutate block|sinusoidal|field-oriented`, `voltage X`, `torque X`
+//! `learn-cogging`, `cogging`, `anti-cogging on|off`, `commutate block|sinusoidal|field-oriented`, `voltage X`, `torque X`
 //! (N·m), `speed X` (rad/s), `position X` (turns), `get NAME`, `set NAME X`, `save`, `load`, `restore`, `telemetry X`
 //! (Hz) and `history N`; who sends it knows the protocol.
 

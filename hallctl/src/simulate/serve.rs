@@ -1,7 +1,7 @@
 //! The simulated drive at the end of a line: TCP on loopback, or a pseudo-terminal.
 
 use super::Simulator;
-use super::fault::{Kind, Planned};
+use super::fault::{Kind, ScheduledEvent};
 use super::flash::Flash;
 use anyhow::{Context, Result};
 use hallservo_protocol::{Answer, Decoder, Reply, Request};
@@ -72,7 +72,7 @@ enum Event {
 /// # Errors
 /// What is wrong with the options.
 pub fn main(options: &Options) -> Result<()> {
-    let planned = options.fault.iter().map(|text| text.parse()).collect::<Result<Vec<Planned>>>()?;
+    let planned = options.fault.iter().map(|text| text.parse()).collect::<Result<Vec<ScheduledEvent>>>()?;
     let flash = match &options.flash {
         Some(path) => Flash::in_file(path)?,
         None => Flash::blank(),

@@ -20,17 +20,27 @@ use hallservo::settings::{Control as ControlSettings, GuardSettings};
 use mps2_an386::failure;
 use static_cell::StaticCell;
 
-#[rustfmt::skip]
 pub const ROWS: &[Row] = &[
     Row::new("field-oriented, fast, current", "hallservo", function!(step), fast::<CURRENT>, stays_on).budget(300),
     Row::new("field-oriented, fast, speed", "hallservo", function!(step), fast::<SPEED>, stays_on).budget(300),
     Row::new("field-oriented, fast, position", "hallservo", function!(step), fast::<POSITION>, stays_on).budget(300),
-    Row::new("field-oriented, stalled, current", "hallservo", function!(step), stalled::<CURRENT>, stays_on).budget(300),
+    Row::new("field-oriented, stalled, current", "hallservo", function!(step), stalled::<CURRENT>, stays_on)
+        .budget(300),
     Row::new("field-oriented, stalled, speed", "hallservo", function!(step), stalled::<SPEED>, stays_on).budget(300),
-    Row::new("field-oriented, stalled, position", "hallservo", function!(step), stalled::<POSITION>, stays_on).budget(300),
-    Row::new("field-oriented, with a table, current", "hallservo", function!(step), balanced::<CURRENT>, stays_on).budget(300),
-    Row::new("field-oriented, with a table, speed", "hallservo", function!(step), balanced::<SPEED>, stays_on).budget(300),
-    Row::new("field-oriented, with a table, position", "hallservo", function!(step), balanced::<POSITION>, stays_on).budget(300),
+    Row::new("field-oriented, stalled, position", "hallservo", function!(step), stalled::<POSITION>, stays_on)
+        .budget(300),
+    Row::new("field-oriented, with a table, current", "hallservo", function!(step), anti_cogging::<CURRENT>, stays_on)
+        .budget(300),
+    Row::new("field-oriented, with a table, speed", "hallservo", function!(step), anti_cogging::<SPEED>, stays_on)
+        .budget(300),
+    Row::new(
+        "field-oriented, with a table, position",
+        "hallservo",
+        function!(step),
+        anti_cogging::<POSITION>,
+        stays_on,
+    )
+    .budget(300),
     Row::new("field-oriented, with a command", "hallservo", function!(step), commanded, stays_on),
 ];
 
@@ -176,8 +186,8 @@ impl Bench {
     }
 
     /// Takes a table into use, or none.
-    fn balance(&mut self, table: Option<&'static mut Table>) {
-        self.command(Command::Balance(table));
+    fn set_anti_cogging(&mut self, table: Option<&'static mut Table>) {
+        self.command(Command::AntiCogging(table));
         self.table = self.tasks.tables.dequeue().or(self.table.take());
     }
 
@@ -206,11 +216,11 @@ fn fast<const FOLLOWED: usize>(index: u32) -> Arguments {
 }
 
 /// The same with a table against cogging.
-fn balanced<const FOLLOWED: usize>(index: u32) -> Arguments {
+fn anti_cogging<const FOLLOWED: usize>(index: u32) -> Arguments {
     let bench = bench(FOLLOWED);
     if index == 0 {
         let table = bench.table.take();
-        bench.balance(table);
+        bench.set_anti_cogging(table);
     }
     fast::<FOLLOWED>(index)
 }
@@ -240,7 +250,7 @@ fn commanded(index: u32) -> Arguments {
         }
         48 => {
             let table = bench.table.take();
-            bench.send(Command::Balance(table));
+            bench.send(Command::AntiCogging(table));
         }
         56 => bench.send(bench.demand(SPEED, index / PART)),
         _ => {}

@@ -4,7 +4,7 @@
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use embedded_storage_inmemory::{MemFlash, MemFlashError};
-use hallservo::board::{Output, Sample};
+use hallservo::board::{LostPeriods, Output, Sample, TemperatureCode};
 use hallservo::commutation::Commutation;
 use hallservo::settings::{Control, Settings};
 use hallservo_protocol::{Activity, Answer, Ask, Decoder, FRAME, Reply, Request, Status, encode};
@@ -28,7 +28,7 @@ impl Motor {
     /// What the ADCs deliver.
     pub fn sample(&mut self) -> Sample {
         let plant::Codes { halls, currents, bus } = self.plant.sample();
-        Sample { halls, currents, bus, temperatures: [2048; 2], lost: 0 }
+        Sample { halls, currents, bus, temperatures: [TemperatureCode::new(2048); 2], lost: LostPeriods::NOT_COUNTED }
     }
 
     /// Mechanical turns since the start, as they really are.

@@ -4,8 +4,8 @@
 //! $ cargo run --release --example vernier
 //! ```
 //!
-//! The encoder calibrates itself in a few turns of the shaft, without a reference, and then tells the angle in the turn from
-//! the very first sample after power-up.
+//! The encoder calibrates itself in a few turns of the shaft, without a reference, and then tells the angle in the turn
+//! from the very first sample after power-up.
 
 use core::f64::consts::TAU;
 use hallservo::angle::MechanicalAngle;

@@ -4,7 +4,7 @@
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 use embedded_storage_inmemory::{MemFlash, MemFlashError};
-use hallservo::board::{LostPeriods, Output, Sample, TemperatureCode};
+use hallservo::board::{Output, Sample};
 use hallservo::commutation::Commutation;
 use hallservo::settings::{Control, Settings};
 use hallservo_protocol::{Activity, Answer, Ask, Decoder, FRAME, Reply, Request, Status, encode};

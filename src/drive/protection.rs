@@ -147,8 +147,8 @@ impl Protection {
     /// Whether the rotor has stood still with the current at its limit for too long.
     #[inline(always)]
     pub fn is_stalled(&mut self, config: &Config, limited: bool, speed: i32) -> bool {
-        let creep = config.guard.creep;
-        let stands = limited && speed.wrapping_add(creep) as u32 <= 2 * creep as u32;
+        let rest_speed = config.guard.rest_speed;
+        let stands = limited && speed.wrapping_add(rest_speed) as u32 <= 2 * rest_speed as u32;
         if !stands {
             // The speed is noisy: a look at which it seems to turn does not make up for all before.
             self.stalls = self.stalls.saturating_sub(STALL_RECOVERY);

@@ -56,7 +56,7 @@ use voltage::Voltage;
 #[repr(C)]
 pub struct Drive {
     /// The progress, state and limits with angle and speed, as the tasks get it.
-    live: Record,
+    record: Record,
     /// Steps to the next record.
     until_record: u32,
     /// Which step comes next.
@@ -109,7 +109,7 @@ impl Drive {
     /// Unarmed and without a calibration.
     pub const fn new(config: Config, channels: Interrupt) -> Self {
         Self {
-            live: Record::new(),
+            record: Record::new(),
             until_record: 1,
             route: Route::General,
             estimator: None,
@@ -149,14 +149,14 @@ impl Drive {
     #[inline(always)]
     fn field_oriented_step(&mut self, sample: &Sample) -> Output {
         let angle = self.attend(sample).and_then(|estimator| estimator.angle_in_range(&sample.halls).ok());
-        if !angle.is_some_and(|angle| self.live.rotor.follow(&self.config.tracking, angle)) {
+        if !angle.is_some_and(|angle| self.record.rotor.follow(&self.config.tracking, angle)) {
             return Output::unpack(self.finish_step(sample, false));
         }
         if !self.is_healthy(sample) {
             return Output::OFF;
         }
-        let Self { paths, servo, live, config, .. } = self;
-        let compare = paths.field_oriented.step(servo, &live.rotor, &config.tracking, sample);
+        let Self { paths, servo, record, config, .. } = self;
+        let compare = paths.field_oriented.step(servo, &record.rotor, &config.tracking, sample);
         Output { compare, legs: Legs::ALL }
     }
 
@@ -166,7 +166,7 @@ impl Drive {
         self.until_record = self.until_record.wrapping_sub(1);
         let records = self.until_record == 0;
         if records {
-            self.live.codes = sample.halls;
+            self.record.codes = sample.halls;
         } else if self.channels.commands.ready() {
             self.receive(sample);
             if self.route != Route::Voltage {
@@ -176,19 +176,19 @@ impl Drive {
         let Some(estimator) = &self.estimator else { return Output::OFF };
         let angle = if records { estimator.angle_in_range(&sample.halls) } else { estimator.angle(&sample.halls) };
         let followed = match angle {
-            Ok(angle) => self.live.rotor.follow(&self.config.tracking, angle),
+            Ok(angle) => self.record.rotor.follow(&self.config.tracking, angle),
             Err(_) => false,
         };
         if !followed {
             return Output::unpack(self.start_over(sample));
         }
         if records {
-            self.record(self.config.record_every);
+            self.send_record(self.config.record_every);
         } else if self.is_too_fast() {
             self.fail(Fault::OverSpeed);
             return Output::OFF;
         }
-        self.paths.voltage.sinusoidal(self.live.rotor.predicted(&self.config.tracking))
+        self.paths.voltage.sinusoidal(self.record.rotor.predicted(&self.config.tracking))
     }
 
     /// What a short step of the voltage path has met is for the general step.
@@ -228,7 +228,7 @@ impl Drive {
             Path::FieldOriented => self.field_oriented(sample),
         };
         if records {
-            self.record_all(sample);
+            self.send_record_and_measurement(sample);
         }
         self.route = self.route();
         // The command may have been to disarm, the angle implausible.
@@ -246,7 +246,7 @@ impl Drive {
     }
 
     fn route(&self) -> Route {
-        let complete = self.live.missed == 0 && self.hall_loss.lost.is_none() && self.estimator.is_some();
+        let complete = self.record.missed == 0 && self.hall_loss.lost.is_none() && self.estimator.is_some();
         let Config { commutation, control, .. } = &self.config;
         match self.path() {
             Path::FieldOriented if complete => Route::FieldOriented,
@@ -268,7 +268,7 @@ impl Drive {
     fn open_loop(&mut self) -> Output {
         self.servo.command_received();
         let open_loop = &mut self.paths.open_loop;
-        self.live.rotor = Tracker::at(open_loop.field());
+        self.record.rotor = Tracker::at(open_loop.field());
         let stage = open_loop.step(&self.config.open_loop);
         let output = open_loop.output(&self.config.limits);
         self.progress = match stage {
@@ -290,26 +290,26 @@ impl Drive {
         if self.is_too_fast() {
             self.fail(Fault::OverSpeed);
         }
-        self.paths.voltage.output(self.live.rotor.predicted(&self.config.tracking), &self.config)
+        self.paths.voltage.output(self.record.rotor.predicted(&self.config.tracking), &self.config)
     }
 
     fn local_feedback(&mut self, sample: &Sample) -> Output {
         self.measure(&sample.halls);
-        let Self { config, paths: Paths { local_feedback, idle, .. }, servo, live, .. } = self;
+        let Self { config, paths: Paths { local_feedback, idle, .. }, servo, record, .. } = self;
         let Some(control) = &config.control else { return Output::OFF };
-        local_feedback.step(config, control, servo, idle, &live.rotor, sample)
+        local_feedback.step(config, control, servo, idle, &record.rotor, sample)
     }
 
     fn field_oriented(&mut self, sample: &Sample) -> Output {
         self.measure(&sample.halls);
-        let Self { config, paths, servo, live, .. } = self;
-        let compare = paths.field_oriented.step(servo, &live.rotor, &config.tracking, sample);
+        let Self { config, paths, servo, record, .. } = self;
+        let compare = paths.field_oriented.step(servo, &record.rotor, &config.tracking, sample);
         Output { compare, legs: Legs::ALL }
     }
 
     #[inline(always)]
     fn is_too_fast(&self) -> bool {
-        self.live.rotor.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32
+        self.record.rotor.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32
     }
 
     /// Looks at currents, voltage and time. False when a running drive failed.
@@ -351,7 +351,7 @@ impl Drive {
     /// After every change: state, limits and progress go into the record, and the next step is chosen.
     fn publish(&mut self) {
         self.record_by_schedule(self.mode == Mode::Running && self.servo.follows());
-        self.live.status = Status::new(self.mode, self.limits(), self.progress);
+        self.record.status = Status::new(self.mode, self.limits(), self.progress);
         self.route = self.route();
     }
 
@@ -381,13 +381,13 @@ impl Drive {
     }
 
     /// Everything known at the last step.
-    pub const fn live(&self) -> &Record {
-        &self.live
+    pub const fn record(&self) -> &Record {
+        &self.record
     }
 
     /// Angle, speed and turns.
     pub const fn tracker(&self) -> &Tracker {
-        &self.live.rotor
+        &self.record.rotor
     }
 
     /// The estimator in use.

@@ -16,14 +16,20 @@ use core::fmt;
 /// The three ADC codes of one instant, right-aligned.
 pub type Codes = [u16; 3];
 
-/// Which of the three sensors, counted from zero.
+/// Which of the three sensors: 0 to 2. Its text counts from one, as boards and people do: "Hall 1" to "Hall 3".
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Channel(pub u8);
 
 impl fmt::Display for Channel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        write!(f, "Hall {}", self.0)
+        write!(f, "Hall {}", u16::from(self.0) + 1)
+    }
+}
+
+#[cfg(feature = "defmt")]
+impl defmt::Format for Channel {
+    fn format(&self, f: defmt::Formatter<'_>) {
+        defmt::write!(f, "Hall {}", u16::from(self.0) + 1);
     }
 }

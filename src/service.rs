@@ -199,15 +199,15 @@ impl Service {
 
     /// Lends the service a table to fill; with two, it can fill one while the drive uses the other. Gives the table
     /// back where there are two already.
-    pub fn lend(&mut self, table: &'static mut cogging::Table) -> Option<&'static mut cogging::Table> {
+    pub fn add_table(&mut self, table: &'static mut cogging::Table) -> Option<&'static mut cogging::Table> {
         self.tables.push(table).err()
     }
 
-    /// Has the drive balance the cogging by a table, with one that was [lent](Self::lend), or no longer.
+    /// Has the drive balance the cogging by a table, with one that was [added](Self::add_table), or no longer.
     ///
     /// # Errors
     /// [`InstallError::Busy`]: no table is left or the queue is full; nothing has changed then.
-    pub fn balance(&mut self, table: Option<&cogging::Table>) -> Result<(), InstallError> {
+    pub fn set_anti_cogging(&mut self, table: Option<&cogging::Table>) -> Result<(), InstallError> {
         while !self.tables.is_full()
             && let Some(table) = self.tasks.tables.dequeue()
         {
@@ -221,8 +221,8 @@ impl Service {
                 Some(place)
             }
         };
-        self.send_internal(Command::Balance(place)).map_err(|refused| {
-            if let Command::Balance(Some(place)) = refused {
+        self.send_internal(Command::AntiCogging(place)).map_err(|refused| {
+            if let Command::AntiCogging(Some(place)) = refused {
                 let _ = self.tables.push(place);
             }
             InstallError::Busy

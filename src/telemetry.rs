@@ -59,7 +59,7 @@ pub struct State {
     /// Currents in the frame of the rotor.
     pub current: Dq,
     /// Current along q reference.
-    pub wanted: i32,
+    pub current_reference: i32,
     /// Voltage of the last step under field-oriented commutation.
     pub voltage: Dq,
     /// Bus voltage.
@@ -69,7 +69,7 @@ pub struct State {
 impl State {
     /// Nothing.
     pub(crate) const NONE: Self =
-        Self { phases: [0; 3], current: Dq { d: 0, q: 0 }, wanted: 0, voltage: Dq { d: 0, q: 0 }, bus: 0 };
+        Self { phases: [0; 3], current: Dq { d: 0, q: 0 }, current_reference: 0, voltage: Dq { d: 0, q: 0 }, bus: 0 };
 }
 
 /// Rotor, currents and voltages of a step.

@@ -1,6 +1,6 @@
 //! The adaptation against a thousand imperfect motors: what `cargo run --release -- adapt` measures.
 
-use hallservo::hall::adapt::{Outcome, Settings, Spread};
+use hallservo::hall::adapt::{Settings, Spread, Status};
 use rayon::prelude::*;
 use sim::experiment::adapt::trial::{self, Motion, Trial};
 use sim::experiment::adapt::{HZ, ensemble, run};
@@ -47,7 +47,7 @@ fn outcome(start: Spread, third: f32) -> (f64, f64) {
     for seed in 0..200 {
         let mut trial = Trial::with(seed, trial::halls(seed), Motion::Constant(HZ), &model, &settings).unwrap();
         let steps: Vec<_> = (0..400).map(|_| trial.step()).collect();
-        if steps.iter().any(|step| matches!(step.outcome, Outcome::Failed(_))) {
+        if steps.iter().any(|step| matches!(step.outcome, Status::Failed(_))) {
             wrong += 1;
         } else {
             steps[300..].iter().for_each(|step| error.push(step.error_deg));

@@ -166,7 +166,7 @@ fn swinging(seed: u64, tell: bool) -> (Statistics, f64) {
                 }
                 told += f64::from(torque).abs() * f64::from(rig.config.record_every());
                 let outcome = adaptation.take(&record, if tell { torque } else { 0.0 });
-                assert!(!matches!(outcome, adapt::Outcome::Failed(_)), "seed {seed}: {outcome:?}");
+                assert!(!matches!(outcome, adapt::Status::Failed(_)), "seed {seed}: {outcome:?}");
                 if k > 4 {
                     error.push(error_deg(adaptation.adapter().angle(), truth.electrical_angle_rad));
                 }

@@ -2,7 +2,7 @@
 
 use hallservo::angle::ElectricalAngle;
 use hallservo::hall::Channel;
-use hallservo::hall::adapt::{Adapter, Fault, Observation, Outcome, Parameter, Settings};
+use hallservo::hall::adapt::{Adapter, Fault, Observation, Parameter, Settings, Status};
 use hallservo::hall::model::Model;
 use plant::HallParameters;
 use proptest::prelude::*;
@@ -32,7 +32,7 @@ fn standing_for_two_hours_moves_nothing() {
         // A rotor at rest: the bench's would be pushed about by its unknown torque.
         let codes = codes.map(|code| (f64::from(code) + random.scaled(noisy.noise * 250.0)).round() as u16);
         let outcome = trial.adapter.update(&Observation { codes, elapsed: 1, torque_nm: 0.0 });
-        assert!(matches!(outcome, Outcome::Acquiring | Outcome::Tracking), "{outcome:?}");
+        assert!(matches!(outcome, Status::Acquiring | Status::Tracking), "{outcome:?}");
     }
     assert_eq!(trial.adapter.current(), before);
     let after = trial.adapter.deviations();
@@ -51,8 +51,8 @@ fn swinging_over_a_small_arc_publishes_nothing_and_fails_nothing() {
         trial.bench.set_speed(0.14 * TAU * 8.0 * (TAU * 8.0 * t).cos());
         let codes = trial.bench.step(0.0);
         let outcome = trial.adapter.update(&Observation { codes, elapsed: 1, torque_nm: 0.0 });
-        learning += u32::from(outcome == Outcome::Adapting);
-        assert!(!matches!(outcome, Outcome::Failed(_) | Outcome::ModelReady), "{outcome:?} at {k}");
+        learning += u32::from(outcome == Status::Adapting);
+        assert!(!matches!(outcome, Status::Failed(_) | Status::ModelReady), "{outcome:?} at {k}");
     }
     assert!(learning > 30_000, "{learning}");
     assert_eq!(*trial.adapter.model(), published);
@@ -79,7 +79,7 @@ fn lost_samples_and_spikes_are_tolerated() {
             let observation = Observation { codes, elapsed, torque_nm: torque_nm as f32 };
             elapsed = 0;
             let outcome = trial.adapter.update(&observation);
-            assert!(!matches!(outcome, Outcome::Failed(_)), "seed {seed}: {outcome:?} at {k}");
+            assert!(!matches!(outcome, Status::Failed(_)), "seed {seed}: {outcome:?} at {k}");
             if (500..2000).contains(&k) || k > 2600 {
                 error.push(error_deg(&trial));
             }
@@ -98,7 +98,7 @@ fn a_torque_that_is_not_told_is_found() {
             let told = 1.6e-4 * TAU * 10.0 / 4.0 + if k % 2000 < 1000 { 0.0 } else { 2e-3 };
             let codes = trial.bench.step(1.6e-4 * TAU * 10.0 / 4.0);
             let outcome = trial.adapter.update(&Observation { codes, elapsed: 1, torque_nm: told as f32 });
-            assert!(!matches!(outcome, Outcome::Failed(_)), "seed {seed}: {outcome:?} at {k}");
+            assert!(!matches!(outcome, Status::Failed(_)), "seed {seed}: {outcome:?} at {k}");
             if k > 1000 && k % 1000 > 500 {
                 settled.push(error_deg(&trial));
             }
@@ -117,7 +117,7 @@ fn a_pushed_rotor_is_caught_and_nobody_is_blamed() {
                 trial.bench.set_speed(random.random_range(-300.0..300.0));
             }
             let step = trial.step();
-            assert!(!matches!(step.outcome, Outcome::Failed(_)), "seed {seed}: {:?} at {k}", step.outcome);
+            assert!(!matches!(step.outcome, Status::Failed(_)), "seed {seed}: {:?} at {k}", step.outcome);
             assert!(!(450..499).contains(&(k % 500)) || error_deg(&trial).abs() < 2.0, "seed {seed} {k}");
         }
     }
@@ -134,7 +134,7 @@ fn a_start_from_rest_is_followed() {
         let swing = f64::from((k - 1000).max(0)) / 700.0;
         let angle = ElectricalAngle::from_turns((0.3 * (TAU * swing).sin()) as f32);
         let outcome = adapter.update(&Observation { codes: model.codes(angle), elapsed: 1, torque_nm: 0.0 });
-        learning += u32::from(outcome == Outcome::Adapting);
+        learning += u32::from(outcome == Status::Adapting);
         worst = worst.max((adapter.hall_angle() - angle).to_degrees().abs());
     }
     assert!(worst < 4.0 && learning > 10_000, "{worst}° {learning}");
@@ -157,7 +157,7 @@ fn a_sensor_that_drifts_too_far_is_named_with_what_drifted() {
         for k in 0..200_000 {
             // A kelvin every two seconds.
             trial.bench.set_temperature(25.0 + f64::from(k) * 5e-4);
-            if let Outcome::Failed(fault) = trial.step().outcome {
+            if let Status::Failed(fault) = trial.step().outcome {
                 failed = Some((fault, k));
                 break;
             }
@@ -177,8 +177,8 @@ fn two_sensors_lost_leave_no_angle_and_no_panic() {
     trial.bench.set_fault(0, Some(plant::HallFault::Open(plant::Rail::Low)));
     trial.bench.set_fault(2, Some(plant::HallFault::Open(plant::Rail::High)));
     let outcomes: Vec<_> = (0..500).map(|_| trial.step().outcome).collect();
-    assert!(outcomes.contains(&Outcome::Failed(Fault::AtRail(Channel(0)))));
-    assert_eq!(outcomes[499], Outcome::Acquiring);
+    assert!(outcomes.contains(&Status::Failed(Fault::AtRail(Channel(0)))));
+    assert_eq!(outcomes[499], Status::Acquiring);
 }
 
 /// Where a model is farthest from another, in each parameter's limit: offset, amplitude, placement, third harmonic.
@@ -211,7 +211,7 @@ fn what_is_learnt_is_kept_in_the_box() {
         let mut halls = ideal;
         spoil(&mut halls);
         let mut trial = Trial::new(1, halls, Motion::Constant(10.0), Start::Nominal).unwrap();
-        let failed = (0..2000).any(|_| matches!(trial.step().outcome, Outcome::Failed(_)));
+        let failed = (0..2000).any(|_| matches!(trial.step().outcome, Status::Failed(_)));
         let reached = reach(&trial.adapter.current(), &start, &settings);
         assert!(failed && reached[parameter] > 0.95, "{parameter}: {reached:?}");
         // An eighth of a turn may have gone by since it was brought back.

@@ -59,10 +59,10 @@ fn the_procedure_balances_the_cogging_and_ends_at_rest() {
         println!("seed {seed}: {:.3} mN·m without, {:.3} with, {:.1}", 1e3 * off, 1e3 * on, off / on);
         assert!(off / on > 5.0, "seed {seed}: {off} {on}");
         // No longer, and again, as after a power-up.
-        rig.service.balance(None).unwrap();
+        rig.service.set_anti_cogging(None).unwrap();
         rig.run(0.01, |_, _| ());
         assert!(net_torque(&mut rig) > 0.9 * off);
-        rig.service.balance(Some(&table)).unwrap();
+        rig.service.set_anti_cogging(Some(&table)).unwrap();
         rig.run(0.01, |_, _| ());
         assert!(net_torque(&mut rig) < 1.2 * on);
     }
@@ -71,12 +71,12 @@ fn the_procedure_balances_the_cogging_and_ends_at_rest() {
 #[test]
 fn lent_tables_are_two_and_come_back() {
     let mut rig = calibrated(&PlantParameters::imperfect(1), STIFF, 1);
-    let lend = |rig: &mut Rig| rig.service.lend(Box::leak(Box::new(Table::ZERO)));
-    assert!(rig.service.balance(Some(&Table::ZERO)).is_err());
-    assert!(lend(&mut rig).is_none() && lend(&mut rig).is_none());
-    assert!(lend(&mut rig).is_some());
+    let add_table = |rig: &mut Rig| rig.service.add_table(Box::leak(Box::new(Table::ZERO)));
+    assert!(rig.service.set_anti_cogging(Some(&Table::ZERO)).is_err());
+    assert!(add_table(&mut rig).is_none() && add_table(&mut rig).is_none());
+    assert!(add_table(&mut rig).is_some());
     for _ in 0..20 {
-        rig.service.balance(Some(&Table::ZERO)).unwrap();
+        rig.service.set_anti_cogging(Some(&Table::ZERO)).unwrap();
         rig.run(0.001, |_, _| ());
     }
 }

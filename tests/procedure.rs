@@ -23,7 +23,7 @@ fn rig(settings: &Settings) -> Rig {
     // The field has let go of a turning rotor.
     rig.run(0.5, |_, _| ());
     for _ in 0..2 {
-        assert!(rig.service.lend(Box::leak(Box::new(Table::ZERO))).is_none());
+        assert!(rig.service.add_table(Box::leak(Box::new(Table::ZERO))).is_none());
     }
     rig
 }

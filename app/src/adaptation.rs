@@ -1,7 +1,7 @@
 //! The adaptation of the sensors' model from the records while the motor turns.
 
 use crate::storage::Sensors;
-use hallservo::hall::adapt::{self, Outcome};
+use hallservo::hall::adapt::{self, Status};
 use hallservo::hall::model::Model;
 use hallservo::service::Service;
 use hallservo::service::adaptation::Adaptation;
@@ -48,11 +48,11 @@ impl SensorAdaptation {
     /// Learns from a record; the reason, when it gives up.
     pub fn take(&mut self, record: &Record, torque_nm: f32) -> Option<Cause> {
         match self.adaptation.as_mut()?.take(record, torque_nm) {
-            Outcome::Failed(fault) => {
+            Status::Failed(fault) => {
                 self.ended = Some(fault);
                 Some(Cause::Adaptation(fault))
             }
-            Outcome::Adapting | Outcome::ModelReady => {
+            Status::Adapting | Status::ModelReady => {
                 self.wait = self.wait.saturating_sub(1);
                 None
             }

@@ -19,7 +19,7 @@ pub(crate) enum Procedure {
 }
 
 /// What came of it.
-pub(crate) enum Outcome {
+pub(crate) enum Completion {
     Motor(Report),
     Cogging(Table),
     Failed(Activity, Error),
@@ -66,16 +66,16 @@ impl Procedure {
     }
 
     /// Goes on; what came of it, at the end.
-    pub fn step(&mut self, service: &mut Service, now_ms: u32) -> Option<Outcome> {
+    pub fn step(&mut self, service: &mut Service, now_ms: u32) -> Option<Completion> {
         let state = self.inner().step(service, now_ms);
         let found = match self {
-            Self::Motor(motor) => motor.report().copied().map(Outcome::Motor),
-            Self::Cogging(cogging) => cogging.table().copied().map(Outcome::Cogging),
+            Self::Motor(motor) => motor.report().copied().map(Completion::Motor),
+            Self::Cogging(cogging) => cogging.table().copied().map(Completion::Cogging),
         };
         match state {
             State::Running => None,
-            State::Failed(error) => Some(Outcome::Failed(self.activity(), error)),
-            State::Done => Some(found.unwrap_or(Outcome::Failed(self.activity(), Error::Inconclusive))),
+            State::Failed(error) => Some(Completion::Failed(self.activity(), error)),
+            State::Done => Some(found.unwrap_or(Completion::Failed(self.activity(), Error::Inconclusive))),
         }
     }
 

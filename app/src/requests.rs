@@ -44,7 +44,7 @@ pub(crate) enum Command {
     Set(&'static Entry),
 }
 
-type Outcome = Result<Step, Refusal<'static>>;
+type StepResult = Result<Step, Refusal<'static>>;
 
 impl<F: NorFlash> Tasks<F> {
     /// Begins to answer a request.
@@ -53,7 +53,7 @@ impl<F: NorFlash> Tasks<F> {
         self.attempt(id, ask).unwrap_or_else(|refusal| Step::Answer(Answer::Refused(refusal)))
     }
 
-    fn attempt(&mut self, id: u16, ask: Ask<'_>) -> Outcome {
+    fn attempt(&mut self, id: u16, ask: Ask<'_>) -> StepResult {
         let answer = match ask {
             Ask::Hello => self.hello(),
             Ask::Status => Answer::Status(self.status()),
@@ -93,7 +93,7 @@ impl<F: NorFlash> Tasks<F> {
     }
 
     /// What is refused while a procedure is at work.
-    fn attempt_when_idle(&mut self, ask: Ask<'_>) -> Outcome {
+    fn attempt_when_idle(&mut self, ask: Ask<'_>) -> StepResult {
         match ask {
             Ask::Arm => self.command(drive::Command::Arm, Command::Plain),
             Ask::Clear => self.command(drive::Command::Clear, Command::Clear),
@@ -130,8 +130,8 @@ impl<F: NorFlash> Tasks<F> {
                 self.learn_cogging()?;
                 Ok(Step::Answer(Answer::Done))
             }
-            Ask::Balance(true) if !self.has_table() => Err(Refusal::NoTable),
-            Ask::Balance(on) => self.change("anti_cogging", u8::from(on).into()),
+            Ask::AntiCogging(true) if !self.has_table() => Err(Refusal::NoTable),
+            Ask::AntiCogging(on) => self.change("anti_cogging", u8::from(on).into()),
             Ask::Set { name, value } => self.change(name, value),
             Ask::Save => {
                 self.request_save();
@@ -176,17 +176,17 @@ impl<F: NorFlash> Tasks<F> {
         Ok(())
     }
 
-    fn command(&mut self, command: drive::Command, kind: Command) -> Outcome {
+    fn command(&mut self, command: drive::Command, kind: Command) -> StepResult {
         self.send(command)?;
         Ok(Step::Await(Awaited::Reply(kind)))
     }
 
-    fn reconfigure(&mut self, settings: Settings, kind: Command) -> Outcome {
+    fn reconfigure(&mut self, settings: Settings, kind: Command) -> StepResult {
         self.configure(settings)?;
         Ok(Step::Await(Awaited::Reply(kind)))
     }
 
-    fn change(&mut self, name: &str, value: f32) -> Outcome {
+    fn change(&mut self, name: &str, value: f32) -> StepResult {
         let entry = find(name).ok_or(UNKNOWN)?;
         self.reconfigure(self.settings.with(name, value).map_err(Refusal::Setting)?, Command::Set(entry))
     }

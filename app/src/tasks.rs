@@ -58,7 +58,7 @@ pub(crate) struct Tasks<F> {
     /// Whether the drive is to be sent the table, or to stop using it.
     table_due: bool,
     /// Whether the drive uses the table.
-    balanced: bool,
+    anti_cogging: bool,
     pub procedure: &'static mut Option<Procedure>,
     /// The wait for the rotor that the last procedure has turned.
     rest: Option<Rest>,
@@ -73,7 +73,7 @@ pub(crate) struct Tasks<F> {
     /// Answers of the drive to come that no request waits for.
     unclaimed_replies: u8,
     /// Ticks since the last command.
-    since_command: u32,
+    ticks_since_command: u32,
     stream: Option<Stream>,
     lost_records: u32,
     pub garbage: u32,
@@ -86,7 +86,7 @@ impl<F: NorFlash> Tasks<F> {
     pub fn tick(&mut self, now_ms: u64, readings: Readings) {
         self.now_ms = now_ms;
         self.readings = readings;
-        self.since_command = self.since_command.saturating_add(1);
+        self.ticks_since_command = self.ticks_since_command.saturating_add(1);
         let torque_nm = self.take_measurements();
         while let Some(event) = self.service.poll() {
             if let Some(procedure) = self.procedure {
@@ -182,8 +182,8 @@ impl<F: NorFlash> Tasks<F> {
         }
         if self.table_due {
             let table = self.table.as_ref().filter(|_| self.settings.anti_cogging);
-            self.table_due = self.service.balance(table).is_err();
-            self.balanced = !self.table_due && table.is_some();
+            self.table_due = self.service.set_anti_cogging(table).is_err();
+            self.anti_cogging = !self.table_due && table.is_some();
         }
     }
 

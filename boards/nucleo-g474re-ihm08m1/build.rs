@@ -1,5 +1,5 @@
-//! Links for the chip: memory.x of this board, the reference, is at the root of the repository; link.x is that of cortex-m-rt,
-//! defmt.x the log's.
+//! Links for the chip: memory.x of this board, the reference, is at the root of the repository; link.x is that of
+//! cortex-m-rt, defmt.x the log's.
 
 fn main() {
     let here = std::env::var("CARGO_MANIFEST_DIR").expect("set by cargo");

@@ -70,7 +70,7 @@ enum Command {
     },
     /// What the magnets do to the teeth
     Cogging {
-        /// Learn it by turning slowly, balance it or not
+        /// Learn it by turning slowly, compensate it or not
         what: Cogging,
     },
     /// List, read, change and keep settings
@@ -98,7 +98,7 @@ enum Kind {
 enum Cogging {
     /// Turn slowly both ways and learn it
     Learn,
-    /// Balance it
+    /// Compensate it
     On,
     /// Do not
     Off,
@@ -138,8 +138,8 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         Command::Identify => procedures::identify(client),
         Command::PolePairs { turns } => pole_pairs::count(client, *turns),
         Command::Cogging { what: Cogging::Learn } => procedures::learn_cogging(client),
-        Command::Cogging { what: Cogging::On } => client.setting(Ask::Balance(true), |_| ()),
-        Command::Cogging { what: Cogging::Off } => client.setting(Ask::Balance(false), |_| ()),
+        Command::Cogging { what: Cogging::On } => client.setting(Ask::AntiCogging(true), |_| ()),
+        Command::Cogging { what: Cogging::Off } => client.setting(Ask::AntiCogging(false), |_| ()),
         Command::Settings(command) => settings::run(client, command),
         Command::Telemetry(options) => telemetry::watch(client, options),
         Command::Faults => faults::show(client),

@@ -6,7 +6,7 @@ pub mod flash;
 pub mod serve;
 
 use anyhow::{Context as _, Result, anyhow};
-use fault::Planned;
+use fault::ScheduledEvent;
 use flash::Flash;
 use hallservo::board::{Output, Sample, TemperatureCode};
 use hallservo::commutation::Commutation;
@@ -58,7 +58,7 @@ pub struct Simulator {
     /// Control periods in a millisecond, and in the state running.
     periods: u32,
     running: u64,
-    planned: Vec<Planned>,
+    planned: Vec<ScheduledEvent>,
     /// What happens to each sample.
     disturbed: Option<fault::Kind>,
     /// Control periods for which a hand turns the shaft.
@@ -70,7 +70,7 @@ impl Simulator {
     ///
     /// # Errors
     /// What is wrong with the defaults.
-    pub fn new(seed: u64, flash: Flash, planned: Vec<Planned>) -> Result<Self> {
+    pub fn new(seed: u64, flash: Flash, planned: Vec<ScheduledEvent>) -> Result<Self> {
         Self::at(&PlantParameters::imperfect(seed), seed, flash, planned)
     }
 
@@ -78,7 +78,7 @@ impl Simulator {
     ///
     /// # Errors
     /// What is wrong with the motor's parameters.
-    pub fn at(plant: &PlantParameters, seed: u64, flash: Flash, planned: Vec<Planned>) -> Result<Self> {
+    pub fn at(plant: &PlantParameters, seed: u64, flash: Flash, planned: Vec<ScheduledEvent>) -> Result<Self> {
         Self::with(defaults(), plant, seed, flash, planned)
     }
 
@@ -91,7 +91,7 @@ impl Simulator {
         plant: &PlantParameters,
         seed: u64,
         flash: Flash,
-        planned: Vec<Planned>,
+        planned: Vec<ScheduledEvent>,
     ) -> Result<Self> {
         let config = settings.validate().context("the settings")?;
         let mut plant = Plant::new(plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
@@ -144,7 +144,8 @@ impl Simulator {
         kind.act(&mut self.plant)
     }
 
-    /// A hand takes the shaft, turns it by so many turns, negative ones backwards, and lets it go: a turn takes a second.
+    /// A hand takes the shaft, turns it by so many turns, negative ones backwards, and lets it go: a turn takes a
+    /// second.
     ///
     /// # Errors
     /// A number of turns that is not finite.

@@ -1,4 +1,5 @@
-//! What turns the rotor is over when the rotor is at rest and the result is final, not before; and never takes for ever.
+//! What turns the rotor is over when the rotor is at rest and the result is final, not before; and never takes for
+//! ever.
 
 mod tool;
 
@@ -55,7 +56,7 @@ fn every_procedure_leaves_the_rotor_at_rest() {
         let learnt = procedure == Ask::LearnCogging;
         let stored = [Problem::None, if learnt { Problem::None } else { Problem::Blank }];
         assert!(status.calibrated && status.stored[..2] == stored, "{procedure:?}: {status:?}");
-        assert_eq!(status.balanced, learnt);
+        assert_eq!(status.anti_cogging, learnt);
         // At four pole pairs the wait allows 2.5° in 200 ms, from where friction stops it at once.
         let drift_deg = drift_deg(&mut drive);
         assert!(drift_deg < 0.5, "{procedure:?}: {drift_deg}°");

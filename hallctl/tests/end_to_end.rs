@@ -126,10 +126,10 @@ fn evening(options: &[&str]) {
 
     // The Hall breaks while the position is held.
     let fallen = drive.fails(7, &["position", "2.5", "--seconds", "5"]);
-    assert!(fallen.contains("Hall 0 is at the end of the ADC's range"), "{fallen}");
+    assert!(fallen.contains("Hall 1 is at the end of the ADC's range"), "{fallen}");
     let history = drive.ok(&["faults"]);
     assert!(
-        history.contains("running)  Hall 0 is at the end") && history.contains("→ check that Hall's supply"),
+        history.contains("running)  Hall 1 is at the end") && history.contains("→ check that Hall's supply"),
         "{history}"
     );
     assert!(drive.ok(&["status"]).contains("faulted"));
@@ -183,7 +183,8 @@ fn pole_pairs_are_counted_by_a_turn_of_the_hand() {
     assert!(code == Some(7) && text.contains("not told apart"), "{text}");
     let (code, text) = count("-2.005", "2");
     assert_eq!(code, Some(0), "{text}");
-    // 0.005 turns are 1.8°. Either end is uncertain by 0.4° at most of four pole pairs' noise, and let go, the shaft may slip to a tooth.
+    // 0.005 turns are 1.8°. Either end is uncertain by 0.4° at most of four pole pairs' noise, and let go, the shaft
+    // may slip to a tooth.
     let off_deg =
         text.strip_prefix("4 pole pairs: the shaft was ").and_then(|rest| rest.split_once("° off")?.0.parse().ok());
     assert!(off_deg.is_some_and(|off_deg: f64| (off_deg - 1.8).abs() <= 1.0), "{text}");
@@ -257,9 +258,9 @@ fn the_motor_is_measured_and_its_cogging_learnt() {
     let motor = drive.ok(&["identify"]);
     assert!(motor.contains("resistance") && motor.contains("inertia_kgm2"), "{motor}");
     assert!(drive.ok(&["cogging", "learn"]).contains("A RMS"));
-    assert!(drive.ok(&["status"]).contains("cogging balanced"));
+    assert!(drive.ok(&["status"]).contains("anti-cogging on"));
     drive.ok(&["cogging", "off"]);
-    assert!(!drive.ok(&["status"]).contains("cogging balanced"));
+    assert!(!drive.ok(&["status"]).contains("anti-cogging on"));
     drive.ok(&["arm"]);
     drive.ok(&["torque", "0.01", "--seconds", "0.2"]);
     drive.ok(&["voltage", "-0.2", "--seconds", "0.2"]);

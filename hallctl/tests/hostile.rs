@@ -59,7 +59,7 @@ fn hostile() -> impl Strategy<Value = Vec<u8>> {
                 8 => Ask::Telemetry(value),
                 9 => Ask::Setting(number),
                 10 => Ask::Get(&name),
-                11 => Ask::Balance(true),
+                11 => Ask::AntiCogging(true),
                 _ => Ask::History(number as u8),
             },
         )

@@ -220,10 +220,10 @@ fn the_drive_measures_its_motor_and_balances_its_cogging() {
     ask(&mut first, Ask::Get("resistance_ohm"), |answer| {
         assert!(matches!(answer, Answer::Setting(setting) if (setting.value / 3.77 - 1.0).abs() < 0.1), "{answer:?}");
     });
-    ask(&mut first, Ask::Balance(true), |answer| assert_eq!(answer, Answer::Refused(Refusal::NoTable)));
+    ask(&mut first, Ask::AntiCogging(true), |answer| assert_eq!(answer, Answer::Refused(Refusal::NoTable)));
     done(&mut first, Ask::LearnCogging);
     wait(&mut first);
-    assert!(status(&mut first).balanced);
+    assert!(status(&mut first).anti_cogging);
     ask(&mut first, Ask::Cogging, |answer| match answer {
         Answer::Cogging(Procedure::Done(cogging)) => assert!(cogging.rms_a > 0.01, "{cogging:?}"),
         other => panic!("{other:?}"),
@@ -232,10 +232,10 @@ fn the_drive_measures_its_motor_and_balances_its_cogging() {
     drop(first);
     let mut second = drive(Flash::of(flash));
     run(&mut second, 20);
-    assert!(status(&mut second).balanced);
-    done(&mut second, Ask::Balance(false));
+    assert!(status(&mut second).anti_cogging);
+    done(&mut second, Ask::AntiCogging(false));
     run(&mut second, 10);
-    assert!(!status(&mut second).balanced);
+    assert!(!status(&mut second).anti_cogging);
 }
 
 #[test]
@@ -259,7 +259,7 @@ fn every_fault_is_in_the_history_with_its_text() {
         [("hall-open", "end of the ADC"), ("bus-60V", "too high"), ("hot", "too hot"), ("late", "without a step")];
     let flash = calibrated().1;
     for (name, text) in kinds {
-        let planned: fault::Planned = format!("{name}@0.1s").parse().unwrap();
+        let planned: fault::ScheduledEvent = format!("{name}@0.1s").parse().unwrap();
         let mut drive = Simulator::new(1, Flash::of(flash.clone()), vec![planned]).unwrap();
         run(&mut drive, 10);
         done(&mut drive, Ask::Arm);

@@ -7,7 +7,7 @@ use core::fmt;
 pub struct Error {
     /// Path of the field within [`PlantParameters`](crate::PlantParameters).
     pub field: &'static str,
-    /// Which element, where the field stands in an array.
+    /// Which element, counted from 0, where the field stands in an array. The text counts from 1.
     pub index: Option<usize>,
     /// What the value has to be.
     pub rule: &'static str,
@@ -17,7 +17,7 @@ impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "{}", self.field)?;
         if let Some(index) = self.index {
-            write!(f, " (number {index})")?;
+            write!(f, " (number {})", index + 1)?;
         }
         write!(f, " must be {}", self.rule)
     }

@@ -136,7 +136,7 @@ fn bad_parameters_are_named() {
     }
     assert_eq!(
         rejected(|p| p.halls[2].noise = -0.01).to_string(),
-        "halls.noise (number 2) must be finite and not below zero"
+        "halls.noise (number 3) must be finite and not below zero"
     );
     let mut plant = ideal();
     assert_eq!(plant.set_load(f64::NAN).unwrap_err().field, "load_nm");

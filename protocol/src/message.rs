@@ -66,8 +66,8 @@ pub enum Ask<'a> {
     LearnCogging,
     /// What the last one came to: [`Answer::Cogging`].
     Cogging,
-    /// Balance what was learnt, or no longer.
-    Balance(bool),
+    /// Compensate the cogging with what was learnt, or no longer.
+    AntiCogging(bool),
     /// A setting by its number, from zero: [`Answer::Setting`].
     Setting(u16),
     /// A setting by its name: [`Answer::Setting`].

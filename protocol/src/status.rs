@@ -74,8 +74,8 @@ pub struct Status {
     pub calibrated: bool,
     /// How the phases are driven.
     pub commutation: Commutation,
-    /// Whether the cogging is balanced.
-    pub balanced: bool,
+    /// Whether the drive compensates the cogging.
+    pub anti_cogging: bool,
     /// Mechanical, turns since power-up.
     pub position_turns: f64,
     /// Mechanical, rad/s.

@@ -48,7 +48,7 @@ fn asks() -> impl Strategy<Value = Vec<u8>> {
                 11 => Ask::Calibration,
                 12 => Ask::Identify,
                 13 => Ask::LearnCogging,
-                14 => Ask::Balance(bits & 1 == 0),
+                14 => Ask::AntiCogging(bits & 1 == 0),
                 15 => Ask::Setting(number),
                 16 => Ask::Get(&name),
                 17 => Ask::Set { name: &name, value },

@@ -1,8 +1,8 @@
-//! What may happen to a drive, and when: the language of `cargo virtual --script`, of `hallctl simulate --fault`, and of what a
-//! person types into `hallctl simulate`.
+//! What may happen to a drive, and when: the language of `cargo virtual --script`, of `hallctl simulate --fault`, and
+//! of what a person types into `hallctl simulate`.
 //!
-//! A script has an event a line; `#` begins a comment. A time is in `s`, `ms` or `us`: since power-on on a virtual board, in the
-//! state running, all together, in a simulated drive.
+//! A script has an event a line; `#` begins a comment. A time is in `s`, `ms` or `us`: since power-on on a virtual
+//! board, in the state running, all together, in a simulated drive.
 //!
 //! ```text
 //! at 500ms  hall 1 open            # the wire of a Hall, 1 to 3; also: good, ground, supply, stuck (stays where it is)
@@ -21,16 +21,16 @@
 //! at 4s     hang                   # the control interrupt never ends; also: hang tasks, hang 44 (an exception's number)
 //! ```
 //!
-//! On a command line an event goes before its time, with hyphens for the spaces, and Hall 1 needs no number: `bus-12V@1s`,
-//! `hall-2-stuck@40s`, `hall-open@40s`. Typed, it has no time, and happens at once: `turn 2`.
+//! On a command line an event goes before its time, with hyphens for the spaces, and Hall 1 needs no number:
+//! `bus-12V@1s`, `hall-2-stuck@40s`, `hall-open@40s`. Typed, it has no time, and happens at once: `turn 2`.
 //!
-//! Not every drive can do everything: a virtual board turns no shaft by hand, heats no bridge and loses no period; a simulated
-//! drive has no pins, no serial port to disturb and no flash that is cut. Each says so when it is asked to.
+//! Not every drive can do everything: a virtual board turns no shaft by hand, heats no bridge and loses no period; a
+//! simulated drive has no pins, no serial port to disturb and no flash that is cut. Each says so when it is asked to.
 //!
 //! `send` takes `hello`, `status`, `arm`, `disarm`, `clear`, `calibrate`, `calibration`, `identify`, `identification`,
-//! `learn-cogging`, `cogging`, `balance on|off`, `commutate block|sinusoidal|field-oriented`, `voltage X`, `torque X` (N·m),
-//! `speed X` (rad/s), `position X` (turns), `get NAME`, `set NAME X`, `save`, `load`, `restore`, `telemetry X` (Hz) and
-//! `history N`; who sends it knows the protocol.
+//! `learn-cogging`, `cogging`, `anti-cogging on|off`, `commutate block|sinusoidal|field-oriented`, `voltage X`, `torque X`
+//! (N·m), `speed X` (rad/s), `position X` (turns), `get NAME`, `set NAME X`, `save`, `load`, `restore`, `telemetry X`
+//! (Hz) and `history N`; who sends it knows the protocol.
 
 mod event;
 pub mod words;

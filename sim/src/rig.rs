@@ -172,7 +172,7 @@ impl Rig {
     /// # Errors
     /// Why it came to nothing.
     pub fn learn(&mut self, plan: &learning::Plan) -> Result<Table> {
-        while self.service.lend(Box::leak(Box::new(Table::ZERO))).is_none() {}
+        while self.service.add_table(Box::leak(Box::new(Table::ZERO))).is_none() {}
         let mut procedure = Learning::new(&self.config, plan)?;
         self.proceed(&mut procedure)?;
         Ok(*procedure.table().context("done without a table")?)

@@ -55,8 +55,9 @@ impl Sextant {
         if into <= SIXTH as u32 + 2 * MARGIN { self } else { Self::of(angle) }
     }
 
-    /// From three switching Halls at 0°, 120° and 240°, high where their signal is positive: the code in Fig. 5. Of sensors
-    /// 60° apart the middle one is the one at 240° upside down. `None` when all three are alike: no magnet makes that.
+    /// From three switching Halls at 0°, 120° and 240°, high where their signal is positive: the code in Fig. 5. Of
+    /// sensors 60° apart the middle one is the one at 240° upside down. `None` when all three are alike: no magnet
+    /// makes that.
     pub fn of_switching_halls(high: [bool; 3]) -> Option<Self> {
         // The signs of sin θ, sin(θ − 120°) and sin(θ − 240°) within each sextant of θ.
         match high {

@@ -23,7 +23,7 @@ pub struct Config {
     pub(crate) position: position::Gain,
     pub(crate) trajectory: trajectory::Limits,
     /// Largest speed to catch up with the trajectory: an eighth more than its largest.
-    pub(crate) catching_up: i32,
+    pub(crate) max_speed_reference: i32,
     pub(crate) max_current: i32,
     /// To a code for a full scale of 2¹⁶.
     pub(crate) shift: u32,
@@ -33,7 +33,7 @@ pub struct Config {
     /// Slope of the dead time's correction: current of the [modulator](svpwm::Modulator::compare)'s unit per current.
     pub(crate) ramp: i32,
     /// Current from which on the correction hardly changes any more.
-    pub(crate) steep: i32,
+    pub(crate) dead_time_saturation: i32,
     /// Whether phases B and C are exchanged.
     pub(crate) reversed: bool,
     /// Speed from which on the back-EMF tells the alignment.
@@ -90,19 +90,19 @@ impl Config {
             position: position::Gain::new(position_hz, loop_hz).ok_or(gain("position_bandwidth_hz", position_hz))?,
             trajectory: trajectory::Limits::new((acceleration as i32).max(1), speed as i32)
                 .ok_or(gain("max_acceleration_rad_s2", max_acceleration_rad_s2))?,
-            catching_up: (1.125 * speed) as i32,
+            max_speed_reference: (1.125 * speed) as i32,
             max_current: libm::roundf(max_current) as i32,
             shift: 16 - u32::from(frame.adc_bits),
             volts: (longest * 65_536.0 * 4_194_304.0 / f64::from(svpwm::LONGEST)) as i32,
             modulator: svpwm::Modulator::new(frame.period, frame.dead_time, &frame.limits, frame.reversed),
             ramp: (svpwm::RAMP as f32 / ramp.max(1.0)) as i32,
-            steep: (RAMPS as f32 * ramp.max(1.0)) as i32,
+            dead_time_saturation: (RAMPS as f32 * ramp.max(1.0)) as i32,
             reversed: frame.reversed,
             // A back-EMF of a fiftieth of the bus divider's full scale.
             trim_from: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * 4_294_967_296.0).min(536_870_912.0)
                 as i32,
-            // There, a time constant of half a second on a bus of the full scale: an electrical radian over that voltage and the
-            // corrections of the time.
+            // There, a time constant of half a second on a bus of the full scale: an electrical radian over that
+            // voltage and the corrections of the time.
             trim_gain: (4_294_967_296.0
                 / TAU
                 / (svpwm::LONGEST as f32 / longest as f32 / 50.0)
@@ -171,7 +171,7 @@ impl Config {
 
     /// Current below which the dead time acts in part only, in amperes.
     pub(crate) fn dead_time_ramp_a(&self) -> f32 {
-        self.steep as f32 / RAMPS as f32 / self.scale.per_ampere()
+        self.dead_time_saturation as f32 / RAMPS as f32 / self.scale.per_ampere()
     }
 
     /// The current of a torque in newton metres, by the flux linkage.

@@ -158,14 +158,14 @@ impl Integrators {
     /// Nothing.
     pub const ZERO: Self = Self { d: 0, q: 0 };
 
-    /// One step: the voltage that makes the `measured` currents `wanted` along q and nothing along d, within the
+    /// One step: the voltage that makes the `measured` currents `reference` along q and nothing along d, within the
     /// circle.
     ///
     /// The voltages that turning induces from axis to axis are fed forward, so that d and q do not disturb each
     /// other. Currents are in 2⁻²⁸ of the full scale and up to 4/3 of it.
     #[inline(always)]
-    pub const fn step(&mut self, gains: &Present, wanted: i32, measured: Dq) -> Dq {
-        let error = wanted - measured.q;
+    pub const fn step(&mut self, gains: &Present, reference: i32, measured: Dq) -> Dq {
+        let error = reference - measured.q;
         let asked = Dq {
             d: self.d - high(measured.d, gains.proportional) - high(measured.q, gains.reactance),
             q: self.q + gains.induced + high(error, gains.proportional) + high(measured.d, gains.reactance),
@@ -264,14 +264,14 @@ mod tests {
     fn leaves_a_limit_without_overshoot() {
         let gains = present(1000.0, 0);
         let mut integrators = Integrators::default();
-        let mut wanted = 30_000;
+        let mut reference = 30_000;
         let mut step = 0;
         let currents = winding(3.75, 8000, |q| {
             step += 1;
             if step == 4000 {
-                wanted = 2000;
+                reference = 2000;
             }
-            units(integrators.step(&gains, wanted << 13, Dq { d: 0, q: q << 13 }).q, BUS) as i32
+            units(integrators.step(&gains, reference << 13, Dq { d: 0, q: q << 13 }).q, BUS) as i32
         });
         // 13.2 V: 3.52 A.
         assert!((currents[3999] - 13_980).abs() < 60, "{}", currents[3999]);
@@ -288,7 +288,7 @@ mod tests {
         let integrators = Integrators::default();
         let volts = |x: i32| units(x, BUS) as f32 * SCALE.volts / 32_768.0;
         let omega = TAU * 300.0;
-        // One step with the currents as wanted along q; along d the proportional part takes its share.
+        // One step with the currents as reference along q; along d the proportional part takes its share.
         let voltage = { integrators }.step(&gains, current.q, Dq { d: 0, ..current });
         assert!((volts(voltage.d) + omega * 0.36e-3 * 2.0).abs() < 5e-3, "{}", volts(voltage.d));
         assert!((volts(voltage.q) - omega * 5e-3).abs() < 5e-3, "{}", volts(voltage.q));
@@ -374,7 +374,7 @@ mod tests {
         #[test]
         fn the_voltage_is_within_the_circle_for_any_input(
             currents in prop::collection::vec((-43_690..43_690, -43_690..43_690), 1..100),
-            wanted in -32_768..32_768, speed: i32, room in 0.01..1.0_f32, resistance in 0.0..3.0_f32,
+            reference in -32_768..32_768, speed: i32, room in 0.01..1.0_f32, resistance in 0.0..3.0_f32,
             flux in 0.0..10.0_f32,
         ) {
             // Up to the largest gains there is room for, and more flux than that, on the lowest bus.
@@ -394,7 +394,7 @@ mod tests {
             present.take_up_speed(&gains, bus, speed);
             let mut integrators = Integrators::default();
             for (d, q) in currents {
-                let Dq { d, q } = integrators.step(&present, wanted << 13, Dq { d: d << 13, q: q << 13 });
+                let Dq { d, q } = integrators.step(&present, reference << 13, Dq { d: d << 13, q: q << 13 });
                 prop_assert!(libm::hypot(f64::from(d), f64::from(q)) <= f64::from(LONGEST));
             }
         }

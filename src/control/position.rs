@@ -17,11 +17,11 @@ impl Gain {
         Some(Self(fixed(TAU * bandwidth_hz / loop_hz, 32)?.max(1)))
     }
 
-    /// The speed that makes the `measured` position the `wanted` one, beside what is fed `forward`; up to ± `most`.
+    /// The speed that makes the `measured` position the `reference` one, beside what is fed `forward`; up to ± `most`.
     /// A deviation beyond 2³¹ counts as that.
     #[inline(always)]
-    pub const fn speed(&self, wanted: Position, measured: Position, forward: i32, most: i32) -> i32 {
-        let error = wanted.to_bits().wrapping_sub(measured.to_bits());
+    pub const fn speed(&self, reference: Position, measured: Position, forward: i32, most: i32) -> i32 {
+        let error = reference.to_bits().wrapping_sub(measured.to_bits());
         let narrow = error as i32;
         let error = if narrow as i64 == error {
             narrow
@@ -41,11 +41,11 @@ mod tests {
     #[test]
     fn approaches_with_the_bandwidth() {
         let gain = Gain::new(20.0, 40e3).unwrap();
-        let wanted = Position::from_bits(1 << 30);
+        let reference = Position::from_bits(1 << 30);
         let mut at = 0_i64;
         // One time constant.
         for _ in 0..318 {
-            at += i64::from(gain.speed(wanted, Position::from_bits(at), 0, i32::MAX / 2));
+            at += i64::from(gain.speed(reference, Position::from_bits(at), 0, i32::MAX / 2));
         }
         let left = 1.0 - at as f64 / f64::from(1 << 30);
         assert!((left - 0.368).abs() < 2e-3, "{left}");
@@ -54,11 +54,11 @@ mod tests {
     #[test]
     fn far_away_and_any_feed_forward_stay_within_the_limit() {
         let gain = Gain::new(20.0, 40e3).unwrap();
-        for wanted in [i64::MIN, -1 << 40, 0, 1 << 40, i64::MAX] {
+        for reference in [i64::MIN, -1 << 40, 0, 1 << 40, i64::MAX] {
             for forward in [-1000, 0, 1000] {
-                let speed = gain.speed(Position::from_bits(wanted), Position::from_bits(0), forward, 900);
-                assert!(speed.abs() <= 900, "{wanted} {forward} {speed}");
-                assert!(wanted == 0 || i64::from(speed.signum()) == wanted.signum());
+                let speed = gain.speed(Position::from_bits(reference), Position::from_bits(0), forward, 900);
+                assert!(speed.abs() <= 900, "{reference} {forward} {speed}");
+                assert!(reference == 0 || i64::from(speed.signum()) == reference.signum());
             }
         }
     }

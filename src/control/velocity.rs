@@ -63,11 +63,11 @@ impl Integrator {
         Self((current as i64) << 32)
     }
 
-    /// One step: the current that makes the `measured` speed the `wanted` one, beside what is fed `forward`; up to
+    /// One step: the current that makes the `measured` speed the `reference` one, beside what is fed `forward`; up to
     /// ± `most`. Speeds are up to 2²⁹, currents up to 2¹⁵.
     #[inline(always)]
-    pub const fn step(&mut self, gains: &Gains, wanted: i32, measured: i32, forward: i32, most: i32) -> i32 {
-        let error = clamp(wanted.wrapping_sub(measured), gains.far);
+    pub const fn step(&mut self, gains: &Gains, reference: i32, measured: i32, forward: i32, most: i32) -> i32 {
+        let error = clamp(reference.wrapping_sub(measured), gains.far);
         let asked = ((self.0 + error as i64 * gains.proportional as i64) >> 32) as i32 + forward;
         let current = clamp(asked, most);
         // What is taken back is more than what is added, so it needs no limit of its own.
@@ -92,8 +92,8 @@ mod tests {
         let most = (most_a * SCALE.per_ampere()) as i32;
         for _ in 0..20_000 {
             let measured = (speed * SCALE.per_radian_s()) as i32;
-            let wanted = (100.0 * SCALE.per_radian_s()) as i32;
-            let current = integrator.step(&gains, wanted, measured, 0, most) as f32 / SCALE.per_ampere();
+            let reference = (100.0 * SCALE.per_radian_s()) as i32;
+            let current = integrator.step(&gains, reference, measured, 0, most) as f32 / SCALE.per_ampere();
             speed += (0.03 * current - load_nm) / 1e-5 * 25e-6;
             largest = largest.max(speed);
         }

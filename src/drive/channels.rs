@@ -37,7 +37,7 @@ pub enum Command {
     /// Another commutation, while the bridge is off.
     Commutate(Commutation),
     /// Balance the cogging by a table, or no longer; the old one comes back through [`Tasks::tables`].
-    Balance(Option<&'static mut cogging::Table>),
+    AntiCogging(Option<&'static mut cogging::Table>),
     /// Other settings, while the bridge is off; the old ones, or those refused, come back through [`Tasks::configs`].
     Configure(&'static mut Config),
     /// Leave the faulted state.

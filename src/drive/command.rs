@@ -16,7 +16,7 @@ use crate::telemetry::Progress;
 impl Command {
     /// Whether it comes from whoever commands the drive; the tasks send the others by themselves.
     const fn is_of_the_user(&self) -> bool {
-        !matches!(self, Self::Install(_) | Self::CalibrationFailed | Self::Balance(_) | Self::Trip(_))
+        !matches!(self, Self::Install(_) | Self::CalibrationFailed | Self::AntiCogging(_) | Self::Trip(_))
     }
 }
 
@@ -45,7 +45,7 @@ impl Drive {
             Command::Speed(speed) => self.follow(Demand::Speed(speed))?,
             Command::Position(position) => self.follow(Demand::Position(position))?,
             Command::Commutate(commutation) => self.commutate(commutation)?,
-            Command::Balance(table) => self.balance(table),
+            Command::AntiCogging(table) => self.set_anti_cogging(table),
             Command::Configure(config) => self.configure(config)?,
             Command::Trip(fault) => self.fail(fault),
             Command::Clear => self.on_command(Event::Clear { calibrated: self.estimator().is_some() })?,
@@ -91,7 +91,7 @@ impl Drive {
 
     fn install(&mut self, estimator: &'static mut Estimator, codes: Codes) -> Reply {
         // What was learnt while somebody turns the shaft is no reason to forget its turns.
-        let tracks = self.mode == Mode::Ready && self.live.missed <= self.config.tolerated;
+        let tracks = self.mode == Mode::Ready && self.record.missed <= self.config.tolerated;
         let allowed = self.on_command(Event::Installed);
         let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
@@ -109,8 +109,8 @@ impl Drive {
     /// Starts to track anew where the rotor is.
     fn find_angle_anew(&mut self, codes: Codes) {
         let angle = self.estimator().and_then(|estimator| estimator.angle(&codes).ok());
-        self.live.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
-        self.live.rotor = Tracker::at(angle.unwrap_or(ElectricalAngle::ZERO));
+        self.record.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
+        self.record.rotor = Tracker::at(angle.unwrap_or(ElectricalAngle::ZERO));
     }
 
     fn arm(&mut self, sample: &Sample) -> Reply {
@@ -120,15 +120,18 @@ impl Drive {
             mode => return Err(Refusal::Mode(mode)),
         }
         let control = self.config.control.as_ref();
-        let protection = control.map(|control| Protection::for_arming(control, &self.paths.idle, sample)).transpose();
-        let protection = protection.map_err(Refusal::Fault)?;
+        if let Some(fault) = control.and_then(|control| Protection::refusal(control, &self.paths.idle, sample)) {
+            return Err(Refusal::Fault(fault));
+        }
         if self.limits.contains(Limits::TWO_HALLS) {
             return Err(Refusal::HallLost);
         }
-        if self.live.missed != 0 {
+        if self.record.missed != 0 {
             return Err(Refusal::NoAngle);
         }
-        self.servo.protection = protection.unwrap_or(Protection::NONE);
+        if let Some(control) = control {
+            self.servo.protection.arm(control, sample);
+        }
         self.paths.voltage.release(&self.config);
         self.reset_servo(sample);
         self.on_command(Event::Arm)
@@ -148,7 +151,7 @@ impl Drive {
         if magnitude > most as u32 {
             return Err(Refusal::TooLarge);
         }
-        self.servo.follow(control, demand, &self.live.rotor);
+        self.servo.follow(control, demand, &self.record.rotor);
         self.publish();
         Ok(())
     }
@@ -157,7 +160,7 @@ impl Drive {
         if let Some(control) = &self.config.control {
             self.servo.reset(control, &self.paths.idle);
             self.paths.local_feedback.reset();
-            self.paths.field_oriented.reset(control, self.live.rotor.speed(), sample);
+            self.paths.field_oriented.reset(control, self.record.rotor.speed(), sample);
         }
     }
 
@@ -172,7 +175,7 @@ impl Drive {
         Ok(())
     }
 
-    fn balance(&mut self, table: Option<&'static mut cogging::Table>) {
+    fn set_anti_cogging(&mut self, table: Option<&'static mut cogging::Table>) {
         if let Some(unused) = core::mem::replace(&mut self.servo.cogging, table) {
             let _ = self.channels.tables.enqueue(unused);
         }

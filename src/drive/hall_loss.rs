@@ -11,7 +11,8 @@ use crate::mode::Mode;
 /// Farthest that two Halls' angle may be from the tracked one to be believed, in bits: 45°.
 const NEAR: u32 = 1 << 29;
 
-/// Farthest that two Halls' strength may be from [`Estimator::NOMINAL_STRENGTH`]: harmonics and drift together stay below.
+/// Farthest that two Halls' strength may be from [`Estimator::NOMINAL_STRENGTH`]: harmonics and drift together stay
+/// below.
 const UNHEALTHY: u32 = 450;
 
 /// What is known and suspected of a lost Hall.
@@ -46,14 +47,14 @@ impl Drive {
         self.hall_loss.lost = Some(lost);
         self.limits = self.limits.with(Limits::TWO_HALLS);
         // It took time to find out, and the lost Hall has led the tracking astray.
-        self.live.rotor.move_to(angle);
+        self.record.rotor.move_to(angle);
         self.angle_found();
     }
 
     /// The Hall to do without, and the angle then.
     fn find_lost_hall(&self, fault: Fault, codes: Codes) -> Option<(Channel, ElectricalAngle)> {
         let estimator = self.estimator()?;
-        let tracked = self.live.rotor.angle();
+        let tracked = self.record.rotor.angle();
         let suspects = match fault {
             Fault::Hall(Implausible::AtRail(channel) | Implausible::OutOfRange(channel)) => channel.0..=channel.0,
             Fault::Hall(Implausible::Inconsistent) | Fault::AngleJump => 0..=2,
@@ -77,7 +78,7 @@ impl Drive {
     pub(super) fn measure_without(&mut self, lost: Channel, codes: Codes) {
         let pair = self.estimator().and_then(|estimator| estimator.angle_without(lost, &codes));
         let healthy = pair.filter(|(_, strength)| strength.abs_diff(Estimator::NOMINAL_STRENGTH) <= UNHEALTHY);
-        match healthy.map(|(angle, _)| self.live.rotor.step(&self.config.tracking, angle)) {
+        match healthy.map(|(angle, _)| self.record.rotor.step(&self.config.tracking, angle)) {
             Some(Ok(())) => self.angle_found(),
             _ => self.find_other_loss(lost, codes),
         }
@@ -94,10 +95,10 @@ impl Drive {
         match best {
             Some((channel, (angle, strength))) if strength.abs_diff(Estimator::NOMINAL_STRENGTH) <= UNHEALTHY => {
                 self.hall_loss.lost = Some(channel);
-                self.live.rotor.move_to(angle);
+                self.record.rotor.move_to(angle);
             }
             _ => {
-                self.live.rotor.coast();
+                self.record.rotor.coast();
                 if !self.count_missed() {
                     self.fail(Fault::Hall(Implausible::Inconsistent));
                 }

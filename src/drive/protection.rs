@@ -63,23 +63,27 @@ impl Protection {
         self.sum_floor = code(zeros.iter().sum()).wrapping_sub(guard.imbalance);
     }
 
-    /// The protection of a drive whose bridge is to be switched on now.
-    ///
-    /// # Errors
-    /// What would be a fault at once.
-    pub fn for_arming(config: &Config, zeros: &Idle, sample: &Sample) -> Result<Self, Fault> {
+    /// What would be a fault at once if the bridge were switched on now. Changes nothing: the thresholds are made on the
+    /// stack, where they stay.
+    #[inline(never)]
+    pub fn refusal(config: &Config, zeros: &Idle, sample: &Sample) -> Option<Fault> {
         if !zeros.zeros_are_plausible(config) {
-            return Err(Fault::CurrentOffset);
+            return Some(Fault::CurrentOffset);
         }
         let mut protection = Self::NONE;
         protection.set_zeros(config, zeros.zeros());
         if !protection.allows(sample) {
-            return Err(protection.fault(sample));
+            return Some(protection.fault(sample));
         }
+        protection.over_temperature(config, sample)
+    }
+
+    /// The bridge is to be switched on: nothing is counted yet, and the largest current is that of these temperatures.
+    pub fn arm(&mut self, config: &Config, sample: &Sample) {
+        self.rest();
         for thermistor in 0..2 {
-            protection.derate(config, sample, thermistor);
+            self.derate(config, sample, thermistor);
         }
-        protection.over_temperature(config, sample).map_or(Ok(protection), Err)
     }
 
     /// Whether currents, voltage and time are as they should; in every step.
@@ -143,8 +147,8 @@ impl Protection {
     /// Whether the rotor has stood still with the current at its limit for too long.
     #[inline(always)]
     pub fn is_stalled(&mut self, config: &Config, limited: bool, speed: i32) -> bool {
-        let creep = config.guard.creep;
-        let stands = limited && speed.wrapping_add(creep) as u32 <= 2 * creep as u32;
+        let rest_speed = config.guard.rest_speed;
+        let stands = limited && speed.wrapping_add(rest_speed) as u32 <= 2 * rest_speed as u32;
         if !stands {
             // The speed is noisy: a look at which it seems to turn does not make up for all before.
             self.stalls = self.stalls.saturating_sub(STALL_RECOVERY);

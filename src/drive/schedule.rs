@@ -87,7 +87,7 @@ impl Drive {
         work: impl FnOnce(&mut Servo, &mut Paths, &Context) -> R,
     ) -> Option<R> {
         let config = self.config.control.as_ref()?;
-        Some(work(&mut self.servo, &mut self.paths, &Context { config, rotor: &self.live.rotor, sample }))
+        Some(work(&mut self.servo, &mut self.paths, &Context { config, rotor: &self.record.rotor, sample }))
     }
 
     /// The same as a slot that finds no fault.
@@ -183,10 +183,10 @@ impl Drive {
         let Schedule { record_due, .. } = self.servo.schedule;
         if self.servo.schedule.is_due(record_due) {
             self.servo.schedule.record_due = record_due.wrapping_add(self.config.record_every);
-            self.live.status = self.live.status.with_limits(self.limits());
-            self.live.codes = sample.halls;
-            self.live.sequence = self.servo.schedule.sequence();
-            let _ = self.channels.records.enqueue(self.live);
+            self.record.status = self.record.status.with_limits(self.limits());
+            self.record.codes = sample.halls;
+            self.record.sequence = self.servo.schedule.sequence();
+            let _ = self.channels.records.enqueue(self.record);
         }
     }
 
@@ -215,7 +215,7 @@ impl Drive {
             self.fail(Fault::CommandTimeout);
         } else if !self.servo.limits.contains(Limits::TIMEOUT) && self.mode.drives() {
             self.servo.limits = self.servo.limits.with(Limits::TIMEOUT);
-            self.servo.follow(control, Demand::Speed(Speed(0)), &self.live.rotor);
+            self.servo.follow(control, Demand::Speed(Speed(0)), &self.record.rotor);
             self.publish();
         }
     }
@@ -229,11 +229,11 @@ impl Drive {
             schedule.measurement_due = RECORD;
             // A command does so before the step attends.
             schedule.tick = RECORD.wrapping_sub(self.until_record).wrapping_sub(2);
-            schedule.first = self.live.sequence.wrapping_sub(RECORD);
+            schedule.first = self.record.sequence.wrapping_sub(RECORD);
         } else if schedule.records && !records {
             let next = schedule.tick.wrapping_add(1);
             self.until_record = (schedule.record_due.wrapping_sub(next) as i32).max(1) as u32;
-            self.live.sequence = schedule.first.wrapping_add(next).wrapping_add(self.until_record);
+            self.record.sequence = schedule.first.wrapping_add(next).wrapping_add(self.until_record);
         }
         schedule.records = records;
     }

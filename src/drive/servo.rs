@@ -168,8 +168,8 @@ impl Servo {
         self.speed_reference = self.trajectory.speed();
         if let Demand::Position(_) = self.demand {
             let (reference, measured) = (self.trajectory.position(), coarse(with.rotor.smoothed()));
-            let Config { position, catching_up, .. } = with.config;
-            self.speed_reference = position.speed(reference, measured, self.speed_reference, *catching_up);
+            let Config { position, max_speed_reference, .. } = with.config;
+            self.speed_reference = position.speed(reference, measured, self.speed_reference, *max_speed_reference);
         }
     }
 
@@ -204,16 +204,16 @@ impl Servo {
     fn set_reference(&mut self, config: &Config, request: i32) {
         let most = self.protection.max_current;
         let limited = clamp(request, most);
-        self.measurement.state.wanted = limited;
+        self.measurement.state.current_reference = limited;
         self.reference.current = limited << PARK_BITS;
-        self.reference.dead_time = clamp(limited, config.steep) * config.ramp;
+        self.reference.dead_time = clamp(limited, config.dead_time_saturation) * config.ramp;
         let cut = limited != request;
         self.limits = self.limits.set(Limits::CURRENT, cut).set(Limits::HEAT, cut && most < config.max_current);
     }
 
     /// Reference of the current along q, in 2⁻¹⁵ of the full scale.
     pub const fn current_reference(&self) -> i32 {
-        self.measurement.state.wanted
+        self.measurement.state.current_reference
     }
 
     /// Currents in the frame of a rotor at an angle at the sampling instant, in 2⁻²⁸ of the full scale.
@@ -229,7 +229,7 @@ impl Servo {
         let state = State {
             phases: zeros.phases(with.config, with.sample),
             current: Dq { d: self.current.d >> PARK_BITS, q: self.current.q >> PARK_BITS },
-            wanted: self.current_reference(),
+            current_reference: self.current_reference(),
             voltage: field.voltage(with.config),
             bus: field.bus(),
         };

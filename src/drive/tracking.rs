@@ -24,7 +24,7 @@ impl Drive {
 
     /// Takes up an angle.
     fn track(&mut self, angle: ElectricalAngle) {
-        match self.live.rotor.step(&self.config.tracking, angle) {
+        match self.record.rotor.step(&self.config.tracking, angle) {
             Ok(()) => self.angle_found(),
             Err(Jump) => self.angle_jumped(angle),
         }
@@ -32,8 +32,8 @@ impl Drive {
 
     /// The angle is plausible, perhaps again.
     pub(super) fn angle_found(&mut self) {
-        if self.live.missed != 0 {
-            self.live.missed = 0;
+        if self.record.missed != 0 {
+            self.record.missed = 0;
             self.limits = self.limits.without(Limits::EXTRAPOLATED);
             self.publish();
         }
@@ -41,13 +41,13 @@ impl Drive {
 
     /// The codes are no angle.
     fn no_angle(&mut self, why: Implausible) {
-        self.live.rotor.coast();
+        self.record.rotor.coast();
         if self.count_missed() {
             return;
         }
         if !self.mode.drives() {
             // Nothing is known of the rotor, so it is not turned on and on.
-            self.live.rotor = Tracker::at(self.live.rotor.angle());
+            self.record.rotor = Tracker::at(self.record.rotor.angle());
         }
         self.fail_or_suspect(Fault::Hall(why));
     }
@@ -59,7 +59,7 @@ impl Drive {
         }
         if !self.mode.drives() {
             // While nothing is driven, believe what comes again and again.
-            self.live.rotor = Tracker::at(angle);
+            self.record.rotor = Tracker::at(angle);
             self.angle_found();
         }
         self.fail_or_suspect(Fault::AngleJump);
@@ -67,9 +67,9 @@ impl Drive {
 
     /// Counts a sample without a plausible angle; false when they are too many.
     pub(super) fn count_missed(&mut self) -> bool {
-        self.live.missed = self.live.missed.saturating_add(1);
+        self.record.missed = self.record.missed.saturating_add(1);
         self.limits = self.limits.with(Limits::EXTRAPOLATED);
         self.publish();
-        self.live.missed <= self.config.tolerated
+        self.record.missed <= self.config.tolerated
     }
 }

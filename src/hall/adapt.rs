@@ -86,7 +86,7 @@ pub struct Observation {
 /// What came of an observation.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub enum Outcome {
+pub enum Status {
     /// Angle and speed are being acquired.
     Acquiring,
     /// Angle and speed are tracked, parameters are not adapted: too slow, a sensor under suspicion, or a fault.
@@ -196,19 +196,19 @@ impl Adapter {
     }
 
     /// Update by a sample.
-    pub fn update(&mut self, observation: &Observation) -> Outcome {
+    pub fn update(&mut self, observation: &Observation) -> Status {
         let outcome = self.process(observation);
         match self.fault {
             Some(fault) if !self.fault_reported => {
                 self.fault_reported = true;
-                Outcome::Failed(fault)
+                Status::Failed(fault)
             }
             _ => outcome,
         }
     }
 
     #[inline(always)]
-    fn process(&mut self, observation: &Observation) -> Outcome {
+    fn process(&mut self, observation: &Observation) -> Status {
         self.samples_since_drift = self.samples_since_drift.saturating_add(u32::from(observation.elapsed));
         if self.needs_check(&observation.codes) || self.phase != Phase::Tracking || !self.is_near(observation.elapsed) {
             return self.update_all(observation);
@@ -244,7 +244,7 @@ impl Adapter {
 
     /// After a gap there is no mean of three samples: update by one sensor of one sample.
     #[cold]
-    fn update_single(&mut self, sensor: usize, observation: &Observation) -> Outcome {
+    fn update_single(&mut self, sensor: usize, observation: &Observation) -> Status {
         self.predict(observation);
         let learn = self.may_learn();
         let nonlinearity = self.nonlinearity(sensor, learn, 1.0);
@@ -257,8 +257,8 @@ impl Adapter {
 
     /// Update by the three sensors of a sample with which something is wrong.
     #[cold]
-    fn update_all(&mut self, observation: &Observation) -> Outcome {
-        let Some(unusable) = self.unusable(&observation.codes) else { return Outcome::Acquiring };
+    fn update_all(&mut self, observation: &Observation) -> Status {
+        let Some(unusable) = self.unusable(&observation.codes) else { return Status::Acquiring };
         // A quarter of the longest gap is too long where something is wrong, too; that also bounds the work.
         let long = observation.elapsed > LONGEST_GAP / 4;
         let lost = observation.elapsed > 1 && (long || !self.is_near(observation.elapsed));

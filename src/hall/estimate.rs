@@ -261,9 +261,9 @@ impl Estimator {
     }
 
     /// The angle from the two sensors other than `lost`, for the time until a new estimator takes its place, and their
-    /// strength: [`Self::NOMINAL_STRENGTH`] for a calibrated magnet, which grows with the square of the signals. Harmonics are
-    /// not corrected, so that with a third harmonic of 5 % the angle is up to 7° off and the strength 30 %. `None`
-    /// where the estimator knows of two sensors only.
+    /// strength: [`Self::NOMINAL_STRENGTH`] for a calibrated magnet, which grows with the square of the signals.
+    /// Harmonics are not corrected, so that with a third harmonic of 5 % the angle is up to 7° off and the strength 30
+    /// %. `None` where the estimator knows of two sensors only.
     #[cold]
     pub fn angle_without(&self, lost: Channel, codes: &Codes) -> Option<(ElectricalAngle, u32)> {
         let pair = self.pairs.get(usize::from(lost.0)).filter(|_| self.lost.is_none())?;

@@ -3,7 +3,7 @@
 use super::{InstallError, Service};
 use crate::control::config::Config as Control;
 use crate::hall::Channel;
-use crate::hall::adapt::{self, Adapter, Observation, Outcome};
+use crate::hall::adapt::{self, Adapter, Observation, Status};
 use crate::hall::estimate::BadModel;
 use crate::hall::model::Model;
 use crate::mode::Mode;
@@ -49,15 +49,15 @@ impl Adaptation {
 
     /// Learns from a record of a drive that is ready or running, with the torque as far as it is known, in the
     /// direction of the electrical angle: [`torque_nm`], or 0 where no current is measured. Records may be missing.
-    pub fn take(&mut self, record: &Record, torque_nm: f32) -> Outcome {
+    pub fn take(&mut self, record: &Record, torque_nm: f32) -> Status {
         if !matches!(record.status.mode(), Mode::Ready | Mode::Running) {
-            return Outcome::Tracking;
+            return Status::Tracking;
         }
         // A record out of turn, as after a command, counts for the time that it is early or late by.
         let steps = record.sequence.wrapping_sub(self.last.unwrap_or(record.sequence));
         let samples = (steps + self.every / 2) / self.every;
         if samples == 0 && self.last.is_some() {
-            return Outcome::Tracking;
+            return Status::Tracking;
         }
         self.last = Some(record.sequence);
         let outcome = self.adapter.update(&Observation {
@@ -66,8 +66,8 @@ impl Adaptation {
             torque_nm: if self.reversed { -torque_nm } else { torque_nm },
         });
         match (outcome, self.adapter.fault().and_then(adapt::Fault::lost)) {
-            (Outcome::Failed(_), Some(lost)) => self.due = Due::Without(lost),
-            (Outcome::ModelReady, _) if self.due == Due::Nothing => self.due = Due::Learnt,
+            (Status::Failed(_), Some(lost)) => self.due = Due::Without(lost),
+            (Status::ModelReady, _) if self.due == Due::Nothing => self.due = Due::Learnt,
             _ => {}
         }
         outcome

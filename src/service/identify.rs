@@ -10,9 +10,9 @@
 //!   where the speed is steady. Offsets and noise of the currents average out, what is left of an offset acts as a load
 //!   T and does not touch the friction, which has the other sign on the way back.
 //!
-//! Against the simulated imperfect motor, whatever its friction, load, inertia and dead time, and settings off by a fifth:
-//! R and L within 2 %, λ within 0.7 %, J within 1 %, Coulomb friction and load within 0.06 mN·m, viscous friction
-//! within 0.5 µN·m·s.
+//! Against the simulated imperfect motor, whatever its friction, load, inertia and dead time, and settings off by a
+//! fifth: R and L within 2 %, λ within 0.7 %, J within 1 %, Coulomb friction and load within 0.06 mN·m, viscous
+//! friction within 0.5 µN·m·s.
 //!
 //! Each value comes with the error within which the true one is expected: three times the standard error of the
 //! regression and what the tests have found beyond. In the tasks; f64.

@@ -3,7 +3,7 @@
 //!
 //! Each pass turns whole turns forward and backward and puts the table of what it took to work; the next pass, with the
 //! first table in use, wavers less and finds what is left. Whoever stores the table has it from [`Learning::table`];
-//! after a power-up, [`Service::balance`] puts it to work again.
+//! after a power-up, [`Service::set_anti_cogging`] puts it to work again.
 
 use super::procedure::{Error, Procedure, State};
 use super::sequence::{Demand, Sequence};
@@ -148,7 +148,7 @@ impl Learning {
         };
         self.learner = Learner::default();
         self.table = Some(table);
-        if service.balance(Some(&table)).is_err() {
+        if service.set_anti_cogging(Some(&table)).is_err() {
             return self.sequence.cancel(Error::NoTable);
         }
         if self.leg == 2 * u32::from(self.plan.passes) {
@@ -171,7 +171,7 @@ impl Procedure for Learning {
         self.there = measurement.rotor.position().to_bits();
         if let Some(from) = self.from {
             self.made = self.made.max(self.there.wrapping_sub(from) as f32 / self.way as f32 * self.sign());
-            self.learner.push(self.forward(), measurement.rotor.angle(), measurement.state.wanted);
+            self.learner.push(self.forward(), measurement.rotor.angle(), measurement.state.current_reference);
         }
     }
 

@@ -33,7 +33,7 @@ impl<F: NorFlash> Tasks<F> {
 
     fn ready_for_command(&mut self) -> Result<(), Refusal<'static>> {
         self.reply = None;
-        self.since_command = 0;
+        self.ticks_since_command = 0;
         if self.unclaimed_replies > 0 { Err(Refusal::NoAnswer) } else { Ok(()) }
     }
 

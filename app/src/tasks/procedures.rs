@@ -3,7 +3,7 @@
 use super::rest::Rest;
 use super::{SETTLED, Tasks};
 use crate::measure;
-use crate::procedure::Outcome;
+use crate::procedure::Completion;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::drive;
 use hallservo::mode::Mode;
@@ -34,11 +34,11 @@ impl<F: NorFlash> Tasks<F> {
             return;
         };
         // Who has ended it has nothing to wait for.
-        if !matches!(outcome, Outcome::Failed(_, Error::Cancelled | Error::Disarmed)) {
+        if !matches!(outcome, Completion::Failed(_, Error::Cancelled | Error::Disarmed)) {
             self.rest = Some(Rest::after(self.activity(), self.now_ms));
         }
         match outcome {
-            Outcome::Motor(report) => {
+            Completion::Motor(report) => {
                 let mut settings = self.settings;
                 if let Some(control) = &mut settings.control {
                     report.apply(control);
@@ -47,17 +47,17 @@ impl<F: NorFlash> Tasks<F> {
                 self.unclaimed_replies = self.configure(settings).is_ok().into();
                 self.identification = protocol::Procedure::Done(report);
             }
-            Outcome::Cogging(table) => {
+            Completion::Cogging(table) => {
                 self.cogging = protocol::Procedure::Done(measure::cogging(&table, self.settings.full_scale_a()));
                 self.table = Some(table);
                 // The drive uses it already, whether the settings want it or not.
                 self.table_due = true;
                 self.unsaved[Record::Cogging as usize] = true;
             }
-            Outcome::Failed(Activity::Identification, error) => {
+            Completion::Failed(Activity::Identification, error) => {
                 self.identification = protocol::Procedure::Failed(error);
             }
-            Outcome::Failed(_, error) => {
+            Completion::Failed(_, error) => {
                 self.cogging = protocol::Procedure::Failed(error);
                 // The drive may use a table of an earlier pass.
                 self.table_due = true;
@@ -69,7 +69,7 @@ impl<F: NorFlash> Tasks<F> {
     /// A calibration that a command or a fault has ended.
     pub(super) fn end_calibration(&mut self) {
         let turns = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);
-        if self.calibration == Calibration::Running && !turns && self.since_command > SETTLED {
+        if self.calibration == Calibration::Running && !turns && self.ticks_since_command > SETTLED {
             self.calibration = Calibration::Ended;
         }
     }

@@ -77,7 +77,7 @@ pub(crate) fn start<F: NorFlash>(
     let drive = new_drive(drive, config, interrupt);
     let service = new_service(service, config, tasks, estimators.each_mut().map(blank));
     for table in tables {
-        service.lend(table);
+        service.add_table(table);
     }
     let adaptation = adaptation.write(SensorAdaptation::new());
     let places = Places { service, config, adaptation, procedure: procedure.write(None) };
@@ -118,7 +118,7 @@ fn supervise<F: NorFlash>(
         adaptation: places.adaptation,
         table_due: table.is_some(),
         table,
-        balanced: false,
+        anti_cogging: false,
         procedure: places.procedure,
         rest: None,
         calibration: Calibration::None,
@@ -129,7 +129,7 @@ fn supervise<F: NorFlash>(
         readings: Readings::default(),
         reply: None,
         unclaimed_replies: 0,
-        since_command: 0,
+        ticks_since_command: 0,
         stream: None,
         lost_records: 0,
         garbage: 0,

@@ -19,7 +19,7 @@ impl<F: NorFlash> Tasks<F> {
             return;
         }
         let interval_over = self.learnt_saved_ms.is_none_or(|then| self.now_ms >= then + 1000 * SAVE_INTERVAL_S);
-        if interval_over && self.is_worth_saving() {
+        if interval_over && self.sensors_changed() {
             self.learnt_saved_ms = Some(self.now_ms);
             self.unsaved[Record::Sensors as usize] = true;
         }
@@ -34,7 +34,7 @@ impl<F: NorFlash> Tasks<F> {
 
     /// Whether an erase, which stalls the core, does no harm: the bridge is off, and the rotor at rest.
     pub fn may_save(&self) -> bool {
-        self.since_command >= SETTLED && self.is_at_rest()
+        self.ticks_since_command >= SETTLED && self.is_at_rest()
     }
 
     /// Whether the bridge is off and the rotor has come to rest.
@@ -42,7 +42,7 @@ impl<F: NorFlash> Tasks<F> {
         !self.mode().drives() && self.speed_rad_s().abs() < AT_REST_RAD_S
     }
 
-    pub(super) fn is_worth_saving(&self) -> bool {
+    pub(super) fn sensors_changed(&self) -> bool {
         match (&self.sensors, &self.stored_sensors) {
             (Some(sensors), Some(stored)) => sensors.differ(stored),
             (sensors, _) => sensors.is_some(),

@@ -79,7 +79,7 @@ impl<F: NorFlash> Tasks<F> {
             limits: self.record.status.limits(),
             calibrated: self.sensors.is_some() && !matches!(mode, Mode::Unarmed | Mode::Aligning | Mode::Calibrating),
             commutation: settings.commutation,
-            balanced: self.balanced,
+            anti_cogging: self.anti_cogging,
             position_turns: self.position_turns(),
             speed_rad_s: self.speed_rad_s(),
             current_a: self.measurement.as_ref().map_or(f32::NAN, |measurement| self.current_a(measurement)[1]),
@@ -97,7 +97,7 @@ impl<F: NorFlash> Tasks<F> {
             stored: self.stored,
             unsaved: self.unsaved != [false; 3]
                 || !self.settings.is_same(&self.stored_settings)
-                || self.is_worth_saving(),
+                || self.sensors_changed(),
             lost_records: self.lost_records,
             garbage: self.garbage,
             lost_frames: self.lost_frames,

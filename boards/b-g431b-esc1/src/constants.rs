@@ -6,14 +6,14 @@ use stm32g4::registers::adc::{Rank, Sampling, Sequence};
 use stm32g4::registers::timer::{Active, Break, Gates};
 use stm32g4::wiring::Wiring;
 
-/// Each shunt, of 3 mΩ, feeds its op-amp through 1.5 kΩ against 2.2 kΩ to ground and 22 kΩ to 3.3 V: 4/7 of its voltage, and
-/// 128.6 mV. Sixteen times that is 27.4 mV/A.
+/// Each shunt, of 3 mΩ, feeds its op-amp through 1.5 kΩ against 2.2 kΩ to ground and 22 kΩ to 3.3 V: 4/7 of its
+/// voltage, and 128.6 mV. Sixteen times that is 27.4 mV/A.
 const VOLTS_PER_AMPERE: f32 = 0.003 * 16.0 * 4.0 / 7.0;
 /// Code of an op-amp without current: 16 · 128.6 mV of 3.3 V. The drive measures what it is exactly.
 pub const ZERO: u16 = 2553;
 
-/// The comparators see the op-amps' inputs: 128.6 mV and 1.714 mV/A. 60 A, half as much again as the board is made for: they are to
-/// stop a short circuit, the drive stops a current that is too large. In microvolts.
+/// The comparators see the op-amps' inputs: 128.6 mV and 1.714 mV/A. 60 A, half as much again as the board is made for:
+/// they are to stop a short circuit, the drive stops a current that is too large. In microvolts.
 pub const TRIP_UV: u32 = 128_600 + 60 * 1714;
 
 /// Op-amps and Hall sensors are strong sources; the longer of the short times, as 6.5 cycles leave 2 kΩ to them.
@@ -34,17 +34,18 @@ const LEAD: u32 = (FIRST.held(0) + FIRST.held(1)) / 2;
 pub const EARLY: u32 = FIRST.held(2) - SECOND.held(1);
 const _: () = assert!(FIRST.held(2) == SECOND.held(2) && FIRST.done() >= SECOND.done());
 
-/// PWM, and control in every period. Twice what nobody hears any more: half the ripple of the current, half the delay, and so 1 kHz of
-/// current control with a phase to spare. The control interrupt takes six tenths of a period at most, and sampling and dead time a fifth,
-/// which is the voltage that is given for it. 20 kHz for little loss by switching: everything else follows.
+/// PWM, and control in every period. Twice what nobody hears any more: half the ripple of the current, half the delay,
+/// and so 1 kHz of current control with a phase to spare. The control interrupt takes six tenths of a period at most,
+/// and sampling and dead time a fifth, which is the voltage that is given for it. 20 kHz for little loss by switching:
+/// everything else follows.
 const PWM_HZ: u32 = 40_000;
 
 /// The way to the gate drivers.
 pub const BRIDGE: Wiring = Wiring {
     // L6387: both inputs active high.
     gates: Gates { upper: Active::High, lower: Active::High },
-    // The L6387 refuses to switch both on, but makes no dead time: 110 and 105 ns of delay, 69 + 42 ns of the STL180N6F7 to switch
-    // off, and gate resistors. ST's own firmware takes 800 ns.
+    // The L6387 refuses to switch both on, but makes no dead time: 110 and 105 ns of delay, 69 + 42 ns of the
+    // STL180N6F7 to switch off, and gate resistors. ST's own firmware takes 800 ns.
     dead_time_ns: 800,
     pwm_hz: PWM_HZ,
     // COMP1, COMP2, COMP4.

@@ -1,4 +1,5 @@
-//! The registers that decide whether transistors burn, worked out from the reference manual, and the settings a drive starts with.
+//! The registers that decide whether transistors burn, worked out from the reference manual, and the settings a drive
+//! starts with.
 
 use crate::constants::*;
 use hallservo::settings::Control;
@@ -44,8 +45,8 @@ fn comparators_trip_at_sixty_amperes() {
     assert!((f64::from(ZERO) - zero).abs() < 1.0, "{zero}");
 }
 
-/// Three lithium cells and 12 V supplies: the current control has room for the default motor down to the least bus voltage. A motor for
-/// which there is none is told how much there is.
+/// Three lithium cells and 12 V supplies: the current control has room for the default motor down to the least bus
+/// voltage. A motor for which there is none is told how much there is.
 #[test]
 fn three_cells_are_enough() {
     let with = |inductance_h: f32, current_bandwidth_hz: f32| {

@@ -1,8 +1,9 @@
 //! [`Drive::step`] alone, linked. It never runs; that it links is the proof.
 //!
 //! Whatever the step needs must be here, and three things are not: a way to panic, a critical section and a logger. If
-//! the optimised step can reach a panic, takes a critical section or logs, the link fails and names what is missing. The
-//! size of the image is the size of the fast path with its tables; the sources of the drive's memory are not part of it.
+//! the optimised step can reach a panic, takes a critical section or logs, the link fails and names what is missing.
+//! The size of the image is the size of the fast path with its tables; the sources of the drive's memory are not part
+//! of it.
 #![no_std]
 #![no_main]
 

@@ -1,5 +1,5 @@
-//! `image ELF` prints the flash and the RAM of a firmware in bytes, `image ELF --memory FILE` beside what a `memory.x` has of
-//! them, and `image ELF FUNCTION…` the code and the tables that each function reaches.
+//! `image ELF` prints the flash and the RAM of a firmware in bytes, `image ELF --memory FILE` beside what a `memory.x`
+//! has of them, and `image ELF FUNCTION…` the code and the tables that each function reaches.
 //!
 //! `image ELF --interrupt FUNCTION` fails if the function can reach a panic, the log or a critical section; `image ELF
 //! --stack THREAD PREEMPTING… CONTROL` tells the deepest stack, and fails if the memory for it (`_stack_end` to

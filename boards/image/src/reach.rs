@@ -59,7 +59,8 @@ impl Graph {
         Ok(graph)
     }
 
-    /// Frames of all functions. Mapping symbols tell the code from the constants between ($t and $d; ELF for Arm, 5.5.5).
+    /// Frames of all functions. Mapping symbols tell the code from the constants between ($t and $d; ELF for Arm,
+    /// 5.5.5).
     fn read_frames(&mut self, image: &object::File) -> Result<()> {
         let mut data = BTreeMap::new();
         for symbol in image.symbols() {

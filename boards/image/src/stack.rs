@@ -1,8 +1,9 @@
 //! How much stack a function needs at most, with all that it calls.
 //!
-//! Frames are read off the machine code: whatever a function pushes or subtracts from the stack pointer anywhere counts, in the
-//! whole of its code. A function that is only named, and so perhaps called through a pointer, counts as called by who
-//! names it. What comes from memory and is called there is not seen: the functions that do so are few, and listed.
+//! Frames are read off the machine code: whatever a function pushes or subtracts from the stack pointer anywhere
+//! counts, in the whole of its code. A function that is only named, and so perhaps called through a pointer, counts as
+//! called by who names it. What comes from memory and is called there is not seen: the functions that do so are few,
+//! and listed.
 
 use crate::reach::Graph;
 use std::collections::{BTreeMap, BTreeSet};
@@ -140,8 +141,8 @@ mod tests {
 
     #[test]
     fn frames() {
-        // As an assembler puts them: push {r4-r7, lr}; stmdb sp!, {r8, r9, r10, r11}; vpush {d8-d9}; sub.w sp, sp, #11008;
-        // sub sp, #32; subw sp, sp, #2184; str lr, [sp, #-4]!.
+        // As an assembler puts them: push {r4-r7, lr}; stmdb sp!, {r8, r9, r10, r11}; vpush {d8-d9}; sub.w sp, sp,
+        // #11008; sub sp, #32; subw sp, sp, #2184; str lr, [sp, #-4]!.
         let cases: [(&[u16], u64); 7] = [
             (&[0xB5F0], 20),
             (&[0xE92D, 0x0F00], 16),

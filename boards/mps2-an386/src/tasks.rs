@@ -1,7 +1,7 @@
 //! Two executors for tasks, each in an interrupt of its own that only software requests; the thread mode idles.
 //!
-//! It idles without sleeping. QEMU takes the WFE of embassy's thread executor for a pause that costs a microsecond of the
-//! host's time, and lets virtual time jump where WFI stops the core, once too far.
+//! It idles without sleeping. QEMU takes the WFE of embassy's thread executor for a pause that costs a microsecond of
+//! the host's time, and lets virtual time jump where WFI stops the core, once too far.
 
 use crate::device::Interrupt;
 use cortex_m::peripheral::NVIC;

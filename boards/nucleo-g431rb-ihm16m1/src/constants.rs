@@ -1,17 +1,17 @@
-//! Constants, with reasons. The shield's schematic is in UM2415, the Nucleo's is MB1367 (UM2505). Where a number is not from one of
-//! them, the README says from where.
+//! Constants, with reasons. The shield's schematic is in UM2415, the Nucleo's is MB1367 (UM2505). Where a number is not
+//! from one of them, the README says from where.
 //!
 //! # How the STSPIN830 is driven
 //!
-//! The library tells for each leg whether it is driven, upper and lower transistor in turn, or floating, and off is all legs floating,
-//! at once, also by a break without code. The driver has two ways to be told, chosen by its pin MODE.
+//! The library tells for each leg whether it is driven, upper and lower transistor in turn, or floating, and off is all
+//! legs floating, at once, also by a break without code. The driver has two ways to be told, chosen by its pin MODE.
 //!
-//! - **One input and one enable a leg** (the shield as it comes): INx is the PWM, ENx low lets the leg float. TIM1 cannot do that:
-//!   while CHx switches, CHxN is its complement and not a level. ENx would be a port's output, written by code, not preloaded with the
-//!   duties and not cleared by a break: when MOE falls, INx goes low with ENx still high, which shorts the motor's windings instead of
-//!   letting go of them.
-//! - **Two inputs a leg** (MODE high, a rework): INxH and INxL are CHx and CHxN. Both low is floating, MOE low is all floating, and a
-//!   break acts without code. This is what the other boards have, and what is used here.
+//! - **One input and one enable a leg** (the shield as it comes): INx is the PWM, ENx low lets the leg float. TIM1
+//!   cannot do that: while CHx switches, CHxN is its complement and not a level. ENx would be a port's output, written
+//!   by code, not preloaded with the duties and not cleared by a break: when MOE falls, INx goes low with ENx still
+//!   high, which shorts the motor's windings instead of letting go of them.
+//! - **Two inputs a leg** (MODE high, a rework): INxH and INxL are CHx and CHxN. Both low is floating, MOE low is all
+//!   floating, and a break acts without code. This is what the other boards have, and what is used here.
 
 use hallservo::settings::{Control, GuardSettings, Settings, Thermistor};
 use stm32g4::registers::adc::{Rank, Sampling, Sequence};
@@ -49,7 +49,8 @@ const PWM_HZ: u32 = 40_000;
 pub const BRIDGE: Wiring = Wiring {
     // STSPIN830 with MODE high: INxH and INxL, both active high.
     gates: Gates { upper: Active::High, lower: Active::High },
-    // The STSPIN830 makes a dead time of its own; how long it is was not verified, so the timer makes one that is enough without.
+    // The STSPIN830 makes a dead time of its own; how long it is was not verified, so the timer makes one that is
+    // enough without.
     dead_time_ns: 500,
     pwm_hz: PWM_HZ,
     // EN\FAULT, which the STSPIN830 pulls low at over-current, over-temperature and under-voltage.

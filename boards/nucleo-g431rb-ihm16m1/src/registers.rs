@@ -1,4 +1,5 @@
-//! The registers that decide whether transistors burn, worked out from the reference manual, and the settings a drive starts with.
+//! The registers that decide whether transistors burn, worked out from the reference manual, and the settings a drive
+//! starts with.
 
 use crate::constants::*;
 use stm32g4::check::{self, channels};

@@ -31,9 +31,10 @@ const LEAD: u32 = (FIRST.held(1) + FIRST.held(2)) / 2;
 const _: () = assert!(FIRST.held(0) == THIRD.held(0) && FIRST.held(0) == FOURTH.held(0));
 const _: () = assert!(FIRST.done() >= SECOND.done() && FIRST.done() > THIRD.done());
 
-/// PWM, and control in every period. Twice what nobody hears any more: half the ripple of the current, half the delay, and so 1 kHz of
-/// current control with a phase to spare. The control interrupt takes half of a period at most, and sampling and dead time an eighth,
-/// which is the voltage that is given for it. 20 kHz for little loss by switching: everything else follows.
+/// PWM, and control in every period. Twice what nobody hears any more: half the ripple of the current, half the delay,
+/// and so 1 kHz of current control with a phase to spare. The control interrupt takes half of a period at most, and
+/// sampling and dead time an eighth, which is the voltage that is given for it. 20 kHz for little loss by switching:
+/// everything else follows.
 const PWM_HZ: u32 = 40_000;
 
 /// The way to the gate drivers.

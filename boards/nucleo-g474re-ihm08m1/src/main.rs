@@ -1,4 +1,5 @@
-//! hallservo on a Nucleo-G474RE with an X-NUCLEO-IHM08M1: L6398 gate drivers, amplifiers on the shield, an ADC for each Hall.
+//! hallservo on a Nucleo-G474RE with an X-NUCLEO-IHM08M1: L6398 gate drivers, amplifiers on the shield, an ADC for each
+//! Hall.
 #![no_std]
 #![no_main]
 

@@ -8,8 +8,8 @@ use std::io::Read;
 use std::process::{Command, ExitCode, Stdio};
 use std::{env, fs};
 
-/// Virtual time advances 2⁷ ns with every instruction, and with nothing else as long as the core never sleeps: runs repeat to
-/// the instruction. The timers of the machine count 25 MHz, 3.2 ticks an instruction.
+/// Virtual time advances 2⁷ ns with every instruction, and with nothing else as long as the core never sleeps: runs
+/// repeat to the instruction. The timers of the machine count 25 MHz, 3.2 ticks an instruction.
 const ICOUNT: &str = "shift=7";
 
 fn main() -> Result<ExitCode> {

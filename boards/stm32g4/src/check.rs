@@ -19,8 +19,8 @@ pub fn settings(settings: &Settings, wiring: &Wiring) {
     assert_eq!((settings.pwm_hz, settings.timer_hz), (wiring.pwm_hz as f32, 170e6));
 }
 
-/// Currents are sampled while the lower transistors conduct: from half a window before the valley the amplifiers settle for half a
-/// microsecond at least, and these ranks of the sequence are held before the window ends.
+/// Currents are sampled while the lower transistors conduct: from half a window before the valley the amplifiers settle
+/// for half a microsecond at least, and these ranks of the sequence are held before the window ends.
 ///
 /// # Panics
 /// Where they are not.

@@ -1,8 +1,8 @@
 //! A drive and its motor, period by period, exactly alike on the chip and on the host.
 //!
-//! The physics is f64 by soft-float on the chip, the control code integers and f32: nothing in it rounds differently on the
-//! two. So a run is a function of its settings and of the periods in which commands arrive, and a digest of all codes and
-//! outputs tells whether the machines agree to the bit.
+//! The physics is f64 by soft-float on the chip, the control code integers and f32: nothing in it rounds differently on
+//! the two. So a run is a function of its settings and of the periods in which commands arrive, and a digest of all
+//! codes and outputs tells whether the machines agree to the bit.
 #![no_std]
 
 mod digest;

@@ -1,5 +1,5 @@
-//! What the chip tells the host of a run, a line each: commands and the period in which they were obeyed, and the digest now
-//! and then.
+//! What the chip tells the host of a run, a line each: commands and the period in which they were obeyed, and the
+//! digest now and then.
 
 use core::fmt;
 use core::str::FromStr;

@@ -1,14 +1,15 @@
-//! What an emulated Cortex-M and the chip around it know of each other: accesses to the bus, interrupt lines, resets and time.
+//! What an emulated Cortex-M and the chip around it know of each other: accesses to the bus, interrupt lines, resets
+//! and time.
 //!
-//! The core owns the instructions, the RAM, the exceptions and the private peripherals from `0xE000_0000` on. Everything else
-//! that an address can reach is a [`Bus`], which also says by its [`Integration`] where the memories are. Time is counted in
-//! [`Cycle`]s of the core's clock; the core drives it, the bus follows.
+//! The core owns the instructions, the RAM, the exceptions and the private peripherals from `0xE000_0000` on.
+//! Everything else that an address can reach is a [`Bus`], which also says by its [`Integration`] where the memories
+//! are. Time is counted in [`Cycle`]s of the core's clock; the core drives it, the bus follows.
 
 use serde::Serialize;
 use std::fmt;
 
-/// Cycles of the core's clock since power-on. Keeps counting over a reset. How long one lasts is [`Bus::clock_hz`]'s answer,
-/// which changes while the firmware programs the clocks; [`Bus::seconds`] adds them up.
+/// Cycles of the core's clock since power-on. Keeps counting over a reset. How long one lasts is [`Bus::clock_hz`]'s
+/// answer, which changes while the firmware programs the clocks; [`Bus::seconds`] adds them up.
 pub type Cycle = u64;
 
 /// Size of an access.
@@ -137,15 +138,15 @@ pub trait Bus {
     /// Writes anything but RAM; a write to code memory programs it.
     fn write(&mut self, address: u32, width: Width, value: u32, now: Cycle) -> Option<Complaint>;
 
-    /// Brings everything to `now`; returns when something happens next at the latest, always later than `now`, so that the core
-    /// can run until then in one go. The core asks again at that cycle and after every read and write.
+    /// Brings everything to `now`; returns when something happens next at the latest, always later than `now`, so that
+    /// the core can run until then in one go. The core asks again at that cycle and after every read and write.
     fn advance(&mut self, now: Cycle) -> Cycle;
 
     /// Level of each interrupt line at the last access or `advance`: bit n is IRQ n.
     fn interrupts(&self) -> u128;
 
-    /// When what an interrupt line tells of began, if that is known: the trigger of a conversion, say. Latency is counted from
-    /// there as well.
+    /// When what an interrupt line tells of began, if that is known: the trigger of a conversion, say. Latency is
+    /// counted from there as well.
     fn origin(&self, line: u16) -> Option<Cycle> {
         let _ = line;
         None
@@ -165,7 +166,8 @@ pub trait Bus {
         Vec::new()
     }
 
-    /// Data are read from the code memory at this offset; whether they cannot be corrected, which is a non-maskable interrupt.
+    /// Data are read from the code memory at this offset; whether they cannot be corrected, which is a non-maskable
+    /// interrupt.
     fn code_is_torn(&mut self, offset: u32) -> bool {
         let _ = offset;
         false
@@ -174,7 +176,8 @@ pub trait Bus {
     /// Wait states of the code memory as programmed.
     fn code_wait_states(&self) -> u32;
 
-    /// Cycles that the core is held before its next instruction, once: while the code memory is busy, nothing is fetched from it.
+    /// Cycles that the core is held before its next instruction, once: while the code memory is busy, nothing is
+    /// fetched from it.
     fn take_stall(&mut self) -> Cycle {
         0
     }

@@ -19,7 +19,8 @@ use bus::{Cycle, ResetCause};
 use plant::{Error, PlantParameters, Truth};
 use std::sync::Arc;
 
-/// The timers in the order of [`Block::Timer`](crate::map::Block), and TRGO's number as a trigger of injected sequences.
+/// The timers in the order of [`Block::Timer`](crate::map::Block), and TRGO's number as a trigger of injected
+/// sequences.
 const TIMERS: [(Shape, Option<u32>); 12] = {
     const fn shape(name: &'static str, bits: u32, channels: usize, advanced: bool) -> Shape {
         Shape { name, bits, channels, advanced }

@@ -157,8 +157,8 @@ impl Device {
         matches!(self, Self::G474RE)
     }
 
-    /// Memories (RM0440, 2.2), flash accelerator (3.3.6), priorities (PM0214, 4.3.7), SysTick (RM0440, 7.2). SRAM1, SRAM2 and
-    /// CCM SRAM are one piece, of which the last part is at `0x1000_0000` as well.
+    /// Memories (RM0440, 2.2), flash accelerator (3.3.6), priorities (PM0214, 4.3.7), SysTick (RM0440, 7.2). SRAM1,
+    /// SRAM2 and CCM SRAM are one piece, of which the last part is at `0x1000_0000` as well.
     pub const fn integration(self) -> Integration {
         const SMALL: &[Alias] = &[Alias { address: 0x1000_0000, offset: 22 << 10, bytes: 10 << 10 }];
         const LARGE: &[Alias] = &[Alias { address: 0x1000_0000, offset: 96 << 10, bytes: 32 << 10 }];

@@ -109,8 +109,8 @@ pub struct Facts {
     pub triggers: u64,
     /// Triggers that came while a sequence was still converting.
     pub missed_triggers: u64,
-    /// Sequences whose data was overwritten before the firmware read it; not while a flash operation holds the core with the
-    /// bridge off.
+    /// Sequences whose data was overwritten before the firmware read it; not while a flash operation holds the core
+    /// with the bridge off.
     pub unread_sequences: u64,
     /// Edges of MOE.
     pub moe: Vec<Edge>,

@@ -1,5 +1,5 @@
-//! Embedded flash memory (RM0440, chapters 3 and 4): programming, erasing, and what a power cut leaves behind: double words that
-//! their error correction (3.3.4) cannot make good.
+//! Embedded flash memory (RM0440, chapters 3 and 4): programming, erasing, and what a power cut leaves behind: double
+//! words that their error correction (3.3.4) cannot make good.
 
 use crate::bits::{bit, field, unmodelled, wrong};
 use bus::Complaint;

@@ -34,7 +34,8 @@ impl Time {
     /// The first cycle that [`Self::seconds`] does not place before an instant; never for infinity.
     pub fn first_cycle(&self, at_s: f64) -> Cycle {
         let cycle = ceiling(self.cycle(at_s));
-        // There and back is rounded twice, and what is due at a cycle must not be in its future: it would be due for ever.
+        // There and back is rounded twice, and what is due at a cycle must not be in its future: it would be due for
+        // ever.
         cycle.saturating_add(Cycle::from(self.seconds(cycle as f64) < at_s))
     }
 

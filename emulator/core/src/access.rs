@@ -86,7 +86,8 @@ impl<S: Bus> Machine<S> {
         }
     }
 
-    /// After an access to the system: interrupt lines may have changed, time may have passed, and what was wrong is listed.
+    /// After an access to the system: interrupt lines may have changed, time may have passed, and what was wrong is
+    /// listed.
     fn touched(&mut self, address: u32, write: bool, complaint: Option<Complaint>) -> Result<(), Fault> {
         self.due = 0;
         let Some(complaint) = complaint else { return Ok(()) };

@@ -1,4 +1,5 @@
-//! Arithmetic without state: what the reference manual's pseudocode functions of the same names compute (DDI 0403, A2.2).
+//! Arithmetic without state: what the reference manual's pseudocode functions of the same names compute (DDI 0403,
+//! A2.2).
 
 use crate::op::{Bits, Lane, Lanes, Shift};
 

@@ -1,5 +1,5 @@
-//! The caches in front of the code memory, for instructions and for data: direct-mapped, always on. A line that is missing costs
-//! the wait states once.
+//! The caches in front of the code memory, for instructions and for data: direct-mapped, always on. A line that is
+//! missing costs the wait states once.
 
 use bus::Integration;
 

@@ -1,7 +1,7 @@
 //! Entry to exceptions and return from them (DDI 0403, B1.5).
 //!
-//! Entry takes 12 cycles, tail-chaining 6, return 10 (DDI 0439, 3.9.1). Floating-point registers are stacked lazily, as the
-//! hardware does after reset: their place is reserved, and the first FP instruction of a handler fills it.
+//! Entry takes 12 cycles, tail-chaining 6, return 10 (DDI 0439, 3.9.1). Floating-point registers are stacked lazily, as
+//! the hardware does after reset: their place is reserved, and the first FP instruction of a handler fills it.
 
 use crate::cpu::{FPCA, Sleep};
 use crate::fault::{self, Fault};

@@ -1,8 +1,9 @@
 //! What each instruction does (DDI 0403, A7.7), and what it costs beyond one cycle.
 //!
-//! Cycles follow the processor's technical reference manual (DDI 0439, 3.3.1): a taken branch refills the pipeline (2 more),
-//! a load takes 2, a transfer of N words N more, a division 2 to 12, FP division and root 14, an FP multiply-add 3. Stores
-//! go through the write buffer. What the manual leaves open (overlap of neighbouring loads, refills of 1 to 3) and what the
+//! Cycles follow the processor's technical reference manual (DDI 0439, 3.3.1): a taken branch refills the pipeline (2
+//! more), a load takes 2, a transfer of N words N more, a division 2 to 12, FP division and root 14, an FP multiply-add
+//! 3. Stores go through the write buffer. What the manual leaves open (overlap of neighbouring loads, refills of 1 to
+//!    3) and what the
 //! bus matrix does is not modelled: durations are good to 20 to 30 %.
 
 use crate::alu::{self, add_with_carry};

@@ -1,5 +1,5 @@
-//! The floating-point unit: FPv4-SP in the round-to-nearest mode that it has after reset. The cumulative exception flags of
-//! FPSCR stay as they are.
+//! The floating-point unit: FPv4-SP in the round-to-nearest mode that it has after reset. The cumulative exception
+//! flags of FPSCR stay as they are.
 
 use crate::cpu::Cpu;
 use crate::fault::Fault;

@@ -1,9 +1,9 @@
-//! An Arm Cortex-M4F: Armv7E-M with FPv4-SP, instruction by instruction, exceptions included, beside a [`bus::Bus`] that is
-//! everything else on the chip.
+//! An Arm Cortex-M4F: Armv7E-M with FPv4-SP, instruction by instruction, exceptions included, beside a [`bus::Bus`]
+//! that is everything else on the chip.
 //!
-//! Interpreted, not translated: time is exact to the instruction at every access, an interrupt is taken between the same two
-//! instructions in every run, and the model says what each instruction costs. Not modelled: the memory protection unit,
-//! unprivileged mode, bit-banding, trace; accesses to their registers are listed.
+//! Interpreted, not translated: time is exact to the instruction at every access, an interrupt is taken between the
+//! same two instructions in every run, and the model says what each instruction costs. Not modelled: the memory
+//! protection unit, unprivileged mode, bit-banding, trace; accesses to their registers are listed.
 
 mod access;
 mod alu;

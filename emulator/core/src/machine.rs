@@ -52,7 +52,8 @@ pub struct Machine<S> {
     pub(crate) memory: Memory,
     pub(crate) caches: Caches,
     pub(crate) now: Cycle,
-    /// When the core has to look up from its instructions: the system's next event, SysTick's, the end of the run; 0 at once.
+    /// When the core has to look up from its instructions: the system's next event, SysTick's, the end of the run; 0 at
+    /// once.
     pub(crate) due: Cycle,
     /// The instruction executes within an IT block.
     pub(crate) within_it: bool,
@@ -211,7 +212,8 @@ impl<S: Bus> Machine<S> {
         self.caches.load(offset, self.system.code_wait_states())
     }
 
-    /// Lets the system catch up, takes an exception where one is due, and says when to look up again. `Some` asks for a reset.
+    /// Lets the system catch up, takes an exception where one is due, and says when to look up again. `Some` asks for a
+    /// reset.
     #[inline(never)]
     fn look_up(&mut self, until: Cycle) -> Option<ResetCause> {
         loop {
@@ -297,8 +299,8 @@ impl<S: Bus> Machine<S> {
         }
     }
 
-    /// From its next entry on, the handler of this exception never ends: an endless loop as its first instruction. 0 is thread mode,
-    /// which hangs at once. Ends with a reset.
+    /// From its next entry on, the handler of this exception never ends: an endless loop as its first instruction. 0 is
+    /// thread mode, which hangs at once. Ends with a reset.
     pub fn hang(&mut self, exception: u16) {
         match exception {
             0 => self.hung = Some(0),

@@ -85,7 +85,8 @@ pub enum Long {
     Umaal,
 }
 
-/// Multiplications of the DSP extension with a 32-bit result (A5.3.16). `x` and `y` choose upper halves or exchange them.
+/// Multiplications of the DSP extension with a 32-bit result (A5.3.16). `x` and `y` choose upper halves or exchange
+/// them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Dsp {
     Smlaxy { x: bool, y: bool },

@@ -7,8 +7,8 @@ use bus::Bus;
 use defmt_decoder::{DecodeError, Frame, Location, Locations, StreamDecoder, Table};
 use std::rc::Rc;
 
-/// The control block begins with this, then come the counts of up- and down-channels and the channels' descriptors, of which
-/// each is name, buffer, size, write offset, read offset, flags.
+/// The control block begins with this, then come the counts of up- and down-channels and the channels' descriptors, of
+/// which each is name, buffer, size, write offset, read offset, flags.
 const ID: &[u8] = b"SEGGER RTT";
 
 /// Reads up-channel 0.

@@ -35,8 +35,8 @@ fn a_breakpoint_without_a_debugger_ends_in_a_lockup() {
     assert_eq!(told, ["HardFault", "lockup"]);
 }
 
-/// SysTick comes every 50 001 cycles; from its pending to the handler's first instruction are the 12 cycles of an entry, and
-/// what is left of the instruction that was interrupted.
+/// SysTick comes every 50 001 cycles; from its pending to the handler's first instruction are the 12 cycles of an
+/// entry, and what is left of the instruction that was interrupted.
 #[test]
 fn handlers_are_timed() {
     let (mut machine, _) = common::machine("exceptions");

@@ -84,8 +84,8 @@ pub struct Deviation {
     pub steady: bool,
 }
 
-/// When control periods were triggered. The drive numbers those that it saw, from 0 at each reset; while a flash operation
-/// holds the core, triggers come that it does not see, so a number tells a time only by the numbers near it.
+/// When control periods were triggered. The drive numbers those that it saw, from 0 at each reset; while a flash
+/// operation holds the core, triggers come that it does not see, so a number tells a time only by the numbers near it.
 #[derive(Clone, Debug, Default)]
 pub struct Periods {
     /// Number and trigger of some, in order.

@@ -1,5 +1,5 @@
-//! A virtual board: the firmware on its chip, the chip on its board, a motor at its pins; scripts that do things to them, and
-//! a report of what was seen.
+//! A virtual board: the firmware on its chip, the chip on its board, a motor at its pins; scripts that do things to
+//! them, and a report of what was seen.
 
 pub mod angle;
 pub mod firmware;

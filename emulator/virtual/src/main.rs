@@ -35,7 +35,8 @@ struct Arguments {
     /// Where tools connect to: tcp:127.0.0.1:PORT or pty
     #[arg(long)]
     serial: Option<String>,
-    /// Each request of a tool is worth 50 ms, or what its answer takes, as fast as this machine computes; else time stands still
+    /// Each request of a tool is worth 50 ms, or what its answer takes, as fast as this machine computes; else time
+    /// stands still
     #[arg(long, requires = "serial")]
     wait: bool,
     /// The firmware, instead of building the board's

@@ -11,8 +11,8 @@ pub use ::script::Error;
 pub enum Action {
     /// To the board, the motor or the flash.
     Disturb(Disturbance),
-    /// The handler of this exception hangs from its next entry on until the next reset, 0 what is in no handler; `None` is the
-    /// control interrupt.
+    /// The handler of this exception hangs from its next entry on until the next reset, 0 what is in no handler; `None`
+    /// is the control interrupt.
     Hang(Option<u16>),
 }
 

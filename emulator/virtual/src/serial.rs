@@ -110,8 +110,9 @@ pub struct Line {
 }
 
 impl Line {
-    /// Opens a port and says what a tool has to connect to. Who `waits` has no time of its own but the tool's: each request is
-    /// worth 50 ms, or what its answer takes, as fast as can be. Otherwise time is that on the wall, or slower.
+    /// Opens a port and says what a tool has to connect to. Who `waits` has no time of its own but the tool's: each
+    /// request is worth 50 ms, or what its answer takes, as fast as can be. Otherwise time is that on the wall, or
+    /// slower.
     ///
     /// # Errors
     /// As [`Port::open`].
@@ -132,9 +133,9 @@ impl Line {
         })
     }
 
-    /// Passes on what has come from the tool. As on a wire, it is lost before the firmware has set up its port; not where the
-    /// board waits for the tool. There, it is heard as a whole frame and while time stands still, so that what the board does
-    /// depends neither on when it comes nor on how it is cut in pieces.
+    /// Passes on what has come from the tool. As on a wire, it is lost before the firmware has set up its port; not
+    /// where the board waits for the tool. There, it is heard as a whole frame and while time stands still, so that
+    /// what the board does depends neither on when it comes nor on how it is cut in pieces.
     pub fn hear(&mut self, session: &mut Session) {
         if self.waits && self.is_busy(session.seconds()) {
             return;

@@ -71,7 +71,8 @@ impl Session {
         })
     }
 
-    /// The same board once more, to go another way from here; log, script and what was recorded so far stay with this one.
+    /// The same board once more, to go another way from here; log, script and what was recorded so far stay with this
+    /// one.
     pub fn fork(&self) -> Session {
         Session {
             machine: self.machine.clone(),
@@ -235,7 +236,8 @@ impl Session {
         self.told_faults = self.machine.faults.len();
     }
 
-    /// Bytes of the stack, and how many of them were ever used; `None` where the firmware does not say where its stack is.
+    /// Bytes of the stack, and how many of them were ever used; `None` where the firmware does not say where its stack
+    /// is.
     pub fn stack(&self) -> Option<(u32, u32)> {
         let top = self.image.symbol("_stack_start")?;
         let bottom = ["_stack_end", "__sheap", "__ebss"].iter().find_map(|name| self.image.symbol(name))?;

@@ -1,4 +1,5 @@
-//! The angle that a board's drive tells, against the host's simulation: the same drive, tasks, settings and commands at the same motor.
+//! The angle that a board's drive tells, against the host's simulation: the same drive, tasks, settings and commands at
+//! the same motor.
 
 mod common;
 
@@ -159,8 +160,8 @@ const TRANSIENTS: [usize; 1] = [2];
 
 type Errors = [AngleError; PARTS.len()];
 
-/// Turns slowly, starts and stops while the sensors' parameters adapt; then fast without: after a reversal as hard as that the filter
-/// is off by a tenth of a degree more or less, by chance, which needs many runs to average away.
+/// Turns slowly, starts and stops while the sensors' parameters adapt; then fast without: after a reversal as hard as
+/// that the filter is off by a tenth of a degree more or less, by chance, which needs many runs to average away.
 fn spin(bench: &mut impl Bench) -> Errors {
     let mut found = Vec::new();
     bench.ask("telemetry 500");
@@ -235,7 +236,8 @@ fn equals(board: &str, settings: Settings, early: u32) {
         here / there
     });
     assert!(ratios.iter().all(|ratio| (ratio - 1.0).abs() < 0.1), "{board}: {ratios:?}, {ours:?}, {hosts:?}");
-    // The alignment, of calibrations that differ by 0.03°; and what an error of the timing adds one way and takes the other: 0.2 µs.
+    // The alignment, of calibrations that differ by 0.03°; and what an error of the timing adds one way and takes the
+    // other: 0.2 µs.
     let [here, there] = [0, 1].map(|side| means.map(|both| both[side]));
     let aligned = here.iter().zip(&there).map(|(here, there)| here - there).sum::<f64>() / here.len() as f64;
     let late = (here[3] - here[4]) / 2.0 - (there[3] - there[4]) / 2.0;
@@ -243,7 +245,8 @@ fn equals(board: &str, settings: Settings, early: u32) {
     assert!(aligned.abs() < 0.05 && late.abs() < 0.02, "{board}: {means:?}");
 }
 
-/// The Halls are held when the firmware's constants say: the delay that the drive predicts over, and how much too early Hall 1 is.
+/// The Halls are held when the firmware's constants say: the delay that the drive predicts over, and how much too early
+/// Hall 1 is.
 fn samples_as_the_settings_say(session: &Session, settings: &Settings, early: u32) {
     let facts = session.machine.system.facts();
     let held_ns = [1, 2, 3].map(|hall| {

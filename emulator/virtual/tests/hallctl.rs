@@ -1,5 +1,6 @@
-//! `hallctl` at a virtual board, as a person has it at a real one: every command over the serial port, and what the motor really
-//! does meanwhile. No time is that on the wall: the board's passes as long as the tool asks, and the tool counts the board's.
+//! `hallctl` at a virtual board, as a person has it at a real one: every command over the serial port, and what the
+//! motor really does meanwhile. No time is that on the wall: the board's passes as long as the tool asks, and the tool
+//! counts the board's.
 
 mod common;
 
@@ -161,7 +162,8 @@ fn near(speeds: Vec<f64>, wanted: f64) -> (usize, f64) {
 /// The motor has done what it was told.
 fn obeyed(truth: &Truth, motion: &Motion) {
     let Motion { commutation, torque, speed, position } = motion;
-    // The rotor is free: what the torque leaves above friction accelerates it. Between two speeds, for it began somewhere.
+    // The rotor is free: what the torque leaves above friction accelerates it. Between two speeds, for it began
+    // somewhere.
     let motor = PlantParameters::imperfect(1).motor;
     let speeds = truth.during("speed / rad/s", torque);
     let (from, to) = (20.0, 80.0);

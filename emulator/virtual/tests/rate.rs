@@ -1,5 +1,5 @@
-//! Control and PWM at 40 kHz: two seconds of turning without a late, a missed or a wrong period, and how long a period's
-//! work takes.
+//! Control and PWM at 40 kHz: two seconds of turning without a late, a missed or a wrong period, and how long a
+//! period's work takes.
 
 mod common;
 

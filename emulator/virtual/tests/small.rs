@@ -1,5 +1,5 @@
-//! Small firmwares, each of them on a board with either chip: one for each peripheral, and a motor's, right and with one mistake.
-//! They are wired for these two boards (`firmwares/chip/src/board.rs`).
+//! Small firmwares, each of them on a board with either chip: one for each peripheral, and a motor's, right and with
+//! one mistake. They are wired for these two boards (`firmwares/chip/src/board.rs`).
 
 use bus::ResetCause;
 use chip::Board;

@@ -51,7 +51,7 @@ pub(super) fn calibrate(client: &mut Client) -> Result<()> {
     let head = ["", "swing", "offset", "placement", "3rd", "5th", "noise"].map(String::from).to_vec();
     let rows = report.sensors.iter().enumerate().map(|(k, sensor)| {
         vec![
-            format!("Hall {k}"),
+            format!("Hall {}", k + 1),
             format!("{:.0} codes", sensor.swing),
             format!("{:.0}", sensor.offset),
             format!("{:+.1}°", sensor.placement_error.to_degrees()),
@@ -98,7 +98,7 @@ pub(super) fn learn_cogging(client: &mut Client) -> Result<()> {
     client.ask(Ask::Cogging, |answer| match answer {
         Answer::Cogging(Procedure::Done(cogging)) => {
             println!(
-                "The cogging takes {:.3} A RMS, {:.3} A at most; it is balanced from now on, and stored.",
+                "The cogging takes {:.3} A RMS, {:.3} A at most; it is compensated from now on, and stored.",
                 cogging.rms_a, cogging.largest_a
             );
             Ok(())

@@ -26,8 +26,8 @@ pub(super) fn show(client: &mut Client) -> Result<()> {
     line("bus", &measured(status.bus_v, "V"));
     let [bridge, motor] = status.temperatures_c.map(temperature);
     line("temperatures", &format!("bridge {bridge}, motor {motor}"));
-    let balanced = if status.balanced { ", cogging balanced" } else { "" };
-    line("commutation", &format!("{}{balanced}", words::commutation(status.commutation)));
+    let anti_cogging = if status.anti_cogging { ", anti-cogging on" } else { "" };
+    line("commutation", &format!("{}{anti_cogging}", words::commutation(status.commutation)));
     line("learning", &format!("{}, {} models so far", words::learning(status.learning), status.learnt));
     line("command holds", &timeout(&status));
     let [sensors, cogging, settings] = status.stored.map(words::problem);

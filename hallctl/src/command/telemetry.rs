@@ -43,9 +43,9 @@ const COLUMNS: [&str; 19] = [
     "mode",
     "fault",
     "limits",
-    "hall_0",
     "hall_1",
     "hall_2",
+    "hall_3",
     "lost",
     "step",
     "speed_rpm",
@@ -142,7 +142,7 @@ fn record(row: &Row) -> Vec<String> {
     let real = |value: f32| if value.is_nan() { String::new() } else { value.to_string() };
     let fault = if let Mode::Faulted(fault) = frame.mode { fault.code() } else { 0 };
     let ([current_d, current_q], [voltage_d, voltage_q]) = (frame.current_a, frame.voltage_v);
-    let [hall_0, hall_1, hall_2] = frame.codes;
+    let [hall_1, hall_2, hall_3] = frame.codes;
     vec![
         format!("{time_s:.6}"),
         frame.number.to_string(),
@@ -157,9 +157,9 @@ fn record(row: &Row) -> Vec<String> {
         words::mode_word(frame.mode).into(),
         fault.to_string(),
         frame.limits.bits().to_string(),
-        hall_0.to_string(),
         hall_1.to_string(),
         hall_2.to_string(),
+        hall_3.to_string(),
         lost.to_string(),
         frame.step.to_string(),
         real(frame.speed_rad_s * 60.0 / std::f32::consts::TAU),
@@ -196,7 +196,7 @@ fn plot(path: &Path, rows: &[Row]) -> Result<()> {
             vec![series("along q", &|t| t.current_a[1].into()), series("along d", &|t| t.current_a[0].into())],
         ),
         ("Bus voltage", "V", vec![series("bus", &|t| t.bus_v.into())]),
-        ("Halls", "ADC codes", (0..3).map(|k| series(&format!("Hall {k}"), &|t| t.codes[k].into())).collect()),
+        ("Halls", "ADC codes", (0..3).map(|k| series(&format!("Hall {}", k + 1), &|t| t.codes[k].into())).collect()),
     ];
     let mut report = Report::new("Telemetry of a hallservo drive");
     for (title, unit, series) in diagrams {

@@ -11,14 +11,14 @@ const SUPPLY_V: f64 = 3.3;
 
 /// What happens, and when.
 #[derive(Clone, Debug, PartialEq)]
-pub struct Planned {
+pub struct ScheduledEvent {
     /// What.
     pub kind: Kind,
     /// After so many seconds in the state running, all together.
     pub after_s: f64,
 }
 
-impl FromStr for Planned {
+impl FromStr for ScheduledEvent {
     type Err = anyhow::Error;
 
     /// `hall-open@2s`.
@@ -109,10 +109,10 @@ mod tests {
             ("bus-nanV@1s", "expected a number with V, found \"nanV\""),
             ("hot", "an event and its time are like hall-open@2s, not \"hot\""),
         ] {
-            let error = format!("{:#}", text.parse::<Planned>().unwrap_err());
+            let error = format!("{:#}", text.parse::<ScheduledEvent>().unwrap_err());
             assert!(error.contains(named) && error.contains(text), "{text}: {error}");
         }
-        let planned: Planned = "hall-open@40s".parse().unwrap();
-        assert_eq!(planned, Planned { kind: Kind::Hall(0, HallWire::Open), after_s: 40.0 });
+        let planned: ScheduledEvent = "hall-open@40s".parse().unwrap();
+        assert_eq!(planned, ScheduledEvent { kind: Kind::Hall(0, HallWire::Open), after_s: 40.0 });
     }
 }

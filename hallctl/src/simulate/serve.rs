@@ -1,7 +1,7 @@
 //! The simulated drive at the end of a line: TCP on loopback, or a pseudo-terminal.
 
 use super::Simulator;
-use super::fault::{Kind, Planned};
+use super::fault::{Kind, ScheduledEvent};
 use super::flash::Flash;
 use anyhow::{Context, Result};
 use hallservo_protocol::{Answer, Decoder, Reply, Request};
@@ -43,8 +43,8 @@ pub struct Options {
     /// Keep the flash in this file; without, it is forgotten in the end
     #[arg(long, value_name = "FILE")]
     pub flash: Option<PathBuf>,
-    /// Something happens after so long in the state running: hall-open@40s, hall-2-stuck@5s, bus-60V@1s, load-0.05Nm@1s, hot@1s,
-    /// late@1s; typed, it happens at once
+    /// Something happens after so long in the state running: hall-open@40s, hall-2-stuck@5s, bus-60V@1s,
+    /// load-0.05Nm@1s, hot@1s, late@1s; typed, it happens at once
     #[arg(long, value_name = "EVENT@TIME")]
     pub fault: Vec<String>,
 }
@@ -66,13 +66,13 @@ enum Event {
     Typed(Kind, String),
 }
 
-/// Simulates a drive until the process is ended. Events on the standard input happen at once: `turn 2` turns its shaft by hand, by two
-/// turns in two seconds.
+/// Simulates a drive until the process is ended. Events on the standard input happen at once: `turn 2` turns its shaft
+/// by hand, by two turns in two seconds.
 ///
 /// # Errors
 /// What is wrong with the options.
 pub fn main(options: &Options) -> Result<()> {
-    let planned = options.fault.iter().map(|text| text.parse()).collect::<Result<Vec<Planned>>>()?;
+    let planned = options.fault.iter().map(|text| text.parse()).collect::<Result<Vec<ScheduledEvent>>>()?;
     let flash = match &options.flash {
         Some(path) => Flash::in_file(path)?,
         None => Flash::blank(),

@@ -312,7 +312,7 @@ impl Run {
 fn figure_11(seed: u64) -> Result<Vec<(Plot, &'static str)>> {
     let mut trial = Trial::new(seed, trial::halls(seed), Motion::Constant(HZ), Start::Nominal)?;
     let mut paper = ensemble::paper_filter(&trial, HZ);
-    let names = |kind: &str| (0..3).map(|k| format!("Hall {k}, {kind}")).collect::<Vec<_>>();
+    let names = |kind: &str| (0..3).map(|k| format!("Hall {}, {kind}", k + 1)).collect::<Vec<_>>();
     let mut halls = vec![Vec::new(); 6];
     let mut deviations = vec![Vec::new(); 5];
     let mut parameters = vec![Vec::new(); 6];
@@ -367,7 +367,7 @@ fn figure_11(seed: u64) -> Result<Vec<(Plot, &'static str)>> {
                 series(kinds.map(String::from).to_vec(), deviations),
             )
             .logarithmic(),
-            "Square roots of the covariance's diagonal; offset and amplitude of Hall 0, placement of Hall 1.",
+            "Square roots of the covariance's diagonal; offset and amplitude of Hall 1, placement of Hall 2.",
         ),
         (
             Plot::new(

@@ -35,7 +35,7 @@ pub(crate) struct Guard {
     pub timeout: u32,
     pub stops: bool,
     /// Slower is at rest, for the stall.
-    pub creep: i32,
+    pub rest_speed: i32,
 }
 
 impl Heat {
@@ -64,7 +64,7 @@ impl Guard {
             stall: (settings.stall_s * scale.step_hz / CYCLE as f32) as u32,
             timeout: if timeout < 2_147_483_648.0 { timeout as u32 } else { 0 },
             stops: settings.on_timeout == OnTimeout::Stop,
-            creep: scale.per_radian_s() as i32,
+            rest_speed: scale.per_radian_s() as i32,
         }
     }
 }

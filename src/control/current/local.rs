@@ -53,15 +53,15 @@ impl Local {
     /// Nothing.
     pub const ZERO: Self = Self { integral: 0, last: 0 };
 
-    /// One step: the voltage that makes the `measured` current the `wanted` one, up to ± `most`.
+    /// One step: the voltage that makes the `measured` current the `reference` one, up to ± `most`.
     ///
     /// The voltage that the back-EMF is expected to take is fed forward; to a feedback without an integral also that of
     /// the resistance, so that it has to make up for the rest only.
-    pub const fn step(&mut self, gains: &LocalGains, wanted: i32, measured: i32, speed: i32, most: i32) -> i32 {
-        let error = (wanted - measured) << 14;
+    pub const fn step(&mut self, gains: &LocalGains, reference: i32, measured: i32, speed: i32, most: i32) -> i32 {
+        let error = (reference - measured) << 14;
         let change = (measured - self.last) << 14;
         self.last = measured;
-        let forward = high(wanted << 14, gains.feed_forward) + high(speed, gains.flux);
+        let forward = high(reference << 14, gains.feed_forward) + high(speed, gains.flux);
         let asked =
             (high(error, gains.proportional) + self.integral + forward - high(change, gains.derivative)) >> FRACTION;
         let voltage = clamp(asked, most);

@@ -76,7 +76,7 @@ fn heat_reduces_the_current_before_it_is_a_fault() {
     for _ in 0..2 * CYCLE {
         bench.drive.step(&sample);
     }
-    let share = bench.drive.state().wanted as f32 / full.0 as f32;
+    let share = bench.drive.state().current_reference as f32 / full.0 as f32;
     assert!((share - 0.5).abs() < 0.02, "{share}");
     assert!(bench.drive.limits().contains(Limits::HEAT.with(Limits::CURRENT)));
 }

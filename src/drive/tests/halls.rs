@@ -60,14 +60,14 @@ fn two_halls_that_contradict_each_other_are_found_within_eight_steps() {
         for _ in 0..extra {
             bench.step();
         }
-        assert_eq!(bench.drive.live().missed, 0);
+        assert_eq!(bench.drive.record().missed, 0);
         // Plausible each for itself, and together not at all.
         let mut codes = bench.model.codes(bench.rotor);
         codes[1] = codes[1].wrapping_add(350);
         codes[2] = codes[2].wrapping_add(350);
         let found = (1..=8).find(|_| {
             bench.step_with(codes);
-            bench.drive.live().missed != 0
+            bench.drive.record().missed != 0
         });
         assert!(found.is_some(), "{extra}");
         for _ in 0..4 {
@@ -116,7 +116,7 @@ fn speed_in_hertz() {
         bench.rotor += ElectricalAngle::from_turns(123.0 / 40e3);
         bench.step();
     }
-    let hz = bench.drive.live().electrical_hz(40e3);
+    let hz = bench.drive.record().electrical_hz(40e3);
     assert!((hz - 123.0).abs() < 0.5, "{hz}");
 }
 

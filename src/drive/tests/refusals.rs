@@ -111,7 +111,7 @@ fn step(bench: &mut Bench, situation: Situation, turn: ElectricalAngle) -> Seen 
         _ => {}
     }
     let output = bench.drive.step(&sample);
-    (output, *bench.drive.live(), *bench.drive.state(), bench.drive.limits(), bench.drive.trim())
+    (output, *bench.drive.record(), *bench.drive.state(), bench.drive.limits(), bench.drive.trim())
 }
 
 /// What the tasks are told, but for the answers.
@@ -158,7 +158,7 @@ fn is_refused_without_a_trace(
     // What was left behind would show when the drive is used on.
     let next = |bench: &mut Bench| {
         let replies = [Command::Arm, Command::Drive(Modulation::from_num(0.2))].map(|command| bench.command(command));
-        (replies, bench.step(), *bench.drive.live(), *bench.drive.state())
+        (replies, bench.step(), *bench.drive.record(), *bench.drive.state())
     };
     assert_eq!(next(&mut with), next(&mut without), "{name}");
     refused.is_some()

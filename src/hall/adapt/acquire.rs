@@ -1,14 +1,14 @@
 //! Acquisition: angle and speed from samples alone, at the start and when tracking was lost.
 
 use super::filter::{ANGLE, SPEED, State};
-use super::{Adapter, Observation, Outcome, Phase};
+use super::{Adapter, Observation, Phase, Status};
 use crate::angle::ElectricalAngle;
 use crate::trig::sin_cos_f32;
 
 impl Adapter {
     /// The angle from one sample, and the speed from two.
     #[cold]
-    pub(super) fn acquire(&mut self, observation: &Observation, mut unusable: [bool; 3]) -> Outcome {
+    pub(super) fn acquire(&mut self, observation: &Observation, mut unusable: [bool; 3]) -> Status {
         self.window.clear();
         if unusable == [false; 3] {
             unusable = self.suspicions.suspected();
@@ -19,7 +19,7 @@ impl Adapter {
         self.state.angle = angle;
         if self.phase != Phase::AngleKnown || observation.elapsed != 1 {
             self.phase = Phase::AngleKnown;
-            return Outcome::Acquiring;
+            return Status::Acquiring;
         }
         self.phase = Phase::Tracking;
         self.state.speed = step;
@@ -28,7 +28,7 @@ impl Adapter {
         self.covariance.reset(ANGLE, 0.15);
         self.covariance.reset(SPEED, deviation * deviation);
         self.track_all(&self.measure(&observation.codes, unusable));
-        Outcome::Acquiring
+        Status::Acquiring
     }
 }
 

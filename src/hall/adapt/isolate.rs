@@ -3,7 +3,7 @@
 use super::filter::{ANGLE, SPEED};
 use super::sample::Sample;
 use super::suspicion::{Suspicion, Suspicions};
-use super::{Adapter, Fault, Outcome, Phase};
+use super::{Adapter, Fault, Phase, Status};
 use crate::hall::{Channel, Codes};
 use core::f32::consts::TAU;
 
@@ -70,7 +70,7 @@ impl Adapter {
     }
 
     /// Updates angle and speed by a sample in which a sensor is an outlier, was one, or is lost.
-    pub(super) fn isolate_outlier(&mut self, elapsed: f32, sample: &mut Sample) -> Outcome {
+    pub(super) fn isolate_outlier(&mut self, elapsed: f32, sample: &mut Sample) -> Status {
         let outliers = sample.outliers();
         let suspected = self.suspicions.sensors.iter().position(|suspicion| suspicion.turns > 0.0);
         if suspected.is_none() && outliers == [false; 3] {
@@ -105,7 +105,7 @@ impl Adapter {
 
     /// A sensor was an outlier: the next sample is looked at with all three.
     #[cold]
-    pub(super) fn flag_outlier(&mut self) -> Outcome {
+    pub(super) fn flag_outlier(&mut self) -> Status {
         self.suspicions.any = true;
         self.follow()
     }
@@ -132,7 +132,7 @@ impl Adapter {
     }
 
     /// Updates angle and speed by the sensors that were not discarded, unless one of these is an outlier still.
-    fn accept(&mut self, sample: &mut Sample) -> Outcome {
+    fn accept(&mut self, sample: &mut Sample) -> Status {
         if sample.outliers() != [false; 3] {
             return self.reject();
         }
@@ -154,7 +154,7 @@ impl Adapter {
 
     /// Nothing explains the sample. A few in a row are passed over; if there are more, angle and speed are acquired
     /// anew, and if that does not help, the parameters' variances start anew.
-    fn reject(&mut self) -> Outcome {
+    fn reject(&mut self) -> Status {
         self.suspicions.any = true;
         self.suspicions.rejected += 1;
         if self.suspicions.rejected < MOST_REJECTED {
@@ -164,7 +164,7 @@ impl Adapter {
         self.phase = Phase::Unknown;
         self.suspicions.reacquisitions += 1;
         if self.suspicions.reacquisitions < MOST_REACQUISITIONS || self.fault.is_some() {
-            return Outcome::Acquiring;
+            return Status::Acquiring;
         }
         self.suspicions = Suspicions { restarts: self.suspicions.restarts + 1, ..Suspicions::default() };
         if self.suspicions.restarts > MOST_RESTARTS {
@@ -172,7 +172,7 @@ impl Adapter {
         } else {
             self.restart();
         }
-        Outcome::Acquiring
+        Status::Acquiring
     }
 
     /// Ends the adaptation of parameters; angle and speed are tracked on.

@@ -1,7 +1,7 @@
 //! Adaptation of the parameters: coverage of the turn, limits, drift, and a new model.
 
 use super::filter::{Covariance, STATES, THIRD, radians};
-use super::{Adapter, Fault, Outcome, Parameter};
+use super::{Adapter, Fault, Parameter, Status};
 use crate::angle::ElectricalAngle;
 use crate::hall::{Channel, estimate};
 
@@ -9,28 +9,28 @@ use crate::hall::{Channel, estimate};
 const FEWEST_SAMPLES: u32 = 64;
 
 impl Adapter {
-    pub(super) fn follow(&mut self) -> Outcome {
+    pub(super) fn follow(&mut self) -> Status {
         self.paused = self.paused.saturating_add(1);
-        Outcome::Tracking
+        Status::Tracking
     }
 
     #[inline(always)]
-    pub(super) fn learn(&mut self) -> Outcome {
+    pub(super) fn learn(&mut self) -> Status {
         if self.paused != 0 {
             self.resume();
         }
         self.learnt_samples += 1;
         let eighth = 1 << (self.state.angle.to_bits() as u32 >> 29);
-        if self.seen_eighths & eighth == 0 { self.new_eighth(eighth) } else { Outcome::Adapting }
+        if self.seen_eighths & eighth == 0 { self.new_eighth(eighth) } else { Status::Adapting }
     }
 
     /// The rotor has come to an eighth of the turn that was not covered since the last model.
     #[cold]
-    fn new_eighth(&mut self, eighth: u8) -> Outcome {
+    fn new_eighth(&mut self, eighth: u8) -> Status {
         self.limit_parameters();
         self.seen_eighths |= eighth;
         if self.seen_eighths != u8::MAX {
-            return Outcome::Adapting;
+            return Status::Adapting;
         }
         self.seen_eighths = 0;
         if self.learnt_samples >= FEWEST_SAMPLES {
@@ -40,7 +40,7 @@ impl Adapter {
             // The model is the next observation's work.
             self.model_due = true;
         }
-        Outcome::Adapting
+        Status::Adapting
     }
 
     /// Adds the drift of the time in which nothing was learnt.
@@ -104,20 +104,20 @@ impl Adapter {
 
     /// All of the turn has been covered: makes a model of it, unless a parameter is at its limit.
     #[cold]
-    pub(super) fn publish_model(&mut self) -> Outcome {
+    pub(super) fn publish_model(&mut self) -> Status {
         self.model_due = false;
         let last_limit = self.limit_reached();
         if let Some(fault) = last_limit.filter(|_| last_limit == self.last_limit) {
             self.fail(fault);
-            return Outcome::Tracking;
+            return Status::Tracking;
         }
         self.last_limit = last_limit;
         let model = self.current();
         if last_limit.is_some() || estimate::validate(&model, self.config.adc_bits).is_err() {
-            return Outcome::Adapting;
+            return Status::Adapting;
         }
         self.model = model;
-        Outcome::ModelReady
+        Status::ModelReady
     }
 }
 

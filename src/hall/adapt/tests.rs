@@ -53,7 +53,7 @@ fn ten_million_updates_leave_the_covariance_positive_and_bounded() {
         let torque_nm = (1.6e-4 * speed + 1e-5 * 20.0 * (speed - bench.speed_rad_s())) / 4.0;
         let observation = Observation { codes: bench.step(torque_nm), elapsed: 1, torque_nm: torque_nm as f32 };
         let outcome = adapter.update(&observation);
-        assert!(!matches!(outcome, Outcome::Failed(_)), "{outcome:?} at {k}");
+        assert!(!matches!(outcome, Status::Failed(_)), "{outcome:?} at {k}");
         if k % 10_007 == 0 || k < 1000 {
             if adapter.phase == Phase::Tracking {
                 smallest = smallest.min(smallest_pivot(&adapter.covariance));
@@ -165,7 +165,7 @@ fn it_is_as_small_as_documented() {
 #[test]
 fn what_a_person_reads_names_the_sensor() {
     let fault = Fault::Drifted(Channel(2), Parameter::Offset);
-    assert!(std::format!("{fault}").contains("offset of Hall 2"));
+    assert!(std::format!("{fault}").contains("offset of Hall 3"));
     assert_eq!(Fault::Lost(Channel(1)).lost(), Some(Channel(1)));
     assert_eq!(fault.lost(), None);
 }

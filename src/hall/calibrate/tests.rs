@@ -160,7 +160,7 @@ fn bad_mountings_are_refused_in_words() {
     type Change = fn(&mut Bench);
     type Expected = fn(&Error) -> bool;
     let refusals: [(Change, Expected, &str); 10] = [
-        (|b| b.amplitudes[1] = 1.0, |e| *e == Error::NoSignal(Channel(1)), "Hall 1 sees no magnet"),
+        (|b| b.amplitudes[1] = 1.0, |e| *e == Error::NoSignal(Channel(1)), "Hall 2 sees no magnet"),
         (|b| b.amplitudes = [15.0; 3], |e| matches!(e, Error::Refused(TooFar(Channel(0), _))), "closer to the magnet"),
         (|b| b.amplitudes[2] = 2100.0, |e| matches!(e, Error::Refused(TooClose(Channel(2)))), "saturates"),
         (|b| b.third = [0.2; 3], |e| matches!(e, Error::Refused(TooClose(Channel(0)))), "saturates"),

@@ -29,14 +29,14 @@ pub enum Error {
     Saturated {
         /// The head's ring.
         ring: Ring,
-        /// Which of its heads.
+        /// Which of its heads, counted from 0; the text counts from 1.
         head: u8,
     },
     /// A head's error is larger than 1/16 of a pole pair.
     Nonlinear {
         /// The head's ring.
         ring: Ring,
-        /// Which of its heads.
+        /// Which of its heads, counted from 0; the text counts from 1.
         head: u8,
     },
     /// The heads of a ring are more than 3/8 of a pole pair apart at some shaft angles.
@@ -62,10 +62,10 @@ impl fmt::Display for Error {
                 write!(f, "the speed is too unsteady: only {kept} of {of} pole pairs are alike")
             }
             Self::Saturated { ring, head } => {
-                write!(f, "head {head} of the {ring:?} ring is saturated: too close to the magnet")
+                write!(f, "head {} of the {ring:?} ring is saturated: too close to the magnet", u16::from(*head) + 1)
             }
             Self::Nonlinear { ring, head } => {
-                write!(f, "head {head} of the {ring:?} ring errs by more than 22.5° electrical")
+                write!(f, "head {} of the {ring:?} ring errs by more than 22.5° electrical", u16::from(*head) + 1)
             }
             Self::HeadsApart(ring) => write!(
                 f,

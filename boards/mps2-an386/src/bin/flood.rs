@@ -20,8 +20,8 @@ use mps2_an386::{Machine, failure, success, tasks, time};
 /// At least, in the motor's time: 2000 control periods.
 const TIME: Duration = Duration::from_millis(50);
 
-/// Between the timer's event and the reading of its count: the rest of the interrupted instruction and the first ones of the
-/// handler. An interrupt that a mask has held back is later than that, as a rule by thousands.
+/// Between the timer's event and the reading of its count: the rest of the interrupted instruction and the first ones
+/// of the handler. An interrupt that a mask has held back is later than that, as a rule by thousands.
 const PROMPT: u32 = 20;
 
 /// Length of a critical section, in additions: some thousand instructions.

@@ -11,8 +11,8 @@ use embassy_stm32::rcc::Pll;
 /// Ticks of embassy-time a second.
 const TICK_HZ: u32 = embassy_time::TICK_HZ as u32;
 
-/// Switches to 170 MHz, in the order that RM0440 asks for: with HCLK halved the regulator is boosted and the flash slowed, then
-/// HCLK doubles.
+/// Switches to 170 MHz, in the order that RM0440 asks for: with HCLK halved the regulator is boosted and the flash
+/// slowed, then HCLK doubles.
 ///
 /// The HAL knows the clocks as they are before that last step: 85 MHz throughout. PCLK1 stays there. The HAL's own
 /// boost does not happen: it clears a bit that is not R1MODE.

@@ -16,8 +16,9 @@ pub struct Converter {
     pub sequence: Sequence,
 }
 
-/// Calibrates the ADCs and lets them wait for the first trigger. The end of the first one's sequence is the control interrupt:
-/// it must be the last to end. `groups` are what they share: of ADC1 and ADC2, and of the others if there are any.
+/// Calibrates the ADCs and lets them wait for the first trigger. The end of the first one's sequence is the control
+/// interrupt: it must be the last to end. `groups` are what they share: of ADC1 and ADC2, and of the others if there
+/// are any.
 pub(crate) fn start(groups: &[AdcCommon], converters: &[Converter]) {
     RCC.ahb2enr().modify(|enable| {
         enable.set_adc12en(true);

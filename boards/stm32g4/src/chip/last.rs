@@ -15,8 +15,9 @@ const BDTR: usize = 0x4001_2C00 + 0x44;
 /// Return addresses that a panic tells.
 const DEPTH: usize = 6;
 
-/// Tells where, but not what: texts, file names and what formats them would take a fifth of a small chip's flash. The addresses
-/// that the latest calls return to, the innermost first, are lines of the source to `addr2line -ife FIRMWARE ADDRESS…`.
+/// Tells where, but not what: texts, file names and what formats them would take a fifth of a small chip's flash. The
+/// addresses that the latest calls return to, the innermost first, are lines of the source to `addr2line -ife FIRMWARE
+/// ADDRESS…`.
 #[panic_handler]
 fn panic(_: &PanicInfo) -> ! {
     cortex_m::interrupt::disable();
@@ -75,8 +76,9 @@ fn unexpected(number: i16) -> ! {
     panic!()
 }
 
-/// Clears MOE before it uses the stack, for the stack may be what failed: it ends at the begin of the RAM. Where the fault's own
-/// frame finds no room either, the core locks up instead, which is a break of TIM1. Then gets a stack to tell of it.
+/// Clears MOE before it uses the stack, for the stack may be what failed: it ends at the begin of the RAM. Where the
+/// fault's own frame finds no room either, the core locks up instead, which is a break of TIM1. Then gets a stack to
+/// tell of it.
 ///
 /// # Safety
 /// Called by the hardware.

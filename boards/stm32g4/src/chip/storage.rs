@@ -1,8 +1,8 @@
 //! The flash as the place for records.
 //!
-//! A power cut amid a write or an erase leaves double words that the flash's error correction cannot make good. Reading one gives
-//! anything, and a non-maskable interrupt (RM0440, "Error code correction (ECC)"). Of a record the CRC tells, so while one is read that
-//! interrupt is none: otherwise a board would never start again after such a cut.
+//! A power cut amid a write or an erase leaves double words that the flash's error correction cannot make good. Reading
+//! one gives anything, and a non-maskable interrupt (RM0440, "Error code correction (ECC)"). Of a record the CRC tells,
+//! so while one is read that interrupt is none: otherwise a board would never start again after such a cut.
 
 use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_stm32::flash::{Blocking, Error, Flash};

@@ -4,8 +4,8 @@ use crate::registers::watchdog::{FEED, START, UNLOCK, reload};
 use embassy_stm32::pac::IWDG;
 use embassy_stm32::pac::iwdg::regs::{Kr, Pr, Rlr};
 
-/// A calibration's fit and a save keep the tasks from feeding it, which a test of the virtual boards times; and it may come early by as
-/// much as its oscillator is fast, 5 %.
+/// A calibration's fit and a save keep the tasks from feeding it, which a test of the virtual boards times; and it may
+/// come early by as much as its oscillator is fast, 5 %.
 const MILLISECONDS: u32 = 600;
 
 /// Starts it, for good.

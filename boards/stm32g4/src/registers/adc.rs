@@ -28,7 +28,8 @@ pub const CFGR: u32 = 1 << 31;
 /// Microseconds from the voltage regulator's start until it is stable (data sheets, t_ADCVREG_STUP).
 pub const REGULATOR_US: u32 = 20;
 
-/// How long an input is sampled, in ADC cycles (ADC_SMPR1). 2.5 is left out: it lets neighbouring channels leak into each other.
+/// How long an input is sampled, in ADC cycles (ADC_SMPR1). 2.5 is left out: it lets neighbouring channels leak into
+/// each other.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 #[repr(u8)]
 pub enum Sampling {
@@ -93,7 +94,8 @@ impl Rank {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sequence(pub &'static [Rank]);
 
-/// Ticks from the trigger to the start of sampling: 2.125 ADC cycles at a quarter of HCLK (data sheets, t_LATRINJ), rounded up.
+/// Ticks from the trigger to the start of sampling: 2.125 ADC cycles at a quarter of HCLK (data sheets, t_LATRINJ),
+/// rounded up.
 const LATENCY: u32 = 9;
 /// Ticks of a conversion of 12 bits after sampling: 12.5 cycles.
 const CONVERSION: u32 = 50;

@@ -2,11 +2,11 @@
 
 use super::{bit, field};
 
-/// OPAMPx_CSR: amplifies the difference between VINP0 and VINM0 by sixteen, at high speed, onto its pin; on, and locked on until
-/// the next reset, so that nothing can switch it off and leave the ADC converting a floating output.
+/// OPAMPx_CSR: amplifies the difference between VINP0 and VINM0 by sixteen, at high speed, onto its pin; on, and locked
+/// on until the next reset, so that nothing can switch it off and leave the ADC converting a floating output.
 ///
-/// VP_SEL = 00: pin VINP0. VM_SEL = 10: the resistor ladder. PGA_GAIN = 01011: gain 16, the ladder's foot at pin VINM0, which
-/// is the ground side of the shunt. OPAINTOEN = 0: the output is on the pin, which the ADC reads.
+/// VP_SEL = 00: pin VINP0. VM_SEL = 10: the resistor ladder. PGA_GAIN = 01011: gain 16, the ladder's foot at pin VINM0,
+/// which is the ground side of the shunt. OPAINTOEN = 0: the output is on the pin, which the ADC reads.
 pub const OPAMP_SHUNT: u32 =
     1 | field(0b00, 2, 2) | field(0b10, 5, 2) | bit(true, 7) | field(0b01011, 14, 5) | bit(true, 31);
 

@@ -1,8 +1,8 @@
 //! Clocks and the core's voltage: 170 MHz from the internal oscillator (RM0440, chapters 3, 6 and 7).
 //!
-//! The internal 16 MHz oscillator, because nothing here needs better than its 1 %: the serial link tolerates 2 %, speeds
-//! are as wrong as the clock. Crystals differ from one version of a board to the next, and a drive should not stop because
-//! one did not start.
+//! The internal 16 MHz oscillator, because nothing here needs better than its 1 %: the serial link tolerates 2 %,
+//! speeds are as wrong as the clock. Crystals differ from one version of a board to the next, and a drive should not
+//! stop because one did not start.
 
 use super::{bit, field};
 
@@ -33,7 +33,8 @@ pub const DIVIDERS_MASK: u32 = field(0xF, 4, 4) | field(0b111, 8, 3) | field(0b1
 /// value 1. The field of that name in stm32-metapac 21.0.0 is bit 0.
 pub const R1MODE: u32 = 1 << 8;
 
-/// Wait states of the flash in range 1, boosted or not (RM0440, table "Number of wait states according to CPU clock (HCLK) frequency"). `None` above 170 and 150 MHz.
+/// Wait states of the flash in range 1, boosted or not (RM0440, table "Number of wait states according to CPU clock
+/// (HCLK) frequency"). `None` above 170 and 150 MHz.
 pub const fn wait_states(hclk_hz: u32, boosted: bool) -> Option<u32> {
     const BOOSTED: [u32; 5] = [34, 68, 102, 136, 170];
     const NORMAL: [u32; 5] = [30, 60, 90, 120, 150];

@@ -1,5 +1,5 @@
-//! TIM1: centre-aligned PWM with complementary outputs, dead time and break (RM0440, chapter 28; register descriptions in
-//! section 28.6).
+//! TIM1: centre-aligned PWM with complementary outputs, dead time and break (RM0440, chapter 28; register descriptions
+//! in section 28.6).
 //!
 //! PWM mode 2: a leg's upper transistor conducts while the counter is at or above its compare register. In the valley,
 //! counter zero, all lower transistors conduct and their shunts carry the phase currents.
@@ -33,7 +33,8 @@ pub enum Break {
     Comparators(u8),
 }
 
-/// Auto-reload value for a centre-aligned frequency, rounded: the counter takes 2·ARR ticks a period (RM0440, center-aligned mode).
+/// Auto-reload value for a centre-aligned frequency, rounded: the counter takes 2·ARR ticks a period (RM0440,
+/// center-aligned mode).
 ///
 /// # Panics
 /// At compile time, when it does not fit 16 bits.
@@ -48,8 +49,8 @@ pub const fn ticks(timer_hz: u32, nanoseconds: u32) -> u32 {
     (timer_hz as u64 * nanoseconds as u64).div_ceil(1_000_000_000) as u32
 }
 
-/// Field DTG of TIM1_BDTR for a dead time of at least `ticks`, 1 to 1008, of t_DTS (RM0440, 28.6.20). Longer by less than one of its
-/// steps: by 0 up to 127 ticks, at most 1 up to 254, 7 up to 504 and 15 up to 1008.
+/// Field DTG of TIM1_BDTR for a dead time of at least `ticks`, 1 to 1008, of t_DTS (RM0440, 28.6.20). Longer by less
+/// than one of its steps: by 0 up to 127 ticks, at most 1 up to 254, 7 up to 504 and 15 up to 1008.
 pub const fn dead_time_field(ticks: u16) -> Option<u8> {
     Some(match ticks {
         1..=127 => ticks as u8,
@@ -76,7 +77,8 @@ pub const CR1: u32 = field(0b01, 5, 2) | bit(true, 7);
 /// CR1 that counts.
 pub const CR1_COUNTING: u32 = CR1 | 1;
 
-/// RCR: one update a period. Written before the counter starts, it is that of the underflow, the valley (RM0440, repetition counter).
+/// RCR: one update a period. Written before the counter starts, it is that of the underflow, the valley (RM0440,
+/// repetition counter).
 pub const RCR: u32 = 1;
 
 /// TIM1_EGR, UG: takes the preloaded values up.
@@ -86,8 +88,8 @@ pub const EGR_COMMUTATE: u32 = 1 << 5;
 
 /// TIM1_BDTR, MOE: main output enable.
 pub const MOE: u32 = 1 << 15;
-/// SYSCFG_CFGR2: breaks that the chip raises by itself: CLL, the core has locked up; SPL, a parity error of the SRAM; ECCL, a
-/// double error of the flash.
+/// SYSCFG_CFGR2: breaks that the chip raises by itself: CLL, the core has locked up; SPL, a parity error of the SRAM;
+/// ECCL, a double error of the flash.
 pub const SYSTEM_BREAKS: u32 = bit(true, 0) | bit(true, 1) | bit(true, 3);
 
 /// TIM1_SR, BIF: a break has come.
@@ -109,7 +111,8 @@ pub const fn cr2(gates: Gates) -> u32 {
 ///
 /// A leg that is to be open keeps its outputs driven, at the level at which the transistors are off: its reference is
 /// forced inactive and the complementary output disabled, which OSSR turns into its inactive level (RM0440, table
-/// "Output control bits for complementary OCx and OCxN channels with break feature"). Were both disabled, the pins would float, and the inputs of the drivers with them.
+/// "Output control bits for complementary OCx and OCxN channels with break feature"). Were both disabled, the pins
+/// would float, and the inputs of the drivers with them.
 pub const fn legs(gates: Gates, switching: u8) -> Legs {
     const PWM_2: u32 = 0b0111;
     const PWM_1: u32 = 0b0110;
@@ -147,8 +150,9 @@ const fn mode(mode: u32, upper: u32) -> u32 {
     (field(mode & 7, 4, 3) | field(mode >> 3, 16, 1)) << (8 * upper)
 }
 
-/// TIM1_BDTR: off, idle levels driven while off (OSSI) and while on (OSSR), break enabled and filtered, nothing automatic. The lock
-/// at level 2 freezes all of this with polarities and idle levels until the next reset; MOE stays writable.
+/// TIM1_BDTR: off, idle levels driven while off (OSSI) and while on (OSSR), break enabled and filtered, nothing
+/// automatic. The lock at level 2 freezes all of this with polarities and idle levels until the next reset; MOE stays
+/// writable.
 pub const fn bdtr(dead_time: u8, source: Break, filter: u8) -> u32 {
     dead_time as u32
         | field(2, 8, 2)
@@ -208,7 +212,8 @@ mod tests {
 
     #[test]
     fn dead_time_as_in_the_manuals_example() {
-        // RM0440, 28.6.20: with t_DTS = 125 ns, 0 to 15875 ns by 125, 16 to 31750 ns by 250, 32 to 63 µs by 1 µs, 64 to 126 µs by 2.
+        // RM0440, 28.6.20: with t_DTS = 125 ns, 0 to 15875 ns by 125, 16 to 31750 ns by 250, 32 to 63 µs by 1 µs, 64 to
+        // 126 µs by 2.
         for (field, nanoseconds) in [
             (0, 0),
             (127, 15_875),
@@ -255,7 +260,8 @@ mod tests {
 
     #[test]
     fn all_legs_switching() {
-        // OC1M = 0111 in bits 6:4 and 16 = 0, OC1PE bit 3, the same for OC2 eight bits higher; OC4M = 0110 without preload.
+        // OC1M = 0111 in bits 6:4 and 16 = 0, OC1PE bit 3, the same for OC2 eight bits higher; OC4M = 0110 without
+        // preload.
         let off = legs(L6387, 7);
         assert_eq!((off.ccmr1, off.ccmr2), (0x7878, 0x6078));
         // TIM1_CCER: CC1E, CC1NE bits 0 and 2; CC1P, CC1NP bits 1 and 3.

@@ -9,7 +9,8 @@ use stm32_metapac::{FLASH, PWR, RCC};
 /// HCLK at full speed.
 pub const HCLK_HZ: u32 = 170_000_000;
 
-/// 16 MHz / 4 · 85 / 2 from HSI16, in the order of RM0440, 6.1.5: HCLK halved, regulator boosted, flash slowed, HCLK doubled.
+/// 16 MHz / 4 · 85 / 2 from HSI16, in the order of RM0440, 6.1.5: HCLK halved, regulator boosted, flash slowed, HCLK
+/// doubled.
 pub fn full_speed() {
     RCC.apb1enr1().modify(|enable| enable.set_pwren(true));
     RCC.pllcfgr().write_value(Pllcfgr(2 | 3 << 4 | 85 << 8 | 1 << 24));

@@ -1,5 +1,5 @@
-//! What the small firmwares for the virtual STM32G4 share. One image runs on both boards. It logs what it finds and asserts
-//! what it can see by itself; an assertion that fails is a line of the log, and then a fault.
+//! What the small firmwares for the virtual STM32G4 share. One image runs on both boards. It logs what it finds and
+//! asserts what it can see by itself; an assertion that fails is a line of the log, and then a fault.
 #![no_std]
 
 mod board;

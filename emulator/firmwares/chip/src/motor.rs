@@ -1,5 +1,5 @@
-//! A motor firmware as small as can be: a field that turns open loop, and a Hall that tells whether the rotor follows. It can
-//! make one of four mistakes.
+//! A motor firmware as small as can be: a field that turns open loop, and a Hall that tells whether the rotor follows.
+//! It can make one of four mistakes.
 
 use crate::{Board, board, calibrate, connect, convert_at_trigger, enable_converters, full_speed};
 use core::sync::atomic::{AtomicBool, AtomicU32, Ordering::Relaxed};
@@ -29,7 +29,8 @@ const PWM_HZ: u32 = 40_000;
 const DEAD_TIME: u8 = 85;
 /// Amplitude of a leg's duty, counts.
 const AMPLITUDE: i32 = 400;
-/// Advance of the field in a period once it has its speed, 10 turns a second; and what it gains each period, for half a second.
+/// Advance of the field in a period once it has its speed, 10 turns a second; and what it gains each period, for half a
+/// second.
 const STEP: u32 = (10 * (1 << 32) / PWM_HZ as u64) as u32;
 const GAIN: u32 = STEP / (PWM_HZ / 2);
 /// JEOS of ADC_ISR and ADC_IER.

@@ -31,8 +31,8 @@ fn answers(session: &Session, id: u16) -> bool {
     session.lines.iter().any(|line| line.level == "REPLY" && line.message.starts_with(&format!("#{id} Status(")))
 }
 
-/// Garbage without pause, and frames that are damaged, do nothing to a turning drive and to its control interrupt; a frame that is
-/// whole is answered whatever came before and comes after it.
+/// Garbage without pause, and frames that are damaged, do nothing to a turning drive and to its control interrupt; a
+/// frame that is whole is answered whatever came before and comes after it.
 pub fn hears_through_garbage(board: &str) {
     let quiet = turning(board);
     let mut session = quiet.fork();
@@ -42,7 +42,8 @@ pub fn hears_through_garbage(board: &str) {
         session.receive(noise.bytes(460)).expect("a port");
         run(&mut session, 10e-3);
     }
-    // The tasks stand still for up to 60 ms while a model of the sensors is built, and the port holds 256 bytes meanwhile.
+    // The tasks stand still for up to 60 ms while a model of the sensors is built, and the port holds 256 bytes
+    // meanwhile.
     run(&mut session, 0.1);
     for id in 100..130 {
         let mut bytes = noise.bytes(1 + id as usize % 60);
@@ -55,7 +56,8 @@ pub fn hears_through_garbage(board: &str) {
             session.slice(at_most_s).expect("a run");
         }
     }
-    // Whatever bit of it flips, a frame is obeyed as a whole or not at all. Its ends are zeros: without, it is two or none.
+    // Whatever bit of it flips, a frame is obeyed as a whole or not at all. Its ends are zeros: without, it is two or
+    // none.
     let disarm = frame(7, Ask::Disarm);
     for bit in 0..8 * disarm.len() {
         let mut bytes = disarm.clone();

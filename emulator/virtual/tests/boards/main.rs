@@ -1,4 +1,5 @@
-//! The firmwares as they would be flashed, on their boards: boot, calibrate, spin, and what happens when something breaks.
+//! The firmwares as they would be flashed, on their boards: boot, calibrate, spin, and what happens when something
+//! breaks.
 
 mod faults;
 mod line;

@@ -19,8 +19,8 @@ fn exception(session: &Session, name: &str) -> u16 {
     handler.unwrap_or_else(|| panic!("no handler {name}: {handlers:#?}")).exception
 }
 
-/// Hangs something in a turning drive, which happens at its next entry: the bridge is off within the watchdog's time, and the board comes back
-/// with what it knew.
+/// Hangs something in a turning drive, which happens at its next entry: the bridge is off within the watchdog's time,
+/// and the board comes back with what it knew.
 fn bites(board: &str, turning: &Session, what: &str, entered_s: f64) {
     let mut session = turning.fork();
     let at_s = session.seconds();

@@ -31,7 +31,8 @@ impl<T: Clone> PerBoard<T> {
 /// A test's name, and the test of a board.
 type Test = (&'static str, fn(&str));
 
-/// Runs every test on every board that there is, as the standard harness would; `cargo test … NAME` chooses by test or board.
+/// Runs every test on every board that there is, as the standard harness would; `cargo test … NAME` chooses by test or
+/// board.
 pub fn on_every_board(tests: &[Test]) {
     let boards = Board::names(&firmware::boards()).expect("the boards' folder");
     let trials = boards.iter().flat_map(|board| {
@@ -77,7 +78,8 @@ pub fn run(session: &mut Session, seconds: f64) {
     session.run_until(session.seconds() + seconds).expect("a run");
 }
 
-/// A board shortly before its calibration is complete, and when it is over: saved, the rotor at rest. It does so once for all tests.
+/// A board shortly before its calibration is complete, and when it is over: saved, the rotor at rest. It does so once
+/// for all tests.
 fn calibration(board: &str) -> [Machine<Chip>; 2] {
     static DONE: PerBoard<[Machine<Chip>; 2]> = PerBoard::new();
     DONE.get(board, || {

@@ -5,7 +5,7 @@ use crate::report::Series;
 use crate::statistics::Statistics;
 use anyhow::Result;
 use hallservo::angle::ElectricalAngle;
-use hallservo::hall::adapt::Outcome;
+use hallservo::hall::adapt::Status;
 use hallservo::hall::estimate::Estimator;
 use hallservo::hall::model::Model;
 use plant::HallParameters;
@@ -82,7 +82,7 @@ pub fn run(seed: u64, hz: f64) -> Result<Drift> {
         let step = trial.step();
         let angle = untouched.angle(&step.codes).ok().map(|angle| f64::from(angle.to_radians()));
         let without = trial::wrapped_deg(tracker.step(angle) - trial.hall_rad());
-        drift.diverged |= matches!(step.outcome, Outcome::Failed(_));
+        drift.diverged |= matches!(step.outcome, Status::Failed(_));
         if trial.time_s() > 1.0 {
             drift.adapted.push(step.error_deg);
             drift.untouched.push(without);

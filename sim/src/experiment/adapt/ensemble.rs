@@ -4,7 +4,7 @@ use super::trial::{self, ACCELERATION_NOISE, DAMPING_1_S, Motion, PERIOD_S, Star
 use crate::baseline::filter::{Noises, PaperFilter};
 use crate::statistics::Statistics;
 use anyhow::Result;
-use hallservo::hall::adapt::Outcome;
+use hallservo::hall::adapt::Status;
 use std::f64::consts::TAU;
 
 /// Parts of a turn over which errors of all motors are taken together.
@@ -54,7 +54,7 @@ pub fn converge(seed: u64, hz: f64) -> Result<Convergence> {
         course.errors[now].push(step.error_deg);
         course.bound[now].push(step.bound_deg);
         course.paper[now].push(trial::wrapped_deg(paper.angle - trial.hall_rad()));
-        course.diverged |= matches!(step.outcome, Outcome::Failed(_)) || step.error_deg.is_nan();
+        course.diverged |= matches!(step.outcome, Status::Failed(_)) || step.error_deg.is_nan();
         if now >= PARTS * STEADY_TURNS {
             course.steady.push(step.error_deg);
             course.diverged |= step.error_deg.abs() > 5.0;
@@ -117,7 +117,7 @@ pub fn track(seed: u64, motion: Motion) -> Result<Tracking> {
     while trial.time_s() < 5.0 {
         let step = trial.step();
         turned += trial.bench.speed_rad_s().abs() * PERIOD_S / TAU;
-        run.diverged |= matches!(step.outcome, Outcome::Failed(_)) || step.error_deg.is_nan();
+        run.diverged |= matches!(step.outcome, Status::Failed(_)) || step.error_deg.is_nan();
         if turned > 2.0 {
             run.error.push(step.error_deg);
             run.bound.push(step.bound_deg);

@@ -3,7 +3,7 @@
 use super::trial::{self, Motion, PERIOD_S, Start, Trial};
 use crate::statistics::Statistics;
 use anyhow::Result;
-use hallservo::hall::adapt::Outcome;
+use hallservo::hall::adapt::Status;
 use hallservo::hall::estimate::Estimator;
 use plant::{HallFault, Rail};
 use std::f64::consts::TAU;
@@ -77,7 +77,7 @@ pub fn run(seed: u64, hz: f64) -> Result<Loss> {
             trial.bench.set_fault(sensor, Some(volts));
         }
         loss.plot.push((trial.time_s() - at_s, step.error_deg));
-        if let Outcome::Failed(fault) = step.outcome {
+        if let Status::Failed(fault) = step.outcome {
             loss.detected_turns = failed.then_some(turned);
             if let Some(lost) = fault.lost() {
                 loss.named = usize::from(lost.0) == sensor;

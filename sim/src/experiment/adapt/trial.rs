@@ -2,7 +2,7 @@
 
 use anyhow::Result;
 use hallservo::angle::ElectricalAngle;
-use hallservo::hall::adapt::{Adapter, Observation, Outcome, Settings};
+use hallservo::hall::adapt::{Adapter, Observation, Settings, Status};
 use hallservo::hall::model::{Model, Sensor};
 use plant::{Bench, BenchParameters, Bound, HallParameters, PlantParameters, Prior};
 use std::f64::consts::{PI, TAU};
@@ -80,7 +80,7 @@ pub struct Step {
     /// The torque told to the filter, N·m.
     pub torque_nm: f64,
     /// What the filter said.
-    pub outcome: Outcome,
+    pub outcome: Status,
     /// Its angle less the true one, degrees.
     pub error_deg: f64,
     /// Least standard deviation of that, degrees.

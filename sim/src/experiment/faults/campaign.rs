@@ -6,7 +6,7 @@ use crate::rig::Rig;
 use anyhow::{Context, Result, bail};
 use hallservo::board::Legs;
 use hallservo::commutation::Commutation;
-use hallservo::drive::{Command, Refusal};
+use hallservo::drive::{Command, Demand, Refusal};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use plant::PlantParameters;
@@ -20,7 +20,8 @@ pub(super) struct Campaign {
     rig: Rig,
     random: Pcg64,
     summary: Summary,
-    commutation: Commutation,
+    /// What the drive was last told to follow.
+    demand: Demand,
 }
 
 impl Campaign {
@@ -28,8 +29,7 @@ impl Campaign {
         let mut rig = Rig::new(&PlantParameters::imperfect(seed), &settings(), seed)?;
         rig.calibrate(|_| ())?;
         let summary = Summary { seed, bridge_off_within_one_period: true, ..Summary::default() };
-        let commutation = Commutation::Sinusoidal;
-        Ok(Self { rig, random: Pcg64::seed_from_u64(seed), summary, commutation })
+        Ok(Self { rig, random: Pcg64::seed_from_u64(seed), summary, demand: Demand::Voltage })
     }
 
     pub fn run(mut self, injections: u32) -> Result<Summary> {
@@ -55,8 +55,8 @@ impl Campaign {
     /// Arms with a random commutation and demand.
     fn set_off(&mut self, injection: Injection) -> Result<()> {
         let commutation = [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block];
-        self.commutation = *commutation.choose(&mut self.random).context("no commutation")?;
-        self.rig.command(Command::Commutate(self.commutation))?;
+        let commutation = *commutation.choose(&mut self.random).context("no commutation")?;
+        self.rig.command(Command::Commutate(commutation))?;
         self.rig.command(Command::Arm)?;
         self.demand(injection)
     }
@@ -65,18 +65,28 @@ impl Campaign {
     fn demand(&mut self, injection: Injection) -> Result<()> {
         let control = *self.rig.control()?;
         let sign = if self.random.random_bool(0.5) { 1.0 } else { -1.0 };
-        let command = match self.random.random_range(0..3) {
+        self.demand = match self.random.random_range(0..3) {
             _ if injection.needs_motion() => {
-                Command::Speed(control.speed(sign * self.random.random_range(30.0..120.0))?)
+                Demand::Speed(control.speed(sign * self.random.random_range(30.0..120.0))?)
             }
-            0 => Command::Current(control.current(sign * self.random.random_range(0.0..0.03))?),
-            1 => Command::Speed(control.speed(sign * self.random.random_range(0.0..120.0))?),
+            0 => Demand::Current(control.current(sign * self.random.random_range(0.0..0.03))?),
+            1 => Demand::Speed(control.speed(sign * self.random.random_range(0.0..120.0))?),
             _ => {
                 let here = self.rig.drive.tracker().position().to_turns() / f64::from(self.rig.config.pole_pairs.get());
-                Command::Position(control.position(here + self.random.random_range(-1.0..1.0))?)
+                Demand::Position(control.position(here + self.random.random_range(-1.0..1.0))?)
             }
         };
-        self.rig.command(command)
+        self.follow_demand()
+    }
+
+    /// Commands what is to be followed, once more: a sign of life that changes nothing.
+    fn follow_demand(&mut self) -> Result<()> {
+        self.rig.command(match self.demand {
+            Demand::Current(current) => Command::Current(current),
+            Demand::Speed(speed) => Command::Speed(speed),
+            Demand::Position(position) => Command::Position(position),
+            Demand::Voltage => bail!("no demand was made"),
+        })
     }
 
     /// Runs for a random time with commands that come in time; a fault is a false alarm.
@@ -94,9 +104,9 @@ impl Campaign {
         Ok(None)
     }
 
-    /// A sign of life that changes nothing: refused while the bridge is on, and heard all the same.
+    /// A sign of life, which a drive that has failed meanwhile refuses.
     fn alive(&mut self) -> Result<()> {
-        match self.rig.command(Command::Commutate(self.commutation)) {
+        match self.follow_demand() {
             Err(error) if !error.is::<Refusal>() => Err(error),
             _ => Ok(()),
         }

@@ -4,11 +4,10 @@ use crate::call::Arguments;
 use crate::halls;
 use crate::row::{Row, function};
 use core::sync::atomic::{AtomicPtr, Ordering::Relaxed};
-use hallservo::hall::adapt::{Adapter, Observation, Outcome, Settings};
+use hallservo::hall::adapt::{Adapter, Observation, Settings, Status};
 use mps2_an386::failure;
 use static_cell::StaticCell;
 
-#[rustfmt::skip]
 pub const ROWS: &[Row] = &[
     Row::new("adaptation, one update", "hallservo", function!(adapt), turning, |_, _| 0.0).budget(1500),
     Row::new("the same, after lost samples", "hallservo", function!(adapt), skipping, |_, _| 0.0).budget(1500),
@@ -21,7 +20,7 @@ pub const ROWS: &[Row] = &[
 
 #[unsafe(no_mangle)]
 extern "C" fn adapt(adapter: &mut Adapter, observation: &Observation) -> u32 {
-    u32::from(matches!(adapter.update(observation), Outcome::Adapting | Outcome::ModelReady))
+    u32::from(matches!(adapter.update(observation), Status::Adapting | Status::ModelReady))
 }
 
 struct Bench {

@@ -23,7 +23,6 @@ const MODULATION: f64 = 0.9;
 
 type Duties = [u16; 3];
 
-#[rustfmt::skip]
 pub const ROWS: &[Row] = &[
     Row::new("angle → three duties, LSB", "hallservo", function!(duties), angle_amplitude, error).budget(28),
     Row::new("angle → three duties, LSB", "idsp", function!(duties_idsp), angle_amplitude, error),

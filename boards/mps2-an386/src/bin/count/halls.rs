@@ -15,14 +15,22 @@ use static_cell::StaticCell;
 const OFFSET: i32 = 2048;
 const AMPLITUDE: f32 = 1900.0;
 
-#[rustfmt::skip]
 pub const ROWS: &[Row] = &[
-    Row::new("three Halls → angle, rad", "hallservo", function!(halls), codes, |a, r| angle_error(a, turns(r.r0))).budget(40),
-    Row::new("the same, with every check", "hallservo", function!(halls_checked), codes, |a, r| angle_error(a, turns(r.r0))),
+    Row::new("three Halls → angle, rad", "hallservo", function!(halls), codes, |a, r| angle_error(a, turns(r.r0)))
+        .budget(40),
+    Row::new("the same, with every check", "hallservo", function!(halls_checked), codes, |a, r| {
+        angle_error(a, turns(r.r0))
+    }),
     Row::new("three Halls → angle, rad", "idsp", function!(halls_idsp), codes, |a, r| angle_error(a, turns(r.r0))),
-    Row::new("three Halls → angle, rad", "micromath", function!(halls_micromath), codes, |a, r| angle_error(a, r.s0 as f64 / TAU)),
-    Row::new("three Halls → angle, rad", "libm", function!(halls_libm), codes, |a, r| angle_error(a, r.s0 as f64 / TAU)),
-    Row::new("three Halls → angle, rad", "cordic, I16F16", function!(halls_cordic), codes, |a, r| angle_error(a, turns(r.r0) * 65536.0 / TAU)),
+    Row::new("three Halls → angle, rad", "micromath", function!(halls_micromath), codes, |a, r| {
+        angle_error(a, r.s0 as f64 / TAU)
+    }),
+    Row::new("three Halls → angle, rad", "libm", function!(halls_libm), codes, |a, r| {
+        angle_error(a, r.s0 as f64 / TAU)
+    }),
+    Row::new("three Halls → angle, rad", "cordic, I16F16", function!(halls_cordic), codes, |a, r| {
+        angle_error(a, turns(r.r0) * 65536.0 / TAU)
+    }),
 ];
 
 #[unsafe(no_mangle)]

@@ -1,5 +1,5 @@
-//! A motor that a counted drive turns: winding and rotor in single precision, a step of each for every step of the drive. It is there to
-//! bring the drive into every state, not to be exact.
+//! A motor that a counted drive turns: winding and rotor in single precision, a step of each for every step of the
+//! drive. It is there to bring the drive into every state, not to be exact.
 
 use hallservo::angle::ElectricalAngle;
 use hallservo::board::{Output, Sample};

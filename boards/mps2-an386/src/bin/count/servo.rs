@@ -1,5 +1,5 @@
-//! The field-oriented step where it has most to do: fast, accelerating and turning back on the way, with the alignment refined and a table
-//! against cogging; stalled; and with a command.
+//! The field-oriented step where it has most to do: fast, accelerating and turning back on the way, with the alignment
+//! refined and a table against cogging; stalled; and with a command.
 
 use crate::call::{Arguments, Results};
 use crate::drive::step;
@@ -20,17 +20,27 @@ use hallservo::settings::{Control as ControlSettings, GuardSettings};
 use mps2_an386::failure;
 use static_cell::StaticCell;
 
-#[rustfmt::skip]
 pub const ROWS: &[Row] = &[
     Row::new("field-oriented, fast, current", "hallservo", function!(step), fast::<CURRENT>, stays_on).budget(300),
     Row::new("field-oriented, fast, speed", "hallservo", function!(step), fast::<SPEED>, stays_on).budget(300),
     Row::new("field-oriented, fast, position", "hallservo", function!(step), fast::<POSITION>, stays_on).budget(300),
-    Row::new("field-oriented, stalled, current", "hallservo", function!(step), stalled::<CURRENT>, stays_on).budget(300),
+    Row::new("field-oriented, stalled, current", "hallservo", function!(step), stalled::<CURRENT>, stays_on)
+        .budget(300),
     Row::new("field-oriented, stalled, speed", "hallservo", function!(step), stalled::<SPEED>, stays_on).budget(300),
-    Row::new("field-oriented, stalled, position", "hallservo", function!(step), stalled::<POSITION>, stays_on).budget(300),
-    Row::new("field-oriented, with a table, current", "hallservo", function!(step), balanced::<CURRENT>, stays_on).budget(300),
-    Row::new("field-oriented, with a table, speed", "hallservo", function!(step), balanced::<SPEED>, stays_on).budget(300),
-    Row::new("field-oriented, with a table, position", "hallservo", function!(step), balanced::<POSITION>, stays_on).budget(300),
+    Row::new("field-oriented, stalled, position", "hallservo", function!(step), stalled::<POSITION>, stays_on)
+        .budget(300),
+    Row::new("field-oriented, with a table, current", "hallservo", function!(step), anti_cogging::<CURRENT>, stays_on)
+        .budget(300),
+    Row::new("field-oriented, with a table, speed", "hallservo", function!(step), anti_cogging::<SPEED>, stays_on)
+        .budget(300),
+    Row::new(
+        "field-oriented, with a table, position",
+        "hallservo",
+        function!(step),
+        anti_cogging::<POSITION>,
+        stays_on,
+    )
+    .budget(300),
     Row::new("field-oriented, with a command", "hallservo", function!(step), commanded, stays_on),
 ];
 
@@ -39,8 +49,8 @@ const SPEED: usize = 1;
 const POSITION: usize = 2;
 const DEMANDS: usize = 3;
 
-/// A, rad/s and turns, one after the other. A current of 3 A ends where the voltage does; on the way to a speed or a far position it turns
-/// back; near ones are reached, one by three steps of the trajectory.
+/// A, rad/s and turns, one after the other. A current of 3 A ends where the voltage does; on the way to a speed or a
+/// far position it turns back; near ones are reached, one by three steps of the trajectory.
 const FOLLOWED: [[f64; PARTS as usize]; DEMANDS] = [
     [0.5, 0.5, -0.5, -0.5, 2.0, 2.0, -3.0, -3.0, 3.0, 0.5, -0.5, 3.0, 0.01, -0.01, 3.0, -3.0],
     [400.0, 400.0, -400.0, -400.0, 0.0, -200.0, 399.0, 400.0, 401.0, -500.0, -500.0, 5.0, -5.0, 0.0, 400.0, -400.0],
@@ -176,8 +186,8 @@ impl Bench {
     }
 
     /// Takes a table into use, or none.
-    fn balance(&mut self, table: Option<&'static mut Table>) {
-        self.command(Command::Balance(table));
+    fn set_anti_cogging(&mut self, table: Option<&'static mut Table>) {
+        self.command(Command::AntiCogging(table));
         self.table = self.tasks.tables.dequeue().or(self.table.take());
     }
 
@@ -206,11 +216,11 @@ fn fast<const FOLLOWED: usize>(index: u32) -> Arguments {
 }
 
 /// The same with a table against cogging.
-fn balanced<const FOLLOWED: usize>(index: u32) -> Arguments {
+fn anti_cogging<const FOLLOWED: usize>(index: u32) -> Arguments {
     let bench = bench(FOLLOWED);
     if index == 0 {
         let table = bench.table.take();
-        bench.balance(table);
+        bench.set_anti_cogging(table);
     }
     fast::<FOLLOWED>(index)
 }
@@ -240,7 +250,7 @@ fn commanded(index: u32) -> Arguments {
         }
         48 => {
             let table = bench.table.take();
-            bench.send(Command::Balance(table));
+            bench.send(Command::AntiCogging(table));
         }
         56 => bench.send(bench.demand(SPEED, index / PART)),
         _ => {}

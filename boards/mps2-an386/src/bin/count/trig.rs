@@ -9,7 +9,6 @@ use hallservo::angle::ElectricalAngle;
 use hallservo::trig;
 use micromath::F32Ext;
 
-#[rustfmt::skip]
 pub const ROWS: &[Row] = &[
     Row::new("sine", "hallservo", function!(sine), angle, |a, r| sine_error(a, scaled(r.r0, 30))).budget(13),
     Row::new("sine (with cosine)", "idsp", function!(sine_idsp), angle, |a, r| sine_error(a, scaled(r.r0, 31))),
@@ -18,9 +17,13 @@ pub const ROWS: &[Row] = &[
     Row::new("sine", "cordic, I16F16", function!(sine_cordic), fixed_radians, |a, r| sine_error(a, scaled(r.r0, 16))),
     Row::new("atan2, rad", "hallservo", function!(atan2), vector, |a, r| angle_error(a, turns(r.r0))),
     Row::new("atan2, rad", "idsp", function!(atan2_idsp), vector, |a, r| angle_error(a, turns(r.r0))),
-    Row::new("atan2, rad", "micromath", function!(atan2_micromath), vector_f32, |a, r| angle_error(a, r.s0 as f64 / TAU)),
+    Row::new("atan2, rad", "micromath", function!(atan2_micromath), vector_f32, |a, r| {
+        angle_error(a, r.s0 as f64 / TAU)
+    }),
     Row::new("atan2, rad", "libm", function!(atan2_libm), vector_f32, |a, r| angle_error(a, r.s0 as f64 / TAU)),
-    Row::new("atan2, rad", "cordic, I16F16", function!(atan2_cordic), vector_fixed, |a, r| angle_error(a, scaled(r.r0, 16) / TAU)),
+    Row::new("atan2, rad", "cordic, I16F16", function!(atan2_cordic), vector_fixed, |a, r| {
+        angle_error(a, scaled(r.r0, 16) / TAU)
+    }),
 ];
 
 #[unsafe(no_mangle)]

@@ -12,10 +12,13 @@ use hallservo::vernier::rings::Rings;
 use mps2_an386::failure;
 use static_cell::StaticCell;
 
-#[rustfmt::skip]
 pub const ROWS: &[Row] = &[
-    Row::new("two rings → angle", "hallservo", function!(vernier), readings, |a, r| angle_error(a, turns(r.r0))).budget(18),
-    Row::new("the same, corrected and checked", "hallservo", function!(vernier_step), turning, |a, r| angle_error(a, turns(r.r0))).budget(60),
+    Row::new("two rings → angle", "hallservo", function!(vernier), readings, |a, r| angle_error(a, turns(r.r0)))
+        .budget(18),
+    Row::new("the same, corrected and checked", "hallservo", function!(vernier_step), turning, |a, r| {
+        angle_error(a, turns(r.r0))
+    })
+    .budget(60),
 ];
 
 #[unsafe(no_mangle)]

@@ -1,6 +1,6 @@
 //! What the control interrupt reports to the tasks, as raw numbers.
 
-use crate::angle::ElectricalAngle;
+use crate::angle::{ElectricalAngle, TURN};
 use crate::commutation::frames::Dq;
 use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
@@ -40,7 +40,7 @@ impl Record {
 
     /// Speed of the rotor in electrical turns a second, for a drive of `step_hz` steps a second.
     pub fn electrical_hz(&self, step_hz: f32) -> f32 {
-        self.rotor.speed() as f32 / 4_294_967_296.0 * step_hz
+        self.rotor.speed() as f32 / TURN * step_hz
     }
 }
 

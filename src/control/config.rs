@@ -4,7 +4,7 @@ mod guard;
 
 use super::current::{self, LocalGains};
 use super::{Current, Motor, Scale, Speed, position, trajectory, velocity};
-use crate::angle::Position;
+use crate::angle::{Position, TURN};
 use crate::commutation::svpwm;
 use crate::pwm;
 use crate::schedule::{CYCLE, OUTER};
@@ -99,11 +99,10 @@ impl Config {
             dead_time_saturation: (RAMPS as f32 * ramp.max(1.0)) as i32,
             reversed: frame.reversed,
             // A back-EMF of a fiftieth of the bus divider's full scale.
-            trim_from: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * 4_294_967_296.0).min(536_870_912.0)
-                as i32,
+            trim_from: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * TURN).min(536_870_912.0) as i32,
             // There, a time constant of half a second on a bus of the full scale: an electrical radian over that
             // voltage and the corrections of the time.
-            trim_gain: (4_294_967_296.0
+            trim_gain: (TURN
                 / TAU
                 / (svpwm::LONGEST as f32 / longest as f32 / 50.0)
                 / (0.5 * scale.step_hz / CYCLE as f32)
@@ -231,7 +230,7 @@ mod tests {
         assert!(config.current(3.01).is_err());
         assert_eq!(config.position(1.25).unwrap().to_bits(), 5 << 32);
         // 100 rad/s are 63.66 Hz electrical.
-        let hz = f64::from(config.speed(100.0).unwrap().0) * 40e3 / 4_294_967_296.0;
+        let hz = f64::from(config.speed(100.0).unwrap().0) * 40e3 / f64::from(TURN);
         assert!((hz - 63.662).abs() < 1e-3, "{hz}");
     }
 }

@@ -7,6 +7,7 @@
 
 mod local;
 
+use crate::angle::TURN;
 use crate::commutation::frames::Dq;
 use crate::commutation::svpwm::{Circle, LONGEST};
 use crate::control::{Motor, Scale};
@@ -96,7 +97,7 @@ impl Gains {
             inductance: hold(inductance, 23 - shift),
             flux: hold(flux, 23 - shift),
             shift: shift as u32,
-            beyond: i32::MAX - (turns * 4_294_967_296.0) as i32,
+            beyond: i32::MAX - (turns * TURN) as i32,
         })
     }
 }
@@ -282,7 +283,7 @@ mod tests {
     #[test]
     fn turning_does_not_couple_the_axes() {
         // 300 Hz electrical; ω L i and ω λ in volts for 1 A along d and 2 A along q.
-        let gains = present(1000.0, (300.0 / 40e3 * 4_294_967_296.0) as i32);
+        let gains = present(1000.0, (300.0 / 40e3 * TURN) as i32);
         let per_ampere = SCALE.per_ampere();
         let current = Dq { d: per_ampere as i32 * 8192, q: (2.0 * per_ampere) as i32 * 8192 };
         let integrators = Integrators::default();
@@ -360,7 +361,7 @@ mod tests {
             let gains = gains(1.0, 500.0, fastest).unwrap();
             let induced = |hz: f32| {
                 let mut present = Present::ZERO;
-                present.take_up_speed(&gains, Inverse::new(BUS), (hz / 40e3 * 4_294_967_296.0) as i32);
+                present.take_up_speed(&gains, Inverse::new(BUS), (hz / 40e3 * TURN) as i32);
                 units(present.induced, BUS) as f32 * SCALE.volts / 32_768.0
             };
             let exact = TAU * fastest * MOTOR.flux_linkage_wb;

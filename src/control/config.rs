@@ -1,4 +1,4 @@
-//! What the current, speed and position control work with, made of their settings.
+//! Gains, limits and scales of the current, speed and position control, computed from their settings.
 
 mod guard;
 
@@ -17,35 +17,42 @@ pub(crate) use guard::Guard;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
+    /// Gains of the d/q current controller.
     pub(crate) gains: current::Gains,
+    /// Gains of the local current feedback.
     pub(crate) local: LocalGains,
     pub(crate) velocity: velocity::Gains,
     pub(crate) position: position::Gain,
     pub(crate) trajectory: trajectory::Limits,
-    /// Largest speed to catch up with the trajectory: an eighth more than its largest.
+    /// Largest speed reference of the position loop, in 2⁻³² electrical turns a step: 9/8 of the trajectory's largest
+    /// speed, so that the rotor can catch up with it.
     pub(crate) max_speed_reference: i32,
+    /// Largest current along q (`max_current_a`), in 2⁻¹⁵ of the full scale.
     pub(crate) max_current: i32,
-    /// To a code for a full scale of 2¹⁶.
+    /// Bits by which an ADC code is shifted left for a full scale of 2¹⁶.
     pub(crate) shift: u32,
     pub(crate) modulator: svpwm::Modulator,
-    /// Voltage in 2⁻¹⁵ of its full scale per voltage of the current control and bus, in 2⁻³⁸.
+    /// Scale of the d/q voltages for the tasks: voltage in 2⁻¹⁵ of the full scale of the bus, per unit of the current
+    /// control's voltage ([`svpwm::LONGEST`]) and of the bus voltage; in 2⁻³⁸.
     pub(crate) volts: i32,
-    /// Slope of the dead time's correction: current of the [modulator](svpwm::Modulator::compare)'s unit per current.
+    /// Slope of the dead time's compensation over the current: units of the
+    /// [modulator](svpwm::Modulator::compare) per 2⁻¹⁵ of the full scale.
     pub(crate) ramp: i32,
-    /// Current from which on the correction hardly changes any more.
+    /// Current from which on the dead time's compensation stays the same, in 2⁻¹⁵ of the full scale.
     pub(crate) dead_time_saturation: i32,
     /// Whether phases B and C are exchanged.
     pub(crate) reversed: bool,
-    /// Speed from which on the back-EMF tells the alignment.
+    /// Least speed at which the alignment is trimmed, in 2⁻³² electrical turns a step.
     pub(crate) trim_from: i32,
-    /// What the alignment is moved by, each [`CYCLE`](crate::drive::CYCLE) steps, per voltage along d; in 2⁻⁵⁶ turns.
+    /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every [`CYCLE`](crate::drive::CYCLE)
+    /// steps.
     pub(crate) trim_gain: i32,
     pub(crate) guard: Guard,
     pub(crate) scale: Scale,
     pub(crate) motor: Motor,
 }
 
-/// What the control shares with the rest of a drive.
+/// The settings that the control shares with the rest of a drive.
 pub(crate) struct Frame {
     pub adc_bits: u8,
     pub pole_pairs: u8,
@@ -133,7 +140,7 @@ impl fmt::Display for BadDemand {
 
 impl core::error::Error for BadDemand {}
 
-/// Multiple of the current below which the dead time acts in part, from which on its correction is the same.
+/// From this multiple of `dead_time_ramp_a` on, the dead time's compensation stays the same.
 const RAMPS: i32 = 64;
 
 impl Config {

@@ -84,8 +84,8 @@ impl Drive {
         }
     }
 
-    /// The two do not agree: the wrong Hall was taken for the lost one, or another is lost, too. The wrong pair has moved
-    /// the tracked angle, so the strength alone decides.
+    /// The two do not agree: the wrong Hall was taken for the lost one, or another is lost, too. The wrong pair has
+    /// moved the tracked angle, so the strength alone decides.
     fn find_other_loss(&mut self, lost: Channel, codes: Codes) {
         let best = self.estimator().and_then(|estimator| {
             let others = (0..3).map(Channel).filter(|&channel| channel != lost);

@@ -62,8 +62,8 @@ impl Drive {
             6 | 14 | 22 | 30 => self.slot(sample, |servo, _, with| servo.update_reference(with)),
             // Every 16 steps.
             RECORD | 23 => self.record_slot(sample),
-            // Every 32 steps. Slot 13 is late after a change of the current reference, so the currents that it notes have
-            // settled.
+            // Every 32 steps. Slot 13 is late after a change of the current reference, so the currents that it notes
+            // have settled.
             5 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
             13 => self.slot(sample, Self::measurement_slot),
             15 => self.slot(sample, Self::alignment_slot),
@@ -221,8 +221,8 @@ impl Drive {
     }
 
     /// Switches between records by the schedule and records counted by `until_record`. The tick is set such that the
-    /// next record is due in a record slot, and so every later one. A slot runs before the step's angle is known, so its
-    /// record is that of the previous step.
+    /// next record is due in a record slot, and so every later one. A slot runs before the step's angle is known, so
+    /// its record is that of the previous step.
     pub(super) fn record_by_schedule(&mut self, records: bool) {
         let schedule = &mut self.servo.schedule;
         if records && !schedule.records {

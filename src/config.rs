@@ -1,6 +1,6 @@
 //! The settings in the units of the control interrupt: counts, turns and samples.
 
-use crate::angle::{ElectricalAngle, PolePairs};
+use crate::angle::{ElectricalAngle, PolePairs, TURN};
 use crate::commutation::sinusoidal::PhaseOrder;
 use crate::commutation::{self, Commutation, Modulation};
 use crate::control;
@@ -112,7 +112,7 @@ impl Settings {
             max_modulation: commutation::modulation(self.max_modulation),
             advance: ElectricalAngle::from_degrees(self.phase_advance_deg),
             tracking: self.tracking()?,
-            fastest: (self.max_electrical_hz / pwm_hz * 4_294_967_296.0) as i32,
+            fastest: (self.max_electrical_hz / pwm_hz * TURN) as i32,
             tolerated: self.tolerated_samples.into(),
             run_on_two_halls: self.run_on_two_halls,
             record_every: self.record_every(),
@@ -149,7 +149,7 @@ impl Settings {
             modulation: commutation::modulation(modulation),
             rise: ((modulation * 2_147_483_648.0 / (align_s * self.pwm_hz)) as i32).max(1),
             stand: (align_s * self.pwm_hz) as u32,
-            speed: (self.calibration_hz / self.pwm_hz * 4_294_967_296.0) as i32,
+            speed: (self.calibration_hz / self.pwm_hz * TURN) as i32,
             turns: mechanical as u32 * u32::from(self.pole_pairs),
         }
     }

@@ -55,11 +55,11 @@ use voltage::Voltage;
 /// The drive. What every step needs comes first, within reach of the short forms of the load instructions.
 #[repr(C)]
 pub struct Drive {
-    /// The progress, state and limits with angle and speed, as the tasks get it.
+    /// The record of this step: state, angle, speed, limits and progress; handing it to the tasks is one copy.
     record: Record,
     /// Steps to the next record.
     until_record: u32,
-    /// Which step comes next.
+    /// How the next step is done.
     route: Route,
     /// The estimator in use; none before the first calibration.
     estimator: Option<&'static mut Estimator>,
@@ -133,9 +133,9 @@ impl Drive {
     /// One PWM period. What it returns is to be written to the preloaded compare registers at once; if the bridge is to
     /// be off, it must be switched off at once.
     ///
-    /// A step that hands over a record leaves a waiting command, the look at the speed and the comparison of the
-    /// sensors with each other to the next, so that no step is burdened with everything. Once a sample was missed, all
-    /// of them are compared.
+    /// A step that hands over a record leaves what can wait to the next one: a command, the check of the speed and the
+    /// comparison of the Halls with each other. That keeps the longest step short. After a missed sample the Halls are
+    /// compared in every step.
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
         match self.route {
@@ -191,7 +191,7 @@ impl Drive {
         self.paths.voltage.sinusoidal(self.record.rotor.predicted(&self.config.tracking))
     }
 
-    /// What a short step of the voltage path has met is for the general step.
+    /// Does as a general step what a short step of the voltage path could not finish.
     #[cold]
     #[inline(never)]
     fn start_over(&mut self, sample: &Sample) -> u64 {
@@ -264,7 +264,7 @@ impl Drive {
         Output::OFF
     }
 
-    /// The field that acts while this sample is taken stands for the rotor that follows it.
+    /// Turns the field. Its angle at the sampling instant is recorded as the rotor's, which follows it.
     fn open_loop(&mut self) -> Output {
         self.servo.command_received();
         let open_loop = &mut self.paths.open_loop;
@@ -312,16 +312,16 @@ impl Drive {
         self.record.rotor.speed().wrapping_add(self.config.fastest) as u32 > 2 * self.config.fastest as u32
     }
 
-    /// Looks at currents, voltage and time. False when a running drive failed.
+    /// Checks currents, bus voltage and lost periods. False when a running drive failed.
     #[inline(always)]
     fn is_healthy(&mut self, sample: &Sample) -> bool {
-        self.servo.protection.allows(sample) || self.is_ill(sample)
+        self.servo.protection.allows(sample) || self.tolerates_fault(sample)
     }
 
-    /// What the protection found is a fault while the bridge is on; false then.
+    /// Latches the fault that the protection has found if the bridge is on; false then.
     #[cold]
     #[inline(never)]
-    fn is_ill(&mut self, sample: &Sample) -> bool {
+    fn tolerates_fault(&mut self, sample: &Sample) -> bool {
         self.fail(self.servo.protection.fault(sample));
         !matches!(self.mode, Mode::Faulted(_))
     }
@@ -360,7 +360,7 @@ impl Drive {
         self.mode
     }
 
-    /// What holds the drive back.
+    /// What limits the drive at the moment.
     pub const fn limits(&self) -> Limits {
         self.limits.with(self.servo.limits)
     }
@@ -370,7 +370,7 @@ impl Drive {
         &self.servo.measurement.state
     }
 
-    /// What the alignment was found to be off by while turning field-oriented: added to the Halls' angle.
+    /// Correction of the alignment, found while turning field-oriented and added to the Halls' angle: −60° to 60°.
     pub const fn trim(&self) -> ElectricalAngle {
         self.paths.field_oriented.trim()
     }
@@ -380,7 +380,7 @@ impl Drive {
         self.config.commutation
     }
 
-    /// Everything known at the last step.
+    /// State, angle, speed and Hall codes as of the last step.
     pub const fn record(&self) -> &Record {
         &self.record
     }

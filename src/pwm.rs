@@ -3,8 +3,17 @@
 //! The timer counts up and down (centre-aligned), so one PWM period is twice `period` counts; the currents are sampled
 //! in the valley, while the lower transistors conduct, and the ripple has twice the switching frequency.
 
-use crate::commutation::Modulation;
 use core::fmt;
+use fixed::types::I1F15;
+
+/// A voltage command as a fraction of what the bridge can do without over-modulation: the amplitude of the phase
+/// voltages is `M · V_bus / 2`.
+pub type Modulation = I1F15;
+
+/// A fraction as a [`Modulation`], the nearest there is; zero for what is not a number.
+pub fn modulation(share: f32) -> Modulation {
+    Modulation::from_bits(libm::roundf(share * 32_768.0) as i16)
+}
 
 /// What is wrong with a PWM setting.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -1,5 +1,6 @@
 //! The low-rate side of a drive: collects the calibration's samples, fits the model and installs it.
 
+mod absolute;
 pub mod adaptation;
 pub mod identification;
 pub mod identify;
@@ -25,23 +26,23 @@ use heapless::{Deque, Vec};
 pub enum Event {
     /// A command was answered.
     Reply(Reply),
-    /// The drive took up a model, or would not.
+    /// The drive's answer to a model that was sent.
     Installed(Reply),
-    /// A sample.
+    /// One sample and what became of it.
     Record(Record),
-    /// The rotor was turned, the model fits and is on its way to the drive.
+    /// The calibration succeeded; its model is on the way to the drive.
     Calibrated(Calibration),
-    /// The calibration came to nothing; the drive becomes faulted.
+    /// The calibration failed, and the drive becomes faulted.
     Refused(calibrate::Error),
 }
 
-/// There is no estimator to fill: one is with the drive and the other on its way.
+/// Why a model or a table was not sent to the drive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum InstallError {
-    /// The drive has not given back the last one yet; try again after the next step.
+    /// No memory is free or the command queue is full: try again after the drive's next step.
     Busy,
-    /// The model is no good.
+    /// No estimator can be made of the model.
     Model(BadModel),
 }
 
@@ -60,13 +61,17 @@ impl core::error::Error for InstallError {}
 pub struct Service {
     tasks: Tasks,
     collector: Collector,
+    /// Samples of the calibration at work.
     collected: u32,
+    /// Estimators that the drive does not use.
     spares: Vec<&'static mut Estimator, 2>,
     /// Commands that are not answered yet.
     unanswered: Deque<Origin, 16>,
     /// The drive's answer to a procedure.
     answer: Option<Reply>,
+    /// Tables that the drive does not use.
     tables: Vec<&'static mut cogging::Table, 2>,
+    /// Settings that the drive works with.
     config: Config,
     /// Settings on their way to the drive.
     pending_config: Option<Config>,
@@ -76,6 +81,7 @@ pub struct Service {
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Origin {
     User,
+    Calibration,
     Install,
     Configure,
     Supervision,
@@ -104,13 +110,11 @@ impl Service {
     /// # Errors
     /// The command itself, when seven are queued already.
     pub fn send(&mut self, command: Command) -> Result<(), Command> {
-        if matches!(command, Command::Calibrate) {
-            self.collected = 0;
-        }
-        self.enqueue(command, Origin::User)
+        let origin = if matches!(command, Command::Calibrate) { Origin::Calibration } else { Origin::User };
+        self.enqueue(command, origin)
     }
 
-    /// Sends a command whose answer nobody waits for.
+    /// Sends a command whose answer is not reported.
     pub(crate) fn send_internal(&mut self, command: Command) -> Result<(), Command> {
         self.enqueue(command, Origin::Supervision)
     }
@@ -197,13 +201,14 @@ impl Service {
         self.tasks.measurements.dequeue()
     }
 
-    /// Lends the service a table to fill; with two, it can fill one while the drive uses the other. Gives the table
-    /// back where there are two already.
+    /// Adds memory for a table of anti-cogging currents; with two, one can be filled while the drive uses the other.
+    /// Gives the memory back where there are two already.
     pub fn add_table(&mut self, table: &'static mut cogging::Table) -> Option<&'static mut cogging::Table> {
         self.tables.push(table).err()
     }
 
-    /// Has the drive balance the cogging by a table, with one that was [added](Self::add_table), or no longer.
+    /// Lets the drive compensate the cogging by a table, copied to memory that was [added](Self::add_table); `None`
+    /// ends the compensation.
     ///
     /// # Errors
     /// [`InstallError::Busy`]: no table is left or the queue is full; nothing has changed then.
@@ -243,6 +248,13 @@ impl Service {
                 Some(Origin::Install) => return Some(Event::Installed(reply)),
                 Some(Origin::Configure) => {
                     self.config = self.pending_config.take().filter(|_| reply.is_ok()).unwrap_or(self.config);
+                    return Some(Event::Reply(reply));
+                }
+                Some(Origin::Calibration) => {
+                    // A refused one leaves the calibration at work as it is.
+                    if reply.is_ok() {
+                        self.collected = 0;
+                    }
                     return Some(Event::Reply(reply));
                 }
                 Some(Origin::Supervision) => {}

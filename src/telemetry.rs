@@ -1,6 +1,6 @@
 //! What the control interrupt reports to the tasks, as raw numbers.
 
-use crate::angle::ElectricalAngle;
+use crate::angle::{ElectricalAngle, TURN};
 use crate::commutation::frames::Dq;
 use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
@@ -8,8 +8,8 @@ use crate::hall::calibrate::Sweep;
 use crate::hall::track::Tracker;
 use crate::mode::Mode;
 
-/// One sample and what became of it: 32 bytes without a gap. The drive keeps one up to date as its state, so that
-/// handing it over is a copy of eight words.
+/// One sample and the angle, speed and state that came of it: 32 bytes without a gap. The drive keeps one up to date,
+/// so that handing it over is a copy of eight words.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(C)]
@@ -40,7 +40,7 @@ impl Record {
 
     /// Speed of the rotor in electrical turns a second, for a drive of `step_hz` steps a second.
     pub fn electrical_hz(&self, step_hz: f32) -> f32 {
-        self.rotor.speed() as f32 / 4_294_967_296.0 * step_hz
+        self.rotor.speed() as f32 / TURN * step_hz
     }
 }
 
@@ -58,7 +58,7 @@ pub struct State {
     pub phases: [i32; 3],
     /// Currents in the frame of the rotor.
     pub current: Dq,
-    /// Current along q reference.
+    /// Reference of the current along q, with the anti-cogging current, within its limit.
     pub current_reference: i32,
     /// Voltage of the last step under field-oriented commutation.
     pub voltage: Dq,
@@ -67,7 +67,7 @@ pub struct State {
 }
 
 impl State {
-    /// Nothing.
+    /// All zero.
     pub(crate) const NONE: Self =
         Self { phases: [0; 3], current: Dq { d: 0, q: 0 }, current_reference: 0, voltage: Dq { d: 0, q: 0 }, bus: 0 };
 }
@@ -82,7 +82,7 @@ pub struct Measurement {
     pub sequence: u32,
     /// Currents and voltages; `phases` a step later while something is followed.
     pub state: State,
-    /// What the frame of the currents is turned by against the rotor's angle: see
+    /// Correction of the alignment, by which the frame of the currents is ahead of the rotor's angle: see
     /// [`Drive::trim`](crate::drive::Drive::trim).
     pub trim: ElectricalAngle,
 }
@@ -155,7 +155,7 @@ impl Status {
         }
     }
 
-    /// What holds the drive back.
+    /// What limits the drive at the moment.
     pub const fn limits(self) -> Limits {
         self.limits
     }

@@ -1,4 +1,5 @@
 //! The examples are run as they stand; each ends with an error where it does not do what it says.
+#![allow(clippy::duplicate_mod, reason = "each example has the world around it as a module of its own")]
 
 #[path = "../examples/estimator.rs"]
 mod estimator;

@@ -24,7 +24,8 @@ fn a_hundred_imperfect_motors_reach_the_bounds() {
     let tracked = worst(&summaries, |s| s.tracked_error_deg_rms);
     let tracked_all = worst(&summaries, |s| s.tracked_error_all_deg_rms);
     println!(
-        "worst of 100: untracked {untracked:.3} of the bound ({placed:.3} of the placed one), mean {mean:.3}°, bias {bias:.3}°, tracked {tracked:.3}° ({tracked_all:.3}°)"
+        "worst of 100: untracked {untracked:.3} of the bound ({placed:.3} of the placed one), mean {mean:.3}°, bias \
+         {bias:.3}°, tracked {tracked:.3}° ({tracked_all:.3}°)"
     );
     assert!(summaries.iter().all(|s| s.turns_lost == 0 && s.turns_made > 200.0));
     assert!(untracked <= 1.1 && placed <= 1.1);

@@ -21,7 +21,7 @@ const RECORDS_PER_MODEL: u16 = 1000;
 /// The adaptation of a drive with a calibration, if it is wanted.
 pub(crate) struct SensorAdaptation {
     adaptation: Option<Adaptation>,
-    /// Why it gave up.
+    /// The fault that ended it.
     ended: Option<adapt::Fault>,
     /// Models that the drive has accepted.
     pub count: u32,
@@ -45,7 +45,7 @@ impl SensorAdaptation {
         });
     }
 
-    /// Learns from a record; the reason, when it gives up.
+    /// Learns from a record; returns the fault that ends it.
     pub fn take(&mut self, record: &Record, torque_nm: f32) -> Option<Cause> {
         match self.adaptation.as_mut()?.take(record, torque_nm) {
             Status::Failed(fault) => {

@@ -22,7 +22,11 @@
 //! static HOUSEKEEPING: Housekeeping = Housekeeping::new();
 //!
 //! // `memory` is a static: `static MEMORY: ConstStaticCell<Memory<Flash>> = ConstStaticCell::new(Memory::new());`
-//! fn run<F: NorFlash>(flash: F, memory: &'static mut Memory<F>, board: &mut impl Board) -> Result<(), Error<'static>> {
+//! fn run<F: NorFlash>(
+//!     flash: F,
+//!     memory: &'static mut Memory<F>,
+//!     board: &mut impl Board,
+//! ) -> Result<(), Error<'static>> {
 //!     let identity = Identity { board: "mine", firmware: "1.0" };
 //!     let (drive, supervisor) = Supervisor::start(identity, Settings::default(), flash, 0, memory)?;
 //!     board.start_control_interrupt(drive);

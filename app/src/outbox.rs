@@ -28,7 +28,7 @@ impl Outbox {
         self.push_beside(reply, 0);
     }
 
-    /// Adds what may be lost, if an answer still has room then.
+    /// Adds a frame that may be lost, if an answer still has room after it.
     pub fn push_if_spare(&mut self, reply: &Reply<'_>) -> bool {
         self.push_beside(reply, FRAME)
     }

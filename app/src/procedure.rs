@@ -18,7 +18,7 @@ pub(crate) enum Procedure {
     Cogging(Learning),
 }
 
-/// What came of it.
+/// How a procedure ended.
 pub(crate) enum Completion {
     Motor(Report),
     Cogging(Table),
@@ -26,7 +26,7 @@ pub(crate) enum Completion {
 }
 
 impl Procedure {
-    /// Puts one in its place: it is large for a stack.
+    /// Writes an identification to its place, as it is large for a stack.
     pub fn motor(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = identification::Plan::new(config).map_err(Refusal::Procedure)?;
         match Identification::new(config, &plan) {
@@ -38,7 +38,7 @@ impl Procedure {
         }
     }
 
-    /// Likewise.
+    /// Writes the learning of the cogging to its place.
     pub fn cogging(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = learning::Plan::new(config).map_err(Refusal::Procedure)?;
         match Learning::new(config, &plan) {
@@ -65,7 +65,7 @@ impl Procedure {
         self.inner().measurement(measurement);
     }
 
-    /// Goes on; what came of it, at the end.
+    /// One step; `Some` at the end.
     pub fn step(&mut self, service: &mut Service, now_ms: u32) -> Option<Completion> {
         let state = self.inner().step(service, now_ms);
         let found = match self {

@@ -30,7 +30,7 @@ pub(crate) enum Step {
 pub(crate) enum Awaited {
     /// The drive's answer to a command.
     Reply(Command),
-    /// The settings' being in the flash.
+    /// The save of the settings.
     Saved,
 }
 
@@ -57,7 +57,7 @@ impl<F: NorFlash> Tasks<F> {
         let answer = match ask {
             Ask::Hello => self.hello(),
             Ask::Status => Answer::Status(self.status()),
-            // What comes of it is told when it is over.
+            // Its result is answered to a later request.
             Ask::Calibration if self.activity() == Activity::Calibration => Answer::Calibration(Calibration::Running),
             Ask::Identification if self.activity() == Activity::Identification => {
                 Answer::Identification(protocol::Procedure::Running)
@@ -92,7 +92,7 @@ impl<F: NorFlash> Tasks<F> {
         Ok(Step::Answer(answer))
     }
 
-    /// What is refused while a procedure is at work.
+    /// Requests that are refused while a procedure runs.
     fn attempt_when_idle(&mut self, ask: Ask<'_>) -> StepResult {
         match ask {
             Ask::Arm => self.command(drive::Command::Arm, Command::Plain),
@@ -159,7 +159,7 @@ impl<F: NorFlash> Tasks<F> {
         }
     }
 
-    // Procedures are large: their way over the stack is not to add to that of other requests.
+    // Procedures are large: not inlined, they do not add to the stack of other requests.
     #[inline(never)]
     fn identify(&mut self) -> Result<(), Refusal<'static>> {
         self.may_turn()?;
@@ -235,7 +235,7 @@ impl<F: NorFlash> Tasks<F> {
         Answer::Done
     }
 
-    /// Nothing waits for it any more.
+    /// Gives up an answer that nothing waits for any more.
     pub const fn give_up(&mut self, awaited: Awaited) {
         if let Awaited::Reply(_) = awaited {
             self.abandon_reply();

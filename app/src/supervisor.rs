@@ -35,13 +35,13 @@ struct Pending {
     ticks: u32,
 }
 
-/// What has happened since the watchdog was fed.
+/// What has run since the watchdog was fed last.
 #[derive(Default)]
 struct Alive {
     ticked: bool,
     received: bool,
     transmitted: bool,
-    /// Control periods, now and then.
+    /// Count of control periods now, and when the watchdog was fed last.
     periods: u32,
     periods_before: u32,
 }
@@ -133,7 +133,7 @@ impl<F: NorFlash> Supervisor<F> {
                 if !matches!(error, Error::Version { .. }) {
                     return;
                 }
-                // The other side has to know the version of this one.
+                // The tool has to learn the version of the drive.
                 Reply { id: 0, answer: tasks.hello() }
             }
         };

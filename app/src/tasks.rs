@@ -1,4 +1,4 @@
-//! What the tasks know of the drive, and what they do once a millisecond.
+//! The state of the tasks, and what they do once a millisecond.
 
 mod commands;
 mod procedures;
@@ -31,18 +31,19 @@ use telemetry::Stream;
 /// Ticks after a command until the records show its effect.
 const SETTLED: u32 = 5;
 
-/// Everything in the tasks' hands.
+/// The state of the tasks.
 pub(crate) struct Tasks<F> {
     pub identity: Identity,
     pub service: &'static mut Service,
     pub history: History,
     pub defaults: Settings,
     pub settings: Settings,
-    /// Those that were sent to the drive and are not acknowledged yet.
+    /// Settings that were sent to the drive and are not acknowledged yet.
     sent_settings: Option<Settings>,
-    /// Memory for the next ones.
+    /// Memory for the next settings on their way to the drive.
     spare_config: Option<&'static mut Config>,
     storage: Storage<F>,
+    /// What is wrong with each kind of stored record.
     stored: [Problem; 3],
     stored_sensors: Option<Sensors>,
     stored_settings: Settings,
@@ -53,26 +54,26 @@ pub(crate) struct Tasks<F> {
     /// Whether their model is to be sent to the drive.
     install_due: bool,
     adaptation: &'static mut SensorAdaptation,
-    /// Of the cogging.
+    /// Anti-cogging table, once learnt.
     table: Option<Table>,
     /// Whether the drive is to be sent the table, or to stop using it.
     table_due: bool,
-    /// Whether the drive uses the table.
+    /// Whether the drive compensates the cogging by the table.
     anti_cogging: bool,
     pub procedure: &'static mut Option<Procedure>,
-    /// The wait for the rotor that the last procedure has turned.
+    /// The wait for the rotor to come to rest after the last procedure.
     rest: Option<Rest>,
     pub calibration: Calibration,
     pub identification: protocol::Procedure<identify::Report>,
     pub cogging: protocol::Procedure<Cogging>,
-    /// The latest record.
+    /// The latest record of the drive.
     record: DriveRecord,
     measurement: Option<Measurement>,
     readings: Readings,
     reply: Option<Reply>,
-    /// Answers of the drive to come that no request waits for.
+    /// Answers that the drive still owes and no request waits for.
     unclaimed_replies: u8,
-    /// Ticks since the last command.
+    /// Ticks since the last command, saturating.
     ticks_since_command: u32,
     stream: Option<Stream>,
     lost_records: u32,
@@ -102,7 +103,8 @@ impl<F: NorFlash> Tasks<F> {
         self.come_to_rest();
     }
 
-    /// Mean torque since the last tick, in the direction of the electrical angle, as far as the currents tell it.
+    /// Mean torque of the motor since the last tick, N·m, in the direction of the electrical angle; 0 without current
+    /// sensing.
     #[inline(never)]
     fn take_measurements(&mut self) -> f32 {
         let Some(control) = self.service.config().control else { return 0.0 };
@@ -122,7 +124,7 @@ impl<F: NorFlash> Tasks<F> {
     fn handle(&mut self, event: Event, torque_nm: f32) {
         match event {
             Event::Reply(reply) => self.on_reply(reply),
-            // A faulted drive refuses what is learnt; later models follow.
+            // A faulted drive refuses a model; later ones follow.
             Event::Installed(_) => {}
             Event::Record(record) => self.on_record(record, torque_nm),
             Event::Calibrated(calibrate) => {
@@ -153,7 +155,7 @@ impl<F: NorFlash> Tasks<F> {
         if mode == before && !mode.drives() || mode == Mode::Running {
             let every = self.service.config().record_every();
             let missing = (record.sequence.wrapping_sub(self.record.sequence) + every / 2) / every;
-            // A record out of turn comes early, never late.
+            // A record outside of the rhythm comes early, never late.
             self.lost_records = self.lost_records.saturating_add(missing.saturating_sub(1).min(1 << 16));
         }
         if mode != Mode::Running {
@@ -165,12 +167,12 @@ impl<F: NorFlash> Tasks<F> {
         }
     }
 
-    /// An incident of this moment.
+    /// Adds an incident of this moment to the history.
     fn note(&mut self, cause: Cause) {
         self.history.push(self.now_ms, self.mode(), cause);
     }
 
-    /// Sends the drive what is due: a model, a table.
+    /// Sends the drive the model or the table that is due.
     #[inline(never)]
     fn update_drive(&mut self) {
         if let Some(sensors) = &mut self.sensors {

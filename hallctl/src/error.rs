@@ -55,15 +55,18 @@ impl fmt::Display for Error {
         match self {
             Self::Port { port, source } => write!(
                 f,
-                "cannot open {port}: {source}\n  Is the board plugged in? `ls /dev/ttyACM*` shows its port; a simulated drive says its own. Your user may need the group `dialout`."
+                "cannot open {port}: {source}\n  Is the board plugged in? `ls /dev/ttyACM*` shows its port; a \
+                 simulated drive says its own. Your user may need the group `dialout`."
             ),
             Self::Silent { port, garbage: false } => write!(
                 f,
-                "no answer from {port}\n  Is it powered, is the firmware running, and is this its port? Another program may have the port open."
+                "no answer from {port}\n  Is it powered, is the firmware running, and is this its port? Another \
+                 program may have the port open."
             ),
             Self::Silent { port, garbage: true } => write!(
                 f,
-                "what comes from {port} is not the protocol of a hallservo drive\n  Another device, another baud rate, or another program on the same port?"
+                "what comes from {port} is not the protocol of a hallservo drive\n  Another device, another baud \
+                 rate, or another program on the same port?"
             ),
             Self::Version { found } => {
                 write!(f, "the drive speaks version {found} of the protocol, this hallctl version {VERSION}\n  ")?;

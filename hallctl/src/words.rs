@@ -44,7 +44,8 @@ pub const fn advice(fault: Fault) -> &'static str {
         Fault::OverVoltage => "braking feeds the supply: lower max_acceleration_rad_s2, or add a brake resistor",
         Fault::UnderVoltage => "check the supply and its current limit; under_voltage_v is the threshold",
         Fault::OverCurrent => {
-            "check for a short; a wrong resistance_ohm or inductance_h makes the current control overshoot: `hallctl identify`"
+            "check for a short; a wrong resistance_ohm or inductance_h makes the current control overshoot: \
+             `hallctl identify`"
         }
         Fault::BridgeHot => "let it cool, improve the cooling, or lower max_current_a",
         Fault::MotorHot => "let it cool, lower the load or max_current_a",

@@ -83,7 +83,9 @@ proptest! {
     }
 
     #[test]
-    fn a_cut_frame_is_none_and_the_next_is_found(first in asks(), second in asks(), cut in any::<prop::sample::Index>()) {
+    fn a_cut_frame_is_none_and_the_next_is_found(
+        first in asks(), second in asks(), cut in any::<prop::sample::Index>(),
+    ) {
         // Without its last byte, the closing zero, it is whole all the same: the next one begins with a zero.
         let cut = cut.index(first.len() - 1);
         prop_assert_eq!(texts(&[&first[..cut], &second].concat()), texts(&second));

@@ -18,7 +18,7 @@
 //! at 1s     send calibrate         # a request of the drive's protocol
 //! at 3s     power cut after 12 operations   # in the midst of the 13th flash operation from now; it comes back at once
 //! at 3s     power cycle
-//! at 4s     hang                   # the control interrupt never ends; also: hang tasks, hang 44 (an exception's number)
+//! at 4s     hang                   # the control interrupt never ends; also: hang tasks, hang 44 (an exception)
 //! ```
 //!
 //! On a command line an event goes before its time, with hyphens for the spaces, and Hall 1 needs no number:
@@ -28,9 +28,9 @@
 //! simulated drive has no pins, no serial port to disturb and no flash that is cut. Each says so when it is asked to.
 //!
 //! `send` takes `hello`, `status`, `arm`, `disarm`, `clear`, `calibrate`, `calibration`, `identify`, `identification`,
-//! `learn-cogging`, `cogging`, `anti-cogging on|off`, `commutate block|sinusoidal|field-oriented`, `voltage X`, `torque X`
-//! (N·m), `speed X` (rad/s), `position X` (turns), `get NAME`, `set NAME X`, `save`, `load`, `restore`, `telemetry X`
-//! (Hz) and `history N`; who sends it knows the protocol.
+//! `learn-cogging`, `cogging`, `anti-cogging on|off`, `commutate block|sinusoidal|field-oriented`, `voltage X`, `torque
+//! X` (N·m), `speed X` (rad/s), `position X` (turns), `get NAME`, `set NAME X`, `save`, `load`, `restore`, `telemetry
+//! X` (Hz) and `history N`; who sends it knows the protocol.
 
 mod event;
 pub mod words;

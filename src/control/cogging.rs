@@ -1,4 +1,4 @@
-//! Anti-cogging: a current over the electrical turn that balances what the magnets do to the teeth.
+//! Anti-cogging: a current over the electrical turn that compensates the torque between magnets and teeth.
 //!
 //! The rotor turns slowly under speed control, once forward and once backward; the current that this takes, averaged
 //! over both directions, is the cogging's: friction has the other sign on the way back. Cogging repeats with the
@@ -17,7 +17,7 @@ pub const POINTS: usize = 128;
 pub struct Table(pub [i16; POINTS]);
 
 impl Table {
-    /// Nothing to balance.
+    /// No current.
     pub const ZERO: Self = Self([0; POINTS]);
 
     /// The current at an angle, interpolated between the points.

@@ -1,10 +1,10 @@
-//! What the current, speed and position control work with, made of their settings.
+//! Gains, limits and scales of the current, speed and position control, computed from their settings.
 
 mod guard;
 
 use super::current::{self, LocalGains};
 use super::{Current, Motor, Scale, Speed, position, trajectory, velocity};
-use crate::angle::Position;
+use crate::angle::{Position, TURN};
 use crate::commutation::svpwm;
 use crate::pwm;
 use crate::schedule::{CYCLE, OUTER};
@@ -17,35 +17,42 @@ pub(crate) use guard::Guard;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
+    /// Gains of the d/q current controller.
     pub(crate) gains: current::Gains,
+    /// Gains of the local current feedback.
     pub(crate) local: LocalGains,
     pub(crate) velocity: velocity::Gains,
     pub(crate) position: position::Gain,
     pub(crate) trajectory: trajectory::Limits,
-    /// Largest speed to catch up with the trajectory: an eighth more than its largest.
+    /// Largest speed reference of the position loop, in 2⁻³² electrical turns a step: 9/8 of the trajectory's largest
+    /// speed, so that the rotor can catch up with it.
     pub(crate) max_speed_reference: i32,
+    /// Largest current along q (`max_current_a`), in 2⁻¹⁵ of the full scale.
     pub(crate) max_current: i32,
-    /// To a code for a full scale of 2¹⁶.
+    /// Bits by which an ADC code is shifted left for a full scale of 2¹⁶.
     pub(crate) shift: u32,
     pub(crate) modulator: svpwm::Modulator,
-    /// Voltage in 2⁻¹⁵ of its full scale per voltage of the current control and bus, in 2⁻³⁸.
+    /// Scale of the d/q voltages for the tasks: voltage in 2⁻¹⁵ of the full scale of the bus, per unit of the current
+    /// control's voltage ([`svpwm::LONGEST`]) and of the bus voltage; in 2⁻³⁸.
     pub(crate) volts: i32,
-    /// Slope of the dead time's correction: current of the [modulator](svpwm::Modulator::compare)'s unit per current.
+    /// Slope of the dead time's compensation over the current: units of the
+    /// [modulator](svpwm::Modulator::compare) per 2⁻¹⁵ of the full scale.
     pub(crate) ramp: i32,
-    /// Current from which on the correction hardly changes any more.
+    /// Current from which on the dead time's compensation stays the same, in 2⁻¹⁵ of the full scale.
     pub(crate) dead_time_saturation: i32,
     /// Whether phases B and C are exchanged.
     pub(crate) reversed: bool,
-    /// Speed from which on the back-EMF tells the alignment.
+    /// Least speed at which the alignment is trimmed, in 2⁻³² electrical turns a step.
     pub(crate) trim_from: i32,
-    /// What the alignment is moved by, each [`CYCLE`](crate::drive::CYCLE) steps, per voltage along d; in 2⁻⁵⁶ turns.
+    /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every [`CYCLE`](crate::drive::CYCLE)
+    /// steps.
     pub(crate) trim_gain: i32,
     pub(crate) guard: Guard,
     pub(crate) scale: Scale,
     pub(crate) motor: Motor,
 }
 
-/// What the control shares with the rest of a drive.
+/// The settings that the control shares with the rest of a drive.
 pub(crate) struct Frame {
     pub adc_bits: u8,
     pub pole_pairs: u8,
@@ -99,11 +106,10 @@ impl Config {
             dead_time_saturation: (RAMPS as f32 * ramp.max(1.0)) as i32,
             reversed: frame.reversed,
             // A back-EMF of a fiftieth of the bus divider's full scale.
-            trim_from: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * 4_294_967_296.0).min(536_870_912.0)
-                as i32,
+            trim_from: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * TURN).min(536_870_912.0) as i32,
             // There, a time constant of half a second on a bus of the full scale: an electrical radian over that
             // voltage and the corrections of the time.
-            trim_gain: (4_294_967_296.0
+            trim_gain: (TURN
                 / TAU
                 / (svpwm::LONGEST as f32 / longest as f32 / 50.0)
                 / (0.5 * scale.step_hz / CYCLE as f32)
@@ -134,7 +140,7 @@ impl fmt::Display for BadDemand {
 
 impl core::error::Error for BadDemand {}
 
-/// Multiple of the current below which the dead time acts in part, from which on its correction is the same.
+/// From this multiple of `dead_time_ramp_a` on, the dead time's compensation stays the same.
 const RAMPS: i32 = 64;
 
 impl Config {
@@ -231,7 +237,7 @@ mod tests {
         assert!(config.current(3.01).is_err());
         assert_eq!(config.position(1.25).unwrap().to_bits(), 5 << 32);
         // 100 rad/s are 63.66 Hz electrical.
-        let hz = f64::from(config.speed(100.0).unwrap().0) * 40e3 / 4_294_967_296.0;
+        let hz = f64::from(config.speed(100.0).unwrap().0) * 40e3 / f64::from(TURN);
         assert!((hz - 63.662).abs() < 1e-3, "{hz}");
     }
 }

@@ -7,6 +7,7 @@
 
 mod local;
 
+use crate::angle::TURN;
 use crate::commutation::frames::Dq;
 use crate::commutation::svpwm::{Circle, LONGEST};
 use crate::control::{Motor, Scale};
@@ -24,28 +25,29 @@ pub(crate) const PARK_BITS: u32 = 13;
 pub struct Gains {
     /// Voltage per current in 2⁻³².
     proportional: i32,
-    /// The same a step.
+    /// Voltage per current and step in 2⁻³².
     integral: i32,
-    /// Share of what the limit took off, in 2⁻³².
+    /// Anti-windup by back-calculation: share of the voltage that the limit took off, in 2⁻³².
     back: i32,
     /// Inductive voltage per current at a turn a step, and induced voltage: products with a speed that is shifted left
     /// by `shift`.
     inductance: i32,
     flux: i32,
     shift: u32,
-    /// Faster than what this leaves of the integers is fed forward as that.
+    /// `i32::MAX` less the largest speed that is fed forward, in 2⁻³² turns a step: saturating additions with it cut
+    /// a speed to ± that.
     beyond: i32,
 }
 
-/// The same for a bus and a speed.
+/// The gains at the present bus voltage and speed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(C)]
 pub struct Present {
-    /// ω L, as the gains.
+    /// Coupling of the axes ω L, voltage per current.
     reactance: i32,
     proportional: i32,
-    /// ω λ, a voltage.
+    /// Back-EMF ω λ, a voltage.
     induced: i32,
     circle: Circle,
     integral: i32,
@@ -96,7 +98,7 @@ impl Gains {
             inductance: hold(inductance, 23 - shift),
             flux: hold(flux, 23 - shift),
             shift: shift as u32,
-            beyond: i32::MAX - (turns * 4_294_967_296.0) as i32,
+            beyond: i32::MAX - (turns * TURN) as i32,
         })
     }
 }
@@ -146,7 +148,7 @@ impl Inverse {
     }
 }
 
-/// What the d/q controller keeps: the integrators, voltages.
+/// The integrators of the d/q controller: voltages along d and q.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Integrators {
@@ -158,7 +160,7 @@ impl Integrators {
     /// Nothing.
     pub const ZERO: Self = Self { d: 0, q: 0 };
 
-    /// One step: the voltage that makes the `measured` currents `reference` along q and nothing along d, within the
+    /// One step: the voltage that makes the `measured` currents the `reference` along q and zero along d, within the
     /// circle.
     ///
     /// The voltages that turning induces from axis to axis are fed forward, so that d and q do not disturb each
@@ -187,7 +189,7 @@ impl Integrators {
         self.q = high(self.q, ratio) << 2;
     }
 
-    /// Voltage along d that the integrator holds: what the angle's error and the model's show in.
+    /// Voltage along d that the integrator holds; an error of the angle or of the motor's parameters shows in it.
     pub const fn d(&self) -> i32 {
         self.d
     }
@@ -282,7 +284,7 @@ mod tests {
     #[test]
     fn turning_does_not_couple_the_axes() {
         // 300 Hz electrical; ω L i and ω λ in volts for 1 A along d and 2 A along q.
-        let gains = present(1000.0, (300.0 / 40e3 * 4_294_967_296.0) as i32);
+        let gains = present(1000.0, (300.0 / 40e3 * TURN) as i32);
         let per_ampere = SCALE.per_ampere();
         let current = Dq { d: per_ampere as i32 * 8192, q: (2.0 * per_ampere) as i32 * 8192 };
         let integrators = Integrators::default();
@@ -360,7 +362,7 @@ mod tests {
             let gains = gains(1.0, 500.0, fastest).unwrap();
             let induced = |hz: f32| {
                 let mut present = Present::ZERO;
-                present.take_up_speed(&gains, Inverse::new(BUS), (hz / 40e3 * 4_294_967_296.0) as i32);
+                present.take_up_speed(&gains, Inverse::new(BUS), (hz / 40e3 * TURN) as i32);
                 units(present.induced, BUS) as f32 * SCALE.volts / 32_768.0
             };
             let exact = TAU * fastest * MOTOR.flux_linkage_wb;

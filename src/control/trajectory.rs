@@ -15,7 +15,7 @@ pub struct Limits {
     acceleration: i32,
     /// Largest speed.
     speed: i32,
-    /// Distance beyond which stopping is no question; keeps twice its product with the acceleration within 63 bits.
+    /// Largest distance that the braking is computed for; keeps twice its product with the acceleration within 63 bits.
     longest_distance: u64,
 }
 
@@ -60,7 +60,7 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
-    /// At a position, moving; on the way to rest, until it has looked ahead.
+    /// At a position with a speed. Until a target is planned for, it brakes to rest.
     pub const fn at(position: Position, speed: i32) -> Self {
         Self { position, speed, acceleration: 0, direction: 0, stopping: 0, last_step: 0 }
     }
@@ -80,7 +80,7 @@ impl Trajectory {
         self.advance(limits);
     }
 
-    /// Looks at the distance to a position.
+    /// Prepares [`Self::advance`] for the distance to a position.
     #[inline(always)]
     pub const fn plan(&mut self, target: Position, limits: &Limits) {
         let left = target.to_bits().wrapping_sub(self.position.to_bits());
@@ -95,7 +95,7 @@ impl Trajectory {
     #[inline(always)]
     pub const fn advance(&mut self, limits: &Limits) {
         let Limits { acceleration, speed: fastest, .. } = *limits;
-        // As if the target lay ahead.
+        // Positive towards the target.
         let speed = along(self.speed, self.direction);
         let faster = speed + acceleration;
         let slow = faster as u32 <= 2 * acceleration as u32;
@@ -103,7 +103,7 @@ impl Trajectory {
         let next = if slow && self.last_step <= acceleration {
             self.last_step
         } else if speed.wrapping_sub(1) as u32 >= fastest as u32 {
-            // Too fast, or not yet on the way, which is longer than what one step of it takes.
+            // Above the largest speed, or not moving towards the target, which is more than one step away.
             if speed > 0 { speed - acceleration } else { faster }
         } else if stops(faster, acceleration, self.stopping) {
             faster
@@ -144,8 +144,8 @@ const fn along(speed: i32, direction: i32) -> i32 {
     (speed ^ direction) - direction
 }
 
-/// Whether a rotor that moves on by `speed`, which is positive, this step, and then ever slower, comes to rest within
-/// the distance of which `stopping` is twice the acceleration times.
+/// Whether braking from `speed`, which is positive, ends before the target: with v the speed and a the acceleration,
+/// v (v + a) ≤ 2 a times the distance, which is `stopping`.
 #[inline(always)]
 const fn stops(speed: i32, acceleration: i32, stopping: u64) -> bool {
     speed as u32 as u64 * (speed + acceleration) as u32 as u64 <= stopping

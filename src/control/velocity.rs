@@ -14,13 +14,13 @@ use core::f32::consts::TAU;
 pub struct Gains {
     /// Current per speed in 2⁻³².
     proportional: i32,
-    /// The same a step of the loop.
+    /// Current per speed and step of the loop in 2⁻³².
     integral: i32,
-    /// Share of what the limit took off, in 2⁻³².
+    /// Anti-windup by back-calculation: share of the current that the limit took off, in 2⁻³².
     back: i32,
     /// Current per acceleration in 2⁻²⁴.
     inertia: i32,
-    /// Error of the speed from which on the proportional current is four full scales.
+    /// Largest error of the speed that counts: where the proportional current is four full scales.
     far: i32,
 }
 
@@ -58,7 +58,7 @@ impl Integrator {
     /// Nothing.
     pub const ZERO: Self = Self(0);
 
-    /// What holds a current.
+    /// One that asks for a current without an error of the speed.
     pub const fn holding(current: i32) -> Self {
         Self((current as i64) << 32)
     }

@@ -5,12 +5,11 @@
 //! ([`AbsoluteTasks::poll`]). An encoder without an angle for longer than tolerated, or a disagreement, switches a
 //! running bridge off.
 
-use super::{Command, Drive, Sample};
+use super::{Drive, Sample};
 use crate::angle::{MechanicalAngle, Position};
 use crate::board::encoder::AbsoluteEncoder;
 use crate::board::{Legs, Output};
 use crate::fault::Fault;
-use crate::service::Service;
 use crate::vernier::turns::{Disagreement, TurnCheck, TurnZero};
 use heapless::spsc::{Consumer, Producer, Queue};
 
@@ -185,33 +184,18 @@ impl<E: AbsoluteEncoder + 'static> AbsoluteTasks<E> {
         self.zero = TurnZero::default();
     }
 
-    /// The next sample, compared with the Halls where both have an angle. A disagreement makes a running drive fail
-    /// with [`Fault::Turns`].
-    pub fn poll(&mut self, service: &mut Service) -> Option<(SampleOf<E>, Result<(), Disagreement>)> {
+    /// The next sample, compared with the Halls where both have an angle.
+    pub(crate) fn compare_next(&mut self) -> Option<(SampleOf<E>, Result<(), Disagreement>)> {
         let absolute = self.samples.dequeue()?;
         let agreement = match (&self.check, absolute.angle) {
             (Some(check), Some(Ok(angle))) => check.check(&mut self.zero, angle, absolute.halls).map(|_| ()),
             _ => Ok(()),
         };
-        if agreement.is_err() {
-            // When the queue is full, the next sample says it again.
-            let _ = service.trip(Fault::Turns);
-        }
         Some((absolute, agreement))
     }
 
     /// The shaft's absolute angle by the Halls alone, once a comparison has given their turn counter its start.
     pub fn by_halls(&self, halls: Position) -> Option<MechanicalAngle> {
         self.check.and_then(|check| check.absolute(self.zero, halls))
-    }
-}
-
-impl Service {
-    /// Makes a running drive fail.
-    ///
-    /// # Errors
-    /// The command, when the queue is full.
-    pub fn trip(&mut self, fault: Fault) -> Result<(), Command> {
-        self.send_internal(Command::Trip(fault))
     }
 }

@@ -36,7 +36,7 @@ pub enum Command {
     Position(Position),
     /// Another commutation, while the bridge is off.
     Commutate(Commutation),
-    /// Balance the cogging by a table, or no longer; the old one comes back through [`Tasks::tables`].
+    /// Compensate the cogging by a table, or not; the old table comes back through [`Tasks::tables`].
     AntiCogging(Option<&'static mut cogging::Table>),
     /// Other settings, while the bridge is off; the old ones, or those refused, come back through [`Tasks::configs`].
     Configure(&'static mut Config),
@@ -66,7 +66,7 @@ pub enum Refusal {
     HallLost,
     /// The drive was set up without current control.
     NoControl,
-    /// What would be a fault at once.
+    /// Armed, the drive would fail at once, with this fault.
     Fault(Fault),
 }
 
@@ -87,9 +87,9 @@ impl fmt::Display for Refusal {
 
 impl core::error::Error for Refusal {}
 
-/// Records that fit between two looks of a task, less one.
+/// Length of the queue of records; it holds one less.
 const RECORDS: usize = 64;
-/// Measurements that do: one comes every 32 steps at most.
+/// Length of the queue of measurements, of which one comes every 32 steps at most.
 const MEASUREMENTS: usize = 16;
 
 /// The queues between the interrupt and the tasks.

@@ -14,8 +14,8 @@ use crate::mode::{Event, Mode};
 use crate::telemetry::Progress;
 
 impl Command {
-    /// Whether it comes from whoever commands the drive; the tasks send the others by themselves.
-    const fn is_of_the_user(&self) -> bool {
+    /// Whether it restarts the command time-out: what a user sends, not what the tasks send by themselves.
+    const fn restarts_timeout(&self) -> bool {
         !matches!(self, Self::Install(_) | Self::CalibrationFailed | Self::AntiCogging(_) | Self::Trip(_))
     }
 }
@@ -33,7 +33,7 @@ impl Drive {
     }
 
     fn execute(&mut self, command: Command, sample: &Sample) -> Reply {
-        let of_the_user = command.is_of_the_user();
+        let restarts_timeout = command.restarts_timeout();
         match command {
             Command::Calibrate => self.calibrate(sample)?,
             Command::Install(estimator) => self.install(estimator, sample.halls)?,
@@ -50,14 +50,14 @@ impl Drive {
             Command::Trip(fault) => self.fail(fault),
             Command::Clear => self.on_command(Event::Clear { calibrated: self.estimator().is_some() })?,
         }
-        if of_the_user {
-            self.sign_of_life();
+        if restarts_timeout {
+            self.restart_timeout();
         }
         Ok(())
     }
 
-    /// Whoever commands is there.
-    fn sign_of_life(&mut self) {
+    /// Restarts the command time-out.
+    fn restart_timeout(&mut self) {
         let timed_out = self.servo.limits.contains(Limits::TIMEOUT);
         self.servo.command_received();
         if timed_out {
@@ -90,7 +90,7 @@ impl Drive {
     }
 
     fn install(&mut self, estimator: &'static mut Estimator, codes: Codes) -> Reply {
-        // What was learnt while somebody turns the shaft is no reason to forget its turns.
+        // A model that was learnt while a hand turns the shaft must not reset the count of its turns.
         let tracks = self.mode == Mode::Ready && self.record.missed <= self.config.tolerated;
         let allowed = self.on_command(Event::Installed);
         let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
@@ -101,13 +101,13 @@ impl Drive {
         allowed?;
         self.update_hall_loss();
         if self.mode == Mode::Ready && !tracks {
-            self.find_angle_anew(codes);
+            self.restart_tracking(codes);
         }
         Ok(())
     }
 
-    /// Starts to track anew where the rotor is.
-    fn find_angle_anew(&mut self, codes: Codes) {
+    /// Restarts the tracking at the present angle.
+    fn restart_tracking(&mut self, codes: Codes) {
         let angle = self.estimator().and_then(|estimator| estimator.angle(&codes).ok());
         self.record.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
         self.record.rotor = Tracker::at(angle.unwrap_or(ElectricalAngle::ZERO));
@@ -175,6 +175,7 @@ impl Drive {
         Ok(())
     }
 
+    /// Exchanges the table of anti-cogging currents.
     fn set_anti_cogging(&mut self, table: Option<&'static mut cogging::Table>) {
         if let Some(unused) = core::mem::replace(&mut self.servo.cogging, table) {
             let _ = self.channels.tables.enqueue(unused);

@@ -11,13 +11,13 @@ use crate::control::current::{Integrators, Inverse, Present};
 use crate::hall::track::{self, Tracker};
 use crate::math::{clamp, high};
 
-/// Farthest that the alignment is trimmed, 60°, in bits of an angle.
+/// Largest correction of the alignment: 60°, in 2⁻³² turns.
 const LARGEST_TRIM: i32 = 715_827_882;
 
 /// The current controller and what it works with.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct FieldOriented {
-    /// What the alignment was found to be off by; added to the angle of the Halls.
+    /// Correction of the alignment, added to the Halls' angle: ± [`LARGEST_TRIM`].
     trim: ElectricalAngle,
     modulator: Modulator,
     /// Gains for the present bus voltage and speed.
@@ -84,8 +84,9 @@ impl FieldOriented {
         Circle::NEW.touches(self.voltage)
     }
 
-    /// Trims the alignment until no back-EMF is left along d: what the integrator holds there, beyond what is fed
-    /// forward, is that of an angle that is off. Only while the rotor turns fast enough to tell.
+    /// Trims the alignment until the integrator holds no voltage along d. Beyond the feed-forward, a voltage there is
+    /// back-EMF that an error of the angle has turned from q to d. Only above the speed
+    /// [`trim_from`](Config::trim_from), where that is well above the noise.
     #[inline(always)]
     pub fn trim_alignment(&mut self, config: &Config, speed: i32) {
         let fast = speed.wrapping_add(config.trim_from) as u32 > 2 * config.trim_from as u32;
@@ -96,7 +97,7 @@ impl FieldOriented {
         }
     }
 
-    /// What the alignment was found to be off by.
+    /// Correction of the alignment.
     pub const fn trim(&self) -> ElectricalAngle {
         self.trim
     }

@@ -18,9 +18,9 @@ const UNHEALTHY: u32 = 450;
 /// What is known and suspected of a lost Hall.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct HallLoss {
-    /// The Hall that was lost while running, as long as the estimator counts on it.
+    /// The Hall that was lost while running, until an estimator without it is installed.
     pub lost: Option<Channel>,
-    /// What would be a fault, unless the other two Halls tell the angle. Within a step only.
+    /// The fault to latch unless the other two Halls give the angle; set and resolved within a step.
     suspicion: Option<Fault>,
 }
 
@@ -30,7 +30,7 @@ impl HallLoss {
 }
 
 impl Drive {
-    /// Latches a fault, or only suspects it where running on from two Halls is wanted and none was lost before.
+    /// Latches a fault, or only notes a suspicion if the drive may run on two Halls and none was lost before.
     pub(super) fn fail_or_suspect(&mut self, fault: Fault) {
         if self.config.run_on_two_halls && self.mode == Mode::Running && self.hall_loss.lost.is_none() {
             self.hall_loss.suspicion = Some(fault);
@@ -46,12 +46,12 @@ impl Drive {
         let Some((lost, angle)) = self.find_lost_hall(fault, codes) else { return self.fail(fault) };
         self.hall_loss.lost = Some(lost);
         self.limits = self.limits.with(Limits::TWO_HALLS);
-        // It took time to find out, and the lost Hall has led the tracking astray.
+        // Until it was found, the lost Hall has pulled the tracked angle away.
         self.record.rotor.move_to(angle);
         self.angle_found();
     }
 
-    /// The Hall to do without, and the angle then.
+    /// The lost Hall, and the angle by the other two.
     fn find_lost_hall(&self, fault: Fault, codes: Codes) -> Option<(Channel, ElectricalAngle)> {
         let estimator = self.estimator()?;
         let tracked = self.record.rotor.angle();
@@ -84,8 +84,8 @@ impl Drive {
         }
     }
 
-    /// The two are no healthy pair: the wrong Hall was named, or another is lost, too. The tracking has been led astray
-    /// and cannot help to tell.
+    /// The two do not agree: the wrong Hall was taken for the lost one, or another is lost, too. The wrong pair has
+    /// moved the tracked angle, so the strength alone decides.
     fn find_other_loss(&mut self, lost: Channel, codes: Codes) {
         let best = self.estimator().and_then(|estimator| {
             let others = (0..3).map(Channel).filter(|&channel| channel != lost);
@@ -106,8 +106,8 @@ impl Drive {
         }
     }
 
-    /// An estimator has been installed: a running drive that has lost a Hall keeps the limit, whichever it is; at rest,
-    /// one for three Halls stands for a repair.
+    /// An estimator has been installed. One for three Halls ends the loss of a Hall only with the bridge off, where it
+    /// comes of a calibration after the repair.
     pub(super) fn update_hall_loss(&mut self) {
         let knows = self.estimator().is_some_and(|estimator| estimator.lost().is_some());
         if knows {

@@ -1,4 +1,4 @@
-//! The idle path: the bridge is off, so the current amplifiers show what they show without a current.
+//! The idle path: the bridge is off, so the current amplifiers show their zeros.
 
 use crate::board::Sample;
 use crate::control::config::Config;
@@ -26,12 +26,12 @@ impl Idle {
         }
     }
 
-    /// The zero of each amplifier, as the field says.
+    /// Code of each amplifier without a current, for a full scale of 2¹⁶, in 2⁻⁸.
     pub const fn zeros(&self) -> [i32; 3] {
         self.zeros
     }
 
-    /// Whether every zero is as near to the middle as the settings want it.
+    /// Whether every zero is within `offset_a` of the middle of the range.
     pub fn zeros_are_plausible(&self, config: &Config) -> bool {
         self.zeros.iter().all(|zero| (zero - MIDDLE).abs() >> 8 <= config.guard.offset)
     }

@@ -1,12 +1,12 @@
-//! What currents, voltage, temperatures and time tell about the health of a drive with current sensing.
+//! Protection by currents, bus voltage, temperatures and deadlines, for a drive with current sensing.
 
 use super::{Idle, Sample};
 use crate::control::config::Config;
 use crate::fault::Fault;
 
-/// Successive looks at a wrong sum of the currents, eight steps apart, that are a fault.
+/// Successive checks, eight steps apart, that a sum of the currents has to fail to be a fault.
 const IMBALANCES: u32 = 2;
-/// Looks at a standing rotor, 32 steps apart, that one at a turning rotor makes up for.
+/// What a check of the stall that finds the rotor turning takes off the count of those that found it at rest.
 const STALL_RECOVERY: u32 = 4;
 
 /// Thresholds in codes of the ADC, and the counters of what has to last to be a fault.
@@ -24,17 +24,16 @@ pub(super) struct Protection {
     pub max_current: i32,
     /// Share of the largest current that each temperature, of bridge and motor, allows: 0 to 2¹⁶.
     shares: [i32; 2],
-    /// Successive looks at a wrong sum of the currents.
+    /// Successive checks that found a wrong sum of the currents.
     imbalances: u32,
-    /// Looks at a standing rotor with the current at its limit.
+    /// Checks, 32 steps apart, that found the rotor at rest with the current at its limit, less what recovery took off.
     stalls: u32,
     /// Steps of the outer loops since the last command.
     command_age: u32,
 }
 
 impl Protection {
-    /// Everything is allowed, and no current: that of a drive without current sensing, and before the bridge is first
-    /// on.
+    /// No thresholds, and no current: for a drive without current sensing, and before the bridge is first on.
     pub const NONE: Self = Self {
         current_floors: [0; 3],
         current_span: u32::MAX,
@@ -48,7 +47,7 @@ impl Protection {
         command_age: 0,
     };
 
-    /// While the bridge is off nothing is counted.
+    /// Clears the counts while the bridge is off.
     pub fn rest(&mut self) {
         (self.imbalances, self.stalls, self.command_age) = (0, 0, 0);
     }
@@ -86,7 +85,7 @@ impl Protection {
         }
     }
 
-    /// Whether currents, voltage and time are as they should; in every step.
+    /// Whether currents and bus voltage are within their thresholds and no period was lost; in every step.
     #[inline(always)]
     pub fn allows(&self, sample: &Sample) -> bool {
         let flows = |k: usize| u32::from(sample.currents[k]).wrapping_sub(self.current_floors[k]) <= self.current_span;
@@ -95,7 +94,7 @@ impl Protection {
         flows(0) && flows(1) && flows(2) && bus <= self.bus_span
     }
 
-    /// Why not.
+    /// The fault where [`Self::allows`] says no.
     #[cold]
     #[inline(never)]
     pub fn fault(&self, sample: &Sample) -> Fault {
@@ -111,7 +110,7 @@ impl Protection {
         }
     }
 
-    /// The sum of the currents: a fault when it is wrong at successive looks.
+    /// Checks the sum of the currents: a fault when it is wrong [`IMBALANCES`] times in a row.
     #[inline(always)]
     pub fn imbalance(&mut self, config: &Config, sample: &Sample) -> Option<Fault> {
         let [a, b, c] = sample.currents.map(u32::from);
@@ -133,7 +132,7 @@ impl Protection {
         }
     }
 
-    /// What a temperature, of bridge (0) or motor (1), leaves of the largest current.
+    /// Derates the largest current by a temperature, of bridge (0) or motor (1).
     #[inline(always)]
     pub fn derate(&mut self, config: &Config, sample: &Sample, thermistor: usize) {
         let heat = config.guard.heat[thermistor];
@@ -150,7 +149,7 @@ impl Protection {
         let rest_speed = config.guard.rest_speed;
         let stands = limited && speed.wrapping_add(rest_speed) as u32 <= 2 * rest_speed as u32;
         if !stands {
-            // The speed is noisy: a look at which it seems to turn does not make up for all before.
+            // The speed is noisy: a single check above the threshold must not clear the count.
             self.stalls = self.stalls.saturating_sub(STALL_RECOVERY);
             return false;
         }
@@ -165,7 +164,7 @@ impl Protection {
         config.guard.timeout != 0 && self.command_age >= config.guard.timeout
     }
 
-    /// A sign of life of whoever commands.
+    /// Restarts the command time-out.
     pub fn command_received(&mut self) {
         self.command_age = 0;
     }

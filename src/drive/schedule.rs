@@ -1,5 +1,5 @@
-//! What a drive with current sensing does beside the current control, a share in each step so that none has to do
-//! everything.
+//! The schedule of what a drive with current sensing does beside the current control: a part in each step, which keeps
+//! the longest step short.
 //!
 //! [`Drive::attend`] is the table: the outer loops and what is urgent come every [`OUTER`] steps, the rest once in a
 //! [`CYCLE`]. A row is a slot; a step has exactly one, before the angle of the step is known.
@@ -11,17 +11,17 @@ use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
 pub use crate::schedule::{CYCLE, OUTER};
 
-/// The first step with a chance of a record.
+/// Tick of the first slot that may hand over a record.
 const RECORD: u32 = 7;
 
-/// Where the schedule stands, and when it hands over what to the tasks.
+/// The present slot, and when records and measurements are due.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Schedule {
     /// Steps so far, wrapping; the slot is the remainder by [`CYCLE`].
     tick: u32,
-    /// Whether records come by the schedule: while a current, a speed or a position is followed.
+    /// Whether records are handed over in slots: while a current, a speed or a position is followed.
     pub records: bool,
-    /// Number of the step before, less the tick.
+    /// Sequence number of the previous step, less the tick.
     first: u32,
     /// Tick of the next record, and of the next measurement.
     record_due: u32,
@@ -38,16 +38,16 @@ impl Schedule {
         self.records && due.wrapping_sub(self.tick) as i32 <= 0
     }
 
-    /// Number of the step whose rotor is known in a slot: of the step before.
+    /// Sequence number of the step whose angle is known in a slot: the previous one.
     const fn sequence(&self) -> u32 {
         self.first.wrapping_add(self.tick)
     }
 }
 
 impl Drive {
-    /// The share of the slow work that belongs to this step. What is found wrong makes a running drive fail.
+    /// Runs the slot of this step. A fault that it finds makes a running drive fail.
     ///
-    /// Returns the estimator for the rest of a short step; none where the slot has met what is for the general one.
+    /// Returns the estimator for the rest of a short step; `None` where the step has to go on as a general one.
     #[inline(always)]
     pub(super) fn attend(&mut self, sample: &Sample) -> Option<&Estimator> {
         let schedule = &mut self.servo.schedule;
@@ -62,8 +62,8 @@ impl Drive {
             6 | 14 | 22 | 30 => self.slot(sample, |servo, _, with| servo.update_reference(with)),
             // Every 16 steps.
             RECORD | 23 => self.record_slot(sample),
-            // Every 32 steps. The currents have settled since the last change of their reference where they are noted
-            // down.
+            // Every 32 steps. Slot 13 is late after a change of the current reference, so the currents that it notes
+            // have settled.
             5 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
             13 => self.slot(sample, Self::measurement_slot),
             15 => self.slot(sample, Self::alignment_slot),
@@ -74,7 +74,7 @@ impl Drive {
         self.estimator()
     }
 
-    /// The estimator, if the step may go on the short way.
+    /// The estimator, if the step may still go on as a short one.
     fn estimator_if_short(&self) -> Option<&Estimator> {
         if self.route == Route::FieldOriented { self.estimator() } else { None }
     }
@@ -96,7 +96,7 @@ impl Drive {
         self.with_servo(sample, work);
     }
 
-    /// The way to a commanded position; the time since the last command.
+    /// The plan of the trajectory to a commanded position; the command time-out.
     #[inline(never)]
     fn trajectory_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         let overdue = self.with_servo(sample, |servo, _, with| {
@@ -136,13 +136,13 @@ impl Drive {
         self.estimator().filter(|estimator| estimator.agree(&sample.halls))
     }
 
-    /// What the tasks get of currents and voltages.
+    /// Notes currents and voltages for the tasks.
     #[inline(always)]
     fn measurement_slot(servo: &mut Servo, paths: &mut Paths, with: &Context) {
         servo.note(with, &paths.field_oriented, &paths.idle, servo.schedule.sequence());
     }
 
-    /// The alignment's trim; whether the voltage is at its limit.
+    /// Trims the alignment; checks whether the voltage is at its limit.
     #[inline(always)]
     fn alignment_slot(servo: &mut Servo, paths: &mut Paths, with: &Context) {
         let field = &mut paths.field_oriented;
@@ -150,7 +150,7 @@ impl Drive {
         field.trim_alignment(with.config, with.rotor.speed());
     }
 
-    /// The back-EMF of the speed; a stall.
+    /// Feed-forward of the back-EMF for the present speed; the check for a stall.
     #[inline(never)]
     fn speed_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         let stalled = self.with_servo(sample, |servo, paths, with| {
@@ -164,7 +164,7 @@ impl Drive {
         self.estimator()
     }
 
-    /// The largest current that the temperatures allow; over-speed.
+    /// The largest current that the temperatures allow; the check for over-speed.
     #[inline(never)]
     fn derating_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         let done = self.with_servo(sample, |servo, _, with| {
@@ -220,14 +220,15 @@ impl Drive {
         }
     }
 
-    /// Lets the records come by the schedule, or no longer. It begins such that the next record, and so every one after
-    /// it, is due in its slot; a slot comes before the angle is found, so a record there is of the step before.
+    /// Switches between records by the schedule and records counted by `until_record`. The tick is set such that the
+    /// next record is due in a record slot, and so every later one. A slot runs before the step's angle is known, so
+    /// its record is that of the previous step.
     pub(super) fn record_by_schedule(&mut self, records: bool) {
         let schedule = &mut self.servo.schedule;
         if records && !schedule.records {
             schedule.record_due = RECORD;
             schedule.measurement_due = RECORD;
-            // A command does so before the step attends.
+            // A command switches before the slot of its own step has run.
             schedule.tick = RECORD.wrapping_sub(self.until_record).wrapping_sub(2);
             schedule.first = self.record.sequence.wrapping_sub(RECORD);
         } else if schedule.records && !records {

@@ -19,7 +19,7 @@ use crate::math::clamp;
 use crate::telemetry::Measurement;
 pub use crate::telemetry::State;
 
-/// What is to be followed.
+/// What a running drive follows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub enum Demand {
@@ -60,16 +60,17 @@ pub(super) struct Servo {
     current: Dq,
     demand: Demand,
     trajectory: Trajectory,
-    /// What the position loop asks the speed loop for, in 2⁻³² electrical turns a step.
+    /// Speed reference ω*, from the position loop or the trajectory, in 2⁻³² electrical turns a step.
     speed_reference: i32,
-    /// What the speed loop or the command asks for, in 2⁻¹⁵ of the full scale; before cogging and limit.
+    /// Current along q that the speed loop or the command asks for, in 2⁻¹⁵ of the full scale; before anti-cogging and
+    /// limit.
     current_request: i32,
     speed_integrator: Integrator,
-    /// Current over the electrical angle that balances the cogging.
+    /// Anti-cogging current over the electrical angle, if it is on.
     pub cogging: Option<&'static mut cogging::Table>,
-    /// What holds the control back.
+    /// What limits the control at the moment.
     pub limits: Limits,
-    /// What the tasks get: of every [`CYCLE`](super::CYCLE).
+    /// For the tasks, noted every [`CYCLE`](super::CYCLE) steps.
     pub measurement: Measurement,
     pub schedule: Schedule,
 }
@@ -107,7 +108,7 @@ impl Servo {
         self.set_reference(config, 0);
     }
 
-    /// What is followed.
+    /// The demand that is followed.
     #[cfg(test)]
     pub const fn demand(&self) -> Demand {
         self.demand
@@ -123,13 +124,13 @@ impl Servo {
         matches!(self.demand, Demand::Speed(_) | Demand::Position(_))
     }
 
-    /// Takes up a command's sign of life.
+    /// Restarts the command time-out.
     pub fn command_received(&mut self) {
         self.protection.command_received();
         self.limits = self.limits.without(Limits::TIMEOUT);
     }
 
-    /// Takes up a demand; from another kind, the loops begin with what there is.
+    /// Takes up a demand. After one of another kind, the loops start from the present position, speed and current.
     pub fn follow(&mut self, config: &Config, demand: Demand, rotor: &Tracker) {
         if !self.moves() {
             self.trajectory = Trajectory::at(coarse(rotor.smoothed()), rotor.speed());
@@ -144,7 +145,7 @@ impl Servo {
         }
     }
 
-    /// Looks at what is left of the way to a commanded position.
+    /// Plans the trajectory for the distance that is left to a commanded position.
     #[inline(always)]
     pub fn plan_trajectory(&mut self, with: &Context) {
         if let Demand::Position(position) = self.demand {
@@ -185,21 +186,21 @@ impl Servo {
         }
     }
 
-    /// Whether a rotor that should turn does not.
+    /// Whether the rotor is stalled: at rest with the largest current.
     #[inline(always)]
     pub fn is_stalled(&mut self, with: &Context) -> bool {
         let limited = self.moves() && self.current_request.abs() == self.protection.max_current;
         self.protection.is_stalled(with.config, limited, with.rotor.speed())
     }
 
-    /// The reference of the current: what is asked for, and what balances the cogging.
+    /// The current reference: what is asked for and the anti-cogging current.
     #[inline(always)]
     pub fn update_reference(&mut self, with: &Context) {
-        let balance = self.cogging.as_deref().map_or(0, |table| table.current(with.rotor.angle()));
-        self.set_reference(with.config, self.current_request + balance);
+        let anti_cogging = self.cogging.as_deref().map_or(0, |table| table.current(with.rotor.angle()));
+        self.set_reference(with.config, self.current_request + anti_cogging);
     }
 
-    /// The current from now on, within its limit.
+    /// Sets the current reference, within its limit, and the dead time's compensation for it.
     #[inline(always)]
     fn set_reference(&mut self, config: &Config, request: i32) {
         let most = self.protection.max_current;
@@ -223,7 +224,7 @@ impl Servo {
         self.current
     }
 
-    /// Notes everything down for the tasks.
+    /// Notes rotor, currents and voltages for the tasks.
     #[inline(always)]
     pub fn note(&mut self, with: &Context, field: &FieldOriented, zeros: &Idle, sequence: u32) {
         let state = State {

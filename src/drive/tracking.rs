@@ -1,4 +1,4 @@
-//! Where the rotor is, and what becomes of samples that do not tell.
+//! Tracking of the rotor, and what is done about samples without a plausible angle.
 
 use super::Drive;
 use crate::angle::ElectricalAngle;
@@ -8,8 +8,7 @@ use crate::hall::plausibility::Implausible;
 use crate::hall::track::{Jump, Tracker};
 
 impl Drive {
-    /// Angle and speed from the Halls, all three or those that are left; with what is to be done where they do not
-    /// tell.
+    /// Angle and speed from the Halls: from all three, or from two after the loss of one.
     pub(super) fn measure(&mut self, codes: &Codes) {
         match (self.hall_loss.lost, &self.estimator) {
             (Some(lost), _) if self.mode.drives() => self.measure_without(lost, *codes),
@@ -39,26 +38,26 @@ impl Drive {
         }
     }
 
-    /// The codes are no angle.
+    /// No angle fits the codes.
     fn no_angle(&mut self, why: Implausible) {
         self.record.rotor.coast();
         if self.count_missed() {
             return;
         }
         if !self.mode.drives() {
-            // Nothing is known of the rotor, so it is not turned on and on.
+            // Nothing is known of the rotor, so it is not extrapolated any longer.
             self.record.rotor = Tracker::at(self.record.rotor.angle());
         }
         self.fail_or_suspect(Fault::Hall(why));
     }
 
-    /// The angle is not where the rotor can be.
+    /// The angle is farther from the tracked one than the rotor can have turned.
     fn angle_jumped(&mut self, angle: ElectricalAngle) {
         if self.count_missed() {
             return;
         }
         if !self.mode.drives() {
-            // While nothing is driven, believe what comes again and again.
+            // With the bridge off, an angle that persists is believed.
             self.record.rotor = Tracker::at(angle);
             self.angle_found();
         }

@@ -6,7 +6,7 @@
 //! wanders: no lag at constant speed, damping ratio 0.71, natural frequency `f_sample · 2⁻ᵃ / 8.9` with `α = 2⁻ᵃ` and
 //! `β = 2⁻²ᵃ⁻¹`. At acceleration A it lags by `A · 2²ᵃ⁺¹ / f²`.
 
-use crate::angle::{ElectricalAngle, Position};
+use crate::angle::{ElectricalAngle, Position, TURN};
 use crate::math::high;
 
 /// How the tracker smooths and what it believes.
@@ -39,7 +39,7 @@ impl Config {
 
     /// What the smoothed angle lags by at a constant acceleration, in samples².
     pub(crate) fn lag(&self) -> f32 {
-        4_294_967_296.0 / self.gains[1] as f32
+        TURN / self.gains[1] as f32
     }
 
     /// The smoothing exponent whose natural frequency is nearest to `bandwidth_hz`, within [`Self::SMOOTHING`].
@@ -150,7 +150,7 @@ mod tests {
     extern crate std;
 
     const SAMPLE_HZ: f64 = 40_000.0;
-    const TURN: f64 = 4_294_967_296.0;
+    const TURN: f64 = crate::angle::TURN as f64;
 
     fn config() -> Config {
         Config::new(4, ElectricalAngle::from_degrees(60.0), 1.5).unwrap()

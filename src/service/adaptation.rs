@@ -9,7 +9,7 @@ use crate::hall::model::Model;
 use crate::mode::Mode;
 use crate::telemetry::{Measurement, Record};
 
-/// What the drive is to be given next.
+/// What is to be sent to the drive next.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Due {
     Nothing,
@@ -26,7 +26,7 @@ pub fn torque_nm(measurement: &Measurement, control: &Control) -> f32 {
     amperes * control.motor.torque_constant(control.scale.pole_pairs)
 }
 
-/// Feeds an [`Adapter`] with a drive's records and gives the drive what it learns.
+/// Feeds an [`Adapter`] with a drive's records and sends the drive the models that it learns.
 #[derive(Clone, Debug)]
 pub struct Adaptation {
     adapter: Adapter,
@@ -73,8 +73,8 @@ impl Adaptation {
         outcome
     }
 
-    /// Gives the drive what is due; to be called after [`Self::take`], when there is time to make an estimator. True
-    /// when something was on its way.
+    /// Sends the drive the model that is due; to be called after [`Self::take`], when there is time to make an
+    /// estimator. True when one was sent.
     ///
     /// # Errors
     /// [`InstallError`]; when it is `Busy`, the next call tries again.
@@ -90,7 +90,7 @@ impl Adaptation {
         result.map(|()| true)
     }
 
-    /// The filter, to look at.
+    /// The filter.
     pub const fn adapter(&self) -> &Adapter {
         &self.adapter
     }

@@ -12,7 +12,7 @@ use crate::control::{Current, Speed};
 use crate::service::identify::{Identifier, Report};
 use crate::telemetry::Measurement;
 
-/// How to measure.
+/// Plan of the measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Plan {
@@ -20,13 +20,13 @@ pub struct Plan {
     pub speed_rad_s: f32,
     /// Largest current, above 0, A.
     pub current_a: f32,
-    /// What to commutate by in the end.
+    /// Commutation to return to at the end.
     pub commutation: Commutation,
 }
 
 impl Plan {
     /// At most four fifths of the allowed speed and of the one that the least allowed voltage reaches, and at most half
-    /// the allowed current and the one that the motor as told takes for the allowed acceleration.
+    /// the allowed current and the one that the motor of the settings takes for the allowed acceleration.
     ///
     /// # Errors
     /// [`Error::NoControl`].
@@ -49,7 +49,7 @@ impl Plan {
 /// Swings: shares of the current, each forward and backward to this share of the speed.
 const SWINGS: [f32; 3] = [1.0, 0.5, 0.25];
 const SWING_TO: f32 = 0.7;
-/// Longest swing, ms; it need not get there.
+/// Longest swing, ms; it need not reach that speed.
 const SWING_MS: u32 = 1000;
 /// Shares of the speed to keep, each forward and backward.
 const SPEEDS: [f32; 4] = [1.0, 0.6, 0.3, 0.15];
@@ -58,10 +58,10 @@ const SETTLING_MS: u32 = 200;
 const MEASURING_MS: u32 = 1000;
 /// Time between two marks there, ms.
 const MARK_MS: u32 = 100;
-/// How near the speed has to come, in the fastest's.
+/// Largest error at which a speed counts as reached, in shares of the fastest.
 const NEAR: f32 = 0.03;
-/// Longest time until the speed is reached beyond what the largest acceleration needs, ms.
-const PATIENCE_MS: u32 = 2000;
+/// Time until a speed has to be reached, beyond what the largest acceleration needs, ms.
+const REACHING_MS: u32 = 2000;
 
 const LEGS: usize = 2 * (SWINGS.len() + SPEEDS.len());
 
@@ -95,14 +95,14 @@ pub struct Identification {
     /// When the speed was reached, and when the last mark was made.
     reached_ms: Option<u32>,
     marked_ms: u32,
-    patience_ms: u32,
+    timeout_ms: u32,
 }
 
 impl Identification {
     /// To be begun by the first [`Self::step`], with the drive ready and its bridge off.
     ///
     /// # Errors
-    /// What of the plan cannot be.
+    /// A part of the plan is out of its range.
     pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
         let control = config.control.as_ref().ok_or(Error::NoControl)?;
         let fields = [("speed_rad_s", plan.speed_rad_s > 0.0), ("current_a", plan.current_a > 0.0)];
@@ -121,7 +121,7 @@ impl Identification {
             began_ms: None,
             reached_ms: None,
             marked_ms: 0,
-            patience_ms: PATIENCE_MS + ramp_ms as u32,
+            timeout_ms: REACHING_MS + ramp_ms as u32,
         })
     }
 
@@ -145,19 +145,19 @@ impl Identification {
 
     fn swing(&mut self, share: f32, elapsed_ms: u32) {
         self.sequence.follow(Demand::Current(Current((share * self.largest.0 as f32) as i32)));
-        let there = self.sequence.speed() as f32 * share.signum() >= SWING_TO * self.fastest.0 as f32;
-        if there || elapsed_ms > SWING_MS {
+        let reached = self.sequence.speed() as f32 * share.signum() >= SWING_TO * self.fastest.0 as f32;
+        if reached || elapsed_ms > SWING_MS {
             self.next();
         }
     }
 
     fn keep(&mut self, share: f32, now_ms: u32, elapsed_ms: u32) {
-        let wanted = share * self.fastest.0 as f32;
-        self.sequence.follow(Demand::Speed(Speed(wanted as i32)));
-        let near = (self.sequence.speed() as f32 - wanted).abs() <= NEAR * self.fastest.0 as f32;
+        let reference = share * self.fastest.0 as f32;
+        self.sequence.follow(Demand::Speed(Speed(reference as i32)));
+        let near = (self.sequence.speed() as f32 - reference).abs() <= NEAR * self.fastest.0 as f32;
         match self.reached_ms {
             None if near => self.reached_ms = Some(now_ms),
-            None if elapsed_ms > self.patience_ms => self.sequence.cancel(Error::NotReached),
+            None if elapsed_ms > self.timeout_ms => self.sequence.cancel(Error::NotReached),
             None => {}
             Some(reached_ms) => {
                 let kept_ms = now_ms.wrapping_sub(reached_ms);

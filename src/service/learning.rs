@@ -1,9 +1,9 @@
 //! Anti-cogging as a procedure: the drive turns its motor slowly both ways, learns a [table](cogging::Table) and uses
 //! it.
 //!
-//! Each pass turns whole turns forward and backward and puts the table of what it took to work; the next pass, with the
-//! first table in use, wavers less and finds what is left. Whoever stores the table has it from [`Learning::table`];
-//! after a power-up, [`Service::set_anti_cogging`] puts it to work again.
+//! Each pass turns whole turns forward and backward, learns a table of the current that this took, and lets the drive
+//! use it. With it the speed is steadier in the next pass, which so finds what is left. [`Learning::table`] is the
+//! table to store; after a power-up, [`Service::set_anti_cogging`] lets the drive use it again.
 
 use super::procedure::{Error, Procedure, State};
 use super::sequence::{Demand, Sequence};
@@ -15,19 +15,19 @@ use crate::control::cogging::{self, Learner};
 use crate::telemetry::Measurement;
 use core::f32::consts::TAU;
 
-/// How to learn.
+/// Plan of the learning.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Plan {
-    /// Mechanical speed, above 0, rad/s. Slower wavers less and takes longer.
+    /// Mechanical speed, above 0, rad/s. A lower speed is steadier and takes longer.
     pub speed_rad_s: f32,
     /// Mechanical turns in each direction, 1 to 100.
     pub turns: u32,
-    /// How often both directions are turned, 1 to 4.
+    /// Passes, each of both directions, 1 to 4.
     pub passes: u8,
     /// Harmonics of the electrical turn to keep, 1 to 63.
     pub harmonics: u8,
-    /// What to commutate by in the end.
+    /// Commutation to return to at the end.
     pub commutation: Commutation,
 }
 
@@ -51,10 +51,10 @@ impl Plan {
 
 /// Time for the speed to settle, ms.
 const SETTLING_MS: u32 = 300;
-/// Longest time to learn all points of a direction, in times of that at the speed asked for.
-const PATIENCE: f32 = 3.0;
-/// On top of it, ms.
-const PATIENCE_MS: f32 = 2000.0;
+/// Longest time for a direction, in multiples of the time at the speed of the plan.
+const LONGEST_LEG: f32 = 3.0;
+/// Time that is added to it, ms.
+const MARGIN_MS: f32 = 2000.0;
 
 /// The procedure.
 #[derive(Clone, Debug)]
@@ -64,24 +64,26 @@ pub struct Learning {
     learner: Learner,
     table: Option<cogging::Table>,
     speed: Speed,
-    /// Directions turned or being turned.
+    /// Number of the leg, counted from 0: even ones forward, odd ones backward.
     leg: u32,
     leg_began_ms: Option<u32>,
-    /// Electrical turns to make in a leg, in bits, and where the learning began.
-    way: i64,
-    from: Option<i64>,
-    there: i64,
-    /// Largest share of the way made in this leg.
-    made: f32,
-    patience_ms: u32,
+    /// Distance of a leg, in 2⁻³² electrical turns.
+    distance: i64,
+    /// Position at which the learning of this leg began, in 2⁻³² electrical turns.
+    start: Option<i64>,
+    /// Position of the last measurement, in 2⁻³² electrical turns.
+    position: i64,
+    /// Largest share of the distance covered in this leg.
+    covered: f32,
+    timeout_ms: u32,
 }
 
 impl Learning {
     /// To be begun by the first [`Self::step`], with the drive ready and its bridge off.
     ///
     /// # Errors
-    /// What of the plan cannot be.
-    // Called, it fills what its caller has for it; inlined, it would be another two on the stack.
+    /// A part of the plan is out of its range.
+    // Called, it writes to the caller's place; inlined, it would put two more on the stack.
     #[inline(never)]
     pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
         let control = config.control.as_ref().ok_or(Error::NoControl)?;
@@ -105,11 +107,11 @@ impl Learning {
             speed,
             leg: 0,
             leg_began_ms: None,
-            way: (i64::from(plan.turns) * i64::from(config.pole_pairs.get())) << 32,
-            from: None,
-            there: 0,
-            made: 0.0,
-            patience_ms: (PATIENCE * leg_ms + PATIENCE_MS) as u32,
+            distance: (i64::from(plan.turns) * i64::from(config.pole_pairs.get())) << 32,
+            start: None,
+            position: 0,
+            covered: 0.0,
+            timeout_ms: (LONGEST_LEG * leg_ms + MARGIN_MS) as u32,
         })
     }
 
@@ -127,19 +129,19 @@ impl Learning {
         let speed = if self.forward() { self.speed } else { Speed(-self.speed.0) };
         self.sequence.follow(Demand::Speed(speed));
         let elapsed_ms = now_ms.wrapping_sub(began_ms);
-        if elapsed_ms > self.patience_ms {
+        if elapsed_ms > self.timeout_ms {
             return self.sequence.cancel(Error::NotReached);
         }
-        match self.from {
-            None if elapsed_ms >= SETTLING_MS => self.from = Some(self.there),
-            Some(_) if self.made >= 1.0 => self.next_leg(service),
+        match self.start {
+            None if elapsed_ms >= SETTLING_MS => self.start = Some(self.position),
+            Some(_) if self.covered >= 1.0 => self.next_leg(service),
             _ => {}
         }
     }
 
     fn next_leg(&mut self, service: &mut Service) {
         self.leg += 1;
-        (self.leg_began_ms, self.from, self.made) = (None, None, 0.0);
+        (self.leg_began_ms, self.start, self.covered) = (None, None, 0.0);
         if !self.forward() {
             return;
         }
@@ -168,9 +170,10 @@ impl Procedure for Learning {
     }
 
     fn measurement(&mut self, measurement: &Measurement) {
-        self.there = measurement.rotor.position().to_bits();
-        if let Some(from) = self.from {
-            self.made = self.made.max(self.there.wrapping_sub(from) as f32 / self.way as f32 * self.sign());
+        self.position = measurement.rotor.position().to_bits();
+        if let Some(start) = self.start {
+            let share = self.position.wrapping_sub(start) as f32 / self.distance as f32 * self.sign();
+            self.covered = self.covered.max(share);
             self.learner.push(self.forward(), measurement.rotor.angle(), measurement.state.current_reference);
         }
     }
@@ -187,6 +190,6 @@ impl Procedure for Learning {
     }
 
     fn progress(&self) -> f32 {
-        ((self.leg as f32 + self.made.min(1.0)) / (2.0 * f32::from(self.plan.passes))).min(1.0)
+        ((self.leg as f32 + self.covered.min(1.0)) / (2.0 * f32::from(self.plan.passes))).min(1.0)
     }
 }

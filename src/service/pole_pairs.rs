@@ -1,5 +1,5 @@
-//! The number of pole pairs, measured: electrical turns by the Halls in mechanical turns by somebody who sees the
-//! shaft.
+//! The number of pole pairs, measured: electrical turns by the Halls over turns of the shaft that a person or an
+//! encoder counts.
 //!
 //! The Halls, the currents and the voltages of a motor repeat with the electrical turn; how many of these make a turn
 //! of the shaft is in none of them. It takes a person who turns the shaft ([`ByHand`]) or an absolute encoder
@@ -32,9 +32,9 @@ pub enum Error {
     NotReady,
     /// The shaft has turned by less than half an electrical turn for each turn that it was to.
     NotTurned,
-    /// More than [`PolePairs::MAX`], or the shaft was turned more often than told.
+    /// More than [`PolePairs::MAX`], or the shaft was turned more often than said.
     TooMany,
-    /// Not told apart: two numbers explain the motion.
+    /// Two numbers explain the motion.
     Ambiguous {
         /// The better one.
         likely: PolePairs,
@@ -120,7 +120,7 @@ impl ByHand {
         Self { turns: if turns == 0 { 1 } else { turns }, ends: None }
     }
 
-    /// Takes what the service delivered, from before the shaft is turned to after it.
+    /// Takes an event of the service, from before the shaft is turned to after it.
     pub fn event(&mut self, event: &Event) {
         if let Event::Record(record) = event {
             let known = record.status.mode() == Mode::Ready && record.missed == 0;

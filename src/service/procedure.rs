@@ -1,6 +1,6 @@
-//! What the procedures that turn the motor have in common, for the task that runs them.
+//! What all procedures that turn the motor share, and how a task runs one.
 //!
-//! A task owns a [`Procedure`] and, once a millisecond or so, shows it what the service delivers:
+//! A task owns a [`Procedure`] and, about once a millisecond, passes on what the service delivers:
 //!
 //! ```no_run
 //! use hallservo::service::learning::{Learning, Plan};
@@ -38,14 +38,14 @@ use core::fmt;
 
 /// A sequence of commands to a drive, with a result, run by a task.
 pub trait Procedure {
-    /// Takes what the service's [`poll`](Service::poll) delivered.
+    /// Takes an event of the service's [`poll`](Service::poll).
     fn event(&mut self, event: &Event);
 
-    /// Takes what the service's [`measurement`](Service::measurement) delivered.
+    /// Takes a measurement of [`Service::measurement`].
     fn measurement(&mut self, measurement: &Measurement);
 
-    /// Goes on, after what was delivered; to be called once a millisecond or so with the task's clock, which may wrap.
-    /// The first call begins.
+    /// One step, after the events and measurements were taken; to be called about once a millisecond with the task's
+    /// clock, which may wrap. The first call begins.
     fn step(&mut self, service: &mut Service, now_ms: u32) -> State;
 
     /// Ends without a result, with [`Error::Cancelled`]: a turning rotor is braked first.
@@ -54,7 +54,7 @@ pub trait Procedure {
     /// 0 to 1.
     fn progress(&self) -> f32;
 
-    /// All of it for a task that has nothing else to do with what the service delivers.
+    /// Polls the service and steps, for a task that has no other use for events and measurements.
     fn serve(&mut self, service: &mut Service, now_ms: u32) -> State {
         while let Some(event) = service.poll() {
             self.event(&event);
@@ -78,7 +78,7 @@ pub enum State {
     Failed(Error),
 }
 
-/// Why a procedure came to nothing, or cannot begin.
+/// Why a procedure failed, or cannot begin.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -99,7 +99,7 @@ pub enum Error {
     Refused(Refusal),
     /// A fault switched the bridge off.
     Fault(Fault),
-    /// Somebody switched the bridge off.
+    /// A command switched the bridge off.
     Disarmed,
     /// The drive gives no answer, or sends no records.
     NoAnswer,

@@ -45,7 +45,7 @@ impl Demand {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Sequence {
     phase: Phase,
-    /// To go back to.
+    /// To return to at the end.
     commutation: Commutation,
     demand: Demand,
     failure: Option<Error>,
@@ -61,12 +61,12 @@ pub(super) struct Sequence {
     since_ms: u32,
     answer_ms: u32,
     braking_ms: u32,
-    /// Slower is rest.
+    /// Speed below which the rotor is at rest, in 2⁻³² electrical turns a step.
     rest: i32,
 }
 
 impl Sequence {
-    /// For a drive, which goes back to a commutation in the end.
+    /// For a drive, which returns to a commutation at the end.
     pub fn new(config: &Config, commutation: Commutation) -> Result<Self, Error> {
         let control = config.control.as_ref().ok_or(Error::NoControl)?;
         let record_hz = control.scale.step_hz / config.record_every as f32;
@@ -100,7 +100,7 @@ impl Sequence {
         }
     }
 
-    /// Goes on; true while the rotor is the procedure's to turn.
+    /// One step; true while the drive runs and follows the demand of the procedure.
     pub fn step(&mut self, service: &mut Service, now_ms: u32) -> bool {
         self.now_ms = now_ms;
         if !core::mem::replace(&mut self.started, true) {
@@ -121,7 +121,7 @@ impl Sequence {
         self.check_drive();
         self.check_time();
         if self.phase == Phase::Over && self.failure == Some(Error::NoAnswer) {
-            // In case it recovers.
+            // Should it recover, it is not to turn on.
             let _ = service.send_internal(Command::Disarm);
         }
         if self.unanswered.is_none()
@@ -140,13 +140,13 @@ impl Sequence {
             (Phase::Disarming, _) => self.enter(Phase::Restoring),
             (Phase::Restoring, _) => self.enter(Phase::Over),
             (_, Ok(())) => {}
-            // The record that says why is on its way.
+            // The drive has left the state running; its next record says why.
             (Phase::Running | Phase::Braking, Err(Refusal::Mode(_))) => {}
             (_, Err(refusal)) => self.fail(Error::Refused(refusal)),
         }
     }
 
-    /// What the drive has done by itself.
+    /// Checks what the drive has done by itself: a fault, or no record for too long.
     fn check_drive(&mut self) {
         if self.now_ms.wrapping_sub(self.record_ms) > self.answer_ms {
             // No command would be answered.

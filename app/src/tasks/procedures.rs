@@ -33,7 +33,7 @@ impl<F: NorFlash> Tasks<F> {
         let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(self.service, self.now_ms as u32)) else {
             return;
         };
-        // Who has ended it has nothing to wait for.
+        // After a cancelled procedure nothing waits for the rotor.
         if !matches!(outcome, Completion::Failed(_, Error::Cancelled | Error::Disarmed)) {
             self.rest = Some(Rest::after(self.activity(), self.now_ms));
         }
@@ -66,7 +66,7 @@ impl<F: NorFlash> Tasks<F> {
         *self.procedure = None;
     }
 
-    /// A calibration that a command or a fault has ended.
+    /// Notes that a command or a fault has ended the calibration.
     pub(super) fn end_calibration(&mut self) {
         let turns = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);
         if self.calibration == Calibration::Running && !turns && self.ticks_since_command > SETTLED {
@@ -74,13 +74,13 @@ impl<F: NorFlash> Tasks<F> {
         }
     }
 
-    /// The procedure at work.
+    /// The procedure that runs, or what else keeps the drive busy.
     pub fn activity(&self) -> Activity {
         match (&*self.procedure, &self.rest) {
             (Some(procedure), _) => procedure.activity(),
             (None, Some(rest)) => rest.after,
             _ if self.calibration == Calibration::Running => Activity::Calibration,
-            // The drive takes up what was found.
+            // The drive takes up the identified parameters.
             _ if self.unclaimed_replies > 0 && self.sent_settings.is_some() => Activity::Identification,
             _ => Activity::None,
         }

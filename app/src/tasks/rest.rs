@@ -1,4 +1,4 @@
-//! The wait for the rotor to come to rest after something has turned it: what is asked next finds it where it stays.
+//! The wait for the rotor to come to rest after a procedure, so that the next request finds it where it stays.
 
 use super::Tasks;
 use embedded_storage::nor_flash::NorFlash;
@@ -16,10 +16,10 @@ const LONGEST_MS: u64 = 5000;
 
 /// A rotor that was turned.
 pub(super) struct Rest {
-    /// What has turned it, which is not over yet.
+    /// The procedure that has turned it; it is reported as running until the wait is over.
     pub after: Activity,
     since_ms: u64,
-    /// A place that it has stayed near, and since when.
+    /// Position that it has stayed near, and since when, ms.
     still: Option<(Position, u64)>,
 }
 
@@ -40,8 +40,7 @@ impl Rest {
 }
 
 impl<F: NorFlash> Tasks<F> {
-    /// Ends the wait once the rotor is at rest, and what was found is at work and in the flash; or when a fault is to
-    /// be told.
+    /// Ends the wait once the rotor is at rest and the result is in use and in the flash, or at a fault.
     pub(super) fn come_to_rest(&mut self) {
         let place = self.is_settled().then(|| self.record.rotor.position());
         let faulted = matches!(self.mode(), Mode::Faulted(_));
@@ -50,7 +49,7 @@ impl<F: NorFlash> Tasks<F> {
         }
     }
 
-    /// Whether the drive works with all that was found, and the flash holds it.
+    /// Whether the drive uses the results and the flash holds them.
     fn is_settled(&self) -> bool {
         let stores = self.unsaved[Record::Sensors as usize] || self.unsaved[Record::Cogging as usize];
         self.mode() == Mode::Ready && self.sent_settings.is_none() && !self.install_due && !self.table_due && !stores

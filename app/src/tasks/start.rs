@@ -19,7 +19,7 @@ use hallservo::settings::{Error, Settings};
 use hallservo::telemetry::Record as DriveRecord;
 use hallservo_protocol::{self as protocol, Calibration, Cause, Problem, Record};
 
-/// Places that are filled already.
+/// Parts of the static memory that are filled already.
 struct Places {
     service: &'static mut Service,
     config: &'static mut Config,

@@ -7,8 +7,8 @@ use embedded_storage::nor_flash::NorFlash;
 use hallservo::settings::Settings;
 use hallservo_protocol::{Cause, Problem, Record};
 
-/// Slower is rest, mechanical rad/s: in the 25 ms that the erase of a page of 2 KiB takes, a rotor of up to 10 pole
-/// pairs turns by less than half an electrical turn then, which the tracker follows.
+/// Speed below which the rotor is at rest, mechanical rad/s: in the 25 ms that the erase of a page of 2 KiB takes, a
+/// rotor of up to 10 pole pairs turns by less than half an electrical turn then, which the tracker follows.
 const AT_REST_RAD_S: f32 = 2.0;
 
 impl<F: NorFlash> Tasks<F> {
@@ -42,6 +42,8 @@ impl<F: NorFlash> Tasks<F> {
         !self.mode().drives() && self.speed_rad_s().abs() < AT_REST_RAD_S
     }
 
+    /// Whether the model of the sensors differs from the stored one by more than
+    /// [`LEAST_CHANGE`](crate::storage::LEAST_CHANGE).
     pub(super) fn sensors_changed(&self) -> bool {
         match (&self.sensors, &self.stored_sensors) {
             (Some(sensors), Some(stored)) => sensors.differ(stored),
@@ -53,7 +55,7 @@ impl<F: NorFlash> Tasks<F> {
     fn save_sensors(&mut self) {
         let Some(sensors) = &self.sensors else { return };
         let saved = self.storage.save_sensors(sensors);
-        // Those that cannot be saved are not tried again and again.
+        // A save that failed is not repeated before the model has changed again.
         self.stored_sensors = Some(*sensors);
         self.saved(Record::Sensors, saved);
     }

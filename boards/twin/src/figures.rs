@@ -69,8 +69,8 @@ impl fmt::Display for Figures {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(
             f,
-            "angle {:.4}° RMS, {:.3}° largest; tracked {:.4}° RMS, {:.3}° largest; up to {:.2} Hz forward and {:.2} Hz backward \
-             electrical; {} turns lost in {} periods",
+            "angle {:.4}° RMS, {:.3}° largest; tracked {:.4}° RMS, {:.3}° largest; up to {:.2} Hz forward and {:.2} \
+             Hz backward electrical; {} turns lost in {} periods",
             self.angle.rms(),
             self.angle.largest,
             self.tracked.rms(),

@@ -14,7 +14,8 @@ fn within(outcome: &Outcome, at_most: f64) {
     let control = outcome.control.as_ref().expect("a control interrupt");
     let (begins, lasts) = (control.after_trigger_ns.min, control.duration_ns.max);
     println!(
-        "{}: {:.0} Hz; a period's work begins {begins:.0} ns after the trigger and takes {:.0} to {lasts:.0} ns, {:.1} % of the period",
+        "{}: {:.0} Hz; a period's work begins {begins:.0} ns after the trigger and takes {:.0} to {lasts:.0} ns, \
+         {:.1} % of the period",
         outcome.board,
         control.rate_hz,
         control.duration_ns.min,

@@ -222,8 +222,9 @@ impl Run {
     fn report(&self) -> Result<Report> {
         let mut report = Report::new("Block and sinusoidal commutation");
         report.text(
-            "The paper's motor with imperfect Halls, calibrated by the drive. Torque: turned slowly by a dynamometer at a constant \
-             command, an ideal inverter. Speed: turning a load of 40 mN·m with 100 rpm at a constant command without feedback, with dead time.",
+            "The paper's motor with imperfect Halls, calibrated by the drive. Torque: turned slowly by a dynamometer \
+             at a constant command, an ideal inverter. Speed: turning a load of 40 mN·m with 100 rpm at a constant \
+             command without feedback, with dead time.",
         );
         report.table(&self.table());
         let [block, sine, raw] = self.torque.clone();

@@ -38,12 +38,16 @@ pub fn main(options: &Options) -> Result<()> {
         summary.injected, summary.detected, summary.missed, summary.false_alarms, summary.quiet_periods
     );
     let mut report = Report::new("Faults");
-    report.text("Faults injected at random times into drives that follow currents, speeds and positions with all three commutations.");
+    report.text(
+        "Faults injected at random times into drives that follow currents, speeds and positions with all \
+         three commutations.",
+    );
     report.table(&rows);
     let bars = summary.kinds.iter().map(|(name, kind)| (name.to_string(), f64::from(kind.worst_detection_periods)));
     report.bars(
         &Bars { title: "Longest detection".into(), x: "control periods".into(), bars: bars.collect() },
-        "A stall, a timeout and two Halls that agree for the moment take the time that is set, or that the rotor needs to turn on.",
+        "A stall, a timeout and two Halls that agree for the moment take the time that is set, or that the rotor \
+         needs to turn on.",
     )?;
     options.common.finish("faults", &summary, &report)
 }

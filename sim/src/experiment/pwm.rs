@@ -181,8 +181,9 @@ impl Summary {
         ];
         report.plot(
             &Plot::new("Ripple of the current", "frequency of the ripple / kHz", "% of the mean", series),
-            "As in Fig. 8 of Simpkins and Todorov, whose numbers are off by ten: 1 % takes 518 kHz, and 51.8 kHz gives 9.6 %. \
-             With a centre-aligned timer and two legs switching, the ripple has twice the switching frequency.",
+            "As in Fig. 8 of Simpkins and Todorov, whose numbers are off by ten: 1 % takes 518 kHz, and 51.8 kHz \
+             gives 9.6 %. With a centre-aligned timer and two legs switching, the ripple has twice the switching \
+             frequency.",
         )?;
         Ok(report)
     }

@@ -352,9 +352,9 @@ impl Run {
     fn report(&self) -> Result<Report> {
         let mut report = Report::new("Current, speed and position control");
         report.text(
-            "The paper's motor with imperfect Halls, dead time, friction and cogging, calibrated by the drive. Torques, speeds and \
-             positions are the motor's true ones. Bandwidths of speed, position and tracker: 20, 6 and 140 Hz for turning evenly, 60, 15 and \
-             280 Hz for holding a position.",
+            "The paper's motor with imperfect Halls, dead time, friction and cogging, calibrated by the drive. \
+             Torques, speeds and positions are the motor's true ones. Bandwidths of speed, position and tracker: 20, 6 \
+             and 140 Hz for turning evenly, 60, 15 and 280 Hz for holding a position.",
         );
         report.table(&self.table());
         report.table(&self.summary.identification.table());

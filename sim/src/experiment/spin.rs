@@ -236,9 +236,9 @@ impl Run {
     fn report(&self) -> Result<Report> {
         let mut report = Report::new("An imperfect motor, calibrated and turned");
         report.text(
-            "Three linear Halls with placement errors up to 8°, amplitudes off by up to 30 % and offsets by up to 10 %, 5 % third \
-             harmonic and 1 % noise at a 12-bit ADC; friction, cogging and dead time. The control code is the one that \
-             runs on the chip; the motor is simulated in double precision.",
+            "Three linear Halls with placement errors up to 8°, amplitudes off by up to 30 % and offsets by up to \
+             10 %, 5 % third harmonic and 1 % noise at a 12-bit ADC; friction, cogging and dead time. The control code is \
+             the one that runs on the chip; the motor is simulated in double precision.",
         );
         report.table(&self.table()).table(&self.sensor_table());
         for finding in self.calibration.report.findings() {
@@ -251,9 +251,17 @@ impl Run {
             &self.errors(),
             "Single samples scatter by their noise; the tracker smooths it and follows through the reversal.",
         )?;
-        report.plot(&self.bias(), "What remains when the noise is averaged away: placement, amplitude, offset, harmonics and alignment together.")?;
+        report.plot(
+            &self.bias(),
+            "What remains when the noise is averaged away: placement, amplitude, offset, harmonics and alignment \
+             together.",
+        )?;
         report.plot(&self.signals(), "Two electrical turns, as in Fig. 4(b) of Simpkins and Todorov.")?;
-        report.plot(&self.arcsines(), "The arcsine of each signal, the paper's way to an angle: it repeats within the turn, and the peaks are cut.")?;
+        report.plot(
+            &self.arcsines(),
+            "The arcsine of each signal, the paper's way to an angle: it repeats within the turn, and the peaks are \
+             cut.",
+        )?;
         report.plot(&self.duties(), "Share of the PWM period for which each phase's upper transistor conducts.")?;
         report.plot(&self.torque(), "Torque of the motor; cogging and friction not subtracted.")?;
         Ok(report)

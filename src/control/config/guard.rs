@@ -8,9 +8,9 @@ use crate::settings::{GuardSettings, OnTimeout, Thermistor};
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Heat {
-    /// Below, it is too hot.
+    /// Code below which it is too hot.
     pub fault: i32,
-    /// Codes above that from which on the current is not reduced.
+    /// Codes from there to the warning, above which the current is not reduced.
     pub room: i32,
     /// Share of the current per code, in 2⁻²⁴.
     pub slope: i32,
@@ -23,18 +23,21 @@ pub(crate) struct Guard {
     /// Least bus voltage and the range above it, in codes.
     pub under: u32,
     pub range: u32,
-    /// In codes.
+    /// Largest current of a phase, in codes from its zero.
     pub over_current: u32,
-    /// In codes.
+    /// Largest sum of the three currents, in codes from that of their zeros.
     pub imbalance: u32,
+    /// Largest distance of an amplifier's zero from the middle of the range, in 2⁻¹⁵ of the full scale.
     pub offset: i32,
+    /// Of bridge and motor.
     pub heat: [Heat; 2],
-    /// Cycles.
+    /// Time at rest with the largest current until a stall is a fault, in [`CYCLE`]s.
     pub stall: u32,
-    /// Steps of the outer loops; 0 is for ever.
+    /// Command time-out in steps of the outer loops; 0 is none.
     pub timeout: u32,
+    /// Whether the time-out stops the motor by the speed loop instead of being a fault.
     pub stops: bool,
-    /// Slower is at rest, for the stall.
+    /// Speed below which the rotor is at rest for the stall, in 2⁻³² electrical turns a step: 1 rad/s mechanical.
     pub rest_speed: i32,
 }
 
@@ -52,7 +55,7 @@ impl Guard {
         let codes = libm::exp2f(adc_bits.into());
         let per_volt = codes / scale.volts;
         let per_ampere = codes / 2.0 / scale.amperes;
-        // What a counter cannot count is for ever, as infinity.
+        // A time beyond the range of the counter is none, as infinity is.
         let timeout = libm::ceilf(settings.command_timeout_s * loop_hz);
         Self {
             under: libm::ceilf(settings.under_voltage_v * per_volt) as u32,

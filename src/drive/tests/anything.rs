@@ -28,7 +28,9 @@ proptest! {
     /// Whatever is sampled and commanded: compare values stay in the limits, and the bridge is on only in a state that
     /// drives.
     #[test]
-    fn no_sequence_leaves_the_limits(actions in proptest::collection::vec(action(), 1..400), block: bool, reversed: bool) {
+    fn no_sequence_leaves_the_limits(
+        actions in proptest::collection::vec(action(), 1..400), block: bool, reversed: bool,
+    ) {
         let commutation = if block { Commutation::Block } else { Commutation::Sinusoidal };
         let mut bench = Bench::running_with(&Settings { commutation, reversed, ..Settings::default() });
         let highest = highest(&bench);
@@ -65,7 +67,9 @@ proptest! {
     /// The same with current control, whatever is followed, with plausible and with impossible codes.
     #[test]
     fn no_sequence_leaves_the_limits_with_current_control(
-        steps in prop::collection::vec((any::<[u16; 3]>(), any::<[u16; 3]>(), any::<u16>(), 0..12_u8, any::<i32>()), 1..300),
+        steps in prop::collection::vec(
+            (any::<[u16; 3]>(), any::<[u16; 3]>(), any::<u16>(), 0..12_u8, any::<i32>()), 1..300,
+        ),
         commutation in 0..3_usize, wild in any::<bool>(),
     ) {
         let commutation = [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block][commutation];

@@ -47,6 +47,30 @@ fn a_calibration_can_be_stopped_and_repeated() {
 }
 
 #[test]
+fn a_refused_calibrate_leaves_the_calibration_at_work_as_it_is() {
+    let mut bench = Bench::new(&Settings::default());
+    bench.command(Command::Calibrate).unwrap();
+    let mut refused = false;
+    loop {
+        bench.rotor = bench.drive.tracker().angle();
+        bench.step();
+        let event = bench.service.poll();
+        let progress = bench.service.progress();
+        if !refused && progress > 0.3 {
+            assert_eq!(bench.command(Command::Calibrate), Err(Refusal::Mode(Mode::Calibrating)));
+            assert!(bench.service.progress() >= progress, "{} after {progress}", bench.service.progress());
+            refused = true;
+        }
+        match event {
+            Some(service::Event::Calibrated(_)) => break,
+            Some(service::Event::Refused(error)) => panic!("{error}"),
+            _ => {}
+        }
+    }
+    assert!(refused);
+}
+
+#[test]
 fn bad_samples_fail_the_calibration() {
     let mut bench = Bench::new(&Settings::default());
     bench.command(Command::Calibrate).unwrap();

@@ -110,7 +110,8 @@ impl fmt::Display for Finding {
         match self {
             Self::TooFar(channel, swing) => write!(
                 f,
-                "{channel} swings by only {swing:.0} ADC codes: move it closer to the magnet, amplify it, or check which way it faces"
+                "{channel} swings by only {swing:.0} ADC codes: move it closer to the magnet, amplify it, or check \
+                 which way it faces"
             ),
             Self::TooClose(channel) => {
                 write!(f, "{channel} saturates (flat peaks): move it away from the magnet, or lower its gain")
@@ -118,7 +119,8 @@ impl fmt::Display for Finding {
             Self::Unequal(ratio) => {
                 write!(
                     f,
-                    "one Hall swings {ratio:.1} times as much as another: mount them at the same distance from the magnet"
+                    "one Hall swings {ratio:.1} times as much as another: mount them at the same distance from the \
+                     magnet"
                 )
             }
             Self::Misplaced(channel, degrees) => {
@@ -129,11 +131,13 @@ impl fmt::Display for Finding {
             }
             Self::Unexplained(percent) => write!(
                 f,
-                "{percent:.1} % of the signals fit no turning magnet: the rotor slips or sticks, a magnet is uneven, or the motor's current reaches the Halls"
+                "{percent:.1} % of the signals fit no turning magnet: the rotor slips or sticks, a magnet is uneven, \
+                 or the motor's current reaches the Halls"
             ),
             Self::Hunting(degrees) => write!(
                 f,
-                "the rotor swings {degrees:.0}° about the field: turn it at another speed, away from the resonance, or with more current"
+                "the rotor swings {degrees:.0}° about the field: turn it at another speed, away from the resonance, \
+                 or with more current"
             ),
             Self::Lagging(degrees) => {
                 write!(

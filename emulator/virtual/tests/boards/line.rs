@@ -84,7 +84,8 @@ pub fn hears_through_garbage(board: &str) {
     assert_eq!(with.verdict(), Vec::<String>::new());
     let [control, alone] = [with.control, without.control].map(|control| control.expect("a control interrupt"));
     println!(
-        "{board}: {garbage} frames not understood; latency {:.0} ns with garbage, {:.0} ns without; duration {:.0}, {:.0} ns",
+        "{board}: {garbage} frames not understood; latency {:.0} ns with garbage, {:.0} ns without; duration {:.0}, \
+         {:.0} ns",
         control.latency_ns.max, alone.latency_ns.max, control.duration_ns.max, alone.duration_ns.max
     );
     assert!(control.latency_ns.max < alone.latency_ns.max + 100.0, "{board}: {control:?}, {alone:?}");

@@ -82,7 +82,8 @@ impl<const HEADS: usize> Bench<HEADS> {
         report.plot(&self.readings(), "Readings of the first heads (Figure 10, top).")?;
         report.plot(
             &self.ordinals(),
-            "Number of the pole pair without and with calibration; right is a staircase (Figure 10, middle and bottom).",
+            "Number of the pole pair without and with calibration; right is a staircase (Figure 10, middle and \
+             bottom).",
         )?;
         Ok(())
     }

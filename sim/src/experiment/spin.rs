@@ -237,8 +237,8 @@ impl Run {
         let mut report = Report::new("An imperfect motor, calibrated and turned");
         report.text(
             "Three linear Halls with placement errors up to 8°, amplitudes off by up to 30 % and offsets by up to \
-             10 %, 5 % third harmonic and 1 % noise at a 12-bit ADC; friction, cogging and dead time. The control code is \
-             the one that runs on the chip; the motor is simulated in double precision.",
+             10 %, 5 % third harmonic and 1 % noise at a 12-bit ADC; friction, cogging and dead time. The control code \
+             is the one that runs on the chip; the motor is simulated in double precision.",
         );
         report.table(&self.table()).table(&self.sensor_table());
         for finding in self.calibration.report.findings() {

@@ -28,13 +28,15 @@
 //! does not see. It cannot get stuck: its time is the task's clock, and everything that it waits for has a limit. A
 //! task that commands the drive meanwhile spoils it; `Command::Disarm` ends it.
 
-use super::sequence::LEAST_RECORD_HZ;
 use super::{Event, Service};
 use crate::control::config::BadDemand;
 use crate::drive::Refusal;
 use crate::fault::Fault;
 use crate::telemetry::Measurement;
 use core::fmt;
+
+/// Least rate of records and measurements.
+pub(super) const LEAST_RECORD_HZ: f32 = 100.0;
 
 /// A sequence of commands to a drive, with a result, run by a task.
 pub trait Procedure {

@@ -1,6 +1,6 @@
 //! The sequence of every procedure that turns the motor: arming, demands, time-outs, braking, disarming.
 
-use super::procedure::{Error, State};
+use super::procedure::{Error, LEAST_RECORD_HZ, State};
 use super::{Event, Service};
 use crate::commutation::Commutation;
 use crate::config::Config;
@@ -9,8 +9,6 @@ use crate::drive::{Command, Refusal};
 use crate::mode::Mode;
 use crate::telemetry::Record;
 
-/// Least rate of records and measurements.
-pub(super) const LEAST_RECORD_HZ: f32 = 100.0;
 /// Longest wait for an answer or a record beside three records' time, ms.
 const ANSWER_MS: u32 = 200;
 /// Time of braking beyond what the largest acceleration needs, and from then to rest, ms.

@@ -24,7 +24,7 @@ pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let mut service = Service::new(config, tasks, ESTIMATORS.each_ref().map(ConstStaticCell::take));
     let mut motor = world::Motor::new(1, config.period)?;
 
-    service.send(Command::Calibrate).map_err(|_| "the queue is full")?;
+    service.send(Command::Calibrate)?;
     for millisecond in 0..5000 {
         // The control interrupt, 40 times a millisecond.
         for _ in 0..40 {
@@ -35,8 +35,8 @@ pub(crate) fn main() -> Result<(), Box<dyn Error>> {
         while let Some(event) = service.poll() {
             if let Event::Installed(answer) = event {
                 answer?;
-                service.send(Command::Arm).map_err(|_| "the queue is full")?;
-                service.send(Command::Drive(modulation(0.3))).map_err(|_| "the queue is full")?;
+                service.send(Command::Arm)?;
+                service.send(Command::Drive(modulation(0.3)))?;
             }
         }
         if millisecond % 500 == 499 {

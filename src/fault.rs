@@ -4,108 +4,158 @@ use crate::hall::Channel;
 use crate::hall::plausibility::Implausible;
 use core::fmt;
 
-/// Latched: the bridge is off until a person or the application clears it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[cfg_attr(feature = "serde", serde(into = "u8", try_from = "u8"))]
-pub enum Fault {
-    /// The Halls gave no angle for longer than tolerated.
-    Hall(Implausible),
-    /// The angle jumped farther from sample to sample than the motor can turn, for longer than tolerated.
-    AngleJump,
-    /// The rotor turns faster than `max_electrical_hz`.
-    OverSpeed,
-    /// The calibration failed; the service that ran it knows why.
-    Calibration,
-    /// The bus voltage is above `over_voltage_v`.
-    OverVoltage,
-    /// The bus voltage is below `under_voltage_v`.
-    UnderVoltage,
-    /// A phase current is beyond `over_current_a`.
-    OverCurrent,
-    /// The bridge is hotter than its `max_c`, or its thermistor shorted.
-    BridgeHot,
-    /// The motor is hotter than its `max_c`, or its thermistor shorted.
-    MotorHot,
-    /// The rotor does not turn though the current is at its limit.
-    Stall,
-    /// A current amplifier shows more than `offset_a` while no current flows.
-    CurrentOffset,
-    /// The three currents do not sum to zero.
-    CurrentImbalance,
-    /// No command came for `command_timeout_s`.
-    CommandTimeout,
-    /// Control periods passed without a step.
-    Deadline,
-    /// The absolute encoder gave no angle for longer than tolerated.
-    Encoder,
-    /// The Halls' turn counter and the absolute encoder disagree.
-    Turns,
-    /// The gate driver reports a fault, or does not answer.
-    GateDriver,
+/// The faults, from the table below. A row: documentation, `variant = number, what it says, what to do about it`. A
+/// number that has been in a release is never given to another fault. A Hall's fault has parts, which [`hall_code`]
+/// numbers.
+macro_rules! faults {
+    ($($(#[$meta:meta])* $variant:ident = $code:literal, $sentence:literal, $advice:literal;)*) => {
+        /// Latched: the bridge is off until a person or the application clears it.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+        #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+        #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+        #[cfg_attr(feature = "serde", serde(into = "u8", try_from = "u8"))]
+        pub enum Fault {
+            /// The Halls gave no angle for longer than tolerated.
+            Hall(Implausible),
+            $($(#[$meta])* $variant,)*
+        }
+
+        impl Fault {
+            /// A number that stays the same from version to version: 1 to 3 a Hall at a rail, 4 to 6 one out of range,
+            /// 7 to 9 the Halls together, 16 and above the rest.
+            pub const fn code(self) -> u8 {
+                match self {
+                    Self::Hall(why) => hall_code(why),
+                    $(Self::$variant => $code,)*
+                }
+            }
+
+            /// The fault with a number, if there is one.
+            pub const fn from_code(code: u8) -> Option<Self> {
+                match code {
+                    $($code => Some(Self::$variant),)*
+                    _ => match hall_from_code(code) {
+                        Some(why) => Some(Self::Hall(why)),
+                        None => None,
+                    },
+                }
+            }
+
+            /// What a person does about it, with the tool `hallctl`.
+            pub const fn advice(self) -> &'static str {
+                match self {
+                    Self::Hall(_) => {
+                        "check that Hall's supply, wire and distance to the magnet; after a repair, `hallctl calibrate`"
+                    }
+                    $(Self::$variant => $advice,)*
+                }
+            }
+        }
+
+        impl fmt::Display for Fault {
+            fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+                match self {
+                    Self::Hall(why) => why.fmt(f),
+                    $(Self::$variant => f.write_str($sentence),)*
+                }
+            }
+        }
+    };
 }
 
-/// Those that have no parts, in the order of their codes.
-const PLAIN: [Fault; 13] = [
-    Fault::AngleJump,
-    Fault::OverSpeed,
-    Fault::Calibration,
-    Fault::OverVoltage,
-    Fault::UnderVoltage,
-    Fault::OverCurrent,
-    Fault::BridgeHot,
-    Fault::MotorHot,
-    Fault::Stall,
-    Fault::CurrentOffset,
-    Fault::CurrentImbalance,
-    Fault::CommandTimeout,
-    Fault::Deadline,
-];
+faults! {
+    /// The angle jumped farther from sample to sample than the motor can turn, for longer than tolerated.
+    AngleJump = 16,
+        "the angle jumps from sample to sample: a loose connection or interference",
+        "look for a loose connector and for motor wires beside those of the Halls";
+    /// The rotor turns faster than `max_electrical_hz`.
+    OverSpeed = 17,
+        "the rotor turned faster than allowed",
+        "lower the command, or raise max_electrical_hz if the motor may turn so fast";
+    /// The calibration failed; the service that ran it knows why.
+    Calibration = 18,
+        "the calibration failed",
+        "`hallctl calibrate` again and mend what it names";
+    /// The bus voltage is above `over_voltage_v`.
+    OverVoltage = 19,
+        "the bus voltage is too high",
+        "braking feeds the supply: lower max_acceleration_rad_s2, or add a brake resistor";
+    /// The bus voltage is below `under_voltage_v`.
+    UnderVoltage = 20,
+        "the bus voltage is too low",
+        "check the supply and its current limit; under_voltage_v is the threshold";
+    /// A phase current is beyond `over_current_a`.
+    OverCurrent = 21,
+        "a phase current is too large",
+        "check for a short; a wrong resistance_ohm or inductance_h makes the current control overshoot: \
+         `hallctl identify`";
+    /// The bridge is hotter than its `max_c`, or its thermistor shorted.
+    BridgeHot = 22,
+        "the bridge is too hot, or its thermistor shorted",
+        "let it cool, improve the cooling, or lower max_current_a";
+    /// The motor is hotter than its `max_c`, or its thermistor shorted.
+    MotorHot = 23,
+        "the motor is too hot, or its thermistor shorted",
+        "let it cool, lower the load or max_current_a";
+    /// The rotor does not turn though the current is at its limit.
+    Stall = 24,
+        "the rotor does not turn at the largest current",
+        "free the shaft, or raise max_current_a or stall_s";
+    /// A current amplifier shows more than `offset_a` while no current flows.
+    CurrentOffset = 25,
+        "a current amplifier shows a current while none flows",
+        "check the current amplifiers and their reference; offset_a is the threshold";
+    /// The three currents do not sum to zero.
+    CurrentImbalance = 26,
+        "the phase currents do not sum to zero: an amplifier or its wiring",
+        "check the shunts, the amplifiers and the motor's insulation";
+    /// No command came for `command_timeout_s`.
+    CommandTimeout = 27,
+        "no command came for too long",
+        "keep hallctl running while the motor is to turn, or raise command_timeout_s";
+    /// Control periods passed without a step.
+    Deadline = 28,
+        "control periods passed without a step",
+        "the control interrupt was late: report it, with the firmware's version";
+    /// The absolute encoder gave no angle for longer than tolerated.
+    Encoder = 32,
+        "the absolute encoder gives no trustworthy angle",
+        "check the ring magnets' heads and their wires";
+    /// The Halls' turn counter and the absolute encoder disagree.
+    Turns = 33,
+        "the Halls and the absolute encoder disagree",
+        "a Hall or the encoder has lost turns: calibrate both";
+    /// The gate driver reports a fault, or does not answer.
+    GateDriver = 34,
+        "the gate driver reports a fault, or does not answer",
+        "read the gate driver's registers: a short circuit, its supply, or its SPI lines";
+}
+
+const fn hall_code(why: Implausible) -> u8 {
+    match why {
+        Implausible::AtRail(Channel(channel)) => 1 + channel % 3,
+        Implausible::OutOfRange(Channel(channel)) => 4 + channel % 3,
+        Implausible::Inconsistent => 7,
+        Implausible::Weak => 8,
+        Implausible::Strong => 9,
+    }
+}
+
+const fn hall_from_code(code: u8) -> Option<Implausible> {
+    Some(match code {
+        1..=3 => Implausible::AtRail(Channel(code - 1)),
+        4..=6 => Implausible::OutOfRange(Channel(code - 4)),
+        7 => Implausible::Inconsistent,
+        8 => Implausible::Weak,
+        9 => Implausible::Strong,
+        _ => return None,
+    })
+}
 
 impl Fault {
-    /// A number that stays the same from version to version: 1 to 3 a Hall at a rail, 4 to 6 one out of range, 7 to 9
-    /// the Halls together, 16 and above the rest.
-    pub const fn code(self) -> u8 {
-        match self {
-            Self::Hall(Implausible::AtRail(Channel(channel))) => 1 + channel % 3,
-            Self::Hall(Implausible::OutOfRange(Channel(channel))) => 4 + channel % 3,
-            Self::Hall(Implausible::Inconsistent) => 7,
-            Self::Hall(Implausible::Weak) => 8,
-            Self::Hall(Implausible::Strong) => 9,
-            Self::AngleJump => 16,
-            Self::OverSpeed => 17,
-            Self::Calibration => 18,
-            Self::OverVoltage => 19,
-            Self::UnderVoltage => 20,
-            Self::OverCurrent => 21,
-            Self::BridgeHot => 22,
-            Self::MotorHot => 23,
-            Self::Stall => 24,
-            Self::CurrentOffset => 25,
-            Self::CurrentImbalance => 26,
-            Self::CommandTimeout => 27,
-            Self::Deadline => 28,
-            Self::Encoder => 32,
-            Self::Turns => 33,
-            Self::GateDriver => 34,
-        }
-    }
-
-    /// The fault with a number, if there is one.
-    pub const fn from_code(code: u8) -> Option<Self> {
-        Some(match code {
-            1..=3 => Self::Hall(Implausible::AtRail(Channel(code - 1))),
-            4..=6 => Self::Hall(Implausible::OutOfRange(Channel(code - 4))),
-            7 => Self::Hall(Implausible::Inconsistent),
-            8 => Self::Hall(Implausible::Weak),
-            9 => Self::Hall(Implausible::Strong),
-            16..=28 => PLAIN[code as usize - 16],
-            32 => Self::Encoder,
-            33 => Self::Turns,
-            34 => Self::GateDriver,
-            _ => return None,
-        })
+    /// All of them, in the order of their numbers.
+    pub fn all() -> impl Iterator<Item = Self> {
+        (0..=u8::MAX).filter_map(Self::from_code)
     }
 }
 
@@ -133,30 +183,6 @@ impl TryFrom<u8> for Fault {
 
     fn try_from(code: u8) -> Result<Self, UnknownCode> {
         Self::from_code(code).ok_or(UnknownCode(code))
-    }
-}
-
-impl fmt::Display for Fault {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        match self {
-            Self::Hall(why) => why.fmt(f),
-            Self::AngleJump => write!(f, "the angle jumps from sample to sample: a loose connection or interference"),
-            Self::OverSpeed => write!(f, "the rotor turned faster than allowed"),
-            Self::Calibration => write!(f, "the calibration failed"),
-            Self::OverVoltage => write!(f, "the bus voltage is too high"),
-            Self::UnderVoltage => write!(f, "the bus voltage is too low"),
-            Self::OverCurrent => write!(f, "a phase current is too large"),
-            Self::BridgeHot => write!(f, "the bridge is too hot, or its thermistor shorted"),
-            Self::MotorHot => write!(f, "the motor is too hot, or its thermistor shorted"),
-            Self::Stall => write!(f, "the rotor does not turn at the largest current"),
-            Self::CurrentOffset => write!(f, "a current amplifier shows a current while none flows"),
-            Self::CurrentImbalance => write!(f, "the phase currents do not sum to zero: an amplifier or its wiring"),
-            Self::CommandTimeout => write!(f, "no command came for too long"),
-            Self::Deadline => write!(f, "control periods passed without a step"),
-            Self::Encoder => write!(f, "the absolute encoder gives no trustworthy angle"),
-            Self::Turns => write!(f, "the Halls and the absolute encoder disagree"),
-            Self::GateDriver => write!(f, "the gate driver reports a fault, or does not answer"),
-        }
     }
 }
 
@@ -222,15 +248,45 @@ impl Limits {
 mod tests {
     use super::*;
 
+    /// What is in flashes, logs and other versions of the tools: a row is added, none is changed.
+    const NUMBERS: [(u8, Fault); 25] = [
+        (1, Fault::Hall(Implausible::AtRail(Channel(0)))),
+        (2, Fault::Hall(Implausible::AtRail(Channel(1)))),
+        (3, Fault::Hall(Implausible::AtRail(Channel(2)))),
+        (4, Fault::Hall(Implausible::OutOfRange(Channel(0)))),
+        (5, Fault::Hall(Implausible::OutOfRange(Channel(1)))),
+        (6, Fault::Hall(Implausible::OutOfRange(Channel(2)))),
+        (7, Fault::Hall(Implausible::Inconsistent)),
+        (8, Fault::Hall(Implausible::Weak)),
+        (9, Fault::Hall(Implausible::Strong)),
+        (16, Fault::AngleJump),
+        (17, Fault::OverSpeed),
+        (18, Fault::Calibration),
+        (19, Fault::OverVoltage),
+        (20, Fault::UnderVoltage),
+        (21, Fault::OverCurrent),
+        (22, Fault::BridgeHot),
+        (23, Fault::MotorHot),
+        (24, Fault::Stall),
+        (25, Fault::CurrentOffset),
+        (26, Fault::CurrentImbalance),
+        (27, Fault::CommandTimeout),
+        (28, Fault::Deadline),
+        (32, Fault::Encoder),
+        (33, Fault::Turns),
+        (34, Fault::GateDriver),
+    ];
+
     #[test]
-    fn every_code_is_its_faults() {
-        let faults = [1..10, 16..29, 32..35];
+    fn numbers_are_frozen() {
         for code in 0..=u8::MAX {
-            assert_eq!(
-                Fault::from_code(code).map(Fault::code),
-                faults.iter().any(|codes| codes.contains(&code)).then_some(code)
-            );
+            let frozen = NUMBERS.iter().find(|(number, _)| *number == code).map(|(_, fault)| *fault);
+            assert_eq!(Fault::from_code(code), frozen, "{code}");
         }
+        for (number, fault) in NUMBERS {
+            assert_eq!(fault.code(), number, "{fault:?}");
+        }
+        assert!(Fault::all().eq(NUMBERS.into_iter().map(|(_, fault)| fault)));
     }
 
     #[test]

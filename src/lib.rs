@@ -61,7 +61,7 @@
 //! let mut service = Service::new(config, tasks, ESTIMATORS.each_ref().map(ConstStaticCell::take)); // a task's
 //!
 //! // In a task.
-//! service.send(Command::Calibrate).map_err(|_| "the queue is full")?;
+//! service.send(Command::Calibrate)?;
 //! // In the interrupt, once a PWM period.
 //! let output = drive.step(&Sample { halls: [2100, 1900, 2050], ..Sample::default() });
 //! assert!(output.compare.iter().all(|&compare| compare < config.period));

@@ -57,6 +57,19 @@ impl fmt::Display for InstallError {
 
 impl core::error::Error for InstallError {}
 
+/// A command was not sent: seven are queued that the drive has not taken up yet. It takes one a step.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct QueueFull;
+
+impl fmt::Display for QueueFull {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "the queue of commands to the drive is full")
+    }
+}
+
+impl core::error::Error for QueueFull {}
+
 /// Serves one drive; 2.3 KiB beside the two estimators.
 pub struct Service {
     tasks: Tasks,
@@ -108,10 +121,11 @@ impl Service {
     /// Sends a command; its answer is a later [`Event::Reply`].
     ///
     /// # Errors
-    /// The command itself, when seven are queued already.
-    pub fn send(&mut self, command: Command) -> Result<(), Command> {
+    /// [`QueueFull`]; memory that the command carried is lost then, so send it by [`Self::configure`],
+    /// [`Self::install`] or [`Self::set_anti_cogging`].
+    pub fn send(&mut self, command: Command) -> Result<(), QueueFull> {
         let origin = if matches!(command, Command::Calibrate) { Origin::Calibration } else { Origin::User };
-        self.enqueue(command, origin)
+        self.enqueue(command, origin).map_err(|_| QueueFull)
     }
 
     /// Sends a command whose answer is not reported.

@@ -195,7 +195,7 @@ mod tests {
 
     #[test]
     fn a_status_keeps_what_it_was_made_of() {
-        let faults = (0..=u8::MAX).filter_map(Fault::from_code).map(Mode::Faulted);
+        let faults = Fault::all().map(Mode::Faulted);
         let modes = [Mode::Unarmed, Mode::Aligning, Mode::Calibrating, Mode::Ready, Mode::Running].into_iter();
         for mode in modes.chain(faults) {
             for limits in [Limits::NONE, Limits::DUTY.with(Limits::EXTRAPOLATED)] {

@@ -2,7 +2,7 @@
 
 use hallservo::commutation::Commutation;
 use hallservo::drive;
-use hallservo::fault::{Fault, Limits};
+use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo::service::procedure;
 use hallservo::settings::{self, Kind};
@@ -29,34 +29,6 @@ pub fn mode_word(mode: Mode) -> &'static str {
         Mode::Ready => "ready",
         Mode::Running => "running",
         Mode::Faulted(_) => "faulted",
-    }
-}
-
-/// What to do about a fault.
-pub const fn advice(fault: Fault) -> &'static str {
-    match fault {
-        Fault::Hall(_) => {
-            "check that Hall's supply, wire and distance to the magnet; after a repair, `hallctl calibrate`"
-        }
-        Fault::AngleJump => "look for a loose connector and for motor wires beside those of the Halls",
-        Fault::OverSpeed => "lower the command, or raise max_electrical_hz if the motor may turn so fast",
-        Fault::Calibration => "`hallctl calibrate` again and mend what it names",
-        Fault::OverVoltage => "braking feeds the supply: lower max_acceleration_rad_s2, or add a brake resistor",
-        Fault::UnderVoltage => "check the supply and its current limit; under_voltage_v is the threshold",
-        Fault::OverCurrent => {
-            "check for a short; a wrong resistance_ohm or inductance_h makes the current control overshoot: \
-             `hallctl identify`"
-        }
-        Fault::BridgeHot => "let it cool, improve the cooling, or lower max_current_a",
-        Fault::MotorHot => "let it cool, lower the load or max_current_a",
-        Fault::Stall => "free the shaft, or raise max_current_a or stall_s",
-        Fault::CurrentOffset => "check the current amplifiers and their reference; offset_a is the threshold",
-        Fault::CurrentImbalance => "check the shunts, the amplifiers and the motor's insulation",
-        Fault::CommandTimeout => "keep hallctl running while the motor is to turn, or raise command_timeout_s",
-        Fault::Deadline => "the control interrupt was late: report it, with the firmware's version",
-        Fault::Encoder => "check the ring magnets' heads and their wires",
-        Fault::GateDriver => "read the gate driver's registers: a short circuit, its supply, or its SPI lines",
-        Fault::Turns => "a Hall or the encoder has lost turns: calibrate both",
     }
 }
 
@@ -125,7 +97,7 @@ pub fn learning(learning: Learning) -> String {
 /// What went wrong, and what to do.
 pub fn incident(incident: &Incident) -> (String, &'static str) {
     match incident.cause {
-        Cause::Fault(fault) => (fault.to_string(), advice(fault)),
+        Cause::Fault(fault) => (fault.to_string(), fault.advice()),
         Cause::Stored(kind, why) => {
             let advice = match kind {
                 Record::Sensors => "`hallctl calibrate` stores them anew",
@@ -164,7 +136,7 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
 fn drive_refusal(refusal: drive::Refusal) -> String {
     match refusal {
         drive::Refusal::Mode(Mode::Faulted(fault)) => {
-            format!("the drive is faulted: {fault}\n  {}; then `hallctl clear`.", advice(fault))
+            format!("the drive is faulted: {fault}\n  {}; then `hallctl clear`.", fault.advice())
         }
         drive::Refusal::Mode(Mode::Running) => "the bridge is on\n  `hallctl disarm` first.".into(),
         drive::Refusal::Mode(Mode::Ready | Mode::Unarmed) => "the bridge is off\n  `hallctl arm` first.".into(),
@@ -178,7 +150,7 @@ fn drive_refusal(refusal: drive::Refusal) -> String {
         drive::Refusal::TooLarge => "the command is beyond what the settings allow".into(),
         drive::Refusal::HallLost => "a Hall is lost\n  Repair it, then `hallctl calibrate`.".into(),
         drive::Refusal::NoControl => NO_CONTROL.into(),
-        drive::Refusal::Fault(fault) => format!("{fault}\n  {}.", advice(fault)),
+        drive::Refusal::Fault(fault) => format!("{fault}\n  {}.", fault.advice()),
     }
 }
 
@@ -204,7 +176,7 @@ pub fn procedure_error(error: &procedure::Error) -> String {
         Error::NoControl => NO_CONTROL.into(),
         Error::Demand(bad) => refusal(&Refusal::Demand(*bad)),
         Error::Refused(why) => drive_refusal(*why),
-        Error::Fault(fault) => format!("{fault}\n  {}; then `hallctl clear`.", advice(*fault)),
+        Error::Fault(fault) => format!("{fault}\n  {}; then `hallctl clear`.", fault.advice()),
         Error::NotReached => {
             format!("{error}\n  Is the rotor blocked or loaded, are pole_pairs and the motor's settings right?")
         }

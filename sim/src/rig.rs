@@ -96,7 +96,7 @@ impl Rig {
     /// # Errors
     /// The drive's refusal.
     pub fn command(&mut self, command: Command) -> Result<()> {
-        self.service.send(command).map_err(|command| anyhow!("no room for {command:?}"))?;
+        self.service.send(command)?;
         for _ in 0..100 {
             self.step();
             while let Some(event) = self.service.poll() {

@@ -1,6 +1,6 @@
-//! From an ADC's results to a [`Sample`](super::Sample), where they are not the same.
+//! From an ADC's results to a [`Sample`], where they are not the same.
 
-use crate::board::TemperatureCode;
+use crate::board::{Sample, TemperatureCode};
 
 /// An ADC of a resolution.
 pub struct Adc<const BITS: u32>;
@@ -28,6 +28,15 @@ impl<const BITS: u32> Adc<BITS> {
     #[inline(always)]
     pub const fn ntc_to_reference(code: u16) -> TemperatureCode {
         TemperatureCode::new(Self::FULL_SCALE.saturating_sub(code))
+    }
+
+    /// What the drive is shown when the hardware's break input has switched the bridge off: a current that no sample
+    /// caught, so the largest. A drive with current control that is running fails with
+    /// [`Fault::OverCurrent`](crate::fault::Fault::OverCurrent). One without looks at no currents: there a task sends
+    /// [`Command::Trip`](crate::drive::Command::Trip).
+    #[inline(always)]
+    pub const fn show_tripped(sample: &mut Sample) {
+        sample.currents = [Self::FULL_SCALE; 3];
     }
 
     #[inline(always)]

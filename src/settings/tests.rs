@@ -33,7 +33,8 @@ fn names_and_keys_are_unique_and_all_are_described() {
 #[test]
 fn every_field_out_of_range_is_named() {
     assert!(full().validate().is_ok());
-    let cases: [(&str, fn(&mut Settings)); 54] = [
+    type Spoil = fn(&mut Settings);
+    let cases: [(&str, Spoil); 54] = [
         ("adc_bits", |s| s.adc_bits = 7),
         ("adc_bits", |s| s.adc_bits = 17),
         ("timer_hz", |s| s.timer_hz = f32::NAN),

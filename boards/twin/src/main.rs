@@ -1,6 +1,6 @@
 //! Repeats on the host the run that an emulated chip logged on standard input, and compares to the bit.
 
-use anyhow::{Context, Result, anyhow, bail, ensure};
+use anyhow::{Context, Result, bail, ensure};
 use hallservo::drive::{Channels, Command};
 use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
@@ -86,7 +86,7 @@ impl Host {
     }
 
     fn send(&mut self, command: Command) -> Result<()> {
-        self.service.send(command).map_err(|command| anyhow!("no room for {command:?}"))
+        Ok(self.service.send(command)?)
     }
 
     fn compare(&mut self, digest: u64) -> Result<()> {

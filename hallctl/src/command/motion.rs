@@ -66,7 +66,7 @@ fn fallen(client: &mut Client, error: Error) -> Error {
 }
 
 fn switched_off(fault: Fault) -> String {
-    format!("the drive switched off: {fault}\n  {}; then `hallctl clear`.", words::advice(fault))
+    format!("the drive switched off: {fault}\n  {}; then `hallctl clear`.", fault.advice())
 }
 
 fn motion(status: &Status) -> String {

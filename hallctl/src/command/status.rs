@@ -13,7 +13,7 @@ pub(super) fn show(client: &mut Client) -> Result<()> {
     println!("{} (firmware {}), up {}", identity.board, identity.firmware, uptime(status.uptime_ms));
     line("state", &words::mode(status.mode));
     if let Mode::Faulted(fault) = status.mode {
-        line("", &format!("→ {}; then `hallctl clear`", words::advice(fault)));
+        line("", &format!("→ {}; then `hallctl clear`", fault.advice()));
     }
     let limits = words::limits(status.limits);
     line("limited by", &if limits.is_empty() { "nothing".into() } else { limits.join(", ") });

@@ -165,7 +165,7 @@ fn current_step(seed: u64) -> Result<Vec<(f64, f64)>> {
     rig.command(Command::Current(rig.control()?.current(0.0)?))?;
     rig.run(0.02, |_, _| ());
     let demand = rig.control()?.current(1.5)?;
-    rig.service.send(Command::Current(demand)).map_err(|command| anyhow!("no room for {command:?}"))?;
+    rig.service.send(Command::Current(demand))?;
     let mut currents = Vec::new();
     rig.run(0.01, |_, period| currents.push((currents.len() as f64 * 0.025, true_q(&period.truth))));
     Ok(currents)

@@ -1,6 +1,7 @@
 //! Currents, speeds and positions: what is refused, what is a fault, what holds back.
 
 use super::*;
+use crate::board::sensing::Adc;
 
 #[test]
 fn a_drive_without_current_control_says_so() {
@@ -36,10 +37,11 @@ fn demands_beyond_the_limits_are_refused() {
 #[test]
 fn nothing_is_armed_that_would_fail_at_once() {
     type Spoil = fn(&mut Sample);
-    let cases: [(Spoil, Fault); 6] = [
+    let cases: [(Spoil, Fault); 7] = [
         (|s| s.bus = 1000, Fault::UnderVoltage),
         (|s| s.bus = 4000, Fault::OverVoltage),
         (|s| s.currents[1] = 4095, Fault::OverCurrent),
+        (Adc::<12>::show_tripped, Fault::OverCurrent),
         (|s| s.temperatures[0] = TemperatureCode::new(100), Fault::BridgeHot),
         (|s| s.temperatures[1] = TemperatureCode::new(100), Fault::MotorHot),
         (|s| s.lost = LostPeriods::counted(1), Fault::Deadline),

@@ -62,8 +62,7 @@ impl<B: Board> Control<B> {
         let mut sample = owned.board.sample();
         sample.lost = owned.periods.lost(DWT::cycle_count());
         if owned.bridge.has_tripped() {
-            // The hardware saw a current between two samples. The drive fails at the largest that it can be shown.
-            sample.currents = [Adc::FULL_SCALE; 3];
+            Adc::show_tripped(&mut sample);
         }
         owned.housekeeping.update(&sample);
         let output = owned.drive.step(&sample);

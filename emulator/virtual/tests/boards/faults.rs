@@ -88,8 +88,7 @@ fn inject(session: &mut Session, fault: &Fault, at_most_s: f64) -> Option<Off> {
 
 /// The fault that a status names.
 fn named(status: &str) -> Option<hallservo::fault::Fault> {
-    let mut faults = (0..=u8::MAX).filter_map(hallservo::fault::Fault::from_code);
-    faults.find(|fault| status.contains(&format!("mode: Faulted({fault:?})")))
+    hallservo::fault::Fault::all().find(|fault| status.contains(&format!("mode: Faulted({fault:?})")))
 }
 
 /// Named, latched, and over when it is mended and cleared.

@@ -151,7 +151,7 @@ impl Machine {
     }
 
     fn command(&mut self, command: Command) -> Result<()> {
-        self.service.send(command).map_err(|command| anyhow!("no room for {command:?}"))?;
+        self.service.send(command)?;
         for _ in 0..100 {
             self.step()?;
             if let Some(reply) = self.reply.take() {

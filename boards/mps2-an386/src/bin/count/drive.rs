@@ -6,7 +6,6 @@ use crate::row::{Row, function};
 use core::sync::atomic::{AtomicPtr, Ordering::Relaxed};
 use hallservo::board::{Output, Sample, TemperatureCode};
 use hallservo::commutation::{Commutation, Modulation};
-use hallservo::control;
 use hallservo::drive::{Channels, Command, Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;

@@ -8,7 +8,7 @@ use hallservo::drive::Refusal as DriveRefusal;
 use hallservo::mode::Mode;
 use hallservo_app::{Identity, Memory, Readings, Supervisor};
 use hallservo_protocol::{Answer, Ask, Cause, Decoder, Learning, Problem, Procedure, Record, Refusal, Reply};
-use plant::PlantParameters;
+use plant::{HallFault, PlantParameters, Rail};
 use tool::{ask, calibrated, done, drive, run, status, wait};
 
 #[test]
@@ -95,6 +95,44 @@ fn the_direction_is_reversed_while_faulted_too() {
     run(&mut drive, 800);
     let speed = drive.plant.truth().speed_rad_s;
     assert!((speed + 60.0).abs() < 5.0, "{speed}, {:?}", drive.drive().mode());
+}
+
+#[test]
+fn a_lost_hall_is_not_forgotten_before_a_calibration() {
+    let (mut drive, _) = calibrated();
+    done(&mut drive, Ask::Set { name: "run_on_two_halls", value: 1.0 });
+    done(&mut drive, Ask::Arm);
+    done(&mut drive, Ask::Speed(60.0));
+    run(&mut drive, 300);
+    drive.plant.set_hall_fault(0, Some(HallFault::Open(Rail::Low)));
+    run(&mut drive, 300);
+    assert_eq!(drive.drive().mode(), Mode::Running);
+    done(&mut drive, Ask::Disarm);
+    // The wire has contact again.
+    drive.plant.set_hall_fault(0, None);
+    run(&mut drive, 500);
+    let refused = |drive: &mut Simulator| {
+        ask(drive, Ask::Arm, |answer| assert_eq!(answer, Answer::Refused(Refusal::Drive(DriveRefusal::HallLost))));
+    };
+    refused(&mut drive);
+    for value in [1.0, 0.0] {
+        done(&mut drive, Ask::Set { name: "reversed", value });
+        run(&mut drive, 20);
+        refused(&mut drive);
+    }
+    // Nor by one that has failed.
+    done(&mut drive, Ask::Calibrate);
+    run(&mut drive, 50);
+    drive.happen(fault::Kind::Bus(60.0)).unwrap();
+    run(&mut drive, 50);
+    drive.happen(fault::Kind::Bus(24.0)).unwrap();
+    run(&mut drive, 50);
+    done(&mut drive, Ask::Clear);
+    run(&mut drive, 500);
+    refused(&mut drive);
+    done(&mut drive, Ask::Calibrate);
+    wait(&mut drive);
+    done(&mut drive, Ask::Arm);
 }
 
 #[test]

@@ -91,7 +91,7 @@ impl Drive {
     fn install(&mut self, estimator: &'static mut Estimator, codes: Codes) -> Reply {
         // A model that was learnt while a hand turns the shaft must not reset the count of its turns.
         let tracks = self.mode == Mode::Ready && self.record.missed <= self.config.tolerated;
-        let calibrated = self.mode == Mode::Unarmed;
+        let calibrated = self.mode == Mode::Unarmed && self.progress == Progress::Complete;
         let allowed = self.on_command(Event::Installed);
         let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {

@@ -6,12 +6,30 @@ use heapless::Deque;
 /// Bytes that may wait to be transmitted.
 const ROOM: usize = 3 * FRAME;
 
+/// Ticks until answers that nobody takes are dropped.
+const PATIENCE: u32 = 100;
+
 /// Whole frames, in the order in which they go out.
-pub(crate) struct Outbox(Deque<u8, ROOM>);
+pub(crate) struct Outbox {
+    bytes: Deque<u8, ROOM>,
+    /// Ticks without room for an answer and without a byte taken.
+    ticks_stuck: u32,
+}
 
 impl Outbox {
     pub const fn new() -> Self {
-        Self(Deque::new())
+        Self { bytes: Deque::new(), ticks_stuck: 0 }
+    }
+
+    /// Once a millisecond: drops answers that nobody takes, as no request, not even to disarm, is read before there is
+    /// room for its answer. Whether it did.
+    pub fn tick(&mut self) -> bool {
+        self.ticks_stuck = if self.has_room() { 0 } else { self.ticks_stuck + 1 };
+        let drops = self.ticks_stuck >= PATIENCE;
+        if drops {
+            self.bytes.clear();
+        }
+        drops
     }
 
     /// Whether an answer of any length has room.
@@ -20,7 +38,7 @@ impl Outbox {
     }
 
     fn spare(&self) -> usize {
-        ROOM - self.0.len()
+        ROOM - self.bytes.len()
     }
 
     /// Adds an answer, for which there [is room](Self::has_room).
@@ -42,7 +60,7 @@ impl Outbox {
         if fits {
             for byte in frame.into_iter().take(length) {
                 // It has room.
-                let _ = self.0.push_back(byte);
+                let _ = self.bytes.push_back(byte);
             }
         }
         fits
@@ -52,7 +70,8 @@ impl Outbox {
     pub fn pop(&mut self, bytes: &mut [u8]) -> usize {
         let mut length = 0;
         for place in bytes {
-            let Some(byte) = self.0.pop_front() else { break };
+            let Some(byte) = self.bytes.pop_front() else { break };
+            self.ticks_stuck = 0;
             *place = byte;
             length += 1;
         }

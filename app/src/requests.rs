@@ -84,7 +84,8 @@ impl<F: NorFlash> Tasks<F> {
             }
             Ask::Disarm => {
                 self.cancel();
-                return self.command(drive::Command::Disarm, Command::Disarm);
+                self.disarm()?;
+                return Ok(Step::Await(Awaited::Reply(Command::Disarm)));
             }
             _ if self.activity() != Activity::None => return Err(Refusal::Busy(self.activity())),
             _ => return self.attempt_when_idle(ask),
@@ -227,7 +228,11 @@ impl<F: NorFlash> Tasks<F> {
             (_, Err(refusal)) => return Answer::Refused(Refusal::Drive(refusal)),
             (Command::Plain | Command::Disarm, Ok(())) => {}
             (Command::Calibrate, Ok(())) => self.calibration = Calibration::Running,
-            (Command::Clear, Ok(())) => self.relearn(),
+            (Command::Clear, Ok(())) => {
+                // Before the next request, which may be to arm.
+                self.install();
+                self.relearn();
+            }
             (Command::Set(entry), Ok(())) => {
                 return self.setting(entry).map_or_else(Answer::Refused, Answer::Setting);
             }

@@ -78,6 +78,9 @@ impl<F: NorFlash> Supervisor<F> {
         self.alive.ticked = true;
         self.alive.periods = readings.periods;
         self.tasks.tick(now_ms, readings);
+        if self.outbox.tick() {
+            self.tasks.lost_frames = self.tasks.lost_frames.saturating_add(1);
+        }
         self.answer_pending();
         if let Some((id, telemetry)) = self.tasks.telemetry()
             && !self.outbox.push_if_spare(&Reply { id, answer: Answer::Telemetry(telemetry) })
@@ -87,7 +90,8 @@ impl<F: NorFlash> Supervisor<F> {
     }
 
     /// Takes bytes from the line and returns how many: fewer than all while a request waits for its answer, or answers
-    /// wait to be transmitted. The rest is to be offered again after the next tick.
+    /// wait to be transmitted, which they do for a tenth of a second at most. The rest is to be offered again after the
+    /// next tick.
     pub fn receive(&mut self, bytes: &[u8]) -> usize {
         self.alive.received = true;
         for (taken, byte) in bytes.iter().enumerate() {

@@ -73,6 +73,8 @@ pub(crate) struct Tasks<F> {
     reply: Option<Reply>,
     /// Answers that the drive still owes and no request waits for.
     unclaimed_replies: u8,
+    /// Whether the drive is to be disarmed as soon as a command has room in the queue.
+    disarm_due: bool,
     /// Ticks since the last command, saturating.
     ticks_since_command: u32,
     stream: Option<Stream>,
@@ -87,6 +89,9 @@ impl<F: NorFlash> Tasks<F> {
     pub fn tick(&mut self, now_ms: u64, readings: Readings) {
         self.now_ms = now_ms;
         self.readings = readings;
+        if self.disarm_due && self.disarm().is_ok() {
+            self.abandon_reply();
+        }
         self.ticks_since_command = self.ticks_since_command.saturating_add(1);
         let torque_nm = self.take_measurements();
         while let Some(event) = self.service.poll() {
@@ -175,17 +180,26 @@ impl<F: NorFlash> Tasks<F> {
     /// Sends the drive the model or the table that is due.
     #[inline(never)]
     fn update_drive(&mut self) {
-        if let Some(sensors) = &mut self.sensors {
-            if self.install_due {
-                self.install_due = self.service.install(&sensors.model).is_err();
-            } else if let Some(model) = self.adaptation.publish(self.service, self.settings.run_on_two_halls) {
-                sensors.model = model;
-            }
+        // A faulted drive refuses a model; it gets it when the fault is cleared.
+        if self.install_due && !matches!(self.mode(), Mode::Faulted(_)) {
+            self.install();
+        } else if let Some(sensors) = &mut self.sensors
+            && let Some(model) = self.adaptation.publish(self.service, self.settings.run_on_two_halls)
+        {
+            sensors.model = model;
         }
         if self.table_due {
             let table = self.table.as_ref().filter(|_| self.settings.anti_cogging);
             self.table_due = self.service.set_anti_cogging(table).is_err();
             self.anti_cogging = !self.table_due && table.is_some();
+        }
+    }
+
+    /// Sends the drive the model that is due.
+    #[inline(never)]
+    pub fn install(&mut self) {
+        if let Some(sensors) = self.sensors.as_ref().filter(|_| self.install_due) {
+            self.install_due = self.service.install(&sensors.model).is_err();
         }
     }
 

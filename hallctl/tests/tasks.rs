@@ -3,11 +3,12 @@
 mod tool;
 
 use hallctl::simulate::flash::Flash;
-use hallctl::simulate::{Simulator, fault};
+use hallctl::simulate::{Simulator, defaults, fault};
 use hallservo::drive::Refusal as DriveRefusal;
 use hallservo::mode::Mode;
+use hallservo_app::{Identity, Memory, Readings, Supervisor};
 use hallservo_protocol::{Answer, Ask, Cause, Decoder, Learning, Problem, Procedure, Record, Refusal, Reply};
-use plant::PlantParameters;
+use plant::{HallFault, PlantParameters, Rail};
 use tool::{ask, calibrated, done, drive, run, status, wait};
 
 #[test]
@@ -40,6 +41,106 @@ fn a_dead_control_interrupt_is_told_and_nothing_waits_for_ever() {
     assert_eq!(drive.drive().mode(), Mode::Running);
     done(&mut drive, Ask::Disarm);
     assert_eq!(drive.drive().mode(), Mode::Ready);
+}
+
+#[test]
+fn disarm_is_obeyed_though_an_answer_is_owed_and_the_queue_full() {
+    // More than the queue of commands holds, and none.
+    for disarms in [1, 12] {
+        let (mut drive, _) = calibrated();
+        drive.write(&tool::request(7, Ask::Arm));
+        (0..150).for_each(|_| drive.stall());
+        for id in 0..disarms {
+            drive.write(&tool::request(id, Ask::Disarm));
+            (0..150).for_each(|_| drive.stall());
+        }
+        run(&mut drive, 20);
+        assert_eq!(drive.drive().mode(), Mode::Ready);
+        // Every late answer was counted: the next ones are whose they are.
+        done(&mut drive, Ask::Arm);
+        assert_eq!(drive.drive().mode(), Mode::Running);
+        done(&mut drive, Ask::Disarm);
+        assert_eq!(drive.drive().mode(), Mode::Ready);
+    }
+}
+
+#[test]
+fn requests_are_read_though_nobody_takes_the_answers() {
+    let memory = Box::leak(Box::new(Memory::new()));
+    let identity = Identity { board: "test", firmware: "test" };
+    let (_drive, supervisor) = Supervisor::start(identity, defaults(), Flash::blank(), 0, memory).unwrap();
+    let status = tool::request(1, Ask::Status);
+    while supervisor.receive(&status) > 0 {}
+    for now_ms in 0..200 {
+        supervisor.tick(now_ms, Readings::default());
+    }
+    let disarm = tool::request(2, Ask::Disarm);
+    assert_eq!(supervisor.receive(&disarm), disarm.len());
+}
+
+#[test]
+fn the_direction_is_reversed_while_faulted_too() {
+    let (mut drive, _) = calibrated();
+    done(&mut drive, Ask::Arm);
+    drive.happen(fault::Kind::Bus(60.0)).unwrap();
+    run(&mut drive, 50);
+    assert!(matches!(drive.drive().mode(), Mode::Faulted(_)));
+    drive.happen(fault::Kind::Bus(24.0)).unwrap();
+    run(&mut drive, 50);
+    done(&mut drive, Ask::Set { name: "reversed", value: 1.0 });
+    run(&mut drive, 10);
+    // Without a wait for the answers.
+    let asked = [Ask::Clear, Ask::Arm, Ask::Speed(60.0)].map(|ask| tool::request(1, ask));
+    drive.write(&asked.concat());
+    run(&mut drive, 800);
+    let speed = drive.plant.truth().speed_rad_s;
+    assert!((speed + 60.0).abs() < 5.0, "{speed}, {:?}", drive.drive().mode());
+}
+
+#[test]
+fn a_lost_hall_is_not_forgotten_before_a_calibration() {
+    let (mut drive, _) = calibrated();
+    done(&mut drive, Ask::Set { name: "run_on_two_halls", value: 1.0 });
+    done(&mut drive, Ask::Arm);
+    done(&mut drive, Ask::Speed(60.0));
+    run(&mut drive, 300);
+    drive.plant.set_hall_fault(0, Some(HallFault::Open(Rail::Low)));
+    run(&mut drive, 300);
+    assert_eq!(drive.drive().mode(), Mode::Running);
+    done(&mut drive, Ask::Disarm);
+    // The wire has contact again.
+    drive.plant.set_hall_fault(0, None);
+    run(&mut drive, 500);
+    let refused = |drive: &mut Simulator| {
+        ask(drive, Ask::Arm, |answer| assert_eq!(answer, Answer::Refused(Refusal::Drive(DriveRefusal::HallLost))));
+    };
+    refused(&mut drive);
+    for value in [1.0, 0.0] {
+        done(&mut drive, Ask::Set { name: "reversed", value });
+        run(&mut drive, 20);
+        refused(&mut drive);
+    }
+    // Nor by one that has failed.
+    done(&mut drive, Ask::Calibrate);
+    run(&mut drive, 50);
+    drive.happen(fault::Kind::Bus(60.0)).unwrap();
+    run(&mut drive, 50);
+    drive.happen(fault::Kind::Bus(24.0)).unwrap();
+    run(&mut drive, 50);
+    done(&mut drive, Ask::Clear);
+    run(&mut drive, 500);
+    refused(&mut drive);
+    // Nor by one that was broken off, with a model that is installed then.
+    done(&mut drive, Ask::Calibrate);
+    run(&mut drive, 50);
+    done(&mut drive, Ask::Disarm);
+    run(&mut drive, 20);
+    done(&mut drive, Ask::Set { name: "reversed", value: 1.0 });
+    run(&mut drive, 500);
+    refused(&mut drive);
+    done(&mut drive, Ask::Calibrate);
+    wait(&mut drive);
+    done(&mut drive, Ask::Arm);
 }
 
 #[test]

@@ -76,7 +76,6 @@ impl Drive {
         self.on_command(Event::Calibrate)?;
         self.paths.open_loop = OpenLoop::OFF;
         self.reset_servo(sample);
-        self.clear_hall_loss();
         self.progress = Progress::None;
         self.publish();
         Ok(())
@@ -92,6 +91,7 @@ impl Drive {
     fn install(&mut self, estimator: &'static mut Estimator, codes: Codes) -> Reply {
         // A model that was learnt while a hand turns the shaft must not reset the count of its turns.
         let tracks = self.mode == Mode::Ready && self.record.missed <= self.config.tolerated;
+        let calibrated = self.mode == Mode::Unarmed && self.progress == Progress::Complete;
         let allowed = self.on_command(Event::Installed);
         let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
@@ -99,7 +99,7 @@ impl Drive {
             let _ = self.channels.retired.enqueue(unused);
         }
         allowed?;
-        self.update_hall_loss();
+        self.update_hall_loss(calibrated);
         if self.mode == Mode::Ready && !tracks {
             self.restart_tracking(codes);
         }

@@ -106,22 +106,17 @@ impl Drive {
         }
     }
 
-    /// An estimator has been installed. One for three Halls ends the loss of a Hall only with the bridge off, where it
-    /// comes of a calibration after the repair.
-    pub(super) fn update_hall_loss(&mut self) {
+    /// An estimator has been installed. Only one for three Halls that comes of a calibration ends the loss of a Hall:
+    /// others are learnt, or have another direction.
+    pub(super) fn update_hall_loss(&mut self, calibrated: bool) {
         let knows = self.estimator().is_some_and(|estimator| estimator.lost().is_some());
         if knows {
             self.hall_loss.lost = None;
             self.limits = self.limits.with(Limits::TWO_HALLS);
-        } else if self.mode != Mode::Running {
-            self.clear_hall_loss();
+        } else if calibrated {
+            self.hall_loss.lost = None;
+            self.limits = self.limits.without(Limits::TWO_HALLS);
         }
         self.publish();
-    }
-
-    /// A new calibration begins.
-    pub(super) fn clear_hall_loss(&mut self) {
-        self.hall_loss.lost = None;
-        self.limits = self.limits.without(Limits::TWO_HALLS);
     }
 }

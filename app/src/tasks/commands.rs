@@ -13,6 +13,15 @@ impl<F: NorFlash> Tasks<F> {
         self.service.send(command).map_err(|_| Refusal::NoAnswer)
     }
 
+    /// Sends the drive the command to disarm, whatever it still owes an answer to: behind what is queued already, so
+    /// that nothing else is the last word. One that finds the queue full follows at a later tick.
+    pub fn disarm(&mut self) -> Result<(), Refusal<'static>> {
+        self.reply = None;
+        self.ticks_since_command = 0;
+        self.disarm_due = self.service.send(Command::Disarm).is_err();
+        if self.disarm_due { Err(Refusal::NoAnswer) } else { Ok(()) }
+    }
+
     /// Sends other settings to the drive; [`Self::take_reply`] has the answer.
     pub fn configure(&mut self, settings: Settings) -> Result<(), Refusal<'static>> {
         let config = settings.validate().map_err(Refusal::Setting)?;
@@ -34,7 +43,7 @@ impl<F: NorFlash> Tasks<F> {
     fn ready_for_command(&mut self) -> Result<(), Refusal<'static>> {
         self.reply = None;
         self.ticks_since_command = 0;
-        if self.unclaimed_replies > 0 { Err(Refusal::NoAnswer) } else { Ok(()) }
+        if self.unclaimed_replies > 0 || self.disarm_due { Err(Refusal::NoAnswer) } else { Ok(()) }
     }
 
     /// The drive's answer to the last command.
@@ -44,7 +53,7 @@ impl<F: NorFlash> Tasks<F> {
 
     /// No request waits for the answer to the last command any more.
     pub const fn abandon_reply(&mut self) {
-        self.unclaimed_replies = 1;
+        self.unclaimed_replies = self.unclaimed_replies.saturating_add(1);
     }
 
     pub(super) fn on_reply(&mut self, reply: Reply) {

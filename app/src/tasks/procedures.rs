@@ -44,7 +44,9 @@ impl<F: NorFlash> Tasks<F> {
                     report.apply(control);
                 }
                 // A motor beyond the ranges of the settings is reported all the same.
-                self.unclaimed_replies = self.configure(settings).is_ok().into();
+                if self.configure(settings).is_ok() {
+                    self.abandon_reply();
+                }
                 self.identification = protocol::Procedure::Done(report);
             }
             Completion::Cogging(table) => {

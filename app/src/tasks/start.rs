@@ -129,6 +129,7 @@ fn supervise<F: NorFlash>(
         readings: Readings::default(),
         reply: None,
         unclaimed_replies: 0,
+        disarm_due: false,
         ticks_since_command: 0,
         stream: None,
         lost_records: 0,

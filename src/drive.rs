@@ -231,7 +231,7 @@ impl Drive {
             self.send_record_and_measurement(sample);
         }
         self.route = self.route();
-        // The command may have been to disarm, the angle implausible.
+        // What was found after the output was computed, such as too high a speed, switches the bridge off as well.
         if self.mode.drives() { output.pack() } else { Output::OFF.pack() }
     }
 
@@ -287,6 +287,9 @@ impl Drive {
 
     fn voltage(&mut self, sample: &Sample) -> Output {
         self.measure(&sample.halls);
+        if !self.mode.drives() {
+            return Output::OFF;
+        }
         if self.is_too_fast() {
             self.fail(Fault::OverSpeed);
         }
@@ -295,6 +298,9 @@ impl Drive {
 
     fn local_feedback(&mut self, sample: &Sample) -> Output {
         self.measure(&sample.halls);
+        if !self.mode.drives() {
+            return Output::OFF;
+        }
         let Self { config, paths: Paths { local_feedback, idle, .. }, servo, record, .. } = self;
         let Some(control) = &config.control else { return Output::OFF };
         local_feedback.step(config, control, servo, idle, &record.rotor, sample)
@@ -302,6 +308,9 @@ impl Drive {
 
     fn field_oriented(&mut self, sample: &Sample) -> Output {
         self.measure(&sample.halls);
+        if !self.mode.drives() {
+            return Output::OFF;
+        }
         let Self { config, paths, servo, record, .. } = self;
         let compare = paths.field_oriented.step(servo, &record.rotor, &config.tracking, sample);
         Output { compare, legs: Legs::ALL }

@@ -9,7 +9,7 @@ mod declaration;
 mod entry;
 mod error;
 
-pub use choice::{Feedback, OnTimeout};
+pub use choice::{Feedback, OnStopFailure, OnTimeout};
 pub use declaration::{ABOUT, Control, GuardSettings, Settings, TABLE, Thermistor};
 pub use entry::{Entry, Kind, about, find};
 pub use error::Error;

@@ -151,6 +151,10 @@ fn drive_refusal(refusal: drive::Refusal) -> String {
         drive::Refusal::HallLost => "a Hall is lost\n  Repair it, then `hallctl calibrate`.".into(),
         drive::Refusal::NoControl => NO_CONTROL.into(),
         drive::Refusal::Fault(fault) => format!("{fault}\n  {}.", fault.advice()),
+        drive::Refusal::Turning => "the rotor turns\n  Let it come to rest first.".into(),
+        drive::Refusal::OutOfBounds => {
+            "the position is outside of its bounds\n  They are min_position_turns and max_position_turns.".into()
+        }
     }
 }
 

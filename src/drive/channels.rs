@@ -68,6 +68,10 @@ pub enum Refusal {
     NoControl,
     /// Armed, the drive would fail at once, with this fault.
     Fault(Fault),
+    /// The rotor turns, and the bridge would short it or pull it to a standing field.
+    Turning,
+    /// The position is outside of `min_position_turns` to `max_position_turns`.
+    OutOfBounds,
 }
 
 impl fmt::Display for Refusal {
@@ -81,6 +85,8 @@ impl fmt::Display for Refusal {
             Self::TooLarge => write!(f, "the command is beyond the allowed"),
             Self::NoControl => write!(f, "set up without current control"),
             Self::Fault(fault) => fault.fmt(f),
+            Self::Turning => write!(f, "the rotor turns: let it come to rest"),
+            Self::OutOfBounds => write!(f, "the position is outside of its bounds"),
         }
     }
 }

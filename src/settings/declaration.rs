@@ -2,7 +2,7 @@
 
 use super::Kind::{Choice, Real, Switch, Whole};
 use super::entry::{Entry, Value};
-use super::{Feedback, OnTimeout};
+use super::{Feedback, OnStopFailure, OnTimeout};
 use crate::commutation::Commutation;
 use core::f32::consts::TAU;
 
@@ -194,6 +194,21 @@ settings! {
         dead_time_ramp_a: f32 = 0.05, 1e-3 => c.current_full_scale_a, "A", Real, FREE,
             "Current below which the dead time acts in part only";
         max_current_a: f32 = 3.0, 0.0 => 0.9 * c.current_full_scale_a, "A", Real, FREE, "Largest current";
+        /// What the winding stands for ever; more than this flows until it is warm.
+        continuous_current_a: f32 = 1.5, 0.0 => 0.9 * c.current_full_scale_a, "A", Real, FREE,
+            "Current that the motor stands for ever";
+        winding_time_s: f32 = 30.0, 0.1 => 1e4, "s", Real, FREE, "Thermal time constant of the winding";
+        housing_time_s: f32 = 900.0, 1.0 => 1e5, "s", Real, FREE, "Thermal time constant of the motor's housing";
+        max_supply_a: f32 = 30.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current from the supply";
+        /// A laboratory supply or one behind a diode: 0. A battery: what it may be charged with.
+        max_regeneration_a: f32 = 0.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current back into the supply";
+        hold_current_a: f32 = 1000.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current while a position is held";
+        min_position_turns: f32 = -1e6, -1e6 => 1e6, "turns", Real, FREE, "Least position, mechanical";
+        max_position_turns: f32 = 1e6, c.min_position_turns => 1e6, "turns", Real, FREE, "Largest position, mechanical";
+        following_error_turns: f32 = 0.25, 1e-3 => 1e6, "turns", Real, FREE,
+            "A rotor farther from its reference is a fault";
+        following_error_rad_s: f32 = 100.0, 1.0 => 1e6, "rad/s", Real, FREE,
+            "A speed farther from its reference for stall_s is a fault";
         max_speed_rad_s: f32 = 500.0, 0.1 => TAU * s.max_electrical_hz / f32::from(s.pole_pairs), "rad/s", Real, FREE,
             "Largest speed of a command, mechanical";
         max_acceleration_rad_s2: f32 = 5000.0, 1.0 => 1e6, "rad/s²", Real, FREE,
@@ -220,6 +235,13 @@ settings! {
         stall_s: f32 = 0.5, 0.01 => 100.0, "s", Real, FREE, "At rest at the largest current for longer is a fault";
         command_timeout_s: f32 = f32::INFINITY, 1e-3 => f32::INFINITY, "s", Real, FREE,
             "How long a command holds; inf: for ever";
+        /// After [`stop_s`](Self::stop_s) without coming to rest.
+        on_stop_failure: OnStopFailure = OnStopFailure::Off, 0.0 => 1.0, "", Choice("off|brake"), FREE,
+            "If a stop fails: bridge off, or the windings shorted first";
+        stop_s: f32 = 1.0, 0.01 => 60.0, "s", Real, FREE, "Longest time to come to rest when a command times out";
+        /// Moves the shaft by a degree or so for some hundredths of a second.
+        arming_check: bool = true, 0.0 => 1.0, "", Switch, FREE,
+            "Check phases, amplifiers and commutation when the bridge is switched on";
         on_timeout: OnTimeout = OnTimeout::Fault, 0.0 => 1.0, "", Choice("fault|stop"), FREE,
             "Reaction when no command came for command_timeout_s";
     } with {

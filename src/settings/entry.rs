@@ -1,6 +1,6 @@
 //! A row of the table of settings.
 
-use super::{Error, Feedback, OnTimeout, Settings, TABLE};
+use super::{Error, Feedback, OnStopFailure, OnTimeout, Settings, TABLE};
 use crate::commutation::Commutation;
 
 /// What values a setting takes.
@@ -137,3 +137,4 @@ macro_rules! choice {
 choice!(Commutation: Block, Sinusoidal, FieldOriented);
 choice!(Feedback: P, Pi, Pd, Pid);
 choice!(OnTimeout: Fault, Stop);
+choice!(OnStopFailure: Off, Brake);

@@ -18,6 +18,15 @@ pub struct AlphaBeta {
     pub beta: i32,
 }
 
+impl AlphaBeta {
+    /// Square of the length of one as [`Clarke::of`] makes it, in 2⁻³⁰ of the full scale's.
+    #[inline(always)]
+    pub(crate) const fn square(self) -> i32 {
+        let (alpha, beta) = (self.alpha >> 15, self.beta >> 15);
+        alpha * alpha + beta * beta
+    }
+}
+
 /// A vector in the frame of the rotor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

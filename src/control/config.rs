@@ -2,9 +2,10 @@
 
 mod arming;
 mod guard;
+mod overload;
 
 use super::current::{self, LocalGains};
-use super::{Current, Motor, Scale, Speed, position, trajectory, velocity};
+use super::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity};
 use crate::angle::{Position, TURN};
 use crate::commutation::svpwm;
 use crate::pwm;
@@ -14,6 +15,7 @@ pub(crate) use arming::ArmingCheck;
 use core::f32::consts::TAU;
 use core::fmt;
 pub(crate) use guard::Guard;
+pub(crate) use overload::{Heating, Overload};
 
 /// [`Control`] in the units of the interrupt.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -50,6 +52,7 @@ pub struct Config {
     /// steps.
     pub(crate) trim_gain: i32,
     pub(crate) guard: Guard,
+    pub(crate) overload: Overload,
     pub(crate) arming: ArmingCheck,
     pub(crate) scale: Scale,
     pub(crate) motor: Motor,
@@ -92,6 +95,7 @@ impl Config {
         let longest = svpwm::Modulator::longest(frame.period, frame.dead_time, &frame.limits);
         Ok(Self {
             arming: ArmingCheck::new(settings, frame, &scale),
+            overload: Overload::new(settings, &scale),
             guard: Guard::new(&settings.guard, frame.adc_bits, loop_hz, &scale),
             gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest as f32)
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,

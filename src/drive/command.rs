@@ -1,7 +1,6 @@
 //! What each command does. A refused one changes nothing.
 
 use super::arming::Pending;
-use super::protection::Protection;
 use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample};
 use crate::angle::ElectricalAngle;
 use crate::commutation::{Commutation, Modulation};
@@ -121,7 +120,8 @@ impl Drive {
             mode => return Err(Refusal::Mode(mode)),
         }
         let control = self.config.control.as_ref();
-        if let Some(fault) = control.and_then(|control| Protection::refusal(control, &self.paths.idle, sample)) {
+        let protection = &self.servo.protection;
+        if let Some(fault) = control.and_then(|control| protection.refusal(control, &self.paths.idle, sample)) {
             return Err(Refusal::Fault(fault));
         }
         if self.limits.contains(Limits::TWO_HALLS) {

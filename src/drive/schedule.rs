@@ -68,7 +68,7 @@ impl Drive {
             13 => self.slot(sample, Self::measurement_slot),
             15 => self.slot(sample, Self::alignment_slot),
             21 => return self.speed_slot(sample),
-            29 => return self.derating_slot(sample),
+            29 => return self.heat_slot(sample),
             _ => self.hand_over_slot(),
         }
         self.estimator()
@@ -101,7 +101,7 @@ impl Drive {
     fn trajectory_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         let overdue = self.with_servo(sample, |servo, _, with| {
             servo.plan_trajectory(with);
-            servo.protection.is_command_overdue(with.config)
+            servo.protection.timeout.is_overdue(with.config)
         });
         if overdue == Some(true) {
             self.command_timeout();
@@ -121,15 +121,14 @@ impl Drive {
         if waits { self.estimator_if_short() } else { self.estimator() }
     }
 
-    /// The three Halls compared with each other, the sum of the currents, temperatures. Where the Halls disagree, the
+    /// The three Halls compared with each other, the sum of the currents. Where the Halls disagree, the
     /// rest of the step finds the angle as after a missed sample.
     #[inline(never)]
     fn protection_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         let fault = self.with_servo(sample, |servo, paths, with| {
             // The check at arming tells more of amplifiers that disagree.
             let checks = paths.arming.drives();
-            let fault = if checks { None } else { servo.protection.imbalance(with.config, with.sample) };
-            fault.or_else(|| servo.protection.over_temperature(with.config, with.sample))
+            if checks { None } else { servo.protection.currents.imbalance(with.config, with.sample) }
         });
         if let Some(Some(fault)) = fault {
             self.fail(fault);
@@ -166,19 +165,21 @@ impl Drive {
         self.estimator()
     }
 
-    /// The largest current that the temperatures allow; the check for over-speed.
+    /// A part of the protection against heat; the check for over-speed.
     #[inline(never)]
-    fn derating_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let done = self.with_servo(sample, |servo, _, with| {
-            servo.protection.derate(with.config, with.sample, 0);
-            servo.protection.derate(with.config, with.sample, 1);
-        });
+    fn heat_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let part = self.servo.schedule.tick / CYCLE;
+        let heat = self.with_servo(sample, |servo, _, with| servo.heat(part, with));
+        if let Some(Some(fault)) = heat {
+            self.fail(fault);
+            return None;
+        }
         if let Some(control) = &self.config.control
             && self.paths.arming.has_settled(control, self.record.rotor.speed())
         {
             self.end_arming(sample);
         }
-        if done.is_some() && self.is_too_fast() {
+        if heat.is_some() && self.is_too_fast() {
             self.fail(Fault::OverSpeed);
             return None;
         }

@@ -2,7 +2,7 @@
 //! measured, the protection and the schedule. Shared by [local feedback](super::local_feedback) and [field
 //! orientation](super::field_oriented).
 
-use super::protection::Protection;
+use super::protection::{Protection, Timeout};
 use super::schedule::{OUTER, Schedule};
 use super::{FieldOriented, Idle, Sample};
 use crate::angle::{ElectricalAngle, Position};
@@ -13,7 +13,7 @@ use crate::control::current::PARK_BITS;
 use crate::control::trajectory::Trajectory;
 use crate::control::velocity::Integrator;
 use crate::control::{Current, Speed};
-use crate::fault::Limits;
+use crate::fault::{Fault, Limits};
 use crate::hall::track::Tracker;
 use crate::math::clamp;
 use crate::telemetry::Measurement;
@@ -99,7 +99,7 @@ impl Servo {
 
     /// Everything at rest, following nothing; the amplifiers' zeros are those of now.
     pub fn reset(&mut self, config: &Config, zeros: &Idle) {
-        self.protection.set_zeros(config, zeros.zeros());
+        self.protection.currents.set_zeros(config, zeros.zeros());
         self.clarke = Clarke::new(config.shift, zeros.zeros(), config.reversed);
         // One by one: a whole new servo on its way over the stack would take as long as all the rest of the step.
         self.current = Dq { d: 0, q: 0 };
@@ -129,7 +129,7 @@ impl Servo {
 
     /// Restarts the command time-out.
     pub fn command_received(&mut self) {
-        self.protection.command_received();
+        self.protection.timeout = Timeout::NONE;
         self.limits = self.limits.without(Limits::TIMEOUT);
     }
 
@@ -189,11 +189,18 @@ impl Servo {
         }
     }
 
+    /// A part of the protection against heat.
+    #[inline(always)]
+    pub fn heat(&mut self, part: u32, with: &Context) -> Option<Fault> {
+        let square = || self.clarke.of(with.sample.currents).square();
+        self.protection.heat(part, square, with.config, with.sample)
+    }
+
     /// Whether the rotor is stalled: at rest with the largest current.
     #[inline(always)]
     pub fn is_stalled(&mut self, with: &Context) -> bool {
         let limited = self.moves() && self.protection.window.is_end(self.current_request);
-        self.protection.is_stalled(with.config, limited, with.rotor.speed())
+        self.protection.stall.is_stalled(with.config, limited, with.rotor.speed())
     }
 
     /// The current reference: what is asked for and the anti-cogging current.

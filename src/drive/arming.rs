@@ -58,8 +58,8 @@ enum Stage {
     Hold,
     /// No voltage until the currents have faded.
     Fade,
-    /// No voltage until the rotor is at rest.
-    Rest,
+    /// No voltage: how does the rotor turn by itself?
+    Coast,
     /// The voltage along q rises.
     Push,
     /// The rotor went the wrong way: what does the opposite voltage do?
@@ -86,6 +86,10 @@ pub(super) struct Arming {
     /// Steps and position of the push.
     pushed: u32,
     from: Position,
+    /// Farthest that the rotor went the wrong way.
+    farthest: i64,
+    /// How the rotor turned before the push, in 2⁻³² turns a step.
+    coasting: i32,
     /// The last command meanwhile.
     pub pending: Option<Pending>,
 }
@@ -103,6 +107,8 @@ impl Arming {
         currents: [[0; 3]; 4],
         pushed: 0,
         from: Position::from_bits(0),
+        farthest: 0,
+        coasting: 0,
         pending: None,
     };
 
@@ -155,7 +161,7 @@ impl Arming {
             Stage::Raise => self.raise(control, phases, config),
             Stage::Hold => self.hold(phases, config),
             Stage::Fade => self.fade(control, phases, config),
-            Stage::Rest => self.rest(control, rotor, config),
+            Stage::Coast => self.coast(control, rotor, config),
             Stage::Push => self.push(control, phases, rotor, config),
             Stage::Oppose => self.oppose(rotor, config),
         }
@@ -201,22 +207,21 @@ impl Arming {
             } else if let Some(fault) = wiring_fault(&self.currents, control.arming.current) {
                 return Step::Failed(fault);
             } else {
-                self.enter(Stage::Rest);
+                self.enter(Stage::Coast);
             }
         }
         Step::Output(no_voltage(config))
     }
 
-    fn rest(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
-        let window = control.arming.longest_push / 4;
-        if self.steps.is_multiple_of(window) {
-            let way = self.way(rotor);
+    /// Measures how the rotor turns by itself.
+    fn coast(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
+        let window = control.arming.longest_push / 2;
+        if self.steps == 1 {
             self.from = rotor.smoothed();
-            if self.steps > window && way.abs() < MOVED / 3 {
-                self.enter(Stage::Push);
-            } else if self.steps > 8 * window {
-                return self.finish();
-            }
+        } else if self.steps > window {
+            self.coasting = (self.way(rotor) / i64::from(window)) as i32;
+            self.from = rotor.smoothed();
+            self.enter(Stage::Push);
         }
         Step::Output(no_voltage(config))
     }
@@ -243,7 +248,7 @@ impl Arming {
         if largest(phases) < control.arming.push {
             self.modulation = self.modulation.saturating_add(self.rise).min(self.most.saturating_mul(4));
         }
-        let moved = self.way(rotor);
+        let moved = self.way(rotor) - i64::from(self.coasting) * i64::from(self.steps);
         if moved >= MOVED {
             self.enter(Stage::Settle);
             return Step::Moved;
@@ -258,11 +263,16 @@ impl Arming {
         self.turned(self.modulation, rotor, config)
     }
 
-    /// The opposite voltage for twice as long stops the rotor and turns it back, if the commutation is wrong; an
-    /// outside torque, which made a rotor with the right one move the wrong way, is helped by it.
+    /// With a wrong commutation the opposite voltage stops the rotor and turns it back, and it is found out close to
+    /// rest. An outside torque, which made a rotor with the right one move the wrong way, is helped by it.
     fn oppose(&mut self, rotor: &Tracker, config: &Config) -> Step {
+        let way = self.way(rotor);
+        self.farthest = self.farthest.min(way);
+        if way - self.farthest > MOVED / 6 {
+            return Step::Failed(Fault::Commutation);
+        }
         if self.steps >= 2 * self.pushed {
-            return if self.way(rotor) > -MOVED { Step::Failed(Fault::Commutation) } else { self.finish() };
+            return self.finish();
         }
         self.turned(-self.modulation, rotor, config)
     }

@@ -23,7 +23,9 @@ impl AlphaBeta {
     #[inline(always)]
     pub(crate) const fn square(self) -> i32 {
         let (alpha, beta) = (self.alpha >> 15, self.beta >> 15);
-        alpha * alpha + beta * beta
+        let square = alpha.wrapping_mul(alpha).wrapping_add(beta.wrapping_mul(beta));
+        // Codes of more bits than the settings have reach anywhere.
+        if square < 0 { i32::MAX } else { square }
     }
 }
 

@@ -68,29 +68,29 @@ impl Protection {
         for place in 0..2 {
             self.temperatures[place].derate(config, sample, place);
         }
+        self.overload.begin(config);
         self.overload.limit_by_winding(config);
         self.overload.limit_by_bridge(config);
         self.limit_by_heat(config);
     }
 
-    /// A part of the work against heat; all of it takes eight.
+    /// A part of the work against heat, of 16. `square` is that of the current's length.
     #[inline(always)]
-    pub fn heat(&mut self, part: u32, square: impl FnOnce() -> i32, config: &Config, sample: &Sample) -> Option<Fault> {
-        match part % 8 {
-            0 | 4 => self.overload.count(config, square()),
-            1 => return self.temperature(config, sample, 0),
-            5 => return self.temperature(config, sample, 1),
-            2 => return self.overload.limit_by_winding(config),
-            6 => return self.overload.limit_by_bridge(config),
+    pub fn heat(&mut self, part: u32, square: impl Fn() -> i32, config: &Config, sample: &Sample) -> Option<Fault> {
+        let (overload, [bridge, motor]) = (&mut self.overload, &mut self.temperatures);
+        match part % 16 {
+            0 | 8 => overload.count_winding(config, square()),
+            4 | 12 => overload.count_bridge(config, square()),
+            2 => overload.count_housing(config, square()),
+            1 => return temperature::fault(config, sample, 0),
+            9 => return temperature::fault(config, sample, 1),
+            5 => bridge.derate(config, sample, 0),
+            13 => motor.derate(config, sample, 1),
+            3 | 11 => return overload.limit_by_winding(config),
+            7 | 15 => return overload.limit_by_bridge(config),
             _ => self.limit_by_heat(config),
         }
         None
-    }
-
-    #[inline(never)]
-    fn temperature(&mut self, config: &Config, sample: &Sample, place: usize) -> Option<Fault> {
-        self.temperatures[place].derate(config, sample, place);
-        temperature::fault(config, sample, place)
     }
 
     /// The window that heat leaves.

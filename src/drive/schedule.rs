@@ -68,8 +68,8 @@ impl Drive {
             13 => self.slot(sample, Self::measurement_slot),
             15 => self.slot(sample, Self::alignment_slot),
             21 => return self.speed_slot(sample),
-            29 => return self.heat_slot(sample),
-            _ => self.hand_over_slot(),
+            29 => return self.over_speed_slot(sample),
+            _ => return self.last_slot(sample),
         }
         self.estimator()
     }
@@ -165,21 +165,15 @@ impl Drive {
         self.estimator()
     }
 
-    /// A part of the protection against heat; the check for over-speed.
+    /// The end of the check at arming; the check for over-speed.
     #[inline(never)]
-    fn heat_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let part = self.servo.schedule.tick / CYCLE;
-        let heat = self.with_servo(sample, |servo, _, with| servo.heat(part, with));
-        if let Some(Some(fault)) = heat {
-            self.fail(fault);
-            return None;
-        }
+    fn over_speed_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         if let Some(control) = &self.config.control
             && self.paths.arming.has_settled(control, self.record.rotor.speed())
         {
             self.end_arming(sample);
         }
-        if heat.is_some() && self.is_too_fast() {
+        if self.config.control.is_some() && self.is_too_fast() {
             self.fail(Fault::OverSpeed);
             return None;
         }
@@ -198,11 +192,24 @@ impl Drive {
         }
     }
 
+    /// In turns: what was measured for the tasks, and a part of the protection against heat.
     #[inline(never)]
-    fn hand_over_slot(&mut self) {
+    fn last_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let part = self.servo.schedule.tick / CYCLE;
+        if part.is_multiple_of(2) {
+            self.hand_over_if_due();
+        } else if let Some(Some(fault)) = self.with_servo(sample, |servo, _, with| servo.heat(part / 2, with)) {
+            self.fail(fault);
+            return None;
+        }
+        self.estimator()
+    }
+
+    #[inline(always)]
+    fn hand_over_if_due(&mut self) {
         let Schedule { measurement_due, .. } = self.servo.schedule;
         if self.servo.schedule.is_due(measurement_due) {
-            let every = self.config.record_every.next_multiple_of(CYCLE);
+            let every = self.config.record_every.next_multiple_of(2 * CYCLE);
             self.servo.schedule.measurement_due = measurement_due.wrapping_add(every);
             self.hand_over_measurement();
         }

@@ -51,20 +51,20 @@ impl Overload {
                 current: current as i32,
                 square: square as i32,
                 fault: (FAULT * square) as i32,
-                rate: rate(time_s, scale),
+                rate: rate(time_s, 16.0, scale),
                 slope: (slope * 1_048_576.0).max(1.0) as i32,
             }
         };
         Self {
             winding: body(settings.continuous_current_a, settings.winding_time_s),
-            housing_rate: rate(settings.housing_time_s, scale),
+            housing_rate: rate(settings.housing_time_s, 32.0, scale),
             bridge: body(settings.bridge_continuous_a, BRIDGE_TIME_S),
         }
     }
 }
 
-/// The current is counted every four cycles.
-fn rate(time_s: f32, scale: &Scale) -> i32 {
-    let share = 4.0 * CYCLE as f32 / scale.step_hz / time_s;
+/// The current is counted every so many cycles.
+fn rate(time_s: f32, cycles: f32, scale: &Scale) -> i32 {
+    let share = cycles * CYCLE as f32 / scale.step_hz / time_s;
     fixed(share.min(0.49), 32).unwrap_or(i32::MAX).max(1)
 }

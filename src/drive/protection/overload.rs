@@ -9,7 +9,7 @@
 //! to be as warm as the housing; the bridge to be at half of its largest rise. From there the model knows, whatever the
 //! drive does: neither disarming nor clearing a fault cools anything.
 
-use crate::control::config::{Config, Heating, Overload as Limits};
+use crate::control::config::{Config, Heating};
 use crate::fault::Fault;
 use crate::math::clamp;
 
@@ -40,7 +40,7 @@ impl Mean {
 
     #[inline(always)]
     const fn count(&mut self, square: i32, rate: i32) {
-        self.0 += (square - self.square()) as i64 * rate as i64;
+        self.0 += (square.wrapping_sub(self.square())) as i64 * rate as i64;
     }
 }
 
@@ -48,24 +48,31 @@ impl Overload {
     /// Before the settings are known.
     pub const POWER_UP: Self = Self { winding: Mean(0), housing: Mean(0), bridge: Mean(0), begun: false, most: [0; 2] };
 
-    /// Counts a square of the current's length, in 2⁻³⁰ of the full scale's.
-    #[inline(never)]
-    pub fn count(&mut self, config: &Config, square: i32) {
-        let Limits { winding, housing_rate, bridge } = &config.overload;
-        if !self.begun {
-            self.begin(winding, bridge);
-        }
-        self.winding.count(square, winding.rate);
-        self.housing.count(square, *housing_rate);
-        self.bridge.count(square, bridge.rate);
+    /// Counts a square of the current's length, in 2⁻³⁰ of the full scale's, for the winding.
+    #[inline(always)]
+    pub fn count_winding(&mut self, config: &Config, square: i32) {
+        self.winding.count(square, config.overload.winding.rate);
     }
 
-    #[cold]
-    #[inline(never)]
-    fn begin(&mut self, winding: &Heating, bridge: &Heating) {
-        self.begun = true;
-        self.housing = Mean::of(winding.square);
-        self.bridge = Mean::of(bridge.square / 2);
+    /// … for the housing.
+    #[inline(always)]
+    pub fn count_housing(&mut self, config: &Config, square: i32) {
+        self.housing.count(square, config.overload.housing_rate);
+    }
+
+    /// … for the bridge.
+    #[inline(always)]
+    pub fn count_bridge(&mut self, config: &Config, square: i32) {
+        self.bridge.count(square, config.overload.bridge.rate);
+    }
+
+    /// The first time, makes the assumption about power-up.
+    pub fn begin(&mut self, config: &Config) {
+        if !self.begun {
+            self.begun = true;
+            self.housing = Mean::of(config.overload.winding.square);
+            self.bridge = Mean::of(config.overload.bridge.square / 2);
+        }
     }
 
     /// Temperature rise of the winding, as the square of the current that makes it.
@@ -76,7 +83,7 @@ impl Overload {
     }
 
     /// The largest current for the winding, and whether it is too hot for any.
-    #[inline(never)]
+    #[inline(always)]
     pub fn limit_by_winding(&mut self, config: &Config) -> Option<Fault> {
         let (rise, heating) = (self.rise(), &config.overload.winding);
         self.most[0] = most(heating, rise, config.max_current);
@@ -84,7 +91,7 @@ impl Overload {
     }
 
     /// The largest current for the bridge, and whether it is too hot for any.
-    #[inline(never)]
+    #[inline(always)]
     pub fn limit_by_bridge(&mut self, config: &Config) -> Option<Fault> {
         let (rise, heating) = (self.bridge.square(), &config.overload.bridge);
         self.most[1] = most(heating, rise, config.max_current);

@@ -9,7 +9,7 @@ use hallservo::commutation::{Commutation, Modulation};
 use hallservo::drive::{Channels, Command, Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
-use hallservo::settings::{Control, Settings};
+use hallservo::settings::{Control, GuardSettings, Settings};
 use mps2_an386::failure;
 use static_cell::StaticCell;
 
@@ -48,9 +48,11 @@ pub fn init() {
     static ESTIMATORS: [StaticCell<Estimator>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     static CHANNELS: [StaticCell<Channels>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     for number in 0..DEMANDS {
+        // Sensors and motor stand still, whatever is done to them.
+        let guard = GuardSettings { arming_check: false, ..GuardSettings::default() };
         let field_oriented = Settings {
             commutation: Commutation::FieldOriented,
-            control: Some(Control::default()),
+            control: Some(Control { guard, ..Control::default() }),
             ..Settings::default()
         };
         let settings = if number == 0 { Settings::default() } else { field_oriented };

@@ -3,6 +3,7 @@
 mod arming;
 mod guard;
 mod overload;
+mod supply;
 
 use super::current::{self, LocalGains};
 use super::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity};
@@ -16,6 +17,7 @@ use core::f32::consts::TAU;
 use core::fmt;
 pub(crate) use guard::Guard;
 pub(crate) use overload::{Heating, Overload};
+pub(crate) use supply::Supply;
 
 /// [`Control`] in the units of the interrupt.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -53,6 +55,7 @@ pub struct Config {
     pub(crate) trim_gain: i32,
     pub(crate) guard: Guard,
     pub(crate) overload: Overload,
+    pub(crate) supply: Supply,
     pub(crate) arming: ArmingCheck,
     pub(crate) scale: Scale,
     pub(crate) motor: Motor,
@@ -96,6 +99,7 @@ impl Config {
         Ok(Self {
             arming: ArmingCheck::new(settings, frame, &scale),
             overload: Overload::new(settings, &scale),
+            supply: Supply::new(settings, &motor, &scale),
             guard: Guard::new(&settings.guard, frame.adc_bits, loop_hz, &scale),
             gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest as f32)
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,

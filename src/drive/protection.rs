@@ -3,6 +3,7 @@
 mod currents;
 mod overload;
 mod stall;
+mod supply;
 mod temperature;
 mod timeout;
 
@@ -13,6 +14,7 @@ use crate::fault::{Fault, Limits};
 use currents::Currents;
 use overload::Overload;
 use stall::Stall;
+use supply::Supply;
 use temperature::Temperature;
 pub use timeout::Timeout;
 
@@ -26,6 +28,9 @@ pub(super) struct Protection {
     pub timeout: Timeout,
     temperatures: [Temperature; 2],
     overload: Overload,
+    /// Largest current that heat allows, in 2⁻¹⁵ of the full scale.
+    most: i32,
+    supply: Supply,
 }
 
 impl Protection {
@@ -37,6 +42,8 @@ impl Protection {
         timeout: Timeout::NONE,
         temperatures: [Temperature::NONE; 2],
         overload: Overload::POWER_UP,
+        most: 0,
+        supply: Supply::NONE,
     };
 
     /// Clears the counts while the bridge is off. What is warm stays warm.
@@ -71,7 +78,9 @@ impl Protection {
         self.overload.begin(config);
         self.overload.limit_by_winding(config);
         self.overload.limit_by_bridge(config);
-        self.limit_by_heat(config);
+        self.limit_by_heat();
+        self.supply = Supply::NONE;
+        self.narrow(config);
     }
 
     /// A part of the work against heat, of 16. `square` is that of the current's length.
@@ -88,17 +97,37 @@ impl Protection {
             13 => motor.derate(config, sample, 1),
             3 | 11 => return overload.limit_by_winding(config),
             7 | 15 => return overload.limit_by_bridge(config),
-            _ => self.limit_by_heat(config),
+            _ => self.limit_by_heat(),
         }
         None
     }
 
-    /// The window that heat leaves.
+    /// The largest current that heat allows.
     #[inline(always)]
-    fn limit_by_heat(&mut self, config: &Config) {
+    fn limit_by_heat(&mut self) {
         let [bridge, motor] = self.temperatures.map(|temperature| temperature.most);
-        let most = bridge.min(motor).min(self.overload.most());
-        let narrowed = Limits::NONE.set(Limits::HEAT, most < config.max_current);
-        self.window = Window { narrowed, ..Window::symmetric(most) };
+        self.most = bridge.min(motor).min(self.overload.most());
+    }
+
+    /// The current along d that burns what the supply does not take back, for a `request` along q; in 2⁻²⁸ of the full
+    /// scale.
+    #[inline(always)]
+    pub fn burn(&mut self, config: &Config, speed: i32, bus: i32, request: i32, controls_field: bool) -> i32 {
+        self.supply.burn(config, speed, bus, request, self.most >> 2, controls_field)
+    }
+
+    /// The window that is left by all that narrows it.
+    #[inline(always)]
+    pub fn limit(&mut self, config: &Config, bus: i32) {
+        self.supply.limit(config, bus, self.most >> 2);
+        self.narrow(config);
+    }
+
+    #[inline(always)]
+    fn narrow(&mut self, config: &Config) {
+        self.window = Window::symmetric(config.max_current);
+        self.window.from_below(-self.most, Limits::HEAT);
+        self.window.from_above(self.most, Limits::HEAT);
+        self.supply.narrow(&mut self.window);
     }
 }

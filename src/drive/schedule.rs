@@ -6,6 +6,7 @@
 
 use super::servo::{Context, Servo};
 use super::{Demand, Drive, Paths, Route, Sample};
+use crate::commutation::Commutation;
 use crate::control::Speed;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
@@ -148,7 +149,10 @@ impl Drive {
     fn alignment_slot(servo: &mut Servo, paths: &mut Paths, with: &Context) {
         let field = &mut paths.field_oriented;
         servo.limits = servo.limits.set(Limits::DUTY, field.is_limited());
-        field.trim_alignment(with.config, with.rotor.speed());
+        // A current along d takes a voltage of its own.
+        if servo.reference.field == 0 {
+            field.trim_alignment(with.config, with.rotor.speed());
+        }
     }
 
     /// Feed-forward of the back-EMF for the present speed; the check for a stall.
@@ -165,9 +169,14 @@ impl Drive {
         self.estimator()
     }
 
-    /// The end of the check at arming; the check for over-speed.
+    /// What the supply leaves to the current; the end of the check at arming; the check for over-speed.
     #[inline(never)]
     fn over_speed_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let part = self.servo.schedule.tick / CYCLE;
+        let controls_field = self.config.commutation == Commutation::FieldOriented;
+        self.with_servo(sample, |servo, paths, with| {
+            servo.limit(part, paths.field_oriented.bus(), controls_field, with);
+        });
         if let Some(control) = &self.config.control
             && self.paths.arming.has_settled(control, self.record.rotor.speed())
         {

@@ -34,11 +34,13 @@ pub enum Demand {
     Position(Position),
 }
 
-/// Reference of the current along q, as the field-oriented step works with it.
+/// Reference of the current, as the field-oriented step works with it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reference {
     /// In 2⁻²⁸ of the full scale.
     pub current: i32,
+    /// Along d, in the same unit.
+    pub field: i32,
     /// For the compensation of the dead time, in the unit of
     /// [`Modulator::compare`](crate::commutation::svpwm::Modulator::compare).
     pub dead_time: i32,
@@ -83,7 +85,7 @@ impl Servo {
         Self {
             protection: Protection::NONE,
             clarke: Clarke::new(0, [0; 3], false),
-            reference: Reference { current: 0, dead_time: 0 },
+            reference: Reference { current: 0, field: 0, dead_time: 0 },
             current: Dq { d: 0, q: 0 },
             demand: Demand::Voltage,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
@@ -108,6 +110,7 @@ impl Servo {
         (self.speed_reference, self.current_request) = (0, 0);
         self.speed_integrator = Integrator::ZERO;
         self.limits = Limits::NONE;
+        self.reference.field = 0;
         self.set_reference(config, 0);
     }
 
@@ -196,6 +199,18 @@ impl Servo {
         self.protection.heat(part, square, with.config, with.sample)
     }
 
+    /// In turns: the current along d that burns what braking returns, and the window of the current along q.
+    #[inline(always)]
+    pub fn limit(&mut self, part: u32, bus: i32, controls_field: bool, with: &Context) {
+        let speed = with.rotor.speed();
+        if part.is_multiple_of(2) {
+            let request = self.current_request;
+            self.reference.field = self.protection.burn(with.config, speed, bus, request, controls_field);
+        } else {
+            self.protection.limit(with.config, bus);
+        }
+    }
+
     /// Whether the rotor is stalled: at rest with the largest current.
     #[inline(always)]
     pub fn is_stalled(&mut self, with: &Context) -> bool {
@@ -218,8 +233,7 @@ impl Servo {
         self.measurement.state.current_reference = limited;
         self.reference.current = limited << PARK_BITS;
         self.reference.dead_time = clamp(limited, config.dead_time_saturation) * config.ramp;
-        let reasons = if limited == request { Limits::NONE } else { window.narrowed.with(Limits::CURRENT) };
-        self.limits = self.limits.without(Self::CUTS).with(reasons);
+        self.limits = self.limits.without(Self::CUTS).with(window.reasons(request, limited));
     }
 
     /// Reference of the current along q, in 2⁻¹⁵ of the full scale.

@@ -1,0 +1,101 @@
+//! What the supply gives and takes back.
+//!
+//! A current −q that brakes returns the power 1.5 (e q − R q²) of the back-EMF e. What the supply does not take is burnt
+//! in the windings by a current along d, which makes no torque: 1.5 (e q − R (q² + d²)) is what goes back. The current
+//! along d comes first, and the braking current follows it as far as it has room, so that nothing is returned on the
+//! way either. All of it stays within the largest current, so a fast motor of a low resistance brakes with
+//! q = I²R/e only. Where d is not controlled, with local feedback, hardly anything brakes a fast motor.
+//!
+//! What the settings of the motor do not tell is left to the bus voltage: towards `over_voltage_v`, less and less brakes.
+
+use crate::control::Window;
+use crate::control::config::Config;
+use crate::fault::Limits;
+use crate::math::high;
+
+/// Currents in 2⁻¹³ of the full scale, their squares for powers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Supply {
+    /// Current that the back-EMF would drive through the resistance.
+    short: i32,
+    /// Power that may go back, and a little that nobody notices.
+    returns: i32,
+    /// Current along d that burns the rest.
+    field: i32,
+    /// Largest currents against and along the rotation.
+    braking: i32,
+    driving: i32,
+    forward: bool,
+}
+
+/// Largest current that the back-EMF would drive, 32 full scales: a square of it is beyond the integers.
+const MOST_SHORT: i32 = 1 << 18;
+
+impl Supply {
+    /// At rest.
+    pub const NONE: Self =
+        Self { short: 1, returns: 0, field: 0, braking: i16::MAX as i32, driving: i16::MAX as i32, forward: true };
+
+    /// Takes up the speed, and the current along d that is needed for the current along q that is asked for. `most` is
+    /// the largest current in 2⁻¹³ of the full scale, `controls_field` whether one along d can be made.
+    ///
+    /// Returns it in 2⁻²⁸ of the full scale.
+    #[inline(always)]
+    pub fn burn(
+        &mut self,
+        config: &Config,
+        speed: i32,
+        bus: i32,
+        request: i32,
+        most: i32,
+        controls_field: bool,
+    ) -> i32 {
+        let supply = &config.supply;
+        self.forward = speed >= 0;
+        let short = high(speed.abs(), supply.short).min(MOST_SHORT) | 1;
+        self.short = short;
+        let against = if self.forward { -request } else { request } >> 2;
+        let little = if controls_field { most >> 4 } else { most >> 3 };
+        self.returns = high(bus << 16, supply.returns) + little * little;
+        // Beyond half of the short-circuit current, less and less is returned.
+        let braking = against.min(short >> 1);
+        let burn = braking * (short - braking) - self.returns;
+        self.field = if against <= 0 || burn <= 0 || !controls_field {
+            0
+        } else {
+            // Newton's square root: from the second time on at most a little too large.
+            let field = self.field | 1;
+            ((field + burn / field) >> 1).min(most - (most >> 4))
+        };
+        -self.field << 15
+    }
+
+    /// Takes up what the current along d and the bus voltage leave to brake with, and what the supply has to drive with.
+    #[inline(always)]
+    pub fn limit(&mut self, config: &Config, bus: i32, most: i32) {
+        let supply = &config.supply;
+        let braking = (self.field * self.field + self.returns) / self.short;
+        // Where the largest power that can be returned is burnt, any current may brake, within the circle.
+        let braking = if braking >= self.short >> 2 { most } else { braking };
+        let braking = braking.min(most - ((self.field * 37) >> 6)).max(0);
+        let share = ((supply.end - bus).clamp(0, supply.band) * supply.slope).min(1 << 16);
+        self.braking = (braking * share) >> 16;
+        if supply.gives == i32::MAX {
+            self.driving = most;
+            return;
+        }
+        // Newton again, for q² + a·q = power.
+        let (short, driving) = ((self.short >> 1) + (self.short >> 3), self.driving.min(most));
+        let gives = high(bus << 16, supply.gives);
+        self.driving = ((driving * driving + gives) / (2 * driving + short | 1)).min(most);
+    }
+
+    /// Narrows a window.
+    #[inline(always)]
+    pub fn narrow(&self, window: &mut Window) {
+        let (braking, driving) = (self.braking << 2 | 3, self.driving << 2 | 3);
+        let (below, above) = if self.forward { (braking, driving) } else { (driving, braking) };
+        window.from_below(-below, Limits::SUPPLY);
+        window.from_above(above, Limits::SUPPLY);
+    }
+}

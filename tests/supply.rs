@@ -175,3 +175,34 @@ fn from_full_speed_to_rest_the_bus_stays_within_its_limit() {
         }
     }
 }
+
+#[test]
+#[ignore]
+fn trace() {
+    let case = match std::env::var("CASE").as_deref() {
+        Ok("drone") => drone(),
+        Ok("hub") => hub(),
+        _ => default_motor(),
+    };
+    let mut rig = armed(&case, UNLIKE[0]);
+    speed(&mut rig, case.speed_rad_s);
+    rig.run(3.0, |_, _| ());
+    println!("{:?}", rig.plant.truth().speed_rad_s);
+    speed(&mut rig, 0.0);
+    for k in 0..60 {
+        rig.run(0.0005, |_, _| ());
+        let t = rig.plant.truth();
+        let s = rig.drive.state();
+        let a = case.settings.full_scale_a() / 32768.0;
+        println!(
+            "{k} w {:.0} bus {:.2} d {:.2} q {:.2} ref {:.2} {:?} {:?}",
+            t.speed_rad_s,
+            t.bus_v,
+            s.current.d as f32 * a,
+            s.current.q as f32 * a,
+            s.current_reference as f32 * a,
+            rig.drive.limits(),
+            rig.drive.mode()
+        );
+    }
+}

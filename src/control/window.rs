@@ -42,13 +42,15 @@ impl Window {
         }
     }
 
-    /// Why a request is cut to a current.
+    /// Why a current is cut, if it is.
     #[inline(always)]
-    pub const fn reasons(&self, request: i32, current: i32) -> Limits {
-        if request == current {
-            Limits::NONE
+    pub const fn reasons(&self, current: i32) -> Limits {
+        if current < self.lowest {
+            self.narrowed[0].with(Limits::CURRENT)
+        } else if current > self.highest {
+            self.narrowed[1].with(Limits::CURRENT)
         } else {
-            self.narrowed[(request > current) as usize].with(Limits::CURRENT)
+            Limits::NONE
         }
     }
 
@@ -78,12 +80,12 @@ mod tests {
         assert_eq!(window, Window::symmetric(100));
         window.from_below(-30, Limits::SUPPLY);
         assert_eq!((window.cut(-100), window.cut(-30), window.cut(7), window.cut(200)), (-30, -30, 7, 100));
-        assert_eq!(window.reasons(-100, -30), Limits::SUPPLY.with(Limits::CURRENT));
-        assert_eq!(window.reasons(200, 100), Limits::CURRENT);
-        assert_eq!(window.reasons(7, 7), Limits::NONE);
+        assert_eq!(window.reasons(-100), Limits::SUPPLY.with(Limits::CURRENT));
+        assert_eq!(window.reasons(200), Limits::CURRENT);
+        assert_eq!(window.reasons(7), Limits::NONE);
         window.from_above(50, Limits::HEAT);
         assert_eq!(window.cut(60), 50);
-        assert_eq!(window.reasons(60, 50), Limits::HEAT.with(Limits::CURRENT));
+        assert_eq!(window.reasons(60), Limits::HEAT.with(Limits::CURRENT));
     }
 
     #[test]

@@ -67,6 +67,8 @@ pub(super) struct Servo {
     /// Current along q that the speed loop or the command asks for, in 2⁻¹⁵ of the full scale; before anti-cogging and
     /// limit.
     current_request: i32,
+    /// … before the speed loop has limited it.
+    asked: i32,
     speed_integrator: Integrator,
     /// Anti-cogging current over the electrical angle, if it is on.
     pub cogging: Option<&'static mut cogging::Table>,
@@ -91,6 +93,7 @@ impl Servo {
             trajectory: Trajectory::at(Position::from_bits(0), 0),
             speed_reference: 0,
             current_request: 0,
+            asked: 0,
             speed_integrator: Integrator::ZERO,
             cogging: None,
             limits: Limits::NONE,
@@ -107,7 +110,7 @@ impl Servo {
         self.current = Dq { d: 0, q: 0 };
         self.demand = Demand::Voltage;
         self.trajectory = Trajectory::at(Position::from_bits(0), 0);
-        (self.speed_reference, self.current_request) = (0, 0);
+        (self.speed_reference, self.current_request, self.asked) = (0, 0, 0);
         self.speed_integrator = Integrator::ZERO;
         self.limits = Limits::NONE;
         self.reference.field = 0;
@@ -146,7 +149,7 @@ impl Servo {
         }
         self.demand = demand;
         if let Demand::Current(Current(current)) = demand {
-            self.current_request = current;
+            (self.asked, self.current_request) = (current, current);
             self.set_reference(config, current);
         }
     }
@@ -188,7 +191,8 @@ impl Servo {
             let (reference, measured) = (self.speed_reference, with.rotor.speed());
             let forward = gains.feed_forward(self.trajectory.acceleration());
             let window = &self.protection.window;
-            self.current_request = self.speed_integrator.step(gains, reference, measured, forward, window);
+            let request = self.speed_integrator.step(gains, reference, measured, forward, window);
+            (self.asked, self.current_request) = (request.asked, request.current);
         }
     }
 
@@ -204,10 +208,11 @@ impl Servo {
     pub fn limit(&mut self, part: u32, bus: i32, controls_field: bool, with: &Context) {
         let speed = with.rotor.speed();
         if part.is_multiple_of(2) {
-            let request = self.current_request;
-            self.reference.field = self.protection.burn(with.config, speed, bus, request, controls_field);
+            self.reference.field = self.protection.burn(with.config, speed, bus, self.asked, controls_field);
         } else {
             self.protection.limit(with.config, bus);
+            let reasons = self.protection.window.reasons(self.asked);
+            self.limits = self.limits.without(Self::CUTS).with(reasons);
         }
     }
 
@@ -228,12 +233,10 @@ impl Servo {
     /// Sets the current reference, within its limit, and the dead time's compensation for it.
     #[inline(always)]
     fn set_reference(&mut self, config: &Config, request: i32) {
-        let window = &self.protection.window;
-        let limited = window.cut(request);
+        let limited = self.protection.window.cut(request);
         self.measurement.state.current_reference = limited;
         self.reference.current = limited << PARK_BITS;
         self.reference.dead_time = clamp(limited, config.dead_time_saturation) * config.ramp;
-        self.limits = self.limits.without(Self::CUTS).with(window.reasons(request, limited));
     }
 
     /// Reference of the current along q, in 2⁻¹⁵ of the full scale.

@@ -58,7 +58,7 @@ impl Supply {
         let little = if controls_field { most >> 4 } else { most >> 3 };
         self.returns = high(bus << 16, supply.returns) + little * little;
         // Beyond half of the short-circuit current, less and less is returned.
-        let braking = against.min(short >> 1);
+        let braking = against.min(short >> 1).min(most);
         let burn = braking * (short - braking) - self.returns;
         self.field = if against <= 0 || burn <= 0 || !controls_field {
             0
@@ -76,7 +76,7 @@ impl Supply {
         let supply = &config.supply;
         let braking = (self.field * self.field + self.returns) / self.short;
         // Where the largest power that can be returned is burnt, any current may brake, within the circle.
-        let braking = if braking >= self.short >> 2 { most } else { braking };
+        let braking = if braking >= (self.short >> 2) - (self.short >> 6) { most } else { braking };
         let braking = braking.min(most - ((self.field * 37) >> 6)).max(0);
         let share = ((supply.end - bus).clamp(0, supply.band) * supply.slope).min(1 << 16);
         self.braking = (braking * share) >> 16;

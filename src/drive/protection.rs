@@ -109,22 +109,28 @@ impl Protection {
         self.most = bridge.min(motor).min(self.overload.most());
     }
 
-    /// The current along d that burns what the supply does not take back, for a `request` along q; in 2⁻²⁸ of the full
-    /// scale.
+    /// Takes up speed and bus voltage for what the supply gives and takes back.
     #[inline(always)]
-    pub fn burn(&mut self, config: &Config, speed: i32, bus: i32, request: i32, controls_field: bool) -> i32 {
-        self.supply.burn(config, speed, bus, request, self.most >> 2, controls_field)
+    pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, controls_field: bool) {
+        self.supply.take_up(config, speed, bus, self.most >> 2, controls_field);
+    }
+
+    /// The current along d that burns what the supply does not take back, for a current along q that is `asked` for; in
+    /// 2⁻²⁸ of the full scale.
+    #[inline(always)]
+    pub fn burn(&mut self, asked: i32, controls_field: bool) -> i32 {
+        self.supply.burn(asked, self.most >> 2, controls_field)
+    }
+
+    /// What is left to brake with.
+    #[inline(always)]
+    pub fn limit_braking(&mut self, config: &Config, bus: i32) {
+        self.supply.limit(config, bus, self.most >> 2);
     }
 
     /// The window that is left by all that narrows it.
     #[inline(always)]
-    pub fn limit(&mut self, config: &Config, bus: i32) {
-        self.supply.limit(config, bus, self.most >> 2);
-        self.narrow(config);
-    }
-
-    #[inline(always)]
-    fn narrow(&mut self, config: &Config) {
+    pub fn narrow(&mut self, config: &Config) {
         self.window = Window::symmetric(config.max_current);
         self.window.from_below(-self.most, Limits::HEAT);
         self.window.from_above(self.most, Limits::HEAT);

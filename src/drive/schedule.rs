@@ -53,6 +53,7 @@ impl Drive {
     pub(super) fn attend(&mut self, sample: &Sample) -> Option<&Estimator> {
         let schedule = &mut self.servo.schedule;
         schedule.tick = schedule.tick.wrapping_add(1);
+        let even = (schedule.tick / CYCLE).is_multiple_of(2);
         match schedule.tick % CYCLE {
             // Every 8 steps.
             0 | 8 | 16 | 24 => return self.trajectory_slot(sample),
@@ -66,11 +67,14 @@ impl Drive {
             // Every 32 steps. Slot 13 is late after a change of the current reference, so the currents that it notes
             // have settled.
             5 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
-            13 => self.slot(sample, Self::measurement_slot),
-            15 => self.slot(sample, Self::alignment_slot),
+            13 if even => self.slot(sample, Self::measurement_slot),
+            13 => self.burn_slot(sample),
+            15 if even => self.slot(sample, Self::alignment_slot),
+            15 => self.slot(sample, Self::voltage_slot),
             21 => return self.speed_slot(sample),
-            29 => return self.over_speed_slot(sample),
-            _ => return self.last_slot(sample),
+            29 => return self.over_speed_slot(sample, even),
+            _ if even => self.hand_over_slot(),
+            _ => return self.heat_slot(sample),
         }
         self.estimator()
     }
@@ -144,11 +148,25 @@ impl Drive {
         servo.note(with, &paths.field_oriented, &paths.idle, servo.schedule.sequence());
     }
 
-    /// Trims the alignment; checks whether the voltage is at its limit.
+    /// Whether the voltage is at its limit; what is left to brake with.
+    #[inline(always)]
+    fn voltage_slot(servo: &mut Servo, paths: &mut Paths, with: &Context) {
+        let field = &paths.field_oriented;
+        servo.limits = servo.limits.set(Limits::DUTY, field.is_limited());
+        servo.protection.limit_braking(with.config, field.bus());
+    }
+
+    /// The current along d for braking.
+    #[inline(never)]
+    fn burn_slot(&mut self, sample: &Sample) {
+        let controls_field = self.config.commutation == Commutation::FieldOriented;
+        self.with_servo(sample, |servo, _, _| servo.burn(controls_field));
+    }
+
+    /// Trims the alignment.
     #[inline(always)]
     fn alignment_slot(servo: &mut Servo, paths: &mut Paths, with: &Context) {
         let field = &mut paths.field_oriented;
-        servo.limits = servo.limits.set(Limits::DUTY, field.is_limited());
         // A current along d takes a voltage of its own.
         if servo.reference.field == 0 {
             field.trim_alignment(with.config, with.rotor.speed());
@@ -171,11 +189,15 @@ impl Drive {
 
     /// What the supply leaves to the current; the end of the check at arming; the check for over-speed.
     #[inline(never)]
-    fn over_speed_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let part = self.servo.schedule.tick / CYCLE;
+    fn over_speed_slot(&mut self, sample: &Sample, even: bool) -> Option<&Estimator> {
         let controls_field = self.config.commutation == Commutation::FieldOriented;
         self.with_servo(sample, |servo, paths, with| {
-            servo.limit(part, paths.field_oriented.bus(), controls_field, with);
+            if even {
+                let (speed, bus) = (with.rotor.speed(), paths.field_oriented.bus());
+                servo.protection.take_up(with.config, speed, bus, controls_field);
+            } else {
+                servo.narrow(with);
+            }
         });
         if let Some(control) = &self.config.control
             && self.paths.arming.has_settled(control, self.record.rotor.speed())
@@ -201,21 +223,19 @@ impl Drive {
         }
     }
 
-    /// In turns: what was measured for the tasks, and a part of the protection against heat.
+    /// A part of the protection against heat.
     #[inline(never)]
-    fn last_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let part = self.servo.schedule.tick / CYCLE;
-        if part.is_multiple_of(2) {
-            self.hand_over_if_due();
-        } else if let Some(Some(fault)) = self.with_servo(sample, |servo, _, with| servo.heat(part / 2, with)) {
+    fn heat_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let part = self.servo.schedule.tick / (2 * CYCLE);
+        if let Some(Some(fault)) = self.with_servo(sample, |servo, _, with| servo.heat(part, with)) {
             self.fail(fault);
             return None;
         }
         self.estimator()
     }
 
-    #[inline(always)]
-    fn hand_over_if_due(&mut self) {
+    #[inline(never)]
+    fn hand_over_slot(&mut self) {
         let Schedule { measurement_due, .. } = self.servo.schedule;
         if self.servo.schedule.is_due(measurement_due) {
             let every = self.config.record_every.next_multiple_of(2 * CYCLE);

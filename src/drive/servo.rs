@@ -203,17 +203,18 @@ impl Servo {
         self.protection.heat(part, square, with.config, with.sample)
     }
 
-    /// In turns: the current along d that burns what braking returns, and the window of the current along q.
+    /// The window of the current along q, and what is told of it.
     #[inline(always)]
-    pub fn limit(&mut self, part: u32, bus: i32, controls_field: bool, with: &Context) {
-        let speed = with.rotor.speed();
-        if part.is_multiple_of(2) {
-            self.reference.field = self.protection.burn(with.config, speed, bus, self.asked, controls_field);
-        } else {
-            self.protection.limit(with.config, bus);
-            let reasons = self.protection.window.reasons(self.asked);
-            self.limits = self.limits.without(Self::CUTS).with(reasons);
-        }
+    pub fn narrow(&mut self, with: &Context) {
+        self.protection.narrow(with.config);
+        let reasons = self.protection.window.reasons(self.asked);
+        self.limits = self.limits.without(Self::CUTS).with(reasons);
+    }
+
+    /// The current along d that burns what braking returns.
+    #[inline(always)]
+    pub fn burn(&mut self, controls_field: bool) {
+        self.reference.field = self.protection.burn(self.asked, controls_field);
     }
 
     /// Whether the rotor is stalled: at rest with the largest current.

@@ -15,7 +15,7 @@ pub(crate) struct Supply {
     pub short: i32,
     /// Power that may go back, per bus voltage in 2⁻¹⁶.
     pub returns: i32,
-    /// Power that may be drawn, per bus voltage in 2⁻¹⁶; the largest number is any.
+    /// Power that may be drawn, per bus voltage in 2⁻¹⁶.
     pub gives: i32,
     /// Bus voltage, in 2⁻¹⁵ of its full scale, from which on no current brakes, and the range below in which less does.
     pub end: i32,
@@ -33,6 +33,7 @@ impl Supply {
         let short = MARGIN * motor.flux_linkage_wb * radians_s / resistance * per_ampere;
         let power = |amperes: f32, resistance: f32| {
             let per_bus = scale.volts / 32_768.0 * amperes / (1.5 * resistance) * per_ampere * per_ampere;
+            // Up to what the largest current can make of the largest back-EMF.
             fixed(per_bus, 16).unwrap_or(i32::MAX)
         };
         let guard = &settings.guard;

@@ -36,58 +36,50 @@ impl Supply {
     pub const NONE: Self =
         Self { short: 1, returns: 0, field: 0, braking: i16::MAX as i32, driving: i16::MAX as i32, forward: true };
 
-    /// Takes up the speed, and the current along d that is needed for the current along q that is asked for. `most` is
-    /// the largest current in 2⁻¹³ of the full scale, `controls_field` whether one along d can be made.
-    ///
-    /// Returns it in 2⁻²⁸ of the full scale.
+    /// Takes up speed and bus voltage: what may go back and what may be drawn. `most` is the largest current in 2⁻¹³ of
+    /// the full scale.
     #[inline(always)]
-    pub fn burn(
-        &mut self,
-        config: &Config,
-        speed: i32,
-        bus: i32,
-        request: i32,
-        most: i32,
-        controls_field: bool,
-    ) -> i32 {
+    pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, most: i32, controls_field: bool) {
         let supply = &config.supply;
         self.forward = speed >= 0;
-        let short = high(speed.abs(), supply.short).min(MOST_SHORT) | 1;
-        self.short = short;
-        let against = if self.forward { -request } else { request } >> 2;
+        self.short = high(speed.abs(), supply.short).min(MOST_SHORT) | 1;
+        // What nobody notices; more where the current along d is not controlled.
         let little = if controls_field { most >> 4 } else { most >> 3 };
         self.returns = high(bus << 16, supply.returns) + little * little;
+        // Newton's root of q² + a·q = power: from the second time on at most a little too large.
+        let (short, driving) = ((self.short >> 1) + (self.short >> 3), self.driving);
+        let gives = high(bus << 16, supply.gives);
+        self.driving = ((driving * driving + gives) / (2 * driving + short | 1)).min(most);
+    }
+
+    /// Takes up the current along d that is needed for the one along q that is `asked` for. Returns it in 2⁻²⁸ of the
+    /// full scale.
+    #[inline(always)]
+    pub fn burn(&mut self, asked: i32, most: i32, controls_field: bool) -> i32 {
+        let against = if self.forward { -asked } else { asked } >> 2;
         // Beyond half of the short-circuit current, less and less is returned.
-        let braking = against.min(short >> 1).min(most);
-        let burn = braking * (short - braking) - self.returns;
+        let braking = against.min(self.short >> 1).min(most);
+        let burn = braking * (self.short - braking) - self.returns;
         self.field = if against <= 0 || burn <= 0 || !controls_field {
             0
         } else {
-            // Newton's square root: from the second time on at most a little too large.
+            // Newton's square root.
             let field = self.field | 1;
             ((field + burn / field) >> 1).min(most - (most >> 4))
         };
         -self.field << 15
     }
 
-    /// Takes up what the current along d and the bus voltage leave to brake with, and what the supply has to drive with.
+    /// Takes up what the current along d and the bus voltage leave to brake with.
     #[inline(always)]
     pub fn limit(&mut self, config: &Config, bus: i32, most: i32) {
         let supply = &config.supply;
         let braking = (self.field * self.field + self.returns) / self.short;
         // Where the largest power that can be returned is burnt, any current may brake, within the circle.
         let braking = if braking >= (self.short >> 2) - (self.short >> 6) { most } else { braking };
-        let braking = braking.min(most - ((self.field * 37) >> 6)).max(0);
-        let share = ((supply.end - bus).clamp(0, supply.band) * supply.slope).min(1 << 16);
+        let braking = braking.min(most - ((self.field * 37) >> 6));
+        let share = (supply.end - bus).clamp(0, supply.band) * supply.slope;
         self.braking = (braking * share) >> 16;
-        if supply.gives == i32::MAX {
-            self.driving = most;
-            return;
-        }
-        // Newton again, for q² + a·q = power.
-        let (short, driving) = ((self.short >> 1) + (self.short >> 3), self.driving.min(most));
-        let gives = high(bus << 16, supply.gives);
-        self.driving = ((driving * driving + gives) / (2 * driving + short | 1)).min(most);
     }
 
     /// Narrows a window.

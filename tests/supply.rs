@@ -187,8 +187,10 @@ fn a_torque_that_brakes_for_ever_returns_nothing() {
         let control = case.settings.control.unwrap();
         for (unlike, direction) in [(UNLIKE[1], 1.0), (UNLIKE[3], -1.0)] {
             let mut rig = armed(&case, unlike);
-            rig.plant.set_dyno(Some(f64::from(direction * 0.8 * case.speed_rad_s))).unwrap();
-            rig.run(0.1, |_, _| ());
+            for percent in 0..80 {
+                rig.plant.set_dyno(Some(f64::from(direction * 0.01 * percent as f32 * case.speed_rad_s))).unwrap();
+                rig.run(0.005, |_, _| ());
+            }
             let current = rig.control().unwrap().current(-direction * control.max_current_a).unwrap();
             rig.command(Command::Current(current)).unwrap();
             let (mut most, mut longest, mut limited, mut torque) = (0.0_f64, 0.0_f64, true, 0.0);
@@ -210,33 +212,31 @@ fn a_torque_that_brakes_for_ever_returns_nothing() {
 
 #[test]
 fn what_the_settings_do_not_tell_is_left_to_the_bus_voltage() {
-    // Twice the flux linkage that the drive knows of.
-    let case = default_motor();
-    let mut control = case.settings.control.unwrap();
-    control.flux_linkage_wb = 2.5e-3;
-    let case = Case { settings: Settings { control: Some(control), ..case.settings }, ..case };
-    let mut rig = armed(&case, UNLIKE[0]);
-    speed(&mut rig, 400.0);
-    rig.run(1.0, |_, _| ());
-    let (most, rest) = stop(&mut rig, 5.0);
-    println!("{most:.2} V, {rest:.3?} s");
-    assert_eq!(rig.drive.mode(), Mode::Running);
-    assert!(most > 26.0 && most < 32.0 && rest.is_some());
+    // Said to be a battery, but there is a diode before it.
+    for case in [default_motor()] {
+        let control = Control { max_regeneration_a: 10.0, ..case.settings.control.unwrap() };
+        let case = Case { settings: Settings { control: Some(control), ..case.settings }, ..case };
+        let mut rig = armed(&case, UNLIKE[0]);
+        speed(&mut rig, case.speed_rad_s);
+        rig.run(2.0, |_, _| ());
+        let (most, rest) = stop(&mut rig, 5.0);
+        println!("{}: {most:.2} V, {rest:.3?} s, {:?}", case.name, rig.drive.mode());
+        assert_eq!(rig.drive.mode(), Mode::Running);
+        assert!(most > 28.0 && most < 32.0 && rest.is_some());
+    }
 }
 
 #[test]
 fn with_local_feedback_the_braking_current_is_limited() {
     for commutation in [Commutation::Sinusoidal, Commutation::Block] {
-        for case in [default_motor(), drone(), hub()] {
-            let over = f64::from(case.settings.control.unwrap().guard.over_voltage_v);
-            let case = Case { settings: Settings { commutation, ..case.settings }, ..case };
-            let mut rig = armed(&case, UNLIKE[0]);
-            speed(&mut rig, 0.5 * case.speed_rad_s);
-            rig.run(1.0, |_, _| ());
-            let (most, rest) = stop(&mut rig, 15.0);
-            println!("{commutation:?} {}: {most:.2} V, {rest:.3?} s, {:?}", case.name, rig.drive.mode());
-            assert!(most < over && rig.drive.mode() == Mode::Running);
-        }
+        let case = default_motor();
+        let case = Case { settings: Settings { commutation, ..case.settings }, ..case };
+        let mut rig = armed(&case, UNLIKE[0]);
+        speed(&mut rig, 0.5 * case.speed_rad_s);
+        rig.run(1.0, |_, _| ());
+        let (most, rest) = stop(&mut rig, 15.0);
+        println!("{commutation:?}: {most:.2} V, {rest:.3?} s");
+        assert!(most < 32.0 && rig.drive.mode() == Mode::Running && rest.is_some());
     }
 }
 

@@ -50,7 +50,7 @@ pub struct Config {
     pub(crate) reversed: bool,
     /// Least speed at which the alignment is trimmed, in 2⁻³² electrical turns a step.
     pub(crate) trim_from: i32,
-    /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every second
+    /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every fourth
     /// [`CYCLE`](crate::drive::CYCLE).
     pub(crate) trim_gain: i32,
     pub(crate) guard: Guard,
@@ -125,7 +125,7 @@ impl Config {
             trim_gain: (TURN
                 / TAU
                 / (svpwm::LONGEST as f32 / longest as f32 / 50.0)
-                / (0.5 * scale.step_hz / (2 * CYCLE) as f32)
+                / (0.5 * scale.step_hz / (4 * CYCLE) as f32)
                 * 16_777_216.0)
                 .clamp(1.0, 2_147_483_520.0) as i32,
             scale,

@@ -56,8 +56,7 @@ impl FieldOriented {
     #[inline(always)]
     pub fn step(&mut self, servo: &mut Servo, rotor: &Tracker, tracking: &track::Config, sample: &Sample) -> [u16; 3] {
         let current = servo.measure_current(rotor.angle() + self.trim, sample);
-        self.voltage =
-            self.integrators.step(&self.gains, Dq { d: servo.reference.field, q: servo.reference.current }, current);
+        self.voltage = self.integrators.step(&self.gains, servo.reference.current, current);
         // What is computed now acts in the next period.
         let ahead = Rotation::at(rotor.predicted(tracking) + self.trim);
         self.modulator.compare(ahead, self.voltage, servo.reference.dead_time)

@@ -90,13 +90,13 @@ impl Protection {
         match part % 16 {
             0 | 8 => overload.count_winding(config, square()),
             4 | 12 => overload.count_bridge(config, square()),
-            2 => overload.count_housing(config, square()),
+            11 => overload.count_housing(config, square()),
             1 => return temperature::fault(config, sample, 0),
             9 => return temperature::fault(config, sample, 1),
             5 => bridge.derate(config, sample, 0),
             13 => motor.derate(config, sample, 1),
-            3 | 11 => return overload.limit_by_winding(config),
-            7 | 15 => return overload.limit_by_bridge(config),
+            3 => return overload.limit_by_winding(config),
+            7 => return overload.limit_by_bridge(config),
             _ => self.limit_by_heat(),
         }
         None
@@ -109,7 +109,7 @@ impl Protection {
         self.most = bridge.min(motor).min(self.overload.most());
     }
 
-    /// Takes up speed and bus voltage for what the supply gives and takes back.
+    /// Takes up speed and bus voltage for what the supply takes back.
     #[inline(always)]
     pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, controls_field: bool) {
         self.supply.take_up(config, speed, bus, self.most >> 2, controls_field);
@@ -118,8 +118,14 @@ impl Protection {
     /// The current along d that burns what the supply does not take back, for a current along q that is `asked` for; in
     /// 2⁻²⁸ of the full scale.
     #[inline(always)]
-    pub fn burn(&mut self, asked: i32, controls_field: bool) -> i32 {
-        self.supply.burn(asked, self.most >> 2, controls_field)
+    pub fn burn(&mut self, config: &Config, bus: i32, asked: i32, controls_field: bool) -> i32 {
+        self.supply.burn(config, bus, asked, self.most >> 2, controls_field)
+    }
+
+    /// What the supply has to drive with.
+    #[inline(always)]
+    pub fn limit_driving(&mut self, config: &Config, bus: i32) {
+        self.supply.limit_driving(config, bus, self.most >> 2);
     }
 
     /// What is left to brake with.

@@ -14,6 +14,8 @@ pub use crate::schedule::{CYCLE, OUTER};
 
 /// Tick of the first slot that may hand over a record.
 const RECORD: u32 = 7;
+/// Steps of the schedule with what comes least often.
+const LONG: u32 = 2 * CYCLE;
 
 /// The present slot, and when records and measurements are due.
 #[derive(Clone, Copy, Debug)]
@@ -53,27 +55,30 @@ impl Drive {
     pub(super) fn attend(&mut self, sample: &Sample) -> Option<&Estimator> {
         let schedule = &mut self.servo.schedule;
         schedule.tick = schedule.tick.wrapping_add(1);
-        let even = (schedule.tick / CYCLE).is_multiple_of(2);
-        match schedule.tick % CYCLE {
+        match schedule.tick % LONG {
             // Every 8 steps.
-            0 | 8 | 16 | 24 => return self.trajectory_slot(sample),
-            1 | 9 | 17 | 25 => self.slot(sample, |servo, _, with| servo.advance_trajectory(with)),
-            2 | 10 | 18 | 26 => return self.command_slot(sample),
-            3 | 11 | 19 | 27 => return self.protection_slot(sample),
-            4 | 12 | 20 | 28 => self.slot(sample, |servo, _, with| servo.speed_loop(with)),
-            6 | 14 | 22 | 30 => self.slot(sample, |servo, _, with| servo.update_reference(with)),
+            0 | 8 | 16 | 24 | 32 | 40 | 48 | 56 => return self.trajectory_slot(sample),
+            1 | 9 | 17 | 25 | 33 | 41 | 49 | 57 => self.slot(sample, |servo, _, with| servo.advance_trajectory(with)),
+            2 | 10 | 18 | 26 | 34 | 42 | 50 | 58 => return self.command_slot(sample),
+            3 | 11 | 19 | 27 | 35 | 43 | 51 | 59 => return self.protection_slot(sample),
+            4 | 12 | 20 | 28 | 36 | 44 | 52 | 60 => self.slot(sample, |servo, _, with| servo.speed_loop(with)),
+            6 | 14 | 22 | 30 | 38 | 46 | 54 | 62 => self.slot(sample, |servo, _, with| servo.update_reference(with)),
             // Every 16 steps.
-            RECORD | 23 => self.record_slot(sample),
-            // Every 32 steps. Slot 13 is late after a change of the current reference, so the currents that it notes
+            RECORD | 23 | 39 | 55 => self.record_slot(sample),
+            // Every 32 steps.
+            5 | 37 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
+            21 | 53 => return self.speed_slot(sample),
+            // Every 64 steps. Slot 13 is late after a change of the current reference, so the currents that it notes
             // have settled.
-            5 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
-            13 if even => self.slot(sample, Self::measurement_slot),
-            13 => self.burn_slot(sample),
-            15 if even => self.slot(sample, Self::alignment_slot),
-            15 => self.slot(sample, Self::voltage_slot),
-            21 => return self.speed_slot(sample),
-            29 => return self.over_speed_slot(sample, even),
-            _ if even => self.hand_over_slot(),
+            13 => self.slot(sample, Self::measurement_slot),
+            15 => self.alignment_slot(sample),
+            29 => return self.over_speed_slot(sample),
+            31 => self.hand_over_slot(),
+            45 => self.burn_slot(sample),
+            47 => self.slot(sample, |servo, paths, with| {
+                servo.protection.limit_braking(with.config, paths.field_oriented.bus());
+            }),
+            61 => self.slot(sample, |servo, _, with| servo.protection.narrow(with.config)),
             _ => return self.heat_slot(sample),
         }
         self.estimator()
@@ -148,29 +153,28 @@ impl Drive {
         servo.note(with, &paths.field_oriented, &paths.idle, servo.schedule.sequence());
     }
 
-    /// Whether the voltage is at its limit; what is left to brake with.
-    #[inline(always)]
-    fn voltage_slot(servo: &mut Servo, paths: &mut Paths, with: &Context) {
-        let field = &paths.field_oriented;
-        servo.limits = servo.limits.set(Limits::DUTY, field.is_limited());
-        servo.protection.limit_braking(with.config, field.bus());
-    }
-
     /// The current along d for braking.
     #[inline(never)]
     fn burn_slot(&mut self, sample: &Sample) {
         let controls_field = self.config.commutation == Commutation::FieldOriented;
-        self.with_servo(sample, |servo, _, _| servo.burn(controls_field));
+        self.with_servo(sample, |servo, paths, with| {
+            servo.burn(with.config, paths.field_oriented.bus(), controls_field);
+        });
     }
 
-    /// Trims the alignment.
-    #[inline(always)]
-    fn alignment_slot(servo: &mut Servo, paths: &mut Paths, with: &Context) {
-        let field = &mut paths.field_oriented;
-        // A current along d takes a voltage of its own.
-        if servo.reference.field == 0 {
-            field.trim_alignment(with.config, with.rotor.speed());
-        }
+    /// In turns: trims the alignment; what the supply has to drive with.
+    #[inline(never)]
+    fn alignment_slot(&mut self, sample: &Sample) {
+        let trims = (self.servo.schedule.tick / LONG).is_multiple_of(2);
+        self.with_servo(sample, |servo, paths, with| {
+            let field = &mut paths.field_oriented;
+            if !trims {
+                servo.protection.limit_driving(with.config, field.bus());
+            } else if servo.reference.current.d == 0 {
+                // A current along d takes a voltage of its own.
+                field.trim_alignment(with.config, with.rotor.speed());
+            }
+        });
     }
 
     /// Feed-forward of the back-EMF for the present speed; the check for a stall.
@@ -189,15 +193,11 @@ impl Drive {
 
     /// What the supply leaves to the current; the end of the check at arming; the check for over-speed.
     #[inline(never)]
-    fn over_speed_slot(&mut self, sample: &Sample, even: bool) -> Option<&Estimator> {
+    fn over_speed_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         let controls_field = self.config.commutation == Commutation::FieldOriented;
         self.with_servo(sample, |servo, paths, with| {
-            if even {
-                let (speed, bus) = (with.rotor.speed(), paths.field_oriented.bus());
-                servo.protection.take_up(with.config, speed, bus, controls_field);
-            } else {
-                servo.narrow(with);
-            }
+            let (speed, bus) = (with.rotor.speed(), paths.field_oriented.bus());
+            servo.protection.take_up(with.config, speed, bus, controls_field);
         });
         if let Some(control) = &self.config.control
             && self.paths.arming.has_settled(control, self.record.rotor.speed())
@@ -226,8 +226,10 @@ impl Drive {
     /// A part of the protection against heat.
     #[inline(never)]
     fn heat_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let part = self.servo.schedule.tick / (2 * CYCLE);
-        if let Some(Some(fault)) = self.with_servo(sample, |servo, _, with| servo.heat(part, with)) {
+        let part = self.servo.schedule.tick / LONG;
+        if let Some(Some(fault)) =
+            self.with_servo(sample, |servo, paths, with| servo.heat(part, &paths.field_oriented, with))
+        {
             self.fail(fault);
             return None;
         }
@@ -238,7 +240,7 @@ impl Drive {
     fn hand_over_slot(&mut self) {
         let Schedule { measurement_due, .. } = self.servo.schedule;
         if self.servo.schedule.is_due(measurement_due) {
-            let every = self.config.record_every.next_multiple_of(2 * CYCLE);
+            let every = self.config.record_every.next_multiple_of(LONG);
             self.servo.schedule.measurement_due = measurement_due.wrapping_add(every);
             self.hand_over_measurement();
         }

@@ -38,9 +38,7 @@ pub enum Demand {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reference {
     /// In 2⁻²⁸ of the full scale.
-    pub current: i32,
-    /// Along d, in the same unit.
-    pub field: i32,
+    pub current: Dq,
     /// For the compensation of the dead time, in the unit of
     /// [`Modulator::compare`](crate::commutation::svpwm::Modulator::compare).
     pub dead_time: i32,
@@ -87,7 +85,7 @@ impl Servo {
         Self {
             protection: Protection::NONE,
             clarke: Clarke::new(0, [0; 3], false),
-            reference: Reference { current: 0, field: 0, dead_time: 0 },
+            reference: Reference { current: Dq { d: 0, q: 0 }, dead_time: 0 },
             current: Dq { d: 0, q: 0 },
             demand: Demand::Voltage,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
@@ -113,7 +111,7 @@ impl Servo {
         (self.speed_reference, self.current_request, self.asked) = (0, 0, 0);
         self.speed_integrator = Integrator::ZERO;
         self.limits = Limits::NONE;
-        self.reference.field = 0;
+        self.reference.current.d = 0;
         self.set_reference(config, 0);
     }
 
@@ -196,25 +194,22 @@ impl Servo {
         }
     }
 
-    /// A part of the protection against heat.
+    /// A part of the protection against heat, or what is told of the limits.
     #[inline(always)]
-    pub fn heat(&mut self, part: u32, with: &Context) -> Option<Fault> {
+    pub fn heat(&mut self, part: u32, field: &FieldOriented, with: &Context) -> Option<Fault> {
+        if part % 4 == 2 {
+            let reasons = self.protection.window.reasons(self.asked);
+            self.limits = self.limits.without(Self::CUTS).with(reasons).set(Limits::DUTY, field.is_limited());
+            return None;
+        }
         let square = || self.clarke.of(with.sample.currents).square();
         self.protection.heat(part, square, with.config, with.sample)
     }
 
-    /// The window of the current along q, and what is told of it.
-    #[inline(always)]
-    pub fn narrow(&mut self, with: &Context) {
-        self.protection.narrow(with.config);
-        let reasons = self.protection.window.reasons(self.asked);
-        self.limits = self.limits.without(Self::CUTS).with(reasons);
-    }
-
     /// The current along d that burns what braking returns.
     #[inline(always)]
-    pub fn burn(&mut self, controls_field: bool) {
-        self.reference.field = self.protection.burn(self.asked, controls_field);
+    pub fn burn(&mut self, config: &Config, bus: i32, controls_field: bool) {
+        self.reference.current.d = self.protection.burn(config, bus, self.asked, controls_field);
     }
 
     /// Whether the rotor is stalled: at rest with the largest current.
@@ -236,7 +231,7 @@ impl Servo {
     fn set_reference(&mut self, config: &Config, request: i32) {
         let limited = self.protection.window.cut(request);
         self.measurement.state.current_reference = limited;
-        self.reference.current = limited << PARK_BITS;
+        self.reference.current.q = limited << PARK_BITS;
         self.reference.dead_time = clamp(limited, config.dead_time_saturation) * config.ramp;
     }
 

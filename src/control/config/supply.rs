@@ -43,8 +43,8 @@ impl Supply {
         Self {
             short: fixed(short, 0).unwrap_or(i32::MAX),
             returns: power(settings.max_regeneration_a, resistance),
-            // A winding that is hot takes more.
-            gives: power(settings.max_supply_a, 1.25 * resistance),
+            // A winding that is hot takes more, and so does the bridge.
+            gives: power(settings.max_supply_a, 1.4 * resistance),
             end: (guard.over_voltage_v * per_volt - room) as i32,
             band: band as i32,
             slope: (65_536.0 / band) as i32,

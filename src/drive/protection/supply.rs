@@ -36,7 +36,7 @@ impl Supply {
     pub const NONE: Self =
         Self { short: 1, returns: 0, field: 0, braking: i16::MAX as i32, driving: i16::MAX as i32, forward: true };
 
-    /// Takes up speed and bus voltage: what may go back and what may be drawn. `most` is the largest current in 2⁻¹³ of
+    /// Takes up speed and bus voltage: what may go back. `most` is the largest current in 2⁻¹³ of
     /// the full scale.
     #[inline(always)]
     pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, most: i32, controls_field: bool) {
@@ -46,22 +46,31 @@ impl Supply {
         // What nobody notices; more where the current along d is not controlled.
         let little = if controls_field { most >> 4 } else { most >> 3 };
         self.returns = high(bus << 16, supply.returns) + little * little;
+    }
+
+    /// Takes up what the supply has to drive with.
+    #[inline(always)]
+    pub fn limit_driving(&mut self, config: &Config, bus: i32, most: i32) {
         // Newton's root of q² + a·q = power: from the second time on at most a little too large.
         let (short, driving) = ((self.short >> 1) + (self.short >> 3), self.driving);
-        let gives = high(bus << 16, supply.gives);
+        let gives = high(bus << 16, config.supply.gives);
         self.driving = ((driving * driving + gives) / (2 * driving + short | 1)).min(most);
     }
 
     /// Takes up the current along d that is needed for the one along q that is `asked` for. Returns it in 2⁻²⁸ of the
     /// full scale.
     #[inline(always)]
-    pub fn burn(&mut self, asked: i32, most: i32, controls_field: bool) -> i32 {
+    pub fn burn(&mut self, config: &Config, bus: i32, asked: i32, most: i32, controls_field: bool) -> i32 {
         let against = if self.forward { -asked } else { asked } >> 2;
         // Beyond half of the short-circuit current, less and less is returned.
         let braking = against.min(self.short >> 1).min(most);
         let burn = braking * (self.short - braking) - self.returns;
-        self.field = if against <= 0 || burn <= 0 || !controls_field {
+        self.field = if !controls_field {
             0
+        } else if against <= 0 || burn <= 0 {
+            // What a small current returned that nobody asked for.
+            let excess = bus - config.supply.end + config.supply.band;
+            if excess > 0 && self.short > most >> 3 { most >> 3 } else { 0 }
         } else {
             // Newton's square root.
             let field = self.field | 1;
@@ -77,7 +86,9 @@ impl Supply {
         let braking = (self.field * self.field + self.returns) / self.short;
         // Where the largest power that can be returned is burnt, any current may brake, within the circle.
         let braking = if braking >= (self.short >> 2) - (self.short >> 6) { most } else { braking };
-        let braking = braking.min(most - ((self.field * 37) >> 6));
+        // Near rest, braking draws as much as driving does.
+        let drawn = self.driving + (self.short >> 1);
+        let braking = braking.min(most - ((self.field * 37) >> 6)).min(drawn);
         let share = (supply.end - bus).clamp(0, supply.band) * supply.slope;
         self.braking = (braking * share) >> 16;
     }

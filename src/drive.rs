@@ -71,8 +71,8 @@ pub struct Drive {
     /// The estimator in use; none before the first calibration.
     estimator: Option<&'static mut Estimator>,
     channels: Interrupt,
-    config: Config,
     paths: Paths,
+    config: Config,
     servo: Servo,
     hall_loss: HallLoss,
     mode: Mode,

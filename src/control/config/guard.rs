@@ -1,7 +1,7 @@
 //! Thresholds of the faults in the units of the interrupt.
 
 use crate::control::Scale;
-use crate::schedule::CYCLE;
+use crate::schedule::LONG;
 use crate::settings::{GuardSettings, OnTimeout, Thermistor};
 
 /// Thresholds of a temperature, and the derating of the current above its warning, in codes of 16 bits.
@@ -35,7 +35,7 @@ pub(crate) struct Guard {
     pub offset: i32,
     /// Of bridge and motor.
     pub heat: [Heat; 2],
-    /// Time at rest with the largest current until a stall is a fault, in [`CYCLE`]s.
+    /// Time at rest with the largest current until a stall is a fault, in [`LONG`]s.
     pub stall: u32,
     /// Command time-out in steps of the outer loops; 0 is none.
     pub timeout: u32,
@@ -76,7 +76,7 @@ impl Guard {
             imbalance: (settings.imbalance_a * per_ampere) as u32,
             offset: (settings.offset_a * scale.per_ampere()) as i32,
             heat: [Heat::new(&settings.bridge, adc_bits), Heat::new(&settings.motor, adc_bits)],
-            stall: (settings.stall_s * scale.step_hz / CYCLE as f32) as u32,
+            stall: (settings.stall_s * scale.step_hz / LONG as f32) as u32,
             timeout: if timeout < 2_147_483_648.0 { timeout as u32 } else { 0 },
             stops: settings.on_timeout == OnTimeout::Stop,
             rest_speed: scale.per_radian_s() as i32,

@@ -95,6 +95,7 @@ impl Settings {
             pwm_hz,
             period,
             dead_time,
+            dead_time_s: self.dead_time_s,
             limits,
             max_electrical_hz: self.max_electrical_hz,
             reversed: self.reversed,

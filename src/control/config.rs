@@ -1,5 +1,6 @@
 //! Gains, limits and scales of the current, speed and position control, computed from their settings.
 
+mod arming;
 mod guard;
 
 use super::current::{self, LocalGains};
@@ -9,6 +10,7 @@ use crate::commutation::svpwm;
 use crate::pwm;
 use crate::schedule::{CYCLE, OUTER};
 use crate::settings::{Control, Error};
+pub(crate) use arming::ArmingCheck;
 use core::f32::consts::TAU;
 use core::fmt;
 pub(crate) use guard::Guard;
@@ -48,6 +50,7 @@ pub struct Config {
     /// steps.
     pub(crate) trim_gain: i32,
     pub(crate) guard: Guard,
+    pub(crate) arming: ArmingCheck,
     pub(crate) scale: Scale,
     pub(crate) motor: Motor,
 }
@@ -59,6 +62,7 @@ pub(crate) struct Frame {
     pub pwm_hz: f32,
     pub period: u16,
     pub dead_time: u16,
+    pub dead_time_s: f32,
     pub limits: pwm::Limits,
     pub max_electrical_hz: f32,
     pub reversed: bool,
@@ -87,6 +91,7 @@ impl Config {
         let least_bus = settings.guard.under_voltage_v / volts;
         let longest = svpwm::Modulator::longest(frame.period, frame.dead_time, &frame.limits);
         Ok(Self {
+            arming: ArmingCheck::new(settings, frame, &scale),
             guard: Guard::new(&settings.guard, frame.adc_bits, loop_hz, &scale),
             gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest as f32)
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,

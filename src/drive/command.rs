@@ -1,5 +1,6 @@
 //! What each command does. A refused one changes nothing.
 
+use super::arming::Pending;
 use super::protection::Protection;
 use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample};
 use crate::angle::ElectricalAngle;
@@ -129,12 +130,52 @@ impl Drive {
         if self.record.missed != 0 {
             return Err(Refusal::NoAngle);
         }
+        if control.is_none() && self.turns_faster_than(self.config.fastest >> 6) {
+            return Err(Refusal::Turning);
+        }
         if let Some(control) = control {
             self.servo.protection.arm(control, sample);
         }
         self.paths.voltage.release(&self.config);
         self.reset_servo(sample);
-        self.on_command(Event::Arm)
+        self.on_command(Event::Arm)?;
+        self.begin_arming(sample);
+        Ok(())
+    }
+
+    /// A drive with current sensing follows a current of zero until it is commanded something else, which lets a rotor
+    /// that turns turn on; at rest it first checks what it is connected to.
+    fn begin_arming(&mut self, sample: &Sample) {
+        let Some(control) = &self.config.control else { return };
+        self.servo.follow(control, Demand::Current(Current(0)), &self.record.rotor);
+        if control.arming.enabled && !self.turns_faster_than(control.arming.at_rest) {
+            self.paths.arming.begin(control, control.bus(sample.bus));
+            self.limits = self.limits.with(Limits::CHECKING);
+        }
+        self.publish();
+    }
+
+    /// The check has pushed the rotor, which the speed control brings to rest.
+    pub(super) fn settle(&mut self, sample: &Sample) {
+        self.reset_servo(sample);
+        self.take_up(Demand::Speed(Speed(0)));
+    }
+
+    /// After the check: what was commanded meanwhile.
+    pub(super) fn end_arming(&mut self, sample: &Sample) {
+        self.limits = self.limits.without(Limits::CHECKING);
+        self.reset_servo(sample);
+        let pending = self.paths.arming.pending.take();
+        self.paths.arming.end();
+        match pending {
+            Some(Pending::Voltage(modulation)) => self.command_voltage(modulation),
+            Some(Pending::Demand(demand)) => self.take_up(demand),
+            None => self.take_up(Demand::Current(Current(0))),
+        }
+    }
+
+    fn turns_faster_than(&self, speed: i32) -> bool {
+        self.record.rotor.speed().unsigned_abs() > speed.unsigned_abs()
     }
 
     /// Takes up a demand for current, speed or position.
@@ -151,9 +192,19 @@ impl Drive {
         if magnitude > most as u32 {
             return Err(Refusal::TooLarge);
         }
-        self.servo.follow(control, demand, &self.record.rotor);
-        self.publish();
+        if self.paths.arming.is_active() {
+            self.paths.arming.pending = Some(Pending::Demand(demand));
+        } else {
+            self.take_up(demand);
+        }
         Ok(())
+    }
+
+    fn take_up(&mut self, demand: Demand) {
+        if let Some(control) = &self.config.control {
+            self.servo.follow(control, demand, &self.record.rotor);
+        }
+        self.publish();
     }
 
     fn reset_servo(&mut self, sample: &Sample) {
@@ -199,11 +250,19 @@ impl Drive {
         if magnitude > i32::from(self.config.max_modulation.to_bits()).unsigned_abs() {
             return Err(Refusal::TooLarge);
         }
-        self.reset_servo(sample);
+        if self.paths.arming.is_active() {
+            self.paths.arming.pending = Some(Pending::Voltage(modulation));
+        } else {
+            self.reset_servo(sample);
+            self.command_voltage(modulation);
+        }
+        Ok(())
+    }
+
+    fn command_voltage(&mut self, modulation: Modulation) {
         self.publish();
         self.paths.voltage.command(modulation, &self.config);
         let cut = self.config.limits.limits(modulation);
         self.limits = self.limits.set(Limits::DUTY, cut);
-        Ok(())
     }
 }

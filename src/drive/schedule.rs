@@ -125,8 +125,10 @@ impl Drive {
     /// rest of the step finds the angle as after a missed sample.
     #[inline(never)]
     fn protection_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let fault = self.with_servo(sample, |servo, _, with| {
-            let fault = servo.protection.imbalance(with.config, with.sample);
+        let fault = self.with_servo(sample, |servo, paths, with| {
+            // The check at arming tells more of amplifiers that disagree.
+            let checks = paths.arming.drives();
+            let fault = if checks { None } else { servo.protection.imbalance(with.config, with.sample) };
             fault.or_else(|| servo.protection.over_temperature(with.config, with.sample))
         });
         if let Some(Some(fault)) = fault {
@@ -171,6 +173,11 @@ impl Drive {
             servo.protection.derate(with.config, with.sample, 0);
             servo.protection.derate(with.config, with.sample, 1);
         });
+        if let Some(control) = &self.config.control
+            && self.paths.arming.has_settled(control, self.record.rotor.speed())
+        {
+            self.end_arming(sample);
+        }
         if done.is_some() && self.is_too_fast() {
             self.fail(Fault::OverSpeed);
             return None;

@@ -76,6 +76,9 @@ pub(super) struct Servo {
 }
 
 impl Servo {
+    /// Reasons for which a current is cut.
+    const CUTS: Limits = Limits::CURRENT.with(Limits::HEAT).with(Limits::SUPPLY);
+
     pub const fn new() -> Self {
         Self {
             protection: Protection::NONE,
@@ -181,15 +184,15 @@ impl Servo {
             let gains = &with.config.velocity;
             let (reference, measured) = (self.speed_reference, with.rotor.speed());
             let forward = gains.feed_forward(self.trajectory.acceleration());
-            let most = self.protection.max_current;
-            self.current_request = self.speed_integrator.step(gains, reference, measured, forward, most);
+            let window = &self.protection.window;
+            self.current_request = self.speed_integrator.step(gains, reference, measured, forward, window);
         }
     }
 
     /// Whether the rotor is stalled: at rest with the largest current.
     #[inline(always)]
     pub fn is_stalled(&mut self, with: &Context) -> bool {
-        let limited = self.moves() && self.current_request.abs() == self.protection.max_current;
+        let limited = self.moves() && self.protection.window.is_end(self.current_request);
         self.protection.is_stalled(with.config, limited, with.rotor.speed())
     }
 
@@ -203,13 +206,13 @@ impl Servo {
     /// Sets the current reference, within its limit, and the dead time's compensation for it.
     #[inline(always)]
     fn set_reference(&mut self, config: &Config, request: i32) {
-        let most = self.protection.max_current;
-        let limited = clamp(request, most);
+        let window = &self.protection.window;
+        let limited = window.cut(request);
         self.measurement.state.current_reference = limited;
         self.reference.current = limited << PARK_BITS;
         self.reference.dead_time = clamp(limited, config.dead_time_saturation) * config.ramp;
-        let cut = limited != request;
-        self.limits = self.limits.set(Limits::CURRENT, cut).set(Limits::HEAT, cut && most < config.max_current);
+        let reasons = if limited == request { Limits::NONE } else { window.narrowed.with(Limits::CURRENT) };
+        self.limits = self.limits.without(Self::CUTS).with(reasons);
     }
 
     /// Reference of the current along q, in 2⁻¹⁵ of the full scale.

@@ -108,7 +108,8 @@ impl Campaign {
         self.demand = Demand::Voltage;
         self.follow()??;
         self.load(kind)?;
-        let quiet = self.random.random_range(600..2400);
+        // A reversal from the speed that was commanded, not from the way there.
+        let quiet = if kind.stage == Stage::Reversal { 10_000 } else { self.random.random_range(600..2400) };
         if let Some(verdict) = self.wait(quiet)? {
             self.false_alarm(verdict, "quiet");
             return Ok(());
@@ -175,6 +176,7 @@ impl Campaign {
         let outcome = kind.outcome_at(&self.machine.bench);
         let seconds = match outcome {
             Outcome::Named(seconds)
+            | Outcome::NamedOrHarmless(seconds)
             | Outcome::NoHarm(seconds)
             | Outcome::NoFault(seconds)
             | Outcome::NotTooFast(seconds) => seconds,
@@ -212,16 +214,18 @@ impl Campaign {
     fn found(&self, kind: &Kind, broken: Broken, verdict: Option<Verdict>, turns: f64) -> Found {
         let machine = &self.machine;
         let truth = machine.rig.plant.truth();
-        let named = verdict.and_then(Verdict::fault).is_some_and(|fault| broken.is_named_by(fault));
+        let named = verdict.is_some_and(|verdict| broken.is_named_by(verdict));
         let control = machine.bench.settings.control.unwrap_or_default();
         let motion = machine.motion.as_ref();
         let current_a = motion.map_or(0.0, |motion| motion.current_a);
+        let harmless = current_a < f64::from(control.guard.over_current_a);
         let fastest = motion.map_or(0.0, |motion| motion.speed_rad_s);
         let right = match kind.outcome_at(&machine.bench) {
             Outcome::Named(_) | Outcome::NamedInATurn => named,
             Outcome::AtRest(_) => (verdict.is_none() || named) && truth.speed_rad_s.abs() < 1.0,
             Outcome::NoFault(_) => verdict.is_none(),
-            Outcome::NoHarm(_) => current_a < f64::from(control.guard.over_current_a),
+            Outcome::NamedOrHarmless(_) => named || verdict.is_none() && harmless,
+            Outcome::NoHarm(_) => harmless,
             Outcome::NotTooFast(_) => {
                 let over = verdict.and_then(Verdict::fault) == Some(hallservo::fault::Fault::OverSpeed);
                 (verdict.is_none() || over) && fastest < 1.15 * f64::from(control.max_speed_rad_s)

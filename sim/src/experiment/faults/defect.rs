@@ -1,10 +1,12 @@
 //! What is done to a drive and its motor, and the names that it may be given.
 
 use super::bench::{Bench, COOL};
+use super::machine::Verdict;
 use crate::rig::{Disturb, Rig};
 use anyhow::{Context, Result};
 use hallservo::angle::ElectricalAngle;
 use hallservo::board::{LostPeriods, Sample};
+use hallservo::drive::Refusal;
 use hallservo::fault::Fault;
 use hallservo::hall::model::Model;
 use plant::{AmplifierFault, ThermistorFault, Transistor, Wires};
@@ -69,8 +71,15 @@ pub(super) struct Broken {
 }
 
 impl Broken {
-    /// Whether a fault says what is wrong.
-    pub fn is_named_by(self, fault: Fault) -> bool {
+    /// Whether a fault or a refusal says what is wrong.
+    pub fn is_named_by(self, verdict: Verdict) -> bool {
+        match (self.defect, verdict) {
+            (Defect::HallWiresMoved | Defect::HallWiresSwapped, Verdict::Refused(Refusal::NoAngle)) => true,
+            _ => verdict.fault().is_some_and(|fault| self.is_named_by_fault(fault)),
+        }
+    }
+
+    fn is_named_by_fault(self, fault: Fault) -> bool {
         use Fault::*;
         let open = [OpenPhaseA, OpenPhaseB, OpenPhaseC][self.channel];
         let amplifier = [AmplifierA, AmplifierB, AmplifierC][self.channel];
@@ -112,7 +121,7 @@ impl Broken {
         let channel = match defect {
             // Where a current flows, for without one nothing can show.
             Defect::OpenPhase | Defect::DeadTransistor | Defect::AmplifierDead | Defect::AmplifierGain => {
-                largest(rig.plant.currents_a())
+                largest(rig.plant.currents_a()).unwrap_or(random.random_range(0..3))
             }
             _ => random.random_range(0..3),
         };
@@ -192,8 +201,10 @@ pub(super) fn install(rig: &mut Rig, model: &Model) -> Result<()> {
     anyhow::bail!("the drive takes no model")
 }
 
-fn largest(currents_a: [f64; 3]) -> usize {
-    (0..3).fold(0, |most, k| if currents_a[k].abs() > currents_a[most].abs() { k } else { most })
+/// The phase with the largest current, if any flows.
+fn largest(currents_a: [f64; 3]) -> Option<usize> {
+    let most = (0..3).max_by(|&a, &b| currents_a[a].abs().total_cmp(&currents_a[b].abs()))?;
+    (currents_a[most].abs() > 0.05).then_some(most)
 }
 
 /// What changes the samples on their way to the drive.
@@ -220,10 +231,13 @@ fn disturbance(defect: Defect, channel: usize, bench: &Bench, random: &mut Pcg64
         }
         Defect::Imbalance | Defect::Offset => {
             let threshold = if defect == Defect::Offset { guard.offset_a } else { guard.imbalance_a };
-            let off = amperes(threshold * random.random_range(1.1..2.0)) + margin / 2;
+            let off = amperes(threshold * random.random_range(1.1..1.5)) + 12;
+            let mut up = None;
             Box::new(move |sample| {
                 let code = &mut sample.currents[channel];
-                *code = if up { (*code + off).min(4095) } else { code.saturating_sub(off) };
+                // Toward zero, for a large current would be found as such.
+                *code =
+                    if *up.get_or_insert(*code < 2048) { (*code + off).min(4095) } else { code.saturating_sub(off) };
             })
         }
         Defect::LostPeriod => Box::new(|sample| sample.lost = LostPeriods::counted(1)),

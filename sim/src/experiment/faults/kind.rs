@@ -37,6 +37,9 @@ pub(super) enum Outcome {
     AtRest(f64),
     /// No fault for so many seconds.
     NoFault(f64),
+    /// A fault that names it, or none and no harm for so many seconds: a rotor that a wrong commutation holds fast, or
+    /// moves with less torque, cannot be told from one with a heavy load.
+    NamedOrHarmless(f64),
     /// A fault or not, but no harm for so many seconds: what can be asked of a drive whose check is switched off.
     NoHarm(f64),
     /// The rotor stays within its speed limit for so many seconds, or over-speed is named.
@@ -65,6 +68,9 @@ const SOON: Outcome = Outcome::Named(0.05);
 /// What the loops' time constants and `stall_s` are given.
 const LATE: Outcome = Outcome::Named(1.2);
 
+/// Where the commutation is wrong.
+const HARMLESS: Outcome = Outcome::NamedOrHarmless(0.5);
+
 /// Largest motion the wrong way, mechanical degrees and seconds.
 pub(super) const MOST_WRONG: (f64, f64) = (30.0, 0.05);
 
@@ -91,15 +97,15 @@ pub(super) const KINDS: &[Kind] = &[
     kind("Hall at ground", HallAtGround, Running, Outcome::Named(2.0 * PERIOD)),
     kind("two Halls shorted", HallsShorted, Turning, Outcome::NamedInATurn),
     kind("Hall frozen at its value", HallFrozen, Turning, Outcome::NamedInATurn),
-    kind("Halls' wires moved on", HallWiresMoved, BeforeArming, SOON),
-    kind("two Halls' wires swapped", HallWiresSwapped, BeforeArming, SOON),
-    kind("motor wires moved on", MotorWiresMoved, BeforeArming, SOON),
-    kind("two motor wires swapped", MotorWiresSwapped, BeforeArming, SOON),
-    kind("calibration off by 60°", WrongAngle(60.0), BeforeArming, SOON),
-    kind("calibration off by 90°", WrongAngle(90.0), BeforeArming, SOON),
-    kind("calibration off by 120°", WrongAngle(120.0), BeforeArming, SOON),
-    kind("calibration off by 180°", WrongAngle(180.0), BeforeArming, SOON),
-    kind("calibration of the wrong direction", WrongDirection, BeforeArming, SOON),
+    kind("Halls' wires moved on", HallWiresMoved, BeforeArming, HARMLESS),
+    kind("two Halls' wires swapped", HallWiresSwapped, BeforeArming, HARMLESS),
+    kind("motor wires moved on", MotorWiresMoved, BeforeArming, HARMLESS),
+    kind("two motor wires swapped", MotorWiresSwapped, BeforeArming, HARMLESS),
+    kind("calibration off by 60°", WrongAngle(60.0), BeforeArming, HARMLESS),
+    kind("calibration off by 90°", WrongAngle(90.0), BeforeArming, HARMLESS),
+    kind("calibration off by 120°", WrongAngle(120.0), BeforeArming, HARMLESS),
+    kind("calibration off by 180°", WrongAngle(180.0), BeforeArming, HARMLESS),
+    kind("calibration of the wrong direction", WrongDirection, BeforeArming, HARMLESS),
     kind("open phase at speed", OpenPhase, Loaded, SOON),
     kind("open phase under torque", OpenPhase, Holding, SOON),
     kind("open phase from rest", OpenPhase, BeforeCommand, SOON),

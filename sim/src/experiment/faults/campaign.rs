@@ -9,6 +9,7 @@ use super::summary::{Found, Summary};
 use anyhow::{Context, Result};
 use hallservo::commutation::{Commutation, Modulation};
 use hallservo::drive::{Command, Demand};
+use hallservo::fault::Fault;
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -214,11 +215,17 @@ impl Campaign {
     fn found(&self, kind: &Kind, broken: Broken, verdict: Option<Verdict>, turns: f64) -> Found {
         let machine = &self.machine;
         let truth = machine.rig.plant.truth();
-        let named = verdict.is_some_and(|verdict| broken.is_named_by(verdict));
         let control = machine.bench.settings.control.unwrap_or_default();
         let motion = machine.motion.as_ref();
         let current_a = motion.map_or(0.0, |motion| motion.current_a);
         let harmless = current_a < f64::from(control.guard.over_current_a);
+        let named = verdict.is_some_and(|verdict| {
+            // Where it really was too large, that is what is wrong.
+            let too_large = verdict == Verdict::Fault(Fault::OverCurrent)
+                && broken.overloads()
+                && current_a > 0.97 * f64::from(control.guard.over_current_a);
+            too_large || broken.is_named_by(verdict)
+        });
         let fastest = motion.map_or(0.0, |motion| motion.speed_rad_s);
         let right = match kind.outcome_at(&machine.bench) {
             Outcome::Named(_) | Outcome::NamedInATurn => named,
@@ -227,7 +234,7 @@ impl Campaign {
             Outcome::NamedOrHarmless(_) => named || verdict.is_none() && harmless,
             Outcome::NoHarm(_) => harmless,
             Outcome::NotTooFast(_) => {
-                let over = verdict.and_then(Verdict::fault) == Some(hallservo::fault::Fault::OverSpeed);
+                let over = verdict.and_then(Verdict::fault) == Some(Fault::OverSpeed);
                 (verdict.is_none() || over) && fastest < 1.15 * f64::from(control.max_speed_rad_s)
             }
         };

@@ -79,6 +79,15 @@ impl Broken {
         }
     }
 
+    /// Whether it can make a current flow that is too large, or show one.
+    pub fn overloads(self) -> bool {
+        use Defect::*;
+        matches!(
+            self.defect,
+            OpenPhase | DeadTransistor | AmplifierDead | AmplifierFrozen | AmplifierGain | AmplifiersDead
+        )
+    }
+
     fn is_named_by_fault(self, fault: Fault) -> bool {
         use Fault::*;
         let open = [OpenPhaseA, OpenPhaseB, OpenPhaseC][self.channel];
@@ -101,8 +110,12 @@ impl Broken {
             Defect::HallWiresMoved | Defect::HallWiresSwapped => matches!(fault, Hall(_) | AngleJump | Commutation),
             Defect::OpenPhase => fault == open || fault == CurrentModel,
             Defect::DeadTransistor => fault == open || fault == amplifier || matches!(fault, CurrentModel),
-            Defect::AmplifierDead | Defect::AmplifierFrozen | Defect::AmplifierGain => {
+            Defect::AmplifierDead | Defect::AmplifierFrozen => {
                 fault == amplifier || matches!(fault, CurrentModel | CurrentImbalance)
+            }
+            // Twice the current is shown, and that may be too large.
+            Defect::AmplifierGain => {
+                fault == amplifier || matches!(fault, CurrentModel | CurrentImbalance | OverCurrent)
             }
             Defect::AmplifiersDead => matches!(fault, NoCurrent | CurrentModel),
             Defect::MotorWiresMoved | Defect::MotorWiresSwapped | Defect::WrongAngle(_) | Defect::WrongDirection => {

@@ -31,13 +31,16 @@ mod protection;
 mod records;
 mod schedule;
 mod servo;
+mod supervision;
 mod tracking;
 mod voltage;
 
 use crate::angle::ElectricalAngle;
 use crate::board::{Legs, Output, Sample};
 use crate::commutation::Commutation;
+use crate::commutation::frames::Dq;
 use crate::config::Config;
+use crate::control;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
 use crate::hall::track::Tracker;
@@ -85,6 +88,14 @@ struct Paths {
     open_loop: OpenLoop,
     arming: Arming,
     idle: Idle,
+}
+
+impl Paths {
+    /// Voltage of the last step with currents controlled, in 2⁻¹⁵ of the full scale of the bus.
+    #[inline(always)]
+    fn voltage_noted(&self, config: &control::config::Config) -> Dq {
+        if self.field_oriented.is_used { self.field_oriented.voltage(config) } else { self.local_feedback.voltage() }
+    }
 }
 
 /// The control path that is active.
@@ -288,7 +299,7 @@ impl Drive {
                 arming::no_voltage(&self.config)
             }
             Step::Done => {
-                self.end_arming(sample);
+                self.end_arming(false, sample);
                 arming::no_voltage(&self.config)
             }
         }

@@ -10,7 +10,7 @@
 //! All of it takes some hundredths of a second and moves the rotor by a few electrical degrees. A rotor that does not
 //! move, because it is blocked or heavy, proves nothing; the [supervision](super::supervision) then goes on asking.
 
-use super::{CYCLE, Demand, Idle};
+use super::{Demand, Idle};
 use crate::angle::{ElectricalAngle, Position};
 use crate::board::{Legs, Output, Sample};
 use crate::commutation::Modulation;
@@ -19,6 +19,7 @@ use crate::config::Config;
 use crate::control::config::Config as Control;
 use crate::fault::Fault;
 use crate::hall::track::Tracker;
+use crate::schedule::LONG;
 
 /// Way by which the push is told from noise: 3° electrical, in 2⁻³² turns.
 const MOVED: i64 = 35_791_394;
@@ -141,15 +142,16 @@ impl Arming {
         !matches!(self.stage, Stage::Off | Stage::Settle)
     }
 
-    /// Whether the rotor that the speed control was to bring to rest is there, or has had its time; to be asked once in
-    /// a [`CYCLE`].
-    pub fn has_settled(&mut self, control: &Control, speed: i32) -> bool {
+    /// Whether the rotor that the speed control was to bring to rest is there; `None` while it has time. To be asked
+    /// once in a [`LONG`] cycle.
+    pub fn has_settled(&mut self, control: &Control, speed: i32) -> Option<bool> {
         if self.stage != Stage::Settle {
-            return false;
+            return None;
         }
-        self.steps += CYCLE;
+        self.steps += LONG;
+        let longest = control.arming.longest_push;
         let rests = speed.unsigned_abs() <= control.arming.at_rest as u32 / 6;
-        (rests && self.steps >= control.arming.longest_push / 4) || self.steps >= 4 * control.arming.longest_push
+        ((rests && self.steps >= longest / 4) || self.steps >= 4 * longest).then_some(rests)
     }
 
     /// One step on.

@@ -2,6 +2,8 @@
 
 use super::arming::Pending;
 use super::protection::Protection;
+use super::schedule::OUTER;
+use super::supervision::Supervision;
 use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample};
 use crate::angle::ElectricalAngle;
 use crate::commutation::{Commutation, Modulation};
@@ -130,6 +132,11 @@ impl Drive {
         if self.record.missed != 0 {
             return Err(Refusal::NoAngle);
         }
+        if let Some(control) = control
+            && self.servo.seen(&self.record.rotor).is_outside(&control.motion)
+        {
+            return Err(Refusal::Fault(Fault::PositionBounds));
+        }
         if control.is_none() && self.turns_faster_than(self.config.fastest >> 6) {
             return Err(Refusal::Turning);
         }
@@ -146,6 +153,7 @@ impl Drive {
     /// A drive with current sensing follows a current of zero until it is commanded something else, which lets a rotor
     /// that turns turn on; at rest it first checks what it is connected to.
     fn begin_arming(&mut self, sample: &Sample) {
+        self.servo.supervision = Supervision::NONE;
         let Some(control) = &self.config.control else { return };
         self.servo.follow(control, Demand::Current(Current(0)), &self.record.rotor);
         if control.arming.enabled && !self.turns_faster_than(control.arming.at_rest) {
@@ -161,11 +169,14 @@ impl Drive {
         self.take_up(Demand::Speed(Speed(0)));
     }
 
-    /// After the check: what was commanded meanwhile.
-    pub(super) fn end_arming(&mut self, sample: &Sample) {
+    /// After the check, which may have shown that the commutation is right: what was commanded meanwhile.
+    pub(super) fn end_arming(&mut self, proven: bool, sample: &Sample) {
         self.limits = self.limits.without(Limits::CHECKING);
         self.reset_servo(sample);
         let pending = self.paths.arming.pending.take();
+        if proven {
+            self.servo.supervision.prove();
+        }
         self.paths.arming.end();
         match pending {
             Some(Pending::Voltage(modulation)) => self.command_voltage(modulation),
@@ -183,6 +194,12 @@ impl Drive {
         let control = self.config.control.as_ref().ok_or(Refusal::NoControl)?;
         if self.mode != Mode::Running {
             return Err(Refusal::Mode(self.mode));
+        }
+        let [least, largest] = control.motion.bounds;
+        if let Demand::Position(position) = demand
+            && !(least..=largest).contains(&(position.to_bits() >> OUTER.ilog2()))
+        {
+            return Err(Refusal::OutOfBounds);
         }
         let (magnitude, most) = match demand {
             Demand::Current(Current(current)) => (current.unsigned_abs(), control.max_current),
@@ -211,6 +228,7 @@ impl Drive {
         if let Some(control) = &self.config.control {
             self.servo.reset(control, &self.paths.idle);
             self.paths.local_feedback.reset();
+            self.paths.field_oriented.is_used = self.config.commutation == Commutation::FieldOriented;
             self.paths.field_oriented.reset(control, self.record.rotor.speed(), sample);
         }
     }

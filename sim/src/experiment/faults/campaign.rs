@@ -231,7 +231,10 @@ impl Campaign {
             Outcome::Named(_) | Outcome::NamedInATurn => named,
             Outcome::AtRest(_) => (verdict.is_none() || named) && truth.speed_rad_s.abs() < 1.0,
             Outcome::NoFault(_) => verdict.is_none(),
-            Outcome::NamedOrHarmless(_) => named || verdict.is_none() && harmless,
+            Outcome::NamedOrHarmless(_) => {
+                let held = matches!(verdict, None | Some(Verdict::Fault(Fault::Stall | Fault::FollowingError)));
+                named || held && harmless
+            }
             Outcome::NoHarm(_) => harmless,
             Outcome::NotTooFast(_) => {
                 let over = verdict.and_then(Verdict::fault) == Some(Fault::OverSpeed);

@@ -37,7 +37,7 @@ pub(super) enum Outcome {
     AtRest(f64),
     /// No fault for so many seconds.
     NoFault(f64),
-    /// A fault that names it, or none and no harm for so many seconds: a rotor that a wrong commutation holds fast, or
+    /// A fault that names it, or tells that the rotor does not follow, or none, and no harm for so many seconds: a rotor that a wrong commutation holds fast, or
     /// moves with less torque, cannot be told from one with a heavy load.
     NamedOrHarmless(f64),
     /// A fault or not, but no harm for so many seconds: what can be asked of a drive whose check is switched off.
@@ -120,7 +120,7 @@ pub(super) const KINDS: &[Kind] = &[
     kind("all amplifiers dead at speed", AmplifiersDead, Loaded, SOON),
     kind("all amplifiers dead under torque", AmplifiersDead, Holding, SOON),
     kind("all amplifiers dead before arming", AmplifiersDead, BeforeArming, SOON),
-    kind("over-speed, driven", Driven, Turning, SOON),
+    kind("over-speed, driven", Driven, Turning, Outcome::Named(0.12)),
     kind("over-speed by torque", Nothing, FreeTorque, Outcome::NotTooFast(0.4)),
     kind("stall at a blocked shaft", Blocked, Turning, LATE),
     kind("dragged away from its position", Dragged, Holding, LATE),

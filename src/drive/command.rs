@@ -154,6 +154,7 @@ impl Drive {
     /// that turns turn on; at rest it first checks what it is connected to.
     fn begin_arming(&mut self, sample: &Sample) {
         self.servo.supervision = Supervision::NONE;
+        self.servo.supervision.begin(self.record.rotor.position().to_bits());
         let Some(control) = &self.config.control else { return };
         self.servo.follow(control, Demand::Current(Current(0)), &self.record.rotor);
         if control.arming.enabled && !self.turns_faster_than(control.arming.at_rest) {
@@ -165,6 +166,7 @@ impl Drive {
 
     /// The check has pushed the rotor, which the speed control brings to rest.
     pub(super) fn settle(&mut self, sample: &Sample) {
+        self.servo.supervision.begin(self.record.rotor.position().to_bits());
         self.reset_servo(sample);
         self.take_up(Demand::Speed(Speed(0)));
     }

@@ -82,6 +82,11 @@ impl Supervision {
         turning: 0,
     };
 
+    /// The motion counts from this position, in 2⁻³² electrical turns.
+    pub fn begin(&mut self, position: i64) {
+        self.position = position;
+    }
+
     /// The commutation has been seen to turn the rotor the right way.
     pub fn prove(&mut self) {
         self.proofs = PROOF;

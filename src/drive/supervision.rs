@@ -107,7 +107,7 @@ impl Supervision {
         let speed = rotor.speed().saturating_abs();
         self.slowest = if self.against == 0 { i32::MAX } else { self.slowest.min(speed) };
         let faster = speed > self.slowest.saturating_add(motion.turning);
-        (self.against > motion.wrong_way && faster).then_some(Fault::Commutation)
+        (against > 0 && self.against > motion.wrong_way && faster).then_some(Fault::Commutation)
     }
 
     /// Whether the rotor is too far from its position, or for too long from its speed.

@@ -92,6 +92,9 @@ pub fn main(options: &Options) -> Result<()> {
 
 fn print_examples(summary: &Summary) {
     for (name, kind) in &summary.kinds {
+        for (place, count) in &kind.missed_in {
+            println!("  {name}: {count} missed, {place}");
+        }
         for at in &kind.missed_at {
             println!("  {name}: {at}");
         }

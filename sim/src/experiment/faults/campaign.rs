@@ -253,6 +253,7 @@ impl Campaign {
             bus: motion.map_or(0.0, |motion| motion.bus_v) / f64::from(control.guard.over_voltage_v),
             wrong_deg: motion.map_or(0.0, |motion| motion.wrong_rad) / TAU * 360.0,
             wrong_ms: 1e3 * period_s * motion.map_or(0.0, |motion| f64::from(motion.wrong_periods)),
+            on: format!("{}, {:?}", machine.bench.board.name, self.commutation),
             at: format!("{:?} at {:.0} rad/s, {broken:?}, {}", self.wish, truth.speed_rad_s, self.describe()),
         }
     }

@@ -122,7 +122,8 @@ impl Broken {
                 fault == Commutation
             }
             Defect::Blocked => matches!(fault, Stall | FollowingError),
-            Defect::Driven => matches!(fault, OverSpeed | FollowingError),
+            // What is stronger than the motor turns the rotor against it, as a wrong commutation does.
+            Defect::Driven => matches!(fault, OverSpeed | FollowingError | Commutation),
             Defect::Dragged => matches!(fault, FollowingError | Stall | Commutation),
             Defect::Silence => matches!(fault, CommandTimeout | NotStopped),
             Defect::Nothing => false,

@@ -33,6 +33,8 @@ pub struct Kind {
     pub worst_wrong_ms: f64,
     /// What the drive said, and how often.
     pub reported: BTreeMap<String, u32>,
+    /// On which board with which commutation it was missed, and how often.
+    pub missed_in: BTreeMap<String, u32>,
     /// Where it was missed: some of them.
     pub missed_at: Vec<String>,
 }
@@ -54,7 +56,8 @@ pub(super) struct Found {
     pub bus: f64,
     pub wrong_deg: f64,
     pub wrong_ms: f64,
-    /// Where, in words.
+    /// Board and commutation; where, in words.
+    pub on: String,
     pub at: String,
 }
 
@@ -169,6 +172,7 @@ impl Summary {
         if !detected {
             let Found { wrong_deg, wrong_ms, current_a, seconds, .. } = found;
             let ms = 1e3 * seconds;
+            one.missed_in.insert(found.on, 1);
             one.missed_at.push(format!(
                 "{} after {ms:.2} ms, {wrong_deg:.1}° and {wrong_ms:.1} ms wrong, {current_a:.2} A: {}",
                 found.reported, found.at
@@ -225,6 +229,7 @@ impl Kind {
             *worst = worst.max(value);
         }
         merge(&mut self.reported, &other.reported);
+        merge(&mut self.missed_in, &other.missed_in);
         some_of(&mut self.missed_at, &other.missed_at, EXAMPLES);
     }
 

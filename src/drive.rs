@@ -56,6 +56,7 @@ use open_loop::{OpenLoop, Stage};
 pub use schedule::{CYCLE, OUTER};
 use servo::Servo;
 pub use servo::{Demand, State};
+pub(crate) use supervision::PARTS;
 use voltage::Voltage;
 
 /// The drive. What every step needs comes first, within reach of the short forms of the load instructions.
@@ -77,6 +78,7 @@ pub struct Drive {
     mode: Mode,
     limits: Limits,
     progress: Progress,
+    arming: Arming,
 }
 
 /// The control paths.
@@ -86,7 +88,6 @@ struct Paths {
     field_oriented: FieldOriented,
     local_feedback: LocalFeedback,
     open_loop: OpenLoop,
-    arming: Arming,
     idle: Idle,
 }
 
@@ -135,7 +136,6 @@ impl Drive {
                 field_oriented: FieldOriented::new(),
                 local_feedback: LocalFeedback::new(),
                 open_loop: OpenLoop::OFF,
-                arming: Arming::OFF,
                 idle: Idle::new(),
             },
             config,
@@ -144,6 +144,7 @@ impl Drive {
             mode: Mode::Unarmed,
             limits: Limits::NONE,
             progress: Progress::None,
+            arming: Arming::OFF,
         }
     }
 
@@ -257,7 +258,7 @@ impl Drive {
         match (self.mode, self.config.commutation) {
             (Mode::Unarmed | Mode::Ready | Mode::Faulted(_), _) => Path::Idle,
             (Mode::Aligning | Mode::Calibrating, _) => Path::OpenLoop,
-            (Mode::Running, _) if self.paths.arming.drives() => Path::Arming,
+            (Mode::Running, _) if self.arming.drives() => Path::Arming,
             (Mode::Running, _) if !self.servo.follows() => Path::Voltage,
             (Mode::Running, Commutation::FieldOriented) => Path::FieldOriented,
             (Mode::Running, Commutation::Block | Commutation::Sinusoidal) => Path::LocalFeedback,
@@ -286,9 +287,9 @@ impl Drive {
     /// Checks what the bridge is connected to; then does what was commanded meanwhile.
     fn arming(&mut self, sample: &Sample) -> Output {
         self.measure(&sample.halls);
-        let Self { config, paths, record, .. } = self;
+        let Self { config, paths, record, arming, .. } = self;
         let (Some(control), true) = (&config.control, self.mode.drives()) else { return Output::OFF };
-        match paths.arming.step(config, control, &paths.idle, &record.rotor, sample) {
+        match arming.step(config, control, &paths.idle, &record.rotor, sample) {
             Step::Output(output) => output,
             Step::Failed(fault) => {
                 self.fail(fault);
@@ -396,7 +397,7 @@ impl Drive {
     fn enter(&mut self, mode: Mode) {
         self.mode = mode;
         if !mode.drives() {
-            self.paths.arming.end();
+            self.arming.end();
             self.limits = self.limits.without(Limits::CHECKING);
         }
         self.publish();
@@ -404,7 +405,9 @@ impl Drive {
 
     /// After every change: state, limits and progress go into the record, and the next step is chosen.
     fn publish(&mut self) {
-        self.record_by_schedule(self.mode == Mode::Running && self.servo.follows());
+        let follows = self.mode == Mode::Running && self.servo.follows();
+        self.record_by_schedule(follows);
+        self.servo.supervised = follows && !self.arming.drives();
         self.record.status = Status::new(self.mode, self.limits(), self.progress);
         self.route = self.route();
     }

@@ -143,12 +143,12 @@ impl Arming {
     }
 
     /// Whether the rotor that the speed control was to bring to rest is there; `None` while it has time. To be asked
-    /// once in a [`LONG`] cycle.
+    /// in every other [`LONG`] cycle.
     pub fn has_settled(&mut self, control: &Control, speed: i32) -> Option<bool> {
         if self.stage != Stage::Settle {
             return None;
         }
-        self.steps += LONG;
+        self.steps += 2 * LONG;
         let longest = control.arming.longest_push;
         let rests = speed.unsigned_abs() <= control.arming.at_rest as u32 / 6;
         ((rests && self.steps >= longest / 4) || self.steps >= 4 * longest).then_some(rests)

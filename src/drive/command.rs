@@ -154,11 +154,10 @@ impl Drive {
     /// that turns turn on; at rest it first checks what it is connected to.
     fn begin_arming(&mut self, sample: &Sample) {
         self.servo.supervision = Supervision::NONE;
-        self.servo.supervision.begin(self.record.rotor.position().to_bits());
         let Some(control) = &self.config.control else { return };
         self.servo.follow(control, Demand::Current(Current(0)), &self.record.rotor);
         if control.arming.enabled && !self.turns_faster_than(control.arming.at_rest) {
-            self.paths.arming.begin(control, control.bus(sample.bus));
+            self.arming.begin(control, control.bus(sample.bus));
             self.limits = self.limits.with(Limits::CHECKING);
         }
         self.publish();
@@ -166,7 +165,6 @@ impl Drive {
 
     /// The check has pushed the rotor, which the speed control brings to rest.
     pub(super) fn settle(&mut self, sample: &Sample) {
-        self.servo.supervision.begin(self.record.rotor.position().to_bits());
         self.reset_servo(sample);
         self.take_up(Demand::Speed(Speed(0)));
     }
@@ -175,11 +173,11 @@ impl Drive {
     pub(super) fn end_arming(&mut self, proven: bool, sample: &Sample) {
         self.limits = self.limits.without(Limits::CHECKING);
         self.reset_servo(sample);
-        let pending = self.paths.arming.pending.take();
+        let pending = self.arming.pending.take();
         if proven {
             self.servo.supervision.prove();
         }
-        self.paths.arming.end();
+        self.arming.end();
         match pending {
             Some(Pending::Voltage(modulation)) => self.command_voltage(modulation),
             Some(Pending::Demand(demand)) => self.take_up(demand),
@@ -211,8 +209,8 @@ impl Drive {
         if magnitude > most as u32 {
             return Err(Refusal::TooLarge);
         }
-        if self.paths.arming.is_active() {
-            self.paths.arming.pending = Some(Pending::Demand(demand));
+        if self.arming.is_active() {
+            self.arming.pending = Some(Pending::Demand(demand));
         } else {
             self.take_up(demand);
         }
@@ -270,8 +268,8 @@ impl Drive {
         if magnitude > i32::from(self.config.max_modulation.to_bits()).unsigned_abs() {
             return Err(Refusal::TooLarge);
         }
-        if self.paths.arming.is_active() {
-            self.paths.arming.pending = Some(Pending::Voltage(modulation));
+        if self.arming.is_active() {
+            self.arming.pending = Some(Pending::Voltage(modulation));
         } else {
             self.reset_servo(sample);
             self.command_voltage(modulation);

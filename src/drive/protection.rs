@@ -26,6 +26,8 @@ pub(super) struct Protection {
     pub timeout: Timeout,
     temperatures: [Temperature; 2],
     overload: Overload,
+    /// Largest current while a position is held.
+    pub held: i32,
 }
 
 impl Protection {
@@ -37,6 +39,7 @@ impl Protection {
         timeout: Timeout::NONE,
         temperatures: [Temperature::NONE; 2],
         overload: Overload::POWER_UP,
+        held: i32::MAX,
     };
 
     /// Clears the counts while the bridge is off. What is warm stays warm.
@@ -99,6 +102,7 @@ impl Protection {
         let [bridge, motor] = self.temperatures.map(|temperature| temperature.most);
         let most = bridge.min(motor).min(self.overload.most());
         let narrowed = Limits::NONE.set(Limits::HEAT, most < config.max_current);
+        let most = most.min(self.held);
         self.window = Window { narrowed, ..Window::symmetric(most) };
     }
 }

@@ -9,7 +9,6 @@ use super::{Demand, Drive, Paths, Route, Sample};
 use crate::control::Speed;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
-use crate::mode::Mode;
 use crate::schedule::LONG;
 pub use crate::schedule::{CYCLE, OUTER};
 
@@ -71,7 +70,7 @@ impl Drive {
             21 | 53 => return self.speed_slot(sample),
             // Every 64 steps.
             15 => self.slot(sample, Self::alignment_slot),
-            29 => return self.waiting_slot(sample),
+            29 => return self.position_slot(sample),
             47 => return self.direction_slot(sample),
             61 => return self.supervision_slot(sample),
             31 => self.hand_over_slot(),
@@ -131,9 +130,9 @@ impl Drive {
     /// rest of the step finds the angle as after a missed sample.
     #[inline(never)]
     fn protection_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let fault = self.with_servo(sample, |servo, paths, with| {
-            // The check at arming tells more of amplifiers that disagree.
-            let checks = paths.arming.drives();
+        // The check at arming tells more of amplifiers that disagree.
+        let checks = self.arming.drives();
+        let fault = self.with_servo(sample, |servo, _, with| {
             if checks { None } else { servo.protection.currents.imbalance(with.config, with.sample) }
         });
         if let Some(Some(fault)) = fault {
@@ -177,17 +176,14 @@ impl Drive {
         self.estimator()
     }
 
-    /// Whether the rotor turns as it is driven to, and not too fast.
+    /// Whether the rotor turns as it is driven to; once that is proven, one more part of the supervision.
     #[inline(never)]
     fn direction_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        if self.mode != Mode::Running || self.paths.arming.drives() {
-            return self.estimator();
-        }
-        if self.is_too_fast() {
-            return self.fail_if(Some(Fault::OverSpeed));
+        if self.servo.supervision.is_proven() || !self.servo.supervised {
+            return self.supervision_slot(sample);
         }
         let fault = self.with_servo(sample, |servo, _, with| {
-            servo.supervision.turns_against(&with.config.motion, servo.current_reference(), with.rotor)
+            servo.supervision.turns_against(&with.config.motion, servo.current_reference(), with.rotor.speed())
         });
         self.fail_if(fault.flatten())
     }
@@ -195,11 +191,10 @@ impl Drive {
     /// A part of the supervision.
     #[inline(never)]
     fn supervision_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        if self.mode != Mode::Running || self.paths.arming.drives() {
+        if !self.servo.supervised {
             return self.estimator();
         }
-        let part = self.servo.schedule.tick / LONG;
-        let fault = self.with_servo(sample, |servo, _, with| servo.supervise(part, with)).flatten();
+        let fault = self.with_servo(sample, |servo, _, with| servo.supervise(with)).flatten();
         if fault == Some(Fault::NotStopped) && self.brakes() {
             return self.estimator_if_short();
         }
@@ -229,17 +224,31 @@ impl Drive {
         self.estimator()
     }
 
-    /// The end of the check at arming; the trajectory waits for a rotor that cannot follow.
+    /// In turns: what the rotor's position allows; too high a speed, and the end of the check at arming.
     #[inline(never)]
-    fn waiting_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+    fn position_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        if self.servo.schedule.tick & LONG != 0 {
+            self.with_servo(sample, |servo, _, with| servo.attend_to_position(with));
+            return self.estimator();
+        }
+        if self.is_too_fast() {
+            return self.fail_if(Some(Fault::OverSpeed));
+        }
+        if self.arming.is_active() {
+            return self.end_settling(sample);
+        }
+        self.estimator()
+    }
+
+    #[cold]
+    #[inline(never)]
+    fn end_settling(&mut self, sample: &Sample) -> Option<&Estimator> {
         if let Some(control) = &self.config.control
-            && let Some(rests) = self.paths.arming.has_settled(control, self.record.rotor.speed())
+            && let Some(rests) = self.arming.has_settled(control, self.record.rotor.speed())
         {
             self.end_arming(rests, sample);
-            return self.estimator_if_short();
         }
-        self.with_servo(sample, |servo, _, with| servo.wait(with));
-        self.estimator()
+        self.estimator_if_short()
     }
 
     #[inline(never)]

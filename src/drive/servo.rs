@@ -55,14 +55,13 @@ pub(super) struct Context<'a> {
 /// The state of the outer loops, and what all control with currents shares.
 pub(super) struct Servo {
     pub protection: Protection,
-    pub supervision: Supervision,
     clarke: Clarke,
     pub reference: Reference,
     /// Currents of the last step in the frame of the rotor, in 2⁻²⁸ of the full scale.
     current: Dq,
     demand: Demand,
     trajectory: Trajectory,
-    /// Whether a commanded speed has to end because a bound of the position is near.
+    /// Whether what is commanded has to end because of a bound of the position.
     ends: bool,
     /// Speed reference ω*, from the position loop or the trajectory, in 2⁻³² electrical turns a step.
     speed_reference: i32,
@@ -72,11 +71,16 @@ pub(super) struct Servo {
     speed_integrator: Integrator,
     /// Anti-cogging current over the electrical angle, if it is on.
     pub cogging: Option<&'static mut cogging::Table>,
+    /// Whether the rotor is too far from the position that it should have.
+    is_far: bool,
+    /// Whether the motion is supervised: something is followed, and not checked before.
+    pub supervised: bool,
     /// What limits the control at the moment.
     pub limits: Limits,
     /// For the tasks, noted every [`CYCLE`](super::CYCLE) steps.
     pub measurement: Measurement,
     pub schedule: Schedule,
+    pub supervision: Supervision,
 }
 
 impl Servo {
@@ -93,6 +97,8 @@ impl Servo {
             demand: Demand::Voltage,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
             ends: false,
+            is_far: false,
+            supervised: false,
             speed_reference: 0,
             current_request: 0,
             speed_integrator: Integrator::ZERO,
@@ -153,24 +159,19 @@ impl Servo {
             self.speed_integrator = Integrator::holding(self.current_request);
         }
         self.demand = demand;
+        (self.ends, self.is_far) = (false, false);
+        self.protection.held = i32::MAX;
         if let Demand::Current(Current(current)) = demand {
             self.current_request = current;
             self.set_reference(config, current);
         }
     }
 
-    /// Plans the trajectory for the distance that is left to a commanded position, or to a bound.
+    /// Plans the trajectory for the distance that is left to a commanded position.
     #[inline(always)]
     pub fn plan_trajectory(&mut self, with: &Context) {
-        match self.demand {
-            Demand::Voltage | Demand::Current(_) => {}
-            Demand::Speed(Speed(speed)) => {
-                let [least, most] = with.config.motion.bounds;
-                let here = coarse(with.rotor.smoothed()).to_bits();
-                let left = if speed < 0 { here - least } else { most - here };
-                self.ends = !self.trajectory.stops_within(left, &with.config.trajectory);
-            }
-            Demand::Position(position) => self.trajectory.plan(coarse(position), &with.config.trajectory),
+        if let Demand::Position(position) = self.demand {
+            self.trajectory.plan(coarse(position), &with.config.trajectory);
         }
     }
 
@@ -203,7 +204,7 @@ impl Servo {
     #[inline(always)]
     pub fn speed_loop(&mut self, with: &Context) {
         if let Demand::Current(Current(current)) = self.demand {
-            self.current_request = within_limits(current, with);
+            self.current_request = if self.ends { 0 } else { within_speed(current, with) };
         }
         if self.moves() {
             let gains = &with.config.velocity;
@@ -214,46 +215,52 @@ impl Servo {
         }
     }
 
-    /// Reference less measured position, in the unit of the outer loops; zero where none is followed.
+    /// What the rotor's position allows: the trajectory does not run away from a rotor that cannot follow, but waits. A
+    /// commanded speed ends before the bound of the position, and a commanded current does not turn the rotor farther
+    /// out of its bounds.
     #[inline(always)]
-    fn position_error(&self, rotor: &Tracker) -> i64 {
+    pub fn attend_to_position(&mut self, with: &Context) {
+        let here = coarse(with.rotor.position()).to_bits();
+        let Motion { bounds: [least, most], far, .. } = with.config.motion;
         match self.demand {
-            Demand::Position(_) => {
-                self.trajectory.position().to_bits().wrapping_sub(coarse(rotor.smoothed()).to_bits())
+            Demand::Voltage => {}
+            Demand::Current(Current(current)) => self.ends = if current < 0 { here < least } else { here > most },
+            Demand::Speed(Speed(speed)) => {
+                let left = if speed < 0 { here - least } else { most - here };
+                self.ends = !self.trajectory.stops_within(left, &with.config.trajectory);
             }
-            _ => 0,
+            Demand::Position(_) => {
+                let holds = self.trajectory.speed() == 0;
+                self.protection.held = if holds { with.config.motion.hold } else { i32::MAX };
+                let error = self.trajectory.position().to_bits().wrapping_sub(here);
+                self.is_far = error.unsigned_abs() > far as u64;
+                if error.unsigned_abs() > far as u64 / 4 && (error < 0) == (self.trajectory.speed() < 0) {
+                    self.trajectory.slow_to(with.rotor.speed());
+                }
+            }
         }
     }
 
-    /// The trajectory does not run away from a rotor that cannot follow: it waits.
+    /// The next part of the supervision: the check of voltages against currents, and what the rotor does.
     #[inline(always)]
-    pub fn wait(&mut self, with: &Context) {
-        let error = self.position_error(with.rotor);
-        let far = error.unsigned_abs() > with.config.motion.far as u64 / 4;
-        if far && (error < 0) == (self.trajectory.speed() < 0) {
-            self.trajectory.slow_to(with.rotor.speed());
-        }
-    }
-
-    /// A part of the supervision; the check of voltages against currents takes three, and the rest has its turn after
-    /// it.
-    #[inline(always)]
-    pub fn supervise(&mut self, part: u32, with: &Context) -> Option<Fault> {
+    pub fn supervise(&mut self, with: &Context) -> Option<Fault> {
         let Motion { model, .. } = &with.config.motion;
         let motion = &with.config.motion;
-        match part % 12 {
-            0 | 4 | 8 => self.supervision.note_emf(model, &self.measurement.state, with.rotor.speed()),
-            1 | 5 | 9 => self.supervision.explain(model),
-            2 | 6 | 10 => return self.supervision.check_model(model),
-            3 => {
-                let error = self.position_error(with.rotor);
+        let supervision = &mut self.supervision;
+        match supervision.next_part() {
+            0 => supervision.note_emf(model, &self.measurement.state, with.rotor.speed()),
+            1 => supervision.note_motor(model, with.rotor.speed()),
+            2 => supervision.explain(model),
+            3 => supervision.sum_up(),
+            4 => return supervision.judge(model),
+            5 => {
                 let speed = if self.moves() { self.speed_reference.wrapping_sub(with.rotor.speed()) } else { 0 };
-                return self.supervision.is_late(motion, error, speed);
+                return self.supervision.is_late(motion, self.is_far, speed);
             }
-            7 => return supervision::is_outside(motion, with.rotor).then_some(Fault::PositionBounds),
+            6 => return supervision::is_outside(motion, with.rotor).then_some(Fault::PositionBounds),
             _ => {
                 let stopping = self.limits.contains(Limits::TIMEOUT);
-                return self.supervision.stops(motion, stopping, with.rotor.speed());
+                return supervision.stops(motion, stopping, with.rotor.speed());
             }
         }
         None
@@ -277,9 +284,7 @@ impl Servo {
     #[inline(always)]
     pub fn update_reference(&mut self, with: &Context) {
         let anti_cogging = self.cogging.as_deref().map_or(0, |table| table.current(with.rotor.angle()));
-        let holds = matches!(self.demand, Demand::Position(_)) && self.trajectory.speed() == 0;
-        let request = if holds { clamp(self.current_request, with.config.motion.hold) } else { self.current_request };
-        self.set_reference(with.config, request + anti_cogging);
+        self.set_reference(with.config, self.current_request + anti_cogging);
     }
 
     /// Sets the current reference, within its limit, and the dead time's compensation for it.
@@ -320,17 +325,11 @@ impl Servo {
     }
 }
 
-/// A commanded current: none that makes a rotor faster which is faster than allowed, or that turns one farther out of
-/// its bounds.
+/// A commanded current: none that makes a rotor faster which is faster than allowed.
 #[inline(always)]
-fn within_limits(current: i32, with: &Context) -> i32 {
-    let (speed, most) = (with.rotor.speed(), with.config.trajectory.speed());
-    let excess = if current < 0 { -speed } else { speed } - most;
-    let here = coarse(with.rotor.smoothed()).to_bits();
-    let [least, largest] = with.config.motion.bounds;
-    if (current > 0 && here > largest) || (current < 0 && here < least) {
-        return 0;
-    }
+fn within_speed(current: i32, with: &Context) -> i32 {
+    let speed = with.rotor.speed();
+    let excess = if current < 0 { -speed } else { speed } - with.config.trajectory.speed();
     if excess <= 0 {
         return current;
     }

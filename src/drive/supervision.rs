@@ -17,6 +17,8 @@ use crate::math::high;
 use crate::schedule::OUTER;
 use crate::telemetry::State;
 
+/// Parts of the supervision.
+pub(crate) const PARTS: u32 = 8;
 /// Checks that show the back-EMF of a right commutation.
 const PROOF: u32 = 4;
 /// Checks that find the rotor turning after a stop.
@@ -25,16 +27,17 @@ const TURNING: u32 = 2;
 /// What is counted from check to check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Supervision {
-    /// Checks in a row that have shown a right commutation, up to [`PROOF`].
+    /// Parts done so far.
+    part: u32,
+    /// Checks that have shown a right commutation, up to [`PROOF`].
     proofs: u32,
-    /// Position at the last check, way against the torque and least speed on it.
-    position: i64,
-    against: i64,
+    /// Way against the torque, as the sum of the speeds, and least speed on it.
+    against: i32,
     slowest: i32,
-    /// What the check of the model has noted: currents, their change since the last check, speed, the voltage less that
+    /// What the check of the model has noted: currents now and before, speed, the voltage less that
     /// at resistance and inductance, the back-EMF that there should be, and what may be wrong with all that.
     current: Dq,
-    changed: i32,
+    before: Dq,
     speed: i32,
     emf: Dq,
     expected: i32,
@@ -56,21 +59,21 @@ pub(super) fn is_outside(motion: &Motion, rotor: &Tracker) -> bool {
     position < least - motion.far || position > most + motion.far
 }
 
-/// A product of a current or a speed with a factor in 2⁻¹⁶.
+/// A product of a current, of 16 bits, with a factor in 2⁻¹⁶.
 #[inline(always)]
 const fn times(current: i32, factor: i32) -> i32 {
-    ((current as i64 * factor as i64) >> 16) as i32
+    high(current << 16, factor)
 }
 
 impl Supervision {
     /// Nothing is known yet.
     pub const NONE: Self = Self {
+        part: 0,
         proofs: 0,
-        position: 0,
         against: 0,
-        slowest: i32::MAX,
+        slowest: 0,
         current: Dq { d: 0, q: 0 },
-        changed: 0,
+        before: Dq { d: 0, q: 0 },
         speed: 0,
         emf: Dq { d: 0, q: 0 },
         expected: 0,
@@ -82,40 +85,46 @@ impl Supervision {
         turning: 0,
     };
 
-    /// The motion counts from this position, in 2⁻³² electrical turns.
-    pub fn begin(&mut self, position: i64) {
-        self.position = position;
-    }
-
     /// The commutation has been seen to turn the rotor the right way.
     pub fn prove(&mut self) {
         self.proofs = PROOF;
     }
 
+    /// Whether it has.
+    #[inline(always)]
+    pub const fn is_proven(&self) -> bool {
+        self.proofs >= PROOF
+    }
+
+    /// The next part of the supervision.
+    #[inline(always)]
+    pub const fn next_part(&mut self) -> u32 {
+        self.part = self.part.wrapping_add(1);
+        self.part % PARTS
+    }
+
     /// Whether the rotor turns against the torque, faster and faster, though nothing has shown that the commutation is
     /// right. A rotor that brakes becomes slower.
     #[inline(always)]
-    pub fn turns_against(&mut self, motion: &Motion, current: i32, rotor: &Tracker) -> Option<Fault> {
-        let position = rotor.position().to_bits();
-        let way = position.wrapping_sub(self.position);
-        self.position = position;
-        if self.proofs >= PROOF || current.abs() < motion.current {
+    pub fn turns_against(&mut self, motion: &Motion, current: i32, speed: i32) -> Option<Fault> {
+        if current.abs() < motion.current {
             return None;
         }
-        let against = if current < 0 { way } else { -way };
-        self.against = (self.against + against).clamp(0, 2 * motion.wrong_way);
-        let speed = rotor.speed().saturating_abs();
-        self.slowest = if self.against == 0 { i32::MAX } else { self.slowest.min(speed) };
-        let faster = speed > self.slowest.saturating_add(motion.turning);
-        (against > 0 && self.against > motion.wrong_way && faster).then_some(Fault::Commutation)
+        let against = if current < 0 { speed } else { -speed };
+        if against <= 0 {
+            (self.against, self.slowest) = (0, 0);
+            return None;
+        }
+        self.slowest = if self.against == 0 { against } else { self.slowest.min(against) };
+        self.against = self.against.saturating_add(against);
+        (self.against > motion.wrong_way && against - self.slowest > motion.turning).then_some(Fault::Commutation)
     }
 
     /// Whether the rotor is too far from its position, or for too long from its speed.
     #[inline(always)]
-    pub fn is_late(&mut self, motion: &Motion, position_error: i64, speed_error: i32) -> Option<Fault> {
+    pub fn is_late(&mut self, motion: &Motion, far: bool, speed_error: i32) -> Option<Fault> {
         let late = speed_error.saturating_abs() > motion.far_speed;
         self.late = if late { self.late + 1 } else { self.late.saturating_sub(4) };
-        let far = position_error.unsigned_abs() > motion.far as u64;
         (far || self.late > motion.late).then_some(Fault::FollowingError)
     }
 
@@ -146,36 +155,49 @@ impl Supervision {
             d: v.d - times(i.d, model.resistance) + times(i.q, reactance),
             q: v.q - times(i.q, model.resistance) - times(i.d, reactance),
         };
-        self.changed = (i.d - self.current.d).abs().max((i.q - self.current.q).abs());
-        (self.current, self.speed) = (i, speed);
+        self.current = i;
     }
 
-    /// Second part: what the motor should induce, and what may be wrong with it. The back-EMF may be as much off as it
-    /// is large, and the resistance three times as large.
+    /// Second part: what the motor should induce, and what resistance takes.
+    #[inline(always)]
+    pub fn note_motor(&mut self, model: &Model, speed: i32) {
+        self.speed = speed;
+        let (d, q) = (self.current.d.abs(), self.current.q.abs());
+        self.expected = high(speed, model.flux);
+        self.dropped = times((d.max(q) + d.min(q) / 2).min(32_767), model.resistance);
+    }
+
+    /// Third part: what may be wrong. The back-EMF may be as much off as it is large, and the resistance three times as
+    /// large; a current that changes needs a voltage for it.
     #[inline(always)]
     pub fn explain(&mut self, model: &Model) {
-        let (d, q) = (self.current.d.abs(), self.current.q.abs());
-        self.expected = high(self.speed, model.flux);
-        self.dropped = times(d.max(q) + d.min(q) / 2, model.resistance);
-        let change = times(self.changed, model.change);
+        let Self { current, before, .. } = *self;
+        let changed = (current.d - before.d).abs().max((current.q - before.q).abs());
+        self.before = current;
+        let change = times(changed.min(32_767), model.change);
         self.explained = model.dead + 2 * self.dropped + self.expected.abs() + change;
     }
 
-    /// Last part: sums up what is unexplained. A back-EMF along q, well above what may be wrong with it, shows that the
-    /// commutation is right.
+    /// Fourth part: sums up what is unexplained.
     #[inline(always)]
-    pub fn check_model(&mut self, model: &Model) -> Option<Fault> {
-        let Self { emf, expected, dropped, explained, .. } = *self;
-        let unexplained = emf.d.abs().max((emf.q - expected).abs());
-        self.misfit = (self.misfit + unexplained - explained).clamp(0, 1 << 28);
+    pub fn sum_up(&mut self) {
+        let unexplained = self.emf.d.abs().max((self.emf.q - self.expected).abs());
+        self.misfit = (self.misfit + unexplained - self.explained).clamp(0, 1 << 28);
+    }
+
+    /// Last part. A back-EMF along q, well above what may be wrong with it, shows that the commutation is right.
+    #[inline(always)]
+    pub fn judge(&mut self, model: &Model) -> Option<Fault> {
+        let Self { emf, dropped, .. } = *self;
         let along = if self.speed < 0 { -emf.q } else { emf.q };
-        let expected = expected.abs();
-        let clear = expected > 2 * model.dead + dropped && along > expected / 2 && along > 2 * emf.d.abs();
-        self.proofs = if clear { (self.proofs + 1).min(PROOF) } else { self.proofs };
-        if self.misfit <= model.most {
-            return None;
+        let expected = self.expected.abs();
+        if self.misfit > model.most {
+            let wrong = along < -(emf.d.abs() / 4) && expected > model.dead;
+            return Some(if wrong { Fault::Commutation } else { Fault::CurrentModel });
         }
-        let wrong = along < -(emf.d.abs() / 4) && expected > model.dead;
-        Some(if wrong { Fault::Commutation } else { Fault::CurrentModel })
+        if expected > 2 * model.dead + dropped && along > expected / 2 && along > 2 * emf.d.abs() {
+            self.proofs = (self.proofs + 1).min(PROOF);
+        }
+        None
     }
 }

@@ -3,17 +3,18 @@
 use super::Frame;
 use crate::angle::TURN;
 use crate::control::{Motor, Scale};
+use crate::drive::PARTS;
 use crate::schedule::{LONG, OUTER};
 use crate::settings::{Control, OnStopFailure};
 use core::f32::consts::TAU;
 
 /// Currents and voltages in 2⁻¹⁵ of their full scales, speeds in 2⁻³² electrical turns a step, positions in those of
-/// the outer loops, times in rounds of the supervision: 12 [`LONG`] cycles.
+/// the outer loops, times in rounds of the supervision once the commutation is proven: two parts in a [`LONG`] cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Motion {
-    /// Way against the torque that is too much, in 2⁻³² electrical turns.
-    pub wrong_way: i64,
+    /// Way against the torque that is too much, as the sum of the speeds of every [`LONG`] cycle.
+    pub wrong_way: i32,
     /// Current that says what the torque is, and speed that says that the rotor turns.
     pub current: i32,
     pub turning: i32,
@@ -50,6 +51,8 @@ pub(crate) struct Model {
     pub most: i32,
 }
 
+/// Steps of a round.
+const ROUND: u32 = PARTS * LONG / 2;
 /// Way against the torque: 12° mechanical.
 const WRONG_WAY_TURNS: f32 = 12.0 / 360.0;
 /// Time in which an unexplained voltage of a tenth of the bus's full scale is a fault, s.
@@ -58,7 +61,7 @@ const MISFIT_S: f32 = 0.02;
 impl Motion {
     /// Of settings that are in their ranges.
     pub fn new(settings: &Control, frame: &Frame, motor: &Motor, scale: &Scale) -> Self {
-        let checks = |seconds: f32| (seconds * scale.step_hz / (12 * LONG) as f32).max(1.0) as u32;
+        let checks = |seconds: f32| (seconds * scale.step_hz / ROUND as f32).max(1.0) as u32;
         let turns = |turns: f32| f64::from(turns) * f64::from(scale.pole_pairs) * f64::from(TURN);
         let bound = |limit: f32| {
             // The ends of the range are none.
@@ -70,7 +73,7 @@ impl Motion {
         };
         let hold = (settings.hold_current_a * scale.per_ampere()).min(32_767.0);
         Self {
-            wrong_way: turns(WRONG_WAY_TURNS) as i64,
+            wrong_way: (turns(WRONG_WAY_TURNS) / f64::from(LONG)) as i32,
             current: (0.05 * settings.max_current_a * scale.per_ampere()).max(48.0) as i32,
             turning: (5.0 / scale.step_hz * TURN) as i32,
             far: (turns(settings.following_error_turns) / f64::from(OUTER)) as i64,
@@ -89,8 +92,7 @@ impl Model {
     fn new(frame: &Frame, motor: &Motor, scale: &Scale) -> Self {
         let fixed = |value: f32| value.clamp(1.0, 1_073_741_824.0) as i32;
         let per_current = scale.amperes / scale.volts * 65_536.0;
-        // The model is checked three times a round.
-        let check_s = (4 * LONG) as f32 / scale.step_hz;
+        let check_s = ROUND as f32 / scale.step_hz;
         let radians_s = TAU * scale.step_hz;
         Self {
             resistance: fixed(motor.resistance_ohm * per_current),

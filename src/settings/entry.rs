@@ -58,8 +58,11 @@ impl Entry {
     }
 
     /// Another value. A real one may be out of its range, for [`Settings::check`] to find out with the others; the rest
-    /// may not.
-    pub(crate) fn assign(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
+    /// may not. Also of a setting that is the board's: for what simulates that board.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn assign(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
         if self.kind != Kind::Real {
             self.check_value(settings, value)?;
             if value != libm::truncf(value) {

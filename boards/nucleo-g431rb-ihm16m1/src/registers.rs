@@ -6,6 +6,12 @@ use stm32g4::check::{self, channels};
 use stm32g4::registers::timer;
 use stm32g4::wiring::Wiring;
 
+/// What the simulations on a host take for this board is this board.
+#[test]
+fn settings_are_exported() {
+    check::exported(&settings(), include_str!("../settings.toml"));
+}
+
 #[test]
 fn timer_of_the_bridge() {
     let Wiring { gates, source, lead, .. } = BRIDGE;

@@ -63,9 +63,12 @@ pub fn start<B: Board>() -> (Bridge, Peripherals) {
     core.DWT.enable_cycle_counter();
     let peripherals = clock::start();
     bridge.guard_against_the_core();
-    // A breakpoint stops the timer, which takes its outputs to their idle levels, and the watchdog.
+    // A breakpoint stops the timer, which takes its outputs to their idle levels, and the watchdogs.
     DBGMCU.apb2fzr().modify(|freeze| freeze.set_tim1(true));
-    DBGMCU.apb1lfzr().modify(|freeze| freeze.set_iwdg(true));
+    DBGMCU.apb1lfzr().modify(|freeze| {
+        freeze.set_iwdg(true);
+        freeze.set_wwdg(true);
+    });
     (bridge, peripherals)
 }
 
@@ -152,6 +155,9 @@ fn greet<B: Board>() {
     let causes = RCC.csr().read();
     if causes.iwdgrstf() {
         defmt::error!("the watchdog has reset the chip: the control interrupt or a task had stopped");
+    }
+    if causes.wwdgrstf() {
+        defmt::error!("the window watchdog has reset the chip: the control interrupt had stopped");
     }
     RCC.csr().modify(|csr| csr.set_rmvf(true));
 }

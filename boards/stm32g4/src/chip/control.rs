@@ -2,7 +2,7 @@
 
 use crate::Adc;
 use crate::chip::bridge::Bridge;
-use crate::chip::{Board, converters};
+use crate::chip::{Board, converters, watchdog};
 use core::cell::UnsafeCell;
 use core::num::NonZeroU32;
 use cortex_m::peripheral::{DWT, NVIC};
@@ -43,6 +43,7 @@ impl<B: Board> Control<B> {
         let owned = Owned { board, drive, bridge, periods: PeriodCounter::new(period), housekeeping };
         // SAFETY: the interrupt is not enabled, so nothing else looks at it.
         let owned = unsafe { (*self.0.get()).insert(owned) };
+        watchdog::start_window();
         owned.bridge.start();
         // SAFETY: no critical section relies on this interrupt's being masked; it could not mask it.
         unsafe { NVIC::unmask(Interrupt::ADC1_2) };
@@ -55,6 +56,7 @@ impl<B: Board> Control<B> {
     /// To be called by the interrupt ADC1_2 and by nothing else.
     #[inline(always)]
     pub unsafe fn interrupt(&self) {
+        watchdog::refresh();
         converters::acknowledge(&B::CONVERTERS[0].adc);
         // SAFETY: the interrupt owns it and does not interrupt itself.
         let Some(owned) = (unsafe { &mut *self.0.get() }) else { return };

@@ -77,6 +77,7 @@ fn main() {
         ("power_cuts_leave_its_calibration_intact", power::calibration_survives),
         ("power_cuts_leave_its_settings_intact", power::settings_survive),
         ("its_watchdog_bites_where_something_hangs", watchdog::bites_where_something_hangs),
-        ("its_watchdog_is_fed_in_time", watchdog::is_fed_in_time),
+        ("it_is_off_within_a_millisecond_when_the_control_stops", watchdog::switches_off_where_the_control_stops),
+        ("its_watchdogs_are_fed_in_time", watchdog::is_fed_in_time),
     ]);
 }

@@ -23,6 +23,7 @@ mod command;
 mod field_oriented;
 mod hall_loss;
 mod idle;
+mod interlock;
 mod local_feedback;
 pub mod open_loop;
 mod protection;
@@ -71,6 +72,8 @@ pub struct Drive {
     mode: Mode,
     limits: Limits,
     progress: Progress,
+    /// Whether the enable input is off, in a step with that interlock.
+    disabled: bool,
 }
 
 /// The control paths.
@@ -127,6 +130,7 @@ impl Drive {
             mode: Mode::Unarmed,
             limits: Limits::NONE,
             progress: Progress::None,
+            disabled: false,
         }
     }
 

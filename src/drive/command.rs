@@ -35,6 +35,7 @@ impl Drive {
     fn execute(&mut self, command: Command, sample: &Sample) -> Reply {
         let restarts_timeout = command.restarts_timeout();
         match command {
+            Command::Calibrate | Command::Arm if self.disabled => return Err(Refusal::Fault(Fault::Disabled)),
             Command::Calibrate => self.calibrate(sample)?,
             Command::Install(estimator) => self.install(estimator, sample.halls)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
@@ -81,7 +82,7 @@ impl Drive {
         Ok(())
     }
 
-    fn disarm(&mut self) -> Reply {
+    pub(super) fn disarm(&mut self) -> Reply {
         self.on_command(Event::Disarm)?;
         self.progress = Progress::None;
         self.publish();

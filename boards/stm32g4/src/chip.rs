@@ -5,12 +5,14 @@ mod clock;
 mod control;
 mod converters;
 mod last;
+mod line;
 mod storage;
 mod watchdog;
 
 pub use bridge::{Bridge, Pin};
 pub use control::Control;
 pub use converters::{Converter, result};
+pub use line::Listen;
 
 use crate::registers::clock::{HCLK_HZ, PCLK1_HZ, baud};
 use crate::wiring::Wiring;
@@ -24,7 +26,8 @@ use embassy_stm32::{Peri, Peripherals, peripherals};
 use hallservo::board::Sample;
 use hallservo::drive::Drive;
 use hallservo::settings::Settings;
-use hallservo_app::{Housekeeping, Identity, Memory, Supervisor, embassy};
+use hallservo_app::{Housekeeping, Identity, Memory, Stop, Supervisor, embassy};
+use line::Received;
 use static_cell::{ConstStaticCell, StaticCell};
 use storage::Storage;
 
@@ -53,6 +56,7 @@ const BAUD: u32 = 460_800;
 const _: () = assert!(baud(PCLK1_HZ, BAUD).1.abs() < 100, "the baud rate is off by more than 1 %");
 
 static HOUSEKEEPING: Housekeeping = Housekeeping::new();
+static STOP: Stop = Stop::new();
 
 /// The bridge, safe before anything else happens; then clocks, priorities and time.
 pub fn start<B: Board>() -> (Bridge, Peripherals) {
@@ -130,7 +134,7 @@ fn begin(
 #[embassy_executor::task]
 async fn tasks(supervisor: &'static mut Supervisor<Storage>, serial: BufferedUart<'static>) -> ! {
     let (tx, rx) = serial.split();
-    embassy::run(supervisor, rx, tx, &HOUSEKEEPING, watchdog::feed).await
+    embassy::run(supervisor, Received::open(rx), tx, &HOUSEKEEPING, &STOP, watchdog::feed).await
 }
 
 /// Where the place for settings begins, from the begin of the flash: memory.x reserves it.

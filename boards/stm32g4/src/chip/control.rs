@@ -2,11 +2,12 @@
 
 use crate::Adc;
 use crate::chip::bridge::Bridge;
-use crate::chip::{Board, converters, watchdog};
+use crate::chip::{Board, STOP, converters, watchdog};
 use core::cell::UnsafeCell;
 use core::num::NonZeroU32;
 use cortex_m::peripheral::{DWT, NVIC};
 use embassy_stm32::pac::Interrupt;
+use hallservo::board::Interlock;
 use hallservo::board::timing::PeriodCounter;
 use hallservo::drive::Drive;
 use hallservo_app::Housekeeping;
@@ -67,9 +68,18 @@ impl<B: Board> Control<B> {
             Adc::show_tripped(&mut sample);
         }
         owned.housekeeping.update(&sample);
-        let output = owned.drive.step(&sample);
+        let output = match interlock() {
+            None => owned.drive.step(&sample),
+            Some(interlock) => owned.drive.step_off(&sample, interlock),
+        };
         owned.bridge.apply(&output);
     }
+}
+
+/// What keeps the bridge off in this period.
+#[inline(always)]
+fn interlock() -> Option<Interlock> {
+    STOP.holds().then_some(Interlock::Stop)
 }
 
 impl<B: Board> Default for Control<B> {

@@ -4,6 +4,7 @@ mod bridge;
 mod clock;
 mod control;
 mod converters;
+mod enable;
 mod last;
 mod line;
 mod storage;
@@ -61,6 +62,9 @@ static STOP: Stop = Stop::new();
 /// The bridge, safe before anything else happens; then clocks, priorities and time.
 pub fn start<B: Board>() -> (Bridge, Peripherals) {
     let bridge = Bridge::new(&B::BRIDGE, B::PINS);
+    if let Some(input) = B::BRIDGE.enable {
+        enable::start(input);
+    }
     let Some(mut core) = cortex_m::Peripherals::take() else { panic!("started twice") };
     shared::priority::init(&mut core.NVIC, &mut core.SCB, Interrupt::ADC1_2);
     core.DCB.enable_trace();

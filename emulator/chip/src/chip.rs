@@ -94,6 +94,8 @@ pub struct Chip {
     pub(crate) record: Record,
     pub(crate) sent: Vec<u8>,
     pub(crate) break_pin: Option<bool>,
+    /// The contact of the enable input.
+    pub(crate) enable_open: bool,
     /// Voltage that each converter held last, V: what is left of it leaks into the next sample.
     pub(crate) held_v: [f64; 5],
     pub(crate) wanted_reset: Option<ResetCause>,
@@ -143,6 +145,7 @@ impl Chip {
             record: Record::default(),
             sent: Vec::new(),
             break_pin: None,
+            enable_open: false,
             held_v: [0.0; 5],
             wanted_reset: None,
             stall_s: 0.0,

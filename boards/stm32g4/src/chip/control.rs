@@ -2,7 +2,8 @@
 
 use crate::Adc;
 use crate::chip::bridge::Bridge;
-use crate::chip::{Board, STOP, converters, watchdog};
+use crate::chip::{Board, STOP, converters, enable, watchdog};
+use crate::wiring::EnableInput;
 use core::cell::UnsafeCell;
 use core::num::NonZeroU32;
 use cortex_m::peripheral::{DWT, NVIC};
@@ -68,7 +69,7 @@ impl<B: Board> Control<B> {
             Adc::show_tripped(&mut sample);
         }
         owned.housekeeping.update(&sample);
-        let output = match interlock() {
+        let output = match interlock(const { B::BRIDGE.enable }) {
             None => owned.drive.step(&sample),
             Some(interlock) => owned.drive.step_off(&sample, interlock),
         };
@@ -78,7 +79,10 @@ impl<B: Board> Control<B> {
 
 /// What keeps the bridge off in this period.
 #[inline(always)]
-fn interlock() -> Option<Interlock> {
+fn interlock(enable: Option<EnableInput>) -> Option<Interlock> {
+    if enable.is_some_and(|input| !enable::is_closed(input)) {
+        return Some(Interlock::Disabled);
+    }
     STOP.holds().then_some(Interlock::Stop)
 }
 

@@ -2,6 +2,7 @@
 //! breaks.
 
 mod disarm;
+mod enable;
 mod faults;
 mod line;
 mod power;
@@ -79,6 +80,8 @@ fn main() {
         ("disarm_breaks_a_calibration_off", disarm::breaks_a_calibration_off),
         ("disarm_is_the_last_word", disarm::nothing_from_before_it_arms),
         ("disarm_is_a_whole_frame", disarm::garbage_does_not_disarm),
+        ("it_is_off_by_wire", enable::off_by_wire),
+        ("without_enable_it_refuses", enable::refuses_without),
         ("power_cuts_leave_its_calibration_intact", power::calibration_survives),
         ("power_cuts_leave_its_settings_intact", power::settings_survive),
         ("its_watchdog_bites_where_something_hangs", watchdog::bites_where_something_hangs),

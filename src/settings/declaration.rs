@@ -15,7 +15,7 @@ macro_rules! entry {
         Entry {
             name: $name,
             unit: $unit,
-            kind: $kind,
+            kind: &$kind,
             fixed: $fixed,
             field: |settings| match $part(settings) {
                 Some(part) => Some(&mut part.$field as &mut dyn Value),

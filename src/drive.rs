@@ -25,6 +25,7 @@ mod command;
 mod field_oriented;
 mod hall_loss;
 mod idle;
+mod interlock;
 mod local_feedback;
 pub mod open_loop;
 mod protection;
@@ -79,6 +80,8 @@ pub struct Drive {
     limits: Limits,
     progress: Progress,
     arming: Arming,
+    /// Whether the enable input is off, in a step with that interlock.
+    disabled: bool,
 }
 
 /// The control paths.
@@ -145,6 +148,7 @@ impl Drive {
             limits: Limits::NONE,
             progress: Progress::None,
             arming: Arming::OFF,
+            disabled: false,
         }
     }
 

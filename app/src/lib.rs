@@ -69,11 +69,13 @@ mod measure;
 mod outbox;
 mod procedure;
 mod requests;
+mod stop;
 pub mod storage;
 mod supervisor;
 mod tasks;
 
 pub use housekeeping::{Housekeeping, Readings};
+pub use stop::{Listener, Stop};
 pub use supervisor::Supervisor;
 
 use adaptation::SensorAdaptation;

@@ -203,7 +203,7 @@ impl<F: NorFlash> Tasks<F> {
     }
 
     fn setting(&self, entry: &Entry) -> Result<Setting<'static>, Refusal<'static>> {
-        let settings::Entry { name, unit, kind, fixed, .. } = *entry;
+        let settings::Entry { name, unit, kind: &kind, fixed, .. } = *entry;
         let value = entry.get(&self.settings).ok_or(Refusal::Drive(drive::Refusal::NoControl))?;
         let default = entry.get(&self.defaults).ok_or(Refusal::Drive(drive::Refusal::NoControl))?;
         let (min, max) = entry.range(&self.settings);

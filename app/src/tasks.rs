@@ -74,7 +74,7 @@ pub(crate) struct Tasks<F> {
     /// Answers that the drive still owes and no request waits for.
     unclaimed_replies: u8,
     /// Whether the drive is to be disarmed as soon as a command has room in the queue.
-    disarm_due: bool,
+    pub disarm_due: bool,
     /// Ticks since the last command, saturating.
     ticks_since_command: u32,
     stream: Option<Stream>,

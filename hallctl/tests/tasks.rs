@@ -4,6 +4,7 @@ mod tool;
 
 use hallctl::simulate::flash::Flash;
 use hallctl::simulate::{Simulator, defaults, fault};
+use hallservo::board::Legs;
 use hallservo::drive::Refusal as DriveRefusal;
 use hallservo::mode::Mode;
 use hallservo_app::{Identity, Memory, Readings, Supervisor};
@@ -62,6 +63,32 @@ fn disarm_is_obeyed_though_an_answer_is_owed_and_the_queue_full() {
         done(&mut drive, Ask::Disarm);
         assert_eq!(drive.drive().mode(), Mode::Ready);
     }
+}
+
+#[test]
+fn disarm_acts_though_the_tasks_do_nothing() {
+    let (mut drive, _) = calibrated();
+    done(&mut drive, Ask::Arm);
+    done(&mut drive, Ask::Speed(60.0));
+    run(&mut drive, 100);
+    // Behind what has its turn before.
+    let asked = [Ask::Status, Ask::Speed(20.0), Ask::Disarm].map(|ask| tool::request(1, ask));
+    drive.write(&asked.concat());
+    drive.neglect();
+    assert_eq!(drive.drive().mode(), Mode::Ready);
+    // What was asked for before the next one has its turn, and does nothing.
+    let asked = [Ask::Arm, Ask::Speed(60.0), Ask::Disarm].map(|ask| tool::request(2, ask));
+    drive.write(&asked.concat());
+    for _ in 0..50 {
+        drive.step();
+        assert_eq!(drive.output().legs, Legs::NONE);
+    }
+    assert_eq!(drive.drive().mode(), Mode::Ready);
+    // Half a request is none.
+    done(&mut drive, Ask::Arm);
+    drive.write(&tool::request(3, Ask::Disarm)[3..]);
+    run(&mut drive, 10);
+    assert_eq!(drive.drive().mode(), Mode::Running);
 }
 
 #[test]

@@ -29,7 +29,7 @@ mod message;
 mod report;
 mod status;
 
-pub use frame::{Decoder, Error, encode};
+pub use frame::{Decoder, Error, FrameDecoder, encode};
 pub use history::{Cause, History, Incident};
 pub use message::{Answer, Ask, Hello, Refusal, Reply, Request, Setting};
 pub use report::{Calibration, Cogging, Procedure};

@@ -253,7 +253,7 @@ fn incidents() {
 #[test]
 fn every_setting_fits_a_frame() {
     for entry in settings::TABLE {
-        let settings::Entry { name, unit, kind, .. } = *entry;
+        let settings::Entry { name, unit, kind: &kind, .. } = *entry;
         let setting = Setting { name, unit, kind, value: 1.0, default: 1.0, min: 0.0, max: 1.0, fixed: true };
         let reply = Reply { id: u16::MAX, answer: Answer::Setting(setting) };
         assert!(encode(&reply, &mut [0; FRAME]).is_ok(), "{name}");

@@ -37,6 +37,9 @@ impl Drive {
     fn execute(&mut self, command: Command, sample: &Sample) -> Reply {
         let restarts_timeout = command.restarts_timeout();
         match command {
+            Command::Calibrate | Command::Arm if self.disabled && !matches!(self.mode, Mode::Faulted(_)) => {
+                return Err(Refusal::Fault(Fault::Disabled));
+            }
             Command::Calibrate => self.calibrate(sample)?,
             Command::Install(estimator) => self.install(estimator, sample.halls)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
@@ -83,7 +86,7 @@ impl Drive {
         Ok(())
     }
 
-    fn disarm(&mut self) -> Reply {
+    pub(super) fn disarm(&mut self) -> Reply {
         self.on_command(Event::Disarm)?;
         self.progress = Progress::None;
         self.publish();

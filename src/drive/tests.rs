@@ -5,6 +5,7 @@ mod calibration;
 mod commands;
 mod following;
 mod halls;
+mod interlock;
 mod records;
 mod refusals;
 mod seams;

@@ -15,7 +15,7 @@ macro_rules! entry {
         Entry {
             name: $name,
             unit: $unit,
-            kind: $kind,
+            kind: &$kind,
             fixed: $fixed,
             field: |settings| match $part(settings) {
                 Some(part) => Some(&mut part.$field as &mut dyn Value),
@@ -136,7 +136,7 @@ settings! {
         /// 1.5 with preloaded compare registers.
         delay_periods: f32 = 1.5, 0.0 => 16.0, "periods", Real, BOARD,
             "From a sample to the middle of the PWM period that acts on it";
-        /// With current control, records come every 16 steps or the nearest multiple: 1250 Hz for 1 kHz at 40 kHz.
+        /// With current control, records come every 32 steps or the nearest multiple: 1250 Hz for 1 kHz at 40 kHz.
         record_hz: f32 = 1e3, 1.0 => s.pwm_hz / 2.0, "Hz", Real, BOARD, "Rate of the records to the tasks";
         calibration_record_hz: f32 = 40e3, 1.0 => s.pwm_hz, "Hz", Real, BOARD, "Rate of the records while calibrating";
         pole_pairs: u8 = 4, 1.0 => 64.0, "", Whole, FREE, "Pole pairs of the rotor";

@@ -23,8 +23,8 @@ pub struct Entry {
     pub name: &'static str,
     /// Unit of the value, up to 8 bytes.
     pub unit: &'static str,
-    /// What values it takes.
-    pub kind: Kind<'static>,
+    /// What values it takes. Few kinds are shared by many rows, for the sake of the flash.
+    pub kind: &'static Kind<'static>,
     /// Whether it follows from the board's parts.
     pub fixed: bool,
     /// `None` without current control. One function to read and to write, for the sake of the flash.
@@ -63,7 +63,7 @@ impl Entry {
     /// # Errors
     /// Why not.
     pub fn assign(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
-        if self.kind != Kind::Real {
+        if *self.kind != Kind::Real {
             self.check_value(settings, value)?;
             if value != libm::truncf(value) {
                 return Err(Error::NotWhole);

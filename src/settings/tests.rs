@@ -99,7 +99,7 @@ fn every_field_out_of_range_is_named() {
 
 #[test]
 fn both_ends_of_every_range_are_allowed_and_nothing_beyond_nor_what_is_no_number() {
-    for entry in TABLE.iter().filter(|entry| entry.kind == Kind::Real) {
+    for entry in TABLE.iter().filter(|entry| *entry.kind == Kind::Real) {
         let (min, max) = entry.range(&full());
         let with = |value| {
             let mut changed = full();
@@ -121,7 +121,7 @@ fn both_ends_of_every_range_are_allowed_and_nothing_beyond_nor_what_is_no_number
 #[test]
 fn whole_numbers_and_choices_are_kept_and_nothing_between() {
     let settings = full();
-    for entry in TABLE.iter().filter(|entry| entry.kind != Kind::Real && !entry.fixed) {
+    for entry in TABLE.iter().filter(|entry| *entry.kind != Kind::Real && !entry.fixed) {
         let (min, max) = entry.range(&settings);
         for value in [min, max] {
             // Fewer pole pairs leave the largest speed allowed; more do not.
@@ -132,7 +132,7 @@ fn whole_numbers_and_choices_are_kept_and_nothing_between() {
             assert_eq!(entry.get(&changed), Some(value), "{}", entry.name);
         }
         assert_eq!(settings.with(entry.name, min + 0.5), Err(Error::NotWhole), "{}", entry.name);
-        if let Kind::Choice(names) = entry.kind {
+        if let Kind::Choice(names) = *entry.kind {
             assert_eq!(names.split('|').count() as f32, max + 1.0, "{}", entry.name);
         }
     }
@@ -167,7 +167,7 @@ fn contradictions_are_refused() {
 
 #[test]
 fn same_settings_have_the_same_values() {
-    let changed: Vec<_> = TABLE.iter().filter(|entry| entry.kind == Kind::Switch).collect();
+    let changed: Vec<_> = TABLE.iter().filter(|entry| *entry.kind == Kind::Switch).collect();
     assert!(full().is_same(&full()) && !changed.is_empty());
     for entry in changed {
         let value = entry.get(&full()).unwrap();

@@ -53,6 +53,8 @@ pub const BRIDGE: Wiring = Wiring {
     // The longest there is: switching shows at the shunts.
     noise_ns: 1506,
     lead: LEAD,
+    // PB7 of the Hall connector would do: `Some(EnableInput { port: 1, pin: 7 })`.
+    enable: None,
 };
 
 /// What a drive on this board starts with.

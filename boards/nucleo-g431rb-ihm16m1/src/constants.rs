@@ -57,6 +57,8 @@ pub const BRIDGE: Wiring = Wiring {
     source: Break::PinLow,
     noise_ns: 380,
     lead: LEAD,
+    // PC12 would do, at CN7-3: `Some(EnableInput { port: 2, pin: 12 })`.
+    enable: None,
 };
 
 /// What a drive on this board starts with.

@@ -4,7 +4,7 @@ use hallservo::settings::Settings;
 use hallservo::settings::{Control, GuardSettings, Thermistor};
 use stm32g4::registers::adc::{Rank, Sampling, Sequence};
 use stm32g4::registers::timer::{Active, Break, Gates};
-use stm32g4::wiring::Wiring;
+use stm32g4::wiring::{EnableInput, Wiring};
 
 /// Shunts of 10 mΩ, amplified 5.18 times by the shield.
 const VOLTS_PER_AMPERE: f32 = 0.010 * 5.18;
@@ -48,6 +48,8 @@ pub const BRIDGE: Wiring = Wiring {
     source: Break::PinLow,
     noise_ns: 380,
     lead: LEAD,
+    // PC12, beside the 3.3 V of the same connector. `None` if nothing is wired there: the drive then runs without.
+    enable: Some(EnableInput { port: 2, pin: 12 }),
 };
 
 /// What a drive on this board starts with.

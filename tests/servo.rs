@@ -12,7 +12,8 @@ use sim::rig::{Rig, error_deg};
 
 fn settings() -> Settings {
     let commutation = Commutation::FieldOriented;
-    Settings { commutation, control: Some(Control::default()), ..Settings::default() }
+    let guard = GuardSettings { command_timeout_s: 60.0, ..GuardSettings::default() };
+    Settings { commutation, control: Some(Control { guard, ..Control::default() }), ..Settings::default() }
 }
 
 fn armed(commutation: Commutation) -> Rig {

@@ -103,6 +103,10 @@ fn refusals() {
         (settings::Error::Unknown, "03"),
         (settings::Error::Fixed, "04"),
         (settings::Error::NotWhole, "05"),
+        (
+            settings::Error::Ceiling { field: "stall_s", value: 2.0, most: 1.0 },
+            "06077374616c6c5f73000000400000803f",
+        ),
     ];
     for (error, bytes) in settings {
         assert_eq!(hex(&error), bytes, "{error:?}");

@@ -87,7 +87,7 @@ impl Config {
         let least_bus = settings.guard.under_voltage_v / volts;
         let longest = svpwm::Modulator::longest(frame.period, frame.dead_time, &frame.limits);
         Ok(Self {
-            guard: Guard::new(&settings.guard, frame.adc_bits, loop_hz, &scale),
+            guard: Guard::new(settings, frame.adc_bits, loop_hz, &scale),
             gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest as f32)
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,
             local: LocalGains::new(&motor, settings.feedback, current_hz, &scale)

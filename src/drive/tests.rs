@@ -110,6 +110,8 @@ fn healthy(halls: Codes) -> Sample {
 /// Installed, and with currents to measure.
 fn with_control(commutation: Commutation, change: impl Fn(&mut crate::settings::Control)) -> Bench {
     let mut control = crate::settings::Control::default();
+    // The tests send no commands but those that they are about.
+    control.guard.command_timeout_s = 60.0;
     change(&mut control);
     let mut bench = Bench::new(&Settings { commutation, control: Some(control), ..Settings::default() });
     bench.healthy = true;

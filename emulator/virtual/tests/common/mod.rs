@@ -115,7 +115,7 @@ pub fn calibrating(board: &str) -> Session {
 pub fn calibrated(board: &str) -> Session {
     let [_, after] = calibration(board);
     let mut session = resumed(board, after);
-    ask(&mut session, "set command_timeout_s 1000");
+    ask(&mut session, "set command_timeout_s 60");
     session
 }
 

@@ -9,7 +9,7 @@ use hallservo::commutation::{Commutation, Modulation};
 use hallservo::drive::{Channels, Command, Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
-use hallservo::settings::{Control, Settings};
+use hallservo::settings::{Control, GuardSettings, Settings};
 use mps2_an386::failure;
 use static_cell::StaticCell;
 
@@ -50,7 +50,10 @@ pub fn init() {
     for number in 0..DEMANDS {
         let field_oriented = Settings {
             commutation: Commutation::FieldOriented,
-            control: Some(Control::default()),
+            control: Some(Control {
+                guard: GuardSettings { command_timeout_s: 60.0, ..GuardSettings::default() },
+                ..Control::default()
+            }),
             ..Settings::default()
         };
         let settings = if number == 0 { Settings::default() } else { field_oriented };

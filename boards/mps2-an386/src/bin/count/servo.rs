@@ -84,7 +84,7 @@ pub fn init() {
     static TABLES: [StaticCell<Table>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     static CHANNELS: [StaticCell<Channels>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     // No timeout is reached, but it is looked at.
-    let guard = GuardSettings { command_timeout_s: 1000.0, ..GuardSettings::default() };
+    let guard = GuardSettings { command_timeout_s: 60.0, ..GuardSettings::default() };
     let control = ControlSettings {
         inertia_kgm2: INERTIA_KGM2,
         max_acceleration_rad_s2: 1.5e4,

@@ -56,10 +56,12 @@
 //! every [`storage::SAVE_INTERVAL_S`]. Settings are saved on request.
 //!
 //! A record that is corrupt or foreign is named in the history, the log and the status; the drive then starts with the
-//! board's settings, or without a calibration, and never with half of either.
+//! board's settings, or without a calibration, and never with half of either. Settings that could not be taken over may
+//! have been stricter than those that it starts with: the bridge stays off until a person has confirmed these.
 #![no_std]
 
 mod adaptation;
+mod controller;
 #[cfg(feature = "embassy")]
 pub mod embassy;
 mod fmt;

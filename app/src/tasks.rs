@@ -9,6 +9,7 @@ mod telemetry;
 
 use crate::Identity;
 use crate::adaptation::SensorAdaptation;
+use crate::controller::Controller;
 use crate::fmt::log;
 use crate::history::History;
 use crate::housekeeping::Readings;
@@ -34,6 +35,7 @@ const SETTLED: u32 = 5;
 /// The state of the tasks.
 pub(crate) struct Tasks<F> {
     pub identity: Identity,
+    pub controller: Controller,
     pub service: &'static mut Service,
     pub history: History,
     pub defaults: Settings,
@@ -44,7 +46,9 @@ pub(crate) struct Tasks<F> {
     spare_config: Option<&'static mut Config>,
     storage: Storage<F>,
     /// What is wrong with each kind of stored record.
-    stored: [Problem; 3],
+    pub stored: [Problem; 3],
+    /// Whether nobody has confirmed settings that are not those stored.
+    pub unconfirmed: bool,
     stored_sensors: Option<Sensors>,
     stored_settings: Settings,
     /// Kinds of records to save when the bridge is off.
@@ -81,7 +85,7 @@ pub(crate) struct Tasks<F> {
     lost_records: u32,
     pub garbage: u32,
     pub lost_frames: u32,
-    now_ms: u64,
+    pub now_ms: u64,
 }
 
 impl<F: NorFlash> Tasks<F> {
@@ -100,6 +104,7 @@ impl<F: NorFlash> Tasks<F> {
             }
             self.handle(event, torque_nm);
         }
+        self.end_abandoned();
         self.proceed();
         self.spare_config = self.spare_config.take().or_else(|| self.service.unused_config());
         self.update_drive();

@@ -4,6 +4,7 @@
 
 use super::Tasks;
 use crate::adaptation::SensorAdaptation;
+use crate::controller::Controller;
 use crate::history::History;
 use crate::housekeeping::Readings;
 use crate::procedure::Procedure;
@@ -101,6 +102,7 @@ fn supervise<F: NorFlash>(
     // Written right into its place, which spares the stack a copy.
     let supervisor = supervisor.write(Supervisor::new(Tasks {
         identity,
+        controller: Controller::default(),
         service: places.service,
         history: History::new(),
         defaults,
@@ -109,6 +111,7 @@ fn supervise<F: NorFlash>(
         spare_config: Some(places.config),
         storage,
         stored,
+        unconfirmed: !matches!(problem, Problem::None | Problem::Blank),
         stored_sensors: sensors,
         stored_settings: settings,
         unsaved: [false; 3],

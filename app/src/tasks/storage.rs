@@ -72,6 +72,7 @@ impl<F: NorFlash> Tasks<F> {
         let saved = self.storage.save_settings(&self.settings, &self.defaults);
         if saved.is_ok() {
             self.stored_settings = self.settings;
+            self.unconfirmed = false;
         }
         self.saved(Record::Settings, saved);
     }
@@ -98,7 +99,11 @@ impl<F: NorFlash> Tasks<F> {
     /// The settings in the flash.
     pub fn load_settings(&mut self) -> Result<Settings, Problem> {
         match self.storage.settings(&self.defaults) {
-            (settings, Problem::None | Problem::Foreign) => Ok(settings),
+            (settings, Problem::None) => Ok(settings),
+            (settings, Problem::Foreign) => {
+                self.unconfirmed = true;
+                Ok(settings)
+            }
             (_, problem) => Err(problem),
         }
     }

@@ -7,7 +7,7 @@ use virtual_board::session::Session;
 
 fn frame(id: u16, ask: Ask<'_>) -> Vec<u8> {
     let mut frame = [0; FRAME];
-    let length = encode(&Request { id, ask }, &mut frame).expect("a frame");
+    let length = encode(&Request { id, client: 1, unattended: true, ask }, &mut frame).expect("a frame");
     frame[..length].to_vec()
 }
 

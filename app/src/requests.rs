@@ -248,7 +248,10 @@ impl<F: NorFlash> Tasks<F> {
             (Command::Disarm, Err(drive::Refusal::Mode(_))) => return Answer::Done,
             (_, Err(refusal)) => return Answer::Refused(Refusal::Drive(refusal)),
             (Command::Plain | Command::Disarm, Ok(())) => {}
-            (Command::Calibrate, Ok(())) => self.calibration = Calibration::Running,
+            (Command::Calibrate, Ok(())) => {
+                self.calibration = Calibration::Running;
+                self.give_up_sensors();
+            }
             (Command::Clear, Ok(())) => {
                 // Before the next request, which may be to arm.
                 self.install();

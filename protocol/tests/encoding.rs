@@ -172,6 +172,7 @@ fn calibrations() {
         (Error::Refused(Finding::Unexplained(7.0)), "05050000e040"),
         (Error::Refused(Finding::Lagging(70.0)), "050600008c42"),
         (Error::Refused(Finding::Hunting(9.0)), "050700001041"),
+        (Error::SamplesLost { percent: 100 }, "0664"),
     ];
     for (error, bytes) in errors {
         assert_eq!(hex(&error), bytes, "{error:?}");

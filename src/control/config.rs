@@ -40,8 +40,6 @@ pub struct Config {
     pub(crate) ramp: i32,
     /// Current from which on the dead time's compensation stays the same, in 2⁻¹⁵ of the full scale.
     pub(crate) dead_time_saturation: i32,
-    /// Whether phases B and C are exchanged.
-    pub(crate) reversed: bool,
     /// Least speed at which the alignment is trimmed, in 2⁻³² electrical turns a step.
     pub(crate) trim_from: i32,
     /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every [`CYCLE`](crate::drive::CYCLE)
@@ -104,7 +102,6 @@ impl Config {
             modulator: svpwm::Modulator::new(frame.period, frame.dead_time, &frame.limits, frame.reversed),
             ramp: (svpwm::RAMP as f32 / ramp.max(1.0)) as i32,
             dead_time_saturation: (RAMPS as f32 * ramp.max(1.0)) as i32,
-            reversed: frame.reversed,
             // A back-EMF of a fiftieth of the bus divider's full scale.
             trim_from: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * TURN).min(536_870_912.0) as i32,
             // There, a time constant of half a second on a bus of the full scale: an electrical radian over that

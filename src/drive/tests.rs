@@ -3,6 +3,7 @@
 mod anything;
 mod calibration;
 mod commands;
+mod direction;
 mod following;
 mod halls;
 mod records;

@@ -154,13 +154,38 @@ impl Adapter {
     /// # Errors
     /// [`BadModel`] where the fast path could not work with the model either.
     pub fn new(config: &Config, model: &Model) -> Result<Self, BadModel> {
-        estimate::validate(model, config.adc_bits)?;
+        Self::resume(config, model, model)
+    }
+
+    /// Goes on from what was learnt since a calibration. The limits stay around the calibration, however often this is
+    /// done: what is beyond them is cut to them.
+    ///
+    /// # Errors
+    /// As [`Self::new`], of either.
+    pub fn resume(config: &Config, calibrated: &Model, learnt: &Model) -> Result<Self, BadModel> {
+        estimate::validate(calibrated, config.adc_bits)?;
+        let mut adapter = Self::at(config, calibrated);
+        for (k, (from, to)) in calibrated.sensors.iter().zip(&learnt.sensors).enumerate() {
+            adapter.state.offset[k] = (to.offset - from.offset) / from.amplitude;
+            adapter.state.amplitude[k] = to.amplitude / from.amplitude;
+            adapter.state.placement[k] = to.placement;
+        }
+        // All sensors share it.
+        adapter.state.third = learnt.sensors[0].third - calibrated.sensors[0].third;
+        adapter.limit_parameters();
+        adapter.model = adapter.current();
+        estimate::validate(&adapter.model, config.adc_bits)?;
+        Ok(adapter)
+    }
+
+    /// From a calibration that is valid.
+    fn at(config: &Config, model: &Model) -> Self {
         let start = parameters(&config.start);
         let sensors = [0, 1, 2].map(|k| CalibratedSensor::new(&model.sensors[k], config.noise_codes[k]));
         // Of the angle from one sample: two thirds of the sensors' mean.
         let angle_noise = (sensors[0].noise + sensors[1].noise + sensors[2].noise) * (2.0 / 9.0);
         let natural_frequency = libm::sqrtf(libm::sqrtf(config.acceleration / angle_noise));
-        Ok(Self {
+        Self {
             config: *config,
             sensors,
             state: State {
@@ -192,7 +217,7 @@ impl Adapter {
             fault: None,
             fault_reported: false,
             model: *model,
-        })
+        }
     }
 
     /// Update by a sample.

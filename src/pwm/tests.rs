@@ -117,3 +117,9 @@ fn a_fraction_is_rounded_and_saturates() {
         assert_eq!(modulation(fraction).to_bits(), bits, "{fraction}");
     }
 }
+
+#[test]
+fn both_ends_of_a_fraction_are_the_same() {
+    assert_eq!(modulation(-1.0), -modulation(1.0));
+    assert_eq!((modulation(-2.0), modulation(f32::NAN)), (modulation(-1.0), Modulation::ZERO));
+}

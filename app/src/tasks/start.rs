@@ -96,7 +96,7 @@ fn supervise<F: NorFlash>(
 ) -> &'static mut Supervisor<F> {
     let Start { identity, defaults, settings, problem, mut storage } = start;
     let sensors = storage.sensors(&settings);
-    let table = storage.table(settings.full_scale_a());
+    let table = storage.table(&settings);
     let stored = [sensors.err().unwrap_or_default(), table.err().unwrap_or_default(), problem];
     let (sensors, table) = (sensors.ok(), table.ok());
     // Written right into its place, which spares the stack a copy.

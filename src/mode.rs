@@ -4,11 +4,12 @@
 //!            Calibrate              aligned                swept: bridge off, the service fits
 //! Unarmed ─────────────▶ Aligning ───────────▶ Calibrating ────────────────────▶ Unarmed
 //!    │ ▲                                                                            │
-//!    │ └── Clear ── Faulted ◀── any fault ── Aligning, Calibrating, Running         │
-//!    ├───────────────── Install (a calibration) ────────────────▶ Ready ◀───────────┘
-//!    └◀─────────────── settings of another direction ──────────────┘│ ▲
-//!                                                            Arm ▼ │ Disarm
-//!                                                              Running
+//!    │ ├── Clear ── Faulted ◀── any fault ── Aligning, Calibrating, Running         │
+//!    │ └───────── settings that count the other way ─────────────┐                  │
+//!    └───────────────── Install (a calibration) ────────────────▶ Ready ◀───────────┘
+//!                                                      Arm │  ▲ Disarm
+//!                                                          ▼  │
+//!                                                         Running
 //! ```
 //!
 //! A calibration begins by giving up the one before: who calibrates has a reason. Whatever ends it but success, the
@@ -48,7 +49,7 @@ pub enum Event {
     Swept,
     /// A calibration arrived, from the service or from storage.
     Installed,
-    /// The calibration does not fit other settings.
+    /// The calibration does not fit the settings that the drive was given.
     Invalidated,
     /// A person asks for the bridge to be on.
     Arm,

@@ -172,3 +172,23 @@ fn writable(path: Option<&PathBuf>) -> Result<()> {
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_time_that_can_pass_turns_a_motor() {
+        for text in ["-1", "NaN", "0", "-0.0", "inf", "1e99", "", "1 s"] {
+            assert!(seconds(text).is_err(), "{text}");
+            for command in ["speed", "voltage", "torque", "position"] {
+                assert!(Arguments::try_parse_from(["hallctl", command, "1", "--seconds", text]).is_err(), "{text}");
+            }
+            assert!(Arguments::try_parse_from(["hallctl", "telemetry", "--seconds", text]).is_err(), "{text}");
+        }
+        assert_eq!(seconds("0.5"), Ok(0.5));
+        for command in [&["calibrate", "--unattended"][..], &["cogging", "learn", "--unattended"], &["voltage", "-1"]] {
+            assert!(Arguments::try_parse_from([&["hallctl"], command].concat()).is_ok(), "{command:?}");
+        }
+    }
+}

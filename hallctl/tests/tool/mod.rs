@@ -48,6 +48,12 @@ pub fn done(drive: &mut Simulator, what: Ask<'_>) {
     });
 }
 
+/// Begins what goes on without a tool that looks at it.
+pub fn begin(drive: &mut Simulator, what: Ask<'_>) {
+    drive.write(&request_of(1, true, 1, what));
+    run(drive, 3);
+}
+
 pub fn status(drive: &mut Simulator) -> Status {
     ask(drive, Ask::Status, |answer| match answer {
         Answer::Status(status) => status,

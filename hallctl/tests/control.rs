@@ -109,7 +109,7 @@ fn a_procedure_ends_bridge_off_when_its_tool_falls_silent() {
     for procedure in [Ask::Calibrate, Ask::Identify, Ask::LearnCogging] {
         let mut drive = ready();
         // What is sent by itself is no sign of life, nor are the looks of another tool.
-        done_by(&mut drive, FIRST, Ask::Telemetry(500.0));
+        drive.write(&request_of(FIRST, false, 5, Ask::Telemetry(500.0)));
         done_by(&mut drive, FIRST, procedure);
         let mut silent_ms = 0;
         while silent_ms < 900 {
@@ -216,6 +216,7 @@ fn a_calibration_that_was_broken_off_arms_nothing_after_a_power_up_either() {
     done(&mut first, Ask::Calibrate);
     run(&mut first, 500);
     done(&mut first, Ask::Disarm);
+    run(&mut first, 20);
     refused(&mut first, FIRST, Ask::Arm, Refusal::Drive(DriveRefusal::NotCalibrated));
     // What else has the model installed anew does not bring it back.
     for value in [1.0, 0.0] {

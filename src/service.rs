@@ -185,8 +185,8 @@ impl Service {
         &self.config
     }
 
-    /// Makes an estimator of a model, for the direction that the settings say, and sends it to the drive, which takes it
-    /// up between two steps.
+    /// Makes an estimator of a model, for the direction that the settings say, and sends it to the drive, which takes
+    /// it up between two steps.
     ///
     /// # Errors
     /// [`InstallError`]; nothing has changed then.

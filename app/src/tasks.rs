@@ -210,7 +210,8 @@ impl<F: NorFlash> Tasks<F> {
         }
     }
 
-    /// The sensors are being calibrated: what was known of them is given up, in the flash as well, whatever comes of it.
+    /// The sensors are being calibrated: what was known of them is given up, in the flash as well, whatever comes of
+    /// it.
     pub fn give_up_sensors(&mut self) {
         (self.sensors, self.install_due) = (None, false);
         self.unsaved[Record::Sensors as usize] = true;

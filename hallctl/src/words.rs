@@ -136,8 +136,8 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
                 .into()
         }
         Refusal::Unconfirmed(why) => format!(
-            "the settings in the flash: {}; those in use may be less strict\n  Look through `hallctl settings list`, set \
-             what is missing, then `hallctl settings save` (or `accept` until the power goes).",
+            "the settings in the flash: {}; those in use may be less strict\n  Look through `hallctl settings list`, \
+             set what is missing, then `hallctl settings save` (or `accept` until the power goes).",
             problem(*why)
         ),
         Refusal::NoAnswer => {

@@ -16,7 +16,7 @@ use serde::{Deserialize, Serialize};
 pub struct Request<'a> {
     /// The reply repeats it.
     pub id: u16,
-    /// Who asks: a number that each tool draws for itself, other than 0.
+    /// Who asks: a number other than 0 that each tool draws at random.
     pub client: u32,
     /// Whether what this begins goes on though its tool falls silent.
     pub unattended: bool,

@@ -107,7 +107,7 @@ impl Drive {
         let tracks = self.mode == Mode::Ready && self.record.missed <= self.config.tolerated;
         let calibrated = self.mode == Mode::Unarmed && self.progress == Progress::Complete;
         // It may have been made for settings that have been replaced since.
-        let fits = if self.fits(&estimator) { Ok(()) } else { Err(Refusal::NotCalibrated) };
+        let fits = if self.fits(estimator) { Ok(()) } else { Err(Refusal::NotCalibrated) };
         let allowed = fits.and_then(|()| self.on_command(Event::Installed));
         let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {

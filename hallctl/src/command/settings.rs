@@ -54,7 +54,11 @@ pub(super) fn run(client: &mut Client, command: &Command) -> Result<()> {
         Command::Get { name } => client.setting(Ask::Get(name), show),
         Command::Set { name, value } => set(client, name, value),
         Command::Save => save(client),
-        Command::Accept => client.order(Ask::Accept),
+        Command::Accept => {
+            client.order(Ask::Accept)?;
+            println!("accepted until the power goes; `hallctl settings save` keeps them");
+            Ok(())
+        }
         Command::Load => client.order(Ask::Load),
         Command::Reset => client.order(Ask::Restore),
         Command::Export { file } => export(client, file),

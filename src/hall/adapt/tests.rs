@@ -1,3 +1,4 @@
+use super::filter::{STATES, THIRD};
 use super::*;
 use crate::hall::Channel;
 use crate::hall::model::Sensor;

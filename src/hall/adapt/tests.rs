@@ -206,7 +206,7 @@ fn what_was_learnt_goes_on_from_where_it_was_and_is_cut_to_the_limits() {
     let mut learnt = calibrated;
     learnt.sensors[0].offset += 20.0;
     learnt.sensors[2].amplitude *= 0.8;
-    learnt.sensors[1].placement = learnt.sensors[1].placement + ElectricalAngle::from_degrees(3.0);
+    learnt.sensors[1].placement += ElectricalAngle::from_degrees(3.0);
     learnt.sensors.iter_mut().for_each(|sensor| sensor.third = 0.04);
     let near = |a: &Model, b: &Model| {
         a.sensors.iter().zip(&b.sensors).all(|(a, b)| {

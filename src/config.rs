@@ -103,6 +103,7 @@ impl Settings {
             pwm_hz,
             period,
             dead_time,
+            dead_time_s: self.dead_time_s,
             limits,
             max_electrical_hz: self.max_electrical_hz,
             reversed: self.reversed,
@@ -120,13 +121,21 @@ impl Settings {
             max_modulation: commutation::modulation(self.max_modulation),
             advance: ElectricalAngle::from_degrees(self.phase_advance_deg),
             tracking: self.tracking()?,
-            fastest: (self.max_electrical_hz / pwm_hz * TURN) as i32,
+            fastest: (self.fastest_hz() / pwm_hz * TURN) as i32,
             tolerated: self.tolerated_samples.into(),
             run_on_two_halls: self.run_on_two_halls,
             record_every: self.record_every(),
             calibration_record_every: self.every(self.calibration_record_hz),
             open_loop: self.open_loop(),
         })
+    }
+
+    /// Electrical frequency that is a fault: a fifth above the largest speed, and what the speed's noise may add.
+    fn fastest_hz(&self) -> f32 {
+        let by_speed = self.control.map_or(f32::INFINITY, |control| {
+            1.2 * control.max_speed_rad_s * f32::from(self.pole_pairs) / core::f32::consts::TAU + 10.0
+        });
+        self.max_electrical_hz.min(by_speed)
     }
 
     fn every(&self, hz: f32) -> u32 {

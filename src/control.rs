@@ -12,9 +12,11 @@ mod measured;
 pub mod position;
 pub mod trajectory;
 pub mod velocity;
+mod window;
 
 use crate::angle::TURN;
 pub use config::Config;
+pub use window::Window;
 
 /// Current of a phase or along an axis, in 2⁻¹⁵ of the full scale of the amplifiers.
 /// [`Config::current`] makes one of amperes.

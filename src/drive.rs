@@ -10,6 +10,7 @@
 //! | path | active | what it does |
 //! |---|---|---|
 //! | `idle` | bridge off | measures the angle; learns the current amplifiers' zeros |
+//! | `arming` | for an instant after arming, with current sensing | checks phases, amplifiers and commutation |
 //! | `open_loop` | aligning, calibrating | turns the field whatever the rotor does |
 //! | `voltage` | running by a modulation | a voltage vector turned with the rotor, sinusoidal or block |
 //! | `local_feedback` | following, sinusoidal or block | one current controlled by one voltage |
@@ -18,6 +19,7 @@
 //! What control with currents needs beside its path, the outer loops, the protection and the schedule, is in `servo`.
 
 pub mod absolute;
+mod arming;
 mod channels;
 mod command;
 mod field_oriented;
@@ -29,18 +31,22 @@ mod protection;
 mod records;
 mod schedule;
 mod servo;
+mod supervision;
 mod tracking;
 mod voltage;
 
 use crate::angle::ElectricalAngle;
 use crate::board::{Legs, Output, Sample};
 use crate::commutation::Commutation;
+use crate::commutation::frames::Dq;
 use crate::config::Config;
+use crate::control;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
 use crate::hall::track::Tracker;
 use crate::mode::{Event, Mode};
 use crate::telemetry::{Progress, Record, Status};
+use arming::{Arming, Step};
 pub use channels::{Channels, Command, Interrupt, Refusal, Reply, Tasks};
 use field_oriented::FieldOriented;
 use hall_loss::HallLoss;
@@ -80,13 +86,23 @@ struct Paths {
     field_oriented: FieldOriented,
     local_feedback: LocalFeedback,
     open_loop: OpenLoop,
+    arming: Arming,
     idle: Idle,
+}
+
+impl Paths {
+    /// Voltage of the last step with currents controlled, in 2⁻¹⁵ of the full scale of the bus.
+    #[inline(always)]
+    fn voltage_noted(&self, config: &control::config::Config) -> Dq {
+        if self.field_oriented.is_used { self.field_oriented.voltage(config) } else { self.local_feedback.voltage() }
+    }
 }
 
 /// The control path that is active.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Path {
     Idle,
+    Arming,
     OpenLoop,
     Voltage,
     LocalFeedback,
@@ -119,6 +135,7 @@ impl Drive {
                 field_oriented: FieldOriented::new(),
                 local_feedback: LocalFeedback::new(),
                 open_loop: OpenLoop::OFF,
+                arming: Arming::OFF,
                 idle: Idle::new(),
             },
             config,
@@ -222,6 +239,7 @@ impl Drive {
         self.is_healthy(sample);
         let output = match self.path() {
             Path::Idle => self.idle(sample),
+            Path::Arming => self.arming(sample),
             Path::OpenLoop => self.open_loop(),
             Path::Voltage => self.voltage(sample),
             Path::LocalFeedback => self.local_feedback(sample),
@@ -239,6 +257,7 @@ impl Drive {
         match (self.mode, self.config.commutation) {
             (Mode::Unarmed | Mode::Ready | Mode::Faulted(_), _) => Path::Idle,
             (Mode::Aligning | Mode::Calibrating, _) => Path::OpenLoop,
+            (Mode::Running, _) if self.paths.arming.drives() => Path::Arming,
             (Mode::Running, _) if !self.servo.follows() => Path::Voltage,
             (Mode::Running, Commutation::FieldOriented) => Path::FieldOriented,
             (Mode::Running, Commutation::Block | Commutation::Sinusoidal) => Path::LocalFeedback,
@@ -262,6 +281,28 @@ impl Drive {
             self.servo.protection.rest();
         }
         Output::OFF
+    }
+
+    /// Checks what the bridge is connected to; then does what was commanded meanwhile.
+    fn arming(&mut self, sample: &Sample) -> Output {
+        self.measure(&sample.halls);
+        let Self { config, paths, record, .. } = self;
+        let (Some(control), true) = (&config.control, self.mode.drives()) else { return Output::OFF };
+        match paths.arming.step(config, control, &paths.idle, &record.rotor, sample) {
+            Step::Output(output) => output,
+            Step::Failed(fault) => {
+                self.fail(fault);
+                Output::OFF
+            }
+            Step::Moved => {
+                self.settle(sample);
+                arming::no_voltage(&self.config)
+            }
+            Step::Done => {
+                self.end_arming(false, sample);
+                arming::no_voltage(&self.config)
+            }
+        }
     }
 
     /// Turns the field. Its angle at the sampling instant is recorded as the rotor's, which follows it.
@@ -354,6 +395,10 @@ impl Drive {
 
     fn enter(&mut self, mode: Mode) {
         self.mode = mode;
+        if !mode.drives() {
+            self.paths.arming.end();
+            self.limits = self.limits.without(Limits::CHECKING);
+        }
         self.publish();
     }
 

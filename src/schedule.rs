@@ -3,6 +3,9 @@
 /// Steps of the whole schedule.
 pub const CYCLE: u32 = 32;
 
+/// Steps from one to the next of what is done in every other schedule only.
+pub(crate) const LONG: u32 = 2 * CYCLE;
+
 /// Steps from one chance of a record to the next.
 pub(crate) const RECORDS: u32 = CYCLE / 2;
 

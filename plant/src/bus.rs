@@ -61,6 +61,13 @@ impl Bus {
         Ok(())
     }
 
+    pub fn set_regenerative(&mut self, regenerative: bool) -> Result<(), Error> {
+        let parameters = BusParameters { regenerative, ..self.parameters };
+        parameters.check()?;
+        self.parameters = parameters;
+        Ok(())
+    }
+
     /// Lets the bridge draw a current for a span.
     pub fn draw(&mut self, current_a: f64, span_s: f64) {
         let BusParameters { supply_v, source_ohm, capacitance_f, regenerative } = self.parameters;

@@ -1,6 +1,9 @@
 //! What each command does. A refused one changes nothing.
 
+use super::arming::Pending;
 use super::protection::Protection;
+use super::schedule::OUTER;
+use super::supervision::Supervision;
 use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample};
 use crate::angle::ElectricalAngle;
 use crate::commutation::{Commutation, Modulation};
@@ -145,12 +148,61 @@ impl Drive {
         if self.record.missed != 0 {
             return Err(Refusal::NoAngle);
         }
+        if let Some(control) = control
+            && self.servo.seen(&self.record.rotor).is_outside(&control.motion)
+        {
+            return Err(Refusal::Fault(Fault::PositionBounds));
+        }
+        if control.is_none() && self.turns_faster_than(self.config.fastest >> 6) {
+            return Err(Refusal::Turning);
+        }
         if let Some(control) = control {
             self.servo.protection.arm(control, sample);
         }
         self.paths.voltage.release(&self.config);
         self.reset_servo(sample);
-        self.on_command(Event::Arm)
+        self.on_command(Event::Arm)?;
+        self.begin_arming(sample);
+        Ok(())
+    }
+
+    /// A drive with current sensing follows a current of zero until it is commanded something else, which lets a rotor
+    /// that turns turn on; at rest it first checks what it is connected to.
+    fn begin_arming(&mut self, sample: &Sample) {
+        self.servo.supervision = Supervision::NONE;
+        let Some(control) = &self.config.control else { return };
+        self.servo.follow(control, Demand::Current(Current(0)), &self.record.rotor);
+        if control.arming.enabled && !self.turns_faster_than(control.arming.at_rest) {
+            self.paths.arming.begin(control, control.bus(sample.bus));
+            self.limits = self.limits.with(Limits::CHECKING);
+        }
+        self.publish();
+    }
+
+    /// The check has pushed the rotor, which the speed control brings to rest.
+    pub(super) fn settle(&mut self, sample: &Sample) {
+        self.reset_servo(sample);
+        self.take_up(Demand::Speed(Speed(0)));
+    }
+
+    /// After the check, which may have shown that the commutation is right: what was commanded meanwhile.
+    pub(super) fn end_arming(&mut self, proven: bool, sample: &Sample) {
+        self.limits = self.limits.without(Limits::CHECKING);
+        self.reset_servo(sample);
+        let pending = self.paths.arming.pending.take();
+        if proven {
+            self.servo.supervision.prove();
+        }
+        self.paths.arming.end();
+        match pending {
+            Some(Pending::Voltage(modulation)) => self.command_voltage(modulation),
+            Some(Pending::Demand(demand)) => self.take_up(demand),
+            None => self.take_up(Demand::Current(Current(0))),
+        }
+    }
+
+    fn turns_faster_than(&self, speed: i32) -> bool {
+        self.record.rotor.speed().unsigned_abs() > speed.unsigned_abs()
     }
 
     /// Takes up a demand for current, speed or position.
@@ -158,6 +210,12 @@ impl Drive {
         let control = self.config.control.as_ref().ok_or(Refusal::NoControl)?;
         if self.mode != Mode::Running {
             return Err(Refusal::Mode(self.mode));
+        }
+        let [least, largest] = control.motion.bounds;
+        if let Demand::Position(position) = demand
+            && !(least..=largest).contains(&(position.to_bits() >> OUTER.ilog2()))
+        {
+            return Err(Refusal::OutOfBounds);
         }
         let (magnitude, most) = match demand {
             Demand::Current(Current(current)) => (current.unsigned_abs(), control.max_current),
@@ -167,15 +225,26 @@ impl Drive {
         if magnitude > most as u32 {
             return Err(Refusal::TooLarge);
         }
-        self.servo.follow(control, demand, &self.record.rotor);
-        self.publish();
+        if self.paths.arming.is_active() {
+            self.paths.arming.pending = Some(Pending::Demand(demand));
+        } else {
+            self.take_up(demand);
+        }
         Ok(())
+    }
+
+    fn take_up(&mut self, demand: Demand) {
+        if let Some(control) = &self.config.control {
+            self.servo.follow(control, demand, &self.record.rotor);
+        }
+        self.publish();
     }
 
     fn reset_servo(&mut self, sample: &Sample) {
         if let Some(control) = &self.config.control {
             self.servo.reset(control, &self.paths.idle);
             self.paths.local_feedback.reset();
+            self.paths.field_oriented.is_used = self.config.commutation == Commutation::FieldOriented;
             self.paths.field_oriented.reset(control, self.record.rotor.speed(), sample);
         }
     }
@@ -219,11 +288,19 @@ impl Drive {
         if magnitude > i32::from(self.config.max_modulation.to_bits()).unsigned_abs() {
             return Err(Refusal::TooLarge);
         }
-        self.reset_servo(sample);
+        if self.paths.arming.is_active() {
+            self.paths.arming.pending = Some(Pending::Voltage(modulation));
+        } else {
+            self.reset_servo(sample);
+            self.command_voltage(modulation);
+        }
+        Ok(())
+    }
+
+    fn command_voltage(&mut self, modulation: Modulation) {
         self.publish();
         self.paths.voltage.command(modulation, &self.config);
         let cut = self.config.limits.limits(modulation);
         self.limits = self.limits.set(Limits::DUTY, cut);
-        Ok(())
     }
 }

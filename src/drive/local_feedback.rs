@@ -6,6 +6,7 @@ use super::{Idle, Sample};
 use crate::angle::ElectricalAngle;
 use crate::board::{Legs, Output};
 use crate::commutation::block::Sextant;
+use crate::commutation::frames::Dq;
 use crate::commutation::sinusoidal::{self, Axes};
 use crate::commutation::{Commutation, Modulation};
 use crate::config::Config;
@@ -19,6 +20,8 @@ use crate::math::clamp;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LocalFeedback {
     controller: Local,
+    /// Voltage of the last step along q, in 2⁻¹⁵ of the full scale of the bus.
+    voltage: i32,
     /// The step of block commutation.
     sextant: Sextant,
 }
@@ -26,12 +29,17 @@ pub(super) struct LocalFeedback {
 impl LocalFeedback {
     /// At rest.
     pub const fn new() -> Self {
-        Self { controller: Local::ZERO, sextant: Sextant::First }
+        Self { controller: Local::ZERO, voltage: 0, sextant: Sextant::First }
     }
 
     /// Forgets what the controller has integrated.
     pub fn reset(&mut self) {
         self.controller = Local::ZERO;
+    }
+
+    /// Voltage of the last step.
+    pub const fn voltage(&self) -> Dq {
+        Dq { d: 0, q: self.voltage }
     }
 
     /// One step on.
@@ -55,6 +63,7 @@ impl LocalFeedback {
         let half_bus = control.bus(sample.bus) / 2;
         let reference = servo.current_reference();
         let voltage = self.controller.step(&control.local, reference, measured, rotor.speed(), half_bus);
+        self.voltage = voltage;
         let modulation = Modulation::from_bits(clamp((voltage << 15) / half_bus.max(1), 32_767) as i16);
         servo.limits = servo.limits.set(Limits::DUTY, limits.limits(modulation));
         let amplitude = limits.amplitude(modulation);

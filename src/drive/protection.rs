@@ -1,8 +1,9 @@
 //! Protection by currents, bus voltage, temperatures and deadlines, for a drive with current sensing.
 
 use super::{Idle, Sample};
+use crate::control::Window;
 use crate::control::config::Config;
-use crate::fault::Fault;
+use crate::fault::{Fault, Limits};
 
 /// Successive checks, eight steps apart, that a sum of the currents has to fail to be a fault.
 const IMBALANCES: u32 = 2;
@@ -20,8 +21,8 @@ pub(super) struct Protection {
     bus_span: u32,
     /// Least sum of the three currents' codes that is no imbalance.
     sum_floor: u32,
-    /// Largest current at the moment, in 2⁻¹⁵ of the full scale.
-    pub max_current: i32,
+    /// What is left to the current along q at the moment.
+    pub window: Window,
     /// Share of the largest current that each temperature, of bridge and motor, allows: 0 to 2¹⁶.
     shares: [i32; 2],
     /// Successive checks that found a wrong sum of the currents.
@@ -40,7 +41,7 @@ impl Protection {
         bus_floor: 0,
         bus_span: u32::MAX,
         sum_floor: 0,
-        max_current: 0,
+        window: Window::ZERO,
         shares: [0; 2],
         imbalances: 0,
         stalls: 0,
@@ -140,7 +141,9 @@ impl Protection {
         self.shares[thermistor] = if above < heat.room { (above * heat.slope) >> 8 } else { 1 << 16 };
         let share = self.shares[0].min(self.shares[1]);
         // 0.9 · 2¹⁵ and 2¹⁶.
-        self.max_current = (config.max_current * share) >> 16;
+        let most = (config.max_current * share) >> 16;
+        let narrowed = Limits::NONE.set(Limits::HEAT, share < 1 << 16);
+        self.window = Window { narrowed, ..Window::symmetric(most) };
     }
 
     /// Whether the rotor has stood still with the current at its limit for too long.

@@ -2,13 +2,15 @@
 //! the longest step short.
 //!
 //! [`Drive::attend`] is the table: the outer loops and what is urgent come every [`OUTER`] steps, the rest once in a
-//! [`CYCLE`]. A row is a slot; a step has exactly one, before the angle of the step is known.
+//! [`CYCLE`] or in a [`LONG`] one. A row is a slot; a step has exactly one, before the angle of the step is known.
 
 use super::servo::{Context, Servo};
 use super::{Demand, Drive, Paths, Route, Sample};
 use crate::control::Speed;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
+use crate::mode::Mode;
+use crate::schedule::LONG;
 pub use crate::schedule::{CYCLE, OUTER};
 
 /// Tick of the first slot that may hand over a record.
@@ -17,7 +19,7 @@ const RECORD: u32 = 7;
 /// The present slot, and when records and measurements are due.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Schedule {
-    /// Steps so far, wrapping; the slot is the remainder by [`CYCLE`].
+    /// Steps so far, wrapping; the slot is the remainder by [`LONG`].
     tick: u32,
     /// Whether records are handed over in slots: while a current, a speed or a position is followed.
     pub records: bool,
@@ -52,24 +54,27 @@ impl Drive {
     pub(super) fn attend(&mut self, sample: &Sample) -> Option<&Estimator> {
         let schedule = &mut self.servo.schedule;
         schedule.tick = schedule.tick.wrapping_add(1);
-        match schedule.tick % CYCLE {
+        match schedule.tick % LONG {
             // Every 8 steps.
-            0 | 8 | 16 | 24 => return self.trajectory_slot(sample),
-            1 | 9 | 17 | 25 => self.slot(sample, |servo, _, with| servo.advance_trajectory(with)),
-            2 | 10 | 18 | 26 => return self.command_slot(sample),
-            3 | 11 | 19 | 27 => return self.protection_slot(sample),
-            4 | 12 | 20 | 28 => self.slot(sample, |servo, _, with| servo.speed_loop(with)),
-            6 | 14 | 22 | 30 => self.slot(sample, |servo, _, with| servo.update_reference(with)),
+            0 | 8 | 16 | 24 | 32 | 40 | 48 | 56 => return self.trajectory_slot(sample),
+            1 | 9 | 17 | 25 | 33 | 41 | 49 | 57 => self.slot(sample, |servo, _, with| servo.advance_trajectory(with)),
+            2 | 10 | 18 | 26 | 34 | 42 | 50 | 58 => return self.command_slot(sample),
+            3 | 11 | 19 | 27 | 35 | 43 | 51 | 59 => return self.protection_slot(sample),
+            4 | 12 | 20 | 28 | 36 | 44 | 52 | 60 => self.slot(sample, |servo, _, with| servo.speed_loop(with)),
+            6 | 14 | 22 | 30 | 38 | 46 | 54 | 62 => self.slot(sample, |servo, _, with| servo.update_reference(with)),
             // Every 16 steps.
-            RECORD | 23 => self.record_slot(sample),
+            RECORD | 23 | 39 | 55 => self.record_slot(sample),
             // Every 32 steps. Slot 13 is late after a change of the current reference, so the currents that it notes
             // have settled.
-            5 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
-            13 => self.slot(sample, Self::measurement_slot),
+            5 | 37 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
+            13 | 45 => self.slot(sample, Self::measurement_slot),
+            21 | 53 => return self.speed_slot(sample),
+            31 | 63 => self.hand_over_slot(),
+            // Every 64 steps.
             15 => self.slot(sample, Self::alignment_slot),
-            21 => return self.speed_slot(sample),
             29 => return self.derating_slot(sample),
-            _ => self.hand_over_slot(),
+            47 => return self.model_slot(sample),
+            _ => return self.motion_slot(sample),
         }
         self.estimator()
     }
@@ -125,8 +130,10 @@ impl Drive {
     /// rest of the step finds the angle as after a missed sample.
     #[inline(never)]
     fn protection_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let fault = self.with_servo(sample, |servo, _, with| {
-            let fault = servo.protection.imbalance(with.config, with.sample);
+        let fault = self.with_servo(sample, |servo, paths, with| {
+            // The check at arming tells more of amplifiers that disagree.
+            let checks = paths.arming.drives();
+            let fault = if checks { None } else { servo.protection.imbalance(with.config, with.sample) };
             fault.or_else(|| servo.protection.over_temperature(with.config, with.sample))
         });
         if let Some(Some(fault)) = fault {
@@ -139,7 +146,13 @@ impl Drive {
     /// Notes currents and voltages for the tasks.
     #[inline(always)]
     fn measurement_slot(servo: &mut Servo, paths: &mut Paths, with: &Context) {
-        servo.note(with, &paths.field_oriented, &paths.idle, servo.schedule.sequence());
+        servo.note(
+            with,
+            &paths.field_oriented,
+            paths.voltage_noted(with.config),
+            &paths.idle,
+            servo.schedule.sequence(),
+        );
     }
 
     /// Trims the alignment; checks whether the voltage is at its limit.
@@ -164,16 +177,74 @@ impl Drive {
         self.estimator()
     }
 
-    /// The largest current that the temperatures allow; the check for over-speed.
+    /// Voltages against currents.
+    #[inline(never)]
+    fn model_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        if self.mode != Mode::Running || !self.servo.follows() || self.paths.arming.drives() {
+            return self.estimator();
+        }
+        let fault = self.with_servo(sample, |servo, _, with| {
+            servo.supervision.check_model(&with.config.motion.model, &servo.measurement.state, with.rotor.speed())
+        });
+        self.fail_if(fault.flatten())
+    }
+
+    /// The motion: does the rotor turn as it is driven to?
+    #[inline(never)]
+    fn motion_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        if self.mode != Mode::Running || self.paths.arming.drives() {
+            return self.estimator();
+        }
+        if self.is_too_fast() {
+            return self.fail_if(Some(Fault::OverSpeed));
+        }
+        let fault = self.with_servo(sample, |servo, _, with| {
+            let motion = &with.config.motion;
+            let seen = servo.seen(with.rotor);
+            servo.wait(&seen, motion.far);
+            servo.supervision.check_motion(motion, &seen)
+        });
+        if fault == Some(Some(Fault::NotStopped)) && self.brakes() {
+            return self.estimator_if_short();
+        }
+        self.fail_if(fault.flatten())
+    }
+
+    /// Shorts the windings, where a stop that has failed is to end so; once.
+    #[cold]
+    #[inline(never)]
+    fn brakes(&mut self) -> bool {
+        let brakes = self.config.control.as_ref().is_some_and(|control| control.motion.brakes);
+        if !brakes || !self.servo.follows() {
+            return false;
+        }
+        self.servo.supervision.stop_again();
+        self.servo.release();
+        self.paths.voltage.release(&self.config);
+        self.publish();
+        true
+    }
+
+    fn fail_if(&mut self, fault: Option<Fault>) -> Option<&Estimator> {
+        if let Some(fault) = fault {
+            self.fail(fault);
+            return None;
+        }
+        self.estimator()
+    }
+
+    /// The largest current that the temperatures allow.
     #[inline(never)]
     fn derating_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let done = self.with_servo(sample, |servo, _, with| {
+        self.with_servo(sample, |servo, _, with| {
             servo.protection.derate(with.config, with.sample, 0);
             servo.protection.derate(with.config, with.sample, 1);
         });
-        if done.is_some() && self.is_too_fast() {
-            self.fail(Fault::OverSpeed);
-            return None;
+        if let Some(control) = &self.config.control
+            && let Some(rests) = self.paths.arming.has_settled(control, self.record.rotor.speed())
+        {
+            self.end_arming(rests, sample);
+            return self.estimator_if_short();
         }
         self.estimator()
     }

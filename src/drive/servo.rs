@@ -4,6 +4,7 @@
 
 use super::protection::Protection;
 use super::schedule::{OUTER, Schedule};
+use super::supervision::{Seen, Supervision};
 use super::{FieldOriented, Idle, Sample};
 use crate::angle::{ElectricalAngle, Position};
 use crate::commutation::frames::{Clarke, Dq, Rotation};
@@ -54,12 +55,15 @@ pub(super) struct Context<'a> {
 /// The state of the outer loops, and what all control with currents shares.
 pub(super) struct Servo {
     pub protection: Protection,
+    pub supervision: Supervision,
     clarke: Clarke,
     pub reference: Reference,
     /// Currents of the last step in the frame of the rotor, in 2⁻²⁸ of the full scale.
     current: Dq,
     demand: Demand,
     trajectory: Trajectory,
+    /// Whether a commanded speed has to end because a bound of the position is near.
+    ends: bool,
     /// Speed reference ω*, from the position loop or the trajectory, in 2⁻³² electrical turns a step.
     speed_reference: i32,
     /// Current along q that the speed loop or the command asks for, in 2⁻¹⁵ of the full scale; before anti-cogging and
@@ -76,14 +80,19 @@ pub(super) struct Servo {
 }
 
 impl Servo {
+    /// Reasons for which a current is cut.
+    const CUTS: Limits = Limits::CURRENT.with(Limits::HEAT).with(Limits::SUPPLY);
+
     pub const fn new() -> Self {
         Self {
             protection: Protection::NONE,
+            supervision: Supervision::NONE,
             clarke: Clarke::new(0, [0; 3], false),
             reference: Reference { current: 0, dead_time: 0 },
             current: Dq { d: 0, q: 0 },
             demand: Demand::Voltage,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
+            ends: false,
             speed_reference: 0,
             current_request: 0,
             speed_integrator: Integrator::ZERO,
@@ -112,6 +121,11 @@ impl Servo {
     #[cfg(test)]
     pub const fn demand(&self) -> Demand {
         self.demand
+    }
+
+    /// Follows nothing any more: no voltage.
+    pub fn release(&mut self) {
+        self.demand = Demand::Voltage;
     }
 
     /// Whether a current, a speed or a position is followed.
@@ -145,11 +159,18 @@ impl Servo {
         }
     }
 
-    /// Plans the trajectory for the distance that is left to a commanded position.
+    /// Plans the trajectory for the distance that is left to a commanded position, or to a bound.
     #[inline(always)]
     pub fn plan_trajectory(&mut self, with: &Context) {
-        if let Demand::Position(position) = self.demand {
-            self.trajectory.plan(coarse(position), &with.config.trajectory);
+        match self.demand {
+            Demand::Voltage | Demand::Current(_) => {}
+            Demand::Speed(Speed(speed)) => {
+                let [least, most] = with.config.motion.bounds;
+                let here = coarse(with.rotor.smoothed()).to_bits();
+                let left = if speed < 0 { here - least } else { most - here };
+                self.ends = !self.trajectory.stops_within(left, &with.config.trajectory);
+            }
+            Demand::Position(position) => self.trajectory.plan(coarse(position), &with.config.trajectory),
         }
     }
 
@@ -158,7 +179,10 @@ impl Servo {
     pub fn advance_trajectory(&mut self, with: &Context) {
         match self.demand {
             Demand::Voltage | Demand::Current(_) => {}
-            Demand::Speed(Speed(speed)) => self.trajectory.towards_speed(speed, &with.config.trajectory),
+            Demand::Speed(Speed(speed)) => {
+                let target = if self.ends { 0 } else { speed };
+                self.trajectory.towards_speed(target, &with.config.trajectory);
+            }
             Demand::Position(_) => self.trajectory.advance(&with.config.trajectory),
         }
     }
@@ -174,22 +198,54 @@ impl Servo {
         }
     }
 
-    /// The speed loop: the current that is asked for.
+    /// The speed loop: the current that is asked for. A commanded current fades out beyond the largest speed, and
+    /// outside of the bounds of the position where it leads away from them.
     #[inline(always)]
     pub fn speed_loop(&mut self, with: &Context) {
+        if let Demand::Current(Current(current)) = self.demand {
+            self.current_request = within_limits(current, with);
+        }
         if self.moves() {
             let gains = &with.config.velocity;
             let (reference, measured) = (self.speed_reference, with.rotor.speed());
             let forward = gains.feed_forward(self.trajectory.acceleration());
-            let most = self.protection.max_current;
-            self.current_request = self.speed_integrator.step(gains, reference, measured, forward, most);
+            let window = &self.protection.window;
+            self.current_request = self.speed_integrator.step(gains, reference, measured, forward, window);
+        }
+    }
+
+    /// What the motion is judged by.
+    #[inline(always)]
+    pub fn seen(&self, rotor: &Tracker) -> Seen {
+        let position_error = match self.demand {
+            Demand::Position(_) => {
+                self.trajectory.position().to_bits().wrapping_sub(coarse(rotor.smoothed()).to_bits())
+            }
+            _ => 0,
+        };
+        Seen {
+            current: self.current_reference(),
+            speed: rotor.speed(),
+            position: rotor.position().to_bits(),
+            speed_error: if self.moves() { self.speed_reference.wrapping_sub(rotor.speed()) } else { 0 },
+            position_error,
+            stopping: self.limits.contains(Limits::TIMEOUT),
+        }
+    }
+
+    /// The trajectory does not run away from a rotor that cannot follow: it waits.
+    #[inline(always)]
+    pub fn wait(&mut self, seen: &Seen, far: i64) {
+        let error = seen.position_error;
+        if error.unsigned_abs() > far as u64 / 4 && (error < 0) == (self.trajectory.speed() < 0) {
+            self.trajectory.slow_to(seen.speed);
         }
     }
 
     /// Whether the rotor is stalled: at rest with the largest current.
     #[inline(always)]
     pub fn is_stalled(&mut self, with: &Context) -> bool {
-        let limited = self.moves() && self.current_request.abs() == self.protection.max_current;
+        let limited = self.moves() && self.protection.window.is_end(self.current_request);
         self.protection.is_stalled(with.config, limited, with.rotor.speed())
     }
 
@@ -197,19 +253,21 @@ impl Servo {
     #[inline(always)]
     pub fn update_reference(&mut self, with: &Context) {
         let anti_cogging = self.cogging.as_deref().map_or(0, |table| table.current(with.rotor.angle()));
-        self.set_reference(with.config, self.current_request + anti_cogging);
+        let holds = matches!(self.demand, Demand::Position(_)) && self.trajectory.speed() == 0;
+        let request = if holds { clamp(self.current_request, with.config.motion.hold) } else { self.current_request };
+        self.set_reference(with.config, request + anti_cogging);
     }
 
     /// Sets the current reference, within its limit, and the dead time's compensation for it.
     #[inline(always)]
     fn set_reference(&mut self, config: &Config, request: i32) {
-        let most = self.protection.max_current;
-        let limited = clamp(request, most);
+        let window = &self.protection.window;
+        let limited = window.cut(request);
         self.measurement.state.current_reference = limited;
         self.reference.current = limited << PARK_BITS;
         self.reference.dead_time = clamp(limited, config.dead_time_saturation) * config.ramp;
-        let cut = limited != request;
-        self.limits = self.limits.set(Limits::CURRENT, cut).set(Limits::HEAT, cut && most < config.max_current);
+        let reasons = if limited == request { Limits::NONE } else { window.narrowed.with(Limits::CURRENT) };
+        self.limits = self.limits.without(Self::CUTS).with(reasons);
     }
 
     /// Reference of the current along q, in 2⁻¹⁵ of the full scale.
@@ -226,16 +284,34 @@ impl Servo {
 
     /// Notes rotor, currents and voltages for the tasks.
     #[inline(always)]
-    pub fn note(&mut self, with: &Context, field: &FieldOriented, zeros: &Idle, sequence: u32) {
+    pub fn note(&mut self, with: &Context, field: &FieldOriented, voltage: Dq, zeros: &Idle, sequence: u32) {
         let state = State {
             phases: zeros.phases(with.config, with.sample),
             current: Dq { d: self.current.d >> PARK_BITS, q: self.current.q >> PARK_BITS },
             current_reference: self.current_reference(),
-            voltage: field.voltage(with.config),
+            voltage,
             bus: field.bus(),
         };
         self.measurement = Measurement { rotor: *with.rotor, sequence, state, trim: field.trim() };
     }
+}
+
+/// A commanded current: none that makes a rotor faster which is faster than allowed, or that turns one farther out of
+/// its bounds.
+#[inline(always)]
+fn within_limits(current: i32, with: &Context) -> i32 {
+    let (speed, most) = (with.rotor.speed(), with.config.trajectory.speed());
+    let excess = if current < 0 { -speed } else { speed } - most;
+    let here = coarse(with.rotor.smoothed()).to_bits();
+    let [least, largest] = with.config.motion.bounds;
+    if (current > 0 && here > largest) || (current < 0 && here < least) {
+        return 0;
+    }
+    if excess <= 0 {
+        return current;
+    }
+    let share = 65_536 - ((i64::from(excess) * with.config.fade) >> 32).min(65_536);
+    ((i64::from(current) * share) >> 16) as i32
 }
 
 /// A position in the unit of the outer loops: what a speed moves on by in a step of theirs is its number.

@@ -365,14 +365,14 @@ impl Drive {
     /// Checks currents, bus voltage and lost periods. False when a running drive failed.
     #[inline(always)]
     fn is_healthy(&mut self, sample: &Sample) -> bool {
-        self.servo.protection.allows(sample) || self.tolerates_fault(sample)
+        self.servo.protection.currents.allow(sample) || self.tolerates_fault(sample)
     }
 
     /// Latches the fault that the protection has found if the bridge is on; false then.
     #[cold]
     #[inline(never)]
     fn tolerates_fault(&mut self, sample: &Sample) -> bool {
-        self.fail(self.servo.protection.fault(sample));
+        self.fail(self.servo.protection.currents.fault(sample));
         !matches!(self.mode, Mode::Faulted(_))
     }
 

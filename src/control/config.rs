@@ -3,9 +3,10 @@
 mod arming;
 mod guard;
 mod motion;
+mod overload;
 
 use super::current::{self, LocalGains};
-use super::{Current, Motor, Scale, Speed, position, trajectory, velocity};
+use super::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity};
 use crate::angle::{Position, TURN};
 use crate::commutation::svpwm;
 use crate::pwm;
@@ -16,6 +17,7 @@ use core::f32::consts::TAU;
 use core::fmt;
 pub(crate) use guard::Guard;
 pub(crate) use motion::{Model, Motion};
+pub(crate) use overload::{Heating, Overload};
 
 /// [`Control`] in the units of the interrupt.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -51,6 +53,7 @@ pub struct Config {
     /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every 64 steps.
     pub(crate) trim_gain: i32,
     pub(crate) guard: Guard,
+    pub(crate) overload: Overload,
     pub(crate) arming: ArmingCheck,
     pub(crate) motion: Motion,
     pub(crate) scale: Scale,
@@ -95,6 +98,7 @@ impl Config {
         Ok(Self {
             motion: Motion::new(settings, frame, &motor, &scale),
             arming: ArmingCheck::new(settings, frame, &scale),
+            overload: Overload::new(settings, &scale),
             guard: Guard::new(settings, frame.adc_bits, loop_hz, &scale),
             gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest as f32)
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,

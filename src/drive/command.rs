@@ -1,9 +1,8 @@
 //! What each command does. A refused one changes nothing.
 
 use super::arming::Pending;
-use super::protection::Protection;
 use super::schedule::OUTER;
-use super::supervision::Supervision;
+use super::supervision::{self, Supervision};
 use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample};
 use crate::angle::ElectricalAngle;
 use crate::commutation::{Commutation, Modulation};
@@ -139,7 +138,8 @@ impl Drive {
             mode => return Err(Refusal::Mode(mode)),
         }
         let control = self.config.control.as_ref();
-        if let Some(fault) = control.and_then(|control| Protection::refusal(control, &self.paths.idle, sample)) {
+        let protection = &self.servo.protection;
+        if let Some(fault) = control.and_then(|control| protection.refusal(control, &self.paths.idle, sample)) {
             return Err(Refusal::Fault(fault));
         }
         if self.limits.contains(Limits::TWO_HALLS) {
@@ -149,7 +149,7 @@ impl Drive {
             return Err(Refusal::NoAngle);
         }
         if let Some(control) = control
-            && self.servo.seen(&self.record.rotor).is_outside(&control.motion)
+            && supervision::is_outside(&control.motion, &self.record.rotor)
         {
             return Err(Refusal::Fault(Fault::PositionBounds));
         }

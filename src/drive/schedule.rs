@@ -69,12 +69,13 @@ impl Drive {
             5 | 37 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
             13 | 45 => self.slot(sample, Self::measurement_slot),
             21 | 53 => return self.speed_slot(sample),
-            31 | 63 => self.hand_over_slot(),
             // Every 64 steps.
             15 => self.slot(sample, Self::alignment_slot),
-            29 => return self.derating_slot(sample),
-            47 => return self.model_slot(sample),
-            _ => return self.motion_slot(sample),
+            29 => return self.waiting_slot(sample),
+            47 => return self.direction_slot(sample),
+            61 => return self.supervision_slot(sample),
+            31 => self.hand_over_slot(),
+            _ => return self.heat_slot(sample),
         }
         self.estimator()
     }
@@ -106,7 +107,7 @@ impl Drive {
     fn trajectory_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         let overdue = self.with_servo(sample, |servo, _, with| {
             servo.plan_trajectory(with);
-            servo.protection.is_command_overdue(with.config)
+            servo.protection.timeout.is_overdue(with.config)
         });
         if overdue == Some(true) {
             self.command_timeout();
@@ -126,15 +127,14 @@ impl Drive {
         if waits { self.estimator_if_short() } else { self.estimator() }
     }
 
-    /// The three Halls compared with each other, the sum of the currents, temperatures. Where the Halls disagree, the
+    /// The three Halls compared with each other, the sum of the currents. Where the Halls disagree, the
     /// rest of the step finds the angle as after a missed sample.
     #[inline(never)]
     fn protection_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         let fault = self.with_servo(sample, |servo, paths, with| {
             // The check at arming tells more of amplifiers that disagree.
             let checks = paths.arming.drives();
-            let fault = if checks { None } else { servo.protection.imbalance(with.config, with.sample) };
-            fault.or_else(|| servo.protection.over_temperature(with.config, with.sample))
+            if checks { None } else { servo.protection.currents.imbalance(with.config, with.sample) }
         });
         if let Some(Some(fault)) = fault {
             self.fail(fault);
@@ -177,21 +177,9 @@ impl Drive {
         self.estimator()
     }
 
-    /// Voltages against currents.
+    /// Whether the rotor turns as it is driven to, and not too fast.
     #[inline(never)]
-    fn model_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        if self.mode != Mode::Running || !self.servo.follows() || self.paths.arming.drives() {
-            return self.estimator();
-        }
-        let fault = self.with_servo(sample, |servo, _, with| {
-            servo.supervision.check_model(&with.config.motion.model, &servo.measurement.state, with.rotor.speed())
-        });
-        self.fail_if(fault.flatten())
-    }
-
-    /// The motion: does the rotor turn as it is driven to?
-    #[inline(never)]
-    fn motion_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+    fn direction_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         if self.mode != Mode::Running || self.paths.arming.drives() {
             return self.estimator();
         }
@@ -199,15 +187,23 @@ impl Drive {
             return self.fail_if(Some(Fault::OverSpeed));
         }
         let fault = self.with_servo(sample, |servo, _, with| {
-            let motion = &with.config.motion;
-            let seen = servo.seen(with.rotor);
-            servo.wait(&seen, motion.far);
-            servo.supervision.check_motion(motion, &seen)
+            servo.supervision.turns_against(&with.config.motion, servo.current_reference(), with.rotor)
         });
-        if fault == Some(Some(Fault::NotStopped)) && self.brakes() {
+        self.fail_if(fault.flatten())
+    }
+
+    /// A part of the supervision.
+    #[inline(never)]
+    fn supervision_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        if self.mode != Mode::Running || self.paths.arming.drives() {
+            return self.estimator();
+        }
+        let part = self.servo.schedule.tick / LONG;
+        let fault = self.with_servo(sample, |servo, _, with| servo.supervise(part, with)).flatten();
+        if fault == Some(Fault::NotStopped) && self.brakes() {
             return self.estimator_if_short();
         }
-        self.fail_if(fault.flatten())
+        self.fail_if(fault)
     }
 
     /// Shorts the windings, where a stop that has failed is to end so; once.
@@ -233,19 +229,16 @@ impl Drive {
         self.estimator()
     }
 
-    /// The largest current that the temperatures allow.
+    /// The end of the check at arming; the trajectory waits for a rotor that cannot follow.
     #[inline(never)]
-    fn derating_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        self.with_servo(sample, |servo, _, with| {
-            servo.protection.derate(with.config, with.sample, 0);
-            servo.protection.derate(with.config, with.sample, 1);
-        });
+    fn waiting_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         if let Some(control) = &self.config.control
             && let Some(rests) = self.paths.arming.has_settled(control, self.record.rotor.speed())
         {
             self.end_arming(rests, sample);
             return self.estimator_if_short();
         }
+        self.with_servo(sample, |servo, _, with| servo.wait(with));
         self.estimator()
     }
 
@@ -261,11 +254,19 @@ impl Drive {
         }
     }
 
+    /// A part of the protection against heat.
+    #[inline(never)]
+    fn heat_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let part = self.servo.schedule.tick / LONG;
+        let fault = self.with_servo(sample, |servo, _, with| servo.heat(part, with));
+        self.fail_if(fault.flatten())
+    }
+
     #[inline(never)]
     fn hand_over_slot(&mut self) {
         let Schedule { measurement_due, .. } = self.servo.schedule;
         if self.servo.schedule.is_due(measurement_due) {
-            let every = self.config.record_every.next_multiple_of(CYCLE);
+            let every = self.config.record_every.next_multiple_of(LONG);
             self.servo.schedule.measurement_due = measurement_due.wrapping_add(every);
             self.hand_over_measurement();
         }

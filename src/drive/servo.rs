@@ -2,19 +2,19 @@
 //! measured, the protection and the schedule. Shared by [local feedback](super::local_feedback) and [field
 //! orientation](super::field_oriented).
 
-use super::protection::Protection;
+use super::protection::{Protection, Timeout};
 use super::schedule::{OUTER, Schedule};
-use super::supervision::{Seen, Supervision};
+use super::supervision::{self, Supervision};
 use super::{FieldOriented, Idle, Sample};
 use crate::angle::{ElectricalAngle, Position};
 use crate::commutation::frames::{Clarke, Dq, Rotation};
 use crate::control::cogging;
-use crate::control::config::Config;
+use crate::control::config::{Config, Motion};
 use crate::control::current::PARK_BITS;
 use crate::control::trajectory::Trajectory;
 use crate::control::velocity::Integrator;
 use crate::control::{Current, Speed};
-use crate::fault::Limits;
+use crate::fault::{Fault, Limits};
 use crate::hall::track::Tracker;
 use crate::math::clamp;
 use crate::telemetry::Measurement;
@@ -105,7 +105,7 @@ impl Servo {
 
     /// Everything at rest, following nothing; the amplifiers' zeros are those of now.
     pub fn reset(&mut self, config: &Config, zeros: &Idle) {
-        self.protection.set_zeros(config, zeros.zeros());
+        self.protection.currents.set_zeros(config, zeros.zeros());
         self.clarke = Clarke::new(config.shift, zeros.zeros(), config.modulator.is_reversed());
         // One by one: a whole new servo on its way over the stack would take as long as all the rest of the step.
         self.current = Dq { d: 0, q: 0 };
@@ -140,7 +140,7 @@ impl Servo {
 
     /// Restarts the command time-out.
     pub fn command_received(&mut self) {
-        self.protection.command_received();
+        self.protection.timeout = Timeout::NONE;
         self.limits = self.limits.without(Limits::TIMEOUT);
     }
 
@@ -214,39 +214,63 @@ impl Servo {
         }
     }
 
-    /// What the motion is judged by.
+    /// Reference less measured position, in the unit of the outer loops; zero where none is followed.
     #[inline(always)]
-    pub fn seen(&self, rotor: &Tracker) -> Seen {
-        let position_error = match self.demand {
+    fn position_error(&self, rotor: &Tracker) -> i64 {
+        match self.demand {
             Demand::Position(_) => {
                 self.trajectory.position().to_bits().wrapping_sub(coarse(rotor.smoothed()).to_bits())
             }
             _ => 0,
-        };
-        Seen {
-            current: self.current_reference(),
-            speed: rotor.speed(),
-            position: rotor.position().to_bits(),
-            speed_error: if self.moves() { self.speed_reference.wrapping_sub(rotor.speed()) } else { 0 },
-            position_error,
-            stopping: self.limits.contains(Limits::TIMEOUT),
         }
     }
 
     /// The trajectory does not run away from a rotor that cannot follow: it waits.
     #[inline(always)]
-    pub fn wait(&mut self, seen: &Seen, far: i64) {
-        let error = seen.position_error;
-        if error.unsigned_abs() > far as u64 / 4 && (error < 0) == (self.trajectory.speed() < 0) {
-            self.trajectory.slow_to(seen.speed);
+    pub fn wait(&mut self, with: &Context) {
+        let error = self.position_error(with.rotor);
+        let far = error.unsigned_abs() > with.config.motion.far as u64 / 4;
+        if far && (error < 0) == (self.trajectory.speed() < 0) {
+            self.trajectory.slow_to(with.rotor.speed());
         }
+    }
+
+    /// A part of the supervision; the check of voltages against currents takes three, and the rest has its turn after
+    /// it.
+    #[inline(always)]
+    pub fn supervise(&mut self, part: u32, with: &Context) -> Option<Fault> {
+        let Motion { model, .. } = &with.config.motion;
+        let motion = &with.config.motion;
+        match part % 12 {
+            0 | 4 | 8 => self.supervision.note_emf(model, &self.measurement.state, with.rotor.speed()),
+            1 | 5 | 9 => self.supervision.explain(model),
+            2 | 6 | 10 => return self.supervision.check_model(model),
+            3 => {
+                let error = self.position_error(with.rotor);
+                let speed = if self.moves() { self.speed_reference.wrapping_sub(with.rotor.speed()) } else { 0 };
+                return self.supervision.is_late(motion, error, speed);
+            }
+            7 => return supervision::is_outside(motion, with.rotor).then_some(Fault::PositionBounds),
+            _ => {
+                let stopping = self.limits.contains(Limits::TIMEOUT);
+                return self.supervision.stops(motion, stopping, with.rotor.speed());
+            }
+        }
+        None
+    }
+
+    /// A part of the protection against heat.
+    #[inline(always)]
+    pub fn heat(&mut self, part: u32, with: &Context) -> Option<Fault> {
+        let square = || self.clarke.of(with.sample.currents).square();
+        self.protection.heat(part, square, with.config, with.sample)
     }
 
     /// Whether the rotor is stalled: at rest with the largest current.
     #[inline(always)]
     pub fn is_stalled(&mut self, with: &Context) -> bool {
         let limited = self.moves() && self.protection.window.is_end(self.current_request);
-        self.protection.is_stalled(with.config, limited, with.rotor.speed())
+        self.protection.stall.is_stalled(with.config, limited, with.rotor.speed())
     }
 
     /// The current reference: what is asked for and the anti-cogging current.

@@ -12,37 +12,15 @@
 use crate::commutation::frames::Dq;
 use crate::control::config::{Model, Motion};
 use crate::fault::Fault;
+use crate::hall::track::Tracker;
 use crate::math::high;
 use crate::schedule::OUTER;
 use crate::telemetry::State;
 
-/// Successive checks that show the back-EMF of a right commutation.
-const PROOF: u32 = 8;
-
-/// What the motion is judged by.
-#[derive(Clone, Copy, Debug)]
-pub(super) struct Seen {
-    /// Reference of the current along q, in 2⁻¹⁵ of the full scale.
-    pub current: i32,
-    /// Speed and position as measured, in 2⁻³² electrical turns a step and 2⁻³² electrical turns.
-    pub speed: i32,
-    pub position: i64,
-    /// Reference less measured: the speed, if one is followed; the position in the unit of the outer loops, if one is
-    /// followed.
-    pub speed_error: i32,
-    pub position_error: i64,
-    /// Whether the drive stops for want of a command.
-    pub stopping: bool,
-}
-
-impl Seen {
-    /// Whether the rotor is outside of its bounds by more than it may be from its reference.
-    pub fn is_outside(&self, motion: &Motion) -> bool {
-        let position = self.position >> OUTER.ilog2();
-        let [least, most] = motion.bounds;
-        position < least - motion.far || position > most + motion.far
-    }
-}
+/// Checks that show the back-EMF of a right commutation.
+const PROOF: u32 = 4;
+/// Checks that find the rotor turning after a stop.
+const TURNING: u32 = 2;
 
 /// What is counted from check to check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,14 +31,35 @@ pub(super) struct Supervision {
     position: i64,
     against: i64,
     slowest: i32,
-    /// Unexplained voltage, summed up, and the currents of the last check.
-    misfit: i32,
+    /// What the check of the model has noted: currents, their change since the last check, speed, the voltage less that
+    /// at resistance and inductance, the back-EMF that there should be, and what may be wrong with all that.
     current: Dq,
+    changed: i32,
+    speed: i32,
+    emf: Dq,
+    expected: i32,
+    dropped: i32,
+    explained: i32,
+    /// Unexplained voltage, summed up.
+    misfit: i32,
     /// Checks with a speed far from its reference.
     late: u32,
     /// Checks since a stop, and those after its time that found the rotor turning.
     stopping: u32,
     turning: u32,
+}
+
+/// Whether the rotor is outside of its bounds by more than it may be from its reference.
+pub(super) fn is_outside(motion: &Motion, rotor: &Tracker) -> bool {
+    let position = rotor.position().to_bits() >> OUTER.ilog2();
+    let [least, most] = motion.bounds;
+    position < least - motion.far || position > most + motion.far
+}
+
+/// A product of a current or a speed with a factor in 2⁻¹⁶.
+#[inline(always)]
+const fn times(current: i32, factor: i32) -> i32 {
+    ((current as i64 * factor as i64) >> 16) as i32
 }
 
 impl Supervision {
@@ -70,8 +69,14 @@ impl Supervision {
         position: 0,
         against: 0,
         slowest: i32::MAX,
-        misfit: 0,
         current: Dq { d: 0, q: 0 },
+        changed: 0,
+        speed: 0,
+        emf: Dq { d: 0, q: 0 },
+        expected: 0,
+        dropped: 0,
+        explained: i32::MAX / 2,
+        misfit: 0,
         late: 0,
         stopping: 0,
         turning: 0,
@@ -82,53 +87,44 @@ impl Supervision {
         self.proofs = PROOF;
     }
 
-    const fn is_proven(&self) -> bool {
-        self.proofs >= PROOF
-    }
-
-    /// The motion since the last check.
-    #[inline(never)]
-    pub fn check_motion(&mut self, motion: &Motion, seen: &Seen) -> Option<Fault> {
-        self.turns_against(motion, seen)
-            .or_else(|| self.is_late(motion, seen))
-            .or_else(|| seen.is_outside(motion).then_some(Fault::PositionBounds))
-            .or_else(|| self.stops(motion, seen))
-    }
-
     /// Whether the rotor turns against the torque, faster and faster, though nothing has shown that the commutation is
     /// right. A rotor that brakes becomes slower.
-    fn turns_against(&mut self, motion: &Motion, seen: &Seen) -> Option<Fault> {
-        let way = seen.position.wrapping_sub(self.position);
-        self.position = seen.position;
-        if self.is_proven() || seen.current.abs() < motion.current {
+    #[inline(always)]
+    pub fn turns_against(&mut self, motion: &Motion, current: i32, rotor: &Tracker) -> Option<Fault> {
+        let position = rotor.position().to_bits();
+        let way = position.wrapping_sub(self.position);
+        self.position = position;
+        if self.proofs >= PROOF || current.abs() < motion.current {
             return None;
         }
-        let against = if seen.current < 0 { way } else { -way };
+        let against = if current < 0 { way } else { -way };
         self.against = (self.against + against).clamp(0, 2 * motion.wrong_way);
-        let speed = seen.speed.saturating_abs();
+        let speed = rotor.speed().saturating_abs();
         self.slowest = if self.against == 0 { i32::MAX } else { self.slowest.min(speed) };
         let faster = speed > self.slowest.saturating_add(motion.turning);
         (self.against > motion.wrong_way && faster).then_some(Fault::Commutation)
     }
 
     /// Whether the rotor is too far from its position, or for too long from its speed.
-    fn is_late(&mut self, motion: &Motion, seen: &Seen) -> Option<Fault> {
-        let late = seen.speed_error.saturating_abs() > motion.far_speed;
+    #[inline(always)]
+    pub fn is_late(&mut self, motion: &Motion, position_error: i64, speed_error: i32) -> Option<Fault> {
+        let late = speed_error.saturating_abs() > motion.far_speed;
         self.late = if late { self.late + 1 } else { self.late.saturating_sub(4) };
-        let far = seen.position_error.unsigned_abs() > motion.far as u64;
+        let far = position_error.unsigned_abs() > motion.far as u64;
         (far || self.late > motion.late).then_some(Fault::FollowingError)
     }
 
     /// Whether a stop has not come to rest in its time.
-    fn stops(&mut self, motion: &Motion, seen: &Seen) -> Option<Fault> {
-        if !seen.stopping {
-            (self.stopping, self.turning) = (0, 0);
+    #[inline(always)]
+    pub fn stops(&mut self, motion: &Motion, stopping: bool, speed: i32) -> Option<Fault> {
+        if !stopping {
+            self.stop_again();
             return None;
         }
         self.stopping = self.stopping.saturating_add(1);
-        let turns = self.stopping > motion.stop && seen.speed.saturating_abs() > motion.turning;
+        let turns = self.stopping > motion.stop && speed.saturating_abs() > motion.turning;
         self.turning = if turns { self.turning + 1 } else { self.turning.saturating_sub(1) };
-        (self.turning > PROOF).then_some(Fault::NotStopped)
+        (self.turning > TURNING).then_some(Fault::NotStopped)
     }
 
     /// Gives a stop its time once more.
@@ -136,30 +132,45 @@ impl Supervision {
         (self.stopping, self.turning) = (0, 0);
     }
 
-    /// Voltages and currents against the motor's model, as noted last.
-    #[inline(never)]
-    pub fn check_model(&mut self, model: &Model, state: &State, speed: i32) -> Option<Fault> {
+    /// First part of the check of the model: the voltage that is left for the back-EMF.
+    #[inline(always)]
+    pub fn note_emf(&mut self, model: &Model, state: &State, speed: i32) {
         let (v, i) = (state.voltage, state.current);
-        let drop = |current: i32| ((i64::from(current) * i64::from(model.resistance)) >> 16) as i32;
         let reactance = high(speed, model.reactance);
-        let coupled = |current: i32| ((i64::from(current) * i64::from(reactance)) >> 16) as i32;
-        let emf = Dq { d: v.d - drop(i.d) + coupled(i.q), q: v.q - drop(i.q) - coupled(i.d) };
-        let expected = high(speed, model.flux);
-        let changed = (i.d - self.current.d).abs().max((i.q - self.current.q).abs());
-        self.current = i;
-        let flowing = i.d.abs().max(i.q.abs()) + i.d.abs().min(i.q.abs()) / 2;
-        let change = ((i64::from(changed) * i64::from(model.change)) >> 16) as i32;
-        // The settings may be wrong by as much as they say, and the resistance three times as large.
-        let explained = model.dead + 2 * drop(flowing) + coupled(flowing).abs() + expected.abs() + change;
+        self.emf = Dq {
+            d: v.d - times(i.d, model.resistance) + times(i.q, reactance),
+            q: v.q - times(i.q, model.resistance) - times(i.d, reactance),
+        };
+        self.changed = (i.d - self.current.d).abs().max((i.q - self.current.q).abs());
+        (self.current, self.speed) = (i, speed);
+    }
+
+    /// Second part: what the motor should induce, and what may be wrong with it. The back-EMF may be as much off as it
+    /// is large, and the resistance three times as large.
+    #[inline(always)]
+    pub fn explain(&mut self, model: &Model) {
+        let (d, q) = (self.current.d.abs(), self.current.q.abs());
+        self.expected = high(self.speed, model.flux);
+        self.dropped = times(d.max(q) + d.min(q) / 2, model.resistance);
+        let change = times(self.changed, model.change);
+        self.explained = model.dead + 2 * self.dropped + self.expected.abs() + change;
+    }
+
+    /// Last part: sums up what is unexplained. A back-EMF along q, well above what may be wrong with it, shows that the
+    /// commutation is right.
+    #[inline(always)]
+    pub fn check_model(&mut self, model: &Model) -> Option<Fault> {
+        let Self { emf, expected, dropped, explained, .. } = *self;
         let unexplained = emf.d.abs().max((emf.q - expected).abs());
         self.misfit = (self.misfit + unexplained - explained).clamp(0, 1 << 28);
-        // A right commutation: the back-EMF lies along q, and is well above what may be wrong with it.
-        let along = if speed < 0 { -emf.q } else { emf.q };
-        let clear = expected.abs() > 2 * (model.dead + drop(flowing) / 2);
-        if clear && along > expected.abs() / 2 && along > 2 * emf.d.abs() {
-            self.proofs = (self.proofs + 1).min(PROOF);
+        let along = if self.speed < 0 { -emf.q } else { emf.q };
+        let expected = expected.abs();
+        let clear = expected > 2 * model.dead + dropped && along > expected / 2 && along > 2 * emf.d.abs();
+        self.proofs = if clear { (self.proofs + 1).min(PROOF) } else { self.proofs };
+        if self.misfit <= model.most {
+            return None;
         }
-        let wrong = along < -emf.d.abs() / 4;
-        (self.misfit > model.most).then_some(if wrong { Fault::Commutation } else { Fault::CurrentModel })
+        let wrong = along < -(emf.d.abs() / 4) && expected > model.dead;
+        Some(if wrong { Fault::Commutation } else { Fault::CurrentModel })
     }
 }

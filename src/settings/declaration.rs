@@ -202,6 +202,8 @@ settings! {
             "Current that the motor stands for ever";
         winding_time_s: f32 = 30.0, 0.1 => 1e4, "s", Real, FREE, "Thermal time constant of the winding";
         housing_time_s: f32 = 900.0, 1.0 => 1e5, "s", Real, FREE, "Thermal time constant of the motor's housing";
+        /// At rest one half bridge carries all of it.
+        bridge_continuous_a: f32 = 6.0, 0.1 => 1000.0, "A", Real, BOARD, "Current that the bridge stands for ever";
         max_supply_a: f32 = 30.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current from the supply";
         /// A laboratory supply or one behind a diode: 0. A battery: what it may be charged with.
         max_regeneration_a: f32 = 0.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current back into the supply";

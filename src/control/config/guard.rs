@@ -8,10 +8,14 @@ use crate::settings::{Control, OnTimeout, Thermistor};
 /// [`GuardSettings::for_full_scale`](crate::settings::GuardSettings::for_full_scale).
 const GAINS: f32 = 0.04;
 
-/// Threshold of a temperature, and the derating of the current above its warning, in codes.
+/// Thresholds of a temperature, and the derating of the current above its warning, in codes of 16 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Heat {
+    /// Code below which the thermistor is shorted: that of 250 °C.
+    pub shorted: i32,
+    /// Code above which it is open: that of −40 °C, and always one that an open input shows.
+    pub open: i32,
     /// Code below which it is too hot.
     pub fault: i32,
     /// Codes from there to the warning, above which the current is not reduced.
@@ -46,10 +50,18 @@ pub(crate) struct Guard {
 }
 
 impl Heat {
-    fn new(thermistor: &Thermistor) -> Self {
+    fn new(thermistor: &Thermistor, adc_bits: u8) -> Self {
+        // An open input is within two codes of the end of the range.
+        let end = 65_536.0 - 3.0 * libm::exp2f(16.0 - f32::from(adc_bits));
         let (fault, warn) = (thermistor.code(thermistor.max_c), thermistor.code(thermistor.warn_c));
         let room = (warn - fault).max(1.0);
-        Self { fault: fault as i32, room: room as i32, slope: (16_777_216.0 / room) as i32 }
+        Self {
+            shorted: thermistor.code(250.0).min(fault) as i32,
+            open: thermistor.code(-40.0).min(end) as i32,
+            fault: fault as i32,
+            room: room as i32,
+            slope: (16_777_216.0 / room) as i32,
+        }
     }
 }
 
@@ -66,7 +78,7 @@ impl Guard {
             over_current: (settings.over_current_a * per_ampere) as u32,
             imbalance: ((settings.imbalance_a + GAINS * control.max_current_a) * per_ampere) as u32,
             offset: (settings.offset_a * scale.per_ampere()) as i32,
-            heat: [Heat::new(&settings.bridge), Heat::new(&settings.motor)],
+            heat: [Heat::new(&settings.bridge, adc_bits), Heat::new(&settings.motor, adc_bits)],
             stall: (settings.stall_s * scale.step_hz / CYCLE as f32) as u32,
             timeout: libm::ceilf(settings.command_timeout_s * loop_hz) as u32,
             stops: settings.on_timeout == OnTimeout::Stop,

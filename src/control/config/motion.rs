@@ -8,7 +8,7 @@ use crate::settings::{Control, OnStopFailure};
 use core::f32::consts::TAU;
 
 /// Currents and voltages in 2⁻¹⁵ of their full scales, speeds in 2⁻³² electrical turns a step, positions in those of
-/// the outer loops, times in [`LONG`] cycles.
+/// the outer loops, times in rounds of the supervision: 12 [`LONG`] cycles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Motion {
@@ -58,7 +58,7 @@ const MISFIT_S: f32 = 0.02;
 impl Motion {
     /// Of settings that are in their ranges.
     pub fn new(settings: &Control, frame: &Frame, motor: &Motor, scale: &Scale) -> Self {
-        let checks = |seconds: f32| (seconds * scale.step_hz / LONG as f32).max(1.0) as u32;
+        let checks = |seconds: f32| (seconds * scale.step_hz / (12 * LONG) as f32).max(1.0) as u32;
         let turns = |turns: f32| f64::from(turns) * f64::from(scale.pole_pairs) * f64::from(TURN);
         let bound = |limit: f32| {
             // The ends of the range are none.
@@ -89,7 +89,8 @@ impl Model {
     fn new(frame: &Frame, motor: &Motor, scale: &Scale) -> Self {
         let fixed = |value: f32| value.clamp(1.0, 1_073_741_824.0) as i32;
         let per_current = scale.amperes / scale.volts * 65_536.0;
-        let check_s = LONG as f32 / scale.step_hz;
+        // The model is checked three times a round.
+        let check_s = (4 * LONG) as f32 / scale.step_hz;
         let radians_s = TAU * scale.step_hz;
         Self {
             resistance: fixed(motor.resistance_ohm * per_current),

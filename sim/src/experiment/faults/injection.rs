@@ -121,7 +121,7 @@ impl Injection {
     pub fn deadline(self) -> Deadline {
         Deadline::Periods(match self {
             Self::OverVoltage | Self::UnderVoltage | Self::OverCurrent | Self::Deadline | Self::CurrentOffset => 1,
-            Self::BridgeHot | Self::MotorHot => 8,
+            Self::BridgeHot | Self::MotorHot => 1100,
             Self::CurrentImbalance => 20,
             Self::HallAtRail | Self::HallAtGround => u32::from(TOLERATED) + 1,
             Self::HallsShorted | Self::HallFrozen => return Deadline::Turn,

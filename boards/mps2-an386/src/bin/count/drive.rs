@@ -48,6 +48,8 @@ pub fn init() {
     static ESTIMATORS: [StaticCell<Estimator>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     static CHANNELS: [StaticCell<Channels>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     for number in 0..DEMANDS {
+        // Sensors and motor stand still, whatever is done to them.
+        let guard = GuardSettings { command_timeout_s: 60.0, arming_check: false, ..GuardSettings::default() };
         let field_oriented = Settings {
             commutation: Commutation::FieldOriented,
             control: Some(Control {
@@ -55,7 +57,7 @@ pub fn init() {
                 resistance_ohm: 12.0,
                 following_error_turns: 1e6,
                 following_error_rad_s: 1e6,
-                guard: GuardSettings { command_timeout_s: 60.0, arming_check: false, ..GuardSettings::default() },
+                guard,
                 ..Control::default()
             }),
             ..Settings::default()

@@ -20,7 +20,7 @@ pub const LEAST_CHANGE_DEG: f32 = 0.5;
 pub const SAVE_INTERVAL_S: u64 = 600;
 
 /// Versions of the records' forms.
-const VERSIONS: [u16; 3] = [0x0102, cogging::VERSION, settings::VERSION];
+const VERSIONS: [u16; 3] = [0x0102, 0x0202, settings::VERSION];
 /// Bytes of the sensors' record: their model, the calibration that it was learnt from, and the noise of each in ADC
 /// codes.
 const SENSORS: usize = 2 * calibration::LENGTH + 12;
@@ -52,6 +52,11 @@ impl Sensors {
                     || libm::fabsf((a.placement - b.placement).to_degrees()) > LEAST_CHANGE_DEG
                     || libm::fabsf(a.third - b.third) > LEAST_CHANGE
             })
+    }
+
+    /// Counts the way that the settings say.
+    pub const fn direct(&mut self, reversed: bool) {
+        (self.model.reversed, self.calibrated.reversed) = (reversed, reversed);
     }
 
     fn encode(&self) -> [u8; SENSORS] {
@@ -123,7 +128,7 @@ impl<F: NorFlash> Storage<F> {
             estimate::validate(model, settings.adc_bits).map_err(|_| Problem::Corrupt)?;
         }
         // The settings may have been saved since.
-        sensors.model.reversed = settings.reversed;
+        sensors.direct(settings.reversed);
         Ok(sensors)
     }
 

@@ -74,7 +74,7 @@ impl<F: NorFlash> Tasks<F> {
         if settings.reversed != self.settings.reversed {
             // The drive has given up the model that counts the other way.
             if let Some(sensors) = &mut self.sensors {
-                sensors.model.reversed = settings.reversed;
+                sensors.direct(settings.reversed);
                 self.install_due = true;
             }
             if let Some(table) = &mut self.table {

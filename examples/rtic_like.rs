@@ -68,9 +68,8 @@ fn converse(supervisor: &mut Supervisor<Flash>, clock: SyncSender<()>) -> Result
     tool.ask(Ask::Calibrate, &mut millisecond)?;
     let calibrated = tool.wait(&mut millisecond)?.calibrated;
     tool.ask(Ask::Arm, &mut millisecond)?;
-    for _ in 0..15 {
+    for _ in 0..1500 {
         tool.ask(Ask::Position(3.0), &mut millisecond)?; // it holds for a second
-        (0..100).for_each(|_| millisecond(&mut Line::default()));
     }
     let turns = tool.status(&mut millisecond)?.position_turns;
     println!("calibrated: {calibrated}; at {turns:.3} turns of 3");

@@ -26,8 +26,8 @@ pub struct Config {
     pub adc_bits: u8,
     /// Pole pairs of the rotor.
     pub pole_pairs: PolePairs,
-    /// Whether positive is against the phases.
-    pub reversed: bool,
+    /// Where there is no current control, which knows it, too.
+    reversed: bool,
     pub(crate) commutation: Commutation,
     pub(crate) limits: pwm::Limits,
     pub(crate) max_modulation: Modulation,
@@ -62,8 +62,16 @@ impl Config {
         self.record_every
     }
 
+    /// Whether positive is against the phases. There is one place that says so.
+    pub const fn is_reversed(&self) -> bool {
+        match &self.control {
+            Some(control) => control.modulator.is_reversed(),
+            None => self.reversed,
+        }
+    }
+
     pub(crate) const fn order(&self) -> PhaseOrder {
-        if self.reversed { PhaseOrder::REVERSED } else { PhaseOrder::FORWARD }
+        if self.is_reversed() { PhaseOrder::REVERSED } else { PhaseOrder::FORWARD }
     }
 
     /// Records that both sweeps of a calibration deliver.

@@ -77,7 +77,7 @@ mod tests {
 
     fn frame(id: u16, ask: Ask<'_>) -> ([u8; FRAME], usize) {
         let mut frame = [0; FRAME];
-        let length = encode(&Request { id, ask }, &mut frame).unwrap();
+        let length = encode(&Request { id, client: 1, unattended: true, ask }, &mut frame).unwrap();
         (frame, length)
     }
 

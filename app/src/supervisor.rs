@@ -134,10 +134,10 @@ impl<F: NorFlash> Supervisor<F> {
         let Self { tasks, decoder, .. } = self;
         let reply = match decoder.push::<Request<'_>>(byte) {
             None => return,
-            Some(Ok(Request { id, ask })) => match tasks.begin(id, ask) {
-                Step::Answer(answer) => Reply { id, answer },
+            Some(Ok(request)) => match tasks.begin(&request) {
+                Step::Answer(answer) => Reply { id: request.id, answer },
                 Step::Await(awaited) => {
-                    self.pending = Some(Pending { id, awaited, ticks: 0 });
+                    self.pending = Some(Pending { id: request.id, awaited, ticks: 0 });
                     return;
                 }
             },

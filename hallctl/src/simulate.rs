@@ -12,8 +12,7 @@ use hallservo::board::{Interlock, Output, Sample, TemperatureCode};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Drive;
 use hallservo::mode::Mode;
-use hallservo::settings::Settings;
-use hallservo::settings::{Control, GuardSettings, OnTimeout};
+use hallservo::settings::{Ceiling, Control, GuardSettings, OnTimeout, Settings};
 use hallservo_app::{Housekeeping, Identity, Listener, Memory, Stop, Supervisor};
 use plant::{Plant, PlantParameters, Truth};
 use std::collections::VecDeque;
@@ -23,12 +22,21 @@ const IDENTITY: Identity = Identity { board: "simulated", firmware: env!("CARGO_
 /// Both thermistors at 25 °C, 12 bit.
 const COOL: TemperatureCode = TemperatureCode::new(2048);
 
+/// What no setting exceeds: transistors of 40 V that stand 6 A.
+const CEILINGS: &[Ceiling] =
+    &[("max_current_a", 6.0), ("over_current_a", 7.5), ("over_voltage_v", 34.0), ("bridge_max_c", 110.0)];
+
 /// What the simulated board has by default: the motor of Simpkins and Todorov, field-oriented; a command holds for a
 /// second.
 pub fn defaults() -> Settings {
-    let guard = GuardSettings { command_timeout_s: 1.0, on_timeout: OnTimeout::Stop, ..GuardSettings::default() };
+    let guard = GuardSettings { on_timeout: OnTimeout::Stop, ..GuardSettings::default() };
     let control = Control { guard, ..Control::default() };
-    Settings { commutation: Commutation::FieldOriented, control: Some(control), ..Settings::default() }
+    Settings {
+        commutation: Commutation::FieldOriented,
+        ceilings: CEILINGS,
+        control: Some(control),
+        ..Settings::default()
+    }
 }
 
 /// From check to check of the watchdog, ms.

@@ -138,14 +138,14 @@ fn a_lost_hall_is_not_forgotten_before_a_calibration() {
     // The wire has contact again.
     drive.plant.set_hall_fault(0, None);
     run(&mut drive, 500);
-    let refused = |drive: &mut Simulator| {
-        ask(drive, Ask::Arm, |answer| assert_eq!(answer, Answer::Refused(Refusal::Drive(DriveRefusal::HallLost))));
+    let refused = |drive: &mut Simulator, why| {
+        ask(drive, Ask::Arm, |answer| assert_eq!(answer, Answer::Refused(Refusal::Drive(why))));
     };
-    refused(&mut drive);
+    refused(&mut drive, DriveRefusal::HallLost);
     for value in [1.0, 0.0] {
         done(&mut drive, Ask::Set { name: "reversed", value });
         run(&mut drive, 20);
-        refused(&mut drive);
+        refused(&mut drive, DriveRefusal::HallLost);
     }
     // Nor by one that has failed.
     done(&mut drive, Ask::Calibrate);
@@ -156,7 +156,7 @@ fn a_lost_hall_is_not_forgotten_before_a_calibration() {
     run(&mut drive, 50);
     done(&mut drive, Ask::Clear);
     run(&mut drive, 500);
-    refused(&mut drive);
+    refused(&mut drive, DriveRefusal::NotCalibrated);
     // Nor by one that was broken off, with a model that is installed then.
     done(&mut drive, Ask::Calibrate);
     run(&mut drive, 50);
@@ -164,7 +164,7 @@ fn a_lost_hall_is_not_forgotten_before_a_calibration() {
     run(&mut drive, 20);
     done(&mut drive, Ask::Set { name: "reversed", value: 1.0 });
     run(&mut drive, 500);
-    refused(&mut drive);
+    refused(&mut drive, DriveRefusal::NotCalibrated);
     done(&mut drive, Ask::Calibrate);
     wait(&mut drive);
     done(&mut drive, Ask::Arm);

@@ -16,6 +16,10 @@ use serde::{Deserialize, Serialize};
 pub struct Request<'a> {
     /// The reply repeats it.
     pub id: u16,
+    /// Who asks: a number other than 0 that each tool draws at random.
+    pub client: u32,
+    /// Whether what this begins goes on though its tool falls silent.
+    pub unattended: bool,
     /// What is asked.
     #[serde(borrow)]
     pub ask: Ask<'a>,
@@ -40,7 +44,7 @@ pub enum Ask<'a> {
     Status,
     /// Bridge on, command zero.
     Arm,
-    /// Bridge off; ends whatever is going on.
+    /// Bridge off; ends whatever is going on, and the control by a tool. From anyone.
     Disarm,
     /// The fault has been taken note of.
     Clear,
@@ -89,6 +93,30 @@ pub enum Ask<'a> {
     Telemetry(f32),
     /// An entry of the history, 0 the latest: [`Answer::History`].
     History(u8),
+    /// Another tool may control the drive.
+    Release,
+    /// The settings are right as they are, though those in the flash could not be taken over: [`Status::unconfirmed`].
+    Accept,
+}
+
+impl Ask<'_> {
+    /// Whether it changes anything of the drive, which is for the one tool that controls it.
+    pub const fn controls(&self) -> bool {
+        !matches!(
+            self,
+            Self::Hello
+                | Self::Status
+                | Self::Disarm
+                | Self::Calibration
+                | Self::Identification
+                | Self::Cogging
+                | Self::Setting(_)
+                | Self::Get(_)
+                | Self::Telemetry(_)
+                | Self::History(_)
+                | Self::Release
+        )
+    }
 }
 
 /// What can be answered.
@@ -178,4 +206,8 @@ pub enum Refusal<'a> {
     Busy(Activity),
     /// The control interrupt does not answer.
     NoAnswer,
+    /// Another tool controls the drive.
+    Controlled,
+    /// Not all of the settings in the flash could be taken over: [`Ask::Accept`] or [`Ask::Save`] first.
+    Unconfirmed(Problem),
 }

@@ -50,8 +50,6 @@ pub struct Config {
     pub(crate) ramp: i32,
     /// Current from which on the dead time's compensation stays the same, in 2⁻¹⁵ of the full scale.
     pub(crate) dead_time_saturation: i32,
-    /// Whether phases B and C are exchanged.
-    pub(crate) reversed: bool,
     /// Least speed at which the alignment is trimmed, in 2⁻³² electrical turns a step.
     pub(crate) trim_from: i32,
     /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every 128
@@ -106,7 +104,7 @@ impl Config {
             arming: ArmingCheck::new(settings, frame, &scale),
             overload: Overload::new(settings, &scale),
             supply: Supply::new(settings, &motor, &scale),
-            guard: Guard::new(&settings.guard, frame.adc_bits, loop_hz, &scale),
+            guard: Guard::new(settings, frame.adc_bits, loop_hz, &scale),
             gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest as f32)
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,
             local: LocalGains::new(&motor, settings.feedback, current_hz, &scale)
@@ -124,7 +122,6 @@ impl Config {
             modulator: svpwm::Modulator::new(frame.period, frame.dead_time, &frame.limits, frame.reversed),
             ramp: (svpwm::RAMP as f32 / ramp.max(1.0)) as i32,
             dead_time_saturation: (RAMPS as f32 * ramp.max(1.0)) as i32,
-            reversed: frame.reversed,
             // A back-EMF of a fiftieth of the bus divider's full scale.
             trim_from: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * TURN).min(536_870_912.0) as i32,
             // There, a time constant of half a second on a bus of the full scale: an electrical radian over that

@@ -16,7 +16,7 @@ use heapless::spsc::{Consumer, Producer, Queue};
 /// What a task asks the drive to do. Each is answered by one [`Reply`], in order.
 #[derive(Debug)]
 pub enum Command {
-    /// Turn the rotor open loop and record the Halls.
+    /// Turn the rotor open loop and record the Halls. The calibration before is given up, whatever comes of this one.
     Calibrate,
     /// Take up a new estimator; the old one comes back through [`Tasks::retired`].
     Install(&'static mut Estimator),
@@ -38,7 +38,9 @@ pub enum Command {
     Commutate(Commutation),
     /// Compensate the cogging by a table, or not; the old table comes back through [`Tasks::tables`].
     AntiCogging(Option<&'static mut cogging::Table>),
-    /// Other settings, while the bridge is off; the old ones, or those refused, come back through [`Tasks::configs`].
+    /// Other settings, while the bridge is off. A calibration that does not fit them, for they count the other way, is
+    /// given up: the drive is unarmed, and the model to be installed anew. The old ones, or those refused, come back
+    /// through [`Tasks::configs`].
     Configure(&'static mut Config),
     /// Leave the faulted state.
     Clear,

@@ -79,11 +79,25 @@ impl Drive {
 
     fn calibrate(&mut self, sample: &Sample) -> Reply {
         self.on_command(Event::Calibrate)?;
+        self.give_up_calibration();
         self.paths.open_loop = OpenLoop::OFF;
         self.reset_servo(sample);
-        self.progress = Progress::None;
         self.publish();
         Ok(())
+    }
+
+    /// Whether an estimator was made for the settings of now.
+    const fn fits(&self, estimator: &Estimator) -> bool {
+        estimator.is_for(self.config.adc_bits, self.config.is_reversed())
+    }
+
+    /// Gives the estimator back: it is not to be used again, even where no other one comes.
+    fn give_up_calibration(&mut self) {
+        self.progress = Progress::None;
+        if let Some(estimator) = self.estimator.take() {
+            self.record.rotor = Tracker::at(self.record.rotor.angle());
+            let _ = self.channels.retired.enqueue(estimator);
+        }
     }
 
     pub(super) fn disarm(&mut self) -> Reply {
@@ -97,7 +111,9 @@ impl Drive {
         // A model that was learnt while a hand turns the shaft must not reset the count of its turns.
         let tracks = self.mode == Mode::Ready && self.record.missed <= self.config.tolerated;
         let calibrated = self.mode == Mode::Unarmed && self.progress == Progress::Complete;
-        let allowed = self.on_command(Event::Installed);
+        // It may have been made for settings that have been replaced since.
+        let fits = if self.fits(estimator) { Ok(()) } else { Err(Refusal::NotCalibrated) };
+        let allowed = fits.and_then(|()| self.on_command(Event::Installed));
         let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
             // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
@@ -258,6 +274,10 @@ impl Drive {
         let allowed = if self.mode.drives() { Err(Refusal::Mode(self.mode)) } else { Ok(()) };
         if allowed.is_ok() {
             core::mem::swap(&mut self.config, config);
+            if self.estimator().is_some_and(|estimator| !self.fits(estimator)) {
+                self.give_up_calibration();
+                self.on(Event::Invalidated);
+            }
         }
         let _ = self.channels.configs.enqueue(config);
         allowed

@@ -115,7 +115,7 @@ impl Servo {
     /// Everything at rest, following nothing; the amplifiers' zeros are those of now.
     pub fn reset(&mut self, config: &Config, zeros: &Idle) {
         self.protection.currents.set_zeros(config, zeros.zeros());
-        self.clarke = Clarke::new(config.shift, zeros.zeros(), config.reversed);
+        self.clarke = Clarke::new(config.shift, zeros.zeros(), config.modulator.is_reversed());
         // One by one: a whole new servo on its way over the stack would take as long as all the rest of the step.
         self.current = Dq { d: 0, q: 0 };
         self.demand = Demand::Voltage;

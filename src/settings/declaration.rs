@@ -2,7 +2,8 @@
 
 use super::Kind::{Choice, Real, Switch, Whole};
 use super::entry::{Entry, Value};
-use super::{Feedback, OnStopFailure, OnTimeout};
+use super::guard::{NOISE, OFFSET};
+use super::{Ceiling, Feedback, OnStopFailure, OnTimeout};
 use crate::commutation::Commutation;
 use core::f32::consts::TAU;
 
@@ -167,6 +168,8 @@ settings! {
         adaptation: bool = true, 0.0 => 1.0, "", Switch, FREE, "Adapt the sensors' model while the motor turns";
         anti_cogging: bool = true, 0.0 => 1.0, "", Switch, FREE, "Compensate the cogging, once it has been learnt";
     } with {
+        /// What the board's parts stand: no setting exceeds it.
+        ceilings: &'static [Ceiling] = &[];
         /// Sensing of currents and bus, the motor and the loops; `None`: only a voltage can be commanded, and nothing
         /// but the Halls is monitored.
         control: Option<Control> = None;
@@ -224,19 +227,20 @@ settings! {
     struct GuardSettings from guard {
         under_voltage_v: f32 = 12.0, c.bus_full_scale_v / 20.0 => 0.9 * c.bus_full_scale_v, "V", Real, FREE,
             "A lower bus voltage is a fault";
-        over_voltage_v: f32 = 32.0, c.guard.under_voltage_v => c.bus_full_scale_v, "V", Real, FREE,
+        over_voltage_v: f32 = 32.0, c.guard.under_voltage_v => 0.95 * c.bus_full_scale_v, "V", Real, FREE,
             "A higher bus voltage is a fault";
         over_current_a: f32 = 6.0, 0.0 => 0.99 * c.current_full_scale_a, "A", Real, FREE,
             "A larger phase current is a fault";
-        /// At two checks, eight steps apart: an amplifier is wrong.
-        imbalance_a: f32 = 0.5, 0.0 => c.current_full_scale_a, "A", Real, FREE,
-            "A larger sum of the phase currents is a fault";
-        offset_a: f32 = 0.5, 0.0 => c.current_full_scale_a, "A", Real, FREE,
+        /// At two checks, eight steps apart: an amplifier is wrong. [`GuardSettings::for_full_scale`] says what it
+        /// follows from.
+        imbalance_a: f32 = NOISE * 8.25, 0.0 => c.current_full_scale_a, "A", Real, FREE,
+            "A sum of the phase currents larger by this than 4 % of max_current_a is a fault";
+        offset_a: f32 = OFFSET * 8.25, 0.0 => c.current_full_scale_a, "A", Real, FREE,
             "Largest reading of an amplifier while no current flows";
         /// Under speed or position control.
-        stall_s: f32 = 0.5, 0.01 => 100.0, "s", Real, FREE, "At rest at the largest current for longer is a fault";
-        command_timeout_s: f32 = f32::INFINITY, 1e-3 => f32::INFINITY, "s", Real, FREE,
-            "How long a command holds; inf: for ever";
+        stall_s: f32 = 0.5, 0.01 => 5.0, "s", Real, FREE, "At rest at the largest current for longer is a fault";
+        /// Also how long a tool controls the drive, and a procedure goes on, without a request.
+        command_timeout_s: f32 = 1.0, 1e-3 => 60.0, "s", Real, FREE, "How long a command holds";
         /// After [`stop_s`](Self::stop_s) without coming to rest.
         on_stop_failure: OnStopFailure = OnStopFailure::Off, 0.0 => 1.0, "", Choice("off|brake"), FREE,
             "If a stop fails: bridge off, or the windings shorted first";
@@ -244,6 +248,7 @@ settings! {
         /// Moves the shaft by a degree or so for some hundredths of a second.
         arming_check: bool = true, 0.0 => 1.0, "", Switch, FREE,
             "Check phases, amplifiers and commutation when the bridge is switched on";
+        /// The default needs nothing that may be wrong. A drive whose control has been tried is better stopped.
         on_timeout: OnTimeout = OnTimeout::Fault, 0.0 => 1.0, "", Choice("fault|stop"), FREE,
             "Reaction when no command came for command_timeout_s";
     } with {

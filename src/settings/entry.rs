@@ -39,9 +39,10 @@ impl Entry {
         (self.field)(&mut { *settings }).map(|field| field.number())
     }
 
-    /// Least and most value, as the other settings are.
+    /// Least and most value, as the other settings are and the board allows.
     pub fn range(&self, settings: &Settings) -> (f32, f32) {
-        (self.range)(settings)
+        let (min, max) = (self.range)(settings);
+        (min, max.min(settings.ceiling(self.name)))
     }
 
     /// Whether the value is in its range.
@@ -51,7 +52,7 @@ impl Entry {
 
     #[inline(never)]
     fn check_value(&self, settings: &Settings, value: f32) -> Result<(), Error<'static>> {
-        let (min, max) = self.range(settings);
+        let (min, max) = (self.range)(settings);
         // Not a number is in no range.
         let inside = (min..=max).contains(&value);
         if inside { Ok(()) } else { Err(Error::OutOfRange { field: self.name, value, min, max }) }

@@ -183,3 +183,55 @@ fn a_thermistor_reads_half_at_25_degrees_and_less_when_hot() {
     assert!((ntc.code(100.0) / 65_536.0 - 0.0929).abs() < 2e-4);
     assert!(ntc.code(80.0) > ntc.code(100.0));
 }
+
+#[test]
+fn no_setting_exceeds_the_boards_ceilings_and_the_refusal_names_them() {
+    let board = Settings { ceilings: &[("max_current_a", 2.0), ("stall_s", 1.0), ("commutation", 1.0)], ..full() };
+    let settings = Settings { control: board.control.map(|c| Control { max_current_a: 2.0, ..c }), ..board };
+    assert!(settings.validate().is_ok());
+    for (field, value, most) in [("max_current_a", 2.01, 2.0), ("stall_s", 1.5, 1.0), ("commutation", 2.0, 1.0)] {
+        let error = settings.with(field, value).unwrap_err();
+        assert_eq!(error, Error::Ceiling { field, value, most });
+        let text = std::format!("{error}");
+        assert!(text.contains(field) && text.contains("ceiling"), "{text}");
+        // A tool shows the ceiling as the end of the range.
+        assert_eq!(find(field).unwrap().range(&settings).1, most);
+    }
+    // Nor do those that a board itself or a drive without a check of the ceilings would start with.
+    assert_eq!(board.validate(), Err(Error::Ceiling { field: "max_current_a", value: 3.0, most: 2.0 }));
+    // A range that is narrower stays.
+    assert!(matches!(settings.with("stall_s", 1e-3), Err(Error::OutOfRange { field: "stall_s", .. })));
+    // A ceiling of nothing is found by the test of the board.
+    assert_eq!(Settings { ceilings: &[("max_curent_a", 2.0)], ..full() }.validate(), Err(Error::Unknown));
+}
+
+#[test]
+fn hostile_settings_are_out_of_their_ranges() {
+    let hostile = [
+        ("over_voltage_v", 36.3),
+        ("over_voltage_v", 0.951 * 36.3),
+        ("stall_s", 5.1),
+        ("stall_s", 100.0),
+        ("command_timeout_s", f32::INFINITY),
+        ("command_timeout_s", 60.1),
+    ];
+    for (name, value) in hostile {
+        let result = full().with(name, value);
+        assert!(matches!(result, Err(Error::OutOfRange { field, .. }) if field == name), "{name} {value}: {result:?}");
+    }
+}
+
+#[test]
+fn one_blind_amplifier_shows_far_below_the_largest_current() {
+    // The largest sum that three amplifiers with gains off by 2 % show, in all directions of the current, and six
+    // standard deviations of their noise, both as simulated: two codes of 12 bit.
+    let control = Control::default();
+    let threshold = |control: &Control| control.guard.imbalance_a + 0.04 * control.max_current_a;
+    let sum = (0..360_u16).map(|degrees| {
+        let phase = |k: u16| libm::cosf(f32::from(degrees + 120 * k).to_radians());
+        (0..3).map(|k| 0.02 * phase(k).abs()).sum::<f32>() * control.max_current_a
+    });
+    let noise = 6.0 * libm::sqrtf(3.0) * 2.0 / 2048.0 * control.current_full_scale_a;
+    assert!(sum.fold(0.0, f32::max) + noise <= 1.02 * threshold(&control));
+    assert!(threshold(&control) < 0.1 * control.max_current_a);
+}

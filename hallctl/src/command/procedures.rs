@@ -8,6 +8,24 @@ use indicatif::{ProgressBar, ProgressStyle};
 use sim::report::print_table;
 use std::time::Instant;
 
+/// How a procedure runs.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct Options {
+    /// Begin it and leave: the motor turns to the end though no tool watches
+    #[arg(long)]
+    unattended: bool,
+}
+
+/// Begins a procedure; true if this tool is to wait for its end.
+fn begin(client: &mut Client, options: &Options, ask: Ask<'_>) -> Result<bool> {
+    client.unattended(options.unattended);
+    client.order(ask)?;
+    if options.unattended {
+        println!("begun: `hallctl status` tells how far it is, `hallctl disarm` ends it");
+    }
+    Ok(!options.unattended)
+}
+
 /// Shows a bar until the drive has nothing going on any more.
 fn wait(client: &mut Client, name: &'static str) -> Result<()> {
     let bar = ProgressBar::new(1000);
@@ -22,12 +40,14 @@ fn wait(client: &mut Client, name: &'static str) -> Result<()> {
             return Ok(());
         }
         bar.set_position((1000.0 * status.progress) as u64);
-        client.rest(&mut look, status.uptime_ms)?;
+        client.rest(&mut look, &status)?;
     }
 }
 
-pub(super) fn calibrate(client: &mut Client) -> Result<()> {
-    client.order(Ask::Calibrate)?;
+pub(super) fn calibrate(client: &mut Client, options: &Options) -> Result<()> {
+    if !begin(client, options, Ask::Calibrate)? {
+        return Ok(());
+    }
     wait(client, "calibrating")?;
     let outcome = client.ask(Ask::Calibration, |answer| match answer {
         Answer::Calibration(outcome) => Ok(outcome),
@@ -40,7 +60,8 @@ pub(super) fn calibrate(client: &mut Client) -> Result<()> {
         }
         Calibration::Ended => {
             return Err(Error::Failed(
-                "the calibration was ended by a command or a fault: see `hallctl faults`".into(),
+                "the calibration was ended by a command or a fault: see `hallctl faults`\n  `hallctl calibrate` again: \
+                 the drive is not armed by what was found before.".into(),
             ));
         }
         Calibration::None | Calibration::Running => {
@@ -76,8 +97,10 @@ pub(super) fn calibrate(client: &mut Client) -> Result<()> {
     Ok(())
 }
 
-pub(super) fn identify(client: &mut Client) -> Result<()> {
-    client.order(Ask::Identify)?;
+pub(super) fn identify(client: &mut Client, options: &Options) -> Result<()> {
+    if !begin(client, options, Ask::Identify)? {
+        return Ok(());
+    }
     wait(client, "measuring the motor")?;
     client.ask(Ask::Identification, |answer| match answer {
         Answer::Identification(Procedure::Done(report)) => {
@@ -92,8 +115,10 @@ pub(super) fn identify(client: &mut Client) -> Result<()> {
     })
 }
 
-pub(super) fn learn_cogging(client: &mut Client) -> Result<()> {
-    client.order(Ask::LearnCogging)?;
+pub(super) fn learn_cogging(client: &mut Client, options: &Options) -> Result<()> {
+    if !begin(client, options, Ask::LearnCogging)? {
+        return Ok(());
+    }
     wait(client, "learning the cogging")?;
     client.ask(Ask::Cogging, |answer| match answer {
         Answer::Cogging(Procedure::Done(cogging)) => {

@@ -30,6 +30,8 @@ pub(super) enum Command {
     },
     /// Keep them in the flash
     Save,
+    /// Confirm them as they are, after those in the flash could not be taken over; `save` does, too, for good
+    Accept,
     /// Back to those in the flash
     Load,
     /// Back to the board's defaults
@@ -52,6 +54,11 @@ pub(super) fn run(client: &mut Client, command: &Command) -> Result<()> {
         Command::Get { name } => client.setting(Ask::Get(name), show),
         Command::Set { name, value } => set(client, name, value),
         Command::Save => save(client),
+        Command::Accept => {
+            client.order(Ask::Accept)?;
+            println!("accepted until the power goes; `hallctl settings save` keeps them");
+            Ok(())
+        }
         Command::Load => client.order(Ask::Load),
         Command::Reset => client.order(Ask::Restore),
         Command::Export { file } => export(client, file),

@@ -33,7 +33,7 @@ fn running() -> Vec<Bench> {
     }
     benches.push(Bench::running());
     for bench in &mut benches {
-        (0..100).for_each(|_| drop(bench.step()));
+        (0..100).for_each(|_| _ = bench.step());
         assert_eq!(bench.mode(), Mode::Running);
         assert_ne!(bench.step(), Output::OFF);
     }
@@ -58,7 +58,7 @@ fn a_stop_disarms_in_the_same_step_and_nothing_arms_while_it_holds() {
 fn a_stop_breaks_a_calibration_off() {
     let mut bench = Bench::new(&Settings::default());
     bench.command(Command::Calibrate).unwrap();
-    (0..100).for_each(|_| drop(bench.step()));
+    (0..100).for_each(|_| _ = bench.step());
     assert!(bench.mode().drives());
     assert_eq!(bench.step_off(Interlock::Stop), Output::OFF);
     assert_eq!(bench.mode(), Mode::Unarmed);

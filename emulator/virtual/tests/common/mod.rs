@@ -116,7 +116,7 @@ pub fn calibrating(board: &str) -> Session {
 pub fn calibrated(board: &str) -> Session {
     let [_, after] = calibration(board);
     let mut session = resumed(board, after);
-    ask(&mut session, "set command_timeout_s 1000");
+    ask(&mut session, "set command_timeout_s 60");
     session
 }
 
@@ -137,7 +137,7 @@ pub fn perform(session: &mut Session, what: &str) {
 /// A request as bytes.
 pub fn frame(id: u16, ask: Ask<'_>) -> Vec<u8> {
     let mut frame = [0; FRAME];
-    let length = encode(&Request { id, ask }, &mut frame).expect("a frame");
+    let length = encode(&Request { id, client: 1, unattended: true, ask }, &mut frame).expect("a frame");
     frame[..length].to_vec()
 }
 

@@ -8,9 +8,11 @@ pub mod learning;
 pub mod pole_pairs;
 pub mod procedure;
 mod sequence;
+pub mod standstill;
 
 use crate::config::Config;
 use crate::control::cogging;
+use crate::drive::standstill::Window;
 use crate::drive::{Command, Reply, Tasks};
 use crate::hall::Channel;
 use crate::hall::calibrate::{self, Calibration, Collector};
@@ -213,6 +215,11 @@ impl Service {
     /// are lost.
     pub fn measurement(&mut self) -> Option<Measurement> {
         self.tasks.measurements.dequeue()
+    }
+
+    /// The next window of a measurement at standstill.
+    pub(crate) fn window(&mut self) -> Option<Window> {
+        self.tasks.windows.dequeue()
     }
 
     /// Adds memory for a table of anti-cogging currents; with two, one can be filled while the drive uses the other.

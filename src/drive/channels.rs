@@ -1,6 +1,7 @@
 //! What passes between the control interrupt and the tasks: samples, commands, replies, records, and the queues for
 //! them.
 
+use super::standstill::{Probe, Window};
 use crate::angle::Position;
 use crate::commutation::{Commutation, Modulation};
 use crate::config::Config;
@@ -18,6 +19,8 @@ use heapless::spsc::{Consumer, Producer, Queue};
 pub enum Command {
     /// Turn the rotor open loop and record the Halls.
     Calibrate,
+    /// Measure at standstill; to be repeated, or the bridge is switched off.
+    Measure(Probe),
     /// Take up a new estimator; the old one comes back through [`Tasks::retired`].
     Install(&'static mut Estimator),
     /// The samples of the calibration made no model: a fault.
@@ -108,6 +111,7 @@ pub struct Channels {
     measurements: Queue<Measurement, MEASUREMENTS>,
     tables: Queue<&'static mut cogging::Table, 8>,
     configs: Queue<&'static mut Config, 8>,
+    windows: Queue<Window, 4>,
 }
 
 /// The interrupt's ends of the queues.
@@ -119,6 +123,7 @@ pub struct Interrupt {
     pub(super) measurements: Producer<'static, Measurement, MEASUREMENTS>,
     pub(super) tables: Producer<'static, &'static mut cogging::Table, 8>,
     pub(super) configs: Producer<'static, &'static mut Config, 8>,
+    pub(super) windows: Producer<'static, Window, 4>,
 }
 
 /// The tasks' ends of the queues.
@@ -137,6 +142,8 @@ pub struct Tasks {
     pub tables: Consumer<'static, &'static mut cogging::Table, 8>,
     /// Settings that the drive no longer uses.
     pub configs: Consumer<'static, &'static mut Config, 8>,
+    /// What was measured at standstill.
+    pub windows: Consumer<'static, Window, 4>,
 }
 
 impl Channels {
@@ -150,6 +157,7 @@ impl Channels {
             measurements: Queue::new(),
             tables: Queue::new(),
             configs: Queue::new(),
+            windows: Queue::new(),
         }
     }
 
@@ -162,8 +170,9 @@ impl Channels {
         let (measurements, measurements_out) = self.measurements.split();
         let (tables, tables_out) = self.tables.split();
         let (configs, configs_out) = self.configs.split();
+        let (windows, windows_out) = self.windows.split();
         (
-            Interrupt { commands, replies, records, retired, measurements, tables, configs },
+            Interrupt { commands, replies, records, retired, measurements, tables, configs, windows },
             Tasks {
                 commands: commands_in,
                 replies: replies_out,
@@ -172,6 +181,7 @@ impl Channels {
                 measurements: measurements_out,
                 tables: tables_out,
                 configs: configs_out,
+                windows: windows_out,
             },
         )
     }

@@ -1,7 +1,7 @@
 //! What each command does. A refused one changes nothing.
 
 use super::protection::Protection;
-use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample};
+use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample, Standstill};
 use crate::angle::ElectricalAngle;
 use crate::commutation::{Commutation, Modulation};
 use crate::config::Config;
@@ -36,6 +36,7 @@ impl Drive {
         let restarts_timeout = command.restarts_timeout();
         match command {
             Command::Calibrate => self.calibrate(sample)?,
+            Command::Measure(probe) => self.measure_standstill(probe, sample)?,
             Command::Install(estimator) => self.install(estimator, sample.halls)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
             Command::Arm => self.arm(sample)?,
@@ -72,9 +73,10 @@ impl Drive {
         Ok(())
     }
 
-    fn calibrate(&mut self, sample: &Sample) -> Reply {
+    pub(super) fn calibrate(&mut self, sample: &Sample) -> Reply {
         self.on_command(Event::Calibrate)?;
         self.paths.open_loop = OpenLoop::OFF;
+        self.paths.standstill = Standstill::OFF;
         self.reset_servo(sample);
         self.progress = Progress::None;
         self.publish();

@@ -109,6 +109,13 @@ pub enum Error {
     NotReached,
     /// The measurements do not determine the result.
     Inconclusive,
+    /// A phase got voltage, and no current to speak of flowed.
+    NoCurrent {
+        /// The phase, counted from 0.
+        phase: u8,
+    },
+    /// The phases' resistances are not alike.
+    Uneven,
     /// There is no room for the result: two tables have to be lent to the service.
     NoTable,
     /// The task ended it.
@@ -136,6 +143,12 @@ impl fmt::Display for Error {
                 write!(f, "the rotor did not follow: blocked, loaded, or a wrong setting of the motor")
             }
             Self::Inconclusive => write!(f, "the measurements do not determine the result"),
+            Self::NoCurrent { phase } => write!(
+                f,
+                "no current answers the voltage at phase {}: is the motor connected, is there power?",
+                (b'A' + phase) as char
+            ),
+            Self::Uneven => write!(f, "the phases' resistances differ: check the motor's wires and connectors"),
             Self::NoTable => write!(f, "the service has no table to fill"),
             Self::Cancelled => write!(f, "cancelled"),
         }

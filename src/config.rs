@@ -94,7 +94,7 @@ impl Regulator {
         let gain = volts_per_ampere_s * per_volt_s / per_ampere / (2.0 * current) * 65_536.0;
         // Where the current changes its sign, the dead time's effect changes over a range that the inductance makes
         // wide; corrected too steeply there, the current would run away from zero.
-        let ramp = (current / 4.0).max(control.dead_time_ramp_a * per_ampere).max(LEAST_RAMP);
+        let ramp = (current / 12.0).max(1.5 * control.dead_time_ramp_a * per_ampere).max(LEAST_RAMP);
         let dead_time = f32::from(dead_time) / 2.0;
         Self {
             current: current as i32,

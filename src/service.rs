@@ -2,6 +2,7 @@
 
 mod absolute;
 pub mod adaptation;
+pub mod commission;
 pub mod identification;
 pub mod identify;
 pub mod learning;
@@ -9,6 +10,7 @@ pub mod pole_pairs;
 pub mod procedure;
 mod sequence;
 pub mod standstill;
+pub mod swings;
 
 use crate::config::Config;
 use crate::control::cogging;

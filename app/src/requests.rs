@@ -9,6 +9,7 @@ use hallservo::commutation::modulation;
 use hallservo::control::config::BadDemand;
 use hallservo::control::config::Config;
 use hallservo::drive;
+use hallservo::mode::Mode;
 use hallservo::settings::{self, Entry, Settings, TABLE, find};
 use hallservo_protocol::{self as protocol, Activity, Answer, Ask, Calibration, Hello, History, Refusal, Setting};
 
@@ -63,6 +64,8 @@ impl<F: NorFlash> Tasks<F> {
                 Answer::Identification(protocol::Procedure::Running)
             }
             Ask::Cogging if self.activity() == Activity::Cogging => Answer::Cogging(protocol::Procedure::Running),
+            Ask::Found if self.activity() == Activity::Commissioning => Answer::Found(protocol::Procedure::Running),
+            Ask::Found => Answer::Found(self.found),
             Ask::Calibration => Answer::Calibration(self.calibration),
             Ask::Identification => Answer::Identification(self.identification),
             Ask::Cogging => Answer::Cogging(self.cogging),
@@ -131,6 +134,14 @@ impl<F: NorFlash> Tasks<F> {
                 self.learn_cogging()?;
                 Ok(Step::Answer(Answer::Done))
             }
+            Ask::MeasureStandstill => {
+                self.measure_standstill()?;
+                Ok(Step::Answer(Answer::Done))
+            }
+            Ask::Swing => {
+                self.swing()?;
+                Ok(Step::Answer(Answer::Done))
+            }
             Ask::AntiCogging(true) if !self.has_table() => Err(Refusal::NoTable),
             Ask::AntiCogging(on) => self.change("anti_cogging", u8::from(on).into()),
             Ask::Set { name, value } => self.change(name, value),
@@ -153,6 +164,7 @@ impl<F: NorFlash> Tasks<F> {
             | Ask::Calibration
             | Ask::Identification
             | Ask::Cogging
+            | Ask::Found
             | Ask::Setting(_)
             | Ask::Get(_)
             | Ask::Telemetry(_)
@@ -166,6 +178,25 @@ impl<F: NorFlash> Tasks<F> {
         self.may_turn()?;
         Procedure::motor(self.procedure, self.service.config())?;
         self.identification = protocol::Procedure::Running;
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn measure_standstill(&mut self) -> Result<(), Refusal<'static>> {
+        // A drive that is not calibrated may: that is what it is for.
+        if self.mode() != Mode::Unarmed {
+            self.may_turn()?;
+        }
+        Procedure::standstill(self.procedure, self.service.config())?;
+        self.found = protocol::Procedure::Running;
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn swing(&mut self) -> Result<(), Refusal<'static>> {
+        self.may_turn()?;
+        Procedure::swings(self.procedure, self.service.config())?;
+        self.found = protocol::Procedure::Running;
         Ok(())
     }
 

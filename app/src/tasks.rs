@@ -23,7 +23,7 @@ use hallservo::service::identify;
 use hallservo::service::{Event, Service, adaptation};
 use hallservo::settings::Settings;
 use hallservo::telemetry::{Measurement, Record as DriveRecord};
-use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Cogging, Problem, Record};
+use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Cogging, Found, Problem, Record};
 use rest::Rest;
 pub(crate) use start::start;
 use telemetry::Stream;
@@ -66,6 +66,7 @@ pub(crate) struct Tasks<F> {
     pub calibration: Calibration,
     pub identification: protocol::Procedure<identify::Report>,
     pub cogging: protocol::Procedure<Cogging>,
+    pub found: protocol::Procedure<Found>,
     /// The latest record of the drive.
     record: DriveRecord,
     measurement: Option<Measurement>,

@@ -1,7 +1,7 @@
 //! What is asked and answered. The order of the variants is their number on the wire.
 
 use crate::history::History;
-use crate::report::{Calibration, Cogging, Procedure};
+use crate::report::{Calibration, Cogging, Found, Procedure};
 use crate::status::{Activity, Problem, Status, Telemetry};
 use hallservo::commutation::Commutation;
 use hallservo::control::config::BadDemand;
@@ -89,6 +89,12 @@ pub enum Ask<'a> {
     Telemetry(f32),
     /// An entry of the history, 0 the latest: [`Answer::History`].
     History(u8),
+    /// Measure R and L at standstill, calibrated or not; the calibration has to be made anew, or loaded.
+    MeasureStandstill,
+    /// Swing to and fro and measure flux linkage and inertia roughly, from a drive that is ready.
+    Swing,
+    /// What the last one of both came to: [`Answer::Found`].
+    Found,
 }
 
 /// What can be answered.
@@ -120,6 +126,8 @@ pub enum Answer<'a> {
     Telemetry(Telemetry),
     /// To [`Ask::History`].
     History(History),
+    /// To [`Ask::Found`].
+    Found(Procedure<Found>),
 }
 
 /// Who is there.

@@ -18,6 +18,8 @@ pub enum Activity {
     Identification,
     /// Its cogging.
     Cogging,
+    /// A step of its commissioning.
+    Commissioning,
 }
 
 /// What the flash holds of a kind.

@@ -59,7 +59,10 @@ impl Entry {
 
     /// Another value. A real one may be out of its range, for [`Settings::check`] to find out with the others; the rest
     /// may not.
-    pub(crate) fn assign(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
+    ///
+    /// # Errors
+    /// The drive has no such setting, or the value is none of it.
+    pub fn assign(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
         if self.kind != Kind::Real {
             self.check_value(settings, value)?;
             if value != libm::truncf(value) {

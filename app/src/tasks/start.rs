@@ -124,6 +124,7 @@ fn supervise<F: NorFlash>(
         calibration: Calibration::None,
         identification: protocol::Procedure::None,
         cogging: protocol::Procedure::None,
+        found: protocol::Procedure::None,
         record: DriveRecord::new(),
         measurement: None,
         readings: Readings::default(),

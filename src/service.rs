@@ -220,7 +220,7 @@ impl Service {
     }
 
     /// The next window of a measurement at standstill.
-    pub(crate) fn window(&mut self) -> Option<Window> {
+    pub fn window(&mut self) -> Option<Window> {
         self.tasks.windows.dequeue()
     }
 

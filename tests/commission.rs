@@ -3,12 +3,14 @@
 use hallservo::commutation::Commutation;
 use hallservo::config::Config;
 use hallservo::drive::Command;
+use hallservo::drive::standstill::Probe;
+use hallservo::fault::Fault;
 use hallservo::hall::calibrate::{self, report::Report as Sensors};
 use hallservo::mode::Mode;
 use hallservo::service::Event;
 use hallservo::service::commission::{Action, Commission};
 use hallservo::service::identification::{Identification, Plan};
-use hallservo::service::procedure::{Procedure, State};
+use hallservo::service::procedure::{Error, Procedure, State};
 use hallservo::service::standstill::{Electrical, Standstill};
 use hallservo::service::swings::{Rough, Swings};
 use hallservo::settings::{Control, GuardSettings, Settings};
@@ -35,7 +37,7 @@ struct Case {
 }
 
 #[rustfmt::skip]
-const CASES: [Case; 11] = [
+const CASES: [Case; 20] = [
     case("gimbal, 7 pairs",   10.0,  5e-3,    6e-3,  2e-5, 7,  0.3, 16.0, 12.0, 0.5e-6, 0.03, 0.03),
     case("gimbal, 11 pairs",  10.0,  5e-3,    5e-3,  5e-5, 11, 0.3, 16.0, 16.0, 0.8e-6, 0.03, 0.03),
     case("drone, 15 µH",      0.05,  15e-6,   1e-3,  1e-5, 7,  15.0, 32.0, 16.0, 0.8e-6, 0.02, 0.03),
@@ -47,6 +49,16 @@ const CASES: [Case; 11] = [
     case("paper's",           3.75,  0.36e-3, 5e-3,  1e-5, 4,  3.0, 8.25, 24.0, 0.5e-6, 0.005, 0.006),
     case("20 Ω, 10 mH",       20.0,  10e-3,   10e-3, 2e-5, 7,  0.5, 16.0, 24.0, 0.5e-6, 0.02, 0.02),
     case("slotless, 1 pair",  1.0,   0.1e-3,  6e-3,  1e-6, 1,  4.0, 16.0, 24.0, 0.5e-6, 0.02, 0.0),
+    // Near what they can turn, and without friction; heavy and light.
+    case("drone, stiff",      0.05,  20e-6,   1e-3,  1e-5, 7,  15.0, 32.0, 16.0, 0.8e-6, 0.10, 0.08),
+    case("drone, loose",      0.05,  20e-6,   1e-3,  1e-5, 7,  15.0, 32.0, 16.0, 0.8e-6, 0.0, 0.0),
+    case("drone, heavy",      0.05,  20e-6,   1e-3,  1e-3, 7,  15.0, 32.0, 16.0, 0.8e-6, 0.02, 0.02),
+    case("gimbal, stiff",     10.0,  5e-3,    6e-3,  2e-5, 7,  0.3, 16.0, 12.0, 0.5e-6, 0.10, 0.10),
+    case("gimbal, loose",     10.0,  5e-3,    6e-3,  2e-5, 7,  0.3, 16.0, 12.0, 0.5e-6, 0.0, 0.0),
+    case("paper's, heavy",    3.75,  0.36e-3, 5e-3,  1e-3, 4,  3.0, 8.25, 24.0, 0.5e-6, 0.005, 0.006),
+    case("direct drive",      2.0,   2e-3,    30e-3, 2e-3, 21, 4.0, 16.0, 24.0, 0.5e-6, 0.03, 0.03),
+    case("hoverboard",        0.15,  0.3e-3,  25e-3, 0.3,  15, 20.0, 32.0, 24.0, 0.8e-6, 0.02, 0.02),
+    case("22 pairs, 60 A",    0.08,  60e-6,   4e-3,  2e-4, 22, 30.0, 60.0, 24.0, 0.8e-6, 0.02, 0.02),
 ];
 
 #[rustfmt::skip]
@@ -82,8 +94,7 @@ impl Case {
         plant.inverter.dead_time_s = self.dead_time_s.into();
         plant.bus.supply_v = self.bus_v;
         plant.bus.source_ohm = if self.ohm < 1.0 { 0.02 } else { 0.1 };
-        plant.current_sense =
-            SenseParameters { gain: 1.65 / f64::from(self.full_scale_a), ..plant.current_sense };
+        plant.current_sense = SenseParameters { gain: 1.65 / f64::from(self.full_scale_a), ..plant.current_sense };
         plant
     }
 
@@ -97,7 +108,12 @@ impl Case {
         };
         let full_scale_a = self.full_scale_a;
         let control = Control { current_full_scale_a: full_scale_a, guard, ..Control::default() };
-        Settings { dead_time_s: self.dead_time_s, pole_pairs: self.pairs, control: Some(control), ..Settings::default() }
+        Settings {
+            dead_time_s: self.dead_time_s,
+            pole_pairs: self.pairs,
+            control: Some(control),
+            ..Settings::default()
+        }
     }
 }
 
@@ -325,4 +341,74 @@ fn any_motor_is_commissioned_by_its_current_limit() {
         println!("{} {text}", if *good { " " } else { "!" });
     }
     assert!(results.iter().all(|(_, good)| *good));
+}
+
+/// What commissioning says of a motor with which something is wrong.
+fn complaint(case: &Case, break_it: impl FnOnce(&mut Rig)) -> String {
+    let mut rig = Rig::new(&case.plant(1), &case.settings(), 1).unwrap();
+    break_it(&mut rig);
+    let mut bench = Bench { rig, largest_a: 0.0 };
+    let Err(error) = commission(&mut bench, case.settings(), case.limit_a) else { panic!("nothing was wrong") };
+    assert!(!bench.rig.drive.mode().drives() && bench.largest_a <= 1.2 * f64::from(case.limit_a), "{error}");
+    error
+}
+
+#[test]
+fn what_is_wrong_is_said() {
+    let paper = &CASES[8];
+    let disconnected = Case { ohm: 1e6, ..*paper };
+    let error = complaint(&disconnected, |_| ());
+    assert!(error.contains("NoCurrent"), "{error}");
+    let error = complaint(paper, |rig| rig.plant.set_dyno(Some(0.0)).unwrap());
+    assert!(error.contains("sees no magnet turning"), "{error}");
+    let error = complaint(paper, |rig| rig.plant.set_hall_fault(1, Some(plant::HallFault::StuckAt(1.65))));
+    assert!(error.contains("Hall 2"), "{error}");
+    // A shorted winding as far as the current limit goes: nothing leaps.
+    let shorted = Case { ohm: 0.5e-3, henry: 0.5e-6, ..CASES[6] };
+    println!("{}", complaint(&shorted, |_| ()));
+}
+
+#[test]
+fn a_measurement_at_standstill_ends_with_the_bridge_off() {
+    type Meddle = fn(&mut Rig, &mut Standstill);
+    let cases: [(Error, Meddle); 3] = [
+        (Error::Cancelled, |_, standstill| standstill.cancel()),
+        (Error::Disarmed, |rig, _| rig.service.send(Command::Disarm).unwrap()),
+        (Error::Fault(Fault::OverVoltage), |rig, _| rig.disturb = Some(Box::new(|sample| sample.bus = 4000))),
+    ];
+    for (expected, meddle) in cases {
+        let settings = limited(&CASES[8]);
+        let mut rig = Rig::new(&CASES[8].plant(1), &settings, 1).unwrap();
+        let mut standstill = Standstill::new(&rig.config).unwrap();
+        let mut end = State::Running;
+        for ms in 0..1000 {
+            if ms == 300 {
+                assert_eq!(rig.drive.mode(), Mode::Aligning);
+                meddle(&mut rig, &mut standstill);
+            }
+            end = standstill.serve(&mut rig.service, ms);
+            rig.run(1e-3, |_, _| ());
+        }
+        assert_eq!(end, State::Failed(expected));
+        assert!(!rig.drive.mode().drives());
+    }
+}
+
+#[test]
+fn a_drive_that_nobody_asks_any_more_ends_the_measurement_by_itself() {
+    let mut rig = Rig::new(&CASES[8].plant(1), &limited(&CASES[8]), 1).unwrap();
+    rig.command(Command::Measure { begins: true, probe: Probe { phase: 0, current: 1000, ripple: 0 } }).unwrap();
+    rig.run(0.3, |_, _| ());
+    assert_eq!(rig.drive.mode(), Mode::Aligning);
+    rig.run(0.2, |_, _| ());
+    assert_eq!(rig.drive.mode(), Mode::Unarmed);
+    // It is not begun again by going on, nor with more than the largest current.
+    for (begins, current) in [(false, 1000), (true, 32_000)] {
+        assert!(rig.command(Command::Measure { begins, probe: Probe { phase: 0, current, ripple: 0 } }).is_err());
+    }
+    assert_eq!(rig.drive.mode(), Mode::Unarmed);
+}
+
+fn limited(case: &Case) -> Settings {
+    *Commission::new(case.settings(), Some(case.limit_a)).unwrap().settings()
 }

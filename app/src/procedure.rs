@@ -1,4 +1,4 @@
-//! What the drive finds out by currents in its motor: the motor's parameters, step by step or all, and its cogging.
+//! What the drive finds out by turning its motor: the motor's parameters, roughly or well, and its cogging.
 
 use hallservo::config::Config;
 use hallservo::control::cogging::Table;
@@ -6,11 +6,10 @@ use hallservo::service::identification::{self, Identification};
 use hallservo::service::identify::Report;
 use hallservo::service::learning::{self, Learning};
 use hallservo::service::procedure::{self, Error, Procedure as _, State};
-use hallservo::service::standstill::Standstill;
-use hallservo::service::swings::Swings;
+use hallservo::service::swings::{Rough, Swings};
 use hallservo::service::{Event, Service};
 use hallservo::telemetry::Measurement;
-use hallservo_protocol::{Activity, Found, Refusal};
+use hallservo_protocol::{Activity, Refusal};
 
 /// One of them, at work.
 // The larger one makes no difference: there is one, in a static.
@@ -18,7 +17,6 @@ use hallservo_protocol::{Activity, Found, Refusal};
 pub(crate) enum Procedure {
     Motor(Identification),
     Cogging(Learning),
-    Standstill(Standstill),
     Swings(Swings),
 }
 
@@ -26,7 +24,7 @@ pub(crate) enum Procedure {
 pub(crate) enum Completion {
     Motor(Report),
     Cogging(Table),
-    Found(Found),
+    Swings(Rough),
     Failed(Activity, Error),
 }
 
@@ -55,12 +53,6 @@ impl Procedure {
         }
     }
 
-    /// Writes the measurement at standstill to its place.
-    pub fn standstill(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
-        *place = Some(Self::Standstill(Standstill::new(config).map_err(Refusal::Procedure)?));
-        Ok(())
-    }
-
     /// Writes the swings to their place.
     pub fn swings(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         *place = Some(Self::Swings(Swings::new(config).map_err(Refusal::Procedure)?));
@@ -71,7 +63,6 @@ impl Procedure {
         match self {
             Self::Motor(motor) => motor,
             Self::Cogging(cogging) => cogging,
-            Self::Standstill(standstill) => standstill,
             Self::Swings(swings) => swings,
         }
     }
@@ -90,8 +81,7 @@ impl Procedure {
         let found = match self {
             Self::Motor(motor) => motor.report().copied().map(Completion::Motor),
             Self::Cogging(cogging) => cogging.table().copied().map(Completion::Cogging),
-            Self::Standstill(standstill) => standstill.report().copied().map(Found::Electrical).map(Completion::Found),
-            Self::Swings(swings) => swings.report().copied().map(Found::Rough).map(Completion::Found),
+            Self::Swings(swings) => swings.report().copied().map(Completion::Swings),
         };
         match state {
             State::Running => None,
@@ -109,7 +99,6 @@ impl Procedure {
         match self {
             Self::Motor(motor) => motor.progress(),
             Self::Cogging(cogging) => cogging.progress(),
-            Self::Standstill(standstill) => standstill.progress(),
             Self::Swings(swings) => swings.progress(),
         }
     }
@@ -118,7 +107,7 @@ impl Procedure {
         match self {
             Self::Motor(_) => Activity::Identification,
             Self::Cogging(_) => Activity::Cogging,
-            Self::Standstill(_) | Self::Swings(_) => Activity::Commissioning,
+            Self::Swings(_) => Activity::Swings,
         }
     }
 }

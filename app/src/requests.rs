@@ -9,7 +9,6 @@ use hallservo::commutation::modulation;
 use hallservo::control::config::BadDemand;
 use hallservo::control::config::Config;
 use hallservo::drive;
-use hallservo::mode::Mode;
 use hallservo::settings::{self, Entry, Settings, TABLE, find};
 use hallservo_protocol::{self as protocol, Activity, Answer, Ask, Calibration, Hello, History, Refusal, Setting};
 
@@ -64,8 +63,9 @@ impl<F: NorFlash> Tasks<F> {
                 Answer::Identification(protocol::Procedure::Running)
             }
             Ask::Cogging if self.activity() == Activity::Cogging => Answer::Cogging(protocol::Procedure::Running),
-            Ask::Found if self.activity() == Activity::Commissioning => Answer::Found(protocol::Procedure::Running),
-            Ask::Found => Answer::Found(self.found),
+            Ask::Swings if self.activity() == Activity::Swings => Answer::Swings(protocol::Procedure::Running),
+            Ask::Swings => Answer::Swings(self.swings),
+            Ask::Window => Answer::Window(self.window.take()),
             Ask::Calibration => Answer::Calibration(self.calibration),
             Ask::Identification => Answer::Identification(self.identification),
             Ask::Cogging => Answer::Cogging(self.cogging),
@@ -134,10 +134,7 @@ impl<F: NorFlash> Tasks<F> {
                 self.learn_cogging()?;
                 Ok(Step::Answer(Answer::Done))
             }
-            Ask::MeasureStandstill => {
-                self.measure_standstill()?;
-                Ok(Step::Answer(Answer::Done))
-            }
+            Ask::Measure { begins, probe } => self.command(drive::Command::Measure { begins, probe }, Command::Plain),
             Ask::Swing => {
                 self.swing()?;
                 Ok(Step::Answer(Answer::Done))
@@ -164,7 +161,8 @@ impl<F: NorFlash> Tasks<F> {
             | Ask::Calibration
             | Ask::Identification
             | Ask::Cogging
-            | Ask::Found
+            | Ask::Swings
+            | Ask::Window
             | Ask::Setting(_)
             | Ask::Get(_)
             | Ask::Telemetry(_)
@@ -182,21 +180,10 @@ impl<F: NorFlash> Tasks<F> {
     }
 
     #[inline(never)]
-    fn measure_standstill(&mut self) -> Result<(), Refusal<'static>> {
-        // A drive that is not calibrated may: that is what it is for.
-        if self.mode() != Mode::Unarmed {
-            self.may_turn()?;
-        }
-        Procedure::standstill(self.procedure, self.service.config())?;
-        self.found = protocol::Procedure::Running;
-        Ok(())
-    }
-
-    #[inline(never)]
     fn swing(&mut self) -> Result<(), Refusal<'static>> {
         self.may_turn()?;
         Procedure::swings(self.procedure, self.service.config())?;
-        self.found = protocol::Procedure::Running;
+        self.swings = protocol::Procedure::Running;
         Ok(())
     }
 

@@ -18,12 +18,14 @@ use embedded_storage::nor_flash::NorFlash;
 use hallservo::config::Config;
 use hallservo::control::cogging::Table;
 use hallservo::drive::Reply;
+use hallservo::drive::standstill::Window;
 use hallservo::mode::Mode;
 use hallservo::service::identify;
+use hallservo::service::swings::Rough;
 use hallservo::service::{Event, Service, adaptation};
 use hallservo::settings::Settings;
 use hallservo::telemetry::{Measurement, Record as DriveRecord};
-use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Cogging, Found, Problem, Record};
+use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Cogging, Problem, Record};
 use rest::Rest;
 pub(crate) use start::start;
 use telemetry::Stream;
@@ -66,7 +68,9 @@ pub(crate) struct Tasks<F> {
     pub calibration: Calibration,
     pub identification: protocol::Procedure<identify::Report>,
     pub cogging: protocol::Procedure<Cogging>,
-    pub found: protocol::Procedure<Found>,
+    pub swings: protocol::Procedure<Rough>,
+    /// The last window of a measurement at standstill, until it is asked for.
+    pub window: Option<Window>,
     /// The latest record of the drive.
     record: DriveRecord,
     measurement: Option<Measurement>,
@@ -101,6 +105,7 @@ impl<F: NorFlash> Tasks<F> {
             }
             self.handle(event, torque_nm);
         }
+        self.window = self.service.window().or(self.window);
         self.proceed();
         self.spare_config = self.spare_config.take().or_else(|| self.service.unused_config());
         self.update_drive();

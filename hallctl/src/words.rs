@@ -61,7 +61,7 @@ pub const fn activity(activity: Activity) -> &'static str {
         Activity::Calibration => "a calibration",
         Activity::Identification => "the identification of the motor",
         Activity::Cogging => "learning the cogging",
-        Activity::Commissioning => "the commissioning of the motor",
+        Activity::Swings => "swinging the rotor",
     }
 }
 

@@ -32,7 +32,7 @@ mod status;
 pub use frame::{Decoder, Error, encode};
 pub use history::{Cause, History, Incident};
 pub use message::{Answer, Ask, Hello, Refusal, Reply, Request, Setting};
-pub use report::{Calibration, Cogging, Found, Procedure};
+pub use report::{Calibration, Cogging, Procedure};
 pub use status::{Activity, Learning, Problem, Record, Status, Telemetry};
 
 /// Version of the messages.

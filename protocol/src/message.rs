@@ -1,13 +1,15 @@
 //! What is asked and answered. The order of the variants is their number on the wire.
 
 use crate::history::History;
-use crate::report::{Calibration, Cogging, Found, Procedure};
+use crate::report::{Calibration, Cogging, Procedure};
 use crate::status::{Activity, Problem, Status, Telemetry};
 use hallservo::commutation::Commutation;
 use hallservo::control::config::BadDemand;
 use hallservo::drive;
+use hallservo::drive::standstill::{Probe, Window};
 use hallservo::service::identify;
 use hallservo::service::procedure;
+use hallservo::service::swings::Rough;
 use hallservo::settings::{self, Kind};
 use serde::{Deserialize, Serialize};
 
@@ -89,12 +91,20 @@ pub enum Ask<'a> {
     Telemetry(f32),
     /// An entry of the history, 0 the latest: [`Answer::History`].
     History(u8),
-    /// Measure R and L at standstill, calibrated or not; the calibration has to be made anew, or loaded.
-    MeasureStandstill,
+    /// Measure at standstill, calibrated or not; to be repeated, or the bridge is switched off. [`Ask::Disarm`] ends it;
+    /// the sensors have to be calibrated then.
+    Measure {
+        /// Whether a measurement begins; otherwise one goes on.
+        begins: bool,
+        /// What is to be measured now.
+        probe: Probe,
+    },
+    /// What flowed: [`Answer::Window`].
+    Window,
     /// Swing to and fro and measure flux linkage and inertia roughly, from a drive that is ready.
     Swing,
-    /// What the last one of both came to: [`Answer::Found`].
-    Found,
+    /// What the last one came to: [`Answer::Swings`].
+    Swings,
 }
 
 /// What can be answered.
@@ -126,8 +136,10 @@ pub enum Answer<'a> {
     Telemetry(Telemetry),
     /// To [`Ask::History`].
     History(History),
-    /// To [`Ask::Found`].
-    Found(Procedure<Found>),
+    /// To [`Ask::Window`]: one that was not asked for before, if there is any.
+    Window(Option<Window>),
+    /// To [`Ask::Swings`].
+    Swings(Procedure<Rough>),
 }
 
 /// Who is there.

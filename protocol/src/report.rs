@@ -2,8 +2,6 @@
 
 use hallservo::hall::calibrate::{self, report::Report};
 use hallservo::service::procedure;
-use hallservo::service::standstill::Electrical;
-use hallservo::service::swings::Rough;
 use serde::{Deserialize, Serialize};
 
 /// Result of the last calibration.
@@ -41,13 +39,4 @@ pub struct Cogging {
     pub largest_a: f32,
     /// Its RMS, A.
     pub rms_a: f32,
-}
-
-/// What a step of the commissioning found.
-#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Found {
-    /// At standstill.
-    Electrical(Electrical),
-    /// By swinging.
-    Rough(Rough),
 }

@@ -18,8 +18,8 @@ pub enum Activity {
     Identification,
     /// Its cogging.
     Cogging,
-    /// A step of its commissioning.
-    Commissioning,
+    /// Its flux linkage and inertia, roughly.
+    Swings,
 }
 
 /// What the flash holds of a kind.

@@ -19,8 +19,13 @@ use heapless::spsc::{Consumer, Producer, Queue};
 pub enum Command {
     /// Turn the rotor open loop and record the Halls.
     Calibrate,
-    /// Measure at standstill; to be repeated, or the bridge is switched off.
-    Measure(Probe),
+    /// Measure at standstill; to be repeated every 0.3 s (at 40 kHz), or the bridge is switched off.
+    Measure {
+        /// Whether a measurement begins; otherwise one goes on.
+        begins: bool,
+        /// What is to be measured now.
+        probe: Probe,
+    },
     /// Take up a new estimator; the old one comes back through [`Tasks::retired`].
     Install(&'static mut Estimator),
     /// The samples of the calibration made no model: a fault.

@@ -36,7 +36,7 @@ impl Drive {
         let restarts_timeout = command.restarts_timeout();
         match command {
             Command::Calibrate => self.calibrate(sample)?,
-            Command::Measure(probe) => self.measure_standstill(probe, sample)?,
+            Command::Measure { begins, probe } => self.measure_standstill(begins, probe, sample)?,
             Command::Install(estimator) => self.install(estimator, sample.halls)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
             Command::Arm => self.arm(sample)?,

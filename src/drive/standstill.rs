@@ -2,8 +2,8 @@
 //!
 //! A voltage rises slowly until the current that was asked for flows, and then keeps it; whatever the impedance is, the
 //! current cannot leap. A square wave of a few periods may be added, whose current tells the inductance. What flows and
-//! what drives it are summed up over windows, in whole counts of the timer, so that rounding does not matter; the tasks
-//! make ohms and henries of them ([`Standstill`](crate::service::standstill::Standstill)).
+//! what drives it are summed up over windows, in whole counts of the timer, so that rounding does not matter; whoever
+//! asks makes ohms and henries of them ([`Evaluation`](crate::service::standstill::Evaluation)).
 
 use super::{Drive, OpenLoop, Refusal, Reply, Sample};
 use crate::board::{Legs, Output};
@@ -14,6 +14,7 @@ use crate::mode::{Event, Mode};
 /// What is to be measured.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Probe {
     /// Phase that the current flows into, 0 to 2.
     pub phase: u8,
@@ -26,6 +27,7 @@ pub struct Probe {
 /// What flowed in a window of [`WINDOW`] steps.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Window {
     /// What was to be measured.
     pub probe: Probe,
@@ -132,14 +134,16 @@ impl Standstill {
 }
 
 impl Drive {
-    /// Begins a measurement, or goes on with another one.
-    pub(super) fn measure_standstill(&mut self, probe: Probe, sample: &Sample) -> Reply {
+    /// Begins a measurement, or goes on with one: what was ended meanwhile is not begun again.
+    pub(super) fn measure_standstill(&mut self, begins: bool, probe: Probe, sample: &Sample) -> Reply {
         let control = self.config.control.as_ref().ok_or(Refusal::NoControl)?;
         if probe.current > control.max_current || probe.current < 0 {
             return Err(Refusal::TooLarge);
         }
-        if self.mode != Mode::Aligning || !self.paths.standstill.is_active() {
+        if begins {
             self.calibrate(sample)?;
+        } else if self.mode != Mode::Aligning || !self.paths.standstill.is_active() {
+            return Err(Refusal::Mode(self.mode));
         }
         self.paths.standstill.take_up(probe);
         Ok(())

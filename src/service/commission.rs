@@ -28,9 +28,9 @@ pub enum Action {
     Done,
 }
 
-/// Speeds to calibrate at, electrical, in the order in which they are tried.
-const SPEEDS_HZ: [f32; 4] = [10.0, 4.0, 20.0, 2.0];
-/// Lag and swing of the rotor in degrees up to which another speed is not tried.
+/// Speeds to calibrate at, electrical, in the order in which they are tried; each with a share of the largest current.
+const SWEEPS: [(f32, f32); 4] = [(10.0, 0.33), (4.0, 0.45), (20.0, 0.45), (2.0, 0.45)];
+/// Lag and swing of the rotor in degrees up to which another one is not tried.
 const GOOD_LAG: f32 = 40.0;
 const GOOD_SWING: f32 = 6.0;
 /// Share of the largest current that the noise of the speed may make.
@@ -43,9 +43,9 @@ pub struct Commission {
     action: Action,
     electrical: Option<Electrical>,
     rough: Option<Rough>,
-    /// How often the calibration has been tried, and the best so far: its speed, and how bad it was.
+    /// How often the calibration has been tried, and the best so far: its number in [`SWEEPS`], and how bad it was.
     tries: usize,
-    best: Option<(f32, f32)>,
+    best: Option<(usize, f32)>,
     /// Noise of the angle, electrical radians.
     noise: f32,
 }
@@ -97,8 +97,15 @@ impl Commission {
         let noise_a = control.current_full_scale_a / 1000.0;
         let bandwidth_hz = (0.02 * found.bus_v / (TAU * control.inductance_h * noise_a)).min(1000.0);
         self.action = Action::Calibrate;
-        self.settings.calibration_hz = SPEEDS_HZ[0];
+        self.choose_sweep(0);
         self.set_bandwidths(bandwidth_hz, 20.0)
+    }
+
+    fn choose_sweep(&mut self, number: usize) {
+        if let (Some((speed_hz, share)), Some(control)) = (SWEEPS.get(number), &mut self.settings.control) {
+            self.settings.calibration_hz = *speed_hz;
+            control.calibration_current_a = share * control.max_current_a;
+        }
     }
 
     /// The calibration has ended.
@@ -106,28 +113,28 @@ impl Commission {
     /// # Errors
     /// It has failed at every speed, last by this.
     pub fn calibrated(&mut self, result: Result<&Sensors, calibrate::Error>) -> Result<(), calibrate::Error> {
-        let speed_hz = self.settings.calibration_hz;
+        let number = self.tries;
+        self.tries += 1;
         if let Ok(report) = result {
             self.noise = report.angle_noise_deg.to_radians();
             let (lag, swing) = (report.lag.to_degrees().abs(), report.hunting_deg);
             let bad = swing / GOOD_SWING + lag / GOOD_LAG;
-            let again = self.tries >= SPEEDS_HZ.len();
-            if again || lag <= GOOD_LAG && swing <= GOOD_SWING {
+            // After all were tried, this was the best one again.
+            if number >= SWEEPS.len() || lag <= GOOD_LAG && swing <= GOOD_SWING {
                 self.action = Action::Swing;
                 return Ok(());
             }
             if self.best.is_none_or(|(_, least)| bad < least) {
-                self.best = Some((speed_hz, bad));
+                self.best = Some((number, bad));
             }
         }
-        self.tries += 1;
-        match (SPEEDS_HZ.get(self.tries), self.best, result) {
-            (Some(&next_hz), ..) => self.settings.calibration_hz = next_hz,
+        match (self.best, result) {
+            _ if self.tries < SWEEPS.len() => self.choose_sweep(self.tries),
             // The last one was the best: its calibration is in use.
-            (None, Some((best_hz, _)), Ok(_)) if best_hz == speed_hz => self.action = Action::Swing,
-            (None, Some((best_hz, _)), _) if self.tries == SPEEDS_HZ.len() => self.settings.calibration_hz = best_hz,
-            (None, _, Err(error)) => return Err(error),
-            (None, ..) => self.action = Action::Swing,
+            (Some((best, _)), Ok(_)) if best == number => self.action = Action::Swing,
+            (Some((best, _)), _) if self.tries == SWEEPS.len() => self.choose_sweep(best),
+            (_, Err(error)) => return Err(error),
+            (_, Ok(_)) => self.action = Action::Swing,
         }
         Ok(())
     }
@@ -176,7 +183,8 @@ impl Commission {
         let Control { flux_linkage_wb, inertia_kgm2, max_current_a, current_bandwidth_hz, .. } = *control;
         let constant = 1.5 * pairs * flux_linkage_wb;
         let reached = 0.85 * bus_v / 1.732 / (flux_linkage_wb * pairs);
-        control.max_speed_rad_s = control.max_speed_rad_s.min(reached).min(0.9 * TAU * max_electrical_hz / pairs).max(0.2);
+        let allowed = 0.9 * TAU * max_electrical_hz / pairs;
+        control.max_speed_rad_s = control.max_speed_rad_s.min(reached).min(allowed).max(0.2);
         let most = 0.35 * max_current_a * constant / inertia_kgm2;
         control.max_acceleration_rad_s2 = most.min(10.0 * control.max_speed_rad_s).clamp(1.0, 1e6);
         // The tracker's speed is noisy by about this, and the speed loop makes a current of it.

@@ -80,9 +80,9 @@ struct Mean {
     spread_v: f32,
 }
 
-/// The procedure.
+/// Chooses what to measure, and makes ohms and henries of it; without any input or output of its own.
 #[derive(Clone, Debug)]
-pub struct Standstill {
+pub struct Evaluation {
     scale: Scale,
     period: f32,
     full: i32,
@@ -100,20 +100,11 @@ pub struct Standstill {
     inductance: [f32; 3],
     uncertain: f32,
     dead_time_v: f32,
-    report: Option<Electrical>,
-    failure: Option<Error>,
-    mode: Option<Mode>,
-    /// Whether the drive has begun, and whether it is to end.
-    begun: bool,
-    ending: bool,
-    unanswered: bool,
-    sent_ms: u32,
-    window_ms: u32,
-    started: bool,
+    result: Option<Result<Electrical, Error>>,
 }
 
-impl Standstill {
-    /// To be begun by the first step, with the bridge off and the rotor at rest.
+impl Evaluation {
+    /// For a drive.
     ///
     /// # Errors
     /// [`Error::NoControl`].
@@ -137,33 +128,38 @@ impl Standstill {
             inductance: [0.0; 3],
             uncertain: 0.0,
             dead_time_v: 0.0,
-            report: None,
-            failure: None,
-            mode: None,
-            begun: false,
-            ending: false,
-            unanswered: false,
-            sent_ms: 0,
-            window_ms: 0,
-            started: false,
+            result: None,
         })
     }
 
-    /// What was found, from the end on.
-    pub const fn report(&self) -> Option<&Electrical> {
-        self.report.as_ref()
+    /// What is to be measured now.
+    pub const fn probe(&self) -> Probe {
+        self.probe
     }
 
-    fn end(&mut self, failure: Option<Error>) {
-        if !self.ending {
-            self.failure = failure;
-            self.ending = true;
-            self.unanswered = false;
-        }
+    /// What was found, or why nothing, from the end on.
+    pub const fn result(&self) -> Option<&Result<Electrical, Error>> {
+        self.result.as_ref()
     }
 
-    fn window(&mut self, window: &Window) {
-        if window.probe != self.probe || self.ending {
+    fn fail(&mut self, error: Error) {
+        self.result = Some(Err(error));
+    }
+
+    /// 0 to 1.
+    pub fn progress(&self) -> f32 {
+        let level = match self.level {
+            _ if self.result.is_some() => 3.0,
+            Level::Full => 0.0,
+            Level::Half => 1.0,
+            Level::Ripple => 2.0,
+        };
+        (3.0 * f32::from(self.probe.phase) + level) / 9.0
+    }
+
+    /// Takes what flowed in a window.
+    pub fn window(&mut self, window: &Window) {
+        if window.probe != self.probe || self.result.is_some() {
             return;
         }
         let count = WINDOW as f32;
@@ -209,7 +205,7 @@ impl Standstill {
         let flows = (mean.current_a * self.scale.per_ampere()) as i32;
         match self.level {
             Level::Full if mean.current_a < ANSWERS * full_a => {
-                self.end(Some(Error::NoCurrent { phase: self.probe.phase }));
+                self.fail(Error::NoCurrent { phase: self.probe.phase });
             }
             Level::Full => {
                 self.of_full = mean;
@@ -219,7 +215,7 @@ impl Standstill {
                 let apart = self.of_full.current_a - mean.current_a;
                 let resistance = (self.of_full.voltage_v - mean.voltage_v) / apart;
                 if !(apart > 0.1 * self.of_full.current_a && resistance > 0.0) {
-                    return self.end(Some(Error::Inconclusive));
+                    return self.fail(Error::Inconclusive);
                 }
                 self.resistance[phase] = resistance;
                 self.uncertain += (self.of_full.spread_v + mean.spread_v) / apart / 3.0;
@@ -232,7 +228,7 @@ impl Standstill {
                 let amplitude_v = self.probe.ripple as f32 / self.period * self.bus_v;
                 let tanh = mean.swing_a * self.resistance[phase] / (2.0 * amplitude_v);
                 if !(tanh > 0.0 && tanh < 0.95) {
-                    return self.end(Some(Error::Inconclusive));
+                    return self.fail(Error::Inconclusive);
                 }
                 // atanh, within 1 % up to 0.75.
                 let square = tanh * tanh;
@@ -253,8 +249,6 @@ impl Standstill {
         self.level = level;
         self.probe = Probe { current, ripple, ..self.probe };
         (self.windows, self.averaged, self.sum) = (0, 0, Mean::default());
-        self.unanswered = false;
-        self.sent_ms = self.sent_ms.wrapping_sub(REPEAT_MS);
     }
 
     fn finish(&mut self) {
@@ -264,19 +258,77 @@ impl Standstill {
         };
         let (resistance, inductance) = (mean(self.resistance), mean(self.inductance));
         if range(self.resistance) > UNEVEN * resistance {
-            return self.end(Some(Error::Uneven));
+            return self.fail(Error::Uneven);
         }
         let estimate = |value: f32, error: f32| Estimate { value: value.into(), error: error.into() };
         let uneven_ohm = range(self.resistance) / 3.0;
-        self.report = Some(Electrical {
+        self.result = Some(Ok(Electrical {
             resistance_ohm: estimate(resistance, self.uncertain + uneven_ohm + 0.02 * resistance),
             inductance_h: estimate(inductance, range(self.inductance) / 3.0 + 0.03 * inductance),
             phases_ohm: self.resistance,
             dead_time_v: self.dead_time_v,
             current_a: self.of_full.current_a,
             bus_v: self.bus_v,
-        });
-        self.end(None);
+        }));
+    }
+}
+
+/// Change of the voltage from window to window of a steady level: of it, and at least.
+const STEADY: f32 = 0.01;
+const STEADY_V: f32 = 0.02;
+
+/// The measurement as a procedure.
+#[derive(Clone, Debug)]
+pub struct Standstill {
+    evaluation: Evaluation,
+    failure: Option<Error>,
+    mode: Option<Mode>,
+    /// Whether the drive was told to begin, whether it has, and whether it is to end.
+    told: bool,
+    begun: bool,
+    ending: bool,
+    disarmed: bool,
+    /// What was sent last, and when; when the last window came.
+    sent: Option<(Probe, u32)>,
+    window_ms: Option<u32>,
+}
+
+impl Standstill {
+    /// To be begun by the first step, with the bridge off and the rotor at rest.
+    ///
+    /// # Errors
+    /// [`Error::NoControl`].
+    pub fn new(config: &Config) -> Result<Self, Error> {
+        Ok(Self {
+            evaluation: Evaluation::new(config)?,
+            failure: None,
+            mode: None,
+            told: false,
+            begun: false,
+            ending: false,
+            disarmed: false,
+            sent: None,
+            window_ms: None,
+        })
+    }
+
+    /// What was found, from the end on.
+    pub const fn report(&self) -> Option<&Electrical> {
+        match self.evaluation.result() {
+            Some(Ok(electrical)) => Some(electrical),
+            _ => None,
+        }
+    }
+
+    fn end(&mut self, failure: Option<Error>) {
+        if !self.ending {
+            self.failure = failure;
+            self.ending = true;
+        }
+    }
+
+    fn state(&self) -> State {
+        self.failure.map_or(State::Done, State::Failed)
     }
 
     /// What the drive has done by itself.
@@ -287,15 +339,20 @@ impl Standstill {
             Some(_) if self.begun => self.end(Some(Error::Disarmed)),
             _ => {}
         }
-        if now_ms.wrapping_sub(self.window_ms) > ANSWER_MS {
+        if self.window_ms.is_some_and(|window_ms| now_ms.wrapping_sub(window_ms) > ANSWER_MS) {
             self.end(Some(Error::NoAnswer));
         }
     }
-}
 
-/// Change of the voltage from window to window of a steady level: of it, and at least.
-const STEADY: f32 = 0.01;
-const STEADY_V: f32 = 0.02;
+    fn send(&mut self, service: &mut Service, now_ms: u32) {
+        let probe = self.evaluation.probe();
+        let due = self.sent.is_none_or(|(sent, ms)| sent != probe || now_ms.wrapping_sub(ms) >= REPEAT_MS);
+        if due && service.send_for_procedure(Command::Measure { begins: !self.told, probe }).is_ok() {
+            self.told = true;
+            self.sent = Some((probe, now_ms));
+        }
+    }
+}
 
 impl Procedure for Standstill {
     fn event(&mut self, event: &Event) {
@@ -307,41 +364,35 @@ impl Procedure for Standstill {
     fn measurement(&mut self, _: &Measurement) {}
 
     fn step(&mut self, service: &mut Service, now_ms: u32) -> State {
-        if !core::mem::replace(&mut self.started, true) {
-            self.window_ms = now_ms;
-            self.sent_ms = now_ms.wrapping_sub(REPEAT_MS);
-            self.mode = None;
-        }
+        self.window_ms.get_or_insert(now_ms);
         while let Some(window) = service.window() {
-            self.window_ms = now_ms;
-            self.window(&window);
+            self.window_ms = Some(now_ms);
+            self.evaluation.window(&window);
         }
+        // A drive that has left the state by itself refuses, too; its record says why.
         if let Some(Err(refusal)) = service.procedure_answer()
-            && !self.ending
+            && !self.begun
         {
-            // A drive that has left the state by itself refuses, too; its record says why.
-            if !self.begun {
-                self.failure = Some(Error::Refused(refusal));
-                return State::Failed(Error::Refused(refusal));
-            }
+            self.end(Some(Error::Refused(refusal)));
+        }
+        if let Some(result) = self.evaluation.result() {
+            let failure = result.err();
+            self.end(failure);
         }
         if !self.ending {
             self.check(now_ms);
         }
-        if self.ending {
-            let drives = self.mode.is_some_and(Mode::drives) && self.failure != Some(Error::NoAnswer);
-            if drives || !self.unanswered {
-                self.unanswered = self.unanswered || service.send_internal(Command::Disarm).is_ok();
-                return State::Running;
-            }
-            return self.failure.map_or(State::Done, State::Failed);
+        if !self.ending {
+            self.send(service, now_ms);
+            return State::Running;
         }
-        if now_ms.wrapping_sub(self.sent_ms) >= REPEAT_MS
-            && service.send_for_procedure(Command::Measure(self.probe)).is_ok()
-        {
-            self.sent_ms = now_ms;
+        // What refused to begin goes on as it was.
+        if matches!(self.failure, Some(Error::Refused(_))) {
+            return self.state();
         }
-        State::Running
+        self.disarmed = self.disarmed || service.send_internal(Command::Disarm).is_ok();
+        let drives = self.mode.is_some_and(Mode::drives) && self.failure != Some(Error::NoAnswer);
+        if drives || !self.disarmed { State::Running } else { self.state() }
     }
 
     fn cancel(&mut self) {
@@ -349,12 +400,6 @@ impl Procedure for Standstill {
     }
 
     fn progress(&self) -> f32 {
-        let level = match self.level {
-            _ if self.report.is_some() => 3.0,
-            Level::Full => 0.0,
-            Level::Half => 1.0,
-            Level::Ripple => 2.0,
-        };
-        (3.0 * f32::from(self.probe.phase) + level) / 9.0
+        self.evaluation.progress()
     }
 }

@@ -33,16 +33,13 @@ impl<F: NorFlash> Tasks<F> {
         let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(self.service, self.now_ms as u32)) else {
             return;
         };
-        // After a cancelled procedure nothing waits for the rotor, and nothing without a calibration.
-        let cancelled = matches!(outcome, Completion::Failed(_, Error::Cancelled | Error::Disarmed));
-        if !cancelled && self.sensors.is_some() {
+        // After a cancelled procedure nothing waits for the rotor.
+        if !matches!(outcome, Completion::Failed(_, Error::Cancelled | Error::Disarmed)) {
             self.rest = Some(Rest::after(self.activity(), self.now_ms));
         }
-        // A measurement at standstill has taken the drive out of the state ready.
-        self.install_due |= self.mode() == Mode::Unarmed && self.sensors.is_some();
         match outcome {
-            Completion::Found(found) => self.found = protocol::Procedure::Done(found),
-            Completion::Failed(Activity::Commissioning, error) => self.found = protocol::Procedure::Failed(error),
+            Completion::Swings(found) => self.swings = protocol::Procedure::Done(found),
+            Completion::Failed(Activity::Swings, error) => self.swings = protocol::Procedure::Failed(error),
             Completion::Motor(report) => {
                 let mut settings = self.settings;
                 if let Some(control) = &mut settings.control {

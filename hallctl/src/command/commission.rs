@@ -5,9 +5,13 @@ use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
 use crate::words;
 use clap::Args;
+use hallservo::mode::Mode;
 use hallservo::service::commission::{Action, Commission};
+use hallservo::service::procedure;
+use hallservo::service::standstill::{Electrical, Evaluation};
+use hallservo::service::swings::Rough;
 use hallservo::settings::{Control, Settings, TABLE, find};
-use hallservo_protocol::{Answer, Ask, Found, Procedure};
+use hallservo_protocol::{Answer, Ask, Procedure};
 
 #[derive(Debug, Args)]
 pub(super) struct Options {
@@ -33,8 +37,7 @@ pub(super) fn run(client: &mut Client, options: &Options) -> Result<()> {
         write(client, commission.settings())?;
         match commission.action() {
             Action::Measure => {
-                let found = found(client, Ask::MeasureStandstill, "R and L at standstill")?;
-                let Found::Electrical(found) = found else { return Err(step("R and L at standstill", "no result")) };
+                let found = standstill(client, commission.settings())?;
                 print!("At standstill:\n{found}");
                 commission.measured(&found).map_err(|error| words_of(&error))?;
             }
@@ -57,8 +60,7 @@ pub(super) fn run(client: &mut Client, options: &Options) -> Result<()> {
                     .map_err(|error| step("the calibration", &error.to_string()))?;
             }
             Action::Swing => {
-                let found = found(client, Ask::Swing, "flux linkage and inertia")?;
-                let Found::Rough(found) = found else { return Err(step("flux linkage and inertia", "no result")) };
+                let found = swings(client)?;
                 commission.swung(&found).map_err(|error| words_of(&error))?;
             }
             Action::Identify => {
@@ -111,15 +113,54 @@ fn words_of(error: &hallservo::settings::Error<'static>) -> Error {
     Error::Refused(words::setting_error(error))
 }
 
-/// A procedure of the commissioning.
-fn found(client: &mut Client, ask: Ask<'static>, name: &'static str) -> Result<Found> {
-    client.order(ask)?;
-    procedures::wait(client, name)?;
-    client.ask(Ask::Found, |answer| match answer {
-        Answer::Found(Procedure::Done(found)) => Ok(found),
-        Answer::Found(Procedure::Failed(error)) => Err(step(name, &words::procedure_error(&error))),
+const STANDSTILL: &str = "R and L at standstill";
+const SWINGS: &str = "flux linkage and inertia";
+
+fn swings(client: &mut Client) -> Result<Rough> {
+    client.order(Ask::Swing)?;
+    procedures::wait(client, SWINGS)?;
+    client.ask(Ask::Swings, |answer| match answer {
+        Answer::Swings(Procedure::Done(found)) => Ok(found),
+        Answer::Swings(Procedure::Failed(error)) => Err(step(SWINGS, &words::procedure_error(&error))),
         other => unexpected(&other),
     })
+}
+
+/// Measures R and L: the drive sums up what flows, the tool chooses what is to flow and computes.
+fn standstill(client: &mut Client, settings: &Settings) -> Result<Electrical> {
+    let config = settings.validate().map_err(|error| words_of(&error))?;
+    let mut evaluation = Evaluation::new(&config).map_err(|error| step(STANDSTILL, &words::procedure_error(&error)))?;
+    let measured = measure(client, &mut evaluation);
+    // Whatever has happened.
+    let disarmed = client.order(Ask::Disarm);
+    let found = measured.and_then(|found| disarmed.map(|()| found))?;
+    found.map_err(|error| step(STANDSTILL, &words::procedure_error(&error)))
+}
+
+type Measured = std::result::Result<Electrical, procedure::Error>;
+
+fn measure(client: &mut Client, evaluation: &mut Evaluation) -> Result<Measured> {
+    let mut begins = true;
+    loop {
+        if let Some(result) = evaluation.result() {
+            return Ok(*result);
+        }
+        if let Err(error) = client.order(Ask::Measure { begins, probe: evaluation.probe() }) {
+            let mode = client.status()?.mode;
+            return match mode {
+                Mode::Faulted(fault) if !begins => Ok(Err(procedure::Error::Fault(fault))),
+                _ => Err(error),
+            };
+        }
+        begins = false;
+        let window = client.ask(Ask::Window, |answer| match answer {
+            Answer::Window(window) => Ok(window),
+            other => unexpected(&other),
+        })?;
+        if let Some(window) = window {
+            evaluation.window(&window);
+        }
+    }
 }
 
 /// The drive's settings.
@@ -135,7 +176,7 @@ fn read(client: &mut Client) -> Result<Settings> {
     })?;
     // Without current control, a drive has not all of them.
     if known < TABLE.len() {
-        return Err(Error::Refused(words::procedure_error(&hallservo::service::procedure::Error::NoControl)));
+        return Err(Error::Refused(words::procedure_error(&procedure::Error::NoControl)));
     }
     Ok(settings)
 }

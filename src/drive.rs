@@ -83,8 +83,8 @@ struct Paths {
     field_oriented: FieldOriented,
     local_feedback: LocalFeedback,
     open_loop: OpenLoop,
-    standstill: Standstill,
     idle: Idle,
+    standstill: Standstill,
 }
 
 /// The control path that is active.
@@ -123,8 +123,8 @@ impl Drive {
                 field_oriented: FieldOriented::new(),
                 local_feedback: LocalFeedback::new(),
                 open_loop: OpenLoop::OFF,
-                standstill: Standstill::OFF,
                 idle: Idle::new(),
+                standstill: Standstill::OFF,
             },
             config,
             servo: Servo::new(),

@@ -10,7 +10,7 @@ use hallservo::mode::Mode;
 use hallservo::service::Event;
 use hallservo::service::commission::{Action, Commission};
 use hallservo::service::identification::{Identification, Plan};
-use hallservo::service::procedure::{Error, Procedure, State};
+use hallservo::service::procedure::{Error, Procedure, Serve, State};
 use hallservo::service::standstill::{Electrical, Standstill};
 use hallservo::service::swings::{Rough, Swings};
 use hallservo::settings::{Control, GuardSettings, Settings};

@@ -28,7 +28,7 @@ const fn may_repeat(ask: &Ask<'_>) -> bool {
             | Ask::Identify
             | Ask::LearnCogging
             | Ask::Save
-            | Ask::Measure { .. }
+            | Ask::Measure { begins: true, .. }
             | Ask::Swing
     )
 }

@@ -5,6 +5,7 @@ use hallservo::commutation::Commutation;
 use hallservo::control::Motor;
 use hallservo::control::config::BadDemand;
 use hallservo::drive;
+use hallservo::drive::standstill::Probe;
 use hallservo::fault::{Fault, Limits};
 use hallservo::hall::Channel;
 use hallservo::hall::adapt::{self, Parameter};
@@ -33,7 +34,7 @@ fn hex<'a, T: Serialize + Deserialize<'a> + PartialEq + std::fmt::Debug>(value: 
 
 #[test]
 fn the_version_is_this_one() {
-    assert_eq!(VERSION, 2);
+    assert_eq!(VERSION, 3);
 }
 
 #[test]
@@ -44,6 +45,8 @@ fn requests() {
         (Ask::Set { name: "stall_s", value: 1.0 }, "0113077374616c6c5f730000803f"),
         (Ask::Commutate(Commutation::FieldOriented), "010902"),
         (Ask::History(3), "011803"),
+        (Ask::Measure { begins: true, probe: Probe { phase: 1, current: 100, ripple: 2 } }, "01190101c80104"),
+        (Ask::Swing, "011b"),
     ];
     for (ask, bytes) in asks {
         assert_eq!(hex(&Request { id: 1, ask }), bytes, "{ask:?}");
@@ -120,6 +123,8 @@ fn refusals() {
         (procedure::Error::Inconclusive, "09"),
         (procedure::Error::NoTable, "0a"),
         (procedure::Error::Cancelled, "0b"),
+        (procedure::Error::NoCurrent { phase: 2 }, "0c02"),
+        (procedure::Error::Uneven, "0d"),
     ];
     for (error, bytes) in procedure {
         assert_eq!(hex(&error), bytes, "{error:?}");

@@ -1,6 +1,7 @@
 //! Frames: whatever comes over the line, the decoder finds the whole ones and nothing else.
 
 use hallservo::commutation::Commutation;
+use hallservo::drive::standstill::Probe;
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo_protocol::*;
@@ -29,7 +30,7 @@ fn texts(bytes: &[u8]) -> Vec<String> {
 /// Any request, with values as wild as they come.
 fn asks() -> impl Strategy<Value = Vec<u8>> {
     let name = "[a-z_]{0,40}";
-    (any::<u16>(), 0..23_u8, any::<u32>(), any::<u64>(), name).prop_map(|(id, kind, bits, wide, name)| {
+    (any::<u16>(), 0..27_u8, any::<u32>(), any::<u64>(), name).prop_map(|(id, kind, bits, wide, name)| {
         let (value, number) = (f32::from_bits(bits), bits as u16);
         request(
             id,
@@ -56,6 +57,13 @@ fn asks() -> impl Strategy<Value = Vec<u8>> {
                 19 => Ask::Load,
                 20 => Ask::Restore,
                 21 => Ask::Telemetry(value),
+                22 => Ask::Measure {
+                    begins: bits & 1 == 0,
+                    probe: Probe { phase: number as u8, current: bits as i32, ripple: wide as i32 },
+                },
+                23 => Ask::Window,
+                24 => Ask::Swing,
+                25 => Ask::Swings,
                 _ => Ask::History(number as u8),
             },
         )
@@ -128,7 +136,7 @@ fn another_version_is_told() {
         assert_eq!(decoded(&frame), [Err(Error::Version { found: version })]);
     }
     let text = Error::Version { found: 9 }.to_string();
-    assert!(text.contains("version 9") && text.contains("version 2"), "{text}");
+    assert!(text.contains("version 9") && text.contains(&format!("version {VERSION}")), "{text}");
 }
 
 /// Bit by bit, from the polynomial.

@@ -97,7 +97,7 @@ impl Standstill {
     fn step(&mut self, config: &Config, slow: i32, phases: [i32; 3], bus: i32) -> ([u16; 3], Option<Window>) {
         let Probe { phase, current, ripple } = self.window.probe;
         let phase = usize::from(phase % 3);
-        let flows = 3 * phases[phase] - phases.iter().sum::<i32>();
+        let flows = 3 * phases[phase] - (phases[0] + phases[1] + phases[2]);
         let limits = &config.limits;
         let counts = |strength: i32| limits.amplitude(Modulation::from_bits((strength >> 16) as i16)).counts();
         let limited = counts(self.strength) + ripple >= counts(i32::MAX);

@@ -55,8 +55,12 @@ pub trait Procedure {
 
     /// 0 to 1.
     fn progress(&self) -> f32;
+}
 
-    /// Polls the service and steps, for a task that has no other use for events and measurements.
+/// For a task that has no other use for events and measurements. Apart, so that a chip that does not need it has none of
+/// it.
+pub trait Serve: Procedure {
+    /// Polls the service and steps.
     fn serve(&mut self, service: &mut Service, now_ms: u32) -> State {
         while let Some(event) = service.poll() {
             self.event(&event);
@@ -67,6 +71,8 @@ pub trait Procedure {
         self.step(service, now_ms)
     }
 }
+
+impl<P: Procedure + ?Sized> Serve for P {}
 
 /// Where a procedure is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -109,6 +115,10 @@ pub enum Error {
     NotReached,
     /// The measurements do not determine the result.
     Inconclusive,
+    /// There is no room for the result: two tables have to be lent to the service.
+    NoTable,
+    /// The task ended it.
+    Cancelled,
     /// A phase got voltage, and no current to speak of flowed.
     NoCurrent {
         /// The phase, counted from 0.
@@ -116,10 +126,6 @@ pub enum Error {
     },
     /// The phases' resistances are not alike.
     Uneven,
-    /// There is no room for the result: two tables have to be lent to the service.
-    NoTable,
-    /// The task ended it.
-    Cancelled,
 }
 
 /// The name of a field that was not serialised.

@@ -363,6 +363,13 @@ fn what_is_wrong_is_said() {
     assert!(error.contains("sees no magnet turning"), "{error}");
     let error = complaint(paper, |rig| rig.plant.set_hall_fault(1, Some(plant::HallFault::StuckAt(1.65))));
     assert!(error.contains("Hall 2"), "{error}");
+    // An amplifier that shows nothing, at each phase, on a board that does not notice by the sum of the currents.
+    for phase in 0..3 {
+        let error = complaint(&Case { full_scale_a: 16.0, limit_a: 2.0, ..*paper }, |rig| {
+            rig.disturb = Some(Box::new(move |sample| sample.currents[phase] = 2048));
+        });
+        assert!(error.contains("Uneven") || error.contains("NoCurrent"), "{error}");
+    }
     // A shorted winding as far as the current limit goes: nothing leaps.
     let shorted = Case { ohm: 0.5e-3, henry: 0.5e-6, ..CASES[6] };
     println!("{}", complaint(&shorted, |_| ()));

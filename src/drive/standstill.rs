@@ -97,11 +97,14 @@ impl Standstill {
     fn step(&mut self, config: &Config, slow: i32, phases: [i32; 3], bus: i32) -> ([u16; 3], Option<Window>) {
         let Probe { phase, current, ripple } = self.window.probe;
         let phase = usize::from(phase % 3);
-        let flows = 3 * phases[phase] - (phases[0] + phases[1] + phases[2]);
+        let (own, all) = (phases[phase], phases[0] + phases[1] + phases[2]);
+        let flows = 3 * own - all;
+        // An amplifier that shows too little must not let too much flow: the other phases carry half each.
+        let largest = phases.iter().fold(flows.max(3 * own), |largest, &other| largest.max(-6 * other));
         let limits = &config.limits;
         let counts = |strength: i32| limits.amplitude(Modulation::from_bits((strength >> 16) as i16)).counts();
         let limited = counts(self.strength) + ripple >= counts(i32::MAX);
-        let rises = flows < 3 * current && !limited;
+        let rises = largest < 3 * current && !limited;
         self.strength = self.strength.saturating_add(if rises { slow } else { -slow }).max(0);
         let place = self.steps % (2 * HALF);
         let along = counts(self.strength) + if place < HALF { ripple } else { -ripple };

@@ -28,8 +28,23 @@ pub enum Action {
     Done,
 }
 
-/// Speeds to calibrate at, electrical, in the order in which they are tried; each with a share of the largest current.
-const SWEEPS: [(f32, f32); 4] = [(10.0, 0.33), (4.0, 0.45), (20.0, 0.45), (2.0, 0.45)];
+/// A way to calibrate.
+struct Sweep {
+    /// Speed of the field, electrical.
+    speed_hz: f32,
+    /// Its current, as a share of the largest.
+    share: f32,
+    /// Time to raise it. A heavy rotor swings about a field that rises fast, and hardly stops.
+    align_s: f32,
+}
+
+/// In the order in which they are tried.
+const SWEEPS: [Sweep; 4] = [
+    Sweep { speed_hz: 10.0, share: 0.33, align_s: 0.3 },
+    Sweep { speed_hz: 4.0, share: 0.45, align_s: 2.0 },
+    Sweep { speed_hz: 20.0, share: 0.45, align_s: 1.0 },
+    Sweep { speed_hz: 2.0, share: 0.45, align_s: 6.0 },
+];
 /// Lag and swing of the rotor in degrees up to which another one is not tried.
 const GOOD_LAG: f32 = 40.0;
 const GOOD_SWING: f32 = 6.0;
@@ -102,9 +117,10 @@ impl Commission {
     }
 
     fn choose_sweep(&mut self, number: usize) {
-        if let (Some((speed_hz, share)), Some(control)) = (SWEEPS.get(number), &mut self.settings.control) {
-            self.settings.calibration_hz = *speed_hz;
-            control.calibration_current_a = share * control.max_current_a;
+        if let (Some(sweep), Some(control)) = (SWEEPS.get(number), &mut self.settings.control) {
+            self.settings.calibration_hz = sweep.speed_hz;
+            self.settings.calibration_align_s = sweep.align_s;
+            control.calibration_current_a = sweep.share * control.max_current_a;
         }
     }
 

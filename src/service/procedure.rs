@@ -124,7 +124,7 @@ pub enum Error {
         /// The phase, counted from 0.
         phase: u8,
     },
-    /// The phases' resistances are not alike.
+    /// The phases' resistances are not alike: a bad contact, or an amplifier that shows too little.
     Uneven,
 }
 
@@ -154,7 +154,9 @@ impl fmt::Display for Error {
                 "no current answers the voltage at phase {}: is the motor connected, is there power?",
                 (b'A' + phase) as char
             ),
-            Self::Uneven => write!(f, "the phases' resistances differ: check the motor's wires and connectors"),
+            Self::Uneven => {
+                write!(f, "the phases' resistances differ: check the motor's wires and the current sensing")
+            }
             Self::NoTable => write!(f, "the service has no table to fill"),
             Self::Cancelled => write!(f, "cancelled"),
         }

@@ -124,6 +124,18 @@ impl Limits {
         ((self.low as i32 + self.high as i32 + 1) << fraction) >> 1
     }
 
+    /// The compare value nearest to a number of counts.
+    #[inline(always)]
+    pub const fn nearest(&self, counts: i32) -> u16 {
+        if counts < self.low as i32 {
+            self.low
+        } else if counts > self.high as i32 {
+            self.high
+        } else {
+            counts as u16
+        }
+    }
+
     /// Length in counts of the longest voltage vector that fits the range in every direction with
     /// [`svpwm`](crate::commutation::svpwm): its line voltage is the whole range, less two counts for rounding.
     pub fn longest_vector(&self) -> f64 {

@@ -2,15 +2,19 @@
 
 mod absolute;
 pub mod adaptation;
+pub mod commission;
 pub mod identification;
 pub mod identify;
 pub mod learning;
 pub mod pole_pairs;
 pub mod procedure;
 mod sequence;
+pub mod standstill;
+pub mod swings;
 
 use crate::config::Config;
 use crate::control::cogging;
+use crate::drive::standstill::Window;
 use crate::drive::{Command, Reply, Tasks};
 use crate::hall::Channel;
 use crate::hall::calibrate::{self, Calibration, Collector};
@@ -224,6 +228,11 @@ impl Service {
     /// are lost.
     pub fn measurement(&mut self) -> Option<Measurement> {
         self.tasks.measurements.dequeue()
+    }
+
+    /// The next window of a measurement at standstill.
+    pub fn window(&mut self) -> Option<Window> {
+        self.tasks.windows.dequeue()
     }
 
     /// Adds memory for a table of anti-cogging currents; with two, one can be filled while the drive uses the other.

@@ -67,6 +67,9 @@ impl<F: NorFlash> Tasks<F> {
                 Answer::Identification(protocol::Procedure::Running)
             }
             Ask::Cogging if self.activity() == Activity::Cogging => Answer::Cogging(protocol::Procedure::Running),
+            Ask::Swings if self.activity() == Activity::Swings => Answer::Swings(protocol::Procedure::Running),
+            Ask::Swings => Answer::Swings(self.swings),
+            Ask::Window => Answer::Window(self.window.take()),
             Ask::Calibration => Answer::Calibration(self.calibration),
             Ask::Identification => Answer::Identification(self.identification),
             Ask::Cogging => Answer::Cogging(self.cogging),
@@ -151,6 +154,11 @@ impl<F: NorFlash> Tasks<F> {
                 self.learn_cogging()?;
                 Ok(Step::Answer(Answer::Done))
             }
+            Ask::Measure { begins, probe } => self.command(drive::Command::Measure { begins, probe }, Command::Plain),
+            Ask::Swing => {
+                self.swing()?;
+                Ok(Step::Answer(Answer::Done))
+            }
             Ask::AntiCogging(true) if !self.has_table() => Err(Refusal::NoTable),
             Ask::AntiCogging(on) => self.change("anti_cogging", u8::from(on).into()),
             Ask::Set { name, value } => self.change(name, value),
@@ -173,6 +181,8 @@ impl<F: NorFlash> Tasks<F> {
             | Ask::Calibration
             | Ask::Identification
             | Ask::Cogging
+            | Ask::Swings
+            | Ask::Window
             | Ask::Setting(_)
             | Ask::Get(_)
             | Ask::Telemetry(_)
@@ -187,6 +197,14 @@ impl<F: NorFlash> Tasks<F> {
         self.may_turn()?;
         Procedure::motor(self.procedure, self.service.config())?;
         self.identification = protocol::Procedure::Running;
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn swing(&mut self) -> Result<(), Refusal<'static>> {
+        self.may_turn()?;
+        Procedure::swings(self.procedure, self.service.config())?;
+        self.swings = protocol::Procedure::Running;
         Ok(())
     }
 

@@ -18,9 +18,11 @@ use crate::storage::{Sensors, Storage};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::config::Config;
 use hallservo::control::cogging::Table;
+use hallservo::drive::standstill::Window;
 use hallservo::drive::{Refusal, Reply};
 use hallservo::mode::Mode;
 use hallservo::service::identify;
+use hallservo::service::swings::Rough;
 use hallservo::service::{Event, Service, adaptation};
 use hallservo::settings::Settings;
 use hallservo::telemetry::{Measurement, Record as DriveRecord};
@@ -70,6 +72,9 @@ pub(crate) struct Tasks<F> {
     pub calibration: Calibration,
     pub identification: protocol::Procedure<identify::Report>,
     pub cogging: protocol::Procedure<Cogging>,
+    pub swings: protocol::Procedure<Rough>,
+    /// The last window of a measurement at standstill, until it is asked for.
+    pub window: Option<Window>,
     /// The latest record of the drive.
     record: DriveRecord,
     measurement: Option<Measurement>,
@@ -105,6 +110,7 @@ impl<F: NorFlash> Tasks<F> {
             self.handle(event, torque_nm);
         }
         self.end_abandoned();
+        self.window = self.service.window().or(self.window);
         self.proceed();
         self.spare_config = self.spare_config.take().or_else(|| self.service.unused_config());
         self.update_drive();

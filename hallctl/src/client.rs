@@ -21,7 +21,17 @@ const ATTEMPTS: u32 = 4;
 /// Whether asked twice is no more than asked once, though the answer to the first was lost. What begins something, or
 /// ends it, is not.
 const fn may_repeat(ask: &Ask<'_>) -> bool {
-    !matches!(ask, Ask::Arm | Ask::Clear | Ask::Calibrate | Ask::Identify | Ask::LearnCogging | Ask::Save)
+    !matches!(
+        ask,
+        Ask::Arm
+            | Ask::Clear
+            | Ask::Calibrate
+            | Ask::Identify
+            | Ask::LearnCogging
+            | Ask::Save
+            | Ask::Measure { begins: true, .. }
+            | Ask::Swing
+    )
 }
 
 /// Who answers.

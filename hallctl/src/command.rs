@@ -1,5 +1,6 @@
 //! The command line.
 
+mod commission;
 mod faults;
 mod motion;
 mod pole_pairs;
@@ -60,6 +61,8 @@ enum Command {
     },
     /// Turn the rotor and find out what the Halls deliver
     Calibrate(procedures::Options),
+    /// Measure the motor, calibrate the Halls and set the control: all that a new motor needs but its largest current
+    Commission(commission::Options),
     /// Turn to and fro and measure the motor
     Identify(procedures::Options),
     /// Count the pole pairs while you turn the shaft by hand; after `calibrate`, with the bridge off
@@ -145,6 +148,7 @@ fn obey(client: &mut Client, command: &Command) -> Result<()> {
             client.setting(Ask::Commutate(commutation), |_| ())
         }
         Command::Calibrate(options) => procedures::calibrate(client, options),
+        Command::Commission(options) => commission::run(client, options),
         Command::Identify(options) => procedures::identify(client, options),
         Command::PolePairs { turns } => pole_pairs::count(client, *turns),
         Command::Cogging { what: Cogging::Learn, options } => procedures::learn_cogging(client, options),

@@ -61,6 +61,7 @@ pub const fn activity(activity: Activity) -> &'static str {
         Activity::Calibration => "a calibration",
         Activity::Identification => "the identification of the motor",
         Activity::Cogging => "learning the cogging",
+        Activity::Swings => "swinging the rotor",
     }
 }
 
@@ -175,7 +176,7 @@ fn drive_refusal(refusal: drive::Refusal) -> String {
 const NO_CONTROL: &str = "this drive has no current control: it can be given a voltage only";
 
 /// Why a setting cannot be changed so, and what to do.
-fn setting_error(error: &settings::Error<'_>) -> String {
+pub fn setting_error(error: &settings::Error<'_>) -> String {
     match error {
         settings::Error::OutOfRange { field, value, min, max } => {
             let (min, max) = (short(*min), short(*max));

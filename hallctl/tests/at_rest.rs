@@ -49,7 +49,7 @@ fn drift_deg(drive: &mut Simulator) -> f64 {
 fn every_procedure_leaves_the_rotor_at_rest() {
     let mut drive = drive(Flash::blank());
     run(&mut drive, 10);
-    for procedure in [Ask::Calibrate, Ask::Identify, Ask::LearnCogging] {
+    for procedure in [Ask::Calibrate, Ask::Swing, Ask::Identify, Ask::LearnCogging] {
         done(&mut drive, procedure);
         wait(&mut drive);
         let status = status(&mut drive);

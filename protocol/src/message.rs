@@ -6,8 +6,10 @@ use crate::status::{Activity, Problem, Status, Telemetry};
 use hallservo::commutation::Commutation;
 use hallservo::control::config::BadDemand;
 use hallservo::drive;
+use hallservo::drive::standstill::{Probe, Window};
 use hallservo::service::identify;
 use hallservo::service::procedure;
+use hallservo::service::swings::Rough;
 use hallservo::settings::{self, Kind};
 use serde::{Deserialize, Serialize};
 
@@ -97,6 +99,20 @@ pub enum Ask<'a> {
     Release,
     /// The settings are right as they are, though those in the flash could not be taken over: [`Status::unconfirmed`].
     Accept,
+    /// Measure at standstill, calibrated or not; to be repeated, or the bridge is switched off. [`Ask::Disarm`] ends it;
+    /// the sensors have to be calibrated then.
+    Measure {
+        /// Whether a measurement begins; otherwise one goes on.
+        begins: bool,
+        /// What is to be measured now.
+        probe: Probe,
+    },
+    /// What flowed: [`Answer::Window`].
+    Window,
+    /// Swing to and fro and measure flux linkage and inertia roughly, from a drive that is ready.
+    Swing,
+    /// What the last one came to: [`Answer::Swings`].
+    Swings,
 }
 
 impl Ask<'_> {
@@ -115,6 +131,8 @@ impl Ask<'_> {
                 | Self::Telemetry(_)
                 | Self::History(_)
                 | Self::Release
+                | Self::Window
+                | Self::Swings
         )
     }
 }
@@ -148,6 +166,10 @@ pub enum Answer<'a> {
     Telemetry(Telemetry),
     /// To [`Ask::History`].
     History(History),
+    /// To [`Ask::Window`]: one that was not asked for before, if there is any.
+    Window(Option<Window>),
+    /// To [`Ask::Swings`].
+    Swings(Procedure<Rough>),
 }
 
 /// Who is there.

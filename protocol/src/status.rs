@@ -18,6 +18,8 @@ pub enum Activity {
     Identification,
     /// Its cogging.
     Cogging,
+    /// Its flux linkage and inertia, roughly.
+    Swings,
 }
 
 /// What the flash holds of a kind.

@@ -5,6 +5,7 @@ use hallservo::commutation::Commutation;
 use hallservo::control::Motor;
 use hallservo::control::config::BadDemand;
 use hallservo::drive;
+use hallservo::drive::standstill::Probe;
 use hallservo::fault::{Fault, Limits};
 use hallservo::hall::Channel;
 use hallservo::hall::adapt::{self, Parameter};
@@ -46,6 +47,8 @@ fn requests() {
         (Ask::History(3), "01ac02001803"),
         (Ask::Release, "01ac020019"),
         (Ask::Accept, "01ac02001a"),
+        (Ask::Measure { begins: true, probe: Probe { phase: 1, current: 100, ripple: 2 } }, "01ac02001b0101c80104"),
+        (Ask::Swing, "01ac02001d"),
     ];
     for (ask, bytes) in asks {
         assert_eq!(hex(&Request { id: 1, client: 300, unattended: false, ask }), bytes, "{ask:?}");
@@ -129,6 +132,8 @@ fn refusals() {
         (procedure::Error::Inconclusive, "09"),
         (procedure::Error::NoTable, "0a"),
         (procedure::Error::Cancelled, "0b"),
+        (procedure::Error::NoCurrent { phase: 2 }, "0c02"),
+        (procedure::Error::Uneven, "0d"),
     ];
     for (error, bytes) in procedure {
         assert_eq!(hex(&error), bytes, "{error:?}");

@@ -1,6 +1,7 @@
 //! Frames: whatever comes over the line, the decoder finds the whole ones and nothing else.
 
 use hallservo::commutation::Commutation;
+use hallservo::drive::standstill::Probe;
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo_protocol::*;
@@ -29,7 +30,7 @@ fn texts(bytes: &[u8]) -> Vec<String> {
 /// Any request, with values as wild as they come.
 fn asks() -> impl Strategy<Value = Vec<u8>> {
     let name = "[a-z_]{0,40}";
-    (any::<u16>(), 0..25_u8, any::<u32>(), any::<u64>(), name).prop_map(|(id, kind, bits, wide, name)| {
+    (any::<u16>(), 0..29_u8, any::<u32>(), any::<u64>(), name).prop_map(|(id, kind, bits, wide, name)| {
         let (value, number) = (f32::from_bits(bits), bits as u16);
         request(
             id,
@@ -58,6 +59,13 @@ fn asks() -> impl Strategy<Value = Vec<u8>> {
                 21 => Ask::Telemetry(value),
                 22 => Ask::Release,
                 23 => Ask::Accept,
+                24 => Ask::Measure {
+                    begins: bits & 1 == 0,
+                    probe: Probe { phase: number as u8, current: bits as i32, ripple: wide as i32 },
+                },
+                25 => Ask::Window,
+                26 => Ask::Swing,
+                27 => Ask::Swings,
                 _ => Ask::History(number as u8),
             },
         )
@@ -130,7 +138,7 @@ fn another_version_is_told() {
         assert_eq!(decoded(&frame), [Err(Error::Version { found: version })]);
     }
     let text = Error::Version { found: 9 }.to_string();
-    assert!(text.contains("version 9") && text.contains("version 3"), "{text}");
+    assert!(text.contains("version 9") && text.contains(&format!("version {VERSION}")), "{text}");
 }
 
 /// Bit by bit, from the polynomial.

@@ -3,7 +3,7 @@
 use super::arming::Pending;
 use super::schedule::OUTER;
 use super::supervision::{self, Supervision};
-use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample};
+use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample, Standstill};
 use crate::angle::ElectricalAngle;
 use crate::commutation::{Commutation, Modulation};
 use crate::config::Config;
@@ -41,6 +41,7 @@ impl Drive {
                 return Err(Refusal::Fault(Fault::Disabled));
             }
             Command::Calibrate => self.calibrate(sample)?,
+            Command::Measure { begins, probe } => self.measure_standstill(begins, probe, sample)?,
             Command::Install(estimator) => self.install(estimator, sample.halls)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
             Command::Arm => self.arm(sample)?,
@@ -77,10 +78,11 @@ impl Drive {
         Ok(())
     }
 
-    fn calibrate(&mut self, sample: &Sample) -> Reply {
+    pub(super) fn calibrate(&mut self, sample: &Sample) -> Reply {
         self.on_command(Event::Calibrate)?;
         self.give_up_calibration();
         self.paths.open_loop = OpenLoop::OFF;
+        self.paths.standstill = Standstill::OFF;
         self.reset_servo(sample);
         self.publish();
         Ok(())

@@ -156,7 +156,7 @@ settings! {
         run_on_two_halls: bool = false, 0.0 => 1.0, "", Switch, FREE,
             "A running drive that loses a Hall runs on until it is stopped";
         /// A tenth of 24 V drives 0.3 A through the default motor.
-        calibration_modulation: f32 = 0.15, 0.01 => 0.5, "", Real, FREE, "Voltage of the calibration's field";
+        calibration_modulation: f32 = 0.15, 0.01 => 0.5, "", Real, FREE, "Voltage of the calibration's field, without current sensing";
         calibration_align_s: f32 = 0.3, 0.05 => 10.0, "s", Real, FREE,
             "Time to raise the field, and again to let the rotor settle";
         /// Where the calibration finds that the rotor swings about the field, another one helps: slower with one pole
@@ -181,11 +181,11 @@ settings! {
         /// From its middle.
         current_full_scale_a: f32 = 8.25, 0.1 => 1000.0, "A", Real, BOARD, "Current at the end of the ADC's range";
         bus_full_scale_v: f32 = 36.3, 5.0 => 1000.0, "V", Real, BOARD, "Bus voltage at the end of the ADC's range";
-        resistance_ohm: f32 = 3.75, 1e-3 => 100.0, "Ω", Real, FREE, "Resistance of a phase, star";
-        inductance_h: f32 = 0.36e-3, 1e-6 => 0.1, "H", Real, FREE, "Inductance of a phase, star";
-        flux_linkage_wb: f32 = 5e-3, 1e-5 => 1.0, "Wb", Real, FREE,
+        resistance_ohm: f32 = 3.75, 1e-4 => 1000.0, "Ω", Real, FREE, "Resistance of a phase, star";
+        inductance_h: f32 = 0.36e-3, 1e-7 => 1.0, "H", Real, FREE, "Inductance of a phase, star";
+        flux_linkage_wb: f32 = 5e-3, 1e-6 => 10.0, "Wb", Real, FREE,
             "Flux linkage of a phase: back-EMF per electrical rad/s";
-        inertia_kgm2: f32 = 1e-5, 1e-9 => 1.0, "kg·m²", Real, FREE, "Inertia of all that turns";
+        inertia_kgm2: f32 = 1e-5, 1e-9 => 100.0, "kg·m²", Real, FREE, "Inertia of all that turns";
         current_bandwidth_hz: f32 = 1000.0, 10.0 => s.pwm_hz / 20.0, "Hz", Real, FREE,
             "Bandwidth of the current control";
         feedback: Feedback = Feedback::Pi, 0.0 => 3.0, "", Choice("p|pi|pd|pid"), FREE,
@@ -207,6 +207,9 @@ settings! {
         max_supply_a: f32 = 30.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current from the supply";
         /// A laboratory supply or one behind a diode: 0. A battery: what it may be charged with.
         max_regeneration_a: f32 = 0.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current back into the supply";
+        /// 0: a third of `max_current_a`, at most `continuous_current_a`. It takes the place of `calibration_modulation`.
+        calibration_current_a: f32 = 0.0, 0.0 => c.max_current_a, "A", Real, FREE,
+            "Current of the calibration's field; 0: derived from the largest";
         hold_current_a: f32 = 1000.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current while a position is held";
         min_position_turns: f32 = -1e6, -1e6 => 1e6, "turns", Real, FREE, "Least position, mechanical";
         max_position_turns: f32 = 1e6, c.min_position_turns => 1e6, "turns", Real, FREE, "Largest position, mechanical";

@@ -57,6 +57,8 @@ impl<F: NorFlash> Tasks<F> {
             self.rest = Some(Rest::after(self.activity(), self.now_ms));
         }
         match outcome {
+            Completion::Swings(found) => self.swings = protocol::Procedure::Done(found),
+            Completion::Failed(Activity::Swings, error) => self.swings = protocol::Procedure::Failed(error),
             Completion::Motor(report) => {
                 let mut settings = self.settings;
                 if let Some(control) = &mut settings.control {

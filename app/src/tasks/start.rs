@@ -127,6 +127,8 @@ fn supervise<F: NorFlash>(
         calibration: Calibration::None,
         identification: protocol::Procedure::None,
         cogging: protocol::Procedure::None,
+        swings: protocol::Procedure::None,
+        window: None,
         record: DriveRecord::new(),
         measurement: None,
         readings: Readings::default(),

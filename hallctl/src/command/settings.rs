@@ -67,7 +67,7 @@ pub(super) fn run(client: &mut Client, command: &Command) -> Result<()> {
 }
 
 /// Hands every setting that this drive has to `take`.
-fn each(client: &mut Client, mut take: impl FnMut(&Setting<'_>)) -> Result<()> {
+pub(super) fn each(client: &mut Client, mut take: impl FnMut(&Setting<'_>)) -> Result<()> {
     for number in 0..client.identity().settings {
         match client.setting(Ask::Setting(number), &mut take) {
             // A drive without current control does not have all.
@@ -118,7 +118,7 @@ fn set(client: &mut Client, name: &str, value: &str) -> Result<()> {
     client.setting(Ask::Set { name, value }, show)
 }
 
-fn save(client: &mut Client) -> Result<()> {
+pub(super) fn save(client: &mut Client) -> Result<()> {
     let waits = client.ask(Ask::Save, |answer| match answer {
         Answer::Saved { waits } => Ok(waits),
         other => unexpected(&other),
@@ -156,7 +156,13 @@ fn import(client: &mut Client, path: &Path) -> Result<()> {
         };
         left.push((name, number(client, name, &text)?));
     }
-    // Some ranges depend on other settings, so what is refused at first may be allowed later.
+    set_all(client, left)?;
+    println!("{} settings set; `hallctl settings save` keeps them", table.len());
+    Ok(())
+}
+
+/// Sets several: some ranges depend on other settings, so what is refused at first may be allowed later.
+pub(super) fn set_all(client: &mut Client, mut left: Vec<(&str, f32)>) -> Result<()> {
     loop {
         let before = left.len();
         let mut refused = None;
@@ -172,11 +178,9 @@ fn import(client: &mut Client, path: &Path) -> Result<()> {
             }
         }
         match refused {
-            None => break,
+            None => return Ok(()),
             Some(error) if rest.len() == before => return Err(error),
             Some(_) => left = rest,
         }
     }
-    println!("{} settings set; `hallctl settings save` keeps them", table.len());
-    Ok(())
 }

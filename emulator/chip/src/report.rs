@@ -24,7 +24,7 @@ impl Chip {
                 bites: self.record.bites,
             }),
             window_watchdog: (self.wwdg.runs() || self.record.window_bites > 0)
-                .then(|| WindowWatchdog { used: self.wwdg.used, bites: self.record.window_bites }),
+                .then_some(WindowWatchdog { used: self.wwdg.used, bites: self.record.window_bites }),
             flash_operations: self.flash.operations,
             findings: self.record.findings.clone(),
             events: self.record.events.clone(),

@@ -59,6 +59,8 @@ pub const BRIDGE: Wiring = Wiring {
 pub fn settings() -> Settings {
     let control = Control {
         current_full_scale_a: 1.65 / VOLTS_PER_AMPERE,
+        // Half of the 40 A that ST names as the peak; what it stands for ever was not measured.
+        bridge_continuous_a: 20.0,
         // 169 kΩ and 18 kΩ.
         bus_full_scale_v: 3.3 * 187.0 / 18.0,
         guard: GuardSettings {

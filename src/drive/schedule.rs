@@ -194,10 +194,9 @@ impl Drive {
     /// What the supply leaves to the current; the end of the check at arming; the check for over-speed.
     #[inline(never)]
     fn over_speed_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let controls_field = self.config.commutation == Commutation::FieldOriented;
         self.with_servo(sample, |servo, paths, with| {
             let (speed, bus) = (with.rotor.speed(), paths.field_oriented.bus());
-            servo.protection.take_up(with.config, speed, bus, controls_field);
+            servo.protection.take_up(with.config, speed, bus);
         });
         if let Some(control) = &self.config.control
             && self.paths.arming.has_settled(control, self.record.rotor.speed())

@@ -17,8 +17,12 @@ fn settings() -> Settings {
 }
 
 fn armed(commutation: Commutation) -> Rig {
-    let settings = Settings { commutation, ..settings() };
-    let mut rig = Rig::new(&PlantParameters::imperfect(1), &settings, 1).unwrap();
+    // With local feedback, hardly anything brakes where the supply takes nothing back.
+    let control = Control { max_regeneration_a: 100.0, ..Control::default() };
+    let settings = Settings { commutation, control: Some(control), ..settings() };
+    let mut plant = PlantParameters::imperfect(1);
+    plant.bus.regenerative = true;
+    let mut rig = Rig::new(&plant, &settings, 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
     rig.command(Command::Arm).unwrap();
     rig

@@ -249,10 +249,9 @@ impl Drive {
     /// What the supply leaves to the current; too high a speed; the end of the check at arming.
     #[inline(never)]
     fn over_speed_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let controls_field = self.config.commutation == Commutation::FieldOriented;
         self.with_servo(sample, |servo, paths, with| {
             let (speed, bus) = (with.rotor.speed(), paths.field_oriented.bus());
-            servo.protection.take_up(with.config, speed, bus, controls_field);
+            servo.protection.take_up(with.config, speed, bus);
         });
         if self.config.control.is_some() && self.is_too_fast() {
             return self.fail_if(Some(Fault::OverSpeed));

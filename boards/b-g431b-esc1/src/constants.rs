@@ -76,6 +76,8 @@ const CEILINGS: &[Ceiling] = &[
 pub fn settings() -> Settings {
     let control = Control {
         current_full_scale_a: FULL_SCALE_A,
+        // Half of the 40 A that ST names as the peak; what it stands for ever was not measured.
+        bridge_continuous_a: 20.0,
         // 169 kΩ and 18 kΩ.
         bus_full_scale_v: 3.3 * 187.0 / 18.0,
         guard: GuardSettings {

@@ -80,6 +80,8 @@ const CEILINGS: &[Ceiling] = &[
 pub fn settings() -> Settings {
     let control = Control {
         current_full_scale_a: FULL_SCALE_A,
+        // 1.5 A RMS of the STSPIN830.
+        bridge_continuous_a: 2.1,
         // 169 kΩ and 9.31 kΩ.
         bus_full_scale_v: 3.3 * 178.31 / 9.31,
         // 1.5 A RMS.

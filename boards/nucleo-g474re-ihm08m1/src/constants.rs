@@ -70,6 +70,8 @@ const CEILINGS: &[Ceiling] = &[
 pub fn settings() -> Settings {
     let control = Control {
         current_full_scale_a: FULL_SCALE_A,
+        // 15 A RMS of the shield.
+        bridge_continuous_a: 21.0,
         // 169 kΩ and 9.31 kΩ.
         bus_full_scale_v: 3.3 * 178.31 / 9.31,
         guard: GuardSettings {

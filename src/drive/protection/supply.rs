@@ -39,12 +39,12 @@ impl Supply {
     /// Takes up speed and bus voltage: what may go back. `most` is the largest current in 2⁻¹³ of
     /// the full scale.
     #[inline(always)]
-    pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, most: i32, controls_field: bool) {
+    pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, most: i32) {
         let supply = &config.supply;
         self.forward = speed >= 0;
         self.short = high(speed.abs(), supply.short).min(MOST_SHORT) | 1;
-        // What nobody notices; more where the current along d is not controlled.
-        let little = if controls_field { most >> 4 } else { most >> 3 };
+        // What nobody notices: the noise of the speed loop must not move the current along d.
+        let little = most >> 3;
         self.returns = high(bus << 16, supply.returns) + little * little;
     }
 
@@ -90,7 +90,8 @@ impl Supply {
         let drawn = self.driving + (self.short >> 1);
         let braking = braking.min(most - ((self.field * 37) >> 6)).min(drawn);
         let share = (supply.end - bus).clamp(0, supply.band) * supply.slope;
-        self.braking = (braking * share) >> 16;
+        // A slow rotor returns next to nothing, and a large current that brakes it draws.
+        self.braking = if self.short < most >> 2 { braking } else { (braking * share) >> 16 };
     }
 
     /// Narrows a window.

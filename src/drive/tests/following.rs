@@ -75,7 +75,7 @@ fn heat_reduces_the_current_before_it_is_a_fault() {
     let code = (ntc.code(80.0) + ntc.code(100.0)) / 32.0;
     let mut sample = healthy(bench.model.codes(bench.rotor));
     sample.temperatures[0] = TemperatureCode::new(code as u16);
-    for _ in 0..35 * CYCLE {
+    for _ in 0..70 * CYCLE {
         bench.drive.step(&sample);
     }
     let share = bench.drive.state().current_reference as f32 / full.0 as f32;

@@ -419,3 +419,21 @@ fn a_drive_that_nobody_asks_any_more_ends_the_measurement_by_itself() {
 fn limited(case: &Case) -> Settings {
     *Commission::new(case.settings(), Some(case.limit_a)).unwrap().settings()
 }
+
+#[test]
+fn a_calibration_with_the_settings_of_another_motor_keeps_the_current_limit() {
+    let shares: Vec<_> = CASES
+        .par_iter()
+        .map(|case| {
+            let rig = Rig::new(&case.plant(3), &limited(case), 3).unwrap();
+            let mut bench = Bench { rig, largest_a: 0.0 };
+            // It may fail, but by what it says of the sensors and not by a fault.
+            let result = bench.calibrate().map(|report| report.hunting_deg);
+            (case.name, bench.largest_a / f64::from(case.limit_a), result)
+        })
+        .collect();
+    for (name, share, result) in shares {
+        println!("{name:16} {:4.0} % of the limit: {result:?}", 100.0 * share);
+        assert!(share <= 1.0, "{name}");
+    }
+}

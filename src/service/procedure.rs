@@ -57,8 +57,8 @@ pub trait Procedure {
     fn progress(&self) -> f32;
 }
 
-/// For a task that has no other use for events and measurements. Apart, so that a chip that does not need it has none of
-/// it.
+/// For a task that has no other use for events and measurements. Apart, so that a chip that does not need it has none
+/// of it.
 pub trait Serve: Procedure {
     /// Polls the service and steps.
     fn serve(&mut self, service: &mut Service, now_ms: u32) -> State {

@@ -1,9 +1,10 @@
 //! Flux linkage and inertia, roughly, of a motor that is calibrated and of which R is known: as a procedure.
 //!
 //! A current along q speeds the rotor up to a modest back-EMF, then it is reversed, to and fro. From reversal to
-//! reversal the rotor goes from one speed to the opposite one, so friction cancels: `J = K_t ∫i dt / ΔΩ`. What the
-//! voltage exceeds `R i` by is `λ ω`; what the dead time leaves cancels in the same way. The current begins small and is
-//! fitted to the rotor: less where it is fast, more where it does not move.
+//! reversal the rotor goes from one speed to the opposite one, so friction cancels in the first order:
+//! `J = K_t ∫i dt / ΔΩ`. One that takes half of the current makes J a third too large. What the voltage exceeds `R i`
+//! by is `λ ω`; what the dead time leaves cancels in the same way. The current begins small and is fitted to the rotor:
+//! less where it is fast, more where it does not move.
 //!
 //! It needs neither a speed loop nor a flux linkage, which are made of what it finds.
 
@@ -14,7 +15,7 @@ use crate::config::Config;
 use crate::control::{Current, Motor, Scale};
 use crate::telemetry::Measurement;
 
-/// What was found, within a tenth or so.
+/// What was found: against twenty simulated motors, flux linkage within 3 %, inertia up to 40 % too large.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

@@ -207,7 +207,7 @@ settings! {
         max_supply_a: f32 = 30.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current from the supply";
         /// A laboratory supply or one behind a diode: 0. A battery: what it may be charged with.
         max_regeneration_a: f32 = 0.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current back into the supply";
-        /// 0: a third of `max_current_a`, at most `continuous_current_a`. It takes the place of `calibration_modulation`.
+        /// 0: a third of `max_current_a`, at most `continuous_current_a`. Takes the place of `calibration_modulation`.
         calibration_current_a: f32 = 0.0, 0.0 => c.max_current_a, "A", Real, FREE,
             "Current of the calibration's field; 0: derived from the largest";
         hold_current_a: f32 = 1000.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current while a position is held";

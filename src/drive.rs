@@ -12,6 +12,7 @@
 //! | `idle` | bridge off | measures the angle; learns the current amplifiers' zeros |
 //! | `arming` | for an instant after arming, with current sensing | checks phases, amplifiers and commutation |
 //! | `open_loop` | aligning, calibrating | turns the field whatever the rotor does |
+//! | `standstill` | aligning, for a measurement | one phase against the others, to measure R and L |
 //! | `voltage` | running by a modulation | a voltage vector turned with the rotor, sinusoidal or block |
 //! | `local_feedback` | following, sinusoidal or block | one current controlled by one voltage |
 //! | `field_oriented` | following, field-oriented | currents along d and q controlled |
@@ -25,12 +26,14 @@ mod command;
 mod field_oriented;
 mod hall_loss;
 mod idle;
+mod interlock;
 mod local_feedback;
 pub mod open_loop;
 mod protection;
 mod records;
 mod schedule;
 mod servo;
+pub mod standstill;
 mod supervision;
 mod tracking;
 mod voltage;
@@ -56,6 +59,7 @@ use open_loop::{OpenLoop, Stage};
 pub use schedule::{CYCLE, OUTER};
 use servo::Servo;
 pub use servo::{Demand, State};
+use standstill::Standstill;
 pub(crate) use supervision::PARTS;
 use voltage::Voltage;
 
@@ -71,14 +75,16 @@ pub struct Drive {
     /// The estimator in use; none before the first calibration.
     estimator: Option<&'static mut Estimator>,
     channels: Interrupt,
-    config: Config,
     paths: Paths,
+    config: Config,
     servo: Servo,
     hall_loss: HallLoss,
     mode: Mode,
     limits: Limits,
     progress: Progress,
     arming: Arming,
+    /// Whether the enable input is off, in a step with that interlock.
+    disabled: bool,
 }
 
 /// The control paths.
@@ -89,6 +95,7 @@ struct Paths {
     local_feedback: LocalFeedback,
     open_loop: OpenLoop,
     idle: Idle,
+    standstill: Standstill,
 }
 
 impl Paths {
@@ -137,6 +144,7 @@ impl Drive {
                 local_feedback: LocalFeedback::new(),
                 open_loop: OpenLoop::OFF,
                 idle: Idle::new(),
+                standstill: Standstill::OFF,
             },
             config,
             servo: Servo::new(),
@@ -145,6 +153,7 @@ impl Drive {
             limits: Limits::NONE,
             progress: Progress::None,
             arming: Arming::OFF,
+            disabled: false,
         }
     }
 
@@ -241,7 +250,7 @@ impl Drive {
         let output = match self.path() {
             Path::Idle => self.idle(sample),
             Path::Arming => self.arming(sample),
-            Path::OpenLoop => self.open_loop(),
+            Path::OpenLoop => self.open_loop(sample),
             Path::Voltage => self.voltage(sample),
             Path::LocalFeedback => self.local_feedback(sample),
             Path::FieldOriented => self.field_oriented(sample),
@@ -307,12 +316,21 @@ impl Drive {
     }
 
     /// Turns the field. Its angle at the sampling instant is recorded as the rotor's, which follows it.
-    fn open_loop(&mut self) -> Output {
+    fn open_loop(&mut self, sample: &Sample) -> Output {
         self.servo.command_received();
-        let open_loop = &mut self.paths.open_loop;
-        self.record.rotor = Tracker::at(open_loop.field());
-        let stage = open_loop.step(&self.config.open_loop);
-        let output = open_loop.output(&self.config.limits);
+        if self.paths.standstill.is_active() {
+            return self.standstill(sample);
+        }
+        let Self { config, paths: Paths { open_loop, idle, .. }, servo, record, .. } = self;
+        record.rotor = Tracker::at(open_loop.field());
+        let stage = open_loop.step(&config.open_loop);
+        let output = match (&config.control, &config.open_loop.regulator) {
+            (Some(control), Some(regulator)) => {
+                open_loop.regulate(regulator, servo.measure_current(record.rotor.angle(), sample));
+                open_loop.compensated(regulator, &config.limits, idle.phases(control, sample))
+            }
+            _ => open_loop.output(&config.limits),
+        };
         self.progress = match stage {
             Stage::Rise | Stage::Stand(_) | Stage::Settle(_) => Progress::None,
             Stage::Record(sweep) => Progress::Sample(sweep),

@@ -12,7 +12,8 @@ pub type Modulation = I1F15;
 
 /// A fraction as a [`Modulation`], the nearest there is; zero for what is not a number.
 pub fn modulation(share: f32) -> Modulation {
-    Modulation::from_bits(libm::roundf(share * 32_768.0) as i16)
+    // −1 has a number, 1 has none: both ends are the same.
+    Modulation::from_bits((libm::roundf(share * 32_768.0) as i16).max(-i16::MAX))
 }
 
 /// What is wrong with a PWM setting.
@@ -121,6 +122,18 @@ impl Limits {
     #[inline(always)]
     pub const fn middle(&self, fraction: u32) -> i32 {
         ((self.low as i32 + self.high as i32 + 1) << fraction) >> 1
+    }
+
+    /// The compare value nearest to a number of counts.
+    #[inline(always)]
+    pub const fn nearest(&self, counts: i32) -> u16 {
+        if counts < self.low as i32 {
+            self.low
+        } else if counts > self.high as i32 {
+            self.high
+        } else {
+            counts as u16
+        }
     }
 
     /// Length in counts of the longest voltage vector that fits the range in every direction with

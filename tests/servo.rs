@@ -12,7 +12,8 @@ use sim::rig::{Rig, error_deg};
 
 fn settings() -> Settings {
     let commutation = Commutation::FieldOriented;
-    Settings { commutation, control: Some(Control::default()), ..Settings::default() }
+    let guard = GuardSettings { command_timeout_s: 60.0, ..GuardSettings::default() };
+    Settings { commutation, control: Some(Control { guard, ..Control::default() }), ..Settings::default() }
 }
 
 fn armed(commutation: Commutation) -> Rig {
@@ -45,7 +46,7 @@ fn every_commutation_controls_current_speed_and_position() {
         rig.command(Command::Position(rig.control().unwrap().position(here + 3.25).unwrap())).unwrap();
         rig.run(0.8, |_, _| ());
         let there = rig.drive.tracker().position().to_turns() / 4.0;
-        assert!((there - here - 3.25).abs() < 1e-3, "{commutation:?} {}", there - here);
+        assert!((there - here - 3.25).abs() < 1e-3, "{commutation:?} {} {:?}", there - here, rig.drive.mode());
         assert_eq!(rig.drive.mode(), Mode::Running);
     }
 }

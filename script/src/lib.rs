@@ -10,6 +10,7 @@
 //! at 1s     bus 12V                # the supply
 //! at 1s     current U 40A          # into a short at that phase, on top of the motor's; 0A ends it
 //! at 2s     break low              # the break pin; also: high, released
+//! at 2s     enable open             # the contact of the enable input; also: closed
 //! at 1s     load 0.05Nm            # torque against the shaft
 //! at 1s     turn 2                 # a hand turns the shaft by so many turns, backwards if negative, a second each
 //! at 1s     hot                    # the bridge's thermistor reads 150 °C
@@ -50,6 +51,8 @@ pub enum Event {
     Current(usize, f64),
     /// Level of the break pin; `None` lets go of it.
     Break(Option<bool>),
+    /// Whether the contact of the enable input is closed.
+    Enable(bool),
     /// Torque against the shaft, N·m.
     Load(f64),
     /// A hand turns the shaft by so many turns.

@@ -97,6 +97,11 @@ impl InverseClarke {
         Self(if reversed { -HALF_SQRT_3 } else { HALF_SQRT_3 })
     }
 
+    /// Whether phases B and C are exchanged.
+    pub const fn is_reversed(self) -> bool {
+        self.0 < 0
+    }
+
     /// Half of the phases; they sum to zero, but for a rounding of 2. Within 2 of the exact value.
     #[inline(always)]
     pub const fn of(self, vector: AlphaBeta) -> [i32; 3] {

@@ -92,6 +92,11 @@ impl Modulator {
         }
     }
 
+    /// Whether phases B and C are exchanged.
+    pub const fn is_reversed(&self) -> bool {
+        self.phases.is_reversed()
+    }
+
     /// The longest vector that fits the limits in every direction, with the correction of the dead time, as a share of
     /// the bus.
     pub fn longest(period: u16, dead_time: u16, limits: &Limits) -> f64 {

@@ -4,6 +4,7 @@ mod arming;
 mod guard;
 mod motion;
 mod overload;
+mod supply;
 
 use super::current::{self, LocalGains};
 use super::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity};
@@ -18,6 +19,7 @@ use core::fmt;
 pub(crate) use guard::Guard;
 pub(crate) use motion::{Model, Motion};
 pub(crate) use overload::{Heating, Overload};
+pub(crate) use supply::Supply;
 
 /// [`Control`] in the units of the interrupt.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -48,14 +50,14 @@ pub struct Config {
     pub(crate) ramp: i32,
     /// Current from which on the dead time's compensation stays the same, in 2⁻¹⁵ of the full scale.
     pub(crate) dead_time_saturation: i32,
-    /// Whether phases B and C are exchanged.
-    pub(crate) reversed: bool,
     /// Least speed at which the alignment is trimmed, in 2⁻³² electrical turns a step.
     pub(crate) trim_from: i32,
-    /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every 64 steps.
+    /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every 128
+    /// steps.
     pub(crate) trim_gain: i32,
     pub(crate) guard: Guard,
     pub(crate) overload: Overload,
+    pub(crate) supply: Supply,
     pub(crate) arming: ArmingCheck,
     pub(crate) motion: Motion,
     pub(crate) scale: Scale,
@@ -101,7 +103,8 @@ impl Config {
             motion: Motion::new(settings, frame, &motor, &scale),
             arming: ArmingCheck::new(settings, frame, &scale),
             overload: Overload::new(settings, &scale),
-            guard: Guard::new(&settings.guard, frame.adc_bits, loop_hz, &scale),
+            supply: Supply::new(settings, &motor, &scale),
+            guard: Guard::new(settings, frame.adc_bits, loop_hz, &scale),
             gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest as f32)
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,
             local: LocalGains::new(&motor, settings.feedback, current_hz, &scale)
@@ -119,7 +122,6 @@ impl Config {
             modulator: svpwm::Modulator::new(frame.period, frame.dead_time, &frame.limits, frame.reversed),
             ramp: (svpwm::RAMP as f32 / ramp.max(1.0)) as i32,
             dead_time_saturation: (RAMPS as f32 * ramp.max(1.0)) as i32,
-            reversed: frame.reversed,
             // A back-EMF of a fiftieth of the bus divider's full scale.
             trim_from: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * TURN).min(536_870_912.0) as i32,
             // There, a time constant of half a second on a bus of the full scale: an electrical radian over that
@@ -127,7 +129,7 @@ impl Config {
             trim_gain: (TURN
                 / TAU
                 / (svpwm::LONGEST as f32 / longest as f32 / 50.0)
-                / (0.5 * scale.step_hz / LONG as f32)
+                / (0.5 * scale.step_hz / (2 * LONG) as f32)
                 * 16_777_216.0)
                 .clamp(1.0, 2_147_483_520.0) as i32,
             scale,

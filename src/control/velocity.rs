@@ -49,6 +49,15 @@ impl Gains {
     }
 }
 
+/// What the speed controller makes of an error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Request {
+    /// Current, whatever the window.
+    pub asked: i32,
+    /// … within it.
+    pub current: i32,
+}
+
 /// The speed controller's integrator: a current in 2⁻³².
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -66,13 +75,20 @@ impl Integrator {
     /// One step: the current that makes the `measured` speed the `reference` one, beside what is fed `forward`;
     /// within the window. Speeds are up to 2²⁹, currents up to 2¹⁵.
     #[inline(always)]
-    pub const fn step(&mut self, gains: &Gains, reference: i32, measured: i32, forward: i32, window: &Window) -> i32 {
+    pub const fn step(
+        &mut self,
+        gains: &Gains,
+        reference: i32,
+        measured: i32,
+        forward: i32,
+        window: &Window,
+    ) -> Request {
         let error = clamp(reference.wrapping_sub(measured), gains.far);
         let asked = ((self.0 + error as i64 * gains.proportional as i64) >> 32) as i32 + forward;
         let current = window.cut(asked);
         // What is taken back is more than what is added, so it needs no limit of its own.
         self.0 += error as i64 * gains.integral as i64 + (current - asked) as i64 * gains.back as i64;
-        current
+        Request { asked, current }
     }
 }
 
@@ -93,7 +109,7 @@ mod tests {
         for _ in 0..20_000 {
             let measured = (speed * SCALE.per_radian_s()) as i32;
             let reference = (100.0 * SCALE.per_radian_s()) as i32;
-            let current = integrator.step(&gains, reference, measured, 0, &window) as f32 / SCALE.per_ampere();
+            let current = integrator.step(&gains, reference, measured, 0, &window).current as f32 / SCALE.per_ampere();
             speed += (0.03 * current - load_nm) / 1e-5 * 25e-6;
             largest = largest.max(speed);
         }

@@ -10,8 +10,8 @@ pub struct Window {
     pub lowest: i32,
     /// Not negative.
     pub highest: i32,
-    /// What has made it narrower than ± `max_current_a`.
-    pub narrowed: Limits,
+    /// What has made it narrower than ± `max_current_a`, from below and from above.
+    pub narrowed: [Limits; 2],
 }
 
 impl Window {
@@ -21,7 +21,7 @@ impl Window {
     /// From −`most` to `most`, which is not negative.
     #[inline(always)]
     pub const fn symmetric(most: i32) -> Self {
-        Self { lowest: -most, highest: most, narrowed: Limits::NONE }
+        Self { lowest: -most, highest: most, narrowed: [Limits::NONE; 2] }
     }
 
     /// Narrowed from below, to a limit that is not positive, for a reason.
@@ -29,7 +29,7 @@ impl Window {
     pub const fn from_below(&mut self, lowest: i32, reason: Limits) {
         if lowest > self.lowest {
             self.lowest = lowest;
-            self.narrowed = self.narrowed.with(reason);
+            self.narrowed[0] = reason;
         }
     }
 
@@ -38,7 +38,19 @@ impl Window {
     pub const fn from_above(&mut self, highest: i32, reason: Limits) {
         if highest < self.highest {
             self.highest = highest;
-            self.narrowed = self.narrowed.with(reason);
+            self.narrowed[1] = reason;
+        }
+    }
+
+    /// Why a current is cut, if it is.
+    #[inline(always)]
+    pub const fn reasons(&self, current: i32) -> Limits {
+        if current < self.lowest {
+            self.narrowed[0].with(Limits::CURRENT)
+        } else if current > self.highest {
+            self.narrowed[1].with(Limits::CURRENT)
+        } else {
+            Limits::NONE
         }
     }
 
@@ -68,10 +80,12 @@ mod tests {
         assert_eq!(window, Window::symmetric(100));
         window.from_below(-30, Limits::SUPPLY);
         assert_eq!((window.cut(-100), window.cut(-30), window.cut(7), window.cut(200)), (-30, -30, 7, 100));
-        assert_eq!(window.narrowed, Limits::SUPPLY);
+        assert_eq!(window.reasons(-100), Limits::SUPPLY.with(Limits::CURRENT));
+        assert_eq!(window.reasons(200), Limits::CURRENT);
+        assert_eq!(window.reasons(7), Limits::NONE);
         window.from_above(50, Limits::HEAT);
         assert_eq!(window.cut(60), 50);
-        assert_eq!(window.narrowed, Limits::SUPPLY.with(Limits::HEAT));
+        assert_eq!(window.reasons(60), Limits::HEAT.with(Limits::CURRENT));
     }
 
     #[test]

@@ -143,12 +143,12 @@ impl Arming {
     }
 
     /// Whether the rotor that the speed control was to bring to rest is there; `None` while it has time. To be asked
-    /// in every other [`LONG`] cycle.
+    /// once in a [`LONG`] cycle.
     pub fn has_settled(&mut self, control: &Control, speed: i32) -> Option<bool> {
         if self.stage != Stage::Settle {
             return None;
         }
-        self.steps += 2 * LONG;
+        self.steps += LONG;
         let longest = control.arming.longest_push;
         let rests = speed.unsigned_abs() <= control.arming.at_rest as u32 / 6;
         ((rests && self.steps >= longest / 4) || self.steps >= 4 * longest).then_some(rests)

@@ -3,7 +3,7 @@
 use super::arming::Pending;
 use super::schedule::OUTER;
 use super::supervision::{self, Supervision};
-use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample};
+use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample, Standstill};
 use crate::angle::ElectricalAngle;
 use crate::commutation::{Commutation, Modulation};
 use crate::config::Config;
@@ -37,7 +37,11 @@ impl Drive {
     fn execute(&mut self, command: Command, sample: &Sample) -> Reply {
         let restarts_timeout = command.restarts_timeout();
         match command {
+            Command::Calibrate | Command::Arm if self.disabled && !matches!(self.mode, Mode::Faulted(_)) => {
+                return Err(Refusal::Fault(Fault::Disabled));
+            }
             Command::Calibrate => self.calibrate(sample)?,
+            Command::Measure { begins, probe } => self.measure_standstill(begins, probe, sample)?,
             Command::Install(estimator) => self.install(estimator, sample.halls)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
             Command::Arm => self.arm(sample)?,
@@ -74,16 +78,31 @@ impl Drive {
         Ok(())
     }
 
-    fn calibrate(&mut self, sample: &Sample) -> Reply {
+    pub(super) fn calibrate(&mut self, sample: &Sample) -> Reply {
         self.on_command(Event::Calibrate)?;
+        self.give_up_calibration();
         self.paths.open_loop = OpenLoop::OFF;
+        self.paths.standstill = Standstill::OFF;
         self.reset_servo(sample);
-        self.progress = Progress::None;
         self.publish();
         Ok(())
     }
 
-    fn disarm(&mut self) -> Reply {
+    /// Whether an estimator was made for the settings of now.
+    const fn fits(&self, estimator: &Estimator) -> bool {
+        estimator.is_for(self.config.adc_bits, self.config.is_reversed())
+    }
+
+    /// Gives the estimator back: it is not to be used again, even where no other one comes.
+    fn give_up_calibration(&mut self) {
+        self.progress = Progress::None;
+        if let Some(estimator) = self.estimator.take() {
+            self.record.rotor = Tracker::at(self.record.rotor.angle());
+            let _ = self.channels.retired.enqueue(estimator);
+        }
+    }
+
+    pub(super) fn disarm(&mut self) -> Reply {
         self.on_command(Event::Disarm)?;
         self.progress = Progress::None;
         self.publish();
@@ -94,7 +113,9 @@ impl Drive {
         // A model that was learnt while a hand turns the shaft must not reset the count of its turns.
         let tracks = self.mode == Mode::Ready && self.record.missed <= self.config.tolerated;
         let calibrated = self.mode == Mode::Unarmed && self.progress == Progress::Complete;
-        let allowed = self.on_command(Event::Installed);
+        // It may have been made for settings that have been replaced since.
+        let fits = if self.fits(estimator) { Ok(()) } else { Err(Refusal::NotCalibrated) };
+        let allowed = fits.and_then(|()| self.on_command(Event::Installed));
         let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
             // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
@@ -255,6 +276,10 @@ impl Drive {
         let allowed = if self.mode.drives() { Err(Refusal::Mode(self.mode)) } else { Ok(()) };
         if allowed.is_ok() {
             core::mem::swap(&mut self.config, config);
+            if self.estimator().is_some_and(|estimator| !self.fits(estimator)) {
+                self.give_up_calibration();
+                self.on(Event::Invalidated);
+            }
         }
         let _ = self.channels.configs.enqueue(config);
         allowed

@@ -3,6 +3,7 @@
 mod currents;
 mod overload;
 mod stall;
+mod supply;
 mod temperature;
 mod timeout;
 
@@ -13,6 +14,7 @@ use crate::fault::{Fault, Limits};
 use currents::Currents;
 use overload::Overload;
 use stall::Stall;
+use supply::Supply;
 use temperature::Temperature;
 pub use timeout::Timeout;
 
@@ -28,6 +30,9 @@ pub(super) struct Protection {
     overload: Overload,
     /// Largest current while a position is held.
     pub held: i32,
+    /// Largest current that heat allows, in 2⁻¹⁵ of the full scale.
+    most: i32,
+    supply: Supply,
 }
 
 impl Protection {
@@ -40,6 +45,8 @@ impl Protection {
         temperatures: [Temperature::NONE; 2],
         overload: Overload::POWER_UP,
         held: i32::MAX,
+        most: 0,
+        supply: Supply::NONE,
     };
 
     /// Clears the counts while the bridge is off. What is warm stays warm.
@@ -74,7 +81,9 @@ impl Protection {
         self.overload.begin(config);
         self.overload.limit_by_winding(config);
         self.overload.limit_by_bridge(config);
-        self.limit_by_heat(config);
+        self.limit_by_heat();
+        self.supply = Supply::NONE;
+        self.narrow(config);
     }
 
     /// A part of the work against heat, of 16. `square` is that of the current's length.
@@ -84,25 +93,58 @@ impl Protection {
         match part % 16 {
             0 | 8 => overload.count_winding(config, square()),
             4 | 12 => overload.count_bridge(config, square()),
-            2 => overload.count_housing(config, square()),
+            11 => overload.count_housing(config, square()),
             1 => return temperature::fault(config, sample, 0),
             9 => return temperature::fault(config, sample, 1),
             5 => bridge.derate(config, sample, 0),
             13 => motor.derate(config, sample, 1),
-            3 | 11 => return overload.limit_by_winding(config),
-            7 | 15 => return overload.limit_by_bridge(config),
-            _ => self.limit_by_heat(config),
+            3 => return overload.limit_by_winding(config),
+            7 => return overload.limit_by_bridge(config),
+            _ => self.limit_by_heat(),
         }
         None
     }
 
-    /// The window that heat leaves.
+    /// The largest current that heat allows.
     #[inline(always)]
-    fn limit_by_heat(&mut self, config: &Config) {
+    fn limit_by_heat(&mut self) {
         let [bridge, motor] = self.temperatures.map(|temperature| temperature.most);
-        let most = bridge.min(motor).min(self.overload.most());
-        let narrowed = Limits::NONE.set(Limits::HEAT, most < config.max_current);
-        let most = most.min(self.held);
-        self.window = Window { narrowed, ..Window::symmetric(most) };
+        self.most = bridge.min(motor).min(self.overload.most());
+    }
+
+    /// Takes up speed and bus voltage for what the supply takes back.
+    #[inline(always)]
+    pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, controls_field: bool) {
+        self.supply.take_up(config, speed, bus, self.most >> 2, controls_field);
+    }
+
+    /// The current along d that burns what the supply does not take back, for a current along q that is `asked` for; in
+    /// 2⁻²⁸ of the full scale.
+    #[inline(always)]
+    pub fn burn(&mut self, config: &Config, bus: i32, asked: i32, controls_field: bool) -> i32 {
+        self.supply.burn(config, bus, asked, self.most >> 2, controls_field)
+    }
+
+    /// What the supply has to drive with.
+    #[inline(always)]
+    pub fn limit_driving(&mut self, config: &Config, bus: i32) {
+        self.supply.limit_driving(config, bus, self.most >> 2);
+    }
+
+    /// What is left to brake with.
+    #[inline(always)]
+    pub fn limit_braking(&mut self, config: &Config, bus: i32) {
+        self.supply.limit(config, bus, self.most >> 2);
+    }
+
+    /// The window that is left by all that narrows it.
+    #[inline(always)]
+    pub fn narrow(&mut self, config: &Config) {
+        self.window = Window::symmetric(config.max_current);
+        self.window.from_below(-self.most, Limits::HEAT);
+        self.window.from_above(self.most, Limits::HEAT);
+        self.window.from_below(-self.held, Limits::NONE);
+        self.window.from_above(self.held, Limits::NONE);
+        self.supply.narrow(&mut self.window);
     }
 }

@@ -6,6 +6,7 @@
 
 use super::servo::{Context, Servo};
 use super::{Demand, Drive, Paths, Route, Sample};
+use crate::commutation::Commutation;
 use crate::control::Speed;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
@@ -61,19 +62,24 @@ impl Drive {
             3 | 11 | 19 | 27 | 35 | 43 | 51 | 59 => return self.protection_slot(sample),
             4 | 12 | 20 | 28 | 36 | 44 | 52 | 60 => self.slot(sample, |servo, _, with| servo.speed_loop(with)),
             6 | 14 | 22 | 30 | 38 | 46 | 54 | 62 => self.slot(sample, |servo, _, with| servo.update_reference(with)),
-            // Every 16 steps.
-            RECORD | 23 | 39 | 55 => self.record_slot(sample),
-            // Every 32 steps. Slot 13 is late after a change of the current reference, so the currents that it notes
-            // have settled.
+            // Every 32 steps.
+            RECORD | 39 => self.record_slot(sample),
             5 | 37 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
-            13 | 45 => self.slot(sample, Self::measurement_slot),
-            21 | 53 => return self.speed_slot(sample),
-            // Every 64 steps.
-            15 => self.slot(sample, Self::alignment_slot),
-            29 => return self.position_slot(sample),
-            47 => return self.direction_slot(sample),
-            61 => return self.supervision_slot(sample),
+            // Every 64 steps. Slot 13 is late after a change of the current reference, so the currents that it notes
+            // have settled.
+            13 => self.slot(sample, Self::measurement_slot),
+            15 => self.alignment_slot(sample),
+            21 => return self.speed_slot(sample),
+            23 => return self.supervision_slot(sample),
+            29 => return self.over_speed_slot(sample),
             31 => self.hand_over_slot(),
+            45 => self.burn_slot(sample),
+            47 => self.slot(sample, |servo, paths, with| {
+                servo.protection.limit_braking(with.config, paths.field_oriented.bus());
+            }),
+            53 => return self.direction_slot(sample),
+            55 => self.slot(sample, |servo, _, with| servo.attend_to_position(with)),
+            61 => self.slot(sample, |servo, _, with| servo.protection.narrow(with.config)),
             _ => return self.heat_slot(sample),
         }
         self.estimator()
@@ -154,12 +160,28 @@ impl Drive {
         );
     }
 
-    /// Trims the alignment; checks whether the voltage is at its limit.
-    #[inline(always)]
-    fn alignment_slot(servo: &mut Servo, paths: &mut Paths, with: &Context) {
-        let field = &mut paths.field_oriented;
-        servo.limits = servo.limits.set(Limits::DUTY, field.is_limited());
-        field.trim_alignment(with.config, with.rotor.speed());
+    /// The current along d for braking.
+    #[inline(never)]
+    fn burn_slot(&mut self, sample: &Sample) {
+        let controls_field = self.config.commutation == Commutation::FieldOriented;
+        self.with_servo(sample, |servo, paths, with| {
+            servo.burn(with.config, paths.field_oriented.bus(), controls_field);
+        });
+    }
+
+    /// In turns: trims the alignment; what the supply has to drive with.
+    #[inline(never)]
+    fn alignment_slot(&mut self, sample: &Sample) {
+        let trims = (self.servo.schedule.tick / LONG).is_multiple_of(2);
+        self.with_servo(sample, |servo, paths, with| {
+            let field = &mut paths.field_oriented;
+            if !trims {
+                servo.protection.limit_driving(with.config, field.bus());
+            } else if servo.reference.current.d == 0 {
+                // A current along d takes a voltage of its own.
+                field.trim_alignment(with.config, with.rotor.speed());
+            }
+        });
     }
 
     /// Feed-forward of the back-EMF for the present speed; the check for a stall.
@@ -224,14 +246,15 @@ impl Drive {
         self.estimator()
     }
 
-    /// In turns: what the rotor's position allows; too high a speed, and the end of the check at arming.
+    /// What the supply leaves to the current; too high a speed; the end of the check at arming.
     #[inline(never)]
-    fn position_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        if self.servo.schedule.tick & LONG != 0 {
-            self.with_servo(sample, |servo, _, with| servo.attend_to_position(with));
-            return self.estimator();
-        }
-        if self.is_too_fast() {
+    fn over_speed_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let controls_field = self.config.commutation == Commutation::FieldOriented;
+        self.with_servo(sample, |servo, paths, with| {
+            let (speed, bus) = (with.rotor.speed(), paths.field_oriented.bus());
+            servo.protection.take_up(with.config, speed, bus, controls_field);
+        });
+        if self.config.control.is_some() && self.is_too_fast() {
             return self.fail_if(Some(Fault::OverSpeed));
         }
         if self.arming.is_active() {
@@ -267,7 +290,7 @@ impl Drive {
     #[inline(never)]
     fn heat_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         let part = self.servo.schedule.tick / LONG;
-        let fault = self.with_servo(sample, |servo, _, with| servo.heat(part, with));
+        let fault = self.with_servo(sample, |servo, paths, with| servo.heat(part, &paths.field_oriented, with));
         self.fail_if(fault.flatten())
     }
 

@@ -35,11 +35,11 @@ pub enum Demand {
     Position(Position),
 }
 
-/// Reference of the current along q, as the field-oriented step works with it.
+/// Reference of the current, as the field-oriented step works with it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reference {
     /// In 2⁻²⁸ of the full scale.
-    pub current: i32,
+    pub current: Dq,
     /// For the compensation of the dead time, in the unit of
     /// [`Modulator::compare`](crate::commutation::svpwm::Modulator::compare).
     pub dead_time: i32,
@@ -68,6 +68,8 @@ pub(super) struct Servo {
     /// Current along q that the speed loop or the command asks for, in 2⁻¹⁵ of the full scale; before anti-cogging and
     /// limit.
     current_request: i32,
+    /// … before the speed loop has limited it.
+    asked: i32,
     speed_integrator: Integrator,
     /// Anti-cogging current over the electrical angle, if it is on.
     pub cogging: Option<&'static mut cogging::Table>,
@@ -77,7 +79,7 @@ pub(super) struct Servo {
     pub supervised: bool,
     /// What limits the control at the moment.
     pub limits: Limits,
-    /// For the tasks, noted every [`CYCLE`](super::CYCLE) steps.
+    /// For the tasks, noted every 64 steps.
     pub measurement: Measurement,
     pub schedule: Schedule,
     pub supervision: Supervision,
@@ -92,7 +94,7 @@ impl Servo {
             protection: Protection::NONE,
             supervision: Supervision::NONE,
             clarke: Clarke::new(0, [0; 3], false),
-            reference: Reference { current: 0, dead_time: 0 },
+            reference: Reference { current: Dq { d: 0, q: 0 }, dead_time: 0 },
             current: Dq { d: 0, q: 0 },
             demand: Demand::Voltage,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
@@ -101,6 +103,7 @@ impl Servo {
             supervised: false,
             speed_reference: 0,
             current_request: 0,
+            asked: 0,
             speed_integrator: Integrator::ZERO,
             cogging: None,
             limits: Limits::NONE,
@@ -112,14 +115,15 @@ impl Servo {
     /// Everything at rest, following nothing; the amplifiers' zeros are those of now.
     pub fn reset(&mut self, config: &Config, zeros: &Idle) {
         self.protection.currents.set_zeros(config, zeros.zeros());
-        self.clarke = Clarke::new(config.shift, zeros.zeros(), config.reversed);
+        self.clarke = Clarke::new(config.shift, zeros.zeros(), config.modulator.is_reversed());
         // One by one: a whole new servo on its way over the stack would take as long as all the rest of the step.
         self.current = Dq { d: 0, q: 0 };
         self.demand = Demand::Voltage;
         self.trajectory = Trajectory::at(Position::from_bits(0), 0);
-        (self.speed_reference, self.current_request) = (0, 0);
+        (self.speed_reference, self.current_request, self.asked) = (0, 0, 0);
         self.speed_integrator = Integrator::ZERO;
         self.limits = Limits::NONE;
+        self.reference.current.d = 0;
         self.set_reference(config, 0);
     }
 
@@ -162,7 +166,7 @@ impl Servo {
         (self.ends, self.is_far) = (false, false);
         self.protection.held = i32::MAX;
         if let Demand::Current(Current(current)) = demand {
-            self.current_request = current;
+            (self.asked, self.current_request) = (current, current);
             self.set_reference(config, current);
         }
     }
@@ -211,7 +215,8 @@ impl Servo {
             let (reference, measured) = (self.speed_reference, with.rotor.speed());
             let forward = gains.feed_forward(self.trajectory.acceleration());
             let window = &self.protection.window;
-            self.current_request = self.speed_integrator.step(gains, reference, measured, forward, window);
+            let request = self.speed_integrator.step(gains, reference, measured, forward, window);
+            (self.asked, self.current_request) = (request.asked, request.current);
         }
     }
 
@@ -266,11 +271,22 @@ impl Servo {
         None
     }
 
-    /// A part of the protection against heat.
+    /// A part of the protection against heat, or what is told of the limits.
     #[inline(always)]
-    pub fn heat(&mut self, part: u32, with: &Context) -> Option<Fault> {
+    pub fn heat(&mut self, part: u32, field: &FieldOriented, with: &Context) -> Option<Fault> {
+        if part % 4 == 2 {
+            let reasons = self.protection.window.reasons(self.asked);
+            self.limits = self.limits.without(Self::CUTS).with(reasons).set(Limits::DUTY, field.is_limited());
+            return None;
+        }
         let square = || self.clarke.of(with.sample.currents).square();
         self.protection.heat(part, square, with.config, with.sample)
+    }
+
+    /// The current along d that burns what braking returns.
+    #[inline(always)]
+    pub fn burn(&mut self, config: &Config, bus: i32, controls_field: bool) {
+        self.reference.current.d = self.protection.burn(config, bus, self.asked, controls_field);
     }
 
     /// Whether the rotor is stalled: at rest with the largest current.
@@ -290,13 +306,10 @@ impl Servo {
     /// Sets the current reference, within its limit, and the dead time's compensation for it.
     #[inline(always)]
     fn set_reference(&mut self, config: &Config, request: i32) {
-        let window = &self.protection.window;
-        let limited = window.cut(request);
+        let limited = self.protection.window.cut(request);
         self.measurement.state.current_reference = limited;
-        self.reference.current = limited << PARK_BITS;
+        self.reference.current.q = limited << PARK_BITS;
         self.reference.dead_time = clamp(limited, config.dead_time_saturation) * config.ramp;
-        let reasons = if limited == request { Limits::NONE } else { window.narrowed.with(Limits::CURRENT) };
-        self.limits = self.limits.without(Self::CUTS).with(reasons);
     }
 
     /// Reference of the current along q, in 2⁻¹⁵ of the full scale.

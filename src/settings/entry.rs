@@ -23,8 +23,8 @@ pub struct Entry {
     pub name: &'static str,
     /// Unit of the value, up to 8 bytes.
     pub unit: &'static str,
-    /// What values it takes.
-    pub kind: Kind<'static>,
+    /// What values it takes. Few kinds are shared by many rows, for the sake of the flash.
+    pub kind: &'static Kind<'static>,
     /// Whether it follows from the board's parts.
     pub fixed: bool,
     /// `None` without current control. One function to read and to write, for the sake of the flash.
@@ -39,9 +39,10 @@ impl Entry {
         (self.field)(&mut { *settings }).map(|field| field.number())
     }
 
-    /// Least and most value, as the other settings are.
+    /// Least and most value, as the other settings are and the board allows.
     pub fn range(&self, settings: &Settings) -> (f32, f32) {
-        (self.range)(settings)
+        let (min, max) = (self.range)(settings);
+        (min, max.min(settings.ceiling(self.name)))
     }
 
     /// Whether the value is in its range.
@@ -51,7 +52,7 @@ impl Entry {
 
     #[inline(never)]
     fn check_value(&self, settings: &Settings, value: f32) -> Result<(), Error<'static>> {
-        let (min, max) = self.range(settings);
+        let (min, max) = (self.range)(settings);
         // Not a number is in no range.
         let inside = (min..=max).contains(&value);
         if inside { Ok(()) } else { Err(Error::OutOfRange { field: self.name, value, min, max }) }
@@ -63,7 +64,7 @@ impl Entry {
     /// # Errors
     /// Why not.
     pub fn assign(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
-        if self.kind != Kind::Real {
+        if *self.kind != Kind::Real {
             self.check_value(settings, value)?;
             if value != libm::truncf(value) {
                 return Err(Error::NotWhole);

@@ -4,13 +4,16 @@ mod bridge;
 mod clock;
 mod control;
 mod converters;
+mod enable;
 mod last;
+mod line;
 mod storage;
 mod watchdog;
 
 pub use bridge::{Bridge, Pin};
 pub use control::Control;
 pub use converters::{Converter, result};
+pub use line::Listen;
 
 use crate::registers::clock::{HCLK_HZ, PCLK1_HZ, baud};
 use crate::wiring::Wiring;
@@ -24,7 +27,8 @@ use embassy_stm32::{Peri, Peripherals, peripherals};
 use hallservo::board::Sample;
 use hallservo::drive::Drive;
 use hallservo::settings::Settings;
-use hallservo_app::{Housekeeping, Identity, Memory, Supervisor, embassy};
+use hallservo_app::{Housekeeping, Identity, Memory, Stop, Supervisor, embassy};
+use line::Received;
 use static_cell::{ConstStaticCell, StaticCell};
 use storage::Storage;
 
@@ -53,19 +57,26 @@ const BAUD: u32 = 460_800;
 const _: () = assert!(baud(PCLK1_HZ, BAUD).1.abs() < 100, "the baud rate is off by more than 1 %");
 
 static HOUSEKEEPING: Housekeeping = Housekeeping::new();
+static STOP: Stop = Stop::new();
 
 /// The bridge, safe before anything else happens; then clocks, priorities and time.
 pub fn start<B: Board>() -> (Bridge, Peripherals) {
     let bridge = Bridge::new(&B::BRIDGE, B::PINS);
+    if let Some(input) = B::BRIDGE.enable {
+        enable::start(input);
+    }
     let Some(mut core) = cortex_m::Peripherals::take() else { panic!("started twice") };
     shared::priority::init(&mut core.NVIC, &mut core.SCB, Interrupt::ADC1_2);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
     let peripherals = clock::start();
     bridge.guard_against_the_core();
-    // A breakpoint stops the timer, which takes its outputs to their idle levels, and the watchdog.
+    // A breakpoint stops the timer, which takes its outputs to their idle levels, and the watchdogs.
     DBGMCU.apb2fzr().modify(|freeze| freeze.set_tim1(true));
-    DBGMCU.apb1lfzr().modify(|freeze| freeze.set_iwdg(true));
+    DBGMCU.apb1lfzr().modify(|freeze| {
+        freeze.set_iwdg(true);
+        freeze.set_wwdg(true);
+    });
     (bridge, peripherals)
 }
 
@@ -127,7 +138,7 @@ fn begin(
 #[embassy_executor::task]
 async fn tasks(supervisor: &'static mut Supervisor<Storage>, serial: BufferedUart<'static>) -> ! {
     let (tx, rx) = serial.split();
-    embassy::run(supervisor, rx, tx, &HOUSEKEEPING, watchdog::feed).await
+    embassy::run(supervisor, Received::open(rx), tx, &HOUSEKEEPING, &STOP, watchdog::feed).await
 }
 
 /// Where the place for settings begins, from the begin of the flash: memory.x reserves it.
@@ -152,6 +163,9 @@ fn greet<B: Board>() {
     let causes = RCC.csr().read();
     if causes.iwdgrstf() {
         defmt::error!("the watchdog has reset the chip: the control interrupt or a task had stopped");
+    }
+    if causes.wwdgrstf() {
+        defmt::error!("the window watchdog has reset the chip: the control interrupt had stopped");
     }
     RCC.csr().modify(|csr| csr.set_rmvf(true));
 }

@@ -5,7 +5,7 @@ use crate::control::config::Config;
 /// What a check that finds the rotor turning takes off the count of those that found it at rest.
 const RECOVERY: u32 = 4;
 
-/// Checks, a [`CYCLE`](crate::schedule::CYCLE) apart, that found the rotor at rest with the current at its limit, less
+/// Checks, 64 steps apart, that found the rotor at rest with the current at its limit, less
 /// what recovery took off.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Stall(u32);

@@ -49,7 +49,7 @@ pub fn init() {
     static CHANNELS: [StaticCell<Channels>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     for number in 0..DEMANDS {
         // Sensors and motor stand still, whatever is done to them.
-        let guard = GuardSettings { arming_check: false, ..GuardSettings::default() };
+        let guard = GuardSettings { command_timeout_s: 60.0, arming_check: false, ..GuardSettings::default() };
         let field_oriented = Settings {
             commutation: Commutation::FieldOriented,
             control: Some(Control {

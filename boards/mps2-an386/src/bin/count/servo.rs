@@ -85,7 +85,7 @@ pub fn init() {
     static CHANNELS: [StaticCell<Channels>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     // No timeout is reached, but it is looked at.
     // The motor is there for its arithmetic, and is not followed: no check of it may end the count.
-    let guard = GuardSettings { command_timeout_s: 1000.0, arming_check: false, ..GuardSettings::default() };
+    let guard = GuardSettings { command_timeout_s: 60.0, arming_check: false, ..GuardSettings::default() };
     let control = ControlSettings {
         inertia_kgm2: INERTIA_KGM2,
         max_acceleration_rad_s2: 1.5e4,

@@ -8,7 +8,7 @@ use hallservo::angle::ElectricalAngle;
 use hallservo::board::{LostPeriods, Sample};
 use hallservo::drive::Refusal;
 use hallservo::fault::Fault;
-use hallservo::hall::model::Model;
+use hallservo::hall::model::{Model, Sensor};
 use plant::{AmplifierFault, ThermistorFault, Transistor, Wires};
 use rand::RngExt;
 use rand::seq::IndexedRandom;
@@ -107,7 +107,10 @@ impl Broken {
             // With one sensor frozen, the angle runs unevenly: once in two thousand times, that looks like over-speed
             // first.
             Defect::HallFrozen => matches!(fault, Hall(_) | AngleJump | OverSpeed),
-            Defect::HallWiresMoved | Defect::HallWiresSwapped => matches!(fault, Hall(_) | AngleJump | Commutation),
+            // The sensors may contradict each other by then.
+            Defect::HallWiresMoved | Defect::HallWiresSwapped | Defect::WrongDirection => {
+                matches!(fault, Hall(_) | AngleJump | Commutation)
+            }
             Defect::OpenPhase => fault == open || fault == CurrentModel,
             Defect::DeadTransistor => fault == open || fault == amplifier || matches!(fault, CurrentModel),
             Defect::AmplifierDead | Defect::AmplifierFrozen => {
@@ -118,9 +121,7 @@ impl Broken {
                 fault == amplifier || matches!(fault, CurrentModel | CurrentImbalance | OverCurrent)
             }
             Defect::AmplifiersDead => matches!(fault, NoCurrent | CurrentModel),
-            Defect::MotorWiresMoved | Defect::MotorWiresSwapped | Defect::WrongAngle(_) | Defect::WrongDirection => {
-                fault == Commutation
-            }
+            Defect::MotorWiresMoved | Defect::MotorWiresSwapped | Defect::WrongAngle(_) => fault == Commutation,
             Defect::Blocked => matches!(fault, Stall | FollowingError),
             // What is stronger than the motor turns the rotor against it, as a wrong commutation does.
             Defect::Driven => matches!(fault, OverSpeed | FollowingError | Commutation),
@@ -176,7 +177,10 @@ impl Broken {
                 let off = ElectricalAngle::from_degrees(if random.random_bool(0.5) { degrees } else { -degrees });
                 install(rig, &Model { alignment: model.alignment + off, ..*model })?;
             }
-            Defect::WrongDirection => install(rig, &Model { reversed: !model.reversed, ..*model })?,
+            Defect::WrongDirection => {
+                let sensors = model.sensors.map(|sensor| Sensor { placement: -sensor.placement, ..sensor });
+                install(rig, &Model { sensors, ..*model })?;
+            }
             Defect::Blocked => plant.set_dyno(Some(0.0))?,
             _ => rig.disturb = disturbance(defect, channel, bench, random)?,
         }

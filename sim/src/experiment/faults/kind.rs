@@ -84,7 +84,7 @@ pub(super) const KINDS: &[Kind] = &[
     kind("over-current", OverCurrent, Running, AT_ONCE),
     kind("control period lost", LostPeriod, Running, AT_ONCE),
     kind("trigger stuck for up to 10 ms", StuckTrigger, Loaded, Outcome::Named(12e-3)),
-    kind("current imbalance", Imbalance, Running, Outcome::Named(20.0 * PERIOD)),
+    kind("current imbalance", Imbalance, Running, SOON),
     kind("current offset at arming", Offset, BeforeArming, SOON),
     kind("bridge too hot", Hot(0), Running, SOON),
     kind("motor too hot", Hot(1), Running, SOON),

@@ -6,6 +6,7 @@ pub mod commission;
 pub mod identification;
 pub mod identify;
 pub mod learning;
+mod phases;
 pub mod pole_pairs;
 pub mod procedure;
 mod sequence;
@@ -24,6 +25,7 @@ use crate::mode::Mode;
 use crate::telemetry::{Measurement, Progress, Record};
 use core::fmt;
 use heapless::{Deque, Vec};
+use phases::Phases;
 
 /// What [`Service::poll`] delivers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,6 +99,7 @@ pub struct Service {
     config: Config,
     /// Settings on their way to the drive.
     pending_config: Option<Config>,
+    phases: Phases,
 }
 
 /// Where a command comes from.
@@ -125,6 +128,7 @@ impl Service {
             tables: Vec::new(),
             config,
             pending_config: None,
+            phases: Phases::default(),
         }
     }
 
@@ -227,7 +231,12 @@ impl Service {
     /// The next measurement of currents and voltages, while running with current control. When nobody takes them, they
     /// are lost.
     pub fn measurement(&mut self) -> Option<Measurement> {
-        self.tasks.measurements.dequeue()
+        let measurement = self.tasks.measurements.dequeue()?;
+        if let Some(fault) = self.phases.look(&measurement) {
+            // Found again, where the queue is full.
+            let _ = self.send_internal(Command::Trip(fault));
+        }
+        Some(measurement)
     }
 
     /// The next window of a measurement at standstill.

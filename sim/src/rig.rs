@@ -196,6 +196,7 @@ impl Rig {
     /// Empties the queues, as the tasks do.
     pub fn serve(&mut self) {
         while self.service.poll().is_some() {}
+        while self.service.measurement().is_some() {}
     }
 }
 

@@ -245,7 +245,7 @@ settings! {
         /// Also how long a tool controls the drive, and a procedure goes on, without a request.
         command_timeout_s: f32 = 1.0, 1e-3 => 60.0, "s", Real, FREE, "How long a command holds";
         /// After [`stop_s`](Self::stop_s) without coming to rest.
-        on_stop_failure: OnStopFailure = OnStopFailure::Off, 0.0 => 1.0, "", Choice("off|brake"), FREE,
+        if_stop_fails: OnStopFailure = OnStopFailure::Off, 0.0 => 1.0, "", Choice("off|brake"), FREE,
             "If a stop fails: bridge off, or the windings shorted first";
         stop_s: f32 = 1.0, 0.01 => 60.0, "s", Real, FREE, "Longest time to come to rest when a command times out";
         /// Moves the shaft by a degree or so for some hundredths of a second.

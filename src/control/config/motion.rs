@@ -81,7 +81,7 @@ impl Motion {
             late: checks(settings.guard.stall_s),
             bounds: [bound(settings.min_position_turns), bound(settings.max_position_turns)],
             stop: checks(settings.guard.stop_s),
-            brakes: settings.guard.on_stop_failure == OnStopFailure::Brake,
+            brakes: settings.guard.if_stop_fails == OnStopFailure::Brake,
             hold: hold as i32,
             model: Model::new(frame, motor, scale),
         }

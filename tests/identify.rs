@@ -36,7 +36,8 @@ fn calibrated(plant: &PlantParameters, control: Control, seed: u64) -> Rig {
 
 fn identified(plant: &PlantParameters, control: Control, seed: u64) -> Report {
     let mut rig = calibrated(plant, control, seed);
-    let report = rig.identify(&Plan::new(&rig.config).unwrap()).unwrap();
+    let report = rig.identify(&Plan::new(&rig.config).unwrap());
+    let report = report.unwrap_or_else(|error| panic!("{error}: {:?} {:?}", rig.drive.record(), rig.plant.truth()));
     assert_eq!((rig.drive.mode(), rig.drive.commutation()), (Mode::Ready, Commutation::Sinusoidal));
     report
 }

@@ -367,7 +367,7 @@ impl Identifier {
             inertia_kgm2: inertia.beside(share + 0.005),
             coulomb_nm: coulomb.beside(share),
             viscous_nms: viscous.beside(share),
-            load_nm: load,
+            load_nm: load.beside(share + 0.005),
             leftover_v: leftover,
             configured: self.configured,
             pole_pairs: self.scale.pole_pairs as u8,

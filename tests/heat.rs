@@ -75,6 +75,7 @@ fn the_housing_takes_its_share_after_its_own_time() {
     current(&mut rig, 3.0);
     let (_, early) = heat(&mut rig, 3.0, 2.81);
     let (_, late) = heat(&mut rig, 40.0, 2.81);
+    println!("{:?}", rig.drive.mode());
     assert!(early.sqrt() > 1.45 && (late.sqrt() / 1.5 - 1.0).abs() < 0.02, "{} {}", early.sqrt(), late.sqrt());
     // The housing, too, is as warm as it may be: half of the rise is left to the winding, which is there at once.
     current(&mut rig, 0.0);

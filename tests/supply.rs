@@ -237,7 +237,7 @@ fn with_local_feedback_the_braking_current_is_limited() {
         speed(&mut rig, 0.5 * case.speed_rad_s);
         rig.run(1.0, |_, _| ());
         let (most, rest) = stop(&mut rig, 15.0);
-        println!("{commutation:?}: {most:.2} V, {rest:.3?} s");
+        println!("{commutation:?}: {most:.2} V, {rest:.3?} s, {:?}", rig.drive.mode());
         assert!(most < 32.0 && rig.drive.mode() == Mode::Running && rest.is_some());
     }
 }

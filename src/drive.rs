@@ -41,9 +41,7 @@ mod voltage;
 use crate::angle::ElectricalAngle;
 use crate::board::{Legs, Output, Sample};
 use crate::commutation::Commutation;
-use crate::commutation::frames::Dq;
 use crate::config::Config;
-use crate::control;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
 use crate::hall::track::Tracker;
@@ -96,14 +94,6 @@ struct Paths {
     open_loop: OpenLoop,
     idle: Idle,
     standstill: Standstill,
-}
-
-impl Paths {
-    /// Voltage of the last step with currents controlled, in 2⁻¹⁵ of the full scale of the bus.
-    #[inline(always)]
-    fn voltage_noted(&self, config: &control::config::Config) -> Dq {
-        if self.field_oriented.is_used { self.field_oriented.voltage(config) } else { self.local_feedback.voltage() }
-    }
 }
 
 /// The control path that is active.

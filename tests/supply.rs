@@ -18,7 +18,9 @@ struct Case {
 }
 
 fn plain(control: Control) -> Control {
-    Control { guard: GuardSettings { arming_check: false, ..control.guard }, ..control }
+    // What is commanded once has to hold.
+    let guard = GuardSettings { arming_check: false, command_timeout_s: 60.0, ..control.guard };
+    Control { guard, ..control }
 }
 
 fn default_motor() -> Case {
@@ -34,9 +36,9 @@ fn default_motor() -> Case {
 /// Amplifiers of ±60 A.
 fn strong(plant: &mut PlantParameters, control: Control) -> Control {
     plant.current_sense.gain = 1.65 / 60.0;
-    let guard =
-        GuardSettings { over_current_a: 50.0, imbalance_a: 5.0, offset_a: 3.0, arming_check: false, ..control.guard };
-    Control { current_full_scale_a: 60.0, bridge_continuous_a: 50.0, guard, ..control }
+    let guard = GuardSettings { over_current_a: 50.0, imbalance_a: 5.0, offset_a: 3.0, ..control.guard };
+    let control = plain(Control { guard, ..control });
+    Control { current_full_scale_a: 60.0, bridge_continuous_a: 50.0, ..control }
 }
 
 /// 50 mΩ, 15 µH, seven pole pairs, four lithium cells behind a diode, the capacitors of a small board.
@@ -235,7 +237,7 @@ fn with_local_feedback_the_braking_current_is_limited() {
         speed(&mut rig, 0.5 * case.speed_rad_s);
         rig.run(1.0, |_, _| ());
         let (most, rest) = stop(&mut rig, 15.0);
-        println!("{commutation:?}: {most:.2} V, {rest:.3?} s");
+        println!("{commutation:?}: {most:.2} V, {rest:.3?} s, {:?}", rig.drive.mode());
         assert!(most < 32.0 && rig.drive.mode() == Mode::Running && rest.is_some());
     }
 }

@@ -11,7 +11,8 @@ use sim::rig::Rig;
 type Case = (&'static str, PlantParameters, Settings, f64);
 
 fn default_motor() -> Case {
-    let guard = GuardSettings { arming_check: false, ..GuardSettings::default() };
+    // What is commanded once has to hold.
+    let guard = GuardSettings { arming_check: false, command_timeout_s: 60.0, ..GuardSettings::default() };
     let control = Control { continuous_current_a: 3.0, max_regeneration_a: 100.0, guard, ..Control::default() };
     ("default", PlantParameters::imperfect(1), Settings { control: Some(control), ..Settings::default() }, 500.0)
 }
@@ -30,6 +31,7 @@ fn hub() -> Case {
         imbalance_a: 5.0,
         offset_a: 3.0,
         arming_check: false,
+        command_timeout_s: 60.0,
         ..GuardSettings::default()
     };
     let control = Control {

@@ -8,8 +8,8 @@
 use core::sync::atomic::{AtomicU32, Ordering};
 use hallservo_protocol::{Ask, FrameDecoder, Request};
 
-/// Longest frame of a request to disarm: COBS, version, number, request, CRC.
-const ROOM: usize = 1 + 1 + 3 + 1 + 4;
+/// Longest frame of a request to disarm: COBS, version, number, client, whether unattended, request, CRC.
+const ROOM: usize = 1 + 1 + 3 + 5 + 1 + 1 + 4;
 
 /// Whether a request to disarm has come in that has not had its turn. A static.
 #[derive(Debug, Default)]
@@ -77,7 +77,8 @@ mod tests {
 
     fn frame(id: u16, ask: Ask<'_>) -> ([u8; FRAME], usize) {
         let mut frame = [0; FRAME];
-        let length = encode(&Request { id, client: 1, unattended: true, ask }, &mut frame).unwrap();
+        // The longest there is.
+        let length = encode(&Request { id, client: u32::MAX, unattended: true, ask }, &mut frame).unwrap();
         (frame, length)
     }
 

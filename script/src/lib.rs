@@ -192,11 +192,11 @@ mod tests {
         let described =
             text.lines().filter_map(|line| line.strip_prefix("//! ")).filter(|line| line.starts_with("at "));
         let events: Vec<_> = described.map(|line| parse(line).unwrap().remove(0).event).collect();
-        assert_eq!(events.len(), 14);
+        assert_eq!(events.len(), 15);
         assert_eq!(events[0], Event::Hall(0, HallWire::Open));
-        assert_eq!(events[6], Event::Turn(2.0));
-        assert_eq!(events[9], Event::Uart(b"garbage\x00\xff".to_vec()));
-        assert_eq!(events[13], Event::Hang(Hang::Control));
+        assert_eq!(events[7], Event::Turn(2.0));
+        assert_eq!(events[10], Event::Uart(b"garbage\x00\xff".to_vec()));
+        assert_eq!(events[14], Event::Hang(Hang::Control));
     }
 
     #[test]

@@ -249,7 +249,6 @@ impl Drive {
         if let Some(control) = &self.config.control {
             self.servo.reset(control, &self.paths.idle);
             self.paths.local_feedback.reset();
-            self.paths.field_oriented.is_used = self.config.commutation == Commutation::FieldOriented;
             self.paths.field_oriented.reset(control, self.record.rotor.speed(), sample);
         }
     }

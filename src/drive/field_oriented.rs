@@ -27,8 +27,6 @@ pub(super) struct FieldOriented {
     voltage: Dq,
     /// Bus voltage of the present gains, in 2⁻¹⁵ of its full scale.
     bus: i32,
-    /// Whether the currents are controlled so, and not by local feedback.
-    pub is_used: bool,
 }
 
 impl FieldOriented {
@@ -41,7 +39,6 @@ impl FieldOriented {
             integrators: Integrators::ZERO,
             voltage: Dq { d: 0, q: 0 },
             bus: 1,
-            is_used: false,
         }
     }
 

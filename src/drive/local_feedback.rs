@@ -20,8 +20,6 @@ use crate::math::clamp;
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LocalFeedback {
     controller: Local,
-    /// Voltage of the last step along q, in 2⁻¹⁵ of the full scale of the bus.
-    voltage: i32,
     /// The step of block commutation.
     sextant: Sextant,
     /// Share of the reference that keeps the current's vector within it, in 2⁻¹⁶: what flows along d is not controlled.
@@ -37,18 +35,13 @@ const TOLERANCE: i32 = 11;
 impl LocalFeedback {
     /// At rest.
     pub const fn new() -> Self {
-        Self { controller: Local::ZERO, voltage: 0, sextant: Sextant::First, share: 1 << 16 }
+        Self { controller: Local::ZERO, sextant: Sextant::First, share: 1 << 16 }
     }
 
     /// Forgets what the controller has integrated.
     pub fn reset(&mut self) {
         self.controller = Local::ZERO;
         self.share = 1 << 16;
-    }
-
-    /// Voltage of the last step.
-    pub const fn voltage(&self) -> Dq {
-        Dq { d: 0, q: self.voltage }
     }
 
     /// One step on.
@@ -73,7 +66,8 @@ impl LocalFeedback {
         self.limit_vector(current, servo.current_reference(), control.max_current);
         let reference = (servo.current_reference() * self.share) >> 16;
         let voltage = self.controller.step(&control.local, reference, measured, rotor.speed(), half_bus);
-        self.voltage = voltage;
+        // What was noted for the tasks is the field-oriented control's, which is not at work.
+        servo.measurement.state.voltage = Dq { d: 0, q: voltage };
         let modulation = Modulation::from_bits(clamp((voltage << 15) / half_bus.max(1), 32_767) as i16);
         servo.limits = servo.limits.set(Limits::DUTY, limits.limits(modulation));
         let amplitude = limits.amplitude(modulation);

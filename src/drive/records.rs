@@ -12,9 +12,7 @@ impl Drive {
             && self.mode == Mode::Running
         {
             let with = Context { config, rotor: &self.record.rotor, sample };
-            let paths = &self.paths;
-            let voltage = paths.voltage_noted(config);
-            self.servo.note(&with, &paths.field_oriented, voltage, &paths.idle, self.record.sequence);
+            self.servo.note(&with, &self.paths.field_oriented, &self.paths.idle, self.record.sequence);
             self.publish();
             self.hand_over_measurement();
         }

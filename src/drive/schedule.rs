@@ -150,13 +150,7 @@ impl Drive {
     /// Notes currents and voltages for the tasks.
     #[inline(always)]
     fn measurement_slot(servo: &mut Servo, paths: &mut Paths, with: &Context) {
-        servo.note(
-            with,
-            &paths.field_oriented,
-            paths.voltage_noted(with.config),
-            &paths.idle,
-            servo.schedule.sequence(),
-        );
+        servo.note(with, &paths.field_oriented, &paths.idle, servo.schedule.sequence());
     }
 
     /// The current along d for braking.
@@ -280,16 +274,17 @@ impl Drive {
         }
     }
 
-    /// In turns: what the rotor's position allows, and a part of the protection against heat.
+    /// In turns: what the rotor's position and its speed allow, and a part of the protection against heat.
     #[inline(never)]
     fn heat_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         let part = self.servo.schedule.tick / LONG;
         let fault = self.with_servo(sample, |servo, paths, with| {
-            if part & 1 == 0 {
-                servo.attend_to_position(with);
-                return None;
+            match part & 3 {
+                0 => servo.attend_to_position(with),
+                2 => servo.wait(with),
+                _ => return servo.heat(part / 2, &paths.field_oriented, with),
             }
-            servo.heat(part / 2, &paths.field_oriented, with)
+            None
         });
         self.fail_if(fault.flatten())
     }

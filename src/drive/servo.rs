@@ -211,9 +211,6 @@ impl Servo {
     /// outside of the bounds of the position where it leads away from them.
     #[inline(always)]
     pub fn speed_loop(&mut self, with: &Context) {
-        if let Demand::Current(Current(current)) = self.demand {
-            self.current_request = if self.ends { 0 } else { within_speed(current, with) };
-        }
         if self.moves() {
             let gains = &with.config.velocity;
             let (reference, measured) = (self.speed_reference, with.rotor.speed());
@@ -221,6 +218,19 @@ impl Servo {
             let window = &self.protection.window;
             let request = self.speed_integrator.step(gains, reference, measured, forward, window);
             (self.asked, self.current_request) = (request.asked, request.current);
+        } else if let Demand::Current(Current(current)) = self.demand {
+            self.current_request = if self.ends { 0 } else { within_speed(current, with) };
+        }
+    }
+
+    /// A commanded speed waits for a rotor that cannot follow: it grows no further than this from the rotor's.
+    #[inline(always)]
+    pub fn wait(&mut self, with: &Context) {
+        if let Demand::Speed(Speed(speed)) = self.demand {
+            let reference = self.trajectory.speed();
+            let ahead = reference.wrapping_sub(with.rotor.speed());
+            let far = ahead.saturating_abs() > with.config.motion.far_speed / 2;
+            self.waits = far && (ahead < 0) == (speed < reference);
         }
     }
 
@@ -230,15 +240,13 @@ impl Servo {
     #[inline(always)]
     pub fn attend_to_position(&mut self, with: &Context) {
         let here = coarse(with.rotor.position()).to_bits();
-        let Motion { bounds: [least, most], far, far_speed, .. } = with.config.motion;
+        let Motion { bounds: [least, most], far, .. } = with.config.motion;
         match self.demand {
             Demand::Voltage => {}
             Demand::Current(Current(current)) => self.ends = if current < 0 { here < least } else { here > most },
             Demand::Speed(Speed(speed)) => {
                 let left = if speed < 0 { here - least } else { most - here };
                 self.ends = !self.trajectory.stops_within(left, &with.config.trajectory);
-                let ahead = self.trajectory.speed().wrapping_sub(with.rotor.speed());
-                self.waits = ahead.saturating_abs() > far_speed / 2 && (ahead < 0) == (speed < self.trajectory.speed());
             }
             Demand::Position(_) => {
                 let holds = self.trajectory.speed() == 0;
@@ -266,16 +274,19 @@ impl Servo {
         let motion = &with.config.motion;
         let supervision = &mut self.supervision;
         match supervision.next_part() {
-            0 => supervision.note_emf(model, &self.measurement.state, with.rotor.speed()),
-            1 => supervision.note_motor(model, with.rotor.speed()),
-            2 => supervision.explain(model),
-            3 => supervision.sum_up(),
-            4 => return supervision.judge(model),
-            5 => {
+            0 => {
+                supervision.note(&self.measurement.state, with.rotor.speed());
+                return supervision::is_outside(motion, with.rotor).then_some(Fault::PositionBounds);
+            }
+            1 => supervision.note_emf(model),
+            2 => supervision.note_motor(model),
+            3 => supervision.explain(model),
+            4 => supervision.sum_up(),
+            5 => return supervision.judge(model),
+            6 => {
                 let speed = if self.moves() { self.speed_reference.wrapping_sub(with.rotor.speed()) } else { 0 };
                 return self.supervision.is_late(motion, self.is_far, speed);
             }
-            6 => return supervision::is_outside(motion, with.rotor).then_some(Fault::PositionBounds),
             _ => {
                 let stopping = self.limits.contains(Limits::TIMEOUT);
                 return supervision.stops(motion, stopping, with.rotor.speed());
@@ -339,12 +350,12 @@ impl Servo {
 
     /// Notes rotor, currents and voltages for the tasks.
     #[inline(always)]
-    pub fn note(&mut self, with: &Context, field: &FieldOriented, voltage: Dq, zeros: &Idle, sequence: u32) {
+    pub fn note(&mut self, with: &Context, field: &FieldOriented, zeros: &Idle, sequence: u32) {
         let state = State {
             phases: zeros.phases(with.config, with.sample),
             current: Dq { d: self.current.d >> PARK_BITS, q: self.current.q >> PARK_BITS },
             current_reference: self.current_reference(),
-            voltage,
+            voltage: field.voltage(with.config),
             bus: field.bus(),
         };
         self.measurement = Measurement { rotor: *with.rotor, sequence, state, trim: field.trim() };

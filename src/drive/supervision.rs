@@ -21,6 +21,10 @@ use crate::telemetry::State;
 pub(crate) const PARTS: u32 = 8;
 /// Checks that show the back-EMF of a right commutation.
 const PROOF: u32 = 4;
+/// Current below which it tells nothing of the torque, in 2⁻¹⁵ of the full scale.
+const QUIET: i32 = 32;
+/// Checks for which the tracked speed may go on rising when the torque has turned.
+const LAG: u32 = 3;
 /// Checks that find the rotor turning after a stop.
 const TURNING: u32 = 2;
 
@@ -31,11 +35,14 @@ pub(super) struct Supervision {
     part: u32,
     /// Checks that have shown a right commutation, up to [`PROOF`].
     proofs: u32,
-    /// Way against the torque, as the sum of the speeds, and least speed on it.
-    against: i32,
+    /// Sum of the currents against the motion, and how many; the speed before, and the least one.
+    braking: i32,
+    braked: u32,
+    before_speed: i32,
     slowest: i32,
-    /// What the check of the model has noted: currents now and before, speed, the voltage less that
+    /// What the check of the model has noted: voltage, currents now and before, speed, the voltage less that
     /// at resistance and inductance, the back-EMF that there should be, and what may be wrong with all that.
+    voltage: Dq,
     current: Dq,
     before: Dq,
     speed: i32,
@@ -70,8 +77,11 @@ impl Supervision {
     pub const NONE: Self = Self {
         part: 0,
         proofs: 0,
-        against: 0,
+        braking: 0,
+        braked: 0,
+        before_speed: 0,
         slowest: 0,
+        voltage: Dq { d: 0, q: 0 },
         current: Dq { d: 0, q: 0 },
         before: Dq { d: 0, q: 0 },
         speed: 0,
@@ -107,17 +117,19 @@ impl Supervision {
     /// right. A rotor that brakes becomes slower.
     #[inline(always)]
     pub fn turns_against(&mut self, motion: &Motion, current: i32, speed: i32) -> Option<Fault> {
-        if current.abs() < motion.current {
+        let turned_back = (speed ^ self.before_speed) < 0;
+        self.before_speed = speed;
+        let (braking, speed) = if speed < 0 { (current, -speed) } else { (-current, speed) };
+        if braking < QUIET || turned_back {
+            // It is driven, or nothing much flows.
+            (self.braking, self.braked) = (0, 0);
             return None;
         }
-        let against = if current < 0 { speed } else { -speed };
-        if against <= 0 {
-            (self.against, self.slowest) = (0, 0);
-            return None;
-        }
-        self.slowest = if self.against == 0 { against } else { self.slowest.min(against) };
-        self.against = self.against.saturating_add(against);
-        (self.against > motion.wrong_way && against - self.slowest > motion.turning).then_some(Fault::Commutation)
+        self.braking = self.braking.saturating_add(braking);
+        self.braked += 1;
+        self.slowest = if self.braked <= LAG { speed } else { self.slowest.min(speed) };
+        let faster = speed - self.slowest > motion.turning;
+        (faster && self.braking > motion.impulse).then_some(Fault::Commutation)
     }
 
     /// Whether the rotor is too far from its position, or for too long from its speed.
@@ -146,24 +158,28 @@ impl Supervision {
         (self.stopping, self.turning) = (0, 0);
     }
 
-    /// First part of the check of the model: the voltage that is left for the back-EMF.
+    /// First part of the check of the model: what was noted last.
     #[inline(always)]
-    pub fn note_emf(&mut self, model: &Model, state: &State, speed: i32) {
-        let (v, i) = (state.voltage, state.current);
-        let reactance = high(speed, model.reactance);
+    pub fn note(&mut self, state: &State, speed: i32) {
+        (self.voltage, self.current, self.speed) = (state.voltage, state.current, speed);
+    }
+
+    /// The voltage that is left for the back-EMF.
+    #[inline(always)]
+    pub fn note_emf(&mut self, model: &Model) {
+        let (v, i) = (self.voltage, self.current);
+        let reactance = high(self.speed, model.reactance);
         self.emf = Dq {
             d: v.d - times(i.d, model.resistance) + times(i.q, reactance),
             q: v.q - times(i.q, model.resistance) - times(i.d, reactance),
         };
-        self.current = i;
     }
 
     /// Second part: what the motor should induce, and what resistance takes.
     #[inline(always)]
-    pub fn note_motor(&mut self, model: &Model, speed: i32) {
-        self.speed = speed;
+    pub fn note_motor(&mut self, model: &Model) {
         let (d, q) = (self.current.d.abs(), self.current.q.abs());
-        self.expected = high(speed, model.flux);
+        self.expected = high(self.speed, model.flux);
         self.dropped = times((d.max(q) + d.min(q) / 2).min(32_767), model.resistance);
     }
 

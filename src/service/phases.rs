@@ -30,7 +30,7 @@ impl Phases {
         for phase in 0..3 {
             let share = along_q(angle, phase as i32);
             self.flowed[phase] = self.flowed[phase].saturating_add(state.phases[phase].unsigned_abs());
-            self.due[phase] = self.due[phase].saturating_add(length.min(65_535) * share >> 14);
+            self.due[phase] = self.due[phase].saturating_add((length.min(65_535) * share) >> 14);
         }
         self.count += 1;
         if self.count < COUNT {

@@ -13,10 +13,8 @@ use core::f32::consts::TAU;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Motion {
-    /// Way against the torque that is too much, as the sum of the speeds of every [`LONG`] cycle.
-    pub wrong_way: i32,
-    /// Current that says what the torque is, and speed that says that the rotor turns.
-    pub current: i32,
+    /// Sum of the currents, one every [`LONG`] cycle, that makes a torque plain, and speed that says that the rotor turns.
+    pub impulse: i32,
     pub turning: i32,
     /// Farthest from the reference of a position, and of a speed.
     pub far: i64,
@@ -53,8 +51,6 @@ pub(crate) struct Model {
 
 /// Steps of a round.
 const ROUND: u32 = PARTS * LONG;
-/// Way against the torque: 12° mechanical.
-const WRONG_WAY_TURNS: f32 = 12.0 / 360.0;
 /// Time in which an unexplained voltage of a tenth of the bus's full scale is a fault, s.
 const MISFIT_S: f32 = 0.02;
 
@@ -73,8 +69,7 @@ impl Motion {
         };
         let hold = (settings.hold_current_a * scale.per_ampere()).min(32_767.0);
         Self {
-            wrong_way: (turns(WRONG_WAY_TURNS) / f64::from(LONG)) as i32,
-            current: (0.05 * settings.max_current_a * scale.per_ampere()).max(48.0) as i32,
+            impulse: (0.2 * settings.max_current_a * scale.per_ampere()).max(192.0) as i32,
             turning: (5.0 / scale.step_hz * TURN) as i32,
             far: (turns(settings.following_error_turns) / f64::from(OUTER)) as i64,
             far_speed: (settings.following_error_rad_s * scale.per_radian_s()).min(1_073_741_824.0) as i32,

@@ -49,7 +49,7 @@
 //! ```
 //!
 //! # The flash
-//! [`storage::BLOCKS`] erasable blocks, two for each kind of [record](hallservo::storage): sensors, cogging, settings.
+//! [`storage::BLOCKS`] erasable blocks for all kinds of [records](hallservo::storage): sensors, cogging, settings.
 //! It is written only while the bridge is off and the rotor at rest, for an erase stalls the core; what is to be saved
 //! meanwhile waits. A calibration and a learnt table of the cogging are saved by themselves. So is what the adaptation
 //! has learnt, when it differs from what is stored by more than [`storage::LEAST_CHANGE`], and not more often than

@@ -8,8 +8,8 @@ use hallservo::settings::Settings;
 use hallservo::storage::{Error, Store, calibration, cogging, settings, size};
 use hallservo_protocol::{Problem, Record};
 
-/// Erasable blocks of the flash: two for each kind.
-pub const BLOCKS: u32 = 6;
+/// Erasable blocks of the flash: two, of at least 2 KiB, for all kinds.
+pub const BLOCKS: u32 = 2;
 /// Least difference between what is learnt and what is stored for it to be worth a save: 1 % of an amplitude in offset
 /// or amplitude, 1 % of third harmonic. It is above what noise moves the parameters by, and below what is felt.
 pub const LEAST_CHANGE: f32 = 0.01;
@@ -26,6 +26,9 @@ const VERSIONS: [u16; 3] = [0x0102, 0x0202, settings::VERSION];
 const SENSORS: usize = 2 * calibration::LENGTH + 12;
 /// Most bytes of a record: that of the table, or all settings.
 const LONGEST: usize = if settings::LONGEST > cogging::LENGTH { settings::LONGEST } else { cogging::LENGTH };
+
+/// All kinds fit a block.
+const _: () = assert!(VERSIONS.len() * size(LONGEST) <= 2048);
 
 type Buffer = [u8; LONGEST];
 
@@ -97,8 +100,8 @@ impl<F: NorFlash> Storage<F> {
     }
 
     fn store(&mut self, kind: Record) -> Result<Store<&mut F, { size(LONGEST) }>, Problem> {
-        let place = self.first_block + 2 * kind as u32 * F::ERASE_SIZE as u32;
-        Store::new(&mut self.flash, place, VERSIONS[kind as usize]).map_err(|_| Problem::Flash)
+        let slot = kind as usize;
+        Store::new(&mut self.flash, self.first_block, slot, VERSIONS[slot]).map_err(|_| Problem::Flash)
     }
 
     fn load<'a>(&mut self, kind: Record, buffer: &'a mut Buffer) -> Result<&'a [u8], Problem> {

@@ -22,7 +22,7 @@ use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{DBGMCU, Interrupt, RCC};
-use embassy_stm32::usart::{self, BufferedUart};
+use embassy_stm32::usart::{self, BufferedUart, BufferedUartRx, BufferedUartTx};
 use embassy_stm32::{Peri, Peripherals, peripherals};
 use hallservo::board::Sample;
 use hallservo::drive::Drive;
@@ -95,9 +95,14 @@ pub fn run<B: Board>(
     flash: Peri<'static, peripherals::FLASH>,
     serial: BufferedUart<'static>,
 ) -> ! {
+    // In places of their own nothing has to know how to drop them.
+    static TX: StaticCell<BufferedUartTx<'static>> = StaticCell::new();
+    static RX: StaticCell<BufferedUartRx<'static>> = StaticCell::new();
+    let (tx, rx) = serial.split();
+    let (tx, rx) = (TX.init(tx), RX.init(rx));
     let supervisor = prepare(board, bridge, control, flash);
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    EXECUTOR.init(Executor::new()).run(|spawner| match tasks(supervisor, serial) {
+    EXECUTOR.init(Executor::new()).run(|spawner| match tasks(supervisor, tx, rx) {
         Ok(tasks) => spawner.spawn(tasks),
         Err(_) => unreachable!("spawned once"),
     })
@@ -136,8 +141,11 @@ fn begin(
 
 /// All that is not the control interrupt. Here, and not generic, so that it is compiled for size.
 #[embassy_executor::task]
-async fn tasks(supervisor: &'static mut Supervisor<Storage>, serial: BufferedUart<'static>) -> ! {
-    let (tx, rx) = serial.split();
+async fn tasks(
+    supervisor: &'static mut Supervisor<Storage>,
+    tx: &'static mut BufferedUartTx<'static>,
+    rx: &'static mut BufferedUartRx<'static>,
+) -> ! {
     embassy::run(supervisor, Received::open(rx), tx, &HOUSEKEEPING, &STOP, watchdog::feed).await
 }
 

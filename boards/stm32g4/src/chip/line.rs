@@ -24,7 +24,7 @@ static LISTENING: Mutex<RefCell<Option<Listening>>> = Mutex::new(RefCell::new(No
 static ARRIVED: AtomicWaker = AtomicWaker::new();
 
 struct Listening {
-    uart: BufferedUartRx<'static>,
+    uart: &'static mut BufferedUartRx<'static>,
     listener: Listener,
     queue: Producer<'static, u8, ROOM>,
 }
@@ -56,7 +56,7 @@ fn listen() {
 pub(crate) struct Received(Consumer<'static, u8, ROOM>);
 
 impl Received {
-    pub fn open(uart: BufferedUartRx<'static>) -> Self {
+    pub fn open(uart: &'static mut BufferedUartRx<'static>) -> Self {
         static QUEUE: ConstStaticCell<Queue<u8, ROOM>> = ConstStaticCell::new(Queue::new());
         let (queue, received) = QUEUE.take().split();
         let listening = Listening { uart, listener: Listener::new(), queue };

@@ -166,7 +166,7 @@ impl Servo {
             self.speed_integrator = Integrator::holding(self.current_request);
         }
         self.demand = demand;
-        (self.ends, self.waits, self.is_far) = (false, false, false);
+        (self.ends, self.is_far) = (false, false);
         self.protection.held = i32::MAX;
         if let Demand::Current(Current(current)) = demand {
             (self.asked, self.current_request) = (current, current);

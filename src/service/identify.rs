@@ -363,10 +363,11 @@ impl Identifier {
         let report = Report {
             resistance_ohm: resistance.beside(0.02),
             inductance_h: inductance.beside(0.02),
-            flux_linkage_wb: flux_linkage.beside(0.005),
+            flux_linkage_wb: flux_linkage.beside(0.008),
             inertia_kgm2: inertia.beside(share + 0.005),
             coulomb_nm: coulomb.beside(share),
-            viscous_nms: viscous.beside(share),
+            // What is braked along d makes the balance of momentum less sure than its residuals say.
+            viscous_nms: Estimate { error: 1.5 * viscous.error, ..viscous }.beside(share),
             load_nm: load.beside(share + 0.005),
             leftover_v: leftover,
             configured: self.configured,

@@ -272,11 +272,8 @@ impl Servo {
             3 => supervision.sum_up(),
             4 => return supervision.judge(model),
             5 => {
-                let error = self.speed_reference.wrapping_sub(with.rotor.speed());
-                // A rotor brakes as slowly as it has to for the supply.
-                let waits = (error ^ with.rotor.speed()) < 0 && self.limits.contains(Limits::SUPPLY);
-                let error = if self.moves() && !waits { error } else { 0 };
-                return self.supervision.is_late(motion, self.is_far, error);
+                let speed = if self.moves() { self.speed_reference.wrapping_sub(with.rotor.speed()) } else { 0 };
+                return self.supervision.is_late(motion, self.is_far, speed);
             }
             6 => return supervision::is_outside(motion, with.rotor).then_some(Fault::PositionBounds),
             _ => {

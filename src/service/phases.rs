@@ -38,7 +38,8 @@ impl Phases {
         }
         let Self { flowed, due, .. } = core::mem::take(self);
         let most = due[0].max(due[1]).max(due[2]);
-        if due.iter().any(|due| *due < most / 2 || *due < COUNT * LEAST / 2) {
+        // Seen at the same angles again and again, a current along d gives a phase less than its share.
+        if due.iter().any(|due| *due < most - most / 4 || *due < COUNT * LEAST / 2) {
             return None;
         }
         let open = (0..3).find(|&phase| flowed[phase] < due[phase] / 4)?;

@@ -99,7 +99,7 @@ impl Protection {
             5 => bridge.derate(config, sample, 0),
             13 => motor.derate(config, sample, 1),
             3 => return overload.limit_by_winding(config),
-            7 => return overload.limit_by_bridge(config),
+            7 | 15 => return overload.limit_by_bridge(config),
             _ => self.limit_by_heat(),
         }
         None

@@ -298,7 +298,7 @@ impl Servo {
     /// A part of the protection against heat, or what is told of the limits.
     #[inline(always)]
     pub fn heat(&mut self, part: u32, field: &FieldOriented, with: &Context) -> Option<Fault> {
-        if part % 4 == 2 {
+        if part % 8 == 2 {
             let reasons = self.protection.window.reasons(self.asked);
             self.limits = self.limits.without(Self::CUTS).with(reasons).set(Limits::DUTY, field.is_limited());
             return None;

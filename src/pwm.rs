@@ -75,7 +75,9 @@ pub fn dead_time_counts(timer_hz: f32, pwm_hz: f32, dead_time_s: f32) -> Result<
         return Err(Error::DeadTime(fraction));
     }
     // A product a rounding error above a whole count means that count.
-    Ok(libm::ceilf(dead_time_s * timer_hz - 1e-3) as u16)
+    let counts = f64::from(dead_time_s) * f64::from(timer_hz) - 1e-4;
+    let whole = counts as u16;
+    Ok(whole + u16::from(f64::from(whole) < counts))
 }
 
 /// The largest compare value that leaves the lower transistors conducting for `window_s` in each valley, for sampling

@@ -65,20 +65,19 @@ impl Drive {
             // Every 32 steps.
             RECORD | 39 => self.record_slot(sample),
             5 | 37 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
-            // Every 64 steps. Slot 13 is late after a change of the current reference, so the currents that it notes
-            // have settled.
-            13 => self.slot(sample, Self::measurement_slot),
+            // Slots 13 and 45 are late after a change of the current reference, so the currents that they note have
+            // settled.
+            13 | 45 => self.slot(sample, Self::measurement_slot),
+            31 | 63 => self.hand_over_slot(),
+            // Every 64 steps.
             15 => self.alignment_slot(sample),
             21 => return self.speed_slot(sample),
-            23 => return self.supervision_slot(sample),
+            23 => self.burn_slot(sample),
             29 => return self.over_speed_slot(sample),
-            31 => self.hand_over_slot(),
-            45 => self.burn_slot(sample),
             47 => self.slot(sample, |servo, paths, with| {
                 servo.protection.limit_braking(with.config, paths.field_oriented.bus());
             }),
-            53 => return self.direction_slot(sample),
-            55 => self.slot(sample, |servo, _, with| servo.attend_to_position(with)),
+            53 => return self.supervision_slot(sample),
             61 => self.slot(sample, |servo, _, with| servo.protection.narrow(with.config)),
             _ => return self.heat_slot(sample),
         }
@@ -198,25 +197,21 @@ impl Drive {
         self.estimator()
     }
 
-    /// Whether the rotor turns as it is driven to; once that is proven, one more part of the supervision.
-    #[inline(never)]
-    fn direction_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        if self.servo.supervision.is_proven() || !self.servo.supervised {
-            return self.supervision_slot(sample);
-        }
-        let fault = self.with_servo(sample, |servo, _, with| {
-            servo.supervision.turns_against(&with.config.motion, servo.current_reference(), with.rotor.speed())
-        });
-        self.fail_if(fault.flatten())
-    }
-
-    /// A part of the supervision.
+    /// A part of the supervision. Until the commutation is proven, most of them ask whether the rotor turns as it is
+    /// driven to.
     #[inline(never)]
     fn supervision_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         if !self.servo.supervised {
             return self.estimator();
         }
-        let fault = self.with_servo(sample, |servo, _, with| servo.supervise(with)).flatten();
+        let asks = !self.servo.supervision.is_proven() && self.servo.schedule.tick & (3 * LONG) != 0;
+        let fault = self.with_servo(
+            sample,
+            |servo, _, with| {
+                if asks { servo.turns_against(with) } else { servo.supervise(with) }
+            },
+        );
+        let fault = fault.flatten();
         if fault == Some(Fault::NotStopped) && self.brakes() {
             return self.estimator_if_short();
         }
@@ -285,11 +280,17 @@ impl Drive {
         }
     }
 
-    /// A part of the protection against heat.
+    /// In turns: what the rotor's position allows, and a part of the protection against heat.
     #[inline(never)]
     fn heat_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         let part = self.servo.schedule.tick / LONG;
-        let fault = self.with_servo(sample, |servo, paths, with| servo.heat(part, &paths.field_oriented, with));
+        let fault = self.with_servo(sample, |servo, paths, with| {
+            if part & 1 == 0 {
+                servo.attend_to_position(with);
+                return None;
+            }
+            servo.heat(part / 2, &paths.field_oriented, with)
+        });
         self.fail_if(fault.flatten())
     }
 
@@ -297,7 +298,7 @@ impl Drive {
     fn hand_over_slot(&mut self) {
         let Schedule { measurement_due, .. } = self.servo.schedule;
         if self.servo.schedule.is_due(measurement_due) {
-            let every = self.config.record_every.next_multiple_of(LONG);
+            let every = self.config.record_every.next_multiple_of(CYCLE);
             self.servo.schedule.measurement_due = measurement_due.wrapping_add(every);
             self.hand_over_measurement();
         }

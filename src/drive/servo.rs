@@ -73,13 +73,15 @@ pub(super) struct Servo {
     speed_integrator: Integrator,
     /// Anti-cogging current over the electrical angle, if it is on.
     pub cogging: Option<&'static mut cogging::Table>,
+    /// Whether a commanded speed waits for a rotor that cannot follow.
+    waits: bool,
     /// Whether the rotor is too far from the position that it should have.
     is_far: bool,
     /// Whether the motion is supervised: something is followed, and not checked before.
     pub supervised: bool,
     /// What limits the control at the moment.
     pub limits: Limits,
-    /// For the tasks, noted every 64 steps.
+    /// For the tasks, noted every [`CYCLE`](super::CYCLE) steps.
     pub measurement: Measurement,
     pub schedule: Schedule,
     pub supervision: Supervision,
@@ -99,6 +101,7 @@ impl Servo {
             demand: Demand::Voltage,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
             ends: false,
+            waits: false,
             is_far: false,
             supervised: false,
             speed_reference: 0,
@@ -185,6 +188,7 @@ impl Servo {
         match self.demand {
             Demand::Voltage | Demand::Current(_) => {}
             Demand::Speed(Speed(speed)) => {
+                let speed = if self.waits { self.trajectory.speed() } else { speed };
                 let target = if self.ends { 0 } else { speed };
                 self.trajectory.towards_speed(target, &with.config.trajectory);
             }
@@ -226,13 +230,15 @@ impl Servo {
     #[inline(always)]
     pub fn attend_to_position(&mut self, with: &Context) {
         let here = coarse(with.rotor.position()).to_bits();
-        let Motion { bounds: [least, most], far, .. } = with.config.motion;
+        let Motion { bounds: [least, most], far, far_speed, .. } = with.config.motion;
         match self.demand {
             Demand::Voltage => {}
             Demand::Current(Current(current)) => self.ends = if current < 0 { here < least } else { here > most },
             Demand::Speed(Speed(speed)) => {
                 let left = if speed < 0 { here - least } else { most - here };
                 self.ends = !self.trajectory.stops_within(left, &with.config.trajectory);
+                let ahead = self.trajectory.speed().wrapping_sub(with.rotor.speed());
+                self.waits = ahead.saturating_abs() > far_speed / 2 && (ahead < 0) == (speed < self.trajectory.speed());
             }
             Demand::Position(_) => {
                 let holds = self.trajectory.speed() == 0;
@@ -244,6 +250,13 @@ impl Servo {
                 }
             }
         }
+    }
+
+    /// Whether the rotor turns against the torque.
+    #[inline(always)]
+    pub fn turns_against(&mut self, with: &Context) -> Option<Fault> {
+        let current = self.current_reference();
+        self.supervision.turns_against(&with.config.motion, current, with.rotor.speed())
     }
 
     /// The next part of the supervision: the check of voltages against currents, and what the rotor does.

@@ -9,7 +9,7 @@ use crate::settings::{Control, OnStopFailure};
 use core::f32::consts::TAU;
 
 /// Currents and voltages in 2⁻¹⁵ of their full scales, speeds in 2⁻³² electrical turns a step, positions in those of
-/// the outer loops, times in rounds of the supervision once the commutation is proven: two parts in a [`LONG`] cycle.
+/// the outer loops, times in rounds of the supervision once the commutation is proven: a part in a [`LONG`] cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Motion {
@@ -52,7 +52,7 @@ pub(crate) struct Model {
 }
 
 /// Steps of a round.
-const ROUND: u32 = PARTS * LONG / 2;
+const ROUND: u32 = PARTS * LONG;
 /// Way against the torque: 12° mechanical.
 const WRONG_WAY_TURNS: f32 = 12.0 / 360.0;
 /// Time in which an unexplained voltage of a tenth of the bus's full scale is a fault, s.

@@ -2,7 +2,7 @@
 
 use super::fixed;
 use crate::control::Scale;
-use crate::schedule::CYCLE;
+use crate::schedule::LONG;
 use crate::settings::Control;
 
 /// Thermal time constant of the bridge's transistors and the copper about them, s; below it, they get no warmer than
@@ -63,8 +63,8 @@ impl Overload {
     }
 }
 
-/// The current is counted every so many cycles.
+/// The current is counted every so many long cycles.
 fn rate(time_s: f32, cycles: f32, scale: &Scale) -> i32 {
-    let share = cycles * CYCLE as f32 / scale.step_hz / time_s;
+    let share = cycles * LONG as f32 / scale.step_hz / time_s;
     fixed(share.min(0.49), 32).unwrap_or(i32::MAX).max(1)
 }

@@ -89,7 +89,7 @@ impl Gains {
         }
         let turns = (fastest_hz / scale.step_hz).min(room(inductance.max(flux)));
         // The fastest speed fills the integer.
-        let shift = libm::ceilf(-libm::log2f(turns)) as i32 - 2;
+        let shift = -libm::ilogbf(turns) - 2;
         let hold = |gain: f32, bits| libm::roundf(libm::ldexpf(gain, bits)) as i32;
         Ok(Self {
             proportional: hold(proportional, 26),

@@ -221,7 +221,7 @@ impl Arming {
         if self.steps == 1 {
             self.from = rotor.smoothed();
         } else if self.steps > window {
-            self.coasting = (self.way(rotor) / i64::from(window)) as i32;
+            self.coasting = (self.way(rotor) / i64::from(window.max(1))) as i32;
             self.from = rotor.smoothed();
             self.enter(Stage::Push);
         }
@@ -316,8 +316,12 @@ fn largest(phases: [i32; 3]) -> i32 {
 
 /// What the currents of the four voltages, times [`AVERAGED`], tell of the wiring.
 fn wiring_fault(currents: &[[i32; 3]; 4], wanted: i32) -> Option<Fault> {
-    const OPEN: [Fault; 3] = [Fault::OpenPhaseA, Fault::OpenPhaseB, Fault::OpenPhaseC];
-    const BLIND: [Fault; 3] = [Fault::AmplifierA, Fault::AmplifierB, Fault::AmplifierC];
+    /// An open phase, and a blind amplifier.
+    const FAULTS: [(Fault, Fault); 3] = [
+        (Fault::OpenPhaseA, Fault::AmplifierA),
+        (Fault::OpenPhaseB, Fault::AmplifierB),
+        (Fault::OpenPhaseC, Fault::AmplifierC),
+    ];
     let extreme = |phase: usize, sign: i32| currents.iter().map(|one| sign * one[phase]).max().unwrap_or(0);
     let ranges = [0, 1, 2].map(|phase| (extreme(phase, 1), extreme(phase, -1)));
     let most = ranges.iter().map(|(up, down)| *up.max(down)).max().unwrap_or(0);
@@ -325,26 +329,30 @@ fn wiring_fault(currents: &[[i32; 3]; 4], wanted: i32) -> Option<Fault> {
         return Some(Fault::NoCurrent);
     }
     let unbalanced = currents.iter().any(|[a, b, c]| (a + b + c).abs() > most / 4);
-    for (phase, (up, down)) in ranges.into_iter().enumerate() {
+    for ((up, down), (open, blind)) in ranges.into_iter().zip(FAULTS) {
         if up.max(down) < most / 5 {
-            return Some(if unbalanced { BLIND[phase] } else { OPEN[phase] });
+            return Some(if unbalanced { blind } else { open });
         }
     }
     if unbalanced {
         return Some(Fault::CurrentImbalance);
     }
-    for (phase, (up, down)) in ranges.into_iter().enumerate() {
+    for ((up, down), (open, _)) in ranges.into_iter().zip(FAULTS) {
         // A half bridge of which one transistor does not conduct.
         if up.min(down) < most / 5 {
-            return Some(OPEN[phase]);
+            return Some(open);
         }
     }
     // Along A, then along B: the phase carries the largest current, and that in the voltage's direction.
-    for (phase, pair) in currents.chunks_exact(2).enumerate() {
-        let through = |k: usize| pair[0][k] - pair[1][k];
+    let [a, opposite_a, b, opposite_b] = currents;
+    let pairs = [(a, opposite_a), (b, opposite_b)];
+    for (phase, ((one, opposite), (_, blind))) in pairs.into_iter().zip(FAULTS).enumerate() {
+        // Never out of range, which the compiler does not see.
+        let value = |of: &[i32; 3], k: usize| of.get(k).copied().unwrap_or(0);
+        let through = |k: usize| value(one, k) - value(opposite, k);
         let own = through(phase);
         if (0..3).any(|other| other != phase && own < through(other).abs() + most / 4) {
-            return Some(BLIND[phase]);
+            return Some(blind);
         }
     }
     None

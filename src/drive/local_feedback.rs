@@ -92,7 +92,7 @@ impl LocalFeedback {
         let excess = clamp(length - allowed, allowed);
         // Both to 14 bits, for the division.
         let shift = 18_u32.saturating_sub(allowed.leading_zeros());
-        let excess = ((excess >> shift) << 16) / ((allowed >> shift) + 1);
+        let excess = ((excess >> shift) << 16) / ((allowed >> shift) + 1).max(1);
         self.share = (self.share - excess / SLOWNESS).clamp(0, 1 << 16);
     }
 }

@@ -92,7 +92,7 @@ impl OpenLoop {
         let lacking = square(wanted) - square(measured.d >> PARK_BITS) - square(measured.q >> PARK_BITS);
         let change = (lacking * i64::from(regulator.gain)) >> 16;
         let slew = i64::from(regulator.slew);
-        self.strength = self.strength.saturating_add(change.clamp(-slew, slew) as i32).clamp(0, STRONGEST);
+        self.strength = self.strength.saturating_add(change.min(slew).max(-slew) as i32).clamp(0, STRONGEST);
     }
 
     /// Changes the speed so that it is reached after one turn from rest, and moves on.

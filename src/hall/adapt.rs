@@ -161,7 +161,7 @@ impl Adapter {
         }
     }
 
-    #[inline(always)]
+    #[inline]
     fn process(&mut self, observation: &Observation) -> Status {
         self.samples_since_drift = self.samples_since_drift.saturating_add(u32::from(observation.elapsed));
         if self.needs_check(&observation.codes) || self.phase != Phase::Tracking || !self.is_near(observation.elapsed) {
@@ -191,7 +191,7 @@ impl Adapter {
     }
 
     /// Whether the derivatives are good over the angle that the rotor turned since the last observation.
-    #[inline(always)]
+    #[inline]
     fn is_near(&self, elapsed: u16) -> bool {
         elapsed <= LONGEST_GAP && self.state.speed.abs() * f32::from(elapsed) <= LARGEST_ANGLE_STEP
     }
@@ -227,7 +227,7 @@ impl Adapter {
     }
 
     /// Prediction of angle and speed by the equation of motion, Simpkins and Todorov, eq. (11).
-    #[inline(always)]
+    #[inline]
     fn predict(&mut self, observation: &Observation) {
         let state = &mut self.state;
         let disturbed = self.config.per_nm * observation.torque_nm + self.load;
@@ -252,7 +252,7 @@ impl Adapter {
     /// Variance of the linearisation error of a signal: the sine's curvature over an uncertain angle, and the product
     /// of uncertain angle and amplitude. For the parameters this error is correlated until the rotor has turned by a
     /// quarter of a radian, so all samples within that angle together must not weigh more than one.
-    #[inline(always)]
+    #[inline]
     fn nonlinearity(&self, sensor: usize, learn: bool, samples: f32) -> f32 {
         let amplitude = OFFSET[sensor] + 1;
         let angle = self.covariance.get(ANGLE, ANGLE);
@@ -261,7 +261,7 @@ impl Adapter {
     }
 
     /// Update by one sensor, unless it is an outlier; whether it was used.
-    #[inline(always)]
+    #[inline]
     fn update_by(&mut self, sensor: usize, measurement: &Measurement, learn: bool) -> bool {
         let cross = measurement.cross(sensor, &self.covariance);
         if measurement.is_outlier(&cross, GATE) {
@@ -282,14 +282,14 @@ impl Adapter {
     }
 
     /// Integrates the correction of the speed into the load.
-    #[inline(always)]
+    #[inline]
     fn integrate_load(&mut self, speed: f32) {
         if self.covariance.get(ANGLE, ANGLE) < self.settled_variance {
             self.load += self.load_gain * (self.state.speed - speed);
         }
     }
 
-    #[inline(always)]
+    #[inline]
     fn may_learn(&self) -> bool {
         let speed = self.state.speed.abs();
         let certain = speed * speed > CERTAIN_SPEED * self.covariance.get(SPEED, SPEED);

@@ -165,7 +165,7 @@ impl Collector {
         let fit = fit::fit(&points, &mut angles)?;
         let [forward, backward] = [0, 1].map(|sweep| offset(&points[sweep], &angles[sweep]));
         let swings = [0, 1].map(|sweep| swing(&points[sweep], &angles[sweep], [forward, backward][sweep]));
-        let hunting = ElectricalAngle::from_radians(libm::hypotf(swings[0], swings[1]) / core::f32::consts::SQRT_2);
+        let hunting = ElectricalAngle::from_radians(libm::sqrtf((swings[0] * swings[0] + swings[1] * swings[1]) / 2.0));
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
         let model = Model { sensors: fit.sensors, alignment: forward + lag, reversed };

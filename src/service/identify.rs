@@ -193,7 +193,7 @@ impl Fit {
             let mut unit = [0.0; MOST];
             unit[k] = 1.0;
             let inverse = self.solve_for(unit)?[k];
-            *estimate = Estimate { value: values[k], error: 3.0 * libm::sqrt(variance * inverse) };
+            *estimate = Estimate { value: values[k], error: 3.0 * root(variance * inverse) };
         }
         Some(estimates)
     }
@@ -203,6 +203,11 @@ impl Fit {
         math::solve(&mut self.squares.clone(), &mut right, self.regressors, 1e-9)?;
         Some(right)
     }
+}
+
+/// Of weights and errors, for which single precision will do.
+fn root(x: f64) -> f64 {
+    libm::sqrtf(x as f32).into()
 }
 
 /// A measurement in SI.
@@ -335,7 +340,7 @@ impl Identifier {
         let Point { position, seconds, .. } = *point;
         let begun = Momentum { speed, position, seconds, impulse: 0.0, sign: 0.0, uncertain: 0.0 };
         if let Some(ended) = self.momentum.replace(begun) {
-            let weight = 1.0 / libm::sqrt(ended.uncertain.max(1e-12));
+            let weight = 1.0 / root(ended.uncertain.max(1e-12));
             let row = [speed - ended.speed, position - ended.position, ended.sign, seconds - ended.seconds];
             self.motion.push(row.map(|x| x * weight), ended.impulse * weight);
         }
@@ -351,7 +356,7 @@ impl Identifier {
         let [resistance, flux_linkage, leftover, _] = self.q.solve()?;
         // The third coefficient and the fourth are known by now: as if measured beyond doubt.
         let mut d = self.d;
-        let sure = 1e3 * libm::sqrt(d.squares[2][2]);
+        let sure = 1e3 * root(d.squares[2][2]);
         d.push([0.0, 0.0, sure, 0.0], sure * flux_linkage.value);
         let sure = 1e3 * libm::sqrt(d.squares[3][3].max(1e-9));
         d.push([0.0, 0.0, 0.0, sure], sure * resistance.value);

@@ -52,7 +52,7 @@ pub(crate) struct Guard {
 impl Heat {
     fn new(thermistor: &Thermistor, adc_bits: u8) -> Self {
         // An open input is within two codes of the end of the range.
-        let end = 65_536.0 - 3.0 * libm::exp2f(16.0 - f32::from(adc_bits));
+        let end = 65_536.0 - 3.0 * (1_u32 << (16 - adc_bits)) as f32;
         let (fault, warn) = (thermistor.code(thermistor.max_c), thermistor.code(thermistor.warn_c));
         let room = (warn - fault).max(1.0);
         Self {
@@ -69,7 +69,7 @@ impl Guard {
     /// Of settings that are in their ranges.
     pub fn new(control: &Control, adc_bits: u8, loop_hz: f32, scale: &Scale) -> Self {
         let settings = &control.guard;
-        let codes = libm::exp2f(adc_bits.into());
+        let codes = (1_u32 << adc_bits) as f32;
         let per_volt = codes / scale.volts;
         let per_ampere = codes / 2.0 / scale.amperes;
         Self {

@@ -58,7 +58,7 @@ impl Motion {
     /// Of settings that are in their ranges.
     pub fn new(settings: &Control, frame: &Frame, motor: &Motor, scale: &Scale) -> Self {
         let checks = |seconds: f32| (seconds * scale.step_hz / ROUND as f32).max(1.0) as u32;
-        let turns = |turns: f32| f64::from(turns) * f64::from(scale.pole_pairs) * f64::from(TURN);
+        let turns = |turns: f32| turns * scale.pole_pairs * TURN;
         let bound = |limit: f32| {
             // The ends of the range are none.
             if limit.abs() >= 1e6 {
@@ -71,7 +71,7 @@ impl Motion {
         Self {
             impulse: (0.2 * settings.max_current_a * scale.per_ampere()).max(192.0) as i32,
             turning: (5.0 / scale.step_hz * TURN) as i32,
-            far: (turns(settings.following_error_turns) / f64::from(OUTER)) as i64,
+            far: (turns(settings.following_error_turns) / OUTER as f32) as i64,
             far_speed: (settings.following_error_rad_s * scale.per_radian_s()).min(1_073_741_824.0) as i32,
             late: checks(settings.guard.stall_s),
             bounds: [bound(settings.min_position_turns), bound(settings.max_position_turns)],

@@ -54,7 +54,7 @@ impl Supply {
         // Newton's root of q² + a·q = power: from the second time on at most a little too large.
         let (short, driving) = ((self.short >> 1) + (self.short >> 3), self.driving);
         let gives = high(bus << 16, config.supply.gives);
-        self.driving = ((driving * driving + gives) / ((2 * driving + short) | 1)).min(most);
+        self.driving = ((driving * driving + gives) / ((2 * driving + short) | 1).max(1)).min(most);
     }
 
     /// Takes up the current along d that is needed for the one along q that is `asked` for. Returns it in 2⁻²⁸ of the

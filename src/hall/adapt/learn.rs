@@ -14,7 +14,7 @@ impl Adapter {
         Status::Tracking
     }
 
-    #[inline(always)]
+    #[inline]
     pub(super) fn learn(&mut self) -> Status {
         if self.paused != 0 {
             self.end_pause();

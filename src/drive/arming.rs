@@ -322,7 +322,9 @@ fn wiring_fault(currents: &[[i32; 3]; 4], wanted: i32) -> Option<Fault> {
         (Fault::OpenPhaseB, Fault::AmplifierB),
         (Fault::OpenPhaseC, Fault::AmplifierC),
     ];
-    let extreme = |phase: usize, sign: i32| currents.iter().map(|one| sign * one[phase]).max().unwrap_or(0);
+    // Never out of range, which the compiler does not see.
+    let value = |of: &[i32; 3], phase: usize| of.get(phase).copied().unwrap_or(0);
+    let extreme = |phase: usize, sign: i32| currents.iter().map(|one| sign * value(one, phase)).max().unwrap_or(0);
     let ranges = [0, 1, 2].map(|phase| (extreme(phase, 1), extreme(phase, -1)));
     let most = ranges.iter().map(|(up, down)| *up.max(down)).max().unwrap_or(0);
     if most < wanted * AVERAGED as i32 / 4 {
@@ -347,8 +349,6 @@ fn wiring_fault(currents: &[[i32; 3]; 4], wanted: i32) -> Option<Fault> {
     let [a, opposite_a, b, opposite_b] = currents;
     let pairs = [(a, opposite_a), (b, opposite_b)];
     for (phase, ((one, opposite), (_, blind))) in pairs.into_iter().zip(FAULTS).enumerate() {
-        // Never out of range, which the compiler does not see.
-        let value = |of: &[i32; 3], k: usize| of.get(k).copied().unwrap_or(0);
         let through = |k: usize| value(one, k) - value(opposite, k);
         let own = through(phase);
         if (0..3).any(|other| other != phase && own < through(other).abs() + most / 4) {

@@ -83,13 +83,13 @@ impl Supply {
     #[inline(always)]
     pub fn limit(&mut self, config: &Config, bus: i32, most: i32) {
         let supply = &config.supply;
-        let braking = (self.field * self.field + self.returns) / self.short;
+        let braking = (self.field * self.field + self.returns) / self.short.max(1);
         // Where the largest power that can be returned is burnt, any current may brake, within the circle.
         let braking = if braking >= (self.short >> 2) - (self.short >> 6) { most } else { braking };
         // Near rest, braking draws as much as driving does.
         let drawn = self.driving + (self.short >> 1);
         let braking = braking.min(most - ((self.field * 37) >> 6)).min(drawn);
-        let share = (supply.end - bus).clamp(0, supply.band) * supply.slope;
+        let share = (supply.end - bus).min(supply.band).max(0) * supply.slope;
         // A slow rotor returns next to nothing, and a large current that brakes it draws.
         self.braking = if self.short < most >> 2 { braking } else { (braking * share) >> 16 };
     }

@@ -6,7 +6,6 @@ pub mod commission;
 pub mod identification;
 pub mod identify;
 pub mod learning;
-mod phases;
 pub mod pole_pairs;
 pub mod procedure;
 mod sequence;
@@ -25,7 +24,6 @@ use crate::mode::Mode;
 use crate::telemetry::{Measurement, Progress, Record};
 use core::fmt;
 use heapless::{Deque, Vec};
-use phases::Phases;
 
 /// What [`Service::poll`] delivers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -99,7 +97,6 @@ pub struct Service {
     config: Config,
     /// Settings on their way to the drive.
     pending_config: Option<Config>,
-    phases: Phases,
 }
 
 /// Where a command comes from.
@@ -128,7 +125,6 @@ impl Service {
             tables: Vec::new(),
             config,
             pending_config: None,
-            phases: Phases::default(),
         }
     }
 
@@ -231,12 +227,7 @@ impl Service {
     /// The next measurement of currents and voltages, while running with current control. When nobody takes them, they
     /// are lost.
     pub fn measurement(&mut self) -> Option<Measurement> {
-        let measurement = self.tasks.measurements.dequeue()?;
-        if let Some(fault) = self.phases.look(&measurement) {
-            // Found again, where the queue is full.
-            let _ = self.send_internal(Command::Trip(fault));
-        }
-        Some(measurement)
+        self.tasks.measurements.dequeue()
     }
 
     /// The next window of a measurement at standstill.

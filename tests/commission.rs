@@ -107,7 +107,8 @@ impl Case {
             ..GuardSettings::default()
         };
         let full_scale_a = self.full_scale_a;
-        let control = Control { current_full_scale_a: full_scale_a, guard, ..Control::default() };
+        let control =
+            Control { bridge_continuous_a: 1000.0, current_full_scale_a: full_scale_a, guard, ..Control::default() };
         Settings {
             dead_time_s: self.dead_time_s,
             pole_pairs: self.pairs,

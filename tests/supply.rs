@@ -196,7 +196,8 @@ fn a_torque_that_brakes_for_ever_returns_nothing() {
             let current = rig.control().unwrap().current(-direction * control.max_current_a).unwrap();
             rig.command(Command::Current(current)).unwrap();
             let (mut most, mut longest, mut limited, mut torque) = (0.0_f64, 0.0_f64, true, 0.0);
-            rig.run(0.01, |_, _| ());
+            // What limits is told every 26 ms.
+            rig.run(0.06, |_, _| ());
             rig.run(0.3, |rig, period| {
                 let length = period.truth.currents_a.iter().map(|i| i * i).sum::<f64>() / 1.5;
                 (most, longest) = (most.max(period.truth.bus_v), longest.max(length.sqrt()));

@@ -164,8 +164,9 @@ fn settings_that_could_not_be_taken_over_are_confirmed_before_the_bridge_is_on()
     let foreign = before.flash();
     drop(before);
     let mut corrupt = foreign.clone();
-    let settings = 4 * corrupt.len() / 6;
-    corrupt[settings + 20] ^= 1;
+    let value = 8.0_f32.to_le_bytes();
+    let place = corrupt.windows(4).rposition(|bytes| bytes == value).expect("over_current_a");
+    corrupt[place] ^= 1;
     for (flash, problem) in [(foreign, Problem::Foreign), (corrupt, Problem::Corrupt)] {
         for confirm in [Ask::Accept, Ask::Save] {
             let mut drive = drive(Flash::of(flash.clone()));

@@ -194,10 +194,14 @@ impl Supervision {
         self.explained = model.dead + 2 * self.dropped + self.expected.abs() + change;
     }
 
-    /// Fourth part: sums up what is unexplained.
+    /// Fourth part: sums up what is unexplained. A back-EMF in the right direction may be several times as large as it
+    /// should be: the motor's flux linkage may not be known yet.
     #[inline(always)]
     pub fn sum_up(&mut self) {
-        let unexplained = self.emf.d.abs().max((self.emf.q - self.expected).abs());
+        let (along, expected) =
+            if self.expected < 0 { (-self.emf.q, -self.expected) } else { (self.emf.q, self.expected) };
+        let off = along - expected;
+        let unexplained = self.emf.d.abs().max(if off > 0 { off - 4 * expected } else { -off });
         self.misfit = (self.misfit + unexplained - self.explained).clamp(0, 1 << 28);
     }
 

@@ -12,6 +12,8 @@ const BRIDGE_TIME_S: f32 = 1.0;
 const BAND: f32 = 0.1;
 /// Multiple of that square which is a fault.
 const FAULT: f32 = 1.15;
+/// The same of the bridge, which is as quick as the rounds in which its limit is looked at.
+const BRIDGE_FAULT: f32 = 1.6;
 
 /// A body that the current heats.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -41,7 +43,7 @@ pub(crate) struct Overload {
 impl Overload {
     /// Of settings that are in their ranges.
     pub fn new(settings: &Control, scale: &Scale) -> Self {
-        let body = |continuous_a: f32, time_s: f32| {
+        let body = |continuous_a: f32, time_s: f32, fault: f32| {
             // A current beyond what the amplifiers show limits nothing.
             let current = (continuous_a * scale.per_ampere()).clamp(1.0, 43_000.0);
             let square = current * current;
@@ -50,15 +52,15 @@ impl Overload {
             Heating {
                 current: current as i32,
                 square: square as i32,
-                fault: (FAULT * square) as i32,
+                fault: (fault * square) as i32,
                 rate: rate(time_s, 16.0, scale),
                 slope: (slope * 1_048_576.0).max(1.0) as i32,
             }
         };
         Self {
-            winding: body(settings.continuous_current_a, settings.winding_time_s),
+            winding: body(settings.continuous_current_a, settings.winding_time_s, FAULT),
             housing_rate: rate(settings.housing_time_s, 32.0, scale),
-            bridge: body(settings.bridge_continuous_a, BRIDGE_TIME_S),
+            bridge: body(settings.bridge_continuous_a, BRIDGE_TIME_S, BRIDGE_FAULT),
         }
     }
 }

@@ -51,7 +51,11 @@ impl Row {
             least = least.min(instructions);
             most = most.max(instructions);
             #[cfg(feature = "hist")]
-            { let h = unsafe { &mut *(&raw mut HIST) }; let k = (index % 64) as usize; h[k] = h[k].max(instructions); }
+            {
+                let h = unsafe { &mut *(&raw mut HIST) };
+                let k = (index % 64) as usize;
+                h[k] = h[k].max(instructions);
+            }
             sum += instructions;
             error = error.max((self.error)(&arguments, &results).abs());
         }
@@ -67,7 +71,11 @@ impl Row {
             Display2Format(&format_args!("{error:.1e}")),
         );
         #[cfg(feature = "hist")]
-        { let h = unsafe { &mut *(&raw mut HIST) }; println!("{}", h.as_slice()); h.fill(0); }
+        {
+            let h = unsafe { &mut *(&raw mut HIST) };
+            println!("{}", h.as_slice());
+            h.fill(0);
+        }
         within
     }
 }

@@ -257,7 +257,7 @@ impl Drive {
         match (self.mode, self.config.commutation) {
             (Mode::Unarmed | Mode::Ready | Mode::Faulted(_), _) => Path::Idle,
             (Mode::Aligning | Mode::Calibrating, _) => Path::OpenLoop,
-            (Mode::Running, _) if self.arming.drives() => Path::Arming,
+            (Mode::Running, _) if self.arming.is_active() => Path::Arming,
             (Mode::Running, _) if !self.servo.follows() => Path::Voltage,
             (Mode::Running, Commutation::FieldOriented) => Path::FieldOriented,
             (Mode::Running, Commutation::Block | Commutation::Sinusoidal) => Path::LocalFeedback,
@@ -294,12 +294,8 @@ impl Drive {
                 self.fail(fault);
                 Output::OFF
             }
-            Step::Moved => {
-                self.settle(sample);
-                arming::no_voltage(&self.config)
-            }
-            Step::Done => {
-                self.end_arming(false, sample);
+            Step::Done { proven } => {
+                self.end_arming(proven, sample);
                 arming::no_voltage(&self.config)
             }
         }
@@ -415,7 +411,7 @@ impl Drive {
     fn publish(&mut self) {
         let follows = self.mode == Mode::Running && self.servo.follows();
         self.record_by_schedule(follows);
-        self.servo.supervised = follows && !self.arming.drives();
+        self.servo.supervised = follows && !self.arming.is_active();
         self.record.status = Status::new(self.mode, self.limits(), self.progress);
         self.route = self.route();
     }

@@ -4,7 +4,7 @@
 //! 1. A voltage along phase A, against it, along B and against it, raised until a small current flows. It uses all six
 //!    transistors and all three amplifiers, each in both directions.
 //! 2. A push: a voltage along q of the rotor, raised until the rotor has moved by [`MOVED`]. Where it moved as it should,
-//!    the speed control brings it to rest. Where it moved the other way, the opposite voltage is tried; if that moves it
+//!    the opposite voltage stops it. Where it moved the other way, the opposite voltage is tried; if that moves it
 //!    the other way as well, motor wires, Halls and calibration do not belong together.
 //!
 //! All of it takes some hundredths of a second and moves the rotor by a few electrical degrees. A rotor that does not
@@ -19,7 +19,6 @@ use crate::config::Config;
 use crate::control::config::Config as Control;
 use crate::fault::Fault;
 use crate::hall::track::Tracker;
-use crate::schedule::LONG;
 
 /// Way by which the push is told from noise: 3° electrical, in 2⁻³² turns.
 const MOVED: i64 = 35_791_394;
@@ -41,10 +40,11 @@ pub(super) enum Pending {
 pub(super) enum Step {
     /// Goes on.
     Output(Output),
-    /// The rotor moved as pushed, and is to be brought to rest.
-    Moved,
-    /// Is over; the rotor did not tell.
-    Done,
+    /// Is over.
+    Done {
+        /// Whether the rotor moved as pushed.
+        proven: bool,
+    },
     /// Something is wrong.
     Failed(Fault),
 }
@@ -65,8 +65,8 @@ enum Stage {
     Push,
     /// The rotor went the wrong way: what does the opposite voltage do?
     Oppose,
-    /// The speed control brings the rotor to rest.
-    Settle,
+    /// The rotor went the right way: the opposite voltage stops it.
+    Stop,
 }
 
 /// The check and where it is.
@@ -137,35 +137,21 @@ impl Arming {
         self.stage != Stage::Off
     }
 
-    /// Whether it makes the voltages itself.
-    pub fn drives(&self) -> bool {
-        !matches!(self.stage, Stage::Off | Stage::Settle)
-    }
-
-    /// Whether the rotor that the speed control was to bring to rest is there; `None` while it has time. To be asked
-    /// once in a [`LONG`] cycle.
-    pub fn has_settled(&mut self, control: &Control, speed: i32) -> Option<bool> {
-        if self.stage != Stage::Settle {
-            return None;
-        }
-        self.steps += LONG;
-        let longest = control.arming.longest_push;
-        let rests = speed.unsigned_abs() <= control.arming.at_rest as u32 / 6;
-        ((rests && self.steps >= longest / 4) || self.steps >= 4 * longest).then_some(rests)
-    }
-
     /// One step on.
     pub fn step(&mut self, config: &Config, control: &Control, idle: &Idle, rotor: &Tracker, sample: &Sample) -> Step {
         self.steps += 1;
         let phases = idle.phases(control, sample);
         match self.stage {
-            Stage::Off | Stage::Settle => Step::Done,
+            Stage::Off => self.finish(false),
             Stage::Raise => self.raise(control, phases, config),
             Stage::Hold => self.hold(phases, config),
             Stage::Fade => self.fade(control, phases, config),
             Stage::Coast => self.coast(control, rotor, config),
             Stage::Push => self.push(control, phases, rotor, config),
             Stage::Oppose => self.oppose(rotor, config),
+            // What rose evenly is made up for by its end in half of the time.
+            Stage::Stop if self.steps > self.pushed / 2 => self.finish(true),
+            Stage::Stop => self.turned(-self.modulation, rotor, config),
         }
     }
 
@@ -174,9 +160,9 @@ impl Arming {
         self.steps = 0;
     }
 
-    fn finish(&mut self) -> Step {
+    fn finish(&mut self, proven: bool) -> Step {
         self.stage = Stage::Off;
-        Step::Done
+        Step::Done { proven }
     }
 
     fn raise(&mut self, control: &Control, phases: [i32; 3], config: &Config) -> Step {
@@ -252,15 +238,16 @@ impl Arming {
         }
         let moved = self.way(rotor) - i64::from(self.coasting) * i64::from(self.steps);
         if moved >= MOVED {
-            self.enter(Stage::Settle);
-            return Step::Moved;
+            self.pushed = self.steps;
+            self.enter(Stage::Stop);
+            return self.turned(-self.modulation, rotor, config);
         }
         if moved <= -MOVED {
             self.pushed = self.steps;
             self.from = rotor.smoothed();
             self.enter(Stage::Oppose);
         } else if self.steps >= control.arming.longest_push {
-            return self.finish();
+            return self.finish(false);
         }
         self.turned(self.modulation, rotor, config)
     }
@@ -274,7 +261,7 @@ impl Arming {
             return Step::Failed(Fault::Commutation);
         }
         if self.steps >= 2 * self.pushed {
-            return self.finish();
+            return self.finish(false);
         }
         self.turned(-self.modulation, rotor, config)
     }

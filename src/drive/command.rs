@@ -184,12 +184,6 @@ impl Drive {
         self.publish();
     }
 
-    /// The check has pushed the rotor, which the speed control brings to rest.
-    pub(super) fn settle(&mut self, sample: &Sample) {
-        self.reset_servo(sample);
-        self.take_up(Demand::Speed(Speed(0)));
-    }
-
     /// After the check, which may have shown that the commutation is right: what was commanded meanwhile.
     pub(super) fn end_arming(&mut self, proven: bool, sample: &Sample) {
         self.limits = self.limits.without(Limits::CHECKING);

@@ -136,7 +136,7 @@ impl Drive {
     #[inline(never)]
     fn protection_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         // The check at arming tells more of amplifiers that disagree.
-        let checks = self.arming.drives();
+        let checks = self.arming.is_active();
         let fault = self.with_servo(sample, |servo, _, with| {
             if checks { None } else { servo.protection.currents.imbalance(with.config, with.sample) }
         });
@@ -235,7 +235,7 @@ impl Drive {
         self.estimator()
     }
 
-    /// What the supply leaves to the current; too high a speed; the end of the check at arming.
+    /// What the supply leaves to the current; too high a speed.
     #[inline(never)]
     fn over_speed_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         self.with_servo(sample, |servo, paths, with| {
@@ -245,21 +245,7 @@ impl Drive {
         if self.config.control.is_some() && self.is_too_fast() {
             return self.fail_if(Some(Fault::OverSpeed));
         }
-        if self.arming.is_active() {
-            return self.end_settling(sample);
-        }
         self.estimator()
-    }
-
-    #[cold]
-    #[inline(never)]
-    fn end_settling(&mut self, sample: &Sample) -> Option<&Estimator> {
-        if let Some(control) = &self.config.control
-            && let Some(rests) = self.arming.has_settled(control, self.record.rotor.speed())
-        {
-            self.end_arming(rests, sample);
-        }
-        self.estimator_if_short()
     }
 
     #[inline(never)]

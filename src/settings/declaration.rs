@@ -213,7 +213,7 @@ settings! {
         hold_current_a: f32 = 1000.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current while a position is held";
         min_position_turns: f32 = -1e6, -1e6 => 1e6, "turns", Real, FREE, "Least position, mechanical";
         max_position_turns: f32 = 1e6, c.min_position_turns => 1e6, "turns", Real, FREE, "Largest position, mechanical";
-        following_error_turns: f32 = 0.25, 1e-3 => 1e6, "turns", Real, FREE,
+        following_error_turns: f32 = 1.0, 1e-3 => 1e6, "turns", Real, FREE,
             "A rotor farther from its reference is a fault";
         following_error_rad_s: f32 = 100.0, 1.0 => 1e6, "rad/s", Real, FREE,
             "A speed farther from its reference for stall_s is a fault";

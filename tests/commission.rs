@@ -104,6 +104,7 @@ impl Case {
             under_voltage_v: 9.0,
             offset_a: 0.1 * self.full_scale_a,
             imbalance_a: 0.1 * self.full_scale_a,
+            command_timeout_s: 60.0,
             ..GuardSettings::default()
         };
         let full_scale_a = self.full_scale_a;

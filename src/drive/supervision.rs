@@ -45,6 +45,7 @@ pub(super) struct Supervision {
     voltage: Dq,
     current: Dq,
     before: Dq,
+    follows: bool,
     speed: i32,
     emf: Dq,
     expected: i32,
@@ -84,6 +85,7 @@ impl Supervision {
         voltage: Dq { d: 0, q: 0 },
         current: Dq { d: 0, q: 0 },
         before: Dq { d: 0, q: 0 },
+        follows: true,
         speed: 0,
         emf: Dq { d: 0, q: 0 },
         expected: 0,
@@ -162,6 +164,8 @@ impl Supervision {
     #[inline(always)]
     pub fn note(&mut self, state: &State, speed: i32) {
         (self.voltage, self.current, self.speed) = (state.voltage, state.current, speed);
+        let (reference, error) = (state.current_reference, state.current_reference - state.current.q);
+        self.follows = error.abs() <= reference.abs() / 2 + 2 * QUIET;
     }
 
     /// The voltage that is left for the back-EMF.
@@ -195,13 +199,20 @@ impl Supervision {
     }
 
     /// Fourth part: sums up what is unexplained. A back-EMF in the right direction may be several times as large as it
-    /// should be: the motor's flux linkage may not be known yet.
+    /// should be, or as large as it likes where the current follows its reference: the flux linkage may not be known
+    /// yet.
     #[inline(always)]
     pub fn sum_up(&mut self) {
         let (along, expected) =
             if self.expected < 0 { (-self.emf.q, -self.expected) } else { (self.emf.q, self.expected) };
         let off = along - expected;
-        let unexplained = self.emf.d.abs().max(if off > 0 { off - 4 * expected } else { -off });
+        let unexplained = self.emf.d.abs().max(if off <= 0 {
+            -off
+        } else if self.follows {
+            0
+        } else {
+            off - 4 * expected
+        });
         self.misfit = (self.misfit + unexplained - self.explained).clamp(0, 1 << 28);
     }
 

@@ -114,8 +114,8 @@ impl Protection {
 
     /// Takes up speed and bus voltage for what the supply takes back.
     #[inline(always)]
-    pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32) {
-        self.supply.take_up(config, speed, bus, self.most >> 2);
+    pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, controls_field: bool) {
+        self.supply.take_up(config, speed, bus, self.most >> 2, controls_field);
     }
 
     /// The current along d that burns what the supply does not take back, for a current along q that is `asked` for; in

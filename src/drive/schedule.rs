@@ -238,9 +238,10 @@ impl Drive {
     /// What the supply leaves to the current; too high a speed.
     #[inline(never)]
     fn over_speed_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let controls_field = self.config.commutation == Commutation::FieldOriented;
         self.with_servo(sample, |servo, paths, with| {
             let (speed, bus) = (with.rotor.speed(), paths.field_oriented.bus());
-            servo.protection.take_up(with.config, speed, bus);
+            servo.protection.take_up(with.config, speed, bus, controls_field);
         });
         if self.config.control.is_some() && self.is_too_fast() {
             return self.fail_if(Some(Fault::OverSpeed));

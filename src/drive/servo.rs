@@ -192,6 +192,7 @@ impl Servo {
                 let target = if self.ends { 0 } else { speed };
                 self.trajectory.towards_speed(target, &with.config.trajectory);
             }
+            Demand::Position(_) if self.waits => self.trajectory.slow_to(0),
             Demand::Position(_) => self.trajectory.advance(&with.config.trajectory),
         }
     }
@@ -248,14 +249,13 @@ impl Servo {
                 let left = if speed < 0 { here - least } else { most - here };
                 self.ends = !self.trajectory.stops_within(left, &with.config.trajectory);
             }
-            Demand::Position(_) => {
+            Demand::Position(target) => {
                 let holds = self.trajectory.speed() == 0;
                 self.protection.held = if holds { with.config.motion.hold } else { i32::MAX };
                 let error = self.trajectory.position().to_bits().wrapping_sub(here);
                 self.is_far = error.unsigned_abs() > far as u64;
-                if error.unsigned_abs() > far as u64 / 4 && (error < 0) == (self.trajectory.speed() < 0) {
-                    self.trajectory.slow_to(with.rotor.speed());
-                }
+                let back = coarse(target).to_bits() < self.trajectory.position().to_bits();
+                self.waits = error.unsigned_abs() > far as u64 / 4 && (error < 0) == back;
             }
         }
     }
@@ -284,7 +284,8 @@ impl Servo {
             4 => supervision.sum_up(),
             5 => return supervision.judge(model),
             6 => {
-                let speed = if self.moves() { self.speed_reference.wrapping_sub(with.rotor.speed()) } else { 0 };
+                let follows = matches!(self.demand, Demand::Speed(_));
+                let speed = if follows { self.speed_reference.wrapping_sub(with.rotor.speed()) } else { 0 };
                 return self.supervision.is_late(motion, self.is_far, speed);
             }
             _ => {

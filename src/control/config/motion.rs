@@ -69,8 +69,8 @@ impl Motion {
         };
         let hold = (settings.hold_current_a * scale.per_ampere()).min(32_767.0);
         Self {
-            impulse: (0.2 * settings.max_current_a * scale.per_ampere()).max(192.0) as i32,
-            turning: (5.0 / scale.step_hz * TURN) as i32,
+            impulse: (0.1 * settings.max_current_a * scale.per_ampere()).max(128.0) as i32,
+            turning: (3.0 / scale.step_hz * TURN) as i32,
             far: (turns(settings.following_error_turns) / OUTER as f32) as i64,
             far_speed: (settings.following_error_rad_s * scale.per_radian_s()).min(1_073_741_824.0) as i32,
             late: checks(settings.guard.stall_s),

@@ -4,7 +4,7 @@
 //! in the windings by a current along d, which makes no torque: 1.5 (e q − R (q² + d²)) is what goes back. The current
 //! along d comes first, and the braking current follows it as far as it has room, so that nothing is returned on the
 //! way either. All of it stays within the largest current, so a fast motor of a low resistance brakes with
-//! q = I²R/e only. Where d is not controlled, with local feedback, hardly anything brakes a fast motor.
+//! q = I²R/e only. Where d is not controlled, with local feedback, the bus voltage alone limits the braking.
 //!
 //! What the settings of the motor do not tell is left to the bus voltage: towards `over_voltage_v`, less and less brakes.
 
@@ -39,13 +39,14 @@ impl Supply {
     /// Takes up speed and bus voltage: what may go back. `most` is the largest current in 2⁻¹³ of
     /// the full scale.
     #[inline(always)]
-    pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, most: i32) {
+    pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, most: i32, controls_field: bool) {
         let supply = &config.supply;
         self.forward = speed >= 0;
         self.short = high(speed.abs(), supply.short).min(MOST_SHORT) | 1;
         // What nobody notices: the noise of the speed loop must not move the current along d.
         let little = most >> 3;
-        self.returns = high(bus << 16, supply.returns) + little * little;
+        // Without control of the current along d, the bus voltage alone limits what brakes.
+        self.returns = if controls_field { high(bus << 16, supply.returns) + little * little } else { 1 << 29 };
     }
 
     /// Takes up what the supply has to drive with.
@@ -63,7 +64,7 @@ impl Supply {
     pub fn burn(&mut self, config: &Config, bus: i32, asked: i32, most: i32, controls_field: bool) -> i32 {
         let against = if self.forward { -asked } else { asked } >> 2;
         // Beyond half of the short-circuit current, less and less is returned.
-        let braking = against.min(self.short >> 1).min(most);
+        let braking = against.min(self.short >> 1).min(most).max(0);
         let burn = braking * (self.short - braking) - self.returns;
         self.field = if !controls_field {
             0

@@ -26,6 +26,8 @@ pub struct Supply {
     braking: i32,
     driving: i32,
     forward: bool,
+    /// So slow that next to nothing is returned, whatever the flux linkage.
+    slow: bool,
 }
 
 /// Largest current that the back-EMF would drive, 32 full scales: a square of it is beyond the integers.
@@ -33,8 +35,15 @@ const MOST_SHORT: i32 = 1 << 18;
 
 impl Supply {
     /// At rest.
-    pub const NONE: Self =
-        Self { short: 1, returns: 0, field: 0, braking: i16::MAX as i32, driving: i16::MAX as i32, forward: true };
+    pub const NONE: Self = Self {
+        short: 1,
+        returns: 0,
+        field: 0,
+        braking: i16::MAX as i32,
+        driving: i16::MAX as i32,
+        forward: true,
+        slow: true,
+    };
 
     /// Takes up speed and bus voltage: what may go back. `most` is the largest current in 2⁻¹³ of
     /// the full scale.
@@ -42,6 +51,7 @@ impl Supply {
     pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, most: i32, controls_field: bool) {
         let supply = &config.supply;
         self.forward = speed >= 0;
+        self.slow = speed.abs() < 4 * config.motion.turning;
         self.short = high(speed.abs(), supply.short).min(MOST_SHORT) | 1;
         // What nobody notices: the noise of the speed loop must not move the current along d.
         let little = most >> 3;
@@ -92,7 +102,7 @@ impl Supply {
         let braking = braking.min(most - ((self.field * 37) >> 6)).min(drawn);
         let share = (supply.end - bus).min(supply.band).max(0) * supply.slope;
         // A slow rotor returns next to nothing, and a large current that brakes it draws.
-        self.braking = if self.short < most >> 2 { braking } else { (braking * share) >> 16 };
+        self.braking = if self.slow { braking } else { (braking * share) >> 16 };
     }
 
     /// Narrows a window.

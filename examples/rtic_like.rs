@@ -68,8 +68,9 @@ fn converse(supervisor: &mut Supervisor<Flash>, clock: SyncSender<()>) -> Result
     tool.ask(Ask::Calibrate, &mut millisecond)?;
     let calibrated = tool.wait(&mut millisecond)?.calibrated;
     tool.ask(Ask::Arm, &mut millisecond)?;
-    tool.ask(Ask::Position(3.0), &mut millisecond)?;
-    (0..1500).for_each(|_| millisecond(&mut Line::default()));
+    for _ in 0..1500 {
+        tool.ask(Ask::Position(3.0), &mut millisecond)?; // it holds for a second
+    }
     let turns = tool.status(&mut millisecond)?.position_turns;
     println!("calibrated: {calibrated}; at {turns:.3} turns of 3");
     assert!((turns - 3.0).abs() < 0.01, "{turns}");

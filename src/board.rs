@@ -120,6 +120,17 @@ impl LostPeriods {
     }
 }
 
+/// What keeps the bridge off, whatever the commands say: a period with it is one of
+/// [`Drive::step_off`](crate::drive::Drive::step_off).
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum Interlock {
+    /// The enable input is off: a fault where the bridge is on, and a refusal to switch it on.
+    Disabled,
+    /// A request to disarm has come in, and has not had its turn yet.
+    Stop,
+}
+
 /// Which legs of the bridge switch; the others are open, both transistors off.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

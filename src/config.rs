@@ -7,7 +7,7 @@ use crate::control;
 use crate::hall::track;
 use crate::pwm;
 use crate::schedule::RECORDS;
-use crate::settings::{Error, Settings};
+use crate::settings::{Control, Error, Settings};
 
 /// [`Settings`] in the units of the interrupt. What the shortest steps need comes first, as in
 /// [`Drive`](crate::drive::Drive).
@@ -26,8 +26,8 @@ pub struct Config {
     pub adc_bits: u8,
     /// Pole pairs of the rotor.
     pub pole_pairs: PolePairs,
-    /// Whether positive is against the phases.
-    pub reversed: bool,
+    /// Where there is no current control, which knows it, too.
+    reversed: bool,
     pub(crate) commutation: Commutation,
     pub(crate) limits: pwm::Limits,
     pub(crate) max_modulation: Modulation,
@@ -46,7 +46,7 @@ pub struct Config {
 pub struct OpenLoop {
     /// Strength of the field.
     pub modulation: Modulation,
-    /// What the strength rises by in a step, in 2⁻³¹; positive.
+    /// What its share of the full field rises by in a step, in 2⁻³¹; positive.
     pub rise: i32,
     /// Steps to stand with the full field.
     pub stand: u32,
@@ -54,7 +54,68 @@ pub struct OpenLoop {
     pub speed: i32,
     /// Turns to record each way; at least one.
     pub turns: u32,
+    /// Makes the strength follow a current, with current sensing.
+    pub regulator: Option<Regulator>,
 }
+
+/// The regulator of the field's current, in the units of the interrupt.
+///
+/// The winding sees a voltage that changes slowly, so a rotor that swings about the field is damped by the currents
+/// that it induces, which a current held constant would not do.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Regulator {
+    /// Current of the full field, in 2⁻¹⁵ of the full scale; positive.
+    pub current: i32,
+    /// Change of the modulation, in 2⁻³¹ a step, per difference of the currents' squares; in 2⁻¹⁶.
+    pub gain: i32,
+    /// Largest change in a step, in 2⁻³¹.
+    pub slew: i32,
+    /// The same of a [measurement at standstill](crate::drive::standstill).
+    pub slow: i32,
+    /// What the dead time takes from a leg, in counts.
+    pub dead_time: i32,
+    /// Slope of its compensation over a phase's current: counts in 2⁻¹⁶ per 2⁻¹⁵ of the full scale.
+    pub slope: i32,
+}
+
+impl Regulator {
+    fn new(settings: &Settings, control: &Control, dead_time: u16) -> Self {
+        let per_ampere = 32_768.0 / control.current_full_scale_a;
+        let current_a = match control.calibration_current_a {
+            0.0 => (control.max_current_a / 3.0).min(control.continuous_current_a),
+            chosen => chosen,
+        };
+        let current = (current_a * per_ampere).max(1.0);
+        // A modulation of one is half the bus, in 2⁻³¹, and a step's share of a second.
+        let per_volt_s = 2.0 * 2_147_483_648.0 / control.bus_full_scale_v / settings.pwm_hz;
+        let volts_per_ampere_s = SETTLING_PER_S * control.resistance_ohm;
+        // The difference of the squares is twice the current times the difference of the currents.
+        let gain = volts_per_ampere_s * per_volt_s / per_ampere / (2.0 * current) * 65_536.0;
+        // Where the current changes its sign, the dead time's effect changes over a range that the inductance makes
+        // wide; corrected too steeply there, the current would run away from zero.
+        let ramp = (current / 12.0).max(1.5 * control.dead_time_ramp_a * per_ampere).max(LEAST_RAMP);
+        let dead_time = f32::from(dead_time) / 2.0;
+        Self {
+            current: current as i32,
+            gain: (gain as i32).max(1),
+            slew: (SLEW_V_S * per_volt_s) as i32,
+            slow: (SLOW_V_S * per_volt_s) as i32,
+            dead_time: dead_time as i32,
+            slope: (dead_time / ramp * 65_536.0) as i32,
+        }
+    }
+}
+
+/// Least range of the dead time's compensation, in 2⁻¹⁵ of the full scale, for which no product overflows.
+const LEAST_RAMP: f32 = 256.0;
+/// Bandwidth of the regulator in rad/s, for the resistance of the settings; a motor whose resistance is less makes it
+/// faster, which the largest slew keeps from mattering.
+const SETTLING_PER_S: f32 = 60.0;
+/// Largest slew of the voltage: 12 V in a third of a second. At 20 mΩ and 8 µH the current overshoots by 0.8 A.
+const SLEW_V_S: f32 = 40.0;
+/// The same while nothing is known of the motor.
+const SLOW_V_S: f32 = 8.0;
 
 impl Config {
     /// Steps from record to record while not calibrating.
@@ -62,8 +123,16 @@ impl Config {
         self.record_every
     }
 
+    /// Whether positive is against the phases. There is one place that says so.
+    pub const fn is_reversed(&self) -> bool {
+        match &self.control {
+            Some(control) => control.modulator.is_reversed(),
+            None => self.reversed,
+        }
+    }
+
     pub(crate) const fn order(&self) -> PhaseOrder {
-        if self.reversed { PhaseOrder::REVERSED } else { PhaseOrder::FORWARD }
+        if self.is_reversed() { PhaseOrder::REVERSED } else { PhaseOrder::FORWARD }
     }
 
     /// Records that both sweeps of a calibration deliver.
@@ -95,6 +164,7 @@ impl Settings {
             pwm_hz,
             period,
             dead_time,
+            dead_time_s: self.dead_time_s,
             limits,
             max_electrical_hz: self.max_electrical_hz,
             reversed: self.reversed,
@@ -112,13 +182,21 @@ impl Settings {
             max_modulation: commutation::modulation(self.max_modulation),
             advance: ElectricalAngle::from_degrees(self.phase_advance_deg),
             tracking: self.tracking()?,
-            fastest: (self.max_electrical_hz / pwm_hz * TURN) as i32,
+            fastest: (self.fastest_hz() / pwm_hz * TURN) as i32,
             tolerated: self.tolerated_samples.into(),
             run_on_two_halls: self.run_on_two_halls,
             record_every: self.record_every(),
             calibration_record_every: self.every(self.calibration_record_hz),
-            open_loop: self.open_loop(),
+            open_loop: self.open_loop(dead_time),
         })
+    }
+
+    /// Electrical frequency that is a fault: a fifth above the largest speed, and what the speed's noise may add.
+    fn fastest_hz(&self) -> f32 {
+        let by_speed = self.control.map_or(f32::INFINITY, |control| {
+            1.2 * control.max_speed_rad_s * f32::from(self.pole_pairs) / core::f32::consts::TAU + 10.0
+        });
+        self.max_electrical_hz.min(by_speed)
     }
 
     fn every(&self, hz: f32) -> u32 {
@@ -142,15 +220,16 @@ impl Settings {
         track::Config::new(smoothing, jump, delay).ok_or(out_of_range)
     }
 
-    fn open_loop(&self) -> OpenLoop {
+    fn open_loop(&self, dead_time: u16) -> OpenLoop {
         let Self { calibration_modulation: modulation, calibration_align_s: align_s, .. } = *self;
         let mechanical = libm::ceilf(f32::from(self.calibration_turns) / f32::from(self.pole_pairs));
         OpenLoop {
             modulation: commutation::modulation(modulation),
-            rise: ((modulation * 2_147_483_648.0 / (align_s * self.pwm_hz)) as i32).max(1),
+            rise: ((2_147_483_648.0 / (align_s * self.pwm_hz)) as i32).max(1),
             stand: (align_s * self.pwm_hz) as u32,
             speed: (self.calibration_hz / self.pwm_hz * TURN) as i32,
             turns: mechanical as u32 * u32::from(self.pole_pairs),
+            regulator: self.control.as_ref().map(|control| Regulator::new(self, control, dead_time)),
         }
     }
 }

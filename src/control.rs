@@ -12,9 +12,11 @@ mod measured;
 pub mod position;
 pub mod trajectory;
 pub mod velocity;
+mod window;
 
 use crate::angle::TURN;
 pub use config::Config;
+pub use window::Window;
 
 /// Current of a phase or along an axis, in 2⁻¹⁵ of the full scale of the amplifiers.
 /// [`Config::current`] makes one of amperes.
@@ -82,6 +84,6 @@ impl Motor {
 
 /// `value · 2^bits` as an integer, if it is one of `i32`.
 fn fixed(value: f32, bits: i32) -> Option<i32> {
-    let scaled = libm::ldexp(f64::from(value), bits);
-    (scaled.abs() < 2_147_483_648.0).then(|| libm::round(scaled) as i32)
+    let scaled = libm::ldexpf(value, bits);
+    (scaled.abs() < 2_147_483_648.0).then(|| libm::roundf(scaled) as i32)
 }

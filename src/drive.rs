@@ -10,7 +10,9 @@
 //! | path | active | what it does |
 //! |---|---|---|
 //! | `idle` | bridge off | measures the angle; learns the current amplifiers' zeros |
+//! | `arming` | for an instant after arming, with current sensing | checks phases, amplifiers and commutation |
 //! | `open_loop` | aligning, calibrating | turns the field whatever the rotor does |
+//! | `standstill` | aligning, for a measurement | one phase against the others, to measure R and L |
 //! | `voltage` | running by a modulation | a voltage vector turned with the rotor, sinusoidal or block |
 //! | `local_feedback` | following, sinusoidal or block | one current controlled by one voltage |
 //! | `field_oriented` | following, field-oriented | currents along d and q controlled |
@@ -18,17 +20,21 @@
 //! What control with currents needs beside its path, the outer loops, the protection and the schedule, is in `servo`.
 
 pub mod absolute;
+mod arming;
 mod channels;
 mod command;
 mod field_oriented;
 mod hall_loss;
 mod idle;
+mod interlock;
 mod local_feedback;
 pub mod open_loop;
 mod protection;
 mod records;
 mod schedule;
 mod servo;
+pub mod standstill;
+mod supervision;
 mod tracking;
 mod voltage;
 
@@ -41,6 +47,7 @@ use crate::hall::estimate::Estimator;
 use crate::hall::track::Tracker;
 use crate::mode::{Event, Mode};
 use crate::telemetry::{Progress, Record, Status};
+use arming::{Arming, Step};
 pub use channels::{Channels, Command, Interrupt, Refusal, Reply, Tasks};
 use field_oriented::FieldOriented;
 use hall_loss::HallLoss;
@@ -50,6 +57,8 @@ use open_loop::{OpenLoop, Stage};
 pub use schedule::{CYCLE, OUTER};
 use servo::Servo;
 pub use servo::{Demand, State};
+use standstill::Standstill;
+pub(crate) use supervision::PARTS;
 use voltage::Voltage;
 
 /// The drive. What every step needs comes first, within reach of the short forms of the load instructions.
@@ -64,13 +73,16 @@ pub struct Drive {
     /// The estimator in use; none before the first calibration.
     estimator: Option<&'static mut Estimator>,
     channels: Interrupt,
-    config: Config,
     paths: Paths,
+    config: Config,
     servo: Servo,
     hall_loss: HallLoss,
     mode: Mode,
     limits: Limits,
     progress: Progress,
+    arming: Arming,
+    /// Whether the enable input is off, in a step with that interlock.
+    disabled: bool,
 }
 
 /// The control paths.
@@ -81,12 +93,14 @@ struct Paths {
     local_feedback: LocalFeedback,
     open_loop: OpenLoop,
     idle: Idle,
+    standstill: Standstill,
 }
 
 /// The control path that is active.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Path {
     Idle,
+    Arming,
     OpenLoop,
     Voltage,
     LocalFeedback,
@@ -120,6 +134,7 @@ impl Drive {
                 local_feedback: LocalFeedback::new(),
                 open_loop: OpenLoop::OFF,
                 idle: Idle::new(),
+                standstill: Standstill::OFF,
             },
             config,
             servo: Servo::new(),
@@ -127,6 +142,8 @@ impl Drive {
             mode: Mode::Unarmed,
             limits: Limits::NONE,
             progress: Progress::None,
+            arming: Arming::OFF,
+            disabled: false,
         }
     }
 
@@ -222,7 +239,8 @@ impl Drive {
         self.is_healthy(sample);
         let output = match self.path() {
             Path::Idle => self.idle(sample),
-            Path::OpenLoop => self.open_loop(),
+            Path::Arming => self.arming(sample),
+            Path::OpenLoop => self.open_loop(sample),
             Path::Voltage => self.voltage(sample),
             Path::LocalFeedback => self.local_feedback(sample),
             Path::FieldOriented => self.field_oriented(sample),
@@ -239,6 +257,7 @@ impl Drive {
         match (self.mode, self.config.commutation) {
             (Mode::Unarmed | Mode::Ready | Mode::Faulted(_), _) => Path::Idle,
             (Mode::Aligning | Mode::Calibrating, _) => Path::OpenLoop,
+            (Mode::Running, _) if self.arming.is_active() => Path::Arming,
             (Mode::Running, _) if !self.servo.follows() => Path::Voltage,
             (Mode::Running, Commutation::FieldOriented) => Path::FieldOriented,
             (Mode::Running, Commutation::Block | Commutation::Sinusoidal) => Path::LocalFeedback,
@@ -264,13 +283,40 @@ impl Drive {
         Output::OFF
     }
 
+    /// Checks what the bridge is connected to; then does what was commanded meanwhile.
+    fn arming(&mut self, sample: &Sample) -> Output {
+        self.measure(&sample.halls);
+        let Self { config, paths, record, arming, .. } = self;
+        let (Some(control), true) = (&config.control, self.mode.drives()) else { return Output::OFF };
+        match arming.step(config, control, &paths.idle, &record.rotor, sample) {
+            Step::Output(output) => output,
+            Step::Failed(fault) => {
+                self.fail(fault);
+                Output::OFF
+            }
+            Step::Done { proven } => {
+                self.end_arming(proven, sample);
+                arming::no_voltage(&self.config)
+            }
+        }
+    }
+
     /// Turns the field. Its angle at the sampling instant is recorded as the rotor's, which follows it.
-    fn open_loop(&mut self) -> Output {
+    fn open_loop(&mut self, sample: &Sample) -> Output {
         self.servo.command_received();
-        let open_loop = &mut self.paths.open_loop;
-        self.record.rotor = Tracker::at(open_loop.field());
-        let stage = open_loop.step(&self.config.open_loop);
-        let output = open_loop.output(&self.config.limits);
+        if self.paths.standstill.is_active() {
+            return self.standstill(sample);
+        }
+        let Self { config, paths: Paths { open_loop, idle, .. }, servo, record, .. } = self;
+        record.rotor = Tracker::at(open_loop.field());
+        let stage = open_loop.step(&config.open_loop);
+        let output = match (&config.control, &config.open_loop.regulator) {
+            (Some(control), Some(regulator)) => {
+                open_loop.regulate(regulator, servo.measure_current(record.rotor.angle(), sample));
+                open_loop.compensated(regulator, &config.limits, idle.phases(control, sample))
+            }
+            _ => open_loop.output(&config.limits),
+        };
         self.progress = match stage {
             Stage::Rise | Stage::Stand(_) | Stage::Settle(_) => Progress::None,
             Stage::Record(sweep) => Progress::Sample(sweep),
@@ -324,14 +370,14 @@ impl Drive {
     /// Checks currents, bus voltage and lost periods. False when a running drive failed.
     #[inline(always)]
     fn is_healthy(&mut self, sample: &Sample) -> bool {
-        self.servo.protection.allows(sample) || self.tolerates_fault(sample)
+        self.servo.protection.currents.allow(sample) || self.tolerates_fault(sample)
     }
 
     /// Latches the fault that the protection has found if the bridge is on; false then.
     #[cold]
     #[inline(never)]
     fn tolerates_fault(&mut self, sample: &Sample) -> bool {
-        self.fail(self.servo.protection.fault(sample));
+        self.fail(self.servo.protection.currents.fault(sample));
         !matches!(self.mode, Mode::Faulted(_))
     }
 
@@ -354,12 +400,18 @@ impl Drive {
 
     fn enter(&mut self, mode: Mode) {
         self.mode = mode;
+        if !mode.drives() {
+            self.arming.end();
+            self.limits = self.limits.without(Limits::CHECKING);
+        }
         self.publish();
     }
 
     /// After every change: state, limits and progress go into the record, and the next step is chosen.
     fn publish(&mut self) {
-        self.record_by_schedule(self.mode == Mode::Running && self.servo.follows());
+        let follows = self.mode == Mode::Running && self.servo.follows();
+        self.record_by_schedule(follows);
+        self.servo.supervised = follows && !self.arming.is_active();
         self.record.status = Status::new(self.mode, self.limits(), self.progress);
         self.route = self.route();
     }

@@ -79,7 +79,7 @@ faults! {
     /// The bus voltage is above `over_voltage_v`.
     OverVoltage = 19,
         "the bus voltage is too high",
-        "braking feeds the supply: lower max_acceleration_rad_s2, or add a brake resistor";
+        "braking feeds the supply: set max_regeneration_a to what the supply takes back (0: nothing), or add a capacitor";
     /// The bus voltage is below `under_voltage_v`.
     UnderVoltage = 20,
         "the bus voltage is too low",
@@ -117,6 +117,19 @@ faults! {
     Deadline = 28,
         "control periods passed without a step",
         "the control interrupt was late: report it, with the firmware's version";
+    /// The rotor moves against the torque that the drive applies: motor wires, Halls or calibration do not belong
+    /// together.
+    Commutation = 29,
+        "the rotor turned against the motor's torque: wires, Halls and calibration do not belong together",
+        "if motor or Halls were rewired or exchanged, `hallctl calibrate`; otherwise the load is stronger than the motor";
+    /// The rotor did not follow the commanded position or speed.
+    FollowingError = 30,
+        "the rotor did not follow the command",
+        "look for a blocked or too heavy load; following_error_turns and following_error_rad_s are the limits";
+    /// The rotor is outside of `min_position_turns` to `max_position_turns`.
+    PositionBounds = 31,
+        "the rotor is outside of its position bounds",
+        "turn it back by hand, or change min_position_turns and max_position_turns";
     /// The absolute encoder gave no angle for longer than tolerated.
     Encoder = 32,
         "the absolute encoder gives no trustworthy angle",
@@ -129,6 +142,62 @@ faults! {
     GateDriver = 34,
         "the gate driver reports a fault, or does not answer",
         "read the gate driver's registers: a short circuit, its supply, or its SPI lines";
+    /// Arming found no current in phase A.
+    OpenPhaseA = 35,
+        "phase A carries no current",
+        "check the wire of phase A, its terminal and its half bridge";
+    /// Arming found no current in phase B.
+    OpenPhaseB = 36,
+        "phase B carries no current",
+        "check the wire of phase B, its terminal and its half bridge";
+    /// Arming found no current in phase C.
+    OpenPhaseC = 37,
+        "phase C carries no current",
+        "check the wire of phase C, its terminal and its half bridge";
+    /// Arming found that the amplifier of phase A does not show its current.
+    AmplifierA = 38,
+        "the current amplifier of phase A does not show the phase's current",
+        "check the shunt and the amplifier of phase A";
+    /// Arming found that the amplifier of phase B does not show its current.
+    AmplifierB = 39,
+        "the current amplifier of phase B does not show the phase's current",
+        "check the shunt and the amplifier of phase B";
+    /// Arming found that the amplifier of phase C does not show its current.
+    AmplifierC = 40,
+        "the current amplifier of phase C does not show the phase's current",
+        "check the shunt and the amplifier of phase C";
+    /// Arming found no current in any phase.
+    NoCurrent = 41,
+        "no phase carries a current",
+        "check that the motor is connected and the bridge is supplied; resistance_ohm may be far too low";
+    /// Currents and voltages contradict the motor's resistance, inductance and flux linkage.
+    CurrentModel = 42,
+        "currents and voltages do not fit the motor: an open phase, a blind amplifier, or wrong settings",
+        "check the motor's wires and the shunts; if the motor is new, `hallctl identify`";
+    /// The thermal model of the winding is beyond its limit.
+    WindingHot = 43,
+        "the winding is too hot by the current that has flowed",
+        "let it cool; lower the load, or raise continuous_current_a if the motor stands more";
+    /// The thermal model of the bridge is beyond its limit.
+    BridgeOverload = 44,
+        "the bridge is overloaded by the current that has flowed",
+        "let it cool; lower the load";
+    /// The bridge's thermistor is open or shorted.
+    BridgeThermistor = 45,
+        "the thermistor of the bridge is open or shorted",
+        "check the thermistor and its pull-up";
+    /// The motor's thermistor is open or shorted.
+    MotorThermistor = 46,
+        "the thermistor of the motor is open or shorted",
+        "check the thermistor and its wires";
+    /// The motor was not at rest in `stop_s` after a stop.
+    NotStopped = 47,
+        "the motor did not come to rest in time",
+        "something drives the shaft, or stop_s is too short for the load's inertia";
+    /// The enable input is off.
+    Disabled = 48,
+        "the enable input is off",
+        "close the enable contact; after that `hallctl clear`";
 }
 
 const fn hall_code(why: Implausible) -> u8 {
@@ -209,6 +278,10 @@ impl Limits {
     pub const HEAT: Self = Self(16);
     /// No command came for too long: the drive has stopped.
     pub const TIMEOUT: Self = Self(32);
+    /// The bridge was just switched on: wires, amplifiers and commutation are being checked.
+    pub const CHECKING: Self = Self(64);
+    /// The supply takes no more back or gives no more, and the torque is reduced.
+    pub const SUPPLY: Self = Self(128);
 
     /// A bit each, in the order of their numbers: these stay the same from version to version.
     pub const fn bits(self) -> u8 {
@@ -217,7 +290,7 @@ impl Limits {
 
     /// Those of a number; bits that stand for none are ignored.
     pub const fn from_bits(bits: u8) -> Self {
-        Self(bits & 63)
+        Self(bits)
     }
 
     /// Whether all of `other` are active.
@@ -249,7 +322,7 @@ mod tests {
     use super::*;
 
     /// What is in flashes, logs and other versions of the tools: a row is added, none is changed.
-    const NUMBERS: [(u8, Fault); 25] = [
+    const NUMBERS: [(u8, Fault); 42] = [
         (1, Fault::Hall(Implausible::AtRail(Channel(0)))),
         (2, Fault::Hall(Implausible::AtRail(Channel(1)))),
         (3, Fault::Hall(Implausible::AtRail(Channel(2)))),
@@ -272,9 +345,26 @@ mod tests {
         (26, Fault::CurrentImbalance),
         (27, Fault::CommandTimeout),
         (28, Fault::Deadline),
+        (29, Fault::Commutation),
+        (30, Fault::FollowingError),
+        (31, Fault::PositionBounds),
         (32, Fault::Encoder),
         (33, Fault::Turns),
         (34, Fault::GateDriver),
+        (35, Fault::OpenPhaseA),
+        (36, Fault::OpenPhaseB),
+        (37, Fault::OpenPhaseC),
+        (38, Fault::AmplifierA),
+        (39, Fault::AmplifierB),
+        (40, Fault::AmplifierC),
+        (41, Fault::NoCurrent),
+        (42, Fault::CurrentModel),
+        (43, Fault::WindingHot),
+        (44, Fault::BridgeOverload),
+        (45, Fault::BridgeThermistor),
+        (46, Fault::MotorThermistor),
+        (47, Fault::NotStopped),
+        (48, Fault::Disabled),
     ];
 
     #[test]
@@ -291,12 +381,20 @@ mod tests {
 
     #[test]
     fn limits_are_their_bits() {
-        let limits =
-            [Limits::DUTY, Limits::EXTRAPOLATED, Limits::TWO_HALLS, Limits::CURRENT, Limits::HEAT, Limits::TIMEOUT];
+        let limits = [
+            Limits::DUTY,
+            Limits::EXTRAPOLATED,
+            Limits::TWO_HALLS,
+            Limits::CURRENT,
+            Limits::HEAT,
+            Limits::TIMEOUT,
+            Limits::CHECKING,
+            Limits::SUPPLY,
+        ];
         for (place, limit) in limits.into_iter().enumerate() {
             assert_eq!(limit.bits(), 1 << place);
         }
         let all = limits.into_iter().fold(Limits::NONE, Limits::with);
-        assert_eq!((all.bits(), Limits::from_bits(u8::MAX)), (63, all));
+        assert_eq!((all.bits(), Limits::from_bits(u8::MAX)), (255, all));
     }
 }

@@ -4,12 +4,16 @@
 //!            Calibrate              aligned                swept: bridge off, the service fits
 //! Unarmed ─────────────▶ Aligning ───────────▶ Calibrating ────────────────────▶ Unarmed
 //!    │ ▲                                                                            │
-//!    │ └── Clear ── Faulted ◀── any fault ── Aligning, Calibrating, Running         │
+//!    │ ├── Clear ── Faulted ◀── any fault ── Aligning, Calibrating, Running         │
+//!    │ └───────── settings that count the other way ─────────────┐                  │
 //!    └───────────────── Install (a calibration) ────────────────▶ Ready ◀───────────┘
 //!                                                      Arm │  ▲ Disarm
 //!                                                          ▼  │
 //!                                                         Running
 //! ```
+//!
+//! A calibration begins by giving up the one before: who calibrates has a reason. Whatever ends it but success, the
+//! drive is not armed before one has succeeded.
 
 use crate::fault::Fault;
 
@@ -45,6 +49,8 @@ pub enum Event {
     Swept,
     /// A calibration arrived, from the service or from storage.
     Installed,
+    /// The calibration does not fit the settings that the drive was given.
+    Invalidated,
     /// A person asks for the bridge to be on.
     Arm,
     /// A person asks for it to be off.
@@ -70,6 +76,7 @@ impl Mode {
             (Unarmed | Ready, Event::Installed) => Ready,
             // Adaptation, while running.
             (Running, Event::Installed) => Running,
+            (Ready, Event::Invalidated) => Unarmed,
             (Ready, Event::Arm) => Running,
             (Running, Event::Disarm) => Ready,
             (Aligning | Calibrating, Event::Disarm) => Unarmed,
@@ -94,11 +101,12 @@ mod tests {
     const FAULT: Fault = Fault::OverSpeed;
     const MODES: [Mode; 6] =
         [Mode::Unarmed, Mode::Aligning, Mode::Calibrating, Mode::Ready, Mode::Running, Mode::Faulted(FAULT)];
-    const EVENTS: [Event; 9] = [
+    const EVENTS: [Event; 10] = [
         Event::Calibrate,
         Event::Aligned,
         Event::Swept,
         Event::Installed,
+        Event::Invalidated,
         Event::Arm,
         Event::Disarm,
         Event::Fail(FAULT),

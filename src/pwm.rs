@@ -12,7 +12,8 @@ pub type Modulation = I1F15;
 
 /// A fraction as a [`Modulation`], the nearest there is; zero for what is not a number.
 pub fn modulation(share: f32) -> Modulation {
-    Modulation::from_bits(libm::roundf(share * 32_768.0) as i16)
+    // −1 has a number, 1 has none: both ends are the same.
+    Modulation::from_bits((libm::roundf(share * 32_768.0) as i16).max(-i16::MAX))
 }
 
 /// What is wrong with a PWM setting.
@@ -74,8 +75,9 @@ pub fn dead_time_counts(timer_hz: f32, pwm_hz: f32, dead_time_s: f32) -> Result<
         return Err(Error::DeadTime(fraction));
     }
     // A product a rounding error above a whole count means that count.
-    let counts = f64::from(dead_time_s) * f64::from(timer_hz);
-    Ok(libm::ceil(counts - 1e-4) as u16)
+    let counts = f64::from(dead_time_s) * f64::from(timer_hz) - 1e-4;
+    let whole = counts as u16;
+    Ok(whole + u16::from(f64::from(whole) < counts))
 }
 
 /// The largest compare value that leaves the lower transistors conducting for `window_s` in each valley, for sampling
@@ -123,10 +125,22 @@ impl Limits {
         ((self.low as i32 + self.high as i32 + 1) << fraction) >> 1
     }
 
+    /// The compare value nearest to a number of counts.
+    #[inline(always)]
+    pub const fn nearest(&self, counts: i32) -> u16 {
+        if counts < self.low as i32 {
+            self.low
+        } else if counts > self.high as i32 {
+            self.high
+        } else {
+            counts as u16
+        }
+    }
+
     /// Length in counts of the longest voltage vector that fits the range in every direction with
     /// [`svpwm`](crate::commutation::svpwm): its line voltage is the whole range, less two counts for rounding.
     pub fn longest_vector(&self) -> f64 {
-        f64::from(self.high - self.low - 2) / libm::sqrt(3.0)
+        f64::from(self.high - self.low - 2) / SQRT_3
     }
 
     /// The amplitude that a command asks for, or the largest that the limits allow.
@@ -178,6 +192,9 @@ impl Amplitude {
         f64::from(self.0) / f64::from(1 << Self::FRACTION)
     }
 }
+
+/// √3.
+pub(crate) const SQRT_3: f64 = 1.732_050_807_568_877_2;
 
 /// Effective resolution of the duty in bits: Simpkins and Todorov, eq. (19), `log₂(2 T_PWM / T_CY)` with the timer's
 /// cycle T_CY.

@@ -2,15 +2,19 @@
 
 mod absolute;
 pub mod adaptation;
+pub mod commission;
 pub mod identification;
 pub mod identify;
 pub mod learning;
 pub mod pole_pairs;
 pub mod procedure;
 mod sequence;
+pub mod standstill;
+pub mod swings;
 
 use crate::config::Config;
 use crate::control::cogging;
+use crate::drive::standstill::Window;
 use crate::drive::{Command, Reply, Tasks};
 use crate::hall::Channel;
 use crate::hall::calibrate::{self, Calibration, Collector};
@@ -70,10 +74,15 @@ impl fmt::Display for QueueFull {
 
 impl core::error::Error for QueueFull {}
 
+/// Percentage of lost samples from which on they are why a calibration failed.
+const MANY_LOST: u8 = 10;
+
 /// Serves one drive; 2.3 KiB beside the two estimators.
 pub struct Service {
     tasks: Tasks,
     collector: Collector,
+    /// Whether a calibration has begun to turn the rotor and is not over.
+    turns: bool,
     /// Samples of the calibration at work.
     collected: u32,
     /// Estimators that the drive does not use.
@@ -108,6 +117,7 @@ impl Service {
         Self {
             tasks,
             collector: Collector::new(config.adc_bits),
+            turns: false,
             collected: 0,
             spares,
             unanswered: Deque::new(),
@@ -179,12 +189,13 @@ impl Service {
         &self.config
     }
 
-    /// Makes an estimator of a model and sends it to the drive, which takes it up between two steps.
+    /// Makes an estimator of a model, for the direction that the settings say, and sends it to the drive, which takes
+    /// it up between two steps.
     ///
     /// # Errors
     /// [`InstallError`]; nothing has changed then.
     pub fn install(&mut self, model: &Model) -> Result<(), InstallError> {
-        self.send_estimator(Estimator::new(model, self.config.adc_bits))
+        self.send_estimator(Estimator::new(&self.directed(model), self.config.adc_bits))
     }
 
     /// The same for the two Halls that are left when one is lost.
@@ -194,7 +205,11 @@ impl Service {
     // An estimator passes over its stack, which is not to add to that of its caller.
     #[inline(never)]
     pub fn install_without(&mut self, lost: Channel, model: &Model) -> Result<(), InstallError> {
-        self.send_estimator(Estimator::without(lost, model, self.config.adc_bits))
+        self.send_estimator(Estimator::without(lost, &self.directed(model), self.config.adc_bits))
+    }
+
+    fn directed(&self, model: &Model) -> Model {
+        Model { reversed: self.config.is_reversed(), ..*model }
     }
 
     fn send_estimator(&mut self, estimator: Result<Estimator, BadModel>) -> Result<(), InstallError> {
@@ -213,6 +228,11 @@ impl Service {
     /// are lost.
     pub fn measurement(&mut self) -> Option<Measurement> {
         self.tasks.measurements.dequeue()
+    }
+
+    /// The next window of a measurement at standstill.
+    pub fn window(&mut self) -> Option<Window> {
+        self.tasks.windows.dequeue()
     }
 
     /// Adds memory for a table of anti-cogging currents; with two, one can be filled while the drive uses the other.
@@ -267,7 +287,7 @@ impl Service {
                 Some(Origin::Calibration) => {
                     // A refused one leaves the calibration at work as it is.
                     if reply.is_ok() {
-                        self.collected = 0;
+                        (self.turns, self.collected) = (false, 0);
                     }
                     return Some(Event::Reply(reply));
                 }
@@ -282,13 +302,13 @@ impl Service {
                 if self.collected == 0 {
                     self.collector.clear(self.config.adc_bits);
                 }
-                self.collected += 1;
+                (self.turns, self.collected) = (true, self.collected + 1);
                 self.collector.push(sweep, record.rotor.angle(), &record.codes, record.sequence);
                 Event::Record(record)
             }
-            Progress::Complete if self.collected > 0 => self.finish(),
+            Progress::Complete if self.turns => self.finish(),
             Progress::None if record.status.mode() == Mode::Aligning => {
-                self.collected = 0;
+                (self.turns, self.collected) = (true, 0);
                 Event::Record(record)
             }
             _ => Event::Record(record),
@@ -297,8 +317,13 @@ impl Service {
 
     #[inline(never)]
     fn finish(&mut self) -> Event {
-        self.collected = 0;
-        let result = self.collector.finish(self.config.reversed).and_then(|calibration| {
+        let lost = self.config.calibration_records().saturating_sub(self.collected);
+        let lost_pct = (100 * lost / self.config.calibration_records().max(1)) as u8;
+        if self.collected == 0 {
+            self.collector.clear(self.config.adc_bits);
+        }
+        (self.turns, self.collected) = (false, 0);
+        let result = self.collector.finish(self.config.is_reversed()).and_then(|calibration| {
             match self.install(&calibration.model) {
                 Ok(()) => Ok(calibration),
                 Err(InstallError::Model(bad)) => Err(calibrate::Error::Model(bad)),
@@ -308,6 +333,9 @@ impl Service {
         match result {
             Ok(calibration) => Event::Calibrated(calibration),
             Err(error) => {
+                // Where many are missing, nothing else is worth telling.
+                let lost = calibrate::Error::SamplesLost { percent: lost_pct };
+                let error = if lost_pct >= MANY_LOST { lost } else { error };
                 // The queue has room: the drive takes one command a step, and nobody sends seven a step.
                 let _ = self.send_internal(Command::CalibrationFailed);
                 Event::Refused(error)

@@ -8,18 +8,21 @@ mod choice;
 mod declaration;
 mod entry;
 mod error;
+mod guard;
 
-pub use choice::{Feedback, OnTimeout};
+pub use choice::{Feedback, OnStopFailure, OnTimeout};
 pub use declaration::{ABOUT, Control, GuardSettings, Settings, TABLE, Thermistor};
 pub use entry::{Entry, Kind, about, find};
 pub use error::Error;
+pub use guard::Ceiling;
 
 impl Settings {
-    /// Checks that every setting is in its range, as the others are.
+    /// Checks that no setting exceeds the board's ceilings and every one is in its range, as the others are.
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] names the first that is not.
+    /// [`Error::Ceiling`] or [`Error::OutOfRange`] names the first that is not.
     pub fn check(&self) -> Result<(), Error<'static>> {
+        self.check_ceilings()?;
         TABLE.iter().try_for_each(|entry| entry.check(self))
     }
 

@@ -1,30 +1,28 @@
-//! A record in flash that survives a power cut at any moment: two copies, each with version, number and CRC.
+//! Records in flash that survive a power cut at any moment: each in two copies, with version, number and CRC.
 //!
-//! A store owns two erasable blocks of a NOR flash. Saving erases and writes the block that does not hold the newest
-//! record, its first word last, and reads it back; until that word is complete the other block counts. So a cut leaves
-//! the record before or the new one. Loading takes the newest block whose CRC is right. If there is none, it says
-//! whether nothing was ever completely saved, or what the flash holds is corrupt or of another version, and whoever
-//! asks has to calibrate: nothing is made up.
+//! Two erasable blocks of a NOR flash hold all kinds of records, each in a slot of its own: the sensors' [calibration],
+//! the [cogging] table, the [settings]. Saving one erases the block that does not hold the newest record, copies the
+//! other kinds' there, writes the new one last, of that its first word last, and reads it back; until that word is
+//! complete the other block counts. So a cut leaves the record before or the new one, and all others. Loading takes the
+//! newest record of its slot whose CRC is right. If there is none, it says whether nothing was ever completely saved, or
+//! what the flash holds is corrupt or of another version, and whoever asks has to calibrate: nothing is made up.
 //!
-//! Each kind of record has a store of its own, with blocks of its own: the sensors' [calibration], the [cogging] table,
-//! the [settings]. A store is cheap to make when it is needed, so they can share a flash that is lent to each in turn:
+//! A store is cheap to make when it is needed, so the kinds can share a flash that is lent to each in turn:
 //!
 //! ```
 //! # use embedded_storage::nor_flash::NorFlash;
 //! use hallservo::control::cogging::Table;
 //! use hallservo::storage::{self, Error, Store, calibration, cogging, settings};
 //!
-//! const BLOCK: u32 = 2048;
-//! type Calibrations<F> = Store<F, { storage::size(calibration::LENGTH) }>;
-//! type Tables<F> = Store<F, { storage::size(cogging::LENGTH) }>;
-//! type Settings<F> = Store<F, { storage::size(settings::LONGEST) }>;
+//! /// A slot has room for the longest.
+//! type Records<F> = Store<F, { storage::size(cogging::LENGTH) }>;
 //!
 //! # fn save<F: NorFlash>(flash: &mut F, table: &Table) -> Result<(), Error<F::Error>> {
-//! let mut calibrations = Calibrations::new(&mut *flash, 0, calibration::VERSION)?;
+//! let mut calibrations = Records::new(&mut *flash, 0, 0, calibration::VERSION)?;
 //! calibrations.load(&mut [0; calibration::LENGTH])?;
-//! let mut tables = Tables::new(&mut *flash, 2 * BLOCK, cogging::VERSION)?;
+//! let mut tables = Records::new(&mut *flash, 0, 1, cogging::VERSION)?;
 //! tables.save(&cogging::encode(table, 8.25))?;
-//! let mut saved = Settings::new(&mut *flash, 4 * BLOCK, settings::VERSION)?;
+//! let mut saved = Records::new(&mut *flash, 0, 2, settings::VERSION)?;
 //! # saved.load(&mut [0; settings::LONGEST])?; Ok(()) }
 //! ```
 
@@ -87,7 +85,7 @@ impl<E: fmt::Debug> fmt::Display for Error<E> {
 
 impl<E: fmt::Debug> core::error::Error for Error<E> {}
 
-/// What a block holds.
+/// What a slot of a block holds.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Block {
     /// Erased, or begun to be written.
@@ -100,11 +98,12 @@ enum Block {
     },
 }
 
-/// Two blocks of a flash, for records that take up to `SIZE` bytes, as [`size`] tells.
+/// A slot in two blocks of a flash, for records that take up to `SIZE` bytes, as [`size`] tells.
 #[derive(Debug)]
 pub struct Store<F, const SIZE: usize> {
     flash: F,
     start: u32,
+    slot: usize,
     version: u16,
 }
 
@@ -114,18 +113,20 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
         assert!(SIZE > HEADER && SIZE - HEADER <= u16::MAX as usize, "SIZE is not one of `size`");
         SIZE - HEADER
     };
+    const SLOTS: usize = F::ERASE_SIZE / SIZE;
 
-    /// Two successive erasable blocks from `start` on, for records of a version. Let no two kinds have the same, and a
-    /// record at the wrong place is told from the right one.
+    /// A slot, from 0 on, in two successive erasable blocks from `start` on, for records of a version. All slots of
+    /// these blocks have one `SIZE`. Let no two kinds have the same version, and a record at the wrong place is told
+    /// from the right one.
     ///
     /// # Errors
     /// [`Error::Place`].
-    pub fn new(flash: F, start: u32, version: u16) -> Result<Self, Error<F::Error>> {
-        let size = F::ERASE_SIZE as u64;
-        let fits = u64::from(start) + 2 * size <= flash.capacity() as u64;
-        let sizes = SIZE.is_multiple_of(F::WRITE_SIZE) && SIZE.is_multiple_of(F::READ_SIZE) && F::ERASE_SIZE >= SIZE;
-        if fits && sizes && u64::from(start).is_multiple_of(size) {
-            Ok(Self { flash, start, version })
+    pub fn new(flash: F, start: u32, slot: usize, version: u16) -> Result<Self, Error<F::Error>> {
+        let block = F::ERASE_SIZE as u64;
+        let fits = u64::from(start) + 2 * block <= flash.capacity() as u64 && slot < F::ERASE_SIZE / SIZE;
+        let sizes = SIZE.is_multiple_of(F::WRITE_SIZE) && SIZE.is_multiple_of(F::READ_SIZE);
+        if fits && sizes && u64::from(start).is_multiple_of(block) {
+            Ok(Self { flash, start, slot, version })
         } else {
             Err(Error::Place)
         }
@@ -137,7 +138,7 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
     /// [`Error::Blank`], [`Error::Corrupt`] or [`Error::Version`] ask for a calibration.
     pub fn load(&mut self, record: &mut [u8]) -> Result<usize, Error<F::Error>> {
         let mut buffer = [0; SIZE];
-        let blocks = [self.read(0, &mut buffer), self.read(1, &mut buffer)];
+        let blocks = [0, 1].map(|block| self.read(block, self.slot, &mut buffer));
         let Some((newest, Block::Whole { version, length, .. })) = newest(&blocks) else {
             let blank = blocks == [Block::Blank; 2];
             return Err(if blank { Error::Blank } else { Error::Corrupt });
@@ -146,7 +147,7 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
             return Err(Error::Version { found: version });
         }
         // Once more, for the buffer holds the second; it may fail only now.
-        if self.read(newest, &mut buffer) != blocks[newest] {
+        if self.read(newest, self.slot, &mut buffer) != blocks[newest] {
             return Err(Error::Corrupt);
         }
         let place = record.get_mut(..length).ok_or(Error::TooLong)?;
@@ -164,12 +165,17 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
             return Err(Error::TooLong);
         }
         let mut buffer = [0; SIZE];
-        let blocks = [self.read(0, &mut buffer), self.read(1, &mut buffer)];
-        let (last, number) = match newest(&blocks) {
-            Some((last, Block::Whole { number, .. })) => (last, number),
-            _ => (1, 0),
-        };
+        let (last, number) = self.last(&mut buffer);
         let number = number.wrapping_add(1);
+        let block = 1 - last;
+        let start = self.start + (block * F::ERASE_SIZE) as u32;
+        self.flash.erase(start, start + F::ERASE_SIZE as u32).map_err(Error::Flash)?;
+        let own = self.slot;
+        for slot in (0..Self::SLOTS).filter(|slot| *slot != own) {
+            if let whole @ Block::Whole { length, .. } = self.read(last, slot, &mut buffer) {
+                self.write(block, slot, &mut buffer, length, whole)?;
+            }
+        }
         buffer.fill(0xff);
         buffer[0..4].copy_from_slice(&MAGIC.to_le_bytes());
         buffer[4..6].copy_from_slice(&self.version.to_le_bytes());
@@ -178,15 +184,8 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
         buffer[HEADER..HEADER + record.len()].copy_from_slice(record);
         let crc = checksum(&buffer, record.len());
         buffer[12..16].copy_from_slice(&crc.to_le_bytes());
-        let block = 1 - last;
-        let start = self.start(block);
-        self.flash.erase(start, start + F::ERASE_SIZE as u32).map_err(Error::Flash)?;
-        let end = (HEADER + record.len()).next_multiple_of(F::WRITE_SIZE);
-        let first = MARK.next_multiple_of(F::WRITE_SIZE);
-        self.flash.write(start + first as u32, &buffer[first..end]).map_err(Error::Flash)?;
-        self.flash.write(start, &buffer[..first]).map_err(Error::Flash)?;
         let written = Block::Whole { version: self.version, number, length: record.len() };
-        if self.read(block, &mut buffer) == written { Ok(()) } else { Err(Error::NotKept) }
+        self.write(block, self.slot, &mut buffer, record.len(), written)
     }
 
     /// Gives the flash back.
@@ -194,13 +193,51 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
         self.flash
     }
 
-    fn start(&self, block: usize) -> u32 {
-        self.start + block as u32 * F::ERASE_SIZE as u32
+    /// The block with the newest record of all, and that one's number. Only a block that has been written to its end
+    /// has a number of its own: a cut one has copies, fewer than are whole in the other.
+    fn last(&mut self, buffer: &mut [u8; SIZE]) -> (usize, u32) {
+        let [first, second] = [0, 1].map(|block| {
+            let mut latest: Option<(u32, usize)> = None;
+            for slot in 0..Self::SLOTS {
+                if let Block::Whole { number, .. } = self.read(block, slot, buffer) {
+                    let (last, count) = latest.unwrap_or((number, 0));
+                    latest = Some((if is_later(number, last) { number } else { last }, count + 1));
+                }
+            }
+            latest
+        });
+        match (first, second) {
+            (Some((a, some)), Some((b, others))) if is_later(b, a) || (a == b && others > some) => (1, b),
+            (Some((number, _)), _) => (0, number),
+            (None, Some((number, _))) => (1, number),
+            (None, None) => (1, 0),
+        }
     }
 
-    /// What a block holds. One that cannot be read, as after a cut in the middle of a word, is corrupt.
-    fn read(&mut self, block: usize, buffer: &mut [u8; SIZE]) -> Block {
-        if self.flash.read(self.start(block), buffer).is_err() {
+    fn place(&self, block: usize, slot: usize) -> u32 {
+        self.start + (block * F::ERASE_SIZE + slot * SIZE) as u32
+    }
+
+    /// A record with its header, its mark last, and reads it back.
+    fn write(
+        &mut self,
+        block: usize,
+        slot: usize,
+        buffer: &mut [u8; SIZE],
+        length: usize,
+        written: Block,
+    ) -> Result<(), Error<F::Error>> {
+        let place = self.place(block, slot);
+        let end = (HEADER + length).next_multiple_of(F::WRITE_SIZE);
+        let first = MARK.next_multiple_of(F::WRITE_SIZE);
+        self.flash.write(place + first as u32, &buffer[first..end]).map_err(Error::Flash)?;
+        self.flash.write(place, &buffer[..first]).map_err(Error::Flash)?;
+        if self.read(block, slot, buffer) == written { Ok(()) } else { Err(Error::NotKept) }
+    }
+
+    /// What a slot holds. One that cannot be read, as after a cut in the middle of a word, is corrupt.
+    fn read(&mut self, block: usize, slot: usize, buffer: &mut [u8; SIZE]) -> Block {
+        if self.flash.read(self.place(block, slot), buffer).is_err() {
             return Block::Corrupt;
         }
         let word = |at: usize| u32::from_le_bytes([buffer[at], buffer[at + 1], buffer[at + 2], buffer[at + 3]]);
@@ -225,11 +262,16 @@ fn checksum(buffer: &[u8], length: usize) -> u32 {
     digest.finalize()
 }
 
-/// The newest whole block; the number may have wrapped.
+/// Numbers wrap.
+fn is_later(number: u32, than: u32) -> bool {
+    number.wrapping_sub(than) as i32 > 0
+}
+
+/// The newest whole block.
 fn newest(blocks: &[Block; 2]) -> Option<(usize, Block)> {
     let choice = match *blocks {
         [Block::Whole { number: first, .. }, Block::Whole { number: second, .. }] => {
-            usize::from((second.wrapping_sub(first) as i32) > 0)
+            usize::from(is_later(second, first))
         }
         [Block::Whole { .. }, _] => 0,
         [_, Block::Whole { .. }] => 1,

@@ -5,8 +5,7 @@ use hallservo::control::cogging::Table;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use hallservo::service::learning::Plan;
-use hallservo::settings::Control;
-use hallservo::settings::Settings;
+use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{Friction, PlantParameters};
 use sim::rig::Rig;
 use sim::statistics::Statistics;
@@ -17,7 +16,9 @@ const SMOOTH: [f32; 2] = [20.0, 140.0];
 const STIFF: [f32; 2] = [60.0, 280.0];
 
 fn calibrated(plant: &PlantParameters, [speed_hz, tracking_hz]: [f32; 2], seed: u64) -> Rig {
-    let control = Control { speed_bandwidth_hz: speed_hz, position_bandwidth_hz: speed_hz / 4.0, ..Control::default() };
+    let guard = GuardSettings { command_timeout_s: 60.0, ..GuardSettings::default() };
+    let control =
+        Control { guard, speed_bandwidth_hz: speed_hz, position_bandwidth_hz: speed_hz / 4.0, ..Control::default() };
     let settings = Settings { control: Some(control), tracking_bandwidth_hz: tracking_hz, ..Settings::default() };
     let mut rig = Rig::new(plant, &settings, seed).unwrap();
     rig.calibrate(|_| ()).unwrap();

@@ -7,7 +7,7 @@ use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::service::identification::{self, Identification};
 use hallservo::service::learning::{self, Learning};
-use hallservo::service::procedure::{Error, Procedure, State};
+use hallservo::service::procedure::{Error, Procedure, Serve, State};
 use hallservo::settings::Settings;
 use hallservo::settings::{Control, GuardSettings};
 use plant::PlantParameters;

@@ -12,12 +12,17 @@ use sim::rig::{Rig, error_deg};
 
 fn settings() -> Settings {
     let commutation = Commutation::FieldOriented;
-    Settings { commutation, control: Some(Control::default()), ..Settings::default() }
+    let guard = GuardSettings { command_timeout_s: 60.0, ..GuardSettings::default() };
+    Settings { commutation, control: Some(Control { guard, ..Control::default() }), ..Settings::default() }
 }
 
 fn armed(commutation: Commutation) -> Rig {
-    let settings = Settings { commutation, ..settings() };
-    let mut rig = Rig::new(&PlantParameters::imperfect(1), &settings, 1).unwrap();
+    // With local feedback, hardly anything brakes where the supply takes nothing back.
+    let control = Control { max_regeneration_a: 100.0, ..Control::default() };
+    let settings = Settings { commutation, control: Some(control), ..settings() };
+    let mut plant = PlantParameters::imperfect(1);
+    plant.bus.regenerative = true;
+    let mut rig = Rig::new(&plant, &settings, 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
     rig.command(Command::Arm).unwrap();
     rig
@@ -45,7 +50,7 @@ fn every_commutation_controls_current_speed_and_position() {
         rig.command(Command::Position(rig.control().unwrap().position(here + 3.25).unwrap())).unwrap();
         rig.run(0.8, |_, _| ());
         let there = rig.drive.tracker().position().to_turns() / 4.0;
-        assert!((there - here - 3.25).abs() < 1e-3, "{commutation:?} {}", there - here);
+        assert!((there - here - 3.25).abs() < 1e-3, "{commutation:?} {} {:?}", there - here, rig.drive.mode());
         assert_eq!(rig.drive.mode(), Mode::Running);
     }
 }

@@ -103,7 +103,7 @@ impl NorFlash for Flash {
 }
 
 fn store(flash: Flash) -> Store<Flash, SIZE> {
-    Store::new(flash, 2 * BLOCK as u32, 1).unwrap()
+    Store::new(flash, 2 * BLOCK as u32, 0, 1).unwrap()
 }
 
 fn load(flash: &Flash) -> Result<Vec<u8>, Error<Cut>> {
@@ -158,7 +158,7 @@ fn a_cut_at_any_operation_leaves_the_old_record_or_the_new() {
     assert!(kept > 1000);
 }
 
-/// The three kinds of records that an application keeps: version, place, and the size of its store.
+/// The three kinds of records that an application keeps: its slot, and a version.
 #[derive(Clone, Copy, Debug, PartialEq)]
 enum Kind {
     Calibration,
@@ -169,28 +169,23 @@ enum Kind {
 const KINDS: [Kind; 3] = [Kind::Calibration, Kind::Cogging, Kind::Settings];
 const SETTINGS: usize = 100;
 
+type Records<'a> = Store<&'a mut Flash, { storage::size(cogging::LENGTH) }>;
+
 impl Kind {
     fn save(self, flash: &mut Flash, record: &[u8]) -> Result<(), Error<Cut>> {
-        match self {
-            Self::Calibration => self.store::<{ storage::size(calibration::LENGTH) }>(flash).save(record),
-            Self::Cogging => self.store::<{ storage::size(cogging::LENGTH) }>(flash).save(record),
-            Self::Settings => self.store::<{ storage::size(SETTINGS) }>(flash).save(record),
-        }
+        self.store(flash).save(record)
     }
 
     fn load(self, flash: &mut Flash) -> Result<Vec<u8>, Error<Cut>> {
-        let mut record = [0; 300];
-        let length = match self {
-            Self::Calibration => self.store::<{ storage::size(calibration::LENGTH) }>(flash).load(&mut record),
-            Self::Cogging => self.store::<{ storage::size(cogging::LENGTH) }>(flash).load(&mut record),
-            Self::Settings => self.store::<{ storage::size(SETTINGS) }>(flash).load(&mut record),
-        };
-        length.map(|length| record[..length].to_vec())
+        let mut record = [0; cogging::LENGTH];
+        let length = self.store(flash).load(&mut record)?;
+        Ok(record[..length].to_vec())
     }
 
-    fn store<const SIZE: usize>(self, flash: &mut Flash) -> Store<&mut Flash, SIZE> {
+    /// All in the same two blocks.
+    fn store(self, flash: &mut Flash) -> Records<'_> {
         let version = [calibration::VERSION, cogging::VERSION, 0x0301][self as usize];
-        Store::new(flash, 2 * (self as usize * BLOCK) as u32, version).unwrap()
+        Store::new(flash, 0, self as usize, version).unwrap()
     }
 
     /// A record as long as they are.
@@ -251,7 +246,7 @@ fn a_cut_in_one_kind_of_record_touches_no_other() {
 fn a_record_of_another_kind_is_not_taken_for_ones_own() {
     let mut flash = Flash::new(4);
     Kind::Calibration.save(&mut flash, &Kind::Calibration.record(&mut Pcg64::seed_from_u64(4))).unwrap();
-    let mut misplaced = Store::<_, { storage::size(cogging::LENGTH) }>::new(&mut flash, 0, cogging::VERSION).unwrap();
+    let mut misplaced = Records::new(&mut flash, 0, 0, cogging::VERSION).unwrap();
     assert_eq!(misplaced.load(&mut [0; 300]), Err(Error::Version { found: calibration::VERSION }));
 }
 
@@ -285,12 +280,12 @@ fn what_is_not_a_record_is_named() {
     let mut foreign = Flash::new(1);
     foreign.bytes[2 * BLOCK..3 * BLOCK].fill(0x5a);
     assert_eq!(load(&foreign), Err(Error::Corrupt));
-    let mut other = Store::<_, SIZE>::new(flash.clone(), 2 * BLOCK as u32, 2).unwrap();
+    let mut other = Store::<_, SIZE>::new(flash.clone(), 2 * BLOCK as u32, 0, 2).unwrap();
     assert_eq!(other.load(&mut [0; 10]), Err(Error::Version { found: 1 }));
     assert_eq!(store(flash.clone()).load(&mut [0; 2]), Err(Error::TooLong));
     assert_eq!(store(flash.clone()).save(&[0; LONGEST + 1]), Err(Error::TooLong));
     for start in [1, 5 * BLOCK as u32, u32::MAX] {
-        assert!(matches!(Store::<_, SIZE>::new(flash.clone(), start, 1), Err(Error::Place)));
+        assert!(matches!(Store::<_, SIZE>::new(flash.clone(), start, 0, 1), Err(Error::Place)));
     }
 }
 

@@ -41,7 +41,7 @@ impl SensorAdaptation {
         self.wait = RECORDS_PER_MODEL;
         self.adaptation = sensors.filter(|_| settings.adaptation).and_then(|sensors| {
             let config = config(settings, sensors.noise, every)?;
-            Adaptation::new(&config, &sensors.model, every).ok()
+            Adaptation::resume(&config, &sensors.calibrated, &sensors.model, every).ok()
         });
     }
 

@@ -52,5 +52,6 @@ fn log_incident(cause: Cause) {
         Cause::Stored(record, _) => log!(warn, "stored record {} cannot be used", record as u8),
         Cause::NotSaved(record) => log!(error, "record {} could not be saved", record as u8),
         Cause::Adaptation(fault) => log!(warn, "the adaptation gave up: {}", fault),
+        Cause::Abandoned(_) => log!(warn, "ended: the tool that began it fell silent"),
     }
 }

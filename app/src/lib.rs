@@ -49,17 +49,23 @@
 //! ```
 //!
 //! # The flash
-//! [`storage::BLOCKS`] erasable blocks, two for each kind of [record](hallservo::storage): sensors, cogging, settings.
+//! [`storage::BLOCKS`] erasable blocks for all kinds of [records](hallservo::storage): sensors, cogging, settings.
 //! It is written only while the bridge is off and the rotor at rest, for an erase stalls the core; what is to be saved
 //! meanwhile waits. A calibration and a learnt table of the cogging are saved by themselves. So is what the adaptation
 //! has learnt, when it differs from what is stored by more than [`storage::LEAST_CHANGE`], and not more often than
 //! every [`storage::SAVE_INTERVAL_S`]. Settings are saved on request.
 //!
+//! A calibration gives up the one before as soon as it begins, in the flash when the rotor is at rest again: whatever
+//! ends it but success, the drive is not armed before one has succeeded. A power cut while the rotor turns leaves the old
+//! one.
+//!
 //! A record that is corrupt or foreign is named in the history, the log and the status; the drive then starts with the
-//! board's settings, or without a calibration, and never with half of either.
+//! board's settings, or without a calibration, and never with half of either. Settings that could not be taken over may
+//! have been stricter than those that it starts with: the bridge stays off until a person has confirmed these.
 #![no_std]
 
 mod adaptation;
+mod controller;
 #[cfg(feature = "embassy")]
 pub mod embassy;
 mod fmt;
@@ -69,11 +75,13 @@ mod measure;
 mod outbox;
 mod procedure;
 mod requests;
+mod stop;
 pub mod storage;
 mod supervisor;
 mod tasks;
 
 pub use housekeeping::{Housekeeping, Readings};
+pub use stop::{Listener, Stop};
 pub use supervisor::Supervisor;
 
 use adaptation::SensorAdaptation;

@@ -1,4 +1,4 @@
-//! What the drive finds out by turning its motor: the motor's parameters, and its cogging.
+//! What the drive finds out by turning its motor: the motor's parameters, roughly or well, and its cogging.
 
 use hallservo::config::Config;
 use hallservo::control::cogging::Table;
@@ -6,6 +6,7 @@ use hallservo::service::identification::{self, Identification};
 use hallservo::service::identify::Report;
 use hallservo::service::learning::{self, Learning};
 use hallservo::service::procedure::{self, Error, Procedure as _, State};
+use hallservo::service::swings::{Rough, Swings};
 use hallservo::service::{Event, Service};
 use hallservo::telemetry::Measurement;
 use hallservo_protocol::{Activity, Refusal};
@@ -16,12 +17,14 @@ use hallservo_protocol::{Activity, Refusal};
 pub(crate) enum Procedure {
     Motor(Identification),
     Cogging(Learning),
+    Swings(Swings),
 }
 
 /// How a procedure ended.
 pub(crate) enum Completion {
     Motor(Report),
     Cogging(Table),
+    Swings(Rough),
     Failed(Activity, Error),
 }
 
@@ -50,10 +53,17 @@ impl Procedure {
         }
     }
 
+    /// Writes the swings to their place.
+    pub fn swings(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
+        *place = Some(Self::Swings(Swings::new(config).map_err(Refusal::Procedure)?));
+        Ok(())
+    }
+
     fn inner(&mut self) -> &mut dyn procedure::Procedure {
         match self {
             Self::Motor(motor) => motor,
             Self::Cogging(cogging) => cogging,
+            Self::Swings(swings) => swings,
         }
     }
 
@@ -71,6 +81,7 @@ impl Procedure {
         let found = match self {
             Self::Motor(motor) => motor.report().copied().map(Completion::Motor),
             Self::Cogging(cogging) => cogging.table().copied().map(Completion::Cogging),
+            Self::Swings(swings) => swings.report().copied().map(Completion::Swings),
         };
         match state {
             State::Running => None,
@@ -88,6 +99,7 @@ impl Procedure {
         match self {
             Self::Motor(motor) => motor.progress(),
             Self::Cogging(cogging) => cogging.progress(),
+            Self::Swings(swings) => swings.progress(),
         }
     }
 
@@ -95,6 +107,7 @@ impl Procedure {
         match self {
             Self::Motor(_) => Activity::Identification,
             Self::Cogging(_) => Activity::Cogging,
+            Self::Swings(_) => Activity::Swings,
         }
     }
 }

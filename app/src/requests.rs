@@ -10,7 +10,9 @@ use hallservo::control::config::BadDemand;
 use hallservo::control::config::Config;
 use hallservo::drive;
 use hallservo::settings::{self, Entry, Settings, TABLE, find};
-use hallservo_protocol::{self as protocol, Activity, Answer, Ask, Calibration, Hello, History, Refusal, Setting};
+use hallservo_protocol::{
+    self as protocol, Activity, Answer, Ask, Calibration, Hello, History, Record, Refusal, Request, Setting,
+};
 
 const UNKNOWN: Refusal<'static> = Refusal::Setting(settings::Error::Unknown);
 
@@ -49,11 +51,13 @@ type StepResult = Result<Step, Refusal<'static>>;
 impl<F: NorFlash> Tasks<F> {
     /// Begins to answer a request.
     #[inline(never)]
-    pub fn begin(&mut self, id: u16, ask: Ask<'_>) -> Step {
-        self.attempt(id, ask).unwrap_or_else(|refusal| Step::Answer(Answer::Refused(refusal)))
+    pub fn begin(&mut self, request: &Request<'_>) -> Step {
+        self.controller.hear(request.client, self.now_ms);
+        self.attempt(request).unwrap_or_else(|refusal| Step::Answer(Answer::Refused(refusal)))
     }
 
-    fn attempt(&mut self, id: u16, ask: Ask<'_>) -> StepResult {
+    fn attempt(&mut self, request: &Request<'_>) -> StepResult {
+        let Request { id, client, unattended, ask } = *request;
         let answer = match ask {
             Ask::Hello => self.hello(),
             Ask::Status => Answer::Status(self.status()),
@@ -63,6 +67,9 @@ impl<F: NorFlash> Tasks<F> {
                 Answer::Identification(protocol::Procedure::Running)
             }
             Ask::Cogging if self.activity() == Activity::Cogging => Answer::Cogging(protocol::Procedure::Running),
+            Ask::Swings if self.activity() == Activity::Swings => Answer::Swings(protocol::Procedure::Running),
+            Ask::Swings => Answer::Swings(self.swings),
+            Ask::Window => Answer::Window(self.window.take()),
             Ask::Calibration => Answer::Calibration(self.calibration),
             Ask::Identification => Answer::Identification(self.identification),
             Ask::Cogging => Answer::Cogging(self.cogging),
@@ -82,13 +89,22 @@ impl<F: NorFlash> Tasks<F> {
                 let entry = self.history.entry(number.min(ENTRIES as u8));
                 Answer::History(History { total: self.history.total(), entry })
             }
+            Ask::Release => {
+                self.controller.release(client);
+                Answer::Done
+            }
             Ask::Disarm => {
+                self.controller.end();
                 self.cancel();
                 self.disarm()?;
                 return Ok(Step::Await(Awaited::Reply(Command::Disarm)));
             }
+            _ if self.controller.is_other(client) => return Err(Refusal::Controlled),
             _ if self.activity() != Activity::None => return Err(Refusal::Busy(self.activity())),
-            _ => return self.attempt_when_idle(ask),
+            _ => {
+                self.controller.take(client, unattended, self.now_ms);
+                return self.attempt_when_idle(ask);
+            }
         };
         Ok(Step::Answer(answer))
     }
@@ -96,6 +112,13 @@ impl<F: NorFlash> Tasks<F> {
     /// Requests that are refused while a procedure runs.
     fn attempt_when_idle(&mut self, ask: Ask<'_>) -> StepResult {
         match ask {
+            Ask::Arm | Ask::Calibrate | Ask::Identify | Ask::LearnCogging if self.unconfirmed => {
+                Err(Refusal::Unconfirmed(self.stored[Record::Settings as usize]))
+            }
+            Ask::Accept => {
+                self.unconfirmed = false;
+                Ok(Step::Answer(Answer::Done))
+            }
             Ask::Arm => self.command(drive::Command::Arm, Command::Plain),
             Ask::Clear => self.command(drive::Command::Clear, Command::Clear),
             Ask::Voltage(share) => {
@@ -131,6 +154,11 @@ impl<F: NorFlash> Tasks<F> {
                 self.learn_cogging()?;
                 Ok(Step::Answer(Answer::Done))
             }
+            Ask::Measure { begins, probe } => self.command(drive::Command::Measure { begins, probe }, Command::Plain),
+            Ask::Swing => {
+                self.swing()?;
+                Ok(Step::Answer(Answer::Done))
+            }
             Ask::AntiCogging(true) if !self.has_table() => Err(Refusal::NoTable),
             Ask::AntiCogging(on) => self.change("anti_cogging", u8::from(on).into()),
             Ask::Set { name, value } => self.change(name, value),
@@ -153,10 +181,13 @@ impl<F: NorFlash> Tasks<F> {
             | Ask::Calibration
             | Ask::Identification
             | Ask::Cogging
+            | Ask::Swings
+            | Ask::Window
             | Ask::Setting(_)
             | Ask::Get(_)
             | Ask::Telemetry(_)
-            | Ask::History(_) => Ok(Step::Answer(Answer::Done)),
+            | Ask::History(_)
+            | Ask::Release => Ok(Step::Answer(Answer::Done)),
         }
     }
 
@@ -166,6 +197,14 @@ impl<F: NorFlash> Tasks<F> {
         self.may_turn()?;
         Procedure::motor(self.procedure, self.service.config())?;
         self.identification = protocol::Procedure::Running;
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn swing(&mut self) -> Result<(), Refusal<'static>> {
+        self.may_turn()?;
+        Procedure::swings(self.procedure, self.service.config())?;
+        self.swings = protocol::Procedure::Running;
         Ok(())
     }
 
@@ -203,7 +242,7 @@ impl<F: NorFlash> Tasks<F> {
     }
 
     fn setting(&self, entry: &Entry) -> Result<Setting<'static>, Refusal<'static>> {
-        let settings::Entry { name, unit, kind, fixed, .. } = *entry;
+        let settings::Entry { name, unit, kind: &kind, fixed, .. } = *entry;
         let value = entry.get(&self.settings).ok_or(Refusal::Drive(drive::Refusal::NoControl))?;
         let default = entry.get(&self.defaults).ok_or(Refusal::Drive(drive::Refusal::NoControl))?;
         let (min, max) = entry.range(&self.settings);
@@ -227,7 +266,10 @@ impl<F: NorFlash> Tasks<F> {
             (Command::Disarm, Err(drive::Refusal::Mode(_))) => return Answer::Done,
             (_, Err(refusal)) => return Answer::Refused(Refusal::Drive(refusal)),
             (Command::Plain | Command::Disarm, Ok(())) => {}
-            (Command::Calibrate, Ok(())) => self.calibration = Calibration::Running,
+            (Command::Calibrate, Ok(())) => {
+                self.calibration = Calibration::Running;
+                self.give_up_sensors();
+            }
             (Command::Clear, Ok(())) => {
                 // Before the next request, which may be to arm.
                 self.install();

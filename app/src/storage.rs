@@ -8,8 +8,8 @@ use hallservo::settings::Settings;
 use hallservo::storage::{Error, Store, calibration, cogging, settings, size};
 use hallservo_protocol::{Problem, Record};
 
-/// Erasable blocks of the flash: two for each kind.
-pub const BLOCKS: u32 = 6;
+/// Erasable blocks of the flash: two, of at least 2 KiB, for all kinds.
+pub const BLOCKS: u32 = 2;
 /// Least difference between what is learnt and what is stored for it to be worth a save: 1 % of an amplitude in offset
 /// or amplitude, 1 % of third harmonic. It is above what noise moves the parameters by, and below what is felt.
 pub const LEAST_CHANGE: f32 = 0.01;
@@ -20,18 +20,25 @@ pub const LEAST_CHANGE_DEG: f32 = 0.5;
 pub const SAVE_INTERVAL_S: u64 = 600;
 
 /// Versions of the records' forms.
-const VERSIONS: [u16; 3] = [0x0101, cogging::VERSION, settings::VERSION];
-/// Bytes of the sensors' record: their model, and the noise of each in ADC codes.
-const SENSORS: usize = calibration::LENGTH + 12;
+const VERSIONS: [u16; 3] = [0x0102, 0x0202, settings::VERSION];
+/// Bytes of the sensors' record: their model, the calibration that it was learnt from, and the noise of each in ADC
+/// codes.
+const SENSORS: usize = 2 * calibration::LENGTH + 12;
 /// Most bytes of a record: that of the table, or all settings.
 const LONGEST: usize = if settings::LONGEST > cogging::LENGTH { settings::LONGEST } else { cogging::LENGTH };
+
+/// All kinds fit a block.
+const _: () = assert!(VERSIONS.len() * size(LONGEST) <= 2048);
 
 type Buffer = [u8; LONGEST];
 
 /// What is known of the sensors.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub(crate) struct Sensors {
+    /// As calibrated and learnt since.
     pub model: Model,
+    /// As calibrated: what is learnt stays near.
+    pub calibrated: Model,
     /// Standard deviations in ADC codes.
     pub noise: [f32; 3],
 }
@@ -50,10 +57,17 @@ impl Sensors {
             })
     }
 
+    /// Counts the way that the settings say.
+    pub const fn direct(&mut self, reversed: bool) {
+        (self.model.reversed, self.calibrated.reversed) = (reversed, reversed);
+    }
+
     fn encode(&self) -> [u8; SENSORS] {
         let mut record = [0; SENSORS];
-        let (model, noise) = record.split_at_mut(calibration::LENGTH);
-        model.copy_from_slice(&calibration::encode(&self.model));
+        let (models, noise) = record.split_at_mut(2 * calibration::LENGTH);
+        for (place, model) in models.chunks_exact_mut(calibration::LENGTH).zip([&self.model, &self.calibrated]) {
+            place.copy_from_slice(&calibration::encode(model));
+        }
         for (place, noise) in noise.chunks_exact_mut(4).zip(self.noise) {
             place.copy_from_slice(&noise.to_le_bytes());
         }
@@ -61,11 +75,17 @@ impl Sensors {
     }
 
     fn decode(record: &[u8]) -> Option<Self> {
-        let (model, noise) = record.split_at_checked(calibration::LENGTH)?;
+        let (model, rest) = record.split_at_checked(calibration::LENGTH)?;
+        let (calibrated, noise) = rest.split_at_checked(calibration::LENGTH)?;
         let noise: &[u8; 12] = noise.try_into().ok()?;
         let noise = [0, 4, 8].map(|at| f32::from_le_bytes([noise[at], noise[at + 1], noise[at + 2], noise[at + 3]]));
-        Some(Self { model: calibration::decode(model)?, noise })
+        Some(Self { model: calibration::decode(model)?, calibrated: calibration::decode(calibrated)?, noise })
     }
+}
+
+/// From the direction of the settings to that of the phases, or back.
+fn directed(table: Table, settings: &Settings) -> Table {
+    if settings.reversed { table.reversed() } else { table }
 }
 
 /// The flash with its blocks.
@@ -80,8 +100,8 @@ impl<F: NorFlash> Storage<F> {
     }
 
     fn store(&mut self, kind: Record) -> Result<Store<&mut F, { size(LONGEST) }>, Problem> {
-        let place = self.first_block + 2 * kind as u32 * F::ERASE_SIZE as u32;
-        Store::new(&mut self.flash, place, VERSIONS[kind as usize]).map_err(|_| Problem::Flash)
+        let slot = kind as usize;
+        Store::new(&mut self.flash, self.first_block, slot, VERSIONS[slot]).map_err(|_| Problem::Flash)
     }
 
     fn load<'a>(&mut self, kind: Record, buffer: &'a mut Buffer) -> Result<&'a [u8], Problem> {
@@ -101,24 +121,37 @@ impl<F: NorFlash> Storage<F> {
 
     /// The stored sensors, if they can give an angle, or what is wrong with them.
     pub fn sensors(&mut self, settings: &Settings) -> Result<Sensors, Problem> {
-        let mut sensors = Sensors::decode(self.load(Record::Sensors, &mut [0; LONGEST])?).ok_or(Problem::Corrupt)?;
-        estimate::validate(&sensors.model, settings.adc_bits).map_err(|_| Problem::Corrupt)?;
+        let mut buffer = [0; LONGEST];
+        let record = self.load(Record::Sensors, &mut buffer)?;
+        if record.is_empty() {
+            return Err(Problem::Blank);
+        }
+        let mut sensors = Sensors::decode(record).ok_or(Problem::Corrupt)?;
+        for model in [&sensors.model, &sensors.calibrated] {
+            estimate::validate(model, settings.adc_bits).map_err(|_| Problem::Corrupt)?;
+        }
         // The settings may have been saved since.
-        sensors.model.reversed = settings.reversed;
+        sensors.direct(settings.reversed);
         Ok(sensors)
     }
 
-    pub fn save_sensors(&mut self, sensors: &Sensors) -> Result<(), Problem> {
-        self.save(Record::Sensors, &sensors.encode())
+    /// Saves the sensors; `None` gives up those stored, by a record of nothing.
+    pub fn save_sensors(&mut self, sensors: Option<&Sensors>) -> Result<(), Problem> {
+        let record = sensors.map(Sensors::encode);
+        self.save(Record::Sensors, record.as_ref().map_or(&[], <[u8; SENSORS]>::as_slice))
     }
 
-    /// The stored table of the cogging.
-    pub fn table(&mut self, full_scale_a: f32) -> Result<Table, Problem> {
-        cogging::decode(self.load(Record::Cogging, &mut [0; LONGEST])?, full_scale_a).ok_or(Problem::Corrupt)
+    /// The stored table of the cogging, for the direction of the settings.
+    pub fn table(&mut self, settings: &Settings) -> Result<Table, Problem> {
+        let mut buffer = [0; LONGEST];
+        let record = self.load(Record::Cogging, &mut buffer)?;
+        let table = cogging::decode(record, settings.full_scale_a()).ok_or(Problem::Corrupt)?;
+        Ok(directed(table, settings))
     }
 
-    pub fn save_table(&mut self, table: &Table, full_scale_a: f32) -> Result<(), Problem> {
-        self.save(Record::Cogging, &cogging::encode(table, full_scale_a))
+    /// Stored is the one that counts as the phases do, for the settings may be saved later, or not at all.
+    pub fn save_table(&mut self, table: &Table, settings: &Settings) -> Result<(), Problem> {
+        self.save(Record::Cogging, &cogging::encode(&directed(*table, settings), settings.full_scale_a()))
     }
 
     /// The settings to work with, and what is wrong with those stored.

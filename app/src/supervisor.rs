@@ -24,6 +24,8 @@ pub struct Supervisor<F> {
     decoder: Decoder,
     outbox: Outbox,
     pending: Option<Pending>,
+    /// Bytes taken from the line, wrapping.
+    taken: u32,
     alive: Alive,
 }
 
@@ -64,7 +66,7 @@ impl<F: NorFlash> Supervisor<F> {
     }
 
     pub(crate) fn new(tasks: Tasks<F>) -> Self {
-        Self { tasks, decoder: Decoder::new(), outbox: Outbox::new(), pending: None, alive: Alive::default() }
+        Self { tasks, decoder: Decoder::new(), outbox: Outbox::new(), pending: None, taken: 0, alive: Alive::default() }
     }
 
     /// Before the first tick.
@@ -98,9 +100,16 @@ impl<F: NorFlash> Supervisor<F> {
             if self.pending.is_some() || !self.outbox.has_room() {
                 return taken;
             }
+            self.taken = self.taken.wrapping_add(1);
             self.push(*byte);
         }
         bytes.len()
+    }
+
+    /// Bytes from the line that are dealt with, wrapping: `None` while a request waits for the drive. For
+    /// [`Stop::release`](crate::Stop::release) after every tick.
+    pub fn dealt_with(&self) -> Option<u32> {
+        (self.pending.is_none() && !self.tasks.disarm_due).then_some(self.taken)
     }
 
     /// Writes bytes for the line and returns how many; 0 where nothing is to go out.
@@ -125,10 +134,10 @@ impl<F: NorFlash> Supervisor<F> {
         let Self { tasks, decoder, .. } = self;
         let reply = match decoder.push::<Request<'_>>(byte) {
             None => return,
-            Some(Ok(Request { id, ask })) => match tasks.begin(id, ask) {
-                Step::Answer(answer) => Reply { id, answer },
+            Some(Ok(request)) => match tasks.begin(&request) {
+                Step::Answer(answer) => Reply { id: request.id, answer },
                 Step::Await(awaited) => {
-                    self.pending = Some(Pending { id, awaited, ticks: 0 });
+                    self.pending = Some(Pending { id: request.id, awaited, ticks: 0 });
                     return;
                 }
             },

@@ -9,6 +9,7 @@ mod telemetry;
 
 use crate::Identity;
 use crate::adaptation::SensorAdaptation;
+use crate::controller::Controller;
 use crate::fmt::log;
 use crate::history::History;
 use crate::housekeeping::Readings;
@@ -17,9 +18,11 @@ use crate::storage::{Sensors, Storage};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::config::Config;
 use hallservo::control::cogging::Table;
-use hallservo::drive::Reply;
+use hallservo::drive::standstill::Window;
+use hallservo::drive::{Refusal, Reply};
 use hallservo::mode::Mode;
 use hallservo::service::identify;
+use hallservo::service::swings::Rough;
 use hallservo::service::{Event, Service, adaptation};
 use hallservo::settings::Settings;
 use hallservo::telemetry::{Measurement, Record as DriveRecord};
@@ -34,6 +37,7 @@ const SETTLED: u32 = 5;
 /// The state of the tasks.
 pub(crate) struct Tasks<F> {
     pub identity: Identity,
+    pub controller: Controller,
     pub service: &'static mut Service,
     pub history: History,
     pub defaults: Settings,
@@ -44,7 +48,9 @@ pub(crate) struct Tasks<F> {
     spare_config: Option<&'static mut Config>,
     storage: Storage<F>,
     /// What is wrong with each kind of stored record.
-    stored: [Problem; 3],
+    pub stored: [Problem; 3],
+    /// Whether nobody has confirmed settings that are not those stored.
+    pub unconfirmed: bool,
     stored_sensors: Option<Sensors>,
     stored_settings: Settings,
     /// Kinds of records to save when the bridge is off.
@@ -66,6 +72,9 @@ pub(crate) struct Tasks<F> {
     pub calibration: Calibration,
     pub identification: protocol::Procedure<identify::Report>,
     pub cogging: protocol::Procedure<Cogging>,
+    pub swings: protocol::Procedure<Rough>,
+    /// The last window of a measurement at standstill, until it is asked for.
+    pub window: Option<Window>,
     /// The latest record of the drive.
     record: DriveRecord,
     measurement: Option<Measurement>,
@@ -74,14 +83,14 @@ pub(crate) struct Tasks<F> {
     /// Answers that the drive still owes and no request waits for.
     unclaimed_replies: u8,
     /// Whether the drive is to be disarmed as soon as a command has room in the queue.
-    disarm_due: bool,
+    pub disarm_due: bool,
     /// Ticks since the last command, saturating.
     ticks_since_command: u32,
     stream: Option<Stream>,
     lost_records: u32,
     pub garbage: u32,
     pub lost_frames: u32,
-    now_ms: u64,
+    pub now_ms: u64,
 }
 
 impl<F: NorFlash> Tasks<F> {
@@ -100,6 +109,8 @@ impl<F: NorFlash> Tasks<F> {
             }
             self.handle(event, torque_nm);
         }
+        self.end_abandoned();
+        self.window = self.service.window().or(self.window);
         self.proceed();
         self.spare_config = self.spare_config.take().or_else(|| self.service.unused_config());
         self.update_drive();
@@ -129,14 +140,16 @@ impl<F: NorFlash> Tasks<F> {
     fn handle(&mut self, event: Event, torque_nm: f32) {
         match event {
             Event::Reply(reply) => self.on_reply(reply),
-            // A faulted drive refuses a model; later ones follow.
+            // A faulted drive refuses a model, and gets it when the fault is cleared.
+            Event::Installed(Err(Refusal::Mode(Mode::Faulted(_)))) => self.install_due = self.sensors.is_some(),
+            // One that was made for other settings is followed by another.
             Event::Installed(_) => {}
             Event::Record(record) => self.on_record(record, torque_nm),
             Event::Calibrated(calibrate) => {
                 log!(info, "calibrated, residual {} %", calibrate.report.residual_pct);
                 self.calibration = Calibration::Done(calibrate.report);
                 let noise = calibrate.report.sensors.each_ref().map(|sensor| sensor.noise_pct / 200.0 * sensor.swing);
-                self.sensors = Some(Sensors { model: calibrate.model, noise });
+                self.sensors = Some(Sensors { model: calibrate.model, calibrated: calibrate.model, noise });
                 self.unsaved[Record::Sensors as usize] = true;
                 self.rest = Some(Rest::after(Activity::Calibration, self.now_ms));
                 self.relearn();
@@ -201,6 +214,14 @@ impl<F: NorFlash> Tasks<F> {
         if let Some(sensors) = self.sensors.as_ref().filter(|_| self.install_due) {
             self.install_due = self.service.install(&sensors.model).is_err();
         }
+    }
+
+    /// The sensors are being calibrated: what was known of them is given up, in the flash as well, whatever comes of
+    /// it.
+    pub fn give_up_sensors(&mut self) {
+        (self.sensors, self.install_due) = (None, false);
+        self.unsaved[Record::Sensors as usize] = true;
+        self.relearn();
     }
 
     /// Restarts the adaptation from the model in use.

@@ -123,7 +123,7 @@ impl Tool {
     ) -> Result<Option<Status>, Box<dyn Error>> {
         self.id += 1;
         let mut frame = [0; FRAME];
-        let length = encode(&Request { id: self.id, ask }, &mut frame)?;
+        let length = encode(&Request { id: self.id, client: 1, unattended: false, ask }, &mut frame)?;
         self.line.to_drive.extend(&frame[..length]);
         for _ in 0..1000 {
             millisecond(&mut self.line);

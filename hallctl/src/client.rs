@@ -8,10 +8,11 @@ use hallservo_protocol::{
     Answer, Ask, Decoder, Error as Frame, FRAME, Reply, Request, Setting, Status, Telemetry, encode,
 };
 use std::collections::VecDeque;
+use std::hash::{BuildHasher, Hasher, RandomState};
 use std::io::ErrorKind;
 use std::time::{Duration, Instant};
 
-/// From look to look of a drive whose time is that on the wall.
+/// From look to look of a drive whose time is that on the wall, at most: also the sign of life of this tool.
 const EVERY: Duration = Duration::from_millis(50);
 
 /// How often a request goes out, at most, while nothing comes back: a line may lose a byte.
@@ -20,7 +21,17 @@ const ATTEMPTS: u32 = 4;
 /// Whether asked twice is no more than asked once, though the answer to the first was lost. What begins something, or
 /// ends it, is not.
 const fn may_repeat(ask: &Ask<'_>) -> bool {
-    !matches!(ask, Ask::Arm | Ask::Clear | Ask::Calibrate | Ask::Identify | Ask::LearnCogging | Ask::Save)
+    !matches!(
+        ask,
+        Ask::Arm
+            | Ask::Clear
+            | Ask::Calibrate
+            | Ask::Identify
+            | Ask::LearnCogging
+            | Ask::Save
+            | Ask::Measure { begins: true, .. }
+            | Ask::Swing
+    )
 }
 
 /// Who answers.
@@ -42,6 +53,12 @@ pub struct Client {
     port: String,
     patience: Duration,
     decoder: Decoder,
+    /// Who this is to the drive.
+    number: u32,
+    /// Whether what is begun goes on without this tool.
+    unattended: bool,
+    /// Whether it may control the drive.
+    controls: bool,
     id: u16,
     identity: Identity,
     telemetry: VecDeque<Telemetry>,
@@ -61,6 +78,10 @@ impl Client {
             port: port.into(),
             patience,
             decoder: Decoder::new(),
+            // Seeded anew for each process.
+            number: (RandomState::new().build_hasher().finish() as u32).max(1),
+            unattended: false,
+            controls: false,
             // Another tool's answers may still be on their way; they have other numbers, as far as chance allows.
             id: std::process::id() as u16,
             identity,
@@ -81,6 +102,16 @@ impl Client {
         Ok(client)
     }
 
+    /// What is begun from now on goes on though this tool ends.
+    pub const fn unattended(&mut self, unattended: bool) {
+        self.unattended = unattended;
+    }
+
+    /// Whether a tool that controls the drive is this one.
+    pub const fn is_me(&self, client: u32) -> bool {
+        client == self.number
+    }
+
     /// Who answers.
     pub const fn identity(&self) -> &Identity {
         &self.identity
@@ -94,7 +125,9 @@ impl Client {
     pub fn ask<R>(&mut self, ask: Ask<'_>, understand: impl FnOnce(Answer<'_>) -> Result<R>) -> Result<R> {
         self.id = self.id.wrapping_add(1);
         let mut frame = [0; FRAME];
-        let length = encode(&Request { id: self.id, ask }, &mut frame).context("the request is too long")?;
+        let request = Request { id: self.id, client: self.number, unattended: self.unattended, ask };
+        let length = encode(&request, &mut frame).context("the request is too long")?;
+        self.controls |= ask.controls();
         let (asked, mut attempts, mut byte) = (Instant::now(), 0, [0]);
         while asked.elapsed() < self.patience {
             if attempts == 0 || may_repeat(&ask) && asked.elapsed() > self.patience * attempts / ATTEMPTS {
@@ -144,6 +177,14 @@ impl Client {
         })
     }
 
+    /// Gives up the control, if it was ever asked for, so that the next tool does not have to wait.
+    ///
+    /// # Errors
+    /// As [`Self::ask`].
+    pub fn release(&mut self) -> Result<()> {
+        if self.controls { self.order(Ask::Release) } else { Ok(()) }
+    }
+
     /// How the drive is.
     ///
     /// # Errors
@@ -167,17 +208,20 @@ impl Client {
     }
 
     /// Waits between two looks at the drive, collecting telemetry; not for a simulated drive that is ahead of the wall.
-    /// `before` is the look before, `now_ms` the drive's time now.
+    /// `before` is the look before, `status` the one now; there are four looks at least in the time for which a command
+    /// holds.
     ///
     /// # Errors
     /// The connection broke.
-    pub fn rest(&mut self, before: &mut (Instant, u64), now_ms: u64) -> Result<()> {
+    pub fn rest(&mut self, before: &mut (Instant, u64), status: &Status) -> Result<()> {
         let (wall, drive_ms) = *before;
-        let passed = Duration::from_millis(now_ms.saturating_sub(drive_ms));
+        let passed = Duration::from_millis(status.uptime_ms.saturating_sub(drive_ms));
         if passed < 2 * wall.elapsed() || passed.is_zero() {
-            self.listen(EVERY)?;
+            self.listen(
+                Duration::try_from_secs_f32(status.command_timeout_s / 4.0).map_or(EVERY, |time| time.min(EVERY)),
+            )?;
         }
-        *before = (Instant::now(), now_ms);
+        *before = (Instant::now(), status.uptime_ms);
         Ok(())
     }
 

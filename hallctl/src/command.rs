@@ -1,5 +1,6 @@
 //! The command line.
 
+mod commission;
 mod faults;
 mod motion;
 mod pole_pairs;
@@ -9,7 +10,7 @@ mod status;
 mod telemetry;
 
 use crate::client::Client;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::simulate::serve;
 use clap::{Parser, Subcommand, ValueEnum};
 use hallservo::commutation::Commutation;
@@ -59,9 +60,11 @@ enum Command {
         kind: Kind,
     },
     /// Turn the rotor and find out what the Halls deliver
-    Calibrate,
+    Calibrate(procedures::Options),
+    /// Measure the motor, calibrate the Halls and set the control: all that a new motor needs but its largest current
+    Commission(commission::Options),
     /// Turn to and fro and measure the motor
-    Identify,
+    Identify(procedures::Options),
     /// Count the pole pairs while you turn the shaft by hand; after `calibrate`, with the bridge off
     PolePairs {
         /// Turns of the shaft: one tells up to 14 pole pairs, five tell all
@@ -72,6 +75,8 @@ enum Command {
     Cogging {
         /// Learn it by turning slowly, compensate it or not
         what: Cogging,
+        #[command(flatten)]
+        options: procedures::Options,
     },
     /// List, read, change and keep settings
     #[command(subcommand)]
@@ -113,8 +118,16 @@ pub fn run(arguments: &Arguments) -> Result<()> {
         return Ok(serve::main(options)?);
     }
     let mut client = Client::connect(&arguments.port, Duration::from_secs(arguments.patience))?;
-    let client = &mut client;
-    match &arguments.command {
+    let result = obey(&mut client, &arguments.command);
+    // The next command is another process. What does not answer is left to its time-out.
+    if matches!(result, Ok(()) | Err(Error::Refused(_) | Error::Failed(_))) {
+        client.release()?;
+    }
+    result
+}
+
+fn obey(client: &mut Client, command: &Command) -> Result<()> {
+    match command {
         Command::Simulate(_) => Ok(()),
         Command::Status => status::show(client),
         Command::Arm => client.order(Ask::Arm),
@@ -134,15 +147,24 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             };
             client.setting(Ask::Commutate(commutation), |_| ())
         }
-        Command::Calibrate => procedures::calibrate(client),
-        Command::Identify => procedures::identify(client),
+        Command::Calibrate(options) => procedures::calibrate(client, options),
+        Command::Commission(options) => commission::run(client, options),
+        Command::Identify(options) => procedures::identify(client, options),
         Command::PolePairs { turns } => pole_pairs::count(client, *turns),
-        Command::Cogging { what: Cogging::Learn } => procedures::learn_cogging(client),
-        Command::Cogging { what: Cogging::On } => client.setting(Ask::AntiCogging(true), |_| ()),
-        Command::Cogging { what: Cogging::Off } => client.setting(Ask::AntiCogging(false), |_| ()),
+        Command::Cogging { what: Cogging::Learn, options } => procedures::learn_cogging(client, options),
+        Command::Cogging { what: Cogging::On, .. } => client.setting(Ask::AntiCogging(true), |_| ()),
+        Command::Cogging { what: Cogging::Off, .. } => client.setting(Ask::AntiCogging(false), |_| ()),
         Command::Settings(command) => settings::run(client, command),
         Command::Telemetry(options) => telemetry::watch(client, options),
         Command::Faults => faults::show(client),
+    }
+}
+
+/// A time that can pass, in seconds.
+fn seconds(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds > 0.0 && seconds <= 1e9 => Ok(seconds),
+        _ => Err("a number of seconds above 0 is wanted".into()),
     }
 }
 
@@ -153,4 +175,24 @@ fn writable(path: Option<&PathBuf>) -> Result<()> {
         std::fs::write(path, "").with_context(|| format!("cannot write {}", path.display()))?;
     }
     Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_time_that_can_pass_turns_a_motor() {
+        for text in ["-1", "NaN", "0", "-0.0", "inf", "1e99", "", "1 s"] {
+            assert!(seconds(text).is_err(), "{text}");
+            for command in ["speed", "voltage", "torque", "position"] {
+                assert!(Arguments::try_parse_from(["hallctl", command, "1", "--seconds", text]).is_err(), "{text}");
+            }
+            assert!(Arguments::try_parse_from(["hallctl", "telemetry", "--seconds", text]).is_err(), "{text}");
+        }
+        assert_eq!(seconds("0.5"), Ok(0.5));
+        for command in [&["calibrate", "--unattended"][..], &["cogging", "learn", "--unattended"], &["voltage", "-1"]] {
+            assert!(Arguments::try_parse_from([&["hallctl"], command].concat()).is_ok(), "{command:?}");
+        }
+    }
 }

@@ -8,13 +8,12 @@ pub mod serve;
 use anyhow::{Context as _, Result, anyhow};
 use fault::ScheduledEvent;
 use flash::Flash;
-use hallservo::board::{Output, Sample, TemperatureCode};
+use hallservo::board::{Interlock, Output, Sample, TemperatureCode};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Drive;
 use hallservo::mode::Mode;
-use hallservo::settings::Settings;
-use hallservo::settings::{Control, GuardSettings, OnTimeout};
-use hallservo_app::{Housekeeping, Identity, Memory, Supervisor};
+use hallservo::settings::{Ceiling, Control, GuardSettings, OnTimeout, Settings};
+use hallservo_app::{Housekeeping, Identity, Listener, Memory, Stop, Supervisor};
 use plant::{Plant, PlantParameters, Truth};
 use std::collections::VecDeque;
 
@@ -23,12 +22,21 @@ const IDENTITY: Identity = Identity { board: "simulated", firmware: env!("CARGO_
 /// Both thermistors at 25 °C, 12 bit.
 const COOL: TemperatureCode = TemperatureCode::new(2048);
 
+/// What no setting exceeds: transistors of 40 V that stand 6 A.
+const CEILINGS: &[Ceiling] =
+    &[("max_current_a", 6.0), ("over_current_a", 7.5), ("over_voltage_v", 34.0), ("bridge_max_c", 110.0)];
+
 /// What the simulated board has by default: the motor of Simpkins and Todorov, field-oriented; a command holds for a
 /// second.
 pub fn defaults() -> Settings {
-    let guard = GuardSettings { command_timeout_s: 1.0, on_timeout: OnTimeout::Stop, ..GuardSettings::default() };
+    let guard = GuardSettings { on_timeout: OnTimeout::Stop, ..GuardSettings::default() };
     let control = Control { guard, ..Control::default() };
-    Settings { commutation: Commutation::FieldOriented, control: Some(control), ..Settings::default() }
+    Settings {
+        commutation: Commutation::FieldOriented,
+        ceilings: CEILINGS,
+        control: Some(control),
+        ..Settings::default()
+    }
 }
 
 /// From check to check of the watchdog, ms.
@@ -46,6 +54,8 @@ pub struct Simulator {
     drive: &'static mut Drive,
     supervisor: &'static mut Supervisor<Flash>,
     housekeeping: Housekeeping,
+    stop: Stop,
+    listener: Listener,
     flash: Flash,
     now_ms: u64,
     input: VecDeque<u8>,
@@ -107,6 +117,8 @@ impl Simulator {
             drive,
             supervisor,
             housekeeping: Housekeeping::new(),
+            stop: Stop::new(),
+            listener: Listener::new(),
             flash,
             now_ms: 0,
             input: VecDeque::new(),
@@ -125,9 +137,7 @@ impl Simulator {
 
     /// A millisecond of the drive's life.
     pub fn step(&mut self) {
-        for _ in 0..self.periods {
-            self.period();
-        }
+        self.neglect();
         self.tasks();
     }
 
@@ -171,10 +181,20 @@ impl Simulator {
         self.tasks();
     }
 
+    /// A millisecond in which the tasks have no time.
+    pub fn neglect(&mut self) {
+        for _ in 0..self.periods {
+            self.period();
+        }
+    }
+
     /// The tasks' share of a millisecond, as a main loop would do it.
     fn tasks(&mut self) {
         self.now_ms += 1;
         self.supervisor.tick(self.now_ms, self.housekeeping.read());
+        if let Some(bytes) = self.supervisor.dealt_with() {
+            self.stop.release(bytes);
+        }
         let taken = self.supervisor.receive(self.input.make_contiguous());
         self.input.drain(..taken);
         let mut bytes = [0; 64];
@@ -200,7 +220,10 @@ impl Simulator {
             observe(&mut sample, &self.plant.truth());
         }
         self.housekeeping.update(&sample);
-        self.last = self.drive.step(&sample);
+        self.last = match self.stop.holds() {
+            false => self.drive.step(&sample),
+            true => self.drive.step_off(&sample, Interlock::Stop),
+        };
         let [a, b, c] = self.last.compare;
         for word in [a, b, c, self.last.legs.bits().into()] {
             self.digest = (self.digest ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3);
@@ -227,6 +250,7 @@ impl Simulator {
     /// Bytes to the drive.
     pub fn write(&mut self, bytes: &[u8]) {
         self.input.extend(bytes);
+        bytes.iter().for_each(|byte| self.listener.hear(*byte, true, &self.stop));
     }
 
     /// Bytes from the drive since the last call.

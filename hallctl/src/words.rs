@@ -61,6 +61,7 @@ pub const fn activity(activity: Activity) -> &'static str {
         Activity::Calibration => "a calibration",
         Activity::Identification => "the identification of the motor",
         Activity::Cogging => "learning the cogging",
+        Activity::Swings => "swinging the rotor",
     }
 }
 
@@ -109,6 +110,10 @@ pub fn incident(incident: &Incident) -> (String, &'static str) {
             (format!("the {} in the flash: {}", record(kind), problem(why)), advice)
         }
         Cause::NotSaved(kind) => (format!("the {} could not be saved", record(kind)), "the flash may be worn out"),
+        Cause::Abandoned(what) => (
+            format!("{} was ended: its tool fell silent", activity(what)),
+            "keep hallctl running, or begin it by `--unattended`",
+        ),
         Cause::Adaptation(why) => (why.to_string(), "`hallctl calibrate`, after a look at that Hall"),
     }
 }
@@ -126,6 +131,16 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
         Refusal::Flash => "the flash did not take it\n  Try again; the flash may be worn out.".into(),
         Refusal::NoTable => "the cogging is not learnt yet\n  `hallctl cogging learn` first.".into(),
         Refusal::Busy(what) => format!("{} is at work\n  Wait, or end it by `hallctl disarm`.", activity(*what)),
+        Refusal::Controlled => {
+            "another tool controls the drive\n  Wait until it ends, or stop the motor by `hallctl disarm`, \
+                                which anyone may."
+                .into()
+        }
+        Refusal::Unconfirmed(why) => format!(
+            "the settings in the flash: {}; those in use may be less strict\n  Look through `hallctl settings list`, \
+             set what is missing, then `hallctl settings save` (or `accept` until the power goes).",
+            problem(*why)
+        ),
         Refusal::NoAnswer => {
             "the control interrupt does not answer\n  Does its timer run? Look at the board's log.".into()
         }
@@ -151,17 +166,24 @@ fn drive_refusal(refusal: drive::Refusal) -> String {
         drive::Refusal::HallLost => "a Hall is lost\n  Repair it, then `hallctl calibrate`.".into(),
         drive::Refusal::NoControl => NO_CONTROL.into(),
         drive::Refusal::Fault(fault) => format!("{fault}\n  {}.", fault.advice()),
+        drive::Refusal::Turning => "the rotor turns\n  Let it come to rest first.".into(),
+        drive::Refusal::OutOfBounds => {
+            "the position is outside of its bounds\n  They are min_position_turns and max_position_turns.".into()
+        }
     }
 }
 
 const NO_CONTROL: &str = "this drive has no current control: it can be given a voltage only";
 
 /// Why a setting cannot be changed so, and what to do.
-fn setting_error(error: &settings::Error<'_>) -> String {
+pub fn setting_error(error: &settings::Error<'_>) -> String {
     match error {
         settings::Error::OutOfRange { field, value, min, max } => {
             let (min, max) = (short(*min), short(*max));
             format!("{field} would be {value}, but must be from {min} to {max}, with the other settings as they are")
+        }
+        settings::Error::Ceiling { field, value, most } => {
+            format!("{field} would be {}, but the board's ceiling is {}", short(*value), short(*most))
         }
         settings::Error::NoControl => NO_CONTROL.into(),
         settings::Error::Unknown => format!("{error}\n  `hallctl settings list` names them all."),

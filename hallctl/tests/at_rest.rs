@@ -8,7 +8,7 @@ use hallctl::simulate::flash::Flash;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Problem, Procedure, Refusal, Status};
 use plant::{Cogging, Friction, HallFault, PlantParameters, Rail};
-use tool::{ask, calibrated, done, drive, run, status, wait};
+use tool::{ask, begin, calibrated, done, drive, run, status, wait};
 
 /// Longest wait beyond what a procedure itself takes, ms, and what looks at it add.
 const LONGEST_MS: u64 = 5000 + 10;
@@ -19,7 +19,7 @@ fn refused(drive: &mut Simulator, what: Ask<'_>) {
 
 /// Lets time pass until the bridge is off and the drive knows its angle, which is when the wait begins.
 fn swept(drive: &mut Simulator) -> Status {
-    done(drive, Ask::Calibrate);
+    begin(drive, Ask::Calibrate);
     for _ in 0..20_000 {
         drive.step();
         if drive.drive().mode() == Mode::Ready {
@@ -49,7 +49,7 @@ fn drift_deg(drive: &mut Simulator) -> f64 {
 fn every_procedure_leaves_the_rotor_at_rest() {
     let mut drive = drive(Flash::blank());
     run(&mut drive, 10);
-    for procedure in [Ask::Calibrate, Ask::Identify, Ask::LearnCogging] {
+    for procedure in [Ask::Calibrate, Ask::Swing, Ask::Identify, Ask::LearnCogging] {
         done(&mut drive, procedure);
         wait(&mut drive);
         let status = status(&mut drive);
@@ -157,7 +157,7 @@ fn what_goes_wrong_meanwhile_does_not_hold_it_up() {
     // A hand turns the shaft against the field: no calibration comes of it.
     let mut first = drive(Flash::blank());
     run(&mut first, 10);
-    done(&mut first, Ask::Calibrate);
+    begin(&mut first, Ask::Calibrate);
     run(&mut first, 1000);
     first.turn_by_hand(2.3).unwrap();
     wait(&mut first);

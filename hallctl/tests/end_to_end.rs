@@ -136,7 +136,8 @@ fn evening(options: &[&str]) {
     drive.ok(&["clear"]);
 
     drive.ok(&["settings", "set", "max_current_a", "2.5"]);
-    assert!(drive.fails(6, &["settings", "set", "max_current_a", "99"]).contains("must be from 0 to 7.425"));
+    assert!(drive.fails(6, &["settings", "set", "max_current_a", "99"]).contains("the board's ceiling is 6"));
+    assert!(drive.fails(6, &["settings", "set", "stall_s", "99"]).contains("must be from 0.01 to 5"));
     assert!(drive.fails(6, &["settings", "set", "adc_bits", "16"]).contains("follows from the board's parts"));
     assert_eq!(drive.ok(&["settings", "save"]), "saved\n");
     drop(drive);
@@ -249,6 +250,24 @@ fn settings_go_into_a_file_and_back() {
     assert!(drive.fails(6, &["settings", "import", path]).contains("no such setting"));
     fs::write(&file, "reversed = \"perhaps\"\n").unwrap();
     assert!(drive.fails(1, &["settings", "import", path]).contains("takes yes or no"));
+}
+
+#[test]
+fn a_motor_is_commissioned_by_its_current_limit() {
+    let drive = Drive::start(&[]);
+    // Settings that fit another motor.
+    for (name, value) in [("resistance_ohm", "1"), ("flux_linkage_wb", "2e-3"), ("inertia_kgm2", "1e-4")] {
+        drive.ok(&["settings", "set", name, value]);
+    }
+    assert!(drive.fails(6, &["commission", "--max-current", "100"]).contains("max_current_a"));
+    let told = drive.ok(&["commission", "--max-current", "2.5", "--pole-pairs", "4"]);
+    for part in ["At standstill", "Calibrated at 10 Hz", "saved", "resistance       3.7", "inductance     0.3"] {
+        assert!(told.contains(part), "{part}: {told}");
+    }
+    assert!(!told.contains("pole-pairs"), "{told}");
+    assert!(drive.ok(&["settings", "get", "max_current_a"]).contains("2.5"));
+    drive.ok(&["arm"]);
+    assert!(drive.ok(&["speed", "100", "--seconds", "1"]).contains("rad/s"));
 }
 
 #[test]

@@ -4,6 +4,7 @@ mod tool;
 
 use hallctl::simulate::flash::Flash;
 use hallctl::simulate::{Simulator, defaults, fault};
+use hallservo::board::Legs;
 use hallservo::drive::Refusal as DriveRefusal;
 use hallservo::mode::Mode;
 use hallservo_app::{Identity, Memory, Readings, Supervisor};
@@ -65,6 +66,32 @@ fn disarm_is_obeyed_though_an_answer_is_owed_and_the_queue_full() {
 }
 
 #[test]
+fn disarm_acts_though_the_tasks_do_nothing() {
+    let (mut drive, _) = calibrated();
+    done(&mut drive, Ask::Arm);
+    done(&mut drive, Ask::Speed(60.0));
+    run(&mut drive, 100);
+    // Behind what has its turn before.
+    let asked = [Ask::Status, Ask::Speed(20.0), Ask::Disarm].map(|ask| tool::request(1, ask));
+    drive.write(&asked.concat());
+    drive.neglect();
+    assert_eq!(drive.drive().mode(), Mode::Ready);
+    // What was asked for before the next one has its turn, and does nothing.
+    let asked = [Ask::Arm, Ask::Speed(60.0), Ask::Disarm].map(|ask| tool::request(2, ask));
+    drive.write(&asked.concat());
+    for _ in 0..50 {
+        drive.step();
+        assert_eq!(drive.output().legs, Legs::NONE);
+    }
+    assert_eq!(drive.drive().mode(), Mode::Ready);
+    // Half a request is none.
+    done(&mut drive, Ask::Arm);
+    drive.write(&tool::request(3, Ask::Disarm)[3..]);
+    run(&mut drive, 10);
+    assert_eq!(drive.drive().mode(), Mode::Running);
+}
+
+#[test]
 fn requests_are_read_though_nobody_takes_the_answers() {
     let memory = Box::leak(Box::new(Memory::new()));
     let identity = Identity { board: "test", firmware: "test" };
@@ -111,14 +138,14 @@ fn a_lost_hall_is_not_forgotten_before_a_calibration() {
     // The wire has contact again.
     drive.plant.set_hall_fault(0, None);
     run(&mut drive, 500);
-    let refused = |drive: &mut Simulator| {
-        ask(drive, Ask::Arm, |answer| assert_eq!(answer, Answer::Refused(Refusal::Drive(DriveRefusal::HallLost))));
+    let refused = |drive: &mut Simulator, why| {
+        ask(drive, Ask::Arm, |answer| assert_eq!(answer, Answer::Refused(Refusal::Drive(why))));
     };
-    refused(&mut drive);
+    refused(&mut drive, DriveRefusal::HallLost);
     for value in [1.0, 0.0] {
         done(&mut drive, Ask::Set { name: "reversed", value });
         run(&mut drive, 20);
-        refused(&mut drive);
+        refused(&mut drive, DriveRefusal::HallLost);
     }
     // Nor by one that has failed.
     done(&mut drive, Ask::Calibrate);
@@ -129,7 +156,7 @@ fn a_lost_hall_is_not_forgotten_before_a_calibration() {
     run(&mut drive, 50);
     done(&mut drive, Ask::Clear);
     run(&mut drive, 500);
-    refused(&mut drive);
+    refused(&mut drive, DriveRefusal::NotCalibrated);
     // Nor by one that was broken off, with a model that is installed then.
     done(&mut drive, Ask::Calibrate);
     run(&mut drive, 50);
@@ -137,7 +164,7 @@ fn a_lost_hall_is_not_forgotten_before_a_calibration() {
     run(&mut drive, 20);
     done(&mut drive, Ask::Set { name: "reversed", value: 1.0 });
     run(&mut drive, 500);
-    refused(&mut drive);
+    refused(&mut drive, DriveRefusal::NotCalibrated);
     done(&mut drive, Ask::Calibrate);
     wait(&mut drive);
     done(&mut drive, Ask::Arm);

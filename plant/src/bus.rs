@@ -55,9 +55,18 @@ impl Bus {
     pub fn set_supply(&mut self, supply_v: f64) -> Result<(), Error> {
         supply(supply_v)?;
         self.parameters.supply_v = supply_v;
-        if self.parameters.source_ohm == 0.0 {
+        let BusParameters { source_ohm, regenerative, .. } = self.parameters;
+        // Turned down, a laboratory supply empties the capacitor, though it takes nothing back from a motor.
+        if source_ohm == 0.0 || (!regenerative && self.volts > supply_v) {
             self.volts = supply_v;
         }
+        Ok(())
+    }
+
+    pub fn set_regenerative(&mut self, regenerative: bool) -> Result<(), Error> {
+        let parameters = BusParameters { regenerative, ..self.parameters };
+        parameters.check()?;
+        self.parameters = parameters;
         Ok(())
     }
 

@@ -98,7 +98,7 @@ impl PlantParameters {
     /// The nominal swing is 500 LSB peak to peak of 12 bit at 3.3 V. Fixed: a third harmonic of 5 %
     /// locked to the fundamental, Gaussian noise of 1 % of each sensor's own amplitude, the
     /// paper's motor with friction and cogging, 40 kHz, 0.5 µs of dead time, switches of 20 mΩ,
-    /// diodes of 0.7 V, a supply of 24 V behind 0.1 Ω and 470 µF, current and bus sensing with
+    /// diodes of 0.7 V, a supply of 24 V behind 0.1 Ω and 470 µF that takes nothing back, current and bus sensing with
     /// 1 mV of noise. No drift, stray field, lag or fault: those are for experiments of their own.
     #[must_use]
     pub fn imperfect_with(seed: u64, layout: HallLayout) -> Self {
@@ -131,7 +131,7 @@ impl PlantParameters {
                 diode_v: 0.7,
                 model: InverterModel::Averaged { steps: 1 },
             },
-            bus: BusParameters { supply_v: 24.0, source_ohm: 0.1, capacitance_f: 470e-6, regenerative: true },
+            bus: BusParameters { supply_v: 24.0, source_ohm: 0.1, capacitance_f: 470e-6, regenerative: false },
             current_sense: SenseParameters {
                 offset_v: 0.5 * REFERENCE_V + 0.01 * random.uniform(),
                 noise_v: 1e-3,

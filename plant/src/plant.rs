@@ -1,16 +1,20 @@
 //! The whole plant, one switching period at a time.
 
+mod breakage;
+
 use crate::adc::{Adc, SenseParameters};
 use crate::averaged::{AveragedLegs, DeadTime};
 use crate::bus::Bus;
 use crate::error::{Error, finite};
+use crate::fault::Faults;
 use crate::hall::{HallFault, Halls};
 use crate::inverter::{InverterModel, InverterParameters, Legs, diodes};
 use crate::motor::{Motor, Slice};
 use crate::noise::Noise;
 use crate::parameters::PlantParameters;
 use crate::phasor::wrapped;
-use crate::switched::{Switch, SwitchedLegs};
+use crate::switched::{Switch, SwitchedLegs, drawn_a};
+use crate::windings::Terminal;
 
 /// What the converter delivers at a valley.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,7 +38,7 @@ pub struct Truth {
     pub mechanical_angle_rad: f64,
     /// Mechanical speed, rad/s.
     pub speed_rad_s: f64,
-    /// Phase currents, A.
+    /// Currents of the windings, A.
     pub currents_a: [f64; 3],
     /// Back-EMF from phase to star point, V.
     pub back_emf_v: [f64; 3],
@@ -68,6 +72,7 @@ pub struct Plant {
     current_sense: SenseParameters,
     bus_sense: SenseParameters,
     noise: Noise,
+    faults: Faults,
     /// Compare registers as loaded at the coming valley.
     preloaded: Legs,
     periods: u64,
@@ -104,6 +109,7 @@ impl Plant {
             current_sense: parameters.current_sense,
             bus_sense: parameters.bus_sense,
             noise: Noise::new(seed),
+            faults: Faults::NONE,
             preloaded: Legs::OFF,
             periods: 0,
             conducted_s: 0.0,
@@ -121,9 +127,9 @@ impl Plant {
 
     /// What the converter reads now, at the valley. Each call draws fresh noise.
     pub fn sample(&mut self) -> Codes {
-        let halls = self.halls.volts(&mut self.noise);
+        let halls = self.hall_volts();
         let mut currents = [0; 3];
-        for (code, &current) in currents.iter_mut().zip(&self.motor.windings.currents_a) {
+        for (code, current) in currents.iter_mut().zip(self.shown_a()) {
             *code = self.adc.code(self.current_sense.volts(current, &mut self.noise));
         }
         let bus = self.bus_sense.volts(self.bus.volts, &mut self.noise);
@@ -144,8 +150,10 @@ impl Plant {
         let acting = if command.enabled { self.preloaded } else { Legs::OFF };
         self.preloaded = *command;
         match self.inverter.model {
-            InverterModel::Averaged { steps } => self.averaged(&acting, steps, &mut observe),
-            InverterModel::Switched => self.edge_by_edge(&acting, &mut observe),
+            InverterModel::Averaged { steps } if !self.faults.in_bridge() => {
+                self.averaged(&acting, steps, &mut observe)
+            }
+            _ => self.edge_by_edge(&acting, &mut observe),
         }
         self.periods += 1;
         self.motor.resync();
@@ -153,13 +161,12 @@ impl Plant {
     }
 
     fn averaged(&mut self, legs: &Legs, steps: u8, observe: &mut impl FnMut(&Slice)) {
-        let legs = AveragedLegs::new(legs, &self.dead_time, &self.motor.windings.currents_a, self.bus.volts);
+        let legs = AveragedLegs::new(legs, &self.dead_time, &self.currents_a(), self.bus.volts);
         for _ in 0..steps {
             let bus_v = self.bus.volts;
-            let terminals = legs.terminals(&self.dead_time, &self.motor.windings.currents_a, bus_v);
-            let rails = diodes(bus_v, self.inverter.diode_v);
-            let mut slice = self.motor.step(&terminals, rails, self.step_s);
-            slice.bus_a += legs.bus_a(&slice.currents_a);
+            let terminals = legs.terminals(&self.dead_time, &self.currents_a(), bus_v);
+            let mut slice = self.step(&terminals, self.step_s);
+            slice.bus_a += legs.bus_a(&self.faults.at_legs(&slice.currents_a));
             self.finish(slice, observe);
         }
     }
@@ -172,14 +179,25 @@ impl Plant {
             if span_s <= 0.0 {
                 continue;
             }
-            let (middle_s, bus_v) = (start_s + 0.5 * span_s, self.bus.volts);
-            let terminals = self.switched.terminals(middle_s, bus_v);
-            let rails = diodes(bus_v, self.inverter.diode_v);
-            let mut slice = self.motor.step(&terminals, rails, span_s);
-            slice.bus_a += self.switched.bus_a(middle_s, &slice.currents_a);
+            let slice = self.switch(self.switched.switches(start_s + 0.5 * span_s), span_s);
             self.finish(slice, observe);
             start_s = end_s;
         }
+    }
+
+    /// With the switches as they are commanded.
+    fn switch(&mut self, commanded: [Switch; 3], span_s: f64) -> Slice {
+        let switches = self.faults.switches(commanded);
+        let terminals = switches.map(|switch| switch.terminal(self.bus.volts));
+        let mut slice = self.step(&terminals, span_s);
+        slice.bus_a += drawn_a(&switches, &self.faults.at_legs(&slice.currents_a));
+        slice
+    }
+
+    /// With the legs' terminals at these voltages.
+    fn step(&mut self, at_legs: &[Terminal; 3], span_s: f64) -> Slice {
+        let rails = diodes(self.bus.volts, self.inverter.diode_v);
+        self.motor.step(&self.faults.at_windings(at_legs), rails, span_s)
     }
 
     fn finish(&mut self, slice: Slice, observe: &mut impl FnMut(&Slice)) {
@@ -191,14 +209,7 @@ impl Plant {
     /// A span with the switches as they are, for an inverter whose edges are known elsewhere. Spans
     /// over a quarter of a period let the rotor turn too far in one step.
     pub fn conduct(&mut self, switches: [Switch; 3], span_s: f64) {
-        let bus_v = self.bus.volts;
-        let terminals = switches.map(|switch| switch.terminal(bus_v));
-        let mut slice = self.motor.step(&terminals, diodes(bus_v, self.inverter.diode_v), span_s);
-        for (switch, current) in switches.iter().zip(&slice.currents_a) {
-            if *switch == Switch::High {
-                slice.bus_a += current;
-            }
-        }
+        let slice = self.switch(switches, span_s);
         self.finish(slice, &mut |_| {});
         self.conducted_s += span_s;
         self.motor.resync();
@@ -207,13 +218,19 @@ impl Plant {
 
     /// Voltages of the Hall sensors' outputs now. Each call draws fresh noise.
     pub fn hall_volts(&mut self) -> [f64; 3] {
-        self.halls.volts(&mut self.noise)
+        self.faults.hall_wires.seen(&self.halls.volts(&mut self.noise))
     }
 
-    /// Phase currents now, A.
+    /// Currents of the bridge's legs now, A; those of the windings are the [`truth`](Self::truth).
     #[must_use]
     pub fn currents_a(&self) -> [f64; 3] {
-        self.motor.windings.currents_a
+        self.faults.at_legs(&self.motor.windings.currents_a)
+    }
+
+    /// Currents of the legs as their amplifiers show them, A, before noise and offset.
+    #[must_use]
+    pub fn shown_a(&self) -> [f64; 3] {
+        self.faults.shown_a(&self.currents_a())
     }
 
     /// Voltage of the bus now, V.

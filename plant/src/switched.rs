@@ -147,19 +147,19 @@ impl SwitchedLegs {
         }
     }
 
-    /// Terminals within the span that contains this instant.
-    pub fn terminals(&self, at_s: f64, bus_v: f64) -> [Terminal; 3] {
-        [0, 1, 2].map(|phase| self.switch(phase, at_s).terminal(bus_v))
+    /// What the half bridges do within the span that contains this instant.
+    pub fn switches(&self, at_s: f64) -> [Switch; 3] {
+        [0, 1, 2].map(|phase| self.switch(phase, at_s))
     }
+}
 
-    /// Current that the high sides draw within the span that contains this instant.
-    pub fn bus_a(&self, at_s: f64, currents_a: &[f64; 3]) -> f64 {
-        let mut sum = 0.0;
-        for (phase, current) in currents_a.iter().enumerate() {
-            if self.switch(phase, at_s) == Switch::High {
-                sum += current;
-            }
+/// Current that the high sides draw from the bus.
+pub(crate) fn drawn_a(switches: &[Switch; 3], currents_a: &[f64; 3]) -> f64 {
+    let mut sum = 0.0;
+    for (switch, current) in switches.iter().zip(currents_a) {
+        if *switch == Switch::High {
+            sum += current;
         }
-        sum
     }
+    sum
 }

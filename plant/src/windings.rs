@@ -9,6 +9,8 @@ pub(crate) enum Terminal {
     Driven(f64),
     /// Left to the diodes.
     Open,
+    /// A broken wire: nothing flows.
+    Cut,
 }
 
 /// Terminal voltages at which the diodes conduct.
@@ -76,6 +78,16 @@ impl Windings {
         })
     }
 
+    /// Ends the currents of windings that are cut. Two that remain conserve the flux of their loop, so each gives half
+    /// of what the third carried; one alone has no way back.
+    pub fn cut(&mut self, cut: &[bool; 3]) {
+        let lost_a: f64 = (0..3).filter(|&phase| cut[phase]).map(|phase| self.currents_a[phase]).sum();
+        let whole = cut.iter().filter(|&&cut| !cut).count();
+        for (current_a, &cut) in self.currents_a.iter_mut().zip(cut) {
+            *current_a = if cut || whole < 2 { 0.0 } else { *current_a + lost_a / whole as f64 };
+        }
+    }
+
     /// Lets the currents flow for a span of constant terminal voltages and back-EMF.
     pub fn advance(&mut self, terminals: &[Terminal; 3], emf_v: &[f64; 3], diodes: Diodes, span_s: f64) -> Flow {
         let mut mean = Flow::default();
@@ -110,6 +122,7 @@ impl Windings {
         let mut held_v = [None; 3];
         for phase in 0..3 {
             held_v[phase] = match terminals[phase] {
+                Terminal::Cut => None,
                 Terminal::Driven(volts) => Some(volts),
                 Terminal::Open if self.currents_a[phase] > EXTINCT_A => Some(diodes.low_v),
                 Terminal::Open if self.currents_a[phase] < -EXTINCT_A => Some(diodes.high_v),
@@ -120,14 +133,14 @@ impl Windings {
             };
         }
         if held_v == [None; 3] {
-            return rectifier(emf_v, diodes);
+            return rectifier(terminals, emf_v, diodes);
         }
         loop {
             let star_v = star_point(&held_v, emf_v);
             // The floating terminal furthest beyond a rail is the next to conduct.
             let mut furthest = (0.0, None);
             for phase in 0..3 {
-                if held_v[phase].is_none() {
+                if held_v[phase].is_none() && terminals[phase] != Terminal::Cut {
                     let volts = star_v + emf_v[phase];
                     let (above, below) = (volts - diodes.high_v, diodes.low_v - volts);
                     if above > furthest.0 {
@@ -213,9 +226,13 @@ fn star_point(held_v: &[Option<f64>; 3], emf_v: &[f64; 3]) -> f64 {
 
 /// Nothing driven, nothing flowing: the diodes conduct once the line-to-line EMF exceeds the bus.
 /// Otherwise the star point is taken to lie midway, where leakage would leave it.
-fn rectifier(emf_v: &[f64; 3], diodes: Diodes) -> Conduction {
-    let (mut most, mut least) = (0, 0);
-    for phase in 1..3 {
+fn rectifier(terminals: &[Terminal; 3], emf_v: &[f64; 3], diodes: Diodes) -> Conduction {
+    let whole = (0..3).find(|&phase| terminals[phase] != Terminal::Cut).unwrap_or(0);
+    let (mut most, mut least) = (whole, whole);
+    for phase in 0..3 {
+        if terminals[phase] == Terminal::Cut {
+            continue;
+        }
         if emf_v[phase] > emf_v[most] {
             most = phase;
         }

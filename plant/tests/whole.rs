@@ -34,7 +34,11 @@ fn results_are_a_function_of_the_seed_alone() {
     assert_eq!(fingerprint(&imperfect, 1, 2400), fingerprint(&imperfect, 1, 2400));
     assert_ne!(fingerprint(&imperfect, 1, 2400), fingerprint(&imperfect, 2, 2400));
     assert_ne!(PlantParameters::imperfect(1), PlantParameters::imperfect(2));
-    assert_eq!(fingerprint(&imperfect, 1, 2400), 15_109_617_797_135_344_660);
+    assert_eq!(fingerprint(&imperfect, 1, 2400), 11_545_745_163_316_819_545);
+
+    let mut charged = imperfect;
+    charged.bus.regenerative = true;
+    assert_eq!(fingerprint(&charged, 1, 2400), 15_109_617_797_135_344_660);
 
     let mut switched = imperfect;
     switched.inverter.model = InverterModel::Switched;

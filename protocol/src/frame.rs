@@ -65,23 +65,26 @@ pub fn encode<T: Serialize>(message: &T, frame: &mut [u8; FRAME]) -> Result<usiz
 
 /// Finds frames in a stream of bytes. Whatever comes, it never holds more than a frame, and is in step again after the
 /// next zero.
+pub type Decoder = FrameDecoder<OUTSIDE>;
+
+/// The same for frames of up to `ROOM` bytes, as they are between two zeros; longer ones are [`Error::TooLong`].
 #[derive(Clone, Debug)]
-pub struct Decoder {
-    frame: [u8; OUTSIDE],
+pub struct FrameDecoder<const ROOM: usize> {
+    frame: [u8; ROOM],
     /// Bytes since the last zero, of which there may be more than the frame holds.
     length: usize,
 }
 
-impl Default for Decoder {
+impl<const ROOM: usize> Default for FrameDecoder<ROOM> {
     fn default() -> Self {
         Self::new()
     }
 }
 
-impl Decoder {
+impl<const ROOM: usize> FrameDecoder<ROOM> {
     /// Between two frames.
     pub const fn new() -> Self {
-        Self { frame: [0; OUTSIDE], length: 0 }
+        Self { frame: [0; ROOM], length: 0 }
     }
 
     /// Takes a byte. At the end of a frame there is its message, or why it is none; the message may borrow from the
@@ -91,7 +94,7 @@ impl Decoder {
             if let Some(place) = self.frame.get_mut(self.length) {
                 *place = byte;
             }
-            self.length = (self.length + 1).min(OUTSIDE + 1);
+            self.length = (self.length + 1).min(ROOM + 1);
             return None;
         }
         match core::mem::take(&mut self.length) {
@@ -101,6 +104,8 @@ impl Decoder {
     }
 }
 
+// Shared by the decoders of all sizes.
+#[inline(never)]
 fn decode<'a, T: Deserialize<'a>>(frame: &'a mut [u8]) -> Result<T, Error> {
     let length = cobs::decode_in_place(frame).map_err(|_| Error::Garbled)?;
     let (inside, checksum) = frame.get(..length).and_then(<[u8]>::split_last_chunk).ok_or(Error::Garbled)?;

@@ -1,6 +1,6 @@
 //! What went wrong, and when. The order of the variants is their number on the wire.
 
-use crate::status::{Problem, Record};
+use crate::status::{Activity, Problem, Record};
 use hallservo::fault::Fault;
 use hallservo::hall::adapt;
 use hallservo::mode::Mode;
@@ -17,6 +17,8 @@ pub enum Cause {
     NotSaved(Record),
     /// The adaptation of the sensors' model gave up.
     Adaptation(adapt::Fault),
+    /// Ended, for the tool that began it fell silent.
+    Abandoned(Activity),
 }
 
 /// What went wrong, and when.

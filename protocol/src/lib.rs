@@ -18,6 +18,13 @@
 //! for a rate of zero; a [`Telemetry::number`] left out is a frame lost. A frame that cannot be understood gets no
 //! reply, but counts in [`Status::garbage`]; one of another version gets a frame of the drive's version.
 //!
+//! # Who controls
+//! Any number of tools may read. One controls: the first [`Request::client`] that asks for anything but a look, until
+//! [`Ask::Release`], a [`Ask::Disarm`] by anyone, or `command_timeout_s` without a request of any kind from it. Others
+//! are told [`Refusal::Controlled`] meanwhile; [`Ask::Disarm`] is everybody's at any time. A calibration and the
+//! procedures that turn the motor end, bridge off, when the tool that controls falls silent for that long, unless it
+//! began them [unattended](Request::unattended). That telemetry is sent is no sign of life.
+//!
 //! # Versions
 //! Framing, CRC and the version's place never change; any change of a message raises [`VERSION`]. Who receives a frame
 //! of another version gets [`Error::Version`], which names both, and must not guess at the rest.
@@ -29,14 +36,14 @@ mod message;
 mod report;
 mod status;
 
-pub use frame::{Decoder, Error, encode};
+pub use frame::{Decoder, Error, FrameDecoder, encode};
 pub use history::{Cause, History, Incident};
 pub use message::{Answer, Ask, Hello, Refusal, Reply, Request, Setting};
 pub use report::{Calibration, Cogging, Procedure};
 pub use status::{Activity, Learning, Problem, Record, Status, Telemetry};
 
 /// Version of the messages.
-pub const VERSION: u8 = 2;
+pub const VERSION: u8 = 3;
 /// Most bytes of a message.
 pub const MESSAGE: usize = 244;
 /// Most bytes of a frame, zeros included: version and CRC on top of the message, one byte of COBS for each 254, two

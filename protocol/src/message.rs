@@ -6,8 +6,10 @@ use crate::status::{Activity, Problem, Status, Telemetry};
 use hallservo::commutation::Commutation;
 use hallservo::control::config::BadDemand;
 use hallservo::drive;
+use hallservo::drive::standstill::{Probe, Window};
 use hallservo::service::identify;
 use hallservo::service::procedure;
+use hallservo::service::swings::Rough;
 use hallservo::settings::{self, Kind};
 use serde::{Deserialize, Serialize};
 
@@ -16,6 +18,10 @@ use serde::{Deserialize, Serialize};
 pub struct Request<'a> {
     /// The reply repeats it.
     pub id: u16,
+    /// Who asks: a number other than 0 that each tool draws at random.
+    pub client: u32,
+    /// Whether what this begins goes on though its tool falls silent.
+    pub unattended: bool,
     /// What is asked.
     #[serde(borrow)]
     pub ask: Ask<'a>,
@@ -40,7 +46,7 @@ pub enum Ask<'a> {
     Status,
     /// Bridge on, command zero.
     Arm,
-    /// Bridge off; ends whatever is going on.
+    /// Bridge off; ends whatever is going on, and the control by a tool. From anyone.
     Disarm,
     /// The fault has been taken note of.
     Clear,
@@ -89,6 +95,46 @@ pub enum Ask<'a> {
     Telemetry(f32),
     /// An entry of the history, 0 the latest: [`Answer::History`].
     History(u8),
+    /// Another tool may control the drive.
+    Release,
+    /// The settings are right as they are, though those in the flash could not be taken over: [`Status::unconfirmed`].
+    Accept,
+    /// Measure at standstill, calibrated or not; to be repeated, or the bridge is switched off. [`Ask::Disarm`] ends it;
+    /// the sensors have to be calibrated then.
+    Measure {
+        /// Whether a measurement begins; otherwise one goes on.
+        begins: bool,
+        /// What is to be measured now.
+        probe: Probe,
+    },
+    /// What flowed: [`Answer::Window`].
+    Window,
+    /// Swing to and fro and measure flux linkage and inertia roughly, from a drive that is ready.
+    Swing,
+    /// What the last one came to: [`Answer::Swings`].
+    Swings,
+}
+
+impl Ask<'_> {
+    /// Whether it changes anything of the drive, which is for the one tool that controls it.
+    pub const fn controls(&self) -> bool {
+        !matches!(
+            self,
+            Self::Hello
+                | Self::Status
+                | Self::Disarm
+                | Self::Calibration
+                | Self::Identification
+                | Self::Cogging
+                | Self::Setting(_)
+                | Self::Get(_)
+                | Self::Telemetry(_)
+                | Self::History(_)
+                | Self::Release
+                | Self::Window
+                | Self::Swings
+        )
+    }
 }
 
 /// What can be answered.
@@ -120,6 +166,10 @@ pub enum Answer<'a> {
     Telemetry(Telemetry),
     /// To [`Ask::History`].
     History(History),
+    /// To [`Ask::Window`]: one that was not asked for before, if there is any.
+    Window(Option<Window>),
+    /// To [`Ask::Swings`].
+    Swings(Procedure<Rough>),
 }
 
 /// Who is there.
@@ -178,4 +228,8 @@ pub enum Refusal<'a> {
     Busy(Activity),
     /// The control interrupt does not answer.
     NoAnswer,
+    /// Another tool controls the drive.
+    Controlled,
+    /// Not all of the settings in the flash could be taken over: [`Ask::Accept`] or [`Ask::Save`] first.
+    Unconfirmed(Problem),
 }

@@ -18,6 +18,8 @@ pub enum Activity {
     Identification,
     /// Its cogging.
     Cogging,
+    /// Its flux linkage and inertia, roughly.
+    Swings,
 }
 
 /// What the flash holds of a kind.
@@ -105,10 +107,15 @@ pub struct Status {
     pub garbage: u32,
     /// Frames to the tool that found no room.
     pub lost_frames: u32,
-    /// Seconds that a command holds; infinite: for ever.
+    /// Seconds that a command holds; infinite without current control: for ever.
     pub command_timeout_s: f32,
     /// Entries in the history.
     pub incidents: u8,
+    /// The tool that controls, 0 for none.
+    pub client: u32,
+    /// Whether the settings in the flash could not be taken over as they are, and nobody has confirmed those in use:
+    /// the bridge is not switched on before.
+    pub unconfirmed: bool,
 }
 
 /// One sample, and what became of it.

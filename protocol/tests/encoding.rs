@@ -5,6 +5,7 @@ use hallservo::commutation::Commutation;
 use hallservo::control::Motor;
 use hallservo::control::config::BadDemand;
 use hallservo::drive;
+use hallservo::drive::standstill::Probe;
 use hallservo::fault::{Fault, Limits};
 use hallservo::hall::Channel;
 use hallservo::hall::adapt::{self, Parameter};
@@ -33,21 +34,26 @@ fn hex<'a, T: Serialize + Deserialize<'a> + PartialEq + std::fmt::Debug>(value: 
 
 #[test]
 fn the_version_is_this_one() {
-    assert_eq!(VERSION, 2);
+    assert_eq!(VERSION, 3);
 }
 
 #[test]
 fn requests() {
     let asks = [
-        (Ask::Hello, "0100"),
-        (Ask::Speed(-1.5), "01070000c0bf"),
-        (Ask::Set { name: "stall_s", value: 1.0 }, "0113077374616c6c5f730000803f"),
-        (Ask::Commutate(Commutation::FieldOriented), "010902"),
-        (Ask::History(3), "011803"),
+        (Ask::Hello, "01ac020000"),
+        (Ask::Speed(-1.5), "01ac0200070000c0bf"),
+        (Ask::Set { name: "stall_s", value: 1.0 }, "01ac020013077374616c6c5f730000803f"),
+        (Ask::Commutate(Commutation::FieldOriented), "01ac02000902"),
+        (Ask::History(3), "01ac02001803"),
+        (Ask::Release, "01ac020019"),
+        (Ask::Accept, "01ac02001a"),
+        (Ask::Measure { begins: true, probe: Probe { phase: 1, current: 100, ripple: 2 } }, "01ac02001b0101c80104"),
+        (Ask::Swing, "01ac02001d"),
     ];
     for (ask, bytes) in asks {
-        assert_eq!(hex(&Request { id: 1, ask }), bytes, "{ask:?}");
+        assert_eq!(hex(&Request { id: 1, client: 300, unattended: false, ask }), bytes, "{ask:?}");
     }
+    assert_eq!(hex(&Request { id: 1, client: 1, unattended: true, ask: Ask::Calibrate }), "0101010a");
 }
 
 #[test]
@@ -71,7 +77,10 @@ fn states() {
     assert_eq!(hex(&[Kind::Real, Kind::Whole, Kind::Switch, Kind::Choice("a|b")]), "0001020303617c62");
     assert_eq!(
         hex(&Status::default()),
-        "0000000001000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000"
+        concat!(
+            "0000000001000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000000",
+            "0000"
+        )
     );
     assert_eq!(
         hex(&Telemetry::default()),
@@ -89,6 +98,8 @@ fn refusals() {
         (drive::Refusal::HallLost, "04"),
         (drive::Refusal::NoControl, "05"),
         (drive::Refusal::Fault(Fault::OverCurrent), "0615"),
+        (drive::Refusal::Turning, "07"),
+        (drive::Refusal::OutOfBounds, "08"),
     ];
     for (refusal, bytes) in drive {
         assert_eq!(hex(&refusal), bytes, "{refusal:?}");
@@ -103,6 +114,7 @@ fn refusals() {
         (settings::Error::Unknown, "03"),
         (settings::Error::Fixed, "04"),
         (settings::Error::NotWhole, "05"),
+        (settings::Error::Ceiling { field: "stall_s", value: 2.0, most: 1.0 }, "06077374616c6c5f73000000400000803f"),
     ];
     for (error, bytes) in settings {
         assert_eq!(hex(&error), bytes, "{error:?}");
@@ -120,6 +132,8 @@ fn refusals() {
         (procedure::Error::Inconclusive, "09"),
         (procedure::Error::NoTable, "0a"),
         (procedure::Error::Cancelled, "0b"),
+        (procedure::Error::NoCurrent { phase: 2 }, "0c02"),
+        (procedure::Error::Uneven, "0d"),
     ];
     for (error, bytes) in procedure {
         assert_eq!(hex(&error), bytes, "{error:?}");
@@ -134,6 +148,8 @@ fn refusals() {
         (Refusal::NoTable, "06"),
         (Refusal::Busy(Activity::Cogging), "0703"),
         (Refusal::NoAnswer, "08"),
+        (Refusal::Controlled, "09"),
+        (Refusal::Unconfirmed(Problem::Foreign), "0a04"),
     ];
     for (refusal, bytes) in refusals {
         assert_eq!(hex(&refusal), bytes, "{refusal:?}");
@@ -161,6 +177,7 @@ fn calibrations() {
         (Error::Refused(Finding::Unexplained(7.0)), "05050000e040"),
         (Error::Refused(Finding::Lagging(70.0)), "050600008c42"),
         (Error::Refused(Finding::Hunting(9.0)), "050700001041"),
+        (Error::SamplesLost { percent: 100 }, "0664"),
     ];
     for (error, bytes) in errors {
         assert_eq!(hex(&error), bytes, "{error:?}");
@@ -243,6 +260,7 @@ fn incidents() {
         (Cause::Adaptation(adapt::Fault::Drifted(Channel(1), Parameter::Placement)), "03020102"),
         (Cause::Adaptation(adapt::Fault::Distorted), "0303"),
         (Cause::Adaptation(adapt::Fault::Contradiction), "0304"),
+        (Cause::Abandoned(Activity::Cogging), "0403"),
     ];
     for (cause, bytes) in causes {
         assert_eq!(hex(&cause), bytes, "{cause:?}");
@@ -253,7 +271,7 @@ fn incidents() {
 #[test]
 fn every_setting_fits_a_frame() {
     for entry in settings::TABLE {
-        let settings::Entry { name, unit, kind, .. } = *entry;
+        let settings::Entry { name, unit, kind: &kind, .. } = *entry;
         let setting = Setting { name, unit, kind, value: 1.0, default: 1.0, min: 0.0, max: 1.0, fixed: true };
         let reply = Reply { id: u16::MAX, answer: Answer::Setting(setting) };
         assert!(encode(&reply, &mut [0; FRAME]).is_ok(), "{name}");

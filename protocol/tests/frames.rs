@@ -1,6 +1,7 @@
 //! Frames: whatever comes over the line, the decoder finds the whole ones and nothing else.
 
 use hallservo::commutation::Commutation;
+use hallservo::drive::standstill::Probe;
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo_protocol::*;
@@ -8,7 +9,7 @@ use proptest::prelude::*;
 
 fn request(id: u16, ask: Ask<'_>) -> Vec<u8> {
     let mut frame = [0; FRAME];
-    let length = encode(&Request { id, ask }, &mut frame).unwrap();
+    let length = encode(&Request { id, client: 1, unattended: false, ask }, &mut frame).unwrap();
     frame[..length].to_vec()
 }
 
@@ -29,7 +30,7 @@ fn texts(bytes: &[u8]) -> Vec<String> {
 /// Any request, with values as wild as they come.
 fn asks() -> impl Strategy<Value = Vec<u8>> {
     let name = "[a-z_]{0,40}";
-    (any::<u16>(), 0..23_u8, any::<u32>(), any::<u64>(), name).prop_map(|(id, kind, bits, wide, name)| {
+    (any::<u16>(), 0..29_u8, any::<u32>(), any::<u64>(), name).prop_map(|(id, kind, bits, wide, name)| {
         let (value, number) = (f32::from_bits(bits), bits as u16);
         request(
             id,
@@ -56,6 +57,15 @@ fn asks() -> impl Strategy<Value = Vec<u8>> {
                 19 => Ask::Load,
                 20 => Ask::Restore,
                 21 => Ask::Telemetry(value),
+                22 => Ask::Release,
+                23 => Ask::Accept,
+                24 => Ask::Measure {
+                    begins: bits & 1 == 0,
+                    probe: Probe { phase: number as u8, current: bits as i32, ripple: wide as i32 },
+                },
+                25 => Ask::Window,
+                26 => Ask::Swing,
+                27 => Ask::Swings,
                 _ => Ask::History(number as u8),
             },
         )
@@ -128,7 +138,7 @@ fn another_version_is_told() {
         assert_eq!(decoded(&frame), [Err(Error::Version { found: version })]);
     }
     let text = Error::Version { found: 9 }.to_string();
-    assert!(text.contains("version 9") && text.contains("version 2"), "{text}");
+    assert!(text.contains("version 9") && text.contains(&format!("version {VERSION}")), "{text}");
 }
 
 /// Bit by bit, from the polynomial.
@@ -140,7 +150,7 @@ fn crc32(bytes: &[u8]) -> u32 {
 
 #[test]
 fn what_follows_a_message_in_its_frame_makes_it_meaningless() {
-    let inside = [VERSION, 0, 1, 77];
+    let inside = [VERSION, 0, 1, 0, 1, 77];
     let inside = [&inside[..], &crc32(&inside).to_le_bytes()].concat();
     let mut frame = vec![0; 32];
     let length = cobs::encode(&inside, &mut frame);
@@ -160,11 +170,14 @@ fn frames_have_these_lengths() {
     };
     assert_eq!(reply(Answer::Telemetry(telemetry)), 70);
     assert_eq!(reply(Answer::Done), 12);
-    assert_eq!(request(1, Ask::Arm).len(), 10);
+    assert_eq!(request(1, Ask::Arm).len(), 12);
     assert!(reply(Answer::Status(Status { uptime_ms: u64::MAX, ..Status::default() })) <= FRAME);
     let long = "x".repeat(MESSAGE);
-    assert_eq!(encode(&Request { id: 1, ask: Ask::Get(&long) }, &mut [0; FRAME]), Err(Error::TooLong));
+    assert_eq!(
+        encode(&Request { id: 1, client: 1, unattended: false, ask: Ask::Get(&long) }, &mut [0; FRAME]),
+        Err(Error::TooLong)
+    );
     // Of the largest a whole one passes.
-    let longest = &long[..MESSAGE - 4];
+    let longest = &long[..MESSAGE - 6];
     assert_eq!(texts(&request(1, Ask::Get(longest))).len(), 1);
 }

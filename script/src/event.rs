@@ -11,6 +11,8 @@ pub fn event(words: &[&str]) -> Result<Event, String> {
         ["bus", volts] => Event::Bus(quantity(volts, "V")?),
         ["current", phase, amperes] => Event::Current(self::phase(phase)?, quantity(amperes, "A")?),
         ["break", level] => Event::Break(break_level(level)?),
+        ["enable", "open"] => Event::Enable(false),
+        ["enable", "closed"] => Event::Enable(true),
         ["load", torque] => Event::Load(quantity(torque, "Nm")?),
         ["turn", turns] => Event::Turn(number(turns)?),
         ["hot"] => Event::Hot,

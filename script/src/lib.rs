@@ -10,6 +10,7 @@
 //! at 1s     bus 12V                # the supply
 //! at 1s     current U 40A          # into a short at that phase, on top of the motor's; 0A ends it
 //! at 2s     break low              # the break pin; also: high, released
+//! at 2s     enable open             # the contact of the enable input; also: closed
 //! at 1s     load 0.05Nm            # torque against the shaft
 //! at 1s     turn 2                 # a hand turns the shaft by so many turns, backwards if negative, a second each
 //! at 1s     hot                    # the bridge's thermistor reads 150 °C
@@ -50,6 +51,8 @@ pub enum Event {
     Current(usize, f64),
     /// Level of the break pin; `None` lets go of it.
     Break(Option<bool>),
+    /// Whether the contact of the enable input is closed.
+    Enable(bool),
     /// Torque against the shaft, N·m.
     Load(f64),
     /// A hand turns the shaft by so many turns.
@@ -189,11 +192,11 @@ mod tests {
         let described =
             text.lines().filter_map(|line| line.strip_prefix("//! ")).filter(|line| line.starts_with("at "));
         let events: Vec<_> = described.map(|line| parse(line).unwrap().remove(0).event).collect();
-        assert_eq!(events.len(), 14);
+        assert_eq!(events.len(), 15);
         assert_eq!(events[0], Event::Hall(0, HallWire::Open));
-        assert_eq!(events[6], Event::Turn(2.0));
-        assert_eq!(events[9], Event::Uart(b"garbage\x00\xff".to_vec()));
-        assert_eq!(events[13], Event::Hang(Hang::Control));
+        assert_eq!(events[7], Event::Turn(2.0));
+        assert_eq!(events[10], Event::Uart(b"garbage\x00\xff".to_vec()));
+        assert_eq!(events[14], Event::Hang(Hang::Control));
     }
 
     #[test]

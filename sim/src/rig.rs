@@ -12,7 +12,7 @@ use hallservo::hall::estimate::Estimator;
 use hallservo::service::identification::{self, Identification};
 use hallservo::service::identify::Report;
 use hallservo::service::learning::{self, Learning};
-use hallservo::service::procedure::{Procedure, State};
+use hallservo::service::procedure::{Procedure, Serve, State};
 use hallservo::service::{Event, Service};
 use hallservo::settings::Settings;
 use plant::{Legs, Plant, PlantParameters, Truth};
@@ -196,6 +196,7 @@ impl Rig {
     /// Empties the queues, as the tasks do.
     pub fn serve(&mut self) {
         while self.service.poll().is_some() {}
+        while self.service.measurement().is_some() {}
     }
 }
 

@@ -18,6 +18,17 @@ pub struct AlphaBeta {
     pub beta: i32,
 }
 
+impl AlphaBeta {
+    /// Square of the length of one as [`Clarke::of`] makes it, in 2⁻³⁰ of the full scale's.
+    #[inline(always)]
+    pub(crate) const fn square(self) -> i32 {
+        let (alpha, beta) = (self.alpha >> 15, self.beta >> 15);
+        let square = alpha.wrapping_mul(alpha).wrapping_add(beta.wrapping_mul(beta));
+        // Codes of more bits than the settings have reach anywhere.
+        if square < 0 { i32::MAX } else { square }
+    }
+}
+
 /// A vector in the frame of the rotor.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -84,6 +95,11 @@ impl InverseClarke {
         /// √3/2 in 2⁻³¹, which halves what it multiplies.
         const HALF_SQRT_3: i32 = 1_859_775_393;
         Self(if reversed { -HALF_SQRT_3 } else { HALF_SQRT_3 })
+    }
+
+    /// Whether phases B and C are exchanged.
+    pub const fn is_reversed(self) -> bool {
+        self.0 < 0
     }
 
     /// Half of the phases; they sum to zero, but for a rounding of 2. Within 2 of the exact value.

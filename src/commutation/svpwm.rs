@@ -6,7 +6,7 @@
 
 use crate::commutation::frames::{Dq, InverseClarke, Rotation};
 use crate::math::{clamp, high};
-use crate::pwm::Limits;
+use crate::pwm::{Limits, SQRT_3};
 
 /// The largest voltage along d. The unit of the voltages follows from it: [`LONGEST`] is the longest vector in every
 /// direction.
@@ -92,10 +92,15 @@ impl Modulator {
         }
     }
 
+    /// Whether phases B and C are exchanged.
+    pub const fn is_reversed(&self) -> bool {
+        self.phases.is_reversed()
+    }
+
     /// The longest vector that fits the limits in every direction, with the correction of the dead time, as a share of
     /// the bus.
     pub fn longest(period: u16, dead_time: u16, limits: &Limits) -> f64 {
-        (limits.longest_vector() - f64::from(dead_time) / libm::sqrt(3.0)) / f64::from(period)
+        (limits.longest_vector() - f64::from(dead_time) / SQRT_3) / f64::from(period)
     }
 
     /// Compare values of a `voltage` within the [circle](Circle) for a rotor at an angle. Within one count of the exact

@@ -20,6 +20,13 @@ impl Table {
     /// No current.
     pub const ZERO: Self = Self([0; POINTS]);
 
+    /// The same cogging for a drive that counts the other way: both the angle and the current change their signs.
+    #[must_use]
+    pub fn reversed(&self) -> Self {
+        let point = |k: usize| self.0.get((POINTS - k) % POINTS).map_or(0, |current| current.saturating_neg());
+        Self(core::array::from_fn(point))
+    }
+
     /// The current at an angle, interpolated between the points.
     #[inline(always)]
     pub const fn current(&self, angle: ElectricalAngle) -> i32 {
@@ -97,6 +104,17 @@ impl Learner {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_table_of_the_other_direction_compensates_the_same_torque() {
+        let table = Table(core::array::from_fn(|k| ((k * k * 37) % 4001) as i16 - 2000));
+        let reversed = table.reversed();
+        assert_eq!(reversed.reversed(), table);
+        for degrees in 0..360 {
+            let angle = ElectricalAngle::from_degrees(degrees as f32);
+            assert!((reversed.current(-angle) + table.current(angle)).abs() <= 2, "{degrees}");
+        }
+    }
     use core::f32::consts::TAU;
 
     #[test]

@@ -1,17 +1,25 @@
 //! Gains, limits and scales of the current, speed and position control, computed from their settings.
 
+mod arming;
 mod guard;
+mod motion;
+mod overload;
+mod supply;
 
 use super::current::{self, LocalGains};
-use super::{Current, Motor, Scale, Speed, position, trajectory, velocity};
+use super::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity};
 use crate::angle::{Position, TURN};
 use crate::commutation::svpwm;
 use crate::pwm;
-use crate::schedule::{CYCLE, OUTER};
+use crate::schedule::{LONG, OUTER};
 use crate::settings::{Control, Error};
+pub(crate) use arming::ArmingCheck;
 use core::f32::consts::TAU;
 use core::fmt;
 pub(crate) use guard::Guard;
+pub(crate) use motion::{Model, Motion};
+pub(crate) use overload::{Heating, Overload};
+pub(crate) use supply::Supply;
 
 /// [`Control`] in the units of the interrupt.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -27,6 +35,8 @@ pub struct Config {
     /// Largest speed reference of the position loop, in 2⁻³² electrical turns a step: 9/8 of the trajectory's largest
     /// speed, so that the rotor can catch up with it.
     pub(crate) max_speed_reference: i32,
+    /// Share of a current by which a unit of speed beyond the largest reduces it, in 2⁻⁴⁸: a tenth more takes all.
+    pub(crate) fade: i64,
     /// Largest current along q (`max_current_a`), in 2⁻¹⁵ of the full scale.
     pub(crate) max_current: i32,
     /// Bits by which an ADC code is shifted left for a full scale of 2¹⁶.
@@ -40,14 +50,16 @@ pub struct Config {
     pub(crate) ramp: i32,
     /// Current from which on the dead time's compensation stays the same, in 2⁻¹⁵ of the full scale.
     pub(crate) dead_time_saturation: i32,
-    /// Whether phases B and C are exchanged.
-    pub(crate) reversed: bool,
     /// Least speed at which the alignment is trimmed, in 2⁻³² electrical turns a step.
     pub(crate) trim_from: i32,
-    /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every [`CYCLE`](crate::drive::CYCLE)
+    /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every 128
     /// steps.
     pub(crate) trim_gain: i32,
     pub(crate) guard: Guard,
+    pub(crate) overload: Overload,
+    pub(crate) supply: Supply,
+    pub(crate) arming: ArmingCheck,
+    pub(crate) motion: Motion,
     pub(crate) scale: Scale,
     pub(crate) motor: Motor,
 }
@@ -59,6 +71,7 @@ pub(crate) struct Frame {
     pub pwm_hz: f32,
     pub period: u16,
     pub dead_time: u16,
+    pub dead_time_s: f32,
     pub limits: pwm::Limits,
     pub max_electrical_hz: f32,
     pub reversed: bool,
@@ -87,7 +100,11 @@ impl Config {
         let least_bus = settings.guard.under_voltage_v / volts;
         let longest = svpwm::Modulator::longest(frame.period, frame.dead_time, &frame.limits);
         Ok(Self {
-            guard: Guard::new(&settings.guard, frame.adc_bits, loop_hz, &scale),
+            motion: Motion::new(settings, frame, &motor, &scale),
+            arming: ArmingCheck::new(settings, frame, &scale),
+            overload: Overload::new(settings, &scale),
+            supply: Supply::new(settings, &motor, &scale),
+            guard: Guard::new(settings, frame.adc_bits, loop_hz, &scale),
             gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest as f32)
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,
             local: LocalGains::new(&motor, settings.feedback, current_hz, &scale)
@@ -98,13 +115,13 @@ impl Config {
             trajectory: trajectory::Limits::new((acceleration as i32).max(1), speed as i32)
                 .ok_or(gain("max_acceleration_rad_s2", max_acceleration_rad_s2))?,
             max_speed_reference: (1.125 * speed) as i32,
+            fade: (281_474_976_710_656.0 * 10.0 / speed.max(1.0)) as i64,
             max_current: libm::roundf(max_current) as i32,
             shift: 16 - u32::from(frame.adc_bits),
             volts: (longest * 65_536.0 * 4_194_304.0 / f64::from(svpwm::LONGEST)) as i32,
             modulator: svpwm::Modulator::new(frame.period, frame.dead_time, &frame.limits, frame.reversed),
             ramp: (svpwm::RAMP as f32 / ramp.max(1.0)) as i32,
             dead_time_saturation: (RAMPS as f32 * ramp.max(1.0)) as i32,
-            reversed: frame.reversed,
             // A back-EMF of a fiftieth of the bus divider's full scale.
             trim_from: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * TURN).min(536_870_912.0) as i32,
             // There, a time constant of half a second on a bus of the full scale: an electrical radian over that
@@ -112,7 +129,7 @@ impl Config {
             trim_gain: (TURN
                 / TAU
                 / (svpwm::LONGEST as f32 / longest as f32 / 50.0)
-                / (0.5 * scale.step_hz / CYCLE as f32)
+                / (0.5 * scale.step_hz / (2 * LONG) as f32)
                 * 16_777_216.0)
                 .clamp(1.0, 2_147_483_520.0) as i32,
             scale,

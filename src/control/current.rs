@@ -89,7 +89,7 @@ impl Gains {
         }
         let turns = (fastest_hz / scale.step_hz).min(room(inductance.max(flux)));
         // The fastest speed fills the integer.
-        let shift = libm::ceilf(-libm::log2f(turns)) as i32 - 2;
+        let shift = -libm::ilogbf(turns) - 2;
         let hold = |gain: f32, bits| libm::roundf(libm::ldexpf(gain, bits)) as i32;
         Ok(Self {
             proportional: hold(proportional, 26),
@@ -160,21 +160,20 @@ impl Integrators {
     /// Nothing.
     pub const ZERO: Self = Self { d: 0, q: 0 };
 
-    /// One step: the voltage that makes the `measured` currents the `reference` along q and zero along d, within the
-    /// circle.
+    /// One step: the voltage that makes the `measured` currents the `reference`, within the circle.
     ///
     /// The voltages that turning induces from axis to axis are fed forward, so that d and q do not disturb each
     /// other. Currents are in 2⁻²⁸ of the full scale and up to 4/3 of it.
     #[inline(always)]
-    pub const fn step(&mut self, gains: &Present, reference: i32, measured: Dq) -> Dq {
-        let error = reference - measured.q;
+    pub const fn step(&mut self, gains: &Present, reference: Dq, measured: Dq) -> Dq {
+        let (field, error) = (reference.d - measured.d, reference.q - measured.q);
         let asked = Dq {
-            d: self.d - high(measured.d, gains.proportional) - high(measured.q, gains.reactance),
+            d: self.d + high(field, gains.proportional) - high(measured.q, gains.reactance),
             q: self.q + gains.induced + high(error, gains.proportional) + high(measured.d, gains.reactance),
         };
         let dq = gains.circle.cut(asked);
         let over = Dq { d: dq.d - asked.d, q: dq.q - asked.q };
-        self.d = self.d - high(measured.d, gains.integral) + high(over.d, gains.back);
+        self.d = self.d + high(field, gains.integral) + high(over.d, gains.back);
         self.q = self.q + high(error, gains.integral) + high(over.q, gains.back);
         dq
     }
@@ -207,6 +206,10 @@ mod tests {
     const MOTOR: Motor =
         Motor { resistance_ohm: 3.75, inductance_h: 0.36e-3, flux_linkage_wb: 5e-3, inertia_kgm2: 1e-5 };
     const SCALE: Scale = Scale { step_hz: 40e3, amperes: 8.25, volts: 36.3, pole_pairs: 4.0 };
+
+    fn along_q(q: i32) -> Dq {
+        Dq { d: 0, q }
+    }
 
     /// A winding at rest behind the delay of preloaded compare registers: the current of each step in units.
     fn winding(resistance: f64, steps: usize, mut control: impl FnMut(i32) -> i32) -> Vec<i32> {
@@ -246,7 +249,7 @@ mod tests {
             let gains = present(bandwidth, 0);
             let mut integrators = Integrators::default();
             let currents = winding(3.75, 2000, |q| {
-                units(integrators.step(&gains, 4000 << 13, Dq { d: 0, q: q << 13 }).q, BUS) as i32
+                units(integrators.step(&gains, along_q(4000 << 13), Dq { d: 0, q: q << 13 }).q, BUS) as i32
             });
             let at = |level: i32| currents.iter().position(|&i| i >= level).unwrap() as f32;
             let rise_s = (at(3600) - at(400)) / 40e3;
@@ -273,7 +276,7 @@ mod tests {
             if step == 4000 {
                 reference = 2000;
             }
-            units(integrators.step(&gains, reference << 13, Dq { d: 0, q: q << 13 }).q, BUS) as i32
+            units(integrators.step(&gains, along_q(reference << 13), Dq { d: 0, q: q << 13 }).q, BUS) as i32
         });
         // 13.2 V: 3.52 A.
         assert!((currents[3999] - 13_980).abs() < 60, "{}", currents[3999]);
@@ -291,10 +294,10 @@ mod tests {
         let volts = |x: i32| units(x, BUS) as f32 * SCALE.volts / 32_768.0;
         let omega = TAU * 300.0;
         // One step with the currents as reference along q; along d the proportional part takes its share.
-        let voltage = { integrators }.step(&gains, current.q, Dq { d: 0, ..current });
+        let voltage = { integrators }.step(&gains, along_q(current.q), Dq { d: 0, ..current });
         assert!((volts(voltage.d) + omega * 0.36e-3 * 2.0).abs() < 5e-3, "{}", volts(voltage.d));
         assert!((volts(voltage.q) - omega * 5e-3).abs() < 5e-3, "{}", volts(voltage.q));
-        let coupled = { integrators }.step(&gains, current.q, current);
+        let coupled = { integrators }.step(&gains, along_q(current.q), current);
         assert!((volts(coupled.q) - omega * (0.36e-3 + 5e-3)).abs() < 5e-3, "{}", volts(coupled.q));
     }
 
@@ -396,7 +399,7 @@ mod tests {
             present.take_up_speed(&gains, bus, speed);
             let mut integrators = Integrators::default();
             for (d, q) in currents {
-                let Dq { d, q } = integrators.step(&present, reference << 13, Dq { d: d << 13, q: q << 13 });
+                let Dq { d, q } = integrators.step(&present, along_q(reference << 13), Dq { d: d << 13, q: q << 13 });
                 prop_assert!(libm::hypot(f64::from(d), f64::from(q)) <= f64::from(LONGEST));
             }
         }

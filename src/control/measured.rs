@@ -9,7 +9,7 @@ impl Measurement {
     /// drive follows.
     pub fn current_a(&self, control: &Config) -> [f32; 2] {
         let [a, b, c] = self.state.phases;
-        let [b, c] = if control.reversed { [c, b] } else { [b, c] };
+        let [b, c] = if control.modulator.is_reversed() { [c, b] } else { [b, c] };
         // Finer than the phases by 2¹⁰, of which the transform takes 2².
         let vector =
             AlphaBeta { alpha: (2 * a - b - c) * 1024 / 3, beta: ((b - c) as f32 * (1024.0 * 0.577_350_26)) as i32 };

@@ -115,6 +115,28 @@ impl Trajectory {
         self.move_on(along(next, self.direction));
     }
 
+    /// Whether braking from now ends within a distance ahead, which is negative where the end has been passed.
+    #[inline(always)]
+    pub const fn stops_within(&self, left: i64, limits: &Limits) -> bool {
+        let left = if left < 0 { return false } else { left as u64 };
+        let distance = if left < limits.longest_distance { left } else { limits.longest_distance };
+        let speed = self.speed.saturating_abs();
+        let stopping = distance * (2 * limits.acceleration as u32) as u64;
+        stops(speed + limits.acceleration, limits.acceleration, stopping)
+    }
+
+    /// Moves no faster than at a speed, and not the other way.
+    #[inline(always)]
+    pub const fn slow_to(&mut self, speed: i32) {
+        if self.speed > 0 {
+            let speed = if speed > 0 { speed } else { 0 };
+            self.speed = if speed < self.speed { speed } else { self.speed };
+        } else {
+            let speed = if speed < 0 { speed } else { 0 };
+            self.speed = if speed > self.speed { speed } else { self.speed };
+        }
+    }
+
     #[inline(always)]
     const fn move_on(&mut self, speed: i32) {
         self.acceleration = speed - self.speed;

@@ -4,7 +4,7 @@
 //! ω/4, which damps the loop with a ratio of 1. Where the current is limited, the integrator is corrected by what the
 //! limit took off.
 
-use crate::control::{Motor, Scale, fixed};
+use crate::control::{Motor, Scale, Window, fixed};
 use crate::math::clamp;
 use core::f32::consts::TAU;
 
@@ -49,6 +49,15 @@ impl Gains {
     }
 }
 
+/// What the speed controller makes of an error.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Request {
+    /// Current, whatever the window.
+    pub asked: i32,
+    /// … within it.
+    pub current: i32,
+}
+
 /// The speed controller's integrator: a current in 2⁻³².
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -63,16 +72,23 @@ impl Integrator {
         Self((current as i64) << 32)
     }
 
-    /// One step: the current that makes the `measured` speed the `reference` one, beside what is fed `forward`; up to
-    /// ± `most`. Speeds are up to 2²⁹, currents up to 2¹⁵.
+    /// One step: the current that makes the `measured` speed the `reference` one, beside what is fed `forward`;
+    /// within the window. Speeds are up to 2²⁹, currents up to 2¹⁵.
     #[inline(always)]
-    pub const fn step(&mut self, gains: &Gains, reference: i32, measured: i32, forward: i32, most: i32) -> i32 {
+    pub const fn step(
+        &mut self,
+        gains: &Gains,
+        reference: i32,
+        measured: i32,
+        forward: i32,
+        window: &Window,
+    ) -> Request {
         let error = clamp(reference.wrapping_sub(measured), gains.far);
         let asked = ((self.0 + error as i64 * gains.proportional as i64) >> 32) as i32 + forward;
-        let current = clamp(asked, most);
+        let current = window.cut(asked);
         // What is taken back is more than what is added, so it needs no limit of its own.
         self.0 += error as i64 * gains.integral as i64 + (current - asked) as i64 * gains.back as i64;
-        current
+        Request { asked, current }
     }
 }
 
@@ -89,11 +105,11 @@ mod tests {
         let gains = Gains::new(&MOTOR, 50.0, SCALE.step_hz, &SCALE).unwrap();
         let mut integrator = Integrator::default();
         let (mut speed, mut largest) = (0.0_f32, 0.0_f32);
-        let most = (most_a * SCALE.per_ampere()) as i32;
+        let window = Window::symmetric((most_a * SCALE.per_ampere()) as i32);
         for _ in 0..20_000 {
             let measured = (speed * SCALE.per_radian_s()) as i32;
             let reference = (100.0 * SCALE.per_radian_s()) as i32;
-            let current = integrator.step(&gains, reference, measured, 0, most) as f32 / SCALE.per_ampere();
+            let current = integrator.step(&gains, reference, measured, 0, &window).current as f32 / SCALE.per_ampere();
             speed += (0.03 * current - load_nm) / 1e-5 * 25e-6;
             largest = largest.max(speed);
         }

@@ -1,6 +1,7 @@
 //! What passes between the control interrupt and the tasks: samples, commands, replies, records, and the queues for
 //! them.
 
+use super::standstill::{Probe, Window};
 use crate::angle::Position;
 use crate::commutation::{Commutation, Modulation};
 use crate::config::Config;
@@ -16,8 +17,15 @@ use heapless::spsc::{Consumer, Producer, Queue};
 /// What a task asks the drive to do. Each is answered by one [`Reply`], in order.
 #[derive(Debug)]
 pub enum Command {
-    /// Turn the rotor open loop and record the Halls.
+    /// Turn the rotor open loop and record the Halls. The calibration before is given up, whatever comes of this one.
     Calibrate,
+    /// Measure at standstill; to be repeated every 0.3 s (at 40 kHz), or the bridge is switched off.
+    Measure {
+        /// Whether a measurement begins; otherwise one goes on.
+        begins: bool,
+        /// What is to be measured now.
+        probe: Probe,
+    },
     /// Take up a new estimator; the old one comes back through [`Tasks::retired`].
     Install(&'static mut Estimator),
     /// The samples of the calibration made no model: a fault.
@@ -38,7 +46,9 @@ pub enum Command {
     Commutate(Commutation),
     /// Compensate the cogging by a table, or not; the old table comes back through [`Tasks::tables`].
     AntiCogging(Option<&'static mut cogging::Table>),
-    /// Other settings, while the bridge is off; the old ones, or those refused, come back through [`Tasks::configs`].
+    /// Other settings, while the bridge is off. A calibration that does not fit them, for they count the other way, is
+    /// given up: the drive is unarmed, and the model to be installed anew. The old ones, or those refused, come back
+    /// through [`Tasks::configs`].
     Configure(&'static mut Config),
     /// Leave the faulted state.
     Clear,
@@ -68,6 +78,10 @@ pub enum Refusal {
     NoControl,
     /// Armed, the drive would fail at once, with this fault.
     Fault(Fault),
+    /// The rotor turns, and the bridge would short it or pull it to a standing field.
+    Turning,
+    /// The position is outside of `min_position_turns` to `max_position_turns`.
+    OutOfBounds,
 }
 
 impl fmt::Display for Refusal {
@@ -81,6 +95,8 @@ impl fmt::Display for Refusal {
             Self::TooLarge => write!(f, "the command is beyond the allowed"),
             Self::NoControl => write!(f, "set up without current control"),
             Self::Fault(fault) => fault.fmt(f),
+            Self::Turning => write!(f, "the rotor turns: let it come to rest"),
+            Self::OutOfBounds => write!(f, "the position is outside of its bounds"),
         }
     }
 }
@@ -102,6 +118,7 @@ pub struct Channels {
     measurements: Queue<Measurement, MEASUREMENTS>,
     tables: Queue<&'static mut cogging::Table, 8>,
     configs: Queue<&'static mut Config, 8>,
+    windows: Queue<Window, 4>,
 }
 
 /// The interrupt's ends of the queues.
@@ -113,6 +130,7 @@ pub struct Interrupt {
     pub(super) measurements: Producer<'static, Measurement, MEASUREMENTS>,
     pub(super) tables: Producer<'static, &'static mut cogging::Table, 8>,
     pub(super) configs: Producer<'static, &'static mut Config, 8>,
+    pub(super) windows: Producer<'static, Window, 4>,
 }
 
 /// The tasks' ends of the queues.
@@ -131,6 +149,8 @@ pub struct Tasks {
     pub tables: Consumer<'static, &'static mut cogging::Table, 8>,
     /// Settings that the drive no longer uses.
     pub configs: Consumer<'static, &'static mut Config, 8>,
+    /// What was measured at standstill.
+    pub windows: Consumer<'static, Window, 4>,
 }
 
 impl Channels {
@@ -144,6 +164,7 @@ impl Channels {
             measurements: Queue::new(),
             tables: Queue::new(),
             configs: Queue::new(),
+            windows: Queue::new(),
         }
     }
 
@@ -156,8 +177,9 @@ impl Channels {
         let (measurements, measurements_out) = self.measurements.split();
         let (tables, tables_out) = self.tables.split();
         let (configs, configs_out) = self.configs.split();
+        let (windows, windows_out) = self.windows.split();
         (
-            Interrupt { commands, replies, records, retired, measurements, tables, configs },
+            Interrupt { commands, replies, records, retired, measurements, tables, configs, windows },
             Tasks {
                 commands: commands_in,
                 replies: replies_out,
@@ -166,6 +188,7 @@ impl Channels {
                 measurements: measurements_out,
                 tables: tables_out,
                 configs: configs_out,
+                windows: windows_out,
             },
         )
     }

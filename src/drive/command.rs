@@ -1,7 +1,9 @@
 //! What each command does. A refused one changes nothing.
 
-use super::protection::Protection;
-use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample};
+use super::arming::Pending;
+use super::schedule::OUTER;
+use super::supervision::{self, Supervision};
+use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample, Standstill};
 use crate::angle::ElectricalAngle;
 use crate::commutation::{Commutation, Modulation};
 use crate::config::Config;
@@ -35,7 +37,11 @@ impl Drive {
     fn execute(&mut self, command: Command, sample: &Sample) -> Reply {
         let restarts_timeout = command.restarts_timeout();
         match command {
+            Command::Calibrate | Command::Arm if self.disabled && !matches!(self.mode, Mode::Faulted(_)) => {
+                return Err(Refusal::Fault(Fault::Disabled));
+            }
             Command::Calibrate => self.calibrate(sample)?,
+            Command::Measure { begins, probe } => self.measure_standstill(begins, probe, sample)?,
             Command::Install(estimator) => self.install(estimator, sample.halls)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
             Command::Arm => self.arm(sample)?,
@@ -72,16 +78,31 @@ impl Drive {
         Ok(())
     }
 
-    fn calibrate(&mut self, sample: &Sample) -> Reply {
+    pub(super) fn calibrate(&mut self, sample: &Sample) -> Reply {
         self.on_command(Event::Calibrate)?;
+        self.give_up_calibration();
         self.paths.open_loop = OpenLoop::OFF;
+        self.paths.standstill = Standstill::OFF;
         self.reset_servo(sample);
-        self.progress = Progress::None;
         self.publish();
         Ok(())
     }
 
-    fn disarm(&mut self) -> Reply {
+    /// Whether an estimator was made for the settings of now.
+    const fn fits(&self, estimator: &Estimator) -> bool {
+        estimator.is_for(self.config.adc_bits, self.config.is_reversed())
+    }
+
+    /// Gives the estimator back: it is not to be used again, even where no other one comes.
+    fn give_up_calibration(&mut self) {
+        self.progress = Progress::None;
+        if let Some(estimator) = self.estimator.take() {
+            self.record.rotor = Tracker::at(self.record.rotor.angle());
+            let _ = self.channels.retired.enqueue(estimator);
+        }
+    }
+
+    pub(super) fn disarm(&mut self) -> Reply {
         self.on_command(Event::Disarm)?;
         self.progress = Progress::None;
         self.publish();
@@ -92,7 +113,9 @@ impl Drive {
         // A model that was learnt while a hand turns the shaft must not reset the count of its turns.
         let tracks = self.mode == Mode::Ready && self.record.missed <= self.config.tolerated;
         let calibrated = self.mode == Mode::Unarmed && self.progress == Progress::Complete;
-        let allowed = self.on_command(Event::Installed);
+        // It may have been made for settings that have been replaced since.
+        let fits = if self.fits(estimator) { Ok(()) } else { Err(Refusal::NotCalibrated) };
+        let allowed = fits.and_then(|()| self.on_command(Event::Installed));
         let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
             // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
@@ -120,7 +143,8 @@ impl Drive {
             mode => return Err(Refusal::Mode(mode)),
         }
         let control = self.config.control.as_ref();
-        if let Some(fault) = control.and_then(|control| Protection::refusal(control, &self.paths.idle, sample)) {
+        let protection = &self.servo.protection;
+        if let Some(fault) = control.and_then(|control| protection.refusal(control, &self.paths.idle, sample)) {
             return Err(Refusal::Fault(fault));
         }
         if self.limits.contains(Limits::TWO_HALLS) {
@@ -129,12 +153,55 @@ impl Drive {
         if self.record.missed != 0 {
             return Err(Refusal::NoAngle);
         }
+        if let Some(control) = control
+            && supervision::is_outside(&control.motion, &self.record.rotor)
+        {
+            return Err(Refusal::Fault(Fault::PositionBounds));
+        }
+        if control.is_none() && self.turns_faster_than(self.config.fastest >> 6) {
+            return Err(Refusal::Turning);
+        }
         if let Some(control) = control {
             self.servo.protection.arm(control, sample);
         }
         self.paths.voltage.release(&self.config);
         self.reset_servo(sample);
-        self.on_command(Event::Arm)
+        self.on_command(Event::Arm)?;
+        self.begin_arming(sample);
+        Ok(())
+    }
+
+    /// A drive with current sensing follows a current of zero until it is commanded something else, which lets a rotor
+    /// that turns turn on; at rest it first checks what it is connected to.
+    fn begin_arming(&mut self, sample: &Sample) {
+        self.servo.supervision = Supervision::NONE;
+        let Some(control) = &self.config.control else { return };
+        self.servo.follow(control, Demand::Current(Current(0)), &self.record.rotor);
+        if control.arming.enabled && !self.turns_faster_than(control.arming.at_rest) {
+            self.arming.begin(control, control.bus(sample.bus));
+            self.limits = self.limits.with(Limits::CHECKING);
+        }
+        self.publish();
+    }
+
+    /// After the check, which may have shown that the commutation is right: what was commanded meanwhile.
+    pub(super) fn end_arming(&mut self, proven: bool, sample: &Sample) {
+        self.limits = self.limits.without(Limits::CHECKING);
+        self.reset_servo(sample);
+        let pending = self.arming.pending.take();
+        if proven {
+            self.servo.supervision.prove();
+        }
+        self.arming.end();
+        match pending {
+            Some(Pending::Voltage(modulation)) => self.command_voltage(modulation),
+            Some(Pending::Demand(demand)) => self.take_up(demand),
+            None => self.take_up(Demand::Current(Current(0))),
+        }
+    }
+
+    fn turns_faster_than(&self, speed: i32) -> bool {
+        self.record.rotor.speed().unsigned_abs() > speed.unsigned_abs()
     }
 
     /// Takes up a demand for current, speed or position.
@@ -142,6 +209,12 @@ impl Drive {
         let control = self.config.control.as_ref().ok_or(Refusal::NoControl)?;
         if self.mode != Mode::Running {
             return Err(Refusal::Mode(self.mode));
+        }
+        let [least, largest] = control.motion.bounds;
+        if let Demand::Position(position) = demand
+            && !(least..=largest).contains(&(position.to_bits() >> OUTER.ilog2()))
+        {
+            return Err(Refusal::OutOfBounds);
         }
         let (magnitude, most) = match demand {
             Demand::Current(Current(current)) => (current.unsigned_abs(), control.max_current),
@@ -151,9 +224,19 @@ impl Drive {
         if magnitude > most as u32 {
             return Err(Refusal::TooLarge);
         }
-        self.servo.follow(control, demand, &self.record.rotor);
-        self.publish();
+        if self.arming.is_active() {
+            self.arming.pending = Some(Pending::Demand(demand));
+        } else {
+            self.take_up(demand);
+        }
         Ok(())
+    }
+
+    fn take_up(&mut self, demand: Demand) {
+        if let Some(control) = &self.config.control {
+            self.servo.follow(control, demand, &self.record.rotor);
+        }
+        self.publish();
     }
 
     fn reset_servo(&mut self, sample: &Sample) {
@@ -186,6 +269,10 @@ impl Drive {
         let allowed = if self.mode.drives() { Err(Refusal::Mode(self.mode)) } else { Ok(()) };
         if allowed.is_ok() {
             core::mem::swap(&mut self.config, config);
+            if self.estimator().is_some_and(|estimator| !self.fits(estimator)) {
+                self.give_up_calibration();
+                self.on(Event::Invalidated);
+            }
         }
         let _ = self.channels.configs.enqueue(config);
         allowed
@@ -199,11 +286,19 @@ impl Drive {
         if magnitude > i32::from(self.config.max_modulation.to_bits()).unsigned_abs() {
             return Err(Refusal::TooLarge);
         }
-        self.reset_servo(sample);
+        if self.arming.is_active() {
+            self.arming.pending = Some(Pending::Voltage(modulation));
+        } else {
+            self.reset_servo(sample);
+            self.command_voltage(modulation);
+        }
+        Ok(())
+    }
+
+    fn command_voltage(&mut self, modulation: Modulation) {
         self.publish();
         self.paths.voltage.command(modulation, &self.config);
         let cut = self.config.limits.limits(modulation);
         self.limits = self.limits.set(Limits::DUTY, cut);
-        Ok(())
     }
 }

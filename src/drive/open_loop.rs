@@ -1,16 +1,22 @@
 //! The open-loop path: alignment and the calibration's sweeps. A field rises, stands, and turns once forward and once
-//! backward, whatever the rotor does.
+//! backward, whatever the rotor does. Its strength is a voltage; with current sensing, one that makes a current.
 
 use crate::angle::ElectricalAngle;
 use crate::board::{Legs, Output};
 use crate::commutation::Modulation;
+use crate::commutation::frames::Dq;
 use crate::commutation::sinusoidal::{self, Axes, PhaseOrder};
-pub use crate::config::OpenLoop as Config;
+pub use crate::config::{OpenLoop as Config, Regulator};
+use crate::control::current::PARK_BITS;
 use crate::hall::calibrate::Sweep;
+use crate::math::clamp;
 use crate::pwm;
 
 /// Turns for the rotor to swing in before recording: speeding up takes the first half of them.
 const SETTLE_TURNS: u64 = 2;
+
+/// Largest modulation of a field whose current is regulated: 0.9, in 2⁻³¹. The limits of the PWM may be less.
+const STRONGEST: i32 = 1_932_735_283;
 
 /// Where in the motion the field is.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,6 +42,8 @@ pub struct OpenLoop {
     field: ElectricalAngle,
     /// Speed of the field in 2⁻³² electrical turns a step.
     speed: i32,
+    /// Share of the full field, in 2⁻³¹.
+    risen: i32,
     /// Modulation in 2⁻³¹.
     strength: i32,
     /// Way in the sweep's direction in 2⁻³² electrical turns, since the stage began.
@@ -45,7 +53,7 @@ pub struct OpenLoop {
 impl OpenLoop {
     /// Off, about to rise.
     pub const OFF: Self =
-        Self { stage: Stage::Rise, field: ElectricalAngle::ZERO, speed: 0, strength: 0, travelled: 0 };
+        Self { stage: Stage::Rise, field: ElectricalAngle::ZERO, speed: 0, risen: 0, strength: 0, travelled: 0 };
 
     /// One step on; tells the stage it belongs to.
     pub fn step(&mut self, config: &Config) -> Stage {
@@ -68,11 +76,23 @@ impl OpenLoop {
     }
 
     fn rise(&mut self, config: &Config) {
-        let full = i32::from(config.modulation.to_bits()) << 16;
-        self.strength = self.strength.saturating_add(config.rise).min(full);
-        if self.strength == full {
+        self.risen = self.risen.saturating_add(config.rise);
+        if self.risen == i32::MAX {
             self.stage = Stage::Stand(config.stand);
         }
+        if config.regulator.is_none() {
+            self.strength = ((self.risen >> 15) + 1) * i32::from(config.modulation.to_bits());
+        }
+    }
+
+    /// Changes the strength towards the current that the field is to have by now.
+    pub fn regulate(&mut self, regulator: &Regulator, measured: Dq) {
+        let wanted = ((self.risen >> 15) * regulator.current) >> 16;
+        let square = |x: i32| i64::from(x) * i64::from(x);
+        let lacking = square(wanted) - square(measured.d >> PARK_BITS) - square(measured.q >> PARK_BITS);
+        let change = (lacking * i64::from(regulator.gain)) >> 16;
+        let slew = i64::from(regulator.slew);
+        self.strength = self.strength.saturating_add(change.min(slew).max(-slew) as i32).clamp(0, STRONGEST);
     }
 
     /// Changes the speed so that it is reached after one turn from rest, and moves on.
@@ -112,6 +132,17 @@ impl OpenLoop {
         Output { compare: sinusoidal::compare(self.field, &axes), legs: Legs::ALL }
     }
 
+    /// The same with what the dead time takes from each leg, by the currents of the phases in 2⁻¹⁵ of the full scale.
+    pub fn compensated(&self, regulator: &Regulator, limits: &pwm::Limits, phases: [i32; 3]) -> Output {
+        let Output { mut compare, legs } = self.output(limits);
+        for (compare, phase) in compare.iter_mut().zip(phases) {
+            // A current beyond the ramp: all of it; no product overflows.
+            let taken = clamp((phase * regulator.slope) >> 16, regulator.dead_time);
+            *compare = limits.nearest(i32::from(*compare) + taken);
+        }
+        Output { compare, legs }
+    }
+
     /// Whether both sweeps are done.
     pub const fn is_done(&self) -> bool {
         matches!(self.stage, Stage::Done)
@@ -123,7 +154,7 @@ mod tests {
     use super::*;
 
     fn config(strength: f32, stand: u32, speed: i32, turns: u32) -> Config {
-        Config { modulation: Modulation::from_num(strength), rise: 1 << 22, stand, speed, turns }
+        Config { modulation: Modulation::from_num(strength), rise: 1 << 23, stand, speed, turns, regulator: None }
     }
 
     #[test]

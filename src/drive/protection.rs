@@ -1,171 +1,150 @@
-//! Protection by currents, bus voltage, temperatures and deadlines, for a drive with current sensing.
+//! What protects motor, bridge and supply, for a drive with current sensing; a file each danger.
+
+mod currents;
+mod overload;
+mod stall;
+mod supply;
+mod temperature;
+mod timeout;
 
 use super::{Idle, Sample};
+use crate::control::Window;
 use crate::control::config::Config;
-use crate::fault::Fault;
+use crate::fault::{Fault, Limits};
+use currents::Currents;
+use overload::Overload;
+use stall::Stall;
+use supply::Supply;
+use temperature::Temperature;
+pub use timeout::Timeout;
 
-/// Successive checks, eight steps apart, that a sum of the currents has to fail to be a fault.
-const IMBALANCES: u32 = 2;
-/// What a check of the stall that finds the rotor turning takes off the count of those that found it at rest.
-const STALL_RECOVERY: u32 = 4;
-
-/// Thresholds in codes of the ADC, and the counters of what has to last to be a fault.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+/// What each danger needs to be found, and what is left to the current.
+#[derive(Clone, Copy, Debug)]
 pub(super) struct Protection {
-    /// Least code of each amplifier that is no over-current, and the codes from there to the largest.
-    current_floors: [u32; 3],
-    current_span: u32,
-    /// Least code of the bus voltage, and the codes from there to the largest.
-    bus_floor: u32,
-    bus_span: u32,
-    /// Least sum of the three currents' codes that is no imbalance.
-    sum_floor: u32,
-    /// Largest current at the moment, in 2⁻¹⁵ of the full scale.
-    pub max_current: i32,
-    /// Share of the largest current that each temperature, of bridge and motor, allows: 0 to 2¹⁶.
-    shares: [i32; 2],
-    /// Successive checks that found a wrong sum of the currents.
-    imbalances: u32,
-    /// Checks, 32 steps apart, that found the rotor at rest with the current at its limit, less what recovery took off.
-    stalls: u32,
-    /// Steps of the outer loops since the last command.
-    command_age: u32,
+    pub currents: Currents,
+    /// What is left to the current along q at the moment.
+    pub window: Window,
+    pub stall: Stall,
+    pub timeout: Timeout,
+    temperatures: [Temperature; 2],
+    overload: Overload,
+    /// Largest current while a position is held.
+    pub held: i32,
+    /// Largest current that heat allows, in 2⁻¹⁵ of the full scale.
+    most: i32,
+    supply: Supply,
 }
 
 impl Protection {
     /// No thresholds, and no current: for a drive without current sensing, and before the bridge is first on.
     pub const NONE: Self = Self {
-        current_floors: [0; 3],
-        current_span: u32::MAX,
-        bus_floor: 0,
-        bus_span: u32::MAX,
-        sum_floor: 0,
-        max_current: 0,
-        shares: [0; 2],
-        imbalances: 0,
-        stalls: 0,
-        command_age: 0,
+        currents: Currents::NONE,
+        window: Window::ZERO,
+        stall: Stall::NONE,
+        timeout: Timeout::NONE,
+        temperatures: [Temperature::NONE; 2],
+        overload: Overload::POWER_UP,
+        held: i32::MAX,
+        most: 0,
+        supply: Supply::NONE,
     };
 
-    /// Clears the counts while the bridge is off.
+    /// Clears the counts while the bridge is off. What is warm stays warm.
     pub fn rest(&mut self) {
-        (self.imbalances, self.stalls, self.command_age) = (0, 0, 0);
-    }
-
-    /// Thresholds about the amplifiers' zeros, codes for a full scale of 2¹⁶ in 2⁻⁸.
-    pub fn set_zeros(&mut self, config: &Config, zeros: [i32; 3]) {
-        let guard = &config.guard;
-        let code = |zero: i32| (zero >> (8 + config.shift)) as u32;
-        self.current_floors = zeros.map(|zero| code(zero).wrapping_sub(guard.over_current));
-        self.current_span = 2 * guard.over_current;
-        (self.bus_floor, self.bus_span) = (guard.under, guard.range);
-        self.sum_floor = code(zeros.iter().sum()).wrapping_sub(guard.imbalance);
+        self.currents.rest();
+        self.stall = Stall::NONE;
+        self.timeout = Timeout::NONE;
     }
 
     /// What would be a fault at once if the bridge were switched on now. Changes nothing: the thresholds are made on the
     /// stack, where they stay.
     #[inline(never)]
-    pub fn refusal(config: &Config, zeros: &Idle, sample: &Sample) -> Option<Fault> {
+    pub fn refusal(&self, config: &Config, zeros: &Idle, sample: &Sample) -> Option<Fault> {
         if !zeros.zeros_are_plausible(config) {
             return Some(Fault::CurrentOffset);
         }
-        let mut protection = Self::NONE;
-        protection.set_zeros(config, zeros.zeros());
-        if !protection.allows(sample) {
-            return Some(protection.fault(sample));
+        let mut currents = Currents::NONE;
+        currents.set_zeros(config, zeros.zeros());
+        if !currents.allow(sample) {
+            return Some(currents.fault(sample));
         }
-        protection.over_temperature(config, sample)
+        let hot = (0..2).find_map(|place| temperature::fault(config, sample, place));
+        hot.or_else(|| self.overload.refusal(config))
     }
 
     /// The bridge is to be switched on: nothing is counted yet, and the largest current is that of these temperatures.
     pub fn arm(&mut self, config: &Config, sample: &Sample) {
         self.rest();
-        for thermistor in 0..2 {
-            self.derate(config, sample, thermistor);
+        for place in 0..2 {
+            self.temperatures[place].derate(config, sample, place);
         }
+        self.overload.begin(config);
+        self.overload.limit_by_winding(config);
+        self.overload.limit_by_bridge(config);
+        self.limit_by_heat();
+        self.supply = Supply::NONE;
+        self.narrow(config);
     }
 
-    /// Whether currents and bus voltage are within their thresholds and no period was lost; in every step.
+    /// A part of the work against heat, of 16. `square` is that of the current's length.
     #[inline(always)]
-    pub fn allows(&self, sample: &Sample) -> bool {
-        let flows = |k: usize| u32::from(sample.currents[k]).wrapping_sub(self.current_floors[k]) <= self.current_span;
-        // A bus voltage has 16 bits: with a lost period it is out of every range.
-        let bus = (u32::from(sample.bus) | u32::from(sample.lost.count()) << 16).wrapping_sub(self.bus_floor);
-        flows(0) && flows(1) && flows(2) && bus <= self.bus_span
-    }
-
-    /// The fault where [`Self::allows`] says no.
-    #[cold]
-    #[inline(never)]
-    pub fn fault(&self, sample: &Sample) -> Fault {
-        let bus = u32::from(sample.bus);
-        if bus < self.bus_floor {
-            Fault::UnderVoltage
-        } else if bus - self.bus_floor > self.bus_span {
-            Fault::OverVoltage
-        } else if sample.lost.any() {
-            Fault::Deadline
-        } else {
-            Fault::OverCurrent
+    pub fn heat(&mut self, part: u32, square: impl Fn() -> i32, config: &Config, sample: &Sample) -> Option<Fault> {
+        let (overload, [bridge, motor]) = (&mut self.overload, &mut self.temperatures);
+        match part % 16 {
+            0 | 8 => overload.count_winding(config, square()),
+            4 | 12 => overload.count_bridge(config, square()),
+            11 => overload.count_housing(config, square()),
+            1 => return temperature::fault(config, sample, 0),
+            9 => return temperature::fault(config, sample, 1),
+            5 => bridge.derate(config, sample, 0),
+            13 => motor.derate(config, sample, 1),
+            3 => return overload.limit_by_winding(config),
+            7 | 15 => return overload.limit_by_bridge(config),
+            _ => self.limit_by_heat(),
         }
+        None
     }
 
-    /// Checks the sum of the currents: a fault when it is wrong [`IMBALANCES`] times in a row.
+    /// The largest current that heat allows.
     #[inline(always)]
-    pub fn imbalance(&mut self, config: &Config, sample: &Sample) -> Option<Fault> {
-        let [a, b, c] = sample.currents.map(u32::from);
-        let balanced = (a + b + c).wrapping_sub(self.sum_floor) <= 2 * config.guard.imbalance;
-        self.imbalances = if balanced { 0 } else { self.imbalances + 1 };
-        (self.imbalances >= IMBALANCES).then_some(Fault::CurrentImbalance)
+    fn limit_by_heat(&mut self) {
+        let [bridge, motor] = self.temperatures.map(|temperature| temperature.most);
+        self.most = bridge.min(motor).min(self.overload.most());
     }
 
-    /// Temperatures that are too high.
+    /// Takes up speed and bus voltage for what the supply takes back.
     #[inline(always)]
-    pub fn over_temperature(&self, config: &Config, sample: &Sample) -> Option<Fault> {
-        let hot = |k: usize| i32::from(sample.temperatures[k].to_bits()) << config.shift < config.guard.heat[k].fault;
-        if hot(0) {
-            Some(Fault::BridgeHot)
-        } else if hot(1) {
-            Some(Fault::MotorHot)
-        } else {
-            None
-        }
+    pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, controls_field: bool) {
+        self.supply.take_up(config, speed, bus, self.most >> 2, controls_field);
     }
 
-    /// Derates the largest current by a temperature, of bridge (0) or motor (1).
+    /// The current along d that burns what the supply does not take back, for a current along q that is `asked` for; in
+    /// 2⁻²⁸ of the full scale.
     #[inline(always)]
-    pub fn derate(&mut self, config: &Config, sample: &Sample, thermistor: usize) {
-        let heat = config.guard.heat[thermistor];
-        let above = ((i32::from(sample.temperatures[thermistor].to_bits()) << config.shift) - heat.fault).max(0);
-        self.shares[thermistor] = if above < heat.room { (above * heat.slope) >> 8 } else { 1 << 16 };
-        let share = self.shares[0].min(self.shares[1]);
-        // 0.9 · 2¹⁵ and 2¹⁶.
-        self.max_current = (config.max_current * share) >> 16;
+    pub fn burn(&mut self, config: &Config, bus: i32, asked: i32, controls_field: bool) -> i32 {
+        self.supply.burn(config, bus, asked, self.most >> 2, controls_field)
     }
 
-    /// Whether the rotor has stood still with the current at its limit for too long.
+    /// What the supply has to drive with.
     #[inline(always)]
-    pub fn is_stalled(&mut self, config: &Config, limited: bool, speed: i32) -> bool {
-        let rest_speed = config.guard.rest_speed;
-        let stands = limited && speed.wrapping_add(rest_speed) as u32 <= 2 * rest_speed as u32;
-        if !stands {
-            // The speed is noisy: a single check above the threshold must not clear the count.
-            self.stalls = self.stalls.saturating_sub(STALL_RECOVERY);
-            return false;
-        }
-        self.stalls += 1;
-        self.stalls > config.guard.stall
+    pub fn limit_driving(&mut self, config: &Config, bus: i32) {
+        self.supply.limit_driving(config, bus, self.most >> 2);
     }
 
-    /// Whether no command has come for too long; to be asked once every step of the outer loops.
+    /// What is left to brake with.
     #[inline(always)]
-    pub fn is_command_overdue(&mut self, config: &Config) -> bool {
-        self.command_age = self.command_age.saturating_add(1);
-        config.guard.timeout != 0 && self.command_age >= config.guard.timeout
+    pub fn limit_braking(&mut self, config: &Config, bus: i32) {
+        self.supply.limit(config, bus, self.most >> 2);
     }
 
-    /// Restarts the command time-out.
-    pub fn command_received(&mut self) {
-        self.command_age = 0;
+    /// The window that is left by all that narrows it.
+    #[inline(always)]
+    pub fn narrow(&mut self, config: &Config) {
+        self.window = Window::symmetric(config.max_current);
+        self.window.from_below(-self.most, Limits::HEAT);
+        self.window.from_above(self.most, Limits::HEAT);
+        self.window.from_below(-self.held, Limits::NONE);
+        self.window.from_above(self.held, Limits::NONE);
+        self.supply.narrow(&mut self.window);
     }
 }

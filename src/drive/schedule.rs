@@ -2,13 +2,15 @@
 //! the longest step short.
 //!
 //! [`Drive::attend`] is the table: the outer loops and what is urgent come every [`OUTER`] steps, the rest once in a
-//! [`CYCLE`]. A row is a slot; a step has exactly one, before the angle of the step is known.
+//! [`CYCLE`] or in a [`LONG`] one. A row is a slot; a step has exactly one, before the angle of the step is known.
 
 use super::servo::{Context, Servo};
 use super::{Demand, Drive, Paths, Route, Sample};
+use crate::commutation::Commutation;
 use crate::control::Speed;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
+use crate::schedule::LONG;
 pub use crate::schedule::{CYCLE, OUTER};
 
 /// Tick of the first slot that may hand over a record.
@@ -17,7 +19,7 @@ const RECORD: u32 = 7;
 /// The present slot, and when records and measurements are due.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Schedule {
-    /// Steps so far, wrapping; the slot is the remainder by [`CYCLE`].
+    /// Steps so far, wrapping; the slot is the remainder by [`LONG`].
     tick: u32,
     /// Whether records are handed over in slots: while a current, a speed or a position is followed.
     pub records: bool,
@@ -52,24 +54,32 @@ impl Drive {
     pub(super) fn attend(&mut self, sample: &Sample) -> Option<&Estimator> {
         let schedule = &mut self.servo.schedule;
         schedule.tick = schedule.tick.wrapping_add(1);
-        match schedule.tick % CYCLE {
+        match schedule.tick % LONG {
             // Every 8 steps.
-            0 | 8 | 16 | 24 => return self.trajectory_slot(sample),
-            1 | 9 | 17 | 25 => self.slot(sample, |servo, _, with| servo.advance_trajectory(with)),
-            2 | 10 | 18 | 26 => return self.command_slot(sample),
-            3 | 11 | 19 | 27 => return self.protection_slot(sample),
-            4 | 12 | 20 | 28 => self.slot(sample, |servo, _, with| servo.speed_loop(with)),
-            6 | 14 | 22 | 30 => self.slot(sample, |servo, _, with| servo.update_reference(with)),
-            // Every 16 steps.
-            RECORD | 23 => self.record_slot(sample),
-            // Every 32 steps. Slot 13 is late after a change of the current reference, so the currents that it notes
-            // have settled.
-            5 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
-            13 => self.slot(sample, Self::measurement_slot),
-            15 => self.slot(sample, Self::alignment_slot),
+            0 | 8 | 16 | 24 | 32 | 40 | 48 | 56 => return self.trajectory_slot(sample),
+            1 | 9 | 17 | 25 | 33 | 41 | 49 | 57 => self.slot(sample, |servo, _, with| servo.advance_trajectory(with)),
+            2 | 10 | 18 | 26 | 34 | 42 | 50 | 58 => return self.command_slot(sample),
+            3 | 11 | 19 | 27 | 35 | 43 | 51 | 59 => return self.protection_slot(sample),
+            4 | 12 | 20 | 28 | 36 | 44 | 52 | 60 => self.slot(sample, |servo, _, with| servo.speed_loop(with)),
+            6 | 14 | 22 | 30 | 38 | 46 | 54 | 62 => self.slot(sample, |servo, _, with| servo.update_reference(with)),
+            // Every 32 steps.
+            RECORD | 39 => self.record_slot(sample),
+            5 | 37 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
+            // Slots 13 and 45 are late after a change of the current reference, so the currents that they note have
+            // settled.
+            13 | 45 => self.slot(sample, Self::measurement_slot),
+            31 | 63 => self.hand_over_slot(),
+            // Every 64 steps.
+            15 => self.alignment_slot(sample),
             21 => return self.speed_slot(sample),
-            29 => return self.derating_slot(sample),
-            _ => self.hand_over_slot(),
+            23 => self.burn_slot(sample),
+            29 => return self.over_speed_slot(sample),
+            47 => self.slot(sample, |servo, paths, with| {
+                servo.protection.limit_braking(with.config, paths.field_oriented.bus());
+            }),
+            53 => return self.supervision_slot(sample),
+            61 => self.slot(sample, |servo, _, with| servo.protection.narrow(with.config)),
+            _ => return self.heat_slot(sample),
         }
         self.estimator()
     }
@@ -101,7 +111,7 @@ impl Drive {
     fn trajectory_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         let overdue = self.with_servo(sample, |servo, _, with| {
             servo.plan_trajectory(with);
-            servo.protection.is_command_overdue(with.config)
+            servo.protection.timeout.is_overdue(with.config)
         });
         if overdue == Some(true) {
             self.command_timeout();
@@ -121,13 +131,14 @@ impl Drive {
         if waits { self.estimator_if_short() } else { self.estimator() }
     }
 
-    /// The three Halls compared with each other, the sum of the currents, temperatures. Where the Halls disagree, the
+    /// The three Halls compared with each other, the sum of the currents. Where the Halls disagree, the
     /// rest of the step finds the angle as after a missed sample.
     #[inline(never)]
     fn protection_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        // The check at arming tells more of amplifiers that disagree.
+        let checks = self.arming.is_active();
         let fault = self.with_servo(sample, |servo, _, with| {
-            let fault = servo.protection.imbalance(with.config, with.sample);
-            fault.or_else(|| servo.protection.over_temperature(with.config, with.sample))
+            if checks { None } else { servo.protection.currents.imbalance(with.config, with.sample) }
         });
         if let Some(Some(fault)) = fault {
             self.fail(fault);
@@ -142,12 +153,28 @@ impl Drive {
         servo.note(with, &paths.field_oriented, &paths.idle, servo.schedule.sequence());
     }
 
-    /// Trims the alignment; checks whether the voltage is at its limit.
-    #[inline(always)]
-    fn alignment_slot(servo: &mut Servo, paths: &mut Paths, with: &Context) {
-        let field = &mut paths.field_oriented;
-        servo.limits = servo.limits.set(Limits::DUTY, field.is_limited());
-        field.trim_alignment(with.config, with.rotor.speed());
+    /// The current along d for braking.
+    #[inline(never)]
+    fn burn_slot(&mut self, sample: &Sample) {
+        let controls_field = self.config.commutation == Commutation::FieldOriented;
+        self.with_servo(sample, |servo, paths, with| {
+            servo.burn(with.config, paths.field_oriented.bus(), controls_field);
+        });
+    }
+
+    /// In turns: trims the alignment; what the supply has to drive with.
+    #[inline(never)]
+    fn alignment_slot(&mut self, sample: &Sample) {
+        let trims = (self.servo.schedule.tick / LONG).is_multiple_of(2);
+        self.with_servo(sample, |servo, paths, with| {
+            let field = &mut paths.field_oriented;
+            if !trims {
+                servo.protection.limit_driving(with.config, field.bus());
+            } else if servo.reference.current.d == 0 {
+                // A current along d takes a voltage of its own.
+                field.trim_alignment(with.config, with.rotor.speed());
+            }
+        });
     }
 
     /// Feed-forward of the back-EMF for the present speed; the check for a stall.
@@ -164,16 +191,60 @@ impl Drive {
         self.estimator()
     }
 
-    /// The largest current that the temperatures allow; the check for over-speed.
+    /// A part of the supervision. Until the commutation is proven, most of them ask whether the rotor turns as it is
+    /// driven to.
     #[inline(never)]
-    fn derating_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let done = self.with_servo(sample, |servo, _, with| {
-            servo.protection.derate(with.config, with.sample, 0);
-            servo.protection.derate(with.config, with.sample, 1);
-        });
-        if done.is_some() && self.is_too_fast() {
-            self.fail(Fault::OverSpeed);
+    fn supervision_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        if !self.servo.supervised {
+            return self.estimator();
+        }
+        let asks = !self.servo.supervision.is_proven() && self.servo.schedule.tick & (3 * LONG) != 0;
+        let fault = self.with_servo(
+            sample,
+            |servo, _, with| {
+                if asks { servo.turns_against(with) } else { servo.supervise(with) }
+            },
+        );
+        let fault = fault.flatten();
+        if fault == Some(Fault::NotStopped) && self.brakes() {
+            return self.estimator_if_short();
+        }
+        self.fail_if(fault)
+    }
+
+    /// Shorts the windings, where a stop that has failed is to end so; once.
+    #[cold]
+    #[inline(never)]
+    fn brakes(&mut self) -> bool {
+        let brakes = self.config.control.as_ref().is_some_and(|control| control.motion.brakes);
+        if !brakes || !self.servo.follows() {
+            return false;
+        }
+        self.servo.supervision.stop_again();
+        self.servo.release();
+        self.paths.voltage.release(&self.config);
+        self.publish();
+        true
+    }
+
+    fn fail_if(&mut self, fault: Option<Fault>) -> Option<&Estimator> {
+        if let Some(fault) = fault {
+            self.fail(fault);
             return None;
+        }
+        self.estimator()
+    }
+
+    /// What the supply leaves to the current; too high a speed.
+    #[inline(never)]
+    fn over_speed_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let controls_field = self.config.commutation == Commutation::FieldOriented;
+        self.with_servo(sample, |servo, paths, with| {
+            let (speed, bus) = (with.rotor.speed(), paths.field_oriented.bus());
+            servo.protection.take_up(with.config, speed, bus, controls_field);
+        });
+        if self.config.control.is_some() && self.is_too_fast() {
+            return self.fail_if(Some(Fault::OverSpeed));
         }
         self.estimator()
     }
@@ -188,6 +259,21 @@ impl Drive {
             self.record.sequence = self.servo.schedule.sequence();
             let _ = self.channels.records.enqueue(self.record);
         }
+    }
+
+    /// In turns: what the rotor's position and its speed allow, and a part of the protection against heat.
+    #[inline(never)]
+    fn heat_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
+        let part = self.servo.schedule.tick / LONG;
+        let fault = self.with_servo(sample, |servo, paths, with| {
+            match part & 3 {
+                0 => servo.attend_to_position(with),
+                2 => servo.wait(with),
+                _ => return servo.heat(part / 2, &paths.field_oriented, with),
+            }
+            None
+        });
+        self.fail_if(fault.flatten())
     }
 
     #[inline(never)]

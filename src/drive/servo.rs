@@ -2,18 +2,19 @@
 //! measured, the protection and the schedule. Shared by [local feedback](super::local_feedback) and [field
 //! orientation](super::field_oriented).
 
-use super::protection::Protection;
+use super::protection::{Protection, Timeout};
 use super::schedule::{OUTER, Schedule};
+use super::supervision::{self, Supervision};
 use super::{FieldOriented, Idle, Sample};
 use crate::angle::{ElectricalAngle, Position};
 use crate::commutation::frames::{Clarke, Dq, Rotation};
 use crate::control::cogging;
-use crate::control::config::Config;
+use crate::control::config::{Config, Motion};
 use crate::control::current::PARK_BITS;
 use crate::control::trajectory::Trajectory;
 use crate::control::velocity::Integrator;
 use crate::control::{Current, Speed};
-use crate::fault::Limits;
+use crate::fault::{Fault, Limits};
 use crate::hall::track::Tracker;
 use crate::math::clamp;
 use crate::telemetry::Measurement;
@@ -34,11 +35,11 @@ pub enum Demand {
     Position(Position),
 }
 
-/// Reference of the current along q, as the field-oriented step works with it.
+/// Reference of the current, as the field-oriented step works with it.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Reference {
     /// In 2⁻²⁸ of the full scale.
-    pub current: i32,
+    pub current: Dq,
     /// For the compensation of the dead time, in the unit of
     /// [`Modulator::compare`](crate::commutation::svpwm::Modulator::compare).
     pub dead_time: i32,
@@ -60,32 +61,52 @@ pub(super) struct Servo {
     current: Dq,
     demand: Demand,
     trajectory: Trajectory,
+    /// Whether what is commanded has to end because of a bound of the position.
+    ends: bool,
     /// Speed reference ω*, from the position loop or the trajectory, in 2⁻³² electrical turns a step.
     speed_reference: i32,
     /// Current along q that the speed loop or the command asks for, in 2⁻¹⁵ of the full scale; before anti-cogging and
     /// limit.
     current_request: i32,
+    /// … before the speed loop has limited it.
+    asked: i32,
     speed_integrator: Integrator,
     /// Anti-cogging current over the electrical angle, if it is on.
     pub cogging: Option<&'static mut cogging::Table>,
+    /// Whether a commanded speed waits for a rotor that cannot follow.
+    waits: bool,
+    /// Whether the rotor is too far from the position that it should have.
+    is_far: bool,
+    /// Whether the motion is supervised: something is followed, and not checked before.
+    pub supervised: bool,
     /// What limits the control at the moment.
     pub limits: Limits,
     /// For the tasks, noted every [`CYCLE`](super::CYCLE) steps.
     pub measurement: Measurement,
     pub schedule: Schedule,
+    pub supervision: Supervision,
 }
 
 impl Servo {
+    /// Reasons for which a current is cut.
+    const CUTS: Limits = Limits::CURRENT.with(Limits::HEAT).with(Limits::SUPPLY);
+
     pub const fn new() -> Self {
         Self {
             protection: Protection::NONE,
+            supervision: Supervision::NONE,
             clarke: Clarke::new(0, [0; 3], false),
-            reference: Reference { current: 0, dead_time: 0 },
+            reference: Reference { current: Dq { d: 0, q: 0 }, dead_time: 0 },
             current: Dq { d: 0, q: 0 },
             demand: Demand::Voltage,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
+            ends: false,
+            waits: false,
+            is_far: false,
+            supervised: false,
             speed_reference: 0,
             current_request: 0,
+            asked: 0,
             speed_integrator: Integrator::ZERO,
             cogging: None,
             limits: Limits::NONE,
@@ -96,15 +117,16 @@ impl Servo {
 
     /// Everything at rest, following nothing; the amplifiers' zeros are those of now.
     pub fn reset(&mut self, config: &Config, zeros: &Idle) {
-        self.protection.set_zeros(config, zeros.zeros());
-        self.clarke = Clarke::new(config.shift, zeros.zeros(), config.reversed);
+        self.protection.currents.set_zeros(config, zeros.zeros());
+        self.clarke = Clarke::new(config.shift, zeros.zeros(), config.modulator.is_reversed());
         // One by one: a whole new servo on its way over the stack would take as long as all the rest of the step.
         self.current = Dq { d: 0, q: 0 };
         self.demand = Demand::Voltage;
         self.trajectory = Trajectory::at(Position::from_bits(0), 0);
-        (self.speed_reference, self.current_request) = (0, 0);
+        (self.speed_reference, self.current_request, self.asked) = (0, 0, 0);
         self.speed_integrator = Integrator::ZERO;
         self.limits = Limits::NONE;
+        self.reference.current.d = 0;
         self.set_reference(config, 0);
     }
 
@@ -112,6 +134,11 @@ impl Servo {
     #[cfg(test)]
     pub const fn demand(&self) -> Demand {
         self.demand
+    }
+
+    /// Follows nothing any more: no voltage.
+    pub fn release(&mut self) {
+        self.demand = Demand::Voltage;
     }
 
     /// Whether a current, a speed or a position is followed.
@@ -126,7 +153,7 @@ impl Servo {
 
     /// Restarts the command time-out.
     pub fn command_received(&mut self) {
-        self.protection.command_received();
+        self.protection.timeout = Timeout::NONE;
         self.limits = self.limits.without(Limits::TIMEOUT);
     }
 
@@ -139,8 +166,10 @@ impl Servo {
             self.speed_integrator = Integrator::holding(self.current_request);
         }
         self.demand = demand;
+        (self.ends, self.is_far) = (false, false);
+        self.protection.held = i32::MAX;
         if let Demand::Current(Current(current)) = demand {
-            self.current_request = current;
+            (self.asked, self.current_request) = (current, current);
             self.set_reference(config, current);
         }
     }
@@ -158,7 +187,12 @@ impl Servo {
     pub fn advance_trajectory(&mut self, with: &Context) {
         match self.demand {
             Demand::Voltage | Demand::Current(_) => {}
-            Demand::Speed(Speed(speed)) => self.trajectory.towards_speed(speed, &with.config.trajectory),
+            Demand::Speed(Speed(speed)) => {
+                let speed = if self.waits { self.trajectory.speed() } else { speed };
+                let target = if self.ends { 0 } else { speed };
+                self.trajectory.towards_speed(target, &with.config.trajectory);
+            }
+            Demand::Position(_) if self.waits => self.trajectory.slow_to(0),
             Demand::Position(_) => self.trajectory.advance(&with.config.trajectory),
         }
     }
@@ -174,23 +208,117 @@ impl Servo {
         }
     }
 
-    /// The speed loop: the current that is asked for.
+    /// The speed loop: the current that is asked for. A commanded current fades out beyond the largest speed, and
+    /// outside of the bounds of the position where it leads away from them.
     #[inline(always)]
     pub fn speed_loop(&mut self, with: &Context) {
         if self.moves() {
             let gains = &with.config.velocity;
             let (reference, measured) = (self.speed_reference, with.rotor.speed());
             let forward = gains.feed_forward(self.trajectory.acceleration());
-            let most = self.protection.max_current;
-            self.current_request = self.speed_integrator.step(gains, reference, measured, forward, most);
+            let window = &self.protection.window;
+            let request = self.speed_integrator.step(gains, reference, measured, forward, window);
+            (self.asked, self.current_request) = (request.asked, request.current);
+        } else if let Demand::Current(Current(current)) = self.demand {
+            self.current_request = if self.ends { 0 } else { within_speed(current, with) };
         }
+    }
+
+    /// A commanded speed waits for a rotor that cannot follow: it grows no further than this from the rotor's.
+    #[inline(always)]
+    pub fn wait(&mut self, with: &Context) {
+        if let Demand::Speed(Speed(speed)) = self.demand {
+            let reference = self.trajectory.speed();
+            let ahead = reference.wrapping_sub(with.rotor.speed());
+            let far = ahead.saturating_abs() > with.config.motion.far_speed / 2;
+            self.waits = far && (ahead < 0) == (speed < reference);
+        }
+    }
+
+    /// What the rotor's position allows: the trajectory does not run away from a rotor that cannot follow, but waits. A
+    /// commanded speed ends before the bound of the position, and a commanded current does not turn the rotor farther
+    /// out of its bounds.
+    #[inline(always)]
+    pub fn attend_to_position(&mut self, with: &Context) {
+        let here = coarse(with.rotor.position()).to_bits();
+        let Motion { bounds: [least, most], far, .. } = with.config.motion;
+        match self.demand {
+            Demand::Voltage => {}
+            Demand::Current(Current(current)) => self.ends = if current < 0 { here < least } else { here > most },
+            Demand::Speed(Speed(speed)) => {
+                let left = if speed < 0 { here - least } else { most - here };
+                self.ends = !self.trajectory.stops_within(left, &with.config.trajectory);
+            }
+            Demand::Position(target) => {
+                let holds = self.trajectory.speed() == 0;
+                self.protection.held = if holds { with.config.motion.hold } else { i32::MAX };
+                let error = self.trajectory.position().to_bits().wrapping_sub(here);
+                self.is_far = error.unsigned_abs() > far as u64;
+                let back = coarse(target).to_bits() < self.trajectory.position().to_bits();
+                self.waits = error.unsigned_abs() > far as u64 / 4 && (error < 0) == back;
+            }
+        }
+    }
+
+    /// Whether the rotor turns against the torque.
+    #[inline(always)]
+    pub fn turns_against(&mut self, with: &Context) -> Option<Fault> {
+        let current = self.current_reference();
+        self.supervision.turns_against(&with.config.motion, current, with.rotor.speed())
+    }
+
+    /// The next part of the supervision: the check of voltages against currents, and what the rotor does.
+    #[inline(always)]
+    pub fn supervise(&mut self, with: &Context) -> Option<Fault> {
+        let Motion { model, .. } = &with.config.motion;
+        let motion = &with.config.motion;
+        let supervision = &mut self.supervision;
+        match supervision.next_part() {
+            0 => {
+                supervision.note(&self.measurement.state, with.rotor.speed());
+                return supervision::is_outside(motion, with.rotor).then_some(Fault::PositionBounds);
+            }
+            1 => supervision.note_emf(model),
+            2 => supervision.note_motor(model),
+            3 => supervision.explain(model),
+            4 => supervision.sum_up(),
+            5 => return supervision.judge(model),
+            6 => {
+                let follows = matches!(self.demand, Demand::Speed(_));
+                let speed = if follows { self.speed_reference.wrapping_sub(with.rotor.speed()) } else { 0 };
+                return self.supervision.is_late(motion, self.is_far, speed);
+            }
+            _ => {
+                let stopping = self.limits.contains(Limits::TIMEOUT);
+                return supervision.stops(motion, stopping, with.rotor.speed());
+            }
+        }
+        None
+    }
+
+    /// A part of the protection against heat, or what is told of the limits.
+    #[inline(always)]
+    pub fn heat(&mut self, part: u32, field: &FieldOriented, with: &Context) -> Option<Fault> {
+        if part % 8 == 2 {
+            let reasons = self.protection.window.reasons(self.asked);
+            self.limits = self.limits.without(Self::CUTS).with(reasons).set(Limits::DUTY, field.is_limited());
+            return None;
+        }
+        let square = || self.clarke.of(with.sample.currents).square();
+        self.protection.heat(part, square, with.config, with.sample)
+    }
+
+    /// The current along d that burns what braking returns.
+    #[inline(always)]
+    pub fn burn(&mut self, config: &Config, bus: i32, controls_field: bool) {
+        self.reference.current.d = self.protection.burn(config, bus, self.asked, controls_field);
     }
 
     /// Whether the rotor is stalled: at rest with the largest current.
     #[inline(always)]
     pub fn is_stalled(&mut self, with: &Context) -> bool {
-        let limited = self.moves() && self.current_request.abs() == self.protection.max_current;
-        self.protection.is_stalled(with.config, limited, with.rotor.speed())
+        let limited = self.moves() && self.protection.window.is_end(self.current_request);
+        self.protection.stall.is_stalled(with.config, limited, with.rotor.speed())
     }
 
     /// The current reference: what is asked for and the anti-cogging current.
@@ -203,13 +331,10 @@ impl Servo {
     /// Sets the current reference, within its limit, and the dead time's compensation for it.
     #[inline(always)]
     fn set_reference(&mut self, config: &Config, request: i32) {
-        let most = self.protection.max_current;
-        let limited = clamp(request, most);
+        let limited = self.protection.window.cut(request);
         self.measurement.state.current_reference = limited;
-        self.reference.current = limited << PARK_BITS;
+        self.reference.current.q = limited << PARK_BITS;
         self.reference.dead_time = clamp(limited, config.dead_time_saturation) * config.ramp;
-        let cut = limited != request;
-        self.limits = self.limits.set(Limits::CURRENT, cut).set(Limits::HEAT, cut && most < config.max_current);
     }
 
     /// Reference of the current along q, in 2⁻¹⁵ of the full scale.
@@ -236,6 +361,18 @@ impl Servo {
         };
         self.measurement = Measurement { rotor: *with.rotor, sequence, state, trim: field.trim() };
     }
+}
+
+/// A commanded current: none that makes a rotor faster which is faster than allowed.
+#[inline(always)]
+fn within_speed(current: i32, with: &Context) -> i32 {
+    let speed = with.rotor.speed();
+    let excess = if current < 0 { -speed } else { speed } - with.config.trajectory.speed();
+    if excess <= 0 {
+        return current;
+    }
+    let share = 65_536 - ((i64::from(excess) * with.config.fade) >> 32).min(65_536);
+    ((i64::from(current) * share) >> 16) as i32
 }
 
 /// A position in the unit of the outer loops: what a speed moves on by in a step of theirs is its number.

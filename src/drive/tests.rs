@@ -3,8 +3,10 @@
 mod anything;
 mod calibration;
 mod commands;
+mod direction;
 mod following;
 mod halls;
+mod interlock;
 mod records;
 mod refusals;
 mod seams;
@@ -110,6 +112,10 @@ fn healthy(halls: Codes) -> Sample {
 /// Installed, and with currents to measure.
 fn with_control(commutation: Commutation, change: impl Fn(&mut crate::settings::Control)) -> Bench {
     let mut control = crate::settings::Control::default();
+    // The tests send no commands but those that they are about.
+    control.guard.command_timeout_s = 60.0;
+    // The rotor of these tests turns as it likes.
+    control.guard.arming_check = false;
     change(&mut control);
     let mut bench = Bench::new(&Settings { commutation, control: Some(control), ..Settings::default() });
     bench.healthy = true;

@@ -43,17 +43,17 @@ mod learn;
 mod observe;
 mod sample;
 mod settings;
+mod start;
 mod suspicion;
 mod window;
 
 use crate::angle::ElectricalAngle;
 use crate::hall::Codes;
-use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
 use core::f32::consts::TAU;
 pub use deviations::Deviations;
 pub use fault::{Fault, Parameter};
-use filter::{ANGLE, Covariance, Measurement, OFFSET, SPEED, STATES, State, THIRD, Vector, radians};
+use filter::{ANGLE, Covariance, Measurement, OFFSET, SPEED, State, Vector, radians};
 use observe::CalibratedSensor;
 use sample::{GATE, Sample, combine};
 pub use settings::{Config, OutOfRange, Settings, Spread};
@@ -149,52 +149,6 @@ pub struct Adapter {
 }
 
 impl Adapter {
-    /// Starts from a calibration, or from a data sheet's model (with [`Settings::NOMINAL`] as `start`).
-    ///
-    /// # Errors
-    /// [`BadModel`] where the fast path could not work with the model either.
-    pub fn new(config: &Config, model: &Model) -> Result<Self, BadModel> {
-        estimate::validate(model, config.adc_bits)?;
-        let start = parameters(&config.start);
-        let sensors = [0, 1, 2].map(|k| CalibratedSensor::new(&model.sensors[k], config.noise_codes[k]));
-        // Of the angle from one sample: two thirds of the sensors' mean.
-        let angle_noise = (sensors[0].noise + sensors[1].noise + sensors[2].noise) * (2.0 / 9.0);
-        let natural_frequency = libm::sqrtf(libm::sqrtf(config.acceleration / angle_noise));
-        Ok(Self {
-            config: *config,
-            sensors,
-            state: State {
-                angle: ElectricalAngle::ZERO,
-                speed: 0.0,
-                third: 0.0,
-                offset: [0.0; 3],
-                amplitude: [1.0; 3],
-                placement: model.sensors.map(|sensor| sensor.placement),
-            },
-            covariance: Covariance::diagonal(&start),
-            start,
-            drift: parameters(&config.drift),
-            natural_frequency,
-            // Four times √2 · pace · noise, the variance of known sensors' tracked angle.
-            settled_variance: 5.7 * natural_frequency * angle_noise,
-            // Slow enough to leave the tracking stable and hardly noisier.
-            load_gain: 0.1 * natural_frequency,
-            load: 0.0,
-            phase: Phase::Unknown,
-            window: Window::default(),
-            seen_eighths: 0,
-            learnt_samples: 0,
-            samples_since_drift: 0,
-            paused: 0,
-            model_due: false,
-            last_limit: None,
-            suspicions: Suspicions::default(),
-            fault: None,
-            fault_reported: false,
-            model: *model,
-        })
-    }
-
     /// Update by a sample.
     pub fn update(&mut self, observation: &Observation) -> Status {
         let outcome = self.process(observation);
@@ -207,7 +161,7 @@ impl Adapter {
         }
     }
 
-    #[inline(always)]
+    #[inline]
     fn process(&mut self, observation: &Observation) -> Status {
         self.samples_since_drift = self.samples_since_drift.saturating_add(u32::from(observation.elapsed));
         if self.needs_check(&observation.codes) || self.phase != Phase::Tracking || !self.is_near(observation.elapsed) {
@@ -237,7 +191,7 @@ impl Adapter {
     }
 
     /// Whether the derivatives are good over the angle that the rotor turned since the last observation.
-    #[inline(always)]
+    #[inline]
     fn is_near(&self, elapsed: u16) -> bool {
         elapsed <= LONGEST_GAP && self.state.speed.abs() * f32::from(elapsed) <= LARGEST_ANGLE_STEP
     }
@@ -273,7 +227,7 @@ impl Adapter {
     }
 
     /// Prediction of angle and speed by the equation of motion, Simpkins and Todorov, eq. (11).
-    #[inline(always)]
+    #[inline]
     fn predict(&mut self, observation: &Observation) {
         let state = &mut self.state;
         let disturbed = self.config.per_nm * observation.torque_nm + self.load;
@@ -298,7 +252,7 @@ impl Adapter {
     /// Variance of the linearisation error of a signal: the sine's curvature over an uncertain angle, and the product
     /// of uncertain angle and amplitude. For the parameters this error is correlated until the rotor has turned by a
     /// quarter of a radian, so all samples within that angle together must not weigh more than one.
-    #[inline(always)]
+    #[inline]
     fn nonlinearity(&self, sensor: usize, learn: bool, samples: f32) -> f32 {
         let amplitude = OFFSET[sensor] + 1;
         let angle = self.covariance.get(ANGLE, ANGLE);
@@ -307,7 +261,7 @@ impl Adapter {
     }
 
     /// Update by one sensor, unless it is an outlier; whether it was used.
-    #[inline(always)]
+    #[inline]
     fn update_by(&mut self, sensor: usize, measurement: &Measurement, learn: bool) -> bool {
         let cross = measurement.cross(sensor, &self.covariance);
         if measurement.is_outlier(&cross, GATE) {
@@ -328,14 +282,14 @@ impl Adapter {
     }
 
     /// Integrates the correction of the speed into the load.
-    #[inline(always)]
+    #[inline]
     fn integrate_load(&mut self, speed: f32) {
         if self.covariance.get(ANGLE, ANGLE) < self.settled_variance {
             self.load += self.load_gain * (self.state.speed - speed);
         }
     }
 
-    #[inline(always)]
+    #[inline]
     fn may_learn(&self) -> bool {
         let speed = self.state.speed.abs();
         let certain = speed * speed > CERTAIN_SPEED * self.covariance.get(SPEED, SPEED);
@@ -384,20 +338,6 @@ impl Adapter {
     pub const fn fault(&self) -> Option<Fault> {
         self.fault
     }
-}
-
-/// A spread as a vector over the states; zero for angle and speed.
-fn parameters(spread: &Spread) -> Vector {
-    let mut vector = [0.0; STATES];
-    vector[THIRD] = spread.third;
-    for (k, own) in OFFSET.into_iter().enumerate() {
-        vector[own] = spread.offset;
-        vector[own + 1] = spread.amplitude;
-        if k != 0 {
-            vector[own + 2] = spread.placement_deg;
-        }
-    }
-    vector
 }
 
 #[cfg(test)]

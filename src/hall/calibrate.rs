@@ -54,6 +54,11 @@ pub enum Error {
     Busy,
     /// The sensors work, but not well enough; the report's findings say why.
     Refused(Finding),
+    /// The tasks came too late for so many samples that nothing can be said of the sensors.
+    SamplesLost {
+        /// Share of them.
+        percent: u8,
+    },
 }
 
 impl fmt::Display for Error {
@@ -68,6 +73,11 @@ impl fmt::Display for Error {
             }
             Self::NoFit => write!(f, "the signals fit no rotor: check that it is free to follow the field"),
             Self::Model(bad) => bad.fmt(f),
+            Self::SamplesLost { percent } => write!(
+                f,
+                "{percent} % of the samples were lost: the tasks poll too rarely (Supervisor::tick or Service::poll), \
+                 or calibration_record_hz is too high for them"
+            ),
             Self::Busy => write!(f, "the drive is busy with the last parameters: try again"),
             Self::Refused(finding) => finding.fmt(f),
         }
@@ -155,7 +165,7 @@ impl Collector {
         let fit = fit::fit(&points, &mut angles)?;
         let [forward, backward] = [0, 1].map(|sweep| offset(&points[sweep], &angles[sweep]));
         let swings = [0, 1].map(|sweep| swing(&points[sweep], &angles[sweep], [forward, backward][sweep]));
-        let hunting = ElectricalAngle::from_radians(libm::hypotf(swings[0], swings[1]) / core::f32::consts::SQRT_2);
+        let hunting = ElectricalAngle::from_radians(libm::sqrtf((swings[0] * swings[0] + swings[1] * swings[1]) / 2.0));
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
         let model = Model { sensors: fit.sensors, alignment: forward + lag, reversed };

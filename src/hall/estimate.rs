@@ -274,6 +274,11 @@ impl Estimator {
         Some((if self.reversed { -angle } else { angle }, u32::try_from(strength).unwrap_or(u32::MAX)))
     }
 
+    /// Whether it was made for this ADC and this direction.
+    pub(crate) const fn is_for(&self, adc_bits: u8, reversed: bool) -> bool {
+        self.adc_bits == adc_bits && self.reversed == reversed
+    }
+
     /// Strength of two sensors as calibrated.
     pub const NOMINAL_STRENGTH: u32 = 1024;
 

@@ -44,8 +44,9 @@ impl Config {
 
     /// The smoothing exponent whose natural frequency is nearest to `bandwidth_hz`, within [`Self::SMOOTHING`].
     pub fn smoothing_for(bandwidth_hz: f32, sample_hz: f32) -> u32 {
-        let exponent = libm::roundf(libm::log2f(sample_hz / (8.886 * bandwidth_hz)));
-        exponent.clamp(*Self::SMOOTHING.start() as f32, *Self::SMOOTHING.end() as f32) as u32
+        // To the nearest: rounded down after half an octave more.
+        let exponent = libm::ilogbf(core::f32::consts::SQRT_2 * sample_hz / (8.886 * bandwidth_hz));
+        exponent.clamp(*Self::SMOOTHING.start() as i32, *Self::SMOOTHING.end() as i32) as u32
     }
 }
 

@@ -113,7 +113,13 @@ fn the_frequency_fits_motor_and_bridge() {
 
 #[test]
 fn a_fraction_is_rounded_and_saturates() {
-    for (fraction, bits) in [(0.5, 16_384), (-0.100_02, -3277), (1.0, 32_767), (-7.0, -32_768), (f32::NAN, 0)] {
+    for (fraction, bits) in [(0.5, 16_384), (-0.100_02, -3277), (1.0, 32_767), (-7.0, -32_767), (f32::NAN, 0)] {
         assert_eq!(modulation(fraction).to_bits(), bits, "{fraction}");
     }
+}
+
+#[test]
+fn both_ends_of_a_fraction_are_the_same() {
+    assert_eq!(modulation(-1.0), -modulation(1.0));
+    assert_eq!((modulation(-2.0), modulation(f32::NAN)), (modulation(-1.0), Modulation::ZERO));
 }

@@ -43,13 +43,25 @@ impl Adaptation {
     /// # Errors
     /// [`BadModel`], as [`Adapter::new`].
     pub fn new(config: &adapt::Config, model: &Model, every: u32) -> Result<Self, BadModel> {
-        let adapter = Adapter::new(config, model)?;
+        Self::resume(config, model, model, every)
+    }
+
+    /// The same for a model that was learnt since a calibration: [`Adapter::resume`].
+    ///
+    /// # Errors
+    /// [`BadModel`], as [`Adapter::new`], of either.
+    pub fn resume(config: &adapt::Config, calibrated: &Model, model: &Model, every: u32) -> Result<Self, BadModel> {
+        let adapter = Adapter::resume(config, calibrated, model)?;
         Ok(Self { adapter, due: Due::Nothing, every: every.max(1), last: None, reversed: model.reversed })
     }
 
     /// Learns from a record of a drive that is ready or running, with the torque as far as it is known, in the
     /// direction of the electrical angle: [`torque_nm`], or 0 where no current is measured. Records may be missing.
     pub fn take(&mut self, record: &Record, torque_nm: f32) -> Status {
+        if matches!(record.status.mode(), Mode::Aligning | Mode::Calibrating) {
+            // What is due belongs to the calibration that this one replaces.
+            self.due = Due::Nothing;
+        }
         if !matches!(record.status.mode(), Mode::Ready | Mode::Running) {
             return Status::Tracking;
         }

@@ -193,7 +193,7 @@ impl Fit {
             let mut unit = [0.0; MOST];
             unit[k] = 1.0;
             let inverse = self.solve_for(unit)?[k];
-            *estimate = Estimate { value: values[k], error: 3.0 * libm::sqrt(variance * inverse) };
+            *estimate = Estimate { value: values[k], error: 3.0 * root(variance * inverse) };
         }
         Some(estimates)
     }
@@ -203,6 +203,11 @@ impl Fit {
         math::solve(&mut self.squares.clone(), &mut right, self.regressors, 1e-9)?;
         Some(right)
     }
+}
+
+/// Of weights and errors, for which single precision will do.
+fn root(x: f64) -> f64 {
+    libm::sqrtf(x as f32).into()
 }
 
 /// A measurement in SI.
@@ -215,6 +220,8 @@ struct Point {
     speed: f64,
     /// Along q, measured.
     current: f64,
+    /// Current along d, A.
+    burnt: f64,
     /// Along d and q.
     voltage: [f64; 2],
     /// Electrical radians.
@@ -268,7 +275,7 @@ impl Identifier {
             ramp_a: f64::from(control.dead_time_ramp_a()),
             lag: f64::from(config.tracking.lag()) / (step_hz * step_hz),
             q: Fit::new(3),
-            d: Fit::new(3),
+            d: Fit::new(4),
             motion: Fit::new(4),
             points: [None; 2],
             sequence: 0,
@@ -291,6 +298,7 @@ impl Identifier {
             position: measurement.rotor.smoothed().to_turns() * TAU / f64::from(self.scale.pole_pairs),
             speed: f64::from(measurement.rotor.speed()) / 4_294_967_296.0 * TAU * step_hz,
             current: f64::from(state.current.q) * amperes,
+            burnt: f64::from(state.current.d) * amperes,
             voltage: [state.voltage.d, state.voltage.q].map(|voltage| f64::from(voltage) * volts),
             trim: f64::from(measurement.trim.to_radians()),
         };
@@ -305,14 +313,16 @@ impl Identifier {
         let speed = (after.position - before.position) / (after.seconds - before.seconds);
         self.balance(speed, before, point);
         let Point { current, voltage: [d, q], .. } = *point;
-        // Where the current leaps, the inductance has a say.
-        if (after.current - before.current).abs() > LEAP * (current.abs() + self.ramp_a) {
+        // Where the current leaps, the inductance has a say; where braking is burnt by a current along d, that has.
+        let most = LEAP * (current.abs() + self.ramp_a);
+        if (after.current - before.current).abs() > most || point.burnt.abs() > most / 3.0 {
             return;
         }
         let omega = speed * f64::from(self.scale.pole_pairs);
         let acceleration = (after.speed - before.speed) / (after.seconds - before.seconds);
         self.q.push([current, omega, (current / self.ramp_a).clamp(-1.0, 1.0), 0.0], q);
-        self.d.push([-omega * current, omega, omega * (point.trim - self.lag * acceleration), 0.0], d);
+        let turned = omega * (point.trim - self.lag * acceleration);
+        self.d.push([-omega * current, omega, turned, point.burnt], d);
         self.samples += 1;
     }
 
@@ -330,7 +340,7 @@ impl Identifier {
         let Point { position, seconds, .. } = *point;
         let begun = Momentum { speed, position, seconds, impulse: 0.0, sign: 0.0, uncertain: 0.0 };
         if let Some(ended) = self.momentum.replace(begun) {
-            let weight = 1.0 / libm::sqrt(ended.uncertain.max(1e-12));
+            let weight = 1.0 / root(ended.uncertain.max(1e-12));
             let row = [speed - ended.speed, position - ended.position, ended.sign, seconds - ended.seconds];
             self.motion.push(row.map(|x| x * weight), ended.impulse * weight);
         }
@@ -344,10 +354,12 @@ impl Identifier {
     /// What the measurements say; `None` while they are too few, or do not vary enough to tell.
     pub fn report(&self) -> Option<Report> {
         let [resistance, flux_linkage, leftover, _] = self.q.solve()?;
-        // The third coefficient is known by now: as if measured beyond doubt.
+        // The third coefficient and the fourth are known by now: as if measured beyond doubt.
         let mut d = self.d;
-        let sure = 1e3 * libm::sqrt(d.squares[2][2]);
+        let sure = 1e3 * root(d.squares[2][2]);
         d.push([0.0, 0.0, sure, 0.0], sure * flux_linkage.value);
+        let sure = 1e3 * libm::sqrt(d.squares[3][3].max(1e-9));
+        d.push([0.0, 0.0, 0.0, sure], sure * resistance.value);
         let [inductance, ..] = d.solve()?;
         let motion = self.motion.solve()?;
         let pairs = f64::from(self.scale.pole_pairs);
@@ -356,11 +368,12 @@ impl Identifier {
         let report = Report {
             resistance_ohm: resistance.beside(0.02),
             inductance_h: inductance.beside(0.02),
-            flux_linkage_wb: flux_linkage.beside(0.005),
+            flux_linkage_wb: flux_linkage.beside(0.008),
             inertia_kgm2: inertia.beside(share + 0.005),
             coulomb_nm: coulomb.beside(share),
-            viscous_nms: viscous.beside(share),
-            load_nm: load,
+            // What is braked along d makes the balance of momentum less sure than its residuals say.
+            viscous_nms: Estimate { error: 1.5 * viscous.error, ..viscous }.beside(share),
+            load_nm: load.beside(share + 0.005),
             leftover_v: leftover,
             configured: self.configured,
             pole_pairs: self.scale.pole_pairs as u8,

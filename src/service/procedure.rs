@@ -55,8 +55,12 @@ pub trait Procedure {
 
     /// 0 to 1.
     fn progress(&self) -> f32;
+}
 
-    /// Polls the service and steps, for a task that has no other use for events and measurements.
+/// For a task that has no other use for events and measurements. Apart, so that a chip that does not need it has none
+/// of it.
+pub trait Serve: Procedure {
+    /// Polls the service and steps.
     fn serve(&mut self, service: &mut Service, now_ms: u32) -> State {
         while let Some(event) = service.poll() {
             self.event(&event);
@@ -67,6 +71,8 @@ pub trait Procedure {
         self.step(service, now_ms)
     }
 }
+
+impl<P: Procedure + ?Sized> Serve for P {}
 
 /// Where a procedure is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -113,6 +119,13 @@ pub enum Error {
     NoTable,
     /// The task ended it.
     Cancelled,
+    /// A phase got voltage, and no current to speak of flowed.
+    NoCurrent {
+        /// The phase, counted from 0.
+        phase: u8,
+    },
+    /// The phases' resistances are not alike: a bad contact, or an amplifier that shows too little.
+    Uneven,
 }
 
 /// The name of a field that was not serialised.
@@ -136,6 +149,14 @@ impl fmt::Display for Error {
                 write!(f, "the rotor did not follow: blocked, loaded, or a wrong setting of the motor")
             }
             Self::Inconclusive => write!(f, "the measurements do not determine the result"),
+            Self::NoCurrent { phase } => write!(
+                f,
+                "no current answers the voltage at phase {}: is the motor connected, is there power?",
+                (b'A' + phase) as char
+            ),
+            Self::Uneven => {
+                write!(f, "the phases' resistances differ: check the motor's wires and the current sensing")
+            }
             Self::NoTable => write!(f, "the service has no table to fill"),
             Self::Cancelled => write!(f, "cancelled"),
         }

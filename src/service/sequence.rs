@@ -218,6 +218,13 @@ impl Sequence {
         }
     }
 
+    /// Ends at once, with the rotor at rest.
+    pub fn release(&mut self) {
+        if self.phase == Phase::Running {
+            self.enter(Phase::Disarming);
+        }
+    }
+
     /// Ends without a result: from turning, by braking.
     pub fn cancel(&mut self, error: Error) {
         if self.phase == Phase::Over {

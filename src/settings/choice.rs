@@ -25,3 +25,15 @@ pub enum OnTimeout {
     /// Brakes to rest under speed control and stays there.
     Stop,
 }
+
+/// What a drive does whose motor has not come to rest in time after a stop.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub enum OnStopFailure {
+    /// A fault: bridge off, the rotor coasts.
+    #[default]
+    Off,
+    /// The windings are shorted, which brakes a turning rotor, as long again; then the bridge is switched off. The
+    /// current is limited by nothing but resistance and inductance.
+    Brake,
+}

@@ -2,7 +2,8 @@
 
 use super::Kind::{Choice, Real, Switch, Whole};
 use super::entry::{Entry, Value};
-use super::{Feedback, OnTimeout};
+use super::guard::{NOISE, OFFSET};
+use super::{Ceiling, Feedback, OnStopFailure, OnTimeout};
 use crate::commutation::Commutation;
 use core::f32::consts::TAU;
 
@@ -15,7 +16,7 @@ macro_rules! entry {
         Entry {
             name: $name,
             unit: $unit,
-            kind: $kind,
+            kind: &$kind,
             fixed: $fixed,
             field: |settings| match $part(settings) {
                 Some(part) => Some(&mut part.$field as &mut dyn Value),
@@ -136,7 +137,7 @@ settings! {
         /// 1.5 with preloaded compare registers.
         delay_periods: f32 = 1.5, 0.0 => 16.0, "periods", Real, BOARD,
             "From a sample to the middle of the PWM period that acts on it";
-        /// With current control, records come every 16 steps or the nearest multiple: 1250 Hz for 1 kHz at 40 kHz.
+        /// With current control, records come every 32 steps or the nearest multiple: 1250 Hz for 1 kHz at 40 kHz.
         record_hz: f32 = 1e3, 1.0 => s.pwm_hz / 2.0, "Hz", Real, BOARD, "Rate of the records to the tasks";
         calibration_record_hz: f32 = 40e3, 1.0 => s.pwm_hz, "Hz", Real, BOARD, "Rate of the records while calibrating";
         pole_pairs: u8 = 4, 1.0 => 64.0, "", Whole, FREE, "Pole pairs of the rotor";
@@ -155,7 +156,7 @@ settings! {
         run_on_two_halls: bool = false, 0.0 => 1.0, "", Switch, FREE,
             "A running drive that loses a Hall runs on until it is stopped";
         /// A tenth of 24 V drives 0.3 A through the default motor.
-        calibration_modulation: f32 = 0.15, 0.01 => 0.5, "", Real, FREE, "Voltage of the calibration's field";
+        calibration_modulation: f32 = 0.15, 0.01 => 0.5, "", Real, FREE, "Voltage of the calibration's field, without current sensing";
         calibration_align_s: f32 = 0.3, 0.05 => 10.0, "s", Real, FREE,
             "Time to raise the field, and again to let the rotor settle";
         /// Where the calibration finds that the rotor swings about the field, another one helps: slower with one pole
@@ -167,6 +168,8 @@ settings! {
         adaptation: bool = true, 0.0 => 1.0, "", Switch, FREE, "Adapt the sensors' model while the motor turns";
         anti_cogging: bool = true, 0.0 => 1.0, "", Switch, FREE, "Compensate the cogging, once it has been learnt";
     } with {
+        /// What the board's parts stand: no setting exceeds it.
+        ceilings: &'static [Ceiling] = &[];
         /// Sensing of currents and bus, the motor and the loops; `None`: only a voltage can be commanded, and nothing
         /// but the Halls is monitored.
         control: Option<Control> = None;
@@ -178,11 +181,11 @@ settings! {
         /// From its middle.
         current_full_scale_a: f32 = 8.25, 0.1 => 1000.0, "A", Real, BOARD, "Current at the end of the ADC's range";
         bus_full_scale_v: f32 = 36.3, 5.0 => 1000.0, "V", Real, BOARD, "Bus voltage at the end of the ADC's range";
-        resistance_ohm: f32 = 3.75, 1e-3 => 100.0, "Ω", Real, FREE, "Resistance of a phase, star";
-        inductance_h: f32 = 0.36e-3, 1e-6 => 0.1, "H", Real, FREE, "Inductance of a phase, star";
-        flux_linkage_wb: f32 = 5e-3, 1e-5 => 1.0, "Wb", Real, FREE,
+        resistance_ohm: f32 = 3.75, 1e-4 => 1000.0, "Ω", Real, FREE, "Resistance of a phase, star";
+        inductance_h: f32 = 0.36e-3, 1e-7 => 1.0, "H", Real, FREE, "Inductance of a phase, star";
+        flux_linkage_wb: f32 = 5e-3, 1e-6 => 10.0, "Wb", Real, FREE,
             "Flux linkage of a phase: back-EMF per electrical rad/s";
-        inertia_kgm2: f32 = 1e-5, 1e-9 => 1.0, "kg·m²", Real, FREE, "Inertia of all that turns";
+        inertia_kgm2: f32 = 1e-5, 1e-9 => 100.0, "kg·m²", Real, FREE, "Inertia of all that turns";
         current_bandwidth_hz: f32 = 1000.0, 10.0 => s.pwm_hz / 20.0, "Hz", Real, FREE,
             "Bandwidth of the current control";
         feedback: Feedback = Feedback::Pi, 0.0 => 3.0, "", Choice("p|pi|pd|pid"), FREE,
@@ -194,6 +197,26 @@ settings! {
         dead_time_ramp_a: f32 = 0.05, 1e-3 => c.current_full_scale_a, "A", Real, FREE,
             "Current below which the dead time acts in part only";
         max_current_a: f32 = 3.0, 0.0 => 0.9 * c.current_full_scale_a, "A", Real, FREE, "Largest current";
+        /// What the winding stands for ever; more than this flows until it is warm.
+        continuous_current_a: f32 = 1.5, 0.0 => 0.9 * c.current_full_scale_a, "A", Real, FREE,
+            "Current that the motor stands for ever";
+        winding_time_s: f32 = 30.0, 0.1 => 1e4, "s", Real, FREE, "Thermal time constant of the winding";
+        housing_time_s: f32 = 900.0, 1.0 => 1e5, "s", Real, FREE, "Thermal time constant of the motor's housing";
+        /// At rest one half bridge carries all of it.
+        bridge_continuous_a: f32 = 6.0, 0.1 => 1000.0, "A", Real, BOARD, "Current that the bridge stands for ever";
+        max_supply_a: f32 = 30.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current from the supply";
+        /// A laboratory supply or one behind a diode: 0. A battery: what it may be charged with.
+        max_regeneration_a: f32 = 0.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current back into the supply";
+        /// 0: a third of `max_current_a`, at most `continuous_current_a`. Takes the place of `calibration_modulation`.
+        calibration_current_a: f32 = 0.0, 0.0 => c.max_current_a, "A", Real, FREE,
+            "Current of the calibration's field; 0: derived from the largest";
+        hold_current_a: f32 = 1000.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current while a position is held";
+        min_position_turns: f32 = -1e6, -1e6 => 1e6, "turns", Real, FREE, "Least position, mechanical";
+        max_position_turns: f32 = 1e6, c.min_position_turns => 1e6, "turns", Real, FREE, "Largest position, mechanical";
+        following_error_turns: f32 = 1.0, 1e-3 => 1e6, "turns", Real, FREE,
+            "A rotor farther from its reference is a fault";
+        following_error_rad_s: f32 = 100.0, 1.0 => 1e6, "rad/s", Real, FREE,
+            "A speed farther from its reference for stall_s is a fault";
         max_speed_rad_s: f32 = 500.0, 0.1 => TAU * s.max_electrical_hz / f32::from(s.pole_pairs), "rad/s", Real, FREE,
             "Largest speed of a command, mechanical";
         max_acceleration_rad_s2: f32 = 5000.0, 1.0 => 1e6, "rad/s²", Real, FREE,
@@ -207,19 +230,28 @@ settings! {
     struct GuardSettings from guard {
         under_voltage_v: f32 = 12.0, c.bus_full_scale_v / 20.0 => 0.9 * c.bus_full_scale_v, "V", Real, FREE,
             "A lower bus voltage is a fault";
-        over_voltage_v: f32 = 32.0, c.guard.under_voltage_v => c.bus_full_scale_v, "V", Real, FREE,
+        over_voltage_v: f32 = 32.0, c.guard.under_voltage_v => 0.95 * c.bus_full_scale_v, "V", Real, FREE,
             "A higher bus voltage is a fault";
         over_current_a: f32 = 6.0, 0.0 => 0.99 * c.current_full_scale_a, "A", Real, FREE,
             "A larger phase current is a fault";
-        /// At two checks, eight steps apart: an amplifier is wrong.
-        imbalance_a: f32 = 0.5, 0.0 => c.current_full_scale_a, "A", Real, FREE,
-            "A larger sum of the phase currents is a fault";
-        offset_a: f32 = 0.5, 0.0 => c.current_full_scale_a, "A", Real, FREE,
+        /// At two checks, eight steps apart: an amplifier is wrong. [`GuardSettings::for_full_scale`] says what it
+        /// follows from.
+        imbalance_a: f32 = NOISE * 8.25, 0.0 => c.current_full_scale_a, "A", Real, FREE,
+            "A sum of the phase currents larger by this than 4 % of max_current_a is a fault";
+        offset_a: f32 = OFFSET * 8.25, 0.0 => c.current_full_scale_a, "A", Real, FREE,
             "Largest reading of an amplifier while no current flows";
         /// Under speed or position control.
-        stall_s: f32 = 0.5, 0.01 => 100.0, "s", Real, FREE, "At rest at the largest current for longer is a fault";
-        command_timeout_s: f32 = f32::INFINITY, 1e-3 => f32::INFINITY, "s", Real, FREE,
-            "How long a command holds; inf: for ever";
+        stall_s: f32 = 0.5, 0.01 => 5.0, "s", Real, FREE, "At rest at the largest current for longer is a fault";
+        /// Also how long a tool controls the drive, and a procedure goes on, without a request.
+        command_timeout_s: f32 = 1.0, 1e-3 => 60.0, "s", Real, FREE, "How long a command holds";
+        /// After [`stop_s`](Self::stop_s) without coming to rest.
+        if_stop_fails: OnStopFailure = OnStopFailure::Off, 0.0 => 1.0, "", Choice("off|brake"), FREE,
+            "If a stop fails: bridge off, or the windings shorted first";
+        stop_s: f32 = 1.0, 0.01 => 60.0, "s", Real, FREE, "Longest time to come to rest when a command times out";
+        /// Moves the shaft by a degree or so for some hundredths of a second.
+        arming_check: bool = true, 0.0 => 1.0, "", Switch, FREE,
+            "Check phases, amplifiers and commutation when the bridge is switched on";
+        /// The default needs nothing that may be wrong. A drive whose control has been tried is better stopped.
         on_timeout: OnTimeout = OnTimeout::Fault, 0.0 => 1.0, "", Choice("fault|stop"), FREE,
             "Reaction when no command came for command_timeout_s";
     } with {

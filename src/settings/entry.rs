@@ -1,6 +1,6 @@
 //! A row of the table of settings.
 
-use super::{Error, Feedback, OnTimeout, Settings, TABLE};
+use super::{Error, Feedback, OnStopFailure, OnTimeout, Settings, TABLE};
 use crate::commutation::Commutation;
 
 /// What values a setting takes.
@@ -23,8 +23,8 @@ pub struct Entry {
     pub name: &'static str,
     /// Unit of the value, up to 8 bytes.
     pub unit: &'static str,
-    /// What values it takes.
-    pub kind: Kind<'static>,
+    /// What values it takes. Few kinds are shared by many rows, for the sake of the flash.
+    pub kind: &'static Kind<'static>,
     /// Whether it follows from the board's parts.
     pub fixed: bool,
     /// `None` without current control. One function to read and to write, for the sake of the flash.
@@ -39,9 +39,10 @@ impl Entry {
         (self.field)(&mut { *settings }).map(|field| field.number())
     }
 
-    /// Least and most value, as the other settings are.
+    /// Least and most value, as the other settings are and the board allows.
     pub fn range(&self, settings: &Settings) -> (f32, f32) {
-        (self.range)(settings)
+        let (min, max) = (self.range)(settings);
+        (min, max.min(settings.ceiling(self.name)))
     }
 
     /// Whether the value is in its range.
@@ -51,16 +52,19 @@ impl Entry {
 
     #[inline(never)]
     fn check_value(&self, settings: &Settings, value: f32) -> Result<(), Error<'static>> {
-        let (min, max) = self.range(settings);
+        let (min, max) = (self.range)(settings);
         // Not a number is in no range.
         let inside = (min..=max).contains(&value);
         if inside { Ok(()) } else { Err(Error::OutOfRange { field: self.name, value, min, max }) }
     }
 
     /// Another value. A real one may be out of its range, for [`Settings::check`] to find out with the others; the rest
-    /// may not.
-    pub(crate) fn assign(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
-        if self.kind != Kind::Real {
+    /// may not. Also of a setting that is the board's: for what simulates that board.
+    ///
+    /// # Errors
+    /// Why not.
+    pub fn assign(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
+        if *self.kind != Kind::Real {
             self.check_value(settings, value)?;
             if value != libm::truncf(value) {
                 return Err(Error::NotWhole);
@@ -137,3 +141,4 @@ macro_rules! choice {
 choice!(Commutation: Block, Sinusoidal, FieldOriented);
 choice!(Feedback: P, Pi, Pd, Pid);
 choice!(OnTimeout: Fault, Stop);
+choice!(OnStopFailure: Off, Brake);

@@ -29,6 +29,15 @@ pub enum Error<'a> {
     Fixed,
     /// It takes whole numbers only, or one of its choices.
     NotWhole,
+    /// More than the board stands, whatever the other settings are.
+    Ceiling {
+        /// Name of the setting.
+        field: &'a str,
+        /// Its value.
+        value: f32,
+        /// The board's ceiling.
+        most: f32,
+    },
 }
 
 impl fmt::Display for Error<'_> {
@@ -41,6 +50,9 @@ impl fmt::Display for Error<'_> {
             Self::NoControl => write!(f, "this needs the settings of the current control"),
             Self::Unknown => write!(f, "there is no such setting"),
             Self::Fixed => write!(f, "this setting follows from the board's parts and cannot be changed"),
+            Self::Ceiling { field, value, most } => {
+                write!(f, "{field} is {value}, but the board's ceiling is {most}, which no setting exceeds")
+            }
             Self::NotWhole => write!(f, "this setting takes whole numbers or one of its choices only"),
         }
     }

@@ -99,7 +99,7 @@ fn every_field_out_of_range_is_named() {
 
 #[test]
 fn both_ends_of_every_range_are_allowed_and_nothing_beyond_nor_what_is_no_number() {
-    for entry in TABLE.iter().filter(|entry| entry.kind == Kind::Real) {
+    for entry in TABLE.iter().filter(|entry| *entry.kind == Kind::Real) {
         let (min, max) = entry.range(&full());
         let with = |value| {
             let mut changed = full();
@@ -121,7 +121,7 @@ fn both_ends_of_every_range_are_allowed_and_nothing_beyond_nor_what_is_no_number
 #[test]
 fn whole_numbers_and_choices_are_kept_and_nothing_between() {
     let settings = full();
-    for entry in TABLE.iter().filter(|entry| entry.kind != Kind::Real && !entry.fixed) {
+    for entry in TABLE.iter().filter(|entry| *entry.kind != Kind::Real && !entry.fixed) {
         let (min, max) = entry.range(&settings);
         for value in [min, max] {
             // Fewer pole pairs leave the largest speed allowed; more do not.
@@ -132,7 +132,7 @@ fn whole_numbers_and_choices_are_kept_and_nothing_between() {
             assert_eq!(entry.get(&changed), Some(value), "{}", entry.name);
         }
         assert_eq!(settings.with(entry.name, min + 0.5), Err(Error::NotWhole), "{}", entry.name);
-        if let Kind::Choice(names) = entry.kind {
+        if let Kind::Choice(names) = *entry.kind {
             assert_eq!(names.split('|').count() as f32, max + 1.0, "{}", entry.name);
         }
     }
@@ -167,7 +167,7 @@ fn contradictions_are_refused() {
 
 #[test]
 fn same_settings_have_the_same_values() {
-    let changed: Vec<_> = TABLE.iter().filter(|entry| entry.kind == Kind::Switch).collect();
+    let changed: Vec<_> = TABLE.iter().filter(|entry| *entry.kind == Kind::Switch).collect();
     assert!(full().is_same(&full()) && !changed.is_empty());
     for entry in changed {
         let value = entry.get(&full()).unwrap();
@@ -182,4 +182,56 @@ fn a_thermistor_reads_half_at_25_degrees_and_less_when_hot() {
     // 10 kΩ · exp(3380 (1/373.15 − 1/298.15)) = 1.024 kΩ.
     assert!((ntc.code(100.0) / 65_536.0 - 0.0929).abs() < 2e-4);
     assert!(ntc.code(80.0) > ntc.code(100.0));
+}
+
+#[test]
+fn no_setting_exceeds_the_boards_ceilings_and_the_refusal_names_them() {
+    let board = Settings { ceilings: &[("max_current_a", 2.0), ("stall_s", 1.0), ("commutation", 1.0)], ..full() };
+    let settings = Settings { control: board.control.map(|c| Control { max_current_a: 2.0, ..c }), ..board };
+    assert!(settings.validate().is_ok());
+    for (field, value, most) in [("max_current_a", 2.01, 2.0), ("stall_s", 1.5, 1.0), ("commutation", 2.0, 1.0)] {
+        let error = settings.with(field, value).unwrap_err();
+        assert_eq!(error, Error::Ceiling { field, value, most });
+        let text = std::format!("{error}");
+        assert!(text.contains(field) && text.contains("ceiling"), "{text}");
+        // A tool shows the ceiling as the end of the range.
+        assert_eq!(find(field).unwrap().range(&settings).1, most);
+    }
+    // Nor do those that a board itself or a drive without a check of the ceilings would start with.
+    assert_eq!(board.validate(), Err(Error::Ceiling { field: "max_current_a", value: 3.0, most: 2.0 }));
+    // A range that is narrower stays.
+    assert!(matches!(settings.with("stall_s", 1e-3), Err(Error::OutOfRange { field: "stall_s", .. })));
+    // A ceiling of nothing is found by the test of the board.
+    assert_eq!(Settings { ceilings: &[("max_curent_a", 2.0)], ..full() }.validate(), Err(Error::Unknown));
+}
+
+#[test]
+fn hostile_settings_are_out_of_their_ranges() {
+    let hostile = [
+        ("over_voltage_v", 36.3),
+        ("over_voltage_v", 0.951 * 36.3),
+        ("stall_s", 5.1),
+        ("stall_s", 100.0),
+        ("command_timeout_s", f32::INFINITY),
+        ("command_timeout_s", 60.1),
+    ];
+    for (name, value) in hostile {
+        let result = full().with(name, value);
+        assert!(matches!(result, Err(Error::OutOfRange { field, .. }) if field == name), "{name} {value}: {result:?}");
+    }
+}
+
+#[test]
+fn one_blind_amplifier_shows_far_below_the_largest_current() {
+    // The largest sum that three amplifiers with gains off by 2 % show, in all directions of the current, and six
+    // standard deviations of their noise, both as simulated: two codes of 12 bit.
+    let control = Control::default();
+    let threshold = |control: &Control| control.guard.imbalance_a + 0.04 * control.max_current_a;
+    let sum = (0..360_u16).map(|degrees| {
+        let phase = |k: u16| libm::cosf(f32::from(degrees + 120 * k).to_radians());
+        (0..3).map(|k| 0.02 * phase(k).abs()).sum::<f32>() * control.max_current_a
+    });
+    let noise = 6.0 * libm::sqrtf(3.0) * 2.0 / 2048.0 * control.current_full_scale_a;
+    assert!(sum.fold(0.0, f32::max) + noise <= 1.02 * threshold(&control));
+    assert!(threshold(&control) < 0.1 * control.max_current_a);
 }

@@ -61,7 +61,7 @@ fn pair_of(pair: &[u8]) -> Option<(&'static Entry, f32)> {
 
 /// The setting that is to blame goes back to its default; false if it has that already.
 fn reset(settings: &mut Settings, defaults: &Settings, error: Error<'_>) -> bool {
-    let Error::OutOfRange { field, .. } = error else { return false };
+    let (Error::OutOfRange { field, .. } | Error::Ceiling { field, .. }) = error else { return false };
     let Some(entry) = find(field) else { return false };
     let (value, default) = (entry.get(settings), entry.get(defaults));
     value != default && default.is_some_and(|default| entry.assign(settings, default).is_ok())
@@ -117,11 +117,11 @@ mod tests {
         let defaults = full();
         // Whatever the order: each alone would be out of its range.
         for order in [["over_voltage_v", "under_voltage_v"], ["under_voltage_v", "over_voltage_v"]] {
-            let value = |name| if name == "over_voltage_v" { 36.0 } else { 32.5 };
+            let value = |name| if name == "over_voltage_v" { 34.0 } else { 32.5 };
             let record = pairs(order.map(|name| (name, value(name))));
             let (settings, complete) = decode(&defaults, record.as_flattened());
             let guard = settings.control.unwrap().guard;
-            assert_eq!((guard.under_voltage_v, guard.over_voltage_v, complete), (32.5, 36.0, true));
+            assert_eq!((guard.under_voltage_v, guard.over_voltage_v, complete), (32.5, 34.0, true));
         }
         // Allowed by itself, but not with the default of the largest speed.
         assert_eq!(decode(&defaults, &pairs([("pole_pairs", 64.0)])[0]), (defaults, false));

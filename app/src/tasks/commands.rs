@@ -72,10 +72,17 @@ impl<F: NorFlash> Tasks<F> {
     #[inline(never)]
     fn adopt_settings(&mut self, settings: Settings) {
         if settings.reversed != self.settings.reversed {
-            self.install_due = self.sensors.is_some();
+            // The drive has given up the model that counts the other way.
             if let Some(sensors) = &mut self.sensors {
-                sensors.model.reversed = settings.reversed;
+                sensors.direct(settings.reversed);
+                self.install_due = true;
             }
+            if let Some(table) = &mut self.table {
+                *table = table.reversed();
+                self.table_due = true;
+            }
+            // Before the next request, which may be to arm. A faulted drive gets it when the fault is cleared.
+            self.install();
         }
         self.table_due |= settings.anti_cogging != self.settings.anti_cogging;
         self.settings = settings;

@@ -8,7 +8,10 @@ use embedded_storage::nor_flash::NorFlash;
 use hallservo::drive;
 use hallservo::mode::Mode;
 use hallservo::service::procedure::Error;
-use hallservo_protocol::{self as protocol, Activity, Calibration, Record, Refusal};
+use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Record, Refusal};
+
+/// How long a tool may be silent where the settings do not say, as there is no current control, s.
+const TIMEOUT_S: f32 = 1.0;
 
 impl<F: NorFlash> Tasks<F> {
     /// Whether a procedure may begin: with the drive ready.
@@ -28,6 +31,22 @@ impl<F: NorFlash> Tasks<F> {
         }
     }
 
+    /// Ends what turns the motor, the bridge off at once, when the tool that began it has fallen silent.
+    pub(super) fn end_abandoned(&mut self) {
+        let timeout_s = self.settings.control.map_or(TIMEOUT_S, |control| control.guard.command_timeout_s);
+        if !self.controller.is_abandoned(self.now_ms, (1000.0 * timeout_s) as u64) {
+            return;
+        }
+        let calibrates = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);
+        if calibrates || self.procedure.is_some() {
+            self.note(Cause::Abandoned(self.activity()));
+            self.cancel();
+            if self.disarm().is_ok() {
+                self.abandon_reply();
+            }
+        }
+    }
+
     #[inline(never)]
     pub(super) fn proceed(&mut self) {
         let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(self.service, self.now_ms as u32)) else {
@@ -38,6 +57,8 @@ impl<F: NorFlash> Tasks<F> {
             self.rest = Some(Rest::after(self.activity(), self.now_ms));
         }
         match outcome {
+            Completion::Swings(found) => self.swings = protocol::Procedure::Done(found),
+            Completion::Failed(Activity::Swings, error) => self.swings = protocol::Procedure::Failed(error),
             Completion::Motor(report) => {
                 let mut settings = self.settings;
                 if let Some(control) = &mut settings.control {

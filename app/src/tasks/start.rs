@@ -4,6 +4,7 @@
 
 use super::Tasks;
 use crate::adaptation::SensorAdaptation;
+use crate::controller::Controller;
 use crate::history::History;
 use crate::housekeeping::Readings;
 use crate::procedure::Procedure;
@@ -95,12 +96,13 @@ fn supervise<F: NorFlash>(
 ) -> &'static mut Supervisor<F> {
     let Start { identity, defaults, settings, problem, mut storage } = start;
     let sensors = storage.sensors(&settings);
-    let table = storage.table(settings.full_scale_a());
+    let table = storage.table(&settings);
     let stored = [sensors.err().unwrap_or_default(), table.err().unwrap_or_default(), problem];
     let (sensors, table) = (sensors.ok(), table.ok());
     // Written right into its place, which spares the stack a copy.
     let supervisor = supervisor.write(Supervisor::new(Tasks {
         identity,
+        controller: Controller::default(),
         service: places.service,
         history: History::new(),
         defaults,
@@ -109,6 +111,7 @@ fn supervise<F: NorFlash>(
         spare_config: Some(places.config),
         storage,
         stored,
+        unconfirmed: !matches!(problem, Problem::None | Problem::Blank),
         stored_sensors: sensors,
         stored_settings: settings,
         unsaved: [false; 3],
@@ -124,6 +127,8 @@ fn supervise<F: NorFlash>(
         calibration: Calibration::None,
         identification: protocol::Procedure::None,
         cogging: protocol::Procedure::None,
+        swings: protocol::Procedure::None,
+        window: None,
         record: DriveRecord::new(),
         measurement: None,
         readings: Readings::default(),

@@ -53,17 +53,19 @@ impl<F: NorFlash> Tasks<F> {
 
     #[inline(never)]
     fn save_sensors(&mut self) {
-        let Some(sensors) = &self.sensors else { return };
-        let saved = self.storage.save_sensors(sensors);
+        let saved = self.storage.save_sensors(self.sensors.as_ref());
         // A save that failed is not repeated before the model has changed again.
-        self.stored_sensors = Some(*sensors);
+        self.stored_sensors = self.sensors;
         self.saved(Record::Sensors, saved);
+        if self.sensors.is_none() && saved.is_ok() {
+            self.stored[Record::Sensors as usize] = Problem::Blank;
+        }
     }
 
     #[inline(never)]
     fn save_table(&mut self) {
         let Some(table) = &self.table else { return };
-        let saved = self.storage.save_table(table, self.settings.full_scale_a());
+        let saved = self.storage.save_table(table, &self.settings);
         self.saved(Record::Cogging, saved);
     }
 
@@ -72,6 +74,7 @@ impl<F: NorFlash> Tasks<F> {
         let saved = self.storage.save_settings(&self.settings, &self.defaults);
         if saved.is_ok() {
             self.stored_settings = self.settings;
+            self.unconfirmed = false;
         }
         self.saved(Record::Settings, saved);
     }
@@ -98,7 +101,11 @@ impl<F: NorFlash> Tasks<F> {
     /// The settings in the flash.
     pub fn load_settings(&mut self) -> Result<Settings, Problem> {
         match self.storage.settings(&self.defaults) {
-            (settings, Problem::None | Problem::Foreign) => Ok(settings),
+            (settings, Problem::None) => Ok(settings),
+            (settings, Problem::Foreign) => {
+                self.unconfirmed = true;
+                Ok(settings)
+            }
             (_, problem) => Err(problem),
         }
     }

@@ -103,6 +103,8 @@ impl<F: NorFlash> Tasks<F> {
             lost_frames: self.lost_frames,
             command_timeout_s: settings.control.map_or(f32::INFINITY, |control| control.guard.command_timeout_s),
             incidents: self.history.len(),
+            client: self.controller.client(),
+            unconfirmed: self.unconfirmed,
         }
     }
 }

@@ -1,7 +1,6 @@
 //! Constants, with reasons. Schematic: MB1419.
 
-use hallservo::settings::Settings;
-use hallservo::settings::{Control, GuardSettings, Thermistor};
+use hallservo::settings::{Ceiling, Control, GuardSettings, Settings, Thermistor};
 use stm32g4::registers::adc::{Rank, Sampling, Sequence};
 use stm32g4::registers::timer::{Active, Break, Gates};
 use stm32g4::wiring::Wiring;
@@ -53,12 +52,32 @@ pub const BRIDGE: Wiring = Wiring {
     // The longest there is: switching shows at the shunts.
     noise_ns: 1506,
     lead: LEAD,
+    // PB7 of the Hall connector would do: `Some(EnableInput { port: 1, pin: 7 })`.
+    enable: None,
 };
+
+/// Half of the reference, A.
+const FULL_SCALE_A: f32 = 1.65 / VOLTS_PER_AMPERE;
+
+/// What no setting exceeds.
+const CEILINGS: &[Ceiling] = &[
+    // 40 A peak is what UM2516 gives the board.
+    ("max_current_a", 40.0),
+    // Current out of the motor is seen up to 45 A only.
+    ("over_current_a", 44.0),
+    // Six lithium cells are full at 25.2 V; the rest is for braking. The divider's full scale is 34.3 V.
+    ("over_voltage_v", 30.0),
+    // A board this small has nothing to take a hot spot's heat away.
+    ("bridge_max_c", 100.0),
+    ("stall_s", 2.0),
+];
 
 /// What a drive on this board starts with.
 pub fn settings() -> Settings {
     let control = Control {
-        current_full_scale_a: 1.65 / VOLTS_PER_AMPERE,
+        current_full_scale_a: FULL_SCALE_A,
+        // Half of the 40 A that ST names as the peak; what it stands for ever was not measured.
+        bridge_continuous_a: 20.0,
         // 169 kΩ and 18 kΩ.
         bus_full_scale_v: 3.3 * 187.0 / 18.0,
         guard: GuardSettings {
@@ -66,16 +85,13 @@ pub fn settings() -> Settings {
             under_voltage_v: 9.0,
             // Six lithium cells, and something for braking.
             over_voltage_v: 28.0,
-            // 1 % of the resistors is 1.5 A.
-            offset_a: 3.0,
-            imbalance_a: 3.0,
             // To 3.3 V, against 4.7 kΩ to ground.
             bridge: Thermistor { pull_up_ohm: 4700.0, beta_k: 3425.0, ..Thermistor::ntc_10k(80.0, 100.0) },
-            ..GuardSettings::default()
+            ..GuardSettings::for_full_scale(FULL_SCALE_A)
         },
         ..Control::default()
     };
     // Two thirds of a microsecond to either side, and 1.4 for the op-amps to settle.
     let sampling_window_s = 4e-6;
-    BRIDGE.settings(sampling_window_s, FIRST.held(2), control)
+    Settings { ceilings: CEILINGS, ..BRIDGE.settings(sampling_window_s, FIRST.held(2), control) }
 }

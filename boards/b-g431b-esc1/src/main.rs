@@ -13,12 +13,13 @@ use static_cell::ConstStaticCell;
 use stm32g4::Control;
 
 bind_interrupts!(struct Interrupts {
-    USART2 => usart::BufferedInterruptHandler<peripherals::USART2>;
+    USART2 => usart::BufferedInterruptHandler<peripherals::USART2>, stm32g4::Listen;
 });
 
 static CONTROL: Control<Esc1> = Control::new();
 static TX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
-static RX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
+/// Emptied at each byte.
+static RX: ConstStaticCell<[u8; 16]> = ConstStaticCell::new([0; 16]);
 
 #[entry]
 fn main() -> ! {

@@ -8,9 +8,16 @@ use stm32g4::check::{self, channels};
 use stm32g4::registers::{analog, timer};
 use stm32g4::wiring::Wiring;
 
+/// What the simulations on a host take for this board is this board.
+#[test]
+fn settings_are_exported() {
+    check::exported(&settings(), include_str!("../settings.toml"));
+}
+
 #[test]
 fn timer_of_the_bridge() {
-    let Wiring { gates, source, lead, .. } = BRIDGE;
+    let Wiring { gates, source, lead, enable, .. } = BRIDGE;
+    assert_eq!(enable, None);
     assert_eq!(BRIDGE.period(), 2125);
     // DTG = 10 000100: 136 ticks, 800 ns; BKP = 1, active high; BKF = 1111: 256 ticks, 1.5 µs.
     assert_eq!(BRIDGE.bdtr(), 0x84 | 2 << 8 | 0b1111 << 10 | 15 << 16);

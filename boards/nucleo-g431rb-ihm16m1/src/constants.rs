@@ -13,7 +13,7 @@
 //! - **Two inputs a leg** (MODE high, a rework): INxH and INxL are CHx and CHxN. Both low is floating, MOE low is all
 //!   floating, and a break acts without code. This is what the other boards have, and what is used here.
 
-use hallservo::settings::{Control, GuardSettings, Settings, Thermistor};
+use hallservo::settings::{Ceiling, Control, GuardSettings, Settings, Thermistor};
 use stm32g4::registers::adc::{Rank, Sampling, Sequence};
 use stm32g4::registers::timer::{Active, Break, Gates};
 use stm32g4::wiring::Wiring;
@@ -57,12 +57,31 @@ pub const BRIDGE: Wiring = Wiring {
     source: Break::PinLow,
     noise_ns: 380,
     lead: LEAD,
+    // PC12 would do, at CN7-3: `Some(EnableInput { port: 2, pin: 12 })`.
+    enable: None,
 };
+
+/// Half of the reference, A.
+const FULL_SCALE_A: f32 = 1.65 / VOLTS_PER_AMPERE;
+
+/// What no setting exceeds.
+const CEILINGS: &[Ceiling] = &[
+    // The STSPIN830's 1.5 A RMS.
+    ("max_current_a", 2.1),
+    // Current into the motor is seen up to 3.09 A only.
+    ("over_current_a", 3.0),
+    // The STSPIN830's largest supply.
+    ("over_voltage_v", 45.0),
+    // The STSPIN830 switches off by itself at 160 °C in its middle, of which the thermistor beside it shows less.
+    ("bridge_max_c", 100.0),
+];
 
 /// What a drive on this board starts with.
 pub fn settings() -> Settings {
     let control = Control {
-        current_full_scale_a: 1.65 / VOLTS_PER_AMPERE,
+        current_full_scale_a: FULL_SCALE_A,
+        // 1.5 A RMS of the STSPIN830.
+        bridge_continuous_a: 2.1,
         // 169 kΩ and 9.31 kΩ.
         bus_full_scale_v: 3.3 * 178.31 / 9.31,
         // 1.5 A RMS.
@@ -72,13 +91,15 @@ pub fn settings() -> Settings {
             under_voltage_v: 8.0,
             over_voltage_v: 42.0,
             over_current_a: 2.8,
+            // More than the tolerance of the parts: the zero itself is assumed.
+            offset_a: 0.5,
             // To 3.3 V, against 4.7 kΩ to ground: 1.055 V at 25 °C.
             bridge: Thermistor { pull_up_ohm: 4700.0, beta_k: 3425.0, ..Thermistor::ntc_10k(80.0, 100.0) },
-            ..GuardSettings::default()
+            ..GuardSettings::for_full_scale(FULL_SCALE_A)
         },
         ..Control::default()
     };
     // Two thirds of a microsecond to either side, and 1.4 until edges of 0.7 µs and their noise of 0.7 µs are over.
     let sampling_window_s = 4e-6;
-    BRIDGE.settings(sampling_window_s, FIRST.held(2), control)
+    Settings { ceilings: CEILINGS, ..BRIDGE.settings(sampling_window_s, FIRST.held(2), control) }
 }

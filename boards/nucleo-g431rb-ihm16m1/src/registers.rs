@@ -6,9 +6,16 @@ use stm32g4::check::{self, channels};
 use stm32g4::registers::timer;
 use stm32g4::wiring::Wiring;
 
+/// What the simulations on a host take for this board is this board.
+#[test]
+fn settings_are_exported() {
+    check::exported(&settings(), include_str!("../settings.toml"));
+}
+
 #[test]
 fn timer_of_the_bridge() {
-    let Wiring { gates, source, lead, .. } = BRIDGE;
+    let Wiring { gates, source, lead, enable, .. } = BRIDGE;
+    assert_eq!(enable, None);
     assert_eq!(BRIDGE.period(), 2125);
     // DTG = 85 ticks, 500 ns; LOCK 2; OSSI, OSSR, BKE; BKP = 0, active low; BKF = 1001: 64 ticks, 376 ns.
     assert_eq!(BRIDGE.bdtr(), 85 | 2 << 8 | 0b0111 << 10 | 9 << 16);

@@ -1,10 +1,9 @@
 //! Constants, with reasons. Schematics: X-NUCLEO-IHM08M1 (UM1996), MB1367 (UM2505).
 
-use hallservo::settings::Settings;
-use hallservo::settings::{Control, GuardSettings, Thermistor};
+use hallservo::settings::{Ceiling, Control, GuardSettings, Settings, Thermistor};
 use stm32g4::registers::adc::{Rank, Sampling, Sequence};
 use stm32g4::registers::timer::{Active, Break, Gates};
-use stm32g4::wiring::Wiring;
+use stm32g4::wiring::{EnableInput, Wiring};
 
 /// Shunts of 10 mΩ, amplified 5.18 times by the shield.
 const VOLTS_PER_AMPERE: f32 = 0.010 * 5.18;
@@ -48,27 +47,43 @@ pub const BRIDGE: Wiring = Wiring {
     source: Break::PinLow,
     noise_ns: 380,
     lead: LEAD,
+    // PC12, beside the 3.3 V of the same connector. `None` if nothing is wired there: the drive then runs without.
+    enable: Some(EnableInput { port: 2, pin: 12 }),
 };
+
+/// Half of the reference, A.
+const FULL_SCALE_A: f32 = 1.65 / VOLTS_PER_AMPERE;
+
+/// What no setting exceeds.
+const CEILINGS: &[Ceiling] = &[
+    // 15 A RMS is what UM1996 gives the shield.
+    ("max_current_a", 21.0),
+    // Below the 30 A of the comparators, with a margin for the tolerance of both.
+    ("over_current_a", 27.0),
+    // The shield is made for 48 V, its STL220N6F7 transistors for 60 V, of which ringing takes its part.
+    ("over_voltage_v", 52.0),
+    // The FR-4 stands 130 °C, and the transistors are hotter than the thermistor beside them.
+    ("bridge_max_c", 110.0),
+];
 
 /// What a drive on this board starts with.
 pub fn settings() -> Settings {
     let control = Control {
-        current_full_scale_a: 1.65 / VOLTS_PER_AMPERE,
+        current_full_scale_a: FULL_SCALE_A,
+        // 15 A RMS of the shield.
+        bridge_continuous_a: 21.0,
         // 169 kΩ and 9.31 kΩ.
         bus_full_scale_v: 3.3 * 178.31 / 9.31,
         guard: GuardSettings {
             under_voltage_v: 9.0,
             over_voltage_v: 50.0,
-            // 2 % of the resistors is 0.7 A.
-            offset_a: 1.5,
-            imbalance_a: 1.5,
             // To 3.3 V, against 4.7 kΩ to ground.
             bridge: Thermistor { pull_up_ohm: 4700.0, beta_k: 3425.0, ..Thermistor::ntc_10k(80.0, 100.0) },
-            ..GuardSettings::default()
+            ..GuardSettings::for_full_scale(FULL_SCALE_A)
         },
         ..Control::default()
     };
     // Two thirds of a microsecond to either side, and a half for the amplifiers to settle.
     let sampling_window_s = 2.5e-6;
-    BRIDGE.settings(sampling_window_s, FIRST.held(0), control)
+    Settings { ceilings: CEILINGS, ..BRIDGE.settings(sampling_window_s, FIRST.held(0), control) }
 }

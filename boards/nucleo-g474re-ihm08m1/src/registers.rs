@@ -4,7 +4,13 @@
 use crate::constants::*;
 use stm32g4::check::{self, channels};
 use stm32g4::registers::timer;
-use stm32g4::wiring::Wiring;
+use stm32g4::wiring::{EnableInput, Wiring};
+
+/// What the simulations on a host take for this board is this board.
+#[test]
+fn settings_are_exported() {
+    check::exported(&settings(), include_str!("../settings.toml"));
+}
 
 #[test]
 fn timer_of_the_bridge() {
@@ -16,6 +22,8 @@ fn timer_of_the_bridge() {
     // L6398: all CCxNP set, idle levels of the lower outputs high.
     assert_eq!(timer::legs(gates, 7).ccer, 0xDDD);
     assert_eq!(timer::cr2(gates), 0x0070_2A01);
+    // CN7-3.
+    assert_eq!(BRIDGE.enable, Some(EnableInput { port: 2, pin: 12 }));
     // 24.5 cycles for the Halls, 12.5 for U and W: held 207 and 307 ticks after the trigger.
     assert_eq!(lead, 257);
 }

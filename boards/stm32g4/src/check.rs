@@ -5,7 +5,7 @@ use crate::wiring::Wiring;
 use core::ops::RangeInclusive;
 use hallservo::commutation::svpwm::Modulator;
 use hallservo::pwm;
-use hallservo::settings::Settings;
+use hallservo::settings::{Control, Entry, Kind, Settings, TABLE};
 use std::vec::Vec;
 
 /// A drive can start with what a board gives it, and the timer agrees with the drive.
@@ -17,6 +17,25 @@ pub fn settings(settings: &Settings, wiring: &Wiring) {
     assert_eq!((config.period, config.dead_time), (wiring.period(), wiring.dead_time_ticks()));
     assert_eq!(config.adc_bits, 12);
     assert_eq!((settings.pwm_hz, settings.timer_hz), (wiring.pwm_hz as f32, 170e6));
+}
+
+/// The simulations on a host learn a board's settings from a file: those in which it differs from the library's default.
+///
+/// # Panics
+/// Where the file does not say what the settings are.
+pub fn exported(settings: &Settings, file: &str) {
+    let default = Settings { control: Some(Control::default()), ..Settings::default() };
+    let differs = |entry: &&Entry| entry.get(settings) != entry.get(&default);
+    let line = |entry: &Entry| match (entry.kind, entry.get(settings).expect("current control")) {
+        (Kind::Choice(names), value) => {
+            format!("{} = {:?}", entry.name, names.split('|').nth(value as usize).expect("a choice"))
+        }
+        (Kind::Switch, value) => format!("{} = {}", entry.name, value != 0.0),
+        (_, value) => format!("{} = {value:?}", entry.name),
+    };
+    let wanted: Vec<String> = TABLE.iter().filter(differs).map(line).collect();
+    let written: Vec<&str> = file.lines().filter(|line| !line.is_empty() && !line.starts_with('#')).collect();
+    assert!(written == wanted, "settings.toml should say\n{}", wanted.join("\n"));
 }
 
 /// Currents are sampled while the lower transistors conduct: from half a window before the valley the amplifiers settle

@@ -4,13 +4,16 @@ mod bridge;
 mod clock;
 mod control;
 mod converters;
+mod enable;
 mod last;
+mod line;
 mod storage;
 mod watchdog;
 
 pub use bridge::{Bridge, Pin};
 pub use control::Control;
 pub use converters::{Converter, result};
+pub use line::Listen;
 
 use crate::registers::clock::{HCLK_HZ, PCLK1_HZ, baud};
 use crate::wiring::Wiring;
@@ -19,12 +22,13 @@ use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{DBGMCU, Interrupt, RCC};
-use embassy_stm32::usart::{self, BufferedUart};
+use embassy_stm32::usart::{self, BufferedUart, BufferedUartRx, BufferedUartTx};
 use embassy_stm32::{Peri, Peripherals, peripherals};
 use hallservo::board::Sample;
 use hallservo::drive::Drive;
 use hallservo::settings::Settings;
-use hallservo_app::{Housekeeping, Identity, Memory, Supervisor, embassy};
+use hallservo_app::{Housekeeping, Identity, Memory, Stop, Supervisor, embassy};
+use line::Received;
 use static_cell::{ConstStaticCell, StaticCell};
 use storage::Storage;
 
@@ -53,19 +57,26 @@ const BAUD: u32 = 460_800;
 const _: () = assert!(baud(PCLK1_HZ, BAUD).1.abs() < 100, "the baud rate is off by more than 1 %");
 
 static HOUSEKEEPING: Housekeeping = Housekeeping::new();
+static STOP: Stop = Stop::new();
 
 /// The bridge, safe before anything else happens; then clocks, priorities and time.
 pub fn start<B: Board>() -> (Bridge, Peripherals) {
     let bridge = Bridge::new(&B::BRIDGE, B::PINS);
+    if let Some(input) = B::BRIDGE.enable {
+        enable::start(input);
+    }
     let Some(mut core) = cortex_m::Peripherals::take() else { panic!("started twice") };
     shared::priority::init(&mut core.NVIC, &mut core.SCB, Interrupt::ADC1_2);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
     let peripherals = clock::start();
     bridge.guard_against_the_core();
-    // A breakpoint stops the timer, which takes its outputs to their idle levels, and the watchdog.
+    // A breakpoint stops the timer, which takes its outputs to their idle levels, and the watchdogs.
     DBGMCU.apb2fzr().modify(|freeze| freeze.set_tim1(true));
-    DBGMCU.apb1lfzr().modify(|freeze| freeze.set_iwdg(true));
+    DBGMCU.apb1lfzr().modify(|freeze| {
+        freeze.set_iwdg(true);
+        freeze.set_wwdg(true);
+    });
     (bridge, peripherals)
 }
 
@@ -84,9 +95,14 @@ pub fn run<B: Board>(
     flash: Peri<'static, peripherals::FLASH>,
     serial: BufferedUart<'static>,
 ) -> ! {
+    // In places of their own nothing has to know how to drop them.
+    static TX: StaticCell<BufferedUartTx<'static>> = StaticCell::new();
+    static RX: StaticCell<BufferedUartRx<'static>> = StaticCell::new();
+    let (tx, rx) = serial.split();
+    let (tx, rx) = (TX.init(tx), RX.init(rx));
     let supervisor = prepare(board, bridge, control, flash);
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    EXECUTOR.init(Executor::new()).run(|spawner| match tasks(supervisor, serial) {
+    EXECUTOR.init(Executor::new()).run(|spawner| match tasks(supervisor, tx, rx) {
         Ok(tasks) => spawner.spawn(tasks),
         Err(_) => unreachable!("spawned once"),
     })
@@ -125,9 +141,12 @@ fn begin(
 
 /// All that is not the control interrupt. Here, and not generic, so that it is compiled for size.
 #[embassy_executor::task]
-async fn tasks(supervisor: &'static mut Supervisor<Storage>, serial: BufferedUart<'static>) -> ! {
-    let (tx, rx) = serial.split();
-    embassy::run(supervisor, rx, tx, &HOUSEKEEPING, watchdog::feed).await
+async fn tasks(
+    supervisor: &'static mut Supervisor<Storage>,
+    tx: &'static mut BufferedUartTx<'static>,
+    rx: &'static mut BufferedUartRx<'static>,
+) -> ! {
+    embassy::run(supervisor, Received::open(rx), tx, &HOUSEKEEPING, &STOP, watchdog::feed).await
 }
 
 /// Where the place for settings begins, from the begin of the flash: memory.x reserves it.
@@ -152,6 +171,9 @@ fn greet<B: Board>() {
     let causes = RCC.csr().read();
     if causes.iwdgrstf() {
         defmt::error!("the watchdog has reset the chip: the control interrupt or a task had stopped");
+    }
+    if causes.wwdgrstf() {
+        defmt::error!("the window watchdog has reset the chip: the control interrupt had stopped");
     }
     RCC.csr().modify(|csr| csr.set_rmvf(true));
 }

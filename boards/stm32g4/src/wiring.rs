@@ -7,6 +7,15 @@ use hallservo::commutation::Commutation;
 use hallservo::settings::Settings;
 use hallservo::settings::{Control, GuardSettings, OnTimeout};
 
+/// A pin that has to be high for the bridge to be on. It is pulled down: a wire that is broken is off.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct EnableInput {
+    /// 0 is A, up to 2.
+    pub port: usize,
+    /// Of that port.
+    pub pin: usize,
+}
+
 /// What TIM1 has to know of the board.
 #[derive(Clone, Copy, Debug)]
 pub struct Wiring {
@@ -22,6 +31,8 @@ pub struct Wiring {
     pub noise_ns: u32,
     /// From the trigger of the ADCs to the valley, in ticks.
     pub lead: u32,
+    /// The enable input, where one is wired.
+    pub enable: Option<EnableInput>,
 }
 
 impl Wiring {

@@ -78,8 +78,10 @@ impl fmt::Display for Complaint {
 pub enum ResetCause {
     /// Power came (back).
     PowerOn,
-    /// A watchdog.
+    /// The independent watchdog.
     Watchdog,
+    /// The window watchdog.
+    WindowWatchdog,
     /// AIRCR.SYSRESETREQ.
     Software,
 }

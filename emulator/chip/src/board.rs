@@ -72,6 +72,8 @@ pub struct Board {
     pub serial: [Pin; 2],
     /// Pin that the board pulls low at over-current, and A at which it does: current down through a shunt.
     pub trip: Option<(Pin, f64)>,
+    /// Input with a contact to 3.3 V: open, it floats.
+    pub enable: Option<Pin>,
     /// Inputs with a pull-up on the board: buttons.
     pub pulled_up: Vec<Pin>,
     /// What its firmware promises.

@@ -15,6 +15,7 @@ use crate::system::{Dbgmcu, Exti, Syscfg};
 use crate::time::{Time, ceiling};
 use crate::timer::{Edge, Happened, Shape, Timer};
 use crate::usart::Usart;
+use crate::wwdg::Wwdg;
 use bus::{Cycle, ResetCause};
 use plant::{Error, PlantParameters, Truth};
 use std::sync::Arc;
@@ -87,11 +88,14 @@ pub struct Chip {
     pub(crate) comps: [Comp; 7],
     pub(crate) opamps: [Opamp; 6],
     pub(crate) iwdg: Iwdg,
+    pub(crate) wwdg: Wwdg,
     pub(crate) bridge: Bridge,
     pub(crate) motor: Motor,
     pub(crate) record: Record,
     pub(crate) sent: Vec<u8>,
     pub(crate) break_pin: Option<bool>,
+    /// The contact of the enable input.
+    pub(crate) enable_open: bool,
     /// Voltage that each converter held last, V: what is left of it leaks into the next sample.
     pub(crate) held_v: [f64; 5],
     pub(crate) wanted_reset: Option<ResetCause>,
@@ -117,6 +121,7 @@ impl Chip {
             now: 0,
             due: 0,
             time: Time::new(clocks.hclk),
+            wwdg: Wwdg::new(clocks.pclk1, 0.0),
             clocks,
             rcc,
             pwr: Pwr::default(),
@@ -140,6 +145,7 @@ impl Chip {
             record: Record::default(),
             sent: Vec::new(),
             break_pin: None,
+            enable_open: false,
             held_v: [0.0; 5],
             wanted_reset: None,
             stall_s: 0.0,
@@ -180,6 +186,7 @@ impl Chip {
         if self.clocks.hclk != self.time.hz() {
             self.time.change(now, self.clocks.hclk);
         }
+        self.wwdg.set_clock(self.clocks.pclk1, self.time.seconds(now as f64));
         for (index, timer) in self.timers.iter_mut().enumerate() {
             timer.set_ratio(self.clocks.timer_ratio[usize::from(matches!(index, 0 | 7..=11))], now);
         }
@@ -226,9 +233,11 @@ impl Chip {
                 Next::Flash => self.flash.advance(self.now_s(at)),
                 Next::Watchdog => {
                     self.record.bites += 1;
-                    self.record.events.push((self.now_s(at), "the watchdog resets the chip".into()));
-                    self.iwdg.reset();
-                    self.wanted_reset = Some(ResetCause::Watchdog);
+                    self.bite(at, "the watchdog resets the chip", ResetCause::Watchdog);
+                }
+                Next::WindowWatchdog => {
+                    self.record.window_bites += 1;
+                    self.bite(at, "the window watchdog resets the chip", ResetCause::WindowWatchdog);
                 }
                 Next::Trace => {
                     let at_s = self.record.next_trace_s();
@@ -239,6 +248,14 @@ impl Chip {
                 }
             }
         }
+    }
+
+    fn bite(&mut self, at: Cycle, what: &str, cause: ResetCause) {
+        let at_s = self.now_s(at);
+        self.record.events.push((at_s, what.into()));
+        self.iwdg.reset();
+        self.wwdg.reset(at_s);
+        self.wanted_reset = Some(cause);
     }
 
     fn next(&self) -> (Cycle, Next) {
@@ -264,6 +281,9 @@ impl Chip {
         if let Some(bite_s) = self.iwdg.bites_at_s() {
             offer(self.cycle_of(bite_s), Next::Watchdog);
         }
+        if let Some(bite_s) = self.wwdg.bites_at_s() {
+            offer(self.cycle_of(bite_s), Next::WindowWatchdog);
+        }
         offer(self.cycle_of(self.record.next_trace_s()), Next::Trace);
         first
     }
@@ -280,7 +300,7 @@ impl Chip {
         for usart in &self.usarts {
             next = next.min(ceiling(usart.next()));
         }
-        for at_s in self.flash.ends_s().into_iter().chain(self.iwdg.bites_at_s()) {
+        for at_s in self.flash.ends_s().into_iter().chain(self.iwdg.bites_at_s()).chain(self.wwdg.bites_at_s()) {
             next = next.min(self.cycle_of(at_s));
         }
         // Nobody knows when a current will be too large.
@@ -405,5 +425,6 @@ enum Next {
     Usart(usize),
     Flash,
     Watchdog,
+    WindowWatchdog,
     Trace,
 }

@@ -13,6 +13,8 @@ pub enum Disturbance {
     Overcurrent(usize, f64),
     /// Level of the break pin; `None` lets go of it.
     BreakPin(Option<bool>),
+    /// Whether the contact of the enable input is closed.
+    Enable(bool),
     /// Load torque at the shaft, N·m.
     Load(f64),
     /// Bytes into the serial port's RX, at its baud rate.

@@ -83,6 +83,15 @@ pub struct Watchdog {
     pub bites: u64,
 }
 
+/// The window watchdog.
+#[derive(Clone, Debug, PartialEq, Serialize)]
+pub struct WindowWatchdog {
+    /// Time between two refreshes, as a share of the longest that was allowed.
+    pub used: Range,
+    /// Resets.
+    pub bites: u64,
+}
+
 /// When the bridge was enabled or not.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Edge {
@@ -116,6 +125,8 @@ pub struct Facts {
     pub moe: Vec<Edge>,
     /// The watchdog, when it was started.
     pub watchdog: Option<Watchdog>,
+    /// The window watchdog, when it was started.
+    pub window_watchdog: Option<WindowWatchdog>,
     /// Flash operations: programmed double words and erased pages.
     pub flash_operations: u64,
     /// What is wrong at pins or inside without an access to blame, seconds of the first time: `dead time: …`,

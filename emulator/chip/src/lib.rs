@@ -8,7 +8,8 @@
 //! What has a model: RCC, PWR (ranges, boost), FLASH (programming, erasing, errors, power cut), GPIO with alternate
 //! functions, SYSCFG, EXTI lines of pins, TIM1 to TIM8, TIM15 to TIM17 and TIM20 (counting, compare, preloads; with
 //! TIM1's outputs, dead time, break inputs and triggers), ADC1 to ADC5 (calibration, regular and injected sequences,
-//! offsets), OPAMP, COMP, DAC, USART1 to USART3 and LPUART1, IWDG, DBGMCU, the factory's words.
+//! offsets), OPAMP, COMP, DAC, USART1 to USART3 and LPUART1, IWDG, WWDG (without its
+//! early interrupt), DBGMCU, the factory's words.
 //!
 //! What has none, and is complained of: DMA, the other serial buses, RTC, HRTIM, CORDIC, RNG, CRC; of the timers input
 //! capture, slave modes, combined and asymmetric PWM, dithering; of the converters dual modes, the queue of contexts,
@@ -50,8 +51,9 @@ mod system;
 mod time;
 pub mod timer;
 pub mod usart;
+pub mod wwdg;
 
 pub use board::Board;
 pub use chip::Chip;
 pub use disturbance::{Disturbance, HallFault};
-pub use facts::{Clock, Edge, Facts, Leg, Pwm, Sampling, Trace, Watchdog};
+pub use facts::{Clock, Edge, Facts, Leg, Pwm, Sampling, Trace, Watchdog, WindowWatchdog};

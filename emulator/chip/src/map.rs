@@ -25,8 +25,10 @@ pub enum Block {
     Adc(usize),
     /// DAC1 to DAC4.
     Dac(usize),
-    /// Watchdog.
+    /// Independent watchdog.
     Iwdg,
+    /// Window watchdog.
+    Wwdg,
     /// Debug.
     Dbgmcu,
     /// There, and without a model.
@@ -73,7 +75,7 @@ const MAP: [Place; 66] = [
     place(0x4000_2000, "CRS", Nothing, APB1, 8),
     place(0x4000_2400, "TAMP", Nothing, APB1, 10),
     place(0x4000_2800, "RTC", Nothing, APB1, 10),
-    place(0x4000_2c00, "WWDG", Nothing, APB1, 11),
+    place(0x4000_2c00, "WWDG", Block::Wwdg, APB1, 11),
     always(0x4000_3000, "IWDG", Block::Iwdg),
     place(0x4000_3800, "SPI2", Nothing, APB1, 14),
     place(0x4000_3c00, "SPI3", Nothing, APB1, 15),

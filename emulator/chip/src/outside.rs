@@ -22,6 +22,10 @@ impl Chip {
             Disturbance::Bus(volts) => self.motor.plant.set_supply(*volts).map_err(|error| error.to_string())?,
             Disturbance::Overcurrent(phase, amperes) => self.motor.shorts_a[in_range(*phase)?] = *amperes,
             Disturbance::BreakPin(level) => self.set_break_pin(*level, now)?,
+            Disturbance::Enable(_) if self.board.enable.is_none() => {
+                return Err(format!("{} has no enable input", self.board.name));
+            }
+            Disturbance::Enable(closed) => self.enable_open = !closed,
             Disturbance::Load(torque) => self.motor.plant.set_load(*torque).map_err(|error| error.to_string())?,
             Disturbance::Serial(bytes) => {
                 let port = self.serial_port(1).ok_or("no serial port is connected to the RX pin")?;

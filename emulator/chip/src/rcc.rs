@@ -16,6 +16,8 @@ const AHB1ENR: u32 = 0x48;
 const CCIPR: u32 = 0x88;
 const BDCR: u32 = 0x90;
 const CSR: u32 = 0x94;
+/// APB1ENR1: the clock of the window watchdog.
+const WWDGEN: u32 = 1 << 11;
 const CRRCR: u32 = 0x98;
 
 const HSION: u32 = 1 << 8;
@@ -81,6 +83,7 @@ impl Rcc {
         registers[(CSR / 4) as usize] = match cause {
             ResetCause::PowerOn => 0x0c00_0000,
             ResetCause::Watchdog => 0x2400_0000,
+            ResetCause::WindowWatchdog => 0x4400_0000,
             ResetCause::Software => 0x1400_0000,
         };
         Self { registers, hsi_at: 0.0, pll_at: 0.0, lsi_at: 0.0, hsi48_at: 0.0, watchdog_runs: false }
@@ -163,6 +166,8 @@ impl Rcc {
                 self.set(BDCR, value & !2);
             }
             0x04 => self.set(offset, merged(old, value, 0x7f00_0000)),
+            // The clock of the window watchdog stays on until the next reset (7.4.19).
+            0x58 => self.set(offset, value | old & WWDGEN),
             0x18 | 0x28..=0x30 | 0x38..=0x40 | 0x48..=0x50 | 0x58..=0x60 | 0x68..=0x70 | 0x78..=0x80 => {
                 self.set(offset, value);
             }

@@ -24,8 +24,10 @@ pub struct Record {
     pub findings: Vec<(f64, String)>,
     /// What a script did.
     pub events: Vec<(f64, String)>,
-    /// Watchdog resets.
+    /// Resets by the independent watchdog.
     pub bites: u64,
+    /// Resets by the window watchdog.
+    pub window_bites: u64,
     trace: Trace,
     next_trace_s: f64,
 }

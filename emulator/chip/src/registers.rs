@@ -67,6 +67,7 @@ impl Chip {
             },
             Block::Dac(index) => self.dacs[index].read(offset),
             Block::Iwdg => self.iwdg.read(offset, now_s),
+            Block::Wwdg => self.wwdg.read(offset, now_s),
             Block::Dbgmcu => self.dbgmcu.read(offset, self.board.device),
             Block::Nothing => Err(unmodelled(place.name, offset)),
         }
@@ -128,6 +129,7 @@ impl Chip {
                 self.rcc.watchdog_runs = self.iwdg.runs();
                 result
             }
+            Block::Wwdg => self.wwdg.write(offset, value, now_s),
             Block::Dbgmcu => self.dbgmcu.write(offset, value),
             Block::Nothing => Err(unmodelled(place.name, offset)),
         }
@@ -217,7 +219,7 @@ impl Chip {
                 self.commons[group].reset();
             }
             Block::Dac(index) => self.dacs[index] = Dac::new(["DAC1", "DAC2", "DAC3", "DAC4"][index]),
-            Block::Rcc | Block::Exti | Block::Iwdg | Block::Dbgmcu | Block::Nothing => {}
+            Block::Rcc | Block::Exti | Block::Iwdg | Block::Wwdg | Block::Dbgmcu | Block::Nothing => {}
         }
     }
 

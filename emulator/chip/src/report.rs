@@ -1,7 +1,7 @@
 //! What was seen, as the report has it.
 
 use crate::chip::Chip;
-use crate::facts::{Clock, Facts, Leg, Pwm, Watchdog};
+use crate::facts::{Clock, Facts, Leg, Pwm, Watchdog, WindowWatchdog};
 use crate::signals::PHASES;
 use measure::Range;
 use std::collections::BTreeMap;
@@ -23,6 +23,8 @@ impl Chip {
                 interval_s: self.iwdg.interval_s,
                 bites: self.record.bites,
             }),
+            window_watchdog: (self.wwdg.runs() || self.record.window_bites > 0)
+                .then_some(WindowWatchdog { used: self.wwdg.used, bites: self.record.window_bites }),
             flash_operations: self.flash.operations,
             findings: self.record.findings.clone(),
             events: self.record.events.clone(),

@@ -143,6 +143,7 @@ impl Bus for Chip {
         }
         self.reset_block(Block::Syscfg);
         self.iwdg.reset();
+        self.wwdg.reset(now_s);
         self.stall_s = 0.0;
         self.wanted_reset = None;
         self.distribute_clocks(now);

@@ -66,6 +66,7 @@ impl Chip {
                 let over = (0..3).any(|phase| self.motor.shunt_a(phase) < -limit_a);
                 Some(self.break_pin.unwrap_or(!over))
             }
+            _ if self.board.enable == Some(pin) => (!self.enable_open).then_some(true),
             _ => self.board.pulled_up.contains(&pin).then_some(true),
         }
     }

@@ -4,7 +4,7 @@ mod common;
 
 use bus::{Bus, Complaint, ResetCause, Width};
 use chip::Disturbance;
-use common::{Bench, FLASH, GPIO, IWDG, PWR, RCC, USART2, boards, esc, nucleo};
+use common::{Bench, FLASH, GPIO, IWDG, PWR, RCC, USART2, WWDG, boards, esc, nucleo};
 
 #[test]
 fn it_reaches_170_mhz_without_a_complaint() {
@@ -194,6 +194,31 @@ fn the_watchdog_bites_unless_it_is_fed() {
     let watchdog = bench.chip.facts().watchdog.unwrap();
     assert_eq!((watchdog.bites, watchdog.interval_s.count), (1, 11));
     assert!((watchdog.interval_s.max - 0.09).abs() < 1e-4);
+}
+
+#[test]
+fn the_window_watchdog_bites_within_its_time_and_cannot_be_stopped() {
+    let mut bench = Bench::new(&esc());
+    bench.clocks();
+    assert!(bench.try_write(WWDG, 0xc9).is_some(), "not clocked");
+    bench.set(RCC + 0x58, 1 << 11);
+    bench.write(WWDG, 0xc9);
+    let enables = bench.read(RCC + 0x58);
+    bench.write(RCC + 0x58, enables & !(1 << 11));
+    // 10 counts of 4096 cycles of PCLK1.
+    for _ in 0..20 {
+        bench.run(9 * 4096 - 100);
+        assert_eq!(bench.chip.take_reset(), None);
+        bench.write(WWDG, 0xc9);
+    }
+    let refreshed = bench.now;
+    bench.run(10 * 4096 + 100);
+    assert_eq!(bench.chip.take_reset(), Some(ResetCause::WindowWatchdog), "refreshed at {refreshed}");
+    bench.chip.reset(ResetCause::WindowWatchdog);
+    assert_eq!(bench.read(RCC + 0x94) >> 29 & 3, 2);
+    let watchdog = bench.chip.facts().window_watchdog.unwrap();
+    assert_eq!((watchdog.bites, watchdog.used.count), (1, 20));
+    assert!((0.85..0.95).contains(&watchdog.used.max), "{watchdog:?}");
 }
 
 #[test]

@@ -86,6 +86,14 @@ fn run(outcome: &Outcome) -> Vec<Vec<String>> {
             rows.push(row(["fed after".into(), format!("{:.2} to {:.2} ms", min * 1e3, max * 1e3)]));
         }
     }
+    if let Some(watchdog) = &facts.window_watchdog {
+        let text = format!(
+            "refreshed after {:.1} % of its time at most, bit {} times",
+            watchdog.used.max * 1e2,
+            watchdog.bites
+        );
+        rows.push(row(["window watchdog".into(), text]));
+    }
     for (name, value) in &facts.motor {
         rows.push(row([format!("motor: {name}"), format!("{value:.4}")]));
     }

@@ -11,7 +11,8 @@ use script::words::{number, whole};
 pub fn frame(words: &[String], id: usize) -> Result<Vec<u8>, String> {
     let words: Vec<_> = words.iter().map(String::as_str).collect();
     let mut frame = [0; FRAME];
-    let request = Request { id: id as u16, ask: ask(&words)? };
+    // A script asks once, and is no tool that lives on.
+    let request = Request { id: id as u16, client: 1, unattended: true, ask: ask(&words)? };
     let length = encode(&request, &mut frame).map_err(|error| format!("{error:?}"))?;
     Ok(frame[..length].to_vec())
 }
@@ -43,6 +44,8 @@ fn ask<'a>(words: &[&'a str]) -> Result<Ask<'a>, String> {
         ["save"] => Ask::Save,
         ["load"] => Ask::Load,
         ["restore"] => Ask::Restore,
+        ["release"] => Ask::Release,
+        ["accept"] => Ask::Accept,
         ["telemetry", rate] => Ask::Telemetry(number(rate)? as f32),
         ["history", entry] => {
             Ask::History(u8::try_from(whole(entry)?).map_err(|_| format!("entries are 0 to 255, not {entry:?}"))?)

@@ -46,6 +46,7 @@ fn action(event: &Event, text: &str, id: usize) -> Result<Action, String> {
         Event::Bus(volts) => Disturbance::Bus(*volts),
         Event::Current(phase, amperes) => Disturbance::Overcurrent(*phase, *amperes),
         Event::Break(level) => Disturbance::BreakPin(*level),
+        Event::Enable(closed) => Disturbance::Enable(*closed),
         Event::Load(torque) => Disturbance::Load(*torque),
         Event::Uart(bytes) => Disturbance::Serial(bytes.clone()),
         Event::Send(words) => Disturbance::Serial(request::frame(words, id)?),

@@ -221,7 +221,7 @@ fn equals(board: &str, settings: Settings, early: u32) {
         let mut host = Host::new(settings, early, seed);
         host.ask("calibrate");
         host.run(5.0);
-        host.ask("set command_timeout_s 1000");
+        host.ask("set command_timeout_s 60");
         spin(&mut host)
     });
     let means = [0, 1, 2, 3, 4].map(|part| [&ours[..], &hosts].map(|runs| mean(runs, part)));

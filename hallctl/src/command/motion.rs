@@ -18,7 +18,7 @@ where
     /// What to follow
     pub value: T,
     /// End after so long, by a command of zero; without, hold until Ctrl-C
-    #[arg(long, value_name = "SECONDS")]
+    #[arg(long, value_name = "SECONDS", value_parser = super::seconds)]
     seconds: Option<f64>,
     /// Command once and leave; the drive stops by itself after command_timeout_s
     #[arg(long, conflicts_with = "seconds")]
@@ -50,7 +50,7 @@ where
             return Err(Error::Failed(switched_off(fault)));
         }
         line.set_message(motion(&last));
-        client.rest(&mut look, last.uptime_ms)?;
+        client.rest(&mut look, &last)?;
     }
     line.finish_and_clear();
     println!("{}", motion(&last));

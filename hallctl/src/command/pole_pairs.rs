@@ -6,7 +6,7 @@ use anyhow::Context;
 use hallservo::angle::Position;
 use hallservo::mode::Mode;
 use hallservo::service::pole_pairs::{self, ByHand};
-use hallservo_protocol::Ask;
+use hallservo_protocol::{Ask, Status};
 use indicatif::ProgressBar;
 use std::io::{BufRead, Write, stdin, stdout};
 use std::sync::mpsc::{Receiver, TryRecvError, channel};
@@ -40,23 +40,23 @@ fn follow(client: &mut Client, count: &mut ByHand, assumed: f64) -> Result<()> {
             Err(TryRecvError::Disconnected) => return Err(Error::Failed("nobody pressed Enter".into())),
             pressed => pressed.is_ok(),
         };
-        let now_ms = observe(client, count, assumed)?;
+        let status = observe(client, count, assumed)?;
         if pressed {
             line.finish_and_clear();
             return Ok(());
         }
         line.set_message(format!("{:.2} electrical turns", count.electrical_turns().map_err(failed)?));
-        client.rest(&mut last, now_ms)?;
+        client.rest(&mut last, &status)?;
     }
 }
 
-/// Shows the counter where the rotor is; the drive's time.
-fn observe(client: &mut Client, count: &mut ByHand, assumed: f64) -> Result<u64> {
+/// Shows the counter where the rotor is, by the drive's status.
+fn observe(client: &mut Client, count: &mut ByHand, assumed: f64) -> Result<Status> {
     let status = client.status()?;
     let electrical_turns = status.position_turns * assumed;
     count.observe((status.mode == Mode::Ready).then(|| Position::from_turns(electrical_turns)));
     count.electrical_turns().map_err(failed)?;
-    Ok(status.uptime_ms)
+    Ok(status)
 }
 
 fn failed(error: pole_pairs::Error) -> Error {

@@ -3,13 +3,33 @@
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
 use crate::words;
+use hallservo::hall::calibrate::{self, report::Report};
+use hallservo::service::identify;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure};
 use indicatif::{ProgressBar, ProgressStyle};
 use sim::report::print_table;
 use std::time::Instant;
 
+/// How a procedure runs.
+#[derive(Clone, Copy, Debug, clap::Args)]
+pub(super) struct Options {
+    /// Begin it and leave: the motor turns to the end though no tool watches
+    #[arg(long)]
+    unattended: bool,
+}
+
+/// Begins a procedure; true if this tool is to wait for its end.
+fn begin(client: &mut Client, options: &Options, ask: Ask<'_>) -> Result<bool> {
+    client.unattended(options.unattended);
+    client.order(ask)?;
+    if options.unattended {
+        println!("begun: `hallctl status` tells how far it is, `hallctl disarm` ends it");
+    }
+    Ok(!options.unattended)
+}
+
 /// Shows a bar until the drive has nothing going on any more.
-fn wait(client: &mut Client, name: &'static str) -> Result<()> {
+pub(super) fn wait(client: &mut Client, name: &'static str) -> Result<()> {
     let bar = ProgressBar::new(1000);
     let style = ProgressStyle::with_template("{msg} {wide_bar} {percent:>3} %");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
@@ -22,31 +42,49 @@ fn wait(client: &mut Client, name: &'static str) -> Result<()> {
             return Ok(());
         }
         bar.set_position((1000.0 * status.progress) as u64);
-        client.rest(&mut look, status.uptime_ms)?;
+        client.rest(&mut look, &status)?;
     }
 }
 
-pub(super) fn calibrate(client: &mut Client) -> Result<()> {
+pub(super) fn calibrate(client: &mut Client, options: &Options) -> Result<()> {
+    if !begin(client, options, Ask::Calibrate)? {
+        return Ok(());
+    }
+    match calibrated(client)? {
+        Ok(report) => show(&report),
+        Err(error) => return Err(Error::Failed(format!("the calibration failed: {error}"))),
+    }
+    Ok(())
+}
+
+/// Calibrates: what it found, or why the drive refuses its sensors.
+pub(super) fn calibration(client: &mut Client) -> Result<std::result::Result<Report, calibrate::Error>> {
     client.order(Ask::Calibrate)?;
+    calibrated(client)
+}
+
+/// What a calibration that was begun comes to.
+fn calibrated(client: &mut Client) -> Result<std::result::Result<Report, calibrate::Error>> {
     wait(client, "calibrating")?;
     let outcome = client.ask(Ask::Calibration, |answer| match answer {
         Answer::Calibration(outcome) => Ok(outcome),
         other => unexpected(&other),
     })?;
-    let report = match outcome {
-        Calibration::Done(report) => report,
-        Calibration::Failed(error) => {
-            return Err(Error::Failed(format!("the calibration failed: {}", error)));
-        }
-        Calibration::Ended => {
-            return Err(Error::Failed(
-                "the calibration was ended by a command or a fault: see `hallctl faults`".into(),
-            ));
-        }
+    match outcome {
+        Calibration::Done(report) => Ok(Ok(report)),
+        Calibration::Failed(error) => Ok(Err(error)),
+        Calibration::Ended => Err(Error::Failed(
+            "the calibration was ended by a command or a fault: see `hallctl faults`\n  `hallctl calibrate` again: \
+                 the drive is not armed by what was found before."
+                .into(),
+        )),
         Calibration::None | Calibration::Running => {
-            return Err(Error::Failed("the drive was restarted while it calibrated".into()));
+            Err(Error::Failed("the drive was restarted while it calibrated".into()))
         }
-    };
+    }
+}
+
+fn show(report: &Report) {
     println!("Calibrated.\n");
     let head = ["", "swing", "offset", "placement", "3rd", "5th", "noise"].map(String::from).to_vec();
     let rows = report.sensors.iter().enumerate().map(|(k, sensor)| {
@@ -73,18 +111,28 @@ pub(super) fn calibrate(client: &mut Client) -> Result<()> {
     for finding in report.findings() {
         println!("Worth mending: {finding}.");
     }
+}
+
+pub(super) fn identify(client: &mut Client, options: &Options) -> Result<()> {
+    if !begin(client, options, Ask::Identify)? {
+        return Ok(());
+    }
+    print!("{}", identified(client)?);
+    println!("What is not doubtful is in the settings now; `hallctl settings save` keeps it.");
     Ok(())
 }
 
-pub(super) fn identify(client: &mut Client) -> Result<()> {
+/// Measures the motor.
+pub(super) fn identification(client: &mut Client) -> Result<identify::Report> {
     client.order(Ask::Identify)?;
+    identified(client)
+}
+
+/// What a measurement that was begun comes to.
+fn identified(client: &mut Client) -> Result<identify::Report> {
     wait(client, "measuring the motor")?;
     client.ask(Ask::Identification, |answer| match answer {
-        Answer::Identification(Procedure::Done(report)) => {
-            print!("{report}");
-            println!("What is not doubtful is in the settings now; `hallctl settings save` keeps it.");
-            Ok(())
-        }
+        Answer::Identification(Procedure::Done(report)) => Ok(report),
         Answer::Identification(Procedure::Failed(error)) => {
             Err(Error::Failed(format!("the identification failed: {}", words::procedure_error(&error))))
         }
@@ -92,8 +140,10 @@ pub(super) fn identify(client: &mut Client) -> Result<()> {
     })
 }
 
-pub(super) fn learn_cogging(client: &mut Client) -> Result<()> {
-    client.order(Ask::LearnCogging)?;
+pub(super) fn learn_cogging(client: &mut Client, options: &Options) -> Result<()> {
+    if !begin(client, options, Ask::LearnCogging)? {
+        return Ok(());
+    }
     wait(client, "learning the cogging")?;
     client.ask(Ask::Cogging, |answer| match answer {
         Answer::Cogging(Procedure::Done(cogging)) => {

@@ -30,6 +30,8 @@ pub(super) enum Command {
     },
     /// Keep them in the flash
     Save,
+    /// Confirm them as they are, after those in the flash could not be taken over; `save` does, too, for good
+    Accept,
     /// Back to those in the flash
     Load,
     /// Back to the board's defaults
@@ -52,6 +54,11 @@ pub(super) fn run(client: &mut Client, command: &Command) -> Result<()> {
         Command::Get { name } => client.setting(Ask::Get(name), show),
         Command::Set { name, value } => set(client, name, value),
         Command::Save => save(client),
+        Command::Accept => {
+            client.order(Ask::Accept)?;
+            println!("accepted until the power goes; `hallctl settings save` keeps them");
+            Ok(())
+        }
         Command::Load => client.order(Ask::Load),
         Command::Reset => client.order(Ask::Restore),
         Command::Export { file } => export(client, file),
@@ -60,7 +67,7 @@ pub(super) fn run(client: &mut Client, command: &Command) -> Result<()> {
 }
 
 /// Hands every setting that this drive has to `take`.
-fn each(client: &mut Client, mut take: impl FnMut(&Setting<'_>)) -> Result<()> {
+pub(super) fn each(client: &mut Client, mut take: impl FnMut(&Setting<'_>)) -> Result<()> {
     for number in 0..client.identity().settings {
         match client.setting(Ask::Setting(number), &mut take) {
             // A drive without current control does not have all.
@@ -111,7 +118,7 @@ fn set(client: &mut Client, name: &str, value: &str) -> Result<()> {
     client.setting(Ask::Set { name, value }, show)
 }
 
-fn save(client: &mut Client) -> Result<()> {
+pub(super) fn save(client: &mut Client) -> Result<()> {
     let waits = client.ask(Ask::Save, |answer| match answer {
         Answer::Saved { waits } => Ok(waits),
         other => unexpected(&other),
@@ -149,7 +156,13 @@ fn import(client: &mut Client, path: &Path) -> Result<()> {
         };
         left.push((name, number(client, name, &text)?));
     }
-    // Some ranges depend on other settings, so what is refused at first may be allowed later.
+    set_all(client, left)?;
+    println!("{} settings set; `hallctl settings save` keeps them", table.len());
+    Ok(())
+}
+
+/// Sets several: some ranges depend on other settings, so what is refused at first may be allowed later.
+pub(super) fn set_all(client: &mut Client, mut left: Vec<(&str, f32)>) -> Result<()> {
     loop {
         let before = left.len();
         let mut refused = None;
@@ -165,11 +178,9 @@ fn import(client: &mut Client, path: &Path) -> Result<()> {
             }
         }
         match refused {
-            None => break,
+            None => return Ok(()),
             Some(error) if rest.len() == before => return Err(error),
             Some(_) => left = rest,
         }
     }
-    println!("{} settings set; `hallctl settings save` keeps them", table.len());
-    Ok(())
 }

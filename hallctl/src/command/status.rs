@@ -30,8 +30,14 @@ pub(super) fn show(client: &mut Client) -> Result<()> {
     line("commutation", &format!("{}{anti_cogging}", words::commutation(status.commutation)));
     line("learning", &format!("{}, {} models so far", words::learning(status.learning), status.learnt));
     line("command holds", &timeout(&status));
+    if status.client != 0 && !client.is_me(status.client) {
+        line("controlled by", "another tool");
+    }
     let [sensors, cogging, settings] = status.stored.map(words::problem);
     line("flash", &format!("sensors {sensors}; cogging {cogging}; settings {settings}"));
+    if status.unconfirmed {
+        line("", "the bridge stays off until you have looked at `hallctl settings list`, then `hallctl settings save`");
+    }
     if status.unsaved {
         line("", "there is something that it does not hold yet");
     }

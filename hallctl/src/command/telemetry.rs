@@ -16,7 +16,7 @@ use std::time::Instant;
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct Options {
     /// For so long; without, until Ctrl-C
-    #[arg(long)]
+    #[arg(long, value_parser = super::seconds)]
     seconds: Option<f64>,
     /// So often a second, up to 1000; a UART of 460 800 baud carries 650
     #[arg(long, default_value_t = 100.0)]
@@ -96,8 +96,9 @@ pub(super) fn watch(client: &mut Client, options: &Options) -> Result<()> {
     let mut look = (Instant::now(), began_ms);
     loop {
         // The status, beside being the clock, shows the drive that somebody is there.
-        let now_ms = client.status()?.uptime_ms;
-        client.rest(&mut look, now_ms)?;
+        let status = client.status()?;
+        let now_ms = status.uptime_ms;
+        client.rest(&mut look, &status)?;
         let over = end_ms.is_some_and(|end| now_ms >= end);
         if over {
             // The frames before the answer are the last.

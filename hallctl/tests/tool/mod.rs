@@ -11,15 +11,25 @@ use hallservo_protocol::*;
 const PATIENCE: u32 = 300;
 
 pub fn request(id: u16, ask: Ask<'_>) -> Vec<u8> {
+    request_of(1, false, id, ask)
+}
+
+/// The same of one tool among several.
+pub fn request_of(client: u32, unattended: bool, id: u16, ask: Ask<'_>) -> Vec<u8> {
     let mut frame = [0; FRAME];
-    let length = encode(&Request { id, ask }, &mut frame).unwrap();
+    let length = encode(&Request { id, client, unattended, ask }, &mut frame).unwrap();
     frame[..length].to_vec()
 }
 
 /// Asks, and hands the answer to `understand`; lets the drive's time pass until it comes.
 pub fn ask<R>(drive: &mut Simulator, ask: Ask<'_>, understand: impl FnOnce(Answer<'_>) -> R) -> R {
+    ask_as(1, drive, ask, understand)
+}
+
+/// The same by one tool among several.
+pub fn ask_as<R>(client: u32, drive: &mut Simulator, ask: Ask<'_>, understand: impl FnOnce(Answer<'_>) -> R) -> R {
     const ID: u16 = 0xabcd;
-    drive.write(&request(ID, ask));
+    drive.write(&request_of(client, false, ID, ask));
     let mut decoder = Decoder::new();
     for _ in 0..PATIENCE {
         drive.step();
@@ -36,6 +46,12 @@ pub fn done(drive: &mut Simulator, what: Ask<'_>) {
     ask(drive, what, |answer| {
         assert!(!matches!(answer, Answer::Refused(_)), "{what:?}: {answer:?}");
     });
+}
+
+/// Begins what goes on without a tool that looks at it.
+pub fn begin(drive: &mut Simulator, what: Ask<'_>) {
+    drive.write(&request_of(1, true, 1, what));
+    run(drive, 3);
 }
 
 pub fn status(drive: &mut Simulator) -> Status {

@@ -10,8 +10,7 @@ use anyhow::{Context, Result, anyhow};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::service::learning;
-use hallservo::settings::Control;
-use hallservo::settings::Settings;
+use hallservo::settings::{Control, GuardSettings, Settings};
 use identified::identified;
 pub use identified::{Compared, Identification};
 use plant::{PlantParameters, Truth};
@@ -100,7 +99,10 @@ const SMOOTH: Tuning = Tuning { speed_hz: 20.0, position_hz: 6.0, tracking_hz: 1
 /// A calibrated and armed rig with current control.
 fn armed(seed: u64, commutation: Commutation, tuning: Tuning) -> Result<Rig> {
     let Tuning { speed_hz, position_hz, tracking_hz } = tuning;
-    let control = Control { speed_bandwidth_hz: speed_hz, position_bandwidth_hz: position_hz, ..Control::default() };
+    // The experiments command once and measure for seconds.
+    let guard = GuardSettings { command_timeout_s: 60.0, ..GuardSettings::default() };
+    let control =
+        Control { guard, speed_bandwidth_hz: speed_hz, position_bandwidth_hz: position_hz, ..Control::default() };
     let settings =
         Settings { commutation, control: Some(control), tracking_bandwidth_hz: tracking_hz, ..Settings::default() };
     let mut rig = Rig::new(&PlantParameters::imperfect(seed), &settings, seed)?;

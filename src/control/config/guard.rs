@@ -1,13 +1,21 @@
 //! Thresholds of the faults in the units of the interrupt.
 
 use crate::control::Scale;
-use crate::schedule::CYCLE;
-use crate::settings::{GuardSettings, OnTimeout, Thermistor};
+use crate::schedule::LONG;
+use crate::settings::{Control, OnTimeout, Thermistor};
 
-/// Threshold of a temperature, and the derating of the current above its warning, in codes.
+/// Sum of the currents over the largest by the amplifiers' gains:
+/// [`GuardSettings::for_full_scale`](crate::settings::GuardSettings::for_full_scale).
+const GAINS: f32 = 0.04;
+
+/// Thresholds of a temperature, and the derating of the current above its warning, in codes of 16 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Heat {
+    /// Code below which the thermistor is shorted: that of 250 °C.
+    pub shorted: i32,
+    /// Code above which it is open: that of −40 °C, and always one that an open input shows.
+    pub open: i32,
     /// Code below which it is too hot.
     pub fault: i32,
     /// Codes from there to the warning, above which the current is not reduced.
@@ -31,9 +39,9 @@ pub(crate) struct Guard {
     pub offset: i32,
     /// Of bridge and motor.
     pub heat: [Heat; 2],
-    /// Time at rest with the largest current until a stall is a fault, in [`CYCLE`]s.
+    /// Time at rest with the largest current until a stall is a fault, in [`LONG`]s.
     pub stall: u32,
-    /// Command time-out in steps of the outer loops; 0 is none.
+    /// Command time-out in steps of the outer loops.
     pub timeout: u32,
     /// Whether the time-out stops the motor by the speed loop instead of being a fault.
     pub stops: bool,
@@ -42,30 +50,37 @@ pub(crate) struct Guard {
 }
 
 impl Heat {
-    fn new(thermistor: &Thermistor) -> Self {
+    fn new(thermistor: &Thermistor, adc_bits: u8) -> Self {
+        // An open input is within two codes of the end of the range.
+        let end = 65_536.0 - 3.0 * (1_u32 << (16 - adc_bits)) as f32;
         let (fault, warn) = (thermistor.code(thermistor.max_c), thermistor.code(thermistor.warn_c));
         let room = (warn - fault).max(1.0);
-        Self { fault: fault as i32, room: room as i32, slope: (16_777_216.0 / room) as i32 }
+        Self {
+            shorted: thermistor.code(250.0).min(fault) as i32,
+            open: thermistor.code(-40.0).min(end) as i32,
+            fault: fault as i32,
+            room: room as i32,
+            slope: (16_777_216.0 / room) as i32,
+        }
     }
 }
 
 impl Guard {
     /// Of settings that are in their ranges.
-    pub fn new(settings: &GuardSettings, adc_bits: u8, loop_hz: f32, scale: &Scale) -> Self {
-        let codes = libm::exp2f(adc_bits.into());
+    pub fn new(control: &Control, adc_bits: u8, loop_hz: f32, scale: &Scale) -> Self {
+        let settings = &control.guard;
+        let codes = (1_u32 << adc_bits) as f32;
         let per_volt = codes / scale.volts;
         let per_ampere = codes / 2.0 / scale.amperes;
-        // A time beyond the range of the counter is none, as infinity is.
-        let timeout = libm::ceilf(settings.command_timeout_s * loop_hz);
         Self {
             under: libm::ceilf(settings.under_voltage_v * per_volt) as u32,
             range: ((settings.over_voltage_v - settings.under_voltage_v) * per_volt) as u32,
             over_current: (settings.over_current_a * per_ampere) as u32,
-            imbalance: (settings.imbalance_a * per_ampere) as u32,
+            imbalance: ((settings.imbalance_a + GAINS * control.max_current_a) * per_ampere) as u32,
             offset: (settings.offset_a * scale.per_ampere()) as i32,
-            heat: [Heat::new(&settings.bridge), Heat::new(&settings.motor)],
-            stall: (settings.stall_s * scale.step_hz / CYCLE as f32) as u32,
-            timeout: if timeout < 2_147_483_648.0 { timeout as u32 } else { 0 },
+            heat: [Heat::new(&settings.bridge, adc_bits), Heat::new(&settings.motor, adc_bits)],
+            stall: (settings.stall_s * scale.step_hz / LONG as f32) as u32,
+            timeout: libm::ceilf(settings.command_timeout_s * loop_hz) as u32,
             stops: settings.on_timeout == OnTimeout::Stop,
             rest_speed: scale.per_radian_s() as i32,
         }

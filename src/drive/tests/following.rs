@@ -58,7 +58,7 @@ fn nothing_is_armed_that_would_fail_at_once() {
         // The same while running.
         bench.command(Command::Arm).unwrap();
         bench.command(Command::Current(Current(100))).unwrap();
-        let off = (1..=8).find(|_| bench.drive.step(&sample).legs == Legs::NONE);
+        let off = (1..=70 * CYCLE).find(|_| bench.drive.step(&sample).legs == Legs::NONE);
         assert!(off.is_some_and(|steps| steps == 1 || matches!(fault, Fault::BridgeHot | Fault::MotorHot)));
         assert_eq!(bench.mode(), Mode::Faulted(fault));
     }
@@ -75,7 +75,7 @@ fn heat_reduces_the_current_before_it_is_a_fault() {
     let code = (ntc.code(80.0) + ntc.code(100.0)) / 32.0;
     let mut sample = healthy(bench.model.codes(bench.rotor));
     sample.temperatures[0] = TemperatureCode::new(code as u16);
-    for _ in 0..2 * CYCLE {
+    for _ in 0..140 * CYCLE {
         bench.drive.step(&sample);
     }
     let share = bench.drive.state().current_reference as f32 / full.0 as f32;

@@ -81,11 +81,14 @@ fn records_while_following_are_numbered_and_come_as_often() {
             }
         };
         run(&mut bench, 100);
-        bench.service.send(Command::Speed(Speed(0))).unwrap();
+        // The rotor turns whatever is commanded, and no current flows.
+        bench.service.send(Command::Current(Current(0))).unwrap();
         run(&mut bench, 8000);
+        assert_eq!(bench.drive.mode(), Mode::Running);
         bench.service.send(end).unwrap();
         run(&mut bench, 900);
-        let start = records[0].1.wrapping_sub(records[0].0.sequence);
+        // Following from arming on, the first record is told in the next step, too.
+        let start = records[0].1.wrapping_sub(1).wrapping_sub(records[0].0.sequence);
         let index = |sequence: u32| sequence.wrapping_add(start) as usize;
         // The number is that of the step whose rotor it is; while following, it is told in the next.
         for (record, now) in &records {

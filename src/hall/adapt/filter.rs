@@ -45,13 +45,13 @@ impl Covariance {
     }
 
     /// An entry.
-    #[inline(always)]
+    #[inline]
     pub const fn get(&self, i: usize, j: usize) -> f32 {
         self.0[at(i, j)]
     }
 
     /// A row without the speed.
-    #[inline(always)]
+    #[inline]
     const fn row<const K: usize>(&self) -> [f32; STATES - 1] {
         let p = &self.0;
         [
@@ -89,7 +89,7 @@ impl Covariance {
 
     /// Prediction over `samples` periods: θ += ω in each, with process noise of variance `noise` on the speed. That
     /// friction slows the rotor is left out here, which makes no difference from sample to sample.
-    #[inline(always)]
+    #[inline]
     pub fn advance(&mut self, noise: f32, samples: f32) {
         let p = &mut self.0;
         let (cross, speed, noise) = (p[1], p[STATES], samples * noise);
@@ -126,7 +126,7 @@ pub struct CrossCovariance {
 }
 
 /// Scalar product, but for the speed.
-#[inline(always)]
+#[inline]
 fn product(h: &[f32; STATES - 1], b: &[f32; STATES - 1]) -> f32 {
     h[0] * b[0]
         + h[1] * b[1]
@@ -173,7 +173,7 @@ impl Measurement {
     pub const NONE: Self = Self { innovation: 0.0, noise: f32::INFINITY, angle: 0.0, amplitude: 0.0, third: 0.0 };
 
     /// The covariance with the states, for this sensor.
-    #[inline(always)]
+    #[inline]
     pub fn cross(&self, sensor: usize, p: &Covariance) -> CrossCovariance {
         match sensor {
             0 => self.cross_of::<0>(p),
@@ -183,13 +183,13 @@ impl Measurement {
     }
 
     /// Whether the squared innovation exceeds this multiple of its variance.
-    #[inline(always)]
+    #[inline]
     pub fn is_outlier(&self, cross: &CrossCovariance, squared: f32) -> bool {
         self.innovation * self.innovation > squared * (cross.variance + self.noise)
     }
 
     /// Variance of the innovation, without its noise: that of the relation, for a third of the work.
-    #[inline(always)]
+    #[inline]
     pub fn variance(&self, sensor: usize, p: &Covariance) -> f32 {
         match sensor {
             0 => self.variance_of::<0>(p),
@@ -198,7 +198,7 @@ impl Measurement {
         }
     }
 
-    #[inline(always)]
+    #[inline]
     fn variance_of<const SENSOR: usize>(&self, p: &Covariance) -> f32 {
         let offset = OFFSET[SENSOR];
         let (amplitude, placement) = (offset + 1, offset + 2);
@@ -214,14 +214,14 @@ impl Measurement {
     }
 
     /// Product of the derivatives with a vector.
-    #[inline(always)]
+    #[inline]
     fn dot<const SENSOR: usize>(&self, v: &Vector) -> f32 {
         let own = OFFSET[SENSOR];
         let angle = if SENSOR == 0 { v[ANGLE] } else { v[ANGLE] - v[own + 2] };
         self.angle * angle + self.third * v[THIRD] + v[own] + self.amplitude * v[own + 1]
     }
 
-    #[inline(always)]
+    #[inline]
     fn cross_of<const SENSOR: usize>(&self, p: &Covariance) -> CrossCovariance {
         let own = OFFSET[SENSOR];
         let mut spread = [0.0; STATES];
@@ -236,7 +236,7 @@ impl Measurement {
 impl Covariance {
     /// Update of the covariance by a measurement of this noise. Without `learn`, only angle and speed are corrected,
     /// and their covariance with the parameters stays consistent (Schmidt–Kalman filter).
-    #[inline(always)]
+    #[inline]
     fn reduce(&mut self, cross: &CrossCovariance, noise: f32, learn: bool) -> f32 {
         let weight = 1.0 / (cross.variance + noise);
         self.reduce_rows::<0, 2>(weight, &cross.spread);
@@ -246,7 +246,7 @@ impl Covariance {
         weight
     }
 
-    #[inline(always)]
+    #[inline]
     fn reduce_rows<const FIRST: usize, const END: usize>(&mut self, weight: f32, b: &Vector) {
         for row in FIRST..END {
             let gain = weight * b[row];
@@ -257,7 +257,7 @@ impl Covariance {
     }
 
     /// Update by one measurement, whose covariance with the states is `cross`.
-    #[inline(always)]
+    #[inline]
     pub fn update_by(&mut self, m: &Measurement, cross: &CrossCovariance, state: &mut State, learn: bool) {
         let weight = self.reduce(cross, m.noise, learn);
         state.correct(weight * m.innovation, &cross.spread, learn);
@@ -277,7 +277,7 @@ pub struct State {
 
 impl State {
     /// Adds a multiple of a vector; without `learn` to angle and speed only.
-    #[inline(always)]
+    #[inline]
     fn correct(&mut self, times: f32, by: &Vector, learn: bool) {
         self.angle += radians(times * by[ANGLE]);
         self.speed += times * by[SPEED];
@@ -296,7 +296,7 @@ impl State {
 }
 
 /// An angle of a few radians, to 2⁻²⁴ of itself.
-#[inline(always)]
+#[inline]
 pub fn radians(angle: f32) -> ElectricalAngle {
     const BITS: f32 = TURN / core::f32::consts::TAU;
     // Through 64 bits where it may exceed half a turn would be a software routine; corrections never do.

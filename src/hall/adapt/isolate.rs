@@ -25,7 +25,7 @@ const MOST_RESTARTS: u32 = 4;
 impl Adapter {
     /// Whether a sample must be looked at with all three sensors: a sensor is at an end of the ADC's range or under
     /// suspicion.
-    #[inline(always)]
+    #[inline]
     pub(super) fn needs_check(&self, codes: &Codes) -> bool {
         let at_rail = |k: usize| self.config.is_at_rail(codes[k]);
         self.suspicions.any | at_rail(0) | at_rail(1) | at_rail(2) && !self.is_known(codes)

@@ -14,10 +14,10 @@ impl Adapter {
         Status::Tracking
     }
 
-    #[inline(always)]
+    #[inline]
     pub(super) fn learn(&mut self) -> Status {
         if self.paused != 0 {
-            self.resume();
+            self.end_pause();
         }
         self.learnt_samples += 1;
         let eighth = 1 << (self.state.angle.to_bits() as u32 >> 29);
@@ -45,7 +45,7 @@ impl Adapter {
 
     /// Adds the drift of the time in which nothing was learnt.
     #[cold]
-    fn resume(&mut self) {
+    fn end_pause(&mut self) {
         if self.paused >= self.config.pause {
             self.add_drift();
         }
@@ -69,7 +69,7 @@ impl Adapter {
     }
 
     /// Cuts the parameters to their limits around the calibration.
-    fn limit_parameters(&mut self) {
+    pub(super) fn limit_parameters(&mut self) {
         let (limits, state) = (&self.config.limits, &mut self.state);
         let limit = radians(limits.placement_deg).to_bits();
         state.third = within(state.third, -limits.third, limits.third);

@@ -29,7 +29,7 @@ impl Attenuation {
     pub const NONE: Self = Self([1.0; 3]);
 
     /// The mean of three samples at this speed, rad a sample: (1 + 2·cos kω) / 3 of the k-th harmonic in the middle.
-    #[inline(always)]
+    #[inline]
     pub fn of_three(speed: f32) -> Self {
         let (_, c) = sin_cos_f32(radians(speed));
         let square = c * c;
@@ -47,7 +47,7 @@ impl CalibratedSensor {
     }
 
     /// The signal: 0 at the calibrated offset, ±1 at the calibrated amplitude.
-    #[inline(always)]
+    #[inline]
     pub fn signal(&self, code: f32) -> f32 {
         (code - self.sensor.offset) * self.per_code
     }
@@ -58,12 +58,12 @@ impl CalibratedSensor {
     }
 
     /// Compares the mean of three samples with what the state in the middle predicts.
-    #[inline(always)]
+    #[inline]
     pub fn measure_mean(&self, sensor: usize, state: &State, mean: f32, curvature: f32) -> Measurement {
         self.compare(sensor, state, mean, Attenuation::of_three(state.speed), self.mean_noise + curvature)
     }
 
-    #[inline(always)]
+    #[inline]
     fn compare(&self, sensor: usize, state: &State, code: f32, attenuation: Attenuation, noise: f32) -> Measurement {
         let (sine, cosine) = sin_cos_f32(state.angle - state.placement[sensor]);
         // sin 3x = sin x · (3 − 4 sin² x), sin 5x = sin x · (5 − 20 sin² x + 16 sin⁴ x), and likewise the cosines, so

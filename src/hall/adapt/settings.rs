@@ -118,7 +118,7 @@ pub struct Config {
 
 impl Config {
     /// Whether a code sits at the end of the ADC's range.
-    #[inline(always)]
+    #[inline]
     pub(crate) const fn is_at_rail(&self, code: u16) -> bool {
         // Code 0 wraps to the top.
         (code as u32).wrapping_sub(1) >= (1 << self.adc_bits) - 2

@@ -60,7 +60,7 @@ impl Suspicions {
     }
 
     /// Whether the filter works without this sensor.
-    #[inline(always)]
+    #[inline]
     pub fn is_lost(&self, sensor: usize) -> bool {
         self.lost == Some(Channel(sensor as u8))
     }

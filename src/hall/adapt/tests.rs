@@ -1,3 +1,4 @@
+use super::filter::{STATES, THIRD};
 use super::*;
 use crate::hall::Channel;
 use crate::hall::model::Sensor;
@@ -168,4 +169,56 @@ fn what_a_person_reads_names_the_sensor() {
     assert!(std::format!("{fault}").contains("offset of Hall 3"));
     assert_eq!(Fault::Lost(Channel(1)).lost(), Some(Channel(1)));
     assert_eq!(fault.lost(), None);
+}
+
+/// The second sensor fades to an eighth over forty power-ups; what was learnt is kept from one to the next.
+#[test]
+fn power_ups_do_not_move_the_limits_from_the_calibration() {
+    let config = Settings::default().validate().unwrap();
+    let calibrated = Model::nominal(12, 250.0, ElectricalAngle::THIRD);
+    let (mut learnt, mut true_model) = (calibrated, calibrated);
+    let mut ended = None;
+    for boot in 0..40 {
+        let mut adapter = Adapter::resume(&config, &calibrated, &learnt).unwrap();
+        true_model.sensors[1].amplitude = 250.0 * 0.95_f32.powi(boot);
+        for k in 0..8000_u32 {
+            // Ten electrical turns a second.
+            let angle = ElectricalAngle::from_turns(k as f32 * 0.01 % 1.0);
+            let codes = true_model.codes(angle);
+            if let Status::Failed(fault) = adapter.update(&Observation { codes, elapsed: 1, torque_nm: 0.0 }) {
+                ended = ended.or(Some((boot, fault)));
+            }
+        }
+        learnt = *adapter.model();
+        let share = learnt.sensors[1].amplitude / calibrated.sensors[1].amplitude;
+        assert!(share >= 0.549, "{share} of the calibration after {boot} power-ups");
+    }
+    // 0.95¹² is below the limit of 0.55.
+    let (boot, fault) = ended.expect("what is beyond the limits is told");
+    assert!((10..=14).contains(&boot), "{boot}");
+    assert_eq!(fault, Fault::Drifted(Channel(1), Parameter::Amplitude));
+}
+
+#[test]
+fn what_was_learnt_goes_on_from_where_it_was_and_is_cut_to_the_limits() {
+    let config = Settings::default().validate().unwrap();
+    let calibrated = Model::nominal(12, 250.0, ElectricalAngle::THIRD);
+    let mut learnt = calibrated;
+    learnt.sensors[0].offset += 20.0;
+    learnt.sensors[2].amplitude *= 0.8;
+    learnt.sensors[1].placement += ElectricalAngle::from_degrees(3.0);
+    learnt.sensors.iter_mut().for_each(|sensor| sensor.third = 0.04);
+    let near = |a: &Model, b: &Model| {
+        a.sensors.iter().zip(&b.sensors).all(|(a, b)| {
+            (a.offset - b.offset).abs() < 0.01
+                && (a.amplitude - b.amplitude).abs() < 0.01
+                && (a.placement - b.placement).to_degrees().abs() < 0.01
+                && (a.third - b.third).abs() < 1e-5
+        })
+    };
+    assert!(near(Adapter::resume(&config, &calibrated, &learnt).unwrap().model(), &learnt));
+    // Of another firmware, or of a record that was learnt without a calibration beside it.
+    learnt.sensors[2].amplitude = 54.0;
+    let cut = *Adapter::resume(&config, &calibrated, &learnt).unwrap().model();
+    assert!((cut.sensors[2].amplitude - 0.55 * 250.0).abs() < 0.1, "{}", cut.sensors[2].amplitude);
 }

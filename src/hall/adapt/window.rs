@@ -22,7 +22,7 @@ impl Window {
     /// Takes a sample, so many periods after the last; returns the sensor whose turn it is and, if there are two
     /// samples just before, the mean code of the three. Without a gap the next two samples are those of the other
     /// sensors, so that every sample of every sensor is used once.
-    #[inline(always)]
+    #[inline]
     pub fn push(&mut self, codes: &Codes, elapsed: u16) -> (usize, Option<f32>) {
         let sensor = usize::from(self.sensor);
         self.sensor = if sensor >= 2 { 0 } else { self.sensor + 1 };

@@ -94,7 +94,7 @@ fn start(points: &[Point; BINS]) -> Result<[Sensor; 3], NoFit> {
             sine += code * sin * 2.0 / BINS as f32;
             cosine += code * cos * 2.0 / BINS as f32;
         }
-        let amplitude = libm::hypotf(sine, cosine);
+        let amplitude = libm::sqrtf(sine * sine + cosine * cosine);
         if !(amplitude >= NO_SIGNAL) {
             return Err(NoFit::NoSignal(Channel(channel as u8)));
         }

@@ -1,5 +1,6 @@
 //! The bridge: TIM1 and its pins.
 
+use crate::chip::watchdog;
 use crate::registers::timer::{self, Gates};
 use crate::wiring::Wiring;
 use embassy_stm32::pac::gpio::Gpio;
@@ -77,7 +78,7 @@ impl Bridge {
     /// Whether the hardware has switched off what should be on.
     #[inline(always)]
     pub(crate) fn has_tripped(&self) -> bool {
-        self.enable.is_on() && TIM1.bdtr().read().0 & timer::MOE == 0
+        self.enable.is_on() && !is_on()
     }
 
     /// What a step returned. Off is at once; anything else is from the next valley on, when all of it is taken up
@@ -100,7 +101,7 @@ impl Bridge {
             TIM1.ccmr_output(1).write_value(regs::CcmrOutputGp16(legs.ccmr2));
             TIM1.ccer().write_value(regs::CcerAdv(legs.ccer));
         }
-        if enable == Enable::On {
+        if enable == Enable::On && !watchdog::has_time() {
             // A break that is still there stays noted in BIF: the bridge stays off, and counts as tripped.
             TIM1.sr().write_value(regs::SrAdv(!timer::BIF));
             if TIM1.sr().read().0 & timer::BIF == 0 {
@@ -108,6 +109,12 @@ impl Bridge {
             }
         }
     }
+}
+
+/// Whether the timer drives the bridge.
+#[inline(always)]
+pub(crate) fn is_on() -> bool {
+    TIM1.bdtr().read().0 & timer::MOE != 0
 }
 
 /// Switches all transistors off.

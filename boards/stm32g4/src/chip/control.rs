@@ -2,11 +2,13 @@
 
 use crate::Adc;
 use crate::chip::bridge::Bridge;
-use crate::chip::{Board, converters};
+use crate::chip::{Board, STOP, converters, enable, watchdog};
+use crate::wiring::EnableInput;
 use core::cell::UnsafeCell;
 use core::num::NonZeroU32;
 use cortex_m::peripheral::{DWT, NVIC};
 use embassy_stm32::pac::Interrupt;
+use hallservo::board::Interlock;
 use hallservo::board::timing::PeriodCounter;
 use hallservo::drive::Drive;
 use hallservo_app::Housekeeping;
@@ -43,6 +45,7 @@ impl<B: Board> Control<B> {
         let owned = Owned { board, drive, bridge, periods: PeriodCounter::new(period), housekeeping };
         // SAFETY: the interrupt is not enabled, so nothing else looks at it.
         let owned = unsafe { (*self.0.get()).insert(owned) };
+        watchdog::start_window();
         owned.bridge.start();
         // SAFETY: no critical section relies on this interrupt's being masked; it could not mask it.
         unsafe { NVIC::unmask(Interrupt::ADC1_2) };
@@ -55,6 +58,7 @@ impl<B: Board> Control<B> {
     /// To be called by the interrupt ADC1_2 and by nothing else.
     #[inline(always)]
     pub unsafe fn interrupt(&self) {
+        watchdog::refresh();
         converters::acknowledge(&B::CONVERTERS[0].adc);
         // SAFETY: the interrupt owns it and does not interrupt itself.
         let Some(owned) = (unsafe { &mut *self.0.get() }) else { return };
@@ -65,9 +69,21 @@ impl<B: Board> Control<B> {
             Adc::show_tripped(&mut sample);
         }
         owned.housekeeping.update(&sample);
-        let output = owned.drive.step(&sample);
+        let output = match interlock(const { B::BRIDGE.enable }) {
+            None => owned.drive.step(&sample),
+            Some(interlock) => owned.drive.step_off(&sample, interlock),
+        };
         owned.bridge.apply(&output);
     }
+}
+
+/// What keeps the bridge off in this period.
+#[inline(always)]
+fn interlock(enable: Option<EnableInput>) -> Option<Interlock> {
+    if enable.is_some_and(|input| !enable::is_closed(input)) {
+        return Some(Interlock::Disabled);
+    }
+    STOP.holds().then_some(Interlock::Stop)
 }
 
 impl<B: Board> Default for Control<B> {

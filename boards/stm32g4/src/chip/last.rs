@@ -1,8 +1,9 @@
 //! The last things that a firmware does: whatever went wrong, the bridge is off first.
 //!
-//! The watchdog is not fed any more, so the chip starts over within its time, with the bridge off.
+//! The independent watchdog is not fed any more, so the chip starts over within its time, with the bridge off. The window
+//! watchdog would be sooner, before a probe has read the log.
 
-use crate::chip::{bridge, storage};
+use crate::chip::{bridge, storage, watchdog};
 use core::arch::{asm, naked_asm};
 use core::panic::PanicInfo;
 use core::ptr::addr_of;
@@ -119,7 +120,8 @@ unsafe extern "C" fn fallen(frame: *const [u32; 8]) -> ! {
             None => defmt::error!("stack overflow; the bridge is off"),
         }
     }
+    watchdog::start_window();
     loop {
-        cortex_m::asm::nop();
+        watchdog::refresh();
     }
 }

@@ -4,6 +4,7 @@
 //! one gives anything, and a non-maskable interrupt (RM0440, "Error code correction (ECC)"). Of a record the CRC tells,
 //! so while one is read that interrupt is none: otherwise a board would never start again after such a cut.
 
+use crate::chip::watchdog;
 use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_stm32::flash::{Blocking, Error, Flash};
 use embassy_stm32::pac::FLASH;
@@ -60,10 +61,10 @@ impl NorFlash for Storage {
     const ERASE_SIZE: usize = <Flash<'static, Blocking> as NorFlash>::ERASE_SIZE;
 
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Error> {
-        self.0.blocking_erase(from, to)
+        watchdog::stalled(|| self.0.blocking_erase(from, to)).unwrap_or(Err(Error::Protected))
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Error> {
-        self.0.blocking_write(offset, bytes)
+        watchdog::stalled(|| self.0.blocking_write(offset, bytes)).unwrap_or(Err(Error::Protected))
     }
 }

@@ -18,6 +18,7 @@ struct File {
     driver: DriverFile,
     gates: Phases<[Pin; 2]>,
     trip: Option<Trip>,
+    enable: Option<Pin>,
     #[serde(default)]
     pulled_up: Vec<Pin>,
     analog: BTreeMap<Pin, Analog>,
@@ -165,6 +166,7 @@ impl Board {
                 Some(Trip { pin, amperes }) => Some((pin, positive("trip.amperes", amperes)?)),
                 None => None,
             },
+            enable: file.enable,
             pulled_up: file.pulled_up,
             promises: Promises {
                 bus_v: [positive("promises.bus_v", bus_v[0])?, positive("promises.bus_v", bus_v[1])?],
@@ -225,6 +227,7 @@ mod tests {
         assert_eq!(board.gates[1], [Pin::of(b'A', 9), Pin::of(b'B', 0)]);
         assert_eq!(board.net(Pin::of(b'C', 1)), Some((Net::Shunt { phase: 1, gain: -0.05, zero: 1.7 }, 100.0)));
         assert_eq!(board.trip, Some((Pin::of(b'A', 6), 30.0)));
+        assert_eq!(board.enable, Some(Pin::of(b'C', 12)));
     }
 
     /// Each mistake is told with the key, or the line, at which it is.

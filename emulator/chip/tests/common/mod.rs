@@ -15,6 +15,7 @@ pub const FLASH: u32 = 0x4002_2000;
 pub const GPIO: u32 = 0x4800_0000;
 pub const USART2: u32 = 0x4000_4400;
 pub const IWDG: u32 = 0x4000_3000;
+pub const WWDG: u32 = 0x4000_2c00;
 pub const ADC: [u32; 5] = [0x5000_0000, 0x5000_0100, 0x5000_0400, 0x5000_0500, 0x5000_0600];
 pub const ADC_COMMON: [u32; 2] = [0x5000_0300, 0x5000_0700];
 

@@ -219,6 +219,9 @@ pub fn switch_off(name: &str) {
     if board.trip.is_some() {
         faults.push(fault("break low", "break released", By::Pin("break TIM1_BKIN"), &[21]));
     }
+    if board.enable.is_some() {
+        faults.push(fault("enable open", "enable closed", By::Sample(0), &[48]));
+    }
     all_switch_off(name, &faults);
 }
 

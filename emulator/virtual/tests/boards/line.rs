@@ -1,15 +1,9 @@
 //! Whatever comes over the serial line.
 
-use crate::support::{ask, motor, run, turning};
-use hallservo_protocol::{Ask, FRAME, Request, encode};
+use crate::support::{ask, frame, motor, run, turning};
+use hallservo_protocol::Ask;
 use virtual_board::outcome::Outcome;
 use virtual_board::session::Session;
-
-fn frame(id: u16, ask: Ask<'_>) -> Vec<u8> {
-    let mut frame = [0; FRAME];
-    let length = encode(&Request { id, ask }, &mut frame).expect("a frame");
-    frame[..length].to_vec()
-}
 
 /// Numbers that look random, and are the same in every run.
 struct Noise(u32);

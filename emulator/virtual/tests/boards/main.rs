@@ -1,6 +1,8 @@
 //! The firmwares as they would be flashed, on their boards: boot, calibrate, spin, and what happens when something
 //! breaks.
 
+mod disarm;
+mod enable;
 mod faults;
 mod line;
 mod power;
@@ -74,9 +76,16 @@ fn main() {
         ("turns_at_the_lowest_voltage", turns_at_the_lowest_voltage),
         ("every_fault_switches_it_off", faults::switch_off),
         ("garbage_does_not_disturb_it", line::hears_through_garbage),
+        ("disarm_acts_whatever_the_tasks_do", disarm::acts_whatever_the_tasks_do),
+        ("disarm_breaks_a_calibration_off", disarm::breaks_a_calibration_off),
+        ("disarm_is_the_last_word", disarm::nothing_from_before_it_arms),
+        ("disarm_is_a_whole_frame", disarm::garbage_does_not_disarm),
+        ("it_is_off_by_wire", enable::off_by_wire),
+        ("without_enable_it_refuses", enable::refuses_without),
         ("power_cuts_leave_its_calibration_intact", power::calibration_survives),
         ("power_cuts_leave_its_settings_intact", power::settings_survive),
         ("its_watchdog_bites_where_something_hangs", watchdog::bites_where_something_hangs),
-        ("its_watchdog_is_fed_in_time", watchdog::is_fed_in_time),
+        ("it_is_off_within_a_millisecond_when_the_control_stops", watchdog::switches_off_where_the_control_stops),
+        ("its_watchdogs_are_fed_in_time", watchdog::is_fed_in_time),
     ]);
 }

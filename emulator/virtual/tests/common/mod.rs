@@ -5,6 +5,7 @@
 
 use chip::{Board, Chip};
 use cortex::Machine;
+use hallservo_protocol::{Ask, FRAME, Request, encode};
 use libtest_mimic::{Arguments, Trial};
 use plant::PlantParameters;
 use std::collections::BTreeMap;
@@ -115,7 +116,7 @@ pub fn calibrating(board: &str) -> Session {
 pub fn calibrated(board: &str) -> Session {
     let [_, after] = calibration(board);
     let mut session = resumed(board, after);
-    ask(&mut session, "set command_timeout_s 1000");
+    ask(&mut session, "set command_timeout_s 60");
     session
 }
 
@@ -131,6 +132,13 @@ pub fn turning(board: &str) -> Session {
 pub fn perform(session: &mut Session, what: &str) {
     session.follow(script::parse(&format!("at 0s {what}")).expect("a script"));
     session.slice(f64::INFINITY).expect("a run");
+}
+
+/// A request as bytes.
+pub fn frame(id: u16, ask: Ask<'_>) -> Vec<u8> {
+    let mut frame = [0; FRAME];
+    let length = encode(&Request { id, client: 1, unattended: true, ask }, &mut frame).expect("a frame");
+    frame[..length].to_vec()
 }
 
 /// Sends a request; what the drive answers.

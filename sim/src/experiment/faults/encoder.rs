@@ -5,6 +5,7 @@
 //! equal, in agreement with the others. Only where the swap makes the angle leap, or with something that has seen the
 //! true one, can that be told.
 
+use super::kind::MOST_WRONG;
 use super::summary::{Found, Summary, settings};
 use crate::experiment::vernier::{Build, calibrate, read};
 use crate::rig::{connected, legs};
@@ -204,6 +205,29 @@ impl Injection {
     }
 }
 
+/// What came of an injection: the fault, and control periods and electrical turns of the rotor until then.
+#[derive(Clone, Copy, Debug, Default)]
+struct Trial {
+    fault: Option<Fault>,
+    periods: u32,
+    turns: f64,
+}
+
+impl Trial {
+    fn outcome(self, injection: Injection) -> Found {
+        let right = self.fault.is_some_and(|fault| injection.is(fault));
+        Found {
+            reported: self.fault.map_or("nothing".into(), |fault| format!("{fault:?}")),
+            right,
+            misnamed: !right && self.fault.is_some(),
+            seconds: f64::from(self.periods) / 40e3,
+            turns: self.turns,
+            at: "with an encoder".into(),
+            ..Found::default()
+        }
+    }
+}
+
 /// A machine and what befalls it.
 pub(super) struct EncoderCampaign {
     machine: Machine,
@@ -222,7 +246,7 @@ impl EncoderCampaign {
             machine.run(400)?;
         }
         machine.run(20_000)?;
-        let summary = Summary { seed, bridge_off_within_one_period: true, ..Summary::default() };
+        let summary = Summary::new(seed);
         Ok(Self { machine, random: Pcg64::seed_from_u64(seed ^ 0x5eed), summary })
     }
 
@@ -240,15 +264,12 @@ impl EncoderCampaign {
             } else {
                 self.turn()?;
             }
-            let found = match self.machine.mode() {
-                Mode::Faulted(_) => {
-                    self.summary.false_alarms += 1;
-                    Found::default()
-                }
-                _ => self.inject(injection)?,
-            };
-            let right = found.fault.is_some_and(|fault| injection.is(fault));
-            self.summary.count(injection.name(), right, &found, false);
+            if let Mode::Faulted(fault) = self.machine.mode() {
+                self.summary.false_alarm(format!("{fault:?}, with an encoder"), format!("seed {}", self.summary.seed));
+            } else {
+                let found = self.inject(injection)?;
+                self.summary.count(injection.name(), found.outcome(injection), MOST_WRONG);
+            }
             self.recover()?;
         }
         Ok(self.summary)
@@ -270,7 +291,7 @@ impl EncoderCampaign {
         Ok(())
     }
 
-    fn inject(&mut self, injection: Injection) -> Result<Found> {
+    fn inject(&mut self, injection: Injection) -> Result<Trial> {
         match injection {
             Injection::SlippedAtRest => {
                 self.machine.command(Command::Arm)?;
@@ -299,7 +320,7 @@ impl EncoderCampaign {
         self.machine.run(400)
     }
 
-    fn freeze(&mut self) -> Result<Found> {
+    fn freeze(&mut self) -> Result<Trial> {
         let ring = *[Ring::Reference, Ring::Vernier].choose(&mut self.random).context("no ring")?;
         self.machine.frozen = Some((ring, self.random.random_range(0..HEADS), None));
         let pole_pairs = f64::from(self.machine.config.pole_pairs.get());
@@ -307,12 +328,12 @@ impl EncoderCampaign {
     }
 
     /// Until a fault, for so many periods or electrical turns at most.
-    fn until(&mut self, periods: u32, turns: f64) -> Result<Found> {
+    fn until(&mut self, periods: u32, turns: f64) -> Result<Trial> {
         let electrical = |machine: &Machine| {
             machine.plant.truth().mechanical_angle_rad / TAU * f64::from(machine.config.pole_pairs.get())
         };
         let start = electrical(&self.machine);
-        let mut found = Found::default();
+        let mut found = Trial::default();
         while found.periods < periods && found.turns < turns {
             let off = self.machine.step()?;
             found.periods += 1;

@@ -1,30 +1,64 @@
 //! What came of the injections, and the settings of the drives that they are made into.
 
-use hallservo::fault::Fault;
 use hallservo::settings::{Control, GuardSettings, OnTimeout, Settings};
 use serde::Serialize;
 use std::collections::BTreeMap;
 
 /// One kind of fault.
-#[derive(Clone, Copy, Debug, Default, Serialize)]
+#[derive(Clone, Debug, Default, Serialize)]
 pub struct Kind {
     /// How often it was injected.
     pub injected: u32,
-    /// Found, and told from the others.
+    /// Named in time, and the shaft not moved too far the wrong way.
     pub detected: u32,
-    /// Most control periods from the first sample that shows it to the latched fault.
-    pub worst_detection_periods: u32,
+    /// No fault in time.
+    pub unnoticed: u32,
+    /// Taken for another.
+    pub misnamed: u32,
+    /// Named, but the shaft was moved too far the wrong way.
+    pub moved: u32,
+    /// Longest from the injection (or from switching on) to the fault that names it, ms.
+    pub worst_ms: f64,
     /// Of the faults that only a turning rotor shows: most electrical turns until then.
-    pub worst_detection_turns: f64,
+    pub worst_turns: f64,
+    /// Largest true phase current until the fault, A.
+    pub worst_current_a: f64,
+    /// The same in parts of `over_current_a`.
+    pub worst_current: f64,
+    /// Highest bus voltage, in parts of `over_voltage_v`.
+    pub worst_bus: f64,
+    /// Largest motion the wrong way, mechanical degrees.
+    pub worst_wrong_deg: f64,
+    /// Longest motion the wrong way, ms.
+    pub worst_wrong_ms: f64,
+    /// What the drive said, and how often.
+    pub reported: BTreeMap<String, u32>,
+    /// On which board with which commutation it was missed, and how often.
+    pub missed_in: BTreeMap<String, u32>,
+    /// Where it was missed: some of them.
+    pub missed_at: Vec<String>,
 }
 
-/// What came of an injection.
-#[derive(Clone, Copy, Debug, Default)]
+/// What became of one injection.
+#[derive(Clone, Debug, Default)]
 pub(super) struct Found {
-    pub fault: Option<Fault>,
-    /// Control periods and electrical turns of the rotor until then.
-    pub periods: u32,
+    /// What the drive said.
+    pub reported: String,
+    /// It named what was wrong, or did what it had to, in time.
+    pub right: bool,
+    /// It said something else.
+    pub misnamed: bool,
+    /// Whether the time counts.
+    pub seconds: f64,
     pub turns: f64,
+    pub current_a: f64,
+    pub current: f64,
+    pub bus: f64,
+    pub wrong_deg: f64,
+    pub wrong_ms: f64,
+    /// Board and commutation; where, in words.
+    pub on: String,
+    pub at: String,
 }
 
 /// The figures of `faults --json`.
@@ -34,28 +68,34 @@ pub struct Summary {
     pub seed: u64,
     /// Faults injected.
     pub injected: u32,
-    /// Faults found.
+    /// Faults found and named in time, the shaft not moved too far the wrong way.
     pub detected: u32,
-    /// Faults not found, or taken for another.
+    /// The others.
     pub missed: u32,
     /// Faults reported where none was.
     pub false_alarms: u32,
+    /// Which, and how often.
+    pub alarms: BTreeMap<String, u32>,
+    /// Where: some of them.
+    pub alarmed_at: Vec<String>,
     /// Running periods without a fault, in all.
     pub quiet_periods: u64,
-    /// Of the faults that one sample of a voltage, a current or the clock shows: most periods to the latched fault.
-    pub worst_detection_periods: u32,
+    /// Motors that the calibration refused, in favour of others.
+    pub refused_motors: u32,
+    /// Drives that did not come back after a fault was cleared.
+    pub abandoned: BTreeMap<String, u32>,
     /// Whether the step that latched a fault always switched the bridge off.
     pub bridge_off_within_one_period: bool,
     /// Each kind.
-    pub kinds: BTreeMap<&'static str, Kind>,
+    pub kinds: BTreeMap<String, Kind>,
 }
 
-/// Control periods after which a command times out.
-pub(super) const TIMEOUT_PERIODS: u32 = 1200;
-/// Successive samples without an angle that are bridged, as on the boards: a spark, but not a broken wire.
-pub(super) const TOLERATED: u8 = 1;
+/// Examples that are kept of each kind.
+const EXAMPLES: usize = 8;
+/// Control periods after which a command of the drives with an encoder times out.
+const TIMEOUT_PERIODS: u32 = 1200;
 
-/// Settings of the drives that faults are injected into.
+/// Settings of the drives with an encoder, which no board ships.
 pub(super) fn settings() -> Settings {
     let guard = GuardSettings {
         stall_s: 0.02,
@@ -64,10 +104,24 @@ pub(super) fn settings() -> Settings {
         ..GuardSettings::default()
     };
     let control = Control { max_speed_rad_s: 150.0, guard, ..Control::default() };
-    Settings { control: Some(control), max_electrical_hz: 150.0, tolerated_samples: TOLERATED, ..Settings::default() }
+    Settings { control: Some(control), max_electrical_hz: 150.0, tolerated_samples: 1, ..Settings::default() }
+}
+
+fn merge(counts: &mut BTreeMap<String, u32>, others: &BTreeMap<String, u32>) {
+    for (name, count) in others {
+        *counts.entry(name.clone()).or_default() += count;
+    }
+}
+
+fn some_of(examples: &mut Vec<String>, others: &[String], most: usize) {
+    examples.extend(others.iter().take(most.saturating_sub(examples.len())).cloned());
 }
 
 impl Summary {
+    pub(super) fn new(seed: u64) -> Self {
+        Self { seed, bridge_off_within_one_period: true, ..Self::default() }
+    }
+
     /// Adds another part of the campaign.
     pub(super) fn add(&mut self, part: &Self) {
         self.injected += part.injected;
@@ -75,48 +129,127 @@ impl Summary {
         self.missed += part.missed;
         self.false_alarms += part.false_alarms;
         self.quiet_periods += part.quiet_periods;
-        self.worst_detection_periods = self.worst_detection_periods.max(part.worst_detection_periods);
         self.bridge_off_within_one_period &= part.bridge_off_within_one_period;
+        self.refused_motors += part.refused_motors;
+        merge(&mut self.alarms, &part.alarms);
+        merge(&mut self.abandoned, &part.abandoned);
+        some_of(&mut self.alarmed_at, &part.alarmed_at, 10 * EXAMPLES);
         for (name, kind) in &part.kinds {
-            let sum = self.kinds.entry(name).or_default();
-            sum.injected += kind.injected;
-            sum.detected += kind.detected;
-            sum.worst_detection_periods = sum.worst_detection_periods.max(kind.worst_detection_periods);
-            sum.worst_detection_turns = sum.worst_detection_turns.max(kind.worst_detection_turns);
+            self.kinds.entry(name.clone()).or_default().add(kind);
         }
     }
 
-    /// Counts an injection that was found, or not, and whether one sample shows its kind.
-    pub(super) fn count(&mut self, name: &'static str, right: bool, found: &Found, at_once: bool) {
+    /// A fault where nothing was wrong.
+    pub(super) fn false_alarm(&mut self, what: String, at: String) {
+        self.false_alarms += 1;
+        some_of(&mut self.alarmed_at, &[format!("{what}: {at}")], 10 * EXAMPLES);
+        *self.alarms.entry(what).or_default() += 1;
+    }
+
+    /// Counts an injection.
+    pub(super) fn count(&mut self, name: &str, found: Found, most_wrong: (f64, f64)) {
+        let moved = found.wrong_deg > most_wrong.0 || found.wrong_ms > 1e3 * most_wrong.1;
+        let detected = found.right && !moved;
         self.injected += 1;
-        self.detected += u32::from(right);
-        self.missed += u32::from(!right);
-        let kind = self.kinds.entry(name).or_default();
-        kind.injected += 1;
-        kind.detected += u32::from(right);
-        if right {
-            kind.worst_detection_periods = kind.worst_detection_periods.max(found.periods);
-            kind.worst_detection_turns = kind.worst_detection_turns.max(found.turns);
+        self.detected += u32::from(detected);
+        self.missed += u32::from(!detected);
+        let mut one = Kind {
+            injected: 1,
+            detected: detected.into(),
+            unnoticed: (!found.right && !found.misnamed).into(),
+            misnamed: found.misnamed.into(),
+            moved: (found.right && moved).into(),
+            worst_current_a: found.current_a,
+            worst_current: found.current,
+            worst_bus: found.bus,
+            worst_wrong_deg: found.wrong_deg,
+            worst_wrong_ms: found.wrong_ms,
+            ..Kind::default()
+        };
+        if found.right {
+            (one.worst_ms, one.worst_turns) = (1e3 * found.seconds, found.turns);
         }
-        if right && at_once {
-            self.worst_detection_periods = self.worst_detection_periods.max(found.periods);
+        if !detected {
+            let Found { wrong_deg, wrong_ms, current_a, seconds, .. } = found;
+            let ms = 1e3 * seconds;
+            one.missed_in.insert(found.on, 1);
+            one.missed_at.push(format!(
+                "{} after {ms:.2} ms, {wrong_deg:.1}° and {wrong_ms:.1} ms wrong, {current_a:.2} A: {}",
+                found.reported, found.at
+            ));
         }
+        one.reported.insert(found.reported, 1);
+        self.kinds.entry(name.into()).or_default().add(&one);
     }
 
     /// A row for each kind.
     pub(super) fn table(&self) -> Vec<Vec<String>> {
-        let head = ["fault", "injected", "detected", "longest detection, periods", "electrical turns"]
-            .map(String::from)
-            .to_vec();
-        let rows = self.kinds.iter().map(|(name, kind)| {
-            vec![
-                (*name).to_string(),
-                kind.injected.to_string(),
-                kind.detected.to_string(),
-                kind.worst_detection_periods.to_string(),
-                format!("{:.2}", kind.worst_detection_turns),
-            ]
-        });
+        let head = [
+            "fault",
+            "injected",
+            "missed",
+            "unnoticed",
+            "misnamed",
+            "moved",
+            "ms",
+            "A",
+            "of the limit",
+            "wrong °",
+            "wrong ms",
+            "reported",
+        ];
+        let head = head.map(String::from).to_vec();
+        std::iter::once(head).chain(self.kinds.iter().map(|(name, kind)| kind.row(name))).collect()
+    }
+
+    /// A row for each fault that was reported where none was.
+    pub(super) fn alarm_table(&self) -> Vec<Vec<String>> {
+        let head = ["false alarm", "count"].map(String::from).to_vec();
+        let rows = self.alarms.iter().chain(&self.abandoned).map(|(name, count)| vec![name.clone(), count.to_string()]);
         std::iter::once(head).chain(rows).collect()
+    }
+}
+
+impl Kind {
+    fn add(&mut self, other: &Self) {
+        self.injected += other.injected;
+        self.detected += other.detected;
+        self.unnoticed += other.unnoticed;
+        self.misnamed += other.misnamed;
+        self.moved += other.moved;
+        for (worst, value) in [
+            (&mut self.worst_ms, other.worst_ms),
+            (&mut self.worst_turns, other.worst_turns),
+            (&mut self.worst_current_a, other.worst_current_a),
+            (&mut self.worst_current, other.worst_current),
+            (&mut self.worst_bus, other.worst_bus),
+            (&mut self.worst_wrong_deg, other.worst_wrong_deg),
+            (&mut self.worst_wrong_ms, other.worst_wrong_ms),
+        ] {
+            *worst = worst.max(value);
+        }
+        merge(&mut self.reported, &other.reported);
+        merge(&mut self.missed_in, &other.missed_in);
+        some_of(&mut self.missed_at, &other.missed_at, EXAMPLES);
+    }
+
+    fn row(&self, name: &str) -> Vec<String> {
+        let mut reported: Vec<_> = self.reported.iter().collect();
+        reported.sort_by(|a, b| b.1.cmp(a.1).then(a.0.cmp(b.0)));
+        let reported: Vec<_> = reported.iter().take(4).map(|(what, count)| format!("{what} {count}")).collect();
+        vec![
+            name.to_string(),
+            self.injected.to_string(),
+            (self.injected - self.detected).to_string(),
+            self.unnoticed.to_string(),
+            self.misnamed.to_string(),
+            self.moved.to_string(),
+            format!("{:.2}", self.worst_ms),
+            format!("{:.2}", self.worst_current_a),
+            format!("{:.2}", self.worst_current),
+            format!("{:.1}", self.worst_wrong_deg),
+            format!("{:.1}", self.worst_wrong_ms),
+            reported.join(", "),
+        ]
     }
 }

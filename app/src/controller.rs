@@ -1,0 +1,91 @@
+//! Which tool controls the drive, and whether it lives.
+
+/// The tool that controls, if one does. Any number of others may read.
+#[derive(Default)]
+pub(crate) struct Controller {
+    /// Its number; 0 for none.
+    client: u32,
+    /// When it was heard last, ms.
+    heard_ms: u64,
+    /// Whether what it began is to end when it falls silent.
+    attended: bool,
+}
+
+impl Controller {
+    /// The tool that controls, 0 for none.
+    pub const fn client(&self) -> u32 {
+        self.client
+    }
+
+    /// A request of a tool has come, of whatever kind.
+    pub const fn hear(&mut self, client: u32, now_ms: u64) {
+        if client == self.client {
+            self.heard_ms = now_ms;
+        }
+    }
+
+    /// Whether another tool controls.
+    pub const fn is_other(&self, client: u32) -> bool {
+        self.client != 0 && self.client != client
+    }
+
+    /// Takes the control for a tool that is to change something; false where another one has it.
+    pub const fn take(&mut self, client: u32, unattended: bool, now_ms: u64) -> bool {
+        if self.is_other(client) {
+            return false;
+        }
+        *self = Self { client, heard_ms: now_ms, attended: !unattended };
+        true
+    }
+
+    /// A tool gives the control up; what another one has stays.
+    pub const fn release(&mut self, client: u32) {
+        if client == self.client {
+            self.client = 0;
+        }
+    }
+
+    /// Nobody controls any more.
+    pub const fn end(&mut self) {
+        self.client = 0;
+    }
+
+    /// Ends the control by a tool that was silent for longer than `timeout_ms`. True, once, if what it began has to end
+    /// with it.
+    pub const fn is_abandoned(&mut self, now_ms: u64, timeout_ms: u64) -> bool {
+        if now_ms.saturating_sub(self.heard_ms) <= timeout_ms {
+            return false;
+        }
+        self.client = 0;
+        core::mem::replace(&mut self.attended, false)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn one_controls_until_it_releases_or_falls_silent() {
+        let mut controller = Controller::default();
+        assert!(controller.take(7, false, 100) && !controller.take(8, false, 150));
+        // Another's requests are no sign of life, nor does its release count.
+        controller.hear(8, 1000);
+        controller.release(8);
+        assert!(!controller.is_abandoned(1100, 1000) && controller.client() == 7);
+        controller.hear(7, 1000);
+        assert!(!controller.is_abandoned(2000, 1000) && controller.is_abandoned(2001, 1000));
+        assert_eq!(controller.client(), 0);
+        assert!(controller.take(8, false, 2001));
+        controller.release(8);
+        assert!(controller.take(7, false, 2002));
+    }
+
+    #[test]
+    fn what_was_begun_unattended_is_never_abandoned() {
+        let mut controller = Controller::default();
+        assert!(controller.take(7, true, 0) && !controller.is_abandoned(5000, 1000));
+        // Another tool may control then, and what it begins is its own.
+        assert!(controller.take(8, false, 5000) && controller.is_abandoned(7000, 1000));
+    }
+}

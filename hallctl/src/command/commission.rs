@@ -1,0 +1,203 @@
+//! Commissioning: from a current limit to a drive that knows its motor.
+
+use super::{procedures, settings};
+use crate::client::{Client, unexpected};
+use crate::error::{Error, Result};
+use crate::words;
+use clap::Args;
+use hallservo::mode::Mode;
+use hallservo::service::commission::{Action, Commission};
+use hallservo::service::procedure;
+use hallservo::service::standstill::{Electrical, Evaluation};
+use hallservo::service::swings::Rough;
+use hallservo::settings::{Control, Settings, TABLE, find};
+use hallservo_protocol::{Answer, Ask, Procedure};
+
+#[derive(Debug, Args)]
+pub(super) struct Options {
+    /// Largest current that motor and bridge stand, A; the setting max_current_a where it is not given
+    #[arg(long, value_name = "AMPERES")]
+    max_current: Option<f32>,
+    /// Pole pairs of the rotor, if they are known; otherwise `hallctl pole-pairs` counts them afterwards
+    #[arg(long, value_parser = clap::value_parser!(u8).range(1..=64))]
+    pole_pairs: Option<u8>,
+}
+
+/// Bandwidths from the outer to the inner loop, and values at which the settings have room for any motor.
+const LOW: [(&str, f32); 3] =
+    [("position_bandwidth_hz", 0.125), ("speed_bandwidth_hz", 0.5), ("current_bandwidth_hz", 10.0)];
+
+pub(super) fn run(client: &mut Client, options: &Options) -> Result<()> {
+    let mut settings = read(client)?;
+    if let Some(pairs) = options.pole_pairs {
+        settings.pole_pairs = pairs;
+    }
+    let mut commission = Commission::new(settings, options.max_current).map_err(|error| words_of(&error))?;
+    loop {
+        write(client, commission.settings())?;
+        match commission.action() {
+            Action::Measure => {
+                let found = standstill(client, commission.settings())?;
+                print!("At standstill:\n{found}");
+                commission.measured(&found).map_err(|error| words_of(&error))?;
+            }
+            Action::Calibrate => {
+                let speed_hz = commission.settings().calibration_hz;
+                let result = procedures::calibration(client)?;
+                match &result {
+                    Ok(report) => println!(
+                        "Calibrated at {speed_hz} Hz: the rotor lagged {:.0}° behind the field and swung by {:.1}°.",
+                        report.lag.to_degrees().abs(),
+                        report.hunting_deg
+                    ),
+                    Err(error) => {
+                        println!("No calibration at {speed_hz} Hz: {error}.");
+                        client.order(Ask::Clear)?;
+                    }
+                }
+                commission
+                    .calibrated(result.as_ref().map_err(|error| *error))
+                    .map_err(|error| step("the calibration", &error.to_string()))?;
+            }
+            Action::Swing => {
+                let found = swings(client)?;
+                commission.swung(&found).map_err(|error| words_of(&error))?;
+            }
+            Action::Identify => {
+                let found = procedures::identification(client)?;
+                commission.identified(&found).map_err(|error| words_of(&error))?;
+            }
+            Action::Done => break,
+        }
+    }
+    settings::save(client)?;
+    summary(commission.settings(), options.pole_pairs.is_some());
+    Ok(())
+}
+
+fn summary(settings: &Settings, told: bool) {
+    let Some(Control {
+        resistance_ohm,
+        inductance_h,
+        flux_linkage_wb,
+        inertia_kgm2,
+        max_current_a,
+        max_speed_rad_s,
+        max_acceleration_rad_s2,
+        current_bandwidth_hz,
+        speed_bandwidth_hz,
+        ..
+    }) = settings.control
+    else {
+        return;
+    };
+    println!("\nThe motor, at {max_current_a} A at most:");
+    println!("  resistance   {resistance_ohm:10.4} Ω      inductance {:10.4} mH", 1e3 * inductance_h);
+    println!("  flux linkage {:10.4} mWb    inertia    {:10.4} g·cm²", 1e3 * flux_linkage_wb, 1e7 * inertia_kgm2);
+    println!("  speed up to  {max_speed_rad_s:10.0} rad/s  reached with {max_acceleration_rad_s2:.0} rad/s²");
+    println!("  current control {current_bandwidth_hz:.0} Hz, speed control {speed_bandwidth_hz:.1} Hz");
+    if !told {
+        println!(
+            "pole_pairs is {}, as set: the Halls cannot tell a turn of the shaft. If it is not known, `hallctl \
+             pole-pairs` counts them; then commission again.",
+            settings.pole_pairs
+        );
+    }
+}
+
+fn step(name: &str, why: &str) -> Error {
+    Error::Failed(format!("{name}: {why}\n  The bridge is off; what was found so far is in the settings, not saved."))
+}
+
+fn words_of(error: &hallservo::settings::Error<'static>) -> Error {
+    Error::Refused(words::setting_error(error))
+}
+
+const STANDSTILL: &str = "R and L at standstill";
+const SWINGS: &str = "flux linkage and inertia";
+
+fn swings(client: &mut Client) -> Result<Rough> {
+    client.order(Ask::Swing)?;
+    procedures::wait(client, SWINGS)?;
+    client.ask(Ask::Swings, |answer| match answer {
+        Answer::Swings(Procedure::Done(found)) => Ok(found),
+        Answer::Swings(Procedure::Failed(error)) => Err(step(SWINGS, &words::procedure_error(&error))),
+        other => unexpected(&other),
+    })
+}
+
+/// Measures R and L: the drive sums up what flows, the tool chooses what is to flow and computes.
+fn standstill(client: &mut Client, settings: &Settings) -> Result<Electrical> {
+    let config = settings.validate().map_err(|error| words_of(&error))?;
+    let mut evaluation = Evaluation::new(&config).map_err(|error| step(STANDSTILL, &words::procedure_error(&error)))?;
+    let measured = measure(client, &mut evaluation);
+    // Whatever has happened.
+    let disarmed = client.order(Ask::Disarm);
+    let found = measured.and_then(|found| disarmed.map(|()| found))?;
+    found.map_err(|error| step(STANDSTILL, &words::procedure_error(&error)))
+}
+
+type Measured = std::result::Result<Electrical, procedure::Error>;
+
+fn measure(client: &mut Client, evaluation: &mut Evaluation) -> Result<Measured> {
+    let mut begins = true;
+    loop {
+        if let Some(result) = evaluation.result() {
+            return Ok(*result);
+        }
+        if let Err(error) = client.order(Ask::Measure { begins, probe: evaluation.probe() }) {
+            let mode = client.status()?.mode;
+            return match mode {
+                Mode::Faulted(fault) if !begins => Ok(Err(procedure::Error::Fault(fault))),
+                _ => Err(error),
+            };
+        }
+        begins = false;
+        let window = client.ask(Ask::Window, |answer| match answer {
+            Answer::Window(window) => Ok(window),
+            other => unexpected(&other),
+        })?;
+        if let Some(window) = window {
+            evaluation.window(&window);
+        }
+    }
+}
+
+/// The drive's settings.
+fn read(client: &mut Client) -> Result<Settings> {
+    let mut settings = Settings { control: Some(Control::default()), ..Settings::default() };
+    let mut known = 0;
+    settings::each(client, |setting| {
+        if let Some(entry) = find(setting.name)
+            && entry.assign(&mut settings, setting.value).is_ok()
+        {
+            known += 1;
+        }
+    })?;
+    // Without current control, a drive has not all of them.
+    if known < TABLE.len() {
+        return Err(Error::Refused(words::procedure_error(&procedure::Error::NoControl)));
+    }
+    Ok(settings)
+}
+
+/// Sets what differs, by way of bandwidths that allow every motor.
+fn write(client: &mut Client, wanted: &Settings) -> Result<()> {
+    let present = read(client)?;
+    let value = |settings: &Settings, name: &str| find(name).and_then(|entry| entry.get(settings));
+    let mut changes: Vec<(&str, f32)> = TABLE
+        .iter()
+        .filter(|entry| !entry.fixed && entry.get(wanted) != entry.get(&present))
+        .filter_map(|entry| Some((entry.name, entry.get(wanted)?)))
+        .collect();
+    if changes.is_empty() {
+        return Ok(());
+    }
+    for (name, low) in LOW {
+        client.setting(Ask::Set { name, value: low }, |_| ())?;
+        if !changes.iter().any(|(changed, _)| *changed == name) {
+            changes.extend(value(wanted, name).map(|value| (name, value)));
+        }
+    }
+    settings::set_all(client, changes)
+}

@@ -1,0 +1,187 @@
+//! A drive at a bench, watched.
+
+use super::bench::{Bench, COOL};
+use super::defect::WATCHDOG_S;
+use super::motion::{Motion, Way};
+use crate::rig::Rig;
+use anyhow::{Result, bail};
+use hallservo::board::{Legs, LostPeriods};
+use hallservo::drive::{Command, Refusal, Reply};
+use hallservo::fault::{Fault, Limits};
+use hallservo::hall::model::Model;
+use hallservo::mode::Mode;
+use hallservo::service::Event;
+use std::f64::consts::TAU;
+
+/// Longest check when the bridge is switched on, s.
+const LONGEST_CHECK_S: f64 = 0.5;
+
+/// A drive that has been calibrated, its motor, and the watch on its shaft.
+pub(super) struct Machine {
+    pub rig: Rig,
+    pub bench: Bench,
+    pub model: Model,
+    pub motion: Option<Motion>,
+    /// Something outside imposes the motion.
+    pub held: bool,
+    /// Periods since the watch began.
+    pub periods: u32,
+    /// Whether every step that latched a fault switched the bridge off.
+    pub off_at_once: bool,
+    reply: Option<Reply>,
+}
+
+/// How the drive ended, or why it did not begin.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Verdict {
+    Fault(Fault),
+    Refused(Refusal),
+}
+
+impl Verdict {
+    pub fn name(self) -> String {
+        match self {
+            Self::Fault(fault) | Self::Refused(Refusal::Fault(fault)) => format!("{fault:?}"),
+            Self::Refused(refusal) => format!("refused {refusal:?}"),
+        }
+    }
+
+    /// A refusal names the fault, too.
+    pub fn fault(self) -> Option<Fault> {
+        match self {
+            Self::Fault(fault) | Self::Refused(Refusal::Fault(fault)) => Some(fault),
+            Self::Refused(_) => None,
+        }
+    }
+}
+
+impl Machine {
+    pub fn new(bench: Bench, seed: u64) -> Result<Self> {
+        let mut rig = Rig::new(&bench.parameters, &bench.settings, seed)?;
+        rig.temperatures = bench.temperatures();
+        let model = rig.calibrate(|_| ())?.model;
+        rig.run(0.2, |_, _| ());
+        Ok(Self { rig, bench, model, motion: None, held: false, periods: 0, off_at_once: true, reply: None })
+    }
+
+    /// Watches the shaft from here on.
+    pub fn watch(&mut self, way: Way) {
+        self.motion = Some(Motion::new(way, &self.bench.parameters.motor, &self.rig.plant.truth()));
+        self.periods = 0;
+    }
+
+    /// The shaft is to go this way now.
+    pub fn go(&mut self, way: Way) {
+        let truth = self.rig.plant.truth();
+        if let Some(motion) = &mut self.motion {
+            motion.turn_to(way, &truth);
+        }
+    }
+
+    /// One period; the fault if there is one.
+    pub fn step(&mut self) -> Option<Fault> {
+        self.rig.temperatures = self.bench.temperatures();
+        let before = self.rig.drive.mode();
+        let period = self.rig.step();
+        self.periods += 1;
+        if let Some(motion) = &mut self.motion {
+            motion.look(&period.truth, self.held, self.rig.period_s());
+        }
+        if self.periods.is_multiple_of(40) {
+            self.serve();
+        }
+        let Mode::Faulted(fault) = self.rig.drive.mode() else { return None };
+        self.off_at_once &= before == Mode::Faulted(fault) || period.output.legs == Legs::NONE;
+        Some(fault)
+    }
+
+    fn serve(&mut self) {
+        while let Some(event) = self.rig.service.poll() {
+            if let Event::Reply(reply) = event {
+                self.reply = Some(reply);
+            }
+        }
+    }
+
+    /// Sends a command and waits for its answer.
+    pub fn ask(&mut self, command: Command) -> Result<Reply> {
+        self.serve();
+        self.reply = None;
+        self.rig.service.send(command)?;
+        for _ in 0..400 {
+            self.step();
+            self.serve();
+            if let Some(reply) = self.reply.take() {
+                return Ok(reply);
+            }
+        }
+        bail!("the drive did not answer")
+    }
+
+    /// Switches the bridge on and waits until it has been checked.
+    pub fn arm(&mut self) -> Result<Option<Verdict>> {
+        if let Err(refusal) = self.ask(Command::Arm)? {
+            return Ok(Some(Verdict::Refused(refusal)));
+        }
+        for _ in 0..self.rig.periods(LONGEST_CHECK_S) {
+            if let Some(fault) = self.step() {
+                return Ok(Some(Verdict::Fault(fault)));
+            }
+            if !self.rig.drive.limits().contains(Limits::CHECKING) {
+                return Ok(None);
+            }
+        }
+        bail!("the check of the bridge did not come to an end")
+    }
+
+    /// No step for so many periods, and the board's watchdog.
+    pub fn lose_trigger(&mut self, periods: u32) {
+        let watchdog = self.rig.periods(WATCHDOG_S);
+        for k in 0..periods {
+            if k < watchdog {
+                self.rig.plant.advance_untriggered(1);
+            } else {
+                self.rig.plant.advance(&plant::Legs::OFF);
+            }
+            self.periods += 1;
+            if let Some(motion) = &mut self.motion {
+                motion.look(&self.rig.plant.truth(), self.held, self.rig.period_s());
+            }
+        }
+        let lost = LostPeriods::counted(periods.min(255) as u8);
+        self.rig.disturb = Some(Box::new(move |sample| sample.lost = lost));
+    }
+
+    /// Where the rotor really is, in electrical turns.
+    pub fn electrical_turns(&self) -> f64 {
+        self.rig.plant.truth().mechanical_angle_rad / TAU * f64::from(self.bench.parameters.motor.pole_pairs)
+    }
+
+    /// Something outside imposes a speed, or lets go.
+    pub fn hold(&mut self, speed_rad_s: Option<f64>) -> Result<()> {
+        self.held = speed_rad_s.is_some();
+        Ok(self.rig.plant.set_dyno(speed_rad_s)?)
+    }
+
+    /// Comes to rest, and leaves the faulted state.
+    pub fn recover(&mut self) -> Result<()> {
+        self.motion = None;
+        self.bench.celsius = COOL;
+        if self.rig.drive.mode() == Mode::Running {
+            let _ = self.ask(Command::Disarm)?;
+        }
+        self.hold(Some(0.0))?;
+        for _ in 0..self.rig.periods(0.05) {
+            self.step();
+        }
+        self.hold(None)?;
+        if matches!(self.rig.drive.mode(), Mode::Faulted(_)) {
+            self.ask(Command::Clear)??;
+        }
+        super::defect::install(&mut self.rig, &self.model)?;
+        match self.rig.drive.mode() {
+            Mode::Ready => Ok(()),
+            mode => bail!("not ready but {mode:?}"),
+        }
+    }
+}

@@ -1,0 +1,101 @@
+//! What the supervision of the motion asks for, in the units of the interrupt.
+
+use super::Frame;
+use crate::angle::TURN;
+use crate::control::{Motor, Scale};
+use crate::drive::PARTS;
+use crate::schedule::{LONG, OUTER};
+use crate::settings::{Control, OnStopFailure};
+use core::f32::consts::TAU;
+
+/// Currents and voltages in 2⁻¹⁵ of their full scales, speeds in 2⁻³² electrical turns a step, positions in those of
+/// the outer loops, times in rounds of the supervision once the commutation is proven: a part in a [`LONG`] cycle.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(crate) struct Motion {
+    /// Sum of the currents, one every [`LONG`] cycle, that makes a torque plain, and speed that says that the rotor turns.
+    pub impulse: i32,
+    pub turning: i32,
+    /// Farthest from the reference of a position, and of a speed.
+    pub far: i64,
+    pub far_speed: i32,
+    /// Time that a speed may be far from its reference.
+    pub late: u32,
+    /// Least and largest position.
+    pub bounds: [i64; 2],
+    /// Time to come to rest after a stop, and whether it is braked then.
+    pub stop: u32,
+    pub brakes: bool,
+    /// Largest current while a position is held.
+    pub hold: i32,
+    pub model: Model,
+}
+
+/// The motor as the check of voltages against currents has it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub(crate) struct Model {
+    /// Voltage per current, in 2⁻¹⁶.
+    pub resistance: i32,
+    /// Voltage per current that changes from check to check, in 2⁻¹⁶.
+    pub change: i32,
+    /// Voltage per current and speed: 2⁻¹⁶ by the product with a speed over 2³².
+    pub reactance: i32,
+    /// Voltage per speed, by the product over 2³².
+    pub flux: i32,
+    /// Voltage that the dead time and the noise explain.
+    pub dead: i32,
+    /// Sum of unexplained voltages that is a fault.
+    pub most: i32,
+}
+
+/// Steps of a round.
+const ROUND: u32 = PARTS * LONG;
+/// Time in which an unexplained voltage of a tenth of the bus's full scale is a fault, s.
+const MISFIT_S: f32 = 0.02;
+
+impl Motion {
+    /// Of settings that are in their ranges.
+    pub fn new(settings: &Control, frame: &Frame, motor: &Motor, scale: &Scale) -> Self {
+        let checks = |seconds: f32| (seconds * scale.step_hz / ROUND as f32).max(1.0) as u32;
+        let turns = |turns: f32| turns * scale.pole_pairs * TURN;
+        let bound = |limit: f32| {
+            // The ends of the range are none.
+            if limit.abs() >= 1e6 {
+                turns(limit.signum() * 1e9) as i64 / 256
+            } else {
+                turns(limit) as i64 / OUTER as i64
+            }
+        };
+        let hold = (settings.hold_current_a * scale.per_ampere()).min(32_767.0);
+        Self {
+            impulse: (0.1 * settings.max_current_a * scale.per_ampere()).max(128.0) as i32,
+            turning: (3.0 / scale.step_hz * TURN) as i32,
+            far: (turns(settings.following_error_turns) / OUTER as f32) as i64,
+            far_speed: (settings.following_error_rad_s * scale.per_radian_s()).min(1_073_741_824.0) as i32,
+            late: checks(settings.guard.stall_s),
+            bounds: [bound(settings.min_position_turns), bound(settings.max_position_turns)],
+            stop: checks(settings.guard.stop_s),
+            brakes: settings.guard.if_stop_fails == OnStopFailure::Brake,
+            hold: hold as i32,
+            model: Model::new(frame, motor, scale),
+        }
+    }
+}
+
+impl Model {
+    fn new(frame: &Frame, motor: &Motor, scale: &Scale) -> Self {
+        let fixed = |value: f32| value.clamp(1.0, 1_073_741_824.0) as i32;
+        let per_current = scale.amperes / scale.volts * 65_536.0;
+        let check_s = ROUND as f32 / scale.step_hz;
+        let radians_s = TAU * scale.step_hz;
+        Self {
+            resistance: fixed(motor.resistance_ohm * per_current),
+            change: fixed(2.0 * motor.inductance_h / check_s * per_current),
+            reactance: fixed(motor.inductance_h * radians_s * per_current),
+            flux: fixed(motor.flux_linkage_wb * radians_s / scale.volts * 32_768.0),
+            dead: fixed((2.0 * frame.dead_time_s * frame.pwm_hz + 0.01) * 32_768.0),
+            most: fixed(0.1 * 32_768.0 * MISFIT_S / check_s),
+        }
+    }
+}

@@ -1,0 +1,29 @@
+//! Periods in which the bridge has to be off, whatever the commands say.
+
+use super::Drive;
+use crate::board::{Interlock, Output, Sample};
+use crate::fault::Fault;
+
+impl Drive {
+    /// One PWM period with an interlock, in place of [`step`](Self::step), which so has nothing to look at: the bridge
+    /// is off, and everything else goes on.
+    #[cold]
+    #[inline(never)]
+    pub fn step_off(&mut self, sample: &Sample, interlock: Interlock) -> Output {
+        self.disabled = interlock == Interlock::Disabled;
+        self.yield_to(interlock);
+        self.general_step(sample);
+        // A command that was due in this step may have armed.
+        self.yield_to(interlock);
+        self.disabled = false;
+        Output::OFF
+    }
+
+    fn yield_to(&mut self, interlock: Interlock) {
+        match interlock {
+            Interlock::Disabled => self.fail(Fault::Disabled),
+            // Refused where the bridge is off already.
+            Interlock::Stop => _ = self.disarm(),
+        }
+    }
+}

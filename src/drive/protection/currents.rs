@@ -1,0 +1,84 @@
+//! Phase currents, their sum and the bus voltage, sample by sample; and lost periods.
+
+use crate::board::Sample;
+use crate::control::config::Config;
+use crate::fault::Fault;
+
+/// Successive checks, eight steps apart, that a sum of the currents has to fail to be a fault.
+const IMBALANCES: u32 = 2;
+
+/// Thresholds in codes of the ADC, and the count of wrong sums.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Currents {
+    /// Least code of each amplifier that is no over-current, and the codes from there to the largest.
+    current_floors: [u32; 3],
+    current_span: u32,
+    /// Least code of the bus voltage, and the codes from there to the largest.
+    bus_floor: u32,
+    bus_span: u32,
+    /// Least sum of the three currents' codes that is no imbalance.
+    sum_floor: u32,
+    /// Successive checks that found a wrong sum of the currents.
+    imbalances: u32,
+}
+
+impl Currents {
+    /// No thresholds.
+    pub const NONE: Self = Self {
+        current_floors: [0; 3],
+        current_span: u32::MAX,
+        bus_floor: 0,
+        bus_span: u32::MAX,
+        sum_floor: 0,
+        imbalances: 0,
+    };
+
+    /// Nothing is counted.
+    pub fn rest(&mut self) {
+        self.imbalances = 0;
+    }
+
+    /// Thresholds about the amplifiers' zeros, codes for a full scale of 2¹⁶ in 2⁻⁸.
+    pub fn set_zeros(&mut self, config: &Config, zeros: [i32; 3]) {
+        let guard = &config.guard;
+        let code = |zero: i32| (zero >> (8 + config.shift)) as u32;
+        self.current_floors = zeros.map(|zero| code(zero).wrapping_sub(guard.over_current));
+        self.current_span = 2 * guard.over_current;
+        (self.bus_floor, self.bus_span) = (guard.under, guard.range);
+        self.sum_floor = code(zeros.iter().sum()).wrapping_sub(guard.imbalance);
+    }
+
+    /// Whether currents and bus voltage are within their thresholds and no period was lost; in every step.
+    #[inline(always)]
+    pub fn allow(&self, sample: &Sample) -> bool {
+        let flows = |k: usize| u32::from(sample.currents[k]).wrapping_sub(self.current_floors[k]) <= self.current_span;
+        // A bus voltage has 16 bits: with a lost period it is out of every range.
+        let bus = (u32::from(sample.bus) | u32::from(sample.lost.count()) << 16).wrapping_sub(self.bus_floor);
+        flows(0) && flows(1) && flows(2) && bus <= self.bus_span
+    }
+
+    /// The fault where [`Self::allow`] says no.
+    #[cold]
+    #[inline(never)]
+    pub fn fault(&self, sample: &Sample) -> Fault {
+        let bus = u32::from(sample.bus);
+        if bus < self.bus_floor {
+            Fault::UnderVoltage
+        } else if bus - self.bus_floor > self.bus_span {
+            Fault::OverVoltage
+        } else if sample.lost.any() {
+            Fault::Deadline
+        } else {
+            Fault::OverCurrent
+        }
+    }
+
+    /// Checks the sum of the currents: a fault when it is wrong [`IMBALANCES`] times in a row.
+    #[inline(always)]
+    pub fn imbalance(&mut self, config: &Config, sample: &Sample) -> Option<Fault> {
+        let [a, b, c] = sample.currents.map(u32::from);
+        let balanced = (a + b + c).wrapping_sub(self.sum_floor) <= 2 * config.guard.imbalance;
+        self.imbalances = if balanced { 0 } else { self.imbalances + 1 };
+        (self.imbalances >= IMBALANCES).then_some(Fault::CurrentImbalance)
+    }
+}

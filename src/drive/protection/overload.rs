@@ -1,0 +1,132 @@
+//! What current heats: the motor by a thermal model of its winding, the bridge by an I²t limit.
+//!
+//! Everything is counted as the mean square of the current vector's length, over the thermal time constants: in the
+//! long run a constant current makes each its own square. The winding's rise over the housing and the housing's over
+//! the surroundings are taken for half of the whole each, so the winding's temperature is the mean of both, and that of
+//! the continuous current where it reaches its square.
+//!
+//! At power-up nothing is known: the housing is assumed to be as warm as the continuous current makes it and the winding
+//! to be as warm as the housing; the bridge to be at half of its largest rise. From there the model knows, whatever the
+//! drive does: neither disarming nor clearing a fault cools anything.
+
+use crate::control::config::{Config, Heating};
+use crate::fault::Fault;
+use crate::math::clamp;
+
+/// Mean squares and the largest currents that they allow.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Overload {
+    winding: Mean,
+    housing: Mean,
+    bridge: Mean,
+    /// Whether the assumption about power-up has been made.
+    begun: bool,
+    /// By winding and by bridge, in 2⁻¹⁵ of the full scale.
+    most: [i32; 2],
+}
+
+/// Mean square of the current in 2⁻⁶² of the full scale's.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Mean(i64);
+
+impl Mean {
+    const fn of(square: i32) -> Self {
+        Self((square as i64) << 32)
+    }
+
+    const fn square(self) -> i32 {
+        (self.0 >> 32) as i32
+    }
+
+    #[inline(always)]
+    const fn count(&mut self, square: i32, rate: i32) {
+        self.0 += (square.wrapping_sub(self.square())) as i64 * rate as i64;
+    }
+}
+
+impl Overload {
+    /// Before the settings are known.
+    pub const POWER_UP: Self = Self { winding: Mean(0), housing: Mean(0), bridge: Mean(0), begun: false, most: [0; 2] };
+
+    /// Counts a square of the current's length, in 2⁻³⁰ of the full scale's, for the winding.
+    #[inline(always)]
+    pub fn count_winding(&mut self, config: &Config, square: i32) {
+        self.winding.count(square, config.overload.winding.rate);
+    }
+
+    /// … for the housing.
+    #[inline(always)]
+    pub fn count_housing(&mut self, config: &Config, square: i32) {
+        self.housing.count(square, config.overload.housing_rate);
+    }
+
+    /// … for the bridge.
+    #[inline(always)]
+    pub fn count_bridge(&mut self, config: &Config, square: i32) {
+        self.bridge.count(square, config.overload.bridge.rate);
+    }
+
+    /// The first time, makes the assumption about power-up.
+    pub fn begin(&mut self, config: &Config) {
+        if !self.begun {
+            self.begun = true;
+            self.housing = Mean::of(config.overload.winding.square);
+            self.bridge = Mean::of(config.overload.bridge.square / 2);
+        }
+    }
+
+    /// Temperature rise of the winding, as the square of the current that makes it.
+    #[inline(always)]
+    const fn rise(&self) -> i32 {
+        // Each below 2³¹.
+        ((self.winding.0 >> 33) + (self.housing.0 >> 33)) as i32
+    }
+
+    /// The largest current for the winding, and whether it is too hot for any.
+    #[inline(always)]
+    pub fn limit_by_winding(&mut self, config: &Config) -> Option<Fault> {
+        let (rise, heating) = (self.rise(), &config.overload.winding);
+        self.most[0] = most(heating, rise, config.max_current);
+        (rise > heating.fault).then_some(Fault::WindingHot)
+    }
+
+    /// The largest current for the bridge, and whether it is too hot for any.
+    #[inline(always)]
+    pub fn limit_by_bridge(&mut self, config: &Config) -> Option<Fault> {
+        let (rise, heating) = (self.bridge.square(), &config.overload.bridge);
+        self.most[1] = most(heating, rise, config.max_current);
+        (rise > heating.fault).then_some(Fault::BridgeOverload)
+    }
+
+    /// What is still too hot to begin with: above what the continuous current makes, with a little room.
+    pub fn refusal(&self, config: &Config) -> Option<Fault> {
+        let hot = |rise: i32, heating: &Heating| rise > heating.square.saturating_add(heating.square >> 5);
+        if hot(self.rise(), &config.overload.winding) {
+            Some(Fault::WindingHot)
+        } else if hot(self.bridge.square(), &config.overload.bridge) {
+            Some(Fault::BridgeOverload)
+        } else {
+            None
+        }
+    }
+
+    /// The largest current.
+    #[inline(always)]
+    pub fn most(&self) -> i32 {
+        self.most[0].min(self.most[1])
+    }
+}
+
+/// The continuous current where the rise is its own, more below, less above.
+#[inline(always)]
+const fn most(heating: &Heating, rise: i32, max_current: i32) -> i32 {
+    let room = (((heating.square - rise) as i64 * heating.slope as i64) >> 20) as i32;
+    let most = clamp(room, max_current) + heating.current;
+    if most < 0 {
+        0
+    } else if most > max_current {
+        max_current
+    } else {
+        most
+    }
+}

@@ -1,0 +1,116 @@
+//! What the supply gives and takes back.
+//!
+//! A current −q that brakes returns the power 1.5 (e q − R q²) of the back-EMF e. What the supply does not take is burnt
+//! in the windings by a current along d, which makes no torque: 1.5 (e q − R (q² + d²)) is what goes back. The current
+//! along d comes first, and the braking current follows it as far as it has room, so that nothing is returned on the
+//! way either. All of it stays within the largest current, so a fast motor of a low resistance brakes with
+//! q = I²R/e only. Where d is not controlled, with local feedback, the bus voltage alone limits the braking.
+//!
+//! What the settings of the motor do not tell is left to the bus voltage: towards `over_voltage_v`, less and less brakes.
+
+use crate::control::Window;
+use crate::control::config::Config;
+use crate::fault::Limits;
+use crate::math::high;
+
+/// Currents in 2⁻¹³ of the full scale, their squares for powers.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Supply {
+    /// Current that the back-EMF would drive through the resistance.
+    short: i32,
+    /// Power that may go back, and a little that nobody notices.
+    returns: i32,
+    /// Current along d that burns the rest.
+    field: i32,
+    /// Largest currents against and along the rotation.
+    braking: i32,
+    driving: i32,
+    forward: bool,
+    /// So slow that next to nothing is returned, whatever the flux linkage.
+    slow: bool,
+}
+
+/// Largest current that the back-EMF would drive, 32 full scales: a square of it is beyond the integers.
+const MOST_SHORT: i32 = 1 << 18;
+
+impl Supply {
+    /// At rest.
+    pub const NONE: Self = Self {
+        short: 1,
+        returns: 0,
+        field: 0,
+        braking: i16::MAX as i32,
+        driving: i16::MAX as i32,
+        forward: true,
+        slow: true,
+    };
+
+    /// Takes up speed and bus voltage: what may go back. `most` is the largest current in 2⁻¹³ of
+    /// the full scale.
+    #[inline(always)]
+    pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, most: i32, controls_field: bool) {
+        let supply = &config.supply;
+        self.forward = speed >= 0;
+        self.slow = speed.abs() < 4 * config.motion.turning;
+        self.short = high(speed.abs(), supply.short).min(MOST_SHORT) | 1;
+        // What nobody notices: the noise of the speed loop must not move the current along d.
+        let little = most >> 3;
+        // Without control of the current along d, the bus voltage alone limits what brakes.
+        self.returns = if controls_field { high(bus << 16, supply.returns) + little * little } else { 1 << 29 };
+    }
+
+    /// Takes up what the supply has to drive with.
+    #[inline(always)]
+    pub fn limit_driving(&mut self, config: &Config, bus: i32, most: i32) {
+        // Newton's root of q² + a·q = power: from the second time on at most a little too large.
+        let (short, driving) = ((self.short >> 1) + (self.short >> 3), self.driving);
+        let gives = high(bus << 16, config.supply.gives);
+        self.driving = ((driving * driving + gives) / ((2 * driving + short) | 1).max(1)).min(most);
+    }
+
+    /// Takes up the current along d that is needed for the one along q that is `asked` for. Returns it in 2⁻²⁸ of the
+    /// full scale.
+    #[inline(always)]
+    pub fn burn(&mut self, config: &Config, bus: i32, asked: i32, most: i32, controls_field: bool) -> i32 {
+        let against = if self.forward { -asked } else { asked } >> 2;
+        // Beyond half of the short-circuit current, less and less is returned.
+        let braking = against.min(self.short >> 1).min(most).max(0);
+        let burn = braking * (self.short - braking) - self.returns;
+        self.field = if !controls_field {
+            0
+        } else if against <= 0 || burn <= 0 {
+            // What a small current returned that nobody asked for.
+            let excess = bus - config.supply.end + config.supply.band;
+            if excess > 0 && self.short > most >> 3 { most >> 3 } else { 0 }
+        } else {
+            // Newton's square root.
+            let field = self.field | 1;
+            ((field + burn / field) >> 1).min(most - (most >> 4))
+        };
+        -self.field << 15
+    }
+
+    /// Takes up what the current along d and the bus voltage leave to brake with.
+    #[inline(always)]
+    pub fn limit(&mut self, config: &Config, bus: i32, most: i32) {
+        let supply = &config.supply;
+        let braking = (self.field * self.field + self.returns) / self.short.max(1);
+        // Where the largest power that can be returned is burnt, any current may brake, within the circle.
+        let braking = if braking >= (self.short >> 2) - (self.short >> 6) { most } else { braking };
+        // Near rest, braking draws as much as driving does.
+        let drawn = self.driving + (self.short >> 1);
+        let braking = braking.min(most - ((self.field * 37) >> 6)).min(drawn);
+        let share = (supply.end - bus).min(supply.band).max(0) * supply.slope;
+        // A slow rotor returns next to nothing, and a large current that brakes it draws.
+        self.braking = if self.slow { braking } else { (braking * share) >> 16 };
+    }
+
+    /// Narrows a window.
+    #[inline(always)]
+    pub fn narrow(&self, window: &mut Window) {
+        let (braking, driving) = (self.braking << 2 | 3, self.driving << 2 | 3);
+        let (below, above) = if self.forward { (braking, driving) } else { (driving, braking) };
+        window.from_below(-below, Limits::SUPPLY);
+        window.from_above(above, Limits::SUPPLY);
+    }
+}

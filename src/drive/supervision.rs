@@ -1,0 +1,234 @@
+//! Supervision of the motion of a drive with current sensing: does the rotor do what it is driven to do, and do voltages
+//! and currents belong to the motor of the settings?
+//!
+//! | danger | found by |
+//! |---|---|
+//! | wrong commutation: wires, Halls or a calibration of another motor | the rotor turns against the torque, and faster and faster, before the back-EMF has shown that the commutation is right |
+//! | an open phase, a blind amplifier | voltages that resistance, inductance and back-EMF do not explain |
+//! | the rotor does not follow | too far from its reference |
+//! | outside of the position bounds | the position |
+//! | a stop that does not come to rest | time |
+
+use crate::commutation::frames::Dq;
+use crate::control::config::{Model, Motion};
+use crate::fault::Fault;
+use crate::hall::track::Tracker;
+use crate::math::high;
+use crate::schedule::OUTER;
+use crate::telemetry::State;
+
+/// Parts of the supervision.
+pub(crate) const PARTS: u32 = 8;
+/// Checks that show the back-EMF of a right commutation.
+const PROOF: u32 = 4;
+/// Current below which it tells nothing of the torque, in 2⁻¹⁵ of the full scale.
+const QUIET: i32 = 32;
+/// Checks for which the tracked speed may go on rising when the torque has turned.
+const LAG: u32 = 3;
+/// Checks that find the rotor turning after a stop.
+const TURNING: u32 = 2;
+
+/// What is counted from check to check.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) struct Supervision {
+    /// Parts done so far.
+    part: u32,
+    /// Checks that have shown a right commutation, up to [`PROOF`].
+    proofs: u32,
+    /// Sum of the currents against the motion, and how many; the speed before, and the least one.
+    braking: i32,
+    braked: u32,
+    before_speed: i32,
+    slowest: i32,
+    /// What the check of the model has noted: voltage, currents now and before, speed, the voltage less that
+    /// at resistance and inductance, the back-EMF that there should be, and what may be wrong with all that.
+    voltage: Dq,
+    current: Dq,
+    before: Dq,
+    follows: bool,
+    speed: i32,
+    emf: Dq,
+    expected: i32,
+    dropped: i32,
+    explained: i32,
+    /// Unexplained voltage, summed up.
+    misfit: i32,
+    /// Checks with a speed far from its reference.
+    late: u32,
+    /// Checks since a stop, and those after its time that found the rotor turning.
+    stopping: u32,
+    turning: u32,
+}
+
+/// Whether the rotor is outside of its bounds by more than it may be from its reference.
+pub(super) fn is_outside(motion: &Motion, rotor: &Tracker) -> bool {
+    let position = rotor.position().to_bits() >> OUTER.ilog2();
+    let [least, most] = motion.bounds;
+    position < least - motion.far || position > most + motion.far
+}
+
+/// A product of a current, of 16 bits, with a factor in 2⁻¹⁶.
+#[inline(always)]
+const fn times(current: i32, factor: i32) -> i32 {
+    high(current << 16, factor)
+}
+
+impl Supervision {
+    /// Nothing is known yet.
+    pub const NONE: Self = Self {
+        part: 0,
+        proofs: 0,
+        braking: 0,
+        braked: 0,
+        before_speed: 0,
+        slowest: 0,
+        voltage: Dq { d: 0, q: 0 },
+        current: Dq { d: 0, q: 0 },
+        before: Dq { d: 0, q: 0 },
+        follows: true,
+        speed: 0,
+        emf: Dq { d: 0, q: 0 },
+        expected: 0,
+        dropped: 0,
+        explained: i32::MAX / 2,
+        misfit: 0,
+        late: 0,
+        stopping: 0,
+        turning: 0,
+    };
+
+    /// The commutation has been seen to turn the rotor the right way.
+    pub fn prove(&mut self) {
+        self.proofs = PROOF;
+    }
+
+    /// Whether it has.
+    #[inline(always)]
+    pub const fn is_proven(&self) -> bool {
+        self.proofs >= PROOF
+    }
+
+    /// The next part of the supervision.
+    #[inline(always)]
+    pub const fn next_part(&mut self) -> u32 {
+        self.part = self.part.wrapping_add(1);
+        self.part % PARTS
+    }
+
+    /// Whether the rotor turns against the torque, faster and faster, though nothing has shown that the commutation is
+    /// right. A rotor that brakes becomes slower.
+    #[inline(always)]
+    pub fn turns_against(&mut self, motion: &Motion, current: i32, speed: i32) -> Option<Fault> {
+        let turned_back = (speed ^ self.before_speed) < 0;
+        self.before_speed = speed;
+        let (braking, speed) = if speed < 0 { (current, -speed) } else { (-current, speed) };
+        if braking < QUIET || turned_back {
+            // It is driven, or nothing much flows.
+            (self.braking, self.braked) = (0, 0);
+            return None;
+        }
+        self.braking = self.braking.saturating_add(braking);
+        self.braked += 1;
+        self.slowest = if self.braked <= LAG { speed } else { self.slowest.min(speed) };
+        let faster = speed - self.slowest > motion.turning;
+        (faster && self.braking > motion.impulse).then_some(Fault::Commutation)
+    }
+
+    /// Whether the rotor is too far from its position, or for too long from its speed.
+    #[inline(always)]
+    pub fn is_late(&mut self, motion: &Motion, far: bool, speed_error: i32) -> Option<Fault> {
+        let late = speed_error.saturating_abs() > motion.far_speed;
+        self.late = if late { self.late + 1 } else { self.late.saturating_sub(4) };
+        (far || self.late > motion.late).then_some(Fault::FollowingError)
+    }
+
+    /// Whether a stop has not come to rest in its time.
+    #[inline(always)]
+    pub fn stops(&mut self, motion: &Motion, stopping: bool, speed: i32) -> Option<Fault> {
+        if !stopping {
+            self.stop_again();
+            return None;
+        }
+        self.stopping = self.stopping.saturating_add(1);
+        let turns = self.stopping > motion.stop && speed.saturating_abs() > motion.turning;
+        self.turning = if turns { self.turning + 1 } else { self.turning.saturating_sub(1) };
+        (self.turning > TURNING).then_some(Fault::NotStopped)
+    }
+
+    /// Gives a stop its time once more.
+    pub fn stop_again(&mut self) {
+        (self.stopping, self.turning) = (0, 0);
+    }
+
+    /// First part of the check of the model: what was noted last.
+    #[inline(always)]
+    pub fn note(&mut self, state: &State, speed: i32) {
+        (self.voltage, self.current, self.speed) = (state.voltage, state.current, speed);
+        let (reference, error) = (state.current_reference, state.current_reference - state.current.q);
+        self.follows = error.abs() <= reference.abs() / 2 + 2 * QUIET;
+    }
+
+    /// The voltage that is left for the back-EMF.
+    #[inline(always)]
+    pub fn note_emf(&mut self, model: &Model) {
+        let (v, i) = (self.voltage, self.current);
+        let reactance = high(self.speed, model.reactance);
+        self.emf = Dq {
+            d: v.d - times(i.d, model.resistance) + times(i.q, reactance),
+            q: v.q - times(i.q, model.resistance) - times(i.d, reactance),
+        };
+    }
+
+    /// Second part: what the motor should induce, and what resistance takes.
+    #[inline(always)]
+    pub fn note_motor(&mut self, model: &Model) {
+        let (d, q) = (self.current.d.abs(), self.current.q.abs());
+        self.expected = high(self.speed, model.flux);
+        self.dropped = times((d.max(q) + d.min(q) / 2).min(32_767), model.resistance);
+    }
+
+    /// Third part: what may be wrong. The back-EMF may be as much off as it is large, and the resistance three times as
+    /// large; a current that changes needs a voltage for it.
+    #[inline(always)]
+    pub fn explain(&mut self, model: &Model) {
+        let Self { current, before, .. } = *self;
+        let changed = (current.d - before.d).abs().max((current.q - before.q).abs());
+        self.before = current;
+        let change = times(changed.min(32_767), model.change);
+        self.explained = model.dead + 2 * self.dropped + self.expected.abs() + change;
+    }
+
+    /// Fourth part: sums up what is unexplained. A back-EMF in the right direction may be several times as large as it
+    /// should be, or as large as it likes where the current follows its reference: the flux linkage may not be known
+    /// yet.
+    #[inline(always)]
+    pub fn sum_up(&mut self) {
+        let (along, expected) =
+            if self.expected < 0 { (-self.emf.q, -self.expected) } else { (self.emf.q, self.expected) };
+        let off = along - expected;
+        let unexplained = self.emf.d.abs().max(if off <= 0 {
+            -off
+        } else if self.follows {
+            0
+        } else {
+            off - 4 * expected
+        });
+        self.misfit = (self.misfit + unexplained - self.explained).clamp(0, 1 << 28);
+    }
+
+    /// Last part. A back-EMF along q, well above what may be wrong with it, shows that the commutation is right.
+    #[inline(always)]
+    pub fn judge(&mut self, model: &Model) -> Option<Fault> {
+        let Self { emf, dropped, .. } = *self;
+        let along = if self.speed < 0 { -emf.q } else { emf.q };
+        let expected = self.expected.abs();
+        if self.misfit > model.most {
+            let wrong = along < -(emf.d.abs() / 4) && expected > model.dead;
+            return Some(if wrong { Fault::Commutation } else { Fault::CurrentModel });
+        }
+        if expected > 2 * model.dead + dropped && along > expected / 2 && along > 2 * emf.d.abs() {
+            self.proofs = (self.proofs + 1).min(PROOF);
+        }
+        None
+    }
+}

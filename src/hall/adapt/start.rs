@@ -1,0 +1,97 @@
+//! Where the filter starts: at a calibration, or at what was learnt since one.
+
+use super::filter::{Covariance, OFFSET, STATES, State, THIRD, Vector};
+use super::observe::CalibratedSensor;
+use super::suspicion::Suspicions;
+use super::window::Window;
+use super::{Adapter, Config, Phase, Spread};
+use crate::angle::ElectricalAngle;
+use crate::hall::estimate::{self, BadModel};
+use crate::hall::model::Model;
+
+impl Adapter {
+    /// Starts from a calibration, or from a data sheet's model (with [`Settings::NOMINAL`] as `start`).
+    ///
+    /// # Errors
+    /// [`BadModel`] where the fast path could not work with the model either.
+    pub fn new(config: &Config, model: &Model) -> Result<Self, BadModel> {
+        Self::resume(config, model, model)
+    }
+
+    /// Goes on from what was learnt since a calibration. The limits stay around the calibration, however often this is
+    /// done: what is beyond them is cut to them.
+    ///
+    /// # Errors
+    /// As [`Self::new`], of either.
+    pub fn resume(config: &Config, calibrated: &Model, learnt: &Model) -> Result<Self, BadModel> {
+        estimate::validate(calibrated, config.adc_bits)?;
+        let mut adapter = Self::at(config, calibrated);
+        for (k, (from, to)) in calibrated.sensors.iter().zip(&learnt.sensors).enumerate() {
+            adapter.state.offset[k] = (to.offset - from.offset) / from.amplitude;
+            adapter.state.amplitude[k] = to.amplitude / from.amplitude;
+            adapter.state.placement[k] = to.placement;
+        }
+        // All sensors share it.
+        adapter.state.third = learnt.sensors[0].third - calibrated.sensors[0].third;
+        adapter.limit_parameters();
+        adapter.model = adapter.current();
+        estimate::validate(&adapter.model, config.adc_bits)?;
+        Ok(adapter)
+    }
+
+    /// From a calibration that is valid.
+    fn at(config: &Config, model: &Model) -> Self {
+        let start = parameters(&config.start);
+        let sensors = [0, 1, 2].map(|k| CalibratedSensor::new(&model.sensors[k], config.noise_codes[k]));
+        // Of the angle from one sample: two thirds of the sensors' mean.
+        let angle_noise = (sensors[0].noise + sensors[1].noise + sensors[2].noise) * (2.0 / 9.0);
+        let natural_frequency = libm::sqrtf(libm::sqrtf(config.acceleration / angle_noise));
+        Self {
+            config: *config,
+            sensors,
+            state: State {
+                angle: ElectricalAngle::ZERO,
+                speed: 0.0,
+                third: 0.0,
+                offset: [0.0; 3],
+                amplitude: [1.0; 3],
+                placement: model.sensors.map(|sensor| sensor.placement),
+            },
+            covariance: Covariance::diagonal(&start),
+            start,
+            drift: parameters(&config.drift),
+            natural_frequency,
+            // Four times √2 · pace · noise, the variance of known sensors' tracked angle.
+            settled_variance: 5.7 * natural_frequency * angle_noise,
+            // Slow enough to leave the tracking stable and hardly noisier.
+            load_gain: 0.1 * natural_frequency,
+            load: 0.0,
+            phase: Phase::Unknown,
+            window: Window::default(),
+            seen_eighths: 0,
+            learnt_samples: 0,
+            samples_since_drift: 0,
+            paused: 0,
+            model_due: false,
+            last_limit: None,
+            suspicions: Suspicions::default(),
+            fault: None,
+            fault_reported: false,
+            model: *model,
+        }
+    }
+}
+
+/// A spread as a vector over the states; zero for angle and speed.
+fn parameters(spread: &Spread) -> Vector {
+    let mut vector = [0.0; STATES];
+    vector[THIRD] = spread.third;
+    for (k, own) in OFFSET.into_iter().enumerate() {
+        vector[own] = spread.offset;
+        vector[own + 1] = spread.amplitude;
+        if k != 0 {
+            vector[own + 2] = spread.placement_deg;
+        }
+    }
+    vector
+}

@@ -1,0 +1,237 @@
+//! The order in which a motor of which nothing is known is commissioned, for a drive with current sensing.
+//!
+//! R and L at standstill; the calibration by a current that fits the motor, at a speed that the rotor follows; flux
+//! linkage and inertia roughly; then by the whole identification. After each step, the settings that follow from it.
+//!
+//! It is a sequence of decisions only: who owns it does what [`Commission::action`] says with the settings of
+//! [`Commission::settings`], and hands over the result. So a tool can do it over a line, and the chip need not.
+
+use super::identify::Report;
+use super::standstill::Electrical;
+use super::swings::Rough;
+use crate::hall::calibrate::{self, report::Report as Sensors};
+use crate::settings::{Control, Error, Settings};
+use core::f32::consts::TAU;
+
+/// What is to be done next, with the settings as they are by then.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Action {
+    /// Measure R and L: [`Standstill`](super::standstill::Standstill).
+    Measure,
+    /// Calibrate the sensors.
+    Calibrate,
+    /// Measure flux linkage and inertia roughly: [`Swings`](super::swings::Swings).
+    Swing,
+    /// Measure the motor: [`Identification`](super::identification::Identification).
+    Identify,
+    /// Nothing is left; the settings are to be kept.
+    Done,
+}
+
+/// A way to calibrate.
+struct Sweep {
+    /// Speed of the field, electrical.
+    speed_hz: f32,
+    /// Its current, as a share of the largest.
+    share: f32,
+    /// Time to raise it. A heavy rotor swings about a field that rises fast, and hardly stops.
+    align_s: f32,
+}
+
+/// In the order in which they are tried.
+const SWEEPS: [Sweep; 4] = [
+    Sweep { speed_hz: 10.0, share: 0.33, align_s: 0.3 },
+    Sweep { speed_hz: 4.0, share: 0.45, align_s: 2.0 },
+    Sweep { speed_hz: 20.0, share: 0.45, align_s: 1.0 },
+    Sweep { speed_hz: 2.0, share: 0.45, align_s: 6.0 },
+];
+/// Lag and swing of the rotor in degrees up to which another one is not tried.
+const GOOD_LAG: f32 = 40.0;
+const GOOD_SWING: f32 = 6.0;
+/// Share of the largest current that the noise of the speed may make.
+const NOISE: f32 = 0.03;
+
+/// A motor on its way.
+#[derive(Clone, Debug)]
+pub struct Commission {
+    settings: Settings,
+    action: Action,
+    electrical: Option<Electrical>,
+    rough: Option<Rough>,
+    /// How often the calibration has been tried, and the best so far: its number in [`SWEEPS`], and how bad it was.
+    tries: usize,
+    best: Option<(usize, f32)>,
+    /// Noise of the angle, electrical radians.
+    noise: f32,
+}
+
+impl Commission {
+    /// From the drive's settings; `max_current_a` takes the place of theirs, and the over-current and the continuous
+    /// current follow it.
+    ///
+    /// # Errors
+    /// [`Error::NoControl`], or a current out of its range.
+    pub fn new(mut settings: Settings, max_current_a: Option<f32>) -> Result<Self, Error<'static>> {
+        let control = settings.control.as_mut().ok_or(Error::NoControl)?;
+        if let Some(limit_a) = max_current_a {
+            control.max_current_a = limit_a;
+            control.continuous_current_a = 0.5 * limit_a;
+            control.calibration_current_a = 0.0;
+            control.guard.over_current_a = (1.5 * limit_a).min(0.98 * control.current_full_scale_a);
+        }
+        settings.check()?;
+        Ok(Self { settings, action: Action::Measure, electrical: None, rough: None, tries: 0, best: None, noise: 0.01 })
+    }
+
+    /// What is to be done.
+    pub const fn action(&self) -> Action {
+        self.action
+    }
+
+    /// The settings for it.
+    pub const fn settings(&self) -> &Settings {
+        &self.settings
+    }
+
+    /// R and L are known.
+    ///
+    /// # Errors
+    /// The settings have no room for the motor.
+    pub fn measured(&mut self, found: &Electrical) -> Result<(), Error<'static>> {
+        self.electrical = Some(*found);
+        let dead_time_s = self.settings.dead_time_s;
+        let pairs = f32::from(self.settings.pole_pairs);
+        let control = self.settings.control.as_mut().ok_or(Error::NoControl)?;
+        set_electrical(control, found);
+        // Where a current dies within the dead time: at two thirds of the bus across the inductance.
+        control.dead_time_ramp_a =
+            (dead_time_s * found.bus_v / 1.5 / control.inductance_h).clamp(1e-3, 0.1 * control.current_full_scale_a);
+        // Nothing is fed forward that is not known, and there is no speed loop yet to speak of.
+        control.flux_linkage_wb = 1e-5;
+        control.inertia_kgm2 = 1e-4 * 1.5 * pairs * control.flux_linkage_wb;
+        let noise_a = control.current_full_scale_a / 1000.0;
+        let bandwidth_hz = (0.02 * found.bus_v / (TAU * control.inductance_h * noise_a)).min(1000.0);
+        self.action = Action::Calibrate;
+        self.choose_sweep(0);
+        self.set_bandwidths(bandwidth_hz, 20.0)
+    }
+
+    fn choose_sweep(&mut self, number: usize) {
+        if let (Some(sweep), Some(control)) = (SWEEPS.get(number), &mut self.settings.control) {
+            self.settings.calibration_hz = sweep.speed_hz;
+            self.settings.calibration_align_s = sweep.align_s;
+            control.calibration_current_a = sweep.share * control.max_current_a;
+        }
+    }
+
+    /// The calibration has ended.
+    ///
+    /// # Errors
+    /// It has failed at every speed, last by this.
+    pub fn calibrated(&mut self, result: Result<&Sensors, calibrate::Error>) -> Result<(), calibrate::Error> {
+        let number = self.tries;
+        self.tries += 1;
+        if let Ok(report) = result {
+            self.noise = report.angle_noise_deg.to_radians();
+            let (lag, swing) = (report.lag.to_degrees().abs(), report.hunting_deg);
+            let bad = swing / GOOD_SWING + lag / GOOD_LAG;
+            // After all were tried, this was the best one again.
+            if number >= SWEEPS.len() || lag <= GOOD_LAG && swing <= GOOD_SWING {
+                self.action = Action::Swing;
+                return Ok(());
+            }
+            if self.best.is_none_or(|(_, least)| bad < least) {
+                self.best = Some((number, bad));
+            }
+        }
+        match (self.best, result) {
+            _ if self.tries < SWEEPS.len() => self.choose_sweep(self.tries),
+            // The last one was the best: its calibration is in use.
+            (Some((best, _)), Ok(_)) if best == number => self.action = Action::Swing,
+            (Some((best, _)), _) if self.tries == SWEEPS.len() => self.choose_sweep(best),
+            (_, Err(error)) => return Err(error),
+            (_, Ok(_)) => self.action = Action::Swing,
+        }
+        Ok(())
+    }
+
+    /// Flux linkage and inertia are roughly known.
+    ///
+    /// # Errors
+    /// The settings have no room for the motor.
+    pub fn swung(&mut self, found: &Rough) -> Result<(), Error<'static>> {
+        let control = self.settings.control.as_mut().ok_or(Error::NoControl)?;
+        self.rough = Some(*found);
+        control.flux_linkage_wb = found.flux_linkage_wb;
+        control.inertia_kgm2 = found.inertia_kgm2;
+        self.action = Action::Identify;
+        self.set_motion()
+    }
+
+    /// The motor is known.
+    ///
+    /// # Errors
+    /// The settings have no room for the motor.
+    pub fn identified(&mut self, found: &Report) -> Result<(), Error<'static>> {
+        let control = self.settings.control.as_mut().ok_or(Error::NoControl)?;
+        found.apply(control);
+        // At standstill and while swinging, what the dead time leaves cancels; of a motor of low inductance the
+        // identification takes it for back-EMF.
+        if let Some(electrical) = &self.electrical {
+            set_electrical(control, electrical);
+        }
+        if let Some(Rough { flux_linkage_wb, .. }) = self.rough {
+            if !found.inertia_kgm2.is_doubtful() {
+                control.inertia_kgm2 *= flux_linkage_wb / found.flux_linkage_wb.value as f32;
+            }
+            control.flux_linkage_wb = flux_linkage_wb;
+        }
+        self.action = Action::Done;
+        self.set_motion()
+    }
+
+    /// Speed, acceleration and bandwidths that fit flux linkage and inertia.
+    fn set_motion(&mut self) -> Result<(), Error<'static>> {
+        let Settings { pole_pairs, max_electrical_hz, tracking_bandwidth_hz, pwm_hz, .. } = self.settings;
+        let pairs = f32::from(pole_pairs);
+        let bus_v = self.electrical.map_or(12.0, |found| found.bus_v);
+        let control = self.settings.control.as_mut().ok_or(Error::NoControl)?;
+        let Control { flux_linkage_wb, inertia_kgm2, max_current_a, current_bandwidth_hz, .. } = *control;
+        let constant = 1.5 * pairs * flux_linkage_wb;
+        let reached = 0.85 * bus_v / 1.732 / (flux_linkage_wb * pairs);
+        let allowed = 0.9 * TAU * max_electrical_hz / pairs;
+        control.max_speed_rad_s = control.max_speed_rad_s.min(reached).min(allowed).max(0.2);
+        let most = 0.35 * max_current_a * constant / inertia_kgm2;
+        control.max_acceleration_rad_s2 = most.min(10.0 * control.max_speed_rad_s).clamp(1.0, 1e6);
+        // The tracker's speed is noisy by about this, and the speed loop makes a current of it.
+        let tracker = TAU * tracking_bandwidth_hz;
+        let noise_rad_s = self.noise * tracker * libm::sqrtf(tracker / pwm_hz / 2.8) / pairs;
+        let quiet_hz = NOISE * max_current_a * constant / (inertia_kgm2 * noise_rad_s.max(1e-6)) / TAU;
+        self.set_bandwidths(current_bandwidth_hz, quiet_hz.clamp(0.6, 60.0))
+    }
+
+    /// Sets bandwidths, or what the integers of the control have room for.
+    fn set_bandwidths(&mut self, mut current_hz: f32, mut speed_hz: f32) -> Result<(), Error<'static>> {
+        for _ in 0..24 {
+            current_hz = current_hz.clamp(10.0, self.settings.pwm_hz / 20.0);
+            speed_hz = speed_hz.clamp(0.5, current_hz / 5.0);
+            let control = self.settings.control.as_mut().ok_or(Error::NoControl)?;
+            control.current_bandwidth_hz = current_hz;
+            control.speed_bandwidth_hz = speed_hz;
+            control.position_bandwidth_hz = speed_hz / 4.0;
+            match self.settings.validate() {
+                Err(Error::OutOfRange { field: "current_bandwidth_hz", max, .. }) if current_hz > 10.0 => {
+                    current_hz = if max > 0.0 { 0.9 * max.min(current_hz) } else { 0.5 * current_hz };
+                }
+                Err(Error::OutOfRange { field: "speed_bandwidth_hz", .. }) if speed_hz > 0.5 => speed_hz *= 0.7,
+                result => return result.map(|_| ()),
+            }
+        }
+        self.settings.validate().map(|_| ())
+    }
+}
+
+fn set_electrical(control: &mut Control, found: &Electrical) {
+    control.resistance_ohm = found.resistance_ohm.value as f32;
+    control.inductance_h = found.inductance_h.value as f32;
+}

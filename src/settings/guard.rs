@@ -1,0 +1,42 @@
+//! What bounds the settings beside their ranges: the board's ceilings, and thresholds that follow from its parts.
+
+use super::{Error, GuardSettings, Settings, find};
+
+/// Largest value that a setting may have on a board: its name and the value.
+pub type Ceiling = (&'static str, f32);
+
+/// Noise of the sum of three amplifiers, share of the full scale: six times √3 · 2 codes of 12 bit.
+pub(super) const NOISE: f32 = 0.01;
+/// Zero of an amplifier, share of the full scale: 2 % of half the reference by two resistors of 1 %, and 4 mV of input
+/// offset amplified sixteen times.
+pub(super) const OFFSET: f32 = 0.06;
+
+impl GuardSettings {
+    /// The default, with the thresholds of the current sensing for amplifiers of this full scale, A.
+    ///
+    /// The sum of the currents is not zero, first, by the amplifiers' noise, which is `imbalance_a`: 1 % of the full
+    /// scale, six standard deviations where each has two codes of 12 bit. Second, by their gains, each off by up to 2 %
+    /// (a shunt and an amplifier of 1 %): currents I, −I/2, −I/2 with gains of +2 %, −2 %, −2 % come to 4 % of I. That
+    /// is added for the largest current. An amplifier without a current is off by up to 6 % of the full scale, `offset_a`.
+    pub fn for_full_scale(current_a: f32) -> Self {
+        Self { imbalance_a: NOISE * current_a, offset_a: OFFSET * current_a, ..Self::default() }
+    }
+}
+
+impl Settings {
+    /// The board's ceiling of a setting; infinite without.
+    pub(super) fn ceiling(&self, name: &str) -> f32 {
+        self.ceilings.iter().find(|(field, _)| *field == name).map_or(f32::INFINITY, |(_, most)| *most)
+    }
+
+    /// Checks the board's ceilings. One for a setting that does not exist is an error, too, for the test of the board.
+    pub(super) fn check_ceilings(&self) -> Result<(), Error<'static>> {
+        self.ceilings.iter().try_for_each(|&(field, most)| {
+            let value = find(field).ok_or(Error::Unknown)?.get(self);
+            match value.filter(|&value| value > most) {
+                Some(value) => Err(Error::Ceiling { field, value, most }),
+                None => Ok(()),
+            }
+        })
+    }
+}

@@ -1,0 +1,225 @@
+//! Supervision of a running drive: nothing turns the wrong way, runs away, or pretends to follow.
+
+use hallservo::commutation::Commutation;
+use hallservo::drive::Command;
+use hallservo::fault::Fault;
+use hallservo::mode::Mode;
+use hallservo::settings::{Control, GuardSettings, Settings};
+use plant::{AmplifierFault, PlantParameters, Wires};
+use sim::rig::Rig;
+
+const COMMUTATIONS: [Commutation; 3] = [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block];
+
+fn settings(commutation: Commutation, arming_check: bool) -> Settings {
+    let guard = GuardSettings { arming_check, ..GuardSettings::default() };
+    Settings { commutation, control: Some(Control { guard, ..Control::default() }), ..Settings::default() }
+}
+
+/// Calibrated and at rest.
+fn ready(parameters: &PlantParameters, settings: &Settings, seed: u64) -> Rig {
+    let mut rig = Rig::new(parameters, settings, seed).unwrap();
+    rig.calibrate(|_| ()).unwrap();
+    rig.plant.set_dyno(Some(0.0)).unwrap();
+    rig.run(0.1, |_, _| ());
+    rig.plant.set_dyno(None).unwrap();
+    rig
+}
+
+/// What came of something that is wrong: the fault, after so long, the way in mechanical degrees, and the largest
+/// phase current.
+#[derive(Debug)]
+#[expect(dead_code, reason = "a failure prints them")]
+struct Outcome {
+    mode: Mode,
+    time_s: f64,
+    way_deg: f64,
+    current_a: f64,
+}
+
+fn outcome(rig: &mut Rig, longest_s: f64) -> Outcome {
+    let start = rig.plant.truth().mechanical_angle_rad;
+    let (mut time_s, mut way, mut current_a) = (0.0, 0.0_f64, 0.0_f64);
+    rig.run(longest_s, |rig, period| {
+        if rig.drive.mode() == Mode::Running {
+            time_s += rig.period_s();
+            way = way.max((period.truth.mechanical_angle_rad - start).abs());
+            current_a = period.truth.currents_a.iter().fold(current_a, |most, one| most.max(one.abs()));
+        }
+    });
+    Outcome { mode: rig.drive.mode(), time_s, way_deg: way.to_degrees(), current_a }
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Follow {
+    Torque(f32),
+    Speed(f32),
+    Position(f64),
+}
+
+fn follow(rig: &mut Rig, what: Follow) {
+    let control = *rig.control().unwrap();
+    let here = rig.drive.tracker().position().to_turns() / f64::from(rig.config.pole_pairs.get());
+    rig.command(match what {
+        Follow::Torque(current) => Command::Current(control.current(current).unwrap()),
+        Follow::Speed(speed) => Command::Speed(control.speed(speed).unwrap()),
+        Follow::Position(turns) => Command::Position(control.position(here + turns).unwrap()),
+    })
+    .unwrap();
+}
+
+const FOLLOWED: [Follow; 7] = [
+    Follow::Torque(0.5),
+    Follow::Torque(-3.0),
+    Follow::Torque(0.2),
+    Follow::Speed(10.0),
+    Follow::Speed(-100.0),
+    Follow::Position(0.2),
+    Follow::Position(-5.0),
+];
+
+/// Without the check at arming, as where the rotor was held then.
+#[test]
+fn wires_moved_on_by_one_turn_no_rotor_the_wrong_way_for_long() {
+    let (mut longest_s, mut farthest_deg) = (0.0_f64, 0.0_f64);
+    for commutation in COMMUTATIONS {
+        for (seed, what) in FOLLOWED.into_iter().enumerate() {
+            for inertia in [1.0, 3.0] {
+                for on in [1, 2] {
+                    let mut parameters = PlantParameters::imperfect(seed as u64);
+                    parameters.motor.inertia_kgm2 *= inertia;
+                    let mut rig = ready(&parameters, &settings(commutation, false), seed as u64);
+                    rig.plant.set_motor_wires(Wires::moved_on(on));
+                    rig.command(Command::Arm).unwrap();
+                    follow(&mut rig, what);
+                    let outcome = outcome(&mut rig, 0.9);
+                    let case = format!("{commutation:?} {what:?}, {inertia} x the inertia, by {on}: {outcome:?}");
+                    println!("{case}");
+                    let named = matches!(
+                        outcome.mode,
+                        Mode::Faulted(Fault::Commutation | Fault::FollowingError | Fault::CurrentModel | Fault::Stall)
+                    );
+                    assert!(named, "{case}");
+                    assert!(outcome.way_deg < 30.0 && outcome.current_a < 4.0, "{case}");
+                    longest_s = longest_s.max(outcome.time_s);
+                    farthest_deg = farthest_deg.max(outcome.way_deg);
+                }
+            }
+        }
+    }
+    println!("at most {longest_s:.3} s and {farthest_deg:.1}°");
+}
+
+#[test]
+fn defects_while_running_are_named_or_harmless() {
+    let open = |rig: &mut Rig, phase: usize| rig.plant.set_phase_open(phase, true);
+    let dead = |rig: &mut Rig, phase: usize| rig.plant.set_amplifier_fault(phase, Some(AmplifierFault::Dead)).unwrap();
+    let all_dead = |rig: &mut Rig, _: usize| (0..3).for_each(|k| dead(rig, k));
+    let none = |_: &mut Rig, _: usize| ();
+    type Defect<'a> = (&'a str, &'a dyn Fn(&mut Rig, usize));
+    let defects: [Defect; 4] = [
+        ("nothing", &none),
+        ("an open phase", &open),
+        ("a dead amplifier", &dead),
+        ("three dead amplifiers", &all_dead),
+    ];
+    for commutation in COMMUTATIONS {
+        for (seed, what) in FOLLOWED.into_iter().enumerate() {
+            for (name, defect) in defects {
+                let mut rig =
+                    ready(&PlantParameters::imperfect(seed as u64), &settings(commutation, true), seed as u64);
+                rig.command(Command::Arm).unwrap();
+                follow(&mut rig, what);
+                rig.run(0.2, |_, _| ());
+                assert_eq!(rig.drive.mode(), Mode::Running, "{commutation:?} {what:?}");
+                defect(&mut rig, seed % 3);
+                let outcome = outcome(&mut rig, 0.6);
+                let case = format!("{commutation:?} {what:?}, {name}: {outcome:?}");
+                println!("{case}");
+                // A fault, or a motor that does what it is told by currents within the limit.
+                assert!(outcome.current_a < 5.0, "{case}");
+                assert!(name != "nothing" || outcome.mode == Mode::Running, "{case}");
+            }
+        }
+    }
+}
+
+#[test]
+fn nothing_is_wrong_with_other_motors() {
+    for commutation in COMMUTATIONS {
+        for (r, l, flux) in [(0.7, 0.8, 0.85), (1.3, 1.2, 1.15), (1.0, 1.0, 1.0)] {
+            for (seed, what) in FOLLOWED.into_iter().enumerate() {
+                let mut parameters = PlantParameters::imperfect(seed as u64);
+                parameters.motor.resistance_ohm *= r;
+                parameters.motor.inductance_h *= l;
+                parameters.motor.back_emf.flux_linkage_vs *= flux;
+                let mut rig = ready(&parameters, &settings(commutation, true), seed as u64);
+                rig.command(Command::Arm).unwrap();
+                follow(&mut rig, what);
+                rig.run(0.5, |_, _| ());
+                // And back again.
+                follow(&mut rig, FOLLOWED[(seed + 1) % FOLLOWED.len()]);
+                rig.run(0.4, |_, _| ());
+                let case = format!("{commutation:?} {what:?} R {r} L {l} λ {flux} {:?}", rig.plant.truth());
+                assert_eq!(rig.drive.mode(), Mode::Running, "{case}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_torque_does_not_run_away_from_the_largest_speed() {
+    let control = Control { max_speed_rad_s: 100.0, ..Control::default() };
+    let mut with = settings(Commutation::FieldOriented, true);
+    with.control = Some(Control { guard: with.control.unwrap().guard, ..control });
+    let mut rig = ready(&PlantParameters::imperfect(3), &with, 3);
+    rig.command(Command::Arm).unwrap();
+    follow(&mut rig, Follow::Torque(1.0));
+    rig.run(0.8, |_, _| ());
+    let speed = rig.plant.truth().speed_rad_s;
+    assert!(rig.drive.mode() == Mode::Running && (95.0..112.0).contains(&speed), "{speed}");
+    // Driven from outside, it is a fault.
+    rig.plant.set_dyno(Some(150.0)).unwrap();
+    rig.run(0.05, |_, _| ());
+    assert_eq!(rig.drive.mode(), Mode::Faulted(Fault::OverSpeed));
+}
+
+#[test]
+fn a_blocked_move_waits_and_does_not_shoot_afterwards() {
+    let mut rig = ready(&PlantParameters::imperfect(2), &settings(Commutation::FieldOriented, true), 2);
+    rig.command(Command::Arm).unwrap();
+    rig.run(0.1, |_, _| ());
+    follow(&mut rig, Follow::Position(3.0));
+    rig.run(0.05, |_, _| ());
+    rig.plant.set_dyno(Some(0.0)).unwrap();
+    rig.run(0.3, |_, _| ());
+    rig.plant.set_dyno(None).unwrap();
+    let start = rig.plant.truth().mechanical_angle_rad;
+    rig.run(0.005, |_, _| ());
+    let shot = (rig.plant.truth().mechanical_angle_rad - start).abs() / std::f64::consts::TAU;
+    assert!(shot < 0.2, "{shot} turns");
+    assert_eq!(rig.drive.mode(), Mode::Running);
+}
+
+#[test]
+fn the_rotor_stays_within_its_bounds() {
+    let mut with = settings(Commutation::FieldOriented, true);
+    let control = with.control.unwrap();
+    with.control = Some(Control { min_position_turns: -1.0, max_position_turns: 1.5, ..control });
+    let mut rig = ready(&PlantParameters::imperfect(4), &with, 4);
+    rig.command(Command::Arm).unwrap();
+    let turns = |rig: &Rig| rig.drive.tracker().position().to_turns() / 4.0;
+    for (what, bound) in [(Follow::Speed(60.0), 1.5), (Follow::Speed(-60.0), -1.0), (Follow::Torque(0.3), 1.5)] {
+        follow(&mut rig, what);
+        rig.run(0.6, |_, _| ());
+        if matches!(what, Follow::Speed(_)) {
+            assert!((turns(&rig) - bound).abs() < 0.1, "{what:?} {}", turns(&rig));
+            assert_eq!(rig.drive.mode(), Mode::Running);
+        } else {
+            // A torque is taken off there; what turns on by itself is a fault.
+            let kept = rig.drive.mode() == Mode::Faulted(Fault::PositionBounds) || turns(&rig) < 1.75;
+            assert!(kept, "{}", turns(&rig));
+        }
+    }
+    let control = *rig.control().unwrap();
+    assert!(rig.command(Command::Position(control.position(2.0).unwrap())).is_err());
+}

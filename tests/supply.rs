@@ -1,0 +1,289 @@
+//! Braking into a supply that takes nothing back, and driving from one that gives little.
+
+use hallservo::commutation::Commutation;
+use hallservo::drive::Command;
+use hallservo::fault::Limits;
+use hallservo::mode::Mode;
+use hallservo::settings::{Control, GuardSettings, Settings};
+use plant::{BackEmf, Cogging, PlantParameters};
+use sim::rig::Rig;
+
+/// A motor and its supply as they are, and what the drive is told.
+#[derive(Clone, Copy)]
+struct Case {
+    name: &'static str,
+    plant: PlantParameters,
+    settings: Settings,
+    speed_rad_s: f32,
+}
+
+fn plain(control: Control) -> Control {
+    // What is commanded once has to hold.
+    let guard = GuardSettings { arming_check: false, command_timeout_s: 60.0, ..control.guard };
+    Control { guard, ..control }
+}
+
+fn default_motor() -> Case {
+    let control = Some(plain(Control { continuous_current_a: 3.0, ..Control::default() }));
+    Case {
+        name: "default",
+        plant: PlantParameters::imperfect(1),
+        settings: Settings { commutation: Commutation::FieldOriented, control, ..Settings::default() },
+        speed_rad_s: 500.0,
+    }
+}
+
+/// Amplifiers of ±60 A.
+fn strong(plant: &mut PlantParameters, control: Control) -> Control {
+    plant.current_sense.gain = 1.65 / 60.0;
+    let guard = GuardSettings { over_current_a: 50.0, imbalance_a: 5.0, offset_a: 3.0, ..control.guard };
+    let control = plain(Control { guard, ..control });
+    Control { current_full_scale_a: 60.0, bridge_continuous_a: 50.0, ..control }
+}
+
+/// 50 mΩ, 15 µH, seven pole pairs, four lithium cells behind a diode, the capacitors of a small board.
+fn drone() -> Case {
+    let mut plant = PlantParameters::imperfect(2).with_pole_pairs(7);
+    plant.motor.resistance_ohm = 0.05;
+    plant.motor.inductance_h = 15e-6;
+    plant.motor.back_emf = BackEmf::sinusoidal(8e-4);
+    plant.motor.inertia_kgm2 = 1e-5;
+    plant.motor.cogging = [Cogging::NONE; 2];
+    plant.inverter.switch_ohm = 2e-3;
+    plant.bus.supply_v = 14.8;
+    plant.bus.source_ohm = 0.02;
+    plant.bus.capacitance_f = 220e-6;
+    let control = strong(
+        &mut plant,
+        Control {
+            resistance_ohm: 0.052,
+            inductance_h: 15e-6,
+            flux_linkage_wb: 8e-4,
+            inertia_kgm2: 1e-5,
+            max_current_a: 25.0,
+            continuous_current_a: 20.0,
+            max_speed_rad_s: 1200.0,
+            dead_time_ramp_a: 0.5,
+            guard: GuardSettings { under_voltage_v: 9.0, over_voltage_v: 20.0, ..GuardSettings::default() },
+            ..Control::default()
+        },
+    );
+    Case {
+        name: "drone",
+        plant,
+        settings: Settings {
+            commutation: Commutation::FieldOriented,
+            pole_pairs: 7,
+            max_electrical_hz: 1990.0,
+            calibration_modulation: 0.08,
+            control: Some(control),
+            ..Settings::default()
+        },
+        speed_rad_s: 1150.0,
+    }
+}
+
+/// A wheel: 0.1 Ω, 0.2 mH, 15 pole pairs, 0.05 kg·m².
+fn hub() -> Case {
+    let mut plant = PlantParameters::imperfect(3).with_pole_pairs(15);
+    plant.motor.resistance_ohm = 0.1;
+    plant.motor.inductance_h = 0.2e-3;
+    plant.motor.back_emf = BackEmf::sinusoidal(0.018);
+    plant.motor.inertia_kgm2 = 0.05;
+    plant.motor.cogging = [Cogging::NONE; 2];
+    plant.inverter.switch_ohm = 4e-3;
+    plant.bus.capacitance_f = 1000e-6;
+    let control = strong(
+        &mut plant,
+        Control {
+            resistance_ohm: 0.104,
+            inductance_h: 0.2e-3,
+            flux_linkage_wb: 0.018,
+            inertia_kgm2: 0.05,
+            max_current_a: 25.0,
+            continuous_current_a: 20.0,
+            max_speed_rad_s: 40.0,
+            max_acceleration_rad_s2: 150.0,
+            speed_bandwidth_hz: 5.0,
+            position_bandwidth_hz: 1.0,
+            dead_time_ramp_a: 0.5,
+            ..Control::default()
+        },
+    );
+    Case {
+        name: "hub",
+        plant,
+        settings: Settings {
+            commutation: Commutation::FieldOriented,
+            pole_pairs: 15,
+            calibration_modulation: 0.12,
+            calibration_hz: 5.0,
+            control: Some(control),
+            ..Settings::default()
+        },
+        speed_rad_s: 38.0,
+    }
+}
+
+/// What the drive is not told: resistance, flux linkage and capacitor, times these.
+const UNLIKE: [[f64; 3]; 5] = [[1.0, 1.0, 1.0], [0.75, 1.2, 1.0], [1.25, 0.8, 1.0], [0.75, 0.8, 0.5], [0.75, 1.2, 0.5]];
+
+fn armed(case: &Case, unlike: [f64; 3]) -> Rig {
+    let mut plant = case.plant;
+    plant.motor.resistance_ohm *= unlike[0];
+    plant.motor.back_emf.flux_linkage_vs *= unlike[1];
+    plant.bus.capacitance_f *= unlike[2];
+    let mut rig = Rig::new(&plant, &case.settings, 1).unwrap();
+    rig.calibrate(|_| ()).unwrap();
+    rig.run(0.1, |_, _| ());
+    rig.command(Command::Arm).unwrap();
+    rig
+}
+
+fn speed(rig: &mut Rig, radians_s: f32) {
+    rig.command(Command::Speed(rig.control().unwrap().speed(radians_s).unwrap())).unwrap();
+}
+
+/// Largest bus voltage on the way to rest, and how long it took, of so many seconds.
+fn stop(rig: &mut Rig, seconds: f64) -> (f64, Option<f64>) {
+    speed(rig, 0.0);
+    let (mut most, mut rest, mut time) = (0.0_f64, None, 0.0);
+    rig.run(seconds, |rig, period| {
+        time += rig.period_s();
+        most = most.max(period.truth.bus_v);
+        if rest.is_none() && period.truth.speed_rad_s.abs() < 1.0 {
+            rest = Some(time);
+        }
+    });
+    (most, rest)
+}
+
+#[test]
+fn from_full_speed_to_rest_the_bus_stays_within_its_limit() {
+    for case in [default_motor(), drone(), hub()] {
+        let over = f64::from(case.settings.control.unwrap().guard.over_voltage_v);
+        for unlike in UNLIKE {
+            for direction in [1.0, -1.0] {
+                let mut rig = armed(&case, unlike);
+                let mut rising = 0.0_f64;
+                speed(&mut rig, direction * case.speed_rad_s);
+                // Its overshoot brakes, too.
+                rig.run(2.0, |_, period| rising = rising.max(period.truth.bus_v));
+                let reached = rig.plant.truth().speed_rad_s;
+                let (most, rest) = stop(&mut rig, 3.0);
+                println!(
+                    "{} {unlike:?}: from {reached:.0} rad/s in {rest:.3?} s, bus {rising:.2} and {most:.2} V",
+                    case.name
+                );
+                assert_eq!(rig.drive.mode(), Mode::Running);
+                assert!((reached / f64::from(direction * case.speed_rad_s) - 1.0).abs() < 0.02);
+                assert!(rising.max(most) < over && rest.is_some_and(|time| time < 1.0));
+            }
+        }
+    }
+}
+
+#[test]
+fn a_torque_that_brakes_for_ever_returns_nothing() {
+    for case in [default_motor(), drone(), hub()] {
+        let control = case.settings.control.unwrap();
+        for (unlike, direction) in [(UNLIKE[1], 1.0), (UNLIKE[3], -1.0)] {
+            let mut rig = armed(&case, unlike);
+            for percent in 0..80 {
+                rig.plant.set_dyno(Some(f64::from(direction * 0.01 * percent as f32 * case.speed_rad_s))).unwrap();
+                rig.run(0.005, |_, _| ());
+            }
+            let current = rig.control().unwrap().current(-direction * control.max_current_a).unwrap();
+            rig.command(Command::Current(current)).unwrap();
+            let (mut most, mut longest, mut limited, mut torque) = (0.0_f64, 0.0_f64, true, 0.0);
+            // What limits is told every 26 ms.
+            rig.run(0.06, |_, _| ());
+            rig.run(0.3, |rig, period| {
+                let length = period.truth.currents_a.iter().map(|i| i * i).sum::<f64>() / 1.5;
+                (most, longest) = (most.max(period.truth.bus_v), longest.max(length.sqrt()));
+                limited &= rig.drive.limits().contains(Limits::SUPPLY.with(Limits::CURRENT));
+                torque += period.truth.torque_nm / f64::from(rig.periods(0.3));
+            });
+            let max_current = f64::from(control.max_current_a);
+            println!("{}: {most:.2} V, {:.3} of the current, {torque:.4} N·m", case.name, longest / max_current);
+            assert_eq!(rig.drive.mode(), Mode::Running);
+            assert!(most < f64::from(control.guard.over_voltage_v) && limited);
+            assert!(longest < 1.1 * max_current && torque * f64::from(direction) < 0.0);
+        }
+    }
+}
+
+#[test]
+fn what_the_settings_do_not_tell_is_left_to_the_bus_voltage() {
+    // Said to be a battery, but there is a diode before it.
+    let case = default_motor();
+    let control = Control { max_regeneration_a: 10.0, ..case.settings.control.unwrap() };
+    let case = Case { settings: Settings { control: Some(control), ..case.settings }, ..case };
+    let mut rig = armed(&case, UNLIKE[0]);
+    speed(&mut rig, case.speed_rad_s);
+    rig.run(2.0, |_, _| ());
+    let (most, rest) = stop(&mut rig, 5.0);
+    println!("{}: {most:.2} V, {rest:.3?} s, {:?}", case.name, rig.drive.mode());
+    assert_eq!(rig.drive.mode(), Mode::Running);
+    assert!(most > 28.0 && most < 32.0 && rest.is_some());
+}
+
+#[test]
+fn with_local_feedback_the_braking_current_is_limited() {
+    for commutation in [Commutation::Sinusoidal, Commutation::Block] {
+        let case = default_motor();
+        let case = Case { settings: Settings { commutation, ..case.settings }, ..case };
+        let mut rig = armed(&case, UNLIKE[0]);
+        speed(&mut rig, 0.5 * case.speed_rad_s);
+        rig.run(1.0, |_, _| ());
+        let (most, rest) = stop(&mut rig, 15.0);
+        println!("{commutation:?}: {most:.2} V, {rest:.3?} s, {:?}", rig.drive.mode());
+        assert!(most < 32.0 && rig.drive.mode() == Mode::Running && rest.is_some());
+    }
+}
+
+/// Mean current from the supply, A, over a time; the bus is taken for steady.
+fn drawn(rig: &mut Rig, seconds: f64) -> f64 {
+    let periods = f64::from(rig.periods(seconds));
+    let mut sum = 0.0;
+    rig.run(seconds, |_, period| sum += period.truth.last.map_or(0.0, |slice| slice.bus_a));
+    sum / periods
+}
+
+#[test]
+fn a_battery_is_charged_with_what_it_may_be() {
+    for (allowed, least) in [(0.0, -0.05), (0.5, -0.5), (1.0, -1.0)] {
+        let mut case = default_motor();
+        case.plant.bus.regenerative = true;
+        let control = Control { max_regeneration_a: allowed, ..case.settings.control.unwrap() };
+        case.settings.control = Some(control);
+        let mut rig = armed(&case, UNLIKE[1]);
+        rig.plant.set_dyno(Some(400.0)).unwrap();
+        rig.run(0.1, |_, _| ());
+        rig.command(Command::Current(rig.control().unwrap().current(-1.5).unwrap())).unwrap();
+        rig.run(0.05, |_, _| ());
+        let current = drawn(&mut rig, 0.1);
+        println!("{allowed} A allowed: {current:.3} A");
+        assert!(current > least, "{current}");
+        assert!(allowed == 0.0 || current < -0.1, "{current}");
+    }
+}
+
+#[test]
+fn the_supply_gives_no_more_than_it_may() {
+    for unlike in [UNLIKE[0], UNLIKE[1], UNLIKE[2]] {
+        let mut case = default_motor();
+        case.settings.control = Some(Control { max_supply_a: 0.6, ..case.settings.control.unwrap() });
+        let mut rig = armed(&case, unlike);
+        for turning in [0.0, 100.0, 300.0] {
+            rig.plant.set_dyno(Some(turning)).unwrap();
+            rig.run(0.1, |_, _| ());
+            rig.command(Command::Current(rig.control().unwrap().current(3.0).unwrap())).unwrap();
+            rig.run(0.05, |_, _| ());
+            let current = drawn(&mut rig, 0.1);
+            println!("{unlike:?} {turning} rad/s: {current:.3} A");
+            assert!(current < 0.6 && current > 0.3, "{current}");
+            assert!(rig.drive.limits().contains(Limits::SUPPLY));
+        }
+    }
+}

@@ -8,7 +8,8 @@
 //!    the other way as well, motor wires, Halls and calibration do not belong together.
 //!
 //! All of it takes some hundredths of a second and moves the rotor by a few electrical degrees. A rotor that does not
-//! move, because it is blocked or heavy, proves nothing; the [supervision](super::supervision) then goes on asking.
+//! move, because it is blocked or heavy, proves nothing, and one that turns is not pushed; the
+//! [supervision](super::supervision) then goes on asking.
 
 use super::{Demand, Idle};
 use crate::angle::{ElectricalAngle, Position};
@@ -207,7 +208,12 @@ impl Arming {
         if self.steps == 1 {
             self.from = rotor.smoothed();
         } else if self.steps > window {
-            self.coasting = (self.way(rotor) / i64::from(window.max(1))) as i32;
+            let way = self.way(rotor);
+            self.coasting = (way / i64::from(window.max(1))) as i32;
+            // What friction does to a rotor that turns looks like a push the wrong way.
+            if way.abs() > MOVED {
+                return self.finish(false);
+            }
             self.from = rotor.smoothed();
             self.enter(Stage::Push);
         }

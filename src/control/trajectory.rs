@@ -120,7 +120,7 @@ impl Trajectory {
     pub const fn stops_within(&self, left: i64, limits: &Limits) -> bool {
         let left = if left < 0 { return false } else { left as u64 };
         let distance = if left < limits.longest_distance { left } else { limits.longest_distance };
-        let speed = self.speed.saturating_abs();
+        let speed = self.speed.abs();
         let stopping = distance * (2 * limits.acceleration as u32) as u64;
         stops(speed + limits.acceleration, limits.acceleration, stopping)
     }

@@ -268,7 +268,7 @@ impl Drive {
         let fault = self.with_servo(sample, |servo, paths, with| {
             match part & 3 {
                 0 => servo.attend_to_position(with),
-                2 => servo.wait(with),
+                2 => return servo.attend_to_motion(with),
                 _ => return servo.heat(part / 2, &paths.field_oriented, with),
             }
             None

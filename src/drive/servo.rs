@@ -75,8 +75,6 @@ pub(super) struct Servo {
     pub cogging: Option<&'static mut cogging::Table>,
     /// Whether a commanded speed waits for a rotor that cannot follow.
     waits: bool,
-    /// Whether the rotor is too far from the position that it should have.
-    is_far: bool,
     /// Whether the motion is supervised: something is followed, and not checked before.
     pub supervised: bool,
     /// What limits the control at the moment.
@@ -102,7 +100,6 @@ impl Servo {
             trajectory: Trajectory::at(Position::from_bits(0), 0),
             ends: false,
             waits: false,
-            is_far: false,
             supervised: false,
             speed_reference: 0,
             current_request: 0,
@@ -166,7 +163,7 @@ impl Servo {
             self.speed_integrator = Integrator::holding(self.current_request);
         }
         self.demand = demand;
-        (self.ends, self.is_far) = (false, false);
+        self.ends = false;
         self.protection.held = i32::MAX;
         if let Demand::Current(Current(current)) = demand {
             (self.asked, self.current_request) = (current, current);
@@ -224,15 +221,30 @@ impl Servo {
         }
     }
 
-    /// A commanded speed waits for a rotor that cannot follow: it grows no further than this from the rotor's.
+    /// A commanded speed waits for a rotor that cannot follow: it grows no further than this from the rotor's. A
+    /// position that is reached is held. Then, whether the rotor has left its bounds.
     #[inline(always)]
-    pub fn wait(&mut self, with: &Context) {
-        if let Demand::Speed(Speed(speed)) = self.demand {
-            let reference = self.trajectory.speed();
-            let ahead = reference.wrapping_sub(with.rotor.speed());
-            let far = ahead.saturating_abs() > with.config.motion.far_speed / 2;
-            self.waits = far && (ahead < 0) == (speed < reference);
+    pub fn attend_to_motion(&mut self, with: &Context) -> Option<Fault> {
+        let motion = &with.config.motion;
+        match self.demand {
+            Demand::Voltage | Demand::Current(_) => {}
+            Demand::Speed(Speed(speed)) => {
+                let reference = self.trajectory.speed();
+                let ahead = reference.wrapping_sub(with.rotor.speed());
+                let far = ahead.saturating_abs() > motion.far_speed / 2;
+                self.waits = far && (ahead < 0) == (speed < reference);
+            }
+            Demand::Position(_) => {
+                self.protection.held = if self.trajectory.speed() == 0 { motion.hold } else { i32::MAX };
+            }
         }
+        (self.supervised && supervision::is_outside(motion, with.rotor)).then_some(Fault::PositionBounds)
+    }
+
+    /// How far the trajectory's position is ahead of the rotor's.
+    #[inline(always)]
+    fn distance(&self, with: &Context) -> i64 {
+        self.trajectory.position().to_bits().wrapping_sub(coarse(with.rotor.position()).to_bits())
     }
 
     /// What the rotor's position allows: the trajectory does not run away from a rotor that cannot follow, but waits. A
@@ -241,7 +253,8 @@ impl Servo {
     #[inline(always)]
     pub fn attend_to_position(&mut self, with: &Context) {
         let here = coarse(with.rotor.position()).to_bits();
-        let Motion { bounds: [least, most], far, .. } = with.config.motion;
+        let motion = &with.config.motion;
+        let [least, most] = motion.bounds;
         match self.demand {
             Demand::Voltage => {}
             Demand::Current(Current(current)) => self.ends = if current < 0 { here < least } else { here > most },
@@ -250,12 +263,9 @@ impl Servo {
                 self.ends = !self.trajectory.stops_within(left, &with.config.trajectory);
             }
             Demand::Position(target) => {
-                let holds = self.trajectory.speed() == 0;
-                self.protection.held = if holds { with.config.motion.hold } else { i32::MAX };
-                let error = self.trajectory.position().to_bits().wrapping_sub(here);
-                self.is_far = error.unsigned_abs() > far as u64;
+                let ahead = self.distance(with);
                 let back = coarse(target).to_bits() < self.trajectory.position().to_bits();
-                self.waits = error.unsigned_abs() > far as u64 / 4 && (error < 0) == back;
+                self.waits = ahead.unsigned_abs() > motion.far as u64 / 4 && (ahead < 0) == back;
             }
         }
     }
@@ -274,20 +284,23 @@ impl Servo {
         let motion = &with.config.motion;
         let supervision = &mut self.supervision;
         match supervision.next_part() {
-            0 => {
-                supervision.note(&self.measurement.state, with.rotor.speed());
-                return supervision::is_outside(motion, with.rotor).then_some(Fault::PositionBounds);
-            }
+            0 => supervision.note(&self.measurement.state, with.rotor.speed()),
             1 => supervision.note_emf(model),
             2 => supervision.note_motor(model),
             3 => supervision.explain(model),
             4 => supervision.sum_up(),
             5 => return supervision.judge(model),
-            6 => {
-                let follows = matches!(self.demand, Demand::Speed(_));
-                let speed = if follows { self.speed_reference.wrapping_sub(with.rotor.speed()) } else { 0 };
-                return self.supervision.is_late(motion, self.is_far, speed);
-            }
+            6 => match self.demand {
+                Demand::Voltage | Demand::Current(_) => supervision.is_in_time(),
+                Demand::Speed(_) => {
+                    return supervision.is_late(motion, self.speed_reference.wrapping_sub(with.rotor.speed()));
+                }
+                Demand::Position(_) => {
+                    supervision.is_in_time();
+                    let far = self.distance(with).unsigned_abs() > motion.far as u64;
+                    return far.then_some(Fault::FollowingError);
+                }
+            },
             _ => {
                 let stopping = self.limits.contains(Limits::TIMEOUT);
                 return supervision.stops(motion, stopping, with.rotor.speed());

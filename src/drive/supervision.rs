@@ -135,12 +135,18 @@ impl Supervision {
         (faster && self.braking > motion.impulse).then_some(Fault::Commutation)
     }
 
-    /// Whether the rotor is too far from its position, or for too long from its speed.
+    /// Whether the rotor is too far from its speed for too long.
     #[inline(always)]
-    pub fn is_late(&mut self, motion: &Motion, far: bool, speed_error: i32) -> Option<Fault> {
+    pub fn is_late(&mut self, motion: &Motion, speed_error: i32) -> Option<Fault> {
         let late = speed_error.saturating_abs() > motion.far_speed;
         self.late = if late { self.late + 1 } else { self.late.saturating_sub(4) };
-        (far || self.late > motion.late).then_some(Fault::FollowingError)
+        (self.late > motion.late).then_some(Fault::FollowingError)
+    }
+
+    /// No speed is commanded, or none that the rotor is far from.
+    #[inline(always)]
+    pub fn is_in_time(&mut self) {
+        self.late = 0;
     }
 
     /// Whether a stop has not come to rest in its time.
@@ -222,12 +228,12 @@ impl Supervision {
     pub fn judge(&mut self, model: &Model) -> Option<Fault> {
         let Self { emf, dropped, .. } = *self;
         let along = if self.speed < 0 { -emf.q } else { emf.q };
-        let expected = self.expected.abs();
+        let (across, expected) = (emf.d.abs(), self.expected.abs());
         if self.misfit > model.most {
-            let wrong = along < -(emf.d.abs() / 4) && expected > model.dead;
+            let wrong = along < -(across >> 2) && expected > model.dead;
             return Some(if wrong { Fault::Commutation } else { Fault::CurrentModel });
         }
-        if expected > 2 * model.dead + dropped && along > expected / 2 && along > 2 * emf.d.abs() {
+        if expected > 2 * model.dead + dropped && along > expected >> 1 && along > 2 * across {
             self.proofs = (self.proofs + 1).min(PROOF);
         }
         None

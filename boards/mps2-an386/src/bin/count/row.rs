@@ -50,12 +50,6 @@ impl Row {
             let (results, instructions) = unsafe { counter.call(self.function, arguments) };
             least = least.min(instructions);
             most = most.max(instructions);
-            #[cfg(feature = "hist")]
-            {
-                let h = unsafe { &mut *(&raw mut HIST) };
-                let k = (index % 64) as usize;
-                h[k] = h[k].max(instructions);
-            }
             sum += instructions;
             error = error.max((self.error)(&arguments, &results).abs());
         }
@@ -70,12 +64,6 @@ impl Row {
             Display2Format(&Budget(self.budget, within)),
             Display2Format(&format_args!("{error:.1e}")),
         );
-        #[cfg(feature = "hist")]
-        {
-            let h = unsafe { &mut *(&raw mut HIST) };
-            println!("{}", h.as_slice());
-            h.fill(0);
-        }
         within
     }
 }
@@ -100,6 +88,3 @@ macro_rules! function {
     };
 }
 pub(crate) use function;
-
-#[cfg(feature = "hist")]
-static mut HIST: [u32; 64] = [0; 64];

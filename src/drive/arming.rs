@@ -266,7 +266,7 @@ impl Arming {
         if way - self.farthest > MOVED / 6 {
             return Step::Failed(Fault::Commutation);
         }
-        if self.steps >= 2 * self.pushed {
+        if self.steps >= 4 * self.pushed {
             return self.finish(false);
         }
         self.turned(-self.modulation, rotor, config)

@@ -198,7 +198,7 @@ impl Drive {
         if !self.servo.supervised {
             return self.estimator();
         }
-        let asks = !self.servo.supervision.is_proven() && self.servo.schedule.tick & LONG != 0;
+        let asks = !self.servo.supervision.is_proven() && self.servo.schedule.tick & (3 * LONG) != 0;
         let fault = self.with_servo(
             sample,
             |servo, _, with| {

@@ -279,7 +279,13 @@ fn turn(bench: &mut Bench, settings: &Settings, share: f64) -> Result<(f64, f64)
     }
     let stop = bench.rig.control().unwrap().speed(0.0).unwrap();
     bench.rig.command(Command::Speed(stop)).map_err(|error| error.to_string())?;
-    bench.wait(time_s);
+    // A supply that takes nothing back makes braking slow.
+    for _ in 0..300 {
+        bench.wait(0.1);
+        if bench.rig.plant.truth().speed_rad_s.abs() < 1.0 {
+            break;
+        }
+    }
     bench.rig.command(Command::Disarm).map_err(|error| error.to_string())?;
     let mean = sum / f64::from(count);
     Ok((mean, (square / f64::from(count) - mean * mean).max(0.0).sqrt()))

@@ -9,6 +9,7 @@ use hallservo::control::cogging::Table;
 use hallservo::drive::{Channels, Command, Drive};
 use hallservo::hall::calibrate::Calibration;
 use hallservo::hall::estimate::Estimator;
+use hallservo::mode::Mode;
 use hallservo::service::identification::{self, Identification};
 use hallservo::service::identify::Report;
 use hallservo::service::learning::{self, Learning};
@@ -145,6 +146,9 @@ impl Rig {
             self.step();
             if step % 40 == 0 {
                 progress(self.service.progress());
+                if let Mode::Faulted(fault) = self.drive.mode() {
+                    bail!("{fault:?} while calibrating");
+                }
                 while let Some(event) = self.service.poll() {
                     match event {
                         Event::Calibrated(calibration) => return Ok(calibration),

@@ -29,6 +29,8 @@ const MOVED: i64 = 35_791_394;
 const MOVED_ACROSS: i64 = MOVED / 5 * 6;
 /// Steps over which the currents of a voltage are averaged.
 const AVERAGED: u32 = 16;
+/// How often a rotor may be found turning by itself before it is not pushed at all.
+const MOST_WAITED: u32 = 20;
 /// Steps for the currents to fade between two voltages, at least and at most.
 const FADING: core::ops::Range<u32> = 8..200;
 
@@ -93,6 +95,8 @@ pub(super) struct Arming {
     currents: [[i32; 3]; 4],
     /// Steps of the push, or none, and the position where it or another motion began.
     pushed: u32,
+    /// How often the rotor was found turning by itself.
+    waited: u32,
     /// Whether the push is over.
     was_pushed: bool,
     from: Position,
@@ -116,6 +120,7 @@ impl Arming {
         most: 0,
         currents: [[0; 3]; 4],
         pushed: 0,
+        waited: 0,
         was_pushed: false,
         from: Position::from_bits(0),
         farthest: 0,
@@ -220,9 +225,14 @@ impl Arming {
         } else if self.steps > window {
             let way = self.way(rotor);
             self.coasting = (way / i64::from(window.max(1))) as i32;
-            // What friction does to a rotor that turns looks like a push the wrong way.
+            // What friction does to a rotor that turns looks like a push the wrong way; the shorted windings stop it.
             if way.abs() > MOVED {
-                return self.finish(self.pushed > 0);
+                self.waited += 1;
+                if self.waited > MOST_WAITED {
+                    return self.finish(self.pushed > 0);
+                }
+                self.enter(Stage::Coast);
+                return Step::Output(no_voltage(config));
             }
             self.from = rotor.smoothed();
             self.modulation = self.least;

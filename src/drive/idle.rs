@@ -11,19 +11,24 @@ const MIDDLE: i32 = 32_768 << 8;
 pub(super) struct Idle {
     /// Code of each amplifier without a current, for a full scale of 2¹⁶, in 2⁻⁸; averaged over 256 steps.
     zeros: [i32; 3],
+    /// Whether a sample was seen: the average begins with the first, so that a drive that is commanded at once has
+    /// zeros.
+    seen: bool,
 }
 
 impl Idle {
     /// Amplifiers as they should be: zero in the middle of the range.
     pub const fn new() -> Self {
-        Self { zeros: [MIDDLE; 3] }
+        Self { zeros: [MIDDLE; 3], seen: false }
     }
 
     /// A step with the bridge off.
     pub fn step(&mut self, config: &Config, sample: &Sample) {
         for (zero, code) in self.zeros.iter_mut().zip(sample.currents) {
-            *zero += ((i32::from(code) << (config.shift + 8)) - *zero) >> 8;
+            let off = (i32::from(code) << (config.shift + 8)) - *zero;
+            *zero += if self.seen { off >> 8 } else { off };
         }
+        self.seen = true;
     }
 
     /// Code of each amplifier without a current, for a full scale of 2¹⁶, in 2⁻⁸.

@@ -83,10 +83,16 @@ pub fn main(options: &Options) -> Result<()> {
         report.table(&alarms);
     }
     let bars = summary.kinds.iter().map(|(name, kind)| (name.to_string(), kind.worst_wrong_deg.min(90.0)));
-    report.bars(
-        &Bars { title: "Largest motion the wrong way".into(), x: "mechanical degrees".into(), bars: bars.collect() },
-        "Against the command, beyond what a load alone would have done; cut at 90°. Allowed are 30°.",
-    )?;
+    if summary.kinds.values().any(|kind| kind.worst_wrong_deg > 0.0) {
+        report.bars(
+            &Bars {
+                title: "Largest motion the wrong way".into(),
+                x: "mechanical degrees".into(),
+                bars: bars.collect(),
+            },
+            "Against the command, beyond what a load alone would have done; cut at 90°. Allowed are 30°.",
+        )?;
+    }
     options.common.finish("faults", &summary, &report)
 }
 

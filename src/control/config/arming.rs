@@ -34,8 +34,8 @@ const MOST: f32 = 4.0;
 const PUSH_S: f32 = 20e-3;
 /// A rotor slower than this rests, electrical Hz, at least and at most: one whose back-EMF drives no more than a share
 /// of the current of the check through the shorted windings.
-const REST_HZ: core::ops::Range<f32> = 1.0..8.0;
-const REST_SHARE: f32 = 0.25;
+const REST_HZ: core::ops::Range<f32> = 0.5..8.0;
+const REST_SHARE: f32 = 0.15;
 
 impl ArmingCheck {
     /// Of settings that are in their ranges.

@@ -4,7 +4,7 @@ use super::bench::{Bench, COOL};
 use super::defect::WATCHDOG_S;
 use super::motion::{Motion, Way};
 use crate::rig::Rig;
-use anyhow::{Result, bail};
+use anyhow::{Context, Result, bail};
 use hallservo::board::{Legs, LostPeriods};
 use hallservo::drive::{Command, Refusal, Reply};
 use hallservo::fault::{Fault, Limits};
@@ -59,7 +59,7 @@ impl Machine {
     pub fn new(bench: Bench, seed: u64) -> Result<Self> {
         let mut rig = Rig::new(&bench.parameters, &bench.settings, seed)?;
         rig.temperatures = bench.temperatures();
-        let model = rig.calibrate(|_| ())?.model;
+        let model = rig.calibrate(|_| ()).with_context(|| bench.describe())?.model;
         rig.run(0.2, |_, _| ());
         Ok(Self { rig, bench, model, motion: None, held: false, periods: 0, off_at_once: true, reply: None })
     }

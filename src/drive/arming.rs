@@ -132,7 +132,8 @@ impl Arming {
     pub fn begin(&mut self, control: &Control, bus: i32) {
         let check = &control.arming;
         *self = Self::OFF;
-        self.stage = Stage::Raise;
+        // What flowed until now fades first.
+        self.stage = Stage::Fade;
         // Shares of half the bus, of shares of half its full scale.
         let divisor = (bus >> 5).max(1);
         self.rise = ((check.rise / divisor) << 10).max(1);
@@ -206,6 +207,10 @@ impl Arming {
     fn fade(&mut self, control: &Control, phases: [i32; 3], config: &Config) -> Step {
         let faded = largest(phases) < control.arming.current / 4 && self.steps >= FADING.start;
         if faded || self.steps >= FADING.end {
+            if !faded && self.vector == 0 {
+                // A rotor that turns drives a current of its own.
+                return self.finish(false);
+            }
             if self.vector < self.currents.len() {
                 self.enter(Stage::Raise);
             } else if let Some(fault) = wiring_fault(&self.currents, control.arming.current) {

@@ -47,7 +47,7 @@ const SWEEPS: [Sweep; 4] = [
 ];
 /// Lag and swing of the rotor in degrees up to which another one is not tried.
 const GOOD_LAG: f32 = 40.0;
-const GOOD_SWING: f32 = 6.0;
+const GOOD_SWING: f32 = 4.5;
 /// Share of the largest current that the noise of the speed may make.
 const NOISE: f32 = 0.03;
 

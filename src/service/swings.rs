@@ -166,7 +166,9 @@ impl Swings {
         let emf_v = self.sign * self.emf_v;
         let returned_w = 1.5 * (emf_v - self.motor.resistance_ohm * current_a) * current_a;
         let known_v = KNOWN * self.motor.flux_linkage_wb * self.speed.abs();
-        self.energy_j > STORES_J && emf_v >= known_v && returned_w > RETURNS_W
+        // There is no larger current to brake with, should the bus be full.
+        let most_w = RETURNS_W * (1.0 - 1.2 * self.current / (LARGEST * self.most));
+        self.energy_j > STORES_J && emf_v >= known_v && returned_w > most_w
     }
 
     fn finish(&mut self) {

@@ -125,8 +125,10 @@ impl Arming {
     /// Begins, at a bus voltage in 2⁻¹⁵ of its full scale. What was commanded since the drive has armed stays.
     pub fn begin(&mut self, control: &Control, bus: i32) {
         let check = &control.arming;
-        *self = Self { pending: self.pending, ..Self::OFF };
-        self.stage = Stage::Raise;
+        self.enter(Stage::Raise);
+        self.vector = 0;
+        self.currents = [[0; 3]; 4];
+        self.farthest = 0;
         // Shares of half the bus, of shares of half its full scale.
         let divisor = (bus >> 5).max(1);
         self.rise = ((check.rise / divisor) << 10).max(1);

@@ -435,7 +435,7 @@ impl Drive {
         &self.servo.measurement.state
     }
 
-    /// Correction of the alignment, found while turning field-oriented and added to the Halls' angle: −60° to 60°.
+    /// Correction of the alignment, found while turning field-oriented and added to the Halls' angle: −30° to 30°.
     pub const fn trim(&self) -> ElectricalAngle {
         self.paths.field_oriented.trim()
     }

@@ -6,12 +6,14 @@ pub mod commission;
 pub mod identification;
 pub mod identify;
 pub mod learning;
+mod phases;
 pub mod pole_pairs;
 pub mod procedure;
 mod sequence;
 pub mod standstill;
 pub mod swings;
 
+use crate::commutation::Commutation;
 use crate::config::Config;
 use crate::control::cogging;
 use crate::drive::standstill::Window;
@@ -24,6 +26,7 @@ use crate::mode::Mode;
 use crate::telemetry::{Measurement, Progress, Record};
 use core::fmt;
 use heapless::{Deque, Vec};
+use phases::Phases;
 
 /// What [`Service::poll`] delivers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -97,6 +100,9 @@ pub struct Service {
     config: Config,
     /// Settings on their way to the drive.
     pending_config: Option<Config>,
+    /// Commutation that was commanded last.
+    commutation: Commutation,
+    phases: Phases,
 }
 
 /// Where a command comes from.
@@ -125,6 +131,8 @@ impl Service {
             tables: Vec::new(),
             config,
             pending_config: None,
+            commutation: config.commutation,
+            phases: Phases::default(),
         }
     }
 
@@ -156,7 +164,9 @@ impl Service {
         if self.unanswered.is_full() {
             return Err(command);
         }
+        let commutation = if let Command::Commutate(commutation) = command { commutation } else { self.commutation };
         self.tasks.commands.enqueue(command)?;
+        self.commutation = commutation;
         let _ = self.unanswered.push_back(origin);
         Ok(())
     }
@@ -227,7 +237,15 @@ impl Service {
     /// The next measurement of currents and voltages, while running with current control. When nobody takes them, they
     /// are lost.
     pub fn measurement(&mut self) -> Option<Measurement> {
-        self.tasks.measurements.dequeue()
+        let measurement = self.tasks.measurements.dequeue()?;
+        if self.commutation != Commutation::Block
+            && let Some(fault) = self.phases.look(&measurement, self.config.is_reversed())
+        {
+            // Found again, where the queue is full.
+            let _ = self.send_internal(Command::Trip(fault));
+            self.phases = Phases::default();
+        }
+        Some(measurement)
     }
 
     /// The next window of a measurement at standstill.
@@ -282,6 +300,7 @@ impl Service {
                 Some(Origin::Install) => return Some(Event::Installed(reply)),
                 Some(Origin::Configure) => {
                     self.config = self.pending_config.take().filter(|_| reply.is_ok()).unwrap_or(self.config);
+                    self.commutation = self.config.commutation;
                     return Some(Event::Reply(reply));
                 }
                 Some(Origin::Calibration) => {

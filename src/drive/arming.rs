@@ -6,9 +6,12 @@
 //! 2. A push: a voltage along q of the rotor, raised until the rotor has moved by [`MOVED`]. Where it moved as it should,
 //!    the opposite voltage stops it. Where it moved the other way, the opposite voltage is tried; if that moves it
 //!    the other way as well, motor wires, Halls and calibration do not belong together.
+//! 3. The same along d, for as long. It makes no torque unless the angle is wrong; one that moves the rotor farther than
+//!    the push has means an angle that is wrong by more than 50°.
 //!
 //! All of it takes some hundredths of a second and moves the rotor by a few electrical degrees. A rotor that does not
-//! move, because it is blocked or heavy, proves nothing; the [supervision](super::supervision) then goes on asking.
+//! move, because it is blocked or heavy, proves nothing, and one that turns is not pushed; the
+//! [supervision](super::supervision) then goes on asking.
 
 use super::{Demand, Idle};
 use crate::angle::{ElectricalAngle, Position};
@@ -22,6 +25,8 @@ use crate::hall::track::Tracker;
 
 /// Way by which the push is told from noise: 3° electrical, in 2⁻³² turns.
 const MOVED: i64 = 35_791_394;
+/// The same along d: 1.2 times as far.
+const MOVED_ACROSS: i64 = MOVED / 5 * 6;
 /// Steps over which the currents of a voltage are averaged.
 const AVERAGED: u32 = 16;
 /// Steps for the currents to fade between two voltages, at least and at most.
@@ -71,6 +76,8 @@ enum Stage {
     Oppose,
     /// The rotor went the right way: the opposite voltage stops it.
     Stop,
+    /// The voltage along d rises.
+    Across,
 }
 
 /// The check and where it is.
@@ -88,8 +95,10 @@ pub(super) struct Arming {
     most: i32,
     /// Currents of each voltage, in 2⁻¹⁵ of the full scale, times [`AVERAGED`].
     currents: [[i32; 3]; 4],
-    /// Steps and position of the push.
+    /// Steps of the push, or none, and the position where it or another motion began.
     pushed: u32,
+    /// Whether the push is over.
+    was_pushed: bool,
     from: Position,
     /// Farthest that the rotor went the wrong way.
     farthest: i64,
@@ -111,6 +120,7 @@ impl Arming {
         most: 0,
         currents: [[0; 3]; 4],
         pushed: 0,
+        was_pushed: false,
         from: Position::from_bits(0),
         farthest: 0,
         coasting: 0,
@@ -163,8 +173,9 @@ impl Arming {
             Stage::Push => self.push(control, phases, rotor, config),
             Stage::Oppose => self.oppose(rotor, config),
             // What rose evenly is made up for by its end in half of the time.
-            Stage::Stop if self.steps > self.pushed / 2 => self.finish(true),
+            Stage::Stop if self.steps > self.pushed / 2 => self.end_push(config),
             Stage::Stop => self.turned(-self.modulation, rotor, config),
+            Stage::Across => self.across(control, phases, rotor, config),
         }
     }
 
@@ -220,9 +231,15 @@ impl Arming {
         if self.steps == 1 {
             self.from = rotor.smoothed();
         } else if self.steps > window {
-            self.coasting = (self.way(rotor) / i64::from(window.max(1))) as i32;
+            let way = self.way(rotor);
+            self.coasting = (way / i64::from(window.max(1))) as i32;
+            // What friction does to a rotor that turns looks like a push the wrong way.
+            if way.abs() > MOVED {
+                return self.finish(self.pushed > 0);
+            }
             self.from = rotor.smoothed();
-            self.enter(Stage::Push);
+            self.modulation = self.least;
+            self.enter(if self.was_pushed { Stage::Across } else { Stage::Push });
         }
         Step::Output(no_voltage(config))
     }
@@ -245,11 +262,16 @@ impl Arming {
         turned(self.modulation, angle, PhaseOrder::FORWARD, config)
     }
 
-    fn push(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
+    /// Raises the voltage; returns how far the rotor has moved by it.
+    fn press(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker) -> i64 {
         if largest(phases) < control.arming.push {
             self.modulation = self.modulation.saturating_add(self.rise).min(self.most.saturating_mul(4));
         }
-        let moved = self.way(rotor) - i64::from(self.coasting) * i64::from(self.steps);
+        self.way(rotor) - i64::from(self.coasting) * i64::from(self.steps)
+    }
+
+    fn push(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
+        let moved = self.press(control, phases, rotor);
         if moved >= MOVED {
             self.pushed = self.steps;
             self.enter(Stage::Stop);
@@ -260,9 +282,26 @@ impl Arming {
             self.from = rotor.smoothed();
             self.enter(Stage::Oppose);
         } else if self.steps >= control.arming.longest_push {
-            return self.finish(false);
+            return self.end_push(config);
         }
         self.turned(self.modulation, rotor, config)
+    }
+
+    fn end_push(&mut self, config: &Config) -> Step {
+        self.was_pushed = true;
+        self.enter(Stage::Coast);
+        Step::Output(no_voltage(config))
+    }
+
+    fn across(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
+        if self.press(control, phases, rotor).abs() >= MOVED_ACROSS {
+            return Step::Failed(Fault::Commutation);
+        }
+        let moved = self.pushed > 0;
+        if self.steps >= if moved { self.pushed } else { control.arming.longest_push } {
+            return self.finish(moved);
+        }
+        turned(self.modulation, rotor.predicted(&config.tracking), config.order(), config)
     }
 
     /// With a wrong commutation the opposite voltage stops the rotor and turns it back, and it is found out close to
@@ -273,7 +312,7 @@ impl Arming {
         if way - self.farthest > MOVED / 6 {
             return Step::Failed(Fault::Commutation);
         }
-        if self.steps >= 2 * self.pushed {
+        if self.steps >= 4 * self.pushed {
             return self.finish(false);
         }
         self.turned(-self.modulation, rotor, config)

@@ -11,8 +11,8 @@ use crate::control::current::{Integrators, Inverse, Present};
 use crate::hall::track::{self, Tracker};
 use crate::math::{clamp, high};
 
-/// Largest correction of the alignment: 60°, in 2⁻³² turns.
-const LARGEST_TRIM: i32 = 715_827_882;
+/// Largest correction of the alignment: 30°, in 2⁻³² turns.
+const LARGEST_TRIM: i32 = 357_913_941;
 
 /// The current controller and what it works with.
 #[derive(Clone, Copy, Debug)]

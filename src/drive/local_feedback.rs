@@ -68,6 +68,7 @@ impl LocalFeedback {
         let voltage = self.controller.step(&control.local, reference, measured, rotor.speed(), half_bus);
         // What was noted for the tasks is the field-oriented control's, which is not at work.
         servo.measurement.state.voltage = Dq { d: 0, q: voltage };
+        servo.measurement.trim = ElectricalAngle::ZERO;
         let modulation = Modulation::from_bits(clamp((voltage << 15) / half_bus.max(1), 32_767) as i16);
         servo.limits = servo.limits.set(Limits::DUTY, limits.limits(modulation));
         let amplitude = limits.amplitude(modulation);

@@ -170,8 +170,8 @@ impl Drive {
             let field = &mut paths.field_oriented;
             if !trims {
                 servo.protection.limit_driving(with.config, field.bus());
-            } else if servo.reference.current.d == 0 {
-                // A current along d takes a voltage of its own.
+            } else if servo.reference.current.d == 0 && servo.supervision.is_proven() {
+                // A current along d takes a voltage of its own; and what is wrong by more than a little is not trimmed.
                 field.trim_alignment(with.config, with.rotor.speed());
             }
         });

@@ -130,7 +130,8 @@ impl Supervision {
         self.braking = self.braking.saturating_add(braking);
         self.braked += 1;
         self.slowest = if self.braked <= LAG { speed } else { self.slowest.min(speed) };
-        let faster = speed - self.slowest > motion.turning;
+        // The speed is measured less exactly where it is high.
+        let faster = speed - self.slowest > motion.turning + self.slowest / 16;
         (faster && self.braking > motion.impulse).then_some(Fault::Commutation)
     }
 

@@ -60,8 +60,10 @@ const MEASURING_MS: u32 = 1000;
 const MARK_MS: u32 = 100;
 /// Largest error at which a speed counts as reached, in shares of the fastest.
 const NEAR: f32 = 0.03;
-/// Time until a speed has to be reached, beyond what the largest acceleration needs, ms.
-const REACHING_MS: u32 = 2000;
+/// Longest time without coming nearer to a speed by a tenth of the fastest, ms: a heavy rotor brakes slowly on a supply
+/// that takes nothing back.
+const REACHING_MS: u32 = 4000;
+const NEARER: f32 = 0.1;
 
 const LEGS: usize = 2 * (SWINGS.len() + SPEEDS.len());
 
@@ -92,10 +94,11 @@ pub struct Identification {
     fastest: Speed,
     largest: Current,
     began_ms: Option<u32>,
-    /// When the speed was reached, and when the last mark was made.
+    /// How far from the speed it was last, and when; when it was reached, and when the last mark was made.
+    far: f32,
+    far_ms: u32,
     reached_ms: Option<u32>,
     marked_ms: u32,
-    timeout_ms: u32,
 }
 
 impl Identification {
@@ -110,7 +113,6 @@ impl Identification {
             return Err(Error::Plan { field });
         }
         let sequence = Sequence::new(config, plan.commutation)?;
-        let ramp_ms = 2000.0 * control.braking_s();
         Ok(Self {
             sequence,
             identifier: Identifier::new(config).ok_or(Error::NoControl)?,
@@ -119,9 +121,10 @@ impl Identification {
             fastest: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,
             largest: control.current(plan.current_a).map_err(Error::Demand)?,
             began_ms: None,
+            far: f32::INFINITY,
+            far_ms: 0,
             reached_ms: None,
             marked_ms: 0,
-            timeout_ms: REACHING_MS + ramp_ms as u32,
         })
     }
 
@@ -139,7 +142,7 @@ impl Identification {
         let elapsed_ms = now_ms.wrapping_sub(began_ms);
         match leg {
             Leg::Swing(share) => self.swing(share, elapsed_ms),
-            Leg::Speed(share) => self.keep(share, now_ms, elapsed_ms),
+            Leg::Speed(share) => self.keep(share, now_ms),
         }
     }
 
@@ -151,13 +154,16 @@ impl Identification {
         }
     }
 
-    fn keep(&mut self, share: f32, now_ms: u32, elapsed_ms: u32) {
+    fn keep(&mut self, share: f32, now_ms: u32) {
         let reference = share * self.fastest.0 as f32;
         self.sequence.follow(Demand::Speed(Speed(reference as i32)));
-        let near = (self.sequence.speed() as f32 - reference).abs() <= NEAR * self.fastest.0 as f32;
+        let error = (self.sequence.speed() as f32 - reference).abs() / self.fastest.0 as f32;
+        if error < self.far - NEARER {
+            (self.far, self.far_ms) = (error, now_ms);
+        }
         match self.reached_ms {
-            None if near => self.reached_ms = Some(now_ms),
-            None if elapsed_ms > self.timeout_ms => self.sequence.cancel(Error::NotReached),
+            None if error <= NEAR => self.reached_ms = Some(now_ms),
+            None if now_ms.wrapping_sub(self.far_ms) > REACHING_MS => self.sequence.cancel(Error::NotReached),
             None => {}
             Some(reached_ms) => {
                 let kept_ms = now_ms.wrapping_sub(reached_ms);
@@ -176,6 +182,7 @@ impl Identification {
         self.number += 1;
         self.began_ms = self.began_ms.map(|_| self.sequence.now_ms());
         self.reached_ms = None;
+        self.far = f32::INFINITY;
     }
 
     /// What was found, from the last measurement on.

@@ -108,6 +108,8 @@ fn armed(seed: u64, commutation: Commutation, tuning: Tuning) -> Result<Rig> {
     let mut rig = Rig::new(&PlantParameters::imperfect(seed), &settings, seed)?;
     rig.calibrate(|_| ())?;
     rig.command(Command::Arm)?;
+    // The check of the bridge takes a moment.
+    rig.run(0.2, |_, _| ());
     Ok(rig)
 }
 

@@ -32,8 +32,10 @@ const RISE_S: f32 = 1e-3;
 const MOST: f32 = 4.0;
 /// Longest push, s.
 const PUSH_S: f32 = 20e-3;
-/// A rotor slower than this rests, electrical Hz.
-const REST_HZ: f32 = 8.0;
+/// A rotor slower than this rests, electrical Hz, at least and at most: one whose back-EMF drives no more than a share
+/// of the current of the check through the shorted windings.
+const REST_HZ: core::ops::Range<f32> = 1.0..8.0;
+const REST_SHARE: f32 = 0.25;
 
 impl ArmingCheck {
     /// Of settings that are in their ranges.
@@ -46,6 +48,8 @@ impl ArmingCheck {
         let steps = RISE_S * scale.step_hz;
         // One leg against two: each loses the dead time's share of the bus; in shares of half the bus.
         let dead = 8.0 / 3.0 * frame.dead_time_s * frame.pwm_hz;
+        let rest_hz = REST_SHARE * resistance_ohm * current_a / settings.flux_linkage_wb / core::f32::consts::TAU;
+        let rest_hz = rest_hz.clamp(REST_HZ.start, REST_HZ.end);
         // Never so slow that it would take long to get over the dead time.
         let rise = (2.0 * resistance_ohm * current_a / scale.volts / steps).max(1e-3 / steps);
         Self {
@@ -57,7 +61,7 @@ impl ArmingCheck {
             most: ((1.6 * dead + 0.02) * full).min(0.9 * full) as i32,
             longest: (MOST * steps) as i32,
             longest_push: (PUSH_S * scale.step_hz) as u32,
-            at_rest: (REST_HZ / scale.step_hz * crate::angle::TURN) as i32,
+            at_rest: (rest_hz / scale.step_hz * crate::angle::TURN) as i32,
         }
     }
 }

@@ -47,7 +47,6 @@ impl Bench {
         let fastest = 0.95 * TAU * settings.max_electrical_hz / f32::from(pole_pairs);
         control.max_speed_rad_s = control.max_speed_rad_s.min(fastest);
         control.guard.stop_s = STOP_S;
-        control.guard.arming_check = random.random_bool(0.75);
 
         let motor = &mut parameters.motor;
         motor.resistance_ohm *= random.random_range(0.75..1.25);
@@ -90,7 +89,7 @@ impl Bench {
     pub fn describe(&self) -> String {
         let motor = &self.parameters.motor;
         format!(
-            "{}, {} pole pairs, R {:.2} Ω, λ {:.2} mWb, J {:.1} g·cm², {:.1} V{}{}{}",
+            "{}, {} pole pairs, R {:.2} Ω, λ {:.2} mWb, J {:.1} g·cm², {:.1} V{}{}",
             self.board.name,
             motor.pole_pairs,
             motor.resistance_ohm,
@@ -99,7 +98,6 @@ impl Bench {
             self.parameters.bus.supply_v,
             if self.parameters.bus.regenerative { " taking back" } else { "" },
             if self.settings.reversed { ", reversed" } else { "" },
-            if self.settings.control.is_some_and(|c| c.guard.arming_check) { "" } else { ", arming unchecked" },
         )
     }
 }

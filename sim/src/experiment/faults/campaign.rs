@@ -174,11 +174,10 @@ impl Campaign {
         let timeout_s = f64::from(guard.command_timeout_s);
         let start_turns = self.machine.electrical_turns();
         let before = self.machine.periods;
-        let outcome = kind.outcome_at(&self.machine.bench);
+        let outcome = kind.outcome;
         let seconds = match outcome {
             Outcome::Named(seconds)
             | Outcome::NamedOrHarmless(seconds)
-            | Outcome::NoHarm(seconds)
             | Outcome::NoFault(seconds)
             | Outcome::NotTooFast(seconds) => seconds,
             Outcome::AtRest(seconds) => seconds + timeout_s + f64::from(guard.stop_s),
@@ -206,9 +205,7 @@ impl Campaign {
             }
         }
         let found = self.found(kind, broken, verdict, turns);
-        let unchecked = matches!(outcome, Outcome::NoHarm(_));
-        let name = if unchecked { format!("{}, unchecked", kind.name) } else { kind.name.into() };
-        self.summary.count(&name, found, MOST_WRONG);
+        self.summary.count(kind.name, found, MOST_WRONG);
         Ok(())
     }
 
@@ -227,7 +224,7 @@ impl Campaign {
             too_large || broken.is_named_by(verdict)
         });
         let fastest = motion.map_or(0.0, |motion| motion.speed_rad_s);
-        let right = match kind.outcome_at(&machine.bench) {
+        let right = match kind.outcome {
             Outcome::Named(_) | Outcome::NamedInATurn => named,
             Outcome::AtRest(_) => (verdict.is_none() || named) && truth.speed_rad_s.abs() < 1.0,
             Outcome::NoFault(_) => verdict.is_none(),
@@ -235,7 +232,6 @@ impl Campaign {
                 let held = matches!(verdict, None | Some(Verdict::Fault(Fault::Stall | Fault::FollowingError)));
                 named || held && harmless
             }
-            Outcome::NoHarm(_) => harmless,
             Outcome::NotTooFast(_) => {
                 let over = verdict.and_then(Verdict::fault) == Some(Fault::OverSpeed);
                 (verdict.is_none() || over) && fastest < 1.15 * f64::from(control.max_speed_rad_s)

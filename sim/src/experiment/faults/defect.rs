@@ -103,7 +103,9 @@ impl Broken {
             Defect::Thermistor(0, _) => fault == BridgeThermistor,
             Defect::Thermistor(..) => fault == MotorThermistor,
             Defect::LostPeriod | Defect::StuckTrigger => fault == Deadline,
-            Defect::HallAtRail | Defect::HallAtGround | Defect::HallsShorted => matches!(fault, Hall(_) | AngleJump),
+            Defect::HallAtRail | Defect::HallAtGround => matches!(fault, Hall(_) | AngleJump),
+            // The angle is wrong, and so the torque.
+            Defect::HallsShorted => matches!(fault, Hall(_) | AngleJump | Commutation),
             // With one sensor frozen, the angle runs unevenly: once in two thousand times, that looks like over-speed
             // first.
             Defect::HallFrozen => matches!(fault, Hall(_) | AngleJump | OverSpeed),
@@ -111,7 +113,8 @@ impl Broken {
             Defect::HallWiresMoved | Defect::HallWiresSwapped | Defect::WrongDirection => {
                 matches!(fault, Hall(_) | AngleJump | Commutation)
             }
-            Defect::OpenPhase => fault == open || fault == CurrentModel,
+            // A load may turn the rotor against the torque that is left.
+            Defect::OpenPhase => fault == open || matches!(fault, CurrentModel | Commutation),
             Defect::DeadTransistor => fault == open || fault == amplifier || matches!(fault, CurrentModel),
             Defect::AmplifierDead | Defect::AmplifierFrozen => {
                 fault == amplifier || matches!(fault, CurrentModel | CurrentImbalance)
@@ -248,7 +251,9 @@ fn disturbance(defect: Defect, channel: usize, bench: &Bench, random: &mut Pcg64
             Box::new(move |sample| sample.currents[channel] = code)
         }
         Defect::Imbalance | Defect::Offset => {
-            let threshold = if defect == Defect::Offset { guard.offset_a } else { guard.imbalance_a };
+            // The sum of the currents may be off by the amplifiers' gains beside.
+            let imbalance_a = guard.imbalance_a + 0.04 * control.max_current_a;
+            let threshold = if defect == Defect::Offset { guard.offset_a } else { imbalance_a };
             let off = amperes(threshold * random.random_range(1.1..1.5)) + 12;
             let mut up = None;
             Box::new(move |sample| {

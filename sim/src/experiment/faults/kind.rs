@@ -40,8 +40,6 @@ pub(super) enum Outcome {
     /// A fault that names it, or tells that the rotor does not follow, or none, and no harm for so many seconds: a rotor that a wrong commutation holds fast, or
     /// moves with less torque, cannot be told from one with a heavy load.
     NamedOrHarmless(f64),
-    /// A fault or not, but no harm for so many seconds: what can be asked of a drive whose check is switched off.
-    NoHarm(f64),
     /// The rotor stays within its speed limit for so many seconds, or over-speed is named.
     NotTooFast(f64),
 }
@@ -65,6 +63,10 @@ const PERIOD: f64 = 25e-6;
 const AT_ONCE: Outcome = Outcome::Named(PERIOD);
 /// What all else is given.
 const SOON: Outcome = Outcome::Named(0.05);
+/// Temperatures are looked at in turns; they take seconds.
+const WARM: Outcome = Outcome::Named(0.1);
+/// What shows only where a current flows, the rotor turns and the noise is exceeded.
+const SHOWN: Outcome = Outcome::NamedOrHarmless(0.5);
 /// What the loops' time constants and `stall_s` are given.
 const LATE: Outcome = Outcome::Named(1.2);
 
@@ -86,12 +88,12 @@ pub(super) const KINDS: &[Kind] = &[
     kind("trigger stuck for up to 10 ms", StuckTrigger, Loaded, Outcome::Named(12e-3)),
     kind("current imbalance", Imbalance, Running, SOON),
     kind("current offset at arming", Offset, BeforeArming, SOON),
-    kind("bridge too hot", Hot(0), Running, SOON),
-    kind("motor too hot", Hot(1), Running, SOON),
-    kind("bridge thermistor open", Thermistor(0, Open), Running, SOON),
-    kind("bridge thermistor shorted", Thermistor(0, Shorted), Running, SOON),
-    kind("motor thermistor open", Thermistor(1, Open), Running, SOON),
-    kind("motor thermistor shorted", Thermistor(1, Shorted), Running, SOON),
+    kind("bridge too hot", Hot(0), Running, WARM),
+    kind("motor too hot", Hot(1), Running, WARM),
+    kind("bridge thermistor open", Thermistor(0, Open), Running, WARM),
+    kind("bridge thermistor shorted", Thermistor(0, Shorted), Running, WARM),
+    kind("motor thermistor open", Thermistor(1, Open), Running, WARM),
+    kind("motor thermistor shorted", Thermistor(1, Shorted), Running, WARM),
     kind("bridge thermistor open at arming", Thermistor(0, Open), BeforeArming, SOON),
     kind("Hall at the upper rail", HallAtRail, Running, Outcome::Named(2.0 * PERIOD)),
     kind("Hall at ground", HallAtGround, Running, Outcome::Named(2.0 * PERIOD)),
@@ -106,19 +108,19 @@ pub(super) const KINDS: &[Kind] = &[
     kind("calibration off by 120°", WrongAngle(120.0), BeforeArming, HARMLESS),
     kind("calibration off by 180°", WrongAngle(180.0), BeforeArming, HARMLESS),
     kind("calibration of the wrong direction", WrongDirection, BeforeArming, HARMLESS),
-    kind("open phase at speed", OpenPhase, Loaded, SOON),
-    kind("open phase under torque", OpenPhase, Holding, SOON),
-    kind("open phase from rest", OpenPhase, BeforeCommand, SOON),
+    kind("open phase at speed", OpenPhase, Loaded, SHOWN),
+    kind("open phase under torque", OpenPhase, Holding, SHOWN),
+    kind("open phase from rest", OpenPhase, BeforeCommand, SHOWN),
     kind("open phase before arming", OpenPhase, BeforeArming, SOON),
-    kind("dead transistor at speed", DeadTransistor, Loaded, SOON),
+    kind("dead transistor at speed", DeadTransistor, Loaded, SHOWN),
     kind("dead transistor before arming", DeadTransistor, BeforeArming, SOON),
-    kind("amplifier dead at speed", AmplifierDead, Loaded, SOON),
-    kind("amplifier dead under torque", AmplifierDead, Holding, SOON),
+    kind("amplifier dead at speed", AmplifierDead, Loaded, SHOWN),
+    kind("amplifier dead under torque", AmplifierDead, Holding, SHOWN),
     kind("amplifier dead before arming", AmplifierDead, BeforeArming, SOON),
-    kind("amplifier frozen", AmplifierFrozen, Loaded, SOON),
-    kind("amplifier of a wrong gain", AmplifierGain, Loaded, SOON),
-    kind("all amplifiers dead at speed", AmplifiersDead, Loaded, SOON),
-    kind("all amplifiers dead under torque", AmplifiersDead, Holding, SOON),
+    kind("amplifier frozen", AmplifierFrozen, Loaded, SHOWN),
+    kind("amplifier of a wrong gain", AmplifierGain, Loaded, SHOWN),
+    kind("all amplifiers dead at speed", AmplifiersDead, Loaded, SHOWN),
+    kind("all amplifiers dead under torque", AmplifiersDead, Holding, SHOWN),
     kind("all amplifiers dead before arming", AmplifiersDead, BeforeArming, SOON),
     kind("over-speed, driven", Driven, Turning, Outcome::Named(0.12)),
     kind("over-speed by torque", Nothing, FreeTorque, Outcome::NotTooFast(0.4)),
@@ -145,12 +147,6 @@ impl Kind {
             (_, Reversal) => !bench.parameters.bus.regenerative,
             _ => true,
         }
-    }
-
-    /// What has to come of it at this bench.
-    pub fn outcome_at(&self, bench: &Bench) -> Outcome {
-        let checks = bench.settings.control.is_some_and(|control| control.guard.arming_check);
-        if self.stage == BeforeArming && !checks && self.defect != Offset { Outcome::NoHarm(0.3) } else { self.outcome }
     }
 
     /// Runs of a second or more are made more rarely.

@@ -96,6 +96,7 @@ impl Machine {
     }
 
     fn serve(&mut self) {
+        while self.rig.service.measurement().is_some() {}
         while let Some(event) = self.rig.service.poll() {
             if let Event::Reply(reply) = event {
                 self.reply = Some(reply);

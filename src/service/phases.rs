@@ -1,0 +1,251 @@
+//! Does each phase carry its current, and does the current follow its reference? Asked of the currents that the drive
+//! notes, so that what breaks while the motor turns is found as well.
+//!
+//! The current in the frame of the rotor, averaged over a few measurements, says what each phase is due at the present
+//! angle. An open phase, or a transistor that does not conduct, is one which is due a current in one direction
+//! [`TIMES`] in a row and carries none. A rotor that stands tells nothing: there the mean is what flows. Nor do
+//! measurements that see the rotor at the same angle again and again.
+
+use crate::angle::ElectricalAngle;
+use crate::commutation::frames::Dq;
+use crate::fault::Fault;
+use crate::telemetry::{Measurement, State};
+
+/// Measurements in a row that are a fault.
+const TIMES: u8 = 16;
+/// Measurements after which one of those is forgotten.
+const FORGETTING: u8 = 8;
+/// Least current that a phase has to be due, in 2⁻¹⁵ of the full scale: well above the noise.
+const LEAST: i32 = 512;
+/// Weight of a measurement in the mean, 2⁻³.
+const MEAN_BITS: u32 = 3;
+
+/// What is counted.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Phases {
+    /// Mean current in the frame of the rotor, in 2⁻¹⁸ of the full scale.
+    mean: Dq,
+    /// Measurements so far.
+    count: u8,
+    /// Measurements, less what was forgotten, in which each phase carried nothing of what it was due, along it and against it.
+    missing: [[u8; 2]; 3],
+    /// Measurements in a row without a current, though the voltage was below its limit.
+    unfollowed: u8,
+}
+
+impl Phases {
+    /// Takes a measurement in, of a commutation that drives all three phases; with `reversed` ones, B and C are exchanged.
+    pub fn look(&mut self, measurement: &Measurement, reversed: bool) -> Option<Fault> {
+        let state = &measurement.state;
+        self.mean.d += state.current.d - (self.mean.d >> MEAN_BITS);
+        self.mean.q += state.current.q - (self.mean.q >> MEAN_BITS);
+        if self.is_unfollowed(state) {
+            return Some(Fault::CurrentModel);
+        }
+        self.count = self.count.wrapping_add(1);
+        if self.count.is_multiple_of(FORGETTING) {
+            for missing in self.missing.iter_mut().flatten() {
+                *missing = missing.saturating_sub(1);
+            }
+        }
+        if !self.is_steady(state.current_reference) {
+            return None;
+        }
+        let angle = measurement.rotor.angle() + measurement.trim;
+        (0..3).find_map(|phase| self.is_missing(phase, angle, state, reversed))
+    }
+
+    /// Whether the mean is what is due: the reference has not changed much, and nothing is burnt along d.
+    fn is_steady(&self, reference: i32) -> bool {
+        let Dq { d, q } = self.mean;
+        let (mean, reference) = if q < 0 { (-q >> MEAN_BITS, -reference) } else { (q >> MEAN_BITS, reference) };
+        reference < 4 * mean && mean < 2 * reference && d.abs() < q.abs() / 2
+    }
+
+    /// A current that nothing hinders, and that does not flow: no amplifier shows it.
+    fn is_unfollowed(&mut self, state: &State) -> bool {
+        let State { current_reference: reference, current, voltage, bus, .. } = *state;
+        let limited = voltage.q.abs() + voltage.d.abs() > bus / 5 * 2;
+        if current.q.abs() + current.d.abs() > reference.abs() / 4 {
+            self.unfollowed = 0;
+        } else if reference.abs() > LEAST && !limited {
+            self.unfollowed += 1;
+        }
+        self.unfollowed >= TIMES
+    }
+
+    fn is_missing(&mut self, phase: usize, angle: ElectricalAngle, state: &State, reversed: bool) -> Option<Fault> {
+        const OPEN: [Fault; 3] = [Fault::OpenPhaseA, Fault::OpenPhaseB, Fault::OpenPhaseC];
+        const BLIND: [Fault; 3] = [Fault::AmplifierA, Fault::AmplifierB, Fault::AmplifierC];
+        let due = along(self.mean, if reversed { (3 - phase) % 3 } else { phase }, angle) >> MEAN_BITS;
+        let (flows, due, side) = if due < 0 { (-state.phases[phase], -due, 1) } else { (state.phases[phase], due, 0) };
+        let missing = &mut self.missing[phase][side];
+        // Near the zero crossing of its current a phase tells little.
+        if due < LEAST || due < (self.mean.q.abs() >> MEAN_BITS) / 8 * 5 {
+            return None;
+        }
+        *missing = if flows > due / 4 { 0 } else { *missing + 1 };
+        if *missing < TIMES {
+            return None;
+        }
+        // What the other two carry and does not come back is a current that is not shown.
+        let sum: i32 = state.phases.iter().sum();
+        Some(if sum.abs() > due / 2 { BLIND[phase] } else { OPEN[phase] })
+    }
+}
+
+/// What a current in the frame of the rotor is along a phase.
+fn along(current: Dq, phase: usize, angle: ElectricalAngle) -> i32 {
+    const THIRD: i32 = 1_431_655_765;
+    let from_phase = ElectricalAngle::from_bits(angle.to_bits().wrapping_sub(THIRD.wrapping_mul(phase as i32)));
+    let (sin, cos) = crate::trig::sin_cos(from_phase);
+    let part = |current: i32, share: i32| ((i64::from(current) * i64::from(share)) >> 30) as i32;
+    part(current.d, cos.to_bits()) - part(current.q, sin.to_bits())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::hall::track::Tracker;
+    use core::f64::consts::TAU;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    /// A motor whose current has components along d and q, in 2⁻¹⁵ of the full scale, and that goes on by so many
+    /// electrical turns from measurement to measurement.
+    #[derive(Clone, Copy, Debug)]
+    struct Motor {
+        d: f64,
+        q: f64,
+        from: f64,
+        turns: f64,
+        broken: Broken,
+        reversed: bool,
+    }
+
+    #[derive(Clone, Copy, Debug, PartialEq)]
+    enum Broken {
+        Nothing,
+        Phase(usize),
+        /// Conducts in one direction only.
+        Half(usize),
+        /// Shows nothing.
+        Amplifier(usize),
+        Amplifiers,
+    }
+
+    const MOTOR: Motor = Motor { d: 0.0, q: 3000.0, from: 0.1, turns: 0.03, broken: Broken::Nothing, reversed: false };
+    const OPEN: [Fault; 3] = [Fault::OpenPhaseA, Fault::OpenPhaseB, Fault::OpenPhaseC];
+    const BLIND: [Fault; 3] = [Fault::AmplifierA, Fault::AmplifierB, Fault::AmplifierC];
+
+    impl Motor {
+        fn measurement(&self, k: u32, random: &mut Pcg64) -> Measurement {
+            let turns = self.from + self.turns * f64::from(k);
+            let order = if self.reversed { [0.0, 2.0, 1.0] } else { [0.0, 1.0, 2.0] };
+            let angles = order.map(|phase| TAU * (turns - phase / 3.0));
+            let mut currents = angles.map(|angle| self.d * libm::cos(angle) - self.q * libm::sin(angle));
+            match self.broken {
+                Broken::Phase(open) | Broken::Half(open)
+                    if currents[open] > 0.0 || self.broken == Broken::Phase(open) =>
+                {
+                    // What flows into one of the other two comes out of the other.
+                    let half = currents[open] / 2.0;
+                    currents = currents.map(|current| current + half);
+                    currents[open] = 0.0;
+                }
+                Broken::Amplifier(blind) => currents[blind] = 0.0,
+                Broken::Amplifiers => currents = [0.0; 3],
+                _ => {}
+            }
+            let currents = currents.map(|current| current + random.random_range(-50.0..50.0));
+            let along = |of: fn(f64) -> f64| (0..3).map(|k| currents[k] * of(angles[k])).sum::<f64>() / 1.5;
+            let current = Dq { d: along(libm::cos) as i32, q: -along(libm::sin) as i32 };
+            let phases = currents.map(|current| current as i32);
+            let state = State { phases, current, current_reference: self.q as i32, bus: 20_000, ..State::NONE };
+            // The frame of the currents is ahead of the rotor.
+            let trim = ElectricalAngle::from_turns(0.02);
+            let rotor = Tracker::at(ElectricalAngle::from_turns((turns - 0.02) as f32));
+            Measurement { rotor, state, trim, ..Measurement::NONE }
+        }
+
+        /// The first fault in so many measurements.
+        fn look(&self, measurements: u32) -> Option<Fault> {
+            let (mut phases, mut random) = (Phases::default(), Pcg64::seed_from_u64(1));
+            (0..measurements).find_map(|k| phases.look(&self.measurement(k, &mut random), self.reversed))
+        }
+    }
+
+    #[test]
+    fn what_carries_nothing_is_named_whatever_the_direction_and_the_speed() {
+        for phase in 0..3 {
+            for turns in [0.03, -0.03, 0.21, -1.17] {
+                for (d, q) in [(0.0, 3000.0), (0.0, -3000.0), (-300.0, 2500.0), (0.0, 20_000.0)] {
+                    let motor = Motor { d, q, turns, ..MOTOR };
+                    for (broken, fault) in [
+                        (Broken::Phase(phase), OPEN[phase]),
+                        (Broken::Half(phase), OPEN[phase]),
+                        (Broken::Amplifier(phase), BLIND[phase]),
+                        (Broken::Amplifiers, Fault::CurrentModel),
+                    ] {
+                        let motor = Motor { broken, reversed: turns > 0.1, ..motor };
+                        assert_eq!(motor.look(u32::from(TIMES) - 1), None);
+                        assert_eq!(motor.look(160), Some(fault), "{motor:?}");
+                    }
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn a_motor_that_is_whole_is_none_whatever_current_flows_and_however_it_changes() {
+        let mut random = Pcg64::seed_from_u64(3);
+        for _ in 0..300 {
+            let (mut phases, mut turns) = (Phases::default(), 0.0);
+            let mut motor = MOTOR;
+            for k in 0..1000 {
+                // Now and then another current, or another speed; and a ripple of the torque with the angle.
+                if random.random_bool(0.01) {
+                    (motor.d, motor.q) = (random.random_range(-8e3..8e3), random.random_range(-8e3..8e3));
+                }
+                if random.random_bool(0.02) {
+                    motor.turns = random.random_range(-0.6..0.6);
+                }
+                turns += motor.turns;
+                let ripple = 1.0 + libm::cos(TAU * turns);
+                let now = Motor { q: motor.q * ripple, from: turns, turns: 0.0, ..motor };
+                assert_eq!(phases.look(&now.measurement(0, &mut random), false), None, "{k} {motor:?}");
+            }
+        }
+    }
+
+    /// At rest a phase may have its share of nothing for ever; seen at the same angles again and again, a motor is at
+    /// rest.
+    #[test]
+    fn a_rotor_that_stands_tells_nothing() {
+        for broken in [Broken::Nothing, Broken::Phase(0), Broken::Half(1), Broken::Phase(2)] {
+            for degree in 0..360 {
+                for (turns, d, q) in
+                    [(0.0, 0.0, 3000.0), (1.0, 0.0, 3000.0), (1.0, -3000.0, 0.0), (0.0, -3000.0, 900.0)]
+                {
+                    let motor = Motor { d, q, from: f64::from(degree) / 360.0, turns, broken, reversed: false };
+                    let fault = motor.look(500);
+                    // Where the open phase is the one that q is along, the current does not follow.
+                    assert!(matches!(fault, None | Some(Fault::CurrentModel)), "{fault:?} {motor:?}");
+                    assert!(fault.is_none() || broken != Broken::Nothing, "{motor:?}");
+                }
+            }
+        }
+    }
+
+    /// At the limit of the voltage, the current cannot follow.
+    #[test]
+    fn a_current_that_the_voltage_cannot_drive_is_not_missed() {
+        let (mut phases, mut random) = (Phases::default(), Pcg64::seed_from_u64(4));
+        for k in 0..1000 {
+            let mut measurement = MOTOR.measurement(k, &mut random);
+            measurement.state.current_reference = 30_000;
+            measurement.state.voltage = Dq { d: 0, q: 11_000 };
+            assert_eq!(phases.look(&measurement, false), None);
+        }
+    }
+}

@@ -138,6 +138,7 @@ impl Arming {
         self.enter(Stage::Raise);
         self.vector = 0;
         self.currents = [[0; 3]; 4];
+        (self.pushed, self.was_pushed) = (0, false);
         self.farthest = 0;
         // Shares of half the bus, of shares of half its full scale.
         let divisor = (bus >> 5).max(1);

@@ -166,7 +166,7 @@ impl Position {
 
     /// From electrical turns, rounded.
     pub fn from_turns(turns: f64) -> Self {
-        Self(libm::round(turns * 4_294_967_296.0) as i64)
+        Self((turns * 4_294_967_296.0 + 0.5_f64.copysign(turns)) as i64)
     }
 
     /// In electrical turns; the resolution is that of an `f64`.

@@ -169,7 +169,10 @@ impl Settings {
             max_electrical_hz: self.max_electrical_hz,
             reversed: self.reversed,
         };
-        let control = self.control.map(|control| control::Config::new(&control, &frame)).transpose()?;
+        let control = match &self.control {
+            Some(control) => Some(control::Config::new(control, &frame)?),
+            None => None,
+        };
         Ok(Config {
             control,
             period,
@@ -193,7 +196,7 @@ impl Settings {
 
     /// Electrical frequency that is a fault: a fifth above the largest speed, and what the speed's noise may add.
     fn fastest_hz(&self) -> f32 {
-        let by_speed = self.control.map_or(f32::INFINITY, |control| {
+        let by_speed = self.control.as_ref().map_or(f32::INFINITY, |control| {
             1.2 * control.max_speed_rad_s * f32::from(self.pole_pairs) / core::f32::consts::TAU + 10.0
         });
         self.max_electrical_hz.min(by_speed)

@@ -290,6 +290,10 @@ impl Drive {
         let (Some(control), true) = (&config.control, self.mode.drives()) else { return Output::OFF };
         match arming.step(config, control, &paths.idle, &record.rotor, sample) {
             Step::Output(output) => output,
+            Step::Begin => {
+                self.begin_arming(sample);
+                Output::OFF
+            }
             Step::Failed(fault) => {
                 self.fail(fault);
                 Output::OFF

@@ -189,7 +189,7 @@ impl Service {
         }
     }
 
-    /// The memory of settings that the drive no longer uses.
+    /// The memory of settings that the drive has taken over or refused.
     pub fn unused_config(&mut self) -> Option<&'static mut Config> {
         self.tasks.configs.dequeue()
     }

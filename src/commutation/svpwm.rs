@@ -85,10 +85,10 @@ impl Modulator {
         // An eighth of a voltage of one count.
         let eighth = f64::from(LONGEST) / share / f64::from(period) / 8.0;
         Self {
-            counts: libm::floor(4_294_967_296.0 / eighth) as i32,
-            middle: libm::round(f64::from(limits.middle(8)) / 256.0 * eighth) as i32,
+            counts: (4_294_967_296.0 / eighth) as i32,
+            middle: (f64::from(limits.middle(8)) / 256.0 * eighth + 0.5) as i32,
             phases: InverseClarke::new(reversed),
-            dead_time: libm::round(f64::from(dead_time) / 2.0 * eighth * 2048.0) as i32,
+            dead_time: (f64::from(dead_time) * eighth * 1024.0 + 0.5) as i32,
         }
     }
 

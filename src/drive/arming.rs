@@ -47,6 +47,8 @@ pub(super) enum Pending {
 pub(super) enum Step {
     /// Goes on.
     Output(Output),
+    /// Is to begin.
+    Begin,
     /// Is over.
     Done {
         /// Whether the rotor moved as pushed.
@@ -60,6 +62,8 @@ pub(super) enum Step {
 enum Stage {
     /// No check.
     Off,
+    /// The bridge is about to be switched on.
+    Wait,
     /// A voltage along a phase rises.
     Raise,
     /// It stands while the currents are averaged.
@@ -128,12 +132,20 @@ impl Arming {
         pending: None,
     };
 
-    /// Begins, at a bus voltage in 2⁻¹⁵ of its full scale.
+    /// The drive has armed; the next step begins.
+    pub fn wait(&mut self) {
+        self.enter(Stage::Wait);
+    }
+
+    /// Begins, at a bus voltage in 2⁻¹⁵ of its full scale. What was commanded since the drive has armed stays.
     pub fn begin(&mut self, control: &Control, bus: i32) {
         let check = &control.arming;
-        *self = Self::OFF;
         // What flowed until now fades first.
-        self.stage = Stage::Fade;
+        self.enter(Stage::Fade);
+        self.vector = 0;
+        self.currents = [[0; 3]; 4];
+        (self.pushed, self.was_pushed, self.waited) = (0, false, 0);
+        self.farthest = 0;
         // Shares of half the bus, of shares of half its full scale.
         let divisor = (bus >> 5).max(1);
         self.rise = ((check.rise / divisor) << 10).max(1);
@@ -159,6 +171,8 @@ impl Arming {
         let phases = idle.phases(control, sample);
         match self.stage {
             Stage::Off => self.finish(false),
+            Stage::Wait if self.steps > 1 => Step::Begin,
+            Stage::Wait => Step::Output(Output::OFF),
             Stage::Raise => self.raise(control, phases, config),
             Stage::Hold => self.hold(phases, config),
             Stage::Fade => self.fade(control, phases, config),
@@ -357,44 +371,29 @@ fn largest(phases: [i32; 3]) -> i32 {
 
 /// What the currents of the four voltages, times [`AVERAGED`], tell of the wiring.
 fn wiring_fault(currents: &[[i32; 3]; 4], wanted: i32) -> Option<Fault> {
-    /// An open phase, and a blind amplifier.
-    const FAULTS: [(Fault, Fault); 3] = [
-        (Fault::OpenPhaseA, Fault::AmplifierA),
-        (Fault::OpenPhaseB, Fault::AmplifierB),
-        (Fault::OpenPhaseC, Fault::AmplifierC),
-    ];
-    // Never out of range, which the compiler does not see.
-    let value = |of: &[i32; 3], phase: usize| of.get(phase).copied().unwrap_or(0);
-    let extreme = |phase: usize, sign: i32| currents.iter().map(|one| sign * value(one, phase)).max().unwrap_or(0);
-    let ranges = [0, 1, 2].map(|phase| (extreme(phase, 1), extreme(phase, -1)));
-    let most = ranges.iter().map(|(up, down)| *up.max(down)).max().unwrap_or(0);
+    const OPEN: [Fault; 3] = [Fault::OpenPhaseA, Fault::OpenPhaseB, Fault::OpenPhaseC];
+    const BLIND: [Fault; 3] = [Fault::AmplifierA, Fault::AmplifierB, Fault::AmplifierC];
+    let [[a0, a1, a2], [b0, b1, b2], [c0, c1, c2], [d0, d1, d2]] = *currents;
+    // How much flows in each phase, out of the bridge and into it.
+    let ranges = [[a0, b0, c0, d0], [a1, b1, c1, d1], [a2, b2, c2, d2]]
+        .map(|[a, b, c, d]| [a.max(b).max(c).max(d), -a.min(b).min(c).min(d)]);
+    let most = ranges.iter().map(|[up, down]| *up.max(down)).max().unwrap_or(0);
     if most < wanted * AVERAGED as i32 / 4 {
         return Some(Fault::NoCurrent);
     }
     let unbalanced = currents.iter().any(|[a, b, c]| (a + b + c).abs() > most / 4);
-    for ((up, down), (open, blind)) in ranges.into_iter().zip(FAULTS) {
-        if up.max(down) < most / 5 {
-            return Some(if unbalanced { blind } else { open });
-        }
+    if let Some(phase) = ranges.iter().position(|[up, down]| *up.max(down) < most / 5) {
+        return if unbalanced { BLIND } else { OPEN }.get(phase).copied();
     }
     if unbalanced {
         return Some(Fault::CurrentImbalance);
     }
-    for ((up, down), (open, _)) in ranges.into_iter().zip(FAULTS) {
-        // A half bridge of which one transistor does not conduct.
-        if up.min(down) < most / 5 {
-            return Some(open);
-        }
+    // A half bridge of which one transistor does not conduct.
+    if let Some(phase) = ranges.iter().position(|[up, down]| *up.min(down) < most / 5) {
+        return OPEN.get(phase).copied();
     }
     // Along A, then along B: the phase carries the largest current, and that in the voltage's direction.
-    let [a, opposite_a, b, opposite_b] = currents;
-    let pairs = [(a, opposite_a), (b, opposite_b)];
-    for (phase, ((one, opposite), (_, blind))) in pairs.into_iter().zip(FAULTS).enumerate() {
-        let through = |k: usize| value(one, k) - value(opposite, k);
-        let own = through(phase);
-        if (0..3).any(|other| other != phase && own < through(other).abs() + most / 4) {
-            return Some(blind);
-        }
-    }
-    None
+    let own_and_others = [[a0 - b0, a1 - b1, a2 - b2], [c1 - d1, c0 - d0, c2 - d2]];
+    let wrong = own_and_others.iter().position(|[own, one, other]| *own < one.abs().max(other.abs()) + most / 4);
+    BLIND.get(wrong?).copied()
 }

@@ -47,8 +47,8 @@ pub enum Command {
     /// Compensate the cogging by a table, or not; the old table comes back through [`Tasks::tables`].
     AntiCogging(Option<&'static mut cogging::Table>),
     /// Other settings, while the bridge is off. A calibration that does not fit them, for they count the other way, is
-    /// given up: the drive is unarmed, and the model to be installed anew. The old ones, or those refused, come back
-    /// through [`Tasks::configs`].
+    /// given up: the drive is unarmed, and the model to be installed anew. Their memory comes back through
+    /// [`Tasks::configs`], whether they were taken over or refused.
     Configure(&'static mut Config),
     /// Leave the faulted state.
     Clear,

@@ -40,8 +40,8 @@ impl Drive {
             Command::Calibrate | Command::Arm if self.disabled && !matches!(self.mode, Mode::Faulted(_)) => {
                 return Err(Refusal::Fault(Fault::Disabled));
             }
-            Command::Calibrate => self.calibrate(sample)?,
-            Command::Measure { begins, probe } => self.measure_standstill(begins, probe, sample)?,
+            Command::Calibrate => self.calibrate()?,
+            Command::Measure { begins, probe } => self.measure_standstill(begins, probe)?,
             Command::Install(estimator) => self.install(estimator, sample.halls)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
             Command::Arm => self.arm(sample)?,
@@ -78,12 +78,14 @@ impl Drive {
         Ok(())
     }
 
-    pub(super) fn calibrate(&mut self, sample: &Sample) -> Reply {
-        self.on_command(Event::Calibrate)?;
+    pub(super) fn calibrate(&mut self) -> Reply {
+        self.mode = self.mode.after(Event::Calibrate).ok_or(Refusal::Mode(self.mode))?;
         self.give_up_calibration();
         self.paths.open_loop = OpenLoop::OFF;
         self.paths.standstill = Standstill::OFF;
-        self.reset_servo(sample);
+        if let Some(control) = &self.config.control {
+            self.servo.reset(control, &self.paths.idle);
+        }
         self.publish();
         Ok(())
     }
@@ -137,11 +139,10 @@ impl Drive {
     }
 
     fn arm(&mut self, sample: &Sample) -> Reply {
-        match self.mode {
-            Mode::Unarmed => return Err(Refusal::NotCalibrated),
-            Mode::Ready => {}
-            mode => return Err(Refusal::Mode(mode)),
+        if self.mode == Mode::Unarmed {
+            return Err(Refusal::NotCalibrated);
         }
+        let mode = self.mode.after(Event::Arm).ok_or(Refusal::Mode(self.mode))?;
         let control = self.config.control.as_ref();
         let protection = &self.servo.protection;
         if let Some(fault) = control.and_then(|control| protection.refusal(control, &self.paths.idle, sample)) {
@@ -161,33 +162,35 @@ impl Drive {
         if control.is_none() && self.turns_faster_than(self.config.fastest >> 6) {
             return Err(Refusal::Turning);
         }
-        if let Some(control) = control {
-            self.servo.protection.arm(control, sample);
+        if control.is_some() {
+            self.arming.wait();
         }
         self.paths.voltage.release(&self.config);
-        self.reset_servo(sample);
-        self.on_command(Event::Arm)?;
-        self.begin_arming(sample);
+        self.mode = mode;
+        self.publish();
         Ok(())
     }
 
-    /// A drive with current sensing follows a current of zero until it is commanded something else, which lets a rotor
-    /// that turns turn on; at rest it first checks what it is connected to.
-    fn begin_arming(&mut self, sample: &Sample) {
-        self.servo.supervision = Supervision::NONE;
+    /// The step after the one that armed, which had enough to do. A drive with current sensing follows a current of
+    /// zero until it is commanded something else, which lets a rotor that turns turn on; at rest it first checks what it
+    /// is connected to.
+    pub(super) fn begin_arming(&mut self, sample: &Sample) {
         let Some(control) = &self.config.control else { return };
-        self.servo.follow(control, Demand::Current(Current(0)), &self.record.rotor);
-        if control.arming.enabled && !self.turns_faster_than(control.arming.at_rest) {
-            self.arming.begin(control, control.bus(sample.bus));
-            self.limits = self.limits.with(Limits::CHECKING);
+        self.servo.protection.arm(control, sample);
+        if !control.arming.enabled || self.turns_faster_than(control.arming.at_rest) {
+            return self.end_arming(false, sample);
         }
-        self.publish();
+        self.servo.reset(control, &self.paths.idle);
+        self.arming.begin(control, control.bus(sample.bus));
+        self.limits = self.limits.with(Limits::CHECKING);
+        self.take_up(Demand::Current(Current(0)));
     }
 
     /// After the check, which may have shown that the commutation is right: what was commanded meanwhile.
     pub(super) fn end_arming(&mut self, proven: bool, sample: &Sample) {
         self.limits = self.limits.without(Limits::CHECKING);
         self.reset_servo(sample);
+        self.servo.supervision = Supervision::NONE;
         let pending = self.arming.pending.take();
         if proven {
             self.servo.supervision.prove();
@@ -268,7 +271,7 @@ impl Drive {
     fn configure(&mut self, config: &'static mut Config) -> Reply {
         let allowed = if self.mode.drives() { Err(Refusal::Mode(self.mode)) } else { Ok(()) };
         if allowed.is_ok() {
-            core::mem::swap(&mut self.config, config);
+            self.config = *config;
             if self.estimator().is_some_and(|estimator| !self.fits(estimator)) {
                 self.give_up_calibration();
                 self.on(Event::Invalidated);

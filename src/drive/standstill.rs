@@ -138,13 +138,13 @@ impl Standstill {
 
 impl Drive {
     /// Begins a measurement, or goes on with one: what was ended meanwhile is not begun again.
-    pub(super) fn measure_standstill(&mut self, begins: bool, probe: Probe, sample: &Sample) -> Reply {
+    pub(super) fn measure_standstill(&mut self, begins: bool, probe: Probe) -> Reply {
         let control = self.config.control.as_ref().ok_or(Refusal::NoControl)?;
         if probe.current > control.max_current || probe.current < 0 {
             return Err(Refusal::TooLarge);
         }
         if begins {
-            self.calibrate(sample)?;
+            self.calibrate()?;
         } else if self.mode != Mode::Aligning || !self.paths.standstill.is_active() {
             return Err(Refusal::Mode(self.mode));
         }

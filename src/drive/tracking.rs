@@ -68,7 +68,11 @@ impl Drive {
     pub(super) fn count_missed(&mut self) -> bool {
         self.record.missed = self.record.missed.saturating_add(1);
         self.limits = self.limits.with(Limits::EXTRAPOLATED);
-        self.publish();
-        self.record.missed <= self.config.tolerated
+        let tolerated = self.record.missed <= self.config.tolerated;
+        // Otherwise the fault is published, or that the angle was found by two Halls.
+        if tolerated || !self.mode.drives() {
+            self.publish();
+        }
+        tolerated
     }
 }

@@ -358,7 +358,7 @@ impl Identifier {
         let mut d = self.d;
         let sure = 1e3 * root(d.squares[2][2]);
         d.push([0.0, 0.0, sure, 0.0], sure * flux_linkage.value);
-        let sure = 1e3 * libm::sqrt(d.squares[3][3].max(1e-9));
+        let sure = 1e3 * root(d.squares[3][3].max(1e-9));
         d.push([0.0, 0.0, 0.0, sure], sure * resistance.value);
         let [inductance, ..] = d.solve()?;
         let motion = self.motion.solve()?;

@@ -215,9 +215,9 @@ fn evening(name: &str, serial: &str) {
     assert!(report.contains("Calibrated.") && report.contains("120° apart"), "{report}");
     let motions = ["field-oriented", "sinusoidal", "block"].map(|commutation| moves(&board, commutation));
     let (told, time) = telemetry(&board);
-    board.ok(&["settings", "set", "max_current_a", "2.5"]);
+    board.ok(&["settings", "set", "max_current_a", "1.5"]);
     assert_eq!(board.ok(&["settings", "save"]), "saved\n");
-    assert!(board.ok(&["settings", "get", "max_current_a"]).contains("max_current_a = 2.5 A"));
+    assert!(board.ok(&["settings", "get", "max_current_a"]).contains("max_current_a = 1.5 A"));
 
     let truth = board.end();
     motions.iter().for_each(|motion| obeyed(&truth, motion));

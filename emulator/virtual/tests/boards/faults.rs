@@ -1,7 +1,7 @@
 //! Everything that a script can break: after which time the bridge is off and by what, what the drive says of it,
 //! that it stays off, and that it runs again once it is mended and cleared.
 
-use crate::support::{ask, board, motor, perform, run, says, turning, until};
+use crate::support::{ask, board, motor, perform, run, turning, until};
 use bus::Bus;
 use virtual_board::session::Session;
 
@@ -95,12 +95,12 @@ fn named(status: &str) -> Option<hallservo::fault::Fault> {
 fn recovers(session: &mut Session, board: &str, fault: &Fault) -> u8 {
     let what = fault.what;
     let at_most_s = session.seconds() + 0.2;
-    until(session, "Faulted(", at_most_s);
-    let status = ask(session, "status");
+    let status = until(session, "mode: Faulted(", at_most_s);
     let name = named(&status).unwrap_or_else(|| panic!("{board}, {what}: {status}"));
     let code = name.code();
     assert!(fault.codes.contains(&code), "{board}, {what}: {status}");
-    assert!(says(session, &format!("fault {code}: ")), "{board}, {what}: {:#?}", session.lines);
+    let incident = ask(session, "history 0");
+    assert!(incident.contains(&format!("cause: Fault({name:?})")), "{board}, {what}: {incident}");
     let refused = ask(session, "arm");
     assert!(refused.contains(&format!("Refused(Drive(Mode(Faulted({name:?}))))")), "{board}, {what}: {refused}");
     perform(session, fault.mend);

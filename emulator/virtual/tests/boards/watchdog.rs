@@ -155,9 +155,8 @@ pub fn is_fed_in_time(board: &str) {
     ask(&mut session, "disarm");
     run(&mut session, 1.0);
     ask(&mut session, "identify");
-    session.lines.clear();
     let end_s = session.seconds() + 15.0;
-    until(&mut session, "Ready after", end_s);
+    until(&mut session, "activity: None", end_s);
     run(&mut session, 0.5);
     tell(&session, "identification");
     assert_eq!(session.resets, []);

@@ -76,8 +76,8 @@ pub fn dead_time_counts(timer_hz: f32, pwm_hz: f32, dead_time_s: f32) -> Result<
     }
     // A product a rounding error above a whole count means that count.
     let counts = f64::from(dead_time_s) * f64::from(timer_hz) - 1e-4;
-    let whole = counts as u16;
-    Ok(whole + u16::from(f64::from(whole) < counts))
+    let whole = counts as i32;
+    Ok((whole + i32::from(f64::from(whole) < counts)) as u16)
 }
 
 /// The largest compare value that leaves the lower transistors conducting for `window_s` in each valley, for sampling

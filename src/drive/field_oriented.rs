@@ -91,7 +91,8 @@ impl FieldOriented {
     pub fn trim_alignment(&mut self, config: &Config, speed: i32) {
         let fast = speed.wrapping_add(config.trim_from) as u32 > 2 * config.trim_from as u32;
         if fast && !self.is_limited() {
-            let along = if speed < 0 { -self.integrators.d() } else { self.integrators.d() };
+            // With the sign of the speed.
+            let along = (self.integrators.d() ^ speed >> 31) - (speed >> 31);
             let trim = self.trim.to_bits() - high(along << 8, config.trim_gain);
             self.trim = ElectricalAngle::from_bits(clamp(trim, LARGEST_TRIM));
         }

@@ -164,6 +164,11 @@ impl Learning {
     }
 }
 
+/// A distance in 2⁻¹⁶ turns.
+fn coarse(distance: i64) -> f32 {
+    (distance >> 16) as i32 as f32
+}
+
 impl Procedure for Learning {
     fn event(&mut self, event: &Event) {
         self.sequence.event(event);
@@ -172,7 +177,7 @@ impl Procedure for Learning {
     fn measurement(&mut self, measurement: &Measurement) {
         self.position = measurement.rotor.position().to_bits();
         if let Some(start) = self.start {
-            let share = self.position.wrapping_sub(start) as f32 / self.distance as f32 * self.sign();
+            let share = coarse(self.position.wrapping_sub(start)) / coarse(self.distance) * self.sign();
             self.covered = self.covered.max(share);
             self.learner.push(self.forward(), measurement.rotor.angle(), measurement.state.current_reference);
         }

@@ -1,7 +1,7 @@
 //! The declaration of every setting. A name that has been in a release is never given to another setting.
 
 use super::Kind::{Choice, Real, Switch, Whole};
-use super::entry::{Entry, Value};
+use super::entry::{Entry, Field};
 use super::guard::{NOISE, OFFSET};
 use super::{Ceiling, Feedback, OnStopFailure, OnTimeout};
 use crate::commutation::Commutation;
@@ -19,7 +19,7 @@ macro_rules! entry {
             kind: &$kind,
             fixed: $fixed,
             field: |settings| match $part(settings) {
-                Some(part) => Some(&mut part.$field as &mut dyn Value),
+                Some(part) => Some(Field::from(&mut part.$field)),
                 None => None,
             },
             range: |$s| {

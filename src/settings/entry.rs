@@ -28,7 +28,7 @@ pub struct Entry {
     /// Whether it follows from the board's parts.
     pub fixed: bool,
     /// `None` without current control. One function to read and to write, for the sake of the flash.
-    pub(super) field: fn(&mut Settings) -> Option<&mut dyn Value>,
+    pub(super) field: fn(&mut Settings) -> Option<Field<'_>>,
     /// Least and most, as the other settings are.
     pub(super) range: fn(&Settings) -> (f32, f32),
 }
@@ -85,60 +85,68 @@ pub fn find(name: &str) -> Option<&'static Entry> {
     TABLE.iter().find(|entry| entry.name == name)
 }
 
-/// A field as a number.
-pub(super) trait Value {
-    fn number(&self) -> f32;
-    fn assign(&mut self, number: f32);
+/// A field of the settings. No trait object, whose tables of functions would take more flash.
+pub(super) enum Field<'a> {
+    Real(&'a mut f32),
+    Whole(&'a mut u8),
+    Switch(&'a mut bool),
+    Commutation(&'a mut Commutation),
+    Feedback(&'a mut Feedback),
+    OnTimeout(&'a mut OnTimeout),
+    OnStopFailure(&'a mut OnStopFailure),
 }
 
-impl Value for f32 {
+impl Field<'_> {
     fn number(&self) -> f32 {
-        *self
-    }
-
-    fn assign(&mut self, number: f32) {
-        *self = number;
-    }
-}
-
-impl Value for u8 {
-    fn number(&self) -> f32 {
-        (*self).into()
-    }
-
-    fn assign(&mut self, number: f32) {
-        *self = number as u8;
-    }
-}
-
-impl Value for bool {
-    fn number(&self) -> f32 {
-        f32::from(u8::from(*self))
-    }
-
-    fn assign(&mut self, number: f32) {
-        *self = number != 0.0;
-    }
-}
-
-/// The number of a choice is its place in this list, which is that of its name in the table.
-macro_rules! choice {
-    ($type:ident: $($variant:ident),+) => {
-        impl Value for $type {
-            fn number(&self) -> f32 {
-                [$($type::$variant),+].iter().position(|one| one == self).unwrap_or(0) as f32
-            }
-
-            fn assign(&mut self, number: f32) {
-                if let Some(one) = [$($type::$variant),+].get(number as usize) {
-                    *self = *one;
-                }
-            }
+        match self {
+            Self::Real(value) => **value,
+            Self::Whole(value) => (**value).into(),
+            Self::Switch(value) => u8::from(**value).into(),
+            Self::Commutation(value) => place(&COMMUTATIONS, **value),
+            Self::Feedback(value) => place(&FEEDBACKS, **value),
+            Self::OnTimeout(value) => place(&TIMEOUTS, **value),
+            Self::OnStopFailure(value) => place(&STOP_FAILURES, **value),
         }
+    }
+
+    fn assign(self, number: f32) {
+        match self {
+            Self::Real(value) => *value = number,
+            Self::Whole(value) => *value = number as u8,
+            Self::Switch(value) => *value = number != 0.0,
+            Self::Commutation(value) => choose(&COMMUTATIONS, number, value),
+            Self::Feedback(value) => choose(&FEEDBACKS, number, value),
+            Self::OnTimeout(value) => choose(&TIMEOUTS, number, value),
+            Self::OnStopFailure(value) => choose(&STOP_FAILURES, number, value),
+        }
+    }
+}
+
+// The number of a choice is its place in these lists, which is that of its name in the table.
+const COMMUTATIONS: [Commutation; 3] = [Commutation::Block, Commutation::Sinusoidal, Commutation::FieldOriented];
+const FEEDBACKS: [Feedback; 4] = [Feedback::P, Feedback::Pi, Feedback::Pd, Feedback::Pid];
+const TIMEOUTS: [OnTimeout; 2] = [OnTimeout::Fault, OnTimeout::Stop];
+const STOP_FAILURES: [OnStopFailure; 2] = [OnStopFailure::Off, OnStopFailure::Brake];
+
+fn place<T: PartialEq>(all: &[T], value: T) -> f32 {
+    all.iter().position(|one| *one == value).unwrap_or(0) as f32
+}
+
+fn choose<T: Copy>(all: &[T], number: f32, value: &mut T) {
+    if let Some(one) = all.get(number as usize) {
+        *value = *one;
+    }
+}
+
+macro_rules! field {
+    ($($type:ty: $kind:ident),+) => {
+        $(impl<'a> From<&'a mut $type> for Field<'a> {
+            fn from(value: &'a mut $type) -> Self {
+                Self::$kind(value)
+            }
+        })+
     };
 }
 
-choice!(Commutation: Block, Sinusoidal, FieldOriented);
-choice!(Feedback: P, Pi, Pd, Pid);
-choice!(OnTimeout: Fault, Stop);
-choice!(OnStopFailure: Off, Brake);
+field!(f32: Real, u8: Whole, bool: Switch, Commutation: Commutation, Feedback: Feedback, OnTimeout: OnTimeout,
+    OnStopFailure: OnStopFailure);

@@ -33,8 +33,8 @@ impl<F: NorFlash> Tasks<F> {
 
     /// Ends what turns the motor, the bridge off at once, when the tool that began it has fallen silent.
     pub(super) fn end_abandoned(&mut self) {
-        let timeout_s = self.settings.control.map_or(TIMEOUT_S, |control| control.guard.command_timeout_s);
-        if !self.controller.is_abandoned(self.now_ms, (1000.0 * timeout_s) as u64) {
+        let timeout_s = self.settings.control.as_ref().map_or(TIMEOUT_S, |control| control.guard.command_timeout_s);
+        if !self.controller.is_abandoned(self.now_ms, ((1000.0 * timeout_s) as u32).into()) {
             return;
         }
         let calibrates = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);

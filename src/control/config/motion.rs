@@ -62,9 +62,9 @@ impl Motion {
         let bound = |limit: f32| {
             // The ends of the range are none.
             if limit.abs() >= 1e6 {
-                turns(limit.signum() * 1e9) as i64 / 256
+                turns(limit.signum() * 1e9) as i64 >> 8
             } else {
-                turns(limit) as i64 / OUTER as i64
+                turns(limit) as i64 >> OUTER.ilog2()
             }
         };
         let hold = (settings.hold_current_a * scale.per_ampere()).min(32_767.0);

@@ -28,7 +28,7 @@ fn calibrated(plant: &PlantParameters, [speed_hz, tracking_hz]: [f32; 2], seed: 
 /// RMS of the torque of currents and cogging, at zero command and turned slowly.
 fn net_torque(rig: &mut Rig) -> f64 {
     rig.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
-    rig.command(Command::Arm).unwrap();
+    rig.arm().unwrap();
     rig.command(Command::Current(rig.control().unwrap().current(0.0).unwrap())).unwrap();
     rig.plant.set_dyno(Some(3.0)).unwrap();
     rig.run(0.1, |_, _| ());
@@ -62,7 +62,8 @@ fn the_procedure_balances_the_cogging_and_ends_at_rest() {
         // No longer, and again, as after a power-up.
         rig.service.set_anti_cogging(None).unwrap();
         rig.run(0.01, |_, _| ());
-        assert!(net_torque(&mut rig) > 0.9 * off);
+        let again = net_torque(&mut rig);
+        assert!(again > 0.9 * off, "{again} {off}");
         rig.service.set_anti_cogging(Some(&table)).unwrap();
         rig.run(0.01, |_, _| ());
         assert!(net_torque(&mut rig) < 1.2 * on);

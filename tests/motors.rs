@@ -11,7 +11,7 @@ use sim::statistics::Statistics;
 fn turn(plant: &PlantParameters, settings: &Settings, modulation: f64) -> (f64, f64) {
     let mut rig = Rig::new(plant, settings, 5).unwrap();
     rig.calibrate(|_| ()).unwrap();
-    rig.command(Command::Arm).unwrap();
+    rig.arm().unwrap();
     rig.drive_with(modulation).unwrap();
     let start = rig.plant.truth().mechanical_angle_rad;
     let (settle, periods) = (rig.periods(0.6), rig.periods(0.4));

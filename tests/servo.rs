@@ -24,7 +24,7 @@ fn armed(commutation: Commutation) -> Rig {
     plant.bus.regenerative = true;
     let mut rig = Rig::new(&plant, &settings, 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
-    rig.command(Command::Arm).unwrap();
+    rig.arm().unwrap();
     rig
 }
 

@@ -28,7 +28,6 @@ fn ready(parameters: &PlantParameters, settings: &Settings, seed: u64) -> Rig {
 /// What came of something that is wrong: the fault, after so long, the way in mechanical degrees, and the largest
 /// phase current.
 #[derive(Debug)]
-#[expect(dead_code, reason = "a failure prints them")]
 struct Outcome {
     mode: Mode,
     time_s: f64,

@@ -7,6 +7,7 @@ use hallservo::commutation::Modulation;
 use hallservo::config::Config;
 use hallservo::control::cogging::Table;
 use hallservo::drive::{Channels, Command, Drive};
+use hallservo::fault::Limits;
 use hallservo::hall::calibrate::Calibration;
 use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
@@ -107,6 +108,18 @@ impl Rig {
             }
         }
         bail!("the drive did not answer")
+    }
+
+    /// Switches the bridge on and waits until it has been checked.
+    ///
+    /// # Errors
+    /// The drive's refusal.
+    pub fn arm(&mut self) -> Result<()> {
+        self.command(Command::Arm)?;
+        while self.drive.limits().contains(Limits::CHECKING) {
+            self.step();
+        }
+        Ok(())
     }
 
     /// Commands a modulation.

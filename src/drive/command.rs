@@ -164,6 +164,7 @@ impl Drive {
         }
         if control.is_some() {
             self.arming.wait();
+            self.limits = self.limits.with(Limits::CHECKING);
         }
         self.paths.voltage.release(&self.config);
         self.mode = mode;
@@ -182,7 +183,6 @@ impl Drive {
         }
         self.servo.reset(control, &self.paths.idle);
         self.arming.begin(control, control.bus(sample.bus));
-        self.limits = self.limits.with(Limits::CHECKING);
         self.take_up(Demand::Current(Current(0)));
     }
 

@@ -9,7 +9,6 @@ use crate::statistics::{Statistics, ripple_pct};
 use anyhow::{Context, Result, anyhow};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
-use hallservo::fault::Limits;
 use hallservo::service::learning;
 use hallservo::settings::{Control, GuardSettings, Settings};
 use identified::identified;
@@ -108,7 +107,7 @@ fn armed(seed: u64, commutation: Commutation, tuning: Tuning) -> Result<Rig> {
         Settings { commutation, control: Some(control), tracking_bandwidth_hz: tracking_hz, ..Settings::default() };
     let mut rig = Rig::new(&PlantParameters::imperfect(seed), &settings, seed)?;
     rig.calibrate(|_| ())?;
-    arm(&mut rig)?;
+    rig.arm()?;
     Ok(rig)
 }
 
@@ -296,16 +295,7 @@ fn learn(rig: &mut Rig) -> Result<()> {
     rig.command(Command::Disarm)?;
     rig.run(0.3, |_, _| ());
     rig.learn(&learning::Plan::new(&rig.config)?)?;
-    arm(rig)
-}
-
-/// The check of the bridge takes a moment, in which nothing else is to turn the shaft.
-fn arm(rig: &mut Rig) -> Result<()> {
-    rig.command(Command::Arm)?;
-    while rig.drive.limits().contains(Limits::CHECKING) {
-        rig.run(1e-3, |_, _| ());
-    }
-    Ok(())
+    rig.arm()
 }
 
 /// Net torque over the electrical angle without and with the table, and the quotient of their RMS.

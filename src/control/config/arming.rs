@@ -31,7 +31,7 @@ const RISE_S: f32 = 1e-3;
 /// Multiple of that voltage that has to make the current: a resistance may be so much larger than it is set.
 const MOST: f32 = 4.0;
 /// Longest push, s.
-const PUSH_S: f32 = 20e-3;
+const PUSH_S: f32 = 40e-3;
 /// A rotor slower than this rests, electrical Hz, at least and at most: one whose back-EMF drives no more than a share
 /// of the current of the check through the shorted windings.
 const REST_HZ: core::ops::Range<f32> = 0.5..8.0;

@@ -3,7 +3,7 @@
 use super::arming::Pending;
 use super::schedule::OUTER;
 use super::supervision::{self, Supervision};
-use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample, Standstill};
+use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample};
 use crate::angle::ElectricalAngle;
 use crate::commutation::{Commutation, Modulation};
 use crate::config::Config;
@@ -82,7 +82,7 @@ impl Drive {
         self.mode = self.mode.after(Event::Calibrate).ok_or(Refusal::Mode(self.mode))?;
         self.give_up_calibration();
         self.paths.open_loop = OpenLoop::OFF;
-        self.paths.standstill = Standstill::OFF;
+        self.paths.standstill.end();
         if let Some(control) = &self.config.control {
             self.servo.reset(control, &self.paths.idle);
         }
@@ -164,6 +164,7 @@ impl Drive {
         }
         if control.is_some() {
             self.arming.wait();
+            self.servo.supervision = Supervision::NONE;
             self.limits = self.limits.with(Limits::CHECKING);
         }
         self.paths.voltage.release(&self.config);
@@ -190,7 +191,6 @@ impl Drive {
     pub(super) fn end_arming(&mut self, proven: bool, sample: &Sample) {
         self.limits = self.limits.without(Limits::CHECKING);
         self.reset_servo(sample);
-        self.servo.supervision = Supervision::NONE;
         let pending = self.arming.pending.take();
         if proven {
             self.servo.supervision.prove();

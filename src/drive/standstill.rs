@@ -81,8 +81,16 @@ impl Standstill {
         self.left > 0
     }
 
+    /// Nothing is measured any more.
+    pub const fn end(&mut self) {
+        self.left = 0;
+    }
+
     /// Takes up what is to be measured; the same again only says that somebody is still there.
     fn take_up(&mut self, probe: Probe) {
+        if !self.is_active() {
+            *self = Self::OFF;
+        }
         self.left = PATIENCE;
         if probe.phase != self.window.probe.phase {
             self.strength = 0;

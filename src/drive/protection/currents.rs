@@ -42,10 +42,12 @@ impl Currents {
     pub fn set_zeros(&mut self, config: &Config, zeros: [i32; 3]) {
         let guard = &config.guard;
         let code = |zero: i32| (zero >> (8 + config.shift)) as u32;
-        self.current_floors = zeros.map(|zero| code(zero).wrapping_sub(guard.over_current));
+        let [a, b, c] = zeros;
+        let floor = |zero: i32| code(zero).wrapping_sub(guard.over_current);
+        self.current_floors = [floor(a), floor(b), floor(c)];
         self.current_span = 2 * guard.over_current;
         (self.bus_floor, self.bus_span) = (guard.under, guard.range);
-        self.sum_floor = code(zeros.iter().sum()).wrapping_sub(guard.imbalance);
+        self.sum_floor = code(a + b + c).wrapping_sub(guard.imbalance);
     }
 
     /// Whether currents and bus voltage are within their thresholds and no period was lost; in every step.

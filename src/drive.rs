@@ -237,6 +237,9 @@ impl Drive {
     #[inline(never)]
     fn finish_step(&mut self, sample: &Sample, records: bool) -> u64 {
         self.is_healthy(sample);
+        if self.mode.drives() {
+            self.paths.idle.drives();
+        }
         let output = match self.path() {
             Path::Idle => self.idle(sample),
             Path::Arming => self.arming(sample),

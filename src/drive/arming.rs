@@ -238,7 +238,7 @@ impl Arming {
 
     /// Measures how the rotor turns by itself.
     fn coast(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
-        let window = control.arming.longest_push / 2;
+        let window = control.arming.longest_push / 4;
         if self.steps == 1 {
             self.from = rotor.smoothed();
         } else if self.steps > window {

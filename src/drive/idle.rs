@@ -14,16 +14,30 @@ pub(super) struct Idle {
     /// Whether a sample was seen: the average begins with the first, so that a drive that is commanded at once has
     /// zeros.
     seen: bool,
+    /// Steps until the currents that flowed while the bridge was on have died.
+    dying: u32,
 }
+
+/// Time for that, steps: currents die against the bus voltage.
+const DYING: u32 = 64;
 
 impl Idle {
     /// Amplifiers as they should be: zero in the middle of the range.
     pub const fn new() -> Self {
-        Self { zeros: [MIDDLE; 3], seen: false }
+        Self { zeros: [MIDDLE; 3], seen: false, dying: 0 }
+    }
+
+    /// A step with the bridge on.
+    pub fn drives(&mut self) {
+        self.dying = DYING;
     }
 
     /// A step with the bridge off.
     pub fn step(&mut self, config: &Config, sample: &Sample) {
+        if self.dying > 0 {
+            self.dying -= 1;
+            return;
+        }
         for (zero, code) in self.zeros.iter_mut().zip(sample.currents) {
             let off = (i32::from(code) << (config.shift + 8)) - *zero;
             *zero += if self.seen { off >> 8 } else { off };

@@ -70,7 +70,7 @@ fn after_a_stall_the_drive_arms_again() {
         }
         rig.command(Command::Arm).unwrap();
         rig.command(Command::Speed(rig.control().unwrap().speed(100.0).unwrap())).unwrap();
-        rig.run(0.1, |_, _| ());
+        rig.run(0.3, |_, _| ());
         assert_eq!(rig.drive.mode(), Mode::Faulted(Fault::Stall));
         rig.command(Command::Clear).unwrap();
     }

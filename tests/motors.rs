@@ -1,6 +1,5 @@
 //! Other motors and converters than the paper's, each calibrated and turned as it is.
 
-use hallservo::drive::Command;
 use hallservo::hall::calibrate::Finding;
 use hallservo::settings::Settings;
 use plant::{AdcParameters, BackEmf, PlantParameters, Shape};

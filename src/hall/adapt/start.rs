@@ -10,7 +10,7 @@ use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
 
 impl Adapter {
-    /// Starts from a calibration, or from a data sheet's model (with [`Settings::NOMINAL`] as `start`).
+    /// Starts from a calibration, or from a data sheet's model (with [`NOMINAL`](super::Settings::NOMINAL) as `start`).
     ///
     /// # Errors
     /// [`BadModel`] where the fast path could not work with the model either.

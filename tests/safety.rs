@@ -37,6 +37,7 @@ fn exists(name: &str) -> bool {
 #[test]
 fn every_promise_names_tests_that_exist() {
     let text = read("SAFETY.md");
+    let (text, _) = text.split_once("## What is not protected").unwrap();
     let promises: Vec<_> =
         text.lines().filter(|line| line.starts_with("| ")).map(|line| line.split('|').collect::<Vec<_>>()).collect();
     assert!(promises.len() > 10);

@@ -27,14 +27,16 @@ pub(super) struct Phases {
     mean: Dq,
     /// Measurements so far.
     count: u8,
-    /// Measurements, less what was forgotten, in which each phase carried nothing of what it was due, along it and against it.
+    /// Measurements, less what was forgotten, in which each phase carried nothing of what it was due, along it and
+    /// against it.
     missing: [[u8; 2]; 3],
     /// Measurements in a row without a current, though the voltage was below its limit.
     unfollowed: u8,
 }
 
 impl Phases {
-    /// Takes a measurement in, of a commutation that drives all three phases; with `reversed` ones, B and C are exchanged.
+    /// Takes a measurement in, of a commutation that drives all three phases; with `reversed` ones, B and C are
+    /// exchanged.
     pub fn look(&mut self, measurement: &Measurement, reversed: bool) -> Option<Fault> {
         let state = &measurement.state;
         self.mean.d += state.current.d - (self.mean.d >> MEAN_BITS);

@@ -3,11 +3,11 @@
 //! A current along q speeds the rotor up to a modest back-EMF, then it is reversed, to and fro. From reversal to
 //! reversal the rotor goes from one speed to the opposite one, so friction cancels in the first order:
 //! `J = K_t ∫i dt / ΔΩ`. One that takes half of the current makes J a third too large. What the voltage along q exceeds
-//! `R i_q + ω L i_d` by is `λ ω` and what the dead time leaves, which is along the current: a least-squares fit tells them
-//! apart. The current begins small and is fitted to the rotor: less where it is fast, more where it does not move.
+//! `R i_q + ω L i_d` by is `λ ω` and what the dead time leaves, which is along the current: a least-squares fit tells
+//! them apart. The current begins small and is fitted to the rotor: less where it is fast, more where it does not move.
 //!
-//! It needs neither a speed loop nor a flux linkage, which are made of what it finds. But where the settings' flux linkage
-//! is far too small, what braking returns is not burnt: then a rotor that stores more than the bus capacitors take goes
+//! It needs neither a speed loop nor a flux linkage, which are made of what it finds. But where the settings' flux
+//! linkage is far too small, what braking returns is not burnt: then a rotor that stores more than the bus capacitors take goes
 //! only so fast that its braking current returns next to no power, `1.5 (e - R i) i`.
 
 use super::procedure::{Error, Procedure, State};

@@ -37,8 +37,9 @@ pub(super) enum Outcome {
     AtRest(f64),
     /// No fault for so many seconds.
     NoFault(f64),
-    /// A fault that names it, or tells that the rotor does not follow, or none, and no harm for so many seconds: a rotor that a wrong commutation holds fast, or
-    /// moves with less torque, cannot be told from one with a heavy load.
+    /// A fault that names it, or tells that the rotor does not follow, or none, and no harm for so many seconds: a
+    /// rotor that a wrong commutation holds fast, or moves with less torque, cannot be told from one with a heavy load;
+    /// what breaks without a current shows by nothing.
     NamedOrHarmless(f64),
     /// The rotor stays within its speed limit for so many seconds, or over-speed is named.
     NotTooFast(f64),

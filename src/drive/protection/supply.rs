@@ -83,9 +83,9 @@ impl Supply {
             let excess = bus - config.supply.end + config.supply.band;
             if excess > 0 && self.short > most >> 3 { most >> 3 } else { 0 }
         } else {
-            // Newton's square root.
+            // Newton's square root, which leaps from far below; what limits the current along q follows a while later.
             let field = self.field | 1;
-            ((field + burn / field) >> 1).min(most - (most >> 4))
+            ((field + burn / field) >> 1).min(field + (most >> 3)).min(most - (most >> 4))
         };
         -self.field << 15
     }

@@ -114,3 +114,31 @@ impl Supply {
         window.from_above(above, Limits::SUPPLY);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{Control, Settings};
+
+    /// The limit of the current along q follows half a cycle later: a leap would make both together too large.
+    #[test]
+    fn the_current_along_d_rises_in_steps_to_what_has_to_be_burnt() {
+        let settings = Settings { control: Some(Control::default()), ..Settings::default() };
+        let config = settings.validate().unwrap().control.unwrap();
+        let (most, bus) = (config.max_current >> 2, 16_000);
+        for hz in (1..1000).step_by(7) {
+            let speed = (f64::from(hz) / 40e3 * 4_294_967_296.0) as i32;
+            let mut supply = Supply::NONE;
+            for _ in 0..100 {
+                let before = supply.field;
+                supply.take_up(&config, speed, bus, most, true);
+                supply.burn(&config, bus, -4 * most, most, true);
+                assert!(supply.field - before <= most / 8 + 1, "{hz} Hz: {before} to {}", supply.field);
+            }
+            let braking = most.min(supply.short / 2);
+            let burnt = supply.field * supply.field + supply.returns;
+            let needed = braking * (supply.short - braking);
+            assert!(burnt >= needed / 100 * 95 || supply.field == most - most / 16, "{hz} Hz: {burnt} of {needed}");
+        }
+    }
+}

@@ -97,12 +97,13 @@ pub(super) struct Arming {
     most: i32,
     /// Currents of each voltage, in 2⁻¹⁵ of the full scale, times [`AVERAGED`].
     currents: [[i32; 3]; 4],
-    /// Steps of the push, or none, and the position where it or another motion began.
+    /// Steps in which the push moved the rotor; none, where it did not.
     pushed: u32,
     /// How often the rotor was found turning by itself.
     waited: u32,
     /// Whether the push is over.
     was_pushed: bool,
+    /// Where the present motion began.
     from: Position,
     /// Farthest that the rotor went the wrong way.
     farthest: i64,
@@ -222,7 +223,7 @@ impl Arming {
         let faded = largest(phases) < control.arming.current / 4 && self.steps >= FADING.start;
         if faded || self.steps >= FADING.end {
             if !faded && self.vector == 0 {
-                // A rotor that turns drives a current of its own.
+                // A rotor that turns drives a current of its own, which would be taken for a fault of the wiring.
                 return self.finish(false);
             }
             if self.vector < self.currents.len() {

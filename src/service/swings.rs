@@ -30,8 +30,8 @@ pub struct Rough {
 
 /// Share of the largest voltage that the back-EMF may reach.
 const EMF: f32 = 0.4;
-/// Where the back-EMF is more than so many times that of the settings, and the rotor stores more than this energy, J,
-/// which raises 100 µF from 12 V to 15.6 V: largest power that braking may return, W.
+/// Largest power that braking may return, W, where it is not burnt because the back-EMF is more than so many times that
+/// of the settings, and where the rotor stores more than this energy, J, which raises 100 µF from 12 V to 15.6 V.
 const RETURNS_W: f32 = 2.0;
 const KNOWN: f32 = 2.0;
 const STORES_J: f32 = 5e-3;
@@ -40,9 +40,9 @@ const FASTEST: f32 = 0.8;
 /// First, and largest, share of the largest current.
 const FIRST: f32 = 0.06;
 const LARGEST: f32 = 0.5;
-/// Shortest time from reversal to reversal, and longest, ms.
+/// Shortest time from reversal to reversal, ms; the same for a rotor limited by what it returns, for which a smaller
+/// current would not make it longer; and the longest.
 const SHORTEST_MS: u32 = 80;
-/// The shortest time where a smaller current would not make it longer.
 const SHORTEST_HEAVY_MS: u32 = 20;
 const LONGEST_MS: u32 = 1500;
 /// Swings that count.

@@ -219,7 +219,7 @@ fn calibrations() {
 
 #[test]
 fn motors_and_cogging() {
-    let of = |value: f64| Estimate { value, error: value / 8.0 };
+    let of = |value: f32| Estimate { value, error: value / 8.0 };
     let report = identify::Report {
         resistance_ohm: of(1.0),
         inductance_h: of(2.0),

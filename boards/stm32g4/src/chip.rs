@@ -116,7 +116,7 @@ fn prepare<B: Board>(
     control: &'static Control<B>,
     flash: Peri<'static, peripherals::FLASH>,
 ) -> &'static mut Supervisor<Storage> {
-    greet::<B>();
+    greet(B::NAME, &B::BRIDGE);
     converters::start(B::GROUPS, B::CONVERTERS);
     watchdog::start();
     let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
@@ -158,9 +158,9 @@ fn place() -> u32 {
 }
 
 /// What a person with a probe wants to know at first.
-fn greet<B: Board>() {
-    let wiring = &B::BRIDGE;
-    defmt::info!("{=str}, hallservo {=str}: the bridge is off", B::NAME, env!("CARGO_PKG_VERSION"));
+#[inline(never)]
+fn greet(name: &str, wiring: &Wiring) {
+    defmt::info!("{=str}, hallservo {=str}: the bridge is off", name, env!("CARGO_PKG_VERSION"));
     defmt::info!(
         "{=u32} MHz from the internal oscillator; PWM {=u32} Hz, {=u16} counts; dead time {=u32} ns",
         HCLK_HZ / 1_000_000,

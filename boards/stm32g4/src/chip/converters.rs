@@ -19,6 +19,7 @@ pub struct Converter {
 /// Calibrates the ADCs and lets them wait for the first trigger. The end of the first one's sequence is the control
 /// interrupt: it must be the last to end. `groups` are what they share: of ADC1 and ADC2, and of the others if there
 /// are any.
+#[inline(never)]
 pub(crate) fn start(groups: &[AdcCommon], converters: &[Converter]) {
     RCC.ahb2enr().modify(|enable| {
         enable.set_adc12en(true);

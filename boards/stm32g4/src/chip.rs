@@ -7,6 +7,7 @@ mod converters;
 mod enable;
 mod last;
 mod line;
+mod memory;
 mod storage;
 mod watchdog;
 
@@ -14,6 +15,7 @@ pub use bridge::{Bridge, Pin};
 pub use control::Control;
 pub use converters::{Converter, result};
 pub use line::Listen;
+pub use memory::before_memory;
 
 use crate::registers::clock::{HCLK_HZ, PCLK1_HZ, baud};
 use crate::wiring::Wiring;
@@ -59,9 +61,9 @@ const _: () = assert!(baud(PCLK1_HZ, BAUD).1.abs() < 100, "the baud rate is off 
 static HOUSEKEEPING: Housekeeping = Housekeeping::new();
 static STOP: Stop = Stop::new();
 
-/// The bridge, safe before anything else happens; then clocks, priorities and time.
+/// Clocks, priorities and time.
 pub fn start<B: Board>() -> (Bridge, Peripherals) {
-    let bridge = Bridge::new(&B::BRIDGE, B::PINS);
+    let bridge = Bridge::new(&B::BRIDGE);
     if let Some(input) = B::BRIDGE.enable {
         enable::start(input);
     }

@@ -23,9 +23,14 @@ pub struct Bridge {
 }
 
 impl Bridge {
+    /// The bridge that [`Self::hold`] has set up.
+    pub const fn new(wiring: &Wiring) -> Self {
+        Self { gates: wiring.gates, period: wiring.period(), legs: Legs::ALL, enable: OutputEnable::new() }
+    }
+
     /// Sets everything up, off: all pins at the levels at which the transistors do not conduct, and the break armed. To
-    /// be called before anything else: it needs no clock but the one out of reset.
-    pub fn new(wiring: &Wiring, pins: &[Pin]) -> Self {
+    /// be called before anything else: it needs no clock but the one out of reset, and no memory.
+    pub fn hold(wiring: &Wiring, pins: &[Pin]) {
         RCC.apb2enr().modify(|enable| {
             enable.set_tim1en(true);
             enable.set_syscfgen(true);
@@ -55,7 +60,6 @@ impl Bridge {
             port.ospeedr().modify(|speed| speed.set_ospeedr(pin, Ospeedr::HIGH_SPEED));
             port.moder().modify(|mode| mode.set_moder(pin, Moder::ALTERNATE));
         }
-        Self { gates: wiring.gates, period: wiring.period(), legs: Legs::ALL, enable: OutputEnable::new() }
     }
 
     /// A locked-up core, a parity error of the SRAM and a double error of the flash are breaks as well, without code.

@@ -6,6 +6,7 @@ mod control;
 mod converters;
 mod enable;
 mod last;
+mod latest;
 mod line;
 mod memory;
 mod storage;
@@ -13,7 +14,7 @@ mod watchdog;
 
 pub use bridge::{Bridge, Pin};
 pub use control::Control;
-pub use converters::{Converter, result};
+pub use converters::{Converter, low_side_current, ntc_to_reference, result};
 pub use line::Listen;
 pub use memory::before_memory;
 
@@ -29,7 +30,7 @@ use embassy_stm32::{Peri, Peripherals, peripherals};
 use hallservo::board::Sample;
 use hallservo::drive::Drive;
 use hallservo::settings::Settings;
-use hallservo_app::{Housekeeping, Identity, Memory, Stop, Supervisor, embassy};
+use hallservo_app::{Identity, Memory, Stop, Supervisor, embassy};
 use line::Received;
 use static_cell::{ConstStaticCell, StaticCell};
 use storage::Storage;
@@ -50,15 +51,15 @@ pub trait Board: Send + 'static {
     /// What a drive on this board starts with, as long as nothing else is stored.
     fn settings() -> Settings;
 
-    /// The results of the sequences that have just ended. In the control interrupt.
-    fn sample(&mut self) -> Sample;
+    /// The results of the sequences that have just ended, into their place: all but the periods that were lost. What it
+    /// never sets stays as in [`Sample::default`]. In the control interrupt.
+    fn sample(&mut self, sample: &mut Sample);
 }
 
 /// Baud rate of the serial line.
 const BAUD: u32 = 460_800;
 const _: () = assert!(baud(PCLK1_HZ, BAUD).1.abs() < 100, "the baud rate is off by more than 1 %");
 
-static HOUSEKEEPING: Housekeeping = Housekeeping::new();
 static STOP: Stop = Stop::new();
 
 /// Clocks, priorities and time.
@@ -123,7 +124,7 @@ fn prepare<B: Board>(
     watchdog::start();
     let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
     let (drive, supervisor) = begin(identity, B::settings(), Storage::new(flash));
-    control.start(board, drive, bridge, &HOUSEKEEPING);
+    control.start(board, drive, bridge);
     supervisor
 }
 
@@ -148,7 +149,7 @@ async fn tasks(
     tx: &'static mut BufferedUartTx<'static>,
     rx: &'static mut BufferedUartRx<'static>,
 ) -> ! {
-    embassy::run(supervisor, Received::open(rx), tx, &HOUSEKEEPING, &STOP, watchdog::feed).await
+    embassy::run(supervisor, Received::open(rx), tx, latest::readings, &STOP, watchdog::feed).await
 }
 
 /// Where the place for settings begins, from the begin of the flash: memory.x reserves it.

@@ -89,15 +89,32 @@ impl Bridge {
     /// together.
     #[inline(always)]
     pub(crate) fn apply(&mut self, output: &Output) {
+        // As a rule: on, and nothing changes but the compare values. These legs are never none.
+        if self.enable.is_on() && output.legs == self.legs {
+            self.compare(output);
+        } else {
+            self.change(output);
+        }
+    }
+
+    #[inline(always)]
+    fn compare(&self, output: &Output) {
+        for channel in 0..3 {
+            // A compare value beyond the period, which there is none of, would keep the lower transistor on.
+            let count = u32::from(self.period).wrapping_sub(output.compare[channel].into());
+            TIM1.ccr(channel).write_value(regs::Ccr1ch(count));
+        }
+    }
+
+    /// Anything else than to go on.
+    #[inline(never)]
+    fn change(&mut self, output: &Output) {
         let enable = self.enable.step(output);
         if enable == Enable::Off {
             off();
             return;
         }
-        for channel in 0..3 {
-            let count = self.period.saturating_sub(output.compare[channel]);
-            TIM1.ccr(channel).write_value(regs::Ccr1ch(count.into()));
-        }
+        self.compare(output);
         if output.legs != self.legs {
             self.legs = output.legs;
             let legs = timer::legs(self.gates, output.legs.bits());

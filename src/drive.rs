@@ -178,7 +178,8 @@ impl Drive {
     }
 
     /// The short step of the voltage path.
-    #[inline(always)]
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", cold, inline(never))]
     fn voltage_step(&mut self, sample: &Sample) -> Output {
         self.until_record = self.until_record.wrapping_sub(1);
         let records = self.until_record == 0;

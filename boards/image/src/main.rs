@@ -115,12 +115,16 @@ fn sizes(image: &object::File) -> (u64, u64) {
         if !zero {
             flash += section.size();
         }
-        if zero || has_flag(&section, elf::SHF_WRITE) {
+        // Those of the CCM SRAM the linker has checked.
+        if (zero || has_flag(&section, elf::SHF_WRITE)) && section.address() >= RAM {
             ram += section.size();
         }
     }
     (flash, ram)
 }
+
+/// Where the RAM begins, whatever of it appears elsewhere.
+const RAM: u64 = 0x2000_0000;
 
 /// Whether it has a place in the chip's memory, unlike symbols and debug information.
 fn is_loaded(section: &object::Section) -> bool {

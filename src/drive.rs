@@ -335,7 +335,10 @@ impl Drive {
             Stage::Done => self.on(Event::Swept),
             _ => {}
         }
-        self.publish();
+        // Changes of the mode are published by themselves.
+        if self.record.status != self.status() {
+            self.publish();
+        }
         output
     }
 
@@ -420,8 +423,12 @@ impl Drive {
         let follows = self.mode == Mode::Running && self.servo.follows();
         self.record_by_schedule(follows);
         self.servo.supervised = follows && !self.arming.is_active();
-        self.record.status = Status::new(self.mode, self.limits(), self.progress);
+        self.record.status = self.status();
         self.route = self.route();
+    }
+
+    fn status(&self) -> Status {
+        Status::new(self.mode, self.limits(), self.progress)
     }
 
     /// The state.

@@ -221,21 +221,28 @@ impl Drive {
     #[cold]
     #[inline(never)]
     fn general_step(&mut self, sample: &Sample) -> u64 {
-        let mut records = false;
+        let (mut records, mut busy) = (false, false);
         if !self.servo.schedule.records {
             self.until_record = self.until_record.wrapping_sub(1);
             records = self.until_record == 0;
             if !records {
-                self.receive(sample);
+                let drives = self.mode.drives();
+                busy = self.receive(sample) && !drives;
             }
         }
-        self.attend(sample);
+        if busy {
+            // With the bridge off there is nothing that the slot would have to protect.
+            self.servo.schedule.skip();
+        } else {
+            self.attend(sample);
+        }
         self.finish_step(sample, records)
     }
 
     /// The rest of a step of any path, after its slot of the schedule.
+    // Not inlined, as it is cold; but compiled with the interrupt, for speed.
     #[cold]
-    #[inline(never)]
+    #[inline]
     fn finish_step(&mut self, sample: &Sample, records: bool) -> u64 {
         self.is_healthy(sample);
         if self.mode.drives() {

@@ -23,15 +23,15 @@ impl Command {
 }
 
 impl Drive {
-    /// Carries out a waiting command and answers it.
+    /// Carries out a waiting command and answers it; whether there was one.
     #[cold]
     #[inline(never)]
-    pub(super) fn receive(&mut self, sample: &Sample) {
-        if let Some(command) = self.channels.commands.dequeue() {
-            let reply = self.execute(command, sample);
-            // A task that reads no replies does not get any.
-            let _ = self.channels.replies.enqueue(reply);
-        }
+    pub(super) fn receive(&mut self, sample: &Sample) -> bool {
+        let Some(command) = self.channels.commands.dequeue() else { return false };
+        let reply = self.execute(command, sample);
+        // A task that reads no replies does not get any.
+        let _ = self.channels.replies.enqueue(reply);
+        true
     }
 
     fn execute(&mut self, command: Command, sample: &Sample) -> Reply {

@@ -53,6 +53,9 @@ pub struct Promises {
     pub over_current_a: f64,
     /// From this current down through a shunt on, the hardware switches off without code, A.
     pub trip_a: f64,
+    /// Cycles of the control interrupt at 40 kHz while it turns field-oriented, in the mean and at most, and at most
+    /// whatever it does.
+    pub control_cycles: [u64; 3],
 }
 
 /// A board.

@@ -87,6 +87,7 @@ struct PromisesFile {
     bus_v: [f64; 2],
     over_current_a: f64,
     trip_a: f64,
+    control_cycles: [u64; 3],
 }
 
 impl Analog {
@@ -148,7 +149,7 @@ impl Board {
             analog.push((*pin, entry.net().map_err(at)?, ohm));
         }
         let DriverFile { name: driver, low_inverted, own_dead_time_ns, overlap_ns, standby } = file.driver;
-        let PromisesFile { bus_v, over_current_a, trip_a } = file.promises;
+        let PromisesFile { bus_v, over_current_a, trip_a, control_cycles } = file.promises;
         let board = Board {
             name: name.into(),
             device: file.chip,
@@ -172,6 +173,7 @@ impl Board {
                 bus_v: [positive("promises.bus_v", bus_v[0])?, positive("promises.bus_v", bus_v[1])?],
                 over_current_a: positive("promises.over_current_a", over_current_a)?,
                 trip_a: positive("promises.trip_a", trip_a)?,
+                control_cycles,
             },
         };
         board.check()?;

@@ -277,11 +277,19 @@ impl Client {
     /// # Errors
     /// The connection broke.
     pub fn rest(&mut self, before: &mut (Instant, u64), status: &Status) -> Result<()> {
+        self.pause(before, status, EVERY)
+    }
+
+    /// The same for another time on the wall at most.
+    ///
+    /// # Errors
+    /// The connection broke.
+    pub fn pause(&mut self, before: &mut (Instant, u64), status: &Status, most: Duration) -> Result<()> {
         let (wall, drive_ms) = *before;
         let passed = Duration::from_millis(status.uptime_ms.saturating_sub(drive_ms));
         if passed < 2 * wall.elapsed() || passed.is_zero() {
             self.listen(
-                Duration::try_from_secs_f32(status.command_timeout_s / 4.0).map_or(EVERY, |time| time.min(EVERY)),
+                Duration::try_from_secs_f32(status.command_timeout_s / 4.0).map_or(most, |time| time.min(most)),
             )?;
         }
         *before = (Instant::now(), status.uptime_ms);

@@ -8,6 +8,8 @@ mod list;
 mod motion;
 mod pole_pairs;
 mod procedures;
+mod response;
+mod session;
 mod settings;
 mod status;
 mod telemetry;
@@ -136,6 +138,10 @@ enum Command {
     Settings(settings::Command),
     /// Watch the drive, until Ctrl-C or for a while
     Telemetry(telemetry::Options),
+    /// How the motor follows a step of speed or position: rise, overshoot, settling
+    Step(response::StepOptions),
+    /// How it follows sines of speed or position: gain, phase, bandwidth, phase margin
+    Sine(response::SineOptions),
     /// What went wrong since power-up, and what to do
     Faults,
     /// Be a drive with a simulated motor
@@ -285,6 +291,8 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
         Command::Cogging { what: Cogging::Off, .. } => done(out, client.setting(Ask::AntiCogging(false), |_| ())),
         Command::Settings(command) => settings::run(client, command, out),
         Command::Telemetry(options) => telemetry::watch(client, options, out),
+        Command::Step(options) => response::step(client, options, out),
+        Command::Sine(options) => response::sine(client, options, out),
         Command::Faults => faults::show(client, out),
         // These need no drive.
         Command::Simulate(_)

@@ -11,6 +11,7 @@ pub mod hub;
 pub mod interrupt;
 pub mod link;
 pub mod out;
+pub mod response;
 #[cfg(unix)]
 pub mod share;
 pub mod simulate;

@@ -42,12 +42,20 @@ const AT_REST_RAD_S: f32 = 2.0;
 
 impl Target {
     /// As a request.
-    const fn ask(self) -> Ask<'static> {
+    pub(super) const fn ask(self) -> Ask<'static> {
         match self {
             Self::Voltage(share) => Ask::Voltage(share),
             Self::Torque(torque) => Ask::Torque(torque),
             Self::Speed(speed) => Ask::Speed(speed),
             Self::Position(turns) => Ask::Position(turns),
+        }
+    }
+
+    /// In its unit.
+    pub(super) const fn value(self) -> f64 {
+        match self {
+            Self::Voltage(value) | Self::Torque(value) | Self::Speed(value) => value as f64,
+            Self::Position(turns) => turns,
         }
     }
 
@@ -112,7 +120,7 @@ fn follow(client: &mut Client, options: &Options, target: Target, out: Out) -> R
 }
 
 /// Commands rest, and waits for it a little.
-fn brake(client: &mut Client, target: Target) -> Result<()> {
+pub(super) fn brake(client: &mut Client, target: Target) -> Result<()> {
     let mut began_ms = None;
     loop {
         match client.order(target.brake()) {
@@ -130,7 +138,7 @@ fn brake(client: &mut Client, target: Target) -> Result<()> {
 }
 
 /// A drive that refuses what it took before has a reason.
-fn fallen(client: &mut Client, error: Error) -> Error {
+pub(super) fn fallen(client: &mut Client, error: Error) -> Error {
     match (client.status(), error) {
         (Ok(Status { mode: Mode::Faulted(fault), .. }), _) => Error::Failed(switched_off(fault)),
         (Ok(Status { mode: Mode::Ready | Mode::Unarmed, .. }), Error::Refused(_)) => {
@@ -140,7 +148,7 @@ fn fallen(client: &mut Client, error: Error) -> Error {
     }
 }
 
-fn switched_off(fault: Fault) -> String {
+pub(super) fn switched_off(fault: Fault) -> String {
     format!("the drive switched off: {fault}\n  {}.", words::what_to_do(fault))
 }
 

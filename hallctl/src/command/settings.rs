@@ -97,7 +97,7 @@ fn list(client: &mut Client, with_about: bool, out: Out) -> Result<()> {
     each(client, |setting| {
         lines.push(line(setting));
         if with_about {
-            lines.push(format!("    {}", about(setting.name)));
+            lines.extend(wrapped(about(setting.name)));
         }
         values.push(value(setting));
     })?;
@@ -106,6 +106,18 @@ fn list(client: &mut Client, with_about: bool, out: Out) -> Result<()> {
     }
     say!(out, "* differs from the board's default; `--about` says what they are about")?;
     out.value(&values)
+}
+
+/// Indented lines of no more than a terminal's 80 columns.
+fn wrapped(text: &str) -> Vec<String> {
+    let mut lines = vec![String::from("   ")];
+    for word in text.split_whitespace() {
+        if lines.last().is_some_and(|line| line.chars().count() + word.chars().count() >= 80) {
+            lines.push("   ".into());
+        }
+        lines.last_mut().into_iter().for_each(|line| *line += &format!(" {word}"));
+    }
+    lines
 }
 
 /// Of a terminal's 80 columns.

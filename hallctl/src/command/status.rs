@@ -38,7 +38,9 @@ pub(super) fn show(client: &mut Client, out: Out) -> Result<()> {
         line("controlled by", "another tool")?;
     }
     let [sensors, cogging, settings] = status.stored.map(words::problem);
-    line("flash", &format!("sensors {sensors}; cogging {cogging}; settings {settings}"))?;
+    line("flash", &format!("sensors {sensors}"))?;
+    line("", &format!("cogging {cogging}"))?;
+    line("", &format!("settings {settings}"))?;
     if status.unconfirmed {
         line(
             "",

@@ -13,6 +13,7 @@ mod session;
 mod settings;
 mod status;
 mod telemetry;
+mod watch;
 
 use crate::client::Client;
 use crate::error::{Error, Result};
@@ -138,6 +139,8 @@ enum Command {
     Settings(settings::Command),
     /// Watch the drive, until Ctrl-C or for a while
     Telemetry(telemetry::Options),
+    /// The drive, live: state, Halls with their swings for mounting, motion; `s` stops it
+    Watch,
     /// How the motor follows a step of speed or position: rise, overshoot, settling
     Step(response::StepOptions),
     /// How it follows sines of speed or position: gain, phase, bandwidth, phase margin
@@ -291,6 +294,7 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
         Command::Cogging { what: Cogging::Off, .. } => done(out, client.setting(Ask::AntiCogging(false), |_| ())),
         Command::Settings(command) => settings::run(client, command, out),
         Command::Telemetry(options) => telemetry::watch(client, options, out),
+        Command::Watch => watch::watch(client, out),
         Command::Step(options) => response::step(client, options, out),
         Command::Sine(options) => response::sine(client, options, out),
         Command::Faults => faults::show(client, out),

@@ -143,3 +143,52 @@ fn anyone_may_stop_what_another_tool_does() {
         }
     }
 }
+
+/// Memory that a process has, KiB.
+#[cfg(target_os = "linux")]
+fn memory_kib(process: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+    line.trim().trim_end_matches(" kB").parse().unwrap()
+}
+
+/// It asks as fast as it can, and takes none of the answers.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_tool_that_never_reads_floods_nothing_and_keeps_nobody_from_stopping() {
+    use hallservo_protocol::{Ask, FRAME, Request, encode};
+    use std::io::{BufRead, BufReader};
+    use std::time::Duration;
+
+    let mut drive = calibrated(&[]);
+    // The process that owns the port lives as long as this one watches.
+    let mut watcher = drive.begin(&["telemetry"]);
+    BufReader::new(watcher.stdout.take().unwrap()).read_line(&mut String::new()).unwrap();
+    let mut line = hallctl::share::attach(&drive.port).unwrap();
+    let mut frame = [0; FRAME];
+    let request = Request { id: 1, client: 77, unattended: false, ask: Ask::Status };
+    let length = encode(&request, &mut frame).unwrap();
+    let flood = frame[..length].repeat(1000);
+    let (told, started) = std::sync::mpsc::channel();
+    // It ends when the line breaks, with the drive.
+    std::thread::spawn(move || {
+        for _ in 0..100_000 {
+            let _ = told.send(());
+            if line.writer.write_all(&flood).is_err() {
+                return;
+            }
+        }
+    });
+    started.recv().unwrap();
+    drive.ok(&["arm"]);
+    let turning = drive.begin(&["speed", "100"]);
+    drive.log_until("Speed(100.0)");
+    assert_eq!(drive.ok(&["stop"]), "the bridge is off\n");
+    turning.wait_with_output().unwrap();
+    assert!(is_off(&drive));
+    // However long it goes on: it is the one that waits.
+    while started.recv_timeout(Duration::from_secs(1)).is_ok() {}
+    assert!(memory_kib(drive.id()) < 200_000, "{} KiB", memory_kib(drive.id()));
+    watcher.kill().unwrap();
+    watcher.wait().unwrap();
+}

@@ -55,6 +55,11 @@ impl Drive {
         Self::start(&[&["--flash", flash.to_str().unwrap()], options].concat())
     }
 
+    /// Of its process.
+    pub fn id(&self) -> u32 {
+        self.process.id()
+    }
+
     pub fn call(&self, arguments: &[&str]) -> Output {
         call(&self.port, arguments)
     }

@@ -39,6 +39,7 @@ fn ten_million_updates_leave_the_covariance_positive_and_bounded() {
     let plant = PlantParameters::imperfect(5);
     let parameters = BenchParameters {
         halls: plant.halls,
+        magnets: plant.magnets,
         adc: plant.adc,
         period_s: 1e-3,
         pole_pairs: 4,

@@ -111,14 +111,8 @@ pub struct Unevenness {
 
 impl Unevenness {
     /// None.
-    pub const NONE: Self = Self {
-        gain: 0.0,
-        pitch_deg: 0.0,
-        modulation: [0.0; 2],
-        harmonics: [0.0; HARMONICS],
-        coil: 0.0,
-        rated_a: 1.0,
-    };
+    pub const NONE: Self =
+        Self { gain: 0.0, pitch_deg: 0.0, modulation: [0.0; 2], harmonics: [0.0; HARMONICS], coil: 0.0, rated_a: 1.0 };
 
     /// What cheap magnets are taken to have at most.
     pub const CHEAP: Self = Self {

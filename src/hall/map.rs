@@ -13,13 +13,18 @@
 
 mod find;
 mod learn;
+mod live;
 
 use crate::angle::{ElectricalAngle, PolePairs, Position};
 pub use find::{Finder, Found};
 pub use learn::Learner;
+pub use live::{Live, WHOLE};
 
 /// Points of a table.
 pub const POINTS: usize = 512;
+/// log₂ of the most points in an electrical turn. What magnets do to the angle ends at its eighth harmonic; higher ones
+/// could not be told from a slow motion of the rotor, of which there are some sixteen samples in an electrical turn.
+const MOST_BITS: u32 = 5;
 /// Bits by which a point is coarser than an angle: 2⁻¹⁸ turns, 0.0014° electrical, and at most 45°.
 const COARSER: u32 = 14;
 
@@ -37,7 +42,8 @@ struct Layout {
 impl Layout {
     const fn new(pole_pairs: PolePairs) -> Self {
         let pairs = pole_pairs.get() as u32;
-        Self { pole_pairs: pairs as i32, bits: (POINTS as u32 / pairs).ilog2(), first: 0 }
+        let bits = (POINTS as u32 / pairs).ilog2();
+        Self { pole_pairs: pairs as i32, bits: if bits > MOST_BITS { MOST_BITS } else { bits }, first: 0 }
     }
 
     /// Points in use.
@@ -49,11 +55,14 @@ impl Layout {
     #[inline(always)]
     const fn place(&self, position: Position) -> (usize, usize, i32) {
         let bits = position.to_bits();
-        let turn = ((bits >> 32) as i32).wrapping_add(self.first).rem_euclid(self.pole_pairs);
+        // The remainder is not negative, and there is a pole: so no panic.
+        let pairs = if self.pole_pairs > 0 { self.pole_pairs } else { 1 };
+        let turn = ((bits >> 32) as i32).wrapping_add(self.first).wrapping_rem(pairs);
+        let turn = if turn < 0 { turn + pairs } else { turn };
         let angle = bits as u32;
-        let index = ((turn as usize) << self.bits) + (angle >> (32 - self.bits)) as usize;
+        let index = ((turn as usize) << (self.bits & 31)) + angle.wrapping_shr(32 - self.bits) as usize;
         let next = if index + 1 < self.points() { index + 1 } else { 0 };
-        (index & (POINTS - 1), next & (POINTS - 1), ((angle << self.bits) >> 16) as i32)
+        (index & (POINTS - 1), next & (POINTS - 1), (angle.wrapping_shl(self.bits) >> 16) as i32)
     }
 }
 

@@ -4,9 +4,10 @@ use super::Common;
 use crate::report::{Report, print_table};
 use crate::rig::{Rig, error_deg};
 use crate::statistics::Statistics;
-use anyhow::Result;
+use anyhow::{Context, Result};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
+use hallservo::service::mapping;
 use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{PlantParameters, Unevenness};
 use rayon::prelude::*;
@@ -88,6 +89,18 @@ pub fn armed(plant: &PlantParameters, seed: u64) -> Result<Rig> {
     Ok(rig)
 }
 
+/// A calibrated and armed drive that has learnt the map of its rotor.
+///
+/// # Errors
+/// A drive that refuses.
+pub fn mapped(plant: &PlantParameters, seed: u64) -> Result<Rig> {
+    let mut rig = Rig::new(plant, &settings(), seed)?;
+    rig.calibrate(|_| ())?;
+    rig.learn_map(&mapping::Plan::new(&rig.config)?)?;
+    rig.arm()?;
+    Ok(rig)
+}
+
 /// The error while the drive turns steadily.
 ///
 /// # Errors
@@ -109,18 +122,18 @@ pub struct Row {
     pub name: &'static str,
     /// Of each rotor.
     pub rotors: Vec<Error>,
+    /// The same with the map.
+    pub mapped: Vec<Error>,
 }
 
 impl Row {
     fn cells(&self) -> Vec<String> {
-        let of = |value: fn(&Error) -> f64| self.rotors.iter().map(value).collect::<Statistics>();
-        let (rms, mean) = (of(|error| error.steady_deg_rms), of(|error| error.mean_deg));
-        vec![
-            self.name.into(),
-            format!("{:.2}", rms.rms()),
-            format!("{:.2}", rms.max_abs()),
-            format!("{:+.2}", mean.mean()),
-        ]
+        let of = |rotors: &[Error]| {
+            let rms: Statistics = rotors.iter().map(|error| error.steady_deg_rms).collect();
+            let mean: Statistics = rotors.iter().map(|error| error.mean_deg).collect();
+            [format!("{:.2}", rms.rms()), format!("{:.2}", rms.max_abs()), format!("{:+.2}", mean.mean())]
+        };
+        [vec![self.name.into()], of(&self.rotors).to_vec(), of(&self.mapped).to_vec()].concat()
     }
 }
 
@@ -141,9 +154,12 @@ pub struct Options {
 pub fn main(options: &Options) -> Result<()> {
     options.common.prepare()?;
     let seeds = options.common.seed..options.common.seed + options.rotors;
-    let rows: Vec<Row> = kinds().iter().map(|kind| measure(kind, seeds.clone())).collect::<Result<_>>()?;
+    let rows: Vec<Row> = kinds()
+        .iter()
+        .filter_map(|kind| measure(kind, seeds.clone()).inspect_err(|e| println!("{e:?}")).ok())
+        .collect();
     println!("Error of the tracked angle at uneven magnets, electrical degrees RMS, {} rotors each:\n", options.rotors);
-    let title = ["", "RMS", "worst rotor", "mean"].map(String::from).to_vec();
+    let title = ["", "calibrated", "worst", "mean", "with the map", "worst", "mean"].map(String::from).to_vec();
     let table: Vec<_> = std::iter::once(title).chain(rows.iter().map(Row::cells)).collect();
     print_table(&table);
     println!();
@@ -156,5 +172,13 @@ pub fn main(options: &Options) -> Result<()> {
 /// A drive that refuses.
 pub fn measure(kind: &Kind, seeds: std::ops::Range<u64>) -> Result<Row> {
     let rotor = |seed| steady(&mut armed(&kind.plant(seed), seed)?);
-    Ok(Row { name: kind.name, rotors: seeds.into_par_iter().map(rotor).collect::<Result<_>>()? })
+    let mapped = |seed| {
+        let error = mapped(&kind.plant(seed), seed).and_then(|mut rig| steady(&mut rig));
+        error.with_context(|| format!("{}, seed {seed}", kind.name))
+    };
+    Ok(Row {
+        name: kind.name,
+        rotors: seeds.clone().into_par_iter().map(rotor).collect::<Result<_>>()?,
+        mapped: seeds.into_par_iter().map(mapped).collect::<Result<_>>()?,
+    })
 }

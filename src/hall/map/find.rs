@@ -5,8 +5,8 @@
 //! the second best leaves.
 
 use super::Map;
-use super::learn::Reference;
-use crate::angle::{Position, TURN};
+use super::learn::{Reference, turns};
+use crate::angle::Position;
 
 /// Times the variance that the best leaves, by which the second best must leave more.
 const SURE: f32 = 60.0;
@@ -90,9 +90,4 @@ impl<const POLES: usize> Finder<POLES> {
         let certainty = samples * (second - best.1) / best.1;
         (certainty > SURE).then_some(Found { electrical_turns: best.0, certainty })
     }
-}
-
-/// How far one position is from another, electrical turns.
-fn turns(position: Position, from: Position) -> f32 {
-    position.to_bits().wrapping_sub(from.to_bits()) as f32 / TURN
 }

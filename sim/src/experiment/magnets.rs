@@ -1,4 +1,4 @@
-//! Rotors as they are: what uneven magnets do to the angle.
+//! Rotors as they are: what uneven magnets do to the angle, and what is left of it with the map of the turn.
 
 use super::Common;
 use crate::report::{Report, print_table};
@@ -54,7 +54,9 @@ pub fn kinds() -> Vec<Kind> {
 impl Kind {
     /// A motor of this kind.
     pub fn plant(&self, seed: u64) -> PlantParameters {
-        let mut plant = PlantParameters::imperfect(seed).with_unevenness(&self.unevenness, seed);
+        // The field of the windings is meant at the largest current.
+        let unevenness = Unevenness { rated_a: Control::default().max_current_a.into(), ..self.unevenness };
+        let mut plant = PlantParameters::imperfect(seed).with_unevenness(&unevenness, seed);
         for hall in &mut plant.halls {
             hall.bandwidth_hz = self.bandwidth_hz;
         }
@@ -76,6 +78,8 @@ pub struct Error {
     pub steady_deg_rms: f64,
     /// Mean of the same.
     pub mean_deg: f64,
+    /// While it reverses and changes its speed, as fast as the settings allow.
+    pub reversing_deg_rms: f64,
 }
 
 /// A calibrated and armed drive at such a motor.
@@ -112,7 +116,14 @@ pub fn steady(rig: &mut Rig) -> Result<Error> {
     rig.run(1.0, |rig, period| {
         errors.push(error_deg(rig.drive.tracker().angle(), period.truth.electrical_angle_rad));
     });
-    Ok(Error { steady_deg_rms: errors.rms(), mean_deg: errors.mean() })
+    let mut reversing = Statistics::default();
+    for speed in [-SPEED_RAD_S, SPEED_RAD_S, 0.3 * SPEED_RAD_S, -0.3 * SPEED_RAD_S] {
+        rig.command(Command::Speed(rig.control()?.speed(speed)?))?;
+        rig.run(0.25, |rig, period| {
+            reversing.push(error_deg(rig.drive.tracker().angle(), period.truth.electrical_angle_rad));
+        });
+    }
+    Ok(Error { steady_deg_rms: errors.rms(), mean_deg: errors.mean(), reversing_deg_rms: reversing.rms() })
 }
 
 /// The figures of `magnets --json`.
@@ -129,9 +140,10 @@ pub struct Row {
 impl Row {
     fn cells(&self) -> Vec<String> {
         let of = |rotors: &[Error]| {
-            let rms: Statistics = rotors.iter().map(|error| error.steady_deg_rms).collect();
-            let mean: Statistics = rotors.iter().map(|error| error.mean_deg).collect();
-            [format!("{:.2}", rms.rms()), format!("{:.2}", rms.max_abs()), format!("{:+.2}", mean.mean())]
+            let steady: Statistics = rotors.iter().map(|error| error.steady_deg_rms).collect();
+            let reversing: Statistics = rotors.iter().map(|error| error.reversing_deg_rms).collect();
+            let value = |degrees: f64| format!("{degrees:.2}");
+            [value(steady.rms()), value(steady.max_abs()), value(reversing.rms()), value(reversing.max_abs())]
         };
         [vec![self.name.into()], of(&self.rotors).to_vec(), of(&self.mapped).to_vec()].concat()
     }
@@ -145,6 +157,9 @@ pub struct Options {
     /// Rotors of each kind
     #[arg(long, default_value_t = 20)]
     rotors: u64,
+    /// Only the kinds whose name contains this
+    #[arg(long)]
+    kind: Option<String>,
 }
 
 /// `magnets`: the experiment on the command line.
@@ -154,12 +169,12 @@ pub struct Options {
 pub fn main(options: &Options) -> Result<()> {
     options.common.prepare()?;
     let seeds = options.common.seed..options.common.seed + options.rotors;
-    let rows: Vec<Row> = kinds()
-        .iter()
-        .filter_map(|kind| measure(kind, seeds.clone()).inspect_err(|e| println!("{e:?}")).ok())
-        .collect();
+    let chosen = kinds().into_iter().filter(|kind| options.kind.as_ref().is_none_or(|name| kind.name.contains(name)));
+    let rows: Vec<Row> = chosen.map(|kind| measure(&kind, seeds.clone())).collect::<Result<_>>()?;
     println!("Error of the tracked angle at uneven magnets, electrical degrees RMS, {} rotors each:\n", options.rotors);
-    let title = ["", "calibrated", "worst", "mean", "with the map", "worst", "mean"].map(String::from).to_vec();
+    let title = ["", "steady", "worst", "changing", "worst", "map: steady", "worst", "changing", "worst"]
+        .map(String::from)
+        .to_vec();
     let table: Vec<_> = std::iter::once(title).chain(rows.iter().map(Row::cells)).collect();
     print_table(&table);
     println!();

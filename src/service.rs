@@ -6,6 +6,7 @@ pub mod commission;
 pub mod identification;
 pub mod identify;
 pub mod learning;
+pub mod mapping;
 mod phases;
 pub mod pole_pairs;
 pub mod procedure;

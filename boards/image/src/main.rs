@@ -68,8 +68,10 @@ fn interrupt(graph: &reach::Graph, functions: &[String]) -> Result<()> {
     for function in functions {
         let reached = graph.reached(graph.find(function)?);
         let names: Vec<String> = reached.iter().map(|&at| graph.name(at)).collect();
-        let bad: Vec<&String> = names.iter().filter(|name| FORBIDDEN.iter().any(|bad| name.contains(bad))).collect();
-        ensure!(bad.is_empty(), "{function} can reach {bad:?}");
+        let is_bad = |name: &String| FORBIDDEN.iter().any(|bad| name.contains(bad));
+        if let Some((&at, _)) = reached.iter().zip(&names).find(|(_, name)| is_bad(name)) {
+            anyhow::bail!("{function} can reach it: {}", graph.way(graph.find(function)?, at).join(" → "));
+        }
         println!(
             "{function} and what it reaches, {} functions and tables: no panic, no log, no critical section",
             names.len()

@@ -146,6 +146,26 @@ impl Graph {
         Ok((bytes(true), bytes(false)))
     }
 
+    /// The shortest way from a function to one that it reaches, by name.
+    pub fn way(&self, from: u64, to: u64) -> Vec<String> {
+        let (mut before, mut open) = (BTreeMap::from([(from, from)]), std::collections::VecDeque::from([from]));
+        while let Some(thing) = open.pop_front() {
+            for next in self.named_by(thing) {
+                before.entry(next).or_insert_with(|| {
+                    open.push_back(next);
+                    thing
+                });
+            }
+        }
+        let (mut way, mut at) = (vec![self.name(to)], to);
+        while let Some(&previous) = before.get(&at).filter(|&&previous| previous != at) {
+            way.push(self.name(previous));
+            at = previous;
+        }
+        way.reverse();
+        way
+    }
+
     /// Everything that a function names, and what that names, and so on.
     pub fn reached(&self, function: u64) -> BTreeSet<u64> {
         let (mut seen, mut open) = (BTreeSet::from([function]), vec![function]);

@@ -78,7 +78,9 @@ impl Live {
             first: self.first.load(Ordering::Relaxed),
         };
         let (index, next, between) = layout.place(position);
-        let [start, end] = [index, next].map(|point| i32::from(self.points[point].load(Ordering::Relaxed)));
+        // Both are within; compiled for size, an index is a panic all the same.
+        let at = |point: usize| self.points.get(point).map_or(0, |point| i32::from(point.load(Ordering::Relaxed)));
+        let [start, end] = [index, next].map(at);
         // In 2⁻²⁴ turns, times the share in 2⁻⁸.
         ElectricalAngle::from_bits(((start << 6) + (((end - start) * (between >> 2)) >> 8)) * share)
     }

@@ -106,8 +106,10 @@ impl Bridge {
         }
     }
 
-    /// Anything else than to go on.
-    #[inline(never)]
+    /// Anything else than to go on. Not inlined, as it is cold; but compiled with the interrupt, where all that the
+    /// registers' functions assert is known to hold.
+    #[cold]
+    #[inline]
     fn change(&mut self, output: &Output) {
         let enable = self.enable.step(output);
         if enable == Enable::Off {

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod commission;
+mod encoder;
 mod faults;
 mod motion;
 mod pole_pairs;
@@ -78,6 +79,9 @@ enum Command {
         #[command(flatten)]
         options: procedures::Options,
     },
+    /// The absolute encoder: two rings on the shaft
+    #[command(subcommand)]
+    Encoder(encoder::Command),
     /// List, read, change and keep settings
     #[command(subcommand)]
     Settings(settings::Command),
@@ -154,6 +158,7 @@ fn obey(client: &mut Client, command: &Command) -> Result<()> {
         Command::Cogging { what: Cogging::Learn, options } => procedures::learn_cogging(client, options),
         Command::Cogging { what: Cogging::On, .. } => client.setting(Ask::AntiCogging(true), |_| ()),
         Command::Cogging { what: Cogging::Off, .. } => client.setting(Ask::AntiCogging(false), |_| ()),
+        Command::Encoder(command) => encoder::run(client, command),
         Command::Settings(command) => settings::run(client, command),
         Command::Telemetry(options) => telemetry::watch(client, options),
         Command::Faults => faults::show(client),

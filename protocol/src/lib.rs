@@ -30,12 +30,16 @@
 //! of another version gets [`Error::Version`], which names both, and must not guess at the rest.
 #![no_std]
 
+#[cfg(feature = "encoder")]
+mod encoder;
 mod frame;
 mod history;
 mod message;
 mod report;
 mod status;
 
+#[cfg(feature = "encoder")]
+pub use encoder::{EncoderAsk, EncoderCalibration, EncoderRefusal, EncoderStatus};
 pub use frame::{Decoder, Error, FrameDecoder, encode};
 pub use history::{Cause, History, Incident};
 pub use message::{Answer, Ask, Hello, Refusal, Reply, Request, Setting};
@@ -43,7 +47,7 @@ pub use report::{Calibration, Cogging, Procedure};
 pub use status::{Activity, Learning, Problem, Record, Status, Telemetry};
 
 /// Version of the messages.
-pub const VERSION: u8 = 3;
+pub const VERSION: u8 = 4;
 /// Most bytes of a message.
 pub const MESSAGE: usize = 244;
 /// Most bytes of a frame, zeros included: version and CRC on top of the message, one byte of COBS for each 254, two

@@ -1,10 +1,12 @@
 //! The simulated drive at the end of a line: TCP on loopback, or a pseudo-terminal.
 
-use super::Simulator;
 use super::fault::{Kind, ScheduledEvent};
 use super::flash::Flash;
+use super::rings::{Pairs, Rings};
+use super::{Simulator, defaults};
 use anyhow::{Context, Result};
 use hallservo_protocol::{Answer, Decoder, Reply, Request};
+use plant::PlantParameters;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use std::fs::{File, OpenOptions};
@@ -37,6 +39,12 @@ pub struct Options {
     /// Seed of the motor, its sensors and the noise
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Two rings of so many pole pairs on the shaft, under two opposite heads each
+    #[arg(long, value_name = "37/45")]
+    pub encoder: Option<Pairs>,
+    /// Distance of the rings' centre from the axis, in mm
+    #[arg(long, value_name = "MM", default_value_t = 0.05, requires = "encoder")]
+    pub eccentricity: f64,
     /// How time passes
     #[arg(long, value_enum, default_value_t = Pace::Real)]
     pub speed: Pace,
@@ -77,7 +85,9 @@ pub fn main(options: &Options) -> Result<()> {
         Some(path) => Flash::in_file(path)?,
         None => Flash::blank(),
     };
-    let mut simulator = Simulator::new(options.seed, flash, planned)?;
+    let rings = options.encoder.map(|pairs| Rings::new(pairs, options.eccentricity, options.seed));
+    let plant = PlantParameters::imperfect(options.seed);
+    let mut simulator = Simulator::with_rings(defaults(), &plant, rings, options.seed, flash, planned)?;
     let (events, line) = channel();
     listen_to_keyboard(events.clone());
     let name = if options.pty { terminal(events)? } else { listen(&options.listen, events)? };

@@ -12,7 +12,7 @@ pub const VERSION: u16 = 0x0401;
 /// Bytes of a head's curve.
 const CURVE: usize = 4 + 2 * NODES;
 /// Bytes of all that does not depend on the heads: what is set, zero and mounting, averages, limits.
-const COMMON: usize = 12 + 4 + 4 + 4 + 128 + 6;
+const COMMON: usize = 12 + 4 + 4 + 128 + 6;
 /// Most bytes of the record: that of two heads a ring.
 pub const LONGEST: usize = COMMON + 4 * CURVE;
 

@@ -62,6 +62,11 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     fn attempt(&mut self, request: &Request<'_>) -> StepResult {
         let Request { id, client, unattended, ask } = *request;
+        if E::SETTINGS > 0
+            && let Some(number) = encoder_setting::<E>(ask)
+        {
+            return Ok(Step::Answer(self.encoder_setting(number)?));
+        }
         let answer = match ask {
             Ask::Hello => self.hello(),
             Ask::Status => Answer::Status(self.status()),
@@ -78,16 +83,10 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             Ask::Identification => Answer::Identification(self.identification),
             Ask::Cogging => Answer::Cogging(self.cogging),
             Ask::Setting(number) => {
-                let number = usize::from(number);
-                match TABLE.get(number) {
-                    Some(entry) => Answer::Setting(self.setting(entry)?),
-                    None => self.encoder_setting((number - TABLE.len()) as u16)?,
-                }
+                let entry = TABLE.get(usize::from(number)).ok_or(UNKNOWN)?;
+                Answer::Setting(self.setting(entry)?)
             }
-            Ask::Get(name) => match (find(name), E::find(name)) {
-                (None, Some(number)) => self.encoder_setting(number)?,
-                (entry, _) => Answer::Setting(self.setting(entry.ok_or(UNKNOWN)?)?),
-            },
+            Ask::Get(name) => Answer::Setting(self.setting(find(name).ok_or(UNKNOWN)?)?),
             #[cfg(feature = "encoder")]
             Ask::Encoder(EncoderAsk::Status) => self.ask_encoder(EncoderAsk::Status)?,
             Ask::Telemetry(hz) => {
@@ -123,6 +122,14 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     /// Requests that are refused while a procedure runs.
     fn attempt_when_idle(&mut self, ask: Ask<'_>) -> StepResult {
+        if E::SETTINGS > 0
+            && let Ask::Set { name, value } = ask
+            && let Some(number) = E::find(name)
+        {
+            let mode = self.mode();
+            self.encoder.set(number, value, mode)?;
+            return Ok(Step::Answer(self.encoder_setting(number)?));
+        }
         match ask {
             Ask::Arm | Ask::Calibrate | Ask::Identify | Ask::LearnCogging if self.unconfirmed => {
                 Err(Refusal::Unconfirmed(self.stored[Record::Settings as usize]))
@@ -179,14 +186,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             }
             Ask::AntiCogging(true) if !self.has_table() => Err(Refusal::NoTable),
             Ask::AntiCogging(on) => self.change("anti_cogging", u8::from(on).into()),
-            Ask::Set { name, value } => match E::find(name) {
-                Some(number) => {
-                    let mode = self.mode();
-                    self.encoder.set(number, value, mode)?;
-                    Ok(Step::Answer(self.encoder_setting(number)?))
-                }
-                None => self.change(name, value),
-            },
+            Ask::Set { name, value } => self.change(name, value),
             #[cfg(feature = "encoder")]
             Ask::Encoder(EncoderAsk::Calibrate { by_hand: false }) if self.unconfirmed => {
                 Err(Refusal::Unconfirmed(self.stored[Record::Settings as usize]))
@@ -335,6 +335,15 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         if let Awaited::Reply(_) = awaited {
             self.abandon_reply();
         }
+    }
+}
+
+/// The number of the encoder's setting that is asked for.
+fn encoder_setting<E: Encoder>(ask: Ask<'_>) -> Option<u16> {
+    match ask {
+        Ask::Setting(number) => number.checked_sub(TABLE.len() as u16),
+        Ask::Get(name) => E::find(name),
+        _ => None,
     }
 }
 

@@ -90,10 +90,11 @@ impl Sensors {
     }
 }
 
-fn problem<E>(error: Error<E>) -> Problem {
+#[inline(always)]
+const fn problem<E>(error: &Error<E>) -> Problem {
     match error {
         Error::Blank => Problem::Blank,
-        Error::Version { found } => Problem::Version(found),
+        Error::Version { found } => Problem::Version(*found),
         Error::Corrupt | Error::TooLong | Error::NotKept => Problem::Corrupt,
         Error::Place | Error::Flash(_) => Problem::Flash,
     }
@@ -121,7 +122,7 @@ impl<F: NorFlash> Storage<F> {
     }
 
     fn load<'a>(&mut self, kind: Record, buffer: &'a mut Buffer) -> Result<&'a [u8], Problem> {
-        let length = self.store(kind)?.load(buffer).map_err(problem)?;
+        let length = self.store(kind)?.load(buffer).map_err(|error| problem(&error))?;
         buffer.get(..length).ok_or(Problem::Corrupt)
     }
 
@@ -137,7 +138,7 @@ impl<F: NorFlash> Storage<F> {
 
     /// What the flash holds of the encoder.
     pub fn load_encoder<'a>(&mut self, place: &'a mut [u8; ENCODER]) -> Result<&'a [u8], Problem> {
-        let length = self.encoder()?.load(place).map_err(problem)?;
+        let length = self.encoder()?.load(place).map_err(|error| problem(&error))?;
         place.get(..length).ok_or(Problem::Corrupt)
     }
 

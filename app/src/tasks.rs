@@ -126,6 +126,9 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// The encoder's share of a tick. The bounds of the position move with its zero.
     #[inline(always)]
     fn attend_to_encoder(&mut self) {
+        if E::SETTINGS == 0 {
+            return;
+        }
         let mode = self.mode();
         let activity = self.encoder.activity().0;
         if self.encoder.tick(self.service, &self.settings, mode, self.now_ms) {

@@ -17,8 +17,8 @@ use hallservo::drive::Drive;
 use hallservo::mode::Mode;
 use hallservo::settings::{Ceiling, Control, GuardSettings, OnTimeout, Settings};
 use hallservo_app::{Housekeeping, Identity, Listener, Stop};
+use plant::heads::Encoder as Rings;
 use plant::{Plant, PlantParameters, Truth};
-use rings::Rings;
 use std::collections::VecDeque;
 
 /// What it says it is.

@@ -3,7 +3,6 @@
 mod tool;
 
 use hallctl::simulate::flash::Flash;
-use hallctl::simulate::rings::{Defect, Pairs, Rings};
 use hallctl::simulate::{Simulator, defaults};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
@@ -13,19 +12,20 @@ use hallservo_protocol::{
     Activity, Answer, Ask, EncoderAsk, EncoderCalibration, EncoderRefusal, EncoderStatus, Problem, Refusal,
 };
 use plant::PlantParameters;
+use plant::heads::{Defect, Encoder};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
 use tool::{ask, done, run, status, wait};
 
-const PAIRS: Pairs = Pairs([37, 45]);
+const PAIRS: [usize; 2] = [37, 45];
 /// Of the rings, mm.
 const ECCENTRICITY_MM: f64 = 0.05;
 
 /// A drive with rings, its shaft at an angle.
 fn powered_up(flash: Flash, shaft_rad: f64, seed: u64) -> Simulator {
-    let rings = Rings::new(PAIRS, ECCENTRICITY_MM, 1);
+    let rings = Encoder::new(PAIRS, ECCENTRICITY_MM, 1);
     let plant = PlantParameters::imperfect(1);
     let mut drive = Simulator::with_rings(defaults(), &plant, Some(rings), seed, flash, Vec::new()).unwrap();
     drive.plant.place(shaft_rad, 0.0).unwrap();

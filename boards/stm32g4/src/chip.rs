@@ -5,6 +5,7 @@ mod clock;
 mod control;
 mod converters;
 mod enable;
+mod encoder;
 mod last;
 mod line;
 mod storage;
@@ -25,9 +26,9 @@ use embassy_stm32::pac::{DBGMCU, Interrupt, RCC};
 use embassy_stm32::usart::{self, BufferedUart, BufferedUartRx, BufferedUartTx};
 use embassy_stm32::{Peri, Peripherals, peripherals};
 use hallservo::board::Sample;
-use hallservo::drive::Drive;
 use hallservo::settings::Settings;
 use hallservo_app::{Housekeeping, Identity, Memory, Stop, Supervisor, embassy};
+use encoder::{OnShaft, OwnDrive};
 use line::Received;
 use static_cell::{ConstStaticCell, StaticCell};
 use storage::Storage;
@@ -50,7 +51,14 @@ pub trait Board: Send + 'static {
 
     /// The results of the sequences that have just ended. In the control interrupt.
     fn sample(&mut self) -> Sample;
+
+    /// What the heads of the encoder show, at the same instant.
+    #[cfg(feature = "encoder")]
+    fn heads(&mut self) -> hallservo::vernier::encoder::Reading<{ encoder::HEADS }>;
 }
+
+/// The tasks.
+type Tasks = Supervisor<Storage, OnShaft>;
 
 /// Baud rate of the serial line.
 const BAUD: u32 = 460_800;
@@ -115,7 +123,7 @@ fn prepare<B: Board>(
     bridge: Bridge,
     control: &'static Control<B>,
     flash: Peri<'static, peripherals::FLASH>,
-) -> &'static mut Supervisor<Storage> {
+) -> &'static mut Tasks {
     greet::<B>();
     converters::start(B::GROUPS, B::CONVERTERS);
     watchdog::start();
@@ -131,9 +139,9 @@ fn begin(
     identity: Identity,
     defaults: Settings,
     flash: Storage,
-) -> (&'static mut Drive, &'static mut Supervisor<Storage>) {
-    static MEMORY: ConstStaticCell<Memory<Storage>> = ConstStaticCell::new(Memory::new());
-    match Supervisor::start(identity, defaults, flash, place(), MEMORY.take()) {
+) -> (&'static mut OwnDrive, &'static mut Tasks) {
+    static MEMORY: ConstStaticCell<Memory<Storage, OnShaft>> = ConstStaticCell::new(Memory::with_encoder());
+    match Supervisor::start_with_encoder(identity, defaults, flash, place(), MEMORY.take()) {
         Ok(started) => started,
         Err(_) => panic!("the board's default settings are invalid"),
     }
@@ -142,7 +150,7 @@ fn begin(
 /// All that is not the control interrupt. Here, and not generic, so that it is compiled for size.
 #[embassy_executor::task]
 async fn tasks(
-    supervisor: &'static mut Supervisor<Storage>,
+    supervisor: &'static mut Tasks,
     tx: &'static mut BufferedUartTx<'static>,
     rx: &'static mut BufferedUartRx<'static>,
 ) -> ! {

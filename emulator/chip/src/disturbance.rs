@@ -23,6 +23,9 @@ pub enum Disturbance {
     PowerCut(u64),
     /// Power goes and comes back at once.
     PowerCycle,
+    /// Something breaks of the encoder; `None`: it is as good as before.
+    #[serde(skip)]
+    Encoder(Option<plant::heads::Defect>),
 }
 
 /// How a Hall's wire is.

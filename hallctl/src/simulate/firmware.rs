@@ -1,7 +1,7 @@
 //! What a simulated drive runs: the application of every board, with the Halls alone or with an encoder.
 
 use super::flash::Flash;
-use super::rings::Rings;
+use super::rings;
 use anyhow::{Context as _, Result};
 use hallservo::board::{Interlock, Output, Sample};
 use hallservo::drive::Drive;
@@ -10,9 +10,7 @@ use hallservo::settings::Settings;
 use hallservo::vernier::encoder;
 use hallservo_app::encoder::{Encoder, NoEncoder, Vernier};
 use hallservo_app::{Identity, Memory, Readings, Supervisor};
-
-/// Heads over each ring.
-pub const HEADS: usize = 2;
+use plant::heads::{Encoder as Rings, HEADS};
 
 /// A drive in its control interrupt and in its tasks.
 pub(super) trait Firmware {
@@ -93,7 +91,7 @@ struct WithRings {
 
 impl Firmware for WithRings {
     fn step(&mut self, sample: &Sample, interlock: Option<Interlock>, shaft_rad: f64) -> Output {
-        let reading = self.rings.read(shaft_rad);
+        let reading = rings::read(&mut self.rings, shaft_rad);
         match interlock {
             None => self.drive.step(sample, reading),
             Some(interlock) => self.drive.step_off(sample, interlock, reading),

@@ -2,11 +2,12 @@
 
 use super::fault::{Kind, ScheduledEvent};
 use super::flash::Flash;
-use super::rings::{Pairs, Rings};
+use super::rings::Pairs;
 use super::{Simulator, defaults};
 use anyhow::{Context, Result};
 use hallservo_protocol::{Answer, Decoder, Reply, Request};
 use plant::PlantParameters;
+use plant::heads::Encoder;
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
 use std::fs::{File, OpenOptions};
@@ -85,7 +86,7 @@ pub fn main(options: &Options) -> Result<()> {
         Some(path) => Flash::in_file(path)?,
         None => Flash::blank(),
     };
-    let rings = options.encoder.map(|pairs| Rings::new(pairs, options.eccentricity, options.seed));
+    let rings = options.encoder.map(|pairs| Encoder::new(pairs.0, options.eccentricity, options.seed));
     let plant = PlantParameters::imperfect(options.seed);
     let mut simulator = Simulator::with_rings(defaults(), &plant, rings, options.seed, flash, planned)?;
     let (events, line) = channel();

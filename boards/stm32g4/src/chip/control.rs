@@ -2,6 +2,7 @@
 
 use crate::Adc;
 use crate::chip::bridge::Bridge;
+use crate::chip::encoder::{OwnDrive, period};
 use crate::chip::{Board, STOP, converters, enable, watchdog};
 use crate::wiring::EnableInput;
 use core::cell::UnsafeCell;
@@ -10,7 +11,6 @@ use cortex_m::peripheral::{DWT, NVIC};
 use embassy_stm32::pac::Interrupt;
 use hallservo::board::Interlock;
 use hallservo::board::timing::PeriodCounter;
-use hallservo::drive::Drive;
 use hallservo_app::Housekeeping;
 
 /// What the control interrupt of a board owns: a static of the board, filled by [`run`](crate::run).
@@ -21,7 +21,7 @@ unsafe impl<B: Send> Sync for Control<B> {}
 
 struct Owned<B> {
     board: B,
-    drive: &'static mut Drive,
+    drive: &'static mut OwnDrive,
     bridge: Bridge,
     periods: PeriodCounter,
     housekeeping: &'static Housekeeping,
@@ -37,7 +37,7 @@ impl<B: Board> Control<B> {
     pub(crate) fn start(
         &'static self,
         board: B,
-        drive: &'static mut Drive,
+        drive: &'static mut OwnDrive,
         bridge: Bridge,
         housekeeping: &'static Housekeeping,
     ) {
@@ -69,10 +69,8 @@ impl<B: Board> Control<B> {
             Adc::show_tripped(&mut sample);
         }
         owned.housekeeping.update(&sample);
-        let output = match interlock(const { B::BRIDGE.enable }) {
-            None => owned.drive.step(&sample),
-            Some(interlock) => owned.drive.step_off(&sample, interlock),
-        };
+        let interlock = interlock(const { B::BRIDGE.enable });
+        let output = period(&mut owned.board, owned.drive, &sample, interlock);
         owned.bridge.apply(&output);
     }
 }

@@ -128,7 +128,10 @@ mod tests {
             let apart = |one: u16, other: u16| (i32::from(one) - i32::from(other) + 2048).rem_euclid(4096) - 2048;
             [0, 1].map(|ring: usize| {
                 [0, 1].map(|head: usize| {
-                    good.iter().zip(&bad).filter(|(one, other)| apart(one[ring][head], other[ring][head]).abs() > 4).count()
+                    good.iter()
+                        .zip(&bad)
+                        .filter(|(one, other)| apart(one[ring][head], other[ring][head]).abs() > 4)
+                        .count()
                 })
             })
         };

@@ -10,8 +10,7 @@ use stm32g4::registers::adc::{Rank, Sequence};
 /// As without heads, and the temperature: Hall 3, U, W, temperature.
 pub const FIRST_WITH: Sequence = Sequence(&[FIRST.0[0], FIRST.0[1], FIRST.0[2], SECOND.0[2]]);
 /// Bus, V, the first head of ring 1 at PC4 and of ring 2 at PC5.
-pub const SECOND_WITH: Sequence =
-    Sequence(&[SECOND.0[0], SECOND.0[1], Rank::new(5, SHORT), Rank::new(11, SHORT)]);
+pub const SECOND_WITH: Sequence = Sequence(&[SECOND.0[0], SECOND.0[1], Rank::new(5, SHORT), Rank::new(11, SHORT)]);
 /// Twice nothing of use; the second head of ring 1 at PC3 by OPAMP5, and of ring 2 at PB11 by OPAMP4.
 pub const FIFTH: Sequence =
     Sequence(&[Rank::new(3, BUS), Rank::new(5, SHORT), Rank::new(3, SHORT), Rank::new(5, SHORT)]);

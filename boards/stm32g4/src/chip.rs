@@ -25,10 +25,10 @@ use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{DBGMCU, Interrupt, RCC};
 use embassy_stm32::usart::{self, BufferedUart, BufferedUartRx, BufferedUartTx};
 use embassy_stm32::{Peri, Peripherals, peripherals};
+use encoder::{OnShaft, OwnDrive};
 use hallservo::board::Sample;
 use hallservo::settings::Settings;
 use hallservo_app::{Housekeeping, Identity, Memory, Stop, Supervisor, embassy};
-use encoder::{OnShaft, OwnDrive};
 use line::Received;
 use static_cell::{ConstStaticCell, StaticCell};
 use storage::Storage;
@@ -135,11 +135,7 @@ fn prepare<B: Board>(
 
 /// What is large goes to its place and leaves the stack.
 #[inline(never)]
-fn begin(
-    identity: Identity,
-    defaults: Settings,
-    flash: Storage,
-) -> (&'static mut OwnDrive, &'static mut Tasks) {
+fn begin(identity: Identity, defaults: Settings, flash: Storage) -> (&'static mut OwnDrive, &'static mut Tasks) {
     static MEMORY: ConstStaticCell<Memory<Storage, OnShaft>> = ConstStaticCell::new(Memory::with_encoder());
     match Supervisor::start_with_encoder(identity, defaults, flash, place(), MEMORY.take()) {
         Ok(started) => started,

@@ -124,6 +124,14 @@ impl Motor {
         }
     }
 
+    /// A brake holds the shaft at an angle, or lets it go.
+    pub fn hold(&mut self, angle_rad: Option<f64>) -> Result<(), Error> {
+        if let Some(angle_rad) = angle_rad {
+            self.plant.place(angle_rad, 0.0)?;
+        }
+        self.plant.set_dyno(angle_rad.map(|_| 0.0))
+    }
+
     /// Breaks or mends a wire.
     pub fn set_hall_fault(&mut self, wire: usize, fault: HallFault) {
         self.stuck_v[wire] = self.hall_v(wire);

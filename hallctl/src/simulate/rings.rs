@@ -14,7 +14,8 @@ impl FromStr for Pairs {
 
     fn from_str(text: &str) -> Result<Self> {
         let Some((reference, vernier)) = text.split_once('/') else { bail!("two rings are like 37/45, not {text:?}") };
-        let pairs = |text: &str| text.trim().parse().map_err(|_| anyhow!("a ring has 1 to 64 pole pairs, not {text:?}"));
+        let pairs =
+            |text: &str| text.trim().parse().map_err(|_| anyhow!("a ring has 1 to 64 pole pairs, not {text:?}"));
         let pairs = [pairs(reference)?, pairs(vernier)?];
         ensure!(pairs.iter().all(|pairs| (1..=64).contains(pairs)), "a ring has 1 to 64 pole pairs");
         Ok(Self(pairs))

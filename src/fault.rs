@@ -45,7 +45,7 @@ macro_rules! faults {
             pub const fn advice(self) -> &'static str {
                 match self {
                     Self::Hall(_) => {
-                        "check that Hall's supply, wire and distance to the magnet; after a repair, `hallctl calibrate`"
+                        "check that Hall's supply, wire and distance to the magnet"
                     }
                     $(Self::$variant => $advice,)*
                 }
@@ -75,7 +75,7 @@ faults! {
     /// The calibration failed; the service that ran it knows why.
     Calibration = 18,
         "the calibration failed",
-        "`hallctl calibrate` again and mend what it names";
+        "mend what the calibration named";
     /// The bus voltage is above `over_voltage_v`.
     OverVoltage = 19,
         "the bus voltage is too high",
@@ -87,8 +87,7 @@ faults! {
     /// A phase current is beyond `over_current_a`.
     OverCurrent = 21,
         "a phase current is too large",
-        "check for a short; a wrong resistance_ohm or inductance_h makes the current control overshoot: \
-         `hallctl identify`";
+        "check for a short; a wrong resistance_ohm or inductance_h makes the current control overshoot";
     /// The bridge is hotter than its `max_c`, or its thermistor shorted.
     BridgeHot = 22,
         "the bridge is too hot, or its thermistor shorted",
@@ -121,7 +120,7 @@ faults! {
     /// together.
     Commutation = 29,
         "the rotor turned against the motor's torque: wires, Halls and calibration do not belong together",
-        "if motor or Halls were rewired or exchanged, `hallctl calibrate`; otherwise the load is stronger than the motor";
+        "see whether motor or Halls were rewired or exchanged; otherwise the load is stronger than the motor";
     /// The rotor did not follow the commanded position or speed.
     FollowingError = 30,
         "the rotor did not follow the command",
@@ -173,7 +172,7 @@ faults! {
     /// Currents and voltages contradict the motor's resistance, inductance and flux linkage.
     CurrentModel = 42,
         "currents and voltages do not fit the motor: an open phase, a blind amplifier, or wrong settings",
-        "check the motor's wires and the shunts; if the motor is new, `hallctl identify`";
+        "check the motor's wires and the shunts";
     /// The thermal model of the winding is beyond its limit.
     WindingHot = 43,
         "the winding is too hot by the current that has flowed",
@@ -197,7 +196,7 @@ faults! {
     /// The enable input is off.
     Disabled = 48,
         "the enable input is off",
-        "close the enable contact; after that `hallctl clear`";
+        "close the enable contact";
 }
 
 const fn hall_code(why: Implausible) -> u8 {
@@ -222,6 +221,18 @@ const fn hall_from_code(code: u8) -> Option<Implausible> {
 }
 
 impl Fault {
+    /// What is to be done about some of them when they are cleared: a drive with a fault refuses it.
+    pub const fn after_clearing(self) -> Option<&'static str> {
+        Some(match self {
+            Self::Hall(_) => "after a repair, `hallctl calibrate`",
+            Self::Calibration => "`hallctl calibrate` again",
+            Self::OverCurrent => "if the motor is another one, `hallctl identify`",
+            Self::Commutation => "after a change, `hallctl calibrate`",
+            Self::CurrentModel => "if the motor is new, `hallctl identify`",
+            _ => return None,
+        })
+    }
+
     /// All of them, in the order of their numbers.
     pub fn all() -> impl Iterator<Item = Self> {
         (0..=u8::MAX).filter_map(Self::from_code)

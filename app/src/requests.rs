@@ -91,7 +91,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             Ask::Encoder(EncoderAsk::Status) => self.ask_encoder(EncoderAsk::Status)?,
             Ask::Telemetry(hz) => {
                 if !(0.0..=FASTEST).contains(&hz) {
-                    return Err(Refusal::Demand(BadDemand { value: hz.into(), most: FASTEST.into() }));
+                    return Err(Refusal::Demand(BadDemand { value: hz, most: FASTEST }));
                 }
                 self.stream(id, hz);
                 Answer::Done
@@ -349,9 +349,5 @@ fn encoder_setting<E: Encoder>(ask: Ask<'_>) -> Option<u16> {
 
 /// `value` if it is a number of at most this magnitude.
 fn at_most(value: f32, most: f32) -> Result<f32, Refusal<'static>> {
-    if value.abs() <= most {
-        Ok(value)
-    } else {
-        Err(Refusal::Demand(BadDemand { value: value.into(), most: most.into() }))
-    }
+    if value.abs() <= most { Ok(value) } else { Err(Refusal::Demand(BadDemand { value, most })) }
 }

@@ -105,13 +105,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         }
         self.ticks_since_command = self.ticks_since_command.saturating_add(1);
         let torque_nm = self.take_measurements();
-        while let Some(event) = self.service.poll() {
-            if let Some(procedure) = self.procedure {
-                procedure.event(&event);
-            }
-            self.encoder.event(&event);
-            self.handle(event, torque_nm);
-        }
+        while self.next_event(torque_nm) {}
         self.end_abandoned();
         self.window = self.service.window().or(self.window);
         self.proceed();
@@ -121,6 +115,18 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         self.end_calibration();
         self.save();
         self.come_to_rest();
+    }
+
+    /// Takes the service's next event; false where there is none.
+    #[inline(never)]
+    fn next_event(&mut self, torque_nm: f32) -> bool {
+        let Some(event) = self.service.poll() else { return false };
+        if let Some(procedure) = self.procedure {
+            procedure.event(&event);
+        }
+        self.encoder.event(&event);
+        self.handle(&event, torque_nm);
+        true
     }
 
     /// The encoder's share of a tick. The bounds of the position move with its zero.
@@ -158,14 +164,14 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     }
 
     #[inline(never)]
-    fn handle(&mut self, event: Event, torque_nm: f32) {
+    fn handle(&mut self, event: &Event, torque_nm: f32) {
         match event {
-            Event::Reply(reply) => self.on_reply(reply),
+            Event::Reply(reply) => self.on_reply(*reply),
             // A faulted drive refuses a model, and gets it when the fault is cleared.
             Event::Installed(Err(Refusal::Mode(Mode::Faulted(_)))) => self.install_due = self.sensors.is_some(),
             // One that was made for other settings is followed by another.
             Event::Installed(_) => {}
-            Event::Record(record) => self.on_record(record, torque_nm),
+            Event::Record(record) => self.on_record(*record, torque_nm),
             Event::Calibrated(calibrate) => {
                 log!(info, "calibrated, residual {} %", calibrate.report.residual_pct);
                 self.calibration = Calibration::Done(calibrate.report);
@@ -177,7 +183,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             }
             Event::Refused(error) => {
                 log!(warn, "the calibration failed");
-                self.calibration = Calibration::Failed(error);
+                self.calibration = Calibration::Failed(*error);
             }
         }
     }

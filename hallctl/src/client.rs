@@ -1,11 +1,12 @@
 //! A conversation with a drive: one request, one answer; telemetry in between.
 
 use crate::error::{Error, Result};
-use crate::link::{self, Stream};
+use crate::interrupt;
+use crate::link::{self, Line};
 use crate::words;
 use anyhow::Context;
 use hallservo_protocol::{
-    Answer, Ask, Decoder, Error as Frame, FRAME, Reply, Request, Setting, Status, Telemetry, encode,
+    Answer, Ask, Decoder, Error as Frame, FRAME, Incident, Reply, Request, Setting, Status, Telemetry, encode,
 };
 use std::collections::VecDeque;
 use std::hash::{BuildHasher, Hasher, RandomState};
@@ -49,7 +50,7 @@ pub struct Identity {
 
 /// A drive at the other end of a line.
 pub struct Client {
-    stream: Box<dyn Stream>,
+    line: Line,
     port: String,
     patience: Duration,
     decoder: Decoder,
@@ -59,7 +60,11 @@ pub struct Client {
     unattended: bool,
     /// Whether it may control the drive.
     controls: bool,
+    /// Whether a signal ends a wait.
+    interruptible: bool,
     id: u16,
+    /// The request of the telemetry that is wanted.
+    stream: u16,
     identity: Identity,
     telemetry: VecDeque<Telemetry>,
     garbage: bool,
@@ -71,10 +76,18 @@ impl Client {
     /// # Errors
     /// No port, no answer, or another version of the protocol.
     pub fn connect(port: &str, patience: Duration) -> Result<Self> {
-        let stream = link::open(port).map_err(|source| Error::Port { port: port.into(), source })?;
+        let line = link::open(port).map_err(|source| Error::Port { port: port.into(), source })?;
+        Self::over(line, port, patience)
+    }
+
+    /// The same over a line that is open already.
+    ///
+    /// # Errors
+    /// No answer, or another version of the protocol.
+    pub fn over(line: Line, port: &str, patience: Duration) -> Result<Self> {
         let identity = Identity { board: String::new(), firmware: String::new(), settings: 0, step_hz: 1.0 };
         let mut client = Self {
-            stream,
+            line,
             port: port.into(),
             patience,
             decoder: Decoder::new(),
@@ -82,6 +95,8 @@ impl Client {
             number: (RandomState::new().build_hasher().finish() as u32).max(1),
             unattended: false,
             controls: false,
+            interruptible: true,
+            stream: 0,
             // Another tool's answers may still be on their way; they have other numbers, as far as chance allows.
             id: std::process::id() as u16,
             identity,
@@ -100,6 +115,24 @@ impl Client {
         // Another tool may have left without a word.
         client.order(Ask::Telemetry(0.0))?;
         Ok(client)
+    }
+
+    /// Whether it has asked for anything that only the tool that controls may.
+    pub const fn controls(&self) -> bool {
+        self.controls
+    }
+
+    /// After a signal: what is asked from now on is answered, though it has come.
+    pub const fn carry_on(&mut self) {
+        self.interruptible = false;
+    }
+
+    /// That a signal has come is an error, once.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub fn check(&self) -> Result<()> {
+        if self.interruptible && interrupt::came() { Err(Error::Interrupted) } else { Ok(()) }
     }
 
     /// What is begun from now on goes on though this tool ends.
@@ -128,11 +161,15 @@ impl Client {
         let request = Request { id: self.id, client: self.number, unattended: self.unattended, ask };
         let length = encode(&request, &mut frame).context("the request is too long")?;
         self.controls |= ask.controls();
+        if matches!(ask, Ask::Telemetry(hz) if hz > 0.0) {
+            self.stream = self.id;
+        }
         let (asked, mut attempts, mut byte) = (Instant::now(), 0, [0]);
         while asked.elapsed() < self.patience {
+            self.check()?;
             if attempts == 0 || may_repeat(&ask) && asked.elapsed() > self.patience * attempts / ATTEMPTS {
-                self.stream.write_all(&frame[..length]).context("the connection broke")?;
-                self.stream.flush().context("the connection broke")?;
+                self.line.writer.write_all(&frame[..length]).context("the connection broke")?;
+                self.line.writer.flush().context("the connection broke")?;
                 attempts += 1;
             }
             if !self.read(&mut byte)? {
@@ -140,7 +177,7 @@ impl Client {
             }
             match self.decoder.push::<Reply<'_>>(byte[0]) {
                 None => {}
-                Some(Ok(Reply { answer: Answer::Telemetry(telemetry), .. })) => self.telemetry.push_back(telemetry),
+                Some(Ok(Reply { id, answer: Answer::Telemetry(telemetry) })) => self.keep(id, telemetry),
                 Some(Ok(Reply { id, answer })) if id == self.id => {
                     return match answer {
                         Answer::Refused(refusal) => Err(Error::Refused(words::refusal(&refusal))),
@@ -157,7 +194,7 @@ impl Client {
 
     /// One byte, if one came before the time was up.
     fn read(&mut self, byte: &mut [u8; 1]) -> Result<bool> {
-        match self.stream.read(byte) {
+        match self.line.reader.read(byte) {
             Ok(0) => Err(Error::Other(anyhow::anyhow!("the connection to {} was closed", self.port))),
             Ok(_) => Ok(true),
             Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => Ok(false),
@@ -175,6 +212,14 @@ impl Client {
             Answer::Done => Ok(()),
             other => unexpected(&other),
         })
+    }
+
+    /// Ends the telemetry; frames that came before the answer are kept.
+    ///
+    /// # Errors
+    /// As [`Self::ask`].
+    pub fn end_telemetry(&mut self) -> Result<()> {
+        self.order(Ask::Telemetry(0.0))
     }
 
     /// Gives up the control, if it was ever asked for, so that the next tool does not have to wait.
@@ -196,6 +241,24 @@ impl Client {
         })
     }
 
+    /// What went wrong since power-up: how often in all, and the latest that are kept, the last first.
+    ///
+    /// # Errors
+    /// As [`Self::ask`].
+    pub fn incidents(&mut self) -> Result<(u32, Vec<Incident>)> {
+        let (mut total, mut incidents) = (0, Vec::new());
+        for number in 0..self.status()?.incidents {
+            let history = self.ask(Ask::History(number), |answer| match answer {
+                Answer::History(history) => Ok(history),
+                other => unexpected(&other),
+            })?;
+            total = history.total;
+            let Some(incident) = history.entry else { break };
+            incidents.push(incident);
+        }
+        Ok((total, incidents))
+    }
+
     /// Asks for a setting, and hands it to `understand`.
     ///
     /// # Errors
@@ -214,11 +277,19 @@ impl Client {
     /// # Errors
     /// The connection broke.
     pub fn rest(&mut self, before: &mut (Instant, u64), status: &Status) -> Result<()> {
+        self.pause(before, status, EVERY)
+    }
+
+    /// The same for another time on the wall at most.
+    ///
+    /// # Errors
+    /// The connection broke.
+    pub fn pause(&mut self, before: &mut (Instant, u64), status: &Status, most: Duration) -> Result<()> {
         let (wall, drive_ms) = *before;
         let passed = Duration::from_millis(status.uptime_ms.saturating_sub(drive_ms));
         if passed < 2 * wall.elapsed() || passed.is_zero() {
             self.listen(
-                Duration::try_from_secs_f32(status.command_timeout_s / 4.0).map_or(EVERY, |time| time.min(EVERY)),
+                Duration::try_from_secs_f32(status.command_timeout_s / 4.0).map_or(most, |time| time.min(most)),
             )?;
         }
         *before = (Instant::now(), status.uptime_ms);
@@ -228,13 +299,21 @@ impl Client {
     fn listen(&mut self, time: Duration) -> Result<()> {
         let (began, mut byte) = (Instant::now(), [0]);
         while began.elapsed() < time {
+            self.check()?;
             if self.read(&mut byte)?
-                && let Some(Ok(Reply { answer: Answer::Telemetry(telemetry), .. })) = self.decoder.push(byte[0])
+                && let Some(Ok(Reply { id, answer: Answer::Telemetry(telemetry) })) = self.decoder.push(byte[0])
             {
-                self.telemetry.push_back(telemetry);
+                self.keep(id, telemetry);
             }
         }
         Ok(())
+    }
+
+    /// Keeps a frame, unless it was asked for before the last request for telemetry.
+    fn keep(&mut self, id: u16, telemetry: Telemetry) {
+        if id == self.stream {
+            self.telemetry.push_back(telemetry);
+        }
     }
 
     /// Telemetry that came with the answers so far.

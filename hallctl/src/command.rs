@@ -1,60 +1,120 @@
 //! The command line.
 
 mod commission;
+mod config;
 mod encoder;
 mod faults;
+mod help;
+mod list;
 mod motion;
 mod pole_pairs;
 mod procedures;
+mod response;
+mod session;
 mod settings;
 mod status;
 mod telemetry;
+mod watch;
 
 use crate::client::Client;
 use crate::error::{Error, Result};
+use crate::interrupt;
+use crate::out::Out;
+use crate::say;
+#[cfg(unix)]
+use crate::share;
 use crate::simulate::serve;
+use crate::units::{self, PositionUnit, Quantity, SpeedUnit, Units};
 use clap::{Parser, Subcommand, ValueEnum};
+use config::Config;
 use hallservo::commutation::Commutation;
 use hallservo_protocol::Ask;
+use motion::Target;
+use serde_json::json;
 use std::path::PathBuf;
 use std::time::Duration;
 
 /// hallctl: talks to a hallservo drive
 #[derive(Debug, Parser)]
-#[command(version, about)]
+#[command(version, about, after_help = EXIT_CODES)]
 pub struct Arguments {
-    /// Port of the drive: a serial port, a pseudo-terminal, or tcp:HOST:PORT
-    #[arg(long, short, global = true, default_value = "/dev/ttyACM0", env = "HALLCTL_PORT")]
-    pub port: String,
-    /// Longest wait for an answer, in seconds on the wall: more for a virtual board on a slow machine
-    #[arg(long, global = true, default_value_t = 3, env = "HALLCTL_PATIENCE", value_name = "SECONDS")]
-    patience: u64,
+    /// Port of the drive: a serial port, a pseudo-terminal, or tcp:HOST:PORT [default: /dev/ttyACM0]
+    #[arg(long, short, global = true, env = "HALLCTL_PORT")]
+    port: Option<String>,
+    /// Longest wait for an answer, in seconds on the wall: more for a virtual board on a slow machine [default: 3]
+    #[arg(long, global = true, env = "HALLCTL_PATIENCE", value_name = "SECONDS")]
+    patience: Option<u64>,
+    /// Results as JSON, a value a line, in the units of the settings; a command that fails prints {"error": …}
+    #[arg(long, global = true)]
+    pub json: bool,
+    /// Unit of speeds that are shown, and of those given without one [default: rad/s]
+    #[arg(long, global = true, value_enum)]
+    speed_unit: Option<SpeedUnit>,
+    /// Unit of positions that are shown, and of those given without one [default: turns]
+    #[arg(long, global = true, value_enum)]
+    position_unit: Option<PositionUnit>,
+    /// Without a process that shares the port: no other tool at the same time, none that stops the motor
+    #[arg(long, global = true, hide = true)]
+    alone: bool,
     #[command(subcommand)]
     command: Command,
 }
+
+const EXIT_CODES: &str = "\
+Exit codes: 0 done; 1 files and the like; 2 wrong command line; 3 no port; 4 no answer; 5 another version of the
+protocol; 6 refused; 7 begun, and came to nothing; 130 ended by Ctrl-C or a signal, the motor stopped and the bridge
+off if this tool controlled it.
+
+Defaults for --port, --patience, --speed-unit and --position-unit may be in a file, config.toml, in the folder that
+`hallctl config` names: port = \"/dev/ttyACM1\", speed_unit = \"rpm\".";
 
 #[derive(Debug, Subcommand)]
 enum Command {
     /// Who is there, and how it is
     Status,
+    /// Stop: bridge off; ends whatever goes on. From any terminal, at any time
+    #[command(visible_alias = "disarm")]
+    Stop,
     /// Bridge on, command zero
     Arm,
-    /// Bridge off; ends whatever goes on
-    Disarm,
     /// Take note of a fault
     Clear,
-    /// Voltage as a fraction of the largest, −1 to 1
+    /// Voltage as a fraction of the largest, −1 to 1, or 50%
     #[command(allow_negative_numbers = true)]
-    Voltage(motion::Options<f32>),
-    /// Torque, N·m
+    Voltage {
+        /// The voltage
+        #[arg(value_parser = units::fraction)]
+        value: Quantity,
+        #[command(flatten)]
+        options: motion::Options,
+    },
+    /// Torque, N·m, or 50mNm
     #[command(allow_negative_numbers = true)]
-    Torque(motion::Options<f32>),
-    /// Speed, rad/s
+    Torque {
+        /// The torque
+        #[arg(value_parser = units::torque)]
+        value: Quantity,
+        #[command(flatten)]
+        options: motion::Options,
+    },
+    /// Speed: 100, 100rad/s, 1000rpm, 10turns/s, 360deg/s
     #[command(allow_negative_numbers = true)]
-    Speed(motion::Options<f32>),
-    /// Position, turns
+    Speed {
+        /// The speed
+        #[arg(value_parser = units::speed)]
+        value: Quantity,
+        #[command(flatten)]
+        options: motion::Options,
+    },
+    /// Position: 2.5, 2.5turns, 90deg, 3.1rad
     #[command(allow_negative_numbers = true)]
-    Position(motion::Options<f64>),
+    Position {
+        /// The position
+        #[arg(value_parser = units::position)]
+        value: Quantity,
+        #[command(flatten)]
+        options: motion::Options,
+    },
     /// How the phases are driven, until the power goes or `settings save`
     Commutation {
         /// The commutation
@@ -67,11 +127,7 @@ enum Command {
     /// Turn to and fro and measure the motor
     Identify(procedures::Options),
     /// Count the pole pairs while you turn the shaft by hand; after `calibrate`, with the bridge off
-    PolePairs {
-        /// Turns of the shaft: one tells up to 14 pole pairs, five tell all
-        #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u8).range(1..))]
-        turns: u8,
-    },
+    PolePairs(pole_pairs::Options),
     /// What the magnets do to the teeth
     Cogging {
         /// Learn it by turning slowly, compensate it or not
@@ -85,12 +141,35 @@ enum Command {
     /// List, read, change and keep settings
     #[command(subcommand)]
     Settings(settings::Command),
-    /// Watch the drive
+    /// Watch the drive, until Ctrl-C or for a while
     Telemetry(telemetry::Options),
+    /// The drive, live: state, Halls with their swings for mounting, motion; `s` stops it
+    Watch,
+    /// How the motor follows a step of speed or position: rise, overshoot, settling
+    Step(response::StepOptions),
+    /// How it follows sines of speed or position: gain, phase, bandwidth, phase margin
+    Sine(response::SineOptions),
     /// What went wrong since power-up, and what to do
     Faults,
     /// Be a drive with a simulated motor
     Simulate(serve::Options),
+    /// Ports that may be boards
+    List,
+    /// Where the file with defaults is, and what it says
+    Config,
+    /// Completions for a shell, on the standard output
+    Completions {
+        /// The shell
+        shell: clap_complete::Shell,
+    },
+    /// Manual pages, into a folder
+    Man {
+        /// The folder
+        folder: PathBuf,
+    },
+    /// Own a port for many tools
+    #[command(hide = true)]
+    Share,
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]
@@ -118,51 +197,125 @@ enum Cogging {
 /// # Errors
 /// Each with its exit code.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    if let Command::Simulate(options) = &arguments.command {
-        return Ok(serve::main(options)?);
+    let config = Config::read()?;
+    let port = arguments.port.as_deref().or(config.port.as_deref()).unwrap_or(PORT);
+    let patience = arguments.patience.or(config.patience).unwrap_or(PATIENCE_S);
+    let units = Units {
+        speed: arguments.speed_unit.or(config.speed_unit).unwrap_or_default(),
+        position: arguments.position_unit.or(config.position_unit).unwrap_or_default(),
+    };
+    let out = Out { json: arguments.json, units };
+    match &arguments.command {
+        Command::Simulate(options) => return Ok(serve::main(options, out)?),
+        Command::List => return list::list(out),
+        Command::Config => return config.show(out),
+        Command::Completions { shell } => return help::completions(*shell),
+        Command::Man { folder } => return help::pages(folder),
+        #[cfg(unix)]
+        Command::Share => return Ok(share::main(port)?),
+        _ => {}
     }
-    let mut client = Client::connect(&arguments.port, Duration::from_secs(arguments.patience))?;
-    let result = obey(&mut client, &arguments.command);
-    // The next command is another process. What does not answer is left to its time-out.
-    if matches!(result, Ok(()) | Err(Error::Refused(_) | Error::Failed(_))) {
-        client.release()?;
+    // Whatever comes from here on, the motor is stopped before this process ends.
+    interrupt::catch()?;
+    let mut client = connect(port, Duration::from_secs(patience), arguments.alone)?;
+    let result = obey(&mut client, &arguments.command, out);
+    match result {
+        Err(Error::Interrupted) if client.controls() => {
+            client.carry_on();
+            client.order(Ask::Disarm)?;
+        }
+        // The next command is another process. What does not answer is left to its time-out.
+        Ok(()) | Err(Error::Refused(_) | Error::Failed(_)) => client.release()?,
+        _ => {}
     }
     result
 }
 
-fn obey(client: &mut Client, command: &Command) -> Result<()> {
-    match command {
-        Command::Simulate(_) => Ok(()),
-        Command::Status => status::show(client),
-        Command::Arm => client.order(Ask::Arm),
-        Command::Disarm => client.order(Ask::Disarm),
-        Command::Clear => client.order(Ask::Clear),
-        Command::Voltage(options) => {
-            motion::hold(client, options, Ask::Voltage(options.value), Some(Ask::Voltage(0.0)))
+/// The port where nobody says another.
+const PORT: &str = "/dev/ttyACM0";
+/// Longest wait for an answer, s.
+const PATIENCE_S: u64 = 3;
+
+/// By way of the process that owns the port, so that there may be other tools.
+#[cfg(unix)]
+fn connect(port: &str, patience: Duration, alone: bool) -> Result<Client> {
+    if alone {
+        return Client::connect(port, patience);
+    }
+    // One that was just about to end is followed by another.
+    let mut attempts = 3;
+    loop {
+        let line = share::attach(port).map_err(|source| Error::Port { port: port.into(), source })?;
+        attempts -= 1;
+        match Client::over(line, port, patience) {
+            Err(Error::Other(_)) if attempts > 0 => {}
+            result => return result,
         }
-        Command::Torque(options) => motion::hold(client, options, Ask::Torque(options.value), Some(Ask::Torque(0.0))),
-        Command::Speed(options) => motion::hold(client, options, Ask::Speed(options.value), Some(Ask::Speed(0.0))),
-        Command::Position(options) => motion::hold(client, options, Ask::Position(options.value), None),
+    }
+}
+
+#[cfg(not(unix))]
+fn connect(port: &str, patience: Duration, _: bool) -> Result<Client> {
+    Client::connect(port, patience)
+}
+
+fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
+    match command {
+        Command::Status => status::show(client, out),
+        Command::Arm => done(out, client.order(Ask::Arm)),
+        Command::Stop => {
+            client.order(Ask::Disarm)?;
+            say!(out, "the bridge is off")?;
+            done(out, Ok(()))
+        }
+        Command::Clear => done(out, client.order(Ask::Clear)),
+        Command::Voltage { value, options } => {
+            motion::hold(client, options, Target::Voltage(value.value(1.0) as f32), out)
+        }
+        Command::Torque { value, options } => {
+            motion::hold(client, options, Target::Torque(value.value(1.0) as f32), out)
+        }
+        Command::Speed { value, options } => {
+            motion::hold(client, options, Target::Speed(value.value(out.units.speed.rad_s()) as f32), out)
+        }
+        Command::Position { value, options } => {
+            motion::hold(client, options, Target::Position(value.value(out.units.position.turns())), out)
+        }
         Command::Commutation { kind } => {
             let commutation = match kind {
                 Kind::Block => Commutation::Block,
                 Kind::Sinusoidal => Commutation::Sinusoidal,
                 Kind::FieldOriented => Commutation::FieldOriented,
             };
-            client.setting(Ask::Commutate(commutation), |_| ())
+            done(out, client.setting(Ask::Commutate(commutation), |_| ()))
         }
-        Command::Calibrate(options) => procedures::calibrate(client, options),
-        Command::Commission(options) => commission::run(client, options),
-        Command::Identify(options) => procedures::identify(client, options),
-        Command::PolePairs { turns } => pole_pairs::count(client, *turns),
-        Command::Cogging { what: Cogging::Learn, options } => procedures::learn_cogging(client, options),
-        Command::Cogging { what: Cogging::On, .. } => client.setting(Ask::AntiCogging(true), |_| ()),
-        Command::Cogging { what: Cogging::Off, .. } => client.setting(Ask::AntiCogging(false), |_| ()),
-        Command::Encoder(command) => encoder::run(client, command),
-        Command::Settings(command) => settings::run(client, command),
-        Command::Telemetry(options) => telemetry::watch(client, options),
-        Command::Faults => faults::show(client),
+        Command::Calibrate(options) => procedures::calibrate(client, options, out),
+        Command::Commission(options) => commission::run(client, options, out),
+        Command::Identify(options) => procedures::identify(client, options, out),
+        Command::PolePairs(options) => pole_pairs::count(client, options, out),
+        Command::Cogging { what: Cogging::Learn, options } => procedures::learn_cogging(client, options, out),
+        Command::Cogging { what: Cogging::On, .. } => done(out, client.setting(Ask::AntiCogging(true), |_| ())),
+        Command::Cogging { what: Cogging::Off, .. } => done(out, client.setting(Ask::AntiCogging(false), |_| ())),
+        Command::Encoder(command) => encoder::run(client, command, out),
+        Command::Settings(command) => settings::run(client, command, out),
+        Command::Telemetry(options) => telemetry::watch(client, options, out),
+        Command::Watch => watch::watch(client, out),
+        Command::Step(options) => response::step(client, options, out),
+        Command::Sine(options) => response::sine(client, options, out),
+        Command::Faults => faults::show(client, out),
+        // These need no drive.
+        Command::Simulate(_)
+        | Command::List
+        | Command::Config
+        | Command::Completions { .. }
+        | Command::Man { .. }
+        | Command::Share => Ok(()),
     }
+}
+
+/// What says no more than that it was done.
+fn done(out: Out, result: Result<()>) -> Result<()> {
+    result.and_then(|()| out.value(&json!({ "done": true })))
 }
 
 /// A time that can pass, in seconds.
@@ -171,15 +324,6 @@ fn seconds(text: &str) -> std::result::Result<f64, String> {
         Ok(seconds) if seconds > 0.0 && seconds <= 1e9 => Ok(seconds),
         _ => Err("a number of seconds above 0 is wanted".into()),
     }
-}
-
-/// A file that a person gave for writing, tried before the work begins.
-fn writable(path: Option<&PathBuf>) -> Result<()> {
-    use anyhow::Context;
-    if let Some(path) = path {
-        std::fs::write(path, "").with_context(|| format!("cannot write {}", path.display()))?;
-    }
-    Ok(())
 }
 
 #[cfg(test)]

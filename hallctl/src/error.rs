@@ -1,6 +1,8 @@
 //! What can go wrong between a person and a drive, each with an exit code of its own.
 
+use crate::interrupt;
 use hallservo_protocol::VERSION;
+use serde_json::{Value, json};
 use std::fmt;
 
 /// Why a command came to nothing.
@@ -29,6 +31,8 @@ pub enum Error {
     Refused(String),
     /// It began and came to nothing; why, and what to do.
     Failed(String),
+    /// A signal came, Ctrl-C for instance.
+    Interrupted,
     /// Files and the like.
     Other(anyhow::Error),
 }
@@ -37,7 +41,8 @@ pub enum Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// 1 files and the like, 3 no port, 4 no answer, 5 another version, 6 refused, 7 failed; 2 is a wrong command line.
+    /// 1 files and the like, 3 no port, 4 no answer, 5 another version, 6 refused, 7 failed, 130 ended by a signal; 2 is a wrong
+    /// command line.
     pub const fn code(&self) -> u8 {
         match self {
             Self::Other(_) => 1,
@@ -46,7 +51,28 @@ impl Error {
             Self::Version { .. } => 5,
             Self::Refused(_) => 6,
             Self::Failed(_) => 7,
+            Self::Interrupted => interrupt::EXIT,
         }
+    }
+}
+
+impl Error {
+    /// In a word, for a script.
+    pub const fn kind(&self) -> &'static str {
+        match self {
+            Self::Other(_) => "other",
+            Self::Port { .. } => "port",
+            Self::Silent { .. } => "silent",
+            Self::Version { .. } => "version",
+            Self::Refused(_) => "refused",
+            Self::Failed(_) => "failed",
+            Self::Interrupted => "interrupted",
+        }
+    }
+
+    /// All of it for a script.
+    pub fn value(&self) -> Value {
+        json!({ "error": { "code": self.code(), "kind": self.kind(), "what": self.to_string() } })
     }
 }
 
@@ -75,6 +101,7 @@ impl fmt::Display for Error {
             }
             Self::Refused(why) => write!(f, "refused: {why}"),
             Self::Failed(why) => f.write_str(why),
+            Self::Interrupted => f.write_str("interrupted"),
             Self::Other(error) => write!(f, "{error:#}"),
         }
     }

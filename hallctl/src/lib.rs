@@ -1,12 +1,19 @@
 //! Talks to a hallservo drive over a serial line or TCP, and simulates one.
 //!
 //! [`link`] opens the line, [`client`] asks and waits for answers, [`words`] says what they mean, [`command`] is the
-//! command line, and [`simulate`] the drive that runs on this machine: the same [application](hallservo_app) as on a
+//! command line, [`share`] lets many tools have one drive ([`hub`] says who gets what), [`interrupt`] hears Ctrl-C, and [`simulate`] the drive that runs on this machine: the same [application](hallservo_app) as on a
 //! chip, at a simulated motor.
 
 pub mod client;
 pub mod command;
 pub mod error;
+pub mod hub;
+pub mod interrupt;
 pub mod link;
+pub mod out;
+pub mod response;
+#[cfg(unix)]
+pub mod share;
 pub mod simulate;
+pub mod units;
 pub mod words;

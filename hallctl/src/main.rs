@@ -2,16 +2,31 @@
 
 use clap::Parser;
 use hallctl::command::{Arguments, run};
+use hallctl::out::Out;
+use hallctl::units::Units;
+use std::env::args;
 use std::process::ExitCode;
 
 fn main() -> ExitCode {
     // `hallctl telemetry | head` ends like any other filter.
     sigpipe::reset();
-    match run(&Arguments::parse()) {
+    let arguments = Arguments::parse_from(args().map(quantity));
+    match run(&arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
             eprintln!("hallctl: {error}");
+            if arguments.json {
+                // Nothing is left to be said where that fails.
+                let _ = (Out { json: true, units: Units::default() }).value(&error.value());
+            }
             ExitCode::from(error.code())
         }
     }
+}
+
+/// What begins like a negative number is one, though a unit follows, and no option.
+fn quantity(argument: String) -> String {
+    let negative =
+        argument.strip_prefix('-').is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit() || c == '.'));
+    if negative && argument.parse::<f64>().is_err() { format!(" {argument}") } else { argument }
 }

@@ -74,6 +74,8 @@ pub struct Simulator {
     planned: Vec<ScheduledEvent>,
     /// What happens to each sample.
     disturbed: Option<fault::Kind>,
+    /// Supply, V, and load, N·m, at power-up.
+    usual: (f64, f64),
     /// Control periods for which a hand turns the shaft.
     hand: u32,
 }
@@ -122,6 +124,7 @@ impl Simulator {
         planned: Vec<ScheduledEvent>,
     ) -> Result<Self> {
         let config = settings.validate().context("the settings")?;
+        let usual = (plant.bus.supply_v, plant.motor.load_nm);
         let mut plant = Plant::new(plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
         plant.place(0.3, 0.0)?;
         let firmware = firmware::start(IDENTITY, settings, flash.clone(), rings)?;
@@ -145,6 +148,7 @@ impl Simulator {
             running: 0,
             planned,
             disturbed: None,
+            usual,
             hand: 0,
         })
     }
@@ -163,9 +167,29 @@ impl Simulator {
         match kind {
             fault::Kind::Turn(turns) => return self.turn_by_hand(turns),
             fault::Kind::Hot | fault::Kind::Late => self.disturbed = Some(kind),
+            fault::Kind::Mend => return self.mend(),
             _ => {}
         }
         kind.act(&mut self.plant)
+    }
+
+    /// Everything is as at power-up, but for the rotor.
+    fn mend(&mut self) -> Result<()> {
+        self.disturbed = None;
+        (0..3).for_each(|hall| self.plant.set_hall_fault(hall, None));
+        let (supply_v, load_nm) = self.usual;
+        self.plant.set_supply(supply_v)?;
+        Ok(self.plant.set_load(load_nm)?)
+    }
+
+    /// Time since power-up, ms.
+    pub const fn now_ms(&self) -> u64 {
+        self.now_ms
+    }
+
+    /// Bytes that the drive has not taken yet.
+    pub fn backlog(&self) -> usize {
+        self.input.len()
     }
 
     /// A hand takes the shaft, turns it by so many turns, negative ones backwards, and lets it go: a turn takes a

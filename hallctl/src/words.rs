@@ -4,11 +4,12 @@ pub mod encoder;
 
 use hallservo::commutation::Commutation;
 use hallservo::drive;
-use hallservo::fault::Limits;
+use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 use hallservo::service::procedure;
 use hallservo::settings::{self, Kind};
 use hallservo_protocol::{Activity, Cause, Incident, Learning, Problem, Record, Refusal, Setting};
+use serde_json::{Value, json};
 
 /// A state.
 pub fn mode(mode: Mode) -> String {
@@ -99,10 +100,21 @@ pub fn learning(learning: Learning) -> String {
     }
 }
 
+/// What to do about a fault, in the order in which it works.
+pub fn what_to_do(fault: Fault) -> String {
+    let then = fault.after_clearing().map(|then| format!("; {then}")).unwrap_or_default();
+    format!("{}; then `hallctl clear`{then}", fault.advice())
+}
+
+/// A fault for a script.
+pub fn fault_value(fault: Fault) -> Value {
+    json!({ "code": fault.code(), "what": fault.to_string(), "advice": what_to_do(fault) })
+}
+
 /// What went wrong, and what to do.
-pub fn incident(incident: &Incident) -> (String, &'static str) {
+pub fn incident(incident: &Incident) -> (String, String) {
     match incident.cause {
-        Cause::Fault(fault) => (fault.to_string(), fault.advice()),
+        Cause::Fault(fault) => (fault.to_string(), what_to_do(fault)),
         Cause::Stored(kind, why) => {
             let advice = match kind {
                 Record::Sensors => "`hallctl calibrate` stores them anew",
@@ -112,14 +124,16 @@ pub fn incident(incident: &Incident) -> (String, &'static str) {
                 }
                 Record::Encoder => "`hallctl encoder calibrate` stores it anew, `hallctl encoder zero` its zero",
             };
-            (format!("the {} in the flash: {}", record(kind), problem(why)), advice)
+            (format!("the {} in the flash: {}", record(kind), problem(why)), advice.into())
         }
-        Cause::NotSaved(kind) => (format!("the {} could not be saved", record(kind)), "the flash may be worn out"),
+        Cause::NotSaved(kind) => {
+            (format!("the {} could not be saved", record(kind)), "the flash may be worn out".into())
+        }
         Cause::Abandoned(what) => (
             format!("{} was ended: its tool fell silent", activity(what)),
-            "keep hallctl running, or begin it by `--unattended`",
+            "keep hallctl running, or begin it by `--unattended`".into(),
         ),
-        Cause::Adaptation(why) => (why.to_string(), "`hallctl calibrate`, after a look at that Hall"),
+        Cause::Adaptation(why) => (why.to_string(), "`hallctl calibrate`, after a look at that Hall".into()),
     }
 }
 
@@ -136,10 +150,10 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
         Refusal::Encoder(why) => encoder::refusal(why),
         Refusal::Flash => "the flash did not take it\n  Try again; the flash may be worn out.".into(),
         Refusal::NoTable => "the cogging is not learnt yet\n  `hallctl cogging learn` first.".into(),
-        Refusal::Busy(what) => format!("{} is at work\n  Wait, or end it by `hallctl disarm`.", activity(*what)),
+        Refusal::Busy(what) => format!("{} is at work\n  Wait, or end it by `hallctl stop`.", activity(*what)),
         Refusal::Controlled => {
-            "another tool controls the drive\n  Wait until it ends, or stop the motor by `hallctl disarm`, \
-                                which anyone may."
+            "another tool controls the drive\n  Wait until it ends, or stop the motor by `hallctl stop`, which \
+                                anyone may."
                 .into()
         }
         Refusal::Unconfirmed(why) => format!(
@@ -157,11 +171,11 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
 fn drive_refusal(refusal: drive::Refusal) -> String {
     match refusal {
         drive::Refusal::Mode(Mode::Faulted(fault)) => {
-            format!("the drive is faulted: {fault}\n  {}; then `hallctl clear`.", fault.advice())
+            format!("the drive is faulted: {fault}\n  {}.", what_to_do(fault))
         }
-        drive::Refusal::Mode(Mode::Running) => "the bridge is on\n  `hallctl disarm` first.".into(),
+        drive::Refusal::Mode(Mode::Running) => "the bridge is on\n  `hallctl stop` first.".into(),
         drive::Refusal::Mode(Mode::Ready | Mode::Unarmed) => "the bridge is off\n  `hallctl arm` first.".into(),
-        drive::Refusal::Mode(_) => "the drive calibrates\n  Wait, or end it by `hallctl disarm`.".into(),
+        drive::Refusal::Mode(_) => "the drive calibrates\n  Wait, or end it by `hallctl stop`.".into(),
         drive::Refusal::NotCalibrated => {
             "there is no calibration\n  `hallctl calibrate` first: it turns the rotor.".into()
         }
@@ -204,7 +218,7 @@ pub fn procedure_error(error: &procedure::Error) -> String {
         Error::NoControl => NO_CONTROL.into(),
         Error::Demand(bad) => refusal(&Refusal::Demand(*bad)),
         Error::Refused(why) => drive_refusal(*why),
-        Error::Fault(fault) => format!("{fault}\n  {}; then `hallctl clear`.", fault.advice()),
+        Error::Fault(fault) => format!("{fault}\n  {}.", what_to_do(*fault)),
         Error::NotReached => {
             format!("{error}\n  Is the rotor blocked or loaded, are pole_pairs and the motor's settings right?")
         }
@@ -244,6 +258,11 @@ pub fn parse(setting: &Setting<'_>, text: &str) -> Option<f32> {
             _ => None,
         },
         Kind::Choice(names) => names.split('|').position(|name| name == text).map(|place| place as f32),
-        Kind::Real | Kind::Whole => text.parse().ok(),
+        Kind::Real | Kind::Whole => {
+            let text = text.trim();
+            let infinite = text.trim_start_matches(['+', '-']).to_lowercase().starts_with("inf");
+            // What is too large for a float is no infinity, and means nothing.
+            text.parse().ok().filter(|value: &f32| value.is_finite() || infinite)
+        }
     }
 }

@@ -1,90 +1,16 @@
 //! `hallctl` at `hallctl simulate`: every command that a person has, over TCP and over a pseudo-terminal.
 
+mod process;
+
 use hallservo_protocol::VERSION;
+use process::{Drive, HALLCTL, PATIENCE, call, fails};
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
-use std::path::Path;
-use std::process::{Child, ChildStdin, ChildStdout, Command, Output, Stdio};
+use std::process::{Command, Stdio};
 use std::thread;
 use std::time::Duration;
 use tempfile::TempDir;
-
-const HALLCTL: &str = env!("CARGO_BIN_EXE_hallctl");
-/// Seconds on the wall for every answer, however slow this machine is: the drive's own time depends on no clock.
-const PATIENCE: (&str, &str) = ("HALLCTL_PATIENCE", "60");
-
-/// A simulated drive in a process of its own; dropped, its power is cut.
-struct Drive {
-    process: Child,
-    keyboard: ChildStdin,
-    screen: BufReader<ChildStdout>,
-    port: String,
-}
-
-impl Drop for Drive {
-    fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
-    }
-}
-
-impl Drive {
-    fn start(options: &[&str]) -> Self {
-        let mut process = Command::new(HALLCTL)
-            .args(["simulate", "--speed", "fast"])
-            .args(options)
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .spawn()
-            .unwrap();
-        let keyboard = process.stdin.take().unwrap();
-        let (mut line, mut screen) = (String::new(), BufReader::new(process.stdout.take().unwrap()));
-        screen.read_line(&mut line).unwrap();
-        let port = line.trim().strip_prefix("The simulated drive is at ").unwrap_or_else(|| panic!("{line}")).into();
-        Self { process, keyboard, screen, port }
-    }
-
-    fn with_flash(flash: &Path, options: &[&str]) -> Self {
-        Self::start(&[&["--flash", flash.to_str().unwrap()], options].concat())
-    }
-
-    fn call(&self, arguments: &[&str]) -> Output {
-        call(&self.port, arguments)
-    }
-
-    /// A hand turns its shaft.
-    fn hand(&mut self, turns: &str) {
-        writeln!(self.keyboard, "turn {turns}").unwrap();
-        let mut line = String::new();
-        self.screen.read_line(&mut line).unwrap();
-        assert_eq!(line, format!("The shaft is turned by {turns} turns.\n"));
-    }
-
-    /// What it prints, when it succeeds.
-    fn ok(&self, arguments: &[&str]) -> String {
-        let output = self.call(arguments);
-        let text = String::from_utf8(output.stdout).unwrap();
-        assert!(output.status.success(), "{arguments:?}: {text}{}", String::from_utf8_lossy(&output.stderr));
-        text
-    }
-
-    /// What it says, when it fails with an exit code.
-    fn fails(&self, code: i32, arguments: &[&str]) -> String {
-        fails(&self.port, code, arguments)
-    }
-}
-
-fn call(port: &str, arguments: &[&str]) -> Output {
-    Command::new(HALLCTL).args(["--port", port]).args(arguments).envs([PATIENCE]).stdin(Stdio::null()).output().unwrap()
-}
-
-fn fails(port: &str, code: i32, arguments: &[&str]) -> String {
-    let output = call(port, arguments);
-    let text = String::from_utf8(output.stderr).unwrap();
-    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {text}");
-    text
-}
 
 fn folder() -> TempDir {
     tempfile::tempdir().unwrap()
@@ -283,7 +209,7 @@ fn the_motor_is_measured_and_its_cogging_learnt() {
     drive.ok(&["arm"]);
     drive.ok(&["torque", "0.01", "--seconds", "0.2"]);
     drive.ok(&["voltage", "-0.2", "--seconds", "0.2"]);
-    assert!(drive.fails(6, &["torque", "nan", "--once"]).contains("beyond"));
+    assert!(drive.fails(2, &["torque", "nan", "--once"]).contains("beyond"));
 }
 
 #[test]
@@ -306,12 +232,12 @@ fn a_line_that_loses_frames_is_asked_again() {
     for lost in 1..=3 {
         let port = lossy(&drive.port, lost);
         // Asked again after a quarter of it.
-        let output = call(&port, &["--patience", "8", "status"]);
+        let output = call(&port, &["--alone", "--patience", "8", "status"]);
         assert!(output.status.success(), "{lost}: {}", String::from_utf8_lossy(&output.stderr));
         assert!(String::from_utf8(output.stdout).unwrap().contains("unarmed"));
     }
     // What may have begun is not begun again.
-    assert!(fails(&lossy(&drive.port, 3), 4, &["--patience", "3", "calibrate"]).contains("no answer"));
+    assert!(fails(&lossy(&drive.port, 3), 4, &["--alone", "--patience", "3", "calibrate"]).contains("no answer"));
     assert!(drive.ok(&["status"]).contains("unarmed: bridge off, not calibrated"));
 }
 

@@ -88,11 +88,12 @@ fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
-/// Prints rows as a table on the terminal; the first row is the head.
-pub fn print_table(rows: &[Vec<String>]) {
+/// Rows as a table for the terminal; the first row is the head.
+pub fn table(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
     let width = |k: usize| rows.iter().filter_map(|row| row.get(k)).map(|cell| cell.chars().count()).max().unwrap_or(0);
     let widths: Vec<_> = (0..columns).map(width).collect();
+    let mut text = String::new();
     for (number, row) in rows.iter().enumerate() {
         let line: Vec<_> = row
             .iter()
@@ -100,9 +101,17 @@ pub fn print_table(rows: &[Vec<String>]) {
             .enumerate()
             .map(|(k, (cell, &width))| if k == 0 { format!("{cell:<width$}") } else { format!("{cell:>width$}") })
             .collect();
-        println!("  {}", line.join("   "));
+        // Writing into a string does not fail.
+        let _ = writeln!(text, "  {}", line.join("   "));
         if number == 0 {
-            println!("  {}", widths.iter().map(|&width| "─".repeat(width)).collect::<Vec<_>>().join("───"));
+            let _ =
+                writeln!(text, "  {}", widths.iter().map(|&width| "─".repeat(width)).collect::<Vec<_>>().join("───"));
         }
     }
+    text
+}
+
+/// Prints rows as a table on the terminal; the first row is the head.
+pub fn print_table(rows: &[Vec<String>]) {
+    print!("{}", table(rows));
 }

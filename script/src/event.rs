@@ -17,6 +17,7 @@ pub fn event(words: &[&str]) -> Result<Event, String> {
         ["turn", turns] => Event::Turn(number(turns)?),
         ["hot"] => Event::Hot,
         ["late"] => Event::Late,
+        ["mend"] => Event::Mend,
         ["uart", text] => Event::Uart(bytes(text)?),
         ["send"] => return Err("nothing is sent".into()),
         ["send", request @ ..] => Event::Send(request.iter().map(|word| (*word).to_owned()).collect()),

@@ -15,6 +15,7 @@
 //! at 1s     turn 2                 # a hand turns the shaft by so many turns, backwards if negative, a second each
 //! at 1s     hot                    # the bridge's thermistor reads 150 °C
 //! at 1s     late                   # control periods are lost
+//! at 2s     mend                   # Halls, supply, load, thermistor and periods are as they were
 //! at 1s     uart "garbage\x00\xff" # bytes into the serial port
 //! at 1s     send calibrate         # a request of the drive's protocol
 //! at 3s     power cut after 12 operations   # in the midst of the 13th flash operation from now; it comes back at once
@@ -25,7 +26,7 @@
 //! On a command line an event goes before its time, with hyphens for the spaces, and Hall 1 needs no number:
 //! `bus-12V@1s`, `hall-2-stuck@40s`, `hall-open@40s`. Typed, it has no time, and happens at once: `turn 2`.
 //!
-//! Not every drive can do everything: a virtual board turns no shaft by hand, heats no bridge and loses no period; a
+//! Not every drive can do everything: a virtual board turns no shaft by hand, heats no bridge, loses no period and mends nothing; a
 //! simulated drive has no pins, no serial port to disturb and no flash that is cut. Each says so when it is asked to.
 //!
 //! `send` takes `hello`, `status`, `arm`, `disarm`, `clear`, `calibrate`, `calibration`, `identify`, `identification`,
@@ -61,6 +62,8 @@ pub enum Event {
     Hot,
     /// Control periods are lost.
     Late,
+    /// All that a simulated drive can suffer is over: Halls, supply, load, thermistor and periods are as at power-up.
+    Mend,
     /// Bytes into the serial port.
     Uart(Vec<u8>),
     /// A request of the drive's protocol, in words.
@@ -192,11 +195,12 @@ mod tests {
         let described =
             text.lines().filter_map(|line| line.strip_prefix("//! ")).filter(|line| line.starts_with("at "));
         let events: Vec<_> = described.map(|line| parse(line).unwrap().remove(0).event).collect();
-        assert_eq!(events.len(), 15);
+        assert_eq!(events.len(), 16);
         assert_eq!(events[0], Event::Hall(0, HallWire::Open));
         assert_eq!(events[7], Event::Turn(2.0));
-        assert_eq!(events[10], Event::Uart(b"garbage\x00\xff".to_vec()));
-        assert_eq!(events[14], Event::Hang(Hang::Control));
+        assert_eq!(events[10], Event::Mend);
+        assert_eq!(events[11], Event::Uart(b"garbage\x00\xff".to_vec()));
+        assert_eq!(events[15], Event::Hang(Hang::Control));
     }
 
     #[test]

@@ -158,8 +158,9 @@ impl<E: AbsoluteEncoder + 'static> AbsoluteDrive<E> {
         self.look(before, reading, output)
     }
 
-    /// Reads the encoder after the drive's own step.
-    #[inline(always)]
+    /// Reads the encoder after the drive's own step. One copy for both kinds of steps, for the sake of the memory without
+    /// wait states.
+    #[inline(never)]
     fn look(&mut self, before: Position, reading: E::Reading, output: Output) -> Output {
         if self.channels.encoders.ready() || self.channels.orders.ready() {
             self.receive();

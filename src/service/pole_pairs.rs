@@ -153,7 +153,15 @@ impl ByHand {
     /// # Errors
     /// [`Error`].
     pub fn finish(&self) -> Result<Count, Error> {
-        Count::of(self.electrical_turns()?, self.turns)
+        self.finish_after(self.turns)
+    }
+
+    /// The same where the person says only now how many turns were made.
+    ///
+    /// # Errors
+    /// [`Error`].
+    pub fn finish_after(&self, turns: u8) -> Result<Count, Error> {
+        Count::of(self.electrical_turns()?, turns)
     }
 }
 

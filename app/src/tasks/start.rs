@@ -41,6 +41,11 @@ struct Start<F> {
 }
 
 #[inline(never)]
+fn new_config<'a>(place: &'a mut MaybeUninit<Config>, settings: &Settings) -> Result<&'a mut Config, Error<'static>> {
+    Ok(place.write(settings.validate()?))
+}
+
+#[inline(never)]
 fn blank(place: &mut MaybeUninit<Estimator>) -> &mut Estimator {
     place.write(Estimator::blank())
 }
@@ -78,7 +83,7 @@ pub(crate) fn start<F: NorFlash, E: Encoder>(
         memory;
     let mut storage = Storage::new(flash, first_block);
     let (settings, problem) = storage.settings(&defaults);
-    let config = config.write(settings.validate()?);
+    let config = new_config(config, &settings)?;
     let (mut encoder, encoder_interrupt) = E::start(encoder, &settings);
     restore(&mut encoder, &mut storage);
     encoder.place(config, &settings);

@@ -5,7 +5,7 @@ use crate::encoder::Encoder;
 use crate::measure;
 use core::f32::consts::TAU;
 use embedded_storage::nor_flash::NorFlash;
-use hallservo::angle::Position;
+use hallservo::double;
 use hallservo::mode::Mode;
 use hallservo::telemetry::Measurement;
 use hallservo_protocol::{Activity, Status, Telemetry};
@@ -70,7 +70,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         let recorded = self.record.rotor.position();
         let position = if self.mode().drives() { recorded } else { self.encoder.position().unwrap_or(recorded) };
         let bits = position.to_bits().wrapping_sub(self.encoder.origin().to_bits());
-        Position::from_bits(bits).to_turns() / f64::from(self.settings.pole_pairs)
+        double::from_fixed(bits / i64::from(self.settings.pole_pairs.max(1)))
     }
 
     /// The state of the drive.

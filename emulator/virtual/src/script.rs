@@ -55,7 +55,9 @@ fn action(event: &Event, text: &str, id: usize) -> Result<Action, String> {
         Event::Hang(Hang::Control) => return Ok(Action::Hang(None)),
         Event::Hang(Hang::Tasks) => return Ok(Action::Hang(Some(0))),
         Event::Hang(Hang::Exception(number)) => return Ok(Action::Hang(Some(*number))),
-        Event::Turn(_) | Event::Hot | Event::Late => return Err(format!("a virtual board cannot do {text:?}")),
+        Event::Turn(_) | Event::Hot | Event::Late | Event::Mend => {
+            return Err(format!("a virtual board cannot do {text:?}"));
+        }
     }))
 }
 

@@ -238,6 +238,38 @@ fn all_evening(board: &str) {
     evening(board, if boards[0] == board { "pty" } else { "tcp:127.0.0.1:0" });
 }
 
+/// The commands of the section about the first power-up, in their order.
+fn first_power_up(readme: &str) -> Vec<Vec<&str>> {
+    let section = readme.split("## First power-up").nth(1).expect("a section");
+    let section = section.split("\n## ").next().expect("its end");
+    let quoted = section.split('`').skip(1).step_by(2);
+    quoted.filter_map(|text| Some(text.strip_prefix("hallctl ")?.split_whitespace().collect())).collect()
+}
+
+/// Its README can be followed, command by command.
+fn power_up(board: &str) {
+    let readme = std::fs::read_to_string(firmware::boards().join(board).join("README.md")).expect("a README");
+    let commands = first_power_up(&readme);
+    let virtual_board = Virtual::start(board, "tcp:127.0.0.1:0");
+    let mut said = String::new();
+    for command in &commands {
+        // There is nothing to be cleared where nothing was cut off.
+        if command != &["clear"] {
+            said += &virtual_board.ok(command);
+        }
+    }
+    for (kind, sign) in
+        [("status", "bus"), ("telemetry", "Hall 3 "), ("calibrate", "Calibrated."), ("speed", " rad/s at ")]
+    {
+        let named = commands.iter().any(|command| command[0] == kind);
+        assert!(named && said.contains(sign), "{board}: {kind} in {commands:?}: {said}");
+    }
+    assert!(virtual_board.ok(&["status"]).contains("bridge off"), "{board}");
+}
+
 fn main() {
-    common::on_every_board(&[("does_what_hallctl_says", all_evening)]);
+    common::on_every_board(&[
+        ("does_what_hallctl_says", all_evening),
+        ("can_be_powered_up_as_its_readme_says", power_up),
+    ]);
 }

@@ -3,7 +3,8 @@
 use super::{procedures, settings};
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
-use crate::words;
+use crate::out::Out;
+use crate::{say, words};
 use clap::Args;
 use hallservo::mode::Mode;
 use hallservo::service::commission::{Action, Commission};
@@ -12,6 +13,7 @@ use hallservo::service::standstill::{Electrical, Evaluation};
 use hallservo::service::swings::Rough;
 use hallservo::settings::{Control, Settings, TABLE, find};
 use hallservo_protocol::{Answer, Ask, Procedure};
+use serde_json::json;
 
 #[derive(Debug, Args)]
 pub(super) struct Options {
@@ -27,7 +29,7 @@ pub(super) struct Options {
 const LOW: [(&str, f32); 3] =
     [("position_bandwidth_hz", 0.125), ("speed_bandwidth_hz", 0.5), ("current_bandwidth_hz", 10.0)];
 
-pub(super) fn run(client: &mut Client, options: &Options) -> Result<()> {
+pub(super) fn run(client: &mut Client, options: &Options, out: Out) -> Result<()> {
     let mut settings = read(client)?;
     if let Some(pairs) = options.pole_pairs {
         settings.pole_pairs = pairs;
@@ -38,20 +40,21 @@ pub(super) fn run(client: &mut Client, options: &Options) -> Result<()> {
         match commission.action() {
             Action::Measure => {
                 let found = standstill(client, commission.settings())?;
-                print!("At standstill:\n{found}");
+                say!(out, "At standstill:\n{}", found.to_string().trim_end())?;
                 commission.measured(&found).map_err(|error| words_of(&error))?;
             }
             Action::Calibrate => {
                 let speed_hz = commission.settings().calibration_hz;
                 let result = procedures::calibration(client)?;
                 match &result {
-                    Ok(report) => println!(
+                    Ok(report) => say!(
+                        out,
                         "Calibrated at {speed_hz} Hz: the rotor lagged {:.0}° behind the field and swung by {:.1}°.",
                         report.lag.to_degrees().abs(),
                         report.hunting_deg
-                    ),
+                    )?,
                     Err(error) => {
-                        println!("No calibration at {speed_hz} Hz: {error}.");
+                        say!(out, "No calibration at {speed_hz} Hz: {error}.")?;
                         client.order(Ask::Clear)?;
                     }
                 }
@@ -70,12 +73,12 @@ pub(super) fn run(client: &mut Client, options: &Options) -> Result<()> {
             Action::Done => break,
         }
     }
-    settings::save(client)?;
-    summary(commission.settings(), options.pole_pairs.is_some());
-    Ok(())
+    let waits = settings::save(client)?;
+    say!(out, "{}", settings::saved(waits))?;
+    summary(commission.settings(), options.pole_pairs.is_some(), out)
 }
 
-fn summary(settings: &Settings, told: bool) {
+fn summary(settings: &Settings, told: bool, out: Out) -> Result<()> {
     let Some(Control {
         resistance_ohm,
         inductance_h,
@@ -89,20 +92,33 @@ fn summary(settings: &Settings, told: bool) {
         ..
     }) = settings.control
     else {
-        return;
+        return Ok(());
     };
-    println!("\nThe motor, at {max_current_a} A at most:");
-    println!("  resistance   {resistance_ohm:10.4} Ω      inductance {:10.4} mH", 1e3 * inductance_h);
-    println!("  flux linkage {:10.4} mWb    inertia    {:10.4} g·cm²", 1e3 * flux_linkage_wb, 1e7 * inertia_kgm2);
-    println!("  speed up to  {max_speed_rad_s:10.0} rad/s  reached with {max_acceleration_rad_s2:.0} rad/s²");
-    println!("  current control {current_bandwidth_hz:.0} Hz, speed control {speed_bandwidth_hz:.1} Hz");
+    say!(out, "\nThe motor, at {max_current_a} A at most:")?;
+    say!(out, "  resistance   {resistance_ohm:10.4} Ω      inductance {:10.4} mH", 1e3 * inductance_h)?;
+    say!(out, "  flux linkage {:10.4} mWb    inertia    {:10.4} g·cm²", 1e3 * flux_linkage_wb, 1e7 * inertia_kgm2)?;
+    say!(out, "  speed up to  {max_speed_rad_s:10.0} rad/s  reached with {max_acceleration_rad_s2:.0} rad/s²")?;
+    say!(out, "  current control {current_bandwidth_hz:.0} Hz, speed control {speed_bandwidth_hz:.1} Hz")?;
     if !told {
-        println!(
+        say!(
+            out,
             "pole_pairs is {}, as set: the Halls cannot tell a turn of the shaft. If it is not known, `hallctl \
              pole-pairs` counts them; then commission again.",
             settings.pole_pairs
-        );
+        )?;
     }
+    out.value(&json!({
+        "pole_pairs": settings.pole_pairs,
+        "resistance_ohm": resistance_ohm,
+        "inductance_h": inductance_h,
+        "flux_linkage_wb": flux_linkage_wb,
+        "inertia_kgm2": inertia_kgm2,
+        "max_current_a": max_current_a,
+        "max_speed_rad_s": max_speed_rad_s,
+        "max_acceleration_rad_s2": max_acceleration_rad_s2,
+        "current_bandwidth_hz": current_bandwidth_hz,
+        "speed_bandwidth_hz": speed_bandwidth_hz,
+    }))
 }
 
 fn step(name: &str, why: &str) -> Error {

@@ -1,10 +1,11 @@
 //! `hallctl encoder`: two rings on the shaft.
 
 use super::procedures::wait;
-use super::{seconds, writable};
+use super::seconds;
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
-use crate::words;
+use crate::out::{Out, create};
+use crate::{say, words};
 use anyhow::Context as _;
 use hallservo::vernier::calibrate::Report;
 use hallservo::vernier::eccentricity::Geometry;
@@ -54,22 +55,21 @@ pub(super) struct Watch {
     csv: Option<PathBuf>,
 }
 
-pub(super) fn run(client: &mut Client, command: &Command) -> Result<()> {
+pub(super) fn run(client: &mut Client, command: &Command, out: Out) -> Result<()> {
     // A board without an encoder does not understand what it is asked; of settings it says that it has none.
     if let Err(Error::Refused(_)) = client.setting(Ask::Get("encoder_reference_pairs"), |_| ()) {
         return Err(Error::Failed("this drive has no encoder: its board samples no heads".into()));
     }
     match command {
-        Command::Calibrate { by_hand } => calibrate(client, *by_hand),
-        Command::Status => show(client),
+        Command::Calibrate { by_hand } => calibrate(client, *by_hand, out),
+        Command::Status => show(client, out),
         Command::Zero => {
             client.order(Ask::Encoder(EncoderAsk::Zero))?;
-            println!("The position is zero here; stored.");
-            Ok(())
+            say!(out, "The position is zero here; stored.")
         }
         Command::Rings { pairs } => set_rings(client, pairs),
         Command::Forget => client.order(Ask::Encoder(EncoderAsk::Forget)),
-        Command::Watch(options) => watch(client, options),
+        Command::Watch(options) => watch(client, options, out),
     }
 }
 
@@ -81,16 +81,16 @@ pub(super) fn status(client: &mut Client) -> Result<EncoderStatus> {
     })
 }
 
-fn calibrate(client: &mut Client, by_hand: bool) -> Result<()> {
+fn calibrate(client: &mut Client, by_hand: bool, out: Out) -> Result<()> {
     client.order(Ask::Encoder(EncoderAsk::Calibrate { by_hand }))?;
     if by_hand {
-        println!("Turn the shaft, always the same way, steadily, about a turn in two seconds, until this ends.");
+        say!(out, "Turn the shaft, always the same way, steadily, about a turn in two seconds, until this ends.")?;
     }
     wait(client, "calibrating the encoder")?;
     match status(client)?.calibration {
         EncoderCalibration::Done(report) => {
-            show_report(&status(client)?, &report);
-            Ok(())
+            out.value(&report)?;
+            show_report(&status(client)?, &report, out)
         }
         EncoderCalibration::Failed(error) => Err(Error::Failed(format!("the calibration failed: {error}"))),
         EncoderCalibration::None | EncoderCalibration::Running(_) => {
@@ -99,49 +99,51 @@ fn calibrate(client: &mut Client, by_hand: bool) -> Result<()> {
     }
 }
 
-fn show_report(status: &EncoderStatus, report: &Report) {
+fn show_report(status: &EncoderStatus, report: &Report, out: Out) -> Result<()> {
     let [reference, vernier] = status.pairs;
     let [_, limit, margin] = status.residual_counts;
     let worst = margin * report.worst_residual as f32 / report.margin.max(1) as f32;
-    println!("Calibrated: rings of {reference} and {vernier} pole pairs, heads over each: {}.\n", status.heads);
-    println!(
+    say!(out, "Calibrated: rings of {reference} and {vernier} pole pairs, heads over each: {}.\n", status.heads)?;
+    say!(
+        out,
         "The largest residual is {worst:.1} counts; {limit:.1} are let pass, {margin:.1} would be a wrong pole pair."
-    );
-    println!(
+    )?;
+    say!(
+        out,
         "{} % of the pole pairs are alike at least; the rings together have changed the curves by {:.2}° electrical.",
         report.similar_percent,
         f32::from(report.refinement) * 360.0 / 65_536.0
-    );
+    )?;
     if status.mounted {
-        println!("The position counts from the encoder's zero: `hallctl encoder zero` where that is to be.");
+        say!(out, "The position counts from the encoder's zero: `hallctl encoder zero` where that is to be.")
     } else {
-        println!("The Halls are not calibrated, so the motor does not use it: `hallctl calibrate`, then this again.");
+        say!(out, "The Halls are not calibrated, so the motor does not use it: `hallctl calibrate`, then this again.")
     }
 }
 
-fn show(client: &mut Client) -> Result<()> {
+fn show(client: &mut Client, out: Out) -> Result<()> {
     let status = status(client)?;
-    let line = |name: &str, value: &str| println!("  {name:<14}{value}");
+    out.value(&status)?;
+    let line = |name: &str, value: &str| say!(out, "  {name:<14}{value}");
     let [reference, vernier] = status.pairs;
-    println!("rings of {reference} and {vernier} pole pairs, heads over each: {}", status.heads);
-    line("calibration", calibration(&status));
-    line("angle", &angle(&status));
+    say!(out, "rings of {reference} and {vernier} pole pairs, heads over each: {}", status.heads)?;
+    line("calibration", calibration(&status))?;
+    line("angle", &angle(&status))?;
     if let (Some(fault), None) = (status.last_fault, status.fault) {
-        line("", &format!("{} samples without; the last one because {fault}", status.missed));
+        line("", &format!("{} samples without; the last one because {fault}", status.missed))?;
     }
-    line("position", &position(&status));
+    line("position", &position(&status))?;
     if status.calibrated {
         let [worst, limit, margin] = status.residual_counts;
-        line("residual", &format!("{worst:.1} counts at most; limit {limit:.1}, margin {margin:.1}"));
+        line("residual", &format!("{worst:.1} counts at most; limit {limit:.1}, margin {margin:.1}"))?;
     }
     if !status.halls_ahead_deg.is_nan() {
         let (ahead, most) = (status.halls_ahead_deg, status.tolerance_deg);
-        line("Halls", &format!("{ahead:+.2}° electrical ahead; up to {most:.1}° at power-up"));
+        line("Halls", &format!("{ahead:+.2}° electrical ahead; up to {most:.1}° at power-up"))?;
     }
-    line("fastest", &format!("{:.0} rad/s", status.fastest_rad_s));
-    line("tolerates", &tolerated(client, &status)?);
-    line("flash", &words::problem(status.stored));
-    Ok(())
+    line("fastest", &format!("{:.0} rad/s", status.fastest_rad_s))?;
+    line("tolerates", &tolerated(client, &status)?)?;
+    line("flash", &words::problem(status.stored))
 }
 
 const fn calibration(status: &EncoderStatus) -> &'static str {
@@ -200,10 +202,9 @@ fn set_rings(client: &mut Client, pairs: &str) -> Result<()> {
     client.order(Ask::Encoder(EncoderAsk::Rings { reference, vernier }))
 }
 
-fn watch(client: &mut Client, options: &Watch) -> Result<()> {
-    writable(options.csv.as_ref())?;
+fn watch(client: &mut Client, options: &Watch, out: Out) -> Result<()> {
     let mut file = match &options.csv {
-        Some(path) => Some(csv::Writer::from_path(path).with_context(|| format!("cannot write {}", path.display()))?),
+        Some(path) => Some(csv::Writer::from_writer(create(path)?)),
         None => None,
     };
     let head = ["s", "angle_deg", "residual_counts", "limit_counts", "margin_counts", "halls_ahead_deg", "missed"];
@@ -227,7 +228,13 @@ fn watch(client: &mut Client, options: &Watch) -> Result<()> {
                 file.write_record(row.iter().map(f64::to_string)).context("the file")?;
             }
             None => {
-                println!("{:>10.4}°  residual {worst:5.1} of {limit:.1} counts  {}", status.angle_deg, angle(&status))
+                out.value(&status)?;
+                say!(
+                    out,
+                    "{:>10.4}°  residual {worst:5.1} of {limit:.1} counts  {}",
+                    status.angle_deg,
+                    angle(&status)
+                )?;
             }
         }
         next += Duration::from_secs_f64(1.0 / options.hz);

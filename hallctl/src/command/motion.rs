@@ -2,22 +2,19 @@
 
 use crate::client::Client;
 use crate::error::{Error, Result};
-use crate::words;
+use crate::out::Out;
+use crate::{say, words};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Ask, Status};
 use indicatif::{ProgressBar, ProgressStyle};
+use serde_json::{Value, json};
 use std::time::Instant;
 
-/// What to command, and for how long.
+/// For how long.
 #[derive(Clone, Copy, Debug, clap::Args)]
-pub(super) struct Options<T: Clone + Send + Sync + std::str::FromStr + 'static>
-where
-    T::Err: std::error::Error + Send + Sync + 'static,
-{
-    /// What to follow
-    pub value: T,
-    /// End after so long, by a command of zero; without, hold until Ctrl-C
+pub(super) struct Options {
+    /// End after so long, by a command of zero; without, hold until Ctrl-C, which stops and disarms
     #[arg(long, value_name = "SECONDS", value_parser = super::seconds)]
     seconds: Option<f64>,
     /// Command once and leave; the drive stops by itself after command_timeout_s
@@ -25,53 +22,149 @@ where
     once: bool,
 }
 
-/// Repeats a command until its time is over, and ends with another.
-pub(super) fn hold<T>(client: &mut Client, options: &Options<T>, ask: Ask<'_>, end: Option<Ask<'_>>) -> Result<()>
-where
-    T: Clone + Send + Sync + std::str::FromStr + 'static,
-    T::Err: std::error::Error + Send + Sync + 'static,
-{
-    client.order(ask)?;
+/// What to follow.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub(super) enum Target {
+    /// Share of the largest.
+    Voltage(f32),
+    /// N·m
+    Torque(f32),
+    /// rad/s
+    Speed(f32),
+    /// Turns
+    Position(f64),
+}
+
+/// How long a motor may take to stop before the bridge is switched off, in the drive's time, ms.
+const BRAKING_MS: u64 = 60;
+/// Slower than this, it is at rest, rad/s.
+const AT_REST_RAD_S: f32 = 2.0;
+
+impl Target {
+    /// As a request.
+    pub(super) const fn ask(self) -> Ask<'static> {
+        match self {
+            Self::Voltage(share) => Ask::Voltage(share),
+            Self::Torque(torque) => Ask::Torque(torque),
+            Self::Speed(speed) => Ask::Speed(speed),
+            Self::Position(turns) => Ask::Position(turns),
+        }
+    }
+
+    /// In its unit.
+    pub(super) const fn value(self) -> f64 {
+        match self {
+            Self::Voltage(value) | Self::Torque(value) | Self::Speed(value) => value as f64,
+            Self::Position(turns) => turns,
+        }
+    }
+
+    /// What ends it when its time is over.
+    const fn end(self) -> Option<Ask<'static>> {
+        match self {
+            Self::Voltage(_) => Some(Ask::Voltage(0.0)),
+            Self::Torque(_) => Some(Ask::Torque(0.0)),
+            Self::Speed(_) => Some(Ask::Speed(0.0)),
+            Self::Position(_) => None,
+        }
+    }
+
+    /// What brings the motor to rest.
+    const fn brake(self) -> Ask<'static> {
+        match self {
+            Self::Voltage(_) => Ask::Voltage(0.0),
+            Self::Torque(_) | Self::Speed(_) | Self::Position(_) => Ask::Speed(0.0),
+        }
+    }
+}
+
+/// Repeats a command until its time is over, and ends with another. After a signal the motor is braked and the bridge
+/// is off.
+pub(super) fn hold(client: &mut Client, options: &Options, target: Target, out: Out) -> Result<()> {
+    let held = follow(client, options, target, out);
+    if matches!(held, Err(Error::Interrupted)) {
+        client.carry_on();
+        let braked = brake(client, target);
+        client.order(Ask::Disarm)?;
+        braked?;
+    }
+    held
+}
+
+fn follow(client: &mut Client, options: &Options, target: Target, out: Out) -> Result<()> {
+    client.order(target.ask())?;
     if options.once {
-        return Ok(());
+        return super::done(out, Ok(()));
     }
     let began = client.status()?;
     if began.command_timeout_s.is_infinite() {
-        eprintln!("hallctl: command_timeout_s is infinite, so the motor goes on turning if this tool dies");
+        eprintln!("hallctl: command_timeout_s is infinite, so the motor goes on turning if the link breaks");
     }
     let line = ProgressBar::new_spinner();
     line.set_style(ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_spinner()));
     let (mut last, mut look) = (began, (Instant::now(), began.uptime_ms));
     let end_ms = options.seconds.map(|seconds| began.uptime_ms + (1000.0 * seconds) as u64);
     while end_ms.is_none_or(|end| last.uptime_ms < end) {
-        client.order(ask).map_err(|error| fallen(client, error))?;
+        client.order(target.ask()).map_err(|error| fallen(client, error))?;
         last = client.status()?;
         if let Mode::Faulted(fault) = last.mode {
             return Err(Error::Failed(switched_off(fault)));
         }
-        line.set_message(motion(&last));
+        line.set_message(motion(&last, out));
         client.rest(&mut look, &last)?;
     }
     line.finish_and_clear();
-    println!("{}", motion(&last));
-    end.map_or(Ok(()), |end| client.order(end))
+    say!(out, "{}", motion(&last, out))?;
+    out.value(&value(&last))?;
+    target.end().map_or(Ok(()), |end| client.order(end))
 }
 
-/// A drive that refuses what it took before has a reason.
-fn fallen(client: &mut Client, error: Error) -> Error {
-    match client.status() {
-        Ok(Status { mode: Mode::Faulted(fault), .. }) => Error::Failed(switched_off(fault)),
-        _ => error,
+/// Commands rest, and waits for it a little.
+pub(super) fn brake(client: &mut Client, target: Target) -> Result<()> {
+    let mut began_ms = None;
+    loop {
+        match client.order(target.brake()) {
+            // It is switched off, and nothing is left to be done.
+            Err(Error::Refused(_)) => return Ok(()),
+            result => result?,
+        }
+        let status = client.status()?;
+        let until_ms = *began_ms.get_or_insert(status.uptime_ms) + BRAKING_MS;
+        let rests = status.speed_rad_s.abs() <= AT_REST_RAD_S;
+        if status.mode != Mode::Running || rests || status.uptime_ms >= until_ms {
+            return Ok(());
+        }
     }
 }
 
-fn switched_off(fault: Fault) -> String {
-    format!("the drive switched off: {fault}\n  {}; then `hallctl clear`.", fault.advice())
+/// A drive that refuses what it took before has a reason.
+pub(super) fn fallen(client: &mut Client, error: Error) -> Error {
+    match (client.status(), error) {
+        (Ok(Status { mode: Mode::Faulted(fault), .. }), _) => Error::Failed(switched_off(fault)),
+        (Ok(Status { mode: Mode::Ready | Mode::Unarmed, .. }), Error::Refused(_)) => {
+            Error::Failed("the bridge was switched off meanwhile: another tool, `hallctl stop` perhaps".into())
+        }
+        (_, error) => error,
+    }
 }
 
-fn motion(status: &Status) -> String {
+pub(super) fn switched_off(fault: Fault) -> String {
+    format!("the drive switched off: {fault}\n  {}.", words::what_to_do(fault))
+}
+
+fn motion(status: &Status, out: Out) -> String {
     let current = if status.current_a.is_nan() { String::new() } else { format!(", {:.3} A", status.current_a) };
     let limits = words::limits(status.limits);
     let limits = if limits.is_empty() { String::new() } else { format!("; limited by {}", limits.join(", ")) };
-    format!("{:.2} rad/s at {:.4} turns{current}{limits}", status.speed_rad_s, status.position_turns)
+    let (speed, position) = (out.units.speed(status.speed_rad_s), out.units.position(status.position_turns));
+    format!("{speed} at {position}{current}{limits}")
+}
+
+fn value(status: &Status) -> Value {
+    json!({
+        "speed_rad_s": status.speed_rad_s,
+        "position_turns": status.position_turns,
+        "current_a": status.current_a,
+        "limits": words::limits(status.limits),
+    })
 }

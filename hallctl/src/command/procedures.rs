@@ -2,12 +2,13 @@
 
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
-use crate::words;
+use crate::out::Out;
+use crate::{say, words};
 use hallservo::hall::calibrate::{self, report::Report};
 use hallservo::service::identify;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure};
 use indicatif::{ProgressBar, ProgressStyle};
-use sim::report::print_table;
+use serde_json::{Value, json};
 use std::time::Instant;
 
 /// How a procedure runs.
@@ -19,11 +20,12 @@ pub(super) struct Options {
 }
 
 /// Begins a procedure; true if this tool is to wait for its end.
-fn begin(client: &mut Client, options: &Options, ask: Ask<'_>) -> Result<bool> {
+fn begin(client: &mut Client, options: &Options, ask: Ask<'_>, out: Out) -> Result<bool> {
     client.unattended(options.unattended);
     client.order(ask)?;
     if options.unattended {
-        println!("begun: `hallctl status` tells how far it is, `hallctl disarm` ends it");
+        say!(out, "begun: `hallctl status` tells how far it is, `hallctl stop` ends it")?;
+        out.value(&json!({ "begun": true }))?;
     }
     Ok(!options.unattended)
 }
@@ -46,15 +48,14 @@ pub(super) fn wait(client: &mut Client, name: &'static str) -> Result<()> {
     }
 }
 
-pub(super) fn calibrate(client: &mut Client, options: &Options) -> Result<()> {
-    if !begin(client, options, Ask::Calibrate)? {
+pub(super) fn calibrate(client: &mut Client, options: &Options, out: Out) -> Result<()> {
+    if !begin(client, options, Ask::Calibrate, out)? {
         return Ok(());
     }
     match calibrated(client)? {
-        Ok(report) => show(&report),
-        Err(error) => return Err(Error::Failed(format!("the calibration failed: {error}"))),
+        Ok(report) => show(&report, out),
+        Err(error) => Err(Error::Failed(format!("the calibration failed: {error}"))),
     }
-    Ok(())
 }
 
 /// Calibrates: what it found, or why the drive refuses its sensors.
@@ -84,8 +85,8 @@ fn calibrated(client: &mut Client) -> Result<std::result::Result<Report, calibra
     }
 }
 
-fn show(report: &Report) {
-    println!("Calibrated.\n");
+fn show(report: &Report, out: Out) -> Result<()> {
+    say!(out, "Calibrated.\n")?;
     let head = ["", "swing", "offset", "placement", "3rd", "5th", "noise"].map(String::from).to_vec();
     let rows = report.sensors.iter().enumerate().map(|(k, sensor)| {
         vec![
@@ -98,28 +99,54 @@ fn show(report: &Report) {
             format!("{:.1} %", sensor.noise_pct),
         ]
     });
-    print_table(&std::iter::once(head).chain(rows).collect::<Vec<_>>());
+    out.table(&std::iter::once(head).chain(rows).collect::<Vec<_>>())?;
     let order = if report.pattern.forward { "in the order of the phases" } else { "against the order of the phases" };
-    println!("\nThe Halls are {}° apart, {order}.", report.pattern.spacing);
-    println!("The angle is noisy by {:.2}° before tracking (electrical, RMS).", report.angle_noise_deg);
-    println!(
+    say!(out, "\nThe Halls are {}° apart, {order}.", report.pattern.spacing)?;
+    say!(out, "The angle is noisy by {:.2}° before tracking (electrical, RMS).", report.angle_noise_deg)?;
+    say!(
+        out,
         "The rotor lagged {:.1}° behind the field and swung by {:.1}°; {:.2} % of the signals are unexplained.",
         report.lag.to_degrees().abs(),
         report.hunting_deg,
         report.residual_pct
-    );
+    )?;
     for finding in report.findings() {
-        println!("Worth mending: {finding}.");
+        say!(out, "Worth mending: {finding}.")?;
     }
+    out.value(&value(report))
 }
 
-pub(super) fn identify(client: &mut Client, options: &Options) -> Result<()> {
-    if !begin(client, options, Ask::Identify)? {
+/// All of it for a script.
+fn value(report: &Report) -> Value {
+    let halls = report.sensors.iter().map(|sensor| {
+        json!({
+            "swing_codes": sensor.swing,
+            "offset_codes": sensor.offset,
+            "placement_error_deg": sensor.placement_error.to_degrees(),
+            "third_pct": sensor.third_pct,
+            "fifth_pct": sensor.fifth_pct,
+            "noise_pct": sensor.noise_pct,
+        })
+    });
+    json!({
+        "halls": halls.collect::<Vec<_>>(),
+        "spacing_deg": report.pattern.spacing,
+        "in_order_of_phases": report.pattern.forward,
+        "angle_noise_deg": report.angle_noise_deg,
+        "lag_deg": report.lag.to_degrees().abs(),
+        "hunting_deg": report.hunting_deg,
+        "residual_pct": report.residual_pct,
+        "findings": report.findings().map(|finding| finding.to_string()).collect::<Vec<_>>(),
+    })
+}
+
+pub(super) fn identify(client: &mut Client, options: &Options, out: Out) -> Result<()> {
+    if !begin(client, options, Ask::Identify, out)? {
         return Ok(());
     }
-    print!("{}", identified(client)?);
-    println!("What is not doubtful is in the settings now; `hallctl settings save` keeps it.");
-    Ok(())
+    let report = identified(client)?;
+    say!(out, "{report}What is not doubtful is in the settings now; `hallctl settings save` keeps it.")?;
+    out.value(&report)
 }
 
 /// Measures the motor.
@@ -140,22 +167,23 @@ fn identified(client: &mut Client) -> Result<identify::Report> {
     })
 }
 
-pub(super) fn learn_cogging(client: &mut Client, options: &Options) -> Result<()> {
-    if !begin(client, options, Ask::LearnCogging)? {
+pub(super) fn learn_cogging(client: &mut Client, options: &Options, out: Out) -> Result<()> {
+    if !begin(client, options, Ask::LearnCogging, out)? {
         return Ok(());
     }
     wait(client, "learning the cogging")?;
-    client.ask(Ask::Cogging, |answer| match answer {
-        Answer::Cogging(Procedure::Done(cogging)) => {
-            println!(
-                "The cogging takes {:.3} A RMS, {:.3} A at most; it is compensated from now on, and stored.",
-                cogging.rms_a, cogging.largest_a
-            );
-            Ok(())
-        }
+    let cogging = client.ask(Ask::Cogging, |answer| match answer {
+        Answer::Cogging(Procedure::Done(cogging)) => Ok(cogging),
         Answer::Cogging(Procedure::Failed(error)) => {
             Err(Error::Failed(format!("learning the cogging failed: {}", words::procedure_error(&error))))
         }
         other => unexpected(&other),
-    })
+    })?;
+    say!(
+        out,
+        "The cogging takes {:.3} A RMS, {:.3} A at most; it is compensated from now on, and stored.",
+        cogging.rms_a,
+        cogging.largest_a
+    )?;
+    out.value(&cogging)
 }

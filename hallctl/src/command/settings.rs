@@ -2,19 +2,24 @@
 
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
-use crate::words;
+use crate::out::{self, Out};
+use crate::{say, words};
 use anyhow::{Context, anyhow};
 use clap::Subcommand;
 use hallservo::settings::{Kind, about};
 use hallservo_protocol::{Answer, Ask, Setting};
+use serde_json::{Value, json};
 use std::fmt::Write;
-use std::fs;
 use std::path::{Path, PathBuf};
 
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
     /// All, with their ranges
-    List,
+    List {
+        /// With what each is about
+        #[arg(long)]
+        about: bool,
+    },
     /// One
     Get {
         /// Its name
@@ -38,31 +43,39 @@ pub(super) enum Command {
     Reset,
     /// Write all to a TOML file
     Export {
-        /// The file
+        /// The file, - for the standard output
         file: PathBuf,
     },
     /// Set what a TOML file has; keep it by `save`
     Import {
-        /// The file
+        /// The file, - for the standard input
         file: PathBuf,
     },
 }
 
-pub(super) fn run(client: &mut Client, command: &Command) -> Result<()> {
+pub(super) fn run(client: &mut Client, command: &Command, out: Out) -> Result<()> {
     match command {
-        Command::List => list(client),
-        Command::Get { name } => client.setting(Ask::Get(name), show),
-        Command::Set { name, value } => set(client, name, value),
-        Command::Save => save(client),
+        Command::List { about } => list(client, *about, out),
+        Command::Get { name } => {
+            let found = client.setting(Ask::Get(name), |setting| (show(setting, out), about(name)))?;
+            found.0?;
+            say!(out, "  {}", found.1)
+        }
+        Command::Set { name, value } => set(client, name, value, out),
+        Command::Save => {
+            let waits = save(client)?;
+            say!(out, "{}", saved(waits))?;
+            out.value(&json!({ "saved": !waits }))
+        }
         Command::Accept => {
             client.order(Ask::Accept)?;
-            println!("accepted until the power goes; `hallctl settings save` keeps them");
-            Ok(())
+            say!(out, "accepted until the power goes; `hallctl settings save` keeps them")?;
+            super::done(out, Ok(()))
         }
-        Command::Load => client.order(Ask::Load),
-        Command::Reset => client.order(Ask::Restore),
+        Command::Load => super::done(out, client.order(Ask::Load)),
+        Command::Reset => super::done(out, client.order(Ask::Restore)),
         Command::Export { file } => export(client, file),
-        Command::Import { file } => import(client, file),
+        Command::Import { file } => import(client, file, out),
     }
 }
 
@@ -78,30 +91,77 @@ pub(super) fn each(client: &mut Client, mut take: impl FnMut(&Setting<'_>)) -> R
     Ok(())
 }
 
-fn list(client: &mut Client) -> Result<()> {
+fn list(client: &mut Client, with_about: bool, out: Out) -> Result<()> {
+    let mut lines = Vec::new();
+    let mut values = Vec::new();
     each(client, |setting| {
-        let value = words::value(setting, setting.value);
-        let changed = if setting.value == setting.default { ' ' } else { '*' };
-        let range = match setting.kind {
-            _ if setting.fixed => "the board's".into(),
-            Kind::Switch => "no|yes".into(),
-            Kind::Choice(names) => names.into(),
-            _ => format!("{} … {}", words::short(setting.min), words::short(setting.max)),
-        };
-        println!("{changed} {:<24}{value:>15} {:<7} {range:<32} {}", setting.name, setting.unit, about(setting.name));
+        lines.push(line(setting));
+        if with_about {
+            lines.extend(wrapped(about(setting.name)));
+        }
+        values.push(value(setting));
     })?;
-    println!("* differs from the board's default");
-    Ok(())
+    for line in lines {
+        say!(out, "{line}")?;
+    }
+    say!(out, "* differs from the board's default; `--about` says what they are about")?;
+    out.value(&values)
 }
 
-fn show(setting: &Setting<'_>) {
+/// Indented lines of no more than a terminal's 80 columns.
+fn wrapped(text: &str) -> Vec<String> {
+    let mut lines = vec![String::from("   ")];
+    for word in text.split_whitespace() {
+        if lines.last().is_some_and(|line| line.chars().count() + word.chars().count() >= 80) {
+            lines.push("   ".into());
+        }
+        lines.last_mut().into_iter().for_each(|line| *line += &format!(" {word}"));
+    }
+    lines
+}
+
+/// Of a terminal's 80 columns.
+fn line(setting: &Setting<'_>) -> String {
+    let value = words::value(setting, setting.value);
+    let changed = if setting.value == setting.default { ' ' } else { '*' };
+    let range = match setting.kind {
+        _ if setting.fixed => "the board's".into(),
+        Kind::Switch => "no|yes".into(),
+        Kind::Choice(names) => names.into(),
+        _ => format!("{} … {}", words::short(setting.min), words::short(setting.max)),
+    };
+    format!("{changed} {:<24} {value:>14} {:<6} {range}", setting.name, setting.unit)
+}
+
+fn show(setting: &Setting<'_>, out: Out) -> Result<()> {
     let gap = if setting.unit.is_empty() { "" } else { " " };
-    println!("{} = {}{gap}{}", setting.name, words::value(setting, setting.value), setting.unit);
+    say!(out, "{} = {}{gap}{}", setting.name, words::value(setting, setting.value), setting.unit)?;
+    out.value(&value(setting))
+}
+
+/// All of it for a script.
+fn value(setting: &Setting<'_>) -> Value {
+    let of = |value: f32| match setting.kind {
+        Kind::Switch => json!(value != 0.0),
+        Kind::Choice(_) => json!(words::value(setting, value)),
+        // As many digits as a float has.
+        Kind::Real | Kind::Whole => value.to_string().parse::<f64>().map_or(Value::Null, |value| json!(value)),
+    };
+    json!({
+        "name": setting.name,
+        "value": of(setting.value),
+        "default": of(setting.default),
+        "unit": setting.unit,
+        "min": setting.min,
+        "max": setting.max,
+        "fixed": setting.fixed,
+        "about": about(setting.name),
+    })
 }
 
 /// The number of what a person wrote.
 fn number(client: &mut Client, name: &str, text: &str) -> Result<f32> {
-    client.setting(Ask::Get(name), |setting| {
+    let found = client.setting(Ask::Get(name), |setting| {
         words::parse(setting, text).ok_or_else(|| {
             let wanted = match setting.kind {
                 Kind::Switch => "yes or no".into(),
@@ -110,21 +170,28 @@ fn number(client: &mut Client, name: &str, text: &str) -> Result<f32> {
             };
             Error::Other(anyhow!("{name} takes {wanted}, not {text}"))
         })
-    })?
+    });
+    match found {
+        Err(Error::Refused(why)) => Err(Error::Refused(format!("{name}: {why}"))),
+        found => found?,
+    }
 }
 
-fn set(client: &mut Client, name: &str, value: &str) -> Result<()> {
+fn set(client: &mut Client, name: &str, value: &str, out: Out) -> Result<()> {
     let value = number(client, name, value)?;
-    client.setting(Ask::Set { name, value }, show)
+    client.setting(Ask::Set { name, value }, |setting| show(setting, out))?
 }
 
-pub(super) fn save(client: &mut Client) -> Result<()> {
-    let waits = client.ask(Ask::Save, |answer| match answer {
+/// True where they are kept only when the bridge is off.
+pub(super) fn save(client: &mut Client) -> Result<bool> {
+    client.ask(Ask::Save, |answer| match answer {
         Answer::Saved { waits } => Ok(waits),
         other => unexpected(&other),
-    })?;
-    println!("{}", if waits { "will be saved when the bridge is off: `hallctl disarm`" } else { "saved" });
-    Ok(())
+    })
+}
+
+pub(super) const fn saved(waits: bool) -> &'static str {
+    if waits { "will be saved when the bridge is off: `hallctl stop`" } else { "saved" }
 }
 
 fn export(client: &mut Client, path: &Path) -> Result<()> {
@@ -142,11 +209,11 @@ fn export(client: &mut Client, path: &Path) -> Result<()> {
         // Writing into a string does not fail.
         let _ = writeln!(text, "\n# {}{unit}\n{fixed}{} = {value}", about(setting.name), setting.name);
     })?;
-    Ok(fs::write(path, text).with_context(|| format!("cannot write {}", path.display()))?)
+    out::save(path, &text)
 }
 
-fn import(client: &mut Client, path: &Path) -> Result<()> {
-    let text = fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
+fn import(client: &mut Client, path: &Path, out: Out) -> Result<()> {
+    let text = out::load(path)?;
     let table: toml::Table = text.parse().with_context(|| format!("in {}", path.display()))?;
     let mut left: Vec<(&str, f32)> = Vec::new();
     for (name, value) in &table {
@@ -157,8 +224,8 @@ fn import(client: &mut Client, path: &Path) -> Result<()> {
         left.push((name, number(client, name, &text)?));
     }
     set_all(client, left)?;
-    println!("{} settings set; `hallctl settings save` keeps them", table.len());
-    Ok(())
+    say!(out, "{} settings set; `hallctl settings save` keeps them", table.len())?;
+    out.value(&json!({ "set": table.len() }))
 }
 
 /// Sets several: some ranges depend on other settings, so what is refused at first may be allowed later.

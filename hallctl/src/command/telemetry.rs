@@ -1,30 +1,33 @@
 //! `hallctl telemetry`.
 
-use super::writable;
 use crate::client::Client;
-use crate::error::Result;
-use crate::words;
+use crate::error::{Error, Result};
+use crate::out::{self, Out, is_stream};
+use crate::{say, words};
 use anyhow::{Context, anyhow};
 use hallservo::mode::Mode;
 use hallservo_protocol::{Ask, Telemetry};
+use serde_json::{Map, Value, json};
 use sim::report::{Plot, Report, Series};
-use std::fs;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct Options {
-    /// For so long; without, until Ctrl-C
+    /// For so long; without, until Ctrl-C, which keeps what has come
     #[arg(long, value_parser = super::seconds)]
     seconds: Option<f64>,
     /// So often a second, up to 1000; a UART of 460 800 baud carries 650
     #[arg(long, default_value_t = 100.0)]
     hz: f32,
-    /// Into this file
+    /// Show the codes of the Halls instead of speed and currents
+    #[arg(long)]
+    halls: bool,
+    /// Into this file, - for the standard output
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
-    /// As diagrams into this file
+    /// As diagrams into this file, - for the standard output
     #[arg(long, value_name = "FILE.html")]
     plot: Option<PathBuf>,
 }
@@ -82,58 +85,109 @@ impl Rows {
     }
 }
 
-pub(super) fn watch(client: &mut Client, options: &Options) -> Result<()> {
-    writable(options.csv.as_ref())?;
-    writable(options.plot.as_ref())?;
-    let mut csv = options.csv.as_ref().map(|path| table(path)).transpose()?;
+/// A CSV file.
+type Table = csv::Writer<Box<dyn Write>>;
+
+/// Where the rows go.
+struct Sinks {
+    csv: Option<Table>,
+    kept: Option<Vec<Row>>,
+    out: Option<Out>,
+    halls: bool,
+    count: u64,
+}
+
+impl Sinks {
+    fn open(options: &Options, out: Out) -> Result<Self> {
+        // Tried before the work begins.
+        if let Some(path) = options.plot.as_ref().filter(|path| !is_stream(path)) {
+            out::create(path)?;
+        }
+        let csv = options.csv.as_ref().map(|path| table(path)).transpose()?;
+        let quiet = csv.is_some() || options.plot.is_some();
+        Ok(Self {
+            csv,
+            kept: options.plot.as_ref().map(|_| Vec::new()),
+            out: (!quiet).then_some(out),
+            halls: options.halls,
+            count: 0,
+        })
+    }
+
+    fn take(&mut self, row: Row) -> Result<()> {
+        self.count += 1;
+        if let Some(csv) = &mut self.csv {
+            csv.write_record(record(&row)).context("the CSV file")?;
+        }
+        if let Some(out) = self.out {
+            show(&row, self.halls, out)?;
+        }
+        if let Some(kept) = &mut self.kept {
+            kept.push(row);
+        }
+        Ok(())
+    }
+
+    /// Whole rows are in the file, whatever happens next.
+    fn flush(&mut self) -> Result<()> {
+        if let Some(csv) = &mut self.csv {
+            csv.flush().context("the CSV file")?;
+        }
+        Ok(())
+    }
+}
+
+pub(super) fn watch(client: &mut Client, options: &Options, out: Out) -> Result<()> {
+    let mut sinks = Sinks::open(options, out)?;
     let mut rows = Rows { step_hz: client.identity().step_hz, last: None, steps: 0, lost: 0 };
-    let mut kept = Vec::new();
+    let watched = follow(client, options, &mut rows, &mut sinks);
+    if matches!(watched, Err(Error::Interrupted)) {
+        client.carry_on();
+        client.end_telemetry()?;
+        drain(client, &mut rows, &mut sinks)?;
+    } else {
+        watched?;
+    }
+    if let (Some(path), Some(kept)) = (&options.plot, &sinks.kept) {
+        plot(path, kept)?;
+    }
+    let seconds = rows.steps as f64 / rows.step_hz;
+    eprintln!("{} frames in {seconds:.3} s, {} lost", sinks.count, rows.lost);
+    Ok(())
+}
+
+/// Until the time is over.
+fn follow(client: &mut Client, options: &Options, rows: &mut Rows, sinks: &mut Sinks) -> Result<()> {
     client.order(Ask::Telemetry(options.hz))?;
     let began_ms = client.status()?.uptime_ms;
     let end_ms = options.seconds.map(|seconds| began_ms + (1000.0 * seconds) as u64);
-    let print = csv.is_none() && options.plot.is_none();
-    let mut count = 0_u64;
     let mut look = (Instant::now(), began_ms);
     loop {
         // The status, beside being the clock, shows the drive that somebody is there.
         let status = client.status()?;
-        let now_ms = status.uptime_ms;
         client.rest(&mut look, &status)?;
-        let over = end_ms.is_some_and(|end| now_ms >= end);
+        let over = end_ms.is_some_and(|end| status.uptime_ms >= end);
         if over {
             // The frames before the answer are the last.
-            client.order(Ask::Telemetry(0.0))?;
+            client.end_telemetry()?;
         }
-        while let Some(frame) = client.telemetry() {
-            let row = rows.row(frame);
-            count += 1;
-            if let Some(csv) = &mut csv {
-                csv.write_record(record(&row)).context("the CSV file")?;
-            }
-            if print {
-                show(&row)?;
-            }
-            if options.plot.is_some() {
-                kept.push(row);
-            }
-        }
+        drain(client, rows, sinks)?;
         if over {
-            break;
+            return Ok(());
         }
     }
-    if let Some(mut csv) = csv {
-        csv.flush().context("the CSV file")?;
-    }
-    if let Some(path) = &options.plot {
-        plot(path, &kept)?;
-    }
-    eprintln!("{count} frames in {:.3} s, {} lost", rows.steps as f64 / rows.step_hz, rows.lost);
-    Ok(())
 }
 
-fn table(path: &Path) -> anyhow::Result<csv::Writer<fs::File>> {
-    let mut csv = csv::Writer::from_path(path).with_context(|| format!("cannot write {}", path.display()))?;
-    csv.write_record(COLUMNS)?;
+fn drain(client: &mut Client, rows: &mut Rows, sinks: &mut Sinks) -> Result<()> {
+    while let Some(frame) = client.telemetry() {
+        sinks.take(rows.row(frame))?;
+    }
+    sinks.flush()
+}
+
+fn table(path: &Path) -> Result<Table> {
+    let mut csv = csv::Writer::from_writer(out::create(path)?);
+    csv.write_record(COLUMNS).context("the CSV file")?;
     Ok(csv)
 }
 
@@ -167,17 +221,32 @@ fn record(row: &Row) -> Vec<String> {
     ]
 }
 
-fn show(row: &Row) -> Result<()> {
+fn show(row: &Row, halls: bool, out: Out) -> Result<()> {
     let Row { time_s, frame, .. } = row;
-    let mut out = std::io::stdout();
     let mode = words::mode_word(frame.mode);
-    writeln!(
-        out,
-        "{time_s:>9.3} s  {mode:<11} {:>10.4} turns {:>9.2} rad/s {:>8.3} A {:>6.2} V",
-        frame.position_turns, frame.speed_rad_s, frame.current_a[1], frame.bus_v
-    )
-    .context("the terminal")?;
-    Ok(())
+    if halls {
+        let [hall_1, hall_2, hall_3] = frame.codes;
+        say!(out, "{time_s:>9.3} s  {mode:<11} Hall 1 {hall_1:>5}   Hall 2 {hall_2:>5}   Hall 3 {hall_3:>5}")?;
+        return out.value(&value(row));
+    }
+    let of = |value: f32, unit: &str| if value.is_nan() { "-".into() } else { format!("{value:.3} {unit}") };
+    let (position, speed) = (out.units.position(frame.position_turns), out.units.speed(frame.speed_rad_s));
+    let (current, bus) = (of(frame.current_a[1], "A"), of(frame.bus_v, "V"));
+    say!(out, "{time_s:>9.3} s  {mode:<11} {position:>16} {speed:>15} {current:>9} {bus:>9}")?;
+    out.value(&value(row))
+}
+
+/// The columns by their names; what is not measured is null.
+fn value(row: &Row) -> Value {
+    let cell = |(name, text): (&str, String)| {
+        let value = match text.parse::<f64>() {
+            _ if text.is_empty() => Value::Null,
+            Ok(number) => json!(number),
+            Err(_) => json!(text),
+        };
+        (name.to_owned(), value)
+    };
+    Value::Object(COLUMNS.into_iter().zip(record(row)).map(cell).collect::<Map<_, _>>())
 }
 
 fn plot(path: &Path, rows: &[Row]) -> Result<()> {
@@ -207,5 +276,5 @@ fn plot(path: &Path, rows: &[Row]) -> Result<()> {
             report.plot(&Plot::new(title, "time in s", unit, series), "")?;
         }
     }
-    Ok(fs::write(path, report.html()).with_context(|| format!("cannot write {}", path.display()))?)
+    out::save(path, &report.html())
 }

@@ -43,6 +43,8 @@ pub enum Kind {
     Hot,
     /// A control period is lost each time, from now on.
     Late,
+    /// Everything is as at power-up.
+    Mend,
 }
 
 impl Kind {
@@ -58,7 +60,8 @@ impl Kind {
             Event::Turn(turns) => Self::Turn(*turns),
             Event::Hot => Self::Hot,
             Event::Late => Self::Late,
-            _ => bail!("a simulated drive can do: hall, bus, load, turn, hot, late"),
+            Event::Mend => Self::Mend,
+            _ => bail!("a simulated drive can do: hall, bus, load, turn, hot, late, mend"),
         })
     }
 
@@ -71,7 +74,7 @@ impl Kind {
             }
             Self::Bus(volts) => plant.set_supply(volts)?,
             Self::Load(torque) => plant.set_load(torque)?,
-            Self::Turn(_) | Self::Hot | Self::Late => {}
+            Self::Turn(_) | Self::Hot | Self::Late | Self::Mend => {}
         }
         Ok(())
     }
@@ -81,7 +84,7 @@ impl Kind {
         match self {
             Self::Hot => sample.temperatures[0] = TemperatureCode::new(150),
             Self::Late => sample.lost = LostPeriods::counted(1),
-            Self::Hall(..) | Self::Bus(_) | Self::Load(_) | Self::Turn(_) => {}
+            Self::Hall(..) | Self::Bus(_) | Self::Load(_) | Self::Turn(_) | Self::Mend => {}
         }
     }
 }
@@ -103,7 +106,7 @@ mod tests {
     #[test]
     fn what_a_simulated_drive_cannot_do_is_refused() {
         for (text, named) in [
-            ("power-cycle@1s", "a simulated drive can do: hall, bus, load, turn, hot, late"),
+            ("power-cycle@1s", "a simulated drive can do: hall, bus, load, turn, hot, late, mend"),
             ("hall-wet@1s", "a Hall is good, open, ground, supply or stuck, not \"wet\""),
             ("hot@-1s", "a time is like 0.5s, 20ms or 300us, not \"-1s\""),
             ("bus-nanV@1s", "expected a number with V, found \"nanV\""),

@@ -1,20 +1,24 @@
 //! The simulated drive at the end of a line: TCP on loopback, or a pseudo-terminal.
 
+#[cfg(unix)]
+mod terminal;
+
 use super::fault::{Kind, ScheduledEvent};
 use super::flash::Flash;
 use super::rings::Pairs;
 use super::{Simulator, defaults};
+use crate::out::Out;
+use crate::say;
 use anyhow::{Context, Result};
-use hallservo_protocol::{Answer, Decoder, Reply, Request};
+use hallservo::mode::Mode;
+use hallservo_protocol::{Answer, Ask, Decoder, Reply, Request};
 use plant::PlantParameters;
 use plant::heads::Encoder;
-use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
-use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
-use std::fs::{File, OpenOptions};
+use serde_json::json;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
-use std::sync::mpsc::{Receiver, Sender, SyncSender, TryRecvError, channel, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -35,6 +39,7 @@ pub struct Options {
     #[arg(long, value_name = "tcp:HOST:PORT", default_value = "tcp:127.0.0.1:0")]
     pub listen: String,
     /// Be a pseudo-terminal instead
+    #[cfg(unix)]
     #[arg(long)]
     pub pty: bool,
     /// Seed of the motor, its sensors and the noise
@@ -53,9 +58,12 @@ pub struct Options {
     #[arg(long, value_name = "FILE")]
     pub flash: Option<PathBuf>,
     /// Something happens after so long in the state running: hall-open@40s, hall-2-stuck@5s, bus-60V@1s,
-    /// load-0.05Nm@1s, hot@1s, late@1s; typed, it happens at once
+    /// load-0.05Nm@1s, hot@1s, late@1s, mend@5s; typed, it happens at once
     #[arg(long, value_name = "EVENT@TIME")]
     pub fault: Vec<String>,
+    /// Print what it is told and each change of its state, with its time and the motor's speed
+    #[arg(long)]
+    pub log: bool,
 }
 
 /// Milliseconds that a request is worth.
@@ -64,6 +72,10 @@ const WORTH: u32 = 20;
 const LONGEST: u32 = 300;
 /// Pieces on their way to a tool that may not read them.
 const OUT: usize = 256;
+/// Pieces on their way from a tool that asks faster than the drive answers: it has to wait.
+const IN: usize = 16;
+/// Bytes that the drive leaves untaken, at most, before it hears no more.
+const BACKLOG: usize = 1024;
 
 /// From the line.
 enum Event {
@@ -80,7 +92,7 @@ enum Event {
 ///
 /// # Errors
 /// What is wrong with the options.
-pub fn main(options: &Options) -> Result<()> {
+pub fn main(options: &Options, out: Out) -> Result<()> {
     let planned = options.fault.iter().map(|text| text.parse()).collect::<Result<Vec<ScheduledEvent>>>()?;
     let flash = match &options.flash {
         Some(path) => Flash::in_file(path)?,
@@ -89,16 +101,57 @@ pub fn main(options: &Options) -> Result<()> {
     let rings = options.encoder.map(|pairs| Encoder::new(pairs.0, options.eccentricity, options.seed));
     let plant = PlantParameters::imperfect(options.seed);
     let mut simulator = Simulator::with_rings(defaults(), &plant, rings, options.seed, flash, planned)?;
-    let (events, line) = channel();
+    let (events, line) = sync_channel(IN);
     listen_to_keyboard(events.clone());
-    let name = if options.pty { terminal(events)? } else { listen(&options.listen, events)? };
-    println!("The simulated drive is at {name}");
-    std::io::stdout().flush().context("the terminal")?;
+    let name = open(options, events)?;
+    say!(out, "The simulated drive is at {name}")?;
+    out.value(&json!({ "port": name }))?;
+    let tool = Tool { log: options.log.then_some(Log { out, mode: Mode::Unarmed }), ..Tool::default() };
     match options.speed {
-        Pace::Real => real(&mut simulator, &line),
-        Pace::Fast => fast(&mut simulator, &line),
+        Pace::Real => real(&mut simulator, tool, &line),
+        Pace::Fast => fast(&mut simulator, tool, &line),
     }
     Ok(())
+}
+
+#[cfg(unix)]
+fn open(options: &Options, events: SyncSender<Event>) -> Result<String> {
+    if options.pty { terminal::open(events) } else { listen(&options.listen, events) }
+}
+
+#[cfg(not(unix))]
+fn open(options: &Options, events: SyncSender<Event>) -> Result<String> {
+    listen(&options.listen, events)
+}
+
+/// Tells what the drive is told and does.
+struct Log {
+    out: Out,
+    mode: Mode,
+}
+
+impl Log {
+    /// What does not change the drive is not told.
+    fn asked(&self, simulator: &Simulator, ask: &Ask<'_>) {
+        if ask.controls() || matches!(ask, Ask::Disarm) {
+            self.tell(simulator, &format!("{ask:?}"));
+        }
+    }
+
+    fn is(&mut self, simulator: &Simulator) {
+        let mode = simulator.drive().mode();
+        if mode != self.mode {
+            self.mode = mode;
+            self.tell(simulator, crate::words::mode_word(mode));
+        }
+    }
+
+    fn tell(&self, simulator: &Simulator, what: &str) {
+        let (at_s, speed_rad_s) = (simulator.now_ms() as f64 / 1000.0, simulator.plant.truth().speed_rad_s);
+        // A screen that is gone is no reason to end.
+        let _ = say!(self.out, "{at_s:.3} s  {speed_rad_s:.1} rad/s  {what}");
+        let _ = self.out.value(&json!({ "at_s": at_s, "speed_rad_s": speed_rad_s, "what": what }));
+    }
 }
 
 /// The end of a line at the drive.
@@ -109,14 +162,15 @@ struct Tool {
     answers: Decoder,
     /// Whether a request has no answer yet.
     waits: bool,
+    log: Option<Log>,
 }
 
 impl Tool {
     /// A byte to the drive. If it ends a frame, time passes: until it is answered, if it is a request.
     fn ask(&mut self, simulator: &mut Simulator, byte: u8) {
-        simulator.write(&[byte]);
-        let Some(frame) = self.requests.push::<Request<'_>>(byte) else { return };
-        self.waits = frame.is_ok();
+        if !self.hear(simulator, byte) {
+            return;
+        }
         for passed in 0..LONGEST {
             if passed < WORTH || self.waits {
                 self.step(simulator);
@@ -124,9 +178,23 @@ impl Tool {
         }
     }
 
+    /// A byte to the drive: true if it ends a frame.
+    fn hear(&mut self, simulator: &mut Simulator, byte: u8) -> bool {
+        simulator.write(&[byte]);
+        let Some(frame) = self.requests.push::<Request<'_>>(byte) else { return false };
+        self.waits = frame.is_ok();
+        if let (Some(log), Ok(Request { ask, .. })) = (&self.log, &frame) {
+            log.asked(simulator, ask);
+        }
+        true
+    }
+
     /// A millisecond.
     fn step(&mut self, simulator: &mut Simulator) {
         simulator.step();
+        if let Some(log) = &mut self.log {
+            log.is(simulator);
+        }
         let bytes = simulator.read();
         for &byte in &bytes {
             if let Some(Ok(Reply { answer, .. })) = self.answers.push::<Reply<'_>>(byte) {
@@ -158,14 +226,13 @@ fn happen(simulator: &mut Simulator, kind: Kind, text: &str) -> u32 {
     }
 }
 
-fn real(simulator: &mut Simulator, line: &Receiver<Event>) {
-    let mut tool = Tool::default();
+fn real(simulator: &mut Simulator, mut tool: Tool, line: &Receiver<Event>) {
     let mut next = Instant::now();
     loop {
-        loop {
+        while simulator.backlog() < BACKLOG {
             match line.try_recv() {
                 Ok(Event::Came(out)) => tool.out = Some(out),
-                Ok(Event::Bytes(bytes)) => simulator.write(&bytes),
+                Ok(Event::Bytes(bytes)) => bytes.iter().for_each(|&byte| _ = tool.hear(simulator, byte)),
                 Ok(Event::Typed(kind, text)) => _ = happen(simulator, kind, &text),
                 Err(TryRecvError::Empty) => break,
                 Err(TryRecvError::Disconnected) => return,
@@ -180,8 +247,7 @@ fn real(simulator: &mut Simulator, line: &Receiver<Event>) {
 
 /// What the drive does depends on what comes, in which order, and on nothing else: neither on when, nor on how it is
 /// cut in pieces.
-fn fast(simulator: &mut Simulator, line: &Receiver<Event>) {
-    let mut tool = Tool::default();
+fn fast(simulator: &mut Simulator, mut tool: Tool, line: &Receiver<Event>) {
     while let Ok(event) = line.recv() {
         match event {
             Event::Came(out) => tool.out = Some(out),
@@ -194,7 +260,7 @@ fn fast(simulator: &mut Simulator, line: &Receiver<Event>) {
 }
 
 /// What a person types, line by line from the standard input.
-fn listen_to_keyboard(events: Sender<Event>) {
+fn listen_to_keyboard(events: SyncSender<Event>) {
     thread::spawn(move || {
         for line in std::io::stdin().lines().map_while(Result::ok) {
             let kind = script::event(&line).map_err(anyhow::Error::msg).and_then(|event| Kind::of(&event));
@@ -204,13 +270,15 @@ fn listen_to_keyboard(events: Sender<Event>) {
                         return;
                     }
                 }
-                Err(error) => eprintln!("{line:?}: {error}; `turn 2` turns the shaft by hand, by two turns"),
+                Err(error) => {
+                    eprintln!("{line:?}: {error}; `turn 2` turns the shaft by hand, `mend` ends what was broken")
+                }
             }
         }
     });
 }
 
-fn listen(address: &str, events: Sender<Event>) -> Result<String> {
+fn listen(address: &str, events: SyncSender<Event>) -> Result<String> {
     let address = address.strip_prefix("tcp:").context("the address is to be tcp:HOST:PORT")?;
     let listener = TcpListener::bind(address).with_context(|| format!("cannot listen at {address}"))?;
     let name = format!("tcp:{}", listener.local_addr().context("the socket")?);
@@ -225,33 +293,11 @@ fn listen(address: &str, events: Sender<Event>) -> Result<String> {
 }
 
 /// One tool after the other; `None` when the drive is gone.
-fn serve(stream: TcpStream, events: &Sender<Event>) -> Option<()> {
+fn serve(stream: TcpStream, events: &SyncSender<Event>) -> Option<()> {
     let _ = stream.set_nodelay(true);
     let Ok(out) = stream.try_clone() else { return Some(()) };
     events.send(Event::Came(pour(out))).ok()?;
     pump(stream, events)
-}
-
-fn terminal(events: Sender<Event>) -> Result<String> {
-    let control = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY).context("cannot make a pseudo-terminal")?;
-    grantpt(&control).context("the pseudo-terminal")?;
-    unlockpt(&control).context("the pseudo-terminal")?;
-    let name = ptsname(&control, Vec::new()).context("the pseudo-terminal")?;
-    let name = name.into_string().context("the name of the pseudo-terminal")?;
-    // Kept open, so that the line does not break between two tools; and raw, so that nothing is echoed.
-    let tool_end = OpenOptions::new().read(true).write(true).open(&name).context("the pseudo-terminal")?;
-    let mut attributes = tcgetattr(&tool_end).context("the pseudo-terminal")?;
-    attributes.make_raw();
-    tcsetattr(&tool_end, OptionalActions::Now, &attributes).context("the pseudo-terminal")?;
-    let control = File::from(control);
-    let out = control.try_clone().context("the pseudo-terminal")?;
-    thread::spawn(move || {
-        let _kept = tool_end;
-        if events.send(Event::Came(pour(out))).is_ok() {
-            let _ = pump(control, &events);
-        }
-    });
-    Ok(name)
 }
 
 /// Writes in a thread of its own, for a tool may not read.
@@ -268,7 +314,7 @@ fn pour(mut out: impl Write + Send + 'static) -> SyncSender<Vec<u8>> {
 }
 
 /// Reads until the tool is gone; `None` when the drive is.
-fn pump(mut from: impl Read, events: &Sender<Event>) -> Option<()> {
+fn pump(mut from: impl Read, events: &SyncSender<Event>) -> Option<()> {
     let mut bytes = [0; 256];
     while let Ok(length @ 1..) = from.read(&mut bytes) {
         events.send(Event::Bytes(bytes[..length].to_vec())).ok()?;

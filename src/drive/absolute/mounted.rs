@@ -55,9 +55,8 @@ impl Mounting {
 
     /// How far a position is from where the encoder says, beyond whole mechanical turns. Divides, so not for every step.
     pub const fn deviation(&self, encoder: MechanicalAngle, position: Position) -> i64 {
-        let turn = (self.pole_pairs.get() as i64) << 32;
         let ahead = position.to_bits().wrapping_sub(self.position(encoder).to_bits());
-        (ahead.wrapping_add(turn / 2)).rem_euclid(turn) - turn / 2
+        Position::from_bits(ahead).within_turn(self.pole_pairs).to_bits()
     }
 }
 
@@ -170,7 +169,10 @@ impl Mounted {
         let here = drive.record.rotor.position();
         let ahead = self.mounting.position(angle).to_bits().wrapping_sub(here.to_bits());
         let turns = ahead.wrapping_add(1 << 31) >> 32;
-        drive.record.rotor.count_on(turns << 32);
+        if turns != 0 {
+            drive.record.rotor.count_on(turns << 32);
+            drive.forget_pole();
+        }
         self.rotor = drive.record.rotor;
         self.halls = self.rotor.position();
         (self.absolute, self.lost, self.apart) = (true, false, 0);

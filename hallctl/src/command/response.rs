@@ -1,0 +1,250 @@
+//! `hallctl step` and `hallctl sine`: what the motor makes of a set-point.
+
+use super::motion::Target;
+use super::session::{Session, Trace};
+use crate::client::Client;
+use crate::error::Result;
+use crate::out::{self, Out};
+use crate::response::{Point, Profile, Sine, Step, bandwidth};
+use crate::say;
+use crate::units::{self, Quantity};
+use clap::Subcommand;
+use serde_json::json;
+use sim::report::{Plot, Report, Series};
+use std::f64::consts::TAU;
+use std::path::{Path, PathBuf};
+
+/// What follows.
+#[derive(Clone, Copy, Debug, Subcommand)]
+pub(super) enum Axis {
+    /// The speed, by so much
+    #[command(allow_negative_numbers = true)]
+    Speed {
+        /// Size of the step, or amplitude of the sine
+        #[arg(value_parser = units::speed)]
+        size: Quantity,
+        /// Speed before, or in the middle
+        #[arg(long, value_parser = units::speed, default_value = "0")]
+        from: Quantity,
+    },
+    /// The position, by so much from where it is
+    #[command(allow_negative_numbers = true)]
+    Position {
+        /// Size of the step, or amplitude of the sine
+        #[arg(value_parser = units::position)]
+        size: Quantity,
+    },
+}
+
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct Files {
+    /// Telemetry so often a second; a UART of 460 800 baud carries 650
+    #[arg(long, default_value_t = 500.0, global = true)]
+    hz: f32,
+    /// Time, set-point and measured into this file, - for the standard output
+    #[arg(long, value_name = "FILE", global = true)]
+    csv: Option<PathBuf>,
+    /// A diagram into this file, - for the standard output
+    #[arg(long, value_name = "FILE.html", global = true)]
+    plot: Option<PathBuf>,
+}
+
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct StepOptions {
+    #[command(subcommand)]
+    axis: Axis,
+    /// Recorded from the step on
+    #[arg(long, value_parser = super::seconds, default_value = "0.5", global = true)]
+    seconds: f64,
+    #[command(flatten)]
+    files: Files,
+}
+
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct SineOptions {
+    #[command(subcommand)]
+    axis: Axis,
+    /// Frequencies, Hz
+    #[arg(long, value_delimiter = ',', default_value = "1,2,4", value_parser = super::seconds, global = true)]
+    frequency: Vec<f64>,
+    /// Periods of each
+    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..), global = true)]
+    periods: u32,
+    #[command(flatten)]
+    files: Files,
+}
+
+/// An axis in the drive's units.
+#[derive(Clone, Copy)]
+struct Wanted {
+    from: f64,
+    size: f64,
+    position: bool,
+}
+
+impl Wanted {
+    fn of(axis: Axis, session: &Session<'_>, out: Out) -> Self {
+        match axis {
+            Axis::Speed { size, from } => {
+                let usual = out.units.speed.rad_s();
+                Self { from: from.value(usual), size: size.value(usual), position: false }
+            }
+            Axis::Position { size } => {
+                let size = size.value(out.units.position.turns());
+                Self { from: session.began_turns(), size, position: true }
+            }
+        }
+    }
+
+    fn target(&self, value: f64) -> Target {
+        if self.position { Target::Position(value) } else { Target::Speed(value as f32) }
+    }
+
+    fn unit(&self) -> (&'static str, &'static str) {
+        if self.position { ("Position", "turns") } else { ("Speed", "rad/s") }
+    }
+}
+
+/// Before the step, s.
+const BEFORE_S: f64 = 0.3;
+
+pub(super) fn step(client: &mut Client, options: &StepOptions, out: Out) -> Result<()> {
+    let limits = Limits::of(client)?;
+    let (wanted, trace, began_s) = Session::run(client, options.files.hz, |session| {
+        let wanted = Wanted::of(options.axis, session, out);
+        let set = |session: &mut Session<'_>, value: f64, seconds| {
+            session.follow(seconds, |_| wanted.target(value), |moment| moment.position(wanted.position))
+        };
+        set(session, wanted.from, BEFORE_S)?;
+        let began_s = session.now_s();
+        set(session, wanted.from + wanted.size, options.seconds)?;
+        Ok((wanted, began_s))
+    })
+    .map(|((wanted, began_s), trace)| (wanted, trace, began_s))?;
+    let to = wanted.from + wanted.size;
+    let model = limits.profile(&wanted);
+    let since: Vec<Point> =
+        trace.iter().filter(|row| row.time_s >= began_s).map(|row| (row.time_s - began_s, row.measured)).collect();
+    let found = Step::of(&since, wanted.from, to);
+    let ideal: Vec<Point> = since.iter().map(|&(time_s, _)| (time_s, model.at(time_s))).collect();
+    let asked = Step::of(&ideal, wanted.from, to);
+    tell(&found, &asked, &wanted, out)?;
+    out.value(&json!({
+        "axis": wanted.unit().0.to_lowercase(),
+        "unit": wanted.unit().1,
+        "from": wanted.from,
+        "to": to,
+        "measured": found,
+        "trajectory": asked,
+        "frames": since.len(),
+    }))?;
+    let shift = |row: &Trace| (row.time_s - began_s, row.set, row.measured);
+    save(&options.files, &wanted, &trace.iter().map(shift).collect::<Vec<_>>(), Some((&model, began_s)))
+}
+
+fn tell(found: &Step, asked: &Step, wanted: &Wanted, out: Out) -> Result<()> {
+    let time = |time: Option<f64>| time.map_or_else(|| "not reached".into(), |time| format!("{:.1} ms", 1e3 * time));
+    let unit = wanted.unit().1;
+    let row = |name: &str, measured: String, asked: String| vec![name.into(), measured, asked];
+    out.table(&[
+        row("", "measured".into(), "as asked".into()),
+        row("rise, 10 to 90 %", time(found.rise_s), time(asked.rise_s)),
+        row("overshoot", format!("{:.1} %", found.overshoot_pct), format!("{:.1} %", asked.overshoot_pct)),
+        row("settled within 5 %", time(found.settling_s), time(asked.settling_s)),
+        row("error in the end", format!("{:.4} {unit}", found.error), String::new()),
+        row("noise, RMS", format!("{:.4} {unit}", found.noise), String::new()),
+    ])?;
+    say!(out, "Asked is the trajectory, within max_acceleration_rad_s2 and max_speed_rad_s.")
+}
+
+/// What the trajectory keeps to, in rad/s² and rad/s.
+struct Limits {
+    acceleration: f64,
+    speed: f64,
+}
+
+impl Limits {
+    fn of(client: &mut Client) -> Result<Self> {
+        use hallservo_protocol::Ask;
+        let mut get = |name| client.setting(Ask::Get(name), |setting| f64::from(setting.value));
+        Ok(Self { acceleration: get("max_acceleration_rad_s2")?, speed: get("max_speed_rad_s")? })
+    }
+
+    fn profile(&self, wanted: &Wanted) -> Profile {
+        let to = wanted.from + wanted.size;
+        match wanted.position {
+            true => Profile::position(wanted.from, to, self.acceleration / TAU, self.speed / TAU),
+            false => Profile::speed(wanted.from, to, self.acceleration),
+        }
+    }
+}
+
+/// Before a sine, periods: what it begins with has died away.
+const SETTLE: f64 = 1.0;
+
+pub(super) fn sine(client: &mut Client, options: &SineOptions, out: Out) -> Result<()> {
+    let mut sines = Vec::new();
+    let mut all = Vec::new();
+    let mut shown = None;
+    for &hz in &options.frequency {
+        let (wanted, trace) = Session::run(client, options.files.hz, |session| {
+            let wanted = Wanted::of(options.axis, session, out);
+            let began_s = session.now_s();
+            let seconds = (f64::from(options.periods) + SETTLE) / hz;
+            let value = |now_s: f64| wanted.from + wanted.size * (TAU * hz * (now_s - began_s)).sin();
+            session.follow(seconds, |now_s| wanted.target(value(now_s)), |moment| moment.position(wanted.position))?;
+            Ok(wanted)
+        })?;
+        let (Some(first), Some(last)) = (trace.first(), trace.last()) else { continue };
+        let from_s = last.time_s - f64::from(options.periods) / hz;
+        let late: Vec<_> = trace.iter().filter(|row| row.time_s >= from_s).collect();
+        let of = |value: fn(&Trace) -> f64| late.iter().map(|row| (row.time_s, value(row))).collect::<Vec<Point>>();
+        sines.extend(Sine::of(&of(|row| row.set), &of(|row| row.measured), hz));
+        let end_s = all.last().map_or(0.0, |row: &(f64, f64, f64)| row.0);
+        all.extend(trace.iter().map(|row| (end_s + row.time_s - first.time_s, row.set, row.measured)));
+        shown = Some(wanted);
+    }
+    let head = ["", "gain", "phase"].map(String::from).to_vec();
+    let rows = sines
+        .iter()
+        .map(|sine| vec![format!("{} Hz", sine.hz), format!("{:.3}", sine.gain), format!("{:.1}°", sine.phase_deg)]);
+    out.table(&std::iter::once(head).chain(rows).collect::<Vec<_>>())?;
+    let (bandwidth_hz, margin_deg) = bandwidth(&sines);
+    match bandwidth_hz {
+        Some(hz) => say!(out, "bandwidth, −3 dB: {hz:.2} Hz")?,
+        None => say!(out, "no bandwidth: the gain does not fall through −3 dB at these frequencies")?,
+    }
+    if let Some(margin_deg) = margin_deg {
+        say!(out, "phase margin: {margin_deg:.0}°")?;
+    }
+    out.value(&json!({ "sines": sines, "bandwidth_hz": bandwidth_hz, "phase_margin_deg": margin_deg }))?;
+    shown.map_or(Ok(()), |wanted| save(&options.files, &wanted, &all, None))
+}
+
+/// Time, set-point and measured.
+type Row = (f64, f64, f64);
+
+fn save(files: &Files, wanted: &Wanted, rows: &[Row], model: Option<(&Profile, f64)>) -> Result<()> {
+    if let Some(path) = &files.csv {
+        let lines = rows.iter().map(|(time_s, set, measured)| format!("{time_s:.6},{set:.6},{measured:.6}\n"));
+        out::save(path, &(String::from("time_s,set_point,measured\n") + &lines.collect::<String>()))?;
+    }
+    if let Some(path) = &files.plot {
+        plot(path, wanted, rows, model)?;
+    }
+    Ok(())
+}
+
+fn plot(path: &Path, wanted: &Wanted, rows: &[Row], model: Option<(&Profile, f64)>) -> Result<()> {
+    let (name, unit) = wanted.unit();
+    let mut series = vec![
+        Series::new("set-point", rows.iter().map(|row| (row.0, row.1))),
+        Series::new("measured", rows.iter().map(|row| (row.0, row.2))),
+    ];
+    if let Some((model, _)) = model {
+        series.push(Series::new("trajectory asked for", rows.iter().map(|row| (row.0, model.at(row.0)))));
+    }
+    let mut report = Report::new("Response of a hallservo drive");
+    report.plot(&Plot::new(name, "time in s", unit, series), "")?;
+    out::save(path, &report.html())
+}

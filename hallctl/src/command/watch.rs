@@ -1,0 +1,271 @@
+//! `hallctl watch`: the drive, live. Of the Halls it shows how far each has swung, which is what mounting takes.
+
+use crate::client::{Client, unexpected};
+use crate::error::{Error, Result};
+use crate::out::Out;
+use crate::units::Units;
+use crate::words;
+use anyhow::{Context, anyhow};
+use hallservo::mode::Mode;
+use hallservo_protocol::{Answer, Ask, Calibration, Status, Telemetry};
+use ratatui::Frame;
+use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
+use ratatui::layout::{Constraint, Layout, Rect};
+use ratatui::style::{Color, Modifier, Style};
+use ratatui::text::{Line, Span};
+use ratatui::widgets::{Block, Gauge, Paragraph, Sparkline};
+use std::collections::VecDeque;
+use std::io::{IsTerminal, stdout};
+use std::time::{Duration, Instant};
+
+/// Frames a second.
+const HZ: f32 = 50.0;
+/// From picture to picture, on the wall.
+const PICTURE: Duration = Duration::from_millis(50);
+/// Speeds that are kept for the curve.
+const KEPT: usize = 400;
+const KEYS: &str = " s or space: stop   r: forget the swings   q: end ";
+
+/// What is shown.
+struct View {
+    board: String,
+    units: Units,
+    status: Status,
+    frame: Telemetry,
+    /// Smallest and largest code of each Hall since it was forgotten.
+    seen: [Option<(u16, u16)>; 3],
+    /// The same as calibrated, where this is known.
+    calibrated: Option<[(f32, f32); 3]>,
+    /// Largest code.
+    most: u16,
+    speeds: VecDeque<f32>,
+}
+
+impl View {
+    fn see(&mut self, frame: Telemetry) {
+        self.frame = frame;
+        for (seen, code) in self.seen.iter_mut().zip(frame.codes) {
+            let (least, most) = seen.unwrap_or((code, code));
+            *seen = Some((least.min(code), most.max(code)));
+        }
+        if self.speeds.len() == KEPT {
+            self.speeds.pop_front();
+        }
+        self.speeds.push_back(frame.speed_rad_s);
+    }
+}
+
+pub(super) fn watch(client: &mut Client, out: Out) -> Result<()> {
+    if !stdout().is_terminal() {
+        return Err(Error::Other(anyhow!("watch needs a terminal; `hallctl telemetry` and `status --json` need none")));
+    }
+    let mut view = begin(client, out.units)?;
+    let mut terminal = ratatui::try_init().context("the terminal")?;
+    let shown = show(client, &mut view, &mut terminal);
+    ratatui::restore();
+    client.carry_on();
+    client.end_telemetry()?;
+    shown
+}
+
+fn begin(client: &mut Client, units: Units) -> Result<View> {
+    let status = client.status()?;
+    let bits = client.setting(Ask::Get("adc_bits"), |setting| setting.value as u32)?;
+    client.order(Ask::Telemetry(HZ))?;
+    Ok(View {
+        board: client.identity().board.clone(),
+        units,
+        status,
+        frame: Telemetry::default(),
+        seen: [None; 3],
+        calibrated: calibrated(client)?,
+        most: ((1_u32 << bits.min(16)) - 1) as u16,
+        speeds: VecDeque::new(),
+    })
+}
+
+/// The range of each Hall by the calibration, if there was one since power-up.
+fn calibrated(client: &mut Client) -> Result<Option<[(f32, f32); 3]>> {
+    client.ask(Ask::Calibration, |answer| match answer {
+        Answer::Calibration(Calibration::Done(report)) => {
+            let range = |k: usize| {
+                let sensor = report.sensors[k];
+                (sensor.offset - sensor.swing / 2.0, sensor.offset + sensor.swing / 2.0)
+            };
+            Ok(Some([range(0), range(1), range(2)]))
+        }
+        Answer::Calibration(_) => Ok(None),
+        other => unexpected(&other),
+    })
+}
+
+fn show(client: &mut Client, view: &mut View, terminal: &mut ratatui::DefaultTerminal) -> Result<()> {
+    loop {
+        let before = view.status;
+        view.status = client.status()?;
+        if before.mode != view.status.mode {
+            view.calibrated = calibrated(client)?;
+        }
+        let mut look = (Instant::now(), view.status.uptime_ms);
+        client.pause(&mut look, &view.status, PICTURE)?;
+        while let Some(frame) = client.telemetry() {
+            view.see(frame);
+        }
+        terminal.draw(|frame| draw(frame, view)).context("the terminal")?;
+        while event::poll(Duration::ZERO).context("the keyboard")? {
+            let Event::Key(key) = event::read().context("the keyboard")? else { continue };
+            match pressed(&key) {
+                Some(Key::End) => return Ok(()),
+                Some(Key::Stop) => client.order(Ask::Disarm)?,
+                Some(Key::Forget) => view.seen = [None; 3],
+                None => {}
+            }
+        }
+    }
+}
+
+enum Key {
+    End,
+    Stop,
+    Forget,
+}
+
+fn pressed(key: &KeyEvent) -> Option<Key> {
+    match key.code {
+        KeyCode::Char('c') if key.modifiers.contains(KeyModifiers::CONTROL) => Some(Key::End),
+        KeyCode::Char('q') | KeyCode::Esc => Some(Key::End),
+        KeyCode::Char('s' | ' ') => Some(Key::Stop),
+        KeyCode::Char('r') => Some(Key::Forget),
+        _ => None,
+    }
+}
+
+fn draw(frame: &mut Frame<'_>, view: &View) {
+    let [head, halls, motion, curve] =
+        Layout::vertical([Constraint::Length(4), Constraint::Length(8), Constraint::Length(7), Constraint::Min(3)])
+            .areas(frame.area());
+    frame.render_widget(state(view), head);
+    draw_halls(frame, view, halls);
+    frame.render_widget(figures(view), motion);
+    let least = view.speeds.iter().copied().fold(0.0, f32::min);
+    let shifted: Vec<u64> = view.speeds.iter().map(|speed| (100.0 * (speed - least)) as u64).collect();
+    let width = usize::from(curve.width.saturating_sub(2));
+    let latest = &shifted[shifted.len().saturating_sub(width)..];
+    frame.render_widget(Sparkline::default().data(latest).block(Block::bordered().title(" Speed ")), curve);
+}
+
+fn state(view: &View) -> Paragraph<'static> {
+    let mode = view.status.mode;
+    let colour = match mode {
+        Mode::Faulted(_) => Color::Red,
+        Mode::Running | Mode::Aligning | Mode::Calibrating => Color::Green,
+        Mode::Ready | Mode::Unarmed => Color::Gray,
+    };
+    let bold = Style::default().fg(colour).add_modifier(Modifier::BOLD);
+    let next = match mode {
+        Mode::Faulted(fault) => words::what_to_do(fault),
+        _ => match words::limits(view.frame.limits) {
+            limits if limits.is_empty() => String::new(),
+            limits => format!("limited by {}", limits.join(", ")),
+        },
+    };
+    let lines = vec![Line::from(Span::styled(words::mode(mode), bold)), Line::from(next)];
+    Paragraph::new(lines).block(Block::bordered().title(format!(" {} ", view.board)).title_bottom(KEYS))
+}
+
+fn draw_halls(frame: &mut Frame<'_>, view: &View, area: Rect) {
+    let block = Block::bordered().title(" Halls, of the ADC's range ");
+    let rows = Layout::vertical([Constraint::Length(2); 3]).split(block.inner(area));
+    frame.render_widget(block, area);
+    for hall in 0..3 {
+        let code = view.frame.codes[hall];
+        let most = view.most.max(1);
+        let at_end = code == 0 || code >= most;
+        let swung = view.seen[hall].map_or_else(|| "-".into(), |(least, most)| format!("{least} … {most}"));
+        let wanted = view.calibrated.map_or_else(String::new, |ranges| {
+            let (least, most) = ranges[hall];
+            format!(", calibrated {least:.0} … {most:.0}")
+        });
+        let label = format!("Hall {}: {code}, swung {swung}{wanted}", hall + 1);
+        let gauge = Gauge::default()
+            .ratio((f64::from(code) / f64::from(most)).min(1.0))
+            .label(label)
+            .gauge_style(Style::default().fg(if at_end { Color::Red } else { Color::Blue }));
+        let [bar, _] = Layout::vertical([Constraint::Length(1), Constraint::Min(0)]).areas(rows[hall]);
+        frame.render_widget(gauge, bar);
+    }
+}
+
+fn figures(view: &View) -> Paragraph<'static> {
+    let View { frame, status, units, .. } = view;
+    let of = |value: f32, unit: &str| if value.is_nan() { "not measured".into() } else { format!("{value:.3} {unit}") };
+    let [d, q] = frame.current_a;
+    let [bridge, motor] = status.temperatures_c;
+    let lines = [
+        format!("angle     {:>8.1}° electrical", frame.angle_deg),
+        format!("speed     {:<22} position  {}", units.speed(frame.speed_rad_s), units.position(frame.position_turns)),
+        format!("current   {:<22} along d   {}", of(q, "A along q"), of(d, "A")),
+        format!("bus       {:<22} bridge    {}", of(frame.bus_v, "V"), of(bridge, "°C")),
+        format!("motor     {}", of(motor, "°C")),
+    ];
+    Paragraph::new(lines.map(Line::from).to_vec()).block(Block::bordered().title(" Motion "))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hallservo::fault::Fault;
+    use ratatui::Terminal;
+    use ratatui::backend::TestBackend;
+
+    fn screen(view: &View, width: u16, height: u16) -> String {
+        let mut terminal = Terminal::new(TestBackend::new(width, height)).unwrap();
+        terminal.draw(|frame| draw(frame, view)).unwrap();
+        terminal.backend().to_string()
+    }
+
+    fn view() -> View {
+        View {
+            board: "simulated".into(),
+            units: Units::default(),
+            status: Status { mode: Mode::Faulted(Fault::Stall), ..Status::default() },
+            frame: Telemetry::default(),
+            seen: [None; 3],
+            calibrated: Some([(1800.0, 2300.0); 3]),
+            most: 4095,
+            speeds: VecDeque::new(),
+        }
+    }
+
+    #[test]
+    fn everything_is_on_the_screen() {
+        let mut view = view();
+        for code in [1900, 2100, 2000] {
+            let current_a = [f32::NAN, 0.25];
+            view.see(Telemetry { codes: [code, 0, 4095], speed_rad_s: 12.5, current_a, ..Telemetry::default() });
+        }
+        let screen = screen(&view, 80, 24);
+        for part in [
+            "faulted: the rotor does not turn at the largest current",
+            "then `hallctl clear`",
+            "Hall 1: 2000, swung 1900 … 2100, calibrated 1800 … 2300",
+            "Hall 3: 4095",
+            "12.50 rad/s",
+            "0.250 A along q",
+            "not measured",
+            "s or space: stop",
+        ] {
+            assert!(screen.contains(part), "{part}: {screen}");
+        }
+    }
+
+    #[test]
+    fn no_screen_is_too_small() {
+        let mut view = view();
+        (0..1000).for_each(|k| view.see(Telemetry { speed_rad_s: k as f32, ..Telemetry::default() }));
+        assert_eq!(view.speeds.len(), KEPT);
+        for (width, height) in [(1, 1), (3, 30), (200, 4), (20, 10)] {
+            screen(&view, width, height);
+        }
+    }
+}

@@ -1,0 +1,141 @@
+//! `hallctl simulate` in a process of its own, and the tool at it.
+
+// Each test uses what it needs.
+#![allow(dead_code)]
+
+use std::io::{BufRead, BufReader, Write};
+use std::path::Path;
+use std::process::{Child, ChildStdin, ChildStdout, Command, Output, Stdio};
+
+pub const HALLCTL: &str = env!("CARGO_BIN_EXE_hallctl");
+/// Seconds on the wall for every answer, however slow this machine is: the drive's own time depends on no clock.
+pub const PATIENCE: (&str, &str) = ("HALLCTL_PATIENCE", "60");
+
+/// A simulated drive in a process of its own; dropped, its power is cut.
+pub struct Drive {
+    process: Child,
+    keyboard: ChildStdin,
+    screen: BufReader<ChildStdout>,
+    pub port: String,
+    log: Vec<Entry>,
+}
+
+/// A line of its log.
+#[derive(Clone, Debug)]
+pub struct Entry {
+    pub at_s: f64,
+    pub speed_rad_s: f64,
+    pub what: String,
+}
+
+impl Drop for Drive {
+    fn drop(&mut self) {
+        let _ = self.process.kill();
+        let _ = self.process.wait();
+    }
+}
+
+impl Drive {
+    pub fn start(options: &[&str]) -> Self {
+        let mut process = Command::new(HALLCTL)
+            .args(["simulate", "--speed", "fast"])
+            .args(options)
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        let keyboard = process.stdin.take().unwrap();
+        let (mut line, mut screen) = (String::new(), BufReader::new(process.stdout.take().unwrap()));
+        screen.read_line(&mut line).unwrap();
+        let port = line.trim().strip_prefix("The simulated drive is at ").unwrap_or_else(|| panic!("{line}")).into();
+        Self { process, keyboard, screen, port, log: Vec::new() }
+    }
+
+    pub fn with_flash(flash: &Path, options: &[&str]) -> Self {
+        Self::start(&[&["--flash", flash.to_str().unwrap()], options].concat())
+    }
+
+    /// Of its process.
+    pub fn id(&self) -> u32 {
+        self.process.id()
+    }
+
+    pub fn call(&self, arguments: &[&str]) -> Output {
+        call(&self.port, arguments)
+    }
+
+    /// A line that it prints.
+    fn line(&mut self) -> String {
+        let mut line = String::new();
+        assert!(self.screen.read_line(&mut line).unwrap() > 0, "the drive has ended");
+        line
+    }
+
+    /// Something is typed into it, and it says that this happened.
+    pub fn typed(&mut self, event: &str) -> String {
+        writeln!(self.keyboard, "{event}").unwrap();
+        self.line()
+    }
+
+    /// A hand turns its shaft.
+    pub fn hand(&mut self, turns: &str) {
+        assert_eq!(self.typed(&format!("turn {turns}")), format!("The shaft is turned by {turns} turns.\n"));
+    }
+
+    /// What its log has told so far is of no interest.
+    pub fn forget_log(&mut self) {
+        writeln!(self.keyboard, "mend").unwrap();
+        while self.line() != "mend: done\n" {}
+    }
+
+    /// Waits until its log tells of something.
+    pub fn log_until(&mut self, what: &str) -> Entry {
+        loop {
+            let line = self.line();
+            let mut parts = line.trim().splitn(3, "  ");
+            let mut number = |unit| parts.next().and_then(|part| part.strip_suffix(unit)?.parse().ok());
+            let (at_s, speed_rad_s) = (number(" s").unwrap(), number(" rad/s").unwrap());
+            let entry = Entry { at_s, speed_rad_s, what: parts.next().unwrap().into() };
+            self.log.push(entry.clone());
+            if entry.what == what {
+                return entry;
+            }
+        }
+    }
+
+    /// The first of the latest entries in a row that tell of something.
+    pub fn log_first(&self, what: &str) -> Entry {
+        let end = self.log.iter().rposition(|entry| entry.what == what).unwrap_or_else(|| panic!("{:?}", self.log));
+        let before = self.log[..end].iter().rposition(|entry| entry.what != what).map_or(0, |at| at + 1);
+        self.log[before].clone()
+    }
+
+    /// The latest entry that tells of something.
+    pub fn log_last(&self, what: &str) -> Entry {
+        self.log.iter().rfind(|entry| entry.what == what).unwrap_or_else(|| panic!("{:?}", self.log)).clone()
+    }
+
+    /// What it prints, when it succeeds.
+    pub fn ok(&self, arguments: &[&str]) -> String {
+        let output = self.call(arguments);
+        let text = String::from_utf8(output.stdout).unwrap();
+        assert!(output.status.success(), "{arguments:?}: {text}{}", String::from_utf8_lossy(&output.stderr));
+        text
+    }
+
+    /// What it says, when it fails with an exit code.
+    pub fn fails(&self, code: i32, arguments: &[&str]) -> String {
+        fails(&self.port, code, arguments)
+    }
+}
+
+pub fn call(port: &str, arguments: &[&str]) -> Output {
+    Command::new(HALLCTL).args(["--port", port]).args(arguments).envs([PATIENCE]).stdin(Stdio::null()).output().unwrap()
+}
+
+pub fn fails(port: &str, code: i32, arguments: &[&str]) -> String {
+    let output = call(port, arguments);
+    let text = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(code), "{arguments:?}: {text}");
+    text
+}

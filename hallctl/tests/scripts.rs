@@ -1,0 +1,190 @@
+//! What a script relies on: JSON from every command, exit codes, standard streams, an output that is full or closed.
+
+#![cfg(unix)]
+
+mod process;
+
+use process::{Drive, HALLCTL, PATIENCE, call};
+use serde_json::Value;
+use std::fs::File;
+use std::io::Write;
+use std::process::{Command, Stdio};
+
+impl Drive {
+    /// The only line that a command prints.
+    fn json(&self, arguments: &[&str]) -> Value {
+        let text = self.ok(&[&["--json"], arguments].concat());
+        assert_eq!(text.lines().count(), 1, "{arguments:?}: {text}");
+        serde_json::from_str(&text).unwrap_or_else(|error| panic!("{arguments:?}: {error}: {text}"))
+    }
+}
+
+#[test]
+fn every_command_speaks_json() {
+    let drive = Drive::start(&[]);
+    assert_eq!(drive.json(&["status"])["state"], "unarmed");
+    let report = drive.json(&["calibrate"]);
+    assert_eq!((report["halls"].as_array().unwrap().len(), report["spacing_deg"].as_u64()), (3, Some(120)));
+    assert_eq!(drive.json(&["arm"])["done"], true);
+    let turning = drive.json(&["speed", "600rpm", "--seconds", "0.5"]);
+    assert!((turning["speed_rad_s"].as_f64().unwrap() - 62.83).abs() < 3.0, "{turning}");
+    assert_eq!(drive.json(&["speed", "-60rpm", "--once"])["done"], true);
+    assert_eq!(drive.json(&["stop"])["done"], true);
+    let status = drive.json(&["status"]);
+    assert_eq!(
+        (&status["state"], &status["current_a"], &status["fault"]),
+        (&"ready".into(), &Value::Null, &Value::Null)
+    );
+    assert!(drive.json(&["identify"])["resistance_ohm"]["value"].is_number());
+    assert!(drive.json(&["cogging", "learn"])["rms_a"].is_number());
+    assert_eq!(drive.json(&["cogging", "off"])["done"], true);
+    assert_eq!(drive.json(&["commutation", "block"])["done"], true);
+    assert_eq!(drive.json(&["settings", "get", "commutation"])["value"], "block");
+    assert_eq!(drive.json(&["settings", "set", "max_current_a", "2.5"])["value"], 2.5);
+    assert_eq!(drive.json(&["settings", "save"])["saved"], true);
+    assert_eq!(drive.json(&["settings", "load"])["done"], true);
+    assert_eq!(drive.json(&["settings", "accept"])["done"], true);
+    assert!(drive.json(&["settings", "list"]).as_array().unwrap().len() > 40);
+    assert_eq!(drive.json(&["settings", "reset"])["done"], true);
+    assert_eq!(drive.json(&["faults"])["total"], 0);
+    let frames = drive.ok(&["--json", "telemetry", "--seconds", "0.2", "--halls"]);
+    let frames: Vec<Value> = frames.lines().map(|line| serde_json::from_str(line).unwrap()).collect();
+    assert!(
+        frames.len() > 10 && frames[0]["hall_1"].is_number() && frames[0]["current_q_a"].is_null(),
+        "{}",
+        frames[0]
+    );
+    // What goes wrong is told, too.
+    let refused = drive.call(&["--json", "speed", "1"]);
+    assert_eq!(refused.status.code(), Some(6));
+    let refused: Value = serde_json::from_slice(&refused.stdout).unwrap();
+    assert_eq!((&refused["error"]["code"], &refused["error"]["kind"]), (&6.into(), &"refused".into()));
+    for alone in [&["list"][..], &["config"]] {
+        serde_json::from_slice::<Value>(&call("", &[&["--json"], alone].concat()).stdout).unwrap();
+    }
+}
+
+#[test]
+fn a_step_and_a_sine_are_measured() {
+    let drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    let step = drive.json(&["step", "speed", "50rad/s", "--from", "20"]);
+    let of = |value: &Value, name: &str| value[name].as_f64().unwrap_or_else(|| panic!("{step}"));
+    assert_eq!((of(&step, "from"), of(&step, "to")), (20.0, 70.0));
+    assert!(of(&step["measured"], "error").abs() < 1.0 && of(&step["measured"], "overshoot_pct") < 20.0, "{step}");
+    assert!(of(&step["measured"], "rise_s") < 0.02 && of(&step["trajectory"], "rise_s") > 0.0, "{step}");
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("step.html");
+    let path = file.to_str().unwrap();
+    let table = drive.ok(&["step", "position", "90deg", "--seconds", "1", "--plot", path, "--csv", "-"]);
+    assert!(table.contains("settled within 5 %") && table.contains("time_s,set_point,measured"), "{table}");
+    assert!(std::fs::read_to_string(&file).unwrap().contains("<svg"));
+    // It is left as it was found.
+    assert!(drive.ok(&["status"]).contains("bridge off"));
+    let sine = drive.json(&["sine", "speed", "20", "--from", "40", "--frequency", "1,2"]);
+    for at in 0..2 {
+        let sine = &sine["sines"][at];
+        assert!(
+            (sine["gain"].as_f64().unwrap() - 1.0).abs() < 0.1 && sine["phase_deg"].as_f64().unwrap().abs() < 30.0,
+            "{sine}"
+        );
+    }
+    assert!(drive.fails(6, &["step", "speed", "100000"]).contains("beyond"));
+    assert!(drive.ok(&["status"]).contains("bridge off"));
+}
+
+#[test]
+fn lists_fit_a_terminal() {
+    let drive = Drive::start(&[]);
+    for command in [&["settings", "list"][..], &["settings", "list", "--about"], &["status"], &["faults"]] {
+        for line in drive.ok(command).lines() {
+            assert!(line.chars().count() <= 80, "{command:?}: {line}");
+        }
+    }
+}
+
+#[test]
+fn settings_travel_through_standard_streams() {
+    let drive = Drive::start(&[]);
+    drive.ok(&["settings", "set", "stall_s", "0.7"]);
+    let file = drive.ok(&["settings", "export", "-"]);
+    assert!(file.contains("stall_s = 0.7\n"), "{file}");
+    drive.ok(&["settings", "reset"]);
+    let import = |text: &str| {
+        let mut tool = Command::new(HALLCTL)
+            .args(["--port", &drive.port, "settings", "import", "-"])
+            .envs([PATIENCE])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap();
+        tool.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
+        tool.wait_with_output().unwrap()
+    };
+    assert!(import(&file).status.success());
+    assert!(drive.ok(&["settings", "get", "stall_s"]).contains("stall_s = 0.7 s"));
+    let unknown = import("stall_s = 0.6\nno_such_setting = 1\n");
+    let said = String::from_utf8(unknown.stderr).unwrap();
+    assert!(unknown.status.code() == Some(6) && said.contains("no_such_setting: "), "{said}");
+    // Nothing was set by halves.
+    assert!(drive.ok(&["settings", "get", "stall_s"]).contains("0.7"));
+    assert!(drive.fails(1, &["settings", "set", "stall_s", "1e99"]).contains("1e99"));
+}
+
+#[test]
+fn a_full_output_is_an_error_in_words() {
+    let drive = Drive::start(&[]);
+    for command in
+        [&["status"][..], &["settings", "list"], &["faults"], &["completions", "bash"], &["settings", "export", "-"]]
+    {
+        let output = Command::new(HALLCTL)
+            .args(["--port", &drive.port])
+            .args(command)
+            .envs([PATIENCE])
+            .stdin(Stdio::null())
+            .stdout(File::options().write(true).open("/dev/full").unwrap())
+            .output()
+            .unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(1), "{command:?}: {said}");
+        assert!(said.starts_with("hallctl: cannot write"), "{command:?}: {said}");
+    }
+}
+
+#[test]
+fn the_exit_codes_are_documented_and_pages_are_written() {
+    let help = String::from_utf8(call("", &["--help"]).stdout).unwrap();
+    for code in ["0 done", "1 files", "2 wrong", "3 no port", "4 no answer", "5 another", "6 refused", "7 begun", "130"]
+    {
+        assert!(help.contains(code), "{code}: {help}");
+    }
+    let folder = tempfile::tempdir().unwrap();
+    assert!(call("", &["man", folder.path().to_str().unwrap()]).status.success());
+    let page = std::fs::read_to_string(folder.path().join("hallctl-speed.1")).unwrap();
+    assert!(page.contains("1000rpm"), "{page}");
+    for shell in ["bash", "zsh", "fish", "powershell"] {
+        let script = String::from_utf8(call("", &["completions", shell]).stdout).unwrap();
+        assert!(script.contains("hallctl"), "{shell}");
+    }
+}
+
+#[test]
+fn a_position_that_nobody_has_counted_is_called_lost() {
+    let mut drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    drive.ok(&["arm"]);
+    drive.ok(&["speed", "50", "--seconds", "0.3"]);
+    assert!(drive.json(&["status"])["position_turns"].is_number());
+    assert_eq!(drive.typed("hall 1 open"), "hall 1 open: done\n");
+    assert!(drive.fails(6, &["speed", "50"]).contains("then `hallctl clear`; after a repair, `hallctl calibrate`"));
+    assert!(drive.ok(&["status"]).contains("lost: the Halls give no angle"));
+    assert!(drive.json(&["status"])["position_turns"].is_null());
+    // What the advice says works, in its order.
+    drive.typed("mend");
+    drive.ok(&["clear"]);
+    drive.ok(&["calibrate"]);
+    assert!(drive.ok(&["status"]).contains("turns before the fault at"));
+    drive.ok(&["arm"]);
+    drive.ok(&["speed", "50", "--seconds", "0.2"]);
+}

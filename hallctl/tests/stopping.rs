@@ -1,0 +1,194 @@
+//! A motor can be stopped at any time: by Ctrl-C, by a tool that is killed, and from a second terminal. The time is
+//! that of the drive, which it tells in its log.
+
+#![cfg(unix)]
+
+mod process;
+
+use process::{Drive, HALLCTL, PATIENCE};
+use rustix::process::{Pid, Signal, kill_process};
+use std::process::{Child, Command, Stdio};
+
+/// Longest from the signal to the bridge off, s.
+const LONGEST_S: f64 = 0.1;
+
+impl Drive {
+    fn begin(&self, arguments: &[&str]) -> Child {
+        Command::new(HALLCTL)
+            .args(["--port", &self.port])
+            .args(arguments)
+            .envs([PATIENCE])
+            .stdin(Stdio::null())
+            .stdout(Stdio::piped())
+            .stderr(Stdio::piped())
+            .spawn()
+            .unwrap()
+    }
+
+    /// Begins something, and a signal ends it when the drive turns its motor. The exit code, and what it said.
+    fn interrupted(&mut self, signal: Signal, arguments: &[&str], sign: &str) -> (Option<i32>, String) {
+        self.forget_log();
+        let tool = self.begin(arguments);
+        self.log_until(sign);
+        kill_process(Pid::from_child(&tool), signal).unwrap();
+        let output = tool.wait_with_output().unwrap();
+        (output.status.code(), String::from_utf8(output.stderr).unwrap())
+    }
+}
+
+fn calibrated(options: &[&str]) -> Drive {
+    let drive = Drive::start(&[&["--log"], options].concat());
+    drive.ok(&["calibrate"]);
+    drive
+}
+
+fn is_off(drive: &Drive) -> bool {
+    drive.ok(&["status"]).contains("bridge off")
+}
+
+#[test]
+fn a_signal_stops_the_motor_and_switches_off() {
+    let mut drive = calibrated(&[]);
+    for signal in [Signal::INT, Signal::TERM, Signal::HUP] {
+        for (command, sign) in [
+            (&["speed", "100"][..], "Speed(100.0)"),
+            (&["speed", "100", "--seconds", "1000"], "Speed(100.0)"),
+            (&["position", "500"], "Position(500.0)"),
+        ] {
+            drive.ok(&["arm"]);
+            let (code, said) = drive.interrupted(signal, command, sign);
+            assert_eq!(code, Some(130), "{said}");
+            let off = drive.log_until("Disarm");
+            let stop = drive.log_first("Speed(0.0)");
+            assert!(off.at_s - stop.at_s <= LONGEST_S, "{stop:?} {off:?}");
+            assert!(off.speed_rad_s.abs() < 5.0, "{off:?}");
+            assert_eq!(drive.log_until("ready").what, "ready");
+            assert!(is_off(&drive));
+        }
+    }
+}
+
+#[test]
+fn a_signal_ends_what_takes_a_while() {
+    for (command, sign) in [
+        (&["identify"][..], "running"),
+        (&["cogging", "learn"], "running"),
+        (&["calibrate"], "aligning"),
+        (&["commission", "--max-current", "2"], "aligning"),
+    ] {
+        let mut drive = calibrated(&[]);
+        let (code, said) = drive.interrupted(Signal::INT, command, sign);
+        assert_eq!(code, Some(130), "{command:?}: {said}");
+        assert!(is_off(&drive), "{command:?}: {}", drive.ok(&["status"]));
+        assert!(!drive.ok(&["status"]).contains("goes on"), "{command:?}");
+    }
+}
+
+#[test]
+fn the_motor_of_a_tool_that_is_killed_is_switched_off() {
+    let mut drive = calibrated(&[]);
+    // Even where a command holds for long.
+    drive.ok(&["settings", "set", "command_timeout_s", "60"]);
+    drive.ok(&["arm"]);
+    drive.interrupted(Signal::KILL, &["speed", "100"], "Speed(100.0)");
+    let off = drive.log_until("Disarm");
+    let last = drive.log_last("Speed(100.0)");
+    assert!(off.at_s - last.at_s <= LONGEST_S, "{last:?} {off:?}");
+    assert!(is_off(&drive));
+    drive.interrupted(Signal::KILL, &["identify"], "running");
+    drive.log_until("Disarm");
+    assert!(is_off(&drive));
+    // The next tool has the control at once.
+    drive.ok(&["arm"]);
+    drive.ok(&["speed", "20", "--seconds", "0.2"]);
+    // One that only looks is missed by nobody.
+    drive.ok(&["speed", "20", "--once"]);
+    let watcher = drive.begin(&["telemetry"]);
+    drive.ok(&["telemetry", "--seconds", "0.5"]);
+    kill_process(Pid::from_child(&watcher), Signal::KILL).unwrap();
+    watcher.wait_with_output().unwrap();
+    assert!(!is_off(&drive));
+}
+
+#[test]
+fn what_is_unattended_goes_on() {
+    let mut drive = calibrated(&[]);
+    drive.forget_log();
+    drive.ok(&["identify", "--unattended"]);
+    drive.log_until("running");
+    assert!(drive.ok(&["status"]).contains("goes on"));
+}
+
+#[test]
+fn anyone_may_stop_what_another_tool_does() {
+    for options in [&[][..], &["--pty"]] {
+        let mut drive = calibrated(options);
+        for (command, sign) in
+            [(&["speed", "100"][..], "Speed(100.0)"), (&["identify"], "running"), (&["calibrate"], "aligning")]
+        {
+            if command[0] == "speed" {
+                drive.ok(&["arm"]);
+            }
+            drive.forget_log();
+            let turning = drive.begin(command);
+            drive.log_until(sign);
+            // Others may look meanwhile, and not interfere.
+            assert!(drive.ok(&["status"]).contains("another tool"));
+            assert!(drive.fails(6, &["speed", "1"]).contains("another tool controls"));
+            assert_eq!(drive.ok(&["stop"]), "the bridge is off\n");
+            let output = turning.wait_with_output().unwrap();
+            let said = String::from_utf8(output.stderr).unwrap();
+            assert!(matches!(output.status.code(), Some(6 | 7)), "{command:?}: {said}");
+            assert!(is_off(&drive));
+        }
+    }
+}
+
+/// Memory that a process has, KiB.
+#[cfg(target_os = "linux")]
+fn memory_kib(process: u32) -> u64 {
+    let status = std::fs::read_to_string(format!("/proc/{process}/status")).unwrap();
+    let line = status.lines().find_map(|line| line.strip_prefix("VmRSS:")).unwrap();
+    line.trim().trim_end_matches(" kB").parse().unwrap()
+}
+
+/// It asks as fast as it can, and takes none of the answers.
+#[cfg(target_os = "linux")]
+#[test]
+fn a_tool_that_never_reads_floods_nothing_and_keeps_nobody_from_stopping() {
+    use hallservo_protocol::{Ask, FRAME, Request, encode};
+    use std::io::{BufRead, BufReader};
+    use std::time::Duration;
+
+    let mut drive = calibrated(&[]);
+    // The process that owns the port lives as long as this one watches.
+    let mut watcher = drive.begin(&["telemetry"]);
+    BufReader::new(watcher.stdout.take().unwrap()).read_line(&mut String::new()).unwrap();
+    let mut line = hallctl::share::attach(&drive.port).unwrap();
+    let mut frame = [0; FRAME];
+    let request = Request { id: 1, client: 77, unattended: false, ask: Ask::Status };
+    let length = encode(&request, &mut frame).unwrap();
+    let flood = frame[..length].repeat(1000);
+    let (told, started) = std::sync::mpsc::channel();
+    // It ends when the line breaks, with the drive.
+    std::thread::spawn(move || {
+        for _ in 0..100_000 {
+            let _ = told.send(());
+            if line.writer.write_all(&flood).is_err() {
+                return;
+            }
+        }
+    });
+    started.recv().unwrap();
+    drive.ok(&["arm"]);
+    let turning = drive.begin(&["speed", "100"]);
+    drive.log_until("Speed(100.0)");
+    assert_eq!(drive.ok(&["stop"]), "the bridge is off\n");
+    turning.wait_with_output().unwrap();
+    assert!(is_off(&drive));
+    // However long it goes on: it is the one that waits.
+    while started.recv_timeout(Duration::from_secs(1)).is_ok() {}
+    assert!(memory_kib(drive.id()) < 200_000, "{} KiB", memory_kib(drive.id()));
+    watcher.kill().unwrap();
+    watcher.wait().unwrap();
+}

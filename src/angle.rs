@@ -164,6 +164,13 @@ impl Position {
         Self(self.0.wrapping_add(step as i64))
     }
 
+    /// What is left of it beyond whole mechanical turns, at most half a turn either way. Divides, so not for every step.
+    #[inline(never)]
+    pub const fn within_turn(self, pole_pairs: PolePairs) -> Self {
+        let turn = (pole_pairs.get() as i64) << 32;
+        Self(self.0.wrapping_add(turn / 2).rem_euclid(turn) - turn / 2)
+    }
+
     /// From electrical turns, rounded.
     pub fn from_turns(turns: f64) -> Self {
         Self((turns * 4_294_967_296.0 + 0.5_f64.copysign(turns)) as i64)

@@ -1,12 +1,12 @@
 //! The settings in the units of the control interrupt: counts, turns and samples.
 
-use crate::angle::{ElectricalAngle, PolePairs, TURN};
+use crate::angle::{ElectricalAngle, PolePairs, Position, TURN};
 use crate::commutation::sinusoidal::PhaseOrder;
 use crate::commutation::{self, Commutation, Modulation};
 use crate::control;
 use crate::hall::track;
 use crate::pwm;
-use crate::schedule::RECORDS;
+use crate::schedule::{OUTER, RECORDS};
 use crate::settings::{Control, Error, Settings};
 
 /// [`Settings`] in the units of the interrupt. What the shortest steps need comes first, as in
@@ -118,6 +118,14 @@ const SLEW_V_S: f32 = 40.0;
 const SLOW_V_S: f32 = 8.0;
 
 impl Config {
+    /// Moves the bounds of the position, where that is zero at an electrical position of its own.
+    pub fn shift_bounds(&mut self, origin: Position) {
+        if let Some(control) = &mut self.control {
+            let way = origin.to_bits() >> OUTER.ilog2();
+            control.motion.bounds = control.motion.bounds.map(|bound| bound.saturating_add(way));
+        }
+    }
+
     /// Steps from record to record while not calibrating.
     pub const fn record_every(&self) -> u32 {
         self.record_every

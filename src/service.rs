@@ -3,6 +3,7 @@
 mod absolute;
 pub mod adaptation;
 pub mod commission;
+pub mod encoder;
 pub mod identification;
 pub mod identify;
 pub mod learning;

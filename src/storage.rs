@@ -29,6 +29,7 @@
 pub mod calibration;
 pub mod cogging;
 pub mod settings;
+pub mod vernier;
 
 use core::fmt;
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};

@@ -12,7 +12,9 @@
 //! - [`eccentricity`]: what an eccentric ring does, and how much of it the construction bears.
 //! - [`calibrate`]: tables and averages from a few turns of the drive, without a reference encoder.
 //! - [`encoder`]: everything together, sample by sample, with the faults it reports.
+//! - [`fit`]: how the encoder sits on the rotor's shaft.
 //! - [`head`]: a head with sine and cosine outputs.
+//! - [`settings`]: what a person sets.
 //! - [`turns`]: the Hall sensors' turn counter, given its start and checked.
 //!
 //! **Readings.** Throughout, a reading is a `u16` fraction of a pole pair, 2¹⁶ to one: the code of a head with fewer
@@ -25,6 +27,8 @@ pub mod correct;
 pub mod decode;
 pub mod eccentricity;
 pub mod encoder;
+pub mod fit;
 pub mod head;
 pub mod rings;
+pub mod settings;
 pub mod turns;

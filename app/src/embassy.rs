@@ -1,5 +1,6 @@
 //! The [`Supervisor`] under embassy: its three calls as one future.
 
+use crate::encoder::Encoder;
 use crate::{Readings, Stop, Supervisor};
 use core::cell::RefCell;
 use core::future::Future;
@@ -18,15 +19,15 @@ const CHECK: Duration = Duration::from_millis(20);
 const PIECE: usize = 64;
 
 /// One future, so a borrow that is not kept across an `await` meets no other.
-type Shared<'a, F> = RefCell<&'a mut Supervisor<F>>;
+type Shared<'a, F, E> = RefCell<&'a mut Supervisor<F, E>>;
 
 /// Runs a supervisor for ever. `rx` and `tx` are the serial line: at 460 800 baud, 8N1, where it is one; `stop` is
 /// what a [`Listener`](crate::Listener) there reports to, if there is one; `readings` is what the control interrupt has
 /// noted last, such as [`Housekeeping::read`](crate::Housekeeping::read). `feed` feeds
 /// the watchdog, about every 20 ms as long as the control interrupt and all tasks run; a calibration's fit and a write
 /// to the flash stall them for up to a quarter of a second, so a watchdog needs half a second at least.
-pub async fn run<F: NorFlash>(
-    supervisor: &mut Supervisor<F>,
+pub async fn run<F: NorFlash, E: Encoder>(
+    supervisor: &mut Supervisor<F, E>,
     rx: impl Read,
     tx: impl Write,
     readings: impl Fn() -> Readings,
@@ -40,7 +41,11 @@ pub async fn run<F: NorFlash>(
     never
 }
 
-async fn tick<F: NorFlash>(supervisor: &Shared<'_, F>, readings: impl Fn() -> Readings, stop: &Stop) -> ! {
+async fn tick<F: NorFlash, E: Encoder>(
+    supervisor: &Shared<'_, F, E>,
+    readings: impl Fn() -> Readings,
+    stop: &Stop,
+) -> ! {
     let mut next = Instant::now();
     loop {
         // Ticks missed in a stall are not made up for, and the other tasks come first: the watchdog among them.
@@ -54,7 +59,7 @@ async fn tick<F: NorFlash>(supervisor: &Shared<'_, F>, readings: impl Fn() -> Re
     }
 }
 
-async fn receive<F: NorFlash>(supervisor: &Shared<'_, F>, mut rx: impl Read) -> ! {
+async fn receive<F: NorFlash, E: Encoder>(supervisor: &Shared<'_, F, E>, mut rx: impl Read) -> ! {
     let mut piece = [0; PIECE];
     loop {
         // Noise on the line is no byte.
@@ -74,7 +79,7 @@ async fn receive<F: NorFlash>(supervisor: &Shared<'_, F>, mut rx: impl Read) -> 
     }
 }
 
-async fn transmit<F: NorFlash>(supervisor: &Shared<'_, F>, mut tx: impl Write) -> ! {
+async fn transmit<F: NorFlash, E: Encoder>(supervisor: &Shared<'_, F, E>, mut tx: impl Write) -> ! {
     let mut piece = [0; PIECE];
     loop {
         let length = supervisor.borrow_mut().transmit(&mut piece);
@@ -90,7 +95,7 @@ async fn transmit<F: NorFlash>(supervisor: &Shared<'_, F>, mut tx: impl Write) -
     }
 }
 
-async fn watch<F: NorFlash>(supervisor: &Shared<'_, F>, mut feed: impl FnMut()) -> ! {
+async fn watch<F: NorFlash, E: Encoder>(supervisor: &Shared<'_, F, E>, mut feed: impl FnMut()) -> ! {
     loop {
         Timer::after(CHECK).await;
         if supervisor.borrow_mut().is_alive() {

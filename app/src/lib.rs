@@ -68,6 +68,7 @@ mod adaptation;
 mod controller;
 #[cfg(feature = "embassy")]
 pub mod embassy;
+pub mod encoder;
 mod fmt;
 mod history;
 mod housekeeping;
@@ -86,9 +87,10 @@ pub use supervisor::Supervisor;
 
 use adaptation::SensorAdaptation;
 use core::mem::MaybeUninit;
+use encoder::{Encoder, NoEncoder};
 use hallservo::config::Config;
 use hallservo::control::cogging::Table;
-use hallservo::drive::{Channels, Drive};
+use hallservo::drive::Channels;
 use hallservo::hall::estimate::Estimator;
 use hallservo::service::Service;
 use procedure::Procedure;
@@ -104,8 +106,8 @@ pub struct Identity {
 
 /// The memory of one drive and its supervisor: a static. What [`Supervisor::start`] fills is not initialised, so that
 /// the static is all zeros, which neither the flash nor the stack of a chip has to hold.
-pub struct Memory<F> {
-    drive: MaybeUninit<Drive>,
+pub struct Memory<F, E: Encoder = NoEncoder> {
+    drive: MaybeUninit<E::Drive>,
     channels: Channels,
     tables: [Table; 2],
     estimators: [MaybeUninit<Estimator>; 2],
@@ -114,12 +116,20 @@ pub struct Memory<F> {
     service: MaybeUninit<Service>,
     procedure: MaybeUninit<Option<Procedure>>,
     adaptation: MaybeUninit<SensorAdaptation>,
-    supervisor: MaybeUninit<Supervisor<F>>,
+    encoder: E::Memory,
+    supervisor: MaybeUninit<Supervisor<F, E>>,
 }
 
 impl<F> Memory<F> {
     /// Of one drive.
     pub const fn new() -> Self {
+        Self::with_encoder()
+    }
+}
+
+impl<F, E: Encoder> Memory<F, E> {
+    /// Of one drive with an encoder.
+    pub const fn with_encoder() -> Self {
         Self {
             drive: MaybeUninit::uninit(),
             channels: Channels::new(),
@@ -129,6 +139,7 @@ impl<F> Memory<F> {
             service: MaybeUninit::uninit(),
             procedure: MaybeUninit::uninit(),
             adaptation: MaybeUninit::uninit(),
+            encoder: E::MEMORY,
             supervisor: MaybeUninit::uninit(),
         }
     }

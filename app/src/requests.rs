@@ -1,15 +1,19 @@
 //! From a request to its answer. A command is answered when the control interrupt has.
 
+use crate::encoder::Encoder;
 use crate::history::ENTRIES;
 use crate::procedure::Procedure;
 use crate::tasks::Tasks;
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::angle::Position;
 use hallservo::commutation::Commutation;
 use hallservo::commutation::modulation;
 use hallservo::control::config::BadDemand;
 use hallservo::control::config::Config;
 use hallservo::drive;
 use hallservo::settings::{self, Entry, Settings, TABLE, find};
+#[cfg(feature = "encoder")]
+use hallservo_protocol::EncoderAsk;
 use hallservo_protocol::{
     self as protocol, Activity, Answer, Ask, Calibration, Hello, History, Record, Refusal, Request, Setting,
 };
@@ -48,7 +52,7 @@ pub(crate) enum Command {
 
 type StepResult = Result<Step, Refusal<'static>>;
 
-impl<F: NorFlash> Tasks<F> {
+impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Begins to answer a request.
     #[inline(never)]
     pub fn begin(&mut self, request: &Request<'_>) -> Step {
@@ -58,6 +62,11 @@ impl<F: NorFlash> Tasks<F> {
 
     fn attempt(&mut self, request: &Request<'_>) -> StepResult {
         let Request { id, client, unattended, ask } = *request;
+        if E::SETTINGS > 0
+            && let Some(number) = encoder_setting::<E>(ask)
+        {
+            return Ok(Step::Answer(self.encoder_setting(number)?));
+        }
         let answer = match ask {
             Ask::Hello => self.hello(),
             Ask::Status => Answer::Status(self.status()),
@@ -78,6 +87,8 @@ impl<F: NorFlash> Tasks<F> {
                 Answer::Setting(self.setting(entry)?)
             }
             Ask::Get(name) => Answer::Setting(self.setting(find(name).ok_or(UNKNOWN)?)?),
+            #[cfg(feature = "encoder")]
+            Ask::Encoder(EncoderAsk::Status) => self.ask_encoder(EncoderAsk::Status)?,
             Ask::Telemetry(hz) => {
                 if !(0.0..=FASTEST).contains(&hz) {
                     return Err(Refusal::Demand(BadDemand { value: hz, most: FASTEST }));
@@ -111,6 +122,14 @@ impl<F: NorFlash> Tasks<F> {
 
     /// Requests that are refused while a procedure runs.
     fn attempt_when_idle(&mut self, ask: Ask<'_>) -> StepResult {
+        if E::SETTINGS > 0
+            && let Ask::Set { name, value } = ask
+            && let Some(number) = E::find(name)
+        {
+            let mode = self.mode();
+            self.encoder.set(number, value, mode)?;
+            return Ok(Step::Answer(self.encoder_setting(number)?));
+        }
         match ask {
             Ask::Arm | Ask::Calibrate | Ask::Identify | Ask::LearnCogging if self.unconfirmed => {
                 Err(Refusal::Unconfirmed(self.stored[Record::Settings as usize]))
@@ -119,7 +138,10 @@ impl<F: NorFlash> Tasks<F> {
                 self.unconfirmed = false;
                 Ok(Step::Answer(Answer::Done))
             }
-            Ask::Arm => self.command(drive::Command::Arm, Command::Plain),
+            Ask::Arm => {
+                self.encoder.may_move(false, &self.settings)?;
+                self.command(drive::Command::Arm, Command::Plain)
+            }
             Ask::Clear => self.command(drive::Command::Clear, Command::Clear),
             Ask::Voltage(share) => {
                 let share = at_most(share, self.settings.max_modulation)?;
@@ -134,7 +156,10 @@ impl<F: NorFlash> Tasks<F> {
                 self.command(drive::Command::Speed(speed), Command::Plain)
             }
             Ask::Position(turns) => {
+                self.encoder.may_move(true, &self.settings)?;
                 let position = self.control()?.position(turns).map_err(Refusal::Demand)?;
+                let origin = self.encoder.origin();
+                let position = Position::from_bits(position.to_bits().wrapping_add(origin.to_bits()));
                 self.command(drive::Command::Position(position), Command::Plain)
             }
             Ask::Commutate(commutation) => {
@@ -162,6 +187,19 @@ impl<F: NorFlash> Tasks<F> {
             Ask::AntiCogging(true) if !self.has_table() => Err(Refusal::NoTable),
             Ask::AntiCogging(on) => self.change("anti_cogging", u8::from(on).into()),
             Ask::Set { name, value } => self.change(name, value),
+            #[cfg(feature = "encoder")]
+            Ask::Encoder(EncoderAsk::Calibrate { by_hand: false }) if self.unconfirmed => {
+                Err(Refusal::Unconfirmed(self.stored[Record::Settings as usize]))
+            }
+            #[cfg(feature = "encoder")]
+            Ask::Encoder(ask) => {
+                let answer = self.ask_encoder(ask)?;
+                // The bounds of the position go with its zero.
+                if self.encoder.has_moved(&self.settings) {
+                    return self.reconfigure(self.settings, Command::Plain);
+                }
+                Ok(Step::Answer(answer))
+            }
             Ask::Save => {
                 self.request_save();
                 let waits = !self.is_at_rest();
@@ -189,6 +227,16 @@ impl<F: NorFlash> Tasks<F> {
             | Ask::History(_)
             | Ask::Release => Ok(Step::Answer(Answer::Done)),
         }
+    }
+
+    #[cfg(feature = "encoder")]
+    fn ask_encoder(&mut self, ask: EncoderAsk) -> Result<Answer<'static>, Refusal<'static>> {
+        let mode = self.mode();
+        self.encoder.ask(ask, self.service, &self.settings, mode)
+    }
+
+    fn encoder_setting(&self, number: u16) -> Result<Answer<'static>, Refusal<'static>> {
+        self.encoder.setting(number).map(Answer::Setting).ok_or(UNKNOWN)
     }
 
     // Procedures are large: not inlined, they do not add to the stack of other requests.
@@ -237,7 +285,7 @@ impl<F: NorFlash> Tasks<F> {
 
     pub fn hello(&self) -> Answer<'static> {
         let identity = self.identity;
-        let settings = TABLE.len() as u16;
+        let settings = TABLE.len() as u16 + E::SETTINGS;
         Answer::Hello(Hello { board: identity.board, firmware: identity.firmware, settings, step_hz: self.step_hz() })
     }
 
@@ -287,6 +335,15 @@ impl<F: NorFlash> Tasks<F> {
         if let Awaited::Reply(_) = awaited {
             self.abandon_reply();
         }
+    }
+}
+
+/// The number of the encoder's setting that is asked for.
+fn encoder_setting<E: Encoder>(ask: Ask<'_>) -> Option<u16> {
+    match ask {
+        Ask::Setting(number) => number.checked_sub(TABLE.len() as u16),
+        Ask::Get(name) => E::find(name),
+        _ => None,
     }
 }
 

@@ -5,11 +5,18 @@ use hallservo::control::cogging::Table;
 use hallservo::hall::estimate;
 use hallservo::hall::model::Model;
 use hallservo::settings::Settings;
-use hallservo::storage::{Error, Store, calibration, cogging, settings, size};
+use hallservo::storage::{Error, Store, calibration, cogging, settings, size, vernier};
 use hallservo_protocol::{Problem, Record};
 
 /// Erasable blocks of the flash: two, of at least 2 KiB, for all kinds.
 pub const BLOCKS: u32 = 2;
+/// Erasable blocks of its own behind these, for what is known of an encoder.
+pub const ENCODER_BLOCKS: u32 = 2;
+/// Most bytes of that.
+pub(crate) const ENCODER: usize = 496;
+/// Version of its form.
+const ENCODER_VERSION: u16 = vernier::VERSION;
+const _: () = assert!(vernier::LONGEST <= ENCODER);
 /// Least difference between what is learnt and what is stored for it to be worth a save: 1 % of an amplitude in offset
 /// or amplitude, 1 % of third harmonic. It is above what noise moves the parameters by, and below what is felt.
 pub const LEAST_CHANGE: f32 = 0.01;
@@ -83,6 +90,16 @@ impl Sensors {
     }
 }
 
+#[inline(always)]
+const fn problem<E>(error: &Error<E>) -> Problem {
+    match error {
+        Error::Blank => Problem::Blank,
+        Error::Version { found } => Problem::Version(*found),
+        Error::Corrupt | Error::TooLong | Error::NotKept => Problem::Corrupt,
+        Error::Place | Error::Flash(_) => Problem::Flash,
+    }
+}
+
 /// From the direction of the settings to that of the phases, or back.
 fn directed(table: Table, settings: &Settings) -> Table {
     if settings.reversed { table.reversed() } else { table }
@@ -105,18 +122,29 @@ impl<F: NorFlash> Storage<F> {
     }
 
     fn load<'a>(&mut self, kind: Record, buffer: &'a mut Buffer) -> Result<&'a [u8], Problem> {
-        let length = self.store(kind)?.load(buffer).map_err(|error| match error {
-            Error::Blank => Problem::Blank,
-            Error::Version { found } => Problem::Version(found),
-            Error::Corrupt | Error::TooLong | Error::NotKept => Problem::Corrupt,
-            Error::Place | Error::Flash(_) => Problem::Flash,
-        })?;
+        let length = self.store(kind)?.load(buffer).map_err(|error| problem(&error))?;
         buffer.get(..length).ok_or(Problem::Corrupt)
     }
 
     /// Saves a record; it stalls the core for as long as an erase takes.
     fn save(&mut self, kind: Record, record: &[u8]) -> Result<(), Problem> {
         self.store(kind)?.save(record).map_err(|_| Problem::Flash)
+    }
+
+    fn encoder(&mut self) -> Result<Store<&mut F, { size(ENCODER) }>, Problem> {
+        let start = self.first_block + BLOCKS * F::ERASE_SIZE as u32;
+        Store::new(&mut self.flash, start, 0, ENCODER_VERSION).map_err(|_| Problem::Flash)
+    }
+
+    /// What the flash holds of the encoder.
+    pub fn load_encoder<'a>(&mut self, place: &'a mut [u8; ENCODER]) -> Result<&'a [u8], Problem> {
+        let length = self.encoder()?.load(place).map_err(|error| problem(&error))?;
+        place.get(..length).ok_or(Problem::Corrupt)
+    }
+
+    /// Saves what is known of the encoder.
+    pub fn save_encoder(&mut self, record: &[u8]) -> Result<(), Problem> {
+        self.encoder()?.save(record).map_err(|_| Problem::Flash)
     }
 
     /// The stored sensors, if they can give an angle, or what is wrong with them.

@@ -1,5 +1,6 @@
 //! The tasks of a drive without a runtime: three calls.
 
+use crate::encoder::{Encoder, NoEncoder};
 use crate::housekeeping::Readings;
 use crate::outbox::Outbox;
 use crate::requests::{Awaited, Step};
@@ -19,8 +20,8 @@ const ANSWER_TIMEOUT: u32 = 100;
 /// with what came over the line and [`transmit`](Self::transmit) for what is to go out. None of them waits, but two of
 /// a tick's duties take long: the fit after a calibration and a write to the flash, up to a quarter of a second. So the
 /// tasks run at the lowest priority.
-pub struct Supervisor<F> {
-    tasks: Tasks<F>,
+pub struct Supervisor<F, E: Encoder = NoEncoder> {
+    tasks: Tasks<F, E>,
     decoder: Decoder,
     outbox: Outbox,
     pending: Option<Pending>,
@@ -64,13 +65,29 @@ impl<F: NorFlash> Supervisor<F> {
     ) -> Result<(&'static mut Drive, &'static mut Self), settings::Error<'static>> {
         start(identity, defaults, flash, first_block, memory)
     }
+}
 
-    pub(crate) fn new(tasks: Tasks<F>) -> Self {
+impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
+    /// The same with an encoder, for which there are [`ENCODER_BLOCKS`](crate::storage::ENCODER_BLOCKS) behind the others.
+    ///
+    /// # Errors
+    /// As [`start`](Supervisor::start).
+    pub fn start_with_encoder(
+        identity: Identity,
+        defaults: Settings,
+        flash: F,
+        first_block: u32,
+        memory: &'static mut Memory<F, E>,
+    ) -> Result<(&'static mut E::Drive, &'static mut Self), settings::Error<'static>> {
+        start(identity, defaults, flash, first_block, memory)
+    }
+
+    pub(crate) fn new(tasks: Tasks<F, E>) -> Self {
         Self { tasks, decoder: Decoder::new(), outbox: Outbox::new(), pending: None, taken: 0, alive: Alive::default() }
     }
 
     /// Before the first tick.
-    pub(crate) const fn tasks(&mut self) -> &mut Tasks<F> {
+    pub(crate) const fn tasks(&mut self) -> &mut Tasks<F, E> {
         &mut self.tasks
     }
 

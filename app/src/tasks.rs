@@ -10,6 +10,7 @@ mod telemetry;
 use crate::Identity;
 use crate::adaptation::SensorAdaptation;
 use crate::controller::Controller;
+use crate::encoder::Encoder;
 use crate::fmt::log;
 use crate::history::History;
 use crate::housekeeping::Readings;
@@ -35,7 +36,7 @@ use telemetry::Stream;
 const SETTLED: u32 = 5;
 
 /// The state of the tasks.
-pub(crate) struct Tasks<F> {
+pub(crate) struct Tasks<F, E> {
     pub identity: Identity,
     pub controller: Controller,
     pub service: &'static mut Service,
@@ -47,6 +48,7 @@ pub(crate) struct Tasks<F> {
     /// Memory for the next settings on their way to the drive.
     spare_config: Option<&'static mut Config>,
     storage: Storage<F>,
+    pub encoder: E,
     /// What is wrong with each kind of stored record.
     pub stored: [Problem; 3],
     /// Whether nobody has confirmed settings that are not those stored.
@@ -93,7 +95,7 @@ pub(crate) struct Tasks<F> {
     pub now_ms: u64,
 }
 
-impl<F: NorFlash> Tasks<F> {
+impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Everything that is due every millisecond.
     pub fn tick(&mut self, now_ms: u64, readings: Readings) {
         self.now_ms = now_ms;
@@ -107,6 +109,7 @@ impl<F: NorFlash> Tasks<F> {
         self.end_abandoned();
         self.window = self.service.window().or(self.window);
         self.proceed();
+        self.attend_to_encoder();
         self.spare_config = self.spare_config.take().or_else(|| self.service.unused_config());
         self.update_drive();
         self.end_calibration();
@@ -121,8 +124,26 @@ impl<F: NorFlash> Tasks<F> {
         if let Some(procedure) = self.procedure {
             procedure.event(&event);
         }
+        self.encoder.event(&event);
         self.handle(&event, torque_nm);
         true
+    }
+
+    /// The encoder's share of a tick. The bounds of the position move with its zero.
+    #[inline(always)]
+    fn attend_to_encoder(&mut self) {
+        if E::SETTINGS == 0 {
+            return;
+        }
+        let mode = self.mode();
+        let activity = self.encoder.activity().0;
+        if self.encoder.tick(self.service, &self.settings, mode, self.now_ms) {
+            self.rest = Some(Rest::after(activity, self.now_ms));
+        }
+        let free = self.ticks_since_command >= SETTLED && !mode.drives();
+        if free && self.encoder.has_moved(&self.settings) && self.configure(self.settings).is_ok() {
+            self.abandon_reply();
+        }
     }
 
     /// Mean torque of the motor since the last tick, N·m, in the direction of the electrical angle; 0 without current

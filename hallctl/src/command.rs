@@ -2,6 +2,7 @@
 
 mod commission;
 mod config;
+mod encoder;
 mod faults;
 mod help;
 mod list;
@@ -134,6 +135,9 @@ enum Command {
         #[command(flatten)]
         options: procedures::Options,
     },
+    /// The absolute encoder: two rings on the shaft
+    #[command(subcommand)]
+    Encoder(encoder::Command),
     /// List, read, change and keep settings
     #[command(subcommand)]
     Settings(settings::Command),
@@ -292,6 +296,7 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
         Command::Cogging { what: Cogging::Learn, options } => procedures::learn_cogging(client, options, out),
         Command::Cogging { what: Cogging::On, .. } => done(out, client.setting(Ask::AntiCogging(true), |_| ())),
         Command::Cogging { what: Cogging::Off, .. } => done(out, client.setting(Ask::AntiCogging(false), |_| ())),
+        Command::Encoder(command) => encoder::run(client, command, out),
         Command::Settings(command) => settings::run(client, command, out),
         Command::Telemetry(options) => telemetry::watch(client, options, out),
         Command::Watch => watch::watch(client, out),

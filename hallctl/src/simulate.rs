@@ -2,18 +2,22 @@
 //! of its own.
 
 pub mod fault;
+mod firmware;
 pub mod flash;
+pub mod rings;
 pub mod serve;
 
 use anyhow::{Context as _, Result, anyhow};
 use fault::ScheduledEvent;
+use firmware::Firmware;
 use flash::Flash;
 use hallservo::board::{Interlock, Output, Sample, TemperatureCode};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Drive;
 use hallservo::mode::Mode;
 use hallservo::settings::{Ceiling, Control, GuardSettings, OnTimeout, Settings};
-use hallservo_app::{Housekeeping, Identity, Listener, Memory, Stop, Supervisor};
+use hallservo_app::{Housekeeping, Identity, Listener, Stop};
+use plant::heads::Encoder as Rings;
 use plant::{Plant, PlantParameters, Truth};
 use std::collections::VecDeque;
 
@@ -51,8 +55,7 @@ pub struct Simulator {
     pub plant: Plant,
     /// Somebody who looks on.
     pub observe: Option<Observe>,
-    drive: &'static mut Drive,
-    supervisor: &'static mut Supervisor<Flash>,
+    firmware: Box<dyn Firmware>,
     housekeeping: Housekeeping,
     stop: Stop,
     listener: Listener,
@@ -105,20 +108,31 @@ impl Simulator {
         flash: Flash,
         planned: Vec<ScheduledEvent>,
     ) -> Result<Self> {
+        Self::with_rings(settings, plant, None, seed, flash, planned)
+    }
+
+    /// The same with rings on the motor's shaft.
+    ///
+    /// # Errors
+    /// What is wrong with the settings or the motor's parameters.
+    pub fn with_rings(
+        settings: Settings,
+        plant: &PlantParameters,
+        rings: Option<Rings>,
+        seed: u64,
+        flash: Flash,
+        planned: Vec<ScheduledEvent>,
+    ) -> Result<Self> {
         let config = settings.validate().context("the settings")?;
         let usual = (plant.bus.supply_v, plant.motor.load_nm);
         let mut plant = Plant::new(plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
         plant.place(0.3, 0.0)?;
-        // On a chip this is a static; here, too, a drive lives as long as its process.
-        let memory = Box::leak(Box::new(Memory::new()));
-        let (drive, supervisor) =
-            Supervisor::start(IDENTITY, settings, flash.clone(), 0, memory).context("the settings")?;
+        let firmware = firmware::start(IDENTITY, settings, flash.clone(), rings)?;
         let periods = (1e-3 / plant.period_s()).round() as u32;
         Ok(Self {
             plant,
             observe: None,
-            drive,
-            supervisor,
+            firmware,
             housekeeping: Housekeeping::new(),
             stop: Stop::new(),
             listener: Listener::new(),
@@ -215,20 +229,21 @@ impl Simulator {
     /// The tasks' share of a millisecond, as a main loop would do it.
     fn tasks(&mut self) {
         self.now_ms += 1;
-        self.supervisor.tick(self.now_ms, self.housekeeping.read());
-        if let Some(bytes) = self.supervisor.dealt_with() {
+        let tasks = self.firmware.tasks();
+        tasks.tick(self.now_ms, self.housekeeping.read());
+        if let Some(bytes) = tasks.dealt_with() {
             self.stop.release(bytes);
         }
-        let taken = self.supervisor.receive(self.input.make_contiguous());
+        let taken = tasks.receive(self.input.make_contiguous());
         self.input.drain(..taken);
         let mut bytes = [0; 64];
         loop {
-            match self.supervisor.transmit(&mut bytes) {
+            match tasks.transmit(&mut bytes) {
                 0 => break,
                 length => self.output.extend(&bytes[..length]),
             }
         }
-        if self.now_ms.is_multiple_of(WATCHDOG_MS) && self.supervisor.is_alive() {
+        if self.now_ms.is_multiple_of(WATCHDOG_MS) && tasks.is_alive() {
             self.fed += 1;
         }
     }
@@ -244,17 +259,15 @@ impl Simulator {
             observe(&mut sample, &self.plant.truth());
         }
         self.housekeeping.update(&sample);
-        self.last = match self.stop.holds() {
-            false => self.drive.step(&sample),
-            true => self.drive.step_off(&sample, Interlock::Stop),
-        };
+        let interlock = self.stop.holds().then_some(Interlock::Stop);
+        self.last = self.firmware.step(&sample, interlock, self.plant.truth().mechanical_angle_rad);
         let [a, b, c] = self.last.compare;
         for word in [a, b, c, self.last.legs.bits().into()] {
             self.digest = (self.digest ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3);
         }
         self.plant.advance(&sim::rig::legs(&self.last, self.period));
         self.hold();
-        if self.drive.mode() == Mode::Running {
+        if self.firmware.drive().mode() == Mode::Running {
             self.running += 1;
             self.inject();
         }
@@ -299,8 +312,13 @@ impl Simulator {
     }
 
     /// The drive, to look at.
-    pub const fn drive(&self) -> &Drive {
-        self.drive
+    pub fn drive(&self) -> &Drive {
+        self.firmware.drive()
+    }
+
+    /// The rings on its shaft, to break them.
+    pub fn rings(&mut self) -> Option<&mut Rings> {
+        self.firmware.rings()
     }
 
     /// How often the watchdog was fed.

@@ -1,5 +1,7 @@
 //! What the drive says by numbers, in words, and what to do about it.
 
+pub mod encoder;
+
 use hallservo::commutation::Commutation;
 use hallservo::drive;
 use hallservo::fault::{Fault, Limits};
@@ -63,6 +65,7 @@ pub const fn activity(activity: Activity) -> &'static str {
         Activity::Identification => "the identification of the motor",
         Activity::Cogging => "learning the cogging",
         Activity::Swings => "swinging the rotor",
+        Activity::Encoder => "the calibration of the encoder",
     }
 }
 
@@ -72,6 +75,7 @@ pub const fn record(record: Record) -> &'static str {
         Record::Sensors => "sensors",
         Record::Cogging => "cogging",
         Record::Settings => "settings",
+        Record::Encoder => "encoder",
     }
 }
 
@@ -118,6 +122,7 @@ pub fn incident(incident: &Incident) -> (String, String) {
                 Record::Settings => {
                     "look through `hallctl settings list`, set what is missing, then `hallctl settings save`"
                 }
+                Record::Encoder => "`hallctl encoder calibrate` stores it anew, `hallctl encoder zero` its zero",
             };
             (format!("the {} in the flash: {}", record(kind), problem(why)), advice.into())
         }
@@ -142,6 +147,7 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
         Refusal::Procedure(error) => procedure_error(error),
         Refusal::Setting(error) => setting_error(error),
         Refusal::NothingStored(why) => format!("there are no settings in the flash to go back to ({})", problem(*why)),
+        Refusal::Encoder(why) => encoder::refusal(why),
         Refusal::Flash => "the flash did not take it\n  Try again; the flash may be worn out.".into(),
         Refusal::NoTable => "the cogging is not learnt yet\n  `hallctl cogging learn` first.".into(),
         Refusal::Busy(what) => format!("{} is at work\n  Wait, or end it by `hallctl stop`.", activity(*what)),

@@ -39,6 +39,7 @@ mod emf;
 mod error;
 mod fault;
 mod hall;
+pub mod heads;
 mod inverter;
 mod magnets;
 mod motor;

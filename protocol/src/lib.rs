@@ -30,12 +30,16 @@
 //! of another version gets [`Error::Version`], which names both, and must not guess at the rest.
 #![no_std]
 
+#[cfg(feature = "encoder")]
+mod encoder;
 mod frame;
 mod history;
 mod message;
 mod report;
 mod status;
 
+#[cfg(feature = "encoder")]
+pub use encoder::{EncoderAsk, EncoderCalibration, EncoderRefusal, EncoderStatus};
 pub use frame::{Decoder, Error, FrameDecoder, encode};
 pub use history::{Cause, History, Incident};
 pub use message::{Answer, Ask, Hello, Refusal, Reply, Request, Setting};

@@ -1,5 +1,7 @@
 //! What is asked and answered. The order of the variants is their number on the wire.
 
+#[cfg(feature = "encoder")]
+use crate::encoder::{EncoderAsk, EncoderRefusal, EncoderStatus};
 use crate::history::History;
 use crate::report::{Calibration, Cogging, Procedure};
 use crate::status::{Activity, Problem, Status, Telemetry};
@@ -113,11 +115,18 @@ pub enum Ask<'a> {
     Swing,
     /// What the last one came to: [`Answer::Swings`].
     Swings,
+    /// The absolute encoder.
+    #[cfg(feature = "encoder")]
+    Encoder(EncoderAsk),
 }
 
 impl Ask<'_> {
     /// Whether it changes anything of the drive, which is for the one tool that controls it.
     pub const fn controls(&self) -> bool {
+        #[cfg(feature = "encoder")]
+        if let Self::Encoder(EncoderAsk::Status) = self {
+            return false;
+        }
         !matches!(
             self,
             Self::Hello
@@ -170,6 +179,9 @@ pub enum Answer<'a> {
     Window(Option<Window>),
     /// To [`Ask::Swings`].
     Swings(Procedure<Rough>),
+    /// To [`EncoderAsk::Status`].
+    #[cfg(feature = "encoder")]
+    Encoder(EncoderStatus),
 }
 
 /// Who is there.
@@ -232,4 +244,7 @@ pub enum Refusal<'a> {
     Controlled,
     /// Not all of the settings in the flash could be taken over: [`Ask::Accept`] or [`Ask::Save`] first.
     Unconfirmed(Problem),
+    /// The absolute encoder cannot.
+    #[cfg(feature = "encoder")]
+    Encoder(EncoderRefusal),
 }

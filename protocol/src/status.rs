@@ -20,6 +20,9 @@ pub enum Activity {
     Cogging,
     /// Its flux linkage and inertia, roughly.
     Swings,
+    /// The rings of the absolute encoder.
+    #[cfg(feature = "encoder")]
+    Encoder,
 }
 
 /// What the flash holds of a kind.
@@ -49,6 +52,9 @@ pub enum Record {
     Cogging,
     /// The settings.
     Settings,
+    /// All that is known of the absolute encoder.
+    #[cfg(feature = "encoder")]
+    Encoder,
 }
 
 /// Whether the drive learns its sensors while it turns.

@@ -113,6 +113,11 @@ impl Tracker {
         self.angle = angle;
     }
 
+    /// Counts on from a position farther by whole turns, in 2⁻³².
+    pub(crate) const fn count_on(&mut self, turns: i64) {
+        self.position = Position::from_bits(self.position.to_bits().wrapping_add(turns));
+    }
+
     /// The smoothed angle at the last sample.
     pub const fn angle(&self) -> ElectricalAngle {
         self.angle

@@ -77,7 +77,8 @@ impl Entry {
 
 /// A description of up to 90 bytes; empty for a name that is not in the table. For tools: a drive does not have it.
 pub fn about(name: &str) -> &'static str {
-    super::ABOUT.iter().find(|(one, _)| *one == name).map_or("", |(_, about)| about)
+    let of_encoder = || crate::vernier::settings::TABLE.iter().find(|row| row.name == name).map_or("", |row| row.about);
+    super::ABOUT.iter().find(|(one, _)| *one == name).map_or_else(of_encoder, |(_, about)| about)
 }
 
 /// The row with a name.

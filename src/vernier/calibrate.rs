@@ -30,6 +30,7 @@ use turn::{Path, Residuals};
 /// ([`Rings::residual_counts`]).
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Report {
     /// The largest residual of the last turn.
     pub worst_residual: u32,
@@ -142,6 +143,11 @@ impl<const HEADS: usize> Calibrator<HEADS> {
         Ok(matches!(self.stage, Stage::Done))
     }
 
+    /// Turns complete, and how many are necessary.
+    pub const fn turns(&self) -> (u8, u8) {
+        (self.turns, 2 * HEADS as u8 + 2)
+    }
+
     /// The calibration and what it is worth.
     ///
     /// # Errors
@@ -149,7 +155,7 @@ impl<const HEADS: usize> Calibrator<HEADS> {
     pub fn finish(self) -> Result<(Calibration<HEADS>, Report), Error> {
         match self.stage {
             Stage::Done => Ok((self.calibration, self.report)),
-            _ => Err(Error::TooShort { turns: self.turns, of: 2 * HEADS as u8 + 2 }),
+            _ => Err(Error::TooShort { turns: self.turns().0, of: self.turns().1 }),
         }
     }
 
@@ -234,8 +240,9 @@ impl Check {
     }
 }
 
-/// Half the smallest distance of two neighbours in the table of averages.
-fn margin(rings: &Rings, averages: &[i16; 64]) -> u32 {
+/// Half the smallest distance of two neighbours in the table of averages: what a residual must reach for a wrong pole
+/// pair, in 2⁻¹⁶ of the distance of two table entries.
+pub fn margin(rings: &Rings, averages: &[i16; 64]) -> u32 {
     let pole_pairs = i32::from(rings.pole_pairs(Ring::Reference));
     let average = |lattice| i32::from(averages[usize::from(rings.pole_pair(lattice))]);
     (0..pole_pairs).map(|lattice| ((1 << 16) + average(lattice + 1) - average(lattice)) / 2).min().unwrap_or(0) as u32

@@ -22,6 +22,7 @@ use core::fmt;
 /// Why a sample gives no angle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Fault {
     /// The rings contradict each other: the residual is near the margin or beyond.
     Residual,

@@ -121,6 +121,34 @@ impl Head {
     }
 }
 
+/// Brings the readings of a ring that are held at another instant than those of the other to its instant, by how far
+/// they have moved since the sample before.
+#[derive(Clone, Copy, Debug)]
+pub struct ReadingSkew<const HEADS: usize> {
+    /// How much later they are held, in 2⁻¹⁶ of a period.
+    later: i32,
+    last: [u16; HEADS],
+}
+
+impl<const HEADS: usize> ReadingSkew<HEADS> {
+    /// For readings held `later` timer counts after the others, of so many in a control period; less than a period.
+    pub const fn new(later: i32, period: u32) -> Self {
+        Self { later: ((later as i64) << 16).wrapping_div(period as i64) as i32, last: [0; HEADS] }
+    }
+
+    /// What the readings were when the others were held. The first after the start is off by up to the whole skew.
+    #[inline(always)]
+    pub fn at_once(&mut self, readings: [u16; HEADS]) -> [u16; HEADS] {
+        let last = core::mem::replace(&mut self.last, readings);
+        let mut readings = readings;
+        for (reading, last) in readings.iter_mut().zip(last) {
+            let way = i32::from(reading.wrapping_sub(last) as i16) * self.later;
+            *reading = reading.wrapping_sub((way >> 16) as u16);
+        }
+        readings
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -165,6 +193,21 @@ mod tests {
         assert_eq!(head.read(3900, 3100), Err(HeadFault::Strong));
         assert_eq!(head.read(4095, 1980), Err(HeadFault::Saturated));
         assert_eq!(head.read(2100, 0), Err(HeadFault::Saturated));
+    }
+
+    #[test]
+    fn readings_held_later_are_brought_to_the_instant_of_the_others() {
+        // Over the wrap, both ways: a twentieth of a pole pair a period, held an eighth of a period later.
+        for speed in [0.05, -0.05, 0.3] {
+            let mut skew = ReadingSkew::<1>::new(500, 4000);
+            let reading = |turns: f64| (((turns - libm::floor(turns)) * 65_536.0) as u32 & 0xffff) as u16;
+            for step in 0..100 {
+                let turns = speed * f64::from(step);
+                let [found] = skew.at_once([reading(turns + 0.125 * speed)]);
+                let error = found.wrapping_sub(reading(turns)) as i16;
+                assert!(step == 0 || error.abs() <= 2, "{speed} {step} {error}");
+            }
+        }
     }
 
     #[test]

@@ -6,6 +6,7 @@ use core::fmt;
 /// One of the two rings.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Ring {
     /// The ring whose pole pairs are counted and whose reading gives the fine angle: the inner one in the paper.
     Reference,
@@ -25,6 +26,7 @@ pub struct Rings {
 /// Why two rings make no absolute encoder.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum RingsError {
     /// A ring has no pole pairs or more than 64.
     PolePairs {
@@ -149,7 +151,7 @@ impl Rings {
     }
 }
 
-const fn common_divisor(a: u8, b: u8) -> u8 {
+pub(super) const fn common_divisor(a: u8, b: u8) -> u8 {
     if b == 0 { a } else { common_divisor(b, a % b) }
 }
 

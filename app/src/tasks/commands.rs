@@ -1,12 +1,13 @@
 //! Commands and settings on their way to the drive, and its answers.
 
 use super::Tasks;
+use crate::encoder::Encoder;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::drive::{Command, Reply};
 use hallservo::settings::Settings;
 use hallservo_protocol::Refusal;
 
-impl<F: NorFlash> Tasks<F> {
+impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Sends a command to the drive; [`Self::take_reply`] has the answer.
     pub fn send(&mut self, command: Command) -> Result<(), Refusal<'static>> {
         self.ready_for_command()?;
@@ -24,7 +25,8 @@ impl<F: NorFlash> Tasks<F> {
 
     /// Sends other settings to the drive; [`Self::take_reply`] has the answer.
     pub fn configure(&mut self, settings: Settings) -> Result<(), Refusal<'static>> {
-        let config = settings.validate().map_err(Refusal::Setting)?;
+        let mut config = settings.validate().map_err(Refusal::Setting)?;
+        self.encoder.place(&mut config, &settings);
         self.ready_for_command()?;
         let spare = self.spare_config.take().ok_or(Refusal::NoAnswer)?;
         *spare = config;

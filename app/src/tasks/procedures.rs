@@ -2,6 +2,7 @@
 
 use super::rest::Rest;
 use super::{SETTLED, Tasks};
+use crate::encoder::Encoder;
 use crate::measure;
 use crate::procedure::Completion;
 use embedded_storage::nor_flash::NorFlash;
@@ -13,7 +14,7 @@ use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Record,
 /// How long a tool may be silent where the settings do not say, as there is no current control, s.
 const TIMEOUT_S: f32 = 1.0;
 
-impl<F: NorFlash> Tasks<F> {
+impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Whether a procedure may begin: with the drive ready.
     pub fn may_turn(&self) -> Result<(), Refusal<'static>> {
         match self.mode() {
@@ -29,6 +30,7 @@ impl<F: NorFlash> Tasks<F> {
         if let Some(procedure) = self.procedure {
             procedure.cancel();
         }
+        self.encoder.cancel();
     }
 
     /// Ends what turns the motor, the bridge off at once, when the tool that began it has fallen silent.
@@ -38,7 +40,7 @@ impl<F: NorFlash> Tasks<F> {
             return;
         }
         let calibrates = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);
-        if calibrates || self.procedure.is_some() {
+        if calibrates || self.procedure.is_some() || self.encoder.activity().0 != Activity::None {
             self.note(Cause::Abandoned(self.activity()));
             self.cancel();
             if self.disarm().is_ok() {
@@ -105,7 +107,7 @@ impl<F: NorFlash> Tasks<F> {
             _ if self.calibration == Calibration::Running => Activity::Calibration,
             // The drive takes up the identified parameters.
             _ if self.unclaimed_replies > 0 && self.sent_settings.is_some() => Activity::Identification,
-            _ => Activity::None,
+            _ => self.encoder.activity().0,
         }
     }
 }

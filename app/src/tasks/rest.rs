@@ -1,6 +1,7 @@
 //! The wait for the rotor to come to rest after a procedure, so that the next request finds it where it stays.
 
 use super::Tasks;
+use crate::encoder::Encoder;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::angle::Position;
 use hallservo::mode::Mode;
@@ -39,7 +40,7 @@ impl Rest {
     }
 }
 
-impl<F: NorFlash> Tasks<F> {
+impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Ends the wait once the rotor is at rest and the result is in use and in the flash, or at a fault.
     pub(super) fn come_to_rest(&mut self) {
         let place = self.is_settled().then(|| self.record.rotor.position());
@@ -52,7 +53,12 @@ impl<F: NorFlash> Tasks<F> {
     /// Whether the drive uses the results and the flash holds them.
     fn is_settled(&self) -> bool {
         let stores = self.unsaved[Record::Sensors as usize] || self.unsaved[Record::Cogging as usize];
-        self.mode() == Mode::Ready && self.sent_settings.is_none() && !self.install_due && !self.table_due && !stores
+        self.mode() == Mode::Ready
+            && self.sent_settings.is_none()
+            && !self.install_due
+            && !self.table_due
+            && !stores
+            && self.encoder.is_settled()
     }
 }
 

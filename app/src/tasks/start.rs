@@ -5,10 +5,11 @@
 use super::Tasks;
 use crate::adaptation::SensorAdaptation;
 use crate::controller::Controller;
+use crate::encoder::Encoder;
 use crate::history::History;
 use crate::housekeeping::Readings;
 use crate::procedure::Procedure;
-use crate::storage::Storage;
+use crate::storage::{ENCODER, Storage};
 use crate::{Identity, Memory, Supervisor};
 use core::mem::MaybeUninit;
 use embedded_storage::nor_flash::NorFlash;
@@ -21,7 +22,8 @@ use hallservo::telemetry::Record as DriveRecord;
 use hallservo_protocol::{self as protocol, Calibration, Cause, Problem, Record};
 
 /// Parts of the static memory that are filled already.
-struct Places {
+struct Places<E> {
+    encoder: E,
     service: &'static mut Service,
     config: &'static mut Config,
     adaptation: &'static mut SensorAdaptation,
@@ -59,46 +61,60 @@ fn new_service(
 }
 
 #[inline(never)]
-fn new_drive(
-    place: &'static mut MaybeUninit<Drive>,
+fn new_drive<E: Encoder>(
+    place: &'static mut MaybeUninit<E::Drive>,
     config: &Config,
     interrupt: drive::Interrupt,
-) -> &'static mut Drive {
-    place.write(Drive::new(*config, interrupt))
+    encoder: E::Interrupt,
+    settings: &Settings,
+) -> &'static mut E::Drive {
+    place.write(E::drive(Drive::new(*config, interrupt), encoder, settings))
 }
 
 /// See [`Supervisor::start`].
-pub(crate) fn start<F: NorFlash>(
+pub(crate) fn start<F: NorFlash, E: Encoder>(
     identity: Identity,
     defaults: Settings,
     flash: F,
     first_block: u32,
-    memory: &'static mut Memory<F>,
-) -> Result<(&'static mut Drive, &'static mut Supervisor<F>), Error<'static>> {
-    let Memory { drive, channels, tables, estimators, config, service, procedure, adaptation, supervisor } = memory;
+    memory: &'static mut Memory<F, E>,
+) -> Result<(&'static mut E::Drive, &'static mut Supervisor<F, E>), Error<'static>> {
+    let Memory { drive, channels, tables, estimators, config, service, procedure, adaptation, encoder, supervisor } =
+        memory;
     let mut storage = Storage::new(flash, first_block);
     let (settings, problem) = storage.settings(&defaults);
     let config = new_config(config, &settings)?;
+    let (mut encoder, encoder_interrupt) = E::start(encoder, &settings);
+    restore(&mut encoder, &mut storage);
+    encoder.place(config, &settings);
     let (interrupt, tasks) = channels.split();
-    let drive = new_drive(drive, config, interrupt);
+    let drive = new_drive::<E>(drive, config, interrupt, encoder_interrupt, &settings);
     let service = new_service(service, config, tasks, estimators.each_mut().map(blank));
     for table in tables {
         service.add_table(table);
     }
     let adaptation = adaptation.write(SensorAdaptation::new());
-    let places = Places { service, config, adaptation, procedure: procedure.write(None) };
+    let places = Places { encoder, service, config, adaptation, procedure: procedure.write(None) };
     let start = Start { identity, defaults, settings, problem, storage };
     let supervisor = supervise(start, places, supervisor);
     supervisor.tasks().relearn();
     Ok((drive, supervisor))
 }
 
+/// What the flash holds of an encoder.
+#[inline(always)]
+fn restore<F: NorFlash, E: Encoder>(encoder: &mut E, storage: &mut Storage<F>) {
+    if E::RECORD > 0 {
+        encoder.restore(storage.load_encoder(&mut [0; ENCODER]));
+    }
+}
+
 #[inline(never)]
-fn supervise<F: NorFlash>(
+fn supervise<F: NorFlash, E: Encoder>(
     start: Start<F>,
-    places: Places,
-    supervisor: &'static mut MaybeUninit<Supervisor<F>>,
-) -> &'static mut Supervisor<F> {
+    places: Places<E>,
+    supervisor: &'static mut MaybeUninit<Supervisor<F, E>>,
+) -> &'static mut Supervisor<F, E> {
     let Start { identity, defaults, settings, problem, mut storage } = start;
     let sensors = storage.sensors(&settings);
     let table = storage.table(&settings);
@@ -115,6 +131,7 @@ fn supervise<F: NorFlash>(
         sent_settings: None,
         spare_config: Some(places.config),
         storage,
+        encoder: places.encoder,
         stored,
         unconfirmed: !matches!(problem, Problem::None | Problem::Blank),
         stored_sensors: sensors,
@@ -151,6 +168,12 @@ fn supervise<F: NorFlash>(
         if !matches!(problem, Problem::None | Problem::Blank) {
             supervisor.tasks().note(Cause::Stored(record, problem));
         }
+    }
+    #[cfg(feature = "encoder")]
+    if let problem @ (Problem::Corrupt | Problem::Version(_) | Problem::Foreign | Problem::Flash) =
+        supervisor.tasks().encoder.problem()
+    {
+        supervisor.tasks().note(Cause::Stored(Record::Encoder, problem));
     }
     supervisor
 }

@@ -1,8 +1,9 @@
 //! What is saved in the flash, and when.
 
 use super::{SETTLED, Tasks};
+use crate::encoder::Encoder;
 use crate::fmt::log;
-use crate::storage::SAVE_INTERVAL_S;
+use crate::storage::{ENCODER, SAVE_INTERVAL_S};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::settings::Settings;
 use hallservo_protocol::{Cause, Problem, Record};
@@ -11,13 +12,14 @@ use hallservo_protocol::{Cause, Problem, Record};
 /// rotor of up to 10 pole pairs turns by less than half an electrical turn then, which the tracker follows.
 const AT_REST_RAD_S: f32 = 2.0;
 
-impl<F: NorFlash> Tasks<F> {
+impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Saves one of the records that are due, if the bridge is off.
     #[inline(never)]
     pub(super) fn save(&mut self) {
         if !self.may_save() {
             return;
         }
+        self.save_encoder();
         let interval_over = self.learnt_saved_ms.is_none_or(|then| self.now_ms >= then + 1000 * SAVE_INTERVAL_S);
         if interval_over && self.sensors_changed() {
             self.learnt_saved_ms = Some(self.now_ms);
@@ -48,6 +50,24 @@ impl<F: NorFlash> Tasks<F> {
         match (&self.sensors, &self.stored_sensors) {
             (Some(sensors), Some(stored)) => sensors.differ(stored),
             (sensors, _) => sensors.is_some(),
+        }
+    }
+
+    /// Saves what is known of the encoder, where the flash does not hold it.
+    #[inline(always)]
+    fn save_encoder(&mut self) {
+        if E::RECORD == 0 {
+            return;
+        }
+        let mut place = [0; ENCODER];
+        if let Some(record) = self.encoder.record(&mut place) {
+            let saved = self.storage.save_encoder(record);
+            self.encoder.saved(saved);
+            #[cfg(feature = "encoder")]
+            match saved {
+                Ok(()) => log!(info, "the encoder saved"),
+                Err(_) => self.note(Cause::NotSaved(Record::Encoder)),
+            }
         }
     }
 

@@ -1,6 +1,7 @@
 //! Status and telemetry.
 
 use super::Tasks;
+use crate::encoder::Encoder;
 use crate::measure;
 use core::f32::consts::TAU;
 use embedded_storage::nor_flash::NorFlash;
@@ -19,7 +20,7 @@ pub(super) struct Stream {
     number: u32,
 }
 
-impl<F: NorFlash> Tasks<F> {
+impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Starts telemetry, or ends it with a rate of zero.
     pub fn stream(&mut self, id: u16, hz: f32) {
         self.stream = (hz > 0.0).then_some(Stream { id, rate: hz / 1000.0, due: 0.0, number: 0 });
@@ -66,7 +67,10 @@ impl<F: NorFlash> Tasks<F> {
     }
 
     fn position_turns(&self) -> f64 {
-        double::from_fixed(self.record.rotor.position().to_bits() / i64::from(self.settings.pole_pairs.max(1)))
+        let recorded = self.record.rotor.position();
+        let position = if self.mode().drives() { recorded } else { self.encoder.position().unwrap_or(recorded) };
+        let bits = position.to_bits().wrapping_sub(self.encoder.origin().to_bits());
+        double::from_fixed(bits / i64::from(self.settings.pole_pairs.max(1)))
     }
 
     /// The state of the drive.
@@ -91,7 +95,7 @@ impl<F: NorFlash> Tasks<F> {
                 Some(procedure) => procedure.progress(),
                 None if self.rest.is_some() => 1.0,
                 None if activity == Activity::Calibration => self.service.progress(),
-                None => 0.0,
+                None => self.encoder.activity().1,
             },
             learning: self.adaptation.state(),
             learnt: self.adaptation.count,

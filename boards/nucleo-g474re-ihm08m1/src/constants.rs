@@ -11,9 +11,9 @@ const VOLTS_PER_AMPERE: f32 = 0.010 * 5.18;
 pub const ZERO: u16 = 2122;
 
 /// The amplifiers are strong sources, the thermistor is one of 3.2 kΩ at most.
-const SHORT: Sampling = Sampling::from_source(3_200);
+pub const SHORT: Sampling = Sampling::from_source(3_200);
 /// 169 kΩ and 9.31 kΩ: 8.8 kΩ. The Halls take as long as the bus that is sampled beside them.
-const BUS: Sampling = Sampling::from_source(8_800);
+pub const BUS: Sampling = Sampling::from_source(8_800);
 
 /// Hall 3, U, W.
 pub const FIRST: Sequence = Sequence(&[Rank::new(5, BUS), Rank::new(1, SHORT), Rank::new(6, SHORT)]);

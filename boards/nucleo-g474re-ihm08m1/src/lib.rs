@@ -2,6 +2,7 @@
 #![cfg_attr(target_os = "none", no_std)]
 
 pub mod constants;
+pub mod heads;
 
 #[cfg(test)]
 mod registers;

@@ -5,6 +5,7 @@ mod clock;
 mod control;
 mod converters;
 mod enable;
+mod encoder;
 mod last;
 mod latest;
 mod line;
@@ -27,8 +28,8 @@ use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{DBGMCU, Interrupt, RCC};
 use embassy_stm32::usart::{self, BufferedUart, BufferedUartRx, BufferedUartTx};
 use embassy_stm32::{Peri, Peripherals, peripherals};
+use encoder::{OnShaft, OwnDrive};
 use hallservo::board::Sample;
-use hallservo::drive::Drive;
 use hallservo::settings::Settings;
 use hallservo_app::{Identity, Memory, Stop, Supervisor, embassy};
 use line::Received;
@@ -54,7 +55,14 @@ pub trait Board: Send + 'static {
     /// The results of the sequences that have just ended, into their place: all but the periods that were lost. What it
     /// never sets stays as in [`Sample::default`]. In the control interrupt.
     fn sample(&mut self, sample: &mut Sample);
+
+    /// What the heads of the encoder show, at the same instant.
+    #[cfg(feature = "encoder")]
+    fn heads(&mut self) -> hallservo::vernier::encoder::Reading<{ encoder::HEADS }>;
 }
+
+/// The tasks.
+type Tasks = Supervisor<Storage, OnShaft>;
 
 /// Baud rate of the serial line.
 const BAUD: u32 = 460_800;
@@ -118,7 +126,7 @@ fn prepare<B: Board>(
     bridge: Bridge,
     control: &'static Control<B>,
     flash: Peri<'static, peripherals::FLASH>,
-) -> &'static mut Supervisor<Storage> {
+) -> &'static mut Tasks {
     greet(B::NAME, &B::BRIDGE);
     converters::start(B::GROUPS, B::CONVERTERS);
     watchdog::start();
@@ -130,13 +138,9 @@ fn prepare<B: Board>(
 
 /// What is large goes to its place and leaves the stack.
 #[inline(never)]
-fn begin(
-    identity: Identity,
-    defaults: Settings,
-    flash: Storage,
-) -> (&'static mut Drive, &'static mut Supervisor<Storage>) {
-    static MEMORY: ConstStaticCell<Memory<Storage>> = ConstStaticCell::new(Memory::new());
-    match Supervisor::start(identity, defaults, flash, place(), MEMORY.take()) {
+fn begin(identity: Identity, defaults: Settings, flash: Storage) -> (&'static mut OwnDrive, &'static mut Tasks) {
+    static MEMORY: ConstStaticCell<Memory<Storage, OnShaft>> = ConstStaticCell::new(Memory::with_encoder());
+    match Supervisor::start_with_encoder(identity, defaults, flash, place(), MEMORY.take()) {
         Ok(started) => started,
         Err(_) => panic!("the board's default settings are invalid"),
     }
@@ -145,7 +149,7 @@ fn begin(
 /// All that is not the control interrupt. Here, and not generic, so that it is compiled for size.
 #[embassy_executor::task]
 async fn tasks(
-    supervisor: &'static mut Supervisor<Storage>,
+    supervisor: &'static mut Tasks,
     tx: &'static mut BufferedUartTx<'static>,
     rx: &'static mut BufferedUartRx<'static>,
 ) -> ! {

@@ -27,6 +27,9 @@ pub enum Net {
     Ntc(f64),
     /// A potentiometer, in the middle.
     Potentiometer,
+    /// A head over a magnetised ring of an encoder, both counted from 0: the angle within the pole pair, as a share of
+    /// the supply.
+    Head(usize, usize),
 }
 
 /// A gate driver with an interlock: both inputs on are both outputs off.
@@ -79,6 +82,8 @@ pub struct Board {
     pub enable: Option<Pin>,
     /// Inputs with a pull-up on the board: buttons.
     pub pulled_up: Vec<Pin>,
+    /// Pole pairs of the two rings of an encoder, where there are heads.
+    pub rings: Option<[usize; 2]>,
     /// What its firmware promises.
     pub promises: Promises,
 }

@@ -17,6 +17,7 @@ use crate::timer::{Edge, Happened, Shape, Timer};
 use crate::usart::Usart;
 use crate::wwdg::Wwdg;
 use bus::{Cycle, ResetCause};
+use plant::heads::Encoder;
 use plant::{Error, PlantParameters, Truth};
 use std::sync::Arc;
 
@@ -63,6 +64,9 @@ pub(crate) const TRIGGERS: [(u32, &str); 12] = [
 
 /// Cycles after which the interrupt of a break is seen at the latest. What the break does is not late.
 const BREAK_LATENCY: Cycle = 1000;
+
+/// Distance of the rings of an encoder from the axis, mm.
+const ECCENTRICITY_MM: f64 = 0.05;
 
 /// A chip on a board, with a motor.
 #[derive(Clone, Debug)]
@@ -115,6 +119,8 @@ impl Chip {
         let rcc = Rcc::new(ResetCause::PowerOn);
         let clocks = rcc.clocks();
         let bytes = usize::from(device.flash_kib()) << 10;
+        let mut motor = Motor::new(parameters, seed)?;
+        motor.encoder = board.rings.map(|pairs| Encoder::new(pairs, ECCENTRICITY_MM, seed));
         let mut chip = Self {
             bridge: Bridge::new(board.driver.clone()),
             board,
@@ -141,7 +147,7 @@ impl Chip {
             comps: [Comp::default(); 7],
             opamps: [Opamp::default(); 6],
             iwdg: Iwdg::default(),
-            motor: Motor::new(parameters, seed)?,
+            motor,
             record: Record::default(),
             sent: Vec::new(),
             break_pin: None,

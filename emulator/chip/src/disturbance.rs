@@ -23,6 +23,11 @@ pub enum Disturbance {
     PowerCut(u64),
     /// Power goes and comes back at once.
     PowerCycle,
+    /// A brake holds the shaft at an angle, rad; `None` lets it go.
+    Hold(Option<f64>),
+    /// Something breaks of the encoder; `None`: it is as good as before.
+    #[serde(skip)]
+    Encoder(Option<plant::heads::Defect>),
 }
 
 /// How a Hall's wire is.

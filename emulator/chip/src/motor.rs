@@ -3,6 +3,7 @@
 use crate::analog::VDDA;
 use crate::board::Net;
 use crate::disturbance::HallFault;
+use plant::heads::{BITS, Encoder};
 use plant::{Error, Noise, Plant, PlantParameters, Switch, Truth};
 
 /// Longest step of the simulation, s: a quarter of a period at 20 kHz.
@@ -21,6 +22,8 @@ pub struct Motor {
     stuck_v: [f64; 3],
     /// Sensor at each of the three wires.
     wires: [usize; 3],
+    /// The rings on its shaft.
+    pub encoder: Option<Encoder>,
     /// Currents through shorts, A.
     pub shorts_a: [f64; 3],
     noise: Noise,
@@ -43,6 +46,7 @@ impl Motor {
             faults: [HallFault::Good; 3],
             stuck_v: [0.0; 3],
             wires: [0, 1, 2],
+            encoder: None,
             shorts_a: [0.0; 3],
             noise: Noise::new(seed ^ 0x5eed),
             noise_v: [parameters.current_sense.noise_v, parameters.bus_sense.noise_v],
@@ -86,6 +90,7 @@ impl Motor {
             Net::Bus(share) => share * self.plant.bus_v(),
             Net::Ntc(ohm) => VDDA * ohm / (ohm + 10_000.0),
             Net::Potentiometer => 0.5 * VDDA,
+            Net::Head(ring, head) => self.head_v(ring, head),
         };
         volts.clamp(-0.3, VDDA + 0.3)
     }
@@ -95,8 +100,15 @@ impl Motor {
         match net {
             None | Some(Net::Shunt { .. }) => self.noise.scaled(self.noise_v[0]),
             Some(Net::Bus(_)) => self.noise.scaled(self.noise_v[1]),
-            Some(Net::Hall(_) | Net::Ntc(_) | Net::Potentiometer) => 0.0,
+            Some(Net::Hall(_) | Net::Ntc(_) | Net::Potentiometer | Net::Head(..)) => 0.0,
         }
+    }
+
+    /// Middle of the code that the head shows, so that the converter reads that.
+    fn head_v(&mut self, ring: usize, head: usize) -> f64 {
+        let shaft_rad = self.plant.truth().mechanical_angle_rad;
+        let code = self.encoder.as_mut().map_or(0, |encoder| encoder.read(shaft_rad)[ring][head]);
+        (f64::from(code) + 0.5) / f64::from(1 << BITS) * VDDA
     }
 
     fn hall_v(&mut self, wire: usize) -> f64 {
@@ -110,6 +122,14 @@ impl Motor {
             HallFault::Supply => VDDA,
             HallFault::Stuck => self.stuck_v[wire],
         }
+    }
+
+    /// A brake holds the shaft at an angle, or lets it go.
+    pub fn hold(&mut self, angle_rad: Option<f64>) -> Result<(), Error> {
+        if let Some(angle_rad) = angle_rad {
+            self.plant.place(angle_rad, 0.0)?;
+        }
+        self.plant.set_dyno(angle_rad.map(|_| 0.0))
     }
 
     /// Breaks or mends a wire.

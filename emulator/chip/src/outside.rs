@@ -33,6 +33,14 @@ impl Chip {
                 return Ok(());
             }
             Disturbance::PowerCut(operations) => self.flash.cut_power_after(*operations),
+            Disturbance::Hold(angle) => self.motor.hold(*angle).map_err(|error| error.to_string())?,
+            Disturbance::Encoder(defect) => {
+                let encoder = self.motor.encoder.as_mut().ok_or("there are no rings on the shaft")?;
+                match defect {
+                    Some(defect) => encoder.suffer(*defect),
+                    None => encoder.mend(),
+                }
+            }
             Disturbance::PowerCycle => self.wanted_reset = Some(ResetCause::PowerOn),
         }
         self.record.events.push((now_s, format!("{disturbance:?}")));

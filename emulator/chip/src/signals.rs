@@ -25,6 +25,7 @@ pub(crate) fn describe(board: &Board, converter: usize, channel: u32) -> String 
         Some(Net::Bus(_)) => format!("bus voltage at {pin}"),
         Some(Net::Ntc(_)) => format!("temperature at {pin}"),
         Some(Net::Potentiometer) => format!("potentiometer at {pin}"),
+        Some(Net::Head(ring, head)) => format!("head {} of ring {} at {pin}", head + 1, ring + 1),
         None => OPAMP_OUT[..board.device.opamps()]
             .iter()
             .position(|out| *out == pin)

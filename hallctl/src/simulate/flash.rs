@@ -3,7 +3,7 @@
 
 use anyhow::{Context, Result, ensure};
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
-use hallservo_app::storage::BLOCKS;
+use hallservo_app::storage::{BLOCKS, ENCODER_BLOCKS};
 use std::cell::RefCell;
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -11,7 +11,9 @@ use std::path::Path;
 use std::rc::Rc;
 
 const BLOCK: usize = 2048;
-const SIZE: usize = BLOCK * BLOCKS as usize;
+const SIZE: usize = BLOCK * (BLOCKS + ENCODER_BLOCKS) as usize;
+/// That of a file from before there were encoders.
+const SMALL: usize = BLOCK * BLOCKS as usize;
 
 /// The flash. A clone is the same flash.
 #[derive(Clone, Debug)]
@@ -21,6 +23,8 @@ pub struct Flash(Rc<RefCell<Cells>>);
 struct Cells {
     bytes: Vec<u8>,
     file: Option<File>,
+    /// Words and erases until the power goes.
+    left: Option<u32>,
 }
 
 /// The file cannot be written.
@@ -40,8 +44,16 @@ impl Flash {
     }
 
     /// With these contents.
-    pub fn of(bytes: Vec<u8>) -> Self {
-        Self(Rc::new(RefCell::new(Cells { bytes, file: None })))
+    pub fn of(mut bytes: Vec<u8>) -> Self {
+        if bytes.len() == SMALL {
+            bytes.resize(SIZE, 0xff);
+        }
+        Self(Rc::new(RefCell::new(Cells { bytes, file: None, left: None })))
+    }
+
+    /// The power goes after so many more words written or blocks erased: what is written later does not reach it.
+    pub fn cut_after(&self, operations: u32) {
+        self.0.borrow_mut().left = Some(operations);
     }
 
     /// What it holds.
@@ -59,16 +71,29 @@ impl Flash {
             OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).with_context(name)?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).with_context(name)?;
-        if bytes.is_empty() {
+        if bytes.is_empty() || bytes.len() == SMALL {
             bytes.resize(SIZE, 0xff);
+            file.rewind().with_context(name)?;
             file.write_all(&bytes).with_context(name)?;
         }
         ensure!(bytes.len() == SIZE, "{} has {} bytes, not {SIZE}", name(), bytes.len());
-        Ok(Self(Rc::new(RefCell::new(Cells { bytes, file: Some(file) }))))
+        Ok(Self(Rc::new(RefCell::new(Cells { bytes, file: Some(file), left: None }))))
     }
 }
 
 impl Cells {
+    /// Whether there is power for another operation.
+    fn is_powered(&mut self) -> bool {
+        match &mut self.left {
+            None => true,
+            Some(0) => false,
+            Some(left) => {
+                *left -= 1;
+                true
+            }
+        }
+    }
+
     /// Writes through.
     fn keep(&mut self, from: usize, to: usize) -> Result<(), Broken> {
         let Some(file) = &mut self.file else { return Ok(()) };
@@ -101,16 +126,22 @@ impl NorFlash for Flash {
     fn erase(&mut self, from: u32, to: u32) -> Result<(), Broken> {
         let (from, to) = (from as usize, to as usize);
         let mut cells = self.0.borrow_mut();
-        cells.bytes.get_mut(from..to).ok_or(Broken)?.fill(0xff);
+        let powered = cells.is_powered();
+        let block = cells.bytes.get_mut(from..to).ok_or(Broken)?;
+        if powered {
+            block.fill(0xff);
+        }
         cells.keep(from, to)
     }
 
     fn write(&mut self, offset: u32, bytes: &[u8]) -> Result<(), Broken> {
         let (from, to) = (offset as usize, offset as usize + bytes.len());
         let mut cells = self.0.borrow_mut();
-        for (cell, byte) in cells.bytes.get_mut(from..to).ok_or(Broken)?.iter_mut().zip(bytes) {
+        for (word, bytes) in (from..to).step_by(Self::WRITE_SIZE).zip(bytes.chunks(Self::WRITE_SIZE)) {
+            let powered = cells.is_powered();
+            let place = cells.bytes.get_mut(word..word + bytes.len()).ok_or(Broken)?;
             // A bit is cleared by writing, and set by erasing only.
-            *cell &= byte;
+            place.iter_mut().zip(bytes).filter(|_| powered).for_each(|(cell, byte)| *cell &= byte);
         }
         cells.keep(from, to)
     }

@@ -3,14 +3,17 @@
 #[cfg(unix)]
 mod terminal;
 
-use super::Simulator;
 use super::fault::{Kind, ScheduledEvent};
 use super::flash::Flash;
+use super::rings::Pairs;
+use super::{Simulator, defaults};
 use crate::out::Out;
 use crate::say;
 use anyhow::{Context, Result};
 use hallservo::mode::Mode;
 use hallservo_protocol::{Answer, Ask, Decoder, Reply, Request};
+use plant::PlantParameters;
+use plant::heads::Encoder;
 use serde_json::json;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -42,6 +45,12 @@ pub struct Options {
     /// Seed of the motor, its sensors and the noise
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Two rings of so many pole pairs on the shaft, under two opposite heads each
+    #[arg(long, value_name = "37/45")]
+    pub encoder: Option<Pairs>,
+    /// Distance of the rings' centre from the axis, in mm
+    #[arg(long, value_name = "MM", default_value_t = 0.05, requires = "encoder")]
+    pub eccentricity: f64,
     /// How time passes
     #[arg(long, value_enum, default_value_t = Pace::Real)]
     pub speed: Pace,
@@ -89,7 +98,9 @@ pub fn main(options: &Options, out: Out) -> Result<()> {
         Some(path) => Flash::in_file(path)?,
         None => Flash::blank(),
     };
-    let mut simulator = Simulator::new(options.seed, flash, planned)?;
+    let rings = options.encoder.map(|pairs| Encoder::new(pairs.0, options.eccentricity, options.seed));
+    let plant = PlantParameters::imperfect(options.seed);
+    let mut simulator = Simulator::with_rings(defaults(), &plant, rings, options.seed, flash, planned)?;
     let (events, line) = sync_channel(IN);
     listen_to_keyboard(events.clone());
     let name = open(options, events)?;

@@ -6,6 +6,7 @@ use core::fmt;
 /// Why a run gives no calibration.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Error {
     /// The recording ended before everything was measured.
     TooShort {

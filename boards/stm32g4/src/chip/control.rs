@@ -2,6 +2,7 @@
 
 use crate::Adc;
 use crate::chip::bridge::Bridge;
+use crate::chip::encoder::{OwnDrive, period};
 use crate::chip::{Board, STOP, converters, enable, latest, watchdog};
 use crate::wiring::EnableInput;
 use core::cell::UnsafeCell;
@@ -10,7 +11,6 @@ use cortex_m::peripheral::{DWT, NVIC};
 use embassy_stm32::pac::Interrupt;
 use hallservo::board::Interlock;
 use hallservo::board::timing::PeriodCounter;
-use hallservo::drive::Drive;
 
 /// What the control interrupt of a board owns: a static of the board, filled by [`run`](crate::run).
 pub struct Control<B>(UnsafeCell<Option<Owned<B>>>);
@@ -20,7 +20,7 @@ unsafe impl<B: Send> Sync for Control<B> {}
 
 struct Owned<B> {
     board: B,
-    drive: &'static mut Drive,
+    drive: &'static mut OwnDrive,
     bridge: Bridge,
     periods: PeriodCounter,
 }
@@ -32,7 +32,7 @@ impl<B: Board> Control<B> {
     }
 
     /// Hands everything to the interrupt, and starts it.
-    pub(crate) fn start(&'static self, board: B, drive: &'static mut Drive, bridge: Bridge) {
+    pub(crate) fn start(&'static self, board: B, drive: &'static mut OwnDrive, bridge: Bridge) {
         let period = NonZeroU32::MIN.saturating_add(2 * u32::from(B::BRIDGE.period()) - 1);
         let owned = Owned { board, drive, bridge, periods: PeriodCounter::new(period) };
         // SAFETY: the interrupt is not enabled, so nothing else looks at it.
@@ -61,10 +61,8 @@ impl<B: Board> Control<B> {
         if owned.bridge.has_tripped() {
             Adc::show_tripped(sample);
         }
-        let output = match interlock(const { B::BRIDGE.enable }) {
-            None => owned.drive.step(sample),
-            Some(interlock) => owned.drive.step_off(sample, interlock),
-        };
+        let interlock = interlock(const { B::BRIDGE.enable });
+        let output = period(&mut owned.board, owned.drive, sample, interlock);
         owned.bridge.apply(&output);
     }
 }

@@ -10,6 +10,12 @@ use super::{bit, field};
 pub const OPAMP_SHUNT: u32 =
     1 | field(0b00, 2, 2) | field(0b10, 5, 2) | bit(true, 7) | field(0b01011, 14, 5) | bit(true, 31);
 
+/// OPAMPx_CSR: follows the pin VINP2, at high speed, onto a converter inside the chip; on, and locked until the next
+/// reset.
+///
+/// VP_SEL = 10: pin VINP2. VM_SEL = 11: its own output. OPAINTOEN = 1: the output goes to an ADC and to no pin.
+pub const OPAMP_FOLLOWER: u32 = 1 | field(0b10, 2, 2) | field(0b11, 5, 2) | bit(true, 7) | bit(true, 8) | bit(true, 31);
+
 /// COMPx_CSR: compares INP0 with DAC3, high when it is above; on, and locked until the next reset.
 ///
 /// INMSEL = 100: channel 1 of DAC3 for COMP1 and COMP3, channel 2 for COMP2 and COMP4. No hysteresis: the break
@@ -42,6 +48,8 @@ mod tests {
     fn opamp() {
         // OPAMPEN 0, VM_SEL 6:5, OPAHSM 7, PGA_GAIN 18:14, LOCK 31.
         assert_eq!(OPAMP_SHUNT, 0x8002_C0C1);
+        // VP_SEL 3:2, OPAINTOEN 8.
+        assert_eq!(OPAMP_FOLLOWER, 0x8000_01E9);
     }
 
     #[test]

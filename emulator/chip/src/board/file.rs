@@ -19,6 +19,7 @@ struct File {
     gates: Phases<[Pin; 2]>,
     trip: Option<Trip>,
     enable: Option<Pin>,
+    rings: Option<[usize; 2]>,
     #[serde(default)]
     pulled_up: Vec<Pin>,
     analog: BTreeMap<Pin, Analog>,
@@ -66,7 +67,7 @@ enum Phase {
     W,
 }
 
-/// Exactly one of the first five.
+/// Exactly one of the first six.
 #[derive(Deserialize)]
 #[serde(deny_unknown_fields)]
 struct Analog {
@@ -76,6 +77,8 @@ struct Analog {
     ntc_ohm: Option<f64>,
     #[serde(default)]
     potentiometer: bool,
+    ring: Option<usize>,
+    head: Option<usize>,
     volts_per_ampere: Option<f64>,
     zero_v: Option<f64>,
     source_ohm: f64,
@@ -98,14 +101,18 @@ impl Analog {
             self.bus.map(|share| positive("bus", share).map(Net::Bus)),
             self.ntc_ohm.map(|ohm| positive("ntc_ohm", ohm).map(Net::Ntc)),
             self.potentiometer.then_some(Ok(Net::Potentiometer)),
+            self.ring.map(|ring| head(ring, self.head)),
         ];
+        if self.ring.is_none() && self.head.is_some() {
+            return Err("a head belongs to a ring".into());
+        }
         if self.current.is_none() && (self.volts_per_ampere.is_some() || self.zero_v.is_some()) {
             return Err("volts_per_ampere and zero_v belong to a current".into());
         }
         let mut nets = nets.into_iter().flatten();
         match (nets.next(), nets.next()) {
             (Some(net), None) => net,
-            _ => Err("is one of hall, current, bus, ntc_ohm, potentiometer".into()),
+            _ => Err("is one of hall, current, bus, ntc_ohm, potentiometer, ring".into()),
         }
     }
 
@@ -124,6 +131,13 @@ fn hall(number: usize) -> Result<Net, String> {
     match number {
         1..=3 => Ok(Net::Hall(number - 1)),
         _ => Err(format!("Halls are 1, 2 and 3, not {number}")),
+    }
+}
+
+fn head(ring: usize, head: Option<usize>) -> Result<Net, String> {
+    match (ring, head) {
+        (1..=2, Some(head @ 1..=2)) => Ok(Net::Head(ring - 1, head - 1)),
+        _ => Err("rings are 1 and 2, and so are the heads of each".into()),
     }
 }
 
@@ -168,6 +182,7 @@ impl Board {
                 None => None,
             },
             enable: file.enable,
+            rings: file.rings,
             pulled_up: file.pulled_up,
             promises: Promises {
                 bus_v: [positive("promises.bus_v", bus_v[0])?, positive("promises.bus_v", bus_v[1])?],
@@ -203,6 +218,10 @@ impl Board {
                     key.to_uppercase()
                 ));
             }
+        }
+        let heads = self.analog.iter().any(|(_, net, _)| matches!(net, Net::Head(..)));
+        if heads != self.rings.is_some_and(|rings| rings.iter().all(|pairs| (1..=64).contains(pairs))) {
+            return Err("rings: two numbers of pole pairs, 1 to 64, where there are heads over them".into());
         }
         for (index, phase) in ["U", "V", "W"].iter().enumerate() {
             if !self.analog.iter().any(|(_, net, _)| *net == Net::Hall(index)) {

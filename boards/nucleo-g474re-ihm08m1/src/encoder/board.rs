@@ -1,0 +1,78 @@
+//! The board with heads: pins, and the way from ADC results to a sample and a reading.
+
+use embassy_stm32::pac::adccommon::AdcCommon;
+use embassy_stm32::pac::opamp::regs::Csr;
+use embassy_stm32::pac::{
+    ADC1, ADC2, ADC3, ADC4, ADC5, ADC12_COMMON, ADC345_COMMON, GPIOA, GPIOB, OPAMP4, OPAMP5, RCC,
+};
+use hallservo::board::Sample;
+use hallservo::settings::Settings;
+use hallservo::vernier::encoder::Reading;
+use hallservo::vernier::head::ReadingSkew;
+use nucleo_g474re_ihm08m1::constants::{self, FOURTH, THIRD, ZERO};
+use nucleo_g474re_ihm08m1::heads::{FIFTH, FIRST_WITH, LATER, SECOND_WITH};
+use stm32g4::registers::analog::OPAMP_FOLLOWER;
+use stm32g4::wiring::Wiring;
+use stm32g4::{Board, Converter, Pin, low_side_current, ntc_to_reference, result};
+
+/// The board in the control interrupt.
+pub struct Nucleo {
+    second: ReadingSkew<2>,
+}
+
+impl Nucleo {
+    /// Switches the followers on, before the ADCs sample them.
+    pub fn new() -> Self {
+        RCC.apb2enr().modify(|enable| enable.set_syscfgen(true));
+        OPAMP4.csr().write_value(Csr(OPAMP_FOLLOWER));
+        OPAMP5.csr().write_value(Csr(OPAMP_FOLLOWER));
+        Self { second: ReadingSkew::new(LATER as i32, 2 * constants::BRIDGE.period() as u32) }
+    }
+}
+
+impl Board for Nucleo {
+    const NAME: &'static str = "Nucleo-G474RE, X-NUCLEO-IHM08M1, encoder";
+
+    const BRIDGE: Wiring = constants::BRIDGE;
+    const PINS: &'static [Pin] = &[
+        // PA6 is TIM1_BKIN.
+        (GPIOA, 8, 6),
+        (GPIOA, 7, 6),
+        (GPIOA, 9, 6),
+        (GPIOB, 0, 6),
+        (GPIOA, 10, 6),
+        (GPIOB, 1, 6),
+        (GPIOA, 6, 6),
+    ];
+
+    const CONVERTERS: &'static [Converter] = &[
+        Converter { adc: ADC1, sequence: FIRST_WITH },
+        Converter { adc: ADC2, sequence: SECOND_WITH },
+        Converter { adc: ADC3, sequence: THIRD },
+        Converter { adc: ADC4, sequence: FOURTH },
+        Converter { adc: ADC5, sequence: FIFTH },
+    ];
+    const GROUPS: &'static [AdcCommon] = &[ADC12_COMMON, ADC345_COMMON];
+
+    fn settings() -> Settings {
+        constants::settings()
+    }
+
+    #[inline(always)]
+    fn sample(&mut self, sample: &mut Sample) {
+        sample.halls = [result::<0>(ADC4), result::<0>(ADC3), result::<0>(ADC1)];
+        sample.currents =
+            [result::<1>(ADC1), result::<1>(ADC2), result::<2>(ADC1)].map(|code| low_side_current(code, ZERO));
+        sample.bus = result::<0>(ADC2);
+        sample.temperatures[0] = ntc_to_reference(result::<3>(ADC1));
+    }
+
+    #[inline(always)]
+    fn heads(&mut self) -> Reading<2> {
+        let angle = |code: u16| code << 4;
+        Reading {
+            reference: [result::<2>(ADC2), result::<2>(ADC5)].map(angle),
+            vernier: self.second.at_once([result::<3>(ADC2), result::<3>(ADC5)].map(angle)),
+        }
+    }
+}

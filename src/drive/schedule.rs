@@ -62,11 +62,11 @@ impl Drive {
         match schedule.tick % LONG {
             // Every 8 steps.
             0 | 8 | 16 | 24 | 32 | 40 | 48 | 56 => return self.trajectory_slot(sample),
-            1 | 9 | 17 | 25 | 33 | 41 | 49 | 57 => self.trajectory_and_map_slot(sample),
+            1 | 9 | 17 | 25 | 33 | 41 | 49 | 57 => self.slot(sample, |servo, _, with| servo.advance_trajectory(with)),
             2 | 10 | 18 | 26 | 34 | 42 | 50 | 58 => return self.command_slot(sample),
             3 | 11 | 19 | 27 | 35 | 43 | 51 | 59 => return self.protection_slot(sample),
             4 | 12 | 20 | 28 | 36 | 44 | 52 | 60 => self.slot(sample, |servo, _, with| servo.speed_loop(with)),
-            6 | 14 | 22 | 30 | 38 | 46 | 54 | 62 => self.slot(sample, |servo, _, with| servo.update_reference(with)),
+            6 | 14 | 22 | 30 | 38 | 46 | 54 | 62 => self.reference_slot(sample),
             // Every 32 steps.
             RECORD | 39 => self.record_slot(sample),
             5 | 37 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
@@ -125,10 +125,10 @@ impl Drive {
         self.estimator()
     }
 
-    /// One step along the trajectory; what the map takes off the angle.
+    /// The reference of the current; what the map takes off the angle.
     #[inline(never)]
-    fn trajectory_and_map_slot(&mut self, sample: &Sample) {
-        self.with_servo(sample, |servo, _, with| servo.advance_trajectory(with));
+    fn reference_slot(&mut self, sample: &Sample) {
+        self.with_servo(sample, |servo, _, with| servo.update_reference(with));
         self.look_up_correction();
     }
 

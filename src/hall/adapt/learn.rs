@@ -55,6 +55,10 @@ impl Adapter {
     #[cold]
     fn new_eighth(&mut self, eighth: u8) -> Status {
         self.limit_parameters();
+        if self.seen_eighths == 0 {
+            // Not at the end of the turn, where there is other work.
+            self.tune();
+        }
         self.seen_eighths |= eighth;
         if self.seen_eighths != u8::MAX {
             return Status::Adapting;
@@ -63,7 +67,6 @@ impl Adapter {
         if self.learnt_samples >= FEWEST_SAMPLES {
             self.learnt_samples = 0;
             self.suspicions.clear();
-            self.tune();
             self.check_doubt();
             self.add_drift();
             // The model is the next observation's work.

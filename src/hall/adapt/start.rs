@@ -88,7 +88,7 @@ impl Adapter {
     pub(super) fn tune(&mut self) {
         // Of the angle from one sample: two thirds of the sensors' mean.
         let angle_noise = self.sensors.iter().map(CalibratedSensor::noise).sum::<f32>() * (2.0 / 9.0);
-        self.natural_frequency = libm::sqrtf(libm::sqrtf(self.config.acceleration / angle_noise));
+        self.natural_frequency = fourth_root(self.config.acceleration / angle_noise);
         // Four times √2 · pace · noise, the variance of known sensors' tracked angle.
         self.settled_variance = 5.7 * self.natural_frequency * angle_noise;
         // Slow enough to leave the tracking stable and hardly noisier.
@@ -108,4 +108,25 @@ fn parameters(spread: &Spread) -> Vector {
         }
     }
     vector
+}
+
+/// The fourth root within 4 %, by the float's own logarithm: a quarter of the bits, and three quarters of those of one.
+fn fourth_root(x: f32) -> f32 {
+    const ONE: u32 = 1.0_f32.to_bits();
+    // Straight lines between powers of two lie above the curve; this puts them in the middle of it.
+    const ABOVE: u32 = 310_000;
+    f32::from_bits((x.to_bits() >> 2) + (ONE / 4 * 3 - ABOVE))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_fourth_root_is_as_exact_as_promised() {
+        for k in 0..4000 {
+            let x = 1e-12 * libm::powf(1.01, k as f32);
+            assert!((fourth_root(x) / libm::powf(x, 0.25) - 1.0).abs() < 0.04, "{x}");
+        }
+    }
 }

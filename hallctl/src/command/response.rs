@@ -106,16 +106,20 @@ impl Wanted {
         (self.from, self.from + self.size)
     }
 
-    /// Makes the step, and returns when.
-    pub(super) fn step(&self, session: &mut Session<'_>, seconds: f64) -> Result<f64> {
+    /// Makes the step.
+    pub(super) fn step(&self, session: &mut Session<'_>, seconds: f64) -> Result<()> {
         let (from, to) = self.ends();
         let set = |session: &mut Session<'_>, value: f64, seconds| {
             session.follow(seconds, |_| self.target(value), |moment| moment.position(self.position))
         };
         set(session, from, BEFORE_S)?;
-        let began_s = session.now_s();
-        set(session, to, seconds)?;
-        Ok(began_s)
+        set(session, to, seconds)
+    }
+
+    /// When the step was made: with the last frame before its answer.
+    pub(super) fn began_s(&self, trace: &[Trace]) -> f64 {
+        let to = self.target(self.ends().1).value();
+        trace.iter().take_while(|row| row.set != to).last().map_or(0.0, |row| row.time_s)
     }
 
     fn target(&self, value: f64) -> Target {
@@ -132,10 +136,11 @@ const BEFORE_S: f64 = 0.3;
 
 pub(super) fn step(client: &mut Client, options: &StepOptions, out: Out) -> Result<()> {
     let limits = Limits::of(client)?;
-    let ((wanted, began_s), trace) = Session::run(client, options.files.hz, |session| {
+    let (wanted, trace) = Session::run(client, options.files.hz, |session| {
         let wanted = Wanted::of(options.axis, session, out);
-        wanted.step(session, options.seconds).map(|began_s| (wanted, began_s))
+        wanted.step(session, options.seconds).map(|()| wanted)
     })?;
+    let began_s = wanted.began_s(&trace);
     let (_, to) = wanted.ends();
     let model = limits.profile(&wanted);
     let since: Vec<Point> =

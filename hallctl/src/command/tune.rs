@@ -104,7 +104,8 @@ fn try_all(client: &mut Client, wanted: &Wanted, before: [f32; 2]) -> Result<Vec
 }
 
 fn try_one(client: &mut Client, wanted: &Wanted, bandwidth_hz: f32) -> Result<Trial> {
-    let (began_s, trace) = Session::run(client, HZ, |session| wanted.step(session, RECORD_S))?;
+    let ((), trace) = Session::run(client, HZ, |session| wanted.step(session, RECORD_S))?;
+    let began_s = wanted.began_s(&trace);
     let since: Vec<_> = trace.iter().filter(|row| row.time_s >= began_s).collect();
     let points: Vec<Point> = since.iter().map(|row| (row.time_s - began_s, row.measured)).collect();
     let tail = &since[since.len() - since.len() / 4..];

@@ -20,6 +20,7 @@ pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let motor = PlantParameters::imperfect(1);
     let parameters = BenchParameters {
         halls: motor.halls,
+        magnets: motor.magnets,
         adc: motor.adc,
         period_s: 1e-3,
         pole_pairs: 4,

@@ -44,6 +44,7 @@ use crate::commutation::Commutation;
 use crate::config::Config;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
+use crate::hall::map::Live;
 use crate::hall::track::Tracker;
 use crate::mode::{Event, Mode};
 use crate::telemetry::{Progress, Record, Status};
@@ -72,6 +73,8 @@ pub struct Drive {
     route: Route,
     /// The estimator in use; none before the first calibration.
     estimator: Option<&'static mut Estimator>,
+    /// What the map takes off the Halls' angle, for some steps.
+    correction: ElectricalAngle,
     channels: Interrupt,
     paths: Paths,
     config: Config,
@@ -81,6 +84,8 @@ pub struct Drive {
     limits: Limits,
     progress: Progress,
     arming: Arming,
+    /// The map of the rotor's magnets, if there is memory for one.
+    map: Option<&'static Live>,
     /// Whether the enable input is off, in a step with that interlock.
     disabled: bool,
 }
@@ -127,6 +132,7 @@ impl Drive {
             until_record: 1,
             route: Route::General,
             estimator: None,
+            correction: ElectricalAngle::ZERO,
             channels,
             paths: Paths {
                 voltage: Voltage::new(&config),
@@ -143,8 +149,15 @@ impl Drive {
             limits: Limits::NONE,
             progress: Progress::None,
             arming: Arming::OFF,
+            map: None,
             disabled: false,
         }
+    }
+
+    /// Corrects the Halls' angle by a map whenever its tasks put it into effect.
+    #[must_use]
+    pub const fn with_map(self, map: &'static Live) -> Self {
+        Self { map: Some(map), ..self }
     }
 
     /// One PWM period. What it returns is to be written to the preloaded compare registers at once; if the bridge is to
@@ -166,7 +179,8 @@ impl Drive {
     #[inline(always)]
     fn field_oriented_step(&mut self, sample: &Sample) -> Output {
         let angle = self.attend(sample).and_then(|estimator| estimator.angle_in_range(&sample.halls).ok());
-        if !angle.is_some_and(|angle| self.record.rotor.follow(&self.config.tracking, angle)) {
+        let correction = self.correction;
+        if !angle.is_some_and(|angle| self.record.rotor.follow(&self.config.tracking, angle - correction)) {
             return Output::unpack(self.finish_step(sample, false));
         }
         if !self.is_healthy(sample) {
@@ -178,7 +192,8 @@ impl Drive {
     }
 
     /// The short step of the voltage path.
-    #[inline(always)]
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", cold, inline(never))]
     fn voltage_step(&mut self, sample: &Sample) -> Output {
         self.until_record = self.until_record.wrapping_sub(1);
         let records = self.until_record == 0;
@@ -311,6 +326,7 @@ impl Drive {
     /// Turns the field. Its angle at the sampling instant is recorded as the rotor's, which follows it.
     fn open_loop(&mut self, sample: &Sample) -> Output {
         self.servo.command_received();
+        self.forget_pole();
         if self.paths.standstill.is_active() {
             return self.standstill(sample);
         }
@@ -334,7 +350,10 @@ impl Drive {
             Stage::Done => self.on(Event::Swept),
             _ => {}
         }
-        self.publish();
+        // Changes of the mode are published by themselves.
+        if self.record.status != self.status() {
+            self.publish();
+        }
         output
     }
 
@@ -419,8 +438,12 @@ impl Drive {
         let follows = self.mode == Mode::Running && self.servo.follows();
         self.record_by_schedule(follows);
         self.servo.supervised = follows && !self.arming.is_active();
-        self.record.status = Status::new(self.mode, self.limits(), self.progress);
+        self.record.status = self.status();
         self.route = self.route();
+    }
+
+    fn status(&self) -> Status {
+        Status::new(self.mode, self.limits(), self.progress)
     }
 
     /// The state.

@@ -7,6 +7,7 @@
 pub mod adapt;
 pub mod calibrate;
 pub mod estimate;
+pub mod map;
 pub mod model;
 pub mod plausibility;
 pub mod track;

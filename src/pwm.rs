@@ -75,9 +75,7 @@ pub fn dead_time_counts(timer_hz: f32, pwm_hz: f32, dead_time_s: f32) -> Result<
         return Err(Error::DeadTime(fraction));
     }
     // A product a rounding error above a whole count means that count.
-    let counts = f64::from(dead_time_s) * f64::from(timer_hz) - 1e-4;
-    let whole = counts as i32;
-    Ok((whole + i32::from(f64::from(whole) < counts)) as u16)
+    Ok(libm::ceilf(dead_time_s * timer_hz * (1.0 - f32::EPSILON) - 1e-4) as u16)
 }
 
 /// The largest compare value that leaves the lower transistors conducting for `window_s` in each valley, for sampling
@@ -139,8 +137,8 @@ impl Limits {
 
     /// Length in counts of the longest voltage vector that fits the range in every direction with
     /// [`svpwm`](crate::commutation::svpwm): its line voltage is the whole range, less two counts for rounding.
-    pub fn longest_vector(&self) -> f64 {
-        f64::from(self.high - self.low - 2) / SQRT_3
+    pub fn longest_vector(&self) -> f32 {
+        f32::from(self.high - self.low - 2) / SQRT_3
     }
 
     /// The amplitude that a command asks for, or the largest that the limits allow.
@@ -194,7 +192,7 @@ impl Amplitude {
 }
 
 /// √3.
-pub(crate) const SQRT_3: f64 = 1.732_050_807_568_877_2;
+pub(crate) const SQRT_3: f32 = 1.732_050_8;
 
 /// Effective resolution of the duty in bits: Simpkins and Todorov, eq. (19), `log₂(2 T_PWM / T_CY)` with the timer's
 /// cycle T_CY.

@@ -6,6 +6,7 @@ pub mod commission;
 pub mod identification;
 pub mod identify;
 pub mod learning;
+pub mod mapping;
 mod phases;
 pub mod pole_pairs;
 pub mod procedure;
@@ -205,28 +206,33 @@ impl Service {
     /// # Errors
     /// [`InstallError`]; nothing has changed then.
     pub fn install(&mut self, model: &Model) -> Result<(), InstallError> {
-        self.send_estimator(Estimator::new(&self.directed(model), self.config.adc_bits))
+        let (model, adc_bits) = (self.directed(model), self.config.adc_bits);
+        self.send_estimator(|spare| spare.rebuild(&model, adc_bits))
     }
 
     /// The same for the two Halls that are left when one is lost.
     ///
     /// # Errors
     /// [`InstallError`]; nothing has changed then.
-    // An estimator passes over its stack, which is not to add to that of its caller.
-    #[inline(never)]
     pub fn install_without(&mut self, lost: Channel, model: &Model) -> Result<(), InstallError> {
-        self.send_estimator(Estimator::without(lost, &self.directed(model), self.config.adc_bits))
+        let (model, adc_bits) = (self.directed(model), self.config.adc_bits);
+        self.send_estimator(|spare| spare.rebuild_without(lost, &model, adc_bits))
     }
 
     fn directed(&self, model: &Model) -> Model {
         Model { reversed: self.config.is_reversed(), ..*model }
     }
 
-    fn send_estimator(&mut self, estimator: Result<Estimator, BadModel>) -> Result<(), InstallError> {
-        let estimator = estimator.map_err(InstallError::Model)?;
+    fn send_estimator(
+        &mut self,
+        rebuild: impl FnOnce(&mut Estimator) -> Result<(), BadModel>,
+    ) -> Result<(), InstallError> {
         self.reclaim();
         let spare = self.spares.pop().ok_or(InstallError::Busy)?;
-        *spare = estimator;
+        if let Err(bad) = rebuild(spare) {
+            let _ = self.spares.push(spare);
+            return Err(InstallError::Model(bad));
+        }
         if let Err(Command::Install(spare)) = self.enqueue(Command::Install(spare), Origin::Install) {
             let _ = self.spares.push(spare);
             return Err(InstallError::Busy);

@@ -34,7 +34,8 @@ fn a_thousand_unknown_motors_are_learnt_followed_and_lost() {
     assert!(some < 0.25 && much < 0.4);
     assert!(summary.coupling_ripple_deg_rms[2] < 0.55);
     assert_eq!((summary.losses, summary.losses_named), (1000, 1000));
-    assert!(summary.loss_detection_turns < 0.5 && summary.loss_error_deg_max < 5.0);
+    // What uneven magnets could have done speaks against no sensor; that costs a sixth of a turn.
+    assert!(summary.loss_detection_turns < 0.6 && summary.loss_error_deg_max < 8.0);
     assert!(summary.loss_two_sensors_error_deg_rms < 0.8);
 }
 

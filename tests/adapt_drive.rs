@@ -112,7 +112,7 @@ fn lost(seed: u64, fault: HallFault, commutation: Commutation) {
     // and then the wrong one may be named for a moment.
     let (most, longest) = if matches!(fault, HallFault::Open(_)) { (10.0, 0) } else { (100.0, 200) };
     assert!(worst < most && astray <= longest, "seed {seed}, {fault:?}: {worst}°, {astray} periods over 45°");
-    assert!(settled.rms() < 0.3, "seed {seed}, {fault:?}: {}°", settled.rms());
+    assert!(settled.rms() < 0.35, "seed {seed}, {fault:?}: {}°", settled.rms());
     // Stopped, it does not start again.
     adapted.rig.command(Command::Disarm).unwrap();
     let refused = adapted.rig.command(Command::Arm).unwrap_err();

@@ -308,8 +308,8 @@ fn attempt(case: &Case, seed: u64) -> (String, bool) {
     let motor = &plant.motor;
     let control = settings.control.unwrap();
     let off = [
-        share(electrical.resistance_ohm.value, motor.resistance_ohm + plant.inverter.switch_ohm),
-        share(electrical.inductance_h.value, motor.inductance_h),
+        share(electrical.resistance_ohm.value.into(), motor.resistance_ohm + plant.inverter.switch_ohm),
+        share(electrical.inductance_h.value.into(), motor.inductance_h),
         share(control.flux_linkage_wb.into(), motor.back_emf.flux_linkage_vs),
         share(control.inertia_kgm2.into(), motor.inertia_kgm2),
     ];

@@ -90,8 +90,8 @@ fn the_drive_measures_its_motor_as_well_as_it_says() {
         change(&mut plant, &mut control);
         let report = identified(&plant, control, seed);
         for (k, (name, found, exact)) in compared(&report, &plant).into_iter().enumerate() {
-            let off = (found.value - exact).abs();
-            assert!(off <= found.error, "{case}, {name}: {found:?} is {exact}\n{report}");
+            let off = (f64::from(found.value) - exact).abs();
+            assert!(off <= f64::from(found.error), "{case}, {name}: {found:?} is {exact}\n{report}");
             let off = if k < 5 { off / exact } else { off };
             // Friction is what inertia and acceleration leave of the torque, so it is known the worse the more inertia
             // there is.
@@ -113,12 +113,12 @@ fn the_report_tells_what_to_set() {
     }
     let mut settings = told();
     report.apply(&mut settings);
-    assert_eq!(settings.resistance_ohm, report.resistance_ohm.value as f32);
-    assert_eq!(settings.inertia_kgm2, report.inertia_kgm2.value as f32);
+    assert_eq!(settings.resistance_ohm, report.resistance_ohm.value);
+    assert_eq!(settings.inertia_kgm2, report.inertia_kgm2.value);
     assert!((report.time_constant_s().value / (0.36e-3 / 3.77) - 1.0).abs() < 0.03);
     // What is doubtful is said to be, and not set.
     let doubtful = Report { inertia_kgm2: Estimate { value: 1e-5, error: 2e-6 }, ..report };
     assert!(doubtful.to_string().contains("doubtful, keep inertia_kgm2"));
     doubtful.apply(&mut settings);
-    assert_eq!(settings.inertia_kgm2, report.inertia_kgm2.value as f32);
+    assert_eq!(settings.inertia_kgm2, report.inertia_kgm2.value);
 }

@@ -1,6 +1,6 @@
 //! The [`Supervisor`] under embassy: its three calls as one future.
 
-use crate::{Housekeeping, Stop, Supervisor};
+use crate::{Readings, Stop, Supervisor};
 use core::cell::RefCell;
 use core::future::Future;
 use core::pin::pin;
@@ -21,32 +21,33 @@ const PIECE: usize = 64;
 type Shared<'a, F> = RefCell<&'a mut Supervisor<F>>;
 
 /// Runs a supervisor for ever. `rx` and `tx` are the serial line: at 460 800 baud, 8N1, where it is one; `stop` is
-/// what a [`Listener`](crate::Listener) there reports to, if there is one. `feed` feeds
+/// what a [`Listener`](crate::Listener) there reports to, if there is one; `readings` is what the control interrupt has
+/// noted last, such as [`Housekeeping::read`](crate::Housekeeping::read). `feed` feeds
 /// the watchdog, about every 20 ms as long as the control interrupt and all tasks run; a calibration's fit and a write
 /// to the flash stall them for up to a quarter of a second, so a watchdog needs half a second at least.
 pub async fn run<F: NorFlash>(
     supervisor: &mut Supervisor<F>,
     rx: impl Read,
     tx: impl Write,
-    housekeeping: &Housekeeping,
+    readings: impl Fn() -> Readings,
     stop: &Stop,
     feed: impl FnMut(),
 ) -> ! {
     let shared = RefCell::new(supervisor);
     let shared = &shared;
     let (never, ..) =
-        join4(tick(shared, housekeeping, stop), receive(shared, rx), transmit(shared, tx), watch(shared, feed)).await;
+        join4(tick(shared, readings, stop), receive(shared, rx), transmit(shared, tx), watch(shared, feed)).await;
     never
 }
 
-async fn tick<F: NorFlash>(supervisor: &Shared<'_, F>, housekeeping: &Housekeeping, stop: &Stop) -> ! {
+async fn tick<F: NorFlash>(supervisor: &Shared<'_, F>, readings: impl Fn() -> Readings, stop: &Stop) -> ! {
     let mut next = Instant::now();
     loop {
         // Ticks missed in a stall are not made up for, and the other tasks come first: the watchdog among them.
         next = (next + TICK).max(Instant::now() + Duration::from_ticks(1));
         Timer::at(next).await;
         let mut supervisor = supervisor.borrow_mut();
-        supervisor.tick(Instant::now().as_millis(), housekeeping.read());
+        supervisor.tick(Instant::now().as_millis(), readings());
         if let Some(bytes) = supervisor.dealt_with() {
             stop.release(bytes);
         }

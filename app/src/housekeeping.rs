@@ -15,7 +15,7 @@ pub struct Housekeeping {
 /// The housekeeping of one moment, for [`Supervisor::tick`](crate::Supervisor::tick).
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Readings {
-    /// Control periods so far, wrapping.
+    /// Control periods so far, wrapping; or anything else that each of them changes.
     pub periods: u32,
     /// Bus voltage, ADC codes.
     pub bus: u16,

@@ -80,7 +80,7 @@ impl<F: NorFlash> Tasks<F> {
             Ask::Get(name) => Answer::Setting(self.setting(find(name).ok_or(UNKNOWN)?)?),
             Ask::Telemetry(hz) => {
                 if !(0.0..=FASTEST).contains(&hz) {
-                    return Err(Refusal::Demand(BadDemand { value: hz.into(), most: FASTEST.into() }));
+                    return Err(Refusal::Demand(BadDemand { value: hz, most: FASTEST }));
                 }
                 self.stream(id, hz);
                 Answer::Done
@@ -292,9 +292,5 @@ impl<F: NorFlash> Tasks<F> {
 
 /// `value` if it is a number of at most this magnitude.
 fn at_most(value: f32, most: f32) -> Result<f32, Refusal<'static>> {
-    if value.abs() <= most {
-        Ok(value)
-    } else {
-        Err(Refusal::Demand(BadDemand { value: value.into(), most: most.into() }))
-    }
+    if value.abs() <= most { Ok(value) } else { Err(Refusal::Demand(BadDemand { value, most })) }
 }

@@ -76,6 +76,8 @@ impl<F: NorFlash> Supervisor<F> {
 
     /// Everything that is due every millisecond. `now_ms` is the time since power-up; ticks that were missed are not
     /// made up for.
+    // A stack frame of its own, which is not to add to what a request takes.
+    #[inline(never)]
     pub fn tick(&mut self, now_ms: u64, readings: Readings) {
         self.alive.ticked = true;
         self.alive.periods = readings.periods;

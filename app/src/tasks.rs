@@ -103,12 +103,7 @@ impl<F: NorFlash> Tasks<F> {
         }
         self.ticks_since_command = self.ticks_since_command.saturating_add(1);
         let torque_nm = self.take_measurements();
-        while let Some(event) = self.service.poll() {
-            if let Some(procedure) = self.procedure {
-                procedure.event(&event);
-            }
-            self.handle(event, torque_nm);
-        }
+        while self.next_event(torque_nm) {}
         self.end_abandoned();
         self.window = self.service.window().or(self.window);
         self.proceed();
@@ -117,6 +112,17 @@ impl<F: NorFlash> Tasks<F> {
         self.end_calibration();
         self.save();
         self.come_to_rest();
+    }
+
+    /// Takes the service's next event; false where there is none.
+    #[inline(never)]
+    fn next_event(&mut self, torque_nm: f32) -> bool {
+        let Some(event) = self.service.poll() else { return false };
+        if let Some(procedure) = self.procedure {
+            procedure.event(&event);
+        }
+        self.handle(&event, torque_nm);
+        true
     }
 
     /// Mean torque of the motor since the last tick, N·m, in the direction of the electrical angle; 0 without current
@@ -137,14 +143,14 @@ impl<F: NorFlash> Tasks<F> {
     }
 
     #[inline(never)]
-    fn handle(&mut self, event: Event, torque_nm: f32) {
+    fn handle(&mut self, event: &Event, torque_nm: f32) {
         match event {
-            Event::Reply(reply) => self.on_reply(reply),
+            Event::Reply(reply) => self.on_reply(*reply),
             // A faulted drive refuses a model, and gets it when the fault is cleared.
             Event::Installed(Err(Refusal::Mode(Mode::Faulted(_)))) => self.install_due = self.sensors.is_some(),
             // One that was made for other settings is followed by another.
             Event::Installed(_) => {}
-            Event::Record(record) => self.on_record(record, torque_nm),
+            Event::Record(record) => self.on_record(*record, torque_nm),
             Event::Calibrated(calibrate) => {
                 log!(info, "calibrated, residual {} %", calibrate.report.residual_pct);
                 self.calibration = Calibration::Done(calibrate.report);
@@ -156,7 +162,7 @@ impl<F: NorFlash> Tasks<F> {
             }
             Event::Refused(error) => {
                 log!(warn, "the calibration failed");
-                self.calibration = Calibration::Failed(error);
+                self.calibration = Calibration::Failed(*error);
             }
         }
     }

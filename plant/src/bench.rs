@@ -5,15 +5,19 @@
 
 use crate::adc::{Adc, AdcParameters};
 use crate::error::{Error, not_negative, positive};
-use crate::hall::{HallFault, HallParameters, Halls};
+use crate::hall::{HallFault, HallParameters, Halls, View};
+use crate::magnets::Magnets;
 use crate::noise::Noise;
 use crate::phasor::{Phasor, wrapped};
+use core::f64::consts::TAU;
 
 /// The rotor of a [`Bench`] and how it is sampled.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct BenchParameters {
     /// The three linear Halls.
     pub halls: [HallParameters; 3],
+    /// The magnets that they look at.
+    pub magnets: Magnets,
     /// The ADC that reads them.
     pub adc: AdcParameters,
     /// Time between samples, s.
@@ -36,6 +40,8 @@ pub struct Bench {
     adc: Adc,
     noise: Noise,
     angle_rad: f64,
+    /// Whole electrical turns since the start, which tell the magnets.
+    turns: f64,
     speed_rad_s: f64,
     currents_a: [f64; 3],
 }
@@ -50,14 +56,16 @@ impl Bench {
         positive(parameters.inertia_kgm2, "inertia_kgm2")?;
         not_negative(parameters.damping_nms, "damping_nms")?;
         not_negative(parameters.torque_noise_nm_rthz, "torque_noise_nm_rthz")?;
-        let mut halls = Halls::new(&parameters.halls, 0.0, parameters.period_s)?;
-        halls.settle(Phasor::new(angle_rad), &[0.0; 3]);
+        let pairs = parameters.pole_pairs;
+        let mut halls = Halls::new(&parameters.halls, 0.0, &parameters.magnets, pairs, parameters.period_s)?;
+        halls.settle(view(angle_rad, 0.0, pairs), &[0.0; 3]);
         Ok(Self {
             parameters: *parameters,
             halls,
             adc: Adc::new(&parameters.adc)?,
             noise: Noise::new(seed),
             angle_rad,
+            turns: 0.0,
             speed_rad_s,
             currents_a: [0.0; 3],
         })
@@ -70,9 +78,11 @@ impl Bench {
         let unknown_nm = self.noise.scaled(torque_noise_nm_rthz / libm::sqrt(period_s));
         let acceleration =
             (f64::from(pole_pairs) * (torque_nm + unknown_nm) - damping_nms * self.speed_rad_s) / inertia_kgm2;
-        self.angle_rad = wrapped(self.angle_rad + period_s * (self.speed_rad_s + 0.5 * period_s * acceleration));
+        let angle_rad = self.angle_rad + period_s * (self.speed_rad_s + 0.5 * period_s * acceleration);
+        self.angle_rad = wrapped(angle_rad);
+        self.turns += libm::round((angle_rad - self.angle_rad) / TAU);
         self.speed_rad_s += period_s * acceleration;
-        self.halls.advance(Phasor::new(self.angle_rad), &self.currents_a, period_s);
+        self.halls.advance(view(self.angle_rad, self.turns, pole_pairs), &self.currents_a, period_s);
         self.halls.volts(&mut self.noise).map(|volts| self.adc.code(volts))
     }
 
@@ -109,6 +119,11 @@ impl Bench {
     }
 }
 
+/// What the Halls see after so many electrical turns.
+fn view(angle_rad: f64, turns: f64, pole_pairs: u8) -> View {
+    View { electrical: Phasor::new(angle_rad), mechanical_rad: (angle_rad + turns * TAU) / f64::from(pole_pairs) }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -118,6 +133,7 @@ mod tests {
         let plant = PlantParameters::ideal();
         BenchParameters {
             halls: plant.halls,
+            magnets: plant.magnets,
             adc: plant.adc,
             period_s: 1e-3,
             pole_pairs: 4,

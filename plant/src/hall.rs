@@ -1,11 +1,14 @@
 //! Linear Hall sensors, with what is wrong with cheap ones, and with broken ones.
 
 use crate::error::{Error, finite, not_negative, positive, require};
+use crate::magnets::Magnets;
 use crate::noise::Noise;
 use crate::phasor::Phasor;
 
+use core::f64::consts::TAU;
+
 /// 120°.
-const THIRD_TURN: f64 = core::f64::consts::TAU / 3.0;
+const THIRD_TURN: f64 = TAU / 3.0;
 
 /// Output range of a sensor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -41,8 +44,25 @@ impl Saturation {
     }
 }
 
-/// One sensor: r = sin x + h3·sin 3x + h5·sin 5x, where x = θe − φ − ψ, becomes
-/// offset + amplitude·r + coupling·currents.
+/// A harmonic of the wave that need not be locked to the fundamental: size · sin(k·x + phase).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Harmonic {
+    /// Relative to the fundamental.
+    pub size: f64,
+    /// Radians of the harmonic.
+    pub phase_rad: f64,
+}
+
+impl Harmonic {
+    /// None.
+    pub const NONE: Self = Self { size: 0.0, phase_rad: 0.0 };
+}
+
+/// Second to seventh.
+pub const HARMONICS: usize = 6;
+
+/// One sensor: r = sin x + h3·sin 3x + h5·sin 5x + further harmonics, where x = θe − φ − ψ less the displacement of the
+/// magnet that it sees, becomes offset + amplitude · strength of that magnet · r + coupling·currents.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct HallParameters {
     /// Output without field at 25 °C, V.
@@ -55,6 +75,10 @@ pub struct HallParameters {
     pub third: f64,
     /// Fifth harmonic h5, relative.
     pub fifth: f64,
+    /// Second to seventh harmonic of this sensor alone, in any phase; beside `third` and `fifth`.
+    pub harmonics: [Harmonic; HARMONICS],
+    /// Whole electrical turns by which the sensor sits further round the stator than its placement says.
+    pub turns_away: u8,
     /// Drift of the output without field, V/K.
     pub offset_drift_v_k: f64,
     /// Relative change of the amplitude per kelvin.
@@ -79,6 +103,8 @@ impl HallParameters {
             placement_rad,
             third: 0.0,
             fifth: 0.0,
+            harmonics: [Harmonic::NONE; HARMONICS],
+            turns_away: 0,
             offset_drift_v_k: 0.0,
             amplitude_drift_k: 0.0,
             coupling_v_a: [0.0; 3],
@@ -106,6 +132,10 @@ impl HallParameters {
         finite(self.placement_rad, "halls.placement_rad")?;
         finite(self.third, "halls.third")?;
         finite(self.fifth, "halls.fifth")?;
+        for Harmonic { size, phase_rad } in self.harmonics {
+            finite(size, "halls.harmonics.size")?;
+            finite(phase_rad, "halls.harmonics.phase_rad")?;
+        }
         finite(self.offset_drift_v_k, "halls.offset_drift_v_k")?;
         finite(self.amplitude_drift_k, "halls.amplitude_drift_k")?;
         for coupling in self.coupling_v_a {
@@ -143,9 +173,29 @@ pub enum HallFault {
     Noisy(f64),
 }
 
+/// The rotor as the sensors see it.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct View {
+    /// Of the electrical angle.
+    pub electrical: Phasor,
+    pub mechanical_rad: f64,
+}
+
+/// What the sensors look at.
+#[derive(Clone, Copy, Debug)]
+struct Ring {
+    magnets: Magnets,
+    pole_pairs: u8,
+    even: bool,
+}
+
 #[derive(Clone, Debug)]
 struct Hall {
     parameters: HallParameters,
+    /// Where it sits, mechanical radians.
+    place_rad: f64,
+    /// Second to seventh harmonic: size · cos and size · sin of the phase; `None`: not one.
+    harmonics: Option<[Phasor; HARMONICS]>,
     /// Of -φ-ψ.
     placement: Phasor,
     offset_v: f64,
@@ -167,7 +217,7 @@ struct Lag {
 
 impl Lag {
     fn new(bandwidth_hz: f64, usual_s: f64) -> Self {
-        let time_constant_s = 1.0 / (core::f64::consts::TAU * bandwidth_hz);
+        let time_constant_s = 1.0 / (TAU * bandwidth_hz);
         let relative = time_constant_s / usual_s;
         Self { time_constant_s, usual_s, relative, kept: libm::exp(-1.0 / relative), input: 0.0 }
     }
@@ -183,10 +233,17 @@ impl Lag {
 }
 
 impl Hall {
-    fn new(parameters: &HallParameters, phase_rad: f64, period_s: f64) -> Result<Self, Error> {
+    fn new(parameters: &HallParameters, phase_rad: f64, pole_pairs: u8, period_s: f64) -> Result<Self, Error> {
         parameters.check()?;
+        let electrical_rad = phase_rad + parameters.placement_rad + TAU * f64::from(parameters.turns_away);
+        let wave = |harmonic: Harmonic| {
+            let (sin, cos) = libm::sincos(harmonic.phase_rad);
+            Phasor { sin: harmonic.size * sin, cos: harmonic.size * cos }
+        };
         Ok(Self {
             parameters: *parameters,
+            place_rad: electrical_rad / f64::from(pole_pairs),
+            harmonics: (parameters.harmonics != [Harmonic::NONE; HARMONICS]).then(|| parameters.harmonics.map(wave)),
             placement: Phasor::new(-phase_rad - parameters.placement_rad),
             offset_v: parameters.offset_v,
             amplitude_v: parameters.amplitude_v,
@@ -196,9 +253,16 @@ impl Hall {
     }
 
     /// Field as a voltage.
-    fn field_v(&self, rotor: Phasor, currents_a: &[f64; 3]) -> f64 {
+    fn field_v(&self, view: &View, ring: &Ring, currents_a: &[f64; 3]) -> f64 {
         let HallParameters { third, fifth, coupling_v_a, .. } = self.parameters;
-        let sin = rotor.plus(self.placement).sin;
+        let mut x = view.electrical.plus(self.placement);
+        let mut strength = 1.0;
+        if !ring.even {
+            let (here, displaced_rad) = ring.magnets.at(view.mechanical_rad - self.place_rad, ring.pole_pairs);
+            strength = here;
+            x = x.plus(Phasor::new(-displaced_rad));
+        }
+        let sin = x.sin;
         let square = sin * sin;
         let mut relative = sin;
         if third != 0.0 {
@@ -207,8 +271,15 @@ impl Hall {
         if fifth != 0.0 {
             relative += fifth * sin * (5.0 - square * (20.0 - 16.0 * square));
         }
+        if let Some(harmonics) = &self.harmonics {
+            let mut multiple = x;
+            for wave in harmonics {
+                multiple = multiple.plus(x);
+                relative += multiple.plus(*wave).sin;
+            }
+        }
         self.offset_v
-            + self.amplitude_v * relative
+            + self.amplitude_v * strength * relative
             + coupling_v_a[0] * currents_a[0]
             + coupling_v_a[1] * currents_a[1]
             + coupling_v_a[2] * currents_a[2]
@@ -237,14 +308,25 @@ impl Hall {
 #[derive(Clone, Debug)]
 pub(crate) struct Halls {
     halls: [Hall; 3],
+    ring: Ring,
     faults: [Option<HallFault>; 3],
 }
 
 impl Halls {
-    pub fn new(parameters: &[HallParameters; 3], phase_rad: f64, period_s: f64) -> Result<Self, Error> {
+    pub fn new(
+        parameters: &[HallParameters; 3],
+        phase_rad: f64,
+        magnets: &Magnets,
+        pole_pairs: u8,
+        period_s: f64,
+    ) -> Result<Self, Error> {
         finite(phase_rad, "hall_phase_rad")?;
-        let hall = |index: usize| Hall::new(&parameters[index], phase_rad, period_s).map_err(|error| error.at(index));
-        Ok(Self { halls: [hall(0)?, hall(1)?, hall(2)?], faults: [None; 3] })
+        magnets.check()?;
+        let ring = Ring { magnets: *magnets, pole_pairs, even: magnets.is_even() };
+        let hall = |index: usize| {
+            Hall::new(&parameters[index], phase_rad, pole_pairs, period_s).map_err(|error| error.at(index))
+        };
+        Ok(Self { halls: [hall(0)?, hall(1)?, hall(2)?], ring, faults: [None; 3] })
     }
 
     /// Sets a fault, or clears it.
@@ -263,16 +345,16 @@ impl Halls {
     }
 
     /// The sensors have long seen this.
-    pub fn settle(&mut self, rotor: Phasor, currents_a: &[f64; 3]) {
+    pub fn settle(&mut self, view: View, currents_a: &[f64; 3]) {
         for hall in &mut self.halls {
-            hall.settle(hall.field_v(rotor, currents_a));
+            hall.settle(hall.field_v(&view, &self.ring, currents_a));
         }
     }
 
     /// A span later they see this.
-    pub fn advance(&mut self, rotor: Phasor, currents_a: &[f64; 3], span_s: f64) {
+    pub fn advance(&mut self, view: View, currents_a: &[f64; 3], span_s: f64) {
         for hall in &mut self.halls {
-            hall.advance(hall.field_v(rotor, currents_a), span_s);
+            hall.advance(hall.field_v(&view, &self.ring, currents_a), span_s);
         }
     }
 

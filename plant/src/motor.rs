@@ -2,6 +2,7 @@
 
 use crate::emf::BackEmf;
 use crate::error::{Error, finite, positive, require};
+use crate::hall::View;
 use crate::phasor::Phasor;
 use crate::rotor::{Cogging, Friction, Rotor};
 use crate::windings::{Diodes, Terminal, Windings};
@@ -123,9 +124,9 @@ impl Motor {
         self.pole_pairs * self.rotor.angle_rad
     }
 
-    /// Sine and cosine of the electrical angle, as of the last [`resync`](Self::resync) or step.
-    pub fn phasor(&self) -> Phasor {
-        self.phasor
+    /// What the Halls see, as of the last [`resync`](Self::resync) or step.
+    pub fn view(&self) -> View {
+        View { electrical: self.phasor, mechanical_rad: self.rotor.angle_rad }
     }
 
     /// Takes sine and cosine from the angle itself.

@@ -4,6 +4,7 @@ use crate::adc::{AdcParameters, SenseParameters};
 use crate::bus::BusParameters;
 use crate::hall::{HallParameters, Saturation};
 use crate::inverter::{InverterModel, InverterParameters};
+use crate::magnets::{Magnets, Unevenness};
 use crate::motor::MotorParameters;
 use crate::noise::Noise;
 use core::f64::consts::PI;
@@ -21,6 +22,8 @@ pub struct PlantParameters {
     pub halls: [HallParameters; 3],
     /// Phase φ that all three have in common, electrical radians.
     pub hall_phase_rad: f64,
+    /// The magnets that they look at.
+    pub magnets: Magnets,
     /// The converter that reads everything.
     pub adc: AdcParameters,
     /// Phase current amplifiers, V/A.
@@ -78,6 +81,7 @@ impl PlantParameters {
                 HallParameters::ideal(1.65, 1.0, layout.placement_rad(2)),
             ],
             hall_phase_rad: 0.0,
+            magnets: Magnets::EVEN,
             adc: AdcParameters::ideal(BITS, REFERENCE_V),
             current_sense: SenseParameters { gain: 0.2, offset_v: 0.5 * REFERENCE_V, noise_v: 0.0 },
             bus_sense: SenseParameters { gain: 1.0 / 11.0, offset_v: 0.0, noise_v: 0.0 },
@@ -140,6 +144,14 @@ impl PlantParameters {
             bus_sense: SenseParameters { noise_v: 1e-3, ..ideal.bus_sense },
             ..ideal
         }
+    }
+
+    /// The same with uneven magnets, drawn from a seed.
+    #[must_use]
+    pub fn with_unevenness(mut self, largest: &Unevenness, seed: u64) -> Self {
+        self.magnets = largest.magnets(seed);
+        self.halls = largest.halls(self.halls, self.hall_phase_rad, seed);
+        self
     }
 
     /// The same with another number of pole pairs: torque and speed constant stay, and cogging is where such a motor

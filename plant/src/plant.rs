@@ -104,7 +104,13 @@ impl Plant {
             dead_time: DeadTime::new(&inverter, parameters.motor.inductance_h),
             switched: SwitchedLegs::new(period_s, inverter.dead_time_s),
             bus: Bus::new(&parameters.bus)?,
-            halls: Halls::new(&parameters.halls, parameters.hall_phase_rad, period_s)?,
+            halls: Halls::new(
+                &parameters.halls,
+                parameters.hall_phase_rad,
+                &parameters.magnets,
+                parameters.motor.pole_pairs,
+                period_s,
+            )?,
             adc: Adc::new(&parameters.adc)?,
             current_sense: parameters.current_sense,
             bus_sense: parameters.bus_sense,
@@ -157,7 +163,7 @@ impl Plant {
         }
         self.periods += 1;
         self.motor.resync();
-        self.halls.advance(self.motor.phasor(), &self.motor.windings.currents_a, self.period_s);
+        self.halls.advance(self.motor.view(), &self.motor.windings.currents_a, self.period_s);
     }
 
     fn averaged(&mut self, legs: &Legs, steps: u8, observe: &mut impl FnMut(&Slice)) {
@@ -213,7 +219,7 @@ impl Plant {
         self.finish(slice, &mut |_| {});
         self.conducted_s += span_s;
         self.motor.resync();
-        self.halls.advance(self.motor.phasor(), &self.motor.windings.currents_a, span_s);
+        self.halls.advance(self.motor.view(), &self.motor.windings.currents_a, span_s);
     }
 
     /// Voltages of the Hall sensors' outputs now. Each call draws fresh noise.
@@ -271,7 +277,7 @@ impl Plant {
     fn put(&mut self, mechanical_angle_rad: f64, speed_rad_s: f64) {
         self.motor.rotor.place(mechanical_angle_rad, speed_rad_s);
         self.motor.resync();
-        self.halls.settle(self.motor.phasor(), &self.motor.windings.currents_a);
+        self.halls.settle(self.motor.view(), &self.motor.windings.currents_a);
     }
 
     /// Couples a dyno that imposes a mechanical speed (0: locked rotor), or uncouples it.

@@ -1,7 +1,10 @@
 //! Hall sensors and converter: statistics, harmonics, limits, faults.
 mod common;
 use common::*;
-use plant::{AdcParameters, HallFault, HallLayout, HallParameters, Legs, Plant, PlantParameters, Rail, Saturation};
+use plant::{
+    AdcParameters, HallFault, HallLayout, HallParameters, Harmonic, Legs, Plant, PlantParameters, Rail, Saturation,
+    Unevenness,
+};
 use std::f64::consts::{PI, TAU};
 
 const LSB_V: f64 = 3.3 / 65536.0;
@@ -50,6 +53,70 @@ fn halls_show_what_they_are_made_of() {
         let (_, twice_mean) = fourier(|angle| volts_at(&plant, sensor, angle), 0.0);
         close(0.5 * twice_mean, 1.5 + 0.1 * sensor as f64, 2e-6);
     }
+}
+
+/// Harmonics of one's own, in any phase, beside those locked to the fundamental.
+#[test]
+fn harmonics_need_not_be_locked() {
+    let mut parameters = fine();
+    let own = [(0.04, 0.3), (0.02, -1.1), (0.03, 2.0), (-0.01, 0.7), (0.015, 3.0), (0.02, -2.0)];
+    parameters.halls[1].harmonics = own.map(|(size, phase_rad)| Harmonic { size, phase_rad });
+    parameters.halls[1].third = 0.05;
+    let plant = Plant::new(&parameters, 0).unwrap();
+    let lag = TAU / 3.0;
+    for (k, (size, phase_rad)) in own.into_iter().enumerate() {
+        let n = k as f64 + 2.0;
+        let (sin, cos) = fourier(|angle| volts_at(&plant, 1, angle), n);
+        let locked = if k == 1 { 0.05 } else { 0.0 };
+        close(sin, size * (phase_rad - n * lag).cos() + locked * (n * lag).cos(), 2e-6);
+        close(cos, size * (phase_rad - n * lag).sin() - locked * (n * lag).sin(), 2e-6);
+    }
+}
+
+/// Each sensor sees the magnet that is below it: the strength where the wave is at its peaks, the displacement where it
+/// goes through zero.
+#[test]
+fn uneven_magnets_pass_the_sensors_one_after_the_other() {
+    let mut parameters = fine();
+    parameters.magnets = Unevenness { gain: 0.2, pitch_deg: 8.0, ..Unevenness::NONE }.magnets(5);
+    parameters.halls[2].turns_away = 2;
+    for hall in &mut parameters.halls {
+        hall.saturation = Saturation::hard(3.3);
+    }
+    let plant = Plant::new(&parameters, 0).unwrap();
+    let mut plants = plant.clone();
+    for (sensor, place) in [0.0, TAU / 3.0 / PAIRS, (2.0 * TAU / 3.0 + 2.0 * TAU) / PAIRS].into_iter().enumerate() {
+        for pole in 0..8 {
+            let (strength, displaced) = parameters.magnets.pole(pole);
+            // The field is at its peak a displacement behind the middle of the pole.
+            let sign = if pole % 2 == 0 { 1.0 } else { -1.0 };
+            plants.place(place + (f64::from(pole) + 0.5) * PI / PAIRS, 0.0).unwrap();
+            let volts = f64::from(plants.sample().halls[sensor]) * LSB_V;
+            close(volts, 1.65 + sign * strength * displaced.cos(), LSB_V);
+        }
+    }
+    // Three times a turn apart, the same place is seen again.
+    for sensor in 0..3 {
+        let at = |turns: f64| volts_at(&plant, sensor, 1.0 + TAU * turns);
+        assert_ne!(at(0.0), at(1.0));
+        close(at(0.0), at(PAIRS), LSB_V);
+    }
+}
+
+/// Two per cent of the magnets' field along q turn what the Halls see by 1.15° electrical.
+#[test]
+fn the_field_of_the_windings_turns_that_of_the_magnets() {
+    let halls = Unevenness { coil: 0.02, rated_a: 3.0, ..Unevenness::NONE }.halls(fine().halls, 0.0, 1);
+    let angle: f64 = 0.8;
+    // A current vector along q.
+    let currents = [0.0, 1.0, 2.0].map(|phase| -3.0 * (angle - phase * TAU / 3.0).sin());
+    let field = halls.map(|hall| {
+        let stray: f64 = hall.coupling_v_a.iter().zip(currents).map(|(volts, amperes)| volts * amperes).sum();
+        (angle - hall.placement_rad).sin() + stray / hall.amplitude_v
+    });
+    let sum = |of: fn(f64) -> f64| (0..3).map(|k| field[k] * of(TAU / 3.0 * k as f64)).sum::<f64>();
+    let seen = sum(f64::cos).atan2(-sum(f64::sin));
+    close(deg(seen - angle), deg(0.02_f64.atan()), 1e-9);
 }
 
 #[test]

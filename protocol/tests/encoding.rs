@@ -34,7 +34,7 @@ fn hex<'a, T: Serialize + Deserialize<'a> + PartialEq + std::fmt::Debug>(value: 
 
 #[test]
 fn the_version_is_this_one() {
-    assert_eq!(VERSION, 3);
+    assert_eq!(VERSION, 4);
 }
 
 #[test]
@@ -123,7 +123,7 @@ fn refusals() {
         (procedure::Error::NoControl, "00"),
         (procedure::Error::FewRecords, "01"),
         (procedure::Error::Plan { field: "field" }, "02"),
-        (procedure::Error::Demand(BadDemand { value: 2.0, most: 1.0 }), "030000000000000040000000000000f03f"),
+        (procedure::Error::Demand(BadDemand { value: 2.0, most: 1.0 }), "03000000400000803f"),
         (procedure::Error::Refused(drive::Refusal::NoAngle), "0402"),
         (procedure::Error::Fault(Fault::Stall), "0518"),
         (procedure::Error::Disarmed, "06"),
@@ -140,7 +140,7 @@ fn refusals() {
     }
     let refusals = [
         (Refusal::Drive(drive::Refusal::NoAngle), "0002"),
-        (Refusal::Demand(BadDemand { value: 2.0, most: 1.0 }), "010000000000000040000000000000f03f"),
+        (Refusal::Demand(BadDemand { value: 2.0, most: 1.0 }), "01000000400000803f"),
         (Refusal::Procedure(procedure::Error::NoControl), "0200"),
         (Refusal::Setting(settings::Error::Fixed), "0304"),
         (Refusal::NothingStored(Problem::Version(3)), "040303"),
@@ -219,7 +219,7 @@ fn calibrations() {
 
 #[test]
 fn motors_and_cogging() {
-    let of = |value: f64| Estimate { value, error: value / 8.0 };
+    let of = |value: f32| Estimate { value, error: value / 8.0 };
     let report = identify::Report {
         resistance_ohm: of(1.0),
         inductance_h: of(2.0),
@@ -236,9 +236,8 @@ fn motors_and_cogging() {
     assert_eq!(
         hex(&report),
         concat!(
-            "000000000000f03f000000000000c03f0000000000000040000000000000d03f0000000000000840000000000000d83f",
-            "0000000000001040000000000000e03f0000000000001440000000000000e43f0000000000001840000000000000e83f",
-            "0000000000001c40000000000000ec3f0000000000002040000000000000f03f00001041000020410000304100004041",
+            "0000803f0000003e000000400000803e000040400000c03e000080400000003f0000a0400000203f0000c0400000403f",
+            "0000e0400000603f000000410000803f00001041000020410000304100004041",
             "0dffffffff0f",
         )
     );

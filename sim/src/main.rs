@@ -26,6 +26,8 @@ enum Experiment {
     Faults(experiment::faults::Options),
     /// Find and follow the sensors' parameters while the motor turns; lose a sensor
     Adapt(experiment::adapt::Options),
+    /// Rotors with uneven magnets: the error of the tracked angle
+    Magnets(experiment::magnets::Options),
     /// Choose the PWM frequency; current ripple by formula and by a switched simulation
     Pwm(experiment::pwm::Options),
     /// Absolute angle from two rings: before and after self-calibration, and when something breaks
@@ -43,6 +45,7 @@ fn main() -> ExitCode {
         Some(Experiment::Servo(common)) => experiment::servo::main(&common),
         Some(Experiment::Faults(options)) => experiment::faults::main(&options),
         Some(Experiment::Adapt(options)) => experiment::adapt::main(&options),
+        Some(Experiment::Magnets(options)) => experiment::magnets::main(&options),
         Some(Experiment::Pwm(options)) => experiment::pwm::main(&options),
         Some(Experiment::Vernier(options)) => experiment::vernier::main(&options),
     };

@@ -10,10 +10,12 @@ use hallservo::drive::{Channels, Command, Drive};
 use hallservo::fault::Limits;
 use hallservo::hall::calibrate::Calibration;
 use hallservo::hall::estimate::Estimator;
+use hallservo::hall::map::{Live, Map, WHOLE};
 use hallservo::mode::Mode;
 use hallservo::service::identification::{self, Identification};
 use hallservo::service::identify::Report;
 use hallservo::service::learning::{self, Learning};
+use hallservo::service::mapping::{self, Mapping};
 use hallservo::service::procedure::{Procedure, Serve, State};
 use hallservo::service::{Event, Service};
 use hallservo::settings::Settings;
@@ -29,6 +31,8 @@ pub struct Rig {
     pub service: Service,
     /// The settings in the interrupt's units.
     pub config: Config,
+    /// The map of the magnets, which the tasks write and the drive reads.
+    pub map: &'static Live,
     /// What the thermistors read.
     pub temperatures: [TemperatureCode; 2],
     /// Changes samples on their way from the ADC to the drive.
@@ -67,7 +71,9 @@ impl Rig {
         }
         plant.place(0.3, 0.0)?;
         let (drive, service) = connected(config);
-        Ok(Self { plant, drive, service, config, temperatures: [COOL; 2], disturb: None, period_s })
+        let map: &Live = Box::leak(Box::default());
+        let drive = drive.with_map(map);
+        Ok(Self { plant, drive, service, config, map, temperatures: [COOL; 2], disturb: None, period_s })
     }
 
     /// Length of a control period in seconds.
@@ -193,6 +199,28 @@ impl Rig {
         let mut procedure = Learning::new(&self.config, plan)?;
         self.proceed(&mut procedure)?;
         Ok(*procedure.table().context("done without a table")?)
+    }
+
+    /// Lets the drive learn the map of its rotor's magnets, and correct the angle by it from then on.
+    ///
+    /// # Errors
+    /// Why it came to nothing.
+    pub fn learn_map(&mut self, plan: &mapping::Plan) -> Result<Map> {
+        self.map.end();
+        let mut procedure = Mapping::new(&self.config, plan)?;
+        self.proceed(&mut procedure)?;
+        let map = procedure.map().context("done without a map")?;
+        self.map.load(&map);
+        self.use_map(0);
+        Ok(map)
+    }
+
+    /// Puts the map into effect over a tenth of a second.
+    pub fn use_map(&mut self, electrical_turns: i32) {
+        for share in 1..=WHOLE {
+            self.map.use_from(electrical_turns, share);
+            self.run(0.1 / f64::from(WHOLE), |_, _| ());
+        }
     }
 
     /// Steps until a procedure ends that is served once a millisecond.

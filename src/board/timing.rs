@@ -16,23 +16,32 @@ pub struct PeriodCounter {
     /// Ticks of the counter in a control period.
     period: NonZeroU32,
     /// The count at the last interrupt.
-    last: Option<u32>,
+    last: u32,
+    /// From so many ticks on since the last interrupt there is something to look at: one and a half periods, or none
+    /// before the first.
+    most: u32,
 }
 
 impl PeriodCounter {
     /// For a control period of so many ticks of a counter that wraps at 2³².
     pub const fn new(period: NonZeroU32) -> Self {
-        Self { period, last: None }
+        Self { period, last: 0, most: 0 }
     }
 
     /// Periods lost before this interrupt, at a count; the first one has lost none. Half a period late is still in
     /// time.
     #[inline(always)]
     pub fn lost(&mut self, now: u32) -> LostPeriods {
-        let Some(before) = self.last.replace(now) else { return LostPeriods::counted(0) };
-        let late = now.wrapping_sub(before).saturating_sub(self.period.get() / 2);
-        // As a rule no division is needed.
-        LostPeriods::counted(if late < self.period.get() { 0 } else { (late / self.period).min(255) as u8 })
+        let elapsed = now.wrapping_sub(core::mem::replace(&mut self.last, now));
+        if elapsed < self.most { LostPeriods::counted(0) } else { self.look(elapsed) }
+    }
+
+    #[cold]
+    fn look(&mut self, elapsed: u32) -> LostPeriods {
+        let half = self.period.get() / 2;
+        let first = core::mem::replace(&mut self.most, half.saturating_add(self.period.get())) == 0;
+        let late = if first { 0 } else { elapsed.saturating_sub(half) };
+        LostPeriods::counted((late / self.period).min(255) as u8)
     }
 }
 

@@ -83,12 +83,12 @@ impl Modulator {
     pub fn new(period: u16, dead_time: u16, limits: &Limits, reversed: bool) -> Self {
         let share = Self::longest(period, dead_time, limits);
         // An eighth of a voltage of one count.
-        let eighth = f64::from(LONGEST) / share / f64::from(period) / 8.0;
+        let eighth = LONGEST as f32 / share / f32::from(period) / 8.0;
         Self {
             counts: (4_294_967_296.0 / eighth) as i32,
-            middle: (f64::from(limits.middle(8)) / 256.0 * eighth + 0.5) as i32,
+            middle: (limits.middle(8) as f32 / 256.0 * eighth + 0.5) as i32,
             phases: InverseClarke::new(reversed),
-            dead_time: (f64::from(dead_time) * eighth * 1024.0 + 0.5) as i32,
+            dead_time: (f32::from(dead_time) * eighth * 1024.0 + 0.5) as i32,
         }
     }
 
@@ -99,8 +99,8 @@ impl Modulator {
 
     /// The longest vector that fits the limits in every direction, with the correction of the dead time, as a share of
     /// the bus.
-    pub fn longest(period: u16, dead_time: u16, limits: &Limits) -> f64 {
-        (limits.longest_vector() - f64::from(dead_time) / SQRT_3) / f64::from(period)
+    pub fn longest(period: u16, dead_time: u16, limits: &Limits) -> f32 {
+        (limits.longest_vector() - f32::from(dead_time) / SQRT_3) / f32::from(period)
     }
 
     /// Compare values of a `voltage` within the [circle](Circle) for a rotor at an angle. Within one count of the exact
@@ -159,7 +159,9 @@ mod tests {
                     let voltage = vector(share * f64::from(LONGEST), 0.4);
                     let compare = modulator.compare(Rotation::at(rotor), voltage, 0).map(f64::from);
                     let phase = |k: usize| {
-                        share * limits.longest_vector() * libm::cos(angle + 0.4 - sign * k as f64 / 3.0 * TAU)
+                        share
+                            * f64::from(limits.longest_vector())
+                            * libm::cos(angle + 0.4 - sign * k as f64 / 3.0 * TAU)
                     };
                     for (k, next) in [(0, 1), (1, 2), (2, 0)] {
                         let exact = phase(k) - phase(next);
@@ -184,7 +186,7 @@ mod tests {
     fn a_full_vector_is_two_over_root_three_of_centred_sines() {
         let limits = Limits::new(2000, 0, 2000).unwrap();
         let ratio = Modulator::longest(2000, 0, &limits) * 2000.0 / 1000.0;
-        assert!((ratio - 2.0 / 3.0_f64.sqrt()).abs() < 0.004, "{ratio}");
+        assert!((ratio - 2.0 / SQRT_3).abs() < 0.004, "{ratio}");
     }
 
     proptest! {

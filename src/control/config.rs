@@ -10,6 +10,7 @@ use super::current::{self, LocalGains};
 use super::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity};
 use crate::angle::{Position, TURN};
 use crate::commutation::svpwm;
+use crate::double;
 use crate::pwm;
 use crate::schedule::{LONG, OUTER};
 use crate::settings::{Control, Error};
@@ -105,7 +106,7 @@ impl Config {
             overload: Overload::new(settings, &scale),
             supply: Supply::new(settings, &motor, &scale),
             guard: Guard::new(settings, frame.adc_bits, loop_hz, &scale),
-            gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest as f32)
+            gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest)
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,
             local: LocalGains::new(&motor, settings.feedback, current_hz, &scale)
                 .ok_or(gain("current_bandwidth_hz", current_hz))?,
@@ -118,7 +119,7 @@ impl Config {
             fade: (281_474_976_710_656.0 * 10.0 / speed.max(1.0)) as i64,
             max_current: libm::roundf(max_current) as i32,
             shift: 16 - u32::from(frame.adc_bits),
-            volts: (longest * 65_536.0 * 4_194_304.0 / f64::from(svpwm::LONGEST)) as i32,
+            volts: (longest * 65_536.0 * 4_194_304.0 / svpwm::LONGEST as f32) as i32,
             modulator: svpwm::Modulator::new(frame.period, frame.dead_time, &frame.limits, frame.reversed),
             ramp: (svpwm::RAMP as f32 / ramp.max(1.0)) as i32,
             dead_time_saturation: (RAMPS as f32 * ramp.max(1.0)) as i32,
@@ -128,7 +129,7 @@ impl Config {
             // voltage and the corrections of the time.
             trim_gain: (TURN
                 / TAU
-                / (svpwm::LONGEST as f32 / longest as f32 / 50.0)
+                / (svpwm::LONGEST as f32 / longest / 50.0)
                 / (0.5 * scale.step_hz / (2 * LONG) as f32)
                 * 16_777_216.0)
                 .clamp(1.0, 2_147_483_520.0) as i32,
@@ -144,9 +145,9 @@ impl Config {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct BadDemand {
     /// What was asked for.
-    pub value: f64,
+    pub value: f32,
     /// Largest magnitude allowed.
-    pub most: f64,
+    pub most: f32,
 }
 
 impl fmt::Display for BadDemand {
@@ -188,7 +189,7 @@ impl Config {
     /// Not a number, or beyond `max_current_a`.
     pub fn current(&self, amperes: f32) -> Result<Current, BadDemand> {
         let most = self.max_current as f32 / self.scale.per_ampere();
-        demand(amperes.into(), most.into())?;
+        demand(amperes, most)?;
         Ok(Current((libm::roundf(amperes * self.scale.per_ampere()) as i32).clamp(-self.max_current, self.max_current)))
     }
 
@@ -204,7 +205,7 @@ impl Config {
     pub fn torque(&self, newton_metres: f32) -> Result<Current, BadDemand> {
         let constant = self.motor.torque_constant(self.scale.pole_pairs);
         let most = self.max_current as f32 / self.scale.per_ampere() * constant;
-        demand(newton_metres.into(), most.into())?;
+        demand(newton_metres, most)?;
         self.current(newton_metres / constant)
     }
 
@@ -214,7 +215,7 @@ impl Config {
     /// Not a number, or beyond `max_speed_rad_s`.
     pub fn speed(&self, radians_s: f32) -> Result<Speed, BadDemand> {
         let most = self.trajectory.speed() as f32 / self.scale.per_radian_s();
-        demand(radians_s.into(), most.into())?;
+        demand(radians_s, most)?;
         let most = self.trajectory.speed();
         Ok(Speed(((radians_s * self.scale.per_radian_s()) as i32).clamp(-most, most)))
     }
@@ -224,13 +225,15 @@ impl Config {
     /// # Errors
     /// Not a number, or beyond a quarter of the range of a [`Position`].
     pub fn position(&self, turns: f64) -> Result<Position, BadDemand> {
-        let pairs = f64::from(self.scale.pole_pairs);
-        demand(turns, f64::from(1 << 29) / pairs)?;
-        Ok(Position::from_turns(turns * pairs))
+        let most = (1 << 29) as f32 / self.scale.pole_pairs;
+        let bad = BadDemand { value: double::narrow(turns), most };
+        let mechanical = double::to_fixed(turns).ok_or(bad)?;
+        demand(bad.value, most)?;
+        Ok(Position::from_bits(mechanical * self.scale.pole_pairs as i64))
     }
 }
 
-fn demand(value: f64, most: f64) -> Result<(), BadDemand> {
+fn demand(value: f32, most: f32) -> Result<(), BadDemand> {
     // The limit itself has been rounded.
     if value.abs() <= most * 1.000_1 { Ok(()) } else { Err(BadDemand { value, most }) }
 }

@@ -104,9 +104,9 @@ impl fmt::Display for Refusal {
 impl core::error::Error for Refusal {}
 
 /// Length of the queue of records; it holds one less.
-const RECORDS: usize = 64;
+const RECORDS: usize = 32;
 /// Length of the queue of measurements, of which one comes every 32 steps at most.
-const MEASUREMENTS: usize = 16;
+const MEASUREMENTS: usize = 8;
 
 /// The queues between the interrupt and the tasks.
 #[derive(Default)]

@@ -100,6 +100,7 @@ impl Drive {
         self.progress = Progress::None;
         if let Some(estimator) = self.estimator.take() {
             self.record.rotor = Tracker::at(self.record.rotor.angle());
+            self.forget_pole();
             let _ = self.channels.retired.enqueue(estimator);
         }
     }
@@ -136,6 +137,7 @@ impl Drive {
         let angle = self.estimator().and_then(|estimator| estimator.angle(&codes).ok());
         self.record.missed = if angle.is_some() { 0 } else { self.config.tolerated.saturating_add(1) };
         self.record.rotor = Tracker::at(angle.unwrap_or(ElectricalAngle::ZERO));
+        self.forget_pole();
     }
 
     fn arm(&mut self, sample: &Sample) -> Reply {

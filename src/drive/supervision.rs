@@ -131,7 +131,7 @@ impl Supervision {
         self.braked += 1;
         self.slowest = if self.braked <= LAG { speed } else { self.slowest.min(speed) };
         // An angle that is off once a turn makes the measured speed swing in proportion to itself.
-        let faster = speed - self.slowest > motion.turning + self.slowest / 8;
+        let faster = speed - self.slowest > motion.turning + self.slowest / 2;
         (faster && self.braking > motion.impulse).then_some(Fault::Commutation)
     }
 

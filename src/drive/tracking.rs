@@ -1,7 +1,7 @@
 //! Tracking of the rotor, and what is done about samples without a plausible angle.
 
-use super::Drive;
-use crate::angle::ElectricalAngle;
+use super::{Drive, OUTER};
+use crate::angle::{ElectricalAngle, Position};
 use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
 use crate::hall::plausibility::Implausible;
@@ -13,12 +13,32 @@ impl Drive {
         match (self.hall_loss.lost, &self.estimator) {
             (Some(lost), _) if self.mode.drives() => self.measure_without(lost, *codes),
             (_, Some(estimator)) => match estimator.angle(codes) {
-                Ok(angle) => self.track(angle),
+                Ok(angle) => self.track(angle - self.correction),
                 Err(why) => self.no_angle(why),
             },
             (_, None) => {}
         }
         self.resolve_suspicion(*codes);
+    }
+
+    /// What the map takes off the Halls' angle in the middle of the steps until it is looked up again.
+    #[inline(always)]
+    pub(super) fn look_up_correction(&mut self) {
+        if let Some(map) = self.map {
+            let rotor = &self.record.rotor;
+            let ahead = i64::from(rotor.speed()) * (i64::from(OUTER) + 1) / 2;
+            let position = Position::from_bits(rotor.position().to_bits().wrapping_add(ahead));
+            self.correction = map.correction(position);
+        }
+    }
+
+    /// The turns are counted anew: the map's pole is not known any more.
+    #[cold]
+    pub(super) fn forget_pole(&mut self) {
+        if let Some(map) = self.map {
+            map.end();
+        }
+        self.correction = ElectricalAngle::ZERO;
     }
 
     /// Takes up an angle.
@@ -47,6 +67,7 @@ impl Drive {
         if !self.mode.drives() {
             // Nothing is known of the rotor, so it is not extrapolated any longer.
             self.record.rotor = Tracker::at(self.record.rotor.angle());
+            self.forget_pole();
         }
         self.fail_or_suspect(Fault::Hall(why));
     }
@@ -59,6 +80,7 @@ impl Drive {
         if !self.mode.drives() {
             // With the bridge off, an angle that persists is believed.
             self.record.rotor = Tracker::at(angle);
+            self.forget_pole();
             self.angle_found();
         }
         self.fail_or_suspect(Fault::AngleJump);

@@ -26,9 +26,12 @@
 //! - A model comes out only when every eighth of the turn was covered since the last.
 //! - Parameters are cut to [`Settings::limits`] around the calibration at every eighth of a turn, so no model is beyond
 //!   them. A parameter at its limit for two models in a row is a [`Fault::Drifted`].
-//! - A measurement more than five standard deviations off is an outlier and is not used, unless an unexpected torque
-//!   explains all three sensors. A sensor that is an outlier for a fifth of a turn is a [`Fault::Lost`]; angle and
-//!   speed are tracked on by the other two.
+//! - What the rotor leaves unexplained at each sensor is learnt while it turns, and counts as noise. Where that is more
+//!   than 1 %, its magnets are uneven; then nothing else is learnt and the calibration is used
+//!   ([`Adapter::doubts`]).
+//! - A measurement more than five standard deviations off is an outlier. Up to what uneven magnets can produce it
+//!   counts little; beyond, it is not used, unless an unexpected torque explains all three sensors. A sensor that is
+//!   such an outlier for 15 % of a turn is a [`Fault::Lost`]; angle and speed are tracked on by the other two.
 //! - The parameters' variances grow by [`Settings::drift`] only for the time between covered turns, and never beyond
 //!   where they started. At rest nothing grows.
 //!
@@ -50,7 +53,7 @@ mod window;
 use crate::angle::ElectricalAngle;
 use crate::hall::Codes;
 use crate::hall::model::Model;
-use core::f32::consts::TAU;
+use core::f32::consts::{PI, TAU};
 pub use deviations::Deviations;
 pub use fault::{Fault, Parameter};
 use filter::{ANGLE, Covariance, Measurement, OFFSET, SPEED, State, Vector, radians};
@@ -64,6 +67,8 @@ use window::Window;
 const LONGEST_GAP: u16 = 20;
 /// Square of the speed over its variance, above which the rotor surely turns and parameters are adapted.
 const CERTAIN_SPEED: f32 = 9.0;
+/// Variance of the angle, rad², below which innovations tell of the rotor's unevenness.
+const CERTAIN_ANGLE: f32 = 2e-3;
 /// Angle, rad, within which the linearisation errors of samples are correlated.
 const CORRELATED_ANGLE: f32 = 0.25;
 /// Largest angle between observations, rad, for which the derivatives are good.
@@ -131,6 +136,8 @@ pub struct Adapter {
     window: Window,
     /// Eighths of the turn covered since the last model, a bit each.
     seen_eighths: u8,
+    /// Eighths of the turn followed since something was last not understood.
+    followed_eighths: u8,
     /// Samples adapted from since the last model.
     learnt_samples: u32,
     /// Sample periods since the drift was added to the variances.
@@ -139,6 +146,10 @@ pub struct Adapter {
     paused: u32,
     /// Whether all of the turn was covered, and the next update makes the model.
     model_due: bool,
+    /// Whether it started from a calibration, to which it may return.
+    calibrated: bool,
+    /// Whether the rotor is too uneven to learn parameters from.
+    doubts: bool,
     /// The parameter at its limit at the last model.
     last_limit: Option<Fault>,
     suspicions: Suspicions,
@@ -182,7 +193,7 @@ impl Adapter {
         let learn = self.may_learn();
         let nonlinearity = self.nonlinearity(sensor, learn, 3.0);
         let measurement = self.sensors[sensor].measure_mean(sensor, &self.state, mean, nonlinearity);
-        let accepted = self.update_by(sensor, &measurement, learn);
+        let accepted = self.update_by(sensor, &measurement, learn, 3.0);
         self.predict(observation);
         if !accepted {
             return self.flag_outlier();
@@ -203,7 +214,7 @@ impl Adapter {
         let learn = self.may_learn();
         let nonlinearity = self.nonlinearity(sensor, learn, 1.0);
         let measurement = self.sensors[sensor].measure(sensor, &self.state, observation.codes[sensor], nonlinearity);
-        if !self.update_by(sensor, &measurement, learn) {
+        if !self.update_by(sensor, &measurement, learn, 1.0) {
             return self.flag_outlier();
         }
         if learn { self.learn() } else { self.follow() }
@@ -260,15 +271,26 @@ impl Adapter {
         angle * (0.5 * angle + self.covariance.get(amplitude, amplitude)) * times
     }
 
-    /// Update by one sensor, unless it is an outlier; whether it was used.
+    /// Update by one sensor, unless it is an outlier; whether it was used. What the rotor leaves unexplained is alike
+    /// over a pole, so the parameters learn of all samples there together no more than of one.
     #[inline]
-    fn update_by(&mut self, sensor: usize, measurement: &Measurement, learn: bool) -> bool {
+    fn update_by(&mut self, sensor: usize, measurement: &Measurement, learn: bool, samples: f32) -> bool {
         let cross = measurement.cross(sensor, &self.covariance);
         if measurement.is_outlier(&cross, GATE) {
             return false;
         }
         let speed = self.state.speed;
-        self.covariance.update_by(measurement, &cross, &mut self.state, learn);
+        let angle = samples * speed.abs();
+        let mut share = 0.0;
+        if self.calibrated && self.covariance.get(ANGLE, ANGLE) < CERTAIN_ANGLE {
+            let sensor = &mut self.sensors[sensor];
+            sensor.learn_unexplained(measurement, cross.variance + measurement.noise, angle);
+        }
+        if learn {
+            let once = angle * measurement.noise;
+            share = once / (once + PI * self.sensors[sensor].excess());
+        }
+        self.covariance.update_by(measurement, &cross, &mut self.state, share);
         self.integrate_load(speed);
         true
     }
@@ -277,7 +299,7 @@ impl Adapter {
     fn track_all(&mut self, measurements: &[Measurement; 3]) {
         let (measurement, cross) = combine(measurements, &self.covariance);
         let speed = self.state.speed;
-        self.covariance.update_by(&measurement, &cross, &mut self.state, false);
+        self.covariance.update_by(&measurement, &cross, &mut self.state, 0.0);
         self.integrate_load(speed);
     }
 
@@ -293,7 +315,18 @@ impl Adapter {
     fn may_learn(&self) -> bool {
         let speed = self.state.speed.abs();
         let certain = speed * speed > CERTAIN_SPEED * self.covariance.get(SPEED, SPEED);
-        self.fault.is_none() && speed >= self.config.slowest && speed <= FASTEST_SPEED && certain
+        self.fault.is_none() && !self.doubts && speed >= self.config.slowest && speed <= FASTEST_SPEED && certain
+    }
+
+    /// Whether the rotor leaves more unexplained than parameters can be learnt from: its magnets are uneven. Then
+    /// those of the calibration are used, and only angle and speed are followed.
+    pub const fn doubts(&self) -> bool {
+        self.doubts
+    }
+
+    /// What the rotor leaves unexplained at each sensor, share of the amplitude, RMS.
+    pub fn unexplained(&self) -> [f32; 3] {
+        self.sensors.map(|sensor| libm::sqrtf(sensor.unexplained))
     }
 
     /// The model at this moment, for diagnosis; [`Self::model`] is the one to use.

@@ -19,7 +19,7 @@ use crate::hall::model::Model;
 use crate::hall::{Channel, Codes};
 use core::fmt;
 pub use fit::BINS;
-use fit::{NoFit, Point};
+use fit::NoFit;
 use report::Raw;
 pub use report::{Finding, Report};
 
@@ -110,10 +110,13 @@ struct Bin {
     count: u32,
 }
 
+/// Of the sweep forward and of that backward.
+type Bins = [[Bin; BINS]; 2];
+
 /// Sums up the samples of both sweeps; 2.1 KiB.
 #[derive(Clone, Debug)]
 pub struct Collector {
-    bins: [[Bin; BINS]; 2],
+    bins: Bins,
     noise: Noise,
     at_rail: [u32; 3],
     adc_bits: u8,
@@ -156,15 +159,15 @@ impl Collector {
     // A stack frame of its own, given back before an estimator is made.
     #[inline(never)]
     pub fn finish(&self, reversed: bool) -> Result<Calibration, Error> {
-        // In place: these are 2 KiB of a small stack.
-        let mut points = [[Point::default(); BINS]; 2];
-        for sweep in [Sweep::Forward, Sweep::Backward] {
-            self.points(sweep, &mut points[sweep as usize])?;
+        for (sweep, bins) in [Sweep::Forward, Sweep::Backward].into_iter().zip(&self.bins) {
+            if bins.iter().any(|bin| bin.count < FEWEST) {
+                return Err(Error::Incomplete(sweep));
+            }
         }
         let mut angles = [[ElectricalAngle::ZERO; BINS]; 2];
-        let fit = fit::fit(&points, &mut angles)?;
-        let [forward, backward] = [0, 1].map(|sweep| offset(&points[sweep], &angles[sweep]));
-        let swings = [0, 1].map(|sweep| swing(&points[sweep], &angles[sweep], [forward, backward][sweep]));
+        let fit = fit::fit(&self.bins, &mut angles)?;
+        let [forward, backward] = [0, 1].map(|sweep| offset(&self.bins[sweep], &angles[sweep]));
+        let swings = [0, 1].map(|sweep| swing(&self.bins[sweep], &angles[sweep], [forward, backward][sweep]));
         let hunting = ElectricalAngle::from_radians(libm::sqrtf((swings[0] * swings[0] + swings[1] * swings[1]) / 2.0));
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
@@ -182,37 +185,28 @@ impl Collector {
             None => Ok(Calibration { model, report }),
         }
     }
+}
 
-    /// Mean codes over the field's angle.
-    fn points(&self, sweep: Sweep, points: &mut [Point; BINS]) -> Result<(), Error> {
-        let bins = &self.bins[sweep as usize];
-        if bins.iter().any(|bin| bin.count < FEWEST) {
-            return Err(Error::Incomplete(sweep));
-        }
-        for (k, (point, bin)) in points.iter_mut().zip(bins).enumerate() {
-            point.codes = bin.sums.map(|sum| sum as f32 / bin.count as f32);
-            point.field = ElectricalAngle::from_bits(((2 * k + 1) << (31 - BINS.ilog2())) as u32 as i32);
-        }
-        Ok(())
-    }
+/// Rotor's angle less field's angle, of a sweep.
+fn lags(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS]) -> impl Iterator<Item = ElectricalAngle> {
+    fit::sweep(bins).zip(angles).map(|(point, &angle)| angle - point.field)
 }
 
 /// Mean of rotor's angle less field's angle.
-fn offset(points: &[Point; BINS], angles: &[ElectricalAngle; BINS]) -> ElectricalAngle {
+fn offset(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS]) -> ElectricalAngle {
     // Around the first, so that the mean does not see the wrap.
-    let first = angles[0] - points[0].field;
-    let sum: i64 =
-        points.iter().zip(angles).map(|(point, &angle)| i64::from((angle - point.field - first).to_bits())).sum();
+    let first = lags(bins, angles).next().unwrap_or_default();
+    let sum: i64 = lags(bins, angles).map(|lag| i64::from((lag - first).to_bits())).sum();
     first + ElectricalAngle::from_bits((sum / BINS as i64) as i32)
 }
 
 /// RMS of rotor's angle less field's angle about a mean, in radians.
-fn swing(points: &[Point; BINS], angles: &[ElectricalAngle; BINS], mean: ElectricalAngle) -> f32 {
-    let square = |(point, &angle): (&Point, &ElectricalAngle)| {
-        let off = (angle - point.field - mean).to_radians();
+fn swing(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS], mean: ElectricalAngle) -> f32 {
+    let square = |lag: ElectricalAngle| {
+        let off = (lag - mean).to_radians();
         off * off
     };
-    libm::sqrtf(points.iter().zip(angles).map(square).sum::<f32>() / BINS as f32)
+    libm::sqrtf(lags(bins, angles).map(square).sum::<f32>() / BINS as f32)
 }
 
 /// Noise from second differences of successive samples, in which the turning of the rotor cancels.

@@ -145,8 +145,16 @@ impl Estimator {
     /// [`BadModel`], when a parameter is impossible or the placement leaves the angle more than
     /// [`WORST_NOISE_GAIN`] times as noisy as three well-placed sensors.
     pub fn new(model: &Model, adc_bits: u8) -> Result<Self, BadModel> {
+        let mut estimator = Self::blank();
+        estimator.rebuild(model, adc_bits)?;
+        Ok(estimator)
+    }
+
+    /// As [`Self::new`], in place, which spares a small stack several KiB. Unchanged after an error.
+    pub(crate) fn rebuild(&mut self, model: &Model, adc_bits: u8) -> Result<(), BadModel> {
         let (windows, inverse) = check(model, adc_bits)?;
-        Ok(Self::build(model, adc_bits, windows, &inverse, None))
+        self.fill(model, adc_bits, windows, &inverse, None);
+        Ok(())
     }
 
     /// The estimator for the two sensors that remain when one is lost; error below 5e-4 rad for a perfect model. The
@@ -157,6 +165,13 @@ impl Estimator {
     /// [`BadModel`], when a parameter is impossible, or the two are so close to the same or opposite phase that the
     /// noise is more than [`WORST_NOISE_GAIN_OF_TWO`] times that of three well-placed sensors.
     pub fn without(lost: Channel, model: &Model, adc_bits: u8) -> Result<Self, BadModel> {
+        let mut estimator = Self::blank();
+        estimator.rebuild_without(lost, model, adc_bits)?;
+        Ok(estimator)
+    }
+
+    /// As [`Self::without`], in place. Unchanged after an error.
+    pub(crate) fn rebuild_without(&mut self, lost: Channel, model: &Model, adc_bits: u8) -> Result<(), BadModel> {
         let mut windows = windows(model, adc_bits)?;
         let inverse = Inverse::without(lost, model);
         let noise_gain = inverse.noise_gain();
@@ -166,32 +181,29 @@ impl Estimator {
         if let Some(window) = windows.get_mut(usize::from(lost.0)) {
             *window = Window::all(adc_bits);
         }
-        Ok(Self::build(model, adc_bits, windows, &inverse, Some(lost)))
+        self.fill(model, adc_bits, windows, &inverse, Some(lost));
+        Ok(())
     }
 
-    fn build(model: &Model, adc_bits: u8, windows: [Window; 3], inverse: &Inverse, lost: Option<Channel>) -> Self {
+    #[inline(never)]
+    fn fill(&mut self, model: &Model, adc_bits: u8, windows: [Window; 3], inverse: &Inverse, lost: Option<Channel>) {
         let window = Window::around(windows);
         let unit = inverse.unit(model, window);
         let row = |row: [f32; 3]| Row::new(row, unit, model);
-        let pairs = [0, 1, 2].map(|lost| Pair::new(Channel(lost), model, adc_bits));
         let strength = |relative: f32| (relative * unit) as u32;
         let (common, limit) = (row(inverse.common), (DISAGREEMENT * unit) as i32);
-        Self {
-            window,
-            windows,
-            cosine: row(inverse.cosine),
-            sine: row(inverse.sine),
-            disagreement: Row { bias: common.bias.wrapping_add(limit), ..common },
-            disagreement_span: 2 * limit as u32,
-            weakest: strength(WEAKEST),
-            strength_span: strength(STRONGEST) - strength(WEAKEST),
-            table: table(model, inverse),
-            adc_bits,
-            pairs,
-            alignment: model.alignment,
-            reversed: model.reversed,
-            lost,
+        (self.window, self.windows) = (window, windows);
+        (self.cosine, self.sine) = (row(inverse.cosine), row(inverse.sine));
+        self.disagreement = Row { bias: common.bias.wrapping_add(limit), ..common };
+        self.disagreement_span = 2 * limit as u32;
+        self.weakest = strength(WEAKEST);
+        self.strength_span = strength(STRONGEST) - strength(WEAKEST);
+        fill_table(&mut self.table, model, inverse);
+        self.adc_bits = adc_bits;
+        for (lost, pair) in (0..).zip(&mut self.pairs) {
+            *pair = Pair::new(Channel(lost), model, adc_bits);
         }
+        (self.alignment, self.reversed, self.lost) = (model.alignment, model.reversed, lost);
     }
 
     /// Memory for an estimator: it finds every code implausible.
@@ -338,9 +350,8 @@ fn windows(model: &Model, adc_bits: u8) -> Result<[Window; 3], BadModel> {
     Ok([window(0)?, window(1)?, window(2)?])
 }
 
-/// The table that holds, for every quotient, the electrical angle at which the model delivers it.
-fn table(model: &Model, inverse: &Inverse) -> QuadrantTable {
-    let mut table = [Segment::default(); 4 << trig::QUADRANT_BITS];
+/// Makes the table hold, for every quotient, the electrical angle at which the model delivers it.
+fn fill_table(table: &mut QuadrantTable, model: &Model, inverse: &Inverse) {
     let mut end = 0;
     for (index, segment) in table.iter_mut().enumerate() {
         let angle = |halves| {
@@ -352,7 +363,6 @@ fn table(model: &Model, inverse: &Inverse) -> QuadrantTable {
         end = angle(2);
         *segment = Segment::along(start, angle(1), end, trig::QUOTIENT_LOW);
     }
-    table
 }
 
 /// The Hall angle at which the model's (cosine, sine) points along (`x`, `y`).

@@ -15,14 +15,16 @@
 //! 0.09 mN·m, viscous friction within 0.65 µN·m·s.
 //!
 //! Each value comes with the error within which the true one is expected: three times the standard error of the
-//! regression and what the tests have found beyond. In the tasks; f64.
+//! regression and what the tests have found beyond. In the tasks; positions are taken as differences of integers, for which
+//! single precision does.
 
+use crate::angle::{Position, TURN};
 use crate::config::Config;
 use crate::control::{Motor, Scale};
 use crate::math;
 use crate::settings::Control;
 use crate::telemetry::Measurement;
-use core::f64::consts::TAU;
+use core::f32::consts::TAU;
 use core::fmt;
 
 /// A value, and how far it may be off.
@@ -31,19 +33,19 @@ use core::fmt;
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Estimate {
     /// The value.
-    pub value: f64,
+    pub value: f32,
     /// The true value is expected within ± this.
-    pub error: f64,
+    pub error: f32,
 }
 
 impl Estimate {
     /// Times a factor.
-    fn times(self, factor: f64) -> Self {
+    fn times(self, factor: f32) -> Self {
         Self { value: self.value * factor, error: self.error * factor.abs() }
     }
 
     /// With an error of a share of the value more.
-    fn beside(self, share: f64) -> Self {
+    fn beside(self, share: f32) -> Self {
         Self { error: self.error + share * self.value.abs(), ..self }
     }
 
@@ -54,7 +56,7 @@ impl Estimate {
 }
 
 /// Share from which on an error makes a value doubtful.
-const DOUBTFUL: f64 = 0.15;
+const DOUBTFUL: f32 = 0.15;
 
 /// What was found.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -88,7 +90,7 @@ pub struct Report {
 impl Report {
     /// Torque per ampere along q, N·m/A: 1.5 · pole pairs · flux linkage.
     pub fn torque_constant_nm_a(&self) -> Estimate {
-        self.flux_linkage_wb.times(1.5 * f64::from(self.pole_pairs))
+        self.flux_linkage_wb.times(1.5 * f32::from(self.pole_pairs))
     }
 
     /// L/R, s.
@@ -107,7 +109,7 @@ impl Report {
             (&mut settings.inertia_kgm2, self.inertia_kgm2),
         ];
         for (field, estimate) in fields.into_iter().filter(|(_, estimate)| !estimate.is_doubtful()) {
-            *field = estimate.value as f32;
+            *field = estimate.value;
         }
     }
 }
@@ -117,12 +119,18 @@ impl Report {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "  {:<20} {:>9} {:>8}  {:<9} {:>8}", "", "measured", "±", "", "setting")?;
-        let set = |value: f32| Some(f64::from(value));
         let rows = [
-            ("resistance", self.resistance_ohm, 1.0, "Ω", set(self.configured.resistance_ohm), "resistance_ohm"),
-            ("inductance", self.inductance_h, 1e3, "mH", set(self.configured.inductance_h), "inductance_h"),
-            ("flux linkage", self.flux_linkage_wb, 1e3, "mWb", set(self.configured.flux_linkage_wb), "flux_linkage_wb"),
-            ("inertia", self.inertia_kgm2, 1e7, "g·cm²", set(self.configured.inertia_kgm2), "inertia_kgm2"),
+            ("resistance", self.resistance_ohm, 1.0, "Ω", Some(self.configured.resistance_ohm), "resistance_ohm"),
+            ("inductance", self.inductance_h, 1e3, "mH", Some(self.configured.inductance_h), "inductance_h"),
+            (
+                "flux linkage",
+                self.flux_linkage_wb,
+                1e3,
+                "mWb",
+                Some(self.configured.flux_linkage_wb),
+                "flux_linkage_wb",
+            ),
+            ("inertia", self.inertia_kgm2, 1e7, "g·cm²", Some(self.configured.inertia_kgm2), "inertia_kgm2"),
             ("torque constant", self.torque_constant_nm_a(), 1e3, "mN·m/A", None, ""),
             ("time constant L/R", self.time_constant_s(), 1e6, "µs", None, ""),
             ("Coulomb friction", self.coulomb_nm, 1e3, "mN·m", None, ""),
@@ -157,9 +165,9 @@ const MOST: usize = 4;
 /// Sums of a linear regression; one function for all numbers of regressors is shorter than one for each.
 #[derive(Clone, Copy, Debug)]
 struct Fit {
-    squares: [[f64; MOST]; MOST],
-    products: [f64; MOST],
-    square: f64,
+    squares: [[f32; MOST]; MOST],
+    products: [f32; MOST],
+    square: f32,
     count: u32,
     regressors: usize,
 }
@@ -171,7 +179,7 @@ impl Fit {
     }
 
     /// Those beyond the regressors are to be zero.
-    fn push(&mut self, x: [f64; MOST], y: f64) {
+    fn push(&mut self, x: [f32; MOST], y: f32) {
         for (i, (squares, product)) in self.squares.iter_mut().zip(&mut self.products).enumerate() {
             *product += x[i] * y;
             for (square, x_j) in squares.iter_mut().zip(x) {
@@ -185,60 +193,70 @@ impl Fit {
     /// The coefficients, each with three times its standard error; `None` where the regressors do not tell them apart.
     fn solve(&self) -> Option<[Estimate; MOST]> {
         let values = self.solve_for(self.products)?;
-        let explained: f64 = values.iter().zip(&self.products).map(|(value, product)| value * product).sum();
+        let explained: f32 =
+            values.iter().zip(&self.products).take(self.regressors).map(|(x, product)| x * product).sum();
         let freedom = self.count.checked_sub(self.regressors as u32 + 1)?;
-        let variance = (self.square - explained).max(0.0) / f64::from(freedom.max(1));
+        let variance = (self.square - explained).max(0.0) / freedom.max(1) as f32;
         let mut estimates = [Estimate { value: 0.0, error: 0.0 }; MOST];
         for (k, estimate) in estimates.iter_mut().enumerate().take(self.regressors) {
             let mut unit = [0.0; MOST];
             unit[k] = 1.0;
             let inverse = self.solve_for(unit)?[k];
-            *estimate = Estimate { value: values[k], error: 3.0 * root(variance * inverse) };
+            *estimate = Estimate { value: values[k], error: 3.0 * libm::sqrtf(variance * inverse) };
         }
         Some(estimates)
     }
 
     /// Solves the normal equations for a right side.
-    fn solve_for(&self, mut right: [f64; MOST]) -> Option<[f64; MOST]> {
-        math::solve(&mut self.squares.clone(), &mut right, self.regressors, 1e-9)?;
+    fn solve_for(&self, mut right: [f32; MOST]) -> Option<[f32; MOST]> {
+        math::solve(&mut self.squares.clone(), &mut right, self.regressors, SINGULAR)?;
         Some(right)
+    }
+
+    /// Takes the last coefficient for known: the sums become those of what it leaves.
+    fn eliminate(&mut self, coefficient: f32) {
+        let last = self.regressors - 1;
+        let own = self.squares[last][last];
+        self.square += coefficient * (coefficient * own - 2.0 * self.products[last]);
+        for (product, squares) in self.products.iter_mut().zip(&self.squares) {
+            *product -= coefficient * squares[last];
+        }
+        self.regressors = last;
     }
 }
 
-/// Of weights and errors, for which single precision will do.
-fn root(x: f64) -> f64 {
-    libm::sqrtf(x as f32).into()
-}
+/// Share of a regressor that the others must leave unexplained.
+const SINGULAR: f32 = 1e-6;
 
 /// A measurement in SI.
 #[derive(Clone, Copy, Debug)]
 struct Point {
-    seconds: f64,
-    /// In mechanical radians.
-    position: f64,
+    /// Step in which it was taken.
+    sequence: u32,
+    position: Position,
     /// Electrical, of the tracker: it lags, in radians a second.
-    speed: f64,
+    speed: f32,
     /// Along q, measured.
-    current: f64,
+    current: f32,
     /// Current along d, A.
-    burnt: f64,
+    burnt: f32,
     /// Along d and q.
-    voltage: [f64; 2],
+    voltage: [f32; 2],
     /// Electrical radians.
-    trim: f64,
+    trim: f32,
 }
 
 /// Sums from mark to mark.
 #[derive(Clone, Copy, Debug)]
 struct Momentum {
-    /// Speed, position and time at the begin.
-    speed: f64,
-    position: f64,
-    seconds: f64,
+    /// Mechanical speed, position and step at the begin.
+    speed: f32,
+    position: Position,
+    sequence: u32,
     /// ∫ i dt, ∫ sign dt, and the square of what the first is uncertain by.
-    impulse: f64,
-    sign: f64,
-    uncertain: f64,
+    impulse: f32,
+    sign: f32,
+    uncertain: f32,
 }
 
 /// Collects measurements.
@@ -246,15 +264,14 @@ struct Momentum {
 pub struct Identifier {
     scale: Scale,
     configured: Motor,
-    ramp_a: f64,
+    ramp_a: f32,
     /// Angle that the tracker lags by for an acceleration, s².
-    lag: f64,
+    lag: f32,
     q: Fit,
     d: Fit,
     motion: Fit,
     /// The last measurements, the newest last.
     points: [Option<Point>; 2],
-    sequence: u32,
     momentum: Option<Momentum>,
     /// Whether the next measurement ends a balance and begins another.
     marked: bool,
@@ -268,17 +285,16 @@ impl Identifier {
     /// For a drive; `None` for one without current control.
     pub fn new(config: &Config) -> Option<Self> {
         let control = config.control.as_ref()?;
-        let step_hz = f64::from(control.scale.step_hz);
+        let step_hz = control.scale.step_hz;
         Some(Self {
             scale: control.scale,
             configured: control.motor,
-            ramp_a: f64::from(control.dead_time_ramp_a()),
-            lag: f64::from(config.tracking.lag()) / (step_hz * step_hz),
+            ramp_a: control.dead_time_ramp_a(),
+            lag: config.tracking.lag() / (step_hz * step_hz),
             q: Fit::new(3),
             d: Fit::new(4),
             motion: Fit::new(4),
             points: [None; 2],
-            sequence: 0,
             momentum: None,
             marked: false,
             samples: 0,
@@ -287,20 +303,17 @@ impl Identifier {
 
     /// Takes a measurement; to be called in their order. One that was lost does no harm.
     pub fn push(&mut self, measurement: &Measurement) {
-        let volts = f64::from(self.scale.volts) / 32_768.0;
-        let amperes = f64::from(self.scale.amperes) / 32_768.0;
+        let volts = self.scale.volts / 32_768.0;
+        let amperes = self.scale.amperes / 32_768.0;
         let state = &measurement.state;
-        let steps = measurement.sequence.wrapping_sub(core::mem::replace(&mut self.sequence, measurement.sequence));
-        let step_hz = f64::from(self.scale.step_hz);
-        let elapsed = f64::from(steps) / step_hz;
         let newest = Point {
-            seconds: self.points[1].map_or(0.0, |last| last.seconds + elapsed),
-            position: measurement.rotor.smoothed().to_turns() * TAU / f64::from(self.scale.pole_pairs),
-            speed: f64::from(measurement.rotor.speed()) / 4_294_967_296.0 * TAU * step_hz,
-            current: f64::from(state.current.q) * amperes,
-            burnt: f64::from(state.current.d) * amperes,
-            voltage: [state.voltage.d, state.voltage.q].map(|voltage| f64::from(voltage) * volts),
-            trim: f64::from(measurement.trim.to_radians()),
+            sequence: measurement.sequence,
+            position: measurement.rotor.smoothed(),
+            speed: measurement.rotor.speed() as f32 / TURN * TAU * self.scale.step_hz,
+            current: state.current.q as f32 * amperes,
+            burnt: state.current.d as f32 * amperes,
+            voltage: [state.voltage.d, state.voltage.q].map(|voltage| voltage as f32 * volts),
+            trim: measurement.trim.to_radians(),
         };
         if let [Some(before), Some(middle)] = self.points {
             self.take(&before, &middle, &newest);
@@ -310,7 +323,8 @@ impl Identifier {
 
     /// Takes the middle one of three, where the speed does not lag.
     fn take(&mut self, before: &Point, point: &Point, after: &Point) {
-        let speed = (after.position - before.position) / (after.seconds - before.seconds);
+        let elapsed = self.seconds(before.sequence, after.sequence);
+        let speed = self.radians(before.position, after.position) / elapsed;
         self.balance(speed, before, point);
         let Point { current, voltage: [d, q], .. } = *point;
         // Where the current leaps, the inductance has a say; where braking is burnt by a current along d, that has.
@@ -318,17 +332,30 @@ impl Identifier {
         if (after.current - before.current).abs() > most || point.burnt.abs() > most / 3.0 {
             return;
         }
-        let omega = speed * f64::from(self.scale.pole_pairs);
-        let acceleration = (after.speed - before.speed) / (after.seconds - before.seconds);
+        let omega = speed * self.scale.pole_pairs;
+        let acceleration = (after.speed - before.speed) / elapsed;
         self.q.push([current, omega, (current / self.ramp_a).clamp(-1.0, 1.0), 0.0], q);
         let turned = omega * (point.trim - self.lag * acceleration);
         self.d.push([-omega * current, omega, turned, point.burnt], d);
         self.samples += 1;
     }
 
-    fn balance(&mut self, speed: f64, before: &Point, point: &Point) {
+    /// Time from step to step.
+    fn seconds(&self, from: u32, to: u32) -> f32 {
+        to.wrapping_sub(from) as f32 / self.scale.step_hz
+    }
+
+    /// Way of the rotor, in mechanical radians.
+    fn radians(&self, from: Position, to: Position) -> f32 {
+        let way = to.to_bits().wrapping_sub(from.to_bits());
+        // By halves, which a 32-bit core converts by itself.
+        let turns = (way >> 32) as i32 as f32 + way as u32 as f32 / TURN;
+        turns * TAU / self.scale.pole_pairs
+    }
+
+    fn balance(&mut self, speed: f32, before: &Point, point: &Point) {
+        let elapsed = self.seconds(before.sequence, point.sequence);
         if let Some(momentum) = &mut self.momentum {
-            let elapsed = point.seconds - before.seconds;
             momentum.impulse += (before.current + point.current) / 2.0 * elapsed;
             momentum.sign += speed.signum() * elapsed;
             let leap = (point.current - before.current) * elapsed;
@@ -337,11 +364,12 @@ impl Identifier {
         if !core::mem::take(&mut self.marked) {
             return;
         }
-        let Point { position, seconds, .. } = *point;
-        let begun = Momentum { speed, position, seconds, impulse: 0.0, sign: 0.0, uncertain: 0.0 };
+        let Point { position, sequence, .. } = *point;
+        let begun = Momentum { speed, position, sequence, impulse: 0.0, sign: 0.0, uncertain: 0.0 };
         if let Some(ended) = self.momentum.replace(begun) {
-            let weight = 1.0 / root(ended.uncertain.max(1e-12));
-            let row = [speed - ended.speed, position - ended.position, ended.sign, seconds - ended.seconds];
+            let weight = 1.0 / libm::sqrtf(ended.uncertain.max(1e-12));
+            let way = self.radians(ended.position, position);
+            let row = [speed - ended.speed, way, ended.sign, self.seconds(ended.sequence, sequence)];
             self.motion.push(row.map(|x| x * weight), ended.impulse * weight);
         }
     }
@@ -354,15 +382,13 @@ impl Identifier {
     /// What the measurements say; `None` while they are too few, or do not vary enough to tell.
     pub fn report(&self) -> Option<Report> {
         let [resistance, flux_linkage, leftover, _] = self.q.solve()?;
-        // The third coefficient and the fourth are known by now: as if measured beyond doubt.
+        // The fourth coefficient and the third are known by now.
         let mut d = self.d;
-        let sure = 1e3 * root(d.squares[2][2]);
-        d.push([0.0, 0.0, sure, 0.0], sure * flux_linkage.value);
-        let sure = 1e3 * root(d.squares[3][3].max(1e-9));
-        d.push([0.0, 0.0, 0.0, sure], sure * resistance.value);
+        d.eliminate(resistance.value);
+        d.eliminate(flux_linkage.value);
         let [inductance, ..] = d.solve()?;
         let motion = self.motion.solve()?;
-        let pairs = f64::from(self.scale.pole_pairs);
+        let pairs = self.scale.pole_pairs;
         let [inertia, viscous, coulomb, load] = motion.map(|x| x.times(1.5 * pairs * flux_linkage.value));
         let share = flux_linkage.error / flux_linkage.value;
         let report = Report {
@@ -385,4 +411,4 @@ impl Identifier {
 }
 
 /// Share of a current by which it has leapt from one measurement to the next.
-const LEAP: f64 = 0.3;
+const LEAP: f32 = 0.3;

@@ -39,6 +39,11 @@ struct Start<F> {
 }
 
 #[inline(never)]
+fn new_config<'a>(place: &'a mut MaybeUninit<Config>, settings: &Settings) -> Result<&'a mut Config, Error<'static>> {
+    Ok(place.write(settings.validate()?))
+}
+
+#[inline(never)]
 fn blank(place: &mut MaybeUninit<Estimator>) -> &mut Estimator {
     place.write(Estimator::blank())
 }
@@ -73,7 +78,7 @@ pub(crate) fn start<F: NorFlash>(
     let Memory { drive, channels, tables, estimators, config, service, procedure, adaptation, supervisor } = memory;
     let mut storage = Storage::new(flash, first_block);
     let (settings, problem) = storage.settings(&defaults);
-    let config = config.write(settings.validate()?);
+    let config = new_config(config, &settings)?;
     let (interrupt, tasks) = channels.split();
     let drive = new_drive(drive, config, interrupt);
     let service = new_service(service, config, tasks, estimators.each_mut().map(blank));

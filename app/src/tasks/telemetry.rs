@@ -4,6 +4,7 @@ use super::Tasks;
 use crate::measure;
 use core::f32::consts::TAU;
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::double;
 use hallservo::mode::Mode;
 use hallservo::telemetry::Measurement;
 use hallservo_protocol::{Activity, Status, Telemetry};
@@ -65,7 +66,7 @@ impl<F: NorFlash> Tasks<F> {
     }
 
     fn position_turns(&self) -> f64 {
-        self.record.rotor.position().to_turns() / f64::from(self.settings.pole_pairs)
+        double::from_fixed(self.record.rotor.position().to_bits() / i64::from(self.settings.pole_pairs.max(1)))
     }
 
     /// The state of the drive.

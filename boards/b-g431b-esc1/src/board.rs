@@ -3,11 +3,11 @@
 use b_g431b_esc1::constants::{self, EARLY, FIRST, SECOND, ZERO};
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, GPIOA, GPIOB, GPIOC};
+use hallservo::board::Sample;
 use hallservo::board::sensing::SkewCompensation;
-use hallservo::board::{LostPeriods, Sample, TemperatureCode};
 use hallservo::settings::Settings;
 use stm32g4::wiring::Wiring;
-use stm32g4::{Adc, Board, Converter, Pin, result};
+use stm32g4::{Board, Converter, Pin, low_side_current, ntc_to_reference, result};
 
 /// The state of the board in the control interrupt.
 pub struct Esc1 {
@@ -36,15 +36,11 @@ impl Board for Esc1 {
     }
 
     #[inline(always)]
-    fn sample(&mut self) -> Sample {
-        Sample {
-            halls: [self.first_hall.at_once(result::<1>(ADC2)), result::<2>(ADC2), result::<2>(ADC1)],
-            currents: [result::<0>(ADC1), result::<0>(ADC2), result::<1>(ADC1)]
-                .map(|code| Adc::low_side_current(code, ZERO)),
-            bus: result::<3>(ADC2),
-            temperatures: [Adc::ntc_to_reference(result::<3>(ADC1)), TemperatureCode::MISSING],
-            // The chip's control interrupt counts them.
-            lost: LostPeriods::NOT_COUNTED,
-        }
+    fn sample(&mut self, sample: &mut Sample) {
+        sample.halls = [self.first_hall.at_once(result::<1>(ADC2)), result::<2>(ADC2), result::<2>(ADC1)];
+        sample.currents =
+            [result::<0>(ADC1), result::<0>(ADC2), result::<1>(ADC1)].map(|code| low_side_current(code, ZERO));
+        sample.bus = result::<3>(ADC2);
+        sample.temperatures[0] = ntc_to_reference(result::<3>(ADC1));
     }
 }

@@ -21,6 +21,13 @@ static TX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
 /// Emptied at each byte.
 static RX: ConstStaticCell<[u8; 16]> = ConstStaticCell::new([0; 16]);
 
+/// Called by `Reset` of cortex-m-rt before the memory is filled.
+#[unsafe(no_mangle)]
+unsafe extern "C" fn __pre_init() {
+    // SAFETY: this is the moment that it is for.
+    unsafe { stm32g4::before_memory::<Esc1>() }
+}
+
 #[entry]
 fn main() -> ! {
     let (bridge, chip) = stm32g4::start::<Esc1>();

@@ -1,10 +1,12 @@
 //! `image ELF` prints the flash and the RAM of a firmware in bytes, `image ELF --memory FILE` beside what a `memory.x`
-//! has of them, and `image ELF FUNCTION…` the code and the tables that each function reaches.
+//! has of them, `image ELF --crates` by the crates that they come from, and `image ELF FUNCTION…` the code and the tables
+//! that each function reaches.
 //!
 //! `image ELF --interrupt FUNCTION` fails if the function can reach a panic, the log or a critical section; `image ELF
 //! --stack THREAD PREEMPTING… CONTROL` tells the deepest stack, and fails if the memory for it (`_stack_end` to
 //! `_stack_start`) is smaller. All but the first need an image linked with `--emit-relocs`.
 
+mod crates;
 mod memory;
 mod reach;
 mod stack;
@@ -29,6 +31,9 @@ fn main() -> Result<()> {
     {
         return fits(&image, path);
     }
+    if functions == ["--crates"] {
+        return crates::print(&image);
+    }
     let graph = reach::Graph::new(&image)?;
     match functions.split_first() {
         Some((option, functions)) if option == "--interrupt" => return interrupt(&graph, functions),
@@ -50,7 +55,7 @@ fn fits(image: &object::File, path: &str) -> Result<()> {
     let (flash, ram) = sizes(image);
     for (name, needed) in [("FLASH", flash), ("RAM", ram)] {
         let room = memory::length(&text, name).with_context(|| format!("{path} has no LENGTH of {name}"))?;
-        println!("{name}: {needed} bytes of {room}");
+        println!("{name}: {needed} bytes of {room}, {} left", room.saturating_sub(needed));
         ensure!(needed <= room, "{name} is too small by {} bytes", needed - room);
     }
     Ok(())
@@ -110,12 +115,16 @@ fn sizes(image: &object::File) -> (u64, u64) {
         if !zero {
             flash += section.size();
         }
-        if zero || has_flag(&section, elf::SHF_WRITE) {
+        // Those of the CCM SRAM the linker has checked.
+        if (zero || has_flag(&section, elf::SHF_WRITE)) && section.address() >= RAM {
             ram += section.size();
         }
     }
     (flash, ram)
 }
+
+/// Where the RAM begins, whatever of it appears elsewhere.
+const RAM: u64 = 0x2000_0000;
 
 /// Whether it has a place in the chip's memory, unlike symbols and debug information.
 fn is_loaded(section: &object::Section) -> bool {

@@ -12,6 +12,9 @@ struct Thing {
     is_code: bool,
 }
 
+/// What the names of lld's veneers begin with.
+const VENEERS: [&str; 2] = ["__Thumbv7ABSLongThunk_", "__ThumbV7PILongThunk_"];
+
 /// Who names whom, by address.
 pub struct Graph {
     names: BTreeMap<String, u64>,
@@ -55,8 +58,24 @@ impl Graph {
                 graph.connect(at, target);
             }
         }
+        graph.connect_veneers();
         graph.read_frames(image)?;
         Ok(graph)
+    }
+
+    /// The linker leads calls that are too far for a branch over veneers, which are named after their target.
+    fn connect_veneers(&mut self) {
+        let veneers: Vec<_> = self
+            .names
+            .iter()
+            .filter_map(|(name, &at)| {
+                let target = VENEERS.iter().find_map(|prefix| name.strip_prefix(prefix))?;
+                Some((at, *self.names.get(target)?))
+            })
+            .collect();
+        for (at, target) in veneers {
+            self.connect(at, target);
+        }
     }
 
     /// Frames of all functions. Mapping symbols tell the code from the constants between ($t and $d; ELF for Arm,

@@ -3,12 +3,12 @@
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, GPIOA, GPIOB};
+use hallservo::board::Sample;
 use hallservo::board::sensing::SkewCompensation;
-use hallservo::board::{LostPeriods, Sample, TemperatureCode};
 use hallservo::settings::Settings;
 use nucleo_g431rb_ihm16m1::constants::{self, EARLY, FIRST, SECOND, ZERO};
 use stm32g4::wiring::Wiring;
-use stm32g4::{Adc, Board, Converter, Pin, result};
+use stm32g4::{Board, Converter, Pin, low_side_current, ntc_to_reference, result};
 
 /// STBY\RESET of the STSPIN830, on port B.
 const STANDBY: usize = 5;
@@ -54,14 +54,11 @@ impl Board for Nucleo {
     }
 
     #[inline(always)]
-    fn sample(&mut self) -> Sample {
-        Sample {
-            halls: [self.first_hall.at_once(result::<1>(ADC2)), result::<2>(ADC2), result::<2>(ADC1)],
-            currents: [result::<0>(ADC2), result::<0>(ADC1), result::<1>(ADC1)]
-                .map(|code| Adc::low_side_current(code, ZERO)),
-            bus: result::<3>(ADC1),
-            temperatures: [Adc::ntc_to_reference(result::<3>(ADC2)), TemperatureCode::MISSING],
-            lost: LostPeriods::NOT_COUNTED,
-        }
+    fn sample(&mut self, sample: &mut Sample) {
+        sample.halls = [self.first_hall.at_once(result::<1>(ADC2)), result::<2>(ADC2), result::<2>(ADC1)];
+        sample.currents =
+            [result::<0>(ADC2), result::<0>(ADC1), result::<1>(ADC1)].map(|code| low_side_current(code, ZERO));
+        sample.bus = result::<3>(ADC1);
+        sample.temperatures[0] = ntc_to_reference(result::<3>(ADC2));
     }
 }

@@ -2,11 +2,11 @@
 
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{ADC1, ADC2, ADC3, ADC4, ADC12_COMMON, ADC345_COMMON, GPIOA, GPIOB};
-use hallservo::board::{LostPeriods, Sample, TemperatureCode};
+use hallservo::board::Sample;
 use hallservo::settings::Settings;
 use nucleo_g474re_ihm08m1::constants::{self, FIRST, FOURTH, SECOND, THIRD, ZERO};
 use stm32g4::wiring::Wiring;
-use stm32g4::{Adc, Board, Converter, Pin, result};
+use stm32g4::{Board, Converter, Pin, low_side_current, ntc_to_reference, result};
 
 /// The board in the control interrupt.
 pub struct Nucleo;
@@ -39,15 +39,11 @@ impl Board for Nucleo {
     }
 
     #[inline(always)]
-    fn sample(&mut self) -> Sample {
-        Sample {
-            halls: [result::<0>(ADC4), result::<0>(ADC3), result::<0>(ADC1)],
-            currents: [result::<1>(ADC1), result::<1>(ADC2), result::<2>(ADC1)]
-                .map(|code| Adc::low_side_current(code, ZERO)),
-            bus: result::<0>(ADC2),
-            temperatures: [Adc::ntc_to_reference(result::<2>(ADC2)), TemperatureCode::MISSING],
-            // The chip's control interrupt counts them.
-            lost: LostPeriods::NOT_COUNTED,
-        }
+    fn sample(&mut self, sample: &mut Sample) {
+        sample.halls = [result::<0>(ADC4), result::<0>(ADC3), result::<0>(ADC1)];
+        sample.currents =
+            [result::<1>(ADC1), result::<1>(ADC2), result::<2>(ADC1)].map(|code| low_side_current(code, ZERO));
+        sample.bus = result::<0>(ADC2);
+        sample.temperatures[0] = ntc_to_reference(result::<2>(ADC2));
     }
 }

@@ -60,7 +60,7 @@ pub fn voltage_left(settings: &Settings, pwm_hz: f32) -> f64 {
     let dead_time = pwm::dead_time_counts(timer_hz, pwm_hz, dead_time_s).expect("a dead time");
     let highest = pwm::highest_compare(period, timer_hz, sampling_window_s, dead_time_s);
     let limits = pwm::Limits::new(period, 0, highest).expect("limits");
-    Modulator::longest(period, dead_time, &limits) * 3.0_f64.sqrt()
+    f64::from(Modulator::longest(period, dead_time, &limits)) * 3.0_f64.sqrt()
 }
 
 /// Channels of a sequence, by rank.

@@ -6,14 +6,17 @@ mod control;
 mod converters;
 mod enable;
 mod last;
+mod latest;
 mod line;
+mod memory;
 mod storage;
 mod watchdog;
 
 pub use bridge::{Bridge, Pin};
 pub use control::Control;
-pub use converters::{Converter, result};
+pub use converters::{Converter, low_side_current, ntc_to_reference, result};
 pub use line::Listen;
+pub use memory::before_memory;
 
 use crate::registers::clock::{HCLK_HZ, PCLK1_HZ, baud};
 use crate::wiring::Wiring;
@@ -27,7 +30,7 @@ use embassy_stm32::{Peri, Peripherals, peripherals};
 use hallservo::board::Sample;
 use hallservo::drive::Drive;
 use hallservo::settings::Settings;
-use hallservo_app::{Housekeeping, Identity, Memory, Stop, Supervisor, embassy};
+use hallservo_app::{Identity, Memory, Stop, Supervisor, embassy};
 use line::Received;
 use static_cell::{ConstStaticCell, StaticCell};
 use storage::Storage;
@@ -48,20 +51,20 @@ pub trait Board: Send + 'static {
     /// What a drive on this board starts with, as long as nothing else is stored.
     fn settings() -> Settings;
 
-    /// The results of the sequences that have just ended. In the control interrupt.
-    fn sample(&mut self) -> Sample;
+    /// The results of the sequences that have just ended, into their place: all but the periods that were lost. What it
+    /// never sets stays as in [`Sample::default`]. In the control interrupt.
+    fn sample(&mut self, sample: &mut Sample);
 }
 
 /// Baud rate of the serial line.
 const BAUD: u32 = 460_800;
 const _: () = assert!(baud(PCLK1_HZ, BAUD).1.abs() < 100, "the baud rate is off by more than 1 %");
 
-static HOUSEKEEPING: Housekeeping = Housekeeping::new();
 static STOP: Stop = Stop::new();
 
-/// The bridge, safe before anything else happens; then clocks, priorities and time.
+/// Clocks, priorities and time.
 pub fn start<B: Board>() -> (Bridge, Peripherals) {
-    let bridge = Bridge::new(&B::BRIDGE, B::PINS);
+    let bridge = Bridge::new(&B::BRIDGE);
     if let Some(input) = B::BRIDGE.enable {
         enable::start(input);
     }
@@ -116,12 +119,12 @@ fn prepare<B: Board>(
     control: &'static Control<B>,
     flash: Peri<'static, peripherals::FLASH>,
 ) -> &'static mut Supervisor<Storage> {
-    greet::<B>();
+    greet(B::NAME, &B::BRIDGE);
     converters::start(B::GROUPS, B::CONVERTERS);
     watchdog::start();
     let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
     let (drive, supervisor) = begin(identity, B::settings(), Storage::new(flash));
-    control.start(board, drive, bridge, &HOUSEKEEPING);
+    control.start(board, drive, bridge);
     supervisor
 }
 
@@ -146,7 +149,7 @@ async fn tasks(
     tx: &'static mut BufferedUartTx<'static>,
     rx: &'static mut BufferedUartRx<'static>,
 ) -> ! {
-    embassy::run(supervisor, Received::open(rx), tx, &HOUSEKEEPING, &STOP, watchdog::feed).await
+    embassy::run(supervisor, Received::open(rx), tx, latest::readings, &STOP, watchdog::feed).await
 }
 
 /// Where the place for settings begins, from the begin of the flash: memory.x reserves it.
@@ -158,9 +161,9 @@ fn place() -> u32 {
 }
 
 /// What a person with a probe wants to know at first.
-fn greet<B: Board>() {
-    let wiring = &B::BRIDGE;
-    defmt::info!("{=str}, hallservo {=str}: the bridge is off", B::NAME, env!("CARGO_PKG_VERSION"));
+#[inline(never)]
+fn greet(name: &str, wiring: &Wiring) {
+    defmt::info!("{=str}, hallservo {=str}: the bridge is off", name, env!("CARGO_PKG_VERSION"));
     defmt::info!(
         "{=u32} MHz from the internal oscillator; PWM {=u32} Hz, {=u16} counts; dead time {=u32} ns",
         HCLK_HZ / 1_000_000,

@@ -118,15 +118,29 @@ pub struct Alias {
     pub bytes: u32,
 }
 
-/// A direct-mapped cache, always on. A line that is missing costs [`Bus::code_wait_states`] once.
+/// A direct-mapped cache, always on. An access to a word of the code memory takes [`Bus::code_wait_states`] more than a
+/// cycle.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Cache {
     /// Bytes of a line: a power of two.
     pub line_bytes: u32,
+    /// Bytes that the code memory delivers at once: a power of two, of a line at most.
+    pub word_bytes: u32,
     /// Lines for instructions: a power of two.
     pub instruction_lines: u32,
     /// Lines for data: a power of two.
     pub data_lines: u32,
+}
+
+/// How a line of the cache is filled. What the core waits for lies between the two.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub enum Fill {
+    /// With the word that was missing the whole line is there.
+    AtOnce,
+    /// The memory goes on to read the line word by word: each comes an access later than the one before, and what else
+    /// is missing waits until the line is full.
+    #[default]
+    WordByWord,
 }
 
 /// Everything outside the core.
@@ -177,6 +191,11 @@ pub trait Bus {
 
     /// Wait states of the code memory as programmed.
     fn code_wait_states(&self) -> u32;
+
+    /// Whether the next line of instructions is fetched from the code memory before it is needed.
+    fn code_prefetch(&self) -> bool {
+        false
+    }
 
     /// Cycles that the core is held before its next instruction, once: while the code memory is busy, nothing is
     /// fetched from it.

@@ -166,7 +166,7 @@ impl Device {
             code: 0x0800_0000,
             code_aliases: &[0],
             // Of several ways in the chip; here direct-mapped.
-            cache: Cache { line_bytes: 32, instruction_lines: 32, data_lines: 8 },
+            cache: Cache { line_bytes: 32, word_bytes: 8, instruction_lines: 32, data_lines: 8 },
             ram: 0x2000_0000,
             ram_bytes: if self.is_large() { 128 << 10 } else { 32 << 10 },
             ram_aliases: if self.is_large() { LARGE } else { SMALL },

@@ -10,6 +10,9 @@ const NAME: &str = "FLASH";
 const KEYS: [u32; 2] = [0x4567_0123, 0xcdef_89ab];
 const OPTION_KEYS: [u32; 2] = [0x0819_2a3b, 0x4c5d_6e7f];
 
+/// FLASH_ACR.PRFTEN.
+const PRFTEN: u32 = 8;
+
 const PG: u32 = 0;
 const PER: u32 = 1;
 const MER1: u32 = 2;
@@ -139,6 +142,11 @@ impl Flash {
     /// FLASH_ACR.LATENCY.
     pub fn wait_states(&self) -> u32 {
         self.acr & 0xf
+    }
+
+    /// FLASH_ACR.PRFTEN.
+    pub fn prefetch(&self) -> bool {
+        bit(self.acr, PRFTEN)
     }
 
     /// Whether the interrupt line is up.

@@ -161,4 +161,8 @@ impl Bus for Chip {
     fn code_wait_states(&self) -> u32 {
         self.flash.wait_states()
     }
+
+    fn code_prefetch(&self) -> bool {
+        self.flash.prefetch()
+    }
 }

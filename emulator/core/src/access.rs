@@ -35,7 +35,7 @@ impl<S: Bus> Machine<S> {
         match self.memory.place(address, N as u32) {
             Place::Ram(offset) => Ok(little::<N>(&self.memory.ram, offset)),
             Place::Code(offset) => {
-                self.now += u64::from(self.code_data(offset));
+                self.now += self.code_data(offset);
                 if self.system.code_is_torn(offset) {
                     self.pend_nmi();
                 }

@@ -91,7 +91,7 @@ impl<S: Bus> Machine<S> {
             }
         }
         let origin = number.checked_sub(nvic::FIRST_IRQ).and_then(|line| self.system.origin(line));
-        self.profile.entered(number, self.now, origin, self.instructions);
+        self.profile.entered(number, origin, self.spent());
         self.entered(number);
     }
 
@@ -153,7 +153,7 @@ impl<S: Bus> Machine<S> {
     /// B1.5.8.
     fn return_from_exception(&mut self, value: u32) -> Result<(), Fault> {
         let number = self.cpu.ipsr;
-        self.profile.left(number, self.now, self.instructions);
+        self.profile.left(number, self.spent());
         if !self.nvic.is_active(number) {
             return Err(Fault::InvalidReturn);
         }

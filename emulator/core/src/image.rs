@@ -98,6 +98,23 @@ impl Image {
         lines
     }
 
+    /// The function that an address was written in, inlined or not, other than those of the language and of crates from
+    /// a registry; else the function that it was compiled into.
+    pub fn author(&self, address: u32) -> String {
+        let within = || self.place(address).function;
+        let Ok(mut frames) = self.lines.find_frames((address & !1).into()).skip_all_loads() else { return within() };
+        while let Ok(Some(frame)) = frames.next() {
+            let file = frame.location.as_ref().and_then(|location| location.file).unwrap_or_default();
+            let is_foreign = ["/library/", "/registry/", "/rustc/"].iter().any(|part| file.contains(part));
+            if let Some(function) = frame.function.filter(|_| !is_foreign)
+                && let Ok(name) = function.raw_name()
+            {
+                return format!("{:#}", rustc_demangle::demangle(&name));
+            }
+        }
+        within()
+    }
+
     /// The image as code memory of `size` bytes, erased where nothing is.
     pub fn code(&self, integration: &Integration, size: usize) -> Result<Vec<u8>> {
         let mut code = vec![0xFF; size];

@@ -30,5 +30,5 @@ pub use image::{Image, Place};
 pub use machine::{Listed, Machine, Stop};
 pub use memory::PAINT;
 pub use nvic::{FIRST_IRQ, system_name};
-pub use profile::{Activity, Entries, Profile};
+pub use profile::{Activity, BIN, Entries, Profile, Spent};
 pub use rtt::{Log, LogLine, Rtt};

@@ -1,11 +1,11 @@
 //! The core with its memory and the system around it, and how time passes.
 
-use crate::cache::Caches;
+use crate::cache::{Caches, Speed};
 use crate::cpu::{Cpu, Sleep};
 use crate::fault::{Fault, FaultReport};
 use crate::memory::Memory;
 use crate::nvic::Nvic;
-use crate::profile::Profile;
+use crate::profile::{Profile, Spent};
 use crate::scs::Scs;
 use bus::{Bus, Complaint, Cycle, ResetCause};
 use serde::Serialize;
@@ -71,6 +71,9 @@ pub struct Machine<S> {
     locked_up: bool,
     /// Address of the instruction that executes.
     pub(crate) here: u32,
+    /// Exception whose handler is watched, and what its instructions took.
+    watched: Option<u16>,
+    by_address: BTreeMap<u32, Spent>,
     awake_since: Cycle,
     /// Cycles spent in sleep.
     asleep: Cycle,
@@ -100,6 +103,8 @@ impl<S: Bus> Machine<S> {
             hung: None,
             locked_up: false,
             here: 0,
+            watched: None,
+            by_address: BTreeMap::new(),
             awake_since: 0,
             asleep: 0,
         };
@@ -158,7 +163,8 @@ impl<S: Bus> Machine<S> {
                     continue;
                 }
             }
-            if let Err(fault) = self.step() {
+            let done = if self.watched == Some(self.cpu.ipsr) { self.watched_step() } else { self.step() };
+            if let Err(fault) = done {
                 if let Fault::Breakpoint(number) = fault
                     && self.debugger
                 {
@@ -168,6 +174,15 @@ impl<S: Bus> Machine<S> {
                 self.fault(fault);
             }
         }
+    }
+
+    #[inline(never)]
+    fn watched_step(&mut self) -> Result<(), Fault> {
+        let before = self.spent();
+        let done = self.step();
+        let took = self.spent().since(before);
+        self.by_address.entry(self.here).or_default().add(took);
+        done
     }
 
     /// One instruction.
@@ -202,14 +217,38 @@ impl<S: Bus> Machine<S> {
     /// Wait states of a fetch from code memory.
     #[inline(always)]
     fn fetched(&mut self, pc: u32) {
-        if self.caches.line_changes(pc) && self.memory.is_code(pc) {
-            self.now += u64::from(self.caches.fetch(pc, self.system.code_wait_states()));
+        if self.caches.word_changes(pc) && self.memory.is_code(pc) {
+            self.now += self.caches.fetch(pc, self.now, self.code_speed());
         }
     }
 
     /// Wait states of a load from code memory.
-    pub(crate) fn code_data(&mut self, offset: u32) -> u32 {
-        self.caches.load(offset, self.system.code_wait_states())
+    pub(crate) fn code_data(&mut self, offset: u32) -> Cycle {
+        self.caches.load(offset, self.now, self.code_speed())
+    }
+
+    fn code_speed(&self) -> Speed {
+        Speed { wait_states: self.system.code_wait_states(), prefetch: self.system.code_prefetch() }
+    }
+
+    /// How lines of the cache are filled.
+    pub fn set_fill(&mut self, fill: bus::Fill) {
+        self.caches.fill = fill;
+    }
+
+    /// Since power-on.
+    pub fn spent(&self) -> Spent {
+        Spent { instructions: self.instructions, cycles: self.now, waited: self.caches.waited }
+    }
+
+    /// Notes from now on what each instruction of an exception's handler takes.
+    pub fn watch(&mut self, exception: u16) {
+        self.watched = Some(exception);
+    }
+
+    /// What the watched handler's instructions took, by address.
+    pub fn watched(&self) -> &BTreeMap<u32, Spent> {
+        &self.by_address
     }
 
     /// Lets the system catch up, takes an exception where one is due, and says when to look up again. `Some` asks for a
@@ -252,7 +291,20 @@ impl<S: Bus> Machine<S> {
             self.memory.forget_code(range);
             self.caches.flush();
         }
-        self.now += self.system.take_stall();
+        self.sample();
+        let held = self.now + self.system.take_stall();
+        // What comes meanwhile is late from its own moment on.
+        let mut next = next;
+        while self.now < held {
+            self.now = next.min(held);
+            next = self.system.advance(self.now);
+            self.sample();
+        }
+        next
+    }
+
+    /// Interrupts that have come.
+    fn sample(&mut self) {
         let new = self.nvic.sample(self.system.interrupts());
         if new != 0 {
             self.profile.pended(new, self.now);
@@ -260,7 +312,6 @@ impl<S: Bus> Machine<S> {
                 self.cpu.event = true;
             }
         }
-        next
     }
 
     fn wake_up(&mut self) {

@@ -20,6 +20,13 @@ pub struct Activity {
     pub cycles: Range,
     /// From the origin that the bus names (the trigger of a conversion, say) to its first instruction.
     pub since_origin: Range,
+    /// Of these, waited for the code memory.
+    pub waited: Range,
+    /// How many took so many own cycles, in steps of [`BIN`]; by the begin of the step.
+    pub histogram: BTreeMap<Cycle, u64>,
+    /// Sums of own cycles and of those waited.
+    #[serde(skip)]
+    sums: [Cycle; 2],
     /// Sum of the periods.
     #[serde(skip)]
     periods: Cycle,
@@ -28,7 +35,15 @@ pub struct Activity {
     last: Option<(Cycle, Option<Cycle>)>,
 }
 
+/// Cycles of a step of [`Activity::histogram`].
+pub const BIN: Cycle = 10;
+
 impl Activity {
+    /// Means of own cycles and of those waited for the code memory.
+    pub fn mean_cycles(&self) -> [f64; 2] {
+        self.sums.map(|sum| sum as f64 / self.cycles.count as f64)
+    }
+
     /// Mean of the periods, cycles; not a number where there is none.
     pub fn mean_period(&self) -> f64 {
         self.periods as f64 / self.period.count as f64
@@ -38,10 +53,37 @@ impl Activity {
 #[derive(Clone)]
 struct Frame {
     exception: u16,
-    entered: Cycle,
-    instructions: u64,
-    /// Instructions and cycles of those that pre-empted it.
-    others: (u64, u64),
+    spent: Spent,
+    /// Of those that pre-empted it.
+    others: Spent,
+}
+
+/// What the core has spent.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Serialize)]
+pub struct Spent {
+    /// Instructions.
+    pub instructions: u64,
+    /// Cycles.
+    pub cycles: Cycle,
+    /// Of these, waited for the code memory.
+    pub waited: Cycle,
+}
+
+impl Spent {
+    pub(crate) fn since(self, before: Self) -> Self {
+        Spent {
+            instructions: self.instructions - before.instructions,
+            cycles: self.cycles - before.cycles,
+            waited: self.waited - before.waited,
+        }
+    }
+
+    /// And more.
+    pub fn add(&mut self, more: Self) {
+        self.instructions += more.instructions;
+        self.cycles += more.cycles;
+        self.waited += more.waited;
+    }
 }
 
 /// Since the last reset, whatever else was forgotten.
@@ -93,7 +135,8 @@ impl Profile {
     }
 
     /// `origin`: when what this interrupt tells of began.
-    pub(crate) fn entered(&mut self, exception: u16, now: Cycle, origin: Option<Cycle>, instructions: u64) {
+    pub(crate) fn entered(&mut self, exception: u16, origin: Option<Cycle>, spent: Spent) {
+        let now = spent.cycles;
         let activity = self.activities.entry(exception).or_default();
         if let Some(since) = self.pending_since.remove(&exception) {
             activity.latency.add((now - since) as f64);
@@ -110,19 +153,23 @@ impl Profile {
         {
             activity.since_origin.add((now - at) as f64);
         }
-        self.stack.push(Frame { exception, entered: now, instructions, others: (0, 0) });
+        self.stack.push(Frame { exception, spent, others: Spent::default() });
     }
 
-    pub(crate) fn left(&mut self, exception: u16, now: Cycle, instructions: u64) {
+    pub(crate) fn left(&mut self, exception: u16, spent: Spent) {
         let Some(frame) = self.stack.pop_if(|frame| frame.exception == exception) else { return };
-        let whole = (instructions - frame.instructions, now - frame.entered);
+        let whole = spent.since(frame.spent);
+        let own = whole.since(frame.others);
         let activity = self.activities.entry(exception).or_default();
-        activity.duration.add(whole.1 as f64);
-        activity.instructions.add((whole.0 - frame.others.0) as f64);
-        activity.cycles.add((whole.1 - frame.others.1) as f64);
+        activity.duration.add(whole.cycles as f64);
+        activity.instructions.add(own.instructions as f64);
+        activity.cycles.add(own.cycles as f64);
+        activity.waited.add(own.waited as f64);
+        activity.sums[0] += own.cycles;
+        activity.sums[1] += own.waited;
+        *activity.histogram.entry(own.cycles / BIN * BIN).or_default() += 1;
         if let Some(below) = self.stack.last_mut() {
-            below.others.0 += whole.0;
-            below.others.1 += whole.1;
+            below.others.add(whole);
         }
     }
 }

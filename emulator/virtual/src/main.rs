@@ -42,9 +42,22 @@ struct Arguments {
     /// The firmware, instead of building the board's
     #[arg(long)]
     elf: Option<PathBuf>,
+    /// How the flash fills a line of its cache, which the reference manual leaves open: word by word, and the next miss
+    /// waits; or at once
+    #[arg(long, value_enum, default_value_t = Fill::Words)]
+    fill: Fill,
+    /// Begins to note how long the control interrupt takes at this time, s
+    #[arg(long, default_value_t = 0.02)]
+    watch: f64,
     /// Seed of the motor's imperfections and the sensors' noise
     #[arg(long, default_value_t = 1)]
     seed: u64,
+}
+
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Fill {
+    Words,
+    Once,
 }
 
 fn main() -> Result<ExitCode> {
@@ -59,10 +72,14 @@ fn main() -> Result<ExitCode> {
     let image = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
     let mut session = Session::new(&board, image, &PlantParameters::imperfect(arguments.seed), arguments.seed)?;
     session.follow(steps.unwrap_or_default());
+    session.machine.set_fill(match arguments.fill {
+        Fill::Words => bus::Fill::WordByWord,
+        Fill::Once => bus::Fill::AtOnce,
+    });
 
     let end_s = arguments.seconds.unwrap_or(if arguments.serial.is_some() { f64::INFINITY } else { 1.0 });
     let line = arguments.serial.as_deref().map(|description| Line::open(description, arguments.wait)).transpose()?;
-    run(&mut session, end_s, line)?;
+    run(&mut session, end_s, arguments.watch, line)?;
 
     let outcome = Outcome::of(&session);
     println!("{}", report::text(&outcome));
@@ -79,11 +96,11 @@ fn main() -> Result<ExitCode> {
 }
 
 /// Runs to the end or until Ctrl-C, shows the log, and serves who is at the serial port.
-fn run(session: &mut Session, end_s: f64, mut line: Option<Line>) -> Result<()> {
+fn run(session: &mut Session, end_s: f64, watch_s: f64, mut line: Option<Line>) -> Result<()> {
     static ENDED: AtomicBool = AtomicBool::new(false);
     ctrlc::set_handler(|| ENDED.store(true, Relaxed))?;
     let bar = bar(end_s)?;
-    let (start, mut shown) = (Instant::now(), 0);
+    let (start, mut shown, mut watches) = (Instant::now(), 0, false);
     while session.seconds() < end_s && !ENDED.load(Relaxed) {
         if let Some(line) = &mut line {
             line.hear(session);
@@ -92,6 +109,10 @@ fn run(session: &mut Session, end_s: f64, mut line: Option<Line>) -> Result<()> 
                 std::thread::sleep(LOOK);
                 continue;
             }
+        }
+        if !watches && session.seconds() >= watch_s {
+            watches = true;
+            session.watch_control();
         }
         let sent = session.slice(end_s)?;
         if let Some(line) = &mut line {

@@ -5,9 +5,10 @@ use crate::session::{Session, explain, place};
 use anyhow::Result;
 use bus::{Bus, ResetCause};
 use chip::Facts;
-use cortex::{Activity, FIRST_IRQ, LogLine, system_name};
+use cortex::{Activity, FIRST_IRQ, LogLine, Spent, system_name};
 use measure::Range;
 use serde::Serialize;
+use std::collections::BTreeMap;
 
 /// All figures.
 #[derive(Debug, Serialize)]
@@ -18,12 +19,16 @@ pub struct Outcome {
     pub seconds: f64,
     /// Executed since power-on.
     pub instructions: u64,
+    /// The core's clock in the end.
+    pub hclk_hz: f64,
     /// Part of the time that the core did not sleep.
     pub load: f64,
     /// The control interrupt.
     pub control: Option<Handler>,
     /// All handlers, the control interrupt's among them.
     pub handlers: Vec<Handler>,
+    /// What it consists of, the longest first, if it was watched.
+    pub parts: Vec<Part>,
     /// The stack.
     pub stack: Option<Stack>,
     /// Of the drive's angle, where a script asked for telemetry.
@@ -64,6 +69,25 @@ pub struct Handler {
     pub instructions: Range,
     /// Own cycles.
     pub cycles: Range,
+    /// Mean of own cycles, and of those that the core waited for the code memory.
+    pub mean_cycles: [f64; 2],
+    /// Of own cycles, those waited.
+    pub waited: Range,
+    /// How many took so many own cycles, by the begin of each step of [`cortex::BIN`].
+    pub histogram: BTreeMap<u64, u64>,
+}
+
+/// What a function took of the control interrupt in the mean.
+#[derive(Clone, Debug, Serialize)]
+pub struct Part {
+    /// Name, without what it calls unless that was inlined from elsewhere.
+    pub function: String,
+    /// Instructions a period.
+    pub instructions: f64,
+    /// Cycles a period.
+    pub cycles: f64,
+    /// Of these, waited for the code memory.
+    pub waited: f64,
 }
 
 /// The main stack.
@@ -115,8 +139,10 @@ impl Outcome {
             board: session.board().name.clone(),
             seconds: session.seconds(),
             instructions: machine.instructions(),
+            hclk_hz: machine.system.clock_hz(),
             load: 1.0 - machine.asleep() as f64 / machine.now() as f64,
             control: handlers.iter().find(|handler| Some(handler.exception) == control).cloned(),
+            parts: parts(session),
             handlers,
             stack: session.stack().map(|(size, used)| Stack { size, used }),
             angle_error: AngleErrors::of(&session.deviations(0.0..f64::INFINITY)),
@@ -179,5 +205,28 @@ fn handler(session: &Session, exception: u16, activity: &Activity) -> Handler {
         duration_ns: in_ns(activity.duration),
         instructions: activity.instructions,
         cycles: activity.cycles,
+        mean_cycles: activity.mean_cycles(),
+        waited: activity.waited,
+        histogram: activity.histogram.clone(),
     }
+}
+
+fn parts(session: &Session) -> Vec<Part> {
+    let periods: u64 = session.watched_periods();
+    let mut functions = BTreeMap::<String, Spent>::new();
+    for (&address, &spent) in session.machine.watched() {
+        functions.entry(session.image.author(address)).or_default().add(spent);
+    }
+    let a_period = |sum: u64| sum as f64 / periods.max(1) as f64;
+    let mut parts: Vec<Part> = functions
+        .into_iter()
+        .map(|(function, spent)| Part {
+            function,
+            instructions: a_period(spent.instructions),
+            cycles: a_period(spent.cycles),
+            waited: a_period(spent.waited),
+        })
+        .collect();
+    parts.sort_by(|a, b| b.cycles.total_cmp(&a.cycles));
+    parts
 }

@@ -42,6 +42,8 @@ pub fn sections(outcome: &Outcome) -> Vec<Section> {
         Section { title: "Legs, measured at the pins", rows: legs(outcome) },
         Section { title: "Sampling, from the valley of the PWM", rows: sampling(outcome) },
         Section { title: "Handlers", rows: handlers(outcome) },
+        Section { title: "Control interrupt, own cycles", rows: control(outcome) },
+        Section { title: "Control interrupt, in the mean by function", rows: parts(outcome) },
         Section { title: "Bridge enabled (MOE)", rows: moe(outcome) },
     ];
     let events = outcome.facts.events.iter().map(|(at_s, what)| row([format!("{at_s:.6} s"), what.clone()]));
@@ -168,6 +170,50 @@ fn handlers(outcome: &Outcome) -> Vec<Vec<String>> {
     });
     let head = head(["handler", "rate", "latency", "jitter", "after the trigger", "duration", "own instructions"]);
     std::iter::once(head).chain(rows).collect()
+}
+
+/// How long the control interrupt took, and how often.
+fn control(outcome: &Outcome) -> Vec<Vec<String>> {
+    let Some(control) = &outcome.control else { return Vec::new() };
+    let us = 1e6 / outcome.hclk_hz;
+    let [mean, waited] = control.mean_cycles;
+    let figure = |cycles: f64| format!("{cycles:.0} ({:.2} µs)", cycles * us);
+    let mut rows = vec![
+        head(["", "cycles"]),
+        row(["mean".into(), figure(mean)]),
+        row(["… of which waited for the flash".into(), figure(waited)]),
+        row(["longest".into(), figure(control.cycles.max)]),
+        row(["longest wait for the flash".into(), figure(control.waited.max)]),
+    ];
+    let all = control.histogram.values().sum::<u64>() as f64;
+    for share in [0.5, 0.9, 0.99, 0.999, 0.9999] {
+        let mut below = 0;
+        let at = control.histogram.iter().find(|(_, count)| {
+            below += **count;
+            below as f64 >= share * all
+        });
+        if let Some((&from, _)) = at {
+            rows.push(row([format!("{} % are below", share * 100.0), figure((from + cortex::BIN) as f64)]));
+        }
+    }
+    // Ten rows at most, the rest of the histogram is in the figures.
+    let step = (control.cycles.max as u64 / 10).next_multiple_of(cortex::BIN).max(cortex::BIN);
+    for from in (0..=control.cycles.max as u64).step_by(step as usize) {
+        let count: u64 = control.histogram.range(from..from + step).map(|(_, count)| count).sum();
+        if count > 0 {
+            rows.push(row([format!("{from} to {}", from + step), format!("{count} times")]));
+        }
+    }
+    rows
+}
+
+/// Parts of the control interrupt of at least a cycle.
+fn parts(outcome: &Outcome) -> Vec<Vec<String>> {
+    let rows = outcome.parts.iter().filter(|part| part.cycles >= 1.0).map(|part| {
+        let figures = [part.instructions, part.cycles, part.waited].map(|figure| format!("{figure:.1}"));
+        std::iter::once(part.function.clone()).chain(figures).collect()
+    });
+    std::iter::once(head(["function", "instructions", "cycles", "waited for the flash"])).chain(rows).collect()
 }
 
 fn moe(outcome: &Outcome) -> Vec<Vec<String>> {

@@ -187,6 +187,20 @@ impl Session {
         self.machine.system.last_sampling().map(|(line, _)| line + FIRST_IRQ)
     }
 
+    /// From now on, what each function takes of the control interrupt is noted.
+    pub fn watch_control(&mut self) {
+        if let Some(exception) = self.control_exception() {
+            self.machine.watch(exception);
+            self.machine.forget_profile();
+        }
+    }
+
+    /// Control periods that were seen whole.
+    pub fn watched_periods(&self) -> u64 {
+        let activity = self.control_exception().and_then(|number| self.machine.profile().activities().get(&number));
+        activity.map_or(0, |activity| activity.cycles.count)
+    }
+
     /// The last control period; the interrupt is entered once for each.
     fn note_period(&mut self) {
         let Some(exception) = self.control_exception() else { return };

@@ -5,6 +5,7 @@ pub mod coupling;
 pub mod drift;
 pub mod ensemble;
 pub mod loss;
+pub mod rotors;
 pub mod trial;
 
 use super::Common;

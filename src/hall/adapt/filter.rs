@@ -234,14 +234,15 @@ impl Measurement {
 }
 
 impl Covariance {
-    /// Update of the covariance by a measurement of this noise. Without `learn`, only angle and speed are corrected,
-    /// and their covariance with the parameters stays consistent (Schmidt–Kalman filter).
+    /// Update of the covariance by a measurement of this noise. The parameters are corrected by a share, 0 to 1, of
+    /// what is best, and their covariance with angle and speed stays consistent (partial update; at 0, the
+    /// Schmidt–Kalman filter).
     #[inline]
-    fn reduce(&mut self, cross: &CrossCovariance, noise: f32, learn: bool) -> f32 {
+    fn reduce(&mut self, cross: &CrossCovariance, noise: f32, share: f32) -> f32 {
         let weight = 1.0 / (cross.variance + noise);
         self.reduce_rows::<0, 2>(weight, &cross.spread);
-        if learn {
-            self.reduce_rows::<2, STATES>(weight, &cross.spread);
+        if share > 0.0 {
+            self.reduce_rows::<2, STATES>(weight * share * (2.0 - share), &cross.spread);
         }
         weight
     }
@@ -256,11 +257,11 @@ impl Covariance {
         }
     }
 
-    /// Update by one measurement, whose covariance with the states is `cross`.
+    /// Update by one measurement, whose covariance with the states is `cross`, the parameters by a share of it.
     #[inline]
-    pub fn update_by(&mut self, m: &Measurement, cross: &CrossCovariance, state: &mut State, learn: bool) {
-        let weight = self.reduce(cross, m.noise, learn);
-        state.correct(weight * m.innovation, &cross.spread, learn);
+    pub fn update_by(&mut self, m: &Measurement, cross: &CrossCovariance, state: &mut State, share: f32) {
+        let weight = self.reduce(cross, m.noise, share);
+        state.correct(weight * m.innovation, &cross.spread, share);
     }
 }
 
@@ -276,14 +277,15 @@ pub struct State {
 }
 
 impl State {
-    /// Adds a multiple of a vector; without `learn` to angle and speed only.
+    /// Adds a multiple of a vector; to the parameters a share of it.
     #[inline]
-    fn correct(&mut self, times: f32, by: &Vector, learn: bool) {
+    fn correct(&mut self, times: f32, by: &Vector, share: f32) {
         self.angle += radians(times * by[ANGLE]);
         self.speed += times * by[SPEED];
-        if !learn {
+        if !(share > 0.0) {
             return;
         }
+        let times = times * share;
         self.third += times * by[THIRD];
         for (k, own) in OFFSET.into_iter().enumerate() {
             self.offset[k] += times * by[own];

@@ -8,9 +8,14 @@ use crate::hall::{Channel, Codes};
 use core::f32::consts::TAU;
 
 /// Electrical turns for which a sensor may contradict the others before it counts as lost.
-const MOST_SUSPECTED_TURNS: f32 = 0.2;
+const MOST_SUSPECTED_TURNS: f32 = 0.15;
 /// Fewest samples in a row at the ADC's rail, and fewest contradictions, of a lost sensor.
 const FEWEST_CONTRADICTIONS: u32 = 4;
+/// Largest innovation, share of the amplitude, that uneven magnets can produce: 10 % of strength from pole to pole, 10 %
+/// of modulation, 5° of pitch, and 5 % of second harmonic at once. It speaks against no sensor.
+const MOST_OF_A_ROTOR: f32 = 0.35;
+/// Largest innovation of sensors that agree against a third, share of the amplitude.
+const AGREEING: f32 = 0.2;
 /// Sum of squared innovations, in variances, that may remain when an outlier is explained by an unexpected torque.
 const LARGEST_REMAINDER: f32 = 9.0;
 /// Largest displacement of the rotor by such a torque, rad, for which the derivatives of the signals are good.
@@ -71,13 +76,12 @@ impl Adapter {
 
     /// Updates angle and speed by a sample in which a sensor is an outlier, was one, or is lost.
     pub(super) fn isolate_outlier(&mut self, elapsed: f32, sample: &mut Sample) -> Status {
-        let outliers = sample.outliers();
+        let mut outliers = sample.outliers();
         let suspected = self.suspicions.sensors.iter().position(|suspicion| suspicion.turns > 0.0);
         if suspected.is_none() && outliers == [false; 3] {
             return self.accept(sample);
         }
         let suspect = suspected.unwrap_or_else(|| sample.farthest());
-        let others_fit = (0..3).all(|k| k == suspect || !outliers[k]);
         let others = sample.squares.iter().sum::<f32>() - sample.squares[suspect];
         let alternative = match self.suspicions.lost {
             // A sensor under suspicion goes on contradicting more likely than a torque acts just then.
@@ -89,6 +93,17 @@ impl Adapter {
         if outliers != [false; 3] && self.absorb_disturbance(sample, alternative) {
             return self.accept(sample);
         }
+        if self.calibrated {
+            self.excuse(sample, &mut outliers);
+            if suspected.is_none() && outliers == [false; 3] {
+                sample.discard(suspect);
+                return self.accept(sample);
+            }
+        }
+        // A sensor is wrong only where the others agree: all three are wrong where the angle is.
+        let agrees =
+            |k: usize| !outliers[k] && (!self.calibrated || sample.measurements[k].innovation.abs() < AGREEING);
+        let others_fit = (0..3).all(|k| k == suspect || agrees(k));
         sample.discard(suspect);
         if !others_fit {
             return self.reject();
@@ -101,6 +116,22 @@ impl Adapter {
             self.suspicions.sensors[suspect].decay(turns);
         }
         self.accept(sample)
+    }
+
+    /// Outliers that uneven magnets can produce speak against no sensor; they count little.
+    fn excuse(&mut self, sample: &mut Sample, outliers: &mut [bool; 3]) {
+        if outliers.iter().filter(|&&outlier| outlier).count() > 1 {
+            // A load that is estimated wrongly shows in more than one.
+            self.load *= 0.5;
+        }
+        for (k, outlier) in outliers.iter_mut().enumerate().filter(|(_, outlier)| **outlier) {
+            let innovation = sample.measurements[k].innovation;
+            if innovation.abs() < MOST_OF_A_ROTOR {
+                self.sensors[k].learn_outlier(innovation);
+                sample.mistrust(k);
+                *outlier = false;
+            }
+        }
     }
 
     /// A sensor was an outlier: the next sample is looked at with all three.
@@ -156,6 +187,7 @@ impl Adapter {
     /// anew, and if that does not help, the parameters' variances start anew.
     fn reject(&mut self) -> Status {
         self.suspicions.any = true;
+        self.followed_eighths = 0;
         self.suspicions.rejected += 1;
         if self.suspicions.rejected < MOST_REJECTED {
             return self.follow();
@@ -178,6 +210,7 @@ impl Adapter {
     /// Ends the adaptation of parameters; angle and speed are tracked on.
     pub(super) fn fail(&mut self, fault: Fault) {
         self.fault = Some(fault);
+        self.limit_parameters();
         self.model_due = false;
         self.suspicions = Suspicions { lost: fault.lost(), ..Suspicions::default() };
     }

@@ -3,6 +3,7 @@
 use super::filter::{Measurement, State, radians};
 use crate::hall::model::Sensor;
 use crate::trig::sin_cos_f32;
+use core::f32::consts::TAU;
 
 /// A sensor as calibrated: what the filter does not estimate.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -12,13 +13,26 @@ pub struct CalibratedSensor {
     /// One over the calibrated amplitude, 1/codes.
     per_code: f32,
     /// Variance of noise and quantisation of one sample, relative to the squared amplitude.
-    pub noise: f32,
-    /// The same of the mean of a window.
-    mean_noise: f32,
+    white: f32,
+    /// Variance of what the rotor leaves unexplained, learnt while it turns; relative to the squared amplitude.
+    pub unexplained: f32,
+    /// Means of the innovations over some turns: their constant part, and that in phase with the wave. That is what
+    /// offset and amplitude have not caught up with, and no unevenness.
+    behind: [f32; 2],
 }
 
-/// What the best model leaves unexplained, relative to the amplitude.
-const UNEXPLAINED: f32 = 2e-3;
+/// What the best model leaves unexplained of the best rotor, relative to the amplitude, squared.
+const LEAST_UNEXPLAINED: f32 = 4e-6;
+/// The same of the worst rotor: 15 % RMS.
+const MOST_UNEXPLAINED: f32 = 0.0225;
+/// Electrical turns over which it is averaged. The longer, the less a mean over it depends on where the poles differ.
+const TURNS_OF_MEAN: f32 = 16.0;
+/// The same for what the parameters have not caught up with.
+const TURNS_BEHIND: f32 = 4.0;
+/// Share of an outlier's square by which it is learnt at once, before the mean has it; and the most that it counts, for
+/// a few may be disturbances.
+const OUTLIER_SHARE: f32 = 0.01;
+const MOST_OF_AN_OUTLIER: f32 = 3e-5;
 
 /// Share of sin x, sin 3x and sin 5x that a mean of samples keeps.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -42,8 +56,38 @@ impl CalibratedSensor {
     pub fn new(sensor: &Sensor, noise_codes: f32) -> Self {
         let per_code = 1.0 / sensor.amplitude;
         let white = (noise_codes * noise_codes + 1.0 / 12.0) * per_code * per_code;
-        let unexplained = UNEXPLAINED * UNEXPLAINED;
-        Self { sensor: *sensor, per_code, noise: white + unexplained, mean_noise: white / 3.0 + unexplained }
+        Self { sensor: *sensor, per_code, white, unexplained: LEAST_UNEXPLAINED, behind: [0.0; 2] }
+    }
+
+    /// Variance of one sample, relative to the squared amplitude.
+    #[inline]
+    pub fn noise(&self) -> f32 {
+        self.white + self.unexplained
+    }
+
+    /// What the rotor leaves unexplained beyond what every rotor does, relative to the squared amplitude.
+    #[inline]
+    pub fn excess(&self) -> f32 {
+        self.unexplained - LEAST_UNEXPLAINED
+    }
+
+    /// Learns what the rotor leaves unexplained from a measurement whose innovation has a variance, over an angle, rad.
+    #[inline]
+    pub fn learn_unexplained(&mut self, m: &Measurement, variance: f32, angle: f32) {
+        let [constant, wave] = &mut self.behind;
+        let rest = m.innovation - *constant - *wave * m.amplitude;
+        let share = angle * (1.0 / (TAU * TURNS_BEHIND));
+        *constant += share * rest;
+        *wave += 2.0 * share * rest * m.amplitude;
+        let excess = rest * rest - variance;
+        let unexplained = self.unexplained + angle * (1.0 / (TAU * TURNS_OF_MEAN)) * excess;
+        self.unexplained = unexplained.max(LEAST_UNEXPLAINED).min(MOST_UNEXPLAINED);
+    }
+
+    /// Learns it from an outlier that an uneven rotor may produce.
+    pub fn learn_outlier(&mut self, innovation: f32) {
+        let more = (OUTLIER_SHARE * innovation * innovation).min(MOST_OF_AN_OUTLIER);
+        self.unexplained = (self.unexplained + more).min(MOST_UNEXPLAINED);
     }
 
     /// The signal: 0 at the calibrated offset, ±1 at the calibrated amplitude.
@@ -54,13 +98,19 @@ impl CalibratedSensor {
 
     /// Compares a sample with what the state predicts.
     pub fn measure(&self, sensor: usize, state: &State, code: u16, curvature: f32) -> Measurement {
-        self.compare(sensor, state, f32::from(code), Attenuation::NONE, self.noise + curvature)
+        self.compare(sensor, state, f32::from(code), Attenuation::NONE, self.noise() + curvature)
     }
 
     /// Compares the mean of three samples with what the state in the middle predicts.
     #[inline]
     pub fn measure_mean(&self, sensor: usize, state: &State, mean: f32, curvature: f32) -> Measurement {
-        self.compare(sensor, state, mean, Attenuation::of_three(state.speed), self.mean_noise + curvature)
+        self.compare(
+            sensor,
+            state,
+            mean,
+            Attenuation::of_three(state.speed),
+            self.white * (1.0 / 3.0) + self.unexplained + curvature,
+        )
     }
 
     #[inline]

@@ -35,6 +35,15 @@ impl Sample {
         self.squares.map(|square| square > GATE)
     }
 
+    /// Takes an outlier as so uncertain that it is none.
+    pub fn mistrust(&mut self, sensor: usize) {
+        let m = &mut self.measurements[sensor];
+        let more = m.innovation * m.innovation * (2.0 / GATE);
+        m.noise += more;
+        self.variances[sensor] += more;
+        self.squares[sensor] = m.innovation * m.innovation / self.variances[sensor];
+    }
+
     pub fn discard(&mut self, sensor: usize) {
         self.measurements[sensor] = Measurement::NONE;
         self.squares[sensor] = 0.0;

@@ -9,6 +9,9 @@ use crate::angle::ElectricalAngle;
 use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
 
+/// Uncertainty of the amplitudes from which on the start is not a calibration.
+const UNCALIBRATED: f32 = 0.1;
+
 impl Adapter {
     /// Starts from a calibration, or from a data sheet's model (with [`NOMINAL`](super::Settings::NOMINAL) as `start`).
     ///
@@ -43,10 +46,7 @@ impl Adapter {
     fn at(config: &Config, model: &Model) -> Self {
         let start = parameters(&config.start);
         let sensors = [0, 1, 2].map(|k| CalibratedSensor::new(&model.sensors[k], config.noise_codes[k]));
-        // Of the angle from one sample: two thirds of the sensors' mean.
-        let angle_noise = (sensors[0].noise + sensors[1].noise + sensors[2].noise) * (2.0 / 9.0);
-        let natural_frequency = libm::sqrtf(libm::sqrtf(config.acceleration / angle_noise));
-        Self {
+        let mut adapter = Self {
             config: *config,
             sensors,
             state: State {
@@ -60,25 +60,39 @@ impl Adapter {
             covariance: Covariance::diagonal(&start),
             start,
             drift: parameters(&config.drift),
-            natural_frequency,
-            // Four times √2 · pace · noise, the variance of known sensors' tracked angle.
-            settled_variance: 5.7 * natural_frequency * angle_noise,
-            // Slow enough to leave the tracking stable and hardly noisier.
-            load_gain: 0.1 * natural_frequency,
+            natural_frequency: 0.0,
+            settled_variance: 0.0,
+            load_gain: 0.0,
             load: 0.0,
             phase: Phase::Unknown,
             window: Window::default(),
             seen_eighths: 0,
+            followed_eighths: 0,
             learnt_samples: 0,
             samples_since_drift: 0,
             paused: 0,
             model_due: false,
+            calibrated: config.start.amplitude < UNCALIBRATED * UNCALIBRATED,
+            doubts: false,
             last_limit: None,
             suspicions: Suspicions::default(),
             fault: None,
             fault_reported: false,
             model: *model,
-        }
+        };
+        adapter.tune();
+        adapter
+    }
+
+    /// Fits the estimate of the load to the noise, that which the rotor leaves unexplained included.
+    pub(super) fn tune(&mut self) {
+        // Of the angle from one sample: two thirds of the sensors' mean.
+        let angle_noise = self.sensors.iter().map(CalibratedSensor::noise).sum::<f32>() * (2.0 / 9.0);
+        self.natural_frequency = libm::sqrtf(libm::sqrtf(self.config.acceleration / angle_noise));
+        // Four times √2 · pace · noise, the variance of known sensors' tracked angle.
+        self.settled_variance = 5.7 * self.natural_frequency * angle_noise;
+        // Slow enough to leave the tracking stable and hardly noisier.
+        self.load_gain = 0.1 * self.natural_frequency;
     }
 }
 

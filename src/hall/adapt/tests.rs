@@ -39,6 +39,7 @@ fn ten_million_updates_leave_the_covariance_positive_and_bounded() {
     let plant = PlantParameters::imperfect(5);
     let parameters = BenchParameters {
         halls: plant.halls,
+        magnets: plant.magnets,
         adc: plant.adc,
         period_s: 1e-3,
         pole_pairs: 4,
@@ -85,9 +86,9 @@ fn an_update_is_the_textbook_s() {
         |innovation, angle, amplitude, third| Measurement { innovation, noise: 1e-3, angle, amplitude, third };
     let measurements =
         [measurement(0.02, 0.9, 0.4, -0.3), measurement(-0.05, -0.2, 0.95, 0.7), measurement(0.01, -0.7, -0.8, 0.1)];
-    // Learnt from, then followed.
-    let single = measurements.iter().enumerate().map(|(sensor, m)| (sensor, m, true));
-    for (sensor, m, learn) in single.clone().chain(single.map(|(sensor, m, _)| (sensor, m, false))) {
+    // Learnt from, then in part, then followed.
+    let single = measurements.iter().enumerate();
+    for (share, (sensor, m)) in [1.0, 0.3, 0.0].into_iter().flat_map(|share| single.clone().map(move |m| (share, m))) {
         let own = OFFSET[sensor];
         let mut h = [0.0_f64; STATES];
         (h[ANGLE], h[THIRD], h[own], h[own + 1]) = (m.angle.into(), m.third.into(), 1.0, m.amplitude.into());
@@ -98,12 +99,13 @@ fn an_update_is_the_textbook_s() {
         let s = b.iter().zip(&h).map(|(b, h)| b * h).sum::<f64>() + 1e-3;
         assert!((f64::from(m.variance(sensor, &p)) - (s - 1e-3)).abs() < 1e-7);
         let cross = m.cross(sensor, &p);
-        p.update_by(m, &cross, &mut state, learn);
+        p.update_by(m, &cross, &mut state, share);
         for i in 0..STATES {
-            let moves = learn || i < THIRD;
-            x[i] += if moves { b[i] / s * f64::from(m.innovation) } else { 0.0 };
+            // The share of the best gain; a partial update leaves (1 − share)² of what it could explain.
+            let of = |state: usize| if state < THIRD { 1.0 } else { f64::from(share) };
+            x[i] += of(i) * b[i] / s * f64::from(m.innovation);
             for j in 0..STATES {
-                full[i][j] -= if moves || j < THIRD { b[i] * b[j] / s } else { 0.0 };
+                full[i][j] -= (1.0 - (1.0 - of(i)) * (1.0 - of(j))) * b[i] * b[j] / s;
             }
         }
     }

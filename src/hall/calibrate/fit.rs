@@ -5,6 +5,7 @@
 //! along the tangent is projected out (variable projection), so the normal equations stay 14 × 14 however many bins
 //! there are.
 
+use super::{Bin, Bins};
 use crate::angle::ElectricalAngle;
 use crate::hall::Channel;
 use crate::hall::model::Sensor;
@@ -54,17 +55,17 @@ const NO_SIGNAL: f32 = 4.0;
 /// [`NoFit`], by a sensor without a signal or an iteration that does not settle.
 // A stack frame of its own, given back before the report.
 #[inline(never)]
-pub fn fit(points: &[[Point; BINS]; 2], angles: &mut [[ElectricalAngle; BINS]; 2]) -> Result<Fit, NoFit> {
-    let start = start(&points[0])?;
+pub(super) fn fit(bins: &Bins, angles: &mut [[ElectricalAngle; BINS]; 2]) -> Result<Fit, NoFit> {
+    let start = start(bins)?;
     // The Hall angle is zero where the first sensor's fundamental rises through its offset.
     let zero = start[0].placement;
     let mut sensors = start.map(|sensor| Sensor { placement: sensor.placement - zero, ..sensor });
-    for (angle, point) in angles.iter_mut().flatten().zip(points.iter().flatten()) {
+    for (angle, point) in angles.iter_mut().flatten().zip(points(bins)) {
         *angle = point.field - zero;
     }
     for _ in 0..ITERATIONS {
         let mut equations = Equations::default();
-        for (point, angle) in points.iter().flatten().zip(angles.iter_mut().flatten()) {
+        for (point, angle) in points(bins).zip(angles.iter_mut().flatten()) {
             *angle = nearest(&sensors, &point.codes, *angle);
             equations.add(&sensors, &point.codes, *angle);
         }
@@ -72,7 +73,7 @@ pub fn fit(points: &[[Point; BINS]; 2], angles: &mut [[ElectricalAngle; BINS]; 2
         apply(&mut sensors, &equations.vector);
     }
     let mut square = 0.0;
-    for (point, angle) in points.iter().flatten().zip(angles.iter_mut().flatten()) {
+    for (point, angle) in points(bins).zip(angles.iter_mut().flatten()) {
         *angle = nearest(&sensors, &point.codes, *angle);
         square += residuals(&sensors, &point.codes, *angle).iter().map(|e| e * e).sum::<f32>();
     }
@@ -83,12 +84,25 @@ pub fn fit(points: &[[Point; BINS]; 2], angles: &mut [[ElectricalAngle; BINS]; 2
     Ok(Fit { sensors: sensors.map(unaveraged), residual })
 }
 
-/// First harmonic over the field's angle.
-fn start(points: &[Point; BINS]) -> Result<[Sensor; 3], NoFit> {
+/// All of both sweeps. Made anew each time, which takes less time than a small stack has room.
+fn points(bins: &Bins) -> impl Iterator<Item = Point> {
+    bins.iter().flat_map(sweep)
+}
+
+/// Those of a sweep.
+pub(super) fn sweep(bins: &[Bin; BINS]) -> impl Iterator<Item = Point> {
+    bins.iter().enumerate().map(|(k, bin)| Point {
+        codes: bin.sums.map(|sum| sum as f32 / bin.count as f32),
+        field: ElectricalAngle::from_bits(((2 * k + 1) << (31 - BINS.ilog2())) as u32 as i32),
+    })
+}
+
+/// First harmonic over the field's angle, of the first sweep.
+fn start(bins: &Bins) -> Result<[Sensor; 3], NoFit> {
     let mut sensors = [Sensor::sinusoidal(0.0, 0.0, ElectricalAngle::ZERO); 3];
     for (channel, sensor) in sensors.iter_mut().enumerate() {
         let (mut mean, mut sine, mut cosine) = (0.0, 0.0, 0.0);
-        for point in points {
+        for point in sweep(&bins[0]) {
             let (code, (sin, cos)) = (point.codes[channel], sin_cos_f32(point.field));
             mean += code / BINS as f32;
             sine += code * sin * 2.0 / BINS as f32;

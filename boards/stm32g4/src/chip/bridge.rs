@@ -23,9 +23,14 @@ pub struct Bridge {
 }
 
 impl Bridge {
+    /// The bridge that [`Self::hold`] has set up.
+    pub const fn new(wiring: &Wiring) -> Self {
+        Self { gates: wiring.gates, period: wiring.period(), legs: Legs::ALL, enable: OutputEnable::new() }
+    }
+
     /// Sets everything up, off: all pins at the levels at which the transistors do not conduct, and the break armed. To
-    /// be called before anything else: it needs no clock but the one out of reset.
-    pub fn new(wiring: &Wiring, pins: &[Pin]) -> Self {
+    /// be called before anything else: it needs no clock but the one out of reset, and no memory.
+    pub fn hold(wiring: &Wiring, pins: &[Pin]) {
         RCC.apb2enr().modify(|enable| {
             enable.set_tim1en(true);
             enable.set_syscfgen(true);
@@ -55,7 +60,6 @@ impl Bridge {
             port.ospeedr().modify(|speed| speed.set_ospeedr(pin, Ospeedr::HIGH_SPEED));
             port.moder().modify(|mode| mode.set_moder(pin, Moder::ALTERNATE));
         }
-        Self { gates: wiring.gates, period: wiring.period(), legs: Legs::ALL, enable: OutputEnable::new() }
     }
 
     /// A locked-up core, a parity error of the SRAM and a double error of the flash are breaks as well, without code.
@@ -85,15 +89,32 @@ impl Bridge {
     /// together.
     #[inline(always)]
     pub(crate) fn apply(&mut self, output: &Output) {
+        // As a rule: on, and nothing changes but the compare values. These legs are never none.
+        if self.enable.is_on() && output.legs == self.legs {
+            self.compare(output);
+        } else {
+            self.change(output);
+        }
+    }
+
+    #[inline(always)]
+    fn compare(&self, output: &Output) {
+        for channel in 0..3 {
+            // A compare value beyond the period, which there is none of, would keep the lower transistor on.
+            let count = u32::from(self.period).wrapping_sub(output.compare[channel].into());
+            TIM1.ccr(channel).write_value(regs::Ccr1ch(count));
+        }
+    }
+
+    /// Anything else than to go on.
+    #[inline(never)]
+    fn change(&mut self, output: &Output) {
         let enable = self.enable.step(output);
         if enable == Enable::Off {
             off();
             return;
         }
-        for channel in 0..3 {
-            let count = self.period.saturating_sub(output.compare[channel]);
-            TIM1.ccr(channel).write_value(regs::Ccr1ch(count.into()));
-        }
+        self.compare(output);
         if output.legs != self.legs {
             self.legs = output.legs;
             let legs = timer::legs(self.gates, output.legs.bits());

@@ -8,6 +8,8 @@ use embassy_stm32::pac::rcc::vals::{Hpre, Pllm, Plln, Pllr, Pllsrc, Sw};
 use embassy_stm32::pac::{FLASH, PWR, RCC, TIM3};
 use embassy_stm32::rcc::Pll;
 
+/// FLASH_ACR.PRFTEN: the next line is read while this one is executed.
+const PREFETCH: u32 = 1 << 8;
 /// Ticks of embassy-time a second.
 const TICK_HZ: u32 = embassy_time::TICK_HZ as u32;
 
@@ -34,7 +36,7 @@ pub(crate) fn start() -> Peripherals {
     let peripherals = embassy_stm32::init(config);
     PWR.cr5().modify(|cr5| cr5.0 &= !R1MODE);
     let states = const { wait_states(HCLK_HZ, true).unwrap() };
-    FLASH.acr().modify(|acr| acr.0 = acr.0 & !0xF | states);
+    FLASH.acr().modify(|acr| acr.0 = acr.0 & !0xF | states | PREFETCH);
     while FLASH.acr().read().0 & 0xF != states {}
     // A microsecond at least.
     asm::delay(HCLK_HZ / 1_000_000);

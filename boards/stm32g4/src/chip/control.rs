@@ -2,7 +2,7 @@
 
 use crate::Adc;
 use crate::chip::bridge::Bridge;
-use crate::chip::{Board, STOP, converters, enable, watchdog};
+use crate::chip::{Board, STOP, converters, enable, latest, watchdog};
 use crate::wiring::EnableInput;
 use core::cell::UnsafeCell;
 use core::num::NonZeroU32;
@@ -11,7 +11,6 @@ use embassy_stm32::pac::Interrupt;
 use hallservo::board::Interlock;
 use hallservo::board::timing::PeriodCounter;
 use hallservo::drive::Drive;
-use hallservo_app::Housekeeping;
 
 /// What the control interrupt of a board owns: a static of the board, filled by [`run`](crate::run).
 pub struct Control<B>(UnsafeCell<Option<Owned<B>>>);
@@ -24,7 +23,6 @@ struct Owned<B> {
     drive: &'static mut Drive,
     bridge: Bridge,
     periods: PeriodCounter,
-    housekeeping: &'static Housekeeping,
 }
 
 impl<B: Board> Control<B> {
@@ -34,15 +32,9 @@ impl<B: Board> Control<B> {
     }
 
     /// Hands everything to the interrupt, and starts it.
-    pub(crate) fn start(
-        &'static self,
-        board: B,
-        drive: &'static mut Drive,
-        bridge: Bridge,
-        housekeeping: &'static Housekeeping,
-    ) {
+    pub(crate) fn start(&'static self, board: B, drive: &'static mut Drive, bridge: Bridge) {
         let period = NonZeroU32::MIN.saturating_add(2 * u32::from(B::BRIDGE.period()) - 1);
-        let owned = Owned { board, drive, bridge, periods: PeriodCounter::new(period), housekeeping };
+        let owned = Owned { board, drive, bridge, periods: PeriodCounter::new(period) };
         // SAFETY: the interrupt is not enabled, so nothing else looks at it.
         let owned = unsafe { (*self.0.get()).insert(owned) };
         watchdog::start_window();
@@ -60,18 +52,18 @@ impl<B: Board> Control<B> {
     pub unsafe fn interrupt(&self) {
         watchdog::refresh();
         converters::acknowledge(&B::CONVERTERS[0].adc);
-        // SAFETY: the interrupt owns it and does not interrupt itself.
-        let Some(owned) = (unsafe { &mut *self.0.get() }) else { return };
+        // SAFETY: the interrupt owns both and does not interrupt itself. It was enabled once there was an owner.
+        let (owned, (sample, cycle)) = unsafe { ((*self.0.get()).as_mut().unwrap_unchecked(), latest::place()) };
         owned.bridge.commutate();
-        let mut sample = owned.board.sample();
-        sample.lost = owned.periods.lost(DWT::cycle_count());
+        owned.board.sample(sample);
+        *cycle = DWT::cycle_count();
+        sample.lost = owned.periods.lost(*cycle);
         if owned.bridge.has_tripped() {
-            Adc::show_tripped(&mut sample);
+            Adc::show_tripped(sample);
         }
-        owned.housekeeping.update(&sample);
         let output = match interlock(const { B::BRIDGE.enable }) {
-            None => owned.drive.step(&sample),
-            Some(interlock) => owned.drive.step_off(&sample, interlock),
+            None => owned.drive.step(sample),
+            Some(interlock) => owned.drive.step_off(sample, interlock),
         };
         owned.bridge.apply(&output);
     }

@@ -2,11 +2,13 @@
 
 use crate::registers::adc::{self, Sequence};
 use crate::registers::clock::HCLK_HZ;
+use core::hint::assert_unchecked;
 use cortex_m::asm;
 use embassy_stm32::pac::RCC;
 use embassy_stm32::pac::adc::{Adc, regs};
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::adccommon::regs::Ccr;
+use hallservo::board::TemperatureCode;
 
 /// An ADC and what it converts in every period.
 pub struct Converter {
@@ -19,6 +21,7 @@ pub struct Converter {
 /// Calibrates the ADCs and lets them wait for the first trigger. The end of the first one's sequence is the control
 /// interrupt: it must be the last to end. `groups` are what they share: of ADC1 and ADC2, and of the others if there
 /// are any.
+#[inline(never)]
 pub(crate) fn start(groups: &[AdcCommon], converters: &[Converter]) {
     RCC.ahb2enr().modify(|enable| {
         enable.set_adc12en(true);
@@ -67,5 +70,34 @@ pub(crate) fn acknowledge(first: &Adc) {
 /// Result of a rank, from 0 to 3.
 #[inline(always)]
 pub fn result<const RANK: usize>(adc: Adc) -> u16 {
-    adc.jdr(RANK).read().jdata()
+    let word = adc.jdr(RANK).read().0;
+    // SAFETY: JDATA is the lower half, and the upper half is reserved and reads as zero (RM0440, ADC_JDRy). Of its 16
+    // bits a converter of 12 fills as many, with no offset and no oversampling set.
+    unsafe { assert_unchecked(word <= u32::from(crate::Adc::FULL_SCALE)) };
+    word as u16
+}
+
+/// [`Adc::low_side_current`](crate::Adc::low_side_current) in two instructions.
+#[inline(always)]
+pub fn low_side_current(code: u16, zero: u16) -> u16 {
+    limited(i32::from(crate::Adc::MIDDLE) + i32::from(zero) - i32::from(code))
+}
+
+/// [`Adc::ntc_to_reference`](crate::Adc::ntc_to_reference).
+#[inline(always)]
+pub fn ntc_to_reference(code: u16) -> TemperatureCode {
+    TemperatureCode::from_bits(crate::Adc::FULL_SCALE.wrapping_sub(code))
+}
+
+/// Within 12 bits. The compiler knows no such instruction.
+#[inline(always)]
+fn limited(code: i32) -> u16 {
+    let limited: u32;
+    // SAFETY: computes.
+    unsafe {
+        core::arch::asm!("usat {}, #12, {}", out(reg) limited, in(reg) code, options(pure, nomem, nostack));
+        // SAFETY: that is what it does.
+        assert_unchecked(limited <= u32::from(crate::Adc::FULL_SCALE));
+    }
+    limited as u16
 }

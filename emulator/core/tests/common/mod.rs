@@ -15,7 +15,7 @@ const CLOCK_HZ: f64 = 170e6;
 const INTEGRATION: Integration = Integration {
     code: 0,
     code_aliases: &[],
-    cache: Cache { line_bytes: 32, instruction_lines: 32, data_lines: 8 },
+    cache: Cache { line_bytes: 32, word_bytes: 8, instruction_lines: 32, data_lines: 8 },
     ram: 0x2000_0000,
     ram_bytes: 32 << 10,
     ram_aliases: &[],

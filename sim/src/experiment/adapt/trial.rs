@@ -4,7 +4,7 @@ use anyhow::Result;
 use hallservo::angle::ElectricalAngle;
 use hallservo::hall::adapt::{Adapter, Observation, Settings, Status};
 use hallservo::hall::model::{Model, Sensor};
-use plant::{Bench, BenchParameters, Bound, HallParameters, PlantParameters, Prior};
+use plant::{Bench, BenchParameters, Bound, HallParameters, Magnets, PlantParameters, Prior};
 use std::f64::consts::{PI, TAU};
 
 /// Time between samples, s.
@@ -150,8 +150,24 @@ impl Trial {
         model: &Model,
         settings: &Settings,
     ) -> Result<Self> {
+        Self::at(seed, halls, Magnets::EVEN, motion, model, settings)
+    }
+
+    /// The same at uneven magnets.
+    ///
+    /// # Errors
+    /// Parameters that plant or filter refuse.
+    pub fn at(
+        seed: u64,
+        halls: [HallParameters; 3],
+        magnets: Magnets,
+        motion: Motion,
+        model: &Model,
+        settings: &Settings,
+    ) -> Result<Self> {
         let parameters = BenchParameters {
             halls,
+            magnets,
             adc: PlantParameters::imperfect(seed).adc,
             period_s: PERIOD_S,
             pole_pairs: POLE_PAIRS as u8,

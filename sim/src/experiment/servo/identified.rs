@@ -63,7 +63,8 @@ impl Identification {
         let motor = &plant.motor;
         let flux = motor.back_emf.flux_linkage_vs;
         let resistance = motor.resistance_ohm + plant.inverter.switch_ohm;
-        let compared = |Estimate { value, error }, exact| Compared { measured: value, expected_error: error, exact };
+        let compared =
+            |Estimate { value, error }, exact| Compared { measured: value.into(), expected_error: error.into(), exact };
         Self {
             resistance_ohm: compared(report.resistance_ohm, resistance),
             inductance_h: compared(report.inductance_h, motor.inductance_h),

@@ -1,0 +1,163 @@
+//! A map is learnt from a rotor that turns freely.
+//!
+//! A constant torque balances friction. Then the rotor's speed changes slowly, whatever the Halls show: cogging moves
+//! it by its torque over inertia and the square of its frequency, which at some ten turns a second is nothing. A
+//! [`Reference`] with a bandwidth far below the turn's frequency is where the rotor is; what the Halls' angle is ahead
+//! of it, over the turn, is the map. It is taken off before the reference sees the angle, so that in the end nothing
+//! of it is left there.
+
+use super::{COARSER, Layout, MOST_BITS, Map, POINTS};
+use crate::angle::{PolePairs, Position, TURN};
+
+/// Bandwidth of the reference, in radians of it in a radian of the mechanical turn.
+const BANDWIDTH: f32 = 1.0 / 6.0;
+/// Mechanical turns in which it settles.
+const SETTLING_TURNS: f32 = 2.0;
+/// Fastest that the reference may be, rad a record.
+const FASTEST: f32 = 0.1;
+/// What a sample counts for the points beside it until half of the samples are there; later, ever less.
+const FIRST_SHARE: f32 = 0.25;
+
+/// Where a rotor is whose speed changes slowly: three integrators, all poles at one real frequency.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Reference {
+    position: Position,
+    /// Where it began.
+    begun: Position,
+    /// Electrical turns a step.
+    speed: f32,
+    /// Electrical turns a step².
+    acceleration: f32,
+    sequence: u32,
+}
+
+impl Reference {
+    /// At a position, with a speed in 2⁻³² electrical turns a step.
+    pub fn at(position: Position, speed: i32, sequence: u32) -> Self {
+        Self { position, begun: position, speed: speed as f32 / TURN, acceleration: 0.0, sequence }
+    }
+
+    /// Goes on to a step; how many steps that is.
+    pub fn advance(&mut self, sequence: u32) -> f32 {
+        let steps = sequence.wrapping_sub(self.sequence) as f32;
+        self.sequence = sequence;
+        let turned = steps * (self.speed + 0.5 * steps * self.acceleration);
+        self.position = Position::from_bits(self.position.to_bits().wrapping_add((turned * TURN) as i64));
+        self.speed += steps * self.acceleration;
+        steps
+    }
+
+    /// Electrical turns since it began.
+    pub fn turned(&self) -> f32 {
+        turns(self.position, self.begun).abs()
+    }
+
+    pub const fn position(&self) -> Position {
+        self.position
+    }
+
+    /// How far a position is ahead, electrical turns.
+    pub fn behind(&self, position: Position) -> f32 {
+        turns(position, self.position)
+    }
+
+    /// Corrects by how far it is behind, after so many steps, with a bandwidth in radians of it in one of the electrical
+    /// turn.
+    pub fn correct(&mut self, behind: f32, steps: f32, bandwidth: f32) {
+        let turned = self.speed.abs() * steps * core::f32::consts::TAU;
+        let w = (bandwidth * turned).min(FASTEST);
+        let by = (3.0 * w * behind * TURN) as i64;
+        self.position = Position::from_bits(self.position.to_bits().wrapping_add(by));
+        self.speed += 3.0 * w * w * behind / steps;
+        self.acceleration += w * w * w * behind / (steps * steps);
+    }
+}
+
+/// How far one position is from another, electrical turns.
+pub(super) fn turns(position: Position, from: Position) -> f32 {
+    position.to_bits().wrapping_sub(from.to_bits()) as f32 / TURN
+}
+
+/// Learns a map from positions as the Halls show them: 2.1 KiB.
+#[derive(Clone, Debug)]
+pub struct Learner {
+    layout: Layout,
+    /// 2⁻³² electrical turns.
+    points: [f32; POINTS],
+    reference: Option<Reference>,
+    /// Samples so far, and from which on their mean is taken.
+    samples: u32,
+    averages_from: u32,
+}
+
+impl Learner {
+    /// Of so many samples, of both directions together.
+    pub fn new(pole_pairs: PolePairs, samples: u32) -> Self {
+        Self {
+            layout: Layout::new(pole_pairs),
+            points: [0.0; POINTS],
+            reference: None,
+            samples: 0,
+            averages_from: samples / 2,
+        }
+    }
+
+    /// Samples of both directions together with which the map's own noise is well below that of the tracked angle.
+    pub fn samples_for(pole_pairs: PolePairs) -> u32 {
+        64 * Layout::new(pole_pairs).points() as u32
+    }
+
+    /// The rotor does not turn freely until the next sample.
+    pub fn pause(&mut self) {
+        self.reference = None;
+    }
+
+    /// Takes a position as the Halls show it, at a speed in 2⁻³² electrical turns a step, in a step.
+    pub fn push(&mut self, measured: Position, speed: i32, sequence: u32) {
+        let Some(reference) = &mut self.reference else {
+            self.reference = Some(Reference::at(measured, speed, sequence));
+            return;
+        };
+        let steps = reference.advance(sequence);
+        if !(steps > 0.0) {
+            return;
+        }
+        let (index, next, share) = self.layout.place(reference.position());
+        let share = share as f32 * (1.0 / 65_536.0);
+        let known = self.points[index] + share * (self.points[next] - self.points[index]);
+        let behind = reference.behind(measured) - known;
+        reference.correct(behind, steps, BANDWIDTH / self.layout.pole_pairs as f32);
+        if reference.turned() < SETTLING_TURNS * self.layout.pole_pairs as f32 {
+            return;
+        }
+        self.samples += 1;
+        let mean_of = self.samples.saturating_sub(self.averages_from) as f32 / self.layout.points() as f32;
+        let by = behind / (1.0 / FIRST_SHARE + mean_of);
+        self.points[index] += by * (1.0 - share);
+        self.points[next] += by * share;
+    }
+
+    /// How many samples it has taken.
+    pub const fn samples(&self) -> u32 {
+        self.samples
+    }
+
+    /// The map. Its mean is none: that is the alignment's.
+    pub fn map(&self) -> Map {
+        let count = self.layout.points();
+        let at = |index: usize| self.points[index % count];
+        let mean = self.points[..count].iter().sum::<f32>() / count as f32;
+        let mut map = Map { layout: self.layout, ..Map::ZERO };
+        for (index, point) in map.points[..count].iter_mut().enumerate() {
+            // Without what only neighbours differ by; 0.7 % of the third harmonic, a fifth of the noise's power.
+            let around = |by: usize| at(index + by) + at(index + count - by);
+            let smooth = if self.layout.bits < MOST_BITS {
+                at(index)
+            } else {
+                (10.0 * at(index) + 4.0 * around(1) - around(2)) * (1.0 / 16.0)
+            };
+            *point = libm::roundf((smooth - mean) * TURN / (1 << COARSER) as f32) as i16;
+        }
+        map
+    }
+}

@@ -1,0 +1,85 @@
+//! The map that a drive works with: tasks write it, the control interrupt reads it, and nobody waits.
+
+use super::{Layout, Map, POINTS};
+use crate::angle::{ElectricalAngle, PolePairs, Position};
+use core::sync::atomic::{AtomicI16, AtomicI32, AtomicU32, Ordering};
+
+/// A map in full effect.
+pub const WHOLE: i32 = 256;
+
+/// A map shared by the interrupt and the tasks, 1 KiB; as a static.
+#[derive(Debug)]
+pub struct Live {
+    /// Share of the map that is taken off the angle, in 2⁻⁸; 0: off.
+    share: AtomicI32,
+    /// Electrical turns from the begin of the map at position zero.
+    first: AtomicI32,
+    pole_pairs: AtomicU32,
+    bits: AtomicU32,
+    points: [AtomicI16; POINTS],
+}
+
+impl Default for Live {
+    fn default() -> Self {
+        Self::new()
+    }
+}
+
+impl Live {
+    /// Off.
+    pub const fn new() -> Self {
+        let Layout { pole_pairs, bits, .. } = Layout::new(PolePairs::ONE);
+        Self {
+            share: AtomicI32::new(0),
+            first: AtomicI32::new(0),
+            pole_pairs: AtomicU32::new(pole_pairs as u32),
+            bits: AtomicU32::new(bits),
+            points: [const { AtomicI16::new(0) }; POINTS],
+        }
+    }
+
+    /// Takes over a map, without effect for now. The interrupt must have run since [`Self::end`], if it was in effect.
+    pub fn load(&self, map: &Map) {
+        self.end();
+        for (place, point) in self.points.iter().zip(map.points) {
+            place.store(point, Ordering::Relaxed);
+        }
+        self.pole_pairs.store(map.layout.pole_pairs as u32, Ordering::Relaxed);
+        self.bits.store(map.layout.bits, Ordering::Relaxed);
+    }
+
+    /// Puts a share of the map into effect, in 1/[`WHOLE`], for a rotor that was so many electrical turns from the
+    /// map's begin at position zero. To be raised over a tenth of a second, for the tracked angle moves by it.
+    pub fn use_from(&self, electrical_turns: i32, share: i32) {
+        self.first.store(electrical_turns, Ordering::Relaxed);
+        self.share.store(share.clamp(0, WHOLE), Ordering::Release);
+    }
+
+    /// Ends its effect: it is switched off, or the drive does not know the pole any more.
+    pub fn end(&self) {
+        self.share.store(0, Ordering::Release);
+    }
+
+    /// Whether it is in effect.
+    pub fn is_used(&self) -> bool {
+        self.share.load(Ordering::Acquire) != 0
+    }
+
+    /// What is to be taken off the Halls' angle at a position.
+    #[inline(always)]
+    pub(crate) fn correction(&self, position: Position) -> ElectricalAngle {
+        let share = self.share.load(Ordering::Acquire);
+        if share == 0 {
+            return ElectricalAngle::ZERO;
+        }
+        let layout = Layout {
+            pole_pairs: self.pole_pairs.load(Ordering::Relaxed) as i32,
+            bits: self.bits.load(Ordering::Relaxed),
+            first: self.first.load(Ordering::Relaxed),
+        };
+        let (index, next, between) = layout.place(position);
+        let [start, end] = [index, next].map(|point| i32::from(self.points[point].load(Ordering::Relaxed)));
+        // In 2⁻²⁴ turns, times the share in 2⁻⁸.
+        ElectricalAngle::from_bits(((start << 6) + (((end - start) * (between >> 2)) >> 8)) * share)
+    }
+}

@@ -1,0 +1,56 @@
+//! Healthy Halls at uneven magnets are never declared lost, and a lost one is named all the same.
+
+use hallservo::hall::Channel;
+use plant::{HallFault, Rail};
+use rayon::prelude::*;
+use sim::experiment::adapt::rotors::{self, Outcome};
+use sim::experiment::adapt::trial::Motion;
+use sim::experiment::magnets::kinds;
+
+const MOTIONS: [Motion; 5] = [
+    Motion::Constant(10.0),
+    Motion::Constant(-32.0),
+    Motion::Constant(1.5),
+    Motion::Reversals(10.0),
+    Motion::Ramp(60.0),
+];
+const ROTORS: u64 = 8;
+const SECONDS: f64 = 12.0;
+
+fn rms_deg(outcomes: &[Outcome]) -> f64 {
+    (outcomes.iter().map(|outcome| outcome.error_deg_rms.powi(2)).sum::<f64>() / outcomes.len() as f64).sqrt()
+}
+
+#[test]
+fn healthy_halls_are_never_declared_lost_and_learning_does_no_harm() {
+    for kind in kinds() {
+        for motion in MOTIONS {
+            let [learning, following] = [true, false].map(|learns| {
+                let run = |seed| rotors::run(rotors::trial(seed, &kind.unevenness, motion, learns).unwrap(), SECONDS);
+                (0..ROTORS).into_par_iter().map(run).collect::<Vec<_>>()
+            });
+            let [learnt_deg, followed_deg] = [&learning, &following].map(|outcomes| rms_deg(outcomes));
+            println!("{} {motion:?}: {learnt_deg:.2}°, without learning {followed_deg:.2}°", kind.name);
+            for outcome in learning.iter().chain(&following) {
+                assert_eq!(outcome.fault, None, "{} {motion:?}", kind.name);
+            }
+            assert!(learnt_deg < 1.4 * followed_deg, "{} {motion:?}", kind.name);
+        }
+    }
+}
+
+#[test]
+fn a_lost_hall_is_named_within_a_turn() {
+    let stuck = |amplitudes: f64| HallFault::StuckAt(1.65 + amplitudes * 250.0 * 3.3 / 4096.0);
+    let faults = [stuck(0.0), stuck(0.7), stuck(-1.0), HallFault::Open(Rail::Low), HallFault::Open(Rail::High)];
+    let cases = |rotors: u64| (0..rotors).flat_map(|seed| faults.iter().enumerate().map(move |(k, f)| (seed, k, *f)));
+    for kind in kinds() {
+        cases(12).collect::<Vec<_>>().into_par_iter().for_each(|(seed, k, fault)| {
+            let sensor = (seed as usize + k) % 3;
+            let trial = rotors::trial(seed, &kind.unevenness, Motion::Constant(10.0), true).unwrap();
+            let (turns, found) = rotors::lose(trial, 30.0 + 0.13 * seed as f64, sensor, fault).expect("it is found");
+            assert_eq!(found.lost(), Some(Channel(sensor as u8)), "{} {seed}: {fault:?}", kind.name);
+            assert!((0.0..1.0).contains(&turns), "{} {seed}: {fault:?} {turns}", kind.name);
+        });
+    }
+}

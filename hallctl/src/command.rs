@@ -14,6 +14,8 @@ mod session;
 mod settings;
 mod status;
 mod telemetry;
+mod trigger;
+mod tune;
 mod watch;
 
 use crate::client::Client;
@@ -149,6 +151,8 @@ enum Command {
     Step(response::StepOptions),
     /// How it follows sines of speed or position: gain, phase, bandwidth, phase margin
     Sine(response::SineOptions),
+    /// Try bandwidths of the speed control, and propose one
+    Tune(tune::Options),
     /// What went wrong since power-up, and what to do
     Faults,
     /// Be a drive with a simulated motor
@@ -302,6 +306,7 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
         Command::Watch => watch::watch(client, out),
         Command::Step(options) => response::step(client, options, out),
         Command::Sine(options) => response::sine(client, options, out),
+        Command::Tune(options) => tune::tune(client, options, out),
         Command::Faults => faults::show(client, out),
         // These need no drive.
         Command::Simulate(_)

@@ -3,7 +3,7 @@
 //! Takes frames and returns frames; reads and writes nothing itself. Each request gets a number of its own towards the
 //! drive, and the answer the number that the tool gave it. The drive sends its telemetry as often as the most eager
 //! tool wants it; the others get a share. When the tool that controls the drive vanishes without having released it,
-//! the bridge is switched off at once.
+//! the motor is braked, if it follows a command, and the bridge is switched off.
 
 use hallservo_protocol::{Answer, Ask, Decoder, Error, FRAME, Refusal, Reply, Request, Telemetry, encode};
 use serde::Serialize;
@@ -28,6 +28,8 @@ pub enum To {
     Answered(Tool, Vec<u8>),
     /// A tool, unasked.
     Told(Tool, Vec<u8>),
+    /// [`Hub::braked`] is to be called when the motor has had time to come to rest.
+    Later,
 }
 
 /// Cuts a stream of bytes into frames, zeros included, and leaves what is no frame in pieces.
@@ -89,13 +91,24 @@ enum Meaning {
     /// Nothing.
     Other,
     /// The tool controls, attended or not.
-    Controls { attended: bool },
+    Controls(Control),
     /// This tool no more.
     Releases,
     /// Nobody does.
     Disarms,
     /// From now on telemetry comes under this number, so often, and a tool gets its share of it.
     Telemetry { hz: f32, share: Option<Share> },
+}
+
+/// How a tool controls.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+struct Control {
+    /// Who it is to the drive.
+    client: u32,
+    /// Whether what it began ends with it.
+    attended: bool,
+    /// Whether the motor follows a command, by which it can be braked.
+    follows: bool,
 }
 
 /// What a tool wants of the telemetry.
@@ -130,8 +143,10 @@ pub struct Hub {
     tools: BTreeMap<Tool, Wish>,
     pending: VecDeque<Pending>,
     stream: Option<Stream>,
-    /// Who controls, and whether what it began ends with it.
-    controller: Option<(Tool, bool)>,
+    /// Who controls, and how.
+    controller: Option<(Tool, Control)>,
+    /// Whether the motor is being braked, as its tool has gone.
+    brakes: bool,
     frames: Frames,
     /// What came last and could not be understood: a tool that comes later is to know.
     strange: Option<Vec<u8>>,
@@ -159,18 +174,29 @@ impl Hub {
     pub fn detach(&mut self, tool: Tool) -> Vec<To> {
         let mut out = Vec::new();
         let had = self.tools.remove(&tool).unwrap_or_default();
-        let begins = |one: &Pending| one.is_from(tool) && one.meaning == Meaning::Controls { attended: true };
+        let begins = |one: &Pending| one.is_from(tool) && matches!(one.meaning, Meaning::Controls(how) if how.attended);
         let begun = self.controller.is_none() && self.pending.iter().any(begins);
         self.pending.retain(|one| !one.is_from(tool));
-        if self.controller == Some((tool, true)) || begun {
-            out.push(self.own(Ask::Disarm, Meaning::Disarms));
+        match self.controller.filter(|(controller, how)| *controller == tool && how.attended) {
+            Some((_, Control { client, follows: true, .. })) => {
+                self.brakes = true;
+                out.extend([self.own(client, Ask::Speed(0.0), Meaning::Other), To::Later]);
+            }
+            Some(_) => out.push(self.own(NUMBER, Ask::Disarm, Meaning::Disarms)),
+            None if begun => out.push(self.own(NUMBER, Ask::Disarm, Meaning::Disarms)),
+            None => {}
         }
         self.controller = self.controller.filter(|(controller, _)| *controller != tool);
         if had.hz > 0.0 {
             let hz = self.fastest();
-            out.push(self.own(Ask::Telemetry(hz), Meaning::Telemetry { hz, share: None }));
+            out.push(self.own(NUMBER, Ask::Telemetry(hz), Meaning::Telemetry { hz, share: None }));
         }
         out
+    }
+
+    /// The motor of a tool that is gone has had its time to come to rest: off, unless someone has done it.
+    pub fn braked(&mut self) -> Option<To> {
+        self.brakes.then(|| self.own(NUMBER, Ask::Disarm, Meaning::Disarms))
     }
 
     /// A frame of a tool.
@@ -199,7 +225,11 @@ impl Hub {
             }
             Ask::Disarm => Meaning::Disarms,
             Ask::Release => Meaning::Releases,
-            ask if ask.controls() => Meaning::Controls { attended: !request.unattended },
+            ask if ask.controls() => Meaning::Controls(Control {
+                client: request.client,
+                attended: !request.unattended,
+                follows: matches!(ask, Ask::Speed(_) | Ask::Position(_) | Ask::Torque(_)),
+            }),
             _ => Meaning::Other,
         };
         self.wait(Pending { id, from: Some((tool, request.id)), meaning });
@@ -207,10 +237,10 @@ impl Hub {
     }
 
     /// A request of the hub itself.
-    fn own(&mut self, ask: Ask<'_>, meaning: Meaning) -> To {
+    fn own(&mut self, client: u32, ask: Ask<'_>, meaning: Meaning) -> To {
         let id = self.next_id();
         self.wait(Pending { id, from: None, meaning });
-        To::Drive(framed(&Request { id, client: NUMBER, unattended: false, ask }))
+        To::Drive(framed(&Request { id, client, unattended: false, ask }))
     }
 
     fn next_id(&mut self) -> u16 {
@@ -270,17 +300,19 @@ impl Hub {
                 wish.share = share;
             }
         }
+        if meaning == Meaning::Disarms {
+            (self.controller, self.brakes) = (None, false);
+        }
         let (tool, id) = from?;
         match meaning {
-            Meaning::Controls { attended } if !matches!(answer, Answer::Refused(Refusal::Controlled)) => {
-                self.controller = Some((tool, attended));
+            Meaning::Controls(how) if !matches!(answer, Answer::Refused(Refusal::Controlled)) => {
+                self.controller = Some((tool, how));
             }
             Meaning::Releases => {
                 self.controller = self.controller.filter(|(controller, _)| *controller != tool);
                 // What was never answered is over, too.
                 self.pending.retain(|one| !one.is_from(tool));
             }
-            Meaning::Disarms => self.controller = None,
             _ => {}
         }
         Some(To::Answered(tool, framed(&Reply { id, answer: *answer })))

@@ -30,6 +30,8 @@ const LINGER: Duration = Duration::from_secs(2);
 const OUT: usize = 1024;
 /// Requests of a tool on their way at the same time, so that each has its turn.
 const IN_FLIGHT: u32 = 4;
+/// How long the motor of a tool that has gone is braked before the bridge is switched off.
+const BRAKING: Duration = Duration::from_millis(60);
 /// Longest wait for one of them to be answered: a line may lose a byte.
 const ANSWER: Duration = Duration::from_millis(200);
 /// Attempts to reach it: one may just be ending.
@@ -173,7 +175,7 @@ fn serve(listener: UnixListener, line: Line) {
             }
         }
     });
-    Switchboard { hub: Hub::new(), tools: BTreeMap::new(), writer, events }.run(&inbox);
+    Switchboard { hub: Hub::new(), tools: BTreeMap::new(), writer, events, braked: None }.run(&inbox);
 }
 
 /// A tool's end of the hub.
@@ -209,6 +211,8 @@ struct Switchboard {
     tools: BTreeMap<Tool, End>,
     writer: Box<dyn Write + Send>,
     events: Sender<Event>,
+    /// When a motor that is being braked is to be switched off.
+    braked: Option<Instant>,
 }
 
 impl Switchboard {
@@ -216,7 +220,8 @@ impl Switchboard {
     fn run(&mut self, inbox: &Receiver<Event>) {
         let mut used = Instant::now();
         while !self.hub.is_empty() || used.elapsed() < LINGER {
-            let out = match inbox.recv_timeout(LINGER) {
+            let wait = self.braked.map_or(LINGER, |at| at.saturating_duration_since(Instant::now()));
+            let out = match inbox.recv_timeout(wait) {
                 Ok(Event::Came(stream)) => self.came(stream).into_iter().collect(),
                 Ok(Event::Asked(tool, frame)) => vec![self.hub.ask(tool, frame)],
                 Ok(Event::Gone(tool)) => {
@@ -228,10 +233,9 @@ impl Switchboard {
                 Ok(Event::Lost) | Err(RecvTimeoutError::Disconnected) => return,
                 Err(RecvTimeoutError::Timeout) => Vec::new(),
             };
-            for to in out {
-                if !self.send(to) {
-                    return;
-                }
+            let over = self.braked.take_if(|at| *at <= Instant::now()).and_then(|_| self.hub.braked());
+            if !out.into_iter().chain(over).all(|to| self.send(to)) {
+                return;
             }
         }
     }
@@ -252,6 +256,7 @@ impl Switchboard {
     fn send(&mut self, to: To) -> bool {
         match to {
             To::Drive(frame) => return self.writer.write_all(&frame).and_then(|()| self.writer.flush()).is_ok(),
+            To::Later => self.braked = Some(Instant::now() + BRAKING),
             To::Answered(tool, frame) => {
                 if let Some(end) = self.tools.get(&tool) {
                     end.flow.answered();

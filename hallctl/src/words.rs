@@ -142,7 +142,7 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
     match refusal {
         Refusal::Drive(why) => drive_refusal(*why),
         Refusal::Demand(bad) => {
-            format!("{} is beyond ±{}, which the settings allow", bad.value as f32, short(bad.most as f32))
+            format!("{} is beyond ±{}, which the settings allow", bad.value, short(bad.most))
         }
         Refusal::Procedure(error) => procedure_error(error),
         Refusal::Setting(error) => setting_error(error),

@@ -16,6 +16,8 @@ struct Bench {
     drive: Simulator,
     hub: Hub,
     heard: BTreeMap<Tool, Vec<u8>>,
+    /// Milliseconds until a motor that is being braked is switched off.
+    later_ms: Option<u32>,
 }
 
 impl Bench {
@@ -23,7 +25,7 @@ impl Bench {
         let (_, flash) = calibrated();
         let mut drive = drive(Flash::of(flash));
         run(&mut drive, 10);
-        Self { drive, hub: Hub::new(), heard: BTreeMap::new() }
+        Self { drive, hub: Hub::new(), heard: BTreeMap::new(), later_ms: None }
     }
 
     fn attach(&mut self) -> Tool {
@@ -44,6 +46,7 @@ impl Bench {
         for to in out {
             match to {
                 To::Drive(frame) => self.drive.write(&frame),
+                To::Later => self.later_ms = Some(60),
                 To::Answered(tool, frame) | To::Told(tool, frame) => self.heard.entry(tool).or_default().extend(frame),
             }
         }
@@ -55,6 +58,11 @@ impl Bench {
             let bytes = self.drive.read();
             let out = self.hub.hear(&bytes);
             self.carry(out);
+            self.later_ms = self.later_ms.map(|left| left - 1);
+            if self.later_ms.take_if(|left| *left == 0).is_some() {
+                let off = self.hub.braked();
+                self.carry(off);
+            }
         }
     }
 
@@ -142,7 +150,7 @@ fn each_has_the_telemetry_that_it_wants_and_none_is_missing() {
 }
 
 #[test]
-fn the_bridge_is_off_three_milliseconds_after_the_tool_that_controls_has_vanished() {
+fn the_motor_rests_and_the_bridge_is_off_soon_after_the_tool_that_controls_has_vanished() {
     let mut bench = Bench::ready();
     let (watcher, turner) = (bench.attach(), bench.attach());
     bench.ask(turner, 1, Ask::Arm);
@@ -158,6 +166,37 @@ fn the_bridge_is_off_three_milliseconds_after_the_tool_that_controls_has_vanishe
     bench.pass(20);
     assert_eq!(bench.mode(), Mode::Running);
     bench.detach(turner);
+    bench.pass(63);
+    assert_eq!(bench.mode(), Mode::Ready);
+    let speed_rad_s = bench.drive.plant.truth().speed_rad_s;
+    assert!(speed_rad_s.abs() < 2.0, "{speed_rad_s}");
+}
+
+#[test]
+fn a_motor_that_is_braked_is_not_switched_off_under_the_next_tool() {
+    let mut bench = Bench::ready();
+    let (first, second) = (bench.attach(), bench.attach());
+    bench.ask(first, 1, Ask::Arm);
+    bench.pass(20);
+    bench.ask(first, 2, Ask::Speed(50.0));
+    bench.pass(20);
+    bench.detach(first);
+    bench.pass(30);
+    // Another one stops it, and begins anew.
+    bench.ask(second, 1, Ask::Disarm);
+    bench.pass(10);
+    bench.ask(second, 2, Ask::Arm);
+    bench.pass(100);
+    assert_eq!(bench.mode(), Mode::Running);
+}
+
+#[test]
+fn what_begins_anything_else_is_off_at_once() {
+    let mut bench = Bench::ready();
+    let tool = bench.attach();
+    bench.ask(tool, 1, Ask::Identify);
+    bench.pass(100);
+    bench.detach(tool);
     bench.pass(3);
     assert_eq!(bench.mode(), Mode::Ready);
 }

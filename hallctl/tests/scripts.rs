@@ -188,3 +188,38 @@ fn a_position_that_nobody_has_counted_is_called_lost() {
     drive.ok(&["arm"]);
     drive.ok(&["speed", "50", "--seconds", "0.2"]);
 }
+
+#[test]
+fn a_bandwidth_is_proposed_and_kept_only_if_asked_to() {
+    let drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    let before = drive.json(&["settings", "get", "speed_bandwidth_hz"])["value"].clone();
+    let tuned = drive.json(&["tune"]);
+    let trials = tuned["trials"].as_array().unwrap();
+    assert!(trials.len() >= 3 && tuned["kept"] == false, "{tuned}");
+    let proposed = tuned["proposed_hz"].as_f64().unwrap_or_else(|| panic!("{tuned}"));
+    assert!(trials.iter().any(|trial| trial["bandwidth_hz"].as_f64() == Some(proposed)), "{tuned}");
+    assert_eq!(drive.json(&["settings", "get", "speed_bandwidth_hz"])["value"], before);
+    let table = drive.ok(&["tune", "--keep"]);
+    assert!(table.contains("proposed") && table.contains("speed_bandwidth_hz is"), "{table}");
+    assert!(drive.ok(&["status"]).contains("bridge off"));
+}
+
+#[test]
+fn a_recording_waits_for_what_it_is_told_to() {
+    let drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    drive.ok(&["arm"]);
+    drive.ok(&["speed", "50", "--once"]);
+    // The command holds for a second.
+    let trigger = ["--json", "telemetry", "--trigger", "speed<40", "--before", "0.1", "--seconds", "0.1"];
+    let frames = drive.ok(&trigger);
+    let speeds: Vec<_> = frames
+        .lines()
+        .map(|line| serde_json::from_str::<Value>(line).unwrap()["speed_rad_s"].as_f64().unwrap())
+        .collect();
+    let fired = speeds.iter().position(|speed| *speed < 40.0).unwrap();
+    assert!((8..=12).contains(&fired), "{speeds:?}");
+    assert!((fired + 8..fired + 40).contains(&speeds.len()), "{speeds:?}");
+    assert!(drive.fails(2, &["telemetry", "--trigger", "speed"]).contains("speed>50"));
+}

@@ -113,5 +113,13 @@ pub fn table(rows: &[Vec<String>]) -> String {
 
 /// Prints rows as a table on the terminal; the first row is the head.
 pub fn print_table(rows: &[Vec<String>]) {
-    print!("{}", table(rows));
+    line(format_args!("{}", table(rows).trim_end()));
+}
+
+/// Prints a line. Where the output is full, nothing is left to be done: that is said, and the process ends.
+pub fn line(text: std::fmt::Arguments<'_>) {
+    if let Err(error) = std::io::Write::write_fmt(&mut std::io::stdout(), format_args!("{text}\n")) {
+        eprintln!("cannot write to the standard output: {error}");
+        std::process::exit(1);
+    }
 }

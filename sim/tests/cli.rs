@@ -43,6 +43,17 @@ fn without_arguments_it_calibrates_and_spins_a_motor() {
     assert!(!html.contains("NaN") && !html.contains("<script"));
 }
 
+#[cfg(target_os = "linux")]
+#[test]
+fn a_full_output_is_an_error_in_words() {
+    let full = fs::File::options().write(true).open("/dev/full").unwrap();
+    let output =
+        Command::new(env!("CARGO_BIN_EXE_hallservo")).current_dir(folder("full")).stdout(full).output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.starts_with("cannot write to the standard output"), "{said}");
+}
+
 #[test]
 fn spin_writes_its_figures() {
     let figures = json(&folder("spin"), &["spin", "--seed", "7"]);

@@ -5,6 +5,7 @@ use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
 use crate::out::Out;
 use crate::{say, words};
+use anyhow::Context;
 use clap::Args;
 use hallservo::mode::Mode;
 use hallservo::service::commission::{Action, Commission};
@@ -14,6 +15,7 @@ use hallservo::service::swings::Rough;
 use hallservo::settings::{Control, Settings, TABLE, find};
 use hallservo_protocol::{Answer, Ask, Procedure};
 use serde_json::json;
+use std::io::{IsTerminal, stdin};
 
 #[derive(Debug, Args)]
 pub(super) struct Options {
@@ -23,6 +25,9 @@ pub(super) struct Options {
     /// Pole pairs of the rotor, if they are known; otherwise `hallctl pole-pairs` counts them afterwards
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=64))]
     pole_pairs: Option<u8>,
+    /// Do not ask whether the motor may turn
+    #[arg(long, short)]
+    yes: bool,
 }
 
 /// Bandwidths from the outer to the inner loop, and values at which the settings have room for any motor.
@@ -35,8 +40,10 @@ pub(super) fn run(client: &mut Client, options: &Options, out: Out) -> Result<()
         settings.pole_pairs = pairs;
     }
     let mut commission = Commission::new(settings, options.max_current).map_err(|error| words_of(&error))?;
+    ask(options.yes)?;
     loop {
         write(client, commission.settings())?;
+        announce(commission.action(), commission.settings(), out)?;
         match commission.action() {
             Action::Measure => {
                 let found = standstill(client, commission.settings())?;
@@ -76,6 +83,35 @@ pub(super) fn run(client: &mut Client, options: &Options, out: Out) -> Result<()
     let waits = settings::save(client)?;
     say!(out, "{}", settings::saved(waits))?;
     summary(commission.settings(), options.pole_pairs.is_some(), out)
+}
+
+/// Asks a person at a terminal, once.
+fn ask(yes: bool) -> Result<()> {
+    if yes || !stdin().is_terminal() {
+        return Ok(());
+    }
+    eprint!("The motor will turn, in both directions and fast in the end. Is the shaft free, may it begin? [y/N] ");
+    let mut line = String::new();
+    stdin().read_line(&mut line).context("the terminal")?;
+    match line.trim() {
+        "y" | "Y" | "yes" => Ok(()),
+        _ => Err(Error::Refused("nothing was done".into())),
+    }
+}
+
+/// What a step is about to do to the motor.
+fn announce(action: Action, settings: &Settings, out: Out) -> Result<()> {
+    let most_a = settings.control.map_or(f32::NAN, |control| control.max_current_a);
+    match action {
+        Action::Measure => say!(out, "→ R and L: each phase carries up to {most_a} A; the rotor may jump to it once."),
+        Action::Calibrate => {
+            let (turns, hz) = (settings.calibration_turns, settings.calibration_hz);
+            say!(out, "→ The Halls: the field turns the rotor, {turns} electrical turns each way at {hz} Hz.")
+        }
+        Action::Swing => say!(out, "→ Flux linkage and inertia: the rotor swings to and fro, by up to {most_a} A."),
+        Action::Identify => say!(out, "→ The motor: it turns to and fro, faster than before."),
+        Action::Done => Ok(()),
+    }
 }
 
 fn summary(settings: &Settings, told: bool, out: Out) -> Result<()> {

@@ -76,7 +76,7 @@ pub(super) struct SineOptions {
 
 /// An axis in the drive's units.
 #[derive(Clone, Copy)]
-struct Wanted {
+pub(super) struct Wanted {
     from: f64,
     size: f64,
     position: bool,
@@ -96,6 +96,32 @@ impl Wanted {
         }
     }
 
+    /// Speeds, rad/s.
+    pub(super) const fn speed(from: f64, size: f64) -> Self {
+        Self { from, size, position: false }
+    }
+
+    /// Before and after a step.
+    pub(super) fn ends(&self) -> (f64, f64) {
+        (self.from, self.from + self.size)
+    }
+
+    /// Makes the step.
+    pub(super) fn step(&self, session: &mut Session<'_>, seconds: f64) -> Result<()> {
+        let (from, to) = self.ends();
+        let set = |session: &mut Session<'_>, value: f64, seconds| {
+            session.follow(seconds, |_| self.target(value), |moment| moment.position(self.position))
+        };
+        set(session, from, BEFORE_S)?;
+        set(session, to, seconds)
+    }
+
+    /// When the step was made: with the last frame before its answer.
+    pub(super) fn began_s(&self, trace: &[Trace]) -> f64 {
+        let to = self.target(self.ends().1).value();
+        trace.iter().take_while(|row| row.set != to).last().map_or(0.0, |row| row.time_s)
+    }
+
     fn target(&self, value: f64) -> Target {
         if self.position { Target::Position(value) } else { Target::Speed(value as f32) }
     }
@@ -110,18 +136,12 @@ const BEFORE_S: f64 = 0.3;
 
 pub(super) fn step(client: &mut Client, options: &StepOptions, out: Out) -> Result<()> {
     let limits = Limits::of(client)?;
-    let (wanted, trace, began_s) = Session::run(client, options.files.hz, |session| {
+    let (wanted, trace) = Session::run(client, options.files.hz, |session| {
         let wanted = Wanted::of(options.axis, session, out);
-        let set = |session: &mut Session<'_>, value: f64, seconds| {
-            session.follow(seconds, |_| wanted.target(value), |moment| moment.position(wanted.position))
-        };
-        set(session, wanted.from, BEFORE_S)?;
-        let began_s = session.now_s();
-        set(session, wanted.from + wanted.size, options.seconds)?;
-        Ok((wanted, began_s))
-    })
-    .map(|((wanted, began_s), trace)| (wanted, trace, began_s))?;
-    let to = wanted.from + wanted.size;
+        wanted.step(session, options.seconds).map(|()| wanted)
+    })?;
+    let began_s = wanted.began_s(&trace);
+    let (_, to) = wanted.ends();
     let model = limits.profile(&wanted);
     let since: Vec<Point> =
         trace.iter().filter(|row| row.time_s >= began_s).map(|row| (row.time_s - began_s, row.measured)).collect();

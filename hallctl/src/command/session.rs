@@ -19,6 +19,8 @@ pub(super) struct Trace {
     pub set: f64,
     /// What it did.
     pub measured: f64,
+    /// Along q; not a number where it is not measured.
+    pub current_a: f64,
 }
 
 /// What of a moment is looked at.
@@ -126,7 +128,7 @@ impl<'a> Session<'a> {
             self.steps += u64::from(steps);
             self.last = Some(frame);
             let (time_s, measured) = (self.now_s(), measured(&Moment(&frame)));
-            self.trace.push(Trace { time_s, set: self.set, measured });
+            self.trace.push(Trace { time_s, set: self.set, measured, current_a: frame.current_a[1].into() });
         }
     }
 }

@@ -1,5 +1,6 @@
 //! `hallctl telemetry`.
 
+use super::trigger::{Gate, Trigger};
 use crate::client::Client;
 use crate::error::{Error, Result};
 use crate::out::{self, Out, is_stream};
@@ -21,6 +22,12 @@ pub(super) struct Options {
     /// So often a second, up to 1000; a UART of 460 800 baud carries 650
     #[arg(long, default_value_t = 100.0)]
     hz: f32,
+    /// Wait for running, fault, or a value like speed>50, current<-2, bus>30; --seconds count from then on
+    #[arg(long, value_name = "CONDITION")]
+    trigger: Option<Trigger>,
+    /// Seconds before the trigger that are kept
+    #[arg(long, value_parser = super::seconds, default_value = "0.1", requires = "trigger")]
+    before: f64,
     /// Show the codes of the Halls instead of speed and currents
     #[arg(long)]
     halls: bool,
@@ -55,11 +62,11 @@ const COLUMNS: [&str; 19] = [
 ];
 
 /// A frame, with what only the host knows.
-struct Row {
-    time_s: f64,
+pub(super) struct Row {
+    pub(super) time_s: f64,
     /// Frames missing before it.
-    lost: u32,
-    frame: Telemetry,
+    pub(super) lost: u32,
+    pub(super) frame: Telemetry,
 }
 
 /// From frames to rows.
@@ -90,6 +97,7 @@ type Table = csv::Writer<Box<dyn Write>>;
 
 /// Where the rows go.
 struct Sinks {
+    gate: Gate,
     csv: Option<Table>,
     kept: Option<Vec<Row>>,
     out: Option<Out>,
@@ -106,6 +114,7 @@ impl Sinks {
         let csv = options.csv.as_ref().map(|path| table(path)).transpose()?;
         let quiet = csv.is_some() || options.plot.is_some();
         Ok(Self {
+            gate: Gate::new(options.trigger, options.before),
             csv,
             kept: options.plot.as_ref().map(|_| Vec::new()),
             out: (!quiet).then_some(out),
@@ -115,6 +124,10 @@ impl Sinks {
     }
 
     fn take(&mut self, row: Row) -> Result<()> {
+        self.gate.pass(row).into_iter().try_for_each(|row| self.keep(row))
+    }
+
+    fn keep(&mut self, row: Row) -> Result<()> {
         self.count += 1;
         if let Some(csv) = &mut self.csv {
             csv.write_record(record(&row)).context("the CSV file")?;
@@ -160,12 +173,16 @@ pub(super) fn watch(client: &mut Client, options: &Options, out: Out) -> Result<
 fn follow(client: &mut Client, options: &Options, rows: &mut Rows, sinks: &mut Sinks) -> Result<()> {
     client.order(Ask::Telemetry(options.hz))?;
     let began_ms = client.status()?.uptime_ms;
-    let end_ms = options.seconds.map(|seconds| began_ms + (1000.0 * seconds) as u64);
+    let end = |from_ms: u64| options.seconds.map(|seconds| from_ms + (1000.0 * seconds) as u64);
+    let mut end_ms = end(began_ms);
     let mut look = (Instant::now(), began_ms);
     loop {
         // The status, beside being the clock, shows the drive that somebody is there.
         let status = client.status()?;
         client.rest(&mut look, &status)?;
+        if sinks.gate.waits() {
+            end_ms = end(status.uptime_ms);
+        }
         let over = end_ms.is_some_and(|end| status.uptime_ms >= end);
         if over {
             // The frames before the answer are the last.

@@ -182,7 +182,7 @@ impl Commission {
         }
         if let Some(Rough { flux_linkage_wb, .. }) = self.rough {
             if !found.inertia_kgm2.is_doubtful() {
-                control.inertia_kgm2 *= flux_linkage_wb / found.flux_linkage_wb.value as f32;
+                control.inertia_kgm2 *= flux_linkage_wb / found.flux_linkage_wb.value;
             }
             control.flux_linkage_wb = flux_linkage_wb;
         }
@@ -232,6 +232,6 @@ impl Commission {
 }
 
 fn set_electrical(control: &mut Control, found: &Electrical) {
-    control.resistance_ohm = found.resistance_ohm.value as f32;
-    control.inductance_h = found.inductance_h.value as f32;
+    control.resistance_ohm = found.resistance_ohm.value;
+    control.inductance_h = found.inductance_h.value;
 }

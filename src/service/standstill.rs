@@ -260,7 +260,7 @@ impl Evaluation {
         if range(self.resistance) > UNEVEN * resistance {
             return self.fail(Error::Uneven);
         }
-        let estimate = |value: f32, error: f32| Estimate { value: value.into(), error: error.into() };
+        let estimate = |value: f32, error: f32| Estimate { value, error };
         let uneven_ohm = range(self.resistance) / 3.0;
         self.result = Some(Ok(Electrical {
             resistance_ohm: estimate(resistance, self.uncertain + uneven_ohm + 0.02 * resistance),

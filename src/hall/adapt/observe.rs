@@ -81,7 +81,7 @@ impl CalibratedSensor {
         *wave += 2.0 * share * rest * m.amplitude;
         let excess = rest * rest - variance;
         let unexplained = self.unexplained + angle * (1.0 / (TAU * TURNS_OF_MEAN)) * excess;
-        self.unexplained = unexplained.max(LEAST_UNEXPLAINED).min(MOST_UNEXPLAINED);
+        self.unexplained = unexplained.clamp(LEAST_UNEXPLAINED, MOST_UNEXPLAINED);
     }
 
     /// Learns it from an outlier that an uneven rotor may produce.

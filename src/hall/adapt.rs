@@ -13,8 +13,8 @@
 //! An update works in one scalar: the mean of three successive samples of one sensor, and the next two updates those of
 //! the others, so that every sample of every sensor is used once. That costs half of what three scalars a sample cost,
 //! and angle and speed are known a sample later. The work at a turn's end is spread over two updates. On a Cortex-M4F
-//! an update takes some 900 instructions; the most that were counted, over gaps, outliers, pushes and a lost sensor,
-//! are less than 1500. A sample with an outlier is looked at with all three sensors, which are then worked in as one
+//! an update takes some 1050 instructions; the most that were counted, over gaps, outliers, pushes and a lost sensor,
+//! are less than 1700. A sample with an outlier is looked at with all three sensors, which are then worked in as one
 //! measurement of the angle. Without a lost sensor, its turns are left out.
 //!
 //! The field of the windings turns with the current, and along q it is a shift of the whole turn, 1.15° electrical for

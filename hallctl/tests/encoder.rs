@@ -370,6 +370,10 @@ fn held(closes_loops: bool, load_nm: f64) -> (f64, f64) {
             }
         }
     }
+    let off = (drive.plant.truth().mechanical_angle_rad - CALIBRATED.1) / TAU - 0.3;
+    let off_deg = 360.0 * (off - off.round());
+    println!("held {off_deg:.4}° from where it should be");
+    assert!(drive.drive().mode() == Mode::Running && off_deg.abs() < 0.5, "{off_deg}");
     let rms = |values: &[f64]| {
         let mean = values.iter().sum::<f64>() / values.len() as f64;
         (values.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / values.len() as f64).sqrt()

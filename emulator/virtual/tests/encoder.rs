@@ -212,7 +212,13 @@ fn cut_while_saving(prepared: &Session, zero_rad: f64) {
 }
 
 #[test]
-fn from_calibration_to_a_thousand_power_ups() {
+fn halls_and_rings_are_calibrated_and_the_position_is_absolute() {
+    calibrated();
+}
+
+#[test]
+#[ignore = "minutes of a board's time, and not run to its end yet: by its name"]
+fn defects_power_cuts_and_power_ups() {
     let (prepared, zero_rad) = calibrated();
     in_motion(&prepared, zero_rad);
     cut_while_saving(&prepared, zero_rad);

@@ -103,10 +103,11 @@ impl fmt::Display for Refusal {
 
 impl core::error::Error for Refusal {}
 
-/// Length of the queue of records; it holds one less.
-const RECORDS: usize = 32;
+/// Length of the queue of records; it holds one less. Half as long where RAM is scarce: the tasks then have to come
+/// twice as often.
+const RECORDS: usize = if cfg!(feature = "small") { 32 } else { 64 };
 /// Length of the queue of measurements, of which one comes every 32 steps at most.
-const MEASUREMENTS: usize = 8;
+const MEASUREMENTS: usize = RECORDS / 4;
 
 /// The queues between the interrupt and the tasks.
 #[derive(Default)]

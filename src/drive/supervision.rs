@@ -130,8 +130,8 @@ impl Supervision {
         self.braking = self.braking.saturating_add(braking);
         self.braked += 1;
         self.slowest = if self.braked <= LAG { speed } else { self.slowest.min(speed) };
-        // Uneven magnets make the measured speed swing in proportion to itself, by a half at worst.
-        let faster = speed - self.slowest > motion.turning + self.slowest;
+        // An angle that is off once a turn makes the measured speed swing in proportion to itself.
+        let faster = speed - self.slowest > motion.turning + self.slowest / 8;
         (faster && self.braking > motion.impulse).then_some(Fault::Commutation)
     }
 

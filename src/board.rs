@@ -96,7 +96,8 @@ impl Default for TemperatureCode {
 /// ```
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-pub struct LostPeriods(u8);
+// 16 bits as the bus voltage beside it, so that one access reads both.
+pub struct LostPeriods(u16);
 
 impl LostPeriods {
     /// The board cannot tell: the drive takes every step for the next period, and a missed deadline is no fault.
@@ -105,7 +106,7 @@ impl LostPeriods {
     /// By the board's count, as of a [`PeriodCounter`](timing::PeriodCounter): so many, 255 also for more.
     #[inline(always)]
     pub const fn counted(periods: u8) -> Self {
-        Self(periods)
+        Self(periods as u16)
     }
 
     /// Whether there were any.
@@ -115,7 +116,7 @@ impl LostPeriods {
     }
 
     #[inline(always)]
-    pub(crate) const fn count(self) -> u8 {
+    pub(crate) const fn count(self) -> u16 {
         self.0
     }
 }

@@ -25,6 +25,8 @@ const PROOF: u32 = 4;
 const QUIET: i32 = 32;
 /// Checks for which the tracked speed may go on rising when the torque has turned.
 const LAG: u32 = 3;
+/// Multiple of the speed of a rotor that turns, from which on it is fast: 48 Hz electrical.
+const FAST: i32 = 16;
 /// Checks that find the rotor turning after a stop.
 const TURNING: u32 = 2;
 
@@ -130,8 +132,10 @@ impl Supervision {
         self.braking = self.braking.saturating_add(braking);
         self.braked += 1;
         self.slowest = if self.braked <= LAG { speed } else { self.slowest.min(speed) };
-        // An angle that is off once a turn makes the measured speed swing in proportion to itself.
-        let faster = speed - self.slowest > motion.turning + self.slowest / 8;
+        // An angle that is off once a turn, as at uneven magnets, makes the measured speed swing in proportion to itself.
+        // With a wrong commutation a rotor does not come to be fast without having been found out.
+        let swing = if self.slowest > FAST * motion.turning { self.slowest } else { self.slowest / 8 };
+        let faster = speed - self.slowest > motion.turning + swing;
         (faster && self.braking > motion.impulse).then_some(Fault::Commutation)
     }
 

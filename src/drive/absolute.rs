@@ -2,7 +2,7 @@
 //!
 //! [`AbsoluteDrive`] is what the interrupt owns then, around its [`Drive`], which goes on commutating by the Halls. The
 //! encoder's angle is checked by itself on every sample. Once its [`Mounting`] is known, the position counts from its
-//! zero, it may close the loops, and every step checks the Halls' count against it ([`mounted`]). Before that a task can
+//! zero, it may close the loops, and every step checks the Halls' count against it (`mounted`). Before that a task can
 //! compare them ([`AbsoluteTasks::watch`]). An encoder without an angle for longer than tolerated, or a disagreement,
 //! switches a running bridge off, unless the mounting says that the Halls take over.
 

@@ -1,7 +1,7 @@
 //! Power-up calibration: the model of the sensors from turning the rotor open loop, both ways.
 //!
 //! The stator's field drags the rotor along; [`Collector`] averages the three codes over the field's angle, and
-//! [`fit`](fit::fit) finds offset, amplitude, placement and harmonics of all sensors and the rotor's true angle in
+//! `fit` finds offset, amplitude, placement and harmonics of all sensors and the rotor's true angle in
 //! every bin at once, by least squares. (Minimum and maximum, which Simpkins and Todorov propose with eq. (2), are
 //! biased by noise: the larger the number of samples, the more.) The rotor lags behind the field by friction, the
 //! opposite way in the opposite direction, so the mean over both directions is the alignment φ.

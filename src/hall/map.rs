@@ -2,7 +2,7 @@
 //!
 //! Real magnets differ: in strength, in place, in the shape of their field. All that they do to the angle repeats with
 //! the mechanical turn, so one table over it corrects everything at once, whatever the cause. It is
-//! [learnt](learn) from a rotor that turns freely, whose inertia is the reference, and applied every eighth step.
+//! learnt from a rotor that turns freely, whose inertia is the reference, and applied every eighth step.
 //!
 //! The Halls alone could not tell all of it. Sensors at Δᵢ (mechanical) from the first see a field f(θ − Δᵢ); a change
 //! of the angle θ + ε(θ) is one of the field, f(x + γ(x)), where γ(θ − Δᵢ) is the same for all three but for a

@@ -25,7 +25,7 @@ fn check(rig: &mut Rig) -> (f64, f64, f64) {
     let start = rig.plant.truth().mechanical_angle_rad;
     rig.command(Command::Arm).unwrap();
     let (mut time_s, mut farthest, mut current) = (0.0, 0.0_f64, 0.0_f64);
-    rig.run(0.15, |rig, period| {
+    rig.run(0.5, |rig, period| {
         if rig.drive.limits().contains(Limits::CHECKING) {
             time_s += rig.period_s();
         }

@@ -22,6 +22,8 @@ pub(crate) struct ArmingCheck {
     pub longest: i32,
     /// Longest push.
     pub longest_push: u32,
+    /// Speed of a rotor that the push turns, in 2⁻³² electrical turns a step.
+    pub turning: i32,
     /// Speed below which the rotor rests, in 2⁻³² electrical turns a step.
     pub at_rest: i32,
 }
@@ -31,7 +33,9 @@ const RISE_S: f32 = 1e-3;
 /// Multiple of that voltage that has to make the current: a resistance may be so much larger than it is set.
 const MOST: f32 = 4.0;
 /// Longest push, s.
-const PUSH_S: f32 = 40e-3;
+const PUSH_S: f32 = 80e-3;
+/// Speed of the push, electrical Hz.
+const PUSH_HZ: f32 = 2.0;
 /// A rotor slower than this rests, electrical Hz, at least and at most: one whose back-EMF drives no more than a share
 /// of the current of the check through the shorted windings.
 const REST_HZ: core::ops::Range<f32> = 0.5..8.0;
@@ -61,6 +65,7 @@ impl ArmingCheck {
             most: ((1.6 * dead + 0.02) * full).min(0.9 * full) as i32,
             longest: (MOST * steps) as i32,
             longest_push: (PUSH_S * scale.step_hz) as u32,
+            turning: (PUSH_HZ / scale.step_hz * crate::angle::TURN) as i32,
             at_rest: (rest_hz / scale.step_hz * crate::angle::TURN) as i32,
         }
     }

@@ -11,7 +11,7 @@ const INSTANTS: u32 = 8;
 const SPEED_RAD_S: f64 = 40.0;
 const TURN_S: f64 = std::f64::consts::TAU / 4.0 / SPEED_RAD_S;
 /// From the trigger of a sample to the bridge's going off in the interrupt that it is for, at most.
-const REACTION_S: f64 = 17e-6;
+const REACTION_S: f64 = 20e-6;
 
 /// What switches the bridge off, and so from when on the time counts and how long it may take.
 #[derive(Clone, Copy)]

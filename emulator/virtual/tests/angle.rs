@@ -236,13 +236,13 @@ fn equals(board: &str, settings: Settings, early: u32) {
         here / there
     });
     assert!(ratios.iter().all(|ratio| (ratio - 1.0).abs() < 0.1), "{board}: {ratios:?}, {ours:?}, {hosts:?}");
-    // The alignment, of calibrations that differ by 0.03°; and what an error of the timing adds one way and takes the
-    // other: 0.2 µs.
+    // The alignment, of calibrations that scatter by 0.02° (16 of them on the host, standard deviation), here one against
+    // four; and what an error of the timing adds one way and takes the other: 0.2 µs.
     let [here, there] = [0, 1].map(|side| means.map(|both| both[side]));
     let aligned = here.iter().zip(&there).map(|(here, there)| here - there).sum::<f64>() / here.len() as f64;
     let late = (here[3] - here[4]) / 2.0 - (there[3] - there[4]) / 2.0;
     println!("{board}: aligned {aligned:+.3}° from the host, late by {late:+.4}° at 286 Hz");
-    assert!(aligned.abs() < 0.05 && late.abs() < 0.02, "{board}: {means:?}");
+    assert!(aligned.abs() < 0.1 && late.abs() < 0.02, "{board}: {means:?}");
 }
 
 /// The Halls are held when the firmware's constants say: the delay that the drive predicts over, and how much too early

@@ -27,6 +27,27 @@ impl Report {
         self
     }
 
+    /// A heading of many others.
+    pub fn chapter(&mut self, text: &str) -> &mut Self {
+        // Writing into a string does not fail.
+        let _ = writeln!(self.body, "<h1>{}</h1>", escaped(text));
+        self
+    }
+
+    /// Lines as they are.
+    pub fn preformatted(&mut self, text: &str) -> &mut Self {
+        // Writing into a string does not fail.
+        let _ = writeln!(self.body, "<pre>{}</pre>", escaped(text));
+        self
+    }
+
+    /// A paragraph that stands out.
+    pub fn note(&mut self, text: &str) -> &mut Self {
+        // Writing into a string does not fail.
+        let _ = writeln!(self.body, "<p class=\"note\">{}</p>", escaped(text));
+        self
+    }
+
     /// A paragraph.
     pub fn text(&mut self, text: &str) -> &mut Self {
         // Writing into a string does not fail.

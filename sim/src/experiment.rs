@@ -4,6 +4,7 @@ pub mod adapt;
 pub mod commutation;
 pub mod faults;
 pub mod magnets;
+pub mod papers;
 pub mod pwm;
 pub mod servo;
 pub mod spin;

@@ -32,6 +32,8 @@ enum Experiment {
     Pwm(experiment::pwm::Options),
     /// Absolute angle from two rings: before and after self-calibration, and when something breaks
     Vernier(experiment::vernier::Options),
+    /// Both papers done again: each figure, table and number beside the printed one
+    Papers(Common),
 }
 
 fn main() -> ExitCode {
@@ -48,6 +50,7 @@ fn main() -> ExitCode {
         Some(Experiment::Magnets(options)) => experiment::magnets::main(&options),
         Some(Experiment::Pwm(options)) => experiment::pwm::main(&options),
         Some(Experiment::Vernier(options)) => experiment::vernier::main(&options),
+        Some(Experiment::Papers(common)) => experiment::papers::main(&common),
     };
     match result {
         Ok(()) => ExitCode::SUCCESS,

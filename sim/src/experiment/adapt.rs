@@ -310,7 +310,10 @@ impl Run {
 }
 
 /// Figure 11 of the paper for both filters: Halls, covariances, parameters, angle error.
-fn figure_11(seed: u64) -> Result<Vec<(Plot, &'static str)>> {
+///
+/// # Errors
+/// Parameters that plant or filter refuse.
+pub fn figure_11(seed: u64) -> Result<Vec<(Plot, &'static str)>> {
     let mut trial = Trial::new(seed, trial::halls(seed), Motion::Constant(HZ), Start::Nominal)?;
     let mut paper = ensemble::paper_filter(&trial, HZ);
     let names = |kind: &str| (0..3).map(|k| format!("Hall {}, {kind}", k + 1)).collect::<Vec<_>>();

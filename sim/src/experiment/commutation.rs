@@ -11,7 +11,7 @@ use hallservo::commutation::{Commutation, Modulation};
 use hallservo::drive::Command;
 use hallservo::pwm::Limits;
 use hallservo::settings::Settings;
-use plant::{Cogging, InverterModel, InverterParameters, MotorParameters, Plant, PlantParameters};
+use plant::{Cogging, InverterModel, InverterParameters, MotorParameters, Plant, PlantParameters, Shape};
 use rustfft::{FftPlanner, num_complex::Complex};
 use serde::Serialize;
 use std::f64::consts::TAU;
@@ -128,7 +128,22 @@ fn torque_uncalibrated(seed: u64) -> Result<Vec<(f64, f64)>> {
     // Sensors that a person has turned to where switching Halls belong, but for their placement errors: so that the
     // signs change where the field, a quarter turn ahead, is to step.
     let parameters = PlantParameters { hall_phase_rad: TAU / 12.0, ..constant_current(seed) };
-    let mut plant = Plant::new(&parameters, seed)?;
+    torque_by_signs(&parameters, seed)
+}
+
+/// The same with ideal Halls, at a back-EMF of this shape.
+///
+/// # Errors
+/// A plant that refuses its parameters.
+pub fn torque_by_switching_halls(shape: Shape, seed: u64) -> Result<Vec<(f64, f64)>> {
+    let halls = PlantParameters::ideal().halls;
+    let mut parameters = PlantParameters { hall_phase_rad: TAU / 12.0, halls, ..constant_current(seed) };
+    parameters.motor.back_emf.shape = shape;
+    torque_by_signs(&parameters, seed)
+}
+
+fn torque_by_signs(parameters: &PlantParameters, seed: u64) -> Result<Vec<(f64, f64)>> {
+    let mut plant = Plant::new(parameters, seed)?;
     plant.set_dyno(Some(DYNO_RAD_S))?;
     let limits = Limits::new(2125, 0, 2125)?;
     let amplitude = limits.amplitude(Modulation::from_num(MODULATION));
@@ -234,6 +249,14 @@ impl Run {
             &Plot::new("Torque over the angle", "electrical angle / °", "mN·m", torque.to_vec()),
             "Within each sixth of a turn the torque of a step falls to cos 30° at its edges.",
         )?;
+        for (plot, caption) in self.speed_plots() {
+            report.plot(&plot, caption)?;
+        }
+        Ok(report)
+    }
+
+    /// Fig. 10 of the paper: the deviation from the mean speed, and its spectrum.
+    pub fn speed_plots(&self) -> [(Plot, &'static str); 2] {
         let deviation = |name: &str, rpm: &[f64]| {
             let mean = rpm.iter().sum::<f64>() / rpm.len() as f64;
             Series::new(
@@ -242,16 +265,22 @@ impl Run {
             )
         };
         let speed = vec![deviation("block", &self.speed[0]), deviation("sinusoidal", &self.speed[1])];
-        report.plot(
-            &Plot::new("Deviation from the mean speed", "time / ms", "%", speed),
-            "As in Fig. 10(a) of Simpkins and Todorov.",
-        )?;
-        let spectra =
-            vec![Series::new("block", spectrum(&self.speed[0])), Series::new("sinusoidal", spectrum(&self.speed[1]))];
-        report.plot(
-            &Plot::new("Spectrum of the speed", "Hz", "% of the mean", spectra),
-            "As in Fig. 10(b): block commutation has lines at multiples of six times the electrical frequency.",
-        )?;
-        Ok(report)
+        let [block, sine] = self.spectra();
+        let spectra = vec![Series::new("block", block), Series::new("sinusoidal", sine)];
+        [
+            (
+                Plot::new("Deviation from the mean speed", "time / ms", "deviation / %", speed),
+                "As in Fig. 10(a) of Simpkins and Todorov.",
+            ),
+            (
+                Plot::new("Spectrum of the speed", "frequency / Hz", "amplitude / % of the mean", spectra),
+                "As in Fig. 10(b): block commutation has lines at multiples of six times the electrical frequency.",
+            ),
+        ]
+    }
+
+    /// Spectra of the speed, block and sinusoidal: amplitude in per cent of the mean over Hz.
+    pub fn spectra(&self) -> [Vec<(f64, f64)>; 2] {
+        self.speed.each_ref().map(|rpm| spectrum(rpm))
     }
 }

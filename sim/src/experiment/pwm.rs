@@ -112,7 +112,11 @@ pub fn run(options: &Options) -> Result<Summary> {
     })
 }
 
-fn ripple(resistance: f64, inductance: f64, hz: f64) -> Result<Ripple> {
+/// Ripple at a frequency, three ways.
+///
+/// # Errors
+/// A plant that refuses its parameters.
+pub fn ripple(resistance: f64, inductance: f64, hz: f64) -> Result<Ripple> {
     Ok(Ripple {
         ripple_hz: hz,
         formula_pct: pwm::ripple_percent(resistance as f32, inductance as f32, hz as f32).into(),

@@ -2,7 +2,7 @@
 
 mod build;
 pub mod faults;
-mod plots;
+pub mod plots;
 
 use super::Common;
 use crate::report::print_table;

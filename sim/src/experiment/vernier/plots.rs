@@ -28,16 +28,19 @@ pub fn report(options: &Options, summary: &Summary) -> Result<Report> {
     } else {
         report.text("Faults injected into the running encoder:").table(&summary.fault_table());
     }
-    if options.build.pairs {
-        Bench::<2>::new(&options.build, options.common.seed)?.plots(&mut report)?;
+    let plots = if options.build.pairs {
+        Bench::<2>::new(&options.build, options.common.seed)?.plots()
     } else {
-        Bench::<1>::new(&options.build, options.common.seed)?.plots(&mut report)?;
+        Bench::<1>::new(&options.build, options.common.seed)?.plots()
+    };
+    for (plot, caption) in plots {
+        report.plot(&plot, caption)?;
     }
     Ok(report)
 }
 
 /// An encoder on the bench, and its calibration.
-struct Bench<const HEADS: usize> {
+pub struct Bench<const HEADS: usize> {
     rings: Rings,
     construction: Construction,
     ideal: Calibration<HEADS>,
@@ -46,7 +49,11 @@ struct Bench<const HEADS: usize> {
 }
 
 impl<const HEADS: usize> Bench<HEADS> {
-    fn new(build: &Build, seed: u64) -> Result<Self> {
+    /// Built and calibrated.
+    ///
+    /// # Errors
+    /// None: a calibration that is refused leaves the ideal one.
+    pub fn new(build: &Build, seed: u64) -> Result<Self> {
         let rings = build.rings()?;
         let mut construction = build.construction(seed);
         let ideal = Calibration::ideal(&rings);
@@ -56,39 +63,48 @@ impl<const HEADS: usize> Bench<HEADS> {
         Ok(Self { rings, construction, ideal, calibration, seed })
     }
 
-    fn plots(&mut self, report: &mut Report) -> Result<()> {
-        report.plot(
-            &self.stored_values(),
-            "What the vernier shows where the reference is at zero, for ideal rings and as averaged by the calibration \
-             (Bakos et al., Figure 2).",
-        )?;
-        report
-            .plot(&self.linearity(), "Error of one head over a pole pair, before and after correction (Figure 4).")?;
+    /// All of them, each with its caption.
+    fn plots(&mut self) -> Vec<(Plot, &'static str)> {
         let (all, selected) = self.pole_pairs();
-        report.plot(&all, "Readings less the trend, the pole pairs of a turn over each other (Figure 7).")?;
-        report.plot(
-            &selected,
-            "The same when the shaft is jolted: pole pairs unlike the average are omitted from it (Figure 8).",
-        )?;
-        report.plot(
-            &self.table_values("Table values, uncompensated", &self.ideal.clone(), true),
-            "z over the place in the pole pair for six entries that are neighbours in the table, one head a ring, \
-             uncorrected (Figure 9 a).",
-        )?;
-        report.plot(
-            &self.table_values("Table values, compensated", &self.calibration.clone(), false),
-            "The same with all heads averaged and corrected (Figure 9 b).",
-        )?;
-        report.plot(&self.readings(), "Readings of the first heads (Figure 10, top).")?;
-        report.plot(
-            &self.ordinals(),
-            "Number of the pole pair without and with calibration; right is a staircase (Figure 10, middle and \
-             bottom).",
-        )?;
-        Ok(())
+        vec![
+            (
+                self.stored_values(),
+                "What the vernier shows where the reference is at zero, for ideal rings and as averaged by the \
+                 calibration (Bakos et al., Figure 2).",
+            ),
+            (self.linearity(), "Error of one head over a pole pair, before and after correction (Figure 4)."),
+            (all, "Readings less the trend, the pole pairs of a turn over each other (Figure 7)."),
+            (
+                selected,
+                "The same when the shaft is jolted: pole pairs unlike the average are omitted from it (Figure 8).",
+            ),
+            (
+                self.uncompensated(),
+                "z over the place in the pole pair for six entries that are neighbours in the table, one head a ring, \
+                 uncorrected (Figure 9 a).",
+            ),
+            (self.compensated(), "The same with all heads averaged and corrected (Figure 9 b)."),
+            (self.readings(), "Readings of the first heads (Figure 10, top)."),
+            (
+                self.ordinals(),
+                "Number of the pole pair without and with calibration; right is a staircase (Figure 10, middle and \
+                 bottom).",
+            ),
+        ]
     }
 
-    fn stored_values(&self) -> Plot {
+    /// Figure 9 a.
+    pub fn uncompensated(&mut self) -> Plot {
+        self.table_values("Table values, uncompensated", &self.ideal.clone(), true)
+    }
+
+    /// Figure 9 b.
+    pub fn compensated(&mut self) -> Plot {
+        self.table_values("Table values, compensated", &self.calibration.clone(), false)
+    }
+
+    /// Figure 2.
+    pub fn stored_values(&self) -> Plot {
         let value = |k: usize, average: f64| {
             // z = −u / p, and u = −q·k + average at the zeros of the reference.
             let z = (PAIRS[1] * k as f64 - average / 65536.0) / PAIRS[0];
@@ -104,7 +120,8 @@ impl<const HEADS: usize> Bench<HEADS> {
         )
     }
 
-    fn linearity(&mut self) -> Plot {
+    /// Figure 4.
+    pub fn linearity(&mut self) -> Plot {
         let curve = self.calibration.reference[0];
         let (head, ring) = (&self.construction.heads[0][0], &self.construction.rings[0]);
         let mut series = [("as read", Vec::new()), ("corrected", Vec::new())];
@@ -123,9 +140,10 @@ impl<const HEADS: usize> Bench<HEADS> {
     }
 
     /// The pole pairs of a turn of one head, and those of a jolted turn with the average of those kept.
-    fn pole_pairs(&mut self) -> (Plot, Plot) {
+    pub fn pole_pairs(&mut self) -> (Plot, Plot) {
         let steady = self.curve_run(0.0);
-        let all = steady.curves().map(|curve| Series::new("", points(&curve))).collect();
+        let all = steady.curves().enumerate();
+        let all = all.map(|(k, curve)| Series::new(format!("pole pair {}", k + 1), points(&curve))).collect();
         let jolted = self.curve_run(0.4);
         let mut selected = Vec::new();
         if let Ok(average) = jolted.average() {
@@ -206,7 +224,8 @@ impl<const HEADS: usize> Bench<HEADS> {
         Plot::new(title, "place in the pole pair, electrical degrees", "z, counts", series)
     }
 
-    fn readings(&mut self) -> Plot {
+    /// Figure 10, top.
+    pub fn readings(&mut self) -> Plot {
         let mut points = [Vec::new(), Vec::new()];
         for step in 0..1200 {
             let degrees = f64::from(step) / 20.0;
@@ -223,7 +242,8 @@ impl<const HEADS: usize> Bench<HEADS> {
         )
     }
 
-    fn ordinals(&mut self) -> Plot {
+    /// Figure 10, middle and bottom.
+    pub fn ordinals(&mut self) -> Plot {
         let limit = MechanicalAngle::from_degrees(1.0);
         let calibrations = [("without", self.ideal.clone()), ("with calibration", self.calibration.clone())];
         let series = calibrations.into_iter().filter_map(|(name, calibration)| {

@@ -1,10 +1,12 @@
-//! The HTML report: a table and plots, in one file without scripts.
+//! The reports of the experiments, the tool and the virtual boards: one page each, in one file that needs no other.
 
+mod page;
 mod plot;
 
 pub use plot::{Bars, Plot, Series};
 
 use anyhow::Result;
+use page::escaped;
 use std::fmt::Write;
 
 /// A report in the making.
@@ -12,67 +14,63 @@ use std::fmt::Write;
 pub struct Report {
     title: String,
     body: String,
+    /// Level and text of the headings.
+    headings: Vec<(u8, String)>,
 }
 
 impl Report {
     /// Empty but for its title.
     pub fn new(title: &str) -> Self {
-        Self { title: title.into(), body: String::new() }
+        Self { title: title.into(), ..Self::default() }
+    }
+
+    /// The first sentence: what is seen here, and why it matters.
+    pub fn lead(&mut self, text: &str) -> &mut Self {
+        self.line(&format!("{}{}</p>", page::LEAD, escaped(text)))
+    }
+
+    /// A heading above other headings.
+    pub fn chapter(&mut self, text: &str) -> &mut Self {
+        self.headed(1, text, "<h2 class=\"chapter\"")
     }
 
     /// A heading.
     pub fn heading(&mut self, text: &str) -> &mut Self {
-        // Writing into a string does not fail.
-        let _ = writeln!(self.body, "<h2>{}</h2>", escaped(text));
-        self
+        self.headed(2, text, "<h2")
     }
 
-    /// A heading of many others.
-    pub fn chapter(&mut self, text: &str) -> &mut Self {
-        // Writing into a string does not fail.
-        let _ = writeln!(self.body, "<h1>{}</h1>", escaped(text));
-        self
-    }
-
-    /// Lines as they are.
-    pub fn preformatted(&mut self, text: &str) -> &mut Self {
-        // Writing into a string does not fail.
-        let _ = writeln!(self.body, "<pre>{}</pre>", escaped(text));
-        self
-    }
-
-    /// A paragraph that stands out.
-    pub fn note(&mut self, text: &str) -> &mut Self {
-        // Writing into a string does not fail.
-        let _ = writeln!(self.body, "<p class=\"note\">{}</p>", escaped(text));
-        self
+    fn headed(&mut self, level: u8, text: &str, tag: &str) -> &mut Self {
+        let id = self.headings.len();
+        self.headings.push((level, text.to_string()));
+        self.line(&format!("{tag} id=\"h{id}\">{}</h2>", escaped(text)))
     }
 
     /// A paragraph.
     pub fn text(&mut self, text: &str) -> &mut Self {
-        // Writing into a string does not fail.
-        let _ = writeln!(self.body, "<p>{}</p>", escaped(text));
-        self
+        self.line(&format!("<p>{}</p>", escaped(text)))
     }
 
-    /// A table of rows; the first row is the head.
+    /// A paragraph that stands out.
+    pub fn note(&mut self, text: &str) -> &mut Self {
+        self.line(&format!("<p class=\"note\">{}</p>", escaped(text)))
+    }
+
+    /// Lines as they are.
+    pub fn preformatted(&mut self, text: &str) -> &mut Self {
+        self.line(&format!("<pre>{}</pre>", escaped(text)))
+    }
+
+    /// A table of rows; the first row is the head. Columns of numbers stand at the right.
     pub fn table(&mut self, rows: &[Vec<String>]) -> &mut Self {
-        self.body.push_str("<table>\n");
-        for (k, row) in rows.iter().enumerate() {
-            let tag = if k == 0 { "th" } else { "td" };
-            let cells: String = row.iter().map(|cell| format!("<{tag}>{}</{tag}>", escaped(cell))).collect();
-            let _ = writeln!(self.body, "<tr>{cells}</tr>");
-        }
-        self.body.push_str("</table>\n");
-        self
+        self.line(&page::table(rows))
     }
 
-    /// A diagram with a caption under it.
+    /// A diagram under its title, with a caption.
     ///
     /// # Errors
     /// As [`Plot::svg`].
     pub fn plot(&mut self, plot: &Plot, caption: &str) -> Result<&mut Self> {
-        Ok(self.figure(&plot.title, &plot.svg()?, caption))
+        Ok(self.line(&page::figure(&plot.title, &plot.svg()?, plot.data().as_deref(), caption)))
     }
 
     /// Bars with a caption under them.
@@ -80,33 +78,19 @@ impl Report {
     /// # Errors
     /// As [`Bars::svg`].
     pub fn bars(&mut self, bars: &Bars, caption: &str) -> Result<&mut Self> {
-        Ok(self.figure(&bars.title, &bars.svg()?, caption))
+        Ok(self.line(&page::figure(&bars.title, &bars.svg()?, None, caption)))
     }
 
-    fn figure(&mut self, title: &str, svg: &str, caption: &str) -> &mut Self {
-        let (title, caption) = (escaped(title), escaped(caption));
-        let _ = writeln!(self.body, "<h2>{title}</h2>\n<figure>{svg}<figcaption>{caption}</figcaption></figure>");
+    fn line(&mut self, html: &str) -> &mut Self {
+        // Writing into a string does not fail.
+        let _ = writeln!(self.body, "{html}");
         self
     }
 
     /// The whole page.
     pub fn html(&self) -> String {
-        let title = escaped(&self.title);
-        format!(
-            "<!DOCTYPE html>\n<html lang=\"en\">\n<head><meta charset=\"utf-8\"><title>{title}</title>\n\
-             <style>{STYLE}</style></head>\n<body>\n<h1>{title}</h1>\n{}</body>\n</html>\n",
-            self.body
-        )
+        page::html(&self.title, &self.headings, &self.body)
     }
-}
-
-const STYLE: &str = "body{font:16px/1.45 system-ui,sans-serif;max-width:940px;margin:2em auto;padding:0 1em;color:#222}\
-h1{font-size:1.6em}h2{font-size:1.1em;margin:1.6em 0 .2em}figure{margin:0}svg{max-width:100%;height:auto}\
-figcaption{color:#555;font-size:.9em}table{border-collapse:collapse;margin:1em 0}\
-td,th{padding:.25em .9em;border-bottom:1px solid #ddd;text-align:left}td:not(:first-child){text-align:right}";
-
-fn escaped(text: &str) -> String {
-    text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;")
 }
 
 /// Rows as a table for the terminal; the first row is the head.
@@ -144,3 +128,6 @@ pub fn line(text: std::fmt::Arguments<'_>) {
         std::process::exit(1);
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -1,11 +1,12 @@
 //! Diagrams as SVG.
 
 use anyhow::{Result, anyhow};
-use plotters::coord::ranged1d::{AsRangedCoord, ValueFormatter};
+use plotters::coord::ranged1d::{AsRangedCoord, Ranged, ValueFormatter};
 use plotters::coord::types::RangedCoordf64;
 use plotters::coord::{Shift, cartesian::Cartesian2d};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
+use serde_json::json;
 use std::error::Error;
 use std::ops::Range;
 
@@ -53,6 +54,8 @@ pub struct Plot {
     /// The curves.
     pub series: Vec<Series>,
     logarithmic: bool,
+    /// Where on the abscissa something happened, and what.
+    events: Vec<(f64, String)>,
 }
 
 const COLOURS: [RGBColor; 6] = [
@@ -63,6 +66,15 @@ const COLOURS: [RGBColor; 6] = [
     RGBColor(0x6f, 0x4b, 0xa3),
     RGBColor(0x55, 0x55, 0x55),
 ];
+/// The same on a dark page.
+const DARK: [RGBColor; 6] = [
+    RGBColor(0x6d, 0xb3, 0xf2),
+    RGBColor(0xff, 0x9d, 0x57),
+    RGBColor(0x6f, 0xcf, 0x8b),
+    RGBColor(0xf2, 0x7b, 0x86),
+    RGBColor(0xb9, 0x9a, 0xf0),
+    RGBColor(0xb5, 0xb5, 0xb5),
+];
 const GRID: RGBColor = RGBColor(0xe4, 0xe4, 0xe4);
 const AXIS: RGBColor = RGBColor(0x88, 0x88, 0x88);
 /// Font and its size.
@@ -71,12 +83,26 @@ const LABEL: (&str, i32) = ("sans-serif", 13);
 const LEGEND: i32 = 18;
 const LEGEND_END: i32 = 880;
 
+/// Abscissa and ordinate of the points that are numbers, each abscissa once, to six digits.
+fn columns(points: &[(f64, f64)]) -> [Vec<f64>; 2] {
+    let digits = |value: f64| format!("{value:.5e}").parse().unwrap_or(value);
+    let [mut xs, mut ys] = [Vec::new(), Vec::new()];
+    for &(x, y) in points.iter().filter(|(x, y)| x.is_finite() && y.is_finite()) {
+        let x = digits(x);
+        if xs.last() != Some(&x) {
+            xs.push(x);
+            ys.push(digits(y));
+        }
+    }
+    [xs, ys]
+}
+
 type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 
 impl Plot {
     /// A diagram.
     pub fn new(title: &str, x: &str, y: &str, series: Vec<Series>) -> Self {
-        Self { title: title.into(), x: x.into(), y: y.into(), series, logarithmic: false }
+        Self { title: title.into(), x: x.into(), y: y.into(), series, logarithmic: false, events: Vec::new() }
     }
 
     /// With a logarithmic ordinate: values of zero and below are left out.
@@ -84,6 +110,33 @@ impl Plot {
         self.series.iter_mut().for_each(|series| series.points.retain(|(_, y)| *y > 0.0));
         self.logarithmic = true;
         self
+    }
+
+    /// With a mark where something happened.
+    pub fn event(mut self, at: f64, what: &str) -> Self {
+        self.events.push((at, what.into()));
+        self
+    }
+
+    /// For the page's script: names, units and points. `None` where a curve goes back along the abscissa, which the
+    /// script cannot draw.
+    pub fn data(&self) -> Option<String> {
+        let rising = |series: &Series| series.points.windows(2).all(|pair| pair[0].0 <= pair[1].0);
+        if !self.series.iter().all(rising) {
+            return None;
+        }
+        let curves: Vec<_> = self.series.iter().map(|series| columns(&series.thinned(2000))).collect();
+        let names: Vec<_> = self.series.iter().map(|series| series.name.as_str()).collect();
+        let [light, dark] = [&COLOURS, &DARK].map(|colours| {
+            let css = |RGBColor(r, g, b): &RGBColor| format!("#{r:02x}{g:02x}{b:02x}");
+            names.iter().zip(colours.iter().cycle()).map(|(_, colour)| css(colour)).collect::<Vec<_>>()
+        });
+        let data = json!({
+            "x": self.x, "y": self.y, "names": names, "curves": curves, "light": light, "dark": dark,
+            "logarithmic": self.logarithmic, "events": self.events,
+        });
+        // Nothing in the data may end its element of the page.
+        Some(data.to_string().replace('<', "\\u003c"))
     }
 
     /// The diagram as SVG.
@@ -141,6 +194,25 @@ impl Plot {
             .draw()?;
         for (series, colour) in self.series.iter().zip(COLOURS.iter().cycle()) {
             chart.draw_series(LineSeries::new(series.thinned(1200), colour.stroke_width(1)))?;
+        }
+        Self::marks(&self.events, &chart)
+    }
+
+    /// Where something happened: a line across, with a name.
+    fn marks<Y>(
+        events: &[(f64, String)],
+        chart: &ChartContext<SVGBackend, Cartesian2d<RangedCoordf64, Y>>,
+    ) -> Result<(), Box<dyn Error>>
+    where
+        Y: Ranged<ValueType = f64>,
+    {
+        let area = chart.plotting_area();
+        let (columns, rows) = area.get_pixel_range();
+        let pixels = area.strip_coord_spec();
+        for (at, what) in events {
+            let x = area.map_coordinate(&(*at, chart.y_range().start)).0 - columns.start;
+            pixels.draw(&PathElement::new([(x, 0), (x, rows.end - rows.start)], AXIS.stroke_width(1)))?;
+            pixels.draw(&Text::new(what.as_str(), (x + 4, 2), LABEL))?;
         }
         Ok(())
     }

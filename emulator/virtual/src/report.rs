@@ -249,21 +249,25 @@ pub fn text(outcome: &Outcome) -> String {
 /// A trace that cannot be plotted.
 pub fn html(outcome: &Outcome, trace: &Trace) -> Result<String> {
     let mut report = Report::new(&format!("{} on a virtual chip", outcome.board));
-    for Section { title, rows } in sections(outcome) {
-        report.heading(title).table(&rows);
-    }
+    report.lead(
+        "The firmware that would be flashed, on a simulated chip with a simulated motor at its pins: what the motor did, what \
+         the chip was asked for, and what was wrong.",
+    );
     for (title, columns) in [
         ("Angle", &["angle / turns"][..]),
         ("Speed", &["speed / rad/s"]),
         ("Phase currents", &["current U / A", "current V / A", "current W / A"]),
         ("Torque", &["torque / N m"]),
         ("Bus", &["bus / V"]),
-        ("Bridge enabled", &["MOE"]),
+        ("Bridge enabled (MOE)", &["MOE"]),
     ] {
         let series: Vec<_> = columns.iter().filter_map(|name| series(trace, name)).collect();
         if !series.is_empty() {
             report.plot(&Plot::new(title, "time / s", columns[0], series), "")?;
         }
+    }
+    for Section { title, rows } in sections(outcome) {
+        report.heading(title).table(&rows);
     }
     let lines = outcome.log.iter().map(|line| {
         row([

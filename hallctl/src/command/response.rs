@@ -265,6 +265,9 @@ fn plot(path: &Path, wanted: &Wanted, rows: &[Row], model: Option<(&Profile, f64
         series.push(Series::new("trajectory asked for", rows.iter().map(|row| (row.0, model.at(row.0)))));
     }
     let mut report = Report::new("Response of a hallservo drive");
-    report.plot(&Plot::new(name, "time in s", unit, series), "")?;
+    report.lead(
+        "What the drive was told and what it did: how fast it follows, how far it overshoots, when it has settled.",
+    );
+    report.plot(&Plot::new(name, "time / s", &format!("{} / {unit}", name.to_lowercase()), series), "")?;
     out::save(path, &report.html())
 }

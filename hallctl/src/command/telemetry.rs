@@ -275,22 +275,27 @@ fn plot(path: &Path, rows: &[Row]) -> Result<()> {
         Series { name: name.into(), points: points.filter(|(_, y)| y.is_finite()).collect() }
     };
     let diagrams = [
-        ("Speed", "rad/s", vec![series("speed", &|t| t.speed_rad_s.into())]),
-        ("Position", "turns", vec![series("position", &|t| t.position_turns)]),
+        ("Speed", "speed / rad/s", vec![series("speed", &|t| t.speed_rad_s.into())]),
+        ("Position", "position / turns", vec![series("position", &|t| t.position_turns)]),
         (
             "Current",
-            "A",
+            "current / A",
             vec![series("along q", &|t| t.current_a[1].into()), series("along d", &|t| t.current_a[0].into())],
         ),
-        ("Bus voltage", "V", vec![series("bus", &|t| t.bus_v.into())]),
-        ("Halls", "ADC codes", (0..3).map(|k| series(&format!("Hall {}", k + 1), &|t| t.codes[k].into())).collect()),
+        ("Bus voltage", "voltage / V", vec![series("bus", &|t| t.bus_v.into())]),
+        (
+            "Halls",
+            "signal / ADC codes",
+            (0..3).map(|k| series(&format!("Hall {}", k + 1), &|t| t.codes[k].into())).collect(),
+        ),
     ];
     let mut report = Report::new("Telemetry of a hallservo drive");
+    report.lead("What the drive said of itself while it was listened to.");
     for (title, unit, series) in diagrams {
         // What was not measured has no diagram.
         let series: Vec<_> = series.into_iter().filter(|series| !series.points.is_empty()).collect();
         if !series.is_empty() {
-            report.plot(&Plot::new(title, "time in s", unit, series), "")?;
+            report.plot(&Plot::new(title, "time / s", unit, series), "")?;
         }
     }
     out::save(path, &report.html())

@@ -269,7 +269,10 @@ impl Run {
     /// A plot without data.
     pub fn report(&self) -> Result<Report> {
         let mut report = Report::new("Adaptation: the sensors found while the motor turns");
-        report.table(&self.summary.table());
+        report.lead(
+            "Nobody has to mount or measure the Halls exactly: a filter finds them within a turn, follows what drifts, \
+             and notices a sensor that is lost.",
+        );
         for (plot, caption) in figure_11(self.summary.seed)? {
             report.plot(&plot, caption)?;
         }
@@ -278,7 +281,7 @@ impl Run {
             "RMS over all motors of each eighth of a turn, from the data sheet's parameters.",
         )?;
         let drift =
-            Plot::new("Temperature ramp: error of the angle", "time / s", "electrical degrees", self.drift.series());
+            Plot::new("Temperature ramp: error of the angle", "time / s", "error / ° electrical", self.drift.series());
         report.plot(
             &drift,
             "Amplitude −20, −15 and −10 %, offset +5, +3.75 and +2.5 % of the amplitude over a minute.",
@@ -287,10 +290,11 @@ impl Run {
         let loss = Plot::new(
             "A sensor is lost: error of the angle",
             "time since the loss / s",
-            "electrical degrees",
+            "error / ° electrical",
             vec![loss],
         );
         report.plot(&loss, "The filter names the sensor and goes on with the other two.")?;
+        report.heading("Figures").table(&self.summary.table());
         Ok(report)
     }
 
@@ -304,7 +308,7 @@ impl Run {
             curve("bound", ensemble::over_time(&self.courses, |course| &course.bound)),
             curve("paper's filter", ensemble::over_time(&self.courses, |course| &course.paper)),
         ];
-        Plot::new("Error of the angle from unknown sensors", "electrical turns", "electrical degrees RMS", series)
+        Plot::new("Error of the angle from unknown sensors", "electrical turns", "error / ° electrical, RMS", series)
             .logarithmic()
     }
 }
@@ -358,7 +362,7 @@ pub fn figure_11(seed: u64) -> Result<Vec<(Plot, &'static str)>> {
             Plot::new(
                 "Figure 11(a): Halls, measured and estimated",
                 "time / s",
-                "ADC codes",
+                "signal / ADC codes",
                 series(hall_names, halls),
             ),
             "Estimated from the filter's parameters and angle, starting from the data sheet.",
@@ -367,7 +371,7 @@ pub fn figure_11(seed: u64) -> Result<Vec<(Plot, &'static str)>> {
             Plot::new(
                 "Figure 11(b): what the filter believes not to know",
                 "time / s",
-                "standard deviation",
+                "standard deviation / ° or %",
                 series(kinds.map(String::from).to_vec(), deviations),
             )
             .logarithmic(),
@@ -377,7 +381,7 @@ pub fn figure_11(seed: u64) -> Result<Vec<(Plot, &'static str)>> {
             Plot::new(
                 "Figure 11(c): errors of the parameters",
                 "time / s",
-                "% and degrees",
+                "error / % or °",
                 series(parameter_names, parameters),
             ),
             "Amplitudes and placements less the true ones.",
@@ -386,7 +390,7 @@ pub fn figure_11(seed: u64) -> Result<Vec<(Plot, &'static str)>> {
             Plot::new(
                 "Figure 11(d): error of the angle",
                 "time / s",
-                "electrical degrees",
+                "error / ° electrical",
                 series(vec!["adapted".into(), "paper's filter".into()], errors),
             ),
             "The paper's filter is given the true minima and maxima, angle and speed.",

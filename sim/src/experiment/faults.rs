@@ -71,17 +71,16 @@ pub fn main(options: &Options) -> Result<()> {
         print_examples(&summary);
     }
     let mut report = Report::new("Faults");
+    report.lead(
+        "What breaks in a running drive is to be found and named before it does harm, and nothing is to be reported that is \
+         not broken.",
+    );
     report.text(
         "Faults injected at random times into the drives of three boards, with the settings they are shipped with, at \
          motors that are not quite those of the settings. Missed are those that were not noticed in time, taken for \
          another, or that moved the shaft by more than 30° or for more than 50 ms the wrong way. Time from the \
          injection, or from switching on, to the fault; true current in A and in parts of over_current_a.",
     );
-    report.table(&rows);
-    if alarms.len() > 1 {
-        report.text("Faults that were reported though nothing was wrong, and drives that were given up:");
-        report.table(&alarms);
-    }
     let bars = summary.kinds.iter().map(|(name, kind)| (name.to_string(), kind.worst_wrong_deg.min(90.0)));
     if summary.kinds.values().any(|kind| kind.worst_wrong_deg > 0.0) {
         report.bars(
@@ -92,6 +91,11 @@ pub fn main(options: &Options) -> Result<()> {
             },
             "Against the command, beyond what a load alone would have done; cut at 90°. Allowed are 30°.",
         )?;
+    }
+    report.heading("Kinds of faults").table(&rows);
+    if alarms.len() > 1 {
+        report.text("Faults that were reported though nothing was wrong, and drives that were given up:");
+        report.table(&alarms);
     }
     options.common.finish("faults", &summary, &report)
 }

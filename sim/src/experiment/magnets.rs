@@ -178,7 +178,12 @@ pub fn main(options: &Options) -> Result<()> {
     let table: Vec<_> = std::iter::once(title).chain(rows.iter().map(Row::cells)).collect();
     print_table(&table);
     println!();
-    options.common.finish("magnets", &rows, Report::new("Uneven magnets").table(&table))
+    let mut report = Report::new("Uneven magnets");
+    report.lead(
+        "No two magnets of a rotor are alike, and the angle suffers. A map of the whole turn, learnt without an encoder, \
+         takes nearly all of it off.",
+    );
+    options.common.finish("magnets", &rows, report.table(&table))
 }
 
 /// Measures rotors of a kind.

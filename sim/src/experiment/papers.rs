@@ -71,7 +71,7 @@ impl Summary {
         let mut rows = vec![["", "printed", "the paper's method, here", "ours", ""].map(String::from).to_vec()];
         for claim in &self.claims {
             rows.push(vec![claim.heading()]);
-            let figures = claim.figures_table().into_iter().skip(1);
+            let figures = claim.figures.iter().map(claim::Figure::row);
             rows.extend(figures.map(|row| [vec![format!("    {}", row[0])], row[1..].to_vec()].concat()));
         }
         rows
@@ -93,7 +93,7 @@ impl Summary {
 
     fn report(&self) -> Result<Report> {
         let mut report = Report::new("The two papers, done again");
-        report.text(
+        report.lead(
             "hallservo implements two papers. Here each of their figures, tables and numbers is made again by the \
              code that runs on the chip, against a simulated motor and simulated magnet rings: the equation, the \
              printed number, the number found here, and why they differ. Where an equation is wrong in print, the \

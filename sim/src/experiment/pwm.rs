@@ -174,7 +174,10 @@ impl Summary {
 
     fn report(&self, options: &Options) -> Result<Report> {
         let mut report = Report::new("Choice of the PWM frequency");
-        report.table(&self.choice_table(options)).table(&self.sweep_table());
+        report.lead(
+            "The faster the bridge switches, the smoother the current, the coarser the voltage and the hotter the \
+             transistors: this is the frequency that fits the motor.",
+        );
         let curve = |name: &str, of: fn(&Ripple) -> f64| {
             Series::new(name, self.sweep.iter().map(|ripple| (ripple.ripple_hz / 1e3, of(ripple))))
         };
@@ -184,11 +187,13 @@ impl Summary {
             curve("simulated", |r| r.simulated_pct),
         ];
         report.plot(
-            &Plot::new("Ripple of the current", "frequency of the ripple / kHz", "% of the mean", series),
+            &Plot::new("Ripple of the current", "frequency of the ripple / kHz", "ripple / % of the mean", series),
             "As in Fig. 8 of Simpkins and Todorov, whose numbers are off by ten: 1 % takes 518 kHz, and 51.8 kHz \
              gives 9.6 %. With a centre-aligned timer and two legs switching, the ripple has twice the switching \
              frequency.",
         )?;
+        report.heading("Choice").table(&self.choice_table(options));
+        report.heading("Ripple over the frequency").table(&self.sweep_table());
         Ok(report)
     }
 }

@@ -353,23 +353,31 @@ impl Run {
 
     fn report(&self) -> Result<Report> {
         let mut report = Report::new("Current, speed and position control");
+        report.lead(
+            "How fast, how evenly and how stiffly the drive follows a current, a speed and a position: what a servo is \
+             bought for.",
+        );
         report.text(
             "The paper's motor with imperfect Halls, dead time, friction and cogging, calibrated by the drive. \
              Torques, speeds and positions are the motor's true ones. Bandwidths of speed, position and tracker: 20, 6 \
              and 140 Hz for turning evenly, 60, 15 and 280 Hz for holding a position.",
         );
-        report.table(&self.table());
-        report.table(&self.summary.identification.table());
         let current = vec![Series::new("current along q", self.current.iter().take(120).copied())];
         let moving = vec![Series::new("position", self.moving.iter().take(100 * 40).copied())];
         let loaded = vec![Series::new("position", self.loaded.iter().take(150 * 40).copied())];
         let plots = [
-            ("Current step, rotor locked", "time / ms", "A", &current, "Field-oriented, set for 1 kHz at 40 kHz PWM."),
-            ("Speed step under load", "time / ms", "rpm", &self.speed, "From 0 to 100 rpm against 40 mN·m."),
+            (
+                "Current step, rotor locked",
+                "time / ms",
+                "current / A",
+                &current,
+                "Field-oriented, set for 1 kHz at 40 kHz PWM.",
+            ),
+            ("Speed step under load", "time / ms", "speed / rpm", &self.speed, "From 0 to 100 rpm against 40 mN·m."),
             (
                 "Speed, settled",
                 "time / ms",
-                "rpm",
+                "speed / rpm",
                 &self.ripple,
                 "The three commutations under the same speed control.",
             ),
@@ -392,6 +400,8 @@ impl Run {
         for (title, x, y, series, caption) in plots {
             report.plot(&Plot::new(title, x, y, series.clone()), caption)?;
         }
+        report.heading("Figures").table(&self.table());
+        report.heading("The motor as the drive has measured it").table(&self.summary.identification.table());
         Ok(report)
     }
 }

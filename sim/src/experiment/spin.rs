@@ -235,12 +235,15 @@ impl Run {
 
     fn report(&self) -> Result<Report> {
         let mut report = Report::new("An imperfect motor, calibrated and turned");
+        report.lead(
+            "Three cheap, badly mounted Halls know the angle of a turning motor to a fraction of a degree, once they \
+             are calibrated: accurate enough for smooth torque.",
+        );
         report.text(
             "Three linear Halls with placement errors up to 8°, amplitudes off by up to 30 % and offsets by up to \
              10 %, 5 % third harmonic and 1 % noise at a 12-bit ADC; friction, cogging and dead time. The control code \
              is the one that runs on the chip; the motor is simulated in double precision.",
         );
-        report.table(&self.table()).table(&self.sensor_table());
         for finding in self.calibration.report.findings() {
             report.text(&format!("The calibration notes: {finding}."));
         }
@@ -264,6 +267,7 @@ impl Run {
         )?;
         report.plot(&self.duties(), "Share of the PWM period for which each phase's upper transistor conducts.")?;
         report.plot(&self.torque(), "Torque of the motor; cogging and friction not subtracted.")?;
+        report.heading("Figures").table(&self.table()).table(&self.sensor_table());
         Ok(report)
     }
 
@@ -273,6 +277,12 @@ impl Run {
 
     fn all(&self, name: &str, of: impl Fn(&Row) -> f64) -> Series {
         Series::new(name, self.trace.iter().enumerate().map(|(k, row)| (self.seconds(k), of(row))))
+    }
+
+    /// With marks where the command changes.
+    fn marked(&self, plot: Plot) -> Plot {
+        let parts = SCRIPT.iter().enumerate();
+        parts.fold(plot, |plot, (part, (name, ..))| plot.event(self.seconds(self.begin(part)), name))
     }
 
     /// A part of the trace in milliseconds, from its start.
@@ -288,7 +298,7 @@ impl Run {
 
     fn speed(&self) -> Plot {
         let rpm = self.all("speed", |row| row.period.truth.speed_rad_s * 60.0 / TAU);
-        Plot::new("Speed", "time / s", "rpm", vec![rpm])
+        self.marked(Plot::new("Speed", "time / s", "speed / rpm", vec![rpm]))
     }
 
     fn angles(&self) -> Plot {
@@ -298,18 +308,18 @@ impl Run {
             let angle = row.period.truth.electrical_angle_rad.to_degrees() + row.tracked_deg;
             angle - 360.0 * (angle / 360.0).round()
         });
-        Plot::new("Angle", "time / ms", "electrical degrees", vec![truth, tracked])
+        Plot::new("Angle", "time / ms", "angle / ° electrical", vec![truth, tracked])
     }
 
     fn errors(&self) -> Plot {
         let single = self.all("single samples", |row| row.angle_deg);
         let tracked = self.all("tracked", |row| row.tracked_deg);
-        Plot::new("Error of the angle", "time / s", "electrical degrees", vec![single, tracked])
+        self.marked(Plot::new("Error of the angle", "time / s", "error / ° electrical", vec![single, tracked]))
     }
 
     fn bias(&self) -> Plot {
         let series = Series::new("mean error", self.by_angle.means(50.0));
-        Plot::new("Mean error over the turn", "electrical angle / °", "electrical degrees", vec![series])
+        Plot::new("Mean error over the turn", "electrical angle / °", "error / ° electrical", vec![series])
     }
 
     /// Begin and length of two electrical turns in the middle of the fast part.
@@ -332,7 +342,7 @@ impl Run {
         let halls = (0..3).map(|k| {
             self.window(&Channel(k as u8).to_string(), begin, length, |row| row.period.sample.halls[k].into())
         });
-        Plot::new("Hall signals", "time / ms", "ADC code", halls.collect())
+        Plot::new("Hall signals", "time / ms", "signal / ADC codes", halls.collect())
     }
 
     fn arcsines(&self) -> Plot {
@@ -344,7 +354,7 @@ impl Run {
                 f64::from(trig::asin(fixed::types::I2F30::saturating_from_num(signal)).to_degrees())
             })
         });
-        Plot::new("Arcsines", "time / ms", "degrees", halls.collect())
+        Plot::new("Arcsines", "time / ms", "arcsine / °", halls.collect())
     }
 
     fn duties(&self) -> Plot {
@@ -352,10 +362,15 @@ impl Run {
         let phases = [0, 1, 2].map(|k| {
             self.window(["A", "B", "C"][k], begin, length, |row| f64::from(row.period.output.compare[k]) / 2125.0)
         });
-        Plot::new("Duties", "time / ms", "duty", phases.to_vec())
+        Plot::new("Duties", "time / ms", "duty / 1", phases.to_vec())
     }
 
     fn torque(&self) -> Plot {
-        Plot::new("Torque", "time / s", "mN·m", vec![self.all("torque", |row| 1e3 * row.period.truth.torque_nm)])
+        Plot::new(
+            "Torque",
+            "time / s",
+            "torque / mN·m",
+            vec![self.all("torque", |row| 1e3 * row.period.truth.torque_nm)],
+        )
     }
 }

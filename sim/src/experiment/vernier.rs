@@ -215,7 +215,7 @@ impl Summary {
         let head = ["fault", "trials", "reported", "wrong", "wrong unchecked", "worst good angle", "false alarms"];
         let rows = self.faults.iter().map(|outcome| {
             vec![
-                format!("{:?}", outcome.fault),
+                outcome.fault.words().to_string(),
                 outcome.trials.to_string(),
                 outcome.flagged.to_string(),
                 outcome.wrong.to_string(),

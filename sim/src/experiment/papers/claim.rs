@@ -112,7 +112,8 @@ impl Figure {
         self.beside(printed, verdict)
     }
 
-    fn row(&self) -> Vec<String> {
+    /// Name, printed, the paper's method, ours, and what that means.
+    pub fn row(&self) -> Vec<String> {
         let with_unit = |value: f64| format!("{} {}", number(value), self.unit).trim_end().to_string();
         let [printed, method] = [self.printed, self.method].map(|value| value.map_or("–".to_string(), with_unit));
         vec![self.name.to_string(), printed, method, with_unit(self.ours), self.verdict.words().to_string()]
@@ -153,10 +154,14 @@ impl Claim {
         format!("{}: {}", self.place, self.title)
     }
 
-    /// The figures as a table.
+    /// The figures as a table; without the paper's method where there is none.
     pub fn figures_table(&self) -> Vec<Vec<String>> {
         let head = ["", "printed", "the paper's method, here", "ours", ""].map(String::from).to_vec();
-        std::iter::once(head).chain(self.figures.iter().map(Figure::row)).collect()
+        let mut rows: Vec<_> = std::iter::once(head).chain(self.figures.iter().map(Figure::row)).collect();
+        if self.figures.iter().all(|figure| figure.method.is_none()) {
+            rows.iter_mut().for_each(|row| drop(row.remove(2)));
+        }
+        rows
     }
 }
 

@@ -233,7 +233,7 @@ fn back_emf(seed: u64) -> Result<Claim> {
             Plot::new(
                 "Fig. 9(c): Hall and back-EMF",
                 "time / ms",
-                "over the amplitude",
+                "signal / amplitude",
                 vec![over_time("Hall A", &hall, 1.0), over_time("back-EMF of phase A", &emf, emf_v)],
             ),
             "Four electrical turns.",

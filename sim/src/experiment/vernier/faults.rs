@@ -25,6 +25,18 @@ pub enum Fault {
     NoiseBurst,
 }
 
+impl Fault {
+    /// In words.
+    pub fn words(self) -> &'static str {
+        match self {
+            Self::StuckHead => "a head is stuck",
+            Self::HalfDemagnetised => "a ring loses half of its field",
+            Self::ReadingsSwapped => "the readings are swapped",
+            Self::NoiseBurst => "a burst of noise",
+        }
+    }
+}
+
 /// All of them.
 pub const FAULTS: [Fault; 4] = [Fault::StuckHead, Fault::HalfDemagnetised, Fault::ReadingsSwapped, Fault::NoiseBurst];
 

@@ -22,11 +22,12 @@ const PAIRS: [f64; 2] = [37.0, 45.0];
 /// Nothing to plot.
 pub fn report(options: &Options, summary: &Summary) -> Result<Report> {
     let mut report = Report::new("Vernier: absolute angle from two rings");
-    report.table(&summary.table());
+    report.lead(
+        "Two rings with 37 and 45 pole pairs know the absolute angle at power-up. Off the axis they contradict each \
+         other; calibrated they do not.",
+    );
     if let Some(refusal) = &summary.refusal {
         report.text(&format!("Calibration refused: {refusal}. The encoder goes on uncalibrated."));
-    } else {
-        report.text("Faults injected into the running encoder:").table(&summary.fault_table());
     }
     let plots = if options.build.pairs {
         Bench::<2>::new(&options.build, options.common.seed)?.plots()
@@ -35,6 +36,10 @@ pub fn report(options: &Options, summary: &Summary) -> Result<Report> {
     };
     for (plot, caption) in plots {
         report.plot(&plot, caption)?;
+    }
+    report.heading("Figures").table(&summary.table());
+    if !summary.faults.is_empty() {
+        report.heading("Faults injected into the running encoder").table(&summary.fault_table());
     }
     Ok(report)
 }
@@ -115,7 +120,7 @@ impl<const HEADS: usize> Bench<HEADS> {
         Plot::new(
             "Stored values",
             "pole pair",
-            "z, counts",
+            "z / counts",
             vec![Series::new("ideal", ideal), Series::new("calibrated", measured)],
         )
     }
@@ -136,7 +141,7 @@ impl<const HEADS: usize> Bench<HEADS> {
             }
         }
         let series = series.map(|(name, points)| Series::new(name, points)).to_vec();
-        Plot::new("Linearity error", "place in the pole pair, electrical degrees", "error, counts", series)
+        Plot::new("Linearity error", "place in the pole pair / ° electrical", "error / counts", series)
     }
 
     /// The pole pairs of a turn of one head, and those of a jolted turn with the average of those kept.
@@ -165,7 +170,7 @@ impl<const HEADS: usize> Bench<HEADS> {
             }
             selected.push(Series::new("average", points(&average.errors)));
         }
-        let plot = |title, series| Plot::new(title, "reading, electrical degrees", "error, counts", series);
+        let plot = |title, series| Plot::new(title, "reading / ° electrical", "error / counts", series);
         (plot("Pole pairs over each other", all), plot("Selection of pole pairs", selected))
     }
 
@@ -221,7 +226,7 @@ impl<const HEADS: usize> Bench<HEADS> {
         for series in &mut series {
             series.points.sort_by(|a, b| a.0.total_cmp(&b.0));
         }
-        Plot::new(title, "place in the pole pair, electrical degrees", "z, counts", series)
+        Plot::new(title, "place in the pole pair / ° electrical", "z / counts", series)
     }
 
     /// Figure 10, top.
@@ -236,8 +241,8 @@ impl<const HEADS: usize> Bench<HEADS> {
         let [reference, vernier] = points;
         Plot::new(
             "Readings",
-            "shaft angle, degrees",
-            "reading, counts",
+            "shaft angle / °",
+            "reading / counts",
             vec![Series::new("37 pole pairs", reference), Series::new("45 pole pairs", vernier)],
         )
     }
@@ -256,7 +261,7 @@ impl<const HEADS: usize> Bench<HEADS> {
             Some(Series::new(name, points.collect::<Vec<_>>()))
         });
         let series = series.collect();
-        Plot::new("Number of the pole pair", "shaft angle, degrees", "pole pair", series)
+        Plot::new("Number of the pole pair", "shaft angle / °", "number of the pole pair", series)
     }
 }
 

@@ -1,5 +1,5 @@
-//! The README's conversation with a drive, command by command as it stands there, at a drive that is simulated anew:
-//! each does and says what is written, whatever the figures.
+//! The conversation with a drive in `docs/tool.md`, command by command as it stands there, at a drive that is simulated
+//! anew: each does and says what is written, whatever the figures.
 
 #![cfg(unix)]
 
@@ -27,9 +27,8 @@ fn masked(text: &str) -> String {
 }
 
 /// The commands of the block, and what is printed under each.
-fn conversation(readme: &str) -> Vec<(Vec<String>, String)> {
-    let section = readme.split("## Talking to a drive").nth(1).unwrap();
-    let block = section.split("```console\n").nth(1).unwrap().split("```").next().unwrap();
+fn conversation(page: &str) -> Vec<(Vec<String>, String)> {
+    let block = page.split("```console\n").nth(1).unwrap().split("```").next().unwrap();
     let mut said: Vec<(Vec<String>, String)> = Vec::new();
     for line in block.lines() {
         match line.strip_prefix("$ ") {
@@ -44,10 +43,10 @@ fn conversation(readme: &str) -> Vec<(Vec<String>, String)> {
 }
 
 #[test]
-fn every_command_of_the_readme_does_what_is_written() {
+fn every_command_of_the_page_does_what_is_written() {
     let folder = tempfile::tempdir().unwrap();
     let (mut drive, mut commands) = (None, 0);
-    for (command, printed) in conversation(include_str!("../../README.md")) {
+    for (command, printed) in conversation(include_str!("../../docs/tool.md")) {
         let words: Vec<_> = command.iter().map(String::as_str).collect();
         match words[..] {
             ["cargo", ..] | ["export", ..] => {}

@@ -1,0 +1,102 @@
+//! The figures that README and `docs/numbers.md` quote are those that the experiments print: the cheap ones are made
+//! again, those of the thousand motors come from their last run, which `docs/recorded/adapt.json` keeps:
+//! `cargo run --release -- adapt --json docs/recorded/adapt.json`.
+
+use plant::PlantParameters;
+use serde_json::Value;
+use sim::experiment::{commutation, papers, servo, spin};
+use std::path::Path;
+use std::sync::LazyLock;
+use std::{env, fs};
+
+fn read(file: &str) -> String {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("..").join(file);
+    fs::read_to_string(path).unwrap_or_else(|error| panic!("{file}: {error}"))
+}
+
+static NUMBERS: LazyLock<String> = LazyLock::new(|| read("docs/numbers.md"));
+static README: LazyLock<String> = LazyLock::new(|| read("README.md"));
+
+/// The page says this, with these figures in it.
+#[track_caller]
+fn says(page: &str, line: &str) {
+    let about = line.split('|').nth(1).unwrap_or(line).trim();
+    let there = page.lines().find(|found| found.contains(about)).unwrap_or("nothing");
+    assert!(page.contains(line), "should be\n{line}\nand is\n{there}");
+}
+
+#[test]
+fn spin() {
+    let s = spin::run(1, &PlantParameters::imperfect(1), |_, _| ()).unwrap().summary;
+    says(&NUMBERS, &format!("one sensor, arcsine, uncalibrated             {:.2}° RMS", s.raw_error_deg_rms));
+    says(&NUMBERS, &format!("three sensors, calibrated, single samples     {:.3}° RMS", s.angle_error_deg_rms));
+    says(&NUMBERS, &format!("(Cramér–Rao)   {:.3}° RMS", s.crlb_placed_deg));
+    says(&NUMBERS, &format!("largest                                        {:.2}°\n", s.angle_error_deg_max));
+    says(&NUMBERS, &format!("mean                                         {:+.3}°\n", s.angle_bias_deg));
+    says(&NUMBERS, &format!("largest mean in 10° of the turn               {:.3}°\n", s.angle_bias_worst_deg));
+    says(&NUMBERS, &format!("tracked, constant speed                       {:.3}° RMS", s.tracked_error_deg_rms));
+    says(&NUMBERS, &format!("stop and reversal        {:.3}° RMS", s.tracked_error_all_deg_rms));
+    let turns = format!("electrical turns lost of {:.0}, up to {:.0} Hz ", s.turns_made, s.fastest_hz);
+    says(&NUMBERS, &turns);
+    assert_eq!(s.turns_lost, 0);
+    let [single, tracked] = [s.angle_error_deg_rms, s.tracked_error_deg_rms];
+    says(&README, &format!("| {single:.2}° RMS from one sample, {tracked:.2}° tracked |"));
+    says(&README, &format!("| {:.3}° is the least from one sample; {:.1}° ", s.crlb_placed_deg, s.raw_error_deg_rms));
+}
+
+#[test]
+fn commutation() {
+    let s = commutation::run(1).unwrap().summary;
+    let torque = [s.block_torque_ripple_pct, s.sine_torque_ripple_pct];
+    let speed = [s.block_speed_ripple_pct, s.sine_speed_ripple_pct];
+    says(&NUMBERS, &format!("(theory: 14.03 %, 0) | {:.2} % | {:.2} % |", torque[0], torque[1]));
+    says(&NUMBERS, &format!("uncalibrated Halls | {:.2} % |", s.uncalibrated_block_torque_ripple_pct));
+    says(&NUMBERS, &format!("dead time | {:.2} % | {:.2} % |", speed[0], speed[1]));
+}
+
+#[test]
+fn servo() {
+    let s = servo::run(1).unwrap().summary;
+    let current = format!("40 kHz | {:.0} Hz / {:.1} % |", s.current_bandwidth_hz, s.current_overshoot_pct);
+    says(&NUMBERS, &current);
+    let ripple = [s.speed_ripple_pct, s.block_speed_ripple_pct, s.block_open_speed_ripple_pct];
+    says(&NUMBERS, &format!("anti-cogging / block | {:.2} % / {:.1} % |", ripple[0], ripple[1]));
+    says(&NUMBERS, &format!("constant voltage | {:.2} % / {:.1} % |", ripple[0], ripple[2]));
+    says(&NUMBERS, &format!("holding at rest | {:.3}° RMS |", s.position_noise_deg));
+    says(&NUMBERS, &format!("over with the table | {:.1} |", s.cogging_reduction));
+    says(&NUMBERS, &format!("field-oriented over block | {:.3} |", s.foc_copper_loss_vs_block));
+    says(&README, &format!("| {:.2} % | {:.1} % with block commutation |", ripple[0], ripple[1]));
+}
+
+#[test]
+fn two_rings() {
+    let claims = papers::run(1).unwrap().claims;
+    let claim = claims.iter().find(|claim| claim.place == "Fig. 10").unwrap();
+    let figure = |name: &str| claim.figures.iter().find(|figure| figure.name.contains(name)).unwrap().ours;
+    assert_eq!(figure("pole pairs, compensated"), 0.0);
+    says(&README, &format!("| 0 of 20 000 | {:.1} % with one head", figure("uncompensated")));
+}
+
+#[test]
+fn a_thousand_motors() {
+    let recorded: Value = serde_json::from_str(&read("docs/recorded/adapt.json")).unwrap();
+    let of = |name: &str| recorded[name].as_f64().unwrap();
+    assert_eq!(recorded["motors"], 1000);
+    assert!(recorded["paper_filter_convergence_turns"].is_null());
+    let turns = of("convergence_electrical_turns");
+    says(&NUMBERS, &format!("below 0.5° RMS after | {turns:.2} turns |"));
+    says(&README, &format!("| {turns:.2} turns | the paper's filter: never |"));
+    let [steady, bound, paper] = ["error_deg_rms", "posterior_bound_deg", "paper_filter_error_deg_rms"].map(of);
+    says(
+        &NUMBERS,
+        &format!("(bound of any filter: {bound:.3}°) | {steady:.3}° RMS | ≤ 1.2 × the bound | {paper:.2}° |"),
+    );
+    let [drift, without] = ["drift_error_deg_rms", "drift_error_without_adaptation_deg_rms"].map(of);
+    says(&NUMBERS, &format!("worst motor | {drift:.3}° RMS | ≤ 0.3° | without adaptation: {without:.2}° |"));
+    let (named, latest) = (of("losses_named"), of("loss_detection_turns"));
+    says(&NUMBERS, &format!("found and named | {named} of 1000, after {latest:.2} turns at most |"));
+    let coupled = |name: &str| recorded[name][1].as_f64().unwrap();
+    let [shift, corrected] = ["coupling_error_without_deg_rms", "coupling_error_with_deg_rms"].map(coupled);
+    says(&NUMBERS, &format!("{shift:.2}° RMS. All three"));
+    says(&NUMBERS, &format!("({shift:.1}° without, {corrected:.2}° with)"));
+}

@@ -17,8 +17,8 @@ fn read(file: &str) -> String {
 /// The page of all faults, from the code's texts.
 fn faults() -> String {
     let mut page = String::from(
-        "# Faults\n\nWhat switches the bridge off, until a person has cleared it. `hallctl faults` says which, when, and what \
-         to do.\nThis page is made from the code's own texts: `UPDATE_DOCS=1 cargo test -p hallctl --test docs`.\n\n\
+        "# Faults\n\nWhat switches the bridge off, until a person has cleared it. `hallctl faults` says which, \
+         when, and what to do.\nThis page is made from the code's own texts: `UPDATE_DOCS=1 cargo test -p hallctl --test docs`.\n\n\
          | number | what the drive says | what to do |\n|---:|---|---|\n",
     );
     for fault in Fault::all() {

@@ -78,8 +78,8 @@ pub fn figure(title: &str, svg: &str, data: Option<&str>, caption: &str) -> Stri
 }
 
 /// What the script adds to the pictures, said once.
-const HINT: &str = "<p class=\"hint\">Drag, or use two fingers, to zoom into a diagram; double-click to zoom out; click a \
-                    name to hide its curve.</p>\n";
+const HINT: &str = "<p class=\"hint\">Drag, or use two fingers, to zoom into a diagram; double-click to zoom out; \
+                    click a name to hide its curve.</p>\n";
 
 /// A table; the first row is the head.
 pub fn table(rows: &[Vec<String>]) -> String {

@@ -250,8 +250,8 @@ pub fn text(outcome: &Outcome) -> String {
 pub fn html(outcome: &Outcome, trace: &Trace) -> Result<String> {
     let mut report = Report::new(&format!("{} on a virtual chip", outcome.board));
     report.lead(
-        "The firmware that would be flashed, on a simulated chip with a simulated motor at its pins: what the motor did, what \
-         the chip was asked for, and what was wrong.",
+        "The firmware that would be flashed, on a simulated chip with a simulated motor at its pins: what the motor did, \
+         what the chip was asked for, and what was wrong.",
     );
     for (title, columns) in [
         ("Angle", &["angle / turns"][..]),

@@ -114,7 +114,8 @@ impl Figure {
 
     /// Name, printed, the paper's method, ours, and what that means.
     pub fn row(&self) -> Vec<String> {
-        let with_unit = |value: f64| format!("{} {}", number(value), self.unit).trim_end().to_string();
+        let room = if self.unit.is_empty() || self.unit.starts_with('°') { "" } else { " " };
+        let with_unit = |value: f64| format!("{}{room}{}", number(value), self.unit);
         let [printed, method] = [self.printed, self.method].map(|value| value.map_or("–".to_string(), with_unit));
         vec![self.name.to_string(), printed, method, with_unit(self.ours), self.verdict.words().to_string()]
     }

@@ -214,7 +214,7 @@ fn back_emf(seed: u64) -> Result<Claim> {
         place: "Fig. 9(c)",
         title: "a Hall against the back-EMF of its phase",
         seen: "At constant speed both are sines, the Hall upside down and in phase: so a Hall in line with a phase can \
-               drive it. Out of line by some degrees, it drives with as much less torque.",
+               drive it. A Hall 10° electrical out of line, used without correction, costs 1.5 % of the torque.",
         equation: "back-EMF = −λ ω sin θe;   Hall = sin(θe − φ − ψ)",
         conditions: "20 rad/s, bridge off, the first Hall mounted in line with phase A, 5 % third harmonic and 1 % \
                      noise. The paper gives neither speed nor scale.",

@@ -4,7 +4,7 @@ use hallservo::vernier::decode::{AverageTable, IdealTable};
 use hallservo::vernier::rings::Rings;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
-use sim::baseline::rings::{PairTable, decode_by_search, decode_combined};
+use sim::baseline::rings::{PairTable, ZeroTable, decode_by_search};
 
 /// What the vernier's head shows at a position in counts of the reference ring, rounded.
 fn vernier_at(position: u64, p: u64, q: u64, bits: u8) -> u16 {
@@ -18,6 +18,7 @@ fn check_every_reading(p: u8, q: u8, bits: u8) {
     let average = AverageTable::new(&rings, &[0; 64]);
     let mut storage = vec![0; usize::from(p) << bits];
     let pairs = PairTable::new(rings, &mut storage).unwrap();
+    let zeros = ZeroTable::new(rings);
     let shift = 16 - u32::from(bits);
     let largest_residual = ((i32::from(p) << shift) + 1) / 2;
 
@@ -26,7 +27,7 @@ fn check_every_reading(p: u8, q: u8, bits: u8) {
         let y = vernier_at(position, p.into(), q.into(), bits);
         let pole_pair = (position >> bits) as u8;
 
-        for found in [pairs.decode(x, y), decode_by_search(&rings, x, y), decode_combined(&rings, x, y)] {
+        for found in [pairs.decode(x, y), decode_by_search(&rings, x, y), zeros.decode(x, y)] {
             assert_eq!(found.pole_pair, pole_pair, "{p}/{q} {bits} {position}");
             assert!(found.distance.abs() <= 1);
             assert_eq!(u64::from(found.position(&rings, x)), position);

@@ -81,6 +81,40 @@ fn two_rings() {
     says(&README, &format!("| 0 of 20 000 | {:.1} % with one head", figure("uncompensated")));
 }
 
+/// A column of a row (3: least, 4: mean, 5: largest), as last printed on the emulated chip: in `boards/mps2-an386`,
+/// `cargo run --release --bin count | grep '^|' > ../../docs/recorded/count.md`.
+fn count(item: &str, by: &str, column: usize) -> String {
+    let counts = read("docs/recorded/count.md");
+    let row = counts.lines().find(|row| row.starts_with(&format!("| {item} | {by} |")));
+    row.unwrap_or_else(|| panic!("no {item} by {by}")).split('|').nth(column).unwrap().trim().to_string()
+}
+
+#[test]
+fn instructions() {
+    let ours = |item: &str| count(item, "hallservo", 5);
+    let peer = |item: &str, by: &str| count(item, by, 5);
+    let least = count("Drive::step, running", "hallservo", 3);
+    says(&NUMBERS, &format!("**{least}, with a record {}**", ours("Drive::step, running")));
+    let three = |kind: &str| ["current", "speed", "position"].map(|what| ours(&format!("{kind}, {what}"))).join(" / ");
+    says(&NUMBERS, &format!("a position | **{}** |", three("Drive::step, field-oriented")));
+    says(&NUMBERS, &format!("alignment trimmed | {} |", three("field-oriented, fast")));
+    says(&NUMBERS, &format!("a table against cogging | {} |", three("field-oriented, with a table")));
+    let stalled = three("field-oriented, stalled");
+    says(&NUMBERS, &format!("(speed and position) | {stalled} |"));
+    says(&NUMBERS, &format!("at most every 8th | {} |", ours("field-oriented, with a command")));
+    let mean: f64 = count("adaptation, one update", "hallservo", 4).parse().unwrap();
+    says(&NUMBERS, &format!("one update (mean {mean:.0}) | {} |", ours("adaptation, one update")));
+    says(&NUMBERS, &format!("a lost Hall at once | {} |", ours("the same, all of it at once")));
+    says(&NUMBERS, &format!("absolute angle | {} |", ours("two rings → angle")));
+    says(&NUMBERS, &format!("against the past | {} |", ours("the same, corrected and checked")));
+    let halls = "three Halls → turns → three duties, LSB";
+    let [idsp, micromath, libm] = ["idsp", "micromath", "libm"].map(|by| peer(halls, by));
+    says(&NUMBERS, &format!("→ three duties | {} | {idsp} | {micromath} | {libm} |", ours(halls)));
+    let most = three("Drive::step, field-oriented");
+    let most = most.split(" / ").filter_map(|count| count.parse::<u32>().ok()).max().unwrap();
+    says(&README, &format!("| {most} at most |"));
+}
+
 #[test]
 fn a_thousand_motors() {
     let recorded: Value = serde_json::from_str(&read("docs/recorded/adapt.json")).unwrap();

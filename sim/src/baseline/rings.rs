@@ -65,12 +65,29 @@ pub fn decode_by_search(rings: &Rings, x: u16, y: u16) -> Found {
     nearest(rings, positions.map(|position| vernier_code(rings, position)), y)
 }
 
-/// The combined method, eq. (5) to (8): carries the vernier back to where the reference showed 0,
-/// z = mod(y − r₂/r₁ · x), and searches the table of what it shows there, the codes at the pp zeros of the reference.
-pub fn decode_combined(rings: &Rings, x: u16, y: u16) -> Found {
-    let z = y.wrapping_sub(vernier_code(rings, u32::from(x & mask(rings))));
-    let zeros = (0..rings.pole_pairs(Ring::Reference)).map(|k| vernier_code(rings, u32::from(k) << rings.bits()));
-    nearest(rings, zeros, z)
+/// The combined method: a table of what the vernier shows at the pp zeros of the reference.
+pub struct ZeroTable {
+    rings: Rings,
+    codes: [u16; 64],
+}
+
+impl ZeroTable {
+    /// The codes for ideal rings.
+    pub fn new(rings: Rings) -> Self {
+        let mut codes = [0; 64];
+        for (k, code) in codes.iter_mut().take(rings.pole_pairs(Ring::Reference).into()).enumerate() {
+            *code = vernier_code(&rings, (k as u32) << rings.bits());
+        }
+        Self { rings, codes }
+    }
+
+    /// Eq. (5) to (8): carries the vernier back to where the reference showed 0, z = mod(y − r₂/r₁ · x), and searches
+    /// the table.
+    pub fn decode(&self, x: u16, y: u16) -> Found {
+        let z = y.wrapping_sub(vernier_code(&self.rings, u32::from(x & mask(&self.rings))));
+        let zeros = self.codes.iter().take(self.rings.pole_pairs(Ring::Reference).into());
+        nearest(&self.rings, zeros.copied(), z)
+    }
 }
 
 fn mask(rings: &Rings) -> u16 {

@@ -1,8 +1,15 @@
-//! Two rings to the absolute angle: 12-bit readings of ideal rings with 37 and 45 pole pairs.
+//! Two rings to the absolute angle: 12-bit readings of ideal rings with 37 and 45 pole pairs; ours, and the paper's three
+//! methods.
+
+/// The paper's methods, as the host tests them.
+#[path = "../../../../../sim/src/baseline/rings.rs"]
+#[allow(dead_code, reason = "the host's tests use all of it")]
+mod baseline;
 
 use crate::call::Arguments;
 use crate::row::{Row, function};
 use crate::trig::{angle_error, turns};
+use baseline::{Found, PairTable, ZeroTable, decode_by_search};
 use core::sync::atomic::{AtomicPtr, Ordering::Relaxed};
 use hallservo::angle::MechanicalAngle;
 use hallservo::vernier::continuity::State;
@@ -10,7 +17,7 @@ use hallservo::vernier::decode::IdealTable;
 use hallservo::vernier::encoder::{Calibration, Encoder, Reading};
 use hallservo::vernier::rings::Rings;
 use mps2_an386::failure;
-use static_cell::StaticCell;
+use static_cell::{ConstStaticCell, StaticCell};
 
 pub const ROWS: &[Row] = &[
     Row::new("two rings → angle", "hallservo", function!(vernier), readings, |a, r| angle_error(a, turns(r.r0)))
@@ -19,7 +26,38 @@ pub const ROWS: &[Row] = &[
         angle_error(a, turns(r.r0))
     })
     .budget(60),
+    Row::new("two rings → angle", "paper, all pairs stored", function!(all_pairs), for_pairs, |a, r| {
+        angle_error(a, turns(r.r0))
+    }),
+    Row::new("two rings → angle", "paper, all computed", function!(search), for_search, |a, r| {
+        angle_error(a, turns(r.r0))
+    }),
+    Row::new("two rings → angle", "paper, 37 stored", function!(combined), for_combined, |a, r| {
+        angle_error(a, turns(r.r0))
+    }),
 ];
+
+/// The angle of a place on the reference ring by one product.
+fn angle(found: Found, reference: u16) -> i32 {
+    const SCALE: u64 = (1 << 48) / (37 << 12);
+    let position = (u32::from(found.pole_pair) << 12) + u32::from(reference);
+    ((u64::from(position) * SCALE) >> 16) as i32
+}
+
+#[unsafe(no_mangle)]
+extern "C" fn all_pairs(reference: u16, vernier: u16, table: &PairTable<'static>) -> i32 {
+    angle(table.decode(reference >> 4, vernier >> 4), reference >> 4)
+}
+
+#[unsafe(no_mangle)]
+extern "C" fn search(reference: u16, vernier: u16, rings: &Rings) -> i32 {
+    angle(decode_by_search(rings, reference >> 4, vernier >> 4), reference >> 4)
+}
+
+#[unsafe(no_mangle)]
+extern "C" fn combined(reference: u16, vernier: u16, table: &ZeroTable) -> i32 {
+    angle(table.decode(reference >> 4, vernier >> 4), reference >> 4)
+}
 
 #[unsafe(no_mangle)]
 extern "C" fn vernier(reference: u16, vernier: u16, table: &IdealTable) -> i32 {
@@ -32,6 +70,9 @@ extern "C" fn vernier_step(encoder: &Encoder, state: &mut State, reading: &Readi
 }
 
 struct Bench {
+    rings: Rings,
+    pairs: PairTable<'static>,
+    zeros: ZeroTable,
     table: IdealTable,
     encoder: Encoder,
     state: State,
@@ -47,8 +88,10 @@ pub fn init() {
     let Ok(encoder) = Encoder::new(&rings, &Calibration::ideal(&rings), MechanicalAngle::from_degrees(1.0)) else {
         failure()
     };
-    let (table, state) = (IdealTable::new(&rings), State::default());
-    let bench = PLACE.init(Bench { table, encoder, state, reading: reading(0) });
+    static PAIRS: ConstStaticCell<[u16; 37 << 12]> = ConstStaticCell::new([0; 37 << 12]);
+    let Some(pairs) = PairTable::new(rings, PAIRS.take()) else { failure() };
+    let (table, zeros, state) = (IdealTable::new(&rings), ZeroTable::new(rings), State::default());
+    let bench = PLACE.init(Bench { rings, pairs, zeros, table, encoder, state, reading: reading(0) });
     // The sweep goes on where this ends.
     for index in 0..TURN {
         bench.reading = reading(index.wrapping_mul(STEP));
@@ -77,12 +120,27 @@ fn bench() -> &'static mut Bench {
     unsafe { BENCH.load(Relaxed).as_mut() }.unwrap_or_else(|| failure())
 }
 
-/// r0, r1: readings, r2: the table.
-fn readings(index: u32) -> Arguments {
+/// r0, r1: readings, r2: a table.
+fn with_table(index: u32, table: usize) -> Arguments {
     let angle = index.wrapping_mul(0x9E37_79B9);
     let Reading { reference: [x], vernier: [y] } = reading(angle);
-    let table = (&raw const bench().table).addr() as u32;
-    Arguments { r: [x.into(), y.into(), table, 0], turns: turns(angle), ..Default::default() }
+    Arguments { r: [x.into(), y.into(), table as u32, 0], turns: turns(angle), ..Default::default() }
+}
+
+fn readings(index: u32) -> Arguments {
+    with_table(index, (&raw const bench().table).addr())
+}
+
+fn for_pairs(index: u32) -> Arguments {
+    with_table(index, (&raw const bench().pairs).addr())
+}
+
+fn for_search(index: u32) -> Arguments {
+    with_table(index, (&raw const bench().rings).addr())
+}
+
+fn for_combined(index: u32) -> Arguments {
+    with_table(index, (&raw const bench().zeros).addr())
 }
 
 /// r0: the encoder, r1: its state, r2: the next reading of a shaft that turns steadily.

@@ -75,6 +75,8 @@
       scales: { x: { time: false }, y: { distr: spec.logarithmic ? 3 : 1 } },
       series: [{ label: spec.x, value: (_, v) => text(v) }, ...curves],
       axes: [axis(spec.x, 46), axis(spec.y, 64)],
+      // Of so many curves no name is worth its place.
+      legend: { show: spec.names.length <= 12 },
       cursor: { dataIdx: nearest, drag: { x: true, y: true, uni: 20 } },
       hooks: { draw: spec.events.length ? [events(spec.events, ink)] : [], ready: [touch] },
     }, uPlot.join(spec.curves), figure.querySelector(".here"));

@@ -263,7 +263,7 @@ pub fn html(outcome: &Outcome, trace: &Trace) -> Result<String> {
     ] {
         let series: Vec<_> = columns.iter().filter_map(|name| series(trace, name)).collect();
         if !series.is_empty() {
-            report.plot(&Plot::new(title, "time / s", columns[0], series), "")?;
+            report.plot(&marked(Plot::new(title, "time / s", columns[0], series), outcome), "")?;
         }
     }
     for Section { title, rows } in sections(outcome) {
@@ -281,6 +281,15 @@ pub fn html(outcome: &Outcome, trace: &Trace) -> Result<String> {
         .heading("Log")
         .table(&std::iter::once(head(["time", "level", "message", "place"])).chain(lines).collect::<Vec<_>>());
     Ok(report.html())
+}
+
+/// With marks where the drive's mode changed, which its log says as "Running after Ready".
+fn marked(plot: Plot, outcome: &Outcome) -> Plot {
+    let changes = outcome.log.iter().filter_map(|line| {
+        let (mode, before) = line.message.split_once(" after ")?;
+        (!mode.contains(' ') && !before.contains(' ')).then_some((line.at_ns, mode))
+    });
+    changes.fold(plot, |plot, (at_ns, mode)| plot.event(at_ns as f64 * 1e-9, mode))
 }
 
 fn series(trace: &Trace, name: &str) -> Option<Series> {

@@ -94,10 +94,15 @@ impl Summary {
     fn report(&self) -> Result<Report> {
         let mut report = Report::new("The two papers, done again");
         report.lead(
-            "hallservo implements two papers. Here each of their figures, tables and numbers is made again by the \
-             code that runs on the chip, against a simulated motor and simulated magnet rings: the equation, the \
-             printed number, the number found here, and why they differ. Where an equation is wrong in print, the \
-             corrected one is used, and the page says so.",
+            "hallservo implements two papers: one finds a motor's angle from three cheap magnetic sensors, the other a \
+             shaft's absolute angle from two magnetised rings. Here each of their figures, tables and numbers is made \
+             again by the code that runs on the chip, against simulated motors and rings.",
+        );
+        report.text(
+            "For each: the equation, the printed number, the number found here, and why they differ. Where an \
+             equation is wrong in print, the corrected one is used, and the page says so. A Hall is a sensor of the \
+             magnetic field. A pole pair is a north and a south magnet; one of them passing is an electrical turn, \
+             so that 1° of a motor with four pole pairs is 4° electrical.",
         );
         report.table(&self.counts());
         report.text(

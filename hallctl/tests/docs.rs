@@ -101,7 +101,7 @@ fn every_link_leads_somewhere() {
 #[test]
 fn the_readme_leads_to_every_page() {
     let readme = read("README.md");
-    for page in ["numbers", "hardware", "protocol", "faults", "building", "tool", "porting", "glossary"] {
+    for page in ["features", "numbers", "hardware", "protocol", "faults", "building", "tool", "porting", "glossary"] {
         assert!(readme.contains(&format!("docs/{page}.md")), "{page}");
     }
 }

@@ -72,6 +72,7 @@ pub mod encoder;
 mod fmt;
 mod history;
 mod housekeeping;
+mod magnets;
 mod measure;
 mod outbox;
 mod procedure;
@@ -93,6 +94,7 @@ use hallservo::control::cogging::Table;
 use hallservo::drive::Channels;
 use hallservo::hall::estimate::Estimator;
 use hallservo::service::Service;
+use magnets::MagnetMemory;
 use procedure::Procedure;
 
 /// Name of the board and version of its firmware, for a person who asks.
@@ -117,6 +119,7 @@ pub struct Memory<F, E: Encoder = NoEncoder> {
     procedure: MaybeUninit<Option<Procedure>>,
     adaptation: MaybeUninit<SensorAdaptation>,
     encoder: E::Memory,
+    magnets: MagnetMemory,
     supervisor: MaybeUninit<Supervisor<F, E>>,
 }
 
@@ -140,6 +143,7 @@ impl<F, E: Encoder> Memory<F, E> {
             procedure: MaybeUninit::uninit(),
             adaptation: MaybeUninit::uninit(),
             encoder: E::MEMORY,
+            magnets: MagnetMemory::new(),
             supervisor: MaybeUninit::uninit(),
         }
     }

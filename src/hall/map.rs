@@ -119,6 +119,13 @@ impl Map {
         libm::sqrtf(points.iter().zip(others).map(square).map(|x| x * x).sum::<f32>() / points.len() as f32)
     }
 
+    /// Whether a [`Finder`] can tell the poles of this rotor, where the map leaves over so much, degrees RMS.
+    pub fn is_told(&self, left_deg: f32) -> bool {
+        let told = |difference: f32| difference > 2.0 * left_deg;
+        let apart = |poles| Some(self.difference_deg(poles)).filter(|&difference| difference > find::ALIKE_DEG);
+        told(self.rms_deg()) && (1..self.layout.pole_pairs).filter_map(apart).all(told)
+    }
+
     /// How far the Halls' angle is ahead of the rotor at a position.
     #[inline(always)]
     pub const fn error(&self, position: Position) -> ElectricalAngle {
@@ -127,11 +134,10 @@ impl Map {
         ElectricalAngle::from_bits((start << COARSER) + ((end - start) * (share >> 2)))
     }
 
-    /// The same map for a rotor that is so many electrical turns further than its position says.
-    #[must_use]
-    pub const fn turned(mut self, electrical_turns: i32) -> Self {
-        self.layout.first = electrical_turns.rem_euclid(self.layout.pole_pairs);
-        self
+    /// The same where the rotor is so many electrical turns further than its position says.
+    #[inline(always)]
+    pub const fn error_from(&self, electrical_turns: i32, position: Position) -> ElectricalAngle {
+        self.error(Position::from_bits(position.to_bits().wrapping_add((electrical_turns as i64) << 32)))
     }
 
     /// Electrical turns in a mechanical one.

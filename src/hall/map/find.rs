@@ -17,7 +17,7 @@ use crate::angle::Position;
 /// Least ratio of the power that others leave over.
 pub const MARGIN: f32 = 3.0;
 /// Two poles are alike where the map differs by less, degrees RMS: to take one for the other costs less than noise.
-const ALIKE_DEG: f32 = 0.15;
+pub(super) const ALIKE_DEG: f32 = 0.15;
 /// A map that is in use speaks against itself where it leaves more than this share of what no map does.
 const MISFIT: f32 = 0.75;
 /// Bandwidth of the references, in radians of it in a radian of the mechanical turn: they settle within a turn or two.
@@ -31,7 +31,7 @@ const LONGEST_GAP: u32 = 4096;
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Verdict {
-    /// The pole that leaves least: for [`Map::turned`].
+    /// The pole that leaves least: for [`Map::error_from`].
     pub electrical_turns: i32,
     /// What the next best, or no map, leaves over, in powers of what this one does.
     pub margin: f32,
@@ -72,11 +72,6 @@ impl Candidate {
         self.square += share * (behind * behind - self.square);
         true
     }
-}
-
-/// What a map says of a position that is so many electrical turns further from its begin.
-fn error_of(map: &Map, pole: usize, position: Position) -> i64 {
-    map.error(Position::from_bits(position.to_bits().wrapping_add((pole as i64) << 32))).to_bits().into()
 }
 
 /// A position as the Halls show it, without a map.
@@ -132,7 +127,12 @@ impl<const POLES: usize> Finder<POLES> {
         }
         for (pole, candidate) in self.candidates.iter_mut().enumerate() {
             if let Some(candidate) = candidate {
-                candidate.take(seen, |position| error_of(map, pole, position), bandwidth, share);
+                candidate.take(
+                    seen,
+                    |position| map.error_from(pole as i32, position).to_bits().into(),
+                    bandwidth,
+                    share,
+                );
             }
         }
         self.turned += share;
@@ -148,8 +148,9 @@ impl<const POLES: usize> Finder<POLES> {
         self.last = *seen;
         self.bare = Some(Candidate::at(seen.measured, seen));
         for (pole, candidate) in self.candidates.iter_mut().enumerate().take(map.pole_pairs().into()) {
-            let error = error_of(map, pole, seen.measured);
-            *candidate = Some(Candidate::at(Position::from_bits(seen.measured.to_bits().wrapping_sub(error)), seen));
+            let error = map.error_from(pole as i32, seen.measured).to_bits();
+            let position = Position::from_bits(seen.measured.to_bits().wrapping_sub(error.into()));
+            *candidate = Some(Candidate::at(position, seen));
         }
     }
 

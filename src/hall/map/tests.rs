@@ -139,7 +139,7 @@ fn a_map_closes_over_the_turn_in_both_directions() {
         }
     }
     assert_ne!(map.error(Position::from_turns(0.3)), map.error(Position::from_turns(1.3)));
-    assert_eq!(map.turned(5).error(Position::from_turns(0.3)), map.error(Position::from_turns(5.3)));
+    assert_eq!(map.error_from(5, Position::from_turns(0.3)), map.error(Position::from_turns(5.3)));
     let pitch: f32 = map.pitch_deg().sum();
     assert!(pitch.abs() < 0.01, "{pitch}");
 }

@@ -92,7 +92,9 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             #[cfg(feature = "encoder")]
             Ask::Encoder(EncoderAsk::Status) => self.ask_encoder(EncoderAsk::Status)?,
             #[cfg(feature = "map")]
-            Ask::Magnets(MagnetsAsk::Status) => Answer::Magnets(self.magnets.status(self.is_mapping())),
+            Ask::Magnets(MagnetsAsk::Status) => {
+                Answer::Magnets(self.magnets.status(self.is_mapping(), self.service.config()))
+            }
             #[cfg(feature = "map")]
             Ask::Magnets(MagnetsAsk::Points(first)) => self.magnets.points(first)?,
             Ask::Telemetry(hz) => {

@@ -27,7 +27,7 @@ pub enum MagnetsAsk {
 pub struct MagnetsReport {
     /// What the angle is wrong by without the map, electrical degrees RMS.
     pub without_deg: f32,
-    /// With it.
+    /// What noise leaves with it, tracked.
     pub with_deg: f32,
     /// Whether it is kept: it is worth more than the noise.
     pub kept: bool,
@@ -48,10 +48,10 @@ pub struct MagnetsStatus {
     pub learning: Procedure<MagnetsReport>,
     /// Mechanical turns since the search for the pole began, or since it was found.
     pub turns: u32,
-    /// What the next best pole, or no map, has left over in the last turn, in powers of what the best has; 3 is wanted,
-    /// twice. Not a number before there is one.
-    pub margin: f32,
-    /// What was left over in the last turn, electrical degrees RMS.
+    /// How well the best pole fits against the next best, or no map: 1 if it is right, −1 if the other is; 0.5 is wanted.
+    /// Not a number before the first turn.
+    pub fit: f32,
+    /// What was left over of single samples, electrical degrees RMS.
     pub left_deg: f32,
     /// What the flash holds of it.
     pub stored: Problem,

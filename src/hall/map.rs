@@ -16,7 +16,7 @@ mod learn;
 mod live;
 
 use crate::angle::{ElectricalAngle, PolePairs, Position};
-pub use find::{Finder, MARGIN, Seen, Verdict};
+pub use find::{FIT, Finder, Seen, Verdict};
 pub use learn::Learner;
 pub use live::{Live, WHOLE};
 
@@ -119,11 +119,11 @@ impl Map {
         libm::sqrtf(points.iter().zip(others).map(square).map(|x| x * x).sum::<f32>() / points.len() as f32)
     }
 
-    /// Whether a [`Finder`] can tell the poles of this rotor, where the map leaves over so much, degrees RMS.
-    pub fn is_told(&self, left_deg: f32) -> bool {
-        let told = |difference: f32| difference > 2.0 * left_deg;
-        let apart = |poles| Some(self.difference_deg(poles)).filter(|&difference| difference > find::ALIKE_DEG);
-        told(self.rms_deg()) && (1..self.layout.pole_pairs).filter_map(apart).all(told)
+    /// Whether a [`Finder`] can tell the poles of this rotor, or need not.
+    pub fn is_told(&self) -> bool {
+        let doubtful = 0.8 * find::ALIKE_DEG..1.3 * find::ALIKE_DEG;
+        self.rms_deg() > doubtful.end
+            && (1..self.layout.pole_pairs).all(|k| !doubtful.contains(&self.difference_deg(k)))
     }
 
     /// How far the Halls' angle is ahead of the rotor at a position.

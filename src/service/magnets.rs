@@ -1,10 +1,10 @@
 //! The [map](crate::hall::map) of the magnets at a drive: found after power-up, put into effect, watched, and dropped
 //! when it does not fit.
 //!
-//! While the motor runs with its currents controlled, a [`Finder`] looks for the pole. Two verdicts alike, a mechanical
-//! turn each, put the map into effect over a tenth of a second. From then on every turn is asked whether the map still
-//! leaves less than no map would: three turns in a row that say no end it, and the search begins again. A map that was
-//! dropped three times is not this rotor's.
+//! While the motor runs with its currents controlled, a [`Finder`] looks for the pole. When it is sure, the map is put
+//! into effect over a tenth of a second. From then on every turn is asked whether another pole, or no map, would leave
+//! less: three turns in a row that say so end it, and the search begins again. A map that was dropped three times is
+//! not this rotor's.
 
 use crate::angle::Position;
 use crate::control::config::Config as Control;
@@ -18,8 +18,6 @@ use core::f32::consts::TAU;
 
 /// Most pole pairs of a rotor whose pole is looked for.
 pub const POLES: usize = 32;
-/// Verdicts alike that put a map into effect.
-const ALIKE: u8 = 2;
 /// Verdicts in a row against a map that is in effect that end it.
 const DOUBTS: u8 = 3;
 /// Times that a map is dropped until it is not looked for any more.
@@ -54,9 +52,6 @@ pub struct Magnets {
     pole: i32,
     count: u32,
     share: i32,
-    /// The pole of the last sure verdict, and how often it came in a row.
-    last: Option<i32>,
-    alike: u8,
     doubts: u8,
     drops: u8,
     /// The last verdict, and how many there were since the search began.
@@ -79,8 +74,6 @@ impl Magnets {
             pole: 0,
             count: 0,
             share: 0,
-            last: None,
-            alike: 0,
             doubts: 0,
             drops: 0,
             verdict: None,
@@ -116,7 +109,7 @@ impl Magnets {
         self.live.end();
         let fits = self.known.is_some_and(|known| usize::from(known.map.pole_pairs()) <= POLES);
         self.state = if fits { Use::Searching } else { Use::None };
-        (self.share, self.alike, self.doubts, self.last) = (0, 0, 0, None);
+        (self.share, self.doubts) = (0, 0);
         (self.verdict, self.verdicts) = (None, 0);
         self.finder = Finder::new();
     }
@@ -176,7 +169,7 @@ impl Magnets {
             driven: turns_s2 / (scale.step_hz * scale.step_hz),
         };
         let used = (self.state == Use::Used).then_some(self.pole);
-        if let Some(verdict) = self.finder.push(&known.map, used, &seen) {
+        if let Some(verdict) = self.finder.push(&known.map, known.noise_deg, used, &seen) {
             self.judge(&verdict);
         }
     }
@@ -188,11 +181,8 @@ impl Magnets {
             self.doubts = if verdict.misfit { self.doubts.saturating_add(1) } else { 0 };
             return;
         }
-        let pole = verdict.is_sure().then_some(verdict.electrical_turns);
-        self.alike = if pole.is_some() && pole == self.last { self.alike + 1 } else { u8::from(pole.is_some()) };
-        self.last = pole;
-        if let Some(pole) = pole.filter(|_| self.alike >= ALIKE) {
-            (self.state, self.pole, self.doubts) = (Use::Used, pole, 0);
+        if verdict.sure {
+            (self.state, self.pole, self.doubts) = (Use::Used, verdict.electrical_turns, 0);
         }
     }
 

@@ -38,8 +38,8 @@ impl Plan {
     }
 }
 
-/// Most that a map may leave over, degrees RMS: beyond it the rotor was moved by something else.
-const MOST_LEFT_DEG: f32 = 1.0;
+/// Most that a map may leave over of single records, degrees RMS: beyond it the rotor was moved by something else.
+const MOST_NOISE_DEG: f32 = 2.0;
 /// Records over which the speed is averaged.
 const RECORDS_OF_MEAN: i32 = 64;
 /// Records in an electrical turn: the golden ratio spreads them evenly over those to come.
@@ -173,7 +173,7 @@ impl Mapping {
             self.enter(Stage::Settling);
         } else {
             self.done = true;
-            if self.learner.left_deg() > MOST_LEFT_DEG {
+            if self.learner.noise_deg() > MOST_NOISE_DEG {
                 return self.sequence.cancel(Error::Inconclusive);
             }
             self.sequence.finish();
@@ -191,9 +191,9 @@ impl Mapping {
         (self.done && self.sequence.state() == State::Done).then(|| self.learner.map())
     }
 
-    /// What it leaves over of single records, degrees RMS: what the tracked angle will be wrong by.
-    pub fn left_deg(&self) -> f32 {
-        self.learner.left_deg()
+    /// What it leaves over of single samples, degrees RMS: their noise.
+    pub fn noise_deg(&self) -> f32 {
+        self.learner.noise_deg()
     }
 }
 

@@ -17,8 +17,8 @@ const HEADER: usize = 12;
 pub struct Known {
     /// The map.
     pub map: Map,
-    /// What it leaves over, degrees RMS.
-    pub left_deg: f32,
+    /// What it leaves over of single samples, degrees RMS: their noise.
+    pub noise_deg: f32,
     /// The calibration that it was learnt with: [`fingerprint`].
     pub calibration: u32,
     /// Whether the angle counted as with `reversed` in the settings.
@@ -46,7 +46,7 @@ pub fn encode<'a>(known: &Known, place: &'a mut [u8; LONGEST]) -> &'a [u8] {
     place[0] = known.map.pole_pairs();
     place[1] = known.reversed.into();
     place[2..4].copy_from_slice(&(points.len() as u16).to_le_bytes());
-    place[4..8].copy_from_slice(&known.left_deg.to_le_bytes());
+    place[4..8].copy_from_slice(&known.noise_deg.to_le_bytes());
     place[8..12].copy_from_slice(&known.calibration.to_le_bytes());
     for (place, point) in place[HEADER..].chunks_exact_mut(2).zip(points) {
         place.copy_from_slice(&point.to_le_bytes());
@@ -64,13 +64,13 @@ pub fn decode(record: &[u8]) -> Option<Known> {
         _ => return None,
     };
     let count = usize::from(u16::from_le_bytes([header[2], header[3]]));
-    let left_deg = f32::from_le_bytes([header[4], header[5], header[6], header[7]]);
-    if points.len() != 2 * count || !(0.0..180.0).contains(&left_deg) {
+    let noise_deg = f32::from_le_bytes([header[4], header[5], header[6], header[7]]);
+    if points.len() != 2 * count || !(0.0..180.0).contains(&noise_deg) {
         return None;
     }
     let calibration = u32::from_le_bytes([header[8], header[9], header[10], header[11]]);
     let map = Map::of_points(pole_pairs, points.chunks_exact(2).map(|point| i16::from_le_bytes([point[0], point[1]])))?;
-    Some(Known { map, left_deg, calibration, reversed })
+    Some(Known { map, noise_deg, calibration, reversed })
 }
 
 #[cfg(test)]
@@ -85,7 +85,7 @@ mod tests {
         let mut random = Pcg64::seed_from_u64(seed);
         let pole_pairs = PolePairs::new(random.random_range(1..=64)).unwrap();
         let map = Map::of_points(pole_pairs, (0..Map::points_for(pole_pairs)).map(|_| random.random())).unwrap();
-        Known { map, left_deg: random.random_range(0.0..2.0), calibration: random.random(), reversed: random.random() }
+        Known { map, noise_deg: random.random_range(0.0..2.0), calibration: random.random(), reversed: random.random() }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use crate::storage::{Sensors, Storage};
 use core::mem::MaybeUninit;
 use embedded_storage::nor_flash::NorFlash;
-use hallservo::angle::PolePairs;
+use hallservo::config::Config;
 use hallservo::control::Config as Control;
 use hallservo::drive::Drive;
 use hallservo::hall::map::Live;
@@ -129,11 +129,11 @@ impl MagnetMap {
 
     /// It has come to a map, which is kept if it is worth more than noise.
     #[inline(never)]
-    pub fn learnt(&mut self, mapping: &Mapping, sensors: &Sensors, reversed: bool) {
+    pub fn learnt(&mut self, mapping: &Mapping, sensors: &Sensors, config: &Config) {
         let Some(map) = mapping.map() else { return self.failed(Error::Inconclusive) };
         let calibration = fingerprint(&sensors.calibrated);
-        let known = Known { map, left_deg: mapping.left_deg(), calibration, reversed };
-        let report = report(&known);
+        let known = Known { map, noise_deg: mapping.noise_deg(), calibration, reversed: config.is_reversed() };
+        let report = report(&known, config);
         self.learning = Procedure::Done(report);
         if report.kept {
             self.magnets.set(Some(known), Some(self.begun_in));
@@ -149,16 +149,16 @@ impl MagnetMap {
         self.magnets.search();
     }
 
-    pub fn status(&self, learns: bool) -> MagnetsStatus {
+    pub fn status(&self, learns: bool, config: &Config) -> MagnetsStatus {
         let known = self.magnets.known();
         let verdict = self.magnets.verdict();
         MagnetsStatus {
             state: self.magnets.state(),
             pole_pairs: known.map_or(0, |known| known.map.pole_pairs()),
-            report: known.map(report).unwrap_or_default(),
+            report: known.map(|known| report(known, config)).unwrap_or_default(),
             learning: if learns { Procedure::Running } else { self.learning },
             turns: self.magnets.verdicts(),
-            margin: verdict.map_or(f32::NAN, |verdict| verdict.margin),
+            fit: verdict.map_or(f32::NAN, |verdict| verdict.fit),
             left_deg: verdict.map_or(f32::NAN, |verdict| verdict.left_deg),
             stored: if self.unsaved { Problem::Blank } else { self.problem },
         }
@@ -174,12 +174,8 @@ impl MagnetMap {
     }
 }
 
-fn report(known: &Known) -> MagnetsReport {
+fn report(known: &Known, config: &Config) -> MagnetsReport {
     let without_deg = known.map.rms_deg();
-    MagnetsReport {
-        without_deg,
-        with_deg: known.left_deg,
-        kept: PolePairs::new(known.map.pole_pairs()).is_some() && without_deg > known.left_deg,
-        found_again: known.map.is_told(known.left_deg),
-    }
+    let with_deg = known.noise_deg * config.tracked_noise();
+    MagnetsReport { without_deg, with_deg, kept: without_deg > with_deg, found_again: known.map.is_told() }
 }

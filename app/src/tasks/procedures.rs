@@ -66,7 +66,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             #[cfg(feature = "map")]
             Completion::Magnets => {
                 if let (Some(Procedure::Magnets(mapping)), Some(sensors)) = (&*self.procedure, &self.sensors) {
-                    self.magnets.learnt(mapping, sensors, self.settings.reversed);
+                    self.magnets.learnt(mapping, sensors, self.service.config());
                 }
             }
             #[cfg(feature = "map")]

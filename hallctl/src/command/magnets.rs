@@ -7,7 +7,7 @@ use crate::out::{Out, create};
 use crate::{say, words};
 use anyhow::Context as _;
 use hallservo::angle::PolePairs;
-use hallservo::hall::map::{MARGIN, Map};
+use hallservo::hall::map::{FIT, Map};
 use hallservo::service::magnets::Use;
 use hallservo_protocol::{Answer, Ask, MagnetsAsk, MagnetsReport, MagnetsStatus, POINTS_AT_ONCE, Problem, Procedure};
 use serde_json::json;
@@ -130,7 +130,7 @@ fn tell(client: &mut Client, out: Out, csv: Option<&PathBuf>) -> Result<()> {
         "state": word(status.state),
         "report": status.report,
         "turns": status.turns,
-        "margin": status.margin,
+        "fit": status.fit,
         "left_deg": status.left_deg,
         "worst_pole_pair": worst + 1,
         "pole_pairs": pairs.iter().map(|[mean, most]| json!({ "mean_deg": mean, "most_deg": most })).collect::<Vec<_>>(),
@@ -170,11 +170,13 @@ const fn word(state: Use) -> &'static str {
 fn state(status: &MagnetsStatus) -> String {
     match status.state {
         Use::None => "not used".into(),
-        Use::Used => format!("in use, and has left over {:.2}° in the last turn", status.left_deg),
+        Use::Used => {
+            format!("in use: its pole fits by {:.1} against the next, where 1 is right and −1 wrong", status.fit)
+        }
         Use::Searching if status.turns == 0 => "not used yet: its pole is looked for while the motor turns".into(),
         Use::Searching => format!(
-            "not used yet: after {} turns the best pole leaves {:.1} times less than the next, {MARGIN} are wanted",
-            status.turns, status.margin
+            "not used yet: after {} turns the best pole fits by {:.1} against the next, {FIT} is wanted",
+            status.turns, status.fit
         ),
         Use::Foreign => {
             "not used: it did not fit, again and again. Another rotor, Halls that were moved? `hallctl calibrate`"

@@ -143,8 +143,8 @@ impl Learner {
         self.points[next] += by * share;
     }
 
-    /// What the map leaves over of single samples, degrees RMS: what the tracked angle will be wrong by.
-    pub fn left_deg(&self) -> f32 {
+    /// What the map leaves over of single samples, degrees RMS: their noise, if it is a good one.
+    pub fn noise_deg(&self) -> f32 {
         360.0 * libm::sqrtf(self.square)
     }
 

@@ -11,7 +11,7 @@ use hallservo::hall::map::{FIT, Map};
 use hallservo::service::magnets::Use;
 use hallservo_protocol::{Answer, Ask, MagnetsAsk, MagnetsReport, MagnetsStatus, POINTS_AT_ONCE, Problem, Procedure};
 use serde_json::json;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
@@ -81,7 +81,7 @@ fn learn(client: &mut Client, options: &procedures::Options, out: Out) -> Result
 }
 
 fn show(client: &mut Client, options: &Show, out: Out) -> Result<()> {
-    tell(client, out, options.csv.as_ref())
+    tell(client, out, options.csv.as_deref())
 }
 
 /// The map, piece by piece.
@@ -99,7 +99,7 @@ fn map(client: &mut Client, pole_pairs: u8) -> Result<Option<Map>> {
     Ok(Map::of_points(pairs, points.into_iter()))
 }
 
-fn tell(client: &mut Client, out: Out, csv: Option<&PathBuf>) -> Result<()> {
+fn tell(client: &mut Client, out: Out, csv: Option<&Path>) -> Result<()> {
     let status = status(client)?;
     let Some(map) = map(client, status.pole_pairs)? else {
         say!(out, "There is no map{}", why_none(&status))?;
@@ -185,7 +185,7 @@ fn state(status: &MagnetsStatus) -> String {
     }
 }
 
-fn write(map: &Map, path: &PathBuf) -> Result<()> {
+fn write(map: &Map, path: &Path) -> Result<()> {
     let mut file = csv::Writer::from_writer(create(path)?);
     file.write_record(["mechanical_deg", "ahead_deg"]).context("the file")?;
     let count = map.points().len();

@@ -178,6 +178,7 @@ fn calibrations() {
         (Error::Refused(Finding::Lagging(70.0)), "050600008c42"),
         (Error::Refused(Finding::Hunting(9.0)), "050700001041"),
         (Error::SamplesLost { percent: 100 }, "0664"),
+        (Error::NotTurning, "07"),
     ];
     for (error, bytes) in errors {
         assert_eq!(hex(&error), bytes, "{error:?}");

@@ -50,6 +50,7 @@
 //!
 //! # The flash
 //! [`storage::BLOCKS`] erasable blocks for all kinds of [records](hallservo::storage): sensors, cogging, settings.
+//! With the features `encoder` and `map`, [`storage::ENCODER_BLOCKS`] and [`storage::MAP_BLOCKS`] follow.
 //! It is written only while the bridge is off and the rotor at rest, for an erase stalls the core; what is to be saved
 //! meanwhile waits. A calibration and a learnt table of the cogging are saved by themselves. So is what the adaptation
 //! has learnt, when it differs from what is stored by more than [`storage::LEAST_CHANGE`], and not more often than

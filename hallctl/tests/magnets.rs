@@ -288,3 +288,33 @@ fn a_power_cut_while_the_map_is_saved_leaves_the_one_before_or_the_new_one() {
         assert!(find(&mut drive, 100.0, 5000), "{cut}");
     }
 }
+
+/// Rotors of any unevenness up to half as much again as cheap ones, powered up anywhere and turned at random. The form
+/// for a night: `ROTORS=1000 cargo test -p hallctl --test magnets many -- --ignored --nocapture`.
+#[test]
+#[ignore = "two seconds a rotor"]
+fn many_rotors_are_never_used_at_a_wrong_pole() {
+    let rotors = std::env::var("ROTORS").map_or(20, |rotors| rotors.parse().unwrap());
+    let (mut kept, mut found, mut told) = (0, 0, 0);
+    for seed in 1..=rotors {
+        let mut random = Pcg64::seed_from_u64(seed);
+        let plant = uneven(seed, random.random_range(0.1..1.5));
+        let mut drive = calibrated(&plant, seed);
+        let report = learn(&mut drive).report;
+        kept += u32::from(report.kept);
+        told += u32::from(report.found_again);
+        let mut drive = powered_up(&plant, drive.flash(), random.random_range(0.0..TAU));
+        arm(&mut drive);
+        for _ in 0..10 {
+            let speed = random.random_range(-300.0..300.0);
+            turn(&mut drive, speed, 100 * random.random_range(1..10));
+        }
+        if magnets(&mut drive).state == Use::Used {
+            found += 1;
+            let after = error(&mut drive, 100.0);
+            assert!(after < 0.25, "{seed}: {after} {:?}", magnets(&mut drive));
+        }
+    }
+    println!("{rotors} rotors: {kept} maps kept, {told} whose pole can be told, {found} found, none at a wrong pole");
+    assert!(found > rotors as u32 / 2);
+}

@@ -170,6 +170,7 @@ const fn word(state: Use) -> &'static str {
 fn state(status: &MagnetsStatus) -> String {
     match status.state {
         Use::None => "not used".into(),
+        Use::Used if status.fit.is_nan() => "in use, as learnt".into(),
         Use::Used => {
             format!("in use: its pole fits by {:.1} against the next, where 1 is right and −1 wrong", status.fit)
         }

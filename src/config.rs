@@ -131,6 +131,11 @@ impl Config {
         self.record_every
     }
 
+    /// The share of the noise of single samples that the tracked angle has at constant speed.
+    pub fn tracked_noise(&self) -> f32 {
+        self.tracking.noise_gain()
+    }
+
     /// Whether positive is against the phases. There is one place that says so.
     pub const fn is_reversed(&self) -> bool {
         match &self.control {

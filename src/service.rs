@@ -7,6 +7,7 @@ pub mod encoder;
 pub mod identification;
 pub mod identify;
 pub mod learning;
+pub mod magnets;
 pub mod mapping;
 mod phases;
 pub mod pole_pairs;

@@ -28,6 +28,7 @@
 
 pub mod calibration;
 pub mod cogging;
+pub mod map;
 pub mod settings;
 pub mod vernier;
 

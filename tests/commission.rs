@@ -369,7 +369,7 @@ fn what_is_wrong_is_said() {
     let error = complaint(&disconnected, |_| ());
     assert!(error.contains("NoCurrent"), "{error}");
     let error = complaint(paper, |rig| rig.plant.set_dyno(Some(0.0)).unwrap());
-    assert!(error.contains("sees no magnet turning"), "{error}");
+    assert!(error.contains("no Hall sees the magnet turn"), "{error}");
     let error = complaint(paper, |rig| rig.plant.set_hall_fault(1, Some(plant::HallFault::StuckAt(1.65))));
     assert!(error.contains("Hall 2"), "{error}");
     // An amplifier that shows nothing, at each phase, on a board that does not notice by the sum of the currents.

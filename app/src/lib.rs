@@ -50,6 +50,7 @@
 //!
 //! # The flash
 //! [`storage::BLOCKS`] erasable blocks for all kinds of [records](hallservo::storage): sensors, cogging, settings.
+//! With the features `encoder` and `map`, [`storage::ENCODER_BLOCKS`] and [`storage::MAP_BLOCKS`] follow.
 //! It is written only while the bridge is off and the rotor at rest, for an erase stalls the core; what is to be saved
 //! meanwhile waits. A calibration and a learnt table of the cogging are saved by themselves. So is what the adaptation
 //! has learnt, when it differs from what is stored by more than [`storage::LEAST_CHANGE`], and not more often than
@@ -72,6 +73,7 @@ pub mod encoder;
 mod fmt;
 mod history;
 mod housekeeping;
+mod magnets;
 mod measure;
 mod outbox;
 mod procedure;
@@ -93,6 +95,7 @@ use hallservo::control::cogging::Table;
 use hallservo::drive::Channels;
 use hallservo::hall::estimate::Estimator;
 use hallservo::service::Service;
+use magnets::MagnetMemory;
 use procedure::Procedure;
 
 /// Name of the board and version of its firmware, for a person who asks.
@@ -117,6 +120,7 @@ pub struct Memory<F, E: Encoder = NoEncoder> {
     procedure: MaybeUninit<Option<Procedure>>,
     adaptation: MaybeUninit<SensorAdaptation>,
     encoder: E::Memory,
+    magnets: MagnetMemory,
     supervisor: MaybeUninit<Supervisor<F, E>>,
 }
 
@@ -140,6 +144,7 @@ impl<F, E: Encoder> Memory<F, E> {
             procedure: MaybeUninit::uninit(),
             adaptation: MaybeUninit::uninit(),
             encoder: E::MEMORY,
+            magnets: MagnetMemory::new(),
             supervisor: MaybeUninit::uninit(),
         }
     }

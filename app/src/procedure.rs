@@ -5,6 +5,8 @@ use hallservo::control::cogging::Table;
 use hallservo::service::identification::{self, Identification};
 use hallservo::service::identify::Report;
 use hallservo::service::learning::{self, Learning};
+#[cfg(feature = "map")]
+use hallservo::service::mapping::{self, Mapping};
 use hallservo::service::procedure::{self, Error, Procedure as _, State};
 use hallservo::service::swings::{Rough, Swings};
 use hallservo::service::{Event, Service};
@@ -18,6 +20,8 @@ pub(crate) enum Procedure {
     Motor(Identification),
     Cogging(Learning),
     Swings(Swings),
+    #[cfg(feature = "map")]
+    Magnets(Mapping),
 }
 
 /// How a procedure ended.
@@ -25,6 +29,9 @@ pub(crate) enum Completion {
     Motor(Report),
     Cogging(Table),
     Swings(Rough),
+    /// A map, which is with the procedure.
+    #[cfg(feature = "map")]
+    Magnets,
     Failed(Activity, Error),
 }
 
@@ -59,11 +66,21 @@ impl Procedure {
         Ok(())
     }
 
+    /// Writes the learning of the map of the magnets to its place.
+    #[cfg(feature = "map")]
+    pub fn magnets(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
+        let plan = mapping::Plan::new(config).map_err(Refusal::Procedure)?;
+        *place = Some(Self::Magnets(Mapping::new(config, &plan).map_err(Refusal::Procedure)?));
+        Ok(())
+    }
+
     fn inner(&mut self) -> &mut dyn procedure::Procedure {
         match self {
             Self::Motor(motor) => motor,
             Self::Cogging(cogging) => cogging,
             Self::Swings(swings) => swings,
+            #[cfg(feature = "map")]
+            Self::Magnets(magnets) => magnets,
         }
     }
 
@@ -82,6 +99,8 @@ impl Procedure {
             Self::Motor(motor) => motor.report().copied().map(Completion::Motor),
             Self::Cogging(cogging) => cogging.table().copied().map(Completion::Cogging),
             Self::Swings(swings) => swings.report().copied().map(Completion::Swings),
+            #[cfg(feature = "map")]
+            Self::Magnets(_) => Some(Completion::Magnets),
         };
         match state {
             State::Running => None,
@@ -100,6 +119,8 @@ impl Procedure {
             Self::Motor(motor) => motor.progress(),
             Self::Cogging(cogging) => cogging.progress(),
             Self::Swings(swings) => swings.progress(),
+            #[cfg(feature = "map")]
+            Self::Magnets(magnets) => magnets.progress(),
         }
     }
 
@@ -108,6 +129,8 @@ impl Procedure {
             Self::Motor(_) => Activity::Identification,
             Self::Cogging(_) => Activity::Cogging,
             Self::Swings(_) => Activity::Swings,
+            #[cfg(feature = "map")]
+            Self::Magnets(_) => Activity::Magnets,
         }
     }
 }

@@ -17,6 +17,8 @@ use hallservo_protocol::EncoderAsk;
 use hallservo_protocol::{
     self as protocol, Activity, Answer, Ask, Calibration, Hello, History, Record, Refusal, Request, Setting,
 };
+#[cfg(feature = "map")]
+use hallservo_protocol::{MagnetsAsk, MagnetsRefusal};
 
 const UNKNOWN: Refusal<'static> = Refusal::Setting(settings::Error::Unknown);
 
@@ -89,6 +91,12 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             Ask::Get(name) => Answer::Setting(self.setting(find(name).ok_or(UNKNOWN)?)?),
             #[cfg(feature = "encoder")]
             Ask::Encoder(EncoderAsk::Status) => self.ask_encoder(EncoderAsk::Status)?,
+            #[cfg(feature = "map")]
+            Ask::Magnets(MagnetsAsk::Status) => {
+                Answer::Magnets(self.magnets.status(self.is_mapping(), self.service.config()))
+            }
+            #[cfg(feature = "map")]
+            Ask::Magnets(MagnetsAsk::Points(first)) => self.magnets.points(first)?,
             Ask::Telemetry(hz) => {
                 if !(0.0..=FASTEST).contains(&hz) {
                     return Err(Refusal::Demand(BadDemand { value: hz, most: FASTEST }));
@@ -191,6 +199,11 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             Ask::Encoder(EncoderAsk::Calibrate { by_hand: false }) if self.unconfirmed => {
                 Err(Refusal::Unconfirmed(self.stored[Record::Settings as usize]))
             }
+            #[cfg(feature = "map")]
+            Ask::Magnets(ask) => {
+                self.ask_magnets(ask)?;
+                Ok(Step::Answer(Answer::Done))
+            }
             #[cfg(feature = "encoder")]
             Ask::Encoder(ask) => {
                 let answer = self.ask_encoder(ask)?;
@@ -262,6 +275,28 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         Procedure::cogging(self.procedure, self.service.config())?;
         self.cogging = protocol::Procedure::Running;
         Ok(())
+    }
+
+    /// What changes the map of the magnets.
+    #[cfg(feature = "map")]
+    #[inline(never)]
+    fn ask_magnets(&mut self, ask: MagnetsAsk) -> Result<(), Refusal<'static>> {
+        match ask {
+            MagnetsAsk::Learn if E::SETTINGS > 0 => Err(Refusal::Magnets(MagnetsRefusal::Encoder)),
+            MagnetsAsk::Learn if self.unconfirmed => Err(Refusal::Unconfirmed(self.stored[Record::Settings as usize])),
+            MagnetsAsk::Learn => {
+                self.may_turn()?;
+                Procedure::magnets(self.procedure, self.service.config())?;
+                self.magnets.begin();
+                Ok(())
+            }
+            MagnetsAsk::Forget => {
+                self.magnets.forget();
+                Ok(())
+            }
+            // Answered by `attempt`.
+            MagnetsAsk::Status | MagnetsAsk::Points(_) => Ok(()),
+        }
     }
 
     fn command(&mut self, command: drive::Command, kind: Command) -> StepResult {

@@ -5,6 +5,8 @@ use hallservo::control::cogging::Table;
 use hallservo::hall::estimate;
 use hallservo::hall::model::Model;
 use hallservo::settings::Settings;
+#[cfg(feature = "map")]
+use hallservo::storage::map::{self, Known};
 use hallservo::storage::{Error, Store, calibration, cogging, settings, size, vernier};
 use hallservo_protocol::{Problem, Record};
 
@@ -12,7 +14,9 @@ use hallservo_protocol::{Problem, Record};
 pub const BLOCKS: u32 = 2;
 /// Erasable blocks of its own behind these, for what is known of an encoder.
 pub const ENCODER_BLOCKS: u32 = 2;
-/// Most bytes of that.
+/// The same behind these, for the map of the magnets.
+pub const MAP_BLOCKS: u32 = 2;
+/// Most bytes of what is known of an encoder.
 pub(crate) const ENCODER: usize = 496;
 /// Version of its form.
 const ENCODER_VERSION: u16 = vernier::VERSION;
@@ -145,6 +149,31 @@ impl<F: NorFlash> Storage<F> {
     /// Saves what is known of the encoder.
     pub fn save_encoder(&mut self, record: &[u8]) -> Result<(), Problem> {
         self.encoder()?.save(record).map_err(|_| Problem::Flash)
+    }
+
+    #[cfg(feature = "map")]
+    fn maps(&mut self) -> Result<Store<&mut F, { size(map::LONGEST) }>, Problem> {
+        let start = self.first_block + (BLOCKS + ENCODER_BLOCKS) * F::ERASE_SIZE as u32;
+        Store::new(&mut self.flash, start, 0, map::VERSION).map_err(|_| Problem::Flash)
+    }
+
+    /// The stored map of the magnets.
+    #[cfg(feature = "map")]
+    pub fn map(&mut self) -> Result<Known, Problem> {
+        let mut place = [0; map::LONGEST];
+        let length = self.maps()?.load(&mut place).map_err(|error| problem(&error))?;
+        match place.get(..length) {
+            Some([]) => Err(Problem::Blank),
+            record => record.and_then(map::decode).ok_or(Problem::Corrupt),
+        }
+    }
+
+    /// Saves the map; `None` gives up the one stored, by a record of nothing.
+    #[cfg(feature = "map")]
+    pub fn save_map(&mut self, known: Option<&Known>) -> Result<(), Problem> {
+        let mut place = [0; map::LONGEST];
+        let record = known.map_or(&[][..], |known| map::encode(known, &mut place));
+        self.maps()?.save(record).map_err(|_| Problem::Flash)
     }
 
     /// The stored sensors, if they can give an angle, or what is wrong with them.

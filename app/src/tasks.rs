@@ -14,6 +14,7 @@ use crate::encoder::Encoder;
 use crate::fmt::log;
 use crate::history::History;
 use crate::housekeeping::Readings;
+use crate::magnets::MagnetMap;
 use crate::procedure::Procedure;
 use crate::storage::{Sensors, Storage};
 use embedded_storage::nor_flash::NorFlash;
@@ -49,6 +50,7 @@ pub(crate) struct Tasks<F, E> {
     spare_config: Option<&'static mut Config>,
     storage: Storage<F>,
     pub encoder: E,
+    pub magnets: MagnetMap,
     /// What is wrong with each kind of stored record.
     pub stored: [Problem; 3],
     /// Whether nobody has confirmed settings that are not those stored.
@@ -106,6 +108,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         self.ticks_since_command = self.ticks_since_command.saturating_add(1);
         let torque_nm = self.take_measurements();
         while self.next_event(torque_nm) {}
+        self.magnets.tick(self.record.status);
         self.end_abandoned();
         self.window = self.service.window().or(self.window);
         self.proceed();
@@ -156,6 +159,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             sum += adaptation::torque_nm(&measurement, &control);
             count += 1.0;
             self.measurement = Some(measurement);
+            self.magnets.measurement(&measurement, &control);
             if let Some(procedure) = self.procedure {
                 procedure.measurement(&measurement);
             }
@@ -223,7 +227,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         // A faulted drive refuses a model; it gets it when the fault is cleared.
         if self.install_due && !matches!(self.mode(), Mode::Faulted(_)) {
             self.install();
-        } else if let Some(sensors) = &mut self.sensors
+        } else if !self.is_mapping()
+            && let Some(sensors) = &mut self.sensors
             && let Some(model) = self.adaptation.publish(self.service, self.settings.run_on_two_halls)
         {
             sensors.model = model;
@@ -247,6 +252,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// it.
     pub fn give_up_sensors(&mut self) {
         (self.sensors, self.install_due) = (None, false);
+        self.magnets.forget();
         self.unsaved[Record::Sensors as usize] = true;
         self.relearn();
     }

@@ -6,6 +6,7 @@ mod encoder;
 mod faults;
 mod help;
 mod list;
+mod magnets;
 mod motion;
 mod pole_pairs;
 mod procedures;
@@ -137,6 +138,9 @@ enum Command {
         #[command(flatten)]
         options: procedures::Options,
     },
+    /// The rotor's magnets: a map of what they do to the angle
+    #[command(subcommand)]
+    Magnets(magnets::Command),
     /// The absolute encoder: two rings on the shaft
     #[command(subcommand)]
     Encoder(encoder::Command),
@@ -300,6 +304,7 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
         Command::Cogging { what: Cogging::Learn, options } => procedures::learn_cogging(client, options, out),
         Command::Cogging { what: Cogging::On, .. } => done(out, client.setting(Ask::AntiCogging(true), |_| ())),
         Command::Cogging { what: Cogging::Off, .. } => done(out, client.setting(Ask::AntiCogging(false), |_| ())),
+        Command::Magnets(command) => magnets::run(client, command, out),
         Command::Encoder(command) => encoder::run(client, command, out),
         Command::Settings(command) => settings::run(client, command, out),
         Command::Telemetry(options) => telemetry::watch(client, options, out),

@@ -18,7 +18,7 @@ use hallservo::mode::Mode;
 use hallservo::settings::{Ceiling, Control, GuardSettings, OnTimeout, Settings};
 use hallservo_app::{Housekeeping, Identity, Listener, Stop};
 use plant::heads::Encoder as Rings;
-use plant::{Plant, PlantParameters, Truth};
+use plant::{Plant, PlantParameters, Truth, Unevenness};
 use std::collections::VecDeque;
 
 /// What it says it is.
@@ -41,6 +41,17 @@ pub fn defaults() -> Settings {
         control: Some(control),
         ..Settings::default()
     }
+}
+
+/// An imperfect motor, its magnets so many times as uneven as those of a cheap one; the field of the windings is meant
+/// at the largest current.
+pub fn uneven(seed: u64, times: f64) -> PlantParameters {
+    let plant = PlantParameters::imperfect(seed);
+    if times == 0.0 {
+        return plant;
+    }
+    let cheap = Unevenness { rated_a: Control::default().max_current_a.into(), ..Unevenness::CHEAP };
+    plant.with_unevenness(&cheap.scaled(times), seed)
 }
 
 /// From check to check of the watchdog, ms.

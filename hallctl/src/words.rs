@@ -8,7 +8,7 @@ use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 use hallservo::service::procedure;
 use hallservo::settings::{self, Kind};
-use hallservo_protocol::{Activity, Cause, Incident, Learning, Problem, Record, Refusal, Setting};
+use hallservo_protocol::{Activity, Cause, Incident, Learning, MagnetsRefusal, Problem, Record, Refusal, Setting};
 use serde_json::{Value, json};
 
 /// A state.
@@ -66,6 +66,7 @@ pub const fn activity(activity: Activity) -> &'static str {
         Activity::Cogging => "learning the cogging",
         Activity::Swings => "swinging the rotor",
         Activity::Encoder => "the calibration of the encoder",
+        Activity::Magnets => "learning the magnets",
     }
 }
 
@@ -76,6 +77,7 @@ pub const fn record(record: Record) -> &'static str {
         Record::Cogging => "cogging",
         Record::Settings => "settings",
         Record::Encoder => "encoder",
+        Record::Magnets => "map of the magnets",
     }
 }
 
@@ -122,6 +124,7 @@ pub fn incident(incident: &Incident) -> (String, String) {
                 Record::Settings => {
                     "look through `hallctl settings list`, set what is missing, then `hallctl settings save`"
                 }
+                Record::Magnets => "`hallctl magnets learn` learns it anew",
                 Record::Encoder => "`hallctl encoder calibrate` stores it anew, `hallctl encoder zero` its zero",
             };
             (format!("the {} in the flash: {}", record(kind), problem(why)), advice.into())
@@ -148,6 +151,12 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
         Refusal::Setting(error) => setting_error(error),
         Refusal::NothingStored(why) => format!("there are no settings in the flash to go back to ({})", problem(*why)),
         Refusal::Encoder(why) => encoder::refusal(why),
+        Refusal::Magnets(MagnetsRefusal::None) => {
+            "there is no map of the magnets\n  `hallctl magnets learn` learns one.".into()
+        }
+        Refusal::Magnets(MagnetsRefusal::Encoder) => {
+            "there is an encoder on the shaft: a map of the magnets is for drives without".into()
+        }
         Refusal::Flash => "the flash did not take it\n  Try again; the flash may be worn out.".into(),
         Refusal::NoTable => "the cogging is not learnt yet\n  `hallctl cogging learn` first.".into(),
         Refusal::Busy(what) => format!("{} is at work\n  Wait, or end it by `hallctl stop`.", activity(*what)),

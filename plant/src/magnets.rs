@@ -124,6 +124,19 @@ impl Unevenness {
         ..Self::NONE
     };
 
+    /// So many times as uneven.
+    #[must_use]
+    pub fn scaled(&self, times: f64) -> Self {
+        Self {
+            gain: times * self.gain,
+            pitch_deg: times * self.pitch_deg,
+            modulation: self.modulation.map(|size| times * size),
+            harmonics: self.harmonics.map(|size| times * size),
+            coil: times * self.coil,
+            ..*self
+        }
+    }
+
     /// The magnets drawn from a seed.
     #[must_use]
     pub fn magnets(&self, seed: u64) -> Magnets {

@@ -34,6 +34,8 @@
 mod encoder;
 mod frame;
 mod history;
+#[cfg(feature = "map")]
+mod magnets;
 mod message;
 mod report;
 mod status;
@@ -42,12 +44,14 @@ mod status;
 pub use encoder::{EncoderAsk, EncoderCalibration, EncoderRefusal, EncoderStatus};
 pub use frame::{Decoder, Error, FrameDecoder, encode};
 pub use history::{Cause, History, Incident};
+#[cfg(feature = "map")]
+pub use magnets::{MagnetsAsk, MagnetsRefusal, MagnetsReport, MagnetsStatus, POINTS_AT_ONCE};
 pub use message::{Answer, Ask, Hello, Refusal, Reply, Request, Setting};
 pub use report::{Calibration, Cogging, Procedure};
 pub use status::{Activity, Learning, Problem, Record, Status, Telemetry};
 
 /// Version of the messages.
-pub const VERSION: u8 = 4;
+pub const VERSION: u8 = 5;
 /// Most bytes of a message.
 pub const MESSAGE: usize = 244;
 /// Most bytes of a frame, zeros included: version and CRC on top of the message, one byte of COBS for each 254, two

@@ -3,6 +3,8 @@
 #[cfg(feature = "encoder")]
 use crate::encoder::{EncoderAsk, EncoderRefusal, EncoderStatus};
 use crate::history::History;
+#[cfg(feature = "map")]
+use crate::magnets::{MagnetsAsk, MagnetsRefusal, MagnetsStatus, POINTS_AT_ONCE};
 use crate::report::{Calibration, Cogging, Procedure};
 use crate::status::{Activity, Problem, Status, Telemetry};
 use hallservo::commutation::Commutation;
@@ -118,6 +120,9 @@ pub enum Ask<'a> {
     /// The absolute encoder.
     #[cfg(feature = "encoder")]
     Encoder(EncoderAsk),
+    /// The map of the rotor's magnets.
+    #[cfg(feature = "map")]
+    Magnets(MagnetsAsk),
 }
 
 impl Ask<'_> {
@@ -125,6 +130,10 @@ impl Ask<'_> {
     pub const fn controls(&self) -> bool {
         #[cfg(feature = "encoder")]
         if let Self::Encoder(EncoderAsk::Status) = self {
+            return false;
+        }
+        #[cfg(feature = "map")]
+        if let Self::Magnets(MagnetsAsk::Status | MagnetsAsk::Points(_)) = self {
             return false;
         }
         !matches!(
@@ -182,6 +191,12 @@ pub enum Answer<'a> {
     /// To [`EncoderAsk::Status`].
     #[cfg(feature = "encoder")]
     Encoder(EncoderStatus),
+    /// To [`MagnetsAsk::Status`].
+    #[cfg(feature = "map")]
+    Magnets(MagnetsStatus),
+    /// To [`MagnetsAsk::Points`], in 2⁻¹⁸ electrical turns; none beyond the end of the map.
+    #[cfg(feature = "map")]
+    MagnetPoints([i16; POINTS_AT_ONCE]),
 }
 
 /// Who is there.
@@ -247,4 +262,7 @@ pub enum Refusal<'a> {
     /// The absolute encoder cannot.
     #[cfg(feature = "encoder")]
     Encoder(EncoderRefusal),
+    /// The map of the magnets cannot.
+    #[cfg(feature = "map")]
+    Magnets(MagnetsRefusal),
 }

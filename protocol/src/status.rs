@@ -23,6 +23,9 @@ pub enum Activity {
     /// The rings of the absolute encoder.
     #[cfg(feature = "encoder")]
     Encoder,
+    /// What its magnets do to the angle.
+    #[cfg(feature = "map")]
+    Magnets,
 }
 
 /// What the flash holds of a kind.
@@ -55,6 +58,9 @@ pub enum Record {
     /// All that is known of the absolute encoder.
     #[cfg(feature = "encoder")]
     Encoder,
+    /// The map of the rotor's magnets.
+    #[cfg(feature = "map")]
+    Magnets,
 }
 
 /// Whether the drive learns its sensors while it turns.

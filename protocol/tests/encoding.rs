@@ -34,7 +34,7 @@ fn hex<'a, T: Serialize + Deserialize<'a> + PartialEq + std::fmt::Debug>(value: 
 
 #[test]
 fn the_version_is_this_one() {
-    assert_eq!(VERSION, 4);
+    assert_eq!(VERSION, 5);
 }
 
 #[test]
@@ -178,6 +178,7 @@ fn calibrations() {
         (Error::Refused(Finding::Lagging(70.0)), "050600008c42"),
         (Error::Refused(Finding::Hunting(9.0)), "050700001041"),
         (Error::SamplesLost { percent: 100 }, "0664"),
+        (Error::NotTurning, "07"),
     ];
     for (error, bytes) in errors {
         assert_eq!(hex(&error), bytes, "{error:?}");
@@ -275,4 +276,37 @@ fn every_setting_fits_a_frame() {
         let reply = Reply { id: u16::MAX, answer: Answer::Setting(setting) };
         assert!(encode(&reply, &mut [0; FRAME]).is_ok(), "{name}");
     }
+}
+
+#[cfg(feature = "map")]
+#[test]
+fn magnets() {
+    use hallservo::service::magnets::Use;
+    let asks = [
+        (Ask::Magnets(MagnetsAsk::Learn), "01ac02002000"),
+        (Ask::Magnets(MagnetsAsk::Status), "01ac02002001"),
+        (Ask::Magnets(MagnetsAsk::Points(300)), "01ac02002002ac02"),
+        (Ask::Magnets(MagnetsAsk::Forget), "01ac02002003"),
+    ];
+    for (ask, bytes) in asks {
+        assert_eq!(hex(&Request { id: 1, client: 300, unattended: false, ask }), bytes, "{ask:?}");
+    }
+    let report = MagnetsReport { without_deg: 1.0, with_deg: 0.5, kept: true, found_again: false };
+    let status = MagnetsStatus {
+        state: Use::Used,
+        pole_pairs: 4,
+        report,
+        learning: Procedure::Done(report),
+        turns: 300,
+        fit: 2.0,
+        left_deg: 4.0,
+        stored: Problem::Foreign,
+    };
+    assert_eq!(hex(&status), "02040000803f0000003f0100020000803f0000003f0100ac02000000400000804004");
+    assert_eq!(hex(&[Use::None, Use::Searching, Use::Used, Use::Foreign]), "00010203");
+    assert_eq!(hex(&[Activity::Magnets]), "06");
+    assert_eq!(hex(&[Record::Magnets]), "04");
+    assert_eq!(hex(&Refusal::Magnets(MagnetsRefusal::Encoder)), "0c01");
+    // The largest fits a message.
+    hex(&Reply { id: u16::MAX, answer: Answer::MagnetPoints([i16::MIN; POINTS_AT_ONCE]) });
 }

@@ -218,7 +218,7 @@ impl Rig {
     /// Puts the map into effect over a tenth of a second.
     pub fn use_map(&mut self, electrical_turns: i32) {
         for share in 1..=WHOLE {
-            self.map.use_from(electrical_turns, share);
+            self.map.use_from(electrical_turns, self.map.count(), share);
             self.run(0.1 / f64::from(WHOLE), |_, _| ());
         }
     }

@@ -7,6 +7,7 @@ mod overload;
 mod supply;
 
 use super::current::{self, LocalGains};
+use super::velocity::TooLarge;
 use super::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity};
 use crate::angle::{Position, TURN};
 use crate::commutation::svpwm;
@@ -110,8 +111,14 @@ impl Config {
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,
             local: LocalGains::new(&motor, settings.feedback, current_hz, &scale)
                 .ok_or(gain("current_bandwidth_hz", current_hz))?,
-            velocity: velocity::Gains::new(&motor, speed_hz, loop_hz, &scale)
-                .ok_or(gain("speed_bandwidth_hz", speed_hz))?,
+            velocity: velocity::Gains::new(&motor, speed_hz, loop_hz, &scale).map_err(|why| match why {
+                TooLarge::BandwidthHz(max) => {
+                    Error::OutOfRange { field: "speed_bandwidth_hz", value: speed_hz, min: 0.0, max }
+                }
+                TooLarge::InertiaKgm2(max) => {
+                    Error::OutOfRange { field: "inertia_kgm2", value: settings.inertia_kgm2, min: 0.0, max }
+                }
+            })?,
             position: position::Gain::new(position_hz, loop_hz).ok_or(gain("position_bandwidth_hz", position_hz))?,
             trajectory: trajectory::Limits::new((acceleration as i32).max(1), speed as i32)
                 .ok_or(gain("max_acceleration_rad_s2", max_acceleration_rad_s2))?,

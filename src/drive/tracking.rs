@@ -36,7 +36,7 @@ impl Drive {
     #[cold]
     pub(super) fn forget_pole(&mut self) {
         if let Some(map) = self.map {
-            map.end();
+            map.count_anew();
         }
         self.correction = ElectricalAngle::ZERO;
     }

@@ -59,6 +59,8 @@ pub enum Error {
         /// Share of them.
         percent: u8,
     },
+    /// No sensor sees a magnet turning.
+    NotTurning,
 }
 
 impl fmt::Display for Error {
@@ -71,6 +73,11 @@ impl fmt::Display for Error {
             Self::NoSignal(channel) => {
                 write!(f, "{channel} sees no magnet turning: check its supply and wire, and that the rotor is free")
             }
+            Self::NotTurning => write!(
+                f,
+                "no Hall sees the magnet turn: a rotor too heavy to follow the field needs a slower one \
+                 (calibration_hz) or more current; otherwise check that it is free, and the Halls' supply"
+            ),
             Self::NoFit => write!(f, "the signals fit no rotor: check that it is free to follow the field"),
             Self::Model(bad) => bad.fmt(f),
             Self::SamplesLost { percent } => write!(
@@ -90,6 +97,7 @@ impl From<NoFit> for Error {
     fn from(why: NoFit) -> Self {
         match why {
             NoFit::NoSignal(channel) => Self::NoSignal(channel),
+            NoFit::NotTurning => Self::NotTurning,
             NoFit::Diverged => Self::NoFit,
         }
     }

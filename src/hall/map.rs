@@ -16,7 +16,7 @@ mod learn;
 mod live;
 
 use crate::angle::{ElectricalAngle, PolePairs, Position};
-pub use find::{Finder, Found};
+pub use find::{FIT, Finder, Seen, Verdict};
 pub use learn::Learner;
 pub use live::{Live, WHOLE};
 
@@ -77,6 +77,55 @@ impl Map {
     /// Memory for a map: no error.
     pub const ZERO: Self = Self { layout: Layout::new(PolePairs::ONE), points: [0; POINTS] };
 
+    /// A map of points as [`Self::points`] has them. `None` where their number does not fit the pole pairs.
+    pub fn of_points(pole_pairs: PolePairs, points: impl ExactSizeIterator<Item = i16>) -> Option<Self> {
+        let layout = Layout::new(pole_pairs);
+        if points.len() != layout.points() {
+            return None;
+        }
+        let mut map = Self { layout, ..Self::ZERO };
+        map.points.iter_mut().zip(points).for_each(|(place, point)| *place = point);
+        Some(map)
+    }
+
+    /// The error at evenly spaced mechanical angles from the map's begin, in 2⁻¹⁸ electrical turns.
+    pub fn points(&self) -> &[i16] {
+        self.points.get(..self.layout.points()).unwrap_or(&self.points)
+    }
+
+    /// Points in a mechanical turn for so many pole pairs.
+    pub const fn points_for(pole_pairs: PolePairs) -> usize {
+        Layout::new(pole_pairs).points()
+    }
+
+    /// The same map where the angle counts the other way.
+    #[must_use]
+    pub fn reversed(&self) -> Self {
+        let mut map = *self;
+        let count = self.layout.points();
+        for (index, point) in self.points().iter().enumerate() {
+            map.points[(count - index) % count] = point.saturating_neg();
+        }
+        map
+    }
+
+    /// How far the map differs from itself so many electrical turns on, degrees RMS.
+    pub fn difference_deg(&self, electrical_turns: i32) -> f32 {
+        let points = self.points();
+        let by = (electrical_turns.rem_euclid(self.layout.pole_pairs) as usize) << self.layout.bits;
+        let (begin, end) = points.split_at(by.min(points.len()));
+        let others = end.iter().chain(begin);
+        let square = |(one, other): (&i16, &i16)| degrees(i32::from(*one) - i32::from(*other));
+        libm::sqrtf(points.iter().zip(others).map(square).map(|x| x * x).sum::<f32>() / points.len() as f32)
+    }
+
+    /// Whether a [`Finder`] can tell the poles of this rotor, or need not.
+    pub fn is_told(&self) -> bool {
+        let doubtful = 0.8 * find::ALIKE_DEG..1.3 * find::ALIKE_DEG;
+        self.rms_deg() > doubtful.end
+            && (1..self.layout.pole_pairs).all(|k| !doubtful.contains(&self.difference_deg(k)))
+    }
+
     /// How far the Halls' angle is ahead of the rotor at a position.
     #[inline(always)]
     pub const fn error(&self, position: Position) -> ElectricalAngle {
@@ -85,11 +134,10 @@ impl Map {
         ElectricalAngle::from_bits((start << COARSER) + ((end - start) * (share >> 2)))
     }
 
-    /// The same map for a rotor that is so many electrical turns further than its position says.
-    #[must_use]
-    pub const fn turned(mut self, electrical_turns: i32) -> Self {
-        self.layout.first = electrical_turns.rem_euclid(self.layout.pole_pairs);
-        self
+    /// The same where the rotor is so many electrical turns further than its position says.
+    #[inline(always)]
+    pub const fn error_from(&self, electrical_turns: i32, position: Position) -> ElectricalAngle {
+        self.error(Position::from_bits(position.to_bits().wrapping_add((electrical_turns as i64) << 32)))
     }
 
     /// Electrical turns in a mechanical one.
@@ -100,14 +148,14 @@ impl Map {
     /// Mean error of each electrical turn, degrees: how far each pair of magnets is out of its place.
     pub fn pitch_deg(&self) -> impl Iterator<Item = f32> + '_ {
         let points = 1 << self.layout.bits;
-        self.points[..self.layout.points()]
+        self.points()
             .chunks(points)
             .map(move |pole| degrees(pole.iter().map(|&point| i32::from(point)).sum()) / points as f32)
     }
 
     /// What the error is without the map, degrees RMS.
     pub fn rms_deg(&self) -> f32 {
-        let points = &self.points[..self.layout.points()];
+        let points = self.points();
         let squares = points.iter().map(|&point| degrees(point.into()) * degrees(point.into())).sum::<f32>();
         libm::sqrtf(squares / points.len() as f32)
     }

@@ -42,6 +42,12 @@ impl Config {
         TURN / self.gains[1] as f32
     }
 
+    /// The share of the noise of single samples that the smoothed angle has at constant speed.
+    pub fn noise_gain(&self) -> f32 {
+        let [alpha, beta] = self.gains.map(|gain| gain as f32 / TURN);
+        libm::sqrtf((2.0 * alpha * alpha + 2.0 * beta - 3.0 * alpha * beta) / (alpha * (4.0 - 2.0 * alpha - beta)))
+    }
+
     /// The smoothing exponent whose natural frequency is nearest to `bandwidth_hz`, within [`Self::SMOOTHING`].
     pub fn smoothing_for(bandwidth_hz: f32, sample_hz: f32) -> u32 {
         // To the nearest: rounded down after half an octave more.

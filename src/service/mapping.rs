@@ -38,6 +38,8 @@ impl Plan {
     }
 }
 
+/// Most that a map may leave over of single records, degrees RMS: beyond it the rotor was moved by something else.
+const MOST_NOISE_DEG: f32 = 2.0;
 /// Records over which the speed is averaged.
 const RECORDS_OF_MEAN: i32 = 64;
 /// Records in an electrical turn: the golden ratio spreads them evenly over those to come.
@@ -171,6 +173,9 @@ impl Mapping {
             self.enter(Stage::Settling);
         } else {
             self.done = true;
+            if self.learner.noise_deg() > MOST_NOISE_DEG {
+                return self.sequence.cancel(Error::Inconclusive);
+            }
             self.sequence.finish();
         }
     }
@@ -184,6 +189,11 @@ impl Mapping {
     /// The map, when the procedure is done.
     pub fn map(&self) -> Option<Map> {
         (self.done && self.sequence.state() == State::Done).then(|| self.learner.map())
+    }
+
+    /// What it leaves over of single samples, degrees RMS: their noise.
+    pub fn noise_deg(&self) -> f32 {
+        self.learner.noise_deg()
     }
 }
 

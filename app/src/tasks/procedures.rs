@@ -5,6 +5,8 @@ use super::{SETTLED, Tasks};
 use crate::encoder::Encoder;
 use crate::measure;
 use crate::procedure::Completion;
+#[cfg(feature = "map")]
+use crate::procedure::Procedure;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::drive;
 use hallservo::mode::Mode;
@@ -61,6 +63,14 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         match outcome {
             Completion::Swings(found) => self.swings = protocol::Procedure::Done(found),
             Completion::Failed(Activity::Swings, error) => self.swings = protocol::Procedure::Failed(error),
+            #[cfg(feature = "map")]
+            Completion::Magnets => {
+                if let (Some(Procedure::Magnets(mapping)), Some(sensors)) = (&*self.procedure, &self.sensors) {
+                    self.magnets.learnt(mapping, sensors, self.service.config());
+                }
+            }
+            #[cfg(feature = "map")]
+            Completion::Failed(Activity::Magnets, error) => self.magnets.failed(error),
             Completion::Motor(report) => {
                 let mut settings = self.settings;
                 if let Some(control) = &mut settings.control {
@@ -89,6 +99,14 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             }
         }
         *self.procedure = None;
+    }
+
+    /// Whether the map of the magnets is being learnt.
+    pub fn is_mapping(&self) -> bool {
+        #[cfg(feature = "map")]
+        return matches!(&*self.procedure, Some(Procedure::Magnets(_)));
+        #[cfg(not(feature = "map"))]
+        false
     }
 
     /// Notes that a command or a fault has ended the calibration.

@@ -59,6 +59,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             && !self.table_due
             && !stores
             && self.encoder.is_settled()
+            && self.magnets.is_settled()
     }
 }
 

@@ -8,6 +8,7 @@ use crate::controller::Controller;
 use crate::encoder::Encoder;
 use crate::history::History;
 use crate::housekeeping::Readings;
+use crate::magnets::{ForDrive, MagnetMap};
 use crate::procedure::Procedure;
 use crate::storage::{ENCODER, Storage};
 use crate::{Identity, Memory, Supervisor};
@@ -24,6 +25,7 @@ use hallservo_protocol::{self as protocol, Calibration, Cause, Problem, Record};
 /// Parts of the static memory that are filled already.
 struct Places<E> {
     encoder: E,
+    magnets: MagnetMap,
     service: &'static mut Service,
     config: &'static mut Config,
     adaptation: &'static mut SensorAdaptation,
@@ -66,9 +68,10 @@ fn new_drive<E: Encoder>(
     config: &Config,
     interrupt: drive::Interrupt,
     encoder: E::Interrupt,
+    map: ForDrive,
     settings: &Settings,
 ) -> &'static mut E::Drive {
-    place.write(E::drive(Drive::new(*config, interrupt), encoder, settings))
+    place.write(E::drive(map.attach(Drive::new(*config, interrupt)), encoder, settings))
 }
 
 /// See [`Supervisor::start`].
@@ -79,22 +82,34 @@ pub(crate) fn start<F: NorFlash, E: Encoder>(
     first_block: u32,
     memory: &'static mut Memory<F, E>,
 ) -> Result<(&'static mut E::Drive, &'static mut Supervisor<F, E>), Error<'static>> {
-    let Memory { drive, channels, tables, estimators, config, service, procedure, adaptation, encoder, supervisor } =
-        memory;
+    let Memory {
+        drive,
+        channels,
+        tables,
+        estimators,
+        config,
+        service,
+        procedure,
+        adaptation,
+        encoder,
+        magnets,
+        supervisor,
+    } = memory;
     let mut storage = Storage::new(flash, first_block);
     let (settings, problem) = storage.settings(&defaults);
     let config = new_config(config, &settings)?;
     let (mut encoder, encoder_interrupt) = E::start(encoder, &settings);
     restore(&mut encoder, &mut storage);
     encoder.place(config, &settings);
+    let (magnets, map) = MagnetMap::start(magnets);
     let (interrupt, tasks) = channels.split();
-    let drive = new_drive::<E>(drive, config, interrupt, encoder_interrupt, &settings);
+    let drive = new_drive::<E>(drive, config, interrupt, encoder_interrupt, map, &settings);
     let service = new_service(service, config, tasks, estimators.each_mut().map(blank));
     for table in tables {
         service.add_table(table);
     }
     let adaptation = adaptation.write(SensorAdaptation::new());
-    let places = Places { encoder, service, config, adaptation, procedure: procedure.write(None) };
+    let places = Places { encoder, magnets, service, config, adaptation, procedure: procedure.write(None) };
     let start = Start { identity, defaults, settings, problem, storage };
     let supervisor = supervise(start, places, supervisor);
     supervisor.tasks().relearn();
@@ -118,6 +133,9 @@ fn supervise<F: NorFlash, E: Encoder>(
     let Start { identity, defaults, settings, problem, mut storage } = start;
     let sensors = storage.sensors(&settings);
     let table = storage.table(&settings);
+    let mut magnets = places.magnets;
+    let map_problem =
+        if E::SETTINGS == 0 { magnets.restore(&mut storage, sensors.as_ref().ok(), &settings) } else { Problem::None };
     let stored = [sensors.err().unwrap_or_default(), table.err().unwrap_or_default(), problem];
     let (sensors, table) = (sensors.ok(), table.ok());
     // Written right into its place, which spares the stack a copy.
@@ -132,6 +150,7 @@ fn supervise<F: NorFlash, E: Encoder>(
         spare_config: Some(places.config),
         storage,
         encoder: places.encoder,
+        magnets,
         stored,
         unconfirmed: !matches!(problem, Problem::None | Problem::Blank),
         stored_sensors: sensors,
@@ -175,5 +194,11 @@ fn supervise<F: NorFlash, E: Encoder>(
     {
         supervisor.tasks().note(Cause::Stored(Record::Encoder, problem));
     }
+    #[cfg(feature = "map")]
+    if !matches!(map_problem, Problem::None | Problem::Blank) {
+        supervisor.tasks().note(Cause::Stored(Record::Magnets, map_problem));
+    }
+    #[cfg(not(feature = "map"))]
+    let _ = map_problem;
     supervisor
 }

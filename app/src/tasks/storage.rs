@@ -20,6 +20,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             return;
         }
         self.save_encoder();
+        self.save_magnets();
         let interval_over = self.learnt_saved_ms.is_none_or(|then| self.now_ms >= then + 1000 * SAVE_INTERVAL_S);
         if interval_over && self.sensors_changed() {
             self.learnt_saved_ms = Some(self.now_ms);
@@ -68,6 +69,17 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 Ok(()) => log!(info, "the encoder saved"),
                 Err(_) => self.note(Cause::NotSaved(Record::Encoder)),
             }
+        }
+    }
+
+    /// Saves the map of the magnets, where the flash does not hold it.
+    #[inline(always)]
+    fn save_magnets(&mut self) {
+        #[cfg(feature = "map")]
+        match self.magnets.save(&mut self.storage) {
+            Some(Ok(())) => log!(info, "the map of the magnets saved"),
+            Some(Err(_)) => self.note(Cause::NotSaved(Record::Magnets)),
+            None => {}
         }
     }
 

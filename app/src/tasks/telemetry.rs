@@ -102,7 +102,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             stored: self.stored,
             unsaved: self.unsaved != [false; 3]
                 || !self.settings.is_same(&self.stored_settings)
-                || self.sensors_changed(),
+                || self.sensors_changed()
+                || !self.magnets.is_settled(),
             lost_records: self.lost_records,
             garbage: self.garbage,
             lost_frames: self.lost_frames,

@@ -20,7 +20,7 @@ pub(super) struct Options {
 }
 
 /// Begins a procedure; true if this tool is to wait for its end.
-fn begin(client: &mut Client, options: &Options, ask: Ask<'_>, out: Out) -> Result<bool> {
+pub(super) fn begin(client: &mut Client, options: &Options, ask: Ask<'_>, out: Out) -> Result<bool> {
     client.unattended(options.unattended);
     client.order(ask)?;
     if options.unattended {

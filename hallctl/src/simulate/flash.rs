@@ -3,7 +3,7 @@
 
 use anyhow::{Context, Result, ensure};
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
-use hallservo_app::storage::{BLOCKS, ENCODER_BLOCKS};
+use hallservo_app::storage::{BLOCKS, ENCODER_BLOCKS, MAP_BLOCKS};
 use std::cell::RefCell;
 use std::fs::{File, OpenOptions};
 use std::io::{Read, Seek, SeekFrom, Write};
@@ -11,9 +11,9 @@ use std::path::Path;
 use std::rc::Rc;
 
 const BLOCK: usize = 2048;
-const SIZE: usize = BLOCK * (BLOCKS + ENCODER_BLOCKS) as usize;
-/// That of a file from before there were encoders.
-const SMALL: usize = BLOCK * BLOCKS as usize;
+const SIZE: usize = BLOCK * (BLOCKS + ENCODER_BLOCKS + MAP_BLOCKS) as usize;
+/// Those of files from before there were encoders, and maps of the magnets.
+const SMALLER: [usize; 2] = [BLOCK * BLOCKS as usize, BLOCK * (BLOCKS + ENCODER_BLOCKS) as usize];
 
 /// The flash. A clone is the same flash.
 #[derive(Clone, Debug)]
@@ -45,7 +45,7 @@ impl Flash {
 
     /// With these contents.
     pub fn of(mut bytes: Vec<u8>) -> Self {
-        if bytes.len() == SMALL {
+        if SMALLER.contains(&bytes.len()) {
             bytes.resize(SIZE, 0xff);
         }
         Self(Rc::new(RefCell::new(Cells { bytes, file: None, left: None })))
@@ -71,7 +71,7 @@ impl Flash {
             OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).with_context(name)?;
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).with_context(name)?;
-        if bytes.is_empty() || bytes.len() == SMALL {
+        if bytes.is_empty() || SMALLER.contains(&bytes.len()) {
             bytes.resize(SIZE, 0xff);
             file.rewind().with_context(name)?;
             file.write_all(&bytes).with_context(name)?;

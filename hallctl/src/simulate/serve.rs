@@ -6,13 +6,12 @@ mod terminal;
 use super::fault::{Kind, ScheduledEvent};
 use super::flash::Flash;
 use super::rings::Pairs;
-use super::{Simulator, defaults};
+use super::{Simulator, defaults, uneven};
 use crate::out::Out;
 use crate::say;
 use anyhow::{Context, Result};
 use hallservo::mode::Mode;
 use hallservo_protocol::{Answer, Ask, Decoder, Reply, Request};
-use plant::PlantParameters;
 use plant::heads::Encoder;
 use serde_json::json;
 use std::io::{Read, Write};
@@ -51,6 +50,9 @@ pub struct Options {
     /// Distance of the rings' centre from the axis, in mm
     #[arg(long, value_name = "MM", default_value_t = 0.05, requires = "encoder")]
     pub eccentricity: f64,
+    /// Uneven magnets: 1 is as bad as cheap ones are, 0.5 half of it
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub uneven: f64,
     /// How time passes
     #[arg(long, value_enum, default_value_t = Pace::Real)]
     pub speed: Pace,
@@ -99,7 +101,7 @@ pub fn main(options: &Options, out: Out) -> Result<()> {
         None => Flash::blank(),
     };
     let rings = options.encoder.map(|pairs| Encoder::new(pairs.0, options.eccentricity, options.seed));
-    let plant = PlantParameters::imperfect(options.seed);
+    let plant = uneven(options.seed, options.uneven);
     let mut simulator = Simulator::with_rings(defaults(), &plant, rings, options.seed, flash, planned)?;
     let (events, line) = sync_channel(IN);
     listen_to_keyboard(events.clone());

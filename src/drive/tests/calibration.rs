@@ -82,7 +82,7 @@ fn bad_samples_fail_the_calibration() {
             _ => {}
         }
     };
-    assert_eq!(error, crate::hall::calibrate::Error::NoSignal(crate::hall::Channel(0)));
+    assert_eq!(error, crate::hall::calibrate::Error::NotTurning);
     bench.step();
     bench.step();
     assert_eq!(bench.mode(), Mode::Faulted(Fault::Calibration));

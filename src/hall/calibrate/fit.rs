@@ -21,6 +21,8 @@ pub const BINS: usize = 64;
 pub enum NoFit {
     /// The first harmonic of this sensor is below four codes.
     NoSignal(Channel),
+    /// Those of all three are.
+    NotTurning,
     /// The iteration does not settle.
     Diverged,
 }
@@ -100,6 +102,7 @@ pub(super) fn sweep(bins: &[Bin; BINS]) -> impl Iterator<Item = Point> {
 /// First harmonic over the field's angle, of the first sweep.
 fn start(bins: &Bins) -> Result<[Sensor; 3], NoFit> {
     let mut sensors = [Sensor::sinusoidal(0.0, 0.0, ElectricalAngle::ZERO); 3];
+    let (mut weak, mut why) = (0, NoFit::NotTurning);
     for (channel, sensor) in sensors.iter_mut().enumerate() {
         let (mut mean, mut sine, mut cosine) = (0.0, 0.0, 0.0);
         for point in sweep(&bins[0]) {
@@ -110,12 +113,17 @@ fn start(bins: &Bins) -> Result<[Sensor; 3], NoFit> {
         }
         let amplitude = libm::sqrtf(sine * sine + cosine * cosine);
         if !(amplitude >= NO_SIGNAL) {
-            return Err(NoFit::NoSignal(Channel(channel as u8)));
+            weak += 1;
+            why = NoFit::NoSignal(Channel(channel as u8));
         }
         let placement = ElectricalAngle::from_radians(-libm::atan2f(cosine, sine));
         *sensor = Sensor::sinusoidal(mean, amplitude, placement);
     }
-    Ok(sensors)
+    match weak {
+        0 => Ok(sensors),
+        3 => Err(NoFit::NotTurning),
+        _ => Err(why),
+    }
 }
 
 fn residuals(sensors: &[Sensor; 3], codes: &[f32; 3], angle: ElectricalAngle) -> [f32; 3] {

@@ -27,7 +27,7 @@ pub struct SensorReport {
     pub swing: f32,
     /// Mean of the signal, in ADC codes.
     pub offset: f32,
-    /// Difference of ψ from the pattern's placement, electrical; refused beyond 20°.
+    /// Difference of ψ from the pattern's placement, electrical, the mean of the three taken off; refused beyond 20°.
     pub placement_error: ElectricalAngle,
     /// Third harmonic in per cent of the amplitude.
     pub third_pct: f32,
@@ -77,7 +77,7 @@ pub enum Finding {
     TooClose(Channel),
     /// One sensor's swing is this many times another's.
     Unequal(f32),
-    /// Electrical degrees away from even spacing.
+    /// Electrical degrees away from even spacing with the other two: how far it is to be moved.
     Misplaced(Channel, f32),
     /// Noise in per cent of the amplitude.
     Noisy(Channel, f32),
@@ -96,7 +96,7 @@ impl Finding {
             Self::TooFar(_, swing) => swing < 40.0,
             Self::TooClose(_) => true,
             Self::Unequal(ratio) => ratio > 4.0,
-            Self::Misplaced(_, degrees) => degrees > 20.0,
+            Self::Misplaced(_, degrees) => degrees > 30.0,
             Self::Noisy(_, percent) => percent > 6.0,
             Self::Unexplained(percent) => percent > 6.0,
             Self::Lagging(degrees) => degrees > 60.0,
@@ -188,6 +188,7 @@ impl Report {
         let ratio = swings.iter().fold(0.0_f32, |a, &b| a.max(b)) / swings.iter().fold(f32::MAX, |a, &b| a.min(b));
         let lag = self.lag.to_degrees().abs();
         let common = [
+            self.misplaced(),
             (ratio > 2.0).then_some(Finding::Unequal(ratio)),
             (self.residual_pct > 2.0).then_some(Finding::Unexplained(self.residual_pct)),
             (lag > 30.0).then_some(Finding::Lagging(lag)),
@@ -195,6 +196,15 @@ impl Report {
         ];
         let sensors = self.sensors.into_iter().enumerate().flat_map(|(k, sensor)| sensor.findings(Channel(k as u8)));
         sensors.chain(common).flatten()
+    }
+
+    /// The Hall that is farthest from its place, and by how much. The placement errors have mean zero, so that one has
+    /// to move by half as much again to be even with the other two.
+    fn misplaced(&self) -> Option<Finding> {
+        let errors = self.sensors.map(|sensor| sensor.placement_error.to_degrees().abs());
+        let farthest = (0..3).reduce(|far, k| if errors[k] > errors[far] { k } else { far })?;
+        let degrees = 1.5 * errors[farthest];
+        (degrees > 15.0).then_some(Finding::Misplaced(Channel(farthest as u8), degrees))
     }
 
     /// Counts in an electrical turn by Simpkins and Todorov, eq. (7): four times the swing, of the weakest sensor.
@@ -209,14 +219,12 @@ impl Report {
 }
 
 impl SensorReport {
-    fn findings(self, channel: Channel) -> [Option<Finding>; 4] {
+    fn findings(self, channel: Channel) -> [Option<Finding>; 3] {
         // A sine clipped at 80 % of its peak has 10 % third harmonic; no magnet's own field is as flat.
         let flat = self.third_pct > 15.0;
-        let misplaced = self.placement_error.to_degrees().abs();
         [
             (self.swing < 150.0).then_some(Finding::TooFar(channel, self.swing)),
             (self.at_rail > 0 || flat).then_some(Finding::TooClose(channel)),
-            (misplaced > 10.0).then_some(Finding::Misplaced(channel, misplaced)),
             (self.noise_pct > 3.0).then_some(Finding::Noisy(channel, self.noise_pct)),
         ]
     }

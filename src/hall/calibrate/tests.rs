@@ -154,18 +154,26 @@ fn a_kind_motor_has_no_findings() {
     assert_eq!(calibration.report.counts_per_turn(PolePairs::new(4).unwrap()).round(), 8000.0);
 }
 
+fn is_misplaced(error: &Error, hall: u8, degrees: f32) -> bool {
+    matches!(*error, Error::Refused(Finding::Misplaced(channel, by)) if channel == Channel(hall) && (by - degrees).abs() < 1.0)
+}
+
 #[test]
 fn bad_mountings_are_refused_in_words() {
     use Finding::*;
     type Change = fn(&mut Bench);
     type Expected = fn(&Error) -> bool;
-    let refusals: [(Change, Expected, &str); 10] = [
+    let refusals: [(Change, Expected, &str); 13] = [
         (|b| b.amplitudes[1] = 1.0, |e| *e == Error::NoSignal(Channel(1)), "Hall 2 sees no magnet"),
         (|b| b.amplitudes = [15.0; 3], |e| matches!(e, Error::Refused(TooFar(Channel(0), _))), "closer to the magnet"),
         (|b| b.amplitudes[2] = 2100.0, |e| matches!(e, Error::Refused(TooClose(Channel(2)))), "saturates"),
         (|b| b.third = [0.2; 3], |e| matches!(e, Error::Refused(TooClose(Channel(0)))), "saturates"),
         (|b| b.amplitudes[0] = 1500.0, |e| matches!(e, Error::Refused(Unequal(_))), "same distance"),
-        (|b| b.placements_deg[1] = 155.0, |e| matches!(e, Error::Refused(Misplaced(..))), "away from even spacing"),
+        (|b| b.amplitudes = [1.0; 3], |e| *e == Error::NotTurning, "slower"),
+        (|b| b.placements_deg[1] = 155.0, |e| is_misplaced(e, 1, 35.0), "Hall 2 is 35° (electrical) away"),
+        (|b| b.placements_deg[2] = 205.0, |e| is_misplaced(e, 2, 35.0), "Hall 3 is 35° (electrical) away"),
+        // Nearest to a spacing of 60°.
+        (|b| b.placements_deg = [0.0, 120.0, 120.0], |e| is_misplaced(e, 1, 60.0), "Hall 2 is 60° (electrical) away"),
         (
             |b| b.placements_deg = [0.0, 15.0, 30.0],
             |e| matches!(e, Error::Model(BadModel::Placement { .. })),

@@ -37,13 +37,14 @@ impl Reference {
         Self { position, begun: position, speed: speed as f32 / TURN, acceleration: 0.0, sequence }
     }
 
-    /// Goes on to a step; how many steps that is.
-    pub fn advance(&mut self, sequence: u32) -> f32 {
+    /// Goes on to a step, accelerated by a known torque, in electrical turns a step²; how many steps that is.
+    pub fn advance(&mut self, sequence: u32, driven: f32) -> f32 {
         let steps = sequence.wrapping_sub(self.sequence) as f32;
         self.sequence = sequence;
-        let turned = steps * (self.speed + 0.5 * steps * self.acceleration);
+        let acceleration = self.acceleration + driven;
+        let turned = steps * (self.speed + 0.5 * steps * acceleration);
         self.position = Position::from_bits(self.position.to_bits().wrapping_add((turned * TURN) as i64));
-        self.speed += steps * self.acceleration;
+        self.speed += steps * acceleration;
         steps
     }
 
@@ -85,6 +86,8 @@ pub struct Learner {
     /// 2⁻³² electrical turns.
     points: [f32; POINTS],
     reference: Option<Reference>,
+    /// Mean square of what is left over, of about the last turn's samples.
+    square: f32,
     /// Samples so far, and from which on their mean is taken.
     samples: u32,
     averages_from: u32,
@@ -97,6 +100,7 @@ impl Learner {
             layout: Layout::new(pole_pairs),
             points: [0.0; POINTS],
             reference: None,
+            square: 0.0,
             samples: 0,
             averages_from: samples / 2,
         }
@@ -118,7 +122,7 @@ impl Learner {
             self.reference = Some(Reference::at(measured, speed, sequence));
             return;
         };
-        let steps = reference.advance(sequence);
+        let steps = reference.advance(sequence, 0.0);
         if !(steps > 0.0) {
             return;
         }
@@ -131,10 +135,17 @@ impl Learner {
             return;
         }
         self.samples += 1;
-        let mean_of = self.samples.saturating_sub(self.averages_from) as f32 / self.layout.points() as f32;
+        let all = self.layout.points() as f32;
+        self.square += (behind * behind - self.square) / all;
+        let mean_of = self.samples.saturating_sub(self.averages_from) as f32 / all;
         let by = behind / (1.0 / FIRST_SHARE + mean_of);
         self.points[index] += by * (1.0 - share);
         self.points[next] += by * share;
+    }
+
+    /// What the map leaves over of single samples, degrees RMS: their noise, if it is a good one.
+    pub fn noise_deg(&self) -> f32 {
+        360.0 * libm::sqrtf(self.square)
     }
 
     /// How many samples it has taken.

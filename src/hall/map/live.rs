@@ -1,7 +1,7 @@
 //! The map that a drive works with: tasks write it, the control interrupt reads it, and nobody waits.
 
 use super::{Layout, Map, POINTS};
-use crate::angle::{ElectricalAngle, PolePairs, Position};
+use crate::angle::{ElectricalAngle, Position};
 use core::sync::atomic::{AtomicI16, AtomicI32, AtomicU32, Ordering};
 
 /// A map in full effect.
@@ -12,6 +12,10 @@ pub const WHOLE: i32 = 256;
 pub struct Live {
     /// Share of the map that is taken off the angle, in 2⁻⁸; 0: off.
     share: AtomicI32,
+    /// How often the count of turns began anew; only the interrupt writes it.
+    counts: AtomicU32,
+    /// The count that the map's pole was found in.
+    found_in: AtomicU32,
     /// Electrical turns from the begin of the map at position zero.
     first: AtomicI32,
     pole_pairs: AtomicU32,
@@ -26,14 +30,15 @@ impl Default for Live {
 }
 
 impl Live {
-    /// Off.
+    /// Off; all zeros.
     pub const fn new() -> Self {
-        let Layout { pole_pairs, bits, .. } = Layout::new(PolePairs::ONE);
         Self {
             share: AtomicI32::new(0),
+            counts: AtomicU32::new(0),
+            found_in: AtomicU32::new(0),
             first: AtomicI32::new(0),
-            pole_pairs: AtomicU32::new(pole_pairs as u32),
-            bits: AtomicU32::new(bits),
+            pole_pairs: AtomicU32::new(0),
+            bits: AtomicU32::new(0),
             points: [const { AtomicI16::new(0) }; POINTS],
         }
     }
@@ -48,28 +53,45 @@ impl Live {
         self.bits.store(map.layout.bits, Ordering::Relaxed);
     }
 
+    /// How often the drive has begun to count its turns anew. A pole is known in one count only.
+    pub fn count(&self) -> u32 {
+        self.counts.load(Ordering::Acquire)
+    }
+
     /// Puts a share of the map into effect, in 1/[`WHOLE`], for a rotor that was so many electrical turns from the
-    /// map's begin at position zero. To be raised over a tenth of a second, for the tracked angle moves by it.
-    pub fn use_from(&self, electrical_turns: i32, share: i32) {
+    /// map's begin at position zero of a [count](Self::count); nothing of it once the drive counts anew. To be raised
+    /// over a tenth of a second, for the tracked angle moves by it.
+    pub fn use_from(&self, electrical_turns: i32, count: u32, share: i32) {
         self.first.store(electrical_turns, Ordering::Relaxed);
+        self.found_in.store(count, Ordering::Relaxed);
         self.share.store(share.clamp(0, WHOLE), Ordering::Release);
     }
 
-    /// Ends its effect: it is switched off, or the drive does not know the pole any more.
+    /// Ends its effect.
     pub fn end(&self) {
         self.share.store(0, Ordering::Release);
     }
 
+    /// The drive counts its turns anew, and does not know the pole any more. For the control interrupt alone.
+    pub(crate) fn count_anew(&self) {
+        // There is one writer, so this needs no exchange, which a Cortex-M0 does not have.
+        self.counts.store(self.counts.load(Ordering::Relaxed).wrapping_add(1), Ordering::Release);
+    }
+
     /// Whether it is in effect.
     pub fn is_used(&self) -> bool {
-        self.share.load(Ordering::Acquire) != 0
+        self.share.load(Ordering::Acquire) != 0 && self.is_found()
+    }
+
+    fn is_found(&self) -> bool {
+        self.found_in.load(Ordering::Relaxed) == self.counts.load(Ordering::Relaxed)
     }
 
     /// What is to be taken off the Halls' angle at a position.
     #[inline(always)]
     pub(crate) fn correction(&self, position: Position) -> ElectricalAngle {
         let share = self.share.load(Ordering::Acquire);
-        if share == 0 {
+        if share == 0 || !self.is_found() {
             return ElectricalAngle::ZERO;
         }
         let layout = Layout {

@@ -7,13 +7,14 @@ use crate::halls;
 use crate::motor::{INERTIA_KGM2, Motor};
 use crate::row::{Row, SWEEP, function};
 use core::sync::atomic::{AtomicPtr, Ordering::Relaxed};
-use hallservo::angle::ElectricalAngle;
+use hallservo::angle::{ElectricalAngle, PolePairs};
 use hallservo::board::{Output, Sample, TemperatureCode};
 use hallservo::commutation::Commutation;
 use hallservo::control::cogging::Table;
 use hallservo::control::config::Config as Control;
 use hallservo::drive::{Channels, Command, Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
+use hallservo::hall::map::{Live, Map, WHOLE};
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
 use hallservo::settings::{Control as ControlSettings, GuardSettings};
@@ -41,17 +42,20 @@ pub const ROWS: &[Row] = &[
         stays_on,
     )
     .budget(300),
+    Row::new("field-oriented, fast, with a map, speed", "hallservo", function!(step), mapped, stays_on).budget(340),
     Row::new("field-oriented, with a command", "hallservo", function!(step), commanded, stays_on),
 ];
 
 const CURRENT: usize = 0;
 const SPEED: usize = 1;
 const POSITION: usize = 2;
-const DEMANDS: usize = 3;
+/// A speed, with a map of the magnets.
+const MAPPED: usize = 3;
+const DEMANDS: usize = 4;
 
 /// A, rad/s and turns, one after the other. A current of 3 A ends where the voltage does; on the way to a speed or a
 /// far position it turns back; near ones are reached, one by three steps of the trajectory.
-const FOLLOWED: [[f64; PARTS as usize]; DEMANDS] = [
+const FOLLOWED: [[f64; PARTS as usize]; 3] = [
     [0.5, 0.5, -0.5, -0.5, 2.0, 2.0, -3.0, -3.0, 3.0, 0.5, -0.5, 3.0, 0.01, -0.01, 3.0, -3.0],
     [400.0, 400.0, -400.0, -400.0, 0.0, -200.0, 399.0, 400.0, 401.0, -500.0, -500.0, 5.0, -5.0, 0.0, 400.0, -400.0],
     [30.0, 30.0, -30.0, -30.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.100_24, 0.13, 0.0, -0.08, 30.0, 30.0, -30.0],
@@ -75,6 +79,7 @@ struct Bench {
     trimmed: bool,
 }
 
+static MAP: Live = Live::new();
 static BENCHES: [AtomicPtr<Bench>; DEMANDS] = [const { AtomicPtr::new(core::ptr::null_mut()) }; DEMANDS];
 
 /// Armed drives.
@@ -103,8 +108,9 @@ pub fn init() {
         for (point, current) in table.0.iter_mut().enumerate() {
             *current = (point * 97 % 401) as i16 - 200;
         }
+        let drive = Drive::new(config, interrupt);
         let bench = PLACES[number].init(Bench {
-            drive: Drive::new(config, interrupt),
+            drive: if number == MAPPED { drive.with_map(&MAP) } else { drive },
             tasks,
             // 24 V.
             sample: Sample { bus: 2708, ..Sample::default() },
@@ -190,6 +196,7 @@ impl Bench {
 
 impl Bench {
     fn demand(&self, followed: usize, part: u32) -> Command {
+        let followed = if followed == MAPPED { SPEED } else { followed };
         let value = FOLLOWED[followed][part as usize];
         let demand = match followed {
             CURRENT => self.control.current(value as f32).map(Command::Current),
@@ -238,6 +245,21 @@ fn anti_cogging<const FOLLOWED: usize>(index: u32) -> Arguments {
         bench.set_anti_cogging(table);
     }
     fast::<FOLLOWED>(index)
+}
+
+/// The same with a map of the magnets in effect.
+fn mapped(index: u32) -> Arguments {
+    if index == 0 {
+        let Some(pole_pairs) = PolePairs::new(4) else { failure() };
+        let points = (0..Map::points_for(pole_pairs)).map(|point| (point * 97 % 1601) as i16 - 800);
+        let Some(map) = Map::of_points(pole_pairs, points) else { failure() };
+        MAP.load(&map);
+        MAP.use_from(1, MAP.count(), WHOLE);
+    }
+    if !MAP.is_used() {
+        failure();
+    }
+    fast::<MAPPED>(index)
 }
 
 /// The rotor is held.

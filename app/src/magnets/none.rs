@@ -1,0 +1,49 @@
+//! No map.
+
+use crate::storage::{Sensors, Storage};
+use embedded_storage::nor_flash::NorFlash;
+use hallservo::control::Config as Control;
+use hallservo::drive::Drive;
+use hallservo::settings::Settings;
+use hallservo::telemetry::{Measurement, Status};
+use hallservo_protocol::Problem;
+
+pub(crate) struct MagnetMemory;
+
+impl MagnetMemory {
+    pub const fn new() -> Self {
+        Self
+    }
+}
+
+pub(crate) struct ForDrive;
+
+impl ForDrive {
+    pub fn attach(self, drive: Drive) -> Drive {
+        drive
+    }
+}
+
+pub(crate) struct MagnetMap;
+
+impl MagnetMap {
+    pub fn start(_: &'static mut MagnetMemory) -> (Self, ForDrive) {
+        (Self, ForDrive)
+    }
+
+    pub fn restore<F: NorFlash>(&mut self, _: &mut Storage<F>, _: Option<&Sensors>, _: &Settings) -> Problem {
+        Problem::None
+    }
+
+    pub fn measurement(&mut self, _: &Measurement, _: &Control) {}
+
+    pub fn tick(&mut self, _: Status) {}
+
+    pub fn adopt(&mut self, _: &Settings) {}
+
+    pub fn forget(&mut self) {}
+
+    pub const fn is_settled(&self) -> bool {
+        true
+    }
+}

@@ -1,0 +1,320 @@
+//! The map of the rotor's magnets in a drive: learnt, stored, found again after power-up, dropped where it does not fit.
+
+mod tool;
+
+use hallctl::simulate::Simulator;
+use hallctl::simulate::flash::Flash;
+use hallctl::simulate::uneven;
+use hallservo::fault::Limits;
+use hallservo::mode::Mode;
+use hallservo::service::magnets::Use;
+use hallservo_protocol::*;
+use plant::{PlantParameters, Unevenness};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
+use sim::rig::error_deg;
+use std::cell::RefCell;
+use std::f64::consts::TAU;
+use std::rc::Rc;
+use std::sync::LazyLock;
+use tool::{ask, done, run, status, wait};
+
+fn at(plant: &PlantParameters, seed: u64, flash: Flash) -> Simulator {
+    Simulator::at(plant, seed, flash, Vec::new()).unwrap()
+}
+
+fn magnets(drive: &mut Simulator) -> MagnetsStatus {
+    ask(drive, Ask::Magnets(MagnetsAsk::Status), |answer| match answer {
+        Answer::Magnets(status) => status,
+        other => panic!("{other:?}"),
+    })
+}
+
+fn calibrated(plant: &PlantParameters, seed: u64) -> Simulator {
+    let mut drive = at(plant, seed, Flash::blank());
+    run(&mut drive, 10);
+    done(&mut drive, Ask::Calibrate);
+    wait(&mut drive);
+    drive
+}
+
+fn learn(drive: &mut Simulator) -> MagnetsStatus {
+    done(drive, Ask::Magnets(MagnetsAsk::Learn));
+    assert_eq!(status(drive).activity, Activity::Magnets);
+    wait(drive);
+    magnets(drive)
+}
+
+/// Runs at a speed for a time; keeps the command alive.
+fn turn(drive: &mut Simulator, rad_s: f32, milliseconds: u32) {
+    for _ in 0..milliseconds / 100 {
+        done(drive, Ask::Speed(rad_s));
+        run(drive, 98);
+    }
+}
+
+fn arm(drive: &mut Simulator) {
+    done(drive, Ask::Arm);
+    run(drive, 100);
+}
+
+/// RMS of the tracked angle's error over half a second at a speed, electrical degrees.
+fn error(drive: &mut Simulator, rad_s: f32) -> f64 {
+    turn(drive, rad_s, 500);
+    let truth = Rc::new(RefCell::new(Vec::new()));
+    let seen = truth.clone();
+    drive.observe = Some(Box::new(move |_, truth| seen.borrow_mut().push(truth.electrical_angle_rad)));
+    let (mut sum, mut count) = (0.0, 0.0);
+    for k in 0..500 {
+        if k % 100 == 0 {
+            turn(drive, rad_s, 100);
+        }
+        drive.step();
+        let last = *truth.borrow().last().unwrap();
+        sum += error_deg(drive.drive().tracker().angle(), last).powi(2);
+        count += 1.0;
+    }
+    drive.observe = None;
+    (sum / count).sqrt()
+}
+
+/// A flash with a calibration and a map of a cheap rotor.
+static LEARNT: LazyLock<Vec<u8>> = LazyLock::new(|| learnt(1));
+
+fn learnt(seed: u64) -> Vec<u8> {
+    let mut drive = calibrated(&uneven(seed, 1.0), seed);
+    let status = learn(&mut drive);
+    assert_eq!((status.state, status.stored), (Use::Used, Problem::None));
+    drive.flash()
+}
+
+/// Powered up at an angle, the map not found yet.
+fn powered_up(plant: &PlantParameters, flash: Vec<u8>, angle_rad: f64) -> Simulator {
+    let mut drive = at(plant, 1, Flash::of(flash));
+    drive.plant.place(angle_rad, 0.0).unwrap();
+    run(&mut drive, 20);
+    drive
+}
+
+/// Turns until the map is used, or gives up after a time.
+fn find(drive: &mut Simulator, rad_s: f32, longest_ms: u64) -> bool {
+    let from_ms = drive.now_ms();
+    while magnets(drive).state != Use::Used && drive.now_ms() < from_ms + longest_ms {
+        turn(drive, rad_s, 100);
+    }
+    magnets(drive).state == Use::Used
+}
+
+#[test]
+fn a_map_is_learnt_used_stored_and_found_again_after_power_up() {
+    let mut random = Pcg64::seed_from_u64(1);
+    for (seed, times) in [(1, 1.0), (2, 1.0), (3, 0.25)] {
+        let plant = uneven(seed, times);
+        let mut drive = calibrated(&plant, seed);
+        arm(&mut drive);
+        let before = error(&mut drive, 100.0);
+        done(&mut drive, Ask::Disarm);
+        run(&mut drive, 3000);
+        let learnt = learn(&mut drive);
+        assert_eq!((learnt.state, learnt.stored), (Use::Used, Problem::None));
+        assert!(learnt.report.kept && learnt.report.found_again);
+        arm(&mut drive);
+        let after = error(&mut drive, 100.0);
+        let MagnetsReport { without_deg, with_deg, .. } = learnt.report;
+        println!("{seed}: {before:.2}° becomes {after:.2}°, said to be {without_deg:.2}° and {with_deg:.2}°");
+        assert!(before > 2.0 * times && after < 0.2, "{seed}: {before} {after}");
+        assert!((f64::from(without_deg) / before - 1.0).abs() < 0.15 && (f64::from(with_deg) - after).abs() < 0.05);
+        let flash = drive.flash();
+        for _ in 0..4 {
+            let mut drive = at(&plant, seed, Flash::of(flash.clone()));
+            drive.plant.place(random.random_range(0.0..TAU), 0.0).unwrap();
+            run(&mut drive, 20);
+            assert_eq!(magnets(&mut drive).state, Use::Searching);
+            arm(&mut drive);
+            let speed = if random.random() { 100.0 } else { -100.0 };
+            let from = drive.plant.truth().mechanical_angle_rad;
+            assert!(find(&mut drive, speed, 5000), "{:?}", magnets(&mut drive));
+            let turns = (drive.plant.truth().mechanical_angle_rad - from).abs() / TAU;
+            let after = error(&mut drive, speed);
+            println!("  found again after {turns:.1} turns: {after:.2}°, fit {:.2}", magnets(&mut drive).fit);
+            assert!(after < 0.2, "{seed}: {after}");
+        }
+    }
+}
+
+#[test]
+fn a_map_is_found_while_the_motor_reverses_and_never_at_a_wrong_pole() {
+    let plant = uneven(1, 1.0);
+    for (number, (speed, period)) in
+        [(100.0, 2), (60.0, 5), (30.0, 10), (200.0, 3), (10.0, 40), (100.0, 1)].into_iter().enumerate()
+    {
+        let mut drive = powered_up(&plant, LEARNT.clone(), 1.7 * number as f64);
+        arm(&mut drive);
+        let mut found = false;
+        for k in 0..100 {
+            let direction = if k / period % 2 == 0 { 1.0 } else { -1.0 };
+            turn(&mut drive, direction * speed, 100);
+            found = magnets(&mut drive).state == Use::Used;
+        }
+        let after = error(&mut drive, 100.0);
+        println!("±{speed} rad/s for {period}00 ms: found {found}, {after:.2}°");
+        assert!(!found || after < 0.2, "{after}");
+    }
+}
+
+#[test]
+fn even_magnets_need_no_map() {
+    let mut drive = calibrated(&uneven(1, 0.0), 1);
+    let status = learn(&mut drive);
+    println!("{status:?}");
+    assert!(matches!(status.learning, Procedure::Done(MagnetsReport { kept: false, .. })));
+    assert_eq!((status.state, status.pole_pairs, status.stored), (Use::None, 0, Problem::Blank));
+}
+
+#[test]
+fn the_map_of_another_rotor_is_never_used() {
+    // The same Halls over other magnets.
+    let cheap = Unevenness { rated_a: 6.0, ..Unevenness::CHEAP };
+    for seed in 2..8 {
+        let plant = PlantParameters::imperfect(1).with_unevenness(&cheap, seed);
+        let mut drive = powered_up(&plant, LEARNT.clone(), seed as f64);
+        arm(&mut drive);
+        for speed in [100.0, -40.0, 200.0] {
+            assert!(!find(&mut drive, speed, 5000), "{seed}");
+        }
+        println!("{seed}: {:?}", magnets(&mut drive));
+    }
+    let mut drive = powered_up(&uneven(1, 0.0), LEARNT.clone(), 1.0);
+    arm(&mut drive);
+    assert!(!find(&mut drive, 100.0, 10_000));
+}
+
+#[test]
+fn a_rotor_swapped_while_the_map_is_at_work_ends_it() {
+    // The turns are counted by the Halls: a rotor that slips by a magnet behind their back is at another pole.
+    let mut drive = powered_up(&uneven(1, 1.0), LEARNT.clone(), 0.4);
+    arm(&mut drive);
+    assert!(find(&mut drive, 100.0, 5000));
+    let truth = drive.plant.truth();
+    drive.plant.place(truth.mechanical_angle_rad + TAU / 4.0, truth.speed_rad_s).unwrap();
+    let mut ended = 0;
+    for tenth in 0..50 {
+        turn(&mut drive, 100.0, 100);
+        if magnets(&mut drive).state != Use::Used && ended == 0 {
+            ended = tenth;
+        }
+    }
+    println!("ended after {ended} tenths of a second; then {:?}", magnets(&mut drive));
+    assert!((1..20).contains(&ended));
+    // It is found again, at the right pole.
+    assert!(find(&mut drive, 100.0, 5000));
+    assert!(error(&mut drive, 100.0) < 0.2);
+}
+
+#[test]
+fn a_map_with_a_right_crc_of_another_motor_is_foreign() {
+    let (mut flash, other) = (LEARNT.clone(), learnt(2));
+    let from = flash.len() - 2 * 2048;
+    flash[from..].copy_from_slice(&other[from..]);
+    let mut drive = powered_up(&uneven(1, 1.0), flash, 0.0);
+    let status = magnets(&mut drive);
+    assert_eq!((status.state, status.stored), (Use::None, Problem::Foreign));
+    let incident = ask(&mut drive, Ask::History(0), |answer| match answer {
+        Answer::History(history) => history.entry.unwrap().cause,
+        other => panic!("{other:?}"),
+    });
+    assert_eq!(incident, Cause::Stored(Record::Magnets, Problem::Foreign));
+    arm(&mut drive);
+    assert!(!find(&mut drive, 100.0, 3000));
+}
+
+#[test]
+fn a_calibration_gives_the_map_up_and_so_does_forgetting_it() {
+    let mut drive = powered_up(&uneven(1, 1.0), LEARNT.clone(), 0.0);
+    assert_eq!(magnets(&mut drive).state, Use::Searching);
+    done(&mut drive, Ask::Calibrate);
+    wait(&mut drive);
+    assert_eq!((magnets(&mut drive).state, magnets(&mut drive).stored), (Use::None, Problem::Blank));
+    let mut drive = powered_up(&uneven(1, 1.0), LEARNT.clone(), 0.0);
+    done(&mut drive, Ask::Magnets(MagnetsAsk::Forget));
+    run(&mut drive, 100);
+    let mut drive = powered_up(&uneven(1, 1.0), drive.flash(), 0.0);
+    assert_eq!((magnets(&mut drive).state, magnets(&mut drive).stored), (Use::None, Problem::Blank));
+}
+
+#[test]
+fn a_lost_hall_ends_the_map_and_the_drive_runs_on() {
+    let mut drive = powered_up(&uneven(1, 1.0), LEARNT.clone(), 0.0);
+    done(&mut drive, Ask::Set { name: "run_on_two_halls", value: 1.0 });
+    run(&mut drive, 20);
+    arm(&mut drive);
+    assert!(find(&mut drive, 100.0, 5000));
+    drive.plant.set_hall_fault(1, Some(plant::HallFault::Open(plant::Rail::Low)));
+    turn(&mut drive, 100.0, 1000);
+    let status = status(&mut drive);
+    assert_eq!(status.mode, Mode::Running);
+    assert!(status.limits.contains(Limits::TWO_HALLS));
+    assert_ne!(magnets(&mut drive).state, Use::Used);
+    assert!(!find(&mut drive, 100.0, 3000));
+}
+
+#[test]
+fn a_map_counts_the_other_way_when_the_drive_does() {
+    let mut drive = powered_up(&uneven(1, 1.0), LEARNT.clone(), 2.0);
+    done(&mut drive, Ask::Set { name: "reversed", value: 1.0 });
+    run(&mut drive, 20);
+    arm(&mut drive);
+    assert!(find(&mut drive, 100.0, 5000), "{:?}", magnets(&mut drive));
+    assert!(magnets(&mut drive).fit > 0.5);
+    turn(&mut drive, -100.0, 2000);
+    assert_eq!(magnets(&mut drive).state, Use::Used);
+}
+
+#[test]
+fn a_power_cut_while_the_map_is_saved_leaves_the_one_before_or_the_new_one() {
+    let plant = uneven(1, 1.0);
+    for cut in [0, 1, 2, 40, 80, 130, 131, 132, 140] {
+        let flash = Flash::of(LEARNT.clone());
+        let mut drive = at(&plant, 1, flash.clone());
+        run(&mut drive, 20);
+        flash.cut_after(cut);
+        let again = learn(&mut drive);
+        assert_eq!(again.state, Use::Used);
+        let mut drive = powered_up(&plant, flash.bytes(), 1.0);
+        assert!(status(&mut drive).calibrated);
+        let status = magnets(&mut drive);
+        assert_eq!((status.state, status.stored), (Use::Searching, Problem::None), "{cut}");
+        arm(&mut drive);
+        assert!(find(&mut drive, 100.0, 5000), "{cut}");
+    }
+}
+
+/// Rotors of any unevenness up to half as much again as cheap ones, powered up anywhere and turned at random. The form
+/// for a night: `ROTORS=1000 cargo test -p hallctl --test magnets many -- --ignored --nocapture`.
+#[test]
+#[ignore = "two seconds a rotor"]
+fn many_rotors_are_never_used_at_a_wrong_pole() {
+    let rotors = std::env::var("ROTORS").map_or(20, |rotors| rotors.parse().unwrap());
+    let (mut kept, mut found, mut told) = (0, 0, 0);
+    for seed in 1..=rotors {
+        let mut random = Pcg64::seed_from_u64(seed);
+        let plant = uneven(seed, random.random_range(0.1..1.5));
+        let mut drive = calibrated(&plant, seed);
+        let report = learn(&mut drive).report;
+        kept += u32::from(report.kept);
+        told += u32::from(report.found_again);
+        let mut drive = powered_up(&plant, drive.flash(), random.random_range(0.0..TAU));
+        arm(&mut drive);
+        for _ in 0..10 {
+            let speed = random.random_range(-300.0..300.0);
+            turn(&mut drive, speed, 100 * random.random_range(1..10));
+        }
+        if magnets(&mut drive).state == Use::Used {
+            found += 1;
+            let after = error(&mut drive, 100.0);
+            assert!(after < 0.25, "{seed}: {after} {:?}", magnets(&mut drive));
+        }
+    }
+    println!("{rotors} rotors: {kept} maps kept, {told} whose pole can be told, {found} found, none at a wrong pole");
+    assert!(found > rotors as u32 / 2);
+}

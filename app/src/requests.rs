@@ -192,6 +192,11 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 Err(Refusal::Unconfirmed(self.stored[Record::Settings as usize]))
             }
             #[cfg(feature = "encoder")]
+            Ask::Encoder(EncoderAsk::Align) => {
+                self.align()?;
+                Ok(Step::Answer(Answer::Done))
+            }
+            #[cfg(feature = "encoder")]
             Ask::Encoder(ask) => {
                 let answer = self.ask_encoder(ask)?;
                 // The bounds of the position go with its zero.

@@ -2,75 +2,20 @@
 
 mod tool;
 
+use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
-use hallctl::simulate::{Simulator, defaults};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::vernier::rings::RingsError;
 use hallservo::vernier::settings;
-use hallservo_protocol::{
-    Activity, Answer, Ask, EncoderAsk, EncoderCalibration, EncoderRefusal, EncoderStatus, Problem, Refusal,
-};
+use hallservo_protocol::{Activity, Answer, Ask, EncoderAsk, EncoderCalibration, EncoderRefusal, Problem, Refusal};
 use plant::PlantParameters;
-use plant::heads::{Defect, Encoder};
+use plant::heads::Defect;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
-use std::sync::LazyLock;
+use tool::rings::{CALIBRATED, at, calibrate, calibrated, encoder, error_deg, powered_up};
 use tool::{ask, done, run, status, wait};
-
-const PAIRS: [usize; 2] = [37, 45];
-/// Of the rings, mm.
-const ECCENTRICITY_MM: f64 = 0.05;
-
-/// A drive with rings, its shaft at an angle.
-fn powered_up(flash: Flash, shaft_rad: f64, seed: u64) -> Simulator {
-    let rings = Encoder::new(PAIRS, ECCENTRICITY_MM, 1);
-    let plant = PlantParameters::imperfect(1);
-    let mut drive = Simulator::with_rings(defaults(), &plant, Some(rings), seed, flash, Vec::new()).unwrap();
-    drive.plant.place(shaft_rad, 0.0).unwrap();
-    drive
-}
-
-fn encoder(drive: &mut Simulator) -> EncoderStatus {
-    ask(drive, Ask::Encoder(EncoderAsk::Status), |answer| match answer {
-        Answer::Encoder(status) => status,
-        other => panic!("{other:?}"),
-    })
-}
-
-fn calibrate(drive: &mut Simulator) -> EncoderStatus {
-    done(drive, Ask::Encoder(EncoderAsk::Calibrate { by_hand: false }));
-    assert_eq!(status(drive).activity, Activity::Encoder);
-    wait(drive);
-    encoder(drive)
-}
-
-/// A flash with everything calibrated, and where the zero is, rad.
-static CALIBRATED: LazyLock<(Vec<u8>, f64)> = LazyLock::new(|| {
-    let mut drive = powered_up(Flash::blank(), 0.3, 1);
-    done(&mut drive, Ask::Calibrate);
-    wait(&mut drive);
-    let status = calibrate(&mut drive);
-    println!("{status:?}");
-    assert!(matches!(status.calibration, EncoderCalibration::Done(_)));
-    done(&mut drive, Ask::Encoder(EncoderAsk::Zero));
-    let zero_rad = drive.plant.truth().mechanical_angle_rad;
-    run(&mut drive, 100);
-    assert_eq!(encoder(&mut drive).stored, Problem::None);
-    (drive.flash(), zero_rad)
-});
-
-fn calibrated(shaft_rad: f64, seed: u64) -> Simulator {
-    powered_up(Flash::of(CALIBRATED.0.clone()), shaft_rad, seed)
-}
-
-/// Mechanical degrees that the position is off, whole turns aside.
-fn error_deg(drive: &mut Simulator) -> f64 {
-    let position = status(drive).position_turns;
-    let error = position - (drive.plant.truth().mechanical_angle_rad - CALIBRATED.1) / TAU;
-    360.0 * (error - error.round())
-}
 
 fn random(seed: u64) -> Pcg64 {
     Pcg64::seed_from_u64(seed)
@@ -322,6 +267,102 @@ fn rings_that_turned_on_the_shaft_keep_the_bridge_off() {
     done(&mut drive, Ask::Arm);
 }
 
+/// A flash at a motor whose Halls have been turned since, electrical degrees.
+fn with_halls_turned(flash: Vec<u8>, degrees: f64) -> Simulator {
+    let mut plant = PlantParameters::imperfect(1);
+    for hall in &mut plant.halls {
+        hall.placement_rad += degrees.to_radians();
+    }
+    let mut drive = at(&plant, Flash::of(flash), 1.0, 1);
+    run(&mut drive, 60);
+    drive
+}
+
+#[test]
+fn the_halls_take_their_zero_from_the_encoder_without_motion() {
+    for degrees in [-25.0, -3.0, 8.0, 25.0] {
+        let mut drive = with_halls_turned(CALIBRATED.0.clone(), degrees);
+        let before = encoder(&mut drive);
+        assert_eq!(before.absolute, degrees.abs() < 4.8, "{degrees}: {before:?}");
+        let shaft_rad = drive.plant.truth().mechanical_angle_rad;
+        done(&mut drive, Ask::Encoder(EncoderAsk::Align));
+        run(&mut drive, 100);
+        let after = encoder(&mut drive);
+        println!("{degrees}°: {:+.3}° before, {:+.3}° after", before.halls_ahead_deg, after.halls_ahead_deg);
+        assert!((f64::from(before.halls_ahead_deg).abs() - degrees.abs()).abs() < 1.0);
+        assert!(after.absolute && after.halls_ahead_deg.abs() < 0.5, "{after:?}");
+        assert_eq!(drive.plant.truth().mechanical_angle_rad, shaft_rad);
+        assert!(error_deg(&mut drive).abs() < 0.1);
+        // It is stored: after power-up, too, it commutates without motion before.
+        let mut again = with_halls_turned(drive.flash(), degrees);
+        assert!(encoder(&mut again).absolute);
+        let apart = current_deg(&mut again);
+        assert!((apart - 90.0).abs() < 2.0, "{degrees}: the current is {apart}° ahead of the rotor");
+    }
+}
+
+/// Electrical degrees by which the current leads the rotor's field while it drives a load: 90 as it should.
+fn current_deg(drive: &mut Simulator) -> f64 {
+    done(drive, Ask::Arm);
+    done(drive, Ask::Speed(20.0));
+    run(drive, 100);
+    drive.plant.set_load(0.02).unwrap();
+    run(drive, 200);
+    let [mut d, mut q] = [0.0; 2];
+    for _ in 0..200 {
+        run(drive, 1);
+        let truth = drive.plant.truth();
+        let [a, b, _] = truth.currents_a;
+        let (along, across) = (a, (a + 2.0 * b) / 3.0_f64.sqrt());
+        let (sin, cos) = truth.electrical_angle_rad.sin_cos();
+        d += along * cos + across * sin;
+        q += across * cos - along * sin;
+    }
+    assert_eq!(drive.drive().mode(), Mode::Running);
+    f64::atan2(q, d).to_degrees()
+}
+
+#[test]
+fn what_trimmed_the_last_zero_of_the_halls_does_not_trim_the_next() {
+    let mut drive = with_halls_turned(CALIBRATED.0.clone(), 4.0);
+    done(&mut drive, Ask::Arm);
+    for _ in 0..100 {
+        done(&mut drive, Ask::Speed(150.0));
+        run(&mut drive, 20);
+    }
+    let trimmed = drive.drive().trim().to_degrees();
+    assert!(trimmed.abs() > 0.1, "{trimmed}");
+    done(&mut drive, Ask::Speed(0.0));
+    run(&mut drive, 500);
+    done(&mut drive, Ask::Disarm);
+    run(&mut drive, 500);
+    done(&mut drive, Ask::Encoder(EncoderAsk::Align));
+    run(&mut drive, 100);
+    assert_eq!(drive.drive().trim().to_degrees(), 0.0);
+    assert!(encoder(&mut drive).halls_ahead_deg.abs() < 0.5);
+}
+
+#[test]
+fn halls_that_are_too_far_from_the_encoder_keep_their_zero() {
+    let refused = |drive: &mut Simulator| {
+        ask(drive, Ask::Encoder(EncoderAsk::Align), |answer| match answer {
+            Answer::Refused(why) => format!("{why:?}"),
+            other => panic!("{other:?}"),
+        })
+    };
+    let mut drive = with_halls_turned(CALIBRATED.0.clone(), 40.0);
+    assert!(refused(&mut drive).contains("HallsTooFar"));
+    // Nor is it done while the bridge is on, or a hand turns the shaft.
+    let mut drive = with_halls_turned(CALIBRATED.0.clone(), 0.0);
+    drive.plant.set_dyno(Some(5.0)).unwrap();
+    run(&mut drive, 50);
+    assert!(refused(&mut drive).contains("NotAbsolute(None)"));
+    drive.plant.set_dyno(None).unwrap();
+    run(&mut drive, 500);
+    done(&mut drive, Ask::Arm);
+    assert!(refused(&mut drive).contains("NotAbsolute(None)"));
+}
+
 #[test]
 fn the_bounds_of_the_position_count_from_the_zero_either_way() {
     for reversed in [0.0, 1.0] {
@@ -348,47 +389,6 @@ fn the_bounds_of_the_position_count_from_the_zero_either_way() {
         let shaft = (drive.plant.truth().mechanical_angle_rad - CALIBRATED.1) / TAU;
         assert!((shaft + sign * 0.09).abs() < 1e-3, "{shaft}");
     }
-}
-
-/// Root mean square of the shaft's motion while it is held, mechanical degrees, and the speed's noise, rad/s.
-fn held(closes_loops: bool, load_nm: f64) -> (f64, f64) {
-    let mut drive = calibrated(1.0, 3);
-    done(&mut drive, Ask::Set { name: "encoder_closes_loops", value: u8::from(closes_loops).into() });
-    run(&mut drive, 60);
-    done(&mut drive, Ask::Arm);
-    let (mut angles, mut speeds) = (Vec::new(), Vec::new());
-    for round in 0..150 {
-        done(&mut drive, Ask::Position(0.3));
-        if round == 50 && load_nm > 0.0 {
-            drive.plant.set_load(load_nm).unwrap();
-        }
-        for _ in 0..20 {
-            run(&mut drive, 1);
-            if round >= 100 {
-                angles.push(drive.plant.truth().mechanical_angle_rad.to_degrees());
-                speeds.push(drive.plant.truth().speed_rad_s);
-            }
-        }
-    }
-    let off = (drive.plant.truth().mechanical_angle_rad - CALIBRATED.1) / TAU - 0.3;
-    let off_deg = 360.0 * (off - off.round());
-    println!("held {off_deg:.4}° from where it should be");
-    assert!(drive.drive().mode() == Mode::Running && off_deg.abs() < 0.5, "{off_deg}");
-    let rms = |values: &[f64]| {
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
-        (values.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / values.len() as f64).sqrt()
-    };
-    (rms(&angles), rms(&speeds))
-}
-
-#[test]
-fn the_encoder_holds_a_position_at_least_as_quietly_as_the_halls() {
-    let (by_halls, halls_speed) = held(false, 0.0);
-    let (by_encoder, encoder_speed) = held(true, 0.0);
-    println!(
-        "held by the Halls {by_halls:.5}° RMS, {halls_speed:.4} rad/s; by the encoder {by_encoder:.5}°, {encoder_speed:.4} rad/s"
-    );
-    assert!(by_encoder <= by_halls, "{by_encoder} {by_halls}");
 }
 
 #[test]

@@ -63,7 +63,7 @@ impl<'a> Session<'a> {
             client.carry_on();
         }
         client.end_telemetry()?;
-        motion::brake(client, target)?;
+        motion::brake(client)?;
         if interrupted || found.mode != Mode::Running {
             client.order(Ask::Disarm)?;
         }

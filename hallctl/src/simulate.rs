@@ -19,6 +19,7 @@ use hallservo::settings::{Ceiling, Control, GuardSettings, OnTimeout, Settings};
 use hallservo_app::{Housekeeping, Identity, Listener, Stop};
 use plant::heads::Encoder as Rings;
 use plant::{Plant, PlantParameters, Truth};
+use sim::motors::Motor;
 use std::collections::VecDeque;
 
 /// What it says it is.
@@ -41,6 +42,16 @@ pub fn defaults() -> Settings {
         control: Some(control),
         ..Settings::default()
     }
+}
+
+/// What a board that fits a motor has by default: nothing of the motor but its pole pairs.
+pub fn of_motor(motor: &Motor) -> Settings {
+    let mut settings = Settings { commutation: Commutation::FieldOriented, ..motor.settings() };
+    if let Some(control) = &mut settings.control {
+        control.guard.command_timeout_s = GuardSettings::default().command_timeout_s;
+        control.guard.on_timeout = OnTimeout::Stop;
+    }
+    settings
 }
 
 /// From check to check of the watchdog, ms.

@@ -70,11 +70,13 @@ fn a_signal_stops_the_motor_and_switches_off() {
 
 #[test]
 fn a_signal_ends_what_takes_a_while() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("commission.toml");
     for (command, sign) in [
         (&["identify"][..], "running"),
         (&["cogging", "learn"], "running"),
         (&["calibrate"], "calibrating"),
-        (&["commission", "--max-current", "2"], "calibrating"),
+        (&["commission", "--max-current", "2", "--file", file.to_str().unwrap()], "calibrating"),
     ] {
         let mut drive = calibrated(&[]);
         let (code, said) = drive.interrupted(Signal::INT, command, sign);

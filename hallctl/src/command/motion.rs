@@ -37,6 +37,8 @@ pub(super) enum Target {
 
 /// How long a motor may take to stop before the bridge is switched off, in the drive's time, ms.
 const BRAKING_MS: u64 = 60;
+/// The same where nothing is urgent: a heavy rotor from high speed.
+const LONGEST_MS: u64 = 60_000;
 /// Slower than this, it is at rest, rad/s.
 const AT_REST_RAD_S: f32 = 2.0;
 
@@ -122,6 +124,24 @@ pub(super) fn brake(client: &mut Client) -> Result<()> {
         if rests || status.uptime_ms >= until_ms {
             return Ok(());
         }
+    }
+}
+
+/// Brings the motor to rest, however long its acceleration takes.
+pub(super) fn rest(client: &mut Client) -> Result<()> {
+    let began = client.status()?;
+    let mut look = (Instant::now(), began.uptime_ms);
+    loop {
+        match client.order(Ask::Speed(0.0)) {
+            // It is switched off, and nothing is left to be done.
+            Err(Error::Refused(_)) => return Ok(()),
+            result => result?,
+        }
+        let status = client.status()?;
+        if status.speed_rad_s.abs() <= AT_REST_RAD_S || status.uptime_ms >= began.uptime_ms + LONGEST_MS {
+            return Ok(());
+        }
+        client.rest(&mut look, &status)?;
     }
 }
 

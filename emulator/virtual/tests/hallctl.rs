@@ -40,10 +40,18 @@ impl Drop for Virtual {
 
 impl Virtual {
     fn start(board: &str, serial: &str) -> Self {
+        Self::with_script(board, serial, "")
+    }
+
+    fn with_script(board: &str, serial: &str, script: &str) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("script.txt");
+        std::fs::write(&file, script).expect("a file");
         let mut process = Command::new(env!("CARGO_BIN_EXE_virtual"))
             .args([board, "--wait", "--serial", serial, "--out"])
             .arg(folder.path())
+            .arg("--script")
+            .arg(file)
             .arg("--json")
             .arg(folder.path().join("report.json"))
             .stdout(Stdio::piped())
@@ -293,7 +301,7 @@ fn words(line: &str) -> Vec<&str> {
 fn parts_to_motor(name: &str) {
     let text = std::fs::read_to_string(firmware::boards().join("../docs/first-motor.md")).expect("the transcript");
     let commands = transcript(&text);
-    let board = Virtual::start(name, "tcp:127.0.0.1:0");
+    let board = Virtual::with_script(name, "tcp:127.0.0.1:0", "at 1ms bus 15V");
     for (command, printed) in &commands {
         let found = board.ok(command);
         println!("{command:?}\n{found}");

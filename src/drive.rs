@@ -348,7 +348,7 @@ impl Drive {
             _ => open_loop.output(&config.limits),
         };
         self.progress = match stage {
-            Stage::Rise | Stage::Stand(_) | Stage::Settle(_) => Progress::None,
+            Stage::Rise | Stage::Stand(_) | Stage::Settle(_) | Stage::Brake => Progress::None,
             Stage::Record(sweep) => Progress::Sample(sweep),
             Stage::Done => Progress::Complete,
         };

@@ -13,111 +13,10 @@ use hallservo::service::identification::{Identification, Plan};
 use hallservo::service::procedure::{Error, Procedure, Serve, State};
 use hallservo::service::standstill::{Electrical, Standstill};
 use hallservo::service::swings::{Rough, Swings};
-use hallservo::settings::{Control, GuardSettings, Settings};
-use plant::{Cogging, Friction, PlantParameters, SenseParameters};
+use hallservo::settings::Settings;
 use rayon::prelude::*;
+use sim::motors::{MOTORS, Motor};
 use sim::rig::Rig;
-
-/// A motor on a board.
-#[derive(Clone, Copy)]
-struct Case {
-    name: &'static str,
-    ohm: f64,
-    henry: f64,
-    flux_vs: f64,
-    inertia_kgm2: f64,
-    pairs: u8,
-    limit_a: f32,
-    full_scale_a: f32,
-    bus_v: f64,
-    dead_time_s: f32,
-    /// Friction and cogging as shares of the torque at the limit.
-    friction: f64,
-    cogging: f64,
-}
-
-#[rustfmt::skip]
-const CASES: [Case; 20] = [
-    case("gimbal, 7 pairs",   10.0,  5e-3,    6e-3,  2e-5, 7,  0.3, 16.0, 12.0, 0.5e-6, 0.03, 0.03),
-    case("gimbal, 11 pairs",  10.0,  5e-3,    5e-3,  5e-5, 11, 0.3, 16.0, 16.0, 0.8e-6, 0.03, 0.03),
-    case("drone, 15 µH",      0.05,  15e-6,   1e-3,  1e-5, 7,  15.0, 32.0, 16.0, 0.8e-6, 0.02, 0.03),
-    case("drone, 20 µH",      0.05,  20e-6,   1e-3,  5e-6, 7,  10.0, 16.0, 12.0, 0.5e-6, 0.02, 0.03),
-    case("drone, 60 A",       0.05,  20e-6,   1e-3,  1e-5, 7,  20.0, 60.0, 24.0, 0.8e-6, 0.02, 0.03),
-    case("20 mΩ, 8 µH",       0.02,  8e-6,    0.8e-3, 2e-5, 7, 25.0, 60.0, 24.0, 0.8e-6, 0.02, 0.02),
-    case("20 mΩ on 32 A",     0.02,  8e-6,    0.8e-3, 2e-5, 7, 20.0, 32.0, 12.0, 0.5e-6, 0.02, 0.02),
-    case("hub",               0.1,   0.25e-3, 23e-3, 0.05, 15, 15.0, 32.0, 24.0, 0.5e-6, 0.02, 0.02),
-    case("paper's",           3.75,  0.36e-3, 5e-3,  1e-5, 4,  3.0, 8.25, 24.0, 0.5e-6, 0.005, 0.006),
-    case("20 Ω, 10 mH",       20.0,  10e-3,   10e-3, 2e-5, 7,  0.5, 16.0, 24.0, 0.5e-6, 0.02, 0.02),
-    case("slotless, 1 pair",  1.0,   0.1e-3,  6e-3,  1e-6, 1,  4.0, 16.0, 24.0, 0.5e-6, 0.02, 0.0),
-    // Near what they can turn, and without friction; heavy and light.
-    case("drone, stiff",      0.05,  20e-6,   1e-3,  1e-5, 7,  15.0, 32.0, 16.0, 0.8e-6, 0.10, 0.08),
-    case("drone, loose",      0.05,  20e-6,   1e-3,  1e-5, 7,  15.0, 32.0, 16.0, 0.8e-6, 0.0, 0.0),
-    case("drone, heavy",      0.05,  20e-6,   1e-3,  1e-3, 7,  15.0, 32.0, 16.0, 0.8e-6, 0.02, 0.02),
-    case("gimbal, stiff",     10.0,  5e-3,    6e-3,  2e-5, 7,  0.3, 16.0, 12.0, 0.5e-6, 0.10, 0.10),
-    case("gimbal, loose",     10.0,  5e-3,    6e-3,  2e-5, 7,  0.3, 16.0, 12.0, 0.5e-6, 0.0, 0.0),
-    case("paper's, heavy",    3.75,  0.36e-3, 5e-3,  1e-3, 4,  3.0, 8.25, 24.0, 0.5e-6, 0.005, 0.006),
-    case("direct drive",      2.0,   2e-3,    30e-3, 2e-3, 21, 4.0, 16.0, 24.0, 0.5e-6, 0.03, 0.03),
-    case("hoverboard",        0.15,  0.3e-3,  25e-3, 0.3,  15, 20.0, 32.0, 24.0, 0.8e-6, 0.02, 0.02),
-    case("22 pairs, 60 A",    0.08,  60e-6,   4e-3,  2e-4, 22, 30.0, 60.0, 24.0, 0.8e-6, 0.02, 0.02),
-];
-
-#[rustfmt::skip]
-#[allow(clippy::too_many_arguments)]
-const fn case(
-    name: &'static str, ohm: f64, henry: f64, flux_vs: f64, inertia_kgm2: f64, pairs: u8, limit_a: f32,
-    full_scale_a: f32, bus_v: f64, dead_time_s: f32, friction: f64, cogging: f64,
-) -> Case {
-    Case {
-        name, ohm, henry, flux_vs, inertia_kgm2, pairs, limit_a, full_scale_a, bus_v, dead_time_s, friction, cogging,
-    }
-}
-
-impl Case {
-    fn plant(&self, seed: u64) -> PlantParameters {
-        let mut plant = PlantParameters::imperfect(seed);
-        let motor = &mut plant.motor;
-        motor.resistance_ohm = self.ohm;
-        motor.inductance_h = self.henry;
-        motor.back_emf.flux_linkage_vs = self.flux_vs;
-        motor.inertia_kgm2 = self.inertia_kgm2;
-        motor.pole_pairs = self.pairs;
-        let torque_nm = 1.5 * f64::from(self.pairs) * self.flux_vs * f64::from(self.limit_a);
-        let coulomb_nm = self.friction * torque_nm;
-        motor.friction = Friction { viscous_nms: 1e-3 * coulomb_nm, coulomb_nm, breakaway_nm: 1.2 * coulomb_nm };
-        motor.cogging[0] = Cogging {
-            amplitude_nm: self.cogging * torque_nm,
-            cycles_per_turn: 6 * u16::from(self.pairs),
-            phase_rad: motor.cogging[0].phase_rad,
-        };
-        motor.cogging[1] = Cogging::NONE;
-        plant.inverter.switch_ohm = if self.ohm < 1.0 { 2e-3 } else { 0.02 };
-        plant.inverter.dead_time_s = self.dead_time_s.into();
-        plant.bus.supply_v = self.bus_v;
-        plant.bus.source_ohm = if self.ohm < 1.0 { 0.02 } else { 0.1 };
-        plant.current_sense = SenseParameters { gain: 1.65 / f64::from(self.full_scale_a), ..plant.current_sense };
-        plant
-    }
-
-    /// What a board comes with, and the pole pairs.
-    fn settings(&self) -> Settings {
-        let guard = GuardSettings {
-            under_voltage_v: 9.0,
-            offset_a: 0.1 * self.full_scale_a,
-            imbalance_a: 0.1 * self.full_scale_a,
-            command_timeout_s: 60.0,
-            ..GuardSettings::default()
-        };
-        let full_scale_a = self.full_scale_a;
-        let control =
-            Control { bridge_continuous_a: 1000.0, current_full_scale_a: full_scale_a, guard, ..Control::default() };
-        Settings {
-            dead_time_s: self.dead_time_s,
-            pole_pairs: self.pairs,
-            control: Some(control),
-            ..Settings::default()
-        }
-    }
-}
 
 /// A drive at a motor, and the largest current that truly flowed.
 struct Bench {
@@ -292,7 +191,7 @@ fn turn(bench: &mut Bench, settings: &Settings, share: f64) -> Result<(f64, f64)
     Ok((mean, (square / f64::from(count) - mean * mean).max(0.0).sqrt()))
 }
 
-fn attempt(case: &Case, seed: u64) -> (String, bool) {
+fn attempt(case: &Motor, seed: u64) -> (String, bool) {
     let plant = case.plant(seed);
     let rig = Rig::new(&plant, &case.settings(), seed).unwrap();
     let mut bench = Bench { rig, largest_a: 0.0 };
@@ -344,7 +243,7 @@ fn attempt(case: &Case, seed: u64) -> (String, bool) {
 
 #[test]
 fn any_motor_is_commissioned_by_its_current_limit() {
-    let jobs: Vec<_> = CASES.iter().flat_map(|case| [1, 2].map(|seed| (case, seed))).collect();
+    let jobs: Vec<_> = MOTORS.iter().flat_map(|case| [1, 2].map(|seed| (case, seed))).collect();
     let results: Vec<_> = jobs.par_iter().map(|(case, seed)| attempt(case, *seed)).collect();
     for (text, good) in &results {
         println!("{} {text}", if *good { " " } else { "!" });
@@ -353,7 +252,7 @@ fn any_motor_is_commissioned_by_its_current_limit() {
 }
 
 /// What commissioning says of a motor with which something is wrong.
-fn complaint(case: &Case, break_it: impl FnOnce(&mut Rig)) -> String {
+fn complaint(case: &Motor, break_it: impl FnOnce(&mut Rig)) -> String {
     let mut rig = Rig::new(&case.plant(1), &case.settings(), 1).unwrap();
     break_it(&mut rig);
     let mut bench = Bench { rig, largest_a: 0.0 };
@@ -364,8 +263,8 @@ fn complaint(case: &Case, break_it: impl FnOnce(&mut Rig)) -> String {
 
 #[test]
 fn what_is_wrong_is_said() {
-    let paper = &CASES[8];
-    let disconnected = Case { ohm: 1e6, ..*paper };
+    let paper = &MOTORS[8];
+    let disconnected = Motor { ohm: 1e6, ..*paper };
     let error = complaint(&disconnected, |_| ());
     assert!(error.contains("NoCurrent"), "{error}");
     let error = complaint(paper, |rig| rig.plant.set_dyno(Some(0.0)).unwrap());
@@ -374,13 +273,13 @@ fn what_is_wrong_is_said() {
     assert!(error.contains("Hall 2"), "{error}");
     // An amplifier that shows nothing, at each phase, on a board that does not notice by the sum of the currents.
     for phase in 0..3 {
-        let error = complaint(&Case { full_scale_a: 16.0, limit_a: 2.0, ..*paper }, |rig| {
+        let error = complaint(&Motor { full_scale_a: 16.0, limit_a: 2.0, ..*paper }, |rig| {
             rig.disturb = Some(Box::new(move |sample| sample.currents[phase] = 2048));
         });
         assert!(error.contains("Uneven") || error.contains("NoCurrent"), "{error}");
     }
     // A shorted winding as far as the current limit goes: nothing leaps.
-    let shorted = Case { ohm: 0.5e-3, henry: 0.5e-6, ..CASES[6] };
+    let shorted = Motor { ohm: 0.5e-3, henry: 0.5e-6, ..MOTORS[6] };
     println!("{}", complaint(&shorted, |_| ()));
 }
 
@@ -393,8 +292,8 @@ fn a_measurement_at_standstill_ends_with_the_bridge_off() {
         (Error::Fault(Fault::OverVoltage), |rig, _| rig.disturb = Some(Box::new(|sample| sample.bus = 4000))),
     ];
     for (expected, meddle) in cases {
-        let settings = limited(&CASES[8]);
-        let mut rig = Rig::new(&CASES[8].plant(1), &settings, 1).unwrap();
+        let settings = limited(&MOTORS[8]);
+        let mut rig = Rig::new(&MOTORS[8].plant(1), &settings, 1).unwrap();
         let mut standstill = Standstill::new(&rig.config).unwrap();
         let mut end = State::Running;
         for ms in 0..1000 {
@@ -412,7 +311,7 @@ fn a_measurement_at_standstill_ends_with_the_bridge_off() {
 
 #[test]
 fn a_drive_that_nobody_asks_any_more_ends_the_measurement_by_itself() {
-    let mut rig = Rig::new(&CASES[8].plant(1), &limited(&CASES[8]), 1).unwrap();
+    let mut rig = Rig::new(&MOTORS[8].plant(1), &limited(&MOTORS[8]), 1).unwrap();
     rig.command(Command::Measure { begins: true, probe: Probe { phase: 0, current: 1000, ripple: 0 } }).unwrap();
     rig.run(0.3, |_, _| ());
     assert_eq!(rig.drive.mode(), Mode::Aligning);
@@ -425,13 +324,13 @@ fn a_drive_that_nobody_asks_any_more_ends_the_measurement_by_itself() {
     assert_eq!(rig.drive.mode(), Mode::Unarmed);
 }
 
-fn limited(case: &Case) -> Settings {
+fn limited(case: &Motor) -> Settings {
     *Commission::new(case.settings(), Some(case.limit_a)).unwrap().settings()
 }
 
 #[test]
 fn a_calibration_with_the_settings_of_another_motor_keeps_the_current_limit() {
-    let shares: Vec<_> = CASES
+    let shares: Vec<_> = MOTORS
         .par_iter()
         .map(|case| {
             let rig = Rig::new(&case.plant(3), &limited(case), 3).unwrap();

@@ -6,11 +6,11 @@ use crate::procedure::Procedure;
 use crate::tasks::Tasks;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::angle::Position;
-use hallservo::commutation::Commutation;
-use hallservo::commutation::modulation;
+use hallservo::commutation::{Commutation, Modulation, modulation};
 use hallservo::control::config::BadDemand;
 use hallservo::control::config::Config;
 use hallservo::drive;
+use hallservo::mode::Mode;
 use hallservo::settings::{self, Entry, Settings, TABLE, find};
 #[cfg(feature = "encoder")]
 use hallservo_protocol::EncoderAsk;
@@ -119,6 +119,10 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 return Ok(Step::Await(Awaited::Reply(Command::Disarm)));
             }
             _ if self.controller.is_other(client) => return Err(Refusal::Controlled),
+            Ask::Speed(0.0) if self.activity() != Activity::None => {
+                self.controller.take(client, unattended, self.now_ms);
+                return self.brake();
+            }
             _ if self.activity() != Activity::None => return Err(Refusal::Busy(self.activity())),
             _ => {
                 self.controller.take(client, unattended, self.now_ms);
@@ -301,6 +305,15 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             }
             // Answered by `attempt`.
             MagnetsAsk::Status | MagnetsAsk::Points(_) => Ok(()),
+        }
+    }
+
+    /// Ends what goes on by braking; a calibration leaves the bridge on until it is disarmed.
+    fn brake(&mut self) -> StepResult {
+        self.cancel();
+        match self.mode() {
+            Mode::Aligning | Mode::Calibrating => self.command(drive::Command::Drive(Modulation::ZERO), Command::Plain),
+            _ => Ok(Step::Answer(Answer::Done)),
         }
     }
 

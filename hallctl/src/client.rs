@@ -145,6 +145,11 @@ impl Client {
         client == self.number
     }
 
+    /// Where.
+    pub fn port(&self) -> &str {
+        &self.port
+    }
+
     /// Who answers.
     pub const fn identity(&self) -> &Identity {
         &self.identity

@@ -230,7 +230,9 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     match result {
         Err(Error::Interrupted) if client.controls() => {
             client.carry_on();
+            let braked = motion::brake(&mut client);
             client.order(Ask::Disarm)?;
+            braked?;
         }
         // The next command is another process. What does not answer is left to its time-out.
         Ok(()) | Err(Error::Refused(_) | Error::Failed(_)) => client.release()?,

@@ -3,7 +3,7 @@
 //! Takes frames and returns frames; reads and writes nothing itself. Each request gets a number of its own towards the
 //! drive, and the answer the number that the tool gave it. The drive sends its telemetry as often as the most eager
 //! tool wants it; the others get a share. When the tool that controls the drive vanishes without having released it,
-//! the motor is braked, if it follows a command, and the bridge is switched off.
+//! the motor is braked and the bridge is switched off.
 
 use hallservo_protocol::{Answer, Ask, Decoder, Error, FRAME, Refusal, Reply, Request, Telemetry, encode};
 use serde::Serialize;
@@ -107,8 +107,6 @@ struct Control {
     client: u32,
     /// Whether what it began ends with it.
     attended: bool,
-    /// Whether the motor follows a command, by which it can be braked.
-    follows: bool,
 }
 
 /// What a tool wants of the telemetry.
@@ -174,17 +172,19 @@ impl Hub {
     pub fn detach(&mut self, tool: Tool) -> Vec<To> {
         let mut out = Vec::new();
         let had = self.tools.remove(&tool).unwrap_or_default();
-        let begins = |one: &Pending| one.is_from(tool) && matches!(one.meaning, Meaning::Controls(how) if how.attended);
-        let begun = self.controller.is_none() && self.pending.iter().any(begins);
+        // What was asked and is not answered yet may have begun.
+        let begun = self.pending.iter().find_map(|one| match one.meaning {
+            Meaning::Controls(how) if one.is_from(tool) => Some(how),
+            _ => None,
+        });
+        let controls = match self.controller {
+            Some((controller, how)) => (controller == tool).then_some(how),
+            None => begun,
+        };
         self.pending.retain(|one| !one.is_from(tool));
-        match self.controller.filter(|(controller, how)| *controller == tool && how.attended) {
-            Some((_, Control { client, follows: true, .. })) => {
-                self.brakes = true;
-                out.extend([self.own(client, Ask::Speed(0.0), Meaning::Other), To::Later]);
-            }
-            Some(_) => out.push(self.own(NUMBER, Ask::Disarm, Meaning::Disarms)),
-            None if begun => out.push(self.own(NUMBER, Ask::Disarm, Meaning::Disarms)),
-            None => {}
+        if let Some(Control { client, .. }) = controls.filter(|how| how.attended) {
+            self.brakes = true;
+            out.extend([self.own(client, Ask::Speed(0.0), Meaning::Other), To::Later]);
         }
         self.controller = self.controller.filter(|(controller, _)| *controller != tool);
         if had.hz > 0.0 {
@@ -225,11 +225,9 @@ impl Hub {
             }
             Ask::Disarm => Meaning::Disarms,
             Ask::Release => Meaning::Releases,
-            ask if ask.controls() => Meaning::Controls(Control {
-                client: request.client,
-                attended: !request.unattended,
-                follows: matches!(ask, Ask::Speed(_) | Ask::Position(_) | Ask::Torque(_)),
-            }),
+            ask if ask.controls() => {
+                Meaning::Controls(Control { client: request.client, attended: !request.unattended })
+            }
             _ => Meaning::Other,
         };
         self.wait(Pending { id, from: Some((tool, request.id)), meaning });

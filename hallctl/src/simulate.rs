@@ -19,6 +19,7 @@ use hallservo::settings::{Ceiling, Control, GuardSettings, OnTimeout, Settings};
 use hallservo_app::{Housekeeping, Identity, Listener, Stop};
 use plant::heads::{Defect, Encoder as Rings};
 use plant::{Plant, PlantParameters, Truth, Unevenness};
+use sim::motors::Motor;
 use std::collections::VecDeque;
 
 /// What it says it is.
@@ -43,15 +44,24 @@ pub fn defaults() -> Settings {
     }
 }
 
-/// An imperfect motor, its magnets so many times as uneven as those of a cheap one; the field of the windings is meant
-/// at the largest current.
-pub fn uneven(seed: u64, times: f64) -> PlantParameters {
-    let plant = PlantParameters::imperfect(seed);
+/// A motor, its magnets so many times as uneven as those of a cheap one; the field of the windings is meant at the
+/// largest current.
+pub fn uneven(plant: PlantParameters, times: f64, seed: u64) -> PlantParameters {
     if times == 0.0 {
         return plant;
     }
     let cheap = Unevenness { rated_a: Control::default().max_current_a.into(), ..Unevenness::CHEAP };
     plant.with_unevenness(&cheap.scaled(times), seed)
+}
+
+/// What a board that fits a motor has by default: nothing of the motor but its pole pairs.
+pub fn of_motor(motor: &Motor) -> Settings {
+    let mut settings = Settings { commutation: Commutation::FieldOriented, ..motor.settings() };
+    if let Some(control) = &mut settings.control {
+        control.guard.command_timeout_s = GuardSettings::default().command_timeout_s;
+        control.guard.on_timeout = OnTimeout::Stop;
+    }
+    settings
 }
 
 /// From check to check of the watchdog, ms.

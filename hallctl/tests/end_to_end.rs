@@ -3,11 +3,10 @@
 mod process;
 
 use hallservo_protocol::VERSION;
-use process::{Drive, HALLCTL, PATIENCE, call, fails};
+use process::{Drive, call, fails, spawn};
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};
-use std::process::{Command, Stdio};
 use std::thread;
 use std::time::Duration;
 use tempfile::TempDir;
@@ -89,14 +88,7 @@ fn pole_pairs_are_counted_by_a_turn_of_the_hand() {
     // It has four.
     drive.ok(&["settings", "set", "pole_pairs", "7"]);
     let mut count = |turns: &str, asked: &str| {
-        let mut tool = Command::new(HALLCTL)
-            .args(["--port", &drive.port, "pole-pairs", "--turns", asked])
-            .envs([PATIENCE])
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut tool = spawn(&drive.port, &["pole-pairs", "--turns", asked]);
         let mut out = BufReader::new(tool.stdout.take().unwrap());
         out.read_line(&mut String::new()).unwrap();
         drive.hand(turns);
@@ -180,14 +172,15 @@ fn settings_go_into_a_file_and_back() {
 
 #[test]
 fn a_motor_is_commissioned_by_its_current_limit() {
-    let drive = Drive::start(&[]);
+    let (drive, folder) = (Drive::start(&[]), tempfile::tempdir().unwrap());
+    let file = folder.path().join("commission.toml");
     // Settings that fit another motor.
     for (name, value) in [("resistance_ohm", "1"), ("flux_linkage_wb", "2e-3"), ("inertia_kgm2", "1e-4")] {
         drive.ok(&["settings", "set", name, value]);
     }
     assert!(drive.fails(6, &["commission", "--max-current", "100"]).contains("max_current_a"));
-    let told = drive.ok(&["commission", "--max-current", "2.5", "--pole-pairs", "4"]);
-    for part in ["At standstill", "Calibrated at 10 Hz", "saved", "resistance       3.7", "inductance     0.3"] {
+    let told = drive.ok(&["commission", "--max-current", "2.5", "--pole-pairs", "4", "--file", file.to_str().unwrap()]);
+    for part in ["1 of 6: R and L", "Calibrated at 10 Hz", "saved", "resistance       3.7", "inductance     0.3"] {
         assert!(told.contains(part), "{part}: {told}");
     }
     assert!(!told.contains("pole-pairs"), "{told}");

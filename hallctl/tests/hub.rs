@@ -191,14 +191,27 @@ fn a_motor_that_is_braked_is_not_switched_off_under_the_next_tool() {
 }
 
 #[test]
-fn what_begins_anything_else_is_off_at_once() {
-    let mut bench = Bench::ready();
-    let tool = bench.attach();
-    bench.ask(tool, 1, Ask::Identify);
-    bench.pass(100);
-    bench.detach(tool);
-    bench.pass(3);
-    assert_eq!(bench.mode(), Mode::Ready);
+fn what_turns_the_motor_by_itself_is_braked_as_well() {
+    for (ask, speed_rad_s) in
+        [(Ask::Identify, 50.0), (Ask::LearnCogging, 2.0), (Ask::Swing, 10.0), (Ask::Calibrate, 14.0)]
+    {
+        let mut bench = Bench::ready();
+        let tool = bench.attach();
+        bench.ask(tool, 1, ask);
+        let turns = |bench: &Bench| bench.drive.plant.truth().speed_rad_s.abs();
+        let waited = (0..5000).find(|_| {
+            bench.pass(1);
+            turns(&bench) > speed_rad_s
+        });
+        assert!(waited.is_some(), "{ask:?}");
+        bench.detach(tool);
+        bench.pass(30);
+        // It is braked all the while, and not let go.
+        assert!(bench.mode().drives(), "{ask:?}");
+        bench.pass(33);
+        assert!(!bench.mode().drives(), "{ask:?}");
+        assert!(turns(&bench) < 2.0, "{ask:?}: {}", turns(&bench));
+    }
 }
 
 #[test]
@@ -222,7 +235,7 @@ fn one_that_vanishes_before_its_answer_has_come_is_missed() {
     let turner = bench.attach();
     bench.ask(turner, 1, Ask::Calibrate);
     bench.detach(turner);
-    bench.pass(20);
+    bench.pass(63);
     assert!(!bench.mode().drives(), "{:?}", bench.mode());
 }
 

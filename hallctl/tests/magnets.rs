@@ -2,9 +2,8 @@
 
 mod tool;
 
-use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
-use hallctl::simulate::uneven;
+use hallctl::simulate::{self, Simulator};
 use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo::service::magnets::Use;
@@ -28,6 +27,11 @@ fn magnets(drive: &mut Simulator) -> MagnetsStatus {
         Answer::Magnets(status) => status,
         other => panic!("{other:?}"),
     })
+}
+
+/// A motor whose magnets are so many times as uneven as those of a cheap one.
+fn uneven(seed: u64, times: f64) -> PlantParameters {
+    simulate::uneven(PlantParameters::imperfect(seed), times, seed)
 }
 
 fn calibrated(plant: &PlantParameters, seed: u64) -> Simulator {

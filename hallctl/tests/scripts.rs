@@ -4,7 +4,7 @@
 
 mod process;
 
-use process::{Drive, HALLCTL, PATIENCE, call};
+use process::{Drive, HALLCTL, PATIENCE, call, spawn};
 use serde_json::Value;
 use std::fs::File;
 use std::io::Write;
@@ -111,14 +111,7 @@ fn settings_travel_through_standard_streams() {
     assert!(file.contains("stall_s = 0.7\n"), "{file}");
     drive.ok(&["settings", "reset"]);
     let import = |text: &str| {
-        let mut tool = Command::new(HALLCTL)
-            .args(["--port", &drive.port, "settings", "import", "-"])
-            .envs([PATIENCE])
-            .stdin(Stdio::piped())
-            .stdout(Stdio::piped())
-            .stderr(Stdio::piped())
-            .spawn()
-            .unwrap();
+        let mut tool = spawn(&drive.port, &["settings", "import", "-"]);
         tool.stdin.take().unwrap().write_all(text.as_bytes()).unwrap();
         tool.wait_with_output().unwrap()
     };

@@ -9,8 +9,8 @@ use process::{Drive, HALLCTL, PATIENCE};
 use rustix::process::{Pid, Signal, kill_process};
 use std::process::{Child, Command, Stdio};
 
-/// Longest from the signal to the bridge off, s.
-const LONGEST_S: f64 = 0.1;
+/// Longest from the signal to the bridge off, s; the log's times are rounded.
+const LONGEST_S: f64 = 0.1005;
 
 impl Drive {
     fn begin(&self, arguments: &[&str]) -> Child {
@@ -70,15 +70,20 @@ fn a_signal_stops_the_motor_and_switches_off() {
 
 #[test]
 fn a_signal_ends_what_takes_a_while() {
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("commission.toml");
     for (command, sign) in [
         (&["identify"][..], "running"),
         (&["cogging", "learn"], "running"),
-        (&["calibrate"], "aligning"),
-        (&["commission", "--max-current", "2"], "aligning"),
+        (&["calibrate"], "calibrating"),
+        (&["commission", "--max-current", "2", "--file", file.to_str().unwrap()], "calibrating"),
     ] {
         let mut drive = calibrated(&[]);
         let (code, said) = drive.interrupted(Signal::INT, command, sign);
         assert_eq!(code, Some(130), "{command:?}: {said}");
+        let off = drive.log_until("Disarm");
+        let stop = drive.log_first("Speed(0.0)");
+        assert!(off.at_s - stop.at_s <= LONGEST_S && off.speed_rad_s.abs() < 2.0, "{command:?} {stop:?} {off:?}");
         assert!(is_off(&drive), "{command:?}: {}", drive.ok(&["status"]));
         assert!(!drive.ok(&["status"]).contains("goes on"), "{command:?}");
     }

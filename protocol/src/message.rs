@@ -58,7 +58,8 @@ pub enum Ask<'a> {
     Voltage(f32),
     /// Torque, N·m.
     Torque(f32),
-    /// Mechanical speed, rad/s.
+    /// Mechanical speed, rad/s. While something goes on that turns the motor, 0 is not refused: it ends that by braking.
+    /// [`Ask::Disarm`] is to follow.
     Speed(f32),
     /// Mechanical position, turns.
     Position(f64),

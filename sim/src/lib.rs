@@ -8,6 +8,7 @@ macro_rules! println {
 
 pub mod baseline;
 pub mod experiment;
+pub mod motors;
 pub mod rig;
 pub mod statistics;
 

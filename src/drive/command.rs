@@ -288,6 +288,11 @@ impl Drive {
     }
 
     fn drive(&mut self, modulation: Modulation, sample: &Sample) -> Reply {
+        let sweeps = matches!(self.mode, Mode::Aligning | Mode::Calibrating) && !self.paths.standstill.is_active();
+        if sweeps && modulation == Modulation::ZERO {
+            self.paths.open_loop.brake();
+            return Ok(());
+        }
         if self.mode != Mode::Running {
             return Err(Refusal::Mode(self.mode));
         }

@@ -15,6 +15,11 @@ use crate::pwm;
 /// Turns for the rotor to swing in before recording: speeding up takes the first half of them.
 const SETTLE_TURNS: u64 = 2;
 
+/// The square of the speed by 2 to the power of this is its change in a step: full speed is reached after one turn, and
+/// braked within a quarter of one, 50 ms at 10 Hz.
+const SPEED_UP_BITS: u32 = 33;
+const BRAKE_BITS: u32 = 31;
+
 /// Largest modulation of a field whose current is regulated: 0.9, in 2⁻³¹. The limits of the PWM may be less.
 const STRONGEST: i32 = 1_932_735_283;
 
@@ -32,6 +37,8 @@ pub enum Stage {
     Record(Sweep),
     /// Finished.
     Done,
+    /// Coming to rest, until the bridge is switched off.
+    Brake,
 }
 
 /// The field of the open-loop path.
@@ -70,6 +77,9 @@ impl OpenLoop {
                 let next = if sweep == Sweep::Forward { Stage::Settle(Sweep::Backward) } else { Stage::Done };
                 self.end_stage_after(config.turns.into(), next);
             }
+            Stage::Brake => {
+                self.change_speed(config, 0, BRAKE_BITS);
+            }
             Stage::Done => {}
         }
         self.stage
@@ -85,6 +95,11 @@ impl OpenLoop {
         }
     }
 
+    /// Gives the sweeps up: the field comes to rest, and the rotor with it.
+    pub const fn brake(&mut self) {
+        self.stage = Stage::Brake;
+    }
+
     /// Changes the strength towards the current that the field is to have by now.
     pub fn regulate(&mut self, regulator: &Regulator, measured: Dq) {
         let wanted = ((self.risen >> 15) * regulator.current) >> 16;
@@ -98,14 +113,19 @@ impl OpenLoop {
     /// Changes the speed so that it is reached after one turn from rest, and moves on.
     fn move_field(&mut self, config: &Config, sweep: Sweep) {
         let target = if sweep == Sweep::Forward { config.speed } else { -config.speed };
-        // v² / 2 turns: at least one, or nothing ever moves.
-        let slew = ((i64::from(config.speed) * i64::from(config.speed)) >> 33).max(1) as i32;
-        self.speed = self.speed.wrapping_add(target.wrapping_sub(self.speed).min(slew).max(-slew));
-        self.field += ElectricalAngle::from_bits(self.speed);
+        self.change_speed(config, target, SPEED_UP_BITS);
         // Only what goes the right way counts: not the slowing down before the reversal.
         if self.speed.signum() == target.signum() {
             self.travelled = self.travelled.wrapping_add(u64::from(self.speed.unsigned_abs()));
         }
+    }
+
+    /// Changes the speed towards another, and moves on.
+    fn change_speed(&mut self, config: &Config, target: i32, bits: u32) {
+        // v² / 2 turns: at least one, or nothing ever moves.
+        let slew = ((i64::from(config.speed) * i64::from(config.speed)) >> bits).max(1) as i32;
+        self.speed = self.speed.wrapping_add(target.wrapping_sub(self.speed).min(slew).max(-slew));
+        self.field += ElectricalAngle::from_bits(self.speed);
     }
 
     /// Goes on to the next stage when the field has turned so far.

@@ -40,10 +40,18 @@ impl Drop for Virtual {
 
 impl Virtual {
     fn start(board: &str, serial: &str) -> Self {
+        Self::with_script(board, serial, "")
+    }
+
+    fn with_script(board: &str, serial: &str, script: &str) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
+        let file = folder.path().join("script.txt");
+        std::fs::write(&file, script).expect("a file");
         let mut process = Command::new(env!("CARGO_BIN_EXE_virtual"))
             .args([board, "--wait", "--serial", serial, "--out"])
             .arg(folder.path())
+            .arg("--script")
+            .arg(file)
             .arg("--json")
             .arg(folder.path().join("report.json"))
             .stdout(Stdio::piped())
@@ -60,7 +68,7 @@ impl Virtual {
     fn call(&self, arguments: &[&str]) -> Output {
         // However slow this machine is.
         let arguments = [&["--port", &self.port, "--patience", "120"], arguments].concat();
-        Command::new(hallctl()).args(arguments).output().expect("hallctl starts")
+        Command::new(hallctl()).args(arguments).current_dir(self.folder.path()).output().expect("hallctl starts")
     }
 
     /// What it prints, when it succeeds.
@@ -267,8 +275,48 @@ fn power_up(board: &str) {
     assert!(virtual_board.ok(&["status"]).contains("bridge off"), "{board}");
 }
 
+/// The commands of a transcript, and what is printed under each.
+fn transcript(text: &str) -> Vec<(Vec<&str>, Vec<&str>)> {
+    let mut said: Vec<(Vec<&str>, Vec<&str>)> = Vec::new();
+    for block in text.split("```console\n").skip(1) {
+        for line in block.split("```").next().expect("an end").lines() {
+            match line.strip_prefix("$ hallctl ") {
+                Some(command) => said.push((command.split_whitespace().collect(), Vec::new())),
+                None => said.last_mut().expect("a command").1.push(line),
+            }
+        }
+    }
+    said
+}
+
+/// Without figures.
+fn words(line: &str) -> Vec<&str> {
+    line.split(|c: char| c.is_ascii_digit() || c.is_whitespace() || "+-.".contains(c))
+        .filter(|word| !word.is_empty())
+        .collect()
+}
+
+/// The way from parts to a tuned motor, command by command as it is written: what is said at the beginning of a line, in
+/// this order, whatever the figures. What is indented differs from board to board.
+fn parts_to_motor(name: &str) {
+    let text = std::fs::read_to_string(firmware::boards().join("../docs/first-motor.md")).expect("the transcript");
+    let commands = transcript(&text);
+    let board = Virtual::with_script(name, "tcp:127.0.0.1:0", "at 1ms bus 15V");
+    for (command, printed) in &commands {
+        let found = board.ok(command);
+        println!("{command:?}\n{found}");
+        let mut lines = found.lines();
+        for wanted in printed.iter().filter(|line| line.starts_with(|c: char| !c.is_whitespace())) {
+            assert!(lines.any(|line| words(line) == words(wanted)), "{name}: {wanted} is missing: {found}");
+        }
+    }
+    assert!(commands.iter().any(|(command, _)| command[0] == "commission"));
+    assert!(board.ok(&["status"]).contains("ready: bridge off, calibrated"));
+}
+
 fn main() {
     common::on_every_board(&[
+        ("is_commissioned_as_written", parts_to_motor),
         ("does_what_hallctl_says", all_evening),
         ("can_be_powered_up_as_its_readme_says", power_up),
     ]);

@@ -1,218 +1,232 @@
-//! Commissioning: from a current limit to a drive that knows its motor.
+//! Commissioning: from a current limit to a drive that knows its motor, step by step; a second call goes on where the
+//! first was broken off.
 
-use super::{procedures, settings};
-use crate::client::{Client, unexpected};
+mod journal;
+mod measure;
+mod words;
+
+use super::{procedures, settings, tune};
+use crate::client::Client;
 use crate::error::{Error, Result};
 use crate::out::Out;
-use crate::{say, words};
+use crate::say;
+use crate::words as said;
 use anyhow::Context;
 use clap::Args;
+use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::service::commission::{Action, Commission};
 use hallservo::service::procedure;
-use hallservo::service::standstill::{Electrical, Evaluation};
-use hallservo::service::swings::Rough;
 use hallservo::settings::{Control, Settings, TABLE, find};
-use hallservo_protocol::{Answer, Ask, Procedure};
-use serde_json::json;
+use hallservo_protocol::Ask;
+use journal::{Found, Journal, take};
+use std::fs;
 use std::io::{IsTerminal, stdin};
+use std::path::{Path, PathBuf};
+use std::time::Instant;
 
 #[derive(Debug, Args)]
 pub(super) struct Options {
     /// Largest current that motor and bridge stand, A; the setting max_current_a where it is not given
     #[arg(long, value_name = "AMPERES")]
     max_current: Option<f32>,
-    /// Pole pairs of the rotor, if they are known; otherwise `hallctl pole-pairs` counts them afterwards
+    /// Pole pairs of the rotor, if they are known; otherwise `hallctl pole-pairs` counts them after step 2
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=64))]
     pole_pairs: Option<u8>,
     /// Do not ask whether the motor may turn
     #[arg(long, short)]
     yes: bool,
+    /// Where the results of the steps are kept until all is done
+    #[arg(long, value_name = "FILE", default_value = "commission.toml")]
+    file: PathBuf,
+    /// Begin anew, whatever that file says
+    #[arg(long)]
+    restart: bool,
 }
 
 /// Bandwidths from the outer to the inner loop, and values at which the settings have room for any motor.
 const LOW: [(&str, f32); 3] =
     [("position_bandwidth_hz", 0.125), ("speed_bandwidth_hz", 0.5), ("current_bandwidth_hz", 10.0)];
+/// What is too hot is waited for so long, in the drive's time, and so often at most.
+const COOLING_MS: u64 = 20_000;
+const COOLINGS: u32 = 15;
+/// Longest wait for the settings to be saved, in the drive's time.
+const SAVING_MS: u64 = 10_000;
 
 pub(super) fn run(client: &mut Client, options: &Options, out: Out) -> Result<()> {
-    let mut settings = read(client)?;
-    if let Some(pairs) = options.pole_pairs {
-        settings.pole_pairs = pairs;
-    }
-    let mut commission = Commission::new(settings, options.max_current).map_err(|error| words_of(&error))?;
-    ask(options.yes)?;
+    let mut journal = begin(client, options)?;
+    let mut commission = journal.commission()?;
+    words::stands(&journal, commission.action(), out)?;
+    ask(options.yes, "The motor will turn, in both directions and fast in the end. Is the shaft free, may it begin?")?;
+    let mut coolings = 0;
     loop {
         write(client, commission.settings())?;
-        announce(commission.action(), commission.settings(), out)?;
-        match commission.action() {
-            Action::Measure => {
-                let found = standstill(client, commission.settings())?;
-                say!(out, "At standstill:\n{}", found.to_string().trim_end())?;
-                commission.measured(&found).map_err(|error| words_of(&error))?;
+        words::announce(commission.action(), commission.settings(), out)?;
+        let done = match commission.action() {
+            Action::Done => tune(client, out).map(|()| None),
+            action => find_out(client, action, &commission).map(Some),
+        };
+        let found = match done {
+            Err(error) if coolings < COOLINGS && is_hot(client, &error)? => {
+                coolings += 1;
+                cool(client, out)?;
+                continue;
             }
-            Action::Calibrate => {
-                let speed_hz = commission.settings().calibration_hz;
-                let result = procedures::calibration(client)?;
-                match &result {
-                    Ok(report) => say!(
-                        out,
-                        "Calibrated at {speed_hz} Hz: the rotor lagged {:.0}° behind the field and swung by {:.1}°.",
-                        report.lag.to_degrees().abs(),
-                        report.hunting_deg
-                    )?,
-                    Err(error) => {
-                        say!(out, "No calibration at {speed_hz} Hz: {error}.")?;
-                        client.order(Ask::Clear)?;
-                    }
-                }
-                commission
-                    .calibrated(result.as_ref().map_err(|error| *error))
-                    .map_err(|error| step("the calibration", &error.to_string()))?;
-            }
-            Action::Swing => {
-                let found = swings(client)?;
-                commission.swung(&found).map_err(|error| words_of(&error))?;
-            }
-            Action::Identify => {
-                let found = procedures::identification(client)?;
-                commission.identified(&found).map_err(|error| words_of(&error))?;
-            }
-            Action::Done => break,
+            done => done?,
+        };
+        let Some(found) = found else { break };
+        words::tell(&found, commission.settings(), journal.told_pole_pairs, out)?;
+        let taken = take(&mut commission, &found);
+        match &taken {
+            Ok(()) => journal.found.push(found),
+            // It has failed at every speed: what comes next begins with the first again.
+            Err(_) => journal.forget_calibration(),
+        }
+        journal.write(&options.file)?;
+        taken?;
+        if commission.action() == Action::Swing && !journal.told_pole_pairs {
+            ask(options.yes, "Is that right? If not: `hallctl pole-pairs`, then this command again goes on.")?;
         }
     }
-    let waits = settings::save(client)?;
-    say!(out, "{}", settings::saved(waits))?;
-    summary(commission.settings(), options.pole_pairs.is_some(), out)
+    say!(out, "\n6 of 6: {}.", settings::saved(!save(client)?))?;
+    remove(&options.file)?;
+    words::summary(&read(client)?, journal.told_pole_pairs, out)
 }
 
-/// Asks a person at a terminal, once.
-fn ask(yes: bool) -> Result<()> {
+/// From the file, or anew.
+fn begin(client: &mut Client, options: &Options) -> Result<Journal> {
+    let status = client.status()?;
+    match status.mode {
+        Mode::Faulted(fault) if !HOT.contains(&fault) => {
+            return Err(Error::Failed(format!("the drive is faulted: {fault}\n  {}.", said::what_to_do(fault))));
+        }
+        Mode::Faulted(_) => client.order(Ask::Clear)?,
+        _ => {}
+    }
+    let mut present = read(client)?;
+    present.pole_pairs = options.pole_pairs.unwrap_or(present.pole_pairs);
+    let before = if options.restart { None } else { Journal::read(&options.file)? };
+    let is_ours = |journal: &Journal| {
+        let other_limit = options.max_current.is_some() && options.max_current != journal.max_current_a;
+        journal.port == client.port() && journal.board == client.identity().board && !other_limit
+    };
+    let mut journal = before
+        .filter(is_ours)
+        .unwrap_or_else(|| Journal::new(client.port(), &client.identity().board, options.max_current, &present));
+    if options.pole_pairs.is_some() || !journal.told_pole_pairs {
+        journal.set_pole_pairs(present.pole_pairs);
+    }
+    journal.told_pole_pairs |= options.pole_pairs.is_some();
+    if !status.calibrated {
+        journal.forget_calibration();
+    }
+    Ok(journal)
+}
+
+/// Asks a person at a terminal.
+fn ask(yes: bool, question: &str) -> Result<()> {
     if yes || !stdin().is_terminal() {
         return Ok(());
     }
-    eprint!("The motor will turn, in both directions and fast in the end. Is the shaft free, may it begin? [y/N] ");
+    eprint!("{question} [y/N] ");
     let mut line = String::new();
     stdin().read_line(&mut line).context("the terminal")?;
     match line.trim() {
         "y" | "Y" | "yes" => Ok(()),
-        _ => Err(Error::Refused("nothing was done".into())),
+        _ => Err(Error::Refused("nothing more was done".into())),
     }
 }
 
-/// What a step is about to do to the motor.
-fn announce(action: Action, settings: &Settings, out: Out) -> Result<()> {
-    let most_a = settings.control.map_or(f32::NAN, |control| control.max_current_a);
-    match action {
-        Action::Measure => say!(out, "→ R and L: each phase carries up to {most_a} A; the rotor may jump to it once."),
+/// One step.
+fn find_out(client: &mut Client, action: Action, commission: &Commission) -> Result<Found> {
+    Ok(match action {
+        Action::Measure => Found::Standstill(measure::standstill(client, commission.settings())?),
         Action::Calibrate => {
-            let (turns, hz) = (settings.calibration_turns, settings.calibration_hz);
-            say!(out, "→ The Halls: the field turns the rotor, {turns} electrical turns each way at {hz} Hz.")
+            let result = procedures::calibration(client)?;
+            if result.is_err() {
+                client.order(Ask::Clear)?;
+            }
+            Found::Calibration(result)
         }
-        Action::Swing => say!(out, "→ Flux linkage and inertia: the rotor swings to and fro, by up to {most_a} A."),
-        Action::Identify => say!(out, "→ The motor: it turns to and fro, faster than before."),
-        Action::Done => Ok(()),
-    }
-}
-
-fn summary(settings: &Settings, told: bool, out: Out) -> Result<()> {
-    let Some(Control {
-        resistance_ohm,
-        inductance_h,
-        flux_linkage_wb,
-        inertia_kgm2,
-        max_current_a,
-        max_speed_rad_s,
-        max_acceleration_rad_s2,
-        current_bandwidth_hz,
-        speed_bandwidth_hz,
-        ..
-    }) = settings.control
-    else {
-        return Ok(());
-    };
-    say!(out, "\nThe motor, at {max_current_a} A at most:")?;
-    say!(out, "  resistance   {resistance_ohm:10.4} Ω      inductance {:10.4} mH", 1e3 * inductance_h)?;
-    say!(out, "  flux linkage {:10.4} mWb    inertia    {:10.4} g·cm²", 1e3 * flux_linkage_wb, 1e7 * inertia_kgm2)?;
-    say!(out, "  speed up to  {max_speed_rad_s:10.0} rad/s  reached with {max_acceleration_rad_s2:.0} rad/s²")?;
-    say!(out, "  current control {current_bandwidth_hz:.0} Hz, speed control {speed_bandwidth_hz:.1} Hz")?;
-    if !told {
-        say!(
-            out,
-            "pole_pairs is {}, as set: the Halls cannot tell a turn of the shaft. If it is not known, `hallctl \
-             pole-pairs` counts them; then commission again.",
-            settings.pole_pairs
-        )?;
-    }
-    out.value(&json!({
-        "pole_pairs": settings.pole_pairs,
-        "resistance_ohm": resistance_ohm,
-        "inductance_h": inductance_h,
-        "flux_linkage_wb": flux_linkage_wb,
-        "inertia_kgm2": inertia_kgm2,
-        "max_current_a": max_current_a,
-        "max_speed_rad_s": max_speed_rad_s,
-        "max_acceleration_rad_s2": max_acceleration_rad_s2,
-        "current_bandwidth_hz": current_bandwidth_hz,
-        "speed_bandwidth_hz": speed_bandwidth_hz,
-    }))
-}
-
-fn step(name: &str, why: &str) -> Error {
-    Error::Failed(format!("{name}: {why}\n  The bridge is off; what was found so far is in the settings, not saved."))
-}
-
-fn words_of(error: &hallservo::settings::Error<'static>) -> Error {
-    Error::Refused(words::setting_error(error))
-}
-
-const STANDSTILL: &str = "R and L at standstill";
-const SWINGS: &str = "flux linkage and inertia";
-
-fn swings(client: &mut Client) -> Result<Rough> {
-    client.order(Ask::Swing)?;
-    procedures::wait(client, SWINGS)?;
-    client.ask(Ask::Swings, |answer| match answer {
-        Answer::Swings(Procedure::Done(found)) => Ok(found),
-        Answer::Swings(Procedure::Failed(error)) => Err(step(SWINGS, &words::procedure_error(&error))),
-        other => unexpected(&other),
+        Action::Swing => Found::Swings(measure::swings(client)?),
+        Action::Identify | Action::Done => Found::Motor(procedures::identification(client)?),
     })
 }
 
-/// Measures R and L: the drive sums up what flows, the tool chooses what is to flow and computes.
-fn standstill(client: &mut Client, settings: &Settings) -> Result<Electrical> {
-    let config = settings.validate().map_err(|error| words_of(&error))?;
-    let mut evaluation = Evaluation::new(&config).map_err(|error| step(STANDSTILL, &words::procedure_error(&error)))?;
-    let measured = measure(client, &mut evaluation);
-    // Whatever has happened.
-    let disarmed = client.order(Ask::Disarm);
-    let found = measured.and_then(|found| disarmed.map(|()| found))?;
-    found.map_err(|error| step(STANDSTILL, &words::procedure_error(&error)))
+/// Tries bandwidths of the speed control. What comes to nothing leaves those that were computed.
+fn tune(client: &mut Client, out: Out) -> Result<()> {
+    match tune::tune(client, &tune::KEEP, out) {
+        Err(error @ (Error::Failed(_) | Error::Refused(_))) if !is_hot(client, &error)? => {
+            say!(out, "  The bandwidths stay as computed: {error}")?;
+            if matches!(client.status()?.mode, Mode::Faulted(_)) {
+                client.order(Ask::Clear)?;
+            }
+            Ok(())
+        }
+        result => result,
+    }
 }
 
-type Measured = std::result::Result<Electrical, procedure::Error>;
+/// Faults that pass by waiting.
+const HOT: [Fault; 2] = [Fault::WindingHot, Fault::BridgeOverload];
 
-fn measure(client: &mut Client, evaluation: &mut Evaluation) -> Result<Measured> {
-    let mut begins = true;
-    loop {
-        if let Some(result) = evaluation.result() {
-            return Ok(*result);
-        }
-        if let Err(error) = client.order(Ask::Measure { begins, probe: evaluation.probe() }) {
-            let mode = client.status()?.mode;
-            return match mode {
-                Mode::Faulted(fault) if !begins => Ok(Err(procedure::Error::Fault(fault))),
-                _ => Err(error),
-            };
-        }
-        begins = false;
-        let window = client.ask(Ask::Window, |answer| match answer {
-            Answer::Window(window) => Ok(window),
-            other => unexpected(&other),
-        })?;
-        if let Some(window) = window {
-            evaluation.window(&window);
-        }
+/// Whether a step came to nothing because the motor or the bridge is too hot by what has flowed: a fault, or the refusal
+/// to begin.
+fn is_hot(client: &mut Client, error: &Error) -> Result<bool> {
+    if !matches!(error, Error::Failed(_) | Error::Refused(_)) {
+        return Ok(false);
     }
+    let words = error.to_string();
+    let mode = client.status()?.mode;
+    Ok(HOT.iter().any(|fault| mode == Mode::Faulted(*fault) || words.contains(&fault.to_string())))
+}
+
+/// Waits, the bridge off.
+fn cool(client: &mut Client, out: Out) -> Result<()> {
+    say!(out, "  Too warm by the current that has flowed: {} s of rest, then again.", COOLING_MS / 1000)?;
+    let began = client.status()?;
+    let mut look = (Instant::now(), began.uptime_ms);
+    loop {
+        let status = client.status()?;
+        if status.uptime_ms >= began.uptime_ms + COOLING_MS {
+            break;
+        }
+        client.rest(&mut look, &status)?;
+    }
+    match client.status()?.mode {
+        Mode::Faulted(_) => client.order(Ask::Clear),
+        _ => Ok(()),
+    }
+}
+
+/// Keeps the settings; true when they are in the flash.
+fn save(client: &mut Client) -> Result<bool> {
+    if !settings::save(client)? {
+        return Ok(true);
+    }
+    // The rotor has to be at rest for it.
+    let began = client.status()?;
+    let mut look = (Instant::now(), began.uptime_ms);
+    loop {
+        let status = client.status()?;
+        if !status.unsaved || status.uptime_ms >= began.uptime_ms + SAVING_MS {
+            return Ok(!status.unsaved);
+        }
+        client.rest(&mut look, &status)?;
+    }
+}
+
+/// All is done.
+fn remove(path: &Path) -> Result<()> {
+    Ok(fs::remove_file(path).with_context(|| format!("cannot remove {}", path.display()))?)
+}
+
+fn step(name: &str, why: &str) -> Error {
+    Error::Failed(format!("{name}: {why}\n  The bridge is off; `hallctl commission` goes on with this step."))
+}
+
+fn words_of(error: &hallservo::settings::Error<'static>) -> Error {
+    Error::Refused(said::setting_error(error))
 }
 
 /// The drive's settings.
@@ -228,7 +242,7 @@ fn read(client: &mut Client) -> Result<Settings> {
     })?;
     // Without current control, a drive has not all of them.
     if known < TABLE.len() {
-        return Err(Error::Refused(words::procedure_error(&procedure::Error::NoControl)));
+        return Err(Error::Refused(said::procedure_error(&procedure::Error::NoControl)));
     }
     Ok(settings)
 }

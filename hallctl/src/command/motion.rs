@@ -37,6 +37,8 @@ pub(super) enum Target {
 
 /// How long a motor may take to stop before the bridge is switched off, in the drive's time, ms.
 const BRAKING_MS: u64 = 60;
+/// The same where nothing is urgent: a heavy rotor from high speed.
+const LONGEST_MS: u64 = 60_000;
 /// Slower than this, it is at rest, rad/s.
 const AT_REST_RAD_S: f32 = 2.0;
 
@@ -68,30 +70,10 @@ impl Target {
             Self::Position(_) => None,
         }
     }
-
-    /// What brings the motor to rest.
-    const fn brake(self) -> Ask<'static> {
-        match self {
-            Self::Voltage(_) => Ask::Voltage(0.0),
-            Self::Torque(_) | Self::Speed(_) | Self::Position(_) => Ask::Speed(0.0),
-        }
-    }
 }
 
-/// Repeats a command until its time is over, and ends with another. After a signal the motor is braked and the bridge
-/// is off.
+/// Repeats a command until its time is over, and ends with another.
 pub(super) fn hold(client: &mut Client, options: &Options, target: Target, out: Out) -> Result<()> {
-    let held = follow(client, options, target, out);
-    if matches!(held, Err(Error::Interrupted)) {
-        client.carry_on();
-        let braked = brake(client, target);
-        client.order(Ask::Disarm)?;
-        braked?;
-    }
-    held
-}
-
-fn follow(client: &mut Client, options: &Options, target: Target, out: Out) -> Result<()> {
     client.order(target.ask())?;
     if options.once {
         return super::done(out, Ok(()));
@@ -119,21 +101,47 @@ fn follow(client: &mut Client, options: &Options, target: Target, out: Out) -> R
     target.end().map_or(Ok(()), |end| client.order(end))
 }
 
-/// Commands rest, and waits for it a little.
-pub(super) fn brake(client: &mut Client, target: Target) -> Result<()> {
+/// Brings the motor to rest, whatever turns it, and waits for that a little.
+pub(super) fn brake(client: &mut Client) -> Result<()> {
+    match client.order(Ask::Speed(0.0)) {
+        // Without current control; or it is switched off, and nothing is left to be done.
+        Err(Error::Refused(_)) => match client.order(Ask::Voltage(0.0)) {
+            Err(Error::Refused(_)) => return Ok(()),
+            result => result?,
+        },
+        result => result?,
+    }
     let mut began_ms = None;
     loop {
-        match client.order(target.brake()) {
+        let status = client.status()?;
+        let until_ms = *began_ms.get_or_insert(status.uptime_ms) + BRAKING_MS;
+        let rests = match status.mode {
+            Mode::Running => status.speed_rad_s.abs() <= AT_REST_RAD_S,
+            // The speed is not known.
+            Mode::Aligning | Mode::Calibrating => false,
+            _ => true,
+        };
+        if rests || status.uptime_ms >= until_ms {
+            return Ok(());
+        }
+    }
+}
+
+/// Brings the motor to rest, however long its acceleration takes.
+pub(super) fn rest(client: &mut Client) -> Result<()> {
+    let began = client.status()?;
+    let mut look = (Instant::now(), began.uptime_ms);
+    loop {
+        match client.order(Ask::Speed(0.0)) {
             // It is switched off, and nothing is left to be done.
             Err(Error::Refused(_)) => return Ok(()),
             result => result?,
         }
         let status = client.status()?;
-        let until_ms = *began_ms.get_or_insert(status.uptime_ms) + BRAKING_MS;
-        let rests = status.speed_rad_s.abs() <= AT_REST_RAD_S;
-        if status.mode != Mode::Running || rests || status.uptime_ms >= until_ms {
+        if status.speed_rad_s.abs() <= AT_REST_RAD_S || status.uptime_ms >= began.uptime_ms + LONGEST_MS {
             return Ok(());
         }
+        client.rest(&mut look, &status)?;
     }
 }
 

@@ -63,7 +63,11 @@ impl<'a> Session<'a> {
             client.carry_on();
         }
         client.end_telemetry()?;
-        motion::brake(client, target)?;
+        if interrupted {
+            motion::brake(client)?;
+        } else {
+            motion::rest(client)?;
+        }
         if interrupted || found.mode != Mode::Running {
             client.order(Ask::Disarm)?;
         }

@@ -39,6 +39,9 @@ pub(super) struct Options {
     keep: bool,
 }
 
+/// Steps as usual, and what is proposed is taken.
+pub(super) const KEEP: Options = Options { step: None, from: None, keep: true };
+
 /// A bandwidth that was tried.
 #[derive(Clone, Copy, Debug, serde::Serialize)]
 struct Trial {
@@ -94,8 +97,8 @@ fn try_all(client: &mut Client, wanted: &Wanted, before: [f32; 2]) -> Result<Vec
     for factor in FACTORS {
         let bandwidth_hz = before[0] * factor;
         match set(client, with_position(bandwidth_hz, before)) {
-            // Beyond what the current control allows.
-            Err(Error::Refused(_)) if factor > 1.0 => continue,
+            // Beyond what the settings allow.
+            Err(Error::Refused(_)) if factor != 1.0 => continue,
             result => result?,
         }
         trials.push(try_one(client, wanted, bandwidth_hz)?);

@@ -6,14 +6,17 @@ mod terminal;
 use super::fault::{Kind, ScheduledEvent};
 use super::flash::Flash;
 use super::rings::Pairs;
-use super::{Simulator, defaults, uneven};
+use super::{Simulator, defaults, of_motor, uneven};
 use crate::out::Out;
 use crate::say;
 use anyhow::{Context, Result};
+use clap::builder::PossibleValuesParser;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Answer, Ask, Decoder, Reply, Request};
+use plant::PlantParameters;
 use plant::heads::Encoder;
 use serde_json::json;
+use sim::motors::MOTORS;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::path::PathBuf;
@@ -44,6 +47,9 @@ pub struct Options {
     /// Seed of the motor, its sensors and the noise
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
+    /// Another motor, on a board that fits it
+    #[arg(long, value_parser = PossibleValuesParser::new(MOTORS.map(|motor| motor.name)))]
+    pub motor: Option<String>,
     /// Two rings of so many pole pairs on the shaft, under two opposite heads each
     #[arg(long, value_name = "37/45")]
     pub encoder: Option<Pairs>,
@@ -101,8 +107,13 @@ pub fn main(options: &Options, out: Out) -> Result<()> {
         None => Flash::blank(),
     };
     let rings = options.encoder.map(|pairs| Encoder::new(pairs.0, options.eccentricity, options.seed));
-    let plant = uneven(options.seed, options.uneven);
-    let mut simulator = Simulator::with_rings(defaults(), &plant, rings, options.seed, flash, planned)?;
+    let motor = options.motor.as_ref().and_then(|name| MOTORS.iter().find(|motor| motor.name == name));
+    let (settings, plant) = match motor {
+        None => (defaults(), PlantParameters::imperfect(options.seed)),
+        Some(motor) => (of_motor(motor), motor.plant(options.seed)),
+    };
+    let plant = uneven(plant, options.uneven, options.seed);
+    let mut simulator = Simulator::with_rings(settings, &plant, rings, options.seed, flash, planned)?;
     let (events, line) = sync_channel(IN);
     listen_to_keyboard(events.clone());
     let name = open(options, events)?;

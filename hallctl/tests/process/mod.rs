@@ -5,17 +5,23 @@
 
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
-use std::process::{Child, ChildStdin, ChildStdout, Command, Output, Stdio};
+use std::process::{Child, ChildStdin, Command, Output, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::Duration;
 
 pub const HALLCTL: &str = env!("CARGO_BIN_EXE_hallctl");
 /// Seconds on the wall for every answer, however slow this machine is: the drive's own time depends on no clock.
 pub const PATIENCE: (&str, &str) = ("HALLCTL_PATIENCE", "60");
 
+/// Nothing that comes at all takes so long.
+const LONGEST: Duration = Duration::from_secs(300);
+
 /// A simulated drive in a process of its own; dropped, its power is cut.
 pub struct Drive {
     process: Child,
     keyboard: ChildStdin,
-    screen: BufReader<ChildStdout>,
+    /// Lines that it prints; read all the while, or it would wait.
+    screen: Receiver<String>,
     pub port: String,
     log: Vec<Entry>,
 }
@@ -45,8 +51,10 @@ impl Drive {
             .spawn()
             .unwrap();
         let keyboard = process.stdin.take().unwrap();
-        let (mut line, mut screen) = (String::new(), BufReader::new(process.stdout.take().unwrap()));
-        screen.read_line(&mut line).unwrap();
+        let lines = BufReader::new(process.stdout.take().unwrap()).lines().map_while(Result::ok);
+        let (printed, screen) = channel();
+        std::thread::spawn(move || lines.take_while(|line| printed.send(format!("{line}\n")).is_ok()).for_each(drop));
+        let line = screen.recv().unwrap();
         let port = line.trim().strip_prefix("The simulated drive is at ").unwrap_or_else(|| panic!("{line}")).into();
         Self { process, keyboard, screen, port, log: Vec::new() }
     }
@@ -66,9 +74,7 @@ impl Drive {
 
     /// A line that it prints.
     fn line(&mut self) -> String {
-        let mut line = String::new();
-        assert!(self.screen.read_line(&mut line).unwrap() > 0, "the drive has ended");
-        line
+        self.screen.recv_timeout(LONGEST).expect("the drive has ended, or what was waited for never comes")
     }
 
     /// Something is typed into it, and it says that this happened.
@@ -131,6 +137,13 @@ impl Drive {
 
 pub fn call(port: &str, arguments: &[&str]) -> Output {
     Command::new(HALLCTL).args(["--port", port]).args(arguments).envs([PATIENCE]).stdin(Stdio::null()).output().unwrap()
+}
+
+/// At work, with somebody at its keyboard.
+pub fn spawn(port: &str, arguments: &[&str]) -> Child {
+    let mut tool = Command::new(HALLCTL);
+    tool.args(["--port", port]).args(arguments).envs([PATIENCE]);
+    tool.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap()
 }
 
 pub fn fails(port: &str, code: i32, arguments: &[&str]) -> String {

@@ -47,6 +47,33 @@ fn a_calibration_can_be_stopped_and_repeated() {
 }
 
 #[test]
+fn a_voltage_of_zero_brakes_the_field_and_nothing_is_recorded() {
+    for brake_after in [10, 20_000, 60_000] {
+        let mut bench = Bench::new(&Settings::default());
+        bench.command(Command::Calibrate).unwrap();
+        let follow = |bench: &mut Bench, steps: u32| {
+            let before = bench.rotor;
+            for _ in 0..steps {
+                bench.rotor = bench.drive.tracker().angle();
+                bench.step();
+                while bench.service.poll().is_some() {}
+            }
+            (bench.rotor - before).to_bits()
+        };
+        follow(&mut bench, brake_after);
+        let mode = bench.mode();
+        assert!(matches!(bench.command(Command::Drive(Modulation::from_num(0.1))), Err(Refusal::Mode(_))));
+        bench.command(Command::Drive(Modulation::ZERO)).unwrap();
+        // A quarter of a turn at most, and it stands; for ever.
+        follow(&mut bench, 4000);
+        assert_eq!((follow(&mut bench, 100_000), bench.mode()), (0, mode), "{brake_after}");
+        bench.command(Command::Disarm).unwrap();
+        assert_eq!((bench.step(), bench.mode()), (Output::OFF, Mode::Unarmed));
+        assert_eq!(bench.command(Command::Arm), Err(Refusal::NotCalibrated));
+    }
+}
+
+#[test]
 fn a_refused_calibrate_leaves_the_calibration_at_work_as_it_is() {
     let mut bench = Bench::new(&Settings::default());
     bench.command(Command::Calibrate).unwrap();

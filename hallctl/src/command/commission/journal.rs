@@ -1,0 +1,184 @@
+//! What was found so far, in a file: commissioning goes on where it was broken off, by whatever.
+
+use crate::error::{Error, Result};
+use anyhow::Context;
+use hallservo::hall::calibrate::{self, report::Report as Sensors};
+use hallservo::service::commission::Commission;
+use hallservo::service::identify::Report;
+use hallservo::service::standstill::Electrical;
+use hallservo::service::swings::Rough;
+use hallservo::settings::{Control, Settings, TABLE, find};
+use serde::{Deserialize, Serialize};
+use std::collections::BTreeMap;
+use std::fs;
+use std::io::ErrorKind;
+use std::path::Path;
+
+/// What a step has found.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+#[serde(tag = "step", content = "found", rename_all = "snake_case")]
+pub(super) enum Found {
+    /// R and L.
+    Standstill(Electrical),
+    /// What the Halls deliver, or why that calibration failed.
+    Calibration(std::result::Result<Sensors, calibrate::Error>),
+    /// Flux linkage and inertia, roughly.
+    Swings(Rough),
+    /// The motor.
+    Motor(Report),
+}
+
+/// A motor on its way.
+#[derive(Clone, Debug, Serialize, Deserialize)]
+pub(super) struct Journal {
+    /// At which port, and what answered there.
+    pub port: String,
+    pub board: String,
+    /// As it was told.
+    pub max_current_a: Option<f32>,
+    /// Whether a person has told the pole pairs.
+    pub told_pole_pairs: bool,
+    /// In the beginning.
+    settings: BTreeMap<String, f32>,
+    #[serde(default)]
+    pub found: Vec<Found>,
+}
+
+impl Journal {
+    /// Nothing is found yet.
+    pub fn new(port: &str, board: &str, max_current_a: Option<f32>, settings: &Settings) -> Self {
+        let value = |entry: &hallservo::settings::Entry| Some((entry.name.into(), entry.get(settings)?));
+        Self {
+            port: port.into(),
+            board: board.into(),
+            max_current_a,
+            told_pole_pairs: false,
+            settings: TABLE.iter().filter_map(value).collect(),
+            found: Vec::new(),
+        }
+    }
+
+    /// One that was broken off, if there is any.
+    pub fn read(path: &Path) -> Result<Option<Self>> {
+        let text = match fs::read_to_string(path) {
+            Ok(text) => text,
+            Err(error) if error.kind() == ErrorKind::NotFound => return Ok(None),
+            Err(error) => {
+                return Err(anyhow::Error::new(error).context(format!("cannot read {}", path.display())).into());
+            }
+        };
+        match toml::from_str(&text) {
+            Ok(journal) => Ok(Some(journal)),
+            Err(error) => Err(Error::Failed(format!(
+                "{} is none of commissioning: {}\n  `--restart` begins anew, and overwrites it.",
+                path.display(),
+                error.message()
+            ))),
+        }
+    }
+
+    /// Whole or not at all, whatever happens meanwhile.
+    pub fn write(&self, path: &Path) -> Result<()> {
+        let text = toml::to_string(self).context("the results")?;
+        let new = path.with_extension("new");
+        fs::write(&new, text).with_context(|| format!("cannot write {}", new.display()))?;
+        Ok(fs::rename(&new, path).with_context(|| format!("cannot write {}", path.display()))?)
+    }
+
+    /// The settings in the beginning.
+    pub fn settings(&self) -> Settings {
+        let mut settings = Settings { control: Some(Control::default()), ..Settings::default() };
+        for (name, value) in &self.settings {
+            if let Some(entry) = find(name) {
+                // One of another version is as by default.
+                let _ = entry.assign(&mut settings, *value);
+            }
+        }
+        settings
+    }
+
+    /// Other pole pairs: what depends on them is to be measured again.
+    pub fn set_pole_pairs(&mut self, pairs: u8) {
+        if self.settings.insert("pole_pairs".into(), pairs.into()) != Some(pairs.into()) {
+            self.forget(|found| matches!(found, Found::Swings(_) | Found::Motor(_)));
+        }
+    }
+
+    /// The calibration is lost.
+    pub fn forget_calibration(&mut self) {
+        self.forget(|found| !matches!(found, Found::Standstill(_)));
+    }
+
+    fn forget(&mut self, from: impl Fn(&Found) -> bool) {
+        let kept = self.found.iter().position(from).unwrap_or(self.found.len());
+        self.found.truncate(kept);
+    }
+
+    /// What is decided by what was found.
+    pub fn commission(&self) -> Result<Commission> {
+        let mut commission =
+            Commission::new(self.settings(), self.max_current_a).map_err(|error| super::words_of(&error))?;
+        self.found.iter().try_for_each(|found| take(&mut commission, found))?;
+        Ok(commission)
+    }
+}
+
+/// Hands over what was found.
+pub(super) fn take(commission: &mut Commission, found: &Found) -> Result<()> {
+    match found {
+        Found::Standstill(found) => commission.measured(found).map_err(|error| super::words_of(&error)),
+        Found::Calibration(result) => commission
+            .calibrated(result.as_ref().map_err(|error| *error))
+            .map_err(|error| super::step("the calibration", &error.to_string())),
+        Found::Swings(found) => commission.swung(found).map_err(|error| super::words_of(&error)),
+        Found::Motor(found) => commission.identified(found).map_err(|error| super::words_of(&error)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use hallservo::service::commission::Action;
+
+    fn journal() -> Journal {
+        let settings = Settings { control: Some(Control::default()), ..Settings::default() };
+        let mut journal = Journal::new("tcp:somewhere", "a board", Some(2.0), &settings);
+        journal.found = vec![
+            Found::Calibration(Err(calibrate::Error::NoFit)),
+            Found::Swings(Rough { flux_linkage_wb: 5e-3, inertia_kgm2: 1e-6 }),
+        ];
+        journal
+    }
+
+    #[test]
+    fn it_is_read_as_it_was_written() {
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("commission.toml");
+        assert!(Journal::read(&path).unwrap().is_none());
+        let mut journal = journal();
+        // What no JSON has.
+        journal.settings.insert("command_timeout_s".into(), f32::INFINITY);
+        journal.write(&path).unwrap();
+        let read = Journal::read(&path).unwrap().unwrap();
+        assert_eq!(format!("{journal:?}"), format!("{read:?}"));
+        assert_eq!(read.settings().control.unwrap().guard.command_timeout_s, f32::INFINITY);
+        // A line is torn, or it is something else.
+        let text = fs::read_to_string(&path).unwrap();
+        for bad in [&text[..text.len() / 2], "hello", "[settings]\npole_pairs = 4\n"] {
+            fs::write(&path, bad).unwrap();
+            assert!(matches!(Journal::read(&path), Err(Error::Failed(why)) if why.contains("--restart")));
+        }
+    }
+
+    #[test]
+    fn what_depends_on_the_pole_pairs_is_measured_again() {
+        let mut journal = journal();
+        journal.set_pole_pairs(Settings::default().pole_pairs);
+        assert_eq!(journal.found.len(), 2);
+        journal.set_pole_pairs(11);
+        assert_eq!((journal.found.len(), journal.settings().pole_pairs), (1, 11));
+        journal.forget_calibration();
+        assert!(journal.found.is_empty());
+        assert_eq!(journal.commission().unwrap().action(), Action::Measure);
+    }
+}

@@ -1,0 +1,62 @@
+//! The measurements that nothing but commissioning needs.
+
+use crate::client::{Client, unexpected};
+use crate::error::Result;
+use crate::words;
+use hallservo::mode::Mode;
+use hallservo::service::procedure;
+use hallservo::service::standstill::{Electrical, Evaluation};
+use hallservo::service::swings::Rough;
+use hallservo::settings::Settings;
+use hallservo_protocol::{Answer, Ask, Procedure};
+
+const STANDSTILL: &str = "R and L at standstill";
+const SWINGS: &str = "flux linkage and inertia";
+
+pub(super) fn swings(client: &mut Client) -> Result<Rough> {
+    client.order(Ask::Swing)?;
+    crate::command::procedures::wait(client, SWINGS)?;
+    client.ask(Ask::Swings, |answer| match answer {
+        Answer::Swings(Procedure::Done(found)) => Ok(found),
+        Answer::Swings(Procedure::Failed(error)) => Err(super::step(SWINGS, &words::procedure_error(&error))),
+        other => unexpected(&other),
+    })
+}
+
+/// Measures R and L: the drive sums up what flows, the tool chooses what is to flow and computes.
+pub(super) fn standstill(client: &mut Client, settings: &Settings) -> Result<Electrical> {
+    let config = settings.validate().map_err(|error| super::words_of(&error))?;
+    let mut evaluation =
+        Evaluation::new(&config).map_err(|error| super::step(STANDSTILL, &words::procedure_error(&error)))?;
+    let measured = measure(client, &mut evaluation);
+    // Whatever has happened.
+    let disarmed = client.order(Ask::Disarm);
+    let found = measured.and_then(|found| disarmed.map(|()| found))?;
+    found.map_err(|error| super::step(STANDSTILL, &words::procedure_error(&error)))
+}
+
+type Measured = std::result::Result<Electrical, procedure::Error>;
+
+fn measure(client: &mut Client, evaluation: &mut Evaluation) -> Result<Measured> {
+    let mut begins = true;
+    loop {
+        if let Some(result) = evaluation.result() {
+            return Ok(*result);
+        }
+        if let Err(error) = client.order(Ask::Measure { begins, probe: evaluation.probe() }) {
+            let mode = client.status()?.mode;
+            return match mode {
+                Mode::Faulted(fault) if !begins => Ok(Err(procedure::Error::Fault(fault))),
+                _ => Err(error),
+            };
+        }
+        begins = false;
+        let window = client.ask(Ask::Window, |answer| match answer {
+            Answer::Window(window) => Ok(window),
+            other => unexpected(&other),
+        })?;
+        if let Some(window) = window {
+            evaluation.window(&window);
+        }
+    }
+}

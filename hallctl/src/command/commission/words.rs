@@ -1,0 +1,142 @@
+//! What a step is about to do to the motor, and what it has found.
+
+use super::journal::{Found, Journal};
+use crate::error::Result;
+use crate::out::Out;
+use crate::say;
+use hallservo::service::commission::Action;
+use hallservo::settings::{Control, Settings};
+use serde_json::json;
+
+/// Phases whose resistances differ by more than this share are worth a look.
+const UNEVEN: f32 = 0.08;
+
+/// What a step is about to do to the motor.
+pub(super) fn announce(action: Action, settings: &Settings, out: Out) -> Result<()> {
+    let most_a = settings.control.map_or(f32::NAN, |control| control.max_current_a);
+    match action {
+        Action::Measure => {
+            say!(out, "\n1 of 6: R and L. Each phase carries up to {most_a} A; the rotor may jump to it once.")
+        }
+        Action::Calibrate => {
+            let (turns, hz) = (settings.calibration_turns, settings.calibration_hz);
+            say!(out, "\n2 of 6: the Halls. A field turns the rotor, {turns} electrical turns each way at {hz} Hz.")
+        }
+        Action::Swing => {
+            say!(out, "\n3 of 6: flux linkage and inertia. The rotor swings to and fro, by up to {most_a} A.")
+        }
+        Action::Identify => say!(out, "\n4 of 6: the motor. It turns to and fro for some seconds, faster than before."),
+        Action::Done => say!(out, "\n5 of 6: the speed control. The motor steps between two speeds, five times."),
+    }
+}
+
+/// What a step has found, and what is to be changed by hand.
+pub(super) fn tell(found: &Found, settings: &Settings, told_pole_pairs: bool, out: Out) -> Result<()> {
+    match found {
+        Found::Standstill(found) => {
+            say!(out, "{}", found.to_string().trim_end())?;
+            let mean = found.resistance_ohm.value;
+            for (phase, ohm) in found.phases_ohm.iter().enumerate() {
+                if (ohm / mean - 1.0).abs() > UNEVEN {
+                    say!(out, "  By hand: phase {} differs: look at its contacts.", phase + 1)?;
+                }
+            }
+        }
+        Found::Calibration(Ok(report)) => {
+            say!(
+                out,
+                "  Calibrated at {} Hz: the rotor lagged {:.0}° behind the field and swung by {:.1}°; the angle is noisy \
+                 by {:.2}°.",
+                settings.calibration_hz,
+                report.lag.to_degrees().abs(),
+                report.hunting_deg,
+                report.angle_noise_deg
+            )?;
+            for finding in report.findings() {
+                say!(out, "  By hand: {finding}.")?;
+            }
+            if !told_pole_pairs {
+                say!(out, "  pole_pairs is {}, as set; the Halls cannot tell.", settings.pole_pairs)?;
+            }
+        }
+        Found::Calibration(Err(error)) => {
+            say!(out, "  No calibration at {} Hz: {error}.", settings.calibration_hz)?;
+        }
+        Found::Swings(found) => {
+            say!(out, "  about {:.4} mWb and {:.4} g·cm²", 1e3 * found.flux_linkage_wb, 1e7 * found.inertia_kgm2)?
+        }
+        Found::Motor(report) => say!(out, "{}", report.to_string().trim_end())?,
+    }
+    out.value(found)
+}
+
+/// Where it stands.
+pub(super) fn stands(journal: &Journal, action: Action, out: Out) -> Result<()> {
+    let done: Vec<_> = journal
+        .found
+        .iter()
+        .filter_map(|found| match found {
+            Found::Standstill(_) => Some("R and L"),
+            Found::Calibration(result) => result.is_ok().then_some("the Halls"),
+            Found::Swings(_) => Some("flux linkage and inertia"),
+            Found::Motor(_) => Some("the motor"),
+        })
+        .collect();
+    if done.is_empty() {
+        return Ok(());
+    }
+    let next = match action {
+        Action::Measure => 1,
+        Action::Calibrate => 2,
+        Action::Swing => 3,
+        Action::Identify => 4,
+        Action::Done => 5,
+    };
+    say!(out, "It goes on with step {next}; known from before: {}. `--restart` begins anew.", done.join(", "))?;
+    out.value(&json!({ "known": done, "next": next }))
+}
+
+/// The motor, and what it is set to.
+pub(super) fn summary(settings: &Settings, told_pole_pairs: bool, out: Out) -> Result<()> {
+    let Some(Control {
+        resistance_ohm,
+        inductance_h,
+        flux_linkage_wb,
+        inertia_kgm2,
+        max_current_a,
+        max_speed_rad_s,
+        max_acceleration_rad_s2,
+        current_bandwidth_hz,
+        speed_bandwidth_hz,
+        ..
+    }) = settings.control
+    else {
+        return Ok(());
+    };
+    say!(out, "\nThe motor, at {max_current_a} A at most:")?;
+    say!(out, "  resistance   {resistance_ohm:10.4} Ω      inductance {:10.4} mH", 1e3 * inductance_h)?;
+    say!(out, "  flux linkage {:10.4} mWb    inertia    {:10.4} g·cm²", 1e3 * flux_linkage_wb, 1e7 * inertia_kgm2)?;
+    say!(out, "  speed up to  {max_speed_rad_s:10.0} rad/s  reached with {max_acceleration_rad_s2:.0} rad/s²")?;
+    say!(out, "  current control {current_bandwidth_hz:.0} Hz, speed control {speed_bandwidth_hz:.1} Hz")?;
+    if !told_pole_pairs {
+        say!(
+            out,
+            "  By hand: pole_pairs is {}, as set. If it is not known, `hallctl pole-pairs` counts them; then commission \
+             again.",
+            settings.pole_pairs
+        )?;
+    }
+    say!(out, "Next: `hallctl arm`, `hallctl speed 10`; `hallctl cogging learn` makes it smoother.")?;
+    out.value(&json!({
+        "pole_pairs": settings.pole_pairs,
+        "resistance_ohm": resistance_ohm,
+        "inductance_h": inductance_h,
+        "flux_linkage_wb": flux_linkage_wb,
+        "inertia_kgm2": inertia_kgm2,
+        "max_current_a": max_current_a,
+        "max_speed_rad_s": max_speed_rad_s,
+        "max_acceleration_rad_s2": max_acceleration_rad_s2,
+        "current_bandwidth_hz": current_bandwidth_hz,
+        "speed_bandwidth_hz": speed_bandwidth_hz,
+    }))
+}

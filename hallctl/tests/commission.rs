@@ -1,0 +1,146 @@
+//! `hallctl commission`: ten motors, from a board that knows nothing to a drive that turns; broken off and gone on with.
+
+#![cfg(unix)]
+
+mod process;
+
+use process::{Drive, HALLCTL, PATIENCE};
+use serde_json::Value;
+use std::path::Path;
+use std::process::{Command, Output, Stdio};
+use tempfile::TempDir;
+
+/// With its largest current, A.
+const MOTORS: [(&str, &str); 10] = [
+    ("gimbal-7", "0.3"),
+    ("drone-15uh", "15"),
+    ("20mohm-32a", "20"),
+    ("hub", "15"),
+    ("paper", "3"),
+    ("20ohm", "0.5"),
+    ("slotless", "4"),
+    ("paper-heavy", "3"),
+    ("direct-drive", "4"),
+    ("22-pairs", "30"),
+];
+
+fn tool(drive: &Drive, folder: &Path, arguments: &[&str]) -> Command {
+    let mut command = Command::new(HALLCTL);
+    command.args(["--port", &drive.port]).args(arguments).envs([PATIENCE]).current_dir(folder).stdin(Stdio::null());
+    command
+}
+
+fn commission(drive: &Drive, folder: &TempDir, arguments: &[&str]) -> (Option<i32>, String) {
+    let output: Output = tool(drive, folder.path(), &[&["commission", "--yes"], arguments].concat()).output().unwrap();
+    let said = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap()).concat();
+    (output.status.code(), said)
+}
+
+fn is_left(folder: &TempDir) -> bool {
+    folder.path().join("commission.toml").exists()
+}
+
+/// How the speed is at a tenth of the largest, relative to what is asked for.
+fn speed_at_a_tenth(drive: &Drive) -> f64 {
+    let most: Value = serde_json::from_str(&drive.ok(&["--json", "settings", "get", "max_speed_rad_s"])).unwrap();
+    let asked = most["value"].as_f64().unwrap() / 10.0;
+    drive.ok(&["arm"]);
+    let told = drive.ok(&["--json", "speed", &asked.to_string(), "--seconds", "4"]);
+    let told: Value = serde_json::from_str(&told).unwrap();
+    drive.ok(&["stop"]);
+    told["speed_rad_s"].as_f64().unwrap() / asked
+}
+
+#[test]
+fn ten_motors_are_commissioned_unattended() {
+    std::thread::scope(|scope| {
+        for some in MOTORS.chunks(5) {
+            scope.spawn(move || {
+                for (motor, limit_a) in some {
+                    let (drive, folder) = (Drive::start(&["--motor", motor]), tempfile::tempdir().unwrap());
+                    let (code, said) = commission(&drive, &folder, &["--max-current", limit_a]);
+                    println!("{motor}: {said}");
+                    assert_eq!(code, Some(0), "{motor}: {said}");
+                    for step in ["1 of 6: R and L", "2 of 6", "3 of 6", "4 of 6", "5 of 6", "6 of 6: saved"] {
+                        assert!(said.contains(step), "{motor}: {step}: {said}");
+                    }
+                    assert!(!is_left(&folder), "{motor}");
+                    assert!(drive.ok(&["status"]).contains("ready: bridge off, calibrated"), "{motor}");
+                    let share = speed_at_a_tenth(&drive);
+                    assert!((share - 1.0).abs() < 0.1, "{motor}: {share}");
+                }
+            });
+        }
+    });
+}
+
+/// A drive whose commissioning comes to nothing in step 3, by a fault at a time of its own clock.
+fn broken_off(folder: &TempDir) -> Drive {
+    let mut drive = Drive::start(&["--fault", "bus-60V@1s"]);
+    let (code, said) = commission(&drive, folder, &["--max-current", "2.5"]);
+    assert!(code == Some(7) && said.contains("goes on with this step"), "{said}");
+    let known = std::fs::read_to_string(folder.path().join("commission.toml")).unwrap();
+    assert!(known.contains("standstill") && known.contains("calibration") && !known.contains("swings"), "{known}");
+    // A person has to look first.
+    let (code, said) = commission(&drive, folder, &[]);
+    assert!(code == Some(7) && said.contains("the drive is faulted"), "{said}");
+    assert_eq!(drive.typed("mend"), "mend: done\n");
+    drive.ok(&["clear"]);
+    drive
+}
+
+#[test]
+fn it_goes_on_where_it_was_broken_off() {
+    let folder = tempfile::tempdir().unwrap();
+    let drive = broken_off(&folder);
+    let (code, said) = commission(&drive, &folder, &[]);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains("It goes on with step 3"), "{said}");
+    assert!(!said.contains("2 of 6") && said.contains("3 of 6") && said.contains("6 of 6: saved"), "{said}");
+    assert!(said.contains("at 2.5 A at most") && !is_left(&folder), "{said}");
+    // The next one is another.
+    let (_, said) = commission(&drive, &folder, &["--max-current", "2"]);
+    assert!(said.contains("1 of 6"), "{said}");
+}
+
+#[test]
+fn what_is_known_of_another_motor_is_not_believed() {
+    let folder = tempfile::tempdir().unwrap();
+    let drive = broken_off(&folder);
+    let file = folder.path().join("commission.toml");
+    let left = std::fs::read_to_string(&file).unwrap();
+    let steps = |arguments: &[&str], wanted: &str| {
+        std::fs::write(&file, &left).unwrap();
+        let (code, said) = commission(&drive, &folder, arguments);
+        assert!(code == Some(0) && said.contains(wanted), "{arguments:?}: {said}");
+    };
+    // Another limit, other pole pairs, or it is asked for.
+    steps(&["--max-current", "2"], "1 of 6");
+    steps(&["--pole-pairs", "4"], "It goes on with step 3");
+    steps(&["--restart"], "1 of 6");
+    // Another drive.
+    let other = Drive::start(&[]);
+    std::fs::write(&file, &left).unwrap();
+    let (_, said) = commission(&other, &folder, &["--max-current", "2.5"]);
+    assert!(said.contains("1 of 6"), "{said}");
+    // A file that is something else is not overwritten.
+    std::fs::write(&file, "a letter").unwrap();
+    let (code, said) = commission(&other, &folder, &[]);
+    assert!(code == Some(7) && said.contains("--restart"), "{said}");
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "a letter");
+}
+
+#[test]
+fn of_two_at_once_one_is_refused() {
+    let (mut drive, folder) = (Drive::start(&["--log"]), tempfile::tempdir().unwrap());
+    drive.forget_log();
+    let first = tool(&drive, folder.path(), &["commission", "--yes", "--max-current", "2.5"])
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    drive.log_until("calibrating");
+    let (code, said) = commission(&drive, &folder, &["--max-current", "2"]);
+    assert!(code == Some(6) && said.contains("another tool controls"), "{said}");
+    let output = first.wait_with_output().unwrap();
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+}

@@ -1,0 +1,58 @@
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+class DriveError(Exception):
+    """The drive refuses, fails, or does not answer; in words."""
+
+def connect(port: str, patience: float = 3.0) -> Drive:
+    """Opens a serial port or tcp:HOST:PORT; `patience` is the longest wait for an answer, s.
+
+    The port is this process's alone; other tools come in by `hallctl` where it owns the port.
+    """
+
+class Drive:
+    """A drive. As a context manager it stops the motor in the end, whatever has happened."""
+
+    @property
+    def board(self) -> str: ...
+    def status(self) -> dict[str, Any]: ...
+    def arm(self) -> None:
+        """Bridge on, command zero."""
+    def stop(self) -> None:
+        """Brakes, then bridge off."""
+    def clear(self) -> None:
+        """The fault has been taken note of."""
+    def voltage(self, share: float) -> None:
+        """-1 to 1. A command holds for the setting command_timeout_s."""
+    def torque(self, newton_metres: float) -> None: ...
+    def speed(self, rad_s: float) -> None: ...
+    def position(self, turns: float) -> None: ...
+    def calibrate(self) -> dict[str, Any]:
+        """Turns the rotor both ways and finds out what the Halls deliver."""
+    def identify(self) -> dict[str, Any]:
+        """Turns to and fro and measures the motor, from a drive that is ready."""
+    def get(self, name: str) -> float: ...
+    def set(self, name: str, value: float) -> float:
+        """Until the power goes, or for good after `save`; while the bridge is off."""
+    def settings(self) -> dict[str, float]: ...
+    def save(self) -> bool:
+        """True when they are in the flash; otherwise they will be when the motor rests, bridge off."""
+    def record(
+        self,
+        seconds: float,
+        hz: float = 1000.0,
+        *,
+        torque: float | None = None,
+        speed: float | None = None,
+        position: float | None = None,
+    ) -> dict[str, NDArray[np.float64]]:
+        """Telemetry, by quantity, on the drive's clock; meanwhile the motor follows what is asked for."""
+    def close(self) -> None:
+        """Stops the motor, if this has moved it, and lets others have the drive."""
+    def __enter__(self) -> Drive: ...
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None: ...

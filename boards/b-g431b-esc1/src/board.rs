@@ -15,7 +15,9 @@ pub struct Esc1 {
 }
 
 impl Esc1 {
-    pub const fn new() -> Self {
+    /// With the op-amps and comparators on.
+    pub fn new() -> Self {
+        crate::analog::start();
         Self { first_hall: SkewCompensation::new(EARLY, 2 * Self::BRIDGE.period() as u32) }
     }
 }

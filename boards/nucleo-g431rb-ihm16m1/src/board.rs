@@ -13,19 +13,16 @@ use stm32g4::{Board, Converter, Pin, low_side_current, ntc_to_reference, result}
 /// STBY\RESET of the STSPIN830, on port B.
 const STANDBY: usize = 5;
 
-/// Wakes the driver up, whose inputs are low by now.
-pub fn wake() {
-    GPIOB.bsrr().write(|set| set.set_bs(STANDBY, true));
-    GPIOB.moder().modify(|mode| mode.set_moder(STANDBY, Moder::OUTPUT));
-}
-
 /// The state of the board in the control interrupt.
 pub struct Nucleo {
     first_hall: SkewCompensation<12>,
 }
 
 impl Nucleo {
-    pub const fn new() -> Self {
+    /// Wakes the driver up, whose inputs are low by now.
+    pub fn new() -> Self {
+        GPIOB.bsrr().write(|set| set.set_bs(STANDBY, true));
+        GPIOB.moder().modify(|mode| mode.set_moder(STANDBY, Moder::OUTPUT));
         Self { first_hall: SkewCompensation::new(EARLY, 2 * Self::BRIDGE.period() as u32) }
     }
 }

@@ -3,6 +3,8 @@
 
 pub mod constants;
 pub mod heads;
+#[cfg(target_os = "none")]
+pub mod pins;
 
 #[cfg(test)]
 mod registers;

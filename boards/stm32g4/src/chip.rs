@@ -6,6 +6,7 @@ mod control;
 mod converters;
 mod enable;
 mod encoder;
+mod firmware;
 mod last;
 mod latest;
 mod line;

@@ -2,18 +2,17 @@
 
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::opamp::regs::Csr;
-use embassy_stm32::pac::{
-    ADC1, ADC2, ADC3, ADC4, ADC5, ADC12_COMMON, ADC345_COMMON, GPIOA, GPIOB, OPAMP4, OPAMP5, RCC,
-};
+use embassy_stm32::pac::{ADC1, ADC2, ADC3, ADC4, ADC5, OPAMP4, OPAMP5, RCC};
 use hallservo::board::Sample;
 use hallservo::settings::Settings;
 use hallservo::vernier::encoder::Reading;
 use hallservo::vernier::head::ReadingSkew;
-use nucleo_g474re_ihm08m1::constants::{self, FOURTH, THIRD, ZERO};
+use nucleo_g474re_ihm08m1::constants::{self, FOURTH, THIRD};
 use nucleo_g474re_ihm08m1::heads::{FIFTH, FIRST_WITH, LATER, SECOND_WITH};
+use nucleo_g474re_ihm08m1::pins;
 use stm32g4::registers::analog::OPAMP_FOLLOWER;
 use stm32g4::wiring::Wiring;
-use stm32g4::{Board, Converter, Pin, low_side_current, ntc_to_reference, result};
+use stm32g4::{Board, Converter, Pin, ntc_to_reference, result};
 
 /// The board in the control interrupt.
 pub struct Nucleo {
@@ -34,17 +33,7 @@ impl Board for Nucleo {
     const NAME: &'static str = "Nucleo-G474RE, X-NUCLEO-IHM08M1, encoder";
 
     const BRIDGE: Wiring = constants::BRIDGE;
-    const PINS: &'static [Pin] = &[
-        // PA6 is TIM1_BKIN.
-        (GPIOA, 8, 6),
-        (GPIOA, 7, 6),
-        (GPIOA, 9, 6),
-        (GPIOB, 0, 6),
-        (GPIOA, 10, 6),
-        (GPIOB, 1, 6),
-        (GPIOA, 6, 6),
-    ];
-
+    const PINS: &'static [Pin] = pins::PINS;
     const CONVERTERS: &'static [Converter] = &[
         Converter { adc: ADC1, sequence: FIRST_WITH },
         Converter { adc: ADC2, sequence: SECOND_WITH },
@@ -52,7 +41,7 @@ impl Board for Nucleo {
         Converter { adc: ADC4, sequence: FOURTH },
         Converter { adc: ADC5, sequence: FIFTH },
     ];
-    const GROUPS: &'static [AdcCommon] = &[ADC12_COMMON, ADC345_COMMON];
+    const GROUPS: &'static [AdcCommon] = pins::GROUPS;
 
     fn settings() -> Settings {
         constants::settings()
@@ -60,10 +49,7 @@ impl Board for Nucleo {
 
     #[inline(always)]
     fn sample(&mut self, sample: &mut Sample) {
-        sample.halls = [result::<0>(ADC4), result::<0>(ADC3), result::<0>(ADC1)];
-        sample.currents =
-            [result::<1>(ADC1), result::<1>(ADC2), result::<2>(ADC1)].map(|code| low_side_current(code, ZERO));
-        sample.bus = result::<0>(ADC2);
+        pins::sample(sample);
         sample.temperatures[0] = ntc_to_reference(result::<3>(ADC1));
     }
 

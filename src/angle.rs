@@ -168,7 +168,11 @@ impl Position {
     #[inline(never)]
     pub const fn within_turn(self, pole_pairs: PolePairs) -> Self {
         let turn = (pole_pairs.get() as i64) << 32;
-        Self(self.0.wrapping_add(turn / 2).rem_euclid(turn) - turn / 2)
+        // A turn is never 0; so written, nothing can panic.
+        match self.0.wrapping_add(turn / 2).checked_rem_euclid(turn) {
+            Some(within) => Self(within - turn / 2),
+            None => Self(0),
+        }
     }
 
     /// From electrical turns, rounded.

@@ -6,6 +6,7 @@ use crate::row::{Row, function};
 use core::sync::atomic::{AtomicPtr, Ordering::Relaxed};
 use hallservo::board::{Output, Sample, TemperatureCode};
 use hallservo::commutation::{Commutation, Modulation};
+use hallservo::config::Config;
 use hallservo::drive::{Channels, Command, Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
 use hallservo::mode::Mode;
@@ -48,46 +49,67 @@ pub fn init() {
     static ESTIMATORS: [StaticCell<Estimator>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     static CHANNELS: [StaticCell<Channels>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     for number in 0..DEMANDS {
-        // Sensors and motor stand still, whatever is done to them.
-        let guard = GuardSettings { command_timeout_s: 60.0, arming_check: false, ..GuardSettings::default() };
-        let field_oriented = Settings {
-            commutation: Commutation::FieldOriented,
-            control: Some(Control {
-                // Nothing answers the drive here: with this resistance, half an ampere explains any voltage.
-                resistance_ohm: 12.0,
-                following_error_turns: 1e6,
-                following_error_rad_s: 1e6,
-                guard,
-                ..Control::default()
-            }),
-            ..Settings::default()
-        };
-        let settings = if number == 0 { Settings::default() } else { field_oriented };
+        let settings = if number == 0 { Settings::default() } else { field_oriented() };
         let Ok(config) = settings.validate() else { failure() };
         let (interrupt, tasks) = CHANNELS[number].init(Channels::new()).split();
         let drive = Drive::new(config, interrupt);
         let bench = PLACES[number].init(Bench { drive, tasks, sample: Sample::default(), output: Output::OFF });
-        // 24 V, 25 °C.
-        bench.sample = Sample {
-            halls: halls::model_codes(0),
-            currents: [2048; 3],
-            bus: 2708,
-            temperatures: [TemperatureCode::new(2048); 2],
-            ..Sample::default()
-        };
-        let demand = match (number, &config.control) {
-            (1, Some(control)) => control.current(2.0).map(Command::Current),
-            (2, Some(control)) => control.speed(300.0).map(Command::Speed),
-            (3, Some(control)) => control.position(1e6).map(Command::Position),
-            _ => Ok(Command::Drive(Modulation::from_num(0.5))),
-        };
-        let Ok(demand) = demand else { failure() };
+        bench.sample = sample();
+        let demand = demand(number, &config);
         for command in [Command::Install(ESTIMATORS[number].init(halls::new_estimator())), Command::Arm, demand] {
             bench.send(command);
             bench.obeyed();
         }
         BENCHES[number].store(bench, Relaxed);
     }
+}
+
+/// With sensors and motor that stand still, whatever is done to them.
+pub fn field_oriented() -> Settings {
+    let guard = GuardSettings { command_timeout_s: 60.0, arming_check: false, ..GuardSettings::default() };
+    Settings {
+        commutation: Commutation::FieldOriented,
+        control: Some(Control {
+            // Nothing answers the drive here: with this resistance, half an ampere explains any voltage.
+            resistance_ohm: 12.0,
+            following_error_turns: 1e6,
+            following_error_rad_s: 1e6,
+            guard,
+            ..Control::default()
+        }),
+        ..Settings::default()
+    }
+}
+
+/// 24 V, 25 °C, no current, the rotor at zero.
+pub fn sample() -> Sample {
+    Sample {
+        halls: halls::model_codes(0),
+        currents: [2048; 3],
+        bus: 2708,
+        temperatures: [TemperatureCode::new(2048); 2],
+        ..Sample::default()
+    }
+}
+
+/// What a drive follows.
+pub fn demand(number: usize, config: &Config) -> Command {
+    let demand = match (number, &config.control) {
+        (1, Some(control)) => control.current(2.0).map(Command::Current),
+        (2, Some(control)) => control.speed(300.0).map(Command::Speed),
+        (3, Some(control)) => control.position(1e6).map(Command::Position),
+        _ => Ok(Command::Drive(Modulation::from_num(0.5))),
+    };
+    demand.unwrap_or_else(|_| failure())
+}
+
+/// Half an ampere flows with the rotor, which is at an electrical angle.
+pub fn turn_to(sample: &mut Sample, angle: u32) {
+    let turns = f64::from(angle) / 4_294_967_296.0;
+    for (k, code) in sample.currents.iter_mut().enumerate() {
+        *code = (2048.5 - 124.0 * libm::sin((turns - k as f64 / 3.0) * core::f64::consts::TAU)) as u16;
+    }
+    sample.halls = halls::model_codes(angle);
 }
 
 impl Bench {
@@ -132,17 +154,13 @@ fn with_position(index: u32) -> Arguments {
     turning(3, index)
 }
 
-/// Half an ampere flows with the rotor; what is asked for is not reached, so the voltage comes to its limit.
+/// What is asked for is not reached, so the voltage comes to its limit.
 fn turning(number: usize, index: u32) -> Arguments {
     let bench = bench(number);
-    let turns = f64::from(index << 18) / 4_294_967_296.0;
-    for (k, code) in bench.sample.currents.iter_mut().enumerate() {
-        *code = (2048.5 - 124.0 * libm::sin((turns - k as f64 / 3.0) * core::f64::consts::TAU)) as u16;
-    }
     while bench.tasks.measurements.dequeue().is_some() {}
     while bench.tasks.records.dequeue().is_some() {}
     while bench.tasks.replies.dequeue().is_some() {}
-    bench.sample.halls = halls::model_codes(index << 18);
+    turn_to(&mut bench.sample, index << 18);
     let pointers = [(&raw mut bench.drive).addr(), (&raw const bench.sample).addr(), (&raw mut bench.output).addr(), 0];
     Arguments { r: pointers.map(|address| address as u32), ..Default::default() }
 }

@@ -228,6 +228,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         if self.install_due && !matches!(self.mode(), Mode::Faulted(_)) {
             self.install();
         } else if !self.is_mapping()
+            // To make an estimator takes longer than the samples of an encoder's calibration can wait.
+            && self.encoder.activity().0 == Activity::None
             && let Some(sensors) = &mut self.sensors
             && let Some(model) = self.adaptation.publish(self.service, self.settings.run_on_two_halls)
         {

@@ -127,8 +127,8 @@ pub struct Adc {
     run: Option<Run>,
     /// A regular conversion that an injected sequence has put off (21.4.16).
     put_off: Option<usize>,
-    /// Someone reads the injected data.
-    pub read: bool,
+    /// Ranks whose injected data someone reads; others may be there for their time alone.
+    read: [bool; 4],
     /// Who reads late has an excuse, and nobody minds.
     pub excused: bool,
     /// Triggers of the injected sequence, and those that came while it ran.
@@ -167,7 +167,7 @@ impl Adc {
             ready_at: None,
             run: None,
             put_off: None,
-            read: false,
+            read: [false; 4],
             excused: false,
             triggers: 0,
             missed: 0,
@@ -363,7 +363,7 @@ impl Adc {
             channel: done.channel,
             instants: [run.triggered, done.starts, done.holds, done.ends],
             last,
-            unread: unread && self.read && !self.excused,
+            unread: unread && self.read[done.rank] && !self.excused,
         })
     }
 

@@ -59,6 +59,8 @@ pub struct Promises {
     /// Cycles of the control interrupt at 40 kHz while it turns field-oriented, in the mean and at most, and at most
     /// whatever it does.
     pub control_cycles: [u64; 3],
+    /// The same of the firmware for two rings on the shaft, where there is one.
+    pub encoder_cycles: Option<[u64; 3]>,
 }
 
 /// A board.

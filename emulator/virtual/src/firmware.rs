@@ -31,6 +31,15 @@ pub fn build(board: &str) -> Result<PathBuf> {
     executable(&boards().join(board), &["build", "--release"], board)
 }
 
+/// The same of the firmware for two rings on the shaft, which is a program of its own.
+///
+/// # Errors
+/// The build's failure, as of a board that samples no heads.
+pub fn build_with_encoder(board: &str) -> Result<PathBuf> {
+    let name = format!("{board}-encoder");
+    executable(&boards().join(board), &["build", "--release", "--features", "encoder", "--bin", &name], &name)
+}
+
 /// Lets cargo build in a folder, and returns the path of the executable of a name.
 ///
 /// # Errors

@@ -39,6 +39,9 @@ struct Arguments {
     /// stands still
     #[arg(long, requires = "serial")]
     wait: bool,
+    /// The board's firmware for two rings on the shaft
+    #[arg(long, conflicts_with = "elf")]
+    encoder: bool,
     /// The firmware, instead of building the board's
     #[arg(long)]
     elf: Option<PathBuf>,
@@ -68,7 +71,8 @@ fn main() -> Result<ExitCode> {
         script::parse(&text).with_context(|| path.display().to_string())
     });
     let steps = steps.transpose()?;
-    let elf = arguments.elf.clone().map_or_else(|| firmware::build(&board.name), Ok)?;
+    let build = if arguments.encoder { firmware::build_with_encoder } else { firmware::build };
+    let elf = arguments.elf.clone().map_or_else(|| build(&board.name), Ok)?;
     let image = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
     let mut session = Session::new(&board, image, &PlantParameters::imperfect(arguments.seed), arguments.seed)?;
     session.follow(steps.unwrap_or_default());

@@ -3,66 +3,12 @@
 
 mod common;
 
-use common::{ask, calibrated, run};
-use virtual_board::outcome::Outcome;
-
-/// PWM period, ns.
-const PERIOD_NS: f64 = 25_000.0;
-
-/// The control interrupt is over when the next one samples, and takes no longer than the board promises, with the flash
-/// at the slower of its bounds.
-fn within(outcome: &Outcome, at_most: u64) {
-    let control = outcome.control.as_ref().expect("a control interrupt");
-    let (begins, lasts) = (control.after_trigger_ns.min, control.duration_ns.max);
-    let [mean, waited] = control.mean_cycles;
-    println!(
-        "{}: {:.0} Hz; a period's work begins {begins:.0} ns after the trigger and takes {:.0} to {:.0} cycles, {mean:.0} in \
-         the mean, of which it waits {waited:.0} for the flash; {:.1} % of the period at most",
-        outcome.board,
-        control.rate_hz,
-        control.cycles.min,
-        control.cycles.max,
-        100.0 * lasts / PERIOD_NS
-    );
-    assert!(begins + lasts < PERIOD_NS, "{begins} ns and {lasts} ns");
-    assert!(control.cycles.max <= at_most as f64, "{} cycles, of {at_most}", control.cycles.max);
-}
+use common::calibrated;
 
 fn turns_at_40_khz(board: &str) {
     let mut session = calibrated(board);
-    let [mean, turning, longest] = session.board().promises.control_cycles;
-    // Whatever a step of start and calibration does.
-    within(&Outcome::of(&session), longest);
-
-    session.machine.forget_profile();
-    ask(&mut session, "arm");
-    ask(&mut session, "telemetry 500");
-    run(&mut session, 0.1);
-    within(&Outcome::of(&session), longest);
-    session.machine.forget_profile();
-    let (from_s, triggers) = (session.seconds(), session.machine.system.facts().triggers);
-    for speed in [100.0, -100.0, 40.0, -40.0] {
-        ask(&mut session, &format!("speed {speed}"));
-        run(&mut session, 0.5);
-        let found = session.machine.system.facts().motor["speed_rad_s"];
-        assert!((found - speed).abs() < 4.0, "{found} instead of {speed}: {:#?}", session.lines);
-    }
-    let elapsed_s = session.seconds() - from_s;
-    assert!(elapsed_s > 2.0);
-
-    let outcome = Outcome::of(&session);
-    assert_eq!(outcome.verdict(), Vec::<String>::new());
-    assert_eq!(outcome.resets, []);
-    assert_eq!(outcome.facts.moe.last().map(|edge| edge.on), Some(true), "{:#?}", session.lines);
-    // Every trigger has led to one interrupt, and each came when it should.
-    let triggers = (outcome.facts.triggers - triggers) as f64;
-    let control = outcome.control.as_ref().expect("a control interrupt");
-    assert!((triggers - elapsed_s * 40e3).abs() <= 2.0, "{triggers} in {elapsed_s} s");
-    assert!((triggers - control.duration_ns.count as f64).abs() <= 2.0, "{control:?}");
-    assert!(control.period_ns.min > 0.98 * PERIOD_NS && control.period_ns.max < 1.02 * PERIOD_NS, "{control:?}");
-    assert!(control.latency_ns.max < 500.0, "{control:?}");
-    within(&outcome, turning);
-    assert!(control.mean_cycles[0] <= mean as f64, "{} cycles in the mean, of {mean}", control.mean_cycles[0]);
+    let promised = session.board().promises.control_cycles;
+    common::rate::turns_at_40_khz(&mut session, promised);
 }
 
 fn main() {

@@ -69,7 +69,7 @@ impl<const HEADS: usize> Vernier<HEADS> {
     }
 
     /// Compares the electrical angles of Halls and encoder. Where they agree, with the bridge off, the position counts
-    /// from the encoder's zero from then on.
+    /// from the encoder's zero from then on; where they do not, no longer.
     fn compare(&mut self, sample: &SampleOf<Encoder<HEADS>>, mode: Mode) {
         let (Some(mounting), Some(Ok(angle))) = (&self.mounting, sample.angle) else {
             return self.agreement.restart();
@@ -78,17 +78,19 @@ impl<const HEADS: usize> Vernier<HEADS> {
             return self.agreement.restart();
         }
         let ahead = sample.halls.angle() - mounting.position(angle).angle();
-        if !self.agreement.push(ahead) || sample.absolute || mode.drives() {
+        if !self.agreement.push(ahead) || mode.drives() {
             return;
         }
         let (Some(ahead), Some(rings)) = (self.agreement.ahead, self.rings()) else { return };
         let tolerance = tolerance_at_rest(&rings, mounting.pole_pairs);
-        if ahead.to_bits().unsigned_abs() <= tolerance.to_bits().unsigned_abs() {
-            self.disagreed_deg = None;
+        let agree = ahead.to_bits().unsigned_abs() <= tolerance.to_bits().unsigned_abs();
+        self.disagreed_deg = if agree { None } else { Some(ahead.to_degrees()) };
+        match (agree, sample.absolute) {
             // Asked for again where the queue is full.
-            let _ = self.tasks.count();
-        } else {
-            self.disagreed_deg = Some(ahead.to_degrees());
+            (true, false) => drop(self.tasks.count()),
+            // Rings that have slipped by less than a turning drive tolerates: it is sent the mounting anew.
+            (false, true) => self.mounting = None,
+            _ => {}
         }
     }
 }

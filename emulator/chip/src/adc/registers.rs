@@ -32,7 +32,7 @@ impl Adc {
     }
 
     fn read_injected(&mut self, rank: usize) -> Result<u32, Complaint> {
-        self.read = true;
+        self.read[rank] = true;
         self.unread[rank] = false;
         // Not a complaint that could carry the value, so the record takes it.
         if !self.excused && self.run.is_some_and(|run| run.injected && run.now.rank <= rank) {

@@ -3,6 +3,8 @@
 // Each test uses what it needs.
 #![allow(dead_code)]
 
+pub mod rate;
+
 use chip::{Board, Chip};
 use cortex::Machine;
 use hallservo_protocol::{Ask, FRAME, Request, encode};

@@ -2,75 +2,19 @@
 
 mod tool;
 
+use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
-use hallctl::simulate::{Simulator, defaults};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::vernier::rings::RingsError;
 use hallservo::vernier::settings;
-use hallservo_protocol::{
-    Activity, Answer, Ask, EncoderAsk, EncoderCalibration, EncoderRefusal, EncoderStatus, Problem, Refusal,
-};
-use plant::PlantParameters;
-use plant::heads::{Defect, Encoder};
+use hallservo_protocol::{Activity, Answer, Ask, EncoderAsk, EncoderCalibration, EncoderRefusal, Problem, Refusal};
+use plant::heads::Defect;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
-use std::sync::LazyLock;
+use tool::rings::{CALIBRATED, calibrate, calibrated, encoder, error_deg, powered_up};
 use tool::{ask, done, run, status, wait};
-
-const PAIRS: [usize; 2] = [37, 45];
-/// Of the rings, mm.
-const ECCENTRICITY_MM: f64 = 0.05;
-
-/// A drive with rings, its shaft at an angle.
-fn powered_up(flash: Flash, shaft_rad: f64, seed: u64) -> Simulator {
-    let rings = Encoder::new(PAIRS, ECCENTRICITY_MM, 1);
-    let plant = PlantParameters::imperfect(1);
-    let mut drive = Simulator::with_rings(defaults(), &plant, Some(rings), seed, flash, Vec::new()).unwrap();
-    drive.plant.place(shaft_rad, 0.0).unwrap();
-    drive
-}
-
-fn encoder(drive: &mut Simulator) -> EncoderStatus {
-    ask(drive, Ask::Encoder(EncoderAsk::Status), |answer| match answer {
-        Answer::Encoder(status) => status,
-        other => panic!("{other:?}"),
-    })
-}
-
-fn calibrate(drive: &mut Simulator) -> EncoderStatus {
-    done(drive, Ask::Encoder(EncoderAsk::Calibrate { by_hand: false }));
-    assert_eq!(status(drive).activity, Activity::Encoder);
-    wait(drive);
-    encoder(drive)
-}
-
-/// A flash with everything calibrated, and where the zero is, rad.
-static CALIBRATED: LazyLock<(Vec<u8>, f64)> = LazyLock::new(|| {
-    let mut drive = powered_up(Flash::blank(), 0.3, 1);
-    done(&mut drive, Ask::Calibrate);
-    wait(&mut drive);
-    let status = calibrate(&mut drive);
-    println!("{status:?}");
-    assert!(matches!(status.calibration, EncoderCalibration::Done(_)));
-    done(&mut drive, Ask::Encoder(EncoderAsk::Zero));
-    let zero_rad = drive.plant.truth().mechanical_angle_rad;
-    run(&mut drive, 100);
-    assert_eq!(encoder(&mut drive).stored, Problem::None);
-    (drive.flash(), zero_rad)
-});
-
-fn calibrated(shaft_rad: f64, seed: u64) -> Simulator {
-    powered_up(Flash::of(CALIBRATED.0.clone()), shaft_rad, seed)
-}
-
-/// Mechanical degrees that the position is off, whole turns aside.
-fn error_deg(drive: &mut Simulator) -> f64 {
-    let position = status(drive).position_turns;
-    let error = position - (drive.plant.truth().mechanical_angle_rad - CALIBRATED.1) / TAU;
-    360.0 * (error - error.round())
-}
 
 fn random(seed: u64) -> Pcg64 {
     Pcg64::seed_from_u64(seed)
@@ -348,47 +292,6 @@ fn the_bounds_of_the_position_count_from_the_zero_either_way() {
         let shaft = (drive.plant.truth().mechanical_angle_rad - CALIBRATED.1) / TAU;
         assert!((shaft + sign * 0.09).abs() < 1e-3, "{shaft}");
     }
-}
-
-/// Root mean square of the shaft's motion while it is held, mechanical degrees, and the speed's noise, rad/s.
-fn held(closes_loops: bool, load_nm: f64) -> (f64, f64) {
-    let mut drive = calibrated(1.0, 3);
-    done(&mut drive, Ask::Set { name: "encoder_closes_loops", value: u8::from(closes_loops).into() });
-    run(&mut drive, 60);
-    done(&mut drive, Ask::Arm);
-    let (mut angles, mut speeds) = (Vec::new(), Vec::new());
-    for round in 0..150 {
-        done(&mut drive, Ask::Position(0.3));
-        if round == 50 && load_nm > 0.0 {
-            drive.plant.set_load(load_nm).unwrap();
-        }
-        for _ in 0..20 {
-            run(&mut drive, 1);
-            if round >= 100 {
-                angles.push(drive.plant.truth().mechanical_angle_rad.to_degrees());
-                speeds.push(drive.plant.truth().speed_rad_s);
-            }
-        }
-    }
-    let off = (drive.plant.truth().mechanical_angle_rad - CALIBRATED.1) / TAU - 0.3;
-    let off_deg = 360.0 * (off - off.round());
-    println!("held {off_deg:.4}° from where it should be");
-    assert!(drive.drive().mode() == Mode::Running && off_deg.abs() < 0.5, "{off_deg}");
-    let rms = |values: &[f64]| {
-        let mean = values.iter().sum::<f64>() / values.len() as f64;
-        (values.iter().map(|value| (value - mean) * (value - mean)).sum::<f64>() / values.len() as f64).sqrt()
-    };
-    (rms(&angles), rms(&speeds))
-}
-
-#[test]
-fn the_encoder_holds_a_position_at_least_as_quietly_as_the_halls() {
-    let (by_halls, halls_speed) = held(false, 0.0);
-    let (by_encoder, encoder_speed) = held(true, 0.0);
-    println!(
-        "held by the Halls {by_halls:.5}° RMS, {halls_speed:.4} rad/s; by the encoder {by_encoder:.5}°, {encoder_speed:.4} rad/s"
-    );
-    assert!(by_encoder <= by_halls, "{by_encoder} {by_halls}");
 }
 
 #[test]

@@ -3,6 +3,8 @@
 // Each test uses what it needs.
 #![allow(dead_code)]
 
+pub mod rings;
+
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
 use hallservo_protocol::*;

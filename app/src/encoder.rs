@@ -8,6 +8,8 @@ mod vernier;
 #[cfg(feature = "encoder")]
 pub use vernier::{Vernier, VernierMemory};
 
+#[cfg(feature = "encoder")]
+use hallservo::angle::ElectricalAngle;
 use hallservo::angle::Position;
 use hallservo::config::Config;
 use hallservo::drive::Drive;
@@ -119,6 +121,15 @@ pub trait Encoder: Sized + 'static {
     /// Why not.
     fn set(&mut self, _number: u16, _value: f32, _mode: Mode) -> Result<(), Refusal<'static>> {
         Ok(())
+    }
+
+    /// By how much the Halls are ahead of it at rest, in the drive's direction, where their zero may be taken from it.
+    ///
+    /// # Errors
+    /// Why not.
+    #[cfg(feature = "encoder")]
+    fn halls_ahead(&self, _mode: Mode) -> Result<ElectricalAngle, Refusal<'static>> {
+        Err(Refusal::Encoder(EncoderRefusal::None))
     }
 
     /// Answers what concerns the encoder alone.

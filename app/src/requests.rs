@@ -205,6 +205,11 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 Ok(Step::Answer(Answer::Done))
             }
             #[cfg(feature = "encoder")]
+            Ask::Encoder(EncoderAsk::Align) => {
+                self.align()?;
+                Ok(Step::Answer(Answer::Done))
+            }
+            #[cfg(feature = "encoder")]
             Ask::Encoder(ask) => {
                 let answer = self.ask_encoder(ask)?;
                 // The bounds of the position go with its zero.

@@ -1,5 +1,7 @@
 //! The state of the tasks, and what they do once a millisecond.
 
+#[cfg(feature = "encoder")]
+mod align;
 mod commands;
 mod procedures;
 mod rest;

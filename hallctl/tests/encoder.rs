@@ -9,11 +9,12 @@ use hallservo::mode::Mode;
 use hallservo::vernier::rings::RingsError;
 use hallservo::vernier::settings;
 use hallservo_protocol::{Activity, Answer, Ask, EncoderAsk, EncoderCalibration, EncoderRefusal, Problem, Refusal};
+use plant::PlantParameters;
 use plant::heads::Defect;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
-use tool::rings::{CALIBRATED, calibrate, calibrated, encoder, error_deg, powered_up};
+use tool::rings::{CALIBRATED, at, calibrate, calibrated, encoder, error_deg, powered_up};
 use tool::{ask, done, run, status, wait};
 
 fn random(seed: u64) -> Pcg64 {
@@ -264,6 +265,82 @@ fn rings_that_turned_on_the_shaft_keep_the_bridge_off() {
     let status = calibrate(&mut drive);
     assert!(status.absolute, "{status:?}");
     done(&mut drive, Ask::Arm);
+}
+
+/// A flash at a motor whose Halls have been turned since, electrical degrees.
+fn with_halls_turned(flash: Vec<u8>, degrees: f64) -> Simulator {
+    let mut plant = PlantParameters::imperfect(1);
+    for hall in &mut plant.halls {
+        hall.placement_rad += degrees.to_radians();
+    }
+    let mut drive = at(&plant, Flash::of(flash), 1.0, 1);
+    run(&mut drive, 60);
+    drive
+}
+
+#[test]
+fn the_halls_take_their_zero_from_the_encoder_without_motion() {
+    for degrees in [-25.0, -3.0, 8.0, 25.0] {
+        let mut drive = with_halls_turned(CALIBRATED.0.clone(), degrees);
+        let before = encoder(&mut drive);
+        assert_eq!(before.absolute, degrees.abs() < 4.8, "{degrees}: {before:?}");
+        let shaft_rad = drive.plant.truth().mechanical_angle_rad;
+        done(&mut drive, Ask::Encoder(EncoderAsk::Align));
+        run(&mut drive, 100);
+        let after = encoder(&mut drive);
+        println!("{degrees}°: {:+.3}° before, {:+.3}° after", before.halls_ahead_deg, after.halls_ahead_deg);
+        assert!((f64::from(before.halls_ahead_deg).abs() - degrees.abs()).abs() < 1.0);
+        assert!(after.absolute && after.halls_ahead_deg.abs() < 0.5, "{after:?}");
+        assert_eq!(drive.plant.truth().mechanical_angle_rad, shaft_rad);
+        assert!(error_deg(&mut drive).abs() < 0.1);
+        // It is stored: after power-up, too, it commutates without motion before.
+        let mut again = with_halls_turned(drive.flash(), degrees);
+        assert!(encoder(&mut again).absolute);
+        let apart = current_deg(&mut again);
+        assert!((apart - 90.0).abs() < 2.0, "{degrees}: the current is {apart}° ahead of the rotor");
+    }
+}
+
+/// Electrical degrees by which the current leads the rotor's field while it drives a load: 90 as it should.
+fn current_deg(drive: &mut Simulator) -> f64 {
+    done(drive, Ask::Arm);
+    done(drive, Ask::Speed(20.0));
+    run(drive, 100);
+    drive.plant.set_load(0.02).unwrap();
+    run(drive, 200);
+    let [mut d, mut q] = [0.0; 2];
+    for _ in 0..200 {
+        run(drive, 1);
+        let truth = drive.plant.truth();
+        let [a, b, _] = truth.currents_a;
+        let (along, across) = (a, (a + 2.0 * b) / 3.0_f64.sqrt());
+        let (sin, cos) = truth.electrical_angle_rad.sin_cos();
+        d += along * cos + across * sin;
+        q += across * cos - along * sin;
+    }
+    assert_eq!(drive.drive().mode(), Mode::Running);
+    f64::atan2(q, d).to_degrees()
+}
+
+#[test]
+fn halls_that_are_too_far_from_the_encoder_keep_their_zero() {
+    let refused = |drive: &mut Simulator| {
+        ask(drive, Ask::Encoder(EncoderAsk::Align), |answer| match answer {
+            Answer::Refused(why) => format!("{why:?}"),
+            other => panic!("{other:?}"),
+        })
+    };
+    let mut drive = with_halls_turned(CALIBRATED.0.clone(), 40.0);
+    assert!(refused(&mut drive).contains("HallsTooFar"));
+    // Nor is it done while the bridge is on, or a hand turns the shaft.
+    let mut drive = with_halls_turned(CALIBRATED.0.clone(), 0.0);
+    drive.plant.set_dyno(Some(5.0)).unwrap();
+    run(&mut drive, 50);
+    assert!(refused(&mut drive).contains("NotAbsolute(None)"));
+    drive.plant.set_dyno(None).unwrap();
+    run(&mut drive, 500);
+    done(&mut drive, Ask::Arm);
+    assert!(refused(&mut drive).contains("NotAbsolute(None)"));
 }
 
 #[test]

@@ -30,6 +30,8 @@ pub enum EncoderAsk {
     },
     /// There are no rings any more: calibration and zero are given up, in the flash as well.
     Forget,
+    /// The Halls take their electrical zero from the encoder, where the shaft rests; stored.
+    Align,
 }
 
 /// What became of the last calibration since power-up.
@@ -102,4 +104,6 @@ pub enum EncoderRefusal {
     /// The position does not count from the encoder's zero: by so many electrical degrees the Halls do not agree, if that
     /// is why.
     NotAbsolute(Option<f32>),
+    /// The Halls are ahead by so many electrical degrees: too far for their zero to be taken from the encoder.
+    HallsTooFar(f32),
 }

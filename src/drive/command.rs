@@ -119,12 +119,16 @@ impl Drive {
         // It may have been made for settings that have been replaced since.
         let fits = if self.fits(estimator) { Ok(()) } else { Err(Refusal::NotCalibrated) };
         let allowed = fits.and_then(|()| self.on_command(Event::Installed));
+        let aligned = self.estimator().is_some_and(|before| before.alignment() == estimator.alignment());
         let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
             // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
             let _ = self.channels.retired.enqueue(unused);
         }
         allowed?;
+        if !aligned {
+            self.paths.field_oriented.forget_trim();
+        }
         self.update_hall_loss(calibrated);
         if self.mode == Mode::Ready && !tracks {
             self.restart_tracking(codes);

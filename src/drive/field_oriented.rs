@@ -98,6 +98,11 @@ impl FieldOriented {
         }
     }
 
+    /// Another alignment has nothing to do with what corrected the last one.
+    pub const fn forget_trim(&mut self) {
+        self.trim = ElectricalAngle::ZERO;
+    }
+
     /// Correction of the alignment.
     pub const fn trim(&self) -> ElectricalAngle {
         self.trim

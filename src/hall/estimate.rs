@@ -289,6 +289,10 @@ impl Estimator {
     }
 
     /// Whether it was made for this ADC and this direction.
+    pub(crate) const fn alignment(&self) -> ElectricalAngle {
+        self.alignment
+    }
+
     pub(crate) const fn is_for(&self, adc_bits: u8, reversed: bool) -> bool {
         self.adc_bits == adc_bits && self.reversed == reversed
     }

@@ -89,6 +89,12 @@ impl Model {
         }
     }
 
+    /// The same sensors with the zero of the electrical angle moved on: every angle is less by this.
+    #[must_use]
+    pub fn with_zero_at(&self, electrical: ElectricalAngle) -> Self {
+        Self { alignment: self.hall(electrical), ..*self }
+    }
+
     /// The electrical angle at a Hall angle.
     pub fn electrical(&self, hall: ElectricalAngle) -> ElectricalAngle {
         let angle = hall - self.alignment;

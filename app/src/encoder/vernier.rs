@@ -5,7 +5,7 @@ mod looks;
 
 use super::Encoder;
 use core::mem::MaybeUninit;
-use hallservo::angle::{MechanicalAngle, Position};
+use hallservo::angle::{ElectricalAngle, MechanicalAngle, Position};
 use hallservo::config::Config;
 use hallservo::drive::Drive;
 use hallservo::drive::absolute::{
@@ -244,6 +244,10 @@ impl<const HEADS: usize> Encoder for Vernier<HEADS> {
         self.change(mode, |settings| settings.with(name, value))
     }
 
+    fn halls_ahead(&self, mode: Mode) -> Result<ElectricalAngle, Refusal<'static>> {
+        self.halls_ahead_at_rest(mode)
+    }
+
     fn ask(
         &mut self,
         ask: EncoderAsk,
@@ -346,7 +350,7 @@ impl<const HEADS: usize> Vernier<HEADS> {
             reversed: fitted.reversed,
             zero: self.known.zero,
             offset: fitted.electrical(pole_pairs, self.known.zero),
-            tolerance: hallservo::angle::ElectricalAngle::from_degrees(TOLERANCE_DEG),
+            tolerance: ElectricalAngle::from_degrees(TOLERANCE_DEG),
             closes_loops: self.known.settings.closes_loops,
             falls_back: self.known.settings.falls_back,
         })

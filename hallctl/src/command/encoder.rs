@@ -30,6 +30,8 @@ pub(super) enum Command {
     Status,
     /// The shaft is at zero where it is now
     Zero,
+    /// The Halls take their electrical zero from the encoder, without motion: after one of the two was moved by a little
+    Align,
     /// Other rings: pole pairs of the one that gives the fine angle, and of the other
     Rings {
         /// Like 37/45
@@ -67,6 +69,7 @@ pub(super) fn run(client: &mut Client, command: &Command, out: Out) -> Result<()
             client.order(Ask::Encoder(EncoderAsk::Zero))?;
             say!(out, "The position is zero here; stored.")
         }
+        Command::Align => align(client, out),
         Command::Rings { pairs } => set_rings(client, pairs),
         Command::Forget => client.order(Ask::Encoder(EncoderAsk::Forget)),
         Command::Watch(options) => watch(client, options, out),
@@ -79,6 +82,12 @@ pub(super) fn status(client: &mut Client) -> Result<EncoderStatus> {
         Answer::Encoder(status) => Ok(status),
         other => unexpected(&other),
     })
+}
+
+fn align(client: &mut Client, out: Out) -> Result<()> {
+    let ahead = status(client)?.halls_ahead_deg;
+    client.order(Ask::Encoder(EncoderAsk::Align))?;
+    say!(out, "The Halls were {ahead:+.2}° electrical ahead; their zero is now the encoder's. Stored.")
 }
 
 fn calibrate(client: &mut Client, by_hand: bool, out: Out) -> Result<()> {

@@ -20,8 +20,12 @@ pub fn refusal(refusal: &EncoderRefusal) -> String {
         EncoderRefusal::NoAngle(None) => "the encoder has no angle yet".into(),
         EncoderRefusal::NotAbsolute(Some(ahead)) => format!(
             "the position is not known: the Halls are {ahead:+.1}° electrical from where the encoder has them\n  Have the \
-             rings turned on the shaft? Is a head broken? `hallctl encoder calibrate` when all is well; or \
-             `hallctl settings set encoder_on_loss halls` to go on without."
+             rings turned on the shaft? Is a head broken? `hallctl encoder calibrate` when all is well. Were the Halls \
+             moved? `hallctl encoder align`. Or `hallctl settings set encoder_on_loss halls` to go on without."
+        ),
+        EncoderRefusal::HallsTooFar(ahead) => format!(
+            "the Halls are {ahead:+.1}° electrical ahead of the encoder, too far to be a Hall that was moved a little\n  \
+             `hallctl calibrate`, then `hallctl encoder calibrate`: both turn the shaft."
         ),
         EncoderRefusal::NotAbsolute(None) => {
             "the position is not known: Halls and encoder have not been compared yet\n  Wait a moment, with the bridge off."

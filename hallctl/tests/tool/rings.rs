@@ -15,9 +15,13 @@ const ECCENTRICITY_MM: f64 = 0.05;
 
 /// A drive with rings, its shaft at an angle.
 pub fn powered_up(flash: Flash, shaft_rad: f64, seed: u64) -> Simulator {
+    at(&PlantParameters::imperfect(1), flash, shaft_rad, seed)
+}
+
+/// The same at another motor.
+pub fn at(plant: &PlantParameters, flash: Flash, shaft_rad: f64, seed: u64) -> Simulator {
     let rings = Encoder::new(PAIRS, ECCENTRICITY_MM, 1);
-    let plant = PlantParameters::imperfect(1);
-    let mut drive = Simulator::with_rings(defaults(), &plant, Some(rings), seed, flash, Vec::new()).unwrap();
+    let mut drive = Simulator::with_rings(defaults(), plant, Some(rings), seed, flash, Vec::new()).unwrap();
     drive.plant.place(shaft_rad, 0.0).unwrap();
     drive
 }

@@ -1,8 +1,9 @@
 //! What is asked of the encoder.
 
-use super::{FASTER, Outcome, SAMPLE_HZ, Vernier, largest_step};
+use super::{FASTER, Outcome, SAMPLE_HZ, TOLERANCE_DEG, Vernier, largest_step};
 use crate::encoder::Encoder as _;
 use core::f32::consts::TAU;
+use hallservo::angle::ElectricalAngle;
 use hallservo::drive;
 use hallservo::mode::Mode;
 use hallservo::service::Service;
@@ -34,6 +35,8 @@ impl<const HEADS: usize> Vernier<HEADS> {
         mode: Mode,
     ) -> Result<Answer<'static>, Refused> {
         match ask {
+            // What the sensors' models are is not the encoder's.
+            EncoderAsk::Align => return Err(refused(EncoderRefusal::None)),
             EncoderAsk::Status => return Ok(Answer::Encoder(self.status(settings))),
             EncoderAsk::Calibrate { by_hand } => self.begin(service, settings, mode, by_hand)?,
             EncoderAsk::Zero => self.set_zero(mode)?,
@@ -86,6 +89,23 @@ impl<const HEADS: usize> Vernier<HEADS> {
         }
         self.unsaved = true;
         Ok(())
+    }
+
+    /// By how much the Halls are ahead, for their zero to be taken from the encoder. Farther than they may be while the motor
+    /// turns, it is likelier that the rings have turned on the shaft, or show another pole pair.
+    pub(super) fn halls_ahead_at_rest(&self, mode: Mode) -> Result<ElectricalAngle, Refused> {
+        off(mode)?;
+        match self.last.and_then(|sample| sample.angle) {
+            Some(Err(fault)) => return Err(refused(EncoderRefusal::NoAngle(Some(fault)))),
+            _ if mode == Mode::Unarmed => return Err(Refusal::Drive(drive::Refusal::NotCalibrated)),
+            _ if self.mounting.is_none() => return Err(refused(EncoderRefusal::NotCalibrated)),
+            _ => {}
+        }
+        let ahead = self.agreement.ahead.ok_or(refused(EncoderRefusal::NotAbsolute(None)))?;
+        if ahead.to_degrees().abs() > TOLERANCE_DEG {
+            return Err(refused(EncoderRefusal::HallsTooFar(ahead.to_degrees())));
+        }
+        Ok(ahead)
     }
 
     /// Takes over other settings. Other rings have to be calibrated anew.

@@ -47,9 +47,20 @@ pub struct Row {
     pub range: (f32, f32),
     /// What it is, for a person.
     pub about: &'static str,
-    get: fn(&Settings) -> f32,
-    set: fn(&mut Settings, f32),
+    field: Field,
 }
+
+/// Where a setting is, and of which type.
+enum Field {
+    Pairs(fn(&mut Settings) -> &mut u8),
+    Number(fn(&mut Settings) -> &mut f32),
+    Switch(fn(&mut Settings) -> &mut bool),
+}
+
+/// Range of a switch.
+const EITHER: (f32, f32) = (0.0, 1.0);
+/// Of the pole pairs of a ring.
+const PAIRS: (f32, f32) = (1.0, 64.0);
 
 /// All of them.
 pub static TABLE: &[Row] = &[
@@ -57,19 +68,17 @@ pub static TABLE: &[Row] = &[
         name: "encoder_reference_pairs",
         unit: "",
         kind: Kind::Whole,
-        range: (1.0, 64.0),
+        range: PAIRS,
         about: "Pole pairs of the ring that gives the fine angle",
-        get: |settings| settings.reference_pairs.into(),
-        set: |settings, value| settings.reference_pairs = value as u8,
+        field: Field::Pairs(|settings| &mut settings.reference_pairs),
     },
     Row {
         name: "encoder_vernier_pairs",
         unit: "",
         kind: Kind::Whole,
-        range: (1.0, 64.0),
+        range: PAIRS,
         about: "Pole pairs of the other ring: no common divisor",
-        get: |settings| settings.vernier_pairs.into(),
-        set: |settings, value| settings.vernier_pairs = value as u8,
+        field: Field::Pairs(|settings| &mut settings.vernier_pairs),
     },
     Row {
         name: "encoder_head_angle_deg",
@@ -77,8 +86,7 @@ pub static TABLE: &[Row] = &[
         kind: Kind::Real,
         range: (-180.0, 180.0),
         about: "From the head over the first ring to that over the second",
-        get: |settings| settings.head_angle_deg,
-        set: |settings, value| settings.head_angle_deg = value,
+        field: Field::Number(|settings| &mut settings.head_angle_deg),
     },
     Row {
         name: "encoder_pole_pair_mm",
@@ -86,26 +94,23 @@ pub static TABLE: &[Row] = &[
         kind: Kind::Real,
         range: (0.2, 50.0),
         about: "Length of a pole pair on the rings",
-        get: |settings| settings.pole_pair_mm,
-        set: |settings, value| settings.pole_pair_mm = value,
+        field: Field::Number(|settings| &mut settings.pole_pair_mm),
     },
     Row {
         name: "encoder_closes_loops",
         unit: "",
         kind: Kind::Switch,
-        range: (0.0, 1.0),
+        range: EITHER,
         about: "Speed and position are controlled by the encoder",
-        get: |settings| u8::from(settings.closes_loops).into(),
-        set: |settings, value| settings.closes_loops = value != 0.0,
+        field: Field::Switch(|settings| &mut settings.closes_loops),
     },
     Row {
         name: "encoder_on_loss",
         unit: "",
         kind: Kind::Choice("fault|halls"),
-        range: (0.0, 1.0),
+        range: EITHER,
         about: "A running drive that loses the encoder fails, or goes on by the Halls",
-        get: |settings| u8::from(settings.falls_back).into(),
-        set: |settings, value| settings.falls_back = value != 0.0,
+        field: Field::Switch(|settings| &mut settings.falls_back),
     },
 ];
 
@@ -141,7 +146,20 @@ impl core::error::Error for Error {}
 impl Row {
     /// The value.
     pub fn get(&self, settings: &Settings) -> f32 {
-        (self.get)(settings)
+        let mut settings = *settings;
+        match self.field {
+            Field::Pairs(field) => (*field(&mut settings)).into(),
+            Field::Number(field) => *field(&mut settings),
+            Field::Switch(field) => u8::from(*field(&mut settings)).into(),
+        }
+    }
+
+    fn set(&self, settings: &mut Settings, value: f32) {
+        match self.field {
+            Field::Pairs(field) => *field(settings) = value as u8,
+            Field::Number(field) => *field(settings) = value,
+            Field::Switch(field) => *field(settings) = value != 0.0,
+        }
     }
 }
 
@@ -166,7 +184,7 @@ impl Settings {
             return Err(Error::OutOfRange { min, max });
         }
         let mut changed = *self;
-        (row.set)(&mut changed, value);
+        row.set(&mut changed, value);
         changed.rings(16).map_err(Error::Rings)?;
         Ok(changed)
     }

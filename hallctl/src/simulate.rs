@@ -17,7 +17,7 @@ use hallservo::drive::Drive;
 use hallservo::mode::Mode;
 use hallservo::settings::{Ceiling, Control, GuardSettings, OnTimeout, Settings};
 use hallservo_app::{Housekeeping, Identity, Listener, Stop};
-use plant::heads::Encoder as Rings;
+use plant::heads::{Defect, Encoder as Rings};
 use plant::{Plant, PlantParameters, Truth, Unevenness};
 use std::collections::VecDeque;
 
@@ -179,14 +179,26 @@ impl Simulator {
             fault::Kind::Turn(turns) => return self.turn_by_hand(turns),
             fault::Kind::Hot | fault::Kind::Late => self.disturbed = Some(kind),
             fault::Kind::Mend => return self.mend(),
+            fault::Kind::Rings(defect) => return self.break_rings(defect),
             _ => {}
         }
         kind.act(&mut self.plant)
     }
 
+    /// Something breaks of the rings, or they are mended.
+    fn break_rings(&mut self, defect: Option<Defect>) -> Result<()> {
+        let rings = self.firmware.rings().context("this drive has no rings: simulate it with --encoder 37/45")?;
+        match defect {
+            Some(defect) => rings.suffer(defect),
+            None => rings.mend(),
+        }
+        Ok(())
+    }
+
     /// Everything is as at power-up, but for the rotor.
     fn mend(&mut self) -> Result<()> {
         self.disturbed = None;
+        self.firmware.rings().into_iter().for_each(Rings::mend);
         (0..3).for_each(|hall| self.plant.set_hall_fault(hall, None));
         let (supply_v, load_nm) = self.usual;
         self.plant.set_supply(supply_v)?;

@@ -2,12 +2,18 @@
 
 use crate::words::{bytes, number, quantity, whole};
 use crate::{Event, HallWire, Hang};
+use plant::heads::Defect;
 
 pub fn event(words: &[&str]) -> Result<Event, String> {
     Ok(match words {
         [] => return Err("nothing is done".into()),
         ["hall", which, wire] => Event::Hall(hall(which)?, hall_wire(wire)?),
         ["swap", "halls", a, b] => Event::SwapHalls(hall(a)?, hall(b)?),
+        ["head", ring, head, "stuck"] => Event::Rings(Some(Defect::Stuck(one_or_two(ring)?, one_or_two(head)?))),
+        ["ring", ring, "slips", angle] => Event::Rings(Some(Defect::Slipped(one_or_two(ring)?, degrees(angle)?))),
+        ["rings", "slip", angle] => Event::Rings(Some(Defect::BothSlipped(degrees(angle)?))),
+        ["ring", ring, "chipped", pair] => Event::Rings(Some(Defect::Chipped(one_or_two(ring)?, pole_pair(pair)?))),
+        ["rings", "good"] => Event::Rings(None),
         ["bus", volts] => Event::Bus(quantity(volts, "V")?),
         ["current", phase, amperes] => Event::Current(self::phase(phase)?, quantity(amperes, "A")?),
         ["break", level] => Event::Break(break_level(level)?),
@@ -52,6 +58,25 @@ fn hall(word: &str) -> Result<usize, String> {
         "3" => Ok(2),
         _ => Err(format!("Halls are 1, 2 and 3, not {word:?}")),
     }
+}
+
+/// A ring of an encoder, or a head over one.
+fn one_or_two(word: &str) -> Result<usize, String> {
+    match word {
+        "1" => Ok(0),
+        "2" => Ok(1),
+        _ => Err(format!("rings, and the heads over each, are 1 and 2, not {word:?}")),
+    }
+}
+
+fn pole_pair(word: &str) -> Result<usize, String> {
+    let number = whole(word)?.checked_sub(1).and_then(|index| usize::try_from(index).ok());
+    number.filter(|&index| index < 64).ok_or_else(|| format!("pole pairs are 1 to 64, not {word:?}"))
+}
+
+/// In radians.
+fn degrees(word: &str) -> Result<f64, String> {
+    quantity(word, "deg").map(f64::to_radians)
 }
 
 fn hall_wire(word: &str) -> Result<HallWire, String> {

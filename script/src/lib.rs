@@ -7,6 +7,9 @@
 //! ```text
 //! at 500ms  hall 1 open            # the wire of a Hall, 1 to 3; also: good, ground, supply, stuck (stays where it is)
 //! at 500ms  swap halls 1 2
+//! at 500ms  head 1 2 stuck         # of an encoder: over ring 1, head 2 shows what it showed last
+//! at 500ms  ring 2 slips 3deg      # it has turned on the shaft; rings slip 3deg: both, together
+//! at 500ms  ring 1 chipped 5       # the field of a pole pair is gone; rings good: heads and rings as at power-up
 //! at 1s     bus 12V                # the supply
 //! at 1s     current U 40A          # into a short at that phase, on top of the motor's; 0A ends it
 //! at 2s     break low              # the break pin; also: high, released
@@ -15,7 +18,7 @@
 //! at 1s     turn 2                 # a hand turns the shaft by so many turns, backwards if negative, a second each
 //! at 1s     hot                    # the bridge's thermistor reads 150 °C
 //! at 1s     late                   # control periods are lost
-//! at 2s     mend                   # Halls, supply, load, thermistor and periods are as they were
+//! at 2s     mend                   # Halls, rings, supply, load, thermistor and periods are as they were
 //! at 1s     uart "garbage\x00\xff" # bytes into the serial port
 //! at 1s     send calibrate         # a request of the drive's protocol
 //! at 3s     power cut after 12 operations   # in the midst of the 13th flash operation from now; it comes back at once
@@ -32,7 +35,7 @@
 //! `send` takes `hello`, `status`, `arm`, `disarm`, `clear`, `calibrate`, `calibration`, `identify`, `identification`,
 //! `learn-cogging`, `cogging`, `anti-cogging on|off`, `commutate block|sinusoidal|field-oriented`, `voltage X`, `torque
 //! X` (N·m), `speed X` (rad/s), `position X` (turns), `get NAME`, `set NAME X`, `save`, `load`, `restore`, `telemetry
-//! X` (Hz) and `history N`; who sends it knows the protocol.
+//! X` (Hz), `history N` and `encoder status|calibrate|zero|align|forget`; who sends it knows the protocol.
 
 mod event;
 pub mod words;
@@ -46,6 +49,8 @@ pub enum Event {
     Hall(usize, HallWire),
     /// The wires of two Halls are exchanged, 0 to 2.
     SwapHalls(usize, usize),
+    /// Something breaks of the encoder; `None`: it is as good as at power-up.
+    Rings(Option<plant::heads::Defect>),
     /// The supply's voltage, V.
     Bus(f64),
     /// A current that flows out of a phase (0 to 2) through a short, in addition to the motor's, A.
@@ -253,6 +258,9 @@ mod tests {
             ("at 1s load infNm", 1, "expected a number with Nm, found \"infNm\""),
             ("at 1s current X 1A", 1, "phases are U, V and W, not \"X\""),
             ("at 1s hall 4 open", 1, "Halls are 1, 2 and 3, not \"4\""),
+            ("at 1s head 3 1 stuck", 1, "rings, and the heads over each, are 1 and 2, not \"3\""),
+            ("at 1s ring 1 slips 3", 1, "expected a number with deg, found \"3\""),
+            ("at 1s ring 2 chipped 0", 1, "pole pairs are 1 to 64, not \"0\""),
             ("at 1s hall 1 wet", 1, "a Hall is good, open, ground, supply or stuck, not \"wet\""),
             ("at 1s break loose", 1, "the break pin is low, high or released, not \"loose\""),
             ("at 1s uart \"open", 1, "the quote is not closed"),

@@ -1,7 +1,7 @@
 //! A request of the drive's protocol, out of the words of a script.
 
 use hallservo::commutation::Commutation;
-use hallservo_protocol::{Ask, FRAME, Request, encode};
+use hallservo_protocol::{Ask, EncoderAsk, FRAME, Request, encode};
 use script::words::{number, whole};
 
 /// The bytes that carry it.
@@ -47,6 +47,14 @@ fn ask<'a>(words: &[&'a str]) -> Result<Ask<'a>, String> {
         ["release"] => Ask::Release,
         ["accept"] => Ask::Accept,
         ["telemetry", rate] => Ask::Telemetry(number(rate)? as f32),
+        ["encoder", what] => Ask::Encoder(match *what {
+            "status" => EncoderAsk::Status,
+            "calibrate" => EncoderAsk::Calibrate { by_hand: false },
+            "zero" => EncoderAsk::Zero,
+            "align" => EncoderAsk::Align,
+            "forget" => EncoderAsk::Forget,
+            _ => return Err(format!("an encoder cannot be asked for {what:?}")),
+        }),
         ["history", entry] => {
             Ask::History(u8::try_from(whole(entry)?).map_err(|_| format!("entries are 0 to 255, not {entry:?}"))?)
         }

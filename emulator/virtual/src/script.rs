@@ -43,6 +43,7 @@ fn action(event: &Event, text: &str, id: usize) -> Result<Action, String> {
     Ok(Action::Disturb(match event {
         Event::Hall(which, wire) => Disturbance::Hall(*which, hall_fault(*wire)),
         Event::SwapHalls(a, b) => Disturbance::SwapHalls(*a, *b),
+        Event::Rings(defect) => Disturbance::Encoder(*defect),
         Event::Bus(volts) => Disturbance::Bus(*volts),
         Event::Current(phase, amperes) => Disturbance::Overcurrent(*phase, *amperes),
         Event::Break(level) => Disturbance::BreakPin(*level),

@@ -180,7 +180,7 @@ fn position(status: &EncoderStatus) -> String {
         (false, _) if status.halls_ahead_deg.abs() > status.tolerance_deg => {
             "not absolute: Halls and encoder do not agree. Rings that have turned on the shaft, or a head: calibrate again".into()
         }
-        (false, _) => "not absolute".into(),
+        (false, _) => "not absolute yet: Halls and encoder are being compared, with the bridge off".into(),
     }
 }
 

@@ -2,6 +2,7 @@
 
 use anyhow::{Context as _, Result, anyhow, bail};
 use hallservo::board::{LostPeriods, Sample, TemperatureCode};
+use plant::heads::Defect;
 use plant::{HallFault, Plant, Rail};
 use script::{Event, HallWire};
 use std::str::FromStr;
@@ -33,6 +34,8 @@ impl FromStr for ScheduledEvent {
 pub enum Kind {
     /// A Hall's wire, 0 to 2.
     Hall(usize, HallWire),
+    /// Something breaks of the rings; `None`: they are as good as at power-up.
+    Rings(Option<Defect>),
     /// The supply, V.
     Bus(f64),
     /// Torque against the shaft, N·m.
@@ -55,13 +58,14 @@ impl Kind {
     pub fn of(event: &Event) -> Result<Self> {
         Ok(match event {
             Event::Hall(hall, wire) => Self::Hall(*hall, *wire),
+            Event::Rings(defect) => Self::Rings(*defect),
             Event::Bus(volts) => Self::Bus(*volts),
             Event::Load(torque) => Self::Load(*torque),
             Event::Turn(turns) => Self::Turn(*turns),
             Event::Hot => Self::Hot,
             Event::Late => Self::Late,
             Event::Mend => Self::Mend,
-            _ => bail!("a simulated drive can do: hall, bus, load, turn, hot, late, mend"),
+            _ => bail!("a simulated drive can do: hall, head, ring, rings, bus, load, turn, hot, late, mend"),
         })
     }
 
@@ -74,7 +78,7 @@ impl Kind {
             }
             Self::Bus(volts) => plant.set_supply(volts)?,
             Self::Load(torque) => plant.set_load(torque)?,
-            Self::Turn(_) | Self::Hot | Self::Late | Self::Mend => {}
+            Self::Rings(_) | Self::Turn(_) | Self::Hot | Self::Late | Self::Mend => {}
         }
         Ok(())
     }
@@ -84,7 +88,7 @@ impl Kind {
         match self {
             Self::Hot => sample.temperatures[0] = TemperatureCode::new(150),
             Self::Late => sample.lost = LostPeriods::counted(1),
-            Self::Hall(..) | Self::Bus(_) | Self::Load(_) | Self::Turn(_) | Self::Mend => {}
+            Self::Hall(..) | Self::Rings(_) | Self::Bus(_) | Self::Load(_) | Self::Turn(_) | Self::Mend => {}
         }
     }
 }
@@ -106,7 +110,7 @@ mod tests {
     #[test]
     fn what_a_simulated_drive_cannot_do_is_refused() {
         for (text, named) in [
-            ("power-cycle@1s", "a simulated drive can do: hall, bus, load, turn, hot, late, mend"),
+            ("power-cycle@1s", "a simulated drive can do: hall, head, ring, rings, bus, load, turn, hot, late, mend"),
             ("hall-wet@1s", "a Hall is good, open, ground, supply or stuck, not \"wet\""),
             ("hot@-1s", "a time is like 0.5s, 20ms or 300us, not \"-1s\""),
             ("bus-nanV@1s", "expected a number with V, found \"nanV\""),

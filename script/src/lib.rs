@@ -193,6 +193,7 @@ pub fn timed(text: &str) -> Result<Step, String> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use plant::heads::Defect;
 
     #[test]
     fn every_line_of_the_description_is_understood() {
@@ -200,12 +201,19 @@ mod tests {
         let described =
             text.lines().filter_map(|line| line.strip_prefix("//! ")).filter(|line| line.starts_with("at "));
         let events: Vec<_> = described.map(|line| parse(line).unwrap().remove(0).event).collect();
-        assert_eq!(events.len(), 16);
+        assert_eq!(events.len(), 19);
         assert_eq!(events[0], Event::Hall(0, HallWire::Open));
-        assert_eq!(events[7], Event::Turn(2.0));
-        assert_eq!(events[10], Event::Mend);
-        assert_eq!(events[11], Event::Uart(b"garbage\x00\xff".to_vec()));
-        assert_eq!(events[15], Event::Hang(Hang::Control));
+        assert_eq!(events[2], Event::Rings(Some(Defect::Stuck(0, 1))));
+        assert_eq!(events[3], Event::Rings(Some(Defect::Slipped(1, 3.0_f64.to_radians()))));
+        assert_eq!(events[4], Event::Rings(Some(Defect::Chipped(0, 4))));
+        assert_eq!(events[10], Event::Turn(2.0));
+        assert_eq!(events[13], Event::Mend);
+        assert_eq!(events[14], Event::Uart(b"garbage\x00\xff".to_vec()));
+        assert_eq!(events[18], Event::Hang(Hang::Control));
+        assert_eq!(
+            event::event(&["rings", "slip", "-3deg"]),
+            Ok(Event::Rings(Some(Defect::BothSlipped((-3.0_f64).to_radians()))))
+        );
     }
 
     #[test]

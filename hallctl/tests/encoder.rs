@@ -323,6 +323,26 @@ fn current_deg(drive: &mut Simulator) -> f64 {
 }
 
 #[test]
+fn what_trimmed_the_last_zero_of_the_halls_does_not_trim_the_next() {
+    let mut drive = with_halls_turned(CALIBRATED.0.clone(), 4.0);
+    done(&mut drive, Ask::Arm);
+    for _ in 0..100 {
+        done(&mut drive, Ask::Speed(150.0));
+        run(&mut drive, 20);
+    }
+    let trimmed = drive.drive().trim().to_degrees();
+    assert!(trimmed.abs() > 0.1, "{trimmed}");
+    done(&mut drive, Ask::Speed(0.0));
+    run(&mut drive, 500);
+    done(&mut drive, Ask::Disarm);
+    run(&mut drive, 500);
+    done(&mut drive, Ask::Encoder(EncoderAsk::Align));
+    run(&mut drive, 100);
+    assert_eq!(drive.drive().trim().to_degrees(), 0.0);
+    assert!(encoder(&mut drive).halls_ahead_deg.abs() < 0.5);
+}
+
+#[test]
 fn halls_that_are_too_far_from_the_encoder_keep_their_zero() {
     let refused = |drive: &mut Simulator| {
         ask(drive, Ask::Encoder(EncoderAsk::Align), |answer| match answer {

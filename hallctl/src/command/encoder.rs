@@ -30,7 +30,7 @@ pub(super) enum Command {
     Status,
     /// The shaft is at zero where it is now
     Zero,
-    /// The Halls take their electrical zero from the encoder, without motion: after one of the two was moved by a little
+    /// The Halls take their electrical zero from the encoder, without motion: after they were moved by a little
     Align,
     /// Other rings: pole pairs of the one that gives the fine angle, and of the other
     Rings {

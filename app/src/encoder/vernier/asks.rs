@@ -91,8 +91,8 @@ impl<const HEADS: usize> Vernier<HEADS> {
         Ok(())
     }
 
-    /// By how much the Halls are ahead, for their zero to be taken from the encoder. Farther than they may be while the motor
-    /// turns, it is likelier that the rings have turned on the shaft, or show another pole pair.
+    /// By how much the Halls are ahead, for their zero to be taken from the encoder. Farther than they may be while
+    /// the motor turns, it is likelier that the rings have turned on the shaft, or show another pole pair.
     pub(super) fn halls_ahead_at_rest(&self, mode: Mode) -> Result<ElectricalAngle, Refused> {
         off(mode)?;
         match self.last.and_then(|sample| sample.angle) {

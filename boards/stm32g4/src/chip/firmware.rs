@@ -1,7 +1,7 @@
 //! What the program of every board is.
 
-/// The whole of a board's `main.rs` but its modules: what starts it and its two interrupts. Of the board's type, how one
-/// is made once the clocks run, and the pins of the serial line, which is USART2.
+/// The whole of a board's `main.rs` but its modules: what starts it and its two interrupts. Of the board's type, how
+/// one is made once the clocks run, and the pins of the serial line, which is USART2.
 #[macro_export]
 macro_rules! firmware {
     ($board:ty, $new:expr, tx: $tx:ident, rx: $rx:ident) => {

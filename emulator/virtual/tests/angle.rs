@@ -166,6 +166,9 @@ fn spin(bench: &mut impl Bench) -> Errors {
     let mut found = Vec::new();
     bench.ask("telemetry 500");
     bench.ask("arm");
+    // What the filter does with the calibration in its first second differs by chance: of 24 hosts two were off by half
+    // as much again.
+    keep(bench, SLOW[0]);
     found.extend(SLOW.map(|speed| keep(bench, speed)));
     bench.ask("speed 0");
     bench.run(0.4);

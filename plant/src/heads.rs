@@ -26,7 +26,10 @@ pub enum Defect {
 #[derive(Clone, Debug)]
 pub struct Encoder {
     construction: Construction,
-    defects: [Option<Defect>; 4],
+    /// How far each ring has turned on the shaft, rad; its heads that are stuck; a bit for each pole pair that is chipped.
+    slipped_rad: [f64; 2],
+    stuck: [[bool; HEADS]; 2],
+    chipped: [u128; 2],
     last: [[u16; HEADS]; 2],
     noise: u32,
 }
@@ -44,58 +47,54 @@ impl Encoder {
             noise: 1.0,
         };
         let construction = Construction::new(pole_pairs, 2.0, 40.0_f64.to_radians(), BITS, &imperfections, seed);
-        Self { construction, defects: [None; 4], last: [[0; HEADS]; 2], noise: seed as u32 | 1 }
+        Self {
+            construction,
+            slipped_rad: [0.0; 2],
+            stuck: [[false; HEADS]; 2],
+            chipped: [0; 2],
+            last: [[0; HEADS]; 2],
+            noise: seed as u32 | 1,
+        }
     }
 
-    /// Something breaks; up to four things are remembered.
+    /// Something breaks, besides what is broken already; slips add up.
     pub fn suffer(&mut self, defect: Defect) {
-        if let Some(place) = self.defects.iter_mut().find(|place| place.is_none()) {
-            *place = Some(defect);
+        match defect {
+            Defect::Stuck(ring, head) => self.stuck[ring][head] = true,
+            Defect::Slipped(ring, angle_rad) => self.slipped_rad[ring] += angle_rad,
+            Defect::BothSlipped(angle_rad) => self.slipped_rad.iter_mut().for_each(|slipped| *slipped += angle_rad),
+            Defect::Chipped(ring, pair) => self.chipped[ring] |= 1_u128.checked_shl(pair as u32).unwrap_or(0),
         }
     }
 
     /// As good as before.
     pub const fn mend(&mut self) {
-        self.defects = [None; 4];
+        (self.slipped_rad, self.stuck, self.chipped) = ([0.0; 2], [[false; HEADS]; 2], [0; 2]);
     }
 
     /// The codes of all heads, those of a ring together.
     pub fn read(&mut self, shaft_rad: f64) -> [[u16; HEADS]; 2] {
-        let slip = [0, 1].map(|ring| self.slip(ring));
-        let mut codes = [0, 1].map(|ring| self.construction.digital(shaft_rad + slip[ring])[ring]);
-        for defect in self.defects.into_iter().flatten() {
-            match defect {
-                Defect::Stuck(ring, head) => codes[ring][head] = self.last[ring][head],
-                Defect::Chipped(ring, pair) => {
-                    for head in 0..HEADS {
-                        if self.is_over(ring, head, pair, shaft_rad + slip[ring]) {
-                            codes[ring][head] = self.anything();
-                        }
-                    }
+        let at_rad = self.slipped_rad.map(|slipped| shaft_rad + slipped);
+        let mut codes = [0, 1].map(|ring| self.construction.digital(at_rad[ring])[ring]);
+        for ring in 0..2 {
+            for head in 0..HEADS {
+                if self.stuck[ring][head] {
+                    codes[ring][head] = self.last[ring][head];
+                } else if self.chipped[ring] >> self.under(ring, head, at_rad[ring]) & 1 == 1 {
+                    codes[ring][head] = self.anything();
                 }
-                Defect::Slipped(..) | Defect::BothSlipped(_) => {}
             }
         }
         self.last = codes;
         codes
     }
 
-    /// How far a ring has turned on the shaft.
-    fn slip(&self, which: usize) -> f64 {
-        let of = |defect: &Defect| match *defect {
-            Defect::Slipped(ring, angle_rad) if ring == which => angle_rad,
-            Defect::BothSlipped(angle_rad) => angle_rad,
-            _ => 0.0,
-        };
-        self.defects.iter().flatten().map(of).sum()
-    }
-
-    /// Whether a head is over a pole pair of a ring.
-    fn is_over(&self, ring: usize, head: usize, pair: usize, shaft_rad: f64) -> bool {
+    /// The pole pair under a head.
+    fn under(&self, ring: usize, head: usize, at_rad: f64) -> usize {
         let head = &self.construction.heads[ring][head];
         let ring = &self.construction.rings[ring];
-        let turns = ring.angle_under(head.mounted_rad + head.misplaced_rad, shaft_rad) / TAU;
-        ((turns - floor(turns)) * ring.pole_pairs as f64) as usize == pair
+        let turns = ring.angle_under(head.mounted_rad + head.misplaced_rad, at_rad) / TAU;
+        ((turns - floor(turns)) * ring.pole_pairs as f64) as usize
     }
 
     /// A code of a head without a field (xorshift).
@@ -139,6 +138,12 @@ mod tests {
         assert!(stuck > 900 && [a, b, c] == [0; 3], "{stuck} {a} {b} {c}");
         let [[a, b], slipped] = differ(Defect::Slipped(1, 0.01));
         assert!(slipped.iter().all(|&count| count > 900) && [a, b] == [0; 2]);
+        // However often it happens: slips add up.
+        let mut encoder = Encoder::new([37, 45], 0.0, 1);
+        (0..10).for_each(|_| encoder.suffer(Defect::BothSlipped(0.01)));
+        assert!(encoder.slipped_rad.iter().all(|slipped| (slipped - 0.1).abs() < 1e-12));
+        encoder.mend();
+        assert_eq!(encoder.slipped_rad, [0.0; 2]);
         // One pole pair of 37, under each head once a turn.
         let [chipped, whole] = differ(Defect::Chipped(0, 5));
         assert!(chipped.iter().all(|count| (22..=28).contains(count)) && whole == [0; 2], "{chipped:?}");

@@ -53,7 +53,9 @@ fn main() -> Result<()> {
 fn fits(image: &object::File, path: &str) -> Result<()> {
     let text = fs::read_to_string(path).with_context(|| format!("cannot read {path}"))?;
     let (flash, ram) = sizes(image);
-    for (name, needed) in [("FLASH", flash), ("RAM", ram)] {
+    for (name, needed) in
+        [("FLASH", flash), ("RAM", ram), ("CCM", ccm(image))].into_iter().filter(|(_, bytes)| *bytes > 0)
+    {
         let room = memory::length(&text, name).with_context(|| format!("{path} has no LENGTH of {name}"))?;
         println!("{name}: {needed} bytes of {room}, {} left", room.saturating_sub(needed));
         ensure!(needed <= room, "{name} is too small by {} bytes", needed - room);
@@ -124,6 +126,18 @@ fn sizes(image: &object::File) -> (u64, u64) {
     }
     (flash, ram)
 }
+
+/// Bytes of the CCM SRAM, from its first section to the end of its last.
+fn ccm(image: &object::File) -> u64 {
+    let ends = |section: object::Section| [section.address(), section.address() + section.size()];
+    let ranges: Vec<_> =
+        image.sections().filter(is_loaded).map(ends).filter(|[begin, _]| (CCM..RAM).contains(begin)).collect();
+    let begin = ranges.iter().map(|[begin, _]| *begin).min();
+    ranges.iter().map(|[_, end]| *end).max().zip(begin).map_or(0, |(end, begin)| end - begin)
+}
+
+/// Where the CCM SRAM begins.
+const CCM: u64 = 0x1000_0000;
 
 /// Where the RAM begins, whatever of it appears elsewhere.
 const RAM: u64 = 0x2000_0000;

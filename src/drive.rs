@@ -155,9 +155,16 @@ impl Drive {
     }
 
     /// Corrects the Halls' angle by a map whenever its tasks put it into effect.
+    #[cfg(not(feature = "small"))]
     #[must_use]
     pub const fn with_map(self, map: &'static Live) -> Self {
         Self { map: Some(map), ..self }
+    }
+
+    /// The map, where there may be one.
+    #[inline(always)]
+    fn map(&self) -> Option<&'static Live> {
+        if cfg!(feature = "small") { None } else { self.map }
     }
 
     /// One PWM period. What it returns is to be written to the preloaded compare registers at once; if the bridge is to
@@ -169,9 +176,9 @@ impl Drive {
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
         match self.route {
-            Route::Voltage => self.voltage_step(sample),
+            Route::Voltage if !cfg!(feature = "small") => self.voltage_step(sample),
             Route::FieldOriented => self.field_oriented_step(sample),
-            Route::General => Output::unpack(self.general_step(sample)),
+            _ => Output::unpack(self.general_step(sample)),
         }
     }
 
@@ -192,8 +199,7 @@ impl Drive {
     }
 
     /// The short step of the voltage path.
-    #[cfg_attr(not(feature = "small"), inline(always))]
-    #[cfg_attr(feature = "small", cold, inline(never))]
+    #[inline(always)]
     fn voltage_step(&mut self, sample: &Sample) -> Output {
         self.until_record = self.until_record.wrapping_sub(1);
         let records = self.until_record == 0;

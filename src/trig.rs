@@ -102,7 +102,12 @@ pub const fn asin(sine: I2F30) -> ElectricalAngle {
 pub const fn atan2(y: i32, x: i32) -> ElectricalAngle {
     let (y, x) = normalise(y, x);
     let direction = Direction::of(y, x);
-    segment_angle(direction.quadrant, ratio(direction.part, direction.whole), &ATAN2)
+    let ratio = ratio(direction.part, direction.whole);
+    if cfg!(feature = "small") {
+        folded_angle(direction.quadrant, ratio)
+    } else {
+        segment_angle(direction.quadrant, ratio, &ATAN2)
+    }
 }
 
 /// [`atan2`] for cores without a divide instruction; the quotient comes from a table of reciprocals and one step of
@@ -195,9 +200,17 @@ const fn ratio_without_division(part: u32, whole: u32) -> u32 {
 }
 
 #[inline(always)]
-const fn segment_angle(quadrant: u32, ratio: u32, table: &QuadrantTable) -> ElectricalAngle {
+const fn segment_angle<const N: usize>(quadrant: u32, ratio: u32, table: &[Segment; N]) -> ElectricalAngle {
     let index = (quadrant << QUADRANT_BITS) + ((ratio >> QUOTIENT_LOW) & ((1 << QUADRANT_BITS) - 1));
     ElectricalAngle::from_bits(table[index as usize].at(ratio & ((1 << QUOTIENT_LOW) - 1)))
+}
+
+/// The angle by the first quadrant of [`ATAN2`], which the others mirror.
+#[inline(always)]
+const fn folded_angle(quadrant: u32, ratio: u32) -> ElectricalAngle {
+    let angle = segment_angle(0, ratio, &FIRST_QUADRANT).to_bits();
+    let right = if quadrant & 1 != 0 { i32::MIN.wrapping_sub(angle) } else { angle };
+    ElectricalAngle::from_bits(if quadrant & 2 != 0 { right.wrapping_neg() } else { right })
 }
 
 /// The mean of the exact quotients that [`ratio`] returns as `quotient`: it drops half a bit on average, and by its
@@ -244,6 +257,17 @@ const ATAN2: QuadrantTable = {
     while index < table.len() {
         let [start, middle, end] = segment_turns(index);
         table[index] = Segment::along(turns_to_bits(start), turns_to_bits(middle), turns_to_bits(end), QUOTIENT_LOW);
+        index += 1;
+    }
+    table
+};
+
+/// What a small chip has of it.
+const FIRST_QUADRANT: [Segment; 1 << QUADRANT_BITS] = {
+    let mut table = [Segment { start: 0, slope: 0 }; 1 << QUADRANT_BITS];
+    let mut index = 0;
+    while index < table.len() {
+        table[index] = ATAN2[index];
         index += 1;
     }
     table

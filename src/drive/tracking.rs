@@ -24,7 +24,7 @@ impl Drive {
     /// What the map takes off the Halls' angle in the middle of the steps until it is looked up again.
     #[inline(always)]
     pub(super) fn look_up_correction(&mut self) {
-        if let Some(map) = self.map {
+        if let Some(map) = self.map() {
             let rotor = &self.record.rotor;
             let ahead = i64::from(rotor.speed()) * (i64::from(OUTER) + 1) / 2;
             let position = Position::from_bits(rotor.position().to_bits().wrapping_add(ahead));
@@ -35,7 +35,7 @@ impl Drive {
     /// The turns are counted anew: the map's pole is not known any more.
     #[cold]
     pub(super) fn forget_pole(&mut self) {
-        if let Some(map) = self.map {
+        if let Some(map) = self.map() {
             map.count_anew();
         }
         self.correction = ElectricalAngle::ZERO;

@@ -106,3 +106,11 @@ fn compile_time_functions_match_the_library() {
         assert!((arcsine(x) - x.asin()).abs() < 1e-13, "{x}");
     }
 }
+
+#[test]
+fn one_quadrant_gives_what_four_give() {
+    for (quadrant, ratio) in (0..4).flat_map(|quadrant| (0..1 << 16).map(move |ratio| (quadrant, ratio))) {
+        let (one, four) = (folded_angle(quadrant, ratio), segment_angle(quadrant, ratio, &ATAN2));
+        assert_eq!(one, four, "{quadrant} {ratio}");
+    }
+}

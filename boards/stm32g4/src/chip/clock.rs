@@ -18,6 +18,8 @@ const TICK_HZ: u32 = embassy_time::TICK_HZ as u32;
 ///
 /// The HAL knows the clocks as they are before that last step: 85 MHz throughout. PCLK1 stays there. The HAL's own
 /// boost does not happen: it clears a bit that is not R1MODE.
+// Not inlined, it is compiled for size.
+#[inline(never)]
 pub(crate) fn start() -> Peripherals {
     let mut config = embassy_stm32::Config::default();
     // Out of the box these are at the priority of the control interrupt.

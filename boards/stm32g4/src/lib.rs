@@ -5,6 +5,7 @@
 
 #[cfg(not(target_os = "none"))]
 pub mod check;
+pub mod divide;
 pub mod registers;
 pub mod wiring;
 

@@ -112,7 +112,16 @@ pub fn run<B: Board>(
     static RX: StaticCell<BufferedUartRx<'static>> = StaticCell::new();
     let (tx, rx) = serial.split();
     let (tx, rx) = (TX.init(tx), RX.init(rx));
-    let supervisor = prepare(board, bridge, control, flash);
+    execute(prepare(board, bridge, control, flash), tx, rx)
+}
+
+/// Runs the tasks. Not generic, so that it is compiled for size.
+#[inline(never)]
+fn execute(
+    supervisor: &'static mut Tasks,
+    tx: &'static mut BufferedUartTx<'static>,
+    rx: &'static mut BufferedUartRx<'static>,
+) -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
     EXECUTOR.init(Executor::new()).run(|spawner| match tasks(supervisor, tx, rx) {
         Ok(tasks) => spawner.spawn(tasks),

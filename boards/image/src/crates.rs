@@ -51,7 +51,7 @@ pub fn print(image: &object::File) -> Result<()> {
 }
 
 /// The crate that a function belongs to: the first one of its path that is not of the language itself, as what is
-/// generic belongs to who uses it; our own crates by module.
+/// generic belongs to who uses it; our own large crates by module.
 fn origin(name: &str) -> String {
     if name.starts_with("OUTLINED_FUNCTION") {
         return "(parts that several functions share)".into();
@@ -67,7 +67,7 @@ fn origin(name: &str) -> String {
     let Some(path) = path.or(paths.clone().next()) else { return "(interrupts and what has no path)".into() };
     let mut parts = path.split("::").filter(|part| !part.is_empty());
     match (parts.next(), parts.next()) {
-        (Some("hallservo"), Some(module)) => format!("hallservo::{module}"),
+        (Some(name @ ("hallservo" | "hallservo_app" | "stm32g4")), Some(module)) => format!("{name}::{module}"),
         (Some(name), _) => name.to_owned(),
         _ => "(interrupts and what has no path)".into(),
     }

@@ -1,6 +1,6 @@
-//! `image ELF` prints the flash and the RAM of a firmware in bytes, `image ELF --memory FILE` beside what a `memory.x`
-//! has of them, `image ELF --crates` by the crates that they come from, and `image ELF FUNCTION…` the code and the tables
-//! that each function reaches.
+//! `image ELF` prints the flash and the RAM of a firmware in bytes, `image ELF --memory FILE FLASH RAM` beside what a
+//! `memory.x` has of them, and fails where less than these is left, `image ELF --crates` prints them by the crates that they
+//! come from, and `image ELF FUNCTION…` the code and the tables that each function reaches.
 //!
 //! `image ELF --interrupt FUNCTION` fails if the function can reach a panic, the log or a critical section; `image ELF
 //! --stack THREAD PREEMPTING… CONTROL` tells the deepest stack, and fails if the memory for it (`_stack_end` to
@@ -26,10 +26,10 @@ fn main() -> Result<()> {
         println!("{flash} bytes of flash, {ram} bytes of RAM without the stack");
         return Ok(());
     }
-    if let [option, path] = &functions[..]
+    if let [option, path, flash, ram] = &functions[..]
         && option == "--memory"
     {
-        return fits(&image, path);
+        return fits(&image, path, [flash.parse()?, ram.parse()?, 0]);
     }
     if functions == ["--crates"] {
         return crates::print(&image);
@@ -49,16 +49,15 @@ fn main() -> Result<()> {
     Ok(())
 }
 
-/// The linker has refused what is too large; this says how much is left.
-fn fits(image: &object::File, path: &str) -> Result<()> {
+/// The linker has refused what is too large; this says how much is left, and wants so much of it.
+fn fits(image: &object::File, path: &str, wanted: [u64; 3]) -> Result<()> {
     let text = fs::read_to_string(path).with_context(|| format!("cannot read {path}"))?;
     let (flash, ram) = sizes(image);
-    for (name, needed) in
-        [("FLASH", flash), ("RAM", ram), ("CCM", ccm(image))].into_iter().filter(|(_, bytes)| *bytes > 0)
-    {
+    let taken = [("FLASH", flash), ("RAM", ram), ("CCM", ccm(image))];
+    for ((name, taken), wanted) in taken.into_iter().zip(wanted).filter(|((_, taken), _)| *taken > 0) {
         let room = memory::length(&text, name).with_context(|| format!("{path} has no LENGTH of {name}"))?;
-        println!("{name}: {needed} bytes of {room}, {} left", room.saturating_sub(needed));
-        ensure!(needed <= room, "{name} is too small by {} bytes", needed - room);
+        println!("{name}: {taken} bytes of {room}, {} left", room.saturating_sub(taken));
+        ensure!(taken + wanted <= room, "{name}: {wanted} bytes have to be left");
     }
     Ok(())
 }

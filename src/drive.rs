@@ -26,6 +26,7 @@ mod command;
 mod field_oriented;
 mod hall_loss;
 mod idle;
+mod impedance;
 mod interlock;
 mod local_feedback;
 pub mod open_loop;

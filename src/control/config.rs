@@ -64,6 +64,8 @@ pub struct Config {
     pub(crate) motion: Motion,
     pub(crate) scale: Scale,
     pub(crate) motor: Motor,
+    /// Bandwidths of the current, speed and position loops in rad/s.
+    pub(crate) rates: [f32; 3],
 }
 
 /// The settings that the control shares with the rest of a drive.
@@ -142,6 +144,7 @@ impl Config {
                 .clamp(1.0, 2_147_483_520.0) as i32,
             scale,
             motor,
+            rates: [current_hz, speed_hz, position_hz].map(|hz| TAU * hz),
         })
     }
 }

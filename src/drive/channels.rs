@@ -6,7 +6,7 @@ use crate::angle::Position;
 use crate::commutation::{Commutation, Modulation};
 use crate::config::Config;
 use crate::control::cogging;
-use crate::control::{Current, Speed};
+use crate::control::{Current, Impedance, Speed};
 use crate::fault::Fault;
 use crate::hall::estimate::Estimator;
 use crate::mode::Mode;
@@ -42,6 +42,9 @@ pub enum Command {
     Speed(Speed),
     /// Position, reached with the largest acceleration and speed and held.
     Position(Position),
+    /// A spring and a damper at the shaft; the memory of the one before comes back through [`Tasks::impedances`], and so
+    /// does that of one that was refused.
+    Impedance(&'static mut Impedance),
     /// Another commutation, while the bridge is off.
     Commutate(Commutation),
     /// Compensate the cogging by a table, or not; the old table comes back through [`Tasks::tables`].
@@ -82,6 +85,8 @@ pub enum Refusal {
     Turning,
     /// The position is outside of `min_position_turns` to `max_position_turns`.
     OutOfBounds,
+    /// The position to be at at once is farther from the rotor than `following_error_turns`, which would be a fault.
+    TooFar,
 }
 
 impl fmt::Display for Refusal {
@@ -97,6 +102,7 @@ impl fmt::Display for Refusal {
             Self::Fault(fault) => fault.fmt(f),
             Self::Turning => write!(f, "the rotor turns: let it come to rest"),
             Self::OutOfBounds => write!(f, "the position is outside of its bounds"),
+            Self::TooFar => write!(f, "the position is too far away to be there at once: limit the reference's speed"),
         }
     }
 }
@@ -120,6 +126,7 @@ pub struct Channels {
     tables: Queue<&'static mut cogging::Table, 8>,
     configs: Queue<&'static mut Config, 8>,
     windows: Queue<Window, 4>,
+    impedances: Queue<&'static mut Impedance, 4>,
 }
 
 /// The interrupt's ends of the queues.
@@ -132,6 +139,7 @@ pub struct Interrupt {
     pub(super) tables: Producer<'static, &'static mut cogging::Table, 8>,
     pub(super) configs: Producer<'static, &'static mut Config, 8>,
     pub(super) windows: Producer<'static, Window, 4>,
+    pub(super) impedances: Producer<'static, &'static mut Impedance, 4>,
 }
 
 /// The tasks' ends of the queues.
@@ -152,6 +160,8 @@ pub struct Tasks {
     pub configs: Consumer<'static, &'static mut Config, 8>,
     /// What was measured at standstill.
     pub windows: Consumer<'static, Window, 4>,
+    /// Springs and dampers that the drive no longer uses.
+    pub impedances: Consumer<'static, &'static mut Impedance, 4>,
 }
 
 impl Channels {
@@ -166,6 +176,7 @@ impl Channels {
             tables: Queue::new(),
             configs: Queue::new(),
             windows: Queue::new(),
+            impedances: Queue::new(),
         }
     }
 
@@ -179,8 +190,9 @@ impl Channels {
         let (tables, tables_out) = self.tables.split();
         let (configs, configs_out) = self.configs.split();
         let (windows, windows_out) = self.windows.split();
+        let (impedances, impedances_out) = self.impedances.split();
         (
-            Interrupt { commands, replies, records, retired, measurements, tables, configs, windows },
+            Interrupt { commands, replies, records, retired, measurements, tables, configs, windows, impedances },
             Tasks {
                 commands: commands_in,
                 replies: replies_out,
@@ -190,6 +202,7 @@ impl Channels {
                 tables: tables_out,
                 configs: configs_out,
                 windows: windows_out,
+                impedances: impedances_out,
             },
         )
     }

@@ -2,7 +2,7 @@
 //! measured, the protection and the schedule. Shared by [local feedback](super::local_feedback) and [field
 //! orientation](super::field_oriented).
 
-use super::protection::{Protection, Timeout};
+use super::protection::Protection;
 use super::schedule::{OUTER, Schedule};
 use super::supervision::{self, Supervision};
 use super::{FieldOriented, Idle, Sample};
@@ -13,12 +13,12 @@ use crate::control::config::{Config, Motion};
 use crate::control::current::PARK_BITS;
 use crate::control::trajectory::Trajectory;
 use crate::control::velocity::Integrator;
-use crate::control::{Current, Speed};
+use crate::control::{Current, Impedance, Speed};
 use crate::fault::{Fault, Limits};
 use crate::hall::track::Tracker;
 use crate::math::clamp;
-use crate::telemetry::Measurement;
 pub use crate::telemetry::State;
+use crate::telemetry::{Measurement, Reference as Followed};
 
 /// What a running drive follows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -33,6 +33,8 @@ pub enum Demand {
     Speed(Speed),
     /// A position.
     Position(Position),
+    /// A spring and a damper.
+    Impedance,
 }
 
 /// Reference of the current, as the field-oriented step works with it.
@@ -60,9 +62,11 @@ pub(super) struct Servo {
     /// Currents of the last step in the frame of the rotor, in 2⁻²⁸ of the full scale.
     current: Dq,
     demand: Demand,
-    trajectory: Trajectory,
+    pub(super) trajectory: Trajectory,
+    /// Spring and damper that are followed, or were.
+    pub impedance: Option<&'static mut Impedance>,
     /// Whether what is commanded has to end because of a bound of the position.
-    ends: bool,
+    pub(super) ends: bool,
     /// Speed reference ω*, from the position loop or the trajectory, in 2⁻³² electrical turns a step.
     speed_reference: i32,
     /// Current along q that the speed loop or the command asks for, in 2⁻¹⁵ of the full scale; before anti-cogging and
@@ -74,7 +78,7 @@ pub(super) struct Servo {
     /// Anti-cogging current over the electrical angle, if it is on.
     pub cogging: Option<&'static mut cogging::Table>,
     /// Whether a commanded speed waits for a rotor that cannot follow.
-    waits: bool,
+    pub(super) waits: bool,
     /// Whether the motion is supervised: something is followed, and not checked before.
     pub supervised: bool,
     /// What limits the control at the moment.
@@ -98,6 +102,7 @@ impl Servo {
             current: Dq { d: 0, q: 0 },
             demand: Demand::Voltage,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
+            impedance: None,
             ends: false,
             waits: false,
             supervised: false,
@@ -119,6 +124,7 @@ impl Servo {
         // One by one: a whole new servo on its way over the stack would take as long as all the rest of the step.
         self.current = Dq { d: 0, q: 0 };
         self.demand = Demand::Voltage;
+        self.protection.timeout.own = 0;
         self.trajectory = Trajectory::at(Position::from_bits(0), 0);
         (self.speed_reference, self.current_request, self.asked) = (0, 0, 0);
         self.speed_integrator = Integrator::ZERO;
@@ -136,6 +142,7 @@ impl Servo {
     /// Follows nothing any more: no voltage.
     pub fn release(&mut self) {
         self.demand = Demand::Voltage;
+        self.protection.timeout.own = 0;
     }
 
     /// Whether a current, a speed or a position is followed.
@@ -143,20 +150,29 @@ impl Servo {
         self.demand != Demand::Voltage
     }
 
-    /// Whether a speed or a position is followed.
+    /// Whether a speed, a position or a spring is followed.
     const fn moves(&self) -> bool {
-        matches!(self.demand, Demand::Speed(_) | Demand::Position(_))
+        matches!(self.demand, Demand::Speed(_) | Demand::Position(_) | Demand::Impedance)
+    }
+
+    /// Whether a demand goes on from the reference of the one before.
+    const fn continues(&self, demand: Demand) -> bool {
+        match demand {
+            Demand::Voltage | Demand::Current(_) => true,
+            Demand::Speed(_) | Demand::Position(_) => matches!(self.demand, Demand::Speed(_) | Demand::Position(_)),
+            Demand::Impedance => matches!(self.demand, Demand::Position(_) | Demand::Impedance),
+        }
     }
 
     /// Restarts the command time-out.
     pub fn command_received(&mut self) {
-        self.protection.timeout = Timeout::NONE;
+        self.protection.timeout.restart();
         self.limits = self.limits.without(Limits::TIMEOUT);
     }
 
     /// Takes up a demand. After one of another kind, the loops start from the present position, speed and current.
     pub fn follow(&mut self, config: &Config, demand: Demand, rotor: &Tracker) {
-        if !self.moves() {
+        if !self.continues(demand) {
             self.trajectory = Trajectory::at(coarse(rotor.smoothed()), rotor.speed());
             self.speed_reference = rotor.speed();
             self.current_request = self.current_reference();
@@ -165,17 +181,28 @@ impl Servo {
         self.demand = demand;
         self.ends = false;
         self.protection.held = i32::MAX;
+        self.protection.timeout.own = 0;
         if let Demand::Current(Current(current)) = demand {
             (self.asked, self.current_request) = (current, current);
             self.set_reference(config, current);
+        }
+        if let (Demand::Impedance, Some(impedance)) = (demand, self.impedance.as_deref_mut()) {
+            impedance.reference.begin(&mut self.trajectory);
+            self.protection.timeout.own = impedance.timeout;
         }
     }
 
     /// Plans the trajectory for the distance that is left to a commanded position.
     #[inline(always)]
     pub fn plan_trajectory(&mut self, with: &Context) {
-        if let Demand::Position(position) = self.demand {
-            self.trajectory.plan(coarse(position), &with.config.trajectory);
+        match self.demand {
+            Demand::Position(position) => self.trajectory.plan(coarse(position), &with.config.trajectory),
+            Demand::Impedance => {
+                if let Some(impedance) = self.impedance.as_deref_mut() {
+                    impedance.reference.plan(&mut self.trajectory, &with.config.motion.bounds);
+                }
+            }
+            _ => {}
         }
     }
 
@@ -189,8 +216,13 @@ impl Servo {
                 let target = if self.ends { 0 } else { speed };
                 self.trajectory.towards_speed(target, &with.config.trajectory);
             }
-            Demand::Position(_) if self.waits => self.trajectory.slow_to(0),
+            Demand::Position(_) | Demand::Impedance if self.waits => self.trajectory.slow_to(0),
             Demand::Position(_) => self.trajectory.advance(&with.config.trajectory),
+            Demand::Impedance => {
+                if let Some(impedance) = self.impedance.as_deref() {
+                    impedance.reference.advance(&mut self.trajectory);
+                }
+            }
         }
     }
 
@@ -209,15 +241,23 @@ impl Servo {
     /// outside of the bounds of the position where it leads away from them.
     #[inline(always)]
     pub fn speed_loop(&mut self, with: &Context) {
-        if self.moves() {
-            let gains = &with.config.velocity;
-            let (reference, measured) = (self.speed_reference, with.rotor.speed());
-            let forward = gains.feed_forward(self.trajectory.acceleration());
-            let window = &self.protection.window;
-            let request = self.speed_integrator.step(gains, reference, measured, forward, window);
-            (self.asked, self.current_request) = (request.asked, request.current);
-        } else if let Demand::Current(Current(current)) = self.demand {
-            self.current_request = if self.ends { 0 } else { within_speed(current, with) };
+        match self.demand {
+            Demand::Voltage => {}
+            Demand::Current(Current(current)) => {
+                self.current_request = if self.ends { 0 } else { within_speed(current, with) };
+            }
+            Demand::Speed(_) | Demand::Position(_) => {
+                let gains = &with.config.velocity;
+                let (reference, measured) = (self.speed_reference, with.rotor.speed());
+                let forward = gains.feed_forward(self.trajectory.acceleration());
+                let window = &self.protection.window;
+                let request = self.speed_integrator.step(gains, reference, measured, forward, window);
+                (self.asked, self.current_request) = (request.asked, request.current);
+            }
+            Demand::Impedance => {
+                self.asked = self.impedance_loop(with);
+                self.current_request = self.protection.window.cut(self.asked);
+            }
         }
     }
 
@@ -227,7 +267,7 @@ impl Servo {
     pub fn attend_to_motion(&mut self, with: &Context) -> Option<Fault> {
         let motion = &with.config.motion;
         match self.demand {
-            Demand::Voltage | Demand::Current(_) => {}
+            Demand::Voltage | Demand::Current(_) | Demand::Impedance => {}
             Demand::Speed(Speed(speed)) => {
                 let reference = self.trajectory.speed();
                 let ahead = reference.wrapping_sub(with.rotor.speed());
@@ -243,7 +283,7 @@ impl Servo {
 
     /// How far the trajectory's position is ahead of the rotor's.
     #[inline(always)]
-    fn distance(&self, with: &Context) -> i64 {
+    pub(super) fn distance(&self, with: &Context) -> i64 {
         self.trajectory.position().to_bits().wrapping_sub(coarse(with.rotor.position()).to_bits())
     }
 
@@ -267,6 +307,7 @@ impl Servo {
                 let back = coarse(target).to_bits() < self.trajectory.position().to_bits();
                 self.waits = ahead.unsigned_abs() > motion.far as u64 / 4 && (ahead < 0) == back;
             }
+            Demand::Impedance => self.attend_to_impedance(with),
         }
     }
 
@@ -292,6 +333,10 @@ impl Servo {
             5 => return supervision.judge(model),
             6 => match self.demand {
                 Demand::Voltage | Demand::Current(_) => supervision.is_in_time(),
+                Demand::Impedance => {
+                    supervision.is_in_time();
+                    return self.is_strained(with).then_some(Fault::FollowingError);
+                }
                 Demand::Speed(_) => {
                     return supervision.is_late(motion, self.speed_reference.wrapping_sub(with.rotor.speed()));
                 }
@@ -372,13 +417,37 @@ impl Servo {
             voltage: field.voltage(with.config),
             bus: field.bus(),
         };
-        self.measurement = Measurement { rotor: *with.rotor, sequence, state, trim: field.trim() };
+        let reference = self.followed(with);
+        self.measurement = Measurement { rotor: *with.rotor, sequence, state, trim: field.trim(), reference };
+    }
+
+    /// What the outer loops follow.
+    #[inline(always)]
+    fn followed(&self, with: &Context) -> Followed {
+        let ahead = self.distance(with);
+        let narrow = ahead as i32;
+        let most = if ahead < 0 { -i32::MAX } else { i32::MAX };
+        let (at, speed) = (self.trajectory.position(), self.trajectory.speed());
+        let complete = match self.demand {
+            Demand::Voltage | Demand::Current(_) => false,
+            Demand::Speed(Speed(target)) => speed == target,
+            Demand::Position(target) => speed == 0 && at == coarse(target),
+            Demand::Impedance => self
+                .impedance
+                .as_deref()
+                .is_some_and(|impedance| impedance.reference.is_complete(&self.trajectory, &with.config.motion.bounds)),
+        };
+        Followed {
+            ahead: if i64::from(narrow) == ahead { narrow } else { most },
+            speed: self.speed_reference,
+            complete,
+        }
     }
 }
 
 /// A commanded current: none that makes a rotor faster which is faster than allowed.
 #[inline(always)]
-fn within_speed(current: i32, with: &Context) -> i32 {
+pub(super) fn within_speed(current: i32, with: &Context) -> i32 {
     let speed = with.rotor.speed();
     let excess = if current < 0 { -speed } else { speed } - with.config.trajectory.speed();
     if excess <= 0 {
@@ -389,6 +458,6 @@ fn within_speed(current: i32, with: &Context) -> i32 {
 }
 
 /// A position in the unit of the outer loops: what a speed moves on by in a step of theirs is its number.
-const fn coarse(position: Position) -> Position {
+pub(super) const fn coarse(position: Position) -> Position {
     Position::from_bits(position.to_bits() >> OUTER.ilog2())
 }

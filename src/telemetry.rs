@@ -72,15 +72,15 @@ impl State {
         Self { phases: [0; 3], current: Dq { d: 0, q: 0 }, current_reference: 0, voltage: Dq { d: 0, q: 0 }, bus: 0 };
 }
 
-/// What the outer loops make the rotor follow.
+/// The reference of a spring and a damper, told every 64 steps while they are followed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Reference {
-    /// How far the reference of the position is ahead of the rotor, in 2⁻²⁹ electrical turns; as much as fits.
-    pub ahead: i32,
-    /// Reference of the speed, in 2⁻³² electrical turns a step.
+    /// How far it is ahead of the rotor, in 2⁻²³ electrical turns.
+    pub strain: i32,
+    /// Its speed, in 2⁻³² electrical turns a step.
     pub speed: i32,
-    /// Whether the reference has come to where it was commanded to.
+    /// Whether it has come to where it was commanded to, or to the speed.
     pub complete: bool,
 }
 
@@ -97,8 +97,6 @@ pub struct Measurement {
     /// Correction of the alignment, by which the frame of the currents is ahead of the rotor's angle: see
     /// [`Drive::trim`](crate::drive::Drive::trim).
     pub trim: ElectricalAngle,
-    /// What the outer loops follow; a control path without them has none.
-    pub reference: Reference,
 }
 
 impl Measurement {
@@ -108,7 +106,6 @@ impl Measurement {
         sequence: 0,
         state: State::NONE,
         trim: ElectricalAngle::ZERO,
-        reference: Reference { ahead: 0, speed: 0, complete: false },
     };
 }
 

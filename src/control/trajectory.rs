@@ -128,16 +128,6 @@ impl Trajectory {
         self.move_on(along(next, self.direction));
     }
 
-    /// The same towards a target that moves by `drift` a step. The limits are those of the motion towards it, and the
-    /// plan is for the speed less that.
-    #[inline(always)]
-    pub const fn advance_with(&mut self, drift: i32, limits: &Limits) {
-        self.speed -= drift;
-        self.advance(limits);
-        self.speed += drift;
-        self.position = Position::from_bits(self.position.to_bits().wrapping_add(drift as i64));
-    }
-
     /// Whether braking from now ends within a distance ahead, which is negative where the end has been passed.
     #[inline(always)]
     pub const fn stops_within(&self, left: i64, limits: &Limits) -> bool {
@@ -146,6 +136,16 @@ impl Trajectory {
         let speed = self.speed.abs();
         let stopping = distance * (2 * limits.acceleration as u32) as u64;
         stops(speed + limits.acceleration, limits.acceleration, stopping)
+    }
+
+    /// Where it is at rest when it brakes from now on. Divides, so not for every step.
+    pub(crate) fn resting_place(&self, limits: &Limits) -> Position {
+        let (speed, acceleration) =
+            (u64::from(self.speed.unsigned_abs()), u64::from(limits.acceleration.unsigned_abs()));
+        // An acceleration is never 0; so written, nothing can panic.
+        let way = (speed * (speed + acceleration)).checked_div(2 * acceleration).unwrap_or(0) as i64;
+        let way = if self.speed < 0 { -way } else { way };
+        Position::from_bits(self.position.to_bits().wrapping_add(way))
     }
 
     /// Moves no faster than at a speed, and not the other way.

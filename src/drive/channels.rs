@@ -10,8 +10,9 @@ use crate::control::{Current, Impedance, Speed};
 use crate::fault::Fault;
 use crate::hall::estimate::Estimator;
 use crate::mode::Mode;
-use crate::telemetry::{Measurement, Record};
+use crate::telemetry::{Measurement, Record, Reference};
 use core::fmt;
+use core::sync::atomic::{AtomicBool, AtomicI32, Ordering::Relaxed};
 use heapless::spsc::{Consumer, Producer, Queue};
 
 /// What a task asks the drive to do. Each is answered by one [`Reply`], in order.
@@ -115,6 +116,32 @@ const RECORDS: usize = if cfg!(feature = "small") { 32 } else { 64 };
 /// Length of the queue of measurements, of which one comes every 32 steps at most.
 const MEASUREMENTS: usize = RECORDS / 4;
 
+/// The last [`Reference`], which the tasks may read at any time.
+#[derive(Default)]
+pub struct Told {
+    strain: AtomicI32,
+    speed: AtomicI32,
+    complete: AtomicBool,
+}
+
+impl Told {
+    const NOTHING: Self =
+        Self { strain: AtomicI32::new(0), speed: AtomicI32::new(0), complete: AtomicBool::new(false) };
+
+    #[inline(always)]
+    pub(super) fn tell(&self, Reference { strain, speed, complete }: Reference) {
+        self.strain.store(strain, Relaxed);
+        self.speed.store(speed, Relaxed);
+        self.complete.store(complete, Relaxed);
+    }
+
+    /// What was told last. A part of it may be newer, by 64 steps.
+    pub fn get(&self) -> Reference {
+        let Self { strain, speed, complete } = self;
+        Reference { strain: strain.load(Relaxed), speed: speed.load(Relaxed), complete: complete.load(Relaxed) }
+    }
+}
+
 /// The queues between the interrupt and the tasks.
 #[derive(Default)]
 pub struct Channels {
@@ -127,6 +154,7 @@ pub struct Channels {
     configs: Queue<&'static mut Config, 8>,
     windows: Queue<Window, 4>,
     impedances: Queue<&'static mut Impedance, 4>,
+    reference: Told,
 }
 
 /// The interrupt's ends of the queues.
@@ -140,6 +168,7 @@ pub struct Interrupt {
     pub(super) configs: Producer<'static, &'static mut Config, 8>,
     pub(super) windows: Producer<'static, Window, 4>,
     pub(super) impedances: Producer<'static, &'static mut Impedance, 4>,
+    pub(super) reference: &'static Told,
 }
 
 /// The tasks' ends of the queues.
@@ -162,6 +191,8 @@ pub struct Tasks {
     pub windows: Consumer<'static, Window, 4>,
     /// Springs and dampers that the drive no longer uses.
     pub impedances: Consumer<'static, &'static mut Impedance, 4>,
+    /// Where the reference of a spring and a damper is.
+    pub reference: &'static Told,
 }
 
 impl Channels {
@@ -177,6 +208,7 @@ impl Channels {
             configs: Queue::new(),
             windows: Queue::new(),
             impedances: Queue::new(),
+            reference: Told::NOTHING,
         }
     }
 
@@ -192,7 +224,18 @@ impl Channels {
         let (windows, windows_out) = self.windows.split();
         let (impedances, impedances_out) = self.impedances.split();
         (
-            Interrupt { commands, replies, records, retired, measurements, tables, configs, windows, impedances },
+            Interrupt {
+                commands,
+                replies,
+                records,
+                retired,
+                measurements,
+                tables,
+                configs,
+                windows,
+                impedances,
+                reference: &self.reference,
+            },
             Tasks {
                 commands: commands_in,
                 replies: replies_out,
@@ -203,6 +246,7 @@ impl Channels {
                 configs: configs_out,
                 windows: windows_out,
                 impedances: impedances_out,
+                reference: &self.reference,
             },
         )
     }

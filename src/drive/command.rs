@@ -66,7 +66,7 @@ impl Drive {
     /// Restarts the command time-out.
     fn restart_timeout(&mut self) {
         let timed_out = self.servo.limits.contains(Limits::TIMEOUT);
-        self.servo.command_received();
+        self.servo.command_received(self.config.control.as_ref());
         if timed_out {
             self.publish();
         }

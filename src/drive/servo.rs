@@ -2,6 +2,7 @@
 //! measured, the protection and the schedule. Shared by [local feedback](super::local_feedback) and [field
 //! orientation](super::field_oriented).
 
+use super::impedance::Shaft;
 use super::protection::Protection;
 use super::schedule::{OUTER, Schedule};
 use super::supervision::{self, Supervision};
@@ -11,14 +12,14 @@ use crate::commutation::frames::{Clarke, Dq, Rotation};
 use crate::control::cogging;
 use crate::control::config::{Config, Motion};
 use crate::control::current::PARK_BITS;
-use crate::control::trajectory::Trajectory;
+use crate::control::trajectory::{self, Trajectory};
 use crate::control::velocity::Integrator;
-use crate::control::{Current, Impedance, Speed};
+use crate::control::{Current, Speed};
 use crate::fault::{Fault, Limits};
 use crate::hall::track::Tracker;
 use crate::math::clamp;
+use crate::telemetry::Measurement;
 pub use crate::telemetry::State;
-use crate::telemetry::{Measurement, Reference as Followed};
 
 /// What a running drive follows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -63,17 +64,19 @@ pub(super) struct Servo {
     current: Dq,
     demand: Demand,
     pub(super) trajectory: Trajectory,
-    /// Spring and damper that are followed, or were.
-    pub impedance: Option<&'static mut Impedance>,
+    /// Where the trajectory to a position ends, in the unit of the outer loops, and its limits.
+    pub(super) goal: Position,
+    pub(super) limits_on_way: trajectory::Limits,
+    pub shaft: Shaft,
     /// Whether what is commanded has to end because of a bound of the position.
     pub(super) ends: bool,
     /// Speed reference ω*, from the position loop or the trajectory, in 2⁻³² electrical turns a step.
-    speed_reference: i32,
+    pub(super) speed_reference: i32,
     /// Current along q that the speed loop or the command asks for, in 2⁻¹⁵ of the full scale; before anti-cogging and
     /// limit.
-    current_request: i32,
+    pub(super) current_request: i32,
     /// … before the speed loop has limited it.
-    asked: i32,
+    pub(super) asked: i32,
     speed_integrator: Integrator,
     /// Anti-cogging current over the electrical angle, if it is on.
     pub cogging: Option<&'static mut cogging::Table>,
@@ -102,7 +105,9 @@ impl Servo {
             current: Dq { d: 0, q: 0 },
             demand: Demand::Voltage,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
-            impedance: None,
+            goal: Position::from_bits(0),
+            limits_on_way: trajectory::Limits::SLOWEST,
+            shaft: Shaft::NONE,
             ends: false,
             waits: false,
             supervised: false,
@@ -124,7 +129,6 @@ impl Servo {
         // One by one: a whole new servo on its way over the stack would take as long as all the rest of the step.
         self.current = Dq { d: 0, q: 0 };
         self.demand = Demand::Voltage;
-        self.protection.timeout.own = 0;
         self.trajectory = Trajectory::at(Position::from_bits(0), 0);
         (self.speed_reference, self.current_request, self.asked) = (0, 0, 0);
         self.speed_integrator = Integrator::ZERO;
@@ -134,7 +138,6 @@ impl Servo {
     }
 
     /// The demand that is followed.
-    #[cfg(test)]
     pub const fn demand(&self) -> Demand {
         self.demand
     }
@@ -142,7 +145,6 @@ impl Servo {
     /// Follows nothing any more: no voltage.
     pub fn release(&mut self) {
         self.demand = Demand::Voltage;
-        self.protection.timeout.own = 0;
     }
 
     /// Whether a current, a speed or a position is followed.
@@ -150,23 +152,16 @@ impl Servo {
         self.demand != Demand::Voltage
     }
 
-    /// Whether a speed, a position or a spring is followed.
+    /// Whether a speed or a position is followed.
     const fn moves(&self) -> bool {
-        matches!(self.demand, Demand::Speed(_) | Demand::Position(_) | Demand::Impedance)
-    }
-
-    /// Whether a demand goes on from the reference of the one before.
-    const fn continues(&self, demand: Demand) -> bool {
-        match demand {
-            Demand::Voltage | Demand::Current(_) => true,
-            Demand::Speed(_) | Demand::Position(_) => matches!(self.demand, Demand::Speed(_) | Demand::Position(_)),
-            Demand::Impedance => matches!(self.demand, Demand::Position(_) | Demand::Impedance),
-        }
+        matches!(self.demand, Demand::Speed(_) | Demand::Position(_))
     }
 
     /// Restarts the command time-out.
-    pub fn command_received(&mut self) {
-        self.protection.timeout.restart();
+    pub fn command_received(&mut self, config: Option<&Config>) {
+        if let Some(config) = config {
+            self.protection.timeout.restart(config, self.own_timeout());
+        }
         self.limits = self.limits.without(Limits::TIMEOUT);
     }
 
@@ -181,28 +176,35 @@ impl Servo {
         self.demand = demand;
         self.ends = false;
         self.protection.held = i32::MAX;
-        self.protection.timeout.own = 0;
-        if let Demand::Current(Current(current)) = demand {
-            (self.asked, self.current_request) = (current, current);
-            self.set_reference(config, current);
+        match demand {
+            Demand::Voltage | Demand::Speed(_) => {}
+            Demand::Current(Current(current)) => {
+                (self.asked, self.current_request) = (current, current);
+                self.set_reference(config, current);
+            }
+            Demand::Position(position) => (self.goal, self.limits_on_way) = (coarse(position), config.trajectory),
+            Demand::Impedance => self.begin_impedance(config),
         }
-        if let (Demand::Impedance, Some(impedance)) = (demand, self.impedance.as_deref_mut()) {
-            impedance.reference.begin(&mut self.trajectory);
-            self.protection.timeout.own = impedance.timeout;
+    }
+
+    /// Whether a demand goes on from the reference of the one before.
+    fn continues(&self, demand: Demand) -> bool {
+        match demand {
+            Demand::Voltage | Demand::Current(_) => self.moves(),
+            Demand::Speed(_) | Demand::Position(_) => matches!(self.demand, Demand::Speed(_) | Demand::Position(_)),
+            Demand::Impedance => match self.demand {
+                Demand::Position(_) => true,
+                Demand::Impedance => self.shaft.has_reference(),
+                _ => false,
+            },
         }
     }
 
     /// Plans the trajectory for the distance that is left to a commanded position.
     #[inline(always)]
-    pub fn plan_trajectory(&mut self, with: &Context) {
-        match self.demand {
-            Demand::Position(position) => self.trajectory.plan(coarse(position), &with.config.trajectory),
-            Demand::Impedance => {
-                if let Some(impedance) = self.impedance.as_deref_mut() {
-                    impedance.reference.plan(&mut self.trajectory, &with.config.motion.bounds);
-                }
-            }
-            _ => {}
+    pub fn plan_trajectory(&mut self) {
+        if let Demand::Position(_) | Demand::Impedance = self.demand {
+            self.trajectory.plan(self.goal, &self.limits_on_way);
         }
     }
 
@@ -217,47 +219,40 @@ impl Servo {
                 self.trajectory.towards_speed(target, &with.config.trajectory);
             }
             Demand::Position(_) | Demand::Impedance if self.waits => self.trajectory.slow_to(0),
-            Demand::Position(_) => self.trajectory.advance(&with.config.trajectory),
-            Demand::Impedance => {
-                if let Some(impedance) = self.impedance.as_deref() {
-                    impedance.reference.advance(&mut self.trajectory);
-                }
-            }
+            Demand::Position(_) | Demand::Impedance => self.trajectory.advance(&self.limits_on_way),
         }
     }
 
     /// The position loop: the reference of the speed.
     #[inline(always)]
     pub fn position_loop(&mut self, with: &Context) {
-        self.speed_reference = self.trajectory.speed();
-        if let Demand::Position(_) = self.demand {
-            let (reference, measured) = (self.trajectory.position(), coarse(with.rotor.smoothed()));
-            let Config { position, max_speed_reference, .. } = with.config;
-            self.speed_reference = position.speed(reference, measured, self.speed_reference, *max_speed_reference);
-        }
+        let speed = self.trajectory.speed();
+        self.speed_reference = match self.demand {
+            Demand::Position(_) => {
+                let (reference, measured) = (self.trajectory.position(), coarse(with.rotor.smoothed()));
+                let Config { position, max_speed_reference, .. } = with.config;
+                position.speed(reference, measured, speed, *max_speed_reference)
+            }
+            Demand::Impedance => self.shaft.deviate(&self.trajectory, with.rotor),
+            _ => speed,
+        };
     }
 
     /// The speed loop: the current that is asked for. A commanded current fades out beyond the largest speed, and
     /// outside of the bounds of the position where it leads away from them.
     #[inline(always)]
     pub fn speed_loop(&mut self, with: &Context) {
-        match self.demand {
-            Demand::Voltage => {}
-            Demand::Current(Current(current)) => {
-                self.current_request = if self.ends { 0 } else { within_speed(current, with) };
-            }
-            Demand::Speed(_) | Demand::Position(_) => {
-                let gains = &with.config.velocity;
-                let (reference, measured) = (self.speed_reference, with.rotor.speed());
-                let forward = gains.feed_forward(self.trajectory.acceleration());
-                let window = &self.protection.window;
-                let request = self.speed_integrator.step(gains, reference, measured, forward, window);
-                (self.asked, self.current_request) = (request.asked, request.current);
-            }
-            Demand::Impedance => {
-                self.asked = self.impedance_loop(with);
-                self.current_request = self.protection.window.cut(self.asked);
-            }
+        if self.moves() {
+            let gains = &with.config.velocity;
+            let (reference, measured) = (self.speed_reference, with.rotor.speed());
+            let forward = gains.feed_forward(self.trajectory.acceleration());
+            let window = &self.protection.window;
+            let request = self.speed_integrator.step(gains, reference, measured, forward, window);
+            (self.asked, self.current_request) = (request.asked, request.current);
+        } else if let Demand::Current(Current(current)) = self.demand {
+            self.current_request = if self.ends { 0 } else { within_speed(current, with) };
+        } else if self.demand == Demand::Impedance {
+            self.impedance_loop(with);
         }
     }
 
@@ -271,7 +266,7 @@ impl Servo {
             Demand::Speed(Speed(speed)) => {
                 let reference = self.trajectory.speed();
                 let ahead = reference.wrapping_sub(with.rotor.speed());
-                let far = ahead.saturating_abs() > motion.far_speed / 2;
+                let far = ahead.saturating_abs() > motion.far_speed >> 1;
                 self.waits = far && (ahead < 0) == (speed < reference);
             }
             Demand::Position(_) => {
@@ -283,7 +278,7 @@ impl Servo {
 
     /// How far the trajectory's position is ahead of the rotor's.
     #[inline(always)]
-    pub(super) fn distance(&self, with: &Context) -> i64 {
+    fn distance(&self, with: &Context) -> i64 {
         self.trajectory.position().to_bits().wrapping_sub(coarse(with.rotor.position()).to_bits())
     }
 
@@ -297,17 +292,17 @@ impl Servo {
         let [least, most] = motion.bounds;
         match self.demand {
             Demand::Voltage => {}
+            Demand::Impedance => self.attend_to_impedance(here, &motion.bounds),
             Demand::Current(Current(current)) => self.ends = if current < 0 { here < least } else { here > most },
             Demand::Speed(Speed(speed)) => {
                 let left = if speed < 0 { here - least } else { most - here };
                 self.ends = !self.trajectory.stops_within(left, &with.config.trajectory);
             }
-            Demand::Position(target) => {
+            Demand::Position(_) => {
                 let ahead = self.distance(with);
-                let back = coarse(target).to_bits() < self.trajectory.position().to_bits();
+                let back = self.goal.to_bits() < self.trajectory.position().to_bits();
                 self.waits = ahead.unsigned_abs() > motion.far as u64 / 4 && (ahead < 0) == back;
             }
-            Demand::Impedance => self.attend_to_impedance(with),
         }
     }
 
@@ -335,7 +330,7 @@ impl Servo {
                 Demand::Voltage | Demand::Current(_) => supervision.is_in_time(),
                 Demand::Impedance => {
                     supervision.is_in_time();
-                    return self.is_strained(with).then_some(Fault::FollowingError);
+                    return self.shaft.is_strained().then_some(Fault::FollowingError);
                 }
                 Demand::Speed(_) => {
                     return supervision.is_late(motion, self.speed_reference.wrapping_sub(with.rotor.speed()));
@@ -417,35 +412,11 @@ impl Servo {
             voltage: field.voltage(with.config),
             bus: field.bus(),
         };
-        let reference = self.followed(with);
-        self.measurement = Measurement { rotor: *with.rotor, sequence, state, trim: field.trim(), reference };
-    }
-
-    /// What the outer loops follow.
-    #[inline(always)]
-    fn followed(&self, with: &Context) -> Followed {
-        let ahead = self.distance(with);
-        let narrow = ahead as i32;
-        let most = if ahead < 0 { -i32::MAX } else { i32::MAX };
-        let (at, speed) = (self.trajectory.position(), self.trajectory.speed());
-        let complete = match self.demand {
-            Demand::Voltage | Demand::Current(_) => false,
-            Demand::Speed(Speed(target)) => speed == target,
-            Demand::Position(target) => speed == 0 && at == coarse(target),
-            Demand::Impedance => self
-                .impedance
-                .as_deref()
-                .is_some_and(|impedance| impedance.reference.is_complete(&self.trajectory, &with.config.motion.bounds)),
-        };
-        Followed {
-            ahead: if i64::from(narrow) == ahead { narrow } else { most },
-            speed: self.speed_reference,
-            complete,
-        }
+        self.measurement = Measurement { rotor: *with.rotor, sequence, state, trim: field.trim() };
     }
 }
 
-/// A commanded current: none that makes a rotor faster which is faster than allowed.
+/// A current within its limits: none that makes a rotor faster which is faster than allowed.
 #[inline(always)]
 pub(super) fn within_speed(current: i32, with: &Context) -> i32 {
     let speed = with.rotor.speed();
@@ -453,8 +424,8 @@ pub(super) fn within_speed(current: i32, with: &Context) -> i32 {
     if excess <= 0 {
         return current;
     }
-    let share = 65_536 - ((i64::from(excess) * with.config.fade) >> 32).min(65_536);
-    ((i64::from(current) * share) >> 16) as i32
+    let lost = (u64::from(excess.unsigned_abs()) * u64::from(with.config.fade)) >> 32;
+    (current * 32_768_u32.saturating_sub(lost as u32) as i32) >> 15
 }
 
 /// A position in the unit of the outer loops: what a speed moves on by in a step of theirs is its number.

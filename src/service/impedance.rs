@@ -3,6 +3,7 @@
 use super::{Origin, QueueFull, Service};
 use crate::control::Impedance;
 use crate::drive::Command;
+use crate::telemetry::Reference;
 
 impl Service {
     /// Adds memory for a spring and a damper; with two, one can be filled while the drive uses the other. Gives the
@@ -30,5 +31,10 @@ impl Service {
             }
             QueueFull
         })
+    }
+
+    /// Where the reference of the spring and the damper is, as of the last 64 steps; while one is followed.
+    pub fn reference(&self) -> Reference {
+        self.tasks.reference.get()
     }
 }

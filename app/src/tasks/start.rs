@@ -86,6 +86,7 @@ pub(crate) fn start<F: NorFlash, E: Encoder>(
         drive,
         channels,
         tables,
+        impedances,
         estimators,
         config,
         service,
@@ -107,6 +108,9 @@ pub(crate) fn start<F: NorFlash, E: Encoder>(
     let service = new_service(service, config, tasks, estimators.each_mut().map(blank));
     for table in tables {
         service.add_table(table);
+    }
+    for impedance in impedances {
+        service.add_impedance(impedance);
     }
     let adaptation = adaptation.write(SensorAdaptation::new());
     let places = Places { encoder, magnets, service, config, adaptation, procedure: procedure.write(None) };

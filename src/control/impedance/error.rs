@@ -20,7 +20,10 @@ pub enum Error {
         /// Most allowed.
         most: f32,
     },
-    /// The range to stay within has its ends the wrong way about.
+    /// A position that is approached within limits is one to be at rest at: a speed or a stop beside it needs the
+    /// reference to be there at once, without limits.
+    Moving,
+    /// The range to stay within has its ends the wrong way about, or is longer than 256 electrical turns.
     Crossed,
 }
 
@@ -56,7 +59,8 @@ impl fmt::Display for Error {
         let Self::OutOfRange { field, value, least, most } = self else {
             return f.write_str(match self {
                 Self::NoControl => "set up without current control",
-                _ => "the least position of the range is above the largest",
+                Self::Moving => "a speed or a stop beside a position needs the limits of speed and acceleration off",
+                _ => "the range ends before it begins, or is longer than 256 electrical turns",
             });
         };
         let (name, why) = match field {

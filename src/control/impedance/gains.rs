@@ -1,7 +1,6 @@
 //! Stiffness and damping, what limits them, and their integers.
 
 use crate::angle::TURN;
-use crate::control::Scale;
 use crate::control::config::Config as Control;
 use crate::hall::track;
 use crate::schedule::OUTER;
@@ -26,15 +25,19 @@ pub struct Gains {
 /// What of the drive limits them.
 pub(super) struct Loop {
     inertia_kgm2: f32,
+    /// The largest stiffness that the integers hold, N·m/rad.
+    representable: f32,
     /// From the position to the torque, s.
     position_s: f32,
     /// From the speed to the torque, s.
     speed_s: f32,
 }
 
-/// Steps from the sample that a slot of the speed loop works with to the middle of the time for which its reference
-/// holds: the sample is of the step before, the reference is taken up two steps later.
-const HOLD: f32 = 3.0 + (OUTER as f32 - 1.0) / 2.0;
+/// Steps from the sample that the position loop's slot works with to the middle of the time for which the reference
+/// holds: the sample is of the step before, the reference is taken up four steps later.
+const HOLD: f32 = 5.0 + (OUTER as f32 - 1.0) / 2.0;
+/// … and the speed loop's: two steps later.
+const LATER: f32 = 2.0;
 
 impl Loop {
     pub fn new(control: &Control, tracking: &track::Config) -> Self {
@@ -42,8 +45,9 @@ impl Loop {
         let position_s = HOLD * step_s + 1.0 / control.rates[0];
         Self {
             inertia_kgm2: control.motor.inertia_kgm2,
+            representable: 0.49 / per_strain(control),
             position_s,
-            speed_s: position_s + tracking.speed_lag() * step_s,
+            speed_s: position_s + (tracking.speed_lag() - LATER) * step_s,
         }
     }
 
@@ -51,7 +55,7 @@ impl Loop {
     pub fn largest(&self) -> Gains {
         let damping = self.inertia_kgm2 / (2.0 * self.speed_s);
         Gains {
-            kp_nm_rad: self.inertia_kgm2 / (16.0 * self.speed_s * self.speed_s),
+            kp_nm_rad: (self.inertia_kgm2 / (16.0 * self.speed_s * self.speed_s)).min(self.representable),
             kd_nms_rad: damping - damping * self.position_s / (8.0 * self.speed_s),
         }
     }
@@ -64,49 +68,65 @@ impl Loop {
     }
 }
 
-/// The gains of the interrupt: current in 2⁻³² per position, shifted right by `shift`, and per speed.
+/// The gains of the interrupt: current in 2⁻³² per strain and per speed.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Spring {
     pub stiffness: i32,
     pub damping: i32,
-    shift: u32,
 }
+
+/// Bits by which a strain is coarser than a position of the outer loops: 2⁻²³ electrical turns, up to ± 256 of which
+/// count.
+const STRAIN_BITS: u32 = 6;
 
 impl Spring {
     /// Neither.
-    pub const NONE: Self = Self { stiffness: 0, damping: 0, shift: 0 };
+    pub const NONE: Self = Self { stiffness: 0, damping: 0 };
 
     /// Of gains within the largest. What the spring's delay takes of the damping is added to it, so that the shaft feels
     /// the damping that was asked for.
     pub(super) fn new(gains: &Gains, lags: &Loop, control: &Control) -> Self {
-        let Scale { pole_pairs, .. } = control.scale;
-        let per_torque = control.scale.per_ampere() / control.motor.torque_constant(pole_pairs);
-        let damping =
-            (gains.kd_nms_rad + gains.kp_nm_rad * lags.position_s) * per_torque / control.scale.per_radian_s();
-        let stiffness = gains.kp_nm_rad * per_torque * TAU / pole_pairs / TURN * OUTER as f32;
-        // The farthest deviation that counts, 2³¹, is to make sixteen full scales of current.
-        let mut shift = 0;
-        let mut stiffness = stiffness * TURN;
-        while stiffness < 1_048_576.0 && shift < 31 {
-            (stiffness, shift) = (2.0 * stiffness, shift + 1);
+        let fixed = |gain: f32| libm::roundf(gain * TURN).min(2_147_483_520.0) as i32;
+        let damping = gains.kd_nms_rad + gains.kp_nm_rad * lags.position_s;
+        Self {
+            stiffness: fixed(gains.kp_nm_rad * per_strain(control)),
+            damping: fixed(damping * per_torque(control) / control.scale.per_radian_s()),
         }
-        let fixed = |gain: f32| libm::roundf(gain).min(2_147_483_520.0) as i32;
-        Self { stiffness: fixed(stiffness), damping: fixed(damping * TURN), shift }
     }
 
-    /// The current of a deviation and of one of the speed.
+    /// A deviation of the position, of the outer loops' unit; beyond 2³¹ it counts as that.
     #[inline(always)]
-    pub const fn current(&self, deviation: i64, speed: i32) -> i32 {
-        let deviation = deviation >> self.shift;
+    pub const fn strain(deviation: i64) -> i32 {
+        let deviation = deviation >> STRAIN_BITS;
         let narrow = deviation as i32;
-        let deviation = if narrow as i64 == deviation {
+        if narrow as i64 == deviation {
             narrow
         } else if deviation < 0 {
             -i32::MAX
         } else {
             i32::MAX
-        };
-        ((deviation as i64 * self.stiffness as i64 + speed as i64 * self.damping as i64) >> 32) as i32
+        }
     }
+
+    /// A strain in electrical turns.
+    pub fn turns(strain: i32) -> f32 {
+        strain as f32 * ((1 << STRAIN_BITS) * OUTER) as f32 / TURN
+    }
+
+    /// The current of a strain and of a deviation of the speed.
+    #[inline(always)]
+    pub const fn current(&self, strain: i32, speed: i32) -> i32 {
+        ((strain as i64 * self.stiffness as i64 + speed as i64 * self.damping as i64) >> 32) as i32
+    }
+}
+
+/// Units of current in a newton metre.
+fn per_torque(control: &Control) -> f32 {
+    control.scale.per_ampere() / control.motor.torque_constant(control.scale.pole_pairs)
+}
+
+/// Units of current per strain in a newton metre per radian.
+fn per_strain(control: &Control) -> f32 {
+    per_torque(control) * TAU / control.scale.pole_pairs * Spring::turns(1)
 }

@@ -1,8 +1,8 @@
 //! What is asked for, in SI, and how it becomes what the interrupt works with.
 
 use super::gains::Loop;
-use super::reference::{Reference, Travel};
-use super::{Error, Field, Gains, Impedance, Spring, coarse};
+use super::motion::{Course, Start, Travel, coarse};
+use super::{Error, Field, Gains, Impedance, Spring};
 use crate::config::Config;
 use crate::control::config::Config as Control;
 use crate::control::trajectory::Limits;
@@ -39,12 +39,12 @@ pub struct Request {
 pub enum Motion {
     /// The spring acts everywhere, towards a reference that moves.
     To {
-        /// Where the reference is to be now; `None`: it goes on from where it is, after another mode from the rotor.
+        /// Where the reference is to be; `None`: it goes on from where it is, after another mode from the rotor.
         position_turns: Option<f64>,
-        /// With what speed it moves on from there, rad/s; up to ± `max_speed_rad_s`.
+        /// With what speed it moves on from there, rad/s; up to ± `max_speed_rad_s`. With a position and limits: 0.
         speed_rad_s: f32,
-        /// Where it comes to rest, and in which direction it moves if no position is given; `None`: at the bound of the
-        /// position.
+        /// Where it comes to rest, and so in which direction it moves; `None`: at the bound of the position. With a position
+        /// and limits: none.
         stop_turns: Option<f64>,
         /// Largest speed on the way to the position, rad/s: above 0, up to `max_speed_rad_s`; `None`: that; infinite:
         /// none.
@@ -54,7 +54,8 @@ pub enum Motion {
         /// `following_error_turns`.
         max_acceleration_rad_s2: Option<f32>,
     },
-    /// The spring acts outside of a range only, towards its nearer end. Inside, nothing but the feed-forward torque.
+    /// Spring and damper act outside of a range only, towards its nearer end; inside, nothing but the feed-forward torque.
+    /// With both ends it is shorter than 256 electrical turns.
     Within {
         /// Least position; `None`: none.
         least_turns: Option<f64>,
@@ -120,7 +121,7 @@ impl Config {
             spring,
             forward: current(forward),
             most: current(most),
-            reference: control.reference(&request.motion)?,
+            course: control.course(&request.motion)?,
             timeout: control.timeout(request.timeout_s)?,
         })
     }
@@ -158,15 +159,15 @@ impl Config {
 impl Impedance {
     /// Counts the positions from where the user's zero is.
     pub fn shift(&mut self, origin: crate::angle::Position) {
-        self.reference.shift(origin);
+        self.course.shift(origin);
     }
 }
 
 /// A number within its range; not a number is never.
 fn range(field: Field, value: f32, least: f32, most: f32) -> Result<f32, Error> {
     // A limit may have been rounded on its way.
-    let room = 1e-4 * most.abs().min(1e30);
-    if value >= least - room && value <= most + room {
+    let room = |limit: f32| 1e-4 * limit.abs().min(1e30);
+    if value >= least - room(least) && value <= most + room(most) {
         Ok(value.clamp(least, most))
     } else {
         Err(Error::OutOfRange { field, value, least, most })
@@ -191,12 +192,22 @@ impl Control {
         })
     }
 
-    fn reference(&self, motion: &Motion) -> Result<Reference, Error> {
+    fn course(&self, motion: &Motion) -> Result<Course, Error> {
         match *motion {
             Motion::Within { least_turns, most_turns } => {
-                let end = |turns: Option<f64>, none: i64| turns.map_or(Ok(none), |turns| self.place(turns));
-                let (least, most) = (end(least_turns, i64::MIN / 4)?, end(most_turns, i64::MAX / 4)?);
-                if least > most { Err(Error::Crossed) } else { Ok(Reference::Within { least, most }) }
+                let place = |turns: Option<f64>| turns.map(|turns| self.place(turns)).transpose();
+                let free = i32::MAX;
+                let (end, dead) = match (place(least_turns)?, place(most_turns)?) {
+                    (None, None) => (None, [-free, free]),
+                    (Some(least), None) => (Some(least), [-free, 0]),
+                    (None, Some(most)) => (Some(most), [0, free]),
+                    (Some(least), Some(most)) if least <= most => match Spring::strain(most - least) {
+                        i32::MAX => return Err(Error::Crossed),
+                        wide => (Some(least), [-wide, 0]),
+                    },
+                    _ => return Err(Error::Crossed),
+                };
+                Ok(Course::Within { end, dead })
             }
             Motion::To { position_turns, speed_rad_s, stop_turns, max_speed_rad_s, max_acceleration_rad_s2 } => {
                 let speed = self.speed(speed_rad_s).map_err(|bad| Error::OutOfRange {
@@ -216,16 +227,17 @@ impl Control {
                 };
                 let travel =
                     Travel { speed, stop, limits: limits(if speed == 0 { Limits::MOST } else { speed.abs() }) };
-                Ok(match at {
-                    _ if fastest.is_none() && acceleration.is_none() => Reference::Begin { at, travel },
-                    None => Reference::Travel(travel),
+                if fastest.is_none() && acceleration.is_none() {
+                    return Ok(Course::Travel { from: at.map_or(Start::Now, Start::At), travel });
+                }
+                match at {
+                    None => Ok(Course::Travel { from: Start::Here, travel }),
+                    Some(_) if speed != 0 || stop.is_some() => Err(Error::Moving),
                     Some(target) => {
-                        // An eighth of it at least, to catch up with a target that moves as fast.
                         let fastest = fastest.unwrap_or(self.trajectory.speed());
-                        let limits = limits((fastest - speed.abs()).max(fastest / 8));
-                        Reference::Approach { target, limits, travel }
+                        Ok(Course::Approach { target, limits: limits(fastest) })
                     }
-                })
+                }
             }
         }
     }

@@ -1,20 +1,21 @@
 //! What the reference does and how far the rotor is from it, in SI.
 
+use super::Spring;
+use crate::angle::TURN;
 use crate::control::config::Config as Control;
 use crate::double;
-use crate::schedule::OUTER;
-use crate::telemetry::Measurement;
+use crate::telemetry::{Measurement, Reference};
 
-/// The reference of an outer loop, and the rotor's distance from it. With a position or a speed commanded, too.
+/// The reference of the spring and the damper, and the rotor's distance from it.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct State {
-    /// Reference of the position, mechanical turns as the drive counts them.
+    /// Reference of the position, mechanical turns as the drive counts them; within a range: the rotor's.
     pub position_turns: f64,
     /// Reference of the speed, rad/s.
     pub speed_rad_s: f32,
-    /// Torque that is asked for along q, N·m, within all limits; with the anti-cogging current.
+    /// Torque that is asked for, N·m, within all limits; with the anti-cogging current.
     pub torque_nm: f32,
     /// Reference less the rotor's position, turns.
     pub position_error_turns: f32,
@@ -26,22 +27,23 @@ pub struct State {
     pub complete: bool,
 }
 
-impl Measurement {
-    /// The reference and the distance from it.
-    pub fn reference(&self, control: &Control) -> State {
+impl Reference {
+    /// In SI, for the rotor and the currents of a measurement.
+    pub fn state(&self, measurement: &Measurement, control: &Control) -> State {
         let scale = &control.scale;
-        let torque = |current: f32| current / scale.per_ampere() * control.motor.torque_constant(scale.pole_pairs);
-        let pole_pairs = (scale.pole_pairs as i64).max(1);
-        let error = i64::from(self.reference.ahead) << OUTER.ilog2();
-        let position = self.rotor.position().to_bits().wrapping_add(error);
+        let torque =
+            |current: i32| current as f32 / scale.per_ampere() * control.motor.torque_constant(scale.pole_pairs);
+        let Measurement { rotor, state, .. } = measurement;
+        let electrical = Spring::turns(self.strain);
+        let position = rotor.position().to_bits().wrapping_add((electrical * TURN) as i64);
         State {
-            position_turns: double::from_fixed(position / pole_pairs),
-            speed_rad_s: self.reference.speed as f32 / scale.per_radian_s(),
-            torque_nm: torque(self.state.current_reference as f32),
-            position_error_turns: error as f32 / crate::angle::TURN / scale.pole_pairs,
-            speed_error_rad_s: self.reference.speed.wrapping_sub(self.rotor.speed()) as f32 / scale.per_radian_s(),
-            torque_error_nm: torque((self.state.current_reference - self.state.current.q) as f32),
-            complete: self.reference.complete,
+            position_turns: double::from_fixed(position / (scale.pole_pairs as i64).max(1)),
+            speed_rad_s: self.speed as f32 / scale.per_radian_s(),
+            torque_nm: torque(state.current_reference),
+            position_error_turns: electrical / scale.pole_pairs,
+            speed_error_rad_s: self.speed.wrapping_sub(rotor.speed()) as f32 / scale.per_radian_s(),
+            torque_error_nm: torque(state.current_reference - state.current.q),
+            complete: self.complete,
         }
     }
 }

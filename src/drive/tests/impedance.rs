@@ -212,7 +212,7 @@ fn the_drive_refuses_what_would_be_a_fault() {
 fn a_rotor_that_is_pushed_too_far_is_a_fault() {
     let mut bench = bench(|_| ());
     // So soft that no voltage is needed which nothing here would explain.
-    follow(&mut bench, &spring(1e-5, Motion::HERE)).unwrap();
+    follow(&mut bench, &spring(1e-7, Motion::HERE)).unwrap();
     for _ in 0..200_000 {
         bench.rotor += ElectricalAngle::from_degrees(0.02);
         bench.step();

@@ -3,6 +3,7 @@
 pub mod encoder;
 
 use hallservo::commutation::Commutation;
+use hallservo::control::impedance;
 use hallservo::drive;
 use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
@@ -170,6 +171,8 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
              set what is missing, then `hallctl settings save` (or `accept` until the power goes).",
             problem(*why)
         ),
+        Refusal::Impedance(impedance::Error::NoControl) => NO_CONTROL.into(),
+        Refusal::Impedance(error) => error.to_string(),
         Refusal::NoAnswer => {
             "the control interrupt does not answer\n  Does its timer run? Look at the board's log.".into()
         }

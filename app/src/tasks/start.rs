@@ -176,6 +176,7 @@ fn supervise<F: NorFlash, E: Encoder>(
         window: None,
         record: DriveRecord::new(),
         measurement: None,
+        follows_impedance: false,
         readings: Readings::default(),
         reply: None,
         unclaimed_replies: 0,

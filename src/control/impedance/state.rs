@@ -1,7 +1,7 @@
 //! What the reference does and how far the rotor is from it, in SI.
 
 use super::Spring;
-use crate::angle::TURN;
+use crate::angle::{Position, TURN};
 use crate::control::config::Config as Control;
 use crate::double;
 use crate::telemetry::{Measurement, Reference};
@@ -11,7 +11,7 @@ use crate::telemetry::{Measurement, Reference};
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct State {
-    /// Reference of the position, mechanical turns as the drive counts them; within a range: the rotor's.
+    /// Reference of the position, mechanical turns; within a range: the rotor's.
     pub position_turns: f64,
     /// Reference of the speed, rad/s.
     pub speed_rad_s: f32,
@@ -28,14 +28,15 @@ pub struct State {
 }
 
 impl Reference {
-    /// In SI, for the rotor and the currents of a measurement.
-    pub fn state(&self, measurement: &Measurement, control: &Control) -> State {
+    /// In SI, for the rotor and the currents of a measurement; positions count from an origin.
+    pub fn state(&self, measurement: &Measurement, control: &Control, origin: Position) -> State {
         let scale = &control.scale;
         let torque =
             |current: i32| current as f32 / scale.per_ampere() * control.motor.torque_constant(scale.pole_pairs);
         let Measurement { rotor, state, .. } = measurement;
         let electrical = Spring::turns(self.strain);
-        let position = rotor.position().to_bits().wrapping_add((electrical * TURN) as i64);
+        let position =
+            rotor.position().to_bits().wrapping_add((electrical * TURN) as i64).wrapping_sub(origin.to_bits());
         State {
             position_turns: double::from_fixed(position / (scale.pole_pairs as i64).max(1)),
             speed_rad_s: self.speed as f32 / scale.per_radian_s(),

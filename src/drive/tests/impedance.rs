@@ -209,24 +209,6 @@ fn the_drive_refuses_what_would_be_a_fault() {
 }
 
 #[test]
-fn a_rotor_that_is_pushed_too_far_is_a_fault() {
-    let mut bench = bench(|_| ());
-    // So soft that no voltage is needed which nothing here would explain.
-    follow(&mut bench, &spring(1e-7, Motion::HERE)).unwrap();
-    for _ in 0..200_000 {
-        bench.rotor += ElectricalAngle::from_degrees(0.02);
-        bench.step();
-        while bench.service.poll().is_some() {}
-        if bench.mode() != Mode::Running {
-            break;
-        }
-    }
-    let turns = bench.drive.record().rotor.position().to_turns() / 4.0;
-    assert_eq!(bench.mode(), Mode::Faulted(Fault::FollowingError), "{turns}");
-    assert!((turns - 1.0).abs() < 0.05, "{turns}");
-}
-
-#[test]
 fn a_command_may_have_a_time_of_its_own() {
     for (own, setting, expected_s) in [(Some(0.05), 60.0, 0.05), (None, 0.1, 0.1), (Some(0.3), 0.1, 0.3)] {
         let mut bench = bench(|control| control.guard.command_timeout_s = setting);

@@ -3,6 +3,7 @@
 use hallctl::client::{Client, unexpected};
 use hallctl::error::Error;
 use hallctl::words;
+use hallservo::control::impedance::{Motion, Request};
 use hallservo::mode::Mode;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure, Telemetry};
 use numpy::PyArray1;

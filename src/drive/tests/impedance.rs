@@ -224,3 +224,17 @@ fn a_command_may_have_a_time_of_its_own() {
         assert!((seconds - expected_s).abs() < 2.0 * f64::from(OUTER) / 40e3, "{own:?} {setting}: {seconds}");
     }
 }
+
+#[test]
+fn the_largest_gains_are_those_of_the_page() {
+    let bench = bench(|_| ());
+    let most = bench.config.largest_impedance().unwrap();
+    let page = include_str!("../../../docs/impedance.md");
+    for text in
+        [std::format!("{:.1} mN·m·s/rad |", 1e3 * most.kd_nms_rad), std::format!("{:.2} N·m/rad |", most.kp_nm_rad)]
+    {
+        assert!(page.contains(&text), "{text}");
+    }
+    let preset = bench.config.default_impedance().unwrap();
+    assert!(preset.kd_nms_rad <= most.kd_nms_rad && preset.kp_nm_rad <= most.kp_nm_rad, "{preset:?}");
+}

@@ -138,13 +138,11 @@ impl Trajectory {
         stops(speed + limits.acceleration, limits.acceleration, stopping)
     }
 
-    /// Where it is at rest when it brakes from now on. Divides, so not for every step.
+    /// Where it can be at rest when it brakes from now on, and at most one step farther. Divides, so not for every step.
     pub(crate) fn resting_place(&self, limits: &Limits) -> Position {
-        let (speed, acceleration) =
-            (u64::from(self.speed.unsigned_abs()), u64::from(limits.acceleration.unsigned_abs()));
-        // An acceleration is never 0; so written, nothing can panic.
-        let way = (speed * (speed + acceleration)).checked_div(2 * acceleration).unwrap_or(0) as i64;
-        let way = if self.speed < 0 { -way } else { way };
+        // Of v (v + a) / 2a; an acceleration is never 0; so written, nothing can panic.
+        let steps = self.speed.unsigned_abs().checked_div(limits.acceleration.unsigned_abs()).unwrap_or(0);
+        let way = (i64::from(self.speed) * (i64::from(steps) + 2)) >> 1;
         Position::from_bits(self.position.to_bits().wrapping_add(way))
     }
 

@@ -15,6 +15,7 @@ use crate::{Identity, Memory, Supervisor};
 use core::mem::MaybeUninit;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::config::Config;
+use hallservo::control::Impedance;
 use hallservo::drive::{self, Drive};
 use hallservo::hall::estimate::Estimator;
 use hallservo::service::Service;
@@ -110,7 +111,7 @@ pub(crate) fn start<F: NorFlash, E: Encoder>(
         service.add_table(table);
     }
     for impedance in impedances {
-        service.add_impedance(impedance);
+        service.add_impedance(impedance.write(Impedance::NONE));
     }
     let adaptation = adaptation.write(SensorAdaptation::new());
     let places = Places { encoder, magnets, service, config, adaptation, procedure: procedure.write(None) };

@@ -1,9 +1,8 @@
 //! A spring and a damper by the tool.
 
-mod tool;
+mod process;
 
-use std::fs;
-use tool::{Drive, folder};
+use process::Drive;
 
 fn position(drive: &Drive) -> f64 {
     let status = drive.ok(&["status"]);

@@ -125,8 +125,9 @@ pub struct Told {
 }
 
 impl Told {
-    const NOTHING: Self =
-        Self { strain: AtomicI32::new(0), speed: AtomicI32::new(0), complete: AtomicBool::new(false) };
+    const fn new() -> Self {
+        Self { strain: AtomicI32::new(0), speed: AtomicI32::new(0), complete: AtomicBool::new(false) }
+    }
 
     #[inline(always)]
     pub(super) fn tell(&self, Reference { strain, speed, complete }: Reference) {
@@ -208,7 +209,7 @@ impl Channels {
             configs: Queue::new(),
             windows: Queue::new(),
             impedances: Queue::new(),
-            reference: Told::NOTHING,
+            reference: Told::new(),
         }
     }
 

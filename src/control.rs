@@ -8,6 +8,7 @@
 pub mod cogging;
 pub mod config;
 pub mod current;
+pub mod impedance;
 mod measured;
 pub mod position;
 pub mod trajectory;
@@ -16,6 +17,7 @@ mod window;
 
 use crate::angle::TURN;
 pub use config::Config;
+pub use impedance::Impedance;
 pub use window::Window;
 
 /// Current of a phase or along an axis, in 2⁻¹⁵ of the full scale of the amplifiers.

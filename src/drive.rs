@@ -26,6 +26,7 @@ mod command;
 mod field_oriented;
 mod hall_loss;
 mod idle;
+mod impedance;
 mod interlock;
 mod local_feedback;
 pub mod open_loop;
@@ -338,7 +339,7 @@ impl Drive {
 
     /// Turns the field. Its angle at the sampling instant is recorded as the rotor's, which follows it.
     fn open_loop(&mut self, sample: &Sample) -> Output {
-        self.servo.command_received();
+        self.servo.command_received(self.config.control.as_ref());
         self.forget_pole();
         if self.paths.standstill.is_active() {
             return self.standstill(sample);

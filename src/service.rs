@@ -6,6 +6,7 @@ pub mod commission;
 pub mod encoder;
 pub mod identification;
 pub mod identify;
+mod impedance;
 pub mod learning;
 pub mod magnets;
 pub mod mapping;
@@ -18,7 +19,7 @@ pub mod swings;
 
 use crate::commutation::Commutation;
 use crate::config::Config;
-use crate::control::cogging;
+use crate::control::{Impedance, cogging};
 use crate::drive::standstill::Window;
 use crate::drive::{Command, Reply, Tasks};
 use crate::hall::Channel;
@@ -99,6 +100,8 @@ pub struct Service {
     answer: Option<Reply>,
     /// Tables that the drive does not use.
     tables: Vec<&'static mut cogging::Table, 2>,
+    /// Springs and dampers that the drive does not use.
+    impedances: Vec<&'static mut Impedance, 2>,
     /// Settings that the drive works with.
     config: Config,
     /// Settings on their way to the drive.
@@ -132,6 +135,7 @@ impl Service {
             unanswered: Deque::new(),
             answer: None,
             tables: Vec::new(),
+            impedances: Vec::new(),
             config,
             pending_config: None,
             commutation: config.commutation,

@@ -72,6 +72,18 @@ impl State {
         Self { phases: [0; 3], current: Dq { d: 0, q: 0 }, current_reference: 0, voltage: Dq { d: 0, q: 0 }, bus: 0 };
 }
 
+/// The reference of a spring and a damper, told every 64 steps while they are followed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+pub struct Reference {
+    /// How far it is ahead of the rotor, in 2⁻²³ electrical turns.
+    pub strain: i32,
+    /// Its speed, in 2⁻³² electrical turns a step.
+    pub speed: i32,
+    /// Whether it has come to where it was commanded to, or to the speed.
+    pub complete: bool,
+}
+
 /// Rotor, currents and voltages of a step.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

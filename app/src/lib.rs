@@ -91,6 +91,7 @@ use adaptation::SensorAdaptation;
 use core::mem::MaybeUninit;
 use encoder::{Encoder, NoEncoder};
 use hallservo::config::Config;
+use hallservo::control::Impedance;
 use hallservo::control::cogging::Table;
 use hallservo::drive::Channels;
 use hallservo::hall::estimate::Estimator;
@@ -113,6 +114,7 @@ pub struct Memory<F, E: Encoder = NoEncoder> {
     drive: MaybeUninit<E::Drive>,
     channels: Channels,
     tables: [Table; 2],
+    impedances: [MaybeUninit<Impedance>; 2],
     estimators: [MaybeUninit<Estimator>; 2],
     /// Settings on their way to the drive.
     config: MaybeUninit<Config>,
@@ -138,6 +140,7 @@ impl<F, E: Encoder> Memory<F, E> {
             drive: MaybeUninit::uninit(),
             channels: Channels::new(),
             tables: [Table::ZERO; 2],
+            impedances: [const { MaybeUninit::uninit() }; 2],
             estimators: [const { MaybeUninit::uninit() }; 2],
             config: MaybeUninit::uninit(),
             service: MaybeUninit::uninit(),

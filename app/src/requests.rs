@@ -81,6 +81,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             Ask::Swings if self.activity() == Activity::Swings => Answer::Swings(protocol::Procedure::Running),
             Ask::Swings => Answer::Swings(self.swings),
             Ask::Window => Answer::Window(self.window.take()),
+            Ask::Reference => Answer::Reference(self.reference()),
             Ask::Calibration => Answer::Calibration(self.calibration),
             Ask::Identification => Answer::Identification(self.identification),
             Ask::Cogging => Answer::Cogging(self.cogging),
@@ -174,6 +175,10 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 let position = Position::from_bits(position.to_bits().wrapping_add(origin.to_bits()));
                 self.command(drive::Command::Position(position), Command::Plain)
             }
+            Ask::Impedance(request) => {
+                self.impedance(&request)?;
+                Ok(Step::Await(Awaited::Reply(Command::Plain)))
+            }
             Ask::Commutate(commutation) => {
                 let number = match commutation {
                     Commutation::Block => 0.0,
@@ -243,6 +248,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             | Ask::Cogging
             | Ask::Swings
             | Ask::Window
+            | Ask::Reference
             | Ask::Setting(_)
             | Ask::Get(_)
             | Ask::Telemetry(_)

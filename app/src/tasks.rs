@@ -84,6 +84,8 @@ pub(crate) struct Tasks<F, E> {
     /// The latest record of the drive.
     record: DriveRecord,
     measurement: Option<Measurement>,
+    /// Whether the last command to the drive was a spring and a damper.
+    follows_impedance: bool,
     readings: Readings,
     reply: Option<Reply>,
     /// Answers that the drive still owes and no request waits for.

@@ -5,6 +5,7 @@ mod config;
 mod encoder;
 mod faults;
 mod help;
+mod impedance;
 mod list;
 mod magnets;
 mod motion;
@@ -118,6 +119,9 @@ enum Command {
         #[command(flatten)]
         options: motion::Options,
     },
+    /// A spring and a damper at the shaft: where it is at rest, how stiff, how strong
+    #[command(allow_negative_numbers = true)]
+    Impedance(impedance::Options),
     /// How the phases are driven, until the power goes or `settings save`
     Commutation {
         /// The commutation
@@ -291,6 +295,7 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
         Command::Position { value, options } => {
             motion::hold(client, options, Target::Position(value.value(out.units.position.turns())), out)
         }
+        Command::Impedance(options) => impedance::hold(client, options, out),
         Command::Commutation { kind } => {
             let commutation = match kind {
                 Kind::Block => Commutation::Block,

@@ -3,6 +3,7 @@
 pub mod encoder;
 
 use hallservo::commutation::Commutation;
+use hallservo::control::impedance;
 use hallservo::drive;
 use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
@@ -170,6 +171,8 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
              set what is missing, then `hallctl settings save` (or `accept` until the power goes).",
             problem(*why)
         ),
+        Refusal::Impedance(impedance::Error::NoControl) => NO_CONTROL.into(),
+        Refusal::Impedance(error) => error.to_string(),
         Refusal::NoAnswer => {
             "the control interrupt does not answer\n  Does its timer run? Look at the board's log.".into()
         }
@@ -199,6 +202,9 @@ fn drive_refusal(refusal: drive::Refusal) -> String {
         drive::Refusal::OutOfBounds => {
             "the position is outside of its bounds\n  They are min_position_turns and max_position_turns.".into()
         }
+        drive::Refusal::TooFar => "the position is farther from the rotor than following_error_turns\n  \
+             Let the reference go there by limits of speed and acceleration."
+            .into(),
     }
 }
 

@@ -9,6 +9,7 @@ use crate::report::{Calibration, Cogging, Procedure};
 use crate::status::{Activity, Problem, Status, Telemetry};
 use hallservo::commutation::Commutation;
 use hallservo::control::config::BadDemand;
+use hallservo::control::impedance;
 use hallservo::drive;
 use hallservo::drive::standstill::{Probe, Window};
 use hallservo::service::identify;
@@ -118,6 +119,10 @@ pub enum Ask<'a> {
     Swing,
     /// What the last one came to: [`Answer::Swings`].
     Swings,
+    /// A spring and a damper at the shaft. Positions are mechanical turns, as those of [`Ask::Position`].
+    Impedance(impedance::Request),
+    /// Where the reference of the spring and the damper is: [`Answer::Reference`].
+    Reference,
     /// The absolute encoder.
     #[cfg(feature = "encoder")]
     Encoder(EncoderAsk),
@@ -152,6 +157,7 @@ impl Ask<'_> {
                 | Self::Release
                 | Self::Window
                 | Self::Swings
+                | Self::Reference
         )
     }
 }
@@ -189,6 +195,8 @@ pub enum Answer<'a> {
     Window(Option<Window>),
     /// To [`Ask::Swings`].
     Swings(Procedure<Rough>),
+    /// To [`Ask::Reference`]; none while no spring and damper are followed.
+    Reference(Option<impedance::State>),
     /// To [`EncoderAsk::Status`].
     #[cfg(feature = "encoder")]
     Encoder(EncoderStatus),
@@ -260,6 +268,8 @@ pub enum Refusal<'a> {
     Controlled,
     /// Not all of the settings in the flash could be taken over: [`Ask::Accept`] or [`Ask::Save`] first.
     Unconfirmed(Problem),
+    /// There is no such spring and damper.
+    Impedance(impedance::Error),
     /// The absolute encoder cannot.
     #[cfg(feature = "encoder")]
     Encoder(EncoderRefusal),

@@ -4,6 +4,7 @@ use hallservo::angle::ElectricalAngle;
 use hallservo::commutation::Commutation;
 use hallservo::control::Motor;
 use hallservo::control::config::BadDemand;
+use hallservo::control::impedance::{self, Field, Motion};
 use hallservo::drive;
 use hallservo::drive::standstill::Probe;
 use hallservo::fault::{Fault, Limits};
@@ -34,7 +35,7 @@ fn hex<'a, T: Serialize + Deserialize<'a> + PartialEq + std::fmt::Debug>(value: 
 
 #[test]
 fn the_version_is_this_one() {
-    assert_eq!(VERSION, 5);
+    assert_eq!(VERSION, 6);
 }
 
 #[test]
@@ -49,11 +50,38 @@ fn requests() {
         (Ask::Accept, "01ac02001a"),
         (Ask::Measure { begins: true, probe: Probe { phase: 1, current: 100, ripple: 2 } }, "01ac02001b0101c80104"),
         (Ask::Swing, "01ac02001d"),
+        (Ask::Reference, "01ac020020"),
     ];
     for (ask, bytes) in asks {
         assert_eq!(hex(&Request { id: 1, client: 300, unattended: false, ask }), bytes, "{ask:?}");
     }
     assert_eq!(hex(&Request { id: 1, client: 1, unattended: true, ask: Ask::Calibrate }), "0101010a");
+}
+
+#[test]
+fn springs() {
+    let request = impedance::Request { kp_nm_rad: Some(0.5), timeout_s: Some(1.0), ..impedance::Request::default() };
+    let springs = [
+        (impedance::Request::default(), "1f00000000803f0000803f000000000000000000000000000000"),
+        (
+            impedance::Request { motion: Motion::to(0.5), ..request },
+            "1f010000003f000000803f0000803f00000000000001000000000000e03f00000000000000010000803f",
+        ),
+        (
+            impedance::Request { motion: Motion::Within { least_turns: None, most_turns: Some(1.0) }, ..request },
+            "1f010000003f000000803f0000803f0000000000010001000000000000f03f010000803f",
+        ),
+    ];
+    for (request, bytes) in springs {
+        assert_eq!(hex(&Ask::Impedance(request)), bytes, "{request:?}");
+    }
+    let state = impedance::State { position_turns: 1.0, complete: true, ..impedance::State::default() };
+    assert_eq!(hex(&Answer::Reference(Some(state))), "0d01000000000000f03f000000000000000000000000000000000000000001");
+    assert_eq!(hex(&Answer::Reference(None)), "0d00");
+    assert_eq!(hex(&Refusal::Impedance(impedance::Error::NoControl)), "0b00");
+    let range = impedance::Error::OutOfRange { field: Field::Kp, value: 2.0, least: 0.0, most: 1.0 };
+    assert_eq!(hex(&range), "010000000040000000000000803f");
+    assert_eq!(hex(&[impedance::Error::Moving, impedance::Error::Crossed]), "0203");
 }
 
 #[test]

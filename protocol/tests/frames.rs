@@ -1,6 +1,7 @@
 //! Frames: whatever comes over the line, the decoder finds the whole ones and nothing else.
 
 use hallservo::commutation::Commutation;
+use hallservo::control::impedance::{self, Motion};
 use hallservo::drive::standstill::Probe;
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
@@ -30,7 +31,7 @@ fn texts(bytes: &[u8]) -> Vec<String> {
 /// Any request, with values as wild as they come.
 fn asks() -> impl Strategy<Value = Vec<u8>> {
     let name = "[a-z_]{0,40}";
-    (any::<u16>(), 0..29_u8, any::<u32>(), any::<u64>(), name).prop_map(|(id, kind, bits, wide, name)| {
+    (any::<u16>(), 0..31_u8, any::<u32>(), any::<u64>(), name).prop_map(|(id, kind, bits, wide, name)| {
         let (value, number) = (f32::from_bits(bits), bits as u16);
         request(
             id,
@@ -66,6 +67,12 @@ fn asks() -> impl Strategy<Value = Vec<u8>> {
                 25 => Ask::Window,
                 26 => Ask::Swing,
                 27 => Ask::Swings,
+                28 => Ask::Reference,
+                29 => Ask::Impedance(impedance::Request {
+                    kp_nm_rad: Some(value),
+                    motion: Motion::to(f64::from_bits(wide)),
+                    ..impedance::Request::default()
+                }),
                 _ => Ask::History(number as u8),
             },
         )

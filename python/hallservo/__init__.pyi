@@ -30,6 +30,23 @@ class Drive:
     def torque(self, newton_metres: float) -> None: ...
     def speed(self, rad_s: float) -> None: ...
     def position(self, turns: float) -> None: ...
+    def impedance(
+        self,
+        position: float | None = None,
+        *,
+        kp: float | None = None,
+        kd: float | None = None,
+        torque: float = 0.0,
+        max_torque: float | None = None,
+        velocity: float = 0.0,
+        stop: float | None = None,
+        within: tuple[float, float] | None = None,
+    ) -> None:
+        """A spring (kp, N·m/rad) and a damper (kd, N·m·s/rad) at the shaft.
+
+        It is at rest at a position in turns, or where the rotor is, or moves with a velocity in rad/s up to a stop;
+        within a range there is nothing but the feed-forward torque. Without kp and kd: by the bandwidths in the settings.
+        """
     def calibrate(self) -> dict[str, Any]:
         """Turns the rotor both ways and finds out what the Halls deliver."""
     def identify(self) -> dict[str, Any]:

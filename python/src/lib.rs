@@ -3,6 +3,7 @@
 use hallctl::client::{Client, unexpected};
 use hallctl::error::Error;
 use hallctl::words;
+use hallservo::control::impedance::{Motion, Request};
 use hallservo::mode::Mode;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure, Telemetry};
 use numpy::PyArray1;
@@ -126,6 +127,43 @@ impl Drive {
 
     fn position(&mut self, turns: f64) -> PyResult<()> {
         self.order(Ask::Position(turns))
+    }
+
+    /// A spring and a damper at the shaft.
+    #[pyo3(signature = (
+        position = None, *, kp = None, kd = None, torque = 0.0, max_torque = None, velocity = 0.0, stop = None,
+        within = None,
+    ))]
+    #[expect(clippy::too_many_arguments, reason = "they are named in Python")]
+    fn impedance(
+        &mut self,
+        position: Option<f64>,
+        kp: Option<f32>,
+        kd: Option<f32>,
+        torque: f32,
+        max_torque: Option<f32>,
+        velocity: f32,
+        stop: Option<f64>,
+        within: Option<(f64, f64)>,
+    ) -> PyResult<()> {
+        let motion = match within {
+            Some((least, most)) => Motion::Within { least_turns: Some(least), most_turns: Some(most) },
+            None => Motion::To {
+                position_turns: position,
+                speed_rad_s: velocity,
+                stop_turns: stop,
+                max_speed_rad_s: None,
+                max_acceleration_rad_s2: None,
+            },
+        };
+        self.order(Ask::Impedance(Request {
+            kp_nm_rad: kp,
+            kd_nms_rad: kd,
+            feed_forward_nm: torque,
+            max_torque_nm: max_torque,
+            motion,
+            ..Request::default()
+        }))
     }
 
     fn calibrate<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {

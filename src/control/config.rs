@@ -37,8 +37,9 @@ pub struct Config {
     /// Largest speed reference of the position loop, in 2⁻³² electrical turns a step: 9/8 of the trajectory's largest
     /// speed, so that the rotor can catch up with it.
     pub(crate) max_speed_reference: i32,
-    /// Share of a current by which a unit of speed beyond the largest reduces it, in 2⁻⁴⁸: a tenth more takes all.
-    pub(crate) fade: i64,
+    /// Share of a current by which a unit of speed beyond the largest reduces it, in 2⁻⁴⁷: a tenth more takes all, or
+    /// 2¹⁵ units, where that is more.
+    pub(crate) fade: u32,
     /// Largest current along q (`max_current_a`), in 2⁻¹⁵ of the full scale.
     pub(crate) max_current: i32,
     /// Bits by which an ADC code is shifted left for a full scale of 2¹⁶.
@@ -64,6 +65,8 @@ pub struct Config {
     pub(crate) motion: Motion,
     pub(crate) scale: Scale,
     pub(crate) motor: Motor,
+    /// Bandwidths of the current, speed and position loops in rad/s.
+    pub(crate) rates: [f32; 3],
 }
 
 /// The settings that the control shares with the rest of a drive.
@@ -123,7 +126,7 @@ impl Config {
             trajectory: trajectory::Limits::new((acceleration as i32).max(1), speed as i32)
                 .ok_or(gain("max_acceleration_rad_s2", max_acceleration_rad_s2))?,
             max_speed_reference: (1.125 * speed) as i32,
-            fade: (281_474_976_710_656.0 * 10.0 / speed.max(1.0)) as i64,
+            fade: (140_737_488_355_328.0 * 10.0 / speed.max(1.0)) as u32,
             max_current: libm::roundf(max_current) as i32,
             shift: 16 - u32::from(frame.adc_bits),
             volts: (longest * 65_536.0 * 4_194_304.0 / svpwm::LONGEST as f32) as i32,
@@ -142,6 +145,7 @@ impl Config {
                 .clamp(1.0, 2_147_483_520.0) as i32,
             scale,
             motor,
+            rates: [current_hz, speed_hz, position_hz].map(|hz| TAU * hz),
         })
     }
 }

@@ -22,12 +22,17 @@ pub struct Limits {
 impl Limits {
     /// Largest acceleration, units of speed a step, and speed. `None` unless both are from 1 to 2²⁹.
     pub const fn new(acceleration: i32, speed: i32) -> Option<Self> {
-        const MOST: i32 = 1 << 29;
-        if acceleration < 1 || speed < 1 || acceleration > MOST || speed > MOST {
+        if acceleration < 1 || speed < 1 || acceleration > Self::MOST || speed > Self::MOST {
             return None;
         }
         Some(Self { acceleration, speed, longest_distance: i64::MAX as u64 / (2 * acceleration as u64) })
     }
+
+    /// The largest of either.
+    pub(crate) const MOST: i32 = 1 << 29;
+
+    /// The least of both.
+    pub(crate) const SLOWEST: Self = Self { acceleration: 1, speed: 1, longest_distance: i64::MAX as u64 / 2 };
 
     /// Largest speed.
     pub const fn speed(&self) -> i32 {
@@ -100,11 +105,19 @@ impl Trajectory {
         let faster = speed + acceleration;
         let slow = faster as u32 <= 2 * acceleration as u32;
         let faster = if faster < fastest { faster } else { fastest };
-        let next = if slow && self.last_step <= acceleration {
+        let reach = if acceleration < fastest { acceleration } else { fastest };
+        let next = if slow && self.last_step <= reach {
             self.last_step
         } else if speed.wrapping_sub(1) as u32 >= fastest as u32 {
             // Above the largest speed, or not moving towards the target, which is more than one step away.
-            if speed > 0 { speed - acceleration } else { faster }
+            let slower = speed - acceleration;
+            if speed <= 0 {
+                faster
+            } else if slower < fastest {
+                fastest
+            } else {
+                slower
+            }
         } else if stops(faster, acceleration, self.stopping) {
             faster
         } else if stops(speed, acceleration, self.stopping) {
@@ -123,6 +136,14 @@ impl Trajectory {
         let speed = self.speed.abs();
         let stopping = distance * (2 * limits.acceleration as u32) as u64;
         stops(speed + limits.acceleration, limits.acceleration, stopping)
+    }
+
+    /// Where it can be at rest when it brakes from now on, and at most one step farther. Divides, so not for every step.
+    pub(crate) fn resting_place(&self, limits: &Limits) -> Position {
+        // Of v (v + a) / 2a; an acceleration is never 0; so written, nothing can panic.
+        let steps = self.speed.unsigned_abs().checked_div(limits.acceleration.unsigned_abs()).unwrap_or(0);
+        let way = (i64::from(self.speed) * (i64::from(steps) + 2)) >> 1;
+        Position::from_bits(self.position.to_bits().wrapping_add(way))
     }
 
     /// Moves no faster than at a speed, and not the other way.

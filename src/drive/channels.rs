@@ -6,12 +6,13 @@ use crate::angle::Position;
 use crate::commutation::{Commutation, Modulation};
 use crate::config::Config;
 use crate::control::cogging;
-use crate::control::{Current, Speed};
+use crate::control::{Current, Impedance, Speed};
 use crate::fault::Fault;
 use crate::hall::estimate::Estimator;
 use crate::mode::Mode;
-use crate::telemetry::{Measurement, Record};
+use crate::telemetry::{Measurement, Record, Reference};
 use core::fmt;
+use core::sync::atomic::{AtomicBool, AtomicI32, Ordering::Relaxed};
 use heapless::spsc::{Consumer, Producer, Queue};
 
 /// What a task asks the drive to do. Each is answered by one [`Reply`], in order.
@@ -42,6 +43,9 @@ pub enum Command {
     Speed(Speed),
     /// Position, reached with the largest acceleration and speed and held.
     Position(Position),
+    /// A spring and a damper at the shaft; the memory of the one before comes back through [`Tasks::impedances`], and so
+    /// does that of one that was refused.
+    Impedance(&'static mut Impedance),
     /// Another commutation, while the bridge is off.
     Commutate(Commutation),
     /// Compensate the cogging by a table, or not; the old table comes back through [`Tasks::tables`].
@@ -82,6 +86,8 @@ pub enum Refusal {
     Turning,
     /// The position is outside of `min_position_turns` to `max_position_turns`.
     OutOfBounds,
+    /// The position to be at at once is farther from the rotor than `following_error_turns`, which would be a fault.
+    TooFar,
 }
 
 impl fmt::Display for Refusal {
@@ -97,6 +103,7 @@ impl fmt::Display for Refusal {
             Self::Fault(fault) => fault.fmt(f),
             Self::Turning => write!(f, "the rotor turns: let it come to rest"),
             Self::OutOfBounds => write!(f, "the position is outside of its bounds"),
+            Self::TooFar => write!(f, "the position is too far away to be there at once: limit the reference's speed"),
         }
     }
 }
@@ -109,6 +116,33 @@ const RECORDS: usize = if cfg!(feature = "small") { 32 } else { 64 };
 /// Length of the queue of measurements, of which one comes every 32 steps at most.
 const MEASUREMENTS: usize = RECORDS / 4;
 
+/// The last [`Reference`], which the tasks may read at any time.
+#[derive(Default)]
+pub struct Told {
+    strain: AtomicI32,
+    speed: AtomicI32,
+    complete: AtomicBool,
+}
+
+impl Told {
+    const fn new() -> Self {
+        Self { strain: AtomicI32::new(0), speed: AtomicI32::new(0), complete: AtomicBool::new(false) }
+    }
+
+    #[inline(always)]
+    pub(super) fn tell(&self, Reference { strain, speed, complete }: Reference) {
+        self.strain.store(strain, Relaxed);
+        self.speed.store(speed, Relaxed);
+        self.complete.store(complete, Relaxed);
+    }
+
+    /// What was told last. A part of it may be newer, by 64 steps.
+    pub fn get(&self) -> Reference {
+        let Self { strain, speed, complete } = self;
+        Reference { strain: strain.load(Relaxed), speed: speed.load(Relaxed), complete: complete.load(Relaxed) }
+    }
+}
+
 /// The queues between the interrupt and the tasks.
 #[derive(Default)]
 pub struct Channels {
@@ -120,6 +154,8 @@ pub struct Channels {
     tables: Queue<&'static mut cogging::Table, 8>,
     configs: Queue<&'static mut Config, 8>,
     windows: Queue<Window, 4>,
+    impedances: Queue<&'static mut Impedance, 4>,
+    reference: Told,
 }
 
 /// The interrupt's ends of the queues.
@@ -132,6 +168,8 @@ pub struct Interrupt {
     pub(super) tables: Producer<'static, &'static mut cogging::Table, 8>,
     pub(super) configs: Producer<'static, &'static mut Config, 8>,
     pub(super) windows: Producer<'static, Window, 4>,
+    pub(super) impedances: Producer<'static, &'static mut Impedance, 4>,
+    pub(super) reference: &'static Told,
 }
 
 /// The tasks' ends of the queues.
@@ -152,6 +190,10 @@ pub struct Tasks {
     pub configs: Consumer<'static, &'static mut Config, 8>,
     /// What was measured at standstill.
     pub windows: Consumer<'static, Window, 4>,
+    /// Springs and dampers that the drive no longer uses.
+    pub impedances: Consumer<'static, &'static mut Impedance, 4>,
+    /// Where the reference of a spring and a damper is.
+    pub reference: &'static Told,
 }
 
 impl Channels {
@@ -166,6 +208,8 @@ impl Channels {
             tables: Queue::new(),
             configs: Queue::new(),
             windows: Queue::new(),
+            impedances: Queue::new(),
+            reference: Told::new(),
         }
     }
 
@@ -179,8 +223,20 @@ impl Channels {
         let (tables, tables_out) = self.tables.split();
         let (configs, configs_out) = self.configs.split();
         let (windows, windows_out) = self.windows.split();
+        let (impedances, impedances_out) = self.impedances.split();
         (
-            Interrupt { commands, replies, records, retired, measurements, tables, configs, windows },
+            Interrupt {
+                commands,
+                replies,
+                records,
+                retired,
+                measurements,
+                tables,
+                configs,
+                windows,
+                impedances,
+                reference: &self.reference,
+            },
             Tasks {
                 commands: commands_in,
                 replies: replies_out,
@@ -190,6 +246,8 @@ impl Channels {
                 tables: tables_out,
                 configs: configs_out,
                 windows: windows_out,
+                impedances: impedances_out,
+                reference: &self.reference,
             },
         )
     }

@@ -50,6 +50,7 @@ impl Drive {
             Command::Current(current) => self.follow(Demand::Current(current))?,
             Command::Speed(speed) => self.follow(Demand::Speed(speed))?,
             Command::Position(position) => self.follow(Demand::Position(position))?,
+            Command::Impedance(impedance) => self.follow_impedance(impedance)?,
             Command::Commutate(commutation) => self.commutate(commutation)?,
             Command::AntiCogging(table) => self.set_anti_cogging(table),
             Command::Configure(config) => self.configure(config)?,
@@ -65,7 +66,7 @@ impl Drive {
     /// Restarts the command time-out.
     fn restart_timeout(&mut self) {
         let timed_out = self.servo.limits.contains(Limits::TIMEOUT);
-        self.servo.command_received();
+        self.servo.command_received(self.config.control.as_ref());
         if timed_out {
             self.publish();
         }
@@ -228,7 +229,7 @@ impl Drive {
         let (magnitude, most) = match demand {
             Demand::Current(Current(current)) => (current.unsigned_abs(), control.max_current),
             Demand::Speed(Speed(speed)) => (speed.unsigned_abs(), control.trajectory.speed()),
-            Demand::Position(_) | Demand::Voltage => (0, 0),
+            Demand::Position(_) | Demand::Impedance | Demand::Voltage => (0, 0),
         };
         if magnitude > most as u32 {
             return Err(Refusal::TooLarge);
@@ -241,7 +242,7 @@ impl Drive {
         Ok(())
     }
 
-    fn take_up(&mut self, demand: Demand) {
+    pub(super) fn take_up(&mut self, demand: Demand) {
         if let Some(control) = &self.config.control {
             self.servo.follow(control, demand, &self.record.rotor);
         }

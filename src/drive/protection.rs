@@ -75,6 +75,7 @@ impl Protection {
     /// The bridge is to be switched on: nothing is counted yet, and the largest current is that of these temperatures.
     pub fn arm(&mut self, config: &Config, sample: &Sample) {
         self.rest();
+        self.timeout.restart(config, None);
         for place in 0..2 {
             self.temperatures[place].derate(config, sample, place);
         }

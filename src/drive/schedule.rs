@@ -83,7 +83,7 @@ impl Drive {
                 servo.protection.limit_braking(with.config, paths.field_oriented.bus());
             }),
             53 => return self.supervision_slot(sample),
-            61 => self.slot(sample, |servo, _, with| servo.protection.narrow(with.config)),
+            61 => self.window_slot(sample),
             _ => return self.heat_slot(sample),
         }
         self.estimator()
@@ -114,9 +114,9 @@ impl Drive {
     /// The plan of the trajectory to a commanded position; the command time-out.
     #[inline(never)]
     fn trajectory_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let overdue = self.with_servo(sample, |servo, _, with| {
-            servo.plan_trajectory(with);
-            servo.protection.timeout.is_overdue(with.config)
+        let overdue = self.with_servo(sample, |servo, _, _| {
+            servo.plan_trajectory();
+            servo.protection.timeout.is_overdue()
         });
         if overdue == Some(true) {
             self.command_timeout();
@@ -286,6 +286,15 @@ impl Drive {
             None
         });
         self.fail_if(fault.flatten())
+    }
+
+    /// What is left to the current; the reference of a spring and a damper for the tasks.
+    #[inline(never)]
+    fn window_slot(&mut self, sample: &Sample) {
+        self.with_servo(sample, |servo, _, with| servo.protection.narrow(with.config));
+        if self.servo.demand() == Demand::Impedance {
+            self.channels.reference.tell(self.servo.reference_of_impedance());
+        }
     }
 
     #[inline(never)]

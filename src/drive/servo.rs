@@ -2,7 +2,8 @@
 //! measured, the protection and the schedule. Shared by [local feedback](super::local_feedback) and [field
 //! orientation](super::field_oriented).
 
-use super::protection::{Protection, Timeout};
+use super::impedance::Shaft;
+use super::protection::Protection;
 use super::schedule::{OUTER, Schedule};
 use super::supervision::{self, Supervision};
 use super::{FieldOriented, Idle, Sample};
@@ -11,7 +12,7 @@ use crate::commutation::frames::{Clarke, Dq, Rotation};
 use crate::control::cogging;
 use crate::control::config::{Config, Motion};
 use crate::control::current::PARK_BITS;
-use crate::control::trajectory::Trajectory;
+use crate::control::trajectory::{self, Trajectory};
 use crate::control::velocity::Integrator;
 use crate::control::{Current, Speed};
 use crate::fault::{Fault, Limits};
@@ -33,6 +34,8 @@ pub enum Demand {
     Speed(Speed),
     /// A position.
     Position(Position),
+    /// A spring and a damper.
+    Impedance,
 }
 
 /// Reference of the current, as the field-oriented step works with it.
@@ -60,21 +63,25 @@ pub(super) struct Servo {
     /// Currents of the last step in the frame of the rotor, in 2⁻²⁸ of the full scale.
     current: Dq,
     demand: Demand,
-    trajectory: Trajectory,
+    pub(super) trajectory: Trajectory,
+    /// Where the trajectory to a position ends, in the unit of the outer loops, and its limits.
+    pub(super) goal: Position,
+    pub(super) limits_on_way: trajectory::Limits,
+    pub shaft: Shaft,
     /// Whether what is commanded has to end because of a bound of the position.
-    ends: bool,
+    pub(super) ends: bool,
     /// Speed reference ω*, from the position loop or the trajectory, in 2⁻³² electrical turns a step.
-    speed_reference: i32,
+    pub(super) speed_reference: i32,
     /// Current along q that the speed loop or the command asks for, in 2⁻¹⁵ of the full scale; before anti-cogging and
     /// limit.
-    current_request: i32,
+    pub(super) current_request: i32,
     /// … before the speed loop has limited it.
-    asked: i32,
+    pub(super) asked: i32,
     speed_integrator: Integrator,
     /// Anti-cogging current over the electrical angle, if it is on.
     pub cogging: Option<&'static mut cogging::Table>,
     /// Whether a commanded speed waits for a rotor that cannot follow.
-    waits: bool,
+    pub(super) waits: bool,
     /// Whether the motion is supervised: something is followed, and not checked before.
     pub supervised: bool,
     /// What limits the control at the moment.
@@ -98,6 +105,9 @@ impl Servo {
             current: Dq { d: 0, q: 0 },
             demand: Demand::Voltage,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
+            goal: Position::from_bits(0),
+            limits_on_way: trajectory::Limits::SLOWEST,
+            shaft: Shaft::NONE,
             ends: false,
             waits: false,
             supervised: false,
@@ -128,7 +138,6 @@ impl Servo {
     }
 
     /// The demand that is followed.
-    #[cfg(test)]
     pub const fn demand(&self) -> Demand {
         self.demand
     }
@@ -149,14 +158,16 @@ impl Servo {
     }
 
     /// Restarts the command time-out.
-    pub fn command_received(&mut self) {
-        self.protection.timeout = Timeout::NONE;
+    pub fn command_received(&mut self, config: Option<&Config>) {
+        if let Some(config) = config {
+            self.protection.timeout.restart(config, self.own_timeout());
+        }
         self.limits = self.limits.without(Limits::TIMEOUT);
     }
 
     /// Takes up a demand. After one of another kind, the loops start from the present position, speed and current.
     pub fn follow(&mut self, config: &Config, demand: Demand, rotor: &Tracker) {
-        if !self.moves() {
+        if !self.continues(demand) {
             self.trajectory = Trajectory::at(coarse(rotor.smoothed()), rotor.speed());
             self.speed_reference = rotor.speed();
             self.current_request = self.current_reference();
@@ -165,17 +176,35 @@ impl Servo {
         self.demand = demand;
         self.ends = false;
         self.protection.held = i32::MAX;
-        if let Demand::Current(Current(current)) = demand {
-            (self.asked, self.current_request) = (current, current);
-            self.set_reference(config, current);
+        match demand {
+            Demand::Voltage | Demand::Speed(_) => {}
+            Demand::Current(Current(current)) => {
+                (self.asked, self.current_request) = (current, current);
+                self.set_reference(config, current);
+            }
+            Demand::Position(position) => (self.goal, self.limits_on_way) = (coarse(position), config.trajectory),
+            Demand::Impedance => self.begin_impedance(config),
+        }
+    }
+
+    /// Whether a demand goes on from the reference of the one before.
+    fn continues(&self, demand: Demand) -> bool {
+        match demand {
+            Demand::Voltage | Demand::Current(_) => self.moves(),
+            Demand::Speed(_) | Demand::Position(_) => matches!(self.demand, Demand::Speed(_) | Demand::Position(_)),
+            Demand::Impedance => match self.demand {
+                Demand::Position(_) => true,
+                Demand::Impedance => self.shaft.has_reference(),
+                _ => false,
+            },
         }
     }
 
     /// Plans the trajectory for the distance that is left to a commanded position.
     #[inline(always)]
-    pub fn plan_trajectory(&mut self, with: &Context) {
-        if let Demand::Position(position) = self.demand {
-            self.trajectory.plan(coarse(position), &with.config.trajectory);
+    pub fn plan_trajectory(&mut self) {
+        if let Demand::Position(_) | Demand::Impedance = self.demand {
+            self.trajectory.plan(self.goal, &self.limits_on_way);
         }
     }
 
@@ -189,20 +218,24 @@ impl Servo {
                 let target = if self.ends { 0 } else { speed };
                 self.trajectory.towards_speed(target, &with.config.trajectory);
             }
-            Demand::Position(_) if self.waits => self.trajectory.slow_to(0),
-            Demand::Position(_) => self.trajectory.advance(&with.config.trajectory),
+            Demand::Position(_) | Demand::Impedance if self.waits => self.trajectory.slow_to(0),
+            Demand::Position(_) | Demand::Impedance => self.trajectory.advance(&self.limits_on_way),
         }
     }
 
     /// The position loop: the reference of the speed.
     #[inline(always)]
     pub fn position_loop(&mut self, with: &Context) {
-        self.speed_reference = self.trajectory.speed();
-        if let Demand::Position(_) = self.demand {
-            let (reference, measured) = (self.trajectory.position(), coarse(with.rotor.smoothed()));
-            let Config { position, max_speed_reference, .. } = with.config;
-            self.speed_reference = position.speed(reference, measured, self.speed_reference, *max_speed_reference);
-        }
+        let speed = self.trajectory.speed();
+        self.speed_reference = match self.demand {
+            Demand::Position(_) => {
+                let (reference, measured) = (self.trajectory.position(), coarse(with.rotor.smoothed()));
+                let Config { position, max_speed_reference, .. } = with.config;
+                position.speed(reference, measured, speed, *max_speed_reference)
+            }
+            Demand::Impedance => self.shaft.deviate(&self.trajectory, with.rotor),
+            _ => speed,
+        };
     }
 
     /// The speed loop: the current that is asked for. A commanded current fades out beyond the largest speed, and
@@ -218,6 +251,8 @@ impl Servo {
             (self.asked, self.current_request) = (request.asked, request.current);
         } else if let Demand::Current(Current(current)) = self.demand {
             self.current_request = if self.ends { 0 } else { within_speed(current, with) };
+        } else if self.demand == Demand::Impedance {
+            self.impedance_loop(with);
         }
     }
 
@@ -227,11 +262,11 @@ impl Servo {
     pub fn attend_to_motion(&mut self, with: &Context) -> Option<Fault> {
         let motion = &with.config.motion;
         match self.demand {
-            Demand::Voltage | Demand::Current(_) => {}
+            Demand::Voltage | Demand::Current(_) | Demand::Impedance => {}
             Demand::Speed(Speed(speed)) => {
                 let reference = self.trajectory.speed();
                 let ahead = reference.wrapping_sub(with.rotor.speed());
-                let far = ahead.saturating_abs() > motion.far_speed / 2;
+                let far = ahead.saturating_abs() > motion.far_speed >> 1;
                 self.waits = far && (ahead < 0) == (speed < reference);
             }
             Demand::Position(_) => {
@@ -257,14 +292,15 @@ impl Servo {
         let [least, most] = motion.bounds;
         match self.demand {
             Demand::Voltage => {}
+            Demand::Impedance => self.attend_to_impedance(here, &motion.bounds),
             Demand::Current(Current(current)) => self.ends = if current < 0 { here < least } else { here > most },
             Demand::Speed(Speed(speed)) => {
                 let left = if speed < 0 { here - least } else { most - here };
                 self.ends = !self.trajectory.stops_within(left, &with.config.trajectory);
             }
-            Demand::Position(target) => {
+            Demand::Position(_) => {
                 let ahead = self.distance(with);
-                let back = coarse(target).to_bits() < self.trajectory.position().to_bits();
+                let back = self.goal.to_bits() < self.trajectory.position().to_bits();
                 self.waits = ahead.unsigned_abs() > motion.far as u64 / 4 && (ahead < 0) == back;
             }
         }
@@ -292,6 +328,10 @@ impl Servo {
             5 => return supervision.judge(model),
             6 => match self.demand {
                 Demand::Voltage | Demand::Current(_) => supervision.is_in_time(),
+                Demand::Impedance => {
+                    supervision.is_in_time();
+                    return self.shaft.is_strained().then_some(Fault::FollowingError);
+                }
                 Demand::Speed(_) => {
                     return supervision.is_late(motion, self.speed_reference.wrapping_sub(with.rotor.speed()));
                 }
@@ -376,19 +416,19 @@ impl Servo {
     }
 }
 
-/// A commanded current: none that makes a rotor faster which is faster than allowed.
+/// A current within its limits: none that makes a rotor faster which is faster than allowed.
 #[inline(always)]
-fn within_speed(current: i32, with: &Context) -> i32 {
+pub(super) fn within_speed(current: i32, with: &Context) -> i32 {
     let speed = with.rotor.speed();
     let excess = if current < 0 { -speed } else { speed } - with.config.trajectory.speed();
     if excess <= 0 {
         return current;
     }
-    let share = 65_536 - ((i64::from(excess) * with.config.fade) >> 32).min(65_536);
-    ((i64::from(current) * share) >> 16) as i32
+    let lost = (u64::from(excess.unsigned_abs()) * u64::from(with.config.fade)) >> 32;
+    (current * 32_768_u32.saturating_sub(lost as u32) as i32) >> 15
 }
 
 /// A position in the unit of the outer loops: what a speed moves on by in a step of theirs is its number.
-const fn coarse(position: Position) -> Position {
+pub(super) const fn coarse(position: Position) -> Position {
     Position::from_bits(position.to_bits() >> OUTER.ilog2())
 }

@@ -6,6 +6,7 @@ mod commands;
 mod direction;
 mod following;
 mod halls;
+mod impedance;
 mod interlock;
 mod records;
 mod refusals;
@@ -15,6 +16,7 @@ use super::*;
 use crate::angle::Position;
 use crate::board::{LostPeriods, TemperatureCode};
 use crate::commutation::Modulation;
+use crate::control::impedance::{Motion, Request};
 use crate::control::{Current, Speed};
 use crate::hall::Codes;
 use crate::hall::model::Model;
@@ -121,4 +123,21 @@ fn with_control(commutation: Commutation, change: impl Fn(&mut crate::settings::
     bench.healthy = true;
     bench.install().unwrap();
     bench
+}
+
+/// A spring and a damper by the settings; none without currents to control.
+fn impedance(config: &Config, motion: Motion) -> Command {
+    let request = Request { motion, ..Request::default() };
+    Command::Impedance(Box::leak(Box::new(config.impedance(&request).unwrap_or(crate::control::Impedance::NONE))))
+}
+
+/// A reference that is at a position at once and moves on, rad/s.
+fn at_once(position_turns: f64, speed_rad_s: f32) -> Motion {
+    Motion::To {
+        position_turns: Some(position_turns),
+        speed_rad_s,
+        stop_turns: None,
+        max_speed_rad_s: Some(f32::INFINITY),
+        max_acceleration_rad_s2: Some(f32::INFINITY),
+    }
 }

@@ -42,6 +42,11 @@ impl Config {
         TURN / self.gains[1] as f32
     }
 
+    /// What the smoothed speed lags by, in samples.
+    pub(crate) fn speed_lag(&self) -> f32 {
+        self.gains[0] as f32 / self.gains[1] as f32
+    }
+
     /// The share of the noise of single samples that the smoothed angle has at constant speed.
     pub fn noise_gain(&self) -> f32 {
         let [alpha, beta] = self.gains.map(|gain| gain as f32 / TURN);

@@ -3,6 +3,7 @@
 use super::Tasks;
 use crate::encoder::Encoder;
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::control::impedance::{self, Motion};
 use hallservo::drive::{Command, Reply};
 use hallservo::settings::Settings;
 use hallservo_protocol::Refusal;
@@ -11,7 +12,32 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Sends a command to the drive; [`Self::take_reply`] has the answer.
     pub fn send(&mut self, command: Command) -> Result<(), Refusal<'static>> {
         self.ready_for_command()?;
+        self.follows_impedance = false;
         self.service.send(command).map_err(|_| Refusal::NoAnswer)
+    }
+
+    /// Sends the drive a spring and a damper, whose positions count from the user's zero; [`Self::take_reply`] has the
+    /// answer.
+    #[inline(never)]
+    pub fn impedance(&mut self, request: &impedance::Request) -> Result<(), Refusal<'static>> {
+        let places = match request.motion {
+            Motion::To { position_turns, stop_turns, .. } => position_turns.is_some() || stop_turns.is_some(),
+            Motion::Within { .. } => true,
+        };
+        self.encoder.may_move(places, &self.settings)?;
+        let mut impedance = self.service.config().impedance(request).map_err(Refusal::Impedance)?;
+        impedance.shift(self.encoder.origin());
+        self.ready_for_command()?;
+        self.service.follow_impedance(&impedance).map_err(|_| Refusal::NoAnswer)?;
+        self.follows_impedance = true;
+        Ok(())
+    }
+
+    /// Where the reference of the spring and the damper is, while one is followed.
+    pub fn reference(&self) -> Option<impedance::State> {
+        let control = self.service.config().control.as_ref().filter(|_| self.follows_impedance)?;
+        let state = self.service.reference().state(self.measurement.as_ref()?, control, self.encoder.origin());
+        Some(state)
     }
 
     /// Sends the drive the command to disarm, whatever it still owes an answer to: behind what is queued already, so

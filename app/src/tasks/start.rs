@@ -15,6 +15,7 @@ use crate::{Identity, Memory, Supervisor};
 use core::mem::MaybeUninit;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::config::Config;
+use hallservo::control::Impedance;
 use hallservo::drive::{self, Drive};
 use hallservo::hall::estimate::Estimator;
 use hallservo::service::Service;
@@ -86,6 +87,7 @@ pub(crate) fn start<F: NorFlash, E: Encoder>(
         drive,
         channels,
         tables,
+        impedances,
         estimators,
         config,
         service,
@@ -107,6 +109,9 @@ pub(crate) fn start<F: NorFlash, E: Encoder>(
     let service = new_service(service, config, tasks, estimators.each_mut().map(blank));
     for table in tables {
         service.add_table(table);
+    }
+    for impedance in impedances {
+        service.add_impedance(impedance.write(Impedance::NONE));
     }
     let adaptation = adaptation.write(SensorAdaptation::new());
     let places = Places { encoder, magnets, service, config, adaptation, procedure: procedure.write(None) };
@@ -172,6 +177,7 @@ fn supervise<F: NorFlash, E: Encoder>(
         window: None,
         record: DriveRecord::new(),
         measurement: None,
+        follows_impedance: false,
         readings: Readings::default(),
         reply: None,
         unclaimed_replies: 0,

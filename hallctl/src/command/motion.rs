@@ -4,6 +4,7 @@ use crate::client::Client;
 use crate::error::{Error, Result};
 use crate::out::Out;
 use crate::{say, words};
+use hallservo::control::impedance::Request;
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Ask, Status};
@@ -33,6 +34,8 @@ pub(super) enum Target {
     Speed(f32),
     /// Turns
     Position(f64),
+    /// A spring and a damper.
+    Impedance(Request),
 }
 
 /// How long a motor may take to stop before the bridge is switched off, in the drive's time, ms.
@@ -50,6 +53,7 @@ impl Target {
             Self::Torque(torque) => Ask::Torque(torque),
             Self::Speed(speed) => Ask::Speed(speed),
             Self::Position(turns) => Ask::Position(turns),
+            Self::Impedance(request) => Ask::Impedance(request),
         }
     }
 
@@ -58,6 +62,7 @@ impl Target {
         match self {
             Self::Voltage(value) | Self::Torque(value) | Self::Speed(value) => value as f64,
             Self::Position(turns) => turns,
+            Self::Impedance(_) => 0.0,
         }
     }
 
@@ -67,7 +72,7 @@ impl Target {
             Self::Voltage(_) => Some(Ask::Voltage(0.0)),
             Self::Torque(_) => Some(Ask::Torque(0.0)),
             Self::Speed(_) => Some(Ask::Speed(0.0)),
-            Self::Position(_) => None,
+            Self::Position(_) | Self::Impedance(_) => None,
         }
     }
 }

@@ -84,6 +84,9 @@ proptest! {
                 3 => Some(Command::Drive(Modulation::from_bits(value as i16))),
                 4 => Some(Command::Clear),
                 5 => Some(Command::Arm),
+                6 => Some(impedance(&bench.config, Motion::to(f64::from(value >> 24)))),
+                7 => Some(impedance(&bench.config, at_once(f64::from(value) / 4e9, (value >> 23) as f32))),
+                8 => Some(impedance(&bench.config, Motion::Within { least_turns: None, most_turns: Some(-0.1) })),
                 _ => None,
             };
             if let Some(command) = command {

@@ -22,10 +22,11 @@ enum Situation {
     Current,
     Speed,
     Position,
+    Impedance,
     Faulted,
 }
 
-const SITUATIONS: [Situation; 11] = [
+const SITUATIONS: [Situation; 12] = [
     Situation::Unarmed,
     Situation::Aligning,
     Situation::Calibrating,
@@ -36,12 +37,13 @@ const SITUATIONS: [Situation; 11] = [
     Situation::Current,
     Situation::Speed,
     Situation::Position,
+    Situation::Impedance,
     Situation::Faulted,
 ];
 
 /// Every kind of command, some within and some beyond the limits.
 type Make = fn(&Bench) -> Command;
-const COMMANDS: [Make; 16] = [
+const COMMANDS: [Make; 19] = [
     |_| Command::Calibrate,
     |bench| Command::Install(Box::leak(Box::new(Estimator::new(&bench.model, bench.config.adc_bits).unwrap()))),
     |_| Command::CalibrationFailed,
@@ -54,6 +56,10 @@ const COMMANDS: [Make; 16] = [
     |_| Command::Speed(Speed(1000)),
     |_| Command::Speed(Speed(i32::MIN)),
     |_| Command::Position(Position::from_bits(1 << 33)),
+    |bench| impedance(&bench.config, Motion::HERE),
+    // Too far to be there at once, and out of the bounds.
+    |bench| impedance(&bench.config, at_once(3.0, 0.0)),
+    |bench| impedance(&bench.config, Motion::to(60.0)),
     |_| Command::Commutate(Commutation::Block),
     |_| Command::Commutate(Commutation::FieldOriented),
     |bench| Command::Configure(Box::leak(Box::new(bench.config))),
@@ -65,6 +71,7 @@ fn bench(commutation: Option<Commutation>, situation: Situation) -> Option<Bench
     let mut control = Control::default();
     control.guard.command_timeout_s = 2e-3;
     control.guard.on_timeout = OnTimeout::Stop;
+    (control.min_position_turns, control.max_position_turns) = (-50.0, 50.0);
     let settings = Settings {
         max_modulation: 0.9,
         commutation: commutation.unwrap_or_default(),
@@ -92,6 +99,8 @@ fn bench(commutation: Option<Commutation>, situation: Situation) -> Option<Bench
         Situation::Current => Command::Current(Current(500)),
         Situation::Speed => Command::Speed(Speed(100_000)),
         Situation::Position => Command::Position(Position::from_bits(7 << 32)),
+        Situation::Impedance if commutation.is_none() => return None,
+        Situation::Impedance => impedance(&bench.config, Motion::to(1.5)),
     };
     if !matches!(situation, Situation::Aligning) {
         bench.command(Command::Arm).unwrap();

@@ -10,8 +10,10 @@ use core::sync::atomic::{AtomicPtr, Ordering::Relaxed};
 use hallservo::angle::{ElectricalAngle, PolePairs};
 use hallservo::board::{Output, Sample, TemperatureCode};
 use hallservo::commutation::Commutation;
+use hallservo::config::Config;
 use hallservo::control::cogging::Table;
 use hallservo::control::config::Config as Control;
+use hallservo::control::impedance::{Impedance, Motion, Request};
 use hallservo::drive::{Channels, Command, Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
 use hallservo::hall::map::{Live, Map, WHOLE};
@@ -25,10 +27,13 @@ pub const ROWS: &[Row] = &[
     Row::new("field-oriented, fast, current", "hallservo", function!(step), fast::<CURRENT>, stays_on).budget(300),
     Row::new("field-oriented, fast, speed", "hallservo", function!(step), fast::<SPEED>, stays_on).budget(300),
     Row::new("field-oriented, fast, position", "hallservo", function!(step), fast::<POSITION>, stays_on).budget(300),
+    Row::new("field-oriented, fast, impedance", "hallservo", function!(step), fast::<IMPEDANCE>, stays_on).budget(300),
     Row::new("field-oriented, stalled, current", "hallservo", function!(step), stalled::<CURRENT>, stays_on)
         .budget(300),
     Row::new("field-oriented, stalled, speed", "hallservo", function!(step), stalled::<SPEED>, stays_on).budget(300),
     Row::new("field-oriented, stalled, position", "hallservo", function!(step), stalled::<POSITION>, stays_on)
+        .budget(300),
+    Row::new("field-oriented, stalled, impedance", "hallservo", function!(step), stalled::<IMPEDANCE>, stays_on)
         .budget(300),
     Row::new("field-oriented, with a table, current", "hallservo", function!(step), anti_cogging::<CURRENT>, stays_on)
         .budget(300),
@@ -42,6 +47,14 @@ pub const ROWS: &[Row] = &[
         stays_on,
     )
     .budget(300),
+    Row::new(
+        "field-oriented, with a table, impedance",
+        "hallservo",
+        function!(step),
+        anti_cogging::<IMPEDANCE>,
+        stays_on,
+    )
+    .budget(300),
     Row::new("field-oriented, fast, with a map, speed", "hallservo", function!(step), mapped, stays_on).budget(340),
     Row::new("field-oriented, with a command", "hallservo", function!(step), commanded, stays_on),
 ];
@@ -49,9 +62,11 @@ pub const ROWS: &[Row] = &[
 const CURRENT: usize = 0;
 const SPEED: usize = 1;
 const POSITION: usize = 2;
+/// A spring and a damper.
+const IMPEDANCE: usize = 3;
 /// A speed, with a map of the magnets.
-const MAPPED: usize = 3;
-const DEMANDS: usize = 4;
+const MAPPED: usize = 4;
+const DEMANDS: usize = 5;
 
 /// A, rad/s and turns, one after the other. A current of 3 A ends where the voltage does; on the way to a speed or a
 /// far position it turns back; near ones are reached, one by three steps of the trajectory.
@@ -60,6 +75,37 @@ const FOLLOWED: [[f64; PARTS as usize]; 3] = [
     [400.0, 400.0, -400.0, -400.0, 0.0, -200.0, 399.0, 400.0, 401.0, -500.0, -500.0, 5.0, -5.0, 0.0, 400.0, -400.0],
     [30.0, 30.0, -30.0, -30.0, 0.0, 0.0, 0.0, 0.0, 0.1, 0.100_24, 0.13, 0.0, -0.08, 30.0, 30.0, -30.0],
 ];
+
+/// Where the reference of a spring goes, turns, with what speed, rad/s, and whether at once: to a position, one that
+/// moves, with a speed, up to a stop, and within a range.
+const REFERENCES: [Motion; PARTS as usize] = [
+    travel(None, 400.0, None),
+    travel(None, 400.0, None),
+    travel(None, -400.0, None),
+    travel(None, -400.0, None),
+    travel(Some(0.0), 0.0, None),
+    travel(Some(5.0), 0.0, None),
+    travel(Some(-5.0), 0.0, None),
+    travel(Some(0.1), 0.0, None),
+    Motion::Within { least_turns: Some(-0.01), most_turns: Some(0.01) },
+    Motion::Within { least_turns: None, most_turns: Some(-0.5) },
+    Motion::Within { least_turns: Some(0.3), most_turns: None },
+    travel(None, 300.0, Some(2.0)),
+    travel(None, -300.0, Some(0.0)),
+    Motion::To {
+        position_turns: Some(0.5),
+        speed_rad_s: 100.0,
+        stop_turns: None,
+        max_speed_rad_s: Some(f32::INFINITY),
+        max_acceleration_rad_s2: Some(f32::INFINITY),
+    },
+    travel(Some(100.0), 0.0, None),
+    travel(Some(-100.0), 0.0, None),
+];
+
+const fn travel(position_turns: Option<f64>, speed_rad_s: f32, stop_turns: Option<f64>) -> Motion {
+    Motion::To { position_turns, speed_rad_s, stop_turns, max_speed_rad_s: None, max_acceleration_rad_s2: None }
+}
 
 /// Parts of a sweep, each with its demand.
 const PARTS: u32 = 16;
@@ -71,7 +117,9 @@ struct Bench {
     sample: Sample,
     output: Output,
     motor: Motor,
+    config: Config,
     control: Control,
+    impedance: Option<&'static mut Impedance>,
     table: Option<&'static mut Table>,
     estimator: Option<&'static mut Estimator>,
     /// What a sweep has seen: speeds either way, the alignment moved.
@@ -86,6 +134,7 @@ static BENCHES: [AtomicPtr<Bench>; DEMANDS] = [const { AtomicPtr::new(core::ptr:
 pub fn init() {
     static PLACES: [StaticCell<Bench>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     static ESTIMATORS: [[StaticCell<Estimator>; DEMANDS]; 2] = [const { [const { StaticCell::new() }; DEMANDS] }; 2];
+    static IMPEDANCES: [[StaticCell<Impedance>; DEMANDS]; 2] = [const { [const { StaticCell::new() }; DEMANDS] }; 2];
     static TABLES: [StaticCell<Table>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     static CHANNELS: [StaticCell<Channels>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     // No timeout is reached, but it is looked at.
@@ -116,7 +165,9 @@ pub fn init() {
             sample: Sample { bus: 2708, ..Sample::default() },
             output: Output::OFF,
             motor: Motor::new(),
+            config,
             control,
+            impedance: Some(IMPEDANCES[1][number].init(Impedance::NONE)),
             table: Some(TABLES[number].init(table)),
             estimator: Some(ESTIMATORS[0][number].init(halls::new_estimator())),
             fastest: [0.0; 2],
@@ -125,6 +176,8 @@ pub fn init() {
         bench.heat(0);
         bench.command(Command::Install(ESTIMATORS[1][number].init(halls::new_estimator())));
         bench.command(Command::Arm);
+        // The drive has one, so that it gives one back.
+        bench.command(Command::Impedance(IMPEDANCES[0][number].init(Impedance::NONE)));
         bench.prove();
         BENCHES[number].store(bench, Relaxed);
     }
@@ -165,7 +218,8 @@ impl Bench {
 
     /// Turns for so long that the drive believes its commutation, which is not counted: only then the alignment is trimmed.
     fn prove(&mut self) {
-        self.command(self.demand(SPEED, 0));
+        let speed = self.demand(SPEED, 0);
+        self.command(speed);
         for _ in 0..SWEEP {
             self.advance();
             step(&mut self.drive, &self.sample, &mut self.output);
@@ -184,7 +238,8 @@ impl Bench {
         if index.is_multiple_of(PART) {
             let part = index / PART;
             self.heat(part);
-            self.command(self.demand(followed, part));
+            let demand = self.demand(followed, part);
+            self.command(demand);
         }
         self.advance();
         self.trimmed |= self.drive.trim() != ElectricalAngle::ZERO;
@@ -195,8 +250,11 @@ impl Bench {
 }
 
 impl Bench {
-    fn demand(&self, followed: usize, part: u32) -> Command {
+    fn demand(&mut self, followed: usize, part: u32) -> Command {
         let followed = if followed == MAPPED { SPEED } else { followed };
+        if followed == IMPEDANCE {
+            return self.impedance(part);
+        }
         let value = FOLLOWED[followed][part as usize];
         let demand = match followed {
             CURRENT => self.control.current(value as f32).map(Command::Current),
@@ -204,6 +262,14 @@ impl Bench {
             _ => self.control.position(value).map(Command::Position),
         };
         demand.unwrap_or_else(|_| failure())
+    }
+
+    fn impedance(&mut self, part: u32) -> Command {
+        let place = self.tasks.impedances.dequeue().or(self.impedance.take());
+        let request = Request { feed_forward_nm: 1e-3, motion: REFERENCES[part as usize], ..Request::default() };
+        let (Some(place), Ok(impedance)) = (place, self.config.impedance(&request)) else { failure() };
+        *place = impedance;
+        Command::Impedance(place)
     }
 
     /// Takes a table into use, or none.
@@ -289,7 +355,10 @@ fn commanded(index: u32) -> Arguments {
             let table = bench.table.take();
             bench.send(Command::AntiCogging(table));
         }
-        56 => bench.send(bench.demand(SPEED, index / PART)),
+        56 => {
+            let speed = bench.demand(SPEED, index / PART);
+            bench.send(speed);
+        }
         _ => {}
     }
     arguments

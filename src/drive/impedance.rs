@@ -1,0 +1,214 @@
+//! Impedance control within the drive: when a spring and a damper are taken up, where their reference is, and what the
+//! slots do with them.
+
+use super::arming::Pending;
+use super::servo::{Context, Servo, coarse, within_speed};
+use super::{Demand, Drive, Refusal, Reply};
+use crate::angle::Position;
+use crate::control::Impedance;
+use crate::control::config::Config;
+use crate::control::impedance::{Course, Spring, Start};
+use crate::control::trajectory::Trajectory;
+use crate::hall::track::Tracker;
+use crate::mode::Mode;
+use crate::telemetry::Reference;
+
+/// The spring and the damper, and their reference beside the trajectory.
+pub(super) struct Shaft {
+    impedance: Option<&'static mut Impedance>,
+    spring: Spring,
+    /// Feed-forward current.
+    forward: i32,
+    /// How far the reference is ahead of the rotor.
+    strain: i32,
+    /// Largest strain that is no fault; without a spring, any.
+    far: u32,
+    /// Strains that count as none, from here to there, and that they do: outside of a range only, spring and damper act.
+    dead: [i32; 2],
+    ranges: bool,
+    /// The way out of the bounds that the rotor has left: −1 or 1.
+    outward: i32,
+    /// Whether a speed is to be reached rather than a position.
+    travels: bool,
+    /// Whether the reference has come to where it was commanded to.
+    complete: bool,
+    /// What the next look at the position is for.
+    turn: u8,
+}
+
+impl Shaft {
+    /// Neither.
+    pub const NONE: Self = Self {
+        impedance: None,
+        spring: Spring::NONE,
+        forward: 0,
+        strain: 0,
+        far: u32::MAX,
+        dead: [0; 2],
+        ranges: false,
+        outward: 1,
+        travels: false,
+        complete: false,
+        turn: 0,
+    };
+
+    /// Whether there is a reference to go on from.
+    pub const fn has_reference(&self) -> bool {
+        !self.ranges
+    }
+
+    /// Notes how far the rotor is from the reference; the reference of the speed.
+    #[inline(always)]
+    pub fn deviate(&mut self, trajectory: &Trajectory, rotor: &Tracker) -> i32 {
+        let deviation = trajectory.position().to_bits() - coarse(rotor.smoothed()).to_bits();
+        let strain = Spring::strain(deviation);
+        let [lowest, highest] = self.dead;
+        self.strain = strain - strain.min(highest).max(lowest);
+        trajectory.speed()
+    }
+
+    /// Whether the rotor is farther from the reference than it may be.
+    #[inline(always)]
+    pub const fn is_strained(&self) -> bool {
+        self.strain.unsigned_abs() > self.far
+    }
+}
+
+impl Drive {
+    /// Takes up a spring and a damper. Its memory goes back where it is refused, otherwise that of the one before.
+    pub(super) fn follow_impedance(&mut self, impedance: &'static mut Impedance) -> Reply {
+        let allowed = self.allows(impedance);
+        let unused = if allowed.is_ok() { self.servo.shaft.impedance.replace(impedance) } else { Some(impedance) };
+        if let Some(unused) = unused {
+            let _ = self.channels.impedances.enqueue(unused);
+        }
+        allowed?;
+        if self.arming.is_active() {
+            self.arming.pending = Some(Pending::Demand(Demand::Impedance));
+        } else {
+            self.take_up(Demand::Impedance);
+        }
+        Ok(())
+    }
+
+    fn allows(&self, impedance: &Impedance) -> Reply {
+        let motion = &self.config.control.as_ref().ok_or(Refusal::NoControl)?.motion;
+        if self.mode != Mode::Running {
+            return Err(Refusal::Mode(self.mode));
+        }
+        if !impedance.course.is_within(&motion.bounds) {
+            return Err(Refusal::OutOfBounds);
+        }
+        let here = coarse(self.record.rotor.position()).to_bits();
+        match impedance.course {
+            Course::Travel { from: Start::At(at), .. }
+                if impedance.spring.stiffness != 0 && at.abs_diff(here) > motion.far as u64 =>
+            {
+                Err(Refusal::TooFar)
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Servo {
+    /// The time that the command itself allows.
+    pub(super) fn own_timeout(&self) -> Option<u32> {
+        match self.demand() {
+            Demand::Impedance => self.shaft.impedance.as_deref().map(|impedance| impedance.timeout),
+            _ => None,
+        }
+    }
+
+    /// Begins what the spring and the damper are to do.
+    pub(super) fn begin_impedance(&mut self, config: &Config) {
+        let Some(impedance) = self.shaft.impedance.as_deref() else { return };
+        (self.shaft.spring, self.shaft.forward) = (impedance.spring, impedance.forward);
+        (self.shaft.ranges, self.shaft.travels, self.shaft.complete) = (false, false, false);
+        self.shaft.dead = [0; 2];
+        let far = Spring::strain(config.motion.far).unsigned_abs();
+        self.shaft.far = if impedance.spring.stiffness == 0 { u32::MAX } else { far };
+        self.protection.held = impedance.most;
+        self.protection.timeout.restart(config, Some(impedance.timeout));
+        match impedance.course {
+            Course::Travel { from, travel } => {
+                let at = if let Start::At(at) = from { Position::from_bits(at) } else { self.trajectory.position() };
+                if from != Start::Here {
+                    self.trajectory = Trajectory::at(at, travel.speed);
+                }
+                self.limits_on_way = travel.limits;
+                self.shaft.travels = travel.stop.is_none();
+                self.goal = if travel.speed != 0 {
+                    Position::from_bits(travel.end(&config.motion.bounds))
+                } else {
+                    self.trajectory.resting_place(&travel.limits)
+                };
+            }
+            Course::Approach { target, limits } => {
+                (self.goal, self.limits_on_way) = (Position::from_bits(target), limits)
+            }
+            Course::Within { end, dead } => {
+                self.goal = end.map_or(self.trajectory.position(), Position::from_bits);
+                self.trajectory = Trajectory::at(self.goal, 0);
+                (self.shaft.ranges, self.shaft.dead) = (true, dead);
+                self.ends = true;
+            }
+        }
+        // The largest torque counts at once.
+        self.protection.narrow(config);
+    }
+
+    /// The current of the spring and the damper: none that makes a rotor faster which is faster than allowed.
+    #[inline(always)]
+    pub(super) fn impedance_loop(&mut self, with: &Context) {
+        let Shaft { spring, strain, forward, .. } = &self.shaft;
+        self.asked = spring.current(*strain, self.speed_reference.wrapping_sub(with.rotor.speed())) + forward;
+        if self.ends {
+            return self.limit_impedance();
+        }
+        self.current_request = within_speed(self.protection.window.cut(self.asked), with);
+    }
+
+    /// Where they do not act everywhere: nothing but the feed-forward current within the range, and no current that leads
+    /// a rotor that is outside of its bounds farther away.
+    #[cold]
+    #[inline(never)]
+    fn limit_impedance(&mut self) {
+        let Shaft { ranges, strain, forward, outward, .. } = self.shaft;
+        if ranges && strain == 0 {
+            self.asked = forward;
+        }
+        let current = self.protection.window.cut(self.asked);
+        let leads_away = !ranges && (current < 0) == (outward < 0);
+        self.current_request = if leads_away { 0 } else { current };
+    }
+
+    /// In turns: whether the rotor is outside of its bounds; whether the reference, which does not run away from a rotor
+    /// that cannot follow, has to wait; whether it has arrived.
+    #[inline(always)]
+    pub(super) fn attend_to_impedance(&mut self, here: i64, [least, most]: &[i64; 2]) {
+        let (shaft, trajectory) = (&mut self.shaft, &self.trajectory);
+        shaft.turn = shaft.turn.wrapping_add(1);
+        match shaft.turn & 3 {
+            0 => {
+                shaft.outward = if here < *least { -1 } else { 1 };
+                self.ends = shaft.ranges || here < *least || here > *most;
+            }
+            2 => {
+                let reached = trajectory.position() == self.goal && trajectory.speed() == 0;
+                shaft.complete = reached || shaft.travels && trajectory.speed().abs() == self.limits_on_way.speed();
+            }
+            _ => {
+                let back = self.goal.to_bits() < trajectory.position().to_bits();
+                self.waits = (shaft.strain < 0) == back && shaft.strain.unsigned_abs() > shaft.far >> 2;
+            }
+        }
+    }
+
+    /// Where the reference is.
+    #[inline(always)]
+    pub(super) fn reference_of_impedance(&self) -> Reference {
+        let Shaft { strain, complete, .. } = self.shaft;
+        Reference { strain, speed: self.speed_reference, complete }
+    }
+}

@@ -182,7 +182,7 @@ impl<'a> SubFrames<'a> {
         Some(SubFrame::Read { format, count, first: self.varuint()? })
     }
 
-    fn to_drive(&mut self) -> Option<SubFrame<'a>> {
+    fn stream(&mut self) -> Option<SubFrame<'a>> {
         let channel = self.varuint()?;
         let length = self.varuint()?.try_into().ok()?;
         Some(SubFrame::ToDrive { channel, bytes: self.take(length)? })
@@ -192,7 +192,7 @@ impl<'a> SubFrames<'a> {
         match kind {
             0x00..=0x0f => self.write(kind),
             0x10..=0x1f => self.read(kind),
-            0x40 => self.to_drive(),
+            0x40 => self.stream(),
             0x42 => Some(SubFrame::Poll { channel: self.varuint()?, most: self.varuint()? }),
             0x44 => Some(SubFrame::PollAfter { channel: self.varuint()?, packet: self.byte()?, most: self.varuint()? }),
             _ => None,

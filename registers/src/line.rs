@@ -193,7 +193,7 @@ fn identifier(word: &[u8]) -> Option<u32> {
 }
 
 fn bytes(word: &[u8]) -> Option<Bytes> {
-    if word.len() % 2 != 0 {
+    if !word.len().is_multiple_of(2) {
         return None;
     }
     let mut bytes = Bytes::new();

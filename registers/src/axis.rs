@@ -97,6 +97,20 @@ impl Position {
         velocity_limit: f32::NAN,
         acceleration_limit: f32::NAN,
     };
+
+    /// Whether it is the same in every bit.
+    pub fn is_same(&self, other: &Self) -> bool {
+        self.bits() == other.bits()
+    }
+
+    fn bits(&self) -> [u32; 10] {
+        let Self { position, velocity, torque, kp_scale, kd_scale, max_torque, .. } = *self;
+        let Self { stop_position, timeout, velocity_limit, acceleration_limit, .. } = *self;
+        let first = [position, velocity, torque, kp_scale, kd_scale];
+        let rest = [max_torque, stop_position, timeout, velocity_limit, acceleration_limit];
+        let [[a, b, c, d, e], [f, g, h, i, j]] = [first, rest].map(|numbers| numbers.map(f32::to_bits));
+        [a, b, c, d, e, f, g, h, i, j]
+    }
 }
 
 /// How the drive is. What is not known is not a number.

@@ -101,31 +101,33 @@ impl Server {
         }
         let source = (request.identifier >> 8) as u8;
         let wanted = source & 0x80 != 0;
-        let mut reply = Bytes::new();
-        self.write(bytes, axis, &mut reply);
+        // A client takes a reply for one by its first byte, which an error's is not: errors come last.
+        let (mut reply, mut errors) = (Bytes::new(), Bytes::new());
+        self.write(bytes, axis, &mut errors);
         // What has no room is left out, and the client misses it.
         let _ = self.answer(bytes, axis, tunnel, wanted, &mut reply);
+        let _ = reply.extend_from_slice(&errors);
         let Address { id, prefix } = self.address;
         let identifier = u32::from(prefix) << 16 | u32::from(id) << 8 | u32::from(source & 0x7f);
         (wanted && !reply.is_empty()).then_some(Reply { identifier, bytes: reply })
     }
 
     /// Everything that changes something: all of it, or nothing.
-    fn write(&mut self, bytes: &[u8], axis: &mut (impl Axis + ?Sized), reply: &mut Bytes) {
+    fn write(&mut self, bytes: &[u8], axis: &mut (impl Axis + ?Sized), errors: &mut Bytes) {
         let mut plan = Plan { fields: None, output: None, reindex: false, recapture: false, refused: false };
         for sub_frame in SubFrames::of(bytes).flatten() {
             let SubFrame::Write(values) = sub_frame else { continue };
-            plan.add(&values, reply);
+            plan.add(&values, errors);
         }
         if !plan.refused {
-            self.execute(&plan, axis, reply);
+            self.execute(&plan, axis, errors);
         }
     }
 
-    fn execute(&mut self, plan: &Plan, axis: &mut (impl Axis + ?Sized), reply: &mut Bytes) {
+    fn execute(&mut self, plan: &Plan, axis: &mut (impl Axis + ?Sized), errors: &mut Bytes) {
         let mut check = |register, done: bool| {
             if !done {
-                let _ = frame::push_error(true, register, Fault::Refused, reply);
+                let _ = frame::push_error(true, register, Fault::Refused, errors);
             }
             done
         };
@@ -234,12 +236,12 @@ fn meant<'a>(bytes: &'a [u8], identity: &Identity) -> Option<&'a [u8]> {
 }
 
 impl Plan {
-    /// Takes up values to write; errors go into the reply at once.
-    fn add(&mut self, values: &Values<'_>, reply: &mut Bytes) {
+    /// Takes up values to write; and what is wrong with them.
+    fn add(&mut self, values: &Values<'_>, errors: &mut Bytes) {
         for (register, number) in values.iter() {
             if let Err(fault) = self.set(register, number) {
                 self.refused = true;
-                if frame::push_error(true, register, fault, reply).is_none() {
+                if frame::push_error(true, register, fault, errors).is_none() {
                     return;
                 }
             }

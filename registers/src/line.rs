@@ -1,9 +1,9 @@
 //! Frames as lines of text, as an fdcanusb adapter takes and gives them, with the check sum that a serial line needs.
 //!
 //! ```text
-//! > can send 8001 01000a1100 *7C
-//! < OK *A9
-//! < rcv 100 21000a *..
+//! > can send 8001 01000a1100 *9D
+//! < OK *BD
+//! < rcv 100 21000a *53
 //! ```
 //! A request that has a check sum makes all further ones need one. What the drive writes always has one.
 //!

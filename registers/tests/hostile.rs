@@ -28,7 +28,7 @@ impl Counter {
 
 impl Axis for Counter {
     fn identity(&self) -> Identity {
-        Identity { model: 4, firmware: 0x0102_03, serial: [1, 2, 3] }
+        Identity { model: 4, firmware: 0x0001_0203, serial: [1, 2, 3] }
     }
 
     fn state(&self) -> State {

@@ -163,7 +163,7 @@ mod tests {
             let same = Fault::all().filter(|other| fault_code(*other) == code).count();
             assert!(same == 1 || theirs(code), "{fault:?} {code}");
         }
-        assert_eq!(version("0.1.0"), 0x0001_00);
+        assert_eq!(version("0.1.0"), 0x0000_0100);
         assert_eq!(version("1.3.4-rc1"), 0x0001_0304);
     }
 }

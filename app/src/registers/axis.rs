@@ -103,7 +103,8 @@ impl<F: NorFlash, E: Encoder> Drive<'_, F, E> {
         match (self.sequence.refused, self.tasks.mode()) {
             (Some(code), _) => code,
             (None, Mode::Faulted(fault)) => fault_code(fault),
-            (None, _) => limit_code(self.tasks.limits()),
+            (None, Mode::Running) => limit_code(self.tasks.limits()),
+            (None, _) => 0,
         }
     }
 

@@ -40,6 +40,12 @@ async def hold(client, seconds, **command):
     return result.values
 
 
+async def control_of(client):
+    """What is followed, and the errors."""
+    registers = range(Register.CONTROL_POSITION, Register.TORQUE_ERROR + 1)
+    return (await client.custom_query({int(register): moteus.F32 for register in registers})).values
+
+
 async def until(client, condition, **command):
     """The same until something holds."""
     for _ in range(500):
@@ -82,6 +88,96 @@ def test_position(simulated):
             assert result.values[Register.MODE] == Mode.POSITION
             values = await hold(client, 0.5, position=target)
             assert abs(values[Register.POSITION] - target) < 0.01, values
+            control = (await control_of(client))[Register.CONTROL_POSITION]
+            assert abs(control - target) < 0.001, control
+
+    run(simulated, test)
+
+
+def test_limits(simulated):
+    """A velocity limit makes the way take its time; the reference is where it is to be."""
+
+    async def test(client):
+        start = (await hold(client, 0.5, position=NAN))[Register.POSITION]
+        fastest = 0.0
+        command = dict(position=start + 1.0, velocity_limit=2.0, accel_limit=20.0)
+        for _ in range(25):
+            values = await hold(client, 0.02, **command)
+            fastest = max(fastest, (await control_of(client))[Register.CONTROL_VELOCITY])
+        assert 1.5 < fastest < 2.05, fastest
+        await until(client, lambda values: values[Register.TRAJECTORY_COMPLETE], **command)
+        values = await hold(client, 0.5, **command)
+        assert abs(values[Register.POSITION] - start - 1.0) < 0.02, values
+
+    run(simulated, test)
+
+
+def test_stop_position(simulated):
+    async def test(client):
+        start = (await hold(client, 0.5, position=NAN))[Register.POSITION]
+        command = dict(position=NAN, velocity=3.0, stop_position=start + 1.5)
+        values = await until(client, lambda values: values[Register.POSITION] > start + 0.5, **command)
+        values = await hold(client, 1.5, **command)
+        assert abs(values[Register.POSITION] - start - 1.5) < 0.03, values
+        # The other way, by itself.
+        values = await hold(client, 1.5, position=NAN, velocity=3.0, stop_position=start)
+        assert abs(values[Register.POSITION] - start) < 0.03, values
+
+    run(simulated, test)
+
+
+def test_spring_and_maximum_torque(simulated):
+    """Pushed with less than its largest torque, a spring gives way; it never gives more."""
+
+    async def test(client):
+        values = await hold(client, 0.5, position=NAN)
+        start = values[Register.POSITION]
+        push = dict(position=NAN, kp_scale=0.2, kd_scale=0.2, feedforward_torque=0.006)
+        values = await hold(client, 1.0, **push)
+        assert values[Register.POSITION] > start + 0.005, (start, values)
+        assert values[Register.MODE] == Mode.POSITION
+        values = await hold(client, 0.5, position=NAN, maximum_torque=0.002, feedforward_torque=0.02)
+        assert abs(values[Register.TORQUE]) < 0.004, values
+
+    run(simulated, test)
+
+
+def test_recapture(simulated):
+    async def test(client):
+        free = dict(position=NAN, kp_scale=0.0, kd_scale=0.0)
+        await hold(client, 0.5, position=NAN)
+        simulated.happen("turn 0.3")
+        await hold(client, 1.0, **free)
+        errors = await control_of(client)
+        assert abs(errors[Register.POSITION_ERROR]) > 0.2, errors
+        await client.set_recapture_position_velocity()
+        await asyncio.sleep(0.05)
+        errors = await control_of(client)
+        assert abs(errors[Register.POSITION_ERROR]) < 0.05, errors
+
+    run(simulated, test)
+
+
+def test_stay_within(simulated):
+    async def test(client):
+        start = (await hold(client, 0.5, position=NAN))[Register.POSITION]
+        bounds = dict(lower_bound=start - 0.5, upper_bound=start + 0.5)
+        for _ in range(50):
+            values = (await client.set_stay_within(**bounds, feedforward_torque=0.006, query=True)).values
+            await asyncio.sleep(0.02)
+        assert values[Register.MODE] == Mode.STAY_WITHIN, values
+        assert start + 0.4 < values[Register.POSITION] < start + 0.8, (start, values)
+
+    run(simulated, test)
+
+
+def test_zero_velocity(simulated):
+    async def test(client):
+        await until(client, lambda values: abs(values[Register.VELOCITY] - 5) < 1, position=NAN, velocity=5.0)
+        for _ in range(50):
+            values = (await client.set_zero_velocity(query=True)).values
+            await asyncio.sleep(0.02)
+        assert values[Register.MODE] == Mode.ZERO_VELOCITY and abs(values[Register.VELOCITY]) < 0.3, values
 
     run(simulated, test)
 

@@ -33,6 +33,7 @@ impl<F: NorFlash, E: Encoder> Axis for Drive<'_, F, E> {
         let position = or_nan(turns(tasks.position_fixed().wrapping_sub(sequence.zero)));
         let velocity = or_nan(status.speed_rad_s / TAU);
         let flow = tasks.flow();
+        let (control, torques, trajectory_complete) = self.followed(position);
         let [temperature, motor_temperature] = status.temperatures_c;
         State {
             mode: self.mode(),
@@ -45,12 +46,12 @@ impl<F: NorFlash, E: Encoder> Axis for Drive<'_, F, E> {
             voltage: status.bus_v,
             temperature,
             motor_temperature,
-            trajectory_complete: self.is_complete(position, velocity),
+            trajectory_complete,
             home: if sequence.is_homed { 2 } else { 0 },
             halls: [position, velocity],
             encoder: [f32::NAN; 2],
-            control: [f32::NAN; 3],
-            torques: [f32::NAN; 4],
+            control,
+            torques,
             milliseconds: tasks.now_ms as u32,
         }
     }
@@ -79,7 +80,8 @@ impl<F: NorFlash, E: Encoder> Axis for Drive<'_, F, E> {
     }
 
     fn recapture(&mut self) -> Result<(), Refused> {
-        Ok(())
+        let here = turns(self.tasks.position_fixed().wrapping_sub(self.sequence.zero));
+        self.sequence.recapture(here, self.tasks)
     }
 }
 
@@ -108,14 +110,24 @@ impl<F: NorFlash, E: Encoder> Drive<'_, F, E> {
         }
     }
 
-    /// Whether what was commanded has arrived.
-    fn is_complete(&self, position: f32, velocity: f32) -> bool {
-        match self.sequence.doing {
-            Some(Goal::Position(goal)) if !goal.position.is_nan() => {
-                (position - goal.position).abs() < 0.01 && velocity.abs() < 0.1
-            }
-            _ => true,
-        }
+    /// What is followed: position, velocity and torque; the torques of its parts; and whether it has arrived.
+    fn followed(&self, position: f32) -> ([f32; 3], [f32; 4], bool) {
+        let Self { tasks, sequence, .. } = self;
+        const NOTHING: ([f32; 3], [f32; 4]) = ([f32::NAN; 3], [f32::NAN; 4]);
+        let Some(with) = sequence.doing.as_ref().and_then(Goal::spring) else {
+            return (NOTHING.0, NOTHING.1, sequence.is_settled());
+        };
+        let Some(state) = tasks.reference() else { return (NOTHING.0, NOTHING.1, false) };
+        let gains = tasks.service.config().default_impedance();
+        let (kp, kd) = gains.map_or((f32::NAN, f32::NAN), |gains| (gains.kp_nm_rad, gains.kd_nms_rad));
+        let control = [position + state.position_error_turns, state.speed_rad_s / TAU, state.torque_nm];
+        let torques = [
+            kp * with.kp_scale * TAU * state.position_error_turns,
+            0.0,
+            kd * with.kd_scale * state.speed_error_rad_s,
+            with.torque,
+        ];
+        (control, torques, state.complete && sequence.is_settled())
     }
 }
 

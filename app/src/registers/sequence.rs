@@ -2,7 +2,7 @@
 //! armed first, a faulted one to be cleared.
 
 use super::CLIENT;
-use super::goal::Goal;
+use super::goal::{Goal, Order};
 use crate::encoder::Encoder;
 use crate::tasks::Tasks;
 use embedded_storage::nor_flash::NorFlash;
@@ -15,6 +15,9 @@ use hallservo_registers::axis::Refused;
 /// Ticks until a control interrupt that does not answer is given up.
 const PATIENCE: u32 = 100;
 
+/// Ticks after which the drive tells of a new motion.
+const UNSETTLED: u8 = 4;
+
 /// What the drive was told and has not answered.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Told {
@@ -25,8 +28,9 @@ enum Told {
 
 /// The commands that are due.
 pub(super) struct Sequence {
-    /// What the drive is to do.
+    /// What the drive is to do, and what after that.
     wish: Option<Goal>,
+    next: Option<Goal>,
     /// What it does.
     pub doing: Option<Goal>,
     /// Whether a fault is to be cleared.
@@ -38,8 +42,8 @@ pub(super) struct Sequence {
     pub refused: Option<u8>,
     /// Whether the last command has timed out, until the client stops the drive.
     pub timed_out: bool,
-    /// Number of the last measurement before the drive took up what it does.
-    pub before: u32,
+    /// Ticks until what the drive tells is of what it does now.
+    unsettled: u8,
     /// Where the client's position is zero, in 2⁻³² turns of the drive; and whether a client has said so.
     pub zero: i64,
     pub is_homed: bool,
@@ -49,13 +53,14 @@ impl Sequence {
     pub const fn new() -> Self {
         Self {
             wish: None,
+            next: None,
             doing: None,
             clears: false,
             told: None,
             mode: None,
             refused: None,
             timed_out: false,
-            before: 0,
+            unsettled: 0,
             zero: 0,
             is_homed: false,
         }
@@ -77,10 +82,24 @@ impl Sequence {
         if faulted || tasks.controller.is_other(CLIENT) || tasks.activity() != Activity::None {
             return Err(Refused);
         }
-        goal.command(tasks, self.zero)?;
+        goal.order(tasks, self.zero)?;
         tasks.controller.take(CLIENT, false, tasks.now_ms);
-        self.wish = Some(goal);
+        (self.wish, self.next) = (Some(goal), None);
         Ok(())
+    }
+
+    /// The drive is to go on with what it does from another position.
+    pub fn recapture<F: NorFlash, E: Encoder>(&mut self, here: f32, tasks: &mut Tasks<F, E>) -> Result<(), Refused> {
+        let doing = self.doing.ok_or(Refused)?;
+        self.wish(doing.from(here).ok_or(Refused)?, tasks)?;
+        self.next = doing.moves_on();
+        Ok(())
+    }
+
+    /// Whether what the drive tells is of what the client wants, which may be the same as before.
+    pub fn is_settled(&self) -> bool {
+        let done = self.wish.is_none_or(|wish| self.doing.is_some_and(|doing| doing.is_same(&wish)));
+        done && self.next.is_none() && self.unsettled == 0
     }
 
     /// The bridge off at once, whoever controls; a fault is cleared, unless it is another tool's.
@@ -104,6 +123,7 @@ impl Sequence {
 
     /// Once a millisecond.
     pub fn tick<F: NorFlash, E: Encoder>(&mut self, tasks: &mut Tasks<F, E>) {
+        self.unsettled = self.unsettled.saturating_sub(1);
         self.watch(tasks);
         if let Some((told, ticks)) = self.told {
             match tasks.take_reply() {
@@ -147,8 +167,13 @@ impl Sequence {
         }
         let Some(goal) = self.wish else { return };
         match mode {
-            Mode::Running => match goal.command(tasks, self.zero) {
-                Ok(command) => _ = self.tell(Told::Move, command, tasks),
+            Mode::Running => match goal.order(tasks, self.zero) {
+                Ok(Order::Current(current)) => _ = self.tell(Told::Move, Command::Current(current), tasks),
+                Ok(Order::Impedance(impedance)) => {
+                    if tasks.follow_impedance(&impedance).is_ok() {
+                        self.told = Some((Told::Move, 0));
+                    }
+                }
                 Err(Refused) => self.wish = None,
             },
             Mode::Ready => match may_arm(tasks) {
@@ -182,13 +207,15 @@ impl Sequence {
             (Told::Arm, Ok(())) => self.mode = Some(Mode::Running),
             (Told::Move, Ok(())) => {
                 if !self.doing.zip(self.wish).is_some_and(|(doing, wish)| doing.is_same(&wish)) {
-                    self.before = tasks.measurement_number();
+                    self.unsettled = UNSETTLED;
                 }
                 self.doing = self.wish.take();
+                self.wish = self.next.take();
             }
             // It is in another state than its last record said.
             (_, Err(drive::Refusal::Mode(mode))) => self.mode = Some(mode),
             (_, Err(refusal)) => {
+                self.next = None;
                 if told == Told::Arm || self.doing.is_none() {
                     self.give_up(code_of(&refusal));
                     if tasks.mode().drives() && tasks.disarm().is_ok() {

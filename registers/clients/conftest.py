@@ -1,4 +1,4 @@
-"""A simulated drive at a pseudo-terminal, calibrated."""
+"""A simulated drive at a pseudo-terminal, calibrated. Its time passes by requests, not by the clock."""
 
 import os
 import re
@@ -15,7 +15,7 @@ class Simulated:
 
     def __init__(self, *arguments):
         self.process = subprocess.Popen(
-            [HALLCTL, "simulate", "--pty", *arguments],
+            [HALLCTL, "simulate", "--pty", "--speed", "fast", *arguments],
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )
         self.port = re.search(r"/dev/\S+", self.process.stdout.readline()).group()

@@ -7,6 +7,8 @@ import moteus
 from moteus import Mode, Register
 
 NAN = math.nan
+# The time of the simulated drive that each request is worth.
+REQUEST_S = 0.02
 # As much as a frame has room for.
 QUERY = moteus.QueryResolution()
 QUERY.q_current = QUERY.d_current = QUERY.power = QUERY.motor_temperature = moteus.F32
@@ -22,7 +24,7 @@ def run(drive, test):
         client = moteus.Controller(id=1, transport=transport, query_resolution=QUERY)
         try:
             await client.set_stop()
-            await asyncio.sleep(0.05)
+            await wait(client, 0.05)
             await test(client)
             await client.set_stop()
         finally:
@@ -34,9 +36,16 @@ def run(drive, test):
 async def hold(client, seconds, **command):
     """Commands a position again and again, as a controller does; the last answer."""
     result = None
-    for _ in range(max(1, round(seconds / 0.02))):
+    for _ in range(max(1, round(seconds / REQUEST_S))):
         result = await client.set_position(query=True, **command)
-        await asyncio.sleep(0.02)
+    return result.values
+
+
+async def wait(client, seconds):
+    """Lets time pass; the last answer."""
+    result = None
+    for _ in range(max(1, round(seconds / REQUEST_S))):
+        result = await client.query()
     return result.values
 
 
@@ -151,7 +160,7 @@ def test_recapture(simulated):
         errors = await control_of(client)
         assert abs(errors[Register.POSITION_ERROR]) > 0.2, errors
         await client.set_recapture_position_velocity()
-        await asyncio.sleep(0.05)
+        await wait(client, 0.05)
         errors = await control_of(client)
         assert abs(errors[Register.POSITION_ERROR]) < 0.05, errors
 
@@ -164,7 +173,6 @@ def test_stay_within(simulated):
         bounds = dict(lower_bound=start - 0.5, upper_bound=start + 0.5)
         for _ in range(50):
             values = (await client.set_stay_within(**bounds, feedforward_torque=0.006, query=True)).values
-            await asyncio.sleep(0.02)
         assert values[Register.MODE] == Mode.STAY_WITHIN, values
         assert start + 0.4 < values[Register.POSITION] < start + 0.8, (start, values)
 
@@ -176,7 +184,6 @@ def test_zero_velocity(simulated):
         await until(client, lambda values: abs(values[Register.VELOCITY] - 5) < 1, position=NAN, velocity=5.0)
         for _ in range(50):
             values = (await client.set_zero_velocity(query=True)).values
-            await asyncio.sleep(0.02)
         assert values[Register.MODE] == Mode.ZERO_VELOCITY and abs(values[Register.VELOCITY]) < 0.3, values
 
     run(simulated, test)
@@ -211,7 +218,6 @@ def test_current(simulated):
     async def test(client):
         for _ in range(30):
             values = (await client.set_current(d_A=0.0, q_A=0.3, query=True)).values
-            await asyncio.sleep(0.02)
         assert values[Register.MODE] == Mode.CURRENT and abs(values[Register.Q_CURRENT] - 0.3) < 0.15, values
 
     run(simulated, test)
@@ -221,14 +227,12 @@ def test_watchdog(simulated):
     async def test(client):
         await until(client, lambda values: abs(values[Register.VELOCITY] - 5) < 1, position=NAN, velocity=5.0)
         await hold(client, 0.02, position=NAN, velocity=5.0, watchdog_timeout=0.1)
-        await asyncio.sleep(1.5)
-        values = (await client.query()).values
+        values = await wait(client, 1.5)
         assert values[Register.MODE] == Mode.TIMEOUT and abs(values[Register.VELOCITY]) < 0.5, values
         # Nothing but a stop ends it.
         assert (await hold(client, 0.2, position=NAN, velocity=5.0))[Register.MODE] == Mode.TIMEOUT
         await client.set_stop()
-        await asyncio.sleep(0.05)
-        assert (await client.query()).values[Register.MODE] == Mode.STOPPED
+        assert (await wait(client, 0.05))[Register.MODE] == Mode.STOPPED
 
     run(simulated, test)
 
@@ -237,8 +241,7 @@ def test_stop(simulated):
     async def test(client):
         await until(client, lambda values: abs(values[Register.VELOCITY] - 5) < 1, position=NAN, velocity=5.0)
         await client.set_stop()
-        await asyncio.sleep(0.05)
-        values = (await client.query()).values
+        values = await wait(client, 0.05)
         assert values[Register.MODE] == Mode.STOPPED and values[Register.TORQUE] == 0, values
 
     run(simulated, test)
@@ -251,12 +254,11 @@ def test_fault_and_clear(simulated):
         values = await until(client, lambda values: values[Register.MODE] == Mode.FAULT, position=NAN)
         assert values[Register.FAULT] == 34, values
         simulated.happen("mend")
-        await asyncio.sleep(0.3)
+        await wait(client, 0.3)
         # A command does not clear it, a stop does.
         assert (await hold(client, 0.2, position=NAN))[Register.MODE] == Mode.FAULT
         await client.set_stop()
-        await asyncio.sleep(0.1)
-        values = (await client.query()).values
+        values = await wait(client, 0.1)
         assert values[Register.MODE] == Mode.STOPPED and values[Register.FAULT] == 0, values
         await until(client, lambda values: values[Register.MODE] == Mode.POSITION, position=NAN)
 
@@ -287,10 +289,3 @@ def test_who_is_not_calibrated_says_so(uncalibrated):
         assert values[Register.FAULT] == 36, values
 
     run(uncalibrated, test)
-
-
-def test_another_tool_keeps_its_control(simulated):
-    """While the project's own tool turns the motor, a client is refused; but it may stop."""
-    # One process at a time has the line: what another tool left running is what a client finds.
-    simulated.hallctl("arm")
-    run(simulated, lambda client: client.query())

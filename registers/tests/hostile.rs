@@ -304,17 +304,70 @@ proptest! {
     }
 }
 
+/// Seeded, and fast enough for ten millions.
+struct Random(u64);
+
+impl Random {
+    const fn new() -> Self {
+        Self(0x9e37_79b9_7f4a_7c15)
+    }
+
+    const fn below(&mut self, most: usize) -> usize {
+        self.0 ^= self.0 << 13;
+        self.0 ^= self.0 >> 7;
+        self.0 ^= self.0 << 17;
+        (self.0 >> 16) as usize % most
+    }
+}
+
+/// Frames of clients with bytes exchanged, cut and joined: answers that fit, and at most one command a frame.
+fn mutate_frames(count: u64) {
+    const FRAMES: [&[u8]; 7] = [
+        EXAMPLE,
+        &[0x01, 0x00, 0x00, 0x11, 0x00],
+        &[0x0d, 0xb0, 0x02, 0, 0, 0x80, 0x3e],
+        &[0x01, 0xb3, 0x02, 1, 0x01, 0xb2, 0x02, 1],
+        &[0x40, 1, 5, b'h', b'e', b'l', b'l', b'o'],
+        &[0x44, 1, 0, 48, 0x42, 1, 60],
+        &[0x18, 4, 0xd0, 0x02, 0x1c, 0, 0, 0x14, 0x7f, 0x20],
+    ];
+    let (mut random, mut server, mut echo) = (Random::new(), Server::new(Address::default()), Echo(vec![]));
+    for _ in 0..count {
+        let mut bytes: Vec<u8> = (0..=random.below(3)).flat_map(|_| FRAMES[random.below(7)].iter().copied()).collect();
+        for _ in 0..random.below(4) {
+            let place = random.below(bytes.len());
+            bytes[place] = random.below(256) as u8;
+        }
+        bytes.truncate(1 + random.below(FRAME));
+        let mut counter = Counter::default();
+        if let Some(reply) = server.handle(&request(0x8001, &bytes), &mut counter, &mut echo) {
+            assert!((1..=FRAME).contains(&reply.bytes.len()));
+        }
+        assert!(counter.commands + counter.stops <= 1 && counter.told() <= 4);
+        assert!(echo.0.len() <= 64 * 64, "{}", echo.0.len());
+        if echo.0.len() > 1000 {
+            echo.0.clear();
+        }
+    }
+}
+
+#[test]
+fn mutated_frames() {
+    mutate_frames(100_000);
+}
+
+#[test]
+#[ignore = "ten million"]
+fn mutated_frames_long() {
+    mutate_frames(10_000_000);
+}
+
 /// Lines with bits turned over, bytes lost or too many: how many of them move the drive, of those with turned bits
 /// alone and of the others.
 fn mutate_lines(count: u64) -> [f64; 2] {
     let good = checked("can send 8001 01000a0e200000803f0000004011001f01130d bF").into_bytes();
-    let mut random = 0x9e37_79b9_7f4a_7c15_u64;
-    let mut next = |below: usize| {
-        random ^= random << 13;
-        random ^= random >> 7;
-        random ^= random << 17;
-        (random >> 16) as usize % below
-    };
+    let mut random = Random::new();
+    let mut next = |most| random.below(most);
     let mut decoder = line::Decoder::new();
     decode(&mut decoder, &good);
     let (mut moved, mut tried) = ([0.0; 2], [0.0; 2]);

@@ -1,29 +1,42 @@
-"""A simulated drive at a pseudo-terminal, calibrated. Its time passes by requests, not by the clock."""
+"""A drive at a pseudo-terminal, simulated or a virtual board, calibrated. Its time passes by requests, not by the clock."""
 
 import os
 import re
 import subprocess
+import threading
 import time
 
 import pytest
 
 HALLCTL = os.environ["HALLCTL"]
+# A virtual board, if there is to be one: `cargo virtual BOARD`.
+BOARD = os.environ.get("BOARD")
+SIMULATED = [HALLCTL, "simulate", "--pty", "--speed", "fast"]
+VIRTUAL = ["cargo", "virtual", BOARD, "--serial", "pty", "--wait"]
+# The time of the drive that each request is worth.
+REQUEST_S = 0.05 if BOARD else 0.02
 
 
-class Simulated:
-    """The simulated drive and its keyboard."""
+class Drive:
+    """A drive without hardware."""
 
-    def __init__(self, *arguments):
+    def __init__(self):
         self.process = subprocess.Popen(
-            [HALLCTL, "simulate", "--pty", "--speed", "fast", *arguments],
+            VIRTUAL if BOARD else SIMULATED, cwd=os.path.dirname(__file__),
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )
-        self.port = re.search(r"/dev/\S+", self.process.stdout.readline()).group()
+        for line in self.process.stdout:
+            if port := re.search(r"/dev/\S+", line):
+                self.port = port.group()
+                # What else it says is not to fill the pipe.
+                threading.Thread(target=self.process.stdout.read, daemon=True).start()
+                return
+        raise RuntimeError("the drive has ended")
 
     def hallctl(self, *arguments, check=True):
         """Runs the project's own tool, and waits until it has let go of the port."""
         result = subprocess.run(
-            [HALLCTL, "--port", self.port, *arguments], capture_output=True, text=True, timeout=120, check=False
+            [HALLCTL, "--patience", "600", "--port", self.port, *arguments], capture_output=True, text=True, check=False
         )
         assert result.returncode == 0 or not check, result.stdout + result.stderr
         # The process that shares the port among tools stays for two seconds.
@@ -32,6 +45,8 @@ class Simulated:
 
     def happen(self, event):
         """Something breaks, or is mended: what a person would type."""
+        if BOARD:
+            pytest.skip("nothing can be typed at a virtual board")
         self.process.stdin.write(event + "\n")
         self.process.stdin.flush()
 
@@ -43,7 +58,7 @@ class Simulated:
 @pytest.fixture(scope="module")
 def simulated():
     """Calibrated."""
-    drive = Simulated()
+    drive = Drive()
     try:
         drive.hallctl("calibrate")
         yield drive
@@ -54,7 +69,7 @@ def simulated():
 @pytest.fixture
 def uncalibrated():
     """As it leaves the shop."""
-    drive = Simulated()
+    drive = Drive()
     try:
         yield drive
     finally:

@@ -4,11 +4,10 @@ import asyncio
 import math
 
 import moteus
+from conftest import REQUEST_S
 from moteus import Mode, Register
 
 NAN = math.nan
-# The time of the simulated drive that each request is worth.
-REQUEST_S = 0.02
 # As much as a frame has room for.
 QUERY = moteus.QueryResolution()
 QUERY.q_current = QUERY.d_current = QUERY.power = QUERY.motor_temperature = moteus.F32

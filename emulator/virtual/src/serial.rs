@@ -141,6 +141,9 @@ impl Line {
             return;
         }
         let bytes = self.port.receive();
+        // A line of text is a request as well.
+        let line = bytes.contains(&b'\n') && !self.received.iter().chain(&bytes).any(|&byte| byte == 0);
+        self.whole |= line;
         self.whole |= bytes.iter().filter(|&&byte| self.requests.push::<Request>(byte).is_some()).count() > 0;
         self.received.extend(bytes);
         if self.received.is_empty() || self.waits && !self.whole {
@@ -148,7 +151,8 @@ impl Line {
         }
         self.heard_s = session.seconds();
         let heard = session.receive(self.received.clone()).is_ok();
-        self.answered = !heard;
+        // The answer to a line comes within the time that each is worth.
+        self.answered = !heard || line;
         if !heard && !self.waits {
             eprintln!("bytes at the serial port are lost: the firmware has not set it up");
         }

@@ -1,4 +1,4 @@
-"""A drive at a pseudo-terminal, simulated or a virtual board, calibrated. Its time passes by requests, not by the clock."""
+"""A drive at a pseudo-terminal, simulated or a virtual board, calibrated."""
 
 import os
 import re
@@ -9,20 +9,22 @@ import time
 import pytest
 
 HALLCTL = os.environ["HALLCTL"]
+ROOT = os.path.join(os.path.dirname(__file__), "..", "..")
 # A virtual board, if there is to be one: `cargo virtual BOARD`.
 BOARD = os.environ.get("BOARD")
-SIMULATED = [HALLCTL, "simulate", "--pty", "--speed", "fast"]
+# Time passes by requests, not by the clock.
+FAST = ["--speed", "fast"]
 VIRTUAL = ["cargo", "virtual", BOARD, "--serial", "pty", "--wait"]
 # The time of the drive that each request is worth.
 REQUEST_S = 0.05 if BOARD else 0.02
 
 
-class Drive:
-    """A drive without hardware."""
+class Simulated:
+    """A drive without hardware: with arguments for `hallctl simulate`, or a virtual board."""
 
-    def __init__(self):
+    def __init__(self, *arguments):
         self.process = subprocess.Popen(
-            VIRTUAL if BOARD else SIMULATED, cwd=os.path.dirname(__file__),
+            VIRTUAL if BOARD else [HALLCTL, "simulate", "--pty", *arguments], cwd=ROOT,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )
         for line in self.process.stdout:
@@ -58,7 +60,7 @@ class Drive:
 @pytest.fixture(scope="module")
 def simulated():
     """Calibrated."""
-    drive = Drive()
+    drive = Simulated(*FAST)
     try:
         drive.hallctl("calibrate")
         yield drive
@@ -69,7 +71,7 @@ def simulated():
 @pytest.fixture
 def uncalibrated():
     """As it leaves the shop."""
-    drive = Drive()
+    drive = Simulated(*FAST)
     try:
         yield drive
     finally:

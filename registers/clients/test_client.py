@@ -19,7 +19,8 @@ def run(drive, test):
     """Runs a test with a client of its own, which stops the drive before and after."""
 
     async def whole():
-        transport = moteus.Fdcanusb(drive.port)
+        # A machine that is busy is no reason to ask again.
+        transport = moteus.Fdcanusb(drive.port, command_timeout=30, response_timeout=30)
         client = moteus.Controller(id=1, transport=transport, query_resolution=QUERY)
         try:
             await client.set_stop()
@@ -29,7 +30,7 @@ def run(drive, test):
         finally:
             transport.close()
 
-    asyncio.run(asyncio.wait_for(whole(), 60))
+    asyncio.run(asyncio.wait_for(whole(), 600))
 
 
 async def hold(client, seconds, **command):
@@ -92,7 +93,7 @@ def test_position(simulated):
         start = (await client.query()).values[Register.POSITION]
         for distance in [1.25, -0.5]:
             target = start + distance
-            result = await asyncio.wait_for(client.set_position_wait_complete(position=target), 20)
+            result = await asyncio.wait_for(client.set_position_wait_complete(position=target), 300)
             assert result.values[Register.MODE] == Mode.POSITION
             values = await hold(client, 0.5, position=target)
             assert abs(values[Register.POSITION] - target) < 0.01, values
@@ -203,7 +204,8 @@ def test_velocity(simulated):
 def test_torque(simulated):
     async def test(client):
         free = dict(position=NAN, kp_scale=0.0, kd_scale=0.0, ilimit_scale=0.0)
-        values = await until(client, lambda values: values[Register.MODE] == Mode.POSITION, feedforward_torque=0.0, **free)
+        follows = lambda values: values[Register.MODE] == Mode.POSITION
+        values = await until(client, follows, feedforward_torque=0.0, **free)
         for torque in [0.004, -0.004]:
             before = values[Register.VELOCITY]
             values = await hold(client, 0.3, feedforward_torque=torque, **free)
@@ -273,7 +275,7 @@ def test_set_output(simulated):
         assert abs((await client.query()).values[Register.POSITION] + 20) <= 0.51
         # A commanded position is in the same numbers.
         target = -19.5
-        await asyncio.wait_for(client.set_position_wait_complete(position=target), 20)
+        await asyncio.wait_for(client.set_position_wait_complete(position=target), 300)
         assert abs((await hold(client, 0.3, position=target))[Register.POSITION] - target) < 0.02
         await client.set_stop()
         await client.set_require_reindex()

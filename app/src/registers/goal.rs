@@ -5,7 +5,7 @@ use crate::tasks::Tasks;
 use core::f32::consts::TAU;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::Current;
-use hallservo::control::impedance::{Impedance, Motion, Request};
+use hallservo::control::impedance::{Motion, Request};
 use hallservo::double;
 use hallservo_registers::axis::{self, Position, Refused};
 
@@ -27,7 +27,7 @@ pub(super) enum Order {
     /// A current.
     Current(Current),
     /// A spring and a damper.
-    Impedance(Impedance),
+    Impedance(Request),
 }
 
 impl Goal {
@@ -97,9 +97,10 @@ impl Goal {
             return control.current(*amperes).map(Order::Current).map_err(|_| Refused);
         }
         let fastest = tasks.settings.control.as_ref().ok_or(Refused)?.max_speed_rad_s;
-        let mut impedance = config.impedance(&self.request(zero, fastest)?).map_err(|_| Refused)?;
-        impedance.shift(tasks.encoder.origin());
-        Ok(Order::Impedance(impedance))
+        let request = self.request(zero, fastest)?;
+        // What cannot be is refused at once.
+        config.impedance(&request).map_err(|_| Refused)?;
+        Ok(Order::Impedance(request))
     }
 
     fn request(&self, zero: i64, fastest_rad_s: f32) -> Result<Request, Refused> {

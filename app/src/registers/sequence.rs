@@ -169,11 +169,12 @@ impl Sequence {
         match mode {
             Mode::Running => match goal.order(tasks, self.zero) {
                 Ok(Order::Current(current)) => _ = self.tell(Told::Move, Command::Current(current), tasks),
-                Ok(Order::Impedance(impedance)) => {
-                    if tasks.follow_impedance(&impedance).is_ok() {
-                        self.told = Some((Told::Move, 0));
-                    }
-                }
+                Ok(Order::Impedance(request)) => match tasks.impedance(&request) {
+                    Ok(()) => self.told = Some((Told::Move, 0)),
+                    // The drive is still busy: at the next tick.
+                    Err(Refusal::NoAnswer) => {}
+                    Err(_) => self.wish = None,
+                },
                 Err(Refused) => self.wish = None,
             },
             Mode::Ready => match may_arm(tasks) {

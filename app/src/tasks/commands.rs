@@ -68,7 +68,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         }
     }
 
-    pub(super) fn ready_for_command(&mut self) -> Result<(), Refusal<'static>> {
+    fn ready_for_command(&mut self) -> Result<(), Refusal<'static>> {
         self.reply = None;
         self.ticks_since_command = 0;
         if self.unclaimed_replies > 0 || self.disarm_due { Err(Refusal::NoAnswer) } else { Ok(()) }

@@ -4,10 +4,9 @@ use super::{SETTLED, Tasks};
 use crate::encoder::Encoder;
 use crate::measure;
 use embedded_storage::nor_flash::NorFlash;
-use hallservo::control::impedance::{Impedance, State};
 use hallservo::fault::Limits;
 use hallservo::service::adaptation;
-use hallservo_protocol::{Activity, Refusal};
+use hallservo_protocol::Activity;
 
 /// What flows.
 #[derive(Clone, Copy)]
@@ -30,12 +29,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         !self.mode().drives() && self.activity() == Activity::None && self.ticks_since_command > SETTLED
     }
 
-    /// What a spring and a damper follow, and how far the rotor is from it.
-    pub fn reference(&self) -> Option<State> {
-        let control = self.service.config().control.as_ref()?;
-        Some(self.service.reference().state(self.measurement.as_ref()?, control))
-    }
-
     /// Currents, torque and power; nothing flows while the bridge is off.
     pub fn flow(&self) -> Flow {
         let Some(control) = &self.service.config().control else {
@@ -49,12 +42,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             self.settings.control.map_or([f32::NAN; 2], |control| measure::voltage_v(&control, measurement));
         let power_w = 1.5 * (current_a[0] * voltage_v[0] + current_a[1] * voltage_v[1]);
         Flow { current_a, torque_nm: adaptation::torque_nm(measurement, control), power_w }
-    }
-
-    /// Sends the drive a spring and a damper to follow; [`Self::take_reply`] has the answer.
-    pub fn follow_impedance(&mut self, impedance: &Impedance) -> Result<(), Refusal<'static>> {
-        self.ready_for_command()?;
-        self.service.follow_impedance(impedance).map_err(|_| Refusal::NoAnswer)
     }
 
     /// The drive has cleared a fault: it gets what it refused meanwhile, before it is armed.

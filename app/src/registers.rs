@@ -16,7 +16,7 @@ use embedded_storage::nor_flash::NorFlash;
 use hallservo_registers::{Address, NoTunnel, Reply, Request, Server, line};
 use sequence::Sequence;
 
-/// The number of register clients among the tools that control, which no tool draws.
+/// The number of register clients among the tools that control; a tool draws its own from all but 0, so hardly this one.
 const CLIENT: u32 = u32::MAX;
 
 /// The drive's end of the protocol.

@@ -141,11 +141,11 @@ impl Line {
             return;
         }
         let bytes = self.port.receive();
-        // A line of text is a request as well.
-        let line = bytes.contains(&b'\n') && !self.received.iter().chain(&bytes).any(|&byte| byte == 0);
-        self.whole |= line;
         self.whole |= bytes.iter().filter(|&&byte| self.requests.push::<Request>(byte).is_some()).count() > 0;
         self.received.extend(bytes);
+        // A line of text is a request as well.
+        let line = self.received.ends_with(b"\n") && !self.received.contains(&0);
+        self.whole |= line;
         if self.received.is_empty() || self.waits && !self.whole {
             return;
         }

@@ -1,8 +1,8 @@
-//! The register protocol that moteus clients speak, beside the messages of this project's own tools: on the same line as
-//! text, and in frames of a bus.
+//! The register protocol that moteus clients speak, beside the messages of this project's own tools: on the same line
+//! as text, and in frames of a bus.
 //!
-//! A client that commands is a tool that controls, as any other: while another one does, it is refused everything but to
-//! stop.
+//! A client that commands is a tool that controls, as any other: while another one does, it is refused everything but
+//! to stop.
 
 mod axis;
 mod goal;
@@ -16,7 +16,8 @@ use embedded_storage::nor_flash::NorFlash;
 use hallservo_registers::{Address, NoTunnel, Reply, Request, Server, line};
 use sequence::Sequence;
 
-/// The number of register clients among the tools that control; a tool draws its own from all but 0, so hardly this one.
+/// The number of register clients among the tools that control. A tool draws its own from all but 0, so hardly this
+/// one.
 const CLIENT: u32 = u32::MAX;
 
 /// The drive's end of the protocol.

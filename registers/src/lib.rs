@@ -1,5 +1,5 @@
 //! The register protocol that moteus clients speak, for a hallservo drive: compatible with the clients, and made from
-//! the protocol's public documentation (repository `mjbots/moteus`: `docs/protocol/can.md`, `docs/protocol/registers.md`,
+//! the protocol's public documentation (repository `mjbots/moteus`: `docs/protocol/can.md` and `registers.md`,
 //! `docs/integration/uart.md`).
 //!
 //! `no_std`, no allocation, no `unsafe`, and nothing of a drive: what a drive has to offer is the trait [`Axis`].

@@ -7,8 +7,8 @@
 //! ```
 //! A request that has a check sum makes all further ones need one. What the drive writes always has one.
 //!
-//! The line may carry another protocol, in frames between two zeros: within such a frame nothing is text. It is known by
-//! a byte that no text has, which has to be in its first two; and it is over after [`FOREIGN`] bytes at most.
+//! The line may carry another protocol, in frames between two zeros: within such a frame nothing is text. It is known
+//! by a byte that no text has, which has to be in its first two; and it is over after [`FOREIGN`] bytes at most.
 
 use crate::frame::Bytes;
 use crate::server::{Reply, Request};

@@ -282,7 +282,9 @@ proptest! {
 
     /// Any bytes: no panic, a short answer.
     #[test]
-    fn any_frame(identifier in any::<u32>(), bytes in prop::collection::vec(any::<u8>(), 0..=FRAME), for_us in any::<bool>()) {
+    fn any_frame(
+        identifier in any::<u32>(), bytes in prop::collection::vec(any::<u8>(), 0..=FRAME), for_us in any::<bool>(),
+    ) {
         let identifier = if for_us { 0x8001 } else { identifier };
         let mut server = Server::new(Address::default());
         let mut counter = Counter::default();
@@ -293,7 +295,9 @@ proptest! {
 
     /// Frames as clients send them with bytes exchanged, and padded.
     #[test]
-    fn a_mutated_frame(place in 0..EXAMPLE.len(), byte in any::<u8>(), cut in 0..=EXAMPLE.len(), padding in 0..40_usize) {
+    fn a_mutated_frame(
+        place in 0..EXAMPLE.len(), byte in any::<u8>(), cut in 0..=EXAMPLE.len(), padding in 0..40_usize,
+    ) {
         let mut bytes = EXAMPLE.to_vec();
         bytes[place] = byte;
         bytes.truncate(cut);

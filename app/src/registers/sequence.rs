@@ -1,5 +1,5 @@
-//! From what a client wants to what the drive is told, one command after the other: a drive whose bridge is off has to be
-//! armed first, a faulted one to be cleared.
+//! From what a client wants to what the drive is told, one command after the other: a drive whose bridge is off has to
+//! be armed first, a faulted one to be cleared.
 
 use super::CLIENT;
 use super::goal::{Goal, Order};

@@ -77,6 +77,8 @@ mod magnets;
 mod measure;
 mod outbox;
 mod procedure;
+#[cfg(feature = "registers")]
+mod registers;
 mod requests;
 mod stop;
 pub mod storage;

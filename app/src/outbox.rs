@@ -66,6 +66,15 @@ impl Outbox {
         fits
     }
 
+    /// Adds a line of text, for which there [is room](Self::has_room) beside one that acknowledges it.
+    #[cfg(feature = "registers")]
+    pub fn push_line(&mut self, line: &str) {
+        for byte in line.bytes() {
+            // It has room.
+            let _ = self.bytes.push_back(byte);
+        }
+    }
+
     /// Takes as many bytes as there are, or have room.
     pub fn pop(&mut self, bytes: &mut [u8]) -> usize {
         let mut length = 0;

@@ -3,6 +3,8 @@
 use crate::encoder::{Encoder, NoEncoder};
 use crate::housekeeping::Readings;
 use crate::outbox::Outbox;
+#[cfg(feature = "registers")]
+use crate::registers::Registers;
 use crate::requests::{Awaited, Step};
 use crate::tasks::{Tasks, start};
 use crate::{Identity, Memory};
@@ -25,6 +27,8 @@ pub struct Supervisor<F, E: Encoder = NoEncoder> {
     decoder: Decoder,
     outbox: Outbox,
     pending: Option<Pending>,
+    #[cfg(feature = "registers")]
+    registers: Registers,
     /// Bytes taken from the line, wrapping.
     taken: u32,
     alive: Alive,
@@ -83,7 +87,16 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
     }
 
     pub(crate) fn new(tasks: Tasks<F, E>) -> Self {
-        Self { tasks, decoder: Decoder::new(), outbox: Outbox::new(), pending: None, taken: 0, alive: Alive::default() }
+        Self {
+            tasks,
+            decoder: Decoder::new(),
+            outbox: Outbox::new(),
+            pending: None,
+            #[cfg(feature = "registers")]
+            registers: Registers::new(),
+            taken: 0,
+            alive: Alive::default(),
+        }
     }
 
     /// Before the first tick.
@@ -103,6 +116,10 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
             self.tasks.lost_frames = self.tasks.lost_frames.saturating_add(1);
         }
         self.answer_pending();
+        #[cfg(feature = "registers")]
+        if self.pending.is_none() {
+            self.registers.tick(&mut self.tasks);
+        }
         if let Some((id, telemetry)) = self.tasks.telemetry()
             && !self.outbox.push_if_spare(&Reply { id, answer: Answer::Telemetry(telemetry) })
         {
@@ -116,7 +133,7 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
     pub fn receive(&mut self, bytes: &[u8]) -> usize {
         self.alive.received = true;
         for (taken, byte) in bytes.iter().enumerate() {
-            if self.pending.is_some() || !self.outbox.has_room() {
+            if self.is_busy() || !self.outbox.has_room() {
                 return taken;
             }
             self.taken = self.taken.wrapping_add(1);
@@ -125,10 +142,20 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         bytes.len()
     }
 
+    /// Whether the drive owes an answer, which it does for a millisecond or two after a command: until then no other is
+    /// taken.
+    pub const fn is_busy(&self) -> bool {
+        #[cfg(feature = "registers")]
+        if self.registers.waits() {
+            return true;
+        }
+        self.pending.is_some()
+    }
+
     /// Bytes from the line that are dealt with, wrapping: `None` while a request waits for the drive. For
     /// [`Stop::release`](crate::Stop::release) after every tick.
     pub fn dealt_with(&self) -> Option<u32> {
-        (self.pending.is_none() && !self.tasks.disarm_due).then_some(self.taken)
+        (!self.is_busy() && !self.tasks.disarm_due).then_some(self.taken)
     }
 
     /// Writes bytes for the line and returns how many; 0 where nothing is to go out.
@@ -149,7 +176,21 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         alive
     }
 
+    /// Where the drive is on a bus that carries registers, and the serial number of its chip.
+    #[cfg(feature = "registers")]
+    pub const fn set_bus(&mut self, address: hallservo_registers::Address, serial: [u32; 3]) {
+        self.registers.set_identity(address, serial);
+    }
+
+    /// A frame of registers from a bus, and its reply; not to be called while the drive [is busy](Self::is_busy).
+    #[cfg(feature = "registers")]
+    pub fn frame(&mut self, request: &hallservo_registers::Request) -> Option<hallservo_registers::Reply> {
+        self.registers.handle(request, &mut self.tasks)
+    }
+
     fn push(&mut self, byte: u8) {
+        #[cfg(feature = "registers")]
+        self.registers.hear(byte, &mut self.tasks, &mut self.outbox);
         let Self { tasks, decoder, .. } = self;
         let reply = match decoder.push::<Request<'_>>(byte) {
             None => return,

@@ -4,6 +4,8 @@
 mod align;
 mod commands;
 mod procedures;
+#[cfg(feature = "registers")]
+mod registers;
 mod rest;
 mod start;
 mod storage;

@@ -67,10 +67,15 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     }
 
     fn position_turns(&self) -> f64 {
+        double::from_fixed(self.position_fixed())
+    }
+
+    /// Mechanical position in 2⁻³² turns.
+    pub fn position_fixed(&self) -> i64 {
         let recorded = self.record.rotor.position();
         let position = if self.mode().drives() { recorded } else { self.encoder.position().unwrap_or(recorded) };
         let bits = position.to_bits().wrapping_sub(self.encoder.origin().to_bits());
-        double::from_fixed(bits / i64::from(self.settings.pole_pairs.max(1)))
+        bits / i64::from(self.settings.pole_pairs.max(1))
     }
 
     /// The state of the drive.

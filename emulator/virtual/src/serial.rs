@@ -143,12 +143,16 @@ impl Line {
         let bytes = self.port.receive();
         self.whole |= bytes.iter().filter(|&&byte| self.requests.push::<Request>(byte).is_some()).count() > 0;
         self.received.extend(bytes);
+        // A line of text is a request as well.
+        let line = self.received.ends_with(b"\n") && !self.received.contains(&0);
+        self.whole |= line;
         if self.received.is_empty() || self.waits && !self.whole {
             return;
         }
         self.heard_s = session.seconds();
         let heard = session.receive(self.received.clone()).is_ok();
-        self.answered = !heard;
+        // The answer to a line comes within the time that each is worth.
+        self.answered = !heard || line;
         if !heard && !self.waits {
             eprintln!("bytes at the serial port are lost: the firmware has not set it up");
         }

@@ -13,6 +13,7 @@ use anyhow::{Context, Result};
 use clap::builder::PossibleValuesParser;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Answer, Ask, Decoder, Reply, Request};
+use hallservo_registers::line;
 use plant::PlantParameters;
 use plant::heads::Encoder;
 use serde_json::json;
@@ -172,6 +173,8 @@ impl Log {
 struct Tool {
     out: Option<SyncSender<Vec<u8>>>,
     requests: Decoder,
+    /// The same of register clients.
+    lines: line::Decoder,
     answers: Decoder,
     /// Whether a request has no answer yet.
     waits: bool,
@@ -191,9 +194,12 @@ impl Tool {
         }
     }
 
-    /// A byte to the drive: true if it ends a frame.
+    /// A byte to the drive: true if it ends a frame or a line.
     fn hear(&mut self, simulator: &mut Simulator, byte: u8) -> bool {
         simulator.write(&[byte]);
+        if self.lines.push(byte).is_some() {
+            return true;
+        }
         let Some(frame) = self.requests.push::<Request<'_>>(byte) else { return false };
         self.waits = frame.is_ok();
         if let (Some(log), Ok(Request { ask, .. })) = (&self.log, &frame) {

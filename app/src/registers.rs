@@ -1,0 +1,82 @@
+//! The register protocol that moteus clients speak, beside the messages of this project's own tools: on the same line
+//! as text, and in frames of a bus.
+//!
+//! A client that commands is a tool that controls, as any other: while another one does, it is refused everything but
+//! to stop.
+
+mod axis;
+mod goal;
+mod sequence;
+
+use crate::encoder::Encoder;
+use crate::outbox::Outbox;
+use crate::tasks::Tasks;
+use axis::Drive;
+use embedded_storage::nor_flash::NorFlash;
+use hallservo_registers::{Address, NoTunnel, Reply, Request, Server, line};
+use sequence::Sequence;
+
+/// The number of register clients among the tools that control. A tool draws its own from all but 0, so hardly this
+/// one.
+const CLIENT: u32 = u32::MAX;
+
+/// The drive's end of the protocol.
+pub(crate) struct Registers {
+    decoder: line::Decoder,
+    server: Server,
+    sequence: Sequence,
+    serial: [u32; 3],
+}
+
+impl Registers {
+    pub const fn new() -> Self {
+        Self {
+            decoder: line::Decoder::new(),
+            server: Server::new(Address { id: 1, prefix: 0 }),
+            sequence: Sequence::new(),
+            serial: [0; 3],
+        }
+    }
+
+    /// Where the drive is on the bus, and the serial number of its chip.
+    pub const fn set_identity(&mut self, address: Address, serial: [u32; 3]) {
+        self.server.set_address(address);
+        self.serial = serial;
+    }
+
+    /// Whether the drive owes an answer: until then nobody else may command it.
+    pub const fn waits(&self) -> bool {
+        self.sequence.waits()
+    }
+
+    /// Once a millisecond.
+    pub fn tick<F: NorFlash, E: Encoder>(&mut self, tasks: &mut Tasks<F, E>) {
+        self.sequence.tick(tasks);
+    }
+
+    /// A byte of the line. What is to be said goes to the outbox, which [has room](Outbox::has_room).
+    pub fn hear<F: NorFlash, E: Encoder>(&mut self, byte: u8, tasks: &mut Tasks<F, E>, outbox: &mut Outbox) {
+        match self.decoder.push(byte) {
+            None => {}
+            Some(Err(error)) => outbox.push_line(&line::error(error)),
+            Some(Ok(request)) => {
+                // Frames of another protocol in between would end a client.
+                tasks.stream(0, 0.0);
+                outbox.push_line(&line::ok());
+                if let Some(reply) = self.handle(&request, tasks) {
+                    outbox.push_line(&line::reply(&reply));
+                }
+            }
+        }
+    }
+
+    /// A frame of any line, and its reply.
+    #[inline(never)]
+    pub fn handle<F: NorFlash, E: Encoder>(&mut self, request: &Request, tasks: &mut Tasks<F, E>) -> Option<Reply> {
+        let Self { server, sequence, serial, .. } = self;
+        if server.is_for(request.identifier) {
+            tasks.controller.hear(CLIENT, tasks.now_ms);
+        }
+        server.handle(request, &mut Drive { tasks, sequence, serial: *serial }, &mut NoTunnel)
+    }
+}

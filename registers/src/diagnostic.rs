@@ -28,7 +28,7 @@ mod value;
 pub use host::{Change, Host, Kind, Setting};
 pub use record::{Build, Halls};
 
-use crate::tunnel::Tunnel;
+use crate::{FRAME, Tunnel};
 use answer::Answer;
 use core::fmt::Write;
 use lines::{LINE, Lines, Next, Note};
@@ -41,6 +41,8 @@ const SENTENCE: usize = 200;
 /// The state of the channel.
 #[derive(Debug)]
 pub struct Diagnostic {
+    /// Bytes of the last frame.
+    received: heapless::Vec<u8, FRAME>,
     lines: Lines,
     answer: Answer,
     stage: Stage,
@@ -49,6 +51,8 @@ pub struct Diagnostic {
     channels: [Rate; Channel::ALL.len()],
     /// The channel that was sent last by itself.
     last: usize,
+    /// Whether the client has read since.
+    is_read: bool,
 }
 
 /// How often a channel is sent by itself.
@@ -73,18 +77,15 @@ impl Diagnostic {
     pub const fn new() -> Self {
         const NEVER: Rate = Rate { period_ms: 0, left_ms: 0, is_due: false, as_text: false };
         Self {
+            received: heapless::Vec::new(),
             lines: Lines::new(),
             answer: Answer::None,
             stage: Stage::new(),
             sentence: heapless::String::new(),
             channels: [NEVER; Channel::ALL.len()],
             last: 0,
+            is_read: false,
         }
-    }
-
-    /// The channel at a drive, for a server.
-    pub const fn at<'a, H: Host>(&'a mut self, host: &'a mut H) -> At<'a, H> {
-        At { channel: self, host }
     }
 
     /// Once a millisecond.
@@ -96,30 +97,21 @@ impl Diagnostic {
                 channel.is_due = true;
             }
         }
-        self.proceed(host);
+        self.serve(host);
     }
 
-    /// Takes bytes from the client.
-    pub fn receive<H: Host>(&mut self, host: &mut H, bytes: &[u8]) {
-        for byte in bytes {
-            if self.lines.push(*byte) {
+    /// After every frame: carries out what it brought, and prepares what the next one asks for.
+    pub fn serve<H: Host>(&mut self, host: &mut H) {
+        for byte in core::mem::take(&mut self.received) {
+            if self.lines.push(byte) {
                 self.end_line(host);
                 self.lines.begin();
                 self.proceed(host);
             }
         }
-    }
-
-    /// Writes what is to go to the client, and returns how many bytes; 0 where there is nothing.
-    pub fn transmit<H: Host>(&mut self, host: &mut H, buffer: &mut [u8]) -> usize {
-        let mut length = 0;
-        while let Some(rest) = buffer.get_mut(length..).filter(|rest| !rest.is_empty()) {
-            if self.stage.is_empty() && !self.produce(host) {
-                break;
-            }
-            length += self.stage.take(rest);
+        if self.stage.is_empty() {
+            self.produce(host);
         }
-        length
     }
 
     /// What moves the motor, or stops it, is carried out now or never.
@@ -171,51 +163,46 @@ impl Diagnostic {
         Answer::Refused
     }
 
-    /// Writes the next piece of what is to go out; false where there is none.
-    fn produce<H: Host>(&mut self, host: &mut H) -> bool {
+    /// Writes the next piece of what is to go out, if there is one.
+    fn produce<H: Host>(&mut self, host: &mut H) {
         loop {
             self.proceed(host);
             let Self { answer, stage, sentence, channels, .. } = self;
             match answer {
-                Answer::Awaited => return false,
-                Answer::None => break,
+                Answer::Awaited => return,
+                Answer::None => return self.send_due(host),
                 _ => {}
             }
             *answer = answer.piece(host, stage, sentence, |channel| channels[channel as usize].as_text);
             if !self.stage.is_empty() {
-                return true;
+                return;
             }
         }
-        self.send_due(host)
     }
 
-    /// Sends the channel that is due, in turns.
-    fn send_due<H: Host>(&mut self, host: &H) -> bool {
+    /// Sends the channel that is due, in turns, to a client that reads.
+    fn send_due<H: Host>(&mut self, host: &H) {
         let count = Channel::ALL.len();
-        let Some(due) = (1..=count).map(|ahead| (self.last + ahead) % count).find(|one| self.channels[*one].is_due)
-        else {
-            return false;
-        };
-        self.last = due;
+        let due = (1..=count).map(|ahead| (self.last + ahead) % count).find(|one| self.channels[*one].is_due);
+        let Some(due) = due.filter(|_| self.is_read) else { return };
+        (self.last, self.is_read) = (due, false);
         self.channels[due].is_due = false;
         let as_text = self.channels[due].as_text;
         self.stage.fill(|piece| answer::emit(Channel::ALL[due], as_text, host, piece));
-        true
     }
 }
 
-/// The channel at a drive.
-pub struct At<'a, H> {
-    channel: &'a mut Diagnostic,
-    host: &'a mut H,
-}
-
-impl<H: Host> Tunnel for At<'_, H> {
+impl Tunnel for Diagnostic {
     fn receive(&mut self, bytes: &[u8]) {
-        self.channel.receive(self.host, bytes);
+        for byte in bytes {
+            if self.received.push(*byte).is_err() {
+                self.lines.spoil();
+            }
+        }
     }
 
     fn transmit(&mut self, buffer: &mut [u8]) -> usize {
-        self.channel.transmit(self.host, buffer)
+        self.is_read = true;
+        self.stage.take(buffer)
     }
 }

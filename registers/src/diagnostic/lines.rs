@@ -116,6 +116,11 @@ impl Lines {
         false
     }
 
+    /// Bytes of the line were lost.
+    pub const fn spoil(&mut self) {
+        self.garbled = true;
+    }
+
     /// The line that has ended; `None` for one that cannot be understood.
     pub fn line(&self) -> Option<&str> {
         let text = core::str::from_utf8(&self.line).unwrap_or_default().trim();

@@ -1,8 +1,8 @@
 //! The diagnostic channel as a client sees it, at a drive that only remembers what it was asked for.
 
-use hallservo_registers::{Axis, Tunnel};
 use hallservo_registers::axis::{Command, Identity, Mode, Refused, State};
 use hallservo_registers::diagnostic::{Build, Change, Diagnostic, Halls, Host, Kind, Setting};
+use hallservo_registers::{Axis, Tunnel};
 use proptest::prelude::*;
 
 const COMMUTATION: Kind<'static> = Kind::Choice("block|sinusoidal|field-oriented");
@@ -95,6 +95,10 @@ impl Host for Drive {
                 self.values[usize::from(number.saturating_sub(u16::from(number > 2)))] = value;
                 Ok(())
             }
+            Change::Id(id) => {
+                self.id = id;
+                Ok(())
+            }
             _ => Ok(()),
         })
     }
@@ -151,7 +155,8 @@ fn answer(line: &str) -> String {
 
 #[test]
 fn the_configuration_is_dumped_and_read() {
-    let dump = "id.id 1\r\nservo.max_current_a 3\r\nservo.pole_pairs 4\r\nservo.reversed 1\r\nservo.commutation 2\r\nOK\r\n";
+    let dump =
+        "id.id 1\r\nservo.max_current_a 3\r\nservo.pole_pairs 4\r\nservo.reversed 1\r\nservo.commutation 2\r\nOK\r\n";
     assert_eq!(answer("conf enumerate"), dump);
     assert_eq!(answer("conf enumerate id"), "id.id 1\r\nOK\r\n");
     assert_eq!(answer("conf list"), "id\r\nuuid\r\nservo\r\nOK\r\n");
@@ -182,6 +187,10 @@ fn a_setting_is_set_or_refused_with_the_drives_words() {
     assert_eq!(ask(channel, drive, "conf set servo.commutation six"), "ERR error setting: none of its names\r\n");
     assert_eq!(ask(channel, drive, "conf set uuid.uuid.0 1"), "ERR error setting: it cannot be set\r\n");
     assert_eq!(ask(channel, drive, "conf set id.id 256"), "ERR error setting: not a whole number from 0 to 255\r\n");
+    // What is so already needs no drive.
+    let changes = drive.changes.len();
+    assert_eq!(ask(channel, drive, "conf set servo.max_current_a 2.5\nconf set id.id 3"), "OK\r\nOK\r\n");
+    assert_eq!(drive.changes.len(), changes);
     for command in ["conf write", "conf load", "conf default"] {
         assert_eq!(ask(channel, drive, command), "OK\r\n");
     }
@@ -347,10 +356,46 @@ enum Event {
 
 fn event() -> impl Strategy<Value = Event> {
     let words = prop::sample::select(vec![
-        "conf", "tel", "d", "enumerate", "list", "get", "set", "write", "load", "default", "schema", "data", "rate",
-        "fmt", "text", "stop", "pos", "zero", "within", "servo", "id", "uuid", "servo.max_current_a",
-        "servo.commutation", "uuid.uuid.3", "id.id", "servo_stats", "halls", "firmware", "git", "1", "0", "nan",
-        "-1e38", "inf", "p", "s1", "é", ".", "99999999999",
+        "conf",
+        "tel",
+        "d",
+        "enumerate",
+        "list",
+        "get",
+        "set",
+        "write",
+        "load",
+        "default",
+        "schema",
+        "data",
+        "rate",
+        "fmt",
+        "text",
+        "stop",
+        "pos",
+        "zero",
+        "within",
+        "servo",
+        "id",
+        "uuid",
+        "servo.max_current_a",
+        "servo.commutation",
+        "uuid.uuid.3",
+        "id.id",
+        "servo_stats",
+        "halls",
+        "firmware",
+        "git",
+        "1",
+        "0",
+        "nan",
+        "-1e38",
+        "inf",
+        "p",
+        "s1",
+        "é",
+        ".",
+        "99999999999",
     ]);
     prop_oneof![
         prop::collection::vec(words, 0..6).prop_map(|words| Event::Line(words.join(" "))),

@@ -1,9 +1,9 @@
 //! What has fields with values: the groups of the configuration, and the telemetry channels.
 
 use super::host::{Change, Host, Kind, Setting};
+use super::piece::Piece;
 use super::record::{Build, Halls, Record};
 use super::value::{Type, Value};
-use super::piece::Piece;
 use crate::axis::{Identity, State};
 
 /// Most bytes of the data of a channel, with names of 40 bytes.
@@ -210,7 +210,13 @@ pub(super) fn print_field(group: Group, host: &impl Host, number: u16, piece: &m
 }
 
 /// The value of a field of a group; of one that has several, that with an index.
-pub(super) fn print_value(group: Group, host: &impl Host, number: u16, index: usize, piece: &mut Piece<'_>) -> Option<()> {
+pub(super) fn print_value(
+    group: Group,
+    host: &impl Host,
+    number: u16,
+    index: usize,
+    piece: &mut Piece<'_>,
+) -> Option<()> {
     let Field { kind, .. } = group.field(host, number)?;
     let mut room = [0; DATA];
     let data = group.data(host, number, &mut room);

@@ -13,7 +13,8 @@
 //! A line is answered by what it asks for, then by `OK`; or by `ERR` and why not. Answers come in the order of the
 //! lines, piece by piece as the client takes them, whatever their length; nothing is kept but one piece. What begins
 //! with `d` does not wait for its turn: it is obeyed when it comes or not at all, so that no motion begins long after it
-//! was asked for. `d stop` puts an end to all lines that wait.
+//! was asked for. `d stop` puts an end to all lines that wait. A motion lasts as long as the client reads, unless it says
+//! how long (`t`) or something else is commanded, by whomever.
 
 mod answer;
 mod command;
@@ -28,6 +29,7 @@ mod value;
 pub use host::{Change, Host, Kind, Setting};
 pub use record::{Build, Halls};
 
+use crate::axis::Command;
 use crate::{FRAME, Tunnel};
 use answer::Answer;
 use core::fmt::Write;
@@ -35,6 +37,10 @@ use lines::{LINE, Lines, Next, Note};
 use piece::Stage;
 use source::Channel;
 
+/// How long a client may not read until its motion is not renewed any more.
+const SILENCE_MS: u16 = 250;
+/// From one renewal to the next: well within the drive's time-out.
+const RENEWAL_MS: u8 = 20;
 /// Most bytes of a refusal.
 const SENTENCE: usize = 200;
 
@@ -53,6 +59,12 @@ pub struct Diagnostic {
     last: usize,
     /// Whether the client has read since.
     is_read: bool,
+    /// Since it last read, ms.
+    silent_ms: u16,
+    /// The motion that lasts as long as it reads.
+    motion: Option<Command>,
+    /// Until it is renewed, ms.
+    renew_ms: u8,
 }
 
 /// How often a channel is sent by itself.
@@ -85,6 +97,9 @@ impl Diagnostic {
             channels: [NEVER; Channel::ALL.len()],
             last: 0,
             is_read: false,
+            silent_ms: 0,
+            motion: None,
+            renew_ms: 0,
         }
     }
 
@@ -97,6 +112,8 @@ impl Diagnostic {
                 channel.is_due = true;
             }
         }
+        self.silent_ms = self.silent_ms.saturating_add(1);
+        self.renew(host);
         self.serve(host);
     }
 
@@ -114,6 +131,17 @@ impl Diagnostic {
         }
     }
 
+    /// A person types a motion once: it lasts as long as the client is there, unless it has a time of its own.
+    fn renew<H: Host>(&mut self, host: &mut H) {
+        self.renew_ms = self.renew_ms.saturating_sub(1);
+        if let Some(motion) = self.motion.filter(|_| self.renew_ms == 0) {
+            self.renew_ms = RENEWAL_MS;
+            if self.silent_ms > SILENCE_MS || !host.renew(&motion) {
+                self.motion = None;
+            }
+        }
+    }
+
     /// What moves the motor, or stops it, is carried out now or never.
     fn end_line<H: Host>(&mut self, host: &mut H) {
         let (line, is_waiting) = (self.lines.line(), self.lines.is_waiting() || self.answer == Answer::Awaited);
@@ -124,7 +152,7 @@ impl Diagnostic {
                 let stops = motion.trim() == "stop";
                 let note = match () {
                     () if is_waiting && !stops => Note::Late,
-                    () => motion::carry_out(host, motion).err().unwrap_or(Note::Done),
+                    () => motion::carry_out(host, motion, &mut self.motion).err().unwrap_or(Note::Done),
                 };
                 if stops {
                     self.lines.stop();
@@ -202,7 +230,7 @@ impl Tunnel for Diagnostic {
     }
 
     fn transmit(&mut self, buffer: &mut [u8]) -> usize {
-        self.is_read = true;
+        (self.is_read, self.silent_ms) = (true, 0);
         self.stage.take(buffer)
     }
 }

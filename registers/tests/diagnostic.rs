@@ -16,6 +16,8 @@ struct Drive {
     change: Option<Change>,
     changes: Vec<Change>,
     commands: Vec<Command>,
+    renewed: u32,
+    is_over: bool,
 }
 
 impl Default for Drive {
@@ -27,6 +29,8 @@ impl Default for Drive {
             change: None,
             changes: Vec::new(),
             commands: Vec::new(),
+            renewed: 0,
+            is_over: false,
         }
     }
 }
@@ -101,6 +105,11 @@ impl Host for Drive {
             }
             _ => Ok(()),
         })
+    }
+
+    fn renew(&mut self, _: &Command) -> bool {
+        self.renewed += 1;
+        !self.is_over
     }
 
     fn build(&self) -> Build {
@@ -233,6 +242,40 @@ fn a_motion_is_obeyed_although_answers_were_not_read() {
     let answers = "servo_stats\r\nhalls\r\nfirmware\r\ngit\r\nOK\r\nOK\r\n\
         ERR refused: the drive cannot now, or another tool controls it\r\nERR this drive does not have it\r\nOK\r\n";
     assert_eq!(String::from_utf8(read(channel, drive)).unwrap(), answers);
+}
+
+/// How often the motion is renewed in so many milliseconds, while the client reads every so often.
+fn renewals(channel: &mut Diagnostic, drive: &mut Drive, milliseconds: u32, reads_every: u32) -> u32 {
+    drive.renewed = 0;
+    for now in 1..=milliseconds {
+        channel.tick(drive);
+        if now % reads_every == 0 {
+            channel.transmit(&mut [0; 61]);
+        }
+    }
+    drive.renewed
+}
+
+#[test]
+fn a_motion_lasts_as_long_as_the_client_reads_and_nothing_else_is_commanded() {
+    let (channel, drive) = (&mut Diagnostic::new(), &mut Drive::default());
+    ask(channel, drive, "d pos nan 1 nan");
+    assert_eq!(renewals(channel, drive, 1000, 10), 50);
+    // A setting does not end it, nor does a line that is none.
+    ask(channel, drive, "conf get servo.pole_pairs\nd jump\nd recapture");
+    assert_eq!(renewals(channel, drive, 100, 10), 5);
+    assert!(renewals(channel, drive, 1000, 5000) < 15);
+    assert_eq!(renewals(channel, drive, 1000, 10), 0);
+    for end in ["d stop", "d pos nan 1 nan t0.5", "d brake\nd stop"] {
+        ask(channel, drive, "d pos nan 1 nan");
+        assert_eq!(renewals(channel, drive, 100, 10), 5);
+        ask(channel, drive, end);
+        assert_eq!(renewals(channel, drive, 100, 10), 0, "{end}");
+    }
+    ask(channel, drive, "d pos nan 1 nan");
+    drive.is_over = true;
+    assert_eq!(renewals(channel, drive, 100, 10), 1);
+    assert_eq!(drive.commands.iter().filter(|command| matches!(command, Command::Position(_))).count(), 6);
 }
 
 #[test]

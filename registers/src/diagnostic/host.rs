@@ -1,7 +1,7 @@
 //! What the channel needs of a drive.
 
 use super::record::{Build, Halls};
-use crate::axis::Axis;
+use crate::axis::{Axis, Command};
 use core::fmt;
 
 /// What values a setting takes.
@@ -62,6 +62,10 @@ pub trait Host: Axis {
 
     /// What became of the change, once. To come within a second at most, whatever happens.
     fn outcome(&mut self) -> Option<Result<(), Self::Refusal>>;
+
+    /// A motion that this channel has commanded is to go on. It must not begin again: false where it is over, for
+    /// whatever reason, or something else was commanded since.
+    fn renew(&mut self, motion: &Command) -> bool;
 
     /// What it was built from.
     fn build(&self) -> Build;

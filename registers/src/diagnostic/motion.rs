@@ -10,19 +10,37 @@ impl From<Refused> for Note {
     }
 }
 
-/// Carries out what is behind the `d`.
-pub(super) fn carry_out(drive: &mut impl Axis, line: &str) -> Result<(), Note> {
+/// Carries out what is behind the `d`. What is `held` is the motion to renew.
+pub(super) fn carry_out(drive: &mut impl Axis, line: &str, held: &mut Option<Command>) -> Result<(), Note> {
     let words = &mut line.split_ascii_whitespace();
     let name = words.next().unwrap_or_default();
     match name {
-        "stop" => drive.command(&Command::Stop)?,
+        "stop" => {
+            *held = None;
+            drive.command(&Command::Stop)?;
+        }
         "recapture" => drive.recapture()?,
         "nearest" | "rezero" => drive.set_output(output(words)?, true)?,
         "exact" | "index" => drive.set_output(output(words)?, false)?,
         "req-reindex" => drive.require_reindex()?,
-        _ => drive.command(&parse(name, words)?)?,
+        _ => {
+            let command = parse(name, words)?;
+            drive.command(&command)?;
+            *held = Some(command).filter(is_held);
+        }
     }
     Ok(())
+}
+
+/// Whether a motion has no time of its own: it holds for as long as is configured.
+const fn is_held(command: &Command) -> bool {
+    match command {
+        Command::Position(with) | Command::ZeroVelocity(with) | Command::StayWithin { with, .. } => {
+            with.timeout == 0.0
+        }
+        Command::Current { timeout, .. } => *timeout == 0.0,
+        Command::Stop | Command::Brake => false,
+    }
 }
 
 fn parse(name: &str, words: &mut SplitAsciiWhitespace<'_>) -> Result<Command, Note> {
@@ -39,7 +57,7 @@ fn parse(name: &str, words: &mut SplitAsciiWhitespace<'_>) -> Result<Command, No
             let (lower, upper) = (number(words)?, number(words)?);
             Command::StayWithin { lower, upper, with: options(words, false)? }
         }
-        "dq" => Command::Current { d: number(words)?, q: number(words)?, timeout: f32::NAN },
+        "dq" => Command::Current { d: number(words)?, q: number(words)?, timeout: 0.0 },
         "brake" => Command::Brake,
         "tmt" | "raw" | "pwm" | "vdq" | "v" | "cal" | "cali" | "ind" | "flash" | "reset" | "cfg-set-output" | "die"
         | "assert" | "stack" | "loop" | "led" | "hstart" | "hend" => return Err(Note::Unsupported),
@@ -47,9 +65,9 @@ fn parse(name: &str, words: &mut SplitAsciiWhitespace<'_>) -> Result<Command, No
     })
 }
 
-/// The largest torque, and the options. A command holds until the next, unless it has a time.
+/// The largest torque, and the options.
 fn options(words: &mut SplitAsciiWhitespace<'_>, stops: bool) -> Result<Position, Note> {
-    let mut position = Position { max_torque: number(words)?, timeout: f32::NAN, ..Position::DEFAULT };
+    let mut position = Position { max_torque: number(words)?, ..Position::DEFAULT };
     for option in words {
         let (letter, value) = option.split_at_checked(1).ok_or(Note::Option)?;
         let place = match letter {
@@ -90,7 +108,7 @@ mod tests {
     #[test]
     fn a_motion_has_three_numbers_and_options() {
         let Ok(Command::Position(motion)) = read("pos nan 0.5 0.2 p0.5 s-1.25 v3 a1e2") else { panic!() };
-        assert!(motion.position.is_nan() && motion.timeout.is_nan());
+        assert!(motion.position.is_nan() && motion.timeout == 0.0);
         assert_eq!((motion.velocity, motion.max_torque, motion.kp_scale, motion.kd_scale), (0.5, 0.2, 0.5, 1.0));
         assert_eq!((motion.stop_position, motion.velocity_limit), (-1.25, 3.0));
         assert_eq!((motion.acceleration_limit, motion.torque), (100.0, 0.0));

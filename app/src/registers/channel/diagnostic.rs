@@ -9,6 +9,7 @@ use core::fmt;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::settings::{self, TABLE};
 use hallservo_protocol::{Answer, Ask, Refusal, Request};
+use hallservo_registers::axis::Command;
 use hallservo_registers::diagnostic::{Build, Change, Diagnostic, Halls, Host, Kind, Setting};
 
 /// Ticks until a control interrupt that does not answer, or a flash, is given up.
@@ -161,6 +162,10 @@ impl<F: NorFlash, E: Encoder> Host for Drive<'_, F, E> {
                 None
             }
         }
+    }
+
+    fn renew(&mut self, motion: &Command) -> bool {
+        self.sequence.renew(motion, self.tasks)
     }
 
     fn build(&self) -> Build {

@@ -37,8 +37,8 @@ use lines::{LINE, Lines, Next, Note};
 use piece::Stage;
 use source::Channel;
 
-/// How long a client may not read until its motion is not renewed any more.
-const SILENCE_MS: u16 = 250;
+/// How long a client may not read until its motion is not renewed any more: one with a window is often at work.
+const SILENCE_MS: u16 = 1000;
 /// From one renewal to the next: well within the drive's time-out.
 const RENEWAL_MS: u8 = 20;
 /// Most bytes of a refusal.

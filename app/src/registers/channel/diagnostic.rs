@@ -7,13 +7,16 @@ use crate::encoder::Encoder;
 use crate::requests::{Awaited, Step};
 use core::fmt;
 use embedded_storage::nor_flash::NorFlash;
-use hallservo::settings::{self, TABLE};
+use hallservo::settings::{self, TABLE, find};
 use hallservo_protocol::{Answer, Ask, Refusal, Request};
 use hallservo_registers::axis::Command;
 use hallservo_registers::diagnostic::{Build, Change, Diagnostic, Halls, Host, Kind, Setting};
 
 /// Ticks until a control interrupt that does not answer, or a flash, is given up.
 const PATIENCE: u32 = 100;
+
+/// The setting that is the address on the bus, of a drive that has it.
+const BUS_ID: &str = "bus_id";
 
 /// The channel.
 pub(in super::super) struct Channel(Diagnostic);
@@ -111,6 +114,7 @@ impl<F: NorFlash, E: Encoder> Drive<'_, F, E> {
             Change::Save => Ask::Save,
             Change::Load => Ask::Load,
             Change::Default => Ask::Restore,
+            Change::Id(id) if find(BUS_ID).is_some() => Ask::Set { name: BUS_ID, value: id.into() },
             Change::Id(_) => return Progress::Over(Err(Why::Address)),
         };
         match self.tasks.begin(&Request { id: 0, client: CLIENT, unattended: false, ask }) {
@@ -147,7 +151,8 @@ impl<F: NorFlash, E: Encoder> Host for Drive<'_, F, E> {
     }
 
     fn id(&self) -> u8 {
-        self.id
+        let setting = find(BUS_ID).and_then(|entry| entry.get(&self.tasks.settings));
+        setting.map_or(self.id, |id| id as u8)
     }
 
     fn begin(&mut self, change: Change) {

@@ -32,6 +32,7 @@ impl<F: NorFlash, E: Encoder> Axis for Drive<'_, F, E> {
         Identity { model, firmware: version(firmware), serial: self.serial }
     }
 
+    #[inline(never)]
     fn state(&self) -> State {
         let Self { tasks, sequence, .. } = self;
         let status = tasks.status();

@@ -35,9 +35,7 @@ pub(super) fn carry_out(drive: &mut impl Axis, line: &str, held: &mut Option<Com
 /// Whether a motion has no time of its own: it holds for as long as is configured.
 const fn is_held(command: &Command) -> bool {
     match command {
-        Command::Position(with) | Command::ZeroVelocity(with) | Command::StayWithin { with, .. } => {
-            with.timeout == 0.0
-        }
+        Command::Position(with) | Command::ZeroVelocity(with) | Command::StayWithin { with, .. } => with.timeout == 0.0,
         Command::Current { timeout, .. } => *timeout == 0.0,
         Command::Stop | Command::Brake => false,
     }

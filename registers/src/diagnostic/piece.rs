@@ -71,6 +71,8 @@ impl<'a> Piece<'a> {
         bytes.get(..length).unwrap_or_default()
     }
 
+    // One copy of it, for the sake of the flash.
+    #[inline(never)]
     pub fn bytes(&mut self, bytes: &[u8]) {
         for byte in bytes {
             let Some(place) = self.bytes.get_mut(self.length) else { return };
@@ -80,6 +82,7 @@ impl<'a> Piece<'a> {
     }
 
     /// Text with its length before it.
+    #[inline(never)]
     pub fn short_text(&mut self, text: &str) {
         let bytes = text.as_bytes();
         let bytes = bytes.get(..LONGEST_NAME).unwrap_or(bytes);
@@ -87,6 +90,7 @@ impl<'a> Piece<'a> {
         self.bytes(bytes);
     }
 
+    #[inline(never)]
     pub fn text(&mut self, parts: &[&str]) {
         parts.iter().for_each(|part| self.bytes(part.as_bytes()));
     }

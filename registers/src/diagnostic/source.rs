@@ -71,6 +71,7 @@ impl Group {
         (0..self.len(host)).find(|number| self.field(host, *number).is_some_and(|field| field.name == name))
     }
 
+    #[inline(never)]
     fn field(self, host: &impl Host, number: u16) -> Option<Field<'_>> {
         match self {
             Self::Id => Some(Field { name: "id", kind: Type::U8 }),
@@ -80,6 +81,7 @@ impl Group {
     }
 
     /// The data of a field.
+    #[inline(never)]
     fn value(self, host: &impl Host, number: u16, piece: &mut Piece<'_>) {
         match self {
             Self::Id => host.id().write(piece),
@@ -153,6 +155,7 @@ impl Channel {
     }
 
     /// All data, as they are now.
+    #[inline(never)]
     fn write(self, host: &impl Host, piece: &mut Piece<'_>) {
         match self {
             Self::ServoStats => host.state().write(piece),
@@ -245,6 +248,7 @@ fn each<'a>(kind: &Type<'a>) -> (Type<'a>, usize) {
     }
 }
 
+#[inline(never)]
 fn print(source: &str, name: &str, kind: &Type<'_>, data: &[u8], piece: &mut Piece<'_>) {
     use core::fmt::Write;
     let (each, length) = each(kind);

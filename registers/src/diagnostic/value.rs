@@ -46,6 +46,7 @@ pub(super) const FINAL: [u8; 5] = [0, 0, 0, END, 0];
 
 impl Type<'_> {
     /// The type in a schema.
+    #[inline(never)]
     fn declare(&self, piece: &mut Piece<'_>) {
         match *self {
             Self::Bool => piece.bytes(&[BOOLEAN]),
@@ -92,6 +93,7 @@ impl Type<'_> {
     }
 
     /// The value at the beginning of `data`, as text: of an array, the first.
+    #[inline(never)]
     pub(super) fn print(&self, data: &[u8], piece: &mut Piece<'_>) {
         let mut number = [0; 8];
         let size = self.size(data).min(number.len());

@@ -141,6 +141,7 @@ impl<F: NorFlash, E: Encoder> Host for Drive<'_, F, E> {
         TABLE.len() as u16 + E::SETTINGS
     }
 
+    #[inline(never)]
     fn setting(&self, number: u16) -> Option<Setting<'_>> {
         let Some(entry) = TABLE.get(usize::from(number)) else {
             let setting = self.tasks.encoder.setting(number - TABLE.len() as u16)?;

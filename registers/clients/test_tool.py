@@ -86,14 +86,14 @@ def test_a_dump_is_restored_and_saved(simulated, tmp_path):
 
 def test_what_cannot_be_set_is_named(simulated, tmp_path):
     wrong = tmp_path / "wrong.cfg"
-    wrong.write_text("servo.max_current_a 99\nservo.nonsense 1\nservo.adc_bits 10\nservo.pole_pairs 4\n")
+    wrong.write_text("servo.max_current_a 1000\nservo.nonsense 1\nservo.adc_bits 10\nservo.pole_pairs 4\n")
     out = tool(simulated, "--restore-config", str(wrong))
     assert [line.strip() for line in out.splitlines() if line.startswith(" servo")] == [
-        "servo.max_current_a 99", "servo.nonsense 1", "servo.adc_bits 10"
+        "servo.max_current_a 1000", "servo.nonsense 1", "servo.adc_bits 10"
     ]
 
     async def test(_, stream):
-        assert "the board's ceiling is 6" in await refused(stream, b"conf set servo.max_current_a 99")
+        assert "max_current_a is 1000, but" in await refused(stream, b"conf set servo.max_current_a 1000")
         assert "stall_s is 99, but must be from" in await refused(stream, b"conf set servo.stall_s 99")
         assert "follows from the board" in await refused(stream, b"conf set servo.adc_bits 10")
         assert "whole numbers" in await refused(stream, b"conf set servo.pole_pairs 4.5")
@@ -108,7 +108,7 @@ def test_every_channel_is_read(simulated):
     halls = json.loads(tool(simulated, "--read", "halls"))
     assert halls["calibrated"] and len(halls["code"]) == 3 and abs(halls["amplitude"] - 1) < 0.1
     firmware = json.loads(tool(simulated, "--read", "firmware"))
-    assert firmware["board"] == "simulated" and len(firmware["serial_number"]) == 3
+    assert firmware["board"] and len(firmware["serial_number"]) == 3
     assert len(json.loads(tool(simulated, "--read", "git"))["hash"]) == 20
 
 

@@ -5,6 +5,7 @@
 //! to stop.
 
 mod axis;
+mod channel;
 mod goal;
 mod sequence;
 
@@ -12,8 +13,9 @@ use crate::encoder::Encoder;
 use crate::outbox::Outbox;
 use crate::tasks::Tasks;
 use axis::Drive;
+use channel::{Channel, Pending};
 use embedded_storage::nor_flash::NorFlash;
-use hallservo_registers::{Address, NoTunnel, Reply, Request, Server, line};
+use hallservo_registers::{Address, Reply, Request, Server, line};
 use sequence::Sequence;
 
 /// The number of register clients among the tools that control. A tool draws its own from all but 0, so hardly this
@@ -26,32 +28,45 @@ pub(crate) struct Registers {
     server: Server,
     sequence: Sequence,
     serial: [u32; 3],
+    id: u8,
+    channel: Channel,
+    pending: Pending,
 }
 
 impl Registers {
     pub const fn new() -> Self {
+        let address = Address { id: 1, prefix: 0 };
         Self {
             decoder: line::Decoder::new(),
-            server: Server::new(Address { id: 1, prefix: 0 }),
+            server: Server::new(address),
             sequence: Sequence::new(),
             serial: [0; 3],
+            id: address.id,
+            channel: Channel::new(),
+            pending: Pending::new(),
         }
     }
 
     /// Where the drive is on the bus, and the serial number of its chip.
     pub const fn set_identity(&mut self, address: Address, serial: [u32; 3]) {
         self.server.set_address(address);
-        self.serial = serial;
+        (self.serial, self.id) = (serial, address.id);
     }
 
     /// Whether the drive owes an answer: until then nobody else may command it.
     pub const fn waits(&self) -> bool {
-        self.sequence.waits()
+        self.sequence.waits() || self.pending.waits()
     }
 
     /// Once a millisecond.
     pub fn tick<F: NorFlash, E: Encoder>(&mut self, tasks: &mut Tasks<F, E>) {
-        self.sequence.tick(tasks);
+        if !self.pending.waits() {
+            self.sequence.tick(tasks);
+        }
+        if !self.sequence.waits() {
+            let Self { sequence, serial, id, channel, pending, .. } = self;
+            channel.tick(&mut Drive { tasks, sequence, serial: *serial, id: *id, pending });
+        }
     }
 
     /// A byte of the line. What is to be said goes to the outbox, which [has room](Outbox::has_room).
@@ -73,10 +88,13 @@ impl Registers {
     /// A frame of any line, and its reply.
     #[inline(never)]
     pub fn handle<F: NorFlash, E: Encoder>(&mut self, request: &Request, tasks: &mut Tasks<F, E>) -> Option<Reply> {
-        let Self { server, sequence, serial, .. } = self;
+        let Self { server, sequence, serial, id, channel, pending, .. } = self;
         if server.is_for(request.identifier) {
             tasks.controller.hear(CLIENT, tasks.now_ms);
         }
-        server.handle(request, &mut Drive { tasks, sequence, serial: *serial }, &mut NoTunnel)
+        let mut drive = Drive { tasks, sequence, serial: *serial, id: *id, pending };
+        let reply = server.handle(request, &mut drive, channel.tunnel());
+        channel.serve(&mut drive);
+        reply
     }
 }

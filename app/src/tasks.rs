@@ -3,6 +3,8 @@
 #[cfg(feature = "encoder")]
 mod align;
 mod commands;
+#[cfg(feature = "diagnostic")]
+mod halls;
 mod procedures;
 #[cfg(feature = "registers")]
 mod registers;

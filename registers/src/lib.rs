@@ -16,6 +16,7 @@
 #![no_std]
 
 pub mod axis;
+pub mod diagnostic;
 mod fields;
 pub mod frame;
 pub mod line;

@@ -173,6 +173,8 @@ impl Server {
                     }
                 }
                 SubFrame::Poll { channel: DIAGNOSTIC, most } if wanted => {
+                    // Who polls without numbers does not ask for a packet again: a client that is gone may have left one.
+                    self.packet.clear();
                     frame::push_channel(DIAGNOSTIC, None, most as usize, reply, |room| tunnel.transmit(room))?;
                 }
                 SubFrame::PollAfter { channel: DIAGNOSTIC, packet, most } if wanted => {

@@ -1,5 +1,6 @@
 //! The drive in the protocol's units.
 
+use super::channel::Pending;
 use super::goal::{Goal, fixed, turns};
 use super::sequence::Sequence;
 use crate::encoder::Encoder;
@@ -16,6 +17,12 @@ pub(super) struct Drive<'a, F, E> {
     pub tasks: &'a mut Tasks<F, E>,
     pub sequence: &'a mut Sequence,
     pub serial: [u32; 3],
+    /// On the bus.
+    #[cfg_attr(not(feature = "diagnostic"), expect(dead_code))]
+    pub id: u8,
+    /// The change of the settings that is on its way.
+    #[cfg_attr(not(feature = "diagnostic"), expect(dead_code))]
+    pub pending: &'a mut Pending,
 }
 
 impl<F: NorFlash, E: Encoder> Axis for Drive<'_, F, E> {
@@ -25,6 +32,7 @@ impl<F: NorFlash, E: Encoder> Axis for Drive<'_, F, E> {
         Identity { model, firmware: version(firmware), serial: self.serial }
     }
 
+    #[inline(never)]
     fn state(&self) -> State {
         let Self { tasks, sequence, .. } = self;
         let status = tasks.status();

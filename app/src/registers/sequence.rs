@@ -24,6 +24,8 @@ enum Told {
     Clear,
     Arm,
     Move,
+    #[cfg(feature = "diagnostic")]
+    Again,
 }
 
 /// The commands that are due.
@@ -102,6 +104,28 @@ impl Sequence {
         done && self.next.is_none() && self.unsettled == 0
     }
 
+    /// What the drive does goes on, if it is this and nobody else has said anything since: false where it is over. Never
+    /// a beginning, for somebody may just have stopped the drive.
+    #[cfg(feature = "diagnostic")]
+    pub fn renew<F: NorFlash, E: Encoder>(
+        &mut self,
+        motion: &hallservo_registers::axis::Command,
+        tasks: &mut Tasks<F, E>,
+    ) -> bool {
+        let Ok(goal) = Goal::of(motion) else { return false };
+        let is_same = |other: Option<Goal>| other.is_some_and(|other| other.is_same(&goal));
+        if self.refused.is_some() || self.timed_out || tasks.controller.client() != CLIENT {
+            return false;
+        }
+        if is_same(self.wish) || self.waits() {
+            return true;
+        }
+        if self.wish.is_some() || !is_same(self.doing) || tasks.mode() != Mode::Running {
+            return false;
+        }
+        self.order(Told::Again, &goal, tasks).is_ok()
+    }
+
     /// The bridge off at once, whoever controls; a fault is cleared, unless it is another tool's.
     pub fn stop<F: NorFlash, E: Encoder>(&mut self, tasks: &mut Tasks<F, E>) {
         let idle = self.wish.is_none() && self.doing.is_none() && !self.waits() && tasks.is_idle();
@@ -167,16 +191,11 @@ impl Sequence {
         }
         let Some(goal) = self.wish else { return };
         match mode {
-            Mode::Running => match goal.order(tasks, self.zero) {
-                Ok(Order::Current(current)) => _ = self.tell(Told::Move, Command::Current(current), tasks),
-                Ok(Order::Impedance(request)) => match tasks.impedance(&request) {
-                    Ok(()) => self.told = Some((Told::Move, 0)),
-                    // The drive is still busy: at the next tick.
-                    Err(Refusal::NoAnswer) => {}
-                    Err(_) => self.wish = None,
-                },
-                Err(Refused) => self.wish = None,
-            },
+            Mode::Running => {
+                if self.order(Told::Move, &goal, tasks).is_err() {
+                    self.wish = None;
+                }
+            }
             Mode::Ready => match may_arm(tasks) {
                 Ok(()) => _ = self.tell(Told::Arm, Command::Arm, tasks),
                 Err(code) => self.give_up(code),
@@ -184,6 +203,25 @@ impl Sequence {
             Mode::Unarmed => self.give_up(NOT_CALIBRATED),
             Mode::Aligning | Mode::Calibrating | Mode::Faulted(_) => self.wish = None,
         }
+    }
+
+    /// Tells the drive what to do.
+    fn order<F: NorFlash, E: Encoder>(
+        &mut self,
+        told: Told,
+        goal: &Goal,
+        tasks: &mut Tasks<F, E>,
+    ) -> Result<(), Refused> {
+        match goal.order(tasks, self.zero)? {
+            Order::Current(current) => _ = self.tell(told, Command::Current(current), tasks),
+            Order::Impedance(request) => match tasks.impedance(&request) {
+                Ok(()) => self.told = Some((told, 0)),
+                // The drive is still busy: at the next tick.
+                Err(Refusal::NoAnswer) => {}
+                Err(_) => return Err(Refused),
+            },
+        }
+        Ok(())
     }
 
     fn give_up(&mut self, code: u8) {
@@ -213,6 +251,8 @@ impl Sequence {
                 self.doing = self.wish.take();
                 self.wish = self.next.take();
             }
+            #[cfg(feature = "diagnostic")]
+            (Told::Again, Ok(())) => {}
             // It is in another state than its last record said.
             (_, Err(drive::Refusal::Mode(mode))) => self.mode = Some(mode),
             (_, Err(refusal)) => {

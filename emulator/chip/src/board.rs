@@ -63,6 +63,17 @@ pub struct Promises {
     pub encoder_cycles: Option<[u64; 3]>,
 }
 
+/// A CAN transceiver.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Transceiver {
+    /// TX and RX of the chip.
+    pub pins: [Pin; 2],
+    /// It is off unless this pin is low.
+    pub shutdown: Option<Pin>,
+    /// From TX to the wires and back to RX, s.
+    pub loop_s: f64,
+}
+
 /// A board.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Board {
@@ -82,6 +93,8 @@ pub struct Board {
     pub trip: Option<(Pin, f64)>,
     /// Input with a contact to 3.3 V: open, it floats.
     pub enable: Option<Pin>,
+    /// Transceiver of a CAN, on the board or wired to its pins.
+    pub can: Option<Transceiver>,
     /// Inputs with a pull-up on the board: buttons.
     pub pulled_up: Vec<Pin>,
     /// Pole pairs of the two rings of an encoder, where there are heads.

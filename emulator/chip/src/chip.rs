@@ -4,6 +4,7 @@ use crate::adc::{Adc, Common, Due};
 use crate::analog::{Comp, Dac, Opamp};
 use crate::board::Board;
 use crate::bridge::Bridge;
+use crate::can::Fdcan;
 use crate::flash::Flash;
 use crate::gpio::Gpio;
 use crate::iwdg::Iwdg;
@@ -86,6 +87,7 @@ pub struct Chip {
     pub(crate) dbgmcu: Dbgmcu,
     pub(crate) timers: [Timer; 12],
     pub(crate) usarts: [Usart; 4],
+    pub(crate) can: Fdcan,
     pub(crate) adcs: Vec<Adc>,
     pub(crate) commons: [Common; 2],
     pub(crate) dacs: [Dac; 4],
@@ -123,6 +125,7 @@ impl Chip {
         motor.encoder = board.rings.map(|pairs| Encoder::new(pairs, ECCENTRICITY_MM, seed));
         let mut chip = Self {
             bridge: Bridge::new(board.driver.clone()),
+            can: Fdcan::new(board.can.map_or(0.0, |can| can.loop_s)),
             board,
             now: 0,
             due: 0,
@@ -208,6 +211,12 @@ impl Chip {
             };
             usart.set_clock(hclk / kernel, hclk / crate::board::BAUD);
         }
+        // FDCANSEL: HSE, which the boards have not, PLLQ, PCLK1.
+        self.can.set_clock(match self.rcc.source(24) {
+            1 => self.clocks.pll_q.unwrap_or(0.0),
+            2 => pclk1,
+            _ => 0.0,
+        });
     }
 
     fn cycle_of(&self, at_s: f64) -> Cycle {
@@ -236,6 +245,11 @@ impl Chip {
                 }
                 Next::Adc(index) => self.fire_adc(index),
                 Next::Usart(index) => self.fire_usart(index, at),
+                Next::Can => {
+                    self.can.fire();
+                    let at_s = self.now_s(at);
+                    self.record.events.extend(self.can.news.drain(..).map(|what| (at_s, what)));
+                }
                 Next::Flash => self.flash.advance(self.now_s(at)),
                 Next::Watchdog => {
                     self.record.bites += 1;
@@ -281,6 +295,10 @@ impl Chip {
         for (index, usart) in self.usarts.iter().enumerate() {
             offer(ceiling(usart.next()), Next::Usart(index));
         }
+        let can_s = self.can.next_s();
+        if can_s.is_finite() {
+            offer(self.cycle_of(can_s), Next::Can);
+        }
         if let Some(end_s) = self.flash.ends_s() {
             offer(self.cycle_of(end_s), Next::Flash);
         }
@@ -305,6 +323,9 @@ impl Chip {
         }
         for usart in &self.usarts {
             next = next.min(ceiling(usart.next()));
+        }
+        if self.can.next_s().is_finite() {
+            next = next.min(self.cycle_of(self.can.next_s()));
         }
         for at_s in self.flash.ends_s().into_iter().chain(self.iwdg.bites_at_s()).chain(self.wwdg.bites_at_s()) {
             next = next.min(self.cycle_of(at_s));
@@ -429,6 +450,7 @@ enum Next {
     Driver,
     Adc(usize),
     Usart(usize),
+    Can,
     Flash,
     Watchdog,
     WindowWatchdog,

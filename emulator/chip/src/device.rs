@@ -35,11 +35,15 @@ pub enum Signal {
     Tx(usize),
     /// RX.
     Rx(usize),
+    /// FDCAN1_TX.
+    CanTx,
+    /// FDCAN1_RX.
+    CanRx,
 }
 
 /// Port, number, alternate function, signal (data sheets DS12589 and DS12288, table 13).
-const SIGNALS: [(u8, u8, u8, Signal); 50] = {
-    use Signal::{Break, Gate, Rx, Tx};
+const SIGNALS: [(u8, u8, u8, Signal); 54] = {
+    use Signal::{Break, CanRx, CanTx, Gate, Rx, Tx};
     [
         (b'A', 8, 6, Gate(0, 0)),
         (b'A', 9, 6, Gate(1, 0)),
@@ -91,6 +95,10 @@ const SIGNALS: [(u8, u8, u8, Signal); 50] = {
         (b'A', 3, 12, Rx(3)),
         (b'B', 10, 8, Rx(3)),
         (b'C', 0, 8, Rx(3)),
+        (b'A', 11, 9, CanRx),
+        (b'B', 8, 9, CanRx),
+        (b'A', 12, 9, CanTx),
+        (b'B', 9, 9, CanTx),
     ]
 };
 

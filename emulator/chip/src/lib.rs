@@ -8,10 +8,10 @@
 //! What has a model: RCC, PWR (ranges, boost), FLASH (programming, erasing, errors, power cut), GPIO with alternate
 //! functions, SYSCFG, EXTI lines of pins, TIM1 to TIM8, TIM15 to TIM17 and TIM20 (counting, compare, preloads; with
 //! TIM1's outputs, dead time, break inputs and triggers), ADC1 to ADC5 (calibration, regular and injected sequences,
-//! offsets), OPAMP, COMP, DAC, USART1 to USART3 and LPUART1, IWDG, WWDG (without its
-//! early interrupt), DBGMCU, the factory's words.
+//! offsets), OPAMP, COMP, DAC, USART1 to USART3 and LPUART1, FDCAN1 on a wire with
+//! others ([`can`]), IWDG, WWDG (without its early interrupt), DBGMCU, the factory's words.
 //!
-//! What has none, and is complained of: DMA, the other serial buses, RTC, HRTIM, CORDIC, RNG, CRC; of the timers input
+//! What has none, and is complained of: DMA, FDCAN2 and FDCAN3, the other serial buses, RTC, HRTIM, CORDIC, RNG, CRC; of the timers input
 //! capture, slave modes, combined and asymmetric PWM, dithering; of the converters dual modes, the queue of contexts,
 //! oversampling, analogue watchdogs, differential inputs; option bytes cannot be programmed, HSE and LSE are not there.
 //! Beyond that the model is simpler than silicon in this: a break acts at once, without its filter, and the lock-up,
@@ -30,6 +30,7 @@ pub mod analog;
 mod bits;
 pub mod board;
 pub mod bridge;
+pub mod can;
 mod chip;
 pub mod device;
 mod disturbance;

@@ -21,6 +21,10 @@ pub enum Block {
     Timer(usize),
     /// USART1, 2, 3, LPUART1.
     Usart(usize),
+    /// FDCAN1.
+    Can,
+    /// The part of the message RAM that is FDCAN1's.
+    CanRam,
     /// ADC1 and ADC2 (0), or ADC3 to ADC5 (1).
     Adc(usize),
     /// DAC1 to DAC4.
@@ -86,7 +90,7 @@ const MAP: [Place; 66] = [
     place(0x4000_5400, "I2C1", Nothing, APB1, 21),
     place(0x4000_5800, "I2C2", Nothing, APB1, 22),
     place(0x4000_5c00, "USB", Nothing, APB1, 23),
-    place(0x4000_6400, "FDCAN1", Nothing, APB1, 25),
+    place(0x4000_6400, "FDCAN1", Block::Can, APB1, 25),
     place(0x4000_6800, "FDCAN2", Nothing, APB1, 25),
     place(0x4000_6c00, "FDCAN3", Nothing, APB1, 25),
     place(0x4000_7000, "PWR", Block::Pwr, APB1, 28),
@@ -95,7 +99,7 @@ const MAP: [Place; 66] = [
     place(0x4000_8000, "LPUART1", Usart(3), APB1_2, 0),
     place(0x4000_8400, "I2C4", Nothing, APB1_2, 1),
     place(0x4000_a000, "UCPD1", Nothing, APB1_2, 8),
-    place(0x4000_a400, "FDCAN RAM", Nothing, APB1, 25),
+    place(0x4000_a400, "FDCAN RAM", Block::CanRam, APB1, 25),
     place(0x4001_0000, "SYSCFG", Block::Syscfg, APB2, 0),
     always(0x4001_0400, "EXTI", Block::Exti),
     place(0x4001_2c00, "TIM1", Timer(0), APB2, 11),

@@ -1,5 +1,6 @@
 //! The side of whoever looks on: what a script does to board and motor, and what was seen.
 
+use crate::can::Fdcan;
 use crate::chip::Chip;
 use crate::disturbance::Disturbance;
 use crate::facts::{Facts, Trace};
@@ -64,6 +65,13 @@ impl Chip {
     /// The last trigger whose end of sequence raised an interrupt line: line and cycle of the trigger.
     pub fn last_sampling(&self) -> Option<(u16, Cycle)> {
         self.last_sampling
+    }
+
+    /// Its CAN, to be put on a [`Wire`](crate::can::wire::Wire) with others. It has been brought to a time of all nodes
+    /// by running it until then.
+    pub fn can(&mut self) -> &mut Fdcan {
+        self.due = 0;
+        &mut self.can
     }
 
     /// Bytes that the firmware sent over its serial port since the last call.

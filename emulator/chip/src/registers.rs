@@ -54,6 +54,8 @@ impl Chip {
             Block::Exti => self.exti.read(offset),
             Block::Timer(index) => self.timers[index].read(offset, now),
             Block::Usart(index) => self.usarts[index].read(offset),
+            Block::Can => self.can.read(offset, now_s),
+            Block::CanRam => self.can.read_ram(offset),
             Block::Adc(group) => match self.converter(group, offset) {
                 Some(index) => {
                     self.adcs[index].excused = self.excuses(now as f64);
@@ -98,6 +100,7 @@ impl Chip {
             Block::Gpio(port) => {
                 let result = self.gpio[port].write(offset, value);
                 self.refresh_gates(now);
+                self.refresh_can();
                 result
             }
             Block::Syscfg => {
@@ -117,6 +120,11 @@ impl Chip {
             Block::Exti => self.exti.write(offset, value),
             Block::Timer(index) => self.write_timer(index, offset, value, now),
             Block::Usart(index) => self.usarts[index].write(offset, value, now),
+            Block::Can => {
+                self.refresh_can();
+                self.can.write(offset, value, now_s)
+            }
+            Block::CanRam => self.can.write_ram(offset, value),
             Block::Adc(group) => self.write_adc(place, group, offset, value, now),
             Block::Dac(index) => {
                 let result = self.dacs[index].write(offset, value);
@@ -218,8 +226,9 @@ impl Chip {
                 }
                 self.commons[group].reset();
             }
+            Block::Can => self.can.reset(),
             Block::Dac(index) => self.dacs[index] = Dac::new(["DAC1", "DAC2", "DAC3", "DAC4"][index]),
-            Block::Rcc | Block::Exti | Block::Iwdg | Block::Wwdg | Block::Dbgmcu | Block::Nothing => {}
+            Block::Rcc | Block::CanRam | Block::Exti | Block::Iwdg | Block::Wwdg | Block::Dbgmcu | Block::Nothing => {}
         }
     }
 

@@ -53,6 +53,11 @@ impl Chip {
                 ));
             }
         }
+        if self.can.runs() {
+            let timing = self.can.timing();
+            list.push(("FDCAN1 nominal, bit/s", 1.0 / timing.nominal.bit_s()));
+            list.push(("FDCAN1 data, bit/s", 1.0 / timing.data.bit_s()));
+        }
         list.into_iter().map(|(name, hz)| Clock { name: name.into(), hz }).collect()
     }
 

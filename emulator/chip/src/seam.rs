@@ -87,6 +87,9 @@ impl Bus for Chip {
         for (usart, line) in self.usarts.iter().zip([37, 38, 39, 91]) {
             raise(line, usart.interrupt());
         }
+        let [first, second] = self.can.interrupts();
+        raise(21, first);
+        raise(22, second);
         lines
     }
 
@@ -142,6 +145,8 @@ impl Bus for Chip {
             self.reset_block(Block::Dac(index));
         }
         self.reset_block(Block::Syscfg);
+        self.reset_block(Block::Can);
+        self.refresh_can();
         self.iwdg.reset();
         self.wwdg.reset(now_s);
         self.stall_s = 0.0;

@@ -51,7 +51,7 @@ impl Chip {
             Mode::Alternate(af) => match self.board.device.signal(pin, af) {
                 Some(Signal::Gate(leg, side)) => self.timers[0].outputs.level(leg, side, now),
                 // An idle line is high.
-                Some(Signal::Tx(_) | Signal::Rx(_)) => Some(true),
+                Some(Signal::Tx(_) | Signal::Rx(_) | Signal::CanTx | Signal::CanRx) => Some(true),
                 _ => outside(),
             },
             Mode::Output { .. } => self.gpio[usize::from(pin.port)].own_level(pin.number),
@@ -145,6 +145,17 @@ impl Chip {
             (0, Signal::Tx(port)) | (1, Signal::Rx(port)) => Some(port),
             _ => None,
         }
+    }
+
+    /// Whether FDCAN1 is at the board's transceiver, and that is awake.
+    pub(crate) fn refresh_can(&mut self) {
+        let Some(board) = self.board.can else { return };
+        let carries = |pin, signal| match self.mode(pin) {
+            Mode::Alternate(af) => self.board.device.signal(pin, af) == Some(signal),
+            _ => false,
+        };
+        let shut = board.shutdown.is_some_and(|pin| self.level(pin, self.now) != Some(false));
+        self.can.connected = carries(board.pins[0], Signal::CanTx) && carries(board.pins[1], Signal::CanRx) && !shut;
     }
 
     /// Comparators and break inputs; the motor has been advanced.

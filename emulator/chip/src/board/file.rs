@@ -4,7 +4,7 @@
 #![doc = include_str!("example.toml")]
 //! ```
 
-use super::{Board, Driver, Net, Promises};
+use super::{Board, Driver, Net, Promises, Transceiver};
 use crate::device::{Device, Signal};
 use crate::gpio::Pin;
 use serde::Deserialize;
@@ -20,6 +20,7 @@ struct File {
     trip: Option<Trip>,
     enable: Option<Pin>,
     rings: Option<[usize; 2]>,
+    can: Option<Can>,
     #[serde(default)]
     pulled_up: Vec<Pin>,
     analog: BTreeMap<Pin, Analog>,
@@ -31,6 +32,15 @@ struct File {
 struct Serial {
     tx: Pin,
     rx: Pin,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Can {
+    tx: Pin,
+    rx: Pin,
+    shutdown: Option<Pin>,
+    loop_ns: f64,
 }
 
 #[derive(Deserialize)]
@@ -184,6 +194,13 @@ impl Board {
             },
             enable: file.enable,
             rings: file.rings,
+            can: match file.can {
+                Some(Can { tx, rx, shutdown, loop_ns }) => {
+                    let loop_s = positive("can.loop_ns", loop_ns)? * 1e-9;
+                    Some(Transceiver { pins: [tx, rx], shutdown, loop_s })
+                }
+                None => None,
+            },
             pulled_up: file.pulled_up,
             promises: Promises {
                 bus_v: [positive("promises.bus_v", bus_v[0])?, positive("promises.bus_v", bus_v[1])?],
@@ -219,6 +236,11 @@ impl Board {
                     "serial.{key}: no serial port of the {device} has its {} at {pin}",
                     key.to_uppercase()
                 ));
+            }
+        }
+        for (key, at, signal) in [("tx", 0, Signal::CanTx), ("rx", 1, Signal::CanRx)] {
+            if let Some(pin) = self.can.map(|can| can.pins[at]).filter(|pin| device.alternate(*pin, signal).is_none()) {
+                return Err(format!("can.{key}: {pin} of the {device} cannot be FDCAN1_{}", key.to_uppercase()));
             }
         }
         let heads = self.analog.iter().any(|(_, net, _)| matches!(net, Net::Head(..)));
@@ -265,6 +287,8 @@ mod tests {
             ("[serial]", "[cereal]", "unknown field `cereal`"),
             ("[\"PA9\", \"PB0\"]", "[\"PA9\", \"PB3\"]", "gates.V: PB3 of the STM32G474RE cannot be TIM1_CH2N"),
             ("tx = \"PA2\"", "tx = \"PA4\"", "serial.tx: no serial port"),
+            ("tx = \"PB9\"", "tx = \"PB7\"", "can.tx: PB7 of the STM32G474RE cannot be FDCAN1_TX"),
+            ("loop_ns = 150", "loop_ns = 0", "can.loop_ns is a number above 0, not 0"),
             ("tx = \"PA2\"", "tx = \"A2\"", "a pin is like PA8, not \"A2\""),
             ("PB12 = { hall = 1,", "PB12 = { hall = 4,", "analog.PB12: Halls are 1, 2 and 3, not 4"),
             ("PB12 = { hall = 1,", "PB12 = { hall = 2,", "analog: no pin has hall = 1"),

@@ -6,6 +6,7 @@ use hallservo::board::Sample;
 use hallservo::settings::Settings;
 use nucleo_g474re_ihm08m1::constants::{self, FIRST, FOURTH, SECOND, THIRD};
 use nucleo_g474re_ihm08m1::pins;
+use stm32g4::can::Wires;
 use stm32g4::wiring::Wiring;
 use stm32g4::{Board, Converter, Pin, ntc_to_reference, result};
 
@@ -24,6 +25,8 @@ impl Board for Nucleo {
         Converter { adc: ADC4, sequence: FOURTH },
     ];
     const GROUPS: &'static [AdcCommon] = pins::GROUPS;
+
+    const CAN: Option<Wires> = pins::CAN;
 
     fn settings() -> Settings {
         constants::settings()

@@ -4,6 +4,7 @@ use crate::constants::ZERO;
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{ADC1, ADC2, ADC3, ADC4, ADC12_COMMON, ADC345_COMMON, GPIOA, GPIOB};
 use hallservo::board::Sample;
+use stm32g4::can::Wires;
 use stm32g4::{Pin, low_side_current, result};
 
 /// Of TIM1.
@@ -17,6 +18,9 @@ pub const PINS: &[Pin] = &[
     (GPIOB, 1, 6),
     (GPIOA, 6, 6),
 ];
+
+/// PA11 and PB9 to a transceiver: PB8, the other pin for RX, is BOOT0, which an idle bus holds high.
+pub const CAN: Option<Wires> = Some(Wires { pins: [(GPIOA, 11, 9), (GPIOB, 9, 9)], transceiver: &[] });
 
 /// What the ADCs share.
 pub const GROUPS: &[AdcCommon] = &[ADC12_COMMON, ADC345_COMMON];

@@ -1,6 +1,8 @@
 //! A drive on the chip.
 
 mod bridge;
+#[cfg(feature = "can")]
+pub mod can;
 mod clock;
 mod control;
 mod converters;
@@ -49,6 +51,10 @@ pub trait Board: Send + 'static {
     const CONVERTERS: &'static [Converter];
     /// What the ADCs share.
     const GROUPS: &'static [AdcCommon];
+
+    /// The CAN, if there is one.
+    #[cfg(feature = "can")]
+    const CAN: Option<can::Wires> = None;
 
     /// What a drive on this board starts with, as long as nothing else is stored.
     fn settings() -> Settings;
@@ -123,9 +129,17 @@ fn execute(
     rx: &'static mut BufferedUartRx<'static>,
 ) -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    EXECUTOR.init(Executor::new()).run(|spawner| match tasks(supervisor, tx, rx) {
-        Ok(tasks) => spawner.spawn(tasks),
-        Err(_) => unreachable!("spawned once"),
+    EXECUTOR.init(Executor::new()).run(|spawner| {
+        match tasks(supervisor, tx, rx) {
+            Ok(tasks) => spawner.spawn(tasks),
+            Err(_) => unreachable!("spawned once"),
+        }
+        #[cfg(feature = "can")]
+        if let Some(wires) = B::CAN
+            && let Ok(frames) = frames(can::Bus::start(&wires, 1, 0))
+        {
+            spawner.spawn(frames);
+        }
     })
 }
 
@@ -164,6 +178,22 @@ async fn tasks(
     rx: &'static mut BufferedUartRx<'static>,
 ) -> ! {
     embassy::run(supervisor, Received::open(rx), tx, latest::readings, &STOP, watchdog::feed).await
+}
+
+#[cfg(feature = "can")]
+#[embassy_executor::task]
+async fn frames(mut bus: can::Bus) -> ! {
+    use embassy_futures::select::{Either, select};
+    loop {
+        let Either::First(frame) = select(bus.receive(), embassy_time::Timer::after_millis(100)).await else {
+            bus.look_after();
+            continue;
+        };
+        let bytes: heapless::Vec<u8, 64> = frame.bytes().collect();
+        let to = frame.identifier >> 8 & 0x7f;
+        bus.send((frame.identifier & 0x7f) << 8 | to, &bytes).await;
+        embassy_futures::yield_now().await;
+    }
 }
 
 /// Where the place for settings begins, from the begin of the flash: memory.x reserves it.

@@ -5,6 +5,7 @@
 
 pub mod adc;
 pub mod analog;
+pub mod can;
 pub mod clock;
 pub mod timer;
 pub mod watchdog;

@@ -1,0 +1,232 @@
+//! CAN-FD by FDCAN1. The interrupt takes frames to a queue; all else is a task's.
+//!
+//! The HAL has a driver, which leaves the delay of the transceiver uncompensated and so does not see its own bits at 5
+//! Mbit/s.
+
+use crate::chip::Pin;
+use crate::registers::can::*;
+use core::cell::RefCell;
+use core::future::poll_fn;
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+use core::task::Poll;
+use cortex_m::peripheral::NVIC;
+use critical_section::Mutex;
+use embassy_stm32::interrupt;
+use embassy_stm32::pac::can::regs::{Cccr, Dbtp, Ie, Ile, Ir, Nbtp, Rxgfc, Tdcr, Txbar, Txbcr};
+use embassy_stm32::pac::gpio::Gpio;
+use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
+use embassy_stm32::pac::rcc::vals::Fdcansel;
+use embassy_stm32::pac::{FDCAN1, FDCANRAM1, Interrupt, RCC};
+use embassy_sync::waitqueue::AtomicWaker;
+use embassy_time::{Duration, Timer};
+use heapless::spsc::{Consumer, Producer, Queue};
+use static_cell::ConstStaticCell;
+
+/// Frames that wait for the tasks, and one more. The chip has three places beside them.
+const ROOM: usize = 4;
+/// Looks at a full chip before what waits there is given up: nobody waits for it any more.
+const PATIENCE: u32 = 20;
+/// From look to look.
+const LOOK: Duration = Duration::from_millis(1);
+
+/// What a board has of a CAN.
+#[derive(Clone, Copy)]
+pub struct Wires {
+    /// FDCAN1_RX and FDCAN1_TX.
+    pub pins: [Pin; 2],
+    /// Outputs that switch the transceiver on: port, pin, level.
+    pub transceiver: &'static [(Gpio, usize, bool)],
+}
+
+/// A frame.
+pub struct Frame {
+    /// Identifier, of 11 or 29 bits.
+    pub identifier: u32,
+    length: u8,
+    words: [u32; 16],
+}
+
+impl Frame {
+    /// Its bytes.
+    pub fn bytes(&self) -> impl Iterator<Item = u8> {
+        self.words.iter().flat_map(|word| word.to_le_bytes()).take(self.length.into())
+    }
+}
+
+/// The state of the bus, as this node sees it.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
+pub struct Health {
+    /// Error counter of transmission; above 127 a node is passive, above 255 off the bus.
+    pub transmit: u8,
+    /// Error counter of reception, up to 127.
+    pub receive: u8,
+    /// Error flags are passive.
+    pub passive: bool,
+    /// How often it was off the bus.
+    pub off: u32,
+    /// Frames for which there was no room.
+    pub lost: u32,
+}
+
+static ARRIVED: AtomicWaker = AtomicWaker::new();
+static LOST: AtomicU32 = AtomicU32::new(0);
+static TAKES: Mutex<RefCell<Option<Producer<'static, Frame, ROOM>>>> = Mutex::new(RefCell::new(None));
+
+/// The bus, for one task.
+pub struct Bus {
+    frames: Consumer<'static, Frame, ROOM>,
+    off: u32,
+}
+
+impl Bus {
+    /// Takes part, for a drive of this identifier and prefix.
+    pub fn start(wires: &Wires, id: u8, prefix: u16) -> Self {
+        static QUEUE: ConstStaticCell<Queue<Frame, ROOM>> = ConstStaticCell::new(Queue::new());
+        let (takes, frames) = QUEUE.take().split();
+        critical_section::with(|section| TAKES.borrow(section).replace(Some(takes)));
+        for &(port, pin, level) in wires.transceiver {
+            port.bsrr().write(|set| if level { set.set_bs(pin, true) } else { set.set_br(pin, true) });
+            port.moder().modify(|mode| mode.set_moder(pin, Moder::OUTPUT));
+        }
+        for (port, pin, function) in wires.pins {
+            port.afr(pin / 8).modify(|afr| afr.set_afr(pin % 8, function));
+            port.ospeedr().modify(|speed| speed.set_ospeedr(pin, Ospeedr::HIGH_SPEED));
+            port.moder().modify(|mode| mode.set_moder(pin, Moder::ALTERNATE));
+        }
+        RCC.ccipr().modify(|ccipr| ccipr.set_fdcansel(Fdcansel::PCLK1));
+        RCC.apb1enr1().modify(|enable| enable.set_fdcanen(true));
+        configure();
+        let bus = Self { frames, off: 0 };
+        bus.listen(id, prefix);
+        FDCAN1.cccr().write_value(Cccr(RUN));
+        // SAFETY: what it shares with the tasks is behind critical sections, whose ceiling is its priority.
+        unsafe { NVIC::unmask(Interrupt::FDCAN1_IT0) };
+        bus
+    }
+
+    /// Listens as another drive from now on. A frame that comes just then may be lost.
+    pub fn listen(&self, id: u8, prefix: u16) {
+        let (standard, extended) = filters(id, prefix);
+        write_words(0, &standard);
+        write_words(EXTENDED, &extended);
+    }
+
+    /// The next frame.
+    pub async fn receive(&mut self) -> Frame {
+        poll_fn(|context| {
+            ARRIVED.register(context.waker());
+            self.frames.dequeue().map_or(Poll::Pending, Poll::Ready)
+        })
+        .await
+    }
+
+    /// Sends a frame after those that wait; not, if it was not heard for so long that nobody waits for it.
+    pub async fn send(&mut self, identifier: u32, bytes: &[u8]) {
+        for _ in 0..PATIENCE {
+            if !FDCAN1.txfqs().read().tfqf() {
+                return transmit(identifier, bytes);
+            }
+            Timer::after(LOOK).await;
+        }
+        FDCAN1.txbcr().write_value(Txbcr(0b111));
+    }
+
+    /// To be called every tenth of a second or so: who is off the bus comes back. So much later than it might, for the
+    /// others to get on meanwhile.
+    pub fn look_after(&mut self) {
+        if FDCAN1.psr().read().bo() && FDCAN1.cccr().read().init() {
+            self.off = self.off.saturating_add(1);
+            // Nobody waits for what was to be sent.
+            configure();
+            FDCAN1.cccr().write_value(Cccr(RUN));
+        }
+    }
+
+    /// How it is.
+    pub fn health(&self) -> Health {
+        let counters = FDCAN1.ecr().read();
+        Health {
+            transmit: counters.tec(),
+            receive: counters.rec(),
+            passive: FDCAN1.psr().read().ep(),
+            off: self.off,
+            lost: LOST.load(Relaxed),
+        }
+    }
+}
+
+/// Sets everything up, with INIT set.
+fn configure() {
+    FDCAN1.cccr().write_value(Cccr(INIT));
+    while !FDCAN1.cccr().read().init() {}
+    FDCAN1.cccr().write_value(Cccr(CONFIGURE));
+    FDCAN1.cccr().write_value(Cccr(CONFIGURE | RUN));
+    FDCAN1.nbtp().write_value(Nbtp(NBTP));
+    FDCAN1.dbtp().write_value(Dbtp(DBTP));
+    FDCAN1.tdcr().write_value(Tdcr(TDCR));
+    FDCAN1.rxgfc().write_value(Rxgfc(RXGFC));
+    FDCAN1.ie().write_value(Ie(IE));
+    FDCAN1.ile().write_value(Ile(1));
+}
+
+fn transmit(identifier: u32, bytes: &[u8]) {
+    let buffer = usize::from(FDCAN1.txfqs().read().tfqpi()).min(2);
+    let (head, length) = to_send(identifier, bytes.len());
+    let place = BUFFERS + ELEMENT * buffer;
+    write_words(place, &head);
+    for (index, at) in (0..length).step_by(4).enumerate() {
+        // What pads it does nothing in the protocol of the registers.
+        let mut word = [PADDING; 4];
+        let rest = bytes.get(at..).unwrap_or_default();
+        word.iter_mut().zip(rest).for_each(|(place, byte)| *place = *byte);
+        write_words(place + 2 + index, &[u32::from_le_bytes(word)]);
+    }
+    FDCAN1.txbar().write_value(Txbar(1 << buffer));
+}
+
+/// NOP of the registers' protocol.
+const PADDING: u8 = 0x50;
+
+fn ram() -> *mut u32 {
+    FDCANRAM1.as_ptr().cast()
+}
+
+fn write_words(from: usize, words: &[u32]) {
+    for (index, word) in words.iter().enumerate().take(WORDS - from.min(WORDS)) {
+        // SAFETY: within the part of the message RAM that is FDCAN1's.
+        unsafe { ram().add(from + index).write_volatile(*word) };
+    }
+}
+
+fn read_words<const N: usize>(from: usize) -> [u32; N] {
+    // SAFETY: within the part of the message RAM that is FDCAN1's, as the callers' constants are.
+    core::array::from_fn(|index| unsafe { ram().add((from + index).min(WORDS - 1)).read_volatile() })
+}
+
+#[interrupt]
+fn FDCAN1_IT0() {
+    critical_section::with(|section| {
+        let Ok(mut takes) = TAKES.borrow(section).try_borrow_mut() else { return };
+        let Some(takes) = &mut *takes else { return };
+        if FDCAN1.ir().read().0 & crate::registers::can::LOST != 0 {
+            LOST.store(LOST.load(Relaxed).wrapping_add(1), Relaxed);
+        }
+        FDCAN1.ir().write_value(Ir(IE | crate::registers::can::LOST));
+        loop {
+            let status = FDCAN1.rxfs(0).read();
+            if status.ffl() == 0 {
+                break;
+            }
+            let element = FIFO + ELEMENT * usize::from(status.fgi());
+            if takes.ready() {
+                let (identifier, length) = received(read_words(element));
+                // It has room.
+                let _ = takes.enqueue(Frame { identifier, length: length as u8, words: read_words(element + 2) });
+            } else {
+                LOST.store(LOST.load(Relaxed).wrapping_add(1), Relaxed);
+            }
+            FDCAN1.rxfa(0).write(|acknowledge| acknowledge.set_fai(status.fgi()));
+        }
+        ARRIVED.wake();
+    });
+}

@@ -167,6 +167,10 @@ settings! {
             "Least electrical turns to calibrate by in each direction";
         adaptation: bool = true, 0.0 => 1.0, "", Switch, FREE, "Adapt the sensors' model while the motor turns";
         anti_cogging: bool = true, 0.0 => 1.0, "", Switch, FREE, "Compensate the cogging, once it has been learnt";
+        /// Every drive listens to 127, too.
+        bus_id: u8 = 1, 1.0 => 126.0, "", Whole, FREE, "Where the drive is on a bus that carries registers";
+        /// 13 bits.
+        bus_prefix: f32 = 0.0, 0.0 => 8191.0, "", Whole, FREE, "Bits of a bus identifier above the lowest sixteen";
     } with {
         /// What the board's parts stand: no setting exceeds it.
         ceilings: &'static [Ceiling] = &[];

@@ -1,7 +1,9 @@
 //! A virtual board: the firmware on its chip, the chip on its board, a motor at its pins; scripts that do things to
 //! them, and a report of what was seen.
 
+pub mod adapter;
 pub mod angle;
+pub mod bus;
 pub mod firmware;
 pub mod outcome;
 pub mod report;

@@ -1,14 +1,18 @@
 //! `cargo virtual BOARD`: the firmware that would be flashed, on a virtual board.
 
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
+use chip::Board;
 use clap::Parser;
 use cortex::LogLine;
 use indicatif::{ProgressBar, ProgressStyle};
 use plant::PlantParameters;
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
+use virtual_board::adapter::Adapter;
+use virtual_board::bus::Bus;
 use virtual_board::{firmware, outcome::Outcome, report, script, serial::Line, session::Session};
 
 /// From look to look at the serial port while time stands still.
@@ -18,8 +22,12 @@ const LOOK: Duration = Duration::from_millis(1);
 #[derive(Parser)]
 #[command(name = "cargo virtual")]
 struct Arguments {
-    /// Name of a folder in boards/ with a virtual.toml
-    board: String,
+    /// Name of a folder in boards/ with a virtual.toml; several with --bus
+    #[arg(required = true)]
+    boards: Vec<String>,
+    /// All of the boards on one CAN, with the identifiers 1, 2, 3, …; --serial is that of an fdcanusb adapter
+    #[arg(long, conflicts_with_all = ["script", "json", "out", "watch"])]
+    bus: bool,
     /// Virtual time to run; without end with --serial, else 1 s
     #[arg(long)]
     seconds: Option<f64>,
@@ -65,21 +73,18 @@ enum Fill {
 
 fn main() -> Result<ExitCode> {
     let arguments = Arguments::parse();
-    let board = firmware::board(&arguments.board)?;
+    if arguments.bus {
+        return together(&arguments);
+    }
+    let [board] = &arguments.boards[..] else { bail!("several boards are run with --bus") };
+    let board = firmware::board(board)?;
     let steps = arguments.script.as_ref().map(|path| {
         let text = std::fs::read_to_string(path).with_context(|| format!("cannot read {}", path.display()))?;
         script::parse(&text).with_context(|| path.display().to_string())
     });
     let steps = steps.transpose()?;
-    let build = if arguments.encoder { firmware::build_with_encoder } else { firmware::build };
-    let elf = arguments.elf.clone().map_or_else(|| build(&board.name), Ok)?;
-    let image = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
-    let mut session = Session::new(&board, image, &PlantParameters::imperfect(arguments.seed), arguments.seed)?;
+    let mut session = at_power_on(&arguments, &board, arguments.seed)?;
     session.follow(steps.unwrap_or_default());
-    session.machine.set_fill(match arguments.fill {
-        Fill::Words => bus::Fill::WordByWord,
-        Fill::Once => bus::Fill::AtOnce,
-    });
 
     let end_s = arguments.seconds.unwrap_or(if arguments.serial.is_some() { f64::INFINITY } else { 1.0 });
     let line = arguments.serial.as_deref().map(|description| Line::open(description, arguments.wait)).transpose()?;
@@ -97,6 +102,58 @@ fn main() -> Result<ExitCode> {
         println!("plots: {}", folder.join("report.html").display());
     }
     Ok(if outcome.verdict().is_empty() { ExitCode::SUCCESS } else { ExitCode::FAILURE })
+}
+
+/// A board with its firmware, and a motor of this seed.
+fn at_power_on(arguments: &Arguments, board: &Arc<Board>, seed: u64) -> Result<Session> {
+    let build = if arguments.encoder { firmware::build_with_encoder } else { firmware::build };
+    let elf = arguments.elf.clone().map_or_else(|| build(&board.name), Ok)?;
+    let image = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
+    let mut session = Session::new(board, image, &PlantParameters::imperfect(seed), seed)?;
+    session.machine.set_fill(match arguments.fill {
+        Fill::Words => bus::Fill::WordByWord,
+        Fill::Once => bus::Fill::AtOnce,
+    });
+    Ok(session)
+}
+
+/// Several boards on one CAN, each with a motor of its own, and an adapter to it.
+fn together(arguments: &Arguments) -> Result<ExitCode> {
+    static ENDED: AtomicBool = AtomicBool::new(false);
+    let board = |(index, name): (usize, &String)| {
+        at_power_on(arguments, &firmware::board(name)?, arguments.seed + index as u64)
+    };
+    let boards = arguments.boards.iter().enumerate().map(board).collect::<Result<Vec<_>>>()?;
+    let mut bus = Bus::new(boards, vec![Adapter::station()])?;
+    let mut adapter =
+        arguments.serial.as_deref().map(|description| Adapter::open(description, arguments.wait)).transpose()?;
+    let end_s = arguments.seconds.unwrap_or(if adapter.is_some() { f64::INFINITY } else { 1.0 });
+    ctrlc::set_handler(|| ENDED.store(true, Relaxed))?;
+    let (start, mut shown) = (Instant::now(), vec![0; bus.boards.len()]);
+    while bus.seconds() < end_s && !ENDED.load(Relaxed) {
+        if let Some(adapter) = &mut adapter {
+            let now_s = bus.seconds();
+            adapter.serve(&mut bus.stations[0], now_s);
+            if !adapter.may_run(bus.seconds(), start.elapsed()) {
+                std::thread::sleep(LOOK);
+                continue;
+            }
+        }
+        bus.step()?;
+        for (index, board) in bus.boards.iter().enumerate() {
+            board.lines[shown[index]..].iter().for_each(|line| println!("{:2} {}", index + 1, show(line)));
+            shown[index] = board.lines.len();
+        }
+    }
+    let mut wrong = false;
+    for (index, board) in bus.boards.iter().enumerate() {
+        let verdict = Outcome::of(board).verdict();
+        verdict.iter().for_each(|what| println!("{:2} {what}", index + 1));
+        wrong |= !verdict.is_empty();
+    }
+    let share = 100.0 * bus.wire.busy_s / bus.seconds();
+    println!("{} frames, {} error frames, the bus was busy for {share:.1} %", bus.wire.frames, bus.wire.errors);
+    Ok(if wrong { ExitCode::FAILURE } else { ExitCode::SUCCESS })
 }
 
 /// Runs to the end or until Ctrl-C, shows the log, and serves who is at the serial port.

@@ -4,6 +4,7 @@ use crate::angle::{Deviation, Periods, Told, deviations};
 use crate::script::{Action, Step};
 use anyhow::{Context, Result, bail};
 use bus::{Bus, ResetCause};
+use chip::can::wire::Wire;
 use chip::{Board, Chip, Disturbance, Trace};
 use cortex::{Entries, FIRST_IRQ, FaultReport, Image, Log, LogLine, Machine, PAINT, Rtt, Stop};
 use hallservo_protocol::{Answer, Decoder, Reply};
@@ -31,6 +32,8 @@ pub struct Session {
     pub telemetry: Vec<Told>,
     periods: Periods,
     board: Arc<Board>,
+    /// Of its CAN, as long as nobody else is there.
+    wire: Option<Wire>,
     rtt: Option<Rtt>,
     log: Option<Log>,
     script: VecDeque<Step>,
@@ -64,6 +67,7 @@ impl Session {
             telemetry: Vec::new(),
             periods: Periods::default(),
             board: Arc::clone(board),
+            wire: Some(Wire::default()),
             log,
             script: VecDeque::new(),
             replies: Decoder::new(),
@@ -83,6 +87,7 @@ impl Session {
             telemetry: Vec::new(),
             periods: self.periods.clone(),
             board: Arc::clone(&self.board),
+            wire: self.wire.clone(),
             rtt: self.rtt,
             log: self.log.as_ref().map(Log::again),
             script: VecDeque::new(),
@@ -94,6 +99,11 @@ impl Session {
     /// What will be done, by time.
     pub fn follow(&mut self, script: Vec<Step>) {
         self.script = script.into();
+    }
+
+    /// From now on somebody else [settles](Wire::settle) the wire of its CAN.
+    pub fn share_wire(&mut self) {
+        self.wire = None;
     }
 
     /// The board.
@@ -138,6 +148,10 @@ impl Session {
             self.perform(step)?;
         }
         self.note_period();
+        let now_s = self.seconds();
+        if let Some(wire) = &mut self.wire {
+            wire.settle(&mut [self.machine.system.can()], now_s);
+        }
         let sent = self.machine.system.take_serial();
         self.read_replies(&sent);
         let trace = self.machine.system.take_trace();

@@ -79,6 +79,8 @@ pub trait Node {
 pub struct Wire {
     /// When a frame may begin, s.
     free_s: f64,
+    /// Everything before is over, s.
+    settled_s: f64,
     /// Until when quiet nodes have been told, s.
     told_s: f64,
     /// Time that frames took of the bus, s.
@@ -103,7 +105,7 @@ impl Wire {
     pub fn settle(&mut self, nodes: &mut [&mut dyn Node], until_s: f64) {
         loop {
             let ready = nodes.iter().map(|node| node.ready_s()).fold(f64::INFINITY, f64::min);
-            let start_s = ready.max(self.free_s);
+            let start_s = ready.max(self.free_s).max(self.settled_s);
             if start_s >= until_s {
                 break;
             }
@@ -120,7 +122,8 @@ impl Wire {
                 self.compete(nodes, &contenders, start_s);
             }
         }
-        self.be_quiet(nodes, until_s.min(self.free_s.max(until_s)));
+        self.be_quiet(nodes, until_s);
+        self.settled_s = until_s;
     }
 
     /// Nothing was sent until then.

@@ -1,12 +1,18 @@
 //! The [`Supervisor`] under embassy: its three calls as one future.
 
+#[cfg(feature = "registers")]
+use crate::bus::{Bus, LOOK_MS};
 use crate::encoder::Encoder;
 use crate::{Readings, Stop, Supervisor};
 use core::cell::RefCell;
 use core::future::Future;
 use core::pin::pin;
+#[cfg(feature = "registers")]
+use embassy_futures::join::join;
 use embassy_futures::join::join4;
 use embassy_futures::select::{Either, select};
+#[cfg(feature = "registers")]
+use embassy_futures::yield_now;
 use embassy_time::{Duration, Instant, Timer};
 use embedded_io_async::{Read, Write};
 use embedded_storage::nor_flash::NorFlash;
@@ -39,6 +45,49 @@ pub async fn run<F: NorFlash, E: Encoder>(
     let (never, ..) =
         join4(tick(shared, readings, stop), receive(shared, rx), transmit(shared, tx), watch(shared, feed)).await;
     never
+}
+
+/// The same beside a bus.
+#[cfg(feature = "registers")]
+pub async fn run_with_bus<F: NorFlash, E: Encoder>(
+    supervisor: &mut Supervisor<F, E>,
+    (rx, tx): (impl Read, impl Write),
+    readings: impl Fn() -> Readings,
+    stop: &Stop,
+    feed: impl FnMut(),
+    bus: impl Bus,
+) -> ! {
+    let shared = RefCell::new(supervisor);
+    let shared = &shared;
+    let line = join4(tick(shared, readings, stop), receive(shared, rx), transmit(shared, tx), watch(shared, feed));
+    let ((never, ..), _) = join(line, carry(shared, bus)).await;
+    never
+}
+
+/// One frame after the other, each with its reply. While a flood lasts the other tasks come between any two.
+#[cfg(feature = "registers")]
+async fn carry<F: NorFlash, E: Encoder>(supervisor: &Shared<'_, F, E>, mut bus: impl Bus) -> ! {
+    let mut listens = None;
+    loop {
+        let address = supervisor.borrow().bus_address();
+        if listens != Some(address) {
+            listens = Some(address);
+            supervisor.borrow_mut().set_bus(address, bus.serial());
+            bus.listen(address);
+        }
+        let Either::First(request) = select(bus.receive(), Timer::after_millis(LOOK_MS)).await else {
+            bus.look_after();
+            continue;
+        };
+        while supervisor.borrow().is_busy() {
+            Timer::after(TICK).await;
+        }
+        let reply = supervisor.borrow_mut().frame(&request);
+        if let Some(reply) = reply {
+            bus.send(&reply).await;
+        }
+        yield_now().await;
+    }
 }
 
 async fn tick<F: NorFlash, E: Encoder>(

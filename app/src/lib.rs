@@ -66,6 +66,8 @@
 #![no_std]
 
 mod adaptation;
+#[cfg(feature = "registers")]
+pub mod bus;
 mod controller;
 #[cfg(feature = "embassy")]
 pub mod embassy;

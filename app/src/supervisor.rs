@@ -182,6 +182,13 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         self.registers.set_identity(address, serial);
     }
 
+    /// Where the settings say that the drive is on a bus.
+    #[cfg(feature = "registers")]
+    pub fn bus_address(&self) -> hallservo_registers::Address {
+        let settings = &self.tasks.settings;
+        hallservo_registers::Address { id: settings.bus_id, prefix: settings.bus_prefix as u16 }
+    }
+
     /// A frame of registers from a bus, and its reply; not to be called while the drive [is busy](Self::is_busy).
     #[cfg(feature = "registers")]
     pub fn frame(&mut self, request: &hallservo_registers::Request) -> Option<hallservo_registers::Reply> {

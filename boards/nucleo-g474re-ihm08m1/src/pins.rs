@@ -20,7 +20,7 @@ pub const PINS: &[Pin] = &[
 ];
 
 /// PA11 and PB9 to a transceiver: PB8, the other pin for RX, is BOOT0, which an idle bus holds high.
-pub const CAN: Option<Wires> = Some(Wires { pins: [(GPIOA, 11, 9), (GPIOB, 9, 9)], transceiver: &[] });
+pub const CAN: Wires = Wires { pins: [(GPIOA, 11, 9), (GPIOB, 9, 9)], transceiver: &[] };
 
 /// What the ADCs share.
 pub const GROUPS: &[AdcCommon] = &[ADC12_COMMON, ADC345_COMMON];

@@ -52,9 +52,9 @@ pub trait Board: Send + 'static {
     /// What the ADCs share.
     const GROUPS: &'static [AdcCommon];
 
-    /// The CAN, if there is one.
+    /// The CAN.
     #[cfg(feature = "can")]
-    const CAN: Option<can::Wires> = None;
+    const CAN: can::Wires;
 
     /// What a drive on this board starts with, as long as nothing else is stored.
     fn settings() -> Settings;
@@ -129,17 +129,13 @@ fn execute(
     rx: &'static mut BufferedUartRx<'static>,
 ) -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    EXECUTOR.init(Executor::new()).run(|spawner| {
-        match tasks(supervisor, tx, rx) {
-            Ok(tasks) => spawner.spawn(tasks),
-            Err(_) => unreachable!("spawned once"),
-        }
-        #[cfg(feature = "can")]
-        if let Some(wires) = B::CAN
-            && let Ok(frames) = frames(can::Bus::start(&wires, 1, 0))
-        {
-            spawner.spawn(frames);
-        }
+    #[cfg(feature = "can")]
+    let tasks = tasks(supervisor, tx, rx, can::Bus::start(&B::CAN));
+    #[cfg(not(feature = "can"))]
+    let tasks = tasks(supervisor, tx, rx);
+    EXECUTOR.init(Executor::new()).run(|spawner| match tasks {
+        Ok(tasks) => spawner.spawn(tasks),
+        Err(_) => unreachable!("spawned once"),
     })
 }
 
@@ -176,24 +172,12 @@ async fn tasks(
     supervisor: &'static mut Tasks,
     tx: &'static mut BufferedUartTx<'static>,
     rx: &'static mut BufferedUartRx<'static>,
+    #[cfg(feature = "can")] bus: can::Bus,
 ) -> ! {
+    #[cfg(feature = "can")]
+    embassy::run_with_bus(supervisor, (Received::open(rx), tx), latest::readings, &STOP, watchdog::feed, bus).await;
+    #[cfg(not(feature = "can"))]
     embassy::run(supervisor, Received::open(rx), tx, latest::readings, &STOP, watchdog::feed).await
-}
-
-#[cfg(feature = "can")]
-#[embassy_executor::task]
-async fn frames(mut bus: can::Bus) -> ! {
-    use embassy_futures::select::{Either, select};
-    loop {
-        let Either::First(frame) = select(bus.receive(), embassy_time::Timer::after_millis(100)).await else {
-            bus.look_after();
-            continue;
-        };
-        let bytes: heapless::Vec<u8, 64> = frame.bytes().collect();
-        let to = frame.identifier >> 8 & 0x7f;
-        bus.send((frame.identifier & 0x7f) << 8 | to, &bytes).await;
-        embassy_futures::yield_now().await;
-    }
 }
 
 /// Where the place for settings begins, from the begin of the flash: memory.x reserves it.

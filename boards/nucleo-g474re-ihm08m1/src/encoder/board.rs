@@ -44,7 +44,7 @@ impl Board for Nucleo {
     ];
     const GROUPS: &'static [AdcCommon] = pins::GROUPS;
 
-    const CAN: Option<Wires> = pins::CAN;
+    const CAN: Wires = pins::CAN;
 
     fn settings() -> Settings {
         constants::settings()

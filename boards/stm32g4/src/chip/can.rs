@@ -19,6 +19,8 @@ use embassy_stm32::pac::rcc::vals::Fdcansel;
 use embassy_stm32::pac::{FDCAN1, FDCANRAM1, Interrupt, RCC};
 use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::{Duration, Timer};
+use hallservo_app::bus;
+use hallservo_registers::{Address, Reply, Request};
 use heapless::spsc::{Consumer, Producer, Queue};
 use static_cell::ConstStaticCell;
 
@@ -38,34 +40,26 @@ pub struct Wires {
     pub transceiver: &'static [(Gpio, usize, bool)],
 }
 
-/// A frame.
-pub struct Frame {
-    /// Identifier, of 11 or 29 bits.
-    pub identifier: u32,
+/// A frame on its way to the tasks.
+struct Frame {
+    identifier: u32,
     length: u8,
     words: [u32; 16],
 }
 
-impl Frame {
-    /// Its bytes.
-    pub fn bytes(&self) -> impl Iterator<Item = u8> {
-        self.words.iter().flat_map(|word| word.to_le_bytes()).take(self.length.into())
-    }
-}
-
 /// The state of the bus, as this node sees it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, defmt::Format)]
-pub struct Health {
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, defmt::Format)]
+struct Health {
     /// Error counter of transmission; above 127 a node is passive, above 255 off the bus.
-    pub transmit: u8,
+    transmit: u8,
     /// Error counter of reception, up to 127.
-    pub receive: u8,
+    receive: u8,
     /// Error flags are passive.
-    pub passive: bool,
+    passive: bool,
     /// How often it was off the bus.
-    pub off: u32,
+    off: u32,
     /// Frames for which there was no room.
-    pub lost: u32,
+    lost: u32,
 }
 
 static ARRIVED: AtomicWaker = AtomicWaker::new();
@@ -76,11 +70,13 @@ static TAKES: Mutex<RefCell<Option<Producer<'static, Frame, ROOM>>>> = Mutex::ne
 pub struct Bus {
     frames: Consumer<'static, Frame, ROOM>,
     off: u32,
+    /// As it was told last.
+    known: Health,
 }
 
 impl Bus {
-    /// Takes part, for a drive of this identifier and prefix.
-    pub fn start(wires: &Wires, id: u8, prefix: u16) -> Self {
+    /// Takes part, and lets nothing in before it [listens](bus::Bus::listen).
+    pub fn start(wires: &Wires) -> Self {
         static QUEUE: ConstStaticCell<Queue<Frame, ROOM>> = ConstStaticCell::new(Queue::new());
         let (takes, frames) = QUEUE.take().split();
         critical_section::with(|section| TAKES.borrow(section).replace(Some(takes)));
@@ -96,54 +92,17 @@ impl Bus {
         RCC.ccipr().modify(|ccipr| ccipr.set_fdcansel(Fdcansel::PCLK1));
         RCC.apb1enr1().modify(|enable| enable.set_fdcanen(true));
         configure();
-        let bus = Self { frames, off: 0 };
-        bus.listen(id, prefix);
+        let bus = Self { frames, off: 0, known: Health::default() };
+        write_words(0, &[0; 2]);
+        write_words(EXTENDED, &[0; 4]);
         FDCAN1.cccr().write_value(Cccr(RUN));
         // SAFETY: what it shares with the tasks is behind critical sections, whose ceiling is its priority.
         unsafe { NVIC::unmask(Interrupt::FDCAN1_IT0) };
         bus
     }
 
-    /// Listens as another drive from now on. A frame that comes just then may be lost.
-    pub fn listen(&self, id: u8, prefix: u16) {
-        let (standard, extended) = filters(id, prefix);
-        write_words(0, &standard);
-        write_words(EXTENDED, &extended);
-    }
-
-    /// The next frame.
-    pub async fn receive(&mut self) -> Frame {
-        poll_fn(|context| {
-            ARRIVED.register(context.waker());
-            self.frames.dequeue().map_or(Poll::Pending, Poll::Ready)
-        })
-        .await
-    }
-
-    /// Sends a frame after those that wait; not, if it was not heard for so long that nobody waits for it.
-    pub async fn send(&mut self, identifier: u32, bytes: &[u8]) {
-        for _ in 0..PATIENCE {
-            if !FDCAN1.txfqs().read().tfqf() {
-                return transmit(identifier, bytes);
-            }
-            Timer::after(LOOK).await;
-        }
-        FDCAN1.txbcr().write_value(Txbcr(0b111));
-    }
-
-    /// To be called every tenth of a second or so: who is off the bus comes back. So much later than it might, for the
-    /// others to get on meanwhile.
-    pub fn look_after(&mut self) {
-        if FDCAN1.psr().read().bo() && FDCAN1.cccr().read().init() {
-            self.off = self.off.saturating_add(1);
-            // Nobody waits for what was to be sent.
-            configure();
-            FDCAN1.cccr().write_value(Cccr(RUN));
-        }
-    }
-
     /// How it is.
-    pub fn health(&self) -> Health {
+    fn health(&self) -> Health {
         let counters = FDCAN1.ecr().read();
         Health {
             transmit: counters.tec(),
@@ -154,6 +113,59 @@ impl Bus {
         }
     }
 }
+
+impl bus::Bus for Bus {
+    async fn receive(&mut self) -> Request {
+        let Frame { identifier, length, words } = poll_fn(|context| {
+            ARRIVED.register(context.waker());
+            self.frames.dequeue().map_or(Poll::Pending, Poll::Ready)
+        })
+        .await;
+        let bytes = words.iter().flat_map(|word| word.to_le_bytes()).take(length.into()).collect();
+        Request { identifier, bytes }
+    }
+
+    async fn send(&mut self, reply: &Reply) {
+        for _ in 0..PATIENCE {
+            if !FDCAN1.txfqs().read().tfqf() {
+                return transmit(reply.identifier, &reply.bytes);
+            }
+            Timer::after(LOOK).await;
+        }
+        // It was not heard for so long that nobody waits for it.
+        FDCAN1.txbcr().write_value(Txbcr(0b111));
+    }
+
+    /// A frame that comes just then may be lost.
+    fn listen(&mut self, address: Address) {
+        let (standard, extended) = filters(address.id, address.prefix);
+        write_words(0, &standard);
+        write_words(EXTENDED, &extended);
+    }
+
+    fn serial(&self) -> [u32; 3] {
+        // SAFETY: three words of the factory's, which never change (RM0440, 48.1).
+        core::array::from_fn(|word| unsafe { (UID as *const u32).add(word).read_volatile() })
+    }
+
+    /// Who is off the bus comes back: so much later than it might, for the others to get on meanwhile.
+    fn look_after(&mut self) {
+        if FDCAN1.psr().read().bo() && FDCAN1.cccr().read().init() {
+            self.off = self.off.saturating_add(1);
+            // Nobody waits for what was to be sent.
+            configure();
+            FDCAN1.cccr().write_value(Cccr(RUN));
+        }
+        let health = self.health();
+        if (health.passive, health.off, health.lost) != (self.known.passive, self.known.off, self.known.lost) {
+            defmt::warn!("CAN: {}", health);
+            self.known = health;
+        }
+    }
+}
+
+/// Address of the unique identifier of the chip.
+const UID: u32 = 0x1fff_7590;
 
 /// Sets everything up, with INIT set.
 fn configure() {

@@ -6,7 +6,7 @@ use chip::can::counters::State;
 use chip::can::frame::Frame;
 use chip::can::station::Station;
 use chip::can::timing::{Rate, Timing};
-use common::{NUCLEO, ask, calibrated, session};
+use common::{NUCLEO, ask, calibrated};
 use virtual_board::bus::Bus;
 use virtual_board::outcome::Outcome;
 use virtual_board::session::Session;
@@ -43,6 +43,7 @@ fn boards(count: u32) -> Vec<Session> {
     let one = |id: u32| {
         let mut board = calibrated(NUCLEO);
         ask(&mut board, &format!("set bus_id {id}"));
+        ask(&mut board, "release");
         board
     };
     (1..=count).map(one).collect()
@@ -79,7 +80,7 @@ fn unharmed(board: &Session) {
 #[test]
 fn each_answers_to_its_own_identifier_and_all_to_broadcasts() {
     let mut bus = Bus::of_running(boards(3), vec![client()]);
-    bus.run(1e-3).unwrap();
+    bus.run(0.2).unwrap();
     for id in 1..=3 {
         assert_eq!(exchange(&mut bus, request(id, &QUERY)), [(id << 8, vec![0x21, 0x00, 0x00, 0x21, 0x0f, 0x00])]);
     }
@@ -97,4 +98,135 @@ fn each_answers_to_its_own_identifier_and_all_to_broadcasts() {
     assert_eq!(exchange(&mut bus, request(3, &QUERY)), []);
     assert_eq!(exchange(&mut bus, request(0x5_0003, &QUERY)), [(0x5_0300, vec![0x21, 0x00, 0x00, 0x21, 0x0f, 0x00])]);
     bus.boards.iter().for_each(unharmed);
+}
+
+/// Brings drives to the positions of a step, each at its own, and returns where they are.
+fn go(bus: &mut Bus, steps: u32, target: impl Fn(u32, u32) -> f32) {
+    let count = bus.boards.len() as u32;
+    for step in 0..steps {
+        for id in 1..=count {
+            send(bus, Frame::switched(id, true, &position(target(id, step))));
+        }
+        bus.run(10e-3).expect("a run");
+    }
+}
+
+/// Drives move together: each to its own place, and there at the same time.
+fn coordinated(count: u32) {
+    let mut bus = Bus::of_running(boards(count), vec![client()]);
+    // Who has got another identifier listens to it after a tenth of a second.
+    bus.run(0.2).unwrap();
+    let starts: Vec<f32> = (1..=count).map(|id| place(&mut bus, id)).collect();
+    let from = |id: u32| starts[id as usize - 1];
+    let way = |id: u32| 0.05 * id as f32;
+    // Half a second to arm, where it is.
+    go(&mut bus, 50, |id, _| from(id));
+    for id in 1..=count {
+        assert_eq!(exchange(&mut bus, request(id, &QUERY)), [(id << 8, vec![0x21, 0x00, 0x0a, 0x21, 0x0f, 0x00])]);
+    }
+    go(&mut bus, 100, |id, step| from(id) + way(id) * (step + 1) as f32 / 100.0);
+    go(&mut bus, 30, |id, _| from(id) + way(id));
+    for id in 1..=count {
+        let moved = place(&mut bus, id) - from(id);
+        assert!((moved - way(id)).abs() < 0.01, "drive {id} has moved by {moved}, not {}", way(id));
+    }
+    for id in 1..=count {
+        send(&mut bus, Frame::switched(id, true, &STOP));
+    }
+    bus.run(0.1).unwrap();
+    bus.boards.iter().for_each(|board| assert!(!board.machine.system.bridge_is_on()));
+    bus.boards.iter().for_each(unharmed);
+    assert_eq!(bus.wire.errors, 0);
+}
+
+#[test]
+fn three_move_together() {
+    coordinated(3);
+}
+
+/// Too long for every time: `cargo test --release -p virtual --test bus -- --ignored`.
+#[test]
+#[ignore = "minutes"]
+fn ten_move_together() {
+    coordinated(10);
+}
+
+/// The bus is full of frames for everybody, and of such that are for another one.
+#[test]
+fn a_flood_costs_no_control_period() {
+    let mut turning = common::turning(NUCLEO);
+    turning.watch_control();
+    let mut bus = Bus::of_running(vec![turning], vec![client(), client()]);
+    bus.run(1e-3).unwrap();
+    for (id, bytes) in [(0x8001, &QUERY[..]), (0x007f, &[0x50; 64]), (0x0001, &STOP[..0]), (0x0022, &[])] {
+        let busy_s = bus.wire.busy_s;
+        let from_s = bus.seconds();
+        while bus.seconds() < from_s + 0.2 {
+            while bus.stations[0].waiting() < 4 {
+                send(&mut bus, Frame::switched(id, true, bytes));
+            }
+            bus.step().unwrap();
+        }
+        let share = (bus.wire.busy_s - busy_s) / (bus.seconds() - from_s);
+        assert!(share > 0.98, "{id:#x}: {share}");
+    }
+    assert!(!bus.stations[1].received.is_empty());
+    let board = &bus.boards[0];
+    let speed = common::motor(board, "speed / rad/s");
+    assert!((speed - 40.0).abs() < 4.0, "it turns on: {speed}");
+    let outcome = Outcome::of(board);
+    assert_eq!(outcome.verdict(), [""; 0]);
+    let control = outcome.control.expect("a control interrupt");
+    let [mean, most, _] = board.board().promises.control_cycles;
+    let (seen, longest) = (control.mean_cycles[0], control.cycles.max);
+    assert!(seen <= mean as f64 && longest <= most as f64, "{seen} {longest}");
+    // It answers still.
+    bus.stations[0].received.clear();
+    bus.run(0.1).unwrap();
+    assert_eq!(exchange(&mut bus, request(1, &QUERY)).len(), 1);
+}
+
+/// A board at the wrong rate is off the bus after its first words and comes back; the others go on.
+#[test]
+fn who_has_the_wrong_rate_goes_off_and_the_others_go_on() {
+    let slow = Timing { nominal: Rate::new(80e6, 1, [58, 31, 31]), ..Timing::fast() };
+    let mut bus = Bus::of_running(boards(2), vec![client(), Station::new(slow)]);
+    bus.run(0.2).unwrap();
+    assert_eq!(exchange(&mut bus, request(2, &QUERY)).len(), 1, "once the other is passive");
+    assert_eq!(bus.stations[1].state(), State::Passive);
+    let now_s = bus.seconds();
+    bus.stations[1].send(now_s, request(1, &QUERY));
+    bus.run(20e-3).unwrap();
+    assert_eq!(bus.stations[1].state(), State::Off);
+    for _ in 0..20 {
+        assert_eq!(exchange(&mut bus, request(1, &QUERY)).len(), 1);
+    }
+    bus.boards.iter().for_each(unharmed);
+}
+
+/// A drive whose bit rate is not that of the others: as a client of another rate makes it look.
+#[test]
+fn a_board_alone_among_others_of_another_rate_comes_back_when_they_have_gone() {
+    let slow = Timing { nominal: Rate::new(80e6, 1, [58, 31, 31]), ..Timing::fast() };
+    let mut bus = Bus::of_running(boards(1), vec![client(), Station::new(slow), Station::new(slow)]);
+    bus.run(1e-3).unwrap();
+    // It hears its client while the others are not there.
+    bus.stations[1].silent = true;
+    bus.stations[2].silent = true;
+    for _ in 0..40 {
+        send(&mut bus, request(1, &QUERY));
+    }
+    bus.run(2e-3).unwrap();
+    bus.stations[1].silent = false;
+    bus.stations[2].silent = false;
+    for at in 0..400 {
+        let now_s = bus.seconds();
+        bus.stations[1 + at % 2].send(now_s, Frame::switched(0x300 + at as u32, false, &[0; 8]));
+        bus.run(0.2e-3).unwrap();
+    }
+    bus.stations.truncate(1);
+    bus.stations[0].restart();
+    bus.run(0.3).unwrap();
+    assert_eq!(exchange(&mut bus, request(1, &QUERY)).len(), 1, "it is there again");
+    unharmed(&bus.boards[0]);
 }

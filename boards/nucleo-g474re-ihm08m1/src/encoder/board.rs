@@ -10,8 +10,8 @@ use hallservo::vernier::head::ReadingSkew;
 use nucleo_g474re_ihm08m1::constants::{self, FOURTH, THIRD};
 use nucleo_g474re_ihm08m1::heads::{FIFTH, FIRST_WITH, LATER, SECOND_WITH};
 use nucleo_g474re_ihm08m1::pins;
-use stm32g4::registers::analog::OPAMP_FOLLOWER;
 use stm32g4::can::Wires;
+use stm32g4::registers::analog::OPAMP_FOLLOWER;
 use stm32g4::wiring::Wiring;
 use stm32g4::{Board, Converter, Pin, ntc_to_reference, result};
 

@@ -127,6 +127,10 @@ impl bus::Bus for Bus {
 
     async fn send(&mut self, reply: &Reply) {
         for _ in 0..PATIENCE {
+            if FDCAN1.cccr().read().init() {
+                // Off the bus.
+                return;
+            }
             if !FDCAN1.txfqs().read().tfqf() {
                 return transmit(reply.identifier, &reply.bytes);
             }
@@ -169,9 +173,9 @@ const UID: u32 = 0x1fff_7590;
 
 /// Sets everything up, with INIT set.
 fn configure() {
-    FDCAN1.cccr().write_value(Cccr(INIT));
+    FDCAN1.cccr().modify(|cccr| cccr.set_init(true));
     while !FDCAN1.cccr().read().init() {}
-    FDCAN1.cccr().write_value(Cccr(CONFIGURE));
+    FDCAN1.cccr().modify(|cccr| cccr.set_cce(true));
     FDCAN1.cccr().write_value(Cccr(CONFIGURE | RUN));
     FDCAN1.nbtp().write_value(Nbtp(NBTP));
     FDCAN1.dbtp().write_value(Dbtp(DBTP));

@@ -51,7 +51,8 @@ pub const CONFIGURE: u32 = INIT | 1 << 1;
 pub const RUN: u32 = bit(true, 8) | bit(true, 9);
 
 /// FDCAN_RXGFC: two filters of each kind; what none of them knows, and remote frames, are rejected.
-pub const RXGFC: u32 = bit(true, 0) | bit(true, 1) | field(2, 2, 2) | field(2, 4, 2) | field(2, 16, 5) | field(2, 24, 4);
+pub const RXGFC: u32 =
+    bit(true, 0) | bit(true, 1) | field(2, 2, 2) | field(2, 4, 2) | field(2, 16, 5) | field(2, 24, 4);
 /// FDCAN_IE: a frame in FIFO 0.
 pub const IE: u32 = 1;
 /// FDCAN_IR: a frame was lost for want of room.

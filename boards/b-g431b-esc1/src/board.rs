@@ -33,6 +33,13 @@ impl Board for Esc1 {
         &[Converter { adc: ADC1, sequence: FIRST }, Converter { adc: ADC2, sequence: SECOND }];
     const GROUPS: &'static [AdcCommon] = &[ADC12_COMMON];
 
+    /// SHDN of the TCAN330 low; the board's 120 Ω at PC14.
+    #[cfg(feature = "can")]
+    const CAN: stm32g4::can::Wires = stm32g4::can::Wires {
+        pins: [(GPIOA, 11, 9), (GPIOB, 9, 9)],
+        transceiver: &[(GPIOC, 11, false), (GPIOC, 14, constants::TERMINATION)],
+    };
+
     fn settings() -> Settings {
         constants::settings()
     }

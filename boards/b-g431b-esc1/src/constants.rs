@@ -72,6 +72,9 @@ const CEILINGS: &[Ceiling] = &[
     ("stall_s", 2.0),
 ];
 
+/// Whether the board's 120 Ω are at its end of the CAN: at the two ends of the wires, and nowhere between.
+pub const TERMINATION: bool = false;
+
 /// What a drive on this board starts with.
 pub fn settings() -> Settings {
     let control = Control {

@@ -3,10 +3,12 @@
 mod common;
 
 use chip::can::counters::State;
-use chip::can::frame::Frame;
+use chip::can::frame::{Frame, LENGTHS};
 use chip::can::station::Station;
 use chip::can::timing::{Rate, Timing};
-use common::{NUCLEO, ask, calibrated};
+use common::{NUCLEO, ask, calibrated, session};
+use rand::{RngExt, SeedableRng};
+use rand_pcg::Pcg64;
 use virtual_board::bus::Bus;
 use virtual_board::outcome::Outcome;
 use virtual_board::session::Session;
@@ -204,13 +206,13 @@ fn who_has_the_wrong_rate_goes_off_and_the_others_go_on() {
     bus.boards.iter().for_each(unharmed);
 }
 
-/// A drive whose bit rate is not that of the others: as a client of another rate makes it look.
+/// The board is the one whose rate is not the others': it goes off, and comes back when they have gone.
 #[test]
-fn a_board_alone_among_others_of_another_rate_comes_back_when_they_have_gone() {
+fn a_board_among_others_of_another_rate_goes_off_and_comes_back() {
     let slow = Timing { nominal: Rate::new(80e6, 1, [58, 31, 31]), ..Timing::fast() };
     let mut bus = Bus::of_running(boards(1), vec![client(), Station::new(slow), Station::new(slow)]);
     bus.run(1e-3).unwrap();
-    // It hears its client while the others are not there.
+    // It hears its client while the others are not there, and has something to say when they come.
     bus.stations[1].silent = true;
     bus.stations[2].silent = true;
     for _ in 0..40 {
@@ -224,9 +226,62 @@ fn a_board_alone_among_others_of_another_rate_comes_back_when_they_have_gone() {
         bus.stations[1 + at % 2].send(now_s, Frame::switched(0x300 + at as u32, false, &[0; 8]));
         bus.run(0.2e-3).unwrap();
     }
+    assert!(happened(&bus.boards[0], "bus-off"));
     bus.stations.truncate(1);
     bus.stations[0].restart();
     bus.run(0.3).unwrap();
-    assert_eq!(exchange(&mut bus, request(1, &QUERY)).len(), 1, "it is there again");
+    assert!(happened(&bus.boards[0], "on the bus again"));
+    assert_eq!(exchange(&mut bus, request(1, &QUERY)).len(), 1);
     unharmed(&bus.boards[0]);
+}
+
+fn happened(board: &Session, what: &str) -> bool {
+    board.machine.system.facts().events.iter().any(|(_, event)| event.contains(what))
+}
+
+/// Frames of every form and content, whatever they say: the drive neither stumbles nor moves.
+#[test]
+fn nothing_that_comes_moves_a_drive_that_is_not_calibrated() {
+    let mut random = Pcg64::seed_from_u64(1);
+    let mut bus = Bus::of_running(vec![session(NUCLEO, "")], vec![client(), client()]);
+    bus.run(0.05).unwrap();
+    for _ in 0..4000 {
+        let mut data = vec![0; LENGTHS[random.random_range(0..16)]];
+        random.fill(&mut data[..]);
+        let [fd, extended, remote] = [0.8, 0.7, 0.1].map(|share| random.random_bool(share));
+        let id = random.random::<u32>() & 0x1fff_ff00 & if extended { 0xffff } else { 0x7ff } | 1;
+        data.truncate(if fd { 64 } else { 8 });
+        let frame = Frame { id, extended, remote: remote && !fd, fd, switched: fd, passive: false, data };
+        send(&mut bus, Frame { data: if frame.remote { vec![0; frame.data.len()] } else { frame.data }, ..frame });
+        if bus.stations[0].waiting() > 8 {
+            bus.run(1e-3).unwrap();
+        }
+    }
+    bus.run(0.2).unwrap();
+    assert!(!bus.boards[0].machine.system.bridge_is_on());
+    assert!(bus.boards[0].resets.is_empty() && bus.wire.errors == 0);
+    // Whoever it was has told it to stop, or nothing.
+    assert_eq!(exchange(&mut bus, request(1, &STOP)), []);
+    assert_eq!(exchange(&mut bus, request(1, &QUERY))[0].1[..3], [0x21, 0x00, 0x00]);
+    unharmed(&bus.boards[0]);
+}
+
+/// The fit of a calibration and its save take the tasks longest; the watchdog is fed all the same, and what is asked
+/// meanwhile is answered or lost, but nothing else.
+#[test]
+fn a_flood_does_not_keep_a_calibration_from_its_end() {
+    let mut bus = Bus::of_running(vec![common::calibrating(NUCLEO)], vec![client(), client()]);
+    bus.run(1e-3).unwrap();
+    while bus.boards[0].machine.system.facts().flash_operations < 10 {
+        while bus.stations[0].waiting() < 4 {
+            send(&mut bus, request(1, &QUERY));
+        }
+        bus.step().unwrap();
+        assert!(bus.seconds() < 8.0, "it is not saved");
+    }
+    bus.run(0.5).unwrap();
+    assert!(bus.boards[0].resets.is_empty());
+    assert_eq!(exchange(&mut bus, request(1, &QUERY)).len(), 1);
+    let status = ask(&mut bus.boards[0], "status");
+    assert!(status.contains("calibrated: true"), "{status}");
 }

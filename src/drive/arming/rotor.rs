@@ -11,6 +11,7 @@
 
 use super::{Step, largest, no_voltage, turned};
 use crate::angle::{ElectricalAngle, Position};
+use crate::commutation::frames::{AlphaBeta, Rotation};
 use crate::config::Config;
 use crate::control::config::Config as Control;
 use crate::fault::Fault;
@@ -32,6 +33,10 @@ const MOST_WAITED: u32 = 20;
 const MOST_PUSHES: u32 = 3;
 /// Steps by which the tracked speed lags.
 const LAG: i64 = 32;
+
+/// The voltage leans by so much a step, 0.3°, in 2⁻³² turns, and by 45° at most.
+const LEANS: i32 = 3_579_139;
+const LEANS_MOST: i32 = 150 * LEANS;
 
 /// Where a voltage points, seen from the rotor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -113,6 +118,8 @@ pub(super) struct RotorCheck {
     speed: i32,
     /// How the rotor turned before the voltage, in 2⁻³² turns a step.
     coasting: i32,
+    /// How far the voltage leans from its axis so that the current is along it, in 2⁻³² turns.
+    lean: i32,
 }
 
 impl RotorCheck {
@@ -141,6 +148,7 @@ impl RotorCheck {
             farthest: 0,
             speed: 0,
             coasting: 0,
+            lean: 0,
         }
     }
 
@@ -148,6 +156,9 @@ impl RotorCheck {
     pub fn step(&mut self, config: &Config, control: &Control, phases: [i32; 3], rotor: &Tracker) -> Step {
         self.steps += 1;
         self.age += 1;
+        if self.stage == Stage::Press {
+            self.lean(control, phases, rotor, config);
+        }
         if self.age > LONGEST * control.arming.longest_push {
             return Step::Done { proven: false };
         }
@@ -204,7 +215,27 @@ impl RotorCheck {
             self.apart = self.from.to_bits().wrapping_sub(self.origin.to_bits());
         }
         self.modulation = self.least;
+        self.lean = 0;
         self.enter(Stage::Press);
+    }
+
+    /// The dead time takes its share from each phase, which turns the current of a small voltage by up to 30°. The
+    /// voltage leans to the other side until the current is along the axis.
+    fn lean(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) {
+        if largest(phases) < control.arming.current / 4 {
+            return;
+        }
+        let [a, b, c] = phases;
+        /// √3 in 2⁻¹⁰.
+        const SQRT_3: i32 = 1774;
+        let beta = (b - c) * SQRT_3;
+        let beta = if config.is_reversed() { -beta } else { beta };
+        let current = AlphaBeta { alpha: (2 * a - b - c) << 10, beta };
+        let current = Rotation::at(rotor.predicted(&config.tracking) + self.axis.angle()).park(current);
+        // Less than a sixteenth is noise.
+        if current.q.abs() > current.d.abs() / 16 {
+            self.lean = (self.lean - current.q.signum() * LEANS).clamp(-LEANS_MOST, LEANS_MOST);
+        }
     }
 
     /// Raises the voltage, while the current allows it.
@@ -335,6 +366,11 @@ impl RotorCheck {
     }
 
     fn voltage(&self, axis: Axis, rotor: &Tracker, config: &Config) -> Step {
-        turned(self.modulation, rotor.predicted(&config.tracking) + axis.angle(), config.order(), config)
+        turned(
+            self.modulation,
+            rotor.predicted(&config.tracking) + axis.angle() + ElectricalAngle::from_bits(self.lean),
+            config.order(),
+            config,
+        )
     }
 }

@@ -24,6 +24,9 @@ pub(crate) struct ArmingCheck {
     pub longest_push: u32,
     /// Speed of a rotor that the push turns, in 2⁻³² electrical turns a step.
     pub turning: i32,
+    /// The tracked speed is averaged over 2^`averages` steps, and lags by so many, averaging included.
+    pub averages: u32,
+    pub lag: u32,
     /// Speed below which the rotor rests, in 2⁻³² electrical turns a step.
     pub at_rest: i32,
     /// Steps in which its way tells whether it rests.
@@ -38,6 +41,11 @@ const RISE_S: f32 = 1e-3;
 const MOST: f32 = 4.0;
 /// Longest push, s.
 const PUSH_S: f32 = 80e-3;
+/// Time by which the tracked speed lags, in time constants of the tracker; one that lags by less than so many steps is
+/// noisy and averaged over 32.
+const LAGS: f32 = 1.4;
+const NOISY: f32 = 24.0;
+const AVERAGES: u32 = 5;
 /// Speed of the push, electrical Hz.
 const PUSH_HZ: f32 = 2.0;
 /// A rotor slower than this rests, electrical Hz, at least and at most: one whose back-EMF drives no more than a share
@@ -66,6 +74,9 @@ impl ArmingCheck {
         let rest_hz = rest_hz.clamp(REST_HZ.start, REST_HZ.end);
         // Never so slow that it would take long to get over the dead time.
         let rise = (2.0 * resistance_ohm * current_a / scale.volts / steps).max(1e-3 / steps);
+        let lag = LAGS * scale.step_hz / (core::f32::consts::TAU * frame.tracking_hz);
+        let averages = if lag < NOISY { AVERAGES } else { 0 };
+        let averaged = if averages > 0 { (1 << averages) as f32 } else { 0.0 };
         let speed = |hz: f32| (hz / scale.step_hz * crate::angle::TURN) as i32;
         Self {
             enabled: settings.guard.arming_check && current >= 16.0,
@@ -77,6 +88,8 @@ impl ArmingCheck {
             longest: (MOST * steps) as i32,
             longest_push: (PUSH_S * scale.step_hz) as u32,
             turning: speed(PUSH_HZ),
+            averages,
+            lag: (lag + averaged) as u32,
             at_rest: speed(rest_hz),
             watched: (WATCHED_S * scale.step_hz) as u32,
             turns: speed((SHORTED * rest_hz).max(rest_hz + NOISE_HZ)),

@@ -31,8 +31,6 @@ const LONGEST: u32 = 6;
 const MOST_WAITED: u32 = 20;
 /// Pushes forward at most, each from where the one before came to rest.
 const MOST_PUSHES: u32 = 3;
-/// Steps by which the tracked speed lags.
-const LAG: i64 = 32;
 
 /// The voltage leans by so much a step, 0.3°, in 2⁻³² turns, and by 45° at most.
 const LEANS: i32 = 3_579_139;
@@ -116,6 +114,8 @@ pub(super) struct RotorCheck {
     /// Farthest that the rotor went the wrong way; its speed when it is to be stopped, in 2⁻³² turns a step.
     farthest: i64,
     speed: i32,
+    /// Averaged speed, in 2⁻³² turns a step.
+    averaged: i32,
     /// How the rotor turned before the voltage, in 2⁻³² turns a step.
     coasting: i32,
     /// How far the voltage leans from its axis so that the current is along it, in 2⁻³² turns.
@@ -147,6 +147,7 @@ impl RotorCheck {
             across: 0,
             farthest: 0,
             speed: 0,
+            averaged: 0,
             coasting: 0,
             lean: 0,
         }
@@ -156,6 +157,7 @@ impl RotorCheck {
     pub fn step(&mut self, config: &Config, control: &Control, phases: [i32; 3], rotor: &Tracker) -> Step {
         self.steps += 1;
         self.age += 1;
+        self.averaged += (rotor.speed() - self.averaged) >> control.arming.averages;
         if self.stage == Stage::Press {
             self.lean(control, phases, rotor, config);
         }
@@ -251,7 +253,7 @@ impl RotorCheck {
     }
 
     fn push(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
-        if rotor.speed().unsigned_abs() <= control.arming.turning.unsigned_abs() {
+        if self.averaged.unsigned_abs() <= control.arming.turning.unsigned_abs() {
             self.raise(self.most, control, phases);
         }
         let moved = if self.back { -self.moved(rotor) } else { self.moved(rotor) };
@@ -306,7 +308,7 @@ impl RotorCheck {
     }
 
     fn begin_stop(&mut self, rotor: &Tracker, config: &Config) -> Step {
-        self.speed = rotor.speed();
+        self.speed = self.averaged;
         self.from = rotor.smoothed();
         self.enter(Stage::Stop);
         self.voltage(self.axis.opposite(), rotor, config)
@@ -314,7 +316,7 @@ impl RotorCheck {
 
     /// The opposite voltage, until the rotor stands. A push that cannot be stopped has a wrong commutation.
     fn stop(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
-        let (speed, before) = if self.speed < 0 { (-rotor.speed(), -self.speed) } else { (rotor.speed(), self.speed) };
+        let (speed, before) = if self.speed < 0 { (-self.averaged, -self.speed) } else { (self.averaged, self.speed) };
         let far = self.way(rotor).abs() > STOPPED;
         let late = self.steps > self.pushed;
         if self.axis.pushes() {
@@ -324,8 +326,8 @@ impl RotorCheck {
             self.raise(self.most, control, phases);
         }
         // It stands by the time that the tracked speed says so.
-        let steps = i64::from(self.steps);
-        let lag = steps < 2 * LAG || i64::from(speed) * steps > i64::from(before - speed) * LAG;
+        let (steps, lag) = (i64::from(self.steps), i64::from(control.arming.lag));
+        let lag = steps < 2 * lag || i64::from(speed) * steps > i64::from(before - speed) * lag;
         let turns = before > control.arming.turning / 2 && lag;
         if turns && !far && !late {
             return self.voltage(self.axis.opposite(), rotor, config);

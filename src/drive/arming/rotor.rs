@@ -26,9 +26,9 @@ const APART: i64 = 8 * MOVED;
 /// Longest way in which a sound rotor is stopped: 33°.
 const STOPPED: i64 = 11 * MOVED;
 /// All of it takes so many longest pushes at most.
-const LONGEST: u32 = 6;
+const LONGEST: u32 = 8;
 /// How often a rotor may be found turning by itself before it is not pushed at all.
-const MOST_WAITED: u32 = 20;
+const MOST_WAITED: u32 = 40;
 /// Pushes forward at most, each from where the one before came to rest.
 const MOST_PUSHES: u32 = 3;
 
@@ -212,6 +212,7 @@ impl RotorCheck {
         if self.axis.pushes() {
             if self.pushes == 0 {
                 self.origin = self.from;
+                (self.age, self.waited) = (0, 0);
             }
         } else if self.axis == Axis::Along && !self.back {
             self.apart = self.from.to_bits().wrapping_sub(self.origin.to_bits());

@@ -341,10 +341,10 @@ impl RotorCheck {
         match self.axis {
             Axis::Forward | Axis::Back => self.then(Axis::Along, config),
             Axis::Along => self.then(Axis::Against, config),
-            Axis::Against if self.back => Step::Done { proven: self.apart >= APART },
+            Axis::Against if self.back => Step::Done { proven: self.apart.abs() >= APART },
             Axis::Against => {
                 self.pushes += 1;
-                self.back = self.apart >= APART || self.pushes >= MOST_PUSHES;
+                self.back = self.apart.abs() >= APART || self.pushes >= MOST_PUSHES;
                 self.then(if self.back { Axis::Back } else { Axis::Forward }, config)
             }
         }

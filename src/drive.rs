@@ -322,8 +322,8 @@ impl Drive {
         let (Some(control), true) = (&config.control, self.mode.drives()) else { return Output::OFF };
         match arming.step(config, control, &paths.idle, &record.rotor, sample) {
             Step::Output(output) => output,
-            Step::Begin => {
-                self.begin_arming(sample);
+            Step::Begin { slow } => {
+                self.begin_arming(slow, sample);
                 Output::OFF
             }
             Step::Failed(fault) => {

@@ -5,6 +5,8 @@ use crate::interrupt;
 use crate::link::{self, Line};
 use crate::words;
 use anyhow::Context;
+use hallservo::fault::Limits;
+use hallservo::mode::Mode;
 use hallservo_protocol::{
     Answer, Ask, Decoder, Error as Frame, FRAME, Incident, Reply, Request, Setting, Status, Telemetry, encode,
 };
@@ -217,6 +219,25 @@ impl Client {
             Answer::Done => Ok(()),
             other => unexpected(&other),
         })
+    }
+
+    /// Arms, and waits until the drive has checked wires, amplifiers and direction.
+    ///
+    /// # Errors
+    /// Refused, or the check has found a fault, which is named.
+    pub fn arm(&mut self) -> Result<()> {
+        self.order(Ask::Arm)?;
+        loop {
+            let status = self.status()?;
+            if let Mode::Faulted(fault) = status.mode {
+                return Err(Error::Failed(words::switched_off(fault)));
+            }
+            if !status.limits.contains(Limits::CHECKING) {
+                return Ok(());
+            }
+            // So short that a drive which is commanded next has its time.
+            self.listen(Duration::from_millis(5))?;
+        }
     }
 
     /// Ends the telemetry; frames that came before the answer are kept.

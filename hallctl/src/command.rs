@@ -276,7 +276,7 @@ fn connect(port: &str, patience: Duration, _: bool) -> Result<Client> {
 fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
     match command {
         Command::Status => status::show(client, out),
-        Command::Arm => done(out, client.order(Ask::Arm)),
+        Command::Arm => done(out, client.arm()),
         Command::Stop => {
             client.order(Ask::Disarm)?;
             say!(out, "the bridge is off")?;

@@ -109,6 +109,11 @@ pub fn what_to_do(fault: Fault) -> String {
     format!("{}; then `hallctl clear`{then}", fault.advice())
 }
 
+/// That a fault has switched the bridge off, and what to do.
+pub fn switched_off(fault: Fault) -> String {
+    format!("the drive switched off: {fault}\n  {}.", what_to_do(fault))
+}
+
 /// A fault for a script.
 pub fn fault_value(fault: Fault) -> Value {
     json!({ "code": fault.code(), "what": fault.to_string(), "advice": what_to_do(fault) })

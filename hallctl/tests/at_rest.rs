@@ -143,8 +143,12 @@ fn a_disarming_ends_the_wait_and_keeps_the_result() {
 fn who_disarms_a_procedure_waits_for_nothing() {
     let (mut drive, _) = calibrated();
     done(&mut drive, Ask::Identify);
-    run(&mut drive, 300);
-    assert!(drive.plant.truth().speed_rad_s.abs() > 10.0);
+    // Once the bridge is checked, it turns.
+    let turns = (0..100).any(|_| {
+        run(&mut drive, 10);
+        drive.plant.truth().speed_rad_s.abs() > 10.0
+    });
+    assert!(turns);
     done(&mut drive, Ask::Disarm);
     run(&mut drive, 20);
     assert_eq!(status(&mut drive).activity, Activity::None);

@@ -20,7 +20,7 @@ class Drive:
     def board(self) -> str: ...
     def status(self) -> dict[str, Any]: ...
     def arm(self) -> None:
-        """Bridge on, command zero."""
+        """Bridge on, command zero; returns when wires, amplifiers and direction have been checked."""
     def stop(self) -> None:
         """Brakes, then bridge off."""
     def clear(self) -> None:

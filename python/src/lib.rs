@@ -102,7 +102,7 @@ impl Drive {
     }
 
     fn arm(&mut self) -> PyResult<()> {
-        self.order(Ask::Arm)
+        self.client()?.arm().map_err(error)
     }
 
     fn stop(&mut self) -> PyResult<()> {

@@ -183,10 +183,10 @@ impl Drive {
     /// The step after the one that armed, which had enough to do. A drive with current sensing follows a current of
     /// zero until it is commanded something else, which lets a rotor that turns turn on; at rest it first checks what it
     /// is connected to.
-    pub(super) fn begin_arming(&mut self, sample: &Sample) {
+    pub(super) fn begin_arming(&mut self, slow: bool, sample: &Sample) {
         let Some(control) = &self.config.control else { return };
         self.servo.protection.arm(control, sample);
-        if !control.arming.enabled || self.turns_faster_than(control.arming.at_rest) {
+        if !slow {
             return self.end_arming(false, sample);
         }
         self.servo.reset(control, &self.paths.idle);

@@ -5,7 +5,6 @@ use crate::error::{Error, Result};
 use crate::out::Out;
 use crate::{say, words};
 use hallservo::control::impedance::Request;
-use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Ask, Status};
 use indicatif::{ProgressBar, ProgressStyle};
@@ -95,7 +94,7 @@ pub(super) fn hold(client: &mut Client, options: &Options, target: Target, out: 
         client.order(target.ask()).map_err(|error| fallen(client, error))?;
         last = client.status()?;
         if let Mode::Faulted(fault) = last.mode {
-            return Err(Error::Failed(switched_off(fault)));
+            return Err(Error::Failed(words::switched_off(fault)));
         }
         line.set_message(motion(&last, out));
         client.rest(&mut look, &last)?;
@@ -153,16 +152,12 @@ pub(super) fn rest(client: &mut Client) -> Result<()> {
 /// A drive that refuses what it took before has a reason.
 pub(super) fn fallen(client: &mut Client, error: Error) -> Error {
     match (client.status(), error) {
-        (Ok(Status { mode: Mode::Faulted(fault), .. }), _) => Error::Failed(switched_off(fault)),
+        (Ok(Status { mode: Mode::Faulted(fault), .. }), _) => Error::Failed(words::switched_off(fault)),
         (Ok(Status { mode: Mode::Ready | Mode::Unarmed, .. }), Error::Refused(_)) => {
             Error::Failed("the bridge was switched off meanwhile: another tool, `hallctl stop` perhaps".into())
         }
         (_, error) => error,
     }
-}
-
-pub(super) fn switched_off(fault: Fault) -> String {
-    format!("the drive switched off: {fault}\n  {}.", words::what_to_do(fault))
 }
 
 fn motion(status: &Status, out: Out) -> String {

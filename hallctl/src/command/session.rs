@@ -3,6 +3,7 @@
 use super::motion::{self, Target};
 use crate::client::Client;
 use crate::error::{Error, Result};
+use crate::words;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Ask, Status, Telemetry};
 use std::time::{Duration, Instant};
@@ -54,7 +55,7 @@ impl<'a> Session<'a> {
     ) -> Result<(R, Vec<Trace>)> {
         let found = client.status()?;
         if found.mode != Mode::Running {
-            client.order(Ask::Arm)?;
+            client.arm()?;
         }
         let target = Target::Speed(0.0);
         let result = Self::record(client, found, hz, target, work);
@@ -117,7 +118,7 @@ impl<'a> Session<'a> {
             self.set = self.target.value();
             let status = self.client.status()?;
             if let Mode::Faulted(fault) = status.mode {
-                return Err(Error::Failed(motion::switched_off(fault)));
+                return Err(Error::Failed(words::switched_off(fault)));
             }
             now_ms = status.uptime_ms;
             self.client.pause(&mut look, &status, EVERY)?;

@@ -19,7 +19,7 @@ pub use error::{Error, Field};
 pub use gains::Gains;
 pub(crate) use gains::Spring;
 pub(crate) use motion::{Course, Start};
-pub use request::{Motion, Request};
+pub use request::{LONGEST_S, Motion, Request};
 pub use state::State;
 
 /// A [`Request`] in the units of the interrupt.

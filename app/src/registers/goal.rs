@@ -5,7 +5,7 @@ use crate::tasks::Tasks;
 use core::f32::consts::TAU;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::Current;
-use hallservo::control::impedance::{Motion, Request};
+use hallservo::control::impedance::{LONGEST_S, Motion, Request};
 use hallservo::double;
 use hallservo_registers::axis::{self, Position, Refused};
 
@@ -140,8 +140,8 @@ impl Goal {
             motion,
             timeout_s: match with.timeout {
                 0.0 => None,
-                forever if forever.is_nan() => Some(f32::INFINITY),
-                seconds => Some(seconds),
+                // No motor turns on for ever when its client has died.
+                seconds => Some(seconds.min(LONGEST_S)),
             },
         })
     }

@@ -27,9 +27,13 @@ pub struct Request {
     pub max_torque_nm: Option<f32>,
     /// What the reference does.
     pub motion: Motion,
-    /// How long the command holds, s: above 0; `None`: `command_timeout_s`; infinite: until the next one.
+    /// How long the command holds, s: 0.001 to [`LONGEST_S`]; `None`: `command_timeout_s`.
     pub timeout_s: Option<f32>,
 }
+
+/// Longest time for which a command may hold, s: that of the setting `command_timeout_s`, for a motor does not turn on
+/// for ever when whoever commanded it has died.
+pub const LONGEST_S: f32 = 60.0;
 
 /// What the reference does. Positions are mechanical turns, up to an eighth of the range of a
 /// [`Position`](crate::angle::Position) and within `min_position_turns` to `max_position_turns`.
@@ -181,10 +185,8 @@ impl Control {
     }
 
     fn timeout(&self, seconds: Option<f32>) -> Result<u32, Error> {
-        const LONGEST_S: f32 = 1e5;
         Ok(match seconds {
             None => self.guard.timeout,
-            Some(f32::INFINITY) => u32::MAX,
             Some(seconds) => {
                 let seconds = range(Field::Timeout, seconds, 1e-3, LONGEST_S)?;
                 libm::ceilf(seconds * self.scale.step_hz / OUTER as f32) as u32

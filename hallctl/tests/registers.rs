@@ -65,7 +65,7 @@ fn one_controls_and_anyone_stops() {
     done(&mut drive, Ask::Arm);
     done(&mut drive, Ask::Speed(20.0));
     // The check at arming comes first.
-    run(&mut drive, 300);
+    run(&mut drive, 600);
     // A client looks, but may not move.
     let said = line(&mut drive, MOVE, 5);
     assert!(said.contains("300003"), "{said}");
@@ -105,7 +105,8 @@ fn a_fault_is_cleared_by_a_stop_and_by_nothing_else() {
     assert_eq!(mode(&mut drive), (1, 34));
     line(&mut drive, STOP, 10);
     assert_eq!(mode(&mut drive), (0, 0));
-    line(&mut drive, MOVE, 100);
+    // The check at arming comes first.
+    line(&mut drive, MOVE, 600);
     assert_eq!(mode(&mut drive).0, 10);
 }
 

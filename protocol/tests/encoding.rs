@@ -311,10 +311,10 @@ fn every_setting_fits_a_frame() {
 fn magnets() {
     use hallservo::service::magnets::Use;
     let asks = [
-        (Ask::Magnets(MagnetsAsk::Learn), "01ac02002000"),
-        (Ask::Magnets(MagnetsAsk::Status), "01ac02002001"),
-        (Ask::Magnets(MagnetsAsk::Points(300)), "01ac02002002ac02"),
-        (Ask::Magnets(MagnetsAsk::Forget), "01ac02002003"),
+        (Ask::Magnets(MagnetsAsk::Learn), "01ac02002200"),
+        (Ask::Magnets(MagnetsAsk::Status), "01ac02002201"),
+        (Ask::Magnets(MagnetsAsk::Points(300)), "01ac02002202ac02"),
+        (Ask::Magnets(MagnetsAsk::Forget), "01ac02002203"),
     ];
     for (ask, bytes) in asks {
         assert_eq!(hex(&Request { id: 1, client: 300, unattended: false, ask }), bytes, "{ask:?}");
@@ -334,7 +334,7 @@ fn magnets() {
     assert_eq!(hex(&[Use::None, Use::Searching, Use::Used, Use::Foreign]), "00010203");
     assert_eq!(hex(&[Activity::Magnets]), "06");
     assert_eq!(hex(&[Record::Magnets]), "04");
-    assert_eq!(hex(&Refusal::Magnets(MagnetsRefusal::Encoder)), "0c01");
+    assert_eq!(hex(&Refusal::Magnets(MagnetsRefusal::Encoder)), "0d01");
     // The largest fits a message.
     hex(&Reply { id: u16::MAX, answer: Answer::MagnetPoints([i16::MIN; POINTS_AT_ONCE]) });
 }

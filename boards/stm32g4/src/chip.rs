@@ -118,7 +118,13 @@ pub fn run<B: Board>(
     static RX: StaticCell<BufferedUartRx<'static>> = StaticCell::new();
     let (tx, rx) = serial.split();
     let (tx, rx) = (TX.init(tx), RX.init(rx));
-    execute(prepare(board, bridge, control, flash), tx, rx)
+    execute(
+        prepare(board, bridge, control, flash),
+        tx,
+        rx,
+        #[cfg(feature = "can")]
+        can::Bus::start(&B::CAN),
+    )
 }
 
 /// Runs the tasks. Not generic, so that it is compiled for size.
@@ -127,12 +133,16 @@ fn execute(
     supervisor: &'static mut Tasks,
     tx: &'static mut BufferedUartTx<'static>,
     rx: &'static mut BufferedUartRx<'static>,
+    #[cfg(feature = "can")] bus: can::Bus,
 ) -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
-    #[cfg(feature = "can")]
-    let tasks = tasks(supervisor, tx, rx, can::Bus::start(&B::CAN));
-    #[cfg(not(feature = "can"))]
-    let tasks = tasks(supervisor, tx, rx);
+    let tasks = tasks(
+        supervisor,
+        tx,
+        rx,
+        #[cfg(feature = "can")]
+        bus,
+    );
     EXECUTOR.init(Executor::new()).run(|spawner| match tasks {
         Ok(tasks) => spawner.spawn(tasks),
         Err(_) => unreachable!("spawned once"),

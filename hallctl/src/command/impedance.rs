@@ -9,6 +9,7 @@ use hallservo::control::impedance::{Motion, Request};
 
 /// Where, how stiff and how strong.
 #[derive(Clone, Debug, clap::Args)]
+#[group(id = "impedance")]
 pub(super) struct Options {
     /// Where the spring is at rest: 2.5, 2.5turns, 90deg, 3.1rad; without, where the rotor is
     #[arg(value_parser = units::position, conflicts_with_all = ["within", "velocity", "stop"])]

@@ -28,6 +28,9 @@ pub(super) enum Found {
     Motor(Report),
 }
 
+/// Last line of a file that is whole: one cut off between two lines would be read as less.
+const END: &str = "# end";
+
 /// A motor on its way.
 #[derive(Clone, Debug, Serialize, Deserialize)]
 pub(super) struct Journal {
@@ -67,19 +70,20 @@ impl Journal {
                 return Err(anyhow::Error::new(error).context(format!("cannot read {}", path.display())).into());
             }
         };
-        match toml::from_str(&text) {
-            Ok(journal) => Ok(Some(journal)),
-            Err(error) => Err(Error::Failed(format!(
-                "{} is none of commissioning: {}\n  `--restart` begins anew, and overwrites it.",
-                path.display(),
-                error.message()
-            ))),
+        let bad = |why: &str| {
+            let restart = "`--restart` begins anew, and overwrites it";
+            Error::Failed(format!("{} is none of commissioning: {why}\n  {restart}.", path.display()))
+        };
+        let journal = toml::from_str(&text).map_err(|error| bad(error.message()))?;
+        if !text.trim_end().ends_with(END) {
+            return Err(bad(&format!("its last line, `{END}`, is missing")));
         }
+        Ok(Some(journal))
     }
 
     /// Whole or not at all, whatever happens meanwhile.
     pub fn write(&self, path: &Path) -> Result<()> {
-        let text = toml::to_string(self).context("the results")?;
+        let text = toml::to_string(self).context("the results")? + END + "\n";
         let new = path.with_extension("new");
         fs::write(&new, text).with_context(|| format!("cannot write {}", new.display()))?;
         Ok(fs::rename(&new, path).with_context(|| format!("cannot write {}", path.display()))?)

@@ -121,8 +121,8 @@ fn coordinated(count: u32) {
     let starts: Vec<f32> = (1..=count).map(|id| place(&mut bus, id)).collect();
     let from = |id: u32| starts[id as usize - 1];
     let way = |id: u32| 0.05 * id as f32;
-    // Half a second to arm, where it is.
-    go(&mut bus, 50, |id, _| from(id));
+    // Time to arm, where it is.
+    go(&mut bus, 80, |id, _| from(id));
     for id in 1..=count {
         assert_eq!(exchange(&mut bus, request(id, &QUERY)), [(id << 8, vec![0x21, 0x00, 0x0a, 0x21, 0x0f, 0x00])]);
     }

@@ -79,7 +79,7 @@ pub fn nothing_from_before_it_arms(board: &str) {
     for request in ["arm", "speed 40"] {
         assert!(ask(&mut session, request).contains("Done"), "{board}, {request}: {:#?}", session.lines);
     }
-    run(&mut session, 0.3);
+    run(&mut session, 0.7);
     let speed = motor(&session, "speed / rad/s");
     assert!((speed - 40.0).abs() < 4.0, "{board}: {speed}");
     assert!(ask(&mut session, "disarm").contains("Done"));

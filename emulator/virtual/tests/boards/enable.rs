@@ -44,7 +44,7 @@ pub fn refuses_without(name: &str) {
         let reply = ask(&mut session, request);
         assert!(reply.contains("Done"), "{name}, {request}: {reply}");
     }
-    run(&mut session, 0.3);
+    run(&mut session, 0.7);
     let speed = motor(&session, "speed / rad/s");
     assert!((speed - 40.0).abs() < 4.0, "{name}: {speed}");
 }

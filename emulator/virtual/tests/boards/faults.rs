@@ -111,7 +111,7 @@ fn recovers(session: &mut Session, board: &str, fault: &Fault) -> u8 {
         let reply = ask(session, request);
         assert!(reply.contains("Done"), "{board}, {what}, {request}: {reply}");
     }
-    run(session, 0.25);
+    run(session, 0.7);
     let speed = motor(session, "speed / rad/s");
     assert!(session.machine.system.bridge_is_on() && (speed - SPEED_RAD_S).abs() < 5.0, "{board}, {what}: {speed}");
     code

@@ -38,7 +38,7 @@ fn spins(board: &str) {
         ask(&mut session, "arm");
         for speed in [40.0, -40.0] {
             ask(&mut session, &format!("speed {speed}"));
-            run(&mut session, 0.5);
+            run(&mut session, 0.8);
             let found = motor(&session, "speed / rad/s");
             assert!((found - speed).abs() < 4.0, "{commutation}: {found} instead of {speed}: {:#?}", session.lines);
         }
@@ -62,7 +62,7 @@ fn turns_at_the_lowest_voltage(name: &str) {
     ask(&mut session, "arm");
     for speed in [100.0, -100.0] {
         ask(&mut session, &format!("speed {speed}"));
-        run(&mut session, 0.5);
+        run(&mut session, 0.8);
         let found = motor(&session, "speed / rad/s");
         assert!((found - speed).abs() < 4.0, "{found} instead of {speed}: {:#?}", session.lines);
     }

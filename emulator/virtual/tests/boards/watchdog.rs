@@ -128,7 +128,7 @@ fn comes_back(board: &str, what: &str, session: &mut Session) {
         let reply = ask(session, request);
         assert!(reply.contains("Done"), "{board}, {what}, {request}: {reply}");
     }
-    run(session, 0.1);
+    run(session, 0.7);
     assert_eq!(session.resets.len(), 1, "{board}, {what}: {:?}", session.resets);
 }
 

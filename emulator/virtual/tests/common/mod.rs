@@ -129,7 +129,7 @@ pub fn turning(board: &str) -> Session {
     let mut session = calibrated(board);
     ask(&mut session, "arm");
     ask(&mut session, "speed 40");
-    run(&mut session, 0.25);
+    run(&mut session, 0.7);
     session
 }
 

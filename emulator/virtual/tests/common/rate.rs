@@ -35,7 +35,8 @@ pub fn turns_at_40_khz(session: &mut Session, [mean, turning, longest]: [u64; 3]
     session.machine.forget_profile();
     ask(session, "arm");
     ask(session, "telemetry 500");
-    run(session, 0.1);
+    // The check at arming.
+    run(session, 0.6);
     within(&Outcome::of(session), longest);
     session.machine.forget_profile();
     let (from_s, triggers) = (session.seconds(), session.machine.system.facts().triggers);

@@ -115,7 +115,7 @@ fn broken_in_motion(count: usize) {
     run(&mut running, 0.1);
     done(&mut running, Ask::Arm);
     done(&mut running, Ask::Speed(SPEED_RAD_S as f32));
-    run(&mut running, 0.4);
+    run(&mut running, 0.8);
     let mut random = Pcg64::seed_from_u64(3);
     let mut found = [0; 4];
     for number in 0..count {
@@ -177,7 +177,7 @@ fn a_position_is_held_and_a_lost_encoder_does_as_set() {
         run(&mut session, 0.1);
         done(&mut session, Ask::Arm);
         done(&mut session, Ask::Position(0.4));
-        run(&mut session, 0.8);
+        run(&mut session, 1.4);
         let there = ((shaft_rad(&session) - prepared.zero_rad) / TAU - 0.4) * 360.0;
         let whole = (there / 360.0).round();
         assert!((there - 360.0 * whole).abs() < 0.05, "{there}");

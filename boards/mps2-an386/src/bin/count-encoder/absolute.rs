@@ -21,9 +21,9 @@ type Rotor = Encoder<2>;
 
 pub const ROWS: &[Row] = &[
     Row::new("AbsoluteDrive::step, field-oriented, current", "hallservo", function!(absolute_step), current, stays_on)
-        .budget(610),
+        .budget(612),
     Row::new("AbsoluteDrive::step, field-oriented, speed", "hallservo", function!(absolute_step), speed, stays_on)
-        .budget(610),
+        .budget(612),
     Row::new(
         "AbsoluteDrive::step, field-oriented, position",
         "hallservo",
@@ -31,7 +31,7 @@ pub const ROWS: &[Row] = &[
         position,
         stays_on,
     )
-    .budget(610),
+    .budget(612),
 ];
 
 #[unsafe(no_mangle)]

@@ -154,6 +154,8 @@ impl RotorCheck {
     }
 
     /// One step on, with the phase currents in 2⁻¹⁵ of their full scale.
+    // Not inlined, so that a board may place it where there is room.
+    #[inline(never)]
     pub fn step(&mut self, config: &Config, control: &Control, phases: [i32; 3], rotor: &Tracker) -> Step {
         self.steps += 1;
         self.age += 1;

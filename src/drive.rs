@@ -322,6 +322,10 @@ impl Drive {
         let (Some(control), true) = (&config.control, self.mode.drives()) else { return Output::OFF };
         match arming.step(config, control, &paths.idle, &record.rotor, sample) {
             Step::Output(output) => output,
+            Step::Prepare => {
+                self.servo.protection.arm(control, sample);
+                Output::OFF
+            }
             Step::Begin { slow } => {
                 self.begin_arming(slow, sample);
                 Output::OFF

@@ -42,6 +42,8 @@ pub(super) enum Pending {
 pub(super) enum Step {
     /// Goes on.
     Output(Output),
+    /// Is to begin in the next step; the protection in this one.
+    Prepare,
     /// Is to begin.
     Begin {
         /// Whether the rotor turns so slowly that it can be checked.
@@ -153,7 +155,7 @@ impl Arming {
         match self.stage {
             Stage::Off => self.unproven(),
             Stage::Wait if self.steps > 1 => Step::Begin { slow: control.arming.enabled && !turns(rotor, control) },
-            Stage::Wait => Step::Output(Output::OFF),
+            Stage::Wait => Step::Prepare,
             Stage::Settle => self.settle(control, rotor, config),
             Stage::Raise => self.raise(control, phases, config),
             Stage::Hold => self.hold(phases, config),

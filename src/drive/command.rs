@@ -180,12 +180,11 @@ impl Drive {
         Ok(())
     }
 
-    /// The step after the one that armed, which had enough to do. A drive with current sensing follows a current of
+    /// Two steps after the one that armed, which had enough to do, and so had the next. A drive with current sensing follows a current of
     /// zero until it is commanded something else, which lets a rotor that turns turn on; at rest it first checks what it
     /// is connected to.
     pub(super) fn begin_arming(&mut self, slow: bool, sample: &Sample) {
         let Some(control) = &self.config.control else { return };
-        self.servo.protection.arm(control, sample);
         if !slow {
             return self.end_arming(false, sample);
         }

@@ -160,8 +160,10 @@ impl RotorCheck {
         self.steps += 1;
         self.age += 1;
         self.averaged += (rotor.speed() - self.averaged) >> control.arming.averages;
-        if self.stage == Stage::Press {
+        if self.stage == Stage::Press && self.steps & 1 == 1 && self.steps > 1 {
+            // Every other step, in place of the rest: both in one are too much for it.
             self.lean(control, phases, rotor, config);
+            return self.voltage(self.axis, rotor, config);
         }
         if self.age > LONGEST * control.arming.longest_push {
             return Step::Done { proven: false };
@@ -246,7 +248,9 @@ impl RotorCheck {
     /// Raises the voltage, while the current allows it.
     fn raise(&mut self, most: i32, control: &Control, phases: [i32; 3]) {
         if largest(phases) < control.arming.push {
-            self.modulation = self.modulation.saturating_add(self.rise).min(most);
+            // Pressing, it is asked every other step.
+            let rise = if self.stage == Stage::Press { 2 * self.rise } else { self.rise };
+            self.modulation = self.modulation.saturating_add(rise).min(most);
         }
     }
 

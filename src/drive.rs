@@ -322,12 +322,8 @@ impl Drive {
         let (Some(control), true) = (&config.control, self.mode.drives()) else { return Output::OFF };
         match arming.step(config, control, &paths.idle, &record.rotor, sample) {
             Step::Output(output) => output,
-            Step::Prepare => {
-                self.servo.protection.arm(control, sample);
-                Output::OFF
-            }
-            Step::Begin { slow } => {
-                self.begin_arming(slow, sample);
+            Step::Begin => {
+                self.begin_arming(sample);
                 Output::OFF
             }
             Step::Failed(fault) => {

@@ -79,7 +79,6 @@ pub(crate) struct Frame {
     pub dead_time_s: f32,
     pub limits: pwm::Limits,
     pub max_electrical_hz: f32,
-    pub tracking_hz: f32,
     pub reversed: bool,
 }
 

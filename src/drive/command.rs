@@ -180,12 +180,13 @@ impl Drive {
         Ok(())
     }
 
-    /// Two steps after the one that armed, which had enough to do, and so had the next. A drive with current sensing follows a current of
+    /// The step after the one that armed, which had enough to do. A drive with current sensing follows a current of
     /// zero until it is commanded something else, which lets a rotor that turns turn on; at rest it first checks what it
     /// is connected to.
-    pub(super) fn begin_arming(&mut self, slow: bool, sample: &Sample) {
+    pub(super) fn begin_arming(&mut self, sample: &Sample) {
         let Some(control) = &self.config.control else { return };
-        if !slow {
+        self.servo.protection.arm(control, sample);
+        if !control.arming.enabled || self.turns_faster_than(control.arming.at_rest) {
             return self.end_arming(false, sample);
         }
         self.servo.reset(control, &self.paths.idle);

@@ -22,17 +22,8 @@ pub(crate) struct ArmingCheck {
     pub longest: i32,
     /// Longest push.
     pub longest_push: u32,
-    /// Speed of a rotor that the push turns, in 2⁻³² electrical turns a step.
-    pub turning: i32,
-    /// The tracked speed is averaged over 2^`averages` steps, and lags by so many, averaging included.
-    pub averages: u32,
-    pub lag: u32,
     /// Speed below which the rotor rests, in 2⁻³² electrical turns a step.
     pub at_rest: i32,
-    /// Steps in which its way tells whether it rests.
-    pub watched: u32,
-    /// Speed above which its windings must not be shorted, in 2⁻³² electrical turns a step.
-    pub turns: i32,
 }
 
 /// Time in which the voltage rises by what drives the current through the resistance.
@@ -40,24 +31,11 @@ const RISE_S: f32 = 1e-3;
 /// Multiple of that voltage that has to make the current: a resistance may be so much larger than it is set.
 const MOST: f32 = 4.0;
 /// Longest push, s.
-const PUSH_S: f32 = 80e-3;
-/// Time by which the tracked speed lags, in time constants of the tracker; one that lags by less than so many steps is
-/// noisy and averaged over 32.
-const LAGS: f32 = 1.4;
-const NOISY: f32 = 24.0;
-const AVERAGES: u32 = 5;
-/// Speed of the push, electrical Hz.
-const PUSH_HZ: f32 = 2.0;
+const PUSH_S: f32 = 40e-3;
 /// A rotor slower than this rests, electrical Hz, at least and at most: one whose back-EMF drives no more than a share
 /// of the current of the check through the shorted windings.
 const REST_HZ: core::ops::Range<f32> = 0.5..8.0;
 const REST_SHARE: f32 = 0.15;
-/// Multiple of that speed up to which the windings may be shorted to bring the rotor to rest; more than the noise of the
-/// tracked speed at least, electrical Hz.
-const SHORTED: f32 = 2.0;
-const NOISE_HZ: f32 = 4.0;
-/// Whether a rotor rests is told by its way in so many seconds: noise moves it by 0.1°, half a hertz by 1.8°.
-const WATCHED_S: f32 = 10e-3;
 
 impl ArmingCheck {
     /// Of settings that are in their ranges.
@@ -74,10 +52,6 @@ impl ArmingCheck {
         let rest_hz = rest_hz.clamp(REST_HZ.start, REST_HZ.end);
         // Never so slow that it would take long to get over the dead time.
         let rise = (2.0 * resistance_ohm * current_a / scale.volts / steps).max(1e-3 / steps);
-        let lag = LAGS * scale.step_hz / (core::f32::consts::TAU * frame.tracking_hz);
-        let averages = if lag < NOISY { AVERAGES } else { 0 };
-        let averaged = if averages > 0 { (1 << averages) as f32 } else { 0.0 };
-        let speed = |hz: f32| (hz / scale.step_hz * crate::angle::TURN) as i32;
         Self {
             enabled: settings.guard.arming_check && current >= 16.0,
             current: current as i32,
@@ -87,12 +61,7 @@ impl ArmingCheck {
             most: ((1.6 * dead + 0.02) * full).min(0.9 * full) as i32,
             longest: (MOST * steps) as i32,
             longest_push: (PUSH_S * scale.step_hz) as u32,
-            turning: speed(PUSH_HZ),
-            averages,
-            lag: (lag + averaged) as u32,
-            at_rest: speed(rest_hz),
-            watched: (WATCHED_S * scale.step_hz) as u32,
-            turns: speed((SHORTED * rest_hz).max(rest_hz + NOISE_HZ)),
+            at_rest: (rest_hz / scale.step_hz * crate::angle::TURN) as i32,
         }
     }
 }

@@ -120,6 +120,22 @@ fn no_calibration_is_a_fault_of_the_client_alone() {
     assert_eq!(mode(&mut drive), (0, 0));
 }
 
+/// "Not a number" elsewhere means for ever.
+#[test]
+fn no_watchdog_of_a_client_is_for_ever() {
+    // As MOVE, and the time-out, register 0x27.
+    for [timeout, holds_s] in [[f32::NAN, 60.0], [f32::INFINITY, 60.0], [1e30, 60.0], [0.2, 0.2]] {
+        let mut drive = ready();
+        let timeout: String = timeout.to_le_bytes().iter().map(|byte| format!("{byte:02x}")).collect();
+        line(&mut drive, &format!("can send 8001 01000a0e200000c07f0000803f0d27{timeout}"), 600);
+        let turning = |drive: &mut Simulator| drive.plant.truth().speed_rad_s > 5.0;
+        run(&mut drive, (1000.0 * holds_s) as u32 - 700 * u32::from(holds_s > 1.0));
+        assert_eq!(turning(&mut drive), holds_s > 1.0, "{timeout}");
+        run(&mut drive, 1000);
+        assert!(!turning(&mut drive) && drive.plant.truth().speed_rad_s.abs() < 0.1, "{timeout}");
+    }
+}
+
 #[test]
 fn telemetry_ends_with_the_first_line() {
     let mut drive = ready();

@@ -1,9 +1,12 @@
 //! The reports of the experiments, the tool and the virtual boards: one page each, in one file that needs no other.
 
+mod bars;
 mod page;
 mod plot;
 
-pub use plot::{Bars, Plot, Series};
+pub use bars::Bars;
+pub use page::loads;
+pub use plot::{Plot, Series};
 
 use anyhow::Result;
 use page::escaped;
@@ -76,9 +79,9 @@ impl Report {
     /// Bars with a caption under them.
     ///
     /// # Errors
-    /// As [`Bars::svg`].
+    /// As [`Bars::html`].
     pub fn bars(&mut self, bars: &Bars, caption: &str) -> Result<&mut Self> {
-        Ok(self.line(&page::figure(&bars.title, &bars.svg()?, None, caption)))
+        Ok(self.line(&page::figure(&bars.title, &bars.html()?, None, caption)))
     }
 
     fn line(&mut self, html: &str) -> &mut Self {

@@ -21,6 +21,28 @@ pub fn escaped(text: &str) -> String {
     text.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
 }
 
+/// What of a page would make a browser load something from elsewhere: there has to be nothing.
+pub fn loads(html: &str) -> Vec<&'static str> {
+    const LOADS: [&str; 15] = [
+        " src=",
+        " srcset=",
+        "<link",
+        "<iframe",
+        "<object",
+        "<embed",
+        "@import",
+        "url(",
+        "fetch(",
+        "XMLHttpRequest",
+        "import(",
+        "WebSocket",
+        "sendBeacon",
+        "href=\"http",
+        "xlink:href",
+    ];
+    LOADS.into_iter().filter(|load| html.contains(load)).collect()
+}
+
 /// The whole page.
 pub fn html(title: &str, headings: &[(u8, String)], body: &str) -> String {
     let title = escaped(title);
@@ -59,17 +81,17 @@ fn contents(headings: &[(u8, String)]) -> String {
 }
 
 /// A diagram: its picture, and for the script its data.
-pub fn figure(title: &str, svg: &str, data: Option<&str>, caption: &str) -> String {
+pub fn figure(title: &str, picture: &str, data: Option<&str>, caption: &str) -> String {
     let title = escaped(title);
     let mut figure = format!("<h3>{title}</h3>\n<figure");
     // Writing into a string does not fail.
     let _ = match data {
         Some(data) => write!(
             figure,
-            " data-plot role=\"img\" aria-label=\"{title}\"><div class=\"here\"></div>{svg}\
+            " data-plot role=\"img\" aria-label=\"{title}\"><div class=\"here\"></div>{picture}\
              <script type=\"application/json\">{data}</script>"
         ),
-        None => write!(figure, ">{svg}"),
+        None => write!(figure, ">{picture}"),
     };
     if !caption.is_empty() {
         let _ = write!(figure, "<figcaption>{}</figcaption>", escaped(caption));

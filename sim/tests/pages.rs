@@ -14,23 +14,6 @@ fn page(arguments: &[&str]) -> String {
     fs::read_to_string(folder.join(format!("{}.html", arguments[0]))).unwrap()
 }
 
-/// What a browser would load from elsewhere.
-const LOADS: [&str; 13] = [
-    " src=",
-    " srcset=",
-    "<link",
-    "<iframe",
-    "<object",
-    "<embed",
-    "@import",
-    "url(",
-    "fetch(",
-    "XMLHttpRequest",
-    "WebSocket",
-    "sendBeacon",
-    "href=\"http",
-];
-
 fn plots(page: &str) -> Vec<Value> {
     let data = page.split("<script type=\"application/json\">").skip(1);
     data.map(|rest| serde_json::from_str(rest.split("</script>").next().unwrap()).unwrap()).collect()
@@ -39,7 +22,7 @@ fn plots(page: &str) -> Vec<Value> {
 fn check(arguments: &[&str], least_plots: usize) {
     let page = page(arguments);
     let name = arguments[0];
-    let loads: Vec<_> = LOADS.into_iter().filter(|load| page.contains(load)).collect();
+    let loads = plots::loads(&page);
     assert!(loads.is_empty() && page.contains("default-src 'none'"), "{name}: {loads:?}");
     let (lead, figure) = (page.find("class=\"lead\"").unwrap(), page.find("<figure").unwrap());
     assert!(lead < figure, "{name}: what is seen comes first");
@@ -86,6 +69,11 @@ fn vernier() {
 #[test]
 fn servo() {
     check(&["servo"], 6);
+}
+
+#[test]
+fn magnets() {
+    check(&["magnets", "--rotors", "1", "--kind", "cheap"], 1);
 }
 
 #[test]

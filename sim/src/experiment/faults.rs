@@ -10,6 +10,7 @@ mod kind;
 mod machine;
 mod motion;
 mod summary;
+mod words;
 
 use super::Common;
 use crate::report::{Bars, Report, print_table};

@@ -1,7 +1,7 @@
 //! Rotors as they are: what uneven magnets do to the angle, and what is left of it with the map of the turn.
 
 use super::Common;
-use crate::report::{Report, print_table};
+use crate::report::{Plot, Report, Series, print_table};
 use crate::rig::{Rig, error_deg};
 use crate::statistics::Statistics;
 use anyhow::{Context, Result};
@@ -12,6 +12,7 @@ use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{PlantParameters, Unevenness};
 use rayon::prelude::*;
 use serde::Serialize;
+use std::f64::consts::TAU;
 
 /// Mechanical speed at which the angle is judged, rad/s.
 const SPEED_RAD_S: f32 = 100.0;
@@ -126,6 +127,41 @@ pub fn steady(rig: &mut Rig) -> Result<Error> {
     Ok(Error { steady_deg_rms: errors.rms(), mean_deg: errors.mean(), reversing_deg_rms: reversing.rms() })
 }
 
+/// Parts of the mechanical turn over which its picture takes means.
+const PARTS: usize = 360;
+
+/// A quantity over the mechanical turn, in degrees, by the mean of each part.
+fn over_the_turn(name: &str, rig: &mut Rig, of: impl Fn(&Rig, f64) -> f64) -> Result<Series> {
+    rig.command(Command::Speed(rig.control()?.speed(SPEED_RAD_S)?))?;
+    rig.run(1.0, |_, _| ());
+    let mut parts = vec![Statistics::default(); PARTS];
+    rig.run(1.0, |rig, period| {
+        let turns = period.truth.mechanical_angle_rad / TAU;
+        parts[(turns.rem_euclid(1.0) * PARTS as f64) as usize % PARTS].push(of(rig, period.truth.electrical_angle_rad));
+    });
+    let degrees = |part: usize| (part as f64 + 0.5) * 360.0 / PARTS as f64;
+    Ok(Series::new(name, parts.iter().enumerate().map(|(part, mean)| (degrees(part), mean.mean()))))
+}
+
+/// The map of a rotor over its turn, beside what it is to correct and what it leaves.
+///
+/// # Errors
+/// A drive that refuses.
+pub fn picture(kind: &Kind, seed: u64) -> Result<Plot> {
+    let plant = kind.plant(seed);
+    let tracked = |rig: &Rig, truth_rad: f64| error_deg(rig.drive.tracker().angle(), truth_rad);
+    let before = over_the_turn("error as calibrated", &mut armed(&plant, seed)?, tracked)?;
+    let mut rig = Rig::new(&plant, &settings(), seed)?;
+    rig.calibrate(|_| ())?;
+    let map = rig.learn_map(&mapping::Plan::new(&rig.config)?)?;
+    rig.arm()?;
+    let after = over_the_turn("error with the map", &mut rig, tracked)?;
+    let learnt = |rig: &Rig, _| f64::from(map.error(rig.drive.tracker().position()).to_degrees());
+    let learnt = over_the_turn("the map that was learnt", &mut rig, learnt)?;
+    let title = format!("The map of a rotor: {}", kind.name);
+    Ok(Plot::new(&title, "angle of the shaft / °", "angle / ° electrical", vec![before, learnt, after]))
+}
+
 /// The figures of `magnets --json`.
 #[derive(Clone, Debug, Serialize)]
 pub struct Row {
@@ -149,6 +185,11 @@ impl Row {
     }
 }
 
+/// Kinds of which the page shows a rotor's map.
+const PICTURED: [&str; 3] = ["all of a cheap rotor", "pole pitch ±10°", "second harmonic up to 5 %"];
+const CAPTION: &str = "One rotor at 100 rad/s over a mechanical turn: how far the tracked angle is ahead of the rotor \
+                       without a map, what the drive has learnt of that without an encoder, and what is left with it.";
+
 /// Options of `magnets`.
 #[derive(Clone, Debug, clap::Args)]
 pub struct Options {
@@ -169,8 +210,9 @@ pub struct Options {
 pub fn main(options: &Options) -> Result<()> {
     options.common.prepare()?;
     let seeds = options.common.seed..options.common.seed + options.rotors;
-    let chosen = kinds().into_iter().filter(|kind| options.kind.as_ref().is_none_or(|name| kind.name.contains(name)));
-    let rows: Vec<Row> = chosen.map(|kind| measure(&kind, seeds.clone())).collect::<Result<_>>()?;
+    let is_chosen = |kind: &Kind| options.kind.as_ref().is_none_or(|name| kind.name.contains(name));
+    let chosen: Vec<Kind> = kinds().into_iter().filter(is_chosen).collect();
+    let rows: Vec<Row> = chosen.iter().map(|kind| measure(kind, seeds.clone())).collect::<Result<_>>()?;
     println!("Error of the tracked angle at uneven magnets, electrical degrees RMS, {} rotors each:\n", options.rotors);
     let title = ["", "steady", "worst", "changing", "worst", "map: steady", "worst", "changing", "worst"]
         .map(String::from)
@@ -182,6 +224,14 @@ pub fn main(options: &Options) -> Result<()> {
     report.lead(
         "No two magnets of a rotor are alike, and the angle suffers. A map of the whole turn, learnt without an encoder, \
          takes nearly all of it off.",
+    );
+    for kind in chosen.iter().filter(|kind| PICTURED.contains(&kind.name)) {
+        report.plot(&picture(kind, options.common.seed)?, CAPTION)?;
+    }
+    report.heading("All kinds of rotors");
+    report.text(
+        "Error of the tracked angle, electrical degrees RMS, as calibrated and with the map: at a steady speed, and while \
+         the speed changes; of all rotors of a kind, and of the worst.",
     );
     options.common.finish("magnets", &rows, report.table(&table))
 }

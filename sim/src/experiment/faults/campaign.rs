@@ -6,6 +6,7 @@ use super::kind::{KINDS, Kind, MOST_WRONG, Outcome, Stage};
 use super::machine::{Machine, Verdict};
 use super::motion::Way;
 use super::summary::{Found, Summary};
+use super::words;
 use anyhow::{Context, Result};
 use hallservo::commutation::{Commutation, Modulation};
 use hallservo::drive::{Command, Demand};
@@ -22,9 +23,12 @@ const ALIVE: u32 = 400;
 
 /// A demand as a user makes it: positive is the user's positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
-enum Wish {
+pub(super) enum Wish {
+    /// Share of the largest.
     Voltage(f64),
+    /// A.
     Current(f64),
+    /// rad/s.
     Speed(f64),
     /// So far from here, turns.
     By(f64),
@@ -249,13 +253,21 @@ impl Campaign {
             bus: motion.map_or(0.0, |motion| motion.bus_v) / f64::from(control.guard.over_voltage_v),
             wrong_deg: motion.map_or(0.0, |motion| motion.wrong_rad) / TAU * 360.0,
             wrong_ms: 1e3 * period_s * motion.map_or(0.0, |motion| f64::from(motion.wrong_periods)),
-            on: format!("{}, {:?}", machine.bench.board.name, self.commutation),
-            at: format!("{:?} at {:.0} rad/s, {broken:?}, {}", self.wish, truth.speed_rad_s, self.describe()),
+            on: format!("{}, {}", machine.bench.board.name, words::commutation(self.commutation)),
+            at: format!(
+                "{} wanted, at {:.0} rad/s, {} {}, {}",
+                self.wish,
+                truth.speed_rad_s,
+                kind.name,
+                broken.channel + 1,
+                self.describe()
+            ),
         }
     }
 
     fn describe(&self) -> String {
-        format!("{:?}, seed {}, {}", self.commutation, self.summary.seed, self.machine.bench.describe())
+        let commutation = words::commutation(self.commutation);
+        format!("{commutation}, seed {}, {}", self.summary.seed, self.machine.bench.describe())
     }
 
     fn false_alarm(&mut self, verdict: Verdict, when: &str) {
@@ -267,8 +279,9 @@ impl Campaign {
             Wish::Speed(_) => " (speed)",
             Wish::By(_) => " (position)",
         };
-        let at = format!("{wish:?}, {}", self.describe());
-        self.summary.false_alarm(format!("{name}, {when}{sort}, {:?}", self.commutation), at);
+        let at = format!("{wish} wanted, {}", self.describe());
+        let commutation = words::commutation(self.commutation);
+        self.summary.false_alarm(format!("{name}, {when}{sort}, {commutation}"), at);
     }
 
     /// Periods in which nothing should happen.

@@ -217,7 +217,7 @@ impl Trial {
     fn outcome(self, injection: Injection) -> Found {
         let right = self.fault.is_some_and(|fault| injection.is(fault));
         Found {
-            reported: self.fault.map_or("nothing".into(), |fault| format!("{fault:?}")),
+            reported: self.fault.map_or("nothing".into(), |fault| fault.to_string()),
             right,
             misnamed: !right && self.fault.is_some(),
             seconds: f64::from(self.periods) / 40e3,

@@ -41,8 +41,8 @@ pub(super) enum Verdict {
 impl Verdict {
     pub fn name(self) -> String {
         match self {
-            Self::Fault(fault) | Self::Refused(Refusal::Fault(fault)) => format!("{fault:?}"),
-            Self::Refused(refusal) => format!("refused {refusal:?}"),
+            Self::Fault(fault) | Self::Refused(Refusal::Fault(fault)) => fault.to_string(),
+            Self::Refused(refusal) => format!("refused: {refusal}"),
         }
     }
 

@@ -236,7 +236,7 @@ impl Kind {
     fn row(&self, name: &str) -> Vec<String> {
         let mut reported: Vec<_> = self.reported.iter().collect();
         reported.sort_by(|a, b| b.1.cmp(a.1).then(a.0.cmp(b.0)));
-        let reported: Vec<_> = reported.iter().take(4).map(|(what, count)| format!("{what} {count}")).collect();
+        let reported: Vec<_> = reported.iter().take(4).map(|(what, count)| format!("{what}: {count}")).collect();
         vec![
             name.to_string(),
             self.injected.to_string(),
@@ -249,7 +249,7 @@ impl Kind {
             format!("{:.2}", self.worst_current),
             format!("{:.1}", self.worst_wrong_deg),
             format!("{:.1}", self.worst_wrong_ms),
-            reported.join(", "),
+            reported.join("; "),
         ]
     }
 }

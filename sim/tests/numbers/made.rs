@@ -1,0 +1,140 @@
+//! The cheap ones: experiments that are run again, and tables that are kept as they were printed.
+
+use crate::page::{Figure, Pages, read};
+use plant::PlantParameters;
+use serde_json::Value;
+use sim::experiment::{commutation, papers, servo, spin};
+
+const NUMBERS: &str = "docs/numbers.md";
+const README: &str = "README.md";
+
+pub const CHECKS: &[fn(&Pages)] = &[spin, commutation, servo, two_rings, instructions, a_thousand_motors];
+
+fn spin(pages: &Pages) {
+    let s = spin::run(1, &PlantParameters::imperfect(1), |_, _| ()).unwrap().summary;
+    pages.say(NUMBERS, &format!("one sensor, arcsine, uncalibrated             {:.2}° RMS", s.raw_error_deg_rms));
+    pages.say(NUMBERS, &format!("three sensors, calibrated, single samples     {:.3}° RMS", s.angle_error_deg_rms));
+    pages.say(NUMBERS, &format!("(Cramér–Rao)   {:.3}° RMS", s.crlb_placed_deg));
+    pages.say(NUMBERS, &format!("largest {:.2}° mean", s.angle_error_deg_max));
+    pages.say(NUMBERS, &format!("° mean {:+.3}° largest", s.angle_bias_deg));
+    pages.say(NUMBERS, &format!("largest mean in 10° of the turn               {:.3}°", s.angle_bias_worst_deg));
+    pages.say(NUMBERS, &format!("tracked, constant speed                       {:.3}° RMS", s.tracked_error_deg_rms));
+    pages.say(NUMBERS, &format!("stop and reversal        {:.3}° RMS", s.tracked_error_all_deg_rms));
+    let turns = format!("electrical turns lost of {:.0}, up to {:.0} Hz ", s.turns_made, s.fastest_hz);
+    pages.say(NUMBERS, &turns);
+    assert_eq!(s.turns_lost, 0);
+    let [single, tracked] = [s.angle_error_deg_rms, s.tracked_error_deg_rms];
+    pages.say(README, &format!("| {single:.2}° RMS from one sample, {tracked:.2}° tracked |"));
+    pages.say(
+        README,
+        &format!("| {:.3}° is the least from one sample; {:.1}° ", s.crlb_placed_deg, s.raw_error_deg_rms),
+    );
+}
+
+fn commutation(pages: &Pages) {
+    let s = commutation::run(1).unwrap().summary;
+    let torque = [s.block_torque_ripple_pct, s.sine_torque_ripple_pct];
+    let speed = [s.block_speed_ripple_pct, s.sine_speed_ripple_pct];
+    pages.say(NUMBERS, &format!("(theory: 14.03 %, 0) | {:.2} % | {:.2} % |", torque[0], torque[1]));
+    pages.say(NUMBERS, &format!("uncalibrated Halls | {:.2} % |", s.uncalibrated_block_torque_ripple_pct));
+    pages.say(NUMBERS, &format!("dead time | {:.2} % | {:.2} % |", speed[0], speed[1]));
+}
+
+fn servo(pages: &Pages) {
+    let s = servo::run(1).unwrap().summary;
+    let current = format!("40 kHz | {:.0} Hz / {:.1} % |", s.current_bandwidth_hz, s.current_overshoot_pct);
+    pages.say(NUMBERS, &current);
+    let ripple = [s.speed_ripple_pct, s.block_speed_ripple_pct, s.block_open_speed_ripple_pct];
+    pages.say(NUMBERS, &format!("anti-cogging / block | {:.2} % / {:.1} % |", ripple[0], ripple[1]));
+    pages.say(NUMBERS, &format!("constant voltage | {:.2} % / {:.1} % |", ripple[0], ripple[2]));
+    pages.say(NUMBERS, &format!("holding at rest | {:.3}° RMS |", s.position_noise_deg));
+    pages.say(NUMBERS, &format!("over with the table | {:.1} |", s.cogging_reduction));
+    pages.say(NUMBERS, &format!("field-oriented over block | {:.3} |", s.foc_copper_loss_vs_block));
+    pages.say(README, &format!("| {:.2} % | {:.1} % with block commutation |", ripple[0], ripple[1]));
+}
+
+fn two_rings(pages: &Pages) {
+    let claims = papers::run(1).unwrap().claims;
+    let claim = claims.iter().find(|claim| claim.place == "Fig. 10").unwrap();
+    let figure = |name: &str| claim.figures.iter().find(|figure| figure.name.contains(name)).unwrap().ours;
+    assert_eq!(figure("pole pairs, compensated"), 0.0);
+    pages.say(README, &format!("| 0 of 20 000 | {:.1} % with one head", figure("uncompensated")));
+}
+
+/// A column of a row (3: least, 4: mean, 5: largest, 7: error), as last printed on the emulated chip: in
+/// `boards/mps2-an386`, `cargo run --release --bin count | grep '^|' > ../../docs/recorded/count.md`, and the same of
+/// `count-encoder`.
+fn count(item: &str, by: &str, column: usize) -> String {
+    let counts = read("docs/recorded/count.md") + &read("docs/recorded/count-encoder.md");
+    let row = counts.lines().find(|row| row.starts_with(&format!("| {item} | {by} |")));
+    row.unwrap_or_else(|| panic!("no {item} by {by}")).split('|').nth(column).unwrap().trim().to_string()
+}
+
+fn instructions(pages: &Pages) {
+    let ours = |item: &str| count(item, "hallservo", 5);
+    let numbers = |text: &str| pages.say(NUMBERS, text);
+    peers(pages);
+    let least = count("Drive::step, running", "hallservo", 3);
+    numbers(&format!("**{least}, with a record {}**", ours("Drive::step, running")));
+    let three = |kind: &str| ["current", "speed", "position"].map(|what| ours(&format!("{kind}, {what}"))).join(" / ");
+    numbers(&format!("with every check of the sensors | {} |", ours("the same, with every check")));
+    numbers(&format!("a position | **{}** |", three("Drive::step, field-oriented")));
+    numbers(&format!("alignment trimmed | {} |", three("field-oriented, fast")));
+    numbers(&format!("a table against cogging | {} |", three("field-oriented, with a table")));
+    numbers(&format!("(speed and position) | {} |", three("field-oriented, stalled")));
+    let map = "field-oriented, fast, with a map, speed";
+    let mean: f64 = count(map, "hallservo", 4).parse().unwrap();
+    numbers(&format!("a map of the magnets (mean {mean:.0}) | {} |", ours(map)));
+    numbers(&format!("at most every 8th | {} |", ours("field-oriented, with a command")));
+    let absolute = ["current", "speed", "position"]
+        .map(|what| ours(&format!("AbsoluteDrive::step, field-oriented, {what}")).parse::<u32>().unwrap());
+    numbers(&format!("(`--bin count-encoder`) | **{}** |", absolute.into_iter().max().unwrap()));
+    let mean: f64 = count("adaptation, one update", "hallservo", 4).parse().unwrap();
+    numbers(&format!("one update (mean {mean:.0}) | {} |", ours("adaptation, one update")));
+    numbers(&format!("a lost Hall at once | {} |", ours("the same, all of it at once")));
+    numbers(&format!("absolute angle | {} |", ours("two rings → angle")));
+    numbers(&format!("against the past | {} |", ours("the same, corrected and checked")));
+    let most = three("Drive::step, field-oriented");
+    let most = most.split(" / ").filter_map(|count| count.parse::<u32>().ok()).max().unwrap();
+    pages.say(README, &format!("| {most} at most |"));
+}
+
+/// What can be done without calibration, beside other crates.
+fn peers(pages: &Pages) {
+    let of = |item: &str, by: &str, column| Figure::Is(count(item, by, column).parse().unwrap());
+    let with_errors = |items: [&str; 4]| {
+        let rows = items.into_iter().zip(["hallservo", "idsp", "micromath", "libm"]);
+        rows.flat_map(|(item, by)| [of(item, by, 5), of(item, by, 7)]).collect::<Vec<_>>()
+    };
+    let sines = with_errors(["sine", "sine (with cosine)", "sine", "sine"]);
+    pages.quote(NUMBERS, "| sine (error) | {} ({}) | {}, with cosine ({}) | {} ({}) | {} ({}) |", &sines);
+    let angles = with_errors(["three Halls → angle, rad"; 4]);
+    pages.quote(NUMBERS, "| three Halls → angle | {} ({} rad) | {} ({}) | {} ({}) | {} ({}) |", &angles);
+    let duties = with_errors(["angle → three duties, LSB"; 4]);
+    pages.quote(NUMBERS, "(LSB of 12 bit) | {} ({}) | {} ({}) | {} ({}) | {} ({}) |", &duties);
+    let all = ["hallservo", "idsp", "micromath", "libm"].map(|by| of("three Halls → turns → three duties, LSB", by, 5));
+    pages.quote(NUMBERS, "three Halls → turns → three duties | {} | {} | {} | {} |", &all);
+}
+
+fn a_thousand_motors(pages: &Pages) {
+    let recorded: Value = serde_json::from_str(&read("docs/recorded/adapt.json")).unwrap();
+    let of = |name: &str| recorded[name].as_f64().unwrap();
+    assert_eq!(recorded["motors"], 1000);
+    assert!(recorded["paper_filter_convergence_turns"].is_null());
+    let turns = of("convergence_electrical_turns");
+    pages.say(NUMBERS, &format!("below 0.5° RMS after | {turns:.2} turns |"));
+    pages.say(README, &format!("| {turns:.2} turns | the paper's filter: never |"));
+    let [steady, bound, paper] = ["error_deg_rms", "posterior_bound_deg", "paper_filter_error_deg_rms"].map(of);
+    pages.say(
+        NUMBERS,
+        &format!("(bound of any filter: {bound:.3}°) | {steady:.3}° RMS | ≤ 1.2 × the bound | {paper:.2}° |"),
+    );
+    let [drift, without] = ["drift_error_deg_rms", "drift_error_without_adaptation_deg_rms"].map(of);
+    pages.say(NUMBERS, &format!("worst motor | {drift:.3}° RMS | ≤ 0.3° | without adaptation: {without:.2}° |"));
+    let (named, latest) = (of("losses_named"), of("loss_detection_turns"));
+    pages.say(NUMBERS, &format!("found and named | {named} of 1000, after {latest:.2} turns at most |"));
+    let coupled = |name: &str| recorded[name][1].as_f64().unwrap();
+    let [shift, corrected] = ["coupling_error_without_deg_rms", "coupling_error_with_deg_rms"].map(coupled);
+    pages.say(NUMBERS, &format!("{shift:.2}° RMS. All three"));
+    pages.say(NUMBERS, &format!("({shift:.1}° without, {corrected:.2}° with)"));
+}

@@ -1,0 +1,26 @@
+//! Every figure that README and the pages quote has a source and is what that says. The cheap ones are made again
+//! (`made`); long commands leave what they print in `docs/recorded/` (`recorded`), and `docs/record` runs them again.
+//! A table of figures for which there is neither fails, unless `elsewhere` says what else it is.
+
+mod elsewhere;
+mod made;
+mod page;
+mod recorded;
+mod text;
+
+use page::Pages;
+
+#[test]
+fn every_figure_that_is_quoted_has_a_source_that_says_so() {
+    let pages = Pages::new();
+    let checks = [made::CHECKS, recorded::CHECKS].concat();
+    std::thread::scope(|scope| {
+        for check in checks {
+            let pages = &pages;
+            scope.spawn(move || check(pages));
+        }
+    });
+    pages.check_tables(elsewhere::is);
+    elsewhere::check(&pages);
+    pages.finish();
+}

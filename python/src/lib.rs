@@ -10,6 +10,7 @@ use numpy::PyArray1;
 use pyo3::exceptions::{PyException, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::{Duration, Instant};
 
 pyo3::create_exception!(_hallservo, DriveError, PyException, "The drive refuses, fails, or does not answer; in words.");
@@ -23,18 +24,37 @@ const BRAKING_MS: u64 = 60;
 /// From look to look at the drive, at most.
 const EVERY: Duration = Duration::from_millis(20);
 
+/// Ends from another thread what a drive is doing: it brakes, switches the bridge off, and what waits for it raises.
+#[pyclass(frozen)]
+struct Cancel(AtomicBool);
+
+#[pymethods]
+impl Cancel {
+    #[new]
+    fn new() -> Self {
+        Self(AtomicBool::new(false))
+    }
+
+    /// What goes on is to end, or (not) may go on again.
+    fn set(&self, ends: bool) {
+        self.0.store(ends, Ordering::Relaxed);
+    }
+}
+
 /// A drive at a port.
 #[pyclass(unsendable)]
 struct Drive {
     client: Option<Client>,
+    cancel: Option<Py<Cancel>>,
 }
 
 /// Opens a port and asks who is there.
 #[pyfunction]
-#[pyo3(signature = (port, patience = 3.0))]
-fn connect(port: &str, patience: f64) -> PyResult<Drive> {
+#[pyo3(signature = (port, patience = 3.0, *, cancel = None))]
+fn connect(py: Python<'_>, port: &str, patience: f64, cancel: Option<Py<Cancel>>) -> PyResult<Drive> {
     let patience = Duration::try_from_secs_f64(patience).map_err(|why| PyValueError::new_err(why.to_string()))?;
-    Ok(Drive { client: Some(Client::connect(port, patience).map_err(error)?) })
+    let client = py.detach(|| Client::connect(port, patience)).map_err(error)?;
+    Ok(Drive { client: Some(client), cancel })
 }
 
 impl Drive {
@@ -42,8 +62,18 @@ impl Drive {
         self.client.as_mut().ok_or_else(|| DriveError::new_err("it is closed"))
     }
 
-    fn order(&mut self, ask: Ask<'_>) -> PyResult<()> {
-        self.client()?.order(ask).map_err(error)
+    /// Lets other threads of Python run meanwhile.
+    fn with<R: Send>(
+        &mut self,
+        py: Python<'_>,
+        work: impl FnOnce(&mut Client) -> hallctl::error::Result<R> + Send,
+    ) -> PyResult<R> {
+        let client = self.client()?;
+        py.detach(|| work(client)).map_err(error)
+    }
+
+    fn order(&mut self, py: Python<'_>, ask: Ask<'_>) -> PyResult<()> {
+        self.with(py, |client| client.order(ask))
     }
 
     /// Waits for what was begun; Ctrl-C ends it.
@@ -51,33 +81,42 @@ impl Drive {
         let mut look = (Instant::now(), 0);
         loop {
             self.check(py)?;
-            let client = self.client()?;
-            let status = client.status().map_err(error)?;
-            if status.activity == Activity::None {
+            let look = &mut look;
+            let rests = self.with(py, |client| {
+                let status = client.status()?;
+                let rests = status.activity == Activity::None;
+                if !rests {
+                    client.rest(look, &status)?;
+                }
+                Ok(rests)
+            })?;
+            if rests {
                 return Ok(());
             }
-            client.rest(&mut look, &status).map_err(error)?;
         }
     }
 
-    /// Ctrl-C stops the motor.
+    /// Ctrl-C stops the motor, and so does another thread that cancels.
     fn check(&mut self, py: Python<'_>) -> PyResult<()> {
-        py.check_signals().inspect_err(|_| _ = self.halt())
+        let cancelled = self.cancel.as_ref().is_some_and(|cancel| cancel.get().0.load(Ordering::Relaxed));
+        let goes_on = if cancelled { Err(DriveError::new_err("cancelled")) } else { py.check_signals() };
+        goes_on.inspect_err(|_| _ = self.halt(py))
     }
 
     /// Brakes, and switches the bridge off.
-    fn halt(&mut self) -> PyResult<()> {
-        let client = self.client()?;
-        // Refused by a drive that turns nothing.
-        let _ = client.order(Ask::Speed(0.0));
-        let mut until_ms = None;
-        loop {
-            let status = client.status().map_err(error)?;
-            let over = status.uptime_ms >= *until_ms.get_or_insert(status.uptime_ms + BRAKING_MS);
-            if over || !status.mode.drives() {
-                return client.order(Ask::Disarm).map_err(error);
+    fn halt(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.with(py, |client| {
+            // Refused by a drive that turns nothing.
+            let _ = client.order(Ask::Speed(0.0));
+            let mut until_ms = None;
+            loop {
+                let status = client.status()?;
+                let over = status.uptime_ms >= *until_ms.get_or_insert(status.uptime_ms + BRAKING_MS);
+                if over || !status.mode.drives() {
+                    return client.order(Ask::Disarm);
+                }
             }
-        }
+        })
     }
 
     /// What a procedure has come to.
@@ -98,35 +137,35 @@ impl Drive {
     }
 
     fn status<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        Ok(pythonize::pythonize(py, &self.client()?.status().map_err(error)?)?)
+        Ok(pythonize::pythonize(py, &self.with(py, Client::status)?)?)
     }
 
-    fn arm(&mut self) -> PyResult<()> {
-        self.client()?.arm().map_err(error)
+    fn arm(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.with(py, Client::arm)
     }
 
-    fn stop(&mut self) -> PyResult<()> {
-        self.halt()
+    fn stop(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.halt(py)
     }
 
-    fn clear(&mut self) -> PyResult<()> {
-        self.order(Ask::Clear)
+    fn clear(&mut self, py: Python<'_>) -> PyResult<()> {
+        self.order(py, Ask::Clear)
     }
 
-    fn voltage(&mut self, share: f32) -> PyResult<()> {
-        self.order(Ask::Voltage(share))
+    fn voltage(&mut self, py: Python<'_>, share: f32) -> PyResult<()> {
+        self.order(py, Ask::Voltage(share))
     }
 
-    fn torque(&mut self, newton_metres: f32) -> PyResult<()> {
-        self.order(Ask::Torque(newton_metres))
+    fn torque(&mut self, py: Python<'_>, newton_metres: f32) -> PyResult<()> {
+        self.order(py, Ask::Torque(newton_metres))
     }
 
-    fn speed(&mut self, rad_s: f32) -> PyResult<()> {
-        self.order(Ask::Speed(rad_s))
+    fn speed(&mut self, py: Python<'_>, rad_s: f32) -> PyResult<()> {
+        self.order(py, Ask::Speed(rad_s))
     }
 
-    fn position(&mut self, turns: f64) -> PyResult<()> {
-        self.order(Ask::Position(turns))
+    fn position(&mut self, py: Python<'_>, turns: f64) -> PyResult<()> {
+        self.order(py, Ask::Position(turns))
     }
 
     /// A spring and a damper at the shaft.
@@ -137,6 +176,7 @@ impl Drive {
     #[expect(clippy::too_many_arguments, reason = "they are named in Python")]
     fn impedance(
         &mut self,
+        py: Python<'_>,
         position: Option<f64>,
         kp: Option<f32>,
         kd: Option<f32>,
@@ -156,24 +196,29 @@ impl Drive {
                 max_acceleration_rad_s2: None,
             },
         };
-        self.order(Ask::Impedance(Request {
-            kp_nm_rad: kp,
-            kd_nms_rad: kd,
-            feed_forward_nm: torque,
-            max_torque_nm: max_torque,
-            motion,
-            ..Request::default()
-        }))
+        self.order(
+            py,
+            Ask::Impedance(Request {
+                kp_nm_rad: kp,
+                kd_nms_rad: kd,
+                feed_forward_nm: torque,
+                max_torque_nm: max_torque,
+                motion,
+                ..Request::default()
+            }),
+        )
     }
 
     fn calibrate<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.order(Ask::Calibrate)?;
+        self.order(py, Ask::Calibrate)?;
         self.wait(py)?;
-        let found = self.client()?.ask(Ask::Calibration, |answer| match answer {
-            Answer::Calibration(found) => Ok(found),
-            other => unexpected(&other),
-        });
-        match found.map_err(error)? {
+        let found = self.with(py, |client| {
+            client.ask(Ask::Calibration, |answer| match answer {
+                Answer::Calibration(found) => Ok(found),
+                other => unexpected(&other),
+            })
+        })?;
+        match found {
             Calibration::Done(report) => Ok(pythonize::pythonize(py, &report)?),
             Calibration::Failed(why) => Err(DriveError::new_err(why.to_string())),
             _ => Err(DriveError::new_err("it was ended by a command or a fault")),
@@ -181,43 +226,50 @@ impl Drive {
     }
 
     fn identify<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        self.order(Ask::Identify)?;
+        self.order(py, Ask::Identify)?;
         self.wait(py)?;
-        let found = self.client()?.ask(Ask::Identification, |answer| match answer {
-            Answer::Identification(found) => Ok(found),
-            other => unexpected(&other),
-        });
-        Self::outcome(py, found.map_err(error)?)
+        let found = self.with(py, |client| {
+            client.ask(Ask::Identification, |answer| match answer {
+                Answer::Identification(found) => Ok(found),
+                other => unexpected(&other),
+            })
+        })?;
+        Self::outcome(py, found)
     }
 
-    fn get(&mut self, name: &str) -> PyResult<f32> {
-        self.client()?.setting(Ask::Get(name), |setting| setting.value).map_err(error)
+    fn get(&mut self, py: Python<'_>, name: &str) -> PyResult<f32> {
+        self.with(py, |client| client.setting(Ask::Get(name), |setting| setting.value))
     }
 
-    fn set(&mut self, name: &str, value: f32) -> PyResult<f32> {
-        self.client()?.setting(Ask::Set { name, value }, |setting| setting.value).map_err(error)
+    fn set(&mut self, py: Python<'_>, name: &str, value: f32) -> PyResult<f32> {
+        self.with(py, |client| client.setting(Ask::Set { name, value }, |setting| setting.value))
     }
 
     fn settings<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
-        let all = PyDict::new(py);
-        let client = self.client()?;
-        for number in 0..client.identity().settings {
-            match client.setting(Ask::Setting(number), |setting| all.set_item(setting.name, setting.value)) {
-                Ok(put) => put?,
-                // A drive without current control does not have all.
-                Err(Error::Refused(_)) => {}
-                Err(other) => return Err(error(other)),
+        let all = self.with(py, |client| {
+            let mut all = Vec::new();
+            for number in 0..client.identity().settings {
+                match client.setting(Ask::Setting(number), |setting| (setting.name.to_string(), setting.value)) {
+                    Ok(setting) => all.push(setting),
+                    // A drive without current control does not have all.
+                    Err(Error::Refused(_)) => {}
+                    Err(other) => return Err(other),
+                }
             }
-        }
-        Ok(all)
+            Ok(all)
+        })?;
+        let settings = PyDict::new(py);
+        all.into_iter().try_for_each(|(name, value)| settings.set_item(name, value))?;
+        Ok(settings)
     }
 
-    fn save(&mut self) -> PyResult<bool> {
-        let saved = self.client()?.ask(Ask::Save, |answer| match answer {
-            Answer::Saved { waits } => Ok(!waits),
-            other => unexpected(&other),
-        });
-        saved.map_err(error)
+    fn save(&mut self, py: Python<'_>) -> PyResult<bool> {
+        self.with(py, |client| {
+            client.ask(Ask::Save, |answer| match answer {
+                Answer::Saved { waits } => Ok(!waits),
+                other => unexpected(&other),
+            })
+        })
     }
 
     /// Records for a time, while the motor follows a command if there is one.
@@ -239,18 +291,18 @@ impl Drive {
         if asks.len() > 1 || !(0.0..=1e6).contains(&seconds) {
             return Err(PyValueError::new_err("one of torque, speed and position, and some seconds are wanted"));
         }
-        self.order(Ask::Telemetry(hz))?;
+        self.order(py, Ask::Telemetry(hz))?;
         let frames = self.follow(py, seconds, asks.first().copied());
-        self.client()?.end_telemetry().map_err(error)?;
+        self.with(py, Client::end_telemetry)?;
         let mut frames = frames?;
         frames.extend(std::iter::from_fn(|| self.client.as_mut()?.telemetry()));
         columns(py, &frames, self.client()?.identity().step_hz)
     }
 
     /// Stops the motor, if this has moved it, and lets others have the drive.
-    fn close(&mut self) -> PyResult<()> {
+    fn close(&mut self, py: Python<'_>) -> PyResult<()> {
         let controls = self.client.as_ref().is_some_and(Client::controls);
-        let stopped = if controls { self.halt() } else { Ok(()) };
+        let stopped = if controls { self.halt(py) } else { Ok(()) };
         self.client = None;
         stopped
     }
@@ -260,38 +312,45 @@ impl Drive {
     }
 
     #[pyo3(signature = (*_error))]
-    fn __exit__(&mut self, _error: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
-        self.close()
+    fn __exit__(&mut self, py: Python<'_>, _error: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
+        self.close(py)
     }
 }
 
 impl Drop for Drive {
     fn drop(&mut self) {
         // Whatever has happened.
-        let _ = self.close();
+        let _ = Python::attach(|py| self.close(py));
     }
 }
 
 impl Drive {
     fn follow(&mut self, py: Python<'_>, seconds: f64, ask: Option<Ask<'static>>) -> PyResult<Vec<Telemetry>> {
-        let began = self.client()?.status().map_err(error)?;
+        let began = self.with(py, Client::status)?;
         let end_ms = began.uptime_ms + (1000.0 * seconds) as u64;
         let (mut frames, mut look) = (Vec::new(), (Instant::now(), began.uptime_ms));
         loop {
             self.check(py)?;
-            if let Some(ask) = ask {
-                self.order(ask)?;
+            let (frames_now, look) = (&mut frames, &mut look);
+            let mode_at_end = self.with(py, |client| {
+                if let Some(ask) = ask {
+                    client.order(ask)?;
+                }
+                let status = client.status()?;
+                frames_now.extend(std::iter::from_fn(|| client.telemetry()));
+                let ends = status.uptime_ms >= end_ms || matches!(status.mode, Mode::Faulted(_));
+                if !ends {
+                    client.pause(look, &status, EVERY)?;
+                }
+                Ok(ends.then_some(status.mode))
+            })?;
+            match mode_at_end {
+                None => {}
+                Some(Mode::Faulted(fault)) => {
+                    return Err(DriveError::new_err(format!("the drive switched off: {fault}")));
+                }
+                Some(_) => return Ok(frames),
             }
-            let client = self.client()?;
-            let status = client.status().map_err(error)?;
-            if let Mode::Faulted(fault) = status.mode {
-                return Err(DriveError::new_err(format!("the drive switched off: {fault}")));
-            }
-            frames.extend(std::iter::from_fn(|| client.telemetry()));
-            if status.uptime_ms >= end_ms {
-                return Ok(frames);
-            }
-            client.pause(&mut look, &status, EVERY).map_err(error)?;
         }
     }
 }
@@ -326,6 +385,7 @@ fn columns<'py>(py: Python<'py>, frames: &[Telemetry], step_hz: f64) -> PyResult
 #[pymodule]
 fn _hallservo(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Drive>()?;
+    module.add_class::<Cancel>()?;
     module.add("DriveError", module.py().get_type::<DriveError>())?;
     module.add_function(wrap_pyfunction!(connect, module)?)
 }

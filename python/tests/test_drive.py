@@ -1,23 +1,8 @@
-"""At a simulated drive. No time is that on the wall: the drive's passes as it is asked."""
-
-import os
-import subprocess
+"""At a simulated drive."""
 
 import hallservo
 import numpy as np
 import pytest
-
-HALLCTL = os.environ.get("HALLCTL", "hallctl")
-
-
-@pytest.fixture
-def port():
-    simulated = subprocess.Popen(
-        [HALLCTL, "simulate", "--speed", "fast"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    )
-    yield simulated.stdout.readline().split()[-1]
-    simulated.kill()
-    simulated.wait()
 
 
 def connect(port):

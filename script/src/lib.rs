@@ -29,8 +29,9 @@
 //! On a command line an event goes before its time, with hyphens for the spaces, and Hall 1 needs no number:
 //! `bus-12V@1s`, `hall-2-stuck@40s`, `hall-open@40s`. Typed, it has no time, and happens at once: `turn 2`.
 //!
-//! Not every drive can do everything: a virtual board turns no shaft by hand, heats no bridge, loses no period and mends nothing; a
-//! simulated drive has no pins, no serial port to disturb and no flash that is cut. Each says so when it is asked to.
+//! Not every drive can do everything: a virtual board turns no shaft by hand, heats no bridge, loses no period and mends
+//! nothing; a simulated drive has no pins, no wires to swap, no serial port to disturb and no flash that is cut. Each
+//! says so when it is asked to.
 //!
 //! `send` takes `hello`, `status`, `arm`, `disarm`, `clear`, `calibrate`, `calibration`, `identify`, `identification`,
 //! `learn-cogging`, `cogging`, `anti-cogging on|off`, `commutate block|sinusoidal|field-oriented`, `voltage X`, `torque

@@ -94,8 +94,8 @@ fn show(report: &Report, out: Out) -> Result<()> {
             format!("{:.0} codes", sensor.swing),
             format!("{:.0}", sensor.offset),
             format!("{:+.1}°", sensor.placement_error.to_degrees()),
-            format!("{:.1} %", sensor.third_pct),
-            format!("{:.1} %", sensor.fifth_pct),
+            percent(sensor.third_pct),
+            percent(sensor.fifth_pct),
             format!("{:.1} %", sensor.noise_pct),
         ]
     });
@@ -114,6 +114,11 @@ fn show(report: &Report, out: Out) -> Result<()> {
         say!(out, "Worth mending: {finding}.")?;
     }
     out.value(&value(report))
+}
+
+/// To a tenth, and zero without a sign.
+fn percent(value: f32) -> String {
+    format!("{:.1} %", (10.0 * value).round() / 10.0 + 0.0)
 }
 
 /// All of it for a script.

@@ -2,8 +2,9 @@
 
 use crate::page::{Pages, exists};
 
-/// Pages and headings (all, where there is none), and what the figures are or which file checks them.
+/// Pages and headings (all, where there is none), and what the figures are, or which file makes them and bounds them.
 const ELSEWHERE: &[(&str, &str, &str)] = &[
+    ("SAFETY.md", "What the campaign finds, and what it misses", "tests/safety.rs"),
     ("boards/b-g431b-esc1/README.md", "B-G431B-ESC1", "boards/check"),
     ("boards/b-g431b-esc1/README.md", "Wiring", "boards/b-g431b-esc1/virtual.toml"),
     ("boards/b-g431b-esc1/README.md", "What the firmware sets", "boards/b-g431b-esc1/src/registers.rs"),
@@ -27,15 +28,15 @@ const ELSEWHERE: &[(&str, &str, &str)] = &[
     ("boards/README.md", "The boards with an STM32G4", "what steps were worth when they were done: history"),
     ("docs/building.md", "What to buy", "parts"),
     ("docs/can.md", "Wiring", "boards/nucleo-g474re-ihm08m1/virtual.toml"),
-    ("docs/can.md", "Bit rates", "boards/stm32g4/src/can.rs"),
+    ("docs/can.md", "Bit rates", "boards/stm32g4/src/registers"),
     ("docs/can.md", "Identifiers", "bits of an identifier"),
     ("docs/faults.md", "", "hallctl/tests/docs.rs"),
+    ("docs/hardware.md", "Boards", "emulator/virtual/tests/rate.rs"),
     ("docs/glossary.md", "", "units and ranges"),
     ("docs/moteus-clients.md", "Modes", "registers/tests/hostile.rs"),
     ("docs/moteus-clients.md", "Registers", "registers/tests/hostile.rs"),
     ("docs/moteus-tools.md", "Telemetry", "names"),
     ("docs/protocol.md", "", "hallctl/tests/docs.rs"),
-    ("emulator/README.md", "As a library", "names"),
     ("emulator/README.md", "What breaks, and how fast the bridge is off", "emulator/virtual/tests/boards/faults.rs"),
 ];
 

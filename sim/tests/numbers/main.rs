@@ -15,9 +15,12 @@ fn every_figure_that_is_quoted_has_a_source_that_says_so() {
     let pages = Pages::new();
     let checks = [made::CHECKS, recorded::CHECKS].concat();
     std::thread::scope(|scope| {
-        for check in checks {
-            let pages = &pages;
-            scope.spawn(move || check(pages));
+        let pages = &pages;
+        let started: Vec<_> = checks.into_iter().map(|check| scope.spawn(move || check(pages))).collect();
+        for check in started {
+            if check.join().is_err() {
+                pages.wrong("a check could not end: above it says why".into());
+            }
         }
     });
     pages.check_tables(elsewhere::is);

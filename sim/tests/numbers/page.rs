@@ -105,8 +105,11 @@ impl Pages {
         for page in self.pages.lock().unwrap().iter() {
             for cell in cells(&page.text) {
                 let quoted = page.quoted.iter().any(|range| range.start < cell.at.end && cell.at.start < range.end);
-                let figure = page.text[cell.at.clone()].contains(|letter: char| letter.is_ascii_digit());
-                if figure && !quoted && !WANTED.contains(&cell.column) && !excused(&page.name, cell.heading) {
+                if has_figure(&page.text[cell.at.clone()])
+                    && !quoted
+                    && !WANTED.contains(&cell.column)
+                    && !excused(&page.name, cell.heading)
+                {
                     let (name, heading, row) = (&page.name, cell.heading, cell.row);
                     self.wrong(format!("{name}, {heading}: no source for {:?} of {row}", &page.text[cell.at]));
                 }
@@ -131,6 +134,14 @@ impl Pages {
 /// Columns that tell no result.
 const WANTED: [&str; 2] = ["wanted", "budget"];
 
+/// Whether a text has a figure: not in code, nor within a name.
+fn has_figure(text: &str) -> bool {
+    let words = text.split('`').step_by(2).flat_map(str::split_whitespace);
+    let figure =
+        |word: &str| word.trim_start_matches(|c: char| !c.is_alphanumeric()).starts_with(|c: char| c.is_ascii_digit());
+    words.into_iter().any(figure)
+}
+
 struct Cell<'a> {
     heading: &'a str,
     column: &'a str,
@@ -141,12 +152,14 @@ struct Cell<'a> {
 /// The cells of all tables in a page, but for their heads and first columns.
 fn cells(text: &str) -> Vec<Cell<'_>> {
     let (mut cells, mut heading, mut head, mut start) = (Vec::new(), "", None::<Vec<&str>>, 0);
+    let mut code = false;
     for line in text.split_inclusive('\n') {
         let row = line.trim();
-        if let Some(title) = row.strip_prefix('#') {
-            heading = title.trim_start_matches('#').trim();
-        }
-        if !row.starts_with('|') {
+        code ^= row.starts_with("```");
+        if code {
+        } else if let Some(title) = row.strip_prefix('#') {
+            (heading, head) = (title.trim_start_matches('#').trim(), None);
+        } else if !row.starts_with('|') {
             head = None;
         } else if let Some(head) = &head {
             let mut at = start;

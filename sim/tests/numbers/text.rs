@@ -67,17 +67,22 @@ impl Narrow {
     /// Wherever this stands, with the figures in the places of `{}`.
     pub fn find(&self, template: &str) -> Vec<(Range<usize>, Vec<Number>)> {
         let template = template.split_whitespace().collect::<Vec<_>>().join(" ");
-        let parts: Vec<&str> = template.split("{}").collect();
-        // What begins with a figure is looked for by the words after it.
-        assert!(!parts[0].is_empty(), "{template:?} begins with a figure");
-        let found = self.text.match_indices(parts[0]).filter_map(|(start, _)| {
-            let mut at = start + parts[0].len();
+        let words = template.strip_prefix("{}").unwrap_or(&template);
+        let (first, _) = words.split_once("{}").unwrap_or((words, ""));
+        let found = self.text.match_indices(first).filter_map(|(words, _)| {
+            // What begins with a figure is found by the words after it.
+            let figure = |letter: char| letter.is_ascii_digit() || ".-+".contains(letter);
+            let start =
+                if template.starts_with("{}") { self.text[..words].trim_end_matches(figure).len() } else { words };
+            let mut at = start;
             let mut numbers = Vec::new();
-            for part in &parts[1..] {
-                let (number, length) = number(&self.text[at..])?;
-                at += length;
+            for (place, part) in template.split("{}").enumerate() {
+                if place > 0 {
+                    let (number, length) = number(&self.text[at..])?;
+                    at += length;
+                    numbers.push(number);
+                }
                 at += self.text[at..].starts_with(part).then_some(part.len())?;
-                numbers.push(number);
             }
             Some((self.origins[start]..self.origins[at - 1] + 1, numbers))
         });
@@ -133,5 +138,6 @@ fn figures_are_found_by_their_words() {
     assert_eq!(figure("error {}, {} uncal"), [number(4e-5, 1e-6), number(168_841.0, 1.0)]);
     assert_eq!(figure("; {}° mean"), [number(-0.06, 1e-3)]);
     assert_eq!(figure("mean; {} of {}"), [number(1.06, 1e-2), number(2.0, 1.0)]);
+    assert_eq!(figure("{}° mean"), [number(-0.06, 1e-3)]);
     assert!(figure("error {} uncal").is_empty());
 }

@@ -16,21 +16,15 @@ mod row;
 #[path = "../count/trig.rs"]
 mod trig;
 
-use call::Counter;
 use cortex_m_rt::entry;
-use mps2_an386::{failure, success};
 use row::Row;
 
 #[entry]
 fn main() -> ! {
-    let Some(mut core) = cortex_m::Peripherals::take() else { failure() };
-    let counter = Counter::new(&mut core.SYST);
+    Row::table(init, &[absolute::ROWS])
+}
+
+fn init() {
     halls::init();
     absolute::init();
-    Row::print_head();
-    let mut within = true;
-    for row in absolute::ROWS {
-        within &= row.print(&counter);
-    }
-    if within { success() } else { failure() }
 }

@@ -16,26 +16,20 @@ mod servo;
 mod trig;
 mod vernier;
 
-use call::Counter;
 use cortex_m_rt::entry;
-use mps2_an386::{failure, success};
 use row::Row;
 
 #[entry]
 fn main() -> ! {
-    let Some(mut core) = cortex_m::Peripherals::take() else { failure() };
-    let counter = Counter::new(&mut core.SYST);
+    let tables = [trig::ROWS, halls::ROWS, duties::ROWS, drive::ROWS, servo::ROWS, vernier::ROWS, adapt::ROWS];
+    Row::table(init, &tables)
+}
+
+fn init() {
     halls::init();
     duties::init();
     drive::init();
     servo::init();
     vernier::init();
     adapt::init();
-    Row::print_head();
-    let mut within = true;
-    let tables = [trig::ROWS, halls::ROWS, duties::ROWS, drive::ROWS, servo::ROWS, vernier::ROWS, adapt::ROWS];
-    for row in tables.into_iter().flatten() {
-        within &= row.print(&counter);
-    }
-    if within { success() } else { failure() }
 }

@@ -2,6 +2,7 @@
 
 use crate::call::{Arguments, Counter, Function, Results};
 use defmt::{Display2Format, println};
+use mps2_an386::{failure, success};
 
 /// Inputs of a sweep. Functions without branches take the same number of instructions everywhere; for the others it
 /// must be enough to meet their rarest path.
@@ -36,13 +37,22 @@ impl Row {
         self
     }
 
-    pub fn print_head() {
+    /// Prepares, prints the table of all rows, and ends the program: as a failure where one is over its budget.
+    pub fn table(init: fn(), tables: &[&[Self]]) -> ! {
+        let Some(mut core) = cortex_m::Peripherals::take() else { failure() };
+        let counter = Counter::new(&mut core.SYST);
+        init();
         println!("| item | by | min | mean | max | budget | largest error |");
         println!("|---|---|---:|---:|---:|---:|---:|");
+        let mut within = true;
+        for row in tables.iter().copied().flatten() {
+            within &= row.print(&counter);
+        }
+        if within { success() } else { failure() }
     }
 
     /// Counts, prints and tells whether the row is within its budget.
-    pub fn print(&self, counter: &Counter) -> bool {
+    fn print(&self, counter: &Counter) -> bool {
         let (mut least, mut most, mut sum, mut error) = (u32::MAX, 0, 0, 0.0_f64);
         for index in 0..SWEEP {
             let arguments = (self.arguments)(index);

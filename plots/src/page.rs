@@ -103,6 +103,9 @@ pub fn figure(title: &str, picture: &str, data: Option<&str>, caption: &str) -> 
 const HINT: &str = "<p class=\"hint\">Drag, or use two fingers, to zoom into a diagram; double-click to zoom out; \
                     click a name to hide its curve.</p>\n";
 
+/// From so many letters on a cell of a table has a width of its own, or it would be all height beside many others.
+const LONG: usize = 60;
+
 /// A table; the first row is the head.
 pub fn table(rows: &[Vec<String>]) -> String {
     let columns = rows.iter().map(Vec::len).max().unwrap_or(0);
@@ -110,7 +113,11 @@ pub fn table(rows: &[Vec<String>]) -> String {
     let row = |(number, row): (usize, &Vec<String>)| {
         let tag = if number == 0 { "th" } else { "td" };
         let cell = |(column, cell): (usize, &String)| {
-            let class = if numeric[column] { " class=\"n\"" } else { "" };
+            let class = match cell.chars().count() {
+                LONG.. => " class=\"long\"",
+                _ if numeric[column] => " class=\"n\"",
+                _ => "",
+            };
             format!("<{tag}{class}>{}</{tag}>", escaped(cell))
         };
         format!("<tr>{}</tr>\n", row.iter().enumerate().map(cell).collect::<String>())

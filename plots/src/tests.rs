@@ -6,6 +6,7 @@ fn page(x: &str) -> String {
     let mut report = Report::new("A </title> of a page");
     report.lead("What is seen.").heading("One").text("</p><script>alert(1)</script>");
     report.table(&[vec!["".into(), "value".into()], vec!["    indented".into(), "1.5".into()]]);
+    report.table(&[vec!["long".into()], vec!["a word ".repeat(9)]]);
     let plot = Plot::new("Plot", x, "y / unit", vec![curve, gap]).event(3.0, "</script> here");
     report.plot(&plot, "Caption").unwrap();
     report.html()
@@ -25,6 +26,7 @@ fn a_page_loads_nothing_and_forbids_it() {
 fn text_stays_text() {
     let html = page("x / unit");
     assert!(!html.contains("<script>alert") && !html.contains("</script> here") && !html.contains("A </title>"));
+    assert!(html.contains("<td class=\"long\">a word"));
     assert!(html.contains("<td>    indented</td>") && html.contains("<td class=\"n\">1.5</td>"));
     // Two of the page, one of data; each closed.
     assert_eq!(html.matches("<script").count(), 3);

@@ -52,7 +52,8 @@ pub fn main(options: &Options) -> Result<()> {
     let summary = run(options.common.seed, options.injections, &options.only)?;
     println!("Faults at random times (seed {}):\n", options.common.seed);
     let rows = summary.table();
-    print_table(&rows);
+    // What was said is in words: it has room on the page.
+    print_table(&rows.iter().map(|row| row[..row.len() - 1].to_vec()).collect::<Vec<_>>());
     let alarms = summary.alarm_table();
     if alarms.len() > 1 {
         println!();

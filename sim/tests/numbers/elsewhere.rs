@@ -5,7 +5,6 @@ use crate::page::{Pages, exists};
 /// Pages and headings (all, where there is none), and what the figures are, or which file makes them and bounds them.
 const ELSEWHERE: &[(&str, &str, &str)] = &[
     ("SAFETY.md", "Promises", "tests/safety.rs"),
-    ("SAFETY.md", "What the campaign finds, and what it misses", "sim/src/experiment/faults.rs"),
     ("boards/b-g431b-esc1/README.md", "B-G431B-ESC1", "boards/check"),
     ("boards/b-g431b-esc1/README.md", "Wiring", "boards/b-g431b-esc1/virtual.toml"),
     ("boards/b-g431b-esc1/README.md", "What the firmware sets", "boards/b-g431b-esc1/src/registers.rs"),

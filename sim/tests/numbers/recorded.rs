@@ -18,6 +18,7 @@ pub const CHECKS: &[fn(&Pages)] = &[
     encoder_loops,
     measured_motors,
     impedance,
+    campaign,
 ];
 
 fn a_hundred_motors(pages: &Pages) {
@@ -191,4 +192,38 @@ fn impedance(pages: &Pages) {
     pages.quote(NUMBERS, "that the settings do not know | {} % |", &[Is(left)]);
     pages.quote(NUMBERS, "five times that frequency | {} % |", &[Is(hum)]);
     pages.quote(IMPEDANCE, "with {} % of the energy of the impact", &[AtMost(hum)]);
+}
+
+fn campaign(pages: &Pages) {
+    let run: Value = serde_json::from_str(&read("docs/recorded/faults.json")).unwrap();
+    let of = |value: &Value, name: &str| value[name].as_f64().unwrap_or_else(|| panic!("no {name}"));
+    let page = "SAFETY.md";
+    let seconds = of(&run, "quiet_periods") / 40e3;
+    assert_eq!(run["false_alarms"], 0);
+    pages.quote(
+        page,
+        "{} of {} were missed, and no fault was invented in {} s of running.",
+        &[of(&run, "missed"), of(&run, "injected"), seconds].map(Is),
+    );
+    let kinds = run["kinds"].as_object().unwrap();
+    let missed = |kind: &Value| of(kind, "injected") - of(kind, "detected");
+    let (never, some): (Vec<_>, Vec<_>) = kinds.iter().partition(|(_, kind)| missed(kind) == 0.0);
+    pages.quote(page, "{} kinds were never missed; the others:", &[Is(never.len() as f64)]);
+    for (name, kind) in some {
+        let [injected, wrong, ms, current] =
+            ["injected", "worst_wrong_deg", "worst_wrong_ms", "worst_current"].map(|figure| Is(of(kind, figure)));
+        let row = format!("| {name} | {{}} | {{}} | {{}}° | {{}} ms | {{}} |");
+        pages.quote(page, &row, &[injected, Is(missed(kind)), wrong, ms, current]);
+    }
+    let unnamed = ["open phase at speed", "dead transistor at speed", "amplifier of a wrong gain"].map(|name| {
+        let kind = &kinds[name];
+        [of(&kind["reported"], "nothing"), of(kind, "injected")].map(Is)
+    });
+    pages.quote(
+        page,
+        "not named: {} of {} open phases at speed, {} of {} dead transistors, {} of {} amplifiers",
+        unnamed.as_flattened(),
+    );
+    let current = of(&kinds["all amplifiers dead at speed"], "worst_current");
+    pages.quote(page, "until then up to {} times `over_current_a` was seen to flow", &[Is(current)]);
 }

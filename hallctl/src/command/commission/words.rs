@@ -63,11 +63,22 @@ pub(super) fn tell(found: &Found, settings: &Settings, told_pole_pairs: bool, ou
             say!(out, "  No calibration at {} Hz: {error}.", settings.calibration_hz)?;
         }
         Found::Swings(found) => {
-            say!(out, "  about {:.4} mWb and {:.4} g·cm²", 1e3 * found.flux_linkage_wb, 1e7 * found.inertia_kgm2)?
+            let [mwb, g_cm2] = [1e3 * found.flux_linkage_wb, 1e7 * found.inertia_kgm2].map(digits);
+            say!(out, "  about {mwb} mWb and {g_cm2} g·cm²")?
         }
-        Found::Motor(report) => say!(out, "{}", report.to_string().trim_end())?,
+        Found::Motor(report) => {
+            say!(out, "{}", report.to_string().trim_end())?;
+            // As `Commission::identified` decides.
+            say!(out, "  R, L and flux linkage stay as found by 1 and 3, where the dead time cancels.")?;
+        }
     }
     out.value(found)
+}
+
+/// With as many decimals as there is room for in five digits, four at most.
+fn digits(value: f32) -> String {
+    let decimals = (4.0 - value.abs().max(1.0).log10().floor()).max(0.0) as usize;
+    format!("{value:.decimals$}")
 }
 
 /// Where it stands.
@@ -114,8 +125,9 @@ pub(super) fn summary(settings: &Settings, told_pole_pairs: bool, out: Out) -> R
         return Ok(());
     };
     say!(out, "\nThe motor, at {max_current_a} A at most:")?;
-    say!(out, "  resistance   {resistance_ohm:10.4} Ω      inductance {:10.4} mH", 1e3 * inductance_h)?;
-    say!(out, "  flux linkage {:10.4} mWb    inertia    {:10.4} g·cm²", 1e3 * flux_linkage_wb, 1e7 * inertia_kgm2)?;
+    let [mh, mwb, g_cm2] = [1e3 * inductance_h, 1e3 * flux_linkage_wb, 1e7 * inertia_kgm2].map(digits);
+    say!(out, "  resistance   {:>10} Ω      inductance {mh:>10} mH", digits(resistance_ohm))?;
+    say!(out, "  flux linkage {mwb:>10} mWb    inertia    {g_cm2:>10} g·cm²")?;
     say!(out, "  speed up to  {max_speed_rad_s:10.0} rad/s  reached with {max_acceleration_rad_s2:.0} rad/s²")?;
     say!(out, "  current control {current_bandwidth_hz:.0} Hz, speed control {speed_bandwidth_hz:.1} Hz")?;
     if !told_pole_pairs {
@@ -139,4 +151,10 @@ pub(super) fn summary(settings: &Settings, told_pole_pairs: bool, out: Out) -> R
         "current_bandwidth_hz": current_bandwidth_hz,
         "speed_bandwidth_hz": speed_bandwidth_hz,
     }))
+}
+
+#[test]
+fn figures_have_five_digits() {
+    let shown = [0.1048, 3.7687, 22.8652, 463_400.0].map(digits);
+    assert_eq!(shown, ["0.1048", "3.7687", "22.865", "463400"]);
 }

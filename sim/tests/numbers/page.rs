@@ -187,3 +187,9 @@ fn cells_are_found_where_they_are() {
     let rows = [("A", "reached", " 1 "), ("A", "wanted", " 2 "), ("A", "", ""), ("B", "7", " 3 "), ("B", "", "")];
     assert_eq!(found, rows);
 }
+
+#[test]
+fn names_and_code_are_no_figures() {
+    assert!(["≤ 1.1", "**300**", "±5°", "within 3 %", "−45 A"].into_iter().all(has_figure));
+    assert!(["STM32G4", "`--seed 1`", "Cortex-M4F", "R, L"].into_iter().all(|text| !has_figure(text)));
+}

@@ -43,9 +43,6 @@ struct Bench {
 const DEMANDS: usize = 4;
 static BENCHES: [AtomicPtr<Bench>; DEMANDS] = [const { AtomicPtr::new(core::ptr::null_mut()) }; DEMANDS];
 
-/// Steps in which a drive arms.
-const ARMING: u32 = 5;
-
 /// Drives that run, with telemetry at 1 kHz: one by sinusoidal, the others by field-oriented commutation.
 pub fn init() {
     static PLACES: [StaticCell<Bench>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
@@ -62,10 +59,6 @@ pub fn init() {
         for command in [Command::Install(ESTIMATORS[number].init(halls::new_estimator())), Command::Arm, demand] {
             bench.send(command);
             bench.obeyed();
-        }
-        // Arming takes some steps, which do not count.
-        for _ in 0..ARMING {
-            step(&mut bench.drive, &bench.sample, &mut bench.output);
         }
         BENCHES[number].store(bench, Relaxed);
     }

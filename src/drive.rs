@@ -51,6 +51,7 @@ use crate::mode::{Event, Mode};
 use crate::telemetry::{Progress, Record, Status};
 use arming::{Arming, Step};
 pub use channels::{Channels, Command, Interrupt, Refusal, Reply, Tasks};
+use command::Later;
 use field_oriented::FieldOriented;
 use hall_loss::HallLoss;
 use idle::Idle;
@@ -70,8 +71,9 @@ pub struct Drive {
     record: Record,
     /// Steps to the next record.
     until_record: u32,
-    /// How the next step is done.
+    /// How the next step is done, and by which path.
     route: Route,
+    path: Path,
     /// The estimator in use; none before the first calibration.
     estimator: Option<&'static mut Estimator>,
     /// What the map takes off the Halls' angle, for some steps.
@@ -89,6 +91,8 @@ pub struct Drive {
     map: Option<&'static Live>,
     /// Whether the enable input is off, in a step with that interlock.
     disabled: bool,
+    /// What a command has left to do.
+    later: Later,
 }
 
 /// The control paths.
@@ -132,6 +136,7 @@ impl Drive {
             record: Record::new(),
             until_record: 1,
             route: Route::General,
+            path: Path::Idle,
             estimator: None,
             correction: ElectricalAngle::ZERO,
             channels,
@@ -152,6 +157,7 @@ impl Drive {
             arming: Arming::OFF,
             map: None,
             disabled: false,
+            later: Later::Nothing,
         }
     }
 
@@ -269,7 +275,7 @@ impl Drive {
         if self.mode.drives() {
             self.paths.idle.drives();
         }
-        let output = match self.path() {
+        let output = match self.path {
             Path::Idle => self.idle(sample),
             Path::Arming => self.arming(sample),
             Path::OpenLoop => self.open_loop(sample),
@@ -285,6 +291,7 @@ impl Drive {
         if self.mode.drives() { output.pack() } else { Output::OFF.pack() }
     }
 
+    /// The path for state, demand and commutation. They change rarely, and each change [publishes](Self::publish) it.
     fn path(&self) -> Path {
         match (self.mode, self.config.commutation) {
             (Mode::Unarmed | Mode::Ready | Mode::Faulted(_), _) => Path::Idle,
@@ -299,7 +306,7 @@ impl Drive {
     fn route(&self) -> Route {
         let complete = self.record.missed == 0 && self.hall_loss.lost.is_none() && self.estimator.is_some();
         let Config { commutation, control, .. } = &self.config;
-        match self.path() {
+        match self.path {
             Path::FieldOriented if complete => Route::FieldOriented,
             Path::Voltage if complete && *commutation == Commutation::Sinusoidal && control.is_none() => Route::Voltage,
             _ => Route::General,
@@ -330,8 +337,8 @@ impl Drive {
                 self.fail(fault);
                 Output::OFF
             }
-            Step::Done { proven } => {
-                self.end_arming(proven, sample);
+            Step::Done { step, proven } => {
+                self.end_arming(step, proven, sample);
                 arming::no_voltage(&self.config)
             }
         }
@@ -449,10 +456,11 @@ impl Drive {
 
     /// After every change: state, limits and progress go into the record, and the next step is chosen.
     fn publish(&mut self) {
-        let follows = self.mode == Mode::Running && self.servo.follows();
+        let follows = matches!(self.mode, Mode::Running) && self.servo.follows();
         self.record_by_schedule(follows);
         self.servo.supervised = follows && !self.arming.is_active();
         self.record.status = self.status();
+        self.path = self.path();
         self.route = self.route();
     }
 

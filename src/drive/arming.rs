@@ -51,6 +51,8 @@ pub(super) enum Step {
     Begin,
     /// Is over.
     Done {
+        /// This step of ending it, from 0.
+        step: u32,
         /// Whether the rotor moved as pushed.
         proven: bool,
     },
@@ -80,6 +82,8 @@ enum Stage {
     Stop,
     /// The voltage along d rises.
     Across,
+    /// It is over; what was commanded meanwhile is taken up.
+    Over,
 }
 
 /// The check and where it is.
@@ -103,6 +107,8 @@ pub(super) struct Arming {
     waited: u32,
     /// Whether the push is over.
     was_pushed: bool,
+    /// Whether the rotor moved as pushed, in the end.
+    proven: bool,
     /// Where the present motion began.
     from: Position,
     /// Farthest that the rotor went the wrong way.
@@ -127,6 +133,7 @@ impl Arming {
         pushed: 0,
         waited: 0,
         was_pushed: false,
+        proven: false,
         from: Position::from_bits(0),
         farthest: 0,
         coasting: 0,
@@ -174,6 +181,7 @@ impl Arming {
             Stage::Off => self.finish(false),
             Stage::Wait if self.steps > 1 => Step::Begin,
             Stage::Wait => Step::Output(Output::OFF),
+            Stage::Over => Step::Done { step: self.steps, proven: self.proven },
             Stage::Raise => self.raise(control, phases, config),
             Stage::Hold => self.hold(phases, config),
             Stage::Fade => self.fade(control, phases, config),
@@ -193,8 +201,9 @@ impl Arming {
     }
 
     fn finish(&mut self, proven: bool) -> Step {
-        self.stage = Stage::Off;
-        Step::Done { proven }
+        self.enter(Stage::Over);
+        self.proven = proven;
+        Step::Done { step: 0, proven }
     }
 
     fn raise(&mut self, control: &Control, phases: [i32; 3], config: &Config) -> Step {

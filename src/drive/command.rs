@@ -3,7 +3,7 @@
 use super::arming::Pending;
 use super::schedule::OUTER;
 use super::supervision::{self, Supervision};
-use super::{Command, Demand, Drive, OpenLoop, Refusal, Reply, Sample};
+use super::{Command, Demand, Drive, OpenLoop, Path, Refusal, Reply, Sample};
 use crate::angle::ElectricalAngle;
 use crate::commutation::{Commutation, Modulation};
 use crate::config::Config;
@@ -15,6 +15,28 @@ use crate::hall::track::Tracker;
 use crate::mode::{Event, Mode};
 use crate::telemetry::Progress;
 
+/// What a command has left to do in the steps after it, before another one.
+#[derive(Clone, Copy)]
+pub(super) enum Later {
+    Nothing,
+    /// To reset the servo, which has followed something.
+    Reset,
+    /// To arm: the protection, then the servo, then the bridge.
+    Protect,
+    Settle,
+    Arm,
+}
+
+impl Later {
+    const fn next(self) -> Self {
+        match self {
+            Self::Protect => Self::Settle,
+            Self::Settle => Self::Arm,
+            Self::Nothing | Self::Reset | Self::Arm => Self::Nothing,
+        }
+    }
+}
+
 impl Command {
     /// Whether it restarts the command time-out: what a user sends, not what the tasks send by themselves.
     const fn restarts_timeout(&self) -> bool {
@@ -23,15 +45,50 @@ impl Command {
 }
 
 impl Drive {
-    /// Carries out a waiting command and answers it; whether there was one.
+    /// Carries out a waiting command and answers it; whether there was one. What the one before has left to do comes
+    /// first, a part in each step.
     #[cold]
     #[inline(never)]
     pub(super) fn receive(&mut self, sample: &Sample) -> bool {
+        if !matches!(self.later, Later::Nothing) {
+            return self.go_on(sample);
+        }
         let Some(command) = self.channels.commands.dequeue() else { return false };
         let reply = self.execute(command, sample);
+        if !matches!(self.later, Later::Protect) {
+            self.answer(reply);
+        }
+        true
+    }
+
+    /// The next part of what a command has left to do; whether it belongs to arming, which then is answered.
+    #[cold]
+    #[inline(never)]
+    fn go_on(&mut self, sample: &Sample) -> bool {
+        let part = self.later;
+        self.later = part.next();
+        match part {
+            Later::Nothing => {}
+            Later::Reset | Later::Settle => self.reset_servo(sample),
+            Later::Protect => {
+                if let Some(control) = &self.config.control {
+                    self.servo.protection.arm(control, sample);
+                }
+            }
+            Later::Arm => {
+                let reply = self.arm();
+                if reply.is_ok() {
+                    self.restart_timeout();
+                }
+                self.answer(reply);
+            }
+        }
+        !matches!(part, Later::Reset)
+    }
+
+    fn answer(&mut self, reply: Reply) {
         // A task that reads no replies does not get any.
         let _ = self.channels.replies.enqueue(reply);
-        true
     }
 
     fn execute(&mut self, command: Command, sample: &Sample) -> Reply {
@@ -44,9 +101,9 @@ impl Drive {
             Command::Measure { begins, probe } => self.measure_standstill(begins, probe)?,
             Command::Install(estimator) => self.install(estimator, sample.halls)?,
             Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
-            Command::Arm => self.arm(sample)?,
+            Command::Arm => self.prepare_to_arm(sample)?,
             Command::Disarm => self.disarm()?,
-            Command::Drive(modulation) => self.drive(modulation, sample)?,
+            Command::Drive(modulation) => self.drive(modulation)?,
             Command::Current(current) => self.follow(Demand::Current(current))?,
             Command::Speed(speed) => self.follow(Demand::Speed(speed))?,
             Command::Position(position) => self.follow(Demand::Position(position))?,
@@ -107,9 +164,9 @@ impl Drive {
     }
 
     pub(super) fn disarm(&mut self) -> Reply {
-        self.on_command(Event::Disarm)?;
+        let mode = self.mode.after(Event::Disarm).ok_or(Refusal::Mode(self.mode))?;
         self.progress = Progress::None;
-        self.publish();
+        self.enter(mode);
         Ok(())
     }
 
@@ -119,14 +176,15 @@ impl Drive {
         let calibrated = self.mode == Mode::Unarmed && self.progress == Progress::Complete;
         // It may have been made for settings that have been replaced since.
         let fits = if self.fits(estimator) { Ok(()) } else { Err(Refusal::NotCalibrated) };
-        let allowed = fits.and_then(|()| self.on_command(Event::Installed));
+        let mode = fits.and_then(|()| self.mode.after(Event::Installed).ok_or(Refusal::Mode(self.mode)));
         let aligned = self.estimator().is_some_and(|before| before.alignment() == estimator.alignment());
-        let unused = if allowed.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
+        let unused = if mode.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
             // The queue holds more than there are estimators in a sane drive; beyond, one is leaked, not lost track of.
             let _ = self.channels.retired.enqueue(unused);
         }
-        allowed?;
+        // Published below.
+        self.mode = mode?;
         if !aligned {
             self.paths.field_oriented.forget_trim();
         }
@@ -145,11 +203,14 @@ impl Drive {
         self.forget_pole();
     }
 
-    fn arm(&mut self, sample: &Sample) -> Reply {
-        if self.mode == Mode::Unarmed {
-            return Err(Refusal::NotCalibrated);
+    /// Whether the drive may arm. One with current sensing then prepares it in steps of their own, and is answered after
+    /// the last one.
+    fn prepare_to_arm(&mut self, sample: &Sample) -> Reply {
+        match self.mode {
+            Mode::Unarmed => return Err(Refusal::NotCalibrated),
+            Mode::Ready => {}
+            mode => return Err(Refusal::Mode(mode)),
         }
-        let mode = self.mode.after(Event::Arm).ok_or(Refusal::Mode(self.mode))?;
         let control = self.config.control.as_ref();
         let protection = &self.servo.protection;
         if let Some(fault) = control.and_then(|control| protection.refusal(control, &self.paths.idle, sample)) {
@@ -161,15 +222,27 @@ impl Drive {
         if self.record.missed != 0 {
             return Err(Refusal::NoAngle);
         }
-        if let Some(control) = control
-            && supervision::is_outside(&control.motion, &self.record.rotor)
-        {
+        let Some(control) = control else {
+            let turns = self.turns_faster_than(self.config.fastest >> 6);
+            return if turns { Err(Refusal::Turning) } else { self.arm() };
+        };
+        if supervision::is_outside(&control.motion, &self.record.rotor) {
             return Err(Refusal::Fault(Fault::PositionBounds));
         }
-        if control.is_none() && self.turns_faster_than(self.config.fastest >> 6) {
-            return Err(Refusal::Turning);
+        self.later = Later::Protect;
+        Ok(())
+    }
+
+    /// Switches the bridge on, unless that has become impossible meanwhile.
+    fn arm(&mut self) -> Reply {
+        let mode = self.mode.after(Event::Arm).ok_or(Refusal::Mode(self.mode))?;
+        if self.disabled {
+            return Err(Refusal::Fault(Fault::Disabled));
         }
-        if control.is_some() {
+        if self.record.missed != 0 {
+            return Err(Refusal::NoAngle);
+        }
+        if self.config.control.is_some() {
             self.arming.wait();
             self.servo.supervision = Supervision::NONE;
             self.limits = self.limits.with(Limits::CHECKING);
@@ -180,28 +253,32 @@ impl Drive {
         Ok(())
     }
 
-    /// The step after the one that armed, which had enough to do. A drive with current sensing follows a current of
-    /// zero until it is commanded something else, which lets a rotor that turns turn on; at rest it first checks what it
-    /// is connected to.
+    /// The step after the one that armed. A drive with current sensing follows a current of zero until it is commanded
+    /// something else, which lets a rotor that turns turn on; at rest it first checks what it is connected to.
     pub(super) fn begin_arming(&mut self, sample: &Sample) {
         let Some(control) = &self.config.control else { return };
-        self.servo.protection.arm(control, sample);
         if !control.arming.enabled || self.turns_faster_than(control.arming.at_rest) {
-            return self.end_arming(false, sample);
+            return self.take_up_pending();
         }
-        self.servo.reset(control, &self.paths.idle);
         self.arming.begin(control, control.bus(sample.bus));
         self.take_up(Demand::Current(Current(0)));
     }
 
-    /// After the check, which may have shown that the commutation is right: what was commanded meanwhile.
-    pub(super) fn end_arming(&mut self, proven: bool, sample: &Sample) {
-        self.limits = self.limits.without(Limits::CHECKING);
-        self.reset_servo(sample);
-        let pending = self.arming.pending.take();
-        if proven {
-            self.servo.supervision.prove();
+    /// After the check, which may have shown that the commutation is right: what was commanded meanwhile, a part in each
+    /// step.
+    pub(super) fn end_arming(&mut self, step: u32, proven: bool, sample: &Sample) {
+        match step {
+            0 if proven => self.servo.supervision.prove(),
+            0 => {}
+            1 => self.reset_servo(sample),
+            _ => self.take_up_pending(),
         }
+    }
+
+    /// The check is over, or there was none.
+    fn take_up_pending(&mut self) {
+        self.limits = self.limits.without(Limits::CHECKING);
+        let pending = self.arming.pending.take();
         self.arming.end();
         match pending {
             Some(Pending::Voltage(modulation)) => self.command_voltage(modulation),
@@ -246,7 +323,10 @@ impl Drive {
         if let Some(control) = &self.config.control {
             self.servo.follow(control, demand, &self.record.rotor);
         }
-        self.publish();
+        // Where something was followed before, nothing else changes.
+        if !matches!(self.path, Path::FieldOriented | Path::LocalFeedback) {
+            self.publish();
+        }
     }
 
     fn reset_servo(&mut self, sample: &Sample) {
@@ -288,7 +368,7 @@ impl Drive {
         allowed
     }
 
-    fn drive(&mut self, modulation: Modulation, sample: &Sample) -> Reply {
+    fn drive(&mut self, modulation: Modulation) -> Reply {
         let sweeps = matches!(self.mode, Mode::Aligning | Mode::Calibrating) && !self.paths.standstill.is_active();
         if sweeps && modulation == Modulation::ZERO {
             self.paths.open_loop.brake();
@@ -304,7 +384,11 @@ impl Drive {
         if self.arming.is_active() {
             self.arming.pending = Some(Pending::Voltage(modulation));
         } else {
-            self.reset_servo(sample);
+            // What is followed ends at once; the servo is reset for what will be followed next.
+            if self.servo.follows() {
+                self.later = Later::Reset;
+            }
+            self.servo.release();
             self.command_voltage(modulation);
         }
         Ok(())

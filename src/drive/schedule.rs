@@ -292,7 +292,7 @@ impl Drive {
     #[inline(never)]
     fn window_slot(&mut self, sample: &Sample) {
         self.with_servo(sample, |servo, _, with| servo.protection.narrow(with.config));
-        if self.servo.demand() == Demand::Impedance {
+        if matches!(self.servo.demand(), Demand::Impedance) {
             self.channels.reference.tell(self.servo.reference_of_impedance());
         }
     }

@@ -149,7 +149,7 @@ impl Servo {
 
     /// Whether a current, a speed or a position is followed.
     pub fn follows(&self) -> bool {
-        self.demand != Demand::Voltage
+        !matches!(self.demand, Demand::Voltage)
     }
 
     /// Whether a speed or a position is followed.
@@ -251,7 +251,7 @@ impl Servo {
             (self.asked, self.current_request) = (request.asked, request.current);
         } else if let Demand::Current(Current(current)) = self.demand {
             self.current_request = if self.ends { 0 } else { within_speed(current, with) };
-        } else if self.demand == Demand::Impedance {
+        } else if matches!(self.demand, Demand::Impedance) {
             self.impedance_loop(with);
         }
     }

@@ -1,6 +1,6 @@
 //! Copying and filling, a word at a time: a tenth of the code that the compiler's own functions take, which the linker
-//! prefers these to. The Cortex-M4 and its memories take words at any address. Nothing in the control interrupt copies
-//! so much that more speed would be felt.
+//! prefers these to. The Cortex-M4 and its memories take words at any address. The control interrupt copies settings,
+//! some hundred words, which lie at multiples of four: eight at a time take less than half as long.
 
 use core::arch::global_asm;
 
@@ -23,6 +23,18 @@ global_asm!(
     ".thumb_func",
     "__aeabi_memcpy8:",
     "mov r3, r0",
+    "orr r12, r0, r1",
+    "tst r12, #3",
+    "bne 2f",
+    "subs r2, #32",
+    "blo 6f",
+    "push {{r4-r10, lr}}",
+    "5: ldmia r1!, {{r4-r10, lr}}",
+    "stmia r3!, {{r4-r10, lr}}",
+    "subs r2, #32",
+    "bhs 5b",
+    "pop {{r4-r10, lr}}",
+    "6: adds r2, #32",
     "b 2f",
     "1: ldr r12, [r1], #4",
     "str r12, [r3], #4",

@@ -153,7 +153,9 @@ impl<S: Bus> Machine<S> {
     /// B1.5.8.
     fn return_from_exception(&mut self, value: u32) -> Result<(), Fault> {
         let number = self.cpu.ipsr;
-        self.profile.left(number, self.spent());
+        if let Some(own) = self.profile.left(number, self.spent()) {
+            self.watch.left(number, own, self.now);
+        }
         if !self.nvic.is_active(number) {
             return Err(Fault::InvalidReturn);
         }

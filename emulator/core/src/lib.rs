@@ -24,6 +24,7 @@ mod rtt;
 mod scs;
 mod systick;
 mod transfer;
+mod watch;
 
 pub use fault::FaultReport;
 pub use image::{Image, Place};
@@ -32,3 +33,4 @@ pub use memory::PAINT;
 pub use nvic::{FIRST_IRQ, system_name};
 pub use profile::{Activity, BIN, Entries, Profile, Spent};
 pub use rtt::{Log, LogLine, Rtt};
+pub use watch::Longest;

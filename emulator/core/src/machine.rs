@@ -7,6 +7,7 @@ use crate::memory::Memory;
 use crate::nvic::Nvic;
 use crate::profile::{Profile, Spent};
 use crate::scs::Scs;
+use crate::watch::{Longest, Watch};
 use bus::{Bus, Complaint, Cycle, ResetCause};
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -71,9 +72,8 @@ pub struct Machine<S> {
     locked_up: bool,
     /// Address of the instruction that executes.
     pub(crate) here: u32,
-    /// Exception whose handler is watched, and what its instructions took.
-    watched: Option<u16>,
-    by_address: BTreeMap<u32, Spent>,
+    /// Over an exception's handler.
+    pub(crate) watch: Watch,
     awake_since: Cycle,
     /// Cycles spent in sleep.
     asleep: Cycle,
@@ -103,8 +103,7 @@ impl<S: Bus> Machine<S> {
             hung: None,
             locked_up: false,
             here: 0,
-            watched: None,
-            by_address: BTreeMap::new(),
+            watch: Watch::default(),
             awake_since: 0,
             asleep: 0,
         };
@@ -118,6 +117,7 @@ impl<S: Bus> Machine<S> {
         self.nvic = Nvic::new();
         self.scs = Scs::new(&self.memory.integration);
         self.profile.abandon();
+        self.watch.abandon();
         (self.hang, self.hung, self.locked_up, self.due) = (None, None, false, 0);
         match (self.load::<4>(0), self.load::<4>(4)) {
             (Ok(stack), Ok(entry)) if entry & 1 != 0 => {
@@ -163,7 +163,7 @@ impl<S: Bus> Machine<S> {
                     continue;
                 }
             }
-            let done = if self.watched == Some(self.cpu.ipsr) { self.watched_step() } else { self.step() };
+            let done = if self.watch.exception == Some(self.cpu.ipsr) { self.watched_step() } else { self.step() };
             if let Err(fault) = done {
                 if let Fault::Breakpoint(number) = fault
                     && self.debugger
@@ -181,7 +181,7 @@ impl<S: Bus> Machine<S> {
         let before = self.spent();
         let done = self.step();
         let took = self.spent().since(before);
-        self.by_address.entry(self.here).or_default().add(took);
+        self.watch.note(self.here, took);
         done
     }
 
@@ -243,12 +243,17 @@ impl<S: Bus> Machine<S> {
 
     /// Notes from now on what each instruction of an exception's handler takes.
     pub fn watch(&mut self, exception: u16) {
-        self.watched = Some(exception);
+        self.watch.exception = Some(exception);
     }
 
     /// What the watched handler's instructions took, by address.
     pub fn watched(&self) -> &BTreeMap<u32, Spent> {
-        &self.by_address
+        &self.watch.all
+    }
+
+    /// The longest run of the watched handler.
+    pub fn longest_watched(&self) -> Option<&Longest> {
+        self.watch.longest.as_ref()
     }
 
     /// Lets the system catch up, takes an exception where one is due, and says when to look up again. `Some` asks for a
@@ -409,6 +414,7 @@ impl<S: Bus> Machine<S> {
     /// What handlers did so far is not to count.
     pub fn forget_profile(&mut self) {
         self.profile.clear();
+        self.watch.clear();
     }
 
     /// R0 to R12, SP, LR, and the program counter.

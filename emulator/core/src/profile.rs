@@ -156,8 +156,9 @@ impl Profile {
         self.stack.push(Frame { exception, spent, others: Spent::default() });
     }
 
-    pub(crate) fn left(&mut self, exception: u16, spent: Spent) {
-        let Some(frame) = self.stack.pop_if(|frame| frame.exception == exception) else { return };
+    /// Returns what the handler took of its own.
+    pub(crate) fn left(&mut self, exception: u16, spent: Spent) -> Option<Spent> {
+        let frame = self.stack.pop_if(|frame| frame.exception == exception)?;
         let whole = spent.since(frame.spent);
         let own = whole.since(frame.others);
         let activity = self.activities.entry(exception).or_default();
@@ -171,5 +172,6 @@ impl Profile {
         if let Some(below) = self.stack.last_mut() {
             below.others.add(whole);
         }
+        Some(own)
     }
 }

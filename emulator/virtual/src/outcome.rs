@@ -29,6 +29,8 @@ pub struct Outcome {
     pub handlers: Vec<Handler>,
     /// What it consists of, the longest first, if it was watched.
     pub parts: Vec<Part>,
+    /// Its longest period, if it was watched.
+    pub longest: Option<Longest>,
     /// The stack.
     pub stack: Option<Stack>,
     /// Of the drive's angle, where a script asked for telemetry.
@@ -77,7 +79,7 @@ pub struct Handler {
     pub histogram: BTreeMap<u64, u64>,
 }
 
-/// What a function took of the control interrupt in the mean.
+/// What a function took of the control interrupt: in the mean, or in a period.
 #[derive(Clone, Debug, Serialize)]
 pub struct Part {
     /// Name, without what it calls unless that was inlined from elsewhere.
@@ -88,6 +90,19 @@ pub struct Part {
     pub cycles: f64,
     /// Of these, waited for the code memory.
     pub waited: f64,
+}
+
+/// A control period.
+#[derive(Clone, Debug, Serialize)]
+pub struct Longest {
+    /// When it was over, seconds.
+    pub at_s: f64,
+    /// Own cycles.
+    pub cycles: u64,
+    /// Of these, waited for the code memory.
+    pub waited: u64,
+    /// What it consists of, the longest first.
+    pub parts: Vec<Part>,
 }
 
 /// The main stack.
@@ -142,7 +157,8 @@ impl Outcome {
             hclk_hz: machine.system.clock_hz(),
             load: 1.0 - machine.asleep() as f64 / machine.now() as f64,
             control: handlers.iter().find(|handler| Some(handler.exception) == control).cloned(),
-            parts: parts(session),
+            parts: parts(session, machine.watched(), session.watched_periods()),
+            longest: machine.longest_watched().map(|found| longest(session, found)),
             handlers,
             stack: session.stack().map(|(size, used)| Stack { size, used }),
             angle_error: AngleErrors::of(&session.deviations(0.0..f64::INFINITY)),
@@ -211,10 +227,19 @@ fn handler(session: &Session, exception: u16, activity: &Activity) -> Handler {
     }
 }
 
-fn parts(session: &Session) -> Vec<Part> {
-    let periods: u64 = session.watched_periods();
+fn longest(session: &Session, found: &cortex::Longest) -> Longest {
+    Longest {
+        at_s: session.machine.system.seconds(found.at),
+        cycles: found.spent.cycles,
+        waited: found.spent.waited,
+        parts: parts(session, &found.by_address, 1),
+    }
+}
+
+/// What each function took of so many periods, in the mean.
+fn parts(session: &Session, by_address: &BTreeMap<u32, Spent>, periods: u64) -> Vec<Part> {
     let mut functions = BTreeMap::<String, Spent>::new();
-    for (&address, &spent) in session.machine.watched() {
+    for (&address, &spent) in by_address {
         functions.entry(session.image.author(address)).or_default().add(spent);
     }
     let a_period = |sum: u64| sum as f64 / periods.max(1) as f64;

@@ -1,7 +1,7 @@
 //! The report, as text and as HTML with plots.
 
 use crate::angle::{AngleError, AngleErrors};
-use crate::outcome::{Handler, Outcome};
+use crate::outcome::{Handler, Longest, Outcome, Part};
 use anyhow::Result;
 use chip::Trace;
 use measure::Range;
@@ -43,7 +43,8 @@ pub fn sections(outcome: &Outcome) -> Vec<Section> {
         Section { title: "Sampling, from the valley of the PWM", rows: sampling(outcome) },
         Section { title: "Handlers", rows: handlers(outcome) },
         Section { title: "Control interrupt, own cycles", rows: control(outcome) },
-        Section { title: "Control interrupt, in the mean by function", rows: parts(outcome) },
+        Section { title: "Control interrupt, in the mean by function", rows: parts(&outcome.parts) },
+        Section { title: "Control interrupt, the longest period by function", rows: longest(outcome) },
         Section { title: "Bridge enabled (MOE)", rows: moe(outcome) },
     ];
     let events = outcome.facts.events.iter().map(|(at_s, what)| row([format!("{at_s:.6} s"), what.clone()]));
@@ -208,12 +209,19 @@ fn control(outcome: &Outcome) -> Vec<Vec<String>> {
 }
 
 /// Parts of the control interrupt of at least a cycle.
-fn parts(outcome: &Outcome) -> Vec<Vec<String>> {
-    let rows = outcome.parts.iter().filter(|part| part.cycles >= 1.0).map(|part| {
+fn parts(parts: &[Part]) -> Vec<Vec<String>> {
+    let rows = parts.iter().filter(|part| part.cycles >= 1.0).map(|part| {
         let figures = [part.instructions, part.cycles, part.waited].map(|figure| format!("{figure:.1}"));
         std::iter::once(part.function.clone()).chain(figures).collect()
     });
     std::iter::once(head(["function", "instructions", "cycles", "waited for the flash"])).chain(rows).collect()
+}
+
+fn longest(outcome: &Outcome) -> Vec<Vec<String>> {
+    let Some(Longest { at_s, cycles, waited, parts: of }) = &outcome.longest else { return Vec::new() };
+    let mut rows = parts(of);
+    rows.push(row([format!("all, at {at_s:.6} s"), String::new(), cycles.to_string(), waited.to_string()]));
+    rows
 }
 
 fn moe(outcome: &Outcome) -> Vec<Vec<String>> {

@@ -11,6 +11,13 @@ fn turns_at_40_khz(board: &str) {
     common::rate::turns_at_40_khz(&mut session, promised);
 }
 
+/// Commands, changes of the mode, faults.
+fn longest_steps(board: &str) {
+    let mut session = calibrated(board);
+    let [_, _, longest] = session.board().promises.control_cycles;
+    common::rate::longest_steps(&mut session, longest);
+}
+
 fn main() {
-    common::on_every_board(&[("turns_at_40_khz", turns_at_40_khz)]);
+    common::on_every_board(&[("turns_at_40_khz", turns_at_40_khz), ("longest_steps", longest_steps)]);
 }

@@ -1,6 +1,6 @@
 //! How often the control interrupt comes, and how long it takes.
 
-use super::{ask, run};
+use super::{ask, perform, run};
 use virtual_board::outcome::Outcome;
 use virtual_board::session::Session;
 
@@ -62,4 +62,55 @@ pub fn turns_at_40_khz(session: &mut Session, [mean, turning, longest]: [u64; 3]
     assert!(control.latency_ns.max < 500.0, "{control:?}");
     within(&outcome, turning);
     assert!(control.mean_cycles[0] <= mean as f64, "{} cycles in the mean, of {mean}", control.mean_cycles[0]);
+}
+
+/// What a calibrated board that is at rest is asked for, or what happens to it, and how long that is watched, s.
+const STAGES: &[(&[&str], f64)] = &[
+    (&["set speed_kp 0.011", "set max_current_a 1.4"], 0.02),
+    (&["telemetry 500", "arm"], 0.6),
+    (&["torque 0.001", "torque -0.001"], 0.1),
+    (&["speed 40"], 0.4),
+    (&["position 1"], 0.3),
+    (&["speed 20"], 0.2),
+    (&["voltage 0.1"], 0.1),
+    (&["speed 20"], 0.2),
+    (&["disarm"], 0.3),
+    (&["arm", "disarm", "arm", "speed 10"], 0.6),
+    (&["hall 1 open"], 0.1),
+    (&["hall 1 good"], 0.5),
+    (&["clear", "commutate sinusoidal", "arm"], 0.5),
+    (&["speed 40"], 0.3),
+    (&["voltage 0.1"], 0.1),
+    (&["disarm"], 0.5),
+    (&["commutate block", "arm"], 0.5),
+    (&["speed 40"], 0.3),
+    (&["disarm"], 0.5),
+    (&["commutate field-oriented", "identify"], 1.0),
+    (&["release"], 0.3),
+    (&["disarm", "clear"], 0.3),
+    (&["arm", "bus 50V"], 0.2),
+    (&["bus 24V", "calibrate"], 0.3),
+];
+
+/// The longest periods of all that a board does, and what they consist of.
+pub fn longest_steps(session: &mut Session, at_most: u64) {
+    session.watch_control();
+    for (asked, watched_s) in STAGES {
+        session.machine.forget_profile();
+        for what in *asked {
+            if ["hall", "bus", "current"].iter().any(|word| what.starts_with(word)) {
+                perform(session, what);
+            } else {
+                ask(session, what);
+            }
+        }
+        run(session, *watched_s);
+        let outcome = Outcome::of(session);
+        let longest = outcome.longest.as_ref().expect("it is watched");
+        println!("{}: {asked:?}: {} cycles, of which {} waited", outcome.board, longest.cycles, longest.waited);
+        for part in longest.parts.iter().filter(|part| part.cycles >= 0.04 * longest.cycles as f64) {
+            println!("    {:5.0} {:5.0} {:5.0} {}", part.instructions, part.cycles, part.waited, part.function);
+        }
+        assert!(longest.cycles <= at_most, "{asked:?}: {} cycles, of {at_most}", longest.cycles);
+    }
 }

@@ -177,7 +177,8 @@ pub fn init() {
         bench.command(Command::Install(ESTIMATORS[1][number].init(halls::new_estimator())));
         bench.command(Command::Arm);
         // The drive has one, so that it gives one back.
-        bench.command(Command::Impedance(IMPEDANCES[0][number].init(Impedance::NONE)));
+        let Ok(impedance) = bench.config.impedance(&Request::default()) else { failure() };
+        bench.command(Command::Impedance(IMPEDANCES[0][number].init(impedance)));
         bench.prove();
         BENCHES[number].store(bench, Relaxed);
     }

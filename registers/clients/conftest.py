@@ -10,13 +10,14 @@ import pytest
 
 HALLCTL = os.environ["HALLCTL"]
 ROOT = os.path.join(os.path.dirname(__file__), "..", "..")
-# A virtual board, if there is to be one: `cargo virtual BOARD`.
+# A virtual board, if there is to be one: `cargo virtual BOARD`; with `--bus` at its CAN-FD, else at its serial line.
 BOARD = os.environ.get("BOARD")
+BUS = bool(BOARD) and "--bus" in BOARD.split()
 # Time passes by requests, not by the clock.
-FAST = ["--speed", "fast"]
-VIRTUAL = ["cargo", "virtual", BOARD, "--serial", "pty", "--wait"]
+FAST = [] if BOARD else ["--speed", "fast"]
+VIRTUAL = ["cargo", "virtual", *(BOARD or "").split(), "--serial", "pty", "--wait"]
 # The time of the drive that each request is worth.
-REQUEST_S = 0.05 if BOARD else 0.02
+REQUEST_S = (0.002 if BUS else 0.05) if BOARD else 0.02
 
 
 class Simulated:
@@ -24,7 +25,7 @@ class Simulated:
 
     def __init__(self, *arguments):
         self.process = subprocess.Popen(
-            VIRTUAL if BOARD else [HALLCTL, "simulate", "--pty", *arguments], cwd=ROOT,
+            [*(VIRTUAL if BOARD else [HALLCTL, "simulate", "--pty"]), *arguments], cwd=ROOT,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )
         for line in self.process.stdout:
@@ -60,9 +61,10 @@ class Simulated:
 @pytest.fixture(scope="module")
 def simulated():
     """Calibrated."""
-    drive = Simulated(*FAST)
+    drive = Simulated(*(["--calibrated"] if BUS else FAST))
     try:
-        drive.hallctl("calibrate")
+        if not BUS:
+            drive.hallctl("calibrate")
         yield drive
     finally:
         drive.end()

@@ -28,6 +28,9 @@ struct Arguments {
     /// All of the boards on one CAN, with the identifiers 1, 2, 3, …; --serial is that of an fdcanusb adapter
     #[arg(long, conflicts_with_all = ["script", "json", "out", "watch"])]
     bus: bool,
+    /// Each board calibrates first, alone
+    #[arg(long, requires = "bus")]
+    calibrated: bool,
     /// Virtual time to run; without end with --serial, else 1 s
     #[arg(long)]
     seconds: Option<f64>,
@@ -106,8 +109,12 @@ fn main() -> Result<ExitCode> {
 
 /// A board with its firmware, and a motor of this seed.
 fn at_power_on(arguments: &Arguments, board: &Arc<Board>, seed: u64) -> Result<Session> {
-    let build = if arguments.encoder { firmware::build_with_encoder } else { firmware::build };
-    let elf = arguments.elf.clone().map_or_else(|| build(&board.name), Ok)?;
+    let build = || match (arguments.bus, arguments.encoder) {
+        (true, _) => firmware::build_for_bus(board),
+        (false, true) => firmware::build_with_encoder(&board.name),
+        (false, false) => firmware::build(&board.name),
+    };
+    let elf = arguments.elf.clone().map_or_else(build, Ok)?;
     let image = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
     let mut session = Session::new(board, image, &PlantParameters::imperfect(seed), seed)?;
     session.machine.set_fill(match arguments.fill {
@@ -124,7 +131,8 @@ fn together(arguments: &Arguments) -> Result<ExitCode> {
         at_power_on(arguments, &firmware::board(name)?, arguments.seed + index as u64)
     };
     let boards = arguments.boards.iter().enumerate().map(board).collect::<Result<Vec<_>>>()?;
-    let mut bus = Bus::new(boards, vec![Adapter::station()])?;
+    let make = if arguments.calibrated { Bus::calibrated } else { Bus::new };
+    let mut bus = make(boards, vec![Adapter::station()])?;
     let mut adapter =
         arguments.serial.as_deref().map(|description| Adapter::open(description, arguments.wait)).transpose()?;
     let end_s = arguments.seconds.unwrap_or(if adapter.is_some() { f64::INFINITY } else { 1.0 });

@@ -15,7 +15,7 @@ BOARD = os.environ.get("BOARD")
 BUS = bool(BOARD) and "--bus" in BOARD.split()
 # Time passes by requests, not by the clock.
 FAST = [] if BOARD else ["--speed", "fast"]
-VIRTUAL = ["cargo", "virtual", *(BOARD or "").split(), "--serial", "pty", "--wait"]
+VIRTUAL = ["cargo", "virtual", *(BOARD or "").split(), "--serial", "pty", "--wait", "--typed"]
 # The time of the drive that each request is worth.
 REQUEST_S = (0.002 if BUS else 0.05) if BOARD else 0.02
 
@@ -24,6 +24,7 @@ class Simulated:
     """A drive without hardware: with arguments for `hallctl simulate`, or a virtual board."""
 
     def __init__(self, *arguments):
+        self.happened = threading.Event()
         self.process = subprocess.Popen(
             [*(VIRTUAL if BOARD else [HALLCTL, "simulate", "--pty"]), *arguments], cwd=ROOT,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
@@ -32,7 +33,7 @@ class Simulated:
             if port := re.search(r"/dev/\S+", line):
                 self.port = port.group()
                 # What else it says is not to fill the pipe.
-                threading.Thread(target=self.process.stdout.read, daemon=True).start()
+                threading.Thread(target=self._read, daemon=True).start()
                 return
         raise RuntimeError("the drive has ended")
 
@@ -46,12 +47,18 @@ class Simulated:
         time.sleep(2.5)
         return result
 
+    def _read(self):
+        for line in self.process.stdout:
+            if line.startswith("happens:"):
+                self.happened.set()
+
     def happen(self, event):
         """Something breaks, or is mended: what a person would type."""
-        if BOARD:
-            pytest.skip("nothing can be typed at a virtual board")
+        self.happened.clear()
         self.process.stdin.write(event + "\n")
         self.process.stdin.flush()
+        # A board says when it has, so that what follows comes after it.
+        assert not BOARD or self.happened.wait(600)
 
     def end(self):
         self.process.terminate()

@@ -51,6 +51,8 @@ class Simulated:
         for line in self.process.stdout:
             if line.startswith("happens:"):
                 self.happened.set()
+        # It has ended: nobody is to wait for it.
+        self.happened.set()
 
     def happen(self, event):
         """Something breaks, or is mended: what a person would type."""

@@ -157,7 +157,7 @@ def test_recapture(simulated):
         free = dict(position=NAN, kp_scale=0.0, kd_scale=0.0)
         start = (await hold(client, 0.5, position=NAN))[Register.POSITION]
         # Turned by hand, or by a load for a while.
-        simulated.happen("load 5mNm" if BOARD else "turn 0.3")
+        simulated.happen("load 0.005Nm" if BOARD else "turn 0.3")
         await until(client, lambda values: abs(values[Register.POSITION] - start) > 0.25, **free)
         if BOARD:
             simulated.happen("load 0Nm")

@@ -1,30 +1,23 @@
-//! What the drive finds out by turning its motor: the motor's parameters, roughly or well, and its cogging.
+//! What the drive finds out by turning its motor, with the feature `procedures`; without, nothing of it is left in the
+//! image.
 
-use hallservo::config::Config;
+#[cfg(not(feature = "procedures"))]
+mod none;
+#[cfg(feature = "procedures")]
+mod turning;
+
 use hallservo::control::cogging::Table;
-use hallservo::service::identification::{self, Identification};
 use hallservo::service::identify::Report;
-use hallservo::service::learning::{self, Learning};
-#[cfg(feature = "map")]
-use hallservo::service::mapping::{self, Mapping};
-use hallservo::service::procedure::{self, Error, Procedure as _, State};
-use hallservo::service::swings::{Rough, Swings};
-use hallservo::service::{Event, Service};
-use hallservo::telemetry::Measurement;
-use hallservo_protocol::{Activity, Refusal};
-
-/// One of them, at work.
-// The larger one makes no difference: there is one, in a static.
-#[allow(clippy::large_enum_variant)]
-pub(crate) enum Procedure {
-    Motor(Identification),
-    Cogging(Learning),
-    Swings(Swings),
-    #[cfg(feature = "map")]
-    Magnets(Mapping),
-}
+use hallservo::service::procedure::Error;
+use hallservo::service::swings::Rough;
+use hallservo_protocol::Activity;
+#[cfg(not(feature = "procedures"))]
+pub(crate) use none::Procedure;
+#[cfg(feature = "procedures")]
+pub(crate) use turning::Procedure;
 
 /// How a procedure ended.
+#[cfg_attr(not(feature = "procedures"), expect(dead_code))]
 pub(crate) enum Completion {
     Motor(Report),
     Cogging(Table),
@@ -33,104 +26,4 @@ pub(crate) enum Completion {
     #[cfg(feature = "map")]
     Magnets,
     Failed(Activity, Error),
-}
-
-impl Procedure {
-    /// Writes an identification to its place, as it is large for a stack.
-    pub fn motor(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
-        let plan = identification::Plan::new(config).map_err(Refusal::Procedure)?;
-        match Identification::new(config, &plan) {
-            Ok(identification) => {
-                *place = Some(Self::Motor(identification));
-                Ok(())
-            }
-            Err(error) => Err(Refusal::Procedure(error)),
-        }
-    }
-
-    /// Writes the learning of the cogging to its place.
-    pub fn cogging(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
-        let plan = learning::Plan::new(config).map_err(Refusal::Procedure)?;
-        match Learning::new(config, &plan) {
-            Ok(learning) => {
-                *place = Some(Self::Cogging(learning));
-                Ok(())
-            }
-            Err(error) => Err(Refusal::Procedure(error)),
-        }
-    }
-
-    /// Writes the swings to their place.
-    pub fn swings(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
-        *place = Some(Self::Swings(Swings::new(config).map_err(Refusal::Procedure)?));
-        Ok(())
-    }
-
-    /// Writes the learning of the map of the magnets to its place.
-    #[cfg(feature = "map")]
-    pub fn magnets(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
-        let plan = mapping::Plan::new(config).map_err(Refusal::Procedure)?;
-        *place = Some(Self::Magnets(Mapping::new(config, &plan).map_err(Refusal::Procedure)?));
-        Ok(())
-    }
-
-    fn inner(&mut self) -> &mut dyn procedure::Procedure {
-        match self {
-            Self::Motor(motor) => motor,
-            Self::Cogging(cogging) => cogging,
-            Self::Swings(swings) => swings,
-            #[cfg(feature = "map")]
-            Self::Magnets(magnets) => magnets,
-        }
-    }
-
-    pub fn event(&mut self, event: &Event) {
-        self.inner().event(event);
-    }
-
-    pub fn measurement(&mut self, measurement: &Measurement) {
-        self.inner().measurement(measurement);
-    }
-
-    /// One step; `Some` at the end.
-    pub fn step(&mut self, service: &mut Service, now_ms: u32) -> Option<Completion> {
-        let state = self.inner().step(service, now_ms);
-        let found = match self {
-            Self::Motor(motor) => motor.report().copied().map(Completion::Motor),
-            Self::Cogging(cogging) => cogging.table().copied().map(Completion::Cogging),
-            Self::Swings(swings) => swings.report().copied().map(Completion::Swings),
-            #[cfg(feature = "map")]
-            Self::Magnets(_) => Some(Completion::Magnets),
-        };
-        match state {
-            State::Running => None,
-            State::Failed(error) => Some(Completion::Failed(self.activity(), error)),
-            State::Done => Some(found.unwrap_or(Completion::Failed(self.activity(), Error::Inconclusive))),
-        }
-    }
-
-    /// Ends it without a result.
-    pub fn cancel(&mut self) {
-        self.inner().cancel();
-    }
-
-    pub fn progress(&self) -> f32 {
-        match self {
-            Self::Motor(motor) => motor.progress(),
-            Self::Cogging(cogging) => cogging.progress(),
-            Self::Swings(swings) => swings.progress(),
-            #[cfg(feature = "map")]
-            Self::Magnets(magnets) => magnets.progress(),
-        }
-    }
-
-    pub const fn activity(&self) -> Activity {
-        match self {
-            Self::Motor(_) => Activity::Identification,
-            Self::Cogging(_) => Activity::Cogging,
-            Self::Swings(_) => Activity::Swings,
-            #[cfg(feature = "map")]
-            Self::Magnets(_) => Activity::Magnets,
-        }
-    }
 }

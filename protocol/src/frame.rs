@@ -3,6 +3,7 @@
 use crate::{FRAME, MESSAGE, VERSION};
 use core::fmt;
 use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
+use postcard::ser_flavors::Flavor;
 use serde::{Deserialize, Serialize};
 
 const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
@@ -53,7 +54,12 @@ impl core::error::Error for Error {}
 pub fn encode<T: Serialize>(message: &T, frame: &mut [u8; FRAME]) -> Result<usize, Error> {
     let mut inside = [0; INSIDE];
     inside[0] = VERSION;
-    let length = postcard::to_slice(message, &mut inside[1..=MESSAGE]).map_err(|_| Error::TooLong)?.len() + 1;
+    let flavor = Counted { bytes: &mut inside[1..=MESSAGE], length: 0 };
+    // Only counting can fail, and that is looked at once, here.
+    let length = postcard::serialize_with_flavor(message, flavor).map_err(|_| Error::TooLong)? + 1;
+    if length > 1 + MESSAGE {
+        return Err(Error::TooLong);
+    }
     let checksum = CRC.checksum(&inside[..length]).to_le_bytes();
     inside[length..length + CHECKSUM].copy_from_slice(&checksum);
     frame[0] = 0;
@@ -61,6 +67,35 @@ pub fn encode<T: Serialize>(message: &T, frame: &mut [u8; FRAME]) -> Result<usiz
     let encoded = cobs::encode(&inside[..length + CHECKSUM], &mut frame[1..]);
     frame[1 + encoded] = 0;
     Ok(encoded + 2)
+}
+
+/// Takes every byte, and counts those that have no room as well: no field has to look whether the one before was taken,
+/// which would be a kilobyte of code on a chip.
+struct Counted<'a> {
+    bytes: &'a mut [u8],
+    length: usize,
+}
+
+impl Flavor for Counted<'_> {
+    type Output = usize;
+
+    #[inline(never)]
+    fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
+        if let Some(place) = self.bytes.get_mut(self.length) {
+            *place = byte;
+        }
+        self.length += 1;
+        Ok(())
+    }
+
+    #[inline(never)]
+    fn try_extend(&mut self, bytes: &[u8]) -> postcard::Result<()> {
+        bytes.iter().try_for_each(|byte| self.try_push(*byte))
+    }
+
+    fn finalize(self) -> postcard::Result<usize> {
+        Ok(self.length)
+    }
 }
 
 /// Finds frames in a stream of bytes. Whatever comes, it never holds more than a frame, and is in step again after the

@@ -162,6 +162,7 @@ fn refusals() {
         (procedure::Error::Cancelled, "0b"),
         (procedure::Error::NoCurrent { phase: 2 }, "0c02"),
         (procedure::Error::Uneven, "0d"),
+        (procedure::Error::Elsewhere, "0e"),
     ];
     for (error, bytes) in procedure {
         assert_eq!(hex(&error), bytes, "{error:?}");

@@ -10,28 +10,30 @@ import pytest
 
 HALLCTL = os.environ["HALLCTL"]
 ROOT = os.path.join(os.path.dirname(__file__), "..", "..")
-# A virtual board, if there is to be one: `cargo virtual BOARD`.
+# A virtual board, if there is to be one: `cargo virtual BOARD`; with `--bus` at its CAN-FD, else at its serial line.
 BOARD = os.environ.get("BOARD")
+BUS = bool(BOARD) and "--bus" in BOARD.split()
 # Time passes by requests, not by the clock.
-FAST = ["--speed", "fast"]
-VIRTUAL = ["cargo", "virtual", BOARD, "--serial", "pty", "--wait"]
+FAST = [] if BOARD else ["--speed", "fast"]
+VIRTUAL = ["cargo", "virtual", *(BOARD or "").split(), "--serial", "pty", "--wait", "--typed"]
 # The time of the drive that each request is worth.
-REQUEST_S = 0.05 if BOARD else 0.02
+REQUEST_S = (0.002 if BUS else 0.05) if BOARD else 0.02
 
 
 class Simulated:
     """A drive without hardware: with arguments for `hallctl simulate`, or a virtual board."""
 
     def __init__(self, *arguments):
+        self.happened = threading.Event()
         self.process = subprocess.Popen(
-            VIRTUAL if BOARD else [HALLCTL, "simulate", "--pty", *arguments], cwd=ROOT,
+            [*(VIRTUAL if BOARD else [HALLCTL, "simulate", "--pty"]), *arguments], cwd=ROOT,
             stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True,
         )
         for line in self.process.stdout:
             if port := re.search(r"/dev/\S+", line):
                 self.port = port.group()
                 # What else it says is not to fill the pipe.
-                threading.Thread(target=self.process.stdout.read, daemon=True).start()
+                threading.Thread(target=self._read, daemon=True).start()
                 return
         raise RuntimeError("the drive has ended")
 
@@ -45,12 +47,20 @@ class Simulated:
         time.sleep(2.5)
         return result
 
+    def _read(self):
+        for line in self.process.stdout:
+            if line.startswith("happens:"):
+                self.happened.set()
+        # It has ended: nobody is to wait for it.
+        self.happened.set()
+
     def happen(self, event):
         """Something breaks, or is mended: what a person would type."""
-        if BOARD:
-            pytest.skip("nothing can be typed at a virtual board")
+        self.happened.clear()
         self.process.stdin.write(event + "\n")
         self.process.stdin.flush()
+        # A board says when it has, so that what follows comes after it.
+        assert not BOARD or self.happened.wait(600)
 
     def end(self):
         self.process.terminate()
@@ -60,9 +70,10 @@ class Simulated:
 @pytest.fixture(scope="module")
 def simulated():
     """Calibrated."""
-    drive = Simulated(*FAST)
+    drive = Simulated(*(["--calibrated"] if BUS else FAST))
     try:
-        drive.hallctl("calibrate")
+        if not BUS:
+            drive.hallctl("calibrate")
         yield drive
     finally:
         drive.end()

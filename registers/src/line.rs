@@ -12,7 +12,7 @@
 
 use crate::frame::Bytes;
 use crate::server::{Reply, Request};
-use core::fmt::{self, Write as _};
+use core::fmt;
 use crc::{Algorithm, Crc, NoTable};
 use heapless::String;
 
@@ -53,15 +53,21 @@ pub enum Error {
     Malformed,
 }
 
-impl fmt::Display for Error {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
+impl Error {
+    const fn text(self) -> &'static str {
+        match self {
             Self::NoChecksum => "checksum missing",
             Self::Checksum => "checksum mismatch",
             Self::TooLong => "line too long",
             Self::Unknown => "unknown command",
             Self::Malformed => "malformed frame",
-        })
+        }
+    }
+}
+
+impl fmt::Display for Error {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(self.text())
     }
 }
 
@@ -206,32 +212,41 @@ fn bytes(word: &[u8]) -> Option<Bytes> {
 
 /// The line that says that a request has been taken.
 pub fn ok() -> Line {
-    finished(format_args!("OK"))
+    finished("OK", "", &[])
 }
 
 /// The line that says why a line was none.
 pub fn error(error: Error) -> Line {
-    finished(format_args!("ERR {error}"))
+    finished("ERR ", error.text(), &[])
 }
 
 /// The line of a reply.
 pub fn reply(reply: &Reply) -> Line {
-    finished(format_args!("rcv {:x} {}", reply.identifier, Hex(&reply.bytes)))
-}
-
-struct Hex<'a>(&'a [u8]);
-
-impl fmt::Display for Hex<'_> {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        self.0.iter().try_for_each(|byte| write!(f, "{byte:02x}"))
+    let mut identifier = String::<9>::new();
+    let digits = (32 - reply.identifier.leading_zeros()).div_ceil(4).max(1);
+    for place in (0..digits).rev() {
+        let _ = identifier.push(letter((reply.identifier >> (4 * place)) as u8, b'a'));
     }
+    let _ = identifier.push(' ');
+    finished("rcv ", &identifier, &reply.bytes)
 }
 
-/// With check sum and end. Every line has room, which a test shows.
-fn finished(content: fmt::Arguments<'_>) -> Line {
+/// A digit, those from ten on counted from a letter. The formatting of the language would be a kilobyte of code on a chip.
+const fn letter(digit: u8, ten: u8) -> char {
+    let digit = digit & 15;
+    (if digit < 10 { b'0' + digit } else { ten - 10 + digit }) as char
+}
+
+/// Two words and bytes, with check sum and end. Every line has room, which a test shows.
+fn finished(first: &str, second: &str, bytes: &[u8]) -> Line {
     let mut line = Line::new();
-    let _ = write!(line, "{content} ");
+    let mut push = |letter| _ = line.push(letter);
+    first.chars().chain(second.chars()).for_each(&mut push);
+    bytes.iter().flat_map(|byte| [letter(byte >> 4, b'a'), letter(*byte, b'a')]).for_each(&mut push);
+    push(' ');
     let sum = CRC.checksum(line.as_bytes());
-    let _ = writeln!(line, "*{sum:02X}");
+    for letter in ['*', letter(sum >> 4, b'A'), letter(sum, b'A'), '\n'] {
+        let _ = line.push(letter);
+    }
     line
 }

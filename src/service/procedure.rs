@@ -126,6 +126,8 @@ pub enum Error {
     },
     /// The phases' resistances are not alike: a bad contact, or an amplifier that shows too little.
     Uneven,
+    /// This firmware has no such procedure; the board has another one for setting up.
+    Elsewhere,
 }
 
 /// The name of a field that was not serialised.
@@ -159,6 +161,9 @@ impl fmt::Display for Error {
             }
             Self::NoTable => write!(f, "the service has no table to fill"),
             Self::Cancelled => write!(f, "cancelled"),
+            Self::Elsewhere => {
+                write!(f, "this firmware cannot: set the drive up with the one that it is delivered with")
+            }
         }
     }
 }

@@ -72,6 +72,8 @@ pub struct Transceiver {
     pub shutdown: Option<Pin>,
     /// From TX to the wires and back to RX, s.
     pub loop_s: f64,
+    /// Whether it needs a firmware of its own, as one has no room for everything.
+    pub own_firmware: bool,
 }
 
 /// A board.

@@ -13,8 +13,8 @@ use std::time::Duration;
 
 /// Seconds of the boards' time that a frame is worth where they wait for the client, once it is answered …
 const WORTH_S: f64 = 2e-3;
-/// … and while it is not.
-const LONGEST_S: f64 = 20e-3;
+/// … and while it is not: as long as a task may be kept from it, by a save to the flash or a model of the sensors.
+const LONGEST_S: f64 = 0.2;
 /// The bit of an identifier that asks for a reply.
 const REPLY: u32 = 1 << 15;
 

@@ -3,9 +3,12 @@
 
 use crate::script;
 use crate::session::Session;
-use anyhow::Result;
+use anyhow::{Result, ensure};
 use chip::can::station::Station;
 use chip::can::wire::{Node, STEP_S, Wire};
+
+/// Longest time until a board has calibrated.
+const CALIBRATED_S: f64 = 15.0;
 
 /// The boards, and who else is on the wire.
 pub struct Bus {
@@ -29,6 +32,25 @@ impl Bus {
             board.follow(script::parse(&format!("at 30ms send set bus_id {}", index + 1))?);
         }
         Ok(Bus { boards, stations, wire: Wire::default(), now_s: 0.0 })
+    }
+
+    /// The same of boards that calibrate first, each alone.
+    ///
+    /// # Errors
+    /// As [`Session::slice`], or a calibration that does not succeed.
+    pub fn calibrated(mut boards: Vec<Session>, stations: Vec<Station>) -> Result<Bus> {
+        for (index, board) in boards.iter_mut().enumerate() {
+            board.follow(script::parse("at 30ms send calibrate")?);
+            board.run_until(0.1)?;
+            while !says(board, &["activity: None", "calibrated: true"]) {
+                ensure!(board.seconds() < CALIBRATED_S, "board {} has not calibrated", index + 1);
+                board.follow(script::parse("at 0s send status")?);
+                board.run_until(board.seconds() + 0.1)?;
+            }
+            board.follow(script::parse(&format!("at 0s send set bus_id {}\nat 0s send release", index + 1))?);
+            board.run_until(board.seconds() + 0.3)?;
+        }
+        Ok(Self::of_running(boards, stations))
     }
 
     /// Boards that have run alone so far, together from here on; the latest says when.
@@ -70,4 +92,10 @@ impl Bus {
         }
         Ok(())
     }
+}
+
+/// Whether the last reply has all these words.
+fn says(board: &Session, words: &[&str]) -> bool {
+    let last = board.lines.iter().rfind(|line| line.level == "REPLY");
+    last.is_some_and(|line| words.iter().all(|word| line.message.contains(word)))
 }

@@ -40,6 +40,20 @@ pub fn build_with_encoder(board: &str) -> Result<PathBuf> {
     executable(&boards().join(board), &["build", "--release", "--features", "encoder", "--bin", &name], &name)
 }
 
+/// The same of the firmware that speaks on a bus, which may be a program of its own.
+///
+/// # Errors
+/// The build's failure, as of a board without one.
+pub fn build_for_bus(board: &Board) -> Result<PathBuf> {
+    let can = board.can.with_context(|| format!("the {} has no CAN", board.name))?;
+    if !can.own_firmware {
+        return build(&board.name);
+    }
+    let name = format!("{}-can", board.name);
+    let arguments = ["build", "--release", "--no-default-features", "--features", "can", "--bin", &name];
+    executable(&boards().join(&board.name), &arguments, &name)
+}
+
 /// Lets cargo build in a folder, and returns the path of the executable of a name.
 ///
 /// # Errors

@@ -11,6 +11,7 @@ mod request;
 pub mod script;
 pub mod serial;
 pub mod session;
+pub mod typed;
 
 /// The README's example compiles.
 #[cfg(doctest)]

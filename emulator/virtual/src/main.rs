@@ -13,7 +13,7 @@ use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, Instant};
 use virtual_board::adapter::Adapter;
 use virtual_board::bus::Bus;
-use virtual_board::{firmware, outcome::Outcome, report, script, serial::Line, session::Session};
+use virtual_board::{firmware, outcome::Outcome, report, script, serial::Line, session::Session, typed::Typed};
 
 /// From look to look at the serial port while time stands still.
 const LOOK: Duration = Duration::from_millis(1);
@@ -28,6 +28,9 @@ struct Arguments {
     /// All of the boards on one CAN, with the identifiers 1, 2, 3, …; --serial is that of an fdcanusb adapter
     #[arg(long, conflicts_with_all = ["script", "json", "out", "watch"])]
     bus: bool,
+    /// Each board calibrates first, alone
+    #[arg(long, requires = "bus")]
+    calibrated: bool,
     /// Virtual time to run; without end with --serial, else 1 s
     #[arg(long)]
     seconds: Option<f64>,
@@ -43,6 +46,9 @@ struct Arguments {
     /// Where tools connect to: tcp:127.0.0.1:PORT or pty
     #[arg(long)]
     serial: Option<String>,
+    /// Lines of standard input are events as in a script, and happen at once; with --bus to the first board
+    #[arg(long, requires = "serial")]
+    typed: bool,
     /// Each request of a tool is worth 50 ms, or what its answer takes, as fast as this machine computes; else time
     /// stands still
     #[arg(long, requires = "serial")]
@@ -88,7 +94,7 @@ fn main() -> Result<ExitCode> {
 
     let end_s = arguments.seconds.unwrap_or(if arguments.serial.is_some() { f64::INFINITY } else { 1.0 });
     let line = arguments.serial.as_deref().map(|description| Line::open(description, arguments.wait)).transpose()?;
-    run(&mut session, end_s, arguments.watch, line)?;
+    run(&mut session, end_s, &arguments, line)?;
 
     let outcome = Outcome::of(&session);
     println!("{}", report::text(&outcome));
@@ -106,8 +112,12 @@ fn main() -> Result<ExitCode> {
 
 /// A board with its firmware, and a motor of this seed.
 fn at_power_on(arguments: &Arguments, board: &Arc<Board>, seed: u64) -> Result<Session> {
-    let build = if arguments.encoder { firmware::build_with_encoder } else { firmware::build };
-    let elf = arguments.elf.clone().map_or_else(|| build(&board.name), Ok)?;
+    let build = || match (arguments.bus, arguments.encoder) {
+        (true, _) => firmware::build_for_bus(board),
+        (false, true) => firmware::build_with_encoder(&board.name),
+        (false, false) => firmware::build(&board.name),
+    };
+    let elf = arguments.elf.clone().map_or_else(build, Ok)?;
     let image = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
     let mut session = Session::new(board, image, &PlantParameters::imperfect(seed), seed)?;
     session.machine.set_fill(match arguments.fill {
@@ -124,13 +134,16 @@ fn together(arguments: &Arguments) -> Result<ExitCode> {
         at_power_on(arguments, &firmware::board(name)?, arguments.seed + index as u64)
     };
     let boards = arguments.boards.iter().enumerate().map(board).collect::<Result<Vec<_>>>()?;
-    let mut bus = Bus::new(boards, vec![Adapter::station()])?;
+    let make = if arguments.calibrated { Bus::calibrated } else { Bus::new };
+    let mut bus = make(boards, vec![Adapter::station()])?;
     let mut adapter =
         arguments.serial.as_deref().map(|description| Adapter::open(description, arguments.wait)).transpose()?;
     let end_s = arguments.seconds.unwrap_or(if adapter.is_some() { f64::INFINITY } else { 1.0 });
     ctrlc::set_handler(|| ENDED.store(true, Relaxed))?;
+    let typed = arguments.typed.then(Typed::listen);
     let (start, mut shown) = (Instant::now(), vec![0; bus.boards.len()]);
     while bus.seconds() < end_s && !ENDED.load(Relaxed) {
+        typed.iter().try_for_each(|typed| typed.happen(&mut bus.boards[0]))?;
         if let Some(adapter) = &mut adapter {
             let now_s = bus.seconds();
             adapter.serve(&mut bus.stations[0], now_s);
@@ -157,12 +170,14 @@ fn together(arguments: &Arguments) -> Result<ExitCode> {
 }
 
 /// Runs to the end or until Ctrl-C, shows the log, and serves who is at the serial port.
-fn run(session: &mut Session, end_s: f64, watch_s: f64, mut line: Option<Line>) -> Result<()> {
+fn run(session: &mut Session, end_s: f64, arguments: &Arguments, mut line: Option<Line>) -> Result<()> {
     static ENDED: AtomicBool = AtomicBool::new(false);
     ctrlc::set_handler(|| ENDED.store(true, Relaxed))?;
     let bar = bar(end_s)?;
+    let typed = arguments.typed.then(Typed::listen);
     let (start, mut shown, mut watches) = (Instant::now(), 0, false);
     while session.seconds() < end_s && !ENDED.load(Relaxed) {
+        typed.iter().try_for_each(|typed| typed.happen(session))?;
         if let Some(line) = &mut line {
             line.hear(session);
             line.send(&[]);
@@ -171,7 +186,7 @@ fn run(session: &mut Session, end_s: f64, watch_s: f64, mut line: Option<Line>) 
                 continue;
             }
         }
-        if !watches && session.seconds() >= watch_s {
+        if !watches && session.seconds() >= arguments.watch {
             watches = true;
             session.watch_control();
         }

@@ -180,7 +180,11 @@ impl Session {
         self.machine.system.disturb(&Disturbance::Serial(bytes), now)
     }
 
-    fn perform(&mut self, step: Step) -> Result<()> {
+    /// Does a step of a script, whenever it was meant for.
+    ///
+    /// # Errors
+    /// What the board cannot do.
+    pub fn perform(&mut self, step: Step) -> Result<()> {
         self.lines.push(note(self.now_ns(), "SCRIPT", step.text.clone()));
         let now = self.machine.now();
         let done = match step.action {

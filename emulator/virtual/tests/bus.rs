@@ -6,7 +6,7 @@ use chip::can::counters::State;
 use chip::can::frame::{Frame, LENGTHS};
 use chip::can::station::Station;
 use chip::can::timing::{Rate, Timing};
-use common::{NUCLEO, ask, calibrated, session};
+use common::{ESC_ON_BUS, NUCLEO, ask, calibrated, session};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use virtual_board::bus::Bus;
@@ -153,10 +153,20 @@ fn ten_move_together() {
     coordinated(10);
 }
 
-/// The bus is full of frames for everybody, and of such that are for another one.
 #[test]
 fn a_flood_costs_no_control_period() {
-    let mut turning = common::turning(NUCLEO);
+    flood(NUCLEO, 0);
+}
+
+#[test]
+fn a_flood_costs_the_smallest_board_no_control_period() {
+    // Its firmware for the bus is not the one of the promise, and the tasks share its flash: 748 in the mean, not 745.
+    flood(ESC_ON_BUS, 10);
+}
+
+/// The bus is full of frames for everybody, and of such that are for another one.
+fn flood(board: &str, more_cycles: u64) {
+    let mut turning = common::turning(board);
     turning.watch_control();
     let mut bus = Bus::of_running(vec![turning], vec![client(), client()]);
     bus.run(1e-3).unwrap();
@@ -181,11 +191,23 @@ fn a_flood_costs_no_control_period() {
     let control = outcome.control.expect("a control interrupt");
     let [mean, most, _] = board.board().promises.control_cycles;
     let (seen, longest) = (control.mean_cycles[0], control.cycles.max);
-    assert!(seen <= mean as f64 && longest <= most as f64, "{seen} {longest}");
+    assert!(seen <= (mean + more_cycles) as f64 && longest <= most as f64, "{seen} {longest}");
     // It answers still.
     bus.stations[0].received.clear();
     bus.run(0.1).unwrap();
     assert_eq!(exchange(&mut bus, request(1, &QUERY)).len(), 1);
+}
+
+/// The B-G431B-ESC1's firmware for a bus has no procedures.
+#[test]
+fn what_a_firmware_does_not_have_is_refused_in_words() {
+    let mut board = calibrated(ESC_ON_BUS);
+    for what in ["identify", "learn-cogging"] {
+        let answer = ask(&mut board, what);
+        assert!(answer.contains("Elsewhere"), "{answer}");
+    }
+    common::run(&mut board, 0.1);
+    assert!(!board.machine.system.bridge_is_on() && ask(&mut board, "status").contains("activity: None"));
 }
 
 /// A board at the wrong rate is off the bus after its first words and comes back; the others go on.
@@ -266,11 +288,20 @@ fn nothing_that_comes_moves_a_drive_that_is_not_calibrated() {
     unharmed(&bus.boards[0]);
 }
 
-/// The fit of a calibration and its save take the tasks longest; the watchdog is fed all the same, and what is asked
-/// meanwhile is answered or lost, but nothing else.
 #[test]
 fn a_flood_does_not_keep_a_calibration_from_its_end() {
-    let mut bus = Bus::of_running(vec![common::calibrating(NUCLEO)], vec![client(), client()]);
+    flood_a_calibration(NUCLEO);
+}
+
+#[test]
+fn a_flood_does_not_keep_the_smallest_board_from_calibrating() {
+    flood_a_calibration(ESC_ON_BUS);
+}
+
+/// The fit of a calibration and its save take the tasks longest; the watchdog is fed all the same, and what is asked
+/// meanwhile is answered or lost, but nothing else.
+fn flood_a_calibration(board: &str) {
+    let mut bus = Bus::of_running(vec![common::calibrating(board)], vec![client(), client()]);
     bus.run(1e-3).unwrap();
     while bus.boards[0].machine.system.facts().flash_operations < 10 {
         while bus.stations[0].waiting() < 4 {

@@ -41,6 +41,8 @@ struct Can {
     rx: Pin,
     shutdown: Option<Pin>,
     loop_ns: f64,
+    #[serde(default)]
+    own_firmware: bool,
 }
 
 #[derive(Deserialize)]
@@ -195,9 +197,9 @@ impl Board {
             enable: file.enable,
             rings: file.rings,
             can: match file.can {
-                Some(Can { tx, rx, shutdown, loop_ns }) => {
+                Some(Can { tx, rx, shutdown, loop_ns, own_firmware }) => {
                     let loop_s = positive("can.loop_ns", loop_ns)? * 1e-9;
-                    Some(Transceiver { pins: [tx, rx], shutdown, loop_s })
+                    Some(Transceiver { pins: [tx, rx], shutdown, loop_s, own_firmware })
                 }
                 None => None,
             },

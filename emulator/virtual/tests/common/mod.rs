@@ -16,6 +16,8 @@ use virtual_board::{firmware, script, session::Session};
 
 pub const NUCLEO: &str = "nucleo-g474re-ihm08m1";
 pub const ESC: &str = "b-g431b-esc1";
+/// With the firmware that speaks on a bus.
+pub const ESC_ON_BUS: &str = "b-g431b-esc1 --bus";
 
 /// Something that is made once for each board, on whichever test comes first.
 struct PerBoard<T>(Mutex<BTreeMap<String, Arc<OnceLock<T>>>>);
@@ -51,12 +53,14 @@ pub fn on_every_board(tests: &[Test]) {
 }
 
 pub fn board(name: &str) -> Arc<Board> {
-    firmware::board(name).expect("a board")
+    firmware::board(name.trim_end_matches(" --bus")).expect("a board")
 }
 
 fn elf(board: &str) -> Vec<u8> {
     static BUILT: PerBoard<Vec<u8>> = PerBoard::new();
-    BUILT.get(board, || std::fs::read(firmware::build(board).expect("the firmware builds")).expect("it is there"))
+    let for_bus = board.ends_with(" --bus");
+    let build = || if for_bus { firmware::build_for_bus(&self::board(board)) } else { firmware::build(board) };
+    BUILT.get(board, || std::fs::read(build().expect("the firmware builds")).expect("it is there"))
 }
 
 pub fn session(board: &str, script: &str) -> Session {

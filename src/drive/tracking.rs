@@ -35,7 +35,7 @@ impl Drive {
         }
         if let Some(control) = &self.config.control {
             let behind = (rotor.speed() >> 8).wrapping_mul(control.hall_delay);
-            correction = correction - ElectricalAngle::from_bits(behind);
+            correction -= ElectricalAngle::from_bits(behind);
         }
         self.correction = correction;
     }

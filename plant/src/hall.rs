@@ -91,7 +91,7 @@ pub struct HallParameters {
     pub saturation: Saturation,
     /// Bandwidth of the first-order lag, Hz; `None`: no lag.
     pub bandwidth_hz: Option<f64>,
-    /// Delay of the output without any change of its shape, s; up to [`LONGEST_DELAY`] steps of the simulation.
+    /// Delay of the output without any change of its shape, s; up to 32 steps of the simulation.
     pub delay_s: f64,
 }
 
@@ -210,7 +210,7 @@ struct Hall {
 }
 
 /// Steps of the simulation that a sensor's delay may be as long as.
-pub const LONGEST_DELAY: usize = 32;
+const LONGEST_DELAY: usize = 32;
 
 /// What went in, step by step, the newest last; between the steps it is taken to run straight.
 #[derive(Clone, Copy, Debug)]

@@ -91,6 +91,8 @@ pub struct HallParameters {
     pub saturation: Saturation,
     /// Bandwidth of the first-order lag, Hz; `None`: no lag.
     pub bandwidth_hz: Option<f64>,
+    /// Delay of the output without any change of its shape, s; up to 32 steps of the simulation.
+    pub delay_s: f64,
 }
 
 impl HallParameters {
@@ -111,6 +113,7 @@ impl HallParameters {
             noise: 0.0,
             saturation: Saturation::hard(2.0 * offset_v),
             bandwidth_hz: None,
+            delay_s: 0.0,
         }
     }
 
@@ -146,6 +149,7 @@ impl HallParameters {
         finite(self.saturation.high_v, "halls.saturation.high_v")?;
         require(self.saturation.high_v > self.saturation.low_v, "halls.saturation.high_v", "above low_v")?;
         require((0.0..=1.0).contains(&self.saturation.knee), "halls.saturation.knee", "0 to 1")?;
+        not_negative(self.delay_s, "halls.delay_s")?;
         self.bandwidth_hz.map_or(Ok(()), |hz| positive(hz, "halls.bandwidth_hz"))
     }
 }
@@ -201,7 +205,43 @@ struct Hall {
     offset_v: f64,
     amplitude_v: f64,
     lag: Option<Lag>,
+    delay: Option<Delay>,
     volts: f64,
+}
+
+/// Steps of the simulation that a sensor's delay may be as long as.
+const LONGEST_DELAY: usize = 32;
+
+/// What went in, step by step, the newest last; between the steps it is taken to run straight.
+#[derive(Clone, Copy, Debug)]
+struct Delay {
+    delay_s: f64,
+    /// Length of the step to an input, and the input.
+    steps: [(f64, f64); LONGEST_DELAY],
+}
+
+impl Delay {
+    fn new(delay_s: f64) -> Self {
+        Self { delay_s, steps: [(0.0, 0.0); LONGEST_DELAY] }
+    }
+
+    fn settle(&mut self, input: f64) {
+        self.steps = [(f64::INFINITY, input); LONGEST_DELAY];
+    }
+
+    fn advance(&mut self, input: f64, span_s: f64) -> f64 {
+        self.steps.rotate_left(1);
+        self.steps[LONGEST_DELAY - 1] = (span_s, input);
+        let mut left_s = self.delay_s;
+        for pair in self.steps.windows(2).rev() {
+            let ((_, before), (span_s, after)) = (pair[0], pair[1]);
+            if left_s <= span_s {
+                return if span_s.is_finite() { after + (before - after) * left_s / span_s } else { after };
+            }
+            left_s -= span_s;
+        }
+        self.steps[0].1
+    }
 }
 
 /// First-order lag whose input is taken to run straight from sample to sample.
@@ -248,6 +288,7 @@ impl Hall {
             offset_v: parameters.offset_v,
             amplitude_v: parameters.amplitude_v,
             lag: parameters.bandwidth_hz.map(|hz| Lag::new(hz, period_s)),
+            delay: (parameters.delay_s > 0.0).then(|| Delay::new(parameters.delay_s)),
             volts: parameters.offset_v,
         })
     }
@@ -290,9 +331,16 @@ impl Hall {
         if let Some(lag) = &mut self.lag {
             lag.input = field_v;
         }
+        if let Some(delay) = &mut self.delay {
+            delay.settle(field_v);
+        }
     }
 
     fn advance(&mut self, field_v: f64, span_s: f64) {
+        let field_v = match &mut self.delay {
+            Some(delay) => delay.advance(field_v, span_s),
+            None => field_v,
+        };
         let Some(lag) = &mut self.lag else {
             self.volts = field_v;
             return;

@@ -248,6 +248,31 @@ fn bandwidth_lags_as_a_first_order_system() {
     close(deg(cos.atan2(sin)), -45.0, 0.1);
 }
 
+/// A delay keeps the size and turns the phase by what the rotor turns in it, in steps and between them.
+#[test]
+fn a_delay_is_the_same_signal_later() {
+    for delay_s in [12.5e-6, 25e-6, 60e-6, 0.5e-3] {
+        let mut parameters = fine();
+        let hz = 40e3 / 96.0;
+        parameters.halls[0].delay_s = delay_s;
+        let mut plant = Plant::new(&parameters, 0).unwrap();
+        plant.set_dyno(Some(TAU * hz / PAIRS)).unwrap();
+        for _ in 0..480 {
+            plant.advance(&Legs::OFF);
+        }
+        let (mut sin, mut cos) = (0.0, 0.0);
+        for _ in 0..96 {
+            plant.advance(&Legs::OFF);
+            let angle = plant.truth().electrical_angle_rad;
+            let volts = f64::from(plant.sample().halls[0]) * LSB_V;
+            sin += volts * angle.sin() / 48.0;
+            cos += volts * angle.cos() / 48.0;
+        }
+        close(sin.hypot(cos), 1.0, 0.002);
+        close(deg(cos.atan2(sin)), -360.0 * hz * delay_s, 0.1);
+    }
+}
+
 #[test]
 fn faults_come_and_go() {
     let mut plant = Plant::new(&fine(), 0).unwrap();

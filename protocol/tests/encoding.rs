@@ -35,7 +35,7 @@ fn hex<'a, T: Serialize + Deserialize<'a> + PartialEq + std::fmt::Debug>(value: 
 
 #[test]
 fn the_version_is_this_one() {
-    assert_eq!(VERSION, 6);
+    assert_eq!(VERSION, 7);
 }
 
 #[test]
@@ -259,7 +259,9 @@ fn motors_and_cogging() {
         viscous_nms: of(6.0),
         load_nm: of(7.0),
         leftover_v: of(8.0),
+        hall_delay_us: of(14.0),
         configured: Motor { resistance_ohm: 9.0, inductance_h: 10.0, flux_linkage_wb: 11.0, inertia_kgm2: 12.0 },
+        configured_delay_us: 15.0,
         pole_pairs: 13,
         samples: u32::MAX,
     };
@@ -267,8 +269,8 @@ fn motors_and_cogging() {
         hex(&report),
         concat!(
             "0000803f0000003e000000400000803e000040400000c03e000080400000003f0000a0400000203f0000c0400000403f",
-            "0000e0400000603f000000410000803f00001041000020410000304100004041",
-            "0dffffffff0f",
+            "0000e0400000603f000000410000803f000060410000e03f00001041000020410000304100004041",
+            "000070410dffffffff0f",
         )
     );
     let longest = Reply { id: u16::MAX, answer: Answer::Identification(Procedure::Done(report)) };

@@ -2,6 +2,7 @@
 
 pub mod adapt;
 pub mod commutation;
+pub mod delay;
 pub mod faults;
 pub mod magnets;
 pub mod papers;

@@ -28,6 +28,8 @@ enum Experiment {
     Adapt(experiment::adapt::Options),
     /// Rotors with uneven magnets: the error of the tracked angle
     Magnets(experiment::magnets::Options),
+    /// Late Halls: their delay as the drive measures it, and the tracked angle before and after
+    Delay(experiment::delay::Options),
     /// Choose the PWM frequency; current ripple by formula and by a switched simulation
     Pwm(experiment::pwm::Options),
     /// Absolute angle from two rings: before and after self-calibration, and when something breaks
@@ -48,6 +50,7 @@ fn main() -> ExitCode {
         Some(Experiment::Faults(options)) => experiment::faults::main(&options),
         Some(Experiment::Adapt(options)) => experiment::adapt::main(&options),
         Some(Experiment::Magnets(options)) => experiment::magnets::main(&options),
+        Some(Experiment::Delay(options)) => experiment::delay::main(&options),
         Some(Experiment::Pwm(options)) => experiment::pwm::main(&options),
         Some(Experiment::Vernier(options)) => experiment::vernier::main(&options),
         Some(Experiment::Papers(common)) => experiment::papers::main(&common),

@@ -99,6 +99,20 @@ impl Rig {
         (seconds / self.period_s).round() as u32
     }
 
+    /// Gives the drive other settings, its bridge off.
+    ///
+    /// # Errors
+    /// What is wrong with the settings.
+    pub fn configure(&mut self, settings: &Settings) -> Result<()> {
+        self.config = settings.validate().context("the drive's settings")?;
+        let lent = Box::leak(Box::new(self.config));
+        if self.service.configure(lent).is_err() {
+            bail!("the drive's queue is full");
+        }
+        self.run(0.01, |_, _| ());
+        Ok(())
+    }
+
     /// Sends a command and lets the drive obey it.
     ///
     /// # Errors

@@ -55,6 +55,8 @@ pub struct Config {
     pub(crate) dead_time_saturation: i32,
     /// Least speed at which the alignment is trimmed, in 2⁻³² electrical turns a step.
     pub(crate) trim_from: i32,
+    /// Delay of the Halls' signals, in 2⁻⁸ steps.
+    pub(crate) hall_delay: i32,
     /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every 128
     /// steps.
     pub(crate) trim_gain: i32,
@@ -143,6 +145,7 @@ impl Config {
                 / (0.5 * scale.step_hz / (2 * LONG) as f32)
                 * 16_777_216.0)
                 .clamp(1.0, 2_147_483_520.0) as i32,
+            hall_delay: libm::roundf(settings.hall_delay_us * 256e-6 * scale.step_hz) as i32,
             scale,
             motor,
             rates: [current_hz, speed_hz, position_hz].map(|hz| TAU * hz),
@@ -202,6 +205,11 @@ impl Config {
         let most = self.max_current as f32 / self.scale.per_ampere();
         demand(amperes, most)?;
         Ok(Current((libm::roundf(amperes * self.scale.per_ampere()) as i32).clamp(-self.max_current, self.max_current)))
+    }
+
+    /// Delay of the Halls' signals, µs.
+    pub(crate) fn hall_delay_us(&self) -> f32 {
+        self.hall_delay as f32 / 256e-6 / self.scale.step_hz
     }
 
     /// Current below which the dead time acts in part only, in amperes.

@@ -63,6 +63,7 @@ impl Drive {
         let (_, distance, channel, angle) = suspects
             .filter_map(|k| {
                 let (angle, strength) = estimator.angle_without(Channel(k), &codes)?;
+                let angle = angle - self.correction;
                 let distance = (angle - tracked).to_bits().unsigned_abs();
                 // A pair with the lost Hall in it is in the wrong place, and too strong or too weak: 30° count as much
                 // as a third of the strength.
@@ -78,7 +79,7 @@ impl Drive {
     pub(super) fn measure_without(&mut self, lost: Channel, codes: Codes) {
         let pair = self.estimator().and_then(|estimator| estimator.angle_without(lost, &codes));
         let healthy = pair.filter(|(_, strength)| strength.abs_diff(Estimator::NOMINAL_STRENGTH) <= UNHEALTHY);
-        match healthy.map(|(angle, _)| self.record.rotor.step(&self.config.tracking, angle)) {
+        match healthy.map(|(angle, _)| self.record.rotor.step(&self.config.tracking, angle - self.correction)) {
             Some(Ok(())) => self.angle_found(),
             _ => self.find_other_loss(lost, codes),
         }
@@ -95,7 +96,7 @@ impl Drive {
         match best {
             Some((channel, (angle, strength))) if strength.abs_diff(Estimator::NOMINAL_STRENGTH) <= UNHEALTHY => {
                 self.hall_loss.lost = Some(channel);
-                self.record.rotor.move_to(angle);
+                self.record.rotor.move_to(angle - self.correction);
             }
             _ => {
                 self.record.rotor.coast();

@@ -21,15 +21,23 @@ impl Drive {
         self.resolve_suspicion(*codes);
     }
 
-    /// What the map takes off the Halls' angle in the middle of the steps until it is looked up again.
+    /// What the Halls' angle is ahead by, for the steps until it is looked up again: by the map in their middle, and
+    /// less what the rotor turns while the Halls' signals are late.
     #[inline(always)]
     pub(super) fn look_up_correction(&mut self) {
+        let rotor = &self.record.rotor;
+        let mut correction = ElectricalAngle::ZERO;
         if let Some(map) = self.map() {
-            let rotor = &self.record.rotor;
-            let ahead = i64::from(rotor.speed()) * (i64::from(OUTER) + 1) / 2;
-            let position = Position::from_bits(rotor.position().to_bits().wrapping_add(ahead));
-            self.correction = map.correction(position);
+            // The fastest rotor turns a twentieth in a step, so this does not overflow.
+            let ahead = rotor.speed().wrapping_mul(OUTER as i32 + 1) >> 1;
+            let position = Position::from_bits(rotor.position().to_bits().wrapping_add(ahead.into()));
+            correction = map.correction(position);
         }
+        if let Some(control) = &self.config.control {
+            let behind = (rotor.speed() >> 8).wrapping_mul(control.hall_delay);
+            correction -= ElectricalAngle::from_bits(behind);
+        }
+        self.correction = correction;
     }
 
     /// The turns are counted anew: the map's pole is not known any more.

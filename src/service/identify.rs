@@ -4,8 +4,8 @@
 //!
 //! - `v_q = R i_q + λ ω + v₀ s(i_q)`: s is the sign, softened as the dead-time compensation's. What that leaves, and
 //!   the diodes' drop, is v₀, kept apart by currents of several magnitudes.
-//! - `v_d = −L ω i_q + λ ω (δ + τ)`, with the constant angle δ that the frame is off by, and the angle τ by which it
-//!   is trimmed and the tracker lags meanwhile.
+//! - `v_d = −L ω i_q + λ ω (δ + τ − T ω)`, with the constant angle δ that the frame is off by, the angle τ by which it
+//!   is trimmed and the tracker lags meanwhile, and the delay T of the Halls' signals that the settings do not know.
 //! - `K_t ∫i_q dt = J ΔΩ + B Δθ + C ∫sign Ω dt + T t`: the balance of momentum from [mark](Identifier::mark) to mark,
 //!   where the speed is steady. Offsets and noise of the currents average out, what is left of an offset acts as a load
 //!   T and does not touch the friction, which has the other sign on the way back.
@@ -55,6 +55,8 @@ impl Estimate {
     }
 }
 
+/// Range of the setting `hall_delay_us`.
+const HALL_DELAY_US: core::ops::RangeInclusive<f32> = -20.0..=200.0;
 /// Share from which on an error makes a value doubtful.
 const DOUBTFUL: f32 = 0.15;
 
@@ -79,8 +81,12 @@ pub struct Report {
     pub load_nm: Estimate,
     /// Voltage in the direction of the current that the dead-time compensation leaves, V.
     pub leftover_v: Estimate,
+    /// Delay of the Halls' signals, µs.
+    pub hall_delay_us: Estimate,
     /// The settings meanwhile.
     pub configured: Motor,
+    /// The delay of the Halls in the settings meanwhile, µs.
+    pub configured_delay_us: f32,
     /// Pole pairs in the settings; torque constant and everything mechanical depend on them.
     pub pole_pairs: u8,
     /// Measurements used.
@@ -111,6 +117,15 @@ impl Report {
         for (field, estimate) in fields.into_iter().filter(|(_, estimate)| !estimate.is_doubtful()) {
             *field = estimate.value;
         }
+        if self.tells_delay() {
+            settings.hall_delay_us = self.hall_delay_us.value.clamp(*HALL_DELAY_US.start(), *HALL_DELAY_US.end());
+        }
+    }
+
+    /// Whether the delay of the Halls is known better than the settings know it.
+    pub fn tells_delay(&self) -> bool {
+        let Estimate { value, error } = self.hall_delay_us;
+        (value - self.configured_delay_us).abs() > error
     }
 }
 
@@ -137,6 +152,7 @@ impl fmt::Display for Report {
             ("viscous friction", self.viscous_nms, 1e6, "µN·m·s", None, ""),
             ("constant load", self.load_nm, 1e3, "mN·m", None, ""),
             ("left of dead time", self.leftover_v, 1e3, "mV", None, ""),
+            ("delay of the Halls", self.hall_delay_us, 1.0, "µs", Some(self.configured_delay_us), ""),
         ];
         for (name, estimate, scale, unit, set, field) in rows {
             let Estimate { value, error } = estimate.times(scale);
@@ -144,6 +160,9 @@ impl fmt::Display for Report {
             match set {
                 Some(set) => write!(f, " {:>8.3}", set * scale)?,
                 None => write!(f, " {:>8}", "")?,
+            }
+            if name == "delay of the Halls" {
+                write!(f, "  {} hall_delay_us", if self.tells_delay() { "set" } else { "keep" })?;
             }
             if !field.is_empty() {
                 let verdict = if estimate.is_doubtful() { "doubtful, keep" } else { "set" };
@@ -160,7 +179,7 @@ impl fmt::Display for Report {
 }
 
 /// Most regressors.
-const MOST: usize = 4;
+const MOST: usize = 5;
 
 /// Sums of a linear regression; one function for all numbers of regressors is shorter than one for each.
 #[derive(Clone, Copy, Debug)]
@@ -264,6 +283,7 @@ struct Momentum {
 pub struct Identifier {
     scale: Scale,
     configured: Motor,
+    configured_delay_us: f32,
     ramp_a: f32,
     /// Angle that the tracker lags by for an acceleration, s².
     lag: f32,
@@ -289,10 +309,11 @@ impl Identifier {
         Some(Self {
             scale: control.scale,
             configured: control.motor,
+            configured_delay_us: control.hall_delay_us(),
             ramp_a: control.dead_time_ramp_a(),
             lag: config.tracking.lag() / (step_hz * step_hz),
             q: Fit::new(3),
-            d: Fit::new(4),
+            d: Fit::new(5),
             motion: Fit::new(4),
             points: [None; 2],
             momentum: None,
@@ -332,11 +353,15 @@ impl Identifier {
         if (after.current - before.current).abs() > most || point.burnt.abs() > most / 3.0 {
             return;
         }
+        // A frame that is far off, as after a reversal with late Halls, is beyond what is linear.
+        if d.abs() > FAR * q.abs() {
+            return;
+        }
         let omega = speed * self.scale.pole_pairs;
         let acceleration = (after.speed - before.speed) / elapsed;
-        self.q.push([current, omega, (current / self.ramp_a).clamp(-1.0, 1.0), 0.0], q);
+        self.q.push([current, omega, (current / self.ramp_a).clamp(-1.0, 1.0), 0.0, 0.0], q);
         let turned = omega * (point.trim - self.lag * acceleration);
-        self.d.push([-omega * current, omega, turned, point.burnt], d);
+        self.d.push([-omega * current, omega, -omega * omega, turned, point.burnt], d);
         self.samples += 1;
     }
 
@@ -369,7 +394,7 @@ impl Identifier {
         if let Some(ended) = self.momentum.replace(begun) {
             let weight = 1.0 / libm::sqrtf(ended.uncertain.max(1e-12));
             let way = self.radians(ended.position, position);
-            let row = [speed - ended.speed, way, ended.sign, self.seconds(ended.sequence, sequence)];
+            let row = [speed - ended.speed, way, ended.sign, self.seconds(ended.sequence, sequence), 0.0];
             self.motion.push(row.map(|x| x * weight), ended.impulse * weight);
         }
     }
@@ -381,16 +406,19 @@ impl Identifier {
 
     /// What the measurements say; `None` while they are too few, or do not vary enough to tell.
     pub fn report(&self) -> Option<Report> {
-        let [resistance, flux_linkage, leftover, _] = self.q.solve()?;
-        // The fourth coefficient and the third are known by now.
+        let [resistance, flux_linkage, leftover, ..] = self.q.solve()?;
+        // The last coefficients are known by now.
         let mut d = self.d;
         d.eliminate(resistance.value);
         d.eliminate(flux_linkage.value);
-        let [inductance, ..] = d.solve()?;
-        let motion = self.motion.solve()?;
+        let [inductance, _, late, ..] = d.solve()?;
+        let [inertia, viscous, coulomb, load, _] = self.motion.solve()?;
         let pairs = self.scale.pole_pairs;
-        let [inertia, viscous, coulomb, load] = motion.map(|x| x.times(1.5 * pairs * flux_linkage.value));
         let share = flux_linkage.error / flux_linkage.value;
+        let [inertia, viscous, coulomb, load] =
+            [inertia, viscous, coulomb, load].map(|x| x.times(1.5 * pairs * flux_linkage.value));
+        let late = late.times(1e6 / flux_linkage.value);
+        let late = Estimate { error: SWINGING * late.error, ..late }.beside(share + UNLIKE);
         let report = Report {
             resistance_ohm: resistance.beside(0.02),
             inductance_h: inductance.beside(0.02),
@@ -401,7 +429,9 @@ impl Identifier {
             viscous_nms: Estimate { error: 2.0 * viscous.error, ..viscous }.beside(share),
             load_nm: load.beside(share + 0.01),
             leftover_v: leftover,
+            hall_delay_us: Estimate { value: late.value + self.configured_delay_us, ..late },
             configured: self.configured,
+            configured_delay_us: self.configured_delay_us,
             pole_pairs: self.scale.pole_pairs as u8,
             samples: self.samples,
         };
@@ -410,5 +440,11 @@ impl Identifier {
     }
 }
 
+/// Tangent of the angle by which the voltage may be beside q.
+const FAR: f32 = 0.25;
+/// What uneven magnets leave swings with the rotor and is no noise: so many times the error that noise would have.
+const SWINGING: f32 = 4.0;
+/// Share of the delay by which Halls that are not equally late mislead.
+const UNLIKE: f32 = 0.08;
 /// Share of a current by which it has leapt from one measurement to the next.
 const LEAP: f32 = 0.3;

@@ -225,6 +225,8 @@ settings! {
             "Largest speed of a command, mechanical";
         max_acceleration_rad_s2: f32 = 5000.0, 1.0 => 1e6, "rad/s²", Real, FREE,
             "Largest acceleration of a trajectory, mechanical";
+        /// Bandwidth of the sensors, filters, and what the converter samples them earlier or later than the currents.
+        hall_delay_us: f32 = 0.0, -20.0 => 200.0, "µs", Real, FREE, "Delay of the Halls' signals";
     } with {
         /// Thresholds of the faults.
         guard: GuardSettings = GuardSettings::default();

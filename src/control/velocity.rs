@@ -86,6 +86,12 @@ impl Integrator {
         Self((current as i64) << 32)
     }
 
+    /// One that asks for a current at an error of the speed.
+    pub const fn asking(gains: &Gains, current: i32, error: i32) -> Self {
+        let proportional = clamp(error, gains.far) as i64 * gains.proportional as i64;
+        Self(((current as i64) << 32).wrapping_sub(proportional))
+    }
+
     /// One step: the current that makes the `measured` speed the `reference` one, beside what is fed `forward`;
     /// within the window. Speeds are up to 2²⁹, currents up to 2¹⁵.
     #[inline(always)]

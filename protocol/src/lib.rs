@@ -38,6 +38,8 @@ mod history;
 mod magnets;
 mod message;
 mod report;
+#[cfg(feature = "scope")]
+mod scope;
 mod status;
 
 #[cfg(feature = "encoder")]
@@ -48,10 +50,12 @@ pub use history::{Cause, History, Incident};
 pub use magnets::{MagnetsAsk, MagnetsRefusal, MagnetsReport, MagnetsStatus, POINTS_AT_ONCE};
 pub use message::{Answer, Ask, Hello, Refusal, Reply, Request, Setting};
 pub use report::{Calibration, Cogging, Procedure};
+#[cfg(feature = "scope")]
+pub use scope::{ROWS_AT_ONCE, ScopeAsk, ScopeRefusal, ScopeRows, ScopeStatus};
 pub use status::{Activity, Learning, Problem, Record, Status, Telemetry};
 
 /// Version of the messages.
-pub const VERSION: u8 = 6;
+pub const VERSION: u8 = 7;
 /// Most bytes of a message.
 pub const MESSAGE: usize = 244;
 /// Most bytes of a frame, zeros included: version and CRC on top of the message, one byte of COBS for each 254, two

@@ -60,8 +60,12 @@ fn a_command_of_another_tool_is_recorded() {
     let drive = calibrated();
     drive.ok(&["arm"]);
     let arguments = ["--json", "record", "--trigger", "speed>15", "--every", "8", "-c", "speed,speed_ref,i_q,position"];
-    let recorder = spawn(&drive.port, &arguments);
-    drive.ok(&["speed", "40", "--seconds", "2"]);
+    let mut recorder = spawn(&drive.port, &arguments);
+    // However long it takes to come.
+    while recorder.try_wait().unwrap().is_none() {
+        drive.ok(&["speed", "40", "--seconds", "0.5"]);
+        drive.ok(&["speed", "0", "--seconds", "0.5"]);
+    }
     let output = recorder.wait_with_output().unwrap();
     let found = json(&String::from_utf8(output.stdout).unwrap());
     let of = |name: &str, row: usize| found[name][row].as_f64().unwrap();
@@ -74,7 +78,7 @@ fn a_command_of_another_tool_is_recorded() {
 fn loops_are_measured_beside_the_model() {
     let drive = calibrated();
     let of = |value: &Value, name: &str| value[name].as_f64().unwrap_or_else(|| panic!("{name}: {value}"));
-    for (which, tolerance) in [("current", 0.2), ("speed", 0.25)] {
+    for (which, tolerance) in [("current", 0.25), ("speed", 0.25)] {
         let found = json(&drive.ok(&["--json", "chirp", which, "--steps", "8"]));
         let (measured, model) = (&found["measured"], &found["model"]);
         println!("{which}: {measured} {model}");

@@ -76,14 +76,13 @@ fn largest_step(currents: &[f64]) -> f64 {
     currents.windows(2).map(|pair| (pair[1] - pair[0]).abs()).fold(0.0, f64::max)
 }
 
-/// The loops are faster and slower by four, and the current does not jump by more than it does by itself.
+/// The loops are faster and slower by four, and the current does not jump by more than it does by itself: its noise is
+/// that of the bandwidth before or after.
 #[test]
 fn the_current_does_not_jump() {
     let demands = [Ask::Speed(60.0), Ask::Speed(-150.0), Ask::Torque(0.045), Ask::Position(1.0)];
     for demand in demands {
         let mut drive = loaded(demand);
-        let usual = currents_about(&mut drive, |drive| set(drive, "speed_bandwidth_hz", 60.0));
-        let usual = largest_step(&usual);
         for (name, values) in [
             ("speed_bandwidth_hz", [30.0, 120.0, 60.0]),
             ("position_bandwidth_hz", [4.0, 16.0, 15.0]),
@@ -94,8 +93,10 @@ fn the_current_does_not_jump() {
                 let currents = currents_about(&mut drive, |drive| set(drive, name, value));
                 // The change is carried out within the first steps after the trigger.
                 let step = largest_step(&currents[BEFORE - 1..BEFORE + 64]);
+                let [before, after] = [&currents[..BEFORE], &currents[BEFORE + 64..]].map(largest_step);
+                let usual = before.max(after);
                 println!("{demand:?} {name} {value}: {step:.4} A; usual {usual:.4} A");
-                assert!(step < 2.0 * usual + 0.02, "{demand:?} {name} {value}: {step} A, usual {usual} A");
+                assert!(step < 1.5 * usual + 0.02, "{demand:?} {name} {value}: {step} A, usual {usual} A");
             }
         }
         assert_eq!(drive.drive().mode(), Mode::Running);
@@ -107,7 +108,7 @@ fn the_current_does_not_jump() {
 fn hostile_changes_do_not_stop_the_motor() {
     let mut drive = loaded(Ask::Speed(60.0));
     let changes = [
-        ("position_bandwidth_hz", [0.1, 30.0]),
+        ("position_bandwidth_hz", [30.0, 0.1]),
         ("speed_bandwidth_hz", [0.5, 120.0]),
         ("current_bandwidth_hz", [500.0, 2000.0]),
     ];
@@ -151,16 +152,14 @@ fn what_is_out_of_range_is_refused_and_changes_nothing() {
             });
         }
     }
-    // What is no gain is refused as ever.
-    for (asks, drive) in drives.iter_mut().enumerate() {
-        let what = if asks == 0 { Ask::Set { name: "max_current_a", value: 1.0 } } else { Ask::Get("max_current_a") };
-        ask(drive, what, |answer| assert_eq!(matches!(answer, Answer::Refused(_)), asks == 0, "{answer:?}"));
-    }
     drives.iter_mut().for_each(|drive| run(drive, 300));
-    let [asked, other] = drives;
+    let [mut asked, other] = drives;
     assert_eq!(asked.drive().mode(), Mode::Running);
-    // The command that is refused while running is one that the drive takes a step for.
-    assert_eq!(asked.drive().state(), other.drive().state());
+    assert_eq!(asked.digest(), other.digest());
+    // What is no bandwidth is refused as ever.
+    ask(&mut asked, Ask::Set { name: "max_current_a", value: 1.0 }, |answer| {
+        assert!(matches!(answer, Answer::Refused(Refusal::Drive(_))), "{answer:?}");
+    });
 }
 
 /// The speed follows faster with a larger bandwidth that was set while turning.
@@ -183,5 +182,5 @@ fn a_change_while_turning_is_in_effect() {
     set(&mut drive, "speed_bandwidth_hz", 120.0);
     let faster = dip(&mut drive);
     println!("{slower} {before} {faster} rad/s");
-    assert!(slower > 1.5 * before && faster < before / 1.5, "{slower} {before} {faster}");
+    assert!(slower > 1.5 * before && faster < 0.85 * before, "{slower} {before} {faster}");
 }

@@ -11,6 +11,7 @@ use crate::response::{Sine, bandwidth};
 use crate::scope::{self, Recording};
 use crate::{say, units};
 use anyhow::Context as _;
+use hallservo::commutation::Commutation;
 use hallservo::hall::track;
 use hallservo::mode::Mode;
 use hallservo::scope::{Channel, ROWS, Setup, Trigger};
@@ -23,7 +24,7 @@ use std::time::Duration;
 /// Which loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
 pub(super) enum Loop {
-    /// Of the current along q, by small torques from rest
+    /// Of the current along q, by torques that begin at rest
     Current,
     /// Of the speed
     Speed,
@@ -33,7 +34,8 @@ pub(super) enum Loop {
 pub(super) struct Options {
     /// Which loop
     which: Loop,
-    /// Size of a step: A, or rad/s and the like; without, a tenth of the largest
+    /// Size of a step: A (from as much to twice as much), or rad/s and the like; without, a sixth of the largest current
+    /// or a tenth of the largest speed
     #[arg(long)]
     size: Option<String>,
     /// Speed in the middle of the steps; for the speed alone
@@ -88,10 +90,38 @@ impl Figures {
 struct Plan {
     setup: Setup,
     row_s: f64,
-    /// Before each step, and the two ends between which they are.
-    rest: Target,
-    steps: [Target; 2],
+    which: Loop,
+    /// Middle and size of the steps, rad/s; or zero and a torque, N·m.
+    from: f64,
+    size: f64,
+    /// Bandwidth as set.
     hz: f64,
+}
+
+/// Shares of the size. A ramp holds nothing of some frequencies, which are others for each size.
+const SHARES: [f64; 4] = [1.0, 0.4, 0.7, 0.5];
+
+impl Plan {
+    /// Before a step of the current: the rotor comes to rest.
+    const REST: Target = Target::Speed(0.0);
+
+    /// From where a step of the current goes on, beyond what the dead time does about zero.
+    fn bias(&self, step: u32) -> Option<Target> {
+        let side = if step.is_multiple_of(2) { self.size } else { -self.size };
+        (self.which == Loop::Current).then_some(Target::Torque(side as f32))
+    }
+
+    /// What a step goes to.
+    fn target(&self, step: u32) -> Target {
+        let side = if step.is_multiple_of(2) { self.size } else { -self.size };
+        match self.which {
+            Loop::Current => Target::Torque(2.0 * side as f32),
+            Loop::Speed => {
+                let share = SHARES[step as usize % SHARES.len()];
+                Target::Speed((self.from + share * side / 2.0) as f32)
+            }
+        }
+    }
 }
 
 pub(super) fn chirp(client: &mut Client, options: &Options, out: Out) -> Result<()> {
@@ -99,6 +129,9 @@ pub(super) fn chirp(client: &mut Client, options: &Options, out: Out) -> Result<
     let model = model(client)?;
     let plan = plan(client, options, &model, out)?;
     let found = client.status()?;
+    if found.commutation != Commutation::FieldOriented {
+        return Err(Error::Failed("there is no current along q: `hallctl commutation field-oriented` first".into()));
+    }
     if found.mode != Mode::Running {
         client.arm()?;
     }
@@ -140,7 +173,7 @@ fn plan(client: &mut Client, options: &Options, model: &Model, out: Out) -> Resu
     let constant = 1.5 * get("pole_pairs")? * get("flux_linkage_wb")?;
     let (largest_a, largest_rad_s) = (get("max_current_a")?, get("max_speed_rad_s")?);
     let (channels, hz, size) = match options.which {
-        Loop::Current => (vec![Channel::ReferenceQ, Channel::CurrentQ], model.current_hz, largest_a / 10.0),
+        Loop::Current => (vec![Channel::ReferenceQ, Channel::CurrentQ], model.current_hz, largest_a / 6.0),
         Loop::Speed => {
             let channels = vec![Channel::SpeedReference, Channel::Speed, Channel::ReferenceQ];
             (channels, model.speed_hz, largest_rad_s / 10.0)
@@ -162,28 +195,23 @@ fn plan(client: &mut Client, options: &Options, model: &Model, out: Out) -> Resu
         Loop::Current => usual.round().max(1.0) as u16,
         Loop::Speed => 8 * (usual / 8.0).round().max(1.0) as u16,
     };
-    let from = options.from.value(out.units.speed.rad_s());
-    let (rest, steps) = match options.which {
-        Loop::Current => (Target::Speed(0.0), [1.0, -1.0].map(|sign| Target::Torque((sign * size * constant) as f32))),
-        Loop::Speed => {
-            let ends = [from + size / 2.0, from - size / 2.0].map(|speed| Target::Speed(speed as f32));
-            (ends[1], ends)
-        }
-    };
     let setup =
         Setup { channels: four(&channels), every, rows: ROWS as u16, before: BEFORE, trigger: Trigger::Command };
-    Ok(Plan { setup, row_s: f64::from(every) / model.step_hz, rest, steps, hz })
+    let (from, size) = match options.which {
+        Loop::Current => (0.0, size * constant),
+        Loop::Speed => (options.from.value(out.units.speed.rad_s()), size),
+    };
+    Ok(Plan { setup, row_s: f64::from(every) / model.step_hz, which: options.which, from, size, hz })
 }
 
 /// A record of each step.
 fn records(client: &mut Client, count: u32, plan: &Plan) -> Result<Vec<Recording>> {
-    client.order(plan.rest.ask())?;
-    client.listen(5 * PAUSE)?;
-    let rests = matches!(plan.steps[0], Target::Torque(_));
     let mut records = Vec::new();
     for step in 0..count {
-        if rests {
-            client.order(plan.rest.ask())?;
+        // The speed's first step has one before it.
+        let before = if plan.which == Loop::Current { Plan::REST } else { plan.target(1) };
+        if plan.which == Loop::Current || step == 0 {
+            client.order(before.ask())?;
         }
         // The loop comes to rest, in the drive's time.
         let began_ms = client.status()?.uptime_ms;
@@ -191,14 +219,16 @@ fn records(client: &mut Client, count: u32, plan: &Plan) -> Result<Vec<Recording
         while client.status()?.uptime_ms < began_ms + settles_ms {
             client.listen(PAUSE / 4)?;
         }
+        if let Some(bias) = plan.bias(step) {
+            client.order(bias.ask())?;
+        }
         let id = scope::begin(client, plan.setup)?;
         let armed_ms = client.status()?.uptime_ms;
         let before_ms = (1000.0 * plan.row_s * f64::from(BEFORE)) as u64 + 2;
         while client.status()?.uptime_ms < armed_ms + before_ms {
             client.listen(PAUSE / 4)?;
         }
-        let target = plan.steps[step as usize % 2];
-        client.order(target.ask()).map_err(|error| motion::fallen(client, error))?;
+        client.order(plan.target(step).ask()).map_err(|error| motion::fallen(client, error))?;
         records.push(scope::finish(client, id, LONGEST_S)?);
     }
     Ok(records)

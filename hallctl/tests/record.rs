@@ -78,16 +78,17 @@ fn a_command_of_another_tool_is_recorded() {
 fn loops_are_measured_beside_the_model() {
     let drive = calibrated();
     let of = |value: &Value, name: &str| value[name].as_f64().unwrap_or_else(|| panic!("{name}: {value}"));
-    for (which, tolerance) in [("current", 0.25), ("speed", 0.25)] {
+    // The speed follows beyond what is measured, as its acceleration is fed forward.
+    for (which, names) in [("current", &["bandwidth_hz", "crossover_hz"][..]), ("speed", &["crossover_hz"])] {
         let found = json(&drive.ok(&["--json", "chirp", which, "--steps", "8"]));
         let (measured, model) = (&found["measured"], &found["model"]);
         println!("{which}: {measured} {model}");
-        for name in ["bandwidth_hz", "crossover_hz"] {
+        for name in names {
             let share = of(measured, name) / of(model, name);
-            assert!((share - 1.0).abs() < tolerance, "{which} {name}: {measured} {model}");
+            assert!((share - 1.0).abs() < 0.12, "{which} {name}: {measured} {model}");
         }
         let margins = of(measured, "phase_margin_deg") - of(model, "phase_margin_deg");
-        assert!(margins.abs() < 12.0, "{which}: {measured} {model}");
+        assert!(margins.abs() < 8.0, "{which}: {measured} {model}");
     }
     assert!(drive.ok(&["status"]).contains("ready"));
     let page = tempfile::tempdir().unwrap();

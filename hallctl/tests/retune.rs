@@ -127,6 +127,23 @@ fn hostile_changes_do_not_stop_the_motor() {
     }
 }
 
+/// A tracker that is as slow as it may be leaves the loops without a speed: whatever comes of that is within the limits.
+#[test]
+fn a_hostile_tracker_is_within_the_limits() {
+    let mut drive = loaded(Ask::Speed(60.0));
+    for k in 0..200 {
+        set(&mut drive, "tracking_bandwidth_hz", [5.0, 5000.0][k % 2]);
+        for _ in 0..8 {
+            drive.step();
+            let (mode, state) = (drive.drive().mode(), drive.drive().state());
+            assert!(matches!(mode, Mode::Running | Mode::Faulted(_)), "{mode:?}");
+            // 3 A of 8.25 A.
+            assert!(state.current_reference.abs() <= 11_916, "{k}: {state:?}");
+        }
+    }
+    println!("{:?}", drive.drive().mode());
+}
+
 #[test]
 fn what_is_out_of_range_is_refused_and_changes_nothing() {
     let mut drives = [loaded(Ask::Speed(60.0)), loaded(Ask::Speed(60.0))];

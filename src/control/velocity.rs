@@ -148,6 +148,19 @@ mod tests {
         assert!((last - 100.0).abs() < 0.1 && largest < 110.0, "{largest} {last}");
     }
 
+    /// After other gains it asks for the same, but for a rounding.
+    #[test]
+    fn goes_on_with_the_current_whatever_the_gains() {
+        let window = Window::symmetric(20_000);
+        for (bandwidth, error) in [(0.5, 3_000_000), (60.0, -40_000), (250.0, 7), (250.0, i32::MAX), (10.0, i32::MIN)] {
+            let gains = Gains::new(&MOTOR, bandwidth, SCALE.step_hz / 8.0, &SCALE).unwrap();
+            for current in [-30_000, -1, 0, 12_345] {
+                let asked = Integrator::asking(&gains, current, error).step(&gains, error, 0, 0, &window).asked;
+                assert!((asked - current).abs() <= 1, "{bandwidth} Hz, {error}: {asked} instead of {current}");
+            }
+        }
+    }
+
     #[test]
     fn the_acceleration_is_fed_forward() {
         let gains = Gains::new(&MOTOR, 50.0, SCALE.step_hz, &SCALE).unwrap();

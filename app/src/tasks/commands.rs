@@ -59,6 +59,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         self.send_settings(settings, true)
     }
 
+    // One copy, as a firmware has little flash.
+    #[inline(never)]
     fn send_settings(&mut self, settings: Settings, retunes: bool) -> Result<(), Refusal<'static>> {
         let mut config = settings.validate().map_err(Refusal::Setting)?;
         if !retunes {

@@ -101,19 +101,6 @@ pub struct Plan {
     pub(super) rising: bool,
 }
 
-impl Plan {
-    /// Nothing.
-    pub(super) const NONE: Self = Self {
-        channels: [None; CHANNELS],
-        every: 0,
-        rows: 0,
-        before: 0,
-        source: Source::Nothing,
-        level: 0,
-        rising: false,
-    };
-}
-
 impl Setup {
     /// Checks it, for a drive with these settings and control periods a second. `origin` is the raw position where the
     /// user's is zero.

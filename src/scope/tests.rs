@@ -15,7 +15,7 @@ fn kept(plan: &Plan, watched: &[i32]) -> Option<Vec<i32>> {
     recording.restart(plan);
     for (number, watched) in watched.iter().enumerate() {
         if !recording.is_complete() {
-            recording.push([number as i32, 0, 0, 0], *watched);
+            recording.push(plan, [number as i32, 0, 0, 0], *watched);
         }
     }
     let row = |number| recording.row(number).map(|row| row[0]);
@@ -24,8 +24,7 @@ fn kept(plan: &Plan, watched: &[i32]) -> Option<Vec<i32>> {
 }
 
 #[test]
-fn a_ring_and_a_plan_leave_the_memory_blank() {
-    // A static of zeros costs no flash.
+fn a_new_recording_is_empty() {
     assert_eq!(size_of::<Recording>() / 1024, 8);
     assert!(Recording::new().row(0).is_none());
 }

@@ -13,7 +13,7 @@ use static_cell::StaticCell;
 
 pub const ROWS: &[Row] = &[
     Row::new("scope, nothing to record", "hallservo", function!(take), idle, none).budget(16),
-    Row::new("scope, four channels", "hallservo", function!(take), recording, none).budget(290),
+    Row::new("scope, four channels", "hallservo", function!(take), recording, none).budget(300),
 ];
 
 /// What a board's control interrupt does after the step.

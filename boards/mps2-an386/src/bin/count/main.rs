@@ -22,9 +22,9 @@ use row::Row;
 
 #[entry]
 fn main() -> ! {
-    let step = [drive::ROWS, servo::ROWS, scope::ROWS];
-    let [drive, servo, scope] = step;
-    Row::table(init, &[trig::ROWS, halls::ROWS, duties::ROWS, drive, servo, scope, vernier::ROWS, adapt::ROWS])
+    let tables =
+        [trig::ROWS, halls::ROWS, duties::ROWS, drive::ROWS, servo::ROWS, scope::ROWS, vernier::ROWS, adapt::ROWS];
+    Row::table(init, &tables)
 }
 
 fn init() {

@@ -126,6 +126,14 @@ impl Config {
         }
     }
 
+    /// Takes over the gains of one whose settings differ in those that are [tunable](crate::settings::is_tunable).
+    pub(crate) fn retune(&mut self, other: &Self) {
+        self.tracking = other.tracking;
+        if let (Some(control), Some(other)) = (&mut self.control, &other.control) {
+            control.retune(other);
+        }
+    }
+
     /// Steps from record to record while not calibrating.
     pub const fn record_every(&self) -> u32 {
         self.record_every

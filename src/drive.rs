@@ -29,6 +29,7 @@ mod idle;
 mod impedance;
 mod interlock;
 mod local_feedback;
+mod look;
 pub mod open_loop;
 mod protection;
 mod records;

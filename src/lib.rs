@@ -90,6 +90,7 @@ pub mod mode;
 pub mod porting {}
 pub mod pwm;
 mod schedule;
+pub mod scope;
 pub mod service;
 pub mod settings;
 pub mod storage;

@@ -118,6 +118,7 @@ enum Origin {
     Calibration,
     Install,
     Configure,
+    Retune,
     Supervision,
     Procedure,
 }
@@ -183,12 +184,30 @@ impl Service {
     /// # Errors
     /// The settings themselves, when others are on their way or seven commands are queued already.
     pub fn configure(&mut self, config: &'static mut Config) -> Result<(), &'static mut Config> {
+        self.send_config(config, Command::Configure, Origin::Configure)
+    }
+
+    /// Sends settings that differ from those of now in [tunable](crate::settings::is_tunable) ones, which a drive takes up
+    /// while it turns, too; its answer is a later [`Event::Reply`].
+    ///
+    /// # Errors
+    /// As [`Self::configure`].
+    pub fn retune(&mut self, config: &'static mut Config) -> Result<(), &'static mut Config> {
+        self.send_config(config, Command::Retune, Origin::Retune)
+    }
+
+    fn send_config(
+        &mut self,
+        config: &'static mut Config,
+        command: fn(&'static mut Config) -> Command,
+        origin: Origin,
+    ) -> Result<(), &'static mut Config> {
         if self.pending_config.is_some() {
             return Err(config);
         }
         let pending = *config;
-        match self.enqueue(Command::Configure(config), Origin::Configure) {
-            Err(Command::Configure(config)) => Err(config),
+        match self.enqueue(command(config), origin) {
+            Err(Command::Configure(config) | Command::Retune(config)) => Err(config),
             _ => {
                 self.pending_config = Some(pending);
                 Ok(())
@@ -313,6 +332,12 @@ impl Service {
                 Some(Origin::Configure) => {
                     self.config = self.pending_config.take().filter(|_| reply.is_ok()).unwrap_or(self.config);
                     self.commutation = self.config.commutation;
+                    return Some(Event::Reply(reply));
+                }
+                Some(Origin::Retune) => {
+                    if let Some(pending) = self.pending_config.take().filter(|_| reply.is_ok()) {
+                        self.config.retune(&pending);
+                    }
                     return Some(Event::Reply(reply));
                 }
                 Some(Origin::Calibration) => {

@@ -16,6 +16,15 @@ pub use entry::{Entry, Kind, about, find};
 pub use error::Error;
 pub use guard::Ceiling;
 
+/// Settings that a drive takes over while it turns: bandwidths of its loops.
+const TUNABLE: [&str; 4] =
+    ["current_bandwidth_hz", "speed_bandwidth_hz", "position_bandwidth_hz", "tracking_bandwidth_hz"];
+
+/// Whether a drive takes a setting over while it turns, by [`Command::Retune`](crate::drive::Command::Retune).
+pub fn is_tunable(name: &str) -> bool {
+    TUNABLE.contains(&name)
+}
+
 impl Settings {
     /// Checks that no setting exceeds the board's ceilings and every one is in its range, as the others are.
     ///

@@ -82,6 +82,7 @@ mod procedure;
 #[cfg(feature = "registers")]
 mod registers;
 mod requests;
+mod scope;
 mod stop;
 pub mod storage;
 mod supervisor;
@@ -102,6 +103,7 @@ use hallservo::hall::estimate::Estimator;
 use hallservo::service::Service;
 use magnets::MagnetMemory;
 use procedure::Procedure;
+use scope::ScopeMemory;
 
 /// Name of the board and version of its firmware, for a person who asks.
 #[derive(Clone, Copy, Debug)]
@@ -127,6 +129,7 @@ pub struct Memory<F, E: Encoder = NoEncoder> {
     adaptation: MaybeUninit<SensorAdaptation>,
     encoder: E::Memory,
     magnets: MagnetMemory,
+    scope: ScopeMemory,
     supervisor: MaybeUninit<Supervisor<F, E>>,
 }
 
@@ -152,6 +155,7 @@ impl<F, E: Encoder> Memory<F, E> {
             adaptation: MaybeUninit::uninit(),
             encoder: E::MEMORY,
             magnets: MagnetMemory::new(),
+            scope: ScopeMemory::new(),
             supervisor: MaybeUninit::uninit(),
         }
     }

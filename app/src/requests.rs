@@ -3,6 +3,8 @@
 use crate::encoder::Encoder;
 use crate::history::ENTRIES;
 use crate::procedure::Procedure;
+#[cfg(feature = "scope")]
+use crate::scope::From;
 use crate::tasks::Tasks;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::angle::Position;
@@ -14,6 +16,8 @@ use hallservo::mode::Mode;
 use hallservo::settings::{self, Entry, Settings, TABLE, find};
 #[cfg(feature = "encoder")]
 use hallservo_protocol::EncoderAsk;
+#[cfg(feature = "scope")]
+use hallservo_protocol::ScopeAsk;
 use hallservo_protocol::{
     self as protocol, Activity, Answer, Ask, Calibration, Hello, History, Record, Refusal, Request, Setting,
 };
@@ -98,6 +102,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             }
             #[cfg(feature = "map")]
             Ask::Magnets(MagnetsAsk::Points(first)) => self.magnets.points(first)?,
+            #[cfg(feature = "scope")]
+            Ask::Scope(ask) => self.ask_scope(ask, client)?,
             Ask::Telemetry(hz) => {
                 if !(0.0..=FASTEST).contains(&hz) {
                     return Err(Refusal::Demand(BadDemand { value: hz, most: FASTEST }));
@@ -254,7 +260,17 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             | Ask::Telemetry(_)
             | Ask::History(_)
             | Ask::Release => Ok(Step::Answer(Answer::Done)),
+            #[cfg(feature = "scope")]
+            Ask::Scope(_) => Ok(Step::Answer(Answer::Done)),
         }
+    }
+
+    #[cfg(feature = "scope")]
+    fn ask_scope(&mut self, ask: ScopeAsk, client: u32) -> Result<Answer<'static>, Refusal<'static>> {
+        let (now_ms, step_hz) = (self.now_ms, self.step_hz());
+        let origin = (self.encoder.origin().to_bits() >> 16) as i32;
+        let config = self.service.config();
+        self.scope.ask(ask, &From { client, now_ms, config, step_hz, origin })
     }
 
     #[cfg(feature = "encoder")]
@@ -335,7 +351,12 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     fn change(&mut self, name: &str, value: f32) -> StepResult {
         let entry = find(name).ok_or(UNKNOWN)?;
-        self.reconfigure(self.settings.with(name, value).map_err(Refusal::Setting)?, Command::Set(entry))
+        let settings = self.settings.with(name, value).map_err(Refusal::Setting)?;
+        if settings::is_tunable(name) {
+            self.retune(settings)?;
+            return Ok(Step::Await(Awaited::Reply(Command::Set(entry))));
+        }
+        self.reconfigure(settings, Command::Set(entry))
     }
 
     fn control(&self) -> Result<&Config, Refusal<'static>> {

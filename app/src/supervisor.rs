@@ -99,6 +99,12 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         }
     }
 
+    /// The control interrupt's end of the scope, once; without one that takes rows, the drive says that it has no scope.
+    #[cfg(feature = "scope")]
+    pub const fn recorder(&mut self) -> Option<hallservo::scope::Recorder> {
+        self.tasks.scope.recorder()
+    }
+
     /// Before the first tick.
     pub(crate) const fn tasks(&mut self) -> &mut Tasks<F, E> {
         &mut self.tasks

@@ -22,6 +22,7 @@ use crate::history::History;
 use crate::housekeeping::Readings;
 use crate::magnets::MagnetMap;
 use crate::procedure::Procedure;
+use crate::scope::ScopeTasks;
 use crate::storage::{Sensors, Storage};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::config::Config;
@@ -52,11 +53,14 @@ pub(crate) struct Tasks<F, E> {
     pub settings: Settings,
     /// Settings that were sent to the drive and are not acknowledged yet.
     sent_settings: Option<Settings>,
+    /// Whether they differ in tunable ones only.
+    retunes: bool,
     /// Memory for the next settings on their way to the drive.
     spare_config: Option<&'static mut Config>,
     storage: Storage<F>,
     pub encoder: E,
     pub magnets: MagnetMap,
+    pub scope: ScopeTasks,
     /// What is wrong with each kind of stored record.
     pub stored: [Problem; 3],
     /// Whether nobody has confirmed settings that are not those stored.

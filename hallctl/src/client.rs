@@ -8,7 +8,8 @@ use anyhow::Context;
 use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo_protocol::{
-    Answer, Ask, Decoder, Error as Frame, FRAME, Incident, Reply, Request, Setting, Status, Telemetry, encode,
+    Answer, Ask, Decoder, Error as Frame, FRAME, Incident, Refusal, Reply, Request, ScopeAsk, ScopeRefusal, Setting,
+    Status, Telemetry, encode,
 };
 use std::collections::VecDeque;
 use std::hash::{BuildHasher, Hasher, RandomState};
@@ -163,10 +164,20 @@ impl Client {
     /// # Errors
     /// No answer, another version, a refusal, or what `understand` makes of it.
     pub fn ask<R>(&mut self, ask: Ask<'_>, understand: impl FnOnce(Answer<'_>) -> Result<R>) -> Result<R> {
-        self.id = self.id.wrapping_add(1);
+        // One more for what may come behind it.
+        self.id = self.id.wrapping_add(2);
         let mut frame = [0; FRAME];
         let request = Request { id: self.id, client: self.number, unattended: self.unattended, ask };
         let length = encode(&request, &mut frame).context("the request is too long")?;
+        // A drive that does not know what is asked leaves it unanswered, but not what comes behind.
+        let (mut behind, behind_id) = ([0; FRAME], self.id.wrapping_sub(1));
+        let behind_length = match ask {
+            Ask::Scope(ScopeAsk::Status) => {
+                let hello = Request { id: behind_id, ask: Ask::Hello, ..request };
+                encode(&hello, &mut behind).context("the request is too long")?
+            }
+            _ => 0,
+        };
         self.controls |= ask.controls();
         if matches!(ask, Ask::Telemetry(hz) if hz > 0.0) {
             self.stream = self.id;
@@ -176,6 +187,7 @@ impl Client {
             self.check()?;
             if attempts == 0 || may_repeat(&ask) && asked.elapsed() > self.patience * attempts / ATTEMPTS {
                 self.line.writer.write_all(&frame[..length]).context("the connection broke")?;
+                self.line.writer.write_all(&behind[..behind_length]).context("the connection broke")?;
                 self.line.writer.flush().context("the connection broke")?;
                 attempts += 1;
             }
@@ -190,6 +202,10 @@ impl Client {
                         Answer::Refused(refusal) => Err(Error::Refused(words::refusal(&refusal))),
                         answer => understand(answer),
                     };
+                }
+                // Once, a byte may have been lost.
+                Some(Ok(Reply { id, .. })) if behind_length > 0 && id == behind_id && attempts > 1 => {
+                    return Err(Error::Refused(words::refusal(&Refusal::Scope(ScopeRefusal::None))));
                 }
                 Some(Ok(_)) => {}
                 Some(Err(Frame::Version { found })) => return Err(Error::Version { found }),
@@ -322,7 +338,11 @@ impl Client {
         Ok(())
     }
 
-    fn listen(&mut self, time: Duration) -> Result<()> {
+    /// Collects telemetry for a time on the wall.
+    ///
+    /// # Errors
+    /// The connection broke, or a signal has come.
+    pub fn listen(&mut self, time: Duration) -> Result<()> {
         let (began, mut byte) = (Instant::now(), [0]);
         while began.elapsed() < time {
             self.check()?;

@@ -1,5 +1,6 @@
 //! The command line.
 
+mod chirp;
 mod commission;
 mod config;
 mod encoder;
@@ -11,6 +12,7 @@ mod magnets;
 mod motion;
 mod pole_pairs;
 mod procedures;
+mod record;
 mod response;
 mod session;
 mod settings;
@@ -153,12 +155,16 @@ enum Command {
     Settings(settings::Command),
     /// Watch the drive, until Ctrl-C or for a while
     Telemetry(telemetry::Options),
+    /// Record up to four channels at up to the control rate, about a trigger
+    Record(record::Options),
     /// The drive, live: state, Halls with their swings for mounting, motion; `s` stops it
     Watch,
     /// How the motor follows a step of speed or position: rise, overshoot, settling
     Step(response::StepOptions),
     /// How it follows sines of speed or position: gain, phase, bandwidth, phase margin
     Sine(response::SineOptions),
+    /// Frequency response of the current or the speed control: bandwidth, phase margin, beside the model's
+    Chirp(chirp::Options),
     /// Try bandwidths of the speed control, and propose one
     Tune(tune::Options),
     /// What went wrong since power-up, and what to do
@@ -315,9 +321,11 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
         Command::Encoder(command) => encoder::run(client, command, out),
         Command::Settings(command) => settings::run(client, command, out),
         Command::Telemetry(options) => telemetry::watch(client, options, out),
+        Command::Record(options) => record::record(client, options, out),
         Command::Watch => watch::watch(client, out),
         Command::Step(options) => response::step(client, options, out),
         Command::Sine(options) => response::sine(client, options, out),
+        Command::Chirp(options) => chirp::chirp(client, options, out),
         Command::Tune(options) => tune::tune(client, options, out),
         Command::Faults => faults::show(client, out),
         // These need no drive.

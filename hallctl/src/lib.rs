@@ -7,11 +7,13 @@
 pub mod client;
 pub mod command;
 pub mod error;
+pub mod frequency;
 pub mod hub;
 pub mod interrupt;
 pub mod link;
 pub mod out;
 pub mod response;
+pub mod scope;
 #[cfg(unix)]
 pub mod share;
 pub mod simulate;

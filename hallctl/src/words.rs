@@ -9,7 +9,9 @@ use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 use hallservo::service::procedure;
 use hallservo::settings::{self, Kind};
-use hallservo_protocol::{Activity, Cause, Incident, Learning, MagnetsRefusal, Problem, Record, Refusal, Setting};
+use hallservo_protocol::{
+    Activity, Cause, Incident, Learning, MagnetsRefusal, Problem, Record, Refusal, ScopeRefusal, Setting,
+};
 use serde_json::{Value, json};
 
 /// A state.
@@ -162,6 +164,18 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
         }
         Refusal::Magnets(MagnetsRefusal::Encoder) => {
             "there is an encoder on the shaft: a map of the magnets is for drives without".into()
+        }
+        Refusal::Scope(ScopeRefusal::None) => {
+            "this drive has no scope: its memory is too small for one\n  `hallctl telemetry` records up to 1000 times a \
+             second."
+                .into()
+        }
+        Refusal::Scope(ScopeRefusal::Setup(error)) => error.to_string(),
+        Refusal::Scope(ScopeRefusal::Busy) => {
+            "another tool records\n  Wait until it ends; two seconds after one was killed the scope is free.".into()
+        }
+        Refusal::Scope(ScopeRefusal::Gone) => {
+            "the recording is gone: the drive was restarted, or another tool records\n  Record again.".into()
         }
         Refusal::Flash => "the flash did not take it\n  Try again; the flash may be worn out.".into(),
         Refusal::NoTable => "the cogging is not learnt yet\n  `hallctl cogging learn` first.".into(),

@@ -38,6 +38,8 @@ mod history;
 mod magnets;
 mod message;
 mod report;
+#[cfg(feature = "scope")]
+mod scope;
 mod status;
 
 #[cfg(feature = "encoder")]
@@ -48,6 +50,8 @@ pub use history::{Cause, History, Incident};
 pub use magnets::{MagnetsAsk, MagnetsRefusal, MagnetsReport, MagnetsStatus, POINTS_AT_ONCE};
 pub use message::{Answer, Ask, Hello, Refusal, Reply, Request, Setting};
 pub use report::{Calibration, Cogging, Procedure};
+#[cfg(feature = "scope")]
+pub use scope::{ROWS_AT_ONCE, ScopeAsk, ScopeRefusal, ScopeRows, ScopeStatus};
 pub use status::{Activity, Learning, Problem, Record, Status, Telemetry};
 
 /// Version of the messages.

@@ -6,6 +6,8 @@ use crate::history::History;
 #[cfg(feature = "map")]
 use crate::magnets::{MagnetsAsk, MagnetsRefusal, MagnetsStatus, POINTS_AT_ONCE};
 use crate::report::{Calibration, Cogging, Procedure};
+#[cfg(feature = "scope")]
+use crate::scope::{ScopeAsk, ScopeRefusal, ScopeRows, ScopeStatus};
 use crate::status::{Activity, Problem, Status, Telemetry};
 use hallservo::commutation::Commutation;
 use hallservo::control::config::BadDemand;
@@ -84,7 +86,8 @@ pub enum Ask<'a> {
     Setting(u16),
     /// A setting by its name: [`Answer::Setting`].
     Get(&'a str),
-    /// Another value, while the bridge is off. It holds until the power goes, or for good after [`Ask::Save`].
+    /// Another value, while the bridge is off; bandwidths of the loops and of the tracker at any time. It holds until the
+    /// power goes, or for good after [`Ask::Save`].
     Set {
         /// Name of the setting.
         name: &'a str,
@@ -129,6 +132,9 @@ pub enum Ask<'a> {
     /// The map of the rotor's magnets.
     #[cfg(feature = "map")]
     Magnets(MagnetsAsk),
+    /// The scope.
+    #[cfg(feature = "scope")]
+    Scope(ScopeAsk),
 }
 
 impl Ask<'_> {
@@ -140,6 +146,10 @@ impl Ask<'_> {
         }
         #[cfg(feature = "map")]
         if let Self::Magnets(MagnetsAsk::Status | MagnetsAsk::Points(_)) = self {
+            return false;
+        }
+        #[cfg(feature = "scope")]
+        if let Self::Scope(_) = self {
             return false;
         }
         !matches!(
@@ -206,6 +216,12 @@ pub enum Answer<'a> {
     /// To [`MagnetsAsk::Points`], in 2⁻¹⁸ electrical turns; none beyond the end of the map.
     #[cfg(feature = "map")]
     MagnetPoints([i16; POINTS_AT_ONCE]),
+    /// To [`ScopeAsk::Status`].
+    #[cfg(feature = "scope")]
+    Scope(ScopeStatus),
+    /// To [`ScopeAsk::Rows`].
+    #[cfg(feature = "scope")]
+    ScopeRows(ScopeRows),
 }
 
 /// Who is there.
@@ -276,4 +292,7 @@ pub enum Refusal<'a> {
     /// The map of the magnets cannot.
     #[cfg(feature = "map")]
     Magnets(MagnetsRefusal),
+    /// The scope cannot.
+    #[cfg(feature = "scope")]
+    Scope(ScopeRefusal),
 }

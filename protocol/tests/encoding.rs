@@ -341,3 +341,43 @@ fn magnets() {
     // The largest fits a message.
     hex(&Reply { id: u16::MAX, answer: Answer::MagnetPoints([i16::MIN; POINTS_AT_ONCE]) });
 }
+
+#[cfg(feature = "scope")]
+#[test]
+fn scopes() {
+    use hallservo::scope::{self, Channel, Setup, State, Trigger};
+    let channels = [Some(Channel::PhaseA), None, Some(Channel::Hall3), None];
+    let setup = Setup { channels, every: 300, rows: 512, before: 1, trigger: Trigger::Now };
+    let level = Trigger::Level { channel: Channel::Speed, level: 1.0, rising: true };
+    let asks = [
+        (ScopeAsk::Status, "2300"),
+        (ScopeAsk::Begin { id: 300, setup }, "2301ac020100000114 00ac0280040100"),
+        (ScopeAsk::Rows { id: 300, first: 11 }, "2302ac020b"),
+        (ScopeAsk::End, "2303"),
+    ];
+    for (ask, bytes) in asks {
+        assert_eq!(hex(&Ask::Scope(ask)), bytes.replace(' ', ""), "{ask:?}");
+    }
+    assert_eq!(hex(&[Trigger::Command, Trigger::Fault]), "0102");
+    assert_eq!(hex(&level), "030d0000803f01");
+    assert_eq!(hex(&[State::None, State::Waiting, State::Triggered, State::Done]), "00010203");
+    let errors = [
+        (scope::Error::Empty, "00"),
+        (scope::Error::Twice(Channel::CurrentQ), "0104"),
+        (scope::Error::NoControl(Channel::Bus), "0211"),
+        (scope::Error::Every, "03"),
+        (scope::Error::Rows(512), "048004"),
+        (scope::Error::Before, "05"),
+        (scope::Error::Level(1.0), "060000803f"),
+    ];
+    for (error, bytes) in errors {
+        assert_eq!(hex(&error), bytes, "{error:?}");
+    }
+    assert_eq!(hex(&Refusal::Scope(ScopeRefusal::Busy)), "0e02");
+    let status = ScopeStatus { id: 1, client: 2, state: State::Done, capacity: 512, ..ScopeStatus::default() };
+    assert_eq!(hex(&Answer::Scope(status)), "11010203800400 00000000000000000000000000000000".replace(' ', ""));
+    // The largest fits a message.
+    let rows = [[i32::MIN; 4]; ROWS_AT_ONCE];
+    let answer = Answer::ScopeRows(ScopeRows { id: u32::MAX, first: u16::MAX, rows });
+    hex(&Reply { id: u16::MAX, answer });
+}

@@ -176,6 +176,12 @@ impl core::error::Error for BadDemand {}
 const RAMPS: i32 = 64;
 
 impl Config {
+    /// Takes over what follows from the bandwidths of the loops.
+    pub(crate) const fn retune(&mut self, other: &Self) {
+        (self.gains, self.local) = (other.gains, other.local);
+        (self.velocity, self.position, self.rates) = (other.velocity, other.position, other.rates);
+    }
+
     /// A bus voltage in 2⁻¹⁵ of its full scale.
     #[inline(always)]
     pub(crate) const fn bus(&self, code: u16) -> i32 {

@@ -86,6 +86,12 @@ impl Integrator {
         Self((current as i64) << 32)
     }
 
+    /// One that asks for a current at an error of the speed.
+    pub const fn asking(gains: &Gains, current: i32, error: i32) -> Self {
+        let proportional = clamp(error, gains.far) as i64 * gains.proportional as i64;
+        Self(((current as i64) << 32).wrapping_sub(proportional))
+    }
+
     /// One step: the current that makes the `measured` speed the `reference` one, beside what is fed `forward`;
     /// within the window. Speeds are up to 2²⁹, currents up to 2¹⁵.
     #[inline(always)]
@@ -140,6 +146,19 @@ mod tests {
     fn a_limited_current_does_not_wind_up() {
         let (largest, last) = turn(0.2, 0.0);
         assert!((last - 100.0).abs() < 0.1 && largest < 110.0, "{largest} {last}");
+    }
+
+    /// After other gains it asks for the same, but for a rounding.
+    #[test]
+    fn goes_on_with_the_current_whatever_the_gains() {
+        let window = Window::symmetric(20_000);
+        for (bandwidth, error) in [(0.5, 3_000_000), (60.0, -40_000), (250.0, 7), (250.0, i32::MAX), (10.0, i32::MIN)] {
+            let gains = Gains::new(&MOTOR, bandwidth, SCALE.step_hz / 8.0, &SCALE).unwrap();
+            for current in [-30_000, -1, 0, 12_345] {
+                let asked = Integrator::asking(&gains, current, error).step(&gains, error, 0, 0, &window).asked;
+                assert!((asked - current).abs() <= 1, "{bandwidth} Hz, {error}: {asked} instead of {current}");
+            }
+        }
     }
 
     #[test]

@@ -54,6 +54,9 @@ pub enum Command {
     /// given up: the drive is unarmed, and the model to be installed anew. Their memory comes back through
     /// [`Tasks::configs`], whether they were taken over or refused.
     Configure(&'static mut Config),
+    /// Other bandwidths of the loops, while turning, too: of these settings nothing else is taken over. No current jumps
+    /// by it. Their memory comes back through [`Tasks::configs`].
+    Retune(&'static mut Config),
     /// Leave the faulted state.
     Clear,
     /// A task has found a fault: off, if the bridge is on.

@@ -111,6 +111,7 @@ impl Drive {
             Command::Commutate(commutation) => self.commutate(commutation)?,
             Command::AntiCogging(table) => self.set_anti_cogging(table),
             Command::Configure(config) => self.configure(config)?,
+            Command::Retune(config) => self.retune(config)?,
             Command::Trip(fault) => self.fail(fault),
             Command::Clear => self.on_command(Event::Clear { calibrated: self.estimator().is_some() })?,
         }
@@ -366,6 +367,20 @@ impl Drive {
         }
         let _ = self.channels.configs.enqueue(config);
         allowed
+    }
+
+    /// Takes over gains, whatever the motor does, but for a calibration.
+    #[inline(never)]
+    fn retune(&mut self, config: &'static mut Config) -> Reply {
+        let calibrates = matches!(self.mode, Mode::Aligning | Mode::Calibrating);
+        if !calibrates {
+            self.config.retune(config);
+            if let Some(control) = &self.config.control {
+                self.servo.go_on(control, &self.record.rotor);
+            }
+        }
+        let _ = self.channels.configs.enqueue(config);
+        if calibrates { Err(Refusal::Mode(self.mode)) } else { Ok(()) }
     }
 
     fn drive(&mut self, modulation: Modulation) -> Reply {

@@ -187,6 +187,22 @@ impl Servo {
         }
     }
 
+    /// After other gains: the speed loop's integrator makes up for what the position and the speed loop would ask for
+    /// now, so that the current stays.
+    pub fn go_on(&mut self, config: &Config, rotor: &Tracker) {
+        if !self.moves() {
+            return;
+        }
+        let speed = self.trajectory.speed();
+        if let Demand::Position(_) = self.demand {
+            let (reference, measured) = (self.trajectory.position(), coarse(rotor.smoothed()));
+            self.speed_reference = config.position.speed(reference, measured, speed, config.max_speed_reference);
+        }
+        let error = self.speed_reference.wrapping_sub(rotor.speed());
+        let forward = config.velocity.feed_forward(self.trajectory.acceleration());
+        self.speed_integrator = Integrator::asking(&config.velocity, self.asked.wrapping_sub(forward), error);
+    }
+
     /// Whether a demand goes on from the reference of the one before.
     fn continues(&self, demand: Demand) -> bool {
         match demand {
@@ -399,6 +415,12 @@ impl Servo {
     #[inline(always)]
     pub fn measure_current(&mut self, angle: ElectricalAngle, sample: &Sample) -> Dq {
         self.current = Rotation::at(angle).park(self.clarke.of(sample.currents));
+        self.current
+    }
+
+    /// Currents of the last step in the frame of the rotor, in 2⁻²⁸ of the full scale.
+    #[inline(always)]
+    pub const fn current(&self) -> Dq {
         self.current
     }
 

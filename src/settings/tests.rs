@@ -260,3 +260,28 @@ fn at_a_large_inertia_the_most_that_is_told_is_taken() {
     }
     assert!(told.contains(&(3e-3, "speed_bandwidth_hz")) && told.contains(&(1.0, "inertia_kgm2")), "{told:?}");
 }
+
+#[test]
+fn other_gains_are_all_that_follows_from_tunable_settings() {
+    let base = full();
+    let names: Vec<_> = TABLE.iter().map(|entry| entry.name).filter(|name| is_tunable(name)).collect();
+    assert_eq!(names.len(), TUNABLE.len());
+    let values = [(200.0, 8.0, 3.0, 50.0), (2000.0, 400.0, 0.1, 5000.0), (1000.0, 60.0, 30.0, 5.0)];
+    for (current_hz, speed_hz, position_hz, tracking_hz) in values {
+        let mut changed = base;
+        changed.tracking_bandwidth_hz = tracking_hz;
+        let loops = control(&mut changed);
+        (loops.current_bandwidth_hz, loops.speed_bandwidth_hz) = (current_hz, speed_hz);
+        loops.position_bandwidth_hz = position_hz;
+        let (mut config, wanted) = (base.validate().unwrap(), changed.validate().unwrap());
+        assert_ne!(config, wanted);
+        config.retune(&wanted);
+        assert_eq!(config, wanted);
+    }
+    // What does not follow from them stays.
+    let mut other = base;
+    control(&mut other).max_current_a = 1.0;
+    let mut config = base.validate().unwrap();
+    config.retune(&other.validate().unwrap());
+    assert_eq!(config, base.validate().unwrap());
+}

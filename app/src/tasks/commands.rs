@@ -51,14 +51,27 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     /// Sends other settings to the drive; [`Self::take_reply`] has the answer.
     pub fn configure(&mut self, settings: Settings) -> Result<(), Refusal<'static>> {
+        self.send_settings(settings, false)
+    }
+
+    /// The same with other values of tunable ones.
+    pub fn retune(&mut self, settings: Settings) -> Result<(), Refusal<'static>> {
+        self.send_settings(settings, true)
+    }
+
+    // One copy, as a firmware has little flash.
+    #[inline(never)]
+    fn send_settings(&mut self, settings: Settings, retunes: bool) -> Result<(), Refusal<'static>> {
         let mut config = settings.validate().map_err(Refusal::Setting)?;
-        self.encoder.place(&mut config, &settings);
+        if !retunes {
+            self.encoder.place(&mut config, &settings);
+        }
         self.ready_for_command()?;
         let spare = self.spare_config.take().ok_or(Refusal::NoAnswer)?;
         *spare = config;
-        match self.service.configure(spare) {
+        match if retunes { self.service.retune(spare) } else { self.service.configure(spare) } {
             Ok(()) => {
-                self.sent_settings = Some(settings);
+                (self.sent_settings, self.retunes) = (Some(settings), retunes);
                 Ok(())
             }
             Err(spare) => {
@@ -71,7 +84,11 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     fn ready_for_command(&mut self) -> Result<(), Refusal<'static>> {
         self.reply = None;
         self.ticks_since_command = 0;
-        if self.unclaimed_replies > 0 || self.disarm_due { Err(Refusal::NoAnswer) } else { Ok(()) }
+        if self.unclaimed_replies > 0 || self.disarm_due {
+            return Err(Refusal::NoAnswer);
+        }
+        self.scope.commanded();
+        Ok(())
     }
 
     /// The drive's answer to the last command.
@@ -88,7 +105,12 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         if let Some(settings) = self.sent_settings.take()
             && reply.is_ok()
         {
-            self.adopt_settings(settings);
+            // Other gains give no reason to learn the sensors anew.
+            if self.retunes {
+                self.settings = settings;
+            } else {
+                self.adopt_settings(settings);
+            }
         }
         match self.unclaimed_replies.checked_sub(1) {
             Some(fewer) => self.unclaimed_replies = fewer,

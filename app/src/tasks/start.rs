@@ -10,6 +10,7 @@ use crate::history::History;
 use crate::housekeeping::Readings;
 use crate::magnets::{ForDrive, MagnetMap};
 use crate::procedure::Procedure;
+use crate::scope::ScopeTasks;
 use crate::storage::{ENCODER, Storage};
 use crate::{Identity, Memory, Supervisor};
 use core::mem::MaybeUninit;
@@ -27,6 +28,7 @@ use hallservo_protocol::{self as protocol, Calibration, Cause, Problem, Record};
 struct Places<E> {
     encoder: E,
     magnets: MagnetMap,
+    scope: ScopeTasks,
     service: &'static mut Service,
     config: &'static mut Config,
     adaptation: &'static mut SensorAdaptation,
@@ -95,6 +97,7 @@ pub(crate) fn start<F: NorFlash, E: Encoder>(
         adaptation,
         encoder,
         magnets,
+        scope,
         supervisor,
     } = memory;
     let mut storage = Storage::new(flash, first_block);
@@ -114,7 +117,8 @@ pub(crate) fn start<F: NorFlash, E: Encoder>(
         service.add_impedance(impedance.write(Impedance::NONE));
     }
     let adaptation = adaptation.write(SensorAdaptation::new());
-    let places = Places { encoder, magnets, service, config, adaptation, procedure: procedure.write(None) };
+    let scope = ScopeTasks::start(scope);
+    let places = Places { encoder, magnets, scope, service, config, adaptation, procedure: procedure.write(None) };
     let start = Start { identity, defaults, settings, problem, storage };
     let supervisor = supervise(start, places, supervisor);
     supervisor.tasks().relearn();
@@ -152,10 +156,12 @@ fn supervise<F: NorFlash, E: Encoder>(
         defaults,
         settings,
         sent_settings: None,
+        retunes: false,
         spare_config: Some(places.config),
         storage,
         encoder: places.encoder,
         magnets,
+        scope: places.scope,
         stored,
         unconfirmed: !matches!(problem, Problem::None | Problem::Blank),
         stored_sensors: sensors,

@@ -162,7 +162,16 @@ fn prepare<B: Board>(
     watchdog::start();
     let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
     let (drive, supervisor) = begin(identity, B::settings(), Storage::new(flash));
-    control.start(board, drive, bridge);
+    control.start(
+        board,
+        drive,
+        bridge,
+        #[cfg(feature = "scope")]
+        match supervisor.recorder() {
+            Some(recorder) => recorder,
+            None => unreachable!("it was never taken"),
+        },
+    );
     supervisor
 }
 

@@ -215,12 +215,33 @@ fn telemetry(board: &Virtual) -> (Vec<f64>, Range<f64>) {
     (rows.iter().map(|row| row[speed].parse().expect("a speed")).collect(), time)
 }
 
+/// Every period of a while, where the board has memory for a scope; the others say that they have none.
+fn records(name: &str, board: &Virtual) {
+    let output = board.call(&["record", "--rows", "300", "-c", "angle,bus,hall_1,duty_a", "-o", "-"]);
+    let [said, failed] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).expect("text"));
+    if name != "nucleo-g474re-ihm08m1" {
+        assert!(output.status.code() == Some(6) && failed.contains("has no scope"), "{failed}");
+        return;
+    }
+    let rows: Vec<Vec<f64>> = said
+        .lines()
+        .skip(1)
+        .map(|line| line.split(',').map(|cell| cell.parse().expect("a number")).collect())
+        .collect();
+    assert_eq!(rows.len(), 300, "{failed}");
+    let mean = |column: usize| rows.iter().map(|row| row[column]).sum::<f64>() / 300.0;
+    let bus_v = board.status("bus");
+    assert!((mean(2) - bus_v).abs() < 0.5 && mean(4) == 0.0, "{} V, {} of the period", mean(2), mean(4));
+    assert!((1000.0..3000.0).contains(&mean(3)), "{} codes", mean(3));
+}
+
 fn evening(name: &str, serial: &str) {
     let board = Virtual::start(name, serial);
     assert!(board.ok(&["status"]).contains("unarmed: bridge off, not calibrated"));
     assert_eq!(board.call(&["arm"]).status.code(), Some(6), "not calibrated");
     let report = board.ok(&["calibrate"]);
     assert!(report.contains("Calibrated.") && report.contains("120° apart"), "{report}");
+    records(name, &board);
     let motions = ["field-oriented", "sinusoidal", "block"].map(|commutation| moves(&board, commutation));
     let (told, time) = telemetry(&board);
     board.ok(&["settings", "set", "max_current_a", "1.5"]);

@@ -25,7 +25,7 @@ pub(super) enum Command {
         /// Its name
         name: String,
     },
-    /// Another value, while the bridge is off; it holds until the power goes, or for good after `save`
+    /// Another value, while the bridge is off, bandwidths at any time; until the power goes, or for good after `save`
     #[command(allow_negative_numbers = true)]
     Set {
         /// Its name

@@ -1,5 +1,6 @@
 //! `hallctl tune`: which bandwidth of the speed control this motor, its load and its noise stand.
 
+use super::motion;
 use super::response::Wanted;
 use super::session::Session;
 use super::settings::set_all;
@@ -9,6 +10,7 @@ use crate::out::Out;
 use crate::response::{Point, Step};
 use crate::say;
 use crate::units::{self, Quantity};
+use hallservo::mode::Mode;
 use hallservo_protocol::Ask;
 use serde_json::json;
 
@@ -71,6 +73,10 @@ pub(super) fn tune(client: &mut Client, options: &Options, out: Out) -> Result<(
     let wanted = Wanted::speed(of(options.from, step / 4.0), step);
     let (from, to) = wanted.ends();
     say!(out, "The motor steps between {from:.1} and {to:.1} rad/s.")?;
+    let found = client.status()?;
+    if found.mode != Mode::Running {
+        client.arm()?;
+    }
     let tried = try_all(client, &wanted, before);
     let proposed = tried.as_ref().ok().and_then(|trials| {
         let good = trials.iter().filter(|trial| trial.is_good(max_current_a));
@@ -79,7 +85,12 @@ pub(super) fn tune(client: &mut Client, options: &Options, out: Out) -> Result<(
     // Whatever has happened, a signal included.
     client.carry_on();
     let kept = proposed.filter(|_| options.keep);
-    set(client, kept.map_or(before, |hz| with_position(hz, before)))?;
+    let restored = set(client, kept.map_or(before, |hz| with_position(hz, before)));
+    if found.mode != Mode::Running {
+        motion::rest(client)?;
+        client.order(Ask::Disarm)?;
+    }
+    restored?;
     show(&tried?, before[0], proposed, kept.is_some(), out)
 }
 

@@ -6,6 +6,7 @@ use anyhow::{Context as _, Result};
 use hallservo::board::{Interlock, Output, Sample};
 use hallservo::drive::Drive;
 use hallservo::drive::absolute::AbsoluteDrive;
+use hallservo::scope::Recorder;
 use hallservo::settings::Settings;
 use hallservo::vernier::encoder;
 use hallservo_app::encoder::{Encoder, NoEncoder, Vernier};
@@ -59,14 +60,17 @@ impl<E: Encoder> Tasks for Supervisor<Flash, E> {
 struct Halls {
     drive: &'static mut Drive,
     supervisor: &'static mut Supervisor<Flash, NoEncoder>,
+    recorder: Option<Recorder>,
 }
 
 impl Firmware for Halls {
     fn step(&mut self, sample: &Sample, interlock: Option<Interlock>, _: f64) -> Output {
-        match interlock {
+        let output = match interlock {
             None => self.drive.step(sample),
             Some(interlock) => self.drive.step_off(sample, interlock),
-        }
+        };
+        record(&mut self.recorder, self.drive, sample, &output);
+        output
     }
 
     fn drive(&self) -> &Drive {
@@ -86,16 +90,19 @@ impl Firmware for Halls {
 struct WithRings {
     drive: &'static mut AbsoluteDrive<encoder::Encoder<HEADS>>,
     supervisor: &'static mut Supervisor<Flash, Vernier<HEADS>>,
+    recorder: Option<Recorder>,
     rings: Rings,
 }
 
 impl Firmware for WithRings {
     fn step(&mut self, sample: &Sample, interlock: Option<Interlock>, shaft_rad: f64) -> Output {
         let reading = rings::read(&mut self.rings, shaft_rad);
-        match interlock {
+        let output = match interlock {
             None => self.drive.step(sample, reading),
             Some(interlock) => self.drive.step_off(sample, interlock, reading),
-        }
+        };
+        record(&mut self.recorder, self.drive.drive(), sample, &output);
+        output
     }
 
     fn drive(&self) -> &Drive {
@@ -108,6 +115,13 @@ impl Firmware for WithRings {
 
     fn rings(&mut self) -> Option<&mut Rings> {
         Some(&mut self.rings)
+    }
+}
+
+/// A row of the scope's.
+fn record(recorder: &mut Option<Recorder>, drive: &Drive, sample: &Sample, output: &Output) {
+    if let Some(recorder) = recorder {
+        recorder.take(drive, sample, output);
     }
 }
 
@@ -127,13 +141,15 @@ pub(super) fn start(
             let memory = Box::leak(Box::new(Memory::new()));
             let (drive, supervisor) =
                 Supervisor::start(identity, settings, flash, 0, memory).context("the settings")?;
-            Box::new(Halls { drive, supervisor })
+            let recorder = supervisor.recorder();
+            Box::new(Halls { drive, supervisor, recorder })
         }
         Some(rings) => {
             let memory = Box::leak(Box::new(Memory::with_encoder()));
             let (drive, supervisor) =
                 Supervisor::start_with_encoder(identity, settings, flash, 0, memory).context("the settings")?;
-            Box::new(WithRings { drive, supervisor, rings })
+            let recorder = supervisor.recorder();
+            Box::new(WithRings { drive, supervisor, recorder, rings })
         }
     })
 }

@@ -2,6 +2,8 @@
 
 use crate::Adc;
 use crate::chip::bridge::Bridge;
+#[cfg(feature = "scope")]
+use crate::chip::encoder::own;
 use crate::chip::encoder::{OwnDrive, period};
 use crate::chip::{Board, STOP, converters, enable, latest, watchdog};
 use crate::wiring::EnableInput;
@@ -11,6 +13,8 @@ use cortex_m::peripheral::{DWT, NVIC};
 use embassy_stm32::pac::Interrupt;
 use hallservo::board::Interlock;
 use hallservo::board::timing::PeriodCounter;
+#[cfg(feature = "scope")]
+use hallservo::scope::Recorder;
 
 /// What the control interrupt of a board owns: a static of the board, filled by [`run`](crate::run).
 pub struct Control<B>(UnsafeCell<Option<Owned<B>>>);
@@ -23,6 +27,8 @@ struct Owned<B> {
     drive: &'static mut OwnDrive,
     bridge: Bridge,
     periods: PeriodCounter,
+    #[cfg(feature = "scope")]
+    recorder: Recorder,
 }
 
 impl<B: Board> Control<B> {
@@ -32,9 +38,22 @@ impl<B: Board> Control<B> {
     }
 
     /// Hands everything to the interrupt, and starts it.
-    pub(crate) fn start(&'static self, board: B, drive: &'static mut OwnDrive, bridge: Bridge) {
+    pub(crate) fn start(
+        &'static self,
+        board: B,
+        drive: &'static mut OwnDrive,
+        bridge: Bridge,
+        #[cfg(feature = "scope")] recorder: Recorder,
+    ) {
         let period = NonZeroU32::MIN.saturating_add(2 * u32::from(B::BRIDGE.period()) - 1);
-        let owned = Owned { board, drive, bridge, periods: PeriodCounter::new(period) };
+        let owned = Owned {
+            board,
+            drive,
+            bridge,
+            periods: PeriodCounter::new(period),
+            #[cfg(feature = "scope")]
+            recorder,
+        };
         // SAFETY: the interrupt is not enabled, so nothing else looks at it.
         let owned = unsafe { (*self.0.get()).insert(owned) };
         watchdog::start_window();
@@ -64,6 +83,8 @@ impl<B: Board> Control<B> {
         let interlock = interlock(const { B::BRIDGE.enable });
         let output = period(&mut owned.board, owned.drive, sample, interlock);
         owned.bridge.apply(&output);
+        #[cfg(feature = "scope")]
+        owned.recorder.take(own(owned.drive), sample, &output);
     }
 }
 

@@ -19,6 +19,13 @@ mod without {
     /// What the control interrupt has.
     pub type OwnDrive = Drive;
 
+    /// The drive in it.
+    #[cfg(feature = "scope")]
+    #[inline(always)]
+    pub const fn own(drive: &OwnDrive) -> &Drive {
+        drive
+    }
+
     /// One control period.
     #[inline(always)]
     pub fn period<B: Board>(_: &mut B, drive: &mut Drive, sample: &Sample, interlock: Option<Interlock>) -> Output {
@@ -44,6 +51,13 @@ mod rings {
     pub type OnShaft = Vernier<HEADS>;
     /// What the control interrupt has.
     pub type OwnDrive = AbsoluteDrive<Encoder<HEADS>>;
+
+    /// The drive in it.
+    #[cfg(feature = "scope")]
+    #[inline(always)]
+    pub fn own(drive: &OwnDrive) -> &hallservo::drive::Drive {
+        drive.drive()
+    }
 
     /// One control period.
     #[inline(always)]

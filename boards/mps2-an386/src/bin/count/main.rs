@@ -12,6 +12,7 @@ mod duties;
 mod halls;
 mod motor;
 mod row;
+mod scope;
 mod servo;
 mod trig;
 mod vernier;
@@ -21,7 +22,8 @@ use row::Row;
 
 #[entry]
 fn main() -> ! {
-    let tables = [trig::ROWS, halls::ROWS, duties::ROWS, drive::ROWS, servo::ROWS, vernier::ROWS, adapt::ROWS];
+    let tables =
+        [trig::ROWS, halls::ROWS, duties::ROWS, drive::ROWS, servo::ROWS, scope::ROWS, vernier::ROWS, adapt::ROWS];
     Row::table(init, &tables)
 }
 
@@ -30,6 +32,7 @@ fn init() {
     duties::init();
     drive::init();
     servo::init();
+    scope::init();
     vernier::init();
     adapt::init();
 }

@@ -1,0 +1,158 @@
+//! Recordings on request: whose the scope is, and what is answered of it.
+
+use hallservo::config::Config;
+use hallservo::scope::{CHANNELS, Channel, Channels, Plan, ROWS, Recorder, Recording, Scope, Setup, State};
+use hallservo_protocol::{Answer, ROWS_AT_ONCE, Refusal, ScopeAsk, ScopeRefusal, ScopeRows, ScopeStatus};
+
+/// Time after which a tool that asks nothing of the scope has left it, ms.
+const LEFT_MS: u64 = 2000;
+
+/// What is static of the scope.
+pub(crate) struct ScopeMemory {
+    channels: Channels,
+    recording: Recording,
+}
+
+impl ScopeMemory {
+    pub const fn new() -> Self {
+        Self { channels: Channels::new(), recording: Recording::new() }
+    }
+}
+
+/// Whose recording it is.
+struct Owner {
+    client: u32,
+    id: u32,
+    setup: Setup,
+    scales: [f32; CHANNELS],
+    /// Raw position where the user's was zero.
+    origin: i32,
+    asked_ms: u64,
+}
+
+/// The tasks' side.
+pub(crate) struct ScopeTasks {
+    scope: Scope,
+    recorder: Option<Recorder>,
+    owner: Option<Owner>,
+    /// A recording that begins as soon as the one before has ended.
+    due: Option<Plan>,
+}
+
+/// What a request is about, beside what it asks.
+pub(crate) struct From<'a> {
+    pub client: u32,
+    pub now_ms: u64,
+    pub config: &'a Config,
+    pub step_hz: f32,
+    pub origin: i32,
+}
+
+impl ScopeTasks {
+    pub fn start(memory: &'static mut ScopeMemory) -> Self {
+        let ScopeMemory { channels, recording } = memory;
+        let (recorder, scope) = channels.split(recording);
+        Self { scope, recorder: Some(recorder), owner: None, due: None }
+    }
+
+    /// For the control interrupt, once.
+    pub const fn recorder(&mut self) -> Option<Recorder> {
+        self.recorder.take()
+    }
+
+    /// A command is sent to the drive.
+    pub fn commanded(&self) {
+        self.scope.commanded();
+    }
+
+    // A frame of its own, which is not to add to the stack of other requests.
+    #[inline(never)]
+    pub fn ask(&mut self, ask: ScopeAsk, from: &From<'_>) -> Result<Answer<'static>, Refusal<'static>> {
+        self.attempt(ask, from).map_err(Refusal::Scope)
+    }
+
+    fn attempt(&mut self, ask: ScopeAsk, from: &From<'_>) -> Result<Answer<'static>, ScopeRefusal> {
+        if self.recorder.is_some() {
+            return Err(ScopeRefusal::None);
+        }
+        if let Some(owner) = self.owner.as_mut().filter(|owner| owner.client == from.client) {
+            owner.asked_ms = from.now_ms;
+        }
+        self.begin_due();
+        match ask {
+            ScopeAsk::Status => Ok(Answer::Scope(self.status())),
+            ScopeAsk::Begin { id, setup } => self.begin(id, setup, from),
+            ScopeAsk::Rows { id, first } => self.rows(id, first),
+            ScopeAsk::End => {
+                self.yields(from)?;
+                self.scope.cancel();
+                (self.owner, self.due) = (None, None);
+                Ok(Answer::Done)
+            }
+        }
+    }
+
+    fn begin_due(&mut self) {
+        if let Some(plan) = self.due.take()
+            && self.scope.begin(&plan).is_err()
+        {
+            self.due = Some(plan);
+        }
+    }
+
+    fn state(&mut self) -> State {
+        if self.due.is_some() { State::Waiting } else { self.scope.state() }
+    }
+
+    /// Whether the scope may be another tool's now.
+    fn yields(&self, from: &From<'_>) -> Result<(), ScopeRefusal> {
+        let Some(owner) = &self.owner else { return Ok(()) };
+        let left = from.now_ms.saturating_sub(owner.asked_ms) >= LEFT_MS;
+        if owner.client == from.client || left { Ok(()) } else { Err(ScopeRefusal::Busy) }
+    }
+
+    fn begin(&mut self, id: u32, setup: Setup, from: &From<'_>) -> Result<Answer<'static>, ScopeRefusal> {
+        self.yields(from)?;
+        // Asked again, as the answer was lost.
+        if self.owner.as_ref().is_some_and(|owner| owner.id == id && owner.client == from.client) {
+            return Ok(Answer::Done);
+        }
+        let plan = setup.plan(from.config, from.step_hz, from.origin).map_err(ScopeRefusal::Setup)?;
+        // The one before ends with the next period.
+        self.scope.cancel();
+        self.due = Some(plan);
+        self.begin_due();
+        let scale = |channel: Option<Channel>| channel.and_then(|channel| channel.scale(from.config, from.step_hz));
+        let scales = setup.channels.map(|channel| scale(channel).unwrap_or(0.0));
+        let From { client, now_ms, origin, .. } = *from;
+        self.owner = Some(Owner { client, id, setup, scales, origin, asked_ms: now_ms });
+        Ok(Answer::Done)
+    }
+
+    fn status(&mut self) -> ScopeStatus {
+        let (capacity, state) = (ROWS as u16, self.state());
+        match &self.owner {
+            None => ScopeStatus { capacity, ..ScopeStatus::default() },
+            Some(Owner { client, id, setup, scales, .. }) => {
+                ScopeStatus { id: *id, client: *client, state, capacity, setup: Some(*setup), scales: *scales }
+            }
+        }
+    }
+
+    fn rows(&mut self, id: u32, first: u16) -> Result<Answer<'static>, ScopeRefusal> {
+        let done = self.state() == State::Done;
+        let owner = self.owner.as_ref().filter(|owner| done && owner.id == id).ok_or(ScopeRefusal::Gone)?;
+        let origin = owner.setup.channels.map(|channel| match channel {
+            Some(channel) if channel.is_position() => owner.origin,
+            _ => 0,
+        });
+        let mut rows = [[0; CHANNELS]; ROWS_AT_ONCE];
+        for (offset, row) in (0..).zip(&mut rows) {
+            let Some(raw) = self.scope.row(first.saturating_add(offset)) else { break };
+            for ((value, raw), origin) in row.iter_mut().zip(raw).zip(origin) {
+                *value = raw.wrapping_sub(origin);
+            }
+        }
+        Ok(Answer::ScopeRows(ScopeRows { id, first, rows }))
+    }
+}

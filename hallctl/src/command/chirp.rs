@@ -1,0 +1,344 @@
+//! `hallctl chirp`: the frequency response of the current or the speed control, beside the model's. What excites the
+//! loop is a number of small steps, which hold all frequencies; the scope records each.
+
+use super::motion::{self, Target};
+use super::record::four;
+use crate::client::Client;
+use crate::error::{Error, Result};
+use crate::frequency::{Model, closed, crossover, grid, ratio, sine};
+use crate::out::{self, Out, is_stream};
+use crate::response::{Sine, bandwidth};
+use crate::scope::{self, Recording};
+use crate::{say, units};
+use anyhow::Context as _;
+use hallservo::commutation::Commutation;
+use hallservo::hall::track;
+use hallservo::mode::Mode;
+use hallservo::scope::{Channel, ROWS, Setup, Trigger};
+use hallservo_protocol::Ask;
+use serde_json::json;
+use sim::report::{Plot, Report, Series};
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+/// Which loop.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum Loop {
+    /// Of the current along q, by torques that begin at rest
+    Current,
+    /// Of the speed
+    Speed,
+}
+
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct Options {
+    /// Which loop
+    which: Loop,
+    /// Size of a step: A (from as much to twice as much), or rad/s and the like; without, a sixth of the largest current
+    /// or a tenth of the largest speed
+    #[arg(long)]
+    size: Option<String>,
+    /// Speed in the middle of the steps; for the speed alone
+    #[arg(long, value_parser = units::speed, default_value = "0", allow_negative_numbers = true)]
+    from: units::Quantity,
+    /// Number of steps
+    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(2..=200))]
+    steps: u32,
+    /// Into this file, .csv, .json or .html, - for CSV on the standard output; may be given more than once
+    #[arg(long, short, value_name = "FILE")]
+    out: Vec<PathBuf>,
+}
+
+/// Rows before a step.
+const BEFORE: u16 = 64;
+/// Periods of the bandwidth in a record.
+const PERIODS: f64 = 8.0;
+/// Longest wait for a record, s.
+const LONGEST_S: f64 = 3.0;
+/// From a step to the next, at least: the rotor comes to rest.
+const PAUSE: Duration = Duration::from_millis(20);
+
+/// What is measured and what the model says, at the same frequencies.
+#[derive(Clone, Debug, serde::Serialize)]
+struct Bode {
+    measured: Vec<Sine>,
+    model: Vec<Sine>,
+}
+
+/// Figures of one of the two.
+#[derive(Clone, Copy, Debug, serde::Serialize)]
+struct Figures {
+    /// −3 dB of what follows the reference.
+    bandwidth_hz: Option<f64>,
+    /// Where the open loop's gain is one.
+    crossover_hz: Option<f64>,
+    phase_margin_deg: Option<f64>,
+}
+
+impl Figures {
+    fn of(closed: &[Sine], open: &[Sine]) -> Self {
+        let cross = crossover(open);
+        Self {
+            bandwidth_hz: bandwidth(closed).0,
+            crossover_hz: cross.map(|cross| cross.0),
+            phase_margin_deg: cross.map(|cross| cross.1),
+        }
+    }
+}
+
+/// How the loop is excited and recorded.
+struct Plan {
+    setup: Setup,
+    row_s: f64,
+    which: Loop,
+    /// Middle and size of the steps, rad/s; or zero and a torque, N·m.
+    from: f64,
+    size: f64,
+    /// Bandwidth as set.
+    hz: f64,
+}
+
+/// Shares of the size. A ramp holds nothing of some frequencies, which are others for each size.
+const SHARES: [f64; 4] = [1.0, 0.4, 0.7, 0.5];
+
+impl Plan {
+    /// Before a step of the current: the rotor comes to rest.
+    const REST: Target = Target::Speed(0.0);
+
+    /// From where a step of the current goes on, beyond what the dead time does about zero.
+    fn bias(&self, step: u32) -> Option<Target> {
+        let side = if step.is_multiple_of(2) { self.size } else { -self.size };
+        (self.which == Loop::Current).then_some(Target::Torque(side as f32))
+    }
+
+    /// What a step goes to.
+    fn target(&self, step: u32) -> Target {
+        let side = if step.is_multiple_of(2) { self.size } else { -self.size };
+        match self.which {
+            Loop::Current => Target::Torque(2.0 * side as f32),
+            Loop::Speed => {
+                let share = SHARES[step as usize % SHARES.len()];
+                Target::Speed((self.from + share * side / 2.0) as f32)
+            }
+        }
+    }
+}
+
+pub(super) fn chirp(client: &mut Client, options: &Options, out: Out) -> Result<()> {
+    options.out.iter().filter(|path| !is_stream(path)).try_for_each(|path| out::create(path).map(drop))?;
+    let model = model(client)?;
+    let plan = plan(client, options, &model, out)?;
+    let found = client.status()?;
+    if found.commutation != Commutation::FieldOriented {
+        return Err(Error::Failed("there is no current along q: `hallctl commutation field-oriented` first".into()));
+    }
+    if found.mode != Mode::Running {
+        client.arm()?;
+    }
+    let records = records(client, options.steps, &plan);
+    let interrupted = matches!(records, Err(Error::Interrupted));
+    if interrupted {
+        client.carry_on();
+        motion::brake(client)?;
+    } else {
+        motion::rest(client)?;
+    }
+    if interrupted || found.mode != Mode::Running {
+        client.order(Ask::Disarm)?;
+    }
+    let (closed, open) = responses(options.which, &records?, &plan, &model);
+    report(&closed, &open, options, out)
+}
+
+fn model(client: &mut Client) -> Result<Model> {
+    let mut get = |name| client.setting(Ask::Get(name), |setting| f64::from(setting.value));
+    let (flux, pole_pairs, inertia) = (get("flux_linkage_wb")?, get("pole_pairs")?, get("inertia_kgm2")?);
+    let (tracking, delay_periods) = (get("tracking_bandwidth_hz")?, get("delay_periods")?);
+    let (current_hz, speed_hz) = (get("current_bandwidth_hz")?, get("speed_bandwidth_hz")?);
+    let step_hz = client.identity().step_hz;
+    let smoothing = track::Config::smoothing_for(tracking as f32, step_hz as f32);
+    let tracking_hz = step_hz / f64::from(1_u32 << smoothing) / 8.886;
+    Ok(Model {
+        step_hz,
+        delay_periods,
+        current_hz,
+        speed_hz,
+        tracking_hz,
+        acceleration: 1.5 * pole_pairs * flux / inertia,
+    })
+}
+
+fn plan(client: &mut Client, options: &Options, model: &Model, out: Out) -> Result<Plan> {
+    let mut get = |name| client.setting(Ask::Get(name), |setting| f64::from(setting.value));
+    let constant = 1.5 * get("pole_pairs")? * get("flux_linkage_wb")?;
+    let (largest_a, largest_rad_s) = (get("max_current_a")?, get("max_speed_rad_s")?);
+    let (channels, hz, size) = match options.which {
+        Loop::Current => (vec![Channel::ReferenceQ, Channel::CurrentQ], model.current_hz, largest_a / 6.0),
+        Loop::Speed => {
+            let channels = vec![Channel::SpeedReference, Channel::Speed, Channel::ReferenceQ];
+            (channels, model.speed_hz, largest_rad_s / 10.0)
+        }
+    };
+    let size = match (&options.size, options.which) {
+        (None, _) => size,
+        (Some(text), Loop::Speed) => {
+            units::speed(text).map_err(|why| anyhow::anyhow!(why))?.value(out.units.speed.rad_s())
+        }
+        (Some(text), Loop::Current) => {
+            let number = text.trim_end_matches('A').trim().parse::<f64>().ok().filter(|size| size.is_finite());
+            number.with_context(|| format!("{text:?} is no current"))?
+        }
+    };
+    // Outer loops work every eighth period, and a row of theirs is as new.
+    let usual = PERIODS / hz * model.step_hz / f64::from(ROWS as u16 - BEFORE);
+    let every = match options.which {
+        Loop::Current => usual.round().max(1.0) as u16,
+        Loop::Speed => 8 * (usual / 8.0).round().max(1.0) as u16,
+    };
+    let setup =
+        Setup { channels: four(&channels), every, rows: ROWS as u16, before: BEFORE, trigger: Trigger::Command };
+    let (from, size) = match options.which {
+        Loop::Current => (0.0, size * constant),
+        Loop::Speed => (options.from.value(out.units.speed.rad_s()), size),
+    };
+    Ok(Plan { setup, row_s: f64::from(every) / model.step_hz, which: options.which, from, size, hz })
+}
+
+/// A record of each step.
+fn records(client: &mut Client, count: u32, plan: &Plan) -> Result<Vec<Recording>> {
+    let mut records = Vec::new();
+    for step in 0..count {
+        // The speed's first step has one before it.
+        let before = if plan.which == Loop::Current { Plan::REST } else { plan.target(1) };
+        if plan.which == Loop::Current || step == 0 {
+            client.order(before.ask())?;
+        }
+        // The loop comes to rest, in the drive's time.
+        let began_ms = client.status()?.uptime_ms;
+        let settles_ms = PAUSE.as_millis() as u64 + (1000.0 * PERIODS / plan.hz) as u64;
+        while client.status()?.uptime_ms < began_ms + settles_ms {
+            client.listen(PAUSE / 4)?;
+        }
+        if let Some(bias) = plan.bias(step) {
+            client.order(bias.ask())?;
+        }
+        let id = scope::begin(client, plan.setup)?;
+        let armed_ms = client.status()?.uptime_ms;
+        let before_ms = (1000.0 * plan.row_s * f64::from(BEFORE)) as u64 + 2;
+        while client.status()?.uptime_ms < armed_ms + before_ms {
+            client.listen(PAUSE / 4)?;
+        }
+        client.order(plan.target(step).ask()).map_err(|error| motion::fallen(client, error))?;
+        records.push(scope::finish(client, id, LONGEST_S)?);
+    }
+    Ok(records)
+}
+
+/// What follows the reference, and the open loop.
+fn responses(which: Loop, records: &[Recording], plan: &Plan, model: &Model) -> (Bode, Bode) {
+    let of = |channel| records.iter().map(move |record| record.of(channel));
+    let pairs = |reference, from, to| -> Vec<_> {
+        of(reference).zip(of(from)).zip(of(to)).map(|((a, b), c)| [a, b, c]).collect()
+    };
+    let least_hz = 2.0 / (plan.row_s * f64::from(ROWS as u16 - BEFORE));
+    let frequencies = grid(least_hz.max(plan.hz / 8.0), (4.0 * plan.hz).min(0.4 / plan.row_s), 48);
+    let each = |of: &dyn Fn(f64) -> num_complex::Complex64| -> Vec<Sine> {
+        frequencies.iter().map(|&hz| sine(hz, of(hz))).collect()
+    };
+    match which {
+        Loop::Current => {
+            let pairs = pairs(Channel::ReferenceQ, Channel::ReferenceQ, Channel::CurrentQ);
+            let follows = |hz| ratio(&pairs, plan.row_s, hz);
+            let open = |hz| {
+                let follows = follows(hz);
+                follows / (1.0 - follows)
+            };
+            let ideal = |hz| model.current_loop(hz);
+            (
+                Bode { measured: each(&follows), model: each(&|hz| closed(ideal(hz))) },
+                Bode { measured: each(&open), model: each(&ideal) },
+            )
+        }
+        Loop::Speed => {
+            let (reference, speed) = (Channel::SpeedReference, Channel::Speed);
+            let follows = pairs(reference, reference, speed);
+            let plant = pairs(reference, Channel::ReferenceQ, speed);
+            let open = |hz| model.speed_control(hz) * ratio(&plant, plan.row_s, hz);
+            let ideal = |hz| model.speed_control(hz) * model.speed_plant(hz);
+            // The torque of the acceleration is fed forward, which makes more of the plant than the loop does.
+            let forward = |hz: f64| {
+                let torque = num_complex::Complex64::new(0.0, std::f64::consts::TAU * hz) / model.acceleration;
+                (model.speed_control(hz) + torque) * model.speed_plant(hz) / (1.0 + ideal(hz))
+            };
+            (
+                Bode { measured: each(&|hz| ratio(&follows, plan.row_s, hz)), model: each(&forward) },
+                Bode { measured: each(&open), model: each(&ideal) },
+            )
+        }
+    }
+}
+
+fn report(closed: &Bode, open: &Bode, options: &Options, out: Out) -> Result<()> {
+    let measured = Figures::of(&closed.measured, &open.measured);
+    let model = Figures::of(&closed.model, &open.model);
+    for path in &options.out {
+        save(path, closed, open)?;
+    }
+    if options.out.iter().any(|path| is_stream(path)) {
+        return Ok(());
+    }
+    let row = |name: &str, of: fn(&Figures) -> Option<f64>, unit: &str| {
+        let show = |figures| of(figures).map_or_else(|| "not found".into(), |value| format!("{value:.1} {unit}"));
+        vec![name.into(), show(&measured), show(&model)]
+    };
+    out.table(&[
+        ["", "measured", "model"].map(String::from).to_vec(),
+        row("bandwidth, −3 dB", |figures| figures.bandwidth_hz, "Hz"),
+        row("open loop's gain is one at", |figures| figures.crossover_hz, "Hz"),
+        row("phase margin", |figures| figures.phase_margin_deg, "°"),
+    ])?;
+    say!(out, "The model has the motor and the bandwidths of the settings.")?;
+    out.value(&json!({ "measured": measured, "model": model, "closed_loop": closed, "open_loop": open }))
+}
+
+fn save(path: &Path, closed: &Bode, open: &Bode) -> Result<()> {
+    match path.extension().and_then(|extension| extension.to_str()) {
+        Some("html") => plot(path, closed, open),
+        Some("json") => {
+            let value = json!({ "closed_loop": closed, "open_loop": open });
+            out::save(path, &format!("{value}\n"))
+        }
+        _ => table(path, closed, open),
+    }
+}
+
+fn table(path: &Path, closed: &Bode, open: &Bode) -> Result<()> {
+    let mut text = String::from("hz");
+    for name in ["closed", "closed_model", "open", "open_model"] {
+        text += &format!(",{name}_gain,{name}_phase_deg");
+    }
+    for row in 0..closed.measured.len() {
+        text += &format!("\n{:.3}", closed.measured[row].hz);
+        for curve in [&closed.measured, &closed.model, &open.measured, &open.model] {
+            text += &format!(",{:.6},{:.3}", curve[row].gain, curve[row].phase_deg);
+        }
+    }
+    out::save(path, &(text + "\n"))
+}
+
+fn plot(path: &Path, closed: &Bode, open: &Bode) -> Result<()> {
+    let mut report = Report::new("Frequency response of a hallservo drive");
+    report.lead("How fast a loop follows its reference, and how far it is from swinging by itself, beside the model.");
+    for (title, bode) in [("closed loop", closed), ("open loop", open)] {
+        let of = |name: &str, curve: &[Sine], value: fn(&Sine) -> f64| {
+            Series::new(name, curve.iter().map(|sine| (sine.hz.log10(), value(sine))))
+        };
+        let both = |value| vec![of("measured", &bode.measured, value), of("model", &bode.model, value)];
+        let x = "logarithm of the frequency in Hz";
+        let gain = both(|sine| 20.0 * sine.gain.log10());
+        report.plot(&Plot::new(&format!("Gain, {title}"), x, "gain / dB", gain), "")?;
+        let phase = both(|sine| sine.phase_deg);
+        report.plot(&Plot::new(&format!("Phase, {title}"), x, "phase / °", phase), "")?;
+    }
+    out::save(path, &report.html())
+}

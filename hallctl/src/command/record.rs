@@ -1,0 +1,187 @@
+//! `hallctl record`: a few channels at up to the control rate, about a trigger.
+
+use crate::client::Client;
+use crate::error::Result;
+use crate::out::{self, Out, is_stream};
+use crate::scope::{self, Recording, name};
+use crate::{say, units};
+use anyhow::Context as _;
+use hallservo::scope::{CHANNELS, Channel, ROWS, Setup, Trigger};
+use serde_json::{Map, Value, json};
+use sim::report::{Plot, Report, Series};
+use std::path::{Path, PathBuf};
+
+/// What to record. It may be asked for while another tool controls the drive.
+#[derive(Clone, Debug, clap::Args)]
+pub(super) struct Options {
+    /// Up to four of phase_a|b|c, i_d, i_q, i_d_ref, i_q_ref, v_d, v_q, duty_a|b|c, angle, speed, speed_ref, position,
+    /// position_ref, bus, hall_1|2|3
+    #[arg(long, short, value_delimiter = ',', value_parser = channel, default_value = "i_q_ref,i_q,speed_ref,speed")]
+    channels: Vec<Channel>,
+    /// Every so many control periods
+    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
+    every: u16,
+    /// Rows
+    #[arg(long, default_value_t = ROWS as u16, value_parser = clap::value_parser!(u16).range(1..=ROWS as i64))]
+    rows: u16,
+    /// now, command (the next one to the drive), fault, or a channel that crosses a level: "i_q>1.5", "speed<-100rpm"
+    #[arg(long, value_parser = trigger, default_value = "now", allow_hyphen_values = true)]
+    trigger: Trigger,
+    /// Share of the rows that is before the trigger, 0 to 0.99
+    #[arg(long, default_value_t = 0.25, value_parser = share)]
+    before: f64,
+    /// Longest wait for the trigger; without, until Ctrl-C
+    #[arg(long, value_parser = super::seconds)]
+    seconds: Option<f64>,
+    /// Into this file, .csv, .json or .html, - for CSV on the standard output; may be given more than once
+    #[arg(long, short, value_name = "FILE")]
+    out: Vec<PathBuf>,
+}
+
+fn channel(text: &str) -> std::result::Result<Channel, String> {
+    let found = Channel::ALL.iter().find(|(_, name)| *name == text);
+    found.map(|(channel, _)| *channel).ok_or_else(|| {
+        let names: Vec<_> = Channel::ALL.iter().map(|(_, name)| *name).collect();
+        format!("one of {}", names.join(", "))
+    })
+}
+
+fn share(text: &str) -> std::result::Result<f64, String> {
+    text.parse()
+        .ok()
+        .filter(|share| (0.0..=0.99).contains(share))
+        .ok_or_else(|| "a share from 0 to 0.99 is wanted".into())
+}
+
+fn trigger(text: &str) -> std::result::Result<Trigger, String> {
+    match text {
+        "now" => return Ok(Trigger::Now),
+        "command" => return Ok(Trigger::Command),
+        "fault" => return Ok(Trigger::Fault),
+        _ => {}
+    }
+    let at = text.find(['>', '<']).ok_or("now, command, fault, or a channel > or < a level, like i_q>1.5")?;
+    let channel = channel(text[..at].trim())?;
+    let value = text[at + 1..].trim();
+    let level = match channel {
+        Channel::Speed | Channel::SpeedReference => units::speed(value)?.value(1.0),
+        Channel::Position | Channel::PositionReference => units::position(value)?.value(1.0),
+        _ => {
+            let number = value.trim_end_matches(['A', 'V', '°']).trim().parse::<f64>().ok();
+            number.filter(|level| level.is_finite()).ok_or_else(|| format!("{value:?} is no level"))?
+        }
+    };
+    Ok(Trigger::Level { channel, level: level as f32, rising: text.as_bytes()[at] == b'>' })
+}
+
+/// As the drive wants them.
+pub(super) fn four(channels: &[Channel]) -> [Option<Channel>; CHANNELS] {
+    std::array::from_fn(|at| channels.get(at).copied())
+}
+
+pub(super) fn record(client: &mut Client, options: &Options, out: Out) -> Result<()> {
+    if options.channels.len() > CHANNELS {
+        return Err(anyhow::anyhow!("{CHANNELS} channels at most can be recorded").into());
+    }
+    // Tried before the work begins.
+    options.out.iter().filter(|path| !is_stream(path)).try_for_each(|path| out::create(path).map(drop))?;
+    let before = (f64::from(options.rows) * options.before) as u16;
+    let Options { every, rows, trigger, .. } = *options;
+    let setup = Setup { channels: four(&options.channels), every, rows, before, trigger };
+    let id = scope::begin(client, setup)?;
+    let recording = scope::finish(client, id, options.seconds.unwrap_or(f64::INFINITY))?;
+    for path in &options.out {
+        save(path, &recording)?;
+    }
+    if !options.out.iter().any(|path| is_stream(path)) {
+        tell(&recording, &setup, client.identity().step_hz, out)?;
+        out.value(&value(&recording))?;
+    }
+    Ok(())
+}
+
+fn tell(recording: &Recording, setup: &Setup, step_hz: f64, out: Out) -> Result<()> {
+    let row_us = 1e6 * f64::from(setup.every) / step_hz;
+    let before = recording.time_s.iter().filter(|time_s| **time_s < 0.0).count();
+    say!(out, "{} rows, {row_us:.1} µs apart; {before} before the trigger", recording.time_s.len())?;
+    let head = ["", "least", "mean", "largest", ""].map(String::from).to_vec();
+    let rows = recording.channels.iter().zip(&recording.values).map(|(channel, values)| {
+        let fold = |start: f64, of: fn(f64, f64) -> f64| values.iter().copied().fold(start, of);
+        let mean = values.iter().sum::<f64>() / values.len() as f64;
+        let numbers = [fold(f64::INFINITY, f64::min), mean, fold(f64::NEG_INFINITY, f64::max)];
+        let numbers = numbers.map(|value| format!("{value:.4}"));
+        [name(*channel).into()].into_iter().chain(numbers).chain([channel.unit().into()]).collect()
+    });
+    out.table(&std::iter::once(head).chain(rows).collect::<Vec<_>>())
+}
+
+/// By the names of the channels.
+fn value(recording: &Recording) -> Value {
+    let mut map = Map::from_iter([("time_s".to_owned(), json!(recording.time_s))]);
+    map.extend(
+        recording.channels.iter().zip(&recording.values).map(|(one, values)| (name(*one).into(), json!(values))),
+    );
+    Value::Object(map)
+}
+
+fn save(path: &Path, recording: &Recording) -> Result<()> {
+    match path.extension().and_then(|extension| extension.to_str()) {
+        Some("html") => plot(path, recording),
+        Some("json") => {
+            out::save(path, &(serde_json::to_string(&value(recording)).context("the result as JSON")? + "\n"))
+        }
+        _ => table(path, recording),
+    }
+}
+
+fn table(path: &Path, recording: &Recording) -> Result<()> {
+    let mut csv = csv::Writer::from_writer(out::create(path)?);
+    let names = recording.channels.iter().map(|channel| name(*channel));
+    csv.write_record(["time_s"].into_iter().chain(names)).context("the CSV file")?;
+    for (row, time_s) in recording.time_s.iter().enumerate() {
+        let values = recording.values.iter().map(|values| values[row].to_string());
+        csv.write_record([format!("{time_s:.9}")].into_iter().chain(values)).context("the CSV file")?;
+    }
+    Ok(csv.flush().context("the CSV file")?)
+}
+
+/// A diagram for each unit.
+fn plot(path: &Path, recording: &Recording) -> Result<()> {
+    let mut report = Report::new("A recording of a hallservo drive");
+    report.lead("What the drive's scope has taken, in the control interrupt, about its trigger.");
+    let mut units: Vec<_> = recording.channels.iter().map(|channel| channel.unit()).collect();
+    units.dedup();
+    for (at, unit) in units.iter().enumerate() {
+        if units[..at].contains(unit) {
+            continue;
+        }
+        let of_unit = recording.channels.iter().zip(&recording.values).filter(|(channel, _)| channel.unit() == *unit);
+        let series: Vec<_> = of_unit
+            .map(|(channel, values)| {
+                let points = recording.time_s.iter().map(|time_s| 1e3 * time_s).zip(values.iter().copied());
+                Series::new(name(*channel), points)
+            })
+            .collect();
+        let title = series.iter().map(|series| series.name.as_str()).collect::<Vec<_>>().join(", ");
+        let y = if unit.is_empty() { "share".to_owned() } else { format!("value / {unit}") };
+        report.plot(&Plot::new(&title, "time / ms", &y, series).event(0.0, "trigger"), "")?;
+    }
+    out::save(path, &report.html())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_trigger_is_written_as_one_says_it() {
+        let level = |channel, level, rising| Ok(Trigger::Level { channel, level, rising });
+        assert_eq!(trigger("i_q>1.5"), level(Channel::CurrentQ, 1.5, true));
+        assert_eq!(trigger("bus < 20V"), level(Channel::Bus, 20.0, false));
+        assert_eq!(trigger("speed<-1turns/s"), level(Channel::Speed, -std::f32::consts::TAU, false));
+        assert_eq!((trigger("now"), trigger("fault")), (Ok(Trigger::Now), Ok(Trigger::Fault)));
+        for text in ["", "i_q", "i_q>", "i_q>nan", "iq>1", "speed>fast", "bus>inf"] {
+            assert!(trigger(text).is_err(), "{text}");
+        }
+    }
+}

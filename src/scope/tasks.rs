@@ -1,0 +1,128 @@
+//! The tasks' end.
+
+use super::{Plan, Recorder, Recording, Row};
+use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use heapless::spsc::{Consumer, Producer, Queue};
+
+/// What both ends tell each other while a recording is on its way.
+#[derive(Default)]
+pub(super) struct Shared {
+    /// By the tasks: a command has been sent to the drive.
+    pub commanded: AtomicBool,
+    /// By the tasks: it is to end as it is.
+    pub cancelled: AtomicBool,
+    /// By the interrupt.
+    pub triggered: AtomicBool,
+}
+
+/// Memory for a recording, and what is to be recorded.
+pub(super) type Order = (&'static mut Recording, Plan);
+
+/// What connects both ends.
+#[derive(Default)]
+pub struct Channels {
+    to: Queue<Order, 2>,
+    back: Queue<&'static mut Recording, 2>,
+    shared: Shared,
+}
+
+impl Channels {
+    /// Empty ones.
+    pub const fn new() -> Self {
+        let shared = Shared {
+            commanded: AtomicBool::new(false),
+            cancelled: AtomicBool::new(false),
+            triggered: AtomicBool::new(false),
+        };
+        Self { to: Queue::new(), back: Queue::new(), shared }
+    }
+
+    /// Both ends, with the memory for a recording.
+    pub fn split(&'static mut self, recording: &'static mut Recording) -> (Recorder, Scope) {
+        let (to, come) = self.to.split();
+        let (done, back) = self.back.split();
+        let shared = &self.shared;
+        (Recorder { come, done, shared, recording: None }, Scope { to, back, shared, recording: Some(recording) })
+    }
+}
+
+/// How a recording is.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[cfg_attr(feature = "defmt", derive(defmt::Format))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum State {
+    /// There is none.
+    #[default]
+    None,
+    /// It waits for its trigger.
+    Waiting,
+    /// The rows after the trigger are being taken.
+    Triggered,
+    /// It is complete.
+    Done,
+}
+
+/// A recording is under way: it has to be [cancelled](Scope::cancel) first.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Busy;
+
+/// What a task owns.
+pub struct Scope {
+    to: Producer<'static, Order, 2>,
+    back: Consumer<'static, &'static mut Recording, 2>,
+    shared: &'static Shared,
+    /// While the interrupt does not have it.
+    recording: Option<&'static mut Recording>,
+}
+
+impl Scope {
+    /// Begins a recording; the one before is lost.
+    ///
+    /// # Errors
+    /// [`Busy`]; nothing has changed then.
+    pub fn begin(&mut self, plan: &Plan) -> Result<(), Busy> {
+        self.poll();
+        let recording = self.recording.take().ok_or(Busy)?;
+        recording.restart(plan);
+        let Shared { commanded, cancelled, triggered } = self.shared;
+        [commanded, cancelled, triggered].into_iter().for_each(|flag| flag.store(false, Relaxed));
+        // It has room, as there is one recording.
+        self.to.enqueue((recording, *plan)).map_err(|(recording, _)| {
+            self.recording = Some(recording);
+            Busy
+        })
+    }
+
+    /// Ends a recording that is under way, at the next period; a complete one is kept.
+    pub fn cancel(&self) {
+        self.shared.cancelled.store(true, Relaxed);
+    }
+
+    /// A command is sent to the drive, which may be the trigger.
+    pub fn commanded(&self) {
+        self.shared.commanded.store(true, Relaxed);
+    }
+
+    fn poll(&mut self) {
+        if let Some(recording) = self.back.dequeue() {
+            self.recording = Some(recording);
+        }
+    }
+
+    /// How it is.
+    pub fn state(&mut self) -> State {
+        self.poll();
+        match &self.recording {
+            Some(recording) if recording.is_complete() => State::Done,
+            Some(_) => State::None,
+            None if self.shared.triggered.load(Relaxed) => State::Triggered,
+            None => State::Waiting,
+        }
+    }
+
+    /// A row of a complete recording, the oldest first.
+    pub fn row(&mut self, number: u16) -> Option<&Row> {
+        self.poll();
+        self.recording.as_ref()?.row(number)
+    }
+}

@@ -21,8 +21,8 @@ fn the_drive_measures_how_late_its_halls_are_and_takes_it_off() {
             let turned_deg = (4.0 * f64::from(speed) * trial.true_us * 1e-6).to_degrees();
             // Late it is, or there would be nothing to take off.
             assert!((before.mean_deg + turned_deg).abs() < 0.2 + 0.1 * turned_deg, "{late:?} at {speed}: {before:?}");
-            // A tenth is left: the three are not equally late, which no common delay corrects.
-            assert!(after.rms_deg < 0.2 + 0.1 * turned_deg, "{late:?} at {speed}: {after:?}");
+            // An eighth is left: the three are not equally late, which no common delay corrects.
+            assert!(after.rms_deg < 0.2 + 0.125 * turned_deg, "{late:?} at {speed}: {after:?}");
         }
     }
 }

@@ -184,7 +184,7 @@ mod tests {
         assert_eq!((station.waiting(), &adapter.heard[..]), (1, &b"can se"[..]));
         assert!(adapter.unsent.starts_with(b"OK"));
         adapter.unsent.clear();
-        assert!(adapter.may_run(0.21, wall) && !adapter.may_run(0.221, wall), "until it is answered, or 20 ms");
+        assert!(adapter.may_run(0.39, wall) && !adapter.may_run(0.401, wall), "until it is answered, or 0.2 s");
         adapter.heard = b"can send 8001 1100\n".to_vec();
         adapter.hear(&mut station, 1.0);
         adapter.unsent.clear();

@@ -90,6 +90,9 @@ fn instructions(pages: &Pages) {
     let mean: f64 = count(map, "hallservo", 4).parse().unwrap();
     numbers(&format!("a map of the magnets (mean {mean:.0}) | {} |", ours(map)));
     numbers(&format!("at most every 8th | {} |", ours("field-oriented, with a command")));
+    numbers(&format!("nothing to record | {} |", ours("scope, nothing to record")));
+    let mean: f64 = count("scope, four channels", "hallservo", 4).parse().unwrap();
+    numbers(&format!("a trigger (mean {mean:.0}) | {} |", ours("scope, four channels")));
     let absolute = ["current", "speed", "position"]
         .map(|what| ours(&format!("AbsoluteDrive::step, field-oriented, {what}")).parse::<u32>().unwrap());
     numbers(&format!("(`--bin count-encoder`) | **{}** |", absolute.into_iter().max().unwrap()));

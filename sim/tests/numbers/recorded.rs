@@ -12,6 +12,7 @@ pub const CHECKS: &[fn(&Pages)] = &[
     a_hundred_motors,
     functions,
     uneven_magnets,
+    late_halls,
     magnets_in_the_drive,
     vernier,
     encoder_in_the_drive,
@@ -70,6 +71,25 @@ fn uneven_magnets(pages: &Pages) {
             rms(name, "mapped", "reversing_deg_rms"),
         ];
         pages.quote(NUMBERS, &format!("{said} {{}} | {{}} | {{}} |"), &figures);
+    }
+}
+
+fn late_halls(pages: &Pages) {
+    let rows: Vec<Value> = serde_json::from_str(&read("docs/recorded/delay.json")).unwrap();
+    for row in rows {
+        let motors = row["trials"].as_array().unwrap();
+        assert_eq!(motors.len(), 20);
+        let rms = |what: &str, speed: usize| {
+            let square = |motor: &Value| motor[what][speed]["rms_deg"].as_f64().unwrap().powi(2);
+            (motors.iter().map(square).sum::<f64>() / motors.len() as f64).sqrt()
+        };
+        let off_us = |motor: &Value| (motor["found_us"].as_f64().unwrap() - motor["true_us"].as_f64().unwrap()).abs();
+        // 25 rad/s is not quoted.
+        let mut figures: Vec<_> =
+            (1..4).flat_map(|speed| ["before", "after"].map(|what| Is(rms(what, speed)))).collect();
+        figures.push(Is(motors.iter().map(off_us).fold(0.0, f64::max)));
+        let name = row["name"].as_str().unwrap();
+        pages.quote(NUMBERS, &format!("| {name} | {{}} | {{}} | {{}} | {{}} | {{}} | {{}} | {{}} µs |"), &figures);
     }
 }
 

@@ -86,6 +86,14 @@ impl Drive {
         !matches!(part, Later::Reset)
     }
 
+    /// Ends an arming that has begun before the bridge is on, and answers it.
+    pub(super) fn give_up_arming(&mut self, reply: Reply) {
+        if matches!(self.later, Later::Protect | Later::Settle | Later::Arm) {
+            self.later = Later::Nothing;
+            self.answer(reply);
+        }
+    }
+
     fn answer(&mut self, reply: Reply) {
         // A task that reads no replies does not get any.
         let _ = self.channels.replies.enqueue(reply);

@@ -1,6 +1,6 @@
 //! Periods in which the bridge has to be off, whatever the commands say.
 
-use super::Drive;
+use super::{Drive, Refusal};
 use crate::board::{Interlock, Output, Sample};
 use crate::fault::Fault;
 
@@ -21,9 +21,16 @@ impl Drive {
 
     fn yield_to(&mut self, interlock: Interlock) {
         match interlock {
-            Interlock::Disabled => self.fail(Fault::Disabled),
-            // Refused where the bridge is off already.
-            Interlock::Stop => _ = self.disarm(),
+            Interlock::Disabled => {
+                self.give_up_arming(Err(Refusal::Fault(Fault::Disabled)));
+                self.fail(Fault::Disabled);
+            }
+            Interlock::Stop => {
+                // As one that has armed and is disarmed at once.
+                self.give_up_arming(Ok(()));
+                // Refused where the bridge is off already.
+                let _ = self.disarm();
+            }
         }
     }
 }

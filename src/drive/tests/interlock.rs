@@ -100,3 +100,31 @@ fn the_angle_is_followed_meanwhile() {
     assert!(error.abs() < 2.0, "{error}");
     assert_eq!((bench.drive.tracker().position().to_bits() - before.to_bits() + (1 << 31)) >> 32, 10, "turns");
 }
+
+/// Arming takes some steps, and a stop or a missing enable that lasts one of them is enough.
+#[test]
+fn an_arming_that_has_begun_ends_with_the_interlock() {
+    for commutation in COMMUTATIONS {
+        for (steps, interlock) in (0..8).flat_map(|steps| [(steps, Interlock::Stop), (steps, Interlock::Disabled)]) {
+            let mut bench = with_control(commutation, |_| {});
+            bench.service.send(Command::Arm).unwrap();
+            (0..steps).for_each(|_| _ = bench.step());
+            let armed = bench.mode() == Mode::Running;
+            assert_eq!(bench.step_off(interlock), Output::OFF);
+            for _ in 0..100 {
+                assert_eq!(bench.step(), Output::OFF, "{commutation:?}, {interlock:?} after {steps} steps");
+            }
+            let expected =
+                if armed && interlock == Interlock::Disabled { Mode::Faulted(Fault::Disabled) } else { Mode::Ready };
+            assert_eq!(bench.mode(), expected, "{commutation:?}, {interlock:?} after {steps} steps");
+            // Arming is answered, and can be asked for again.
+            let armed = |event| matches!(event, service::Event::Reply(_));
+            assert!(std::iter::from_fn(|| bench.service.poll()).any(armed));
+            if bench.mode() != Mode::Ready {
+                bench.command(Command::Clear).unwrap();
+            }
+            bench.command(Command::Arm).unwrap();
+            assert_eq!(bench.mode(), Mode::Running);
+        }
+    }
+}

@@ -104,8 +104,10 @@ pub struct Service {
     impedances: Vec<&'static mut Impedance, 2>,
     /// Settings that the drive works with.
     config: Config,
-    /// Settings on their way to the drive.
-    pending_config: Option<Config>,
+    /// Whether settings are on their way to the drive.
+    configures: bool,
+    /// The memory of settings that the drive has answered.
+    unused_config: Option<&'static mut Config>,
     /// Commutation that was commanded last.
     commutation: Commutation,
     phases: Phases,
@@ -125,6 +127,8 @@ enum Origin {
 
 impl Service {
     /// For the tasks' end of a drive's channels. One of the estimators can be filled while the drive uses the other.
+    // Inlined, it is made in its place, and takes no stack.
+    #[inline(always)]
     pub fn new(config: Config, tasks: Tasks, estimators: [&'static mut Estimator; 2]) -> Self {
         let spares = Vec::from_iter(estimators);
         Self {
@@ -138,7 +142,8 @@ impl Service {
             tables: Vec::new(),
             impedances: Vec::new(),
             config,
-            pending_config: None,
+            configures: false,
+            unused_config: None,
             commutation: config.commutation,
             phases: Phases::default(),
         }
@@ -202,22 +207,36 @@ impl Service {
         command: fn(&'static mut Config) -> Command,
         origin: Origin,
     ) -> Result<(), &'static mut Config> {
-        if self.pending_config.is_some() {
+        if self.configures {
             return Err(config);
         }
-        let pending = *config;
         match self.enqueue(command(config), origin) {
             Err(Command::Configure(config) | Command::Retune(config)) => Err(config),
             _ => {
-                self.pending_config = Some(pending);
+                self.configures = true;
                 Ok(())
             }
         }
     }
 
     /// The memory of settings that the drive has taken over or refused.
-    pub fn unused_config(&mut self) -> Option<&'static mut Config> {
-        self.tasks.configs.dequeue()
+    pub const fn unused_config(&mut self) -> Option<&'static mut Config> {
+        self.unused_config.take()
+    }
+
+    /// The drive has answered to settings, and given them back as they were.
+    #[inline(never)]
+    fn configured(&mut self, origin: Origin, reply: Reply) {
+        self.configures = false;
+        self.unused_config = self.tasks.configs.dequeue();
+        match &self.unused_config {
+            Some(config) if reply.is_ok() && origin == Origin::Configure => self.config = **config,
+            Some(config) if reply.is_ok() => self.config.retune(config),
+            _ => {}
+        }
+        if origin == Origin::Configure {
+            self.commutation = self.config.commutation;
+        }
     }
 
     /// The settings that the drive works with.
@@ -329,15 +348,8 @@ impl Service {
         while let Some(reply) = self.tasks.replies.dequeue() {
             match self.unanswered.pop_front() {
                 Some(Origin::Install) => return Some(Event::Installed(reply)),
-                Some(Origin::Configure) => {
-                    self.config = self.pending_config.take().filter(|_| reply.is_ok()).unwrap_or(self.config);
-                    self.commutation = self.config.commutation;
-                    return Some(Event::Reply(reply));
-                }
-                Some(Origin::Retune) => {
-                    if let Some(pending) = self.pending_config.take().filter(|_| reply.is_ok()) {
-                        self.config.retune(&pending);
-                    }
+                Some(origin @ (Origin::Configure | Origin::Retune)) => {
+                    self.configured(origin, reply);
                     return Some(Event::Reply(reply));
                 }
                 Some(Origin::Calibration) => {

@@ -10,11 +10,15 @@ mod entry;
 mod error;
 mod guard;
 
+use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
+
 pub use choice::{Feedback, OnStopFailure, OnTimeout};
 pub use declaration::{ABOUT, Control, GuardSettings, Settings, TABLE, Thermistor};
 pub use entry::{Entry, Kind, about, find};
 pub use error::Error;
 pub use guard::Ceiling;
+
+const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 /// Settings that a drive takes over while it turns: bandwidths of its loops.
 const TUNABLE: [&str; 4] =
@@ -40,18 +44,30 @@ impl Settings {
     /// # Errors
     /// Why not. What is out of its range may be another setting, whose range depends on this one.
     pub fn with(&self, name: &str, value: f32) -> Result<Self, Error<'static>> {
+        let mut changed = *self;
+        changed.change(name, value)?;
+        changed.validate().map(|_| changed)
+    }
+
+    /// Gives one setting another value, without a look at the others: for [`Self::validate`] to find out.
+    ///
+    /// # Errors
+    /// Why it cannot be changed, whatever the others are.
+    pub fn change(&mut self, name: &str, value: f32) -> Result<(), Error<'static>> {
         let entry = find(name).ok_or(Error::Unknown)?;
         if entry.fixed {
             return Err(Error::Fixed);
         }
-        let mut changed = *self;
-        entry.assign(&mut changed, value)?;
-        changed.validate().map(|_| changed)
+        entry.assign(self, value)
     }
 
-    /// Whether all settings have the same values: shorter in the flash than comparing field by field.
-    pub fn is_same(&self, other: &Self) -> bool {
-        TABLE.iter().all(|entry| entry.get(self) == entry.get(other))
+    /// A checksum of all values, which tells settings apart without keeping both.
+    pub fn digest(&self) -> u32 {
+        let mut digest = CRC.digest();
+        for entry in TABLE {
+            digest.update(&entry.get(self).unwrap_or(f32::NAN).to_le_bytes());
+        }
+        digest.finalize()
     }
 
     /// Full scale of the current sensing, A; zero without.

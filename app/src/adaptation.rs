@@ -39,10 +39,14 @@ impl SensorAdaptation {
     pub fn restart(&mut self, settings: &Settings, sensors: Option<&Sensors>, every: u32) {
         self.ended = None;
         self.wait = RECORDS_PER_MODEL;
-        self.adaptation = sensors.filter(|_| settings.adaptation).and_then(|sensors| {
-            let config = config(settings, sensors.noise, every)?;
-            Adaptation::resume(&config, &sensors.calibrated, &sensors.model, every).ok()
-        });
+        self.adaptation = None;
+        if let Some(sensors) = sensors.filter(|_| settings.adaptation)
+            && let Some(config) = config(settings, sensors.noise, every)
+        {
+            let Sensors { calibrated, model, .. } = sensors;
+            // An error leaves it off.
+            let _ = Adaptation::resume_in(&mut self.adaptation, &config, calibrated, model, every);
+        }
     }
 
     /// Learns from a record; returns the fault that ends it.

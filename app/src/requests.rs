@@ -229,7 +229,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 let answer = self.ask_encoder(ask)?;
                 // The bounds of the position go with its zero.
                 if self.encoder.has_moved(&self.settings) {
-                    return self.reconfigure(self.settings, Command::Plain);
+                    return self.resend();
                 }
                 Ok(Step::Answer(answer))
             }
@@ -242,9 +242,9 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             Ask::Load if self.mode().drives() => Err(Refusal::Drive(drive::Refusal::Mode(self.mode()))),
             Ask::Load => {
                 let settings = self.load_settings().map_err(Refusal::NothingStored)?;
-                self.reconfigure(settings, Command::Plain)
+                self.reconfigure(&settings, Command::Plain)
             }
-            Ask::Restore => self.reconfigure(self.defaults, Command::Plain),
+            Ask::Restore => self.restore(),
             // Answered by `attempt`.
             Ask::Hello
             | Ask::Status
@@ -344,19 +344,33 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         Ok(Step::Await(Awaited::Reply(kind)))
     }
 
-    fn reconfigure(&mut self, settings: Settings, kind: Command) -> StepResult {
+    fn reconfigure(&mut self, settings: &Settings, kind: Command) -> StepResult {
         self.configure(settings)?;
         Ok(Step::Await(Awaited::Reply(kind)))
     }
 
+    // Settings are large: what copies them has a stack frame of its own.
+    #[cfg(feature = "encoder")]
+    #[inline(never)]
+    fn resend(&mut self) -> StepResult {
+        self.reconfigure(&{ self.settings }, Command::Plain)
+    }
+
+    #[inline(never)]
+    fn restore(&mut self) -> StepResult {
+        self.reconfigure(&{ self.defaults }, Command::Plain)
+    }
+
+    #[inline(never)]
     fn change(&mut self, name: &str, value: f32) -> StepResult {
         let entry = find(name).ok_or(UNKNOWN)?;
-        let settings = self.settings.with(name, value).map_err(Refusal::Setting)?;
+        let mut settings = self.settings;
+        settings.change(name, value).map_err(Refusal::Setting)?;
         if settings::is_tunable(name) {
-            self.retune(settings)?;
+            self.retune(&settings)?;
             return Ok(Step::Await(Awaited::Reply(Command::Set(entry))));
         }
-        self.reconfigure(settings, Command::Set(entry))
+        self.reconfigure(&settings, Command::Set(entry))
     }
 
     fn control(&self) -> Result<&Config, Refusal<'static>> {

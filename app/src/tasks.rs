@@ -66,7 +66,8 @@ pub(crate) struct Tasks<F, E> {
     /// Whether nobody has confirmed settings that are not those stored.
     pub unconfirmed: bool,
     stored_sensors: Option<Sensors>,
-    stored_settings: Settings,
+    /// [Digest](Settings::digest) of those stored.
+    stored_settings: u32,
     /// Kinds of records to save when the bridge is off.
     unsaved: [bool; 3],
     learnt_saved_ms: Option<u64>,
@@ -156,7 +157,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             self.rest = Some(Rest::after(activity, self.now_ms));
         }
         let free = self.ticks_since_command >= SETTLED && !mode.drives();
-        if free && self.encoder.has_moved(&self.settings) && self.configure(self.settings).is_ok() {
+        if free && self.encoder.has_moved(&self.settings) && self.configure(&{ self.settings }).is_ok() {
             self.abandon_reply();
         }
     }

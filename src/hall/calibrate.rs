@@ -132,6 +132,8 @@ pub struct Collector {
 
 impl Collector {
     /// An empty one, for an ADC of 1 to 16 bits.
+    // Inlined, it is made in its place, and takes no stack.
+    #[inline(always)]
     pub fn new(adc_bits: u8) -> Self {
         Self { bins: [[Bin::default(); BINS]; 2], noise: Noise::default(), at_rail: [0; 3], adc_bits }
     }

@@ -207,8 +207,11 @@ impl Estimator {
     }
 
     /// Memory for an estimator: it finds every code implausible.
+    // Inlined, it is made in its place, and takes no stack.
+    #[inline(always)]
     pub const fn blank() -> Self {
         const ROW: Row = Row { gains: [0; 3], bias: 0 };
+        const TABLE: QuadrantTable = [Segment { start: 0, slope: 0 }; 4 << trig::QUADRANT_BITS];
         Self {
             window: Window::NOTHING,
             windows: [Window::NOTHING; 3],
@@ -218,7 +221,7 @@ impl Estimator {
             disagreement_span: 0,
             weakest: 0,
             strength_span: 0,
-            table: [Segment { start: 0, slope: 0 }; 4 << trig::QUADRANT_BITS],
+            table: TABLE,
             adc_bits: 16,
             pairs: [Pair { cosine: ROW, sine: ROW, unit_bits: 0 }; 3],
             alignment: ElectricalAngle::ZERO,

@@ -4,7 +4,7 @@ use super::{InstallError, Service};
 use crate::control::config::Config as Control;
 use crate::hall::Channel;
 use crate::hall::adapt::{self, Adapter, Observation, Status};
-use crate::hall::estimate::BadModel;
+use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
 use crate::mode::Mode;
 use crate::telemetry::{Measurement, Record};
@@ -51,8 +51,32 @@ impl Adaptation {
     /// # Errors
     /// [`BadModel`], as [`Adapter::new`], of either.
     pub fn resume(config: &adapt::Config, calibrated: &Model, model: &Model, every: u32) -> Result<Self, BadModel> {
-        let adapter = Adapter::resume(config, calibrated, model)?;
-        Ok(Self { adapter, due: Due::Nothing, every: every.max(1), last: None, reversed: model.reversed })
+        Ok(Self::of(Adapter::resume(config, calibrated, model)?, model, every))
+    }
+
+    const fn of(adapter: Adapter, model: &Model, every: u32) -> Self {
+        let every = if every > 0 { every } else { 1 };
+        Self { adapter, due: Due::Nothing, every, last: None, reversed: model.reversed }
+    }
+
+    /// The same, written to its place, as it is large for a stack; nothing is left there after an error.
+    ///
+    /// # Errors
+    /// As [`Self::resume`].
+    pub fn resume_in(
+        place: &mut Option<Self>,
+        config: &adapt::Config,
+        calibrated: &Model,
+        model: &Model,
+        every: u32,
+    ) -> Result<(), BadModel> {
+        *place = None;
+        estimate::validate(calibrated, config.adc_bits)?;
+        let result = place.insert(Self::of(Adapter::at(config, calibrated), model, every)).adapter.go_on_from(model);
+        if result.is_err() {
+            *place = None;
+        }
+        result
     }
 
     /// Learns from a record of a drive that is ready or running, with the torque as far as it is known, in the

@@ -3,10 +3,24 @@
 use super::Tasks;
 use crate::encoder::Encoder;
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::config::Config;
 use hallservo::control::impedance::{self, Motion};
 use hallservo::drive::{Command, Reply};
-use hallservo::settings::Settings;
+use hallservo::settings::{Error, Settings};
 use hallservo_protocol::Refusal;
+
+/// What is made of settings, in its place; a stack frame of its own.
+#[inline(never)]
+fn validate_into(place: &mut Config, settings: &Settings) -> Result<(), Error<'static>> {
+    // A look at it spares the stack a copy.
+    match &settings.validate() {
+        Ok(config) => {
+            *place = *config;
+            Ok(())
+        }
+        Err(error) => Err(*error),
+    }
+}
 
 impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Sends a command to the drive; [`Self::take_reply`] has the answer.
@@ -50,32 +64,36 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     }
 
     /// Sends other settings to the drive; [`Self::take_reply`] has the answer.
-    pub fn configure(&mut self, settings: Settings) -> Result<(), Refusal<'static>> {
+    pub fn configure(&mut self, settings: &Settings) -> Result<(), Refusal<'static>> {
         self.send_settings(settings, false)
     }
 
     /// The same with other values of tunable ones.
-    pub fn retune(&mut self, settings: Settings) -> Result<(), Refusal<'static>> {
+    pub fn retune(&mut self, settings: &Settings) -> Result<(), Refusal<'static>> {
         self.send_settings(settings, true)
     }
 
     // One copy, as a firmware has little flash.
     #[inline(never)]
-    fn send_settings(&mut self, settings: Settings, retunes: bool) -> Result<(), Refusal<'static>> {
-        let mut config = settings.validate().map_err(Refusal::Setting)?;
-        if !retunes {
-            self.encoder.place(&mut config, &settings);
+    fn send_settings(&mut self, settings: &Settings, retunes: bool) -> Result<(), Refusal<'static>> {
+        // Without memory for them, too, a setting that cannot be is the better refusal.
+        match &mut self.spare_config {
+            Some(config) => validate_into(config, settings),
+            None => settings.validate().map(drop),
         }
+        .map_err(Refusal::Setting)?;
         self.ready_for_command()?;
-        let spare = self.spare_config.take().ok_or(Refusal::NoAnswer)?;
-        *spare = config;
-        match if retunes { self.service.retune(spare) } else { self.service.configure(spare) } {
+        let config = self.spare_config.take().ok_or(Refusal::NoAnswer)?;
+        if !retunes {
+            self.encoder.place(config, settings);
+        }
+        match if retunes { self.service.retune(config) } else { self.service.configure(config) } {
             Ok(()) => {
-                (self.sent_settings, self.retunes) = (Some(settings), retunes);
+                (self.sent_settings, self.retunes) = (Some(*settings), retunes);
                 Ok(())
             }
-            Err(spare) => {
-                self.spare_config = Some(spare);
+            Err(config) => {
+                self.spare_config = Some(config);
                 Err(Refusal::NoAnswer)
             }
         }

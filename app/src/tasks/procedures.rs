@@ -77,7 +77,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                     report.apply(control);
                 }
                 // A motor beyond the ranges of the settings is reported all the same.
-                if self.configure(settings).is_ok() {
+                if self.configure(&settings).is_ok() {
                     self.abandon_reply();
                 }
                 self.identification = protocol::Procedure::Done(report);

@@ -165,7 +165,7 @@ fn supervise<F: NorFlash, E: Encoder>(
         stored,
         unconfirmed: !matches!(problem, Problem::None | Problem::Blank),
         stored_sensors: sensors,
-        stored_settings: settings,
+        stored_settings: settings.digest(),
         unsaved: [false; 3],
         learnt_saved_ms: None,
         sensors,

@@ -105,7 +105,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     fn save_settings(&mut self) {
         let saved = self.storage.save_settings(&self.settings, &self.defaults);
         if saved.is_ok() {
-            self.stored_settings = self.settings;
+            self.stored_settings = self.settings.digest();
             self.unconfirmed = false;
         }
         self.saved(Record::Settings, saved);

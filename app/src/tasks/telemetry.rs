@@ -106,7 +106,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             learnt: self.adaptation.count,
             stored: self.stored,
             unsaved: self.unsaved != [false; 3]
-                || !self.settings.is_same(&self.stored_settings)
+                || self.settings.digest() != self.stored_settings
                 || self.sensors_changed()
                 || !self.magnets.is_settled(),
             lost_records: self.lost_records,

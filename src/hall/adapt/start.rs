@@ -29,21 +29,28 @@ impl Adapter {
     pub fn resume(config: &Config, calibrated: &Model, learnt: &Model) -> Result<Self, BadModel> {
         estimate::validate(calibrated, config.adc_bits)?;
         let mut adapter = Self::at(config, calibrated);
-        for (k, (from, to)) in calibrated.sensors.iter().zip(&learnt.sensors).enumerate() {
-            adapter.state.offset[k] = (to.offset - from.offset) / from.amplitude;
-            adapter.state.amplitude[k] = to.amplitude / from.amplitude;
-            adapter.state.placement[k] = to.placement;
-        }
-        // All sensors share it.
-        adapter.state.third = learnt.sensors[0].third - calibrated.sensors[0].third;
-        adapter.limit_parameters();
-        adapter.model = adapter.current();
-        estimate::validate(&adapter.model, config.adc_bits)?;
+        adapter.go_on_from(learnt)?;
         Ok(adapter)
     }
 
+    /// Takes over what was learnt since the calibration that it has just started from.
+    #[inline(never)]
+    pub(crate) fn go_on_from(&mut self, learnt: &Model) -> Result<(), BadModel> {
+        for (k, (from, to)) in self.sensors.iter().map(|own| &own.sensor).zip(&learnt.sensors).enumerate() {
+            self.state.offset[k] = (to.offset - from.offset) / from.amplitude;
+            self.state.amplitude[k] = to.amplitude / from.amplitude;
+            self.state.placement[k] = to.placement;
+        }
+        // All sensors share it.
+        self.state.third = learnt.sensors[0].third - self.sensors[0].sensor.third;
+        self.limit_parameters();
+        self.model = self.current();
+        estimate::validate(&self.model, self.config.adc_bits)
+    }
+
     /// From a calibration that is valid.
-    fn at(config: &Config, model: &Model) -> Self {
+    #[inline(never)]
+    pub(crate) fn at(config: &Config, model: &Model) -> Self {
         let start = parameters(&config.start);
         let sensors = [0, 1, 2].map(|k| CalibratedSensor::new(&model.sensors[k], config.noise_codes[k]));
         let mut adapter = Self {

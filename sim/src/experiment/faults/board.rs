@@ -49,7 +49,7 @@ mod tests {
         for board in &BOARDS {
             let settings = board.settings().unwrap();
             settings.validate().unwrap();
-            assert!(!settings.is_same(&Settings { control: Some(Control::default()), ..Settings::default() }));
+            assert_ne!(settings, Settings { control: Some(Control::default()), ..Settings::default() });
         }
     }
 }

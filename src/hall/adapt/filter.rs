@@ -68,6 +68,30 @@ impl Covariance {
         ]
     }
 
+    /// Scalar products of the rows with a vector, but for the speed. Straight on, or with less code in a loop.
+    #[inline]
+    fn products(&self, h: &[f32; STATES - 1]) -> Vector {
+        if cfg!(feature = "small") {
+            return core::array::from_fn(|k| {
+                let column = |j: usize| if j == 0 { ANGLE } else { j + 1 };
+                h.iter().enumerate().map(|(j, h)| h * self.get(column(j), k)).sum()
+            });
+        }
+        [
+            product(h, &self.row::<0>()),
+            product(h, &self.row::<1>()),
+            product(h, &self.row::<2>()),
+            product(h, &self.row::<3>()),
+            product(h, &self.row::<4>()),
+            product(h, &self.row::<5>()),
+            product(h, &self.row::<6>()),
+            product(h, &self.row::<7>()),
+            product(h, &self.row::<8>()),
+            product(h, &self.row::<9>()),
+            product(h, &self.row::<10>()),
+        ]
+    }
+
     /// Adds to a variance, up to `largest`.
     pub fn inflate(&mut self, state: usize, variance: f32, largest: f32) {
         let entry = &mut self.0[at(state, state)];
@@ -148,19 +172,7 @@ impl CrossCovariance {
         let (angle, third) = (u * a.angle + v * b.angle + w * c.angle, u * a.third + v * b.third + w * c.third);
         let h =
             [angle, third, *u, u * a.amplitude, *v, v * b.amplitude, -v * b.angle, *w, w * c.amplitude, -w * c.angle];
-        let spread = [
-            product(&h, &p.row::<0>()),
-            product(&h, &p.row::<1>()),
-            product(&h, &p.row::<2>()),
-            product(&h, &p.row::<3>()),
-            product(&h, &p.row::<4>()),
-            product(&h, &p.row::<5>()),
-            product(&h, &p.row::<6>()),
-            product(&h, &p.row::<7>()),
-            product(&h, &p.row::<8>()),
-            product(&h, &p.row::<9>()),
-            product(&h, &p.row::<10>()),
-        ];
+        let spread = p.products(&h);
         let [angle, _, rest @ ..] = spread;
         let [third, o0, a0, o1, a1, p1, o2, a2, p2] = rest;
         let variance = product(&h, &[angle, third, o0, a0, o1, a1, p1, o2, a2, p2]);
@@ -176,9 +188,10 @@ impl Measurement {
     #[inline]
     pub fn cross(&self, sensor: usize, p: &Covariance) -> CrossCovariance {
         match sensor {
-            0 => self.cross_of::<0>(p),
-            1 => self.cross_of::<1>(p),
-            _ => self.cross_of::<2>(p),
+            _ if cfg!(feature = "small") => self.cross_of(sensor, p),
+            0 => self.cross_of(0, p),
+            1 => self.cross_of(1, p),
+            _ => self.cross_of(2, p),
         }
     }
 
@@ -192,20 +205,22 @@ impl Measurement {
     #[inline]
     pub fn variance(&self, sensor: usize, p: &Covariance) -> f32 {
         match sensor {
-            0 => self.variance_of::<0>(p),
-            1 => self.variance_of::<1>(p),
-            _ => self.variance_of::<2>(p),
+            _ if cfg!(feature = "small") => self.variance_of(sensor, p),
+            0 => self.variance_of(0, p),
+            1 => self.variance_of(1, p),
+            _ => self.variance_of(2, p),
         }
     }
 
-    #[inline]
-    fn variance_of<const SENSOR: usize>(&self, p: &Covariance) -> f32 {
-        let offset = OFFSET[SENSOR];
+    // Inlined for each sensor, its indices are constants.
+    #[inline(always)]
+    fn variance_of(&self, sensor: usize, p: &Covariance) -> f32 {
+        let offset = OFFSET[sensor];
         let (amplitude, placement) = (offset + 1, offset + 2);
         let (a, h) = (self.amplitude, self.third);
         let own = |k| p.get(offset, k) + a * p.get(amplitude, k);
-        let angle = |k| if SENSOR == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(placement, k) };
-        let angles = if SENSOR == 0 { angle(ANGLE) } else { angle(ANGLE) - angle(placement) };
+        let angle = |k| if sensor == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(placement, k) };
+        let angles = if sensor == 0 { angle(ANGLE) } else { angle(ANGLE) - angle(placement) };
         let with_angle = angle(offset) + a * angle(amplitude) + h * angle(THIRD);
         let with_third = own(THIRD);
         self.angle * (self.angle * angles + with_angle + with_angle)
@@ -214,22 +229,22 @@ impl Measurement {
     }
 
     /// Product of the derivatives with a vector.
-    #[inline]
-    fn dot<const SENSOR: usize>(&self, v: &Vector) -> f32 {
-        let own = OFFSET[SENSOR];
-        let angle = if SENSOR == 0 { v[ANGLE] } else { v[ANGLE] - v[own + 2] };
+    #[inline(always)]
+    fn dot(&self, sensor: usize, v: &Vector) -> f32 {
+        let own = OFFSET[sensor];
+        let angle = if sensor == 0 { v[ANGLE] } else { v[ANGLE] - v[own + 2] };
         self.angle * angle + self.third * v[THIRD] + v[own] + self.amplitude * v[own + 1]
     }
 
-    #[inline]
-    fn cross_of<const SENSOR: usize>(&self, p: &Covariance) -> CrossCovariance {
-        let own = OFFSET[SENSOR];
+    #[inline(always)]
+    fn cross_of(&self, sensor: usize, p: &Covariance) -> CrossCovariance {
+        let own = OFFSET[sensor];
         let mut spread = [0.0; STATES];
         for (k, b) in spread.iter_mut().enumerate() {
-            let angle = if SENSOR == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(own + 2, k) };
+            let angle = if sensor == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(own + 2, k) };
             *b = self.angle * angle + self.third * p.get(THIRD, k) + p.get(own, k) + self.amplitude * p.get(own + 1, k);
         }
-        CrossCovariance { variance: self.dot::<SENSOR>(&spread), spread }
+        CrossCovariance { variance: self.dot(sensor, &spread), spread }
     }
 }
 

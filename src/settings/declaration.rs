@@ -7,30 +7,6 @@ use super::{Ceiling, Feedback, OnStopFailure, OnTimeout};
 use crate::commutation::Commutation;
 use core::f32::consts::TAU;
 
-/// A row of [`TABLE`].
-macro_rules! entry {
-    (
-        $part:ident, $name:expr, $field:ident, |$s:ident, $c:ident| $min:expr, $max:expr,
-        $unit:expr, $kind:expr, $fixed:expr
-    ) => {
-        Entry {
-            name: $name,
-            unit: $unit,
-            kind: &$kind,
-            fixed: $fixed,
-            field: |settings| match $part(settings) {
-                Some(part) => Some(Field::from(&mut part.$field)),
-                None => None,
-            },
-            range: |$s| {
-                let $c = $s.control.unwrap_or_default();
-                let _ = $c;
-                ($min, $max)
-            },
-        }
-    };
-}
-
 /// The structures, their defaults, the table and the descriptions. A row: `field: type = default, least => most, unit,
 /// kind, whether it is the board's, description`; the range may depend on all settings, `s`, and those of the current
 /// control, `c`. Behind `with` are fields that are no settings themselves. `rows of` are the settings of what a
@@ -73,21 +49,76 @@ macro_rules! settings {
                 $($(#[$other_meta])* pub $other: $other_type,)*
             }
 
+            impl $struct {
+                const DEFAULT: Self = Self { $($field: $default,)* $($other: $other_default,)* };
+            }
+
             impl Default for $struct {
                 fn default() -> Self {
-                    Self { $($field: $default,)* $($other: $other_default,)* }
+                    Self::DEFAULT
                 }
+            }
+
+            mod $part {
+                #[derive(Clone, Copy)]
+                #[allow(non_camel_case_types)]
+                pub enum Row { $($field,)* }
+            }
+        )*
+        $(
+            mod $row_part {
+                #[derive(Clone, Copy)]
+                #[allow(non_camel_case_types)]
+                pub enum Row { $($row_field,)* }
             }
         )*
 
+        /// Which setting: the part that has it, and its field.
+        // Two functions of all settings take half the flash of two for each.
+        #[derive(Clone, Copy)]
+        #[allow(non_camel_case_types)]
+        pub(super) enum Row {
+            $($part($part::Row),)*
+            $($row_part($row_part::Row),)*
+        }
+
+        impl Row {
+            /// The field; `None` without current control. One function to read and to write, for the sake of the flash.
+            #[inline(never)]
+            pub fn field(self, settings: &mut Settings) -> Option<Field<'_>> {
+                Some(match self {
+                    $(Self::$part(row) => {
+                        let part = $part(settings)?;
+                        match row { $($part::Row::$field => Field::from(&mut part.$field),)* }
+                    })*
+                    $(Self::$row_part(row) => {
+                        let part = $row_part(settings)?;
+                        match row { $($row_part::Row::$row_field => Field::from(&mut part.$row_field),)* }
+                    })*
+                })
+            }
+
+            /// Least and most, as the other settings are.
+            #[inline(never)]
+            pub fn range(self, $s: &Settings) -> (f32, f32) {
+                static WITHOUT: Control = Control::DEFAULT;
+                let $c = $s.control.as_ref().unwrap_or(&WITHOUT);
+                match self {
+                    $($(Self::$part($part::Row::$field) => ($min, $max),)*)*
+                    $($(Self::$row_part($row_part::Row::$row_field) => ($row_min, $row_max),)*)*
+                }
+            }
+        }
+
         /// Every setting. Those that a range depends on come first, so that the first one out of its range is to blame.
         pub static TABLE: &[Entry] = &[
-            $($(
-                entry!($part, stringify!($field), $field, |$s, $c| $min, $max, $unit, $kind, $fixed),
-            )*)*
-            $($(
-                entry!($row_part, $row_name, $row_field, |$s, $c| $row_min, $row_max, $row_unit, $row_kind, $row_fixed),
-            )*)*
+            $($(Entry {
+                name: stringify!($field), unit: $unit, kind: &$kind, fixed: $fixed, row: Row::$part($part::Row::$field),
+            },)*)*
+            $($(Entry {
+                name: $row_name, unit: $row_unit, kind: &$row_kind, fixed: $row_fixed,
+                row: Row::$row_part($row_part::Row::$row_field),
+            },)*)*
         ];
 
         /// Names and descriptions. A list of its own, for a chip has no use for it.
@@ -229,7 +260,7 @@ settings! {
         hall_delay_us: f32 = 0.0, -20.0 => 200.0, "µs", Real, FREE, "Delay of the Halls' signals";
     } with {
         /// Thresholds of the faults.
-        guard: GuardSettings = GuardSettings::default();
+        guard: GuardSettings = GuardSettings::DEFAULT;
     }
 
     /// Thresholds of the faults.

@@ -1,5 +1,6 @@
 //! A row of the table of settings.
 
+use super::declaration::Row;
 use super::{Error, Feedback, OnStopFailure, OnTimeout, Settings, TABLE};
 use crate::commutation::Commutation;
 
@@ -27,21 +28,18 @@ pub struct Entry {
     pub kind: &'static Kind<'static>,
     /// Whether it follows from the board's parts.
     pub fixed: bool,
-    /// `None` without current control. One function to read and to write, for the sake of the flash.
-    pub(super) field: fn(&mut Settings) -> Option<Field<'_>>,
-    /// Least and most, as the other settings are.
-    pub(super) range: fn(&Settings) -> (f32, f32),
+    pub(super) row: Row,
 }
 
 impl Entry {
     /// The value; `None` where the drive has no current control, and so no such setting.
     pub fn get(&self, settings: &Settings) -> Option<f32> {
-        (self.field)(&mut { *settings }).map(|field| field.number())
+        self.row.field(&mut { *settings }).map(|field| field.number())
     }
 
     /// Least and most value, as the other settings are and the board allows.
     pub fn range(&self, settings: &Settings) -> (f32, f32) {
-        let (min, max) = (self.range)(settings);
+        let (min, max) = self.row.range(settings);
         (min, max.min(settings.ceiling(self.name)))
     }
 
@@ -52,7 +50,7 @@ impl Entry {
 
     #[inline(never)]
     fn check_value(&self, settings: &Settings, value: f32) -> Result<(), Error<'static>> {
-        let (min, max) = (self.range)(settings);
+        let (min, max) = self.row.range(settings);
         // Not a number is in no range.
         let inside = (min..=max).contains(&value);
         if inside { Ok(()) } else { Err(Error::OutOfRange { field: self.name, value, min, max }) }
@@ -70,7 +68,7 @@ impl Entry {
                 return Err(Error::NotWhole);
             }
         }
-        (self.field)(settings).ok_or(Error::NoControl)?.assign(value);
+        self.row.field(settings).ok_or(Error::NoControl)?.assign(value);
         Ok(())
     }
 }

@@ -176,8 +176,8 @@ impl Collector {
         }
         let mut angles = [[ElectricalAngle::ZERO; BINS]; 2];
         let fit = fit::fit(&self.bins, &mut angles)?;
-        let [forward, backward] = [0, 1].map(|sweep| offset(&self.bins[sweep], &angles[sweep]));
-        let swings = [0, 1].map(|sweep| swing(&self.bins[sweep], &angles[sweep], [forward, backward][sweep]));
+        let (forward, backward) = (offset(&self.bins[0], &angles[0]), offset(&self.bins[1], &angles[1]));
+        let swings = [swing(&self.bins[0], &angles[0], forward), swing(&self.bins[1], &angles[1], backward)];
         let hunting = ElectricalAngle::from_radians(libm::sqrtf((swings[0] * swings[0] + swings[1] * swings[1]) / 2.0));
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
@@ -203,6 +203,7 @@ fn lags(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS]) -> impl Iterator<I
 }
 
 /// Mean of rotor's angle less field's angle.
+#[inline(never)]
 fn offset(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS]) -> ElectricalAngle {
     // Around the first, so that the mean does not see the wrap.
     let first = lags(bins, angles).next().unwrap_or_default();
@@ -211,6 +212,7 @@ fn offset(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS]) -> ElectricalAng
 }
 
 /// RMS of rotor's angle less field's angle about a mean, in radians.
+#[inline(never)]
 fn swing(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS], mean: ElectricalAngle) -> f32 {
     let square = |lag: ElectricalAngle| {
         let off = (lag - mean).to_radians();

@@ -62,12 +62,12 @@ pub(super) fn fit(bins: &Bins, angles: &mut [[ElectricalAngle; BINS]; 2]) -> Res
     // The Hall angle is zero where the first sensor's fundamental rises through its offset.
     let zero = start[0].placement;
     let mut sensors = start.map(|sensor| Sensor { placement: sensor.placement - zero, ..sensor });
-    for (angle, point) in angles.iter_mut().flatten().zip(points(bins)) {
+    for (angle, point) in angles.as_flattened_mut().iter_mut().zip(points(bins)) {
         *angle = point.field - zero;
     }
     for _ in 0..ITERATIONS {
         let mut equations = Equations::default();
-        for (point, angle) in points(bins).zip(angles.iter_mut().flatten()) {
+        for (point, angle) in points(bins).zip(angles.as_flattened_mut().iter_mut()) {
             *angle = nearest(&sensors, &point.codes, *angle);
             equations.add(&sensors, &point.codes, *angle);
         }
@@ -75,7 +75,7 @@ pub(super) fn fit(bins: &Bins, angles: &mut [[ElectricalAngle; BINS]; 2]) -> Res
         apply(&mut sensors, &equations.vector);
     }
     let mut square = 0.0;
-    for (point, angle) in points(bins).zip(angles.iter_mut().flatten()) {
+    for (point, angle) in points(bins).zip(angles.as_flattened_mut().iter_mut()) {
         *angle = nearest(&sensors, &point.codes, *angle);
         square += residuals(&sensors, &point.codes, *angle).iter().map(|e| e * e).sum::<f32>();
     }
@@ -88,15 +88,21 @@ pub(super) fn fit(bins: &Bins, angles: &mut [[ElectricalAngle; BINS]; 2]) -> Res
 
 /// All of both sweeps. Made anew each time, which takes less time than a small stack has room.
 fn points(bins: &Bins) -> impl Iterator<Item = Point> {
-    bins.iter().flat_map(sweep)
+    sweep(bins.as_flattened())
 }
 
-/// Those of a sweep.
-pub(super) fn sweep(bins: &[Bin; BINS]) -> impl Iterator<Item = Point> {
-    bins.iter().enumerate().map(|(k, bin)| Point {
+/// Those of a sweep, or of more than one.
+pub(super) fn sweep(bins: &[Bin]) -> impl Iterator<Item = Point> {
+    bins.iter().enumerate().map(|(k, bin)| point(k as u32, bin))
+}
+
+/// The `k`-th; the next sweep begins after so many bins as there are in a turn.
+#[inline(never)]
+fn point(k: u32, bin: &Bin) -> Point {
+    Point {
         codes: bin.sums.map(|sum| sum as f32 / bin.count as f32),
-        field: ElectricalAngle::from_bits(((2 * k + 1) << (31 - BINS.ilog2())) as u32 as i32),
-    })
+        field: ElectricalAngle::from_bits(((2 * k + 1) << (31 - BINS.ilog2())) as i32),
+    }
 }
 
 /// First harmonic over the field's angle, of the first sweep.

@@ -194,8 +194,14 @@ impl Report {
             (lag > 30.0).then_some(Finding::Lagging(lag)),
             (self.hunting_deg > 5.0).then_some(Finding::Hunting(self.hunting_deg)),
         ];
-        let sensors = self.sensors.into_iter().enumerate().flat_map(|(k, sensor)| sensor.findings(Channel(k as u8)));
-        sensors.chain(common).flatten()
+        // One list: an iterator over parts of parts takes more flash.
+        let mut all = [None; 14];
+        let (single, rest) = all.split_at_mut(9);
+        for (k, place) in single.chunks_exact_mut(3).enumerate() {
+            place.copy_from_slice(&self.sensors[k].findings(Channel(k as u8)));
+        }
+        rest.copy_from_slice(&common);
+        all.into_iter().flatten()
     }
 
     /// The Hall that is farthest from its place, and by how much. The placement errors have mean zero, so that one has
@@ -233,9 +239,9 @@ impl SensorReport {
 impl Pattern {
     fn nearest(model: &Model) -> Self {
         let candidates =
-            [60, 120].into_iter().flat_map(|spacing| [false, true].map(|forward| Self { spacing, forward }));
+            [(60, false), (60, true), (120, false), (120, true)].map(|(spacing, forward)| Self { spacing, forward });
         let misfit = |pattern: &Self| (0..3).map(|k| i64::from(pattern.error(model, k).to_bits()).abs()).sum::<i64>();
-        candidates.min_by_key(misfit).unwrap_or(Self { spacing: 120, forward: true })
+        candidates.into_iter().min_by_key(misfit).unwrap_or(Self { spacing: 120, forward: true })
     }
 
     /// A sensor's distance from the pattern, which is laid so that the three distances have mean zero.

@@ -85,6 +85,7 @@ impl Motor {
 }
 
 /// `value · 2^bits` as an integer, if it is one of `i32`.
+#[inline(never)]
 fn fixed(value: f32, bits: i32) -> Option<i32> {
     let scaled = libm::ldexpf(value, bits);
     (scaled.abs() < 2_147_483_648.0).then(|| libm::roundf(scaled) as i32)

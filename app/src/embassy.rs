@@ -75,12 +75,12 @@ async fn carry<F: NorFlash, E: Encoder>(supervisor: &Shared<'_, F, E>, mut bus: 
             supervisor.borrow_mut().set_bus(address, bus.serial());
             bus.listen(address);
         }
-        let Either::First(request) = select(bus.receive(), Timer::after_millis(LOOK_MS)).await else {
+        let Either::First(request) = select(bus.receive(), after(Duration::from_millis(LOOK_MS))).await else {
             bus.look_after();
             continue;
         };
         while supervisor.borrow().is_busy() {
-            Timer::after(TICK).await;
+            after(TICK).await;
         }
         let reply = supervisor.borrow_mut().frame(&request);
         if let Some(reply) = reply {
@@ -95,13 +95,13 @@ async fn tick<F: NorFlash, E: Encoder>(
     readings: impl Fn() -> Readings,
     stop: &Stop,
 ) -> ! {
-    let mut next = Instant::now();
+    let mut next = now();
     loop {
         // Ticks missed in a stall are not made up for, and the other tasks come first: the watchdog among them.
-        next = (next + TICK).max(Instant::now() + Duration::from_ticks(1));
+        next = (next + TICK).max(now() + Duration::from_ticks(1));
         Timer::at(next).await;
         let mut supervisor = supervisor.borrow_mut();
-        supervisor.tick(Instant::now().as_millis(), readings());
+        supervisor.tick(now().as_millis(), readings());
         if let Some(bytes) = supervisor.dealt_with() {
             stop.release(bytes);
         }
@@ -118,12 +118,12 @@ async fn receive<F: NorFlash, E: Encoder>(supervisor: &Shared<'_, F, E>, mut rx:
             let taken = supervisor.borrow_mut().receive(bytes);
             bytes = bytes.get(taken..).unwrap_or_default();
             if !bytes.is_empty() {
-                Timer::after(TICK).await;
+                after(TICK).await;
             }
         }
         if length == 0 {
             supervisor.borrow_mut().receive(&[]);
-            Timer::after(TICK).await;
+            after(TICK).await;
         }
     }
 }
@@ -132,32 +132,43 @@ async fn transmit<F: NorFlash, E: Encoder>(supervisor: &Shared<'_, F, E>, mut tx
     let mut piece = [0; PIECE];
     loop {
         let length = supervisor.borrow_mut().transmit(&mut piece);
+        let bytes = piece.get(..length).unwrap_or_default();
         let served = || _ = supervisor.borrow_mut().transmit(&mut []);
-        match piece.get(..length) {
-            // A tool that is gone asks again when it is back.
-            Some(bytes) if length > 0 => _ = waiting(tx.write_all(bytes), served).await,
-            _ => {
-                let _ = waiting(tx.flush(), served).await;
-                Timer::after(TICK).await;
-            }
+        let sent = async { if bytes.is_empty() { tx.flush().await } else { tx.write_all(bytes).await } };
+        // A tool that is gone asks again when it is back.
+        let _ = waiting(sent, served).await;
+        if bytes.is_empty() {
+            after(TICK).await;
         }
     }
 }
 
 async fn watch<F: NorFlash, E: Encoder>(supervisor: &Shared<'_, F, E>, mut feed: impl FnMut()) -> ! {
     loop {
-        Timer::after(CHECK).await;
+        after(CHECK).await;
         if supervisor.borrow_mut().is_alive() {
             feed();
         }
     }
 }
 
+/// One copy of what would be inlined wherever it is called.
+#[inline(never)]
+fn after(duration: Duration) -> Timer {
+    Timer::after(duration)
+}
+
+/// The same.
+#[inline(never)]
+fn now() -> Instant {
+    Instant::now()
+}
+
 /// Waits for a future, calling `served` from time to time.
 async fn waiting<T>(future: impl Future<Output = T>, mut served: impl FnMut()) -> T {
     let mut future = pin!(future);
     loop {
-        if let Either::First(output) = select(future.as_mut(), Timer::after(CHECK)).await {
+        if let Either::First(output) = select(future.as_mut(), after(CHECK)).await {
             return output;
         }
         served();

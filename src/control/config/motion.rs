@@ -58,23 +58,15 @@ impl Motion {
     /// Of settings that are in their ranges.
     pub fn new(settings: &Control, frame: &Frame, motor: &Motor, scale: &Scale) -> Self {
         let checks = |seconds: f32| (seconds * scale.step_hz / ROUND as f32).max(1.0) as u32;
-        let turns = |turns: f32| turns * scale.pole_pairs * TURN;
-        let bound = |limit: f32| {
-            // The ends of the range are none.
-            if limit.abs() >= 1e6 {
-                turns(limit.signum() * 1e9) as i64 >> 8
-            } else {
-                turns(limit) as i64 >> OUTER.ilog2()
-            }
-        };
+        let turns = scale.pole_pairs * TURN;
         let hold = (settings.hold_current_a * scale.per_ampere()).min(32_767.0);
         Self {
             impulse: (0.1 * settings.max_current_a * scale.per_ampere()).max(128.0) as i32,
             turning: (3.0 / scale.step_hz * TURN) as i32,
-            far: (turns(settings.following_error_turns) / OUTER as f32) as i64,
+            far: whole(settings.following_error_turns * turns / OUTER as f32),
             far_speed: (settings.following_error_rad_s * scale.per_radian_s()).min(1_073_741_824.0) as i32,
             late: checks(settings.guard.stall_s),
-            bounds: [bound(settings.min_position_turns), bound(settings.max_position_turns)],
+            bounds: [bound(settings.min_position_turns, turns), bound(settings.max_position_turns, turns)],
             stop: checks(settings.guard.stop_s),
             brakes: settings.guard.if_stop_fails == OnStopFailure::Brake,
             hold: hold as i32,
@@ -83,9 +75,26 @@ impl Motion {
     }
 }
 
+#[inline(never)]
+fn bound(limit: f32, turns: f32) -> i64 {
+    // The ends of the range are none.
+    if limit.abs() >= 1e6 { whole(limit.signum() * 1e9 * turns) >> 8 } else { whole(limit * turns) >> OUTER.ilog2() }
+}
+
+/// Saturates; called, not inlined, as it takes sixty bytes.
+#[inline(never)]
+fn whole(value: f32) -> i64 {
+    value as i64
+}
+
+/// A positive number of up to 30 bits.
+#[inline(never)]
+fn fixed(value: f32) -> i32 {
+    value.clamp(1.0, 1_073_741_824.0) as i32
+}
+
 impl Model {
     fn new(frame: &Frame, motor: &Motor, scale: &Scale) -> Self {
-        let fixed = |value: f32| value.clamp(1.0, 1_073_741_824.0) as i32;
         let per_current = scale.amperes / scale.volts * 65_536.0;
         let check_s = ROUND as f32 / scale.step_hz;
         let radians_s = TAU * scale.step_hz;

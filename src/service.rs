@@ -84,7 +84,7 @@ impl core::error::Error for QueueFull {}
 /// Percentage of lost samples from which on they are why a calibration failed.
 const MANY_LOST: u8 = 10;
 
-/// Serves one drive; 2.3 KiB beside the two estimators.
+/// Serves one drive; 2.7 KiB beside the two estimators.
 pub struct Service {
     tasks: Tasks,
     collector: Collector,
@@ -219,7 +219,7 @@ impl Service {
         }
     }
 
-    /// The memory of settings that the drive has taken over or refused.
+    /// The memory of settings that the drive has taken over or refused, until it answers to others.
     pub const fn unused_config(&mut self) -> Option<&'static mut Config> {
         self.unused_config.take()
     }

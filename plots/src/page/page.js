@@ -45,7 +45,7 @@
     ctx.setLineDash([4, 4]);
     ctx.textAlign = "left";
     ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
-    // A name that would be written over another one stands a row lower.
+    // A name that would be written over another one stands a row lower; one without room, before its line.
     const ends = [];
     for (const [at, name] of marks) {
       const x = plot.valToPos(at, "x", true);
@@ -54,9 +54,11 @@
       ctx.moveTo(x, bbox.top);
       ctx.lineTo(x, bbox.top + bbox.height);
       ctx.stroke();
-      const free = ends.findIndex((end) => end < x), row = free < 0 ? ends.length : free;
-      ends[row] = x + 8 + ctx.measureText(name).width;
-      ctx.fillText(name, x + 4, bbox.top + (12 + 13 * row) * devicePixelRatio);
+      const length = ctx.measureText(name).width, fits = x + 4 + length <= bbox.left + bbox.width;
+      const from = fits ? x + 4 : x - 4 - length;
+      const free = ends.findIndex((end) => end < from), row = free < 0 ? ends.length : free;
+      ends[row] = from + length;
+      ctx.fillText(name, from, bbox.top + (12 + 13 * row) * devicePixelRatio);
     }
     ctx.restore();
   };

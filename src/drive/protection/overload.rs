@@ -137,6 +137,21 @@ mod tests {
     use crate::settings::{Control, Settings};
 
     #[test]
+    fn what_is_assumed_at_power_up_is_assumed_once() {
+        let settings = Settings { control: Some(Control::default()), ..Settings::default() };
+        let config = settings.validate().unwrap().control.unwrap();
+        let mut overload = Overload::POWER_UP;
+        overload.begin(&config);
+        assert_eq!(overload.housing.square(), config.overload.winding.square);
+        assert_eq!(overload.bridge.square(), config.overload.bridge.square / 2);
+        // From there on the model knows: another arming neither cools nor heats.
+        overload.count_bridge(&config, 1 << 30);
+        let known = overload;
+        overload.begin(&config);
+        assert_eq!(overload, known);
+    }
+
+    #[test]
     fn what_is_a_little_too_hot_does_not_arm() {
         let settings = Settings { control: Some(Control::default()), ..Settings::default() };
         let config = settings.validate().unwrap().control.unwrap();

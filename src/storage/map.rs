@@ -99,7 +99,7 @@ mod tests {
                 assert_eq!(decode(&record[..shorter]), None);
             }
             for noise_deg in [-0.1, 180.0, f32::INFINITY] {
-                assert_eq!(decode(encode(&Known { noise_deg, ..known.clone() }, &mut place)), None, "{noise_deg}");
+                assert_eq!(decode(encode(&Known { noise_deg, ..known }, &mut place)), None, "{noise_deg}");
             }
             let record = encode(&known, &mut place);
             // Of other pole pairs, a direction that is none, no number.

@@ -13,7 +13,7 @@ use std::ops::Range;
 /// A curve.
 #[derive(Clone, Debug)]
 pub struct Series {
-    /// Its name in the legend.
+    /// Its name in the legend. Curves of the same name have one colour and one place in the legend, which switches all.
     pub name: String,
     /// Its points in the order of x.
     pub points: Vec<(f64, f64)>,
@@ -128,8 +128,8 @@ impl Plot {
         let curves: Vec<_> = self.series.iter().map(|series| columns(&series.thinned(2000))).collect();
         let names: Vec<_> = self.series.iter().map(|series| series.name.as_str()).collect();
         let [light, dark] = [&COLOURS, &DARK].map(|colours| {
-            let css = |RGBColor(r, g, b): &RGBColor| format!("#{r:02x}{g:02x}{b:02x}");
-            names.iter().zip(colours.iter().cycle()).map(|(_, colour)| css(colour)).collect::<Vec<_>>()
+            let css = |RGBColor(r, g, b): RGBColor| format!("#{r:02x}{g:02x}{b:02x}");
+            self.coloured(colours).map(|(_, colour)| css(colour)).collect::<Vec<_>>()
         });
         let data = json!({
             "x": self.x, "y": self.y, "names": names, "curves": curves, "light": light, "dark": dark,
@@ -137,6 +137,24 @@ impl Plot {
         });
         // Nothing in the data may end its element of the page.
         Some(data.to_string().replace('<', "\\u003c"))
+    }
+
+    /// The curves, each with its colour.
+    fn coloured<'a>(&'a self, colours: &'a [RGBColor; 6]) -> impl Iterator<Item = (&'a Series, RGBColor)> {
+        let names = self.names();
+        let place = move |series: &Series| names.iter().position(|name| *name == series.name).unwrap_or(0);
+        self.series.iter().map(move |series| (series, colours[place(series) % colours.len()]))
+    }
+
+    /// What the legend says: each name once.
+    fn names(&self) -> Vec<&str> {
+        let mut names = Vec::new();
+        for series in &self.series {
+            if !names.contains(&series.name.as_str()) {
+                names.push(series.name.as_str());
+            }
+        }
+        names
     }
 
     /// The diagram as SVG.
@@ -192,7 +210,7 @@ impl Plot {
             .axis_style(AXIS)
             .label_style(LABEL)
             .draw()?;
-        for (series, colour) in self.series.iter().zip(COLOURS.iter().cycle()) {
+        for (series, colour) in self.coloured(&COLOURS) {
             chart.draw_series(LineSeries::new(series.thinned(1200), colour.stroke_width(1)))?;
         }
         Self::marks(&self.events, &chart)
@@ -221,14 +239,14 @@ impl Plot {
     fn legend(&self, area: &Area) -> Result<i32, Box<dyn Error>> {
         let style = TextStyle::from(LABEL).pos(Pos::new(HPos::Left, VPos::Center));
         let (mut x, mut rows) = (70, 1);
-        for (series, colour) in self.series.iter().zip(COLOURS.iter().cycle()) {
-            let width = 24 + area.estimate_text_size(&series.name, &style)?.0 as i32;
+        for (name, colour) in self.names().into_iter().zip(COLOURS.iter().cycle()) {
+            let width = 24 + area.estimate_text_size(name, &style)?.0 as i32;
             if x + width > LEGEND_END {
                 (x, rows) = (70, rows + 1);
             }
             let y = rows * LEGEND - 4;
             area.draw(&PathElement::new([(x, y), (x + 18, y)], colour.stroke_width(3)))?;
-            area.draw(&Text::new(series.name.as_str(), (x + 24, y), style.clone()))?;
+            area.draw(&Text::new(name, (x + 24, y), style.clone()))?;
             x += width + 18;
         }
         Ok(rows)

@@ -45,6 +45,19 @@ fn the_script_gets_every_point_that_is_a_number() {
 }
 
 #[test]
+fn curves_of_one_name_have_one_colour_and_one_place_in_the_legend() {
+    let curve = |name: &str, y: f64| Series::new(name, [(0.0, y), (1.0, y)]);
+    let series = vec![curve("kept", 1.0), curve("omitted", 2.0), curve("kept", 3.0), curve("average", 4.0)];
+    let plot = Plot::new("", "x", "y", series);
+    assert_eq!(plot.svg().unwrap().matches("kept").count(), 1);
+    let data: serde_json::Value = serde_json::from_str(&plot.data().unwrap()).unwrap();
+    for colours in ["light", "dark"].map(|page| data[page].as_array().unwrap()) {
+        assert_eq!(colours[0], colours[2]);
+        assert!(colours[0] != colours[1] && colours[1] != colours[3] && colours[3] != colours[0]);
+    }
+}
+
+#[test]
 fn a_curve_that_goes_back_stays_a_picture() {
     let back = Series::new("back", [(0.0, 0.0), (1.0, 1.0), (0.5, 2.0)]);
     let mut report = Report::new("");

@@ -28,6 +28,7 @@ fn check(arguments: &[&str], least_plots: usize) {
     assert!(lead < figure, "{name}: what is seen comes first");
     let plots = plots(&page);
     assert!(plots.len() >= least_plots, "{name}: {} diagrams", plots.len());
+    assert_eq!(page.matches("<svg").count(), plots.len(), "{name}: each picture is one with values, zoom and legend");
     for plot in plots {
         for axis in ["x", "y"] {
             let label = plot[axis].as_str().unwrap();
@@ -74,6 +75,11 @@ fn servo() {
 #[test]
 fn magnets() {
     check(&["magnets", "--rotors", "1", "--kind", "cheap"], 1);
+}
+
+#[test]
+fn delay() {
+    check(&["delay", "--motors", "1", "--kind", "50 µs", "--even", "--without-map"], 1);
 }
 
 #[test]

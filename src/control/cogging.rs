@@ -140,6 +140,18 @@ mod tests {
     }
 
     #[test]
+    fn a_point_counts_with_its_fourth_sample_in_both_directions() {
+        let mut learner = Learner::default();
+        for round in 1..=4 {
+            assert_eq!((learner.progress(), learner.table(1)), (0.0, None), "{round}");
+            for (forward, k) in [false, true].into_iter().flat_map(|forward| (0..POINTS).map(move |k| (forward, k))) {
+                learner.push(forward, ElectricalAngle::from_turns(k as f32 / POINTS as f32), 0);
+            }
+        }
+        assert_eq!((learner.progress(), learner.table(1)), (1.0, Some(Table::ZERO)));
+    }
+
+    #[test]
     fn interpolates_around_the_turn() {
         let mut table = Table::ZERO;
         (table.0[127], table.0[0]) = (100, -100);

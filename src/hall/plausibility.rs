@@ -93,3 +93,16 @@ impl Window {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn no_code_at_an_end_of_the_range_is_a_healthy_sensors() {
+        // However large the amplitude.
+        let window = Window::new(2048.0, 3000.0, 12).unwrap();
+        assert_eq!(window.bounds(), (1, 4094));
+        assert!(!window.contains(0) && window.contains(1) && window.contains(4094) && !window.contains(4095));
+    }
+}

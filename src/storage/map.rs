@@ -98,6 +98,10 @@ mod tests {
             for shorter in 0..record.len() {
                 assert_eq!(decode(&record[..shorter]), None);
             }
+            for noise_deg in [-0.1, 180.0, f32::INFINITY] {
+                assert_eq!(decode(encode(&Known { noise_deg, ..known }, &mut place)), None, "{noise_deg}");
+            }
+            let record = encode(&known, &mut place);
             // Of other pole pairs, a direction that is none, no number.
             let count = record[2];
             for (at, byte) in [(0, 0), (0, 65), (1, 2), (2, count ^ 1), (7, 0xff)] {

@@ -243,3 +243,20 @@ impl State {
         self.window = limits.innovation;
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn while_the_last_speed_holds_no_steps_make_half_a_pole_pair() {
+        let rings = Rings::new(37, 45, 12).unwrap();
+        for degrees in [0.01, 0.1, 0.5, 1.0, 1.9] {
+            let limits = Limits::new(&rings, MechanicalAngle::from_degrees(degrees)).unwrap();
+            let turned = f64::from(degrees) * f64::from(limits.hold);
+            let half = 360.0 / 45.0 / 2.0;
+            assert!(turned < half + 1e-5 && turned > half - 1.01 * f64::from(degrees), "{degrees}: {turned}");
+        }
+        assert!(Limits::new(&rings, MechanicalAngle::from_degrees(2.01)).is_err());
+    }
+}

@@ -24,7 +24,8 @@ pub(crate) enum Procedure {
 }
 
 impl Procedure {
-    /// Writes an identification to its place, as it is large for a stack.
+    /// Writes an identification to its place, as it is large for a stack: by a `match`, for `?` moves it over the stack
+    /// once more.
     pub fn motor(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = identification::Plan::new(config).map_err(Refusal::Procedure)?;
         match Identification::new(config, &plan) {
@@ -36,7 +37,7 @@ impl Procedure {
         }
     }
 
-    /// Writes the learning of the cogging to its place.
+    /// Writes the learning of the cogging to its place, as [`Self::motor`].
     pub fn cogging(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = learning::Plan::new(config).map_err(Refusal::Procedure)?;
         match Learning::new(config, &plan) {

@@ -98,9 +98,18 @@ fn run(outcome: &Outcome) -> Vec<Vec<String>> {
         rows.push(row(["window watchdog".into(), text]));
     }
     for (name, value) in &facts.motor {
-        rows.push(row([format!("motor: {name}"), format!("{value:.4}")]));
+        rows.push(row([motor_figure(name), format!("{value:.4}")]));
     }
     rows
+}
+
+/// A figure of the motor in words, with its unit: `current_u_a`.
+fn motor_figure(name: &str) -> String {
+    const UNITS: [(&str, &str); 6] =
+        [("_rad_s", "rad/s"), ("_rad", "rad"), ("_turns", "turns"), ("_nm", "N·m"), ("_a", "A"), ("_v", "V")];
+    let found = UNITS.iter().find_map(|(end, unit)| name.strip_suffix(end).map(|words| (words, *unit)));
+    let (words, unit) = found.unwrap_or((name, "1"));
+    format!("motor at the end: {} / {unit}", words.replace('_', " "))
 }
 
 fn clocks(outcome: &Outcome) -> Vec<Vec<String>> {

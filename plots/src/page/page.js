@@ -18,6 +18,25 @@
 
   const text = (value) => (value == null ? "–" : String(Number(value.toPrecision(6))));
 
+  // Curves of the same name have one place in the legend: it says the least and the largest value, and switches all.
+  const namesakes = (names) => names.map((name) => names.flatMap((other, k) => (other === name ? [k + 1] : [])));
+
+  const together = (groups) => (plot, curve, { show }) => {
+    if (curve === null || show === undefined) return;
+    for (const other of groups[curve - 1]) if (other !== curve) plot.setSeries(other, { show }, false);
+  };
+
+  const onePlace = (groups) => (plot) => {
+    const rows = plot.root.querySelectorAll(".u-legend .u-series");
+    rows.forEach((row, curve) => { if (curve > 0 && groups[curve - 1][0] !== curve) row.remove(); });
+  };
+
+  const values = (group) => (plot, value, curve, index) => {
+    const all = group.map((k) => plot.data[k][nearest(plot, k, index)]).filter((v) => v != null);
+    if (group.length === 1 || !all.length) return text(value);
+    return `${text(Math.min(...all))} to ${text(Math.max(...all))}`;
+  };
+
   // Vertical lines with names where something happened.
   const events = (marks, ink) => (plot) => {
     const { ctx, bbox } = plot;
@@ -26,6 +45,8 @@
     ctx.setLineDash([4, 4]);
     ctx.textAlign = "left";
     ctx.font = `${11 * devicePixelRatio}px system-ui, sans-serif`;
+    // A name that would be written over another one stands a row lower; one without room, before its line.
+    const ends = [];
     for (const [at, name] of marks) {
       const x = plot.valToPos(at, "x", true);
       if (x < bbox.left || x > bbox.left + bbox.width) continue;
@@ -33,7 +54,11 @@
       ctx.moveTo(x, bbox.top);
       ctx.lineTo(x, bbox.top + bbox.height);
       ctx.stroke();
-      ctx.fillText(name, x + 4, bbox.top + 12 * devicePixelRatio);
+      const length = ctx.measureText(name).width, fits = x + 4 + length <= bbox.left + bbox.width;
+      const from = fits ? x + 4 : x - 4 - length;
+      const free = ends.findIndex((end) => end < from), row = free < 0 ? ends.length : free;
+      ends[row] = from + length;
+      ctx.fillText(name, from, bbox.top + (12 + 13 * row) * devicePixelRatio);
     }
     ctx.restore();
   };
@@ -68,17 +93,19 @@
       ticks: { stroke: grid }, values: (_, splits) => splits.map((v) => (v == null ? "" : text(v))) });
     const width = () => Math.max(280, figure.clientWidth);
     const height = () => Math.max(220, Math.min(340, width() * 0.4));
+    const groups = namesakes(spec.names);
     const curves = spec.names.map((name, k) => ({ label: name || spec.y, stroke: (dark.matches ? spec.dark : spec.light)[k],
-      width: 1.3, spanGaps: true, points: { show: false }, value: (_, v) => text(v) }));
+      width: 1.3, spanGaps: true, points: { show: false }, value: values(groups[k]) }));
     const plot = new uPlot({
       width: width(), height: height(),
       scales: { x: { time: false }, y: { distr: spec.logarithmic ? 3 : 1 } },
       series: [{ label: spec.x, value: (_, v) => text(v) }, ...curves],
       axes: [axis(spec.x, 46), axis(spec.y, 64)],
       // Of so many curves no name is worth its place.
-      legend: { show: spec.names.length <= 12 },
+      legend: { show: new Set(spec.names).size <= 12 },
       cursor: { dataIdx: nearest, drag: { x: true, y: true, uni: 20 } },
-      hooks: { draw: spec.events.length ? [events(spec.events, ink)] : [], ready: [touch] },
+      hooks: { draw: spec.events.length ? [events(spec.events, ink)] : [], ready: [touch, onePlace(groups)],
+        setSeries: [together(groups)] },
     }, uPlot.join(spec.curves), figure.querySelector(".here"));
     const resize = new ResizeObserver(() => plot.setSize({ width: width(), height: height() }));
     resize.observe(figure);

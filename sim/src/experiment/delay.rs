@@ -1,7 +1,7 @@
 //! Halls whose signals are late: their delay as the drive measures it, and the tracked angle before and after.
 
 use super::{Common, magnets};
-use crate::report::{Report, print_table};
+use crate::report::{Plot, Report, Series, print_table};
 use crate::rig::{Rig, error_deg};
 use crate::statistics::Statistics;
 use anyhow::{Context, Result};
@@ -173,22 +173,46 @@ impl Row {
         self.trials.iter().map(|trial| (trial.found_us - trial.true_us).abs()).fold(0.0, f64::max)
     }
 
-    fn cells(&self) -> Vec<String> {
-        let of = |errors: fn(&Trial) -> &[Error; 4], speed: usize| {
-            let rms: Statistics = self.trials.iter().map(|trial| errors(trial)[speed].rms_deg).collect();
-            format!("{:.2} ({:.2})", rms.rms(), rms.max_abs())
-        };
-        let mut cells = vec![self.name.clone()];
-        for speed in 1..SPEEDS_RAD_S.len() {
-            cells.push(of(|trial| &trial.before, speed));
-            cells.push(of(|trial| &trial.after, speed));
-        }
-        let stated: Statistics = self.trials.iter().map(|trial| trial.error_us).collect();
-        cells.push(format!("{:.1}", self.worst_us()));
-        cells.push(format!("{:.1}", stated.mean()));
-        cells.push(format!("{:.0} %", 100.0 * self.inside()));
-        cells
+    /// Root mean square of the angle's error over all motors at a speed, and that of the worst.
+    fn rms_deg(&self, errors: fn(&Trial) -> &[Error; 4], speed: usize) -> (f64, f64) {
+        let rms: Statistics = self.trials.iter().map(|trial| errors(trial)[speed].rms_deg).collect();
+        (rms.rms(), rms.max_abs())
     }
+
+    /// Its row in the table of angles.
+    fn angles(&self) -> Vec<String> {
+        let of = |errors, speed| {
+            let (rms, worst) = self.rms_deg(errors, speed);
+            format!("{rms:.2} ({worst:.2})")
+        };
+        let speeds = 1..SPEEDS_RAD_S.len();
+        let cells = speeds.flat_map(|speed| [of(|trial| &trial.before, speed), of(|trial| &trial.after, speed)]);
+        std::iter::once(self.name.clone()).chain(cells).collect()
+    }
+
+    /// Its row in the table of delays.
+    fn delays(&self) -> Vec<String> {
+        let stated: Statistics = self.trials.iter().map(|trial| trial.error_us).collect();
+        vec![
+            self.name.clone(),
+            format!("{:.1}", self.worst_us()),
+            format!("{:.1}", stated.mean()),
+            format!("{:.0} %", 100.0 * self.inside()),
+        ]
+    }
+}
+
+/// The error over the speed, a curve for each kind.
+fn diagram(rows: &[Row]) -> Plot {
+    let curves = |name: &'static str, errors: fn(&Trial) -> &[Error; 4]| {
+        rows.iter().map(move |row| {
+            let speeds = SPEEDS_RAD_S.iter().enumerate();
+            Series::new(name, speeds.map(|(k, speed)| (f64::from(*speed), row.rms_deg(errors, k).0)))
+        })
+    };
+    let as_calibrated = curves("as calibrated", |trial| &trial.before);
+    let series = as_calibrated.chain(curves("with the delay set", |trial| &trial.after)).collect();
+    Plot::new("Error of the angle over the speed", "speed / rad/s", "error / ° electrical, RMS", series).logarithmic()
 }
 
 /// Options of `delay`.
@@ -227,17 +251,31 @@ pub fn main(options: &Options) -> Result<()> {
         options.motors
     );
     let speeds = SPEEDS_RAD_S.iter().skip(1).flat_map(|speed| [format!("{speed} rad/s"), "delay set".into()]);
-    let title = std::iter::once("Halls".into())
-        .chain(speeds)
-        .chain(["µs off, worst", "± stated", "within"].map(String::from))
-        .collect();
-    let table: Vec<Vec<String>> = std::iter::once(title).chain(rows.iter().map(Row::cells)).collect();
-    print_table(&table);
+    let table = |head: Vec<String>, cells: fn(&Row) -> Vec<String>| -> Vec<Vec<String>> {
+        std::iter::once(head).chain(rows.iter().map(cells)).collect()
+    };
+    let angles = table(std::iter::once("Halls".into()).chain(speeds).collect(), Row::angles);
+    let delays =
+        table(["Halls", "off by at most / µs", "± stated / µs", "within that"].map(String::from).into(), Row::delays);
+    print_table(&angles);
+    println!();
+    print_table(&delays);
     println!();
     let mut report = Report::new("Late Halls");
     report.lead(
         "Filters and the sensors' own bandwidth make the Halls' signals late. The drive measures the delay against the \
          back-EMF while it turns its motor both ways, and takes it off at every speed.",
     );
-    options.common.finish("delay", &rows, report.table(&table))
+    report.plot(&diagram(&rows), "A curve for each kind of Halls: of all its motors, before and after.")?;
+    report.heading("Error of the tracked angle");
+    report.text(&format!(
+        "Electrical degrees RMS, in brackets those of the worst motor; {} motors of each kind, whose Halls differ from \
+         one another by up to 20 % of the delay.",
+        options.motors
+    ));
+    report.table(&angles).heading("The delay as it was measured");
+    report
+        .text("By how much it is off, what the drive says that it may be off by, and in how many trials it is within.");
+    report.table(&delays);
+    options.common.finish("delay", &rows, &report)
 }

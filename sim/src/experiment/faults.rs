@@ -94,7 +94,16 @@ pub fn main(options: &Options) -> Result<()> {
             "Against the command, beyond what a load alone would have done; cut at 90°. Allowed are 30°.",
         )?;
     }
-    report.heading("Kinds of faults").table(&rows);
+    // What was reported is long, and has a table of its own.
+    let columns = |kept: fn(usize, usize) -> bool| -> Vec<Vec<String>> {
+        let row = |row: &Vec<String>| {
+            let cells = row.iter().enumerate().filter(|(column, _)| kept(*column, row.len() - 1));
+            cells.map(|(_, cell)| cell.clone()).collect()
+        };
+        rows.iter().map(row).collect()
+    };
+    report.heading("Kinds of faults").table(&columns(|column, last| column < last));
+    report.heading("What was reported").table(&columns(|column, last| column == 0 || column == last));
     if alarms.len() > 1 {
         report.text("Faults that were reported though nothing was wrong, and drives that were given up:");
         report.table(&alarms);

@@ -4,12 +4,11 @@ use crate::page::{Pages, exists};
 
 /// Pages and headings (all, where there is none), and what the figures are, or which file makes them and bounds them.
 const ELSEWHERE: &[(&str, &str, &str)] = &[
+    ("ARCHITECTURE.md", "Who runs when, and who may call whom", "names"),
     ("SAFETY.md", "Promises", "tests/safety.rs"),
-    ("boards/b-g431b-esc1/README.md", "B-G431B-ESC1", "boards/check"),
     ("boards/b-g431b-esc1/README.md", "Wiring", "boards/b-g431b-esc1/virtual.toml"),
     ("boards/b-g431b-esc1/README.md", "What the firmware sets", "boards/b-g431b-esc1/src/registers.rs"),
     ("boards/b-g431b-esc1/README.md", "What 40 kHz cost", "worked out by hand"),
-    ("boards/nucleo-g431rb-ihm16m1/README.md", "Nucleo-G431RB with X-NUCLEO-IHM16M1", "boards/check"),
     ("boards/nucleo-g431rb-ihm16m1/README.md", "Wiring", "boards/nucleo-g431rb-ihm16m1/virtual.toml"),
     (
         "boards/nucleo-g431rb-ihm16m1/README.md",
@@ -24,6 +23,7 @@ const ELSEWHERE: &[(&str, &str, &str)] = &[
         "boards/nucleo-g474re-ihm08m1/src/registers.rs",
     ),
     ("boards/nucleo-g474re-ihm08m1/README.md", "Two rings on the shaft", "boards/nucleo-g474re-ihm08m1/virtual.toml"),
+    ("boards/PORTING.md", "1. The folder", "names"),
     ("boards/README.md", "hallservo on a chip", "names"),
     ("boards/README.md", "The boards with an STM32G4", "what steps were worth when they were done: history"),
     ("docs/building.md", "What to buy", "parts"),
@@ -31,7 +31,6 @@ const ELSEWHERE: &[(&str, &str, &str)] = &[
     ("docs/can.md", "Bit rates", "boards/stm32g4/src/registers"),
     ("docs/can.md", "Identifiers", "bits of an identifier"),
     ("docs/faults.md", "", "hallctl/tests/docs.rs"),
-    ("docs/hardware.md", "Boards", "emulator/virtual/tests/rate.rs"),
     ("docs/glossary.md", "", "units and ranges"),
     ("docs/moteus-clients.md", "Modes", "registers/tests/hostile.rs"),
     ("docs/moteus-clients.md", "Registers", "registers/tests/hostile.rs"),

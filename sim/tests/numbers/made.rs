@@ -1,8 +1,12 @@
 //! The cheap ones: experiments that are run again, and tables that are kept as they were printed.
 
 use crate::page::{Figure, Pages, read};
+use hallservo::hall::map::Live;
 use hallservo::settings::{Control, Settings};
+use hallservo::vernier::calibrate::Calibrator;
+use hallservo::vernier::continuity::State;
 use hallservo::vernier::eccentricity::Geometry;
+use hallservo::vernier::encoder::Encoder;
 use hallservo::vernier::rings::Rings;
 use plant::PlantParameters;
 use serde_json::Value;
@@ -12,7 +16,7 @@ const NUMBERS: &str = "docs/numbers.md";
 const README: &str = "README.md";
 
 pub const CHECKS: &[fn(&Pages)] =
-    &[spin, commutation, servo, two_rings, instructions, a_thousand_motors, limits, rings];
+    &[spin, commutation, servo, two_rings, instructions, a_thousand_motors, limits, memory, rings];
 
 fn spin(pages: &Pages) {
     let s = spin::run(1, &PlantParameters::imperfect(1), |_, _| ()).unwrap().summary;
@@ -89,6 +93,8 @@ fn instructions(pages: &Pages) {
     let map = "field-oriented, fast, with a map, speed";
     let mean: f64 = count(map, "hallservo", 4).parse().unwrap();
     numbers(&format!("a map of the magnets (mean {mean:.0}) | {} |", ours(map)));
+    let most = Figure::Is(ours(map).parse().unwrap());
+    pages.quote(NUMBERS, "the look-up of the map is {} instructions with it, of {}", &[most, most]);
     numbers(&format!("at most every 8th | {} |", ours("field-oriented, with a command")));
     numbers(&format!("nothing to record | {} |", ours("scope, nothing to record")));
     let mean: f64 = count("scope, four channels", "hallservo", 4).parse().unwrap();
@@ -142,9 +148,11 @@ fn a_thousand_motors(pages: &Pages) {
     pages.say(NUMBERS, "diverged, not a number, false fault | 0 | 0 |");
     let (named, latest) = (of("losses_named"), of("loss_detection_turns"));
     pages.say(NUMBERS, &format!("found and named | {named} of 1000, after {latest:.2} turns at most |"));
+    assert_eq!(recorded["coupling_shares"][1], 0.02);
     let coupled = |name: &str| recorded[name][1].as_f64().unwrap();
     let [shift, corrected] = ["coupling_error_without_deg_rms", "coupling_error_with_deg_rms"].map(coupled);
     pages.say(NUMBERS, &format!("{shift:.2}° RMS. All three"));
+    pages.say("docs/building.md", &format!("the angle is wrong by {shift:.1}° electrical"));
     pages.say(NUMBERS, &format!("({shift:.1}° without, {corrected:.2}° with)"));
 }
 
@@ -155,6 +163,23 @@ fn limits(pages: &Pages) {
     let page = "docs/impedance.md";
     pages.quote(page, "times the largest kp | {} mN·m·s/rad |", &[Figure::Is(1000.0 * f64::from(gains.kd_nms_rad))]);
     pages.quote(page, "| J / 16τd² | {} N·m/rad |", &[Figure::Is(gains.kp_nm_rad.into())]);
+    // kp = J / 16τd², kd = J / 2τd − τp·kp.
+    let [inertia, kp, kd] =
+        [settings.control.as_ref().unwrap().inertia_kgm2, gains.kp_nm_rad, gains.kd_nms_rad].map(f64::from);
+    let speed_s = (inertia / (16.0 * kp)).sqrt();
+    let position_s = (inertia / (2.0 * speed_s) - kd) / kp;
+    pages.quote(page, "it takes τd = {} ms", &[Figure::Is(1e3 * speed_s)]);
+    pages.quote(page, "it takes τp = {} ms", &[Figure::Is(1e3 * position_s)]);
+    pages.quote(page, "Up to {} Hz", &[Figure::Is(1.0 / (std::f64::consts::TAU * speed_s))]);
+}
+
+/// What is kept in memory.
+fn memory(pages: &Pages) {
+    let kib = |bytes: usize| Figure::Is(bytes as f64 / 1024.0);
+    let heads = [size_of::<Encoder<1>>(), size_of::<Encoder<2>>()].map(|encoder| kib(encoder + size_of::<State>()));
+    pages.quote(NUMBERS, "take {} KiB of RAM with one head a ring and {} KiB with two", &heads);
+    pages.quote(NUMBERS, "a running calibration {} KiB", &[kib(size_of::<Calibrator<2>>())]);
+    pages.quote(NUMBERS, "The map takes {} KiB of RAM", &[kib(size_of::<Live>())]);
 }
 
 /// What a pair of rings bears off the axis, 2 mm a pole pair.

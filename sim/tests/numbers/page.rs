@@ -1,5 +1,6 @@
 //! The pages, what they quote, and which of their figures have a source.
 
+use crate::prose;
 use crate::text::{Narrow, Number};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
@@ -18,7 +19,7 @@ impl Figure {
     fn is_said_by(self, quoted: &Number) -> bool {
         match self {
             Self::Is(value) => (quoted.value - value).abs() <= 0.5 * quoted.unit * (1.0 + 1e-6),
-            Self::AtMost(value) => value <= quoted.value,
+            Self::AtMost(value) => value <= quoted.value * (1.0 + 1e-9),
         }
     }
 }
@@ -54,7 +55,10 @@ pub struct Pages {
 impl Pages {
     pub fn new() -> Self {
         let mut names: Vec<String> =
-            ["README.md", "SAFETY.md", "boards/README.md", "emulator/README.md"].map(String::from).to_vec();
+            ["README.md", "SAFETY.md", "SECURITY.md", "ARCHITECTURE.md", "CONTRIBUTING.md", "boards/PORTING.md"]
+                .map(String::from)
+                .to_vec();
+        names.extend(["boards/README.md", "emulator/README.md"].map(String::from));
         for (folder, file) in [("docs", None), ("boards", Some("README.md"))] {
             for entry in fs::read_dir(root().join(folder)).unwrap() {
                 let name = entry.unwrap().file_name().into_string().unwrap();
@@ -99,6 +103,18 @@ impl Pages {
         }
     }
 
+    /// The page says this wherever it does, with a figure in its prose that needs no source.
+    pub fn give(&self, page: &str, text: &str) {
+        let mut pages = self.pages.lock().unwrap();
+        let page = pages.iter_mut().find(|each| each.name == page).unwrap_or_else(|| panic!("no {page}"));
+        let found: Vec<_> = page.narrow.find(text).into_iter().map(|(range, _)| range).collect();
+        let figures = prose::figures(&page.text);
+        if !found.iter().any(|range| figures.iter().any(|at| range.start < at.end && at.start < range.end)) {
+            return self.wrong(format!("{} does not give {text:?}", page.name));
+        }
+        page.quoted.extend(found);
+    }
+
     /// Cells of tables with figures that no source was found to say, but for columns of what is wanted and for tables
     /// that `excused` knows, by page and heading.
     pub fn check_tables(&self, excused: impl Fn(&str, &str) -> bool) {
@@ -112,6 +128,22 @@ impl Pages {
                 {
                     let (name, heading, row) = (&page.name, cell.heading, cell.row);
                     self.wrong(format!("{name}, {heading}: no source for {:?} of {row}", &page.text[cell.at]));
+                }
+            }
+        }
+    }
+
+    /// Figures in prose that no source was found to say.
+    pub fn check_prose(&self) {
+        for page in self.pages.lock().unwrap().iter() {
+            for at in prose::figures(&page.text) {
+                if !page.quoted.iter().any(|range| range.start < at.end && at.start < range.end) {
+                    let around = |at: usize, wanted: usize| {
+                        (wanted..page.text.len().min(at + 60)).find(|at| page.text.is_char_boundary(*at)).unwrap_or(at)
+                    };
+                    let words = &page.text[around(at.start, at.start.saturating_sub(40))..around(at.end, at.end)];
+                    let words = words.split_whitespace().collect::<Vec<_>>().join(" ");
+                    self.wrong(format!("{}: no source for {:?} of {words:?}", page.name, &page.text[at]));
                 }
             }
         }

@@ -13,9 +13,12 @@ pub const CHECKS: &[fn(&Pages)] = &[
     functions,
     uneven_magnets,
     late_halls,
+    late_halls_and_uneven_magnets,
+    damaged_lines,
     magnets_in_the_drive,
     vernier,
     encoder_in_the_drive,
+    aligned,
     encoder_loops,
     measured_motors,
     impedance,
@@ -93,6 +96,25 @@ fn late_halls(pages: &Pages) {
     }
 }
 
+fn late_halls_and_uneven_magnets(pages: &Pages) {
+    let worst_us = |name: &str| {
+        let rows: Vec<Value> = serde_json::from_str(&read(&format!("docs/recorded/{name}.json"))).unwrap();
+        assert_eq!(rows[0]["name"], "not late");
+        let motors = rows[0]["trials"].as_array().unwrap();
+        assert_eq!(motors.len(), 3);
+        let off = |motor: &Value| (motor["found_us"].as_f64().unwrap() - motor["true_us"].as_f64().unwrap()).abs();
+        Is(motors.iter().map(off).fold(0.0, f64::max))
+    };
+    let figures = ["delay_uneven", "delay_mapped"].map(worst_us);
+    pages.quote(NUMBERS, "it was off by up to {} µs without a map of the magnets, and by {} µs with", &figures);
+}
+
+fn damaged_lines(pages: &Pages) {
+    let counts: [f64; 4] = Recorded::of("lines").only("[{}, {}] of [{}, {}]");
+    let passed = Is(1e5 * (counts[0] + counts[1]) / (counts[2] + counts[3]));
+    pages.quote("SAFETY.md", "then {} of 100 000 damaged lines still pass", &[passed]);
+}
+
 fn magnets_in_the_drive(pages: &Pages) {
     let run = Recorded::of("drive_magnets");
     // The third rotor is a quarter as uneven.
@@ -140,6 +162,13 @@ fn encoder_in_the_drive(pages: &Pages) {
     pages.say(NUMBERS, "right position, without motion | 1000 of 1000 | 1000 |");
     pages.say(NUMBERS, "slipped, a magnet chipped) | 0 | 0 |");
     pages.say(NUMBERS, "neither the old nor the new one | 0 of 70 | 0 |");
+}
+
+/// The electrical zero from the encoder, mechanical places of the shaft.
+fn aligned(pages: &Pages) {
+    let off = Recorded::of("drive_encoder").all("{}° before, {}° after");
+    let worst = AtMost(off.iter().map(|figures| figures[1].abs()).fold(0.0, f64::max));
+    pages.quote("boards/nucleo-g474re-ihm08m1/README.md", "zero from the encoder, to {}° electrical", &[worst]);
 }
 
 fn encoder_loops(pages: &Pages) {

@@ -11,8 +11,8 @@ pub struct Number {
     pub unit: f64,
 }
 
-/// The figure that a text begins with, and its length: `-0.060`, `4.0e-5`, `168 841`.
-fn number(text: &str) -> Option<(Number, usize)> {
+/// The figure that a text begins with, and its length: `-0.060`, `4.0e-5`, `168 841`, `40_000`.
+pub fn number(text: &str) -> Option<(Number, usize)> {
     let bytes = text.as_bytes();
     let digits = |from: usize| bytes[from..].iter().take_while(|byte| byte.is_ascii_digit()).count();
     let mut at = usize::from(text.starts_with(['-', '+']));
@@ -22,7 +22,8 @@ fn number(text: &str) -> Option<(Number, usize)> {
     }
     at += whole;
     if whole <= 3 {
-        while bytes.get(at) == Some(&b' ') && digits(at + 1) == 3 {
+        // In pages a space stands between thousands, in code a line.
+        while matches!(bytes.get(at), Some(b' ' | b'_')) && digits(at + 1) == 3 {
             at += 4;
         }
     }
@@ -40,7 +41,7 @@ fn number(text: &str) -> Option<(Number, usize)> {
             at += 1 + sign + length;
         }
     }
-    let value = text[..at].replace(' ', "").parse().ok()?;
+    let value = text[..at].replace([' ', '_'], "").parse().ok()?;
     Some((Number { value, unit: 10_f64.powi(exponent - decimals as i32) }, at))
 }
 
@@ -140,4 +141,5 @@ fn figures_are_found_by_their_words() {
     assert_eq!(figure("mean; {} of {}"), [number(1.06, 1e-2), number(2.0, 1.0)]);
     assert_eq!(figure("{}° mean"), [number(-0.06, 1e-3)]);
     assert!(figure("error {} uncal").is_empty());
+    assert_eq!(Narrow::new("HZ: u32 = 40_000;").find("HZ: u32 = {}")[0].1, [number(40e3, 1.0)]);
 }

@@ -84,3 +84,26 @@ impl Currents {
         (self.imbalances >= IMBALANCES).then_some(Fault::CurrentImbalance)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{Control, Settings};
+
+    #[test]
+    fn a_sum_that_is_wrong_twice_in_a_row_is_a_fault_and_one_disturbed_sample_is_none() {
+        let settings = Settings { control: Some(Control::default()), ..Settings::default() };
+        let config = settings.validate().unwrap().control.unwrap();
+        let middle = 1 << (settings.adc_bits - 1);
+        let mut currents = Currents::NONE;
+        currents.set_zeros(&config, [i32::from(middle) << (8 + config.shift); 3]);
+        let balanced = Sample { currents: [middle; 3], ..Sample::default() };
+        let off = config.guard.imbalance as u16 + 2;
+        for wrong in [middle + off, middle - off] {
+            let wrong = Sample { currents: [wrong, middle, middle], ..Sample::default() };
+            let told = [&wrong, &balanced, &wrong, &wrong].map(|sample| currents.imbalance(&config, sample));
+            assert_eq!(told, [None, None, None, Some(Fault::CurrentImbalance)]);
+            currents.rest();
+        }
+    }
+}

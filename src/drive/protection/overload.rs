@@ -130,3 +130,39 @@ const fn most(heating: &Heating, rise: i32, max_current: i32) -> i32 {
         most
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{Control, Settings};
+
+    #[test]
+    fn what_is_assumed_at_power_up_is_assumed_once() {
+        let settings = Settings { control: Some(Control::default()), ..Settings::default() };
+        let config = settings.validate().unwrap().control.unwrap();
+        let mut overload = Overload::POWER_UP;
+        overload.begin(&config);
+        assert_eq!(overload.housing.square(), config.overload.winding.square);
+        assert_eq!(overload.bridge.square(), config.overload.bridge.square / 2);
+        // From there on the model knows: another arming neither cools nor heats.
+        overload.count_bridge(&config, 1 << 30);
+        let known = overload;
+        overload.begin(&config);
+        assert_eq!(overload, known);
+    }
+
+    #[test]
+    fn what_is_a_little_too_hot_does_not_arm() {
+        let settings = Settings { control: Some(Control::default()), ..Settings::default() };
+        let config = settings.validate().unwrap().control.unwrap();
+        let warm = |square: i32, more: i32| Mean::of(square + square / 64 * more);
+        // A sixty-fourth above what the continuous current makes is room, four are not.
+        for (more, winding, bridge) in [(1, None, None), (4, Some(Fault::WindingHot), Some(Fault::BridgeOverload))] {
+            let rise = warm(config.overload.winding.square, more);
+            let of_winding = Overload { winding: rise, housing: rise, ..Overload::POWER_UP };
+            assert_eq!(of_winding.refusal(&config), winding);
+            let of_bridge = Overload { bridge: warm(config.overload.bridge.square, more), ..Overload::POWER_UP };
+            assert_eq!(of_bridge.refusal(&config), bridge);
+        }
+    }
+}

@@ -35,3 +35,23 @@ impl Stall {
         self.count > config.guard.stall
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{Control, Settings};
+
+    #[test]
+    fn a_rotor_that_has_turned_for_a_quarter_of_the_time_may_stand_again() {
+        let settings = Settings { control: Some(Control::default()), ..Settings::default() };
+        let config = settings.validate().unwrap().control.unwrap();
+        let longest = config.guard.stall;
+        let mut stall = Stall::NONE;
+        for _ in 0..2 {
+            assert!((0..longest).all(|_| !stall.is_stalled(&config, true, 0)));
+            assert!((0..longest.div_ceil(4)).all(|_| !stall.is_stalled(&config, false, 0)));
+        }
+        let checks = (0..).take_while(|_| !stall.is_stalled(&config, true, 0)).count();
+        assert_eq!(checks, longest as usize);
+    }
+}

@@ -152,22 +152,9 @@ impl<const HEADS: usize> Bench<HEADS> {
         let jolted = self.curve_run(0.4);
         let mut selected = Vec::new();
         if let Ok(average) = jolted.average() {
-            let joined = |wanted: bool| {
-                // One series: back and forth along the ends of the curves' common range.
-                let curves = jolted.curves().zip(average.kept).filter(move |(_, kept)| *kept == wanted);
-                curves.enumerate().flat_map(|(number, (curve, _))| {
-                    let mut points: Vec<_> = points(&curve).collect();
-                    if number % 2 == 1 {
-                        points.reverse();
-                    }
-                    points
-                })
-            };
-            selected.push(Series::new("kept", joined(true)));
-            let omitted: Vec<_> = joined(false).collect();
-            if !omitted.is_empty() {
-                selected.push(Series::new("omitted", omitted));
-            }
+            let named = |kept| if kept { "kept" } else { "omitted" };
+            let curves = jolted.curves().zip(average.kept);
+            selected.extend(curves.map(|(curve, kept)| Series::new(named(kept), points(&curve))));
             selected.push(Series::new("average", points(&average.errors)));
         }
         let plot = |title, series| Plot::new(title, "reading / ° electrical", "error / counts", series);

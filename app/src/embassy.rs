@@ -102,8 +102,8 @@ async fn tick<F: NorFlash, E: Encoder>(
         Timer::at(next).await;
         let mut supervisor = supervisor.borrow_mut();
         supervisor.tick(now().as_millis(), readings());
-        if let Some(bytes) = supervisor.dealt_with() {
-            stop.release(bytes);
+        if let Some(dealt) = supervisor.dealt_with() {
+            stop.release(&dealt);
         }
     }
 }

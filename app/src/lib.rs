@@ -89,7 +89,9 @@ mod supervisor;
 mod tasks;
 
 pub use housekeeping::{Housekeeping, Readings};
-pub use stop::{Listener, Stop};
+#[cfg(feature = "registers")]
+pub use stop::FrameListener;
+pub use stop::{Dealt, Listener, Stop};
 pub use supervisor::Supervisor;
 
 use adaptation::SensorAdaptation;

@@ -58,6 +58,17 @@ impl Registers {
         self.sequence.waits() || self.pending.waits()
     }
 
+    /// Whether something is to be done that the drive has not been told.
+    pub const fn has_wish(&self) -> bool {
+        self.sequence.has_wish()
+    }
+
+    /// Where the drive is on the bus.
+    #[cfg(feature = "diagnostic")]
+    pub const fn address(&self) -> Address {
+        self.server.address()
+    }
+
     /// Once a millisecond.
     pub fn tick<F: NorFlash, E: Encoder>(&mut self, tasks: &mut Tasks<F, E>) {
         if !self.pending.waits() {

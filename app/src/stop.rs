@@ -1,50 +1,118 @@
-//! The way of a request to disarm past everything that waits: from where bytes arrive to the control interrupt.
+//! The way of a request to stop past everything that waits: from where bytes and frames arrive to the control
+//! interrupt.
 //!
 //! A request waits for its turn behind others, for room for its answer, and for tasks that fit, learn or save. So who
-//! receives bytes, at a higher priority, hears a request to disarm with a [`Listener`] and leaves word in a [`Stop`],
-//! which the control interrupt obeys. The bridge stays off until the tasks have dealt with all that came until then, the
-//! request itself included: what was asked for before cannot switch it on in between.
+//! receives bytes or frames, at a higher priority, hears a request to disarm or a stop of the register protocol with a
+//! listener and leaves word in a [`Stop`], which the control interrupt obeys. The bridge stays off until the tasks have
+//! dealt with all that came until then, the request itself included: what was asked for before cannot switch it on in
+//! between.
 
-use core::sync::atomic::{AtomicU32, Ordering};
+#[cfg(feature = "registers")]
+mod frames;
+
+use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
+#[cfg(feature = "registers")]
+pub use frames::FrameListener;
 use hallservo_protocol::{Ask, FrameDecoder, Request};
+#[cfg(feature = "diagnostic")]
+use hallservo_registers::{Address, line};
 
 /// Longest frame of a request to disarm: COBS, version, number, client, whether unattended, request, CRC.
 const ROOM: usize = 1 + 1 + 3 + 5 + 1 + 1 + 4;
+/// Where requests come from: the line and, for the register protocol, a bus.
+const SOURCES: usize = if cfg!(feature = "registers") { 2 } else { 1 };
+const LINE: usize = 0;
 
-/// Whether a request to disarm has come in that has not had its turn. A static.
+/// What the tasks have dealt with: [`Supervisor::dealt_with`](crate::Supervisor::dealt_with).
+#[derive(Clone, Copy, Debug)]
+pub struct Dealt {
+    /// Bytes of the line, and frames of the bus, wrapping.
+    pub(crate) counts: [u32; SOURCES],
+    #[cfg(feature = "diagnostic")]
+    pub(crate) address: Address,
+}
+
+/// Whether a request to stop has come in that has not had its turn. A static.
 #[derive(Debug, Default)]
 pub struct Stop {
-    /// Bytes handed to the tasks up to the end of the latest such request, wrapping. By the listener alone.
-    until: AtomicU32,
-    /// The same of the latest that the tasks have dealt with. By the tasks alone.
+    /// Such requests, wrapping. By the listeners, of which none interrupts another.
+    heard: AtomicU32,
+    /// Those that the tasks have dealt with. By the tasks alone, as what follows but one.
     done: AtomicU32,
+    /// Bytes or frames handed to the tasks up to the end of the latest, wrapping. By the listener alone.
+    until: [AtomicU32; SOURCES],
+    /// The same of the latest that the tasks have dealt with.
+    dealt: [AtomicU32; SOURCES],
+    /// The drive's address, as in an identifier.
+    #[cfg(feature = "diagnostic")]
+    address: AtomicU32,
 }
 
 impl Stop {
     /// Before the first byte.
     pub const fn new() -> Self {
-        Self { until: AtomicU32::new(0), done: AtomicU32::new(0) }
+        Self {
+            heard: AtomicU32::new(0),
+            done: AtomicU32::new(0),
+            until: [const { AtomicU32::new(0) }; SOURCES],
+            dealt: [const { AtomicU32::new(0) }; SOURCES],
+            #[cfg(feature = "diagnostic")]
+            address: AtomicU32::new(1),
+        }
     }
 
     /// Whether the bridge is to be off; for the control interrupt: two loads.
     #[inline(always)]
     pub fn holds(&self) -> bool {
-        self.until.load(Ordering::Relaxed) != self.done.load(Ordering::Relaxed)
+        self.heard.load(Relaxed) != self.done.load(Relaxed)
     }
 
-    /// The tasks have dealt with so many bytes: [`Supervisor::dealt_with`](crate::Supervisor::dealt_with).
-    pub fn release(&self, bytes: u32) {
-        let until = self.until.load(Ordering::Relaxed);
-        if bytes.wrapping_sub(until) as i32 >= 0 {
-            self.done.store(until, Ordering::Relaxed);
+    /// The tasks have dealt with so much, after every tick.
+    pub fn release(&self, dealt: &Dealt) {
+        #[cfg(feature = "diagnostic")]
+        self.address.store(u32::from(dealt.address.prefix) << 16 | u32::from(dealt.address.id), Relaxed);
+        if !self.holds() {
+            return;
         }
+        // What is heard from now on is not among these.
+        let heard = self.heard.load(Relaxed);
+        let mut is_over = true;
+        for ((until, before), count) in self.until.iter().zip(&self.dealt).zip(dealt.counts) {
+            let until = until.load(Relaxed);
+            // A mark that was reached before says nothing more.
+            if until == before.load(Relaxed) || count.wrapping_sub(until) as i32 >= 0 {
+                before.store(until, Relaxed);
+            } else {
+                is_over = false;
+            }
+        }
+        if is_over {
+            self.done.store(heard, Relaxed);
+        }
+    }
+
+    /// A request has come, with which so much was handed to the tasks.
+    fn hear(&self, source: usize, handed_on: u32) {
+        if let Some(until) = self.until.get(source) {
+            until.store(handed_on, Relaxed);
+        }
+        self.heard.store(self.heard.load(Relaxed).wrapping_add(1), Relaxed);
+    }
+
+    #[cfg(feature = "diagnostic")]
+    fn address(&self) -> Address {
+        let address = self.address.load(Relaxed);
+        Address { id: address as u8, prefix: (address >> 16) as u16 }
     }
 }
 
-/// Hears requests to disarm in the bytes of a line. Nothing but a whole frame with its CRC is one.
+/// Hears requests to stop in the bytes of a line: a whole frame to disarm, with its CRC; with the feature `diagnostic`
+/// also lines of the register protocol with the mode "stopped", or with `d stop`. Without it, tasks have to.
 #[derive(Debug)]
 pub struct Listener {
     decoder: FrameDecoder<ROOM>,
+    #[cfg(feature = "diagnostic")]
+    lines: line::Decoder,
     /// Bytes handed to the tasks, wrapping.
     handed_on: u32,
 }
@@ -52,15 +120,32 @@ pub struct Listener {
 impl Listener {
     /// Before the first byte.
     pub const fn new() -> Self {
-        Self { decoder: FrameDecoder::new(), handed_on: 0 }
+        Self {
+            decoder: FrameDecoder::new(),
+            #[cfg(feature = "diagnostic")]
+            lines: line::Decoder::new(),
+            handed_on: 0,
+        }
     }
 
     /// Every byte that arrives, and whether it was handed to the tasks or is lost for want of room.
     pub fn hear(&mut self, byte: u8, handed_on: bool, stop: &Stop) {
         self.handed_on = self.handed_on.wrapping_add(u32::from(handed_on));
-        if let Some(Ok(Request { ask: Ask::Disarm, .. })) = self.decoder.push(byte) {
-            stop.until.store(self.handed_on, Ordering::Relaxed);
+        let disarms = matches!(self.decoder.push(byte), Some(Ok(Request { ask: Ask::Disarm, .. })));
+        if disarms || self.is_stopped(byte, stop) {
+            stop.hear(LINE, self.handed_on);
         }
+    }
+
+    #[cfg(feature = "diagnostic")]
+    fn is_stopped(&mut self, byte: u8, stop: &Stop) -> bool {
+        let request = self.lines.push(byte).and_then(Result::ok);
+        request.is_some_and(|request| stop.address().is_meant(request.identifier) && frames::stops(&request.bytes))
+    }
+
+    #[cfg(not(feature = "diagnostic"))]
+    const fn is_stopped(&mut self, _: u8, _: &Stop) -> bool {
+        false
     }
 }
 
@@ -71,69 +156,4 @@ impl Default for Listener {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use hallservo_protocol::{FRAME, encode};
-
-    fn frame(id: u16, ask: Ask<'_>) -> ([u8; FRAME], usize) {
-        let mut frame = [0; FRAME];
-        // The longest there is.
-        let length = encode(&Request { id, client: u32::MAX, unattended: true, ask }, &mut frame).unwrap();
-        (frame, length)
-    }
-
-    fn hear(listener: &mut Listener, stop: &Stop, id: u16, ask: Ask<'_>) -> u32 {
-        let (frame, length) = frame(id, ask);
-        frame[..length].iter().for_each(|byte| listener.hear(*byte, true, stop));
-        length as u32
-    }
-
-    #[test]
-    fn a_request_to_disarm_of_any_number_holds_until_it_is_dealt_with() {
-        let (mut listener, stop, mut bytes) = (Listener::new(), Stop::new(), 0);
-        for id in [0, 1, 127, 128, 300, 0x7fff, 0xffff] {
-            bytes += hear(&mut listener, &stop, id, Ask::Arm);
-            bytes += hear(&mut listener, &stop, id, Ask::Get("command_timeout_s"));
-            assert!(!stop.holds());
-            let before = bytes;
-            bytes += hear(&mut listener, &stop, id, Ask::Disarm);
-            assert!(stop.holds(), "{id}");
-            stop.release(before);
-            stop.release(bytes - 1);
-            assert!(stop.holds(), "{id}");
-            stop.release(bytes);
-            assert!(!stop.holds(), "{id}");
-        }
-    }
-
-    #[test]
-    fn no_bit_may_be_wrong() {
-        for bit in 0..8 * frame(300, Ask::Disarm).1 {
-            let (mut listener, stop) = (Listener::new(), Stop::new());
-            let (mut bytes, length) = frame(300, Ask::Disarm);
-            bytes[bit / 8] ^= 1 << (bit % 8);
-            // The zero in front only ends what was before it.
-            let harmless = bit < 8 && bytes[1..].starts_with(&frame(300, Ask::Disarm).0[1..]);
-            bytes[..length].iter().for_each(|byte| listener.hear(*byte, true, &stop));
-            assert!(!stop.holds() || harmless, "bit {bit}");
-        }
-    }
-
-    #[test]
-    fn what_is_lost_on_the_way_to_the_tasks_does_not_count() {
-        let (mut listener, stop) = (Listener::new(), Stop::new());
-        let (bytes, length) = frame(7, Ask::Disarm);
-        for (at, byte) in bytes[..length].iter().enumerate() {
-            listener.hear(*byte, at < 3, &stop);
-        }
-        assert!(stop.holds());
-        stop.release(2);
-        assert!(stop.holds());
-        stop.release(3);
-        assert!(!stop.holds());
-        // As many bytes as the count holds, and none to disarm.
-        stop.release(u32::MAX / 2 + 3);
-        stop.release(2);
-        assert!(!stop.holds());
-    }
-}
+mod tests;

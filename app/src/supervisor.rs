@@ -6,6 +6,7 @@ use crate::outbox::Outbox;
 #[cfg(feature = "registers")]
 use crate::registers::Registers;
 use crate::requests::{Awaited, Step};
+use crate::stop::Dealt;
 use crate::tasks::{Tasks, start};
 use crate::{Identity, Memory};
 use embedded_storage::nor_flash::NorFlash;
@@ -31,6 +32,9 @@ pub struct Supervisor<F, E: Encoder = NoEncoder> {
     registers: Registers,
     /// Bytes taken from the line, wrapping.
     taken: u32,
+    /// Frames taken from the bus, wrapping.
+    #[cfg(feature = "registers")]
+    frames: u32,
     alive: Alive,
 }
 
@@ -95,6 +99,8 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
             #[cfg(feature = "registers")]
             registers: Registers::new(),
             taken: 0,
+            #[cfg(feature = "registers")]
+            frames: 0,
             alive: Alive::default(),
         }
     }
@@ -158,10 +164,23 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         self.pending.is_some()
     }
 
-    /// Bytes from the line that are dealt with, wrapping: `None` while a request waits for the drive. For
-    /// [`Stop::release`](crate::Stop::release) after every tick.
-    pub fn dealt_with(&self) -> Option<u32> {
-        (!self.is_busy() && !self.tasks.disarm_due).then_some(self.taken)
+    /// What is dealt with: `None` while a request waits for the drive. For [`Stop::release`](crate::Stop::release),
+    /// after every tick.
+    pub fn dealt_with(&self) -> Option<Dealt> {
+        // What a client has asked for before has its turn as well.
+        #[cfg(feature = "registers")]
+        let waits = self.registers.has_wish();
+        #[cfg(not(feature = "registers"))]
+        let waits = false;
+        (!waits && !self.is_busy() && !self.tasks.disarm_due).then_some(Dealt {
+            counts: [
+                self.taken,
+                #[cfg(feature = "registers")]
+                self.frames,
+            ],
+            #[cfg(feature = "diagnostic")]
+            address: self.registers.address(),
+        })
     }
 
     /// Writes bytes for the line and returns how many; 0 where nothing is to go out.
@@ -198,6 +217,7 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
     /// A frame of registers from a bus, and its reply; not to be called while the drive [is busy](Self::is_busy).
     #[cfg(feature = "registers")]
     pub fn frame(&mut self, request: &hallservo_registers::Request) -> Option<hallservo_registers::Reply> {
+        self.frames = self.frames.wrapping_add(1);
         self.registers.handle(request, &mut self.tasks)
     }
 

@@ -2,8 +2,9 @@
 
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
+use crate::units;
 use anyhow::anyhow;
-use hallservo::scope::{CHANNELS, Channel, Row, Setup, State};
+use hallservo::scope::{CHANNELS, Channel, Row, Setup, State, Trigger};
 use hallservo_protocol::{Answer, Ask, ROWS_AT_ONCE, ScopeAsk, ScopeRows, ScopeStatus};
 use std::hash::{BuildHasher, Hasher, RandomState};
 use std::time::Duration;
@@ -68,6 +69,60 @@ pub fn name(channel: Channel) -> &'static str {
     Channel::ALL.iter().find(|(one, _)| *one == channel).map_or("", |(_, name)| name)
 }
 
+/// A channel by its name.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn channel(text: &str) -> std::result::Result<Channel, String> {
+    let found = Channel::ALL.iter().find(|(_, name)| *name == text);
+    found.map(|(channel, _)| *channel).ok_or_else(|| {
+        let names: Vec<_> = Channel::ALL.iter().map(|(_, name)| *name).collect();
+        format!("one of {}", names.join(", "))
+    })
+}
+
+/// What a recording waits for: `now`, `command`, `fault`, or a channel that crosses a level: `i_q>1.5`.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn trigger(text: &str) -> std::result::Result<Trigger, String> {
+    match text {
+        "now" => return Ok(Trigger::Now),
+        "command" => return Ok(Trigger::Command),
+        "fault" => return Ok(Trigger::Fault),
+        _ => {}
+    }
+    let at = text.find(['>', '<']).ok_or("now, command, fault, or a channel > or < a level, like i_q>1.5")?;
+    let channel = channel(text[..at].trim())?;
+    let value = text[at + 1..].trim();
+    let level = match channel {
+        Channel::Speed | Channel::SpeedReference => units::speed(value)?.value(1.0),
+        Channel::Position | Channel::PositionReference => units::position(value)?.value(1.0),
+        _ => {
+            let number = value.trim_end_matches(['A', 'V', '°']).trim().parse::<f64>().ok();
+            number.filter(|level| level.is_finite()).ok_or_else(|| format!("{value:?} is no level"))?
+        }
+    };
+    Ok(Trigger::Level { channel, level: level as f32, rising: text.as_bytes()[at] == b'>' })
+}
+
+/// As the drive wants them.
+pub fn four(channels: &[Channel]) -> [Option<Channel>; CHANNELS] {
+    std::array::from_fn(|at| channels.get(at).copied())
+}
+
+/// What is to be recorded, with this share of the rows before the trigger.
+///
+/// # Errors
+/// More channels than there is room for.
+pub fn setup(channels: &[Channel], every: u16, rows: u16, before: f64, trigger: Trigger) -> Result<Setup> {
+    if channels.len() > CHANNELS {
+        return Err(anyhow!("{CHANNELS} channels at most can be recorded").into());
+    }
+    let before = (f64::from(rows) * before) as u16;
+    Ok(Setup { channels: four(channels), every, rows, before, trigger })
+}
+
 /// How the scope is.
 ///
 /// # Errors
@@ -90,6 +145,14 @@ pub fn begin(client: &mut Client, setup: Setup) -> Result<u32> {
     Ok(id)
 }
 
+/// Gives the scope up.
+///
+/// # Errors
+/// It is another tool's.
+pub fn end(client: &mut Client) -> Result<()> {
+    client.order(Ask::Scope(ScopeAsk::End))
+}
+
 /// Waits until a recording is complete, `seconds` of the drive's time at most, and reads it out. The scope is free then,
 /// whatever happens.
 ///
@@ -100,9 +163,15 @@ pub fn finish(client: &mut Client, id: u32, seconds: f64) -> Result<Recording> {
     if matches!(result, Err(Error::Interrupted)) {
         client.carry_on();
     }
-    let ended = client.order(Ask::Scope(ScopeAsk::End));
+    let ended = end(client);
     let recording = result?;
     ended.map(|()| recording)
+}
+
+/// A recording was not complete in time.
+pub fn late(state: State, seconds: f64) -> Error {
+    let why = if state == State::Waiting { "the trigger did not come" } else { "it was not complete" };
+    Error::Failed(format!("{why} within {seconds} s"))
 }
 
 fn wait(client: &mut Client, id: u32, seconds: f64) -> Result<ScopeStatus> {
@@ -117,8 +186,7 @@ fn wait(client: &mut Client, id: u32, seconds: f64) -> Result<ScopeStatus> {
         }
         let passed_ms = client.status()?.uptime_ms.saturating_sub(began_ms);
         if passed_ms as f64 > 1000.0 * seconds {
-            let why = if scope.state == State::Waiting { "the trigger did not come" } else { "it was not complete" };
-            return Err(Error::Failed(format!("{why} within {seconds} s")));
+            return Err(late(scope.state, seconds));
         }
         client.listen(EVERY)?;
     }
@@ -141,4 +209,21 @@ fn read(client: &mut Client, status: &ScopeStatus) -> Result<Recording> {
         }
     }
     Ok(Recording::new(&setup, &status.scales, &rows, client.identity().step_hz))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_trigger_is_written_as_one_says_it() {
+        let level = |channel, level, rising| Ok(Trigger::Level { channel, level, rising });
+        assert_eq!(trigger("i_q>1.5"), level(Channel::CurrentQ, 1.5, true));
+        assert_eq!(trigger("bus < 20V"), level(Channel::Bus, 20.0, false));
+        assert_eq!(trigger("speed<-1turns/s"), level(Channel::Speed, -std::f32::consts::TAU, false));
+        assert_eq!((trigger("now"), trigger("fault")), (Ok(Trigger::Now), Ok(Trigger::Fault)));
+        for text in ["", "i_q", "i_q>", "i_q>nan", "iq>1", "speed>fast", "bus>inf"] {
+            assert!(trigger(text).is_err(), "{text}");
+        }
+    }
 }

@@ -264,8 +264,8 @@ impl Simulator {
         self.now_ms += 1;
         let tasks = self.firmware.tasks();
         tasks.tick(self.now_ms, self.housekeeping.read());
-        if let Some(bytes) = tasks.dealt_with() {
-            self.stop.release(bytes);
+        if let Some(dealt) = tasks.dealt_with() {
+            self.stop.release(&dealt);
         }
         let taken = tasks.receive(self.input.make_contiguous());
         self.input.drain(..taken);

@@ -5,6 +5,7 @@ mod tool;
 
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
+use hallservo::board::Output;
 use hallservo::mode::Mode;
 use hallservo::settings::TABLE;
 use hallservo_protocol::{Answer, Ask, Refusal};
@@ -113,6 +114,54 @@ fn whoever_stops_the_motor_it_stays_off_though_the_client_reads_on() {
     poll(&mut drive, 300, 5);
     assert!(matches!(drive.drive().mode(), Mode::Faulted(_)));
     assert!(say(&mut drive, "d pos nan 2 nan").starts_with("ERR refused"));
+}
+
+/// Tasks that fit, save or hang have no time for it, and their turn comes late.
+#[test]
+fn a_stop_does_not_wait_for_the_tasks() {
+    const STOPS: [&str; 3] = ["010000", "0d0000000000", "40010764 2073746f700a"];
+    for stop in STOPS.map(|bytes| bytes.replace(' ', "")) {
+        let mut drive = turning();
+        drive.write(format!("can send 8001 {stop}\n").as_bytes());
+        drive.neglect();
+        assert_eq!((drive.drive().mode(), *drive.output()), (Mode::Ready, Output::OFF), "{stop}");
+        run(&mut drive, 50);
+        assert_eq!(drive.drive().mode(), Mode::Ready, "{stop}");
+        // Not for ever. The answer to the line is still to be read.
+        assert!(say(&mut drive, "d pos nan 2 nan").ends_with("OK\r\n"), "{stop}");
+        poll(&mut drive, 500, 20);
+        assert_eq!(drive.drive().mode(), Mode::Running, "{stop}");
+    }
+    // What came before it has its turn after it, and moves nothing; what is for another drive stops nothing.
+    let mut drive = ready();
+    drive.write(b"can send 8001 01000a\ncan send 8001 010000\n");
+    (0..200).for_each(|_| drive.neglect());
+    for _ in 0..200 {
+        drive.step();
+        assert_eq!((drive.drive().mode(), *drive.output()), (Mode::Ready, Output::OFF));
+    }
+    let mut drive = turning();
+    drive.write(b"can send 8002 010000\n");
+    (0..5).for_each(|_| drive.neglect());
+    assert_eq!(drive.drive().mode(), Mode::Running);
+}
+
+#[test]
+fn bandwidths_change_while_the_motor_turns() {
+    let mut drive = turning();
+    for (name, value) in
+        [("speed_bandwidth_hz", "60"), ("current_bandwidth_hz", "900"), ("tracking_bandwidth_hz", "45")]
+    {
+        assert_eq!(say(&mut drive, &format!("conf set servo.{name} {value}")), "OK\r\n", "{name}");
+        assert_eq!(say(&mut drive, &format!("conf get servo.{name}")), format!("{value}\r\n"));
+        let turns = drive.plant.truth().speed_rad_s / std::f64::consts::TAU;
+        assert!(drive.drive().mode() == Mode::Running && (1.5..2.5).contains(&turns), "{name}: {turns}");
+    }
+    // Within their ranges, and by who controls.
+    assert!(say(&mut drive, "conf set servo.speed_bandwidth_hz 1e6").starts_with("ERR speed_bandwidth_hz"));
+    let refused = Ask::Set { name: "speed_bandwidth_hz", value: 50.0 };
+    ask_as(8, &mut drive, refused, |answer| assert_eq!(answer, Answer::Refused(Refusal::Controlled)));
+    assert_eq!(say(&mut drive, "conf get servo.speed_bandwidth_hz"), "60\r\n");
 }
 
 #[test]

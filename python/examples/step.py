@@ -10,8 +10,8 @@ with hallservo.connect(sys.argv[1]) as drive:
     if not drive.status()["calibrated"]:
         drive.calibrate()
     drive.arm()
-    before = drive.record(0.5, hz=500, speed=40.0)
-    after = drive.record(0.5, hz=500, speed=60.0)
+    before = drive.telemetry(0.5, hz=500, speed=40.0)
+    after = drive.telemetry(0.5, hz=500, speed=60.0)
 
 rise = after["time_s"][np.argmax(after["speed_rad_s"] > 58.0)]
 plt.plot(before["time_s"] - before["time_s"][-1], before["speed_rad_s"])

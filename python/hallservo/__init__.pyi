@@ -1,8 +1,11 @@
+from collections.abc import Sequence
 from types import TracebackType
-from typing import Any
+from typing import Any, final
 
 import numpy as np
 from numpy.typing import NDArray
+
+__all__ = ["Drive", "DriveError", "connect"]
 
 class DriveError(Exception):
     """The drive refuses, fails, or does not answer; in words."""
@@ -13,6 +16,7 @@ def connect(port: str, patience: float = 3.0) -> Drive:
     The port is this process's alone; other tools come in by `hallctl` where it owns the port.
     """
 
+@final
 class Drive:
     """A drive. As a context manager it stops the motor in the end, whatever has happened."""
 
@@ -45,7 +49,8 @@ class Drive:
         """A spring (kp, N·m/rad) and a damper (kd, N·m·s/rad) at the shaft.
 
         It is at rest at a position in turns, or where the rotor is, or moves with a velocity in rad/s up to a stop;
-        within a range there is nothing but the feed-forward torque. Without kp and kd: by the bandwidths in the settings.
+        within a range there is nothing but the feed-forward torque. Without kp and kd: by the bandwidths in the
+        settings.
         """
     def calibrate(self) -> dict[str, Any]:
         """Turns the rotor both ways and finds out what the Halls deliver."""
@@ -57,7 +62,7 @@ class Drive:
     def settings(self) -> dict[str, float]: ...
     def save(self) -> bool:
         """True when they are in the flash; otherwise they will be when the motor rests, bridge off."""
-    def record(
+    def telemetry(
         self,
         seconds: float,
         hz: float = 1000.0,
@@ -67,6 +72,28 @@ class Drive:
         position: float | None = None,
     ) -> dict[str, NDArray[np.float64]]:
         """Telemetry, by quantity, on the drive's clock; meanwhile the motor follows what is asked for."""
+    def record(
+        self,
+        channels: Sequence[str] | None = None,
+        *,
+        every: int = 1,
+        rows: int = 512,
+        trigger: str = "now",
+        before: float = 0.25,
+        seconds: float | None = None,
+        torque: float | None = None,
+        speed: float | None = None,
+        position: float | None = None,
+    ) -> dict[str, NDArray[np.float64]]:
+        """The drive's scope: up to four channels, a row every so many control periods, about a trigger.
+
+        Channels: phase_a|b|c, i_d, i_q, i_d_ref, i_q_ref, v_d, v_q, duty_a|b|c, angle, speed, speed_ref, position,
+        position_ref, bus, hall_1|2|3; without, the references of i_q and speed and what follows them.
+        Trigger: now, command (the next one), fault, or a channel that crosses a level: "i_q>1.5", "speed<-100rpm".
+        `before` is the share of the rows before it, and `time_s` is zero there.
+        `seconds` is the longest wait; without, until Ctrl-C. The motor follows what is asked for as soon as the rows
+        before the trigger are taken; until then a command from before holds for the setting command_timeout_s.
+        """
     def close(self) -> None:
         """Stops the motor, if this has moved it, and lets others have the drive."""
     def __enter__(self) -> Drive: ...

@@ -5,9 +5,9 @@ on beside each other. A task that is cancelled amid a request stops the motor, a
 """
 
 import asyncio
+import inspect
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import asynccontextmanager
-from functools import partial
 
 from . import _hallservo
 
@@ -61,7 +61,7 @@ class Drive:
 
     async def _open(self, port, patience):
         def open_it():
-            self._drive = _hallservo.connect(port, patience, cancel=self._cancel)
+            self._drive = _hallservo.cancellable(port, patience, self._cancel)
 
         await self._in_thread(open_it)
 
@@ -103,11 +103,13 @@ def _method(name):
 
     method.__name__ = name
     method.__qualname__ = f"Drive.{name}"
+    # What it takes is what the other takes.
     method.__doc__ = getattr(_hallservo.Drive, name).__doc__
+    method.__signature__ = inspect.signature(getattr(_hallservo.Drive, name))
     return method
 
 
 for _name in (
-    "status arm clear voltage torque speed position impedance calibrate identify get set settings save record"
+    "status arm clear voltage torque speed position impedance calibrate identify get set settings save telemetry record"
 ).split():
     setattr(Drive, _name, _method(_name))

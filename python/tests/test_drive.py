@@ -17,15 +17,15 @@ def test_a_motor_is_calibrated_and_turns(port):
         report = drive.calibrate()
         assert len(report["sensors"]) == 3
         drive.arm()
-        drive.record(0.3, speed=40.0)
-        frames = drive.record(0.5, hz=500, speed=40.0)
+        drive.telemetry(0.3, speed=40.0)
+        frames = drive.telemetry(0.5, hz=500, speed=40.0)
         assert all(isinstance(column, np.ndarray) and column.dtype == np.float64 for column in frames.values())
         assert len({len(column) for column in frames.values()}) == 1
         assert 200 <= len(frames["time_s"]) <= 350
         assert np.all(np.diff(frames["time_s"]) > 0)
         assert abs(frames["speed_rad_s"].mean() - 40) < 0.5
         position = drive.status()["position_turns"] + 2
-        drive.record(1.0, position=position)
+        drive.telemetry(1.0, position=position)
         assert abs(drive.status()["position_turns"] - position) < 0.01
 
 
@@ -34,7 +34,7 @@ def test_the_motor_rests_when_the_block_ends(port):
         with connect(port) as drive:
             drive.calibrate()
             drive.arm()
-            drive.record(0.5, speed=50.0)
+            drive.telemetry(0.5, speed=50.0)
             _ = 1 / 0
     with connect(port) as drive:
         status = drive.status()
@@ -61,11 +61,11 @@ def test_what_is_wrong_is_said(port):
     drive = connect(port)
     for seconds in (float("nan"), -1.0, 1e99):
         with pytest.raises(ValueError):
-            drive.record(seconds)
+            drive.telemetry(seconds)
     with pytest.raises(ValueError):
-        drive.record(1.0, speed=1.0, torque=1.0)
+        drive.telemetry(1.0, speed=1.0, torque=1.0)
     with pytest.raises(hallservo.DriveError):
-        drive.record(1.0, hz=1e9)
+        drive.telemetry(1.0, hz=1e9)
     drive.close()
     with pytest.raises(hallservo.DriveError, match="closed"):
         drive.status()

@@ -17,7 +17,7 @@ BUS = bool(BOARD) and "--bus" in BOARD.split()
 FAST = [] if BOARD else ["--speed", "fast"]
 VIRTUAL = ["cargo", "virtual", *(BOARD or "").split(), "--serial", "pty", "--wait", "--typed"]
 # The time of the drive that each request is worth.
-REQUEST_S = (0.002 if BUS else 0.05) if BOARD else 0.02
+REQUEST_S = 0.002 if BOARD else 0.02
 
 
 class Simulated:

@@ -22,10 +22,12 @@ pub mod frame;
 pub mod line;
 pub mod register;
 mod server;
+mod stops;
 mod tunnel;
 
 pub use axis::Axis;
 pub use server::{Address, BROADCAST, Reply, Request, Server};
+pub use stops::stops;
 pub use tunnel::{NoTunnel, Tunnel};
 
 /// Most bytes of a frame, as CAN-FD has it.

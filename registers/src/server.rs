@@ -12,7 +12,7 @@ pub const BROADCAST: u8 = 0x7f;
 /// What the meaning of all registers is numbered with.
 const MAP_VERSION: i32 = 5;
 /// The channel of the diagnostic text.
-const DIAGNOSTIC: u32 = 1;
+pub(crate) const DIAGNOSTIC: u32 = 1;
 
 /// A frame to the drive, by whatever line.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -39,6 +39,14 @@ pub struct Address {
     pub id: u8,
     /// The bits of an identifier above the lowest 16; 13 of them.
     pub prefix: u16,
+}
+
+impl Address {
+    /// Whether a frame is for this drive, by its identifier.
+    pub const fn is_meant(self, identifier: u32) -> bool {
+        let to = identifier as u8;
+        identifier >> 16 == self.prefix as u32 && (to == self.id || to == BROADCAST)
+    }
 }
 
 impl Default for Address {
@@ -73,6 +81,11 @@ impl Server {
         Self { address, fields: Fields::of(0), packet: Bytes::new(), number: 0 }
     }
 
+    /// Where the drive is.
+    pub const fn address(&self) -> Address {
+        self.address
+    }
+
     /// Another address.
     pub const fn set_address(&mut self, address: Address) {
         self.address = address;
@@ -80,8 +93,7 @@ impl Server {
 
     /// Whether a frame is for this drive.
     pub const fn is_for(&self, identifier: u32) -> bool {
-        let to = identifier as u8;
-        identifier >> 16 == self.address.prefix as u32 && (to == self.address.id || to == BROADCAST)
+        self.address.is_meant(identifier)
     }
 
     /// Does what a frame says. The reply, if there is one: a client has to want it, and there has to be something to

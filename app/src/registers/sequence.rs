@@ -73,6 +73,11 @@ impl Sequence {
         self.told.is_some()
     }
 
+    /// Whether something is to be done that the drive has not been told.
+    pub const fn has_wish(&self) -> bool {
+        self.wish.is_some()
+    }
+
     /// Whether something is to be done that has not begun.
     pub const fn prepares(&self) -> bool {
         self.wish.is_some() && self.doing.is_none()

@@ -1,7 +1,7 @@
 //! An adapter between the bus and a client: lines of text as those of an fdcanusb, on a pseudo-terminal or a local TCP
 //! port. As on a serial line, check sums are asked for once one was seen, and always given.
 
-use crate::serial::Port;
+use crate::serial::{Port, REPLY};
 use anyhow::Result;
 use chip::can::frame::Frame;
 use chip::can::station::Station;
@@ -15,8 +15,6 @@ use std::time::Duration;
 const WORTH_S: f64 = 2e-3;
 /// … and while it is not: as long as a task may be kept from it, by a save to the flash or a model of the sensors.
 const LONGEST_S: f64 = 0.2;
-/// The bit of an identifier that asks for a reply.
-const REPLY: u32 = 1 << 15;
 
 /// The adapter. Its station on the bus belongs to [`Bus`](crate::bus::Bus).
 pub struct Adapter {

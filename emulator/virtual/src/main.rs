@@ -49,8 +49,8 @@ struct Arguments {
     /// Lines of standard input are events as in a script, and happen at once; with --bus to the first board
     #[arg(long, requires = "serial")]
     typed: bool,
-    /// Each request of a tool is worth 50 ms, or what its answer takes, as fast as this machine computes; else time
-    /// stands still
+    /// Each request of a tool is worth 50 ms, or what its answer takes, as fast as this machine computes, and a line of
+    /// text 2 ms; else time stands still
     #[arg(long, requires = "serial")]
     wait: bool,
     /// The board's firmware for two rings on the shaft
@@ -180,7 +180,7 @@ fn run(session: &mut Session, end_s: f64, arguments: &Arguments, mut line: Optio
         typed.iter().try_for_each(|typed| typed.happen(session))?;
         if let Some(line) = &mut line {
             line.hear(session);
-            line.send(&[]);
+            line.send(&[], session.seconds());
             if !line.may_run(session.seconds(), start.elapsed()) {
                 std::thread::sleep(LOOK);
                 continue;
@@ -192,7 +192,7 @@ fn run(session: &mut Session, end_s: f64, arguments: &Arguments, mut line: Optio
         }
         let sent = session.slice(end_s)?;
         if let Some(line) = &mut line {
-            line.send(&sent);
+            line.send(&sent, session.seconds());
         }
         for line in &session.lines[shown..] {
             // Standard output, so that the log can be piped.

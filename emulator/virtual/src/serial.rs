@@ -3,6 +3,7 @@
 use crate::session::Session;
 use anyhow::{Context, Result, bail};
 use hallservo_protocol::{Answer, Decoder, Reply, Request};
+use hallservo_registers::line;
 use rustix::fs::{Mode, OFlags};
 use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use rustix::termios::{OptionalActions, tcgetattr, tcsetattr};
@@ -11,6 +12,9 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::os::fd::OwnedFd;
 use std::time::Duration;
+
+/// The bit of an identifier of a line that asks for a reply.
+pub(crate) const REPLY: u32 = 1 << 15;
 
 /// Where tools connect to.
 pub enum Port {
@@ -93,6 +97,10 @@ impl Port {
 const WORTH_S: f64 = 0.05;
 /// … and at most, while it is not answered: more than any answer takes, and less than a command holds.
 const LONGEST_S: f64 = 0.8;
+/// The same of lines of text, from their answer on, as at a bus: their clients ask much, and wait 0.2 s on the wall …
+const LINE_WORTH_S: f64 = 2e-3;
+/// … and while they are not answered: what is not for this drive never is.
+const LINE_LONGEST_S: f64 = 0.4;
 
 /// The serial port while the board runs: how its time passes.
 pub struct Line {
@@ -102,6 +110,10 @@ pub struct Line {
     heard_s: f64,
     answered: bool,
     answers: Decoder,
+    /// Until when the time passes that lines of text are worth, and lines that they are still to be answered by.
+    text_until_s: f64,
+    owed: usize,
+    lines: line::Decoder,
     /// What has come from it, and whether there is a frame in it.
     received: Vec<u8>,
     whole: bool,
@@ -111,8 +123,8 @@ pub struct Line {
 
 impl Line {
     /// Opens a port and says what a tool has to connect to. Who `waits` has no time of its own but the tool's: each
-    /// request is worth 50 ms, or what its answer takes, as fast as can be. Otherwise time is that on the wall, or
-    /// slower.
+    /// request is worth 50 ms, or what its answer takes, as fast as can be; a line of text what its answer takes, and
+    /// two milliseconds. Otherwise time is that on the wall, or slower.
     ///
     /// # Errors
     /// As [`Port::open`].
@@ -126,6 +138,9 @@ impl Line {
             heard_s: 0.0,
             answered: true,
             answers: Decoder::new(),
+            text_until_s: 0.0,
+            owed: 0,
+            lines: line::Decoder::new(),
             received: Vec::new(),
             whole: false,
             requests: Decoder::new(),
@@ -144,15 +159,18 @@ impl Line {
         self.whole |= bytes.iter().filter(|&&byte| self.requests.push::<Request>(byte).is_some()).count() > 0;
         self.received.extend(bytes);
         // A line of text is a request as well.
-        let line = self.received.ends_with(b"\n") && !self.received.contains(&0);
-        self.whole |= line;
+        let is_text = self.received.ends_with(b"\n") && !self.received.contains(&0);
+        self.whole |= is_text;
         if self.received.is_empty() || self.waits && !self.whole {
             return;
         }
-        self.heard_s = session.seconds();
         let heard = session.receive(self.received.clone()).is_ok();
-        // The answer to a line comes within the time that each is worth.
-        self.answered = !heard || line;
+        if heard && is_text {
+            self.owed = owed(&mut self.lines, &self.received);
+            self.text_until_s = session.seconds() + LINE_LONGEST_S;
+        } else {
+            (self.heard_s, self.answered) = (session.seconds(), !heard);
+        }
         if !heard && !self.waits {
             eprintln!("bytes at the serial port are lost: the firmware has not set it up");
         }
@@ -162,8 +180,13 @@ impl Line {
         }
     }
 
-    /// Passes on what the board has sent. What a tool is too slow for is lost; not where the board waits for it.
-    pub fn send(&mut self, bytes: &[u8]) {
+    /// Passes on what the board has sent until now. What a tool is too slow for is lost; not where the board waits.
+    pub fn send(&mut self, bytes: &[u8], board_s: f64) {
+        let ends = bytes.iter().filter(|byte| **byte == b'\n').count();
+        if self.owed > 0 && ends >= self.owed {
+            self.text_until_s = board_s + LINE_WORTH_S;
+        }
+        self.owed = self.owed.saturating_sub(ends);
         for &byte in bytes {
             if let Some(Ok(Reply { answer, .. })) = self.answers.push::<Reply>(byte) {
                 self.answered |= !matches!(answer, Answer::Telemetry(_));
@@ -183,8 +206,15 @@ impl Line {
 
     /// Whether the time that the last request is worth passes.
     fn is_busy(&self, board_s: f64) -> bool {
-        board_s < self.heard_s + if self.answered { WORTH_S } else { LONGEST_S }
+        let worth_s = if self.answered { WORTH_S } else { LONGEST_S };
+        board_s < (self.heard_s + worth_s).max(self.text_until_s)
     }
+}
+
+/// How many lines answer these: one each, and another one where a reply is asked for.
+fn owed(decoder: &mut line::Decoder, bytes: &[u8]) -> usize {
+    let requests = bytes.iter().filter_map(|byte| decoder.push(*byte));
+    requests.map(|request| 1 + usize::from(request.is_ok_and(|request| request.identifier & REPLY != 0))).sum()
 }
 
 fn pty() -> Result<(Port, String)> {
@@ -253,6 +283,18 @@ mod tests {
             let behind = Line { unsent: vec![0], ..line(true) };
             assert!(!behind.may_run(2.04, wall), "the tool has to read first");
         }
+    }
+
+    #[test]
+    fn lines_of_text_are_worth_their_answers() {
+        let text = b"can send 8001 1100\n\ncan send 1 0100\nnothing\n";
+        assert_eq!(owed(&mut line::Decoder::new(), text), 2 + 1 + 1);
+        let mut line = Line { owed: 2, text_until_s: 1.4, ..Line::open("tcp:127.0.0.1:0", true).unwrap() };
+        let wall = Duration::ZERO;
+        line.send(b"OK *BD\nrcv 10", 1.001);
+        assert!(line.may_run(1.39, wall), "not answered");
+        line.send(b"0 21000a *53\n", 1.002);
+        assert!(line.may_run(1.003, wall) && !line.may_run(1.0041, wall), "and two milliseconds more");
     }
 
     #[test]

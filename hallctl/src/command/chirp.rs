@@ -2,13 +2,12 @@
 //! loop is a number of small steps, which hold all frequencies; the scope records each.
 
 use super::motion::{self, Target};
-use super::record::four;
 use crate::client::Client;
 use crate::error::{Error, Result};
 use crate::frequency::{Model, closed, crossover, grid, ratio, sine};
 use crate::out::{self, Out, is_stream};
 use crate::response::{Sine, bandwidth};
-use crate::scope::{self, Recording};
+use crate::scope::{self, Recording, four};
 use crate::{say, units};
 use anyhow::Context as _;
 use hallservo::commutation::Commutation;

@@ -3,10 +3,10 @@
 use crate::client::Client;
 use crate::error::Result;
 use crate::out::{self, Out, is_stream};
+use crate::say;
 use crate::scope::{self, Recording, name};
-use crate::{say, units};
 use anyhow::Context as _;
-use hallservo::scope::{CHANNELS, Channel, ROWS, Setup, Trigger};
+use hallservo::scope::{Channel, ROWS, Setup, Trigger};
 use serde_json::{Map, Value, json};
 use sim::report::{Plot, Report, Series};
 use std::path::{Path, PathBuf};
@@ -16,7 +16,7 @@ use std::path::{Path, PathBuf};
 pub(super) struct Options {
     /// Up to four of phase_a|b|c, i_d, i_q, i_d_ref, i_q_ref, v_d, v_q, duty_a|b|c, angle, speed, speed_ref, position,
     /// position_ref, bus, hall_1|2|3
-    #[arg(long, short, value_delimiter = ',', value_parser = channel, default_value = "i_q_ref,i_q,speed_ref,speed")]
+    #[arg(long, short, value_delimiter = ',', value_parser = scope::channel, default_value = "i_q_ref,i_q,speed_ref,speed")]
     channels: Vec<Channel>,
     /// Every so many control periods
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
@@ -25,7 +25,7 @@ pub(super) struct Options {
     #[arg(long, default_value_t = ROWS as u16, value_parser = clap::value_parser!(u16).range(1..=ROWS as i64))]
     rows: u16,
     /// now, command (the next one to the drive), fault, or a channel that crosses a level: "i_q>1.5", "speed<-100rpm"
-    #[arg(long, value_parser = trigger, default_value = "now", allow_hyphen_values = true)]
+    #[arg(long, value_parser = scope::trigger, default_value = "now", allow_hyphen_values = true)]
     trigger: Trigger,
     /// Share of the rows that is before the trigger, 0 to 0.99
     #[arg(long, default_value_t = 0.25, value_parser = share)]
@@ -38,14 +38,6 @@ pub(super) struct Options {
     out: Vec<PathBuf>,
 }
 
-fn channel(text: &str) -> std::result::Result<Channel, String> {
-    let found = Channel::ALL.iter().find(|(_, name)| *name == text);
-    found.map(|(channel, _)| *channel).ok_or_else(|| {
-        let names: Vec<_> = Channel::ALL.iter().map(|(_, name)| *name).collect();
-        format!("one of {}", names.join(", "))
-    })
-}
-
 fn share(text: &str) -> std::result::Result<f64, String> {
     text.parse()
         .ok()
@@ -53,41 +45,11 @@ fn share(text: &str) -> std::result::Result<f64, String> {
         .ok_or_else(|| "a share from 0 to 0.99 is wanted".into())
 }
 
-fn trigger(text: &str) -> std::result::Result<Trigger, String> {
-    match text {
-        "now" => return Ok(Trigger::Now),
-        "command" => return Ok(Trigger::Command),
-        "fault" => return Ok(Trigger::Fault),
-        _ => {}
-    }
-    let at = text.find(['>', '<']).ok_or("now, command, fault, or a channel > or < a level, like i_q>1.5")?;
-    let channel = channel(text[..at].trim())?;
-    let value = text[at + 1..].trim();
-    let level = match channel {
-        Channel::Speed | Channel::SpeedReference => units::speed(value)?.value(1.0),
-        Channel::Position | Channel::PositionReference => units::position(value)?.value(1.0),
-        _ => {
-            let number = value.trim_end_matches(['A', 'V', '°']).trim().parse::<f64>().ok();
-            number.filter(|level| level.is_finite()).ok_or_else(|| format!("{value:?} is no level"))?
-        }
-    };
-    Ok(Trigger::Level { channel, level: level as f32, rising: text.as_bytes()[at] == b'>' })
-}
-
-/// As the drive wants them.
-pub(super) fn four(channels: &[Channel]) -> [Option<Channel>; CHANNELS] {
-    std::array::from_fn(|at| channels.get(at).copied())
-}
-
 pub(super) fn record(client: &mut Client, options: &Options, out: Out) -> Result<()> {
-    if options.channels.len() > CHANNELS {
-        return Err(anyhow::anyhow!("{CHANNELS} channels at most can be recorded").into());
-    }
+    let Options { channels, every, rows, trigger, before, .. } = options;
+    let setup = scope::setup(channels, *every, *rows, *before, *trigger)?;
     // Tried before the work begins.
     options.out.iter().filter(|path| !is_stream(path)).try_for_each(|path| out::create(path).map(drop))?;
-    let before = (f64::from(options.rows) * options.before) as u16;
-    let Options { every, rows, trigger, .. } = *options;
-    let setup = Setup { channels: four(&options.channels), every, rows, before, trigger };
     let id = scope::begin(client, setup)?;
     let recording = scope::finish(client, id, options.seconds.unwrap_or(f64::INFINITY))?;
     for path in &options.out {
@@ -167,21 +129,4 @@ fn plot(path: &Path, recording: &Recording) -> Result<()> {
         report.plot(&Plot::new(&title, "time / ms", &y, series).event(0.0, "trigger"), "")?;
     }
     out::save(path, &report.html())
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_trigger_is_written_as_one_says_it() {
-        let level = |channel, level, rising| Ok(Trigger::Level { channel, level, rising });
-        assert_eq!(trigger("i_q>1.5"), level(Channel::CurrentQ, 1.5, true));
-        assert_eq!(trigger("bus < 20V"), level(Channel::Bus, 20.0, false));
-        assert_eq!(trigger("speed<-1turns/s"), level(Channel::Speed, -std::f32::consts::TAU, false));
-        assert_eq!((trigger("now"), trigger("fault")), (Ok(Trigger::Now), Ok(Trigger::Fault)));
-        for text in ["", "i_q", "i_q>", "i_q>nan", "iq>1", "speed>fast", "bus>inf"] {
-            assert!(trigger(text).is_err(), "{text}");
-        }
-    }
 }

@@ -10,7 +10,7 @@ use hallservo::scope::Recorder;
 use hallservo::settings::Settings;
 use hallservo::vernier::encoder;
 use hallservo_app::encoder::{Encoder, NoEncoder, Vernier};
-use hallservo_app::{Identity, Memory, Readings, Supervisor};
+use hallservo_app::{Dealt, Identity, Memory, Readings, Supervisor};
 use plant::heads::{Encoder as Rings, HEADS};
 
 /// A drive in its control interrupt and in its tasks.
@@ -30,7 +30,7 @@ pub(super) trait Tasks {
     fn tick(&mut self, now_ms: u64, readings: Readings);
     fn receive(&mut self, bytes: &[u8]) -> usize;
     fn transmit(&mut self, bytes: &mut [u8]) -> usize;
-    fn dealt_with(&self) -> Option<u32>;
+    fn dealt_with(&self) -> Option<Dealt>;
     fn is_alive(&mut self) -> bool;
 }
 
@@ -47,7 +47,7 @@ impl<E: Encoder> Tasks for Supervisor<Flash, E> {
         self.transmit(bytes)
     }
 
-    fn dealt_with(&self) -> Option<u32> {
+    fn dealt_with(&self) -> Option<Dealt> {
         self.dealt_with()
     }
 

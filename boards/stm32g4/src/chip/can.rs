@@ -3,7 +3,7 @@
 //! The HAL has a driver, which leaves the delay of the transceiver uncompensated and so does not see its own bits at 5
 //! Mbit/s.
 
-use crate::chip::Pin;
+use crate::chip::{Pin, STOP};
 use crate::registers::can::*;
 use core::cell::RefCell;
 use core::future::poll_fn;
@@ -19,7 +19,8 @@ use embassy_stm32::pac::rcc::vals::Fdcansel;
 use embassy_stm32::pac::{FDCAN1, FDCANRAM1, Interrupt, RCC};
 use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::{Duration, Timer};
-use hallservo_app::bus;
+use hallservo_app::{FrameListener, bus};
+use hallservo_registers::frame::Bytes;
 use hallservo_registers::{Address, Reply, Request};
 use heapless::spsc::{Consumer, Producer, Queue};
 use static_cell::ConstStaticCell;
@@ -40,13 +41,6 @@ pub struct Wires {
     pub transceiver: &'static [(Gpio, usize, bool)],
 }
 
-/// A frame on its way to the tasks.
-struct Frame {
-    identifier: u32,
-    length: u8,
-    words: [u32; 16],
-}
-
 /// The state of the bus, as this node sees it.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, defmt::Format)]
 struct Health {
@@ -64,11 +58,17 @@ struct Health {
 
 static ARRIVED: AtomicWaker = AtomicWaker::new();
 static LOST: AtomicU32 = AtomicU32::new(0);
-static TAKES: Mutex<RefCell<Option<Producer<'static, Frame, ROOM>>>> = Mutex::new(RefCell::new(None));
+static TAKES: Mutex<RefCell<Option<Takes>>> = Mutex::new(RefCell::new(None));
+
+/// What takes frames, and hears at once which of them stop the drive.
+struct Takes {
+    queue: Producer<'static, Request, ROOM>,
+    listener: FrameListener,
+}
 
 /// The bus, for one task.
 pub struct Bus {
-    frames: Consumer<'static, Frame, ROOM>,
+    frames: Consumer<'static, Request, ROOM>,
     off: u32,
     /// As it was told last.
     known: Health,
@@ -77,8 +77,9 @@ pub struct Bus {
 impl Bus {
     /// Takes part, and lets nothing in before it [listens](bus::Bus::listen).
     pub fn start(wires: &Wires) -> Self {
-        static QUEUE: ConstStaticCell<Queue<Frame, ROOM>> = ConstStaticCell::new(Queue::new());
-        let (takes, frames) = QUEUE.take().split();
+        static QUEUE: ConstStaticCell<Queue<Request, ROOM>> = ConstStaticCell::new(Queue::new());
+        let (queue, frames) = QUEUE.take().split();
+        let takes = Takes { queue, listener: FrameListener::new() };
         critical_section::with(|section| TAKES.borrow(section).replace(Some(takes)));
         for &(port, pin, level) in wires.transceiver {
             port.bsrr().write(|set| if level { set.set_bs(pin, true) } else { set.set_br(pin, true) });
@@ -116,13 +117,11 @@ impl Bus {
 
 impl bus::Bus for Bus {
     async fn receive(&mut self) -> Request {
-        let Frame { identifier, length, words } = poll_fn(|context| {
+        poll_fn(|context| {
             ARRIVED.register(context.waker());
             self.frames.dequeue().map_or(Poll::Pending, Poll::Ready)
         })
-        .await;
-        let bytes = words.iter().flat_map(|word| word.to_le_bytes()).take(length.into()).collect();
-        Request { identifier, bytes }
+        .await
     }
 
     async fn send(&mut self, reply: &Reply) {
@@ -223,7 +222,7 @@ fn read_words<const N: usize>(from: usize) -> [u32; N] {
 fn FDCAN1_IT0() {
     critical_section::with(|section| {
         let Ok(mut takes) = TAKES.borrow(section).try_borrow_mut() else { return };
-        let Some(takes) = &mut *takes else { return };
+        let Some(Takes { queue, listener }) = &mut *takes else { return };
         if FDCAN1.ir().read().0 & crate::registers::can::LOST != 0 {
             LOST.store(LOST.load(Relaxed).wrapping_add(1), Relaxed);
         }
@@ -234,11 +233,14 @@ fn FDCAN1_IT0() {
                 break;
             }
             let element = FIFO + ELEMENT * usize::from(status.fgi());
-            if takes.ready() {
-                let (identifier, length) = received(read_words(element));
-                // It has room.
-                let _ = takes.enqueue(Frame { identifier, length: length as u8, words: read_words(element + 2) });
-            } else {
+            let (identifier, length) = received(read_words(element));
+            let words: [u32; 16] = read_words(element + 2);
+            let bytes: Bytes = words.iter().flat_map(|word| word.to_le_bytes()).take(length).collect();
+            let handed_on = queue.ready();
+            listener.hear(&bytes, handed_on, &STOP);
+            // It has room, if it is ready.
+            let _ = queue.enqueue(Request { identifier, bytes });
+            if !handed_on {
                 LOST.store(LOST.load(Relaxed).wrapping_add(1), Relaxed);
             }
             FDCAN1.rxfa(0).write(|acknowledge| acknowledge.set_fai(status.fgi()));

@@ -39,6 +39,11 @@ impl Phases {
     /// exchanged.
     pub fn look(&mut self, measurement: &Measurement, reversed: bool) -> Option<Fault> {
         let state = &measurement.state;
+        if state.voltage == (Dq { d: 0, q: 0 }) {
+            // Nothing is controlled, as during the check at arming: all begins anew.
+            *self = Self::default();
+            return None;
+        }
         self.mean.d += state.current.d - (self.mean.d >> MEAN_BITS);
         self.mean.q += state.current.q - (self.mean.q >> MEAN_BITS);
         if self.is_unfollowed(state) {
@@ -163,7 +168,14 @@ mod tests {
             let along = |of: fn(f64) -> f64| (0..3).map(|k| currents[k] * of(angles[k])).sum::<f64>() / 1.5;
             let current = Dq { d: along(libm::cos) as i32, q: -along(libm::sin) as i32 };
             let phases = currents.map(|current| current as i32);
-            let state = State { phases, current, current_reference: self.q as i32, bus: 20_000, ..State::NONE };
+            let state = State {
+                phases,
+                current,
+                current_reference: self.q as i32,
+                bus: 20_000,
+                voltage: Dq { d: 0, q: 1000 },
+                ..State::NONE
+            };
             // The frame of the currents is ahead of the rotor.
             let trim = ElectricalAngle::from_turns(0.02);
             let rotor = Tracker::at(ElectricalAngle::from_turns((turns - 0.02) as f32));

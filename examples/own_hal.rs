@@ -71,8 +71,7 @@ pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     (0..100).for_each(|_| port.millisecond(&mut Line::default()));
     tool.ask(Ask::Arm, |line| port.millisecond(line))?;
     tool.ask(Ask::Speed(50.0), |line| port.millisecond(line))?;
-    // Arming checks wires, amplifiers and commutation first, half a second.
-    (0..1200).for_each(|_| port.millisecond(&mut Line::default()));
+    (0..500).for_each(|_| port.millisecond(&mut Line::default()));
     let speed = tool.status(|line| port.millisecond(line))?.speed_rad_s;
     println!("turns with {speed:.1} rad/s of 50");
     assert!((speed - 50.0).abs() < 2.0, "{speed}");

@@ -188,7 +188,6 @@ impl Settings {
             dead_time_s: self.dead_time_s,
             limits,
             max_electrical_hz: self.max_electrical_hz,
-            tracking_hz: self.tracking_bandwidth_hz,
             reversed: self.reversed,
         };
         let control = match &self.control {

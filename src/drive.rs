@@ -328,17 +328,21 @@ impl Drive {
         self.measure(&sample.halls);
         let Self { config, paths, record, arming, .. } = self;
         let (Some(control), true) = (&config.control, self.mode.drives()) else { return Output::OFF };
-        if self.servo.schedule.is_even() {
-            // A step with the outer loops or a command has enough to do.
-            return arming.between(config, control, &paths.idle, &record.rotor, sample);
-        }
         match arming.step(config, control, &paths.idle, &record.rotor, sample) {
-            Step::Output(output) => return output,
-            Step::Begin { slow } => self.begin_arming(slow, sample),
-            Step::Failed(fault) => self.fail(fault),
-            Step::Done { step, proven } => self.end_arming(step, proven, sample),
+            Step::Output(output) => output,
+            Step::Begin => {
+                self.begin_arming(sample);
+                Output::OFF
+            }
+            Step::Failed(fault) => {
+                self.fail(fault);
+                Output::OFF
+            }
+            Step::Done { step, proven } => {
+                self.end_arming(step, proven, sample);
+                arming::no_voltage(&self.config)
+            }
         }
-        self.arming.held()
     }
 
     /// Turns the field. Its angle at the sampling instant is recorded as the rotor's, which follows it.

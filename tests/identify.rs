@@ -83,7 +83,7 @@ fn the_drive_measures_its_motor_as_well_as_it_says() {
         }),
     ];
     // R, L, flux, J and K_t relative; Coulomb friction, viscous friction and load in SI.
-    let bounds = [0.02, 0.045, 0.012, 0.015, 0.012, 0.06e-3, 0.65e-6, 0.09e-3];
+    let bounds = [0.02, 0.045, 0.01, 0.015, 0.01, 0.06e-3, 0.65e-6, 0.09e-3];
     let mut worst = [0.0_f64; 8];
     for (seed, (case, change)) in (0..).zip(cases) {
         let (mut plant, mut control) = (PlantParameters::imperfect(seed), told());

@@ -78,8 +78,7 @@ fn after_a_stall_the_drive_arms_again() {
 
 #[test]
 fn a_wrong_alignment_heals_while_turning() {
-    // The check at arming takes more than some 20° for a fault.
-    for off_deg in [-18.0, 18.0] {
+    for off_deg in [-28.0, 20.0] {
         let mut rig = Rig::new(&PlantParameters::imperfect(1), &settings(), 1).unwrap();
         let mut model = rig.calibrate(|_| ()).unwrap().model;
         model.alignment += ElectricalAngle::from_degrees(off_deg);

@@ -4,7 +4,7 @@ mod tool;
 
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
-use hallservo::fault::{Fault, Limits};
+use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::vernier::rings::RingsError;
 use hallservo::vernier::settings;
@@ -304,11 +304,6 @@ fn the_halls_take_their_zero_from_the_encoder_without_motion() {
 /// Electrical degrees by which the current leads the rotor's field while it drives a load: 90 as it should.
 fn current_deg(drive: &mut Simulator) -> f64 {
     done(drive, Ask::Arm);
-    // The time-out counts while the bridge is checked, too.
-    while drive.drive().limits().contains(Limits::CHECKING) {
-        done(drive, Ask::Speed(20.0));
-        run(drive, 50);
-    }
     done(drive, Ask::Speed(20.0));
     run(drive, 100);
     drive.plant.set_load(0.02).unwrap();

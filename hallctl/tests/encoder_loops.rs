@@ -152,10 +152,8 @@ fn held(closes_loops: bool, [tracking, speed, position]: [f32; 3]) -> Held {
     }
     let load_nm = drive.plant.truth().load_nm;
     done(&mut drive, Ask::Arm);
-    for _ in 0..25 {
-        done(&mut drive, Ask::Position(0.3));
-        run(&mut drive, 100);
-    }
+    done(&mut drive, Ask::Position(0.3));
+    run(&mut drive, 1500);
     let off = |drive: &Simulator| {
         let off = (drive.plant.truth().mechanical_angle_rad - CALIBRATED.1) / TAU - 0.3;
         360.0 * (off - off.round())

@@ -81,7 +81,6 @@ pub(crate) struct Frame {
     pub dead_time_s: f32,
     pub limits: pwm::Limits,
     pub max_electrical_hz: f32,
-    pub tracking_hz: f32,
     pub reversed: bool,
 }
 
@@ -181,7 +180,6 @@ impl Config {
     pub(crate) const fn retune(&mut self, other: &Self) {
         (self.gains, self.local) = (other.gains, other.local);
         (self.velocity, self.position, self.rates) = (other.velocity, other.position, other.rates);
-        (self.arming.averages, self.arming.lag) = (other.arming.averages, other.arming.lag);
     }
 
     /// A bus voltage in 2⁻¹⁵ of its full scale.

@@ -264,9 +264,9 @@ impl Drive {
 
     /// The step after the one that armed. A drive with current sensing follows a current of zero until it is commanded
     /// something else, which lets a rotor that turns turn on; at rest it first checks what it is connected to.
-    pub(super) fn begin_arming(&mut self, slow: bool, sample: &Sample) {
+    pub(super) fn begin_arming(&mut self, sample: &Sample) {
         let Some(control) = &self.config.control else { return };
-        if !slow {
+        if !control.arming.enabled || self.turns_faster_than(control.arming.at_rest) {
             return self.take_up_pending();
         }
         self.arming.begin(control, control.bus(sample.bus));
@@ -276,13 +276,12 @@ impl Drive {
     /// After the check, which may have shown that the commutation is right: what was commanded meanwhile, a part in each
     /// step.
     pub(super) fn end_arming(&mut self, step: u32, proven: bool, sample: &Sample) {
-        if step == 1 {
-            return self.reset_servo(sample);
+        match step {
+            0 if proven => self.servo.supervision.prove(),
+            0 => {}
+            1 => self.reset_servo(sample),
+            _ => self.take_up_pending(),
         }
-        if proven {
-            self.servo.supervision.prove();
-        }
-        self.take_up_pending();
     }
 
     /// The check is over, or there was none.

@@ -40,11 +40,6 @@ impl Schedule {
         self.tick = self.tick.wrapping_add(1);
     }
 
-    /// Whether this step's slot is one of those that may take up a command.
-    pub const fn is_even(&self) -> bool {
-        self.tick & 1 == 0
-    }
-
     #[inline(always)]
     const fn is_due(&self, due: u32) -> bool {
         self.records && due.wrapping_sub(self.tick) as i32 <= 0

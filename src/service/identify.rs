@@ -422,7 +422,7 @@ impl Identifier {
         let report = Report {
             resistance_ohm: resistance.beside(0.02),
             inductance_h: inductance.beside(0.02),
-            flux_linkage_wb: flux_linkage.beside(0.012),
+            flux_linkage_wb: flux_linkage.beside(0.008),
             inertia_kgm2: inertia.beside(share + 0.005),
             coulomb_nm: coulomb.beside(share),
             // What is braked along d makes the balance of momentum less sure than its residuals say.

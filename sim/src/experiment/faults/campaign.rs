@@ -20,8 +20,6 @@ use std::f64::consts::TAU;
 const LONGEST_TURN: u32 = 40_000;
 /// Periods between a command and the next sign of life.
 const ALIVE: u32 = 400;
-/// By so much the check at arming turns a sound motor to and fro, electrical degrees.
-const CHECK_DEG: f64 = 45.0;
 
 /// A demand as a user makes it: positive is the user's positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -147,8 +145,7 @@ impl Campaign {
         for _ in 0..self.machine.rig.periods(0.1) {
             self.machine.step();
         }
-        let pole_pairs = f64::from(self.machine.bench.parameters.motor.pole_pairs);
-        self.machine.watch(Way::Check((CHECK_DEG / pole_pairs).to_radians()));
+        self.machine.watch(Way::Stay);
         let verdict = self.machine.arm()?;
         if verdict.is_none() {
             self.wish = self.moving_wish();

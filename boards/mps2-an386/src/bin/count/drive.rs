@@ -16,10 +16,10 @@ use static_cell::StaticCell;
 
 pub const ROWS: &[Row] = &[
     Row::new("Drive::step, running", "hallservo", function!(step), running, no_error).budget(150),
-    Row::new("Drive::step, field-oriented, current", "hallservo", function!(step), with_current, stays_on).budget(302),
-    Row::new("Drive::step, field-oriented, speed", "hallservo", function!(step), with_speed, stays_on).budget(302),
+    Row::new("Drive::step, field-oriented, current", "hallservo", function!(step), with_current, stays_on).budget(300),
+    Row::new("Drive::step, field-oriented, speed", "hallservo", function!(step), with_speed, stays_on).budget(300),
     Row::new("Drive::step, field-oriented, position", "hallservo", function!(step), with_position, stays_on)
-        .budget(302),
+        .budget(300),
     Row::new("Drive::step, with a command", "hallservo", function!(step), commanded, no_error),
     Row::new("Drive::step, a Hall at a rail", "hallservo", function!(step), blind, no_error),
 ];
@@ -43,9 +43,6 @@ struct Bench {
 const DEMANDS: usize = 4;
 static BENCHES: [AtomicPtr<Bench>; DEMANDS] = [const { AtomicPtr::new(core::ptr::null_mut()) }; DEMANDS];
 
-/// Steps in which a drive arms, without its check.
-const ARMING: u32 = 32;
-
 /// Drives that run, with telemetry at 1 kHz: one by sinusoidal, the others by field-oriented commutation.
 pub fn init() {
     static PLACES: [StaticCell<Bench>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
@@ -62,9 +59,6 @@ pub fn init() {
         for command in [Command::Install(ESTIMATORS[number].init(halls::new_estimator())), Command::Arm, demand] {
             bench.send(command);
             bench.obeyed();
-        }
-        for _ in 0..ARMING {
-            step(&mut bench.drive, &bench.sample, &mut bench.output);
         }
         BENCHES[number].store(bench, Relaxed);
     }

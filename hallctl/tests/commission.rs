@@ -133,14 +133,19 @@ fn what_is_known_of_another_motor_is_not_believed() {
 #[test]
 fn of_two_at_once_one_is_refused() {
     let (mut drive, folder) = (Drive::start(&["--log"]), tempfile::tempdir().unwrap());
-    drive.forget_log();
-    let first = tool(&drive, folder.path(), &["commission", "--yes", "--max-current", "2.5"])
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    drive.log_until("calibrating");
-    let (code, said) = commission(&drive, &folder, &["--max-current", "2"]);
-    assert!(code == Some(6) && said.contains("another tool controls"), "{said}");
-    let output = first.wait_with_output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+    // On a busy machine the first may be over before the second begins.
+    let refused = (0..5).any(|_| {
+        drive.forget_log();
+        let first = tool(&drive, folder.path(), &["commission", "--yes", "--max-current", "2.5"])
+            .stdout(Stdio::piped())
+            .spawn()
+            .unwrap();
+        drive.log_until("calibrating");
+        let (code, said) = commission(&drive, &folder, &["--max-current", "2"]);
+        assert!(code == Some(0) || code == Some(6) && said.contains("another tool controls"), "{said}");
+        let output = first.wait_with_output().unwrap();
+        assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stdout));
+        code == Some(6)
+    });
+    assert!(refused);
 }

@@ -18,7 +18,11 @@ const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[
     (EMULATOR, "same error within {} %", "emulator/virtual/tests/angle.rs", "(ratio - 1.0).abs() < {}", 100.0),
     (EMULATOR, "in the {} ms for which", "emulator/virtual/tests/boards/line.rs", "stand still for up to {} ms", 1.0),
     (BOARDS, "every firmware has to leave {} KiB", CHECK, "left=({}", 1.0 / 1024.0),
-    (BOARDS, "KiB and {} bytes", CHECK, "left=(2048 {})", 1.0),
+    (BOARDS, "of flash and {} KiB of RAM", CHECK, "left=(8192 {})", 1.0 / 1024.0),
+    (BOARDS, "for CAN-FD {} KiB", CHECK, "left_with_can=({}", 1.0 / 1024.0),
+    (BOARDS, "for CAN-FD 4 KiB and {} KiB", CHECK, "left_with_can=(4096 {})", 1.0 / 1024.0),
+    (CAN, "is obeyed within {} ms", STOP_TEST, "OFF_S: f64 = {}", 1e3),
+    ("docs/moteus-tools.md", "obeyed within {} ms", STOP_TEST, "OFF_S: f64 = {}", 1e3),
     (ESC1, "control at {} kHz", ESC1_CODE, "PWM_HZ: u32 = {}", 1e-3),
     (ESC1, "Hall 1 is held {} ns", "boards/b-g431b-esc1/src/registers.rs", "ADC cycles early: {} ns", 1.0),
     (ESC1, "{} ns between the edges", ESC1_CODE, "dead_time_ns: {}", 1.0),
@@ -54,7 +58,7 @@ const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[
     (BUILDING, "A swing of {} codes", "plant/src/parameters.rs", "The nominal swing is {} LSB", 1.0),
     (PROTOCOL, "over a UART ({} baud", "boards/stm32g4/src/chip.rs", "BAUD: u32 = {}", 1.0),
     ("docs/porting.md", "Serial line**: {} baud", "boards/stm32g4/src/chip.rs", "BAUD: u32 = {}", 1.0),
-    ("docs/can.md", "nobody took for {} ms", "boards/stm32g4/src/chip/can.rs", "PATIENCE: u32 = {}", 1.0),
+    (CAN, "nobody took for {} ms", "boards/stm32g4/src/chip/can.rs", "PATIENCE: u32 = {}", 1.0),
     (PROTOCOL, "A message has at most {} bytes", "protocol/src/lib.rs", "MESSAGE: usize = {}", 1.0),
     ("docs/moteus-clients.md", "A reply** has {} bytes", "registers/src/lib.rs", "FRAME: usize = {}", 1.0),
     ("docs/moteus-clients.md", "longer than {} s", "src/control/impedance/request.rs", "LONGEST_S: f32 = {}", 1.0),
@@ -72,6 +76,8 @@ const BENCH: &str = "sim/src/experiment/faults/bench.rs";
 const BOARDS: &str = "boards/README.md";
 const WINDOW: &str = "boards/stm32g4/src/registers/watchdog.rs";
 const CHECK: &str = "boards/check";
+const CAN: &str = "docs/can.md";
+const STOP_TEST: &str = "emulator/virtual/tests/stop.rs";
 const WATCHDOG: &str = "boards/stm32g4/src/chip/watchdog.rs";
 const ESC1: &str = "boards/b-g431b-esc1/README.md";
 const ESC1_CODE: &str = "boards/b-g431b-esc1/src/constants.rs";

@@ -189,10 +189,9 @@ fn linearity(bench: &mut Bench<2>) -> Claim {
 
 fn selection(bench: &mut Bench<2>) -> Claim {
     let (all, selected) = bench.pole_pairs();
-    let points =
-        |name: &str| selected.series.iter().find(|series| series.name == name).map_or(0, |series| series.points.len());
-    let nodes = points("average").max(1);
-    let (kept, omitted) = ((points("kept") / nodes) as f64, (points("omitted") / nodes) as f64);
+    // A curve for each pole pair.
+    let curves = |name: &str| selected.series.iter().filter(|series| series.name == name).count() as f64;
+    let (kept, omitted) = (curves("kept"), curves("omitted"));
     Claim {
         seen: "The error of a head is found without a better encoder: turn the shaft, take off the trend, lay the \
                pole pairs over each other and average those that are alike. Where the speed jumps, a pole pair is \

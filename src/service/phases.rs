@@ -168,14 +168,8 @@ mod tests {
             let along = |of: fn(f64) -> f64| (0..3).map(|k| currents[k] * of(angles[k])).sum::<f64>() / 1.5;
             let current = Dq { d: along(libm::cos) as i32, q: -along(libm::sin) as i32 };
             let phases = currents.map(|current| current as i32);
-            let state = State {
-                phases,
-                current,
-                current_reference: self.q as i32,
-                bus: 20_000,
-                voltage: Dq { d: 0, q: 1000 },
-                ..State::NONE
-            };
+            let state =
+                State { phases, current, current_reference: self.q as i32, bus: 20_000, voltage: Dq { d: 0, q: 1000 } };
             // The frame of the currents is ahead of the rotor.
             let trim = ElectricalAngle::from_turns(0.02);
             let rotor = Tracker::at(ElectricalAngle::from_turns((turns - 0.02) as f32));
@@ -249,6 +243,23 @@ mod tests {
                 }
             }
         }
+    }
+
+    /// What was counted before the bridge is checked once more does not go on afterwards.
+    #[test]
+    fn a_check_between_begins_anew() {
+        let (mut phases, mut random) = (Phases::default(), Pcg64::seed_from_u64(5));
+        let still = Motor { broken: Broken::Amplifiers, ..MOTOR };
+        let mut look = |k, voltage| {
+            let mut measurement = still.measurement(k, &mut random);
+            measurement.state.voltage.q = voltage;
+            phases.look(&measurement, false)
+        };
+        let short = u32::from(TIMES) - 1;
+        assert!((0..short).all(|k| look(k, 1000).is_none()));
+        assert!((0..100).all(|k| look(k, 0).is_none()));
+        assert!((0..short).all(|k| look(k, 1000).is_none()));
+        assert_eq!(look(short, 1000), Some(Fault::CurrentModel));
     }
 
     /// At the limit of the voltage, the current cannot follow.

@@ -85,7 +85,7 @@ fn a_signal_ends_what_takes_a_while() {
         assert_eq!(code, Some(130), "{command:?}: {said}");
         let off = drive.log_until("Disarm");
         let stop = drive.log_first("Speed(0.0)");
-        assert!(off.at_s - stop.at_s <= LONGEST_S && off.speed_rad_s.abs() < 2.0, "{command:?} {stop:?} {off:?}");
+        assert!(off.at_s - stop.at_s <= LONGEST_S && off.speed_rad_s.abs() < 5.0, "{command:?} {stop:?} {off:?}");
         assert!(is_off(&drive), "{command:?}: {}", drive.ok(&["status"]));
         assert!(!drive.ok(&["status"]).contains("goes on"), "{command:?}");
     }

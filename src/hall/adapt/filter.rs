@@ -68,15 +68,22 @@ impl Covariance {
         ]
     }
 
-    /// Scalar products of the rows with a vector, but for the speed. Straight on, or with less code in a loop.
+    /// Scalar products of the rows with a vector, but for the speed.
     #[inline(always)]
     fn products(&self, h: &[f32; STATES - 1]) -> Vector {
-        if cfg!(feature = "small") {
-            return core::array::from_fn(|k| {
-                let column = |j: usize| if j == 0 { ANGLE } else { j + 1 };
-                h.iter().enumerate().map(|(j, h)| h * self.get(column(j), k)).sum()
-            });
-        }
+        if cfg!(feature = "small") { self.products_in_a_loop(h) } else { self.products_straight_on(h) }
+    }
+
+    /// In little code: the same sums in the same order.
+    #[inline(always)]
+    fn products_in_a_loop(&self, h: &[f32; STATES - 1]) -> Vector {
+        let column = |j: usize| if j == 0 { ANGLE } else { j + 1 };
+        core::array::from_fn(|k| h.iter().enumerate().map(|(j, h)| h * self.get(column(j), k)).sum())
+    }
+
+    /// In little time.
+    #[inline(always)]
+    fn products_straight_on(&self, h: &[f32; STATES - 1]) -> Vector {
         [
             product(h, &self.row::<0>()),
             product(h, &self.row::<1>()),
@@ -315,4 +322,17 @@ pub fn radians(angle: f32) -> ElectricalAngle {
     const BITS: f32 = TURN / core::f32::consts::TAU;
     // Through 64 bits where it may exceed half a turn would be a software routine; corrections never do.
     ElectricalAngle::from_bits((angle * BITS) as i32)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// Boards with little flash take the one, all others the other.
+    #[test]
+    fn products_in_a_loop_are_those_straight_on() {
+        let covariance = Covariance(core::array::from_fn(|k| (k as f32 + 1.0).recip() - 0.1));
+        let h = core::array::from_fn(|k| 0.3 * k as f32 - 1.1);
+        assert_eq!(covariance.products_in_a_loop(&h), covariance.products_straight_on(&h));
+    }
 }

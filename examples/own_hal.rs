@@ -65,11 +65,11 @@ pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     let (mut port, mut tool) = (Port::power_up(motor, first)?, Tool::default());
     tool.ask(Ask::Calibrate, |line| port.millisecond(line))?;
     println!("calibrated: {}", tool.wait(|line| port.millisecond(line))?.calibrated);
-
     // The power goes, and comes back: what was found is in the flash.
     let mut port = Port::power_up(port.motor, second)?;
     (0..100).for_each(|_| port.millisecond(&mut Line::default()));
     tool.ask(Ask::Arm, |line| port.millisecond(line))?;
+    (0..1000).for_each(|_| port.millisecond(&mut Line::default())); // checks wires, amplifiers and commutation
     tool.ask(Ask::Speed(50.0), |line| port.millisecond(line))?;
     (0..500).for_each(|_| port.millisecond(&mut Line::default()));
     let speed = tool.status(|line| port.millisecond(line))?.speed_rad_s;

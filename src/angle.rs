@@ -40,6 +40,7 @@ macro_rules! angle {
 
             /// From turns, wrapped; the resolution is that of an `f32`, 2⁻²⁴ of the distance from zero.
             /// Not a number becomes 0.
+            #[inline(never)]
             pub fn from_turns(turns: f32) -> Self {
                 // `as` saturates, so take the fraction first; a float of more than 23 bits has none.
                 let fraction = if turns.abs() < 8_388_608.0 { turns - turns as i32 as f32 } else { 0.0 };

@@ -145,6 +145,7 @@ impl Config {
     }
 
     /// Whether positive is against the phases. There is one place that says so.
+    #[cfg_attr(feature = "small", inline(never))]
     pub const fn is_reversed(&self) -> bool {
         match &self.control {
             Some(control) => control.modulator.is_reversed(),
@@ -188,14 +189,11 @@ impl Settings {
             dead_time_s: self.dead_time_s,
             limits,
             max_electrical_hz: self.max_electrical_hz,
+            tracking_hz: self.tracking_bandwidth_hz,
             reversed: self.reversed,
         };
-        let control = match &self.control {
-            Some(control) => Some(control::Config::new(control, &frame)?),
-            None => None,
-        };
-        Ok(Config {
-            control,
+        let mut config = Config {
+            control: None,
             period,
             dead_time,
             adc_bits: self.adc_bits,
@@ -212,7 +210,11 @@ impl Settings {
             record_every: self.record_every(),
             calibration_record_every: self.every(self.calibration_record_hz),
             open_loop: self.open_loop(dead_time),
-        })
+        };
+        if let Some(control) = &self.control {
+            control::Config::make(&mut config.control, control, &frame)?;
+        }
+        Ok(config)
     }
 
     /// Electrical frequency that is a fault: a fifth above the largest speed, and what the speed's noise may add.

@@ -87,13 +87,14 @@ pub struct Drive {
     mode: Mode,
     limits: Limits,
     progress: Progress,
-    arming: Arming,
     /// The map of the rotor's magnets, if there is memory for one.
     map: Option<&'static Live>,
     /// Whether the enable input is off, in a step with that interlock.
     disabled: bool,
     /// What a command has left to do.
     later: Later,
+    /// Last, as nothing of it is needed in every step: what lies further away takes longer addresses.
+    arming: Arming,
 }
 
 /// The control paths.
@@ -328,21 +329,17 @@ impl Drive {
         self.measure(&sample.halls);
         let Self { config, paths, record, arming, .. } = self;
         let (Some(control), true) = (&config.control, self.mode.drives()) else { return Output::OFF };
-        match arming.step(config, control, &paths.idle, &record.rotor, sample) {
-            Step::Output(output) => output,
-            Step::Begin => {
-                self.begin_arming(sample);
-                Output::OFF
-            }
-            Step::Failed(fault) => {
-                self.fail(fault);
-                Output::OFF
-            }
-            Step::Done { step, proven } => {
-                self.end_arming(step, proven, sample);
-                arming::no_voltage(&self.config)
-            }
+        if self.servo.schedule.is_even() {
+            // A step with the outer loops or a command has enough to do.
+            return arming.between(config, control, &paths.idle, &record.rotor, sample);
         }
+        match arming.step(config, control, &paths.idle, &record.rotor, sample) {
+            Step::Output(output) => return output,
+            Step::Begin { slow } => self.begin_arming(slow, sample),
+            Step::Failed(fault) => self.fail(fault),
+            Step::Done { step, proven } => self.end_arming(step, proven, sample),
+        }
+        self.arming.held()
     }
 
     /// Turns the field. Its angle at the sampling instant is recorded as the rotor's, which follows it.

@@ -89,6 +89,7 @@ impl Mode {
     }
 
     /// Whether the bridge may be on.
+    #[cfg_attr(feature = "small", inline(never))]
     pub const fn drives(self) -> bool {
         matches!(self, Self::Aligning | Self::Calibrating | Self::Running)
     }

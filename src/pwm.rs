@@ -11,6 +11,7 @@ use fixed::types::I1F15;
 pub type Modulation = I1F15;
 
 /// A fraction as a [`Modulation`], the nearest there is; zero for what is not a number.
+#[inline(never)]
 pub fn modulation(share: f32) -> Modulation {
     // −1 has a number, 1 has none: both ends are the same.
     Modulation::from_bits((libm::roundf(share * 32_768.0) as i16).max(-i16::MAX))

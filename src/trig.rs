@@ -68,7 +68,8 @@ pub(crate) const fn float(sine: I2F30) -> f32 {
 }
 
 /// Sine and cosine of an angle as floats, each with the error of [`sin`].
-#[inline(always)]
+#[cfg_attr(not(feature = "small"), inline(always))]
+#[cfg_attr(feature = "small", inline(never))]
 pub(crate) const fn sin_cos_f32(angle: ElectricalAngle) -> (f32, f32) {
     let (sine, cosine) = sin_cos(angle);
     (float(sine), float(cosine))

@@ -144,7 +144,7 @@ fn swinging(seed: u64, tell: bool) -> (Statistics, f64) {
         Settings { commutation: Commutation::FieldOriented, control: Some(Control::default()), ..Settings::default() };
     let mut rig = Rig::new(&PlantParameters::imperfect(seed), &settings, seed).unwrap();
     let calibration = rig.calibrate(|_| ()).unwrap();
-    rig.command(Command::Arm).unwrap();
+    rig.arm().unwrap();
     let noise_codes = [0, 1, 2].map(|k| 0.01 * calibration.model.sensors[k].amplitude);
     let update_hz = settings.pwm_hz / rig.config.record_every() as f32;
     let motor =

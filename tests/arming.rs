@@ -4,19 +4,28 @@ use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
-use hallservo::settings::{Control, Settings};
+use hallservo::settings::{Control, OnTimeout, Settings};
 use plant::PlantParameters;
 use plant::{AmplifierFault, Transistor, Wires};
 use sim::rig::Rig;
 
 fn calibrated(seed: u64, commutation: Commutation) -> Rig {
+    calibrated_as(&PlantParameters::imperfect(seed), commutation, seed).unwrap()
+}
+
+/// The same with another motor; the calibration may refuse it.
+fn calibrated_as(
+    parameters: &PlantParameters,
+    commutation: Commutation,
+    seed: u64,
+) -> Result<Rig, Box<dyn std::error::Error>> {
     let settings = Settings { commutation, control: Some(Control::default()), ..Settings::default() };
-    let mut rig = Rig::new(&PlantParameters::imperfect(seed), &settings, seed).unwrap();
-    rig.calibrate(|_| ()).unwrap();
-    rig.plant.set_dyno(Some(0.0)).unwrap();
+    let mut rig = Rig::new(parameters, &settings, seed)?;
+    rig.calibrate(|_| ())?;
+    rig.plant.set_dyno(Some(0.0))?;
     rig.run(0.1, |_, _| ());
-    rig.plant.set_dyno(None).unwrap();
-    rig
+    rig.plant.set_dyno(None)?;
+    Ok(rig)
 }
 
 /// Arms; the time that the check takes in seconds, how far the rotor went, in mechanical degrees, and the largest
@@ -25,7 +34,7 @@ fn check(rig: &mut Rig) -> (f64, f64, f64) {
     let start = rig.plant.truth().mechanical_angle_rad;
     rig.command(Command::Arm).unwrap();
     let (mut time_s, mut farthest, mut current) = (0.0, 0.0_f64, 0.0_f64);
-    rig.run(0.15, |rig, period| {
+    rig.run(0.95, |rig, period| {
         if rig.drive.limits().contains(Limits::CHECKING) {
             time_s += rig.period_s();
         }
@@ -35,16 +44,38 @@ fn check(rig: &mut Rig) -> (f64, f64, f64) {
     (time_s, farthest.to_degrees(), current)
 }
 
+/// Longest check of a sound motor of four pole pairs, s, and its farthest way, mechanical degrees.
+const LONGEST_S: f64 = 0.3;
+const FARTHEST_DEG: f64 = 14.0;
+
 #[test]
 fn a_sound_motor_passes_and_hardly_moves() {
     for commutation in [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block] {
         for seed in 0..10 {
             let mut rig = calibrated(seed, commutation);
-            let (time_s, moved_deg, current_a) = check(&mut rig);
-            println!("{commutation:?} {seed}: {:.1} ms, {moved_deg:.2}°, {current_a:.2} A", 1e3 * time_s);
-            assert_eq!(rig.drive.mode(), Mode::Running);
+            for _ in 0..2 {
+                let (time_s, moved_deg, current_a) = check(&mut rig);
+                println!("{commutation:?} {seed}: {:.1} ms, {moved_deg:.2}°, {current_a:.2} A", 1e3 * time_s);
+                assert_eq!(rig.drive.mode(), Mode::Running);
+                assert!(time_s < LONGEST_S && moved_deg < FARTHEST_DEG && current_a < 2.0, "{seed}");
+                rig.command(Command::Disarm).unwrap();
+                rig.run(0.1, |_, _| ());
+            }
         }
     }
+}
+
+/// A stop during the check leaves it to be done.
+#[test]
+fn a_check_that_was_broken_off_begins_anew() {
+    let mut rig = calibrated(3, Commutation::FieldOriented);
+    rig.command(Command::Arm).unwrap();
+    rig.run(0.05, |_, _| ());
+    assert!(rig.drive.limits().contains(Limits::CHECKING));
+    rig.command(Command::Disarm).unwrap();
+    rig.run(0.1, |_, _| ());
+    let (time_s, ..) = check(&mut rig);
+    assert!(rig.drive.mode() == Mode::Running && time_s > 0.1, "{time_s}");
 }
 
 /// Breaks something on a number of motors, arms, and returns what the drive said of each.
@@ -119,7 +150,138 @@ fn motor_wires_moved_on_by_one_are_found_at_once() {
 }
 
 #[test]
-fn swapped_motor_wires() {
-    let moved = broken(12, |rig, phase| rig.plant.set_motor_wires(Wires::swapped(phase)));
-    println!("{moved:?}");
+fn swapped_motor_wires_are_found() {
+    let moved = broken(24, |rig, phase| rig.plant.set_motor_wires(Wires::swapped(phase)));
+    assert!(moved.iter().all(|mode| *mode == Mode::Faulted(Fault::Commutation)), "{moved:?}");
+}
+
+#[test]
+fn swapped_halls_are_found() {
+    for seed in 0..24 {
+        let mut rig = calibrated(seed, Commutation::FieldOriented);
+        rig.plant.set_hall_wires(Wires::swapped(seed as usize % 3));
+        rig.run(0.1, |_, _| ());
+        // Where they contradict each other, nothing is switched on.
+        if rig.command(Command::Arm).is_ok() {
+            rig.run(0.95, |_, _| ());
+            let mode = rig.drive.mode();
+            let told = matches!(mode, Mode::Faulted(Fault::Commutation | Fault::Hall(_) | Fault::AngleJump));
+            assert!(told, "{seed}: {mode:?}");
+        }
+    }
+}
+
+/// What turns a sound rotor, or keeps it from turning, is no wrong commutation.
+#[test]
+fn no_sound_motor_is_refused() {
+    let mut refused = Vec::new();
+    for seed in 0..64 {
+        let pick = |choices: [f64; 4], digit: u32| choices[(seed as usize >> (2 * digit)) % 4];
+        let mut parameters = PlantParameters::imperfect(seed);
+        let motor = &mut parameters.motor;
+        let (cogging, inertia, friction) =
+            (pick([0.0, 1.0, 2.0, 3.0], 0), pick([0.3, 1.0, 5.0, 30.0], 1), pick([0.3, 1.0, 3.0, 6.0], 2));
+        for component in &mut motor.cogging {
+            component.amplitude_nm *= cogging;
+        }
+        motor.inertia_kgm2 *= inertia;
+        motor.friction.coulomb_nm *= friction;
+        motor.friction.breakaway_nm *= friction;
+        let Ok(mut rig) = calibrated_as(&parameters, Commutation::FieldOriented, seed) else { continue };
+        for place in 0..4 {
+            rig.arm().unwrap();
+            if rig.drive.mode() != Mode::Running {
+                refused.push((seed, place, cogging, inertia, friction, rig.drive.mode()));
+                break;
+            }
+            rig.command(Command::Disarm).unwrap();
+            rig.plant.set_dyno(Some(30.0)).unwrap();
+            rig.run(0.037, |_, _| ());
+            rig.plant.set_dyno(Some(0.0)).unwrap();
+            rig.run(0.05, |_, _| ());
+            rig.plant.set_dyno(None).unwrap();
+        }
+    }
+    assert!(refused.is_empty(), "{refused:?}");
+}
+
+/// A check that has passed says nothing of the next one.
+#[test]
+fn what_was_changed_under_power_is_found() {
+    let moved = broken(24, |rig, phase| {
+        rig.arm().unwrap();
+        assert_eq!(rig.drive.mode(), Mode::Running);
+        rig.command(Command::Disarm).unwrap();
+        rig.run(0.1, |_, _| ());
+        rig.plant.set_motor_wires(Wires::swapped(phase));
+    });
+    assert!(moved.iter().all(|mode| *mode == Mode::Faulted(Fault::Commutation)), "{moved:?}");
+}
+
+/// Ready, with a time-out much shorter than the check, and what happens after it.
+fn with_short_time_out(on_timeout: OnTimeout) -> Rig {
+    let mut rig = calibrated(3, Commutation::FieldOriented);
+    let mut control = Control::default();
+    (control.guard.command_timeout_s, control.guard.on_timeout) = (0.05, on_timeout);
+    rig.configure(&Settings { commutation: Commutation::FieldOriented, control: Some(control), ..Settings::default() })
+        .unwrap();
+    rig.run(0.1, |_, _| ());
+    rig
+}
+
+/// The time-out is that of commands to the motor; the check is none.
+#[test]
+fn a_short_time_out_does_not_end_the_check() {
+    let mut rig = with_short_time_out(OnTimeout::Fault);
+    rig.arm().unwrap();
+    assert_eq!(rig.drive.mode(), Mode::Running);
+    rig.run(0.06, |_, _| ());
+    assert_eq!(rig.drive.mode(), Mode::Faulted(Fault::CommandTimeout));
+}
+
+/// What was commanded during the check is not done when its time is over.
+#[test]
+fn a_command_during_the_check_is_too_old_after_it() {
+    for on_timeout in [OnTimeout::Fault, OnTimeout::Stop] {
+        let mut rig = with_short_time_out(on_timeout);
+        rig.command(Command::Arm).unwrap();
+        let speed = rig.control().unwrap().speed(50.0).unwrap();
+        rig.command(Command::Speed(speed)).unwrap();
+        while rig.drive.limits().contains(Limits::CHECKING) {
+            rig.step();
+        }
+        assert_eq!(rig.drive.mode(), Mode::Running);
+        let mut fastest = 0.0_f64;
+        rig.run(0.5, |_, period| fastest = fastest.max(period.truth.speed_rad_s.abs()));
+        assert_eq!(rig.drive.mode() == Mode::Faulted(Fault::CommandTimeout), on_timeout == OnTimeout::Fault);
+        assert!(fastest < 5.0, "{fastest} rad/s");
+    }
+}
+
+/// One that goes on coming is.
+#[test]
+fn a_command_that_is_repeated_during_the_check_is_done_after_it() {
+    let mut rig = with_short_time_out(OnTimeout::Stop);
+    rig.command(Command::Arm).unwrap();
+    for _ in 0..60 {
+        let speed = rig.control().unwrap().speed(50.0).unwrap();
+        rig.command(Command::Speed(speed)).unwrap();
+        rig.run(0.02, |_, _| ());
+    }
+    let speed = rig.plant.truth().speed_rad_s;
+    assert!(rig.drive.mode() == Mode::Running && (speed - 50.0).abs() < 5.0, "{speed}");
+}
+
+/// A hanging load pulls at the shaft while it is checked: that is no fault. What it does afterwards, when no current is
+/// commanded, is not the check's.
+#[test]
+fn a_load_is_no_wrong_commutation() {
+    for load_nm in [-0.04, -0.02, -0.01, -0.005, 0.005, 0.01, 0.02, 0.04] {
+        for seed in 0..4 {
+            let mut rig = calibrated(seed, Commutation::FieldOriented);
+            rig.plant.set_load(load_nm).unwrap();
+            rig.arm().unwrap();
+            assert_eq!(rig.drive.mode(), Mode::Running, "{load_nm} N·m, {seed}");
+        }
+    }
 }

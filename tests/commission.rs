@@ -1,155 +1,18 @@
 //! Motors of every impedance, from the default settings and a current limit to speed control.
 
 use hallservo::commutation::Commutation;
-use hallservo::config::Config;
 use hallservo::drive::Command;
 use hallservo::drive::standstill::Probe;
 use hallservo::fault::Fault;
-use hallservo::hall::calibrate::{self, report::Report as Sensors};
 use hallservo::mode::Mode;
-use hallservo::service::Event;
-use hallservo::service::commission::{Action, Commission};
-use hallservo::service::identification::{Identification, Plan};
+use hallservo::service::commission::Commission;
 use hallservo::service::procedure::{Error, Procedure, Serve, State};
-use hallservo::service::standstill::{Electrical, Standstill};
-use hallservo::service::swings::{Rough, Swings};
+use hallservo::service::standstill::Standstill;
 use hallservo::settings::Settings;
 use rayon::prelude::*;
+use sim::commissioning::{Bench, Outcome, commission};
 use sim::motors::{MOTORS, Motor};
 use sim::rig::Rig;
-
-/// A drive at a motor, and the largest current that truly flowed.
-struct Bench {
-    rig: Rig,
-    largest_a: f64,
-}
-
-impl Bench {
-    fn run(&mut self, procedure: &mut dyn Procedure) -> State {
-        for ms in 0..120_000_u32 {
-            let state = procedure.serve(&mut self.rig.service, ms);
-            if state != State::Running {
-                return state;
-            }
-            for _ in 0..40 {
-                self.step();
-            }
-        }
-        panic!("stuck at {}", procedure.progress());
-    }
-
-    /// Runs for a time, serving the queues.
-    fn wait(&mut self, seconds: f64) {
-        for k in 0..self.rig.periods(seconds) {
-            self.step();
-            if k % 40 == 0 {
-                self.rig.serve();
-            }
-        }
-    }
-
-    fn configure(&mut self, settings: &Settings) {
-        let config = settings.validate().unwrap();
-        self.rig.config = config;
-        let lent: &'static mut Config = Box::leak(Box::new(config));
-        self.rig.service.configure(lent).unwrap();
-        self.wait(0.01);
-    }
-
-    fn calibrate(&mut self) -> Result<Sensors, calibrate::Error> {
-        self.rig.command(Command::Calibrate).unwrap();
-        let mut result = None;
-        for _ in 0..120_000 {
-            for _ in 0..40 {
-                self.step();
-            }
-            while let Some(event) = self.rig.service.poll() {
-                match event {
-                    Event::Calibrated(found) => result = Some(Ok(found.report)),
-                    Event::Refused(error) => result = Some(Err(error)),
-                    _ => {}
-                }
-            }
-            if let Some(result) = result {
-                self.wait(0.01);
-                if result.is_err() {
-                    self.rig.command(Command::Clear).unwrap();
-                }
-                for _ in 0..50 {
-                    self.wait(0.1);
-                    if self.rig.plant.truth().speed_rad_s.abs() < 0.1 {
-                        break;
-                    }
-                }
-                return result;
-            }
-            assert!(!matches!(self.rig.drive.mode(), Mode::Faulted(_)), "{:?}", self.rig.drive.mode());
-        }
-        panic!("the calibration is stuck");
-    }
-
-    fn step(&mut self) {
-        let period = self.rig.step();
-        self.largest_a = period.truth.currents_a.iter().fold(self.largest_a, |most, a| most.max(a.abs()));
-    }
-}
-
-/// What commissioning found, and what truly flowed.
-struct Outcome {
-    settings: Settings,
-    electrical: Electrical,
-    sensors: Sensors,
-    tries: u32,
-    rough: Rough,
-    seconds: f64,
-}
-
-fn commission(bench: &mut Bench, settings: Settings, limit_a: f32) -> Result<Outcome, String> {
-    let mut commission = Commission::new(settings, Some(limit_a)).map_err(|error| error.to_string())?;
-    let (mut electrical, mut sensors, mut rough, mut tries) = (None, None, None, 0);
-    loop {
-        bench.configure(commission.settings());
-        match commission.action() {
-            Action::Measure => {
-                let mut standstill = Standstill::new(&bench.rig.config).unwrap();
-                let state = bench.run(&mut standstill);
-                let found = *standstill.report().ok_or(format!("standstill: {state:?}"))?;
-                commission.measured(&found).map_err(|error| format!("measured: {error}"))?;
-                electrical = Some(found);
-            }
-            Action::Calibrate => {
-                tries += 1;
-                let result = bench.calibrate();
-                commission.calibrated(result.as_ref().map_err(|error| *error)).map_err(|error| error.to_string())?;
-                sensors = result.ok().or(sensors);
-            }
-            Action::Swing => {
-                let mut swings = Swings::new(&bench.rig.config).unwrap();
-                let state = bench.run(&mut swings);
-                let found = *swings.report().ok_or(format!("swings: {state:?}"))?;
-                commission.swung(&found).map_err(|error| format!("swung: {error}"))?;
-                rough = Some(found);
-                bench.wait(0.5);
-            }
-            Action::Identify => {
-                let plan = Plan::new(&bench.rig.config).unwrap();
-                let mut identification = Identification::new(&bench.rig.config, &plan).unwrap();
-                let state = bench.run(&mut identification);
-                let found = *identification.report().ok_or(format!("identification: {state:?}, {plan:?}"))?;
-                commission.identified(&found).map_err(|error| format!("identified: {error}"))?;
-            }
-            Action::Done => break,
-        }
-    }
-    Ok(Outcome {
-        settings: *commission.settings(),
-        electrical: electrical.unwrap(),
-        sensors: sensors.unwrap(),
-        tries,
-        rough: rough.unwrap(),
-        seconds: bench.rig.plant.truth().time_s,
-    })
-}
 
 /// Speed reached at a share of the largest, relative to what was asked for, and its ripple.
 fn turn(bench: &mut Bench, settings: &Settings, share: f64) -> Result<(f64, f64), String> {
@@ -194,7 +57,7 @@ fn turn(bench: &mut Bench, settings: &Settings, share: f64) -> Result<(f64, f64)
 fn attempt(case: &Motor, seed: u64) -> (String, bool) {
     let plant = case.plant(seed);
     let rig = Rig::new(&plant, &case.settings(), seed).unwrap();
-    let mut bench = Bench { rig, largest_a: 0.0 };
+    let mut bench = Bench::new(rig);
     let outcome = commission(&mut bench, case.settings(), case.limit_a);
     let share = |found: f64, exact: f64| 100.0 * (found / exact - 1.0);
     let name = format!("{:16} {seed}", case.name);
@@ -203,7 +66,7 @@ fn attempt(case: &Motor, seed: u64) -> (String, bool) {
         Err(error) => return (format!("{name} {largest:4.0} % of the limit; {error}"), false),
         Ok(outcome) => outcome,
     };
-    let Outcome { settings, electrical, sensors, tries, rough, seconds } = outcome;
+    let Outcome { settings, electrical, sensors, tries, rough, seconds, .. } = outcome;
     let motor = &plant.motor;
     let control = settings.control.unwrap();
     let off = [
@@ -255,7 +118,7 @@ fn any_motor_is_commissioned_by_its_current_limit() {
 fn complaint(case: &Motor, break_it: impl FnOnce(&mut Rig)) -> String {
     let mut rig = Rig::new(&case.plant(1), &case.settings(), 1).unwrap();
     break_it(&mut rig);
-    let mut bench = Bench { rig, largest_a: 0.0 };
+    let mut bench = Bench::new(rig);
     let Err(error) = commission(&mut bench, case.settings(), case.limit_a) else { panic!("nothing was wrong") };
     assert!(!bench.rig.drive.mode().drives() && bench.largest_a <= 1.2 * f64::from(case.limit_a), "{error}");
     error
@@ -334,9 +197,9 @@ fn a_calibration_with_the_settings_of_another_motor_keeps_the_current_limit() {
         .par_iter()
         .map(|case| {
             let rig = Rig::new(&case.plant(3), &limited(case), 3).unwrap();
-            let mut bench = Bench { rig, largest_a: 0.0 };
+            let mut bench = Bench::new(rig);
             // It may fail, but by what it says of the sensors and not by a fault.
-            let result = bench.calibrate().map(|report| report.hunting_deg);
+            let result = bench.calibrate().unwrap().map(|report| report.hunting_deg);
             (case.name, bench.largest_a / f64::from(case.limit_a), result)
         })
         .collect();

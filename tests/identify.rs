@@ -6,7 +6,8 @@ use hallservo::service::identification::Plan;
 use hallservo::service::identify::{Estimate, Report};
 use hallservo::settings::Control;
 use hallservo::settings::Settings;
-use plant::{Friction, PlantParameters};
+use plant::{Friction, PlantParameters, Unevenness};
+use sim::experiment::identify::{QUANTITIES, inside, trials};
 use sim::rig::Rig;
 
 /// The drive is told parameters that are off by a fifth.
@@ -83,8 +84,8 @@ fn the_drive_measures_its_motor_as_well_as_it_says() {
         }),
     ];
     // R, L, flux, J and K_t relative; Coulomb friction, viscous friction and load in SI.
-    let bounds = [0.02, 0.045, 0.01, 0.015, 0.01, 0.06e-3, 0.65e-6, 0.09e-3];
-    let mut worst = [0.0_f64; 8];
+    let bounds = [0.02, 0.045, 0.012, 0.015, 0.012, 0.06e-3, 0.65e-6, 0.09e-3];
+    let (mut worst, mut beyond) = ([0.0_f64; 8], Vec::new());
     for (seed, (case, change)) in (0..).zip(cases) {
         let (mut plant, mut control) = (PlantParameters::imperfect(seed), told());
         change(&mut plant, &mut control);
@@ -97,20 +98,25 @@ fn the_drive_measures_its_motor_as_well_as_it_says() {
             // there is.
             let share = if k < 5 { 1.0 } else { plant.motor.inertia_kgm2 / 1e-5 };
             worst[k] = worst[k].max(off / share);
-            assert!(off <= bounds[k] * share, "{case}, {name}: {found:?} is {exact}");
+            if off > bounds[k] * share {
+                beyond.push(format!("{case}, {name}: {found:?} is {exact}"));
+            }
         }
     }
     let worst = worst.map(|off| format!("{off:.1e}")).join(", ");
     println!("largest errors of R, L, flux, J, Kt (shares), Coulomb, viscous, load: {worst}");
+    assert!(beyond.is_empty(), "{beyond:#?}");
 }
 
 #[test]
 fn the_report_tells_what_to_set() {
     let report = identified(&PlantParameters::imperfect(1), told(), 1);
     let table = report.to_string();
-    for field in ["resistance_ohm", "inductance_h", "flux_linkage_wb", "inertia_kgm2"] {
-        assert!(table.contains(&format!("set {field}")), "{table}");
+    for field in ["resistance_ohm", "flux_linkage_wb", "inertia_kgm2"] {
+        assert!(table.contains(&format!("  set {field}")), "{table}");
     }
+    // That is for the measurement at standstill.
+    assert!(table.contains("doubtful, keep inductance_h"), "{table}");
     let mut settings = told();
     report.apply(&mut settings);
     assert_eq!(settings.resistance_ohm, report.resistance_ohm.value);
@@ -121,4 +127,17 @@ fn the_report_tells_what_to_set() {
     assert!(doubtful.to_string().contains("doubtful, keep inertia_kgm2"));
     doubtful.apply(&mut settings);
     assert_eq!(settings.inertia_kgm2, report.inertia_kgm2.value);
+}
+
+/// What `cargo run --release -- identify` does with 200 machines, with a few: one of a kind.
+#[test]
+fn the_true_value_is_within_what_is_stated_whatever_the_gains_of_the_board() {
+    let trials = trials(5000..5020, &Unevenness::CHEAP, None);
+    let found = trials.iter().filter(|trial| trial.compared.is_ok()).count();
+    assert!(found >= 12, "{trials:?}");
+    for (quantity, name) in QUANTITIES.iter().enumerate() {
+        let outside = (1.0 - inside(&trials, quantity)) * found as f64;
+        println!("{name}: {outside:.0} of {found} outside");
+        assert!(outside < 1.5, "{name}: {trials:?}");
+    }
 }

@@ -78,7 +78,8 @@ fn after_a_stall_the_drive_arms_again() {
 
 #[test]
 fn a_wrong_alignment_heals_while_turning() {
-    for off_deg in [-28.0, 20.0] {
+    // The check at arming takes more than some 13° for a fault.
+    for off_deg in [-12.0, 12.0] {
         let mut rig = Rig::new(&PlantParameters::imperfect(1), &settings(), 1).unwrap();
         let mut model = rig.calibrate(|_| ()).unwrap().model;
         model.alignment += ElectricalAngle::from_degrees(off_deg);

@@ -185,8 +185,7 @@ fn a_torque_does_not_run_away_from_the_largest_speed() {
 #[test]
 fn a_blocked_move_waits_and_does_not_shoot_afterwards() {
     let mut rig = ready(&PlantParameters::imperfect(2), &settings(Commutation::FieldOriented, true), 2);
-    rig.command(Command::Arm).unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.arm().unwrap();
     follow(&mut rig, Follow::Position(3.0));
     rig.run(0.05, |_, _| ());
     rig.plant.set_dyno(Some(0.0)).unwrap();
@@ -205,7 +204,7 @@ fn the_rotor_stays_within_its_bounds() {
     let control = with.control.unwrap();
     with.control = Some(Control { min_position_turns: -1.0, max_position_turns: 1.5, ..control });
     let mut rig = ready(&PlantParameters::imperfect(4), &with, 4);
-    rig.command(Command::Arm).unwrap();
+    rig.arm().unwrap();
     let turns = |rig: &Rig| rig.drive.tracker().position().to_turns() / 4.0;
     for (what, bound) in [(Follow::Speed(60.0), 1.5), (Follow::Speed(-60.0), -1.0), (Follow::Torque(0.3), 1.5)] {
         follow(&mut rig, what);

@@ -1,5 +1,6 @@
 //! A bus that carries the frames of registers, such as CAN-FD.
 
+pub use hallservo_registers::axis::BusHealth;
 use hallservo_registers::{Address, Reply, Request};
 
 /// The drive's end of a bus.
@@ -19,6 +20,9 @@ pub trait Bus {
 
     /// Called every [`LOOK_MS`] or more often while no frames come: time to get back on a bus that was left.
     fn look_after(&mut self);
+
+    /// How it is.
+    fn health(&self) -> BusHealth;
 }
 
 /// From look to look where no frame comes, ms.
@@ -41,4 +45,8 @@ impl Bus for NoBus {
     }
 
     fn look_after(&mut self) {}
+
+    fn health(&self) -> BusHealth {
+        BusHealth::NONE
+    }
 }

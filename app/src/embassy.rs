@@ -75,6 +75,7 @@ async fn carry<F: NorFlash, E: Encoder>(supervisor: &Shared<'_, F, E>, mut bus: 
             supervisor.borrow_mut().set_bus(address, bus.serial());
             bus.listen(address);
         }
+        supervisor.borrow_mut().set_bus_health(bus.health());
         let Either::First(request) = select(bus.receive(), after(Duration::from_millis(LOOK_MS))).await else {
             bus.look_after();
             continue;

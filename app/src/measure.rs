@@ -10,6 +10,7 @@ use hallservo::telemetry::Measurement;
 use hallservo_protocol::Cogging;
 
 /// Of a code that the ADC's whole range is 1.
+#[inline(never)]
 fn share(code: u16, adc_bits: u8) -> f32 {
     f32::from(code) / (1_u32 << adc_bits.min(16)) as f32
 }

@@ -15,6 +15,7 @@ use crate::tasks::Tasks;
 use axis::Drive;
 use channel::{Channel, Pending};
 use embedded_storage::nor_flash::NorFlash;
+use hallservo_registers::axis::BusHealth;
 use hallservo_registers::{Address, Reply, Request, Server, line};
 use sequence::Sequence;
 
@@ -29,6 +30,7 @@ pub(crate) struct Registers {
     sequence: Sequence,
     serial: [u32; 3],
     id: u8,
+    bus: BusHealth,
     channel: Channel,
     pending: Pending,
 }
@@ -42,6 +44,7 @@ impl Registers {
             sequence: Sequence::new(),
             serial: [0; 3],
             id: address.id,
+            bus: BusHealth::NONE,
             channel: Channel::new(),
             pending: Pending::new(),
         }
@@ -51,6 +54,11 @@ impl Registers {
     pub const fn set_identity(&mut self, address: Address, serial: [u32; 3]) {
         self.server.set_address(address);
         (self.serial, self.id) = (serial, address.id);
+    }
+
+    /// How the bus is.
+    pub const fn set_bus_health(&mut self, health: BusHealth) {
+        self.bus = health;
     }
 
     /// Whether the drive owes an answer: until then nobody else may command it.
@@ -64,7 +72,6 @@ impl Registers {
     }
 
     /// Where the drive is on the bus.
-    #[cfg(feature = "diagnostic")]
     pub const fn address(&self) -> Address {
         self.server.address()
     }
@@ -75,8 +82,8 @@ impl Registers {
             self.sequence.tick(tasks);
         }
         if !self.sequence.waits() {
-            let Self { sequence, serial, id, channel, pending, .. } = self;
-            channel.tick(&mut Drive { tasks, sequence, serial: *serial, id: *id, pending });
+            let Self { sequence, serial, id, bus, channel, pending, .. } = self;
+            channel.tick(&mut Drive { tasks, sequence, serial: *serial, id: *id, bus: *bus, pending });
         }
     }
 
@@ -99,11 +106,11 @@ impl Registers {
     /// A frame of any line, and its reply.
     #[inline(never)]
     pub fn handle<F: NorFlash, E: Encoder>(&mut self, request: &Request, tasks: &mut Tasks<F, E>) -> Option<Reply> {
-        let Self { server, sequence, serial, id, channel, pending, .. } = self;
+        let Self { server, sequence, serial, id, bus, channel, pending, .. } = self;
         if server.is_for(request.identifier) {
             tasks.controller.hear(CLIENT, tasks.now_ms);
         }
-        let mut drive = Drive { tasks, sequence, serial: *serial, id: *id, pending };
+        let mut drive = Drive { tasks, sequence, serial: *serial, id: *id, bus: *bus, pending };
         let reply = server.handle(request, &mut drive, channel.tunnel());
         channel.serve(&mut drive);
         reply

@@ -339,6 +339,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         }
     }
 
+    #[inline(never)]
     fn command(&mut self, command: drive::Command, kind: Command) -> StepResult {
         self.send(command)?;
         Ok(Step::Await(Awaited::Reply(kind)))

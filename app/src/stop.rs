@@ -14,7 +14,7 @@ use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 #[cfg(feature = "registers")]
 pub use frames::FrameListener;
 use hallservo_protocol::{Ask, FrameDecoder, Request};
-#[cfg(feature = "diagnostic")]
+#[cfg(feature = "registers")]
 use hallservo_registers::{Address, line};
 
 /// Longest frame of a request to disarm: COBS, version, number, client, whether unattended, request, CRC.
@@ -28,7 +28,7 @@ const LINE: usize = 0;
 pub struct Dealt {
     /// Bytes of the line, and frames of the bus, wrapping.
     pub(crate) counts: [u32; SOURCES],
-    #[cfg(feature = "diagnostic")]
+    #[cfg(feature = "registers")]
     pub(crate) address: Address,
 }
 
@@ -44,7 +44,7 @@ pub struct Stop {
     /// The same of the latest that the tasks have dealt with.
     dealt: [AtomicU32; SOURCES],
     /// The drive's address, as in an identifier.
-    #[cfg(feature = "diagnostic")]
+    #[cfg(feature = "registers")]
     address: AtomicU32,
 }
 
@@ -56,7 +56,7 @@ impl Stop {
             done: AtomicU32::new(0),
             until: [const { AtomicU32::new(0) }; SOURCES],
             dealt: [const { AtomicU32::new(0) }; SOURCES],
-            #[cfg(feature = "diagnostic")]
+            #[cfg(feature = "registers")]
             address: AtomicU32::new(1),
         }
     }
@@ -69,7 +69,7 @@ impl Stop {
 
     /// The tasks have dealt with so much, after every tick.
     pub fn release(&self, dealt: &Dealt) {
-        #[cfg(feature = "diagnostic")]
+        #[cfg(feature = "registers")]
         self.address.store(u32::from(dealt.address.prefix) << 16 | u32::from(dealt.address.id), Relaxed);
         if !self.holds() {
             return;
@@ -99,19 +99,19 @@ impl Stop {
         self.heard.store(self.heard.load(Relaxed).wrapping_add(1), Relaxed);
     }
 
-    #[cfg(feature = "diagnostic")]
+    #[cfg(feature = "registers")]
     fn address(&self) -> Address {
         let address = self.address.load(Relaxed);
         Address { id: address as u8, prefix: (address >> 16) as u16 }
     }
 }
 
-/// Hears requests to stop in the bytes of a line: a whole frame to disarm, with its CRC; with the feature `diagnostic`
-/// also lines of the register protocol with the mode "stopped", or with `d stop`. Without it, tasks have to.
+/// Hears requests to stop in the bytes of a line: a whole frame to disarm, with its CRC; with the feature `registers` also
+/// lines of the register protocol with the mode "stopped", and where there is a diagnostic channel with `d stop`.
 #[derive(Debug)]
 pub struct Listener {
     decoder: FrameDecoder<ROOM>,
-    #[cfg(feature = "diagnostic")]
+    #[cfg(feature = "registers")]
     lines: line::Decoder,
     /// Bytes handed to the tasks, wrapping.
     handed_on: u32,
@@ -122,7 +122,7 @@ impl Listener {
     pub const fn new() -> Self {
         Self {
             decoder: FrameDecoder::new(),
-            #[cfg(feature = "diagnostic")]
+            #[cfg(feature = "registers")]
             lines: line::Decoder::new(),
             handed_on: 0,
         }
@@ -137,13 +137,13 @@ impl Listener {
         }
     }
 
-    #[cfg(feature = "diagnostic")]
+    #[cfg(feature = "registers")]
     fn is_stopped(&mut self, byte: u8, stop: &Stop) -> bool {
         let request = self.lines.push(byte).and_then(Result::ok);
         request.is_some_and(|request| stop.address().is_meant(request.identifier) && frames::stops(&request.bytes))
     }
 
-    #[cfg(not(feature = "diagnostic"))]
+    #[cfg(not(feature = "registers"))]
     const fn is_stopped(&mut self, _: u8, _: &Stop) -> bool {
         false
     }

@@ -178,7 +178,7 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
                 #[cfg(feature = "registers")]
                 self.frames,
             ],
-            #[cfg(feature = "diagnostic")]
+            #[cfg(feature = "registers")]
             address: self.registers.address(),
         })
     }
@@ -205,6 +205,12 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
     #[cfg(feature = "registers")]
     pub const fn set_bus(&mut self, address: hallservo_registers::Address, serial: [u32; 3]) {
         self.registers.set_identity(address, serial);
+    }
+
+    /// How that bus is.
+    #[cfg(feature = "registers")]
+    pub const fn set_bus_health(&mut self, health: hallservo_registers::axis::BusHealth) {
+        self.registers.set_bus_health(health);
     }
 
     /// Where the settings say that the drive is on a bus.

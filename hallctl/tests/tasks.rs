@@ -10,7 +10,7 @@ use hallservo::mode::Mode;
 use hallservo_app::{Identity, Memory, Readings, Supervisor};
 use hallservo_protocol::{Answer, Ask, Cause, Decoder, Learning, Problem, Procedure, Record, Refusal, Reply};
 use plant::{HallFault, PlantParameters, Rail};
-use tool::{ask, calibrated, done, drive, run, status, wait};
+use tool::{arm, ask, calibrated, done, drive, run, status, wait};
 
 #[test]
 fn the_watchdog_is_fed_only_while_the_control_interrupt_comes() {
@@ -298,7 +298,7 @@ fn what_is_learnt_is_saved_after_the_next_disarming_and_not_too_often() {
     first = Simulator::at(&parameters, 1, Flash::of(flash.clone()), Vec::new()).unwrap();
     run(&mut first, 10);
     let mut warm = |to_c: f64, saves: bool| {
-        done(&mut first, Ask::Arm);
+        arm(&mut first);
         let before = first.flash();
         for step in 0..150 {
             first.plant.set_temperature(to_c - 20.0 * (1.0 - (f64::from(step) / 100.0).min(1.0))).unwrap();

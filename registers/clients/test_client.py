@@ -232,6 +232,29 @@ def test_current(simulated):
     run(simulated, test)
 
 
+def test_brake(simulated):
+    async def test(client):
+        running = await until(client, lambda values: values[Register.VELOCITY] > 4.5, position=NAN, velocity=5)
+        for _ in range(round(0.5 / REQUEST_S)):
+            values = (await client.set_brake(query=True)).values
+        assert values[Register.MODE] == Mode.BRAKE, values
+        # Without a brake it runs on for 1.5 turns.
+        assert values[Register.POSITION] - running[Register.POSITION] < 0.6, values
+
+    run(simulated, test)
+
+
+def test_bus(simulated):
+    """The error counters of CAN, which are no registers of moteus: nothing was lost by what the other tests do."""
+
+    async def test(client):
+        registers = {0x700 + number: moteus.INT32 for number in range(5)}
+        values = (await client.custom_query(registers)).values
+        assert [values[register] for register in registers] == [0] * 5, values
+
+    run(simulated, test)
+
+
 def test_watchdog(simulated):
     async def test(client):
         await until(client, lambda values: abs(values[Register.VELOCITY] - 5) < 1, position=NAN, velocity=5.0)

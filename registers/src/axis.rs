@@ -150,6 +150,28 @@ pub struct State {
     pub torques: [f32; 4],
     /// Since power-up, wrapping.
     pub milliseconds: u32,
+    /// Of the bus.
+    pub bus: BusHealth,
+}
+
+/// How a CAN is, as the drive sees it; all zero where there is none.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct BusHealth {
+    /// Error counter of transmission; above 127 a node is passive, above 255 off the bus.
+    pub transmit: u8,
+    /// Error counter of reception, up to 127.
+    pub receive: u8,
+    /// Error flags are passive.
+    pub passive: bool,
+    /// How often it was off the bus.
+    pub off: u32,
+    /// Frames for which there was no room.
+    pub lost: u32,
+}
+
+impl BusHealth {
+    /// Nothing has happened.
+    pub const NONE: Self = Self { transmit: 0, receive: 0, passive: false, off: 0, lost: 0 };
 }
 
 impl State {
@@ -172,6 +194,7 @@ impl State {
         control: [f32::NAN; 3],
         torques: [f32::NAN; 4],
         milliseconds: 0,
+        bus: BusHealth::NONE,
     };
 }
 

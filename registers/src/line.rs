@@ -145,44 +145,46 @@ impl Decoder {
     }
 
     fn end(&mut self) -> Option<Result<Request, Error>> {
-        let line = core::mem::take(&mut self.line);
-        match (core::mem::take(&mut self.spoilt), core::mem::take(&mut self.long)) {
+        let Self { line, spoilt, long, demands, .. } = self;
+        let request = match (core::mem::take(spoilt), core::mem::take(long)) {
             (true, _) => None,
             (false, true) => Some(Err(Error::TooLong)),
             (false, false) if line.iter().all(u8::is_ascii_whitespace) => None,
-            (false, false) => Some(self.request(&line)),
-        }
-    }
-
-    fn request(&mut self, line: &[u8]) -> Result<Request, Error> {
-        let line = self.checked(line)?;
-        // A frame without bytes is an empty word.
-        let mut words = line.split(|letter| *letter == b' ');
-        if (words.next(), words.next()) != (Some(b"can"), Some(b"send")) {
-            return Err(Error::Unknown);
-        }
-        let identifier = words.next().and_then(identifier).ok_or(Error::Malformed)?;
-        let bytes = bytes(words.next().unwrap_or_default()).ok_or(Error::Malformed)?;
-        // Flags say how the frame would be on a bus, and there is none.
-        if words.any(|word| !word.iter().all(|letter| b"bBfFeErR".contains(letter))) {
-            return Err(Error::Malformed);
-        }
-        Ok(Request { identifier, bytes })
-    }
-
-    /// The line without its check sum.
-    fn checked<'a>(&mut self, line: &'a [u8]) -> Result<&'a [u8], Error> {
-        let line = line.trim_ascii_end();
-        let Some((content, [b'*', high, low])) = line.split_last_chunk::<3>() else {
-            return if self.demands { Err(Error::NoChecksum) } else { Ok(line) };
+            (false, false) => Some(request(line, demands)),
         };
-        let sum = digit(*high).zip(digit(*low)).map(|(high, low)| high << 4 | low);
-        if sum != Some(CRC.checksum(content)) {
-            return Err(Error::Checksum);
-        }
-        self.demands = true;
-        Ok(content)
+        line.clear();
+        request
     }
+}
+
+fn request(line: &[u8], demands: &mut bool) -> Result<Request, Error> {
+    let line = checked(line, demands)?;
+    // A frame without bytes is an empty word.
+    let mut words = line.split(|letter| *letter == b' ');
+    if (words.next(), words.next()) != (Some(b"can"), Some(b"send")) {
+        return Err(Error::Unknown);
+    }
+    let identifier = words.next().and_then(identifier).ok_or(Error::Malformed)?;
+    let bytes = bytes(words.next().unwrap_or_default()).ok_or(Error::Malformed)?;
+    // Flags say how the frame would be on a bus, and there is none.
+    if words.any(|word| !word.iter().all(|letter| b"bBfFeErR".contains(letter))) {
+        return Err(Error::Malformed);
+    }
+    Ok(Request { identifier, bytes })
+}
+
+/// The line without its check sum, which every line has to have after the first that has one.
+fn checked<'a>(line: &'a [u8], demands: &mut bool) -> Result<&'a [u8], Error> {
+    let line = line.trim_ascii_end();
+    let Some((content, [b'*', high, low])) = line.split_last_chunk::<3>() else {
+        return if *demands { Err(Error::NoChecksum) } else { Ok(line) };
+    };
+    let sum = digit(*high).zip(digit(*low)).map(|(high, low)| high << 4 | low);
+    if sum != Some(CRC.checksum(content)) {
+        return Err(Error::Checksum);
+    }
+    *demands = true;
+    Ok(content)
 }
 
 fn digit(letter: u8) -> Option<u8> {

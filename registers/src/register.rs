@@ -241,6 +241,11 @@ registers! {
     0x156 UUID_MASK_3 "only for the UUID, bytes 8 to 11" Word Write;
     0x157 UUID_MASK_4 "only for the UUID, bytes 12 to 15" Word Write;
     0x158 UUID_MASK_CAPABLE "UUID mask usable" Integer Read;
+    0x700 BUS_TRANSMIT_ERRORS "CAN: error counter of sending, 0 to 255" Integer Read;
+    0x701 BUS_RECEIVE_ERRORS "CAN: error counter of receiving, 0 to 127" Integer Read;
+    0x702 BUS_PASSIVE "CAN: error flags are passive" Integer Read;
+    0x703 BUS_OFF_COUNT "CAN: how often off the bus" Integer Read;
+    0x704 BUS_LOST_FRAMES "CAN: frames for which there was no room" Integer Read;
 }
 
 /// A register to be read or to be written in a format.

@@ -357,6 +357,11 @@ impl Reads<'_> {
             }
             register::UUID_1..=register::UUID_4 => word(&identity.uuid(), number - register::UUID_1),
             register::UUID_MASK_CAPABLE => 1,
+            register::BUS_TRANSMIT_ERRORS => state.bus.transmit.into(),
+            register::BUS_RECEIVE_ERRORS => state.bus.receive.into(),
+            register::BUS_PASSIVE => state.bus.passive.into(),
+            register::BUS_OFF_COUNT => state.bus.off as i32,
+            register::BUS_LOST_FRAMES => state.bus.lost as i32,
             _ => 0,
         }
     }

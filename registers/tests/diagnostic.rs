@@ -239,7 +239,7 @@ fn a_motion_is_obeyed_although_answers_were_not_read() {
     assert_eq!(drive.commands.len(), 3);
     let Command::Position(motion) = drive.commands[0] else { panic!() };
     assert!(motion.position.is_nan() && motion.max_torque == 0.5);
-    let answers = "servo_stats\r\nhalls\r\nfirmware\r\ngit\r\nOK\r\nOK\r\n\
+    let answers = "servo_stats\r\nhalls\r\ncan\r\nfirmware\r\ngit\r\nOK\r\nOK\r\n\
         ERR refused: the drive cannot now, or another tool controls it\r\nERR this drive does not have it\r\nOK\r\n";
     assert_eq!(String::from_utf8(read(channel, drive)).unwrap(), answers);
 }
@@ -477,7 +477,7 @@ proptest! {
         let rest = read(channel, drive);
         prop_assert!(rest.len() < 256 / 5 * 2000 + 4 * 1100, "{}", rest.len());
         prop_assert_eq!(ask(channel, drive, "conf get servo.pole_pairs").lines().count(), 1);
-        prop_assert_eq!(ask(channel, drive, "tel list"), "servo_stats\r\nhalls\r\nfirmware\r\ngit\r\nOK\r\n");
+        prop_assert_eq!(ask(channel, drive, "tel list"), "servo_stats\r\nhalls\r\ncan\r\nfirmware\r\ngit\r\nOK\r\n");
     }
 
     /// However it is cut into pieces, an answer is the same.

@@ -4,6 +4,7 @@ pub mod adapt;
 pub mod commutation;
 pub mod delay;
 pub mod faults;
+pub mod identify;
 pub mod magnets;
 pub mod papers;
 pub mod pwm;

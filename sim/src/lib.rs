@@ -7,6 +7,7 @@ macro_rules! println {
 }
 
 pub mod baseline;
+pub mod commissioning;
 pub mod experiment;
 pub mod motors;
 pub mod rig;

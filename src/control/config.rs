@@ -15,7 +15,7 @@ use crate::double;
 use crate::pwm;
 use crate::schedule::{LONG, OUTER};
 use crate::settings::{Control, Error};
-pub(crate) use arming::ArmingCheck;
+pub(crate) use arming::{ArmingCheck, EVERY as ARMING_EVERY};
 use core::f32::consts::TAU;
 use core::fmt;
 pub(crate) use guard::Guard;
@@ -81,12 +81,15 @@ pub(crate) struct Frame {
     pub dead_time_s: f32,
     pub limits: pwm::Limits,
     pub max_electrical_hz: f32,
+    pub tracking_hz: f32,
     pub reversed: bool,
 }
 
 impl Config {
-    /// Of settings that are in their ranges.
-    pub(crate) fn new(settings: &Control, frame: &Frame) -> Result<Self, Error<'static>> {
+    /// Makes one of settings that are in their ranges, in its place: the compiler would gather the many numbers on the
+    /// stack, to copy each from there, which is 600 bytes of flash.
+    #[inline(never)]
+    pub(crate) fn make(place: &mut Option<Self>, settings: &Control, frame: &Frame) -> Result<(), Error<'static>> {
         let Control { current_bandwidth_hz: current_hz, speed_bandwidth_hz: speed_hz, .. } = *settings;
         let Control { position_bandwidth_hz: position_hz, max_acceleration_rad_s2, .. } = *settings;
         let (amperes, volts) = (settings.current_full_scale_a, settings.bus_full_scale_v);
@@ -106,12 +109,7 @@ impl Config {
         let gain = |field, gain: f32| Error::OutOfRange { field, value: gain, min: 0.0, max: 0.0 };
         let least_bus = settings.guard.under_voltage_v / volts;
         let longest = svpwm::Modulator::longest(frame.period, frame.dead_time, &frame.limits);
-        Ok(Self {
-            motion: Motion::new(settings, frame, &motor, &scale),
-            arming: ArmingCheck::new(settings, frame, &scale),
-            overload: Overload::new(settings, &scale),
-            supply: Supply::new(settings, &motor, &scale),
-            guard: Guard::new(settings, frame.adc_bits, loop_hz, &scale),
+        let config = place.insert(Self {
             gains: current::Gains::new(&motor, current_hz, fastest_hz, &scale, least_bus, longest)
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,
             local: LocalGains::new(&motor, settings.feedback, current_hz, &scale)
@@ -149,7 +147,18 @@ impl Config {
             scale,
             motor,
             rates: [current_hz, speed_hz, position_hz].map(|hz| TAU * hz),
-        })
+            motion: Motion::default(),
+            arming: ArmingCheck::default(),
+            overload: Overload::default(),
+            supply: Supply::default(),
+            guard: Guard::default(),
+        });
+        config.motion = Motion::new(settings, frame, &motor, &scale);
+        config.arming = ArmingCheck::new(settings, frame, &scale);
+        config.overload = Overload::new(settings, &scale);
+        config.supply = Supply::new(settings, &motor, &scale);
+        config.guard = Guard::new(settings, frame.adc_bits, loop_hz, &scale);
+        Ok(())
     }
 }
 
@@ -180,6 +189,7 @@ impl Config {
     pub(crate) const fn retune(&mut self, other: &Self) {
         (self.gains, self.local) = (other.gains, other.local);
         (self.velocity, self.position, self.rates) = (other.velocity, other.position, other.rates);
+        (self.arming.averages, self.arming.lag) = (other.arming.averages, other.arming.lag);
     }
 
     /// A bus voltage in 2⁻¹⁵ of its full scale.

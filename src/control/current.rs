@@ -342,6 +342,22 @@ mod tests {
         }
     }
 
+    #[test]
+    fn the_local_feedback_feeds_the_back_emf_of_any_motor_forward() {
+        for flux_linkage_wb in [1e-4, 5e-3, 0.04, 0.14] {
+            let motor = Motor { flux_linkage_wb, ..MOTOR };
+            let gains = LocalGains::new(&motor, Feedback::P, 1000.0, &SCALE).unwrap();
+            for volts in [-10.0, 0.1, 10.0] {
+                let speed = volts / flux_linkage_wb / TAU / SCALE.step_hz * TURN;
+                if speed.abs() <= TURN / 20.0 {
+                    let found =
+                        { Local::ZERO }.step(&gains, 0, 0, speed as i32, 32_767) as f32 * SCALE.volts / 32_768.0;
+                    assert!((found - volts).abs() < 3e-3 + 1e-3 * volts.abs(), "{flux_linkage_wb}: {found} {volts}");
+                }
+            }
+        }
+    }
+
     /// A motor of this inductance, relative to that of the others, on a bus of 9 V.
     fn gains(inductance: f32, bandwidth: f32, fastest: f32) -> Result<Gains, f32> {
         let motor = Motor { inductance_h: inductance * MOTOR.inductance_h, ..MOTOR };

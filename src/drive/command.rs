@@ -264,9 +264,9 @@ impl Drive {
 
     /// The step after the one that armed. A drive with current sensing follows a current of zero until it is commanded
     /// something else, which lets a rotor that turns turn on; at rest it first checks what it is connected to.
-    pub(super) fn begin_arming(&mut self, sample: &Sample) {
+    pub(super) fn begin_arming(&mut self, slow: bool, sample: &Sample) {
         let Some(control) = &self.config.control else { return };
-        if !control.arming.enabled || self.turns_faster_than(control.arming.at_rest) {
+        if !slow {
             return self.take_up_pending();
         }
         self.arming.begin(control, control.bus(sample.bus));
@@ -276,12 +276,13 @@ impl Drive {
     /// After the check, which may have shown that the commutation is right: what was commanded meanwhile, a part in each
     /// step.
     pub(super) fn end_arming(&mut self, step: u32, proven: bool, sample: &Sample) {
-        match step {
-            0 if proven => self.servo.supervision.prove(),
-            0 => {}
-            1 => self.reset_servo(sample),
-            _ => self.take_up_pending(),
+        if step == 1 {
+            return self.reset_servo(sample);
         }
+        if proven {
+            self.servo.supervision.prove();
+        }
+        self.take_up_pending();
     }
 
     /// The check is over, or there was none.
@@ -292,7 +293,11 @@ impl Drive {
         match pending {
             Some(Pending::Voltage(modulation)) => self.command_voltage(modulation),
             Some(Pending::Demand(demand)) => self.take_up(demand),
-            None => self.take_up(Demand::Current(Current(0))),
+            None => {
+                // The check is no time in which a command is missing.
+                self.restart_timeout();
+                self.take_up(Demand::Current(Current(0)));
+            }
         }
     }
 

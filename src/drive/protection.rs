@@ -139,7 +139,8 @@ impl Protection {
     }
 
     /// The window that is left by all that narrows it.
-    #[inline(always)]
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
     pub fn narrow(&mut self, config: &Config) {
         self.window = Window::symmetric(config.max_current);
         self.window.from_below(-self.most, Limits::HEAT);

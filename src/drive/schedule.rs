@@ -40,6 +40,11 @@ impl Schedule {
         self.tick = self.tick.wrapping_add(1);
     }
 
+    /// Whether this step's slot is one of those that may take up a command.
+    pub const fn is_even(&self) -> bool {
+        self.tick & 1 == 0
+    }
+
     #[inline(always)]
     const fn is_due(&self, due: u32) -> bool {
         self.records && due.wrapping_sub(self.tick) as i32 <= 0
@@ -180,10 +185,12 @@ impl Drive {
         let trims = (self.servo.schedule.tick / LONG).is_multiple_of(2);
         self.with_servo(sample, |servo, paths, with| {
             let field = &mut paths.field_oriented;
+            let burns = servo.reference.current.d;
             if !trims {
+                servo.burnt = burns;
                 servo.protection.limit_driving(with.config, field.bus());
-            } else if servo.reference.current.d == 0 {
-                // A current along d takes a voltage of its own.
+            } else if servo.burnt | burns == 0 {
+                // A current along d takes a voltage of its own, for a while after it, too.
                 field.trim_alignment(with.config, with.rotor.speed());
             }
         });
@@ -308,7 +315,8 @@ impl Drive {
     }
 
     /// Currents and voltages as noted last.
-    #[inline(always)]
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
     pub(super) fn hand_over_measurement(&mut self) {
         let _ = self.channels.measurements.enqueue(self.servo.measurement);
     }
@@ -318,7 +326,10 @@ impl Drive {
     #[inline(never)]
     fn command_timeout(&mut self) {
         let Some(control) = &self.config.control else { return };
-        if !control.guard.stops {
+        if self.arming.is_active() {
+            // What was commanded since the drive has armed is too old to be done after the check.
+            self.arming.pending = None;
+        } else if !control.guard.stops {
             self.fail(Fault::CommandTimeout);
         } else if !self.servo.limits.contains(Limits::TIMEOUT) && self.mode.drives() {
             self.servo.limits = self.servo.limits.with(Limits::TIMEOUT);

@@ -82,6 +82,8 @@ pub(super) struct Servo {
     pub cogging: Option<&'static mut cogging::Table>,
     /// Whether a commanded speed waits for a rotor that cannot follow.
     pub(super) waits: bool,
+    /// Not 0 where braking was burnt 64 steps before the alignment may be trimmed.
+    pub burnt: i32,
     /// Whether the motion is supervised: something is followed, and not checked before.
     pub supervised: bool,
     /// What limits the control at the moment.
@@ -110,6 +112,7 @@ impl Servo {
             shaft: Shaft::NONE,
             ends: false,
             waits: false,
+            burnt: 0,
             supervised: false,
             speed_reference: 0,
             current_request: 0,
@@ -398,7 +401,8 @@ impl Servo {
     }
 
     /// Sets the current reference, within its limit, and the dead time's compensation for it.
-    #[inline(always)]
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
     fn set_reference(&mut self, config: &Config, request: i32) {
         let limited = self.protection.window.cut(request);
         self.measurement.state.current_reference = limited;
@@ -425,7 +429,8 @@ impl Servo {
     }
 
     /// Notes rotor, currents and voltages for the tasks.
-    #[inline(always)]
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
     pub fn note(&mut self, with: &Context, field: &FieldOriented, zeros: &Idle, sequence: u32) {
         let state = State {
             phases: zeros.phases(with.config, with.sample),

@@ -27,6 +27,8 @@ const QUIET: i32 = 32;
 const LAG: u32 = 3;
 /// Multiple of the speed of a rotor that turns, from which on it is fast: 48 Hz electrical.
 const FAST: i32 = 16;
+/// Checks by which a wrong commutation is found that turns a rotor from rest.
+const SOON: u32 = 6;
 /// Checks that find the rotor turning after a stop.
 const TURNING: u32 = 2;
 
@@ -42,11 +44,14 @@ pub(super) struct Supervision {
     braked: u32,
     before_speed: i32,
     slowest: i32,
-    /// What the check of the model has noted: voltage, currents now and before, speed, the voltage less that
-    /// at resistance and inductance, the back-EMF that there should be, and what may be wrong with all that.
+    /// What the check of the model has noted: voltage, currents now and before, reference and its change, speed, the
+    /// voltage less that at resistance and inductance, the back-EMF that there should be, and what may be wrong with all
+    /// that.
     voltage: Dq,
     current: Dq,
     before: Dq,
+    reference: i32,
+    asked: i32,
     follows: bool,
     speed: i32,
     emf: Dq,
@@ -87,6 +92,8 @@ impl Supervision {
         voltage: Dq { d: 0, q: 0 },
         current: Dq { d: 0, q: 0 },
         before: Dq { d: 0, q: 0 },
+        reference: 0,
+        asked: 0,
         follows: true,
         speed: 0,
         emf: Dq { d: 0, q: 0 },
@@ -132,9 +139,11 @@ impl Supervision {
         self.braking = self.braking.saturating_add(braking);
         self.braked += 1;
         self.slowest = if self.braked <= LAG { speed } else { self.slowest.min(speed) };
-        // An angle that is off once a turn, as at uneven magnets, makes the measured speed swing in proportion to itself.
-        // With a wrong commutation a rotor does not come to be fast without having been found out.
-        let swing = if self.slowest > FAST * motion.turning { self.slowest } else { self.slowest / 8 };
+        // An angle that uneven magnets mislead makes the measured speed swing in proportion to itself, by up to two thirds
+        // from its least to its largest. With a wrong commutation a rotor does not come to be fast, or to brake for long,
+        // without having been found out.
+        let lasts = self.braked > SOON || self.slowest > FAST * motion.turning;
+        let swing = if lasts { self.slowest } else { self.slowest / 3 };
         let faster = speed - self.slowest > motion.turning + swing;
         (faster && self.braking > motion.impulse).then_some(Fault::Commutation)
     }
@@ -176,6 +185,8 @@ impl Supervision {
     pub fn note(&mut self, state: &State, speed: i32) {
         (self.voltage, self.current, self.speed) = (state.voltage, state.current, speed);
         let (reference, error) = (state.current_reference, state.current_reference - state.current.q);
+        self.asked = (reference - self.reference).abs();
+        self.reference = reference;
         self.follows = error.abs() <= reference.abs() / 2 + 2 * QUIET;
     }
 
@@ -195,7 +206,9 @@ impl Supervision {
     pub fn note_motor(&mut self, model: &Model) {
         let (d, q) = (self.current.d.abs(), self.current.q.abs());
         self.expected = high(self.speed, model.flux);
-        self.dropped = times((d.max(q) + d.min(q) / 2).min(32_767), model.resistance);
+        // A voltage for a current that was just asked for is ahead of it where the inductance is large.
+        let current = d.max(q) + d.min(q) / 2 + self.asked / 2;
+        self.dropped = times(current.min(32_767), model.resistance);
     }
 
     /// Third part: what may be wrong. The back-EMF may be as much off as it is large, and the resistance three times as

@@ -101,6 +101,14 @@ impl Bench {
         self.reply()
     }
 
+    /// Arms, and waits until what was commanded is followed.
+    fn arm(&mut self) {
+        self.command(Command::Arm).unwrap();
+        while self.drive.limits().contains(Limits::CHECKING) {
+            self.step();
+        }
+    }
+
     fn mode(&self) -> Mode {
         self.drive.mode()
     }

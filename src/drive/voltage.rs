@@ -1,4 +1,8 @@
 //! The voltage path: a commanded modulation, turned with the rotor, without any current control.
+//!
+//! Where there is current sensing, whose limits hold for what flows then, a modulation of zero shorts the windings: the
+//! low sides are on throughout. Half of the period each would short them as well, but for the dead time, whose voltage
+//! is as large as the back-EMF of a slow rotor.
 
 use crate::angle::ElectricalAngle;
 use crate::board::{Legs, Output};
@@ -48,7 +52,13 @@ impl Voltage {
 
     fn set_amplitude(&mut self, amplitude: Amplitude, config: &Config) {
         self.amplitude = amplitude;
-        self.axes = Axes::new(amplitude, config.order(), config.limits.half());
+        let middle = if self.shorts(config) { 0 } else { config.limits.half() };
+        self.axes = Axes::new(amplitude, config.order(), middle);
+    }
+
+    /// Whether the windings are shorted.
+    const fn shorts(&self, config: &Config) -> bool {
+        self.amplitude.to_bits() == 0 && config.control.is_some()
     }
 
     /// Compare values for a rotor at an angle, by sinusoidal commutation.
@@ -61,9 +71,38 @@ impl Voltage {
     pub fn output(&mut self, rotor: ElectricalAngle, config: &Config) -> Output {
         match config.commutation {
             Commutation::Sinusoidal | Commutation::FieldOriented => self.sinusoidal(rotor),
+            Commutation::Block if self.shorts(config) => self.sinusoidal(rotor),
             Commutation::Block => {
                 self.sextant = self.sextant.follow(rotor + self.lead);
                 self.sextant.output(config.order(), self.amplitude, config.limits.half())
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::settings::{Control, Settings};
+
+    #[test]
+    fn no_voltage_shorts_the_windings_through_the_low_sides_where_currents_are_watched() {
+        for control in [None, Some(Control::default())] {
+            for commutation in [Commutation::Block, Commutation::Sinusoidal, Commutation::FieldOriented] {
+                let settings = Settings { control, commutation, ..Settings::default() };
+                // There is no field orientation without currents.
+                let Ok(config) = settings.validate() else { continue };
+                let half = config.limits.half();
+                let mut voltage = Voltage::new(&config);
+                for angle in (0..16).map(|k| ElectricalAngle::from_bits(k << 28)) {
+                    for modulation in [Modulation::ZERO, Modulation::from_bits(1 << 13)] {
+                        voltage.command(modulation, &config);
+                        let Output { compare, legs } = voltage.output(angle, &config);
+                        let shorted = legs == Legs::ALL && compare == [0; 3];
+                        assert_eq!(shorted, control.is_some() && modulation == Modulation::ZERO, "{commutation:?}");
+                        assert!(shorted || compare.iter().any(|count| *count >= half), "{commutation:?} {compare:?}");
+                    }
+                }
             }
         }
     }

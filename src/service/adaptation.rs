@@ -2,6 +2,7 @@
 
 use super::{InstallError, Service};
 use crate::control::config::Config as Control;
+use crate::fault::Limits;
 use crate::hall::Channel;
 use crate::hall::adapt::{self, Adapter, Observation, Status};
 use crate::hall::estimate::{self, BadModel};
@@ -87,6 +88,10 @@ impl Adaptation {
             self.due = Due::Nothing;
         }
         if !matches!(record.status.mode(), Mode::Ready | Mode::Running) {
+            return Status::Tracking;
+        }
+        if record.status.limits().contains(Limits::CHECKING) {
+            // The torque of the check is not measured: the rotor's motion would be taken for unevenness.
             return Status::Tracking;
         }
         // A record out of turn, as after a command, counts for the time that it is early or late by.

@@ -51,13 +51,15 @@ const GOOD_SWING: f32 = 4.5;
 /// Share of the largest current that the noise of the speed may make.
 const NOISE: f32 = 0.03;
 
+/// Share by which an inertia may be off that is better than the one by [`Swings`](super::swings::Swings).
+const ROUGHLY: f32 = 0.4;
+
 /// A motor on its way.
 #[derive(Clone, Debug)]
 pub struct Commission {
     settings: Settings,
     action: Action,
     electrical: Option<Electrical>,
-    rough: Option<Rough>,
     /// How often the calibration has been tried, and the best so far: its number in [`SWEEPS`], and how bad it was.
     tries: usize,
     best: Option<(usize, f32)>,
@@ -80,7 +82,7 @@ impl Commission {
             control.guard.over_current_a = (1.5 * limit_a).min(0.98 * control.current_full_scale_a);
         }
         settings.check()?;
-        Ok(Self { settings, action: Action::Measure, electrical: None, rough: None, tries: 0, best: None, noise: 0.01 })
+        Ok(Self { settings, action: Action::Measure, electrical: None, tries: 0, best: None, noise: 0.01 })
     }
 
     /// What is to be done.
@@ -161,7 +163,6 @@ impl Commission {
     /// The settings have no room for the motor.
     pub fn swung(&mut self, found: &Rough) -> Result<(), Error<'static>> {
         let control = self.settings.control.as_mut().ok_or(Error::NoControl)?;
-        self.rough = Some(*found);
         control.flux_linkage_wb = found.flux_linkage_wb;
         control.inertia_kgm2 = found.inertia_kgm2;
         self.action = Action::Identify;
@@ -175,16 +176,13 @@ impl Commission {
     pub fn identified(&mut self, found: &Report) -> Result<(), Error<'static>> {
         let control = self.settings.control.as_mut().ok_or(Error::NoControl)?;
         found.apply(control);
-        // At standstill and while swinging, what the dead time leaves cancels; of a motor of low inductance the
-        // identification takes it for back-EMF.
+        let inertia = found.inertia_kgm2;
+        if inertia.error < ROUGHLY * inertia.value {
+            control.inertia_kgm2 = inertia.value;
+        }
+        // At standstill what the dead time leaves cancels.
         if let Some(electrical) = &self.electrical {
             set_electrical(control, electrical);
-        }
-        if let Some(Rough { flux_linkage_wb, .. }) = self.rough {
-            if !found.inertia_kgm2.is_doubtful() {
-                control.inertia_kgm2 *= flux_linkage_wb / found.flux_linkage_wb.value;
-            }
-            control.flux_linkage_wb = flux_linkage_wb;
         }
         self.action = Action::Done;
         self.set_motion()

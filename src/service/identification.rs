@@ -1,6 +1,7 @@
-//! The drive measures its motor, as a procedure: swings at several currents, then steady speeds both ways.
+//! The drive measures its motor, as a procedure: swings at several currents, then steady speeds both ways, from each of
+//! which the rotor coasts for a while.
 //!
-//! Takes some ten seconds, in which the shaft must be free to turn in both directions. See
+//! Takes some twenty seconds, in which the shaft must be free to turn in both directions. See
 //! [`identify`](crate::service::identify) for what becomes of the measurements.
 
 use super::procedure::{Error, Procedure, State};
@@ -9,7 +10,7 @@ use super::{Event, Service};
 use crate::commutation::Commutation;
 use crate::config::Config;
 use crate::control::{Current, Speed};
-use crate::service::identify::{Identifier, Report};
+use crate::service::identify::{Identifier, Report, Stage};
 use crate::telemetry::Measurement;
 
 /// Plan of the measurement.
@@ -46,16 +47,21 @@ impl Plan {
     }
 }
 
-/// Swings: shares of the current, each forward and backward to this share of the speed.
-const SWINGS: [f32; 3] = [1.0, 0.5, 0.25];
+/// Swings: shares of the current, each forward and backward to this share of the speed. A rotor that is light for its
+/// current is there within some windows of the [`Identifier`], so it swings again.
+const SWINGS: [f32; 6] = [1.0, 0.5, 1.0, 0.5, 1.0, 0.5];
 const SWING_TO: f32 = 0.7;
 /// Longest swing, ms; it need not reach that speed.
 const SWING_MS: u32 = 1000;
+/// Time from a new current on until it is constant, ms.
+const CHANGING_MS: u32 = 10;
 /// Shares of the speed to keep, each forward and backward.
 const SPEEDS: [f32; 4] = [1.0, 0.6, 0.3, 0.15];
 /// Time after the speed is reached, to settle and to measure; ms.
 const SETTLING_MS: u32 = 200;
 const MEASURING_MS: u32 = 1000;
+/// Time to coast then.
+const COASTING_MS: u32 = 200;
 /// Time between two marks there, ms.
 const MARK_MS: u32 = 100;
 /// Largest error at which a speed counts as reached, in shares of the fastest.
@@ -99,6 +105,8 @@ pub struct Identification {
     far_ms: u32,
     reached_ms: Option<u32>,
     marked_ms: u32,
+    /// When coasting began.
+    coasting_ms: Option<u32>,
 }
 
 impl Identification {
@@ -125,6 +133,7 @@ impl Identification {
             far_ms: 0,
             reached_ms: None,
             marked_ms: 0,
+            coasting_ms: None,
         })
     }
 
@@ -148,6 +157,9 @@ impl Identification {
 
     fn swing(&mut self, share: f32, elapsed_ms: u32) {
         self.sequence.follow(Demand::Current(Current((share * self.largest.0 as f32) as i32)));
+        if elapsed_ms >= CHANGING_MS {
+            self.identifier.enter(Stage::Swings);
+        }
         let reached = self.sequence.speed() as f32 * share.signum() >= SWING_TO * self.fastest.0 as f32;
         if reached || elapsed_ms > SWING_MS {
             self.next();
@@ -155,6 +167,17 @@ impl Identification {
     }
 
     fn keep(&mut self, share: f32, now_ms: u32) {
+        if let Some(coasting_ms) = self.coasting_ms {
+            self.sequence.follow(Demand::Current(Current(0)));
+            let coasted_ms = now_ms.wrapping_sub(coasting_ms);
+            if coasted_ms >= CHANGING_MS {
+                self.identifier.enter(Stage::Coasts);
+            }
+            if coasted_ms >= COASTING_MS {
+                self.next();
+            }
+            return;
+        }
         let reference = share * self.fastest.0 as f32;
         self.sequence.follow(Demand::Speed(Speed(reference as i32)));
         let error = (self.sequence.speed() as f32 - reference).abs() / self.fastest.0 as f32;
@@ -172,7 +195,7 @@ impl Identification {
                     self.identifier.mark();
                 }
                 if kept_ms >= SETTLING_MS + MEASURING_MS {
-                    self.next();
+                    self.coasting_ms = Some(now_ms);
                 }
             }
         }
@@ -181,7 +204,8 @@ impl Identification {
     fn next(&mut self) {
         self.number += 1;
         self.began_ms = self.began_ms.map(|_| self.sequence.now_ms());
-        self.reached_ms = None;
+        (self.reached_ms, self.coasting_ms) = (None, None);
+        self.identifier.enter(Stage::Steered);
         self.far = f32::INFINITY;
     }
 

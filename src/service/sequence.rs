@@ -6,6 +6,7 @@ use crate::commutation::Commutation;
 use crate::config::Config;
 use crate::control::{Current, Speed};
 use crate::drive::{Command, Refusal};
+use crate::fault::Limits;
 use crate::mode::Mode;
 use crate::telemetry::Record;
 
@@ -19,7 +20,7 @@ const REST_MS: u32 = 100;
 enum Phase {
     Preparing,
     Arming,
-    /// The drive has agreed to arm.
+    /// The drive has agreed to arm, and checks what it is connected to.
     Armed,
     Running,
     Braking,
@@ -139,7 +140,7 @@ impl Sequence {
             (Phase::Restoring, _) => self.enter(Phase::Over),
             (_, Ok(())) => {}
             // The drive has left the state running; its next record says why.
-            (Phase::Running | Phase::Braking, Err(Refusal::Mode(_))) => {}
+            (Phase::Armed | Phase::Running | Phase::Braking, Err(Refusal::Mode(_))) => {}
             (_, Err(refusal)) => self.fail(Error::Refused(refusal)),
         }
     }
@@ -161,7 +162,8 @@ impl Sequence {
                 self.failure.get_or_insert(Error::Disarmed);
                 self.enter(Phase::Restoring);
             }
-            (Phase::Armed, Some(Mode::Running)) => self.enter(Phase::Running),
+            // The check takes its time, which is not that of the procedure.
+            (Phase::Armed, Some(Mode::Running)) if !self.checks() => self.enter(Phase::Running),
             _ => {}
         }
     }
@@ -170,7 +172,8 @@ impl Sequence {
     fn check_time(&mut self) {
         let elapsed = self.elapsed_ms();
         match self.phase {
-            Phase::Preparing | Phase::Arming | Phase::Armed if elapsed > self.answer_ms => self.fail(Error::NoAnswer),
+            Phase::Preparing | Phase::Arming if elapsed > self.answer_ms => self.fail(Error::NoAnswer),
+            Phase::Armed if elapsed > self.answer_ms && !self.checks() => self.fail(Error::NoAnswer),
             Phase::Disarming | Phase::Restoring if elapsed > self.answer_ms => {
                 self.failure.get_or_insert(Error::NoAnswer);
                 self.enter(Phase::Over);
@@ -190,10 +193,16 @@ impl Sequence {
                 Demand::Speed(speed) => Command::Speed(speed),
                 Demand::Current(current) => Command::Current(current),
             },
+            Phase::Armed if self.checks() => Command::Speed(Speed(0)),
             Phase::Disarming => Command::Disarm,
             Phase::Restoring => Command::Commutate(self.commutation),
             Phase::Armed | Phase::Over => return None,
         })
+    }
+
+    /// Whether the drive checks what it is connected to.
+    fn checks(&self) -> bool {
+        self.record.is_some_and(|record| record.status.limits().contains(Limits::CHECKING))
     }
 
     fn enter(&mut self, phase: Phase) {

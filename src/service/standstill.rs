@@ -7,7 +7,7 @@
 //!
 //! Ends with the bridge off. In the tasks; f32.
 
-use super::identify::Estimate;
+use super::identify::{AMPERES, Estimate, VOLTS};
 use super::procedure::{Error, Procedure, State};
 use super::{Event, Service};
 use crate::config::Config;
@@ -262,9 +262,10 @@ impl Evaluation {
         }
         let estimate = |value: f32, error: f32| Estimate { value, error };
         let uneven_ohm = range(self.resistance) / 3.0;
+        let gains = VOLTS + AMPERES;
         self.result = Some(Ok(Electrical {
-            resistance_ohm: estimate(resistance, self.uncertain + uneven_ohm + 0.02 * resistance),
-            inductance_h: estimate(inductance, range(self.inductance) / 3.0 + 0.03 * inductance),
+            resistance_ohm: estimate(resistance, self.uncertain + uneven_ohm + (0.005 + gains) * resistance),
+            inductance_h: estimate(inductance, range(self.inductance) / 3.0 + (0.01 + gains) * inductance),
             phases_ohm: self.resistance,
             dead_time_v: self.dead_time_v,
             current_a: self.of_full.current_a,

@@ -10,7 +10,7 @@ use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
-use hallservo_registers::axis::{self, Axis, Command, Identity, Refused, State};
+use hallservo_registers::axis::{self, Axis, BusHealth, Command, Identity, Refused, State};
 
 /// The tasks, as a client sees them.
 pub(super) struct Drive<'a, F, E> {
@@ -20,6 +20,7 @@ pub(super) struct Drive<'a, F, E> {
     /// On the bus.
     #[cfg_attr(not(feature = "diagnostic"), expect(dead_code))]
     pub id: u8,
+    pub bus: BusHealth,
     /// The change of the settings that is on its way.
     #[cfg_attr(not(feature = "diagnostic"), expect(dead_code))]
     pub pending: &'a mut Pending,
@@ -61,6 +62,7 @@ impl<F: NorFlash, E: Encoder> Axis for Drive<'_, F, E> {
             control,
             torques,
             milliseconds: tasks.now_ms as u32,
+            bus: self.bus,
         }
     }
 

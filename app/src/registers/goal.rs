@@ -20,6 +20,8 @@ pub(super) enum Goal {
     ZeroVelocity(Position),
     /// Free between two positions.
     StayWithin([f32; 2], Position),
+    /// The windings shorted.
+    Brake,
 }
 
 /// What the drive is told.
@@ -28,6 +30,8 @@ pub(super) enum Order {
     Current(Current),
     /// A spring and a damper.
     Impedance(Request),
+    /// No voltage between the windings.
+    Short,
 }
 
 impl Goal {
@@ -39,7 +43,8 @@ impl Goal {
             axis::Command::Position(position) => Ok(Self::Position(position)),
             axis::Command::ZeroVelocity(with) => Ok(Self::ZeroVelocity(with)),
             axis::Command::StayWithin { lower, upper, with } => Ok(Self::StayWithin([lower, upper], with)),
-            _ => Err(Refused),
+            axis::Command::Brake => Ok(Self::Brake),
+            axis::Command::Current { .. } | axis::Command::Stop => Err(Refused),
         }
     }
 
@@ -50,6 +55,7 @@ impl Goal {
             Self::Position(_) => axis::Mode::Position,
             Self::ZeroVelocity(_) => axis::Mode::ZeroVelocity,
             Self::StayWithin(..) => axis::Mode::StayWithin,
+            Self::Brake => axis::Mode::Brake,
         }
     }
 
@@ -61,6 +67,7 @@ impl Goal {
             (Self::StayWithin(bounds, a), Self::StayWithin(others, b)) => {
                 bounds.map(f32::to_bits) == others.map(f32::to_bits) && a.is_same(b)
             }
+            (Self::Brake, Self::Brake) => true,
             _ => false,
         }
     }
@@ -68,7 +75,7 @@ impl Goal {
     /// The spring and the damper that it is.
     pub const fn spring(&self) -> Option<&Position> {
         match self {
-            Self::Current(_) => None,
+            Self::Current(_) | Self::Brake => None,
             Self::Position(with) | Self::ZeroVelocity(with) | Self::StayWithin(_, with) => Some(with),
         }
     }
@@ -96,6 +103,9 @@ impl Goal {
             let control = config.control.as_ref().ok_or(Refused)?;
             return control.current(*amperes).map(Order::Current).map_err(|_| Refused);
         }
+        if let Self::Brake = self {
+            return if tasks.may_short() { Ok(Order::Short) } else { Err(Refused) };
+        }
         let fastest = tasks.settings.control.as_ref().ok_or(Refused)?.max_speed_rad_s;
         let request = self.request(zero, fastest)?;
         // What cannot be is refused at once.
@@ -103,6 +113,7 @@ impl Goal {
         Ok(Order::Impedance(request))
     }
 
+    #[inline(never)]
     fn request(&self, zero: i64, fastest_rad_s: f32) -> Result<Request, Refused> {
         let with = self.spring().ok_or(Refused)?;
         let place = |revolutions: f32| match some(revolutions) {
@@ -112,7 +123,7 @@ impl Goal {
             }
         };
         let motion = match self {
-            Self::Current(_) => return Err(Refused),
+            Self::Current(_) | Self::Brake => return Err(Refused),
             Self::ZeroVelocity(_) => Motion::HERE,
             Self::StayWithin([lower, upper], _) => {
                 Motion::Within { least_turns: place(*lower)?, most_turns: place(*upper)? }
@@ -162,6 +173,7 @@ fn clamped(limit: f32, most: f32) -> f32 {
 }
 
 /// Turns in 2⁻³².
+#[inline(never)]
 pub(super) fn fixed(turns: f32) -> Option<i64> {
     // Within what every drive can count.
     (turns.abs() < 16_777_216.0).then_some((turns * 4_294_967_296.0) as i64)

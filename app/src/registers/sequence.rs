@@ -6,6 +6,7 @@ use super::goal::{Goal, Order};
 use crate::encoder::Encoder;
 use crate::tasks::Tasks;
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::commutation::Modulation;
 use hallservo::drive::{self, Command};
 use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
@@ -152,7 +153,8 @@ impl Sequence {
 
     /// Once a millisecond.
     pub fn tick<F: NorFlash, E: Encoder>(&mut self, tasks: &mut Tasks<F, E>) {
-        self.unsettled = self.unsettled.saturating_sub(1);
+        let checks = tasks.limits().contains(Limits::CHECKING);
+        self.unsettled = if checks { UNSETTLED } else { self.unsettled.saturating_sub(1) };
         self.watch(tasks);
         if let Some((told, ticks)) = self.told {
             match tasks.take_reply() {
@@ -171,13 +173,20 @@ impl Sequence {
     }
 
     /// What ends a motion without the client.
-    fn watch<F: NorFlash, E: Encoder>(&mut self, tasks: &Tasks<F, E>) {
+    fn watch<F: NorFlash, E: Encoder>(&mut self, tasks: &mut Tasks<F, E>) {
         if tasks.controller.is_other(CLIENT) {
             (self.wish, self.doing) = (None, None);
         }
         if self.doing.is_some() {
             let timed_out = tasks.limits().contains(Limits::TIMEOUT);
             self.timed_out |= timed_out || tasks.mode() == Mode::Faulted(Fault::CommandTimeout);
+        }
+        if matches!(self.doing, Some(Goal::Brake)) && tasks.mode() == Mode::Running && !tasks.may_short() {
+            // Something drives the rotor faster than the windings may be shorted.
+            if self.told.is_some() {
+                tasks.abandon_reply();
+            }
+            self.switch_off(super::axis::fault_code(Fault::OverCurrent), tasks);
         }
         if matches!(tasks.mode(), Mode::Faulted(_)) {
             (self.wish, self.doing) = (None, None);
@@ -219,6 +228,7 @@ impl Sequence {
     ) -> Result<(), Refused> {
         match goal.order(tasks, self.zero)? {
             Order::Current(current) => _ = self.tell(told, Command::Current(current), tasks),
+            Order::Short => _ = self.tell(told, Command::Drive(Modulation::ZERO), tasks),
             Order::Impedance(request) => match tasks.impedance(&request) {
                 Ok(()) => self.told = Some((told, 0)),
                 // The drive is still busy: at the next tick.
@@ -232,6 +242,14 @@ impl Sequence {
     fn give_up(&mut self, code: u8) {
         self.told = None;
         (self.wish, self.doing, self.refused) = (None, None, Some(code));
+    }
+
+    /// The same with the bridge off.
+    fn switch_off<F: NorFlash, E: Encoder>(&mut self, code: u8, tasks: &mut Tasks<F, E>) {
+        self.give_up(code);
+        if tasks.mode().drives() && tasks.disarm().is_ok() {
+            tasks.abandon_reply();
+        }
     }
 
     /// False where the drive is still busy with another command: it is to be told at the next tick.
@@ -263,10 +281,7 @@ impl Sequence {
             (_, Err(refusal)) => {
                 self.next = None;
                 if told == Told::Arm || self.doing.is_none() {
-                    self.give_up(code_of(&refusal));
-                    if tasks.mode().drives() && tasks.disarm().is_ok() {
-                        tasks.abandon_reply();
-                    }
+                    self.switch_off(code_of(&refusal), tasks);
                 } else {
                     // It goes on with what it does.
                     self.wish = None;

@@ -13,7 +13,7 @@ fn dealt(bytes: u32) -> Dealt {
     counts[LINE] = bytes;
     Dealt {
         counts,
-        #[cfg(feature = "diagnostic")]
+        #[cfg(feature = "registers")]
         address: Address { id: 3, prefix: 0 },
     }
 }
@@ -73,7 +73,7 @@ fn what_is_lost_on_the_way_to_the_tasks_does_not_count() {
     assert!(!stop.holds());
 }
 
-#[cfg(feature = "diagnostic")]
+#[cfg(feature = "registers")]
 mod with_lines_of_text {
     use super::*;
 

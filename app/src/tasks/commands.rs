@@ -115,6 +115,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     }
 
     /// No request waits for the answer to the last command any more.
+    #[inline(never)]
     pub const fn abandon_reply(&mut self) {
         self.unclaimed_replies = self.unclaimed_replies.saturating_add(1);
     }

@@ -118,6 +118,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     }
 
     /// The procedure that runs, or what else keeps the drive busy.
+    #[inline(never)]
     pub fn activity(&self) -> Activity {
         match (&*self.procedure, &self.rest) {
             (Some(procedure), _) => procedure.activity(),

@@ -44,6 +44,16 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         Flow { current_a, torque_nm: adaptation::torque_nm(measurement, control), power_w }
     }
 
+    /// Whether the windings may be shorted at this speed: the back-EMF drives no more than the largest current through
+    /// their resistance alone. Then L·d|i|/dt ≤ e − R·|i| says that none grows beyond it, whatever the inductance is and
+    /// whatever has flowed before.
+    pub fn may_short(&self) -> bool {
+        self.settings.control.as_ref().is_some_and(|control| {
+            let speed_rad_s = f32::from(self.settings.pole_pairs) * self.speed_rad_s();
+            control.flux_linkage_wb * speed_rad_s.abs() <= control.resistance_ohm * control.max_current_a
+        })
+    }
+
     /// The drive has cleared a fault: it gets what it refused meanwhile, before it is armed.
     pub fn on_cleared(&mut self) {
         self.install();

@@ -62,6 +62,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         control.map_or([f32::NAN; 2], |control| measurement.current_a(control))
     }
 
+    #[inline(never)]
     pub(super) fn speed_rad_s(&self) -> f32 {
         self.record.electrical_hz(self.step_hz()) * TAU / f32::from(self.settings.pole_pairs)
     }

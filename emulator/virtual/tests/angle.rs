@@ -190,7 +190,7 @@ fn spin(bench: &mut impl Bench) -> Errors {
 /// Until it is checked.
 fn arm(bench: &mut impl Bench) {
     bench.ask("arm");
-    bench.run(0.6);
+    bench.run(1.0);
 }
 
 /// The error at a constant speed.

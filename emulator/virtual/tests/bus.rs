@@ -86,6 +86,7 @@ fn each_answers_to_its_own_identifier_and_all_to_broadcasts() {
     for id in 1..=3 {
         assert_eq!(exchange(&mut bus, request(id, &QUERY)), [(id << 8, vec![0x21, 0x00, 0x00, 0x21, 0x0f, 0x00])]);
     }
+    assert_eq!(health(&mut bus), [0; 5]);
     assert_eq!(exchange(&mut bus, request(4, &QUERY)), [], "there is none");
     assert_eq!(exchange(&mut bus, Frame::switched(0x0001, false, &QUERY)), [], "no reply is asked for");
     assert_eq!(exchange(&mut bus, request(0x1_0001, &QUERY)), [], "another prefix");
@@ -255,6 +256,21 @@ fn a_board_among_others_of_another_rate_goes_off_and_comes_back() {
     assert!(happened(&bus.boards[0], "on the bus again"));
     assert_eq!(exchange(&mut bus, request(1, &QUERY)).len(), 1);
     unharmed(&bus.boards[0]);
+    // Coming back has cleared the error counters.
+    let [transmit, _, passive, off, lost] = health(&mut bus);
+    let times =
+        bus.boards[0].machine.system.facts().events.iter().filter(|(_, event)| event.contains("bus-off")).count();
+    assert_eq!((transmit, passive, off), (0, 0, times as i16));
+    assert!(lost > 0, "forty requests in two milliseconds are more than wait");
+}
+
+/// What a client reads of the bus: the error counters of sending and receiving, whether passive, how often off, frames lost.
+fn health(bus: &mut Bus) -> [i16; 5] {
+    // Five of int16 from 0x700 on.
+    let replies = exchange(bus, request(1, &[0x14, 0x05, 0x80, 0x0e]));
+    let [(0x100, bytes)] = &replies[..] else { panic!("{replies:?}") };
+    assert_eq!(bytes[..4], [0x24, 0x05, 0x80, 0x0e], "{bytes:x?}");
+    core::array::from_fn(|index| i16::from_le_bytes([bytes[4 + 2 * index], bytes[5 + 2 * index]]))
 }
 
 fn happened(board: &Session, what: &str) -> bool {

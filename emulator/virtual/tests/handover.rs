@@ -41,7 +41,7 @@ fn takes_over(session: &mut Session, speed: u32, id: u32) {
     assert!(motor(session, "speed / rad/s").abs() < 1.0);
     assert!(ask(session, "arm").contains("Done"));
     ask(session, "speed 40");
-    run(session, 0.5);
+    run(session, 1.5);
     let found = motor(session, "speed / rad/s");
     assert!((found - 40.0).abs() < 4.0, "{found}");
     ask(session, "disarm");

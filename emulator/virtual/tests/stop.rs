@@ -7,8 +7,8 @@ use chip::Edge;
 use chip::can::frame::Frame;
 use chip::can::station::Station;
 use chip::can::timing::Timing;
-use common::{ESC_ON_BUS, NUCLEO, ask, calibrated, frame, perform, turning};
-use hallservo_protocol::Ask;
+use common::{ESC_ON_BUS, NUCLEO, ask, calibrated, frame, perform, run, turning};
+use hallservo_protocol::{Ask, MagnetsAsk};
 use virtual_board::bus::Bus;
 use virtual_board::session::Session;
 
@@ -110,10 +110,16 @@ fn as_a_line_it_acts_whatever_the_tasks_do() {
     acts_whatever_the_tasks_do(NUCLEO, Way::Line, &[&STOPPED, D_STOP]);
 }
 
+/// Which has no diagnostic channel: `d stop` is nobody's there.
+#[test]
+fn as_a_line_it_acts_whatever_the_tasks_of_the_smallest_board_do() {
+    acts_whatever_the_tasks_do(ESC_ON_BUS, Way::Line, &[&STOPPED, &[1, 0, 0, 0x11, 0, 0x1f, 1]]);
+}
+
 /// While the field turns for a calibration, and the records keep the tasks busy.
 #[test]
 fn it_breaks_a_calibration_off() {
-    for (board, way) in [(NUCLEO, Way::Line), (ESC_ON_BUS, Way::Bus)] {
+    for (board, way) in [(NUCLEO, Way::Line), (ESC_ON_BUS, Way::Bus), (ESC_ON_BUS, Way::Line)] {
         for after_s in [0.05, 1.9] {
             let mut session = calibrated(board);
             ask(&mut session, "calibrate");
@@ -126,10 +132,84 @@ fn it_breaks_a_calibration_off() {
     }
 }
 
+/// While the motor turns by itself to learn something, and the tasks sum up.
+#[test]
+fn it_breaks_learning_off() {
+    const LEARNING: [(&str, Ask<'static>); 2] =
+        [("Cogging", Ask::LearnCogging), ("Magnets", Ask::Magnets(MagnetsAsk::Learn))];
+    for (activity, learn) in LEARNING {
+        let mut session = calibrated(NUCLEO);
+        session.receive(frame(9, learn)).expect("a serial port");
+        // Where nothing is learnt yet, and where something is.
+        for further_s in [0.8, 2.5] {
+            run(&mut session, further_s);
+            for (way, stop) in [(Way::Line, &STOPPED[..]), (Way::Line, D_STOP), (Way::Bus, &STOPPED)] {
+                let what = format!("{activity}, {way:?}, after another {further_s} s");
+                let mut bus = wired(session.fork());
+                assert!(ask(&mut bus.boards[0], "status").contains(&format!("activity: {activity}")), "{what}");
+                off_after(&what, &mut bus, way, stop);
+                stays_off(&what, &mut bus);
+                let status = ask(&mut bus.boards[0], "status");
+                assert!(
+                    status.contains("activity: None") && status.contains("anti_cogging: false"),
+                    "{what}: {status}"
+                );
+                arms_again(&what, &mut bus);
+            }
+        }
+    }
+}
+
+/// The sensors are learnt while the motor turns: a new model every second, whose making stalls the tasks.
+#[test]
+fn it_does_not_wait_for_the_adaptation() {
+    for board in [NUCLEO, ESC_ON_BUS] {
+        let mut session = turning(board);
+        let learnt =
+            |status: &str| status.split("learnt: ").nth(1).and_then(|rest| rest.split(',').next().map(String::from));
+        let before = learnt(&ask(&mut session, "status"));
+        let mut longest_s = 0.0_f64;
+        for instant in 0..24 {
+            let way = if instant % 2 == 0 { Way::Line } else { Way::Bus };
+            let what = format!("{board}, {way:?}, at instant {instant} of the adaptation");
+            let mut bus = wired(session.fork());
+            longest_s = longest_s.max(off_after(&what, &mut bus, way, &STOPPED));
+            if instant % 8 == 0 {
+                stays_off(&what, &mut bus);
+                arms_again(&what, &mut bus);
+            }
+            run(&mut session, 0.05);
+        }
+        let status = ask(&mut session, "status");
+        assert!(status.contains("learning: On") && learnt(&status) != before, "{board}: {status}");
+        println!("{board}: while it learns, off after {:.0} µs at most", longest_s * 1e6);
+    }
+}
+
+fn stays_off(what: &str, bus: &mut Bus) {
+    let before = edges(bus).len();
+    bus.run(1.0).expect("a run");
+    assert_eq!(edges(bus)[before..], [], "{what}");
+}
+
+fn arms_again(what: &str, bus: &mut Bus) {
+    for _ in 0..100 {
+        Way::Bus.send(bus, &HOLD);
+        bus.run(10e-3).expect("a run");
+        if edges(bus).last().is_some_and(|edge| edge.on) {
+            return;
+        }
+    }
+    let told = ["status", "history 0"].map(|request| ask(&mut bus.boards[0], request));
+    panic!("{what}: {told:#?}");
+}
+
 /// A save stalls the tasks; what was sent before the stop has its turn after it, and switches nothing on.
 #[test]
 fn nothing_from_before_it_arms() {
-    for (board, way) in [(NUCLEO, Way::Line), (NUCLEO, Way::Bus), (ESC_ON_BUS, Way::Bus)] {
+    const WAYS: [(&str, Way); 4] =
+        [(NUCLEO, Way::Line), (NUCLEO, Way::Bus), (ESC_ON_BUS, Way::Bus), (ESC_ON_BUS, Way::Line)];
+    for (board, way) in WAYS {
         let mut session = calibrated(board);
         ask(&mut session, "set max_speed_rad_s 123");
         ask(&mut session, "release");

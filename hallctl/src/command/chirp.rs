@@ -54,6 +54,8 @@ const BEFORE: u16 = 64;
 const PERIODS: f64 = 8.0;
 /// Longest wait for a record, s.
 const LONGEST_S: f64 = 3.0;
+/// A rotor that is slower is at rest, rad/s.
+const AT_REST_RAD_S: f32 = 5.0;
 /// From a step to the next, at least: the rotor comes to rest.
 const PAUSE: Duration = Duration::from_millis(20);
 
@@ -212,12 +214,7 @@ fn records(client: &mut Client, count: u32, plan: &Plan) -> Result<Vec<Recording
         if plan.which == Loop::Current || step == 0 {
             client.order(before.ask())?;
         }
-        // The loop comes to rest, in the drive's time.
-        let began_ms = client.status()?.uptime_ms;
-        let settles_ms = PAUSE.as_millis() as u64 + (1000.0 * PERIODS / plan.hz) as u64;
-        while client.status()?.uptime_ms < began_ms + settles_ms {
-            client.listen(PAUSE / 4)?;
-        }
+        settle(client, plan)?;
         if let Some(bias) = plan.bias(step) {
             client.order(bias.ask())?;
         }
@@ -228,9 +225,29 @@ fn records(client: &mut Client, count: u32, plan: &Plan) -> Result<Vec<Recording
             client.listen(PAUSE / 4)?;
         }
         client.order(plan.target(step).ask()).map_err(|error| motion::fallen(client, error))?;
-        records.push(scope::finish(client, id, LONGEST_S)?);
+        // The torque would go on while the rows are read.
+        let after = |client: &mut Client| match plan.which {
+            Loop::Current => client.order(Plan::REST.ask()),
+            Loop::Speed => Ok(()),
+        };
+        records.push(scope::finish_with(client, id, LONGEST_S, after)?);
     }
     Ok(records)
+}
+
+/// The loop comes to rest, in the drive's time, and the rotor where torques have turned it.
+fn settle(client: &mut Client, plan: &Plan) -> Result<()> {
+    let began_ms = client.status()?.uptime_ms;
+    let settles_ms = PAUSE.as_millis() as u64 + (1000.0 * PERIODS / plan.hz) as u64;
+    loop {
+        let status = client.status()?;
+        let passed_ms = status.uptime_ms.saturating_sub(began_ms);
+        let turns = plan.which == Loop::Current && status.speed_rad_s.abs() > AT_REST_RAD_S;
+        if passed_ms >= settles_ms && (!turns || passed_ms as f64 > 1000.0 * LONGEST_S) {
+            return Ok(());
+        }
+        client.listen(PAUSE / 4)?;
+    }
 }
 
 /// What follows the reference, and the open loop.

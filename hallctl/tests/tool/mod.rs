@@ -67,6 +67,14 @@ pub fn run(drive: &mut Simulator, milliseconds: u32) {
     (0..milliseconds).for_each(|_| drive.step());
 }
 
+/// Arms, and waits until wires, amplifiers and commutation have been checked.
+pub fn arm(drive: &mut Simulator) {
+    done(drive, Ask::Arm);
+    while drive.drive().limits().contains(hallservo::fault::Limits::CHECKING) {
+        run(drive, 5);
+    }
+}
+
 /// Waits for what goes on.
 pub fn wait(drive: &mut Simulator) {
     for _ in 0..2000 {

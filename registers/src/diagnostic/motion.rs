@@ -37,7 +37,8 @@ const fn is_held(command: &Command) -> bool {
     match command {
         Command::Position(with) | Command::ZeroVelocity(with) | Command::StayWithin { with, .. } => with.timeout == 0.0,
         Command::Current { timeout, .. } => *timeout == 0.0,
-        Command::Stop | Command::Brake => false,
+        Command::Brake => true,
+        Command::Stop => false,
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::piece::Piece;
 use super::value::{Type, Value};
-use crate::axis::{Identity, Mode, State};
+use crate::axis::{BusHealth, Identity, Mode, State};
 
 /// What `halls` tells: what the rotor's angle comes from.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
@@ -71,6 +71,14 @@ record!(State: |state| {
     "halls_velocity": f32 = state.halls[1],
     "encoder_position": f32 = state.encoder[0],
     "encoder_velocity": f32 = state.encoder[1],
+});
+
+record!(BusHealth: |bus| {
+    "transmit_errors": u8 = bus.transmit,
+    "receive_errors": u8 = bus.receive,
+    "passive": bool = bus.passive,
+    "off": u32 = bus.off,
+    "lost": u32 = bus.lost,
 });
 
 record!(Halls: |halls| {

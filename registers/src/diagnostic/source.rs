@@ -4,7 +4,7 @@ use super::host::{Change, Host, Kind, Setting};
 use super::piece::Piece;
 use super::record::{Build, Halls, Record};
 use super::value::{Type, Value};
-use crate::axis::{Identity, State};
+use crate::axis::{BusHealth, Identity, State};
 
 /// Most bytes of the data of a channel, with names of 40 bytes.
 pub(super) const DATA: usize = 128;
@@ -25,6 +25,7 @@ pub(super) enum Group {
 pub(super) enum Channel {
     ServoStats,
     Halls,
+    Can,
     Firmware,
     Git,
 }
@@ -130,12 +131,13 @@ impl Group {
 }
 
 impl Channel {
-    pub const ALL: [Self; 4] = [Self::ServoStats, Self::Halls, Self::Firmware, Self::Git];
+    pub const ALL: [Self; 5] = [Self::ServoStats, Self::Halls, Self::Can, Self::Firmware, Self::Git];
 
     pub const fn name(self) -> &'static str {
         match self {
             Self::ServoStats => "servo_stats",
             Self::Halls => "halls",
+            Self::Can => "can",
             Self::Firmware => "firmware",
             Self::Git => "git",
         }
@@ -149,6 +151,7 @@ impl Channel {
         match self {
             Self::ServoStats => State::FIELDS,
             Self::Halls => Halls::FIELDS,
+            Self::Can => BusHealth::FIELDS,
             Self::Firmware => <(Identity, Build)>::FIELDS,
             Self::Git => Build::FIELDS,
         }
@@ -160,6 +163,7 @@ impl Channel {
         match self {
             Self::ServoStats => host.state().write(piece),
             Self::Halls => host.halls().write(piece),
+            Self::Can => host.state().bus.write(piece),
             Self::Firmware => (host.identity(), host.build()).write(piece),
             Self::Git => host.build().write(piece),
         }

@@ -33,6 +33,7 @@ const ELSEWHERE: &[(&str, &str, &str)] = &[
     ("docs/faults.md", "", "hallctl/tests/docs.rs"),
     ("docs/glossary.md", "", "units and ranges"),
     ("docs/moteus-clients.md", "Modes", "registers/tests/hostile.rs"),
+    ("docs/moteus-clients.md", "ROS 2", "registers that others' sources name"),
     ("docs/moteus-clients.md", "Registers", "registers/tests/hostile.rs"),
     ("docs/moteus-tools.md", "Telemetry", "names"),
     ("docs/protocol.md", "", "hallctl/tests/docs.rs"),

@@ -9,7 +9,7 @@ use crate::settings::{Control, OnTimeout, Thermistor};
 const GAINS: f32 = 0.04;
 
 /// Thresholds of a temperature, and the derating of the current above its warning, in codes of 16 bits.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Heat {
     /// Code below which the thermistor is shorted: that of 250 °C.
@@ -25,7 +25,7 @@ pub(crate) struct Heat {
 }
 
 /// Thresholds in the units of the interrupt.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Guard {
     /// Least bus voltage and the range above it, in codes.

@@ -10,7 +10,7 @@ use core::f32::consts::TAU;
 
 /// Currents and voltages in 2⁻¹⁵ of their full scales, speeds in 2⁻³² electrical turns a step, positions in those of
 /// the outer loops, times in rounds of the supervision once the commutation is proven: a part in a [`LONG`] cycle.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Motion {
     /// Sum of the currents, one every [`LONG`] cycle, that makes a torque plain, and speed that says that the rotor turns.
@@ -32,7 +32,7 @@ pub(crate) struct Motion {
 }
 
 /// The motor as the check of voltages against currents has it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Model {
     /// Voltage per current, in 2⁻¹⁶.

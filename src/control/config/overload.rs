@@ -16,7 +16,7 @@ const FAULT: f32 = 1.15;
 const BRIDGE_FAULT: f32 = 1.6;
 
 /// A body that the current heats.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Heating {
     /// Current that it stands for ever, in 2⁻¹⁵ of the full scale.
@@ -32,7 +32,7 @@ pub(crate) struct Heating {
 }
 
 /// Winding, housing and bridge.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Overload {
     pub winding: Heating,

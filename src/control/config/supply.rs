@@ -8,7 +8,7 @@ use crate::settings::Control;
 const MARGIN: f32 = 1.2 / 0.75;
 
 /// Powers are squares of currents here, over 1.5 of the phase resistance, in 2⁻²⁶ of the full scale's.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Supply {
     /// Current that the back-EMF would drive through the resistance, in 2⁻¹³ of the full scale, per speed in 2⁻³².

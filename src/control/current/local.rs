@@ -7,6 +7,8 @@ use core::f32::consts::TAU;
 
 /// Bits of the fraction of a voltage within the local feedback.
 const FRACTION: u32 = 8;
+/// Bits by which a speed may be shifted: the fastest is a twentieth of a turn a step, and its noise may double it.
+const SPEED_BITS: i32 = 2;
 
 /// Gains of the local feedback.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -36,7 +38,7 @@ impl LocalGains {
             // Half of 1.5 steps.
             derivative: if derives { fixed(0.75 * proportional, 26)? } else { 0 },
             back: fixed((integral / proportional).min(0.49), 32)?,
-            flux: fixed(flux, 15 + FRACTION as i32)?,
+            flux: fixed(flux, 15 + FRACTION as i32 - SPEED_BITS)?,
         })
     }
 }
@@ -61,7 +63,7 @@ impl Local {
         let error = (reference - measured) << 14;
         let change = (measured - self.last) << 14;
         self.last = measured;
-        let forward = high(reference << 14, gains.feed_forward) + high(speed, gains.flux);
+        let forward = high(reference << 14, gains.feed_forward) + high(speed << SPEED_BITS, gains.flux);
         let asked =
             (high(error, gains.proportional) + self.integral + forward - high(change, gains.derivative)) >> FRACTION;
         let voltage = clamp(asked, most);

@@ -96,7 +96,8 @@ impl Spring {
     }
 
     /// A deviation of the position, of the outer loops' unit; beyond 2³¹ it counts as that.
-    #[inline(always)]
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
     pub const fn strain(deviation: i64) -> i32 {
         let deviation = deviation >> STRAIN_BITS;
         let narrow = deviation as i32;

@@ -168,6 +168,7 @@ impl Impedance {
 }
 
 /// A number within its range; not a number is never.
+#[inline(never)]
 fn range(field: Field, value: f32, least: f32, most: f32) -> Result<f32, Error> {
     // A limit may have been rounded on its way.
     let room = |limit: f32| 1e-4 * limit.abs().min(1e30);

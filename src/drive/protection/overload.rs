@@ -118,7 +118,8 @@ impl Overload {
 }
 
 /// The continuous current where the rise is its own, more below, less above.
-#[inline(always)]
+#[cfg_attr(not(feature = "small"), inline(always))]
+#[cfg_attr(feature = "small", inline(never))]
 const fn most(heating: &Heating, rise: i32, max_current: i32) -> i32 {
     let room = (((heating.square - rise) as i64 * heating.slope as i64) >> 20) as i32;
     let most = clamp(room, max_current) + heating.current;

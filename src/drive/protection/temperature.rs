@@ -17,7 +17,8 @@ impl Temperature {
     pub const NONE: Self = Self { most: 0 };
 
     /// Takes up the temperature of bridge (0) or motor (1).
-    #[inline(always)]
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
     pub fn derate(&mut self, config: &Config, sample: &Sample, place: usize) {
         let heat = &config.guard.heat[place];
         let above = (code(config, sample, place) - heat.fault).max(0);
@@ -28,7 +29,8 @@ impl Temperature {
 }
 
 /// The fault of the temperature of bridge (0) or motor (1), or of its thermistor.
-#[inline(always)]
+#[cfg_attr(not(feature = "small"), inline(always))]
+#[cfg_attr(feature = "small", inline(never))]
 pub fn fault(config: &Config, sample: &Sample, place: usize) -> Option<Fault> {
     let heat = &config.guard.heat[place];
     let code = code(config, sample, place);

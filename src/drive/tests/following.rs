@@ -56,7 +56,7 @@ fn nothing_is_armed_that_would_fail_at_once() {
         bench.drive.step(&sample);
         assert_eq!(bench.reply(), Err(Refusal::Fault(fault)));
         // The same while running.
-        bench.command(Command::Arm).unwrap();
+        bench.arm();
         bench.command(Command::Current(Current(100))).unwrap();
         let off = (1..=70 * CYCLE).find(|_| bench.drive.step(&sample).legs == Legs::NONE);
         assert!(off.is_some_and(|steps| steps == 1 || matches!(fault, Fault::BridgeHot | Fault::MotorHot)));
@@ -90,7 +90,7 @@ fn silence_stops_the_drive_if_so_chosen() {
         control.guard.command_timeout_s = 0.01;
         control.guard.on_timeout = OnTimeout::Stop;
     });
-    bench.command(Command::Arm).unwrap();
+    bench.arm();
     let speed = bench.config.control.unwrap().speed(100.0).unwrap();
     bench.command(Command::Speed(speed)).unwrap();
     for _ in 0..390 {

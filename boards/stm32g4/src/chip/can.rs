@@ -19,6 +19,7 @@ use embassy_stm32::pac::rcc::vals::Fdcansel;
 use embassy_stm32::pac::{FDCAN1, FDCANRAM1, Interrupt, RCC};
 use embassy_sync::waitqueue::AtomicWaker;
 use embassy_time::{Duration, Timer};
+use hallservo_app::bus::BusHealth;
 use hallservo_app::{FrameListener, bus};
 use hallservo_registers::frame::Bytes;
 use hallservo_registers::{Address, Reply, Request};
@@ -41,21 +42,6 @@ pub struct Wires {
     pub transceiver: &'static [(Gpio, usize, bool)],
 }
 
-/// The state of the bus, as this node sees it.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, defmt::Format)]
-struct Health {
-    /// Error counter of transmission; above 127 a node is passive, above 255 off the bus.
-    transmit: u8,
-    /// Error counter of reception, up to 127.
-    receive: u8,
-    /// Error flags are passive.
-    passive: bool,
-    /// How often it was off the bus.
-    off: u32,
-    /// Frames for which there was no room.
-    lost: u32,
-}
-
 static ARRIVED: AtomicWaker = AtomicWaker::new();
 static LOST: AtomicU32 = AtomicU32::new(0);
 static TAKES: Mutex<RefCell<Option<Takes>>> = Mutex::new(RefCell::new(None));
@@ -71,7 +57,7 @@ pub struct Bus {
     frames: Consumer<'static, Request, ROOM>,
     off: u32,
     /// As it was told last.
-    known: Health,
+    known: BusHealth,
 }
 
 impl Bus {
@@ -93,25 +79,13 @@ impl Bus {
         RCC.ccipr().modify(|ccipr| ccipr.set_fdcansel(Fdcansel::PCLK1));
         RCC.apb1enr1().modify(|enable| enable.set_fdcanen(true));
         configure();
-        let bus = Self { frames, off: 0, known: Health::default() };
+        let bus = Self { frames, off: 0, known: BusHealth::NONE };
         write_words(0, &[0; 2]);
         write_words(EXTENDED, &[0; 4]);
         FDCAN1.cccr().write_value(Cccr(RUN));
         // SAFETY: what it shares with the tasks is behind critical sections, whose ceiling is its priority.
         unsafe { NVIC::unmask(Interrupt::FDCAN1_IT0) };
         bus
-    }
-
-    /// How it is.
-    fn health(&self) -> Health {
-        let counters = FDCAN1.ecr().read();
-        Health {
-            transmit: counters.tec(),
-            receive: counters.rec(),
-            passive: FDCAN1.psr().read().ep(),
-            off: self.off,
-            lost: LOST.load(Relaxed),
-        }
     }
 }
 
@@ -161,8 +135,27 @@ impl bus::Bus for Bus {
         }
         let health = self.health();
         if (health.passive, health.off, health.lost) != (self.known.passive, self.known.off, self.known.lost) {
-            defmt::warn!("CAN: {}", health);
+            let BusHealth { transmit, receive, passive, off, lost } = health;
+            defmt::warn!(
+                "CAN: transmit {}, receive {}, passive {}, off {}, lost {}",
+                transmit,
+                receive,
+                passive,
+                off,
+                lost
+            );
             self.known = health;
+        }
+    }
+
+    fn health(&self) -> BusHealth {
+        let counters = FDCAN1.ecr().read();
+        BusHealth {
+            transmit: counters.tec(),
+            receive: counters.rec(),
+            passive: FDCAN1.psr().read().ep(),
+            off: self.off,
+            lost: LOST.load(Relaxed),
         }
     }
 }

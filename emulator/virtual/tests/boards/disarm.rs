@@ -1,6 +1,6 @@
 //! A request to disarm acts within 2 ms, whatever the tasks do, and nothing else does.
 
-use crate::support::{ask, calibrated, frame, motor, perform, run, turning};
+use crate::support::{CHECKED_S, ask, calibrated, frame, motor, perform, run, turning};
 use chip::Edge;
 use hallservo_protocol::Ask;
 use virtual_board::session::Session;
@@ -79,7 +79,7 @@ pub fn nothing_from_before_it_arms(board: &str) {
     for request in ["arm", "speed 40"] {
         assert!(ask(&mut session, request).contains("Done"), "{board}, {request}: {:#?}", session.lines);
     }
-    run(&mut session, 0.7);
+    run(&mut session, CHECKED_S + 0.5);
     let speed = motor(&session, "speed / rad/s");
     assert!((speed - 40.0).abs() < 4.0, "{board}: {speed}");
     assert!(ask(&mut session, "disarm").contains("Done"));

@@ -1,7 +1,7 @@
 //! The enable input, on the boards that have one: without it nothing is switched on, and what is on goes off at once.
 //! That it is a fault then, and latched, is among `faults`.
 
-use crate::support::{ask, board, calibrated, motor, perform, run, turning};
+use crate::support::{CHECKED_S, ask, board, calibrated, motor, perform, run, turning};
 
 /// A control period, and from its trigger to the bridge off.
 const OFF_S: f64 = 25e-6 + 15e-6;
@@ -44,7 +44,7 @@ pub fn refuses_without(name: &str) {
         let reply = ask(&mut session, request);
         assert!(reply.contains("Done"), "{name}, {request}: {reply}");
     }
-    run(&mut session, 0.7);
+    run(&mut session, CHECKED_S + 0.5);
     let speed = motor(&session, "speed / rad/s");
     assert!((speed - 40.0).abs() < 4.0, "{name}: {speed}");
 }

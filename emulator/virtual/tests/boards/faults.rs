@@ -1,7 +1,7 @@
 //! Everything that a script can break: after which time the bridge is off and by what, what the drive says of it,
 //! that it stays off, and that it runs again once it is mended and cleared.
 
-use crate::support::{ask, board, motor, perform, run, turning, until};
+use crate::support::{CHECKED_S, ask, board, motor, perform, run, turning, until};
 use bus::Bus;
 use virtual_board::session::Session;
 
@@ -111,7 +111,10 @@ fn recovers(session: &mut Session, board: &str, fault: &Fault) -> u8 {
         let reply = ask(session, request);
         assert!(reply.contains("Done"), "{board}, {what}, {request}: {reply}");
     }
-    run(session, 0.7);
+    let at_most_s = session.seconds() + CHECKED_S + 0.5;
+    while session.seconds() < at_most_s && (motor(session, "speed / rad/s") - SPEED_RAD_S).abs() > 4.0 {
+        run(session, 0.02);
+    }
     let speed = motor(session, "speed / rad/s");
     assert!(session.machine.system.bridge_is_on() && (speed - SPEED_RAD_S).abs() < 5.0, "{board}, {what}: {speed}");
     code

@@ -10,7 +10,7 @@ mod power;
 mod support;
 mod watchdog;
 
-use support::{ask, board, calibrated, motor, perform, run, says, session};
+use support::{arm, ask, board, calibrated, motor, perform, run, says, session};
 use virtual_board::outcome::Outcome;
 
 fn boots(board: &str) {
@@ -35,7 +35,7 @@ fn spins(board: &str) {
     let mut session = calibrated(board);
     for commutation in ["field-oriented", "sinusoidal", "block"] {
         ask(&mut session, &format!("commutate {commutation}"));
-        ask(&mut session, "arm");
+        arm(&mut session);
         for speed in [40.0, -40.0] {
             ask(&mut session, &format!("speed {speed}"));
             run(&mut session, 0.8);
@@ -59,7 +59,7 @@ fn turns_at_the_lowest_voltage(name: &str) {
     let volts = board(name).promises.bus_v[0] + 0.5;
     perform(&mut session, &format!("bus {volts}V"));
     run(&mut session, 0.05);
-    ask(&mut session, "arm");
+    arm(&mut session);
     for speed in [100.0, -100.0] {
         ask(&mut session, &format!("speed {speed}"));
         run(&mut session, 0.8);

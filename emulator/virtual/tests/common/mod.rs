@@ -128,10 +128,19 @@ pub fn calibrated(board: &str) -> Session {
     session
 }
 
+/// Longest check at arming, s.
+pub const CHECKED_S: f64 = 1.0;
+
+/// Arms, and waits for the check.
+pub fn arm(session: &mut Session) {
+    ask(session, "arm");
+    run(session, CHECKED_S);
+}
+
 /// … that turns, field-oriented.
 pub fn turning(board: &str) -> Session {
     let mut session = calibrated(board);
-    ask(&mut session, "arm");
+    arm(&mut session);
     ask(&mut session, "speed 40");
     run(&mut session, 0.7);
     session

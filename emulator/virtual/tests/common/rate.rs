@@ -36,7 +36,7 @@ pub fn turns_at_40_khz(session: &mut Session, [mean, turning, longest]: [u64; 3]
     ask(session, "arm");
     ask(session, "telemetry 500");
     // The check at arming.
-    run(session, 0.6);
+    run(session, 1.2);
     within(&Outcome::of(session), longest);
     session.machine.forget_profile();
     let (from_s, triggers) = (session.seconds(), session.machine.system.facts().triggers);
@@ -67,7 +67,7 @@ pub fn turns_at_40_khz(session: &mut Session, [mean, turning, longest]: [u64; 3]
 /// What a calibrated board that is at rest is asked for, or what happens to it, and how long that is watched, s.
 const STAGES: &[(&[&str], f64)] = &[
     (&["set speed_kp 0.011", "set max_current_a 1.4"], 0.02),
-    (&["telemetry 500", "arm"], 0.6),
+    (&["telemetry 500", "arm"], 1.0),
     (&["torque 0.001", "torque -0.001"], 0.1),
     (&["speed 40"], 0.4),
     (&["position 1"], 0.3),
@@ -75,10 +75,10 @@ const STAGES: &[(&[&str], f64)] = &[
     (&["voltage 0.1"], 0.1),
     (&["speed 20"], 0.2),
     (&["disarm"], 0.3),
-    (&["arm", "disarm", "arm", "speed 10"], 0.6),
+    (&["arm", "disarm", "arm", "speed 10"], 0.8),
     (&["hall 1 open"], 0.1),
     (&["hall 1 good"], 0.5),
-    (&["clear", "commutate sinusoidal", "arm"], 0.5),
+    (&["clear", "commutate sinusoidal", "arm"], 0.9),
     (&["speed 40"], 0.3),
     (&["voltage 0.1"], 0.1),
     (&["disarm"], 0.5),

@@ -7,7 +7,7 @@ use super::machine::{Machine, Verdict};
 use super::motion::Way;
 use super::summary::{Found, Summary};
 use super::words;
-use anyhow::{Context, Result};
+use anyhow::{Context, Result, bail};
 use hallservo::commutation::{Commutation, Modulation};
 use hallservo::drive::{Command, Demand};
 use hallservo::fault::Fault;
@@ -18,8 +18,13 @@ use std::f64::consts::TAU;
 
 /// Periods in which a rotor that turns has made its electrical turn.
 const LONGEST_TURN: u32 = 40_000;
+/// Longest time in which a shaft comes to rest by its friction, s, and how slow one is that rests, rad/s.
+const LONGEST_REST_S: f64 = 10.0;
+const RESTS_RAD_S: f64 = 0.1;
 /// Periods between a command and the next sign of life.
 const ALIVE: u32 = 400;
+/// By so much the check at arming turns a sound motor to and fro, electrical degrees.
+const CHECK_DEG: f64 = 45.0;
 
 /// A demand as a user makes it: positive is the user's positive.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -139,19 +144,36 @@ impl Campaign {
         self.judge(kind, broken, verdict)
     }
 
-    /// What is wrong before the bridge is switched on.
+    /// What is wrong before the bridge is switched on, and came while the supply was off.
     fn inject_before_arming(&mut self, kind: &Kind) -> Result<()> {
+        let supply_v = self.machine.bench.parameters.bus.supply_v;
+        self.rest_at(0.0)?;
         let broken = self.break_it(kind)?;
-        for _ in 0..self.machine.rig.periods(0.1) {
-            self.machine.step();
-        }
-        self.machine.watch(Way::Stay);
+        self.rest_at(supply_v)?;
+        let pole_pairs = f64::from(self.machine.bench.parameters.motor.pole_pairs);
+        self.machine.watch(Way::Check((CHECK_DEG / pole_pairs).to_radians()));
         let verdict = self.machine.arm()?;
         if verdict.is_none() {
             self.wish = self.moving_wish();
             self.command_anew()?;
         }
         self.judge(kind, broken, verdict)
+    }
+
+    /// A tenth of a second and more with the bridge off, at a voltage of the supply, until the shaft rests: nobody works
+    /// at the wires of a motor that turns.
+    fn rest_at(&mut self, supply_v: f64) -> Result<()> {
+        self.machine.rig.plant.set_supply(supply_v)?;
+        for _ in 0..self.machine.rig.periods(0.1) {
+            self.machine.step();
+        }
+        for _ in 0..self.machine.rig.periods(LONGEST_REST_S) {
+            if self.machine.rig.plant.truth().speed_rad_s.abs() < RESTS_RAD_S {
+                return Ok(());
+            }
+            self.machine.step();
+        }
+        bail!("the shaft does not come to rest")
     }
 
     fn break_it(&mut self, kind: &Kind) -> Result<Broken> {
@@ -406,7 +428,7 @@ impl Campaign {
             (Wish::Current(amperes), _) => Command::Current(control.current(amperes as f32)?),
             (Wish::Speed(speed), _) => Command::Speed(control.speed(speed as f32)?),
             (Wish::By(_), Demand::Position(position)) => Command::Position(position),
-            (Wish::By(_), _) => anyhow::bail!("no position"),
+            (Wish::By(_), _) => bail!("no position"),
         };
         self.machine.ask(command)
     }

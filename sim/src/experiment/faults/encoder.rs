@@ -16,7 +16,7 @@ use hallservo::commutation::Commutation;
 use hallservo::config::Config;
 use hallservo::drive::absolute::{AbsoluteChannels, AbsoluteDrive, AbsoluteTasks};
 use hallservo::drive::{Command, Reply};
-use hallservo::fault::Fault;
+use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 use hallservo::service::{Event, Service};
 use hallservo::settings::Settings;
@@ -280,6 +280,11 @@ impl EncoderCampaign {
         let speed = self.random.random_range(30.0..75.0) * if self.random.random_bool(0.5) { 1.0 } else { -1.0 };
         let speed = self.machine.config.control.as_ref().context("no control")?.speed(speed)?;
         self.machine.command(Command::Arm)?;
+        // The time-out counts while the bridge is checked, too.
+        while self.machine.drive.drive().limits().contains(Limits::CHECKING) {
+            self.machine.command(Command::Speed(speed))?;
+            self.machine.run(200)?;
+        }
         self.machine.command(Command::Speed(speed))?;
         for k in 0..self.random.random_range(2000..4000) {
             self.machine.step()?;

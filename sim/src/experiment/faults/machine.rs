@@ -14,7 +14,7 @@ use hallservo::service::Event;
 use std::f64::consts::TAU;
 
 /// Longest check when the bridge is switched on, s.
-const LONGEST_CHECK_S: f64 = 0.5;
+const LONGEST_CHECK_S: f64 = 1.3;
 
 /// A drive that has been calibrated, its motor, and the watch on its shaft.
 pub(super) struct Machine {

@@ -11,6 +11,8 @@ pub(super) enum Way {
     To(f64),
     /// Nowhere.
     Stay,
+    /// Nowhere but for this angle to either side, by which the check at arming turns a sound motor, too, rad.
+    Check(f64),
 }
 
 /// Wrong motion below this is the noise of a drive that does its best, rad: a degree.
@@ -66,7 +68,7 @@ impl Motion {
         match self.way {
             Way::Round(sign) => sign * angle_rad,
             Way::To(target_rad) => -(target_rad - angle_rad).abs(),
-            Way::Stay => -(angle_rad - self.start_rad).abs(),
+            Way::Stay | Way::Check(_) => -(angle_rad - self.start_rad).abs(),
         }
     }
 
@@ -87,7 +89,8 @@ impl Motion {
         // What a rotor would have done from there with the bridge off is not the drive's.
         let beyond = self.progress(self.coasting.angle_rad) - progress;
         let wrong = (self.best_rad - progress).min(beyond).max(0.0);
-        if wrong > NOISE_RAD && wrong > self.wrong_rad {
+        let allowed = if let Way::Check(angle_rad) = self.way { angle_rad } else { NOISE_RAD };
+        if wrong > allowed && wrong > self.wrong_rad {
             self.wrong_periods += 1;
         }
         self.wrong_rad = self.wrong_rad.max(wrong);

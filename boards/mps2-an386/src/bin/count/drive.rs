@@ -43,6 +43,9 @@ struct Bench {
 const DEMANDS: usize = 4;
 static BENCHES: [AtomicPtr<Bench>; DEMANDS] = [const { AtomicPtr::new(core::ptr::null_mut()) }; DEMANDS];
 
+/// Steps in which a drive arms, without its check.
+const ARMING: u32 = 32;
+
 /// Drives that run, with telemetry at 1 kHz: one by sinusoidal, the others by field-oriented commutation.
 pub fn init() {
     static PLACES: [StaticCell<Bench>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
@@ -59,6 +62,9 @@ pub fn init() {
         for command in [Command::Install(ESTIMATORS[number].init(halls::new_estimator())), Command::Arm, demand] {
             bench.send(command);
             bench.obeyed();
+        }
+        for _ in 0..ARMING {
+            step(&mut bench.drive, &bench.sample, &mut bench.output);
         }
         BENCHES[number].store(bench, Relaxed);
     }

@@ -1,0 +1,403 @@
+//! The second half of the check at arming: does the rotor turn as it is pushed?
+//!
+//! 1. A push: a voltage along q of the rotor, raised until the rotor turns, until it has moved by [`FAR`]. Where it moved
+//!    as it should, the opposite voltage stops it. Where it moved the other way, the opposite voltage is tried; if that
+//!    moves it the other way as well, motor wires, Halls and calibration do not belong together.
+//! 2. A field that stands where the rotor's is. It holds a sound rotor where it has come to rest, and cogging cannot turn
+//!    it away. Where the angle is wrong, it pulls the rotor along, which swings by up to twice the error: beyond [`HELD`],
+//!    and not slowing down, the angle is wrong by more than some 13°.
+//! 3. Both once more in the other direction, which takes the rotor back. Where two wires are swapped, the angle counts
+//!    the wrong way: its error is twice the way, and cannot be small at both ends of [`APART`].
+
+use super::{Step, largest, no_voltage, turned};
+use crate::angle::{ElectricalAngle, Position};
+use crate::board::Output;
+use crate::commutation::frames::{AlphaBeta, Rotation};
+use crate::config::Config;
+use crate::control::config::Config as Control;
+use crate::fault::Fault;
+use crate::hall::track::Tracker;
+
+/// Way by which the push is told from noise: 3° electrical, in 2⁻³² turns.
+const MOVED: i64 = 35_791_394;
+/// Way after which the push is over: 12°.
+const FAR: i64 = 4 * MOVED;
+/// Way from one end to the other that tells an angle which counts the wrong way: 21°.
+const APART: i64 = 7 * MOVED;
+/// Longest way in which a sound rotor is stopped: 27°.
+const STOPPED: i64 = 9 * MOVED;
+/// Farthest that a field along its own moves a sound rotor: 21°; twice as far where it slows down.
+const HELD: i64 = 7 * MOVED;
+/// All of it takes so many longest pushes at most.
+const LONGEST: u32 = 8;
+/// How often a rotor may be found turning by itself before it is not pushed at all.
+const MOST_WAITED: u32 = 40;
+/// Pushes forward at most, each from where the one before came to rest.
+const MOST_PUSHES: u32 = 3;
+
+/// The voltage leans by so much a step, 0.3°, in 2⁻³² turns, and by 45° at most.
+const LEANS: i32 = 3_579_139;
+const LEANS_MOST: i32 = 150 * LEANS;
+
+/// Which way the rotor is pushed.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Axis {
+    Forward,
+    Back,
+}
+
+impl Axis {
+    fn angle(self) -> ElectricalAngle {
+        match self {
+            Self::Forward => ElectricalAngle::QUARTER,
+            Self::Back => -ElectricalAngle::QUARTER,
+        }
+    }
+
+    fn opposite(self) -> Self {
+        match self {
+            Self::Forward => Self::Back,
+            Self::Back => Self::Forward,
+        }
+    }
+}
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Stage {
+    /// No voltage: how does the rotor turn by itself?
+    Coast,
+    /// The voltage along the axis rises.
+    Press,
+    /// The rotor went the wrong way: what does the opposite voltage do?
+    Oppose,
+    /// The opposite voltage stops the rotor.
+    Stop,
+    /// A field that stands where the rotor's is holds it.
+    Hold,
+}
+
+/// The check of the rotor and where it is.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct RotorCheck {
+    stage: Stage,
+    axis: Axis,
+    /// Steps of this stage, and of the check.
+    steps: u32,
+    age: u32,
+    /// Modulation, what it rises by in a step, where it begins and ends, in 2⁻³¹; and where the push ended.
+    modulation: i32,
+    rise: i32,
+    least: i32,
+    most: i32,
+    strongest: i32,
+    /// Steps in which the push moved the rotor; none where it did not.
+    pushed: u32,
+    /// How often the rotor was found turning by itself; pushes forward so far.
+    waited: u32,
+    pushes: u32,
+    /// Where the present motion began, and where the first push did.
+    from: Position,
+    origin: Position,
+    /// Where the field stands that holds the rotor.
+    anchor: ElectricalAngle,
+    /// Farthest that the rotor went the wrong way; its speed when it is to be stopped, and its fastest
+    /// while it is held, in 2⁻³² turns a step.
+    farthest: i64,
+    speed: i32,
+    /// Averaged speed, in 2⁻³² turns a step.
+    averaged: i32,
+    /// How the rotor turned before the voltage, in 2⁻³² turns a step.
+    coasting: i32,
+    /// How far the voltage leans from its axis so that the current is along it, in 2⁻³² turns.
+    lean: i32,
+}
+
+impl RotorCheck {
+    /// Begins, with modulations in 2⁻³¹: what they rise by in a step, where they begin and end.
+    pub const fn new(rise: i32, least: i32, most: i32) -> Self {
+        Self {
+            stage: Stage::Coast,
+            axis: Axis::Forward,
+            steps: 0,
+            age: 0,
+            modulation: 0,
+            rise,
+            least,
+            most,
+            strongest: 0,
+            pushed: 0,
+            waited: 0,
+            pushes: 0,
+            from: Position::from_bits(0),
+            origin: Position::from_bits(0),
+            anchor: ElectricalAngle::ZERO,
+            farthest: 0,
+            speed: 0,
+            averaged: 0,
+            coasting: 0,
+            lean: 0,
+        }
+    }
+
+    /// One step of the check on, with the phase currents in 2⁻¹⁵ of their full scale.
+    // Not inlined, so that a board may place it where there is room.
+    #[inline(never)]
+    pub fn step(&mut self, config: &Config, control: &Control, phases: [i32; 3], rotor: &Tracker) -> Step {
+        self.steps += 1;
+        self.age += 1;
+        self.averaged += (rotor.speed() - self.averaged) >> control.arming.averages;
+        if self.age > LONGEST * u32::from(control.arming.longest_push) {
+            return self.give_up();
+        }
+        match self.stage {
+            Stage::Coast => self.coast(control, rotor, config),
+            Stage::Press => self.push(control, phases, rotor, config),
+            Stage::Oppose => self.oppose(rotor, config),
+            Stage::Stop => self.stop(control, phases, rotor, config),
+            Stage::Hold => self.hold(control, phases, rotor, config),
+        }
+    }
+
+    fn enter(&mut self, stage: Stage) {
+        self.stage = stage;
+        self.steps = 0;
+    }
+
+    /// Measures how the rotor turns by itself, until it rests.
+    fn coast(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
+        let window = u32::from(control.arming.longest_push) / 4;
+        if self.steps == 1 {
+            self.from = rotor.smoothed();
+        } else if self.steps > window {
+            let way = self.way(rotor);
+            self.coasting = (way / i64::from(window.max(1))) as i32;
+            // What friction or cogging does to a rotor that turns looks like a push the wrong way; the shorted windings
+            // stop it. One that turns round within the window has a short way, too.
+            let slow = self.averaged.unsigned_abs() <= control.arming.turning.unsigned_abs() / 2;
+            if way.abs() <= MOVED && slow {
+                self.press(rotor);
+            } else if self.waited < MOST_WAITED {
+                self.waited += 1;
+                self.enter(Stage::Coast);
+            } else {
+                return self.give_up();
+            }
+        }
+        Step::Output(no_voltage(config))
+    }
+
+    /// It takes too long, or the rotor does not rest. One that went forward as it was pushed, and that no field has
+    /// pulled along, has shown as much as one that stays where it is can.
+    fn give_up(&self) -> Step {
+        Step::Done { step: 0, proven: self.pushes > 0 }
+    }
+
+    /// The rotor rests: the voltage begins.
+    fn press(&mut self, rotor: &Tracker) {
+        self.from = rotor.smoothed();
+        if self.pushes == 0 {
+            self.origin = self.from;
+            (self.age, self.waited) = (0, 0);
+        }
+        self.modulation = self.least;
+        self.lean = 0;
+        self.enter(Stage::Press);
+    }
+
+    /// Whether this is the push back.
+    fn is_back(&self) -> bool {
+        self.axis == Axis::Back
+    }
+
+    /// Whether the voltage rises.
+    pub fn presses(&self) -> bool {
+        matches!(self.stage, Stage::Press | Stage::Hold)
+    }
+
+    /// The dead time takes its share from each phase, which turns the current of a small voltage by up to 30°. The
+    /// voltage leans to the other side until the current is along the axis.
+    #[inline(never)]
+    pub fn lean(&mut self, config: &Config, control: &Control, phases: [i32; 3], rotor: &Tracker) -> Output {
+        if largest(phases) >= i32::from(control.arming.current) / 4 {
+            self.lean_towards(config, phases, rotor);
+        }
+        self.vector(self.direction(self.axis, rotor, config), config)
+    }
+
+    fn lean_towards(&mut self, config: &Config, phases: [i32; 3], rotor: &Tracker) {
+        let [a, b, c] = phases;
+        /// √3 in 2⁻¹⁰.
+        const SQRT_3: i32 = 1774;
+        let beta = (b - c) * SQRT_3;
+        let beta = if config.is_reversed() { -beta } else { beta };
+        let current = AlphaBeta { alpha: (2 * a - b - c) << 10, beta };
+        let current = Rotation::at(self.direction(self.axis, rotor, config)).park(current);
+        // Less than a sixteenth is noise.
+        if current.q.abs() > current.d.abs() / 16 {
+            self.lean = (self.lean - current.q.signum() * LEANS).clamp(-LEANS_MOST, LEANS_MOST);
+        }
+    }
+
+    /// Raises the voltage, while the current allows it.
+    fn raise(&mut self, most: i32, control: &Control, phases: [i32; 3]) {
+        if largest(phases) < i32::from(control.arming.push) {
+            self.modulation = self.modulation.saturating_add(self.rise).min(most);
+        }
+    }
+
+    /// How far the voltage has moved the rotor.
+    fn moved(&self, rotor: &Tracker) -> i64 {
+        self.way(rotor) - self.coasted()
+    }
+
+    /// How far it would have turned by itself.
+    fn coasted(&self) -> i64 {
+        i64::from(self.coasting) * i64::from(self.steps)
+    }
+
+    /// Way by which a motion that should not be is told from noise, that of the speed before included.
+    fn wrong(&self) -> i64 {
+        MOVED + self.coasted().abs() / 2
+    }
+
+    fn push(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
+        if self.averaged.unsigned_abs() <= control.arming.turning.unsigned_abs() {
+            self.raise(self.most, control, phases);
+        }
+        let moved = if self.is_back() { -self.moved(rotor) } else { self.moved(rotor) };
+        let over = self.steps >= u32::from(control.arming.longest_push);
+        if moved >= FAR || over && moved >= MOVED {
+            (self.pushed, self.strongest) = (self.steps, self.modulation);
+            return self.begin_stop(rotor, config);
+        }
+        if moved <= -self.wrong() {
+            self.pushed = self.steps;
+            self.from = rotor.smoothed();
+            self.farthest = 0;
+            self.enter(Stage::Oppose);
+            return self.voltage(self.axis.opposite(), rotor, config);
+        }
+        if over {
+            self.pushed = 0;
+            return self.begin_hold(rotor, config);
+        }
+        self.voltage(self.axis, rotor, config)
+    }
+
+    /// The field that stands where the rotor's is.
+    fn begin_hold(&mut self, rotor: &Tracker, config: &Config) -> Step {
+        self.from = rotor.smoothed();
+        self.anchor = rotor.predicted(&config.tracking);
+        (self.modulation, self.lean) = (self.least, 0);
+        self.enter(Stage::Hold);
+        Step::Output(no_voltage(config))
+    }
+
+    /// A sound rotor stays where it is, and where the angle is wrong, it is pulled away.
+    fn hold(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
+        self.raise(if self.pushed == 0 { self.most } else { self.strongest }, control, phases);
+        if self.pushed == 0 {
+            // The push did not move it.
+            return if self.moved(rotor).abs() > self.wrong() {
+                Step::Failed(Fault::Commutation)
+            } else if self.steps >= u32::from(control.arming.longest_push) {
+                Step::Done { step: 0, proven: false }
+            } else {
+                self.voltage(self.axis, rotor, config)
+            };
+        }
+        let speed = self.averaged.saturating_abs();
+        self.speed = if self.steps <= 2 * u32::from(control.arming.lag) { speed } else { self.speed.max(speed) };
+        let way = self.way(rotor).abs();
+        // What the rotor still turned with, the field slows down; a wrong one makes it faster.
+        let faster = speed > (self.speed / 8 * 7).max(control.arming.turning);
+        if way > 2 * HELD || way > HELD && faster {
+            return Step::Failed(Fault::Commutation);
+        }
+        // One that it pulls away goes on until it is too far; a sound one swings and is let go where it stands. An angle
+        // that is off by 30° moves it as far in twice the time of the push as the push did.
+        let turns = speed > control.arming.turning / 4;
+        if self.steps < 2 * self.pushed || turns && self.steps < 8 * self.pushed {
+            return self.voltage(self.axis, rotor, config);
+        }
+        self.next(config)
+    }
+
+    fn begin_stop(&mut self, rotor: &Tracker, config: &Config) -> Step {
+        self.speed = self.averaged;
+        self.from = rotor.smoothed();
+        self.enter(Stage::Stop);
+        self.voltage(self.axis.opposite(), rotor, config)
+    }
+
+    /// The opposite voltage, until the rotor stands. A push that cannot be stopped has a wrong commutation.
+    fn stop(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
+        let (speed, before) = if self.speed < 0 { (-self.averaged, -self.speed) } else { (self.averaged, self.speed) };
+        let halfway = self.steps > self.pushed / 2;
+        let slows = speed <= before / 4 * 3 + control.arming.turning / 2;
+        let late = self.steps > self.pushed || halfway && !slows;
+        if late || self.way(rotor).abs() > STOPPED || speed > 2 * (before + control.arming.turning) {
+            return Step::Failed(Fault::Commutation);
+        }
+        if halfway {
+            self.raise(self.most, control, phases);
+        }
+        // It stands by the time that the tracked speed says so.
+        let (steps, lag) = (i64::from(self.steps), i64::from(control.arming.lag));
+        let lag = steps < 2 * lag || i64::from(speed) * steps > i64::from(before - speed) * lag;
+        let turns = before > control.arming.turning / 2 && lag;
+        if turns { self.voltage(self.axis.opposite(), rotor, config) } else { self.begin_hold(rotor, config) }
+    }
+
+    /// Forward until the ends are far enough from each other, and back.
+    fn next(&mut self, config: &Config) -> Step {
+        if self.is_back() {
+            return Step::Done { step: 0, proven: true };
+        }
+        self.pushes += 1;
+        let apart = self.from.to_bits().wrapping_sub(self.origin.to_bits());
+        if apart.abs() >= APART || self.pushes >= MOST_PUSHES {
+            self.axis = Axis::Back;
+        }
+        self.enter(Stage::Coast);
+        Step::Output(no_voltage(config))
+    }
+
+    /// With a wrong commutation the opposite voltage stops the rotor and turns it back, and it is found out close to
+    /// rest. An outside torque, which made a rotor with the right one move the wrong way, is helped by it.
+    fn oppose(&mut self, rotor: &Tracker, config: &Config) -> Step {
+        let way = if self.is_back() { -self.way(rotor) } else { self.way(rotor) };
+        self.farthest = self.farthest.min(way);
+        if way - self.farthest > MOVED / 6 || way < -STOPPED {
+            return Step::Failed(Fault::Commutation);
+        }
+        if self.steps >= 4 * self.pushed {
+            // Neither moves it much, as where the angle is wrong by a quarter of a turn.
+            self.pushed = 0;
+            return self.begin_hold(rotor, config);
+        }
+        self.voltage(self.axis.opposite(), rotor, config)
+    }
+
+    #[cfg_attr(feature = "small", inline(never))]
+    fn way(&self, rotor: &Tracker) -> i64 {
+        rotor.smoothed().to_bits().wrapping_sub(self.from.to_bits())
+    }
+
+    #[cfg_attr(feature = "small", inline(never))]
+    fn voltage(&self, axis: Axis, rotor: &Tracker, config: &Config) -> Step {
+        Step::Output(self.vector(self.direction(axis, rotor, config), config))
+    }
+
+    /// Where the voltage is to point.
+    fn direction(&self, axis: Axis, rotor: &Tracker, config: &Config) -> ElectricalAngle {
+        match self.stage {
+            Stage::Hold => self.anchor,
+            _ => rotor.predicted(&config.tracking) + axis.angle(),
+        }
+    }
+
+    fn vector(&self, direction: ElectricalAngle, config: &Config) -> Output {
+        turned(self.modulation, direction + ElectricalAngle::from_bits(self.lean), config.order(), config)
+    }
+}

@@ -18,9 +18,11 @@
 use crate::fault::Fault;
 
 /// State of the drive.
+// With a byte for the state: told from the faults' numbers, each look at it would take ten instructions more.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[repr(u8)]
 pub enum Mode {
     /// Bridge off, no calibration: the angle is unknown.
     #[default]
@@ -89,7 +91,6 @@ impl Mode {
     }
 
     /// Whether the bridge may be on.
-    #[cfg_attr(feature = "small", inline(never))]
     pub const fn drives(self) -> bool {
         matches!(self, Self::Aligning | Self::Calibrating | Self::Running)
     }

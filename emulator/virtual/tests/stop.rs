@@ -178,7 +178,7 @@ fn it_does_not_wait_for_the_adaptation() {
                 stays_off(&what, &mut bus);
                 arms_again(&what, &mut bus);
             }
-            run(&mut session, 0.05);
+            run(&mut session, 0.09);
         }
         let status = ask(&mut session, "status");
         assert!(status.contains("learning: On") && learnt(&status) != before, "{board}: {status}");

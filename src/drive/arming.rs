@@ -358,3 +358,33 @@ fn wiring_fault(currents: &[[i32; 3]; 4], wanted: i32) -> Option<Fault> {
     let wrong = own_and_others.iter().position(|[own, one, other]| *own < one.abs().max(other.abs()) + most / 4);
     BLIND.get(wrong?).copied()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What each amplifier shows while the voltages along and against A and B drive a current of `I`, with an error of the
+    /// zeros, and with phase B shown by `shown` of what flows.
+    fn currents(flowing: [[i32; 3]; 2], zeros: [i32; 3], shown: i32) -> [[i32; 3]; 4] {
+        let [along_a, along_b] = flowing;
+        [(along_a, 1), (along_a, -1), (along_b, 1), (along_b, -1)]
+            .map(|([a, b, c], sign)| [a * sign + zeros[0], b * sign * shown + zeros[1], c * sign + zeros[2]])
+    }
+
+    const WANTED: i32 = 100;
+    const I: i32 = WANTED * AVERAGED as i32;
+    const SOUND: [[i32; 3]; 2] = [[I, -I / 2, -I / 2], [-I / 2, I, -I / 2]];
+    /// A voltage along B makes no current where B is open.
+    const OPEN_B: [[i32; 3]; 2] = [[I, 0, -I], [0, 0, 0]];
+
+    #[test]
+    fn errors_of_the_zeros_do_not_make_an_open_phase_a_blind_amplifier() {
+        for zero in [-I / 12, 0, I / 12] {
+            let open = currents(OPEN_B, [zero; 3], 1);
+            assert_eq!(wiring_fault(&open, WANTED), Some(Fault::OpenPhaseB), "{zero}");
+            let blind = currents(SOUND, [zero; 3], 0);
+            assert_eq!(wiring_fault(&blind, WANTED), Some(Fault::AmplifierB), "{zero}");
+        }
+        assert_eq!(wiring_fault(&currents(SOUND, [0; 3], 1), WANTED), None);
+    }
+}

@@ -45,7 +45,9 @@ impl Cogging {
         finite(self.phase_rad, "motor.cogging.phase_rad")
     }
 
-    pub(crate) fn torque_nm(&self, angle_rad: f64) -> f64 {
+    /// Torque at a mechanical angle in rad, N·m.
+    #[must_use]
+    pub fn torque_nm(&self, angle_rad: f64) -> f64 {
         if self.amplitude_nm == 0.0 {
             return 0.0;
         }

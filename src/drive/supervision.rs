@@ -25,6 +25,8 @@ const PROOF: u32 = 4;
 const QUIET: i32 = 32;
 /// Checks for which the tracked speed may go on rising when the torque has turned.
 const LAG: u32 = 3;
+/// Checks without a current after which none is coming.
+const SILENT: u32 = 4;
 /// Multiple of the speed of a rotor that turns, from which on it is fast: 48 Hz electrical.
 const FAST: i32 = 16;
 /// Checks by which a wrong commutation is found that turns a rotor from rest.
@@ -50,6 +52,9 @@ pub(super) struct Supervision {
     voltage: Dq,
     current: Dq,
     before: Dq,
+    /// Checks in a row that found no current; whether the rotor rests.
+    silent: u32,
+    rests: bool,
     reference: i32,
     asked: i32,
     follows: bool,
@@ -92,6 +97,8 @@ impl Supervision {
         voltage: Dq { d: 0, q: 0 },
         current: Dq { d: 0, q: 0 },
         before: Dq { d: 0, q: 0 },
+        silent: 0,
+        rests: true,
         reference: 0,
         asked: 0,
         follows: true,
@@ -180,14 +187,23 @@ impl Supervision {
         (self.stopping, self.turning) = (0, 0);
     }
 
+    /// Whether there is no current, and none is coming.
+    #[inline(always)]
+    const fn is_silent(&self) -> bool {
+        self.silent > SILENT
+    }
+
     /// First part of the check of the model: what was noted last.
     #[inline(always)]
-    pub fn note(&mut self, state: &State, speed: i32) {
+    pub fn note(&mut self, motion: &Motion, state: &State, speed: i32) {
         (self.voltage, self.current, self.speed) = (state.voltage, state.current, speed);
         let (reference, error) = (state.current_reference, state.current_reference - state.current.q);
         self.asked = (reference - self.reference).abs();
         self.reference = reference;
         self.follows = error.abs() <= reference.abs() / 2 + 2 * QUIET;
+        let flows = self.current.d.abs().max(self.current.q.abs()) >= 2 * QUIET;
+        self.silent = if flows { 0 } else { self.silent.saturating_add(1) };
+        self.rests = speed.saturating_abs() <= motion.turning;
     }
 
     /// The voltage that is left for the back-EMF.
@@ -206,8 +222,10 @@ impl Supervision {
     pub fn note_motor(&mut self, model: &Model) {
         let (d, q) = (self.current.d.abs(), self.current.q.abs());
         self.expected = high(self.speed, model.flux);
-        // A voltage for a current that was just asked for is ahead of it where the inductance is large.
-        let current = d.max(q) + d.min(q) / 2 + self.asked / 2;
+        // A voltage for a current that was just asked for is ahead of it where the inductance is large. It is not for one
+        // that never comes.
+        let asked = if self.is_silent() { 0 } else { self.asked / 2 };
+        let current = d.max(q) + d.min(q) / 2 + asked;
         self.dropped = times(current.min(32_767), model.resistance);
     }
 
@@ -224,7 +242,7 @@ impl Supervision {
 
     /// Fourth part: sums up what is unexplained. A back-EMF in the right direction may be several times as large as it
     /// should be, or as large as it likes where the current follows its reference: the flux linkage may not be known
-    /// yet.
+    /// yet. At rest there is none.
     #[inline(always)]
     pub fn sum_up(&mut self) {
         let (along, expected) =
@@ -232,7 +250,7 @@ impl Supervision {
         let off = along - expected;
         let unexplained = self.emf.d.abs().max(if off <= 0 {
             -off
-        } else if self.follows {
+        } else if self.follows && !(self.is_silent() && self.rests) {
             0
         } else {
             off - 4 * expected
@@ -247,7 +265,8 @@ impl Supervision {
         let along = if self.speed < 0 { -emf.q } else { emf.q };
         let (across, expected) = (emf.d.abs(), self.expected.abs());
         if self.misfit > model.most {
-            let wrong = along < -(across >> 2) && expected > model.dead;
+            // Without a current no commutation turns the rotor, right or wrong.
+            let wrong = !self.is_silent() && along < -(across >> 2) && expected > model.dead;
             return Some(if wrong { Fault::Commutation } else { Fault::CurrentModel });
         }
         if expected > 2 * model.dead + dropped && along > expected >> 1 && along > 2 * across {

@@ -6,8 +6,8 @@
 //! 2. A field that stands where the rotor's is. It holds a sound rotor where it has come to rest, and cogging cannot turn
 //!    it away. Where the angle is wrong, it pulls the rotor along, which swings by up to twice the error: beyond [`HELD`],
 //!    and not slowing down, the angle is wrong by more than some 13°.
-//! 3. Both once more in the other direction, which takes the rotor back. Where two wires are swapped, the angle counts
-//!    the wrong way: its error is twice the way, and cannot be small at both ends of [`APART`].
+//! 3. The field is turned back, slowly, and the rotor has to follow it. Where two wires are swapped, the angle counts the
+//!    wrong way, and it goes forward.
 
 use super::{Step, largest, no_voltage, turned};
 use crate::angle::{ElectricalAngle, Position};
@@ -22,18 +22,18 @@ use crate::hall::track::Tracker;
 const MOVED: i64 = 35_791_394;
 /// Way after which the push is over: 12°.
 const FAR: i64 = 4 * MOVED;
-/// Way from one end to the other that tells an angle which counts the wrong way: 21°.
-const APART: i64 = 7 * MOVED;
 /// Longest way in which a sound rotor is stopped: 27°.
 const STOPPED: i64 = 9 * MOVED;
 /// Farthest that a field along its own moves a sound rotor: 21°; twice as far where it slows down.
 const HELD: i64 = 7 * MOVED;
+/// Way against the field that is turned back which no sound rotor goes: 9°.
+const AGAINST: i64 = 3 * MOVED;
+/// The field is turned back by so much at most, 75°, in 2⁻³² turns; a sound rotor has followed it before.
+const TURNED: u32 = 894_784_853;
 /// All of it takes so many longest pushes at most.
 const LONGEST: u32 = 8;
 /// How often a rotor may be found turning by itself before it is not pushed at all.
 const MOST_WAITED: u32 = 40;
-/// Pushes forward at most, each from where the one before came to rest.
-const MOST_PUSHES: u32 = 3;
 
 /// The voltage leans by so much a step, 0.3°, in 2⁻³² turns, and by 45° at most.
 const LEANS: i32 = 3_579_139;
@@ -53,13 +53,6 @@ impl Axis {
             Self::Back => -ElectricalAngle::QUARTER,
         }
     }
-
-    fn opposite(self) -> Self {
-        match self {
-            Self::Forward => Self::Back,
-            Self::Back => Self::Forward,
-        }
-    }
 }
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -74,13 +67,14 @@ enum Stage {
     Stop,
     /// A field that stands where the rotor's is holds it.
     Hold,
+    /// The field turns back.
+    Turn,
 }
 
 /// The check of the rotor and where it is.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RotorCheck {
     stage: Stage,
-    axis: Axis,
     /// Steps of this stage, and of the check.
     steps: u32,
     age: u32,
@@ -92,14 +86,17 @@ pub(super) struct RotorCheck {
     strongest: i32,
     /// Steps in which the push moved the rotor; none where it did not.
     pushed: u32,
-    /// How often the rotor was found turning by itself; pushes forward so far.
+    /// How often the rotor was found turning by itself.
     waited: u32,
-    pushes: u32,
-    /// Where the present motion began, and where the first push did.
+    /// Where the present motion began.
     from: Position,
-    origin: Position,
-    /// Where the field stands that holds the rotor.
+    /// Where the field stands that holds the rotor, how far it is still to be turned back, and by how much in a step, in
+    /// 2⁻³² turns.
     anchor: ElectricalAngle,
+    left: u32,
+    rate: u32,
+    /// Whether the rotor has followed the field that turned back.
+    has_followed: bool,
     /// Farthest that the rotor went the wrong way; its speed when it is to be stopped, and its fastest
     /// while it is held, in 2⁻³² turns a step.
     farthest: i64,
@@ -117,7 +114,6 @@ impl RotorCheck {
     pub const fn new(rise: i32, least: i32, most: i32) -> Self {
         Self {
             stage: Stage::Coast,
-            axis: Axis::Forward,
             steps: 0,
             age: 0,
             modulation: 0,
@@ -127,10 +123,11 @@ impl RotorCheck {
             strongest: 0,
             pushed: 0,
             waited: 0,
-            pushes: 0,
             from: Position::from_bits(0),
-            origin: Position::from_bits(0),
             anchor: ElectricalAngle::ZERO,
+            left: 0,
+            rate: 0,
+            has_followed: false,
             farthest: 0,
             speed: 0,
             averaged: 0,
@@ -147,7 +144,7 @@ impl RotorCheck {
         self.age += 1;
         self.averaged += (rotor.speed() - self.averaged) >> control.arming.averages;
         if self.age > LONGEST * u32::from(control.arming.longest_push) {
-            return self.give_up();
+            return Self::give_up();
         }
         match self.stage {
             Stage::Coast => self.coast(control, rotor, config),
@@ -155,6 +152,7 @@ impl RotorCheck {
             Stage::Oppose => self.oppose(rotor, config),
             Stage::Stop => self.stop(control, phases, rotor, config),
             Stage::Hold => self.hold(control, phases, rotor, config),
+            Stage::Turn => self.turn_back(rotor, config),
         }
     }
 
@@ -180,38 +178,29 @@ impl RotorCheck {
                 self.waited += 1;
                 self.enter(Stage::Coast);
             } else {
-                return self.give_up();
+                return Self::give_up();
             }
         }
         Step::Output(no_voltage(config))
     }
 
-    /// It takes too long, or the rotor does not rest. One that went forward as it was pushed, and that no field has
-    /// pulled along, has shown as much as one that stays where it is can.
-    fn give_up(&self) -> Step {
-        Step::Done { step: 0, proven: self.pushes > 0 }
+    /// It takes too long, or the rotor does not rest.
+    const fn give_up() -> Step {
+        Step::Done { step: 0, proven: false }
     }
 
     /// The rotor rests: the voltage begins.
     fn press(&mut self, rotor: &Tracker) {
         self.from = rotor.smoothed();
-        if self.pushes == 0 {
-            self.origin = self.from;
-            (self.age, self.waited) = (0, 0);
-        }
+        (self.age, self.waited) = (0, 0);
         self.modulation = self.least;
         self.lean = 0;
         self.enter(Stage::Press);
     }
 
-    /// Whether this is the push back.
-    fn is_back(&self) -> bool {
-        self.axis == Axis::Back
-    }
-
     /// Whether the voltage rises.
     pub fn presses(&self) -> bool {
-        matches!(self.stage, Stage::Press | Stage::Hold)
+        matches!(self.stage, Stage::Press | Stage::Hold | Stage::Turn)
     }
 
     /// The dead time takes its share from each phase, which turns the current of a small voltage by up to 30°. The
@@ -221,7 +210,7 @@ impl RotorCheck {
         if largest(phases) >= i32::from(control.arming.current) / 4 {
             self.lean_towards(config, phases, rotor);
         }
-        self.vector(self.direction(self.axis, rotor, config), config)
+        self.vector(self.direction(Axis::Forward, rotor, config), config)
     }
 
     fn lean_towards(&mut self, config: &Config, phases: [i32; 3], rotor: &Tracker) {
@@ -231,7 +220,7 @@ impl RotorCheck {
         let beta = (b - c) * SQRT_3;
         let beta = if config.is_reversed() { -beta } else { beta };
         let current = AlphaBeta { alpha: (2 * a - b - c) << 10, beta };
-        let current = Rotation::at(self.direction(self.axis, rotor, config)).park(current);
+        let current = Rotation::at(self.direction(Axis::Forward, rotor, config)).park(current);
         // Less than a sixteenth is noise.
         if current.q.abs() > current.d.abs() / 16 {
             self.lean = (self.lean - current.q.signum() * LEANS).clamp(-LEANS_MOST, LEANS_MOST);
@@ -264,7 +253,7 @@ impl RotorCheck {
         if self.averaged.unsigned_abs() <= control.arming.turning.unsigned_abs() {
             self.raise(self.most, control, phases);
         }
-        let moved = if self.is_back() { -self.moved(rotor) } else { self.moved(rotor) };
+        let moved = self.moved(rotor);
         let over = self.steps >= u32::from(control.arming.longest_push);
         if moved >= FAR || over && moved >= MOVED {
             (self.pushed, self.strongest) = (self.steps, self.modulation);
@@ -275,13 +264,13 @@ impl RotorCheck {
             self.from = rotor.smoothed();
             self.farthest = 0;
             self.enter(Stage::Oppose);
-            return self.voltage(self.axis.opposite(), rotor, config);
+            return self.voltage(Axis::Back, rotor, config);
         }
         if over {
             self.pushed = 0;
             return self.begin_hold(rotor, config);
         }
-        self.voltage(self.axis, rotor, config)
+        self.voltage(Axis::Forward, rotor, config)
     }
 
     /// The field that stands where the rotor's is.
@@ -303,7 +292,7 @@ impl RotorCheck {
             } else if self.steps >= u32::from(control.arming.longest_push) {
                 Step::Done { step: 0, proven: false }
             } else {
-                self.voltage(self.axis, rotor, config)
+                self.voltage(Axis::Forward, rotor, config)
             };
         }
         let speed = self.averaged.saturating_abs();
@@ -311,23 +300,57 @@ impl RotorCheck {
         let way = self.way(rotor).abs();
         // What the rotor still turned with, the field slows down; a wrong one makes it faster.
         let faster = speed > (self.speed / 8 * 7).max(control.arming.turning);
-        if way > 2 * HELD || way > HELD && faster {
+        // Nearly as fast as by the push itself, it is pulled by a third of that force and more.
+        let at_once = !self.has_followed && way > FAR && self.steps < self.pushed + self.pushed / 2;
+        if way > 2 * HELD || faster && (way > HELD || at_once) {
             return Step::Failed(Fault::Commutation);
         }
         // One that it pulls away goes on until it is too far; a sound one swings and is let go where it stands. An angle
         // that is off by 30° moves it as far in twice the time of the push as the push did.
         let turns = speed > control.arming.turning / 4;
         if self.steps < 2 * self.pushed || turns && self.steps < 8 * self.pushed {
-            return self.voltage(self.axis, rotor, config);
+            return self.voltage(Axis::Forward, rotor, config);
         }
-        self.next(config)
+        if self.has_followed { Step::Done { step: 0, proven: true } } else { self.begin_turn(rotor, config) }
+    }
+
+    /// The field turns back as far as it has to for a rotor that cogging holds, in four times the time of the push.
+    fn begin_turn(&mut self, rotor: &Tracker, config: &Config) -> Step {
+        self.from = rotor.smoothed();
+        self.left = TURNED;
+        self.rate = TURNED / (4 * self.pushed).max(1);
+        self.enter(Stage::Turn);
+        self.voltage(Axis::Forward, rotor, config)
+    }
+
+    /// A sound rotor follows the field back. One that follows the other way has an angle that counts the wrong way.
+    fn turn_back(&mut self, rotor: &Tracker, config: &Config) -> Step {
+        let way = self.way(rotor);
+        if way > AGAINST {
+            return Step::Failed(Fault::Commutation);
+        }
+        if way < -FAR {
+            // It has followed, and is held once more.
+            self.has_followed = true;
+            let modulation = self.modulation;
+            let step = self.begin_hold(rotor, config);
+            self.modulation = modulation;
+            return step;
+        }
+        if self.steps > 6 * self.pushed {
+            return Step::Done { step: 0, proven: false };
+        }
+        let by = self.rate.min(self.left);
+        self.left -= by;
+        self.anchor = self.anchor - ElectricalAngle::from_bits(by as i32);
+        self.voltage(Axis::Forward, rotor, config)
     }
 
     fn begin_stop(&mut self, rotor: &Tracker, config: &Config) -> Step {
         self.speed = self.averaged;
         self.from = rotor.smoothed();
         self.enter(Stage::Stop);
-        self.voltage(self.axis.opposite(), rotor, config)
+        self.voltage(Axis::Back, rotor, config)
     }
 
     /// The opposite voltage, until the rotor stands. A push that cannot be stopped has a wrong commutation.
@@ -336,7 +359,9 @@ impl RotorCheck {
         let halfway = self.steps > self.pushed / 2;
         let slows = speed <= before / 4 * 3 + control.arming.turning / 2;
         let late = self.steps > self.pushed || halfway && !slows;
-        if late || self.way(rotor).abs() > STOPPED || speed > 2 * (before + control.arming.turning) {
+        let way = self.way(rotor).abs();
+        let goes_on = way > FAR && speed > before / 4 * 3;
+        if late || goes_on || way > STOPPED || speed > 2 * (before + control.arming.turning) {
             return Step::Failed(Fault::Commutation);
         }
         if halfway {
@@ -346,27 +371,13 @@ impl RotorCheck {
         let (steps, lag) = (i64::from(self.steps), i64::from(control.arming.lag));
         let lag = steps < 2 * lag || i64::from(speed) * steps > i64::from(before - speed) * lag;
         let turns = before > control.arming.turning / 2 && lag;
-        if turns { self.voltage(self.axis.opposite(), rotor, config) } else { self.begin_hold(rotor, config) }
-    }
-
-    /// Forward until the ends are far enough from each other, and back.
-    fn next(&mut self, config: &Config) -> Step {
-        if self.is_back() {
-            return Step::Done { step: 0, proven: true };
-        }
-        self.pushes += 1;
-        let apart = self.from.to_bits().wrapping_sub(self.origin.to_bits());
-        if apart.abs() >= APART || self.pushes >= MOST_PUSHES {
-            self.axis = Axis::Back;
-        }
-        self.enter(Stage::Coast);
-        Step::Output(no_voltage(config))
+        if turns { self.voltage(Axis::Back, rotor, config) } else { self.begin_hold(rotor, config) }
     }
 
     /// With a wrong commutation the opposite voltage stops the rotor and turns it back, and it is found out close to
     /// rest. An outside torque, which made a rotor with the right one move the wrong way, is helped by it.
     fn oppose(&mut self, rotor: &Tracker, config: &Config) -> Step {
-        let way = if self.is_back() { -self.way(rotor) } else { self.way(rotor) };
+        let way = self.way(rotor);
         self.farthest = self.farthest.min(way);
         if way - self.farthest > MOVED / 6 || way < -STOPPED {
             return Step::Failed(Fault::Commutation);
@@ -376,7 +387,7 @@ impl RotorCheck {
             self.pushed = 0;
             return self.begin_hold(rotor, config);
         }
-        self.voltage(self.axis.opposite(), rotor, config)
+        self.voltage(Axis::Back, rotor, config)
     }
 
     #[cfg_attr(feature = "small", inline(never))]
@@ -392,7 +403,7 @@ impl RotorCheck {
     /// Where the voltage is to point.
     fn direction(&self, axis: Axis, rotor: &Tracker, config: &Config) -> ElectricalAngle {
         match self.stage {
-            Stage::Hold => self.anchor,
+            Stage::Hold | Stage::Turn => self.anchor,
             _ => rotor.predicted(&config.tracking) + axis.angle(),
         }
     }

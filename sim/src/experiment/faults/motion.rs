@@ -116,6 +116,7 @@ impl Coasting {
 
     fn step(&mut self, load_nm: f64, period_s: f64) {
         let friction = self.motor.friction;
+        let load_nm = load_nm - self.motor.cogging.iter().map(|cogging| cogging.torque_nm(self.angle_rad)).sum::<f64>();
         if self.speed_rad_s == 0.0 && load_nm.abs() <= friction.breakaway_nm {
             return;
         }
@@ -131,7 +132,7 @@ impl Coasting {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use plant::{Plant, PlantParameters};
+    use plant::{Cogging, Plant, PlantParameters};
 
     fn truth(angle_rad: f64, speed_rad_s: f64, load_nm: f64) -> Truth {
         let truth = Plant::new(&PlantParameters::ideal(), 0).unwrap().truth();
@@ -158,6 +159,24 @@ mod tests {
         assert!((watch(Way::To(1.0), 0.0, |t| -0.5 * t).wrong_rad - 0.5).abs() < 1e-9);
         assert!(watch(Way::To(1.0), 0.0, |t| t).wrong_rad == 0.0);
         assert!((watch(Way::Stay, 0.0, |t| 0.3 * t).wrong_rad - 0.3).abs() < 1e-9);
+    }
+
+    #[test]
+    fn what_cogging_does_is_not_the_drives() {
+        let mut motor = PlantParameters::ideal().motor;
+        let cogging = Cogging { amplitude_nm: 20e-3, cycles_per_turn: 4, phase_rad: 0.0 };
+        // Up to close to the hill's top at 45°, and down again.
+        let fall = |t: f64| (40.0 - 10.0 * (t / 0.025).powi(2)).to_radians();
+        let wrong = |motor: &MotorParameters| {
+            let mut motion = Motion::new(Way::Round(1.0), motor, &truth(fall(0.0), 0.0, 0.0));
+            for k in 1..=1000 {
+                motion.look(&truth(fall(f64::from(k) * 25e-6), 0.0, 0.0), false, 25e-6);
+            }
+            motion.wrong_rad.to_degrees()
+        };
+        assert!((wrong(&motor) - 10.0).abs() < 1e-9);
+        motor.cogging[0] = cogging;
+        assert!(wrong(&motor) < 1.0, "{}", wrong(&motor));
     }
 
     #[test]

@@ -265,7 +265,13 @@ impl Arming {
                 // A rotor that turns drives a current of its own, which would be taken for a fault of the wiring.
                 return self.over(false, config);
             }
-            if self.vector < self.currents.len() && !self.shows_nothing(control) {
+            let nothing = self.shows_nothing(control);
+            if self.vector == 1 && nothing {
+                // Where A is open, or all is blind, the opposite voltage would show as little, and turn a light rotor over.
+                self.vector += 1;
+            }
+            // With one open phase, one of A and B carries a current.
+            if self.vector < self.currents.len() && !(self.vector > 2 && nothing) {
                 self.enter(Stage::Raise);
             } else if let Some(fault) = wiring_fault(&self.currents, control.arming.current.into()) {
                 return Step::Failed(fault);
@@ -276,10 +282,10 @@ impl Arming {
         Step::Output(no_voltage(config))
     }
 
-    /// Whether voltages along and against A and along B have made no current. Even with an open phase, one of them does.
+    /// Whether no voltage so far has made a current.
     fn shows_nothing(&self, control: &Control) -> bool {
         let largest = self.currents.iter().map(|sums| largest(*sums)).max().unwrap_or(0);
-        self.vector == 3 && largest < i32::from(control.arming.current) * AVERAGED as i32 / 4
+        largest < i32::from(control.arming.current) * AVERAGED as i32 / 4
     }
 
     /// The current in the direction of the present voltage. The phase that it is along carries it, the other two half
@@ -339,14 +345,15 @@ fn wiring_fault(currents: &[[i32; 3]; 4], wanted: i32) -> Option<Fault> {
     if most < wanted * AVERAGED as i32 / 4 {
         return Some(Fault::NoCurrent);
     }
-    let sums = currents.map(|[a, b, c]| a + b + c);
+    // The three of a voltage sum to zero. Opposite voltages differ by twice what an amplifier does not show, and errors of
+    // the zeros cancel.
+    let [along_a, against_a, along_b, against_b] = currents.map(|[a, b, c]| a + b + c);
+    let hidden = (along_a - against_a).abs().max((along_b - against_b).abs());
     if let Some(phase) = ranges.iter().position(|[up, down]| *up.max(down) < most / 5) {
-        // Opposite voltages differ by twice what a blind amplifier does not show, and errors of the zeros cancel.
-        let blind = (sums[0] - sums[1]).abs().max((sums[2] - sums[3]).abs()) > most / 2;
-        return if blind { BLIND } else { OPEN }.get(phase).copied();
+        return if hidden > most / 2 { BLIND } else { OPEN }.get(phase).copied();
     }
-    // An amplifier that shows half of it, in a phase that carries half of it, leaves a quarter.
-    if sums.iter().any(|sum| sum.abs() > most / 6) {
+    // An amplifier that shows half of it, in a phase that carries half of it, hides a quarter.
+    if hidden > most / 3 {
         return Some(Fault::CurrentImbalance);
     }
     // A half bridge of which one transistor does not conduct.

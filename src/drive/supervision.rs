@@ -55,6 +55,8 @@ pub(super) struct Supervision {
     /// Checks in a row that found no current; whether the rotor rests.
     silent: u32,
     rests: bool,
+    /// Back-EMF along q and the one that there should have been, at the check before.
+    induced: [i32; 2],
     reference: i32,
     asked: i32,
     follows: bool,
@@ -99,6 +101,7 @@ impl Supervision {
         before: Dq { d: 0, q: 0 },
         silent: 0,
         rests: true,
+        induced: [0; 2],
         reference: 0,
         asked: 0,
         follows: true,
@@ -240,22 +243,41 @@ impl Supervision {
         self.explained = model.dead + 2 * self.dropped + self.expected.abs() + change;
     }
 
+    /// By how much the back-EMF has jumped though the rotor has not: without a current, all of the voltage is back-EMF.
+    #[inline(always)]
+    fn jump(&mut self) -> i32 {
+        let [emf, expected] = self.induced;
+        self.induced = [self.emf.q, self.expected];
+        let jump = (self.emf.q - emf).abs() - 5 * (self.expected - expected).abs();
+        if self.is_silent() { jump } else { 0 }
+    }
+
     /// Fourth part: sums up what is unexplained. A back-EMF in the right direction may be several times as large as it
     /// should be, or as large as it likes where the current follows its reference: the flux linkage may not be known
     /// yet. At rest there is none.
     #[inline(always)]
-    pub fn sum_up(&mut self) {
+    pub fn sum_up(&mut self, model: &Model) {
+        let jump = self.jump();
         let (along, expected) =
             if self.expected < 0 { (-self.emf.q, -self.expected) } else { (self.emf.q, self.expected) };
         let off = along - expected;
-        let unexplained = self.emf.d.abs().max(if off <= 0 {
+        let (silent, follows) = (self.is_silent(), self.follows);
+        let along_q = if off <= 0 {
             -off
-        } else if self.follows && !(self.is_silent() && self.rests) {
+        } else if follows && !(silent && self.rests) {
             0
         } else {
             off - 4 * expected
-        });
-        self.misfit = (self.misfit + unexplained - self.explained).clamp(0, 1 << 28);
+        };
+        let jump = if follows { 0 } else { jump };
+        let across = self.emf.d.abs();
+        let mut excess = across.max(along_q).max(jump) - self.explained;
+        if silent && !follows {
+            // Where a current is asked for and none comes, all of the voltage is back-EMF, which is along q; and nothing
+            // makes up for what was wrong before.
+            excess = excess.max(across - self.emf.q.abs() / 2 - model.dead / 2).max(0);
+        }
+        self.misfit = (self.misfit + excess).clamp(0, 1 << 28);
     }
 
     /// Last part. A back-EMF along q, well above what may be wrong with it, shows that the commutation is right.

@@ -301,7 +301,8 @@ impl RotorCheck {
         // What the rotor still turned with, the field slows down; a wrong one makes it faster.
         let faster = speed > (self.speed / 8 * 7).max(control.arming.turning);
         // Nearly as fast as by the push itself, it is pulled by a third of that force and more.
-        let at_once = !self.has_followed && way > FAR && self.steps < self.pushed + self.pushed / 2;
+        let soon = |least, quarters| way > least && 4 * self.steps < quarters * self.pushed;
+        let at_once = !self.has_followed && (soon(AGAINST, 5) || soon(FAR, 6));
         if way > 2 * HELD || faster && (way > HELD || at_once) {
             return Step::Failed(Fault::Commutation);
         }

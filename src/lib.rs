@@ -89,6 +89,7 @@ pub mod mode;
 #[doc = include_str!("../docs/porting.md")]
 pub mod porting {}
 pub mod pwm;
+pub mod root;
 mod schedule;
 pub mod scope;
 pub mod service;

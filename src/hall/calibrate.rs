@@ -178,7 +178,8 @@ impl Collector {
         let fit = fit::fit(&self.bins, &mut angles)?;
         let (forward, backward) = (offset(&self.bins[0], &angles[0]), offset(&self.bins[1], &angles[1]));
         let swings = [swing(&self.bins[0], &angles[0], forward), swing(&self.bins[1], &angles[1], backward)];
-        let hunting = ElectricalAngle::from_radians(libm::sqrtf((swings[0] * swings[0] + swings[1] * swings[1]) / 2.0));
+        let hunting =
+            ElectricalAngle::from_radians(crate::root::root((swings[0] * swings[0] + swings[1] * swings[1]) / 2.0));
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
         let model = Model { sensors: fit.sensors, alignment: forward + lag, reversed };
@@ -218,7 +219,7 @@ fn swing(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS], mean: ElectricalA
         let off = (lag - mean).to_radians();
         off * off
     };
-    libm::sqrtf(lags(bins, angles).map(square).sum::<f32>() / BINS as f32)
+    crate::root::root(lags(bins, angles).map(square).sum::<f32>() / BINS as f32)
 }
 
 /// Noise from second differences of successive samples, in which the turning of the rotor cancels.
@@ -248,7 +249,7 @@ impl Noise {
 
     /// Standard deviation in ADC codes; the weights 1, −2, 1 multiply the power by six.
     fn deviation(&self, channel: usize) -> f32 {
-        libm::sqrtf(self.squares[channel] / (6.0 * self.count.max(1) as f32))
+        crate::root::root(self.squares[channel] / (6.0 * self.count.max(1) as f32))
     }
 }
 

@@ -50,7 +50,9 @@ impl Config {
     /// The share of the noise of single samples that the smoothed angle has at constant speed.
     pub fn noise_gain(&self) -> f32 {
         let [alpha, beta] = self.gains.map(|gain| gain as f32 / TURN);
-        libm::sqrtf((2.0 * alpha * alpha + 2.0 * beta - 3.0 * alpha * beta) / (alpha * (4.0 - 2.0 * alpha - beta)))
+        crate::root::root(
+            (2.0 * alpha * alpha + 2.0 * beta - 3.0 * alpha * beta) / (alpha * (4.0 - 2.0 * alpha - beta)),
+        )
     }
 
     /// The smoothing exponent whose natural frequency is nearest to `bandwidth_hz`, within [`Self::SMOOTHING`].

@@ -79,7 +79,7 @@ pub(super) fn fit(bins: &Bins, angles: &mut [[ElectricalAngle; BINS]; 2]) -> Res
         *angle = nearest(&sensors, &point.codes, *angle);
         square += residuals(&sensors, &point.codes, *angle).iter().map(|e| e * e).sum::<f32>();
     }
-    let residual = libm::sqrtf(square / (6 * BINS) as f32);
+    let residual = crate::root::root(square / (6 * BINS) as f32);
     if !residual.is_finite() {
         return Err(NoFit::Diverged);
     }
@@ -117,7 +117,7 @@ fn start(bins: &Bins) -> Result<[Sensor; 3], NoFit> {
             sine += code * sin * 2.0 / BINS as f32;
             cosine += code * cos * 2.0 / BINS as f32;
         }
-        let amplitude = libm::sqrtf(sine * sine + cosine * cosine);
+        let amplitude = crate::root::root(sine * sine + cosine * cosine);
         if !(amplitude >= NO_SIGNAL) {
             weak += 1;
             why = NoFit::NoSignal(Channel(channel as u8));

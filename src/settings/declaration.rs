@@ -50,7 +50,8 @@ macro_rules! settings {
             }
 
             impl $struct {
-                const DEFAULT: Self = Self { $($field: $default,)* $($other: $other_default,)* };
+                /// The default, as a constant.
+                pub const DEFAULT: Self = Self { $($field: $default,)* $($other: $other_default,)* };
             }
 
             impl Default for $struct {

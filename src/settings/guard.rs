@@ -18,8 +18,8 @@ impl GuardSettings {
     /// scale, six standard deviations where each has two codes of 12 bit. Second, by their gains, each off by up to 2 %
     /// (a shunt and an amplifier of 1 %): currents I, −I/2, −I/2 with gains of +2 %, −2 %, −2 % come to 4 % of I. That
     /// is added for the largest current. An amplifier without a current is off by up to 6 % of the full scale, `offset_a`.
-    pub fn for_full_scale(current_a: f32) -> Self {
-        Self { imbalance_a: NOISE * current_a, offset_a: OFFSET * current_a, ..Self::default() }
+    pub const fn for_full_scale(current_a: f32) -> Self {
+        Self { imbalance_a: NOISE * current_a, offset_a: OFFSET * current_a, ..Self::DEFAULT }
     }
 }
 

@@ -41,7 +41,8 @@ impl Board for Esc1 {
     };
 
     fn settings() -> Settings {
-        constants::settings()
+        // A constant, which is copied, takes less flash than code that makes it.
+        const { constants::settings() }
     }
 
     #[inline(always)]

@@ -76,7 +76,7 @@ const CEILINGS: &[Ceiling] = &[
 pub const TERMINATION: bool = false;
 
 /// What a drive on this board starts with.
-pub fn settings() -> Settings {
+pub const fn settings() -> Settings {
     let control = Control {
         current_full_scale_a: FULL_SCALE_A,
         // Half of the 40 A that ST names as the peak; what it stands for ever was not measured.
@@ -92,7 +92,7 @@ pub fn settings() -> Settings {
             bridge: Thermistor { pull_up_ohm: 4700.0, beta_k: 3425.0, ..Thermistor::ntc_10k(80.0, 100.0) },
             ..GuardSettings::for_full_scale(FULL_SCALE_A)
         },
-        ..Control::default()
+        ..Control::DEFAULT
     };
     // Two thirds of a microsecond to either side, and 1.4 for the op-amps to settle.
     let sampling_window_s = 4e-6;

@@ -47,7 +47,8 @@ impl Board for Nucleo {
     const GROUPS: &'static [AdcCommon] = &[ADC12_COMMON];
 
     fn settings() -> Settings {
-        constants::settings()
+        // A constant, which is copied, takes less flash than code that makes it.
+        const { constants::settings() }
     }
 
     #[inline(always)]

@@ -77,7 +77,7 @@ const CEILINGS: &[Ceiling] = &[
 ];
 
 /// What a drive on this board starts with.
-pub fn settings() -> Settings {
+pub const fn settings() -> Settings {
     let control = Control {
         current_full_scale_a: FULL_SCALE_A,
         // 1.5 A RMS of the STSPIN830.
@@ -97,7 +97,7 @@ pub fn settings() -> Settings {
             bridge: Thermistor { pull_up_ohm: 4700.0, beta_k: 3425.0, ..Thermistor::ntc_10k(80.0, 100.0) },
             ..GuardSettings::for_full_scale(FULL_SCALE_A)
         },
-        ..Control::default()
+        ..Control::DEFAULT
     };
     // Two thirds of a microsecond to either side, and 1.4 until edges of 0.7 µs and their noise of 0.7 µs are over.
     let sampling_window_s = 4e-6;

@@ -29,7 +29,8 @@ impl Board for Nucleo {
     const CAN: Wires = pins::CAN;
 
     fn settings() -> Settings {
-        constants::settings()
+        // A constant, which is copied, takes less flash than code that makes it.
+        const { constants::settings() }
     }
 
     #[inline(always)]

@@ -67,7 +67,7 @@ const CEILINGS: &[Ceiling] = &[
 ];
 
 /// What a drive on this board starts with.
-pub fn settings() -> Settings {
+pub const fn settings() -> Settings {
     let control = Control {
         current_full_scale_a: FULL_SCALE_A,
         // 15 A RMS of the shield.
@@ -81,7 +81,7 @@ pub fn settings() -> Settings {
             bridge: Thermistor { pull_up_ohm: 4700.0, beta_k: 3425.0, ..Thermistor::ntc_10k(80.0, 100.0) },
             ..GuardSettings::for_full_scale(FULL_SCALE_A)
         },
-        ..Control::default()
+        ..Control::DEFAULT
     };
     // Two thirds of a microsecond to either side, and a half for the amplifiers to settle.
     let sampling_window_s = 2.5e-6;

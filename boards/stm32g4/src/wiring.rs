@@ -69,7 +69,7 @@ impl Wiring {
 
     /// What a drive starts with, whose sampling needs the lower transistors to conduct for a time, and whose Halls are
     /// held so many ticks after the trigger.
-    pub fn settings(&self, sampling_window_s: f32, held: u32, control: Control) -> Settings {
+    pub const fn settings(&self, sampling_window_s: f32, held: u32, control: Control) -> Settings {
         let pwm_hz = self.pwm_hz as f32;
         // A motor whose tool has died, or whose line is broken, comes to rest.
         let guard = GuardSettings { command_timeout_s: 1.0, on_timeout: OnTimeout::Stop, ..control.guard };
@@ -87,7 +87,7 @@ impl Wiring {
             // Each costs the tasks some microseconds: half of the samples is what they can take.
             calibration_record_hz: pwm_hz / 2.0,
             control: Some(Control { guard, ..control }),
-            ..Settings::default()
+            ..Settings::DEFAULT
         }
     }
 }

@@ -1,7 +1,7 @@
 //! A short recording at up to the control rate: four channels, taken in the control interrupt after the drive's step,
 //! around a trigger.
 //!
-//! The memory of a recording travels by reference: a task hands it over with a [`Plan`] ([`Scope::begin`]), the
+//! The memory of a recording travels by reference: a task hands it over with a [`Plan`] in it ([`Scope::begin`]), the
 //! interrupt fills it ([`Recorder::take`]) and hands it back when it is complete. Without a recording the interrupt
 //! looks whether one has come, and nothing else.
 
@@ -19,8 +19,8 @@ pub use tasks::{Busy, Channels, Scope, State};
 
 /// Channels of a recording.
 pub const CHANNELS: usize = 4;
-/// Rows that its memory holds.
-pub const ROWS: usize = 512;
+/// Rows that its memory holds: as many as a board with little memory has room for.
+pub const ROWS: usize = if cfg!(feature = "small") { 64 } else { 512 };
 
 /// The channels at one instant, as raw numbers; [`Channel::scale`] has their units.
 pub type Row = [i32; CHANNELS];

@@ -63,6 +63,10 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     #[inline(never)]
     pub fn begin(&mut self, request: &Request<'_>) -> Step {
         self.controller.hear(request.client, self.now_ms);
+        #[cfg(feature = "scope")]
+        if let Ask::Scope(ask) = &request.ask {
+            return Step::Answer(self.ask_scope(ask, request.client));
+        }
         self.attempt(request).unwrap_or_else(|refusal| Step::Answer(Answer::Refused(refusal)))
     }
 
@@ -102,8 +106,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             }
             #[cfg(feature = "map")]
             Ask::Magnets(MagnetsAsk::Points(first)) => self.magnets.points(first)?,
-            #[cfg(feature = "scope")]
-            Ask::Scope(ask) => self.ask_scope(ask, client)?,
             Ask::Telemetry(hz) => {
                 if !(0.0..=FASTEST).contains(&hz) {
                     return Err(Refusal::Demand(BadDemand { value: hz, most: FASTEST }));
@@ -245,7 +247,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 self.reconfigure(&settings, Command::Plain)
             }
             Ask::Restore => self.restore(),
-            // Answered by `attempt`.
+            // Answered before.
             Ask::Hello
             | Ask::Status
             | Ask::Disarm
@@ -266,7 +268,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     }
 
     #[cfg(feature = "scope")]
-    fn ask_scope(&mut self, ask: ScopeAsk, client: u32) -> Result<Answer<'static>, Refusal<'static>> {
+    fn ask_scope(&mut self, ask: &ScopeAsk, client: u32) -> Answer<'static> {
         let (now_ms, step_hz) = (self.now_ms, self.step_hz());
         let origin = (self.encoder.origin().to_bits() >> 16) as i32;
         let config = self.service.config();

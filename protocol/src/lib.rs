@@ -48,6 +48,8 @@ pub use frame::{Decoder, Error, FrameDecoder, encode};
 pub use history::{Cause, History, Incident};
 #[cfg(feature = "map")]
 pub use magnets::{MagnetsAsk, MagnetsRefusal, MagnetsReport, MagnetsStatus, POINTS_AT_ONCE};
+#[cfg(all(feature = "scope", not(all(feature = "encoder", feature = "map"))))]
+pub use message::Absent;
 pub use message::{Answer, Ask, Hello, Refusal, Reply, Request, Setting};
 pub use report::{Calibration, Cogging, Procedure};
 #[cfg(feature = "scope")]

@@ -20,6 +20,11 @@ use hallservo::service::swings::Rough;
 use hallservo::settings::{self, Kind};
 use serde::{Deserialize, Serialize};
 
+/// What is never said: it keeps the number of a message that a drive has not, for those after it.
+#[cfg(all(feature = "scope", not(all(feature = "encoder", feature = "map"))))]
+#[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
+pub enum Absent {}
+
 /// From a tool to the drive.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct Request<'a> {
@@ -129,9 +134,15 @@ pub enum Ask<'a> {
     /// The absolute encoder.
     #[cfg(feature = "encoder")]
     Encoder(EncoderAsk),
+    /// Keeps the number: there is none of it here.
+    #[cfg(all(feature = "scope", not(feature = "encoder")))]
+    Encoder(Absent),
     /// The map of the rotor's magnets.
     #[cfg(feature = "map")]
     Magnets(MagnetsAsk),
+    /// Keeps the number: there is none of it here.
+    #[cfg(all(feature = "scope", not(feature = "map")))]
+    Magnets(Absent),
     /// The scope.
     #[cfg(feature = "scope")]
     Scope(ScopeAsk),
@@ -210,12 +221,21 @@ pub enum Answer<'a> {
     /// To [`EncoderAsk::Status`].
     #[cfg(feature = "encoder")]
     Encoder(EncoderStatus),
+    /// Keeps the number: there is none of it here.
+    #[cfg(all(feature = "scope", not(feature = "encoder")))]
+    Encoder(Absent),
     /// To [`MagnetsAsk::Status`].
     #[cfg(feature = "map")]
     Magnets(MagnetsStatus),
     /// To [`MagnetsAsk::Points`], in 2⁻¹⁸ electrical turns; none beyond the end of the map.
     #[cfg(feature = "map")]
     MagnetPoints([i16; POINTS_AT_ONCE]),
+    /// Keeps the number: there is none of it here.
+    #[cfg(all(feature = "scope", not(feature = "map")))]
+    Magnets(Absent),
+    /// Keeps the number: there is none of it here.
+    #[cfg(all(feature = "scope", not(feature = "map")))]
+    MagnetPoints(Absent),
     /// To [`ScopeAsk::Status`].
     #[cfg(feature = "scope")]
     Scope(ScopeStatus),
@@ -289,9 +309,15 @@ pub enum Refusal<'a> {
     /// The absolute encoder cannot.
     #[cfg(feature = "encoder")]
     Encoder(EncoderRefusal),
+    /// Keeps the number: there is none of it here.
+    #[cfg(all(feature = "scope", not(feature = "encoder")))]
+    Encoder(Absent),
     /// The map of the magnets cannot.
     #[cfg(feature = "map")]
     Magnets(MagnetsRefusal),
+    /// Keeps the number: there is none of it here.
+    #[cfg(all(feature = "scope", not(feature = "map")))]
+    Magnets(Absent),
     /// The scope cannot.
     #[cfg(feature = "scope")]
     Scope(ScopeRefusal),

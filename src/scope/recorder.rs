@@ -1,7 +1,7 @@
 //! The interrupt's end.
 
 use super::Recording;
-use super::tasks::{Order, Shared};
+use super::tasks::Shared;
 use crate::board::{Output, Sample};
 use crate::drive::Drive;
 use core::sync::atomic::Ordering::Relaxed;
@@ -9,10 +9,10 @@ use heapless::spsc::{Consumer, Producer};
 
 /// What the control interrupt owns of a scope.
 pub struct Recorder {
-    pub(super) come: Consumer<'static, Order, 2>,
+    pub(super) come: Consumer<'static, &'static mut Recording, 2>,
     pub(super) done: Producer<'static, &'static mut Recording, 2>,
     pub(super) shared: &'static Shared,
-    pub(super) recording: Option<Order>,
+    pub(super) recording: Option<&'static mut Recording>,
 }
 
 impl Recorder {
@@ -28,14 +28,14 @@ impl Recorder {
     #[cold]
     #[inline(never)]
     fn go_on(&mut self, drive: &Drive, sample: &Sample, output: &Output) {
-        let Some((recording, plan)) = &mut self.recording else {
+        let Some(recording) = &mut self.recording else {
             self.recording = self.come.dequeue();
             return;
         };
-        recording.take(plan, drive, sample, output, self.shared.commanded.load(Relaxed));
+        recording.take(drive, sample, output, self.shared.commanded.load(Relaxed));
         self.shared.triggered.store(recording.is_triggered(), Relaxed);
         if (recording.is_complete() || self.shared.cancelled.load(Relaxed))
-            && let Some((recording, _)) = self.recording.take()
+            && let Some(recording) = self.recording.take()
         {
             // There is one recording, so it has room.
             let _ = self.done.enqueue(recording);

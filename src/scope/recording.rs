@@ -10,8 +10,7 @@ const _: () = assert!(ROWS.is_power_of_two(), "the ring has no division");
 /// A recording: 8 KiB. Empty it is all zeros, so that the flash does not have to hold it.
 pub struct Recording {
     rows: [Row; ROWS],
-    /// Rows that are kept.
-    kept: u16,
+    plan: Plan,
     /// Where the next row goes.
     next: u16,
     /// Rows in the ring.
@@ -28,12 +27,13 @@ pub struct Recording {
 impl Recording {
     /// Nothing.
     pub const fn new() -> Self {
-        Self { rows: [[0; 4]; ROWS], kept: 0, next: 0, taken: 0, left: 0, until: 0, triggered: false, last: 0 }
+        let plan = Plan::UNUSED;
+        Self { rows: [[0; 4]; ROWS], plan, next: 0, taken: 0, left: 0, until: 0, triggered: false, last: 0 }
     }
 
     /// Begins anew. The old rows are overwritten one by one.
     pub(super) const fn restart(&mut self, plan: &Plan) {
-        self.kept = plan.rows;
+        self.plan = *plan;
         (self.next, self.taken, self.left, self.until) = (0, 0, plan.rows - plan.before, 1);
         (self.triggered, self.last) = (false, 0);
     }
@@ -49,46 +49,46 @@ impl Recording {
     }
 
     /// Takes the row of this period, where one is due. Each has the same work, but for the channels' own.
-    pub(super) fn take(&mut self, plan: &Plan, drive: &Drive, sample: &Sample, output: &Output, commanded: bool) {
+    pub(super) fn take(&mut self, drive: &Drive, sample: &Sample, output: &Output, commanded: bool) {
         self.until = self.until.wrapping_sub(1);
         if self.until != 0 {
             return;
         }
-        self.until = plan.every;
-        let [a, b, c, d] = plan.channels;
+        self.until = self.plan.every;
+        let [a, b, c, d] = self.plan.channels;
         let value = |channel| match channel {
             Some(channel) => drive.look_at(channel, sample, output),
             None => 0,
         };
         let row = [value(a), value(b), value(c), value(d)];
-        let watched = match plan.source {
+        let watched = match self.plan.source {
             Source::Nothing => 1,
             Source::Command => commanded.into(),
             Source::Fault => drive.is_faulted().into(),
             Source::Channel(channel) => value(Some(channel)),
         };
-        self.push(plan, row, watched);
+        self.push(row, watched);
     }
 
     /// Adds a row, and what the trigger looks at.
-    pub(super) fn push(&mut self, plan: &Plan, row: Row, watched: i32) {
+    pub(super) fn push(&mut self, row: Row, watched: i32) {
         if let Some(place) = self.rows.get_mut(usize::from(self.next)) {
             *place = row;
         }
         self.next = (self.next + 1) % ROWS as u16;
         let first = self.taken == 0;
         self.taken = if self.taken < ROWS as u16 { self.taken + 1 } else { self.taken };
-        let fires = plan.source == Source::Nothing || !first && self.crosses(plan, watched);
+        let fires = self.plan.source == Source::Nothing || !first && self.crosses(watched);
         self.last = watched;
-        self.triggered |= fires && self.taken > plan.before;
+        self.triggered |= fires && self.taken > self.plan.before;
         if self.triggered {
             self.left = self.left.saturating_sub(1);
         }
     }
 
     /// Whether the watched value has come to the level from the other side; an angle may wrap.
-    const fn crosses(&self, plan: &Plan, now: i32) -> bool {
-        let Plan { level, rising, .. } = *plan;
+    const fn crosses(&self, now: i32) -> bool {
+        let Plan { level, rising, .. } = self.plan;
         let (before, after, way) =
             (self.last.wrapping_sub(level), now.wrapping_sub(level), now.wrapping_sub(self.last));
         if rising { before < 0 && after >= 0 && way > 0 } else { before > 0 && after <= 0 && way < 0 }
@@ -96,10 +96,10 @@ impl Recording {
 
     /// A row of a complete recording, the oldest first.
     pub fn row(&self, number: u16) -> Option<&Row> {
-        if !self.is_complete() || number >= self.kept {
+        if !self.is_complete() || number >= self.plan.rows {
             return None;
         }
-        let place = self.next.wrapping_sub(self.kept).wrapping_add(number) % ROWS as u16;
+        let place = self.next.wrapping_sub(self.plan.rows).wrapping_add(number) % ROWS as u16;
         self.rows.get(usize::from(place))
     }
 }

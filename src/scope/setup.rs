@@ -101,6 +101,19 @@ pub struct Plan {
     pub(super) rising: bool,
 }
 
+impl Plan {
+    /// In memory that is not used yet: all zeros, whatever they mean, so that the flash does not have to hold it.
+    pub(super) const UNUSED: Self = Self {
+        channels: [Some(Channel::PhaseA); CHANNELS],
+        every: 0,
+        rows: 0,
+        before: 0,
+        source: Source::Channel(Channel::PhaseA),
+        level: 0,
+        rising: false,
+    };
+}
+
 impl Setup {
     /// Checks it, for a drive with these settings and control periods a second. `origin` is the raw position where the
     /// user's is zero.

@@ -15,13 +15,10 @@ pub(super) struct Shared {
     pub triggered: AtomicBool,
 }
 
-/// Memory for a recording, and what is to be recorded.
-pub(super) type Order = (&'static mut Recording, Plan);
-
 /// What connects both ends.
 #[derive(Default)]
 pub struct Channels {
-    to: Queue<Order, 2>,
+    to: Queue<&'static mut Recording, 2>,
     back: Queue<&'static mut Recording, 2>,
     shared: Shared,
 }
@@ -68,7 +65,7 @@ pub struct Busy;
 
 /// What a task owns.
 pub struct Scope {
-    to: Producer<'static, Order, 2>,
+    to: Producer<'static, &'static mut Recording, 2>,
     back: Consumer<'static, &'static mut Recording, 2>,
     shared: &'static Shared,
     /// While the interrupt does not have it.
@@ -87,7 +84,7 @@ impl Scope {
         let Shared { commanded, cancelled, triggered } = self.shared;
         [commanded, cancelled, triggered].into_iter().for_each(|flag| flag.store(false, Relaxed));
         // It has room, as there is one recording.
-        self.to.enqueue((recording, *plan)).map_err(|(recording, _)| {
+        self.to.enqueue(recording).map_err(|recording| {
             self.recording = Some(recording);
             Busy
         })

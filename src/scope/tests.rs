@@ -15,7 +15,7 @@ fn kept(plan: &Plan, watched: &[i32]) -> Option<Vec<i32>> {
     recording.restart(plan);
     for (number, watched) in watched.iter().enumerate() {
         if !recording.is_complete() {
-            recording.push(plan, [number as i32, 0, 0, 0], *watched);
+            recording.push([number as i32, 0, 0, 0], *watched);
         }
     }
     let row = |number| recording.row(number).map(|row| row[0]);

@@ -1,7 +1,7 @@
 //! Recordings on request: whose the scope is, and what is answered of it.
 
 use hallservo::config::Config;
-use hallservo::scope::{CHANNELS, Channel, Channels, Plan, ROWS, Recorder, Recording, Scope, Setup, State};
+use hallservo::scope::{CHANNELS, Channel, Channels, Plan, ROWS, Recorder, Recording, Row, Scope, Setup, State};
 use hallservo_protocol::{Answer, ROWS_AT_ONCE, Refusal, ScopeAsk, ScopeRefusal, ScopeRows, ScopeStatus};
 
 /// Time after which a tool that asks nothing of the scope has left it, ms.
@@ -65,31 +65,36 @@ impl ScopeTasks {
         self.scope.commanded();
     }
 
-    // A frame of its own, which is not to add to the stack of other requests.
+    // A frame of its own, which is not to add to the stack of other requests; an answer is written right to its place.
     #[inline(never)]
-    pub fn ask(&mut self, ask: ScopeAsk, from: &From<'_>) -> Result<Answer<'static>, Refusal<'static>> {
-        self.attempt(ask, from).map_err(Refusal::Scope)
-    }
-
-    fn attempt(&mut self, ask: ScopeAsk, from: &From<'_>) -> Result<Answer<'static>, ScopeRefusal> {
-        if self.recorder.is_some() {
-            return Err(ScopeRefusal::None);
-        }
+    pub fn ask(&mut self, ask: &ScopeAsk, from: &From<'_>) -> Answer<'static> {
         if let Some(owner) = self.owner.as_mut().filter(|owner| owner.client == from.client) {
             owner.asked_ms = from.now_ms;
         }
         self.begin_due();
-        match ask {
-            ScopeAsk::Status => Ok(Answer::Scope(self.status())),
-            ScopeAsk::Begin { id, setup } => self.begin(id, setup, from),
-            ScopeAsk::Rows { id, first } => self.rows(id, first),
-            ScopeAsk::End => {
-                self.yields(from)?;
-                self.scope.cancel();
-                (self.owner, self.due) = (None, None);
-                Ok(Answer::Done)
-            }
+        let done = match ask {
+            _ if self.recorder.is_some() => Err(ScopeRefusal::None),
+            ScopeAsk::Status => return Answer::Scope(self.status()),
+            ScopeAsk::Begin { id, setup } => self.begin(*id, setup, from),
+            ScopeAsk::Rows { id, first } => match self.origins(*id) {
+                Some(origins) => {
+                    return Answer::ScopeRows(ScopeRows { id: *id, first: *first, rows: self.rows(*first, origins) });
+                }
+                None => Err(ScopeRefusal::Gone),
+            },
+            ScopeAsk::End => self.end(from),
+        };
+        match done {
+            Ok(()) => Answer::Done,
+            Err(refusal) => Answer::Refused(Refusal::Scope(refusal)),
         }
+    }
+
+    fn end(&mut self, from: &From<'_>) -> Result<(), ScopeRefusal> {
+        self.yields(from)?;
+        self.scope.cancel();
+        (self.owner, self.due) = (None, None);
+        Ok(())
     }
 
     fn begin_due(&mut self) {
@@ -111,11 +116,11 @@ impl ScopeTasks {
         if owner.client == from.client || left { Ok(()) } else { Err(ScopeRefusal::Busy) }
     }
 
-    fn begin(&mut self, id: u32, setup: Setup, from: &From<'_>) -> Result<Answer<'static>, ScopeRefusal> {
+    fn begin(&mut self, id: u32, setup: &Setup, from: &From<'_>) -> Result<(), ScopeRefusal> {
         self.yields(from)?;
         // Asked again, as the answer was lost.
         if self.owner.as_ref().is_some_and(|owner| owner.id == id && owner.client == from.client) {
-            return Ok(Answer::Done);
+            return Ok(());
         }
         let plan = setup.plan(from.config, from.step_hz, from.origin).map_err(ScopeRefusal::Setup)?;
         // The one before ends with the next period.
@@ -125,8 +130,8 @@ impl ScopeTasks {
         let scale = |channel: Option<Channel>| channel.and_then(|channel| channel.scale(from.config, from.step_hz));
         let scales = setup.channels.map(|channel| scale(channel).unwrap_or(0.0));
         let From { client, now_ms, origin, .. } = *from;
-        self.owner = Some(Owner { client, id, setup, scales, origin, asked_ms: now_ms });
-        Ok(Answer::Done)
+        self.owner = Some(Owner { client, id, setup: *setup, scales, origin, asked_ms: now_ms });
+        Ok(())
     }
 
     fn status(&mut self) -> ScopeStatus {
@@ -139,20 +144,22 @@ impl ScopeTasks {
         }
     }
 
-    fn rows(&mut self, id: u32, first: u16) -> Result<Answer<'static>, ScopeRefusal> {
+    /// What each channel of a complete recording counts from.
+    fn origins(&mut self, id: u32) -> Option<Row> {
         let done = self.state() == State::Done;
-        let owner = self.owner.as_ref().filter(|owner| done && owner.id == id).ok_or(ScopeRefusal::Gone)?;
-        let origin = owner.setup.channels.map(|channel| match channel {
-            Some(channel) if channel.is_position() => owner.origin,
-            _ => 0,
-        });
+        let owner = self.owner.as_ref().filter(|owner| done && owner.id == id)?;
+        let position = |channel: Option<Channel>| channel.is_some_and(Channel::is_position);
+        Some(owner.setup.channels.map(|channel| if position(channel) { owner.origin } else { 0 }))
+    }
+
+    fn rows(&mut self, first: u16, origins: Row) -> [Row; ROWS_AT_ONCE] {
         let mut rows = [[0; CHANNELS]; ROWS_AT_ONCE];
         for (offset, row) in (0..).zip(&mut rows) {
             let Some(raw) = self.scope.row(first.saturating_add(offset)) else { break };
-            for ((value, raw), origin) in row.iter_mut().zip(raw).zip(origin) {
+            for ((value, raw), origin) in row.iter_mut().zip(raw).zip(origins) {
                 *value = raw.wrapping_sub(origin);
             }
         }
-        Ok(Answer::ScopeRows(ScopeRows { id, first, rows }))
+        rows
     }
 }

@@ -20,7 +20,11 @@ pub use tasks::{Busy, Channels, Scope, State};
 /// Channels of a recording.
 pub const CHANNELS: usize = 4;
 /// Rows that its memory holds: as many as a board with little memory has room for.
-pub const ROWS: usize = if cfg!(feature = "small") { 64 } else { 512 };
+pub const ROWS: usize = if cfg!(feature = "small") { 128 } else { 512 };
+
+/// Whether the memory is that of the calibration's sums, which a recording borrows from the
+/// [`Service`](crate::service::Service).
+pub const BORROWS: bool = cfg!(feature = "small");
 
 /// The channels at one instant, as raw numbers; [`Channel::scale`] has their units.
 pub type Row = [i32; CHANNELS];

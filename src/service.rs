@@ -23,10 +23,11 @@ use crate::control::{Impedance, cogging};
 use crate::drive::standstill::Window;
 use crate::drive::{Command, Reply, Tasks};
 use crate::hall::Channel;
-use crate::hall::calibrate::{self, Calibration, Collector};
+use crate::hall::calibrate::{self, Calibration, Collector, Sweep};
 use crate::hall::estimate::{BadModel, Estimator};
 use crate::hall::model::Model;
 use crate::mode::Mode;
+use crate::scope::Recording;
 use crate::telemetry::{Measurement, Progress, Record};
 use core::fmt;
 use heapless::{Deque, Vec};
@@ -87,7 +88,11 @@ const MANY_LOST: u8 = 10;
 /// Serves one drive; 2.7 KiB beside the two estimators.
 pub struct Service {
     tasks: Tasks,
+    #[cfg(not(feature = "small"))]
     collector: Collector,
+    /// Without, while a scope has the memory.
+    #[cfg(feature = "small")]
+    collector: Option<Collector<&'static mut Recording>>,
     /// Whether a calibration has begun to turn the rotor and is not over.
     turns: bool,
     /// Samples of the calibration at work.
@@ -129,11 +134,20 @@ impl Service {
     /// For the tasks' end of a drive's channels. One of the estimators can be filled while the drive uses the other.
     // Inlined, it is made in its place, and takes no stack.
     #[inline(always)]
-    pub fn new(config: Config, tasks: Tasks, estimators: [&'static mut Estimator; 2]) -> Self {
+    pub fn new(
+        config: Config,
+        #[cfg(feature = "small")] mut tasks: Tasks,
+        #[cfg(not(feature = "small"))] tasks: Tasks,
+        estimators: [&'static mut Estimator; 2],
+    ) -> Self {
+        #[cfg(not(feature = "small"))]
+        let collector = Collector::new(config.adc_bits);
+        #[cfg(feature = "small")]
+        let collector = tasks.recording.take().map(|memory| Collector::with(config.adc_bits, memory));
         let spares = Vec::from_iter(estimators);
         Self {
             tasks,
-            collector: Collector::new(config.adc_bits),
+            collector,
             turns: false,
             collected: 0,
             spares,
@@ -367,11 +381,8 @@ impl Service {
         let record = self.tasks.records.dequeue()?;
         Some(match record.status.progress() {
             Progress::Sample(sweep) => {
-                if self.collected == 0 {
-                    self.collector.clear(self.config.adc_bits);
-                }
+                self.collect(sweep, &record);
                 (self.turns, self.collected) = (true, self.collected + 1);
-                self.collector.push(sweep, record.rotor.angle(), &record.codes, record.sequence);
                 Event::Record(record)
             }
             Progress::Complete if self.turns => self.finish(),
@@ -383,20 +394,65 @@ impl Service {
         })
     }
 
+    #[cfg(not(feature = "small"))]
+    const fn collector(&mut self) -> Option<&mut Collector> {
+        Some(&mut self.collector)
+    }
+
+    #[cfg(feature = "small")]
+    const fn collector(&mut self) -> Option<&mut Collector<&'static mut Recording>> {
+        self.collector.as_mut()
+    }
+
+    /// Lends the memory of the calibration's sums, where it is a scope's as well ([`BORROWS`](crate::scope::BORROWS)),
+    /// unless the sums are being made.
+    pub fn lend(&mut self) -> Option<&'static mut Recording> {
+        #[cfg(feature = "small")]
+        if !self.turns
+            && let Some(collector) = self.collector.take()
+        {
+            return Some(collector.into_memory());
+        }
+        None
+    }
+
+    /// Takes the memory back that was [lent](Self::lend): a calibration needs it before its first sample.
+    pub fn take_back(&mut self, recording: &'static mut Recording) {
+        #[cfg(feature = "small")]
+        {
+            self.collector = Some(Collector::with(self.config.adc_bits, recording));
+        }
+        #[cfg(not(feature = "small"))]
+        let _ = recording;
+    }
+
+    fn collect(&mut self, sweep: Sweep, record: &Record) {
+        let (first, bits) = (self.collected == 0, self.config.adc_bits);
+        if let Some(collector) = self.collector() {
+            if first {
+                collector.clear(bits);
+            }
+            collector.push(sweep, record.rotor.angle(), &record.codes, record.sequence);
+        }
+    }
+
     #[inline(never)]
     fn finish(&mut self) -> Event {
         let lost = self.config.calibration_records().saturating_sub(self.collected);
         let lost_pct = (100 * lost / self.config.calibration_records().max(1)) as u8;
-        if self.collected == 0 {
-            self.collector.clear(self.config.adc_bits);
-        }
+        let (bits, reversed) = (self.config.adc_bits, self.config.is_reversed());
+        let none = self.collected == 0;
         (self.turns, self.collected) = (false, 0);
-        let result = self.collector.finish(self.config.is_reversed()).and_then(|calibration| {
-            match self.install(&calibration.model) {
-                Ok(()) => Ok(calibration),
-                Err(InstallError::Model(bad)) => Err(calibrate::Error::Model(bad)),
-                Err(InstallError::Busy) => Err(calibrate::Error::Busy),
+        let found = self.collector().map_or(Err(calibrate::Error::Busy), |collector| {
+            if none {
+                collector.clear(bits);
             }
+            collector.finish(reversed)
+        });
+        let result = found.and_then(|calibration| match self.install(&calibration.model) {
+            Ok(()) => Ok(calibration),
+            Err(InstallError::Model(bad)) => Err(calibrate::Error::Model(bad)),
+            Err(InstallError::Busy) => Err(calibrate::Error::Busy),
         });
         match result {
             Ok(calibration) => Event::Calibrated(calibration),

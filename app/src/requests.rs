@@ -13,6 +13,8 @@ use hallservo::control::config::BadDemand;
 use hallservo::control::config::Config;
 use hallservo::drive;
 use hallservo::mode::Mode;
+#[cfg(feature = "scope")]
+use hallservo::scope::BORROWS;
 use hallservo::settings::{self, Entry, Settings, TABLE, find};
 #[cfg(feature = "encoder")]
 use hallservo_protocol::EncoderAsk;
@@ -271,8 +273,11 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     fn ask_scope(&mut self, ask: &ScopeAsk, client: u32) -> Answer<'static> {
         let (now_ms, step_hz) = (self.now_ms, self.step_hz());
         let origin = (self.encoder.origin().to_bits() >> 16) as i32;
-        let config = self.service.config();
-        self.scope.ask(ask, &From { client, now_ms, config, step_hz, origin })
+        // The sums of a calibration are where the rows would be.
+        if BORROWS && matches!(ask, ScopeAsk::Begin { .. }) && self.activity() == Activity::Calibration {
+            return Answer::Refused(Refusal::Busy(Activity::Calibration));
+        }
+        self.scope.ask(ask, From { client, now_ms, service: self.service, step_hz, origin })
     }
 
     #[cfg(feature = "encoder")]

@@ -120,6 +120,10 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         }
         self.ticks_since_command = self.ticks_since_command.saturating_add(1);
         let torque_nm = self.take_measurements();
+        // Long before its first sample: the field is raised at first.
+        if matches!(self.mode(), Mode::Aligning | Mode::Calibrating) {
+            self.scope.give_back(self.service);
+        }
         while self.next_event(torque_nm) {}
         self.magnets.tick(self.record.status);
         self.end_abandoned();

@@ -10,6 +10,8 @@ use crate::control::{Current, Impedance, Speed};
 use crate::fault::Fault;
 use crate::hall::estimate::Estimator;
 use crate::mode::Mode;
+#[cfg(feature = "small")]
+use crate::scope::Recording;
 use crate::telemetry::{Measurement, Record, Reference};
 use core::fmt;
 use core::sync::atomic::{AtomicBool, AtomicI32, Ordering::Relaxed};
@@ -159,6 +161,9 @@ pub struct Channels {
     windows: Queue<Window, 4>,
     impedances: Queue<&'static mut Impedance, 4>,
     reference: Told,
+    /// Where there is little memory, one for the calibration's sums and the scope's rows.
+    #[cfg(feature = "small")]
+    recording: Recording,
 }
 
 /// The interrupt's ends of the queues.
@@ -197,6 +202,9 @@ pub struct Tasks {
     pub impedances: Consumer<'static, &'static mut Impedance, 4>,
     /// Where the reference of a spring and a damper is.
     pub reference: &'static Told,
+    /// Memory for the calibration's sums, which a scope may borrow.
+    #[cfg(feature = "small")]
+    pub recording: Option<&'static mut Recording>,
 }
 
 impl Channels {
@@ -213,6 +221,8 @@ impl Channels {
             windows: Queue::new(),
             impedances: Queue::new(),
             reference: Told::new(),
+            #[cfg(feature = "small")]
+            recording: Recording::new(),
         }
     }
 
@@ -251,6 +261,8 @@ impl Channels {
                 windows: windows_out,
                 impedances: impedances_out,
                 reference: &self.reference,
+                #[cfg(feature = "small")]
+                recording: Some(&mut self.recording),
             },
         )
     }

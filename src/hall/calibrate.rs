@@ -112,19 +112,34 @@ pub struct Calibration {
     pub report: Report,
 }
 
-#[derive(Clone, Copy, Debug, Default)]
-struct Bin {
-    sums: [u32; 3],
-    count: u32,
-}
+/// The sums of the three codes, and how many there are.
+pub type Bin = [u32; 4];
 
 /// Of the sweep forward and of that backward.
-type Bins = [[Bin; BINS]; 2];
+pub type Bins = [[Bin; BINS]; 2];
 
-/// Sums up the samples of both sweeps; 2.1 KiB.
+/// Who has the memory of the sums.
+pub trait Memory {
+    /// To read.
+    fn bins(&self) -> &Bins;
+    /// To write.
+    fn bins_mut(&mut self) -> &mut Bins;
+}
+
+impl Memory for Bins {
+    fn bins(&self) -> &Bins {
+        self
+    }
+
+    fn bins_mut(&mut self) -> &mut Bins {
+        self
+    }
+}
+
+/// Sums up the samples of both sweeps; 2.1 KiB, unless another has the memory.
 #[derive(Clone, Debug)]
-pub struct Collector {
-    bins: Bins,
+pub struct Collector<M = Bins> {
+    bins: M,
     noise: Noise,
     at_rail: [u32; 3],
     adc_bits: u8,
@@ -135,12 +150,26 @@ impl Collector {
     // Inlined, it is made in its place, and takes no stack.
     #[inline(always)]
     pub fn new(adc_bits: u8) -> Self {
-        Self { bins: [[Bin::default(); BINS]; 2], noise: Noise::default(), at_rail: [0; 3], adc_bits }
+        Self::with(adc_bits, [[[0; 4]; BINS]; 2])
+    }
+}
+
+impl<M: Memory> Collector<M> {
+    /// The same with memory that is all zeros, or [cleared](Self::clear) before the first sample.
+    #[inline(always)]
+    pub(crate) fn with(adc_bits: u8, bins: M) -> Self {
+        Self { bins, noise: Noise::default(), at_rail: [0; 3], adc_bits }
+    }
+
+    /// The memory.
+    #[cfg(feature = "small")]
+    pub(crate) fn into_memory(self) -> M {
+        self.bins
     }
 
     /// Forgets all, without the stack that a new one would take.
     pub(crate) fn clear(&mut self, adc_bits: u8) {
-        for bin in self.bins.iter_mut().flatten() {
+        for bin in self.bins.bins_mut().iter_mut().flatten() {
             *bin = Bin::default();
         }
         (self.noise, self.at_rail, self.adc_bits) = (Noise::default(), [0; 3], adc_bits);
@@ -149,14 +178,15 @@ impl Collector {
     /// Takes a sample made while the field pointed at `field`. `sequence` counts the samples, so that a lost one is
     /// noticed. A bin takes up to 65,536 samples and ignores more.
     pub fn push(&mut self, sweep: Sweep, field: ElectricalAngle, codes: &Codes, sequence: u32) {
-        let bin = &mut self.bins[sweep as usize][field.to_bits() as u32 as usize >> (32 - BINS.ilog2())];
-        if bin.count >= 1 << 16 {
+        let [sums @ .., count] =
+            &mut self.bins.bins_mut()[sweep as usize][field.to_bits() as u32 as usize >> (32 - BINS.ilog2())];
+        if *count >= 1 << 16 {
             return;
         }
-        bin.count += 1;
+        *count += 1;
         let rail = (1_u32 << self.adc_bits) - 1;
         for (channel, &code) in codes.iter().enumerate() {
-            bin.sums[channel] += u32::from(code);
+            sums[channel] += u32::from(code);
             self.at_rail[channel] += u32::from(code == 0 || u32::from(code) >= rail);
         }
         self.noise.push(codes, sequence);
@@ -169,15 +199,16 @@ impl Collector {
     // A stack frame of its own, given back before an estimator is made.
     #[inline(never)]
     pub fn finish(&self, reversed: bool) -> Result<Calibration, Error> {
-        for (sweep, bins) in [Sweep::Forward, Sweep::Backward].into_iter().zip(&self.bins) {
-            if bins.iter().any(|bin| bin.count < FEWEST) {
+        let both = self.bins.bins();
+        for (sweep, bins) in [Sweep::Forward, Sweep::Backward].into_iter().zip(both) {
+            if bins.iter().any(|[.., count]| *count < FEWEST) {
                 return Err(Error::Incomplete(sweep));
             }
         }
         let mut angles = [[ElectricalAngle::ZERO; BINS]; 2];
-        let fit = fit::fit(&self.bins, &mut angles)?;
-        let (forward, backward) = (offset(&self.bins[0], &angles[0]), offset(&self.bins[1], &angles[1]));
-        let swings = [swing(&self.bins[0], &angles[0], forward), swing(&self.bins[1], &angles[1], backward)];
+        let fit = fit::fit(both, &mut angles)?;
+        let (forward, backward) = (offset(&both[0], &angles[0]), offset(&both[1], &angles[1]));
+        let swings = [swing(&both[0], &angles[0], forward), swing(&both[1], &angles[1], backward)];
         let hunting =
             ElectricalAngle::from_radians(crate::root::root((swings[0] * swings[0] + swings[1] * swings[1]) / 2.0));
         // Half way between, on the side where they are closer together.

@@ -1,15 +1,18 @@
 //! The memory of a recording, and how it is filled: a ring of rows, until enough have followed the trigger.
 
 use super::setup::{Plan, Source};
-use super::{ROWS, Row};
+use super::{CHANNELS, ROWS, Row};
 use crate::board::{Output, Sample};
 use crate::drive::Drive;
 
 const _: () = assert!(ROWS.is_power_of_two(), "the ring has no division");
 
-/// A recording: 8 KiB. Empty it is all zeros, so that the flash does not have to hold it.
+/// Of the memory: each half as large as the sums of a sweep of the calibration, where it is theirs.
+type Rows = [[[u32; CHANNELS]; ROWS / 2]; 2];
+
+/// A recording: 8 KiB, or 2 KiB with the feature `small`. Empty it is all zeros, so that the flash does not have to hold it.
 pub struct Recording {
-    rows: [Row; ROWS],
+    rows: Rows,
     plan: Plan,
     /// Where the next row goes.
     next: u16,
@@ -28,7 +31,16 @@ impl Recording {
     /// Nothing.
     pub const fn new() -> Self {
         let plan = Plan::UNUSED;
-        Self { rows: [[0; 4]; ROWS], plan, next: 0, taken: 0, left: 0, until: 0, triggered: false, last: 0 }
+        Self {
+            rows: [[[0; CHANNELS]; ROWS / 2]; 2],
+            plan,
+            next: 0,
+            taken: 0,
+            left: 0,
+            until: 0,
+            triggered: false,
+            last: 0,
+        }
     }
 
     /// Begins anew. The old rows are overwritten one by one.
@@ -72,8 +84,8 @@ impl Recording {
 
     /// Adds a row, and what the trigger looks at.
     pub(super) fn push(&mut self, row: Row, watched: i32) {
-        if let Some(place) = self.rows.get_mut(usize::from(self.next)) {
-            *place = row;
+        if let Some(place) = self.rows.as_flattened_mut().get_mut(usize::from(self.next)) {
+            *place = row.map(i32::cast_unsigned);
         }
         self.next = (self.next + 1) % ROWS as u16;
         let first = self.taken == 0;
@@ -95,12 +107,23 @@ impl Recording {
     }
 
     /// A row of a complete recording, the oldest first.
-    pub fn row(&self, number: u16) -> Option<&Row> {
+    pub fn row(&self, number: u16) -> Option<Row> {
         if !self.is_complete() || number >= self.plan.rows {
             return None;
         }
         let place = self.next.wrapping_sub(self.plan.rows).wrapping_add(number) % ROWS as u16;
-        self.rows.get(usize::from(place))
+        self.rows.as_flattened().get(usize::from(place)).map(|row| row.map(u32::cast_signed))
+    }
+}
+
+#[cfg(feature = "small")]
+impl crate::hall::calibrate::Memory for &'static mut Recording {
+    fn bins(&self) -> &crate::hall::calibrate::Bins {
+        &self.rows
+    }
+
+    fn bins_mut(&mut self) -> &mut crate::hall::calibrate::Bins {
+        &mut self.rows
     }
 }
 

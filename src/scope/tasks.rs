@@ -34,12 +34,12 @@ impl Channels {
         Self { to: Queue::new(), back: Queue::new(), shared }
     }
 
-    /// Both ends, with the memory for a recording.
-    pub fn split(&'static mut self, recording: &'static mut Recording) -> (Recorder, Scope) {
+    /// Both ends, with the memory for a recording; without, it has to be [given](Scope::give).
+    pub fn split(&'static mut self, recording: Option<&'static mut Recording>) -> (Recorder, Scope) {
         let (to, come) = self.to.split();
         let (done, back) = self.back.split();
         let shared = &self.shared;
-        (Recorder { come, done, shared, recording: None }, Scope { to, back, shared, recording: Some(recording) })
+        (Recorder { come, done, shared, recording: None }, Scope { to, back, shared, recording })
     }
 }
 
@@ -95,6 +95,17 @@ impl Scope {
         self.shared.cancelled.store(true, Relaxed);
     }
 
+    /// Gives it memory for a recording.
+    pub fn give(&mut self, recording: &'static mut Recording) {
+        self.recording = Some(recording);
+    }
+
+    /// Takes the memory, if the interrupt does not have it; what was recorded is lost.
+    pub fn take_memory(&mut self) -> Option<&'static mut Recording> {
+        self.poll();
+        self.recording.take()
+    }
+
     /// A command is sent to the drive, which may be the trigger.
     pub fn commanded(&self) {
         self.shared.commanded.store(true, Relaxed);
@@ -118,7 +129,7 @@ impl Scope {
     }
 
     /// A row of a complete recording, the oldest first.
-    pub fn row(&mut self, number: u16) -> Option<&Row> {
+    pub fn row(&mut self, number: u16) -> Option<Row> {
         self.poll();
         self.recording.as_ref()?.row(number)
     }

@@ -25,7 +25,7 @@ fn kept(plan: &Plan, watched: &[i32]) -> Option<Vec<i32>> {
 
 #[test]
 fn a_new_recording_is_empty() {
-    assert_eq!(size_of::<Recording>() / 1024, 8);
+    assert_eq!(size_of::<Recording>() / 1024, ROWS / 64);
     assert!(Recording::new().row(0).is_none());
 }
 

@@ -1,5 +1,7 @@
 //! No scope.
 
+use hallservo::service::Service;
+
 pub(crate) struct ScopeMemory;
 
 impl ScopeMemory {
@@ -16,4 +18,6 @@ impl ScopeTasks {
     }
 
     pub const fn commanded(&self) {}
+
+    pub const fn give_back(&self, _: &Service) {}
 }

@@ -1,7 +1,9 @@
 //! Recordings on request: whose the scope is, and what is answered of it.
 
-use hallservo::config::Config;
-use hallservo::scope::{CHANNELS, Channel, Channels, Plan, ROWS, Recorder, Recording, Row, Scope, Setup, State};
+use hallservo::scope::{
+    BORROWS, CHANNELS, Channel, Channels, Plan, ROWS, Recorder, Recording, Row, Scope, Setup, State,
+};
+use hallservo::service::Service;
 use hallservo_protocol::{Answer, ROWS_AT_ONCE, Refusal, ScopeAsk, ScopeRefusal, ScopeRows, ScopeStatus};
 
 /// Time after which a tool that asks nothing of the scope has left it, ms.
@@ -10,12 +12,13 @@ const LEFT_MS: u64 = 2000;
 /// What is static of the scope.
 pub(crate) struct ScopeMemory {
     channels: Channels,
-    recording: Recording,
+    /// None where it is borrowed.
+    recording: [Recording; if BORROWS { 0 } else { 1 }],
 }
 
 impl ScopeMemory {
     pub const fn new() -> Self {
-        Self { channels: Channels::new(), recording: Recording::new() }
+        Self { channels: Channels::new(), recording: [const { Recording::new() }; if BORROWS { 0 } else { 1 }] }
     }
 }
 
@@ -43,7 +46,7 @@ pub(crate) struct ScopeTasks {
 pub(crate) struct From<'a> {
     pub client: u32,
     pub now_ms: u64,
-    pub config: &'a Config,
+    pub service: &'a mut Service,
     pub step_hz: f32,
     pub origin: i32,
 }
@@ -51,13 +54,24 @@ pub(crate) struct From<'a> {
 impl ScopeTasks {
     pub fn start(memory: &'static mut ScopeMemory) -> Self {
         let ScopeMemory { channels, recording } = memory;
-        let (recorder, scope) = channels.split(recording);
+        let (recorder, scope) = channels.split(recording.first_mut());
         Self { scope, recorder: Some(recorder), owner: None, due: None }
     }
 
     /// For the control interrupt, once.
     pub const fn recorder(&mut self) -> Option<Recorder> {
         self.recorder.take()
+    }
+
+    /// A calibration needs the memory back, where it is borrowed: what was recorded is lost.
+    pub fn give_back(&mut self, service: &mut Service) {
+        if BORROWS {
+            self.scope.cancel();
+            (self.owner, self.due) = (None, None);
+            if let Some(memory) = self.scope.take_memory() {
+                service.take_back(memory);
+            }
+        }
     }
 
     /// A command is sent to the drive.
@@ -67,22 +81,22 @@ impl ScopeTasks {
 
     // A frame of its own, which is not to add to the stack of other requests; an answer is written right to its place.
     #[inline(never)]
-    pub fn ask(&mut self, ask: &ScopeAsk, from: &From<'_>) -> Answer<'static> {
+    pub fn ask(&mut self, ask: &ScopeAsk, mut from: From<'_>) -> Answer<'static> {
         if let Some(owner) = self.owner.as_mut().filter(|owner| owner.client == from.client) {
             owner.asked_ms = from.now_ms;
         }
-        self.begin_due();
+        self.begin_due(from.service);
         let done = match ask {
             _ if self.recorder.is_some() => Err(ScopeRefusal::None),
             ScopeAsk::Status => return Answer::Scope(self.status()),
-            ScopeAsk::Begin { id, setup } => self.begin(*id, setup, from),
+            ScopeAsk::Begin { id, setup } => self.begin(*id, setup, &mut from),
             ScopeAsk::Rows { id, first } => match self.origins(*id) {
                 Some(origins) => {
                     return Answer::ScopeRows(ScopeRows { id: *id, first: *first, rows: self.rows(*first, origins) });
                 }
                 None => Err(ScopeRefusal::Gone),
             },
-            ScopeAsk::End => self.end(from),
+            ScopeAsk::End => self.end(&from),
         };
         match done {
             Ok(()) => Answer::Done,
@@ -97,7 +111,13 @@ impl ScopeTasks {
         Ok(())
     }
 
-    fn begin_due(&mut self) {
+    fn begin_due(&mut self, service: &mut Service) {
+        if BORROWS
+            && self.due.is_some()
+            && let Some(memory) = service.lend()
+        {
+            self.scope.give(memory);
+        }
         if let Some(plan) = self.due.take()
             && self.scope.begin(&plan).is_err()
         {
@@ -116,20 +136,21 @@ impl ScopeTasks {
         if owner.client == from.client || left { Ok(()) } else { Err(ScopeRefusal::Busy) }
     }
 
-    fn begin(&mut self, id: u32, setup: &Setup, from: &From<'_>) -> Result<(), ScopeRefusal> {
+    fn begin(&mut self, id: u32, setup: &Setup, from: &mut From<'_>) -> Result<(), ScopeRefusal> {
         self.yields(from)?;
         // Asked again, as the answer was lost.
         if self.owner.as_ref().is_some_and(|owner| owner.id == id && owner.client == from.client) {
             return Ok(());
         }
-        let plan = setup.plan(from.config, from.step_hz, from.origin).map_err(ScopeRefusal::Setup)?;
+        let config = from.service.config();
+        let plan = setup.plan(config, from.step_hz, from.origin).map_err(ScopeRefusal::Setup)?;
         // The one before ends with the next period.
         self.scope.cancel();
         self.due = Some(plan);
-        self.begin_due();
-        let scale = |channel: Option<Channel>| channel.and_then(|channel| channel.scale(from.config, from.step_hz));
+        let scale = |channel: Option<Channel>| channel.and_then(|channel| channel.scale(config, from.step_hz));
         let scales = setup.channels.map(|channel| scale(channel).unwrap_or(0.0));
         let From { client, now_ms, origin, .. } = *from;
+        self.begin_due(from.service);
         self.owner = Some(Owner { client, id, setup: *setup, scales, origin, asked_ms: now_ms });
         Ok(())
     }

@@ -98,9 +98,9 @@ pub(super) fn sweep(bins: &[Bin]) -> impl Iterator<Item = Point> {
 
 /// The `k`-th; the next sweep begins after so many bins as there are in a turn.
 #[inline(never)]
-fn point(k: u32, bin: &Bin) -> Point {
+fn point(k: u32, &[a, b, c, count]: &Bin) -> Point {
     Point {
-        codes: bin.sums.map(|sum| sum as f32 / bin.count as f32),
+        codes: [a, b, c].map(|sum| sum as f32 / count as f32),
         field: ElectricalAngle::from_bits(((2 * k + 1) << (31 - BINS.ilog2())) as i32),
     }
 }

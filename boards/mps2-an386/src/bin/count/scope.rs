@@ -41,7 +41,7 @@ pub fn init() {
     static RECORDING: StaticCell<Recording> = StaticCell::new();
     let Ok(config) = field_oriented().validate() else { failure() };
     let (interrupt, _) = CHANNELS.init(drive::Channels::new()).split();
-    let (recorder, scope) = SCOPE.init(Channels::new()).split(RECORDING.init(Recording::new()));
+    let (recorder, scope) = SCOPE.init(Channels::new()).split(Some(RECORDING.init(Recording::new())));
     let drive = Drive::new(config, interrupt);
     BENCH.store(PLACE.init(Bench { drive, recorder, scope, sample: sample(), output: Output::OFF, config }), Relaxed);
 }

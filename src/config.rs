@@ -248,7 +248,7 @@ impl Settings {
 
     fn open_loop(&self, dead_time: u16) -> OpenLoop {
         let Self { calibration_modulation: modulation, calibration_align_s: align_s, .. } = *self;
-        let mechanical = libm::ceilf(f32::from(self.calibration_turns) / f32::from(self.pole_pairs));
+        let mechanical = crate::float::ceil(f32::from(self.calibration_turns) / f32::from(self.pole_pairs));
         OpenLoop {
             modulation: commutation::modulation(modulation),
             rise: ((2_147_483_648.0 / (align_s * self.pwm_hz)) as i32).max(1),

@@ -77,6 +77,7 @@ pub mod control;
 pub mod double;
 pub mod drive;
 pub mod fault;
+pub mod float;
 /// Glossary: symbol, words, unit, range, and where each is defined.
 ///
 #[doc = include_str!("../docs/glossary.md")]
@@ -89,7 +90,6 @@ pub mod mode;
 #[doc = include_str!("../docs/porting.md")]
 pub mod porting {}
 pub mod pwm;
-pub mod root;
 mod schedule;
 pub mod scope;
 pub mod service;

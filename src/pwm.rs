@@ -76,13 +76,13 @@ pub fn dead_time_counts(timer_hz: f32, pwm_hz: f32, dead_time_s: f32) -> Result<
         return Err(Error::DeadTime(fraction));
     }
     // A product a rounding error above a whole count means that count.
-    Ok(libm::ceilf(dead_time_s * timer_hz * (1.0 - f32::EPSILON) - 1e-4) as u16)
+    Ok(crate::float::ceil(dead_time_s * timer_hz * (1.0 - f32::EPSILON) - 1e-4) as u16)
 }
 
 /// The largest compare value that leaves the lower transistors conducting for `window_s` in each valley, for sampling
 /// their shunts, after a dead time. Both are subtracted once: half of the time before, half after the valley.
 pub fn highest_compare(period: u16, timer_hz: f32, window_s: f32, dead_time_s: f32) -> u16 {
-    let reserved = libm::ceilf((window_s + dead_time_s) * timer_hz / 2.0);
+    let reserved = crate::float::ceil((window_s + dead_time_s) * timer_hz / 2.0);
     (f32::from(period) - reserved) as u16
 }
 

@@ -44,7 +44,7 @@ pub(crate) fn cogging(table: &Table, full_scale_a: f32) -> Cogging {
     let amperes = |current: &i16| f32::from(*current) / 32_768.0 * full_scale_a;
     let largest_a = table.0.iter().map(|current| amperes(current).abs()).fold(0.0, f32::max);
     let squares: f32 = table.0.iter().map(|current| amperes(current) * amperes(current)).sum();
-    Cogging { largest_a, rms_a: hallservo::root::root(squares / table.0.len() as f32) }
+    Cogging { largest_a, rms_a: hallservo::float::root(squares / table.0.len() as f32) }
 }
 
 /// Voltages along d and q, V.

@@ -79,16 +79,17 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         {
             return Ok(Step::Answer(self.encoder_setting(number)?));
         }
+        let activity = self.activity();
         let answer = match ask {
             Ask::Hello => self.hello(),
             Ask::Status => Answer::Status(self.status()),
             // Its result is answered to a later request.
-            Ask::Calibration if self.activity() == Activity::Calibration => Answer::Calibration(Calibration::Running),
-            Ask::Identification if self.activity() == Activity::Identification => {
+            Ask::Calibration if activity == Activity::Calibration => Answer::Calibration(Calibration::Running),
+            Ask::Identification if activity == Activity::Identification => {
                 Answer::Identification(protocol::Procedure::Running)
             }
-            Ask::Cogging if self.activity() == Activity::Cogging => Answer::Cogging(protocol::Procedure::Running),
-            Ask::Swings if self.activity() == Activity::Swings => Answer::Swings(protocol::Procedure::Running),
+            Ask::Cogging if activity == Activity::Cogging => Answer::Cogging(protocol::Procedure::Running),
+            Ask::Swings if activity == Activity::Swings => Answer::Swings(protocol::Procedure::Running),
             Ask::Swings => Answer::Swings(self.swings),
             Ask::Window => Answer::Window(self.window.take()),
             Ask::Reference => Answer::Reference(self.reference()),
@@ -130,11 +131,11 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 return Ok(Step::Await(Awaited::Reply(Command::Disarm)));
             }
             _ if self.controller.is_other(client) => return Err(Refusal::Controlled),
-            Ask::Speed(0.0) if self.activity() != Activity::None => {
+            Ask::Speed(0.0) if activity != Activity::None => {
                 self.controller.take(client, unattended, self.now_ms);
                 return self.brake();
             }
-            _ if self.activity() != Activity::None => return Err(Refusal::Busy(self.activity())),
+            _ if activity != Activity::None => return Err(Refusal::Busy(activity)),
             _ => {
                 self.controller.take(client, unattended, self.now_ms);
                 return self.attempt_when_idle(ask);

@@ -89,7 +89,7 @@ impl Gains {
         }
         let turns = (fastest_hz / scale.step_hz).min(room(inductance.max(flux)));
         // The fastest speed fills the integer.
-        let shift = -libm::ilogbf(turns) - 2;
+        let shift = -crate::float::exponent(turns) - 2;
         let hold = |gain: f32, bits| libm::roundf(libm::ldexpf(gain, bits)) as i32;
         Ok(Self {
             proportional: hold(proportional, 26),

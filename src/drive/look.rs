@@ -14,9 +14,8 @@ impl Drive {
         let duty = |compare: u16| if output.legs == Legs::NONE { 0 } else { i32::from(compare) };
         let [hall_1, hall_2, hall_3] = sample.halls;
         match channel {
-            Channel::PhaseA => self.phase(0, sample),
-            Channel::PhaseB => self.phase(1, sample),
-            Channel::PhaseC => self.phase(2, sample),
+            // One place, as the three are inlined.
+            Channel::PhaseA | Channel::PhaseB | Channel::PhaseC => self.phase(channel as usize, sample),
             Channel::CurrentD => self.servo.current().d,
             Channel::CurrentQ => self.servo.current().q,
             Channel::ReferenceD => self.servo.reference.current.d,

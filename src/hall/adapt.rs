@@ -326,7 +326,7 @@ impl Adapter {
 
     /// What the rotor leaves unexplained at each sensor, share of the amplitude, RMS.
     pub fn unexplained(&self) -> [f32; 3] {
-        self.sensors.map(|sensor| crate::root::root(sensor.unexplained))
+        self.sensors.map(|sensor| crate::float::root(sensor.unexplained))
     }
 
     /// The model at this moment, for diagnosis; [`Self::model`] is the one to use.

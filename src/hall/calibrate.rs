@@ -210,7 +210,7 @@ impl<M: Memory> Collector<M> {
         let (forward, backward) = (offset(&both[0], &angles[0]), offset(&both[1], &angles[1]));
         let swings = [swing(&both[0], &angles[0], forward), swing(&both[1], &angles[1], backward)];
         let hunting =
-            ElectricalAngle::from_radians(crate::root::root((swings[0] * swings[0] + swings[1] * swings[1]) / 2.0));
+            ElectricalAngle::from_radians(crate::float::root((swings[0] * swings[0] + swings[1] * swings[1]) / 2.0));
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
         let model = Model { sensors: fit.sensors, alignment: forward + lag, reversed };
@@ -250,7 +250,7 @@ fn swing(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS], mean: ElectricalA
         let off = (lag - mean).to_radians();
         off * off
     };
-    crate::root::root(lags(bins, angles).map(square).sum::<f32>() / BINS as f32)
+    crate::float::root(lags(bins, angles).map(square).sum::<f32>() / BINS as f32)
 }
 
 /// Noise from second differences of successive samples, in which the turning of the rotor cancels.
@@ -280,7 +280,7 @@ impl Noise {
 
     /// Standard deviation in ADC codes; the weights 1, −2, 1 multiply the power by six.
     fn deviation(&self, channel: usize) -> f32 {
-        crate::root::root(self.squares[channel] / (6.0 * self.count.max(1) as f32))
+        crate::float::root(self.squares[channel] / (6.0 * self.count.max(1) as f32))
     }
 }
 

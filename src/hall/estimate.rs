@@ -374,11 +374,11 @@ fn fill_table(table: &mut QuadrantTable, model: &Model, inverse: &Inverse) {
 
 /// The Hall angle at which the model's (cosine, sine) points along (`x`, `y`).
 fn hall_angle(model: &Model, inverse: &Inverse, y: f32, x: f32) -> ElectricalAngle {
-    let mut hall = ElectricalAngle::from_radians(libm::atan2f(y, x));
+    let mut hall = ElectricalAngle::from_radians(crate::float::atan2(y, x));
     // Each step divides the error by the size of the harmonics; five reach the bits of a float.
     for _ in 0..5 {
         let (cosine, sine) = inverse.apply(model.sensors.map(|sensor| sensor.wave(hall)));
-        hall += ElectricalAngle::from_radians(libm::atan2f(y * cosine - x * sine, x * cosine + y * sine));
+        hall += ElectricalAngle::from_radians(crate::float::atan2(y * cosine - x * sine, x * cosine + y * sine));
     }
     hall
 }

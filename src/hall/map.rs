@@ -116,7 +116,7 @@ impl Map {
         let (begin, end) = points.split_at(by.min(points.len()));
         let others = end.iter().chain(begin);
         let square = |(one, other): (&i16, &i16)| degrees(i32::from(*one) - i32::from(*other));
-        crate::root::root(points.iter().zip(others).map(square).map(|x| x * x).sum::<f32>() / points.len() as f32)
+        crate::float::root(points.iter().zip(others).map(square).map(|x| x * x).sum::<f32>() / points.len() as f32)
     }
 
     /// Whether a [`Finder`] can tell the poles of this rotor, or need not.
@@ -157,7 +157,7 @@ impl Map {
     pub fn rms_deg(&self) -> f32 {
         let points = self.points();
         let squares = points.iter().map(|&point| degrees(point.into()) * degrees(point.into())).sum::<f32>();
-        crate::root::root(squares / points.len() as f32)
+        crate::float::root(squares / points.len() as f32)
     }
 }
 

@@ -58,8 +58,8 @@ impl Window {
     /// window without a code in it, gives `None`.
     pub fn new(offset: f32, amplitude: f32, adc_bits: u8) -> Option<Self> {
         let rail = ((1_u32 << adc_bits) - 1) as f32;
-        let low = libm::ceilf(offset - PLAUSIBLE * amplitude).max(1.0);
-        let high = libm::floorf(offset + PLAUSIBLE * amplitude).min(rail - 1.0);
+        let low = crate::float::ceil(offset - PLAUSIBLE * amplitude).max(1.0);
+        let high = crate::float::floor(offset + PLAUSIBLE * amplitude).min(rail - 1.0);
         // False for not-a-numbers, too.
         (amplitude > 0.0 && offset.is_finite() && low <= high)
             .then_some(Self { low: low as u32, span: (high - low) as u32 })

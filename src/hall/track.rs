@@ -50,7 +50,7 @@ impl Config {
     /// The share of the noise of single samples that the smoothed angle has at constant speed.
     pub fn noise_gain(&self) -> f32 {
         let [alpha, beta] = self.gains.map(|gain| gain as f32 / TURN);
-        crate::root::root(
+        crate::float::root(
             (2.0 * alpha * alpha + 2.0 * beta - 3.0 * alpha * beta) / (alpha * (4.0 - 2.0 * alpha - beta)),
         )
     }
@@ -58,7 +58,7 @@ impl Config {
     /// The smoothing exponent whose natural frequency is nearest to `bandwidth_hz`, within [`Self::SMOOTHING`].
     pub fn smoothing_for(bandwidth_hz: f32, sample_hz: f32) -> u32 {
         // To the nearest: rounded down after half an octave more.
-        let exponent = libm::ilogbf(core::f32::consts::SQRT_2 * sample_hz / (8.886 * bandwidth_hz));
+        let exponent = crate::float::exponent(core::f32::consts::SQRT_2 * sample_hz / (8.886 * bandwidth_hz));
         exponent.clamp(*Self::SMOOTHING.start() as i32, *Self::SMOOTHING.end() as i32) as u32
     }
 }

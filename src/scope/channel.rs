@@ -7,7 +7,6 @@ use core::f32::consts::TAU;
 /// A quantity of the control.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum Channel {
     /// Current of a phase.
     PhaseA,
@@ -79,6 +78,18 @@ impl Channel {
         (Self::Hall3, "hall_3"),
     ];
 
+    /// The same by their numbers.
+    #[cfg(feature = "serde")]
+    const NUMBERED: [Self; Self::ALL.len()] = {
+        let mut channels = [Self::PhaseA; Self::ALL.len()];
+        let mut k = 0;
+        while k < channels.len() {
+            channels[k] = Self::ALL[k].0;
+            k += 1;
+        }
+        channels
+    };
+
     /// Unit of what is shown.
     pub const fn unit(self) -> &'static str {
         match self {
@@ -117,5 +128,21 @@ impl Channel {
             Self::PositionReference => scale.map(|_| 1.0 / 65_536.0 / pole_pairs),
             Self::Hall1 | Self::Hall2 | Self::Hall3 => Some(1.0),
         }
+    }
+}
+
+/// Its number in a byte, which is what postcard makes of a variant. Derived, it takes 150 bytes more of a drive's flash.
+#[cfg(feature = "serde")]
+impl serde::Serialize for Channel {
+    fn serialize<S: serde::Serializer>(&self, to: S) -> Result<S::Ok, S::Error> {
+        to.serialize_u8(*self as u8)
+    }
+}
+
+#[cfg(feature = "serde")]
+impl<'de> serde::Deserialize<'de> for Channel {
+    fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
+        let number = u8::deserialize(from)?;
+        Self::NUMBERED.get(usize::from(number)).copied().ok_or_else(|| serde::de::Error::custom("no such channel"))
     }
 }

@@ -203,7 +203,7 @@ impl Commission {
         control.max_acceleration_rad_s2 = most.min(10.0 * control.max_speed_rad_s).clamp(1.0, 1e6);
         // The tracker's speed is noisy by about this, and the speed loop makes a current of it.
         let tracker = TAU * tracking_bandwidth_hz;
-        let noise_rad_s = self.noise * tracker * crate::root::root(tracker / pwm_hz / 2.8) / pairs;
+        let noise_rad_s = self.noise * tracker * crate::float::root(tracker / pwm_hz / 2.8) / pairs;
         let quiet_hz = NOISE * max_current_a * constant / (inertia_kgm2 * noise_rad_s.max(1e-6)) / TAU;
         self.set_bandwidths(current_bandwidth_hz, quiet_hz.clamp(0.6, 60.0))
     }

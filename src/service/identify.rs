@@ -231,7 +231,7 @@ impl Fit {
             let mut unit = [0.0; MOST];
             unit[k] = 1.0;
             let inverse = self.solve_for(regressors, unit)?[k];
-            *estimate = Estimate { value: values[k], error: 3.0 * crate::root::root(variance * inverse) };
+            *estimate = Estimate { value: values[k], error: 3.0 * crate::float::root(variance * inverse) };
         }
         Some(estimates)
     }
@@ -443,7 +443,7 @@ impl Identifier {
         // The current that burns what braking returns turns what the dead time takes.
         if current.abs() >= STRONG * self.largest && burnt.abs() <= BURNT * current.abs() {
             let taken = softened(current / self.ramp_a);
-            self.q.push([current, speed * self.scale.pole_pairs, taken, 0.0, 0.0], voltage, crate::root::root(count));
+            self.q.push([current, speed * self.scale.pole_pairs, taken, 0.0, 0.0], voltage, crate::float::root(count));
         }
         let moves = speed.abs() >= self.slow;
         if moves && let Some([impulse_before, way_before, sign_before, time_before, speed_before]) = before {
@@ -477,7 +477,7 @@ impl Identifier {
         let [impulse, way, sign, time] = core::mem::take(&mut self.since);
         let uncertain = core::mem::take(&mut self.uncertain);
         if let Some(begun) = self.begun.replace(speed) {
-            let weight = 1.0 / crate::root::root(uncertain.max(1e-12));
+            let weight = 1.0 / crate::float::root(uncertain.max(1e-12));
             self.motion.push([way, sign, time, speed - begun, 0.0], impulse, weight);
         }
     }
@@ -510,7 +510,7 @@ impl Identifier {
         let [viscous, coulomb, load, ..] = motion.solve(3)?;
         let [inertia, viscous, coulomb, load] = [inertia, viscous, coulomb, load].map(|x| x.times(constant));
         // Half the square of a leap is the variance of what swings or is noise.
-        let swings_nm = SWINGS_SHARE * constant * crate::root::root(self.leaps[0] / self.leaps[1].max(1.0) / 2.0);
+        let swings_nm = SWINGS_SHARE * constant * crate::float::root(self.leaps[0] / self.leaps[1].max(1.0) / 2.0);
         let more = |x: Estimate, more: f32| Estimate { error: x.error + more, ..x };
         let late = late.times(1e6 / flux_linkage.value);
         let late = Estimate { error: SWINGING_FREELY * late.error, ..late }.beside(share + UNLIKE);

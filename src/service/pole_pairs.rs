@@ -98,7 +98,7 @@ impl Count {
             return Ok(Self { pole_pairs: likely, off_deg, next_off_deg });
         }
         // Where one more pole pair would be twice as far off as a person may be, and more than was not enough.
-        let needed = libm::ceilf(2.0 * BY_EYE_DEG / 360.0 * (pairs + 1.0)) as u8;
+        let needed = crate::float::ceil(2.0 * BY_EYE_DEG / 360.0 * (pairs + 1.0)) as u8;
         Err(Error::Ambiguous { likely, turns_needed: needed.max(turns.saturating_add(1)) })
     }
 }

@@ -264,5 +264,5 @@ fn harmonic(curve: &[f32; NODES], order: usize) -> f32 {
         sine += value * s;
         cosine += value * c;
     }
-    crate::root::root(sine * sine + cosine * cosine) * (2.0 / NODES as f32)
+    crate::float::root(sine * sine + cosine * cosine) * (2.0 / NODES as f32)
 }

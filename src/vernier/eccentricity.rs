@@ -66,7 +66,7 @@ impl Geometry {
         let (a, b) = (1.0 / self.reference_radius, 1.0 / self.vernier_radius);
         let square = a * a + b * b - 2.0 * a * b * libm::cosf(self.head_angle);
         // Rounding may take equal radii in line below zero.
-        crate::root::root(square.max(0.0))
+        crate::float::root(square.max(0.0))
     }
 
     /// The largest eccentricity in millimetres with which one head a ring still finds every pole pair, all else being
@@ -89,7 +89,7 @@ impl Geometry {
         let quadratic = (a * a + b * b) / 2.0;
         // The positive root of quadratic·e² + linear·e = margin, in the form that survives a small quadratic term.
         let margin = margin(rings);
-        2.0 * margin / (linear + crate::root::root(linear * linear + 4.0 * quadratic * margin))
+        2.0 * margin / (linear + crate::float::root(linear * linear + 4.0 * quadratic * margin))
     }
 }
 

@@ -20,7 +20,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 let wave = (f32::from(*code) - sensor.offset) / sensor.amplitude;
                 wave * wave
             });
-            hallservo::root::root(squares.sum())
+            hallservo::float::root(squares.sum())
         };
         let amplitude = length(codes) / length(model.codes(angle));
         Halls { codes, amplitude, angle_deg: angle.to_degrees(), calibrated: true }

@@ -123,7 +123,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         match (&*self.procedure, &self.rest) {
             (Some(procedure), _) => procedure.activity(),
             (None, Some(rest)) => rest.after,
-            _ if self.calibration == Calibration::Running => Activity::Calibration,
+            _ if matches!(self.calibration, Calibration::Running) => Activity::Calibration,
             // The drive takes up the identified parameters.
             _ if self.unclaimed_replies > 0 && self.sent_settings.is_some() => Activity::Identification,
             _ => self.encoder.activity().0,

@@ -73,14 +73,14 @@ impl Guard {
         let per_volt = codes / scale.volts;
         let per_ampere = codes / 2.0 / scale.amperes;
         Self {
-            under: libm::ceilf(settings.under_voltage_v * per_volt) as u32,
+            under: crate::float::ceil(settings.under_voltage_v * per_volt) as u32,
             range: ((settings.over_voltage_v - settings.under_voltage_v) * per_volt) as u32,
             over_current: (settings.over_current_a * per_ampere) as u32,
             imbalance: ((settings.imbalance_a + GAINS * control.max_current_a) * per_ampere) as u32,
             offset: (settings.offset_a * scale.per_ampere()) as i32,
             heat: [Heat::new(&settings.bridge, adc_bits), Heat::new(&settings.motor, adc_bits)],
             stall: (settings.stall_s * scale.step_hz / LONG as f32) as u32,
-            timeout: libm::ceilf(settings.command_timeout_s * loop_hz) as u32,
+            timeout: crate::float::ceil(settings.command_timeout_s * loop_hz) as u32,
             stops: settings.on_timeout == OnTimeout::Stop,
             rest_speed: scale.per_radian_s() as i32,
         }

@@ -190,7 +190,7 @@ impl Control {
             None => self.guard.timeout,
             Some(seconds) => {
                 let seconds = range(Field::Timeout, seconds, 1e-3, LONGEST_S)?;
-                libm::ceilf(seconds * self.scale.step_hz / OUTER as f32) as u32
+                crate::float::ceil(seconds * self.scale.step_hz / OUTER as f32) as u32
             }
         })
     }

@@ -47,5 +47,5 @@ fn angle_of_signals(state: &State, signals: &[f32; 3], ignore: &[bool; 3]) -> El
         ys += y * s;
     }
     // The determinant is positive and does not turn the vector.
-    ElectricalAngle::from_radians(libm::atan2f(yc * ss - ys * cs, ys * cc - yc * cs))
+    ElectricalAngle::from_radians(crate::float::atan2(yc * ss - ys * cs, ys * cc - yc * cs))
 }

@@ -23,7 +23,7 @@ pub struct Deviations {
 impl Deviations {
     /// The square roots of the diagonal.
     pub(super) fn of(covariance: &Covariance) -> Self {
-        let of = |state: usize| crate::root::root(covariance.get(state, state).max(0.0));
+        let of = |state: usize| crate::float::root(covariance.get(state, state).max(0.0));
         Self {
             angle: of(ANGLE),
             speed: of(SPEED),

@@ -79,7 +79,7 @@ pub(super) fn fit(bins: &Bins, angles: &mut [[ElectricalAngle; BINS]; 2]) -> Res
         *angle = nearest(&sensors, &point.codes, *angle);
         square += residuals(&sensors, &point.codes, *angle).iter().map(|e| e * e).sum::<f32>();
     }
-    let residual = crate::root::root(square / (6 * BINS) as f32);
+    let residual = crate::float::root(square / (6 * BINS) as f32);
     if !residual.is_finite() {
         return Err(NoFit::Diverged);
     }
@@ -117,12 +117,12 @@ fn start(bins: &Bins) -> Result<[Sensor; 3], NoFit> {
             sine += code * sin * 2.0 / BINS as f32;
             cosine += code * cos * 2.0 / BINS as f32;
         }
-        let amplitude = crate::root::root(sine * sine + cosine * cosine);
+        let amplitude = crate::float::root(sine * sine + cosine * cosine);
         if !(amplitude >= NO_SIGNAL) {
             weak += 1;
             why = NoFit::NoSignal(Channel(channel as u8));
         }
-        let placement = ElectricalAngle::from_radians(-libm::atan2f(cosine, sine));
+        let placement = ElectricalAngle::from_radians(-crate::float::atan2(cosine, sine));
         *sensor = Sensor::sinusoidal(mean, amplitude, placement);
     }
     match weak {

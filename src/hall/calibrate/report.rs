@@ -178,7 +178,7 @@ impl Report {
             residual_pct: 100.0 * fit.residual,
             lag,
             hunting_deg: hunting.to_degrees(),
-            angle_noise_deg: crate::root::root(noise_power * 2.0 / 3.0).to_degrees(),
+            angle_noise_deg: crate::float::root(noise_power * 2.0 / 3.0).to_degrees(),
         }
     }
 

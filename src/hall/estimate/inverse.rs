@@ -53,7 +53,7 @@ impl Inverse {
     pub fn noise_gain(&self) -> f32 {
         let power: f32 = self.cosine.iter().chain(&self.sine).map(|w| w * w).sum();
         // Half the sum over both rows is the mean over the turn; at 120° it is 2/3.
-        let gain = crate::root::root(power * 0.5 * 1.5);
+        let gain = crate::float::root(power * 0.5 * 1.5);
         if gain.is_finite() { gain } else { f32::INFINITY }
     }
 

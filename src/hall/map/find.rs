@@ -219,13 +219,13 @@ impl<const POLES: usize> Finder<POLES> {
         let fit = |other: &Candidate| (other.left - chosen.left) / other.apart.max(alike);
         let (worst, apart) = others().map(|other| (fit(other), other.apart)).min_by(|a, b| a.0.total_cmp(&b.0))?;
         // Noise moves ρ by twice its size over the root of what the two are apart.
-        let sigmas = worst * crate::root::root(apart.max(alike) * self.samples / chosen.left) / 2.0;
+        let sigmas = worst * crate::float::root(apart.max(alike) * self.samples / chosen.left) / 2.0;
         let noise = (noise_deg / 360.0) * (noise_deg / 360.0) * NOISE * self.samples;
         let nearest = others().map(|other| other.apart).fold(f32::MAX, f32::min);
         let verdict = Verdict {
             electrical_turns: favourite as i32,
             fit: worst,
-            left_deg: 360.0 * crate::root::root(chosen.left / self.samples),
+            left_deg: 360.0 * crate::float::root(chosen.left / self.samples),
             sure: worst >= FIT
                 && sigmas >= SIGMAS
                 && self.turns >= LEAST_TURNS

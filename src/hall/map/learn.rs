@@ -145,7 +145,7 @@ impl Learner {
 
     /// What the map leaves over of single samples, degrees RMS: their noise, if it is a good one.
     pub fn noise_deg(&self) -> f32 {
-        360.0 * crate::root::root(self.square)
+        360.0 * crate::float::root(self.square)
     }
 
     /// How many samples it has taken.

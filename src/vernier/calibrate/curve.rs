@@ -222,7 +222,7 @@ impl Run {
                 return Err(Error::Unsteady { kept: similar as u8, of: self.collected });
             }
             let curve = mean_curve(curves.iter().zip(kept).filter(|(_, kept)| *kept).map(|(curve, _)| curve));
-            let size = norm(curve.iter().copied()).max(SMALLEST_CURVE * crate::root::root(NODES as f32));
+            let size = norm(curve.iter().copied()).max(SMALLEST_CURVE * crate::float::root(NODES as f32));
             let similarity = |other: &[i16; NODES]| {
                 let distance = norm(other.iter().zip(curve).map(|(&value, mean)| in_pole_pairs(value) - mean));
                 100.0 * (1.0 - distance / size)
@@ -278,5 +278,5 @@ fn in_pole_pairs(value: i16) -> f32 {
 }
 
 fn norm(values: impl Iterator<Item = f32>) -> f32 {
-    crate::root::root(values.map(|value| value * value).sum())
+    crate::float::root(values.map(|value| value * value).sum())
 }

@@ -195,7 +195,7 @@ fn wait(client: &mut Client, id: u32, seconds: f64) -> Result<ScopeStatus> {
     loop {
         let scope = status(client)?;
         if scope.id != id || scope.state == State::None {
-            return Err(Error::Failed("the recording is gone: the drive was restarted meanwhile".into()));
+            return Err(Error::Failed("the recording is gone: the drive was restarted or calibrated meanwhile".into()));
         }
         if scope.state == State::Done {
             return Ok(scope);

@@ -175,7 +175,7 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
             "another tool records\n  Wait until it ends; two seconds after one was killed the scope is free.".into()
         }
         Refusal::Scope(ScopeRefusal::Gone) => {
-            "the recording is gone: the drive was restarted, or another tool records\n  Record again.".into()
+            "the recording is gone: the drive was restarted or calibrated, or another tool records\n  Record again.".into()
         }
         Refusal::Flash => "the flash did not take it\n  Try again; the flash may be worn out.".into(),
         Refusal::NoTable => "the cogging is not learnt yet\n  `hallctl cogging learn` first.".into(),

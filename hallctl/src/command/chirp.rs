@@ -13,7 +13,7 @@ use anyhow::Context as _;
 use hallservo::commutation::Commutation;
 use hallservo::hall::track;
 use hallservo::mode::Mode;
-use hallservo::scope::{Channel, ROWS, Setup, Trigger};
+use hallservo::scope::{Channel, Setup, Trigger};
 use hallservo_protocol::Ask;
 use serde_json::json;
 use sim::report::{Plot, Report, Series};
@@ -48,8 +48,8 @@ pub(super) struct Options {
     out: Vec<PathBuf>,
 }
 
-/// Rows before a step.
-const BEFORE: u16 = 64;
+/// One of so many rows is before a step.
+const BEFORE: u16 = 8;
 /// Periods of the bandwidth in a record.
 const PERIODS: f64 = 8.0;
 /// Longest wait for a record, s.
@@ -190,14 +190,15 @@ fn plan(client: &mut Client, options: &Options, model: &Model, out: Out) -> Resu
             number.with_context(|| format!("{text:?} is no current"))?
         }
     };
+    let rows = scope::status(client)?.capacity;
+    let before = rows / BEFORE;
     // Outer loops work every eighth period, and a row of theirs is as new.
-    let usual = PERIODS / hz * model.step_hz / f64::from(ROWS as u16 - BEFORE);
+    let usual = PERIODS / hz * model.step_hz / f64::from(rows - before);
     let every = match options.which {
         Loop::Current => usual.round().max(1.0) as u16,
         Loop::Speed => 8 * (usual / 8.0).round().max(1.0) as u16,
     };
-    let setup =
-        Setup { channels: four(&channels), every, rows: ROWS as u16, before: BEFORE, trigger: Trigger::Command };
+    let setup = Setup { channels: four(&channels), every, rows, before, trigger: Trigger::Command };
     let (from, size) = match options.which {
         Loop::Current => (0.0, size * constant),
         Loop::Speed => (options.from.value(out.units.speed.rad_s()), size),
@@ -220,7 +221,7 @@ fn records(client: &mut Client, count: u32, plan: &Plan) -> Result<Vec<Recording
         }
         let id = scope::begin(client, plan.setup)?;
         let armed_ms = client.status()?.uptime_ms;
-        let before_ms = (1000.0 * plan.row_s * f64::from(BEFORE)) as u64 + 2;
+        let before_ms = (1000.0 * plan.row_s * f64::from(plan.setup.before)) as u64 + 2;
         while client.status()?.uptime_ms < armed_ms + before_ms {
             client.listen(PAUSE / 4)?;
         }
@@ -256,7 +257,7 @@ fn responses(which: Loop, records: &[Recording], plan: &Plan, model: &Model) -> 
     let pairs = |reference, from, to| -> Vec<_> {
         of(reference).zip(of(from)).zip(of(to)).map(|((a, b), c)| [a, b, c]).collect()
     };
-    let least_hz = 2.0 / (plan.row_s * f64::from(ROWS as u16 - BEFORE));
+    let least_hz = 2.0 / (plan.row_s * f64::from(plan.setup.rows - plan.setup.before));
     let frequencies = grid(least_hz.max(plan.hz / 8.0), (4.0 * plan.hz).min(0.4 / plan.row_s), 48);
     let each = |of: &dyn Fn(f64) -> num_complex::Complex64| -> Vec<Sine> {
         frequencies.iter().map(|&hz| sine(hz, of(hz))).collect()

@@ -21,9 +21,9 @@ pub(super) struct Options {
     /// Every so many control periods
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
     every: u16,
-    /// Rows
-    #[arg(long, default_value_t = ROWS as u16, value_parser = clap::value_parser!(u16).range(1..=ROWS as i64))]
-    rows: u16,
+    /// Rows; without, as many as the drive's memory holds
+    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=ROWS as i64))]
+    rows: Option<u16>,
     /// now, command (the next one to the drive), fault, or a channel that crosses a level: "i_q>1.5", "speed<-100rpm"
     #[arg(long, value_parser = scope::trigger, default_value = "now", allow_hyphen_values = true)]
     trigger: Trigger,
@@ -47,7 +47,11 @@ fn share(text: &str) -> std::result::Result<f64, String> {
 
 pub(super) fn record(client: &mut Client, options: &Options, out: Out) -> Result<()> {
     let Options { channels, every, rows, trigger, before, .. } = options;
-    let setup = scope::setup(channels, *every, *rows, *before, *trigger)?;
+    let rows = match rows {
+        Some(rows) => *rows,
+        None => scope::status(client)?.capacity,
+    };
+    let setup = scope::setup(channels, *every, rows, *before, *trigger)?;
     // Tried before the work begins.
     options.out.iter().filter(|path| !is_stream(path)).try_for_each(|path| out::create(path).map(drop))?;
     let id = scope::begin(client, setup)?;

@@ -18,7 +18,7 @@ const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[
     (EMULATOR, "same error within {} %", "emulator/virtual/tests/angle.rs", "(ratio - 1.0).abs() < {}", 100.0),
     (EMULATOR, "in the {} ms for which", "emulator/virtual/tests/boards/line.rs", "stand still for up to {} ms", 1.0),
     (BOARDS, "every firmware has to leave {} KiB", CHECK, "left=({}", 1.0 / 1024.0),
-    (BOARDS, "of flash and {} KiB of RAM", CHECK, "left=(7168 {})", 1.0 / 1024.0),
+    (BOARDS, "of flash and {} KiB of RAM", CHECK, "left=(4096 {})", 1.0 / 1024.0),
     (BOARDS, "for CAN-FD {} KiB", CHECK, "left_with_can=({}", 1.0 / 1024.0),
     (BOARDS, "for CAN-FD 3.5 KiB and {} KiB", CHECK, "left_with_can=(3584 {})", 1.0 / 1024.0),
     ("docs/tool.md", "The shaft turns by up to {}°", "tests/arming.rs", "FARTHEST_DEG: f64 = {}", 1.0),

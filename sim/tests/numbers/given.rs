@@ -152,7 +152,7 @@ const GIVEN: &[(&str, &str, &[&str])] = &[
     ("docs/porting.md", "bytes by the linker when it was added, of no promise", &["4 KiB of RAM, 27 KiB of flash"]),
     ("docs/porting.md", "what to set, and what records need", &["some 100 mA", "blocks of 2 KiB"]),
     ("docs/protocol.md", "an example, which a test encodes", &["Turn at −1.5 rad/s"]),
-    ("docs/tool.md", "data sheets", &["Boards of 128 KiB"]),
+    ("docs/tool.md", "data sheets", &["boards of 128 KiB"]),
     ("emulator/README.md", "Arm's and ST's manuals, and CAN's own rules", &["any frame at 1 Mbit/s", "1 to 3 cycles"]),
     ("emulator/README.md", "of the machine that it runs on", &["30 to 40 s of a board's time"]),
     ("emulator/README.md", "a period of 40 kHz", &["25 µs", "40 kHz"]),

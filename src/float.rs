@@ -38,7 +38,7 @@ fn digit_by_digit(x: f32) -> f32 {
     )
 }
 
-/// The angle of a vector in radians, −π to π; 0 of none. With the feature `small` within 3·10⁻⁷ of libm's, which takes
+/// The angle of a vector in radians, −π to π; 0 of none. With the feature `small` within 5·10⁻⁷ of libm's, which takes
 /// 500 bytes more.
 pub fn atan2(y: f32, x: f32) -> f32 {
     if cfg!(feature = "small") { short_atan2(y, x) } else { libm::atan2f(y, x) }
@@ -114,9 +114,9 @@ mod tests {
                 worst = worst.max(libm::fabsf(short_atan2(y, x) - libm::atan2f(y, x)));
             }
         }
-        assert!(worst < 3e-7, "{worst}");
+        assert!(worst < 5e-7, "{worst}");
         for (y, x) in [(0.0, 0.0), (0.0, 1.0), (0.0, -1.0), (1.0, 0.0), (-1.0, 0.0), (1.0, 1.0), (-1.0, -1.0)] {
-            assert!(libm::fabsf(short_atan2(y, x) - libm::atan2f(y, x)) < 3e-7, "{y} {x}");
+            assert!(libm::fabsf(short_atan2(y, x) - libm::atan2f(y, x)) < 5e-7, "{y} {x}");
         }
         assert!(short_atan2(f32::NAN, 1.0).is_nan() && short_atan2(1.0, f32::NAN).is_nan());
     }

@@ -165,6 +165,65 @@ fn nothing_is_wrong_with_other_motors() {
     }
 }
 
+/// At the voltage limit no current flows though one is asked for, as with dead amplifiers. The voltage then follows the
+/// supply, which jumps here, and the flux linkage is not that of the settings.
+#[test]
+fn a_speed_beyond_the_supply_is_no_fault() {
+    for commutation in COMMUTATIONS {
+        for (seed, flux) in [0.5, 0.8, 1.0, 1.3, 2.0].into_iter().enumerate() {
+            for inertia in [0.5, 4.0] {
+                let mut parameters = PlantParameters::imperfect(seed as u64);
+                parameters.motor.back_emf.flux_linkage_vs *= flux;
+                parameters.motor.inertia_kgm2 *= inertia;
+                parameters.bus.regenerative = true;
+                let mut with = settings(commutation, true);
+                with.control = with.control.map(|control| Control {
+                    max_speed_rad_s: 1500.0,
+                    following_error_rad_s: 1e6,
+                    ..control
+                });
+                let mut rig = ready(&parameters, &with, seed as u64);
+                rig.arm().unwrap();
+                let case = |rig: &Rig, volts: f64| {
+                    let truth = rig.plant.truth();
+                    format!("{commutation:?} flux {flux} inertia {inertia}, {volts} V, {:?} {truth:?}", rig.drive.mode())
+                };
+                for volts in [24.0, 24.0, 24.0, 17.0, 24.0, 20.0, 28.0, 18.0] {
+                    follow(&mut rig, Follow::Speed(1400.0));
+                    rig.plant.set_supply(volts).unwrap();
+                    rig.run(0.2, |_, _| ());
+                    assert_eq!(rig.drive.mode(), Mode::Running, "{}", case(&rig, volts));
+                }
+            }
+        }
+    }
+}
+
+/// Ten motors that turn under a load of friction, and no amplifier shows a current any more: the loops swing, the current
+/// beyond what is asked for.
+#[test]
+fn dead_amplifiers_at_speed_are_found() {
+    for commutation in COMMUTATIONS {
+        for seed in 0..10 {
+            let mut parameters = PlantParameters::imperfect(seed);
+            parameters.motor.inertia_kgm2 *= [0.5, 1.0, 2.0, 5.0][seed as usize % 4];
+            parameters.motor.friction.coulomb_nm = 5e-3;
+            parameters.motor.friction.breakaway_nm = 6e-3;
+            let mut rig = ready(&parameters, &settings(commutation, true), seed);
+            rig.arm().unwrap();
+            follow(&mut rig, Follow::Speed(if seed % 2 == 0 { 100.0 } else { -40.0 }));
+            rig.run(0.3, |_, _| ());
+            (0..3).for_each(|k| rig.plant.set_amplifier_fault(k, Some(AmplifierFault::Dead)).unwrap());
+            let outcome = outcome(&mut rig, 0.6);
+            let case = format!("{commutation:?}, seed {seed}: {outcome:?}");
+            println!("{case}");
+            // In the first moments it looks like a torque the wrong way.
+            let named = matches!(outcome.mode, Mode::Faulted(Fault::CurrentModel | Fault::Commutation));
+            assert!(named, "{case}");
+        }
+    }
+}
+
 #[test]
 fn a_torque_does_not_run_away_from_the_largest_speed() {
     let control = Control { max_speed_rad_s: 100.0, ..Control::default() };

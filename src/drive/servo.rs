@@ -339,7 +339,7 @@ impl Servo {
         let motion = &with.config.motion;
         let supervision = &mut self.supervision;
         match supervision.next_part() {
-            0 => supervision.note(motion, &self.measurement.state, with.rotor.speed()),
+            0 => supervision.note(&self.measurement.state, with.rotor.speed()),
             1 => supervision.note_emf(model),
             2 => supervision.note_motor(model),
             3 => supervision.explain(model),

@@ -52,9 +52,8 @@ pub(super) struct Supervision {
     voltage: Dq,
     current: Dq,
     before: Dq,
-    /// Checks in a row that found no current; whether the rotor rests.
+    /// Checks in a row that found no current.
     silent: u32,
-    rests: bool,
     /// Back-EMF along q and the one that there should have been, at the check before.
     induced: [i32; 2],
     reference: i32,
@@ -100,7 +99,6 @@ impl Supervision {
         current: Dq { d: 0, q: 0 },
         before: Dq { d: 0, q: 0 },
         silent: 0,
-        rests: true,
         induced: [0; 2],
         reference: 0,
         asked: 0,
@@ -198,7 +196,7 @@ impl Supervision {
 
     /// First part of the check of the model: what was noted last.
     #[inline(always)]
-    pub fn note(&mut self, motion: &Motion, state: &State, speed: i32) {
+    pub fn note(&mut self, state: &State, speed: i32) {
         (self.voltage, self.current, self.speed) = (state.voltage, state.current, speed);
         let (reference, error) = (state.current_reference, state.current_reference - state.current.q);
         self.asked = (reference - self.reference).abs();
@@ -206,7 +204,6 @@ impl Supervision {
         self.follows = error.abs() <= reference.abs() / 2 + 2 * QUIET;
         let flows = self.current.d.abs().max(self.current.q.abs()) >= 2 * QUIET;
         self.silent = if flows { 0 } else { self.silent.saturating_add(1) };
-        self.rests = speed.saturating_abs() <= motion.turning;
     }
 
     /// The voltage that is left for the back-EMF.
@@ -254,7 +251,7 @@ impl Supervision {
 
     /// Fourth part: sums up what is unexplained. A back-EMF in the right direction may be several times as large as it
     /// should be, or as large as it likes where the current follows its reference: the flux linkage may not be known
-    /// yet. At rest there is none.
+    /// yet.
     #[inline(always)]
     pub fn sum_up(&mut self, model: &Model) {
         let jump = self.jump();
@@ -262,12 +259,10 @@ impl Supervision {
             if self.expected < 0 { (-self.emf.q, -self.expected) } else { (self.emf.q, self.expected) };
         let off = along - expected;
         let (silent, follows) = (self.is_silent(), self.follows);
-        let along_q = if off <= 0 {
-            -off
-        } else if follows && !(silent && self.rests) {
-            0
-        } else {
-            off - 4 * expected
+        let along_q = match off {
+            ..=0 => -off,
+            _ if follows => 0,
+            _ => off - 4 * expected,
         };
         let jump = if follows { 0 } else { jump };
         let across = self.emf.d.abs();

@@ -3,10 +3,10 @@
 //!
 //! 1. A voltage along phase A, against it, along B and against it, raised until a small current flows. It uses all six
 //!    transistors and all three amplifiers, each in both directions.
-//! 2. Pushes, forward and back: the [`rotor`].
+//! 2. A push, and a field that holds the rotor and turns it back: the [`rotor`].
 //!
-//! All of it takes some tenths of a second and moves the rotor by some 25 electrical degrees and back, by up to 45 where
-//! cogging carries it on. A rotor that does not move, because it is blocked or heavy, proves nothing, and one that turns
+//! All of it takes some 0.15 s and moves the rotor by some 25 electrical degrees and back, by up to 45 where cogging
+//! carries it on. A rotor that does not move, because it is blocked or heavy, proves nothing, and one that turns
 //! is not pushed; the [supervision](super::supervision) then goes on asking.
 
 mod rotor;

@@ -343,8 +343,8 @@ impl Servo {
             1 => supervision.note_emf(model),
             2 => supervision.note_motor(model),
             3 => supervision.explain(model),
-            4 => supervision.sum_up(model),
-            5 => return supervision.judge(model),
+            4 => supervision.compare(),
+            5 => supervision.sum_up(model),
             6 => match self.demand {
                 Demand::Voltage | Demand::Current(_) => supervision.is_in_time(),
                 Demand::Impedance => {
@@ -362,7 +362,8 @@ impl Servo {
             },
             _ => {
                 let stopping = self.limits.contains(Limits::TIMEOUT);
-                return supervision.stops(motion, stopping, with.rotor.speed());
+                let stops = supervision.stops(motion, stopping, with.rotor.speed());
+                return supervision.judge(model).or(stops);
             }
         }
         None
@@ -374,7 +375,7 @@ impl Servo {
         if part % 8 == 2 {
             let reasons = self.protection.window.reasons(self.asked);
             self.limits = self.limits.without(Self::CUTS).with(reasons).set(Limits::DUTY, field.is_limited());
-            return None;
+            return supervision.judge(model).or(stops);
         }
         let square = || self.clarke.of(with.sample.currents).square();
         self.protection.heat(part, square, with.config, with.sample)

@@ -18,15 +18,15 @@ use crate::schedule::OUTER;
 use crate::telemetry::State;
 
 /// Parts of the supervision.
-pub(crate) const PARTS: u32 = 8;
+pub(crate) const PARTS: u8 = 8;
 /// Checks that show the back-EMF of a right commutation.
-const PROOF: u32 = 4;
+const PROOF: u8 = 4;
 /// Current below which it tells nothing of the torque, in 2⁻¹⁵ of the full scale.
 const QUIET: i32 = 32;
 /// Checks for which the tracked speed may go on rising when the torque has turned.
 const LAG: u32 = 3;
 /// Checks without a current after which none is coming.
-const SILENT: u32 = 4;
+const SILENT: u8 = 4;
 /// Multiple of the speed of a rotor that turns, from which on it is fast: 48 Hz electrical.
 const FAST: i32 = 16;
 /// Checks by which a wrong commutation is found that turns a rotor from rest.
@@ -38,9 +38,9 @@ const TURNING: u32 = 2;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct Supervision {
     /// Parts done so far.
-    part: u32,
+    part: u8,
     /// Checks that have shown a right commutation, up to [`PROOF`].
-    proofs: u32,
+    proofs: u8,
     /// Sum of the currents against the motion, and how many; the speed before, and the least one.
     braking: i32,
     braked: u32,
@@ -53,9 +53,10 @@ pub(super) struct Supervision {
     current: Dq,
     before: Dq,
     /// Checks in a row that found no current.
-    silent: u32,
+    silent: u8,
     /// Back-EMF along q and the one that there should have been, at the check before.
-    induced: [i32; 2],
+    before_emf: i32,
+    before_expected: i32,
     reference: i32,
     asked: i32,
     follows: bool,
@@ -63,7 +64,7 @@ pub(super) struct Supervision {
     emf: Dq,
     expected: i32,
     dropped: i32,
-    explained: i32,
+    unexplained: i32,
     /// Unexplained voltage, summed up.
     misfit: i32,
     /// Checks with a speed far from its reference.
@@ -99,7 +100,8 @@ impl Supervision {
         current: Dq { d: 0, q: 0 },
         before: Dq { d: 0, q: 0 },
         silent: 0,
-        induced: [0; 2],
+        before_emf: 0,
+        before_expected: 0,
         reference: 0,
         asked: 0,
         follows: true,
@@ -107,7 +109,7 @@ impl Supervision {
         emf: Dq { d: 0, q: 0 },
         expected: 0,
         dropped: 0,
-        explained: i32::MAX / 2,
+        unexplained: i32::MIN / 2,
         misfit: 0,
         late: 0,
         stopping: 0,
@@ -127,7 +129,7 @@ impl Supervision {
 
     /// The next part of the supervision.
     #[inline(always)]
-    pub const fn next_part(&mut self) -> u32 {
+    pub const fn next_part(&mut self) -> u8 {
         self.part = self.part.wrapping_add(1);
         self.part % PARTS
     }
@@ -194,6 +196,12 @@ impl Supervision {
         self.silent > SILENT
     }
 
+    /// Whether a current is asked for and none comes.
+    #[inline(always)]
+    const fn is_deaf(&self) -> bool {
+        self.is_silent() && !self.follows
+    }
+
     /// First part of the check of the model: what was noted last.
     #[inline(always)]
     pub fn note(&mut self, state: &State, speed: i32) {
@@ -202,8 +210,6 @@ impl Supervision {
         self.asked = (reference - self.reference).abs();
         self.reference = reference;
         self.follows = error.abs() <= reference.abs() / 2 + 2 * QUIET;
-        let flows = self.current.d.abs().max(self.current.q.abs()) >= 2 * QUIET;
-        self.silent = if flows { 0 } else { self.silent.saturating_add(1) };
     }
 
     /// The voltage that is left for the back-EMF.
@@ -237,42 +243,39 @@ impl Supervision {
         let changed = (current.d - before.d).abs().max((current.q - before.q).abs());
         self.before = current;
         let change = times(changed.min(32_767), model.change);
-        self.explained = model.dead + 2 * self.dropped + self.expected.abs() + change;
+        self.unexplained = -(model.dead + 2 * self.dropped + self.expected.abs() + change);
     }
 
-    /// By how much the back-EMF has jumped though the rotor has not: without a current, all of the voltage is back-EMF.
-    #[inline(always)]
-    fn jump(&mut self) -> i32 {
-        let [emf, expected] = self.induced;
-        self.induced = [self.emf.q, self.expected];
-        let jump = (self.emf.q - emf).abs() - 5 * (self.expected - expected).abs();
-        if self.is_silent() { jump } else { 0 }
-    }
-
-    /// Fourth part: sums up what is unexplained. A back-EMF in the right direction may be several times as large as it
+    /// Fourth part: what is unexplained. A back-EMF in the right direction may be several times as large as it
     /// should be, or as large as it likes where the current follows its reference: the flux linkage may not be known
     /// yet.
     #[inline(always)]
-    pub fn sum_up(&mut self, model: &Model) {
-        let jump = self.jump();
+    pub fn compare(&mut self) {
         let (along, expected) =
             if self.expected < 0 { (-self.emf.q, -self.expected) } else { (self.emf.q, self.expected) };
         let off = along - expected;
-        let (silent, follows) = (self.is_silent(), self.follows);
         let along_q = match off {
             ..=0 => -off,
-            _ if follows => 0,
+            _ if self.follows => 0,
             _ => off - 4 * expected,
         };
-        let jump = if follows { 0 } else { jump };
-        let across = self.emf.d.abs();
-        let mut excess = across.max(along_q).max(jump) - self.explained;
-        if silent && !follows {
-            // Where a current is asked for and none comes, all of the voltage is back-EMF, which is along q; and nothing
-            // makes up for what was wrong before.
-            excess = excess.max(across - self.emf.q.abs() / 2 - model.dead / 2).max(0);
+        self.unexplained += self.emf.d.abs().max(along_q);
+    }
+
+    /// Fifth part: sums it up. Where a current is asked for and none comes, all of the voltage is back-EMF: what of it jumps
+    /// though the speed does not, or lies across, is unexplained, and nothing makes up for what was wrong before.
+    #[inline(always)]
+    pub fn sum_up(&mut self, model: &Model) {
+        let Self { current, emf, expected, before_emf, before_expected, .. } = *self;
+        (self.before_emf, self.before_expected) = (emf.q, expected);
+        let flows = current.d.abs().max(current.q.abs()) >= 2 * QUIET;
+        self.silent = if flows { 0 } else { self.silent.saturating_add(1) };
+        if self.is_deaf() {
+            let jump = (emf.q - before_emf).abs() - 5 * (expected - before_expected).abs() - expected.abs() - model.dead;
+            let across = emf.d.abs() - emf.q.abs() / 2 - model.dead / 2;
+            self.unexplained = self.unexplained.max(jump).max(across).max(0);
         }
-        self.misfit = (self.misfit + excess).clamp(0, 1 << 28);
+        self.misfit = (self.misfit + self.unexplained).clamp(0, 1 << 28);
     }
 
     /// Last part. A back-EMF along q, well above what may be wrong with it, shows that the commutation is right.

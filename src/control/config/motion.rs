@@ -50,7 +50,7 @@ pub(crate) struct Model {
 }
 
 /// Steps of a round.
-const ROUND: u32 = PARTS * LONG;
+const ROUND: u32 = PARTS as u32 * LONG;
 /// Time in which an unexplained voltage of a tenth of the bus's full scale is a fault, s.
 const MISFIT_S: f32 = 0.02;
 

@@ -26,7 +26,8 @@ const FAR: i64 = 4 * MOVED;
 const STOPPED: i64 = 9 * MOVED;
 /// Farthest that a field along its own moves a sound rotor: 21°; twice as far where it slows down.
 const HELD: i64 = 7 * MOVED;
-/// Way against the field that is turned back which no sound rotor goes: 9°.
+/// Way against the field that is turned back which no sound rotor goes: 9°. So far, too, no field along its own pulls it
+/// as fast as the push did.
 const AGAINST: i64 = 3 * MOVED;
 /// The field is turned back by so much at most, 75°, in 2⁻³² turns; a sound rotor has followed it before.
 const TURNED: u32 = 894_784_853;

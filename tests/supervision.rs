@@ -186,7 +186,10 @@ fn a_speed_beyond_the_supply_is_no_fault() {
                 rig.arm().unwrap();
                 let case = |rig: &Rig, volts: f64| {
                     let truth = rig.plant.truth();
-                    format!("{commutation:?} flux {flux} inertia {inertia}, {volts} V, {:?} {truth:?}", rig.drive.mode())
+                    format!(
+                        "{commutation:?} flux {flux} inertia {inertia}, {volts} V, {:?} {truth:?}",
+                        rig.drive.mode()
+                    )
                 };
                 for volts in [24.0, 24.0, 24.0, 17.0, 24.0, 20.0, 28.0, 18.0] {
                     follow(&mut rig, Follow::Speed(1400.0));

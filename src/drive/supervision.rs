@@ -271,7 +271,8 @@ impl Supervision {
         let flows = current.d.abs().max(current.q.abs()) >= 2 * QUIET;
         self.silent = if flows { 0 } else { self.silent.saturating_add(1) };
         if self.is_deaf() {
-            let jump = (emf.q - before_emf).abs() - 5 * (expected - before_expected).abs() - expected.abs() - model.dead;
+            let jump =
+                (emf.q - before_emf).abs() - 5 * (expected - before_expected).abs() - expected.abs() - model.dead;
             let across = emf.d.abs() - emf.q.abs() / 2 - model.dead / 2;
             self.unexplained = self.unexplained.max(jump).max(across).max(0);
         }

@@ -257,7 +257,11 @@ fn campaign(pages: &Pages) {
     let kinds = run["kinds"].as_object().unwrap();
     let missed = |kind: &Value| of(kind, "injected") - of(kind, "detected");
     let (never, some): (Vec<_>, Vec<_>) = kinds.iter().partition(|(_, kind)| missed(kind) == 0.0);
-    pages.quote(page, "{} kinds were never missed; the others:", &[Is(never.len() as f64)]);
+    if some.is_empty() {
+        pages.quote(page, "None of the {} kinds was missed", &[Is(never.len() as f64)]);
+    } else {
+        pages.quote(page, "{} kinds were never missed; the others:", &[Is(never.len() as f64)]);
+    }
     for (name, kind) in some {
         let [injected, wrong, ms, current] =
             ["injected", "worst_wrong_deg", "worst_wrong_ms", "worst_current"].map(|figure| Is(of(kind, figure)));

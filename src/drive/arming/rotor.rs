@@ -344,7 +344,7 @@ impl RotorCheck {
         }
         let by = self.rate.min(self.left);
         self.left -= by;
-        self.anchor = self.anchor - ElectricalAngle::from_bits(by as i32);
+        self.anchor -= ElectricalAngle::from_bits(by as i32);
         self.voltage(Axis::Forward, rotor, config)
     }
 

@@ -301,8 +301,10 @@ impl RotorCheck {
         let way = self.way(rotor).abs();
         // What the rotor still turned with, the field slows down; a wrong one makes it faster.
         let faster = speed > (self.speed / 8 * 7).max(control.arming.turning);
-        // Nearly as fast as by the push itself, it is pulled by a third of that force and more.
-        let soon = |least, quarters| way > least && 4 * self.steps < quarters * self.pushed;
+        // Forward, and nearly as fast as by the push itself, it is pulled on by a third of that force and more. Back, cogging
+        // may pull as much.
+        let forward = self.way(rotor);
+        let soon = |least, quarters| forward > least && 4 * self.steps < quarters * self.pushed;
         let at_once = !self.has_followed && (soon(AGAINST, 5) || soon(FAR, 6));
         if way > 2 * HELD || faster && (way > HELD || at_once) {
             return Step::Failed(Fault::Commutation);
@@ -361,9 +363,7 @@ impl RotorCheck {
         let halfway = self.steps > self.pushed / 2;
         let slows = speed <= before / 4 * 3 + control.arming.turning / 2;
         let late = self.steps > self.pushed || halfway && !slows;
-        let way = self.way(rotor).abs();
-        let goes_on = way > FAR && speed > before / 4 * 3;
-        if late || goes_on || way > STOPPED || speed > 2 * (before + control.arming.turning) {
+        if late || self.way(rotor).abs() > STOPPED || speed > 2 * (before + control.arming.turning) {
             return Step::Failed(Fault::Commutation);
         }
         if halfway {

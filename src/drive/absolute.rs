@@ -137,7 +137,8 @@ impl<E: AbsoluteEncoder + 'static> AbsoluteDrive<E> {
             mounted: None,
             missed: 0,
             every,
-            until_sample: 1,
+            // In step with the drive's schedule, so that no sample is due in the longest of its slots.
+            until_sample: 2,
             number: 0,
         }
     }

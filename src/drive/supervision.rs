@@ -26,7 +26,7 @@ const QUIET: i32 = 32;
 /// Checks for which the tracked speed may go on rising when the torque has turned.
 const LAG: u32 = 3;
 /// Checks without a current after which none is coming.
-const SILENT: u8 = 4;
+const NO_CURRENT: u8 = 4;
 /// Multiple of the speed of a rotor that turns, from which on it is fast: 48 Hz electrical.
 const FAST: i32 = 16;
 /// Checks by which a wrong commutation is found that turns a rotor from rest.
@@ -53,7 +53,7 @@ pub(super) struct Supervision {
     current: Dq,
     before: Dq,
     /// Checks in a row that found no current.
-    silent: u8,
+    without_current: u8,
     /// Back-EMF along q and the one that there should have been, at the check before.
     before_emf: i32,
     before_expected: i32,
@@ -99,7 +99,7 @@ impl Supervision {
         voltage: Dq { d: 0, q: 0 },
         current: Dq { d: 0, q: 0 },
         before: Dq { d: 0, q: 0 },
-        silent: 0,
+        without_current: 0,
         before_emf: 0,
         before_expected: 0,
         reference: 0,
@@ -192,14 +192,14 @@ impl Supervision {
 
     /// Whether there is no current, and none is coming.
     #[inline(always)]
-    const fn is_silent(&self) -> bool {
-        self.silent > SILENT
+    const fn is_without_current(&self) -> bool {
+        self.without_current > NO_CURRENT
     }
 
     /// Whether a current is asked for and none comes.
     #[inline(always)]
-    const fn is_deaf(&self) -> bool {
-        self.is_silent() && !self.follows
+    const fn misses_its_current(&self) -> bool {
+        self.is_without_current() && !self.follows
     }
 
     /// First part of the check of the model: what was noted last.
@@ -230,7 +230,7 @@ impl Supervision {
         self.expected = high(self.speed, model.flux);
         // A voltage for a current that was just asked for is ahead of it where the inductance is large. It is not for one
         // that never comes.
-        let asked = if self.is_silent() { 0 } else { self.asked / 2 };
+        let asked = if self.is_without_current() { 0 } else { self.asked / 2 };
         let current = d.max(q) + d.min(q) / 2 + asked;
         self.dropped = times(current.min(32_767), model.resistance);
     }
@@ -269,8 +269,8 @@ impl Supervision {
         let Self { current, emf, expected, before_emf, before_expected, .. } = *self;
         (self.before_emf, self.before_expected) = (emf.q, expected);
         let flows = current.d.abs().max(current.q.abs()) >= 2 * QUIET;
-        self.silent = if flows { 0 } else { self.silent.saturating_add(1) };
-        if self.is_deaf() {
+        self.without_current = if flows { 0 } else { self.without_current.saturating_add(1) };
+        if self.misses_its_current() {
             let jump =
                 (emf.q - before_emf).abs() - 5 * (expected - before_expected).abs() - expected.abs() - model.dead;
             let across = emf.d.abs() - emf.q.abs() / 2 - model.dead / 2;
@@ -287,7 +287,7 @@ impl Supervision {
         let (across, expected) = (emf.d.abs(), self.expected.abs());
         if self.misfit > model.most {
             // Without a current no commutation turns the rotor, right or wrong.
-            let wrong = !self.is_silent() && along < -(across >> 2) && expected > model.dead;
+            let wrong = !self.is_without_current() && along < -(across >> 2) && expected > model.dead;
             return Some(if wrong { Fault::Commutation } else { Fault::CurrentModel });
         }
         if expected > 2 * model.dead + dropped && along > expected >> 1 && along > 2 * across {

@@ -269,16 +269,16 @@ impl RotorCheck {
         }
         if over {
             self.pushed = 0;
-            return self.begin_hold(rotor, config);
+            return self.begin_hold(self.least, rotor, config);
         }
         self.voltage(Axis::Forward, rotor, config)
     }
 
-    /// The field that stands where the rotor's is.
-    fn begin_hold(&mut self, rotor: &Tracker, config: &Config) -> Step {
+    /// The field that stands where the rotor's is, and how strong it is at first.
+    fn begin_hold(&mut self, modulation: i32, rotor: &Tracker, config: &Config) -> Step {
         self.from = rotor.smoothed();
         self.anchor = rotor.predicted(&config.tracking);
-        (self.modulation, self.lean) = (self.least, 0);
+        (self.modulation, self.lean) = (modulation, 0);
         self.enter(Stage::Hold);
         Step::Output(no_voltage(config))
     }
@@ -334,12 +334,9 @@ impl RotorCheck {
             return Step::Failed(Fault::Commutation);
         }
         if way < -FAR {
-            // It has followed, and is held once more.
+            // It still turns: the field is not to rise from nothing again.
             self.has_followed = true;
-            let modulation = self.modulation;
-            let step = self.begin_hold(rotor, config);
-            self.modulation = modulation;
-            return step;
+            return self.begin_hold(self.modulation, rotor, config);
         }
         if self.steps > 6 * self.pushed {
             return Step::Done { step: 0, proven: false };
@@ -373,7 +370,7 @@ impl RotorCheck {
         let (steps, lag) = (i64::from(self.steps), i64::from(control.arming.lag));
         let lag = steps < 2 * lag || i64::from(speed) * steps > i64::from(before - speed) * lag;
         let turns = before > control.arming.turning / 2 && lag;
-        if turns { self.voltage(Axis::Back, rotor, config) } else { self.begin_hold(rotor, config) }
+        if turns { self.voltage(Axis::Back, rotor, config) } else { self.begin_hold(self.least, rotor, config) }
     }
 
     /// With a wrong commutation the opposite voltage stops the rotor and turns it back, and it is found out close to
@@ -387,7 +384,7 @@ impl RotorCheck {
         if self.steps >= 4 * self.pushed {
             // Neither moves it much, as where the angle is wrong by a quarter of a turn.
             self.pushed = 0;
-            return self.begin_hold(rotor, config);
+            return self.begin_hold(self.least, rotor, config);
         }
         self.voltage(Axis::Back, rotor, config)
     }

@@ -174,6 +174,24 @@ fn another_command_takes_the_place_of_a_motion() {
     assert!(turns.abs() < 0.2, "{turns}");
 }
 
+/// While the drive still checks the motor, and when it has arrived: what is renewed is where it was.
+#[test]
+fn setting_the_output_moves_nothing() {
+    for waits in [0, 1000] {
+        for line in ["d exact 5", "d nearest -7", "d req-reindex"] {
+            let mut drive = ready();
+            assert_eq!(say(&mut drive, "d exact 1"), "OK\r\n");
+            let from = drive.plant.truth().mechanical_angle_rad;
+            assert_eq!(say(&mut drive, "d pos 1.2 0 nan"), "OK\r\n");
+            poll(&mut drive, waits, 20);
+            assert_eq!(say(&mut drive, line), "OK\r\n");
+            poll(&mut drive, 1500, 20);
+            let turned = (drive.plant.truth().mechanical_angle_rad - from) / std::f64::consts::TAU;
+            assert!(drive.drive().mode() == Mode::Running && (turned - 0.2).abs() < 0.02, "{line}: {turned}");
+        }
+    }
+}
+
 #[test]
 fn settings_are_changed_while_the_bridge_is_off_and_nobody_else_controls() {
     let mut drive = ready();
@@ -181,6 +199,8 @@ fn settings_are_changed_while_the_bridge_is_off_and_nobody_else_controls() {
     assert_eq!(say(&mut drive, "conf get servo.max_current_a"), "2.5\r\n");
     assert!(say(&mut drive, "conf set servo.max_current_a 9").contains("ceiling is 6"));
     assert!(say(&mut drive, "conf set servo.adc_bits 10").contains("follows from the board"));
+    assert!(say(&mut drive, "conf set servo.max_current_a.1 2").starts_with("ERR"));
+    assert_eq!(say(&mut drive, "conf get servo.max_current_a"), "2.5\r\n");
     // Nobody has to wait for the client: the next tool may control.
     done(&mut drive, Ask::Set { name: "max_current_a", value: 2.25 });
     assert!(say(&mut drive, "conf set servo.max_current_a 2").contains("another tool controls"));

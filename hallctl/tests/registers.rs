@@ -62,13 +62,17 @@ fn a_line_arms_moves_and_stops() {
     assert_eq!((drive.drive().mode(), mode(&mut drive)), (Mode::Ready, (0, 0)));
 }
 
+/// A float in a frame.
+fn hex(value: f64) -> String {
+    (value as f32).to_le_bytes().map(|byte| format!("{byte:02x}")).concat()
+}
+
 /// A client that waits for the end of a motion is not told of it while the drive still checks the motor.
 #[test]
 fn a_motion_is_complete_when_it_has_arrived() {
     let mut drive = ready();
     let status = status(&mut drive);
     let (start, from) = (status.position_turns, drive.plant.truth().mechanical_angle_rad);
-    let hex = |value: f64| (value as f32).to_le_bytes().map(|byte| format!("{byte:02x}")).concat();
     for way in [0.5, -0.5] {
         let request = format!("can send 8001 01000a0e20{}{}1100110b", hex(start + way), hex(0.0));
         let mut said = String::new();
@@ -81,6 +85,19 @@ fn a_motion_is_complete_when_it_has_arrived() {
         assert!(told.is_some_and(|requests| requests > 10), "{told:?} {said}");
         assert!((turned - way).abs() < 0.02, "{turned} of {way} after {told:?} requests");
         line(&mut drive, STOP, 300);
+    }
+}
+
+#[test]
+fn the_same_position_is_another_one_after_the_output_was_set() {
+    let mut drive = ready();
+    let from = drive.plant.truth().mechanical_angle_rad;
+    let request = format!("can send 8001 01000a0e20{}{}1100110b", hex(0.5), hex(0.0));
+    for turns in [0.5, 1.0] {
+        line(&mut drive, &format!("can send 8001 0db102{}", hex(0.0)), 5);
+        let told = (0..300).find(|_| line(&mut drive, &request, 10).contains("210b01"));
+        let turned = (drive.plant.truth().mechanical_angle_rad - from) / std::f64::consts::TAU;
+        assert!(told.is_some() && (turned - turns).abs() < 0.02, "{turned} of {turns} after {told:?} requests");
     }
 }
 
@@ -248,6 +265,12 @@ fn modes_that_no_limit_holds_in_are_refused() {
         let said = line(&mut drive, &format!("can send 8001 0100{number:02x}1100110f"), 100);
         assert!(said.contains("300003"), "{number}: {said}");
         assert_eq!((drive.drive().mode(), mode(&mut drive)), (Mode::Ready, (0, 0)), "{number}");
+    }
+    // Duties, voltages, and a voltage or a current in place of the regulated one: no such register, and no motion.
+    for number in (0x10..=0x1b).chain([0x1e, 0x2a, 0x2c]) {
+        let said = line(&mut drive, &format!("can send 8001 01000a0d{number:02x}{}1100110f", hex(1.0)), 100);
+        assert!(said.contains(&format!("30{number:02x}01")), "{number:#x}: {said}");
+        assert_eq!((drive.drive().mode(), mode(&mut drive)), (Mode::Ready, (0, 0)), "{number:#x}");
     }
 }
 

@@ -90,8 +90,7 @@ impl<F: NorFlash, E: Encoder> Axis for Drive<'_, F, E> {
     }
 
     fn recapture(&mut self) -> Result<(), Refused> {
-        let here = turns(self.tasks.position_fixed().wrapping_sub(self.sequence.zero));
-        self.sequence.recapture(here, self.tasks)
+        self.sequence.recapture(self.tasks)
     }
 }
 
@@ -107,7 +106,7 @@ impl<F: NorFlash, E: Encoder> Drive<'_, F, E> {
             Mode::Aligning | Mode::Calibrating => axis::Mode::Preparing,
             Mode::Running if tasks.limits().contains(Limits::CHECKING) => axis::Mode::Preparing,
             // Another tool's motion is a position as well.
-            Mode::Running => sequence.doing.map_or(axis::Mode::Position, |goal| goal.mode()),
+            Mode::Running => sequence.doing.map_or(axis::Mode::Position, |doing| doing.goal.mode()),
         }
     }
 
@@ -124,7 +123,7 @@ impl<F: NorFlash, E: Encoder> Drive<'_, F, E> {
     fn followed(&self, position: f32) -> ([f32; 3], [f32; 4], bool) {
         let Self { tasks, sequence, .. } = self;
         const NOTHING: ([f32; 3], [f32; 4]) = ([f32::NAN; 3], [f32::NAN; 4]);
-        let Some(with) = sequence.doing.as_ref().and_then(Goal::spring) else {
+        let Some(with) = sequence.doing.as_ref().and_then(|doing| doing.goal.spring()) else {
             return (NOTHING.0, NOTHING.1, sequence.is_settled());
         };
         let Some(state) = tasks.reference() else { return (NOTHING.0, NOTHING.1, false) };

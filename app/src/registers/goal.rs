@@ -24,6 +24,21 @@ pub(super) enum Goal {
     Brake,
 }
 
+/// A command, and where the client's position was zero when it came, in 2⁻³² turns of the drive: setting the output to
+/// another position afterwards moves nothing.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Wish {
+    pub goal: Goal,
+    pub zero: i64,
+}
+
+impl Wish {
+    /// Whether it is the same in every bit.
+    pub fn is_same(&self, other: &Self) -> bool {
+        self.zero == other.zero && self.goal.is_same(&other.goal)
+    }
+}
+
 /// What the drive is told.
 pub(super) enum Order {
     /// A current.

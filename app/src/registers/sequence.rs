@@ -2,7 +2,7 @@
 //! be armed first, a faulted one to be cleared.
 
 use super::CLIENT;
-use super::goal::{Goal, Order};
+use super::goal::{Goal, Order, Wish, turns};
 use crate::encoder::Encoder;
 use crate::tasks::Tasks;
 use embedded_storage::nor_flash::NorFlash;
@@ -32,10 +32,10 @@ enum Told {
 /// The commands that are due.
 pub(super) struct Sequence {
     /// What the drive is to do, and what after that.
-    wish: Option<Goal>,
-    next: Option<Goal>,
+    wish: Option<Wish>,
+    next: Option<Wish>,
     /// What it does.
-    pub doing: Option<Goal>,
+    pub doing: Option<Wish>,
     /// Whether a fault is to be cleared.
     clears: bool,
     told: Option<(Told, u32)>,
@@ -86,21 +86,26 @@ impl Sequence {
 
     /// The drive is to do something, armed if it is not.
     pub fn wish<F: NorFlash, E: Encoder>(&mut self, goal: Goal, tasks: &mut Tasks<F, E>) -> Result<(), Refused> {
+        self.prepare(Wish { goal, zero: self.zero }, tasks)
+    }
+
+    fn prepare<F: NorFlash, E: Encoder>(&mut self, wish: Wish, tasks: &mut Tasks<F, E>) -> Result<(), Refused> {
         let faulted = matches!(tasks.mode(), Mode::Faulted(_)) || self.refused.is_some() || self.timed_out;
         if faulted || tasks.controller.is_other(CLIENT) || tasks.activity() != Activity::None {
             return Err(Refused);
         }
-        goal.order(tasks, self.zero)?;
+        wish.goal.order(tasks, wish.zero)?;
         tasks.controller.take(CLIENT, false, tasks.now_ms);
-        (self.wish, self.next) = (Some(goal), None);
+        (self.wish, self.next) = (Some(wish), None);
         Ok(())
     }
 
-    /// The drive is to go on with what it does from another position.
-    pub fn recapture<F: NorFlash, E: Encoder>(&mut self, here: f32, tasks: &mut Tasks<F, E>) -> Result<(), Refused> {
-        let doing = self.doing.ok_or(Refused)?;
-        self.wish(doing.from(here).ok_or(Refused)?, tasks)?;
-        self.next = doing.moves_on();
+    /// The drive is to go on with what it does from where it is.
+    pub fn recapture<F: NorFlash, E: Encoder>(&mut self, tasks: &mut Tasks<F, E>) -> Result<(), Refused> {
+        let Wish { goal, zero } = self.doing.ok_or(Refused)?;
+        let here = turns(tasks.position_fixed().wrapping_sub(zero));
+        self.prepare(Wish { goal: goal.from(here).ok_or(Refused)?, zero }, tasks)?;
+        self.next = goal.moves_on().map(|goal| Wish { goal, zero });
         Ok(())
     }
 
@@ -119,17 +124,15 @@ impl Sequence {
         tasks: &mut Tasks<F, E>,
     ) -> bool {
         let Ok(goal) = Goal::of(motion) else { return false };
-        let is_same = |other: Option<Goal>| other.is_some_and(|other| other.is_same(&goal));
+        let is_same = |other: &Wish| other.goal.is_same(&goal);
         if self.refused.is_some() || self.timed_out || tasks.controller.client() != CLIENT {
             return false;
         }
-        if is_same(self.wish) || self.waits() {
+        if self.wish.as_ref().is_some_and(is_same) || self.waits() {
             return true;
         }
-        if self.wish.is_some() || !is_same(self.doing) || tasks.mode() != Mode::Running {
-            return false;
-        }
-        self.order(Told::Again, &goal, tasks).is_ok()
+        let Some(doing) = self.doing.filter(is_same) else { return false };
+        self.wish.is_none() && tasks.mode() == Mode::Running && self.order(Told::Again, &doing, tasks).is_ok()
     }
 
     /// The bridge off at once, whoever controls; a fault is cleared, unless it is another tool's.
@@ -181,7 +184,10 @@ impl Sequence {
             let timed_out = tasks.limits().contains(Limits::TIMEOUT);
             self.timed_out |= timed_out || tasks.mode() == Mode::Faulted(Fault::CommandTimeout);
         }
-        if matches!(self.doing, Some(Goal::Brake)) && tasks.mode() == Mode::Running && !tasks.may_short() {
+        if matches!(self.doing, Some(Wish { goal: Goal::Brake, .. }))
+            && tasks.mode() == Mode::Running
+            && !tasks.may_short()
+        {
             // Something drives the rotor faster than the windings may be shorted.
             if self.told.is_some() {
                 tasks.abandon_reply();
@@ -203,10 +209,10 @@ impl Sequence {
             self.clears = !self.tell(Told::Clear, Command::Clear, tasks);
             return;
         }
-        let Some(goal) = self.wish else { return };
+        let Some(wish) = self.wish else { return };
         match mode {
             Mode::Running => {
-                if self.order(Told::Move, &goal, tasks).is_err() {
+                if self.order(Told::Move, &wish, tasks).is_err() {
                     self.wish = None;
                 }
             }
@@ -223,10 +229,10 @@ impl Sequence {
     fn order<F: NorFlash, E: Encoder>(
         &mut self,
         told: Told,
-        goal: &Goal,
+        wish: &Wish,
         tasks: &mut Tasks<F, E>,
     ) -> Result<(), Refused> {
-        match goal.order(tasks, self.zero)? {
+        match wish.goal.order(tasks, wish.zero)? {
             Order::Current(current) => _ = self.tell(told, Command::Current(current), tasks),
             Order::Short => _ = self.tell(told, Command::Drive(Modulation::ZERO), tasks),
             Order::Impedance(request) => match tasks.impedance(&request) {

@@ -42,7 +42,9 @@ impl Diagnostic {
             }
             "set" => {
                 let (group, number) = match place(host, words.next()) {
-                    Ok((group, number, _)) => (group, number),
+                    Ok((group, number, 0)) => (group, number),
+                    // What can be set is no list.
+                    Ok(_) => return UNKNOWN_FIELD,
                     Err(answer) => return answer,
                 };
                 match group.change(host, number, words.next().unwrap_or_default()) {

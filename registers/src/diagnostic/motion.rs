@@ -46,7 +46,7 @@ fn parse(name: &str, words: &mut SplitAsciiWhitespace<'_>) -> Result<Command, No
     Ok(match name {
         "pos" => {
             let (position, velocity) = (number(words)?, number(words)?);
-            Command::Position(Position { position, velocity, ..options(words, true)? })
+            Command::Position(Position { position, velocity, ..spring(words, true)? })
         }
         "zero" => {
             let _ = (number(words)?, number(words)?);
@@ -54,7 +54,7 @@ fn parse(name: &str, words: &mut SplitAsciiWhitespace<'_>) -> Result<Command, No
         }
         "within" => {
             let (lower, upper) = (number(words)?, number(words)?);
-            Command::StayWithin { lower, upper, with: options(words, false)? }
+            Command::StayWithin { lower, upper, with: spring(words, false)? }
         }
         "dq" => Command::Current { d: number(words)?, q: number(words)?, timeout: 0.0 },
         "brake" => Command::Brake,
@@ -62,6 +62,16 @@ fn parse(name: &str, words: &mut SplitAsciiWhitespace<'_>) -> Result<Command, No
         | "assert" | "stack" | "loop" | "led" | "hstart" | "hend" => return Err(Note::Unsupported),
         _ => return Err(Note::Unknown),
     })
+}
+
+/// The options of a spring: without stiffness, no damping, as by the registers.
+fn spring(words: &mut SplitAsciiWhitespace<'_>, stops: bool) -> Result<Position, Note> {
+    let mut with = options(words, stops)?;
+    // What is no share at all is refused later.
+    if with.kd_scale <= 1.0 {
+        with.kd_scale = with.kd_scale.min(with.kp_scale);
+    }
+    Ok(with)
 }
 
 /// The largest torque, and the options.
@@ -108,9 +118,14 @@ mod tests {
     fn a_motion_has_three_numbers_and_options() {
         let Ok(Command::Position(motion)) = read("pos nan 0.5 0.2 p0.5 s-1.25 v3 a1e2") else { panic!() };
         assert!(motion.position.is_nan() && motion.timeout == 0.0);
-        assert_eq!((motion.velocity, motion.max_torque, motion.kp_scale, motion.kd_scale), (0.5, 0.2, 0.5, 1.0));
+        assert_eq!((motion.velocity, motion.max_torque, motion.kp_scale, motion.kd_scale), (0.5, 0.2, 0.5, 0.5));
         assert_eq!((motion.stop_position, motion.velocity_limit), (-1.25, 3.0));
         assert_eq!((motion.acceleration_limit, motion.torque), (100.0, 0.0));
+        for (line, kd_scale) in [("pos 0 0 nan p0.2 d0.1", 0.1), ("pos 0 0 nan p0.2 d5", 5.0), ("pos 0 0 nan p0", 0.0)]
+        {
+            let Ok(Command::Position(motion)) = read(line) else { panic!() };
+            assert_eq!(motion.kd_scale, kd_scale, "{line}");
+        }
         let Ok(Command::StayWithin { lower, upper, with }) = read("within -1 2.5 0.2 t0.5") else { panic!() };
         assert_eq!((lower, upper, with.max_torque, with.timeout), (-1.0, 2.5, 0.2, 0.5));
     }

@@ -232,6 +232,27 @@ def test_current(simulated):
     run(simulated, test)
 
 
+def test_what_no_limit_holds_in_is_refused(simulated):
+    """A field of a voltage, and a voltage or a current in place of the regulated one: the protocol's error."""
+
+    async def test(client):
+        moves = dict(position=NAN, velocity=1.0, query=True)
+        for value in [0.0, 1.0, -1e30, NAN, math.inf]:
+            for command, error in [
+                (client.make_vfoc(theta=value, voltage=value, theta_rate=1.0, query=True), b"\x30\x18\x01"),
+                (client.make_vfoc(theta=0.0, voltage=1.0, theta_rate=value or 1e30, query=True), b"\x30\x1e\x01"),
+                (client.make_position(**moves, fixed_voltage_override=value), b"\x30\x2a\x01"),
+                (client.make_position(**moves, fixed_current_override=value), b"\x30\x2c\x01"),
+            ]:
+                command.parse = lambda message: message
+                reply = await client.execute(command)
+                assert error in bytes(reply.data), (error, bytes(reply.data))
+        values = await wait(client, 0.2)
+        assert values[Register.MODE] == Mode.STOPPED and values[Register.TORQUE] == 0, values
+
+    run(simulated, test)
+
+
 def test_brake(simulated):
     async def test(client):
         running = await until(client, lambda values: values[Register.VELOCITY] > 4.5, position=NAN, velocity=5)

@@ -145,6 +145,8 @@ pub struct Hub {
     controller: Option<(Tool, Control)>,
     /// Whether the motor is being braked, as its tool has gone.
     brakes: bool,
+    /// Requests that control, of tools that came meanwhile: the drive would refuse them.
+    kept: Vec<(Tool, Vec<u8>)>,
     frames: Frames,
     /// What came last and could not be understood: a tool that comes later is to know.
     strange: Option<Vec<u8>>,
@@ -182,6 +184,7 @@ impl Hub {
             None => begun,
         };
         self.pending.retain(|one| !one.is_from(tool));
+        self.kept.retain(|(from, _)| *from != tool);
         if let Some(Control { client, .. }) = controls.filter(|how| how.attended) {
             self.brakes = true;
             out.extend([self.own(client, Ask::Speed(0.0), Meaning::Other), To::Later]);
@@ -194,20 +197,30 @@ impl Hub {
         out
     }
 
-    /// The motor of a tool that is gone has had its time to come to rest: off, unless someone has done it.
-    pub fn braked(&mut self) -> Option<To> {
-        self.brakes.then(|| self.own(NUMBER, Ask::Disarm, Meaning::Disarms))
+    /// The motor of a tool that is gone has had its time to come to rest: off, unless someone has done it. Then others
+    /// have their turn.
+    pub fn braked(&mut self) -> Vec<To> {
+        let off = std::mem::take(&mut self.brakes).then(|| self.own(NUMBER, Ask::Disarm, Meaning::Disarms));
+        let kept = std::mem::take(&mut self.kept);
+        off.into_iter().chain(kept.into_iter().filter_map(|(tool, frame)| self.ask(tool, frame))).collect()
     }
 
-    /// A frame of a tool.
-    pub fn ask(&mut self, tool: Tool, frame: Vec<u8>) -> To {
-        let raw = frame.clone();
-        decoded(&frame, |request| match request {
-            Ok(request) => self.request(tool, request),
+    /// A frame of a tool; nothing, where it has to wait.
+    pub fn ask(&mut self, tool: Tool, frame: Vec<u8>) -> Option<To> {
+        let to = decoded(&frame, |request| match request {
+            Ok(request) if self.brakes && request.ask.controls() => None,
+            Ok(request) => Some(self.request(tool, request)),
             // The drive's business: it may be of another version.
-            Err(_) => To::Drive(raw.clone()),
-        })
-        .unwrap_or(To::Drive(raw))
+            Err(_) => Some(To::Drive(frame.clone())),
+        });
+        match to {
+            Some(None) => {
+                self.kept.push((tool, frame));
+                None
+            }
+            Some(to) => to,
+            None => Some(To::Drive(frame)),
+        }
     }
 
     fn request(&mut self, tool: Tool, request: Request<'_>) -> To {

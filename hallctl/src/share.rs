@@ -223,7 +223,7 @@ impl Switchboard {
             let wait = self.braked.map_or(LINGER, |at| at.saturating_duration_since(Instant::now()));
             let out = match inbox.recv_timeout(wait) {
                 Ok(Event::Came(stream)) => self.came(stream).into_iter().collect(),
-                Ok(Event::Asked(tool, frame)) => vec![self.hub.ask(tool, frame)],
+                Ok(Event::Asked(tool, frame)) => self.hub.ask(tool, frame).into_iter().collect(),
                 Ok(Event::Gone(tool)) => {
                     self.tools.remove(&tool);
                     used = Instant::now();
@@ -233,8 +233,8 @@ impl Switchboard {
                 Ok(Event::Lost) | Err(RecvTimeoutError::Disconnected) => return,
                 Err(RecvTimeoutError::Timeout) => Vec::new(),
             };
-            let over = self.braked.take_if(|at| *at <= Instant::now()).and_then(|_| self.hub.braked());
-            if !out.into_iter().chain(over).all(|to| self.send(to)) {
+            let over = self.braked.take_if(|at| *at <= Instant::now()).map(|_| self.hub.braked());
+            if !out.into_iter().chain(over.into_iter().flatten()).all(|to| self.send(to)) {
                 return;
             }
         }

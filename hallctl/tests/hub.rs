@@ -35,7 +35,7 @@ impl Bench {
 
     fn ask(&mut self, tool: Tool, id: u16, ask: Ask<'_>) {
         let to = self.hub.ask(tool, request_of(tool, false, id, ask));
-        self.carry([to]);
+        self.carry(to);
     }
 
     fn detach(&mut self, tool: Tool) {
@@ -192,6 +192,30 @@ fn a_motor_that_is_braked_is_not_switched_off_under_the_next_tool() {
     bench.ask(second, 2, Ask::Arm);
     bench.pass(100);
     assert_eq!(bench.mode(), Mode::Running);
+}
+
+#[test]
+fn the_next_tool_waits_until_the_one_that_vanished_controls_no_more() {
+    let mut bench = Bench::ready();
+    let (first, second, third) = (bench.attach(), bench.attach(), bench.attach());
+    bench.ask(first, 1, Ask::Arm);
+    bench.pass(20);
+    bench.detach(first);
+    bench.ask(second, 1, Ask::Arm);
+    // One that has gone itself wants nothing any more, and a look waits for nobody.
+    bench.ask(third, 1, Ask::Speed(50.0));
+    bench.detach(third);
+    bench.ask(second, 2, Ask::Status);
+    bench.pass(50);
+    let mut answers = Vec::new();
+    bench.hear(second, |id, _| answers.push(id));
+    assert_eq!(answers, [2]);
+    bench.pass(30);
+    bench.hear(second, |id, answer| assert!(id == 1 && answer == Answer::Done, "{answer:?}"));
+    bench.pass(500);
+    assert_eq!(bench.mode(), Mode::Running);
+    let speed_rad_s = bench.drive.plant.truth().speed_rad_s;
+    assert!(speed_rad_s.abs() < 2.0, "{speed_rad_s}");
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod process;
 
 use process::{Drive, HALLCTL, PATIENCE};
 use rustix::process::{Pid, Signal, kill_process};
+use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, Command, Stdio};
 
 /// Longest from the signal to the bridge off, s; the log's times are rounded.
@@ -119,6 +120,18 @@ fn the_motor_of_a_tool_that_is_killed_is_switched_off() {
     kill_process(Pid::from_child(&watcher), Signal::KILL).unwrap();
     watcher.wait_with_output().unwrap();
     assert!(!is_off(&drive));
+}
+
+#[test]
+fn the_next_command_is_obeyed_though_nobody_reads_the_one_before_to_its_end() {
+    let drive = Drive::start(&[]);
+    // As `hallctl calibrate | head -0`.
+    let mut tool = drive.begin(&["calibrate"]);
+    drop(tool.stdout.take());
+    assert_eq!(tool.wait().unwrap().signal(), Some(Signal::PIPE.as_raw()));
+    drive.ok(&["arm"]);
+    // Nobody switches it off late.
+    assert!(drive.ok(&["speed", "20", "--seconds", "0.5"]).contains("rad/s at"));
 }
 
 #[test]

@@ -351,9 +351,30 @@ fn seconds(text: &str) -> std::result::Result<f64, String> {
     }
 }
 
+/// Frames a second that a drive can send.
+fn rate(text: &str) -> std::result::Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(hz) if hz > 0.0 && hz <= 1000.0 => Ok(hz),
+        _ => Err("a number of frames a second is wanted, above 0 and up to 1000".into()),
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn only_a_rate_that_a_drive_can_send_is_asked_for() {
+        for hz in ["0", "-1", "nan", "1e9", "1000.1", "fast"] {
+            let wrong = format!("--hz={hz}");
+            for command in [&["telemetry"][..], &["step", "speed", "10"], &["sine", "speed", "10"]] {
+                let arguments = [&["hallctl"], command, &[&wrong]].concat();
+                let error = Arguments::try_parse_from(arguments).unwrap_err().to_string();
+                assert!(error.contains("up to 1000"), "{error}");
+            }
+        }
+        assert_eq!((rate("1000"), rate("0.5")), (Ok(1000.0), Ok(0.5)));
+    }
 
     #[test]
     fn only_a_time_that_can_pass_turns_a_motor() {

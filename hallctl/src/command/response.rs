@@ -39,7 +39,7 @@ pub(super) enum Axis {
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct Files {
     /// Telemetry so often a second; a UART of 460 800 baud carries 650
-    #[arg(long, default_value_t = 500.0, global = true)]
+    #[arg(long, default_value_t = 500.0, value_parser = super::rate, global = true)]
     hz: f32,
     /// Time, set-point and measured into this file, - for the standard output
     #[arg(long, value_name = "FILE", global = true)]

@@ -20,7 +20,7 @@ pub(super) struct Options {
     #[arg(long, value_parser = super::seconds)]
     seconds: Option<f64>,
     /// So often a second, up to 1000; a UART of 460 800 baud carries 650
-    #[arg(long, default_value_t = 100.0)]
+    #[arg(long, default_value_t = 100.0, value_parser = super::rate)]
     hz: f32,
     /// Wait for running, fault, or a value like speed>50, current<-2, bus>30; --seconds count from then on
     #[arg(long, value_name = "CONDITION")]

@@ -17,17 +17,46 @@ fn transform(values: &[f64], row_s: f64, hz: f64) -> Complex64 {
     sum
 }
 
+/// A response at a frequency, and its standard error: by how much the records contradict each other.
+#[derive(Clone, Copy, Debug)]
+pub struct Estimate {
+    /// The response.
+    pub value: Complex64,
+    /// Standard error of that.
+    pub error: f64,
+}
+
+impl Estimate {
+    /// The same with a known part before or behind it.
+    pub fn times(self, known: Complex64) -> Self {
+        Self { value: known * self.value, error: known.norm() * self.error }
+    }
+
+    /// The open loop of a closed one.
+    pub fn opened(self) -> Self {
+        let rest = 1.0 - self.value;
+        Self { value: self.value / rest, error: self.error / rest.norm_sqr() }
+    }
+
+    /// Standard error as a share of the response.
+    pub fn doubt(&self) -> f64 {
+        self.error / self.value.norm()
+    }
+}
+
 /// From one signal to another in several records, at a frequency: least squares over the records, with what the
 /// `instrument` has in common with both. That may be the first signal itself; in a closed loop it is what drives it
 /// from outside, or noise that goes round the loop would count.
-pub fn ratio(records: &[[&[f64]; 3]], row_s: f64, hz: f64) -> Complex64 {
-    let (mut from, mut to) = (Complex64::ZERO, Complex64::ZERO);
-    for [instrument, first, second] in records {
+pub fn ratio(records: &[[&[f64]; 3]], row_s: f64, hz: f64) -> Estimate {
+    let products = records.iter().map(|[instrument, first, second]| {
         let with = transform(instrument, row_s, hz).conj();
-        from += with * transform(first, row_s, hz);
-        to += with * transform(second, row_s, hz);
-    }
-    to / from
+        [with * transform(first, row_s, hz), with * transform(second, row_s, hz)]
+    });
+    let [from, to] = products.clone().fold([Complex64::ZERO; 2], |sum, [from, to]| [sum[0] + from, sum[1] + to]);
+    let value = to / from;
+    let left = products.map(|[from, to]| (to - value * from).norm_sqr()).sum::<f64>();
+    let count = records.len() as f64;
+    Estimate { value, error: (left * count / (count - 1.0)).sqrt() / from.norm() }
 }
 
 /// Frequencies from one to another, evenly over their logarithm.
@@ -153,10 +182,21 @@ mod tests {
             .collect();
         let views: Vec<_> = records.iter().map(|[set, found]| [&set[..], &set[..], &found[..]]).collect();
         for hz in [100.0, 300.0, 600.0] {
-            let found = ratio(&views, row_s, hz);
+            let Estimate { value: found, error } = ratio(&views, row_s, hz);
             let z = Complex64::cis(TAU * hz * row_s);
             let expected = (1.0 - pole) / (z - pole);
             assert!((found - expected).norm() < 0.02, "{hz}: {found} {expected}");
+            // It knows how good it is.
+            assert!((found - expected).norm() < 4.0 * error && error < 0.01, "{hz}: {found} ± {error} {expected}");
         }
+    }
+
+    #[test]
+    fn a_loop_that_is_opened_is_known_worse_where_it_follows_well() {
+        let open = Complex64::new(0.0, -8.0);
+        let opened = Estimate { value: closed(open), error: 0.01 }.opened();
+        // The derivative of T/(1 − T).
+        assert!((opened.value - open).norm() < 1e-9 && (opened.error - 0.01 * 65.0).abs() < 1e-9, "{opened:?}");
+        assert!(opened.doubt() > 8.0 * Estimate { value: closed(open), error: 0.01 }.doubt());
     }
 }

@@ -91,6 +91,10 @@ fn loops_are_measured_beside_the_model() {
         assert!(margins.abs() < 8.0, "{which}: {measured} {model}");
     }
     assert!(drive.ok(&["status"]).contains("ready"));
+    assert!(drive.fails(1, &["chirp", "current", "--size=-1"]).contains("above 0"));
+    // Less than the noise: nothing is made up.
+    let found = json(&drive.ok(&["--json", "chirp", "current", "--steps", "4", "--size", "0.005"]));
+    assert!(found["measured"]["bandwidth_hz"].is_null(), "{}", found["measured"]);
     let page = tempfile::tempdir().unwrap();
     let path = page.path().join("chirp.html");
     drive.ok(&["chirp", "current", "--steps", "2", "-o", path.to_str().unwrap()]);

@@ -4,7 +4,7 @@
 use super::motion::{self, Target};
 use crate::client::Client;
 use crate::error::{Error, Result};
-use crate::frequency::{Model, closed, crossover, grid, ratio, sine};
+use crate::frequency::{Estimate, Model, closed, crossover, grid, ratio, sine};
 use crate::out::{self, Out, is_stream};
 use crate::response::{Sine, bandwidth};
 use crate::scope::{self, Recording, four};
@@ -15,6 +15,7 @@ use hallservo::hall::track;
 use hallservo::mode::Mode;
 use hallservo::scope::{Channel, Setup, Trigger};
 use hallservo_protocol::Ask;
+use num_complex::Complex64;
 use serde_json::json;
 use sim::report::{Plot, Report, Series};
 use std::path::{Path, PathBuf};
@@ -52,10 +53,16 @@ pub(super) struct Options {
 const BEFORE: u16 = 8;
 /// Periods of the bandwidth in a record.
 const PERIODS: f64 = 8.0;
+/// Periods of the bandwidth until a current has settled.
+const SETTLED: f64 = 3.0;
 /// Longest wait for a record, s.
 const LONGEST_S: f64 = 3.0;
 /// A rotor that is slower is at rest, rad/s.
 const AT_REST_RAD_S: f32 = 5.0;
+/// A response of which the records know less than this share tells no figures.
+const DOUBT: f64 = 0.1;
+/// A current that is further from its reference in the end, as a share of it, has not followed.
+const MISSED: f64 = 0.15;
 /// From a step to the next, at least: the rotor comes to rest.
 const PAUSE: Duration = Duration::from_millis(20);
 
@@ -64,6 +71,27 @@ const PAUSE: Duration = Duration::from_millis(20);
 struct Bode {
     measured: Vec<Sine>,
     model: Vec<Sine>,
+    /// Standard error of what is measured, as a share of it.
+    doubt: Vec<f64>,
+}
+
+impl Bode {
+    fn of(frequencies: &[f64], measured: impl Fn(f64) -> Estimate, model: impl Fn(f64) -> Complex64) -> Self {
+        let found: Vec<_> = frequencies.iter().map(|&hz| measured(hz)).collect();
+        Self {
+            measured: frequencies.iter().zip(&found).map(|(&hz, found)| sine(hz, found.value)).collect(),
+            model: frequencies.iter().map(|&hz| sine(hz, model(hz))).collect(),
+            doubt: found.iter().map(Estimate::doubt).collect(),
+        }
+    }
+
+    /// What of the measured the records agree upon, without a gap.
+    fn sound(&self) -> &[Sine] {
+        let is_sound = |doubt: &f64| *doubt < DOUBT;
+        let first = self.doubt.iter().position(is_sound).unwrap_or(self.doubt.len());
+        let count = self.doubt[first..].iter().take_while(|doubt| is_sound(doubt)).count();
+        &self.measured[first..first + count]
+    }
 }
 
 /// Figures of one of the two.
@@ -95,6 +123,8 @@ struct Plan {
     /// Middle and size of the steps, rad/s; or zero and a torque, N·m.
     from: f64,
     size: f64,
+    /// Current of that torque, A.
+    size_a: f64,
     /// Bandwidth as set.
     hz: f64,
 }
@@ -110,6 +140,18 @@ impl Plan {
     fn bias(&self, step: u32) -> Option<Target> {
         let side = if step.is_multiple_of(2) { self.size } else { -self.size };
         (self.which == Loop::Current).then_some(Target::Torque(side as f32))
+    }
+
+    /// The recording of a step. That of a current waits for the current's reference, past the bias: begun before, nothing
+    /// but the step is left to be asked for while the torque speeds the rotor up.
+    fn setup(&self, step: u32) -> Setup {
+        let rising = step.is_multiple_of(2);
+        let level = 1.5 * if rising { self.size_a } else { -self.size_a };
+        let trigger = match self.which {
+            Loop::Current => Trigger::Level { channel: Channel::ReferenceQ, level: level as f32, rising },
+            Loop::Speed => Trigger::Command,
+        };
+        Setup { trigger, ..self.setup }
     }
 
     /// What a step goes to.
@@ -147,7 +189,9 @@ pub(super) fn chirp(client: &mut Client, options: &Options, out: Out) -> Result<
     if interrupted || found.mode != Mode::Running {
         client.order(Ask::Disarm)?;
     }
-    let (closed, open) = responses(options.which, &records?, &plan, &model);
+    let records = records?;
+    followed(&records, &plan)?;
+    let (closed, open) = responses(options.which, &records, &plan, &model);
     report(&closed, &open, options, out)
 }
 
@@ -190,6 +234,9 @@ fn plan(client: &mut Client, options: &Options, model: &Model, out: Out) -> Resu
             number.with_context(|| format!("{text:?} is no current"))?
         }
     };
+    if size <= 0.0 {
+        return Err(anyhow::anyhow!("a size above 0 is wanted").into());
+    }
     let rows = scope::status(client)?.capacity;
     let before = rows / BEFORE;
     // Outer loops work every eighth period, and a row of theirs is as new.
@@ -199,11 +246,16 @@ fn plan(client: &mut Client, options: &Options, model: &Model, out: Out) -> Resu
         Loop::Speed => 8 * (usual / 8.0).round().max(1.0) as u16,
     };
     let setup = Setup { channels: four(&channels), every, rows, before, trigger: Trigger::Command };
-    let (from, size) = match options.which {
-        Loop::Current => (0.0, size * constant),
-        Loop::Speed => (options.from.value(out.units.speed.rad_s()), size),
-    };
-    Ok(Plan { setup, row_s: f64::from(every) / model.step_hz, which: options.which, from, size, hz })
+    let row_s = f64::from(every) / model.step_hz;
+    Ok(match options.which {
+        Loop::Current => {
+            Plan { setup, row_s, which: options.which, from: 0.0, size: size * constant, size_a: size, hz }
+        }
+        Loop::Speed => {
+            let from = options.from.value(out.units.speed.rad_s());
+            Plan { setup, row_s, which: options.which, from, size, size_a: 0.0, hz }
+        }
+    })
 }
 
 /// A record of each step.
@@ -216,14 +268,20 @@ fn records(client: &mut Client, count: u32, plan: &Plan) -> Result<Vec<Recording
             client.order(before.ask())?;
         }
         settle(client, plan)?;
-        if let Some(bias) = plan.bias(step) {
-            client.order(bias.ask())?;
+        if plan.which == Loop::Current {
+            // What holds the rotor asks for currents by itself.
+            client.order(Target::Torque(0.0).ask())?;
         }
-        let id = scope::begin(client, plan.setup)?;
+        let id = scope::begin(client, plan.setup(step))?;
         let armed_ms = client.status()?.uptime_ms;
         let before_ms = (1000.0 * plan.row_s * f64::from(plan.setup.before)) as u64 + 2;
         while client.status()?.uptime_ms < armed_ms + before_ms {
             client.listen(PAUSE / 4)?;
+        }
+        if let Some(bias) = plan.bias(step) {
+            client.order(bias.ask())?;
+            // Until the current is there, and the rows before the step are of nothing else.
+            client.listen(Duration::from_secs_f64(SETTLED / plan.hz).max(Duration::from_millis(before_ms)))?;
         }
         client.order(plan.target(step).ask()).map_err(|error| motion::fallen(client, error))?;
         // The torque would go on while the rows are read.
@@ -251,6 +309,42 @@ fn settle(client: &mut Client, plan: &Plan) -> Result<()> {
     }
 }
 
+/// The end of a record: mean, and standard error of that.
+struct Tail {
+    mean: f64,
+    error: f64,
+}
+
+impl Tail {
+    fn of(values: &[f64]) -> Self {
+        let count = values.len() as f64;
+        let mean = values.iter().sum::<f64>() / count;
+        let square = values.iter().map(|value| (value - mean).powi(2)).sum::<f64>();
+        Self { mean, error: square.sqrt() / count }
+    }
+}
+
+/// A current that does not get to its reference has no voltage left: what it does then is no response of the loop.
+fn followed(records: &[Recording], plan: &Plan) -> Result<()> {
+    if plan.which == Loop::Speed {
+        return Ok(());
+    }
+    for record in records {
+        let [wanted, found] = [Channel::ReferenceQ, Channel::CurrentQ].map(|channel| {
+            let values = record.of(channel);
+            Tail::of(&values[values.len() - values.len() / 4..])
+        });
+        let (wanted, noise, found) = (wanted.mean, found.error, found.mean);
+        if (found - wanted).abs() > (MISSED * wanted.abs()).max(5.0 * noise) {
+            return Err(Error::Failed(format!(
+                "the current does not follow: {found:.2} A instead of {wanted:.2} A at the end of a step\n  \
+                 The voltage is at its limit, or the rotor runs away: a smaller --size, or more inertia at the shaft."
+            )));
+        }
+    }
+    Ok(())
+}
+
 /// What follows the reference, and the open loop.
 fn responses(which: Loop, records: &[Recording], plan: &Plan, model: &Model) -> (Bode, Bode) {
     let of = |channel| records.iter().map(move |record| record.of(channel));
@@ -259,44 +353,33 @@ fn responses(which: Loop, records: &[Recording], plan: &Plan, model: &Model) -> 
     };
     let least_hz = 2.0 / (plan.row_s * f64::from(plan.setup.rows - plan.setup.before));
     let frequencies = grid(least_hz.max(plan.hz / 8.0), (4.0 * plan.hz).min(0.4 / plan.row_s), 48);
-    let each = |of: &dyn Fn(f64) -> num_complex::Complex64| -> Vec<Sine> {
-        frequencies.iter().map(|&hz| sine(hz, of(hz))).collect()
-    };
+    let bode =
+        |measured: &dyn Fn(f64) -> Estimate, model: &dyn Fn(f64) -> Complex64| Bode::of(&frequencies, measured, model);
     match which {
         Loop::Current => {
             let pairs = pairs(Channel::ReferenceQ, Channel::ReferenceQ, Channel::CurrentQ);
             let follows = |hz| ratio(&pairs, plan.row_s, hz);
-            let open = |hz| {
-                let follows = follows(hz);
-                follows / (1.0 - follows)
-            };
             let ideal = |hz| model.current_loop(hz);
-            (
-                Bode { measured: each(&follows), model: each(&|hz| closed(ideal(hz))) },
-                Bode { measured: each(&open), model: each(&ideal) },
-            )
+            (bode(&follows, &|hz| closed(ideal(hz))), bode(&|hz| follows(hz).opened(), &ideal))
         }
         Loop::Speed => {
             let (reference, speed) = (Channel::SpeedReference, Channel::Speed);
             let follows = pairs(reference, reference, speed);
             let plant = pairs(reference, Channel::ReferenceQ, speed);
-            let open = |hz| model.speed_control(hz) * ratio(&plant, plan.row_s, hz);
+            let open = |hz| ratio(&plant, plan.row_s, hz).times(model.speed_control(hz));
             let ideal = |hz| model.speed_control(hz) * model.speed_plant(hz);
             // The torque of the acceleration is fed forward, which makes more of the plant than the loop does.
             let forward = |hz: f64| {
-                let torque = num_complex::Complex64::new(0.0, std::f64::consts::TAU * hz) / model.acceleration;
+                let torque = Complex64::new(0.0, std::f64::consts::TAU * hz) / model.acceleration;
                 (model.speed_control(hz) + torque) * model.speed_plant(hz) / (1.0 + ideal(hz))
             };
-            (
-                Bode { measured: each(&|hz| ratio(&follows, plan.row_s, hz)), model: each(&forward) },
-                Bode { measured: each(&open), model: each(&ideal) },
-            )
+            (bode(&|hz| ratio(&follows, plan.row_s, hz), &forward), bode(&open, &ideal))
         }
     }
 }
 
 fn report(closed: &Bode, open: &Bode, options: &Options, out: Out) -> Result<()> {
-    let measured = Figures::of(&closed.measured, &open.measured);
+    let measured = Figures::of(closed.sound(), open.sound());
     let model = Figures::of(&closed.model, &open.model);
     for path in &options.out {
         save(path, closed, open)?;
@@ -315,6 +398,9 @@ fn report(closed: &Bode, open: &Bode, options: &Options, out: Out) -> Result<()>
         row("phase margin", |figures| figures.phase_margin_deg, "°"),
     ])?;
     say!(out, "The model has the motor and the bandwidths of the settings.")?;
+    if measured.crossover_hz.is_none() {
+        say!(out, "The steps differ by too much to tell the rest: a larger --size, or more --steps.")?;
+    }
     out.value(&json!({ "measured": measured, "model": model, "closed_loop": closed, "open_loop": open }))
 }
 
@@ -334,11 +420,13 @@ fn table(path: &Path, closed: &Bode, open: &Bode) -> Result<()> {
     for name in ["closed", "closed_model", "open", "open_model"] {
         text += &format!(",{name}_gain,{name}_phase_deg");
     }
+    text += ",closed_doubt,open_doubt";
     for row in 0..closed.measured.len() {
         text += &format!("\n{:.3}", closed.measured[row].hz);
         for curve in [&closed.measured, &closed.model, &open.measured, &open.model] {
             text += &format!(",{:.6},{:.3}", curve[row].gain, curve[row].phase_deg);
         }
+        text += &format!(",{:.4},{:.4}", closed.doubt[row], open.doubt[row]);
     }
     out::save(path, &(text + "\n"))
 }

@@ -23,19 +23,20 @@ const ANSWER_TIMEOUT: u32 = 100;
 /// with what came over the line and [`transmit`](Self::transmit) for what is to go out. None of them waits, but two of
 /// a tick's duties take long: the fit after a calibration and a write to the flash, up to a quarter of a second. So the
 /// tasks run at the lowest priority.
+#[repr(C)]
 pub struct Supervisor<F, E: Encoder = NoEncoder> {
-    tasks: Tasks<F, E>,
-    decoder: Decoder,
-    outbox: Outbox,
     pending: Option<Pending>,
-    #[cfg(feature = "registers")]
-    registers: Registers,
     /// Bytes taken from the line, wrapping.
     taken: u32,
     /// Frames taken from the bus, wrapping.
     #[cfg(feature = "registers")]
     frames: u32,
     alive: Alive,
+    tasks: Tasks<F, E>,
+    outbox: Outbox,
+    decoder: Decoder,
+    #[cfg(feature = "registers")]
+    registers: Registers,
 }
 
 /// A request that is answered when the control interrupt has, or the flash.

@@ -43,71 +43,72 @@ use telemetry::Stream;
 /// Ticks after a command until the records show its effect.
 const SETTLED: u32 = 5;
 
-/// The state of the tasks.
+/// The state of the tasks. What is small comes first, within reach of the short forms of the load instructions.
+#[repr(C)]
 pub(crate) struct Tasks<F, E> {
-    pub identity: Identity,
-    pub controller: Controller,
-    pub service: &'static mut Service,
-    pub history: History,
-    pub defaults: Settings,
-    pub settings: Settings,
-    /// Settings that were sent to the drive and are not acknowledged yet.
-    sent_settings: Option<Settings>,
-    /// Whether they differ in tunable ones only.
-    retunes: bool,
-    /// Memory for the next settings on their way to the drive.
-    spare_config: Option<&'static mut Config>,
-    storage: Storage<F>,
-    pub encoder: E,
-    pub magnets: MagnetMap,
-    pub scope: ScopeTasks,
-    /// What is wrong with each kind of stored record.
-    pub stored: [Problem; 3],
-    /// Whether nobody has confirmed settings that are not those stored.
-    pub unconfirmed: bool,
-    stored_sensors: Option<Sensors>,
-    /// [Digest](Settings::digest) of those stored.
-    stored_settings: u32,
-    /// Kinds of records to save when the bridge is off.
-    unsaved: [bool; 3],
-    learnt_saved_ms: Option<u64>,
-    sensors: Option<Sensors>,
-    /// Whether their model is to be sent to the drive.
-    install_due: bool,
-    adaptation: &'static mut SensorAdaptation,
-    /// Anti-cogging table, once learnt.
-    table: Option<Table>,
-    /// Whether the drive is to be sent the table, or to stop using it.
-    table_due: bool,
-    /// Whether the drive compensates the cogging by the table.
-    anti_cogging: bool,
-    pub procedure: &'static mut Option<Procedure>,
-    /// The wait for the rotor to come to rest after the last procedure.
-    rest: Option<Rest>,
-    pub calibration: Calibration,
-    pub identification: protocol::Procedure<identify::Report>,
-    pub cogging: protocol::Procedure<Cogging>,
-    pub swings: protocol::Procedure<Rough>,
-    /// The last window of a measurement at standstill, until it is asked for.
-    pub window: Option<Window>,
-    /// The latest record of the drive.
-    record: DriveRecord,
-    measurement: Option<Measurement>,
-    /// Whether the last command to the drive was a spring and a damper.
-    follows_impedance: bool,
-    readings: Readings,
-    reply: Option<Reply>,
     /// Answers that the drive still owes and no request waits for.
     unclaimed_replies: u8,
     /// Whether the drive is to be disarmed as soon as a command has room in the queue.
     pub disarm_due: bool,
+    /// Whether the model of the sensors is to be sent to the drive.
+    install_due: bool,
+    /// Whether the drive is to be sent the table, or to stop using it.
+    table_due: bool,
+    /// Whether the drive compensates the cogging by the table.
+    anti_cogging: bool,
+    /// Whether the settings on their way differ in tunable ones only.
+    retunes: bool,
+    /// Whether the last command to the drive was a spring and a damper.
+    follows_impedance: bool,
+    /// Whether nobody has confirmed settings that are not those stored.
+    pub unconfirmed: bool,
+    /// Kinds of records to save when the bridge is off.
+    unsaved: [bool; 3],
+    reply: Option<Reply>,
+    /// What is wrong with each kind of stored record.
+    pub stored: [Problem; 3],
+    pub service: &'static mut Service,
+    adaptation: &'static mut SensorAdaptation,
+    pub procedure: &'static mut Option<Procedure>,
+    /// Memory for the next settings on their way to the drive.
+    spare_config: Option<&'static mut Config>,
     /// Ticks since the last command, saturating.
     ticks_since_command: u32,
-    stream: Option<Stream>,
     lost_records: u32,
     pub garbage: u32,
     pub lost_frames: u32,
     pub now_ms: u64,
+    /// The latest record of the drive.
+    record: DriveRecord,
+    readings: Readings,
+    pub controller: Controller,
+    /// [Digest](Settings::digest) of those stored.
+    stored_settings: u32,
+    stream: Option<Stream>,
+    /// The wait for the rotor to come to rest after the last procedure.
+    rest: Option<Rest>,
+    learnt_saved_ms: Option<u64>,
+    pub identity: Identity,
+    storage: Storage<F>,
+    measurement: Option<Measurement>,
+    /// The last window of a measurement at standstill, until it is asked for.
+    pub window: Option<Window>,
+    pub magnets: MagnetMap,
+    pub cogging: protocol::Procedure<Cogging>,
+    pub swings: protocol::Procedure<Rough>,
+    pub settings: Settings,
+    sensors: Option<Sensors>,
+    pub calibration: Calibration,
+    pub identification: protocol::Procedure<identify::Report>,
+    pub encoder: E,
+    pub scope: ScopeTasks,
+    stored_sensors: Option<Sensors>,
+    /// Anti-cogging table, once learnt.
+    table: Option<Table>,
+    pub defaults: Settings,
+    /// Settings that were sent to the drive and are not acknowledged yet.
+    sent_settings: Option<Settings>,
+    pub history: History,
 }
 
 impl<F: NorFlash, E: Encoder> Tasks<F, E> {

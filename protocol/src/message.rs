@@ -50,6 +50,8 @@ pub struct Reply<'a> {
 }
 
 /// What can be asked. Numbers that are not finite or beyond what the settings allow are refused.
+// A byte tells which it is: the compiler would take a number of 64 bits inside of one.
+#[repr(u8)]
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Ask<'a> {
     /// Who is there: [`Answer::Hello`].

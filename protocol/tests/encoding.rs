@@ -302,7 +302,7 @@ fn incidents() {
 #[test]
 fn every_setting_fits_a_frame() {
     for entry in settings::TABLE {
-        let settings::Entry { name, unit, kind: &kind, .. } = *entry;
+        let (name, unit, kind) = (entry.name, entry.unit(), entry.kind());
         let setting = Setting { name, unit, kind, value: 1.0, default: 1.0, min: 0.0, max: 1.0, fixed: true };
         let reply = Reply { id: u16::MAX, answer: Answer::Setting(setting) };
         assert!(encode(&reply, &mut [0; FRAME]).is_ok(), "{name}");

@@ -1,7 +1,7 @@
 //! The declaration of every setting. A name that has been in a release is never given to another setting.
 
 use super::Kind::{Choice, Real, Switch, Whole};
-use super::entry::{Entry, Field};
+use super::entry::{BOARD, Entry, Field, kind, unit};
 use super::guard::{NOISE, OFFSET};
 use super::{Ceiling, Feedback, OnStopFailure, OnTimeout};
 use crate::commutation::Commutation;
@@ -114,11 +114,11 @@ macro_rules! settings {
         /// Every setting. Those that a range depends on come first, so that the first one out of its range is to blame.
         pub static TABLE: &[Entry] = &[
             $($(Entry {
-                name: stringify!($field), unit: $unit, kind: &$kind, fixed: $fixed, row: Row::$part($part::Row::$field),
+                name: stringify!($field), row: Row::$part($part::Row::$field), unit: unit($unit), kind: kind($kind) | $fixed,
             },)*)*
             $($(Entry {
-                name: $row_name, unit: $row_unit, kind: &$row_kind, fixed: $row_fixed,
-                row: Row::$row_part($row_part::Row::$row_field),
+                name: $row_name, row: Row::$row_part($row_part::Row::$row_field), unit: unit($row_unit),
+                kind: kind($row_kind) | $row_fixed,
             },)*)*
         ];
 
@@ -128,9 +128,8 @@ macro_rules! settings {
     };
 }
 
-/// Whether a setting is the board's.
-const BOARD: bool = true;
-const FREE: bool = false;
+/// Marks a setting that is not the board's.
+const FREE: u8 = 0;
 
 const fn drive(settings: &mut Settings) -> Option<&mut Settings> {
     Some(settings)

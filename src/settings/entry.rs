@@ -18,20 +18,87 @@ pub enum Kind<'a> {
     Choice(&'a str),
 }
 
-/// A row of [`TABLE`].
+/// A row of [`TABLE`]: 12 bytes of flash.
 pub struct Entry {
     /// Name, unique, up to 32 bytes. One that has been in a release is never given to another setting.
     pub name: &'static str,
-    /// Unit of the value, up to 8 bytes.
-    pub unit: &'static str,
-    /// What values it takes. Few kinds are shared by many rows, for the sake of the flash.
-    pub kind: &'static Kind<'static>,
-    /// Whether it follows from the board's parts.
-    pub fixed: bool,
     pub(super) row: Row,
+    /// Place in [`UNITS`].
+    pub(super) unit: u8,
+    /// Place in [`KINDS`], and [`BOARD`].
+    pub(super) kind: u8,
+}
+
+/// Marks a setting that is the board's.
+pub(super) const BOARD: u8 = 0x80;
+
+/// Every unit.
+const UNITS: [&str; 18] = [
+    "", "bit", "Hz", "s", "µs", "periods", "°", "°C", "K", "A", "V", "Ω", "H", "Wb", "kg·m²", "turns", "rad/s", "rad/s²",
+];
+
+/// Every kind.
+const KINDS: [Kind<'static>; 7] = [
+    Kind::Real,
+    Kind::Whole,
+    Kind::Switch,
+    Kind::Choice("block|sinusoidal|field-oriented"),
+    Kind::Choice("p|pi|pd|pid"),
+    Kind::Choice("off|brake"),
+    Kind::Choice("fault|stop"),
+];
+
+/// The place of a unit; for constants: one that is not in the list does not compile.
+pub(super) const fn unit(name: &str) -> u8 {
+    let mut place = 0;
+    while !same(UNITS[place], name) {
+        place += 1;
+    }
+    place as u8
+}
+
+/// The place of a kind, likewise.
+pub(super) const fn kind(kind: Kind<'_>) -> u8 {
+    let mut place = 0;
+    while !alike(KINDS[place], kind) {
+        place += 1;
+    }
+    place as u8
+}
+
+const fn alike(a: Kind<'_>, b: Kind<'_>) -> bool {
+    match (a, b) {
+        (Kind::Choice(a), Kind::Choice(b)) => same(a, b),
+        (Kind::Real, Kind::Real) | (Kind::Whole, Kind::Whole) | (Kind::Switch, Kind::Switch) => true,
+        _ => false,
+    }
+}
+
+const fn same(a: &str, b: &str) -> bool {
+    let (a, b) = (a.as_bytes(), b.as_bytes());
+    let mut at = 0;
+    while at < a.len() && at < b.len() && a[at] == b[at] {
+        at += 1;
+    }
+    at == a.len() && at == b.len()
 }
 
 impl Entry {
+    /// Unit of the value, up to 8 bytes.
+    pub fn unit(&self) -> &'static str {
+        UNITS.get(usize::from(self.unit)).unwrap_or(&"")
+    }
+
+    /// What values it takes.
+    pub fn kind(&self) -> Kind<'static> {
+        *KINDS.get(usize::from(self.kind & !BOARD)).unwrap_or(&Kind::Real)
+    }
+
+    /// Whether it follows from the board's parts.
+    pub const fn fixed(&self) -> bool {
+        self.kind & BOARD != 0
+    }
+
     /// The value; `None` where the drive has no current control, and so no such setting.
     pub fn get(&self, settings: &Settings) -> Option<f32> {
         self.row.field(&mut { *settings }).map(|field| field.number())
@@ -62,7 +129,7 @@ impl Entry {
     /// # Errors
     /// Why not.
     pub fn assign(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
-        if *self.kind != Kind::Real {
+        if self.kind() != Kind::Real {
             self.check_value(settings, value)?;
             if value != libm::truncf(value) {
                 return Err(Error::NotWhole);

@@ -25,7 +25,8 @@ fn names_and_keys_are_unique_and_all_are_described() {
     let names: HashSet<_> = TABLE.iter().map(|entry| entry.name).collect();
     let keys: HashSet<_> = TABLE.iter().map(|entry| key(entry.name)).collect();
     assert_eq!((names.len(), keys.len()), (TABLE.len(), TABLE.len()));
-    for Entry { name, unit, .. } in TABLE {
+    for entry in TABLE {
+        let (name, unit) = (entry.name, entry.unit());
         assert!(name.len() <= 32 && unit.len() <= 8 && (1..=90).contains(&about(name).len()), "{name}");
     }
 }
@@ -99,7 +100,7 @@ fn every_field_out_of_range_is_named() {
 
 #[test]
 fn both_ends_of_every_range_are_allowed_and_nothing_beyond_nor_what_is_no_number() {
-    for entry in TABLE.iter().filter(|entry| *entry.kind == Kind::Real) {
+    for entry in TABLE.iter().filter(|entry| entry.kind() == Kind::Real) {
         let (min, max) = entry.range(&full());
         let with = |value| {
             let mut changed = full();
@@ -121,7 +122,7 @@ fn both_ends_of_every_range_are_allowed_and_nothing_beyond_nor_what_is_no_number
 #[test]
 fn whole_numbers_and_choices_are_kept_and_nothing_between() {
     let settings = full();
-    for entry in TABLE.iter().filter(|entry| *entry.kind != Kind::Real && !entry.fixed) {
+    for entry in TABLE.iter().filter(|entry| entry.kind() != Kind::Real && !entry.fixed()) {
         let (min, max) = entry.range(&settings);
         for value in [min, max] {
             // Fewer pole pairs leave the largest speed allowed; more do not.
@@ -132,7 +133,7 @@ fn whole_numbers_and_choices_are_kept_and_nothing_between() {
             assert_eq!(entry.get(&changed), Some(value), "{}", entry.name);
         }
         assert_eq!(settings.with(entry.name, min + 0.5), Err(Error::NotWhole), "{}", entry.name);
-        if let Kind::Choice(names) = *entry.kind {
+        if let Kind::Choice(names) = entry.kind() {
             assert_eq!(names.split('|').count() as f32, max + 1.0, "{}", entry.name);
         }
     }
@@ -167,7 +168,7 @@ fn contradictions_are_refused() {
 
 #[test]
 fn other_values_have_another_digest() {
-    let changed: Vec<_> = TABLE.iter().filter(|entry| *entry.kind == Kind::Switch).collect();
+    let changed: Vec<_> = TABLE.iter().filter(|entry| entry.kind() == Kind::Switch).collect();
     assert!(full().digest() == full().digest() && !changed.is_empty());
     assert_ne!(full().digest(), Settings::default().digest());
     for entry in changed {

@@ -26,7 +26,7 @@ pub fn settings(settings: &Settings, wiring: &Wiring) {
 pub fn exported(settings: &Settings, file: &str) {
     let default = Settings { control: Some(Control::default()), ..Settings::default() };
     let differs = |entry: &&Entry| entry.get(settings) != entry.get(&default);
-    let line = |entry: &Entry| match (entry.kind, entry.get(settings).expect("current control")) {
+    let line = |entry: &Entry| match (entry.kind(), entry.get(settings).expect("current control")) {
         (Kind::Choice(names), value) => {
             format!("{} = {:?}", entry.name, names.split('|').nth(value as usize).expect("a choice"))
         }

@@ -148,7 +148,7 @@ impl<F: NorFlash, E: Encoder> Host for Drive<'_, F, E> {
             return Some(Setting { name: setting.name, kind: kind(setting.kind), value: setting.value });
         };
         let value = entry.get(&self.tasks.settings)?;
-        Some(Setting { name: entry.name, kind: kind(*entry.kind), value })
+        Some(Setting { name: entry.name, kind: kind(entry.kind()), value })
     }
 
     fn id(&self) -> u8 {

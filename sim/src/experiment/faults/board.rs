@@ -31,7 +31,7 @@ impl Board {
 }
 
 fn number(entry: &Entry, value: &toml::Value) -> Option<f32> {
-    match (entry.kind, value) {
+    match (entry.kind(), value) {
         (Kind::Choice(names), toml::Value::String(name)) => Some(names.split('|').position(|one| one == name)? as f32),
         (_, toml::Value::Boolean(yes)) => Some(f32::from(u8::from(*yes))),
         (_, toml::Value::Float(number)) => Some(*number as f32),

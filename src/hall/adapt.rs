@@ -115,15 +115,30 @@ enum Phase {
 
 /// The adaptation of one drive; at most 800 bytes.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Adapter {
-    config: Config,
-    sensors: [CalibratedSensor; 3],
-    state: State,
-    covariance: Covariance,
-    /// Variances of the parameters at the start.
-    start: Vector,
-    /// Variances that they gain in a sample.
-    drift: Vector,
+    phase: Phase,
+    /// Eighths of the turn covered since the last model, a bit each.
+    seen_eighths: u8,
+    /// Eighths of the turn followed since something was last not understood.
+    followed_eighths: u8,
+    /// Whether all of the turn was covered, and the next update makes the model.
+    model_due: bool,
+    /// Whether it started from a calibration, to which it may return.
+    calibrated: bool,
+    /// Whether the rotor is too uneven to learn parameters from.
+    doubts: bool,
+    /// Whether the fault has been reported.
+    fault_reported: bool,
+    /// The parameter at its limit at the last model.
+    last_limit: Option<Fault>,
+    fault: Option<Fault>,
+    /// Samples adapted from since the last model.
+    learnt_samples: u32,
+    /// Sample periods since the drift was added to the variances.
+    samples_since_drift: u32,
+    /// Observations in a row without adaptation of the parameters.
+    paused: u32,
     /// Natural frequency of the tracking, rad a sample.
     natural_frequency: f32,
     /// Variance of the angle, rad², below which corrections of the speed are integrated into `load`.
@@ -132,30 +147,16 @@ pub struct Adapter {
     load_gain: f32,
     /// Acceleration by the estimated load torque, rad/sample².
     load: f32,
-    phase: Phase,
+    state: State,
     window: Window,
-    /// Eighths of the turn covered since the last model, a bit each.
-    seen_eighths: u8,
-    /// Eighths of the turn followed since something was last not understood.
-    followed_eighths: u8,
-    /// Samples adapted from since the last model.
-    learnt_samples: u32,
-    /// Sample periods since the drift was added to the variances.
-    samples_since_drift: u32,
-    /// Observations in a row without adaptation of the parameters.
-    paused: u32,
-    /// Whether all of the turn was covered, and the next update makes the model.
-    model_due: bool,
-    /// Whether it started from a calibration, to which it may return.
-    calibrated: bool,
-    /// Whether the rotor is too uneven to learn parameters from.
-    doubts: bool,
-    /// The parameter at its limit at the last model.
-    last_limit: Option<Fault>,
     suspicions: Suspicions,
-    fault: Option<Fault>,
-    /// Whether the fault has been reported.
-    fault_reported: bool,
+    config: Config,
+    sensors: [CalibratedSensor; 3],
+    covariance: Covariance,
+    /// Variances of the parameters at the start.
+    start: Vector,
+    /// Variances that they gain in a sample.
+    drift: Vector,
     model: Model,
 }
 

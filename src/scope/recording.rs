@@ -11,9 +11,8 @@ const _: () = assert!(ROWS.is_power_of_two(), "the ring has no division");
 type Rows = [[[u32; CHANNELS]; ROWS / 2]; 2];
 
 /// A recording: 8 KiB, or 2 KiB with the feature `small`. Empty it is all zeros, so that the flash does not have to hold it.
+#[repr(C)]
 pub struct Recording {
-    rows: Rows,
-    plan: Plan,
     /// Where the next row goes.
     next: u16,
     /// Rows in the ring.
@@ -25,6 +24,8 @@ pub struct Recording {
     triggered: bool,
     /// What the trigger looked at last.
     last: i32,
+    plan: Plan,
+    rows: Rows,
 }
 
 impl Recording {

@@ -42,19 +42,17 @@ impl Demand {
 
 /// Takes a drive from rest to running and back.
 #[derive(Clone, Copy, Debug)]
+#[repr(C)]
 pub(super) struct Sequence {
     phase: Phase,
     /// To return to at the end.
     commutation: Commutation,
-    demand: Demand,
-    failure: Option<Error>,
     /// The phase whose command is not answered yet.
     unanswered: Option<Phase>,
     started: bool,
-    /// The last record, and when it came.
-    record: Option<Record>,
     /// Whether one came since the last step.
     has_record: bool,
+    failure: Option<Error>,
     now_ms: u32,
     record_ms: u32,
     since_ms: u32,
@@ -62,6 +60,9 @@ pub(super) struct Sequence {
     braking_ms: u32,
     /// Speed below which the rotor is at rest, in 2⁻³² electrical turns a step.
     rest: i32,
+    demand: Demand,
+    /// The last record, and when it came.
+    record: Option<Record>,
 }
 
 impl Sequence {

@@ -34,7 +34,8 @@ pub(super) const BOARD: u8 = 0x80;
 
 /// Every unit.
 const UNITS: [&str; 18] = [
-    "", "bit", "Hz", "s", "µs", "periods", "°", "°C", "K", "A", "V", "Ω", "H", "Wb", "kg·m²", "turns", "rad/s", "rad/s²",
+    "", "bit", "Hz", "s", "µs", "periods", "°", "°C", "K", "A", "V", "Ω", "H", "Wb", "kg·m²", "turns", "rad/s",
+    "rad/s²",
 ];
 
 /// Every kind.

@@ -96,6 +96,7 @@ pub(crate) struct Tasks<F, E> {
     pub magnets: MagnetMap,
     pub cogging: protocol::Procedure<Cogging>,
     pub swings: protocol::Procedure<Rough>,
+    pub defaults: Settings,
     pub settings: Settings,
     sensors: Option<Sensors>,
     pub calibration: Calibration,
@@ -105,7 +106,6 @@ pub(crate) struct Tasks<F, E> {
     stored_sensors: Option<Sensors>,
     /// Anti-cogging table, once learnt.
     table: Option<Table>,
-    pub defaults: Settings,
     /// Settings that were sent to the drive and are not acknowledged yet.
     sent_settings: Option<Settings>,
     pub history: History,

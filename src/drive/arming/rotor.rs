@@ -98,9 +98,9 @@ pub(super) struct RotorCheck {
     rate: u32,
     /// Whether the rotor has followed the field that turned back.
     has_followed: bool,
-    /// Farthest that the rotor went the wrong way; its speed when it is to be stopped, and its fastest
-    /// while it is held, in 2⁻³² turns a step.
+    /// Farthest that the rotor went the wrong way; while it is held, how far it had come in half the time of the push.
     farthest: i64,
+    /// Its speed when it is to be stopped, and its fastest while it is held, in 2⁻³² turns a step.
     speed: i32,
     /// Averaged speed, in 2⁻³² turns a step.
     averaged: i32,
@@ -302,10 +302,15 @@ impl RotorCheck {
         // What the rotor still turned with, the field slows down; a wrong one makes it faster.
         let faster = speed > (self.speed / 8 * 7).max(control.arming.turning);
         // Forward, and nearly as fast as by the push itself, it is pulled on by a third of that force and more. Back, cogging
-        // may pull as much.
+        // may pull as much. One that only goes on with the speed that the stop has left it does not gain: by the time of
+        // the push it is twice as far as by half of it, one that is pulled four times and more.
         let forward = self.way(rotor);
+        if self.steps == self.pushed / 2 {
+            self.farthest = forward;
+        }
+        let gains = forward * i64::from(self.pushed) > 3 * self.farthest * i64::from(self.steps);
         let soon = |least, quarters| forward > least && 4 * self.steps < quarters * self.pushed;
-        let at_once = !self.has_followed && (soon(AGAINST, 5) || soon(FAR, 6));
+        let at_once = !self.has_followed && self.steps > self.pushed / 2 && gains && (soon(AGAINST, 5) || soon(FAR, 7));
         if way > 2 * HELD || faster && (way > HELD || at_once) {
             return Step::Failed(Fault::Commutation);
         }
@@ -358,7 +363,10 @@ impl RotorCheck {
     fn stop(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
         let (speed, before) = if self.speed < 0 { (-self.averaged, -self.speed) } else { (self.averaged, self.speed) };
         let halfway = self.steps > self.pushed / 2;
-        let slows = speed <= before / 4 * 3 + control.arming.turning / 2;
+        // To three quarters in half the time of the push, to half in all of it.
+        let (steps, pushed) = (i64::from(self.steps), i64::from(self.pushed));
+        let slows =
+            i64::from(speed - control.arming.turning / 2) * 2 * pushed <= i64::from(before) * (2 * pushed - steps);
         let late = self.steps > self.pushed || halfway && !slows;
         if late || self.way(rotor).abs() > STOPPED || speed > 2 * (before + control.arming.turning) {
             return Step::Failed(Fault::Commutation);
@@ -367,7 +375,7 @@ impl RotorCheck {
             self.raise(self.most, control, phases);
         }
         // It stands by the time that the tracked speed says so.
-        let (steps, lag) = (i64::from(self.steps), i64::from(control.arming.lag));
+        let lag = i64::from(control.arming.lag);
         let lag = steps < 2 * lag || i64::from(speed) * steps > i64::from(before - speed) * lag;
         let turns = before > control.arming.turning / 2 && lag;
         if turns { self.voltage(Axis::Back, rotor, config) } else { self.begin_hold(self.least, rotor, config) }

@@ -34,7 +34,7 @@ pub(super) enum Loop {
 pub(super) struct Options {
     /// Which loop
     which: Loop,
-    /// Size of a step: A (from as much to twice as much), or rad/s and the like; without, a sixth of the largest current
+    /// Size of a step: A (from as much to twice as much), or rad/s and the like; without, a third of the largest current
     /// or a tenth of the largest speed
     #[arg(long)]
     size: Option<String>,
@@ -218,7 +218,7 @@ fn plan(client: &mut Client, options: &Options, model: &Model, out: Out) -> Resu
     let constant = 1.5 * get("pole_pairs")? * get("flux_linkage_wb")?;
     let (largest_a, largest_rad_s) = (get("max_current_a")?, get("max_speed_rad_s")?);
     let (channels, hz, size) = match options.which {
-        Loop::Current => (vec![Channel::ReferenceQ, Channel::CurrentQ], model.current_hz, largest_a / 6.0),
+        Loop::Current => (vec![Channel::ReferenceQ, Channel::CurrentQ], model.current_hz, largest_a / 3.0),
         Loop::Speed => {
             let channels = vec![Channel::SpeedReference, Channel::Speed, Channel::ReferenceQ];
             (channels, model.speed_hz, largest_rad_s / 10.0)

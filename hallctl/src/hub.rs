@@ -145,11 +145,16 @@ pub struct Hub {
     controller: Option<(Tool, Control)>,
     /// Whether the motor is being braked, as its tool has gone.
     brakes: bool,
-    /// Requests that control, of tools that came meanwhile: the drive would refuse them.
-    kept: Vec<(Tool, Vec<u8>)>,
+    /// Requests that control, with their numbers, of tools that came meanwhile: the drive would refuse them.
+    kept: Vec<(Tool, u16, Vec<u8>)>,
     frames: Frames,
     /// What came last and could not be understood: a tool that comes later is to know.
     strange: Option<Vec<u8>>,
+}
+
+/// As the drive refuses who does not control it.
+fn refused(tool: Tool, id: u16) -> To {
+    To::Answered(tool, framed(&Reply { id, answer: Answer::Refused(Refusal::Controlled) }))
 }
 
 impl Hub {
@@ -184,7 +189,7 @@ impl Hub {
             None => begun,
         };
         self.pending.retain(|one| !one.is_from(tool));
-        self.kept.retain(|(from, _)| *from != tool);
+        self.kept.retain(|(from, ..)| *from != tool);
         if let Some(Control { client, .. }) = controls.filter(|how| how.attended) {
             self.brakes = true;
             out.extend([self.own(client, Ask::Speed(0.0), Meaning::Other), To::Later]);
@@ -202,25 +207,31 @@ impl Hub {
     pub fn braked(&mut self) -> Vec<To> {
         let off = std::mem::take(&mut self.brakes).then(|| self.own(NUMBER, Ask::Disarm, Meaning::Disarms));
         let kept = std::mem::take(&mut self.kept);
-        off.into_iter().chain(kept.into_iter().filter_map(|(tool, frame)| self.ask(tool, frame))).collect()
+        off.into_iter().chain(kept.into_iter().flat_map(|(tool, _, frame)| self.ask(tool, frame))).collect()
     }
 
-    /// A frame of a tool; nothing, where it has to wait.
-    pub fn ask(&mut self, tool: Tool, frame: Vec<u8>) -> Option<To> {
+    /// A frame of a tool; nothing, where it has to wait. A motor that somebody switches off stays off: what waits is
+    /// refused then.
+    pub fn ask(&mut self, tool: Tool, frame: Vec<u8>) -> Vec<To> {
         let to = decoded(&frame, |request| match request {
-            Ok(request) if self.brakes && request.ask.controls() => None,
-            Ok(request) => Some(self.request(tool, request)),
-            // The drive's business: it may be of another version.
-            Err(_) => Some(To::Drive(frame.clone())),
-        });
-        match to {
-            Some(None) => {
-                self.kept.push((tool, frame));
-                None
+            Ok(Request { id, ask, .. }) if self.brakes && ask.controls() => {
+                if self.kept.len() == PENDING {
+                    return vec![refused(tool, id)];
+                }
+                self.kept.push((tool, id, frame.clone()));
+                Vec::new()
             }
-            Some(to) => to,
-            None => Some(To::Drive(frame)),
-        }
+            Ok(request) => {
+                let off = request.ask == Ask::Disarm;
+                let kept = if off { std::mem::take(&mut self.kept) } else { Vec::new() };
+                let mut out = vec![self.request(tool, request)];
+                out.extend(kept.into_iter().map(|(tool, id, _)| refused(tool, id)));
+                out
+            }
+            // The drive's business: it may be of another version.
+            Err(_) => vec![To::Drive(frame.clone())],
+        });
+        to.unwrap_or_else(|| vec![To::Drive(frame)])
     }
 
     fn request(&mut self, tool: Tool, request: Request<'_>) -> To {

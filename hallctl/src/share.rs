@@ -223,7 +223,7 @@ impl Switchboard {
             let wait = self.braked.map_or(LINGER, |at| at.saturating_duration_since(Instant::now()));
             let out = match inbox.recv_timeout(wait) {
                 Ok(Event::Came(stream)) => self.came(stream).into_iter().collect(),
-                Ok(Event::Asked(tool, frame)) => self.hub.ask(tool, frame).into_iter().collect(),
+                Ok(Event::Asked(tool, frame)) => self.hub.ask(tool, frame),
                 Ok(Event::Gone(tool)) => {
                     self.tools.remove(&tool);
                     used = Instant::now();

@@ -195,6 +195,22 @@ fn a_motor_that_is_braked_is_not_switched_off_under_the_next_tool() {
 }
 
 #[test]
+fn what_waited_does_not_arm_after_a_stop() {
+    let mut bench = Bench::ready();
+    let (first, second, third) = (bench.attach(), bench.attach(), bench.attach());
+    bench.ask(first, 1, Ask::Arm);
+    bench.pass(20);
+    bench.detach(first);
+    bench.ask(second, 1, Ask::Arm);
+    bench.ask(third, 1, Ask::Disarm);
+    bench.pass(1000);
+    assert_eq!(bench.mode(), Mode::Ready);
+    let mut heard = Vec::new();
+    bench.hear(second, |id, answer| heard.push((id, matches!(answer, Answer::Refused(Refusal::Controlled)))));
+    assert_eq!(heard, [(1, true)]);
+}
+
+#[test]
 fn the_next_tool_waits_until_the_one_that_vanished_controls_no_more() {
     let mut bench = Bench::ready();
     let (first, second, third) = (bench.attach(), bench.attach(), bench.attach());

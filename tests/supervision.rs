@@ -244,6 +244,40 @@ fn a_torque_does_not_run_away_from_the_largest_speed() {
     assert_eq!(rig.drive.mode(), Mode::Faulted(Fault::OverSpeed));
 }
 
+/// Neither with a load that helps, nor with one that would turn the rotor back, nor by a torque of zero; and the way to a
+/// low limit takes nothing from the torque of a rotor that is held.
+#[test]
+fn a_torque_keeps_the_largest_speed_though_a_load_helps() {
+    for (seed, commutation, sign) in [
+        (1, Commutation::FieldOriented, 1.0),
+        (2, Commutation::Sinusoidal, -1.0),
+        (3, Commutation::Block, 1.0),
+        (4, Commutation::FieldOriented, -1.0),
+    ] {
+        let mut with = settings(commutation, true);
+        let control = Control { max_speed_rad_s: 60.0, ..with.control.unwrap() };
+        with.control = Some(control);
+        let mut rig = ready(&PlantParameters::imperfect(seed), &with, seed);
+        rig.arm().unwrap();
+        rig.plant.set_load(-0.008 * sign).unwrap();
+        for torque in [2.0, 0.3, 0.0] {
+            follow(&mut rig, Follow::Torque((torque * sign) as f32));
+            let mut fastest = 0.0_f64;
+            rig.run(0.4, |_, period| fastest = fastest.max(period.truth.speed_rad_s.abs()));
+            let speed = rig.plant.truth().speed_rad_s.abs();
+            println!("seed {seed}, {torque} A: {speed:.1} rad/s, {fastest:.1} at most");
+            assert!((60.0..69.0).contains(&speed) && fastest < 72.0, "seed {seed}, {torque} A: {speed}, {fastest} rad/s");
+            assert_eq!(rig.drive.mode(), Mode::Running, "seed {seed}, {torque} A");
+        }
+        rig.plant.set_dyno(Some(0.0)).unwrap();
+        follow(&mut rig, Follow::Torque((2.0 * sign) as f32));
+        rig.run(0.1, |_, _| ());
+        let squares: f64 = rig.plant.currents_a().iter().map(|current| current * current).sum();
+        let flows = (squares / 1.5).sqrt();
+        assert!((flows - 2.0).abs() < 0.3, "seed {seed}: {flows} A at rest");
+    }
+}
+
 #[test]
 fn a_blocked_move_waits_and_does_not_shoot_afterwards() {
     let mut rig = ready(&PlantParameters::imperfect(2), &settings(Commutation::FieldOriented, true), 2);

@@ -37,9 +37,11 @@ pub struct Config {
     /// Largest speed reference of the position loop, in 2⁻³² electrical turns a step: 9/8 of the trajectory's largest
     /// speed, so that the rotor can catch up with it.
     pub(crate) max_speed_reference: i32,
-    /// Share of a current by which a unit of speed beyond the largest reduces it, in 2⁻⁴⁷: a tenth more takes all, or
-    /// 2¹⁵ units, where that is more.
-    pub(crate) fade: u32,
+    /// Speed at which a commanded torque ends, a tenth beyond the largest, in 2⁻³² electrical turns a step; and the torque
+    /// that each unit of speed less allows, in 2⁻³² of a unit of current: the speed loop's gain, but all torque at half the
+    /// largest speed.
+    pub(crate) torque_ends: i32,
+    pub(crate) torque_gain: i32,
     /// Largest current along q (`max_current_a`), in 2⁻¹⁵ of the full scale.
     pub(crate) max_current: i32,
     /// Bits by which an ADC code is shifted left for a full scale of 2¹⁶.
@@ -126,7 +128,8 @@ impl Config {
             trajectory: trajectory::Limits::new((acceleration as i32).max(1), speed as i32)
                 .ok_or(gain("max_acceleration_rad_s2", max_acceleration_rad_s2))?,
             max_speed_reference: (1.125 * speed) as i32,
-            fade: (140_737_488_355_328.0 * 10.0 / speed.max(1.0)) as u32,
+            torque_ends: (1.1 * speed) as i32,
+            torque_gain: (TURN * max_current / (0.6 * speed.max(1.0))) as i32,
             max_current: libm::roundf(max_current) as i32,
             shift: 16 - u32::from(frame.adc_bits),
             volts: (longest * 65_536.0 * 4_194_304.0 / svpwm::LONGEST as f32) as i32,
@@ -153,6 +156,7 @@ impl Config {
             supply: Supply::default(),
             guard: Guard::default(),
         });
+        config.torque_gain = config.torque_gain.max(config.velocity.proportional());
         config.motion = Motion::new(settings, frame, &motor, &scale);
         config.arming = ArmingCheck::new(settings, frame, &scale);
         config.overload = Overload::new(settings, &scale);

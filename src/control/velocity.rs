@@ -61,6 +61,11 @@ impl Gains {
     pub const fn feed_forward(&self, acceleration: i32) -> i32 {
         ((acceleration as i64 * self.inertia as i64) >> 24) as i32
     }
+
+    /// Current per speed, in 2⁻³².
+    pub const fn proportional(&self) -> i32 {
+        self.proportional
+    }
 }
 
 /// What the speed controller makes of an error.

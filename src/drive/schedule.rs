@@ -262,10 +262,11 @@ impl Drive {
             let (speed, bus) = (with.rotor.speed(), paths.field_oriented.bus());
             servo.protection.take_up(with.config, speed, bus, controls_field);
         });
-        if self.config.control.is_some() && self.is_too_fast() {
-            return self.fail_if(Some(Fault::OverSpeed));
-        }
-        self.estimator()
+        // Twice in a row: Halls that have just broken show a speed that lasts until they are found to contradict each
+        // other, and they are what has to be named.
+        let too_fast = self.config.control.is_some() && self.is_too_fast();
+        let still = core::mem::replace(&mut self.servo.too_fast, too_fast) && too_fast;
+        self.fail_if(still.then_some(Fault::OverSpeed))
     }
 
     #[inline(never)]

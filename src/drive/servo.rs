@@ -17,7 +17,7 @@ use crate::control::velocity::Integrator;
 use crate::control::{Current, Speed};
 use crate::fault::{Fault, Limits};
 use crate::hall::track::Tracker;
-use crate::math::clamp;
+use crate::math::{clamp, high};
 use crate::telemetry::Measurement;
 pub use crate::telemetry::State;
 
@@ -86,6 +86,8 @@ pub(super) struct Servo {
     pub burnt: i32,
     /// Whether the motion is supervised: something is followed, and not checked before.
     pub supervised: bool,
+    /// Whether the last check found the rotor turning faster than it may.
+    pub too_fast: bool,
     /// What limits the control at the moment.
     pub limits: Limits,
     /// For the tasks, noted every [`CYCLE`](super::CYCLE) steps.
@@ -114,6 +116,7 @@ impl Servo {
             waits: false,
             burnt: 0,
             supervised: false,
+            too_fast: false,
             speed_reference: 0,
             current_request: 0,
             asked: 0,
@@ -257,7 +260,7 @@ impl Servo {
         };
     }
 
-    /// The speed loop: the current that is asked for. A commanded current fades out beyond the largest speed, and
+    /// The speed loop: the current that is asked for. A commanded current fades out about the largest speed, and
     /// outside of the bounds of the position where it leads away from them.
     #[inline(always)]
     pub fn speed_loop(&mut self, with: &Context) {
@@ -444,16 +447,14 @@ impl Servo {
     }
 }
 
-/// A current within its limits: none that makes a rotor faster which is faster than allowed.
+/// A current that makes a rotor no faster than a tenth beyond the largest speed: on the way there no more than the speed
+/// loop would ask for, lest a light rotor shoots past it. Beyond, it brakes as the speed loop would: what an error of the
+/// sensing leaves of a current turns a rotor of little friction ever faster.
 #[inline(always)]
 pub(super) fn within_speed(current: i32, with: &Context) -> i32 {
-    let speed = with.rotor.speed();
-    let excess = if current < 0 { -speed } else { speed } - with.config.trajectory.speed();
-    if excess <= 0 {
-        return current;
-    }
-    let lost = (u64::from(excess.unsigned_abs()) * u64::from(with.config.fade)) >> 32;
-    (current * 32_768_u32.saturating_sub(lost as u32) as i32) >> 15
+    let (speed, config) = (with.rotor.speed(), with.config);
+    let most = |end: i32| high(end - speed, config.torque_gain);
+    current.min(most(config.torque_ends)).max(most(-config.torque_ends))
 }
 
 /// A position in the unit of the outer loops: what a speed moves on by in a step of theirs is its number.

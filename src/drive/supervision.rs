@@ -286,8 +286,9 @@ impl Supervision {
         let along = if self.speed < 0 { -emf.q } else { emf.q };
         let (across, expected) = (emf.d.abs(), self.expected.abs());
         if self.misfit > model.most {
-            // Without a current no commutation turns the rotor, right or wrong.
-            let wrong = !self.is_without_current() && along < -(across >> 2) && expected > model.dead;
+            // A commutation that was right stays right. Without a current none turns the rotor, right or wrong.
+            let unknown = !self.is_proven() && !self.is_without_current();
+            let wrong = unknown && along < -(across >> 2) && expected > model.dead;
             return Some(if wrong { Fault::Commutation } else { Fault::CurrentModel });
         }
         if expected > 2 * model.dead + dropped && along > expected >> 1 && along > 2 * across {

@@ -193,6 +193,7 @@ impl Config {
     pub(crate) const fn retune(&mut self, other: &Self) {
         (self.gains, self.local) = (other.gains, other.local);
         (self.velocity, self.position, self.rates) = (other.velocity, other.position, other.rates);
+        self.torque_gain = other.torque_gain;
         (self.arming.averages, self.arming.lag) = (other.arming.averages, other.arming.lag);
     }
 

@@ -6,7 +6,7 @@ use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, OnTimeout, Settings};
 use plant::PlantParameters;
-use plant::{AmplifierFault, Transistor, Wires};
+use plant::{AmplifierFault, Transistor, Unevenness, Wires};
 use sim::rig::Rig;
 
 fn calibrated(seed: u64, commutation: Commutation) -> Rig {
@@ -188,19 +188,48 @@ fn no_sound_motor_is_refused() {
         motor.friction.coulomb_nm *= friction;
         motor.friction.breakaway_nm *= friction;
         let Ok(mut rig) = calibrated_as(&parameters, Commutation::FieldOriented, seed) else { continue };
-        for place in 0..4 {
-            rig.arm().unwrap();
-            if rig.drive.mode() != Mode::Running {
-                refused.push((seed, place, cogging, inertia, friction, rig.drive.mode()));
-                break;
-            }
-            rig.command(Command::Disarm).unwrap();
-            rig.plant.set_dyno(Some(30.0)).unwrap();
-            rig.run(0.037, |_, _| ());
-            rig.plant.set_dyno(Some(0.0)).unwrap();
-            rig.run(0.05, |_, _| ());
-            rig.plant.set_dyno(None).unwrap();
+        refused.extend(refusal(&mut rig, 4).map(|refusal| (seed, cogging, inertia, friction, refusal)));
+    }
+    assert!(refused.is_empty(), "{refused:?}");
+}
+
+/// Arms at places all around: the first at which it is refused, and why.
+fn refusal(rig: &mut Rig, places: usize) -> Option<(usize, Mode)> {
+    for place in 0..places {
+        rig.arm().unwrap();
+        if rig.drive.mode() != Mode::Running {
+            return Some((place, rig.drive.mode()));
         }
+        rig.command(Command::Disarm).unwrap();
+        rig.plant.set_dyno(Some(30.0)).unwrap();
+        rig.run(0.037, |_, _| ());
+        rig.plant.set_dyno(Some(0.0)).unwrap();
+        rig.run(0.05, |_, _| ());
+        rig.plant.set_dyno(None).unwrap();
+    }
+    None
+}
+
+/// The field of the windings reaches the Halls: when the current turns round, the angle jumps, and a heavy rotor seems to
+/// stand at once.
+#[test]
+fn no_heavy_rotor_is_refused_for_its_uneven_magnets() {
+    let settings =
+        Settings { commutation: Commutation::FieldOriented, control: Some(Control::default()), ..Settings::default() };
+    let mut refused = Vec::new();
+    for seed in 0..32 {
+        let uneven = Unevenness { rated_a: 3.0, ..Unevenness::CHEAP };
+        let bare = PlantParameters::imperfect(seed).with_unevenness(&uneven, seed);
+        // The sensors were calibrated before the flywheel was put on.
+        let model = Rig::new(&bare, &settings, seed).unwrap().calibrate(|_| ()).unwrap().model;
+        let mut heavy = bare;
+        let inertia = [30.0, 60.0, 100.0, 200.0][seed as usize % 4];
+        heavy.motor.inertia_kgm2 *= inertia;
+        let mut rig = Rig::new(&heavy, &settings, seed).unwrap();
+        rig.run(0.02, |_, _| ());
+        rig.service.install(&model).unwrap();
+        rig.run(0.1, |_, _| ());
+        refused.extend(refusal(&mut rig, 6).map(|refusal| (seed, inertia, refusal)));
     }
     assert!(refused.is_empty(), "{refused:?}");
 }

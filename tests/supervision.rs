@@ -266,7 +266,10 @@ fn a_torque_keeps_the_largest_speed_though_a_load_helps() {
             rig.run(0.4, |_, period| fastest = fastest.max(period.truth.speed_rad_s.abs()));
             let speed = rig.plant.truth().speed_rad_s.abs();
             println!("seed {seed}, {torque} A: {speed:.1} rad/s, {fastest:.1} at most");
-            assert!((60.0..69.0).contains(&speed) && fastest < 72.0, "seed {seed}, {torque} A: {speed}, {fastest} rad/s");
+            assert!(
+                (60.0..69.0).contains(&speed) && fastest < 72.0,
+                "seed {seed}, {torque} A: {speed}, {fastest} rad/s"
+            );
             assert_eq!(rig.drive.mode(), Mode::Running, "seed {seed}, {torque} A");
         }
         rig.plant.set_dyno(Some(0.0)).unwrap();

@@ -262,10 +262,16 @@ impl Drive {
             let (speed, bus) = (with.rotor.speed(), paths.field_oriented.bus());
             servo.protection.take_up(with.config, speed, bus, controls_field);
         });
-        // Twice in a row: Halls that have just broken show a speed that lasts until they are found to contradict each
-        // other, and they are what has to be named.
+        // Twice in a row, or in more than a third of the checks, as where uneven magnets make the measured speed swing.
+        // Halls that have just broken show a speed that lasts until they are found to contradict each other, and they are
+        // what has to be named.
         let too_fast = self.config.control.is_some() && self.is_too_fast();
-        let still = core::mem::replace(&mut self.servo.too_fast, too_fast) && too_fast;
+        let count = &mut self.servo.too_fast;
+        *count = if too_fast { *count + 2 } else { count.saturating_sub(1) };
+        let still = *count >= 4;
+        if still {
+            *count = 0;
+        }
         self.fail_if(still.then_some(Fault::OverSpeed))
     }
 

@@ -86,8 +86,8 @@ pub(super) struct Servo {
     pub burnt: i32,
     /// Whether the motion is supervised: something is followed, and not checked before.
     pub supervised: bool,
-    /// Whether the last check found the rotor turning faster than it may.
-    pub too_fast: bool,
+    /// Grows by two with each check that found the rotor turning faster than it may, and falls by one with the others.
+    pub too_fast: u8,
     /// What limits the control at the moment.
     pub limits: Limits,
     /// For the tasks, noted every [`CYCLE`](super::CYCLE) steps.
@@ -116,7 +116,7 @@ impl Servo {
             waits: false,
             burnt: 0,
             supervised: false,
-            too_fast: false,
+            too_fast: 0,
             speed_reference: 0,
             current_request: 0,
             asked: 0,

@@ -54,7 +54,7 @@ pub(super) struct Supervision {
     before: Dq,
     /// Checks in a row that found no current.
     without_current: u8,
-    /// Back-EMF along q and the one that there should have been, at the check before.
+    /// Back-EMF along q and the one that there should have been, when last a current flowed or none was asked for.
     before_emf: i32,
     before_expected: i32,
     reference: i32,
@@ -141,8 +141,8 @@ impl Supervision {
         let turned_back = (speed ^ self.before_speed) < 0;
         self.before_speed = speed;
         let (braking, speed) = if speed < 0 { (current, -speed) } else { (-current, speed) };
-        if braking < QUIET || turned_back {
-            // It is driven, or nothing much flows.
+        if braking < 2 * QUIET || turned_back {
+            // It is driven, or nothing flows but what the amplifiers' noise and offsets show.
             (self.braking, self.braked) = (0, 0);
             return None;
         }
@@ -262,19 +262,21 @@ impl Supervision {
         self.unexplained += self.emf.d.abs().max(along_q);
     }
 
-    /// Fifth part: sums it up. Where a current is asked for and none comes, all of the voltage is back-EMF: what of it jumps
-    /// though the speed does not, or lies across, is unexplained, and nothing makes up for what was wrong before.
+    /// Fifth part: sums it up. Where a current is asked for and none comes, all of the voltage is back-EMF: what of it has
+    /// changed since then though the speed has not, or lies across, is unexplained, and nothing makes up for what was
+    /// wrong before.
     #[inline(always)]
     pub fn sum_up(&mut self, model: &Model) {
         let Self { current, emf, expected, before_emf, before_expected, .. } = *self;
-        (self.before_emf, self.before_expected) = (emf.q, expected);
         let flows = current.d.abs().max(current.q.abs()) >= 2 * QUIET;
         self.without_current = if flows { 0 } else { self.without_current.saturating_add(1) };
         if self.misses_its_current() {
-            let jump =
+            let changed =
                 (emf.q - before_emf).abs() - 5 * (expected - before_expected).abs() - expected.abs() - model.dead;
             let across = emf.d.abs() - emf.q.abs() / 2 - model.dead / 2;
-            self.unexplained = self.unexplained.max(jump).max(across).max(0);
+            self.unexplained = self.unexplained.max(changed).max(across).max(0);
+        } else {
+            (self.before_emf, self.before_expected) = (emf.q, expected);
         }
         self.misfit = (self.misfit + self.unexplained).clamp(0, 1 << 28);
     }

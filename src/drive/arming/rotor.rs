@@ -85,8 +85,9 @@ pub(super) struct RotorCheck {
     least: i32,
     most: i32,
     strongest: i32,
-    /// Steps in which the push moved the rotor; none where it did not.
+    /// Steps in which the push moved the rotor; none where it did not. Those before the rotor began to move.
     pushed: u32,
+    rested: u32,
     /// How often the rotor was found turning by itself.
     waited: u32,
     /// Where the present motion began.
@@ -123,6 +124,7 @@ impl RotorCheck {
             most,
             strongest: 0,
             pushed: 0,
+            rested: 0,
             waited: 0,
             from: Position::from_bits(0),
             anchor: ElectricalAngle::ZERO,
@@ -255,6 +257,9 @@ impl RotorCheck {
             self.raise(self.most, control, phases);
         }
         let moved = self.moved(rotor);
+        if moved < MOVED {
+            self.rested = self.steps;
+        }
         let over = self.steps >= u32::from(control.arming.longest_push);
         if moved >= FAR || over && moved >= MOVED {
             (self.pushed, self.strongest) = (self.steps, self.modulation);
@@ -374,9 +379,11 @@ impl RotorCheck {
         if halfway {
             self.raise(self.most, control, phases);
         }
-        // It stands by the time that the tracked speed says so.
+        // It stands by the time that the tracked speed says so, but not at once: the field of the current that turns round
+        // reaches the Halls, and looks like a motion of the rotor.
         let lag = i64::from(control.arming.lag);
-        let lag = steps < 2 * lag || i64::from(speed) * steps > i64::from(before - speed) * lag;
+        let earliest = (2 * lag).max((pushed - i64::from(self.rested)) / 4);
+        let lag = steps < earliest || i64::from(speed) * steps > i64::from(before - speed) * lag;
         let turns = before > control.arming.turning / 2 && lag;
         if turns { self.voltage(Axis::Back, rotor, config) } else { self.begin_hold(self.least, rotor, config) }
     }

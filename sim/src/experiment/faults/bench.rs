@@ -4,7 +4,7 @@ use super::board::{BOARDS, Board};
 use anyhow::{Context, Result};
 use hallservo::board::TemperatureCode;
 use hallservo::settings::Settings;
-use plant::{BusParameters, PlantParameters, SenseParameters, Thermistor};
+use plant::{BusParameters, PlantParameters, SenseParameters, Thermistor, Unevenness};
 use rand::RngExt;
 use rand::seq::IndexedRandom;
 use rand_pcg::Pcg64;
@@ -14,6 +14,10 @@ use std::f32::consts::TAU;
 const REFERENCE_V: f64 = 3.3;
 /// What a user sets for a motor that must not be fast, rad/s.
 pub(super) const SLOW_RAD_S: f32 = 200.0;
+/// Pole pairs of the motors; four are the most common. With one, the checks at arming move the shaft by up to 42°.
+const POLE_PAIRS: [u8; 7] = [2, 4, 4, 7, 11, 15, 21];
+/// Magnets of the most uneven rotor; the field of the windings is meant at the boards' largest current.
+const UNEVEN: Unevenness = Unevenness { rated_a: 3.0, ..Unevenness::CHEAP };
 /// Longest time to come to rest that a user sets, s.
 const STOP_S: f32 = 0.3;
 
@@ -25,6 +29,8 @@ pub(super) struct Bench {
     pub board: &'static Board,
     pub settings: Settings,
     pub parameters: PlantParameters,
+    /// How uneven the magnets are, as a share of the most uneven ones.
+    pub uneven: f64,
     /// Thermistors of bridge and motor, where the motor has one.
     pub thermistors: [Option<Thermistor>; 2],
     /// Their temperatures.
@@ -33,12 +39,14 @@ pub(super) struct Bench {
 
 impl Bench {
     /// One at random: a board as shipped, told of the motor what a data sheet says, which is wrong by so much as motors
-    /// are; sensors as in [`PlantParameters::imperfect`].
+    /// are; sensors as in [`PlantParameters::imperfect`]; every other rotor with magnets up to as uneven as cheap ones are.
     pub fn draw(random: &mut Pcg64, seed: u64) -> Result<Self> {
         let board = BOARDS.choose(random).context("no board")?;
         let mut settings = board.settings()?;
-        let pole_pairs = *[2_u8, 4, 4, 7, 11].choose(random).context("no motor")?;
-        let mut parameters = PlantParameters::imperfect(seed).with_pole_pairs(pole_pairs);
+        let pole_pairs = *POLE_PAIRS.choose(random).context("no motor")?;
+        let uneven = random.random_range(-1.0_f64..1.0).max(0.0);
+        let mut parameters =
+            PlantParameters::imperfect(seed).with_pole_pairs(pole_pairs).with_unevenness(&UNEVEN.scaled(uneven), seed);
         settings.pole_pairs = pole_pairs;
         settings.reversed = random.random_bool(0.5);
         let control = settings.control.as_mut().context("a board without current sensing")?;
@@ -74,7 +82,7 @@ impl Bench {
         };
         let motor_thermistor = random.random_bool(0.5).then(|| thermistor(control.guard.motor));
         let thermistors = [Some(thermistor(control.guard.bridge)), motor_thermistor];
-        Ok(Self { board, settings, parameters, thermistors, celsius: COOL })
+        Ok(Self { board, settings, parameters, uneven, thermistors, celsius: COOL })
     }
 
     /// What the thermistors read.
@@ -89,9 +97,10 @@ impl Bench {
     pub fn describe(&self) -> String {
         let motor = &self.parameters.motor;
         format!(
-            "{}, {} pole pairs, R {:.2} Ω, λ {:.2} mWb, J {:.1} g·cm², {:.1} V{}{}",
+            "{}, {} pole pairs{}, R {:.2} Ω, λ {:.2} mWb, J {:.1} g·cm², {:.1} V{}{}",
             self.board.name,
             motor.pole_pairs,
+            if self.uneven > 0.0 { format!(", magnets {:.0} % uneven", 100.0 * self.uneven) } else { String::new() },
             motor.resistance_ohm,
             1e3 * motor.back_emf.flux_linkage_vs,
             1e7 * motor.inertia_kgm2,

@@ -260,7 +260,7 @@ impl Campaign {
             }
             Outcome::NotTooFast(_) => {
                 let over = verdict.and_then(Verdict::fault) == Some(Fault::OverSpeed);
-                (verdict.is_none() || over) && fastest < 1.15 * f64::from(control.max_speed_rad_s)
+                (verdict.is_none() || over) && fastest < self.over_speed_rad_s()
             }
         };
         let period_s = machine.rig.period_s();
@@ -368,6 +368,12 @@ impl Campaign {
             Stage::Reversal => Wish::Speed(sign * self.random.random_range(100.0..190.0)),
             Stage::Running | Stage::BeforeArming => self.moving_wish(),
         }
+    }
+
+    /// The speed that is a fault: a fifth above the largest, and 10 Hz electrical.
+    fn over_speed_rad_s(&self) -> f64 {
+        let max_speed_rad_s = self.machine.bench.settings.control.unwrap_or_default().max_speed_rad_s;
+        1.2 * f64::from(max_speed_rad_s) + 10.0 * TAU / f64::from(self.machine.bench.parameters.motor.pole_pairs)
     }
 
     fn max_current(&self) -> f64 {

@@ -115,7 +115,9 @@ impl Broken {
             }
             // A load may turn the rotor against the torque that is left.
             Defect::OpenPhase => fault == open || matches!(fault, CurrentModel | Commutation),
-            Defect::DeadTransistor => fault == open || fault == amplifier || matches!(fault, CurrentModel),
+            Defect::DeadTransistor => {
+                fault == open || fault == amplifier || matches!(fault, CurrentModel | Commutation)
+            }
             Defect::AmplifierDead | Defect::AmplifierFrozen => {
                 fault == amplifier || matches!(fault, CurrentModel | CurrentImbalance)
             }

@@ -15,8 +15,9 @@ pub(super) enum Way {
     Check(f64),
 }
 
-/// Wrong motion below this is the noise of a drive that does its best, rad: a degree.
-const NOISE_RAD: f64 = 0.0175;
+/// Wrong motion below this is the noise of a drive that does its best, and what a stop along its ramp turns on beyond
+/// where friction alone would have ended it, rad: a degree and a half.
+const NOISE_RAD: f64 = 0.0262;
 
 /// Watches a shaft.
 #[derive(Clone, Debug)]

@@ -214,24 +214,54 @@ fn refusal(rig: &mut Rig, places: usize) -> Option<(usize, Mode)> {
 /// stand at once.
 #[test]
 fn no_heavy_rotor_is_refused_for_its_uneven_magnets() {
-    let settings =
-        Settings { commutation: Commutation::FieldOriented, control: Some(Control::default()), ..Settings::default() };
     let mut refused = Vec::new();
     for seed in 0..32 {
-        let uneven = Unevenness { rated_a: 3.0, ..Unevenness::CHEAP };
-        let bare = PlantParameters::imperfect(seed).with_unevenness(&uneven, seed);
-        // The sensors were calibrated before the flywheel was put on.
-        let model = Rig::new(&bare, &settings, seed).unwrap().calibrate(|_| ()).unwrap().model;
-        let mut heavy = bare;
-        let inertia = [30.0, 60.0, 100.0, 200.0][seed as usize % 4];
-        heavy.motor.inertia_kgm2 *= inertia;
-        let mut rig = Rig::new(&heavy, &settings, seed).unwrap();
-        rig.run(0.02, |_, _| ());
-        rig.service.install(&model).unwrap();
-        rig.run(0.1, |_, _| ());
-        refused.extend(refusal(&mut rig, 6).map(|refusal| (seed, inertia, refusal)));
+        let mut rig = flywheel(seed);
+        refused.extend(refusal(&mut rig, 6).map(|refusal| (seed, refusal)));
     }
     assert!(refused.is_empty(), "{refused:?}");
+}
+
+/// A rotor with cheap magnets and a flywheel of up to 200 times its inertia, which was put on after the calibration.
+fn flywheel(seed: u64) -> Rig {
+    let settings =
+        Settings { commutation: Commutation::FieldOriented, control: Some(Control::default()), ..Settings::default() };
+    let uneven = Unevenness { rated_a: 3.0, ..Unevenness::CHEAP };
+    let bare = PlantParameters::imperfect(seed).with_unevenness(&uneven, seed);
+    let model = Rig::new(&bare, &settings, seed).unwrap().calibrate(|_| ()).unwrap().model;
+    let mut heavy = bare;
+    heavy.motor.inertia_kgm2 *= [30.0, 60.0, 100.0, 200.0][seed as usize % 4];
+    let mut rig = Rig::new(&heavy, &settings, seed).unwrap();
+    rig.run(0.02, |_, _| ());
+    rig.service.install(&model).unwrap();
+    rig.run(0.1, |_, _| ());
+    rig
+}
+
+/// With wires that do not belong there it is found out at arming or, where the rotor is too heavy to be pushed, by what it
+/// does with a speed that is commanded, before it has turned far.
+#[test]
+fn wrong_wires_at_a_flywheel_on_uneven_magnets_are_found() {
+    let mut late = Vec::new();
+    for seed in 0..32 {
+        for wires in [Wires::swapped(seed as usize % 3), Wires::moved_on(1 + seed as usize % 2)] {
+            let mut rig = flywheel(seed);
+            rig.plant.set_motor_wires(wires);
+            let start = rig.plant.truth().mechanical_angle_rad;
+            rig.arm().unwrap();
+            let at_arming = rig.drive.mode();
+            if at_arming == Mode::Running {
+                rig.command(Command::Speed(rig.control().unwrap().speed(20.0).unwrap())).unwrap();
+                rig.run(0.95, |_, _| ());
+            }
+            let way = (rig.plant.truth().mechanical_angle_rad - start).to_degrees();
+            println!("{seed} {wires:?}: {at_arming:?} {:?} {way:.1}°", rig.drive.mode());
+            if !matches!(rig.drive.mode(), Mode::Faulted(Fault::Commutation)) || way.abs() > 30.0 {
+                late.push((seed, at_arming, rig.drive.mode(), way));
+            }
+        }
+    }
+    assert!(late.is_empty(), "{late:?}");
 }
 
 /// A check that has passed says nothing of the next one.

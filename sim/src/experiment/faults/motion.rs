@@ -15,9 +15,10 @@ pub(super) enum Way {
     Check(f64),
 }
 
-/// Wrong motion below this is the noise of a drive that does its best, and what a stop along its ramp turns on beyond
-/// where friction alone would have ended it, rad: a degree and a half.
-const NOISE_RAD: f64 = 0.0262;
+/// Wrong motion below this is the noise of a drive that does its best, rad: a degree.
+const NOISE_RAD: f64 = 0.0175;
+/// A rotor that a position loop holds creeps; slower than this it rests, rad/s.
+const CREEPS_RAD_S: f64 = 0.1;
 
 /// Watches a shaft.
 #[derive(Clone, Debug)]
@@ -29,7 +30,7 @@ pub(super) struct Motion {
     best_rad: f64,
     /// Most wrong motion so far.
     pub wrong_rad: f64,
-    /// Periods in which it went on the wrong way.
+    /// Periods in which it went on the wrong way, faster than it creeps.
     pub wrong_periods: u32,
     /// Largest true phase current.
     pub current_a: f64,
@@ -91,7 +92,7 @@ impl Motion {
         let beyond = self.progress(self.coasting.angle_rad) - progress;
         let wrong = (self.best_rad - progress).min(beyond).max(0.0);
         let allowed = if let Way::Check(angle_rad) = self.way { angle_rad } else { NOISE_RAD };
-        if wrong > allowed && wrong > self.wrong_rad {
+        if wrong > allowed && wrong > self.wrong_rad + CREEPS_RAD_S * period_s {
             self.wrong_periods += 1;
         }
         self.wrong_rad = self.wrong_rad.max(wrong);

@@ -116,8 +116,7 @@ fn undamped_it_keeps_energy_and_momentum() {
 #[test]
 fn energy_balances_with_damping_friction_and_play() {
     let friction = Friction { viscous_nms: 1e-6, coulomb_nm: 1e-3, breakaway_nm: 1.5e-3 };
-    let load =
-        LoadParameters { backlash_rad: 0.01, friction, ..LoadParameters::resonant(J, 2.0 * J, 200.0, 0.02) };
+    let load = LoadParameters { backlash_rad: 0.01, friction, ..LoadParameters::resonant(J, 2.0 * J, 200.0, 0.02) };
     let mut plant = with(load);
     let (mut input, mut lost) = (0.0, 0.0);
     for period in 0..40_000 {

@@ -98,8 +98,12 @@ pub(super) fn tune(client: &mut Client, options: &Options, out: Out) -> Result<(
     // Whatever has happened, a signal included.
     client.carry_on();
     let proposed = outcome.as_ref().ok().and_then(|outcome| outcome.proposed).filter(|_| options.keep);
+    let interrupted = matches!(outcome, Err(Error::Interrupted));
+    if interrupted {
+        motion::brake(client)?;
+    }
     let restored = proposed.map_or(before, |trial| trial.bandwidths()).set(client);
-    if found.mode != Mode::Running {
+    if interrupted || found.mode != Mode::Running {
         motion::rest(client)?;
         client.order(Ask::Disarm)?;
     }
@@ -194,7 +198,10 @@ fn settled(client: &mut Client, trial: &Trial) -> Result<Trial> {
         }
         let position_hz = slower.position_bandwidth_hz / 2.0;
         Bandwidths { position_hz, ..slower.bandwidths() }.set(client)?;
-        slower = slower.with_position(client, position_hz)?;
+        match unless_it_swings(client, |client| slower.with_position(client, position_hz))? {
+            Some(trial) => slower = trial,
+            None => break,
+        }
     }
     Ok(if judge::follows(&slower.position_step) { slower } else { *trial })
 }

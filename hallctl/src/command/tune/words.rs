@@ -12,7 +12,7 @@ pub(super) fn show(outcome: &Outcome, before: Bandwidths, kept: bool, out: Out) 
     out.table(&table(outcome, before))?;
     why(outcome, out)?;
     outcome.found.tell(out)?;
-    decided(outcome, kept, out)?;
+    decided(outcome, before, kept, out)?;
     let proposed = outcome.proposed.map(|trial| trial.bandwidths());
     out.value(&json!({
         "trials": outcome.trials,
@@ -73,19 +73,22 @@ fn why(outcome: &Outcome, out: Out) -> Result<()> {
     Ok(())
 }
 
-fn decided(outcome: &Outcome, kept: bool, out: Out) -> Result<()> {
+fn decided(outcome: &Outcome, before: Bandwidths, kept: bool, out: Out) -> Result<()> {
     let Some(proposed) = outcome.proposed else {
         return match outcome.swings {
-            Some(_) => say!(
+            Some(swings) if swings.bandwidth_hz <= before.speed_hz => say!(
                 out,
                 "None of them is calm: is the motor calm with `hallctl torque 0`? All is as it was, and may swing."
             ),
-            None => say!(out, "None of them is good: overshoot and settling; all is as it was."),
+            _ => say!(out, "None of them is good: overshoot, settling and noise of the current; all is as it was."),
         };
     };
     let Bandwidths { speed_hz, position_hz } = proposed.bandwidths();
     if !outcome.good {
-        say!(out, "None of them is good: overshoot and settling; {speed_hz:.1} Hz is calm at least.")?;
+        say!(
+            out,
+            "None of them is good: overshoot, settling and noise of the current; {speed_hz:.1} Hz is calm at least."
+        )?;
     }
     if !super::judge::follows(&proposed.position_step) {
         say!(out, "A step of the position overshoots by {:.0} % still.", proposed.position_step.overshoot_pct)?;

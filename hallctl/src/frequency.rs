@@ -120,16 +120,19 @@ pub fn closed(open: Complex64) -> Complex64 {
     open / (Complex64::ONE + open)
 }
 
-/// Where the gain of an open loop falls through one, and the phase margin there, degrees.
+/// Where the gain of an open loop falls through one, and the phase margin there, degrees. Behind a resonance it may fall
+/// so again: the least margin counts.
 pub fn crossover(open: &[Sine]) -> Option<(f64, f64)> {
-    open.windows(2).find(|pair| pair[0].gain >= 1.0 && pair[1].gain < 1.0).map(|pair| {
+    let falls = open.windows(2).filter(|pair| pair[0].gain >= 1.0 && pair[1].gain < 1.0);
+    let crossings = falls.map(|pair| {
         let share = pair[0].gain.ln() / (pair[0].gain.ln() - pair[1].gain.ln());
         let hz = pair[0].hz * (pair[1].hz / pair[0].hz).powf(share);
         // Beyond a turn it is the phase that is nearest.
         let turned = (pair[1].phase_deg - pair[0].phase_deg + 540.0).rem_euclid(360.0) - 180.0;
         let phase_deg = pair[0].phase_deg + share * turned;
         (hz, (180.0 + phase_deg + 180.0).rem_euclid(360.0) - 180.0)
-    })
+    });
+    crossings.min_by(|a, b| a.1.total_cmp(&b.1))
 }
 
 #[cfg(test)]
@@ -155,6 +158,14 @@ mod tests {
         let closed: Vec<_> = open.iter().map(|open| sine(open.hz, closed(MODEL.current_loop(open.hz)))).collect();
         let (_, from_closed) = bandwidth(&closed);
         assert!((from_closed.unwrap() - margin_deg).abs() < 0.2, "{from_closed:?}");
+    }
+
+    #[test]
+    fn the_least_margin_counts() {
+        let of = |hz, gain, phase_deg| Sine { hz, gain, phase_deg };
+        let open = [of(10.0, 2.0, -120.0), of(20.0, 0.5, -120.0), of(40.0, 2.0, -150.0), of(50.0, 0.5, -170.0)];
+        let (hz, margin_deg) = crossover(&open).unwrap();
+        assert!((40.0..50.0).contains(&hz) && (margin_deg - 20.0).abs() < 1e-9, "{hz} {margin_deg}");
     }
 
     #[test]

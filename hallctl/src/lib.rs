@@ -12,6 +12,7 @@ pub mod hub;
 pub mod interrupt;
 pub mod link;
 pub mod out;
+pub mod resonance;
 pub mod response;
 pub mod scope;
 #[cfg(unix)]

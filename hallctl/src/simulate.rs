@@ -4,6 +4,7 @@
 pub mod fault;
 mod firmware;
 pub mod flash;
+pub mod load;
 pub mod rings;
 pub mod serve;
 

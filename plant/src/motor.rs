@@ -3,6 +3,7 @@
 use crate::emf::BackEmf;
 use crate::error::{Error, finite, positive, require};
 use crate::hall::View;
+use crate::load::{Coupled, Load, LoadParameters};
 use crate::phasor::Phasor;
 use crate::rotor::{Cogging, Friction, Rotor};
 use crate::windings::{Diodes, Terminal, Windings};
@@ -18,14 +19,16 @@ pub struct MotorParameters {
     pub pole_pairs: u8,
     /// Back-EMF, and with it torque.
     pub back_emf: BackEmf,
-    /// Inertia of all that turns, kg·m².
+    /// Inertia of the rotor and all that turns with it, kg·m².
     pub inertia_kgm2: f64,
     /// Friction.
     pub friction: Friction,
     /// Two components of the cogging torque.
     pub cogging: [Cogging; 2],
-    /// Torque of the load against positive rotation, N·m; it acts at rest, too.
+    /// Torque of the load against positive rotation, N·m; it acts at rest, too, at the far end of the shaft.
     pub load_nm: f64,
+    /// A load on a shaft that twists; without, the shaft is stiff.
+    pub load: Option<LoadParameters>,
 }
 
 impl MotorParameters {
@@ -50,6 +53,7 @@ impl MotorParameters {
                 Cogging { amplitude_nm: 0.2e-3, cycles_per_turn: 12, phase_rad: 1.9 },
             ],
             load_nm: 0.0,
+            load: None,
         }
     }
 
@@ -83,6 +87,10 @@ pub struct Slice {
     pub friction_nm: f64,
     /// Mechanical angle turned, rad.
     pub turned_rad: f64,
+    /// The same of the load, which is the rotor's where the shaft is stiff, rad.
+    pub load_turned_rad: f64,
+    /// What the shaft's damping and the load's own friction took, J.
+    pub load_lost_j: f64,
     /// Current drawn from the positive rail, A.
     pub bus_a: f64,
 }
@@ -96,6 +104,7 @@ pub(crate) struct Motor {
     pub load_nm: f64,
     pub windings: Windings,
     pub rotor: Rotor,
+    load: Option<Load>,
     phasor: Phasor,
 }
 
@@ -109,15 +118,31 @@ impl Motor {
             cogging.check().map_err(|error| error.at(index))?;
         }
         finite(parameters.load_nm, "motor.load_nm")?;
+        let rotor = Rotor::new(parameters.inertia_kgm2, parameters.friction)?;
+        let load = parameters.load.map(|load| Load::new(&load, parameters.inertia_kgm2, usual_s)).transpose()?;
         Ok(Self {
             back_emf: parameters.back_emf,
             cogging: parameters.cogging,
             pole_pairs: f64::from(parameters.pole_pairs),
             load_nm: parameters.load_nm,
             windings: Windings::new(parameters.resistance_ohm + switch_ohm, parameters.inductance_h, usual_s)?,
-            rotor: Rotor::new(parameters.inertia_kgm2, parameters.friction)?,
+            rotor,
+            load,
             phasor: Phasor::new(0.0),
         })
+    }
+
+    /// The load: the rotor where the shaft is stiff.
+    pub fn load(&self) -> &Rotor {
+        self.load.as_ref().map_or(&self.rotor, |load| &load.inertia)
+    }
+
+    /// Puts rotor and load to an angle, the shaft not twisted and in the middle of its play.
+    pub fn place(&mut self, angle_rad: f64, speed_rad_s: f64) {
+        self.rotor.place(angle_rad, speed_rad_s);
+        if let Some(load) = &mut self.load {
+            load.inertia.place(angle_rad, speed_rad_s);
+        }
     }
 
     pub fn electrical_rad(&self) -> f64 {
@@ -172,8 +197,8 @@ impl Motor {
         let flow = self.windings.advance(terminals, &back_emf_v, diodes, span_s);
         let torque_nm = self.torque_of(&flux_vs, &flow.currents_a);
         let cogging_nm = self.cogging_at(middle_rad);
-        let motion = self.rotor.step(torque_nm + cogging_nm - self.load_nm, span_s);
-        self.phasor = middle.turned_by(self.pole_pairs * (motion.turned_rad - ahead_rad));
+        let moved = self.turn(torque_nm + cogging_nm, span_s);
+        self.phasor = middle.turned_by(self.pole_pairs * (moved.rotor.turned_rad - ahead_rad));
         Slice {
             span_s,
             terminals_v: flow.terminals_v,
@@ -182,9 +207,22 @@ impl Motor {
             back_emf_v,
             torque_nm,
             cogging_nm,
-            friction_nm: motion.friction_nm,
-            turned_rad: motion.turned_rad,
+            friction_nm: moved.rotor.friction_nm,
+            turned_rad: moved.rotor.turned_rad,
+            load_turned_rad: moved.turned_rad,
+            load_lost_j: moved.lost_j,
             bus_a: flow.returned_a,
+        }
+    }
+
+    /// All that turns, under the torque of the magnets.
+    fn turn(&mut self, torque_nm: f64, span_s: f64) -> Coupled {
+        match &mut self.load {
+            Some(load) => load.step(&mut self.rotor, torque_nm, self.load_nm, span_s),
+            None => {
+                let rotor = self.rotor.step(torque_nm - self.load_nm, span_s);
+                Coupled { turned_rad: rotor.turned_rad, rotor, lost_j: 0.0 }
+            }
         }
     }
 }

@@ -38,6 +38,10 @@ pub struct Truth {
     pub mechanical_angle_rad: f64,
     /// Mechanical speed, rad/s.
     pub speed_rad_s: f64,
+    /// Mechanical angle of the load, unwrapped; the rotor's where the shaft is stiff.
+    pub load_angle_rad: f64,
+    /// Mechanical speed of the load, rad/s.
+    pub load_speed_rad_s: f64,
     /// Currents of the windings, A.
     pub currents_a: [f64; 3],
     /// Back-EMF from phase to star point, V.
@@ -253,6 +257,8 @@ impl Plant {
             electrical_angle_rad: wrapped(self.motor.electrical_rad()),
             mechanical_angle_rad: self.motor.rotor.angle_rad,
             speed_rad_s: self.motor.rotor.speed_rad_s,
+            load_angle_rad: self.motor.load().angle_rad,
+            load_speed_rad_s: self.motor.load().speed_rad_s,
             currents_a: self.motor.windings.currents_a,
             back_emf_v: self.motor.back_emf_v(),
             torque_nm: self.motor.torque_nm(),
@@ -263,7 +269,7 @@ impl Plant {
         }
     }
 
-    /// Puts the rotor to a mechanical angle, moving at a speed; the Hall sensors have settled.
+    /// Puts rotor and load to a mechanical angle, moving at a speed; the Hall sensors have settled.
     ///
     /// # Errors
     /// Either is not finite.
@@ -275,7 +281,7 @@ impl Plant {
     }
 
     fn put(&mut self, mechanical_angle_rad: f64, speed_rad_s: f64) {
-        self.motor.rotor.place(mechanical_angle_rad, speed_rad_s);
+        self.motor.place(mechanical_angle_rad, speed_rad_s);
         self.motor.resync();
         self.halls.settle(self.motor.view(), &self.motor.windings.currents_a);
     }

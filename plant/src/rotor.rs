@@ -70,6 +70,7 @@ pub(crate) struct Rotor {
 }
 
 /// What a rotor did in one step.
+#[derive(Default)]
 pub(crate) struct Motion {
     pub turned_rad: f64,
     /// Mean torque of friction along the motion; at rest, what it holds against.
@@ -94,6 +95,11 @@ impl Rotor {
         self.angle_rad = angle_rad;
         self.speed_rad_s = speed_rad_s;
         self.acceleration_rad_s2 = 0.0;
+    }
+
+    /// Acceleration per torque; a dyno yields to none.
+    pub fn mobility(&self) -> f64 {
+        if self.imposed_rad_s.is_some() { 0.0 } else { self.mobility }
     }
 
     /// Speed expected in the middle of the coming step, from the last step's acceleration: keeps

@@ -1,6 +1,8 @@
 //! `hallctl chirp`: the frequency response of the current or the speed control, beside the model's. What excites the
 //! loop is a number of small steps, which hold all frequencies; the scope records each.
 
+pub(super) mod load;
+
 use super::motion::{self, Target};
 use crate::client::Client;
 use crate::error::{Error, Result};
@@ -127,6 +129,8 @@ struct Plan {
     size_a: f64,
     /// Bandwidth as set.
     hz: f64,
+    /// Largest current, A.
+    largest_a: f64,
 }
 
 /// Shares of the size. A ramp holds nothing of some frequencies, which are others for each size.
@@ -192,7 +196,8 @@ pub(super) fn chirp(client: &mut Client, options: &Options, out: Out) -> Result<
     let records = records?;
     followed(&records, &plan)?;
     let (closed, open) = responses(options.which, &records, &plan, &model);
-    report(&closed, &open, options, out)
+    let found = load::Found::of(&records, &plan, &model);
+    report(&closed, &open, &found, options, out)
 }
 
 fn model(client: &mut Client) -> Result<Model> {
@@ -249,11 +254,11 @@ fn plan(client: &mut Client, options: &Options, model: &Model, out: Out) -> Resu
     let row_s = f64::from(every) / model.step_hz;
     Ok(match options.which {
         Loop::Current => {
-            Plan { setup, row_s, which: options.which, from: 0.0, size: size * constant, size_a: size, hz }
+            Plan { setup, row_s, which: options.which, from: 0.0, size: size * constant, size_a: size, hz, largest_a }
         }
         Loop::Speed => {
             let from = options.from.value(out.units.speed.rad_s());
-            Plan { setup, row_s, which: options.which, from, size, size_a: 0.0, hz }
+            Plan { setup, row_s, which: options.which, from, size, size_a: 0.0, hz, largest_a }
         }
     })
 }
@@ -378,7 +383,7 @@ fn responses(which: Loop, records: &[Recording], plan: &Plan, model: &Model) -> 
     }
 }
 
-fn report(closed: &Bode, open: &Bode, options: &Options, out: Out) -> Result<()> {
+fn report(closed: &Bode, open: &Bode, found: &load::Found, options: &Options, out: Out) -> Result<()> {
     let measured = Figures::of(closed.sound(), open.sound());
     let model = Figures::of(&closed.model, &open.model);
     for path in &options.out {
@@ -398,10 +403,19 @@ fn report(closed: &Bode, open: &Bode, options: &Options, out: Out) -> Result<()>
         row("phase margin", |figures| figures.phase_margin_deg, "°"),
     ])?;
     say!(out, "The model has the motor and the bandwidths of the settings.")?;
-    if measured.crossover_hz.is_none() {
+    found.tell(out)?;
+    if open.sound().first().is_some_and(|lowest| lowest.gain < 1.0) {
+        say!(out, "The open loop's gain is below one at all frequencies that were measured.")?;
+    } else if measured.crossover_hz.is_none() && found.swings_a.is_none() {
         say!(out, "The steps differ by too much to tell the rest: a larger --size, or more --steps.")?;
     }
-    out.value(&json!({ "measured": measured, "model": model, "closed_loop": closed, "open_loop": open }))
+    out.value(&json!({
+        "measured": measured,
+        "model": model,
+        "found": found,
+        "closed_loop": closed,
+        "open_loop": open,
+    }))
 }
 
 fn save(path: &Path, closed: &Bode, open: &Bode) -> Result<()> {

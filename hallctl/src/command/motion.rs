@@ -42,7 +42,7 @@ const BRAKING_MS: u64 = 60;
 /// The same where nothing is urgent: a heavy rotor from high speed.
 const LONGEST_MS: u64 = 60_000;
 /// Slower than this, it is at rest, rad/s.
-const AT_REST_RAD_S: f32 = 2.0;
+pub(super) const AT_REST_RAD_S: f32 = 2.0;
 
 impl Target {
     /// As a request.

@@ -101,6 +101,11 @@ impl Wanted {
         Self { from, size, position: false }
     }
 
+    /// Positions, turns.
+    pub(super) const fn position(from: f64, size: f64) -> Self {
+        Self { from, size, position: true }
+    }
+
     /// Before and after a step.
     pub(super) fn ends(&self) -> (f64, f64) {
         (self.from, self.from + self.size)

@@ -20,6 +20,8 @@ pub(super) struct Trace {
     pub set: f64,
     /// What it did.
     pub measured: f64,
+    /// Whatever is measured.
+    pub speed_rad_s: f64,
     /// Along q; not a number where it is not measured.
     pub current_a: f64,
 }
@@ -133,7 +135,8 @@ impl<'a> Session<'a> {
             self.steps += u64::from(steps);
             self.last = Some(frame);
             let (time_s, measured) = (self.now_s(), measured(&Moment(&frame)));
-            self.trace.push(Trace { time_s, set: self.set, measured, current_a: frame.current_a[1].into() });
+            let (speed_rad_s, current_a) = (frame.speed_rad_s.into(), frame.current_a[1].into());
+            self.trace.push(Trace { time_s, set: self.set, measured, speed_rad_s, current_a });
         }
     }
 }

@@ -1,32 +1,37 @@
-//! `hallctl tune`: which bandwidth of the speed control this motor, its load and its noise stand.
+//! `hallctl tune`: which bandwidths of the speed and position control this motor, its load and its noise stand.
 
+mod judge;
+mod recover;
+mod trial;
+mod words;
+
+use super::chirp::load::{self, Found};
 use super::motion;
 use super::response::Wanted;
-use super::session::Session;
 use super::settings::set_all;
 use crate::client::Client;
 use crate::error::{Error, Result};
 use crate::out::Out;
-use crate::response::{Point, Step};
 use crate::say;
 use crate::units::{self, Quantity};
+use hallservo::commutation::Commutation;
 use hallservo::mode::Mode;
 use hallservo_protocol::Ask;
-use serde_json::json;
+use judge::Judge;
+use recover::unless_it_swings;
+use trial::Trial;
 
 const NAMES: [&str; 2] = ["speed_bandwidth_hz", "position_bandwidth_hz"];
-/// Times the bandwidth as it is.
-const FACTORS: [f32; 5] = [0.5, 0.7, 1.0, 1.4, 2.0];
+/// Times the bandwidth as it is, until one swings.
+const UP: [f32; 5] = [0.5, 0.7, 1.0, 1.4, 2.0];
+/// The same where those are not calm, until one is good.
+const DOWN: [f32; 7] = [0.35, 0.25, 0.18, 0.125, 0.09, 0.06, 0.04];
 /// Position's bandwidth in that of the speed, at most.
 const INNER_TO_OUTER: f32 = 4.0;
-/// Largest overshoot, per cent.
-const OVERSHOOT_PCT: f64 = 10.0;
-/// Largest noise of the current, as a share of the largest current.
-const NOISE: f64 = 0.05;
-/// From the step on, s.
-const RECORD_S: f64 = 0.4;
-/// Telemetry, Hz.
-const HZ: f32 = 500.0;
+/// How often a bandwidth is tried: what swung before may have left the drive far from its reference.
+const ATTEMPTS: usize = 2;
+/// How often the position's bandwidth is halved, at most, until it does not overshoot.
+const HALVINGS: usize = 3;
 
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Options {
@@ -44,114 +49,159 @@ pub(super) struct Options {
 /// Steps as usual, and what is proposed is taken.
 pub(super) const KEEP: Options = Options { step: None, from: None, keep: true };
 
-/// A bandwidth that was tried.
-#[derive(Clone, Copy, Debug, serde::Serialize)]
-struct Trial {
-    bandwidth_hz: f32,
-    step: Step,
-    /// RMS about the mean in the end, A.
-    current_noise_a: f64,
+/// Of speed and position.
+#[derive(Clone, Copy, Debug)]
+struct Bandwidths {
+    speed_hz: f32,
+    position_hz: f32,
 }
 
-impl Trial {
-    fn is_good(&self, max_current_a: f64) -> bool {
-        let Self { step, current_noise_a, .. } = self;
-        // Not a number where no current is measured.
-        step.settling_s.is_some()
-            && step.overshoot_pct <= OVERSHOOT_PCT
-            && (current_noise_a.is_nan() || *current_noise_a <= NOISE * max_current_a)
+impl Bandwidths {
+    /// Both, with another one of the speed; `slower` is how many times slower the speed's loop is than it should be.
+    fn with_speed(self, speed_hz: f32, slower: f32) -> Self {
+        Self { speed_hz, position_hz: self.position_hz.min(speed_hz / (INNER_TO_OUTER * slower)) }
     }
+
+    fn set(self, client: &mut Client) -> Result<()> {
+        set_all(client, NAMES.into_iter().zip([self.speed_hz, self.position_hz]).collect())
+    }
+}
+
+/// What came of it.
+struct Outcome {
+    judge: Judge,
+    trials: Vec<Trial>,
+    /// The slowest that swings.
+    swings: Option<Trial>,
+    proposed: Option<Trial>,
+    /// Whether that is good, and not merely calm.
+    good: bool,
+    found: Found,
 }
 
 pub(super) fn tune(client: &mut Client, options: &Options, out: Out) -> Result<()> {
     let mut get = |name| client.setting(Ask::Get(name), |setting| setting.value);
-    let before = [get(NAMES[0])?, get(NAMES[1])?];
+    let before = Bandwidths { speed_hz: get(NAMES[0])?, position_hz: get(NAMES[1])? };
     let max_current_a = f64::from(get("max_current_a")?);
     let of =
         |quantity: Option<Quantity>, usual| quantity.map_or(usual, |quantity| quantity.value(out.units.speed.rad_s()));
     let step = of(options.step, f64::from(get("max_speed_rad_s")?) / 5.0);
     let wanted = Wanted::speed(of(options.from, step / 4.0), step);
     let (from, to) = wanted.ends();
-    say!(out, "The motor steps between {from:.1} and {to:.1} rad/s.")?;
+    say!(out, "The motor steps between {from:.1} and {to:.1} rad/s, and by {} turns.", trial::TURNS)?;
     let found = client.status()?;
     if found.mode != Mode::Running {
         client.arm()?;
     }
-    let tried = try_all(client, &wanted, before);
-    let proposed = tried.as_ref().ok().and_then(|trials| {
-        let good = trials.iter().filter(|trial| trial.is_good(max_current_a));
-        good.max_by(|a, b| a.bandwidth_hz.total_cmp(&b.bandwidth_hz)).map(|trial| trial.bandwidth_hz)
-    });
+    let judge = Judge { max_current_a, size_rad_s: step.abs() };
+    let outcome = find(client, &wanted, judge, before);
     // Whatever has happened, a signal included.
     client.carry_on();
-    let kept = proposed.filter(|_| options.keep);
-    let restored = set(client, kept.map_or(before, |hz| with_position(hz, before)));
-    if found.mode != Mode::Running {
+    let proposed = outcome.as_ref().ok().and_then(|outcome| outcome.proposed).filter(|_| options.keep);
+    let interrupted = matches!(outcome, Err(Error::Interrupted));
+    if interrupted {
+        motion::brake(client)?;
+    }
+    let restored = proposed.map_or(before, |trial| trial.bandwidths()).set(client);
+    if interrupted || found.mode != Mode::Running {
         motion::rest(client)?;
         client.order(Ask::Disarm)?;
     }
     restored?;
-    show(&tried?, before[0], proposed, kept.is_some(), out)
+    words::show(&outcome?, before, proposed.is_some(), out)
 }
 
-/// Both bandwidths, with one of the speed.
-fn with_position(speed_hz: f32, before: [f32; 2]) -> [f32; 2] {
-    [speed_hz, before[1].min(speed_hz / INNER_TO_OUTER)]
+fn find(client: &mut Client, wanted: &Wanted, judge: Judge, before: Bandwidths) -> Result<Outcome> {
+    let first = look(client, wanted, before)?;
+    // More inertia than the settings have makes the speed's loop slower.
+    let slower = first.load.map_or(1.0, |load| load.inertia.max(1.0) as f32);
+    let is_off = first.load.is_some_and(|load| load.is_off());
+    let bandwidths = |factor| before.with_speed(before.speed_hz * factor, slower);
+    let trials = try_all(client, wanted, &judge, is_off, bandwidths)?;
+    let swings = judge.lowest_swinging(&trials).copied();
+    let (best, calm) = (judge.best(&trials), judge.calmest(&trials));
+    let is_calm = swings.is_none_or(|swings| before.speed_hz < swings.bandwidth_hz);
+    // What swings is not left so, though nothing better is good.
+    let proposed = best.or(calm.filter(|_| !is_calm)).map(|trial| settled(client, trial)).transpose()?;
+    let is_open = first.load.is_none_or(|load| load.resonance.is_none() && swings.is_some());
+    let found = match proposed.as_ref().or(calm) {
+        Some(calm) if is_open => look(client, wanted, calm.bandwidths())?,
+        _ => first,
+    };
+    Ok(Outcome { judge, swings, proposed, good: best.is_some(), found, trials })
 }
 
-fn set(client: &mut Client, values: [f32; 2]) -> Result<()> {
-    set_all(client, NAMES.into_iter().zip(values).collect())
-}
-
-fn try_all(client: &mut Client, wanted: &Wanted, before: [f32; 2]) -> Result<Vec<Trial>> {
-    let mut trials = Vec::new();
-    for factor in FACTORS {
-        let bandwidth_hz = before[0] * factor;
-        match set(client, with_position(bandwidth_hz, before)) {
-            // Beyond what the settings allow.
-            Err(Error::Refused(_)) if factor != 1.0 => continue,
-            result => result?,
-        }
-        trials.push(try_one(client, wanted, bandwidth_hz)?);
+/// What turns, by steps of the speed; nothing where no current along q is asked for, or the loop swings.
+fn look(client: &mut Client, wanted: &Wanted, bandwidths: Bandwidths) -> Result<Found> {
+    if client.status()?.commutation != Commutation::FieldOriented {
+        return Ok(Found::default());
     }
+    bandwidths.set(client)?;
+    let (from, to) = wanted.ends();
+    let found = unless_it_swings(client, |client| {
+        let found = load::look(client, (from + to) / 2.0, to - from)?;
+        motion::rest(client).map(|()| found)
+    })?;
+    Ok(found.map_or_else(Found::default, |found| Found { swings_a: None, ..found }))
+}
+
+fn try_all(
+    client: &mut Client,
+    wanted: &Wanted,
+    judge: &Judge,
+    is_off: bool,
+    bandwidths: impl Fn(f32) -> Bandwidths,
+) -> Result<Vec<Trial>> {
+    let mut trials = Vec::new();
+    for factor in UP {
+        if judge.lowest_swinging(&trials).is_some() {
+            break;
+        }
+        trials.extend(try_one(client, wanted, bandwidths(factor))?);
+    }
+    for factor in DOWN {
+        // What overshoots by a wrong inertia does so at any bandwidth.
+        if judge.best(&trials).is_some() || is_off && judge.calmest(&trials).is_some() {
+            break;
+        }
+        trials.extend(try_one(client, wanted, bandwidths(factor))?);
+    }
+    trials.sort_by(|a, b| a.bandwidth_hz.total_cmp(&b.bandwidth_hz));
     Ok(trials)
 }
 
-fn try_one(client: &mut Client, wanted: &Wanted, bandwidth_hz: f32) -> Result<Trial> {
-    let ((), trace) = Session::run(client, HZ, |session| wanted.step(session, RECORD_S))?;
-    let began_s = wanted.began_s(&trace);
-    let since: Vec<_> = trace.iter().filter(|row| row.time_s >= began_s).collect();
-    let points: Vec<Point> = since.iter().map(|row| (row.time_s - began_s, row.measured)).collect();
-    let tail = &since[since.len() - since.len() / 4..];
-    let mean = tail.iter().map(|row| row.current_a).sum::<f64>() / tail.len() as f64;
-    let square = tail.iter().map(|row| (row.current_a - mean).powi(2)).sum::<f64>() / tail.len() as f64;
-    let (from, to) = wanted.ends();
-    Ok(Trial { bandwidth_hz, step: Step::of(&points, from, to), current_noise_a: square.sqrt() })
+/// None where the settings do not allow it.
+fn try_one(client: &mut Client, wanted: &Wanted, bandwidths: Bandwidths) -> Result<Option<Trial>> {
+    match bandwidths.set(client) {
+        Err(Error::Refused(_)) => return Ok(None),
+        result => result?,
+    }
+    for _ in 0..ATTEMPTS {
+        let trial = unless_it_swings(client, |client| {
+            recover::calm(client)?;
+            Trial::of(client, wanted, bandwidths)
+        })?;
+        if trial.is_some() {
+            return Ok(trial);
+        }
+    }
+    Ok(Some(Trial::switched_off(bandwidths)))
 }
 
-fn show(trials: &[Trial], before_hz: f32, proposed: Option<f32>, kept: bool, out: Out) -> Result<()> {
-    let time = |time: Option<f64>| time.map_or_else(|| "never".into(), |time| format!("{:.1} ms", 1e3 * time));
-    let head = ["bandwidth", "overshoot", "settled", "speed noise", "current noise", ""].map(String::from).to_vec();
-    let rows = trials.iter().map(|Trial { bandwidth_hz, step, current_noise_a }| {
-        let mark = match () {
-            () if Some(*bandwidth_hz) == proposed => "proposed",
-            () if *bandwidth_hz == before_hz => "as it was",
-            () => "",
-        };
-        vec![
-            format!("{bandwidth_hz:.1} Hz"),
-            format!("{:.1} %", step.overshoot_pct),
-            time(step.settling_s),
-            format!("{:.3} rad/s", step.noise),
-            if current_noise_a.is_nan() { "-".into() } else { format!("{current_noise_a:.4} A") },
-            mark.into(),
-        ]
-    });
-    out.table(&std::iter::once(head).chain(rows).collect::<Vec<_>>())?;
-    match proposed {
-        None => say!(out, "None of them is good: overshoot, settling and noise of the current; all is as it was.")?,
-        Some(hz) if kept => say!(out, "{} is {hz:.1} now; `hallctl settings save` keeps it.", NAMES[0])?,
-        Some(hz) => say!(out, "{hz:.1} Hz is proposed; all is as it was. `hallctl tune --keep` takes it.")?,
+/// The same with a position that does not overshoot; or the trial as it is, where slower ones do not help.
+fn settled(client: &mut Client, trial: &Trial) -> Result<Trial> {
+    let mut slower = *trial;
+    slower.bandwidths().set(client)?;
+    for _ in 0..HALVINGS {
+        if judge::follows(&slower.position_step) {
+            return Ok(slower);
+        }
+        let position_hz = slower.position_bandwidth_hz / 2.0;
+        Bandwidths { position_hz, ..slower.bandwidths() }.set(client)?;
+        match unless_it_swings(client, |client| slower.with_position(client, position_hz))? {
+            Some(trial) => slower = trial,
+            None => break,
+        }
     }
-    out.value(&json!({ "trials": trials, "before_hz": before_hz, "proposed_hz": proposed, "kept": kept }))
+    Ok(if judge::follows(&slower.position_step) { slower } else { *trial })
 }

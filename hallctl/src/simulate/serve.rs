@@ -5,6 +5,7 @@ mod terminal;
 
 use super::fault::{Kind, ScheduledEvent};
 use super::flash::Flash;
+use super::load::LoadOptions;
 use super::rings::Pairs;
 use super::{Simulator, defaults, of_motor, uneven};
 use crate::out::Out;
@@ -60,6 +61,9 @@ pub struct Options {
     /// Uneven magnets: 1 is as bad as cheap ones are, 0.5 half of it
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     pub uneven: f64,
+    /// What the shaft turns
+    #[command(flatten)]
+    pub load: LoadOptions,
     /// How time passes
     #[arg(long, value_enum, default_value_t = Pace::Real)]
     pub speed: Pace,
@@ -113,7 +117,7 @@ pub fn main(options: &Options, out: Out) -> Result<()> {
         None => (defaults(), PlantParameters::imperfect(options.seed)),
         Some(motor) => (of_motor(motor), motor.plant(options.seed)),
     };
-    let plant = uneven(plant, options.uneven, options.seed);
+    let plant = options.load.on(uneven(plant, options.uneven, options.seed));
     let mut simulator = Simulator::with_rings(settings, &plant, rings, options.seed, flash, planned)?;
     let (events, line) = sync_channel(IN);
     listen_to_keyboard(events.clone());

@@ -1,0 +1,159 @@
+//! `hallctl tune` and `hallctl chirp` at loads on shafts that twist: what swings is named, and the loops that are left
+//! are calm.
+
+mod process;
+
+use process::Drive;
+use serde_json::Value;
+
+/// A load, as the options of `hallctl simulate` have it.
+#[derive(Clone, Copy)]
+struct Load {
+    times: f64,
+    hz: f64,
+    backlash_deg: f64,
+}
+
+impl Load {
+    const fn new(times: f64, hz: f64) -> Self {
+        Self { times, hz, backlash_deg: 0.0 }
+    }
+
+    fn antiresonance_hz(&self) -> f64 {
+        self.hz / (1.0 + self.times).sqrt()
+    }
+
+    /// A drive with it, calibrated.
+    fn drive(&self) -> Drive {
+        let [times, hz, backlash] = [self.times, self.hz, self.backlash_deg].map(|number| number.to_string());
+        let options = ["--load-inertia", &times, "--resonance-hz", &hz, "--backlash-deg", &backlash];
+        let drive = Drive::start(&options);
+        drive.ok(&["calibrate"]);
+        drive
+    }
+}
+
+fn json(drive: &Drive, arguments: &[&str]) -> Value {
+    let text = drive.ok(&[&["--json"], arguments].concat());
+    serde_json::from_str(text.lines().last().unwrap()).unwrap_or_else(|why| panic!("{why}: {text}"))
+}
+
+fn number(value: &Value, path: &str) -> f64 {
+    value.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("{path}: {value}"))
+}
+
+/// Both frequencies are those of the load.
+fn is_named(found: &Value, load: &Load, within: f64) {
+    for (name, expected) in [("resonance_hz", load.hz), ("antiresonance_hz", load.antiresonance_hz())] {
+        let share = number(found, &format!("/load/resonance/{name}")) / expected;
+        assert!((share - 1.0).abs() < within, "{name}: {expected} Hz, but {found}");
+    }
+}
+
+/// Steps of position and speed settle, and at rest and in the end nothing swings: RMS of the speed, at most three times
+/// that of the sensors alone; of the position, a thousandth of a turn.
+fn is_calm(drive: &Drive) {
+    // Armed once: the check at arming wants a load that does not swing any more.
+    drive.ok(&["arm"]);
+    let position = json(drive, &["step", "position", "0.3", "--seconds", "1"]);
+    assert!(number(&position, "/measured/settling_s") < 0.6, "{position}");
+    assert!(number(&position, "/measured/noise") < 1e-3, "{position}");
+    for (size, from) in [("100", "25"), ("0.001", "0")] {
+        let speed = json(drive, &["step", "speed", size, "--from", from, "--seconds", "1"]);
+        assert!(number(&speed, "/measured/noise") < 1.5, "{speed}");
+    }
+}
+
+/// The inertia is measured with the load, so that the loop is as fast as the settings say; the bandwidth which is set by
+/// default howls then.
+fn tuned(load: &Load) -> (Drive, Value) {
+    let drive = load.drive();
+    drive.ok(&["identify"]);
+    let tuned = json(&drive, &["tune", "--keep"]);
+    println!("{} times, {} Hz, play {}°: {} Hz", load.times, load.hz, load.backlash_deg, tuned["proposed_hz"]);
+    (drive, tuned)
+}
+
+fn tuned_is_calm(load: &Load, within: f64) {
+    let (drive, tuned) = tuned(load);
+    is_named(&tuned["found"], load, within);
+    let proposed = number(&tuned, "/proposed_hz");
+    // It has said what howls, and is well below.
+    assert!(proposed <= 0.51 * number(&tuned, "/swings_from_hz"), "{tuned}");
+    let kept = number(&json(&drive, &["settings", "get", "speed_bandwidth_hz"]), "/value");
+    assert!((kept - proposed).abs() < 1e-3, "{kept}, not {proposed}");
+    is_calm(&drive);
+}
+
+#[test]
+fn a_heavy_load_on_a_soft_shaft_is_calm_after_tuning() {
+    tuned_is_calm(&Load::new(3.0, 85.0), 0.05);
+}
+
+#[test]
+fn a_load_as_heavy_as_the_rotor_is_calm_after_tuning() {
+    tuned_is_calm(&Load::new(1.2, 140.0), 0.05);
+}
+
+#[test]
+fn a_very_heavy_load_is_calm_after_tuning() {
+    tuned_is_calm(&Load::new(6.0, 110.0), 0.05);
+}
+
+/// Play makes the spring softer.
+#[test]
+fn a_load_with_play_is_calm_after_tuning() {
+    tuned_is_calm(&Load { backlash_deg: 0.7, ..Load::new(2.0, 120.0) }, 0.2);
+}
+
+/// With the inertia of the rotor alone the loop is slow and overshoots at any bandwidth: that is said, and nothing is
+/// made worse.
+#[test]
+fn an_inertia_that_is_not_the_settings_is_said() {
+    let load = Load::new(3.0, 125.0);
+    let drive = load.drive();
+    let chirped = json(&drive, &["chirp", "speed"]);
+    is_named(&chirped["found"], &load, 0.05);
+    assert!((number(&chirped, "/found/load/inertia") / 4.0 - 1.0).abs() < 0.15, "{}", chirped["found"]);
+    let said = drive.ok(&["tune", "--keep"]);
+    assert!(said.contains("times the inertia of the setting inertia_kgm2: `hallctl identify`"), "{said}");
+    assert!(said.contains("resonance") && said.contains("anti-resonance"), "{said}");
+    is_calm(&drive);
+}
+
+#[test]
+fn chirp_says_that_a_loop_howls() {
+    let drive = Load::new(3.0, 110.0).drive();
+    drive.ok(&["identify"]);
+    let said = drive.ok(&["chirp", "speed"]);
+    assert!(said.contains("The loop swings by itself") && said.contains("`hallctl tune`"), "{said}");
+    assert!(!said.contains("--steps"), "{said}");
+}
+
+/// Nothing is made up.
+#[test]
+fn a_stiff_shaft_has_no_resonance() {
+    let drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    for arguments in [&["chirp", "speed"][..], &["tune"]] {
+        let found = json(&drive, arguments)["found"].clone();
+        assert!(found["load"]["resonance"].is_null() && found["swings_a"].is_null(), "{arguments:?}: {found}");
+        let inertia = number(&found, "/load/inertia");
+        assert!((0.85..1.15).contains(&inertia), "{arguments:?}: {found}");
+    }
+}
+
+#[test]
+fn a_load_that_cannot_be_is_refused_in_words() {
+    for (options, said) in [
+        (&["--load-inertia", "0"][..], "--load-inertia"),
+        (&["--load-inertia", "3", "--resonance-hz", "9e9"], "1 to 5000"),
+        (&["--load-inertia", "3", "--load-damping=-1"], "--load-damping"),
+        (&["--load-inertia", "3", "--backlash-deg", "nan"], "degrees"),
+        (&["--resonance-hz", "50"], "--load-inertia"),
+    ] {
+        let output = std::process::Command::new(process::HALLCTL).arg("simulate").args(options).output().unwrap();
+        let text = String::from_utf8_lossy(&output.stderr).into_owned();
+        assert!(output.status.code() == Some(2) && text.contains(said), "{options:?}: {text}");
+    }
+}

@@ -26,7 +26,9 @@ pub(super) fn announce(action: Action, settings: &Settings, out: Out) -> Result<
             say!(out, "\n3 of 6: flux linkage and inertia. The rotor swings to and fro, by up to {most_a} A.")
         }
         Action::Identify => say!(out, "\n4 of 6: the motor. It turns to and fro for some seconds, faster than before."),
-        Action::Done => say!(out, "\n5 of 6: the speed control. The motor steps between two speeds and two positions, some times."),
+        Action::Done => {
+            say!(out, "\n5 of 6: the speed control. The motor steps between two speeds and two positions, some times.")
+        }
     }
 }
 

@@ -211,13 +211,14 @@ impl Drive {
     }
 
     /// A part of the supervision. Until the commutation is proven, most of them ask whether the rotor turns as it is
-    /// driven to.
+    /// driven to; not where a current does not come, and the check of the model has to find out why.
     #[inline(never)]
     fn supervision_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         if !self.servo.supervised {
             return self.estimator();
         }
-        let asks = !self.servo.supervision.is_proven() && self.servo.schedule.tick & (3 * LONG) != 0;
+        let turn = self.servo.schedule.tick & (3 * LONG) != 0;
+        let asks = turn && self.servo.supervision.is_unsure();
         let fault = self.with_servo(
             sample,
             |servo, _, with| {

@@ -196,6 +196,13 @@ impl Supervision {
         self.without_current > NO_CURRENT
     }
 
+    /// Whether the commutation may be wrong, and a current may flow that turns the rotor the wrong way: at the last check
+    /// there was one, or none was asked for.
+    #[inline(always)]
+    pub const fn is_unsure(&self) -> bool {
+        !self.is_proven() && (self.without_current == 0 || self.follows)
+    }
+
     /// Whether a current is asked for and none comes.
     #[inline(always)]
     const fn misses_its_current(&self) -> bool {

@@ -87,8 +87,10 @@ impl Phases {
         let due = along(self.mean, if reversed { (3 - phase) % 3 } else { phase }, angle) >> MEAN_BITS;
         let (flows, due, side) = if due < 0 { (-state.phases[phase], -due, 1) } else { (state.phases[phase], due, 0) };
         let missing = &mut self.missing[phase][side];
-        // Near the zero crossing of its current a phase tells little.
-        if due < LEAST || due < (self.mean.q.abs() >> MEAN_BITS) / 8 * 5 {
+        // Near the zero crossing of its current a phase tells little; nor does it where none of the three carries any:
+        // that may be all amplifiers, or the moment at which the other two have nothing for each other.
+        let none_flows = state.phases.iter().all(|flows| flows.abs() < LEAST / 4);
+        if due < LEAST || due < (self.mean.q.abs() >> MEAN_BITS) / 8 * 5 || none_flows {
             return None;
         }
         *missing = if flows > due / 4 { 0 } else { *missing + 1 };
@@ -197,7 +199,7 @@ mod tests {
                     ] {
                         let motor = Motor { broken, reversed: turns > 0.1, ..motor };
                         assert_eq!(motor.look(u32::from(TIMES) - 1), None);
-                        assert_eq!(motor.look(160), Some(fault), "{motor:?}");
+                        assert_eq!(motor.look(200), Some(fault), "{motor:?}");
                     }
                 }
             }
@@ -260,6 +262,26 @@ mod tests {
         assert!((0..100).all(|k| look(k, 0).is_none()));
         assert!((0..short).all(|k| look(k, 1000).is_none()));
         assert_eq!(look(short, 1000), Some(Fault::CurrentModel));
+    }
+
+    /// What was due before they died is due for a while yet, of phases that seem to carry nothing.
+    #[test]
+    fn amplifiers_that_die_together_are_no_open_phase_at_any_speed() {
+        for turn in 0..500 {
+            let mut random = Pcg64::seed_from_u64(turn);
+            let turns = random.random_range(-0.5..0.5);
+            let q = random.random_range(3000.0..25_000.0);
+            let mut phases = Phases::default();
+            let fault = (0..300).find_map(|k| {
+                let broken = if k < 200 { Broken::Nothing } else { Broken::Amplifiers };
+                // What is asked for fades as well, and the voltage is at its limit.
+                let mut measurement = Motor { q, turns, broken, ..MOTOR }.measurement(k, &mut random);
+                measurement.state.voltage = Dq { d: 3000, q: 11_000 };
+                measurement.state.current_reference = (q * libm::exp(-f64::from(k.saturating_sub(200)) / 10.0)) as i32;
+                phases.look(&measurement, false)
+            });
+            assert_eq!(fault, None, "{turns} {q}");
+        }
     }
 
     /// At the limit of the voltage, the current cannot follow.

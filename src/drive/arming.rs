@@ -91,9 +91,12 @@ pub(super) struct Arming {
     rise: i32,
     least: i32,
     most: i32,
-    /// Where the rotor was, in 2⁻³² electrical turns, and how often it was looked whether it rests.
-    from: i64,
+    /// Where the rotor was, and how far it has gone, in 2⁻³² electrical turns; how often it was looked whether it rests.
+    from: i32,
+    farthest: u32,
     settled: u32,
+    /// Whether the rotor swung when the currents told of a fault, and all of it is done once more.
+    again: bool,
     /// Currents of each voltage, in 2⁻¹⁵ of the full scale, times [`AVERAGED`].
     currents: [[i32; 3]; 4],
     rotor: RotorCheck,
@@ -114,7 +117,9 @@ impl Arming {
         least: 0,
         most: 0,
         from: 0,
+        farthest: 0,
         settled: 0,
+        again: false,
         currents: [[0; 3]; 4],
         rotor: RotorCheck::new(0, 0, 0),
         held: Output::OFF,
@@ -130,17 +135,21 @@ impl Arming {
     /// Begins, at a bus voltage in 2⁻¹⁵ of its full scale. What was commanded since the drive has armed stays.
     pub fn begin(&mut self, control: &Control, bus: i32) {
         let check = &control.arming;
-        self.enter(Stage::Settle);
-        self.settled = 0;
-        self.vector = 0;
-        self.currents = [[0; 3]; 4];
+        self.again = false;
+        self.begin_currents();
         // Shares of half the bus, of shares of half its full scale.
         let divisor = (bus >> 5).max(1);
         self.rise = ((check.rise / divisor) << 10).max(1);
         self.least = check.least;
-        self.most = check.most.saturating_add(self.rise.saturating_mul(check.longest.into()));
         self.modulation = self.least;
+        self.most = check.most.saturating_add(self.rise.saturating_mul(check.longest.into()));
         self.rotor = RotorCheck::new((self.rise / 4).max(1), self.least, self.most.saturating_mul(4));
+    }
+
+    fn begin_currents(&mut self) {
+        self.enter(Stage::Settle);
+        (self.settled, self.vector) = (0, 0);
+        self.currents = [[0; 3]; 4];
     }
 
     /// What the last step was told to do.
@@ -210,12 +219,17 @@ impl Arming {
     /// Brakes a rotor that turns slowly by shorting its windings, until it rests.
     fn settle(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
         let check = &control.arming;
-        let position = rotor.smoothed().to_bits();
+        let position = rotor.smoothed().to_bits() as i32;
         if self.steps == 1 {
-            self.from = position;
-        } else if self.steps > u32::from(check.watched) {
-            let way = position.wrapping_sub(self.from).unsigned_abs();
-            self.enter(if way <= u64::from(check.rests_within) { Stage::Fade } else { Stage::Settle });
+            (self.from, self.farthest) = (position, 0);
+        }
+        // One that swings comes back to where it was.
+        let way = position.wrapping_sub(self.from).unsigned_abs();
+        self.farthest = if turns(rotor, control) { u32::MAX } else { self.farthest.max(way) };
+        // A quarter of the period of a swing looks like rest.
+        if self.steps > u32::from(check.watched) << (2 * u32::from(self.again)) {
+            let rests = self.farthest <= check.rests_within;
+            self.enter(if rests { Stage::Fade } else { Stage::Settle });
             self.settled += 1;
             if self.settled >= LONGEST_SETTLED {
                 return self.over(false, config);
@@ -274,7 +288,12 @@ impl Arming {
             if self.vector < self.currents.len() && !(self.vector > 2 && nothing) {
                 self.enter(Stage::Raise);
             } else if let Some(fault) = wiring_fault(&self.currents, control.arming.current.into()) {
-                return Step::Failed(fault);
+                let may_swing = turns(rotor, control) && fault != Fault::NoCurrent;
+                if self.again || !may_swing {
+                    return Step::Failed(fault);
+                }
+                self.again = true;
+                self.begin_currents();
             } else {
                 self.enter(Stage::Rotor);
             }

@@ -26,8 +26,9 @@ const FAR: i64 = 4 * MOVED;
 const STOPPED: i64 = 9 * MOVED;
 /// Farthest that a field along its own moves a sound rotor: 21°; twice as far where it slows down.
 const HELD: i64 = 7 * MOVED;
-/// Way against the field that is turned back which no sound rotor goes: 9°. So far, too, no field along its own pulls it
-/// as fast as the push did.
+/// Way in which no field along its own pulls a sound rotor as fast as the push did: 6°.
+const PULLED: i64 = 2 * MOVED;
+/// Way against the field that is turned back which no sound rotor goes: 9°.
 const AGAINST: i64 = 3 * MOVED;
 /// The field is turned back by so much at most, 75°, in 2⁻³² turns; a sound rotor has followed it before.
 const TURNED: u32 = 894_784_853;
@@ -35,6 +36,10 @@ const TURNED: u32 = 894_784_853;
 const LONGEST: u32 = 8;
 /// How often a rotor may be found turning by itself before it is not pushed at all.
 const MOST_WAITED: u32 = 40;
+/// Farthest that the rotor is left to swing after the stop: 6°.
+const SETTLES: i64 = 2 * MOVED;
+/// How often one that was stopped may be found swinging before the field holds it.
+const MOST_SETTLED: u32 = 6;
 
 /// The voltage leans by so much a step, 0.3°, in 2⁻³² turns, and by 45° at most.
 const LEANS: i32 = 3_579_139;
@@ -66,6 +71,8 @@ enum Stage {
     Oppose,
     /// The opposite voltage stops the rotor.
     Stop,
+    /// No voltage until the rotor rests: a load behind a coupling swings it yet.
+    Settle,
     /// A field that stands where the rotor's is holds it.
     Hold,
     /// The field turns back.
@@ -97,11 +104,12 @@ pub(super) struct RotorCheck {
     anchor: ElectricalAngle,
     left: u32,
     rate: u32,
-    /// Whether the rotor has followed the field that turned back.
+    /// Whether the rotor has followed the field that turned back, and forward again.
     has_followed: bool,
+    proven: bool,
     /// Farthest that the rotor went the wrong way; while it is held, how far it had come in half the time of the push.
     farthest: i64,
-    /// Its speed when it is to be stopped, and its fastest while it is held, in 2⁻³² turns a step.
+    /// Its speed when it is to be stopped, and its fastest while it is held, in 2⁻³² turns a control step.
     speed: i32,
     /// Averaged speed, in 2⁻³² turns a step.
     averaged: i32,
@@ -131,6 +139,7 @@ impl RotorCheck {
             left: 0,
             rate: 0,
             has_followed: false,
+            proven: false,
             farthest: 0,
             speed: 0,
             averaged: 0,
@@ -144,7 +153,8 @@ impl RotorCheck {
     #[inline(never)]
     pub fn step(&mut self, config: &Config, control: &Control, phases: [i32; 3], rotor: &Tracker) -> Step {
         self.steps += 1;
-        self.age += 1;
+        // Waiting for rest takes as long as it takes.
+        self.age += u32::from(self.stage != Stage::Settle);
         self.averaged += (rotor.speed() - self.averaged) >> control.arming.averages;
         if self.age > LONGEST * u32::from(control.arming.longest_push) {
             return Self::give_up();
@@ -154,8 +164,9 @@ impl RotorCheck {
             Stage::Press => self.push(control, phases, rotor, config),
             Stage::Oppose => self.oppose(rotor, config),
             Stage::Stop => self.stop(control, phases, rotor, config),
+            Stage::Settle => self.settle(control, rotor, config),
             Stage::Hold => self.hold(control, phases, rotor, config),
-            Stage::Turn => self.turn_back(rotor, config),
+            Stage::Turn => self.turn(rotor, config),
         }
     }
 
@@ -166,16 +177,13 @@ impl RotorCheck {
 
     /// Measures how the rotor turns by itself, until it rests.
     fn coast(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
-        let window = u32::from(control.arming.longest_push) / 4;
-        if self.steps == 1 {
-            self.from = rotor.smoothed();
-        } else if self.steps > window {
+        if self.is_watched(control, rotor) {
+            let window = u32::from(control.arming.longest_push) / 2;
             let way = self.way(rotor);
             self.coasting = (way / i64::from(window.max(1))) as i32;
             // What friction or cogging does to a rotor that turns looks like a push the wrong way; the shorted windings
-            // stop it. One that turns round within the window has a short way, too.
-            let slow = self.averaged.unsigned_abs() <= control.arming.turning.unsigned_abs() / 2;
-            if way.abs() <= MOVED && slow {
+            // stop it.
+            if self.rests(control) {
                 self.press(rotor);
             } else if self.waited < MOST_WAITED {
                 self.waited += 1;
@@ -185,6 +193,49 @@ impl RotorCheck {
             }
         }
         Step::Output(no_voltage(config))
+    }
+
+    /// Watches the rotor; whether it has done so for long enough.
+    fn is_watched(&mut self, control: &Control, rotor: &Tracker) -> bool {
+        if self.steps == 1 {
+            self.from = rotor.smoothed();
+            self.farthest = 0;
+        }
+        self.farthest = self.farthest.max(self.way(rotor).abs());
+        self.steps > u32::from(control.arming.longest_push) / 2
+    }
+
+    /// Whether the rotor that was watched rests; one that swings comes back to where it was.
+    fn rests(&self, control: &Control) -> bool {
+        self.farthest <= MOVED && self.averaged.unsigned_abs() <= control.arming.turning.unsigned_abs() / 2
+    }
+
+    /// A voltage against the motion, in proportion to its speed, brakes what still swings or drags the rotor on. Where that
+    /// takes it far, the field is to hold it.
+    fn settle(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
+        let (speed, full) = (self.averaged.saturating_abs(), control.arming.turning.max(1));
+        let slow = speed < full / 4;
+        let watched = self.is_watched(control, rotor);
+        if self.proven {
+            if slow && self.steps > u32::from(control.arming.longest_push) / 8 || self.waited >= MOST_SETTLED {
+                return Step::Done { step: 0, proven: true };
+            }
+        } else {
+            let far = i64::from((rotor.angle() - self.anchor).to_bits().unsigned_abs()) > SETTLES;
+            if far || watched && (self.rests(control) || self.waited >= MOST_SETTLED) {
+                return self.begin_hold(self.least, rotor, config);
+            }
+        }
+        if watched {
+            self.waited += 1;
+            self.enter(Stage::Settle);
+        }
+        if slow {
+            return Step::Output(no_voltage(config));
+        }
+        let share = speed.min(full) / (full / 8).max(1);
+        self.modulation = self.least + (self.strongest - self.least) / 8 * share;
+        self.voltage(if self.averaged > 0 { Axis::Back } else { Axis::Forward }, rotor, config)
     }
 
     /// It takes too long, or the rotor does not rest.
@@ -290,7 +341,9 @@ impl RotorCheck {
 
     /// A sound rotor stays where it is, and where the angle is wrong, it is pulled away.
     fn hold(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
-        self.raise(if self.pushed == 0 { self.most } else { self.strongest }, control, phases);
+        // The spring of a load that swings is to be weak beside the field.
+        let swings = self.waited > 0;
+        self.raise(if self.pushed == 0 || swings { self.most } else { self.strongest }, control, phases);
         if self.pushed == 0 {
             // The push did not move it.
             return if self.moved(rotor).abs() > self.wrong() {
@@ -315,7 +368,7 @@ impl RotorCheck {
         }
         let gains = forward * i64::from(self.pushed) > 3 * self.farthest * i64::from(self.steps);
         let soon = |least, quarters| forward > least && 4 * self.steps < quarters * self.pushed;
-        let at_once = !self.has_followed && self.steps > self.pushed / 2 && gains && (soon(AGAINST, 5) || soon(FAR, 7));
+        let at_once = self.steps > self.pushed / 2 && gains && (soon(PULLED, 5) || soon(FAR, 7));
         if way > 2 * HELD || faster && (way > HELD || at_once) {
             return Step::Failed(Fault::Commutation);
         }
@@ -325,10 +378,11 @@ impl RotorCheck {
         if self.steps < 2 * self.pushed || turns && self.steps < 8 * self.pushed {
             return self.voltage(Axis::Forward, rotor, config);
         }
-        if self.has_followed { Step::Done { step: 0, proven: true } } else { self.begin_turn(rotor, config) }
+        self.begin_turn(rotor, config)
     }
 
-    /// The field turns back as far as it has to for a rotor that cogging holds, in four times the time of the push.
+    /// The field turns back, and forward again, as far as it has to for a rotor that cogging holds, in four times the time
+    /// of the push.
     fn begin_turn(&mut self, rotor: &Tracker, config: &Config) -> Step {
         self.from = rotor.smoothed();
         self.left = TURNED;
@@ -337,23 +391,30 @@ impl RotorCheck {
         self.voltage(Axis::Forward, rotor, config)
     }
 
-    /// A sound rotor follows the field back. One that follows the other way has an angle that counts the wrong way.
-    fn turn_back(&mut self, rotor: &Tracker, config: &Config) -> Step {
+    /// A sound rotor follows the field both ways. One whose angle counts the wrong way follows the other way. Where it stood
+    /// against the field, it falls away from it, back at first, and goes on when the field turns forward.
+    fn turn(&mut self, rotor: &Tracker, config: &Config) -> Step {
         let way = self.way(rotor);
-        if way > AGAINST {
+        if way > AGAINST && !self.has_followed || way < -2 * HELD {
             return Step::Failed(Fault::Commutation);
         }
-        if way < -FAR {
-            // It still turns: the field is not to rise from nothing again.
+        if way > FAR {
+            self.proven = true;
+            self.waited = 0;
+            return self.begin_settle(rotor, config);
+        }
+        if way < -FAR && !self.has_followed {
             self.has_followed = true;
-            return self.begin_hold(self.modulation, rotor, config);
+            self.anchor = rotor.predicted(&config.tracking);
+            return self.begin_turn(rotor, config);
         }
         if self.steps > 6 * self.pushed {
             return Step::Done { step: 0, proven: false };
         }
         let by = self.rate.min(self.left);
         self.left -= by;
-        self.anchor -= ElectricalAngle::from_bits(by as i32);
+        let by = ElectricalAngle::from_bits(by as i32);
+        self.anchor += if self.has_followed { by } else { -by };
         self.voltage(Axis::Forward, rotor, config)
     }
 
@@ -385,7 +446,16 @@ impl RotorCheck {
         let earliest = (2 * lag).max((pushed - i64::from(self.rested)) / 4);
         let lag = steps < earliest || i64::from(speed) * steps > i64::from(before - speed) * lag;
         let turns = before > control.arming.turning / 2 && lag;
-        if turns { self.voltage(Axis::Back, rotor, config) } else { self.begin_hold(self.least, rotor, config) }
+        if turns {
+            return self.voltage(Axis::Back, rotor, config);
+        }
+        self.begin_settle(rotor, config)
+    }
+
+    fn begin_settle(&mut self, rotor: &Tracker, config: &Config) -> Step {
+        self.anchor = rotor.angle();
+        self.enter(Stage::Settle);
+        Step::Output(no_voltage(config))
     }
 
     /// With a wrong commutation the opposite voltage stops the rotor and turns it back, and it is found out close to

@@ -213,7 +213,7 @@ impl RotorCheck {
     /// A voltage against the motion, in proportion to its speed, brakes what still swings or drags the rotor on. Where that
     /// takes it far, the field is to hold it.
     fn settle(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
-        let (speed, full) = (self.averaged.saturating_abs(), control.arming.turning.max(1));
+        let (speed, full) = (self.averaged.saturating_abs(), control.arming.turning);
         let slow = speed < full / 4;
         let watched = self.is_watched(control, rotor);
         if self.proven {
@@ -233,8 +233,7 @@ impl RotorCheck {
         if slow {
             return Step::Output(no_voltage(config));
         }
-        let share = speed.min(full) / (full / 8).max(1);
-        self.modulation = self.least + (self.strongest - self.least) / 8 * share;
+        self.modulation = if speed < full { (self.strongest + self.least) / 2 } else { self.strongest };
         self.voltage(if self.averaged > 0 { Axis::Back } else { Axis::Forward }, rotor, config)
     }
 

@@ -233,7 +233,7 @@ impl RotorCheck {
         if slow {
             return Step::Output(no_voltage(config));
         }
-        self.modulation = if speed < full { (self.strongest + self.least) / 2 } else { self.strongest };
+        self.modulation = if speed < full { self.strongest / 2 + self.least / 2 } else { self.strongest };
         self.voltage(if self.averaged > 0 { Axis::Back } else { Axis::Forward }, rotor, config)
     }
 

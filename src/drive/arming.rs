@@ -5,8 +5,8 @@
 //!    transistors and all three amplifiers, each in both directions.
 //! 2. A push, and a field that holds the rotor and turns it back: the [`rotor`].
 //!
-//! All of it takes some 0.15 s and moves the rotor by some 25 electrical degrees and back, by up to 45 where cogging
-//! carries it on. A rotor that does not move, because it is blocked or heavy, proves nothing, and one that turns
+//! All of it takes some 0.2 s and moves the rotor by some 30 electrical degrees and back, by more where cogging carries
+//! it on. A rotor that does not move, because it is blocked or heavy, proves nothing, and one that turns
 //! is not pushed; the [supervision](super::supervision) then goes on asking.
 
 mod rotor;

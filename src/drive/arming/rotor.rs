@@ -6,8 +6,11 @@
 //! 2. A field that stands where the rotor's is. It holds a sound rotor where it has come to rest, and cogging cannot turn
 //!    it away. Where the angle is wrong, it pulls the rotor along, which swings by up to twice the error: beyond [`HELD`],
 //!    and not slowing down, the angle is wrong by more than some 13°.
-//! 3. The field is turned back, slowly, and the rotor has to follow it. Where two wires are swapped, the angle counts the
-//!    wrong way, and it goes forward.
+//! 3. The field is turned back, slowly, and forward again, and the rotor has to follow it. Where two wires are swapped, the
+//!    angle counts the wrong way, and it goes forward at first, or goes on falling back.
+//!
+//! A load behind a coupling or with play makes the rotor swing. It is pushed when it has come to rest; after the stop a
+//! voltage against its motion brakes the swing; and the field that holds it then is as strong as it may be.
 
 use super::{Step, largest, no_voltage, turned};
 use crate::angle::{ElectricalAngle, Position};

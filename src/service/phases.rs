@@ -17,6 +17,8 @@ const TIMES: u8 = 16;
 const FORGETTING: u8 = 8;
 /// Least current that a phase has to be due, in 2⁻¹⁵ of the full scale: well above the noise.
 const LEAST: i32 = 512;
+/// Measurements in a row without any current that are a moment.
+const QUIET: u8 = 3;
 /// Weight of a measurement in the mean, 2⁻³.
 const MEAN_BITS: u32 = 3;
 
@@ -30,6 +32,8 @@ pub(super) struct Phases {
     /// Measurements, less what was forgotten, in which each phase carried nothing of what it was due, along it and
     /// against it.
     missing: [[u8; 2]; 3],
+    /// Measurements in a row in which no phase carried a current.
+    quiet: u8,
     /// Measurements in a row without a current, though the voltage was below its limit.
     unfollowed: u8,
 }
@@ -55,6 +59,10 @@ impl Phases {
                 *missing = missing.saturating_sub(1);
             }
         }
+        // Where none of the three carries any, all amplifiers may have died, and the mean fades yet. For a moment there is none
+        // where the phase that is open would carry the most.
+        let none_flows = state.phases.iter().all(|flows| flows.abs() < LEAST / 4);
+        self.quiet = if none_flows { self.quiet.saturating_add(1) } else { 0 };
         if !self.is_steady(state.current_reference) {
             return None;
         }
@@ -87,10 +95,8 @@ impl Phases {
         let due = along(self.mean, if reversed { (3 - phase) % 3 } else { phase }, angle) >> MEAN_BITS;
         let (flows, due, side) = if due < 0 { (-state.phases[phase], -due, 1) } else { (state.phases[phase], due, 0) };
         let missing = &mut self.missing[phase][side];
-        // Near the zero crossing of its current a phase tells little; nor does it where none of the three carries any:
-        // that may be all amplifiers, or the moment at which the other two have nothing for each other.
-        let none_flows = state.phases.iter().all(|flows| flows.abs() < LEAST / 4);
-        if due < LEAST || due < (self.mean.q.abs() >> MEAN_BITS) / 8 * 5 || none_flows {
+        // Near the zero crossing of its current a phase tells little.
+        if due < LEAST || due < (self.mean.q.abs() >> MEAN_BITS) / 8 * 5 || self.quiet > QUIET {
             return None;
         }
         *missing = if flows > due / 4 { 0 } else { *missing + 1 };
@@ -199,7 +205,7 @@ mod tests {
                     ] {
                         let motor = Motor { broken, reversed: turns > 0.1, ..motor };
                         assert_eq!(motor.look(u32::from(TIMES) - 1), None);
-                        assert_eq!(motor.look(200), Some(fault), "{motor:?}");
+                        assert_eq!(motor.look(160), Some(fault), "{motor:?}");
                     }
                 }
             }

@@ -268,12 +268,6 @@ fn campaign(pages: &Pages) {
         let row = format!("| {name} | {{}} | {{}} | {{}}° | {{}} ms | {{}} |");
         pages.quote(page, &row, &[injected, Is(missed(kind)), wrong, ms, current]);
     }
-    let long = Recorded::of("faults_long");
-    let long = long.all("{} injected, {} detected, {} missed, {} false alarms in {} quiet periods");
-    let sum = |column: usize| long.iter().map(|run| run[column]).sum::<f64>();
-    assert_eq!(long.len(), 2);
-    let figures = [sum(2), sum(0), sum(3), sum(4) / 40e3].map(Is);
-    pages.quote(page, "{} of {} were missed, and {} faults were invented in {} s.", &figures);
     let unnamed = ["open phase at speed", "dead transistor at speed", "amplifier of a wrong gain"].map(|name| {
         let kind = &kinds[name];
         [of(&kind["reported"], "nothing"), of(kind, "injected")].map(Is)

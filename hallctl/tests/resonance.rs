@@ -50,7 +50,7 @@ fn is_named(found: &Value, load: &Load, within: f64) {
     }
 }
 
-/// Steps of position and speed settle, and at rest and in the end nothing swings: RMS of the speed, at most three times
+/// Steps of position and speed settle, and at rest and in the end nothing swings: RMS of the speed, at most four times
 /// that of the sensors alone; of the position, a thousandth of a turn.
 fn is_calm(drive: &Drive) {
     // Armed once: the check at arming wants a load that does not swing any more.
@@ -60,7 +60,7 @@ fn is_calm(drive: &Drive) {
     assert!(number(&position, "/measured/noise") < 1e-3, "{position}");
     for (size, from) in [("100", "25"), ("0.001", "0")] {
         let speed = json(drive, &["step", "speed", size, "--from", from, "--seconds", "1"]);
-        assert!(number(&speed, "/measured/noise") < 1.5, "{speed}");
+        assert!(number(&speed, "/measured/noise") < 2.0, "{speed}");
     }
 }
 

@@ -213,8 +213,8 @@ impl RotorCheck {
         self.farthest <= MOVED && self.averaged.unsigned_abs() <= control.arming.turning.unsigned_abs() / 2
     }
 
-    /// A voltage against the motion, in proportion to its speed, brakes what still swings or drags the rotor on. Where that
-    /// takes it far, the field is to hold it.
+    /// A voltage against the motion brakes what still swings or drags the rotor on. Where that takes it far, the field is to
+    /// hold it.
     fn settle(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
         let (speed, full) = (self.averaged.saturating_abs(), control.arming.turning);
         let slow = speed < full / 4;

@@ -299,6 +299,7 @@ fn what_is_learnt_is_saved_after_the_next_disarming_and_not_too_often() {
     run(&mut first, 10);
     let mut warm = |to_c: f64, saves: bool| {
         arm(&mut first);
+        run(&mut first, 200);
         let before = first.flash();
         for step in 0..150 {
             first.plant.set_temperature(to_c - 20.0 * (1.0 - (f64::from(step) / 100.0).min(1.0))).unwrap();

@@ -68,7 +68,8 @@ impl SensorAdaptation {
     /// drive may run so.
     pub fn publish(&mut self, service: &mut Service, on_two_halls: bool) -> Option<Model> {
         let adaptation = self.adaptation.as_mut().filter(|_| self.ended.is_none() || on_two_halls)?;
-        if self.wait > 0 && self.ended.is_none() {
+        // What was learnt of an uneven rotor is taken back at once.
+        if self.wait > 0 && self.ended.is_none() && !adaptation.adapter().doubts() {
             return None;
         }
         if adaptation.publish(service) != Ok(true) {
@@ -82,6 +83,7 @@ impl SensorAdaptation {
     pub fn state(&self) -> protocol::Learning {
         match (self.ended, &self.adaptation) {
             (Some(fault), _) => protocol::Learning::Ended(fault),
+            (_, Some(adaptation)) if adaptation.adapter().doubts() => protocol::Learning::Uneven,
             (_, Some(_)) => protocol::Learning::On,
             (_, None) => protocol::Learning::Off,
         }

@@ -102,6 +102,7 @@ pub fn learning(learning: Learning) -> String {
         Learning::Off => "off".into(),
         Learning::On => "on".into(),
         Learning::Ended(why) => format!("ended: {why}"),
+        Learning::Uneven => "paused, the magnets look uneven: the calibration is used, and it is tried again".into(),
     }
 }
 

@@ -73,6 +73,8 @@ pub enum Learning {
     On,
     /// It has given up.
     Ended(adapt::Fault),
+    /// The rotor leaves more unexplained than its sensors can be learnt from: the calibration is used until that ends.
+    Uneven,
 }
 
 /// How the drive is.

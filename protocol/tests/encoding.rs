@@ -35,7 +35,7 @@ fn hex<'a, T: Serialize + Deserialize<'a> + PartialEq + std::fmt::Debug>(value: 
 
 #[test]
 fn the_version_is_this_one() {
-    assert_eq!(VERSION, 7);
+    assert_eq!(VERSION, 8);
 }
 
 #[test]
@@ -276,6 +276,16 @@ fn motors_and_cogging() {
     let longest = Reply { id: u16::MAX, answer: Answer::Identification(Procedure::Done(report)) };
     assert!(encode(&longest, &mut [0; FRAME]).is_ok());
     assert_eq!(hex(&Cogging { largest_a: 1.0, rms_a: 0.5 }), "0000803f0000003f");
+}
+
+#[test]
+fn learning() {
+    let lost = adapt::Fault::Lost(Channel(1));
+    let all =
+        [(Learning::Off, "00"), (Learning::On, "01"), (Learning::Ended(lost), "020101"), (Learning::Uneven, "03")];
+    for (learning, bytes) in all {
+        assert_eq!(hex(&learning), bytes, "{learning:?}");
+    }
 }
 
 #[test]

@@ -27,8 +27,10 @@
 //! - Parameters are cut to [`Settings::limits`] around the calibration at every eighth of a turn, so no model is beyond
 //!   them. A parameter at its limit for two models in a row is a [`Fault::Drifted`].
 //! - What the rotor leaves unexplained at each sensor is learnt while it turns, and counts as noise. Where that is more
-//!   than 1 %, its magnets are uneven; then nothing else is learnt and the calibration is used
-//!   ([`Adapter::doubts`]).
+//!   than 1 % no model comes out. Where it stays so for some turns, its magnets are uneven; then nothing else is learnt
+//!   and the calibration is used ([`Adapter::doubts`]), until a trial after some more turns.
+//! - Inertia, friction and torque constant are known roughly: the part of an acceleration that is not known counts as
+//!   noise, too.
 //! - A measurement more than five standard deviations off is an outlier. Up to what uneven magnets can produce it
 //!   counts little; beyond, it is not used, unless an unexpected torque explains all three sensors. A sensor that is
 //!   such an outlier for 15 % of a turn is a [`Fault::Lost`]; angle and speed are tracked on by the other two.
@@ -39,6 +41,7 @@
 
 mod acquire;
 mod deviations;
+mod doubt;
 mod fault;
 mod filter;
 mod isolate;
@@ -55,6 +58,7 @@ use crate::hall::Codes;
 use crate::hall::model::Model;
 use core::f32::consts::{PI, TAU};
 pub use deviations::Deviations;
+use doubt::Doubt;
 pub use fault::{Fault, Parameter};
 use filter::{ANGLE, Covariance, Measurement, OFFSET, SPEED, State, Vector, radians};
 use observe::CalibratedSensor;
@@ -63,6 +67,9 @@ pub use settings::{Config, OutOfRange, Settings, Spread};
 use suspicion::Suspicions;
 use window::Window;
 
+/// Variance of an acceleration, over its square: inertia, torque and friction are known to a third, and wrong for some
+/// ten samples in a row.
+const UNKNOWN_SHARE: f32 = 1.0;
 /// Most samples that may be missing in a row; after more, angle and speed are acquired anew.
 const LONGEST_GAP: u16 = 20;
 /// Square of the speed over its variance, above which the rotor surely turns and parameters are adapted.
@@ -126,15 +133,15 @@ pub struct Adapter {
     model_due: bool,
     /// Whether it started from a calibration, to which it may return.
     calibrated: bool,
+    /// Samples adapted from since the last model, 255 at most.
+    learnt_samples: u8,
     /// Whether the rotor is too uneven to learn parameters from.
-    doubts: bool,
+    doubt: Doubt,
     /// Whether the fault has been reported.
     fault_reported: bool,
     /// The parameter at its limit at the last model.
     last_limit: Option<Fault>,
     fault: Option<Fault>,
-    /// Samples adapted from since the last model.
-    learnt_samples: u32,
     /// Sample periods since the drift was added to the variances.
     samples_since_drift: u32,
     /// Observations in a row without adaptation of the parameters.
@@ -243,14 +250,15 @@ impl Adapter {
     fn predict(&mut self, observation: &Observation) {
         let state = &mut self.state;
         let disturbed = self.config.per_nm * observation.torque_nm + self.load;
-        let mut angle = 0.0;
+        let (mut angle, mut gained) = (0.0, 0.0);
         for _ in 0..observation.elapsed {
-            let gained = disturbed - self.config.damping * state.speed;
+            gained = disturbed - self.config.damping * state.speed;
             angle += state.speed + 0.5 * gained;
             state.speed += gained;
         }
         state.angle += radians(angle);
-        self.covariance.advance(self.config.acceleration, f32::from(observation.elapsed));
+        let noise = self.config.acceleration + UNKNOWN_SHARE * gained * gained;
+        self.covariance.advance(noise, f32::from(observation.elapsed));
     }
 
     /// The usable sensors of a sample against their prediction, without adaptation of parameters.
@@ -314,15 +322,21 @@ impl Adapter {
 
     #[inline]
     fn may_learn(&self) -> bool {
+        self.fault.is_none() && !self.doubt.exists && self.turns_well()
+    }
+
+    /// Whether the rotor surely turns, neither too slowly nor too fast to learn.
+    #[inline]
+    fn turns_well(&self) -> bool {
         let speed = self.state.speed.abs();
         let certain = speed * speed > CERTAIN_SPEED * self.covariance.get(SPEED, SPEED);
-        self.fault.is_none() && !self.doubts && speed >= self.config.slowest && speed <= FASTEST_SPEED && certain
+        speed >= self.config.slowest && speed <= FASTEST_SPEED && certain
     }
 
     /// Whether the rotor leaves more unexplained than parameters can be learnt from: its magnets are uneven. Then
-    /// those of the calibration are used, and only angle and speed are followed.
+    /// those of the calibration are used, and only angle and speed are followed; after some turns it is tried again.
     pub const fn doubts(&self) -> bool {
-        self.doubts
+        self.doubt.is_open()
     }
 
     /// What the rotor leaves unexplained at each sensor, share of the amplitude, RMS.

@@ -63,7 +63,10 @@ const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[
     (PROTOCOL, "A message has at most {} bytes", "protocol/src/lib.rs", "MESSAGE: usize = {}", 1.0),
     ("docs/moteus-clients.md", "A reply** has {} bytes", "registers/src/lib.rs", "FRAME: usize = {}", 1.0),
     ("docs/moteus-clients.md", "longer than {} s", "src/control/impedance/request.rs", "LONGEST_S: f32 = {}", 1.0),
-    ("docs/numbers.md", "beyond {} % the filter", "src/hall/adapt/learn.rs", "to be learnt: {} % RMS", 1.0),
+    ("docs/numbers.md", "beyond {} % the filter", "src/hall/adapt/doubt.rs", "to be learnt: {} % RMS", 1.0),
+    ("docs/numbers.md", "one of them {} % weaker", LEARNING, "fades in [0.0, {}]", 100.0),
+    ("docs/numbers.md", "up to {} s after arming", LEARNING, "[0, 100, 300, {}].map", 1e-3),
+    ("docs/numbers.md", "at {}° RMS of the angle or better", LEARNING, "worst_deg < {}", 1.0),
     (EMULATOR, "each request is worth {} ms", "emulator/virtual/src/serial.rs", "WORTH_S: f64 = {}", 1e3),
     (EMULATOR, "in steps of {} µs", "emulator/chip/src/can/wire.rs", "STEP_S: f64 = {}", 1e6),
     (EMULATOR, "a period and {} µs", "emulator/virtual/tests/boards/faults.rs", "REACTION_S: f64 = {}", 1e6),
@@ -72,6 +75,7 @@ const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[
 ];
 
 const SAFETY: &str = "SAFETY.md";
+const LEARNING: &str = "hallctl/tests/learning.rs";
 const KIND: &str = "sim/src/experiment/faults/kind.rs";
 const BENCH: &str = "sim/src/experiment/faults/bench.rs";
 const BOARDS: &str = "boards/README.md";

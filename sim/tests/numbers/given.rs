@@ -6,6 +6,11 @@ use crate::page::Pages;
 /// Page, where its figures come from, and the figures.
 const GIVEN: &[(&str, &str, &[&str])] = &[
     ("SAFETY.md", "physics", &["wrong by less than 90°"]),
+    (
+        "SAFETY.md",
+        "1/64 of the boards' full scales",
+        &["0.05 A on the IHM16M1", "0.5 A on the IHM08M1", "0.9 A on the ESC1"],
+    ),
     ("boards/README.md", "a period of 40 kHz", &["a control period, 25 µs"]),
     (
         "boards/README.md",

@@ -1,16 +1,12 @@
 //! Adaptation of the parameters: coverage of the turn, limits, drift, and a new model.
 
-use super::filter::{ANGLE, Covariance, STATES, THIRD, radians};
+use super::filter::{Covariance, STATES, THIRD, radians};
 use super::{Adapter, Fault, Parameter, Status};
 use crate::angle::ElectricalAngle;
 use crate::hall::{Channel, estimate};
 
 /// Fewest samples from which a model is made.
-const FEWEST_SAMPLES: u32 = 64;
-/// What parameters learnt of an uneven rotor may have bent the angle by, rad.
-const BENT: f32 = 0.05;
-/// What a rotor may leave unexplained, relative to the squared amplitude, for parameters to be learnt: 1 % RMS.
-const DOUBTFUL: f32 = 1e-4;
+const FEWEST_SAMPLES: u8 = 64;
 
 impl Adapter {
     pub(super) fn follow(&mut self) -> Status {
@@ -34,8 +30,8 @@ impl Adapter {
         self.followed_eighths |= eighth;
         if self.followed_eighths == u8::MAX {
             self.followed_eighths = 0;
-            self.check_doubt();
-            self.end_doubt();
+            self.is_even();
+            self.wait_in_doubt();
             (self.suspicions.reacquisitions, self.suspicions.restarts) = (0, 0);
             self.tune();
         }
@@ -46,7 +42,7 @@ impl Adapter {
         if self.paused != 0 {
             self.end_pause();
         }
-        self.learnt_samples += 1;
+        self.learnt_samples = self.learnt_samples.saturating_add(1);
         let eighth = self.eighth();
         if self.seen_eighths & eighth == 0 { self.new_eighth(eighth) } else { Status::Adapting }
     }
@@ -67,39 +63,11 @@ impl Adapter {
         if self.learnt_samples >= FEWEST_SAMPLES {
             self.learnt_samples = 0;
             self.suspicions.clear();
-            self.check_doubt();
             self.add_drift();
             // The model is the next observation's work.
-            self.model_due = true;
+            self.model_due |= self.is_even();
         }
         Status::Adapting
-    }
-
-    /// Whether a sensor leaves more than this unexplained, relative to the squared amplitude.
-    fn leaves(&self, unexplained: f32) -> bool {
-        self.sensors.iter().any(|sensor| sensor.unexplained > unexplained)
-    }
-
-    /// Where the rotor is more uneven than parameters can be learnt from: back to those of the calibration.
-    pub(super) fn check_doubt(&mut self) {
-        if self.doubts || !self.calibrated || self.fault.is_some() || !self.leaves(DOUBTFUL) {
-            return;
-        }
-        self.doubts = true;
-        let state = &mut self.state;
-        (state.third, state.offset, state.amplitude) = (0.0, [0.0; 3], [1.0; 3]);
-        state.placement = self.sensors.map(|sensor| sensor.sensor.placement);
-        for state in THIRD..STATES {
-            self.covariance.reset(state, self.start[state]);
-        }
-        // They had bent the angle, and unevenness was taken for a load.
-        self.covariance.inflate(ANGLE, BENT * BENT, f32::MAX);
-        self.load = 0.0;
-    }
-
-    /// It is not, any more.
-    fn end_doubt(&mut self) {
-        self.doubts &= self.leaves(DOUBTFUL / 4.0);
     }
 
     /// Adds the drift of the time in which nothing was learnt.

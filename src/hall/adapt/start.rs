@@ -1,5 +1,6 @@
 //! Where the filter starts: at a calibration, or at what was learnt since one.
 
+use super::doubt::Doubt;
 use super::filter::{Covariance, OFFSET, STATES, State, THIRD, Vector};
 use super::observe::CalibratedSensor;
 use super::suspicion::Suspicions;
@@ -80,7 +81,7 @@ impl Adapter {
             paused: 0,
             model_due: false,
             calibrated: config.start.amplitude < UNCALIBRATED * UNCALIBRATED,
-            doubts: false,
+            doubt: Doubt::START,
             last_limit: None,
             suspicions: Suspicions::default(),
             fault: None,
@@ -96,8 +97,9 @@ impl Adapter {
         // Of the angle from one sample: two thirds of the sensors' mean.
         let angle_noise = self.sensors.iter().map(CalibratedSensor::noise).sum::<f32>() * (2.0 / 9.0);
         self.natural_frequency = fourth_root(self.config.acceleration / angle_noise);
-        // Four times √2 · pace · noise, the variance of known sensors' tracked angle.
-        self.settled_variance = 5.7 * self.natural_frequency * angle_noise;
+        // Sixteen times √2 · pace · noise, the variance of the angle at a steady speed with known sensors. Less would shut
+        // out a friction that is not the settings'.
+        self.settled_variance = 22.6 * self.natural_frequency * angle_noise;
         // Slow enough to leave the tracking stable and hardly noisier.
         self.load_gain = 0.1 * self.natural_frequency;
     }

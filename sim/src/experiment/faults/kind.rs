@@ -39,7 +39,8 @@ pub(super) enum Outcome {
     NoFault(f64),
     /// A fault that names it, or tells that the rotor does not follow, or none, and no harm for so many seconds: a
     /// rotor that a wrong commutation holds fast, or moves with less torque, cannot be told from one with a heavy load;
-    /// what breaks without a current shows by nothing.
+    /// what breaks without a current shows by nothing. Over-speed, in time, where a torque asks for so little current
+    /// that an open phase cannot show.
     NamedOrHarmless(f64),
     /// The rotor stays within its speed limit for so many seconds, or over-speed is named.
     NotTooFast(f64),

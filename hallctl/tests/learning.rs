@@ -1,0 +1,134 @@
+//! The sensors are learnt after every kind of start, at motors that the settings do not fit.
+
+mod tool;
+
+use hallctl::simulate::Simulator;
+use hallctl::simulate::flash::Flash;
+use hallservo_protocol::{Ask, Learning};
+use plant::{PlantParameters, Unevenness};
+use rayon::prelude::*;
+use sim::rig::error_deg;
+use sim::statistics::Statistics;
+use tool::{done, run, status, wait};
+
+/// A motor that the default settings are for by its data sheet alone.
+fn motor(number: u64) -> PlantParameters {
+    let mut parameters = PlantParameters::imperfect(number);
+    parameters.motor.inertia_kgm2 *= [1.0, 0.5, 3.0][number as usize % 3];
+    parameters
+}
+
+fn calibrated(plant: &PlantParameters) -> Vec<u8> {
+    let mut drive = Simulator::at(plant, 1, Flash::blank(), Vec::new()).unwrap();
+    run(&mut drive, 10);
+    done(&mut drive, Ask::Calibrate);
+    wait(&mut drive);
+    drive.flash()
+}
+
+#[derive(Clone, Copy, Debug)]
+struct Start {
+    /// Between arming and the first speed.
+    rest_ms: u32,
+    speed: f32,
+    /// Share of its amplitude that one Hall has lost since the calibration; another is off by half as much.
+    fades: f64,
+}
+
+/// A drive some seconds after a start, and the angle's error in the last of them, electrical degrees.
+fn turned(plant: &PlantParameters, flash: &[u8], start: Start, seconds: u32, learns: bool) -> (Simulator, Statistics) {
+    let mut parameters = *plant;
+    let [_, second, third] = &mut parameters.halls;
+    second.amplitude_v *= 1.0 - start.fades;
+    third.offset_v += start.fades * third.amplitude_v / 2.0;
+    let seed = u64::from(start.rest_ms);
+    let mut drive = Simulator::at(&parameters, seed, Flash::of(flash.to_vec()), Vec::new()).unwrap();
+    drive.plant.place(seed as f64, 0.0).unwrap();
+    run(&mut drive, 10);
+    done(&mut drive, Ask::Set { name: "adaptation", value: f32::from(u8::from(learns)) });
+    done(&mut drive, Ask::Arm);
+    run(&mut drive, start.rest_ms);
+    let mut errors = Statistics::default();
+    for second in 0..seconds {
+        for _ in 0..10 {
+            done(&mut drive, Ask::Speed(start.speed));
+            for _ in 0..100 {
+                drive.step();
+                if second == seconds - 1 {
+                    let truth = drive.plant.truth().electrical_angle_rad;
+                    errors.push(error_deg(drive.drive().tracker().angle(), truth));
+                }
+            }
+        }
+    }
+    (drive, errors)
+}
+
+#[test]
+fn the_sensors_are_learnt_after_every_kind_of_start() {
+    for number in [1, 2, 3, 5, 7, 9] {
+        let plant = motor(number);
+        let flash = calibrated(&plant);
+        let mut starts = Vec::new();
+        for fades in [0.0, 0.1] {
+            for speed in [60.0, -60.0, 15.0, 150.0] {
+                starts.extend([0, 100, 300, 700].map(|rest_ms| Start { rest_ms, speed, fades }));
+            }
+        }
+        let worst_deg = starts.par_iter().map(|start| {
+            let (mut drive, errors) = turned(&plant, &flash, *start, 10, true);
+            let status = status(&mut drive);
+            assert_eq!(status.learning, Learning::On, "motor {number} {start:?}");
+            assert!(status.learnt > 2, "motor {number} {start:?}: {}", status.learnt);
+            errors.rms()
+        });
+        let worst_deg = worst_deg.reduce(|| 0.0, f64::max);
+        println!("motor {number}: {worst_deg:.2}°");
+        assert!(worst_deg < 1.0, "motor {number}");
+    }
+}
+
+#[test]
+fn uneven_magnets_are_told_and_leave_the_calibration_as_it_was() {
+    let gain = Unevenness { gain: 0.1, ..Unevenness::NONE };
+    for (name, unevenness) in [("gain ±10 %", gain), ("cheap", Unevenness::CHEAP)] {
+        for number in [1, 2, 3] {
+            let plant = motor(number).with_unevenness(&unevenness, number);
+            let flash = calibrated(&plant);
+            let start = Start { rest_ms: 300, speed: 60.0, fades: 0.0 };
+            let (mut drive, learning) = turned(&plant, &flash, start, 30, true);
+            let (_, fixed) = turned(&plant, &flash, start, 30, false);
+            let status = status(&mut drive);
+            println!("{name} {number}: {:.2}°, without learning {:.2}°", learning.rms(), fixed.rms());
+            assert_eq!((status.learning, status.learnt), (Learning::Uneven, 0), "{name} {number}");
+            assert!(learning.rms() < 1.05 * fixed.rms(), "{name} {number}");
+        }
+    }
+}
+
+#[test]
+fn what_was_learnt_is_taken_back_where_the_magnets_turn_out_uneven() {
+    let start = Start { rest_ms: 300, speed: 60.0, fades: 0.1 };
+    for number in [1, 2, 3] {
+        let even = motor(number);
+        let calibration = calibrated(&even);
+        let (mut drive, _) = turned(&even, &calibration, start, 10, true);
+        done(&mut drive, Ask::Disarm);
+        run(&mut drive, 8000);
+        assert!(!status(&mut drive).unsaved);
+        let learnt = drive.flash();
+        assert_ne!(learnt, calibration);
+
+        // Another rotor is put in, and the Halls are as they were.
+        let uneven = even.with_unevenness(&Unevenness::CHEAP, number);
+        let start = Start { fades: 0.0, ..start };
+        let (mut drive, taken_back) = turned(&uneven, &learnt, start, 20, true);
+        let (_, fixed) = turned(&uneven, &calibration, start, 20, false);
+        let (_, kept) = turned(&uneven, &learnt, start, 20, false);
+        let status = status(&mut drive);
+        let [taken_back, fixed, kept] = [taken_back, fixed, kept].map(|errors| errors.rms());
+        println!("{number}: {kept:.2}° as learnt, {taken_back:.2}° taken back, {fixed:.2}° as calibrated");
+        assert_eq!((status.learning, status.learnt), (Learning::Uneven, 1), "{number}");
+        assert!(taken_back < 1.05 * fixed && kept > 1.2 * fixed, "{number}");
+    }
+}

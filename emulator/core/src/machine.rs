@@ -343,9 +343,10 @@ impl<S: Bus> Machine<S> {
         self.report("lockup", what.to_owned(), None);
     }
 
-    /// What executes is an endless loop. What is more urgent comes all the same.
+    /// What executes is an endless loop. What is more urgent comes all the same, so thread mode first ends its critical
+    /// section.
     fn is_stuck(&self) -> bool {
-        self.hung == Some(self.cpu.ipsr)
+        self.hung == Some(self.cpu.ipsr) && (self.cpu.ipsr != 0 || self.cpu.basepri == 0 && !self.cpu.primask)
     }
 
     /// A handler has been entered.
@@ -356,7 +357,7 @@ impl<S: Bus> Machine<S> {
     }
 
     /// From its next entry on, the handler of this exception never ends: an endless loop as its first instruction. 0 is
-    /// thread mode, which hangs at once. Ends with a reset.
+    /// thread mode, which hangs as soon as it masks no interrupt. Ends with a reset.
     pub fn hang(&mut self, exception: u16) {
         match exception {
             0 => self.hung = Some(0),

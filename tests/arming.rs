@@ -8,6 +8,8 @@ use hallservo::mode::Mode;
 use hallservo::settings::{Control, OnTimeout, Settings};
 use plant::{AmplifierFault, LoadParameters, PlantParameters, Transistor, Unevenness, Wires};
 use sim::rig::Rig;
+use std::collections::BTreeMap;
+use std::sync::Mutex;
 
 fn calibrated(seed: u64, commutation: Commutation) -> Rig {
     calibrated_as(&PlantParameters::imperfect(seed), commutation, seed).unwrap()
@@ -224,21 +226,26 @@ fn no_heavy_rotor_is_refused_for_its_uneven_magnets() {
 
 /// A rotor with cheap magnets and a flywheel of up to 200 times its inertia, which was put on after the calibration.
 fn flywheel(seed: u64) -> Rig {
-    let settings =
-        Settings { commutation: Commutation::FieldOriented, control: Some(Control::default()), ..Settings::default() };
-    let uneven = Unevenness { rated_a: 3.0, ..Unevenness::CHEAP };
-    let bare = PlantParameters::imperfect(seed).with_unevenness(&uneven, seed);
-    let model = Rig::new(&bare, &settings, seed).unwrap().calibrate(|_| ()).unwrap().model;
-    let mut heavy = bare;
-    heavy.motor.inertia_kgm2 *= [30.0, 60.0, 100.0, 200.0][seed as usize % 4];
-    with_model(&heavy, &settings, seed, &model)
+    let times = [30.0, 60.0, 100.0, 200.0][seed as usize % 4];
+    mounted_on(true, seed, |heavy| heavy.motor.inertia_kgm2 *= times)
 }
 
-/// A motor whose Halls were calibrated before something was mounted on its shaft.
-fn with_model(parameters: &PlantParameters, settings: &Settings, seed: u64, model: &Model) -> Rig {
-    let mut rig = Rig::new(parameters, settings, seed).unwrap();
+/// A motor with cheap magnets or even ones, whose Halls were calibrated before something was mounted on its shaft.
+fn mounted_on(cheap: bool, seed: u64, mount: impl FnOnce(&mut PlantParameters)) -> Rig {
+    /// Those of the bare motors: each is calibrated once, not for every load.
+    static MODELS: Mutex<BTreeMap<(bool, u64), Model>> = Mutex::new(BTreeMap::new());
+    let settings =
+        Settings { commutation: Commutation::FieldOriented, control: Some(Control::default()), ..Settings::default() };
+    let mut parameters = PlantParameters::imperfect(seed);
+    if cheap {
+        parameters = parameters.with_unevenness(&Unevenness { rated_a: 3.0, ..Unevenness::CHEAP }, seed);
+    }
+    let calibrate = || Rig::new(&parameters, &settings, seed).unwrap().calibrate(|_| ()).unwrap().model;
+    let model = *MODELS.lock().unwrap().entry((cheap, seed)).or_insert_with(calibrate);
+    mount(&mut parameters);
+    let mut rig = Rig::new(&parameters, &settings, seed).unwrap();
     rig.run(0.02, |_, _| ());
-    rig.service.install(model).unwrap();
+    rig.service.install(&model).unwrap();
     rig.run(0.1, |_, _| ());
     rig
 }
@@ -246,15 +253,12 @@ fn with_model(parameters: &PlantParameters, settings: &Settings, seed: u64, mode
 /// Motors that were calibrated before something was mounted on a shaft that twists: of so many times the rotor's inertia,
 /// which swings at so many hertz, damped by 0.02, with play in mechanical degrees.
 fn twisting(seed: u64, times: f64, hz: f64, play_deg: f64) -> Rig {
-    let settings =
-        Settings { commutation: Commutation::FieldOriented, control: Some(Control::default()), ..Settings::default() };
-    let mut parameters = PlantParameters::imperfect(seed);
-    let model = Rig::new(&parameters, &settings, seed).unwrap().calibrate(|_| ()).unwrap().model;
-    let rotor = parameters.motor.inertia_kgm2;
-    let mut load = LoadParameters::resonant(rotor, times * rotor, hz, 0.02);
-    load.backlash_rad = play_deg.to_radians();
-    parameters.motor.load = Some(load);
-    with_model(&parameters, &settings, seed, &model)
+    mounted_on(false, seed, |parameters| {
+        let rotor = parameters.motor.inertia_kgm2;
+        let mut load = LoadParameters::resonant(rotor, times * rotor, hz, 0.02);
+        load.backlash_rad = play_deg.to_radians();
+        parameters.motor.load = Some(load);
+    })
 }
 
 /// What such a load does to a test: of each of so many motors.

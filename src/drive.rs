@@ -22,6 +22,7 @@
 pub mod absolute;
 mod arming;
 mod channels;
+mod chopper;
 mod command;
 mod field_oriented;
 mod hall_loss;
@@ -58,6 +59,8 @@ use hall_loss::HallLoss;
 use idle::Idle;
 use local_feedback::LocalFeedback;
 use open_loop::{OpenLoop, Stage};
+#[cfg(not(feature = "no-chopper"))]
+use protection::chopper::Chopper;
 pub use schedule::{CYCLE, OUTER};
 use servo::Servo;
 pub use servo::{Demand, State};
@@ -95,6 +98,9 @@ pub struct Drive {
     later: Later,
     /// Last, as nothing of it is needed in every step: what lies further away takes longer addresses.
     arming: Arming,
+    /// The brake resistor, for boards that have a pin for it.
+    #[cfg(not(feature = "no-chopper"))]
+    chopper: Chopper,
 }
 
 /// The control paths.
@@ -157,6 +163,8 @@ impl Drive {
             limits: Limits::NONE,
             progress: Progress::None,
             arming: Arming::OFF,
+            #[cfg(not(feature = "no-chopper"))]
+            chopper: Chopper::OFF,
             map: None,
             disabled: false,
             later: Later::Nothing,

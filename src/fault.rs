@@ -173,10 +173,10 @@ faults! {
     CurrentModel = 42,
         "currents and voltages do not fit the motor: an open phase, a blind amplifier, or wrong settings",
         "check the motor's wires and the shunts";
-    /// The thermal model of the winding is beyond its limit.
+    /// The thermal model of the winding is beyond its limit, or what its resistance tells is.
     WindingHot = 43,
-        "the winding is too hot by the current that has flowed",
-        "let it cool; lower the load, or raise continuous_current_a if the motor stands more";
+        "the winding is too hot by its current or resistance",
+        "let it cool; lower the load; see continuous_current_a, max_winding_rise_k";
     /// The thermal model of the bridge is beyond its limit.
     BridgeOverload = 44,
         "the bridge is overloaded by the current that has flowed",
@@ -197,6 +197,10 @@ faults! {
     Disabled = 48,
         "the enable input is off",
         "close the enable contact";
+    /// The brake resistor was on for longer than it may be, and has to cool down.
+    BrakeResistor = 49,
+        "the brake resistor was on for too long and has to cool down",
+        "wait; then see why the bus stays above chopper_v: the supply, a shaft that is driven, or too weak a resistor";
 }
 
 const fn hall_code(why: Implausible) -> u8 {
@@ -333,7 +337,7 @@ mod tests {
     use super::*;
 
     /// What is in flashes, logs and other versions of the tools: a row is added, none is changed.
-    const NUMBERS: [(u8, Fault); 42] = [
+    const NUMBERS: [(u8, Fault); 43] = [
         (1, Fault::Hall(Implausible::AtRail(Channel(0)))),
         (2, Fault::Hall(Implausible::AtRail(Channel(1)))),
         (3, Fault::Hall(Implausible::AtRail(Channel(2)))),
@@ -376,6 +380,7 @@ mod tests {
         (46, Fault::MotorThermistor),
         (47, Fault::NotStopped),
         (48, Fault::Disabled),
+        (49, Fault::BrakeResistor),
     ];
 
     #[test]

@@ -16,9 +16,13 @@ pub mod procedure;
 mod sequence;
 pub mod standstill;
 pub mod swings;
+#[cfg(not(feature = "small"))]
+mod winding;
 
 use crate::commutation::Commutation;
 use crate::config::Config;
+#[cfg(not(feature = "small"))]
+use crate::control::config::COPPER_PER_K;
 use crate::control::{Impedance, cogging};
 use crate::drive::standstill::Window;
 use crate::drive::{Command, Reply, Tasks};
@@ -32,6 +36,8 @@ use crate::telemetry::{Measurement, Progress, Record};
 use core::fmt;
 use heapless::{Deque, Vec};
 use phases::Phases;
+#[cfg(not(feature = "small"))]
+use winding::Winding;
 
 /// What [`Service::poll`] delivers.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -116,6 +122,8 @@ pub struct Service {
     /// Commutation that was commanded last.
     commutation: Commutation,
     phases: Phases,
+    #[cfg(not(feature = "small"))]
+    winding: Winding,
 }
 
 /// Where a command comes from.
@@ -160,6 +168,8 @@ impl Service {
             unused_config: None,
             commutation: config.commutation,
             phases: Phases::default(),
+            #[cfg(not(feature = "small"))]
+            winding: Winding::default(),
         }
     }
 
@@ -249,6 +259,10 @@ impl Service {
             _ => {}
         }
         if origin == Origin::Configure {
+            #[cfg(not(feature = "small"))]
+            {
+                self.winding = Winding::default();
+            }
             self.commutation = self.config.commutation;
         }
     }
@@ -309,7 +323,28 @@ impl Service {
             let _ = self.send_internal(Command::Trip(fault));
             self.phases = Phases::default();
         }
+        #[cfg(not(feature = "small"))]
+        self.look_at_winding(&measurement);
         Some(measurement)
+    }
+
+    #[cfg(not(feature = "small"))]
+    fn look_at_winding(&mut self, measurement: &Measurement) {
+        if self.commutation == Commutation::FieldOriented
+            && let Some(control) = &self.config.control
+            && let Some(square) =
+                self.winding.look(&measurement.state, measurement.rotor.speed(), &control.overload.copper)
+        {
+            // Measured again, where the queue is full.
+            let _ = self.send_internal(Command::Winding(square));
+        }
+    }
+
+    /// How much warmer the winding was than when `resistance_ohm` was measured, K, when its resistance told it last; `None`
+    /// where that is not measured (`max_winding_rise_k`), or was not yet.
+    #[cfg(not(feature = "small"))]
+    pub fn winding_rise_k(&self) -> Option<f32> {
+        self.winding.risen.map(|risen| risen / COPPER_PER_K)
     }
 
     /// The next window of a measurement at standstill.

@@ -5,6 +5,8 @@
 //! together, for some ranges depend on other settings, and makes a [`Config`](crate::config::Config) of them.
 
 mod choice;
+#[cfg(not(feature = "no-chopper"))]
+mod chopper;
 mod declaration;
 mod entry;
 mod error;
@@ -17,6 +19,8 @@ pub use declaration::{ABOUT, Control, GuardSettings, Settings, TABLE, Thermistor
 pub use entry::{Entry, Kind, about, find};
 pub use error::Error;
 pub use guard::Ceiling;
+#[cfg(not(feature = "small"))]
+pub(crate) use guard::DEAD_TIMES;
 
 const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 

@@ -6,7 +6,7 @@ use hallservo::drive::Command;
 use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings, Thermistor};
-use plant::PlantParameters;
+use plant::{BackEmf, HeatParameters, PlantParameters};
 use sim::rig::Rig;
 
 fn settings(control: Control) -> Settings {
@@ -192,5 +192,117 @@ fn a_thermistor_that_is_open_or_shorted_is_a_fault_and_never_cold() {
         rig.temperatures[place] = TemperatureCode::MISSING;
         rig.run(0.06, |_, _| ());
         assert_eq!(rig.drive.mode(), Mode::Running);
+    }
+}
+
+/// Largest rise of the winding's temperature in the settings; the continuous current's own is 0.87 of it, 87 K.
+const ALLOWED_K: f32 = 100.0;
+/// What is left of errors in these tests: the dead time and its compensation, the amplifiers' zeros, and what the copper warms
+/// until a mean shows it.
+const ERROR_K: f64 = 12.0;
+
+/// How warm a cold motor may seem.
+const COLD_K: f32 = 22.0;
+
+/// A motor that warms twice as far as that of the settings, and in half of the time: by 174 K at 1.5 A, without what the
+/// resistance rises by.
+fn warms_twice_as_far(plant: &mut PlantParameters) {
+    plant.motor.heat =
+        Some(HeatParameters { copper_k_per_w: 6.9, copper_time_s: 15.0, housing_k_per_w: 6.9, housing_time_s: 60.0 });
+}
+
+fn warming(max_winding_rise_k: f32) -> Settings {
+    let guard = GuardSettings { max_winding_rise_k, ..GuardSettings::default() };
+    settings(Control { winding_time_s: 30.0, housing_time_s: 120.0, guard, ..Control::default() })
+}
+
+/// The copper's largest rise while as much current is asked for as there may be, at a speed; and by how much the measurement
+/// was off at most.
+fn warmest(speed_rad_s: f64, settings: &Settings) -> (f64, f64) {
+    let mut plant = PlantParameters::imperfect(1);
+    warms_twice_as_far(&mut plant);
+    let mut rig = Rig::new(&plant, settings, 1).unwrap();
+    rig.calibrate(|_| ()).unwrap();
+    rig.run(0.1, |_, _| ());
+    rig.plant.set_dyno(Some(speed_rad_s)).unwrap();
+    rig.command(Command::Arm).unwrap();
+    let (mut most, mut off) = (0.0_f64, 0.0_f64);
+    for _ in 0..3 {
+        // What is commanded once holds for a minute at most.
+        current(&mut rig, 3.0);
+        rig.run(40.0, |rig, period| {
+            let [copper_k, _] = period.truth.heat_k;
+            most = most.max(copper_k);
+            if let Some(rise_k) = rig.service.winding_rise_k() {
+                off = off.max((f64::from(rise_k) - copper_k).abs());
+            }
+        });
+        let measured = rig.service.winding_rise_k();
+        println!(
+            "{speed_rad_s} rad/s: {:.1} K, measured {measured:.1?} K, {:.2} A",
+            rig.plant.truth().heat_k[0],
+            square(&rig).sqrt()
+        );
+        assert_eq!(rig.drive.mode(), Mode::Running);
+    }
+    (most, off)
+}
+
+#[test]
+fn a_winding_that_warms_twice_as_far_is_seen_by_its_resistance() {
+    for speed_rad_s in [0.0, 8.0, -15.0] {
+        let (without, _) = warmest(speed_rad_s, &warming(0.0));
+        let (with, off) = warmest(speed_rad_s, &warming(ALLOWED_K));
+        println!("{speed_rad_s} rad/s: {without:.1} K without, {with:.1} K with, off by {off:.1} K");
+        let allowed = f64::from(ALLOWED_K);
+        assert!(without > 1.5 * allowed, "{without:.1} K");
+        assert!(with < allowed + ERROR_K && off < ERROR_K, "{with:.1} K, off by {off:.1} K");
+    }
+}
+
+/// A motor in the cold, whose resistance is that of the settings, while nearly everything else is off: its flux linkage, the
+/// dead time, and one way or the other the amplifiers' gains since they have measured the resistance.
+fn cold(way: f64) -> Rig {
+    let mut plant = PlantParameters::imperfect(3);
+    plant.motor.back_emf = BackEmf::sinusoidal(5e-3 * (1.0 + 0.15 * way));
+    plant.inverter.dead_time_s *= 1.0 + 0.2 * way;
+    plant.current_sense.gain *= 1.0 - 0.02 * way;
+    plant.motor.inertia_kgm2 *= 2.0;
+    let guard = GuardSettings { max_winding_rise_k: 60.0, ..GuardSettings::default() };
+    let control =
+        Control { continuous_current_a: 2.5, inertia_kgm2: 2e-5, guard, max_regeneration_a: 5.0, ..Control::default() };
+    plant.bus.regenerative = true;
+    let settings = settings(control);
+    let mut rig = Rig::new(&plant, &settings, 1).unwrap();
+    rig.calibrate(|_| ()).unwrap();
+    rig.run(0.1, |_, _| ());
+    rig
+}
+
+#[test]
+fn a_cold_motor_is_not_taken_for_a_warm_one() {
+    const SPEEDS: [f32; 12] = [5.0, -5.0, 15.0, 300.0, -300.0, 0.0, 22.0, -40.0, 100.0, -2.0, -150.0, 0.5];
+    for way in [-1.0, 1.0] {
+        let mut rig = cold(way);
+        rig.command(Command::Arm).unwrap();
+        let (mut least, mut most, mut measured) = (0.0_f32, 0.0_f32, 0);
+        for k in 0..60 {
+            // Now the load drives, now it brakes.
+            rig.plant.set_load([0.03, -0.03, 0.045, 0.0, -0.03][k % 5]).unwrap();
+            let control = rig.control().unwrap();
+            let speed = control.speed(SPEEDS[k % SPEEDS.len()]).unwrap();
+            let amperes = control.current(if k % 2 == 0 { 2.2 } else { -2.2 }).unwrap();
+            let command = if k % 10 == 9 { Command::Current(amperes) } else { Command::Speed(speed) };
+            rig.command(command).unwrap();
+            rig.run(1.0, |rig, _| {
+                assert!(!rig.drive.limits().contains(Limits::HEAT), "{k} {way}");
+                if let Some(rise_k) = rig.service.winding_rise_k() {
+                    (least, most, measured) = (least.min(rise_k), most.max(rise_k), measured + 1);
+                }
+            });
+            assert_eq!(rig.drive.mode(), Mode::Running, "{k} {way}");
+        }
+        println!("{way}: {least:.1} to {most:.1} K");
+        assert!(measured > 1000 && least > -COLD_K && most < COLD_K, "{measured}, {least:.1} to {most:.1} K");
     }
 }

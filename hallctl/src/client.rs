@@ -19,6 +19,9 @@ use std::time::{Duration, Instant};
 /// From look to look of a drive whose time is that on the wall, at most: also the sign of life of this tool.
 const EVERY: Duration = Duration::from_millis(50);
 
+/// The same where what is waited for takes no longer than a few of them.
+pub const SHORT: Duration = Duration::from_millis(5);
+
 /// How often a request goes out, at most, while nothing comes back: a line may lose a byte.
 const ATTEMPTS: u32 = 4;
 
@@ -243,6 +246,7 @@ impl Client {
     /// Refused, or the check has found a fault, which is named.
     pub fn arm(&mut self) -> Result<()> {
         self.order(Ask::Arm)?;
+        let mut look = (Instant::now(), 0);
         loop {
             let status = self.status()?;
             if let Mode::Faulted(fault) = status.mode {
@@ -252,7 +256,7 @@ impl Client {
                 return Ok(());
             }
             // So short that a drive which is commanded next has its time.
-            self.listen(Duration::from_millis(5))?;
+            self.pause(&mut look, &status, SHORT)?;
         }
     }
 
@@ -335,6 +339,21 @@ impl Client {
             )?;
         }
         *before = (Instant::now(), status.uptime_ms);
+        Ok(())
+    }
+
+    /// Waits for so much of the drive's time, collecting telemetry.
+    ///
+    /// # Errors
+    /// As [`Self::ask`].
+    pub fn wait_ms(&mut self, ms: u64) -> Result<()> {
+        let began = self.status()?;
+        let mut look = (Instant::now(), began.uptime_ms);
+        let mut status = began;
+        while status.uptime_ms < began.uptime_ms + ms {
+            self.pause(&mut look, &status, SHORT)?;
+            status = self.status()?;
+        }
         Ok(())
     }
 

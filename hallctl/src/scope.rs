@@ -1,16 +1,13 @@
 //! A recording of the drive's scope: begun, waited for, read out, and in the units of its channels.
 
-use crate::client::{Client, unexpected};
+use crate::client::{Client, SHORT, unexpected};
 use crate::error::{Error, Result};
 use crate::units;
 use anyhow::anyhow;
 use hallservo::scope::{CHANNELS, Channel, Row, Setup, State, Trigger};
 use hallservo_protocol::{Answer, Ask, ROWS_AT_ONCE, ScopeAsk, ScopeRows, ScopeStatus};
 use std::hash::{BuildHasher, Hasher, RandomState};
-use std::time::Duration;
-
-/// From look to look while nothing has happened.
-const EVERY: Duration = Duration::from_millis(5);
+use std::time::Instant;
 
 /// What was recorded.
 #[derive(Clone, Debug, PartialEq)]
@@ -192,6 +189,7 @@ pub fn late(state: State, seconds: f64) -> Error {
 
 fn wait(client: &mut Client, id: u32, seconds: f64) -> Result<ScopeStatus> {
     let began_ms = client.status()?.uptime_ms;
+    let mut look = (Instant::now(), began_ms);
     loop {
         let scope = status(client)?;
         if scope.id != id || scope.state == State::None {
@@ -200,11 +198,11 @@ fn wait(client: &mut Client, id: u32, seconds: f64) -> Result<ScopeStatus> {
         if scope.state == State::Done {
             return Ok(scope);
         }
-        let passed_ms = client.status()?.uptime_ms.saturating_sub(began_ms);
-        if passed_ms as f64 > 1000.0 * seconds {
+        let now = client.status()?;
+        if now.uptime_ms.saturating_sub(began_ms) as f64 > 1000.0 * seconds {
             return Err(late(scope.state, seconds));
         }
-        client.listen(EVERY)?;
+        client.pause(&mut look, &now, SHORT)?;
     }
 }
 

@@ -28,9 +28,14 @@ const IDENTITY: Identity = Identity { board: "simulated", firmware: env!("CARGO_
 /// Both thermistors at 25 °C, 12 bit.
 const COOL: TemperatureCode = TemperatureCode::new(2048);
 
-/// What no setting exceeds: transistors of 40 V that stand 6 A.
-const CEILINGS: &[Ceiling] =
-    &[("max_current_a", 6.0), ("over_current_a", 7.5), ("over_voltage_v", 34.0), ("bridge_max_c", 110.0)];
+/// What no setting exceeds: transistors of 40 V that stand 6 A, and no brake resistor.
+const CEILINGS: &[Ceiling] = &[
+    ("max_current_a", 6.0),
+    ("over_current_a", 7.5),
+    ("over_voltage_v", 34.0),
+    ("bridge_max_c", 110.0),
+    ("chopper_v", 0.0),
+];
 
 /// What the simulated board has by default: the motor of Simpkins and Todorov, field-oriented; a command holds for a
 /// second.

@@ -1,14 +1,12 @@
 //! What turns the rotor is over when the rotor is at rest and the result is final, not before; and never takes for
 //! ever.
 
-mod tool;
-
+use crate::tool::{ask, begin, calibrated, done, drive, run, status, wait};
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Problem, Procedure, Refusal, Status};
 use plant::{Cogging, Friction, HallFault, PlantParameters, Rail};
-use tool::{ask, begin, calibrated, done, drive, run, status, wait};
 
 /// Longest wait beyond what a procedure itself takes, ms, and what looks at it add.
 const LONGEST_MS: u64 = 5000 + 10;

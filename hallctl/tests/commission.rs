@@ -1,10 +1,6 @@
 //! `hallctl commission`: ten motors, from a board that knows nothing to a drive that turns; broken off and gone on with.
 
-#![cfg(unix)]
-
-mod process;
-
-use process::{Drive, HALLCTL, PATIENCE};
+use crate::process::{Drive, HALLCTL, PATIENCE};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
 use std::io::{BufRead, BufReader};
@@ -190,7 +186,7 @@ fn a_wait_for_a_winding_ends() {
     assert!(is_off());
 
     let (code, said) = commission(&drive, &folder, &[]);
-    assert!(code == Some(7) && said.contains("the winding is too hot by the current that has flowed"), "{said}");
+    assert!(code == Some(7) && said.contains("the winding is too hot by its current or resistance"), "{said}");
     assert_eq!(said.matches(TOO_WARM).count(), 15, "{said}");
     assert!(said.contains("goes on with this step") && is_off(), "{said}");
 }

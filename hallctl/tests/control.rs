@@ -1,7 +1,6 @@
 //! Who may say what: one tool controls, others read, anyone stops; and what begins without a tool that lives ends.
 
-mod tool;
-
+use crate::tool::{ask, ask_as, calibrated, done, drive, request_of, run, status, wait};
 use hallctl::simulate::flash::Flash;
 use hallctl::simulate::{Simulator, defaults};
 use hallservo::drive::Refusal as DriveRefusal;
@@ -11,7 +10,6 @@ use hallservo::settings::{self, Settings};
 use hallservo_protocol::*;
 use plant::PlantParameters;
 use std::sync::LazyLock;
-use tool::{ask, ask_as, calibrated, done, drive, request_of, run, status, wait};
 
 const FIRST: u32 = 1;
 const SECOND: u32 = 2;
@@ -196,7 +194,8 @@ fn settings_that_could_not_be_taken_over_are_confirmed_before_the_bridge_is_on()
 fn a_ceiling_is_named_and_changes_nothing() {
     let mut drive = ready();
     for (field, most) in defaults().ceilings.iter().copied() {
-        let value = 1.01 * most;
+        // A ceiling of zero leaves out what the board has not.
+        let value = 1.01 * most + 0.01;
         let why = settings::Error::Ceiling { field, value, most };
         refused(&mut drive, FIRST, Ask::Set { name: field, value }, Refusal::Setting(why));
         assert!(hallctl::words::refusal(&Refusal::Setting(why)).contains("ceiling"));

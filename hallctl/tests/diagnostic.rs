@@ -1,8 +1,7 @@
 //! The diagnostic channel of register clients at a simulated drive: what moves, what ends it, and what becomes of the
 //! settings.
 
-mod tool;
-
+use crate::tool::{ask, ask_as, calibrated, done, drive, run, status};
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
 use hallservo::board::Output;
@@ -11,7 +10,6 @@ use hallservo::settings::TABLE;
 use hallservo_protocol::{Answer, Ask, Refusal};
 use std::fmt::Write;
 use std::sync::LazyLock;
-use tool::{ask, ask_as, calibrated, done, drive, run, status};
 
 /// A flash with a calibration.
 static FLASH: LazyLock<Vec<u8>> = LazyLock::new(|| calibrated().1);

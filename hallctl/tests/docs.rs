@@ -18,7 +18,7 @@ fn read(file: &str) -> String {
 fn faults() -> String {
     let mut page = String::from(
         "# Faults\n\nWhat switches the bridge off, until a person has cleared it. `hallctl faults` says which, \
-         when, and what to do.\nThis page is made from the code's own texts: `UPDATE_DOCS=1 cargo test -p hallctl --test docs`.\n\n\
+         when, and what to do.\nThis page is made from the code's own texts: `UPDATE_DOCS=1 cargo test -p hallctl --test all docs::`.\n\n\
          | number | what the drive says | what to do |\n|---:|---|---|\n",
     );
     for fault in Fault::all() {
@@ -33,7 +33,7 @@ fn the_list_of_faults_is_the_codes() {
     if env::var_os("UPDATE_DOCS").is_some() {
         fs::write(root().join("docs/faults.md"), faults()).unwrap();
     }
-    assert_eq!(read("docs/faults.md"), faults(), "run UPDATE_DOCS=1 cargo test -p hallctl --test docs");
+    assert_eq!(read("docs/faults.md"), faults(), "run UPDATE_DOCS=1 cargo test -p hallctl --test all docs::");
     assert!(Fault::all().count() > 40);
 }
 

@@ -1,7 +1,7 @@
 //! Two rings on the shaft: from calibration to a thousand power-ups.
 
-mod tool;
-
+use crate::tool::rings::{CALIBRATED, at, calibrate, calibrated, encoder, error_deg, powered_up};
+use crate::tool::{self, arm, ask, done, run, status, wait};
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
 use hallservo::fault::Fault;
@@ -14,8 +14,6 @@ use plant::heads::Defect;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use std::f64::consts::TAU;
-use tool::rings::{CALIBRATED, at, calibrate, calibrated, encoder, error_deg, powered_up};
-use tool::{arm, ask, done, run, status, wait};
 
 fn random(seed: u64) -> Pcg64 {
     Pcg64::seed_from_u64(seed)

@@ -1,13 +1,11 @@
 //! Which measurement closes speed and position loop better: the Halls or the encoder. The same motor, the same gains.
 
-mod tool;
-
+use crate::tool::rings::{CALIBRATED, calibrated};
+use crate::tool::{arm, done, run};
 use hallctl::simulate::Simulator;
 use hallservo::mode::Mode;
 use hallservo_protocol::Ask;
 use std::f64::consts::TAU;
-use tool::rings::{CALIBRATED, calibrated};
-use tool::{arm, done, run};
 
 const POLE_PAIRS: f64 = 4.0;
 const PWM_HZ: f64 = 40e3;

@@ -1,9 +1,7 @@
 //! `hallctl` at `hallctl simulate`: every command that a person has, over TCP and over a pseudo-terminal.
 
-mod process;
-
+use crate::process::{Drive, call, fails, spawn};
 use hallservo_protocol::VERSION;
-use process::{Drive, call, fails, spawn};
 use std::fs;
 use std::io::{BufRead, BufReader, Read, Write};
 use std::net::{Shutdown, TcpListener, TcpStream};

@@ -1,14 +1,12 @@
 //! Garbage, truncated and hostile frames never move the motor, stop the control loop or panic.
 
-mod tool;
-
+use crate::tool::{calibrated, done, drive, request, run, status};
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Ask, Problem};
 use proptest::prelude::*;
 use std::sync::LazyLock;
-use tool::{calibrated, done, drive, request, run, status};
 
 /// A flash with a calibration.
 static FLASH: LazyLock<Vec<u8>> = LazyLock::new(|| calibrated().1);

@@ -1,8 +1,7 @@
 //! Several tools at one drive, by way of the hub: who is answered, who gets how much telemetry, and what happens when
 //! one vanishes. The drive is in this process, and its time is counted.
 
-mod tool;
-
+use crate::tool::{calibrated, drive, request_of, run};
 use hallctl::hub::{Hub, To, Tool};
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
@@ -10,7 +9,6 @@ use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Answer, Ask, Decoder, Refusal, Reply};
 use std::collections::BTreeMap;
-use tool::{calibrated, drive, request_of, run};
 
 /// A drive, the hub, and what each tool has heard.
 struct Bench {

@@ -1,8 +1,6 @@
 //! A spring and a damper by the tool.
 
-mod process;
-
-use process::Drive;
+use crate::process::Drive;
 
 fn position(drive: &Drive) -> f64 {
     let status = drive.ok(&["status"]);

@@ -1,7 +1,6 @@
 //! The sensors are learnt after every kind of start, at motors that the settings do not fit.
 
-mod tool;
-
+use crate::tool::{done, run, status, wait};
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
 use hallservo_protocol::{Ask, Learning};
@@ -9,7 +8,9 @@ use plant::{PlantParameters, Unevenness};
 use rayon::prelude::*;
 use sim::rig::error_deg;
 use sim::statistics::Statistics;
-use tool::{done, run, status, wait};
+
+/// Motors of which some have half the inertia that the settings say, some the whole and some three times as much.
+const MOTORS: [u64; 12] = [4, 8, 3, 10, 1, 2, 5, 6, 7, 9, 11, 12];
 
 /// A motor that the default settings are for by its data sheet alone.
 fn motor(number: u64) -> PlantParameters {
@@ -66,7 +67,7 @@ fn turned(plant: &PlantParameters, flash: &[u8], start: Start, seconds: u32, lea
 
 #[test]
 fn the_sensors_are_learnt_after_every_kind_of_start() {
-    for number in [1, 2, 3, 5, 7, 9] {
+    for number in MOTORS.into_iter().take(sim::rotors(2) as usize) {
         let plant = motor(number);
         let flash = calibrated(&plant);
         let mut starts = Vec::new();
@@ -92,7 +93,7 @@ fn the_sensors_are_learnt_after_every_kind_of_start() {
 fn uneven_magnets_are_told_and_leave_the_calibration_as_it_was() {
     let gain = Unevenness { gain: 0.1, ..Unevenness::NONE };
     for (name, unevenness) in [("gain ±10 %", gain), ("cheap", Unevenness::CHEAP)] {
-        for number in [1, 2, 3] {
+        for number in 1..=sim::rotors(2) {
             let plant = motor(number).with_unevenness(&unevenness, number);
             let flash = calibrated(&plant);
             let start = Start { rest_ms: 300, speed: 60.0, fades: 0.0 };
@@ -109,7 +110,7 @@ fn uneven_magnets_are_told_and_leave_the_calibration_as_it_was() {
 #[test]
 fn what_was_learnt_is_taken_back_where_the_magnets_turn_out_uneven() {
     let start = Start { rest_ms: 300, speed: 60.0, fades: 0.1 };
-    for number in [1, 2, 3] {
+    for number in 1..=sim::rotors(2) {
         let even = motor(number);
         let calibration = calibrated(&even);
         let (mut drive, _) = turned(&even, &calibration, start, 10, true);
@@ -129,6 +130,6 @@ fn what_was_learnt_is_taken_back_where_the_magnets_turn_out_uneven() {
         let [taken_back, fixed, kept] = [taken_back, fixed, kept].map(|errors| errors.rms());
         println!("{number}: {kept:.2}° as learnt, {taken_back:.2}° taken back, {fixed:.2}° as calibrated");
         assert_eq!((status.learning, status.learnt), (Learning::Uneven, 1), "{number}");
-        assert!(taken_back < 1.05 * fixed && kept > 1.2 * fixed, "{number}");
+        assert!(taken_back < 1.05 * fixed && kept > 1.15 * fixed, "{number}");
     }
 }

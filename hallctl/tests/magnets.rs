@@ -1,7 +1,6 @@
 //! The map of the rotor's magnets in a drive: learnt, stored, found again after power-up, dropped where it does not fit.
 
-mod tool;
-
+use crate::tool::{ask, done, run, status, wait};
 use hallctl::simulate::flash::Flash;
 use hallctl::simulate::{self, Simulator};
 use hallservo::fault::Limits;
@@ -16,7 +15,6 @@ use std::cell::RefCell;
 use std::f64::consts::TAU;
 use std::rc::Rc;
 use std::sync::LazyLock;
-use tool::{ask, done, run, status, wait};
 
 fn at(plant: &PlantParameters, seed: u64, flash: Flash) -> Simulator {
     Simulator::at(plant, seed, flash, Vec::new()).unwrap()
@@ -129,7 +127,7 @@ fn a_map_is_learnt_used_stored_and_found_again_after_power_up() {
         assert!(before > 2.0 * times && after < 0.2, "{seed}: {before} {after}");
         assert!((f64::from(without_deg) / before - 1.0).abs() < 0.15 && (f64::from(with_deg) - after).abs() < 0.05);
         let flash = drive.flash();
-        for _ in 0..4 {
+        for _ in 0..sim::rotors(2).min(4) {
             let mut drive = at(&plant, seed, Flash::of(flash.clone()));
             drive.plant.place(random.random_range(0.0..TAU), 0.0).unwrap();
             run(&mut drive, 20);
@@ -179,7 +177,7 @@ fn even_magnets_need_no_map() {
 fn the_map_of_another_rotor_is_never_used() {
     // The same Halls over other magnets.
     let cheap = Unevenness { rated_a: 6.0, ..Unevenness::CHEAP };
-    for seed in 2..8 {
+    for seed in 2..2 + sim::rotors(2) {
         let plant = PlantParameters::imperfect(1).with_unevenness(&cheap, seed);
         let mut drive = powered_up(&plant, LEARNT.clone(), seed as f64);
         arm(&mut drive);
@@ -294,11 +292,11 @@ fn a_power_cut_while_the_map_is_saved_leaves_the_one_before_or_the_new_one() {
 }
 
 /// Rotors of any unevenness up to half as much again as cheap ones, powered up anywhere and turned at random. The form
-/// for a night: `ROTORS=1000 cargo test -p hallctl --test magnets many -- --ignored --nocapture`.
+/// for a night: `ROTORS=1000 cargo test -p hallctl --test all many -- --ignored --nocapture`.
 #[test]
 #[ignore = "two seconds a rotor"]
 fn many_rotors_are_never_used_at_a_wrong_pole() {
-    let rotors = std::env::var("ROTORS").map_or(20, |rotors| rotors.parse().unwrap());
+    let rotors = sim::rotors(20);
     let (mut kept, mut found, mut told) = (0, 0, 0);
     for seed in 1..=rotors {
         let mut random = Pcg64::seed_from_u64(seed);

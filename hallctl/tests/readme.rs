@@ -1,11 +1,7 @@
 //! The conversation with a drive in `docs/tool.md`, command by command as it stands there, at a drive that is simulated
 //! anew: each does and says what is written, whatever the figures.
 
-#![cfg(unix)]
-
-mod process;
-
-use process::{Drive, HALLCTL, PATIENCE};
+use crate::process::{Drive, HALLCTL, PATIENCE};
 use std::process::{Command, Stdio};
 
 /// Figures are masked, their signs, and the room that they take.

@@ -1,8 +1,6 @@
 //! `hallctl record` and `hallctl chirp` at a simulated drive in a process of its own.
 
-mod process;
-
-use process::{Drive, spawn};
+use crate::process::{Drive, spawn};
 use serde_json::Value;
 
 fn calibrated() -> Drive {

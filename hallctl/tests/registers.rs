@@ -1,7 +1,6 @@
 //! Register clients and our own tools on one line: neither is ever mistaken for the other, and one controls at a time.
 
-mod tool;
-
+use crate::tool::{arm, ask_as, calibrated, done, drive, request, run, status};
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
 use hallservo::fault::Fault;
@@ -10,7 +9,6 @@ use hallservo::settings::Settings;
 use hallservo_protocol::{Answer, Ask, Refusal};
 use proptest::prelude::*;
 use std::sync::LazyLock;
-use tool::{arm, ask_as, calibrated, done, drive, request, run, status};
 
 /// A flash with a calibration.
 static FLASH: LazyLock<Vec<u8>> = LazyLock::new(|| calibrated().1);

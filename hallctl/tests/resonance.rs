@@ -1,9 +1,7 @@
 //! `hallctl tune` and `hallctl chirp` at loads on shafts that twist: what swings is named, and the loops that are left
 //! are calm.
 
-mod process;
-
-use process::Drive;
+use crate::process::{self, Drive};
 use serde_json::Value;
 
 /// A load, as the options of `hallctl simulate` have it.

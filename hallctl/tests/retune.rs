@@ -1,7 +1,6 @@
 //! Bandwidths of the loops changed while the motor turns under load: no jump of the current, whatever is asked for.
 
-mod tool;
-
+use crate::tool::{arm, ask, calibrated, done, drive, run, status};
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
 use hallservo::mode::Mode;
@@ -9,7 +8,6 @@ use hallservo::scope::{Channel, Setup, State, Trigger};
 use hallservo::settings::Error;
 use hallservo_protocol::{Answer, Ask, ROWS_AT_ONCE, Refusal, ScopeAsk, ScopeStatus};
 use std::sync::LazyLock;
-use tool::{arm, ask, calibrated, done, drive, run, status};
 
 /// A flash with a calibration.
 static FLASH: LazyLock<Vec<u8>> = LazyLock::new(|| calibrated().1);
@@ -92,7 +90,10 @@ fn the_current_does_not_jump() {
                 // The change is carried out within the first steps after the trigger.
                 let step = largest_step(&currents[BEFORE - 1..BEFORE + 64]);
                 let [before, after] = [&currents[..BEFORE], &currents[BEFORE + 64..]].map(largest_step);
-                let usual = before.max(after);
+                // The noise differs over an electrical turn, of which a record is half: the same value changes nothing.
+                let again =
+                    [(); 2].map(|()| largest_step(&currents_about(&mut drive, |drive| set(drive, name, value))));
+                let usual = again.into_iter().fold(before.max(after), f64::max);
                 println!("{demand:?} {name} {value}: {step:.4} A; usual {usual:.4} A");
                 assert!(step < 2.0 * usual + 0.02, "{demand:?} {name} {value}: {step} A, usual {usual} A");
             }

@@ -1,7 +1,6 @@
 //! The scope: what it records about a trigger, whose it is, and that the drive does not notice.
 
-mod tool;
-
+use crate::tool::{arm, ask, ask_as, calibrated, done, drive, run};
 use hallctl::scope::Recording;
 use hallctl::simulate::Simulator;
 use hallctl::simulate::fault::Kind;
@@ -10,7 +9,6 @@ use hallservo::mode::Mode;
 use hallservo::scope::{Channel, Error, ROWS, Setup, State, Trigger};
 use hallservo_protocol::{Answer, Ask, ROWS_AT_ONCE, Refusal, ScopeAsk, ScopeRefusal, ScopeStatus};
 use std::sync::LazyLock;
-use tool::{arm, ask, ask_as, calibrated, done, drive, run};
 
 /// A flash with a calibration.
 static FLASH: LazyLock<Vec<u8>> = LazyLock::new(|| calibrated().1);

@@ -1,10 +1,6 @@
 //! What a script relies on: JSON from every command, exit codes, standard streams, an output that is full or closed.
 
-#![cfg(unix)]
-
-mod process;
-
-use process::{Drive, HALLCTL, PATIENCE, call, spawn};
+use crate::process::{Drive, HALLCTL, PATIENCE, call, spawn};
 use serde_json::Value;
 use std::fs::File;
 use std::io::Write;

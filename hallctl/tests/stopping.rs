@@ -1,11 +1,7 @@
 //! A motor can be stopped at any time: by Ctrl-C, by a tool that is killed, and from a second terminal. The time is
 //! that of the drive, which it tells in its log.
 
-#![cfg(unix)]
-
-mod process;
-
-use process::{Drive, HALLCTL, PATIENCE};
+use crate::process::{Drive, HALLCTL, PATIENCE};
 use rustix::process::{Pid, Signal, kill_process};
 use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, Command, Stdio};

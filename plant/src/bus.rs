@@ -1,6 +1,6 @@
 //! The supply of the inverter.
 
-use crate::error::{Error, finite, not_negative, require};
+use crate::error::{Error, finite, not_negative, positive, require};
 
 /// The supply and its capacitor.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -43,13 +43,15 @@ fn supply(volts: f64) -> Result<(), Error> {
 #[derive(Clone, Debug)]
 pub(crate) struct Bus {
     parameters: BusParameters,
+    /// Conductance of a resistor across the bus, S.
+    brake_s: f64,
     pub volts: f64,
 }
 
 impl Bus {
     pub fn new(parameters: &BusParameters) -> Result<Self, Error> {
         parameters.check()?;
-        Ok(Self { parameters: *parameters, volts: parameters.supply_v })
+        Ok(Self { parameters: *parameters, brake_s: 0.0, volts: parameters.supply_v })
     }
 
     pub fn set_supply(&mut self, supply_v: f64) -> Result<(), Error> {
@@ -70,23 +72,36 @@ impl Bus {
         Ok(())
     }
 
+    /// Connects a resistor across the bus, or none.
+    pub fn set_brake(&mut self, brake_ohm: Option<f64>) -> Result<(), Error> {
+        self.brake_s = match brake_ohm {
+            None => 0.0,
+            Some(ohm) => {
+                positive(ohm, "brake_ohm")?;
+                1.0 / ohm
+            }
+        };
+        Ok(())
+    }
+
     /// Lets the bridge draw a current for a span.
     pub fn draw(&mut self, current_a: f64, span_s: f64) {
         let BusParameters { supply_v, source_ohm, capacitance_f, regenerative } = self.parameters;
         if source_ohm == 0.0 {
             return;
         }
+        let brake_s = self.brake_s;
         let settled_v = supply_v - source_ohm * current_a;
         if capacitance_f == 0.0 {
-            self.volts = settled_v;
+            self.volts = settled_v / (1.0 + source_ohm * brake_s);
             return;
         }
         if !regenerative && self.volts > supply_v {
-            self.volts -= current_a * span_s / capacitance_f;
+            self.volts = (self.volts - current_a * span_s / capacitance_f) / (1.0 + brake_s * span_s / capacitance_f);
             return;
         }
         // Implicit, so that a small capacitor cannot make it swing.
         let relative = span_s / (source_ohm * capacitance_f);
-        self.volts = (self.volts + relative * settled_v) / (1.0 + relative);
+        self.volts = (self.volts + relative * settled_v) / (1.0 + relative * (1.0 + source_ohm * brake_s));
     }
 }

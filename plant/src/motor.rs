@@ -3,6 +3,7 @@
 use crate::emf::BackEmf;
 use crate::error::{Error, finite, positive, require};
 use crate::hall::View;
+use crate::heat::{Heat, HeatParameters};
 use crate::load::{Coupled, Load, LoadParameters};
 use crate::phasor::Phasor;
 use crate::rotor::{Cogging, Friction, Rotor};
@@ -29,6 +30,9 @@ pub struct MotorParameters {
     pub load_nm: f64,
     /// A load on a shaft that twists; without, the shaft is stiff.
     pub load: Option<LoadParameters>,
+    /// How the copper warms, and its resistance with it; without, it stays at `resistance_ohm`, which otherwise is that
+    /// of cold copper.
+    pub heat: Option<HeatParameters>,
 }
 
 impl MotorParameters {
@@ -54,6 +58,7 @@ impl MotorParameters {
             ],
             load_nm: 0.0,
             load: None,
+            heat: None,
         }
     }
 
@@ -105,6 +110,8 @@ pub(crate) struct Motor {
     pub windings: Windings,
     pub rotor: Rotor,
     load: Option<Load>,
+    pub heat: Option<Heat>,
+    switch_ohm: f64,
     phasor: Phasor,
 }
 
@@ -128,6 +135,8 @@ impl Motor {
             windings: Windings::new(parameters.resistance_ohm + switch_ohm, parameters.inductance_h, usual_s)?,
             rotor,
             load,
+            heat: parameters.heat.map(|heat| Heat::new(&heat, parameters.resistance_ohm)).transpose()?,
+            switch_ohm,
             phasor: Phasor::new(0.0),
         })
     }
@@ -195,6 +204,9 @@ impl Motor {
         let back_emf_v = flux_vs.map(|flux| flux * self.pole_pairs * speed);
 
         let flow = self.windings.advance(terminals, &back_emf_v, diodes, span_s);
+        if let Some(copper_ohm) = self.heat.as_mut().and_then(|heat| heat.take(&flow.currents_a, span_s)) {
+            self.windings.set_resistance(copper_ohm + self.switch_ohm);
+        }
         let torque_nm = self.torque_of(&flux_vs, &flow.currents_a);
         let cogging_nm = self.cogging_at(middle_rad);
         let moved = self.turn(torque_nm + cogging_nm, span_s);

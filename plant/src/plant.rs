@@ -52,6 +52,8 @@ pub struct Truth {
     pub cogging_nm: f64,
     /// Torque of the load against positive rotation, N·m.
     pub load_nm: f64,
+    /// Temperatures of copper and housing above the surroundings, K; zero where the motor does not warm.
+    pub heat_k: [f64; 2],
     /// Bus voltage, V.
     pub bus_v: f64,
     /// The last step of the simulation; `None` before the first.
@@ -264,6 +266,7 @@ impl Plant {
             torque_nm: self.motor.torque_nm(),
             cogging_nm: self.motor.cogging_nm(),
             load_nm: self.motor.load_nm,
+            heat_k: self.motor.heat.as_ref().map_or([0.0; 2], |heat| [heat.copper_k, heat.housing_k]),
             bus_v: self.bus.volts,
             last: self.last,
         }
@@ -315,6 +318,14 @@ impl Plant {
     /// The voltage is not finite or below zero.
     pub fn set_supply(&mut self, supply_v: f64) -> Result<(), Error> {
         self.bus.set_supply(supply_v)
+    }
+
+    /// Connects a brake resistor across the bus, Ω, or none, from now on.
+    ///
+    /// # Errors
+    /// The resistance is not finite or not above zero.
+    pub fn set_brake(&mut self, brake_ohm: Option<f64>) -> Result<(), Error> {
+        self.bus.set_brake(brake_ohm)
     }
 
     /// Sets the temperature of the Hall sensors, °C; they show it from the next period on.

@@ -42,6 +42,7 @@ const EXTINCT_A: f64 = 1e-9;
 
 #[derive(Clone, Debug)]
 pub(crate) struct Windings {
+    inductance_h: f64,
     conductance_s: f64,
     time_constant_s: f64,
     usual: Decay,
@@ -71,11 +72,19 @@ impl Windings {
         positive(inductance_h, "motor.inductance_h")?;
         let time_constant_s = inductance_h / resistance_ohm;
         Ok(Self {
+            inductance_h,
             conductance_s: 1.0 / resistance_ohm,
             time_constant_s,
             usual: Decay::over(usual_s, time_constant_s),
             currents_a: [0.0; 3],
         })
+    }
+
+    /// The resistance from now on.
+    pub fn set_resistance(&mut self, resistance_ohm: f64) {
+        self.conductance_s = 1.0 / resistance_ohm;
+        self.time_constant_s = self.inductance_h / resistance_ohm;
+        self.usual = Decay::over(self.usual.span_s, self.time_constant_s);
     }
 
     /// Ends the currents of windings that are cut. Two that remain conserve the flux of their loop, so each gives half

@@ -1,6 +1,5 @@
 //! Windings and back-EMF against closed formulas.
-mod common;
-use common::*;
+use crate::common::*;
 use plant::{BackEmf, Leg, Legs, PhaseSequence, Plant, PlantParameters, Shape};
 use std::f64::consts::{PI, TAU};
 

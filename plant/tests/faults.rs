@@ -1,6 +1,5 @@
 //! What breaks at run time, against closed formulas.
-mod common;
-use common::*;
+use crate::common::*;
 use plant::{
     AmplifierFault, InverterModel, Legs, Plant, PlantParameters, Thermistor, ThermistorFault, Transistor, Wires,
 };

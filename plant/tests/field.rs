@@ -1,6 +1,5 @@
 //! A field of constant voltage that turns by itself: what flows is bounded by no resistance.
-mod common;
-use common::*;
+use crate::common::*;
 use plant::{Legs, Plant};
 use std::f64::consts::TAU;
 

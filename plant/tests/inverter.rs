@@ -1,6 +1,5 @@
 //! Dead time, ripple, bus; the averaged model against the switched one.
-mod common;
-use common::*;
+use crate::common::*;
 use plant::{BusParameters, InverterModel, Leg, Legs, Plant, PlantParameters, Switch};
 
 fn inverter(model: InverterModel, dead_time_s: f64) -> Plant {

@@ -1,6 +1,5 @@
 //! A load on a shaft that twists, against closed formulas.
-mod common;
-use common::*;
+use crate::common::*;
 use plant::{Friction, Legs, LoadParameters, Plant, PlantParameters, Truth};
 use std::f64::consts::{PI, TAU};
 

@@ -1,6 +1,5 @@
 //! Speed, time constants, friction and energy against closed formulas.
-mod common;
-use common::*;
+use crate::common::*;
 use plant::{Friction, InverterModel, Legs, Plant, PlantParameters};
 use std::f64::consts::PI;
 

@@ -1,6 +1,5 @@
 //! Hall sensors and converter: statistics, harmonics, limits, faults.
-mod common;
-use common::*;
+use crate::common::*;
 use plant::{
     AdcParameters, HallFault, HallLayout, HallParameters, Harmonic, Legs, Plant, PlantParameters, Rail, Saturation,
     Unevenness,

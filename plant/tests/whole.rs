@@ -1,6 +1,5 @@
 //! The whole plant: repeatability, the imperfect motor's statistics, rejected parameters.
-mod common;
-use common::*;
+use crate::common::*;
 use plant::{BackEmf, HallLayout, InverterModel, Legs, MotorParameters, Plant, PlantParameters, Shape};
 use std::f64::consts::PI;
 

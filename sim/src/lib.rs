@@ -14,3 +14,11 @@ pub mod rig;
 pub mod statistics;
 
 pub use plots as report;
+
+/// Over how many rotors, motors or cases a long test goes: a few, or what the environment variable ROTORS says.
+///
+/// # Panics
+/// ROTORS that are no number: a run that is meant to be long is not to be short.
+pub fn rotors(few: u64) -> u64 {
+    std::env::var("ROTORS").map_or(few, |rotors| rotors.parse().expect("ROTORS is a number"))
+}

@@ -37,6 +37,10 @@ pub struct Rig {
     pub temperatures: [TemperatureCode; 2],
     /// Changes samples on their way from the ADC to the drive.
     pub disturb: Option<Disturb>,
+    /// The brake resistor at the drive's output for it, Ω.
+    pub brake_ohm: Option<f64>,
+    /// Whether it is on from the next period on: a driver and a transistor take their time.
+    brakes: bool,
     period_s: f64,
 }
 
@@ -73,7 +77,18 @@ impl Rig {
         let (drive, service) = connected(config);
         let map: &Live = Box::leak(Box::default());
         let drive = drive.with_map(map);
-        Ok(Self { plant, drive, service, config, map, temperatures: [COOL; 2], disturb: None, period_s })
+        Ok(Self {
+            plant,
+            drive,
+            service,
+            config,
+            map,
+            temperatures: [COOL; 2],
+            disturb: None,
+            brake_ohm: None,
+            brakes: false,
+            period_s,
+        })
     }
 
     /// Length of a control period in seconds.
@@ -90,6 +105,9 @@ impl Rig {
         }
         let truth = self.plant.truth();
         let output = self.drive.step(&sample);
+        self.plant.set_brake(self.brake_ohm.filter(|_| self.brakes)).expect("a brake resistor has a resistance");
+        // A decision is for the next period.
+        self.brakes = self.drive.chopper(&sample).unwrap_or(self.brakes);
         self.plant.advance(&legs(&output, self.config.period));
         Period { sample, truth, output }
     }
@@ -97,6 +115,11 @@ impl Rig {
     /// Control periods in a time.
     pub fn periods(&self, seconds: f64) -> u32 {
         (seconds / self.period_s).round() as u32
+    }
+
+    /// Whether the drive has the brake resistor on.
+    pub fn brakes(&self) -> bool {
+        self.brakes
     }
 
     /// Gives the drive other settings, its bridge off.

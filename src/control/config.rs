@@ -1,6 +1,10 @@
 //! Gains, limits and scales of the current, speed and position control, computed from their settings.
 
 mod arming;
+#[cfg(not(feature = "no-chopper"))]
+mod chopper;
+#[cfg(not(feature = "small"))]
+mod copper;
 mod guard;
 mod motion;
 mod overload;
@@ -16,6 +20,10 @@ use crate::pwm;
 use crate::schedule::{LONG, OUTER};
 use crate::settings::{Control, Error};
 pub(crate) use arming::{ArmingCheck, EVERY as ARMING_EVERY};
+#[cfg(not(feature = "no-chopper"))]
+pub(crate) use chopper::{Chopper, HYSTERESIS};
+#[cfg(not(feature = "small"))]
+pub(crate) use copper::{COPPER_PER_K, Copper};
 use core::f32::consts::TAU;
 use core::fmt;
 pub(crate) use guard::Guard;
@@ -65,6 +73,8 @@ pub struct Config {
     pub(crate) guard: Guard,
     pub(crate) overload: Overload,
     pub(crate) supply: Supply,
+    #[cfg(not(feature = "no-chopper"))]
+    pub(crate) chopper: Chopper,
     pub(crate) arming: ArmingCheck,
     pub(crate) motion: Motion,
     pub(crate) scale: Scale,
@@ -154,13 +164,23 @@ impl Config {
             arming: ArmingCheck::default(),
             overload: Overload::default(),
             supply: Supply::default(),
+            #[cfg(not(feature = "no-chopper"))]
+            chopper: Chopper::NONE,
             guard: Guard::default(),
         });
         config.torque_gain = config.torque_gain.max(config.velocity.proportional());
         config.motion = Motion::new(settings, frame, &motor, &scale);
         config.arming = ArmingCheck::new(settings, frame, &scale);
         config.overload = Overload::new(settings, &scale);
+        #[cfg(not(feature = "small"))]
+        {
+            config.overload.copper = Copper::new(settings, frame, &scale, config.overload.winding.fault as f32);
+        }
         config.supply = Supply::new(settings, &motor, &scale);
+        #[cfg(not(feature = "no-chopper"))]
+        {
+            config.chopper = Chopper::new(settings, loop_hz, &scale);
+        }
         config.guard = Guard::new(settings, frame.adc_bits, loop_hz, &scale);
         Ok(())
     }

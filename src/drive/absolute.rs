@@ -159,6 +159,12 @@ impl<E: AbsoluteEncoder + 'static> AbsoluteDrive<E> {
         self.look(before, reading, output)
     }
 
+    /// Whether the brake resistor is to be on, as [`Drive::chopper`].
+    #[inline(always)]
+    pub fn chopper(&mut self, sample: &Sample) -> Option<bool> {
+        self.drive.chopper(sample)
+    }
+
     /// Reads the encoder after the drive's own step. One copy for both kinds of steps, for the sake of the memory without
     /// wait states.
     #[inline(never)]

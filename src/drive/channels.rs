@@ -59,6 +59,10 @@ pub enum Command {
     /// Other bandwidths of the loops, while turning, too: of these settings nothing else is taken over. No current jumps
     /// by it. Their memory comes back through [`Tasks::configs`].
     Retune(&'static mut Config),
+    /// The winding's rise as it was measured by its resistance, as the square of the current that would make it in the long
+    /// run, in 2⁻³⁰ of the full scale's: not negative. It counts where it is hotter than the model.
+    #[cfg(not(feature = "small"))]
+    Winding(i32),
     /// Leave the faulted state.
     Clear,
     /// A task has found a fault: off, if the bridge is on.

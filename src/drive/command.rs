@@ -40,6 +40,10 @@ impl Later {
 impl Command {
     /// Whether it restarts the command time-out: what a user sends, not what the tasks send by themselves.
     const fn restarts_timeout(&self) -> bool {
+        #[cfg(not(feature = "small"))]
+        if matches!(self, Self::Winding(_)) {
+            return false;
+        }
         !matches!(self, Self::Install(_) | Self::CalibrationFailed | Self::AntiCogging(_) | Self::Trip(_))
     }
 }
@@ -120,6 +124,8 @@ impl Drive {
             Command::AntiCogging(table) => self.set_anti_cogging(table),
             Command::Configure(config) => self.configure(config)?,
             Command::Retune(config) => self.retune(config)?,
+            #[cfg(not(feature = "small"))]
+            Command::Winding(square) => self.servo.protection.measure_winding(square),
             Command::Trip(fault) => self.fail(fault),
             Command::Clear => self.on_command(Event::Clear { calibrated: self.estimator().is_some() })?,
         }
@@ -224,6 +230,10 @@ impl Drive {
         let protection = &self.servo.protection;
         if let Some(fault) = control.and_then(|control| protection.refusal(control, &self.paths.idle, sample)) {
             return Err(Refusal::Fault(fault));
+        }
+        #[cfg(not(feature = "no-chopper"))]
+        if self.chopper.is_hot() {
+            return Err(Refusal::Fault(Fault::BrakeResistor));
         }
         if self.limits.contains(Limits::TWO_HALLS) {
             return Err(Refusal::HallLost);
@@ -373,6 +383,9 @@ impl Drive {
         let allowed = if self.mode.drives() { Err(Refusal::Mode(self.mode)) } else { Ok(()) };
         if allowed.is_ok() {
             self.config = *config;
+            // What it was measured against may be another resistance now.
+            #[cfg(not(feature = "small"))]
+            self.servo.protection.measure_winding(0);
             if self.estimator().is_some_and(|estimator| !self.fits(estimator)) {
                 self.give_up_calibration();
                 self.on(Event::Invalidated);

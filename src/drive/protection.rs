@@ -1,5 +1,7 @@
 //! What protects motor, bridge and supply, for a drive with current sensing; a file each danger.
 
+#[cfg(not(feature = "no-chopper"))]
+pub(super) mod chopper;
 mod currents;
 mod overload;
 mod stall;
@@ -85,6 +87,12 @@ impl Protection {
         self.limit_by_heat();
         self.supply = Supply::NONE;
         self.narrow(config);
+    }
+
+    /// The winding's rise as measured, as the square of the current that makes it, in 2⁻³⁰ of the full scale's.
+    #[cfg(not(feature = "small"))]
+    pub const fn measure_winding(&mut self, square: i32) {
+        self.overload.measure_winding(square);
     }
 
     /// A part of the work against heat, of 16. `square` is that of the current's length.

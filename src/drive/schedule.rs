@@ -40,6 +40,13 @@ impl Schedule {
         self.tick = self.tick.wrapping_add(1);
     }
 
+    /// Whether this is the step of a number among each [`OUTER`].
+    #[cfg(not(feature = "no-chopper"))]
+    #[inline(always)]
+    pub const fn is_turn(&self, number: u32) -> bool {
+        self.tick % OUTER == number
+    }
+
     /// Whether this step's slot is one of those that may take up a command.
     pub const fn is_even(&self) -> bool {
         self.tick & 1 == 0

@@ -2,15 +2,17 @@
 
 use super::Kind::{Choice, Real, Switch, Whole};
 use super::entry::{BOARD, Entry, Field, kind, unit};
+#[cfg(not(feature = "small"))]
+use super::guard::largest_rise_k;
 use super::guard::{NOISE, OFFSET};
 use super::{Ceiling, Feedback, OnStopFailure, OnTimeout};
 use crate::commutation::Commutation;
 use core::f32::consts::TAU;
 
 /// The structures, their defaults, the table and the descriptions. A row: `field: type = default, least => most, unit,
-/// kind, whether it is the board's, description`; the range may depend on all settings, `s`, and those of the current
-/// control, `c`. Behind `with` are fields that are no settings themselves. `rows of` are the settings of what a
-/// structure has several of.
+/// kind, whether it is the board's, description`, behind `[cfg(…)]` where not every drive has it; the range may depend
+/// on all settings, `s`, and those of the current control, `c`. Behind `with` are fields that are no settings
+/// themselves. `rows of` are the settings of what a structure has several of.
 macro_rules! settings {
     (
         |$s:ident, $c:ident|
@@ -19,6 +21,7 @@ macro_rules! settings {
             struct $struct:ident from $part:ident {
                 $(
                     $(#[$meta:meta])*
+                    $([$only:meta])?
                     $field:ident: $type:ty = $default:expr, $min:expr => $max:expr,
                         $unit:literal, $kind:expr, $fixed:expr, $about:literal;
                 )*
@@ -44,6 +47,7 @@ macro_rules! settings {
                     #[doc = concat!($about, "; `", stringify!($min), "` to `", stringify!($max), "` ", $unit)]
                     #[doc = ""]
                     $(#[$meta])*
+                    $(#[$only])?
                     pub $field: $type,
                 )*
                 $($(#[$other_meta])* pub $other: $other_type,)*
@@ -51,7 +55,7 @@ macro_rules! settings {
 
             impl $struct {
                 /// The default, as a constant.
-                pub const DEFAULT: Self = Self { $($field: $default,)* $($other: $other_default,)* };
+                pub const DEFAULT: Self = Self { $($(#[$only])? $field: $default,)* $($other: $other_default,)* };
             }
 
             impl Default for $struct {
@@ -63,7 +67,7 @@ macro_rules! settings {
             mod $part {
                 #[derive(Clone, Copy)]
                 #[allow(non_camel_case_types)]
-                pub enum Row { $($field,)* }
+                pub enum Row { $($(#[$only])? $field,)* }
             }
         )*
         $(
@@ -90,7 +94,7 @@ macro_rules! settings {
                 Some(match self {
                     $(Self::$part(row) => {
                         let part = $part(settings)?;
-                        match row { $($part::Row::$field => Field::from(&mut part.$field),)* }
+                        match row { $($(#[$only])? $part::Row::$field => Field::from(&mut part.$field),)* }
                     })*
                     $(Self::$row_part(row) => {
                         let part = $row_part(settings)?;
@@ -105,7 +109,7 @@ macro_rules! settings {
                 static WITHOUT: Control = Control::DEFAULT;
                 let $c = $s.control.as_ref().unwrap_or(&WITHOUT);
                 match self {
-                    $($(Self::$part($part::Row::$field) => ($min, $max),)*)*
+                    $($($(#[$only])? Self::$part($part::Row::$field) => ($min, $max),)*)*
                     $($(Self::$row_part($row_part::Row::$row_field) => ($row_min, $row_max),)*)*
                 }
             }
@@ -113,7 +117,7 @@ macro_rules! settings {
 
         /// Every setting. Those that a range depends on come first, so that the first one out of its range is to blame.
         pub static TABLE: &[Entry] = &[
-            $($(Entry {
+            $($($(#[$only])? Entry {
                 name: stringify!($field), row: Row::$part($part::Row::$field), unit: unit($unit), kind: kind($kind) | $fixed,
             },)*)*
             $($(Entry {
@@ -124,7 +128,7 @@ macro_rules! settings {
 
         /// Names and descriptions. A list of its own, for a chip has no use for it.
         pub static ABOUT: &[(&str, &str)] =
-            &[$($((stringify!($field), $about),)*)* $($(($row_name, $row_about),)*)*];
+            &[$($($(#[$only])? (stringify!($field), $about),)*)* $($(($row_name, $row_about),)*)*];
     };
 }
 
@@ -269,6 +273,16 @@ settings! {
             "A lower bus voltage is a fault";
         over_voltage_v: f32 = 32.0, c.guard.under_voltage_v => 0.95 * c.bus_full_scale_v, "V", Real, FREE,
             "A higher bus voltage is a fault";
+        /// Below where over-voltage limits the braking, and above `under_voltage_v` with its hysteresis. What the
+        /// resistor takes at this voltage may be a part of `max_regeneration_a`.
+        [cfg(not(feature = "no-chopper"))]
+        chopper_v: f32 = 0.0, super::chopper::least(c) => super::chopper::most(c), "V", Real, FREE,
+            "Bus voltage from which on the brake resistor is on; 0: there is none";
+        [cfg(not(feature = "no-chopper"))]
+        chopper_on_s: f32 = 0.5, 0.01 => 60.0, "s", Real, FREE, "Longest time that the brake resistor is on in one go";
+        /// Of its rated power over its power at [`chopper_v`](Self::chopper_v).
+        [cfg(not(feature = "no-chopper"))]
+        chopper_share: f32 = 0.1, 0.01 => 1.0, "", Real, FREE, "Share of time that the brake resistor is on for ever";
         over_current_a: f32 = 6.0, 0.0 => 0.99 * c.current_full_scale_a, "A", Real, FREE,
             "A larger phase current is a fault";
         /// At two checks, eight steps apart: an amplifier is wrong. [`GuardSettings::for_full_scale`] says what it
@@ -291,6 +305,18 @@ settings! {
         /// The default needs nothing that may be wrong. A drive whose control has been tried is better stopped.
         on_timeout: OnTimeout = OnTimeout::Fault, 0.0 => 1.0, "", Choice("fault|stop"), FREE,
             "Reaction when no command came for command_timeout_s";
+        /// Measured by the rise of the resistance over `resistance_ohm`, of a winding that was as cold as its surroundings
+        /// when `hallctl commission` measured that. 0: it is not measured, and the model by currents is all there is.
+        /// Leave it where `resistance_ohm` was not measured on this board: 10 % are 26 K. From three quarters of it on,
+        /// the current is reduced. Under field-oriented commutation only; where `max_current_a` at `resistance_ohm` is
+        /// no voltage of eight times the dead time's, nothing but 0 is in the range.
+        ///
+        /// Off by up to 20 K where all of these meet at the least current that is measured by: the amplifiers' gains by
+        /// 2 % since then (5 K), a fifth of the dead time's voltage (9 K), the flux linkage by 15 % (5 K). At rest it is
+        /// the resistance of the phases that carry the current, which may differ from the mean.
+        [cfg(not(feature = "small"))]
+        max_winding_rise_k: f32 = 0.0, 0.0 => largest_rise_k(s, c), "K", Real, FREE,
+            "Largest rise of the winding since resistance_ohm was measured; more is a fault; 0: none";
     } with {
         /// Thermistor of the bridge.
         bridge: Thermistor = Thermistor::ntc_10k(80.0, 100.0);

@@ -1,5 +1,7 @@
 //! What bounds the settings beside their ranges: the board's ceilings, and thresholds that follow from its parts.
 
+#[cfg(not(feature = "small"))]
+use super::Control;
 use super::{Error, GuardSettings, Settings, find};
 
 /// Largest value that a setting may have on a board: its name and the value.
@@ -10,6 +12,18 @@ pub(super) const NOISE: f32 = 0.01;
 /// Zero of an amplifier, share of the full scale: 2 % of half the reference by two resistors of 1 %, and 4 mV of input
 /// offset amplified sixteen times.
 pub(super) const OFFSET: f32 = 0.06;
+
+/// A winding's voltage of which that of the dead time is an eighth may be off by 4 % after the dead time's compensation,
+/// which is 10 K. With less voltage the resistance tells nothing of the temperature.
+#[cfg(not(feature = "small"))]
+pub(crate) const DEAD_TIMES: f32 = 8.0;
+
+/// Largest `max_winding_rise_k`: none where even the largest current on the lowest bus voltage measures nothing.
+#[cfg(not(feature = "small"))]
+pub(super) fn largest_rise_k(settings: &Settings, control: &Control) -> f32 {
+    let dead_v = settings.dead_time_s * settings.pwm_hz * control.guard.under_voltage_v;
+    if control.max_current_a * control.resistance_ohm >= DEAD_TIMES * dead_v { 500.0 } else { 0.0 }
+}
 
 impl GuardSettings {
     /// The default, with the thresholds of the current sensing for amplifiers of this full scale, A.

@@ -35,7 +35,7 @@ fn names_and_keys_are_unique_and_all_are_described() {
 fn every_field_out_of_range_is_named() {
     assert!(full().validate().is_ok());
     type Spoil = fn(&mut Settings);
-    let cases: [(&str, Spoil); 54] = [
+    let cases: [(&str, Spoil); 61] = [
         ("adc_bits", |s| s.adc_bits = 7),
         ("adc_bits", |s| s.adc_bits = 17),
         ("timer_hz", |s| s.timer_hz = f32::NAN),
@@ -81,6 +81,11 @@ fn every_field_out_of_range_is_named() {
         ("max_acceleration_rad_s2", |s| control(s).max_acceleration_rad_s2 = 0.0),
         ("under_voltage_v", |s| control(s).guard.under_voltage_v = 0.0),
         ("over_voltage_v", |s| control(s).guard.over_voltage_v = 11.0),
+        ("chopper_v", |s| control(s).guard.chopper_v = 28.3),
+        ("chopper_v", |s| control(s).guard.chopper_v = 13.6),
+        ("chopper_v", |s| (control(s).guard.chopper_v, control(s).guard.over_voltage_v) = (26.0, 28.0)),
+        ("chopper_on_s", |s| control(s).guard.chopper_on_s = f32::INFINITY),
+        ("chopper_share", |s| control(s).guard.chopper_share = 0.0),
         ("over_current_a", |s| control(s).guard.over_current_a = 8.25),
         ("imbalance_a", |s| control(s).guard.imbalance_a = f32::NAN),
         ("offset_a", |s| control(s).guard.offset_a = -1.0),
@@ -90,6 +95,11 @@ fn every_field_out_of_range_is_named() {
         ("bridge_max_c", |s| control(s).guard.bridge.max_c = 80.0),
         ("stall_s", |s| control(s).guard.stall_s = 0.0),
         ("command_timeout_s", |s| control(s).guard.command_timeout_s = f32::NAN),
+        ("max_winding_rise_k", |s| control(s).guard.max_winding_rise_k = 501.0),
+        // 20 mΩ: the dead time takes more voltage than the winding.
+        ("max_winding_rise_k", |s| {
+            (control(s).resistance_ohm, control(s).guard.max_winding_rise_k) = (0.02, 100.0);
+        }),
     ];
     for (name, change) in cases {
         let mut settings = full();

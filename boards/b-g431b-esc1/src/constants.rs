@@ -54,6 +54,8 @@ pub const BRIDGE: Wiring = Wiring {
     lead: LEAD,
     // PB7 of the Hall connector would do: `Some(EnableInput { port: 1, pin: 7 })`.
     enable: None,
+    // No pin is left for it.
+    chopper: None,
 };
 
 /// Half of the reference, A.

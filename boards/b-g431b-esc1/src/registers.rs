@@ -16,8 +16,8 @@ fn settings_are_exported() {
 
 #[test]
 fn timer_of_the_bridge() {
-    let Wiring { gates, source, lead, enable, .. } = BRIDGE;
-    assert_eq!(enable, None);
+    let Wiring { gates, source, lead, enable, chopper, .. } = BRIDGE;
+    assert_eq!((enable, chopper), (None, None));
     assert_eq!(BRIDGE.period(), 2125);
     // DTG = 10 000100: 136 ticks, 800 ns; BKP = 1, active high; BKF = 1111: 256 ticks, 1.5 µs.
     assert_eq!(BRIDGE.bdtr(), 0x84 | 2 << 8 | 0b1111 << 10 | 15 << 16);

@@ -16,7 +16,7 @@
 use hallservo::settings::{Ceiling, Control, GuardSettings, Settings, Thermistor};
 use stm32g4::registers::adc::{Rank, Sampling, Sequence};
 use stm32g4::registers::timer::{Active, Break, Gates};
-use stm32g4::wiring::Wiring;
+use stm32g4::wiring::{ChopperOutput, Wiring};
 
 /// Shunts of 330 mΩ, amplified 1.53 times.
 const VOLTS_PER_AMPERE: f32 = 0.330 * 1.53;
@@ -59,6 +59,8 @@ pub const BRIDGE: Wiring = Wiring {
     lead: LEAD,
     // PC12 would do, at CN7-3: `Some(EnableInput { port: 2, pin: 12 })`.
     enable: None,
+    // PC10, at CN7-1, in a firmware without the scope: the flash has room for one of them. Off unless `chopper_v` is set.
+    chopper: if cfg!(feature = "scope") { None } else { Some(ChopperOutput { port: 2, pin: 10 }) },
 };
 
 /// Half of the reference, A.

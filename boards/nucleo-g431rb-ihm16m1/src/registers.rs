@@ -14,8 +14,9 @@ fn settings_are_exported() {
 
 #[test]
 fn timer_of_the_bridge() {
-    let Wiring { gates, source, lead, enable, .. } = BRIDGE;
+    let Wiring { gates, source, lead, enable, chopper, .. } = BRIDGE;
     assert_eq!(enable, None);
+    assert_eq!(chopper.is_some(), !cfg!(feature = "scope"));
     assert_eq!(BRIDGE.period(), 2125);
     // DTG = 85 ticks, 500 ns; LOCK 2; OSSI, OSSR, BKE; BKP = 0, active low; BKF = 1001: 64 ticks, 376 ns.
     assert_eq!(BRIDGE.bdtr(), 85 | 2 << 8 | 0b0111 << 10 | 9 << 16);

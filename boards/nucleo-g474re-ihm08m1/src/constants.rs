@@ -3,7 +3,7 @@
 use hallservo::settings::{Ceiling, Control, GuardSettings, Settings, Thermistor};
 use stm32g4::registers::adc::{Rank, Sampling, Sequence};
 use stm32g4::registers::timer::{Active, Break, Gates};
-use stm32g4::wiring::{EnableInput, Wiring};
+use stm32g4::wiring::{ChopperOutput, EnableInput, Wiring};
 
 /// Shunts of 10 mΩ, amplified 5.18 times by the shield.
 const VOLTS_PER_AMPERE: f32 = 0.010 * 5.18;
@@ -49,6 +49,8 @@ pub const BRIDGE: Wiring = Wiring {
     lead: LEAD,
     // PC12, beside the 3.3 V of the same connector. `None` if nothing is wired there: the drive then runs without.
     enable: Some(EnableInput { port: 2, pin: 12 }),
+    // PC10, two pins from the enable input. Off unless `chopper_v` is set.
+    chopper: Some(ChopperOutput { port: 2, pin: 10 }),
 };
 
 /// Half of the reference, A.

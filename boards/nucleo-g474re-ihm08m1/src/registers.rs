@@ -4,7 +4,7 @@
 use crate::constants::*;
 use stm32g4::check::{self, channels};
 use stm32g4::registers::timer;
-use stm32g4::wiring::{EnableInput, Wiring};
+use stm32g4::wiring::{ChopperOutput, EnableInput, Wiring};
 
 /// What the simulations on a host take for this board is this board.
 #[test]
@@ -24,6 +24,7 @@ fn timer_of_the_bridge() {
     assert_eq!(timer::cr2(gates), 0x0070_2A01);
     // CN7-3.
     assert_eq!(BRIDGE.enable, Some(EnableInput { port: 2, pin: 12 }));
+    assert_eq!(BRIDGE.chopper, Some(ChopperOutput { port: 2, pin: 10 }));
     // 24.5 cycles for the Halls, 12.5 for U and W: held 207 and 307 ticks after the trigger.
     assert_eq!(lead, 257);
 }

@@ -3,6 +3,7 @@
 mod bridge;
 #[cfg(feature = "can")]
 pub mod can;
+mod chopper;
 mod clock;
 mod control;
 mod converters;
@@ -82,6 +83,9 @@ pub fn start<B: Board>() -> (Bridge, Peripherals) {
     let bridge = Bridge::new(&B::BRIDGE);
     if let Some(input) = B::BRIDGE.enable {
         enable::start(input);
+    }
+    if let Some(output) = B::BRIDGE.chopper {
+        chopper::start(output);
     }
     let Some(mut core) = cortex_m::Peripherals::take() else { panic!("started twice") };
     shared::priority::init(&mut core.NVIC, &mut core.SCB, Interrupt::ADC1_2);

@@ -16,6 +16,15 @@ pub struct EnableInput {
     pub pin: usize,
 }
 
+/// A pin that switches a brake resistor on while it is high, by the gate driver of a transistor that has a pull-down.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ChopperOutput {
+    /// 0 is A, up to 2.
+    pub port: usize,
+    /// Of that port.
+    pub pin: usize,
+}
+
 /// What TIM1 has to know of the board.
 #[derive(Clone, Copy, Debug)]
 pub struct Wiring {
@@ -33,6 +42,8 @@ pub struct Wiring {
     pub lead: u32,
     /// The enable input, where one is wired.
     pub enable: Option<EnableInput>,
+    /// The output for a brake resistor, where there is one.
+    pub chopper: Option<ChopperOutput>,
 }
 
 impl Wiring {

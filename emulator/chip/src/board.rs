@@ -95,6 +95,8 @@ pub struct Board {
     pub trip: Option<(Pin, f64)>,
     /// Input with a contact to 3.3 V: open, it floats.
     pub enable: Option<Pin>,
+    /// Output that switches a resistor across the bus, and its resistance, Ω. It has a pull-down.
+    pub brake: Option<(Pin, f64)>,
     /// Transceiver of a CAN, on the board or wired to its pins.
     pub can: Option<Transceiver>,
     /// Inputs with a pull-up on the board: buttons.

@@ -123,6 +123,8 @@ pub struct Facts {
     pub unread_sequences: u64,
     /// Edges of MOE.
     pub moe: Vec<Edge>,
+    /// When the brake resistor was switched on or off, s.
+    pub brake: Vec<(f64, bool)>,
     /// The watchdog, when it was started.
     pub watchdog: Option<Watchdog>,
     /// The window watchdog, when it was started.

@@ -72,6 +72,12 @@ impl Motor {
         }
     }
 
+    /// A resistor across the bus from now on, Ω, or none.
+    pub fn set_brake(&mut self, ohm: Option<f64>, now_s: f64) {
+        self.advance(now_s);
+        self.plant.set_brake(ohm).expect("its resistance was checked with the board");
+    }
+
     /// Current up through the shunt of a phase: it flows while the low side conducts, or its diode does.
     pub fn shunt_a(&self, phase: usize) -> f64 {
         let current = self.plant.currents_a()[phase] + self.shorts_a[phase];

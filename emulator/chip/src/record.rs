@@ -20,6 +20,8 @@ pub struct Record {
     unread_now: bool,
     /// Edges of MOE.
     pub moe: Vec<Edge>,
+    /// When the brake resistor was switched, s.
+    pub brake: Vec<(f64, bool)>,
     /// With the time of the first.
     pub findings: Vec<(f64, String)>,
     /// What a script did.

@@ -18,6 +18,7 @@ impl Chip {
             missed_triggers: self.adcs.iter().map(|adc| adc.missed).sum(),
             unread_sequences: self.record.unread,
             moe: self.record.moe.clone(),
+            brake: self.record.brake.clone(),
             watchdog: (self.iwdg.runs() || self.record.bites > 0).then(|| Watchdog {
                 timeout_s: self.iwdg.timeout_s(),
                 interval_s: self.iwdg.interval_s,

@@ -80,6 +80,7 @@ impl Chip {
         let now_s = self.now_s(now);
         self.bridge.set_inputs(levels, now_s);
         self.motor.set_switches(self.bridge.switches(), now_s);
+        self.refresh_brake(now, now_s);
         for edge in self.timers[0].take_moe_edges() {
             let at_s = self.time.seconds(edge.at as f64);
             let by = match edge.cause {
@@ -94,6 +95,16 @@ impl Chip {
         }
         self.check_dead_times(now_s);
         self.compare(now);
+    }
+
+    /// Takes the brake resistor's signal from its pin.
+    fn refresh_brake(&mut self, now: Cycle, now_s: f64) {
+        let Some((pin, ohm)) = self.board.brake else { return };
+        let on = self.level(pin, now) == Some(true);
+        if on != self.record.brake.last().is_some_and(|edge| edge.1) {
+            self.record.brake.push((now_s, on));
+            self.motor.set_brake(on.then_some(ohm), now_s);
+        }
     }
 
     fn check_dead_times(&mut self, now_s: f64) {

@@ -46,6 +46,7 @@ pub fn sections(outcome: &Outcome) -> Vec<Section> {
         Section { title: "Control interrupt, in the mean by function", rows: parts(&outcome.parts) },
         Section { title: "Control interrupt, the longest period by function", rows: longest(outcome) },
         Section { title: "Bridge enabled (MOE)", rows: moe(outcome) },
+        Section { title: "Brake resistor", rows: brake(outcome) },
     ];
     let events = outcome.facts.events.iter().map(|(at_s, what)| row([format!("{at_s:.6} s"), what.clone()]));
     sections.push(Section { title: "Events", rows: std::iter::once(head(["when", "what"])).chain(events).collect() });
@@ -239,6 +240,12 @@ fn moe(outcome: &Outcome) -> Vec<Vec<String>> {
             row([format!("{:.6} s", edge.at_s), if edge.on { "on" } else { "off" }.into(), edge.by.clone()])
         });
     std::iter::once(head(["when", "bridge", "by"])).chain(edges).collect()
+}
+
+fn brake(outcome: &Outcome) -> Vec<Vec<String>> {
+    let edges = outcome.facts.brake.iter();
+    let edges = edges.map(|(at_s, on)| row([format!("{at_s:.6} s"), if *on { "on" } else { "off" }.into()]));
+    std::iter::once(head(["when", "resistor"])).chain(edges).collect()
 }
 
 /// The report for a terminal.

@@ -4,7 +4,7 @@
 pub(super) mod load;
 
 use super::motion::{self, Target};
-use crate::client::Client;
+use crate::client::{Client, SHORT};
 use crate::error::{Error, Result};
 use crate::frequency::{Estimate, Model, closed, crossover, grid, ratio, sine};
 use crate::out::{self, Out, is_stream};
@@ -21,7 +21,7 @@ use num_complex::Complex64;
 use serde_json::json;
 use sim::report::{Plot, Report, Series};
 use std::path::{Path, PathBuf};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 /// Which loop.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
@@ -66,7 +66,7 @@ const DOUBT: f64 = 0.1;
 /// A current that is further from its reference in the end, as a share of it, has not followed.
 const MISSED: f64 = 0.15;
 /// From a step to the next, at least: the rotor comes to rest.
-const PAUSE: Duration = Duration::from_millis(20);
+const PAUSE_MS: u64 = 20;
 
 /// What is measured and what the model says, at the same frequencies.
 #[derive(Clone, Debug, serde::Serialize)]
@@ -278,14 +278,12 @@ fn records(client: &mut Client, count: u32, plan: &Plan) -> Result<Vec<Recording
             client.order(Target::Torque(0.0).ask())?;
         }
         let id = scope::begin(client, plan.setup(step))?;
-        let armed_ms = client.status()?.uptime_ms;
         let before_ms = (1000.0 * plan.row_s * f64::from(plan.setup.before)) as u64 + 2;
-        while client.status()?.uptime_ms < armed_ms + before_ms {
-            client.listen(PAUSE / 4)?;
-        }
+        client.wait_ms(before_ms)?;
         if let Some(bias) = plan.bias(step) {
             client.order(bias.ask())?;
-            // Until the current is there, and the rows before the step are of nothing else.
+            // Until the current is there, and the rows before the step are of nothing else. On the wall: to ask a drive
+            // for its time may take so long that the torque has turned the rotor up meanwhile.
             client.listen(Duration::from_secs_f64(SETTLED / plan.hz).max(Duration::from_millis(before_ms)))?;
         }
         client.order(plan.target(step).ask()).map_err(|error| motion::fallen(client, error))?;
@@ -302,7 +300,8 @@ fn records(client: &mut Client, count: u32, plan: &Plan) -> Result<Vec<Recording
 /// The loop comes to rest, in the drive's time, and the rotor where torques have turned it.
 fn settle(client: &mut Client, plan: &Plan) -> Result<()> {
     let began_ms = client.status()?.uptime_ms;
-    let settles_ms = PAUSE.as_millis() as u64 + (1000.0 * PERIODS / plan.hz) as u64;
+    let settles_ms = PAUSE_MS + (1000.0 * PERIODS / plan.hz) as u64;
+    let mut look = (Instant::now(), began_ms);
     loop {
         let status = client.status()?;
         let passed_ms = status.uptime_ms.saturating_sub(began_ms);
@@ -310,7 +309,7 @@ fn settle(client: &mut Client, plan: &Plan) -> Result<()> {
         if passed_ms >= settles_ms && (!turns || passed_ms as f64 > 1000.0 * LONGEST_S) {
             return Ok(());
         }
-        client.listen(PAUSE / 4)?;
+        client.pause(&mut look, &status, SHORT)?;
     }
 }
 

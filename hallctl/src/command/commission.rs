@@ -232,16 +232,16 @@ fn words_of(error: &hallservo::settings::Error<'static>) -> Error {
 /// The drive's settings.
 fn read(client: &mut Client) -> Result<Settings> {
     let mut settings = Settings { control: Some(Control::default()), ..Settings::default() };
-    let mut known = 0;
+    let mut controls = false;
     settings::each(client, |setting| {
         if let Some(entry) = find(setting.name)
             && entry.assign(&mut settings, setting.value).is_ok()
         {
-            known += 1;
+            controls |= entry.name == "current_full_scale_a";
         }
     })?;
-    // Without current control, a drive has not all of them.
-    if known < TABLE.len() {
+    // Without current control, a drive has not all of them; and a board may lack one for what it has no pin for.
+    if !controls {
         return Err(Error::Refused(said::procedure_error(&procedure::Error::NoControl)));
     }
     Ok(settings)

@@ -1,15 +1,12 @@
 //! A recording while the motor follows a set-point that changes: armed before, if need be, and disarmed after.
 
 use super::motion::{self, Target};
-use crate::client::Client;
+use crate::client::{Client, SHORT};
 use crate::error::{Error, Result};
 use crate::words;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Ask, Status, Telemetry};
-use std::time::{Duration, Instant};
-
-/// From set-point to set-point, on the wall.
-const EVERY: Duration = Duration::from_millis(5);
+use std::time::Instant;
 
 /// A moment of it.
 #[derive(Clone, Copy, Debug)]
@@ -123,7 +120,7 @@ impl<'a> Session<'a> {
                 return Err(Error::Failed(words::switched_off(fault)));
             }
             now_ms = status.uptime_ms;
-            self.client.pause(&mut look, &status, EVERY)?;
+            self.client.pause(&mut look, &status, SHORT)?;
         }
         self.take(&measured);
         Ok(())

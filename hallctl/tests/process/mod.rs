@@ -1,8 +1,5 @@
 //! `hallctl simulate` in a process of its own, and the tool at it.
 
-// Each test uses what it needs.
-#![allow(dead_code)]
-
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Output, Stdio};

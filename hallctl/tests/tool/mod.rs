@@ -1,8 +1,5 @@
 //! A tool in the same process as the simulated drive.
 
-// Each test uses what it needs.
-#![allow(dead_code)]
-
 pub mod rings;
 
 use hallctl::simulate::Simulator;

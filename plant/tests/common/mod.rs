@@ -1,5 +1,4 @@
 //! What the tests share: an idealised drive that knows the truth, and Fourier sums.
-#![allow(dead_code)] // Each test file uses its own part.
 
 use plant::{Leg, Legs, Plant, PlantParameters, Slice};
 use std::f64::consts::{PI, TAU};

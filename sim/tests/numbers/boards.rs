@@ -15,7 +15,7 @@ const BOARDS: [&str; 3] = [NUCLEO, SMALL_NUCLEO, ESC1];
 const MHZ: f64 = 170.0;
 
 pub const CHECKS: &[fn(&Pages)] =
-    &[control_periods, long_runs, angles, tools, switching_off, stopping, feeding, step_alone, encoder];
+    &[control_periods, long_runs, angles, tools, switching_off, brake_resistor, stopping, feeding, step_alone, encoder];
 
 /// Cycles of a control period's work on a board: in the mean and at most while it turns, and at most whatever it does.
 fn cycles(recorded: &str, board: &str) -> [f64; 3] {
@@ -133,6 +133,16 @@ fn switching_off(pages: &Pages) {
     let enable: [f64; 1] = Recorded::of("virtual_boards").only("enable input open: off after {} µs at most");
     pages.quote(EMULATOR, "| each period | | {} | | enable input |", &enable.map(Is));
     pages.quote("boards/nucleo-g474re-ihm08m1/README.md", "in the next period ({} µs", &[AtMost(enable[0])]);
+}
+
+fn brake_resistor(pages: &Pages) {
+    let run = Recorded::of("virtual_boards");
+    let seen = run.all("brake resistor on after {} µs, off after {} µs");
+    let [on, off] = [0, 1].map(|column| Is(seen.iter().map(|us| us[column]).fold(0.0, f64::max) / 1e3));
+    pages.quote(EMULATOR, "is on {} ms at most after the supply was turned up beyond `chopper_v`", &[on]);
+    pages.quote(EMULATOR, "and off {} ms after it was turned down", &[off]);
+    let stopped = run.most("brake resistor off after {} µs at most") / 1e3;
+    pages.quote(EMULATOR, "and {} ms at most after the control has stopped", &[Is(stopped)]);
 }
 
 /// The worst of all boards.

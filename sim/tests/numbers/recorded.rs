@@ -36,7 +36,7 @@ fn a_hundred_motors(pages: &Pages) {
     pages.quote(NUMBERS, "in any 10° of the turn | {}° |", &[Is(bias)]);
     pages.quote(NUMBERS, "tracked error at constant speed | {}° RMS |", &[Is(tracked)]);
     // The test fails at the first that is lost.
-    pages.say(NUMBERS, "(`cargo test --test turns`) | 0 | 0 |");
+    pages.say(NUMBERS, "(`cargo test --test all turns::`) | 0 | 0 |");
 }
 
 fn functions(pages: &Pages) {
@@ -216,13 +216,13 @@ fn measured_motors(pages: &Pages) {
     let [r, l, flux, j, kt]: [f64; 5] =
         Recorded::of("identify").only("L, flux, J, Kt (shares), Coulomb, viscous, load: {}, {}, {}, {}, {},");
     let within = [r.max(l), flux.max(kt), j].map(|share| AtMost(100.0 * share));
-    pages.quote(NUMBERS, "--test identify -- --nocapture`) | within {} % / {} % / {} % |", &within);
+    pages.quote(NUMBERS, "--test all identify:: -- --nocapture`) | within {} % / {} % / {} % |", &within);
     let run = Recorded::of("commission");
     let motors = run.all(" s; R {} L {} λ {} J {} % (rough");
     assert_eq!(motors.len(), 40);
     let worst = |of: &[usize]| AtMost(motors.iter().flat_map(|m| of.iter().map(|k| m[*k].abs())).fold(0.0, f64::max));
     let within = [worst(&[0, 1]), worst(&[2]), worst(&[3])];
-    pages.quote(NUMBERS, "--test commission -- --nocapture`) | within {} % / {} % / {} % |", &within);
+    pages.quote(NUMBERS, "--test all commission:: -- --nocapture`) | within {} % / {} % / {} % |", &within);
     let share = run.most("{} % of the limit, ") / 100.0;
     pages.quote(NUMBERS, "as a share of the limit | {} | ≤ 1.2 |", &[Is(share)]);
 }

@@ -1,5 +1,7 @@
 //! What the winding and the bridge stand, in the units of the interrupt.
 
+#[cfg(not(feature = "small"))]
+use super::Copper;
 use super::fixed;
 use crate::control::Scale;
 use crate::schedule::LONG;
@@ -32,10 +34,12 @@ pub(crate) struct Heating {
 }
 
 /// Winding, housing and bridge.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Overload {
     pub winding: Heating,
+    #[cfg(not(feature = "small"))]
+    pub copper: Copper,
     pub housing_rate: i32,
     pub bridge: Heating,
 }
@@ -59,6 +63,8 @@ impl Overload {
         };
         Self {
             winding: body(settings.continuous_current_a, settings.winding_time_s, FAULT),
+            #[cfg(not(feature = "small"))]
+            copper: Copper::default(),
             housing_rate: rate(settings.housing_time_s, 32.0, scale),
             bridge: body(settings.bridge_continuous_a, BRIDGE_TIME_S, BRIDGE_FAULT),
         }

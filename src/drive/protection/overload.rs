@@ -8,6 +8,9 @@
 //! At power-up nothing is known: the housing is assumed to be as warm as the continuous current makes it and the winding
 //! to be as warm as the housing; the bridge to be at half of its largest rise. From there the model knows, whatever the
 //! drive does: neither disarming nor clearing a fault cools anything.
+//!
+//! Where the tasks measure the winding's temperature by its resistance, the hotter of the model and the measurement
+//! counts. What was measured last cools as the housing does, whose time constant is the longest, until it is measured anew.
 
 use crate::control::config::{Config, Heating};
 use crate::fault::Fault;
@@ -19,6 +22,9 @@ pub struct Overload {
     winding: Mean,
     housing: Mean,
     bridge: Mean,
+    /// Rise of the winding as measured.
+    #[cfg(not(feature = "small"))]
+    measured: Mean,
     /// Whether the assumption about power-up has been made.
     begun: bool,
     /// By winding and by bridge, in 2⁻¹⁵ of the full scale.
@@ -46,7 +52,15 @@ impl Mean {
 
 impl Overload {
     /// Before the settings are known.
-    pub const POWER_UP: Self = Self { winding: Mean(0), housing: Mean(0), bridge: Mean(0), begun: false, most: [0; 2] };
+    pub const POWER_UP: Self = Self {
+        winding: Mean(0),
+        housing: Mean(0),
+        bridge: Mean(0),
+        #[cfg(not(feature = "small"))]
+        measured: Mean(0),
+        begun: false,
+        most: [0; 2],
+    };
 
     /// Counts a square of the current's length, in 2⁻³⁰ of the full scale's, for the winding.
     #[inline(always)]
@@ -54,10 +68,18 @@ impl Overload {
         self.winding.count(square, config.overload.winding.rate);
     }
 
-    /// … for the housing.
+    /// … for the housing, and what was measured cools.
     #[inline(always)]
     pub fn count_housing(&mut self, config: &Config, square: i32) {
         self.housing.count(square, config.overload.housing_rate);
+        #[cfg(not(feature = "small"))]
+        self.measured.count(0, config.overload.housing_rate);
+    }
+
+    /// Takes up the winding's rise as measured, as the square of the current that makes it.
+    #[cfg(not(feature = "small"))]
+    pub const fn measure_winding(&mut self, square: i32) {
+        self.measured = Mean::of(square);
     }
 
     /// … for the bridge.
@@ -77,9 +99,12 @@ impl Overload {
 
     /// Temperature rise of the winding, as the square of the current that makes it.
     #[inline(always)]
-    const fn rise(&self) -> i32 {
+    fn rise(&self) -> i32 {
         // Each below 2³¹.
-        ((self.winding.0 >> 33) + (self.housing.0 >> 33)) as i32
+        let model = ((self.winding.0 >> 33) + (self.housing.0 >> 33)) as i32;
+        #[cfg(not(feature = "small"))]
+        let model = model.max(self.measured.square());
+        model
     }
 
     /// The largest current for the winding, and whether it is too hot for any.

@@ -5,7 +5,7 @@ use crate::chip::bridge::Bridge;
 #[cfg(feature = "scope")]
 use crate::chip::encoder::own;
 use crate::chip::encoder::{OwnDrive, period};
-use crate::chip::{Board, STOP, converters, enable, latest, watchdog};
+use crate::chip::{Board, STOP, chopper, converters, enable, latest, watchdog};
 use crate::wiring::EnableInput;
 use core::cell::UnsafeCell;
 use core::num::NonZeroU32;
@@ -83,6 +83,11 @@ impl<B: Board> Control<B> {
         let interlock = interlock(const { B::BRIDGE.enable });
         let output = period(&mut owned.board, owned.drive, sample, interlock);
         owned.bridge.apply(&output);
+        if let Some(output) = const { B::BRIDGE.chopper }
+            && let Some(on) = owned.drive.chopper(sample)
+        {
+            chopper::set(output, on);
+        }
         #[cfg(feature = "scope")]
         owned.recorder.take(own(owned.drive), sample, &output);
     }

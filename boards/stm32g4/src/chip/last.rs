@@ -3,7 +3,7 @@
 //! The independent watchdog is not fed any more, so the chip starts over within its time, with the bridge off. The window
 //! watchdog would be sooner, before a probe has read the log.
 
-use crate::chip::{bridge, storage, watchdog};
+use crate::chip::{bridge, chopper, storage, watchdog};
 use core::arch::{asm, naked_asm};
 use core::panic::PanicInfo;
 use core::ptr::addr_of;
@@ -23,6 +23,7 @@ const DEPTH: usize = 6;
 fn panic(_: &PanicInfo) -> ! {
     cortex_m::interrupt::disable();
     bridge::off();
+    chopper::off();
     // The log itself may have been what panicked.
     static ONCE: AtomicBool = AtomicBool::new(false);
     if !ONCE.load(Relaxed) {
@@ -73,6 +74,7 @@ unsafe fn DefaultHandler(number: i16) -> ! {
 #[inline(never)]
 fn unexpected(number: i16) -> ! {
     bridge::off();
+    chopper::off();
     defmt::error!("interrupt {=i16} is not expected; the bridge is off", number);
     panic!()
 }
@@ -111,6 +113,7 @@ unsafe extern "C" fn HardFault() -> ! {
 
 /// `frame`: what the exception pushed, null when there was no stack left for it.
 unsafe extern "C" fn fallen(frame: *const [u32; 8]) -> ! {
+    chopper::off();
     static ONCE: AtomicBool = AtomicBool::new(false);
     if !ONCE.load(Relaxed) {
         ONCE.store(true, Relaxed);

@@ -19,6 +19,7 @@ struct File {
     gates: Phases<[Pin; 2]>,
     trip: Option<Trip>,
     enable: Option<Pin>,
+    brake: Option<Brake>,
     rings: Option<[usize; 2]>,
     can: Option<Can>,
     #[serde(default)]
@@ -70,6 +71,13 @@ struct Phases<T> {
 struct Trip {
     pin: Pin,
     amperes: f64,
+}
+
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Brake {
+    pin: Pin,
+    ohm: f64,
 }
 
 #[derive(Clone, Copy, Deserialize)]
@@ -195,6 +203,10 @@ impl Board {
                 None => None,
             },
             enable: file.enable,
+            brake: match file.brake {
+                Some(Brake { pin, ohm }) => Some((pin, positive("brake.ohm", ohm)?)),
+                None => None,
+            },
             rings: file.rings,
             can: match file.can {
                 Some(Can { tx, rx, shutdown, loop_ns, own_firmware }) => {
@@ -275,6 +287,7 @@ mod tests {
         assert_eq!(board.net(Pin::of(b'C', 1)), Some((Net::Shunt { phase: 1, gain: -0.05, zero: 1.7 }, 100.0)));
         assert_eq!(board.trip, Some((Pin::of(b'A', 6), 30.0)));
         assert_eq!(board.enable, Some(Pin::of(b'C', 12)));
+        assert_eq!(board.brake, Some((Pin::of(b'C', 10), 10.0)));
     }
 
     /// Each mistake is told with the key, or the line, at which it is.
@@ -298,6 +311,7 @@ mod tests {
             ("current = \"V\", volts_per_ampere = -0.05,", "current = \"V\",", "analog.PC1: a current takes"),
             ("source_ohm = 8800", "source_ohm = nan", "analog.PA1: source_ohm is a number above 0"),
             ("amperes = 30", "amperes = -30", "trip.amperes is a number above 0, not -30"),
+            ("\nohm = 10\n", "\nohm = 0\n", "brake.ohm is a number above 0, not 0"),
             ("own_dead_time_ns = 320", "own_dead_time = 320", "unknown field `own_dead_time`"),
         ] {
             assert!(EXAMPLE.contains(from), "{from}");

@@ -1,6 +1,7 @@
 //! The firmwares as they would be flashed, on their boards: boot, calibrate, spin, and what happens when something
 //! breaks.
 
+mod brake;
 mod disarm;
 mod enable;
 mod faults;
@@ -82,6 +83,9 @@ fn main() {
         ("disarm_is_a_whole_frame", disarm::garbage_does_not_disarm),
         ("it_is_off_by_wire", enable::off_by_wire),
         ("without_enable_it_refuses", enable::refuses_without),
+        ("its_brake_resistor_is_on_while_the_bus_is_too_high", brake::is_on_while_the_bus_is_too_high),
+        ("its_brake_resistor_is_on_no_longer_than_it_stands", brake::is_on_for_no_longer_than_it_stands),
+        ("its_brake_resistor_is_off_where_the_control_stops", brake::is_off_where_the_control_stops),
         ("power_cuts_leave_its_calibration_intact", power::calibration_survives),
         ("power_cuts_leave_its_settings_intact", power::settings_survive),
         ("its_watchdog_bites_where_something_hangs", watchdog::bites_where_something_hangs),

@@ -64,14 +64,14 @@ pub fn bites_where_something_hangs(board: &str) {
 }
 
 /// Longest time for which the last voltage vector may stand when nothing controls any more.
-const OFF_S: f64 = 1e-3;
+pub const OFF_S: f64 = 1e-3;
 const TIM1: u32 = 0x4001_2c00;
 const ADC1: u32 = 0x5000_0000;
 
-type Stop = fn(&mut Session);
+pub type Stop = fn(&mut Session);
 
 /// What leaves the last voltage vector standing.
-const STOPS: [(&str, Stop); 4] = [
+pub const STOPS: [(&str, Stop); 4] = [
     ("the control interrupt hangs", |session| perform(session, "hang")),
     ("the end of the conversion is not told", |session| write(session, ADC1 + 0x04, 0)),
     // MMS2 of CR2: the trigger of the ADCs.

@@ -1,0 +1,30 @@
+//! All integration tests as one program: linking one for each file takes longer than running most of them.
+
+mod at_rest;
+#[cfg(unix)]
+mod commission;
+mod control;
+mod diagnostic;
+mod docs;
+mod encoder;
+mod encoder_loops;
+mod end_to_end;
+mod hostile;
+mod hub;
+mod impedance;
+mod learning;
+mod magnets;
+mod process;
+#[cfg(unix)]
+mod readme;
+mod record;
+mod registers;
+mod resonance;
+mod retune;
+mod scope;
+#[cfg(unix)]
+mod scripts;
+#[cfg(unix)]
+mod stopping;
+mod tasks;
+mod tool;

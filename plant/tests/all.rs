@@ -1,0 +1,11 @@
+//! All integration tests as one program: linking one for each file takes longer than running most of them.
+
+mod common;
+mod electrical;
+mod faults;
+mod field;
+mod inverter;
+mod load;
+mod mechanical;
+mod sensors;
+mod whole;

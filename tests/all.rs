@@ -1,0 +1,33 @@
+//! All integration tests as one program: linking one for each file takes longer than running most of them.
+
+mod adapt_bounds;
+mod adapt_drive;
+mod adapt_rotors;
+mod adapt_safety;
+mod arming;
+mod chopper;
+mod cogging;
+mod commission;
+mod delay;
+mod examples;
+mod heat;
+mod identify;
+mod impedance;
+mod magnets;
+mod motors;
+mod pole_pairs;
+mod procedure;
+mod safety;
+mod servo;
+mod spin;
+mod storage;
+mod supervision;
+mod supply;
+mod turns;
+mod vector;
+mod vernier;
+mod vernier_calibrate;
+mod vernier_decode;
+mod vernier_drive;
+mod vernier_eccentricity;
+mod vernier_encoder;

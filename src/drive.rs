@@ -47,10 +47,10 @@ use crate::commutation::Commutation;
 use crate::config::Config;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
-use crate::hall::map::Live;
 use crate::hall::track::Tracker;
 use crate::mode::{Event, Mode};
 use crate::telemetry::{Progress, Record, Status};
+use crate::turn::Live;
 use arming::{Arming, Step};
 pub use channels::{Channels, Command, Interrupt, Refusal, Reply, Tasks};
 use command::Later;
@@ -176,6 +176,15 @@ impl Drive {
     #[must_use]
     pub const fn with_map(self, map: &'static Live) -> Self {
         Self { map: Some(map), ..self }
+    }
+
+    /// Compensates what of the cogging differs from pole to pole whenever its tasks put it into effect: currents along
+    /// q, in 2⁻¹⁵ of the full scale.
+    #[cfg(not(feature = "small"))]
+    #[must_use]
+    pub const fn with_cogging(mut self, table: &'static Live) -> Self {
+        self.servo.cogging_by_pole = Some(table);
+        self
     }
 
     /// The map, where there may be one.

@@ -97,4 +97,5 @@ pub mod settings;
 pub mod storage;
 pub mod telemetry;
 pub mod trig;
+pub mod turn;
 pub mod vernier;

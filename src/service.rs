@@ -2,6 +2,8 @@
 
 mod absolute;
 pub mod adaptation;
+#[cfg(not(feature = "small"))]
+pub mod by_pole;
 pub mod commission;
 pub mod encoder;
 pub mod identification;

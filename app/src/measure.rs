@@ -39,12 +39,12 @@ fn celsius(thermistor: &Thermistor, share: f32) -> f32 {
     1.0 / (1.0 / 298.15 + libm::logf(resistance / thermistor.nominal_ohm) / thermistor.beta_k) - 273.15
 }
 
-/// A table of the cogging in SI.
-pub(crate) fn cogging(table: &Table, full_scale_a: f32) -> Cogging {
+/// A table of the cogging in SI, and beside it what differs from pole to pole.
+pub(crate) fn cogging(table: &Table, full_scale_a: f32, by_pole_a: f32) -> Cogging {
     let amperes = |current: &i16| f32::from(*current) / 32_768.0 * full_scale_a;
     let largest_a = table.0.iter().map(|current| amperes(current).abs()).fold(0.0, f32::max);
     let squares: f32 = table.0.iter().map(|current| amperes(current) * amperes(current)).sum();
-    Cogging { largest_a, rms_a: hallservo::float::root(squares / table.0.len() as f32) }
+    Cogging { largest_a, by_pole_a, rms_a: hallservo::float::root(squares / table.0.len() as f32) }
 }
 
 /// Voltages along d and q, V.

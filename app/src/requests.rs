@@ -104,9 +104,11 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             #[cfg(feature = "encoder")]
             Ask::Encoder(EncoderAsk::Status) => self.ask_encoder(EncoderAsk::Status)?,
             #[cfg(feature = "map")]
-            Ask::Magnets(MagnetsAsk::Status) => {
-                Answer::Magnets(self.magnets.status(self.is_mapping(), self.service.config()))
-            }
+            Ask::Magnets(MagnetsAsk::Status) => Answer::Magnets(self.magnets.status(
+                self.is_mapping(),
+                self.service.config(),
+                self.settings.full_scale_a(),
+            )),
             #[cfg(feature = "map")]
             Ask::Magnets(MagnetsAsk::Points(first)) => self.magnets.points(first)?,
             Ask::Telemetry(hz) => {
@@ -312,6 +314,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     fn learn_cogging(&mut self) -> Result<(), Refusal<'static>> {
         self.may_turn()?;
         Procedure::cogging(self.procedure, self.service.config())?;
+        #[cfg(feature = "map")]
+        self.magnets.note_count();
         self.cogging = protocol::Procedure::Running;
         Ok(())
     }

@@ -2,6 +2,8 @@
 
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::cogging::Table;
+#[cfg(feature = "map")]
+use hallservo::control::cogging::by_pole::Waves;
 use hallservo::hall::estimate;
 use hallservo::hall::model::Model;
 use hallservo::settings::Settings;
@@ -36,7 +38,7 @@ const VERSIONS: [u16; 3] = [0x0102, 0x0202, settings::VERSION];
 /// codes.
 const SENSORS: usize = 2 * calibration::LENGTH + 12;
 /// Most bytes of a record: that of the table, or all settings.
-const LONGEST: usize = if settings::LONGEST > cogging::LENGTH { settings::LONGEST } else { cogging::LENGTH };
+const LONGEST: usize = if settings::LONGEST > cogging::LONGEST { settings::LONGEST } else { cogging::LONGEST };
 
 /// All kinds fit a block.
 const _: () = assert!(VERSIONS.len() * size(LONGEST) <= 2048);
@@ -206,9 +208,31 @@ impl<F: NorFlash> Storage<F> {
         Ok(directed(table, settings))
     }
 
+    /// What the flash holds of the cogging that differs from pole to pole, for the direction of the settings.
+    #[cfg(feature = "map")]
+    pub fn by_pole(&mut self, settings: &Settings) -> Waves {
+        let mut buffer = [0; LONGEST];
+        let record = self.load(Record::Cogging, &mut buffer).unwrap_or_default();
+        let waves = cogging::decode_by_pole(record, settings.full_scale_a()).unwrap_or_default();
+        if settings.reversed { waves.reversed() } else { waves }
+    }
+
     /// Stored is the one that counts as the phases do, for the settings may be saved later, or not at all.
-    pub fn save_table(&mut self, table: &Table, settings: &Settings) -> Result<(), Problem> {
-        self.save(Record::Cogging, &cogging::encode(&directed(*table, settings), settings.full_scale_a()))
+    pub fn save_table(
+        &mut self,
+        table: &Table,
+        #[cfg(feature = "map")] by_pole: &Waves,
+        settings: &Settings,
+    ) -> Result<(), Problem> {
+        let (table, full_scale_a) = (directed(*table, settings), settings.full_scale_a());
+        #[cfg(feature = "map")]
+        {
+            let mut place = [0; cogging::LONGEST];
+            let by_pole = if settings.reversed { by_pole.reversed() } else { by_pole.clone() };
+            self.save(Record::Cogging, cogging::encode_with(&table, &by_pole, full_scale_a, &mut place))
+        }
+        #[cfg(not(feature = "map"))]
+        self.save(Record::Cogging, &cogging::encode(&table, full_scale_a))
     }
 
     /// The settings to work with, and what is wrong with those stored.

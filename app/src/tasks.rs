@@ -126,7 +126,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             self.scope.give_back(self.service);
         }
         while self.next_event(torque_nm) {}
-        self.magnets.tick(self.record.status);
+        self.magnets.tick(self.record.status, self.settings.anti_cogging);
         self.end_abandoned();
         self.window = self.service.window().or(self.window);
         self.proceed();

@@ -47,7 +47,7 @@ pub use encoder::{EncoderAsk, EncoderCalibration, EncoderRefusal, EncoderStatus}
 pub use frame::{Decoder, Error, FrameDecoder, encode};
 pub use history::{Cause, History, Incident};
 #[cfg(feature = "map")]
-pub use magnets::{MagnetsAsk, MagnetsRefusal, MagnetsReport, MagnetsStatus, POINTS_AT_ONCE};
+pub use magnets::{CoggingByPole, MagnetsAsk, MagnetsRefusal, MagnetsReport, MagnetsStatus, POINTS_AT_ONCE};
 #[cfg(all(feature = "scope", not(all(feature = "encoder", feature = "map"))))]
 pub use message::Absent;
 pub use message::{Answer, Ask, Hello, Refusal, Reply, Request, Setting};
@@ -57,7 +57,7 @@ pub use scope::{ROWS_AT_ONCE, ScopeAsk, ScopeRefusal, ScopeRows, ScopeStatus};
 pub use status::{Activity, Learning, Problem, Record, Status, Telemetry};
 
 /// Version of the messages.
-pub const VERSION: u8 = 8;
+pub const VERSION: u8 = 9;
 /// Most bytes of a message.
 pub const MESSAGE: usize = 244;
 /// Most bytes of a frame, zeros included: version and CRC on top of the message, one byte of COBS for each 254, two

@@ -35,6 +35,15 @@ pub struct MagnetsReport {
     pub found_again: bool,
 }
 
+/// The cogging that differs from pole to pole, as learnt with the rest of it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Serialize, Deserialize)]
+pub struct CoggingByPole {
+    /// What it is used for.
+    pub state: Use,
+    /// Current that compensates it, A RMS; 0 where there is none.
+    pub rms_a: f32,
+}
+
 /// How the map is.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub struct MagnetsStatus {
@@ -55,6 +64,8 @@ pub struct MagnetsStatus {
     pub left_deg: f32,
     /// What the flash holds of it.
     pub stored: Problem,
+    /// The cogging, whose poles are told apart by itself.
+    pub cogging: CoggingByPole,
 }
 
 /// Why something is not done.

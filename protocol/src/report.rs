@@ -39,4 +39,7 @@ pub struct Cogging {
     pub largest_a: f32,
     /// Its RMS, A.
     pub rms_a: f32,
+    /// RMS of the current beside it for what differs from pole to pole, A; not a number where the drive has no room for
+    /// that.
+    pub by_pole_a: f32,
 }

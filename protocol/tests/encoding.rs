@@ -275,7 +275,7 @@ fn motors_and_cogging() {
     );
     let longest = Reply { id: u16::MAX, answer: Answer::Identification(Procedure::Done(report)) };
     assert!(encode(&longest, &mut [0; FRAME]).is_ok());
-    assert_eq!(hex(&Cogging { largest_a: 1.0, rms_a: 0.5 }), "0000803f0000003f");
+    assert_eq!(hex(&Cogging { largest_a: 1.0, rms_a: 0.5, by_pole_a: 2.0 }), "0000803f0000003f00000040");
 }
 
 #[test]
@@ -342,8 +342,9 @@ fn magnets() {
         fit: 2.0,
         left_deg: 4.0,
         stored: Problem::Foreign,
+        cogging: CoggingByPole { state: Use::Searching, rms_a: 1.0 },
     };
-    assert_eq!(hex(&status), "02040000803f0000003f0100020000803f0000003f0100ac02000000400000804004");
+    assert_eq!(hex(&status), "02040000803f0000003f0100020000803f0000003f0100ac02000000400000804004010000803f");
     assert_eq!(hex(&[Use::None, Use::Searching, Use::Used, Use::Foreign]), "00010203");
     assert_eq!(hex(&[Activity::Magnets]), "06");
     assert_eq!(hex(&[Record::Magnets]), "04");

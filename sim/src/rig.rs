@@ -1,7 +1,7 @@
 //! The drive's control code in a closed loop with the simulated motor: what a board and its motor are to each other.
 
 use anyhow::{Context, Result, anyhow, bail};
-use hallservo::angle::ElectricalAngle;
+use hallservo::angle::{ElectricalAngle, PolePairs};
 use hallservo::board::{Output, Sample, TemperatureCode};
 use hallservo::commutation::Modulation;
 use hallservo::config::Config;
@@ -10,8 +10,9 @@ use hallservo::drive::{Channels, Command, Drive};
 use hallservo::fault::Limits;
 use hallservo::hall::calibrate::Calibration;
 use hallservo::hall::estimate::Estimator;
-use hallservo::hall::map::{Live, Map, WHOLE};
+use hallservo::hall::map::Map;
 use hallservo::mode::Mode;
+use hallservo::service::by_pole::ByPole;
 use hallservo::service::identification::{self, Identification};
 use hallservo::service::identify::Report;
 use hallservo::service::learning::{self, Learning};
@@ -19,6 +20,7 @@ use hallservo::service::mapping::{self, Mapping};
 use hallservo::service::procedure::{Procedure, Serve, State};
 use hallservo::service::{Event, Service};
 use hallservo::settings::Settings;
+use hallservo::turn::{Live, WHOLE};
 use plant::{Legs, Plant, PlantParameters, Truth};
 
 /// A drive, its service and its motor.
@@ -33,6 +35,8 @@ pub struct Rig {
     pub config: Config,
     /// The map of the magnets, which the tasks write and the drive reads.
     pub map: &'static Live,
+    /// The cogging that differs from pole to pole.
+    pub by_pole: ByPole,
     /// What the thermistors read.
     pub temperatures: [TemperatureCode; 2],
     /// Changes samples on their way from the ADC to the drive.
@@ -41,6 +45,7 @@ pub struct Rig {
     pub brake_ohm: Option<f64>,
     /// Whether it is on from the next period on: a driver and a transistor take their time.
     brakes: bool,
+    pole_pairs: PolePairs,
     period_s: f64,
 }
 
@@ -76,13 +81,16 @@ impl Rig {
         plant.place(0.3, 0.0)?;
         let (drive, service) = connected(config);
         let map: &Live = Box::leak(Box::default());
-        let drive = drive.with_map(map);
+        let by_pole = ByPole::new(Box::leak(Box::default()));
+        let drive = drive.with_map(map).with_cogging(by_pole.live());
         Ok(Self {
             plant,
             drive,
             service,
             config,
             map,
+            by_pole,
+            pole_pairs: PolePairs::new(settings.pole_pairs).context("the drive's pole pairs")?,
             temperatures: [COOL; 2],
             disturb: None,
             brake_ohm: None,
@@ -233,8 +241,9 @@ impl Rig {
     /// Why it came to nothing.
     pub fn learn(&mut self, plan: &learning::Plan) -> Result<Table> {
         while self.service.add_table(Box::leak(Box::new(Table::ZERO))).is_none() {}
-        let mut procedure = Learning::new(&self.config, plan)?;
+        let (mut procedure, count) = (Learning::new(&self.config, plan)?, self.by_pole.live().count());
         self.proceed(&mut procedure)?;
+        self.by_pole.set(procedure.by_pole().table(self.pole_pairs), Some(count));
         Ok(*procedure.table().context("done without a table")?)
     }
 
@@ -247,7 +256,7 @@ impl Rig {
         let mut procedure = Mapping::new(&self.config, plan)?;
         self.proceed(&mut procedure)?;
         let map = procedure.map().context("done without a map")?;
-        self.map.load(&map);
+        self.map.load(map.table());
         self.use_map(0);
         Ok(map)
     }
@@ -278,7 +287,12 @@ impl Rig {
     /// Empties the queues, as the tasks do.
     pub fn serve(&mut self) {
         while self.service.poll().is_some() {}
-        while self.service.measurement().is_some() {}
+        while let Some(measurement) = self.service.measurement() {
+            if let Some(control) = &self.config.control {
+                self.by_pole.measurement(&measurement, control);
+            }
+        }
+        self.by_pole.tick(true);
     }
 }
 

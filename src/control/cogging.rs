@@ -2,8 +2,11 @@
 //!
 //! The rotor turns slowly under speed control, once forward and once backward; the current that this takes, averaged
 //! over both directions, is the cogging's: friction has the other sign on the way back. Cogging repeats with the
-//! electrical turn in all motors whose slots divide evenly among the pole pairs; what does not repeat averages out and
-//! stays.
+//! electrical turn in all motors whose slots divide evenly among the pole pairs and whose magnets are alike; what
+//! differs [from pole to pole](by_pole) is learnt beside it, where a drive has room for that.
+
+#[cfg(not(feature = "small"))]
+pub mod by_pole;
 
 use crate::angle::ElectricalAngle;
 use crate::trig;

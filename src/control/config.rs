@@ -258,6 +258,14 @@ impl Config {
         self.dead_time_saturation as f32 / RAMPS as f32 / self.scale.per_ampere()
     }
 
+    /// Current, in 2⁻¹⁵ of the full scale, that changes the rotor's speed by 2⁻³² electrical turns a step in a step, by
+    /// the inertia.
+    pub(crate) fn current_per_speed_change(&self) -> f32 {
+        let Self { scale, motor, .. } = self;
+        let current_per_nm = scale.per_ampere() / motor.torque_constant(scale.pole_pairs);
+        motor.inertia_kgm2 * current_per_nm / scale.per_radian_s() * scale.step_hz
+    }
+
     /// The current of a torque in newton metres, by the flux linkage.
     ///
     /// # Errors

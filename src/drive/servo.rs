@@ -20,6 +20,7 @@ use crate::hall::track::Tracker;
 use crate::math::{clamp, high};
 use crate::telemetry::Measurement;
 pub use crate::telemetry::State;
+use crate::turn::{FRACTION, Live};
 
 /// What a running drive follows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -80,6 +81,9 @@ pub(super) struct Servo {
     speed_integrator: Integrator,
     /// Anti-cogging current over the electrical angle, if it is on.
     pub cogging: Option<&'static mut cogging::Table>,
+    /// What of it differs from pole to pole.
+    #[cfg(not(feature = "small"))]
+    pub cogging_by_pole: Option<&'static Live>,
     /// Whether a commanded speed waits for a rotor that cannot follow.
     pub(super) waits: bool,
     /// Not 0 where braking was burnt 64 steps before the alignment may be trimmed.
@@ -122,6 +126,8 @@ impl Servo {
             asked: 0,
             speed_integrator: Integrator::ZERO,
             cogging: None,
+            #[cfg(not(feature = "small"))]
+            cogging_by_pole: None,
             limits: Limits::NONE,
             measurement: Measurement::NONE,
             schedule: Schedule::new(),
@@ -397,10 +403,22 @@ impl Servo {
         self.protection.stall.is_stalled(with.config, limited, with.rotor.speed())
     }
 
+    /// What of the cogging differs from pole to pole, where there may be a table of it.
+    #[inline(always)]
+    pub const fn cogging_by_pole(&self) -> Option<&'static Live> {
+        #[cfg(not(feature = "small"))]
+        return self.cogging_by_pole;
+        #[cfg(feature = "small")]
+        None
+    }
+
     /// The current reference: what is asked for and the anti-cogging current.
     #[inline(always)]
     pub fn update_reference(&mut self, with: &Context) {
-        let anti_cogging = self.cogging.as_deref().map_or(0, |table| table.current(with.rotor.angle()));
+        let mut anti_cogging = self.cogging.as_deref().map_or(0, |table| table.current(with.rotor.angle()));
+        if let Some(table) = self.cogging_by_pole() {
+            anti_cogging += table.value(with.rotor.position()) >> FRACTION;
+        }
         self.set_reference(with.config, self.current_request + anti_cogging);
     }
 

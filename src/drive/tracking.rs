@@ -31,7 +31,7 @@ impl Drive {
             // The fastest rotor turns a twentieth in a step, so this does not overflow.
             let ahead = rotor.speed().wrapping_mul(OUTER as i32 + 1) >> 1;
             let position = Position::from_bits(rotor.position().to_bits().wrapping_add(ahead.into()));
-            correction = map.correction(position);
+            correction = ElectricalAngle::from_bits(map.value(position));
         }
         if let Some(control) = &self.config.control {
             let behind = (rotor.speed() >> 8).wrapping_mul(control.hall_delay);
@@ -40,11 +40,11 @@ impl Drive {
         self.correction = correction;
     }
 
-    /// The turns are counted anew: the map's pole is not known any more.
+    /// The turns are counted anew: the pole is not known any more.
     #[cold]
     pub(super) fn forget_pole(&mut self) {
-        if let Some(map) = self.map() {
-            map.count_anew();
+        for table in [self.map(), self.servo.cogging_by_pole()].into_iter().flatten() {
+            table.count_anew();
         }
         self.correction = ElectricalAngle::ZERO;
     }

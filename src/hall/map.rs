@@ -13,157 +13,93 @@
 
 mod find;
 mod learn;
-mod live;
 
 use crate::angle::{ElectricalAngle, PolePairs, Position};
+use crate::turn::{FRACTION, Layout, MOST_BITS, POINTS, Table};
 pub use find::{FIT, Finder, Seen, Verdict};
 pub use learn::Learner;
-pub use live::{Live, WHOLE};
 
-/// Points of a table.
-pub const POINTS: usize = 512;
-/// log₂ of the most points in an electrical turn. What magnets do to the angle ends at its eighth harmonic; higher ones
-/// could not be told from a slow motion of the rotor, of which there are some sixteen samples in an electrical turn.
-const MOST_BITS: u32 = 5;
-/// Bits by which a point is coarser than an angle: 2⁻¹⁸ turns, 0.0014° electrical, and at most 45°.
-const COARSER: u32 = 14;
-
-/// How the points lie over the mechanical turn: a power of two of them in each electrical turn.
+/// The error of the angle over the mechanical turn: about 1 KiB. A point is 2⁻¹⁸ turns, 0.0014° electrical, and at most
+/// 45°.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-struct Layout {
-    pole_pairs: i32,
-    /// log₂ of the points in an electrical turn.
-    bits: u32,
-    /// Electrical turns of the rotor from the begin of the table at position zero.
-    first: i32,
-}
-
-impl Layout {
-    const fn new(pole_pairs: PolePairs) -> Self {
-        let pairs = pole_pairs.get() as u32;
-        let bits = (POINTS as u32 / pairs).ilog2();
-        Self { pole_pairs: pairs as i32, bits: if bits > MOST_BITS { MOST_BITS } else { bits }, first: 0 }
-    }
-
-    /// Points in use.
-    const fn points(&self) -> usize {
-        (self.pole_pairs as usize) << self.bits
-    }
-
-    /// The point before a position, the one after it, and the share of the way between them in 2⁻¹⁶.
-    #[inline(always)]
-    const fn place(&self, position: Position) -> (usize, usize, i32) {
-        let bits = position.to_bits();
-        // The remainder is not negative, and there is a pole: so no panic.
-        let pairs = if self.pole_pairs > 0 { self.pole_pairs } else { 1 };
-        let turn = ((bits >> 32) as i32).wrapping_add(self.first).wrapping_rem(pairs);
-        let turn = if turn < 0 { turn + pairs } else { turn };
-        let angle = bits as u32;
-        let index = ((turn as usize) << (self.bits & 31)) + angle.wrapping_shr(32 - self.bits) as usize;
-        let next = if index + 1 < self.points() { index + 1 } else { 0 };
-        (index & (POINTS - 1), next & (POINTS - 1), (angle.wrapping_shl(self.bits) >> 16) as i32)
-    }
-}
-
-/// The error of the angle over the mechanical turn: about 1 KiB.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Map {
-    layout: Layout,
-    points: [i16; POINTS],
-}
+pub struct Map(Table);
 
 impl Map {
     /// Memory for a map: no error.
-    pub const ZERO: Self = Self { layout: Layout::new(PolePairs::ONE), points: [0; POINTS] };
+    pub const ZERO: Self = Self(Table::ZERO);
 
     /// A map of points as [`Self::points`] has them. `None` where their number does not fit the pole pairs.
     pub fn of_points(pole_pairs: PolePairs, points: impl ExactSizeIterator<Item = i16>) -> Option<Self> {
-        let layout = Layout::new(pole_pairs);
-        if points.len() != layout.points() {
-            return None;
-        }
-        let mut map = Self { layout, ..Self::ZERO };
-        map.points.iter_mut().zip(points).for_each(|(place, point)| *place = point);
-        Some(map)
+        Table::of_points(pole_pairs, points).map(Self)
+    }
+
+    /// As a table, for [`Live`](crate::turn::Live).
+    pub const fn table(&self) -> &Table {
+        &self.0
     }
 
     /// The error at evenly spaced mechanical angles from the map's begin, in 2⁻¹⁸ electrical turns.
     pub fn points(&self) -> &[i16] {
-        self.points.get(..self.layout.points()).unwrap_or(&self.points)
+        self.0.points()
     }
 
     /// Points in a mechanical turn for so many pole pairs.
     pub const fn points_for(pole_pairs: PolePairs) -> usize {
-        Layout::new(pole_pairs).points()
+        Table::points_for(pole_pairs)
     }
 
     /// The same map where the angle counts the other way.
     #[must_use]
     pub fn reversed(&self) -> Self {
-        let mut map = *self;
-        let count = self.layout.points();
-        for (index, point) in self.points().iter().enumerate() {
-            map.points[(count - index) % count] = point.saturating_neg();
-        }
-        map
+        Self(self.0.reversed())
     }
 
     /// How far the map differs from itself so many electrical turns on, degrees RMS.
     pub fn difference_deg(&self, electrical_turns: i32) -> f32 {
-        let points = self.points();
-        let by = (electrical_turns.rem_euclid(self.layout.pole_pairs) as usize) << self.layout.bits;
-        let (begin, end) = points.split_at(by.min(points.len()));
-        let others = end.iter().chain(begin);
-        let square = |(one, other): (&i16, &i16)| degrees(i32::from(*one) - i32::from(*other));
-        crate::float::root(points.iter().zip(others).map(square).map(|x| x * x).sum::<f32>() / points.len() as f32)
+        degrees(crate::float::root(self.0.difference(electrical_turns)))
     }
 
     /// Whether a [`Finder`] can tell the poles of this rotor, or need not.
     pub fn is_told(&self) -> bool {
         let doubtful = 0.8 * find::ALIKE_DEG..1.3 * find::ALIKE_DEG;
         self.rms_deg() > doubtful.end
-            && (1..self.layout.pole_pairs).all(|k| !doubtful.contains(&self.difference_deg(k)))
+            && (1..self.0.layout.pole_pairs).all(|k| !doubtful.contains(&self.difference_deg(k)))
     }
 
     /// How far the Halls' angle is ahead of the rotor at a position.
     #[inline(always)]
     pub const fn error(&self, position: Position) -> ElectricalAngle {
-        let (index, next, share) = self.layout.place(position);
-        let (start, end) = (self.points[index] as i32, self.points[next] as i32);
-        ElectricalAngle::from_bits((start << COARSER) + ((end - start) * (share >> 2)))
+        ElectricalAngle::from_bits(self.0.value(position))
     }
 
     /// The same where the rotor is so many electrical turns further than its position says.
     #[inline(always)]
     pub const fn error_from(&self, electrical_turns: i32, position: Position) -> ElectricalAngle {
-        self.error(Position::from_bits(position.to_bits().wrapping_add((electrical_turns as i64) << 32)))
+        ElectricalAngle::from_bits(self.0.value_from(electrical_turns, position))
     }
 
     /// Electrical turns in a mechanical one.
     pub const fn pole_pairs(&self) -> u8 {
-        self.layout.pole_pairs as u8
+        self.0.pole_pairs()
     }
 
     /// Mean error of each electrical turn, degrees: how far each pair of magnets is out of its place.
     pub fn pitch_deg(&self) -> impl Iterator<Item = f32> + '_ {
-        let points = 1 << self.layout.bits;
+        let points = 1 << self.0.layout.bits;
         self.points()
             .chunks(points)
-            .map(move |pole| degrees(pole.iter().map(|&point| i32::from(point)).sum()) / points as f32)
+            .map(move |pole| degrees(pole.iter().map(|&point| f32::from(point)).sum()) / points as f32)
     }
 
     /// What the error is without the map, degrees RMS.
     pub fn rms_deg(&self) -> f32 {
-        let points = self.points();
-        let squares = points.iter().map(|&point| degrees(point.into()) * degrees(point.into())).sum::<f32>();
-        crate::float::root(squares / points.len() as f32)
+        degrees(crate::float::root(self.0.square()))
     }
 }
 
 /// Degrees of what points hold.
-fn degrees(points: i32) -> f32 {
-    points as f32 * (360.0 / (1 << (32 - COARSER)) as f32)
+fn degrees(points: f32) -> f32 {
+    points * (360.0 / (1 << (32 - FRACTION)) as f32)
 }
 
 #[cfg(test)]

@@ -9,51 +9,24 @@
 use crate::angle::Position;
 use crate::control::config::Config as Control;
 use crate::fault::Limits;
-use crate::hall::map::{Finder, Live, Seen, Verdict, WHOLE};
+use crate::hall::map::{Finder, Seen, Verdict};
 use crate::mode::Mode;
 use crate::service::adaptation::torque_nm;
 use crate::storage::map::Known;
 use crate::telemetry::{Measurement, Status};
+pub use crate::turn::Use;
+use crate::turn::{Effect, Live, WHOLE};
 use core::f32::consts::TAU;
 
 /// Most pole pairs of a rotor whose pole is looked for.
 pub const POLES: usize = 32;
-/// Verdicts in a row against a map that is in effect that end it.
-const DOUBTS: u8 = 3;
-/// Times that a map is dropped until it is not looked for any more.
-const DROPS: u8 = 3;
-/// Of the share in a millisecond: all of it in a tenth of a second.
-const RISE: i32 = WHOLE.div_euclid(100) + 1;
-
-/// How the map is.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-#[cfg_attr(feature = "defmt", derive(defmt::Format))]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum Use {
-    /// There is none, or it is being learnt.
-    #[default]
-    None,
-    /// Its pole is not known: looked for while the motor runs.
-    Searching,
-    /// In effect.
-    Used,
-    /// It did not fit, again and again: another rotor, or Halls that were moved.
-    Foreign,
-}
 
 /// A map, and what it is used for.
 #[derive(Debug)]
 pub struct Magnets {
-    live: &'static Live,
+    effect: Effect,
     known: Option<Known>,
     finder: Finder<POLES>,
-    state: Use,
-    /// Where the map begins, the count of turns that this holds in, and the share that is in effect.
-    pole: i32,
-    count: u32,
-    share: i32,
-    doubts: u8,
-    drops: u8,
     /// The last verdict, and how many there were since the search began.
     verdict: Option<Verdict>,
     verdicts: u32,
@@ -67,15 +40,9 @@ impl Magnets {
     /// Without a map.
     pub const fn new(live: &'static Live) -> Self {
         Self {
-            live,
+            effect: Effect::new(live),
             known: None,
             finder: Finder::new(),
-            state: Use::None,
-            pole: 0,
-            count: 0,
-            share: 0,
-            doubts: 0,
-            drops: 0,
             verdict: None,
             verdicts: 0,
             torque_nm: 0.0,
@@ -87,29 +54,28 @@ impl Magnets {
     /// its pole is looked for.
     pub fn set(&mut self, known: Option<Known>, learnt_in: Option<u32>) {
         self.suspend();
-        self.drops = 0;
         self.known = known;
         if let Some(known) = &self.known {
-            self.live.load(&known.map);
+            self.live().load(known.map.table());
         }
-        self.search();
-        if let Some(count) = learnt_in.filter(|&count| known.is_some() && count == self.live.count()) {
-            (self.state, self.pole, self.count) = (Use::Used, 0, count);
-        }
+        let findable = self.known.is_some_and(|known| usize::from(known.map.pole_pairs()) <= POLES);
+        self.effect.renew(findable, learnt_in.filter(|_| self.known.is_some()));
+        self.begin();
     }
 
     /// The map is not used any more, as while another is learnt.
     pub fn suspend(&mut self) {
-        self.live.end();
-        (self.state, self.share) = (Use::None, 0);
+        self.effect.suspend();
     }
 
     /// Looks for the pole.
     pub fn search(&mut self) {
-        self.live.end();
-        let fits = self.known.is_some_and(|known| usize::from(known.map.pole_pairs()) <= POLES);
-        self.state = if fits { Use::Searching } else { Use::None };
-        (self.share, self.doubts) = (0, 0);
+        self.effect.search();
+        self.begin();
+    }
+
+    /// Nothing is known of the pole.
+    fn begin(&mut self) {
         (self.verdict, self.verdicts) = (None, 0);
         self.finder = Finder::new();
     }
@@ -117,32 +83,12 @@ impl Magnets {
     /// Once a millisecond, with the drive's state: raises or ends the map's effect.
     pub fn tick(&mut self, status: Status) {
         self.two_halls = status.limits().contains(Limits::TWO_HALLS);
-        let lost = self.two_halls || self.count != self.live.count();
-        match self.state {
-            Use::Used if lost => self.search(),
-            Use::Used if self.doubts >= DOUBTS => self.leave(),
-            Use::Used if self.share < WHOLE => self.set_share(self.share + RISE),
-            _ => {}
+        if self.effect.tick(self.two_halls, true) {
+            self.begin();
         }
         if status.mode() != Mode::Running {
             self.torque_nm = 0.0;
         }
-    }
-
-    fn leave(&mut self) {
-        self.set_share(self.share - RISE);
-        if self.share == 0 {
-            self.drops += 1;
-            self.search();
-            if self.drops >= DROPS {
-                self.state = Use::Foreign;
-            }
-        }
-    }
-
-    fn set_share(&mut self, share: i32) {
-        self.share = share.clamp(0, WHOLE);
-        self.live.use_from(self.pole, self.count, self.share);
     }
 
     /// Takes a measurement of a drive that runs on all three Halls.
@@ -150,25 +96,25 @@ impl Magnets {
     pub fn measurement(&mut self, measurement: &Measurement, control: &Control) {
         let torque_nm = torque_nm(measurement, control);
         let mean_nm = 0.5 * (torque_nm + core::mem::replace(&mut self.torque_nm, torque_nm));
-        if self.two_halls || !matches!(self.state, Use::Searching | Use::Used) {
+        if self.two_halls || !matches!(self.state(), Use::Searching | Use::Used) {
             return;
         }
-        if self.state == Use::Searching && self.count != self.live.count() {
+        if self.state() == Use::Searching && self.effect.is_lost() {
             self.search();
-            self.count = self.live.count();
         }
         let Some(known) = &self.known else { return };
         let scale = &control.scale;
         let turns_s2 = mean_nm / control.motor.inertia_kgm2 * scale.pole_pairs / TAU;
         let rotor = &measurement.rotor;
-        let taken_off = known.map.error_from(self.pole, rotor.position()).to_bits() / WHOLE * self.share;
+        let (pole, share) = self.effect.share();
+        let taken_off = known.map.error_from(pole, rotor.position()).to_bits() / WHOLE * share;
         let seen = Seen {
             measured: Position::from_bits(rotor.position().to_bits() + i64::from(taken_off)),
             speed: rotor.speed(),
             sequence: measurement.sequence,
             driven: turns_s2 / (scale.step_hz * scale.step_hz),
         };
-        let used = (self.state == Use::Used).then_some(self.pole);
+        let used = self.effect.used();
         if let Some(verdict) = self.finder.push(&known.map, known.noise_deg, used, &seen) {
             self.judge(&verdict);
         }
@@ -177,18 +123,12 @@ impl Magnets {
     fn judge(&mut self, verdict: &Verdict) {
         self.verdict = Some(*verdict);
         self.verdicts = self.verdicts.saturating_add(1);
-        if self.state == Use::Used {
-            self.doubts = if verdict.misfit { self.doubts.saturating_add(1) } else { 0 };
-            return;
-        }
-        if verdict.sure {
-            (self.state, self.pole, self.doubts) = (Use::Used, verdict.electrical_turns, 0);
-        }
+        self.effect.judge(verdict.sure.then_some(verdict.electrical_turns), verdict.misfit);
     }
 
     /// How it is.
     pub const fn state(&self) -> Use {
-        self.state
+        self.effect.state()
     }
 
     /// The map.
@@ -208,6 +148,6 @@ impl Magnets {
 
     /// The map that the interrupt reads.
     pub const fn live(&self) -> &'static Live {
-        self.live
+        self.effect.live()
     }
 }

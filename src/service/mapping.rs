@@ -100,8 +100,6 @@ impl Mapping {
             return Err(Error::Plan { field: "samples" });
         }
         let record_hz = control.scale.step_hz / config.record_every as f32;
-        let (scale, motor) = (&control.scale, &control.motor);
-        let current_per_nm = scale.per_ampere() / motor.torque_constant(scale.pole_pairs);
         Ok(Self {
             sequence: Sequence::new(config, config.commutation)?,
             plan: *plan,
@@ -112,7 +110,7 @@ impl Mapping {
             since_ms: None,
             leg_ms: None,
             longest_ms: (2000.0 * plan.samples as f32 / record_hz) as u32 + MARGIN_MS,
-            inertia: motor.inertia_kgm2 * current_per_nm / scale.per_radian_s(),
+            inertia: control.current_per_speed_change() / control.scale.step_hz,
             friction: 0.0,
             controlled_ms: 0,
             mean_speed: 0,

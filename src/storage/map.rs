@@ -3,8 +3,9 @@
 use super::CRC;
 use super::calibration;
 use crate::angle::PolePairs;
-use crate::hall::map::{Map, POINTS};
+use crate::hall::map::Map;
 use crate::hall::model::Model;
+use crate::turn::POINTS;
 
 /// Version of the form below, for [`super::Store::new`].
 pub const VERSION: u16 = 0x0501;

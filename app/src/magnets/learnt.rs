@@ -1,40 +1,45 @@
-//! The map: its record, and what is told of it.
+//! The map, its record and what is told of it; beside it, the cogging that differs from pole to pole.
 
 use crate::storage::{Sensors, Storage};
 use core::mem::MaybeUninit;
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::angle::PolePairs;
 use hallservo::config::Config;
 use hallservo::control::Config as Control;
+use hallservo::control::cogging::by_pole::Waves;
 use hallservo::drive::Drive;
-use hallservo::hall::map::Live;
+use hallservo::service::by_pole::ByPole;
 use hallservo::service::magnets::Magnets;
 use hallservo::service::mapping::Mapping;
 use hallservo::service::procedure::Error;
 use hallservo::settings::Settings;
 use hallservo::storage::map::{Known, fingerprint};
 use hallservo::telemetry::{Measurement, Status};
+use hallservo::turn::Live;
 use hallservo_protocol::{
-    Answer, MagnetsRefusal, MagnetsReport, MagnetsStatus, POINTS_AT_ONCE, Problem, Procedure, Refusal,
+    Answer, CoggingByPole, MagnetsRefusal, MagnetsReport, MagnetsStatus, POINTS_AT_ONCE, Problem, Procedure, Refusal,
 };
 
-/// What is static of a map.
+/// What is static of a map, and of the cogging by pole.
 pub(crate) struct MagnetMemory {
-    live: Live,
+    live: [Live; 2],
     magnets: MaybeUninit<Magnets>,
+    cogging: MaybeUninit<ByPole>,
 }
 
 impl MagnetMemory {
     pub const fn new() -> Self {
-        Self { live: Live::new(), magnets: MaybeUninit::uninit() }
+        Self { live: [const { Live::new() }; 2], magnets: MaybeUninit::uninit(), cogging: MaybeUninit::uninit() }
     }
 }
 
 /// What the control interrupt reads.
-pub(crate) struct ForDrive(&'static Live);
+pub(crate) struct ForDrive(&'static [Live; 2]);
 
 impl ForDrive {
     pub const fn attach(self, drive: Drive) -> Drive {
-        drive.with_map(self.0)
+        let [map, cogging] = self.0;
+        drive.with_map(map).with_cogging(cogging)
     }
 }
 
@@ -46,14 +51,26 @@ pub(crate) struct MagnetMap {
     begun_in: u32,
     problem: Problem,
     unsaved: bool,
+    cogging: &'static mut ByPole,
+    /// Counting the way the settings say: whether that is reversed.
+    by_pole: Waves,
+    reversed: bool,
 }
 
 impl MagnetMap {
     pub fn start(memory: &'static mut MagnetMemory) -> (Self, ForDrive) {
-        let MagnetMemory { live, magnets } = memory;
-        let live: &'static Live = live;
-        let magnets = magnets.write(Magnets::new(live));
-        let map = Self { magnets, learning: Procedure::None, begun_in: 0, problem: Problem::Blank, unsaved: false };
+        let MagnetMemory { live, magnets, cogging } = memory;
+        let live: &'static [Live; 2] = live;
+        let map = Self {
+            magnets: magnets.write(Magnets::new(&live[0])),
+            learning: Procedure::None,
+            begun_in: 0,
+            problem: Problem::Blank,
+            unsaved: false,
+            cogging: cogging.write(ByPole::new(&live[1])),
+            by_pole: Waves::NONE,
+            reversed: false,
+        };
         (map, ForDrive(live))
     }
 
@@ -78,16 +95,51 @@ impl MagnetMap {
         self.problem
     }
 
-    pub fn measurement(&mut self, measurement: &Measurement, control: &Control) {
-        self.magnets.measurement(measurement, control);
+    /// Takes what the flash holds of the cogging that differs from pole to pole.
+    #[inline(never)]
+    pub fn restore_by_pole(&mut self, by_pole: Waves, settings: &Settings) {
+        self.set_by_pole(by_pole, settings, None);
     }
 
-    pub fn tick(&mut self, status: Status) {
+    /// The cogging has been learnt, from this count of turns on.
+    #[inline(never)]
+    pub fn learnt_by_pole(&mut self, by_pole: &Waves, settings: &Settings) {
+        self.set_by_pole(by_pole.clone(), settings, Some(self.begun_in));
+    }
+
+    fn set_by_pole(&mut self, by_pole: Waves, settings: &Settings, learnt_in: Option<u32>) {
+        (self.by_pole, self.reversed) = (by_pole, settings.reversed);
+        let table = PolePairs::new(settings.pole_pairs).and_then(|pairs| self.by_pole.table(pairs));
+        self.cogging.set(table, learnt_in);
+    }
+
+    /// The cogging that differs from pole to pole.
+    pub const fn by_pole(&self) -> &Waves {
+        &self.by_pole
+    }
+
+    /// The current for it, A RMS.
+    pub fn by_pole_a(&self, full_scale_a: f32) -> f32 {
+        self.by_pole.rms() / 32_768.0 * full_scale_a
+    }
+
+    pub fn measurement(&mut self, measurement: &Measurement, control: &Control) {
+        self.magnets.measurement(measurement, control);
+        self.cogging.measurement(measurement, control);
+    }
+
+    pub fn tick(&mut self, status: Status, anti_cogging: bool) {
         self.magnets.tick(status);
+        self.cogging.tick(anti_cogging);
     }
 
     /// The drive works with these settings now.
     pub fn adopt(&mut self, settings: &Settings) {
+        if self.cogging.pole_pairs().is_some_and(|pairs| pairs != settings.pole_pairs) {
+            self.set_by_pole(Waves::NONE, settings, None);
+        } else if self.reversed != settings.reversed {
+            self.set_by_pole(self.by_pole.reversed(), settings, None);
+        }
         let Some(known) = self.magnets.known() else { return };
         if known.map.pole_pairs() != settings.pole_pairs {
             self.forget();
@@ -120,11 +172,16 @@ impl MagnetMap {
         Some(saved)
     }
 
-    /// A learning begins.
+    /// A learning of the map begins.
     pub fn begin(&mut self) {
         self.learning = Procedure::Running;
-        self.begun_in = self.magnets.live().count();
         self.magnets.suspend();
+        self.note_count();
+    }
+
+    /// A learning begins, of the map or of the cogging, in this count of turns.
+    pub fn note_count(&mut self) {
+        self.begun_in = self.magnets.live().count();
     }
 
     /// It has come to a map, which is kept if it is worth more than noise.
@@ -149,7 +206,7 @@ impl MagnetMap {
         self.magnets.search();
     }
 
-    pub fn status(&self, learns: bool, config: &Config) -> MagnetsStatus {
+    pub fn status(&self, learns: bool, config: &Config, full_scale_a: f32) -> MagnetsStatus {
         let known = self.magnets.known();
         let verdict = self.magnets.verdict();
         MagnetsStatus {
@@ -161,6 +218,7 @@ impl MagnetMap {
             fit: verdict.map_or(f32::NAN, |verdict| verdict.fit),
             left_deg: verdict.map_or(f32::NAN, |verdict| verdict.left_deg),
             stored: if self.unsaved { Problem::Blank } else { self.problem },
+            cogging: CoggingByPole { state: self.cogging.state(), rms_a: self.by_pole_a(full_scale_a) },
         }
     }
 

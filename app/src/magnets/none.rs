@@ -37,7 +37,11 @@ impl MagnetMap {
 
     pub fn measurement(&mut self, _: &Measurement, _: &Control) {}
 
-    pub fn tick(&mut self, _: Status) {}
+    pub const fn by_pole_a(&self, _: f32) -> f32 {
+        f32::NAN
+    }
+
+    pub fn tick(&mut self, _: Status, _: bool) {}
 
     pub fn adopt(&mut self, _: &Settings) {}
 

@@ -83,7 +83,15 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 self.identification = protocol::Procedure::Done(report);
             }
             Completion::Cogging(table) => {
-                self.cogging = protocol::Procedure::Done(measure::cogging(&table, self.settings.full_scale_a()));
+                #[cfg(feature = "map")]
+                if let Some(Procedure::Cogging(learning)) = &*self.procedure
+                    && E::SETTINGS == 0
+                {
+                    self.magnets.learnt_by_pole(learning.by_pole(), &self.settings);
+                }
+                let full_scale_a = self.settings.full_scale_a();
+                let by_pole_a = self.magnets.by_pole_a(full_scale_a);
+                self.cogging = protocol::Procedure::Done(measure::cogging(&table, full_scale_a, by_pole_a));
                 self.table = Some(table);
                 // The drive uses it already, whether the settings want it or not.
                 self.table_due = true;

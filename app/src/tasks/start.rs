@@ -145,6 +145,10 @@ fn supervise<F: NorFlash, E: Encoder>(
     let mut magnets = places.magnets;
     let map_problem =
         if E::SETTINGS == 0 { magnets.restore(&mut storage, sensors.as_ref().ok(), &settings) } else { Problem::None };
+    #[cfg(feature = "map")]
+    if E::SETTINGS == 0 {
+        magnets.restore_by_pole(storage.by_pole(&settings), &settings);
+    }
     let stored = [sensors.err().unwrap_or_default(), table.err().unwrap_or_default(), problem];
     let (sensors, table) = (sensors.ok(), table.ok());
     // Written right into its place, which spares the stack a copy.

@@ -97,7 +97,12 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     #[inline(never)]
     fn save_table(&mut self) {
         let Some(table) = &self.table else { return };
-        let saved = self.storage.save_table(table, &self.settings);
+        let saved = self.storage.save_table(
+            table,
+            #[cfg(feature = "map")]
+            self.magnets.by_pole(),
+            &self.settings,
+        );
         self.saved(Record::Cogging, saved);
     }
 

@@ -190,5 +190,13 @@ pub(super) fn learn_cogging(client: &mut Client, options: &Options, out: Out) ->
         cogging.rms_a,
         cogging.largest_a
     )?;
+    if cogging.by_pole_a > 0.0 {
+        say!(
+            out,
+            "Beside it, {:.3} A RMS differ from pole to pole. That is compensated, too; after a power-up once the motor has\n\
+             turned by a few turns one way, which show its pole: `hallctl magnets show`.",
+            cogging.by_pole_a
+        )?;
+    }
     out.value(&cogging)
 }

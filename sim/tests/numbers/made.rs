@@ -1,8 +1,8 @@
 //! The cheap ones: experiments that are run again, and tables that are kept as they were printed.
 
 use crate::page::{Figure, Pages, read};
-use hallservo::hall::map::Live;
 use hallservo::settings::{Control, Settings};
+use hallservo::turn::Live;
 use hallservo::vernier::calibrate::Calibrator;
 use hallservo::vernier::continuity::State;
 use hallservo::vernier::eccentricity::Geometry;

@@ -6,7 +6,7 @@
 //! of it, over the turn, is the map. It is taken off before the reference sees the angle, so that in the end nothing
 //! of it is left there.
 
-use super::{COARSER, Layout, MOST_BITS, Map, POINTS};
+use super::{FRACTION, Layout, MOST_BITS, Map, POINTS, Table};
 use crate::angle::{PolePairs, Position, TURN};
 
 /// Bandwidth of the reference, in radians of it in a radian of the mechanical turn.
@@ -158,8 +158,8 @@ impl Learner {
         let count = self.layout.points();
         let at = |index: usize| self.points[index % count];
         let mean = self.points[..count].iter().sum::<f32>() / count as f32;
-        let mut map = Map { layout: self.layout, ..Map::ZERO };
-        for (index, point) in map.points[..count].iter_mut().enumerate() {
+        let mut table = Table { layout: self.layout, ..Table::ZERO };
+        for (index, point) in table.points[..count].iter_mut().enumerate() {
             // Without what only neighbours differ by; 0.7 % of the third harmonic, a fifth of the noise's power.
             let around = |by: usize| at(index + by) + at(index + count - by);
             let smooth = if self.layout.bits < MOST_BITS {
@@ -167,8 +167,8 @@ impl Learner {
             } else {
                 (10.0 * at(index) + 4.0 * around(1) - around(2)) * (1.0 / 16.0)
             };
-            *point = libm::roundf((smooth - mean) * TURN / (1 << COARSER) as f32) as i16;
+            *point = libm::roundf((smooth - mean) * TURN / (1 << FRACTION) as f32) as i16;
         }
-        map
+        Map(table)
     }
 }

@@ -124,7 +124,7 @@ fn a_reversed_map_is_that_of_the_reversed_angle() {
         let turns = f64::from(k) / 32.0;
         let sum =
             map.error(Position::from_turns(turns)).to_bits() + reversed.error(Position::from_turns(-turns)).to_bits();
-        assert!(sum.abs() <= 1 << COARSER, "{turns} {sum}");
+        assert!(sum.abs() <= 1 << FRACTION, "{turns} {sum}");
     }
     assert_eq!(reversed.reversed(), map);
 }

@@ -16,7 +16,8 @@ use hallservo::control::config::Config as Control;
 use hallservo::control::impedance::{Impedance, Motion, Request};
 use hallservo::drive::{Channels, Command, Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
-use hallservo::hall::map::{Live, Map, WHOLE};
+use hallservo::hall::map::Map;
+use hallservo::turn::{Live, WHOLE};
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
 use hallservo::settings::{Control as ControlSettings, GuardSettings};
@@ -320,7 +321,7 @@ fn mapped(index: u32) -> Arguments {
         let Some(pole_pairs) = PolePairs::new(4) else { failure() };
         let points = (0..Map::points_for(pole_pairs)).map(|point| (point * 97 % 1601) as i16 - 800);
         let Some(map) = Map::of_points(pole_pairs, points) else { failure() };
-        MAP.load(&map);
+        MAP.load(map.table());
         MAP.use_from(1, MAP.count(), WHOLE);
     }
     if !MAP.is_used() {

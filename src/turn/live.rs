@@ -1,22 +1,22 @@
-//! The map that a drive works with: tasks write it, the control interrupt reads it, and nobody waits.
+//! The table that a drive works with: tasks write it, the control interrupt reads it, and nobody waits.
 
-use super::{Layout, Map, POINTS};
-use crate::angle::{ElectricalAngle, Position};
+use super::{Layout, POINTS, Table};
+use crate::angle::Position;
 use core::sync::atomic::{AtomicI16, AtomicI32, AtomicU32, Ordering};
 
-/// A map in full effect.
+/// A table in full effect.
 pub const WHOLE: i32 = 256;
 
-/// A map shared by the interrupt and the tasks, 1 KiB; as a static.
+/// A table shared by the interrupt and the tasks, 1 KiB; as a static.
 #[derive(Debug)]
 pub struct Live {
-    /// Share of the map that is taken off the angle, in 2⁻⁸; 0: off.
+    /// Share of the table that is in effect, in 2⁻⁸; 0: off.
     share: AtomicI32,
     /// How often the count of turns began anew; only the interrupt writes it.
     counts: AtomicU32,
-    /// The count that the map's pole was found in.
+    /// The count that the pole was found in.
     found_in: AtomicU32,
-    /// Electrical turns from the begin of the map at position zero.
+    /// Electrical turns from the begin of the table at position zero.
     first: AtomicI32,
     pole_pairs: AtomicU32,
     bits: AtomicU32,
@@ -43,14 +43,14 @@ impl Live {
         }
     }
 
-    /// Takes over a map, without effect for now. The interrupt must have run since [`Self::end`], if it was in effect.
-    pub fn load(&self, map: &Map) {
+    /// Takes over a table, without effect for now. The interrupt must have run since [`Self::end`], if it was in effect.
+    pub fn load(&self, table: &Table) {
         self.end();
-        for (place, point) in self.points.iter().zip(map.points) {
+        for (place, point) in self.points.iter().zip(table.points) {
             place.store(point, Ordering::Relaxed);
         }
-        self.pole_pairs.store(map.layout.pole_pairs as u32, Ordering::Relaxed);
-        self.bits.store(map.layout.bits, Ordering::Relaxed);
+        self.pole_pairs.store(table.layout.pole_pairs as u32, Ordering::Relaxed);
+        self.bits.store(table.layout.bits, Ordering::Relaxed);
     }
 
     /// How often the drive has begun to count its turns anew. A pole is known in one count only.
@@ -58,8 +58,8 @@ impl Live {
         self.counts.load(Ordering::Acquire)
     }
 
-    /// Puts a share of the map into effect, in 1/[`WHOLE`], for a rotor that was so many electrical turns from the
-    /// map's begin at position zero of a [count](Self::count); nothing of it once the drive counts anew. To be raised
+    /// Puts a share of the table into effect, in 1/[`WHOLE`], for a rotor that was so many electrical turns from the
+    /// table's begin at position zero of a [count](Self::count); nothing of it once the drive counts anew. To be raised
     /// over a tenth of a second, for the tracked angle moves by it.
     pub fn use_from(&self, electrical_turns: i32, count: u32, share: i32) {
         self.first.store(electrical_turns, Ordering::Relaxed);
@@ -87,12 +87,12 @@ impl Live {
         self.found_in.load(Ordering::Relaxed) == self.counts.load(Ordering::Relaxed)
     }
 
-    /// What is to be taken off the Halls' angle at a position.
+    /// The value at a position, as much of it as is in effect, in 2^−[`FRACTION`](super::FRACTION) of a point's.
     #[inline(always)]
-    pub(crate) fn correction(&self, position: Position) -> ElectricalAngle {
+    pub(crate) fn value(&self, position: Position) -> i32 {
         let share = self.share.load(Ordering::Acquire);
         if share == 0 || !self.is_found() {
-            return ElectricalAngle::ZERO;
+            return 0;
         }
         let layout = Layout {
             pole_pairs: self.pole_pairs.load(Ordering::Relaxed) as i32,
@@ -103,7 +103,7 @@ impl Live {
         // Both are within; compiled for size, an index is a panic all the same.
         let at = |point: usize| self.points.get(point).map_or(0, |point| i32::from(point.load(Ordering::Relaxed)));
         let [start, end] = [index, next].map(at);
-        // In 2⁻²⁴ turns, times the share in 2⁻⁸.
-        ElectricalAngle::from_bits(((start << 6) + (((end - start) * (between >> 2)) >> 8)) * share)
+        // In 2⁻⁶ of a point's, times the share in 2⁻⁸.
+        ((start << 6) + (((end - start) * (between >> 2)) >> 8)) * share
     }
 }

@@ -2,6 +2,7 @@
 
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use hallservo::angle::ElectricalAngle;
+use hallservo::control::cogging::by_pole::{WAVES, Wave, Waves};
 use hallservo::control::cogging::{POINTS, Table};
 use hallservo::hall::model::Model;
 use hallservo::storage::{self, Error, Store, calibration, cogging};
@@ -265,6 +266,33 @@ fn a_table_comes_back_as_it_was_in_amperes() {
     }
     assert_eq!(cogging::decode(&record[1..], 8.25), None);
     assert_eq!(cogging::decode(&cogging::encode(&table, f32::NAN), 8.25), None);
+}
+
+#[test]
+fn what_differs_from_pole_to_pole_is_behind_the_table() {
+    let mut random = Pcg64::seed_from_u64(4);
+    let table = table(&mut random);
+    for count in 0..=WAVES {
+        let wave = |_| Wave { order: random.random_range(1..=255), sine: random.random(), cosine: random.random() };
+        let waves = Waves::of((0..count).map(wave));
+        let mut place = [0; cogging::LONGEST];
+        let record = cogging::encode_with(&table, &waves, 8.25, &mut place).to_vec();
+        assert_eq!(cogging::decode(&record, 8.25), Some(table));
+        assert_eq!(cogging::decode_by_pole(&record, 8.25), Some(waves.clone()));
+        let halved = cogging::decode_by_pole(&record, 16.5).unwrap();
+        assert!((halved.rms() - waves.rms() / 2.0).abs() < 1.0, "{} {}", halved.rms(), waves.rms());
+        assert_eq!(cogging::decode_by_pole(&record, f32::NAN), None);
+        for shorter in 0..record.len() {
+            let whole = shorter >= cogging::LENGTH && (shorter - cogging::LENGTH).is_multiple_of(5);
+            let record = &record[..shorter];
+            assert_eq!(cogging::decode(record, 8.25).is_some(), whole, "{shorter}");
+            assert_eq!(cogging::decode_by_pole(record, 8.25).is_some(), whole, "{shorter}");
+        }
+    }
+    // A record of before has none.
+    assert_eq!(cogging::decode_by_pole(&cogging::encode(&table, 8.25), 8.25), Some(Waves::NONE));
+    // As many orders as fit, and one more.
+    assert_eq!(cogging::decode(&[0; cogging::LONGEST + 5], 8.25), None);
 }
 
 #[test]

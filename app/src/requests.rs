@@ -315,7 +315,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         self.may_turn()?;
         Procedure::cogging(self.procedure, self.service.config())?;
         #[cfg(feature = "map")]
-        self.magnets.note_count();
+        self.magnets.begin_by_pole(&self.settings);
         self.cogging = protocol::Procedure::Running;
         Ok(())
     }

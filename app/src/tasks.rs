@@ -180,6 +180,10 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             self.magnets.measurement(&measurement, &control);
             if let Some(procedure) = self.procedure {
                 procedure.measurement(&measurement);
+                #[cfg(feature = "map")]
+                if let Some(learning) = procedure.learning() {
+                    self.magnets.learn_by_pole(learning.direction(), &measurement, &control);
+                }
             }
         }
         if count > 0.0 { sum / count } else { 0.0 }

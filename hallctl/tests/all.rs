@@ -2,6 +2,7 @@
 
 mod at_rest;
 #[cfg(unix)]
+mod cogging;
 mod commission;
 mod control;
 mod diagnostic;

@@ -22,6 +22,8 @@ enum Experiment {
     Commutation(Common),
     /// Current, speed and position control: steps, hold under load, ripple, copper loss, anti-cogging
     Servo(Common),
+    /// Motors whose magnets differ: the ripple of a low speed before and after the cogging is learnt, the pole found again
+    Cogging(experiment::cogging::Options),
     /// Inject every fault at random times into running drives
     Faults(experiment::faults::Options),
     /// Find and follow the sensors' parameters while the motor turns; lose a sensor
@@ -49,6 +51,7 @@ fn main() -> ExitCode {
         Some(Experiment::Spin(common)) => experiment::spin::main(&common),
         Some(Experiment::Commutation(common)) => experiment::commutation::main(&common),
         Some(Experiment::Servo(common)) => experiment::servo::main(&common),
+        Some(Experiment::Cogging(options)) => experiment::cogging::main(&options),
         Some(Experiment::Faults(options)) => experiment::faults::main(&options),
         Some(Experiment::Adapt(options)) => experiment::adapt::main(&options),
         Some(Experiment::Magnets(options)) => experiment::magnets::main(&options),

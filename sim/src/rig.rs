@@ -5,6 +5,7 @@ use hallservo::angle::{ElectricalAngle, PolePairs};
 use hallservo::board::{Output, Sample, TemperatureCode};
 use hallservo::commutation::Modulation;
 use hallservo::config::Config;
+use hallservo::control;
 use hallservo::control::cogging::Table;
 use hallservo::drive::{Channels, Command, Drive};
 use hallservo::fault::Limits;
@@ -20,6 +21,7 @@ use hallservo::service::mapping::{self, Mapping};
 use hallservo::service::procedure::{Procedure, Serve, State};
 use hallservo::service::{Event, Service};
 use hallservo::settings::Settings;
+use hallservo::telemetry::Measurement;
 use hallservo::turn::{Live, WHOLE};
 use plant::{Legs, Plant, PlantParameters, Truth};
 
@@ -241,9 +243,18 @@ impl Rig {
     /// Why it came to nothing.
     pub fn learn(&mut self, plan: &learning::Plan) -> Result<Table> {
         while self.service.add_table(Box::leak(Box::new(Table::ZERO))).is_none() {}
-        let (mut procedure, count) = (Learning::new(&self.config, plan)?, self.by_pole.live().count());
-        self.proceed(&mut procedure)?;
-        self.by_pole.set(procedure.by_pole().table(self.pole_pairs), Some(count));
+        let learning = Learning::new(&self.config, plan)?;
+        let control = *self.control()?;
+        let live = self.by_pole.live();
+        let mut by_pole = std::mem::replace(&mut self.by_pole, ByPole::new(live));
+        by_pole.begin(self.pole_pairs);
+        let mut procedure = WholeLearning { learning, by_pole, control };
+        let ended = self.proceed(&mut procedure);
+        let WholeLearning { learning: procedure, by_pole, .. } = procedure;
+        self.by_pole = by_pole;
+        ended?;
+        let table = self.by_pole.learnt().table(self.pole_pairs);
+        self.by_pole.use_learnt(table);
         Ok(*procedure.table().context("done without a table")?)
     }
 
@@ -293,6 +304,36 @@ impl Rig {
             }
         }
         self.by_pole.tick(true);
+    }
+}
+
+/// The cogging, what is alike at all poles and what differs.
+struct WholeLearning {
+    learning: Learning,
+    by_pole: ByPole,
+    control: control::Config,
+}
+
+impl Procedure for WholeLearning {
+    fn event(&mut self, event: &Event) {
+        self.learning.event(event);
+    }
+
+    fn measurement(&mut self, measurement: &Measurement) {
+        self.learning.measurement(measurement);
+        self.by_pole.learn(self.learning.direction(), measurement, &self.control);
+    }
+
+    fn step(&mut self, service: &mut Service, now_ms: u32) -> State {
+        self.learning.step(service, now_ms)
+    }
+
+    fn cancel(&mut self) {
+        self.learning.cancel();
+    }
+
+    fn progress(&self) -> f32 {
+        self.learning.progress()
     }
 }
 

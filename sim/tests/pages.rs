@@ -83,6 +83,11 @@ fn delay() {
 }
 
 #[test]
+fn cogging() {
+    check(&["cogging", "--motor", "drone-15uh"], 1);
+}
+
+#[test]
 fn papers() {
     check(&["papers"], 20);
 }

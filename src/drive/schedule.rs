@@ -74,7 +74,11 @@ impl Drive {
         match schedule.tick % LONG {
             // Every 8 steps.
             0 | 8 | 16 | 24 | 32 | 40 | 48 | 56 => return self.trajectory_slot(sample),
-            1 | 9 | 17 | 25 | 33 | 41 | 49 | 57 => self.slot(sample, |servo, _, with| servo.advance_trajectory(with)),
+            1 | 9 | 17 | 25 | 33 | 41 | 49 | 57 => self.slot(sample, |servo, _, with| {
+                servo.advance_trajectory(with);
+                #[cfg(not(feature = "small"))]
+                servo.look_up_cogging(with);
+            }),
             2 | 10 | 18 | 26 | 34 | 42 | 50 | 58 => return self.command_slot(sample),
             3 | 11 | 19 | 27 | 35 | 43 | 51 | 59 => return self.protection_slot(sample),
             4 | 12 | 20 | 28 | 36 | 44 | 52 | 60 => self.slot(sample, |servo, _, with| servo.speed_loop(with)),

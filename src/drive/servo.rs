@@ -20,7 +20,9 @@ use crate::hall::track::Tracker;
 use crate::math::{clamp, high};
 use crate::telemetry::Measurement;
 pub use crate::telemetry::State;
-use crate::turn::{FRACTION, Live};
+#[cfg(not(feature = "small"))]
+use crate::turn::FRACTION;
+use crate::turn::Live;
 
 /// What a running drive follows.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -84,6 +86,9 @@ pub(super) struct Servo {
     /// What of it differs from pole to pole.
     #[cfg(not(feature = "small"))]
     pub cogging_by_pole: Option<&'static Live>,
+    /// The current against it.
+    #[cfg(not(feature = "small"))]
+    current_by_pole: i32,
     /// Whether a commanded speed waits for a rotor that cannot follow.
     pub(super) waits: bool,
     /// Not 0 where braking was burnt 64 steps before the alignment may be trimmed.
@@ -128,6 +133,8 @@ impl Servo {
             cogging: None,
             #[cfg(not(feature = "small"))]
             cogging_by_pole: None,
+            #[cfg(not(feature = "small"))]
+            current_by_pole: 0,
             limits: Limits::NONE,
             measurement: Measurement::NONE,
             schedule: Schedule::new(),
@@ -403,6 +410,25 @@ impl Servo {
         self.protection.stall.is_stalled(with.config, limited, with.rotor.speed())
     }
 
+    /// The current against what of the cogging differs from pole to pole, for [`Self::update_reference`]: in a slot of its
+    /// own, as the look-up of a map in the same one would make the longest step longer.
+    #[cfg(not(feature = "small"))]
+    #[inline(always)]
+    pub fn look_up_cogging(&mut self, with: &Context) {
+        if let Some(table) = self.cogging_by_pole {
+            self.current_by_pole = table.value(with.rotor.position()) >> FRACTION;
+        }
+    }
+
+    /// The same as looked up.
+    #[inline(always)]
+    const fn current_by_pole(&self) -> i32 {
+        #[cfg(not(feature = "small"))]
+        return self.current_by_pole;
+        #[cfg(feature = "small")]
+        0
+    }
+
     /// What of the cogging differs from pole to pole, where there may be a table of it.
     #[inline(always)]
     pub const fn cogging_by_pole(&self) -> Option<&'static Live> {
@@ -415,11 +441,8 @@ impl Servo {
     /// The current reference: what is asked for and the anti-cogging current.
     #[inline(always)]
     pub fn update_reference(&mut self, with: &Context) {
-        let mut anti_cogging = self.cogging.as_deref().map_or(0, |table| table.current(with.rotor.angle()));
-        if let Some(table) = self.cogging_by_pole() {
-            anti_cogging += table.value(with.rotor.position()) >> FRACTION;
-        }
-        self.set_reference(with.config, self.current_request + anti_cogging);
+        let anti_cogging = self.cogging.as_deref().map_or(0, |table| table.current(with.rotor.angle()));
+        self.set_reference(with.config, self.current_request + anti_cogging + self.current_by_pole());
     }
 
     /// Sets the current reference, within its limit, and the dead time's compensation for it.

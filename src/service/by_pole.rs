@@ -1,12 +1,13 @@
-//! The cogging that differs [from pole to pole](crate::control::cogging::by_pole) at a drive: its table's pole is found
-//! after power-up, it is put into effect, watched, and dropped when it does not fit.
+//! The cogging that differs [from pole to pole](crate::control::cogging::by_pole) at a drive: it is learnt with the rest of
+//! it, its table's pole is found after power-up, it is put into effect, watched, and dropped when it does not fit.
 //!
 //! Whenever the motor turns by four whole mechanical turns one way with its currents controlled, a [`Finder`] tells the
 //! pole, if it is sure; then the table is put into effect over a tenth of a second. From then on every turn is asked
 //! whether another pole, or no table, would fit better: three turns in a row that say so end it. A table that was
 //! dropped three times is not this rotor's.
 
-use crate::control::cogging::by_pole::{Finder, Taken};
+use crate::angle::PolePairs;
+use crate::control::cogging::by_pole::{Finder, Learner, Taken, Waves};
 use crate::control::config::Config as Control;
 use crate::telemetry::Measurement;
 use crate::turn::{Effect, Live, Table, Use};
@@ -21,18 +22,55 @@ pub struct ByPole {
     table: Option<Table>,
     taken: Taken,
     finder: Finder<POLES>,
+    learner: Learner,
+    /// The count of turns in which it began to learn.
+    begun_in: u32,
 }
 
 impl ByPole {
     /// Without a table.
     pub const fn new(live: &'static Live) -> Self {
-        Self { effect: Effect::new(live), table: None, taken: Taken::NONE, finder: Finder::new() }
+        Self {
+            effect: Effect::new(live),
+            table: None,
+            taken: Taken::NONE,
+            finder: Finder::new(),
+            learner: Learner::NONE,
+            begun_in: 0,
+        }
     }
 
-    /// Takes over a table, or none. One that was just learnt begins at position zero of this count of turns; otherwise
-    /// its pole is looked for.
+    /// Begins to learn, with a [`Learning`](super::learning::Learning) that begins.
+    pub fn begin(&mut self, pole_pairs: PolePairs) {
+        self.learner.begin(pole_pairs);
+        self.begun_in = self.live().count();
+    }
+
+    /// Learns from a measurement, while the rotor turns in the [direction](super::learning::Learning::direction) of the
+    /// learning.
+    pub fn learn(&mut self, direction: Option<bool>, measurement: &Measurement, control: &Control) {
+        if let (Some((position, current)), Some(forward)) = (self.taken.take(measurement, control), direction) {
+            self.learner.push(forward, position, current);
+        }
+    }
+
+    /// What was learnt; with [`Self::use_learnt`] the drive uses it.
+    pub fn learnt(&self) -> Waves {
+        self.learner.waves().unwrap_or_default()
+    }
+
+    /// Uses what was learnt, from position zero of the count of turns in which the learning began.
+    pub fn use_learnt(&mut self, table: Option<Table>) {
+        self.take_over(table, Some(self.begun_in));
+    }
+
+    /// Takes over a table, or none, whose pole is to be found.
+    pub fn set(&mut self, table: Option<Table>) {
+        self.take_over(table, None);
+    }
+
     #[inline(never)]
-    pub fn set(&mut self, table: Option<Table>, learnt_in: Option<u32>) {
+    fn take_over(&mut self, table: Option<Table>, learnt_in: Option<u32>) {
         self.effect.suspend();
         self.table = table;
         if let Some(table) = &self.table {

@@ -3,19 +3,15 @@
 //!
 //! Each pass turns whole turns forward and backward, learns a table of the current that this took, and lets the drive
 //! use it. With it the speed is steadier in the next pass, which so finds what is left. [`Learning::table`] is the
-//! table to store; after a power-up, [`Service::set_anti_cogging`] lets the drive use it again. The last pass also
-//! shows what differs [from pole to pole](cogging::by_pole), where the drive has room for that.
+//! table to store; after a power-up, [`Service::set_anti_cogging`] lets the drive use it again. Meanwhile
+//! [`ByPole`](super::by_pole::ByPole) learns what differs from pole to pole, where there is room for that.
 
 use super::procedure::{Error, Procedure, State};
 use super::sequence::{Demand, Sequence};
 use super::{Event, Service};
 use crate::commutation::Commutation;
 use crate::config::Config;
-#[cfg(not(feature = "small"))]
-use crate::control::Config as Control;
 use crate::control::Speed;
-#[cfg(not(feature = "small"))]
-use crate::control::cogging::by_pole::{self, Taken, Waves};
 use crate::control::cogging::{self, Learner};
 use crate::telemetry::Measurement;
 use core::f32::consts::TAU;
@@ -68,8 +64,6 @@ pub struct Learning {
     plan: Plan,
     learner: Learner,
     table: Option<cogging::Table>,
-    #[cfg(not(feature = "small"))]
-    by_pole: LearnerByPole,
     speed: Speed,
     /// Number of the leg, counted from 0: even ones forward, odd ones backward.
     leg: u32,
@@ -111,8 +105,6 @@ impl Learning {
             plan: *plan,
             learner: Learner::default(),
             table: None,
-            #[cfg(not(feature = "small"))]
-            by_pole: LearnerByPole::new(config, control),
             speed,
             leg: 0,
             leg_began_ms: None,
@@ -159,8 +151,6 @@ impl Learning {
         };
         self.learner = Learner::default();
         self.table = Some(table);
-        #[cfg(not(feature = "small"))]
-        self.by_pole.end_pass();
         if service.set_anti_cogging(Some(&table)).is_err() {
             return self.sequence.cancel(Error::NoTable);
         }
@@ -169,44 +159,14 @@ impl Learning {
         }
     }
 
-    /// What differs from pole to pole, by the last whole pass.
-    #[cfg(not(feature = "small"))]
-    pub const fn by_pole(&self) -> &Waves {
-        &self.by_pole.waves
+    /// Whether the rotor turns forward, while what it takes is learnt.
+    pub fn direction(&self) -> Option<bool> {
+        self.start.map(|_| self.forward())
     }
 
     /// The table of the last whole pass, which the drive uses.
     pub const fn table(&self) -> Option<&cogging::Table> {
         self.table.as_ref()
-    }
-}
-
-/// Learns what differs from pole to pole.
-#[cfg(not(feature = "small"))]
-#[derive(Clone, Debug)]
-struct LearnerByPole {
-    control: Control,
-    taken: Taken,
-    learner: by_pole::Learner,
-    waves: Waves,
-}
-
-#[cfg(not(feature = "small"))]
-impl LearnerByPole {
-    const fn new(config: &Config, control: &Control) -> Self {
-        let learner = by_pole::Learner::new(config.pole_pairs);
-        Self { control: *control, taken: Taken::NONE, learner, waves: Waves::NONE }
-    }
-
-    fn take(&mut self, forward: bool, measurement: &Measurement) {
-        if let Some((position, current)) = self.taken.take(measurement, &self.control) {
-            self.learner.push(forward, position, current);
-        }
-    }
-
-    fn end_pass(&mut self) {
-        self.waves = self.learner.waves().unwrap_or_default();
-        self.learner.restart();
     }
 }
 
@@ -226,8 +186,6 @@ impl Procedure for Learning {
             let share = coarse(self.position.wrapping_sub(start)) / coarse(self.distance) * self.sign();
             self.covered = self.covered.max(share);
             self.learner.push(self.forward(), measurement.rotor.angle(), measurement.state.current_reference);
-            #[cfg(not(feature = "small"))]
-            self.by_pole.take(self.forward(), measurement);
         }
     }
 

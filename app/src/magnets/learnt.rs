@@ -98,19 +98,29 @@ impl MagnetMap {
     /// Takes what the flash holds of the cogging that differs from pole to pole.
     #[inline(never)]
     pub fn restore_by_pole(&mut self, by_pole: Waves, settings: &Settings) {
-        self.set_by_pole(by_pole, settings, None);
+        self.set_by_pole(by_pole, settings);
     }
 
-    /// The cogging has been learnt, from this count of turns on.
+    /// The cogging begins to be learnt.
+    pub fn begin_by_pole(&mut self, settings: &Settings) {
+        self.cogging.begin(pole_pairs(settings));
+    }
+
+    /// It is learnt from a measurement.
+    pub fn learn_by_pole(&mut self, direction: Option<bool>, measurement: &Measurement, control: &Control) {
+        self.cogging.learn(direction, measurement, control);
+    }
+
+    /// It has been learnt.
     #[inline(never)]
-    pub fn learnt_by_pole(&mut self, by_pole: &Waves, settings: &Settings) {
-        self.set_by_pole(by_pole.clone(), settings, Some(self.begun_in));
+    pub fn learnt_by_pole(&mut self, settings: &Settings) {
+        (self.by_pole, self.reversed) = (self.cogging.learnt(), settings.reversed);
+        self.cogging.use_learnt(self.by_pole.table(pole_pairs(settings)));
     }
 
-    fn set_by_pole(&mut self, by_pole: Waves, settings: &Settings, learnt_in: Option<u32>) {
+    fn set_by_pole(&mut self, by_pole: Waves, settings: &Settings) {
         (self.by_pole, self.reversed) = (by_pole, settings.reversed);
-        let table = PolePairs::new(settings.pole_pairs).and_then(|pairs| self.by_pole.table(pairs));
-        self.cogging.set(table, learnt_in);
+        self.cogging.set(self.by_pole.table(pole_pairs(settings)));
     }
 
     /// The cogging that differs from pole to pole.
@@ -136,9 +146,9 @@ impl MagnetMap {
     /// The drive works with these settings now.
     pub fn adopt(&mut self, settings: &Settings) {
         if self.cogging.pole_pairs().is_some_and(|pairs| pairs != settings.pole_pairs) {
-            self.set_by_pole(Waves::NONE, settings, None);
+            self.set_by_pole(Waves::NONE, settings);
         } else if self.reversed != settings.reversed {
-            self.set_by_pole(self.by_pole.reversed(), settings, None);
+            self.set_by_pole(self.by_pole.reversed(), settings);
         }
         let Some(known) = self.magnets.known() else { return };
         if known.map.pole_pairs() != settings.pole_pairs {
@@ -175,13 +185,8 @@ impl MagnetMap {
     /// A learning of the map begins.
     pub fn begin(&mut self) {
         self.learning = Procedure::Running;
-        self.magnets.suspend();
-        self.note_count();
-    }
-
-    /// A learning begins, of the map or of the cogging, in this count of turns.
-    pub fn note_count(&mut self) {
         self.begun_in = self.magnets.live().count();
+        self.magnets.suspend();
     }
 
     /// It has come to a map, which is kept if it is worth more than noise.
@@ -230,6 +235,10 @@ impl MagnetMap {
         points.iter_mut().zip(rest).for_each(|(place, point)| *place = *point);
         Ok(Answer::MagnetPoints(points))
     }
+}
+
+fn pole_pairs(settings: &Settings) -> PolePairs {
+    PolePairs::new(settings.pole_pairs).unwrap_or(PolePairs::ONE)
 }
 
 fn report(known: &Known, config: &Config) -> MagnetsReport {

@@ -81,6 +81,12 @@ impl Procedure {
         self.inner().measurement(measurement);
     }
 
+    /// The cogging, where it is being learnt.
+    #[cfg(feature = "map")]
+    pub const fn learning(&self) -> Option<&Learning> {
+        if let Self::Cogging(learning) = self { Some(learning) } else { None }
+    }
+
     /// One step; `Some` at the end.
     pub fn step(&mut self, service: &mut Service, now_ms: u32) -> Option<Completion> {
         let state = self.inner().step(service, now_ms);

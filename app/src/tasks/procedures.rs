@@ -84,10 +84,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             }
             Completion::Cogging(table) => {
                 #[cfg(feature = "map")]
-                if let Some(Procedure::Cogging(learning)) = &*self.procedure
-                    && E::SETTINGS == 0
-                {
-                    self.magnets.learnt_by_pole(learning.by_pole(), &self.settings);
+                if E::SETTINGS == 0 {
+                    self.magnets.learnt_by_pole(&self.settings);
                 }
                 let full_scale_a = self.settings.full_scale_a();
                 let by_pole_a = self.magnets.by_pole_a(full_scale_a);

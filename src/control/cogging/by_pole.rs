@@ -7,6 +7,8 @@
 
 mod find;
 mod taken;
+#[cfg(test)]
+mod tests;
 
 use crate::angle::{ElectricalAngle, PolePairs, Position};
 use crate::trig;
@@ -112,8 +114,7 @@ impl Waves {
             // Straight lines between the points make a wave smaller by this.
             let sinc = sinc(PI * f32::from(wave.order) / count as f32);
             let (sine, cosine) = (f32::from(wave.sine) / (sinc * sinc), f32::from(wave.cosine) / (sinc * sinc));
-            let values = values.iter_mut().take(count);
-            for (value, (sin, cos)) in values.zip(Turning::by(wave.order.into(), count)) {
+            for (value, (sin, cos)) in values.iter_mut().zip(turn(wave.order.into(), count)) {
                 *value += sine * sin + cosine * cos;
             }
         }
@@ -124,20 +125,10 @@ impl Waves {
     }
 }
 
-/// Sine and cosine of the multiples of an angle.
-struct Turning {
-    by: (f32, f32),
-    at: (f32, f32),
-}
-
-impl Turning {
-    /// Of an order of a turn of so many points.
-    fn by(order: usize, points: usize) -> Self {
-        let (sin, cos) = trig::sin_cos_f32(ElectricalAngle::from_turns(order as f32 / points as f32));
-        // The table's sines would grow or fade over many points.
-        let length = crate::float::root(sin * sin + cos * cos);
-        Self { by: (sin / length, cos / length), at: (0.0, 1.0) }
-    }
+/// Sine and cosine of an order at each of so many points of the turn.
+fn turn(order: usize, points: usize) -> impl Iterator<Item = (f32, f32)> {
+    let turns = move |point: usize| (order * point % points) as f32 / points as f32;
+    (0..points).map(move |point| trig::sin_cos_f32(ElectricalAngle::from_turns(turns(point))))
 }
 
 /// sin x / x for up to an eighth of a turn, to 5e-5.
@@ -146,44 +137,34 @@ fn sinc(x: f32) -> f32 {
     1.0 - square / 6.0 * (1.0 - square / 20.0)
 }
 
-impl Iterator for Turning {
-    type Item = (f32, f32);
-
-    fn next(&mut self) -> Option<(f32, f32)> {
-        let ((sin, cos), (by_sin, by_cos)) = (self.at, self.by);
-        self.at = (sin * by_cos + cos * by_sin, cos * by_cos - sin * by_sin);
-        Some((sin, cos))
-    }
-}
-
-/// Currents at one point of the turn, one way: their sum, and how many there are.
-type Bin = (f32, u16);
-
-/// Learns it from positions and currents: 8 KiB.
+/// Learns it from positions and currents: 6 KiB.
 #[derive(Clone, Debug)]
 pub struct Learner {
     layout: Layout,
-    /// Backward and forward.
-    bins: [[Bin; POINTS]; 2],
+    /// Of each point, backward and forward.
+    sums: [[f32; POINTS]; 2],
+    counts: [[u16; POINTS]; 2],
 }
 
 impl Learner {
-    /// For so many pole pairs.
-    pub const fn new(pole_pairs: PolePairs) -> Self {
-        Self { layout: Layout::new(pole_pairs), bins: [[(0.0, 0); POINTS]; 2] }
-    }
+    /// Memory for one.
+    pub const NONE: Self =
+        Self { layout: Layout::new(PolePairs::ONE), sums: [[0.0; POINTS]; 2], counts: [[0; POINTS]; 2] };
 
-    /// Nothing is learnt.
-    pub fn restart(&mut self) {
-        self.bins.as_flattened_mut().fill((0.0, 0));
+    /// Begins anew, for so many pole pairs.
+    pub fn begin(&mut self, pole_pairs: PolePairs) {
+        self.layout = Layout::new(pole_pairs);
+        self.sums.as_flattened_mut().fill(0.0);
+        self.counts.as_flattened_mut().fill(0);
     }
 
     /// Takes the whole current that turning takes at a position, forward or backward.
     pub fn push(&mut self, forward: bool, position: Position, current: f32) {
         let (before, after, share) = self.layout.place(position);
-        let (sum, count) = &mut self.bins[usize::from(forward)][if share < 1 << 15 { before } else { after }];
-        if let Some(more) = count.checked_add(1) {
-            (*sum, *count) = (*sum + current, more);
+        let (way, point) = (usize::from(forward), if share < 1 << 15 { before } else { after });
+        if let Some(more) = self.counts[way][point].checked_add(1) {
+            self.counts[way][point] = more;
+            self.sums[way][point] += current;
         }
     }
 
@@ -193,12 +174,12 @@ impl Learner {
     pub fn waves(&self) -> Option<Waves> {
         let points = self.layout.points();
         let mut means = [[0.0_f32; POINTS]; 2];
-        for (means, bins) in means.iter_mut().zip(&self.bins) {
-            for (mean, (sum, count)) in means.iter_mut().zip(bins.iter().take(points)) {
-                if *count == 0 {
+        for ((means, sums), counts) in means.iter_mut().zip(&self.sums).zip(&self.counts) {
+            for ((mean, sum), &count) in means.iter_mut().zip(sums).zip(counts.iter().take(points)) {
+                if count == 0 {
                     return None;
                 }
-                *mean = sum / f32::from(*count);
+                *mean = sum / f32::from(count);
             }
         }
         let [backward, forward] = &means;
@@ -227,7 +208,8 @@ impl Learner {
                 *weakest = (square(mean), Wave::of(order, mean)?);
             }
         }
-        let least = STANDS_OUT * STANDS_OUT * noise / orders.max(1.0);
+        // Nor is it of use where it is less than the current's unit.
+        let least = (STANDS_OUT * STANDS_OUT * noise / orders.max(1.0)).max(1.0);
         Some(Waves::of(found.iter().filter(|(square, _)| *square > least).map(|&(_, wave)| wave)))
     }
 }
@@ -240,7 +222,7 @@ fn square([sine, cosine]: [f32; 2]) -> f32 {
 fn wave(values: &[f32], order: usize) -> [f32; 2] {
     let count = values.len();
     let (mut sine, mut cosine) = (0.0, 0.0);
-    for (value, (sin, cos)) in values.iter().zip(Turning::by(order, count)) {
+    for (value, (sin, cos)) in values.iter().zip(turn(order, count)) {
         sine += value * sin;
         cosine += value * cos;
     }

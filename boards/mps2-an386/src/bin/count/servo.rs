@@ -11,16 +11,15 @@ use hallservo::angle::{ElectricalAngle, PolePairs};
 use hallservo::board::{Output, Sample, TemperatureCode};
 use hallservo::commutation::Commutation;
 use hallservo::config::Config;
-use hallservo::control::cogging::Table;
+use hallservo::control::cogging;
 use hallservo::control::config::Config as Control;
 use hallservo::control::impedance::{Impedance, Motion, Request};
 use hallservo::drive::{Channels, Command, Drive, Tasks};
 use hallservo::hall::estimate::Estimator;
-use hallservo::hall::map::Map;
-use hallservo::turn::{Live, WHOLE};
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
 use hallservo::settings::{Control as ControlSettings, GuardSettings};
+use hallservo::turn::{Live, Table, WHOLE};
 use mps2_an386::failure;
 use static_cell::StaticCell;
 
@@ -56,7 +55,8 @@ pub const ROWS: &[Row] = &[
         stays_on,
     )
     .budget(310),
-    Row::new("field-oriented, fast, with a map, speed", "hallservo", function!(step), mapped, stays_on).budget(350),
+    Row::new("field-oriented, fast, with a map and all tables, speed", "hallservo", function!(step), mapped, stays_on)
+        .budget(360),
     Row::new("field-oriented, with a command", "hallservo", function!(step), commanded, stays_on),
 ];
 
@@ -121,7 +121,7 @@ struct Bench {
     config: Config,
     control: Control,
     impedance: Option<&'static mut Impedance>,
-    table: Option<&'static mut Table>,
+    table: Option<&'static mut cogging::Table>,
     estimator: Option<&'static mut Estimator>,
     /// What a sweep has seen: speeds either way, the alignment moved.
     fastest: [f32; 2],
@@ -129,6 +129,7 @@ struct Bench {
 }
 
 static MAP: Live = Live::new();
+static COGGING: Live = Live::new();
 static BENCHES: [AtomicPtr<Bench>; DEMANDS] = [const { AtomicPtr::new(core::ptr::null_mut()) }; DEMANDS];
 
 /// Armed drives.
@@ -136,7 +137,7 @@ pub fn init() {
     static PLACES: [StaticCell<Bench>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     static ESTIMATORS: [[StaticCell<Estimator>; DEMANDS]; 2] = [const { [const { StaticCell::new() }; DEMANDS] }; 2];
     static IMPEDANCES: [[StaticCell<Impedance>; DEMANDS]; 2] = [const { [const { StaticCell::new() }; DEMANDS] }; 2];
-    static TABLES: [StaticCell<Table>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
+    static TABLES: [StaticCell<cogging::Table>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     static CHANNELS: [StaticCell<Channels>; DEMANDS] = [const { StaticCell::new() }; DEMANDS];
     // No timeout is reached, but it is looked at.
     // The motor is there for its arithmetic, and is not followed: no check of it may end the count.
@@ -154,13 +155,13 @@ pub fn init() {
         let Ok(config) = settings.validate() else { failure() };
         let Some(control) = config.control else { failure() };
         let (interrupt, tasks) = CHANNELS[number].init(Channels::new()).split();
-        let mut table = Table::ZERO;
+        let mut table = cogging::Table::ZERO;
         for (point, current) in table.0.iter_mut().enumerate() {
             *current = (point * 97 % 401) as i16 - 200;
         }
         let drive = Drive::new(config, interrupt);
         let bench = PLACES[number].init(Bench {
-            drive: if number == MAPPED { drive.with_map(&MAP) } else { drive },
+            drive: if number == MAPPED { drive.with_map(&MAP).with_cogging(&COGGING) } else { drive },
             tasks,
             // 24 V.
             sample: Sample { bus: 2708, ..Sample::default() },
@@ -275,7 +276,7 @@ impl Bench {
     }
 
     /// Takes a table into use, or none.
-    fn set_anti_cogging(&mut self, table: Option<&'static mut Table>) {
+    fn set_anti_cogging(&mut self, table: Option<&'static mut cogging::Table>) {
         self.command(Command::AntiCogging(table));
         self.table = self.tasks.tables.dequeue().or(self.table.take());
     }
@@ -315,19 +316,22 @@ fn anti_cogging<const FOLLOWED: usize>(index: u32) -> Arguments {
     fast::<FOLLOWED>(index)
 }
 
-/// The same with a map of the magnets in effect.
+/// The same with a map of the magnets in effect, and with all that there is against cogging.
 fn mapped(index: u32) -> Arguments {
     if index == 0 {
         let Some(pole_pairs) = PolePairs::new(4) else { failure() };
-        let points = (0..Map::points_for(pole_pairs)).map(|point| (point * 97 % 1601) as i16 - 800);
-        let Some(map) = Map::of_points(pole_pairs, points) else { failure() };
-        MAP.load(map.table());
-        MAP.use_from(1, MAP.count(), WHOLE);
+        for (live, most) in [(&MAP, 800), (&COGGING, 200)] {
+            let points =
+                (0..Table::points_for(pole_pairs)).map(|point| (point * 97 % (2 * most + 1)) as i16 - most as i16);
+            let Some(table) = Table::of_points(pole_pairs, points) else { failure() };
+            live.load(&table);
+            live.use_from(1, live.count(), WHOLE);
+        }
     }
-    if !MAP.is_used() {
+    if !MAP.is_used() || !COGGING.is_used() {
         failure();
     }
-    fast::<MAPPED>(index)
+    anti_cogging::<MAPPED>(index)
 }
 
 /// The rotor is held.

@@ -1,5 +1,5 @@
 //! Tables over the whole mechanical turn, for what differs from pole to pole: the error of the angle by uneven
-//! [magnets](crate::hall::map), the current against the [cogging](crate::control::cogging::turn).
+//! [magnets](crate::hall::map), the current against the [cogging](crate::control::cogging::by_pole).
 //!
 //! A drive that counts electrical turns from its power-up does not know at which of its poles the rotor stands. A table
 //! is of use once that is known, in the same count of turns.

@@ -2,8 +2,8 @@
 //! and then by the torque that friction takes. That is found by so slow a control of the mean speed that nothing that
 //! the Halls show within the turn moves the rotor.
 //!
-//! The map in use is to be [ended](crate::hall::map::Live::end) before, and the new one
-//! [loaded](crate::hall::map::Live::load) after it.
+//! The map in use is to be [ended](crate::turn::Live::end) before, and the new one
+//! [loaded](crate::turn::Live::load) after it.
 
 use super::procedure::{Error, Procedure, State};
 use super::sequence::{Demand, Sequence};

@@ -1,6 +1,7 @@
 //! The cheap ones: experiments that are run again, and tables that are kept as they were printed.
 
 use crate::page::{Figure, Pages, read};
+use hallservo::service::by_pole::ByPole;
 use hallservo::settings::{Control, Settings};
 use hallservo::turn::Live;
 use hallservo::vernier::calibrate::Calibrator;
@@ -90,9 +91,9 @@ fn instructions(pages: &Pages) {
     numbers(&format!("alignment trimmed | {} |", three("field-oriented, fast")));
     numbers(&format!("a table against cogging | {} |", three("field-oriented, with a table")));
     numbers(&format!("(speed and position) | {} |", three("field-oriented, stalled")));
-    let map = "field-oriented, fast, with a map, speed";
+    let map = "field-oriented, fast, with a map and all tables, speed";
     let mean: f64 = count(map, "hallservo", 4).parse().unwrap();
-    numbers(&format!("a map of the magnets (mean {mean:.0}) | {} |", ours(map)));
+    numbers(&format!("both tables against cogging (mean {mean:.0}) | {} |", ours(map)));
     let most = Figure::Is(ours(map).parse().unwrap());
     pages.quote(NUMBERS, "the look-up of the map is {} instructions with it, of {}", &[most, most]);
     numbers(&format!("at most every 8th | {} |", ours("field-oriented, with a command")));
@@ -187,6 +188,7 @@ fn memory(pages: &Pages) {
     pages.quote(NUMBERS, "take {} KiB of RAM with one head a ring and {} KiB with two", &heads);
     pages.quote(NUMBERS, "a running calibration {} KiB", &[kib(size_of::<Calibrator<2>>())]);
     pages.quote(NUMBERS, "The map takes {} KiB of RAM", &[kib(size_of::<Live>())]);
+    pages.quote(NUMBERS, "It takes {} KiB of RAM and comes", &[kib(size_of::<Live>() + size_of::<ByPole>())]);
 }
 
 /// What a pair of rings bears off the axis, 2 mm a pole pair.

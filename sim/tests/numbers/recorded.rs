@@ -12,6 +12,7 @@ pub const CHECKS: &[fn(&Pages)] = &[
     a_hundred_motors,
     functions,
     uneven_magnets,
+    cogging,
     late_halls,
     late_halls_and_uneven_magnets,
     damaged_lines,
@@ -74,6 +75,29 @@ fn uneven_magnets(pages: &Pages) {
             rms(name, "mapped", "reversing_deg_rms"),
         ];
         pages.quote(NUMBERS, &format!("{said} {{}} | {{}} | {{}} |"), &figures);
+    }
+}
+
+fn cogging(pages: &Pages) {
+    let rows: Vec<Value> = serde_json::from_str(&read("docs/recorded/cogging.json")).unwrap();
+    let of = |row: &Value, what: &str| row[what].as_f64().unwrap();
+    let is_rough = |row: &&Value| of(row, "without_pct") > 2.0 && row["motor"] != "paper";
+    let rough: Vec<_> = rows.iter().filter(is_rough).collect();
+    assert_eq!((rows.len(), rough.len()), (17, 12));
+    let times = |row: &Value| of(row, "without_pct") / of(row, "learnt_pct");
+    assert_eq!(rough.iter().filter(|row| times(row) < 5.0).count(), 2);
+    for row in rough {
+        let [motor, slots] = ["motor", "slots"].map(|what| &row[what]);
+        let motor = motor.as_str().unwrap();
+        let said = format!("| {motor} | {} / {slots} | {{}} % | {{}} % | {{}} % | {{}} | {{}} |", row["pole_pairs"]);
+        let figures = ["without_pct", "alike_pct", "learnt_pct"].map(|what| Is(of(row, what)));
+        let [times, turns] = [Is(times(row)), Is(of(row, "found_turns"))];
+        pages.quote(NUMBERS, &said, &[figures[0], figures[1], figures[2], times, turns]);
+        assert!(row["found_right"] == true, "{motor}");
+    }
+    // What differs from pole to pole makes none of the others rougher.
+    for row in rows.iter().filter(|row| !is_rough(row) && row["differs"] == true) {
+        assert!(of(row, "learnt_pct") < 1.02 * of(row, "alike_pct"), "{row}");
     }
 }
 

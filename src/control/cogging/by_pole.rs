@@ -98,7 +98,7 @@ impl Waves {
     /// Root of the mean square of the current.
     pub fn rms(&self) -> f32 {
         let squares = self.iter().map(|wave| square([wave.sine, wave.cosine].map(f32::from)));
-        crate::float::root(squares.sum::<f32>() / 2.0)
+        crate::float::root(squares.fold(0.0, |sum, square| sum + square) / 2.0)
     }
 
     /// As a table, if there are any. Orders that it has too few points for are left out.
@@ -191,7 +191,7 @@ impl Learner {
         let mut found: Vec<(f32, Wave), WAVES> = Vec::new();
         let (mut noise, mut orders) = (0.0, 0.0_f32);
         for order in (LEAST_ORDER..=most).filter(|order| order % self.layout.pole_pairs.unsigned_abs() as usize != 0) {
-            let [backward, forward] = [backward, forward].map(|values| wave(values, order));
+            let [backward, forward] = wave([backward, forward], order);
             let mean = [0, 1].map(|part| (forward[part] + backward[part]) / 2.0);
             let half = [0, 1].map(|part| (forward[part] - backward[part]) / 2.0);
             (noise, orders) = (noise + square(half), orders + 1.0);
@@ -218,15 +218,17 @@ fn square([sine, cosine]: [f32; 2]) -> f32 {
     sine * sine + cosine * cosine
 }
 
-/// Sine and cosine of an order of values over the turn.
-fn wave(values: &[f32], order: usize) -> [f32; 2] {
-    let count = values.len();
-    let (mut sine, mut cosine) = (0.0, 0.0);
-    for (value, (sin, cos)) in values.iter().zip(turn(order, count)) {
-        sine += value * sin;
-        cosine += value * cos;
+/// Sine and cosine of an order, of values over the turn in both directions.
+fn wave([backward, forward]: [&[f32]; 2], order: usize) -> [[f32; 2]; 2] {
+    let count = forward.len();
+    let mut sums = [[0.0; 2]; 2];
+    for ((backward, forward), (sin, cos)) in backward.iter().zip(forward).zip(turn(order, count)) {
+        for ([sine, cosine], value) in sums.iter_mut().zip([backward, forward]) {
+            *sine += value * sin;
+            *cosine += value * cos;
+        }
     }
-    // A bin is as wide as the way to the next.
+    // A point stands for what is half the way to the next around it.
     let scale = 2.0 / count as f32 / sinc(PI * order as f32 / count as f32);
-    [scale * sine, scale * cosine]
+    sums.map(|parts| parts.map(|sum| scale * sum))
 }

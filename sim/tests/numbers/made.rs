@@ -95,7 +95,7 @@ fn instructions(pages: &Pages) {
     let mean: f64 = count(map, "hallservo", 4).parse().unwrap();
     numbers(&format!("both tables against cogging (mean {mean:.0}) | {} |", ours(map)));
     let most = Figure::Is(ours(map).parse().unwrap());
-    pages.quote(NUMBERS, "the look-up of the map is {} instructions with it, of {}", &[most, most]);
+    pages.quote(NUMBERS, "the longest, with a map and all tables, is {} instructions with it, too", &[most]);
     numbers(&format!("at most every 8th | {} |", ours("field-oriented, with a command")));
     numbers(&format!("nothing to record | {} |", ours("scope, nothing to record")));
     let mean: f64 = count("scope, four channels", "hallservo", 4).parse().unwrap();

@@ -35,7 +35,7 @@ fn hex<'a, T: Serialize + Deserialize<'a> + PartialEq + std::fmt::Debug>(value: 
 
 #[test]
 fn the_version_is_this_one() {
-    assert_eq!(VERSION, 8);
+    assert_eq!(VERSION, 9);
 }
 
 #[test]

@@ -71,6 +71,12 @@ fn what_differs_from_pole_to_pole_is_learnt_stored_and_found_again() {
         Answer::Cogging(Procedure::Done(cogging)) => assert_eq!(cogging.by_pole_a, learnt.rms_a),
         other => panic!("{other:?}"),
     });
+    // Learnt again, while the first table is in use and watched, it is about the same.
+    done(&mut drive, Ask::LearnCogging);
+    wait(&mut drive);
+    let again = by_pole(&mut drive);
+    assert!(again.state == Use::Used && (again.rms_a / learnt.rms_a - 1.0).abs() < 0.1, "{again:?} {learnt:?}");
+    let learnt = again;
     let flash = drive.flash();
     drop(drive);
     for (begin_rad, rad_s) in [(0.4, 8.0), (3.0, 8.0), (5.0, -8.0)] {

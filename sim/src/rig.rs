@@ -321,6 +321,7 @@ impl Procedure for WholeLearning {
 
     fn measurement(&mut self, measurement: &Measurement) {
         self.learning.measurement(measurement);
+        self.by_pole.measurement(measurement, &self.control);
         self.by_pole.learn(self.learning.direction(), measurement, &self.control);
     }
 

@@ -2,9 +2,9 @@
 //! it, its table's pole is found after power-up, it is put into effect, watched, and dropped when it does not fit.
 //!
 //! Whenever the motor turns by four whole mechanical turns one way with its currents controlled, a [`Finder`] tells the
-//! pole, if it is sure; then the table is put into effect over a tenth of a second. From then on every turn is asked
-//! whether another pole, or no table, would fit better: three turns in a row that say so end it. A table that was
-//! dropped three times is not this rotor's.
+//! pole, if it is sure; then the table is put into effect over a tenth of a second. From then on it is asked every eight
+//! turns whether another pole, or no table, would fit better: three answers in a row that say so end it. A table that
+//! was dropped three times is not this rotor's.
 
 use crate::angle::PolePairs;
 use crate::control::cogging::by_pole::{Finder, Learner, Taken, Waves};
@@ -22,6 +22,8 @@ pub struct ByPole {
     table: Option<Table>,
     taken: Taken,
     finder: Finder<POLES>,
+    /// The learner's own, as a table may be in use, and watched, while another is learnt.
+    taken_meanwhile: Taken,
     learner: Learner,
     /// The count of turns in which it began to learn.
     begun_in: u32,
@@ -35,6 +37,7 @@ impl ByPole {
             table: None,
             taken: Taken::NONE,
             finder: Finder::new(),
+            taken_meanwhile: Taken::NONE,
             learner: Learner::NONE,
             begun_in: 0,
         }
@@ -49,7 +52,8 @@ impl ByPole {
     /// Learns from a measurement, while the rotor turns in the [direction](super::learning::Learning::direction) of the
     /// learning.
     pub fn learn(&mut self, direction: Option<bool>, measurement: &Measurement, control: &Control) {
-        if let (Some((position, current)), Some(forward)) = (self.taken.take(measurement, control), direction) {
+        let taken = self.taken_meanwhile.take(measurement, control);
+        if let (Some((position, current)), Some(forward)) = (taken, direction) {
             self.learner.push(forward, position, current);
         }
     }

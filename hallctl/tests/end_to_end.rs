@@ -195,7 +195,9 @@ fn the_motor_is_measured_and_its_cogging_learnt() {
     assert!(motor.contains("resistance") && motor.contains("inertia_kgm2"), "{motor}");
     assert!(drive.ok(&["cogging", "learn"]).contains("A RMS"));
     assert!(drive.ok(&["status"]).contains("anti-cogging on"));
+    assert!(!drive.ok(&["magnets", "show", "--json"]).contains("\"state\":\"off\""));
     drive.ok(&["cogging", "off"]);
+    assert!(drive.ok(&["magnets", "show", "--json"]).contains("\"state\":\"off\""));
     assert!(!drive.ok(&["status"]).contains("anti-cogging on"));
     drive.ok(&["arm"]);
     drive.ok(&["torque", "0.01", "--seconds", "0.2"]);

@@ -25,9 +25,6 @@ pub use learn::Learner;
 pub struct Map(Table);
 
 impl Map {
-    /// Memory for a map: no error.
-    pub const ZERO: Self = Self(Table::ZERO);
-
     /// A map of points as [`Self::points`] has them. `None` where their number does not fit the pole pairs.
     pub fn of_points(pole_pairs: PolePairs, points: impl ExactSizeIterator<Item = i16>) -> Option<Self> {
         Table::of_points(pole_pairs, points).map(Self)

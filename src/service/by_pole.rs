@@ -9,11 +9,9 @@
 use crate::angle::PolePairs;
 use crate::control::cogging::by_pole::{Finder, Learner, Taken, Waves};
 use crate::control::config::Config as Control;
+use crate::service::magnets::POLES;
 use crate::telemetry::Measurement;
 use crate::turn::{Effect, Live, Table, Use};
-
-/// Most pole pairs of a rotor whose pole is looked for.
-pub const POLES: usize = 32;
 
 /// A table, and what it is used for.
 #[derive(Debug)]

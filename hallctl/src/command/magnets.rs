@@ -105,8 +105,8 @@ fn tell(client: &mut Client, out: Out, csv: Option<&Path>) -> Result<()> {
     let status = status(client)?;
     let Some(map) = map(client, status.pole_pairs)? else {
         say!(out, "There is no map{}", why_none(&status))?;
-        tell_cogging(&status.cogging, out)?;
-        return out.value(&json!({ "state": word(status.state), "report": null, "cogging": cogging(&status) }));
+        let cogging = tell_cogging(client, &status.cogging, out)?;
+        return out.value(&json!({ "state": word(status.state), "report": null, "cogging": cogging }));
     };
     let pairs = of_pairs(&map);
     let head = ["pole pair", "mean", "at most"].map(String::from).to_vec();
@@ -126,7 +126,7 @@ fn tell(client: &mut Client, out: Out, csv: Option<&Path>) -> Result<()> {
         say!(out, "Its poles are too much alike to be told after power-up: `hallctl magnets learn` again then.")?;
     }
     say!(out, "The map is {}; in the flash: {}.", state(&status), words::problem(status.stored))?;
-    tell_cogging(&status.cogging, out)?;
+    let cogging = tell_cogging(client, &status.cogging, out)?;
     if let Some(path) = csv {
         write(&map, path)?;
     }
@@ -137,23 +137,26 @@ fn tell(client: &mut Client, out: Out, csv: Option<&Path>) -> Result<()> {
         "fit": status.fit,
         "left_deg": status.left_deg,
         "worst_pole_pair": worst + 1,
-        "cogging": cogging(&status),
+        "cogging": cogging,
         "pole_pairs": pairs.iter().map(|[mean, most]| json!({ "mean_deg": mean, "most_deg": most })).collect::<Vec<_>>(),
     }))
 }
 
-/// What is told of the cogging that differs from pole to pole.
-fn tell_cogging(cogging: &CoggingByPole, out: Out) -> Result<()> {
-    if cogging.rms_a == 0.0 {
-        return Ok(());
-    }
+/// Tells of the cogging that differs from pole to pole, and has it as a value. Its table keeps its pole while none of
+/// the cogging is compensated.
+fn tell_cogging(client: &mut Client, cogging: &CoggingByPole, out: Out) -> Result<serde_json::Value> {
+    let on = client.status()?.anti_cogging;
     let state = match cogging.state {
+        _ if !on => "not compensated, nor is the rest: `hallctl cogging on`",
         Use::None => "not compensated",
         Use::Searching => "not compensated yet: its pole is looked for while the motor turns",
         Use::Used => "compensated",
         Use::Foreign => "not compensated: it did not fit, again and again. Another rotor? `hallctl cogging learn`",
     };
-    say!(out, "Of the cogging, {:.3} A RMS differ from pole to pole: {state}.", cogging.rms_a)
+    if cogging.rms_a > 0.0 {
+        say!(out, "Of the cogging, {:.3} A RMS differ from pole to pole: {state}.", cogging.rms_a)?;
+    }
+    Ok(json!({ "state": if on { word(cogging.state) } else { "off" }, "rms_a": cogging.rms_a }))
 }
 
 fn why_none(status: &MagnetsStatus) -> &'static str {
@@ -175,10 +178,6 @@ fn of_pairs(map: &Map) -> Vec<[f32; 2]> {
         .zip(map.pitch_deg())
         .map(|(pair, mean)| [mean, pair.iter().map(|point| degrees(point).abs()).fold(0.0, f32::max)])
         .collect()
-}
-
-fn cogging(status: &MagnetsStatus) -> serde_json::Value {
-    json!({ "state": word(status.cogging.state), "rms_a": status.cogging.rms_a })
 }
 
 const fn word(state: Use) -> &'static str {

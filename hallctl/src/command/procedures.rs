@@ -193,8 +193,8 @@ pub(super) fn learn_cogging(client: &mut Client, options: &Options, out: Out) ->
     if cogging.by_pole_a > 0.0 {
         say!(
             out,
-            "Beside it, {:.3} A RMS differ from pole to pole. That is compensated, too; after a power-up once the motor has\n\
-             turned by a few turns one way, which show its pole: `hallctl magnets show`.",
+            "Beside it, {:.3} A RMS differ from pole to pole. That is compensated, too. After a power-up the drive has to find\n\
+             the pole again, for which the motor makes a few turns one way; `hallctl magnets show` says whether it has.",
             cogging.by_pole_a
         )?;
     }

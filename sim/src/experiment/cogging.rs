@@ -251,11 +251,11 @@ pub fn main(options: &Options) -> Result<()> {
         "motor",
         "pole pairs / slots",
         "without",
-        "alike at all poles",
-        "all",
+        "same at all poles",
+        "with all of it",
         "times less",
         "pole found after",
-        "then",
+        "ripple then",
     ];
     let table: Vec<_> = std::iter::once(head.map(String::from).into()).chain(trials.iter().map(Trial::row)).collect();
     print_table(&table);

@@ -332,6 +332,11 @@ impl Drive {
         }
     }
 
+    /// Whether the current along q is measured in every step.
+    const fn controls_current(&self) -> bool {
+        matches!(self.path, Path::FieldOriented | Path::LocalFeedback)
+    }
+
     fn idle(&mut self, sample: &Sample) -> Output {
         self.measure(&sample.halls);
         if let Some(control) = &self.config.control {

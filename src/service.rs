@@ -4,6 +4,7 @@ mod absolute;
 pub mod adaptation;
 #[cfg(not(feature = "small"))]
 pub mod by_pole;
+pub mod coil;
 pub mod commission;
 pub mod encoder;
 pub mod identification;

@@ -2,6 +2,7 @@
 
 pub mod adapt;
 pub mod cogging;
+pub mod coil;
 pub mod commutation;
 pub mod delay;
 pub mod faults;

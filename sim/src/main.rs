@@ -32,6 +32,8 @@ enum Experiment {
     Magnets(experiment::magnets::Options),
     /// Late Halls: their delay as the drive measures it, and the tracked angle before and after
     Delay(experiment::delay::Options),
+    /// The field of the windings in the Halls' signals: measured, and the tracked angle under load before and after
+    Coil(experiment::coil::Options),
     /// Commission motors on boards with wrong gains: what was found, its ±, and what is true
     Identify(experiment::identify::Options),
     /// Choose the PWM frequency; current ripple by formula and by a switched simulation
@@ -56,6 +58,7 @@ fn main() -> ExitCode {
         Some(Experiment::Adapt(options)) => experiment::adapt::main(&options),
         Some(Experiment::Magnets(options)) => experiment::magnets::main(&options),
         Some(Experiment::Delay(options)) => experiment::delay::main(&options),
+        Some(Experiment::Coil(options)) => experiment::coil::main(&options),
         Some(Experiment::Identify(options)) => experiment::identify::main(&options),
         Some(Experiment::Pwm(options)) => experiment::pwm::main(&options),
         Some(Experiment::Vernier(options)) => experiment::vernier::main(&options),

@@ -13,6 +13,7 @@ use hallservo::hall::calibrate::Calibration;
 use hallservo::hall::estimate::Estimator;
 use hallservo::hall::map::Map;
 use hallservo::mode::Mode;
+use hallservo::scope::{self, Recorder, Recording, Scope};
 use hallservo::service::by_pole::ByPole;
 use hallservo::service::identification::{self, Identification};
 use hallservo::service::identify::Report;
@@ -45,6 +46,9 @@ pub struct Rig {
     pub disturb: Option<Disturb>,
     /// The brake resistor at the drive's output for it, Ω.
     pub brake_ohm: Option<f64>,
+    /// What the tasks have of the scope.
+    pub scope: Scope,
+    recorder: Recorder,
     /// Whether it is on from the next period on: a driver and a transistor take their time.
     brakes: bool,
     pole_pairs: PolePairs,
@@ -85,6 +89,7 @@ impl Rig {
         let map: &Live = Box::leak(Box::default());
         let by_pole = ByPole::new(Box::leak(Box::default()));
         let drive = drive.with_map(map).with_cogging(by_pole.live());
+        let (recorder, scope) = Box::leak(Box::<scope::Channels>::default()).split(Some(Box::leak(Box::new(Recording::new()))));
         Ok(Self {
             plant,
             drive,
@@ -96,6 +101,8 @@ impl Rig {
             temperatures: [COOL; 2],
             disturb: None,
             brake_ohm: None,
+            scope,
+            recorder,
             brakes: false,
             period_s,
         })
@@ -115,6 +122,7 @@ impl Rig {
         }
         let truth = self.plant.truth();
         let output = self.drive.step(&sample);
+        self.recorder.take(&self.drive, &sample, &output);
         self.plant.set_brake(self.brake_ohm.filter(|_| self.brakes)).expect("a brake resistor has a resistance");
         // A decision is for the next period.
         self.brakes = self.drive.chopper(&sample).unwrap_or(self.brakes);

@@ -67,6 +67,8 @@ pub struct Config {
     pub(crate) trim_from: i32,
     /// Delay of the Halls' signals, in 2⁻⁸ steps.
     pub(crate) hall_delay: i32,
+    /// What a current along q turns the Halls' angle by, in 2⁻³² turns per 2⁻¹⁵ of the full scale.
+    pub(crate) hall_coil: i32,
     /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every 128
     /// steps.
     pub(crate) trim_gain: i32,
@@ -157,6 +159,7 @@ impl Config {
                 * 16_777_216.0)
                 .clamp(1.0, 2_147_483_520.0) as i32,
             hall_delay: libm::roundf(settings.hall_delay_us * 256e-6 * scale.step_hz) as i32,
+            hall_coil: libm::roundf(settings.hall_coil_deg_a / scale.per_ampere() * (TURN / 360.0)) as i32,
             scale,
             motor,
             rates: [current_hz, speed_hz, position_hz].map(|hz| TAU * hz),
@@ -246,6 +249,11 @@ impl Config {
         let most = self.max_current as f32 / self.scale.per_ampere();
         demand(amperes, most)?;
         Ok(Current((libm::roundf(amperes * self.scale.per_ampere()) as i32).clamp(-self.max_current, self.max_current)))
+    }
+
+    /// Largest current, in amperes.
+    pub fn largest_current_a(&self) -> f32 {
+        self.max_current as f32 / self.scale.per_ampere()
     }
 
     /// Delay of the Halls' signals, µs.

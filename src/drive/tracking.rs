@@ -2,6 +2,7 @@
 
 use super::{Drive, OUTER};
 use crate::angle::{ElectricalAngle, Position};
+use crate::control::current::PARK_BITS;
 use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
 use crate::hall::plausibility::Implausible;
@@ -21,8 +22,8 @@ impl Drive {
         self.resolve_suspicion(*codes);
     }
 
-    /// What the Halls' angle is ahead by, for the steps until it is looked up again: by the map in their middle, and
-    /// less what the rotor turns while the Halls' signals are late.
+    /// What the Halls' angle is ahead by, for the steps until it is looked up again: by the map in their middle, less
+    /// what the rotor turns while the Halls' signals are late, and by the field of the windings.
     #[inline(always)]
     pub(super) fn look_up_correction(&mut self) {
         let rotor = &self.record.rotor;
@@ -35,7 +36,10 @@ impl Drive {
         }
         if let Some(control) = &self.config.control {
             let behind = (rotor.speed() >> 8).wrapping_mul(control.hall_delay);
-            correction -= ElectricalAngle::from_bits(behind);
+            // The current that is measured, as where the voltage is at its limit it is not the one that is asked for.
+            let current = if self.controls_current() { self.servo.current().q >> PARK_BITS } else { 0 };
+            let turned = current.wrapping_mul(control.hall_coil);
+            correction += ElectricalAngle::from_bits(turned.wrapping_sub(behind));
         }
         self.correction = correction;
     }

@@ -55,7 +55,7 @@ impl Estimate {
     }
 
     /// With an error of a share of the value more.
-    fn beside(self, share: f32) -> Self {
+    pub(super) fn beside(self, share: f32) -> Self {
         Self { error: self.error + share * self.value.abs(), ..self }
     }
 
@@ -193,11 +193,11 @@ impl fmt::Display for Report {
 }
 
 /// Most regressors.
-const MOST: usize = 5;
+pub(super) const MOST: usize = 5;
 
 /// Sums of a linear regression; one function for all numbers of regressors is shorter than one for each.
 #[derive(Clone, Copy, Debug, Default)]
-struct Fit {
+pub(super) struct Fit {
     squares: [[f32; MOST]; MOST],
     products: [f32; MOST],
     square: f32,
@@ -207,7 +207,7 @@ struct Fit {
 impl Fit {
     /// With a weight. Those beyond the regressors are to be zero.
     #[inline(never)]
-    fn push(&mut self, x: [f32; MOST], y: f32, weight: f32) {
+    pub(super) fn push(&mut self, x: [f32; MOST], y: f32, weight: f32) {
         let (x, y) = (x.map(|x| x * weight), y * weight);
         for (i, (squares, product)) in self.squares.iter_mut().zip(&mut self.products).enumerate() {
             *product += x[i] * y;
@@ -221,7 +221,7 @@ impl Fit {
 
     /// The coefficients of the first regressors, each with three times its standard error; `None` where the regressors do
     /// not tell them apart.
-    fn solve(&self, regressors: usize) -> Option<[Estimate; MOST]> {
+    pub(super) fn solve(&self, regressors: usize) -> Option<[Estimate; MOST]> {
         let values = self.solve_for(regressors, self.products)?;
         let explained: f32 = values.iter().zip(&self.products).take(regressors).map(|(x, product)| x * product).sum();
         let freedom = self.count.checked_sub(regressors as u32 + 1)?;

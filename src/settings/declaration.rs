@@ -262,6 +262,9 @@ settings! {
             "Largest acceleration of a trajectory, mechanical";
         /// Bandwidth of the sensors, filters, and what the converter samples them earlier or later than the currents.
         hall_delay_us: f32 = 0.0, -20.0 => 200.0, "µs", Real, FREE, "Delay of the Halls' signals";
+        /// The field of the windings beside the magnets'; electrical. At the largest current 30° at most.
+        hall_coil_deg_a: f32 = 0.0, -30.0 / c.max_current_a.max(0.1) => 30.0 / c.max_current_a.max(0.1), "°/A", Real, FREE,
+            "Angle by which a current along q turns what the Halls see";
     } with {
         /// Thresholds of the faults.
         guard: GuardSettings = GuardSettings::DEFAULT;

@@ -33,9 +33,9 @@ pub struct Entry {
 pub(super) const BOARD: u8 = 0x80;
 
 /// Every unit.
-const UNITS: [&str; 18] = [
+const UNITS: [&str; 19] = [
     "", "bit", "Hz", "s", "µs", "periods", "°", "°C", "K", "A", "V", "Ω", "H", "Wb", "kg·m²", "turns", "rad/s",
-    "rad/s²",
+    "rad/s²", "°/A",
 ];
 
 /// Every kind.

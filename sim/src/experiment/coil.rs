@@ -1,0 +1,269 @@
+//! The field of the windings in the Halls' signals: what it turns the angle by, as the drive measures it, and the tracked
+//! angle before and after.
+
+use super::Common;
+use crate::commissioning::{Bench, commission};
+use crate::motors::{MOTORS, Motor};
+use crate::report::{Report, print_table};
+use crate::rig::{Rig, error_deg};
+use crate::statistics::Statistics;
+use anyhow::{Context, Result, anyhow, bail};
+use hallservo::angle::Position;
+use hallservo::commutation::Commutation;
+use hallservo::drive::Command;
+use hallservo::mode::Mode;
+use hallservo::scope::{Channel, Setup, State, Trigger};
+use hallservo::service::coil::{CoilField, Row};
+use hallservo::service::identify::Estimate;
+use hallservo::settings::{Control, Settings};
+use plant::{Noise, PlantParameters};
+use rayon::prelude::*;
+use serde::Serialize;
+
+/// Fields of the windings at the largest current, relative to the magnets'.
+pub const SHARES: [f64; 4] = [0.0, 0.02, 0.05, 0.1];
+/// How much the Halls differ in what they see of it at most: in size, as a share, and in direction, degrees.
+const APART: (f64, f64) = (0.2, 15.0);
+/// Steps of the torque to measure with, and the share of the largest current that they go to.
+const STEPS: u32 = 24;
+const SIZE: f32 = 0.5;
+/// Rows of a recording, and how many are before the step.
+const ROWS: u16 = 128;
+const BEFORE: u16 = 48;
+/// From step to step the rotor goes on by this share of an electrical turn, so that it rests everywhere.
+const ON: f64 = 0.381_966;
+
+/// The field of the windings at Halls that do not see it alike.
+pub fn with_windings(mut plant: PlantParameters, share: f64, rated_a: f64, seed: u64) -> PlantParameters {
+    let mut random = Noise::new(seed ^ 0xC011);
+    let phase_rad = plant.hall_phase_rad;
+    for hall in &mut plant.halls {
+        let own = share * (1.0 + APART.0 * random.uniform());
+        let turned_rad = APART.1.to_radians() * random.uniform();
+        *hall = hall.with_windings(own, rated_a, phase_rad + turned_rad);
+    }
+    plant
+}
+
+/// Electrical degrees an ampere by which a current along q turns the Halls' angle, in the mean over a turn.
+pub fn true_deg_a(plant: &PlantParameters) -> f64 {
+    // What a Hall sees of a current vector in the direction x is a · sin(x − φ − ψ) + …; the mean of the three by their
+    // own magnets' sine is what turns the angle.
+    let third = std::f64::consts::TAU / 3.0;
+    let sum: f64 = plant
+        .halls
+        .iter()
+        .map(|hall| {
+            let away = -plant.hall_phase_rad - hall.placement_rad;
+            let own: f64 =
+                hall.coupling_v_a.iter().zip(0_u8..).map(|(volts, k)| volts * (f64::from(k) * third + away).sin()).sum();
+            own / hall.amplitude_v
+        })
+        .sum();
+    (sum / 3.0).to_degrees()
+}
+
+/// Measures it with steps of the torque, as `hallctl coil-field` does.
+///
+/// # Errors
+/// A drive that refuses.
+pub fn measure(rig: &mut Rig) -> Result<Estimate> {
+    let size_a = SIZE * rig.control()?.largest_current_a();
+    let pole_pairs = f64::from(rig.config.pole_pairs.get());
+    arm(rig)?;
+    let begun = rig.drive.tracker().position().to_turns();
+    let mut field = CoilField::new();
+    for step in 0..STEPS {
+        let size_a = if step % 2 == 0 { size_a } else { -size_a };
+        let place = begun + (ON * f64::from(step)).rem_euclid(1.0);
+        rig.command(Command::Position(Position::from_bits((place * 4_294_967_296.0) as i64)))?;
+        rig.run(0.15, |_, _| ());
+        rig.command(Command::Current(rig.control()?.current(0.0)?))?;
+        field.push(&record(rig, size_a, pole_pairs)?);
+        rig.command(Command::Speed(rig.control()?.speed(0.0)?))?;
+        rig.run(0.1, |_, _| ());
+    }
+    rig.command(Command::Disarm)?;
+    rig.run(0.1, |_, _| ());
+    field.estimate().context("the recordings tell nothing")
+}
+
+/// Records a step.
+fn record(rig: &mut Rig, size_a: f32, pole_pairs: f64) -> Result<Vec<Row>> {
+    let channels = [Some(Channel::Position), Some(Channel::CurrentQ), None, None];
+    let setup = Setup { channels, every: 1, rows: ROWS, before: BEFORE, trigger: Trigger::Command };
+    let step_hz = 1.0 / rig.period_s();
+    let plan = setup.plan(&rig.config, step_hz as f32, 0).map_err(|error| anyhow!("{error}"))?;
+    rig.scope.begin(&plan).map_err(|_| anyhow!("the scope is busy"))?;
+    rig.run(0.003, |_, _| ());
+    rig.scope.commanded();
+    rig.command(Command::Current(rig.control()?.current(size_a)?))?;
+    rig.run(0.003, |_, _| ());
+    if rig.scope.state() != State::Done {
+        bail!("the recording is not complete");
+    }
+    let scale = |channel: Channel| channel.scale(&rig.config, step_hz as f32).context("a drive with currents");
+    let (turns, amperes) = (scale(Channel::Position)?, scale(Channel::CurrentQ)?);
+    let first = rig.scope.row(0).context("a row")?[0];
+    (0..ROWS)
+        .map(|k| {
+            let [position, current, ..] = rig.scope.row(k).context("a row")?;
+            Ok(Row {
+                time_s: ((f64::from(k) - f64::from(BEFORE)) / step_hz) as f32,
+                angle_deg: position.wrapping_sub(first) as f32 * turns * 360.0 * pole_pairs as f32,
+                current_a: current as f32 * amperes,
+            })
+        })
+        .collect()
+}
+
+fn arm(rig: &mut Rig) -> Result<()> {
+    if rig.drive.mode() != Mode::Running {
+        rig.command(Command::Commutate(Commutation::FieldOriented))?;
+        rig.arm()?;
+    }
+    Ok(())
+}
+
+/// Error of the tracked angle, electrical degrees.
+#[derive(Clone, Copy, Debug, Default, Serialize)]
+pub struct Errors {
+    /// At rest, holding a load of seven tenths of the largest current either way: RMS.
+    pub loaded_deg: f64,
+    /// While the largest torque acts to and fro: RMS.
+    pub torque_deg: f64,
+}
+
+/// Of a drive that is calibrated; its bridge is off then.
+///
+/// # Errors
+/// A drive that refuses.
+pub fn errors(rig: &mut Rig, torque_nm: f64) -> Result<Errors> {
+    arm(rig)?;
+    let error = |rig: &Rig, true_rad: f64| error_deg(rig.drive.tracker().angle(), true_rad);
+    let mut loaded = Statistics::default();
+    rig.command(Command::Position(rig.drive.tracker().position()))?;
+    for side in [0.7, -0.7] {
+        rig.plant.set_load(side * torque_nm).map_err(|error| anyhow!("{error}"))?;
+        rig.run(0.5, |_, _| ());
+        rig.run(0.2, |rig, period| loaded.push(error(rig, period.truth.electrical_angle_rad)));
+    }
+    rig.plant.set_load(0.0).map_err(|error| anyhow!("{error}"))?;
+    rig.run(0.3, |_, _| ());
+    let largest_a = rig.control()?.largest_current_a();
+    let mut torque = Statistics::default();
+    for k in 0..20 {
+        let side_a = if k % 2 == 0 { largest_a } else { -largest_a };
+        rig.command(Command::Current(rig.control()?.current(side_a)?))?;
+        let seconds = if k == 0 { 0.01 } else { 0.02 };
+        rig.run(seconds, |rig, period| torque.push(error(rig, period.truth.electrical_angle_rad)));
+    }
+    rig.command(Command::Speed(rig.control()?.speed(0.0)?))?;
+    rig.run(0.3, |_, _| ());
+    rig.command(Command::Disarm)?;
+    rig.run(0.2, |_, _| ());
+    Ok(Errors { loaded_deg: loaded.rms(), torque_deg: torque.rms() })
+}
+
+/// A motor.
+#[derive(Clone, Debug, Serialize)]
+pub struct Trial {
+    /// Its name.
+    pub motor: &'static str,
+    /// Field of the windings at the largest current, relative to the magnets'.
+    pub share: f64,
+    /// What it turns the angle by at the largest current, electrical degrees.
+    pub true_deg: f64,
+    /// As measured.
+    pub found_deg: f64,
+    /// What that may be off by.
+    pub error_deg: f64,
+    /// As commissioned.
+    pub before: Errors,
+    /// With the field compensated.
+    pub after: Errors,
+}
+
+/// Commissions a motor, measures the field of its windings, and compensates it.
+///
+/// # Errors
+/// A drive that refuses.
+pub fn trial(motor: &Motor, share: f64, seed: u64) -> Result<Trial> {
+    let limit_a = f64::from(motor.limit_a);
+    let plant = with_windings(motor.plant(seed), share, limit_a, seed);
+    let torque_nm = 1.5 * f64::from(motor.pairs) * motor.flux_vs * limit_a;
+    let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), seed)?);
+    let outcome = commission(&mut bench, motor.settings(), motor.limit_a).map_err(|why| anyhow!(why))?;
+    let mut rig = bench.rig;
+    let before = errors(&mut rig, torque_nm)?;
+    let found = measure(&mut rig)?;
+    let hall_coil_deg_a = if found.value.abs() > found.error { found.value } else { 0.0 };
+    let control = outcome.settings.control.map(|control| Control { hall_coil_deg_a, ..control });
+    rig.configure(&Settings { control, ..outcome.settings })?;
+    let after = errors(&mut rig, torque_nm)?;
+    Ok(Trial {
+        motor: motor.name,
+        share,
+        true_deg: true_deg_a(&plant) * limit_a,
+        found_deg: f64::from(found.value) * limit_a,
+        error_deg: f64::from(found.error) * limit_a,
+        before,
+        after,
+    })
+}
+
+impl Trial {
+    fn row(&self) -> Vec<String> {
+        let degrees = |value: f64| format!("{value:.2}°");
+        vec![
+            self.motor.into(),
+            format!("{} %", 100.0 * self.share),
+            degrees(self.true_deg),
+            format!("{:.2} ± {:.2}°", self.found_deg, self.error_deg),
+            degrees(self.before.loaded_deg),
+            degrees(self.after.loaded_deg),
+            degrees(self.before.torque_deg),
+            degrees(self.after.torque_deg),
+        ]
+    }
+}
+
+/// Options of `coil`.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Options {
+    #[command(flatten)]
+    common: Common,
+    /// Only motors whose name contains this
+    #[arg(long)]
+    motor: Option<String>,
+}
+
+/// `coil`: the experiment on the command line.
+///
+/// # Errors
+/// Files that cannot be written, or a drive that refuses.
+pub fn main(options: &Options) -> Result<()> {
+    options.common.prepare()?;
+    let is_chosen = |motor: &&Motor| options.motor.as_ref().is_none_or(|name| motor.name.contains(name));
+    let jobs: Vec<_> =
+        MOTORS.iter().filter(is_chosen).flat_map(|motor| SHARES.map(|share| (motor, share))).collect();
+    let trials: Vec<Result<Trial>> = jobs
+        .par_iter()
+        .map(|&(motor, share)| {
+            trial(motor, share, options.common.seed).with_context(|| format!("{} at {share}", motor.name))
+        })
+        .collect();
+    let head = ["motor", "field", "turns by", "measured", "load", "… after", "torque", "… after"];
+    let mut table = vec![head.map(String::from).to_vec()];
+    for trial in &trials {
+        match trial {
+            Ok(trial) => table.push(trial.row()),
+            Err(error) => println!("{error:#}"),
+        }
+    }
+    print_table(&table);
+    let mut report = Report::new("The field of the windings");
+    report.table(&table);
+    let trials: Vec<Trial> = trials.into_iter().flatten().collect();
+    options.common.finish("coil", &trials, &report)
+}

@@ -1,0 +1,165 @@
+//! The field of the windings in what the Halls see: how far a current along q turns the angle that they show.
+//!
+//! The torque of a rotor at rest steps up. The rotor cannot leap: its angle goes on as a parabola. What the Halls show
+//! leaps with the current. From recordings of such steps, each a regression of the angle that the Halls show:
+//!
+//! `θ = θ₀ + ω t + ½ a t² + c i_q + κ ∬ i_q dt²`
+//!
+//! with the coil field's c, in degrees an ampere, what the current accelerates by, κ, and what else moves the rotor. The
+//! result is the mean of c over the recordings; their scatter is its error, which thereby contains what depends on where
+//! the rotor rested: Halls that do not see the windings alike.
+//!
+//! Not on the chip: the tool records, computes, and sets `hall_coil_deg_a`.
+
+use super::identify::{AMPERES, Estimate, Fit, MOST};
+
+/// A row of a recording.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Row {
+    /// Time since the step, s; before it negative.
+    pub time_s: f32,
+    /// Angle that the Halls show, electrical degrees; without leaps of whole turns.
+    pub angle_deg: f32,
+    /// Current along q, A.
+    pub current_a: f32,
+}
+
+/// What the steps tell.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct CoilField {
+    count: f32,
+    sum: f32,
+    square: f32,
+}
+
+/// Fewest recordings for a result.
+pub const LEAST: u32 = 4;
+/// A rotor that has turned farther since the step, electrical degrees, is under other magnets.
+const FAR_DEG: f32 = 20.0;
+/// Fewest rows after the step.
+const LEAST_ROWS: usize = 24;
+
+impl CoilField {
+    /// Nothing yet.
+    pub const fn new() -> Self {
+        Self { count: 0.0, sum: 0.0, square: 0.0 }
+    }
+
+    /// Takes the recording of a step, with the torque of nearly nothing before it; whether it tells anything.
+    pub fn push(&mut self, rows: &[Row]) -> bool {
+        let Some(per_ampere) = leap(rows) else { return false };
+        self.count += 1.0;
+        self.sum += per_ampere;
+        self.square += per_ampere * per_ampere;
+        true
+    }
+
+    /// Electrical degrees an ampere; `None` while there are fewer recordings than [`LEAST`].
+    pub fn estimate(&self) -> Option<Estimate> {
+        if self.count < LEAST as f32 {
+            return None;
+        }
+        let value = self.sum / self.count;
+        let variance = (self.square / self.count - value * value).max(0.0) / (self.count - 1.0);
+        Some(Estimate { value, error: 3.0 * crate::float::root(variance) }.beside(AMPERES))
+    }
+}
+
+/// Degrees an ampere by which the angle leaps with the current of a step.
+fn leap(rows: &[Row]) -> Option<f32> {
+    let step = rows.iter().position(|row| row.time_s >= 0.0)?;
+    let before = rows.get(..step).filter(|before| !before.is_empty())?;
+    let rest_deg = before.iter().map(|row| row.angle_deg).sum::<f32>() / step as f32;
+    let is_near = |row: &&Row| row.time_s < 0.0 || (row.angle_deg - rest_deg).abs() <= FAR_DEG;
+    let count = rows.iter().take_while(is_near).count();
+    let rows = rows.get(..count.max(step + LEAST_ROWS))?;
+    // All regressors about one, for single precision.
+    let span_s = rows.last()?.time_s;
+    let largest_a = rows.iter().fold(0.0_f32, |most, row| most.max(row.current_a.abs()));
+    if !(span_s > 0.0 && largest_a > 0.0) {
+        return None;
+    }
+    let mut fit = Fit::default();
+    let (mut impulse, mut way, mut last_s) = (0.0, 0.0, 0.0);
+    for row in rows {
+        let (time, current) = (row.time_s / span_s, row.current_a / largest_a);
+        if time > 0.0 {
+            impulse += current * (time - last_s);
+            way += impulse * (time - last_s);
+            last_s = time;
+        }
+        let regressors: [f32; MOST] = [1.0, time, time * time, current, way];
+        fit.push(regressors, row.angle_deg - rest_deg, 1.0);
+    }
+    let [.., leap, _] = fit.solve(MOST)?;
+    Some(leap.value / largest_a)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng};
+    use rand_pcg::Pcg64;
+
+    extern crate std;
+    use std::vec::Vec;
+
+    /// A step to `size_a` at a rotor that it accelerates by `acceleration` (°/s² an ampere), with `friction` taken off,
+    /// at Halls that show `field_deg_a` too much. Rows of 25 µs.
+    fn step(random: &mut Pcg64, size_a: f64, acceleration: f64, friction: f64, field_deg_a: f64, noise: f64) -> Vec<Row> {
+        let rise_s = 160e-6;
+        let drift = random.random_range(-50.0..50.0);
+        (-48..80)
+            .map(|k| {
+                let time_s = f64::from(k) * 25e-6;
+                let since = time_s.max(0.0);
+                let decayed = libm::exp(-since / rise_s);
+                let current = size_a * (1.0 - decayed);
+                // The integrals of that current, and a friction that begins with the motion.
+                let way = size_a * (since * since / 2.0 - rise_s * since + rise_s * rise_s * (1.0 - decayed));
+                let moved = acceleration * way - friction * size_a.signum() * since * since / 2.0;
+                let mut noisy = |size: f64| size * (random.random_range(-1.0..1.0) + random.random_range(-1.0..1.0));
+                Row {
+                    time_s: time_s as f32,
+                    angle_deg: (77.0 + drift * time_s + moved + field_deg_a * current + noisy(noise)) as f32,
+                    current_a: (current + noisy(0.02)) as f32,
+                }
+            })
+            .collect()
+    }
+
+    fn found(seed: u64, acceleration: f64, friction: f64, field_deg_a: f64, noise: f64) -> Estimate {
+        let mut random = Pcg64::seed_from_u64(seed);
+        let mut field = CoilField::new();
+        for k in 0..24 {
+            let size_a = if k % 2 == 0 { 1.5 } else { -1.5 };
+            assert!(field.push(&step(&mut random, size_a, acceleration, friction, field_deg_a, noise)));
+        }
+        field.estimate().unwrap()
+    }
+
+    #[test]
+    fn tells_the_leap_from_what_the_rotor_moves() {
+        for (seed, field_deg_a) in (1..).zip([-3.0, -0.4, 0.0, 0.4, 3.0, 12.0]) {
+            // From what hardly moves to what moves 20° within the recording.
+            for acceleration in [1e2, 1e5, 6e5, 6e6] {
+                let Estimate { value, error } = found(seed, acceleration, 0.1 * acceleration, field_deg_a, 0.4);
+                let off = (f64::from(value) - field_deg_a).abs();
+                assert!(off <= f64::from(error), "{field_deg_a} {acceleration}: {value} ± {error}");
+                assert!(f64::from(error) < 0.25 + 0.03 * field_deg_a.abs(), "{field_deg_a} {acceleration}: ± {error}");
+            }
+        }
+    }
+
+    #[test]
+    fn recordings_that_tell_nothing_are_not_taken() {
+        let mut field = CoilField::new();
+        assert!(!field.push(&[]));
+        assert!(!field.push(&[Row::default(); 100]));
+        let still: Vec<_> = (-50..50).map(|k| Row { time_s: k as f32, ..Row::default() }).collect();
+        assert!(!field.push(&still));
+        let lost: Vec<_> = still.iter().map(|row| Row { angle_deg: f32::NAN, current_a: 1.0, ..*row }).collect();
+        assert!(!field.push(&lost));
+        assert_eq!(field.estimate(), None);
+    }
+}

@@ -256,6 +256,11 @@ impl Config {
         self.max_current as f32 / self.scale.per_ampere()
     }
 
+    /// Largest mechanical speed of a command, in rad/s.
+    pub fn largest_speed_rad_s(&self) -> f32 {
+        self.trajectory.speed() as f32 / self.scale.per_radian_s()
+    }
+
     /// Delay of the Halls' signals, µs.
     pub(crate) fn hall_delay_us(&self) -> f32 {
         self.hall_delay as f32 / 256e-6 / self.scale.step_hz

@@ -24,49 +24,52 @@ pub struct Row {
     pub current_a: f32,
 }
 
-/// What the steps tell.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct CoilField {
-    count: f32,
-    sum: f32,
-    square: f32,
-}
-
+/// Rows of the mean of all recordings, at most.
+pub const ROWS: usize = 128;
 /// Fewest recordings for a result.
-pub const LEAST: u32 = 4;
+pub const LEAST: usize = 4;
 /// A rotor that has turned farther since the step, electrical degrees, is under other magnets.
 const FAR_DEG: f32 = 20.0;
 /// Fewest rows after the step.
 const LEAST_ROWS: usize = 24;
 
-impl CoilField {
-    /// Nothing yet.
-    pub const fn new() -> Self {
-        Self { count: 0.0, sum: 0.0, square: 0.0 }
+/// What recordings of steps tell, to and fro, all with the same times: electrical degrees an ampere. `None` where there
+/// are fewer than [`LEAST`] that tell anything.
+pub fn field(recordings: &[&[Row]]) -> Option<Estimate> {
+    let current_a = mean_current(recordings);
+    let (mut count, mut sum, mut square) = (0.0, 0.0, 0.0);
+    for leap in recordings.iter().filter_map(|rows| leap(rows, &current_a)) {
+        count += 1.0;
+        sum += leap;
+        square += leap * leap;
     }
-
-    /// Takes the recording of a step, with the torque of nearly nothing before it; whether it tells anything.
-    pub fn push(&mut self, rows: &[Row]) -> bool {
-        let Some(per_ampere) = leap(rows) else { return false };
-        self.count += 1.0;
-        self.sum += per_ampere;
-        self.square += per_ampere * per_ampere;
-        true
+    if count < LEAST as f32 {
+        return None;
     }
+    let value = sum / count;
+    let variance = (square / count - value * value).max(0.0) / (count - 1.0);
+    Some(Estimate { value, error: 3.0 * crate::float::root(variance) }.beside(AMPERES))
+}
 
-    /// Electrical degrees an ampere; `None` while there are fewer recordings than [`LEAST`].
-    pub fn estimate(&self) -> Option<Estimate> {
-        if self.count < LEAST as f32 {
-            return None;
+/// The current of a step to positive, in the mean of all recordings: the noise of a regressor makes its coefficient too
+/// small.
+fn mean_current(recordings: &[&[Row]]) -> [f32; ROWS] {
+    let mut mean = [0.0; ROWS];
+    for rows in recordings {
+        for (mean, row) in mean.iter_mut().zip(*rows) {
+            *mean += side(rows) * row.current_a / recordings.len() as f32;
         }
-        let value = self.sum / self.count;
-        let variance = (self.square / self.count - value * value).max(0.0) / (self.count - 1.0);
-        Some(Estimate { value, error: 3.0 * crate::float::root(variance) }.beside(AMPERES))
     }
+    mean
+}
+
+/// Whether a step goes to positive or to negative.
+fn side(rows: &[Row]) -> f32 {
+    rows.iter().map(|row| row.current_a).sum::<f32>().signum()
 }
 
 /// Degrees an ampere by which the angle leaps with the current of a step.
-fn leap(rows: &[Row]) -> Option<f32> {
+fn leap(rows: &[Row], current_a: &[f32; ROWS]) -> Option<f32> {
     let step = rows.iter().position(|row| row.time_s >= 0.0)?;
     let before = rows.get(..step).filter(|before| !before.is_empty())?;
     let rest_deg = before.iter().map(|row| row.angle_deg).sum::<f32>() / step as f32;
@@ -75,24 +78,24 @@ fn leap(rows: &[Row]) -> Option<f32> {
     let rows = rows.get(..count.max(step + LEAST_ROWS))?;
     // All regressors about one, for single precision.
     let span_s = rows.last()?.time_s;
-    let largest_a = rows.iter().fold(0.0_f32, |most, row| most.max(row.current_a.abs()));
+    let largest_a = current_a.iter().fold(0.0_f32, |most, current| most.max(current.abs()));
     if !(span_s > 0.0 && largest_a > 0.0) {
         return None;
     }
     let mut fit = Fit::default();
-    let (mut impulse, mut way, mut last_s) = (0.0, 0.0, 0.0);
-    for row in rows {
-        let (time, current) = (row.time_s / span_s, row.current_a / largest_a);
+    let (mut impulse, mut way, mut last) = (0.0, 0.0, 0.0);
+    for (row, current_a) in rows.iter().zip(current_a) {
+        let (time, current) = (row.time_s / span_s, current_a / largest_a);
         if time > 0.0 {
-            impulse += current * (time - last_s);
-            way += impulse * (time - last_s);
-            last_s = time;
+            impulse += current * (time - last);
+            way += impulse * (time - last);
+            last = time;
         }
         let regressors: [f32; MOST] = [1.0, time, time * time, current, way];
         fit.push(regressors, row.angle_deg - rest_deg, 1.0);
     }
     let [.., leap, _] = fit.solve(MOST)?;
-    Some(leap.value / largest_a)
+    Some(side(rows) * leap.value / largest_a)
 }
 
 #[cfg(test)]
@@ -122,20 +125,26 @@ mod tests {
                 Row {
                     time_s: time_s as f32,
                     angle_deg: (77.0 + drift * time_s + moved + field_deg_a * current + noisy(noise)) as f32,
-                    current_a: (current + noisy(0.02)) as f32,
+                    current_a: current as f32,
                 }
             })
             .collect()
     }
 
     fn found(seed: u64, acceleration: f64, friction: f64, field_deg_a: f64, noise: f64) -> Estimate {
+        found_with(seed, acceleration, friction, field_deg_a, noise, 0.02)
+    }
+
+    fn found_with(seed: u64, acceleration: f64, friction: f64, field_deg_a: f64, noise: f64, noise_a: f64) -> Estimate {
         let mut random = Pcg64::seed_from_u64(seed);
-        let mut field = CoilField::new();
-        for k in 0..24 {
+        let mut steps = (0..24).map(|k| {
             let size_a = if k % 2 == 0 { 1.5 } else { -1.5 };
-            assert!(field.push(&step(&mut random, size_a, acceleration, friction, field_deg_a, noise)));
-        }
-        field.estimate().unwrap()
+            let mut rows = step(&mut random, size_a, acceleration, friction, field_deg_a, noise);
+            rows.iter_mut().for_each(|row| row.current_a += random.random_range(-noise_a..noise_a) as f32);
+            rows
+        });
+        let steps: [_; 24] = core::array::from_fn(|_| steps.next().unwrap());
+        field(&steps.each_ref().map(Vec::as_slice)).unwrap()
     }
 
     #[test]
@@ -152,14 +161,19 @@ mod tests {
     }
 
     #[test]
+    fn noise_of_the_current_makes_nothing_of_it_smaller() {
+        // As much noise as current: a gimbal motor at a board for a hundred times its current.
+        let Estimate { value, error } = found_with(9, 1e5, 0.0, 3.0, 0.4, 0.75);
+        assert!((value - 3.0).abs() < error && error < 0.5, "{value} ± {error}");
+    }
+
+    #[test]
     fn recordings_that_tell_nothing_are_not_taken() {
-        let mut field = CoilField::new();
-        assert!(!field.push(&[]));
-        assert!(!field.push(&[Row::default(); 100]));
         let still: Vec<_> = (-50..50).map(|k| Row { time_s: k as f32, ..Row::default() }).collect();
-        assert!(!field.push(&still));
         let lost: Vec<_> = still.iter().map(|row| Row { angle_deg: f32::NAN, current_a: 1.0, ..*row }).collect();
-        assert!(!field.push(&lost));
-        assert_eq!(field.estimate(), None);
+        for rows in [&[][..], &[Row::default(); 100], &still, &lost] {
+            assert_eq!(field(&[rows; 9]), None);
+        }
+        assert_eq!(field(&[]), None);
     }
 }

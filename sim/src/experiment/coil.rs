@@ -13,12 +13,13 @@ use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use hallservo::scope::{Channel, Setup, State, Trigger};
-use hallservo::service::coil::{CoilField, Row};
+use hallservo::service::coil::{self, Row, field};
 use hallservo::service::identify::Estimate;
 use hallservo::settings::{Control, Settings};
 use plant::{Noise, PlantParameters};
 use rayon::prelude::*;
 use serde::Serialize;
+use std::f64::consts::TAU;
 
 /// Fields of the windings at the largest current, relative to the magnets'.
 pub const SHARES: [f64; 4] = [0.0, 0.02, 0.05, 0.1];
@@ -28,10 +29,12 @@ const APART: (f64, f64) = (0.2, 15.0);
 const STEPS: u32 = 24;
 const SIZE: f32 = 0.5;
 /// Rows of a recording, and how many are before the step.
-const ROWS: u16 = 128;
+const ROWS: u16 = coil::ROWS as u16;
 const BEFORE: u16 = 48;
 /// From step to step the rotor goes on by this share of an electrical turn, so that it rests everywhere.
 const ON: f64 = 0.381_966;
+/// Speed at which a load is turned, turns a second.
+const LOADED_HZ: f64 = 1.0;
 
 /// The field of the windings at Halls that do not see it alike.
 pub fn with_windings(mut plant: PlantParameters, share: f64, rated_a: f64, seed: u64) -> PlantParameters {
@@ -49,7 +52,7 @@ pub fn with_windings(mut plant: PlantParameters, share: f64, rated_a: f64, seed:
 pub fn true_deg_a(plant: &PlantParameters) -> f64 {
     // What a Hall sees of a current vector in the direction x is a · sin(x − φ − ψ) + …; the mean of the three by their
     // own magnets' sine is what turns the angle.
-    let third = std::f64::consts::TAU / 3.0;
+    let third = TAU / 3.0;
     let sum: f64 = plant
         .halls
         .iter()
@@ -72,20 +75,20 @@ pub fn measure(rig: &mut Rig) -> Result<Estimate> {
     let pole_pairs = f64::from(rig.config.pole_pairs.get());
     arm(rig)?;
     let begun = rig.drive.tracker().position().to_turns();
-    let mut field = CoilField::new();
+    let mut recordings = Vec::new();
     for step in 0..STEPS {
         let size_a = if step % 2 == 0 { size_a } else { -size_a };
         let place = begun + (ON * f64::from(step)).rem_euclid(1.0);
         rig.command(Command::Position(Position::from_bits((place * 4_294_967_296.0) as i64)))?;
         rig.run(0.15, |_, _| ());
         rig.command(Command::Current(rig.control()?.current(0.0)?))?;
-        field.push(&record(rig, size_a, pole_pairs)?);
+        recordings.push(record(rig, size_a, pole_pairs)?);
         rig.command(Command::Speed(rig.control()?.speed(0.0)?))?;
         rig.run(0.1, |_, _| ());
     }
     rig.command(Command::Disarm)?;
     rig.run(0.1, |_, _| ());
-    field.estimate().context("the recordings tell nothing")
+    field(&recordings.iter().map(Vec::as_slice).collect::<Vec<_>>()).context("the recordings tell nothing")
 }
 
 /// Records a step.
@@ -128,7 +131,7 @@ fn arm(rig: &mut Rig) -> Result<()> {
 /// Error of the tracked angle, electrical degrees.
 #[derive(Clone, Copy, Debug, Default, Serialize)]
 pub struct Errors {
-    /// At rest, holding a load of seven tenths of the largest current either way: RMS.
+    /// Turned slowly with seven tenths of the largest current, either way: RMS.
     pub loaded_deg: f64,
     /// While the largest torque acts to and fro: RMS.
     pub torque_deg: f64,
@@ -138,24 +141,30 @@ pub struct Errors {
 ///
 /// # Errors
 /// A drive that refuses.
-pub fn errors(rig: &mut Rig, torque_nm: f64) -> Result<Errors> {
+pub fn errors(rig: &mut Rig, torque_nm: f64, inertia_kgm2: f64) -> Result<Errors> {
     arm(rig)?;
     let error = |rig: &Rig, true_rad: f64| error_deg(rig.drive.tracker().angle(), true_rad);
-    let mut loaded = Statistics::default();
-    rig.command(Command::Position(rig.drive.tracker().position()))?;
-    for side in [0.7, -0.7] {
-        rig.plant.set_load(side * torque_nm).map_err(|error| anyhow!("{error}"))?;
-        rig.run(0.5, |_, _| ());
-        rig.run(0.2, |rig, period| loaded.push(error(rig, period.truth.electrical_angle_rad)));
-    }
-    rig.plant.set_load(0.0).map_err(|error| anyhow!("{error}"))?;
-    rig.run(0.3, |_, _| ());
     let largest_a = rig.control()?.largest_current_a();
+    let mut loaded = Statistics::default();
+    for side in [1.0, -1.0] {
+        rig.plant.set_dyno(Some(side * LOADED_HZ * TAU)).map_err(|error| anyhow!("{error}"))?;
+        rig.command(Command::Current(rig.control()?.current(0.7 * side as f32 * largest_a)?))?;
+        rig.run(0.1, |_, _| ());
+        rig.run(0.5 / LOADED_HZ, |rig, period| loaded.push(error(rig, period.truth.electrical_angle_rad)));
+        rig.command(Command::Current(rig.control()?.current(0.0)?))?;
+        rig.run(0.02, |_, _| ());
+    }
+    rig.plant.set_dyno(None).map_err(|error| anyhow!("{error}"))?;
+    rig.command(Command::Speed(rig.control()?.speed(0.0)?)).context("free")?;
+    rig.run(0.3, |_, _| ());
     let mut torque = Statistics::default();
+    let fast_rad_s = f64::from(rig.control()?.largest_speed_rad_s());
+    let seconds = (0.4 * fast_rad_s * inertia_kgm2 / torque_nm).min(0.02);
     for k in 0..20 {
         let side_a = if k % 2 == 0 { largest_a } else { -largest_a };
         rig.command(Command::Current(rig.control()?.current(side_a)?))?;
-        let seconds = if k == 0 { 0.01 } else { 0.02 };
+        // About rest: half as long at first.
+        let seconds = if k == 0 { 0.5 * seconds } else { seconds };
         rig.run(seconds, |rig, period| torque.push(error(rig, period.truth.electrical_angle_rad)));
     }
     rig.command(Command::Speed(rig.control()?.speed(0.0)?))?;
@@ -195,12 +204,12 @@ pub fn trial(motor: &Motor, share: f64, seed: u64) -> Result<Trial> {
     let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), seed)?);
     let outcome = commission(&mut bench, motor.settings(), motor.limit_a).map_err(|why| anyhow!(why))?;
     let mut rig = bench.rig;
-    let before = errors(&mut rig, torque_nm)?;
-    let found = measure(&mut rig)?;
+    let before = errors(&mut rig, torque_nm, motor.inertia_kgm2).context("as commissioned")?;
+    let found = measure(&mut rig).context("measuring")?;
     let hall_coil_deg_a = if found.value.abs() > found.error { found.value } else { 0.0 };
     let control = outcome.settings.control.map(|control| Control { hall_coil_deg_a, ..control });
     rig.configure(&Settings { control, ..outcome.settings })?;
-    let after = errors(&mut rig, torque_nm)?;
+    let after = errors(&mut rig, torque_nm, motor.inertia_kgm2).context("compensated")?;
     Ok(Trial {
         motor: motor.name,
         share,

@@ -13,7 +13,7 @@ use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use hallservo::scope::{Channel, Setup, State, Trigger};
-use hallservo::service::coil::{self, Row, field};
+use hallservo::service::coil::{BEFORE, Plan, ROWS, Row, STEPS, field};
 use hallservo::service::identify::Estimate;
 use hallservo::settings::{Control, Settings};
 use plant::{Noise, PlantParameters};
@@ -25,14 +25,6 @@ use std::f64::consts::TAU;
 pub const SHARES: [f64; 4] = [0.0, 0.02, 0.05, 0.1];
 /// How much the Halls differ in what they see of it at most: in size, as a share, and in direction, degrees.
 const APART: (f64, f64) = (0.2, 15.0);
-/// Steps of the torque to measure with, and the share of the largest current that they go to.
-const STEPS: u32 = 24;
-const SIZE: f32 = 0.5;
-/// Rows of a recording, and how many are before the step.
-const ROWS: u16 = coil::ROWS as u16;
-const BEFORE: u16 = 48;
-/// From step to step the rotor goes on by this share of an electrical turn, so that it rests everywhere.
-const ON: f64 = 0.381_966;
 /// Speed at which a load is turned, turns a second.
 const LOADED_HZ: f64 = 1.0;
 
@@ -71,19 +63,23 @@ pub fn true_deg_a(plant: &PlantParameters) -> f64 {
 /// # Errors
 /// A drive that refuses.
 pub fn measure(rig: &mut Rig) -> Result<Estimate> {
-    let size_a = SIZE * rig.control()?.largest_current_a();
+    let plan = Plan::new(rig.control()?);
     let pole_pairs = f64::from(rig.config.pole_pairs.get());
     arm(rig)?;
     let begun = rig.drive.tracker().position().to_turns();
     let mut recordings = Vec::new();
     for step in 0..STEPS {
-        let size_a = if step % 2 == 0 { size_a } else { -size_a };
-        let place = begun + (ON * f64::from(step)).rem_euclid(1.0);
-        rig.command(Command::Position(Position::from_bits((place * 4_294_967_296.0) as i64)))?;
-        rig.run(0.15, |_, _| ());
+        if plan.is_light {
+            let place = begun + plan.place(step);
+            rig.command(Command::Position(Position::from_bits((place * 4_294_967_296.0) as i64)))?;
+            rig.run(0.15, |_, _| ());
+        }
         rig.command(Command::Current(rig.control()?.current(0.0)?))?;
-        recordings.push(record(rig, size_a, pole_pairs)?);
-        rig.command(Command::Speed(rig.control()?.speed(0.0)?))?;
+        recordings.push(record(rig, plan.step_a(step), pole_pairs)?);
+        // What a line takes to end it.
+        rig.run(0.01, |_, _| ());
+        let end = if plan.is_light { Command::Speed(rig.control()?.speed(0.0)?) } else { Command::Current(rig.control()?.current(0.0)?) };
+        rig.command(end)?;
         rig.run(0.1, |_, _| ());
     }
     rig.command(Command::Disarm)?;
@@ -94,7 +90,7 @@ pub fn measure(rig: &mut Rig) -> Result<Estimate> {
 /// Records a step.
 fn record(rig: &mut Rig, size_a: f32, pole_pairs: f64) -> Result<Vec<Row>> {
     let channels = [Some(Channel::Position), Some(Channel::CurrentQ), None, None];
-    let setup = Setup { channels, every: 1, rows: ROWS, before: BEFORE, trigger: Trigger::Command };
+    let setup = Setup { channels, every: 1, rows: ROWS as u16, before: BEFORE, trigger: Trigger::Command };
     let step_hz = 1.0 / rig.period_s();
     let plan = setup.plan(&rig.config, step_hz as f32, 0).map_err(|error| anyhow!("{error}"))?;
     rig.scope.begin(&plan).map_err(|_| anyhow!("the scope is busy"))?;
@@ -108,7 +104,7 @@ fn record(rig: &mut Rig, size_a: f32, pole_pairs: f64) -> Result<Vec<Row>> {
     let scale = |channel: Channel| channel.scale(&rig.config, step_hz as f32).context("a drive with currents");
     let (turns, amperes) = (scale(Channel::Position)?, scale(Channel::CurrentQ)?);
     let first = rig.scope.row(0).context("a row")?[0];
-    (0..ROWS)
+    (0..ROWS as u16)
         .map(|k| {
             let [position, current, ..] = rig.scope.row(k).context("a row")?;
             Ok(Row {

@@ -1,6 +1,7 @@
 //! The command line.
 
 mod chirp;
+mod coil;
 mod commission;
 mod config;
 mod encoder;
@@ -147,6 +148,8 @@ enum Command {
     /// The rotor's magnets: a map of what they do to the angle
     #[command(subcommand)]
     Magnets(magnets::Command),
+    /// What the field of the windings does to the angle: measure it by steps of the torque, and compensate it
+    CoilField,
     /// The absolute encoder: two rings on the shaft
     #[command(subcommand)]
     Encoder(encoder::Command),
@@ -318,6 +321,7 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
         Command::Cogging { what: Cogging::On, .. } => done(out, client.setting(Ask::AntiCogging(true), |_| ())),
         Command::Cogging { what: Cogging::Off, .. } => done(out, client.setting(Ask::AntiCogging(false), |_| ())),
         Command::Magnets(command) => magnets::run(client, command, out),
+        Command::CoilField => coil::measure(client, out),
         Command::Encoder(command) => encoder::run(client, command, out),
         Command::Settings(command) => settings::run(client, command, out),
         Command::Telemetry(options) => telemetry::watch(client, options, out),

@@ -217,6 +217,7 @@ impl Config {
         (self.gains, self.local) = (other.gains, other.local);
         (self.velocity, self.position, self.rates) = (other.velocity, other.position, other.rates);
         self.torque_gain = other.torque_gain;
+        self.motion.model.asked = other.motion.model.asked;
         (self.arming.averages, self.arming.lag) = (other.arming.averages, other.arming.lag);
     }
 

@@ -59,6 +59,8 @@ pub(super) struct Supervision {
     before_expected: i32,
     reference: i32,
     asked: i32,
+    error: i32,
+    missing: i32,
     follows: bool,
     speed: i32,
     emf: Dq,
@@ -104,6 +106,8 @@ impl Supervision {
         before_expected: 0,
         reference: 0,
         asked: 0,
+        error: 0,
+        missing: 0,
         follows: true,
         speed: 0,
         emf: Dq { d: 0, q: 0 },
@@ -215,8 +219,12 @@ impl Supervision {
         (self.voltage, self.current, self.speed) = (state.voltage, state.current, speed);
         let (reference, error) = (state.current_reference, state.current_reference - state.current.q);
         self.asked = (reference - self.reference).abs();
+        // What was missing at the last check, too, does not come.
+        let error = error.abs();
+        self.missing = (error - self.error).max(0);
+        self.error = error;
         self.reference = reference;
-        self.follows = error.abs() <= reference.abs() / 2 + 2 * QUIET;
+        self.follows = error <= reference.abs() / 2 + 2 * QUIET;
     }
 
     /// The voltage that is left for the back-EMF.
@@ -243,13 +251,15 @@ impl Supervision {
     }
 
     /// Third part: what may be wrong. The back-EMF may be as much off as it is large, and the resistance three times as
-    /// large; a current that changes needs a voltage for it.
+    /// large; a current that changes needs a voltage for it, and one that was just asked for has it already.
     #[inline(always)]
     pub fn explain(&mut self, model: &Model) {
         let Self { current, before, .. } = *self;
         let changed = (current.d - before.d).abs().max((current.q - before.q).abs());
         self.before = current;
         let change = times(changed.min(32_767), model.change);
+        let missing = if self.is_without_current() { 0 } else { self.missing.min(32_767) };
+        let change = change + times(missing, model.asked);
         self.unexplained = -(model.dead + 2 * self.dropped + self.expected.abs() + change);
     }
 

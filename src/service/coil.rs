@@ -30,7 +30,7 @@ pub const ROWS: usize = 128;
 /// The same.
 pub const BEFORE: u16 = 48;
 /// Steps to record.
-pub const STEPS: u32 = 24;
+pub const STEPS: u32 = 40;
 
 /// How the steps are made.
 #[derive(Clone, Copy, Debug, PartialEq)]

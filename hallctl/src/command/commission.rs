@@ -5,7 +5,7 @@ mod journal;
 mod measure;
 mod words;
 
-use super::{procedures, settings, tune};
+use super::{coil, procedures, settings, tune};
 use crate::client::Client;
 use crate::error::{Error, Result};
 use crate::out::Out;
@@ -16,8 +16,7 @@ use clap::Args;
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::service::commission::{Action, Commission};
-use hallservo::service::procedure;
-use hallservo::settings::{Control, Settings, TABLE, find};
+use hallservo::settings::{Settings, TABLE, find};
 use hallservo_protocol::Ask;
 use journal::{Found, Journal, take};
 use std::fs;
@@ -63,7 +62,7 @@ pub(super) fn run(client: &mut Client, options: &Options, out: Out) -> Result<()
         write(client, commission.settings())?;
         words::announce(commission.action(), commission.settings(), out)?;
         let done = match commission.action() {
-            Action::Done => tune(client, out).map(|()| None),
+            Action::Done => coil_field(client, out).and_then(|()| tune(client, out)).map(|()| None),
             action => find_out(client, action, &commission).map(Some),
         };
         let found = match done {
@@ -90,7 +89,7 @@ pub(super) fn run(client: &mut Client, options: &Options, out: Out) -> Result<()
     }
     say!(out, "\n6 of 6: {}.", settings::saved(!save(client)?))?;
     remove(&options.file)?;
-    words::summary(&read(client)?, journal.told_pole_pairs, out)
+    words::summary(&settings::read(client)?, journal.told_pole_pairs, out)
 }
 
 /// From the file, or anew.
@@ -103,7 +102,7 @@ fn begin(client: &mut Client, options: &Options) -> Result<Journal> {
         Mode::Faulted(_) => client.order(Ask::Clear)?,
         _ => {}
     }
-    let mut present = read(client)?;
+    let mut present = settings::read(client)?;
     present.pole_pairs = options.pole_pairs.unwrap_or(present.pole_pairs);
     let before = if options.restart { None } else { Journal::read(&options.file)? };
     let is_ours = |journal: &Journal| {
@@ -153,11 +152,24 @@ fn find_out(client: &mut Client, action: Action, commission: &Commission) -> Res
     })
 }
 
+/// Measures the field of the windings, before bandwidths are tried that it may make swing. What comes to nothing leaves it
+/// uncompensated, if it was.
+fn coil_field(client: &mut Client, out: Out) -> Result<()> {
+    let found = coil::measured(client).and_then(|found| coil::tell(&found, out));
+    unless_hot(client, found, "The field of the windings is not known", out)
+}
+
 /// Tries bandwidths of the speed control. What comes to nothing leaves those that were computed.
 fn tune(client: &mut Client, out: Out) -> Result<()> {
-    match tune::tune(client, &tune::KEEP, out) {
+    let tuned = tune::tune(client, &tune::KEEP, out);
+    unless_hot(client, tuned, "The bandwidths stay as computed", out)
+}
+
+/// Goes on without what came to nothing, unless that has to cool.
+fn unless_hot(client: &mut Client, result: Result<()>, words: &str, out: Out) -> Result<()> {
+    match result {
         Err(error @ (Error::Failed(_) | Error::Refused(_))) if !is_hot(client, &error)? => {
-            say!(out, "  The bandwidths stay as computed: {error}")?;
+            say!(out, "  {words}: {error}")?;
             if matches!(client.status()?.mode, Mode::Faulted(_)) {
                 client.order(Ask::Clear)?;
             }
@@ -229,27 +241,9 @@ fn words_of(error: &hallservo::settings::Error<'static>) -> Error {
     Error::Refused(said::setting_error(error))
 }
 
-/// The drive's settings.
-fn read(client: &mut Client) -> Result<Settings> {
-    let mut settings = Settings { control: Some(Control::default()), ..Settings::default() };
-    let mut controls = false;
-    settings::each(client, |setting| {
-        if let Some(entry) = find(setting.name)
-            && entry.assign(&mut settings, setting.value).is_ok()
-        {
-            controls |= entry.name == "current_full_scale_a";
-        }
-    })?;
-    // Without current control, a drive has not all of them; and a board may lack one for what it has no pin for.
-    if !controls {
-        return Err(Error::Refused(said::procedure_error(&procedure::Error::NoControl)));
-    }
-    Ok(settings)
-}
-
 /// Sets what differs, by way of bandwidths that allow every motor.
 fn write(client: &mut Client, wanted: &Settings) -> Result<()> {
-    let present = read(client)?;
+    let present = settings::read(client)?;
     let value = |settings: &Settings, name: &str| find(name).and_then(|entry| entry.get(settings));
     let mut changes: Vec<(&str, f32)> = TABLE
         .iter()

@@ -6,7 +6,8 @@ use crate::out::{self, Out};
 use crate::{say, words};
 use anyhow::{Context, anyhow};
 use clap::Subcommand;
-use hallservo::settings::{Kind, about};
+use hallservo::service::procedure;
+use hallservo::settings::{Control, Kind, Settings, about, find};
 use hallservo_protocol::{Answer, Ask, Setting};
 use serde_json::{Value, json};
 use std::fmt::Write;
@@ -89,6 +90,24 @@ pub(super) fn each(client: &mut Client, mut take: impl FnMut(&Setting<'_>)) -> R
         }
     }
     Ok(())
+}
+
+/// The drive's settings.
+pub(super) fn read(client: &mut Client) -> Result<Settings> {
+    let mut settings = Settings { control: Some(Control::default()), ..Settings::default() };
+    let mut controls = false;
+    each(client, |setting| {
+        if let Some(entry) = find(setting.name)
+            && entry.assign(&mut settings, setting.value).is_ok()
+        {
+            controls |= entry.name == "current_full_scale_a";
+        }
+    })?;
+    // Without current control, a drive has not all of them; and a board may lack one for what it has no pin for.
+    if !controls {
+        return Err(Error::Refused(words::procedure_error(&procedure::Error::NoControl)));
+    }
+    Ok(settings)
 }
 
 fn list(client: &mut Client, with_about: bool, out: Out) -> Result<()> {

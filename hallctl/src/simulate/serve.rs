@@ -13,11 +13,13 @@ use crate::say;
 use anyhow::{Context, Result};
 use clap::builder::PossibleValuesParser;
 use hallservo::mode::Mode;
+use hallservo::settings::Control;
 use hallservo_protocol::{Answer, Ask, Decoder, Reply, Request};
 use hallservo_registers::line;
 use plant::PlantParameters;
 use plant::heads::Encoder;
 use serde_json::json;
+use sim::experiment::coil::with_windings;
 use sim::motors::MOTORS;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
@@ -61,6 +63,9 @@ pub struct Options {
     /// Uneven magnets: 1 is as bad as cheap ones are, 0.5 half of it
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     pub uneven: f64,
+    /// Field of the windings at the largest current, as a share of the magnets'
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub coil_field: f64,
     /// What the shaft turns
     #[command(flatten)]
     pub load: LoadOptions,
@@ -117,7 +122,11 @@ pub fn main(options: &Options, out: Out) -> Result<()> {
         None => (defaults(), PlantParameters::imperfect(options.seed)),
         Some(motor) => (of_motor(motor), motor.plant(options.seed)),
     };
-    let plant = options.load.on(uneven(plant, options.uneven, options.seed));
+    let mut plant = options.load.on(uneven(plant, options.uneven, options.seed));
+    if options.coil_field != 0.0 {
+        let rated_a = motor.map_or(Control::default().max_current_a, |motor| motor.limit_a);
+        plant = with_windings(plant, options.coil_field, rated_a.into(), options.seed);
+    }
     let mut simulator = Simulator::with_rings(settings, &plant, rings, options.seed, flash, planned)?;
     let (events, line) = sync_channel(IN);
     listen_to_keyboard(events.clone());

@@ -39,6 +39,8 @@ pub(crate) struct Model {
     pub resistance: i32,
     /// Voltage per current that changes from check to check, in 2⁻¹⁶.
     pub change: i32,
+    /// Voltage per current that does not flow yet, in 2⁻¹⁶: that of the proportional control.
+    pub asked: i32,
     /// Voltage per current and speed: 2⁻¹⁶ by the product with a speed over 2³².
     pub reactance: i32,
     /// Voltage per speed, by the product over 2³².
@@ -70,7 +72,7 @@ impl Motion {
             stop: checks(settings.guard.stop_s),
             brakes: settings.guard.if_stop_fails == OnStopFailure::Brake,
             hold: hold as i32,
-            model: Model::new(frame, motor, scale),
+            model: Model::new(frame, settings.current_bandwidth_hz, motor, scale),
         }
     }
 }
@@ -94,13 +96,14 @@ fn fixed(value: f32) -> i32 {
 }
 
 impl Model {
-    fn new(frame: &Frame, motor: &Motor, scale: &Scale) -> Self {
+    fn new(frame: &Frame, current_hz: f32, motor: &Motor, scale: &Scale) -> Self {
         let per_current = scale.amperes / scale.volts * 65_536.0;
         let check_s = ROUND as f32 / scale.step_hz;
         let radians_s = TAU * scale.step_hz;
         Self {
             resistance: fixed(motor.resistance_ohm * per_current),
             change: fixed(2.0 * motor.inductance_h / check_s * per_current),
+            asked: fixed(TAU * current_hz * motor.inductance_h * per_current),
             reactance: fixed(motor.inductance_h * radians_s * per_current),
             flux: fixed(motor.flux_linkage_wb * radians_s / scale.volts * 32_768.0),
             dead: fixed((2.0 * frame.dead_time_s * frame.pwm_hz + 0.01) * 32_768.0),

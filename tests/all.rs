@@ -7,6 +7,7 @@ mod adapt_safety;
 mod arming;
 mod chopper;
 mod cogging;
+mod coil;
 mod commission;
 mod delay;
 mod examples;

@@ -6,6 +6,9 @@ use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{AmplifierFault, PlantParameters, Wires};
+use rayon::prelude::*;
+use sim::commissioning::{Bench, commission};
+use sim::motors::MOTORS;
 use sim::rig::Rig;
 
 const COMMUTATIONS: [Commutation; 3] = [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block];
@@ -319,4 +322,38 @@ fn the_rotor_stays_within_its_bounds() {
     }
     let control = *rig.control().unwrap();
     assert!(rig.command(Command::Position(control.position(2.0).unwrap())).is_err());
+}
+
+/// Torques to and fro at motors whose current takes a large voltage to change, at any moment of the supervision's round,
+/// also after a while without a current: none is taken for an open phase.
+#[test]
+fn a_torque_that_steps_is_no_open_phase() {
+    let names = ["hub", "hoverboard", "paper", "gimbal-7"];
+    let motors: Vec<_> = MOTORS.iter().filter(|motor| names.contains(&motor.name)).collect();
+    motors.par_iter().for_each(|motor| {
+        let mut bench = Bench::new(Rig::new(&motor.plant(5), &motor.settings(), 5).unwrap());
+        commission(&mut bench, motor.settings(), motor.limit_a).unwrap();
+        let mut rig = bench.rig;
+        rig.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
+        rig.arm().unwrap();
+        let half_a = 0.5 * rig.control().unwrap().largest_current_a();
+        for step in 0..200 {
+            if step % 3 == 0 {
+                rig.command(Command::Current(rig.control().unwrap().current(0.0).unwrap())).unwrap();
+                rig.run(0.08, |_, _| ());
+            }
+            let current_a = if step % 2 == 0 { half_a } else { -half_a };
+            rig.command(Command::Current(rig.control().unwrap().current(current_a).unwrap())).unwrap();
+            // 64 steps are a part of the round.
+            for _ in 0..480 + 7 * step % 64 {
+                rig.step();
+            }
+            rig.serve();
+            assert_eq!(rig.drive.mode(), Mode::Running, "{}, step {step}", motor.name);
+            if step % 20 == 19 {
+                rig.command(Command::Speed(rig.control().unwrap().speed(0.0).unwrap())).unwrap();
+                rig.run(0.3, |_, _| ());
+            }
+        }
+    });
 }

@@ -89,7 +89,8 @@ impl Rig {
         let map: &Live = Box::leak(Box::default());
         let by_pole = ByPole::new(Box::leak(Box::default()));
         let drive = drive.with_map(map).with_cogging(by_pole.live());
-        let (recorder, scope) = Box::leak(Box::<scope::Channels>::default()).split(Some(Box::leak(Box::new(Recording::new()))));
+        let (recorder, scope) =
+            Box::leak(Box::<scope::Channels>::default()).split(Some(Box::leak(Box::new(Recording::new()))));
         Ok(Self {
             plant,
             drive,

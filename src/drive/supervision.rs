@@ -46,9 +46,9 @@ pub(super) struct Supervision {
     braked: u32,
     before_speed: i32,
     slowest: i32,
-    /// What the check of the model has noted: voltage, currents now and before, reference and its change, speed, the
-    /// voltage less that at resistance and inductance, the back-EMF that there should be, and what may be wrong with all
-    /// that.
+    /// What the check of the model has noted: voltage, currents now and before, reference and its change, how far the
+    /// current is from it, what of that is new and the voltage that it takes to come, speed, the voltage less that at
+    /// resistance and inductance, the back-EMF that there should be, and what may be wrong with all that.
     voltage: Dq,
     current: Dq,
     before: Dq,
@@ -61,6 +61,7 @@ pub(super) struct Supervision {
     asked: i32,
     error: i32,
     missing: i32,
+    coming: i32,
     follows: bool,
     speed: i32,
     emf: Dq,
@@ -108,6 +109,7 @@ impl Supervision {
         asked: 0,
         error: 0,
         missing: 0,
+        coming: 0,
         follows: true,
         speed: 0,
         emf: Dq { d: 0, q: 0 },
@@ -217,12 +219,12 @@ impl Supervision {
     #[inline(always)]
     pub fn note(&mut self, state: &State, speed: i32) {
         (self.voltage, self.current, self.speed) = (state.voltage, state.current, speed);
-        let (reference, error) = (state.current_reference, state.current_reference - state.current.q);
-        self.asked = (reference - self.reference).abs();
+        let reference = state.current_reference;
+        let error = (reference - state.current.q).abs();
         // What was missing at the last check, too, does not come.
-        let error = error.abs();
         self.missing = (error - self.error).max(0);
         self.error = error;
+        self.asked = (reference - self.reference).abs();
         self.reference = reference;
         self.follows = error <= reference.abs() / 2 + 2 * QUIET;
     }
@@ -258,9 +260,8 @@ impl Supervision {
         let changed = (current.d - before.d).abs().max((current.q - before.q).abs());
         self.before = current;
         let change = times(changed.min(32_767), model.change);
-        let missing = if self.is_without_current() { 0 } else { self.missing.min(32_767) };
-        let change = change + times(missing, model.asked);
-        self.unexplained = -(model.dead + 2 * self.dropped + self.expected.abs() + change);
+        self.coming = times(self.missing.min(32_767), model.asked);
+        self.unexplained = -(model.dead + 2 * self.dropped + self.expected.abs() + change + self.coming);
     }
 
     /// Fourth part: what is unexplained. A back-EMF in the right direction may be several times as large as it
@@ -291,7 +292,7 @@ impl Supervision {
             let changed =
                 (emf.q - before_emf).abs() - 5 * (expected - before_expected).abs() - expected.abs() - model.dead;
             let across = emf.d.abs() - emf.q.abs() / 2 - model.dead / 2;
-            self.unexplained = self.unexplained.max(changed).max(across).max(0);
+            self.unexplained = self.unexplained.max((changed - self.coming).max(across).max(0));
         } else {
             (self.before_emf, self.before_expected) = (emf.q, expected);
         }

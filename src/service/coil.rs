@@ -174,7 +174,14 @@ mod tests {
 
     /// A step to `size_a` at a rotor that it accelerates by `acceleration` (°/s² an ampere), with `friction` taken off,
     /// at Halls that show `field_deg_a` too much. Rows of 25 µs.
-    fn step(random: &mut Pcg64, size_a: f64, acceleration: f64, friction: f64, field_deg_a: f64, noise: f64) -> Vec<Row> {
+    fn step(
+        random: &mut Pcg64,
+        size_a: f64,
+        acceleration: f64,
+        friction: f64,
+        field_deg_a: f64,
+        noise: f64,
+    ) -> Vec<Row> {
         let rise_s = 160e-6;
         let drift = random.random_range(-50.0..50.0);
         (-48..80)

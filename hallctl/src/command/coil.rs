@@ -71,7 +71,13 @@ pub(super) fn measured(client: &mut Client) -> Result<Estimate> {
         field(&rows).ok_or_else(|| Error::Failed("the recordings tell nothing: did the current flow?".into()))
     });
     let value = match &found {
-        Ok(found) => if tells(found) { found.value } else { 0.0 },
+        Ok(found) => {
+            if tells(found) {
+                found.value
+            } else {
+                0.0
+            }
+        }
         Err(_) => before,
     };
     if matches!(found, Err(Error::Interrupted)) {

@@ -50,8 +50,12 @@ pub fn true_deg_a(plant: &PlantParameters) -> f64 {
         .iter()
         .map(|hall| {
             let away = -plant.hall_phase_rad - hall.placement_rad;
-            let own: f64 =
-                hall.coupling_v_a.iter().zip(0_u8..).map(|(volts, k)| volts * (f64::from(k) * third + away).sin()).sum();
+            let own: f64 = hall
+                .coupling_v_a
+                .iter()
+                .zip(0_u8..)
+                .map(|(volts, k)| volts * (f64::from(k) * third + away).sin())
+                .sum();
             own / hall.amplitude_v
         })
         .sum();
@@ -78,7 +82,11 @@ pub fn measure(rig: &mut Rig) -> Result<Estimate> {
         recordings.push(record(rig, plan.step_a(step), pole_pairs)?);
         // What a line takes to end it.
         rig.run(0.01, |_, _| ());
-        let end = if plan.is_light { Command::Speed(rig.control()?.speed(0.0)?) } else { Command::Current(rig.control()?.current(0.0)?) };
+        let end = if plan.is_light {
+            Command::Speed(rig.control()?.speed(0.0)?)
+        } else {
+            Command::Current(rig.control()?.current(0.0)?)
+        };
         rig.command(end)?;
         rig.run(0.1, |_, _| ());
     }
@@ -129,7 +137,7 @@ fn arm(rig: &mut Rig) -> Result<()> {
 pub struct Errors {
     /// Turned slowly with seven tenths of the largest current, either way: RMS.
     pub loaded_deg: f64,
-    /// While the largest torque acts to and fro: RMS.
+    /// While four fifths of the largest torque act to and fro: RMS.
     pub torque_deg: f64,
 }
 
@@ -144,10 +152,10 @@ pub fn errors(rig: &mut Rig, torque_nm: f64, inertia_kgm2: f64) -> Result<Errors
     let mut loaded = Statistics::default();
     for side in [1.0, -1.0] {
         rig.plant.set_dyno(Some(side * LOADED_HZ * TAU)).map_err(|error| anyhow!("{error}"))?;
-        rig.command(Command::Current(rig.control()?.current(0.7 * side as f32 * largest_a)?))?;
+        rig.command(Command::Current(rig.control()?.current(0.7 * side as f32 * largest_a)?)).context("load")?;
         rig.run(0.1, |_, _| ());
         rig.run(0.5 / LOADED_HZ, |rig, period| loaded.push(error(rig, period.truth.electrical_angle_rad)));
-        rig.command(Command::Current(rig.control()?.current(0.0)?))?;
+        rig.command(Command::Current(rig.control()?.current(0.0)?)).context("unload")?;
         rig.run(0.02, |_, _| ());
     }
     rig.plant.set_dyno(None).map_err(|error| anyhow!("{error}"))?;
@@ -155,10 +163,10 @@ pub fn errors(rig: &mut Rig, torque_nm: f64, inertia_kgm2: f64) -> Result<Errors
     rig.run(0.3, |_, _| ());
     let mut torque = Statistics::default();
     let fast_rad_s = f64::from(rig.control()?.largest_speed_rad_s());
-    let seconds = (0.4 * fast_rad_s * inertia_kgm2 / torque_nm).min(0.02);
+    let seconds = (0.3 * fast_rad_s * inertia_kgm2 / torque_nm).min(0.02);
     for k in 0..20 {
-        let side_a = if k % 2 == 0 { largest_a } else { -largest_a };
-        rig.command(Command::Current(rig.control()?.current(side_a)?))?;
+        let side_a = if k % 2 == 0 { 0.8 * largest_a } else { -0.8 * largest_a };
+        rig.command(Command::Current(rig.control()?.current(side_a)?)).with_context(|| format!("torque {k}"))?;
         // About rest: half as long at first.
         let seconds = if k == 0 { 0.5 * seconds } else { seconds };
         rig.run(seconds, |rig, period| torque.push(error(rig, period.truth.electrical_angle_rad)));
@@ -250,8 +258,7 @@ pub struct Options {
 pub fn main(options: &Options) -> Result<()> {
     options.common.prepare()?;
     let is_chosen = |motor: &&Motor| options.motor.as_ref().is_none_or(|name| motor.name.contains(name));
-    let jobs: Vec<_> =
-        MOTORS.iter().filter(is_chosen).flat_map(|motor| SHARES.map(|share| (motor, share))).collect();
+    let jobs: Vec<_> = MOTORS.iter().filter(is_chosen).flat_map(|motor| SHARES.map(|share| (motor, share))).collect();
     let trials: Vec<Result<Trial>> = jobs
         .par_iter()
         .map(|&(motor, share)| {

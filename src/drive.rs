@@ -332,11 +332,6 @@ impl Drive {
         }
     }
 
-    /// Whether the current along q is measured in every step.
-    const fn controls_current(&self) -> bool {
-        matches!(self.path, Path::FieldOriented | Path::LocalFeedback)
-    }
-
     fn idle(&mut self, sample: &Sample) -> Output {
         self.measure(&sample.halls);
         if let Some(control) = &self.config.control {
@@ -479,6 +474,9 @@ impl Drive {
         let follows = matches!(self.mode, Mode::Running) && self.servo.follows();
         self.record_by_schedule(follows);
         self.servo.supervised = follows && !self.arming.is_active();
+        if !follows {
+            self.servo.forget_current();
+        }
         self.record.status = self.status();
         self.path = self.path();
         self.route = self.route();

@@ -305,7 +305,7 @@ impl Servo {
                 self.waits = far && (ahead < 0) == (speed < reference);
             }
             Demand::Position(_) => {
-                self.protection.held = if self.trajectory.speed() == 0 { motion.hold } else { i32::MAX };
+                self.protection.held = if self.trajectory.speed() == 0 { motion.hold.into() } else { i32::MAX };
             }
         }
         (self.supervised && supervision::is_outside(motion, with.rotor)).then_some(Fault::PositionBounds)
@@ -465,6 +465,11 @@ impl Servo {
     pub fn measure_current(&mut self, angle: ElectricalAngle, sample: &Sample) -> Dq {
         self.current = Rotation::at(angle).park(self.clarke.of(sample.currents));
         self.current
+    }
+
+    /// No current is measured any more.
+    pub const fn forget_current(&mut self) {
+        self.current = Dq { d: 0, q: 0 };
     }
 
     /// Currents of the last step in the frame of the rotor, in 2⁻²⁸ of the full scale.

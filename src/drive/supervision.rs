@@ -47,7 +47,7 @@ pub(super) struct Supervision {
     before_speed: i32,
     slowest: i32,
     /// What the check of the model has noted: voltage, currents now and before, reference and its change, how far the
-    /// current is from it, what of that is new and the voltage that it takes to come, speed, the voltage less that at
+    /// current is from it, what of that is new and then the voltage that it takes, speed, the voltage less that at
     /// resistance and inductance, the back-EMF that there should be, and what may be wrong with all that.
     voltage: Dq,
     current: Dq,
@@ -60,7 +60,6 @@ pub(super) struct Supervision {
     reference: i32,
     asked: i32,
     error: i32,
-    missing: i32,
     coming: i32,
     follows: bool,
     speed: i32,
@@ -108,7 +107,6 @@ impl Supervision {
         reference: 0,
         asked: 0,
         error: 0,
-        missing: 0,
         coming: 0,
         follows: true,
         speed: 0,
@@ -169,7 +167,7 @@ impl Supervision {
     pub fn is_late(&mut self, motion: &Motion, speed_error: i32) -> Option<Fault> {
         let late = speed_error.saturating_abs() > motion.far_speed;
         self.late = if late { self.late + 1 } else { self.late.saturating_sub(4) };
-        (self.late > motion.late).then_some(Fault::FollowingError)
+        (self.late > u32::from(motion.late)).then_some(Fault::FollowingError)
     }
 
     /// No speed is commanded, or none that the rotor is far from.
@@ -186,7 +184,7 @@ impl Supervision {
             return None;
         }
         self.stopping = self.stopping.saturating_add(1);
-        let turns = self.stopping > motion.stop && speed.saturating_abs() > motion.turning;
+        let turns = self.stopping > u32::from(motion.stop) && speed.saturating_abs() > motion.turning;
         self.turning = if turns { self.turning + 1 } else { self.turning.saturating_sub(1) };
         (self.turning > TURNING).then_some(Fault::NotStopped)
     }
@@ -221,9 +219,7 @@ impl Supervision {
         (self.voltage, self.current, self.speed) = (state.voltage, state.current, speed);
         let reference = state.current_reference;
         let error = (reference - state.current.q).abs();
-        // What was missing at the last check, too, does not come.
-        self.missing = (error - self.error).max(0);
-        self.error = error;
+        self.coming = error;
         self.asked = (reference - self.reference).abs();
         self.reference = reference;
         self.follows = error <= reference.abs() / 2 + 2 * QUIET;
@@ -232,6 +228,9 @@ impl Supervision {
     /// The voltage that is left for the back-EMF.
     #[inline(always)]
     pub fn note_emf(&mut self, model: &Model) {
+        // What was missing at the last check, too, does not come.
+        let error = core::mem::replace(&mut self.error, self.coming);
+        self.coming = (self.coming - error).clamp(0, 32_767);
         let (v, i) = (self.voltage, self.current);
         let reactance = high(self.speed, model.reactance);
         self.emf = Dq {
@@ -260,7 +259,7 @@ impl Supervision {
         let changed = (current.d - before.d).abs().max((current.q - before.q).abs());
         self.before = current;
         let change = times(changed.min(32_767), model.change);
-        self.coming = times(self.missing.min(32_767), model.asked);
+        self.coming = times(self.coming, model.asked);
         self.unexplained = -(model.dead + 2 * self.dropped + self.expected.abs() + change + self.coming);
     }
 

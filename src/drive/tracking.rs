@@ -36,9 +36,9 @@ impl Drive {
         }
         if let Some(control) = &self.config.control {
             let behind = (rotor.speed() >> 8).wrapping_mul(control.hall_delay);
-            // The current that is measured, as where the voltage is at its limit it is not the one that is asked for.
-            let current = if self.controls_current() { self.servo.current().q >> PARK_BITS } else { 0 };
-            let turned = current.wrapping_mul(control.hall_coil);
+            // The current that is measured, as where the voltage is at its limit it is not the one that is asked for; 0
+            // where none is.
+            let turned = (self.servo.current().q >> PARK_BITS).wrapping_mul(control.hall_coil);
             correction += ElectricalAngle::from_bits(turned.wrapping_sub(behind));
         }
         self.correction = correction;

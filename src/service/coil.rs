@@ -114,8 +114,7 @@ fn mean_current(recordings: &[&[Row]]) -> [f32; ROWS] {
     before.fill(average(before));
     let end = average(&after[after.len() / 2..]);
     if let Some(rise) = after.iter().position(|current| *current >= RISEN * end) {
-        let settled = (SETTLED * (rise + 1)).min(after.len() / 2);
-        after[settled..].fill(end);
+        after.iter_mut().skip(SETTLED * (rise + 1)).for_each(|current| *current = end);
     }
     mean
 }

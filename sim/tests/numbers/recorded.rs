@@ -13,6 +13,7 @@ pub const CHECKS: &[fn(&Pages)] = &[
     functions,
     uneven_magnets,
     cogging,
+    field_of_the_windings,
     late_halls,
     late_halls_and_uneven_magnets,
     damaged_lines,
@@ -100,6 +101,37 @@ fn cogging(pages: &Pages) {
         assert!(of(row, "learnt_pct") < 1.02 * of(row, "alike_pct"), "{row}");
     }
 }
+
+fn field_of_the_windings(pages: &Pages) {
+    let rows: Vec<Value> = serde_json::from_str(&read("docs/recorded/coil.json")).unwrap();
+    let of = |row: &Value, what: &str| row.pointer(what).and_then(Value::as_f64).unwrap_or_else(|| panic!("{what}"));
+    let mut quoted = 0;
+    for row in &rows {
+        let off = (of(row, "/found_deg") - of(row, "/true_deg")).abs();
+        assert!(off <= of(row, "/error_deg"), "{row}");
+        let motor = row["motor"].as_str().unwrap();
+        let said = format!("| {motor} | {{}} | {{}} ± {{}} | {{}} | {{}} | {{}} | {{}} |");
+        if of(row, "/share") != 0.05 || !QUOTED.contains(&motor) {
+            continue;
+        }
+        let figures = [
+            "/true_deg",
+            "/found_deg",
+            "/error_deg",
+            "/before/loaded_deg",
+            "/after/loaded_deg",
+            "/before/torque_deg",
+            "/after/torque_deg",
+        ];
+        pages.quote(NUMBERS, &said, &figures.map(|what| Is(of(row, what))));
+        quoted += 1;
+    }
+    assert_eq!(quoted, QUOTED.len());
+}
+
+/// Motors whose field of the windings the page shows.
+const QUOTED: [&str; 8] =
+    ["paper", "drone-20uh", "drone-heavy", "gimbal-7", "20ohm", "hub", "direct-drive", "hoverboard"];
 
 fn late_halls(pages: &Pages) {
     let rows: Vec<Value> = serde_json::from_str(&read("docs/recorded/delay.json")).unwrap();

@@ -20,14 +20,14 @@ pub(crate) struct Motion {
     pub far: i64,
     pub far_speed: i32,
     /// Time that a speed may be far from its reference.
-    pub late: u32,
+    pub late: u16,
     /// Least and largest position.
     pub bounds: [i64; 2],
     /// Time to come to rest after a stop, and whether it is braked then.
-    pub stop: u32,
+    pub stop: u16,
     pub brakes: bool,
     /// Largest current while a position is held.
-    pub hold: i32,
+    pub hold: i16,
     pub model: Model,
 }
 
@@ -59,7 +59,7 @@ const MISFIT_S: f32 = 0.02;
 impl Motion {
     /// Of settings that are in their ranges.
     pub fn new(settings: &Control, frame: &Frame, motor: &Motor, scale: &Scale) -> Self {
-        let checks = |seconds: f32| (seconds * scale.step_hz / ROUND as f32).max(1.0) as u32;
+        let checks = |seconds: f32| (seconds * scale.step_hz / ROUND as f32).max(1.0) as u16;
         let turns = scale.pole_pairs * TURN;
         let hold = (settings.hold_current_a * scale.per_ampere()).min(32_767.0);
         Self {
@@ -71,7 +71,7 @@ impl Motion {
             bounds: [bound(settings.min_position_turns, turns), bound(settings.max_position_turns, turns)],
             stop: checks(settings.guard.stop_s),
             brakes: settings.guard.if_stop_fails == OnStopFailure::Brake,
-            hold: hold as i32,
+            hold: hold as i16,
             model: Model::new(frame, settings.current_bandwidth_hz, motor, scale),
         }
     }

@@ -147,6 +147,14 @@ const GIVEN: &[(&str, &str, &[&str])] = &[
         ],
     ),
     ("docs/numbers.md", "bytes by the linker when it was added, of no promise", &["another 3 KiB"]),
+    (
+        "docs/numbers.md",
+        "what the experiment sets",
+        &[
+            "do not see it alike (±20 % in size, ±15° in direction)",
+            "the field at the largest current 5 % of the magnets'",
+        ],
+    ),
     ("docs/numbers.md", "where it was seen to begin, of no promise", &["At 30 rad/s and less"]),
     ("docs/numbers.md", "in print", &["a mean error of 0.073 rad mechanical, which is 16.7°"]),
     (

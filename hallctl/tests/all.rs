@@ -3,6 +3,7 @@
 mod at_rest;
 #[cfg(unix)]
 mod cogging;
+mod coil;
 mod commission;
 mod control;
 mod diagnostic;

@@ -22,8 +22,8 @@ const NAME: &str = "hall_coil_deg_a";
 const LEVEL: f32 = 0.5;
 /// Until a light rotor has come to where it is to rest, and a heavy one has gone on, in the drive's time.
 const REST_MS: u64 = 120;
-/// Longest wait for a recording, in the drive's time.
-const LONGEST_S: f64 = 1.0;
+/// Longest wait for a recording, in the drive's time: the torque turns the rotor up meanwhile.
+const LONGEST_S: f64 = 0.15;
 
 /// Measures it, and sets it.
 pub(super) fn measure(client: &mut Client, out: Out) -> Result<()> {
@@ -127,6 +127,8 @@ impl Steps {
             client.order(target.ask()).map_err(|error| motion::fallen(client, error))
         };
         if self.plan.is_light {
+            // Where the winding is warm, little current is left to stop with.
+            motion::rest(client)?;
             order(client, Target::Position(began_turns + self.plan.place(step) / self.pole_pairs))?;
         }
         client.wait_ms(REST_MS)?;

@@ -155,7 +155,7 @@ fn find_out(client: &mut Client, action: Action, commission: &Commission) -> Res
 /// Measures the field of the windings, before bandwidths are tried that it may make swing. What comes to nothing leaves it
 /// uncompensated, if it was.
 fn coil_field(client: &mut Client, out: Out) -> Result<()> {
-    let found = coil::measured(client).and_then(|found| coil::tell(&found, out));
+    let found = coil::measured(client).and_then(|found| coil::tell(&found, "  ", out));
     unless_hot(client, found, "The field of the windings is not known", out)
 }
 

@@ -143,6 +143,12 @@ fn weak_winding(continuous_a: &str) -> Drive {
     drive
 }
 
+/// The drive's own time.
+fn uptime_s(drive: &Drive) -> f64 {
+    let status: Value = serde_json::from_str(&drive.ok(&["--json", "status"])).unwrap();
+    status["uptime_s"].as_f64().unwrap()
+}
+
 const TOO_WARM: &str = "Too warm by the current that has flowed: 20 s of rest, then again.";
 
 /// A winding that is too hot in the middle of the calibration, which is a fault, and one that is before the swings, which
@@ -152,6 +158,7 @@ fn what_is_too_warm_is_waited_for() {
     let long_enough = weak_winding("1.5");
     let (code, said) = commission(&long_enough, &tempfile::tempdir().unwrap(), &[]);
     assert!(code == Some(0) && !said.contains(TOO_WARM), "{said}");
+    let usual_s = uptime_s(&long_enough);
     for (continuous_a, step, faults) in [("0.46", "2 of 6", true), ("0.5", "3 of 6", false)] {
         let (drive, folder) = (weak_winding(continuous_a), tempfile::tempdir().unwrap());
         let (code, said) = commission(&drive, &folder, &[]);
@@ -159,8 +166,9 @@ fn what_is_too_warm_is_waited_for() {
         let parts: Vec<_> = said.split(TOO_WARM).collect();
         assert!(parts.len() == 2 && parts[0].contains(step) && parts[1].trim_start().starts_with(step), "{said}");
         assert_eq!(drive.ok(&["faults"]).contains("the winding is too hot"), faults, "{said}");
-        // A winding that had not cooled would have been refused again. So little current may be too little for the windings'
-        // field, which then is left out.
+        // In the drive's time, with the bridge off.
+        let waited_s = uptime_s(&drive) - usual_s;
+        assert!(waited_s > 20.0, "{continuous_a} A: {waited_s} s longer");
         assert!(drive.ok(&["status"]).contains("ready: bridge off, calibrated") && !is_left(&folder));
     }
 }

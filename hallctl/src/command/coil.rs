@@ -29,17 +29,17 @@ const LONGEST_S: f64 = 0.15;
 pub(super) fn measure(client: &mut Client, out: Out) -> Result<()> {
     let found = measured(client)?;
     let set = tells(&found);
-    tell(&found, "", out)?;
+    tell(&found, out)?;
     out.value(&json!({ "deg_a": found.value, "error_deg_a": found.error, "set": set }))
 }
 
 /// In words.
-pub(super) fn tell(found: &Estimate, indent: &str, out: Out) -> Result<()> {
+fn tell(found: &Estimate, out: Out) -> Result<()> {
     let Estimate { value, error } = *found;
     if tells(found) {
-        say!(out, "{indent}An ampere turns the Halls' angle by {value:.3}° ± {error:.3}° electrical: {NAME} is set.")
+        say!(out, "An ampere turns the Halls' angle by {value:.3}° ± {error:.3}° electrical: {NAME} is set.")
     } else {
-        say!(out, "{indent}The windings' field does not show: {value:.3}° ± {error:.3}° an ampere. {NAME} is 0.")
+        say!(out, "The windings' field does not show: {value:.3}° ± {error:.3}° an ampere. {NAME} is 0.")
     }
 }
 
@@ -49,7 +49,7 @@ fn tells(found: &Estimate) -> bool {
 }
 
 /// Measures it, and sets it where it shows; the bridge is off in the end. What fails leaves the setting as it was.
-pub(super) fn measured(client: &mut Client) -> Result<Estimate> {
+fn measured(client: &mut Client) -> Result<Estimate> {
     let status = client.status()?;
     if status.mode == Mode::Running {
         return Err(Error::Refused("the bridge is on: `hallctl stop` first".into()));

@@ -5,7 +5,7 @@ mod journal;
 mod measure;
 mod words;
 
-use super::{coil, procedures, settings, tune};
+use super::{procedures, settings, tune};
 use crate::client::Client;
 use crate::error::{Error, Result};
 use crate::out::Out;
@@ -62,7 +62,7 @@ pub(super) fn run(client: &mut Client, options: &Options, out: Out) -> Result<()
         write(client, commission.settings())?;
         words::announce(commission.action(), commission.settings(), out)?;
         let done = match commission.action() {
-            Action::Done => coil_field(client, out).and_then(|()| tune(client, out)).map(|()| None),
+            Action::Done => tune(client, out).map(|()| None),
             action => find_out(client, action, &commission).map(Some),
         };
         let found = match done {
@@ -150,13 +150,6 @@ fn find_out(client: &mut Client, action: Action, commission: &Commission) -> Res
         Action::Swing => Found::Swings(measure::swings(client)?),
         Action::Identify | Action::Done => Found::Motor(procedures::identification(client)?),
     })
-}
-
-/// Measures the field of the windings, before bandwidths are tried that it may make swing. What comes to nothing leaves it
-/// uncompensated, if it was.
-fn coil_field(client: &mut Client, out: Out) -> Result<()> {
-    let found = coil::measured(client).and_then(|found| coil::tell(&found, "  ", out));
-    unless_hot(client, found, "The field of the windings is not known", out)
 }
 
 /// Tries bandwidths of the speed control. What comes to nothing leaves those that were computed.

@@ -27,11 +27,7 @@ pub(super) fn announce(action: Action, settings: &Settings, out: Out) -> Result<
         }
         Action::Identify => say!(out, "\n4 of 6: the motor. It turns to and fro for some seconds, faster than before."),
         Action::Done => {
-            say!(
-                out,
-                "\n5 of 6: the field of the windings, by short torques to and fro; then the speed control. The motor steps \
-                 between two speeds and two positions, some times."
-            )
+            say!(out, "\n5 of 6: the speed control. The motor steps between two speeds and two positions, some times.")
         }
     }
 }

@@ -25,9 +25,9 @@ pub struct Row {
     pub current_a: f32,
 }
 
-/// Rows of a recording, one a control period, and how many are before the step.
+/// Rows of a recording, one a control period: what the smallest scope holds.
 pub const ROWS: usize = 128;
-/// The same.
+/// How many of them are before the step.
 pub const BEFORE: u16 = 48;
 /// Steps to record.
 pub const STEPS: u32 = 40;
@@ -54,8 +54,8 @@ impl Plan {
     /// Current along q of a step, A.
     pub fn step_a(&self, step: u32) -> f32 {
         // A heavy rotor is turned up, and stopped by as many steps the other way.
-        let forward = step & if self.is_light { 1 } else { 2 } == 0;
-        if forward { self.size_a } else { -self.size_a }
+        let pace = if self.is_light { 1 } else { 2 };
+        if (step / pace).is_multiple_of(2) { self.size_a } else { -self.size_a }
     }
 
     /// Where a light rotor rests before a step, in electrical turns from where it was at first.

@@ -15,6 +15,7 @@ use hallservo::service::identify::Estimate;
 use hallservo_protocol::Ask;
 use indicatif::ProgressBar;
 use serde_json::json;
+use std::time::Duration;
 
 /// The setting.
 const NAME: &str = "hall_coil_deg_a";
@@ -22,8 +23,10 @@ const NAME: &str = "hall_coil_deg_a";
 const LEVEL: f32 = 0.5;
 /// Until a light rotor has come to where it is to rest, and a heavy one has gone on, in the drive's time.
 const REST_MS: u64 = 120;
-/// Longest wait for a recording, in the drive's time: the torque turns the rotor up meanwhile.
-const LONGEST_S: f64 = 0.15;
+/// A step lasts so long at least: the rows after it.
+const LASTS: Duration = Duration::from_millis(3);
+/// Longest wait for a recording, in the drive's time.
+const LONGEST_S: f64 = 0.5;
 
 /// Measures it, and sets it.
 pub(super) fn measure(client: &mut Client, out: Out) -> Result<()> {
@@ -71,20 +74,16 @@ fn measured(client: &mut Client) -> Result<Estimate> {
         field(&rows).ok_or_else(|| Error::Failed("the recordings tell nothing: did the current flow?".into()))
     });
     let value = match &found {
-        Ok(found) => {
-            if tells(found) {
-                found.value
-            } else {
-                0.0
-            }
-        }
+        Ok(found) if tells(found) => found.value,
+        Ok(_) => 0.0,
         Err(_) => before,
     };
     if matches!(found, Err(Error::Interrupted)) {
         client.carry_on();
     }
-    set(client, value)?;
-    found
+    // Why nothing was found matters more than that the setting is refused by a drive that is switched off, say.
+    let restored = set(client, value);
+    found.and_then(|found| restored.map(|()| found))
 }
 
 fn set(client: &mut Client, value: f32) -> Result<()> {
@@ -142,9 +141,10 @@ impl Steps {
         // The rows before the step.
         client.wait_ms(3)?;
         order(client, Target::Torque(size_a * self.constant))?;
-        let end = if self.plan.is_light { Target::Speed(0.0) } else { Target::Torque(0.0) };
-        let recording = scope::finish_with(client, id, LONGEST_S, |client| client.order(end.ask()))?;
-        Ok(self.rows(&recording))
+        // On the wall: to ask a drive for its time may take so long that the torque has turned the rotor up meanwhile.
+        client.listen(LASTS)?;
+        order(client, if self.plan.is_light { Target::Speed(0.0) } else { Target::Torque(0.0) })?;
+        Ok(self.rows(&scope::finish(client, id, LONGEST_S)?))
     }
 
     fn rows(&self, recording: &Recording) -> Vec<Row> {

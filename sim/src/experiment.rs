@@ -14,6 +14,7 @@ pub mod servo;
 pub mod spin;
 pub mod vernier;
 
+use crate::motors::Motor;
 use crate::report::Report;
 use anyhow::{Context, Result};
 use serde::Serialize;
@@ -32,6 +33,22 @@ pub struct Common {
     /// Folder for the report; it is made if it does not exist
     #[arg(long, value_name = "DIR", default_value = "report")]
     pub out: PathBuf,
+}
+
+/// Options of an experiment with the motors of the list.
+#[derive(Clone, Debug, clap::Args)]
+pub struct OfMotors {
+    #[command(flatten)]
+    common: Common,
+    /// Only motors whose name contains this
+    #[arg(long)]
+    motor: Option<String>,
+}
+
+impl OfMotors {
+    fn has(&self, motor: &Motor) -> bool {
+        self.motor.as_ref().is_none_or(|name| motor.name.contains(name))
+    }
 }
 
 impl Common {

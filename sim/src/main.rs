@@ -23,7 +23,7 @@ enum Experiment {
     /// Current, speed and position control: steps, hold under load, ripple, copper loss, anti-cogging
     Servo(Common),
     /// Motors whose magnets differ: the ripple of a low speed before and after the cogging is learnt, the pole found again
-    Cogging(experiment::cogging::Options),
+    Cogging(experiment::OfMotors),
     /// Inject every fault at random times into running drives
     Faults(experiment::faults::Options),
     /// Find and follow the sensors' parameters while the motor turns; lose a sensor
@@ -33,7 +33,7 @@ enum Experiment {
     /// Late Halls: their delay as the drive measures it, and the tracked angle before and after
     Delay(experiment::delay::Options),
     /// The field of the windings in the Halls' signals: measured, and the tracked angle under load before and after
-    Coil(experiment::coil::Options),
+    Coil(experiment::OfMotors),
     /// Commission motors on boards with wrong gains: what was found, its ±, and what is true
     Identify(experiment::identify::Options),
     /// Choose the PWM frequency; current ripple by formula and by a switched simulation

@@ -1,7 +1,7 @@
 //! Motors whose magnets differ: the ripple of a low speed without a table against cogging, with one that is alike at all
 //! poles, and with all of it; and after a power-up, until the pole is found.
 
-use super::Common;
+use super::OfMotors;
 use crate::commissioning::{Bench, commission};
 use crate::motors::{MOTORS, Motor};
 use crate::report::{Plot, Report, Series, print_table};
@@ -225,24 +225,14 @@ impl Trial {
     }
 }
 
-/// Options of `cogging`.
-#[derive(Clone, Debug, clap::Args)]
-pub struct Options {
-    #[command(flatten)]
-    common: Common,
-    /// Only motors whose name contains this
-    #[arg(long)]
-    motor: Option<String>,
-}
-
 /// `cogging`: the experiment on the command line.
 ///
 /// # Errors
 /// Files that cannot be written, or a drive that refuses.
-pub fn main(options: &Options) -> Result<()> {
+pub fn main(options: &OfMotors) -> Result<()> {
     options.common.prepare()?;
     let mut motors = motors();
-    motors.retain(|motor| options.motor.as_ref().is_none_or(|name| motor.name.contains(name)));
+    motors.retain(|motor| options.has(motor));
     let trials = trials(&motors, options.common.seed)?;
     let rough =
         trials.iter().max_by(|a, b| a.without_pct.total_cmp(&b.without_pct)).context("no motor has this name")?;

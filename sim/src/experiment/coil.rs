@@ -1,7 +1,7 @@
 //! The field of the windings in the Halls' signals: what it turns the angle by, as the drive measures it, and the tracked
 //! angle before and after.
 
-use super::Common;
+use super::OfMotors;
 use crate::commissioning::{Bench, commission};
 use crate::motors::{MOTORS, Motor};
 use crate::report::{Report, print_table};
@@ -241,24 +241,14 @@ impl Trial {
     }
 }
 
-/// Options of `coil`.
-#[derive(Clone, Debug, clap::Args)]
-pub struct Options {
-    #[command(flatten)]
-    common: Common,
-    /// Only motors whose name contains this
-    #[arg(long)]
-    motor: Option<String>,
-}
-
 /// `coil`: the experiment on the command line.
 ///
 /// # Errors
 /// Files that cannot be written, or a drive that refuses.
-pub fn main(options: &Options) -> Result<()> {
+pub fn main(options: &OfMotors) -> Result<()> {
     options.common.prepare()?;
-    let is_chosen = |motor: &&Motor| options.motor.as_ref().is_none_or(|name| motor.name.contains(name));
-    let jobs: Vec<_> = MOTORS.iter().filter(is_chosen).flat_map(|motor| SHARES.map(|share| (motor, share))).collect();
+    let chosen = MOTORS.iter().filter(|motor| options.has(motor));
+    let jobs: Vec<_> = chosen.flat_map(|motor| SHARES.map(|share| (motor, share))).collect();
     let trials: Vec<Result<Trial>> = jobs
         .par_iter()
         .map(|&(motor, share)| {
@@ -271,14 +261,12 @@ pub fn main(options: &Options) -> Result<()> {
     );
     let head = ["motor", "field", "turns by", "measured", "loaded", "compensated", "torques", "compensated"];
     let mut table = vec![head.map(String::from).to_vec()];
-    for trial in &trials {
-        match trial {
-            Ok(trial) => table.push(trial.row()),
-            Err(error) => println!("{error:#}"),
-        }
-    }
+    table.extend(trials.iter().flatten().map(Trial::row));
     print_table(&table);
     println!();
+    let failed: Vec<String> =
+        trials.iter().filter_map(|trial| trial.as_ref().err()).map(|why| format!("{why:#}")).collect();
+    failed.iter().for_each(|why| println!("No result: {why}"));
     let mut report = Report::new("The field of the windings");
     report.lead(
         "Beside the magnets, the Halls see the windings: a current along q turns the angle that they show. The drive measures \
@@ -291,6 +279,9 @@ pub fn main(options: &Options) -> Result<()> {
          changes is the tracker's lag at that acceleration.",
     );
     report.table(&table);
+    if !failed.is_empty() {
+        report.text(&format!("Without a result: {}.", failed.join("; ")));
+    }
     let trials: Vec<Trial> = trials.into_iter().flatten().collect();
     options.common.finish("coil", &trials, &report)
 }

@@ -105,6 +105,7 @@ fn cogging(pages: &Pages) {
 fn field_of_the_windings(pages: &Pages) {
     let rows: Vec<Value> = serde_json::from_str(&read("docs/recorded/coil.json")).unwrap();
     let of = |row: &Value, what: &str| row.pointer(what).and_then(Value::as_f64).unwrap_or_else(|| panic!("{what}"));
+    assert_eq!(rows.len(), 80 - 6);
     let mut quoted = 0;
     for row in &rows {
         let off = (of(row, "/found_deg") - of(row, "/true_deg")).abs();

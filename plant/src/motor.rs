@@ -4,6 +4,7 @@ use crate::emf::BackEmf;
 use crate::error::{Error, finite, positive, require};
 use crate::hall::View;
 use crate::heat::{Heat, HeatParameters};
+use crate::iron::{Axes, Iron};
 use crate::load::{Coupled, Load, LoadParameters};
 use crate::phasor::Phasor;
 use crate::rotor::{Cogging, Friction, Rotor};
@@ -16,6 +17,8 @@ pub struct MotorParameters {
     pub resistance_ohm: f64,
     /// Inductance of one phase in the star (self less mutual), H.
     pub inductance_h: f64,
+    /// How the inductance differs with direction and current.
+    pub iron: Iron,
     /// Pole pairs, 1 to 64.
     pub pole_pairs: u8,
     /// Back-EMF, and with it torque.
@@ -48,6 +51,7 @@ impl MotorParameters {
         Self {
             resistance_ohm: 3.75,
             inductance_h: 0.36e-3,
+            iron: Iron::NONE,
             pole_pairs: 4,
             back_emf: BackEmf::sinusoidal(5e-3),
             inertia_kgm2: 1e-5,
@@ -108,6 +112,8 @@ pub(crate) struct Motor {
     pole_pairs: f64,
     pub load_nm: f64,
     pub windings: Windings,
+    /// With the inductance that it changes, where it changes any.
+    iron: Option<(Iron, f64)>,
     pub rotor: Rotor,
     load: Option<Load>,
     pub heat: Option<Heat>,
@@ -121,6 +127,7 @@ impl Motor {
         positive(parameters.resistance_ohm, "motor.resistance_ohm")?;
         require((1..=64).contains(&parameters.pole_pairs), "motor.pole_pairs", "1 to 64")?;
         parameters.back_emf.check()?;
+        parameters.iron.check()?;
         for (index, cogging) in parameters.cogging.iter().enumerate() {
             cogging.check().map_err(|error| error.at(index))?;
         }
@@ -133,6 +140,7 @@ impl Motor {
             pole_pairs: f64::from(parameters.pole_pairs),
             load_nm: parameters.load_nm,
             windings: Windings::new(parameters.resistance_ohm + switch_ohm, parameters.inductance_h, usual_s)?,
+            iron: parameters.iron.acts().then_some((parameters.iron, parameters.inductance_h)),
             rotor,
             load,
             heat: parameters.heat.map(|heat| Heat::new(&heat, parameters.resistance_ohm)).transpose()?,
@@ -184,7 +192,15 @@ impl Motor {
 
     /// Electromagnetic torque at this very moment.
     pub fn torque_nm(&self) -> f64 {
-        self.torque_of(&self.back_emf.at(self.phasor, self.electrical_rad()), &self.windings.currents_a)
+        let flux_vs = self.back_emf.at(self.phasor, self.electrical_rad());
+        self.torque_of(&flux_vs, &self.windings.currents_a) + self.reluctance_nm(self.phasor, &self.windings.currents_a)
+    }
+
+    /// Torque of the iron at a phasor of the electrical angle.
+    fn reluctance_nm(&self, at: Phasor, currents_a: &[f64; 3]) -> f64 {
+        let Some((iron, inductance_h)) = &self.iron else { return 0.0 };
+        let axes = Axes::new(at, self.back_emf.sequence);
+        self.pole_pairs * axes.torque_beyond_nm(iron, *inductance_h, currents_a)
     }
 
     /// Co-energy: the torque is what the back-EMF takes up per speed, without dividing by it.
@@ -203,11 +219,21 @@ impl Motor {
         let flux_vs = self.back_emf.at(middle, self.pole_pairs * middle_rad);
         let back_emf_v = flux_vs.map(|flux| flux * self.pole_pairs * speed);
 
-        let flow = self.windings.advance(terminals, &back_emf_v, diodes, span_s);
+        let flow = match self.iron {
+            None => self.windings.advance(terminals, &back_emf_v, diodes, span_s),
+            Some((iron, inductance_h)) => {
+                let (begin, sequence) = (self.phasor, self.back_emf.sequence);
+                let turns_rad = 2.0 * self.pole_pairs * ahead_rad;
+                let flux_vs = |share: f64, currents_a: &[f64; 3]| {
+                    Axes::new(begin.turned_by(share * turns_rad), sequence).flux_beyond_vs(&iron, inductance_h, currents_a)
+                };
+                self.windings.advance_in_iron(terminals, &back_emf_v, diodes, span_s, flux_vs)
+            }
+        };
         if let Some(copper_ohm) = self.heat.as_mut().and_then(|heat| heat.take(&flow.currents_a, span_s)) {
             self.windings.set_resistance(copper_ohm + self.switch_ohm);
         }
-        let torque_nm = self.torque_of(&flux_vs, &flow.currents_a);
+        let torque_nm = self.torque_of(&flux_vs, &flow.currents_a) + self.reluctance_nm(middle, &flow.currents_a);
         let cogging_nm = self.cogging_at(middle_rad);
         let moved = self.turn(torque_nm + cogging_nm, span_s);
         self.phasor = middle.turned_by(self.pole_pairs * (moved.rotor.turned_rad - ahead_rad));

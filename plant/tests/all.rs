@@ -5,6 +5,7 @@ mod electrical;
 mod faults;
 mod field;
 mod inverter;
+mod iron;
 mod load;
 mod mechanical;
 mod sensors;

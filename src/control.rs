@@ -13,6 +13,7 @@ mod measured;
 pub mod position;
 pub mod trajectory;
 pub mod velocity;
+pub mod weakening;
 mod window;
 
 use crate::angle::TURN;

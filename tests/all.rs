@@ -32,3 +32,4 @@ mod vernier_decode;
 mod vernier_drive;
 mod vernier_eccentricity;
 mod vernier_encoder;
+mod weakening;

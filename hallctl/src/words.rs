@@ -230,12 +230,28 @@ fn drive_refusal(refusal: drive::Refusal) -> String {
 
 const NO_CONTROL: &str = "this drive has no current control: it can be given a voltage only";
 
+/// What limits a setting that others limit, where that is not plain.
+fn reason(field: &str) -> &'static str {
+    match field {
+        "field_weakening_a" => {
+            "\n  More than nine tenths of max_current_a leave no torque; more than eight tenths of flux_linkage_wb over \
+             inductance_h would turn the field round."
+        }
+        "max_speed_rad_s" => {
+            "\n  With field_weakening_a, the voltage of a motor that is switched off at this speed must be below \
+             over_voltage_v: it reaches the supply through the bridge's diodes. Else max_electrical_hz limits it."
+        }
+        _ => "",
+    }
+}
+
 /// Why a setting cannot be changed so, and what to do.
 pub fn setting_error(error: &settings::Error<'_>) -> String {
     match error {
         settings::Error::OutOfRange { field, value, min, max } => {
             let (min, max) = (short(*min), short(*max));
-            format!("{field} would be {value}, but must be from {min} to {max}, with the other settings as they are")
+            let why = reason(field);
+            format!("{field} would be {value}, but must be from {min} to {max}, with the other settings as they are{why}")
         }
         settings::Error::Ceiling { field, value, most } => {
             format!("{field} would be {}, but the board's ceiling is {}", short(*value), short(*most))

@@ -46,10 +46,8 @@ pub(crate) struct Axes {
 
 impl Axes {
     pub fn new(at: Phasor, sequence: PhaseSequence) -> Self {
-        let mut axes = Self {
-            d: Phasor { sin: at.cos, cos: -at.sin }.three_phase(),
-            q: at.three_phase().map(|sine| -sine),
-        };
+        let mut axes =
+            Self { d: Phasor { sin: at.cos, cos: -at.sin }.three_phase(), q: at.three_phase().map(|sine| -sine) };
         if sequence == PhaseSequence::Acb {
             axes.d.swap(1, 2);
             axes.q.swap(1, 2);

@@ -225,7 +225,11 @@ impl Motor {
                 let (begin, sequence) = (self.phasor, self.back_emf.sequence);
                 let turns_rad = 2.0 * self.pole_pairs * ahead_rad;
                 let flux_vs = |share: f64, currents_a: &[f64; 3]| {
-                    Axes::new(begin.turned_by(share * turns_rad), sequence).flux_beyond_vs(&iron, inductance_h, currents_a)
+                    Axes::new(begin.turned_by(share * turns_rad), sequence).flux_beyond_vs(
+                        &iron,
+                        inductance_h,
+                        currents_a,
+                    )
                 };
                 self.windings.advance_in_iron(terminals, &back_emf_v, diodes, span_s, flux_vs)
             }

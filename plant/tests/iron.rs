@@ -139,7 +139,7 @@ fn what_cannot_be_is_refused() {
     ] {
         let mut parameters = PlantParameters::ideal();
         parameters.motor.iron = iron;
-        let error = Plant::new(&parameters, 0).err().expect("refused").to_string();
+        let error = Plant::new(&parameters, 0).expect_err("refused").to_string();
         assert!(error.contains(name), "{error}");
     }
 }

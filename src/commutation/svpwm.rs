@@ -43,6 +43,12 @@ impl Circle {
         self.0 - high(d, d) * BEND
     }
 
+    /// What a voltage leaves to q.
+    #[inline(always)]
+    pub const fn free(&self, Dq { d, q }: Dq) -> i32 {
+        self.left(d) - q.abs()
+    }
+
     /// Whether a voltage has been cut, or just not.
     #[inline(always)]
     pub const fn touches(&self, Dq { d, q }: Dq) -> bool {

@@ -12,7 +12,7 @@ mod supply;
 
 use super::current::{self, LocalGains};
 use super::velocity::TooLarge;
-use super::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity};
+use super::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity, weakening};
 use crate::angle::{Position, TURN};
 use crate::commutation::svpwm;
 use crate::double;
@@ -53,7 +53,7 @@ pub struct Config {
     /// Largest current along q (`max_current_a`), in 2⁻¹⁵ of the full scale.
     pub(crate) max_current: i32,
     /// Bits by which an ADC code is shifted left for a full scale of 2¹⁶.
-    pub(crate) shift: u32,
+    pub(crate) shift: u8,
     pub(crate) modulator: svpwm::Modulator,
     /// Scale of the d/q voltages for the tasks: voltage in 2⁻¹⁵ of the full scale of the bus, per unit of the current
     /// control's voltage ([`svpwm::LONGEST`]) and of the bus voltage; in 2⁻³⁸.
@@ -66,7 +66,7 @@ pub struct Config {
     /// Least speed at which the alignment is trimmed, in 2⁻³² electrical turns a step.
     pub(crate) trim_from: i32,
     /// Delay of the Halls' signals, in 2⁻⁸ steps.
-    pub(crate) hall_delay: i32,
+    pub(crate) hall_delay: i16,
     /// What a current along q turns the Halls' angle by, in 2⁻³² turns per 2⁻¹⁵ of the full scale.
     pub(crate) hall_coil: i32,
     /// Gain of the alignment's trim: 2⁻⁵⁶ turns per unit of voltage along d, every 128
@@ -75,6 +75,7 @@ pub struct Config {
     pub(crate) guard: Guard,
     pub(crate) overload: Overload,
     pub(crate) supply: Supply,
+    pub(crate) weakening: weakening::Gains,
     #[cfg(not(feature = "no-chopper"))]
     pub(crate) chopper: Chopper,
     pub(crate) arming: ArmingCheck,
@@ -143,7 +144,7 @@ impl Config {
             torque_ends: (1.1 * speed) as i32,
             torque_gain: (TURN * max_current / (0.6 * speed.max(1.0))) as i32,
             max_current: libm::roundf(max_current) as i32,
-            shift: 16 - u32::from(frame.adc_bits),
+            shift: 16 - frame.adc_bits,
             volts: (longest * 65_536.0 * 4_194_304.0 / svpwm::LONGEST as f32) as i32,
             modulator: svpwm::Modulator::new(frame.period, frame.dead_time, &frame.limits, frame.reversed),
             ramp: (svpwm::RAMP as f32 / ramp.max(1.0)) as i32,
@@ -158,7 +159,7 @@ impl Config {
                 / (0.5 * scale.step_hz / (2 * LONG) as f32)
                 * 16_777_216.0)
                 .clamp(1.0, 2_147_483_520.0) as i32,
-            hall_delay: libm::roundf(settings.hall_delay_us * 256e-6 * scale.step_hz) as i32,
+            hall_delay: libm::roundf(settings.hall_delay_us * 256e-6 * scale.step_hz) as i16,
             hall_coil: libm::roundf(settings.hall_coil_deg_a / scale.per_ampere() * (TURN / 360.0)) as i32,
             scale,
             motor,
@@ -167,6 +168,10 @@ impl Config {
             arming: ArmingCheck::default(),
             overload: Overload::default(),
             supply: Supply::default(),
+            weakening: weakening::Gains::new(
+                settings.field_weakening_a / amperes,
+                settings.flux_linkage_wb / settings.inductance_h / amperes,
+            ),
             #[cfg(not(feature = "no-chopper"))]
             chopper: Chopper::NONE,
             guard: Guard::default(),

@@ -116,6 +116,12 @@ impl Present {
         self.back = gains.back;
     }
 
+    /// Back-EMF, in the unit of the voltages.
+    #[inline(always)]
+    pub const fn induced(&self) -> i32 {
+        self.induced
+    }
+
     /// Takes up what turning with `speed` induces.
     #[inline(always)]
     pub const fn take_up_speed(&mut self, gains: &Gains, bus: Inverse, speed: i32) {

@@ -84,6 +84,18 @@ impl FieldOriented {
         Circle::NEW.touches(self.voltage)
     }
 
+    /// What the voltage leaves of the longest one.
+    #[inline(always)]
+    pub const fn free(&self) -> i32 {
+        Circle::NEW.free(self.voltage)
+    }
+
+    /// Back-EMF, in the unit of [`LONGEST`](crate::commutation::svpwm::LONGEST).
+    #[inline(always)]
+    pub const fn induced(&self) -> i32 {
+        self.gains.induced()
+    }
+
     /// Trims the alignment until the integrator holds no voltage along d. Beyond the feed-forward, a voltage there is
     /// back-EMF that an error of the angle has turned from q to d. Only above the speed
     /// [`trim_from`](Config::trim_from), where that is well above the noise.

@@ -12,6 +12,7 @@ mod timeout;
 use super::{Idle, Sample};
 use crate::control::Window;
 use crate::control::config::Config;
+use crate::control::weakening::Weakening;
 use crate::fault::{Fault, Limits};
 use currents::Currents;
 use overload::Overload;
@@ -35,6 +36,8 @@ pub(super) struct Protection {
     /// Largest current that heat allows, in 2⁻¹⁵ of the full scale.
     most: i32,
     supply: Supply,
+    /// The current against the magnets' field, of which the one along q gets what it leaves.
+    pub weakening: Weakening,
 }
 
 impl Protection {
@@ -49,6 +52,7 @@ impl Protection {
         held: i32::MAX,
         most: 0,
         supply: Supply::NONE,
+        weakening: Weakening::NONE,
     };
 
     /// Clears the counts while the bridge is off. What is warm stays warm.
@@ -86,6 +90,7 @@ impl Protection {
         self.overload.limit_by_bridge(config);
         self.limit_by_heat();
         self.supply = Supply::NONE;
+        self.weakening = Weakening::NONE;
         self.narrow(config);
     }
 
@@ -134,10 +139,16 @@ impl Protection {
         self.supply.burn(config, bus, asked, self.most >> 2, controls_field)
     }
 
-    /// What the supply has to drive with.
+    /// What the supply has to drive with, beside what the current along d takes.
     #[inline(always)]
     pub fn limit_driving(&mut self, config: &Config, bus: i32) {
-        self.supply.limit_driving(config, bus, self.most >> 2);
+        self.supply.limit_driving(config, bus, self.most >> 2, self.weakening.current() >> 15);
+    }
+
+    /// How much the magnets' field may be weakened at a back-EMF.
+    #[inline(always)]
+    pub fn limit_weakening(&mut self, config: &Config, induced: i32) {
+        self.weakening.limit(&config.weakening, induced, self.most << 13);
     }
 
     /// What is left to brake with.
@@ -151,8 +162,11 @@ impl Protection {
     #[cfg_attr(feature = "small", inline(never))]
     pub fn narrow(&mut self, config: &Config) {
         self.window = Window::symmetric(config.max_current);
-        self.window.from_below(-self.most, Limits::HEAT);
-        self.window.from_above(self.most, Limits::HEAT);
+        // Within the circle, from its top to the largest current along d by a straight line.
+        let weakens = self.weakening.current() >> 13;
+        let most = self.most - ((weakens * 37) >> 6);
+        self.window.from_below(-most, Limits::HEAT);
+        self.window.from_above(most, Limits::HEAT);
         self.window.from_below(-self.held, Limits::NONE);
         self.window.from_above(self.held, Limits::NONE);
         self.supply.narrow(&mut self.window);

@@ -96,7 +96,9 @@ impl Drive {
             23 => self.burn_slot(sample),
             29 => return self.over_speed_slot(sample),
             47 => self.slot(sample, |servo, paths, with| {
-                servo.protection.limit_braking(with.config, paths.field_oriented.bus());
+                let field = &paths.field_oriented;
+                servo.protection.limit_braking(with.config, field.bus());
+                servo.protection.limit_weakening(with.config, field.induced());
             }),
             53 => return self.supervision_slot(sample),
             61 => self.window_slot(sample),
@@ -190,17 +192,20 @@ impl Drive {
         });
     }
 
-    /// In turns: trims the alignment; what the supply has to drive with.
+    /// In turns: weakens the magnets' field, or where that is not needed trims the alignment; what the supply has to drive
+    /// with.
     #[inline(never)]
     fn alignment_slot(&mut self, sample: &Sample) {
         let trims = (self.servo.schedule.tick / LONG).is_multiple_of(2);
         self.with_servo(sample, |servo, paths, with| {
             let field = &mut paths.field_oriented;
-            let burns = servo.reference.current.d;
+            let along_d = servo.reference.current.d;
             if !trims {
-                servo.burnt = burns;
+                servo.had_d = along_d != 0;
                 servo.protection.limit_driving(with.config, field.bus());
-            } else if servo.burnt | burns == 0 {
+            } else if servo.protection.weakening.is_needed(along_d, field.free()) {
+                servo.protection.weakening.step(&with.config.weakening, along_d, field.free());
+            } else if !servo.had_d && along_d == 0 {
                 // A current along d takes a voltage of its own, for a while after it, too.
                 field.trim_alignment(with.config, with.rotor.speed());
             }

@@ -14,6 +14,7 @@ use crate::control::config::{Config, Motion};
 use crate::control::current::PARK_BITS;
 use crate::control::trajectory::{self, Trajectory};
 use crate::control::velocity::Integrator;
+use crate::control::weakening::Weakening;
 use crate::control::{Current, Speed};
 use crate::fault::{Fault, Limits};
 use crate::hall::track::Tracker;
@@ -91,8 +92,8 @@ pub(super) struct Servo {
     current_by_pole: i32,
     /// Whether a commanded speed waits for a rotor that cannot follow.
     pub(super) waits: bool,
-    /// Not 0 where braking was burnt 64 steps before the alignment may be trimmed.
-    pub burnt: i32,
+    /// Whether there was a current along d 64 steps before the alignment may be trimmed.
+    pub had_d: bool,
     /// Whether the motion is supervised: something is followed, and not checked before.
     pub supervised: bool,
     /// Grows by two with each check that found the rotor turning faster than it may, and falls by one with the others.
@@ -123,7 +124,7 @@ impl Servo {
             shaft: Shaft::NONE,
             ends: false,
             waits: false,
-            burnt: 0,
+            had_d: false,
             supervised: false,
             too_fast: 0,
             speed_reference: 0,
@@ -144,7 +145,7 @@ impl Servo {
     /// Everything at rest, following nothing; the amplifiers' zeros are those of now.
     pub fn reset(&mut self, config: &Config, zeros: &Idle) {
         self.protection.currents.set_zeros(config, zeros.zeros());
-        self.clarke = Clarke::new(config.shift, zeros.zeros(), config.modulator.is_reversed());
+        self.clarke = Clarke::new(config.shift.into(), zeros.zeros(), config.modulator.is_reversed());
         // One by one: a whole new servo on its way over the stack would take as long as all the rest of the step.
         self.current = Dq { d: 0, q: 0 };
         self.demand = Demand::Voltage;
@@ -153,6 +154,7 @@ impl Servo {
         self.speed_integrator = Integrator::ZERO;
         self.limits = Limits::NONE;
         self.reference.current.d = 0;
+        self.protection.weakening = Weakening::NONE;
         self.set_reference(config, 0);
     }
 
@@ -397,10 +399,11 @@ impl Servo {
         self.protection.heat(part, square, with.config, with.sample)
     }
 
-    /// The current along d that burns what braking returns.
+    /// The current along d: the larger of those that burn what braking returns and weaken the magnets' field.
     #[inline(always)]
     pub fn burn(&mut self, config: &Config, bus: i32, controls_field: bool) {
-        self.reference.current.d = self.protection.burn(config, bus, self.asked, controls_field);
+        let burns = self.protection.burn(config, bus, self.asked, controls_field);
+        self.reference.current.d = burns.min(-self.protection.weakening.current());
     }
 
     /// Whether the rotor is stalled: at rest with the largest current.

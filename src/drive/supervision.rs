@@ -24,15 +24,15 @@ const PROOF: u8 = 4;
 /// Current below which it tells nothing of the torque, in 2⁻¹⁵ of the full scale.
 const QUIET: i32 = 32;
 /// Checks for which the tracked speed may go on rising when the torque has turned.
-const LAG: u32 = 3;
+const LAG: u8 = 3;
 /// Checks without a current after which none is coming.
 const NO_CURRENT: u8 = 4;
 /// Multiple of the speed of a rotor that turns, from which on it is fast: 48 Hz electrical.
 const FAST: i32 = 16;
 /// Checks by which a wrong commutation is found that turns a rotor from rest.
-const SOON: u32 = 6;
+const SOON: u8 = 6;
 /// Checks that find the rotor turning after a stop.
-const TURNING: u32 = 2;
+const TURNING: u8 = 2;
 
 /// What is counted from check to check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -43,7 +43,7 @@ pub(super) struct Supervision {
     proofs: u8,
     /// Sum of the currents against the motion, and how many; the speed before, and the least one.
     braking: i32,
-    braked: u32,
+    braked: u8,
     before_speed: i32,
     slowest: i32,
     /// What the check of the model has noted: voltage, currents now and before, reference and its change, how far the
@@ -70,10 +70,10 @@ pub(super) struct Supervision {
     /// Unexplained voltage, summed up.
     misfit: i32,
     /// Checks with a speed far from its reference.
-    late: u32,
+    late: u16,
     /// Checks since a stop, and those after its time that found the rotor turning.
-    stopping: u32,
-    turning: u32,
+    stopping: u16,
+    turning: u8,
 }
 
 /// Whether the rotor is outside of its bounds by more than it may be from its reference.
@@ -151,7 +151,7 @@ impl Supervision {
             return None;
         }
         self.braking = self.braking.saturating_add(braking);
-        self.braked += 1;
+        self.braked = self.braked.saturating_add(1);
         self.slowest = if self.braked <= LAG { speed } else { self.slowest.min(speed) };
         // An angle that uneven magnets mislead makes the measured speed swing in proportion to itself, by up to two thirds
         // from its least to its largest. With a wrong commutation a rotor does not come to be fast, or to brake for long,
@@ -167,7 +167,7 @@ impl Supervision {
     pub fn is_late(&mut self, motion: &Motion, speed_error: i32) -> Option<Fault> {
         let late = speed_error.saturating_abs() > motion.far_speed;
         self.late = if late { self.late + 1 } else { self.late.saturating_sub(4) };
-        (self.late > u32::from(motion.late)).then_some(Fault::FollowingError)
+        (self.late > motion.late).then_some(Fault::FollowingError)
     }
 
     /// No speed is commanded, or none that the rotor is far from.
@@ -184,7 +184,7 @@ impl Supervision {
             return None;
         }
         self.stopping = self.stopping.saturating_add(1);
-        let turns = self.stopping > u32::from(motion.stop) && speed.saturating_abs() > motion.turning;
+        let turns = self.stopping > motion.stop && speed.saturating_abs() > motion.turning;
         self.turning = if turns { self.turning + 1 } else { self.turning.saturating_sub(1) };
         (self.turning > TURNING).then_some(Fault::NotStopped)
     }

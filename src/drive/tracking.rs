@@ -35,7 +35,7 @@ impl Drive {
             correction = ElectricalAngle::from_bits(map.value(position));
         }
         if let Some(control) = &self.config.control {
-            let behind = (rotor.speed() >> 8).wrapping_mul(control.hall_delay);
+            let behind = (rotor.speed() >> 8).wrapping_mul(control.hall_delay.into());
             // The current that is measured, as where the voltage is at its limit it is not the one that is asked for; 0
             // where none is.
             let turned = (self.servo.current().q >> PARK_BITS).wrapping_mul(control.hall_coil);

@@ -7,7 +7,6 @@ use super::guard::largest_rise_k;
 use super::guard::{NOISE, OFFSET};
 use super::{Ceiling, Feedback, OnStopFailure, OnTimeout};
 use crate::commutation::Commutation;
-use core::f32::consts::TAU;
 
 /// The structures, their defaults, the table and the descriptions. A row: `field: type = default, least => most, unit,
 /// kind, whether it is the board's, description`, behind `[cfg(…)]` where not every drive has it; the range may depend
@@ -249,6 +248,12 @@ settings! {
         /// 0: a third of `max_current_a`, at most `continuous_current_a`. Takes the place of `calibration_modulation`.
         calibration_current_a: f32 = 0.0, 0.0 => c.max_current_a, "A", Real, FREE,
             "Current of the calibration's field; 0: derived from the largest";
+        /// For speeds beyond what the supply's voltage gives, under field-oriented commutation. Up to eight tenths of the
+        /// current that takes all of the magnets' flux off a winding. The voltage of a motor that is switched off at such a
+        /// speed reaches the supply through the bridge's diodes: `max_speed_rad_s` is limited to where that is below
+        /// [`over_voltage_v`](GuardSettings::over_voltage_v).
+        field_weakening_a: f32 = 0.0, 0.0 => (0.9 * c.max_current_a).min(0.8 * c.flux_linkage_wb / c.inductance_h), "A", Real, FREE,
+            "Largest current against the magnets' field, for higher speeds; 0: none";
         hold_current_a: f32 = 1000.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current while a position is held";
         min_position_turns: f32 = -1e6, -1e6 => 1e6, "turns", Real, FREE, "Least position, mechanical";
         max_position_turns: f32 = 1e6, c.min_position_turns => 1e6, "turns", Real, FREE, "Largest position, mechanical";
@@ -256,7 +261,7 @@ settings! {
             "A rotor farther from its reference is a fault";
         following_error_rad_s: f32 = 100.0, 1.0 => 1e6, "rad/s", Real, FREE,
             "A speed farther from its reference for stall_s is a fault";
-        max_speed_rad_s: f32 = 500.0, 0.1 => TAU * s.max_electrical_hz / f32::from(s.pole_pairs), "rad/s", Real, FREE,
+        max_speed_rad_s: f32 = 500.0, 0.1 => super::guard::largest_speed_rad_s(s, c), "rad/s", Real, FREE,
             "Largest speed of a command, mechanical";
         max_acceleration_rad_s2: f32 = 5000.0, 1.0 => 1e6, "rad/s²", Real, FREE,
             "Largest acceleration of a trajectory, mechanical";

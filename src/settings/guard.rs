@@ -1,8 +1,8 @@
 //! What bounds the settings beside their ranges: the board's ceilings, and thresholds that follow from its parts.
 
-#[cfg(not(feature = "small"))]
-use super::Control;
-use super::{Error, GuardSettings, Settings, find};
+use super::{Control, Error, GuardSettings, Settings, find};
+use crate::pwm::SQRT_3;
+use core::f32::consts::TAU;
 
 /// Largest value that a setting may have on a board: its name and the value.
 pub type Ceiling = (&'static str, f32);
@@ -23,6 +23,18 @@ pub(crate) const DEAD_TIMES: f32 = 8.0;
 pub(super) fn largest_rise_k(settings: &Settings, control: &Control) -> f32 {
     let dead_v = settings.dead_time_s * settings.pwm_hz * control.guard.under_voltage_v;
     if control.max_current_a * control.resistance_ohm >= DEAD_TIMES * dead_v { 500.0 } else { 0.0 }
+}
+
+/// Largest `max_speed_rad_s`: that of the largest electrical frequency, and with field weakening the one at which the
+/// voltage of an idle motor, at a tenth more, is that of a fault.
+pub(super) fn largest_speed_rad_s(settings: &Settings, control: &Control) -> f32 {
+    let pole_pairs = f32::from(settings.pole_pairs);
+    let followed = TAU * settings.max_electrical_hz / pole_pairs;
+    if control.field_weakening_a > 0.0 {
+        followed.min(control.guard.over_voltage_v / (1.1 * SQRT_3 * control.flux_linkage_wb * pole_pairs))
+    } else {
+        followed
+    }
 }
 
 impl GuardSettings {

@@ -23,8 +23,8 @@ pub struct Supply {
     /// Current along d that burns the rest.
     field: i32,
     /// Largest currents against and along the rotation.
-    braking: i32,
-    driving: i32,
+    braking: i16,
+    driving: i16,
     forward: bool,
     /// So slow that next to nothing is returned, whatever the flux linkage.
     slow: bool,
@@ -39,8 +39,8 @@ impl Supply {
         short: 1,
         returns: 0,
         field: 0,
-        braking: i16::MAX as i32,
-        driving: i16::MAX as i32,
+        braking: i16::MAX,
+        driving: i16::MAX,
         forward: true,
         slow: true,
     };
@@ -59,13 +59,13 @@ impl Supply {
         self.returns = if controls_field { high(bus << 16, supply.returns) + little * little } else { 1 << 29 };
     }
 
-    /// Takes up what the supply has to drive with.
+    /// Takes up what the supply has to drive with, beside the losses of a current along d.
     #[inline(always)]
-    pub fn limit_driving(&mut self, config: &Config, bus: i32, most: i32) {
+    pub fn limit_driving(&mut self, config: &Config, bus: i32, most: i32, field: i32) {
         // Newton's root of q² + a·q = power: from the second time on at most a little too large.
-        let (short, driving) = ((self.short >> 1) + (self.short >> 3), self.driving);
-        let gives = high(bus << 16, config.supply.gives);
-        self.driving = ((driving * driving + gives) / ((2 * driving + short) | 1).max(1)).min(most);
+        let (short, driving) = ((self.short >> 1) + (self.short >> 3), i32::from(self.driving));
+        let gives = (high(bus << 16, config.supply.gives) - field * field).max(0);
+        self.driving = ((driving * driving + gives) / ((2 * driving + short) | 1).max(1)).min(most) as i16;
     }
 
     /// Takes up the current along d that is needed for the one along q that is `asked` for. Returns it in 2⁻²⁸ of the
@@ -98,17 +98,17 @@ impl Supply {
         // Where the largest power that can be returned is burnt, any current may brake, within the circle.
         let braking = if braking >= (self.short >> 2) - (self.short >> 6) { most } else { braking };
         // Near rest, braking draws as much as driving does.
-        let drawn = self.driving + (self.short >> 1);
+        let drawn = i32::from(self.driving) + (self.short >> 1);
         let braking = braking.min(most - ((self.field * 37) >> 6)).min(drawn);
         let share = (supply.end - bus).min(supply.band).max(0) * supply.slope;
         // A slow rotor returns next to nothing, and a large current that brakes it draws.
-        self.braking = if self.slow { braking } else { (braking * share) >> 16 };
+        self.braking = if self.slow { braking } else { (braking * share) >> 16 } as i16;
     }
 
     /// Narrows a window.
     #[inline(always)]
     pub fn narrow(&self, window: &mut Window) {
-        let (braking, driving) = (self.braking << 2 | 3, self.driving << 2 | 3);
+        let [braking, driving] = [self.braking, self.driving].map(|most| i32::from(most) << 2 | 3);
         let (below, above) = if self.forward { (braking, driving) } else { (driving, braking) };
         window.from_below(-below, Limits::SUPPLY);
         window.from_above(above, Limits::SUPPLY);

@@ -78,6 +78,7 @@ pub fn field_oriented() -> Settings {
         control: Some(Control {
             // Nothing answers the drive here: with this resistance, half an ampere explains any voltage.
             resistance_ohm: 12.0,
+            field_weakening_a: 2.0,
             following_error_turns: 1e6,
             following_error_rad_s: 1e6,
             guard,

@@ -1,0 +1,402 @@
+//! Speeds beyond what the supply's voltage gives, by a current against the magnets' field.
+
+use hallservo::commutation::Commutation;
+use hallservo::drive::Command;
+use hallservo::mode::Mode;
+use hallservo::settings::{Control, GuardSettings, Settings};
+use plant::{BackEmf, Cogging, Iron, PlantParameters};
+use sim::rig::Rig;
+
+/// A motor as it is, and what the drive is told.
+#[derive(Clone, Copy)]
+struct Case {
+    name: &'static str,
+    plant: PlantParameters,
+    settings: Settings,
+    /// A speed that the supply's voltage does not give.
+    beyond_rad_s: f32,
+}
+
+impl Case {
+    fn control(&self) -> Control {
+        self.settings.control.unwrap()
+    }
+
+    fn with(mut self, change: impl Fn(&mut Control)) -> Self {
+        self.settings.control.as_mut().map(change).unwrap();
+        self
+    }
+}
+
+fn guarded(guard: GuardSettings) -> GuardSettings {
+    GuardSettings { arming_check: false, command_timeout_s: 60.0, ..guard }
+}
+
+/// The paper's motor with a smaller magnet and a larger bridge.
+fn paper() -> Case {
+    let mut plant = PlantParameters::imperfect(1);
+    plant.motor.resistance_ohm = 1.0;
+    plant.motor.inductance_h = 0.6e-3;
+    let control = Control {
+        resistance_ohm: 1.02,
+        inductance_h: 0.6e-3,
+        continuous_current_a: 5.0,
+        max_current_a: 5.0,
+        field_weakening_a: 3.5,
+        max_speed_rad_s: 800.0,
+        max_acceleration_rad_s2: 3000.0,
+        guard: guarded(GuardSettings { over_current_a: 7.5, ..GuardSettings::default() }),
+        ..Control::default()
+    };
+    let settings = Settings { commutation: Commutation::FieldOriented, control: Some(control), ..Settings::default() };
+    Case { name: "paper", plant, settings, beyond_rad_s: 800.0 }
+}
+
+/// Amplifiers of ±60 A.
+fn strong(plant: &mut PlantParameters, control: Control) -> Control {
+    plant.current_sense.gain = 1.65 / 60.0;
+    let guard = GuardSettings { over_current_a: 50.0, imbalance_a: 5.0, offset_a: 3.0, ..control.guard };
+    Control { guard: guarded(guard), current_full_scale_a: 60.0, bridge_continuous_a: 50.0, ..control }
+}
+
+/// 50 mΩ, 25 µH, seven pole pairs, four lithium cells that take nothing back.
+fn drone() -> Case {
+    let mut plant = PlantParameters::imperfect(2).with_pole_pairs(7);
+    plant.motor.resistance_ohm = 0.05;
+    plant.motor.inductance_h = 25e-6;
+    plant.motor.back_emf = BackEmf::sinusoidal(1e-3);
+    plant.motor.inertia_kgm2 = 1e-5;
+    plant.motor.cogging = [Cogging::NONE; 2];
+    plant.inverter.switch_ohm = 2e-3;
+    plant.bus.supply_v = 14.8;
+    plant.bus.source_ohm = 0.02;
+    plant.bus.capacitance_f = 220e-6;
+    let control = strong(
+        &mut plant,
+        Control {
+            resistance_ohm: 0.052,
+            inductance_h: 25e-6,
+            flux_linkage_wb: 1e-3,
+            inertia_kgm2: 1e-5,
+            max_current_a: 25.0,
+            continuous_current_a: 20.0,
+            field_weakening_a: 20.0,
+            max_speed_rad_s: 1450.0,
+            dead_time_ramp_a: 0.5,
+            guard: GuardSettings { under_voltage_v: 9.0, over_voltage_v: 20.0, ..GuardSettings::default() },
+            ..Control::default()
+        },
+    );
+    let settings = Settings {
+        commutation: Commutation::FieldOriented,
+        pole_pairs: 7,
+        max_electrical_hz: 1990.0,
+        control: Some(control),
+        ..Settings::default()
+    };
+    Case { name: "drone", plant, settings, beyond_rad_s: 1450.0 }
+}
+
+/// A wheel with magnets inside its rotor: 0.2 mH along and 0.3 mH across them.
+fn hub() -> Case {
+    let mut plant = PlantParameters::imperfect(3).with_pole_pairs(15);
+    plant.motor.resistance_ohm = 0.1;
+    plant.motor.inductance_h = 0.25e-3;
+    plant.motor.iron = Iron { salience: 0.2, saturation_a: 60.0 };
+    plant.motor.back_emf = BackEmf::sinusoidal(0.018);
+    plant.motor.inertia_kgm2 = 0.05;
+    plant.motor.cogging = [Cogging::NONE; 2];
+    plant.inverter.switch_ohm = 4e-3;
+    plant.bus.capacitance_f = 1000e-6;
+    let control = strong(
+        &mut plant,
+        Control {
+            resistance_ohm: 0.104,
+            inductance_h: 0.25e-3,
+            flux_linkage_wb: 0.018,
+            inertia_kgm2: 0.05,
+            max_current_a: 25.0,
+            continuous_current_a: 20.0,
+            field_weakening_a: 18.0,
+            max_speed_rad_s: 56.0,
+            max_acceleration_rad_s2: 50.0,
+            speed_bandwidth_hz: 5.0,
+            position_bandwidth_hz: 1.0,
+            dead_time_ramp_a: 0.5,
+            ..Control::default()
+        },
+    );
+    let settings = Settings {
+        commutation: Commutation::FieldOriented,
+        pole_pairs: 15,
+        calibration_hz: 5.0,
+        control: Some(control),
+        ..Settings::default()
+    };
+    Case { name: "hub", plant, settings, beyond_rad_s: 56.0 }
+}
+
+fn armed(case: &Case) -> Rig {
+    let mut rig = Rig::new(&case.plant, &case.settings, 1).unwrap();
+    rig.calibrate(|_| ()).unwrap();
+    rig.run(0.1, |_, _| ());
+    rig.command(Command::Arm).unwrap();
+    rig
+}
+
+fn speed(rig: &mut Rig, radians_s: f32) {
+    rig.command(Command::Speed(rig.control().unwrap().speed(radians_s).unwrap())).unwrap();
+}
+
+/// What the drive is not told.
+#[derive(Clone, Copy, Debug)]
+struct Unlike {
+    resistance: f64,
+    inductance: f64,
+    flux: f64,
+    salience: f64,
+    /// Current of the saturation, of the largest current.
+    saturation: f64,
+}
+
+const ALIKE: Unlike = Unlike { resistance: 1.0, inductance: 1.0, flux: 1.0, salience: 0.0, saturation: 1e6 };
+
+const UNLIKE: [Unlike; 6] = [
+    ALIKE,
+    Unlike { resistance: 1.25, inductance: 1.3, ..ALIKE },
+    Unlike { resistance: 0.8, inductance: 0.8, flux: 0.95, ..ALIKE },
+    Unlike { flux: 1.08, inductance: 1.3, ..ALIKE },
+    Unlike { salience: 0.25, saturation: 2.0, ..ALIKE },
+    Unlike { salience: -0.2, inductance: 1.3, ..ALIKE },
+];
+
+impl Case {
+    fn unlike(mut self, unlike: &Unlike) -> Self {
+        let motor = &mut self.plant.motor;
+        motor.resistance_ohm *= unlike.resistance;
+        motor.inductance_h *= unlike.inductance;
+        motor.back_emf.flux_linkage_vs *= unlike.flux;
+        let saturation_a = unlike.saturation * f64::from(self.settings.control.unwrap().max_current_a);
+        motor.iron = Iron { salience: unlike.salience, saturation_a };
+        self
+    }
+
+    fn most_a(&self) -> f64 {
+        self.control().max_current_a.into()
+    }
+
+    fn over_v(&self) -> f64 {
+        self.control().guard.over_voltage_v.into()
+    }
+}
+
+/// Length of the current vector, A.
+fn length(currents_a: &[f64; 3]) -> f64 {
+    (currents_a.iter().map(|current| current * current).sum::<f64>() / 1.5).sqrt()
+}
+
+/// The largest of a stretch of time, and what the speed did.
+#[derive(Debug, Default)]
+struct Stretch {
+    current_a: f64,
+    bus_v: f64,
+    mean_rad_s: f64,
+    swing_rad_s: f64,
+}
+
+fn watch(rig: &mut Rig, seconds: f64) -> Stretch {
+    let mut stretch = Stretch::default();
+    let (mut least, mut most, mut sum, mut count) = (f64::MAX, f64::MIN, 0.0, 0.0);
+    rig.run(seconds, |_, period| {
+        let truth = &period.truth;
+        stretch.current_a = stretch.current_a.max(length(&truth.currents_a));
+        stretch.bus_v = stretch.bus_v.max(truth.bus_v);
+        (least, most) = (least.min(truth.speed_rad_s), most.max(truth.speed_rad_s));
+        (sum, count) = (sum + truth.speed_rad_s, count + 1.0);
+    });
+    (stretch.mean_rad_s, stretch.swing_rad_s) = (sum / count, most - least);
+    stretch
+}
+
+/// The current along d as the drive measures it, A.
+fn along_d(rig: &Rig, case: &Case) -> f32 {
+    rig.drive.state().current.d as f32 / 32_768.0 * case.control().current_full_scale_a
+}
+
+#[test]
+fn a_speed_beyond_the_supply_is_reached_and_held_by_motors_that_are_not_as_told() {
+    for case in [paper(), drone(), hub()] {
+        let (mut slowest, mut swings, mut current_a) = (f64::MAX, 0.0_f64, 0.0_f64);
+        // Without: what the supply gives.
+        let mut rig = armed(&case.with(|control| control.field_weakening_a = 0.0));
+        speed(&mut rig, case.beyond_rad_s);
+        rig.run(3.0, |_, _| ());
+        let base = rig.plant.truth().speed_rad_s;
+        for unlike in UNLIKE {
+            let case = case.unlike(&unlike);
+            for direction in [1.0, -1.0] {
+                let mut rig = armed(&case);
+                speed(&mut rig, direction * case.beyond_rad_s);
+                let rising = watch(&mut rig, 2.5);
+                let there = watch(&mut rig, 0.5);
+                assert_eq!(rig.drive.mode(), Mode::Running, "{} {unlike:?}", case.name);
+                let reached = there.mean_rad_s * f64::from(direction);
+                slowest = slowest.min(reached);
+                swings = swings.max(there.swing_rad_s / reached);
+                current_a = current_a.max(rising.current_a.max(there.current_a) / case.most_a());
+                assert!(
+                    there.bus_v.max(rising.bus_v) < case.over_v(),
+                    "{} {unlike:?}: {rising:?} {there:?}",
+                    case.name
+                );
+            }
+        }
+        println!(
+            "{}: {base:.0} rad/s without and at least {slowest:.0} rad/s with a weakened field, of {}; swings by {:.2} %, largest current {:.2} of the setting",
+            case.name,
+            case.beyond_rad_s,
+            100.0 * swings,
+            current_a
+        );
+        assert!(slowest > 1.1 * base);
+        assert!(swings < 0.02);
+        assert!(current_a < 1.12);
+    }
+}
+
+/// Torque of a share of the largest current, N·m.
+fn torque_nm(case: &Case, share: f64) -> f64 {
+    1.5 * f64::from(case.settings.pole_pairs) * case.plant.motor.back_emf.flux_linkage_vs * share * case.most_a()
+}
+
+#[test]
+fn it_reverses_stands_a_load_and_stops_from_there_into_a_supply_that_takes_nothing() {
+    for case in [paper(), drone(), hub()] {
+        for unlike in [ALIKE, UNLIKE[2], UNLIKE[4]] {
+            let case = case.unlike(&unlike);
+            let mut rig = armed(&case);
+            speed(&mut rig, case.beyond_rad_s);
+            rig.run(2.5, |_, _| ());
+            let check = |what: &str, rig: &mut Rig, seconds: f64| {
+                let stretch = watch(rig, seconds);
+                println!("{} {what}: {stretch:.2?}, d {:.2} A", case.name, along_d(rig, &case));
+                assert_eq!(rig.drive.mode(), Mode::Running, "{} {what}: {stretch:?}", case.name);
+                assert!(
+                    stretch.bus_v < case.over_v() && stretch.current_a < 1.12 * case.most_a(),
+                    "{what}: {stretch:?}"
+                );
+            };
+            speed(&mut rig, -case.beyond_rad_s);
+            check("reversal", &mut rig, 4.0);
+            // Against the motion, with it, and none.
+            for share in [-0.2, 0.04, 0.0] {
+                rig.plant.set_load(torque_nm(&case, share)).unwrap();
+                check("load", &mut rig, 1.0);
+            }
+            speed(&mut rig, 0.0);
+            check("stop", &mut rig, 4.0);
+            assert!(rig.plant.truth().speed_rad_s.abs() < 1.0, "{}", rig.plant.truth().speed_rad_s);
+            assert!(along_d(&rig, &case).abs() < 0.1 * case.control().max_current_a);
+        }
+    }
+}
+
+#[test]
+fn a_supply_that_sags_and_comes_back_costs_speed_only() {
+    for case in [paper(), drone(), hub()] {
+        let case = case.unlike(&UNLIKE[1]);
+        let mut rig = armed(&case);
+        speed(&mut rig, case.beyond_rad_s);
+        rig.run(2.5, |_, _| ());
+        let supply_v = case.plant.bus.supply_v;
+        for share in [0.8, 1.0] {
+            rig.plant.set_supply(share * supply_v).unwrap();
+            let stretch = watch(&mut rig, 2.0);
+            println!("{} at {share}: {stretch:.2?}, d {:.2} A", case.name, along_d(&rig, &case));
+            assert_eq!(rig.drive.mode(), Mode::Running, "{} at {share}: {stretch:?}", case.name);
+            assert!(stretch.current_a < 1.12 * case.most_a() && stretch.bus_v < case.over_v(), "{stretch:?}");
+        }
+        assert!(rig.plant.truth().speed_rad_s > 0.97 * f64::from(case.beyond_rad_s));
+    }
+}
+
+#[test]
+fn switched_off_there_the_bus_stays_within_its_limit() {
+    for case in [paper(), drone(), hub()] {
+        let case = case.unlike(&UNLIKE[3]);
+        let mut rig = armed(&case);
+        speed(&mut rig, case.beyond_rad_s);
+        rig.run(2.5, |_, _| ());
+        rig.command(Command::Disarm).unwrap();
+        let off = watch(&mut rig, 0.5);
+        println!("{} off: {off:.2?}", case.name);
+        assert!(off.bus_v < case.over_v(), "{}: {off:?}", case.name);
+    }
+}
+
+#[test]
+fn a_torque_and_a_position_go_there_too() {
+    let case = paper();
+    let mut rig = armed(&case);
+    let current = rig.control().unwrap().current(2.0).unwrap();
+    rig.command(Command::Current(current)).unwrap();
+    let torque = watch(&mut rig, 1.0);
+    assert_eq!(rig.drive.mode(), Mode::Running);
+    // A commanded torque ends a tenth beyond the largest speed.
+    let speed_rad_s = rig.plant.truth().speed_rad_s;
+    assert!((780.0..890.0).contains(&speed_rad_s), "{speed_rad_s}: {torque:?}");
+    speed(&mut rig, 0.0);
+    rig.run(2.0, |_, _| ());
+
+    let here = rig.plant.truth().mechanical_angle_rad / std::f64::consts::TAU;
+    let target = rig.drive.tracker().position().to_bits();
+    rig.command(Command::Position(hallservo::angle::Position::from_bits(target + (4 * 150 << 32)))).unwrap();
+    let (mut most, mut fastest) = (f64::MIN, 0.0_f64);
+    rig.run(3.0, |_, period| {
+        most = most.max(period.truth.mechanical_angle_rad / std::f64::consts::TAU - here);
+        fastest = fastest.max(period.truth.speed_rad_s);
+    });
+    let reached = rig.plant.truth().mechanical_angle_rad / std::f64::consts::TAU - here;
+    println!("paper: {reached:.4} of 150 turns, at most {most:.4}, with {fastest:.0} rad/s");
+    assert_eq!(rig.drive.mode(), Mode::Running);
+    assert!((reached - 150.0).abs() < 0.02 && most < 150.05 && fastest > 780.0);
+}
+
+/// Two thirds of the voltage go into the resistance: a current along d would be heat and nothing else.
+#[test]
+fn a_slow_motor_at_the_end_of_its_voltage_weakens_nothing() {
+    let mut case = paper().with(|control| {
+        control.resistance_ohm = 3.75;
+        control.max_current_a = 5.0;
+    });
+    case.plant.motor.resistance_ohm = 3.75;
+    let mut rig = armed(&case);
+    let current = rig.control().unwrap().current(5.0).unwrap();
+    rig.plant.set_dyno(Some(100.0)).unwrap();
+    rig.command(Command::Current(current)).unwrap();
+    let mut along = 0.0_f32;
+    rig.run(0.5, |rig, _| along = along.min(along_d(rig, &case)));
+    let q = rig.drive.state().current.q as f32 / 32_768.0 * 8.25;
+    println!("{q:.2} A of 5 along q, {along:.2} A along d");
+    assert!(q < 4.0 && along > -0.3);
+}
+
+#[test]
+fn settings_that_would_lift_the_bus_or_turn_the_field_round_are_refused() {
+    let settings = paper().settings;
+    // Eight tenths of λ/L = 8.33 A, but 0.9 of the largest current.
+    let told = |name: &str, value: f32| settings.with(name, value).map(|_| ()).map_err(|error| error.to_string());
+    assert!(told("field_weakening_a", 4.5).is_ok());
+    assert!(
+        told("field_weakening_a", 4.6).unwrap_err().contains("field_weakening_a is 4.6, but must be from 0 to 4.5")
+    );
+    assert!(told("field_weakening_a", -0.1).is_err() && told("field_weakening_a", f32::NAN).is_err());
+    assert!(told("inductance_h", 2e-3).unwrap_err().contains("field_weakening_a is 3.5, but must be from 0 to 2"));
+    // 32 V over 1.1 √3 5 mWb 4 pole pairs.
+    assert!(told("max_speed_rad_s", 839.0).is_ok());
+    assert!(told("max_speed_rad_s", 841.0).unwrap_err().contains("must be from 0.1 to 839.7"));
+    assert!(told("over_voltage_v", 30.0).unwrap_err().contains("max_speed_rad_s is 800"));
+    // Without field weakening, the largest frequency counts.
+    let without = settings.with("field_weakening_a", 0.0).unwrap();
+    assert!(without.with("max_speed_rad_s", 1500.0).is_ok());
+}

@@ -251,7 +251,9 @@ pub fn setting_error(error: &settings::Error<'_>) -> String {
         settings::Error::OutOfRange { field, value, min, max } => {
             let (min, max) = (short(*min), short(*max));
             let why = reason(field);
-            format!("{field} would be {value}, but must be from {min} to {max}, with the other settings as they are{why}")
+            format!(
+                "{field} would be {value}, but must be from {min} to {max}, with the other settings as they are{why}"
+            )
         }
         settings::Error::Ceiling { field, value, most } => {
             format!("{field} would be {}, but the board's ceiling is {}", short(*value), short(*most))

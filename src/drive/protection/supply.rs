@@ -21,7 +21,7 @@ pub struct Supply {
     /// Power that may go back, and a little that nobody notices.
     returns: i32,
     /// Current along d that burns the rest.
-    field: i32,
+    field: i16,
     /// Largest currents against and along the rotation.
     braking: i16,
     driving: i16,
@@ -35,15 +35,8 @@ const MOST_SHORT: i32 = 1 << 18;
 
 impl Supply {
     /// At rest.
-    pub const NONE: Self = Self {
-        short: 1,
-        returns: 0,
-        field: 0,
-        braking: i16::MAX,
-        driving: i16::MAX,
-        forward: true,
-        slow: true,
-    };
+    pub const NONE: Self =
+        Self { short: 1, returns: 0, field: 0, braking: i16::MAX, driving: i16::MAX, forward: true, slow: true };
 
     /// Takes up speed and bus voltage: what may go back. `most` is the largest current in 2⁻¹³ of
     /// the full scale.
@@ -76,7 +69,7 @@ impl Supply {
         // Beyond half of the short-circuit current, less and less is returned.
         let braking = against.min(self.short >> 1).min(most).max(0);
         let burn = braking * (self.short - braking) - self.returns;
-        self.field = if !controls_field {
+        let field = if !controls_field {
             0
         } else if against <= 0 || burn <= 0 {
             // What a small current returned that nobody asked for.
@@ -84,22 +77,24 @@ impl Supply {
             if excess > 0 && self.short > most >> 3 { most >> 3 } else { 0 }
         } else {
             // Newton's square root, which leaps from far below; what limits the current along q follows a while later.
-            let field = self.field | 1;
+            let field = i32::from(self.field) | 1;
             ((field + burn / field) >> 1).min(field + (most >> 3)).min(most - (most >> 4))
         };
-        -self.field << 15
+        self.field = field as i16;
+        -field << 15
     }
 
     /// Takes up what the current along d and the bus voltage leave to brake with.
     #[inline(always)]
     pub fn limit(&mut self, config: &Config, bus: i32, most: i32) {
         let supply = &config.supply;
-        let braking = (self.field * self.field + self.returns) / self.short.max(1);
+        let field = i32::from(self.field);
+        let braking = (field * field + self.returns) / self.short.max(1);
         // Where the largest power that can be returned is burnt, any current may brake, within the circle.
         let braking = if braking >= (self.short >> 2) - (self.short >> 6) { most } else { braking };
         // Near rest, braking draws as much as driving does.
         let drawn = i32::from(self.driving) + (self.short >> 1);
-        let braking = braking.min(most - ((self.field * 37) >> 6)).min(drawn);
+        let braking = braking.min(most - ((field * 37) >> 6)).min(drawn);
         let share = (supply.end - bus).min(supply.band).max(0) * supply.slope;
         // A slow rotor returns next to nothing, and a large current that brakes it draws.
         self.braking = if self.slow { braking } else { (braking * share) >> 16 } as i16;
@@ -130,15 +125,17 @@ mod tests {
             let speed = (f64::from(hz) / 40e3 * 4_294_967_296.0) as i32;
             let mut supply = Supply::NONE;
             for _ in 0..100 {
-                let before = supply.field;
+                let before = i32::from(supply.field);
                 supply.take_up(&config, speed, bus, most, true);
                 supply.burn(&config, bus, -4 * most, most, true);
-                assert!(supply.field - before <= most / 8 + 1, "{hz} Hz: {before} to {}", supply.field);
+                let field = i32::from(supply.field);
+                assert!(field - before <= most / 8 + 1, "{hz} Hz: {before} to {field}");
             }
             let braking = most.min(supply.short / 2);
-            let burnt = supply.field * supply.field + supply.returns;
+            let field = i32::from(supply.field);
+            let burnt = field * field + supply.returns;
             let needed = braking * (supply.short - braking);
-            assert!(burnt >= needed / 100 * 95 || supply.field == most - most / 16, "{hz} Hz: {burnt} of {needed}");
+            assert!(burnt >= needed / 100 * 95 || field == most - most / 16, "{hz} Hz: {burnt} of {needed}");
         }
     }
 }

@@ -1,10 +1,11 @@
 //! Speeds beyond what the supply's voltage gives, by a current against the magnets' field.
 
+use hallservo::board::LostPeriods;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
-use plant::{BackEmf, Cogging, Iron, PlantParameters};
+use plant::{AmplifierFault, BackEmf, Cogging, HallFault, Iron, PlantParameters, Rail, Transistor};
 use sim::rig::Rig;
 
 /// A motor as it is, and what the drive is told.
@@ -252,11 +253,10 @@ fn a_speed_beyond_the_supply_is_reached_and_held_by_motors_that_are_not_as_told(
             }
         }
         println!(
-            "{}: {base:.0} rad/s without and at least {slowest:.0} rad/s with a weakened field, of {}; swings by {:.2} %, largest current {:.2} of the setting",
+            "{}: {base:.0} rad/s without, {slowest:.0} rad/s of {} with, swings by {:.2} %, current {current_a:.2}",
             case.name,
             case.beyond_rad_s,
             100.0 * swings,
-            current_a
         );
         assert!(slowest > 1.1 * base);
         assert!(swings < 0.02);
@@ -314,7 +314,7 @@ fn a_supply_that_sags_and_comes_back_costs_speed_only() {
             let stretch = watch(&mut rig, 2.0);
             println!("{} at {share}: {stretch:.2?}, d {:.2} A", case.name, along_d(&rig, &case));
             assert_eq!(rig.drive.mode(), Mode::Running, "{} at {share}: {stretch:?}", case.name);
-            assert!(stretch.current_a < 1.12 * case.most_a() && stretch.bus_v < case.over_v(), "{stretch:?}");
+            assert!(stretch.current_a < 1.12 * case.most_a() && stretch.bus_v < 0.95 * case.over_v(), "{stretch:?}");
         }
         assert!(rig.plant.truth().speed_rad_s > 0.97 * f64::from(case.beyond_rad_s));
     }
@@ -334,6 +334,51 @@ fn switched_off_there_the_bus_stays_within_its_limit() {
     }
 }
 
+/// What breaks at the largest speed, in the motor or before the drive.
+type Breaks = fn(&mut Rig);
+
+const DEFECTS: [(&str, Breaks); 8] = [
+    ("Hall at ground", |rig| rig.plant.set_hall_fault(1, Some(HallFault::Open(Rail::Low)))),
+    ("Hall frozen", |rig| rig.plant.set_hall_fault(2, Some(HallFault::StuckAt(1.9)))),
+    ("open phase", |rig| rig.plant.set_phase_open(1, true)),
+    ("transistor dead", |rig| rig.plant.set_dead_transistor(0, Some(Transistor::Upper))),
+    ("amplifier dead", |rig| rig.plant.set_amplifier_fault(0, Some(AmplifierFault::Dead)).unwrap()),
+    ("amplifier of half the gain", |rig| rig.plant.set_amplifier_fault(2, Some(AmplifierFault::Gain(0.5))).unwrap()),
+    ("lost period", |rig| rig.disturb = Some(Box::new(|sample| sample.lost = LostPeriods::counted(1)))),
+    ("blocked", |rig| rig.plant.set_dyno(Some(0.0)).unwrap()),
+];
+
+#[test]
+fn what_breaks_there_is_named_or_does_no_harm() {
+    for case in [paper(), drone(), hub()] {
+        for (name, breaks) in DEFECTS {
+            let mut rig = armed(&case);
+            speed(&mut rig, case.beyond_rad_s);
+            rig.run(2.5, |_, _| ());
+            breaks(&mut rig);
+            let stretch = watch(&mut rig, 1.0);
+            println!("{} {name}: {:?}, {stretch:.2?}", case.name, rig.drive.mode());
+            let motor = &case.plant.motor;
+            assert!(
+                stretch.current_a < f64::from(case.control().guard.over_current_a),
+                "{} {name}: {stretch:?}",
+                case.name
+            );
+            // What the winding still holds when the bus is found to be too high goes there, too.
+            let held_j = 0.75 * motor.inductance_h * case.most_a().powi(2) * 1.2;
+            let most_v = (case.over_v().powi(2) + 2.0 * held_j / case.plant.bus.capacitance_f).sqrt();
+            assert!(stretch.bus_v < most_v, "{} {name}: {stretch:?}, {most_v}", case.name);
+            // An open phase is not looked for while most of the current flows along d.
+            let may_run = matches!(name, "open phase" | "transistor dead" | "amplifier of half the gain");
+            match rig.drive.mode() {
+                Mode::Running => assert!(may_run && stretch.mean_rad_s > 0.99 * f64::from(case.beyond_rad_s)),
+                Mode::Faulted(fault) => println!("  {fault}"),
+                mode => panic!("{} {name}: {mode:?}", case.name),
+            }
+        }
+    }
+}
+
 #[test]
 fn a_torque_and_a_position_go_there_too() {
     let case = paper();
@@ -350,7 +395,7 @@ fn a_torque_and_a_position_go_there_too() {
 
     let here = rig.plant.truth().mechanical_angle_rad / std::f64::consts::TAU;
     let target = rig.drive.tracker().position().to_bits();
-    rig.command(Command::Position(hallservo::angle::Position::from_bits(target + (4 * 150 << 32)))).unwrap();
+    rig.command(Command::Position(hallservo::angle::Position::from_bits(target + ((4 * 150) << 32)))).unwrap();
     let (mut most, mut fastest) = (f64::MIN, 0.0_f64);
     rig.run(3.0, |_, period| {
         most = most.max(period.truth.mechanical_angle_rad / std::f64::consts::TAU - here);

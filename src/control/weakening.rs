@@ -67,7 +67,9 @@ impl Weakening {
     /// One step, from the present current along d, which may be more than was asked for here.
     #[inline(always)]
     pub fn step(&mut self, gains: &Gains, along_d: i32, free: i32) {
-        self.current = ((FREE - free) * i32::from(gains.gain) - along_d).min(self.most).max(0);
+        // Down no faster than up: a bus that braking lifts has more voltage, and needs what the current burns.
+        let missing = (FREE - free).max(-FREE);
+        self.current = (missing * i32::from(gains.gain) - along_d).min(self.most).max(0);
     }
 
     /// The current, in 2⁻²⁸ of the full scale.

@@ -10,6 +10,10 @@ const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[
     (SAFETY, "or for more than {} ms", KIND, "MOST_WRONG: (f64, f64) = (30.0, {})", 1e3),
     (SAFETY, "R and L off by up to {} %", BENCH, "motor.inductance_h *= random.random_range(0.75..1.{})", 1.0),
     (SAFETY, "flux linkage by {} %", BENCH, "flux_linkage_vs *= random.random_range(0.85..1.{})", 1.0),
+    (NUMBERS, "Resistance is off by up to {} %", WEAKENING, "Unlike { resistance: 1.{}, inductance: 1.3", 1.0),
+    (NUMBERS, "inductance by {} %, flux", WEAKENING, "resistance: 1.25, inductance: 1.{}", 10.0),
+    (NUMBERS, "flux linkage by {} %, the inductance", WEAKENING, "Unlike { flux: 1.0{}", 1.0),
+    (SAFETY, "V where {} V are the limit", "src/settings/declaration.rs", "over_voltage_v: f32 = {}", 1.0),
     (BOARDS, "every {} periods", "boards/twin/src/lib.rs", "CHECKPOINT: u32 = {}", 1.0),
     (BOARDS, "The watchdog, {} ms", WATCHDOG, "const MILLISECONDS: u32 = {}", 1.0),
     (BOARDS, "The window watchdog, {} µs", WINDOW, "10 of them are {} µs", 1.0),
@@ -83,6 +87,8 @@ const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[
 const SAFETY: &str = "SAFETY.md";
 const LEARNING: &str = "hallctl/tests/learning.rs";
 const KIND: &str = "sim/src/experiment/faults/kind.rs";
+const NUMBERS: &str = "docs/numbers.md";
+const WEAKENING: &str = "tests/weakening.rs";
 const BENCH: &str = "sim/src/experiment/faults/bench.rs";
 const BOARDS: &str = "boards/README.md";
 const WINDOW: &str = "boards/stm32g4/src/registers/watchdog.rs";

@@ -11,6 +11,7 @@ const GIVEN: &[(&str, &str, &[&str])] = &[
         "1/64 of the boards' full scales",
         &["0.05 A on the IHM16M1", "0.5 A on the IHM08M1", "0.9 A on the ESC1"],
     ),
+    ("docs/numbers.md", "(1 + s)/(1 − s), s = 0.25 of tests/weakening.rs", &["0.67 to 1.67 times"]),
     ("boards/README.md", "a period of 40 kHz", &["a control period, 25 µs"]),
     (
         "boards/README.md",

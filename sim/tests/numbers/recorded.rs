@@ -24,6 +24,7 @@ pub const CHECKS: &[fn(&Pages)] = &[
     encoder_loops,
     measured_motors,
     impedance,
+    field_weakening,
     campaign,
 ];
 
@@ -298,6 +299,18 @@ fn impedance(pages: &Pages) {
     pages.quote(NUMBERS, "that the settings do not know | {} % |", &[Is(left)]);
     pages.quote(NUMBERS, "five times that frequency | {} % |", &[Is(hum)]);
     pages.quote(IMPEDANCE, "with {} % of the energy of the impact", &[AtMost(hum)]);
+}
+
+fn field_weakening(pages: &Pages) {
+    let run = Recorded::of("weakening");
+    for (name, motor) in [("paper", "3.5 of 5 A |"), ("drone", "20 of 25 A |"), ("hub", "18 of 25 A |")] {
+        let figures: [f64; 5] =
+            run.only(&format!("{name}: {{}} rad/s without, {{}} rad/s of {{}} with, swings by {{}} %, current {{}}"));
+        let said = format!("{motor} {{}} rad/s | {{}} rad/s | {{}} rad/s | {{}} % | {{}} |");
+        pages.quote(NUMBERS, &said, &figures.map(Is));
+    }
+    let most = run.all("hub transistor dead: Faulted(OverVoltage), Stretch { current_a: {}, bus_v: {}")[0][1];
+    pages.quote("SAFETY.md", "does_no_harm`: {} V where", &[Is(most)]);
 }
 
 fn campaign(pages: &Pages) {

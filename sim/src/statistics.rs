@@ -33,6 +33,11 @@ impl Statistics {
         (self.squares / self.count.max(1.0)).sqrt()
     }
 
+    /// Mean square about the mean.
+    pub fn variance(&self) -> f64 {
+        (self.rms() * self.rms() - self.mean() * self.mean()).max(0.0)
+    }
+
     /// Largest magnitude.
     pub fn max_abs(&self) -> f64 {
         self.max_abs

@@ -79,8 +79,22 @@ pub struct Error {
     pub steady_deg_rms: f64,
     /// Mean of the same.
     pub mean_deg: f64,
+    /// What of it does not come again at the same angle of the shaft: noise, which no map takes off.
+    pub noise_deg_rms: f64,
     /// While it reverses and changes its speed, as fast as the settings allow.
     pub reversing_deg_rms: f64,
+}
+
+impl Error {
+    /// How many times its noise the error is.
+    fn times_noise(&self) -> f64 {
+        self.steady_deg_rms / self.noise_deg_rms
+    }
+
+    /// The same about its mean, which is the alignment's.
+    fn times_noise_about_mean(&self) -> f64 {
+        (self.steady_deg_rms.powi(2) - self.mean_deg.powi(2)).sqrt() / self.noise_deg_rms
+    }
 }
 
 /// A calibrated and armed drive at such a motor.
@@ -114,8 +128,11 @@ pub fn steady(rig: &mut Rig) -> Result<Error> {
     rig.command(Command::Speed(rig.control()?.speed(SPEED_RAD_S)?))?;
     rig.run(1.0, |_, _| ());
     let mut errors = Statistics::default();
+    let mut parts = vec![Statistics::default(); PARTS];
     rig.run(1.0, |rig, period| {
-        errors.push(error_deg(rig.drive.tracker().angle(), period.truth.electrical_angle_rad));
+        let error = error_deg(rig.drive.tracker().angle(), period.truth.electrical_angle_rad);
+        errors.push(error);
+        parts[part(period.truth.mechanical_angle_rad)].push(error);
     });
     let mut reversing = Statistics::default();
     for speed in [-SPEED_RAD_S, SPEED_RAD_S, 0.3 * SPEED_RAD_S, -0.3 * SPEED_RAD_S] {
@@ -124,11 +141,24 @@ pub fn steady(rig: &mut Rig) -> Result<Error> {
             reversing.push(error_deg(rig.drive.tracker().angle(), period.truth.electrical_angle_rad));
         });
     }
-    Ok(Error { steady_deg_rms: errors.rms(), mean_deg: errors.mean(), reversing_deg_rms: reversing.rms() })
+    // A turn sees each part once, so the mean over so many turns has taken one of them off the noise.
+    let turns = f64::from(SPEED_RAD_S) / TAU;
+    let noise = parts.iter().map(|part| part.count() * part.variance()).sum::<f64>() / errors.count();
+    Ok(Error {
+        steady_deg_rms: errors.rms(),
+        mean_deg: errors.mean(),
+        noise_deg_rms: (noise * turns / (turns - 1.0)).sqrt(),
+        reversing_deg_rms: reversing.rms(),
+    })
 }
 
 /// Parts of the mechanical turn over which its picture takes means.
 const PARTS: usize = 360;
+
+/// The part of the turn at an angle of the shaft.
+fn part(mechanical_rad: f64) -> usize {
+    ((mechanical_rad / TAU).rem_euclid(1.0) * PARTS as f64) as usize % PARTS
+}
 
 /// A quantity over the mechanical turn, in degrees, by the mean of each part.
 fn over_the_turn(name: &str, rig: &mut Rig, of: impl Fn(&Rig, f64) -> f64) -> Result<Series> {
@@ -136,8 +166,7 @@ fn over_the_turn(name: &str, rig: &mut Rig, of: impl Fn(&Rig, f64) -> f64) -> Re
     rig.run(1.0, |_, _| ());
     let mut parts = vec![Statistics::default(); PARTS];
     rig.run(1.0, |rig, period| {
-        let turns = period.truth.mechanical_angle_rad / TAU;
-        parts[(turns.rem_euclid(1.0) * PARTS as f64) as usize % PARTS].push(of(rig, period.truth.electrical_angle_rad));
+        parts[part(period.truth.mechanical_angle_rad)].push(of(rig, period.truth.electrical_angle_rad));
     });
     let degrees = |part: usize| (part as f64 + 0.5) * 360.0 / PARTS as f64;
     Ok(Series::new(name, parts.iter().enumerate().map(|(part, mean)| (degrees(part), mean.mean()))))
@@ -175,13 +204,18 @@ pub struct Row {
 
 impl Row {
     fn cells(&self) -> Vec<String> {
+        let over = |rotors: &[Error], of: fn(&Error) -> f64| rotors.iter().map(of).collect::<Statistics>();
+        let value = |degrees: f64| format!("{degrees:.2}");
         let of = |rotors: &[Error]| {
-            let steady: Statistics = rotors.iter().map(|error| error.steady_deg_rms).collect();
-            let reversing: Statistics = rotors.iter().map(|error| error.reversing_deg_rms).collect();
-            let value = |degrees: f64| format!("{degrees:.2}");
+            let [steady, reversing] =
+                [over(rotors, |error| error.steady_deg_rms), over(rotors, |error| error.reversing_deg_rms)];
             [value(steady.rms()), value(steady.max_abs()), value(reversing.rms()), value(reversing.max_abs())]
         };
-        [vec![self.name.into()], of(&self.rotors).to_vec(), of(&self.mapped).to_vec()].concat()
+        let times = [Error::times_noise, Error::times_noise_about_mean].map(|times| {
+            let times = over(&self.mapped, times);
+            [value(times.mean()), value(times.max_abs())]
+        });
+        [vec![self.name.into()], of(&self.rotors).to_vec(), of(&self.mapped).to_vec(), times.concat()].concat()
     }
 }
 
@@ -214,9 +248,23 @@ pub fn main(options: &Options) -> Result<()> {
     let chosen: Vec<Kind> = kinds().into_iter().filter(is_chosen).collect();
     let rows: Vec<Row> = chosen.iter().map(|kind| measure(kind, seeds.clone())).collect::<Result<_>>()?;
     println!("Error of the tracked angle at uneven magnets, electrical degrees RMS, {} rotors each:\n", options.rotors);
-    let title = ["", "steady", "worst", "changing", "worst", "map: steady", "worst", "changing", "worst"]
-        .map(String::from)
-        .to_vec();
+    let title = [
+        "",
+        "steady",
+        "worst",
+        "changing",
+        "worst",
+        "map: steady",
+        "worst",
+        "changing",
+        "worst",
+        "over noise",
+        "worst",
+        "about mean",
+        "worst",
+    ]
+    .map(String::from)
+    .to_vec();
     let table: Vec<_> = std::iter::once(title).chain(rows.iter().map(Row::cells)).collect();
     print_table(&table);
     println!();
@@ -231,7 +279,8 @@ pub fn main(options: &Options) -> Result<()> {
     report.heading("All kinds of rotors");
     report.text(
         "Error of the tracked angle, electrical degrees RMS, as calibrated and with the map: at a steady speed, and while \
-         the speed changes; of all rotors of a kind, and of the worst.",
+         the speed changes; of all rotors of a kind, and of the worst. Then how many times its own noise the steady one \
+         is, which no map takes off, and the same about its mean, which is the alignment's.",
     );
     options.common.finish("magnets", &rows, report.table(&table))
 }

@@ -108,7 +108,7 @@ impl Learner {
 
     /// Samples of both directions together with which the map's own noise is well below that of the tracked angle.
     pub fn samples_for(pole_pairs: PolePairs) -> u32 {
-        64 * Layout::new(pole_pairs).points() as u32
+        128 * Layout::new(pole_pairs).points() as u32
     }
 
     /// The rotor does not turn freely until the next sample.

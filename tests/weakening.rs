@@ -3,6 +3,7 @@
 use hallservo::board::LostPeriods;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
+use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{AmplifierFault, BackEmf, Cogging, HallFault, Iron, PlantParameters, Rail, Transistor};
@@ -203,13 +204,16 @@ struct Stretch {
     bus_v: f64,
     mean_rad_s: f64,
     swing_rad_s: f64,
+    /// Whether heat was said to limit the current.
+    heat: bool,
 }
 
 fn watch(rig: &mut Rig, seconds: f64) -> Stretch {
     let mut stretch = Stretch::default();
     let (mut least, mut most, mut sum, mut count) = (f64::MAX, f64::MIN, 0.0, 0.0);
-    rig.run(seconds, |_, period| {
+    rig.run(seconds, |rig, period| {
         let truth = &period.truth;
+        stretch.heat |= rig.drive.limits().contains(Limits::HEAT);
         stretch.current_a = stretch.current_a.max(length(&truth.currents_a));
         stretch.bus_v = stretch.bus_v.max(truth.bus_v);
         (least, most) = (least.min(truth.speed_rad_s), most.max(truth.speed_rad_s));
@@ -241,6 +245,7 @@ fn a_speed_beyond_the_supply_is_reached_and_held_by_motors_that_are_not_as_told(
                 let rising = watch(&mut rig, 2.5);
                 let there = watch(&mut rig, 0.5);
                 assert_eq!(rig.drive.mode(), Mode::Running, "{} {unlike:?}", case.name);
+                assert!(!rising.heat && !there.heat, "{} {unlike:?}", case.name);
                 let reached = there.mean_rad_s * f64::from(direction);
                 slowest = slowest.min(reached);
                 swings = swings.max(there.swing_rad_s / reached);

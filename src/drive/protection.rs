@@ -165,8 +165,9 @@ impl Protection {
         // Within the circle, from its top to the largest current along d by a straight line.
         let weakens = self.weakening.current() >> 13;
         let most = self.most - ((weakens * 37) >> 6);
-        self.window.from_below(-most, Limits::HEAT);
-        self.window.from_above(most, Limits::HEAT);
+        let reason = if self.most < config.max_current { Limits::HEAT } else { Limits::NONE };
+        self.window.from_below(-most, reason);
+        self.window.from_above(most, reason);
         self.window.from_below(-self.held, Limits::NONE);
         self.window.from_above(self.held, Limits::NONE);
         self.supply.narrow(&mut self.window);

@@ -234,7 +234,7 @@ const NO_CONTROL: &str = "this drive has no current control: it can be given a v
 fn reason(field: &str) -> &'static str {
     match field {
         "field_weakening_a" => {
-            "\n  More than nine tenths of max_current_a leave no torque; more than eight tenths of flux_linkage_wb over \
+            "\n  More than seven eighths of max_current_a leave no torque; more than eight tenths of flux_linkage_wb over \
              inductance_h would turn the field round."
         }
         "max_speed_rad_s" => {

@@ -161,15 +161,41 @@ impl Protection {
     #[cfg_attr(not(feature = "small"), inline(always))]
     #[cfg_attr(feature = "small", inline(never))]
     pub fn narrow(&mut self, config: &Config) {
-        self.window = Window::symmetric(config.max_current);
         // Within the circle, from its top to the largest current along d by a straight line.
-        let weakens = self.weakening.current() >> 13;
-        let most = self.most - ((weakens * 37) >> 6);
-        let reason = if self.most < config.max_current { Limits::HEAT } else { Limits::NONE };
-        self.window.from_below(-most, reason);
-        self.window.from_above(most, reason);
+        let against_field = ((self.weakening.current() >> 13) * 37) >> 6;
+        let most = (self.most - against_field).max(0);
+        self.window = Window::symmetric(config.max_current - against_field);
+        self.window.from_below(-most, Limits::HEAT);
+        self.window.from_above(most, Limits::HEAT);
         self.window.from_below(-self.held, Limits::NONE);
         self.window.from_above(self.held, Limits::NONE);
         self.supply.narrow(&mut self.window);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::commutation::svpwm::LONGEST;
+    use crate::settings::{self, Settings};
+
+    #[test]
+    fn heat_that_comes_at_once_leaves_nothing_beside_a_current_against_the_field() {
+        let control = settings::Control { field_weakening_a: 2.7, ..settings::Control::default() };
+        let settings = Settings { control: Some(control), ..Settings::default() };
+        let config = settings.validate().unwrap().control.unwrap();
+        let mut protection = Protection { most: config.max_current, ..Protection::NONE };
+        protection.held = i32::MAX;
+        protection.weakening.limit(&config.weakening, LONGEST, i32::MAX);
+        for _ in 0..1000 {
+            protection.weakening.step(&config.weakening, -protection.weakening.current(), -LONGEST);
+        }
+        let current = protection.weakening.current() >> 13;
+        assert!((current as f32 / config.max_current as f32 - 0.9).abs() < 0.01, "{current}");
+        protection.narrow(&config);
+        assert!((0.4..0.6).contains(&(protection.window.highest as f32 / config.max_current as f32)));
+        protection.most = 0;
+        protection.narrow(&config);
+        assert_eq!((protection.window.lowest, protection.window.highest), (0, 0));
     }
 }

@@ -252,7 +252,7 @@ settings! {
         /// current that takes all of the magnets' flux off a winding. The voltage of a motor that is switched off at such a
         /// speed reaches the supply through the bridge's diodes: `max_speed_rad_s` is limited to where that is below
         /// [`over_voltage_v`](GuardSettings::over_voltage_v).
-        field_weakening_a: f32 = 0.0, 0.0 => (0.9 * c.max_current_a).min(0.8 * c.flux_linkage_wb / c.inductance_h), "A", Real, FREE,
+        field_weakening_a: f32 = 0.0, 0.0 => (0.875 * c.max_current_a).min(0.8 * c.flux_linkage_wb / c.inductance_h), "A", Real, FREE,
             "Largest current against the magnets' field, for higher speeds; 0: none";
         hold_current_a: f32 = 1000.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current while a position is held";
         min_position_turns: f32 = -1e6, -1e6 => 1e6, "turns", Real, FREE, "Least position, mechanical";

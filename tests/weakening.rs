@@ -434,11 +434,11 @@ fn a_slow_motor_at_the_end_of_its_voltage_weakens_nothing() {
 #[test]
 fn settings_that_would_lift_the_bus_or_turn_the_field_round_are_refused() {
     let settings = paper().settings;
-    // Eight tenths of λ/L = 8.33 A, but 0.9 of the largest current.
+    // Eight tenths of λ/L = 8.33 A, but 7/8 of the largest current.
     let told = |name: &str, value: f32| settings.with(name, value).map(|_| ()).map_err(|error| error.to_string());
-    assert!(told("field_weakening_a", 4.5).is_ok());
+    assert!(told("field_weakening_a", 4.375).is_ok());
     assert!(
-        told("field_weakening_a", 4.6).unwrap_err().contains("field_weakening_a is 4.6, but must be from 0 to 4.5")
+        told("field_weakening_a", 4.4).unwrap_err().contains("field_weakening_a is 4.4, but must be from 0 to 4.375")
     );
     assert!(told("field_weakening_a", -0.1).is_err() && told("field_weakening_a", f32::NAN).is_err());
     assert!(told("inductance_h", 2e-3).unwrap_err().contains("field_weakening_a is 3.5, but must be from 0 to 2"));

@@ -181,7 +181,7 @@ mod tests {
 
     #[test]
     fn heat_that_comes_at_once_leaves_nothing_beside_a_current_against_the_field() {
-        let control = settings::Control { field_weakening_a: 2.7, ..settings::Control::default() };
+        let control = settings::Control { field_weakening_a: 2.625, ..settings::Control::default() };
         let settings = Settings { control: Some(control), ..Settings::default() };
         let config = settings.validate().unwrap().control.unwrap();
         let mut protection = Protection { most: config.max_current, ..Protection::NONE };
@@ -191,7 +191,7 @@ mod tests {
             protection.weakening.step(&config.weakening, -protection.weakening.current(), -LONGEST);
         }
         let current = protection.weakening.current() >> 13;
-        assert!((current as f32 / config.max_current as f32 - 0.9).abs() < 0.01, "{current}");
+        assert!((current as f32 / config.max_current as f32 - 0.875).abs() < 0.01, "{current}");
         protection.narrow(&config);
         assert!((0.4..0.6).contains(&(protection.window.highest as f32 / config.max_current as f32)));
         protection.most = 0;

@@ -73,7 +73,7 @@ proptest! {
         commutation in 0..3_usize, wild in any::<bool>(),
     ) {
         let commutation = [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block][commutation];
-        let mut bench = with_control(commutation, |_| ());
+        let mut bench = with_control(commutation, |control| control.field_weakening_a = 2.0);
         let highest = highest(&bench);
         bench.command(Command::Arm).unwrap();
         for (halls, currents, bus, what, value) in steps {

@@ -155,7 +155,7 @@ impl Servo {
             }
         }
         // The largest torque counts at once.
-        self.protection.narrow(config);
+        self.protection.narrow_now(config);
     }
 
     /// The current of the spring and the damper: none that makes a rotor faster which is faster than allowed.

@@ -91,7 +91,7 @@ impl Protection {
         self.limit_by_heat();
         self.supply = Supply::NONE;
         self.weakening = Weakening::NONE;
-        self.narrow(config);
+        self.narrow_now(config);
     }
 
     /// The winding's rise as measured, as the square of the current that makes it, in 2⁻³⁰ of the full scale's.
@@ -155,6 +155,12 @@ impl Protection {
     #[inline(always)]
     pub fn limit_braking(&mut self, config: &Config, bus: i32) {
         self.supply.limit(config, bus, self.most >> 2);
+    }
+
+    /// The same as [`Self::narrow`] in one copy, where a command does it.
+    #[inline(never)]
+    pub fn narrow_now(&mut self, config: &Config) {
+        self.narrow(config);
     }
 
     /// The window that is left by all that narrows it.

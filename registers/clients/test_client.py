@@ -215,7 +215,10 @@ def test_torque(simulated):
         for torque in [0.004, -0.004]:
             before = values[Register.VELOCITY]
             values = await hold(client, 0.3, feedforward_torque=torque, **free)
-            assert abs(values[Register.TORQUE] - torque) < 0.002, values
+            # One measurement has two codes of noise, which on a board of 64 A is a tenth of an ampere.
+            answers = [await hold(client, REQUEST_S, feedforward_torque=torque, **free) for _ in range(8)]
+            torques = [answer[Register.TORQUE] for answer in answers]
+            assert abs(sum(torques) / len(torques) - torque) < 0.0015, torques
             assert (values[Register.VELOCITY] - before) * torque > 0
 
     run(simulated, test)

@@ -10,14 +10,14 @@ use sim::rig::Rig;
 
 /// A motor and its supply as they are, and what the drive is told.
 #[derive(Clone, Copy)]
-struct Case {
-    name: &'static str,
-    plant: PlantParameters,
-    settings: Settings,
-    speed_rad_s: f32,
+pub(crate) struct Case {
+    pub(crate) name: &'static str,
+    pub(crate) plant: PlantParameters,
+    pub(crate) settings: Settings,
+    pub(crate) speed_rad_s: f32,
 }
 
-fn plain(control: Control) -> Control {
+pub(crate) fn plain(control: Control) -> Control {
     // What is commanded once has to hold.
     let guard = GuardSettings { arming_check: false, command_timeout_s: 60.0, ..control.guard };
     Control { guard, ..control }
@@ -42,7 +42,7 @@ fn strong(plant: &mut PlantParameters, control: Control) -> Control {
 }
 
 /// 50 mΩ, 15 µH, seven pole pairs, four lithium cells behind a diode, the capacitors of a small board.
-fn drone() -> Case {
+pub(crate) fn drone() -> Case {
     let mut plant = PlantParameters::imperfect(2).with_pole_pairs(7);
     plant.motor.resistance_ohm = 0.05;
     plant.motor.inductance_h = 15e-6;
@@ -84,7 +84,7 @@ fn drone() -> Case {
 }
 
 /// A wheel: 0.1 Ω, 0.2 mH, 15 pole pairs, 0.05 kg·m².
-fn hub() -> Case {
+pub(crate) fn hub() -> Case {
     let mut plant = PlantParameters::imperfect(3).with_pole_pairs(15);
     plant.motor.resistance_ohm = 0.1;
     plant.motor.inductance_h = 0.2e-3;
@@ -128,7 +128,7 @@ fn hub() -> Case {
 /// What the drive is not told: resistance, flux linkage and capacitor, times these.
 const UNLIKE: [[f64; 3]; 5] = [[1.0, 1.0, 1.0], [0.75, 1.2, 1.0], [1.25, 0.8, 1.0], [0.75, 0.8, 0.5], [0.75, 1.2, 0.5]];
 
-fn armed(case: &Case, unlike: [f64; 3]) -> Rig {
+pub(crate) fn armed(case: &Case, unlike: [f64; 3]) -> Rig {
     let mut plant = case.plant;
     plant.motor.resistance_ohm *= unlike[0];
     plant.motor.back_emf.flux_linkage_vs *= unlike[1];
@@ -140,7 +140,7 @@ fn armed(case: &Case, unlike: [f64; 3]) -> Rig {
     rig
 }
 
-fn speed(rig: &mut Rig, radians_s: f32) {
+pub(crate) fn speed(rig: &mut Rig, radians_s: f32) {
     rig.command(Command::Speed(rig.control().unwrap().speed(radians_s).unwrap())).unwrap();
 }
 

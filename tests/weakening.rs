@@ -1,23 +1,14 @@
 //! Speeds beyond what the supply's voltage gives, by a current against the magnets' field.
 
+use crate::supply::{self, Case, speed};
 use hallservo::board::LostPeriods;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
-use plant::{AmplifierFault, BackEmf, Cogging, HallFault, Iron, PlantParameters, Rail, Transistor};
+use plant::{AmplifierFault, BackEmf, HallFault, Iron, PlantParameters, Rail, Transistor};
 use sim::rig::Rig;
-
-/// A motor as it is, and what the drive is told.
-#[derive(Clone, Copy)]
-struct Case {
-    name: &'static str,
-    plant: PlantParameters,
-    settings: Settings,
-    /// A speed that the supply's voltage does not give.
-    beyond_rad_s: f32,
-}
 
 impl Case {
     fn control(&self) -> Control {
@@ -28,126 +19,50 @@ impl Case {
         self.settings.control.as_mut().map(change).unwrap();
         self
     }
-}
 
-fn guarded(guard: GuardSettings) -> GuardSettings {
-    GuardSettings { arming_check: false, command_timeout_s: 60.0, ..guard }
+    /// With other windings, and a speed that the supply's voltage does not give them.
+    fn beyond(mut self, inductance_h: f64, speed_rad_s: f32, field_weakening_a: f32) -> Self {
+        self.plant.motor.inductance_h = inductance_h;
+        self.speed_rad_s = speed_rad_s;
+        self.with(|control| {
+            control.inductance_h = inductance_h as f32;
+            (control.max_speed_rad_s, control.field_weakening_a) = (speed_rad_s, field_weakening_a);
+        })
+    }
 }
 
 /// The paper's motor with a smaller magnet and a larger bridge.
 fn paper() -> Case {
     let mut plant = PlantParameters::imperfect(1);
     plant.motor.resistance_ohm = 1.0;
-    plant.motor.inductance_h = 0.6e-3;
-    let control = Control {
+    let control = supply::plain(Control {
         resistance_ohm: 1.02,
-        inductance_h: 0.6e-3,
         continuous_current_a: 5.0,
         max_current_a: 5.0,
-        field_weakening_a: 3.5,
-        max_speed_rad_s: 800.0,
         max_acceleration_rad_s2: 3000.0,
-        guard: guarded(GuardSettings { over_current_a: 7.5, ..GuardSettings::default() }),
+        guard: GuardSettings { over_current_a: 7.5, ..GuardSettings::default() },
         ..Control::default()
-    };
+    });
     let settings = Settings { commutation: Commutation::FieldOriented, control: Some(control), ..Settings::default() };
-    Case { name: "paper", plant, settings, beyond_rad_s: 800.0 }
-}
-
-/// Amplifiers of ±60 A.
-fn strong(plant: &mut PlantParameters, control: Control) -> Control {
-    plant.current_sense.gain = 1.65 / 60.0;
-    let guard = GuardSettings { over_current_a: 50.0, imbalance_a: 5.0, offset_a: 3.0, ..control.guard };
-    Control { guard: guarded(guard), current_full_scale_a: 60.0, bridge_continuous_a: 50.0, ..control }
+    Case { name: "paper", plant, settings, speed_rad_s: 0.0 }.beyond(0.6e-3, 800.0, 3.5)
 }
 
 /// 50 mΩ, 25 µH, seven pole pairs, four lithium cells that take nothing back.
 fn drone() -> Case {
-    let mut plant = PlantParameters::imperfect(2).with_pole_pairs(7);
-    plant.motor.resistance_ohm = 0.05;
-    plant.motor.inductance_h = 25e-6;
-    plant.motor.back_emf = BackEmf::sinusoidal(1e-3);
-    plant.motor.inertia_kgm2 = 1e-5;
-    plant.motor.cogging = [Cogging::NONE; 2];
-    plant.inverter.switch_ohm = 2e-3;
-    plant.bus.supply_v = 14.8;
-    plant.bus.source_ohm = 0.02;
-    plant.bus.capacitance_f = 220e-6;
-    let control = strong(
-        &mut plant,
-        Control {
-            resistance_ohm: 0.052,
-            inductance_h: 25e-6,
-            flux_linkage_wb: 1e-3,
-            inertia_kgm2: 1e-5,
-            max_current_a: 25.0,
-            continuous_current_a: 20.0,
-            field_weakening_a: 20.0,
-            max_speed_rad_s: 1450.0,
-            dead_time_ramp_a: 0.5,
-            guard: GuardSettings { under_voltage_v: 9.0, over_voltage_v: 20.0, ..GuardSettings::default() },
-            ..Control::default()
-        },
-    );
-    let settings = Settings {
-        commutation: Commutation::FieldOriented,
-        pole_pairs: 7,
-        max_electrical_hz: 1990.0,
-        control: Some(control),
-        ..Settings::default()
-    };
-    Case { name: "drone", plant, settings, beyond_rad_s: 1450.0 }
+    let mut case = supply::drone().with(|control| control.flux_linkage_wb = 1e-3);
+    case.plant.motor.back_emf = BackEmf::sinusoidal(1e-3);
+    case.beyond(25e-6, 1450.0, 20.0)
 }
 
 /// A wheel with magnets inside its rotor: 0.2 mH along and 0.3 mH across them.
 fn hub() -> Case {
-    let mut plant = PlantParameters::imperfect(3).with_pole_pairs(15);
-    plant.motor.resistance_ohm = 0.1;
-    plant.motor.inductance_h = 0.25e-3;
-    plant.motor.iron = Iron { salience: 0.2, saturation_a: 60.0 };
-    plant.motor.back_emf = BackEmf::sinusoidal(0.018);
-    plant.motor.inertia_kgm2 = 0.05;
-    plant.motor.cogging = [Cogging::NONE; 2];
-    plant.inverter.switch_ohm = 4e-3;
-    plant.bus.capacitance_f = 1000e-6;
-    let control = strong(
-        &mut plant,
-        Control {
-            resistance_ohm: 0.104,
-            inductance_h: 0.25e-3,
-            flux_linkage_wb: 0.018,
-            inertia_kgm2: 0.05,
-            max_current_a: 25.0,
-            continuous_current_a: 20.0,
-            field_weakening_a: 18.0,
-            max_speed_rad_s: 56.0,
-            max_acceleration_rad_s2: 50.0,
-            speed_bandwidth_hz: 5.0,
-            position_bandwidth_hz: 1.0,
-            dead_time_ramp_a: 0.5,
-            ..Control::default()
-        },
-    );
-    let settings = Settings {
-        commutation: Commutation::FieldOriented,
-        pole_pairs: 15,
-        calibration_hz: 5.0,
-        control: Some(control),
-        ..Settings::default()
-    };
-    Case { name: "hub", plant, settings, beyond_rad_s: 56.0 }
+    let mut case = supply::hub().with(|control| control.max_acceleration_rad_s2 = 50.0);
+    case.plant.motor.iron = Iron { salience: 0.2, saturation_a: 60.0 };
+    case.beyond(0.25e-3, 56.0, 18.0)
 }
 
 fn armed(case: &Case) -> Rig {
-    let mut rig = Rig::new(&case.plant, &case.settings, 1).unwrap();
-    rig.calibrate(|_| ()).unwrap();
-    rig.run(0.1, |_, _| ());
-    rig.command(Command::Arm).unwrap();
-    rig
-}
-
-fn speed(rig: &mut Rig, radians_s: f32) {
-    rig.command(Command::Speed(rig.control().unwrap().speed(radians_s).unwrap())).unwrap();
+    supply::armed(case, [1.0; 3])
 }
 
 /// What the drive is not told.
@@ -234,14 +149,14 @@ fn a_speed_beyond_the_supply_is_reached_and_held_by_motors_that_are_not_as_told(
         let (mut slowest, mut swings, mut current_a) = (f64::MAX, 0.0_f64, 0.0_f64);
         // Without: what the supply gives.
         let mut rig = armed(&case.with(|control| control.field_weakening_a = 0.0));
-        speed(&mut rig, case.beyond_rad_s);
+        speed(&mut rig, case.speed_rad_s);
         rig.run(3.0, |_, _| ());
         let base = rig.plant.truth().speed_rad_s;
         for unlike in UNLIKE {
             let case = case.unlike(&unlike);
             for direction in [1.0, -1.0] {
                 let mut rig = armed(&case);
-                speed(&mut rig, direction * case.beyond_rad_s);
+                speed(&mut rig, direction * case.speed_rad_s);
                 let rising = watch(&mut rig, 2.5);
                 let there = watch(&mut rig, 0.5);
                 assert_eq!(rig.drive.mode(), Mode::Running, "{} {unlike:?}", case.name);
@@ -260,7 +175,7 @@ fn a_speed_beyond_the_supply_is_reached_and_held_by_motors_that_are_not_as_told(
         println!(
             "{}: {base:.0} rad/s without, {slowest:.0} rad/s of {} with, swings by {:.2} %, current {current_a:.2}",
             case.name,
-            case.beyond_rad_s,
+            case.speed_rad_s,
             100.0 * swings,
         );
         assert!(slowest > 1.1 * base);
@@ -280,7 +195,7 @@ fn it_reverses_stands_a_load_and_stops_from_there_into_a_supply_that_takes_nothi
         for unlike in [ALIKE, UNLIKE[2], UNLIKE[4]] {
             let case = case.unlike(&unlike);
             let mut rig = armed(&case);
-            speed(&mut rig, case.beyond_rad_s);
+            speed(&mut rig, case.speed_rad_s);
             rig.run(2.5, |_, _| ());
             let check = |what: &str, rig: &mut Rig, seconds: f64| {
                 let stretch = watch(rig, seconds);
@@ -291,7 +206,7 @@ fn it_reverses_stands_a_load_and_stops_from_there_into_a_supply_that_takes_nothi
                     "{what}: {stretch:?}"
                 );
             };
-            speed(&mut rig, -case.beyond_rad_s);
+            speed(&mut rig, -case.speed_rad_s);
             check("reversal", &mut rig, 4.0);
             // Against the motion, with it, and none.
             for share in [-0.2, 0.04, 0.0] {
@@ -311,7 +226,7 @@ fn a_supply_that_sags_and_comes_back_costs_speed_only() {
     for case in [paper(), drone(), hub()] {
         let case = case.unlike(&UNLIKE[1]);
         let mut rig = armed(&case);
-        speed(&mut rig, case.beyond_rad_s);
+        speed(&mut rig, case.speed_rad_s);
         rig.run(2.5, |_, _| ());
         let supply_v = case.plant.bus.supply_v;
         for share in [0.8, 1.0] {
@@ -321,7 +236,7 @@ fn a_supply_that_sags_and_comes_back_costs_speed_only() {
             assert_eq!(rig.drive.mode(), Mode::Running, "{} at {share}: {stretch:?}", case.name);
             assert!(stretch.current_a < 1.12 * case.most_a() && stretch.bus_v < 0.95 * case.over_v(), "{stretch:?}");
         }
-        assert!(rig.plant.truth().speed_rad_s > 0.97 * f64::from(case.beyond_rad_s));
+        assert!(rig.plant.truth().speed_rad_s > 0.97 * f64::from(case.speed_rad_s));
     }
 }
 
@@ -330,7 +245,7 @@ fn switched_off_there_the_bus_stays_within_its_limit() {
     for case in [paper(), drone(), hub()] {
         let case = case.unlike(&UNLIKE[3]);
         let mut rig = armed(&case);
-        speed(&mut rig, case.beyond_rad_s);
+        speed(&mut rig, case.speed_rad_s);
         rig.run(2.5, |_, _| ());
         rig.command(Command::Disarm).unwrap();
         let off = watch(&mut rig, 0.5);
@@ -358,7 +273,7 @@ fn what_breaks_there_is_named_or_does_no_harm() {
     for case in [paper(), drone(), hub()] {
         for (name, breaks) in DEFECTS {
             let mut rig = armed(&case);
-            speed(&mut rig, case.beyond_rad_s);
+            speed(&mut rig, case.speed_rad_s);
             rig.run(2.5, |_, _| ());
             breaks(&mut rig);
             let stretch = watch(&mut rig, 1.0);
@@ -376,7 +291,7 @@ fn what_breaks_there_is_named_or_does_no_harm() {
             // An open phase is not looked for while most of the current flows along d.
             let may_run = matches!(name, "open phase" | "transistor dead" | "amplifier of half the gain");
             match rig.drive.mode() {
-                Mode::Running => assert!(may_run && stretch.mean_rad_s > 0.99 * f64::from(case.beyond_rad_s)),
+                Mode::Running => assert!(may_run && stretch.mean_rad_s > 0.99 * f64::from(case.speed_rad_s)),
                 Mode::Faulted(fault) => println!("  {fault}"),
                 mode => panic!("{} {name}: {mode:?}", case.name),
             }

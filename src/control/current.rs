@@ -29,6 +29,8 @@ pub struct Gains {
     integral: i32,
     /// Anti-windup by back-calculation: share of the voltage that the limit took off, in 2⁻³².
     back: i32,
+    /// Time constant of the loop, 1/ω, in quarters of a step.
+    constant: i32,
     /// Inductive voltage per current at a turn a step, and induced voltage: products with a speed that is shifted left
     /// by `shift`.
     inductance: i32,
@@ -95,6 +97,7 @@ impl Gains {
             proportional: hold(proportional, 26),
             integral: hold(integral, 26).max(1),
             back: hold((integral / proportional).min(0.49), 32),
+            constant: libm::roundf(4.0 * scale.step_hz / omega) as i32,
             inductance: hold(inductance, 23 - shift),
             flux: hold(flux, 23 - shift),
             shift: shift as u32,
@@ -120,6 +123,13 @@ impl Present {
     #[inline(always)]
     pub const fn induced(&self) -> i32 {
         self.induced
+    }
+
+    /// Voltage of the resistance at a current, from the integral gain, which is that of a step; meaningless beyond 160
+    /// times the bus.
+    #[inline(always)]
+    pub const fn resistive(&self, gains: &Gains, current: i32) -> i32 {
+        high(current, self.integral).wrapping_mul(gains.constant) >> 2
     }
 
     /// Takes up what turning with `speed` induces.

@@ -57,11 +57,17 @@ impl Weakening {
         self.current = self.current.min(self.most);
     }
 
+    /// Whether the back-EMF takes so much of the voltage that the field may be weakened.
+    #[inline(always)]
+    pub const fn is_allowed(&self) -> bool {
+        self.most != 0
+    }
+
     /// Whether the field is weakened, or has to be: by the current along d and by what the voltage leaves of the longest
     /// vector.
     #[inline(always)]
     pub const fn is_needed(&self, along_d: i32, free: i32) -> bool {
-        self.most != 0 && (along_d != 0 || free < FREE)
+        self.is_allowed() && (along_d != 0 || free < FREE)
     }
 
     /// One step, from the present current along d, which may be more than was asked for here.

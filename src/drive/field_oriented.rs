@@ -96,15 +96,17 @@ impl FieldOriented {
         self.gains.induced()
     }
 
-    /// Trims the alignment until the integrator holds no voltage along d. Beyond the feed-forward, a voltage there is
-    /// back-EMF that an error of the angle has turned from q to d. Only above the speed
-    /// [`trim_from`](Config::trim_from), where that is well above the noise.
+    /// Trims the alignment until the integrator holds no voltage along d but the resistance's, for a current `along_d`.
+    /// Beyond the feed-forward, a voltage there is back-EMF that an error of the angle has turned from q to d. Only above
+    /// the speed [`trim_from`](Config::trim_from), where that is well above the noise, and with a voltage of which
+    /// something is left `free`.
     #[inline(always)]
-    pub fn trim_alignment(&mut self, config: &Config, speed: i32) {
+    pub fn trim_alignment(&mut self, config: &Config, speed: i32, along_d: i32, free: i32) {
         let fast = speed.wrapping_add(config.trim_from) as u32 > 2 * config.trim_from as u32;
-        if fast && !self.is_limited() {
+        if fast && free > 0 {
             // With the sign of the speed.
-            let along = (self.integrators.d() ^ speed >> 31) - (speed >> 31);
+            let induced = self.integrators.d() - self.gains.resistive(&config.gains, along_d);
+            let along = (induced ^ speed >> 31) - (speed >> 31);
             let trim = self.trim.to_bits() - high(along << 8, config.trim_gain);
             self.trim = ElectricalAngle::from_bits(clamp(trim, LARGEST_TRIM));
         }

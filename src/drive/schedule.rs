@@ -192,8 +192,7 @@ impl Drive {
         });
     }
 
-    /// In turns: weakens the magnets' field, or where that is not needed trims the alignment; what the supply has to drive
-    /// with.
+    /// In turns: weakens the magnets' field and trims the alignment; what the supply has to drive with.
     #[inline(never)]
     fn alignment_slot(&mut self, sample: &Sample) {
         let trims = (self.servo.schedule.tick / LONG).is_multiple_of(2);
@@ -203,11 +202,16 @@ impl Drive {
             if !trims {
                 servo.had_d = along_d != 0;
                 servo.protection.limit_driving(with.config, field.bus());
-            } else if servo.protection.weakening.is_needed(along_d, field.free()) {
-                servo.protection.weakening.step(&with.config.weakening, along_d, field.free());
-            } else if !servo.had_d && along_d == 0 {
-                // A current along d takes a voltage of its own, for a while after it, too.
-                field.trim_alignment(with.config, with.rotor.speed());
+                return;
+            }
+            let (free, weakening) = (field.free(), &mut servo.protection.weakening);
+            if weakening.is_needed(along_d, free) {
+                weakening.step(&with.config.weakening, along_d, free);
+            }
+            // A current along d takes a voltage in the resistance, which is told within a quarter: little beside the
+            // back-EMF where the field is weakened, and where the angle has to be right, as it would drive there.
+            if weakening.is_allowed() || !servo.had_d && along_d == 0 {
+                field.trim_alignment(with.config, with.rotor.speed(), along_d, free);
             }
         });
     }

@@ -63,13 +63,21 @@ pub struct State {
     /// Voltage of the last step under field-oriented commutation.
     pub voltage: Dq,
     /// Bus voltage.
-    pub bus: i32,
+    pub bus: u16,
+    /// Reference of the current along d.
+    pub field_reference: i16,
 }
 
 impl State {
     /// All zero.
-    pub(crate) const NONE: Self =
-        Self { phases: [0; 3], current: Dq { d: 0, q: 0 }, current_reference: 0, voltage: Dq { d: 0, q: 0 }, bus: 0 };
+    pub(crate) const NONE: Self = Self {
+        phases: [0; 3],
+        current: Dq { d: 0, q: 0 },
+        current_reference: 0,
+        voltage: Dq { d: 0, q: 0 },
+        bus: 0,
+        field_reference: 0,
+    };
 }
 
 /// The reference of a spring and a damper, told every 64 steps while they are followed.

@@ -490,7 +490,8 @@ impl Servo {
             current: Dq { d: self.current.d >> PARK_BITS, q: self.current.q >> PARK_BITS },
             current_reference: self.current_reference(),
             voltage: field.voltage(with.config),
-            bus: field.bus(),
+            bus: field.bus() as u16,
+            field_reference: (self.reference.current.d >> PARK_BITS) as i16,
         };
         self.measurement = Measurement { rotor: *with.rotor, sequence, state, trim: field.trim() };
     }

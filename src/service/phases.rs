@@ -3,7 +3,7 @@
 //!
 //! The current in the frame of the rotor, averaged over a few measurements, says what each phase is due at the present
 //! angle. An open phase, or a transistor that does not conduct, is one which is due a current in one direction
-//! [`TIMES`] in a row and carries none. A rotor that stands tells nothing: there the mean is what flows. Nor do
+//! [`TIMES`] in a row and carries none, while that mean is about what the drive asks for. A rotor that stands tells nothing: there the mean is what flows. Nor do
 //! measurements that see the rotor at the same angle again and again.
 
 use crate::angle::ElectricalAngle;
@@ -63,27 +63,34 @@ impl Phases {
         // where the phase that is open would carry the most.
         let none_flows = state.phases.iter().all(|flows| flows.abs() < LEAST / 4);
         self.quiet = if none_flows { self.quiet.saturating_add(1) } else { 0 };
-        if !self.is_steady(state.current_reference) {
+        if !self.is_steady(Dq { d: state.field_reference.into(), q: state.current_reference }) {
             return None;
         }
         let angle = measurement.rotor.angle() + measurement.trim;
         (0..3).find_map(|phase| self.is_missing(phase, angle, state, reversed))
     }
 
-    /// Whether the mean is what is due: the reference has not changed much, and nothing is burnt along d.
-    fn is_steady(&self, reference: i32) -> bool {
-        let Dq { d, q } = self.mean;
-        let (mean, reference) = if q < 0 { (-q >> MEAN_BITS, -reference) } else { (q >> MEAN_BITS, reference) };
-        reference < 4 * mean && mean < 2 * reference && d.abs() < q.abs() / 2
+    /// Whether the mean is what is due: the reference has not changed much, neither in length nor in direction.
+    fn is_steady(&self, reference: Dq) -> bool {
+        let mean = self.mean();
+        let (along, length) = (dot(mean, reference), dot(reference, reference));
+        let across = dot(mean, Dq { d: -reference.q, q: reference.d });
+        length < 4 * along && along < 2 * length && across.abs() < along / 2
+    }
+
+    /// Mean current in the frame of the rotor, in 2⁻¹⁵ of the full scale.
+    const fn mean(&self) -> Dq {
+        Dq { d: self.mean.d >> MEAN_BITS, q: self.mean.q >> MEAN_BITS }
     }
 
     /// A current that nothing hinders, and that does not flow: no amplifier shows it.
     fn is_unfollowed(&mut self, state: &State) -> bool {
-        let State { current_reference: reference, current, voltage, bus, .. } = *state;
-        let limited = voltage.q.abs() + voltage.d.abs() > bus / 5 * 2;
-        if current.q.abs() + current.d.abs() > reference.abs() / 4 {
+        let State { current_reference, field_reference, current, voltage, bus, .. } = *state;
+        let reference = current_reference.abs() + i32::from(field_reference).abs();
+        let limited = voltage.q.abs() + voltage.d.abs() > i32::from(bus) / 5 * 2;
+        if current.q.abs() + current.d.abs() > reference / 4 {
             self.unfollowed = 0;
-        } else if reference.abs() > LEAST && !limited {
+        } else if reference > LEAST && !limited {
             self.unfollowed += 1;
         }
         self.unfollowed >= TIMES
@@ -92,11 +99,12 @@ impl Phases {
     fn is_missing(&mut self, phase: usize, angle: ElectricalAngle, state: &State, reversed: bool) -> Option<Fault> {
         const OPEN: [Fault; 3] = [Fault::OpenPhaseA, Fault::OpenPhaseB, Fault::OpenPhaseC];
         const BLIND: [Fault; 3] = [Fault::AmplifierA, Fault::AmplifierB, Fault::AmplifierC];
-        let due = along(self.mean, if reversed { (3 - phase) % 3 } else { phase }, angle) >> MEAN_BITS;
+        let mean = self.mean();
+        let due = along(mean, if reversed { (3 - phase) % 3 } else { phase }, angle);
         let (flows, due, side) = if due < 0 { (-state.phases[phase], -due, 1) } else { (state.phases[phase], due, 0) };
         let missing = &mut self.missing[phase][side];
         // Near the zero crossing of its current a phase tells little.
-        if due < LEAST || due < (self.mean.q.abs() >> MEAN_BITS) / 8 * 5 || self.quiet > QUIET {
+        if due < LEAST || 64 * i64::from(due).pow(2) < 25 * dot(mean, mean) || self.quiet > QUIET {
             return None;
         }
         *missing = if flows > due / 4 { 0 } else { *missing + 1 };
@@ -107,6 +115,11 @@ impl Phases {
         let sum: i32 = state.phases.iter().sum();
         Some(if sum.abs() > due / 2 { BLIND[phase] } else { OPEN[phase] })
     }
+}
+
+/// Product of two currents' lengths and the cosine of the angle between them.
+fn dot(a: Dq, b: Dq) -> i64 {
+    i64::from(a.d) * i64::from(b.d) + i64::from(a.q) * i64::from(b.q)
 }
 
 /// What a current in the frame of the rotor is along a phase.
@@ -176,8 +189,14 @@ mod tests {
             let along = |of: fn(f64) -> f64| (0..3).map(|k| currents[k] * of(angles[k])).sum::<f64>() / 1.5;
             let current = Dq { d: along(libm::cos) as i32, q: -along(libm::sin) as i32 };
             let phases = currents.map(|current| current as i32);
-            let state =
-                State { phases, current, current_reference: self.q as i32, bus: 20_000, voltage: Dq { d: 0, q: 1000 } };
+            let state = State {
+                phases,
+                current,
+                current_reference: self.q as i32,
+                field_reference: self.d as i16,
+                bus: 20_000,
+                voltage: Dq { d: 0, q: 1000 },
+            };
             // The frame of the currents is ahead of the rotor.
             let trim = ElectricalAngle::from_turns(0.02);
             let rotor = Tracker::at(ElectricalAngle::from_turns((turns - 0.02) as f32));
@@ -195,7 +214,14 @@ mod tests {
     fn what_carries_nothing_is_named_whatever_the_direction_and_the_speed() {
         for phase in 0..3 {
             for turns in [0.03, -0.03, 0.21, -1.17] {
-                for (d, q) in [(0.0, 3000.0), (0.0, -3000.0), (-300.0, 2500.0), (0.0, 20_000.0)] {
+                for (d, q) in [
+                    (0.0, 3000.0),
+                    (0.0, -3000.0),
+                    (-300.0, 2500.0),
+                    (0.0, 20_000.0),
+                    (-4000.0, 0.0),
+                    (-3000.0, -3000.0),
+                ] {
                     let motor = Motor { d, q, turns, ..MOTOR };
                     for (broken, fault) in [
                         (Broken::Phase(phase), OPEN[phase]),

@@ -225,7 +225,7 @@ impl Procedure for Swings {
         self.emf_v = state.voltage.q as f32 * volts
             - self.motor.resistance_ohm * current_a
             - self.speed * self.motor.inductance_h * field_a;
-        self.most_emf_v = EMF * 0.577 * state.bus as f32 * volts;
+        self.most_emf_v = EMF * 0.577 * f32::from(state.bus) * volts;
         if self.began_ms.is_some() {
             self.impulse += current_a * elapsed_s;
             let brakes = self.sign * self.speed < 0.0;

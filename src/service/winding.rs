@@ -49,7 +49,7 @@ impl Winding {
         let of = |value: i32| value as f32;
         let (voltage, current) = (&state.voltage, &state.current);
         let square = of(current.d) * of(current.d) + of(current.q) * of(current.q);
-        let least = copper.least.max(copper.least_per_bus * of(state.bus));
+        let least = copper.least.max(copper.least_per_bus * of(state.bus.into()));
         let emf = copper.flux * of(speed);
         let turning = TURNING * copper.cold;
         let (d, q) = (of(current.d - self.before.d), of(current.q - self.before.q));
@@ -97,7 +97,7 @@ mod tests {
         let volts = amperes * resistance_ohm + emf_v;
         let current = Dq { d: 0, q: (amperes / 8.25 * 32_768.0) as i32 };
         let voltage = Dq { d: 0, q: (volts / 36.3 * 32_768.0) as i32 };
-        State { current, voltage, bus: (24.0 / 36.3 * 32_768.0) as i32, ..State::default() }
+        State { current, voltage, bus: (24.0 / 36.3 * 32_768.0) as u16, ..State::default() }
     }
 
     /// The last rise in so many measurements, K.

@@ -10,6 +10,7 @@ mod power;
 #[path = "../common/mod.rs"]
 mod support;
 mod watchdog;
+mod weakening;
 
 use support::{arm, ask, board, calibrated, motor, perform, run, says, session};
 use virtual_board::outcome::Outcome;
@@ -75,6 +76,7 @@ fn main() {
         ("boots", boots),
         ("calibrates_and_spins", spins),
         ("turns_at_the_lowest_voltage", turns_at_the_lowest_voltage),
+        ("turns_beyond_its_supply", weakening::turns_beyond_its_supply),
         ("every_fault_switches_it_off", faults::switch_off),
         ("garbage_does_not_disturb_it", line::hears_through_garbage),
         ("disarm_acts_whatever_the_tasks_do", disarm::acts_whatever_the_tasks_do),

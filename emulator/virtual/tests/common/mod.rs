@@ -64,8 +64,13 @@ fn elf(board: &str) -> Vec<u8> {
 }
 
 pub fn session(board: &str, script: &str) -> Session {
+    session_with(board, &PlantParameters::imperfect(1), script)
+}
+
+/// … with another motor.
+pub fn session_with(board: &str, motor: &PlantParameters, script: &str) -> Session {
     let known = self::board(board);
-    let mut session = Session::new(&known, elf(board), &PlantParameters::imperfect(1), 1).expect("a session");
+    let mut session = Session::new(&known, elf(board), motor, 1).expect("a session");
     session.follow(script::parse(script).expect("a script"));
     session
 }

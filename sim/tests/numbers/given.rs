@@ -12,6 +12,12 @@ const GIVEN: &[(&str, &str, &[&str])] = &[
         &["0.05 A on the IHM16M1", "0.5 A on the IHM08M1", "0.9 A on the ESC1"],
     ),
     ("docs/numbers.md", "(1 + s)/(1 − s), s = 0.25 of tests/weakening.rs", &["0.67 to 1.67 times"]),
+    (
+        "docs/numbers.md",
+        "conditions of the test of late Halls, and 1450 rad/s · 7 · 50 µs",
+        &["25 and 50 µs", "50 µs late, which the settings do not say (29°", "motor of 2 mH", "told as 1.7 mH"],
+    ),
+    ("SAFETY.md", "LARGEST_TRIM of src/drive/field_oriented.rs", &["off by more than 30°"]),
     ("boards/README.md", "a period of 40 kHz", &["a control period, 25 µs"]),
     (
         "boards/README.md",

@@ -316,6 +316,17 @@ fn field_weakening(pages: &Pages) {
         let said = format!("{motor} {{}} rad/s | {{}} rad/s | {{}} rad/s | {{}} % | {{}} |");
         pages.quote(NUMBERS, &said, &figures.map(Is));
     }
+    let late = ["paper", "drone", "hub"]
+        .map(|name| run.only::<2>(&format!("{name}: late and uneven, current {{}}, swings by {{}} %")));
+    let most = |figure: usize| late.iter().map(|of| of[figure]).fold(0.0, f64::max);
+    pages.quote(NUMBERS, "it swings by {} %, with {} of", &[Is(most(1)), Is(most(0))]);
+    let board = Recorded::of("virtual_weakening");
+    let turned = board.all("{} rad/s without, {} of {} rad/s with field weakening");
+    let mut without: Vec<f64> = turned.iter().map(|figures| figures[0]).collect();
+    without.sort_by(f64::total_cmp);
+    assert!(turned.iter().all(|figures| (figures[1] - figures[2]).abs() < 1.0));
+    let figures = [turned[0][2], without[0], without[without.len() - 1]].map(Is);
+    pages.quote(NUMBERS, "turns with {} rad/s both ways, where it reaches {} to {} rad/s", &figures);
     let most = run.all("hub transistor dead: Faulted(OverVoltage), Stretch { current_a: {}, bus_v: {}")[0][1];
     pages.quote("SAFETY.md", "does_no_harm`: {} V where", &[Is(most)]);
 }

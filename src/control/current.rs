@@ -29,13 +29,13 @@ pub struct Gains {
     integral: i32,
     /// Anti-windup by back-calculation: share of the voltage that the limit took off, in 2⁻³².
     back: i32,
-    /// Time constant of the loop, 1/ω, in quarters of a step.
-    constant: i32,
     /// Inductive voltage per current at a turn a step, and induced voltage: products with a speed that is shifted left
     /// by `shift`.
     inductance: i32,
     flux: i32,
-    shift: u32,
+    shift: u8,
+    /// Time constant of the loop, 1/ω, in quarters of a step.
+    constant: u16,
     /// `i32::MAX` less the largest speed that is fed forward, in 2⁻³² turns a step: saturating additions with it cut
     /// a speed to ± that.
     beyond: i32,
@@ -97,10 +97,10 @@ impl Gains {
             proportional: hold(proportional, 26),
             integral: hold(integral, 26).max(1),
             back: hold((integral / proportional).min(0.49), 32),
-            constant: libm::roundf(4.0 * scale.step_hz / omega) as i32,
+            constant: libm::roundf(4.0 * scale.step_hz / omega) as u16,
             inductance: hold(inductance, 23 - shift),
             flux: hold(flux, 23 - shift),
-            shift: shift as u32,
+            shift: shift as u8,
             beyond: i32::MAX - (turns * TURN) as i32,
         })
     }
@@ -129,7 +129,7 @@ impl Present {
     /// times the bus.
     #[inline(always)]
     pub const fn resistive(&self, gains: &Gains, current: i32) -> i32 {
-        high(current, self.integral).wrapping_mul(gains.constant) >> 2
+        high(current, self.integral).wrapping_mul(gains.constant as i32) >> 2
     }
 
     /// Takes up what turning with `speed` induces.
@@ -138,7 +138,7 @@ impl Present {
         // Cut to both sides by saturation, in four instructions.
         let beyond = gains.beyond;
         let speed = speed.saturating_add(beyond).wrapping_sub(beyond).saturating_sub(beyond).wrapping_add(beyond);
-        let speed = speed.wrapping_shl(gains.shift);
+        let speed = speed.wrapping_shl(gains.shift as u32);
         self.reactance = bus.of(high(speed, gains.inductance)) << 9;
         self.induced = bus.of(high(speed, gains.flux)) << 5;
     }

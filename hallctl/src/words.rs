@@ -222,9 +222,11 @@ fn drive_refusal(refusal: drive::Refusal) -> String {
         drive::Refusal::OutOfBounds => {
             "the position is outside of its bounds\n  They are min_position_turns and max_position_turns.".into()
         }
-        drive::Refusal::TooFar => "the position is farther from the rotor than following_error_turns\n  \
+        drive::Refusal::TooFar => {
+            "the position, or the range, is farther from the rotor than following_error_turns\n  \
              Let the reference go there by limits of speed and acceleration."
-            .into(),
+                .into()
+        }
     }
 }
 

@@ -95,7 +95,8 @@ pub enum Refusal {
     Turning,
     /// The position is outside of `min_position_turns` to `max_position_turns`.
     OutOfBounds,
-    /// The position to be at at once is farther from the rotor than `following_error_turns`, which would be a fault.
+    /// The position to be at at once, or the range to stay within, is farther from the rotor than
+    /// `following_error_turns`, which would be a fault.
     TooFar,
 }
 
@@ -112,7 +113,9 @@ impl fmt::Display for Refusal {
             Self::Fault(fault) => fault.fmt(f),
             Self::Turning => write!(f, "the rotor turns: let it come to rest"),
             Self::OutOfBounds => write!(f, "the position is outside of its bounds"),
-            Self::TooFar => write!(f, "the position is too far away to be there at once: limit the reference's speed"),
+            Self::TooFar => {
+                write!(f, "the position or range is too far away to be there at once: go there with a limited speed")
+            }
         }
     }
 }

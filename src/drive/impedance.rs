@@ -61,9 +61,7 @@ impl Shaft {
     #[inline(always)]
     pub fn deviate(&mut self, trajectory: &Trajectory, rotor: &Tracker) -> i32 {
         let deviation = trajectory.position().to_bits() - coarse(rotor.smoothed()).to_bits();
-        let strain = Spring::strain(deviation);
-        let [lowest, highest] = self.dead;
-        self.strain = strain - strain.min(highest).max(lowest);
+        self.strain = beyond(Spring::strain(deviation), self.dead);
         trajectory.speed()
     }
 
@@ -72,6 +70,12 @@ impl Shaft {
     pub const fn is_strained(&self) -> bool {
         self.strain.unsigned_abs() > self.far
     }
+}
+
+/// What of a strain is beyond those that count as none.
+#[inline(always)]
+fn beyond(strain: i32, [lowest, highest]: [i32; 2]) -> i32 {
+    strain - strain.min(highest).max(lowest)
 }
 
 impl Drive {
@@ -99,15 +103,15 @@ impl Drive {
         if !impedance.course.is_within(&motion.bounds) {
             return Err(Refusal::OutOfBounds);
         }
+        let (at, dead) = match impedance.course {
+            Course::Travel { from: Start::At(at), .. } => (at, [0; 2]),
+            Course::Within { end: Some(end), dead } => (end, dead),
+            _ => return Ok(()),
+        };
         let here = coarse(self.record.rotor.position()).to_bits();
-        match impedance.course {
-            Course::Travel { from: Start::At(at), .. }
-                if impedance.spring.stiffness != 0 && at.abs_diff(here) > motion.far as u64 =>
-            {
-                Err(Refusal::TooFar)
-            }
-            _ => Ok(()),
-        }
+        let strain = beyond(Spring::strain(at.saturating_sub(here)), dead);
+        let far = strain.unsigned_abs() > Spring::strain(motion.far).unsigned_abs();
+        if far && impedance.spring.stiffness != 0 { Err(Refusal::TooFar) } else { Ok(()) }
     }
 }
 

@@ -59,7 +59,8 @@ pub enum Motion {
         max_acceleration_rad_s2: Option<f32>,
     },
     /// Spring and damper act outside of a range only, towards its nearer end; inside, nothing but the feed-forward torque.
-    /// With both ends it is shorter than 256 electrical turns.
+    /// With both ends it is shorter than 256 electrical turns. The rotor must not be farther outside than
+    /// `following_error_turns`.
     Within {
         /// Least position; `None`: none.
         least_turns: Option<f64>,

@@ -196,6 +196,25 @@ fn the_drive_refuses_what_would_be_a_fault() {
     let at = |position, speed| spring(0.1, at_once(position, speed));
     assert_eq!(follow(&mut bench, &at(1.5, 0.0)), Err(Refusal::TooFar));
     assert_eq!(follow(&mut bench, &spring(0.1, Motion::to(51.0))), Err(Refusal::OutOfBounds));
+    // A range that the rotor is far outside of, and ranges that it is in, however far their ends are.
+    for (least, most, kp, allowed) in [
+        (Some(1.5), None, 0.1, false),
+        (None, Some(-1.5), 0.1, false),
+        (Some(100.0), Some(140.0), 0.1, false),
+        (Some(-140.0), Some(-100.0), 0.1, false),
+        (Some(-300.0), None, 0.1, true),
+        (None, Some(300.0), 0.1, true),
+        (Some(-60.0), Some(0.2), 0.1, true),
+        (Some(-0.2), Some(60.0), 0.1, true),
+        (Some(0.4), Some(60.0), 1e-4, true),
+        (None, None, 0.1, true),
+        (Some(100.0), Some(140.0), 0.0, true),
+    ] {
+        let told = follow(&mut bench, &spring(kp, Motion::Within { least_turns: least, most_turns: most }));
+        assert_eq!(told, if allowed { Ok(()) } else { Err(Refusal::TooFar) }, "{least:?} {most:?}");
+        reference(&mut bench, 20);
+        assert_eq!(bench.mode(), Mode::Running, "{least:?} {most:?}");
+    }
     // Without a spring nothing is strained.
     follow(&mut bench, &spring(0.0, at_once(1.5, 0.0))).unwrap();
     reference(&mut bench, 20);

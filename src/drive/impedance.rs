@@ -72,6 +72,12 @@ impl Shaft {
     }
 }
 
+/// [`Spring::strain`] in one copy, for what a command takes up.
+#[inline(never)]
+const fn strain(deviation: i64) -> i32 {
+    Spring::strain(deviation)
+}
+
 /// What of a strain is beyond those that count as none.
 #[inline(always)]
 fn beyond(strain: i32, [lowest, highest]: [i32; 2]) -> i32 {
@@ -109,8 +115,8 @@ impl Drive {
             _ => return Ok(()),
         };
         let here = coarse(self.record.rotor.position()).to_bits();
-        let strain = beyond(Spring::strain(at.saturating_sub(here)), dead);
-        let far = strain.unsigned_abs() > Spring::strain(motion.far).unsigned_abs();
+        let strain = beyond(strain(at.wrapping_sub(here)), dead);
+        let far = strain.unsigned_abs() > self::strain(motion.far).unsigned_abs();
         if far && impedance.spring.stiffness != 0 { Err(Refusal::TooFar) } else { Ok(()) }
     }
 }
@@ -130,7 +136,7 @@ impl Servo {
         (self.shaft.spring, self.shaft.forward) = (impedance.spring, impedance.forward);
         (self.shaft.ranges, self.shaft.travels, self.shaft.complete) = (false, false, false);
         self.shaft.dead = [0; 2];
-        let far = Spring::strain(config.motion.far).unsigned_abs();
+        let far = strain(config.motion.far).unsigned_abs();
         self.shaft.far = if impedance.spring.stiffness == 0 { u32::MAX } else { far };
         self.protection.held = impedance.most;
         self.protection.timeout.restart(config, Some(impedance.timeout));

@@ -1,4 +1,4 @@
-//! `hallctl commission`: ten motors, from a board that knows nothing to a drive that turns; broken off and gone on with.
+//! `hallctl commission`: eleven motors, from a board that knows nothing to a drive that turns; broken off and gone on with.
 
 use crate::process::{Drive, HALLCTL, PATIENCE};
 use rustix::process::{Pid, Signal, kill_process};
@@ -9,7 +9,7 @@ use std::process::{Command, Output, Stdio};
 use tempfile::TempDir;
 
 /// With its largest current, A.
-const MOTORS: [(&str, &str); 10] = [
+const MOTORS: [(&str, &str); 11] = [
     ("gimbal-7", "0.3"),
     ("drone-15uh", "15"),
     ("20mohm-32a", "20"),
@@ -20,6 +20,7 @@ const MOTORS: [(&str, &str); 10] = [
     ("paper-heavy", "3"),
     ("direct-drive", "4"),
     ("22-pairs", "30"),
+    ("drone-heavy", "15"),
 ];
 
 fn tool(drive: &Drive, folder: &Path, arguments: &[&str]) -> Command {
@@ -56,18 +57,25 @@ fn speed_at_a_tenth(drive: &Drive) -> f64 {
 }
 
 #[test]
-fn ten_motors_are_commissioned_unattended() {
+fn eleven_motors_are_commissioned_unattended() {
     std::thread::scope(|scope| {
-        for some in MOTORS.chunks(5) {
+        for some in MOTORS.chunks(6) {
             scope.spawn(move || {
-                for (motor, limit_a) in some {
-                    let (drive, folder) = (Drive::start(&["--motor", motor]), tempfile::tempdir().unwrap());
+                for (k, (motor, limit_a)) in some.iter().enumerate() {
+                    // Every other one's Halls see the windings.
+                    let coil = ["0", "0.05"][k % 2];
+                    let drive = Drive::start(&["--motor", motor, "--coil-field", coil]);
+                    let folder = tempfile::tempdir().unwrap();
                     let (code, said) = commission(&drive, &folder, &["--max-current", limit_a]);
                     println!("{motor}: {said}");
                     assert_eq!(code, Some(0), "{motor}: {said}");
                     for step in ["1 of 6: R and L", "2 of 6", "3 of 6", "4 of 6", "5 of 6", "6 of 6: saved"] {
                         assert!(said.contains(step), "{motor}: {step}: {said}");
                     }
+                    assert!(!said.contains("stay as computed"), "{motor}: {said}");
+                    let set: Value =
+                        serde_json::from_str(&drive.ok(&["--json", "settings", "get", "hall_coil_deg_a"])).unwrap();
+                    assert_eq!(set["value"].as_f64().unwrap() > 0.0, coil != "0", "{motor}: {set}");
                     assert!(!is_left(&folder), "{motor}");
                     assert!(drive.ok(&["status"]).contains("ready: bridge off, calibrated"), "{motor}");
                     let share = speed_at_a_tenth(&drive);

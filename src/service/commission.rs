@@ -201,6 +201,9 @@ impl Commission {
         control.max_speed_rad_s = control.max_speed_rad_s.min(reached).min(allowed).max(0.2);
         let most = 0.35 * max_current_a * constant / inertia_kgm2;
         control.max_acceleration_rad_s2 = most.min(10.0 * control.max_speed_rad_s).clamp(1.0, 1e6);
+        // A supply that takes little back makes braking slower.
+        let stop_s = 2.0 * control.max_speed_rad_s / control.max_acceleration_rad_s2;
+        control.guard.stop_s = control.guard.stop_s.max(stop_s).min(60.0);
         // The tracker's speed is noisy by about this, and the speed loop makes a current of it.
         let tracker = TAU * tracking_bandwidth_hz;
         let noise_rad_s = self.noise * tracker * crate::float::root(tracker / pwm_hz / 2.8) / pairs;

@@ -5,7 +5,7 @@ mod journal;
 mod measure;
 mod words;
 
-use super::{procedures, settings, tune};
+use super::{coil, procedures, settings, tune};
 use crate::client::Client;
 use crate::error::{Error, Result};
 use crate::out::Out;
@@ -62,7 +62,7 @@ pub(super) fn run(client: &mut Client, options: &Options, out: Out) -> Result<()
         write(client, commission.settings())?;
         words::announce(commission.action(), commission.settings(), out)?;
         let done = match commission.action() {
-            Action::Done => tune(client, out).map(|()| None),
+            Action::Done => refine(client, out).map(|()| None),
             action => find_out(client, action, &commission).map(Some),
         };
         let found = match done {
@@ -152,8 +152,11 @@ fn find_out(client: &mut Client, action: Action, commission: &Commission) -> Res
     })
 }
 
-/// Tries bandwidths of the speed control. What comes to nothing leaves those that were computed.
-fn tune(client: &mut Client, out: Out) -> Result<()> {
+/// Measures the field of the windings, and tries bandwidths of the speed control. What comes to nothing leaves what was
+/// set, and what was computed.
+fn refine(client: &mut Client, out: Out) -> Result<()> {
+    let measured = coil::measure(client, out);
+    unless_hot(client, measured, "The field of the windings is not known", out)?;
     let tuned = tune::tune(client, &tune::KEEP, out);
     unless_hot(client, tuned, "The bandwidths stay as computed", out)
 }

@@ -5,7 +5,7 @@ use crate::error::Result;
 use crate::out::Out;
 use crate::say;
 use hallservo::service::commission::Action;
-use hallservo::settings::{Control, Settings};
+use hallservo::settings::{Control, GuardSettings, Settings};
 use serde_json::json;
 
 /// Phases whose resistances differ by more than this share are worth a look.
@@ -27,7 +27,11 @@ pub(super) fn announce(action: Action, settings: &Settings, out: Out) -> Result<
         }
         Action::Identify => say!(out, "\n4 of 6: the motor. It turns to and fro for some seconds, faster than before."),
         Action::Done => {
-            say!(out, "\n5 of 6: the speed control. The motor steps between two speeds and two positions, some times.")
+            say!(
+                out,
+                "\n5 of 6: the windings' field, by short torques; the speed control. The motor steps between two speeds and \
+                 two positions, some times."
+            )
         }
     }
 }
@@ -121,6 +125,7 @@ pub(super) fn summary(settings: &Settings, told_pole_pairs: bool, out: Out) -> R
         max_acceleration_rad_s2,
         current_bandwidth_hz,
         speed_bandwidth_hz,
+        guard: GuardSettings { stop_s, .. },
         ..
     }) = settings.control
     else {
@@ -131,6 +136,7 @@ pub(super) fn summary(settings: &Settings, told_pole_pairs: bool, out: Out) -> R
     say!(out, "  resistance   {:>10} Ω      inductance {mh:>10} mH", digits(resistance_ohm))?;
     say!(out, "  flux linkage {mwb:>10} mWb    inertia    {g_cm2:>10} g·cm²")?;
     say!(out, "  speed up to  {max_speed_rad_s:10.0} rad/s  reached with {max_acceleration_rad_s2:.0} rad/s²")?;
+    say!(out, "  a stop after a time-out may take {stop_s:.1} s (stop_s)")?;
     say!(out, "  current control {current_bandwidth_hz:.0} Hz, speed control {speed_bandwidth_hz:.1} Hz")?;
     if !told_pole_pairs {
         say!(
@@ -150,6 +156,7 @@ pub(super) fn summary(settings: &Settings, told_pole_pairs: bool, out: Out) -> R
         "max_current_a": max_current_a,
         "max_speed_rad_s": max_speed_rad_s,
         "max_acceleration_rad_s2": max_acceleration_rad_s2,
+        "stop_s": stop_s,
         "current_bandwidth_hz": current_bandwidth_hz,
         "speed_bandwidth_hz": speed_bandwidth_hz,
     }))

@@ -3,8 +3,8 @@
 //!
 //! The current in the frame of the rotor, averaged over a few measurements, says what each phase is due at the present
 //! angle. An open phase, or a transistor that does not conduct, is one which is due a current in one direction
-//! [`TIMES`] in a row and carries none, while that mean is about what the drive asks for. A rotor that stands tells nothing: there the mean is what flows. Nor do
-//! measurements that see the rotor at the same angle again and again.
+//! [`TIMES`] in a row and carries none, while that mean is about what the drive asks for. A rotor that stands tells
+//! nothing: there the mean is what flows. Nor do measurements that see the rotor at the same angle again and again.
 
 use crate::angle::ElectricalAngle;
 use crate::commutation::frames::Dq;

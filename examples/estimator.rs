@@ -8,6 +8,7 @@
 //! simulated bench, which knows where it is). From then on the three sensors alone give the electrical angle.
 
 use hallservo::angle::ElectricalAngle;
+use hallservo::hall::Halls;
 use hallservo::hall::calibrate::{Collector, Sweep};
 use hallservo::hall::estimate::Estimator;
 use plant::{Bench, BenchParameters, PlantParameters};
@@ -41,7 +42,7 @@ pub(crate) fn main() -> Result<(), Box<dyn Error>> {
     }
 
     // 2. Fit offset, amplitude, placement and harmonics of each sensor; make the integer estimator of them.
-    let calibration = collector.finish(false)?;
+    let calibration = collector.finish(Halls::Three, false)?;
     for (k, sensor) in calibration.report.sensors.iter().enumerate() {
         let placement_deg = sensor.placement_error.to_degrees();
         println!("Hall {}: swing {:.0} codes, {placement_deg:+.1}° misplaced", k + 1, sensor.swing);

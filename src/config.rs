@@ -4,7 +4,7 @@ use crate::angle::{ElectricalAngle, PolePairs, Position, TURN};
 use crate::commutation::sinusoidal::PhaseOrder;
 use crate::commutation::{self, Commutation, Modulation};
 use crate::control;
-use crate::hall::track;
+use crate::hall::{Halls, track};
 use crate::pwm;
 use crate::schedule::{OUTER, RECORDS};
 use crate::settings::{Control, Error, Settings};
@@ -34,6 +34,7 @@ pub struct Config {
     pub(crate) advance: ElectricalAngle,
     pub(crate) tolerated: u16,
     pub(crate) run_on_two_halls: bool,
+    pub(crate) halls: Halls,
     pub(crate) calibration_record_every: u32,
     pub(crate) open_loop: OpenLoop,
     /// Currents, torque, speed and position.
@@ -207,6 +208,7 @@ impl Settings {
             fastest: (self.fastest_hz() / pwm_hz * TURN) as i32,
             tolerated: self.tolerated_samples.into(),
             run_on_two_halls: self.run_on_two_halls,
+            halls: if self.halls == 2 { Halls::Two } else { Halls::Three },
             record_every: self.record_every(),
             calibration_record_every: self.every(self.calibration_record_hz),
             open_loop: self.open_loop(dead_time),

@@ -29,10 +29,11 @@ use crate::control::config::COPPER_PER_K;
 use crate::control::{Impedance, cogging};
 use crate::drive::standstill::Window;
 use crate::drive::{Command, Reply, Tasks};
-use crate::hall::Channel;
+use crate::fault::Fault;
 use crate::hall::calibrate::{self, Calibration, Collector, Sweep};
 use crate::hall::estimate::{BadModel, Estimator};
 use crate::hall::model::Model;
+use crate::hall::{Channel, Halls};
 use crate::mode::Mode;
 use crate::scope::Recording;
 use crate::telemetry::{Measurement, Progress, Record};
@@ -186,6 +187,14 @@ impl Service {
         self.enqueue(command, origin).map_err(|_| QueueFull)
     }
 
+    /// Makes a running drive fail.
+    ///
+    /// # Errors
+    /// The command, when the queue is full.
+    pub fn trip(&mut self, fault: Fault) -> Result<(), Command> {
+        self.send_internal(Command::Trip(fault))
+    }
+
     /// Sends a command whose answer is not reported.
     pub(crate) fn send_internal(&mut self, command: Command) -> Result<(), Command> {
         self.enqueue(command, Origin::Supervision)
@@ -294,8 +303,13 @@ impl Service {
         self.send_estimator(|spare| spare.rebuild_without(lost, &model, adc_bits))
     }
 
+    /// As the settings have the direction and the number of the sensors.
     fn directed(&self, model: &Model) -> Model {
-        Model { reversed: self.config.is_reversed(), ..*model }
+        let directed = Model { reversed: self.config.is_reversed(), ..*model };
+        match self.config.halls {
+            Halls::Two => directed.of_two(),
+            Halls::Three => directed,
+        }
     }
 
     fn send_estimator(
@@ -323,7 +337,7 @@ impl Service {
             && let Some(fault) = self.phases.look(&measurement, self.config.is_reversed())
         {
             // Found again, where the queue is full.
-            let _ = self.send_internal(Command::Trip(fault));
+            let _ = self.trip(fault);
             self.phases = Phases::default();
         }
         #[cfg(not(feature = "small"))]
@@ -478,14 +492,14 @@ impl Service {
     fn finish(&mut self) -> Event {
         let lost = self.config.calibration_records().saturating_sub(self.collected);
         let lost_pct = (100 * lost / self.config.calibration_records().max(1)) as u8;
-        let (bits, reversed) = (self.config.adc_bits, self.config.is_reversed());
+        let (bits, halls, reversed) = (self.config.adc_bits, self.config.halls, self.config.is_reversed());
         let none = self.collected == 0;
         (self.turns, self.collected) = (false, 0);
         let found = self.collector().map_or(Err(calibrate::Error::Busy), |collector| {
             if none {
                 collector.clear(bits);
             }
-            collector.finish(reversed)
+            collector.finish(halls, reversed)
         });
         let result = found.and_then(|calibration| match self.install(&calibration.model) {
             Ok(()) => Ok(calibration),

@@ -25,6 +25,7 @@ mod storage;
 mod supervision;
 mod supply;
 mod turns;
+mod two_halls;
 mod vector;
 mod vernier;
 mod vernier_calibrate;

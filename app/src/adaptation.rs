@@ -1,8 +1,11 @@
-//! The adaptation of the sensors' model from the records while the motor turns.
+//! The adaptation of the sensors' model from the records while the motor turns; of two sensors, whether they fit each
+//! other.
 
 use crate::storage::Sensors;
 use hallservo::hall::adapt::{self, Status};
 use hallservo::hall::model::Model;
+use hallservo::hall::pair::{Motion, Pair};
+use hallservo::mode::Mode;
 use hallservo::service::Service;
 use hallservo::service::adaptation::Adaptation;
 use hallservo::settings::Settings;
@@ -18,9 +21,12 @@ const DAMPING: f32 = 16.0;
 /// estimator's table stalls the tasks of a small chip for a tenth of a second.
 const RECORDS_PER_MODEL: u16 = 1000;
 
-/// The adaptation of a drive with a calibration, if it is wanted.
+/// What watches the sensors of a drive with a calibration.
 pub(crate) struct SensorAdaptation {
+    /// Of three sensors, if it is wanted.
     adaptation: Option<Adaptation>,
+    /// Of two.
+    pair: Pair,
     /// The fault that ended it.
     ended: Option<adapt::Fault>,
     /// Models that the drive has accepted.
@@ -32,7 +38,7 @@ pub(crate) struct SensorAdaptation {
 impl SensorAdaptation {
     /// Off.
     pub const fn new() -> Self {
-        Self { adaptation: None, ended: None, count: 0, wait: RECORDS_PER_MODEL }
+        Self { adaptation: None, pair: Pair::NEW, ended: None, count: 0, wait: RECORDS_PER_MODEL }
     }
 
     /// Starts anew from what is known of the sensors.
@@ -40,13 +46,25 @@ impl SensorAdaptation {
         self.ended = None;
         self.wait = RECORDS_PER_MODEL;
         self.adaptation = None;
-        if let Some(sensors) = sensors.filter(|_| settings.adaptation)
+        self.pair = Pair::NEW;
+        if let Some(sensors) = sensors.filter(|_| settings.adaptation && settings.halls == 3)
             && let Some(config) = config(settings, sensors.noise, every)
         {
             let Sensors { calibrated, model, .. } = sensors;
             // An error leaves it off.
             let _ = Adaptation::resume_in(&mut self.adaptation, &config, calibrated, model, every);
         }
+    }
+
+    /// Whether a record of a running drive says that its two sensors do not fit each other. True until the drive has
+    /// stopped.
+    pub fn contradicts(&mut self, record: &Record, sensors: &Sensors, motion: Option<Motion>) -> bool {
+        if record.status.mode() != Mode::Running {
+            self.pair = Pair::NEW;
+            return false;
+        }
+        self.pair.take(&sensors.model, &record.codes, record.rotor.angle())
+            | motion.is_some_and(|motion| self.pair.turns_against(motion))
     }
 
     /// Learns from a record; returns the fault that ends it.

@@ -29,6 +29,9 @@ use hallservo::config::Config;
 use hallservo::control::cogging::Table;
 use hallservo::drive::standstill::Window;
 use hallservo::drive::{Refusal, Reply};
+use hallservo::fault::Fault;
+use hallservo::hall::pair::Motion;
+use hallservo::hall::plausibility::Implausible;
 use hallservo::mode::Mode;
 use hallservo::service::identify;
 use hallservo::service::swings::Rough;
@@ -233,8 +236,27 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             self.measurement = None;
         }
         self.record = record;
+        if self.settings.halls == 2 {
+            self.watch_two_halls(&record, torque_nm);
+        }
         if let Some(cause) = self.adaptation.take(&record, torque_nm) {
             self.note(cause);
+        }
+    }
+
+    /// Of two Halls nothing in the control interrupt tells whether they fit each other.
+    #[inline(never)]
+    fn watch_two_halls(&mut self, record: &DriveRecord, torque_nm: f32) {
+        let config = self.service.config();
+        let motion = config
+            .control
+            .as_ref()
+            .map(|control| Motion::of(control, torque_nm, record.rotor.speed(), config.record_every()));
+        if let Some(sensors) = &self.sensors
+            && self.adaptation.contradicts(record, sensors, motion)
+        {
+            // Told again with the next record, where the queue is full.
+            let _ = self.service.trip(Fault::Hall(Implausible::Inconsistent));
         }
     }
 

@@ -30,3 +30,4 @@ mod scripts;
 mod stopping;
 mod tasks;
 mod tool;
+mod two_halls;

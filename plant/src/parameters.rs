@@ -146,6 +146,20 @@ impl PlantParameters {
         }
     }
 
+    /// The same with two Halls, the second so many electrical degrees from the first besides the error of its
+    /// placement. The third input is open: it floats, and a little of the motor's current couples into it.
+    #[must_use]
+    pub fn with_two_halls(mut self, apart_deg: f64) -> Self {
+        let [first, second, third] = &mut self.halls;
+        second.placement_rad += apart_deg.to_radians() - HallLayout::Deg120.placement_rad(1);
+        *third = HallParameters {
+            coupling_v_a: [2e-3, -1e-3, 0.0],
+            saturation: first.saturation,
+            ..HallParameters::ideal(0.8 * self.adc.reference_v, 0.0, 0.0)
+        };
+        self
+    }
+
     /// The same with uneven magnets, drawn from a seed.
     #[must_use]
     pub fn with_unevenness(mut self, largest: &Unevenness, seed: u64) -> Self {

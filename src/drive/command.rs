@@ -165,7 +165,7 @@ impl Drive {
 
     /// Whether an estimator was made for the settings of now.
     const fn fits(&self, estimator: &Estimator) -> bool {
-        estimator.is_for(self.config.adc_bits, self.config.is_reversed())
+        estimator.is_for(self.config.adc_bits, self.config.is_reversed(), self.config.halls)
     }
 
     /// Gives the estimator back: it is not to be used again, even where no other one comes.

@@ -5,7 +5,7 @@ use crate::angle::ElectricalAngle;
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
 use crate::hall::plausibility::Implausible;
-use crate::hall::{Channel, Codes};
+use crate::hall::{Channel, Codes, Halls};
 use crate::mode::Mode;
 
 /// Farthest that two Halls' angle may be from the tracked one to be believed, in bits: 45°.
@@ -111,10 +111,11 @@ impl Drive {
     /// others are learnt, or have another direction.
     pub(super) fn update_hall_loss(&mut self, calibrated: bool) {
         let knows = self.estimator().is_some_and(|estimator| estimator.lost().is_some());
-        if knows {
+        let meant = self.config.halls == Halls::Two;
+        if knows && !meant {
             self.hall_loss.lost = None;
             self.limits = self.limits.with(Limits::TWO_HALLS);
-        } else if calibrated {
+        } else if calibrated || meant {
             self.hall_loss.lost = None;
             self.limits = self.limits.without(Limits::TWO_HALLS);
         }

@@ -16,7 +16,7 @@ pub mod report;
 use crate::angle::ElectricalAngle;
 use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
-use crate::hall::{Channel, Codes};
+use crate::hall::{Channel, Codes, Halls};
 use core::fmt;
 pub use fit::BINS;
 use fit::NoFit;
@@ -46,7 +46,7 @@ pub enum Error {
     Incomplete(Sweep),
     /// A sensor sees no magnet turning.
     NoSignal(Channel),
-    /// No sensors' parameters explain the signals, though all three have a signal.
+    /// No sensors' parameters explain the signals, though all have a signal.
     NoFit,
     /// The parameters found cannot give an angle.
     Model(BadModel),
@@ -71,7 +71,11 @@ impl fmt::Display for Error {
                 write!(f, "too few samples while turning backward")
             }
             Self::NoSignal(channel) => {
-                write!(f, "{channel} sees no magnet turning: check its supply and wire, and that the rotor is free")
+                write!(f, "{channel} sees no magnet turning: check its supply and wire, and that the rotor is free")?;
+                if *channel == Channel::THIRD {
+                    write!(f, "; where there are only two Halls, set `halls` to 2")?;
+                }
+                Ok(())
             }
             Self::NotTurning => write!(
                 f,
@@ -192,13 +196,14 @@ impl<M: Memory> Collector<M> {
         self.noise.push(codes, sequence);
     }
 
-    /// Fits the model. `reversed` makes the electrical angle count against the stator's phases A, B, C.
+    /// Fits the model of so many sensors. `reversed` makes the electrical angle count against the stator's phases A, B,
+    /// C.
     ///
     /// # Errors
     /// [`Error`], whose `Display` says what is wrong and what to look at.
     // A stack frame of its own, given back before an estimator is made.
     #[inline(never)]
-    pub fn finish(&self, reversed: bool) -> Result<Calibration, Error> {
+    pub fn finish(&self, halls: Halls, reversed: bool) -> Result<Calibration, Error> {
         let both = self.bins.bins();
         for (sweep, bins) in [Sweep::Forward, Sweep::Backward].into_iter().zip(both) {
             if bins.iter().any(|[.., count]| *count < FEWEST) {
@@ -206,7 +211,7 @@ impl<M: Memory> Collector<M> {
             }
         }
         let mut angles = [[ElectricalAngle::ZERO; BINS]; 2];
-        let fit = fit::fit(both, &mut angles)?;
+        let fit = fit::fit(both, halls, &mut angles)?;
         let (forward, backward) = (offset(&both[0], &angles[0]), offset(&both[1], &angles[1]));
         let swings = [swing(&both[0], &angles[0], forward), swing(&both[1], &angles[1], backward)];
         let hunting =

@@ -20,7 +20,7 @@ mod inverse;
 use crate::angle::ElectricalAngle;
 use crate::hall::model::Model;
 use crate::hall::plausibility::{Implausible, Window};
-use crate::hall::{Channel, Codes};
+use crate::hall::{Channel, Codes, Halls};
 use crate::trig::{self, Direction, QuadrantTable, Segment};
 use core::fmt;
 use core::sync::atomic::{Ordering, compiler_fence};
@@ -35,7 +35,7 @@ const STRONGEST: f32 = 2.2;
 /// Largest noise of the estimate over the bound for perfectly placed sensors that a placement may cost.
 pub const WORST_NOISE_GAIN: f32 = 1.5;
 
-/// The same for two sensors; 120° or 60° apart they have √2.
+/// The same for two sensors; 90° apart they have 1.22, 120° or 60° apart √2.
 pub const WORST_NOISE_GAIN_OF_TWO: f32 = 2.5;
 
 /// Why sensors cannot give an angle.
@@ -152,14 +152,12 @@ impl Estimator {
 
     /// As [`Self::new`], in place, which spares a small stack several KiB. Unchanged after an error.
     pub(crate) fn rebuild(&mut self, model: &Model, adc_bits: u8) -> Result<(), BadModel> {
-        let (windows, inverse) = check(model, adc_bits)?;
-        self.fill(model, adc_bits, windows, &inverse, None);
-        Ok(())
+        self.remake(model, adc_bits, model.absent())
     }
 
     /// The estimator for the two sensors that remain when one is lost; error below 5e-4 rad for a perfect model. The
     /// angle is up to [`WORST_NOISE_GAIN_OF_TWO`] times as noisy, a common offset is not rejected, and the loss of
-    /// another sensor shows only in the strength of the signals: enough to run on until stopped.
+    /// another sensor shows only in the strength of the signals, which [`pair`](crate::hall::pair) looks at.
     ///
     /// # Errors
     /// [`BadModel`], when a parameter is impossible, or the two are so close to the same or opposite phase that the
@@ -172,16 +170,12 @@ impl Estimator {
 
     /// As [`Self::without`], in place. Unchanged after an error.
     pub(crate) fn rebuild_without(&mut self, lost: Channel, model: &Model, adc_bits: u8) -> Result<(), BadModel> {
-        let mut windows = windows(model, adc_bits)?;
-        let inverse = Inverse::without(lost, model);
-        let noise_gain = inverse.noise_gain();
-        if noise_gain > WORST_NOISE_GAIN_OF_TWO {
-            return Err(BadModel::Placement { noise_gain });
-        }
-        if let Some(window) = windows.get_mut(usize::from(lost.0)) {
-            *window = Window::all(adc_bits);
-        }
-        self.fill(model, adc_bits, windows, &inverse, Some(lost));
+        self.remake(model, adc_bits, Some(lost))
+    }
+
+    fn remake(&mut self, model: &Model, adc_bits: u8, lost: Option<Channel>) -> Result<(), BadModel> {
+        let (windows, inverse) = check(model, adc_bits, lost)?;
+        self.fill(model, adc_bits, windows, &inverse, lost);
         Ok(())
     }
 
@@ -296,8 +290,9 @@ impl Estimator {
         self.alignment
     }
 
-    pub(crate) const fn is_for(&self, adc_bits: u8, reversed: bool) -> bool {
-        self.adc_bits == adc_bits && self.reversed == reversed
+    pub(crate) const fn is_for(&self, adc_bits: u8, reversed: bool, halls: Halls) -> bool {
+        let halls = matches!((halls, self.lost), (Halls::Three, _) | (Halls::Two, Some(Channel::THIRD)));
+        self.adc_bits == adc_bits && self.reversed == reversed && halls
     }
 
     /// Strength of two sensors as calibrated.
@@ -323,29 +318,37 @@ impl Estimator {
     }
 }
 
-/// Whether an estimator can be made of the model, without the work of making it.
+/// Whether an estimator can be made of the model, of three sensors or two, without the work of making it.
 ///
 /// # Errors
 /// Those of [`Estimator::new`].
 pub fn validate(model: &Model, adc_bits: u8) -> Result<(), BadModel> {
-    check(model, adc_bits).map(|_| ())
+    check(model, adc_bits, model.absent()).map(|_| ())
 }
 
-fn check(model: &Model, adc_bits: u8) -> Result<([Window; 3], Inverse), BadModel> {
-    let windows = windows(model, adc_bits)?;
-    let inverse = Inverse::new(model);
+/// The same for a model that must have all three sensors.
+pub(crate) fn validate_three(model: &Model, adc_bits: u8) -> Result<(), BadModel> {
+    check(model, adc_bits, None).map(|_| ())
+}
+
+fn check(model: &Model, adc_bits: u8, lost: Option<Channel>) -> Result<([Window; 3], Inverse), BadModel> {
+    let windows = windows(model, adc_bits, lost)?;
+    let (inverse, worst) = match lost {
+        None => (Inverse::new(model), WORST_NOISE_GAIN),
+        Some(lost) => (Inverse::without(lost, model), WORST_NOISE_GAIN_OF_TWO),
+    };
     let noise_gain = inverse.noise_gain();
-    if noise_gain > WORST_NOISE_GAIN {
-        return Err(BadModel::Placement { noise_gain });
-    }
-    Ok((windows, inverse))
+    if noise_gain > worst { Err(BadModel::Placement { noise_gain }) } else { Ok((windows, inverse)) }
 }
 
-fn windows(model: &Model, adc_bits: u8) -> Result<[Window; 3], BadModel> {
+fn windows(model: &Model, adc_bits: u8, lost: Option<Channel>) -> Result<[Window; 3], BadModel> {
     if !(1..=16).contains(&adc_bits) {
         return Err(BadModel::AdcBits(adc_bits));
     }
     let window = |channel: usize| {
+        if lost == Some(Channel(channel as u8)) {
+            return Ok(Window::all(adc_bits));
+        }
         let sensor = &model.sensors[channel];
         let rail = ((1_u32 << adc_bits) - 1) as f32;
         let possible = sensor.amplitude >= 4.0

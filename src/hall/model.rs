@@ -11,7 +11,7 @@
 //! `±(θ_Hall − φ)`. From the Halls alone φ cannot be known (errata to eq. (10)): it comes from the alignment.
 
 use crate::angle::ElectricalAngle;
-use crate::hall::Codes;
+use crate::hall::{Channel, Codes, Halls};
 use crate::trig;
 
 /// One sensor: minimum α and maximum β of the paper are `offset ∓ amplitude`.
@@ -31,6 +31,9 @@ pub struct Sensor {
 }
 
 impl Sensor {
+    /// In the place of a sensor that is not there: no sensor has no amplitude.
+    pub const ABSENT: Self = Self::sinusoidal(0.0, 0.0, ElectricalAngle::ZERO);
+
     /// A sensor without harmonics.
     pub const fn sinusoidal(offset: f32, amplitude: f32, placement: ElectricalAngle) -> Self {
         Self { offset, amplitude, placement, third: 0.0, fifth: 0.0 }
@@ -65,7 +68,7 @@ fn odd(angle: ElectricalAngle, function: fn(ElectricalAngle) -> fixed::types::I2
     [function(angle), function(multiple(3)), function(multiple(5))].map(trig::float)
 }
 
-/// Three sensors and the alignment to the stator.
+/// Three sensors, or [two](Self::of_two), and the alignment to the stator.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Model {
@@ -87,6 +90,23 @@ impl Model {
             alignment: ElectricalAngle::ZERO,
             reversed: false,
         }
+    }
+
+    /// The same without the third sensor.
+    #[must_use]
+    pub const fn of_two(&self) -> Self {
+        let [first, second, _] = self.sensors;
+        Self { sensors: [first, second, Sensor::ABSENT], ..*self }
+    }
+
+    /// How many sensors there are.
+    pub fn halls(&self) -> Halls {
+        if self.sensors[2].amplitude == 0.0 { Halls::Two } else { Halls::Three }
+    }
+
+    /// The sensor that is not there, if one is not.
+    pub fn absent(&self) -> Option<Channel> {
+        (self.halls() == Halls::Two).then_some(Channel::THIRD)
     }
 
     /// The same sensors with the zero of the electrical angle moved on: every angle is less by this.

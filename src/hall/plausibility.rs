@@ -28,7 +28,7 @@ impl fmt::Display for Implausible {
         match self {
             Self::AtRail(channel) => write!(f, "{channel} is at the end of the ADC's range"),
             Self::OutOfRange(channel) => write!(f, "{channel} is outside its calibrated range"),
-            Self::Inconsistent => write!(f, "the three Halls contradict each other"),
+            Self::Inconsistent => write!(f, "the Halls contradict each other"),
             Self::Weak => write!(f, "the Halls see no magnet"),
             Self::Strong => write!(f, "the Halls see a stronger magnet than calibrated"),
         }

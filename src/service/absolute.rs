@@ -2,7 +2,6 @@
 
 use super::Service;
 use crate::board::encoder::AbsoluteEncoder;
-use crate::drive::Command;
 use crate::drive::absolute::{AbsoluteTasks, SampleOf};
 use crate::fault::Fault;
 use crate::vernier::turns::Disagreement;
@@ -17,15 +16,5 @@ impl<E: AbsoluteEncoder + 'static> AbsoluteTasks<E> {
             let _ = service.trip(Fault::Turns);
         }
         Some((sample, agreement))
-    }
-}
-
-impl Service {
-    /// Makes a running drive fail.
-    ///
-    /// # Errors
-    /// The command, when the queue is full.
-    pub fn trip(&mut self, fault: Fault) -> Result<(), Command> {
-        self.send_internal(Command::Trip(fault))
     }
 }

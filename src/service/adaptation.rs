@@ -72,7 +72,7 @@ impl Adaptation {
         every: u32,
     ) -> Result<(), BadModel> {
         *place = None;
-        estimate::validate(calibrated, config.adc_bits)?;
+        estimate::validate_three(calibrated, config.adc_bits)?;
         let result = place.insert(Self::of(Adapter::at(config, calibrated), model, every)).adapter.go_on_from(model);
         if result.is_err() {
             *place = None;

@@ -186,6 +186,8 @@ settings! {
         max_electrical_hz: f32 = 2000.0, 1.0 => s.pwm_hz / 20.0, "Hz", Real, FREE, "A faster rotor is a fault";
         tolerated_samples: u8 = 8, 0.0 => 100.0, "", Whole, FREE,
             "Successive samples without an angle that are bridged; one more is a fault";
+        /// Of two, the third input is not looked at; a change of it is followed by a calibration.
+        halls: u8 = 3, 2.0 => 3.0, "", Whole, FREE, "Hall sensors: 3, or 2 that are 90° or 120° apart, electrical";
         /// With a limit reported; otherwise the loss is a fault.
         run_on_two_halls: bool = false, 0.0 => 1.0, "", Switch, FREE,
             "A running drive that loses a Hall runs on until it is stopped";

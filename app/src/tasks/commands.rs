@@ -144,12 +144,14 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             // The drive has given up the model that counts the other way.
             if let Some(sensors) = &mut self.sensors {
                 sensors.direct(settings.reversed);
-                self.install_due = true;
             }
             if let Some(table) = &mut self.table {
                 *table = table.reversed();
                 self.table_due = true;
             }
+        }
+        if (settings.reversed, settings.halls) != (self.settings.reversed, self.settings.halls) {
+            self.install_due = self.sensors.is_some();
             // Before the next request, which may be to arm. A faulted drive gets it when the fault is cleared.
             self.install();
         }

@@ -63,6 +63,9 @@ pub struct Options {
     /// Uneven magnets: 1 is as bad as cheap ones are, 0.5 half of it
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     pub uneven: f64,
+    /// Two Halls instead of three, so many electrical degrees apart; the drive is told by `settings set halls 2`
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true)]
+    pub two_halls: Option<f64>,
     /// Field of the windings at the largest current, as a share of the magnets'
     #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
     pub coil_field: f64,
@@ -121,6 +124,10 @@ pub fn main(options: &Options, out: Out) -> Result<()> {
     let (settings, plant) = match motor {
         None => (defaults(), PlantParameters::imperfect(options.seed)),
         Some(motor) => (of_motor(motor), motor.plant(options.seed)),
+    };
+    let plant = match options.two_halls {
+        Some(apart_deg) => plant.with_two_halls(apart_deg),
+        None => plant,
     };
     let mut plant = options.load.on(uneven(plant, options.uneven, options.seed));
     if options.coil_field != 0.0 {

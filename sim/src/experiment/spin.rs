@@ -189,7 +189,7 @@ pub fn bound_deg(plant: &PlantParameters) -> f64 {
             let slope = x.cos() + 3.0 * hall.third * (3.0 * x).cos() + 5.0 * hall.fifth * (5.0 * x).cos();
             (slope / hall.noise).powi(2)
         };
-        1.0 / plant.halls.iter().map(information).sum::<f64>()
+        1.0 / plant.halls.iter().filter(|hall| hall.amplitude_v > 0.0).map(information).sum::<f64>()
     };
     let mean = (0..3600).map(|k| variance(TAU * f64::from(k) / 3600.0)).sum::<f64>() / 3600.0;
     mean.sqrt().to_degrees()

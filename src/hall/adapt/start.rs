@@ -28,7 +28,7 @@ impl Adapter {
     /// # Errors
     /// As [`Self::new`], of either.
     pub fn resume(config: &Config, calibrated: &Model, learnt: &Model) -> Result<Self, BadModel> {
-        estimate::validate(calibrated, config.adc_bits)?;
+        estimate::validate_three(calibrated, config.adc_bits)?;
         let mut adapter = Self::at(config, calibrated);
         adapter.go_on_from(learnt)?;
         Ok(adapter)

@@ -4,11 +4,16 @@
 //! eliminated: it is set where the residual has no part along the tangent `tᵢ = ∂waveᵢ/∂θ`, and what a parameter does
 //! along the tangent is projected out (variable projection), so the normal equations stay 14 × 14 however many bins
 //! there are.
+//!
+//! Of two sensors the third has neither residual nor tangent, and its parameters stay as they are. Two that are 90°
+//! apart cannot tell a difference of their third harmonics from a rotor that turns unevenly twice in an electrical
+//! turn, nor a fifth harmonic from one that does so four times. So, as far as the signals do not say otherwise, both
+//! sensors have the same third harmonic and no fifth.
 
 use super::{Bin, Bins};
 use crate::angle::ElectricalAngle;
-use crate::hall::Channel;
 use crate::hall::model::Sensor;
+use crate::hall::{Channel, Halls};
 use crate::math;
 use crate::trig::sin_cos_f32;
 use core::f32::consts::PI;
@@ -50,6 +55,8 @@ const PARAMETERS: usize = 14;
 const ITERATIONS: usize = 12;
 /// Smallest amplitude in ADC codes that is a signal.
 const NO_SIGNAL: f32 = 4.0;
+/// Weight of what is expected of two sensors' harmonics, over the mean of the equations' diagonal.
+const EXPECTED: f32 = 0.02;
 
 /// Fits the sensors to the points of a forward and a backward sweep, and tells the rotor's Hall angle at each.
 ///
@@ -57,11 +64,12 @@ const NO_SIGNAL: f32 = 4.0;
 /// [`NoFit`], by a sensor without a signal or an iteration that does not settle.
 // A stack frame of its own, given back before the report.
 #[inline(never)]
-pub(super) fn fit(bins: &Bins, angles: &mut [[ElectricalAngle; BINS]; 2]) -> Result<Fit, NoFit> {
-    let start = start(bins)?;
+pub(super) fn fit(bins: &Bins, halls: Halls, angles: &mut [[ElectricalAngle; BINS]; 2]) -> Result<Fit, NoFit> {
+    let start = start(bins, halls)?;
     // The Hall angle is zero where the first sensor's fundamental rises through its offset.
     let zero = start[0].placement;
     let mut sensors = start.map(|sensor| Sensor { placement: sensor.placement - zero, ..sensor });
+    sensors[halls.count()..].fill(Sensor::ABSENT);
     for (angle, point) in angles.as_flattened_mut().iter_mut().zip(points(bins)) {
         *angle = point.field - zero;
     }
@@ -71,6 +79,9 @@ pub(super) fn fit(bins: &Bins, angles: &mut [[ElectricalAngle; BINS]; 2]) -> Res
             *angle = nearest(&sensors, &point.codes, *angle);
             equations.add(&sensors, &point.codes, *angle);
         }
+        if halls == Halls::Two {
+            equations.expect_alike(&sensors);
+        }
         equations.solve().ok_or(NoFit::Diverged)?;
         apply(&mut sensors, &equations.vector);
     }
@@ -79,7 +90,7 @@ pub(super) fn fit(bins: &Bins, angles: &mut [[ElectricalAngle; BINS]; 2]) -> Res
         *angle = nearest(&sensors, &point.codes, *angle);
         square += residuals(&sensors, &point.codes, *angle).iter().map(|e| e * e).sum::<f32>();
     }
-    let residual = crate::float::root(square / (6 * BINS) as f32);
+    let residual = crate::float::root(square / (2 * halls.count() * BINS) as f32);
     if !residual.is_finite() {
         return Err(NoFit::Diverged);
     }
@@ -106,10 +117,10 @@ fn point(k: u32, &[a, b, c, count]: &Bin) -> Point {
 }
 
 /// First harmonic over the field's angle, of the first sweep.
-fn start(bins: &Bins) -> Result<[Sensor; 3], NoFit> {
-    let mut sensors = [Sensor::sinusoidal(0.0, 0.0, ElectricalAngle::ZERO); 3];
+fn start(bins: &Bins, halls: Halls) -> Result<[Sensor; 3], NoFit> {
+    let mut sensors = [Sensor::ABSENT; 3];
     let (mut weak, mut why) = (0, NoFit::NotTurning);
-    for (channel, sensor) in sensors.iter_mut().enumerate() {
+    for (channel, sensor) in sensors.iter_mut().enumerate().take(halls.count()) {
         let (mut mean, mut sine, mut cosine) = (0.0, 0.0, 0.0);
         for point in sweep(&bins[0]) {
             let (code, (sin, cos)) = (point.codes[channel], sin_cos_f32(point.field));
@@ -127,13 +138,22 @@ fn start(bins: &Bins) -> Result<[Sensor; 3], NoFit> {
     }
     match weak {
         0 => Ok(sensors),
-        3 => Err(NoFit::NotTurning),
+        _ if weak == halls.count() => Err(NoFit::NotTurning),
         _ => Err(why),
     }
 }
 
+/// Of each sensor, and 0 of one that is not there.
+fn of_present(sensors: &[Sensor; 3], value: impl Fn(usize, &Sensor) -> f32) -> [f32; 3] {
+    core::array::from_fn(|k| if sensors[k].amplitude > 0.0 { value(k, &sensors[k]) } else { 0.0 })
+}
+
 fn residuals(sensors: &[Sensor; 3], codes: &[f32; 3], angle: ElectricalAngle) -> [f32; 3] {
-    core::array::from_fn(|k| (codes[k] - sensors[k].offset) / sensors[k].amplitude - sensors[k].wave(angle))
+    of_present(sensors, |k, sensor| (codes[k] - sensor.offset) / sensor.amplitude - sensor.wave(angle))
+}
+
+fn slopes(sensors: &[Sensor; 3], angle: ElectricalAngle) -> [f32; 3] {
+    of_present(sensors, |_, sensor| sensor.slope(angle))
 }
 
 /// The angle nearest to three codes, by Newton's method from a good guess.
@@ -141,7 +161,7 @@ fn nearest(sensors: &[Sensor; 3], codes: &[f32; 3], guess: ElectricalAngle) -> E
     let mut angle = guess;
     for _ in 0..3 {
         let e = residuals(sensors, codes, angle);
-        let t = sensors.map(|sensor| sensor.slope(angle));
+        let t = slopes(sensors, angle);
         let (along, length) = (dot(&t, &e), dot(&t, &t));
         // A step of more than half a radian leaves the quadratic neighbourhood.
         angle += ElectricalAngle::from_radians((along / length).clamp(-0.5, 0.5));
@@ -173,7 +193,7 @@ fn sensor_of(parameter: usize) -> usize {
 impl Equations {
     fn add(&mut self, sensors: &[Sensor; 3], codes: &[f32; 3], angle: ElectricalAngle) {
         let e = residuals(sensors, codes, angle);
-        let t = sensors.map(|sensor| sensor.slope(angle));
+        let t = slopes(sensors, angle);
         let (along, length) = (dot(&t, &e), dot(&t, &t));
         let derivatives = derivatives(sensors, angle, &t);
         for (row, d) in derivatives.iter().enumerate() {
@@ -187,9 +207,29 @@ impl Equations {
         }
     }
 
+    /// The difference of two sensors' third harmonics and both fifth ones count as measured to be zero, with a weight
+    /// well below that of what the signals do say.
+    fn expect_alike(&mut self, [first, second, _]: &[Sensor; 3]) {
+        let weight = EXPECTED * self.mean();
+        let difference = first.third - second.third;
+        for (third, difference) in [(2, difference), (6, -difference)] {
+            self.matrix[third][third] += weight;
+            self.vector[third] -= weight * difference;
+        }
+        self.matrix[6][2] -= weight;
+        for (fifth, sensor) in [(3, first), (7, second)] {
+            self.matrix[fifth][fifth] += weight;
+            self.vector[fifth] -= weight * sensor.fifth;
+        }
+    }
+
+    fn mean(&self) -> f32 {
+        (0..PARAMETERS).map(|k| self.matrix[k][k]).sum::<f32>() / PARAMETERS as f32
+    }
+
     /// Leaves the solution in `vector`; `None` when the matrix is not positive definite.
     fn solve(&mut self) -> Option<()> {
-        let mean = (0..PARAMETERS).map(|k| self.matrix[k][k]).sum::<f32>() / PARAMETERS as f32;
+        let mean = self.mean();
         for k in 0..PARAMETERS {
             // Weight of the guess "no change" where the data say nothing, far below what they say elsewhere.
             self.matrix[k][k] += 1e-5 * mean;
@@ -202,7 +242,7 @@ impl Equations {
 /// placement.
 fn derivatives(sensors: &[Sensor; 3], angle: ElectricalAngle, t: &[f32; 3]) -> [f32; PARAMETERS] {
     let mut all = [0.0; PARAMETERS];
-    for (channel, sensor) in sensors.iter().enumerate() {
+    for (channel, sensor) in sensors.iter().enumerate().filter(|(_, sensor)| sensor.amplitude > 0.0) {
         let [_, third, fifth] = sensor.harmonics(angle);
         all[4 * channel..4 * channel + 4].copy_from_slice(&[1.0, sensor.wave(angle), third, fifth]);
     }

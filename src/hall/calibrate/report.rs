@@ -2,8 +2,9 @@
 
 use super::fit::Fit;
 use crate::angle::{ElectricalAngle, PolePairs};
-use crate::hall::Channel;
 use crate::hall::model::Model;
+use crate::hall::{Channel, Halls};
+use crate::trig;
 use core::fmt;
 
 /// Placement pattern nearest to what was found.
@@ -11,7 +12,7 @@ use core::fmt;
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Pattern {
-    /// Electrical degrees from sensor to sensor: 60 or 120.
+    /// Electrical degrees from sensor to sensor: 60 or 120, or 90 of two sensors.
     pub spacing: u8,
     /// Whether the second sensor follows the first in the direction from phase A to B; otherwise the Halls, or two
     /// motor wires, are in reverse order. Both work.
@@ -23,11 +24,12 @@ pub struct Pattern {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct SensorReport {
-    /// Peak to peak, 2 A, in ADC codes.
+    /// Peak to peak, 2 A, in ADC codes; 0 of one that is not there.
     pub swing: f32,
     /// Mean of the signal, in ADC codes.
     pub offset: f32,
-    /// Difference of ψ from the pattern's placement, electrical, the mean of the three taken off; refused beyond 20°.
+    /// Difference of ψ from the pattern's placement, electrical, the mean of all taken off. Refused beyond 20°, of two
+    /// sensors beyond 15°.
     pub placement_error: ElectricalAngle,
     /// Third harmonic in per cent of the amplitude.
     pub third_pct: f32,
@@ -47,7 +49,7 @@ pub(super) struct Raw {
     pub at_rail: u32,
 }
 
-/// All three.
+/// All of them.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -157,9 +159,13 @@ impl Report {
         lag: ElectricalAngle,
         hunting: ElectricalAngle,
     ) -> Self {
+        let halls = model.halls();
         let pattern = Pattern::nearest(model);
         let sensor = |channel: usize| {
             let sensor = &model.sensors[channel];
+            if channel >= halls.count() {
+                return SensorReport::ABSENT;
+            }
             SensorReport {
                 swing: 2.0 * sensor.amplitude,
                 offset: sensor.offset,
@@ -171,21 +177,30 @@ impl Report {
             }
         };
         let sensors = [sensor(0), sensor(1), sensor(2)];
-        let noise_power: f32 = sensors.iter().map(|s| s.noise_pct * s.noise_pct / 3e4).sum();
+        let noise_power = sensors.iter().map(|s| s.noise_pct * s.noise_pct).sum::<f32>() / (1e4 * halls.count() as f32);
         Self {
             sensors,
             pattern,
             residual_pct: 100.0 * fit.residual,
             lag,
             hunting_deg: hunting.to_degrees(),
-            angle_noise_deg: crate::float::root(noise_power * 2.0 / 3.0).to_degrees(),
+            angle_noise_deg: crate::float::root(noise_power * angle_power(model)).to_degrees(),
         }
+    }
+
+    /// Those that are there.
+    pub fn present(&self) -> &[SensorReport] {
+        let [others @ .., third] = &self.sensors;
+        if third.swing > 0.0 { &self.sensors } else { others }
+    }
+
+    fn weakest_swing(&self) -> f32 {
+        self.present().iter().fold(f32::MAX, |least, sensor| least.min(sensor.swing))
     }
 
     /// All findings, those of single sensors first.
     pub fn findings(&self) -> impl Iterator<Item = Finding> {
-        let swings = self.sensors.map(|sensor| sensor.swing);
-        let ratio = swings.iter().fold(0.0_f32, |a, &b| a.max(b)) / swings.iter().fold(f32::MAX, |a, &b| a.min(b));
+        let ratio = self.sensors.iter().fold(0.0_f32, |most, sensor| most.max(sensor.swing)) / self.weakest_swing();
         let lag = self.lag.to_degrees().abs();
         let common = [
             self.misplaced(),
@@ -197,25 +212,26 @@ impl Report {
         // One list: an iterator over parts of parts takes more flash.
         let mut all = [None; 14];
         let (single, rest) = all.split_at_mut(9);
-        for (k, place) in single.chunks_exact_mut(3).enumerate() {
-            place.copy_from_slice(&self.sensors[k].findings(Channel(k as u8)));
+        for ((k, sensor), place) in (0..).zip(self.present()).zip(single.chunks_exact_mut(3)) {
+            place.copy_from_slice(&sensor.findings(Channel(k)));
         }
         rest.copy_from_slice(&common);
         all.into_iter().flatten()
     }
 
-    /// The Hall that is farthest from its place, and by how much. The placement errors have mean zero, so that one has
-    /// to move by half as much again to be even with the other two.
+    /// The Hall that is farthest from its place, and by how much. The placement errors have mean zero, so that one of
+    /// three has to move by half as much again to be even with the other two, and one of two by twice as much.
     fn misplaced(&self) -> Option<Finding> {
         let errors = self.sensors.map(|sensor| sensor.placement_error.to_degrees().abs());
         let farthest = (0..3).reduce(|far, k| if errors[k] > errors[far] { k } else { far })?;
-        let degrees = 1.5 * errors[farthest];
+        let count = self.present().len() as f32;
+        let degrees = errors[farthest] * count / (count - 1.0);
         (degrees > 15.0).then_some(Finding::Misplaced(Channel(farthest as u8), degrees))
     }
 
     /// Counts in an electrical turn by Simpkins and Todorov, eq. (7): four times the swing, of the weakest sensor.
     pub fn counts_per_electrical_turn(&self) -> f32 {
-        4.0 * self.sensors.iter().fold(f32::MAX, |least, sensor| least.min(sensor.swing))
+        4.0 * self.weakest_swing()
     }
 
     /// Counts in a mechanical turn.
@@ -224,7 +240,29 @@ impl Report {
     }
 }
 
+/// Mean over the turn of the angle's noise power, over that of a sensor. Without harmonics three sensors 120° apart
+/// have 2/3, two at ψ from each other 1/sin² ψ.
+fn angle_power(model: &Model) -> f32 {
+    match model.halls() {
+        Halls::Three => 2.0 / 3.0,
+        Halls::Two => {
+            let (sine, _) = trig::sin_cos_f32(model.sensors[1].placement - model.sensors[0].placement);
+            1.0 / (sine * sine)
+        }
+    }
+}
+
 impl SensorReport {
+    const ABSENT: Self = Self {
+        swing: 0.0,
+        offset: 0.0,
+        placement_error: ElectricalAngle::ZERO,
+        third_pct: 0.0,
+        fifth_pct: 0.0,
+        noise_pct: 0.0,
+        at_rail: 0,
+    };
+
     fn findings(self, channel: Channel) -> [Option<Finding>; 3] {
         // A sine clipped at 80 % of its peak has 10 % third harmonic; no magnet's own field is as flat.
         let flat = self.third_pct > 15.0;
@@ -238,19 +276,27 @@ impl SensorReport {
 
 impl Pattern {
     fn nearest(model: &Model) -> Self {
-        let candidates =
-            [(60, false), (60, true), (120, false), (120, true)].map(|(spacing, forward)| Self { spacing, forward });
+        let spacings: &[u8] = match model.halls() {
+            Halls::Three => &[60, 120],
+            Halls::Two => &[60, 90, 120],
+        };
+        let candidates = spacings.iter().flat_map(|&spacing| [false, true].map(|forward| Self { spacing, forward }));
         let misfit = |pattern: &Self| (0..3).map(|k| i64::from(pattern.error(model, k).to_bits()).abs()).sum::<i64>();
-        candidates.into_iter().min_by_key(misfit).unwrap_or(Self { spacing: 120, forward: true })
+        candidates.min_by_key(misfit).unwrap_or(Self { spacing: 120, forward: true })
     }
 
-    /// A sensor's distance from the pattern, which is laid so that the three distances have mean zero.
+    /// A sensor's distance from the pattern, which is laid so that the distances have mean zero; zero for one that is
+    /// not there.
     fn error(self, model: &Model, channel: usize) -> ElectricalAngle {
         let spacing = ElectricalAngle::from_degrees(f32::from(self.spacing));
         let step = if self.forward { spacing } else { -spacing };
-        let errors = [ElectricalAngle::ZERO, step, step + step];
-        let errors: [ElectricalAngle; 3] = core::array::from_fn(|k| model.sensors[k].placement - errors[k]);
-        let mean = errors.iter().map(|error| i64::from(error.to_bits())).sum::<i64>() / 3;
-        errors[channel] - ElectricalAngle::from_bits(mean as i32)
+        let places = [ElectricalAngle::ZERO, step, step + step];
+        let count = model.halls().count();
+        if channel >= count {
+            return ElectricalAngle::ZERO;
+        }
+        let error = |k: usize| i64::from((model.sensors[k].placement - places[k]).to_bits());
+        let mean = (0..count).map(error).sum::<i64>() / count as i64;
+        ElectricalAngle::from_bits((error(channel) - mean) as i32)
     }
 }

@@ -102,7 +102,7 @@ fn finds_imperfect_sensors_at_both_spacings_in_either_order() {
     let (mut worst, mut worst_mean) = (0.0_f64, 0.0_f64);
     for _ in 0..100 {
         let bench = Bench::imperfect(&mut random);
-        let calibration = bench.run(&mut random).finish(false).unwrap();
+        let calibration = bench.run(&mut random).finish(Halls::Three, false).unwrap();
         let (largest, mean) = bench.angle_error(&calibration);
         worst = worst.max(largest);
         worst_mean = worst_mean.max(mean.abs());
@@ -127,12 +127,74 @@ fn finds_imperfect_sensors_at_both_spacings_in_either_order() {
     assert!(worst_mean < 0.05, "{worst_mean}");
 }
 
+/// Two of the sensors, so many degrees apart but for an error of up to 8° each; at the third input there is nothing.
+fn imperfect_of_two(spacing: f64, random: &mut Pcg64) -> Bench {
+    let mut bench = Bench::imperfect(random);
+    let mut error = || random.random_range(-8.0..8.0);
+    bench.placements_deg = [error(), spacing + error(), 0.0];
+    (bench.offsets[2], bench.amplitudes[2], bench.noise) = (4000.0, 0.0, 0.01);
+    bench
+}
+
+#[test]
+fn finds_two_imperfect_sensors_at_any_spacing() {
+    let mut random = Pcg64::seed_from_u64(21);
+    let mut worst = [0.0_f64; 2];
+    for spacing in [90.0, -90.0, 120.0, -120.0, 60.0, -60.0] {
+        for _ in 0..20 {
+            let bench = imperfect_of_two(spacing, &mut random);
+            let calibration = bench.run(&mut random).finish(Halls::Two, false).unwrap();
+            let (largest, mean) = bench.angle_error(&calibration);
+            let worst = &mut worst[usize::from(spacing.abs() != 90.0)];
+            *worst = worst.max(largest);
+            assert!(mean.abs() < 0.06, "{spacing}: {mean}");
+            let report = &calibration.report;
+            assert_eq!((f64::from(report.pattern.spacing), report.pattern.forward), (spacing.abs(), spacing > 0.0));
+            assert_eq!(report.present().len(), 2);
+            assert_eq!(calibration.model.sensors[2], crate::hall::model::Sensor::ABSENT);
+            let apart = (bench.placements_deg[1] - bench.placements_deg[0]).to_radians();
+            let expected = 0.573 / apart.sin().abs();
+            assert!((f64::from(report.angle_noise_deg) / expected - 1.0).abs() < 0.03, "{}", report.angle_noise_deg);
+            assert_eq!(report.findings().filter(Finding::refuses).count(), 0);
+        }
+    }
+    std::println!("largest angle error of two: 90° {:.3}°, 60° and 120° {:.3}°", worst[0], worst[1]);
+    assert!(worst.iter().all(|&worst| worst < 0.7), "{worst:?}");
+}
+
+#[test]
+fn two_sensors_that_are_not_there_or_too_close_together_are_named() {
+    let mut random = Pcg64::seed_from_u64(22);
+    let bench = imperfect_of_two(90.0, &mut random);
+    // The third alone has a signal.
+    let mut none = bench.clone();
+    none.amplitudes = [0.0, 0.0, 250.0];
+    assert_eq!(none.run(&mut random).finish(Halls::Two, false).unwrap_err(), Error::NotTurning);
+    let mut one = bench.clone();
+    one.amplitudes[1] = 0.0;
+    assert_eq!(one.run(&mut random).finish(Halls::Two, false).unwrap_err(), Error::NoSignal(Channel(1)));
+    assert_eq!(bench.run(&mut random).finish(Halls::Three, false).unwrap_err(), Error::NoSignal(Channel(2)));
+    for apart in [20.0, 165.0] {
+        let close = Bench { placements_deg: [0.0, apart, 0.0], ..bench.clone() };
+        let error = close.run(&mut random).finish(Halls::Two, false).unwrap_err();
+        assert!(matches!(error, Error::Model(BadModel::Placement { .. })), "{apart}: {error:?}");
+    }
+    let far = Bench { placements_deg: [0.0, 143.0, 0.0], ..bench };
+    let report = far.run(&mut random).finish(Halls::Two, false).unwrap().report;
+    assert!(
+        report
+            .findings()
+            .any(|finding| matches!(finding, Finding::Misplaced(_, degrees) if (degrees - 23.0).abs() < 1.0))
+    );
+}
+
 #[test]
 fn reversed_counts_the_other_way() {
     let mut random = Pcg64::seed_from_u64(12);
     let bench = Bench::kind();
     let collector = bench.run(&mut random);
-    let (forward, reversed) = (collector.finish(false).unwrap().model, collector.finish(true).unwrap().model);
+    let (forward, reversed) =
+        (collector.finish(Halls::Three, false).unwrap().model, collector.finish(Halls::Three, true).unwrap().model);
     for degrees in [0.0, 50.0, 200.0] {
         let angle = ElectricalAngle::from_degrees(degrees);
         assert_eq!(forward.electrical(angle), -reversed.electrical(angle));
@@ -143,7 +205,7 @@ fn reversed_counts_the_other_way() {
 fn verdict(change: impl Fn(&mut Bench)) -> Result<Calibration, Error> {
     let mut bench = Bench::kind();
     change(&mut bench);
-    bench.run(&mut Pcg64::seed_from_u64(13)).finish(false)
+    bench.run(&mut Pcg64::seed_from_u64(13)).finish(Halls::Three, false)
 }
 
 #[test]
@@ -204,7 +266,7 @@ fn a_slipping_rotor_is_refused() {
             collector.push(sweep, ElectricalAngle::from_bits(bits), &codes, k);
         }
     }
-    let error = collector.finish(false).unwrap_err();
+    let error = collector.finish(Halls::Three, false).unwrap_err();
     assert!(matches!(error, Error::Refused(Finding::Unexplained(_)) | Error::NoFit), "{error:?}");
     assert!(error.to_string().contains("rotor"), "{error}");
 }

@@ -62,7 +62,8 @@ impl Inverse {
         let (low, high) = window.bounds();
         let largest = model.sensors.map(|sensor| {
             let farthest = (sensor.offset - f32::from(low)).max(f32::from(high) - sensor.offset);
-            farthest / sensor.amplitude
+            // One that is not there has no weight in any row.
+            if sensor.amplitude > 0.0 { farthest / sensor.amplitude } else { 0.0 }
         });
         let reach = |row: &[f32; 3]| (0..3).map(|k| row[k].abs() * largest[k]).sum::<f32>();
         let worst = reach(&self.cosine).max(reach(&self.sine)).max(reach(&self.common) + DISAGREEMENT);

@@ -213,6 +213,41 @@ fn two_sensors_give_the_same_angle_as_three() {
     }
 }
 
+/// Two sensors, so far apart, unequal and with a third harmonic.
+fn two(spacing: f32, third: f32) -> Model {
+    let mut model = Model::nominal(12, 1000.0, ElectricalAngle::from_degrees(spacing)).of_two();
+    model.sensors[1].amplitude = 800.0;
+    model.sensors[0].third = third;
+    model.sensors[1].third = third;
+    model
+}
+
+#[test]
+fn a_model_of_two_sensors_gives_the_angle_whatever_is_at_the_third_input() {
+    for spacing in [60.0, -75.0, 90.0, 105.0, -120.0] {
+        let model = two(spacing, 0.05);
+        let estimator = Estimator::new(&model, 12).unwrap();
+        assert_eq!(estimator.lost(), Some(Channel::THIRD));
+        for k in 0..3600 {
+            let angle = ElectricalAngle::from_degrees(k as f32 / 10.0);
+            let mut codes = model.codes(angle);
+            codes[2] = [0, 4095, 1234][k % 3];
+            let error = (estimator.angle(&codes).unwrap() - angle).to_degrees();
+            assert!(error.abs() < 0.1, "{spacing} {angle:?}: {error}");
+        }
+    }
+}
+
+#[test]
+fn a_model_of_two_sensors_cannot_lose_another() {
+    for lost in [0, 1] {
+        assert_eq!(
+            Estimator::without(Channel(lost), &two(90.0, 0.0), 12).map(|_| ()),
+            Err(BadModel::Sensor(Channel::THIRD))
+        );
+    }
+}
+
 #[test]
 fn two_sensors_in_opposite_phase_are_refused() {
     let mut model = Model::nominal(12, 1000.0, ElectricalAngle::from_degrees(120.0));

@@ -4,6 +4,7 @@ use super::trial::{self, Motion, PERIOD_S, Start, Trial};
 use crate::statistics::Statistics;
 use anyhow::Result;
 use hallservo::angle::ElectricalAngle;
+use hallservo::hall::Halls;
 use hallservo::hall::adapt::{Fault, Settings, Status};
 use hallservo::hall::calibrate::{Calibration, Collector, Sweep};
 use plant::{HallFault, HallParameters, Magnets, Unevenness};
@@ -43,7 +44,7 @@ pub fn calibrated(seed: u64, halls: [HallParameters; 3], magnets: Magnets) -> Re
         }
         sequence += 10;
     }
-    Ok(collector.finish(false)?)
+    Ok(collector.finish(Halls::Three, false)?)
 }
 
 /// A filter that starts from such a calibration.

@@ -4,6 +4,7 @@ use crate::angle::{ElectricalAngle, PolePairs, Position, TURN};
 use crate::commutation::sinusoidal::PhaseOrder;
 use crate::commutation::{self, Commutation, Modulation};
 use crate::control;
+use crate::control::config::SPEED_NOISE_HZ;
 use crate::hall::{Halls, track};
 use crate::pwm;
 use crate::schedule::{OUTER, RECORDS};
@@ -222,7 +223,7 @@ impl Settings {
     /// Electrical frequency that is a fault: a fifth above the largest speed, and what the speed's noise may add.
     fn fastest_hz(&self) -> f32 {
         let by_speed = self.control.as_ref().map_or(f32::INFINITY, |control| {
-            1.2 * control.max_speed_rad_s * f32::from(self.pole_pairs) / core::f32::consts::TAU + 10.0
+            1.2 * control.max_speed_rad_s * f32::from(self.pole_pairs) / core::f32::consts::TAU + SPEED_NOISE_HZ
         });
         self.max_electrical_hz.min(by_speed)
     }

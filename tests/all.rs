@@ -20,6 +20,7 @@ mod pole_pairs;
 mod procedure;
 mod safety;
 mod servo;
+mod slow;
 mod spin;
 mod storage;
 mod supervision;

@@ -1,10 +1,11 @@
 //! Supervision of a running drive: nothing turns the wrong way, runs away, or pretends to follow.
 
+use crate::supply;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
-use hallservo::fault::Fault;
+use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
-use hallservo::settings::{Control, GuardSettings, Settings};
+use hallservo::settings::{Control, GuardSettings, OnStopFailure, OnTimeout, Settings};
 use plant::{AmplifierFault, PlantParameters, Wires};
 use rayon::prelude::*;
 use sim::commissioning::{Bench, commission};
@@ -356,4 +357,49 @@ fn a_torque_that_steps_is_no_open_phase() {
             }
         }
     });
+}
+
+/// A shaft that something else turns on, when the stop has had its time, is braked by shorted windings for as long as it
+/// turns, and not let go.
+#[test]
+fn a_stop_that_fails_brakes_for_as_long_as_the_shaft_is_turned() {
+    for case in [supply::default_motor(), supply::drone(), supply::hub()] {
+        for arming_check in [false, true] {
+            let control = case.settings.control.map(|control| {
+                let guard = GuardSettings {
+                    if_stop_fails: OnStopFailure::Brake,
+                    on_timeout: OnTimeout::Stop,
+                    command_timeout_s: 0.3,
+                    stop_s: 0.1,
+                    stall_s: 5.0,
+                    arming_check,
+                    ..control.guard
+                };
+                Control { guard, ..control }
+            });
+            let mut rig =
+                supply::armed(&supply::Case { settings: Settings { control, ..case.settings }, ..case }, [1.0; 3]);
+            rig.run(0.25, |_, _| ());
+            let speed = rig.control().unwrap().speed(0.2 * case.speed_rad_s).unwrap();
+            for _ in 0..30 {
+                rig.command(Command::Speed(speed)).unwrap();
+                rig.run(0.05, |_, _| ());
+            }
+            let turning = rig.plant.truth().speed_rad_s;
+            rig.plant.set_dyno(Some(turning)).unwrap();
+            rig.run(2.0, |_, _| ());
+            let mut shorted = true;
+            rig.run(2.0, |rig, period| {
+                shorted &= period.output.compare == [0; 3] && rig.drive.mode() == Mode::Running;
+            });
+            let what = format!("{}, arming check {arming_check}: {:?}", case.name, rig.drive.mode());
+            assert!(shorted && rig.drive.limits().contains(Limits::TIMEOUT), "{what}");
+            // And it is to be had again.
+            rig.plant.set_dyno(None).unwrap();
+            rig.command(Command::Speed(speed)).unwrap();
+            rig.run(0.2, |_, _| ());
+            let speed = rig.plant.truth().speed_rad_s;
+            assert!((speed / turning - 1.0).abs() < 0.1, "{what}, {speed}");
+        }
+    }
 }

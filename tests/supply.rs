@@ -23,7 +23,7 @@ pub(crate) fn plain(control: Control) -> Control {
     Control { guard, ..control }
 }
 
-fn default_motor() -> Case {
+pub(crate) fn default_motor() -> Case {
     let control = Some(plain(Control { continuous_current_a: 3.0, ..Control::default() }));
     Case {
         name: "default",

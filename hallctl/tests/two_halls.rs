@@ -243,7 +243,7 @@ fn healthy_halls_at_uneven_magnets_and_loads_are_not_taken_for_broken() {
         }
         keep(&mut drive, Ask::Speed(0.0), 500);
         let here = status(&mut drive).position_turns;
-        for turns in [1.0, -1.0, 0.2] {
+        for turns in [3.0, -2.0, 2.2] {
             keep(&mut drive, Ask::Position(here + turns), 800);
         }
         // Blocked by hand and let go.

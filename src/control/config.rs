@@ -45,7 +45,7 @@ pub struct Config {
     /// Largest speed reference of the position loop, in 2⁻³² electrical turns a step: 9/8 of the trajectory's largest
     /// speed, so that the rotor can catch up with it.
     pub(crate) max_speed_reference: i32,
-    /// Speed at which a commanded torque ends, a tenth beyond the largest, in 2⁻³² electrical turns a step; and the torque
+    /// Speed at which a commanded torque ends, a tenth beyond the largest or at most 5 Hz electrical, in 2⁻³² electrical turns a step; and the torque
     /// that each unit of speed less allows, in 2⁻³² of a unit of current: the speed loop's gain, but all torque at half the
     /// largest speed.
     pub(crate) torque_ends: i32,
@@ -99,6 +99,9 @@ pub(crate) struct Frame {
     pub tracking_hz: f32,
     pub reversed: bool,
 }
+
+/// What the noise of the measured speed may add to it, electrical, before it is too fast.
+pub(crate) const SPEED_NOISE_HZ: f32 = 10.0;
 
 impl Config {
     /// Makes one of settings that are in their ranges, in its place: the compiler would gather the many numbers on the
@@ -176,7 +179,14 @@ impl Config {
             chopper: Chopper::NONE,
             guard: Guard::default(),
         });
-        config.torque_gain = config.torque_gain.max(config.velocity.proportional());
+        // A much larger gain than the speed loop's, where the largest speed is small, would make a current of the speed's
+        // noise.
+        let own = config.velocity.proportional();
+        config.torque_gain = config.torque_gain.min(own.saturating_mul(3)).max(own);
+        // All torque at half the largest speed still, or what of it is left half way to where the speed is a fault.
+        let fade = max_current * TURN / config.torque_gain as f32;
+        let farthest = 1.15 * speed + SPEED_NOISE_HZ / 2.0 / scale.step_hz * TURN;
+        config.torque_ends = config.torque_ends.max((0.5 * speed + fade).min(farthest) as i32);
         config.motion = Motion::new(settings, frame, &motor, &scale);
         config.arming = ArmingCheck::new(settings, frame, &scale);
         config.overload = Overload::new(settings, &scale);

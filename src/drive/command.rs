@@ -353,7 +353,7 @@ impl Drive {
         }
     }
 
-    fn reset_servo(&mut self, sample: &Sample) {
+    pub(super) fn reset_servo(&mut self, sample: &Sample) {
         if let Some(control) = &self.config.control {
             self.servo.reset(control, &self.paths.idle);
             self.paths.local_feedback.reset();

@@ -246,7 +246,7 @@ impl Drive {
             },
         );
         let fault = fault.flatten();
-        if fault == Some(Fault::NotStopped) && self.brakes() {
+        if fault == Some(Fault::NotStopped) && self.brakes(sample) {
             return self.estimator_if_short();
         }
         self.fail_if(fault)
@@ -255,12 +255,15 @@ impl Drive {
     /// Shorts the windings, where a stop that has failed is to end so; once.
     #[cold]
     #[inline(never)]
-    fn brakes(&mut self) -> bool {
+    fn brakes(&mut self, sample: &Sample) -> bool {
         let brakes = self.config.control.as_ref().is_some_and(|control| control.motion.brakes);
         if !brakes || !self.servo.follows() {
             return false;
         }
         self.servo.supervision.stop_again();
+        // Or a voltage of before would be compared with the currents of shorted windings. No command has come meanwhile.
+        self.reset_servo(sample);
+        self.servo.limits = Limits::TIMEOUT;
         self.servo.release();
         self.paths.voltage.release(&self.config);
         self.publish();

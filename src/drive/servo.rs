@@ -193,6 +193,9 @@ impl Servo {
             self.speed_reference = rotor.speed();
             self.current_request = self.current_reference();
             self.speed_integrator = Integrator::holding(self.current_request);
+        } else if matches!((self.demand, demand), (Demand::Speed(_), Demand::Position(_))) {
+            // Its speed goes on. Where the rotor is was nobody's concern until now: a load may have held it back by turns.
+            self.trajectory = Trajectory::at(coarse(rotor.smoothed()), self.trajectory.speed());
         }
         self.demand = demand;
         self.ends = false;
@@ -497,7 +500,7 @@ impl Servo {
     }
 }
 
-/// A current that makes a rotor no faster than a tenth beyond the largest speed: on the way there no more than the speed
+/// A current that makes a rotor no faster than where a torque ends, a little beyond the largest speed: on the way there no more than the speed
 /// loop would ask for, lest a light rotor shoots past it. Beyond, it brakes as the speed loop would: what an error of the
 /// sensing leaves of a current turns a rotor of little friction ever faster.
 #[inline(always)]

@@ -263,6 +263,8 @@ settings! {
             "A rotor farther from its reference is a fault";
         following_error_rad_s: f32 = 100.0, 1.0 => 1e6, "rad/s", Real, FREE,
             "A speed farther from its reference for stall_s is a fault";
+        /// A commanded torque ends a tenth beyond it, or where that is little, up to 5 Hz electrical beyond: nearer, the noise
+        /// of the speed would be a current.
         max_speed_rad_s: f32 = 500.0, 0.1 => super::guard::largest_speed_rad_s(s, c), "rad/s", Real, FREE,
             "Largest speed of a command, mechanical";
         max_acceleration_rad_s2: f32 = 5000.0, 1.0 => 1e6, "rad/s²", Real, FREE,

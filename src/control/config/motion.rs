@@ -79,8 +79,8 @@ impl Motion {
 
 #[inline(never)]
 fn bound(limit: f32, turns: f32) -> i64 {
-    // The ends of the range are none.
-    if limit.abs() >= 1e6 { whole(limit.signum() * 1e9 * turns) >> 8 } else { whole(limit * turns) >> OUTER.ilog2() }
+    // The ends of the range are none: four times what a position can be, so that nothing ends where its count does.
+    if limit.abs() >= 1e6 { whole(limit * f32::MAX) >> 1 } else { whole(limit * turns) >> OUTER.ilog2() }
 }
 
 /// Saturates; called, not inlined, as it takes sixty bytes.

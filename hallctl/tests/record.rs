@@ -54,6 +54,33 @@ fn what_cannot_be_recorded_is_said_in_words() {
 }
 
 #[test]
+fn a_file_keeps_what_it_holds_until_there_is_something_else() {
+    let drive = Drive::start(&[]);
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("keep");
+    let path = file.to_str().unwrap();
+    let never = ["--trigger", "bus>30", "--seconds", "0.2"];
+    std::fs::write(&file, "kept").unwrap();
+    for (code, command) in [
+        (6, &["record", "-c", "i_q,i_q", "-o", path][..]),
+        (7, &[&["record", "-o", path], &never[..]].concat()),
+        (6, &["chirp", "current", "--size", "0", "-o", path]),
+    ] {
+        let output = drive.call(command);
+        assert_eq!(output.status.code(), Some(code), "{command:?}: {}", String::from_utf8_lossy(&output.stderr));
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept", "{command:?}");
+    }
+    // What was not there is not left, and what there is beside it is no business of the tool.
+    let new = folder.path().join("new.csv");
+    drive.fails(6, &["record", "-c", "i_q,i_q", "-o", new.to_str().unwrap()]);
+    drive.ok(&["record", "--rows", "7", "-c", "speed", "-o", path]);
+    assert_eq!(std::fs::read_to_string(&file).unwrap().lines().count(), 8);
+    let left: Vec<_> = std::fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().file_name()).collect();
+    assert_eq!(left, ["keep"]);
+    drive.fails(1, &["record", "-o", folder.path().join("no/such.csv").to_str().unwrap()]);
+}
+
+#[test]
 fn a_command_of_another_tool_is_recorded() {
     let drive = calibrated();
     drive.ok(&["arm"]);

@@ -41,9 +41,9 @@ fn a_recording_is_a_table_a_file_of_json_and_a_page() {
 #[test]
 fn what_cannot_be_recorded_is_said_in_words() {
     let drive = Drive::start(&[]);
-    assert!(drive.fails(6, &["record", "-c", "i_q,i_q"]).contains("twice"));
+    assert!(drive.fails(6, &["record", "-c", "i_q,i_q"]).contains("i_q is to be recorded twice"));
     assert!(drive.fails(6, &["record", "--trigger", "i_q>1e6"]).contains("within"));
-    assert!(drive.fails(1, &["record", "-c", "i_q,i_d,speed,bus,angle"]).contains("4 channels"));
+    assert!(drive.fails(6, &["record", "-c", "i_q,i_d,speed,bus,angle"]).contains("4 channels"));
     for wrong in [&["-c", "torque"][..], &["--trigger", "i_q>nan"], &["--before", "1"], &["--every", "0"]] {
         drive.fails(2, &[&["record"], wrong].concat());
     }
@@ -83,6 +83,8 @@ fn a_file_keeps_what_it_holds_until_there_is_something_else() {
 #[test]
 fn a_command_of_another_tool_is_recorded() {
     let drive = calibrated();
+    // Each request of the recorder is worth some time, and the other tool may be late on a busy machine.
+    drive.ok(&["settings", "set", "command_timeout_s", "60"]);
     drive.ok(&["arm"]);
     let arguments = ["--json", "record", "--trigger", "speed>15", "--every", "8", "-c", "speed,speed_ref,i_q,position"];
     let mut recorder = spawn(&drive.port, &arguments);
@@ -116,7 +118,7 @@ fn loops_are_measured_beside_the_model() {
         assert!(margins.abs() < 8.0, "{which}: {measured} {model}");
     }
     assert!(drive.ok(&["status"]).contains("ready"));
-    assert!(drive.fails(1, &["chirp", "current", "--size=-1"]).contains("above 0"));
+    assert!(drive.fails(6, &["chirp", "current", "--size=-1"]).contains("above 0"));
     // Less than the noise: nothing is made up.
     let found = json(&drive.ok(&["--json", "chirp", "current", "--steps", "4", "--size", "0.005"]));
     assert!(found["measured"]["bandwidth_hz"].is_null(), "{}", found["measured"]);

@@ -3,6 +3,7 @@
 
 use crate::process::{Drive, HALLCTL, PATIENCE};
 use rustix::process::{Pid, Signal, kill_process};
+use std::io::{BufRead, BufReader};
 use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, Command, Stdio};
 
@@ -75,7 +76,7 @@ fn a_signal_ends_what_takes_a_while() {
         (&["identify"][..], "running"),
         (&["cogging", "learn"], "running"),
         (&["calibrate"], "calibrating"),
-        (&["commission", "--max-current", "2", "--file", file.to_str().unwrap()], "calibrating"),
+        (&["commission", "--yes", "--max-current", "2", "--file", file.to_str().unwrap()], "calibrating"),
     ] {
         let mut drive = calibrated(&[]);
         let (code, said) = drive.interrupted(Signal::INT, command, sign);
@@ -164,6 +165,64 @@ fn anyone_may_stop_what_another_tool_does() {
     }
 }
 
+#[test]
+fn a_tool_that_was_suspended_does_not_turn_a_motor_that_another_has_armed() {
+    let mut drive = calibrated(&[]);
+    for (command, sign) in [
+        (&["speed", "20"][..], "Speed(20.0)"),
+        (&["position", "500"], "Position(500.0)"),
+        (&["step", "speed", "20", "--seconds", "1000"], "Speed(20.0)"),
+    ] {
+        drive.ok(&["arm"]);
+        drive.forget_log();
+        let tool = drive.begin(command);
+        // At the third the first is answered.
+        (0..3).for_each(|_| _ = drive.log_until(sign));
+        kill_process(Pid::from_child(&tool), Signal::STOP).unwrap();
+        drive.ok(&["stop"]);
+        drive.ok(&["arm"]);
+        // No real drive is stopped and armed in less.
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        drive.forget_log();
+        kill_process(Pid::from_child(&tool), Signal::CONT).unwrap();
+        let output = tool.wait_with_output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(7) && said.contains("the bridge was switched off meanwhile"), "{said}");
+        // It has left the motor as it was.
+        drive.ok(&["stop"]);
+        drive.log_until("Disarm");
+        assert!(!drive.log_has(sign), "{command:?}");
+    }
+}
+
+#[test]
+fn a_motion_for_a_time_ends_with_the_motor_at_rest() {
+    let mut drive = calibrated(&[]);
+    for command in [&["position", "300"][..], &["impedance", "--velocity", "100"]] {
+        drive.ok(&["arm"]);
+        drive.forget_log();
+        drive.ok(&[command, &["--seconds", "1"]].concat());
+        // The command to stop is there at once, not when the drive misses the next one.
+        drive.ok(&["stop"]);
+        drive.log_until("Disarm");
+        assert!(drive.log_has("Speed(0.0)"), "{command:?}");
+    }
+}
+
+#[test]
+fn telemetry_of_which_nothing_comes_leaves_its_files() {
+    let (drive, folder) = (Drive::start(&[]), tempfile::tempdir().unwrap());
+    for option in ["--csv", "--plot"] {
+        let file = folder.path().join(option);
+        std::fs::write(&file, "kept").unwrap();
+        let waits = drive.begin(&["telemetry", "--trigger", "bus>30", option, file.to_str().unwrap()]);
+        std::thread::sleep(std::time::Duration::from_millis(500));
+        kill_process(Pid::from_child(&waits), Signal::INT).unwrap();
+        waits.wait_with_output().unwrap();
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept", "{option}");
+    }
+}
+
 /// Memory that a process has, KiB.
 #[cfg(target_os = "linux")]
 fn memory_kib(process: u32) -> u64 {
@@ -177,7 +236,6 @@ fn memory_kib(process: u32) -> u64 {
 #[test]
 fn a_tool_that_never_reads_floods_nothing_and_keeps_nobody_from_stopping() {
     use hallservo_protocol::{Ask, FRAME, Request, encode};
-    use std::io::{BufRead, BufReader};
     use std::time::Duration;
 
     let mut drive = calibrated(&[]);

@@ -210,6 +210,44 @@ fn a_motion_for_a_time_ends_with_the_motor_at_rest() {
 }
 
 #[test]
+fn commissioning_that_is_stopped_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let commission = ["commission", "--yes", "--max-current", "2.5", "--pole-pairs", "4", "--file"];
+    let file = folder.path().join("commission.toml");
+    let commission = [&commission[..], &[file.to_str().unwrap()]].concat();
+    let stopped = |drive: &Drive, tool: Child| {
+        drive.ok(&["stop"]);
+        let output = tool.wait_with_output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(7), "{said}");
+        said
+    };
+    let mut drive = Drive::start(&["--log"]);
+    // On a busy machine the first step may be over before it is stopped.
+    let said = (0..10).any(|_| {
+        drive.forget_log();
+        let tool = drive.begin(&[&commission[..], &["--restart"]].concat());
+        drive.log_until("aligning");
+        kill_process(Pid::from_child(&tool), Signal::STOP).unwrap();
+        drive.ok(&["stop"]);
+        kill_process(Pid::from_child(&tool), Signal::CONT).unwrap();
+        stopped(&drive, tool).contains("R and L at standstill: the bridge was switched off meanwhile")
+    });
+    assert!(said);
+    // Later the motor is fast, and takes a while to come to rest.
+    let mut tool = drive.begin(&commission);
+    let mut lines = BufReader::new(tool.stdout.take().unwrap()).lines().map_while(Result::ok);
+    assert!(lines.any(|line| line.starts_with("4 of 6")));
+    let speed_rad_s = |drive: &Drive| {
+        let status: serde_json::Value = serde_json::from_str(&drive.ok(&["--json", "status"])).unwrap();
+        (status["state"] == "running").then(|| status["speed_rad_s"].as_f64().unwrap().abs())
+    };
+    while speed_rad_s(&drive).is_none_or(|speed| speed < 100.0) {}
+    let said = stopped(&drive, tool);
+    assert!(said.contains("The motor still turns: ") && said.contains("wait until it stands"), "{said}");
+}
+
+#[test]
 fn telemetry_of_which_nothing_comes_leaves_its_files() {
     let (drive, folder) = (Drive::start(&[]), tempfile::tempdir().unwrap());
     for option in ["--csv", "--plot"] {

@@ -169,8 +169,8 @@ fn anyone_may_stop_what_another_tool_does() {
 fn a_tool_that_was_suspended_does_not_turn_a_motor_that_another_has_armed() {
     let mut drive = calibrated(&[]);
     for (command, sign) in [
-        (&["speed", "20"][..], "Speed(20.0)"),
-        (&["position", "500"], "Position(500.0)"),
+        (&["speed", "20", "--seconds", "1000"][..], "Speed(20.0)"),
+        (&["position", "500", "--seconds", "1000"], "Position(500.0)"),
         (&["step", "speed", "20", "--seconds", "1000"], "Speed(20.0)"),
     ] {
         drive.ok(&["arm"]);

@@ -22,6 +22,10 @@ const EVERY: Duration = Duration::from_millis(50);
 /// The same where what is waited for takes no longer than a few of them.
 pub const SHORT: Duration = Duration::from_millis(5);
 
+/// For so long, what the drive said of who controls it is sure: nobody stops and arms it in less, for the check at arming
+/// takes as long.
+const SURE: Duration = Duration::from_millis(200);
+
 /// How often a request goes out, at most, while nothing comes back: a line may lose a byte.
 const ATTEMPTS: u32 = 4;
 
@@ -66,6 +70,8 @@ pub struct Client {
     unattended: bool,
     /// Whether it may control the drive.
     controls: bool,
+    /// When it asked for what showed that the drive is controlled by it; none where that showed the opposite.
+    in_control: Option<Instant>,
     /// Whether a signal ends a wait.
     interruptible: bool,
     id: u16,
@@ -101,6 +107,7 @@ impl Client {
             number: (RandomState::new().build_hasher().finish() as u32).max(1),
             unattended: false,
             controls: false,
+            in_control: None,
             interruptible: true,
             stream: 0,
             // Another tool's answers may still be on their way; they have other numbers, as far as chance allows.
@@ -188,13 +195,15 @@ impl Client {
         let (asked, mut attempts, mut byte) = (Instant::now(), 0, [0]);
         while asked.elapsed() < self.patience {
             self.check()?;
-            if attempts == 0 || may_repeat(&ask) && asked.elapsed() > self.patience * attempts / ATTEMPTS {
-                self.line.writer.write_all(&frame[..length]).context("the connection broke")?;
-                self.line.writer.write_all(&behind[..behind_length]).context("the connection broke")?;
-                self.line.writer.flush().context("the connection broke")?;
+            // What came while this process was suspended is read before anything is asked again.
+            let nothing = attempts > 0 && !self.read(&mut byte)?;
+            let again = nothing && may_repeat(&ask) && asked.elapsed() > self.patience * attempts / ATTEMPTS;
+            if attempts == 0 || again {
+                self.write(&[&frame[..length], &behind[..behind_length]])?;
                 attempts += 1;
+                continue;
             }
-            if !self.read(&mut byte)? {
+            if nothing {
                 continue;
             }
             match self.decoder.push::<Reply<'_>>(byte[0]) {
@@ -203,7 +212,12 @@ impl Client {
                 Some(Ok(Reply { id, answer })) if id == self.id => {
                     return match answer {
                         Answer::Refused(refusal) => Err(Error::Refused(words::refusal(&refusal))),
-                        answer => understand(answer),
+                        answer => {
+                            if ask.controls() {
+                                self.in_control = Some(asked);
+                            }
+                            understand(answer)
+                        }
                     };
                 }
                 // Once, a byte may have been lost.
@@ -218,14 +232,24 @@ impl Client {
         Err(Error::Silent { port: self.port.clone(), garbage: self.garbage })
     }
 
+    fn lost(&self, source: std::io::Error) -> Error {
+        Error::Lost { port: self.port.clone(), source }
+    }
+
+    fn write(&mut self, parts: &[&[u8]]) -> Result<()> {
+        let writer = &mut self.line.writer;
+        let written = parts.iter().try_for_each(|part| writer.write_all(part)).and_then(|()| writer.flush());
+        written.map_err(|error| self.lost(error))
+    }
+
     /// One byte, if one came before the time was up.
     fn read(&mut self, byte: &mut [u8; 1]) -> Result<bool> {
         match self.line.reader.read(byte) {
-            Ok(0) => Err(Error::Other(anyhow::anyhow!("the connection to {} was closed", self.port))),
+            Ok(0) => Err(self.lost(std::io::Error::new(ErrorKind::UnexpectedEof, "it was closed"))),
             Ok(_) => Ok(true),
             Err(error) if matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => Ok(false),
             Err(error) if error.kind() == ErrorKind::Interrupted => Ok(false),
-            Err(error) => Err(Error::Other(anyhow::Error::new(error).context("the connection broke"))),
+            Err(error) => Err(self.lost(error)),
         }
     }
 
@@ -238,6 +262,32 @@ impl Client {
             Answer::Done => Ok(()),
             other => unexpected(&other),
         })
+    }
+
+    /// Whether it has been heard so lately that this tool controls the drive that it still does.
+    fn is_sure(&self) -> bool {
+        self.in_control.is_some_and(|since| since.elapsed() <= SURE)
+    }
+
+    /// Whether nobody has stopped or controlled the drive since this tool commanded it.
+    ///
+    /// # Errors
+    /// Somebody has; no answer.
+    pub fn still_controls(&mut self) -> Result<()> {
+        if !self.is_sure() {
+            self.status()?;
+        }
+        self.in_control.map(drop).ok_or_else(|| Error::Failed(words::TAKEN.into()))
+    }
+
+    /// Commands again what is to go on: a tool that was suspended does not turn a motor that somebody else has armed
+    /// meanwhile.
+    ///
+    /// # Errors
+    /// As [`Self::still_controls`] and [`Self::ask`].
+    pub fn repeat(&mut self, ask: Ask<'_>) -> Result<()> {
+        self.still_controls()?;
+        self.order(ask)
     }
 
     /// Arms, and waits until the drive has checked wires, amplifiers and direction.
@@ -281,10 +331,17 @@ impl Client {
     /// # Errors
     /// As [`Self::ask`].
     pub fn status(&mut self) -> Result<Status> {
-        self.ask(Ask::Status, |answer| match answer {
+        let asked = Instant::now();
+        let status = self.ask(Ask::Status, |answer| match answer {
             Answer::Status(status) => Ok(status),
             other => unexpected(&other),
-        })
+        })?;
+        if self.is_me(status.client) {
+            self.in_control = Some(asked);
+        } else if !self.is_sure() {
+            self.in_control = None;
+        }
+        Ok(status)
     }
 
     /// What went wrong since power-up: how often in all, and the latest that are kept, the last first.

@@ -35,6 +35,7 @@ use crate::units::{self, PositionUnit, Quantity, SpeedUnit, Units};
 use clap::{Parser, Subcommand, ValueEnum};
 use config::Config;
 use hallservo::commutation::Commutation;
+use hallservo::mode::Mode;
 use hallservo_protocol::Ask;
 use motion::Target;
 use serde_json::json;
@@ -68,9 +69,9 @@ pub struct Arguments {
 }
 
 const EXIT_CODES: &str = "\
-Exit codes: 0 done; 1 files and the like; 2 wrong command line; 3 no port; 4 no answer; 5 another version of the
-protocol; 6 refused; 7 begun, and came to nothing; 130 ended by Ctrl-C or a signal, the motor stopped and the bridge
-off if this tool controlled it.
+Exit codes: 0 done; 1 files and the like; 2 wrong command line; 3 no port, or it is gone; 4 no answer; 5 another version
+of the protocol; 6 refused, also a value that cannot be; 7 begun, and came to nothing; 130 ended by Ctrl-C or a signal,
+the motor stopped and the bridge off if this tool controlled it.
 
 Defaults for --port, --patience, --speed-unit and --position-unit may be in a file, config.toml, in the folder that
 `hallctl config` names: port = \"/dev/ttyACM1\", speed_unit = \"rpm\".";
@@ -271,7 +272,7 @@ fn connect(port: &str, patience: Duration, alone: bool) -> Result<Client> {
         let line = share::attach(port).map_err(|source| Error::Port { port: port.into(), source })?;
         attempts -= 1;
         match Client::over(line, port, patience) {
-            Err(Error::Other(_)) if attempts > 0 => {}
+            Err(Error::Lost { .. }) if attempts > 0 => {}
             result => return result,
         }
     }
@@ -291,7 +292,7 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
             say!(out, "the bridge is off")?;
             done(out, Ok(()))
         }
-        Command::Clear => done(out, client.order(Ask::Clear)),
+        Command::Clear => done(out, clear(client)),
         Command::Voltage { value, options } => {
             motion::hold(client, options, Target::Voltage(value.value(1.0) as f32), out)
         }
@@ -339,6 +340,16 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
         | Command::Completions { .. }
         | Command::Man { .. }
         | Command::Share => Ok(()),
+    }
+}
+
+/// Takes note of a fault.
+fn clear(client: &mut Client) -> Result<()> {
+    match client.order(Ask::Clear) {
+        Err(Error::Refused(_)) if !matches!(client.status()?.mode, Mode::Faulted(_)) => {
+            Err(Error::Refused("there is no fault to clear".into()))
+        }
+        result => result,
     }
 }
 

@@ -15,6 +15,13 @@ pub enum Error {
         /// Why.
         source: std::io::Error,
     },
+    /// The port is gone, or who is at its other end.
+    Lost {
+        /// Its name.
+        port: String,
+        /// Why.
+        source: std::io::Error,
+    },
     /// Nothing came back, or nothing that makes sense.
     Silent {
         /// The port.
@@ -41,12 +48,12 @@ pub enum Error {
 pub type Result<T> = std::result::Result<T, Error>;
 
 impl Error {
-    /// 1 files and the like, 3 no port, 4 no answer, 5 another version, 6 refused, 7 failed, 130 ended by a signal; 2 is a wrong
+    /// 1 files and the like, 3 no port or a lost one, 4 no answer, 5 another version, 6 refused, 7 failed, 130 ended by a signal; 2 is a wrong
     /// command line.
     pub const fn code(&self) -> u8 {
         match self {
             Self::Other(_) => 1,
-            Self::Port { .. } => 3,
+            Self::Port { .. } | Self::Lost { .. } => 3,
             Self::Silent { .. } => 4,
             Self::Version { .. } => 5,
             Self::Refused(_) => 6,
@@ -61,7 +68,7 @@ impl Error {
     pub const fn kind(&self) -> &'static str {
         match self {
             Self::Other(_) => "other",
-            Self::Port { .. } => "port",
+            Self::Port { .. } | Self::Lost { .. } => "port",
             Self::Silent { .. } => "silent",
             Self::Version { .. } => "version",
             Self::Refused(_) => "refused",
@@ -83,6 +90,11 @@ impl fmt::Display for Error {
                 f,
                 "cannot open {port}: {source}\n  Is the board plugged in? `ls /dev/ttyACM*` shows its port; a \
                  simulated drive says its own. Your user may need the group `dialout`."
+            ),
+            Self::Lost { port, source } => write!(
+                f,
+                "the connection to {port} is lost: {source}\n  Was it unplugged, or its power switched off? Where the drive \
+                 has power, the motor comes to rest after command_timeout_s."
             ),
             Self::Silent { port, garbage: false } => write!(
                 f,

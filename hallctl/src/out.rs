@@ -5,8 +5,8 @@ use crate::units::Units;
 use anyhow::Context;
 use serde::Serialize;
 use std::fmt::Arguments;
-use std::fs::File;
-use std::io::{Read, Write, stdin, stdout};
+use std::fs::{self, File};
+use std::io::{self, Read, Write, stdin, stdout};
 use std::path::Path;
 
 /// Which of the two is wanted.
@@ -81,14 +81,62 @@ pub fn create(path: &Path) -> Result<Box<dyn Write>> {
     Ok(Box::new(File::create(path).with_context(|| format!("cannot write {}", path.display()))?))
 }
 
-/// Writes a file; `-` is the standard output.
+/// Tries whether a file can be written, before the work begins; what is in it stays.
+///
+/// # Errors
+/// It cannot.
+pub fn probe(path: &Path) -> Result<()> {
+    // Who reads from a pipe would take that for its end.
+    if is_stream(path) || is_special(path) {
+        return Ok(());
+    }
+    let is_new = !path.exists();
+    let tried = File::options().write(true).create(true).truncate(false).open(path);
+    let tried = tried.and_then(|_| if is_new { fs::remove_file(path) } else { Ok(()) });
+    Ok(tried.with_context(|| format!("cannot write {}", path.display()))?)
+}
+
+/// Writes a file, whole or not at all: what it held before is lost only when all is written. `-` is the standard output.
 ///
 /// # Errors
 /// It cannot be written.
-pub fn save(path: &Path, text: &str) -> Result<()> {
-    let mut file = create(path)?;
-    let written = file.write_all(text.as_bytes()).and_then(|()| file.flush());
+pub fn save(path: &Path, content: impl AsRef<[u8]>) -> Result<()> {
+    let written = if is_stream(path) || is_special(path) {
+        let mut file = create(path)?;
+        file.write_all(content.as_ref()).and_then(|()| file.flush())
+    } else {
+        replace(path, content.as_ref())
+    };
     Ok(written.with_context(|| format!("cannot write {}", path.display()))?)
+}
+
+/// Whether it is there and no file: a device, a pipe, a folder.
+fn is_special(path: &Path) -> bool {
+    path.metadata().is_ok_and(|found| !found.is_file())
+}
+
+/// By way of a file beside it.
+fn replace(path: &Path, content: &[u8]) -> io::Result<()> {
+    // A link goes on leading to the file.
+    let path = &fs::canonicalize(path).unwrap_or_else(|_| path.into());
+    let mut name = path.file_name().unwrap_or_default().to_owned();
+    name.push(format!(".{}.new", std::process::id()));
+    let beside = path.with_file_name(name);
+    let mut file = match File::create_new(&beside) {
+        // A file that may be written in a folder that may not.
+        Err(error) if error.kind() == io::ErrorKind::PermissionDenied => return fs::write(path, content),
+        file => file?,
+    };
+    let written = file.write_all(content).and_then(|()| match path.metadata() {
+        Ok(before) => file.set_permissions(before.permissions()),
+        Err(_) => Ok(()),
+    });
+    let written = written.and_then(|()| fs::rename(&beside, path));
+    if written.is_err() {
+        // It is nobody's any more.
+        let _ = fs::remove_file(&beside);
+    }
+    written
 }
 
 /// Reads a file; `-` is the standard input.

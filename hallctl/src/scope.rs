@@ -114,7 +114,7 @@ pub fn four(channels: &[Channel]) -> [Option<Channel>; CHANNELS] {
 /// More channels than there is room for.
 pub fn setup(channels: &[Channel], every: u16, rows: u16, before: f64, trigger: Trigger) -> Result<Setup> {
     if channels.len() > CHANNELS {
-        return Err(anyhow!("{CHANNELS} channels at most can be recorded").into());
+        return Err(Error::Refused(format!("{CHANNELS} channels at most can be recorded")));
     }
     let before = (f64::from(rows) * before) as u16;
     Ok(Setup { channels: four(channels), every, rows, before, trigger })

@@ -2,11 +2,13 @@
 
 pub mod encoder;
 
+use crate::scope::name;
 use hallservo::commutation::Commutation;
 use hallservo::control::impedance;
 use hallservo::drive;
 use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
+use hallservo::scope;
 use hallservo::service::procedure;
 use hallservo::settings::{self, Kind};
 use hallservo_protocol::{
@@ -117,6 +119,13 @@ pub fn switched_off(fault: Fault) -> String {
     format!("the drive switched off: {fault}\n  {}.", what_to_do(fault))
 }
 
+/// That a command is over, the bridge off.
+pub const STOPPED: &str = "the bridge was switched off meanwhile: another tool, `hallctl stop` perhaps";
+
+/// The same where the bridge is on: a tool that was suspended cannot tell which.
+pub const TAKEN: &str = "the bridge was switched off meanwhile, or another tool has controlled the drive, or it has heard \
+                         nothing from this one for command_timeout_s";
+
 /// A fault for a script.
 pub fn fault_value(fault: Fault) -> Value {
     json!({ "code": fault.code(), "what": fault.to_string(), "advice": what_to_do(fault) })
@@ -171,7 +180,7 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
              second."
                 .into()
         }
-        Refusal::Scope(ScopeRefusal::Setup(error)) => error.to_string(),
+        Refusal::Scope(ScopeRefusal::Setup(error)) => setup_error(error),
         Refusal::Scope(ScopeRefusal::Busy) => {
             "another tool records\n  Wait until it ends; two seconds after one was killed the scope is free.".into()
         }
@@ -192,10 +201,32 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
             problem(*why)
         ),
         Refusal::Impedance(impedance::Error::NoControl) => NO_CONTROL.into(),
-        Refusal::Impedance(error) => error.to_string(),
+        Refusal::Impedance(error) => impedance_error(error),
         Refusal::NoAnswer => {
             "the control interrupt does not answer\n  Does its timer run? Look at the board's log.".into()
         }
+    }
+}
+
+/// What cannot be in a spring and a damper. A limit that no float exceeds is none.
+fn impedance_error(error: &impedance::Error) -> String {
+    let said = error.to_string();
+    match (error, said.split_once(", but must be ")) {
+        (impedance::Error::OutOfRange { least, most, .. }, Some((what, _))) if *most == f32::MAX => {
+            format!("{what}, but must be {least} or more")
+        }
+        _ => said,
+    }
+}
+
+/// Why nothing is recorded, with the channels as one types them.
+fn setup_error(error: &scope::Error) -> String {
+    match error {
+        scope::Error::Twice(channel) => format!("{} is to be recorded twice", name(*channel)),
+        scope::Error::NoControl(channel) => {
+            format!("{} needs current sensing, which this drive does not have", name(*channel))
+        }
+        error => error.to_string(),
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::process::{Drive, HALLCTL, PATIENCE};
 use rustix::process::{Pid, Signal, kill_process};
 use serde_json::Value;
-use std::io::{BufRead, BufReader};
+use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Command, Output, Stdio};
 use tempfile::TempDir;
@@ -31,6 +31,16 @@ fn tool(drive: &Drive, folder: &Path, arguments: &[&str]) -> Command {
 
 fn commission(drive: &Drive, folder: &TempDir, arguments: &[&str]) -> (Option<i32>, String) {
     let output: Output = tool(drive, folder.path(), &[&["commission", "--yes"], arguments].concat()).output().unwrap();
+    let said = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap()).concat();
+    (output.status.code(), said)
+}
+
+/// The same, with an answer instead of `--yes`.
+fn answered(drive: &Drive, folder: &TempDir, answer: &str) -> (Option<i32>, String) {
+    let mut tool = tool(drive, folder.path(), &["commission", "--max-current", "2.5", "--pole-pairs", "4"]);
+    let mut tool = tool.stdin(Stdio::piped()).stdout(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    tool.stdin.take().unwrap().write_all(answer.as_bytes()).unwrap();
+    let output = tool.wait_with_output().unwrap();
     let said = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap()).concat();
     (output.status.code(), said)
 }
@@ -87,6 +97,21 @@ fn eleven_motors_are_commissioned_unattended() {
             });
         }
     });
+}
+
+#[test]
+fn the_motor_turns_only_when_somebody_has_said_yes() {
+    let (mut drive, folder) = (Drive::start(&["--log"]), tempfile::tempdir().unwrap());
+    for (answer, why) in [("n\n", "nothing more was done"), ("", "nobody has answered"), ("what?\n", "nothing more")] {
+        let (code, said) = answered(&drive, &folder, answer);
+        assert!(code == Some(6) && said.contains("may it begin?") && said.contains(why), "{answer:?}: {said}");
+    }
+    // Nothing has been measured, which switches the bridge on and off.
+    drive.ok(&["stop"]);
+    drive.log_until("Disarm");
+    assert!(!drive.log_has("aligning") && !drive.log_has("running") && !is_left(&folder));
+    let (code, said) = answered(&drive, &folder, "y\n");
+    assert!(code == Some(0) && said.contains("6 of 6: saved"), "{said}");
 }
 
 /// A drive whose commissioning comes to nothing in step 3, by a fault at a time of its own clock.

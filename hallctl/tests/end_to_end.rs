@@ -165,7 +165,33 @@ fn settings_go_into_a_file_and_back() {
     fs::write(&file, "stall_s = 0.7\nno_such_setting = 1\n").unwrap();
     assert!(drive.fails(6, &["settings", "import", path]).contains("no such setting"));
     fs::write(&file, "reversed = \"perhaps\"\n").unwrap();
-    assert!(drive.fails(1, &["settings", "import", path]).contains("takes yes or no"));
+    assert!(drive.fails(6, &["settings", "import", path]).contains("takes yes or no"));
+}
+
+#[test]
+fn a_refused_import_changes_no_setting() {
+    let (drive, folder) = (Drive::start(&[]), tempfile::tempdir().unwrap());
+    let file = folder.path().join("settings.toml");
+    let path = file.to_str().unwrap();
+    let before = drive.ok(&["settings", "export", "-"]);
+    // Each has something that could be set before what is refused: by the drive, by its name, as the board's.
+    for (text, why) in [
+        ("max_current_a = 2.5\npole_pairs = 99\n", "pole_pairs would be 99"),
+        // Its bandwidths are set in another order than they stand there.
+        (
+            "current_bandwidth_hz = 40\nposition_bandwidth_hz = 2\nspeed_bandwidth_hz = 8\nstall_s = -1\n",
+            "stall_s would be",
+        ),
+        ("max_current_a = 2.5\nno_such_setting = 1\n", "no such setting"),
+        ("max_current_a = 2.5\npwm_hz = 20000\n", "pwm_hz: this setting follows from the board's parts"),
+        ("max_current_a = 2.5\npole_pairs = \"many\"\n", "pole_pairs: it takes a number, not many"),
+    ] {
+        fs::write(&file, text).unwrap();
+        let said = drive.fails(6, &["settings", "import", path]);
+        assert!(said.contains(why), "{text}: {said}");
+        assert_eq!(drive.ok(&["settings", "export", "-"]), before, "{text}: {said}");
+        assert!(!why.contains("would be") || said.contains("No setting is changed"), "{said}");
+    }
 }
 
 #[test]
@@ -177,7 +203,8 @@ fn a_motor_is_commissioned_by_its_current_limit() {
         drive.ok(&["settings", "set", name, value]);
     }
     assert!(drive.fails(6, &["commission", "--max-current", "100"]).contains("max_current_a"));
-    let told = drive.ok(&["commission", "--max-current", "2.5", "--pole-pairs", "4", "--file", file.to_str().unwrap()]);
+    let file = file.to_str().unwrap();
+    let told = drive.ok(&["commission", "--yes", "--max-current", "2.5", "--pole-pairs", "4", "--file", file]);
     for part in ["1 of 6: R and L", "Calibrated at 10 Hz", "saved", "resistance       3.7", "inductance     0.3"] {
         assert!(told.contains(part), "{part}: {told}");
     }

@@ -8,6 +8,20 @@ fn position(drive: &Drive) -> f64 {
     line.unwrap_or_else(|| panic!("{status}")).trim().parse().unwrap()
 }
 
+/// In the order in which they are written.
+#[test]
+fn the_commands_of_the_page_are_obeyed() {
+    let drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    let page = include_str!("../../docs/impedance.md");
+    let commands: Vec<_> = page.lines().filter_map(|line| line.strip_prefix("$ hallctl ")).collect();
+    for command in &commands {
+        let words: Vec<_> = command.split('#').next().unwrap().split_whitespace().collect();
+        drive.ok(&words);
+    }
+    assert_eq!(commands.len(), 5);
+}
+
 #[test]
 fn the_shaft_is_held_moved_and_let_go() {
     let drive = Drive::start(&[]);

@@ -118,7 +118,7 @@ fn settings_travel_through_standard_streams() {
     assert!(unknown.status.code() == Some(6) && said.contains("no_such_setting: "), "{said}");
     // Nothing was set by halves.
     assert!(drive.ok(&["settings", "get", "stall_s"]).contains("0.7"));
-    assert!(drive.fails(1, &["settings", "set", "stall_s", "1e99"]).contains("1e99"));
+    assert!(drive.fails(6, &["settings", "set", "stall_s", "1e99"]).contains("1e99"));
 }
 
 #[test]
@@ -138,6 +138,39 @@ fn a_full_output_is_an_error_in_words() {
         let said = String::from_utf8(output.stderr).unwrap();
         assert_eq!(output.status.code(), Some(1), "{command:?}: {said}");
         assert!(said.starts_with("hallctl: cannot write"), "{command:?}: {said}");
+    }
+}
+
+#[test]
+fn a_lost_port_and_a_wrong_value_have_the_codes_of_the_help() {
+    let mut drive = Drive::start(&["--log"]);
+    assert!(drive.fails(6, &["settings", "set", "max_current_a", "2A"]).contains("takes a number, not 2A"));
+    assert!(drive.fails(6, &["settings", "set", "commutation", "7"]).contains("field-oriented, not 7"));
+    drive.ok(&["calibrate"]);
+    drive.ok(&["arm"]);
+    let turning = spawn(&drive.port, &["speed", "20"]);
+    drive.log_until("Speed(20.0)");
+    // As if its cable were pulled.
+    drop(drive);
+    let output = turning.wait_with_output().unwrap();
+    let said = String::from_utf8(output.stderr).unwrap();
+    assert!(output.status.code() == Some(3) && said.contains("is lost"), "{said}");
+}
+
+#[test]
+fn what_is_refused_is_named_as_it_was_typed() {
+    let drive = Drive::start(&[]);
+    assert!(drive.fails(6, &["clear"]).contains("there is no fault to clear"));
+    drive.ok(&["settings", "set", "calibration_current_a", "0.5"]);
+    let said = drive.fails(6, &["settings", "set", "max_current_a", "0.25"]);
+    assert!(said.contains("max_current_a limits calibration_current_a: ") && said.contains("would be 0.5"), "{said}");
+    assert!(said.contains("Set calibration_current_a first."), "{said}");
+    drive.ok(&["calibrate"]);
+    drive.ok(&["arm"]);
+    assert!(drive.fails(6, &["clear"]).contains("there is no fault to clear"));
+    for (option, value) in [("--kp", "-1"), ("--kp", "nan"), ("--kd", "-1"), ("--max-torque", "-1")] {
+        let said = drive.fails(6, &["impedance", "0", &format!("{option}={value}"), "--once"]);
+        assert!(said.contains("must be 0 or more") && !said.contains("unstable"), "{said}");
     }
 }
 

@@ -3,6 +3,7 @@
 
 use crate::process::{Drive, HALLCTL, PATIENCE};
 use rustix::process::{Pid, Signal, kill_process};
+use std::io::{BufRead, BufReader};
 use std::os::unix::process::ExitStatusExt;
 use std::process::{Child, Command, Stdio};
 
@@ -75,7 +76,7 @@ fn a_signal_ends_what_takes_a_while() {
         (&["identify"][..], "running"),
         (&["cogging", "learn"], "running"),
         (&["calibrate"], "calibrating"),
-        (&["commission", "--max-current", "2", "--file", file.to_str().unwrap()], "calibrating"),
+        (&["commission", "--yes", "--max-current", "2", "--file", file.to_str().unwrap()], "calibrating"),
     ] {
         let mut drive = calibrated(&[]);
         let (code, said) = drive.interrupted(Signal::INT, command, sign);
@@ -164,6 +165,102 @@ fn anyone_may_stop_what_another_tool_does() {
     }
 }
 
+#[test]
+fn a_tool_that_was_suspended_does_not_turn_a_motor_that_another_has_armed() {
+    let mut drive = calibrated(&[]);
+    for (command, sign) in [
+        (&["speed", "20", "--seconds", "1000"][..], "Speed(20.0)"),
+        (&["position", "500", "--seconds", "1000"], "Position(500.0)"),
+        (&["step", "speed", "20", "--seconds", "1000"], "Speed(20.0)"),
+    ] {
+        drive.ok(&["arm"]);
+        drive.forget_log();
+        let tool = drive.begin(command);
+        // At the third the first is answered.
+        (0..3).for_each(|_| _ = drive.log_until(sign));
+        kill_process(Pid::from_child(&tool), Signal::STOP).unwrap();
+        drive.ok(&["stop"]);
+        drive.ok(&["arm"]);
+        // No real drive is stopped and armed in less.
+        std::thread::sleep(std::time::Duration::from_millis(300));
+        drive.forget_log();
+        kill_process(Pid::from_child(&tool), Signal::CONT).unwrap();
+        let output = tool.wait_with_output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(7) && said.contains("the bridge was switched off meanwhile"), "{said}");
+        // It has left the motor as it was.
+        drive.ok(&["stop"]);
+        drive.log_until("Disarm");
+        assert!(!drive.log_has(sign), "{command:?}");
+    }
+}
+
+#[test]
+fn a_motion_for_a_time_ends_with_the_motor_at_rest() {
+    let mut drive = calibrated(&[]);
+    for command in [&["position", "300"][..], &["impedance", "--velocity", "100"]] {
+        drive.ok(&["arm"]);
+        drive.forget_log();
+        drive.ok(&[command, &["--seconds", "1"]].concat());
+        // The command to stop is there at once, not when the drive misses the next one.
+        drive.ok(&["stop"]);
+        drive.log_until("Disarm");
+        assert!(drive.log_has("Speed(0.0)"), "{command:?}");
+    }
+}
+
+#[test]
+fn commissioning_that_is_stopped_says_so() {
+    let folder = tempfile::tempdir().unwrap();
+    let commission = ["commission", "--yes", "--max-current", "2.5", "--pole-pairs", "4", "--file"];
+    let file = folder.path().join("commission.toml");
+    let commission = [&commission[..], &[file.to_str().unwrap()]].concat();
+    let stopped = |drive: &Drive, tool: Child| {
+        drive.ok(&["stop"]);
+        let output = tool.wait_with_output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(7), "{said}");
+        said
+    };
+    let mut drive = Drive::start(&["--log"]);
+    // On a busy machine the first step may be over before it is stopped.
+    let said = (0..10).any(|_| {
+        drive.forget_log();
+        let tool = drive.begin(&[&commission[..], &["--restart"]].concat());
+        drive.log_until("aligning");
+        kill_process(Pid::from_child(&tool), Signal::STOP).unwrap();
+        drive.ok(&["stop"]);
+        kill_process(Pid::from_child(&tool), Signal::CONT).unwrap();
+        stopped(&drive, tool).contains("R and L at standstill: the bridge was switched off meanwhile")
+    });
+    assert!(said);
+    // Later the motor is fast, and takes a while to come to rest.
+    let mut tool = drive.begin(&commission);
+    let mut lines = BufReader::new(tool.stdout.take().unwrap()).lines().map_while(Result::ok);
+    assert!(lines.any(|line| line.starts_with("4 of 6")));
+    let speed_rad_s = |drive: &Drive| {
+        let status: serde_json::Value = serde_json::from_str(&drive.ok(&["--json", "status"])).unwrap();
+        (status["state"] == "running").then(|| status["speed_rad_s"].as_f64().unwrap().abs())
+    };
+    while speed_rad_s(&drive).is_none_or(|speed| speed < 100.0) {}
+    let said = stopped(&drive, tool);
+    assert!(said.contains("The motor still turns: ") && said.contains("wait until it stands"), "{said}");
+}
+
+#[test]
+fn telemetry_of_which_nothing_comes_leaves_its_files() {
+    let (drive, folder) = (Drive::start(&[]), tempfile::tempdir().unwrap());
+    for option in ["--csv", "--plot"] {
+        let file = folder.path().join(option);
+        std::fs::write(&file, "kept").unwrap();
+        let waits = drive.begin(&["telemetry", "--trigger", "bus>30", option, file.to_str().unwrap()]);
+        std::thread::sleep(std::time::Duration::from_millis(500));
+        kill_process(Pid::from_child(&waits), Signal::INT).unwrap();
+        waits.wait_with_output().unwrap();
+        assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept", "{option}");
+    }
+}
+
 /// Memory that a process has, KiB.
 #[cfg(target_os = "linux")]
 fn memory_kib(process: u32) -> u64 {
@@ -177,7 +274,6 @@ fn memory_kib(process: u32) -> u64 {
 #[test]
 fn a_tool_that_never_reads_floods_nothing_and_keeps_nobody_from_stopping() {
     use hallservo_protocol::{Ask, FRAME, Request, encode};
-    use std::io::{BufRead, BufReader};
     use std::time::Duration;
 
     let mut drive = calibrated(&[]);

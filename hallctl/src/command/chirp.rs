@@ -11,7 +11,6 @@ use crate::out::{self, Out, is_stream};
 use crate::response::{Sine, bandwidth};
 use crate::scope::{self, Recording, four};
 use crate::{say, units};
-use anyhow::Context as _;
 use hallservo::commutation::Commutation;
 use hallservo::hall::track;
 use hallservo::mode::Mode;
@@ -172,7 +171,7 @@ impl Plan {
 }
 
 pub(super) fn chirp(client: &mut Client, options: &Options, out: Out) -> Result<()> {
-    options.out.iter().filter(|path| !is_stream(path)).try_for_each(|path| out::create(path).map(drop))?;
+    options.out.iter().try_for_each(|path| out::probe(path))?;
     let model = model(client)?;
     let plan = plan(client, options, &model, out)?;
     let found = client.status()?;
@@ -231,16 +230,14 @@ fn plan(client: &mut Client, options: &Options, model: &Model, out: Out) -> Resu
     };
     let size = match (&options.size, options.which) {
         (None, _) => size,
-        (Some(text), Loop::Speed) => {
-            units::speed(text).map_err(|why| anyhow::anyhow!(why))?.value(out.units.speed.rad_s())
-        }
+        (Some(text), Loop::Speed) => units::speed(text).map_err(Error::Refused)?.value(out.units.speed.rad_s()),
         (Some(text), Loop::Current) => {
             let number = text.trim_end_matches('A').trim().parse::<f64>().ok().filter(|size| size.is_finite());
-            number.with_context(|| format!("{text:?} is no current"))?
+            number.ok_or_else(|| Error::Refused(format!("{text:?} is no current")))?
         }
     };
     if size <= 0.0 {
-        return Err(anyhow::anyhow!("a size above 0 is wanted").into());
+        return Err(Error::Refused("a size above 0 is wanted".into()));
     }
     let rows = scope::status(client)?.capacity;
     let before = rows / BEFORE;
@@ -269,17 +266,20 @@ fn records(client: &mut Client, count: u32, plan: &Plan) -> Result<Vec<Recording
     for step in 0..count {
         // The speed's first step has one before it.
         let before = if plan.which == Loop::Current { Plan::REST } else { plan.target(1) };
-        if plan.which == Loop::Current || step == 0 {
+        if step == 0 {
             client.order(before.ask())?;
+        } else if plan.which == Loop::Current {
+            client.repeat(before.ask()).map_err(|error| motion::fallen(client, error))?;
         }
         settle(client, plan)?;
         if plan.which == Loop::Current {
             // What holds the rotor asks for currents by itself.
-            client.order(Target::Torque(0.0).ask())?;
+            client.repeat(Target::Torque(0.0).ask())?;
         }
         let id = scope::begin(client, plan.setup(step))?;
         let before_ms = (1000.0 * plan.row_s * f64::from(plan.setup.before)) as u64 + 2;
         client.wait_ms(before_ms)?;
+        client.still_controls()?;
         if let Some(bias) = plan.bias(step) {
             client.order(bias.ask())?;
             // Until the current is there, and the rows before the step are of nothing else. On the wall: to ask a drive
@@ -422,7 +422,7 @@ fn save(path: &Path, closed: &Bode, open: &Bode) -> Result<()> {
         Some("html") => plot(path, closed, open),
         Some("json") => {
             let value = json!({ "closed_loop": closed, "open_loop": open });
-            out::save(path, &format!("{value}\n"))
+            out::save(path, format!("{value}\n"))
         }
         _ => table(path, closed, open),
     }
@@ -441,7 +441,7 @@ fn table(path: &Path, closed: &Bode, open: &Bode) -> Result<()> {
         }
         text += &format!(",{:.4},{:.4}", closed.doubt[row], open.doubt[row]);
     }
-    out::save(path, &(text + "\n"))
+    out::save(path, text + "\n")
 }
 
 fn plot(path: &Path, closed: &Bode, open: &Bode) -> Result<()> {
@@ -458,5 +458,5 @@ fn plot(path: &Path, closed: &Bode, open: &Bode) -> Result<()> {
         let phase = both(|sine| sine.phase_deg);
         report.plot(&Plot::new(&format!("Phase, {title}"), x, "phase / °", phase), "")?;
     }
-    out::save(path, &report.html())
+    out::save(path, report.html())
 }

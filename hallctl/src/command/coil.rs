@@ -125,12 +125,14 @@ impl Steps {
         let order = |client: &mut Client, target: Target| {
             client.order(target.ask()).map_err(|error| motion::fallen(client, error))
         };
+        client.still_controls()?;
         if self.plan.is_light {
             // Where the winding is warm, little current is left to stop with.
             motion::rest(client)?;
             order(client, Target::Position(began_turns + self.plan.place(step) / self.pole_pairs))?;
         }
         client.wait_ms(REST_MS)?;
+        client.still_controls()?;
         // What holds the rotor asks for currents by itself.
         order(client, Target::Torque(0.0))?;
         let size_a = self.plan.step_a(step);
@@ -140,6 +142,7 @@ impl Steps {
         let id = scope::begin(client, setup)?;
         // The rows before the step.
         client.wait_ms(3)?;
+        client.still_controls()?;
         order(client, Target::Torque(size_a * self.constant))?;
         // On the wall: to ask a drive for its time may take so long that the torque has turned the rotor up meanwhile.
         client.listen(LASTS)?;

@@ -5,6 +5,7 @@ mod journal;
 mod measure;
 mod words;
 
+use super::motion::AT_REST_RAD_S;
 use super::{coil, procedures, settings, tune};
 use crate::client::Client;
 use crate::error::{Error, Result};
@@ -20,7 +21,7 @@ use hallservo::settings::{Settings, TABLE, find};
 use hallservo_protocol::Ask;
 use journal::{Found, Journal, take};
 use std::fs;
-use std::io::{IsTerminal, stdin};
+use std::io::stdin;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -32,7 +33,7 @@ pub(super) struct Options {
     /// Pole pairs of the rotor, if they are known; otherwise `hallctl pole-pairs` counts them after step 2
     #[arg(long, value_parser = clap::value_parser!(u8).range(1..=64))]
     pole_pairs: Option<u8>,
-    /// Do not ask whether the motor may turn
+    /// Do not ask whether the motor may turn; without, the answer is read from the standard input
     #[arg(long, short)]
     yes: bool,
     /// Where the results of the steps are kept until all is done
@@ -53,6 +54,21 @@ const COOLINGS: u32 = 15;
 const SAVING_MS: u64 = 10_000;
 
 pub(super) fn run(client: &mut Client, options: &Options, out: Out) -> Result<()> {
+    match steps(client, options, out) {
+        Err(Error::Failed(why)) => Err(Error::Failed(why + &still_turns(client, out)?)),
+        result => result,
+    }
+}
+
+/// That the next attempt has to wait: with the bridge off a rotor may turn for long.
+fn still_turns(client: &mut Client, out: Out) -> Result<String> {
+    let status = client.status()?;
+    let turns = status.mode != Mode::Running && status.speed_rad_s.abs() > AT_REST_RAD_S;
+    let words = || format!("\n  The motor still turns: {}; wait until it stands.", out.units.speed(status.speed_rad_s));
+    Ok(turns.then(words).unwrap_or_default())
+}
+
+fn steps(client: &mut Client, options: &Options, out: Out) -> Result<()> {
     let mut journal = begin(client, options)?;
     let mut commission = journal.commission()?;
     words::stands(&journal, commission.action(), out)?;
@@ -122,16 +138,19 @@ fn begin(client: &mut Client, options: &Options) -> Result<Journal> {
     Ok(journal)
 }
 
-/// Asks a person at a terminal.
+/// Asks a person, or what answers through a pipe; where nobody answers, that is a no.
 fn ask(yes: bool, question: &str) -> Result<()> {
-    if yes || !stdin().is_terminal() {
+    if yes {
         return Ok(());
     }
     eprint!("{question} [y/N] ");
     let mut line = String::new();
-    stdin().read_line(&mut line).context("the terminal")?;
+    let read = stdin().read_line(&mut line).context("the answer")?;
     match line.trim() {
         "y" | "Y" | "yes" => Ok(()),
+        _ if read == 0 => {
+            Err(Error::Refused("nobody has answered, nothing more was done\n  `--yes` does not ask.".into()))
+        }
         _ => Err(Error::Refused("nothing more was done".into())),
     }
 }

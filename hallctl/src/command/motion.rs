@@ -14,7 +14,8 @@ use std::time::Instant;
 /// For how long.
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Options {
-    /// End after so long, by a command of zero; without, hold until Ctrl-C, which stops and disarms
+    /// End after so long, by a command of zero: no voltage, no torque, else speed zero, which stops the motor; without,
+    /// hold until Ctrl-C, which stops and disarms
     #[arg(long, value_name = "SECONDS", value_parser = super::seconds)]
     seconds: Option<f64>,
     /// Command once and leave; the drive stops by itself after command_timeout_s
@@ -65,13 +66,13 @@ impl Target {
         }
     }
 
-    /// What ends it when its time is over.
-    const fn end(self) -> Option<Ask<'static>> {
+    /// What ends it when its time is over. On the way to a position, and where a spring pulls, the motor turns: it is
+    /// stopped, as the drive does it after command_timeout_s.
+    const fn end(self) -> Ask<'static> {
         match self {
-            Self::Voltage(_) => Some(Ask::Voltage(0.0)),
-            Self::Torque(_) => Some(Ask::Torque(0.0)),
-            Self::Speed(_) => Some(Ask::Speed(0.0)),
-            Self::Position(_) | Self::Impedance(_) => None,
+            Self::Voltage(_) => Ask::Voltage(0.0),
+            Self::Torque(_) => Ask::Torque(0.0),
+            Self::Speed(_) | Self::Position(_) | Self::Impedance(_) => Ask::Speed(0.0),
         }
     }
 }
@@ -91,7 +92,7 @@ pub(super) fn hold(client: &mut Client, options: &Options, target: Target, out: 
     let (mut last, mut look) = (began, (Instant::now(), began.uptime_ms));
     let end_ms = options.seconds.map(|seconds| began.uptime_ms + (1000.0 * seconds) as u64);
     while end_ms.is_none_or(|end| last.uptime_ms < end) {
-        client.order(target.ask()).map_err(|error| fallen(client, error))?;
+        client.repeat(target.ask()).map_err(|error| fallen(client, error))?;
         last = client.status()?;
         if let Mode::Faulted(fault) = last.mode {
             return Err(Error::Failed(words::switched_off(fault)));
@@ -102,7 +103,7 @@ pub(super) fn hold(client: &mut Client, options: &Options, target: Target, out: 
     line.finish_and_clear();
     say!(out, "{}", motion(&last, out))?;
     out.value(&value(&last))?;
-    target.end().map_or(Ok(()), |end| client.order(end))
+    client.repeat(target.end()).map_err(|error| fallen(client, error))
 }
 
 /// Brings the motor to rest, whatever turns it, and waits for that a little.
@@ -135,10 +136,11 @@ pub(super) fn brake(client: &mut Client) -> Result<()> {
 pub(super) fn rest(client: &mut Client) -> Result<()> {
     let began = client.status()?;
     let mut look = (Instant::now(), began.uptime_ms);
+    let mut ordered = client.order(Ask::Speed(0.0));
     loop {
-        match client.order(Ask::Speed(0.0)) {
-            // It is switched off, and nothing is left to be done.
-            Err(Error::Refused(_)) => return Ok(()),
+        match ordered {
+            // It is switched off or another tool's, and nothing is left to be done.
+            Err(Error::Refused(_) | Error::Failed(_)) => return Ok(()),
             result => result?,
         }
         let status = client.status()?;
@@ -146,6 +148,7 @@ pub(super) fn rest(client: &mut Client) -> Result<()> {
             return Ok(());
         }
         client.rest(&mut look, &status)?;
+        ordered = client.repeat(Ask::Speed(0.0));
     }
 }
 
@@ -153,8 +156,8 @@ pub(super) fn rest(client: &mut Client) -> Result<()> {
 pub(super) fn fallen(client: &mut Client, error: Error) -> Error {
     match (client.status(), error) {
         (Ok(Status { mode: Mode::Faulted(fault), .. }), _) => Error::Failed(words::switched_off(fault)),
-        (Ok(Status { mode: Mode::Ready | Mode::Unarmed, .. }), Error::Refused(_)) => {
-            Error::Failed("the bridge was switched off meanwhile: another tool, `hallctl stop` perhaps".into())
+        (Ok(Status { mode: Mode::Ready | Mode::Unarmed, .. }), Error::Refused(_) | Error::Failed(_)) => {
+            Error::Failed(words::STOPPED.into())
         }
         (_, error) => error,
     }

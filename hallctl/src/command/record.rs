@@ -53,7 +53,7 @@ pub(super) fn record(client: &mut Client, options: &Options, out: Out) -> Result
     };
     let setup = scope::setup(channels, *every, rows, *before, *trigger)?;
     // Tried before the work begins.
-    options.out.iter().filter(|path| !is_stream(path)).try_for_each(|path| out::create(path).map(drop))?;
+    options.out.iter().try_for_each(|path| out::probe(path))?;
     let id = scope::begin(client, setup)?;
     let recording = scope::finish(client, id, options.seconds.unwrap_or(f64::INFINITY))?;
     for path in &options.out {
@@ -93,22 +93,20 @@ fn value(recording: &Recording) -> Value {
 fn save(path: &Path, recording: &Recording) -> Result<()> {
     match path.extension().and_then(|extension| extension.to_str()) {
         Some("html") => plot(path, recording),
-        Some("json") => {
-            out::save(path, &(serde_json::to_string(&value(recording)).context("the result as JSON")? + "\n"))
-        }
+        Some("json") => out::save(path, serde_json::to_string(&value(recording)).context("the result as JSON")? + "\n"),
         _ => table(path, recording),
     }
 }
 
 fn table(path: &Path, recording: &Recording) -> Result<()> {
-    let mut csv = csv::Writer::from_writer(out::create(path)?);
+    let mut csv = csv::Writer::from_writer(Vec::new());
     let names = recording.channels.iter().map(|channel| name(*channel));
     csv.write_record(["time_s"].into_iter().chain(names)).context("the CSV file")?;
     for (row, time_s) in recording.time_s.iter().enumerate() {
         let values = recording.values.iter().map(|values| values[row].to_string());
         csv.write_record([format!("{time_s:.9}")].into_iter().chain(values)).context("the CSV file")?;
     }
-    Ok(csv.flush().context("the CSV file")?)
+    out::save(path, csv.into_inner().map_err(csv::IntoInnerError::into_error).context("the CSV file")?)
 }
 
 /// A diagram for each unit.
@@ -132,5 +130,5 @@ fn plot(path: &Path, recording: &Recording) -> Result<()> {
         let y = if unit.is_empty() { "share".to_owned() } else { format!("value / {unit}") };
         report.plot(&Plot::new(&title, "time / ms", &y, series).event(0.0, "trigger"), "")?;
     }
-    out::save(path, &report.html())
+    out::save(path, report.html())
 }

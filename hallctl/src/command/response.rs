@@ -252,7 +252,7 @@ type Row = (f64, f64, f64);
 fn save(files: &Files, wanted: &Wanted, rows: &[Row], model: Option<(&Profile, f64)>) -> Result<()> {
     if let Some(path) = &files.csv {
         let lines = rows.iter().map(|(time_s, set, measured)| format!("{time_s:.6},{set:.6},{measured:.6}\n"));
-        out::save(path, &(String::from("time_s,set_point,measured\n") + &lines.collect::<String>()))?;
+        out::save(path, String::from("time_s,set_point,measured\n") + &lines.collect::<String>())?;
     }
     if let Some(path) = &files.plot {
         plot(path, wanted, rows, model)?;
@@ -274,5 +274,5 @@ fn plot(path: &Path, wanted: &Wanted, rows: &[Row], model: Option<(&Profile, f64
         "What the drive was told and what it did: how fast it follows, how far it overshoots, when it has settled.",
     );
     report.plot(&Plot::new(name, "time / s", &format!("{} / {unit}", name.to_lowercase()), series), "")?;
-    out::save(path, &report.html())
+    out::save(path, report.html())
 }

@@ -43,6 +43,8 @@ pub(super) struct Session<'a> {
     trace: Vec<Trace>,
     set: f64,
     target: Target,
+    /// Whether it has commanded the drive.
+    commands: bool,
 }
 
 impl<'a> Session<'a> {
@@ -83,7 +85,8 @@ impl<'a> Session<'a> {
     ) -> Result<(R, Vec<Trace>)> {
         while client.telemetry().is_some() {}
         client.order(Ask::Telemetry(hz))?;
-        let mut session = Session { client, began, last: None, steps: 0, trace: Vec::new(), set: 0.0, target };
+        let (trace, set) = (Vec::new(), 0.0);
+        let mut session = Session { client, began, last: None, steps: 0, trace, set, target, commands: false };
         let result = work(&mut session)?;
         Ok((result, session.trace))
     }
@@ -111,7 +114,7 @@ impl<'a> Session<'a> {
         let mut look = (Instant::now(), began.uptime_ms);
         while now_ms < end_ms {
             self.target = target(from_s + (now_ms - began.uptime_ms) as f64 / 1000.0);
-            self.client.order(self.target.ask()).map_err(|error| motion::fallen(self.client, error))?;
+            self.order().map_err(|error| motion::fallen(self.client, error))?;
             // What came before the answer followed the set-point before.
             self.take(&measured);
             self.set = self.target.value();
@@ -124,6 +127,14 @@ impl<'a> Session<'a> {
         }
         self.take(&measured);
         Ok(())
+    }
+
+    /// The first command takes the control, the next ones keep it.
+    fn order(&mut self) -> Result<()> {
+        match std::mem::replace(&mut self.commands, true) {
+            false => self.client.order(self.target.ask()),
+            true => self.client.repeat(self.target.ask()),
+        }
     }
 
     fn take(&mut self, measured: &impl Fn(&Moment<'_>) -> f64) {

@@ -4,12 +4,13 @@ use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
 use crate::out::{self, Out};
 use crate::{say, words};
-use anyhow::{Context, anyhow};
+use anyhow::Context;
 use clap::Subcommand;
 use hallservo::service::procedure;
-use hallservo::settings::{Control, Kind, Settings, about, find};
+use hallservo::settings::{self, Control, Kind, Settings, about, find};
 use hallservo_protocol::{Answer, Ask, Setting};
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
@@ -47,7 +48,7 @@ pub(super) enum Command {
         /// The file, - for the standard output
         file: PathBuf,
     },
-    /// Set what a TOML file has; keep it by `save`
+    /// Set what a TOML file has, all of it or nothing; keep it by `save`
     Import {
         /// The file, - for the standard input
         file: PathBuf,
@@ -187,18 +188,32 @@ fn number(client: &mut Client, name: &str, text: &str) -> Result<f32> {
                 Kind::Choice(names) => names.replace('|', ", "),
                 Kind::Real | Kind::Whole => "a number".into(),
             };
-            Error::Other(anyhow!("{name} takes {wanted}, not {text}"))
+            Error::Refused(format!("it takes {wanted}, not {text}"))
         })
     });
-    match found {
+    match found.and_then(|number| number) {
         Err(Error::Refused(why)) => Err(Error::Refused(format!("{name}: {why}"))),
-        found => found?,
+        number => number,
     }
 }
 
 fn set(client: &mut Client, name: &str, value: &str, out: Out) -> Result<()> {
     let value = number(client, name, value)?;
-    client.setting(Ask::Set { name, value }, |setting| show(setting, out))?
+    let set = client.setting(Ask::Set { name, value }, |setting| show(setting, out));
+    set.map_err(|error| of_another(client, name, error))?
+}
+
+/// A refusal that names another setting than the one that is to be set says so.
+fn of_another(client: &mut Client, name: &str, error: Error) -> Error {
+    match error {
+        Error::Refused(why) => match why.split_whitespace().next() {
+            Some(other) if other != name && client.setting(Ask::Get(other), |_| ()).is_ok() => {
+                Error::Refused(format!("{name} limits {other}: {why}\n  Set {other} first."))
+            }
+            _ => Error::Refused(why),
+        },
+        error => error,
+    }
 }
 
 /// True where they are kept only when the bridge is off.
@@ -228,34 +243,67 @@ fn export(client: &mut Client, path: &Path) -> Result<()> {
         // Writing into a string does not fail.
         let _ = writeln!(text, "\n# {}{unit}\n{fixed}{} = {value}", about(setting.name), setting.name);
     })?;
-    out::save(path, &text)
+    out::save(path, text)
 }
 
 fn import(client: &mut Client, path: &Path, out: Out) -> Result<()> {
     let text = out::load(path)?;
     let table: toml::Table = text.parse().with_context(|| format!("in {}", path.display()))?;
-    let mut left: Vec<(&str, f32)> = Vec::new();
+    let (mut wanted, mut before) = (Vec::<(&str, f32)>::new(), BTreeMap::new());
     for (name, value) in &table {
         let text = match value {
             toml::Value::String(text) => text.clone(),
             value => value.to_string(),
         };
-        left.push((name, number(client, name, &text)?));
+        wanted.push((name, number(client, name, &text)?));
+        let (value, fixed) = client.setting(Ask::Get(name), |setting| (setting.value, setting.fixed))?;
+        if fixed {
+            return Err(Error::Refused(format!("{name}: {}", settings::Error::Fixed)));
+        }
+        before.insert(name.as_str(), value);
     }
-    set_all(client, left)?;
+    let mut changed = Vec::new();
+    set_in_turn(client, wanted, &mut changed).map_err(|error| put_back(client, error, &changed, &before))?;
     say!(out, "{} settings set; `hallctl settings save` keeps them", table.len())?;
     out.value(&json!({ "set": table.len() }))
 }
 
-/// Sets several: some ranges depend on other settings, so what is refused at first may be allowed later.
-pub(super) fn set_all(client: &mut Client, mut left: Vec<(&str, f32)>) -> Result<()> {
+/// Takes back what was changed, the last first: so the drive has had, and allowed, every step before.
+fn put_back(client: &mut Client, error: Error, changed: &[&str], before: &BTreeMap<&str, f32>) -> Error {
+    if matches!(error, Error::Interrupted) {
+        client.carry_on();
+    }
+    let mut kept = Vec::new();
+    for name in changed.iter().rev() {
+        let Some(&value) = before.get(name) else { continue };
+        if client.setting(Ask::Set { name, value }, |_| ()).is_err() {
+            kept.push(*name);
+        }
+    }
+    match error {
+        Error::Refused(why) if kept.is_empty() => Error::Refused(format!("{why}\n  No setting is changed.")),
+        Error::Refused(why) => {
+            Error::Refused(format!("{why}\n  What was changed before, and could not be put back: {}.", kept.join(", ")))
+        }
+        error => error,
+    }
+}
+
+/// Sets several.
+pub(super) fn set_all(client: &mut Client, wanted: Vec<(&str, f32)>) -> Result<()> {
+    set_in_turn(client, wanted, &mut Vec::new())
+}
+
+/// Some ranges depend on other settings, so what is refused at first may be allowed later. Those that were set are added to
+/// `changed`.
+fn set_in_turn<'a>(client: &mut Client, mut left: Vec<(&'a str, f32)>, changed: &mut Vec<&'a str>) -> Result<()> {
     loop {
         let before = left.len();
         let mut refused = None;
         let mut rest = Vec::new();
         for (name, value) in left {
             match client.setting(Ask::Set { name, value }, |_| ()) {
-                Ok(()) => {}
+                Ok(()) => changed.push(name),
                 Err(Error::Refused(why)) => {
                     refused = Some(Error::Refused(format!("{name}: {why}")));
                     rest.push((name, value));

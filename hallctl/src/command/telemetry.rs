@@ -98,6 +98,8 @@ type Table = csv::Writer<Box<dyn Write>>;
 /// Where the rows go.
 struct Sinks {
     gate: Gate,
+    /// A file is begun with the first row: what is in it stays as long as nothing comes.
+    path: Option<PathBuf>,
     csv: Option<Table>,
     kept: Option<Vec<Row>>,
     out: Option<Out>,
@@ -108,13 +110,12 @@ struct Sinks {
 impl Sinks {
     fn open(options: &Options, out: Out) -> Result<Self> {
         // Tried before the work begins.
-        if let Some(path) = options.plot.as_ref().filter(|path| !is_stream(path)) {
-            out::create(path)?;
-        }
-        let csv = options.csv.as_ref().map(|path| table(path)).transpose()?;
-        let quiet = csv.is_some() || options.plot.is_some();
+        options.plot.iter().chain(&options.csv).try_for_each(|path| out::probe(path))?;
+        let csv = options.csv.as_ref().filter(|path| is_stream(path)).map(|path| table(path)).transpose()?;
+        let quiet = options.csv.is_some() || options.plot.is_some();
         Ok(Self {
             gate: Gate::new(options.trigger, options.before),
+            path: options.csv.clone(),
             csv,
             kept: options.plot.as_ref().map(|_| Vec::new()),
             out: (!quiet).then_some(out),
@@ -129,6 +130,9 @@ impl Sinks {
 
     fn keep(&mut self, row: Row) -> Result<()> {
         self.count += 1;
+        if self.csv.is_none() {
+            self.csv = self.path.as_ref().map(|path| table(path)).transpose()?;
+        }
         if let Some(csv) = &mut self.csv {
             csv.write_record(record(&row)).context("the CSV file")?;
         }
@@ -298,5 +302,5 @@ fn plot(path: &Path, rows: &[Row]) -> Result<()> {
             report.plot(&Plot::new(title, "time / s", unit, series), "")?;
         }
     }
-    out::save(path, &report.html())
+    out::save(path, report.html())
 }

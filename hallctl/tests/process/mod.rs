@@ -89,6 +89,7 @@ impl Drive {
     pub fn forget_log(&mut self) {
         writeln!(self.keyboard, "mend").unwrap();
         while self.line() != "mend: done\n" {}
+        self.log.clear();
     }
 
     /// Waits until its log tells of something.
@@ -111,6 +112,11 @@ impl Drive {
         let end = self.log.iter().rposition(|entry| entry.what == what).unwrap_or_else(|| panic!("{:?}", self.log));
         let before = self.log[..end].iter().rposition(|entry| entry.what != what).map_or(0, |at| at + 1);
         self.log[before].clone()
+    }
+
+    /// Whether an entry since [`Self::forget_log`] tells of something.
+    pub fn log_has(&self, what: &str) -> bool {
+        self.log.iter().any(|entry| entry.what == what)
     }
 
     /// The latest entry that tells of something.

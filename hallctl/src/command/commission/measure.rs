@@ -47,6 +47,7 @@ fn measure(client: &mut Client, evaluation: &mut Evaluation) -> Result<Measured>
             let mode = client.status()?.mode;
             return match mode {
                 Mode::Faulted(fault) if !begins => Ok(Err(procedure::Error::Fault(fault))),
+                Mode::Ready | Mode::Unarmed if !begins => Err(super::step(STANDSTILL, words::STOPPED)),
                 _ => Err(error),
             };
         }

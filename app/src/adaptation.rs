@@ -7,7 +7,7 @@ use hallservo::hall::model::Model;
 use hallservo::hall::pair::{Motion, Pair};
 use hallservo::mode::Mode;
 use hallservo::service::Service;
-use hallservo::service::adaptation::Adaptation;
+use hallservo::service::adaptation::Watch;
 use hallservo::settings::Settings;
 use hallservo::telemetry::Record;
 use hallservo_protocol::{self as protocol, Cause};
@@ -23,10 +23,7 @@ const RECORDS_PER_MODEL: u16 = 1000;
 
 /// What watches the sensors of a drive with a calibration.
 pub(crate) struct SensorAdaptation {
-    /// Of three sensors, if it is wanted.
-    adaptation: Option<Adaptation>,
-    /// Of two.
-    pair: Pair,
+    watch: Watch,
     /// The fault that ended it.
     ended: Option<adapt::Fault>,
     /// Models that the drive has accepted.
@@ -38,38 +35,38 @@ pub(crate) struct SensorAdaptation {
 impl SensorAdaptation {
     /// Off.
     pub const fn new() -> Self {
-        Self { adaptation: None, pair: Pair::NEW, ended: None, count: 0, wait: RECORDS_PER_MODEL }
+        Self { watch: Watch::Nothing, ended: None, count: 0, wait: RECORDS_PER_MODEL }
     }
 
     /// Starts anew from what is known of the sensors.
     pub fn restart(&mut self, settings: &Settings, sensors: Option<&Sensors>, every: u32) {
         self.ended = None;
         self.wait = RECORDS_PER_MODEL;
-        self.adaptation = None;
-        self.pair = Pair::NEW;
+        self.watch = if settings.halls == 2 { Watch::Two(Pair::NEW) } else { Watch::Nothing };
         if let Some(sensors) = sensors.filter(|_| settings.adaptation && settings.halls == 3)
             && let Some(config) = config(settings, sensors.noise, every)
         {
             let Sensors { calibrated, model, .. } = sensors;
             // An error leaves it off.
-            let _ = Adaptation::resume_in(&mut self.adaptation, &config, calibrated, model, every);
+            let _ = self.watch.resume(&config, calibrated, model, every);
         }
     }
 
     /// Whether a record of a running drive says that its two sensors do not fit each other. True until the drive has
     /// stopped.
     pub fn contradicts(&mut self, record: &Record, sensors: &Sensors, motion: Option<Motion>) -> bool {
+        let Watch::Two(pair) = &mut self.watch else { return false };
         if record.status.mode() != Mode::Running {
-            self.pair = Pair::NEW;
+            *pair = Pair::NEW;
             return false;
         }
-        self.pair.take(&sensors.model, &record.codes, record.rotor.angle())
-            | motion.is_some_and(|motion| self.pair.turns_against(motion))
+        pair.take(&sensors.model, &record.codes, record.rotor.angle())
+            | motion.is_some_and(|motion| pair.turns_against(motion))
     }
 
     /// Learns from a record; returns the fault that ends it.
     pub fn take(&mut self, record: &Record, torque_nm: f32) -> Option<Cause> {
-        match self.adaptation.as_mut()?.take(record, torque_nm) {
+        match self.watch.adaptation()?.take(record, torque_nm) {
             Status::Failed(fault) => {
                 self.ended = Some(fault);
                 Some(Cause::Adaptation(fault))
@@ -85,7 +82,7 @@ impl SensorAdaptation {
     /// Sends the drive the model that is due and returns it; after the loss of a Hall one for the other two, if the
     /// drive may run so.
     pub fn publish(&mut self, service: &mut Service, on_two_halls: bool) -> Option<Model> {
-        let adaptation = self.adaptation.as_mut().filter(|_| self.ended.is_none() || on_two_halls)?;
+        let adaptation = self.watch.adaptation().filter(|_| self.ended.is_none() || on_two_halls)?;
         // What was learnt of an uneven rotor is taken back at once.
         if self.wait > 0 && self.ended.is_none() && !adaptation.adapter().doubts() {
             return None;
@@ -99,11 +96,11 @@ impl SensorAdaptation {
     }
 
     pub fn state(&self) -> protocol::Learning {
-        match (self.ended, &self.adaptation) {
+        match (self.ended, &self.watch) {
             (Some(fault), _) => protocol::Learning::Ended(fault),
-            (_, Some(adaptation)) if adaptation.adapter().doubts() => protocol::Learning::Uneven,
-            (_, Some(_)) => protocol::Learning::On,
-            (_, None) => protocol::Learning::Off,
+            (_, Watch::Three(adaptation)) if adaptation.adapter().doubts() => protocol::Learning::Uneven,
+            (_, Watch::Three(_)) => protocol::Learning::On,
+            _ => protocol::Learning::Off,
         }
     }
 }

@@ -291,8 +291,8 @@ impl Estimator {
     }
 
     pub(crate) const fn is_for(&self, adc_bits: u8, reversed: bool, halls: Halls) -> bool {
-        let halls = matches!((halls, self.lost), (Halls::Three, _) | (Halls::Two, Some(Channel::THIRD)));
-        self.adc_bits == adc_bits && self.reversed == reversed && halls
+        let third_is_used = !matches!(self.lost, Some(Channel::THIRD));
+        self.adc_bits == adc_bits && self.reversed == reversed && !(third_is_used && matches!(halls, Halls::Two))
     }
 
     /// Strength of two sensors as calibrated.

@@ -7,6 +7,7 @@ use crate::hall::Channel;
 use crate::hall::adapt::{self, Adapter, Observation, Status};
 use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
+use crate::hall::pair::Pair;
 use crate::mode::Mode;
 use crate::telemetry::{Measurement, Record};
 
@@ -25,6 +26,50 @@ enum Due {
 pub fn torque_nm(measurement: &Measurement, control: &Control) -> f32 {
     let [_, amperes] = measurement.current_a(control);
     amperes * control.motor.torque_constant(control.scale.pole_pairs)
+}
+
+/// What looks at a drive's records of the Halls, in one place of memory.
+// Of the three one is large; the others are in its place.
+#[expect(clippy::large_enum_variant)]
+#[derive(Clone, Debug)]
+pub enum Watch {
+    /// Nothing.
+    Nothing,
+    /// At three Halls: they are kept true.
+    Three(Adaptation),
+    /// At two: whether they fit each other.
+    Two(Pair),
+}
+
+impl Watch {
+    /// [`Adaptation::resume`], written to its place, as it is large for a stack; nothing is left there after an error.
+    ///
+    /// # Errors
+    /// As [`Adaptation::resume`].
+    pub fn resume(
+        &mut self,
+        config: &adapt::Config,
+        calibrated: &Model,
+        model: &Model,
+        every: u32,
+    ) -> Result<(), BadModel> {
+        *self = Self::Nothing;
+        estimate::validate_three(calibrated, config.adc_bits)?;
+        *self = Self::Three(Adaptation::of(Adapter::at(config, calibrated), model, every));
+        let result = self.adaptation().map_or(Ok(()), |adaptation| adaptation.adapter.go_on_from(model));
+        if result.is_err() {
+            *self = Self::Nothing;
+        }
+        result
+    }
+
+    /// Of three Halls.
+    pub const fn adaptation(&mut self) -> Option<&mut Adaptation> {
+        match self {
+            Self::Three(adaptation) => Some(adaptation),
+            _ => None,
+        }
+    }
 }
 
 /// Feeds an [`Adapter`] with a drive's records and sends the drive the models that it learns.
@@ -58,26 +103,6 @@ impl Adaptation {
     const fn of(adapter: Adapter, model: &Model, every: u32) -> Self {
         let every = if every > 0 { every } else { 1 };
         Self { adapter, due: Due::Nothing, every, last: None, reversed: model.reversed }
-    }
-
-    /// The same, written to its place, as it is large for a stack; nothing is left there after an error.
-    ///
-    /// # Errors
-    /// As [`Self::resume`].
-    pub fn resume_in(
-        place: &mut Option<Self>,
-        config: &adapt::Config,
-        calibrated: &Model,
-        model: &Model,
-        every: u32,
-    ) -> Result<(), BadModel> {
-        *place = None;
-        estimate::validate_three(calibrated, config.adc_bits)?;
-        let result = place.insert(Self::of(Adapter::at(config, calibrated), model, every)).adapter.go_on_from(model);
-        if result.is_err() {
-            *place = None;
-        }
-        result
     }
 
     /// Learns from a record of a drive that is ready or running, with the torque as far as it is known, in the

@@ -276,13 +276,13 @@ impl SensorReport {
 
 impl Pattern {
     fn nearest(model: &Model) -> Self {
-        let spacings: &[u8] = match model.halls() {
-            Halls::Three => &[60, 120],
-            Halls::Two => &[60, 90, 120],
-        };
-        let candidates = spacings.iter().flat_map(|&spacing| [false, true].map(|forward| Self { spacing, forward }));
+        let candidates = [(60, false), (60, true), (120, false), (120, true), (90, false), (90, true)];
+        let candidates = candidates.map(|(spacing, forward)| Self { spacing, forward });
+        // Three are never 90° apart.
+        let possible = if model.halls() == Halls::Two { 6 } else { 4 };
         let misfit = |pattern: &Self| (0..3).map(|k| i64::from(pattern.error(model, k).to_bits()).abs()).sum::<i64>();
-        candidates.min_by_key(misfit).unwrap_or(Self { spacing: 120, forward: true })
+        let nearest = candidates.into_iter().take(possible).min_by_key(misfit);
+        nearest.unwrap_or(Self { spacing: 120, forward: true })
     }
 
     /// A sensor's distance from the pattern, which is laid so that the distances have mean zero; zero for one that is

@@ -278,6 +278,45 @@ fn a_shaft_that_is_pushed_too_far_is_a_fault() {
     assert_eq!(rig.drive.mode(), Mode::Faulted(Fault::FollowingError));
 }
 
+/// Goes some turns away at a supply that takes nothing back, told so again and again; how far it was past the place, turns.
+fn overshoot(seed: u64, load: f64, kp: f64, kd: Option<f64>, turns: f64) -> f64 {
+    let mut rig = armed(seed, load, true, Magnets::Even, |_| ());
+    let there = here_turns(&rig) + turns;
+    let request = Request {
+        kp_nm_rad: Some(kp as f32),
+        kd_nms_rad: kd.map(|kd| kd as f32),
+        motion: Motion::to(there),
+        ..Request::default()
+    };
+    let mut past = 0.0_f64;
+    for _ in 0..10 {
+        follow(&mut rig, &request);
+        rig.run(0.4, |rig, _| past = past.max((here_turns(rig) - there) * turns.signum()));
+    }
+    let what = format!("rotor {seed}, load {load}, kp {kp}, kd {kd:?}, {turns} turns: {past:.2} turns past");
+    println!("{what}");
+    assert_eq!(rig.drive.mode(), Mode::Running, "{what}");
+    // Friction and cogging over the stiffness.
+    assert!((here_turns(&rig) - there).abs() < 0.02 + 5e-4 / kp, "{what}: {}", here_turns(&rig) - there);
+    past
+}
+
+#[test]
+fn a_free_motor_goes_any_way_by_a_weak_spring() {
+    let mut ways = Vec::new();
+    for (kp, kd) in [(0.02, None), (0.05, None), (0.1, None), (0.4, None), (0.4, Some(1e-3))] {
+        for (turns, load) in
+            [(3.0, 1.0), (-10.0, 1.0), (20.0, 1.0), (-60.0, 1.0), (3.0, 3.0), (20.0, 3.0), (10.0, 10.0)]
+        {
+            ways.push((kp, kd, turns, load));
+        }
+    }
+    ways.into_par_iter().enumerate().for_each(|(number, (kp, kd, turns, load))| {
+        let past = overshoot(1 + number as u64 % 3, load, kp, kd, turns);
+        assert!(past < 2.0 + 0.1 / kp, "kp {kp}, kd {kd:?}, {turns} turns, load {load}: {past}");
+    });
+}
+
 #[test]
 fn the_torque_respects_speed_and_bounds() {
     let push = |feed_forward_nm, kd| Request {

@@ -1,5 +1,6 @@
 //! The map of the rotor's magnets in a drive: learnt, stored, found again after power-up, dropped where it does not fit.
 
+use crate::process::Drive;
 use crate::tool::{ask, done, run, status, wait};
 use hallctl::simulate::flash::Flash;
 use hallctl::simulate::{self, Simulator};
@@ -211,6 +212,23 @@ fn a_rotor_swapped_while_the_map_is_at_work_ends_it() {
     // It is found again, at the right pole.
     assert!(find(&mut drive, 100.0, 5000));
     assert!(error(&mut drive, 100.0) < 0.2);
+}
+
+/// What shakes the rotor faster than its torque is measured tells nothing of the map, at a board's motor and at a light one.
+#[test]
+fn a_map_stays_in_use_while_the_loops_are_tuned_and_swept() {
+    let commission = ["commission", "--max-current", "2", "--pole-pairs", "11", "--yes"];
+    let gimbal = ["--uneven", "1", "--motor", "gimbal-11"];
+    for (options, prepare) in [(&gimbal[..2], &["calibrate"][..]), (&gimbal[..], &commission[..])] {
+        let drive = Drive::start(options);
+        drive.ok(prepare);
+        drive.ok(&["magnets", "learn"]);
+        for shaken in [&["tune"][..], &["chirp", "speed"], &["tune"], &["tune"]] {
+            drive.ok(shaken);
+            let shown = drive.ok(&["magnets", "show"]);
+            assert!(shown.contains("The map is in use"), "{options:?} {shaken:?}: {shown}");
+        }
+    }
 }
 
 #[test]

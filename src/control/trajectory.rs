@@ -43,6 +43,12 @@ impl Limits {
     pub const fn acceleration(&self) -> i32 {
         self.acceleration
     }
+
+    /// Halves the acceleration so many times. A distance that does for the larger one does for the less.
+    #[inline(always)]
+    pub(crate) const fn soften(&mut self, times: u8) {
+        self.acceleration = (self.acceleration >> (times & 15)) | 1;
+    }
 }
 
 /// Where the trajectory is.
@@ -99,6 +105,25 @@ impl Trajectory {
     /// One step towards the position that was planned for.
     #[inline(always)]
     pub const fn advance(&mut self, limits: &Limits) {
+        let next = self.next(limits);
+        self.move_on(along(next, self.direction));
+    }
+
+    /// The same; where it waits, towards the position no faster than at a speed.
+    #[inline(always)]
+    pub const fn advance_behind(&mut self, limits: &Limits, waits: bool, speed: i32) {
+        let mut next = self.next(limits);
+        if waits {
+            let most = along(speed, self.direction);
+            let most = if most > 0 { most } else { 0 };
+            next = if next < most { next } else { most };
+        }
+        self.move_on(along(next, self.direction));
+    }
+
+    /// Its next speed, positive towards the position.
+    #[inline(always)]
+    const fn next(&self, limits: &Limits) -> i32 {
         let Limits { acceleration, speed: fastest, .. } = *limits;
         // Positive towards the target.
         let speed = along(self.speed, self.direction);
@@ -106,7 +131,7 @@ impl Trajectory {
         let slow = faster as u32 <= 2 * acceleration as u32;
         let faster = if faster < fastest { faster } else { fastest };
         let reach = if acceleration < fastest { acceleration } else { fastest };
-        let next = if slow && self.last_step <= reach {
+        if slow && self.last_step <= reach {
             self.last_step
         } else if speed.wrapping_sub(1) as u32 >= fastest as u32 {
             // Above the largest speed, or not moving towards the target, which is more than one step away.
@@ -124,8 +149,7 @@ impl Trajectory {
             speed
         } else {
             speed - acceleration
-        };
-        self.move_on(along(next, self.direction));
+        }
     }
 
     /// Whether braking from now ends within a distance ahead, which is negative where the end has been passed.
@@ -138,6 +162,14 @@ impl Trajectory {
         stops(speed + limits.acceleration, limits.acceleration, stopping)
     }
 
+    /// Whether half of the acceleration that was planned with stops it in time.
+    #[inline(always)]
+    pub(crate) const fn stops_gently(&self) -> bool {
+        // Of the squares, 32 bits say enough.
+        let speed = self.speed as i64;
+        ((speed * speed) >> 32) as u32 <= (self.stopping >> 33) as u32
+    }
+
     /// Where it can be at rest when it brakes from now on, and at most one step farther. Divides, so not for every step.
     pub(crate) fn resting_place(&self, limits: &Limits) -> Position {
         // Of v (v + a) / 2a; an acceleration is never 0; so written, nothing can panic.
@@ -146,23 +178,17 @@ impl Trajectory {
         Position::from_bits(self.position.to_bits().wrapping_add(way))
     }
 
-    /// Moves no faster than at a speed, and not the other way.
-    #[inline(always)]
-    pub const fn slow_to(&mut self, speed: i32) {
-        if self.speed > 0 {
-            let speed = if speed > 0 { speed } else { 0 };
-            self.speed = if speed < self.speed { speed } else { self.speed };
-        } else {
-            let speed = if speed < 0 { speed } else { 0 };
-            self.speed = if speed > self.speed { speed } else { self.speed };
-        }
-    }
-
     #[inline(always)]
     const fn move_on(&mut self, speed: i32) {
         self.acceleration = speed - self.speed;
         self.speed = speed;
         self.position = Position::from_bits(self.position.to_bits().wrapping_add(speed as i64));
+    }
+
+    /// The direction that was planned for: −1, or 0 for the positive one.
+    #[inline(always)]
+    pub(crate) const fn direction(&self) -> i32 {
+        self.direction
     }
 
     /// Where the rotor should be.

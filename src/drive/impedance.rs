@@ -32,8 +32,8 @@ pub(super) struct Shaft {
     travels: bool,
     /// Whether the reference has come to where it was commanded to.
     complete: bool,
-    /// What the next look at the position is for.
-    turn: u8,
+    /// How often the acceleration was halved on the way there.
+    softened: u8,
 }
 
 impl Shaft {
@@ -49,7 +49,7 @@ impl Shaft {
         outward: 1,
         travels: false,
         complete: false,
-        turn: 0,
+        softened: 0,
     };
 
     /// Whether there is a reference to go on from.
@@ -164,6 +164,8 @@ impl Servo {
                 self.ends = true;
             }
         }
+        // The same command again goes on as gently.
+        self.limits_on_way.soften(self.shaft.softened);
         // The largest torque counts at once.
         self.protection.narrow_now(config);
     }
@@ -193,26 +195,33 @@ impl Servo {
         self.current_request = if leads_away { 0 } else { current };
     }
 
-    /// In turns: whether the rotor is outside of its bounds; whether the reference, which does not run away from a rotor
-    /// that cannot follow, has to wait; whether it has arrived.
+    /// Whether the rotor is outside of its bounds; whether the reference, which does not run away from a rotor that cannot
+    /// follow, has to wait; whether it has arrived.
     #[inline(always)]
     pub(super) fn attend_to_impedance(&mut self, here: i64, [least, most]: &[i64; 2]) {
         let (shaft, trajectory) = (&mut self.shaft, &self.trajectory);
-        shaft.turn = shaft.turn.wrapping_add(1);
-        match shaft.turn & 3 {
-            0 => {
-                shaft.outward = if here < *least { -1 } else { 1 };
-                self.ends = shaft.ranges || here < *least || here > *most;
-            }
-            2 => {
-                let reached = trajectory.position() == self.goal && trajectory.speed() == 0;
-                shaft.complete = reached || shaft.travels && trajectory.speed().abs() == self.limits_on_way.speed();
-            }
-            _ => {
-                let back = self.goal.to_bits() < trajectory.position().to_bits();
-                self.waits = (shaft.strain < 0) == back && shaft.strain.unsigned_abs() > shaft.far >> 2;
-            }
+        shaft.outward = if here < *least { -1 } else { 1 };
+        self.ends = shaft.ranges || here < *least || here > *most;
+        let far = shaft.strain.unsigned_abs() > shaft.far >> 2;
+        self.waits = far && (shaft.strain ^ trajectory.direction()) >= 0;
+        // What lags behind when it speeds up is asked for less, as far as it still stops in time; what runs ahead when it
+        // brakes, too, but once, for that leads past the place.
+        let most = if !self.waits {
+            1
+        } else if trajectory.stops_gently() {
+            4
+        } else {
+            0
+        };
+        if far && shaft.softened < most {
+            shaft.softened += 1;
+            self.limits_on_way.soften(1);
         }
+        let reached = trajectory.position() == self.goal && trajectory.speed() == 0;
+        if reached {
+            shaft.softened = 0;
+        }
+        shaft.complete = reached || shaft.travels && trajectory.speed().abs() == self.limits_on_way.speed();
     }
 
     /// Where the reference is.

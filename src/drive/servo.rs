@@ -258,8 +258,13 @@ impl Servo {
                 let target = if self.ends { 0 } else { speed };
                 self.trajectory.towards_speed(target, &with.config.trajectory);
             }
-            Demand::Position(_) | Demand::Impedance if self.waits => self.trajectory.slow_to(0),
-            Demand::Position(_) | Demand::Impedance => self.trajectory.advance(&self.limits_on_way),
+            // A reference of the damper that stopped dead would make it brake, and a fast rotor would be far past it before
+            // the next look at its position.
+            Demand::Position(_) | Demand::Impedance => {
+                let impedance = matches!(self.demand, Demand::Impedance);
+                let rotor = if impedance { with.rotor.speed() } else { 0 };
+                self.trajectory.advance_behind(&self.limits_on_way, self.waits, rotor);
+            }
         }
     }
 
@@ -340,8 +345,8 @@ impl Servo {
             }
             Demand::Position(_) => {
                 let ahead = self.distance(with);
-                let back = self.goal.to_bits() < self.trajectory.position().to_bits();
-                self.waits = ahead.unsigned_abs() > motion.far as u64 / 4 && (ahead < 0) == back;
+                let back = self.trajectory.direction() < 0;
+                self.waits = (ahead < 0) == back && ahead.unsigned_abs() > (motion.far >> 2) as u64;
             }
         }
     }

@@ -6,8 +6,10 @@ use super::{Live, WHOLE};
 const RISE: i32 = WHOLE.div_euclid(100) + 1;
 /// Verdicts in a row against a table that is in effect that end it.
 const DOUBTS: u8 = 3;
-/// Times that a table is dropped until its pole is not looked for any more.
+/// Times that a table is dropped until its pole is not looked for any more; each is forgotten after so many verdicts that
+/// are not against it.
 const DROPS: u8 = 3;
+const FORGOTTEN: u8 = 64;
 
 /// How a table is.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -37,6 +39,7 @@ pub struct Effect {
     count: u32,
     share: i32,
     doubts: u8,
+    /// [`FORGOTTEN`] for each time that it was dropped, less one for each verdict since that was not against it.
     drops: u8,
 }
 
@@ -113,8 +116,8 @@ impl Effect {
             return false;
         }
         self.search();
-        self.drops += 1;
-        if self.drops >= DROPS {
+        self.drops = self.drops.saturating_add(FORGOTTEN);
+        if self.drops > (DROPS - 1) * FORGOTTEN {
             self.state = Use::Foreign;
         }
         true
@@ -123,7 +126,8 @@ impl Effect {
     /// A verdict: of one that is used, whether it does not fit; of one whose pole is looked for, the pole that is sure.
     pub fn judge(&mut self, sure: Option<i32>, misfit: bool) {
         match (self.state, sure) {
-            (Use::Used, _) => self.doubts = if misfit { self.doubts.saturating_add(1) } else { 0 },
+            (Use::Used, _) if misfit => self.doubts = self.doubts.saturating_add(1),
+            (Use::Used, _) => (self.doubts, self.drops) = (0, self.drops.saturating_sub(1)),
             (Use::Searching, Some(pole)) => (self.state, self.pole, self.doubts) = (Use::Used, pole, 0),
             _ => {}
         }
@@ -135,5 +139,34 @@ impl Effect {
             self.share = share;
             self.live.use_from(self.pole, self.count, share);
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    extern crate std;
+    use super::*;
+    use std::boxed::Box;
+
+    /// In full effect, then dropped.
+    fn drop_it(effect: &mut Effect) {
+        effect.judge(Some(0), false);
+        (0..200).for_each(|_| _ = effect.tick(false, true));
+        (0..DOUBTS).for_each(|_| effect.judge(None, true));
+        (0..200).for_each(|_| _ = effect.tick(false, true));
+    }
+
+    #[test]
+    fn a_drop_is_forgotten_where_the_table_fits_for_long() {
+        let mut effect = Effect::new(Box::leak(Box::new(Live::new())));
+        effect.renew(true, None);
+        for _ in 0..10 {
+            drop_it(&mut effect);
+            assert_eq!(effect.state(), Use::Searching);
+            effect.judge(Some(0), false);
+            (0..FORGOTTEN).for_each(|_| effect.judge(None, false));
+        }
+        (0..DROPS).for_each(|_| drop_it(&mut effect));
+        assert_eq!(effect.state(), Use::Foreign);
     }
 }

@@ -27,6 +27,9 @@ const SIGMAS_AGAINST: f32 = 3.0;
 pub(super) const ALIKE_DEG: f32 = 0.15;
 /// Power left over beyond the noise that a sure pole may have, as a share of what the map differs by.
 const MOTION: f32 = 0.25;
+/// … and that what speaks against a map in use may leave, which shows the unevenness of another rotor: where more is left, as
+/// when a chirp or a step shakes the rotor faster than its torque is measured, nothing is told of the map.
+const SHAKEN: f32 = 2.0;
 /// Power of the noise, in that of the noise at the learning, that is still noise.
 const NOISE: f32 = 1.5;
 /// Bandwidth of the references, in radians of it in a radian of the mechanical turn: they settle within a turn or two.
@@ -217,9 +220,10 @@ impl<const POLES: usize> Finder<POLES> {
         let all = || self.candidates.iter().flatten();
         let others = || all().filter(|candidate| candidate.apart > alike).chain(&self.bare);
         let fit = |other: &Candidate| (other.left - chosen.left) / other.apart.max(alike);
-        let (worst, apart) = others().map(|other| (fit(other), other.apart)).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (worst, against) = others().map(|other| (fit(other), other)).min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let apart = against.apart.max(alike);
         // Noise moves ρ by twice its size over the root of what the two are apart.
-        let sigmas = worst * crate::float::root(apart.max(alike) * self.samples / chosen.left) / 2.0;
+        let sigmas = worst * crate::float::root(apart * self.samples / chosen.left) / 2.0;
         let noise = (noise_deg / 360.0) * (noise_deg / 360.0) * NOISE * self.samples;
         let nearest = others().map(|other| other.apart).fold(f32::MAX, f32::min);
         let verdict = Verdict {
@@ -230,7 +234,7 @@ impl<const POLES: usize> Finder<POLES> {
                 && sigmas >= SIGMAS
                 && self.turns >= LEAST_TURNS
                 && chosen.left - noise <= MOTION * nearest.max(alike),
-            misfit: sigmas < -SIGMAS_AGAINST,
+            misfit: sigmas < -SIGMAS_AGAINST && against.left - noise <= SHAKEN * apart,
         };
         let (best, _) = self
             .candidates

@@ -120,7 +120,16 @@ const GIVEN: &[(&str, &str, &[&str])] = &[
         ],
     ),
     ("docs/can.md", "worked out of the bit rates of the table above it", &["up to 1.3 µs", "together 2.6 %"]),
-    ("docs/features.md", "what is allowed, and what it says", &["near 60° or 120°", "Hall 1 is 36°"]),
+    (
+        "docs/features.md",
+        "what is allowed, and what it says",
+        &["near 60° or 120°", "Hall 1 is 36°", "Two Halls, 90°, 120° or 60°"],
+    ),
+    (
+        "docs/building.md",
+        "what is allowed; of two sensors at ψ the noise is 1/sin ψ over √(2/3) of three",
+        &["90°, 120° or 60° apart, `hallctl", "up to 1.4 times as noisy (least at 90°", "90° apart a fifth harmonic"],
+    ),
     (
         "docs/features.md",
         "the motors of `hallctl simulate --motor`, in sim/src/motors.rs",

@@ -105,25 +105,6 @@ impl Trajectory {
     /// One step towards the position that was planned for.
     #[inline(always)]
     pub const fn advance(&mut self, limits: &Limits) {
-        let next = self.next(limits);
-        self.move_on(along(next, self.direction));
-    }
-
-    /// The same; where it waits, towards the position no faster than at a speed.
-    #[inline(always)]
-    pub const fn advance_behind(&mut self, limits: &Limits, waits: bool, speed: i32) {
-        let mut next = self.next(limits);
-        if waits {
-            let most = along(speed, self.direction);
-            let most = if most > 0 { most } else { 0 };
-            next = if next < most { next } else { most };
-        }
-        self.move_on(along(next, self.direction));
-    }
-
-    /// Its next speed, positive towards the position.
-    #[inline(always)]
-    const fn next(&self, limits: &Limits) -> i32 {
         let Limits { acceleration, speed: fastest, .. } = *limits;
         // Positive towards the target.
         let speed = along(self.speed, self.direction);
@@ -131,7 +112,7 @@ impl Trajectory {
         let slow = faster as u32 <= 2 * acceleration as u32;
         let faster = if faster < fastest { faster } else { fastest };
         let reach = if acceleration < fastest { acceleration } else { fastest };
-        if slow && self.last_step <= reach {
+        let next = if slow && self.last_step <= reach {
             self.last_step
         } else if speed.wrapping_sub(1) as u32 >= fastest as u32 {
             // Above the largest speed, or not moving towards the target, which is more than one step away.
@@ -149,7 +130,8 @@ impl Trajectory {
             speed
         } else {
             speed - acceleration
-        }
+        };
+        self.move_on(along(next, self.direction));
     }
 
     /// Whether braking from now ends within a distance ahead, which is negative where the end has been passed.
@@ -176,6 +158,25 @@ impl Trajectory {
         let steps = self.speed.unsigned_abs().checked_div(limits.acceleration.unsigned_abs()).unwrap_or(0);
         let way = (i64::from(self.speed) * (i64::from(steps) + 2)) >> 1;
         Position::from_bits(self.position.to_bits().wrapping_add(way))
+    }
+
+    /// Stays where it is.
+    #[inline(always)]
+    pub const fn wait(&mut self) {
+        self.speed = 0;
+    }
+
+    /// Makes the last step towards the position no longer than that of a rotor at a speed.
+    #[inline(always)]
+    pub const fn wait_for(&mut self, speed: i32) {
+        let most = along(speed, self.direction);
+        let most = if most > 0 { most } else { 0 };
+        let beyond = along(self.speed, self.direction) - most;
+        if beyond > 0 {
+            let back = along(beyond, self.direction);
+            self.speed -= back;
+            self.position = Position::from_bits(self.position.to_bits().wrapping_sub(back as i64));
+        }
     }
 
     #[inline(always)]

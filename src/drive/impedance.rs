@@ -36,6 +36,9 @@ pub(super) struct Shaft {
     softened: u8,
 }
 
+/// Most of that.
+const SOFTEST: u8 = 4;
+
 impl Shaft {
     /// Neither.
     pub const NONE: Self = Self {
@@ -195,33 +198,31 @@ impl Servo {
         self.current_request = if leads_away { 0 } else { current };
     }
 
-    /// Whether the rotor is outside of its bounds; whether the reference, which does not run away from a rotor that cannot
-    /// follow, has to wait; whether it has arrived.
+    /// Whether the rotor is outside of its bounds; whether the reference has arrived: then the next way begins with the
+    /// acceleration of its command.
     #[inline(always)]
     pub(super) fn attend_to_impedance(&mut self, here: i64, [least, most]: &[i64; 2]) {
         let (shaft, trajectory) = (&mut self.shaft, &self.trajectory);
         shaft.outward = if here < *least { -1 } else { 1 };
         self.ends = shaft.ranges || here < *least || here > *most;
-        let far = shaft.strain.unsigned_abs() > shaft.far >> 2;
-        self.waits = far && (shaft.strain ^ trajectory.direction()) >= 0;
-        // What lags behind when it speeds up is asked for less, as far as it still stops in time; what runs ahead when it
-        // brakes, too, but once, for that leads past the place.
-        let most = if !self.waits {
-            1
-        } else if trajectory.stops_gently() {
-            4
-        } else {
-            0
-        };
-        if far && shaft.softened < most {
-            shaft.softened += 1;
-            self.limits_on_way.soften(1);
-        }
         let reached = trajectory.position() == self.goal && trajectory.speed() == 0;
         if reached {
             shaft.softened = 0;
         }
         shaft.complete = reached || shaft.travels && trajectory.speed().abs() == self.limits_on_way.speed();
+    }
+
+    /// Whether the reference, which does not run away from a rotor that cannot follow, has to wait. What lags behind is
+    /// asked for less acceleration, as far as it still stops in time: it cannot brake as fast, either.
+    #[inline(always)]
+    pub(super) fn go_on_with_rotor(&mut self) {
+        let (shaft, trajectory) = (&mut self.shaft, &self.trajectory);
+        let far = shaft.strain.unsigned_abs() > shaft.far >> 2;
+        self.waits = far && (shaft.strain ^ trajectory.direction()) >= 0;
+        if self.waits && shaft.softened < SOFTEST && trajectory.stops_gently() {
+            shaft.softened += 1;
+            self.limits_on_way.soften(1);
+        }
     }
 
     /// Where the reference is.

@@ -258,13 +258,8 @@ impl Servo {
                 let target = if self.ends { 0 } else { speed };
                 self.trajectory.towards_speed(target, &with.config.trajectory);
             }
-            // A reference of the damper that stopped dead would make it brake, and a fast rotor would be far past it before
-            // the next look at its position.
-            Demand::Position(_) | Demand::Impedance => {
-                let impedance = matches!(self.demand, Demand::Impedance);
-                let rotor = if impedance { with.rotor.speed() } else { 0 };
-                self.trajectory.advance_behind(&self.limits_on_way, self.waits, rotor);
-            }
+            Demand::Position(_) if self.waits => self.trajectory.wait(),
+            Demand::Position(_) | Demand::Impedance => self.trajectory.advance(&self.limits_on_way),
         }
     }
 
@@ -278,7 +273,13 @@ impl Servo {
                 let Config { position, max_speed_reference, .. } = with.config;
                 position.speed(reference, measured, speed, *max_speed_reference)
             }
-            Demand::Impedance => self.shaft.deviate(&self.trajectory, with.rotor),
+            Demand::Impedance => {
+                // If it stopped dead, the damper would brake, and a fast rotor be far past it before the next look.
+                if self.waits {
+                    self.trajectory.wait_for(with.rotor.speed());
+                }
+                self.shaft.deviate(&self.trajectory, with.rotor)
+            }
             _ => speed,
         };
     }
@@ -302,12 +303,13 @@ impl Servo {
     }
 
     /// A commanded speed waits for a rotor that cannot follow: it grows no further than this from the rotor's. A
-    /// position that is reached is held. Then, whether the rotor has left its bounds.
+    /// position that is reached is held. The reference of a spring does not run away. Then, whether the rotor has left its bounds.
     #[inline(always)]
     pub fn attend_to_motion(&mut self, with: &Context) -> Option<Fault> {
         let motion = &with.config.motion;
         match self.demand {
-            Demand::Voltage | Demand::Current(_) | Demand::Impedance => {}
+            Demand::Voltage | Demand::Current(_) => {}
+            Demand::Impedance => self.go_on_with_rotor(),
             Demand::Speed(Speed(speed)) => {
                 let reference = self.trajectory.speed();
                 let ahead = reference.wrapping_sub(with.rotor.speed());
@@ -345,8 +347,8 @@ impl Servo {
             }
             Demand::Position(_) => {
                 let ahead = self.distance(with);
-                let back = self.trajectory.direction() < 0;
-                self.waits = (ahead < 0) == back && ahead.unsigned_abs() > (motion.far >> 2) as u64;
+                let lags = ((ahead >> 32) as i32 ^ self.trajectory.direction()) >= 0;
+                self.waits = lags && ahead.unsigned_abs() > motion.far as u64 / 4;
             }
         }
     }

@@ -5,6 +5,7 @@ mod adapt_drive;
 mod adapt_rotors;
 mod adapt_safety;
 mod arming;
+mod braked_moves;
 mod chopper;
 mod cogging;
 mod coil;

@@ -42,6 +42,8 @@ pub struct Config {
     pub(crate) velocity: velocity::Gains,
     pub(crate) position: position::Gain,
     pub(crate) trajectory: trajectory::Limits,
+    /// Speed above which the supply leaves less to brake with than the trajectory's acceleration takes.
+    pub(crate) full_braking: i32,
     /// Largest speed reference of the position loop, in 2⁻³² electrical turns a step: 9/8 of the trajectory's largest
     /// speed, so that the rotor can catch up with it.
     pub(crate) max_speed_reference: i32,
@@ -143,6 +145,7 @@ impl Config {
             position: position::Gain::new(position_hz, loop_hz).ok_or(gain("position_bandwidth_hz", position_hz))?,
             trajectory: trajectory::Limits::new((acceleration as i32).max(1), speed as i32)
                 .ok_or(gain("max_acceleration_rad_s2", max_acceleration_rad_s2))?,
+            full_braking: i32::MAX,
             max_speed_reference: (1.125 * speed) as i32,
             torque_ends: (1.1 * speed) as i32,
             torque_gain: (TURN * max_current / (0.6 * speed.max(1.0))) as i32,
@@ -195,6 +198,7 @@ impl Config {
             config.overload.copper = Copper::new(settings, frame, &scale, config.overload.winding.fault as f32);
         }
         config.supply = Supply::new(settings, &motor, &scale);
+        config.full_braking = Supply::full_braking(settings, &scale);
         #[cfg(not(feature = "no-chopper"))]
         {
             config.chopper = Chopper::new(settings, loop_hz, &scale);

@@ -2,10 +2,13 @@
 //! change at any step.
 //!
 //! Each step takes the highest of the three speeds within reach, a little more, the same or a little less, from which
-//! the rotor can still stop in time. It arrives exactly and without a division.
+//! the rotor can still stop in time. It arrives exactly.
+//!
+//! Above a speed c the power of braking may be limited rather than its torque. From there on, a rotor of the speed v slows
+//! down by a·c/v only, and takes the way v³ / 3ac + c² / 6a to rest: as much as with 3ac/v / (2 + (c/v)³) all the way.
 
 use crate::angle::Position;
-use crate::math::clamp;
+use crate::math::{clamp, high};
 
 /// Limits of a trajectory.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -15,8 +18,6 @@ pub struct Limits {
     acceleration: i32,
     /// Largest speed.
     speed: i32,
-    /// Largest distance that the braking is computed for; keeps twice its product with the acceleration within 63 bits.
-    longest_distance: u64,
 }
 
 impl Limits {
@@ -25,14 +26,20 @@ impl Limits {
         if acceleration < 1 || speed < 1 || acceleration > Self::MOST || speed > Self::MOST {
             return None;
         }
-        Some(Self { acceleration, speed, longest_distance: i64::MAX as u64 / (2 * acceleration as u64) })
+        Some(Self { acceleration, speed })
+    }
+
+    /// The same of numbers from 1, of which the speed is within the range.
+    #[inline(always)]
+    pub(crate) fn up_to(acceleration: i32, speed: i32) -> Self {
+        Self { acceleration: acceleration.min(Self::MOST), speed }
     }
 
     /// The largest of either.
     pub(crate) const MOST: i32 = 1 << 29;
 
     /// The least of both.
-    pub(crate) const SLOWEST: Self = Self { acceleration: 1, speed: 1, longest_distance: i64::MAX as u64 / 2 };
+    pub(crate) const SLOWEST: Self = Self { acceleration: 1, speed: 1 };
 
     /// Largest speed.
     pub const fn speed(&self) -> i32 {
@@ -44,10 +51,25 @@ impl Limits {
         self.acceleration
     }
 
-    /// Halves the acceleration so many times. A distance that does for the larger one does for the less.
+    /// Halves the acceleration so many times.
     #[inline(always)]
     pub(crate) const fn soften(&mut self, times: u8) {
         self.acceleration = (self.acceleration >> (times & 15)) | 1;
+    }
+
+    /// The deceleration at a speed, if its power is limited above another one, and the constant one that takes the same
+    /// way to rest, or hardly more.
+    #[inline(always)]
+    const fn braking(&self, speed: i32, full: i32) -> [i32; 2] {
+        let speed = speed.unsigned_abs();
+        if speed <= full as u32 {
+            return [self.acceleration; 2];
+        }
+        // The share x of the acceleration, in 2⁻¹⁴.
+        let share = (full as u32 / ((speed >> 14) | 1)) as i32;
+        let braking = ((self.acceleration as i64 * share as i64) >> 14) as i32 | 1;
+        // 3 / (2 + x³) is a little more than 1 + (1 − x²) / 2.
+        [braking, braking + high(braking, ((1 << 28) - share * share) << 3)]
     }
 }
 
@@ -61,10 +83,10 @@ pub struct Trajectory {
     speed: i32,
     /// Change of the speed in the last step.
     acceleration: i32,
-    /// −1 if the target lies in the negative direction, else 0.
-    direction: i32,
-    /// Twice the largest acceleration times the distance to the target: the square of the speed from which the rotor
-    /// just stops there.
+    /// Largest one that slows down, at this speed; negative if the target lies in the negative direction.
+    braking: i32,
+    /// Twice the deceleration times the distance to the target: the square of the speed from which the rotor just stops
+    /// there.
     stopping: u64,
     /// Distance to the target, if one step can cover it; otherwise the largest number.
     last_step: i32,
@@ -73,7 +95,7 @@ pub struct Trajectory {
 impl Trajectory {
     /// At a position with a speed. Until a target is planned for, it brakes to rest.
     pub const fn at(position: Position, speed: i32) -> Self {
-        Self { position, speed, acceleration: 0, direction: 0, stopping: 0, last_step: 0 }
+        Self { position, speed, acceleration: 0, braking: 0, stopping: 0, last_step: 0 }
     }
 
     /// One step towards a speed, up to ± that of the limits.
@@ -87,19 +109,21 @@ impl Trajectory {
     /// the other.
     #[inline(always)]
     pub const fn towards(&mut self, target: Position, limits: &Limits) {
-        self.plan(target, limits);
+        self.plan(target, limits, i32::MAX);
         self.advance(limits);
     }
 
-    /// Prepares [`Self::advance`] for the distance to a position.
+    /// Prepares [`Self::advance`] for the distance to a position. Above a speed `full_braking` the power of braking is
+    /// limited. That is from 2²⁰.
     #[inline(always)]
-    pub const fn plan(&mut self, target: Position, limits: &Limits) {
+    pub const fn plan(&mut self, target: Position, limits: &Limits, full_braking: i32) {
         let left = target.to_bits().wrapping_sub(self.position.to_bits());
-        self.direction = (left >> 63) as i32;
+        let direction = (left >> 63) as i32;
         let left = left.unsigned_abs();
         self.last_step = if left <= limits.acceleration as u64 { left as i32 } else { i32::MAX };
-        let distance = if left < limits.longest_distance { left } else { limits.longest_distance };
-        self.stopping = distance * (2 * limits.acceleration as u32) as u64;
+        let [braking, on_average] = limits.braking(self.speed, full_braking);
+        self.braking = along(braking, direction);
+        self.stopping = stopping(left, on_average);
     }
 
     /// One step towards the position that was planned for.
@@ -107,16 +131,16 @@ impl Trajectory {
     pub const fn advance(&mut self, limits: &Limits) {
         let Limits { acceleration, speed: fastest, .. } = *limits;
         // Positive towards the target.
-        let speed = along(self.speed, self.direction);
+        let direction = self.braking >> 31;
+        let (speed, braking) = (along(self.speed, direction), along(self.braking, direction));
         let faster = speed + acceleration;
         let slow = faster as u32 <= 2 * acceleration as u32;
         let faster = if faster < fastest { faster } else { fastest };
-        let reach = if acceleration < fastest { acceleration } else { fastest };
-        let next = if slow && self.last_step <= reach {
+        let next = if slow && self.last_step <= fastest {
             self.last_step
         } else if speed.wrapping_sub(1) as u32 >= fastest as u32 {
             // Above the largest speed, or not moving towards the target, which is more than one step away.
-            let slower = speed - acceleration;
+            let slower = speed - braking;
             if speed <= 0 {
                 faster
             } else if slower < fastest {
@@ -129,19 +153,16 @@ impl Trajectory {
         } else if stops(speed, acceleration, self.stopping) {
             speed
         } else {
-            speed - acceleration
+            speed - braking
         };
-        self.move_on(along(next, self.direction));
+        self.move_on(along(next, direction));
     }
 
     /// Whether braking from now ends within a distance ahead, which is negative where the end has been passed.
     #[inline(always)]
     pub const fn stops_within(&self, left: i64, limits: &Limits) -> bool {
         let left = if left < 0 { return false } else { left as u64 };
-        let distance = if left < limits.longest_distance { left } else { limits.longest_distance };
-        let speed = self.speed.abs();
-        let stopping = distance * (2 * limits.acceleration as u32) as u64;
-        stops(speed + limits.acceleration, limits.acceleration, stopping)
+        stops(self.speed.abs() + limits.acceleration, limits.acceleration, stopping(left, limits.acceleration))
     }
 
     /// Whether half of the acceleration that was planned with stops it in time.
@@ -169,14 +190,20 @@ impl Trajectory {
     /// Makes the last step towards the position no longer than that of a rotor at a speed.
     #[inline(always)]
     pub const fn wait_for(&mut self, speed: i32) {
-        let most = along(speed, self.direction);
+        let most = along(speed, self.direction());
         let most = if most > 0 { most } else { 0 };
-        let beyond = along(self.speed, self.direction) - most;
+        let beyond = along(self.speed, self.direction()) - most;
         if beyond > 0 {
-            let back = along(beyond, self.direction);
+            let back = along(beyond, self.direction());
             self.speed -= back;
             self.position = Position::from_bits(self.position.to_bits().wrapping_sub(back as i64));
         }
+    }
+
+    /// Takes it to a place and a speed; the target has to be planned for before the next step.
+    #[inline(always)]
+    pub const fn take_along(&mut self, position: Position, speed: i32) {
+        (self.position, self.speed) = (position, speed);
     }
 
     #[inline(always)]
@@ -189,7 +216,7 @@ impl Trajectory {
     /// The direction that was planned for: −1, or 0 for the positive one.
     #[inline(always)]
     pub(crate) const fn direction(&self) -> i32 {
-        self.direction
+        self.braking >> 31
     }
 
     /// Where the rotor should be.
@@ -212,6 +239,15 @@ impl Trajectory {
 #[inline(always)]
 const fn along(speed: i32, direction: i32) -> i32 {
     (speed ^ direction) - direction
+}
+
+/// Twice a deceleration times a distance, or a number beyond the square of any speed.
+#[cfg_attr(not(feature = "small"), inline(always))]
+#[cfg_attr(feature = "small", inline(never))]
+const fn stopping(left: u64, braking: i32) -> u64 {
+    let twice = 2 * braking as u32;
+    let fits = ((left >> 32) as u32).leading_zeros() + twice.leading_zeros() > 32;
+    if fits { left * twice as u64 } else { 1 << 62 }
 }
 
 /// Whether braking from `speed`, which is positive, ends before the target: with v the speed and a the acceleration,
@@ -285,7 +321,44 @@ mod tests {
         }
     }
 
+    /// Its power of braking is limited above a fifth of the largest speed.
+    #[test]
+    fn brakes_with_the_power_that_there_is() {
+        let (acceleration, fastest, full) = (20_000, 100_000_000, 20_000_000);
+        let limits = Limits::new(acceleration, fastest).unwrap();
+        let target = Position::from_bits(2_000_000_000_000);
+        let mut trajectory = Trajectory::default();
+        let (mut largest, mut steps) = (0.0_f64, 0);
+        while trajectory.position != target || trajectory.speed != 0 {
+            trajectory.plan(target, &limits, full);
+            trajectory.advance(&limits);
+            assert!(trajectory.position.to_bits() <= target.to_bits());
+            let power = -f64::from(trajectory.acceleration) * f64::from(trajectory.speed.max(full));
+            largest = largest.max(power / f64::from(acceleration) / f64::from(full));
+            steps += 1;
+        }
+        // 5000 steps to speed up, 13 000 to brake on the way v³ / 3ac + c² / 6a, and between them what is left.
+        let braked = 1e24 / 3.0 / 4e11 + 4e14 / 6.0 / 2e4;
+        let ideal = 18_000.0 + (2e12 - 2.5e11 - braked) / 1e8;
+        assert!(largest < 1.02 && (f64::from(steps) / ideal - 1.0).abs() < 0.02, "{largest} {steps} {ideal}");
+    }
+
     proptest! {
+        #[test]
+        fn arrives_with_a_limited_power_of_braking(
+            start in -(1_i64 << 38)..(1 << 38), target in -(1_i64 << 38)..(1 << 38),
+            speed in -(1 << 26)..(1 << 26), acceleration in 1000..(1 << 20), full in (1 << 20)..(1 << 27),
+        ) {
+            let limits = Limits::new(acceleration, 1 << 28).unwrap();
+            let mut trajectory = Trajectory::at(Position::from_bits(start), speed);
+            let arrived = (0..2_000_000).any(|_| {
+                trajectory.plan(Position::from_bits(target), &limits, full);
+                trajectory.advance(&limits);
+                trajectory.position.to_bits() == target && trajectory.speed == 0
+            });
+            prop_assert!(arrived, "{trajectory:?}");
+        }
+
         #[test]
         fn arrives_from_any_state_at_any_target(
             start in -(1_i64 << 36)..(1 << 36), target in -(1_i64 << 36)..(1 << 36),

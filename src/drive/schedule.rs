@@ -132,8 +132,8 @@ impl Drive {
     /// The plan of the trajectory to a commanded position; the command time-out.
     #[inline(never)]
     fn trajectory_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        let overdue = self.with_servo(sample, |servo, _, _| {
-            servo.plan_trajectory();
+        let overdue = self.with_servo(sample, |servo, _, with| {
+            servo.plan_trajectory(with);
             servo.protection.timeout.is_overdue()
         });
         if overdue == Some(true) {

@@ -193,9 +193,6 @@ impl Servo {
             self.speed_reference = rotor.speed();
             self.current_request = self.current_reference();
             self.speed_integrator = Integrator::holding(self.current_request);
-        } else if matches!((self.demand, demand), (Demand::Speed(_), Demand::Position(_))) {
-            // Its speed goes on. Where the rotor is was nobody's concern until now: a load may have held it back by turns.
-            self.trajectory = Trajectory::at(coarse(rotor.smoothed()), self.trajectory.speed());
         }
         self.demand = demand;
         self.ends = false;
@@ -227,14 +224,14 @@ impl Servo {
         self.speed_integrator = Integrator::asking(&config.velocity, self.asked.wrapping_sub(forward), error);
     }
 
-    /// Whether a demand goes on from the reference of the one before.
+    /// Whether a demand goes on from the reference of the one before. That of a speed is at no position that means
+    /// anything.
     fn continues(&self, demand: Demand) -> bool {
         match demand {
-            Demand::Voltage | Demand::Current(_) => self.moves(),
-            Demand::Speed(_) | Demand::Position(_) => matches!(self.demand, Demand::Speed(_) | Demand::Position(_)),
-            Demand::Impedance => match self.demand {
+            Demand::Voltage | Demand::Current(_) | Demand::Speed(_) => self.moves(),
+            Demand::Position(_) | Demand::Impedance => match self.demand {
                 Demand::Position(_) => true,
-                Demand::Impedance => self.shaft.has_reference(),
+                Demand::Impedance => demand == Demand::Impedance && self.shaft.has_reference(),
                 _ => false,
             },
         }
@@ -242,10 +239,13 @@ impl Servo {
 
     /// Plans the trajectory for the distance that is left to a commanded position.
     #[inline(always)]
-    pub fn plan_trajectory(&mut self) {
-        if let Demand::Position(_) | Demand::Impedance = self.demand {
-            self.trajectory.plan(self.goal, &self.limits_on_way);
-        }
+    pub fn plan_trajectory(&mut self, with: &Context) {
+        let full_braking = match self.demand {
+            Demand::Position(_) => with.config.full_braking,
+            Demand::Impedance => i32::MAX,
+            _ => return,
+        };
+        self.trajectory.plan(self.goal, &self.limits_on_way, full_braking);
     }
 
     /// One step of the outer loops along the trajectory.
@@ -324,7 +324,8 @@ impl Servo {
     }
 
     /// How far the trajectory's position is ahead of the rotor's.
-    #[inline(always)]
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
     fn distance(&self, with: &Context) -> i64 {
         self.trajectory.position().to_bits().wrapping_sub(coarse(with.rotor.position()).to_bits())
     }
@@ -346,9 +347,19 @@ impl Servo {
                 self.ends = !self.trajectory.stops_within(left, &with.config.trajectory);
             }
             Demand::Position(_) => {
-                let ahead = self.distance(with);
-                let lags = ((ahead >> 32) as i32 ^ self.trajectory.direction()) >= 0;
-                self.waits = lags && ahead.unsigned_abs() > motion.far as u64 / 4;
+                let (ahead, rotor) = (self.distance(with), with.rotor.speed());
+                let behind = ahead < 0;
+                self.waits = false;
+                if ahead.unsigned_abs() > motion.far as u64 / 4 {
+                    // A rotor that the supply does not let brake as its reference does takes that along, beyond the goal,
+                    // too.
+                    let narrowed = &self.protection.window.narrowed[usize::from(!behind)];
+                    if behind == (rotor > 0) && narrowed.contains(Limits::SUPPLY) {
+                        self.trajectory.take_along(Position::from_bits(here), rotor);
+                    } else {
+                        self.waits = ((ahead >> 32) as i32 ^ self.trajectory.direction()) >= 0;
+                    }
+                }
             }
         }
     }

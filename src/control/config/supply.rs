@@ -7,6 +7,12 @@ use crate::settings::Control;
 /// How much more than by the settings braking may return: a flux linkage 20 % larger and a resistance 25 % smaller.
 const MARGIN: f32 = 1.2 / 0.75;
 
+/// Share of the largest current along d that burns, squared, with the power that nobody notices: see
+/// [`protection::supply`](crate::drive).
+const BURNT: f32 = 0.894;
+/// Share of the power that it takes to brake which the plan of a move counts on. An inertia is known to some 40 %.
+const PLANNED: f32 = 0.7;
+
 /// Powers are squares of currents here, over 1.5 of the phase resistance, in 2⁻²⁶ of the full scale's.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -49,5 +55,16 @@ impl Supply {
             band: band as i32,
             slope: (65_536.0 / band) as i32,
         }
+    }
+
+    /// Speed above which the supply leaves less to brake with than an acceleration takes; 10 Hz at 40 kHz or more, as a
+    /// slow rotor brakes with any current. The back-EMF does not matter: the power of the motion is burnt in the windings,
+    /// or goes back.
+    pub fn full_braking(settings: &Control, scale: &Scale) -> i32 {
+        let Control { resistance_ohm, max_current_a, max_regeneration_a, inertia_kgm2, .. } = *settings;
+        let burnt = 1.5 * BURNT * resistance_ohm * max_current_a * max_current_a;
+        let power = burnt + settings.guard.under_voltage_v * max_regeneration_a;
+        let force = inertia_kgm2 * settings.max_acceleration_rad_s2;
+        (PLANNED / MARGIN * scale.per_radian_s() * power / force).max(1_048_576.0) as i32
     }
 }

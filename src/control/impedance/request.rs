@@ -225,10 +225,7 @@ impl Control {
                 let fastest = self.fastest(max_speed_rad_s)?;
                 let acceleration = self.acceleration(max_acceleration_rad_s2)?;
                 let speed = speed.0;
-                let limits = |most: i32| {
-                    let acceleration = acceleration.unwrap_or(Limits::MOST).clamp(1, Limits::MOST);
-                    Limits::new(acceleration, most.clamp(1, Limits::MOST)).unwrap_or(Limits::SLOWEST)
-                };
+                let limits = |most: i32| Limits::up_to(acceleration.unwrap_or(Limits::MOST), most);
                 let travel =
                     Travel { speed, stop, limits: limits(if speed == 0 { Limits::MOST } else { speed.abs() }) };
                 if fastest.is_none() && acceleration.is_none() {

@@ -1,0 +1,263 @@
+//! Moves to positions on a supply that takes nothing back, which leaves less torque to brake with than to drive.
+
+use crate::supply::{Case, armed, drone, hub, speed};
+use hallservo::commutation::Commutation;
+use hallservo::drive::Command;
+use hallservo::mode::Mode;
+use hallservo::settings::{Control, GuardSettings, Settings};
+use plant::PlantParameters;
+use rayon::prelude::*;
+use sim::commissioning::{Bench, commission};
+use sim::motors::MOTORS;
+use sim::rig::Rig;
+use std::f64::consts::TAU;
+
+/// Resistance, flux linkage, capacitor, source resistance and inertia as they are, times what is told; friction as a
+/// share of the torque of the largest current.
+#[derive(Clone, Copy, Debug)]
+struct Unlike {
+    resistance: f64,
+    flux: f64,
+    capacitor: f64,
+    source: f64,
+    inertia: f64,
+    friction: f64,
+}
+
+const LIKE: Unlike = Unlike { resistance: 1.0, flux: 1.0, capacitor: 1.0, source: 1.0, inertia: 1.0, friction: 0.0 };
+const UNLIKE: [Unlike; 7] = [
+    LIKE,
+    Unlike { resistance: 0.75, flux: 1.2, capacitor: 0.5, ..LIKE },
+    Unlike { resistance: 1.25, flux: 0.8, ..LIKE },
+    Unlike { inertia: 1.4, source: 3.0, ..LIKE },
+    Unlike { inertia: 0.7, capacitor: 5.0, ..LIKE },
+    Unlike { friction: 0.1, capacitor: 0.5, ..LIKE },
+    Unlike { resistance: 1.25, inertia: 1.4, flux: 0.8, ..LIKE },
+];
+
+fn default_motor() -> Case {
+    let control = Some(crate::supply::plain(Control { continuous_current_a: 3.0, ..Control::default() }));
+    let settings = Settings { commutation: Commutation::FieldOriented, control, ..Settings::default() };
+    Case { name: "default", plant: PlantParameters::imperfect(1), settings, speed_rad_s: 500.0 }
+}
+
+/// Light, so that it is fast at once.
+fn fast_drone() -> Case {
+    let mut case = drone();
+    case.name = "fast drone";
+    case.settings.control.as_mut().unwrap().max_acceleration_rad_s2 = 10_000.0;
+    case
+}
+
+fn other(mut case: Case, unlike: &Unlike) -> Case {
+    let motor = &mut case.plant.motor;
+    let control = case.settings.control.as_mut().unwrap();
+    let constant = 1.5 * f64::from(case.settings.pole_pairs) * f64::from(control.flux_linkage_wb);
+    let torque = f64::from(control.max_current_a) * constant;
+    // What can be done if the motor is as told, and also if it is not.
+    let most = if unlike.inertia > 1.0 { 0.35 } else { 0.6 } * torque / f64::from(control.inertia_kgm2);
+    control.max_acceleration_rad_s2 = control.max_acceleration_rad_s2.min(most as f32);
+    let friction = unlike.friction * torque;
+    motor.friction.coulomb_nm += friction;
+    motor.friction.breakaway_nm += friction;
+    motor.resistance_ohm *= unlike.resistance;
+    motor.back_emf.flux_linkage_vs *= unlike.flux;
+    motor.inertia_kgm2 *= unlike.inertia;
+    case.plant.bus.capacitance_f *= unlike.capacitor;
+    case.plant.bus.source_ohm *= unlike.source;
+    case
+}
+
+fn here(rig: &Rig) -> f64 {
+    rig.drive.tracker().position().to_turns() / f64::from(rig.config.pole_pairs.get())
+}
+
+fn go(rig: &mut Rig, turns: f64) {
+    let position = rig.control().unwrap().position(turns).unwrap();
+    rig.command(Command::Position(position)).unwrap();
+}
+
+/// What a move came to.
+#[derive(Debug)]
+struct Way {
+    mode: Mode,
+    /// Turns beyond the goal, seen from where it began; and then to the other side of it, and so on.
+    swings: Vec<f64>,
+    /// Turns from the goal, at the end.
+    left: f64,
+    /// Time after which it stayed within a hundredth of a turn.
+    settled_s: f64,
+    bus_v: f64,
+}
+
+impl Way {
+    fn overshoot(&self) -> f64 {
+        self.swings.first().copied().unwrap_or(0.0)
+    }
+
+    /// Whether each swing is smaller than the one before.
+    fn shrinks(&self) -> bool {
+        self.swings.windows(2).all(|pair| pair[1] < 0.85 * pair[0] + 0.01)
+    }
+}
+
+/// Goes to a position and looks on for a time.
+fn travel(rig: &mut Rig, goal: f64, seconds: f64) -> Way {
+    let pairs = f64::from(rig.config.pole_pairs.get());
+    let turning = rig.plant.truth().speed_rad_s;
+    let ahead = goal - here(rig);
+    let forward = if ahead.abs() < 1e-3 { turning > 0.0 } else { ahead > 0.0 };
+    go(rig, goal);
+    let mut way = Way { mode: Mode::Running, swings: vec![], left: 0.0, settled_s: 0.0, bus_v: 0.0 };
+    let (mut side, mut most, mut time) = (forward, 0.0_f64, 0.0);
+    rig.run(seconds, |rig, period| {
+        let beyond = rig.drive.tracker().position().to_turns() / pairs - goal;
+        time += rig.period_s();
+        way.bus_v = way.bus_v.max(period.truth.bus_v);
+        if beyond.abs() > 0.01 {
+            way.settled_s = time;
+        }
+        if (beyond > 0.0) == side {
+            most = most.max(beyond.abs());
+        } else if most > 0.01 {
+            way.swings.push(most);
+            (side, most) = (!side, 0.0);
+        }
+    });
+    if most > 0.01 {
+        way.swings.push(most);
+    }
+    (way.mode, way.left) = (rig.drive.mode(), here(rig) - goal);
+    way
+}
+
+/// Turns from a speed to rest, with a constant torque.
+fn stopping_turns(case: &Case) -> f64 {
+    let control = case.settings.control.unwrap();
+    f64::from(case.speed_rad_s).powi(2) / 2.0 / f64::from(control.max_acceleration_rad_s2) / TAU
+}
+
+/// Prints all, then says which were bad.
+fn judge(rows: Vec<(String, bool)>) {
+    for (text, good) in &rows {
+        println!("{} {text}", if *good { " " } else { "!" });
+    }
+    let bad = rows.iter().filter(|(_, good)| !good).count();
+    assert_eq!(bad, 0, "of {}", rows.len());
+}
+
+fn jobs() -> Vec<(Case, Unlike)> {
+    let cases = [default_motor(), drone(), fast_drone(), hub()];
+    cases.iter().flat_map(|case| UNLIKE.map(|unlike| (*case, unlike))).collect()
+}
+
+/// From near ones to those that reach the largest speed.
+#[test]
+fn a_move_ends_at_its_goal() {
+    let rows = jobs().into_par_iter().flat_map_iter(|(case, unlike)| {
+        let mut rig = armed(&other(case, &unlike), [1.0; 3]);
+        rig.run(0.3, |_, _| ());
+        let full = stopping_turns(&case);
+        let mut rows = vec![];
+        for turns in [1.0, 0.3 * full, -full, 2.5 * full] {
+            let goal = here(&rig) + turns;
+            let seconds = 3.0 + turns.abs() * TAU / f64::from(case.speed_rad_s);
+            let way = travel(&mut rig, goal, seconds);
+            let good = way.mode == Mode::Running
+                && way.left.abs() < 0.01
+                && way.shrinks()
+                && way.overshoot() < 0.5 + 0.2 * turns.abs();
+            rows.push((format!("{} {unlike:?} {turns:.1} turns: {way:.3?}", case.name), good));
+            if way.mode != Mode::Running {
+                break;
+            }
+        }
+        rows
+    });
+    judge(rows.collect());
+}
+
+/// It brakes as a stop does, and comes back.
+#[test]
+fn a_position_commanded_at_speed_is_come_back_to() {
+    let rows = jobs().into_par_iter().flat_map_iter(|(case, unlike)| {
+        let mut rows = vec![];
+        for (share, direction) in [(0.4, 1.0_f32), (1.0, -1.0)] {
+            let case = other(case, &unlike);
+            let mut rig = armed(&case, [1.0; 3]);
+            let mut stop = f64::NAN;
+            for ahead in [f64::NAN, 0.0, 1.0, -3.0] {
+                speed(&mut rig, share * direction * case.speed_rad_s);
+                rig.run(2.5, |_, _| ());
+                let from = here(&rig);
+                if ahead.is_nan() {
+                    speed(&mut rig, 0.0);
+                    rig.run(3.0, |_, _| ());
+                    stop = (here(&rig) - from).abs();
+                    continue;
+                }
+                let way = travel(&mut rig, from + f64::from(direction) * ahead, 6.0);
+                let good = way.mode == Mode::Running && way.left.abs() < 0.01 && way.shrinks();
+                let beyond = if ahead < 0.0 { 0.0 } else { way.overshoot() };
+                let brakes = beyond < (1.4 * stop - ahead).max(0.0) + 0.5;
+                rows.push((
+                    format!(
+                        "{} {unlike:?} from {share} {direction}, {ahead} ahead, stops in {stop:.2}: {way:.3?}",
+                        case.name
+                    ),
+                    good && brakes,
+                ));
+                if way.mode != Mode::Running {
+                    break;
+                }
+            }
+        }
+        rows
+    });
+    judge(rows.collect());
+}
+
+/// Light and heavy ones, of a low resistance, with the settings that commissioning has left.
+#[test]
+fn commissioned_motors_reach_their_goals() {
+    let names = std::env::var("MOTORS").unwrap_or("drone-15uh drone-20uh drone-loose 20mohm hub".into());
+    let all = names == "all";
+    let motors: Vec<_> = MOTORS.iter().filter(|motor| all || names.split(' ').any(|name| name == motor.name)).collect();
+    let rows = motors.par_iter().flat_map_iter(|motor| {
+        let mut bench = Bench::new(Rig::new(&motor.plant(5), &motor.settings(), 5).unwrap());
+        let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
+        let mut rig = bench.rig;
+        // What is commanded once has to hold.
+        let control = settings.control.as_mut().unwrap();
+        control.guard = GuardSettings { command_timeout_s: 60.0, ..control.guard };
+        settings.commutation = Commutation::FieldOriented;
+        rig.configure(&settings).unwrap();
+        rig.arm().unwrap();
+        let control = rig.control().unwrap();
+        let (most, acceleration) = (f64::from(control.largest_speed_rad_s()), {
+            f64::from(settings.control.unwrap().max_acceleration_rad_s2)
+        });
+        let full = most * most / acceleration / TAU;
+        let mut rows = vec![];
+        for turns in [0.2 * full, -full - 1.0, 1.5 * full + 1.0] {
+            let goal = here(&rig) + turns;
+            let way = travel(&mut rig, goal, 4.0 + turns.abs() * TAU / most + 8.0 * most / acceleration);
+            let good = way.mode == Mode::Running && way.left.abs() < 0.05 && way.overshoot() < 0.5 && way.shrinks();
+            rows.push((
+                format!("{} {most:.0} rad/s {acceleration:.0} rad/s², {turns:.1} turns: {way:.3?}", motor.name),
+                good,
+            ));
+            if way.mode != Mode::Running {
+                return rows;
+            }
+        }
+        speed(&mut rig, most as f32);
+        rig.run(2.0 + 2.0 * most / acceleration, |_, _| ());
+        let goal = here(&rig);
+        let way = travel(&mut rig, goal, 4.0 + 20.0 * most / acceleration);
+        let good = way.mode == Mode::Running && way.left.abs() < 0.05 && way.shrinks();
+        rows.push((format!("{} stop at full speed: {way:.3?}", motor.name), good));
+        rows
+    });
+    judge(rows.collect());
+}

@@ -213,13 +213,16 @@ impl Servo {
     }
 
     /// Whether the reference, which does not run away from a rotor that cannot follow, has to wait. What lags behind is
-    /// asked for less acceleration, as far as it still stops in time: it cannot brake as fast, either.
+    /// asked for less acceleration, as far as it still stops in time: it cannot brake as fast, either. What runs ahead, too,
+    /// but once, for that leads past the place.
     #[inline(always)]
     pub(super) fn go_on_with_rotor(&mut self) {
         let (shaft, trajectory) = (&mut self.shaft, &self.trajectory);
         let far = shaft.strain.unsigned_abs() > shaft.far >> 2;
         self.waits = far && (shaft.strain ^ trajectory.direction()) >= 0;
-        if self.waits && shaft.softened < SOFTEST && trajectory.stops_gently() {
+        let gentler =
+            if self.waits { shaft.softened < SOFTEST && trajectory.stops_gently() } else { far && shaft.softened == 0 };
+        if gentler {
             shaft.softened += 1;
             self.limits_on_way.soften(1);
         }

@@ -240,12 +240,9 @@ impl Servo {
     /// Plans the trajectory for the distance that is left to a commanded position.
     #[inline(always)]
     pub fn plan_trajectory(&mut self, with: &Context) {
-        let full_braking = match self.demand {
-            Demand::Position(_) => with.config.full_braking,
-            Demand::Impedance => i32::MAX,
-            _ => return,
-        };
-        self.trajectory.plan(self.goal, &self.limits_on_way, full_braking);
+        if let Demand::Position(_) | Demand::Impedance = self.demand {
+            self.trajectory.plan(self.goal, &self.limits_on_way, with.config.full_braking);
+        }
     }
 
     /// One step of the outer loops along the trajectory.

@@ -225,3 +225,14 @@ fn a_calibration_with_the_settings_of_another_motor_keeps_the_current_limit() {
         assert!(share <= 1.0, "{name}");
     }
 }
+
+/// A current of two thirds of what the motor takes speeds it up and brakes it for so much longer.
+#[test]
+fn a_heavy_motor_is_commissioned_by_a_small_current() {
+    let heavy = MOTORS.iter().find(|motor| motor.name == "drone-heavy").unwrap();
+    [1, 5].into_par_iter().for_each(|seed| {
+        let (text, good) = attempt(&Motor { limit_a: 10.0, ..*heavy }, seed, Iron::NONE);
+        assert!(good, "{text}");
+        println!("{text}");
+    });
+}

@@ -66,10 +66,10 @@ const COASTING_MS: u32 = 200;
 const MARK_MS: u32 = 100;
 /// Largest error at which a speed counts as reached, in shares of the fastest.
 const NEAR: f32 = 0.03;
-/// Longest time without coming nearer to a speed by a tenth of the fastest, ms: a heavy rotor brakes slowly on a supply
+/// Longest time without coming nearer to a speed by a fiftieth of the fastest, ms: a heavy rotor brakes slowly on a supply
 /// that takes nothing back.
 const REACHING_MS: u32 = 4000;
-const NEARER: f32 = 0.1;
+const NEARER: f32 = 0.02;
 
 const LEGS: usize = 2 * (SWINGS.len() + SPEEDS.len());
 

@@ -12,7 +12,8 @@ use crate::telemetry::Record;
 
 /// Longest wait for an answer or a record beside three records' time, ms.
 const ANSWER_MS: u32 = 200;
-/// Time of braking beyond what the largest acceleration needs, and from then to rest, ms.
+/// Time of braking beyond what the largest acceleration needs, in which the rotor has to lose an eighth of its speed: a
+/// heavy one brakes slowly on a supply that takes nothing back. And from then to rest, ms.
 const BRAKING_MS: u32 = 1000;
 const REST_MS: u32 = 100;
 
@@ -58,6 +59,8 @@ pub(super) struct Sequence {
     since_ms: u32,
     answer_ms: u32,
     braking_ms: u32,
+    /// Speed at the begin of that.
+    slowing: i32,
     /// Speed below which the rotor is at rest, in 2⁻³² electrical turns a step.
     rest: i32,
     demand: Demand,
@@ -88,6 +91,7 @@ impl Sequence {
             since_ms: 0,
             answer_ms: ANSWER_MS + (3000.0 / record_hz) as u32,
             braking_ms: BRAKING_MS + (1000.0 * braking_s) as u32,
+            slowing: i32::MAX,
             rest: control.trajectory.speed() / 50,
         })
     }
@@ -181,6 +185,9 @@ impl Sequence {
             }
             Phase::Braking if elapsed > self.braking_ms => self.fail(Error::NotReached),
             Phase::Braking if elapsed > REST_MS && self.speed().abs() <= self.rest => self.enter(Phase::Disarming),
+            Phase::Braking if self.speed().abs() < self.slowing - (self.slowing >> 3) => {
+                (self.slowing, self.since_ms) = (self.speed().abs(), self.now_ms);
+            }
             _ => {}
         }
     }

@@ -31,7 +31,8 @@ fn the_drive_measures_how_late_its_halls_are_and_takes_it_off() {
 fn halls_in_time_are_left_as_they_are() {
     for (maps, most_us) in [(false, 40.0), (true, 6.0)] {
         let trial = trial(Late::Not, &Unevenness::CHEAP, maps, 4).unwrap();
-        assert!(trial.found_us.abs() <= trial.error_us && trial.error_us < most_us, "{maps}: {trial:?}");
+        // The error is two standard deviations: one motor may be a little beyond.
+        assert!(trial.found_us.abs() <= 1.25 * trial.error_us && trial.error_us < most_us, "{maps}: {trial:?}");
     }
 }
 

@@ -349,9 +349,9 @@ impl Servo {
                 self.waits = false;
                 if ahead.unsigned_abs() > motion.far as u64 / 4 {
                     // A rotor that the supply does not let brake as its reference does takes that along, beyond the goal,
-                    // too.
+                    // too. Not one that is dragged away from where it is held.
                     let narrowed = &self.protection.window.narrowed[usize::from(!behind)];
-                    if behind == (rotor > 0) && narrowed.contains(Limits::SUPPLY) {
+                    if self.trajectory.speed() != 0 && behind == (rotor > 0) && narrowed.contains(Limits::SUPPLY) {
                         self.trajectory.take_along(Position::from_bits(here), rotor);
                     } else {
                         self.waits = ((ahead >> 32) as i32 ^ self.trajectory.direction()) >= 0;

@@ -52,8 +52,7 @@ impl SensorAdaptation {
         }
     }
 
-    /// Whether a record of a running drive says that its two sensors do not fit each other. True until the drive has
-    /// stopped.
+    /// Whether a record of a running drive says that its two sensors do not fit each other.
     pub fn contradicts(&mut self, record: &Record, sensors: &Sensors, motion: Option<Motion>) -> bool {
         let Watch::Two(pair) = &mut self.watch else { return false };
         if record.status.mode() != Mode::Running {

@@ -111,6 +111,45 @@ fn the_number_of_halls_can_be_changed_where_that_is_safe() {
     assert!(!arming_is_refused(&mut drive));
 }
 
+/// RMS of the tracked angle's error over half a second at 100 rad/s, electrical degrees.
+fn error_at_speed(drive: &mut Simulator) -> f64 {
+    arm(drive);
+    keep(drive, Ask::Speed(100.0), 3000);
+    let found = watch(drive, 100.0, 500);
+    done(drive, Ask::Disarm);
+    run(drive, 3000);
+    found
+}
+
+fn watch(drive: &mut Simulator, rad_s: f32, milliseconds: u32) -> f64 {
+    let truth = Rc::new(RefCell::new(0.0));
+    let seen = truth.clone();
+    drive.observe = Some(Box::new(move |_, truth| *seen.borrow_mut() = truth.electrical_angle_rad));
+    let mut square = 0.0;
+    for k in 0..milliseconds {
+        if k % 100 == 0 {
+            done(drive, Ask::Speed(rad_s));
+        }
+        drive.step();
+        square += error_deg(drive.drive().tracker().angle(), *truth.borrow()).powi(2);
+    }
+    drive.observe = None;
+    (square / f64::from(milliseconds)).sqrt()
+}
+
+#[test]
+fn a_map_of_uneven_magnets_is_learnt_and_used_with_two_halls() {
+    for (apart_deg, seed) in [(90.0, 11), (120.0, 12)] {
+        let mut drive = calibrated(&simulate::uneven(motor(apart_deg, seed), 0.5, seed), seed);
+        let before = error_at_speed(&mut drive);
+        done(&mut drive, Ask::Magnets(MagnetsAsk::Learn));
+        wait(&mut drive);
+        let after = error_at_speed(&mut drive);
+        println!("{apart_deg}° apart: {before:.2}° without, {after:.2}° with a map");
+        assert!(before > 0.8 && after < before / 3.0, "{apart_deg}° apart: {before} {after}");
+    }
+}
+
 /// What became of a running drive after a fault.
 #[derive(Debug)]
 struct Aftermath {

@@ -47,9 +47,9 @@ pub struct Config {
     /// Largest speed reference of the position loop, in 2⁻³² electrical turns a step: 9/8 of the trajectory's largest
     /// speed, so that the rotor can catch up with it.
     pub(crate) max_speed_reference: i32,
-    /// Speed at which a commanded torque ends, a tenth beyond the largest or at most 5 Hz electrical, in 2⁻³² electrical turns a step; and the torque
-    /// that each unit of speed less allows, in 2⁻³² of a unit of current: the speed loop's gain, but all torque at half the
-    /// largest speed.
+    /// Speed at which a commanded torque ends, in 2⁻³² electrical turns a step: a tenth beyond the largest or, where that is
+    /// little, up to 5 Hz electrical. And the torque that each unit of speed less allows, in 2⁻³² of a unit of current: the
+    /// speed loop's gain, or up to three times as much for all torque at half the largest speed.
     pub(crate) torque_ends: i32,
     pub(crate) torque_gain: i32,
     /// Largest current along q (`max_current_a`), in 2⁻¹⁵ of the full scale.

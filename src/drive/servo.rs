@@ -300,7 +300,8 @@ impl Servo {
     }
 
     /// A commanded speed waits for a rotor that cannot follow: it grows no further than this from the rotor's. A
-    /// position that is reached is held. The reference of a spring does not run away. Then, whether the rotor has left its bounds.
+    /// position that is reached is held. The reference of a spring does not run away. Then, whether the rotor has left its
+    /// bounds.
     #[inline(always)]
     pub fn attend_to_motion(&mut self, with: &Context) -> Option<Fault> {
         let motion = &with.config.motion;
@@ -515,9 +516,9 @@ impl Servo {
     }
 }
 
-/// A current that makes a rotor no faster than where a torque ends, a little beyond the largest speed: on the way there no more than the speed
-/// loop would ask for, lest a light rotor shoots past it. Beyond, it brakes as the speed loop would: what an error of the
-/// sensing leaves of a current turns a rotor of little friction ever faster.
+/// A current that makes a rotor no faster than where a torque ends, a little beyond the largest speed: on the way there no
+/// more than the speed loop would ask for, lest a light rotor shoots past it. Beyond, it brakes as the speed loop would:
+/// what an error of the sensing leaves of a current turns a rotor of little friction ever faster.
 #[inline(always)]
 pub(super) fn within_speed(current: i32, with: &Context) -> i32 {
     let (speed, config) = (with.rotor.speed(), with.config);

@@ -88,7 +88,7 @@ fn calibrated(client: &mut Client) -> Result<std::result::Result<Report, calibra
 fn show(report: &Report, out: Out) -> Result<()> {
     say!(out, "Calibrated.\n")?;
     let head = ["", "swing", "offset", "placement", "3rd", "5th", "noise"].map(String::from).to_vec();
-    let rows = report.sensors.iter().enumerate().map(|(k, sensor)| {
+    let rows = report.present().iter().enumerate().map(|(k, sensor)| {
         vec![
             format!("Hall {}", k + 1),
             format!("{:.0} codes", sensor.swing),
@@ -123,7 +123,7 @@ fn percent(value: f32) -> String {
 
 /// All of it for a script.
 fn value(report: &Report) -> Value {
-    let halls = report.sensors.iter().map(|sensor| {
+    let halls = report.present().iter().map(|sensor| {
         json!({
             "swing_codes": sensor.swing,
             "offset_codes": sensor.offset,

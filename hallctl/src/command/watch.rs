@@ -6,6 +6,7 @@ use crate::out::Out;
 use crate::units::Units;
 use crate::words;
 use anyhow::{Context, anyhow};
+use hallservo::hall::calibrate::report::SensorReport;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Answer, Ask, Calibration, Status, Telemetry};
 use ratatui::Frame;
@@ -34,8 +35,8 @@ struct View {
     frame: Telemetry,
     /// Smallest and largest code of each Hall since it was forgotten.
     seen: [Option<(u16, u16)>; 3],
-    /// The same as calibrated, where this is known.
-    calibrated: Option<[(f32, f32); 3]>,
+    /// The same as calibrated, of those that there are, where this is known.
+    calibrated: Vec<(f32, f32)>,
     /// Largest code.
     most: u16,
     speeds: VecDeque<f32>,
@@ -85,16 +86,14 @@ fn begin(client: &mut Client, units: Units) -> Result<View> {
 }
 
 /// The range of each Hall by the calibration, if there was one since power-up.
-fn calibrated(client: &mut Client) -> Result<Option<[(f32, f32); 3]>> {
+fn calibrated(client: &mut Client) -> Result<Vec<(f32, f32)>> {
     client.ask(Ask::Calibration, |answer| match answer {
         Answer::Calibration(Calibration::Done(report)) => {
-            let range = |k: usize| {
-                let sensor = report.sensors[k];
-                (sensor.offset - sensor.swing / 2.0, sensor.offset + sensor.swing / 2.0)
-            };
-            Ok(Some([range(0), range(1), range(2)]))
+            let range =
+                |sensor: &SensorReport| (sensor.offset - sensor.swing / 2.0, sensor.offset + sensor.swing / 2.0);
+            Ok(report.present().iter().map(range).collect())
         }
-        Answer::Calibration(_) => Ok(None),
+        Answer::Calibration(_) => Ok(Vec::new()),
         other => unexpected(&other),
     })
 }
@@ -182,15 +181,17 @@ fn draw_halls(frame: &mut Frame<'_>, view: &View, area: Rect) {
         let most = view.most.max(1);
         let at_end = code == 0 || code >= most;
         let swung = view.seen[hall].map_or_else(|| "-".into(), |(least, most)| format!("{least} … {most}"));
-        let wanted = view.calibrated.map_or_else(String::new, |ranges| {
-            let (least, most) = ranges[hall];
-            format!(", calibrated {least:.0} … {most:.0}")
-        });
+        let unused = hall >= view.calibrated.len() && !view.calibrated.is_empty();
+        let wanted = match view.calibrated.get(hall) {
+            Some((least, most)) => format!(", calibrated {least:.0} … {most:.0}"),
+            None if unused => ", not used".into(),
+            None => String::new(),
+        };
         let label = format!("Hall {}: {code}, swung {swung}{wanted}", hall + 1);
         let gauge = Gauge::default()
             .ratio((f64::from(code) / f64::from(most)).min(1.0))
             .label(label)
-            .gauge_style(Style::default().fg(if at_end { Color::Red } else { Color::Blue }));
+            .gauge_style(Style::default().fg(if at_end && !unused { Color::Red } else { Color::Blue }));
         let [bar, _] = Layout::vertical([Constraint::Length(1), Constraint::Min(0)]).areas(rows[hall]);
         frame.render_widget(gauge, bar);
     }
@@ -231,10 +232,19 @@ mod tests {
             status: Status { mode: Mode::Faulted(Fault::Stall), ..Status::default() },
             frame: Telemetry::default(),
             seen: [None; 3],
-            calibrated: Some([(1800.0, 2300.0); 3]),
+            calibrated: vec![(1800.0, 2300.0); 3],
             most: 4095,
             speeds: VecDeque::new(),
         }
+    }
+
+    #[test]
+    fn of_two_halls_the_third_is_not_used() {
+        let mut view = view();
+        view.calibrated.pop();
+        view.see(Telemetry { codes: [1900, 2000, 4095], ..Telemetry::default() });
+        let screen = screen(&view, 80, 24);
+        assert!(screen.contains("Hall 3: 4095, swung 4095 … 4095, not used"), "{screen}");
     }
 
     #[test]

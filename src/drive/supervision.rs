@@ -218,19 +218,20 @@ impl Supervision {
     pub fn note(&mut self, state: &State, speed: i32) {
         (self.voltage, self.current, self.speed) = (state.voltage, state.current, speed);
         let reference = state.current_reference;
-        let error = (reference - state.current.q).abs();
-        self.coming = error;
+        self.coming = reference - state.current.q;
         self.asked = (reference - self.reference).abs();
         self.reference = reference;
-        self.follows = error <= reference.abs() / 2 + 2 * QUIET;
+        self.follows = self.coming.abs() <= reference.abs() / 2 + 2 * QUIET;
     }
 
     /// The voltage that is left for the back-EMF.
     #[inline(always)]
     pub fn note_emf(&mut self, model: &Model) {
-        // What was missing at the last check, too, does not come.
+        // What was missing at the last check, too, does not come. Where there is too much now, the current has come since.
         let error = core::mem::replace(&mut self.error, self.coming);
-        self.coming = (self.coming - error).clamp(0, 32_767);
+        let turned = (error ^ self.coming) < 0 && !self.is_without_current();
+        let missing = if turned { 0 } else { error.abs() };
+        self.coming = (self.coming.abs() - missing).clamp(0, 32_767);
         let (v, i) = (self.voltage, self.current);
         let reactance = high(self.speed, model.reactance);
         self.emf = Dq {
@@ -295,7 +296,8 @@ impl Supervision {
         } else {
             (self.before_emf, self.before_expected) = (emf.q, expected);
         }
-        self.misfit = (self.misfit + self.unexplained).clamp(0, 1 << 28);
+        // One look, in the moment in which a current is asked for, is not enough.
+        self.misfit = (self.misfit.min(model.most) + self.unexplained.min(model.most)).max(0);
     }
 
     /// Last part. A back-EMF along q, well above what may be wrong with it, shows that the commutation is right.

@@ -222,16 +222,21 @@ impl Procedure for Swings {
         self.last = measurement.sequence;
         self.speed = measurement.rotor.speed() as f32 / self.scale.per_radian_s() * self.scale.pole_pairs;
         let field_a = state.current.d as f32 / self.scale.per_ampere();
-        self.emf_v = state.voltage.q as f32 * volts
-            - self.motor.resistance_ohm * current_a
-            - self.speed * self.motor.inductance_h * field_a;
+        // The voltage that turns a current round is no back-EMF.
+        let reference = state.current_reference;
+        let follows = (reference - state.current.q).abs() < reference.abs() / 4;
+        if follows {
+            self.emf_v = state.voltage.q as f32 * volts
+                - self.motor.resistance_ohm * current_a
+                - self.speed * self.motor.inductance_h * field_a;
+        }
         self.most_emf_v = EMF * 0.577 * f32::from(state.bus) * volts;
         if self.began_ms.is_some() {
             self.impulse += current_a * elapsed_s;
             let brakes = self.sign * self.speed < 0.0;
             self.energy_j = if brakes { 0.0 } else { self.energy_j + 1.5 * self.emf_v * current_a * elapsed_s };
             // A current along d turns what the dead time takes away from q.
-            if 4.0 * field_a.abs() < current_a.abs() {
+            if follows && 4.0 * field_a.abs() < current_a.abs() {
                 self.fit.add(self.speed, current_a.signum(), self.emf_v);
             }
         }

@@ -449,6 +449,7 @@ impl Drive {
     fn fail(&mut self, fault: Fault) {
         if self.mode.drives() {
             self.progress = Progress::None;
+            self.servo.supervision.doubt();
             self.on(Event::Fail(fault));
             self.hasten_record();
         }

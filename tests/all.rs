@@ -22,6 +22,7 @@ mod procedure;
 mod safety;
 mod servo;
 mod slow;
+mod soak;
 mod spin;
 mod storage;
 mod supervision;

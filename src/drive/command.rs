@@ -2,7 +2,7 @@
 
 use super::arming::Pending;
 use super::schedule::OUTER;
-use super::supervision::{self, Supervision};
+use super::supervision;
 use super::{Command, Demand, Drive, OpenLoop, Path, Refusal, Reply, Sample};
 use crate::angle::ElectricalAngle;
 use crate::commutation::{Commutation, Modulation};
@@ -171,6 +171,7 @@ impl Drive {
     /// Gives the estimator back: it is not to be used again, even where no other one comes.
     fn give_up_calibration(&mut self) {
         self.progress = Progress::None;
+        self.servo.supervision.doubt();
         if let Some(estimator) = self.estimator.take() {
             self.record.rotor = Tracker::at(self.record.rotor.angle());
             self.forget_pole();
@@ -263,7 +264,7 @@ impl Drive {
         }
         if self.config.control.is_some() {
             self.arming.wait();
-            self.servo.supervision = Supervision::NONE;
+            self.servo.supervision.begin_again();
             self.limits = self.limits.with(Limits::CHECKING);
         }
         self.paths.voltage.release(&self.config);
@@ -279,6 +280,7 @@ impl Drive {
         if !slow {
             return self.take_up_pending();
         }
+        self.servo.supervision.doubt();
         self.arming.begin(control, control.bus(sample.bus));
         self.take_up(Demand::Current(Current(0)));
     }

@@ -226,6 +226,12 @@ impl Servo {
             shaft.softened += 1;
             self.limits_on_way.soften(1);
         }
+        // A rotor that a weak spring does not brake as its reference does takes that along, beyond the place, too; not one
+        // that is dragged away from where it is held.
+        let most = (shaft.far >> 1) as i32;
+        if !shaft.complete {
+            self.trajectory.shift(Spring::deviation(shaft.strain.clamp(-most, most) - shaft.strain));
+        }
     }
 
     /// Where the reference is.

@@ -5,7 +5,7 @@
 //! [`CYCLE`] or in a [`LONG`] one. A row is a slot; a step has exactly one, before the angle of the step is known.
 
 use super::servo::{Context, Servo};
-use super::{Demand, Drive, Paths, Route, Sample};
+use super::{Demand, Drive, Path, Paths, Route, Sample};
 use crate::commutation::Commutation;
 use crate::control::Speed;
 use crate::fault::{Fault, Limits};
@@ -196,6 +196,10 @@ impl Drive {
     #[inline(never)]
     fn alignment_slot(&mut self, sample: &Sample) {
         let trims = (self.servo.schedule.tick / LONG).is_multiple_of(2);
+        if trims && !matches!(self.path, Path::FieldOriented) {
+            // With the bridge off, the voltage of before tells nothing of the angle.
+            return;
+        }
         self.with_servo(sample, |servo, paths, with| {
             let field = &mut paths.field_oriented;
             let along_d = servo.reference.current.d;

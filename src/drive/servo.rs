@@ -92,6 +92,8 @@ pub(super) struct Servo {
     current_by_pole: i32,
     /// Whether a commanded speed waits for a rotor that cannot follow.
     pub(super) waits: bool,
+    /// Whether the rotor is on its way to a position, and has not been at rest there.
+    arrives: bool,
     /// Whether there was a current along d 64 steps before the alignment may be trimmed.
     pub had_d: bool,
     /// Whether the motion is supervised: something is followed, and not checked before.
@@ -124,6 +126,7 @@ impl Servo {
             shaft: Shaft::NONE,
             ends: false,
             waits: false,
+            arrives: false,
             had_d: false,
             supervised: false,
             too_fast: 0,
@@ -348,11 +351,13 @@ impl Servo {
                 let (ahead, rotor) = (self.distance(with), with.rotor.speed());
                 let behind = ahead < 0;
                 self.waits = false;
+                let turns = rotor.saturating_abs() > motion.turning;
+                self.arrives = self.trajectory.speed() != 0 || self.arrives && turns;
                 if ahead.unsigned_abs() > motion.far as u64 / 4 {
                     // A rotor that the supply does not let brake as its reference does takes that along, beyond the goal,
                     // too. Not one that is dragged away from where it is held.
                     let narrowed = &self.protection.window.narrowed[usize::from(!behind)];
-                    if self.trajectory.speed() != 0 && behind == (rotor > 0) && narrowed.contains(Limits::SUPPLY) {
+                    if self.arrives && behind == (rotor > 0) && narrowed.contains(Limits::SUPPLY) {
                         self.trajectory.take_along(Position::from_bits(here), rotor);
                     } else {
                         self.waits = ((ahead >> 32) as i32 ^ self.trajectory.direction()) >= 0;

@@ -120,12 +120,22 @@ impl Supervision {
         turning: 0,
     };
 
+    /// Nothing is known yet, but what was: a commutation that was right is right for a rotor that has turned since.
+    pub const fn begin_again(&mut self) {
+        *self = Self { proofs: self.proofs, ..Self::NONE };
+    }
+
     /// The commutation has been seen to turn the rotor the right way.
     pub fn prove(&mut self) {
         self.proofs = PROOF;
     }
 
-    /// Whether it has.
+    /// Whether the commutation is right has to be seen anew.
+    pub const fn doubt(&mut self) {
+        self.proofs = 0;
+    }
+
+    /// Whether it has been seen to be right.
     #[inline(always)]
     pub const fn is_proven(&self) -> bool {
         self.proofs >= PROOF

@@ -95,6 +95,12 @@ impl Spring {
         }
     }
 
+    /// The deviation that makes a strain.
+    #[inline(always)]
+    pub const fn deviation(strain: i32) -> i64 {
+        (strain as i64) << STRAIN_BITS
+    }
+
     /// A deviation of the position, of the outer loops' unit; beyond 2³¹ it counts as that.
     #[cfg_attr(not(feature = "small"), inline(always))]
     #[cfg_attr(feature = "small", inline(never))]

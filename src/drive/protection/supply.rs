@@ -84,6 +84,12 @@ impl Supply {
         -field << 15
     }
 
+    /// Current along d that burns, in 2⁻¹⁵ of the full scale. It is still there when a torque follows.
+    #[inline(always)]
+    pub const fn field(&self) -> i32 {
+        (self.field as i32) << 2
+    }
+
     /// Takes up what the current along d and the bus voltage leave to brake with.
     #[inline(always)]
     pub fn limit(&mut self, config: &Config, bus: i32, most: i32) {

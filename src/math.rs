@@ -28,45 +28,43 @@ pub(crate) const fn within(value: i32, limit: u32) -> bool {
 
 /// Solves `matrix · x = vector` in place for the first `size` unknowns, by LDLᵀ decomposition of a symmetric, positive
 /// definite matrix, of which only the lower triangle is read. `vector` becomes the solution, the lower triangle the
-/// factors.
+/// factors. The matrix is given row by row, each as long as the vector, so that all sizes share one copy of the code.
 ///
 /// `None` if a pivot is not above `smallest_pivot` times its diagonal element: then the equations do not determine the
 /// unknown, or a value is not a number.
-pub(crate) fn solve<T, const N: usize>(
-    matrix: &mut [[T; N]; N],
-    vector: &mut [T; N],
-    size: usize,
-    smallest_pivot: T,
-) -> Option<()>
+#[inline(never)]
+pub(crate) fn solve<T>(matrix: &mut [T], vector: &mut [T], size: usize, smallest_pivot: T) -> Option<()>
 where
     T: Copy + PartialOrd + SubAssign + Mul<Output = T> + Div<Output = T>,
 {
-    let size = size.min(N);
+    let width = vector.len();
+    let size = size.min(width);
+    let at = |row, column| row * width + column;
     for row in 0..size {
-        let least = smallest_pivot * matrix[row][row];
+        let least = smallest_pivot * matrix[at(row, row)];
         for column in 0..row {
             for k in 0..column {
-                let product = matrix[row][k] * matrix[column][k];
-                matrix[row][column] -= product;
+                let product = matrix[at(row, k)] * matrix[at(column, k)];
+                matrix[at(row, column)] -= product;
             }
         }
         // Until here the row holds L·D; with the division it is L, and what it takes off the diagonal is known.
         for column in 0..row {
-            let scaled = matrix[row][column];
-            matrix[row][column] = scaled / matrix[column][column];
-            let product = scaled * matrix[row][column];
-            matrix[row][row] -= product;
-            let product = matrix[row][column] * vector[column];
+            let scaled = matrix[at(row, column)];
+            matrix[at(row, column)] = scaled / matrix[at(column, column)];
+            let product = scaled * matrix[at(row, column)];
+            matrix[at(row, row)] -= product;
+            let product = matrix[at(row, column)] * vector[column];
             vector[row] -= product;
         }
-        if !(matrix[row][row] > least) {
+        if !(matrix[at(row, row)] > least) {
             return None;
         }
     }
     for row in (0..size).rev() {
-        vector[row] = vector[row] / matrix[row][row];
+        vector[row] = vector[row] / matrix[at(row, row)];
         for k in row + 1..size {
-            let product = matrix[k][row] * vector[k];
+            let product = matrix[at(k, row)] * vector[k];
             vector[row] -= product;
         }
     }
@@ -92,7 +90,7 @@ mod tests {
         let mut matrix: [[f64; 4]; 4] =
             core::array::from_fn(|i| core::array::from_fn(|k| if k <= i { full[i][k] } else { f64::NAN }));
         let mut vector = [0, 1, 2, 3].map(|i: usize| (0..3).map(|k| full[i.min(2)][k] * x[k]).sum());
-        solve(&mut matrix, &mut vector, 3, 1e-9).unwrap();
+        solve(matrix.as_flattened_mut(), &mut vector, 3, 1e-9).unwrap();
         for (found, true_value) in vector.iter().zip(x) {
             assert!((found - true_value).abs() < 1e-12, "{vector:?}");
         }
@@ -100,7 +98,7 @@ mod tests {
 
     #[test]
     fn solve_refuses_what_determines_nothing() {
-        let refused = |matrix: [[f32; 2]; 2]| solve(&mut matrix.clone(), &mut [1.0, 1.0], 2, 1e-6).is_none();
+        let refused = |mut matrix: [[f32; 2]; 2]| solve(matrix.as_flattened_mut(), &mut [1.0, 1.0], 2, 1e-6).is_none();
         assert!(refused([[1.0, 2.0], [2.0, 4.0]]));
         assert!(refused([[1.0, 2.0], [2.0, 1.0]]));
         assert!(refused([[f32::NAN, 0.0], [0.0, 1.0]]));

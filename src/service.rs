@@ -290,8 +290,7 @@ impl Service {
     /// # Errors
     /// [`InstallError`]; nothing has changed then.
     pub fn install(&mut self, model: &Model) -> Result<(), InstallError> {
-        let (model, adc_bits) = (self.directed(model), self.config.adc_bits);
-        self.send_estimator(|spare| spare.rebuild(&model, adc_bits))
+        self.send_estimator(None, model)
     }
 
     /// The same for the two Halls that are left when one is lost.
@@ -299,8 +298,7 @@ impl Service {
     /// # Errors
     /// [`InstallError`]; nothing has changed then.
     pub fn install_without(&mut self, lost: Channel, model: &Model) -> Result<(), InstallError> {
-        let (model, adc_bits) = (self.directed(model), self.config.adc_bits);
-        self.send_estimator(|spare| spare.rebuild_without(lost, &model, adc_bits))
+        self.send_estimator(Some(lost), model)
     }
 
     /// As the settings have the direction and the number of the sensors.
@@ -312,13 +310,13 @@ impl Service {
         }
     }
 
-    fn send_estimator(
-        &mut self,
-        rebuild: impl FnOnce(&mut Estimator) -> Result<(), BadModel>,
-    ) -> Result<(), InstallError> {
+    /// Without a Hall where one is lost.
+    #[inline(never)]
+    fn send_estimator(&mut self, lost: Option<Channel>, model: &Model) -> Result<(), InstallError> {
+        let (model, adc_bits) = (self.directed(model), self.config.adc_bits);
         self.reclaim();
         let spare = self.spares.pop().ok_or(InstallError::Busy)?;
-        if let Err(bad) = rebuild(spare) {
+        if let Err(bad) = spare.rebuild(&model, adc_bits, lost) {
             let _ = self.spares.push(spare);
             return Err(InstallError::Model(bad));
         }

@@ -146,13 +146,8 @@ impl Estimator {
     /// [`WORST_NOISE_GAIN`] times as noisy as three well-placed sensors.
     pub fn new(model: &Model, adc_bits: u8) -> Result<Self, BadModel> {
         let mut estimator = Self::blank();
-        estimator.rebuild(model, adc_bits)?;
+        estimator.rebuild(model, adc_bits, None)?;
         Ok(estimator)
-    }
-
-    /// As [`Self::new`], in place, which spares a small stack several KiB. Unchanged after an error.
-    pub(crate) fn rebuild(&mut self, model: &Model, adc_bits: u8) -> Result<(), BadModel> {
-        self.remake(model, adc_bits, model.absent())
     }
 
     /// The estimator for the two sensors that remain when one is lost; error below 5e-4 rad for a perfect model. The
@@ -164,16 +159,14 @@ impl Estimator {
     /// noise is more than [`WORST_NOISE_GAIN_OF_TWO`] times that of three well-placed sensors.
     pub fn without(lost: Channel, model: &Model, adc_bits: u8) -> Result<Self, BadModel> {
         let mut estimator = Self::blank();
-        estimator.rebuild_without(lost, model, adc_bits)?;
+        estimator.rebuild(model, adc_bits, Some(lost))?;
         Ok(estimator)
     }
 
-    /// As [`Self::without`], in place. Unchanged after an error.
-    pub(crate) fn rebuild_without(&mut self, lost: Channel, model: &Model, adc_bits: u8) -> Result<(), BadModel> {
-        self.remake(model, adc_bits, Some(lost))
-    }
-
-    fn remake(&mut self, model: &Model, adc_bits: u8, lost: Option<Channel>) -> Result<(), BadModel> {
+    /// As [`Self::new`], or [`Self::without`] the one that is lost, in place, which spares a small stack several KiB.
+    /// Unchanged after an error.
+    pub(crate) fn rebuild(&mut self, model: &Model, adc_bits: u8, lost: Option<Channel>) -> Result<(), BadModel> {
+        let lost = lost.or(model.absent());
         let (windows, inverse) = check(model, adc_bits, lost)?;
         self.fill(model, adc_bits, windows, &inverse, lost);
         Ok(())

@@ -238,7 +238,7 @@ impl Fit {
 
     /// Solves the normal equations for a right side.
     fn solve_for(&self, regressors: usize, mut right: [f32; MOST]) -> Option<[f32; MOST]> {
-        math::solve(&mut self.squares.clone(), &mut right, regressors, SINGULAR)?;
+        math::solve(self.squares.clone().as_flattened_mut(), &mut right, regressors, SINGULAR)?;
         Some(right)
     }
 

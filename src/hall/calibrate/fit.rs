@@ -234,7 +234,7 @@ impl Equations {
             // Weight of the guess "no change" where the data say nothing, far below what they say elsewhere.
             self.matrix[k][k] += 1e-5 * mean;
         }
-        math::solve(&mut self.matrix, &mut self.vector, PARAMETERS, 0.0)
+        math::solve(self.matrix.as_flattened_mut(), &mut self.vector, PARAMETERS, 0.0)
     }
 }
 

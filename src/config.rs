@@ -229,7 +229,7 @@ impl Settings {
     }
 
     fn every(&self, hz: f32) -> u32 {
-        libm::roundf(self.pwm_hz / hz) as u32
+        crate::float::nearest(self.pwm_hz / hz) as u32
     }
 
     /// With current control, records have their places in the drive's schedule.

@@ -89,5 +89,5 @@ impl Motor {
 #[inline(never)]
 fn fixed(value: f32, bits: i32) -> Option<i32> {
     let scaled = libm::ldexpf(value, bits);
-    (scaled.abs() < 2_147_483_648.0).then(|| libm::roundf(scaled) as i32)
+    (scaled.abs() < 2_147_483_648.0).then(|| crate::float::nearest(scaled))
 }

@@ -78,6 +78,14 @@ pub fn floor(x: f32) -> f32 {
     -ceil(-x)
 }
 
+/// The nearest whole number, away from zero in the middle between two, or the nearest `i32`; 0 of what is not a number. One
+/// copy: libm's `roundf` would be inlined in many places.
+#[inline(never)]
+pub fn nearest(x: f32) -> i32 {
+    // With a half, the number below it would be one. From 2²³ on, where all are whole, so little changes nothing.
+    (x + libm::copysignf(0.499_999_97, x)) as i32
+}
+
 /// The largest power of two that is not more than the magnitude, as its exponent; −127 of what is below all normal
 /// numbers.
 #[inline(always)]
@@ -88,6 +96,16 @@ pub const fn exponent(x: f32) -> i32 {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn the_nearest_is_libms() {
+        let all = (0..u32::MAX / 4093).map(|k| f32::from_bits(k * 4093));
+        let seams = [0.5_f32, 1.5, 8_388_607.5, 8_388_608.0, 8_388_609.0, 16_777_217.0, 2_147_483_648.0, f32::INFINITY];
+        let around = seams.into_iter().flat_map(|x| [x.next_down(), x, x.next_up()]).flat_map(|x| [x, -x]);
+        for x in all.chain(around) {
+            assert_eq!(nearest(x), libm::roundf(x) as i32, "{x}");
+        }
+    }
 
     #[test]
     fn whole_numbers_and_exponents_are_libms() {

@@ -14,7 +14,7 @@ pub type Modulation = I1F15;
 #[inline(never)]
 pub fn modulation(share: f32) -> Modulation {
     // −1 has a number, 1 has none: both ends are the same.
-    Modulation::from_bits((libm::roundf(share * 32_768.0) as i16).max(-i16::MAX))
+    Modulation::from_bits(crate::float::nearest(share * 32_768.0).clamp(-32_767, 32_767) as i16)
 }
 
 /// What is wrong with a PWM setting.

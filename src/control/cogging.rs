@@ -100,7 +100,7 @@ impl Learner {
                 *value += scale * (sine * sin + cosine * cos);
             }
         }
-        Some(Table(smooth.map(|value| libm::roundf(value) as i16)))
+        Some(Table(smooth.map(|value| crate::float::nearest(value).clamp(-32_768, 32_767) as i16)))
     }
 }
 

@@ -16,6 +16,7 @@ use super::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity,
 use crate::angle::{Position, TURN};
 use crate::commutation::svpwm;
 use crate::double;
+use crate::float::nearest;
 use crate::pwm;
 use crate::schedule::{LONG, OUTER};
 use crate::settings::{Control, Error};
@@ -149,7 +150,7 @@ impl Config {
             max_speed_reference: (1.125 * speed) as i32,
             torque_ends: (1.1 * speed) as i32,
             torque_gain: (TURN * max_current / (0.6 * speed.max(1.0))) as i32,
-            max_current: libm::roundf(max_current) as i32,
+            max_current: nearest(max_current),
             shift: 16 - frame.adc_bits,
             volts: (longest * 65_536.0 * 4_194_304.0 / svpwm::LONGEST as f32) as i32,
             modulator: svpwm::Modulator::new(frame.period, frame.dead_time, &frame.limits, frame.reversed),
@@ -165,8 +166,8 @@ impl Config {
                 / (0.5 * scale.step_hz / (2 * LONG) as f32)
                 * 16_777_216.0)
                 .clamp(1.0, 2_147_483_520.0) as i32,
-            hall_delay: libm::roundf(settings.hall_delay_us * 256e-6 * scale.step_hz) as i16,
-            hall_coil: libm::roundf(settings.hall_coil_deg_a / scale.per_ampere() * (TURN / 360.0)) as i32,
+            hall_delay: nearest(settings.hall_delay_us * 256e-6 * scale.step_hz).clamp(-32_768, 32_767) as i16,
+            hall_coil: nearest(settings.hall_coil_deg_a / scale.per_ampere() * (TURN / 360.0)),
             scale,
             motor,
             rates: [current_hz, speed_hz, position_hz].map(|hz| TAU * hz),
@@ -268,7 +269,7 @@ impl Config {
     pub fn current(&self, amperes: f32) -> Result<Current, BadDemand> {
         let most = self.max_current as f32 / self.scale.per_ampere();
         demand(amperes, most)?;
-        Ok(Current((libm::roundf(amperes * self.scale.per_ampere()) as i32).clamp(-self.max_current, self.max_current)))
+        Ok(Current(nearest(amperes * self.scale.per_ampere()).clamp(-self.max_current, self.max_current)))
     }
 
     /// Largest current, in amperes.

@@ -92,12 +92,12 @@ impl Gains {
         let turns = (fastest_hz / scale.step_hz).min(room(inductance.max(flux)));
         // The fastest speed fills the integer.
         let shift = -crate::float::exponent(turns) - 2;
-        let hold = |gain: f32, bits| libm::roundf(libm::ldexpf(gain, bits)) as i32;
+        let hold = |gain: f32, bits| crate::float::nearest(libm::ldexpf(gain, bits));
         Ok(Self {
             proportional: hold(proportional, 26),
             integral: hold(integral, 26).max(1),
             back: hold((integral / proportional).min(0.49), 32),
-            constant: libm::roundf(4.0 * scale.step_hz / omega) as u16,
+            constant: crate::float::nearest(4.0 * scale.step_hz / omega).clamp(0, 65_535) as u16,
             inductance: hold(inductance, 23 - shift),
             flux: hold(flux, 23 - shift),
             shift: shift as u8,

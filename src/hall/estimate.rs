@@ -79,7 +79,7 @@ struct Row {
 impl Row {
     /// Weights of the normalised signals, with `unit` for one.
     fn new(weights: [f32; 3], unit: f32, model: &Model) -> Self {
-        let gains = [0, 1, 2].map(|k| libm::roundf(unit * weights[k] / model.sensors[k].amplitude) as i32);
+        let gains = [0, 1, 2].map(|k| crate::float::nearest(unit * weights[k] / model.sensors[k].amplitude));
         // Offsets are taken in 2⁻¹² codes.
         let offset = |k: usize| i64::from((model.sensors[k].offset * 4096.0) as i32);
         let middle: i64 = (0..3).map(|k| i64::from(gains[k]) * offset(k)).sum();

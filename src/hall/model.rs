@@ -129,6 +129,6 @@ impl Model {
     /// The ADC codes at an electrical angle, rounded and kept within 16 bit.
     pub fn codes(&self, electrical: ElectricalAngle) -> Codes {
         let hall = self.hall(electrical);
-        self.sensors.map(|sensor| libm::roundf(sensor.code(hall)) as u16)
+        self.sensors.map(|sensor| crate::float::nearest(sensor.code(hall)).clamp(0, 65_535) as u16)
     }
 }

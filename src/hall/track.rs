@@ -33,7 +33,7 @@ impl Config {
         valid.then(|| Self {
             gains: [1 << (32 - smoothing), 1 << (31 - 2 * smoothing)],
             largest_jump: largest_jump.to_bits() as u32,
-            delay: libm::roundf(delay * 256.0) as i32,
+            delay: crate::float::nearest(delay * 256.0),
         })
     }
 

@@ -154,7 +154,7 @@ impl Setup {
                     return Err(Error::Level(LARGEST * scale));
                 }
                 let origin = if channel.is_position() { origin } else { 0 };
-                let level = (libm::roundf(raw) as i32).wrapping_add(origin);
+                let level = crate::float::nearest(raw).wrapping_add(origin);
                 Plan { source: Source::Channel(channel), level, rising, ..plan }
             }
         })

@@ -39,8 +39,8 @@ pub fn decode(record: &[u8], full_scale_a: f32) -> Option<Table> {
     let ratio = ratio(scale, full_scale_a)?;
     let mut table = Table::ZERO;
     for (point, bytes) in table.0.iter_mut().zip(points.chunks_exact(2)) {
-        let value = libm::roundf(f32::from(i16::from_le_bytes([bytes[0], bytes[1]])) * ratio);
-        if value.abs() > f32::from(i16::MAX) {
+        let value = crate::float::nearest(f32::from(i16::from_le_bytes([bytes[0], bytes[1]])) * ratio);
+        if value.unsigned_abs() > i16::MAX as u32 {
             return None;
         }
         *point = value as i16;

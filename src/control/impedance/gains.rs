@@ -87,7 +87,7 @@ impl Spring {
     /// Of gains within the largest. What the spring's delay takes of the damping is added to it, so that the shaft feels
     /// the damping that was asked for.
     pub(super) fn new(gains: &Gains, lags: &Loop, control: &Control) -> Self {
-        let fixed = |gain: f32| libm::roundf(gain * TURN).min(2_147_483_520.0) as i32;
+        let fixed = |gain: f32| crate::float::nearest((gain * TURN).min(2_147_483_520.0));
         let damping = gains.kd_nms_rad + gains.kp_nm_rad * lags.position_s;
         Self {
             stiffness: fixed(gains.kp_nm_rad * per_strain(control)),

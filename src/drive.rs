@@ -276,8 +276,10 @@ impl Drive {
                 busy = self.receive(sample) && !drives;
             }
         }
-        if busy {
-            // With the bridge off there is nothing that the slot would have to protect.
+        // With the bridge off there is nothing that the slot would have to protect, and a voltage of before tells nothing of
+        // the alignment.
+        let skips = busy || !matches!(self.path, Path::FieldOriented) && self.servo.schedule.trims_next();
+        if skips {
             self.servo.schedule.skip();
         } else {
             self.attend(sample);

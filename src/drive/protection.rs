@@ -168,8 +168,7 @@ impl Protection {
     #[cfg_attr(feature = "small", inline(never))]
     pub fn narrow(&mut self, config: &Config) {
         // Within the circle, from its top to the largest current along d by a straight line.
-        let along_d = (self.weakening.current() >> 13).max(self.supply.field());
-        let against_field = (along_d * 37) >> 6;
+        let against_field = ((self.weakening.current() >> 13) * 37) >> 6;
         let most = (self.most - against_field).max(0);
         self.window = Window::symmetric(config.max_current - against_field);
         self.window.from_below(-most, Limits::HEAT);

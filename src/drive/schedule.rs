@@ -5,7 +5,7 @@
 //! [`CYCLE`] or in a [`LONG`] one. A row is a slot; a step has exactly one, before the angle of the step is known.
 
 use super::servo::{Context, Servo};
-use super::{Demand, Drive, Path, Paths, Route, Sample};
+use super::{Demand, Drive, Paths, Route, Sample};
 use crate::commutation::Commutation;
 use crate::control::Speed;
 use crate::fault::{Fault, Limits};
@@ -15,6 +15,9 @@ pub use crate::schedule::{CYCLE, OUTER};
 
 /// Tick of the first slot that may hand over a record.
 const RECORD: u32 = 7;
+
+/// Tick of the slot that trims the alignment, every other time.
+const ALIGNMENT: u32 = 15;
 
 /// The present slot, and when records and measurements are due.
 #[derive(Clone, Copy, Debug)]
@@ -45,6 +48,11 @@ impl Schedule {
     #[inline(always)]
     pub const fn is_turn(&self, number: u32) -> bool {
         self.tick % OUTER == number
+    }
+
+    /// Whether the next slot is the one that trims the alignment.
+    pub const fn trims_next(&self) -> bool {
+        self.tick.wrapping_add(1) % (2 * LONG) == ALIGNMENT
     }
 
     /// Whether this step's slot is one of those that may take up a command.
@@ -91,7 +99,7 @@ impl Drive {
             13 | 45 => self.slot(sample, Self::measurement_slot),
             31 | 63 => self.hand_over_slot(),
             // Every 64 steps.
-            15 => self.alignment_slot(sample),
+            ALIGNMENT => self.alignment_slot(sample),
             21 => return self.speed_slot(sample),
             23 => self.burn_slot(sample),
             29 => return self.over_speed_slot(sample),
@@ -196,10 +204,6 @@ impl Drive {
     #[inline(never)]
     fn alignment_slot(&mut self, sample: &Sample) {
         let trims = (self.servo.schedule.tick / LONG).is_multiple_of(2);
-        if trims && !matches!(self.path, Path::FieldOriented) {
-            // With the bridge off, the voltage of before tells nothing of the angle.
-            return;
-        }
         self.with_servo(sample, |servo, paths, with| {
             let field = &mut paths.field_oriented;
             let along_d = servo.reference.current.d;

@@ -385,7 +385,7 @@ impl Servo {
             1 => supervision.note_emf(model),
             2 => supervision.note_motor(model),
             3 => supervision.explain(model),
-            4 => supervision.compare(),
+            4 => supervision.compare(model),
             5 => supervision.sum_up(model),
             6 => match self.demand {
                 Demand::Voltage | Demand::Current(_) => supervision.is_in_time(),

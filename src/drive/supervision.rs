@@ -237,11 +237,9 @@ impl Supervision {
     /// The voltage that is left for the back-EMF.
     #[inline(always)]
     pub fn note_emf(&mut self, model: &Model) {
-        // What was missing at the last check, too, does not come. Where there is too much now, the current has come since.
+        // What was missing at the last check, too, does not come; what has changed since does.
         let error = core::mem::replace(&mut self.error, self.coming);
-        let turned = (error ^ self.coming) < 0 && !self.is_without_current();
-        let missing = if turned { 0 } else { error.abs() };
-        self.coming = (self.coming.abs() - missing).clamp(0, 32_767);
+        self.coming = (self.coming - error).abs().min(32_767);
         let (v, i) = (self.voltage, self.current);
         let reactance = high(self.speed, model.reactance);
         self.emf = Dq {
@@ -278,7 +276,7 @@ impl Supervision {
     /// should be, or as large as it likes where the current follows its reference: the flux linkage may not be known
     /// yet.
     #[inline(always)]
-    pub fn compare(&mut self) {
+    pub fn compare(&mut self, model: &Model) {
         let (along, expected) =
             if self.expected < 0 { (-self.emf.q, -self.expected) } else { (self.emf.q, self.expected) };
         let off = along - expected;
@@ -288,6 +286,8 @@ impl Supervision {
             _ => off - 4 * expected,
         };
         self.unexplained += self.emf.d.abs().max(along_q);
+        // One look, in the moment in which a current is asked for, is not enough.
+        self.unexplained = self.unexplained.min(model.most);
     }
 
     /// Fifth part: sums it up. Where a current is asked for and none comes, all of the voltage is back-EMF: what of it has
@@ -306,8 +306,7 @@ impl Supervision {
         } else {
             (self.before_emf, self.before_expected) = (emf.q, expected);
         }
-        // One look, in the moment in which a current is asked for, is not enough.
-        self.misfit = (self.misfit.min(model.most) + self.unexplained.min(model.most)).max(0);
+        self.misfit = (self.misfit + self.unexplained).clamp(0, 1 << 28);
     }
 
     /// Last part. A back-EMF along q, well above what may be wrong with it, shows that the commutation is right.

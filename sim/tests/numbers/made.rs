@@ -89,6 +89,7 @@ fn instructions(pages: &Pages) {
     numbers(&format!("with every check of the sensors | {} |", ours("the same, with every check")));
     numbers(&format!("a position | **{}** |", three("Drive::step, field-oriented")));
     numbers(&format!("alignment trimmed | {} |", three("field-oriented, fast")));
+    numbers(&format!("rotor that is not braked | {} |", ours("field-oriented, fast, impedance")));
     numbers(&format!("a table against cogging | {} |", three("field-oriented, with a table")));
     numbers(&format!("(speed and position) | {} |", three("field-oriented, stalled")));
     let map = "field-oriented, fast, with a map and all tables, speed";

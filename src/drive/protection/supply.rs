@@ -58,6 +58,8 @@ impl Supply {
         // Newton's root of q² + a·q = power: from the second time on at most a little too large.
         let (short, driving) = ((self.short >> 1) + (self.short >> 3), i32::from(self.driving));
         let gives = (high(bus << 16, config.supply.gives) - field * field).max(0);
+        // What burns is still there when a torque follows.
+        let most = most - ((i32::from(self.field) * 37) >> 6);
         self.driving = ((driving * driving + gives) / ((2 * driving + short) | 1).max(1)).min(most) as i16;
     }
 
@@ -82,12 +84,6 @@ impl Supply {
         };
         self.field = field as i16;
         -field << 15
-    }
-
-    /// Current along d that burns, in 2⁻¹⁵ of the full scale. It is still there when a torque follows.
-    #[inline(always)]
-    pub const fn field(&self) -> i32 {
-        (self.field as i32) << 2
     }
 
     /// Takes up what the current along d and the bus voltage leave to brake with.

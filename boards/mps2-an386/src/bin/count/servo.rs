@@ -27,7 +27,7 @@ pub const ROWS: &[Row] = &[
     Row::new("field-oriented, fast, current", "hallservo", function!(step), fast::<CURRENT>, stays_on).budget(310),
     Row::new("field-oriented, fast, speed", "hallservo", function!(step), fast::<SPEED>, stays_on).budget(310),
     Row::new("field-oriented, fast, position", "hallservo", function!(step), fast::<POSITION>, stays_on).budget(310),
-    Row::new("field-oriented, fast, impedance", "hallservo", function!(step), fast::<IMPEDANCE>, stays_on).budget(310),
+    Row::new("field-oriented, fast, impedance", "hallservo", function!(step), fast::<IMPEDANCE>, stays_on).budget(325),
     Row::new("field-oriented, stalled, current", "hallservo", function!(step), stalled::<CURRENT>, stays_on)
         .budget(310),
     Row::new("field-oriented, stalled, speed", "hallservo", function!(step), stalled::<SPEED>, stays_on).budget(310),

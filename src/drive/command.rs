@@ -203,6 +203,7 @@ impl Drive {
         self.mode = mode?;
         if !aligned {
             self.paths.field_oriented.forget_trim();
+            self.servo.supervision.doubt();
         }
         self.update_hall_loss(calibrated);
         if self.mode == Mode::Ready && !tracks {
@@ -385,6 +386,7 @@ impl Drive {
         let allowed = if self.mode.drives() { Err(Refusal::Mode(self.mode)) } else { Ok(()) };
         if allowed.is_ok() {
             self.config = *config;
+            self.servo.supervision.doubt();
             // What it was measured against may be another resistance now.
             #[cfg(not(feature = "small"))]
             self.servo.protection.measure_winding(0);

@@ -5,8 +5,7 @@ mod journal;
 mod measure;
 mod words;
 
-use super::motion::AT_REST_RAD_S;
-use super::{coil, procedures, settings, tune};
+use super::{coil, motion, procedures, settings, tune};
 use crate::client::Client;
 use crate::error::{Error, Result};
 use crate::out::Out;
@@ -63,7 +62,7 @@ pub(super) fn run(client: &mut Client, options: &Options, out: Out) -> Result<()
 /// That the next attempt has to wait: with the bridge off a rotor may turn for long.
 fn still_turns(client: &mut Client, out: Out) -> Result<String> {
     let status = client.status()?;
-    let turns = status.mode != Mode::Running && status.speed_rad_s.abs() > AT_REST_RAD_S;
+    let turns = status.mode != Mode::Running && status.speed_rad_s.abs() > motion::AT_REST_RAD_S;
     let words = || format!("\n  The motor still turns: {}; wait until it stands.", out.units.speed(status.speed_rad_s));
     Ok(turns.then(words).unwrap_or_default())
 }
@@ -231,8 +230,12 @@ fn save(client: &mut Client) -> Result<bool> {
     if !settings::save(client)? {
         return Ok(true);
     }
-    // The rotor has to be at rest for it.
+    // The bridge has to be off and the rotor at rest for it.
     let began = client.status()?;
+    if began.mode.drives() {
+        motion::rest(client)?;
+        client.order(Ask::Disarm)?;
+    }
     let mut look = (Instant::now(), began.uptime_ms);
     loop {
         let status = client.status()?;

@@ -227,9 +227,6 @@ fn cool(client: &mut Client, out: Out) -> Result<()> {
 
 /// Keeps the settings; true when they are in the flash.
 fn save(client: &mut Client) -> Result<bool> {
-    if !settings::save(client)? {
-        return Ok(true);
-    }
     // The bridge has to be off and the rotor at rest for it.
     let began = client.status()?;
     if began.mode.drives() {
@@ -237,13 +234,15 @@ fn save(client: &mut Client) -> Result<bool> {
         client.order(Ask::Disarm)?;
     }
     let mut look = (Instant::now(), began.uptime_ms);
-    loop {
+    // The status would tell of what is learnt, too, which is saved later.
+    while settings::save(client)? {
         let status = client.status()?;
-        if !status.unsaved || status.uptime_ms >= began.uptime_ms + SAVING_MS {
-            return Ok(!status.unsaved);
+        if status.uptime_ms >= began.uptime_ms + SAVING_MS {
+            return Ok(false);
         }
         client.rest(&mut look, &status)?;
     }
+    Ok(true)
 }
 
 /// All is done.

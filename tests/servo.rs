@@ -7,7 +7,7 @@ use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
 use hallservo::settings::{Control, GuardSettings};
-use plant::PlantParameters;
+use plant::{PlantParameters, Unevenness};
 use sim::rig::{Rig, error_deg};
 
 fn settings() -> Settings {
@@ -96,5 +96,23 @@ fn a_wrong_alignment_heals_while_turning() {
             });
             assert!(error.abs() < 0.5, "{off_deg} {speed}: {error}");
         }
+    }
+}
+
+/// With the bridge off, the voltage of before tells nothing of the angle.
+#[test]
+fn off_at_speed_the_alignment_stays() {
+    let plant = PlantParameters::imperfect(1).with_unevenness(&Unevenness::CHEAP, 1);
+    let mut rig = Rig::new(&plant, &settings(), 1).unwrap();
+    rig.calibrate(|_| ()).unwrap();
+    rig.arm().unwrap();
+    for k in 0..20 {
+        rig.command(Command::Speed(rig.control().unwrap().speed(300.0).unwrap())).unwrap();
+        rig.run(0.4 + 0.0013 * f64::from(k), |_, _| ());
+        rig.command(Command::Disarm).unwrap();
+        let before = rig.drive.trim();
+        rig.run(0.1, |_, _| ());
+        assert_eq!(rig.drive.trim(), before, "{k}");
+        rig.arm().unwrap();
     }
 }

@@ -404,3 +404,33 @@ fn a_stop_that_fails_brakes_for_as_long_as_the_shaft_is_turned() {
         }
     }
 }
+
+/// A commutation that was seen to be right is right for a rotor that has turned since: off and on again at speed, a load
+/// that is stronger than the brake is no wrong commutation.
+#[test]
+fn a_load_that_wins_after_off_and_on_at_speed_is_no_wrong_commutation() {
+    for name in ["20mohm", "drone-heavy", "gimbal-11", "hub", "paper"] {
+        let motor = MOTORS.iter().find(|motor| motor.name == name).unwrap();
+        let mut bench = Bench::new(Rig::new(&motor.plant(1), &motor.settings(), 1).unwrap());
+        commission(&mut bench, motor.settings(), motor.limit_a).unwrap();
+        let mut rig = bench.rig;
+        rig.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
+        rig.arm().unwrap();
+        let control = *rig.control().unwrap();
+        let slow = control.speed(0.06 * control.largest_speed_rad_s()).unwrap();
+        rig.command(Command::Speed(slow)).unwrap();
+        rig.run(1.0, |_, _| ());
+        rig.command(Command::Disarm).unwrap();
+        rig.run(0.002, |_, _| ());
+        rig.arm().unwrap();
+        let current_a = 0.3 * control.largest_current_a();
+        rig.command(Command::Current(control.current(-current_a).unwrap())).unwrap();
+        let torque_nm = 1.5 * f64::from(motor.pairs) * motor.flux_vs * f64::from(current_a);
+        rig.plant.set_load(-2.0 * torque_nm).unwrap();
+        let before = rig.plant.truth().speed_rad_s;
+        while rig.plant.truth().speed_rad_s < 2.5 * before {
+            rig.run(0.001, |_, _| ());
+            assert_eq!(rig.drive.mode(), Mode::Running, "{name} at {} rad/s", rig.plant.truth().speed_rad_s);
+        }
+    }
+}

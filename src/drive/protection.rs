@@ -21,6 +21,13 @@ use supply::Supply;
 use temperature::Temperature;
 pub use timeout::Timeout;
 
+/// What a current along d takes from the largest along q: within the circle, from its top to the largest current along d
+/// by a straight line.
+#[inline(always)]
+const fn beside(field: i32) -> i32 {
+    (field * 37) >> 6
+}
+
 /// What each danger needs to be found, and what is left to the current.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Protection {
@@ -167,8 +174,7 @@ impl Protection {
     #[cfg_attr(not(feature = "small"), inline(always))]
     #[cfg_attr(feature = "small", inline(never))]
     pub fn narrow(&mut self, config: &Config) {
-        // Within the circle, from its top to the largest current along d by a straight line.
-        let against_field = ((self.weakening.current() >> 13) * 37) >> 6;
+        let against_field = beside(self.weakening.current() >> 13);
         let most = (self.most - against_field).max(0);
         self.window = Window::symmetric(config.max_current - against_field);
         self.window.from_below(-most, Limits::HEAT);

@@ -8,6 +8,7 @@
 //!
 //! What the settings of the motor do not tell is left to the bus voltage: towards `over_voltage_v`, less and less brakes.
 
+use super::beside;
 use crate::control::Window;
 use crate::control::config::Config;
 use crate::fault::Limits;
@@ -59,7 +60,7 @@ impl Supply {
         let (short, driving) = ((self.short >> 1) + (self.short >> 3), i32::from(self.driving));
         let gives = (high(bus << 16, config.supply.gives) - field * field).max(0);
         // What burns is still there when a torque follows.
-        let most = most - ((i32::from(self.field) * 37) >> 6);
+        let most = most - beside(i32::from(self.field));
         self.driving = ((driving * driving + gives) / ((2 * driving + short) | 1).max(1)).min(most) as i16;
     }
 
@@ -96,7 +97,7 @@ impl Supply {
         let braking = if braking >= (self.short >> 2) - (self.short >> 6) { most } else { braking };
         // Near rest, braking draws as much as driving does.
         let drawn = i32::from(self.driving) + (self.short >> 1);
-        let braking = braking.min(most - ((field * 37) >> 6)).min(drawn);
+        let braking = braking.min(most - beside(field)).min(drawn);
         let share = (supply.end - bus).min(supply.band).max(0) * supply.slope;
         // A slow rotor returns next to nothing, and a large current that brakes it draws.
         self.braking = if self.slow { braking } else { (braking * share) >> 16 } as i16;

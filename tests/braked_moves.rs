@@ -5,7 +5,7 @@ use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
-use plant::PlantParameters;
+use plant::{PlantParameters, Unevenness};
 use rayon::prelude::*;
 use sim::commissioning::{Bench, commission};
 use sim::motors::MOTORS;
@@ -217,6 +217,28 @@ fn a_position_commanded_at_speed_is_come_back_to() {
     judge(rows.collect());
 }
 
+/// A commanded speed that a rotor cannot follow at once waits for it; a position that is commanded meanwhile does not.
+#[test]
+fn a_position_follows_a_speed_that_waits() {
+    for (case, unlike) in jobs().iter().filter(|(case, _)| case.name != "default") {
+        let case = other(*case, unlike);
+        let mut rig = armed(&case, [1.0; 3]);
+        for direction in [1.0, -1.0] {
+            speed(&mut rig, direction * case.speed_rad_s);
+            rig.run(2.5, |_, _| ());
+            speed(&mut rig, -direction * case.speed_rad_s);
+            rig.run(
+                0.2 * f64::from(case.speed_rad_s / case.settings.control.unwrap().max_acceleration_rad_s2),
+                |_, _| (),
+            );
+            let goal = here(&rig);
+            let way = travel(&mut rig, goal, 6.0);
+            println!("{} {unlike:?} {direction}: {way:.3?}", case.name);
+            assert_eq!(way.mode, Mode::Running, "{} {unlike:?} {direction}: {way:.3?}", case.name);
+        }
+    }
+}
+
 /// Light and heavy ones, of a low resistance, with the settings that commissioning has left.
 #[test]
 fn commissioned_motors_reach_their_goals() {
@@ -257,6 +279,45 @@ fn commissioned_motors_reach_their_goals() {
         let way = travel(&mut rig, goal, 4.0 + 20.0 * most / acceleration);
         let good = way.mode == Mode::Running && way.left.abs() < 0.05 && way.shrinks();
         rows.push((format!("{} stop at full speed: {way:.3?}", motor.name), good));
+        rows
+    });
+    judge(rows.collect());
+}
+
+/// Uneven magnets make the measured speed of a heavy rotor swing, which is neither a wrong commutation nor a rotor that is lost.
+#[test]
+fn a_heavy_rotor_of_uneven_magnets_is_stopped_by_a_position() {
+    let motors: Vec<_> = MOTORS.iter().filter(|motor| ["paper-heavy", "drone-heavy"].contains(&motor.name)).collect();
+    let jobs: Vec<_> = motors.iter().flat_map(|motor| (1..5).map(move |seed| (*motor, seed))).collect();
+    let rows = jobs.par_iter().flat_map_iter(|&(motor, seed)| {
+        let magnets = Unevenness { rated_a: motor.limit_a.into(), ..Unevenness::CHEAP };
+        let mut plant = motor.plant(seed).with_unevenness(&magnets, seed);
+        plant.bus.regenerative = seed % 2 == 0;
+        let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), seed).unwrap());
+        commission(&mut bench, motor.settings(), motor.limit_a).unwrap();
+        let mut rig = bench.rig;
+        rig.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
+        rig.arm().unwrap();
+        let most = rig.control().unwrap().largest_speed_rad_s();
+        let mut rows = vec![];
+        for k in 0..12_u8 {
+            let share = [0.25, -0.25, 0.6, -0.6][usize::from(k % 4)];
+            speed(&mut rig, share * most);
+            rig.run(3.0, |_, _| ());
+            speed(&mut rig, [0.0, most, -most][usize::from(k % 3)]);
+            rig.run(0.01 * f64::from(k * 2), |_, _| ());
+            let from = rig.plant.truth().speed_rad_s;
+            let goal = here(&rig);
+            go(&mut rig, goal);
+            rig.run(1.0, |_, _| ());
+            rows.push((
+                format!("{} {seed} {k} from {from:.1} of {most:.1}: {:?}", motor.name, rig.drive.mode()),
+                rig.drive.mode() == Mode::Running,
+            ));
+            if rig.drive.mode() != Mode::Running {
+                break;
+            }
+        }
         rows
     });
     judge(rows.collect());

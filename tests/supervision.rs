@@ -82,16 +82,17 @@ const FOLLOWED: [Follow; 7] = [
 
 /// Without the check at arming, as where the rotor was held then.
 #[test]
-fn wires_moved_on_by_one_turn_no_rotor_the_wrong_way_for_long() {
+fn wrong_wires_turn_no_rotor_the_wrong_way_for_long() {
     let (mut longest_s, mut farthest_deg) = (0.0_f64, 0.0_f64);
     for commutation in COMMUTATIONS {
         for (seed, what) in FOLLOWED.into_iter().enumerate() {
             for inertia in [1.0, 3.0] {
-                for on in [1, 2] {
+                // Two that are swapped let the rotor swing about where it has no torque.
+                for on in [0, 1, 2] {
                     let mut parameters = PlantParameters::imperfect(seed as u64);
                     parameters.motor.inertia_kgm2 *= inertia;
                     let mut rig = ready(&parameters, &settings(commutation, false), seed as u64);
-                    rig.plant.set_motor_wires(Wires::moved_on(on));
+                    rig.plant.set_motor_wires(if on == 0 { Wires::swapped(seed % 3) } else { Wires::moved_on(on) });
                     rig.command(Command::Arm).unwrap();
                     follow(&mut rig, what);
                     let outcome = outcome(&mut rig, 0.9);
@@ -101,8 +102,11 @@ fn wires_moved_on_by_one_turn_no_rotor_the_wrong_way_for_long() {
                         outcome.mode,
                         Mode::Faulted(Fault::Commutation | Fault::FollowingError | Fault::CurrentModel | Fault::Stall)
                     );
-                    assert!(named, "{case}");
-                    assert!(outcome.way_deg < 30.0 && outcome.current_a < 4.0, "{case}");
+                    assert!(named || on == 0 && outcome.mode == Mode::Running, "{case}");
+                    assert!(outcome.way_deg < if on == 0 { 200.0 } else { 30.0 } && outcome.current_a < 4.0, "{case}");
+                    if on == 0 {
+                        continue;
+                    }
                     longest_s = longest_s.max(outcome.time_s);
                     farthest_deg = farthest_deg.max(outcome.way_deg);
                 }

@@ -196,6 +196,7 @@ impl Servo {
             self.speed_reference = rotor.speed();
             self.current_request = self.current_reference();
             self.speed_integrator = Integrator::holding(self.current_request);
+            self.waits = false;
         }
         self.demand = demand;
         self.ends = false;

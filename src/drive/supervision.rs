@@ -31,6 +31,8 @@ const NO_CURRENT: u8 = 4;
 const FAST: i32 = 16;
 /// Checks by which a wrong commutation is found that turns a rotor from rest.
 const SOON: u8 = 6;
+/// The work of some turns by the largest current, over the current that makes a torque plain, as a power of two.
+const WORK: u32 = 14;
 /// Checks that find the rotor turning after a stop.
 const TURNING: u8 = 2;
 
@@ -46,6 +48,9 @@ pub(super) struct Supervision {
     braked: u8,
     before_speed: i32,
     slowest: i32,
+    /// Since the rotor turned back: the speed at first, and the work of the current.
+    first_speed: i32,
+    work: i32,
     /// What the check of the model has noted: voltage, currents now and before, reference and its change, how far the
     /// current is from it, what of that is new and then the voltage that it takes, speed, the voltage less that at
     /// resistance and inductance, the back-EMF that there should be, and what may be wrong with all that.
@@ -98,6 +103,8 @@ impl Supervision {
         braked: 0,
         before_speed: 0,
         slowest: 0,
+        first_speed: 0,
+        work: 0,
         voltage: Dq { d: 0, q: 0 },
         current: Dq { d: 0, q: 0 },
         before: Dq { d: 0, q: 0 },
@@ -158,6 +165,7 @@ impl Supervision {
         if braking < 2 * QUIET || turned_back {
             // It is driven, or nothing flows but what the amplifiers' noise and offsets show.
             (self.braking, self.braked) = (0, 0);
+            self.turns_along(motion, -braking, speed, turned_back);
             return None;
         }
         self.braking = self.braking.saturating_add(braking);
@@ -167,9 +175,21 @@ impl Supervision {
         // from its least to its largest. With a wrong commutation a rotor does not come to be fast, or to brake for long,
         // without having been found out.
         let lasts = self.braked > SOON || self.slowest > FAST * motion.turning;
-        let swing = if lasts { self.slowest } else { self.slowest / 3 };
+        let swing = if lasts { self.slowest } else { (self.slowest >> 2) + (self.slowest >> 3) };
         let faster = speed - self.slowest > motion.turning + swing;
         (faster && self.braking > motion.impulse).then_some(Fault::Commutation)
+    }
+
+    /// A rotor that has become more than twice as fast by the work of some turns shows that the commutation is right: a
+    /// wrong one lets it swing about where it has no torque, or brakes it.
+    #[inline(always)]
+    fn turns_along(&mut self, motion: &Motion, current: i32, speed: i32, turned_back: bool) {
+        let before = if turned_back { 0 } else { self.work };
+        self.first_speed = if before <= 0 { speed } else { self.first_speed };
+        self.work = before.saturating_add(current * (speed >> 16));
+        if self.work > motion.impulse << WORK && speed >> 1 > self.first_speed + motion.turning {
+            self.prove();
+        }
     }
 
     /// Whether the rotor is too far from its speed for too long.

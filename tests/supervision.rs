@@ -438,3 +438,32 @@ fn a_load_that_wins_after_off_and_on_at_speed_is_no_wrong_commutation() {
         }
     }
 }
+
+/// Without the check at arming, and too slow for the back-EMF to tell: that the rotor has turned as it was driven to shows
+/// that the commutation is right, and a load that is stronger than the brake is no wrong one.
+#[test]
+fn a_load_that_wins_after_some_turns_is_no_wrong_commutation() {
+    for seed in 0..4 {
+        let mut parameters = PlantParameters::imperfect(seed);
+        parameters.motor.inertia_kgm2 *= 3.0;
+        let mut rig = ready(&parameters, &settings(Commutation::FieldOriented, false), seed);
+        rig.command(Command::Arm).unwrap();
+        for slow in [30.0, -30.0] {
+            follow(&mut rig, Follow::Speed(slow));
+            rig.run(0.2, |_, _| ());
+            rig.plant.set_load(f64::from(0.02_f32.copysign(slow))).unwrap();
+            for _ in 0..8 {
+                follow(&mut rig, Follow::Speed(slow));
+                rig.run(0.2, |_, _| ());
+            }
+            follow(&mut rig, Follow::Torque(-0.5_f32.copysign(slow)));
+            let before = rig.plant.truth().speed_rad_s;
+            rig.plant.set_load(f64::from(-0.06_f32.copysign(slow))).unwrap();
+            while rig.plant.truth().speed_rad_s.abs() < 3.0 * before.abs() {
+                rig.run(0.001, |_, _| ());
+                assert_eq!(rig.drive.mode(), Mode::Running, "{seed}, at {} rad/s", rig.plant.truth().speed_rad_s);
+            }
+            rig.plant.set_load(0.0).unwrap();
+        }
+    }
+}

@@ -48,7 +48,7 @@ pub(super) struct Supervision {
     braked: u8,
     before_speed: i32,
     slowest: i32,
-    /// Since the rotor turned back: the speed at first, and the work of the current.
+    /// Since the rotor turned back: the speed at first, and the work of the currents that drove it.
     first_speed: i32,
     work: i32,
     /// What the check of the model has noted: voltage, currents now and before, reference and its change, how far the
@@ -139,7 +139,7 @@ impl Supervision {
 
     /// Whether the commutation is right has to be seen anew.
     pub const fn doubt(&mut self) {
-        self.proofs = 0;
+        (self.proofs, self.work) = (0, 0);
     }
 
     /// Whether it has been seen to be right.

@@ -26,7 +26,7 @@ fn healthy_halls_are_never_declared_lost_and_learning_does_no_harm() {
         for motion in MOTIONS {
             let [learning, following] = [true, false].map(|learns| {
                 let run = |seed| rotors::run(rotors::trial(seed, &kind.unevenness, motion, learns).unwrap(), SECONDS);
-                (0..sim::rotors(3)).into_par_iter().map(run).collect::<Vec<_>>()
+                (0..sim::rotors(sim::of(1, 3))).into_par_iter().map(run).collect::<Vec<_>>()
             });
             let [learnt_deg, followed_deg] = [&learning, &following].map(|outcomes| rms_deg(outcomes));
             println!("{} {motion:?}: {learnt_deg:.2}°, without learning {followed_deg:.2}°", kind.name);
@@ -44,7 +44,7 @@ fn a_lost_hall_is_named_within_a_turn() {
     let faults = [stuck(0.0), stuck(0.7), stuck(-1.0), HallFault::Open(Rail::Low), HallFault::Open(Rail::High)];
     let cases = |rotors: u64| (0..rotors).flat_map(|seed| faults.iter().enumerate().map(move |(k, f)| (seed, k, *f)));
     for kind in kinds() {
-        cases(sim::rotors(12)).collect::<Vec<_>>().into_par_iter().for_each(|(seed, k, fault)| {
+        cases(sim::rotors(sim::of(4, 12))).collect::<Vec<_>>().into_par_iter().for_each(|(seed, k, fault)| {
             let sensor = (seed as usize + k) % 3;
             let trial = rotors::trial(seed, &kind.unevenness, Motion::Constant(10.0), true).unwrap();
             let (turns, found) = rotors::lose(trial, 30.0 + 17.13 * seed as f64, sensor, fault).expect("it is found");

@@ -311,7 +311,9 @@ fn a_free_motor_goes_any_way_by_a_weak_spring() {
             ways.push((kp, kd, turns, load));
         }
     }
-    ways.into_par_iter().enumerate().for_each(|(number, (kp, kd, turns, load))| {
+    // The short form has every gain, every way, and the last, which swings past the farthest.
+    let ways: Vec<_> = ways.into_iter().enumerate().rev().step_by(sim::of(4, 1)).collect();
+    ways.into_par_iter().for_each(|(number, (kp, kd, turns, load))| {
         let past = overshoot(1 + number as u64 % 3, load, kp, kd, turns);
         // The weakest damper of these lets it swing past by 2.4 turns of ten; the others stay within one.
         assert!(past < 3.0 + 0.1 / kp, "kp {kp}, kd {kd:?}, {turns} turns, load {load}: {past}");

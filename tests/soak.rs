@@ -1,7 +1,8 @@
 //! Healthy drives under any order of commands, at any speed, with magnets that are not alike and supplies that take nothing
 //! back: none switches itself off.
 //!
-//! `ROTORS=20 cargo test --test all soak -- --nocapture` for more motors than the short form.
+//! The short form takes every fourth motor and what has found faults, `FULL=1 cargo test --test all soak` every motor, and
+//! `ROTORS=20 cargo test --test all soak -- --nocapture` twenty relatives of each.
 
 use hallservo::commutation::Commutation;
 use hallservo::control::impedance::{Motion, Request};
@@ -181,8 +182,9 @@ fn soak(motor: &Motor, seed: u64) -> Result<(), String> {
 
 #[test]
 fn any_order_of_commands_leaves_a_healthy_drive_running() {
-    let rotors: u64 = std::env::var("ROTORS").map_or(1, |text| text.parse().unwrap());
-    let first = MOTORS.iter().flat_map(|motor| (1..=rotors).map(move |seed| (motor, seed)));
+    let rotors = sim::rotors(1);
+    let motors = MOTORS.iter().step_by(sim::of(4, 1));
+    let first = motors.flat_map(|motor| (1..=rotors).map(move |seed| (motor, seed)));
     let found = FOUND.iter().map(|&(name, seed)| (MOTORS.iter().find(|motor| motor.name == name).unwrap(), seed));
     let jobs: Vec<_> = first.chain(found.filter(|&(_, seed)| seed > rotors)).collect();
     let faults: Vec<_> = jobs

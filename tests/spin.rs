@@ -16,7 +16,8 @@ fn worst(summaries: &[Summary], of: impl Fn(&Summary) -> f64) -> f64 {
 
 #[test]
 fn a_hundred_imperfect_motors_reach_the_bounds() {
-    let summaries = summaries(1..101, PlantParameters::imperfect);
+    let motors = sim::of(25, 100);
+    let summaries = summaries(1..1 + motors, PlantParameters::imperfect);
     let untracked = worst(&summaries, |s| s.angle_error_deg_rms / s.crlb_deg);
     let placed = worst(&summaries, |s| s.angle_error_deg_rms / s.crlb_placed_deg);
     let mean = worst(&summaries, |s| s.angle_bias_deg.abs());
@@ -24,7 +25,7 @@ fn a_hundred_imperfect_motors_reach_the_bounds() {
     let tracked = worst(&summaries, |s| s.tracked_error_deg_rms);
     let tracked_all = worst(&summaries, |s| s.tracked_error_all_deg_rms);
     println!(
-        "worst of 100: untracked {untracked:.3} of the bound ({placed:.3} of the placed one), mean {mean:.3}°, bias \
+        "worst of {motors}: untracked {untracked:.3} of the bound ({placed:.3} of the placed one), mean {mean:.3}°, bias \
          {bias:.3}°, tracked {tracked:.3}° ({tracked_all:.3}°)"
     );
     assert!(summaries.iter().all(|s| s.turns_lost == 0 && s.turns_made > 200.0));
@@ -39,11 +40,12 @@ fn a_hundred_imperfect_motors_reach_the_bounds() {
 #[test]
 fn every_layout_of_the_sensors_is_calibrated() {
     // A third of the motors for each: the arithmetic is the same.
+    let motors = sim::of(8, 33);
     for layout in [HallLayout::Deg120Reversed, HallLayout::Deg60, HallLayout::Deg60Reversed] {
-        let summaries = summaries(1..34, |seed| PlantParameters::imperfect_with(seed, layout));
+        let summaries = summaries(1..1 + motors, |seed| PlantParameters::imperfect_with(seed, layout));
         let untracked = worst(&summaries, |s| s.angle_error_deg_rms / s.crlb_deg);
         let mean = worst(&summaries, |s| s.angle_bias_deg.abs());
-        println!("{layout:?}: worst of 33: untracked {untracked:.3} of the bound, mean {mean:.3}°");
+        println!("{layout:?}: worst of {motors}: untracked {untracked:.3} of the bound, mean {mean:.3}°");
         assert!(untracked <= 1.1 && mean <= 0.1);
         assert!(summaries.iter().all(|s| s.turns_lost == 0));
     }

@@ -8,7 +8,8 @@ use sim::statistics::Statistics;
 
 #[test]
 fn a_thousand_unknown_motors_are_learnt_followed_and_lost() {
-    let summary = run(1, 1000).unwrap().summary;
+    let motors = sim::of(250, 1000);
+    let summary = run(1, motors).unwrap().summary;
     println!("{summary:#?}");
     assert_eq!(summary.diverged, 0);
     // From the data sheet, at a hundred samples a turn.
@@ -33,7 +34,7 @@ fn a_thousand_unknown_motors_are_learnt_followed_and_lost() {
     let [_, some, much] = summary.coupling_error_with_deg_rms;
     assert!(some < 0.25 && much < 0.4);
     assert!(summary.coupling_ripple_deg_rms[2] < 0.55);
-    assert_eq!((summary.losses, summary.losses_named), (1000, 1000));
+    assert_eq!((summary.losses, summary.losses_named), (motors as usize, motors as usize));
     // What uneven magnets could have done speaks against no sensor; that costs a sixth of a turn.
     assert!(summary.loss_detection_turns < 0.6 && summary.loss_error_deg_max < 8.0);
     assert!(summary.loss_two_sensors_error_deg_rms < 0.8);

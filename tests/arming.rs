@@ -53,7 +53,7 @@ const FARTHEST_DEG: f64 = 14.0;
 #[test]
 fn a_sound_motor_passes_and_hardly_moves() {
     for commutation in [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block] {
-        for seed in 0..10 {
+        for seed in 0..sim::of(4, 10) {
             let mut rig = calibrated(seed, commutation);
             for _ in 0..2 {
                 let (time_s, moved_deg, current_a) = check(&mut rig);
@@ -177,7 +177,7 @@ fn swapped_halls_are_found() {
 #[test]
 fn no_sound_motor_is_refused() {
     let mut refused = Vec::new();
-    for seed in 0..64 {
+    for seed in (0..64).step_by(sim::of(3, 1)) {
         let pick = |choices: [f64; 4], digit: u32| choices[(seed as usize >> (2 * digit)) % 4];
         let mut parameters = PlantParameters::imperfect(seed);
         let motor = &mut parameters.motor;
@@ -217,7 +217,7 @@ fn refusal(rig: &mut Rig, places: usize) -> Option<(usize, Mode)> {
 #[test]
 fn no_heavy_rotor_is_refused_for_its_uneven_magnets() {
     let mut refused = Vec::new();
-    for seed in 0..32 {
+    for seed in 0..sim::of(12, 32) {
         let mut rig = flywheel(seed);
         refused.extend(refusal(&mut rig, 6).map(|refusal| (seed, refusal)));
     }
@@ -263,7 +263,7 @@ fn twisting(seed: u64, times: f64, hz: f64, play_deg: f64) -> Rig {
 
 /// What such a load does to a test: of each of so many motors.
 fn each_twisting(mut test: impl FnMut(Rig, &str)) {
-    for seed in 0..2 {
+    for seed in 0..sim::of(1, 2) {
         for times in [0.3, 1.0, 3.0, 10.0] {
             for hz in [15.0, 25.0, 40.0, 60.0, 100.0, 200.0] {
                 for play_deg in [0.0, 0.5, 2.0, 5.0] {
@@ -282,7 +282,7 @@ fn hardly_a_load_on_a_shaft_that_twists_is_refused() {
     let mut refused = Vec::new();
     each_twisting(|mut rig, name| refused.extend(refusal(&mut rig, 4).map(|refusal| (name.to_string(), refusal))));
     println!("{refused:?}");
-    assert!(refused.len() <= 5, "{refused:?}");
+    assert!(refused.len() <= sim::of(2, 5), "{refused:?}");
 }
 
 /// … nor when it is driven.
@@ -307,7 +307,7 @@ fn hardly_a_load_on_a_shaft_that_twists_looks_wrong_when_driven() {
         }
     });
     println!("{} {refused:?}", refused.len());
-    assert!(refused.len() <= 5, "{refused:?}");
+    assert!(refused.len() <= sim::of(2, 5), "{refused:?}");
 }
 
 /// … and what is wrong is found with it, before it has turned far. One pair of swapped wires in fifty holds the rotor
@@ -350,7 +350,7 @@ fn wrong_wires_with_a_load_on_a_shaft_that_twists_are_found() {
 #[test]
 fn wrong_wires_at_a_flywheel_on_uneven_magnets_are_found() {
     let mut late = Vec::new();
-    for seed in 0..32 {
+    for seed in 0..sim::of(12, 32) {
         for wires in [Wires::swapped(seed as usize % 3), Wires::moved_on(1 + seed as usize % 2)] {
             let mut rig = flywheel(seed);
             rig.plant.set_motor_wires(wires);

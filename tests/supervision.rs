@@ -86,7 +86,7 @@ fn wrong_wires_turn_no_rotor_the_wrong_way_for_long() {
     let (mut longest_s, mut farthest_deg) = (0.0_f64, 0.0_f64);
     for commutation in COMMUTATIONS {
         for (seed, what) in FOLLOWED.into_iter().enumerate() {
-            for inertia in [1.0, 3.0] {
+            for inertia in sim::either(seed, [1.0, 3.0]) {
                 // Two that are swapped let the rotor swing about where it has no torque.
                 for on in [0, 1, 2] {
                     let mut parameters = PlantParameters::imperfect(seed as u64);
@@ -335,7 +335,8 @@ fn the_rotor_stays_within_its_bounds() {
 fn a_torque_that_steps_is_no_open_phase() {
     let names = ["hub", "hoverboard", "paper", "gimbal-7"];
     let motors: Vec<_> = MOTORS.iter().filter(|motor| names.contains(&motor.name)).collect();
-    let jobs: Vec<_> = motors.iter().flat_map(|motor| [5, 8].map(|seed| (*motor, seed))).collect();
+    let jobs: Vec<_> =
+        motors.iter().flat_map(|motor| [5, 8].map(|seed| (*motor, seed))).step_by(sim::of(3, 1)).collect();
     jobs.par_iter().for_each(|&(motor, seed)| {
         let mut bench = Bench::new(Rig::new(&motor.plant(seed), &motor.settings(), seed).unwrap());
         commission(&mut bench, motor.settings(), motor.limit_a).unwrap();

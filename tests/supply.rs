@@ -162,8 +162,8 @@ fn stop(rig: &mut Rig, seconds: f64) -> (f64, Option<f64>) {
 fn from_full_speed_to_rest_the_bus_stays_within_its_limit() {
     for case in [default_motor(), drone(), hub()] {
         let over = f64::from(case.settings.control.unwrap().guard.over_voltage_v);
-        for unlike in UNLIKE {
-            for direction in [1.0, -1.0] {
+        for (number, unlike) in UNLIKE.into_iter().enumerate() {
+            for direction in sim::either(number, [1.0, -1.0]) {
                 let mut rig = armed(&case, unlike);
                 let mut rising = 0.0_f64;
                 speed(&mut rig, direction * case.speed_rad_s);

@@ -68,8 +68,9 @@ fn speed_at_a_tenth(drive: &Drive) -> f64 {
 
 #[test]
 fn eleven_motors_are_commissioned_unattended() {
+    let motors: Vec<_> = MOTORS.iter().step_by(sim::of(3, 1)).collect();
     std::thread::scope(|scope| {
-        for some in MOTORS.chunks(6) {
+        for some in motors.chunks(sim::of(2, 6)) {
             scope.spawn(move || {
                 for (k, (motor, limit_a)) in some.iter().enumerate() {
                     // Every other one's Halls see the windings.

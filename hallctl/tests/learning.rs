@@ -67,7 +67,7 @@ fn turned(plant: &PlantParameters, flash: &[u8], start: Start, seconds: u32, lea
 
 #[test]
 fn the_sensors_are_learnt_after_every_kind_of_start() {
-    for number in MOTORS.into_iter().take(sim::rotors(2) as usize) {
+    for number in MOTORS.into_iter().take(sim::rotors(sim::of(1, 2)) as usize) {
         let plant = motor(number);
         let flash = calibrated(&plant);
         let mut starts = Vec::new();
@@ -93,7 +93,7 @@ fn the_sensors_are_learnt_after_every_kind_of_start() {
 fn uneven_magnets_are_told_and_leave_the_calibration_as_it_was() {
     let gain = Unevenness { gain: 0.1, ..Unevenness::NONE };
     for (name, unevenness) in [("gain ±10 %", gain), ("cheap", Unevenness::CHEAP)] {
-        for number in 1..=sim::rotors(2) {
+        for number in 1..=sim::rotors(sim::of(1, 2)) {
             let plant = motor(number).with_unevenness(&unevenness, number);
             let flash = calibrated(&plant);
             let start = Start { rest_ms: 300, speed: 60.0, fades: 0.0 };
@@ -110,7 +110,7 @@ fn uneven_magnets_are_told_and_leave_the_calibration_as_it_was() {
 #[test]
 fn what_was_learnt_is_taken_back_where_the_magnets_turn_out_uneven() {
     let start = Start { rest_ms: 300, speed: 60.0, fades: 0.1 };
-    for number in 1..=sim::rotors(2) {
+    for number in 1..=sim::rotors(sim::of(1, 2)) {
         let even = motor(number);
         let calibration = calibrated(&even);
         let (mut drive, _) = turned(&even, &calibration, start, 10, true);

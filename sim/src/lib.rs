@@ -22,6 +22,11 @@ pub fn of<T>(few: T, all: T) -> T {
     if full { all } else { few }
 }
 
+/// Both of a pair with the environment variable FULL; in plain `cargo test` the first at even numbers, the second at odd.
+pub fn either<T: Copy>(number: usize, pair: [T; 2]) -> impl Iterator<Item = T> {
+    pair.into_iter().skip(of(number % 2, 0)).step_by(of(2, 1))
+}
+
 /// Over how many rotors, motors or cases a long test goes: a few, or what the environment variable ROTORS says.
 ///
 /// # Panics

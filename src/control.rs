@@ -70,8 +70,10 @@ impl Scale {
 pub struct Motor {
     /// Resistance of a phase, star.
     pub resistance_ohm: f32,
-    /// Inductance of a phase, star.
+    /// Inductance of a phase, star, along the magnets' field.
     pub inductance_h: f32,
+    /// Inductance across the magnets' field over the one along it.
+    pub saliency: f32,
     /// Flux of the magnets linked with a phase, amplitude; the back-EMF constant per electrical radian a second.
     pub flux_linkage_wb: f32,
     /// Inertia of all that turns.
@@ -79,6 +81,17 @@ pub struct Motor {
 }
 
 impl Motor {
+    /// Share by which a current of an ampere against the field makes the torque larger, (Lq − Ld)/λ; 0 where it makes it
+    /// smaller.
+    pub(crate) fn reluctance_per_a(&self) -> f32 {
+        ((self.saliency - 1.0) * self.inductance_h / self.flux_linkage_wb).max(0.0)
+    }
+
+    /// Inductance along d and q, H.
+    pub fn inductances_h(&self) -> [f32; 2] {
+        [self.inductance_h, self.inductance_h * self.saliency]
+    }
+
     /// Torque per ampere along q: 1.5 · pole pairs · flux linkage.
     pub fn torque_constant(&self, pole_pairs: f32) -> f32 {
         1.5 * pole_pairs * self.flux_linkage_wb
@@ -88,6 +101,6 @@ impl Motor {
 /// `value · 2^bits` as an integer, if it is one of `i32`.
 #[inline(never)]
 fn fixed(value: f32, bits: i32) -> Option<i32> {
-    let scaled = libm::ldexpf(value, bits);
+    let scaled = value * crate::float::power_of_two(bits);
     (scaled.abs() < 2_147_483_648.0).then(|| crate::float::nearest(scaled))
 }

@@ -88,7 +88,7 @@ impl Thermistor {
 
     /// What the ADC reads at a temperature, for a full scale of 2¹⁶.
     pub fn code(&self, celsius: f32) -> f32 {
-        let resistance = self.nominal_ohm * libm::expf(self.beta_k * (1.0 / (celsius + 273.15) - 1.0 / 298.15));
+        let resistance = self.nominal_ohm * crate::float::exp(self.beta_k * (1.0 / (celsius + 273.15) - 1.0 / 298.15));
         65_536.0 * resistance / (resistance + self.pull_up_ohm)
     }
 }

@@ -20,6 +20,7 @@ mod motors;
 mod pole_pairs;
 mod procedure;
 mod safety;
+mod salience;
 mod servo;
 mod slow;
 mod soak;

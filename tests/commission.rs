@@ -77,6 +77,7 @@ fn attempt(case: &Motor, seed: u64, iron: Iron) -> (String, bool) {
         share(electrical.inductance_h.value.into(), motor.inductance_h * (1.0 - iron.salience)),
         share(control.flux_linkage_wb.into(), motor.back_emf.flux_linkage_vs),
         share(control.inertia_kgm2.into(), motor.inertia_kgm2),
+        share(control.saliency.into(), (1.0 + iron.salience) / (1.0 - iron.salience)),
     ];
     let turned = turn(&mut bench, &settings, 0.5).and_then(|forward| Ok((forward, turn(&mut bench, &settings, -0.1)?)));
     let largest = 100.0 * bench.largest_a / f64::from(case.limit_a);
@@ -85,12 +86,13 @@ fn attempt(case: &Motor, seed: u64, iron: Iron) -> (String, bool) {
         share(rough.inertia_kgm2.into(), motor.inertia_kgm2),
     ];
     let text = format!(
-        "{name} {largest:4.0} % of the limit, {seconds:3.0} s; R {:+.1} L {:+.1} λ {:+.1} J {:+.1} % (rough {:+.0} \
+        "{name} {largest:4.0} % of the limit, {seconds:3.0} s; R {:+.1} L {:+.1} λ {:+.1} J {:+.1} Lq/Ld {:+.1} % (rough {:+.0} \
          {:+.0} %); {tries} × {} Hz, lag {:.0}° swing {:.1}°; {:.0} {:.1} Hz, {:.0} rad/s, {:.0} rad/s²: {turned:.3?}",
         off[0],
         off[1],
         off[2],
         off[3],
+        off[4],
         rough[0],
         rough[1],
         settings.calibration_hz,
@@ -102,7 +104,7 @@ fn attempt(case: &Motor, seed: u64, iron: Iron) -> (String, bool) {
         control.max_acceleration_rad_s2,
     );
     let inductance_pct = if iron == Iron::NONE { 5.0 } else { 8.0 };
-    let good = off.iter().zip([5.0, inductance_pct, 10.0, 20.0]).all(|(off, most)| off.abs() <= most)
+    let good = off.iter().zip([5.0, inductance_pct, 10.0, 20.0, inductance_pct]).all(|(off, most)| off.abs() <= most)
         && largest <= 120.0
         && turned.is_ok_and(|(fast, slow)| (fast.0 - 1.0).abs() < 0.02 && (slow.0 - 1.0).abs() < 0.05);
     (text, good)
@@ -195,14 +197,24 @@ fn a_measurement_at_standstill_ends_with_the_bridge_off() {
 #[test]
 fn a_drive_that_nobody_asks_any_more_ends_the_measurement_by_itself() {
     let mut rig = Rig::new(&MOTORS[8].plant(1), &limited(&MOTORS[8]), 1).unwrap();
-    rig.command(Command::Measure { begins: true, probe: Probe { phase: 0, current: 1000, ripple: 0 } }).unwrap();
+    rig.command(Command::Measure {
+        begins: true,
+        probe: Probe { phase: 0, current: 1000, ripple: 0, across: false, swings_across: false },
+    })
+    .unwrap();
     rig.run(0.3, |_, _| ());
     assert_eq!(rig.drive.mode(), Mode::Aligning);
     rig.run(0.2, |_, _| ());
     assert_eq!(rig.drive.mode(), Mode::Unarmed);
     // It is not begun again by going on, nor with more than the largest current.
     for (begins, current) in [(false, 1000), (true, 32_000)] {
-        assert!(rig.command(Command::Measure { begins, probe: Probe { phase: 0, current, ripple: 0 } }).is_err());
+        assert!(
+            rig.command(Command::Measure {
+                begins,
+                probe: Probe { phase: 0, current, ripple: 0, across: false, swings_across: false }
+            })
+            .is_err()
+        );
     }
     assert_eq!(rig.drive.mode(), Mode::Unarmed);
 }

@@ -35,7 +35,7 @@ fn hex<'a, T: Serialize + Deserialize<'a> + PartialEq + std::fmt::Debug>(value: 
 
 #[test]
 fn the_version_is_this_one() {
-    assert_eq!(VERSION, 9);
+    assert_eq!(VERSION, 10);
 }
 
 #[test]
@@ -48,7 +48,13 @@ fn requests() {
         (Ask::History(3), "01ac02001803"),
         (Ask::Release, "01ac020019"),
         (Ask::Accept, "01ac02001a"),
-        (Ask::Measure { begins: true, probe: Probe { phase: 1, current: 100, ripple: 2 } }, "01ac02001b0101c80104"),
+        (
+            Ask::Measure {
+                begins: true,
+                probe: Probe { phase: 1, current: 100, ripple: 2, across: true, swings_across: false },
+            },
+            "01ac02001b0101c801040100",
+        ),
         (Ask::Swing, "01ac02001d"),
         (Ask::Reference, "01ac020020"),
     ];
@@ -260,7 +266,13 @@ fn motors_and_cogging() {
         load_nm: of(7.0),
         leftover_v: of(8.0),
         hall_delay_us: of(14.0),
-        configured: Motor { resistance_ohm: 9.0, inductance_h: 10.0, flux_linkage_wb: 11.0, inertia_kgm2: 12.0 },
+        configured: Motor {
+            resistance_ohm: 9.0,
+            inductance_h: 10.0,
+            saliency: 10.5,
+            flux_linkage_wb: 11.0,
+            inertia_kgm2: 12.0,
+        },
         configured_delay_us: 15.0,
         pole_pairs: 13,
         samples: u32::MAX,
@@ -269,7 +281,7 @@ fn motors_and_cogging() {
         hex(&report),
         concat!(
             "0000803f0000003e000000400000803e000040400000c03e000080400000003f0000a0400000203f0000c0400000403f",
-            "0000e0400000603f000000410000803f000060410000e03f00001041000020410000304100004041",
+            "0000e0400000603f000000410000803f000060410000e03f0000104100002041000028410000304100004041",
             "000070410dffffffff0f",
         )
     );

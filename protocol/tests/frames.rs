@@ -62,7 +62,13 @@ fn asks() -> impl Strategy<Value = Vec<u8>> {
                 23 => Ask::Accept,
                 24 => Ask::Measure {
                     begins: bits & 1 == 0,
-                    probe: Probe { phase: number as u8, current: bits as i32, ripple: wide as i32 },
+                    probe: Probe {
+                        phase: number as u8,
+                        current: bits as i32,
+                        ripple: wide as i32,
+                        across: bits & 1 == 1,
+                        swings_across: bits & 2 == 2,
+                    },
                 },
                 25 => Ask::Window,
                 26 => Ask::Swing,

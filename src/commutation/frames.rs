@@ -39,6 +39,11 @@ pub struct Dq {
     pub q: i32,
 }
 
+impl Dq {
+    /// Nothing.
+    pub(crate) const ZERO: Self = Self { d: 0, q: 0 };
+}
+
 /// Sine and cosine of the electrical angle of a rotor.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Rotation {

@@ -85,8 +85,8 @@ pub struct Config {
     pub(crate) motion: Motion,
     pub(crate) scale: Scale,
     pub(crate) motor: Motor,
-    /// Bandwidths of the current, speed and position loops in rad/s.
-    pub(crate) rates: [f32; 3],
+    /// Bandwidth of the current control in rad/s.
+    pub(crate) current_rad_s: f32,
 }
 
 /// The settings that the control shares with the rest of a drive.
@@ -118,6 +118,7 @@ impl Config {
         let motor = Motor {
             resistance_ohm: settings.resistance_ohm,
             inductance_h: settings.inductance_h,
+            saliency: settings.saliency,
             flux_linkage_wb: settings.flux_linkage_wb,
             inertia_kgm2: settings.inertia_kgm2,
         };
@@ -170,7 +171,7 @@ impl Config {
             hall_coil: nearest(settings.hall_coil_deg_a / scale.per_ampere() * (TURN / 360.0)),
             scale,
             motor,
-            rates: [current_hz, speed_hz, position_hz].map(|hz| TAU * hz),
+            current_rad_s: TAU * current_hz,
             motion: Motion::default(),
             arming: ArmingCheck::default(),
             overload: Overload::default(),
@@ -178,6 +179,7 @@ impl Config {
             weakening: weakening::Gains::new(
                 settings.field_weakening_a / amperes,
                 settings.flux_linkage_wb / settings.inductance_h / amperes,
+                motor.reluctance_per_a() * amperes,
             ),
             #[cfg(not(feature = "no-chopper"))]
             chopper: Chopper::NONE,
@@ -235,7 +237,7 @@ impl Config {
     /// Takes over what follows from the bandwidths of the loops.
     pub(crate) const fn retune(&mut self, other: &Self) {
         (self.gains, self.local) = (other.gains, other.local);
-        (self.velocity, self.position, self.rates) = (other.velocity, other.position, other.rates);
+        (self.velocity, self.position, self.current_rad_s) = (other.velocity, other.position, other.current_rad_s);
         self.torque_gain = other.torque_gain;
         self.motion.model.asked = other.motion.model.asked;
         (self.arming.averages, self.arming.lag) = (other.arming.averages, other.arming.lag);

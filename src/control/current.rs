@@ -2,7 +2,8 @@
 //! current.
 //!
 //! Both have the gains `ω L` and `ω R` for a bandwidth ω: the zero of the PI cancels the pole R/L of the winding, so
-//! the loop is an integrator with the delay of sampling and PWM, 1.5 periods. Where the voltage is limited, the
+//! the loop is an integrator with the delay of sampling and PWM, 1.5 periods. Of a motor whose inductances along d and q
+//! differ, each axis has the gain of its own. Where the voltage is limited, the
 //! integrator is corrected by what the limit took off (back-calculation), with the winding's time constant.
 
 mod local;
@@ -23,15 +24,15 @@ pub(crate) const PARK_BITS: u32 = 13;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Gains {
-    /// Voltage per current in 2⁻³².
-    proportional: i32,
+    /// Voltage per current of each axis in 2⁻³².
+    proportional: Dq,
     /// Voltage per current and step in 2⁻³².
     integral: i32,
     /// Anti-windup by back-calculation: share of the voltage that the limit took off, in 2⁻³².
     back: i32,
-    /// Inductive voltage per current at a turn a step, and induced voltage: products with a speed that is shifted left
-    /// by `shift`.
-    inductance: i32,
+    /// Inductive voltage per current of each axis at a turn a step, and induced voltage: products with a speed that is
+    /// shifted left by `shift`.
+    inductance: Dq,
     flux: i32,
     shift: u8,
     /// Time constant of the loop, 1/ω, in quarters of a step.
@@ -46,9 +47,9 @@ pub struct Gains {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[repr(C)]
 pub struct Present {
-    /// Coupling of the axes ω L, voltage per current.
-    reactance: i32,
-    proportional: i32,
+    /// Coupling of the axes: ω L of the current along d, which takes a voltage along q, and of that along q.
+    reactance: Dq,
+    proportional: Dq,
     /// Back-EMF ω λ, a voltage.
     induced: i32,
     circle: Circle,
@@ -79,11 +80,14 @@ impl Gains {
         // From shares of the full scale to the unit of the voltages, with 22 bits.
         let unit = LONGEST as f32 / 4_194_304.0 / longest;
         let omega = TAU * bandwidth_hz;
-        let proportional = unit * omega * motor.inductance_h / scale.conductance();
+        let axes_h = motor.inductances_h();
+        let [along_d, along_q] = axes_h.map(|own_h| unit * omega * own_h / scale.conductance());
+        let proportional = along_d.max(along_q);
         let integral = unit * omega * motor.resistance_ohm / scale.conductance() / scale.step_hz;
         // Radians a second at a turn a step.
         let radians_s = TAU * scale.step_hz;
-        let inductance = unit * radians_s * motor.inductance_h / scale.conductance();
+        let inductances = axes_h.map(|own_h| unit * radians_s * own_h / scale.conductance());
+        let inductance = inductances[0].max(inductances[1]);
         let flux = unit * radians_s * motor.flux_linkage_wb / scale.volts;
         let room = |gain: f32| MOST * least_bus / gain;
         if room(proportional.max(integral)) <= 1.0 {
@@ -92,13 +96,12 @@ impl Gains {
         let turns = (fastest_hz / scale.step_hz).min(room(inductance.max(flux)));
         // The fastest speed fills the integer.
         let shift = -crate::float::exponent(turns) - 2;
-        let hold = |gain: f32, bits| crate::float::nearest(libm::ldexpf(gain, bits));
         Ok(Self {
-            proportional: hold(proportional, 26),
+            proportional: Dq { d: hold(along_d, 26), q: hold(along_q, 26) },
             integral: hold(integral, 26).max(1),
             back: hold((integral / proportional).min(0.49), 32),
             constant: crate::float::nearest(4.0 * scale.step_hz / omega).clamp(0, 65_535) as u16,
-            inductance: hold(inductance, 23 - shift),
+            inductance: Dq { d: hold(inductances[0], 23 - shift), q: hold(inductances[1], 23 - shift) },
             flux: hold(flux, 23 - shift),
             shift: shift as u8,
             beyond: i32::MAX - (turns * TURN) as i32,
@@ -106,15 +109,21 @@ impl Gains {
     }
 }
 
+/// The nearest integer to a gain with so many bits of fraction.
+#[inline(never)]
+fn hold(gain: f32, bits: i32) -> i32 {
+    crate::float::nearest(gain * crate::float::power_of_two(bits))
+}
+
 impl Present {
     /// No gain at all.
     pub const ZERO: Self =
-        Self { reactance: 0, proportional: 0, induced: 0, circle: Circle::NEW, integral: 0, back: 0 };
+        Self { reactance: Dq::ZERO, proportional: Dq::ZERO, induced: 0, circle: Circle::NEW, integral: 0, back: 0 };
 
     /// Takes up a bus voltage.
     #[inline(always)]
     pub const fn take_up_bus(&mut self, gains: &Gains, bus: Inverse) {
-        self.proportional = bus.of(gains.proportional) << 6;
+        self.proportional = Dq { d: bus.of(gains.proportional.d) << 6, q: bus.of(gains.proportional.q) << 6 };
         self.integral = bus.of(gains.integral) << 6;
         self.back = gains.back;
     }
@@ -139,7 +148,8 @@ impl Present {
         let beyond = gains.beyond;
         let speed = speed.saturating_add(beyond).wrapping_sub(beyond).saturating_sub(beyond).wrapping_add(beyond);
         let speed = speed.wrapping_shl(gains.shift as u32);
-        self.reactance = bus.of(high(speed, gains.inductance)) << 9;
+        let Dq { d, q } = gains.inductance;
+        self.reactance = Dq { d: bus.of(high(speed, d)) << 9, q: bus.of(high(speed, q)) << 9 };
         self.induced = bus.of(high(speed, gains.flux)) << 5;
     }
 }
@@ -184,8 +194,8 @@ impl Integrators {
     pub const fn step(&mut self, gains: &Present, reference: Dq, measured: Dq) -> Dq {
         let (field, error) = (reference.d - measured.d, reference.q - measured.q);
         let asked = Dq {
-            d: self.d + high(field, gains.proportional) - high(measured.q, gains.reactance),
-            q: self.q + gains.induced + high(error, gains.proportional) + high(measured.d, gains.reactance),
+            d: self.d + high(field, gains.proportional.d) - high(measured.q, gains.reactance.q),
+            q: self.q + gains.induced + high(error, gains.proportional.q) + high(measured.d, gains.reactance.d),
         };
         let dq = gains.circle.cut(asked);
         let over = Dq { d: dq.d - asked.d, q: dq.q - asked.q };
@@ -220,7 +230,7 @@ mod tests {
     use std::vec::Vec;
 
     const MOTOR: Motor =
-        Motor { resistance_ohm: 3.75, inductance_h: 0.36e-3, flux_linkage_wb: 5e-3, inertia_kgm2: 1e-5 };
+        Motor { resistance_ohm: 3.75, inductance_h: 0.36e-3, saliency: 1.0, flux_linkage_wb: 5e-3, inertia_kgm2: 1e-5 };
     const SCALE: Scale = Scale { step_hz: 40e3, amperes: 8.25, volts: 36.3, pole_pairs: 4.0 };
 
     fn along_q(q: i32) -> Dq {
@@ -247,7 +257,11 @@ mod tests {
     const BUS: i32 = 21_664;
 
     fn present(bandwidth: f32, speed: i32) -> Present {
-        let gains = Gains::new(&MOTOR, bandwidth, 2000.0, &SCALE, 0.3, LONGEST_SHARE as f32).unwrap();
+        present_of(&MOTOR, bandwidth, speed)
+    }
+
+    fn present_of(motor: &Motor, bandwidth: f32, speed: i32) -> Present {
+        let gains = Gains::new(motor, bandwidth, 2000.0, &SCALE, 0.3, LONGEST_SHARE as f32).unwrap();
         let mut present = Present::ZERO;
         present.take_up_bus(&gains, Inverse::new(BUS));
         present.take_up_speed(&gains, Inverse::new(BUS), speed);
@@ -315,6 +329,25 @@ mod tests {
         assert!((volts(voltage.q) - omega * 5e-3).abs() < 5e-3, "{}", volts(voltage.q));
         let coupled = { integrators }.step(&gains, along_q(current.q), current);
         assert!((volts(coupled.q) - omega * (0.36e-3 + 5e-3)).abs() < 5e-3, "{}", volts(coupled.q));
+        // The current along q takes a voltage along d by its own inductance, and the other way round.
+        for saliency in [0.5, 2.0] {
+            let gains = present_of(&Motor { saliency, ..MOTOR }, 1000.0, (300.0 / 40e3 * TURN) as i32);
+            let voltage = { integrators }.step(&gains, current, current);
+            assert!((volts(voltage.d) + omega * 0.36e-3 * saliency * 2.0).abs() < 5e-3, "{}", volts(voltage.d));
+            assert!((volts(voltage.q) - omega * (0.36e-3 + 5e-3)).abs() < 5e-3, "{}", volts(voltage.q));
+        }
+    }
+
+    #[test]
+    fn each_axis_has_the_gain_of_its_inductance() {
+        for saliency in [0.25, 0.7, 1.5, 8.0] {
+            let gains = present_of(&Motor { saliency, ..MOTOR }, 500.0, 0);
+            let one = |reference| Integrators::default().step(&gains, reference, Dq::ZERO);
+            let [d, q] = [one(Dq { d: 1000 << 13, q: 0 }).d, one(along_q(1000 << 13)).q].map(|v| units(v, BUS));
+            let exact = f64::from(TAU * 500.0 * MOTOR.inductance_h / SCALE.conductance()) * 1000.0;
+            assert!((d / exact - 1.0).abs() < 1e-3, "{saliency}: {d} {exact}");
+            assert!((q / exact / f64::from(saliency) - 1.0).abs() < 1e-3, "{saliency}: {q} {exact}");
+        }
     }
 
     #[test]
@@ -412,7 +445,7 @@ mod tests {
         fn the_voltage_is_within_the_circle_for_any_input(
             currents in prop::collection::vec((-43_690..43_690, -43_690..43_690), 1..100),
             reference in -32_768..32_768, speed: i32, room in 0.01..1.0_f32, resistance in 0.0..3.0_f32,
-            flux in 0.0..10.0_f32,
+            flux in 0.0..10.0_f32, saliency in 0.25..8.0_f32,
         ) {
             // Up to the largest gains there is room for, and more flux than that, on the lowest bus.
             let least = 0.05;
@@ -420,7 +453,8 @@ mod tests {
             let (gain, omega) = (30.9 * room * least / unit, TAU * 2000.0);
             let ohm = gain * SCALE.conductance();
             let motor = Motor {
-                inductance_h: ohm / omega,
+                inductance_h: ohm / omega / saliency.max(1.0),
+                saliency,
                 resistance_ohm: resistance * ohm,
                 flux_linkage_wb: flux * gain * SCALE.volts / omega,
                 ..MOTOR

@@ -17,6 +17,11 @@ impl Gain {
         Some(Self(fixed(TAU * bandwidth_hz / loop_hz, 32)?.max(1)))
     }
 
+    /// The bandwidth in rad/s, for the same loop.
+    pub fn rad_s(&self, loop_hz: f32) -> f32 {
+        self.0 as f32 / 4_294_967_296.0 * loop_hz
+    }
+
     /// The speed that makes the `measured` position the `reference` one, beside what is fed `forward`; up to ± `most`.
     /// A deviation beyond 2³¹ counts as that.
     #[inline(always)]

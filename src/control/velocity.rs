@@ -122,7 +122,7 @@ mod tests {
     use super::*;
 
     const MOTOR: Motor =
-        Motor { resistance_ohm: 3.75, inductance_h: 0.36e-3, flux_linkage_wb: 5e-3, inertia_kgm2: 1e-5 };
+        Motor { resistance_ohm: 3.75, inductance_h: 0.36e-3, saliency: 1.0, flux_linkage_wb: 5e-3, inertia_kgm2: 1e-5 };
     const SCALE: Scale = Scale { step_hz: 40e3, amperes: 8.25, volts: 36.3, pole_pairs: 4.0 };
 
     /// An inertia without friction: largest and last speed in units after a step to 100 rad/s against a load.

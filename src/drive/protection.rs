@@ -146,6 +146,12 @@ impl Protection {
         self.supply.burn(config, bus, asked, self.most >> 2, controls_field)
     }
 
+    /// Whether a current along d burns something.
+    #[inline(always)]
+    pub const fn burns(&self) -> bool {
+        self.supply.burns()
+    }
+
     /// What the supply has to drive with, beside what the current along d takes.
     #[inline(always)]
     pub fn limit_driving(&mut self, config: &Config, bus: i32) {

@@ -97,7 +97,8 @@ impl Drive {
             // Slots 13 and 45 are late after a change of the current reference, so the currents that they note have
             // settled.
             13 | 45 => self.slot(sample, Self::measurement_slot),
-            31 | 63 => self.hand_over_slot(),
+            31 => self.hand_over_slot(),
+            63 => self.reluctance_slot(sample),
             // Every 64 steps.
             ALIGNMENT => self.alignment_slot(sample),
             21 => return self.speed_slot(sample),
@@ -208,7 +209,7 @@ impl Drive {
             let field = &mut paths.field_oriented;
             let along_d = servo.reference.current.d;
             if !trims {
-                servo.had_d = along_d != 0;
+                servo.has_burnt = servo.protection.burns();
                 servo.protection.limit_driving(with.config, field.bus());
                 return;
             }
@@ -218,7 +219,7 @@ impl Drive {
             }
             // A current along d takes a voltage in the resistance, which is told within a quarter: little beside the
             // back-EMF where the field is weakened, and where the angle has to be right, as it would drive there.
-            if weakening.is_allowed() || !servo.had_d && along_d == 0 {
+            if weakening.is_allowed() || !servo.has_burnt && !servo.protection.burns() {
                 field.trim_alignment(with.config, with.rotor.speed(), along_d, free);
             }
         });
@@ -341,6 +342,17 @@ impl Drive {
         if matches!(self.servo.demand(), Demand::Impedance) {
             self.channels.reference.tell(self.servo.reference_of_impedance());
         }
+    }
+
+    /// The current along d that has a share in the torque; then as the one before.
+    #[inline(never)]
+    fn reluctance_slot(&mut self, sample: &Sample) {
+        let controls_field = self.config.commutation == Commutation::FieldOriented;
+        self.with_servo(sample, |servo, _, with| {
+            let q = if controls_field { servo.current_reference() } else { 0 };
+            servo.protection.weakening.share_torque(&with.config.weakening, q);
+        });
+        self.hand_over_slot();
     }
 
     #[inline(never)]

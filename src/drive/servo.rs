@@ -94,8 +94,8 @@ pub(super) struct Servo {
     pub(super) waits: bool,
     /// Whether the rotor is on its way to a position, and has not been at rest there.
     arrives: bool,
-    /// Whether there was a current along d 64 steps before the alignment may be trimmed.
-    pub had_d: bool,
+    /// Whether braking was burnt 64 steps before the alignment may be trimmed.
+    pub has_burnt: bool,
     /// Whether the motion is supervised: something is followed, and not checked before.
     pub supervised: bool,
     /// Grows by two with each check that found the rotor turning faster than it may, and falls by one with the others.
@@ -127,7 +127,7 @@ impl Servo {
             ends: false,
             waits: false,
             arrives: false,
-            had_d: false,
+            has_burnt: false,
             supervised: false,
             too_fast: 0,
             speed_reference: 0,
@@ -424,7 +424,8 @@ impl Servo {
         self.protection.heat(part, square, with.config, with.sample)
     }
 
-    /// The current along d: the larger of those that burn what braking returns and weaken the magnets' field.
+    /// The current along d: the larger of those that burn what braking returns, and weaken the magnets' field or have a
+    /// share in the torque.
     #[inline(always)]
     pub fn burn(&mut self, config: &Config, bus: i32, controls_field: bool) {
         let burns = self.protection.burn(config, bus, self.asked, controls_field);

@@ -1,7 +1,8 @@
 //! A measurement at standstill that needs to know nothing of the motor: one phase against the other two.
 //!
 //! A voltage rises slowly until the current that was asked for flows, and then keeps it; whatever the impedance is, the
-//! current cannot leap. A square wave of a few periods may be added, whose current tells the inductance. What flows and
+//! current cannot leap. A square wave of a few periods may be added, whose current tells the inductance: along the phase,
+//! or across it, from one of the other two to the third. What flows and
 //! what drives it are summed up over windows, in whole counts of the timer, so that rounding does not matter; whoever
 //! asks makes ohms and henries of them ([`Evaluation`](crate::service::standstill::Evaluation)).
 
@@ -20,8 +21,12 @@ pub struct Probe {
     pub phase: u8,
     /// That current, in 2⁻¹⁵ of the full scale.
     pub current: i32,
-    /// Amplitude of the square wave, in counts.
+    /// Amplitude of the square wave, in counts: of the phase's voltage, or of the other two against each other.
     pub ripple: i32,
+    /// Whether the square wave is across the phase.
+    pub across: bool,
+    /// Whether its swing is measured across the phase.
+    pub swings_across: bool,
 }
 
 /// What flowed in a window of [`WINDOW`] steps.
@@ -35,7 +40,8 @@ pub struct Window {
     pub current: i32,
     /// Sum of three times the voltage along the phase, in counts.
     pub voltage: i32,
-    /// Sum over the periods of the square wave: three times the current from its lowest to its highest, in 2⁻¹⁵.
+    /// Sum over the periods of the square wave: three times the current along the phase from where the wave begins to where
+    /// it ends, in 2⁻¹⁵; across, once the difference of the other two phases' currents.
     pub swing: i32,
     /// Sum of the bus voltage, in 2⁻¹⁵ of its full scale.
     pub bus: i32,
@@ -65,7 +71,7 @@ impl Standstill {
     /// Nothing is measured.
     pub const OFF: Self = Self {
         window: Window {
-            probe: Probe { phase: 0, current: 0, ripple: 0 },
+            probe: Probe { phase: 0, current: 0, ripple: 0, across: false, swings_across: false },
             current: 0,
             voltage: 0,
             swing: 0,
@@ -103,8 +109,9 @@ impl Standstill {
 
     /// One step: the compare values, and a window that is complete.
     fn step(&mut self, config: &Config, slow: i32, phases: [i32; 3], bus: i32) -> ([u16; 3], Option<Window>) {
-        let Probe { phase, current, ripple } = self.window.probe;
+        let Probe { phase, current, ripple, across, swings_across } = self.window.probe;
         let phase = usize::from(phase % 3);
+        let [next, last] = [(phase + 1) % 3, (phase + 2) % 3];
         let (own, all) = (phases[phase], phases[0] + phases[1] + phases[2]);
         let flows = 3 * own - all;
         // An amplifier that shows too little must not let too much flow: the other phases carry half each.
@@ -115,22 +122,27 @@ impl Standstill {
         let rises = largest < 3 * current && !limited;
         self.strength = self.strength.saturating_add(if rises { slow } else { -slow }).max(0);
         let place = self.steps % (2 * HALF);
-        let along = counts(self.strength) + if place < HALF { ripple } else { -ripple };
+        let wave = if place < HALF { ripple } else { -ripple };
+        let [wave_along, wave_across] = if across { [0, wave] } else { [wave, 0] };
+        let along = counts(self.strength) + wave_along;
         // The halves of a square wave around an odd number differ by the whole wave, too.
         let against = along >> 1;
         let half = i32::from(limits.half());
-        let mut compare = [limits.nearest(half - against); 3];
+        let mut compare = [0; 3];
         compare[phase] = limits.nearest(half + along);
+        compare[next] = limits.nearest(half - against + wave_across);
+        compare[last] = limits.nearest(half - against - wave_across);
 
         let window = &mut self.window;
         window.current += flows;
         window.voltage += 2 * (along + against);
         window.bus += bus;
         window.limited = limited;
+        let swings = if swings_across { phases[next] - phases[last] } else { flows };
         // What is computed now acts from the next sample to the one after it.
         match place {
-            1 => window.swing -= flows,
-            place if place == HALF + 1 => window.swing += flows,
+            1 => window.swing -= swings,
+            place if place == HALF + 1 => window.swing += swings,
             _ => {}
         }
         self.steps += 1;

@@ -105,6 +105,8 @@ impl Commission {
         let pairs = f32::from(self.settings.pole_pairs);
         let control = self.settings.control.as_mut().ok_or(Error::NoControl)?;
         set_electrical(control, found);
+        // No current along d has a share in the torque until the flux linkage is known.
+        control.saliency = 1.0;
         // Where a current dies within the dead time: at two thirds of the bus across the inductance.
         control.dead_time_ramp_a =
             (dead_time_s * found.bus_v / 1.5 / control.inductance_h).clamp(1e-3, 0.1 * control.current_full_scale_a);
@@ -112,7 +114,8 @@ impl Commission {
         control.flux_linkage_wb = 1e-5;
         control.inertia_kgm2 = 1e-4 * 1.5 * pairs * control.flux_linkage_wb;
         let noise_a = control.current_full_scale_a / 1000.0;
-        let bandwidth_hz = (0.02 * found.bus_v / (TAU * control.inductance_h * noise_a)).min(1000.0);
+        let largest_h = control.inductance_h * found.known_saliency().max(1.0);
+        let bandwidth_hz = (0.02 * found.bus_v / (TAU * largest_h * noise_a)).min(1000.0);
         self.action = Action::Calibrate;
         self.choose_sweep(0);
         self.set_bandwidths(bandwidth_hz, 20.0)
@@ -183,6 +186,7 @@ impl Commission {
         // At standstill what the dead time leaves cancels.
         if let Some(electrical) = &self.electrical {
             set_electrical(control, electrical);
+            control.saliency = electrical.known_saliency();
         }
         self.action = Action::Done;
         self.set_motion()

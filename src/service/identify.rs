@@ -81,7 +81,7 @@ const DOUBTFUL: f32 = 0.15;
 pub struct Report {
     /// Resistance of a phase and what is in series, Ω.
     pub resistance_ohm: Estimate,
-    /// Inductance of a phase, H.
+    /// Inductance of a phase along the magnets' field, H: the one across it by the saliency of the settings.
     pub inductance_h: Estimate,
     /// Flux linkage, Wb.
     pub flux_linkage_wb: Estimate,
@@ -372,12 +372,13 @@ impl Identifier {
         let volts = self.scale.volts / 32_768.0;
         let amperes = self.scale.amperes / 32_768.0;
         let state = &measurement.state;
+        let [d, q] = [state.current.d, state.current.q].map(|current| current as f32 * amperes);
         let newest = Point {
             sequence: measurement.sequence,
             position: measurement.rotor.smoothed(),
             speed: measurement.rotor.speed() as f32 / TURN * TAU * self.scale.step_hz,
-            current: state.current.q as f32 * amperes,
-            burnt: state.current.d as f32 * amperes,
+            current: q,
+            burnt: d,
             voltage: [state.voltage.d, state.voltage.q].map(|voltage| voltage as f32 * volts),
             trim: measurement.trim.to_radians(),
         };
@@ -441,7 +442,9 @@ impl Identifier {
         let [impulse, way, sign, time, speed, current, burnt, voltage] = sums.map(|sum| sum / count);
         self.largest = self.largest.max(current.abs());
         // The current that burns what braking returns turns what the dead time takes.
-        if current.abs() >= STRONG * self.largest && burnt.abs() <= BURNT * current.abs() {
+        let reluctance = self.configured.reluctance_per_a();
+        if current.abs() >= STRONG * self.largest && burnt.abs() <= (BURNT + reluctance * current.abs()) * current.abs()
+        {
             let taken = softened(current / self.ramp_a);
             self.q.push([current, speed * self.scale.pole_pairs, taken, 0.0, 0.0], voltage, crate::float::root(count));
         }
@@ -461,7 +464,9 @@ impl Identifier {
     /// Goes on by so many seconds; a mark ends a balance of momentum.
     fn balance(&mut self, speed: f32, before: &Point, point: &Point, seconds: f32) {
         let [impulse, way, sign, time] = &mut self.since;
-        *impulse += (before.current + point.current) / 2.0 * seconds;
+        // The current along q that would make the same torque without one along d.
+        let more = 1.0 - self.configured.reluctance_per_a() * point.burnt;
+        *impulse += (before.current + point.current) / 2.0 * seconds * more;
         *sign += speed.signum() * seconds;
         *time += seconds;
         *way += radians(before.position, point.position) / self.scale.pole_pairs;
@@ -495,6 +500,7 @@ impl Identifier {
         // The settings' R is from standstill, or at least a resistance.
         d.eliminate(4, if resistance.is_doubtful() { self.configured.resistance_ohm } else { resistance.value });
         d.eliminate(3, flux_linkage.value);
+        // What a current along q induces along d is that of the inductance across the magnets.
         let [inductance, ..] = d.solve(3)?;
         let mut late = self.late;
         late.eliminate(2, flux_linkage.value);
@@ -517,7 +523,9 @@ impl Identifier {
         let gains = VOLTS + AMPERES;
         let report = Report {
             resistance_ohm: resistance.beside(0.01 + gains),
-            inductance_h: Estimate { error: SWINGING * inductance.error, ..inductance }.beside(0.02 + gains),
+            inductance_h: Estimate { error: SWINGING * inductance.error, ..inductance }
+                .beside(0.02 + gains)
+                .times(1.0 / self.configured.saliency),
             flux_linkage_wb: flux_linkage.beside(0.012 + VOLTS),
             inertia_kgm2: inertia.beside(share + 0.015 + gains),
             coulomb_nm: more(coulomb, swings_nm).beside(share + gains),

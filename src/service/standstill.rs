@@ -1,9 +1,14 @@
 //! R and L at standstill, as a procedure: nothing has to be known of the motor but the current that it stands.
 //!
-//! Each phase in turn gets a current against the other two: in full, with a square wave on it, and half of it. The
+//! Each phase in turn gets a current against the other two: in full, half of it, and with a square wave on it. The
 //! difference of two levels gives R; what the dead time and the amplifiers' offsets contribute is the same in both and
 //! cancels. The swing of the current from the square wave gives L: `Δ = 2 W/R tanh(R T / 2L)` for an amplitude W and a
-//! time T from edge to edge. The rotor is pulled to the phase meanwhile, so L is that along the magnets' axis.
+//! time T from edge to edge.
+//!
+//! The rotor is pulled to the phase meanwhile, but cogging and friction hold it beside that. So the wave is along the phase,
+//! then across it, between the other two, and the swing along it is measured, then the one across: a symmetric matrix, whose
+//! axes are the magnets' whatever the rotor's angle, and whose two swings are those of the inductances along and across
+//! them.
 //!
 //! Ends with the bridge off. In the tasks; f32.
 
@@ -27,6 +32,8 @@ pub struct Electrical {
     pub resistance_ohm: Estimate,
     /// Inductance of a phase along the magnets' axis, H: the mean of the three.
     pub inductance_h: Estimate,
+    /// Inductance across the magnets' axis over the one along it.
+    pub saliency: Estimate,
     /// Resistance of each, Ω.
     pub phases_ohm: [f32; 3],
     /// Voltage that the dead time took, V.
@@ -37,11 +44,21 @@ pub struct Electrical {
     pub bus_v: f32,
 }
 
+impl Electrical {
+    /// The saliency as it is to be set: 1 where it is not known to be another.
+    pub fn known_saliency(&self) -> f32 {
+        let Estimate { value, error } = self.saliency;
+        if (value - 1.0).abs() > error { value.clamp(0.25, 8.0) } else { 1.0 }
+    }
+}
+
 impl fmt::Display for Electrical {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        let Self { resistance_ohm: r, inductance_h: l, phases_ohm: [a, b, c], current_a, dead_time_v, bus_v } = *self;
+        let Self { resistance_ohm: r, inductance_h: l, saliency, phases_ohm: [a, b, c], .. } = *self;
+        let Self { current_a, dead_time_v, bus_v, .. } = *self;
         writeln!(f, "  resistance  {:9.4} ± {:.4} Ω ({a:.4}, {b:.4}, {c:.4}) at {current_a:.2} A", r.value, r.error)?;
-        writeln!(f, "  inductance  {:9.4} ± {:.4} mH", 1e3 * l.value, 1e3 * l.error)?;
+        writeln!(f, "  inductance  {:9.4} ± {:.4} mH along the magnets' field", 1e3 * l.value, 1e3 * l.error)?;
+        writeln!(f, "  saliency    {:9.4} ± {:.4}, across over along", saliency.value, saliency.error)?;
         writeln!(f, "  dead time   {dead_time_v:9.4} V, of a bus of {bus_v:.1} V")
     }
 }
@@ -50,10 +67,12 @@ impl fmt::Display for Electrical {
 const FULL: f32 = 0.5;
 /// Swing that the square wave is made as large for, as a share of that current.
 const SWING: f32 = 0.2;
-/// Windows averaged at a level.
+/// Windows averaged at a level; with a wave on it, of which there are three, fewer, as the current heats the winding.
 const AVERAGED: u8 = 4;
+const WITH_WAVE: u8 = 3;
 /// Windows until a level that does not become steady is taken as it is: 3 s at 40 kHz.
 const LONGEST: u8 = 60;
+const ROOT_3: f32 = 1.732_050_8;
 /// Current that shows that there is a winding, as a share of the full one.
 const ANSWERS: f32 = 0.04;
 /// Phases whose resistances differ by more are not alike.
@@ -66,8 +85,11 @@ const ANSWER_MS: u32 = 400;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 enum Level {
     Full,
-    Ripple,
     Half,
+    /// A wave along the phase, and its swing; both across; the wave across and the swing along.
+    Along,
+    Across,
+    Between,
 }
 
 /// Means over some windows, in SI.
@@ -76,8 +98,9 @@ struct Mean {
     current_a: f32,
     voltage_v: f32,
     swing_a: f32,
-    /// Half of the range of the windows' voltages.
+    /// Half of the range of the windows' voltages, and of their swings.
     spread_v: f32,
+    spread_a: f32,
 }
 
 /// Chooses what to measure, and makes ohms and henries of it; without any input or output of its own.
@@ -93,12 +116,18 @@ pub struct Evaluation {
     averaged: u8,
     sum: Mean,
     range_v: [f32; 2],
+    range_a: [f32; 2],
     last_v: f32,
     bus_v: f32,
     of_full: Mean,
+    /// Swings of this phase, of a volt of the wave.
+    swings: [f32; 2],
     resistance: [f32; 3],
     inductance: [f32; 3],
+    saliency: [f32; 3],
     uncertain: f32,
+    /// Largest share by which a swing was unsteady.
+    unsteady: f32,
     dead_time_v: f32,
     result: Option<Result<Electrical, Error>>,
 }
@@ -115,18 +144,22 @@ impl Evaluation {
             scale: control.scale,
             period: config.period.into(),
             full,
-            probe: Probe { phase: 0, current: full, ripple: 0 },
+            probe: Probe { current: full, ..Probe::default() },
             level: Level::Full,
             windows: 0,
             averaged: 0,
             sum: Mean::default(),
             range_v: [0.0; 2],
+            range_a: [0.0; 2],
             last_v: 0.0,
             bus_v: 0.0,
             of_full: Mean::default(),
+            swings: [0.0; 2],
             resistance: [0.0; 3],
             inductance: [0.0; 3],
+            saliency: [0.0; 3],
             uncertain: 0.0,
+            unsteady: 0.0,
             dead_time_v: 0.0,
             result: None,
         })
@@ -149,12 +182,14 @@ impl Evaluation {
     /// 0 to 1.
     pub fn progress(&self) -> f32 {
         let level = match self.level {
-            _ if self.result.is_some() => 3.0,
+            _ if self.result.is_some() => 5.0,
             Level::Full => 0.0,
             Level::Half => 1.0,
-            Level::Ripple => 2.0,
+            Level::Along => 2.0,
+            Level::Across => 3.0,
+            Level::Between => 4.0,
         };
-        (3.0 * f32::from(self.probe.phase) + level) / 9.0
+        (5.0 * f32::from(self.probe.phase) + level) / 15.0
     }
 
     /// Takes what flowed in a window.
@@ -167,8 +202,10 @@ impl Evaluation {
         self.bus_v = window.bus as f32 / count / 32_768.0 * self.scale.volts;
         let voltage_v = window.voltage as f32 / (3.0 * count) / self.period * self.bus_v;
         let current_a = window.current as f32 / per_ampere;
-        // A period of the square wave has one swing up and one down.
-        let swing_a = window.swing as f32 / per_ampere * (2 * HALF) as f32;
+        // A period of the square wave has one swing up and one down. The difference of two phases' currents is √3 times the
+        // current across the third.
+        let times = if window.probe.swings_across { ROOT_3 } else { 1.0 };
+        let swing_a = times * window.swing as f32 / per_ampere * (2 * HALF) as f32;
         let steady = (voltage_v - self.last_v).abs() <= STEADY_V + STEADY * voltage_v.abs();
         self.last_v = voltage_v;
         self.windows += 1;
@@ -177,24 +214,32 @@ impl Evaluation {
             return;
         }
         if self.averaged == 0 {
-            self.range_v = [voltage_v; 2];
+            (self.range_v, self.range_a) = ([voltage_v; 2], [swing_a; 2]);
         }
         self.averaged += 1;
-        let share = 1.0 / f32::from(AVERAGED);
+        let averaged = if self.probe.ripple > 0 { WITH_WAVE } else { AVERAGED };
+        let share = 1.0 / f32::from(averaged);
         self.sum.current_a += share * current_a;
         self.sum.voltage_v += share * voltage_v;
         self.sum.swing_a += share * swing_a;
         self.range_v = [self.range_v[0].min(voltage_v), self.range_v[1].max(voltage_v)];
+        self.range_a = [self.range_a[0].min(swing_a), self.range_a[1].max(swing_a)];
         // One is enough to choose the next amplitude of the square wave by.
-        let small = self.level == Level::Ripple && swing_a < 0.5 * SWING * self.of_full.current_a;
+        let small =
+            matches!(self.level, Level::Along | Level::Across) && swing_a < 0.5 * SWING * self.of_full.current_a;
         if small && !window.limited {
             let wanted = SWING * self.of_full.current_a / swing_a.max(0.05 * SWING * self.of_full.current_a);
             let ripple = (self.probe.ripple as f32 * wanted.min(8.0)) as i32;
             return self.go_on(self.level, self.probe.current, ripple.max(self.probe.ripple + 1));
         }
-        if self.averaged == AVERAGED {
-            let spread_v = 0.5 * (self.range_v[1] - self.range_v[0]);
-            self.complete(Mean { spread_v, ..self.sum });
+        if self.averaged == averaged {
+            let [spread_v, spread_a] = [self.range_v, self.range_a].map(|[least, most]| 0.5 * (most - least));
+            // A rotor that still swings about the field is waited for.
+            if spread_a > STEADY * self.of_full.current_a * SWING && self.windows < LONGEST {
+                (self.averaged, self.sum) = (0, Mean::default());
+                return;
+            }
+            self.complete(Mean { spread_v, spread_a, ..self.sum });
         }
     }
 
@@ -221,33 +266,65 @@ impl Evaluation {
                 self.uncertain += (self.of_full.spread_v + mean.spread_v) / apart / 3.0;
                 self.dead_time_v = self.of_full.voltage_v - resistance * self.of_full.current_a;
                 // Room for the square wave, should the voltage be at its limit.
-                let current = (0.8 * self.of_full.current_a * self.scale.per_ampere()) as i32;
-                self.go_on(Level::Ripple, current, 1);
+                let current = (0.75 * self.of_full.current_a * self.scale.per_ampere()) as i32;
+                self.go_on(Level::Along, current, 1);
             }
-            Level::Ripple => {
-                let amplitude_v = self.probe.ripple as f32 / self.period * self.bus_v;
-                let tanh = mean.swing_a * self.resistance[phase] / (2.0 * amplitude_v);
-                if !(tanh > 0.0 && tanh < 0.95) {
-                    return self.fail(Error::Inconclusive);
-                }
-                // atanh, within 1 % up to 0.75.
-                let square = tanh * tanh;
-                let atanh = tanh * (15.0 - 4.0 * square) / (15.0 - 9.0 * square);
-                let time_s = HALF as f32 / self.scale.step_hz;
-                self.inductance[phase] = self.resistance[phase] * time_s / (2.0 * atanh);
-                if phase == 2 {
-                    self.finish();
-                } else {
-                    self.probe.phase += 1;
-                    self.go_on(Level::Full, self.full, 0);
-                }
-            }
+            Level::Along | Level::Across | Level::Between => self.complete_swing(mean),
         }
+    }
+
+    /// The swing of a square wave has been measured; after the last one of a phase, what they say.
+    fn complete_swing(&mut self, mean: Mean) {
+        let phase = usize::from(self.probe.phase);
+        let times = if self.probe.across { 2.0 / ROOT_3 } else { 1.0 };
+        let amplitude_v = times * self.probe.ripple as f32 / self.period * self.bus_v;
+        let swing = mean.swing_a / amplitude_v;
+        self.unsteady = self.unsteady.max(mean.spread_a / mean.swing_a.abs().max(SWING * self.of_full.current_a));
+        let Probe { current, ripple, .. } = self.probe;
+        match self.level {
+            Level::Along => {
+                self.swings[0] = swing;
+                return self.go_on(Level::Across, current, ripple);
+            }
+            Level::Across => {
+                self.swings[1] = swing;
+                return self.go_on(Level::Between, current, ripple);
+            }
+            _ => {}
+        }
+        let [along, across] = self.swings;
+        let (middle, half) = (0.5 * (along + across), 0.5 * (along - across));
+        let apart = crate::float::root(half * half + swing * swing);
+        // The rotor is nearer to the phase than to what is across.
+        let apart = if half < 0.0 { -apart } else { apart };
+        let [along_d, along_q] = [middle + apart, middle - apart].map(|swing| self.inductance_of(swing, phase));
+        let Some(along_d) = along_d else { return self.fail(Error::Inconclusive) };
+        // No rotor makes one direction so unlike the other, but an amplifier that shows nothing does.
+        let Some(along_q) = along_q else { return self.fail(Error::Uneven) };
+        self.inductance[phase] = along_d;
+        self.saliency[phase] = along_q / along_d;
+        if phase == 2 {
+            self.finish();
+        } else {
+            self.probe.phase += 1;
+            self.go_on(Level::Full, self.full, 0);
+        }
+    }
+
+    /// The inductance of a swing in amperes, of a volt of the wave.
+    fn inductance_of(&self, swing: f32, phase: usize) -> Option<f32> {
+        let tanh = swing * self.resistance[phase] / 2.0;
+        // atanh, within 1 % up to 0.75.
+        let square = tanh * tanh;
+        let atanh = tanh * (15.0 - 4.0 * square) / (15.0 - 9.0 * square);
+        let time_s = HALF as f32 / self.scale.step_hz;
+        (tanh > 0.0 && tanh < 0.95).then_some(self.resistance[phase] * time_s / (2.0 * atanh))
     }
 
     fn go_on(&mut self, level: Level, current: i32, ripple: i32) {
         self.level = level;
-        self.probe = Probe { current, ripple, ..self.probe };
+        let across = matches!(level, Level::Across | Level::Between);
+        self.probe = Probe { current, ripple, across, swings_across: level == Level::Across, ..self.probe };
         (self.windows, self.averaged, self.sum) = (0, 0, Mean::default());
     }
 
@@ -256,7 +333,7 @@ impl Evaluation {
         let range = |x: [f32; 3]| {
             x.iter().fold(0.0_f32, |most, &x| most.max(x)) - x.iter().fold(f32::INFINITY, |least, &x| least.min(x))
         };
-        let (resistance, inductance) = (mean(self.resistance), mean(self.inductance));
+        let [resistance, inductance, saliency] = [self.resistance, self.inductance, self.saliency].map(mean);
         if range(self.resistance) > UNEVEN * resistance {
             return self.fail(Error::Uneven);
         }
@@ -266,6 +343,7 @@ impl Evaluation {
         self.result = Some(Ok(Electrical {
             resistance_ohm: estimate(resistance, self.uncertain + uneven_ohm + (0.005 + gains) * resistance),
             inductance_h: estimate(inductance, range(self.inductance) / 3.0 + (0.01 + gains) * inductance),
+            saliency: estimate(saliency, range(self.saliency) / 3.0 + (UNLIKE + 0.5 * self.unsteady) * saliency),
             phases_ohm: self.resistance,
             dead_time_v: self.dead_time_v,
             current_a: self.of_full.current_a,
@@ -274,6 +352,10 @@ impl Evaluation {
     }
 }
 
+/// Share by which the inductances of two directions look unlike: iron saturates more along the current that holds the
+/// rotor than across it, by 7 % where it saturates at twice the largest current. With less current, the wave would take
+/// phases through zero, where the dead time has a say.
+const UNLIKE: f32 = 0.08;
 /// Change of the voltage from window to window of a steady level: of it, and at least.
 const STEADY: f32 = 0.01;
 const STEADY_V: f32 = 0.02;

@@ -222,7 +222,12 @@ settings! {
         current_full_scale_a: f32 = 8.25, 0.1 => 1000.0, "A", Real, BOARD, "Current at the end of the ADC's range";
         bus_full_scale_v: f32 = 36.3, 5.0 => 1000.0, "V", Real, BOARD, "Bus voltage at the end of the ADC's range";
         resistance_ohm: f32 = 3.75, 1e-4 => 1000.0, "Ω", Real, FREE, "Resistance of a phase, star";
-        inductance_h: f32 = 0.36e-3, 1e-7 => 1.0, "H", Real, FREE, "Inductance of a phase, star";
+        inductance_h: f32 = 0.36e-3, 1e-7 => 1.0, "H", Real, FREE,
+            "Inductance of a phase, star; along the magnets' field";
+        /// Above 1 where magnets lie inside the rotor's iron. Then a torque is made with a current along −d, too: of all
+        /// pairs of currents the one with the least losses.
+        saliency: f32 = 1.0, 0.25 => 8.0, "", Real, FREE,
+            "Inductance across the magnets' field over the one along it";
         flux_linkage_wb: f32 = 5e-3, 1e-6 => 10.0, "Wb", Real, FREE,
             "Flux linkage of a phase: back-EMF per electrical rad/s";
         inertia_kgm2: f32 = 1e-5, 1e-9 => 100.0, "kg·m²", Real, FREE, "Inertia of all that turns";

@@ -4,6 +4,7 @@ use super::Frame;
 use crate::angle::TURN;
 use crate::control::{Motor, Scale};
 use crate::drive::PARTS;
+use crate::float::whole;
 use crate::schedule::{LONG, OUTER};
 use crate::settings::{Control, OnStopFailure};
 use core::f32::consts::TAU;
@@ -41,7 +42,8 @@ pub(crate) struct Model {
     pub change: i32,
     /// Voltage per current that does not flow yet, in 2⁻¹⁶: that of the proportional control.
     pub asked: i32,
-    /// Voltage per current and speed: 2⁻¹⁶ by the product with a speed over 2³².
+    /// Voltage per current and speed: 2⁻¹⁶ by the product with a speed over 2³². That of the current along q: where the one
+    /// along d is large, it is against the field, and what is too much for it looks like more back-EMF.
     pub reactance: i32,
     /// Voltage per speed, by the product over 2³².
     pub flux: i32,
@@ -83,12 +85,6 @@ fn bound(limit: f32, turns: f32) -> i64 {
     if limit.abs() >= 1e6 { whole(limit * f32::MAX) >> 1 } else { whole(limit * turns) >> OUTER.ilog2() }
 }
 
-/// Saturates; called, not inlined, as it takes sixty bytes.
-#[inline(never)]
-fn whole(value: f32) -> i64 {
-    value as i64
-}
-
 /// A positive number of up to 30 bits.
 #[inline(never)]
 fn fixed(value: f32) -> i32 {
@@ -100,11 +96,13 @@ impl Model {
         let per_current = scale.amperes / scale.volts * 65_536.0;
         let check_s = ROUND as f32 / scale.step_hz;
         let radians_s = TAU * scale.step_hz;
+        let [along_d, along_q] = motor.inductances_h();
+        let largest_h = along_d.max(along_q);
         Self {
             resistance: fixed(motor.resistance_ohm * per_current),
-            change: fixed(2.0 * motor.inductance_h / check_s * per_current),
-            asked: fixed(TAU * current_hz * motor.inductance_h * per_current),
-            reactance: fixed(motor.inductance_h * radians_s * per_current),
+            change: fixed(2.0 * largest_h / check_s * per_current),
+            asked: fixed(TAU * current_hz * largest_h * per_current),
+            reactance: fixed(along_q * radians_s * per_current),
             flux: fixed(motor.flux_linkage_wb * radians_s / scale.volts * 32_768.0),
             dead: fixed((2.0 * frame.dead_time_s * frame.pwm_hz + 0.01) * 32_768.0),
             most: fixed(0.1 * 32_768.0 * MISFIT_S / check_s),

@@ -26,7 +26,9 @@ impl LocalGains {
     /// For a bandwidth in hertz. `None` when they are beyond the range of the integers.
     pub fn new(motor: &Motor, feedback: Feedback, bandwidth_hz: f32, scale: &Scale) -> Option<Self> {
         let omega = TAU * bandwidth_hz;
-        let proportional = omega * motor.inductance_h / scale.conductance();
+        // The current of two phases sees both inductances in turn.
+        let mean_h = motor.inductances_h().iter().sum::<f32>() / 2.0;
+        let proportional = omega * mean_h / scale.conductance();
         let integral = omega * motor.resistance_ohm / scale.conductance() / scale.step_hz;
         let flux = TAU * scale.step_hz * motor.flux_linkage_wb / scale.volts;
         let integrates = matches!(feedback, Feedback::Pi | Feedback::Pid);

@@ -40,9 +40,10 @@ const HOLD: f32 = 5.0 + (OUTER as f32 - 1.0) / 2.0;
 const LATER: f32 = 2.0;
 
 impl Loop {
+    #[inline(never)]
     pub fn new(control: &Control, tracking: &track::Config) -> Self {
         let step_s = 1.0 / control.scale.step_hz;
-        let position_s = HOLD * step_s + 1.0 / control.rates[0];
+        let position_s = HOLD * step_s + 1.0 / control.current_rad_s;
         Self {
             inertia_kgm2: control.motor.inertia_kgm2,
             representable: 0.49 / per_strain(control),
@@ -52,6 +53,7 @@ impl Loop {
     }
 
     /// The largest gains, each with as much of the other as it allows.
+    #[inline(never)]
     pub fn largest(&self) -> Gains {
         let damping = self.inertia_kgm2 / (2.0 * self.speed_s);
         Gains {
@@ -63,8 +65,10 @@ impl Loop {
     /// What the position and speed loops amount to, within the largest.
     pub fn usual(&self, control: &Control) -> Gains {
         let most = self.largest();
-        let kd = (control.rates[1] * self.inertia_kgm2).min(most.kd_nms_rad);
-        Gains { kp_nm_rad: (control.rates[2] * kd).min(most.kp_nm_rad), kd_nms_rad: kd }
+        let kd = control.velocity.proportional() as f32 / TURN / per_speed(control);
+        let kd = kd.min(most.kd_nms_rad);
+        let rad_s = control.position.rad_s(control.scale.step_hz / OUTER as f32);
+        Gains { kp_nm_rad: (rad_s * kd).min(most.kp_nm_rad), kd_nms_rad: kd }
     }
 }
 
@@ -89,10 +93,7 @@ impl Spring {
     pub(super) fn new(gains: &Gains, lags: &Loop, control: &Control) -> Self {
         let fixed = |gain: f32| crate::float::nearest((gain * TURN).min(2_147_483_520.0));
         let damping = gains.kd_nms_rad + gains.kp_nm_rad * lags.position_s;
-        Self {
-            stiffness: fixed(gains.kp_nm_rad * per_strain(control)),
-            damping: fixed(damping * per_torque(control) / control.scale.per_radian_s()),
-        }
+        Self { stiffness: fixed(gains.kp_nm_rad * per_strain(control)), damping: fixed(damping * per_speed(control)) }
     }
 
     /// The deviation that makes a strain.
@@ -131,6 +132,11 @@ impl Spring {
 /// Units of current in a newton metre.
 fn per_torque(control: &Control) -> f32 {
     control.scale.per_ampere() / control.motor.torque_constant(control.scale.pole_pairs)
+}
+
+/// Units of current per unit of speed in a newton metre second per radian.
+fn per_speed(control: &Control) -> f32 {
+    per_torque(control) / control.scale.per_radian_s()
 }
 
 /// Units of current per strain in a newton metre per radian.

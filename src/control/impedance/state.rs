@@ -4,6 +4,7 @@ use super::Spring;
 use crate::angle::{Position, TURN};
 use crate::control::config::Config as Control;
 use crate::double;
+use crate::float::whole;
 use crate::telemetry::{Measurement, Reference};
 
 /// The reference of the spring and the damper, and the rotor's distance from it.
@@ -35,8 +36,7 @@ impl Reference {
             |current: i32| current as f32 / scale.per_ampere() * control.motor.torque_constant(scale.pole_pairs);
         let Measurement { rotor, state, .. } = measurement;
         let electrical = Spring::turns(self.strain);
-        let position =
-            rotor.position().to_bits().wrapping_add((electrical * TURN) as i64).wrapping_sub(origin.to_bits());
+        let position = rotor.position().to_bits().wrapping_add(whole(electrical * TURN)).wrapping_sub(origin.to_bits());
         State {
             position_turns: double::from_fixed(position / (scale.pole_pairs as i64).max(1)),
             speed_rad_s: self.speed as f32 / scale.per_radian_s(),

@@ -87,6 +87,12 @@ impl Supply {
         -field << 15
     }
 
+    /// Whether a current along d burns something.
+    #[inline(always)]
+    pub const fn burns(&self) -> bool {
+        self.field != 0
+    }
+
     /// Takes up what the current along d and the bus voltage leave to brake with.
     #[inline(always)]
     pub fn limit(&mut self, config: &Config, bus: i32, most: i32) {

@@ -118,6 +118,7 @@ pub(super) fn summary(settings: &Settings, told_pole_pairs: bool, out: Out) -> R
     let Some(Control {
         resistance_ohm,
         inductance_h,
+        saliency,
         flux_linkage_wb,
         inertia_kgm2,
         max_current_a,
@@ -134,6 +135,9 @@ pub(super) fn summary(settings: &Settings, told_pole_pairs: bool, out: Out) -> R
     say!(out, "\nThe motor, at {max_current_a} A at most:")?;
     let [mh, mwb, g_cm2] = [1e3 * inductance_h, 1e3 * flux_linkage_wb, 1e7 * inertia_kgm2].map(digits);
     say!(out, "  resistance   {:>10} Ω      inductance {mh:>10} mH", digits(resistance_ohm))?;
+    if saliency != 1.0 {
+        say!(out, "  saliency     {saliency:>10.2}  inductance across the magnets' field over the one along it")?;
+    }
     say!(out, "  flux linkage {mwb:>10} mWb    inertia    {g_cm2:>10} g·cm²")?;
     say!(out, "  speed up to  {max_speed_rad_s:10.0} rad/s  reached with {max_acceleration_rad_s2:.0} rad/s²")?;
     say!(out, "  a stop after a time-out may take {stop_s:.1} s (stop_s)")?;
@@ -151,6 +155,7 @@ pub(super) fn summary(settings: &Settings, told_pole_pairs: bool, out: Out) -> R
         "pole_pairs": settings.pole_pairs,
         "resistance_ohm": resistance_ohm,
         "inductance_h": inductance_h,
+        "saliency": saliency,
         "flux_linkage_wb": flux_linkage_wb,
         "inertia_kgm2": inertia_kgm2,
         "max_current_a": max_current_a,

@@ -287,3 +287,71 @@ fn the_supply_gives_no_more_than_it_may() {
         }
     }
 }
+
+/// A load that turns the rotor along, as one that is let down, held at speeds at which half of the short-circuit current is
+/// this share of the largest.
+#[test]
+fn a_load_that_drives_is_held_on_a_supply_that_takes_nothing_back() {
+    let mut worst = (0.0_f64, 0.0_f64);
+    for case in [default_motor(), light(), drone(), hub()] {
+        let control = case.settings.control.unwrap();
+        let (most_a, over_v) = (f64::from(control.max_current_a), f64::from(control.guard.over_voltage_v));
+        let pairs = f64::from(case.settings.pole_pairs);
+        for unlike in UNLIKE {
+            let flux_vs = case.plant.motor.back_emf.flux_linkage_vs * unlike[1];
+            for (share, load) in [(0.08, 0.3), (0.15, 0.4), (0.3, 0.3), (0.3, -0.5)] {
+                let radians_s = 2.0 * share * most_a * f64::from(control.resistance_ohm) / flux_vs / pairs;
+                let radians_s = radians_s.min(case.speed_rad_s.into()).copysign(load);
+                let mut rig = armed(&case, unlike);
+                speed(&mut rig, radians_s as f32);
+                rig.run(0.2 + radians_s.abs() / f64::from(control.max_acceleration_rad_s2), |_, _| ());
+                // With the motion.
+                let load_nm = -load * most_a * 1.5 * pairs * flux_vs;
+                for part in 1..=20 {
+                    rig.plant.set_load(f64::from(part) / 20.0 * load_nm).unwrap();
+                    rig.run(0.02, |_, _| ());
+                }
+                rig.run(0.2, |_, _| ());
+                let (mut off, mut bus_v) = (0.0_f64, 0.0_f64);
+                rig.run(2.0, |_, period| {
+                    off = off.max((period.truth.speed_rad_s / radians_s - 1.0).abs());
+                    bus_v = bus_v.max(period.truth.bus_v / over_v);
+                });
+                let mode = rig.drive.mode();
+                println!(
+                    "{} {unlike:?} at {radians_s:.0} rad/s, {load}: off by {:.1} %, bus {bus_v:.2}, {mode:?}",
+                    case.name,
+                    100.0 * off
+                );
+                assert!(
+                    mode == Mode::Running
+                        && off * radians_s.abs() < 0.1 * radians_s.abs() + 0.02 * f64::from(case.speed_rad_s)
+                        && bus_v < 0.95,
+                    "{} {unlike:?} {radians_s} {load}: {off} {bus_v} {mode:?}",
+                    case.name
+                );
+                worst = (worst.0.max(off), worst.1.max(bus_v));
+            }
+        }
+    }
+    println!("worst: off by {:.1} %, bus {:.2} of its limit", 100.0 * worst.0, worst.1);
+}
+
+/// A small rotor at a large current: its measured speed is noisy.
+fn light() -> Case {
+    let mut case = default_motor();
+    case.name = "light";
+    case.plant.motor.resistance_ohm = 1.0;
+    case.plant.motor.inductance_h = 1e-3;
+    let control = case.settings.control.unwrap();
+    let guard = GuardSettings { over_current_a: 8.0, ..control.guard };
+    case.settings.control = Some(Control {
+        resistance_ohm: 1.02,
+        inductance_h: 1e-3,
+        continuous_current_a: 6.0,
+        max_current_a: 6.0,
+        guard,
+        ..control
+    });
+    case
+}

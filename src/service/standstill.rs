@@ -73,6 +73,11 @@ const WITH_WAVE: u8 = 3;
 /// Windows until a level that does not become steady is taken as it is: 3 s at 40 kHz.
 const LONGEST: u8 = 60;
 const ROOT_3: f32 = 1.732_050_8;
+/// Spread of the swing of a wave, as a share of it, that is not waited for, and windows until a larger one is taken as it
+/// is: at a motor of a small current it is noise. Beyond the last, it is a rotor that swings.
+const STEADY_SWING: f32 = 0.02;
+const LONGEST_WAVE: u8 = 16;
+const SWINGS: f32 = 0.08;
 /// Current that shows that there is a winding, as a share of the full one.
 const ANSWERS: f32 = 0.04;
 /// Phases whose resistances differ by more are not alike.
@@ -235,7 +240,9 @@ impl Evaluation {
         if self.averaged == averaged {
             let [spread_v, spread_a] = [self.range_v, self.range_a].map(|[least, most]| 0.5 * (most - least));
             // A rotor that still swings about the field is waited for.
-            if spread_a > STEADY * self.of_full.current_a * SWING && self.windows < LONGEST {
+            let unsteady = spread_a / (self.of_full.current_a * SWING);
+            let longest = if unsteady > SWINGS { LONGEST } else { LONGEST_WAVE };
+            if unsteady > STEADY_SWING && self.windows < longest {
                 (self.averaged, self.sum) = (0, Mean::default());
                 return;
             }

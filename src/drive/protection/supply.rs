@@ -100,9 +100,9 @@ impl Supply {
         let field = i32::from(self.field);
         let braking = (field * field + self.returns) / self.short.max(1);
         // Where the largest power that can be returned is burnt, any current may brake, within the circle: a load that drives
-        // the rotor needs more than the small one. Less a quarter of that power, as the current along d follows the noise of
-        // the speed of before.
-        let braking = if braking >= (self.short >> 2) - (self.short >> 4) { most } else { braking };
+        // the rotor needs more than the small one. Less a little, as the current along d follows the noise of the speed of
+        // before: a share of that power, and of the largest current, which counts where the rotor is slow.
+        let braking = if braking >= (self.short >> 2) - ((self.short + most) >> 6) { most } else { braking };
         // Near rest, braking draws as much as driving does.
         let drawn = i32::from(self.driving) + (self.short >> 1);
         let braking = braking.min(most - beside(field)).min(drawn);

@@ -24,21 +24,21 @@ use mps2_an386::failure;
 use static_cell::StaticCell;
 
 pub const ROWS: &[Row] = &[
-    Row::new("field-oriented, fast, current", "hallservo", function!(step), fast::<CURRENT>, stays_on).budget(313),
-    Row::new("field-oriented, fast, speed", "hallservo", function!(step), fast::<SPEED>, stays_on).budget(313),
-    Row::new("field-oriented, fast, position", "hallservo", function!(step), fast::<POSITION>, stays_on).budget(313),
+    Row::new("field-oriented, fast, current", "hallservo", function!(step), fast::<CURRENT>, stays_on).budget(315),
+    Row::new("field-oriented, fast, speed", "hallservo", function!(step), fast::<SPEED>, stays_on).budget(315),
+    Row::new("field-oriented, fast, position", "hallservo", function!(step), fast::<POSITION>, stays_on).budget(315),
     Row::new("field-oriented, fast, impedance", "hallservo", function!(step), fast::<IMPEDANCE>, stays_on).budget(325),
     Row::new("field-oriented, stalled, current", "hallservo", function!(step), stalled::<CURRENT>, stays_on)
-        .budget(313),
-    Row::new("field-oriented, stalled, speed", "hallservo", function!(step), stalled::<SPEED>, stays_on).budget(313),
+        .budget(315),
+    Row::new("field-oriented, stalled, speed", "hallservo", function!(step), stalled::<SPEED>, stays_on).budget(315),
     Row::new("field-oriented, stalled, position", "hallservo", function!(step), stalled::<POSITION>, stays_on)
-        .budget(313),
+        .budget(315),
     Row::new("field-oriented, stalled, impedance", "hallservo", function!(step), stalled::<IMPEDANCE>, stays_on)
-        .budget(313),
+        .budget(315),
     Row::new("field-oriented, with a table, current", "hallservo", function!(step), anti_cogging::<CURRENT>, stays_on)
-        .budget(313),
+        .budget(315),
     Row::new("field-oriented, with a table, speed", "hallservo", function!(step), anti_cogging::<SPEED>, stays_on)
-        .budget(313),
+        .budget(315),
     Row::new(
         "field-oriented, with a table, position",
         "hallservo",
@@ -46,7 +46,7 @@ pub const ROWS: &[Row] = &[
         anti_cogging::<POSITION>,
         stays_on,
     )
-    .budget(313),
+    .budget(315),
     Row::new(
         "field-oriented, with a table, impedance",
         "hallservo",
@@ -54,7 +54,7 @@ pub const ROWS: &[Row] = &[
         anti_cogging::<IMPEDANCE>,
         stays_on,
     )
-    .budget(313),
+    .budget(315),
     Row::new("field-oriented, fast, with a map and all tables, speed", "hallservo", function!(step), mapped, stays_on)
         .budget(360),
     Row::new("field-oriented, with a command", "hallservo", function!(step), commanded, stays_on),

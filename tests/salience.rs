@@ -1,9 +1,12 @@
 //! Motors whose inductances along and across the magnets' field differ: what is measured of them, and what is made of it.
 
 use crate::supply::{self, Case, speed};
+use crate::weakening::length;
 use hallservo::commutation::Commutation;
+use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use hallservo::service::commission::Commission;
+use hallservo::service::identification::Plan;
 use hallservo::service::procedure::{Serve, State};
 use hallservo::service::standstill::{Electrical, Standstill};
 use hallservo::settings::{Control, GuardSettings, Settings};
@@ -100,17 +103,17 @@ fn steady(case: &Case, rad_s: f32, load_nm: f64) -> (f64, f64) {
         rig.run(0.05, |_, _| ());
     }
     rig.run(1.0, |_, _| ());
-    let (mut length, mut torque, mut count) = (0.0, 0.0, 0.0);
+    let (mut sum_a, mut torque, mut count) = (0.0, 0.0, 0.0);
     rig.run(0.5, |_, period| {
         let truth = &period.truth;
-        length += (truth.currents_a.iter().map(|current| current * current).sum::<f64>() / 1.5).sqrt();
+        sum_a += length(&truth.currents_a);
         torque += truth.torque_nm;
         count += 1.0;
     });
     assert_eq!(rig.drive.mode(), Mode::Running, "{} at {rad_s}", case.name);
     let off = (rig.plant.truth().speed_rad_s / f64::from(rad_s) - 1.0).abs();
     assert!(off < 0.03, "{} at {rad_s}: {off}", case.name);
-    (length / count, torque / count)
+    (sum_a / count, torque / count)
 }
 
 /// The shortest current that makes a torque, by search over the physics.
@@ -161,5 +164,45 @@ fn a_wrong_saliency_costs_current_only() {
                 assert!(current_a < 6.1, "{told} {salience} {rad_s}: {current_a}");
             }
         }
+    }
+}
+
+/// A torque that begins at once, as of a drive that is told a step.
+#[test]
+fn a_step_of_torque_stays_within_the_largest_current() {
+    for told in [1.0, 1.4 / 0.6, 8.0] {
+        let case = inside(told);
+        let mut rig = supply::armed(&case, [1.0; 3]);
+        rig.plant.set_dyno(Some(20.0)).unwrap();
+        let most_a = f64::from(case.settings.control.unwrap().max_current_a);
+        let mut largest_a = 0.0_f64;
+        for share in [1.0_f32, -1.0, 0.3, 1.0] {
+            rig.command(Command::Current(rig.control().unwrap().current(share * most_a as f32).unwrap())).unwrap();
+            rig.run(0.05, |_, period| largest_a = largest_a.max(length(&period.truth.currents_a)));
+        }
+        println!("{told}: {:.2} of the largest current", largest_a / most_a);
+        assert!(rig.drive.mode() == Mode::Running && largest_a < 1.2 * most_a, "{told}: {largest_a} A");
+    }
+}
+
+/// A drive that is commissioned is asked once more.
+#[test]
+fn a_salient_motor_is_identified_again() {
+    let case = inside(1.4 / 0.6);
+    let mut rig = supply::armed(&case, [1.0; 3]);
+    rig.command(Command::Disarm).unwrap();
+    rig.run(0.5, |_, _| ());
+    let report = rig.identify(&Plan::new(&rig.config).unwrap()).unwrap();
+    let motor = &case.plant.motor;
+    let resistance_ohm = motor.resistance_ohm + case.plant.inverter.switch_ohm;
+    for (name, found, exact) in [
+        ("R", report.resistance_ohm, resistance_ohm),
+        ("Ld", report.inductance_h, motor.inductance_h * (1.0 - motor.iron.salience)),
+        ("flux linkage", report.flux_linkage_wb, motor.back_emf.flux_linkage_vs),
+        ("inertia", report.inertia_kgm2, motor.inertia_kgm2),
+    ] {
+        let (value, error) = (f64::from(found.value), f64::from(found.error));
+        println!("{name}: {value:.4e} ± {error:.1e}, is {exact:.4e}");
+        assert!((value - exact).abs() <= error && error < 0.3 * exact, "{name}: {value} ± {error}, is {exact}");
     }
 }

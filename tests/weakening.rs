@@ -108,7 +108,7 @@ impl Case {
 }
 
 /// Length of the current vector, A.
-fn length(currents_a: &[f64; 3]) -> f64 {
+pub(crate) fn length(currents_a: &[f64; 3]) -> f64 {
     (currents_a.iter().map(|current| current * current).sum::<f64>() / 1.5).sqrt()
 }
 

@@ -8,8 +8,8 @@
 //! A motor whose voltage goes into its resistance gains nothing by it: below half of that speed nothing is weakened.
 //!
 //! The most torque per ampere, where the inductance across the magnets is larger than along them: of all currents that
-//! make the torque 1.5 p (λ + (Lq − Ld) d) q, the shortest has d² − d λ/(Lq − Ld) = q² for d against the field. It needs
-//! no voltage to spare, and is the least that flows.
+//! make the torque 1.5 p (λ + (Lq − Ld) d) q, the shortest has d² − d λ/(Lq − Ld) = q² for d against the field. The
+//! current against the field is never less than that d, whatever the voltage.
 
 use crate::commutation::svpwm::LONGEST;
 
@@ -37,7 +37,8 @@ const NO_RELUCTANCE: u32 = 1 << 30;
 
 impl Gains {
     /// For the largest current, and the one that takes all of the magnets' flux off the winding, λ/Ld; shares of the full
-    /// scale. `reluctance` is its share of the torque at the full scale along d, (Lq − Ld)/λ of the full scale.
+    /// scale. `reluctance` is (Lq − Ld)/λ per full scale: the torque that a current against the field adds, relative to
+    /// the magnets'.
     pub fn new(most: f32, short: f32, reluctance: f32) -> Self {
         // In a product with the longest vector within 32 bits.
         let gain = (short * (CORRECTS * 268_435_456.0 / LONGEST as f32)).min(600.0);
@@ -71,11 +72,12 @@ impl Weakening {
     }
 
     /// Takes up the current along q, in 2⁻¹⁵ of the full scale. The root is approached by the continued fraction
-    /// d = q²/(λ/(Lq − Ld) + d), half of the way each time.
+    /// d = q²/(λ/(Lq − Ld) + d), half of the way each time; it is never larger than q, and the first fraction may be.
     #[inline(always)]
-    pub const fn share_torque(&mut self, gains: &Gains, q: i32) {
+    pub fn share_torque(&mut self, gains: &Gains, q: i32) {
         let d = self.least as u32 >> 13;
-        let d = (d + (q * q) as u32 / ((gains.reluctance + d) | 1)) / 2;
+        let fraction = (q * q) as u32 / ((gains.reluctance + d) | 1);
+        let d = (d + fraction.min(q.unsigned_abs())) / 2;
         self.least = (d << 13) as i32;
     }
 
@@ -131,6 +133,22 @@ mod tests {
                 let length = |d: f64| libm::hypot(d, torque / (1.0 + more * d));
                 let best = (0..40_000).map(|k| length(f64::from(k) / 40_000.0)).fold(f64::INFINITY, f64::min);
                 assert!(length(chosen) < best + 2.0 / full, "{saliency} {q}: {chosen}, {} {best}", length(chosen));
+            }
+        }
+    }
+
+    /// A torque that begins at once, of the motor with the largest reluctance that settings can tell.
+    #[test]
+    fn it_is_never_larger_than_the_current_along_q() {
+        for reluctance in [0.1, 1.0, 30.0, 1e3, 1e9, f32::INFINITY] {
+            for q in [1, 500, 10_000, -32_767] {
+                let (gains, mut weakening) = (Gains::new(0.0, 1.0, reluctance), Weakening::NONE);
+                for _ in 0..20 {
+                    weakening.share_torque(&gains, q);
+                    weakening.limit(&gains, 0, 0);
+                    let d = weakening.current() >> 13;
+                    assert!((0..=q.abs()).contains(&d), "{reluctance} {q}: {d}");
+                }
             }
         }
     }

@@ -180,6 +180,7 @@ impl Config {
                 settings.field_weakening_a / amperes,
                 settings.flux_linkage_wb / settings.inductance_h / amperes,
                 motor.reluctance_per_a() * amperes,
+                max_current,
             ),
             #[cfg(not(feature = "no-chopper"))]
             chopper: Chopper::NONE,

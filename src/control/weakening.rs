@@ -39,7 +39,7 @@ impl Gains {
     /// For the largest current, and the one that takes all of the magnets' flux off the winding, λ/Ld; shares of the full
     /// scale. `reluctance` is (Lq − Ld)/λ per full scale: the torque that a current against the field adds, relative to
     /// the magnets'. `largest` is that along q, in 2⁻¹⁵ of the full scale: from twice that torque at it on, a little less
-    /// than the shortest current is given up, and the first step from rest never asks for more along d than along q.
+    /// than the shortest current is given up, and the first step from rest asks for no more along d than half of that along q.
     pub fn new(most: f32, short: f32, reluctance: f32, largest: f32) -> Self {
         // In a product with the longest vector within 32 bits.
         let gain = (short * (CORRECTS * 268_435_456.0 / LONGEST as f32)).min(600.0);
@@ -74,11 +74,11 @@ impl Weakening {
     }
 
     /// Takes up the current along q, in 2⁻¹⁵ of the full scale. The root is approached by the continued fraction
-    /// d = q²/(λ/(Lq − Ld) + d), half of the way each time.
+    /// d = q²/(λ/(Lq − Ld) + d), a quarter of the way each time.
     #[inline(always)]
     pub const fn share_torque(&mut self, gains: &Gains, q: i32) {
         let d = self.least as u32 >> 13;
-        let d = (d + (q * q) as u32 / ((gains.reluctance + d) | 1)) / 2;
+        let d = (3 * d + (q * q) as u32 / ((gains.reluctance + d) | 1)) / 4;
         self.least = (d << 13) as i32;
     }
 
@@ -163,7 +163,7 @@ mod tests {
     fn it_settles_within_a_few_steps_and_is_none_without_reluctance() {
         for (saliency, q) in [(1.2, 5000), (8.0, 32_767), (8.0, 100)] {
             let end = shared(saliency, q, 100);
-            assert!((shared(saliency, q, 10) - end).abs() <= 2.0 + end / 50.0, "{saliency} {q}");
+            assert!((shared(saliency, q, 16) - end).abs() <= 2.0 + end / 50.0, "{saliency} {q}");
         }
         for saliency in [0.25, 1.0] {
             assert_eq!(shared(saliency, 32_767, 100), 0.0);

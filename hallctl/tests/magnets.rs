@@ -126,7 +126,9 @@ fn a_map_is_learnt_used_stored_and_found_again_after_power_up() {
         let MagnetsReport { without_deg, with_deg, .. } = learnt.report;
         println!("{seed}: {before:.2}° becomes {after:.2}°, said to be {without_deg:.2}° and {with_deg:.2}°");
         assert!(before > 2.0 * times && after < 0.2, "{seed}: {before} {after}");
-        assert!((f64::from(without_deg) / before - 1.0).abs() < 0.15 && (f64::from(with_deg) - after).abs() < 0.05);
+        // What is said is the magnets' part; noise and the alignment are in what is measured.
+        let (said, kept) = (f64::from(without_deg), f64::from(with_deg));
+        assert!((said - before).abs() < 0.15 * before + 0.05 && (kept - after).abs() < 0.05, "{seed}");
         let flash = drive.flash();
         for _ in 0..sim::rotors(2).min(4) {
             let mut drive = at(&plant, seed, Flash::of(flash.clone()));

@@ -344,7 +344,7 @@ impl Drive {
         }
     }
 
-    /// The current along d that has a share in the torque; then as the one before.
+    /// The current along d that has a share in the torque; a measurement to the tasks.
     #[inline(never)]
     fn reluctance_slot(&mut self, sample: &Sample) {
         let controls_field = self.config.commutation == Commutation::FieldOriented;

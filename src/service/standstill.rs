@@ -58,7 +58,7 @@ impl fmt::Display for Electrical {
         let Self { current_a, dead_time_v, bus_v, .. } = *self;
         writeln!(f, "  resistance  {:9.4} ± {:.4} Ω ({a:.4}, {b:.4}, {c:.4}) at {current_a:.2} A", r.value, r.error)?;
         writeln!(f, "  inductance  {:9.4} ± {:.4} mH along the magnets' field", 1e3 * l.value, 1e3 * l.error)?;
-        writeln!(f, "  saliency    {:9.4} ± {:.4}, across over along", saliency.value, saliency.error)?;
+        writeln!(f, "  saliency    {:9.4} ± {:.4}, Lq/Ld", saliency.value, saliency.error)?;
         writeln!(f, "  dead time   {dead_time_v:9.4} V, of a bus of {bus_v:.1} V")
     }
 }

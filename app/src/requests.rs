@@ -330,11 +330,12 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             MagnetsAsk::Learn => {
                 self.may_turn()?;
                 Procedure::magnets(self.procedure, self.service.config())?;
-                self.magnets.begin();
+                self.magnets.begin(&self.settings);
                 Ok(())
             }
             MagnetsAsk::Forget => {
                 self.magnets.forget();
+                self.relearn();
                 Ok(())
             }
             // Answered by `attempt`.

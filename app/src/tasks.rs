@@ -236,6 +236,9 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             self.measurement = None;
         }
         self.record = record;
+        if let Some(sensors) = &self.sensors {
+            self.magnets.record(&record, sensors);
+        }
         if self.settings.halls == 2 {
             self.watch_two_halls(&record, torque_nm);
         }
@@ -307,7 +310,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     #[inline(never)]
     pub fn relearn(&mut self) {
         let every = self.service.config().record_every();
-        self.adaptation.restart(&self.settings, self.sensors.as_ref(), every);
+        let unevenness = self.magnets.unevenness();
+        self.adaptation.restart(&self.settings, self.sensors.as_ref(), unevenness, every);
     }
 
     /// Whether the cogging has been learnt.

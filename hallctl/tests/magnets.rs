@@ -11,6 +11,7 @@ use hallservo_protocol::*;
 use plant::{PlantParameters, Unevenness};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use sim::motors::{MOTORS, Motor};
 use sim::rig::error_deg;
 use std::cell::RefCell;
 use std::f64::consts::TAU;
@@ -85,7 +86,11 @@ fn error(drive: &mut Simulator, rad_s: f32) -> f64 {
 static LEARNT: LazyLock<Vec<u8>> = LazyLock::new(|| learnt(1));
 
 fn learnt(seed: u64) -> Vec<u8> {
-    let mut drive = calibrated(&uneven(seed, 1.0), seed);
+    learnt_of(&uneven(seed, 1.0), seed)
+}
+
+fn learnt_of(plant: &PlantParameters, seed: u64) -> Vec<u8> {
+    let mut drive = calibrated(plant, seed);
     let status = learn(&mut drive);
     assert_eq!((status.state, status.stored), (Use::Used, Problem::None));
     drive.flash()
@@ -287,7 +292,7 @@ fn a_map_counts_the_other_way_when_the_drive_does() {
     run(&mut drive, 20);
     arm(&mut drive);
     assert!(find(&mut drive, 100.0, 5000), "{:?}", magnets(&mut drive));
-    assert!(magnets(&mut drive).fit > 0.5);
+    assert!(magnets(&mut drive).fit > 0.5, "{:?}", magnets(&mut drive));
     turn(&mut drive, -100.0, 2000);
     assert_eq!(magnets(&mut drive).state, Use::Used);
 }
@@ -339,4 +344,120 @@ fn many_rotors_are_never_used_at_a_wrong_pole() {
     }
     println!("{rotors} rotors: {kept} maps kept, {told} whose pole can be told, {found} found, none at a wrong pole");
     assert!(found > rotors as u32 / 2);
+}
+
+/// Mechanical turns that the rotor makes until the map is in use; `None` where it is not after so many.
+fn turns_until_found(drive: &mut Simulator, most: f64, mut go_on: impl FnMut(&mut Simulator)) -> Option<f64> {
+    let angle = |drive: &Simulator| drive.plant.truth().mechanical_angle_rad;
+    let (mut last, mut turned) = (angle(drive), 0.0);
+    while turned < most {
+        if magnets(drive).state == Use::Used {
+            return Some(turned);
+        }
+        go_on(drive);
+        turned += (angle(drive) - last).abs() / TAU;
+        last = angle(drive);
+    }
+    None
+}
+
+/// The bridge is off, and something else turns the shaft for a time.
+fn turn_by_hand(drive: &mut Simulator, rad_s: f64, milliseconds: u32) {
+    drive.plant.set_dyno(Some(rad_s)).unwrap();
+    run(drive, milliseconds);
+}
+
+/// Cogging moves a slow rotor by more than the map has, and at other places under load: the pole is not told by motion.
+#[test]
+fn a_slow_rotor_has_its_pole_after_a_turn() {
+    for (seed, times) in [(1, 1.0), (2, 1.0), (3, 0.25)] {
+        let plant = uneven(seed, times);
+        let flash = if seed == 1 { LEARNT.clone() } else { learnt_of(&plant, seed) };
+        for (speed, load) in [(1.0, 0.0), (-5.0, 0.006), (20.0, -0.006)] {
+            let mut drive = powered_up(&plant, flash.clone(), 1.3 * seed as f64);
+            arm(&mut drive);
+            turn(&mut drive, speed, 500);
+            drive.plant.set_load(load).unwrap();
+            let turns = turns_until_found(&mut drive, 3.0, |drive| turn(drive, speed, 100));
+            drive.plant.set_load(0.0).unwrap();
+            let after = error(&mut drive, 100.0);
+            println!("{seed}: {speed} rad/s, {load} N·m: {turns:.1?} turns, {after:.2}°");
+            assert!(turns.is_some_and(|turns| turns < 1.5) && after < 0.2, "{seed} {speed}");
+        }
+    }
+}
+
+#[test]
+fn a_shaft_that_is_turned_by_hand_tells_its_pole_in_pieces_and_with_warm_halls() {
+    for (celsius, strokes) in [(25.0, &[3.0][..]), (85.0, &[-2.0, 1.0]), (-20.0, &[4.0, -9.0, 0.0])] {
+        let mut drive = powered_up(&uneven(1, 1.0), LEARNT.clone(), 2.2);
+        drive.plant.set_temperature(celsius).unwrap();
+        let mut hand = strokes.iter().cycle();
+        let turns = turns_until_found(&mut drive, 6.0, |drive| turn_by_hand(drive, *hand.next().unwrap(), 700));
+        turn_by_hand(&mut drive, 0.0, 200);
+        drive.plant.set_dyno(None).unwrap();
+        arm(&mut drive);
+        let after = error(&mut drive, 100.0);
+        println!("{celsius} °C, {strokes:?}: {turns:.1?} turns, {after:.2}°");
+        assert!(turns.is_some(), "{celsius} {strokes:?}");
+        assert!(celsius != 25.0 || after < 0.2);
+    }
+}
+
+#[test]
+fn a_slow_rotor_that_slips_by_a_magnet_loses_its_map() {
+    let mut drive = powered_up(&uneven(1, 1.0), LEARNT.clone(), 0.4);
+    arm(&mut drive);
+    assert!(turns_until_found(&mut drive, 2.0, |drive| turn(drive, 10.0, 100)).is_some());
+    let truth = drive.plant.truth();
+    drive.plant.place(truth.mechanical_angle_rad + TAU / 4.0, truth.speed_rad_s).unwrap();
+    let mut ended = false;
+    let mut turns = 0.0;
+    while !ended && turns < 10.0 {
+        turn(&mut drive, 10.0, 100);
+        turns += 1.0 / TAU;
+        ended = magnets(&mut drive).state != Use::Used;
+    }
+    println!("ended after {turns:.1} turns");
+    assert!(ended && turns > 1.0);
+    assert!(turns_until_found(&mut drive, 3.0, |drive| turn(drive, 10.0, 100)).is_some());
+    assert!(error(&mut drive, 100.0) < 0.2);
+}
+
+/// A direct drive of 21 pole pairs: its reference is late by so many times as much of an electrical turn, a map has fewer
+/// points in each, and there are fewer turns to learn it in.
+#[test]
+fn a_map_of_many_poles_is_true_and_its_pole_found_after_a_turn() {
+    let motor = MOTORS.iter().find(|motor| motor.name == "direct-drive").unwrap();
+    let mut settings = simulate::of_motor(motor);
+    let control = settings.control.as_mut().unwrap();
+    (control.resistance_ohm, control.inductance_h) = (motor.ohm as f32, motor.henry as f32);
+    (control.flux_linkage_wb, control.inertia_kgm2) = (motor.flux_vs as f32, motor.inertia_kgm2 as f32);
+    (control.max_current_a, control.max_speed_rad_s) = (motor.limit_a, 30.0);
+    let plant = simulate::uneven(motor.plant(1), 1.0, 1);
+    let mut drive = Simulator::with(settings, &plant, 1, Flash::blank(), Vec::new()).unwrap();
+    run(&mut drive, 10);
+    done(&mut drive, Ask::Calibrate);
+    wait(&mut drive);
+    arm(&mut drive);
+    let before = error(&mut drive, 10.0);
+    done(&mut drive, Ask::Disarm);
+    run(&mut drive, 3000);
+    done(&mut drive, Ask::Magnets(MagnetsAsk::Learn));
+    // Longer than `wait` waits.
+    while status(&mut drive).activity != Activity::None {
+        run(&mut drive, 50);
+    }
+    let learnt = magnets(&mut drive);
+    assert_eq!(learnt.state, Use::Used, "{learnt:?}");
+    let mut drive = Simulator::with(settings, &plant, 1, Flash::of(drive.flash()), Vec::new()).unwrap();
+    drive.plant.place(2.0, 0.0).unwrap();
+    run(&mut drive, 20);
+    arm(&mut drive);
+    let turns = turns_until_found(&mut drive, 4.0, |drive| turn(drive, 3.0, 100));
+    let after = error(&mut drive, 10.0);
+    let said = f64::from(learnt.report.with_deg);
+    println!("{before:.2}°; {turns:.1?} turns, {after:.2}° where {said:.2}° are said");
+    assert!(turns.is_some_and(|turns| turns < 1.5), "{turns:?}");
+    assert!(before > 2.5 && after < 0.4 && after < said + 0.2, "{before} {after} {said}");
 }

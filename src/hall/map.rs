@@ -13,11 +13,13 @@
 
 mod find;
 mod learn;
+mod signature;
 
 use crate::angle::{ElectricalAngle, PolePairs, Position};
 use crate::turn::{FRACTION, Layout, MOST_BITS, POINTS, Table};
 pub use find::{FIT, Finder, Seen, Verdict};
 pub use learn::Learner;
+pub use signature::{Collector, LONGEST as LONGEST_SIGNATURE, Signature};
 
 /// The error of the angle over the mechanical turn: about 1 KiB. A point is 2⁻¹⁸ turns, 0.0014° electrical, and at most
 /// 45°.

@@ -1,24 +1,27 @@
 //! The [map](crate::hall::map) of the magnets at a drive: found after power-up, put into effect, watched, and dropped
 //! when it does not fit.
 //!
-//! While the motor runs with its currents controlled, a [`Finder`] looks for the pole. When it is sure, the map is put
-//! into effect over a tenth of a second. From then on every turn is asked whether another pole, or no map, would leave
-//! less: three turns in a row that say so end it, and the search begins again. A map that was dropped three times is
-//! not this rotor's.
+//! The pole is looked for in two ways: by the [signature](Signature) of the magnets, at any speed and with the bridge off,
+//! and, while the motor runs with its currents controlled, by a [`Finder`]. When one of them is sure, the map is put into
+//! effect over a tenth of a second. From then on every turn is asked whether another pole, or no map, would fit better: three
+//! answers in a row that say so end it, and the search begins again. A map that was dropped three times is not this
+//! rotor's. The signature answers, as what it says does not depend on how the rotor is shaken; the finder where a map was
+//! stored without one.
 
-use crate::angle::Position;
+use crate::angle::{PolePairs, Position};
 use crate::control::config::Config as Control;
 use crate::fault::Limits;
-use crate::hall::map::{Finder, Seen, Verdict};
+use crate::hall::map::{Collector, Finder, Seen, Signature, Verdict};
+use crate::hall::model::Model;
 use crate::mode::Mode;
 use crate::service::adaptation::torque_nm;
 use crate::storage::map::Known;
-use crate::telemetry::{Measurement, Status};
+use crate::telemetry::{Measurement, Record, Status};
 pub use crate::turn::Use;
 use crate::turn::{Effect, Live, WHOLE};
 use core::f32::consts::TAU;
 
-/// Most pole pairs of a rotor whose pole is looked for.
+/// Most pole pairs of a rotor whose pole is looked for by its motion.
 pub const POLES: usize = 32;
 
 /// A map, and what it is used for.
@@ -27,6 +30,7 @@ pub struct Magnets {
     effect: Effect,
     known: Option<Known>,
     finder: Finder<POLES>,
+    collector: Collector,
     /// The last verdict, and how many there were since the search began.
     verdict: Option<Verdict>,
     verdicts: u32,
@@ -43,6 +47,7 @@ impl Magnets {
             effect: Effect::new(live),
             known: None,
             finder: Finder::new(),
+            collector: Collector::OFF,
             verdict: None,
             verdicts: 0,
             torque_nm: 0.0,
@@ -58,13 +63,18 @@ impl Magnets {
         if let Some(known) = &self.known {
             self.live().load(known.map.table());
         }
-        let findable = self.known.is_some_and(|known| usize::from(known.map.pole_pairs()) <= POLES);
+        let findable = self.known.is_some_and(|known| moves_tell(&known) || known.signature.is_some());
         self.effect.renew(findable, learnt_in.filter(|_| self.known.is_some()));
         self.begin();
     }
 
-    /// The map is not used any more, as while another is learnt.
-    pub fn suspend(&mut self) {
+    /// Another map is learnt: this one is not used any more, and the magnets' signature is collected.
+    pub fn learn(&mut self, pole_pairs: PolePairs) {
+        self.suspend();
+        self.collector.begin(pole_pairs);
+    }
+
+    fn suspend(&mut self) {
         self.effect.suspend();
     }
 
@@ -78,6 +88,10 @@ impl Magnets {
     fn begin(&mut self) {
         (self.verdict, self.verdicts) = (None, 0);
         self.finder = Finder::new();
+        self.collector = Collector::OFF;
+        if let Some(pole_pairs) = self.known.and_then(|known| PolePairs::new(known.map.pole_pairs())) {
+            self.collector.begin(pole_pairs);
+        }
     }
 
     /// Once a millisecond, with the drive's state: raises or ends the map's effect.
@@ -91,6 +105,31 @@ impl Magnets {
         }
     }
 
+    /// Takes a record of a drive with the model of its Halls.
+    #[inline(never)]
+    pub fn record(&mut self, record: &Record, model: &Model) {
+        let tracked = matches!(record.status.mode(), Mode::Ready | Mode::Running) && record.missed == 0;
+        if !tracked || record.status.limits().contains(Limits::TWO_HALLS) || self.begins_anew() {
+            return;
+        }
+        self.collector.push(model, &record.codes, record.rotor.position());
+        if matches!(self.state(), Use::Searching | Use::Used)
+            && let Some(Known { map, signature: Some(signature), .. }) = &self.known
+            && let Some(verdict) = self.collector.judge(signature, map, self.effect.used())
+        {
+            self.judge(&verdict);
+        }
+    }
+
+    /// Whether the drive counts its turns anew, so that the search begins anew.
+    fn begins_anew(&mut self) -> bool {
+        let anew = self.state() == Use::Searching && self.effect.is_lost();
+        if anew {
+            self.search();
+        }
+        anew
+    }
+
     /// Takes a measurement of a drive that runs on all three Halls.
     #[inline(never)]
     pub fn measurement(&mut self, measurement: &Measurement, control: &Control) {
@@ -99,10 +138,11 @@ impl Magnets {
         if self.two_halls || !matches!(self.state(), Use::Searching | Use::Used) {
             return;
         }
-        if self.state() == Use::Searching && self.effect.is_lost() {
-            self.search();
+        self.begins_anew();
+        let Some(known) = self.known.as_ref().filter(|known| moves_tell(known)) else { return };
+        if self.state() == Use::Used && known.signature.is_some() {
+            return;
         }
-        let Some(known) = &self.known else { return };
         let scale = &control.scale;
         let turns_s2 = mean_nm / control.motor.inertia_kgm2 * scale.pole_pairs / TAU;
         let rotor = &measurement.rotor;
@@ -131,6 +171,16 @@ impl Magnets {
         self.effect.state()
     }
 
+    /// What was collected of the magnets since the learning began, once it is a whole turn.
+    pub fn signature(&self) -> Option<Signature> {
+        self.collector.signature()
+    }
+
+    /// What the magnets are known to differ by at each Hall, share of the amplitude RMS.
+    pub fn unevenness(&self) -> [f32; 3] {
+        self.known.as_ref().and_then(|known| known.signature.as_ref()).map(Signature::rms).unwrap_or_default()
+    }
+
     /// The map.
     pub const fn known(&self) -> Option<&Known> {
         self.known.as_ref()
@@ -150,4 +200,9 @@ impl Magnets {
     pub const fn live(&self) -> &'static Live {
         self.effect.live()
     }
+}
+
+/// Whether a pole of this map can be found by the rotor's motion.
+fn moves_tell(known: &Known) -> bool {
+    usize::from(known.map.pole_pairs()) <= POLES
 }

@@ -3,14 +3,14 @@
 use super::CRC;
 use super::calibration;
 use crate::angle::PolePairs;
-use crate::hall::map::Map;
+use crate::hall::map::{LONGEST_SIGNATURE, Map, Signature};
 use crate::hall::model::Model;
 use crate::turn::POINTS;
 
 /// Version of the form below, for [`super::Store::new`].
 pub const VERSION: u16 = 0x0501;
 /// Most bytes of a record.
-pub const LONGEST: usize = HEADER + 2 * POINTS;
+pub const LONGEST: usize = HEADER + 2 * POINTS + LONGEST_SIGNATURE;
 const HEADER: usize = 12;
 
 /// A map that was learnt, and of what.
@@ -18,6 +18,8 @@ const HEADER: usize = 12;
 pub struct Known {
     /// The map.
     pub map: Map,
+    /// By which its pole is found at any speed. Records of before have none.
+    pub signature: Option<Signature>,
     /// What it leaves over of single samples, degrees RMS: their noise.
     pub noise_deg: f32,
     /// The calibration that it was learnt with: [`fingerprint`].
@@ -30,7 +32,8 @@ impl Known {
     /// For an angle that counts the way the settings say.
     pub fn direct(&mut self, reversed: bool) {
         if self.reversed != reversed {
-            *self = Self { map: self.map.reversed(), reversed, ..*self };
+            let signature = self.signature.as_ref().map(Signature::reversed);
+            *self = Self { map: self.map.reversed(), signature, reversed, ..*self };
         }
     }
 }
@@ -41,7 +44,7 @@ pub fn fingerprint(calibrated: &Model) -> u32 {
 }
 
 /// Writes the record of a map, little endian: pole pairs, whether it is reversed, the number of points, what it leaves
-/// over, the calibration's fingerprint, the points.
+/// over, the calibration's fingerprint, the points, the signature's values if there is one.
 pub fn encode<'a>(known: &Known, place: &'a mut [u8; LONGEST]) -> &'a [u8] {
     let points = known.map.points();
     place[0] = known.map.pole_pairs();
@@ -52,12 +55,15 @@ pub fn encode<'a>(known: &Known, place: &'a mut [u8; LONGEST]) -> &'a [u8] {
     for (place, point) in place[HEADER..].chunks_exact_mut(2).zip(points) {
         place.copy_from_slice(&point.to_le_bytes());
     }
-    place.get(..HEADER + 2 * points.len()).unwrap_or(&[])
+    let signature = known.signature.as_ref().map(Signature::values).unwrap_or_default();
+    let end = HEADER + 2 * points.len();
+    place[end..].iter_mut().zip(signature).for_each(|(place, value)| *place = value.to_le_bytes()[0]);
+    place.get(..end + signature.len()).unwrap_or(&[])
 }
 
 /// The map of a record. `None` where the length or a value is not one that [`encode`] writes.
 pub fn decode(record: &[u8]) -> Option<Known> {
-    let (header, points) = record.split_first_chunk::<HEADER>()?;
+    let (header, rest) = record.split_first_chunk::<HEADER>()?;
     let pole_pairs = PolePairs::new(header[0])?;
     let reversed = match header[1] {
         0 => false,
@@ -66,12 +72,14 @@ pub fn decode(record: &[u8]) -> Option<Known> {
     };
     let count = usize::from(u16::from_le_bytes([header[2], header[3]]));
     let noise_deg = f32::from_le_bytes([header[4], header[5], header[6], header[7]]);
-    if points.len() != 2 * count || !(0.0..180.0).contains(&noise_deg) {
+    let (points, values) = rest.split_at_checked(2 * count)?;
+    if !(0.0..180.0).contains(&noise_deg) {
         return None;
     }
     let calibration = u32::from_le_bytes([header[8], header[9], header[10], header[11]]);
     let map = Map::of_points(pole_pairs, points.chunks_exact(2).map(|point| i16::from_le_bytes([point[0], point[1]])))?;
-    Some(Known { map, noise_deg, calibration, reversed })
+    let signature = if values.is_empty() { None } else { Some(Signature::of_bytes(pole_pairs, values)?) };
+    Some(Known { map, signature, noise_deg, calibration, reversed })
 }
 
 #[cfg(test)]
@@ -86,7 +94,11 @@ mod tests {
         let mut random = Pcg64::seed_from_u64(seed);
         let pole_pairs = PolePairs::new(random.random_range(1..=64)).unwrap();
         let map = Map::of_points(pole_pairs, (0..Map::points_for(pole_pairs)).map(|_| random.random())).unwrap();
-        Known { map, noise_deg: random.random_range(0.0..2.0), calibration: random.random(), reversed: random.random() }
+        let mut values = [0; LONGEST_SIGNATURE];
+        values.fill_with(|| random.random());
+        let signature = (0..=values.len()).find_map(|length| Signature::of_bytes(pole_pairs, &values[..length]));
+        let (calibration, reversed) = (random.random(), random.random());
+        Known { map, signature, noise_deg: random.random_range(0.0..2.0), calibration, reversed }
     }
 
     #[test]
@@ -96,9 +108,13 @@ mod tests {
             let mut place = [0; LONGEST];
             let record = encode(&known, &mut place);
             assert_eq!(decode(record), Some(known));
+            // As before there were signatures.
+            let bare = HEADER + 2 * known.map.points().len();
             for shorter in 0..record.len() {
-                assert_eq!(decode(&record[..shorter]), None);
+                let left = if shorter == bare { Some(Known { signature: None, ..known }) } else { None };
+                assert_eq!(decode(&record[..shorter]), left);
             }
+            assert!(record.len() > bare);
             for noise_deg in [-0.1, 180.0, f32::INFINITY] {
                 assert_eq!(decode(encode(&Known { noise_deg, ..known }, &mut place)), None, "{noise_deg}");
             }

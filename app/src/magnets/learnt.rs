@@ -14,7 +14,7 @@ use hallservo::service::mapping::Mapping;
 use hallservo::service::procedure::Error;
 use hallservo::settings::Settings;
 use hallservo::storage::map::{Known, fingerprint};
-use hallservo::telemetry::{Measurement, Status};
+use hallservo::telemetry::{Measurement, Record, Status};
 use hallservo::turn::Live;
 use hallservo_protocol::{
     Answer, CoggingByPole, MagnetsRefusal, MagnetsReport, MagnetsStatus, POINTS_AT_ONCE, Problem, Procedure, Refusal,
@@ -133,6 +133,15 @@ impl MagnetMap {
         self.by_pole.rms() / 32_768.0 * full_scale_a
     }
 
+    pub fn record(&mut self, record: &Record, sensors: &Sensors) {
+        self.magnets.record(record, &sensors.model);
+    }
+
+    /// What the magnets are known to differ by at each Hall, share of the amplitude RMS.
+    pub fn unevenness(&self) -> [f32; 3] {
+        self.magnets.unevenness()
+    }
+
     pub fn measurement(&mut self, measurement: &Measurement, control: &Control) {
         self.magnets.measurement(measurement, control);
         self.cogging.measurement(measurement, control);
@@ -183,10 +192,10 @@ impl MagnetMap {
     }
 
     /// A learning of the map begins.
-    pub fn begin(&mut self) {
+    pub fn begin(&mut self, settings: &Settings) {
         self.learning = Procedure::Running;
         self.begun_in = self.magnets.live().count();
-        self.magnets.suspend();
+        self.magnets.learn(pole_pairs(settings));
     }
 
     /// It has come to a map, which is kept if it is worth more than noise.
@@ -194,7 +203,8 @@ impl MagnetMap {
     pub fn learnt(&mut self, mapping: &Mapping, sensors: &Sensors, config: &Config) {
         let Some(map) = mapping.map() else { return self.failed(Error::Inconclusive) };
         let calibration = fingerprint(&sensors.calibrated);
-        let known = Known { map, noise_deg: mapping.noise_deg(), calibration, reversed: config.is_reversed() };
+        let (signature, reversed) = (self.magnets.signature(), config.is_reversed());
+        let known = Known { map, signature, noise_deg: mapping.noise_deg(), calibration, reversed };
         let report = report(&known, config);
         self.learning = Procedure::Done(report);
         if report.kept {

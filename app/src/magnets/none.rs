@@ -5,7 +5,7 @@ use embedded_storage::nor_flash::NorFlash;
 use hallservo::control::Config as Control;
 use hallservo::drive::Drive;
 use hallservo::settings::Settings;
-use hallservo::telemetry::{Measurement, Status};
+use hallservo::telemetry::{Measurement, Record, Status};
 use hallservo_protocol::Problem;
 
 pub(crate) struct MagnetMemory;
@@ -33,6 +33,12 @@ impl MagnetMap {
 
     pub fn restore<F: NorFlash>(&mut self, _: &mut Storage<F>, _: Option<&Sensors>, _: &Settings) -> Problem {
         Problem::None
+    }
+
+    pub fn record(&mut self, _: &Record, _: &Sensors) {}
+
+    pub const fn unevenness(&self) -> [f32; 3] {
+        [0.0; 3]
     }
 
     pub fn measurement(&mut self, _: &Measurement, _: &Control) {}

@@ -68,6 +68,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 if let (Some(Procedure::Magnets(mapping)), Some(sensors)) = (&*self.procedure, &self.sensors) {
                     self.magnets.learnt(mapping, sensors, self.service.config());
                 }
+                self.relearn();
             }
             #[cfg(feature = "map")]
             Completion::Failed(Activity::Magnets, error) => self.magnets.failed(error),

@@ -16,6 +16,8 @@ pub struct CalibratedSensor {
     white: f32,
     /// Variance of what the rotor leaves unexplained, learnt while it turns; relative to the squared amplitude.
     pub unexplained: f32,
+    /// What is known of it before, and the least that is taken for it: a slow rotor shows less, as its angle follows.
+    known: f32,
     /// Means of the innovations over some turns: their constant part, and that in phase with the wave. That is what
     /// offset and amplitude have not caught up with, and no unevenness.
     behind: [f32; 2],
@@ -53,10 +55,12 @@ impl Attenuation {
 }
 
 impl CalibratedSensor {
-    pub fn new(sensor: &Sensor, noise_codes: f32) -> Self {
+    /// With its noise, and the RMS of what the rotor is known to leave unexplained, relative to the amplitude.
+    pub fn new(sensor: &Sensor, noise_codes: f32, unexplained: f32) -> Self {
         let per_code = 1.0 / sensor.amplitude;
         let white = (noise_codes * noise_codes + 1.0 / 12.0) * per_code * per_code;
-        Self { sensor: *sensor, per_code, white, unexplained: LEAST_UNEXPLAINED, behind: [0.0; 2] }
+        let known = (unexplained * unexplained).clamp(LEAST_UNEXPLAINED, MOST_UNEXPLAINED);
+        Self { sensor: *sensor, per_code, white, unexplained: known, known, behind: [0.0; 2] }
     }
 
     /// Variance of one sample, relative to the squared amplitude.
@@ -81,7 +85,7 @@ impl CalibratedSensor {
         *wave += 2.0 * share * rest * m.amplitude;
         let excess = rest * rest - variance;
         let unexplained = self.unexplained + angle * (1.0 / (TAU * TURNS_OF_MEAN)) * excess;
-        self.unexplained = unexplained.clamp(LEAST_UNEXPLAINED, MOST_UNEXPLAINED);
+        self.unexplained = unexplained.clamp(self.known, MOST_UNEXPLAINED);
     }
 
     /// Learns it from an outlier that an uneven rotor may produce.

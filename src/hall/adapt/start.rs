@@ -53,7 +53,8 @@ impl Adapter {
     #[inline(never)]
     pub(crate) fn at(config: &Config, model: &Model) -> Self {
         let start = parameters(&config.start);
-        let sensors = [0, 1, 2].map(|k| CalibratedSensor::new(&model.sensors[k], config.noise_codes[k]));
+        let sensors =
+            [0, 1, 2].map(|k| CalibratedSensor::new(&model.sensors[k], config.noise_codes[k], config.unexplained[k]));
         let mut adapter = Self {
             config: *config,
             sensors,

@@ -20,7 +20,7 @@ use crate::angle::Position;
 /// Least ρ of a pole that is sure.
 pub const FIT: f32 = 0.5;
 /// By how many standard deviations.
-const SIGMAS: f32 = 5.0;
+pub(super) const SIGMAS: f32 = 5.0;
 /// A map in use speaks against itself where ρ is below none by so many.
 const SIGMAS_AGAINST: f32 = 3.0;
 /// Two poles are alike where the map differs by less, degrees RMS: to take one for the other costs less than noise.

@@ -8,11 +8,14 @@
 
 use super::{FRACTION, Layout, MOST_BITS, Map, POINTS, Table};
 use crate::angle::{PolePairs, Position, TURN};
+use core::f32::consts::TAU;
 
 /// Bandwidth of the reference, in radians of it in a radian of the mechanical turn.
 const BANDWIDTH: f32 = 1.0 / 6.0;
-/// Mechanical turns in which it settles.
-const SETTLING_TURNS: f32 = 2.0;
+/// Mechanical turns in which it settles, and what its bandwidth is over the radians since the begin meanwhile, if that is
+/// more: what it is behind by at first must have died before anything is learnt of it.
+const SETTLING_TURNS: f32 = 3.0;
+const SETTLING: f32 = 3.0;
 /// Fastest that the reference may be, rad a record.
 const FASTEST: f32 = 0.1;
 /// What a sample counts for the points beside it until half of the samples are there; later, ever less.
@@ -57,6 +60,11 @@ impl Reference {
         self.position
     }
 
+    /// It is ahead of where it was thought to be, electrical turns.
+    fn shift(&mut self, by: f32) {
+        self.position = Position::from_bits(self.position.to_bits().wrapping_add((by * TURN) as i64));
+    }
+
     /// How far a position is ahead, electrical turns.
     pub fn behind(&self, position: Position) -> f32 {
         turns(position, self.position)
@@ -65,7 +73,7 @@ impl Reference {
     /// Corrects by how far it is behind, after so many steps, with a bandwidth in radians of it in one of the electrical
     /// turn.
     pub fn correct(&mut self, behind: f32, steps: f32, bandwidth: f32) {
-        let turned = self.speed.abs() * steps * core::f32::consts::TAU;
+        let turned = self.speed.abs() * steps * TAU;
         let w = (bandwidth * turned).min(FASTEST);
         let by = (3.0 * w * behind * TURN) as i64;
         self.position = Position::from_bits(self.position.to_bits().wrapping_add(by));
@@ -102,13 +110,15 @@ impl Learner {
             reference: None,
             square: 0.0,
             samples: 0,
-            averages_from: samples / 2,
+            averages_from: samples / 4,
         }
     }
 
     /// Samples of both directions together with which the map's own noise is well below that of the tracked angle.
     pub fn samples_for(pole_pairs: PolePairs) -> u32 {
-        128 * Layout::new(pole_pairs).points() as u32
+        let layout = Layout::new(pole_pairs);
+        let each = if layout.bits < MOST_BITS { 256 } else { 128 };
+        each * layout.points() as u32
     }
 
     /// The rotor does not turn freely until the next sample.
@@ -130,8 +140,11 @@ impl Learner {
         let share = share as f32 * (1.0 / 65_536.0);
         let known = self.points[index] + share * (self.points[next] - self.points[index]);
         let behind = reference.behind(measured) - known;
-        reference.correct(behind, steps, BANDWIDTH / self.layout.pole_pairs as f32);
-        if reference.turned() < SETTLING_TURNS * self.layout.pole_pairs as f32 {
+        let pole_pairs = self.layout.pole_pairs as f32;
+        let turned = reference.turned() / pole_pairs;
+        let bandwidth = BANDWIDTH.max(SETTLING / (TAU * turned).max(f32::MIN_POSITIVE));
+        reference.correct(behind, steps, bandwidth / pole_pairs);
+        if turned < SETTLING_TURNS {
             return;
         }
         self.samples += 1;
@@ -141,6 +154,24 @@ impl Learner {
         let by = behind / (1.0 / FIRST_SHARE + mean_of);
         self.points[index] += by * (1.0 - share);
         self.points[next] += by * share;
+        if self.samples % self.layout.points() as u32 == 0 {
+            self.centre();
+        }
+    }
+
+    /// Nothing but this tells the map's mean from the reference's lag: left to itself, the points take up what it is behind
+    /// by at first, and belong to other angles than those that they are at.
+    fn centre(&mut self) {
+        let mean = self.mean();
+        self.points.iter_mut().take(self.layout.points()).for_each(|point| *point -= mean);
+        if let Some(reference) = &mut self.reference {
+            reference.shift(mean);
+        }
+    }
+
+    fn mean(&self) -> f32 {
+        let count = self.layout.points();
+        self.points[..count].iter().sum::<f32>() / count as f32
     }
 
     /// What the map leaves over of single samples, degrees RMS: their noise, if it is a good one.
@@ -157,7 +188,7 @@ impl Learner {
     pub fn map(&self) -> Map {
         let count = self.layout.points();
         let at = |index: usize| self.points[index % count];
-        let mean = self.points[..count].iter().sum::<f32>() / count as f32;
+        let mean = self.mean();
         let mut table = Table { layout: self.layout, ..Table::ZERO };
         for (index, point) in table.points[..count].iter_mut().enumerate() {
             // Without what only neighbours differ by; 0.7 % of the third harmonic, a fifth of the noise's power.

@@ -1,11 +1,14 @@
 use super::*;
 use crate::angle::TURN;
+use crate::hall::Codes;
+use crate::hall::model::Model;
 use core::f32::consts::TAU;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 
 extern crate std;
 use std::println;
+use std::vec::Vec;
 
 /// The error of a rotor at a mechanical angle in turns, electrical degrees: uneven poles and a second harmonic.
 fn error_deg(turns: f64, pairs: f64) -> f64 {
@@ -142,4 +145,126 @@ fn a_map_closes_over_the_turn_in_both_directions() {
     assert_eq!(map.error_from(5, Position::from_turns(0.3)), map.error(Position::from_turns(5.3)));
     let pitch: f32 = map.pitch_deg().sum();
     assert!(pitch.abs() < 0.01, "{pitch}");
+}
+
+/// Sensors whose magnets differ in strength and place from pole to pole by up to so much, and have a second harmonic and an
+/// offset that all poles share: codes with a noise of 1 % at a position.
+struct Poles {
+    model: Model,
+    /// Strength, and place in radians.
+    magnets: Vec<(f32, f32)>,
+    random: Pcg64,
+}
+
+impl Poles {
+    fn new(pairs: u8, most: f32, seed: u64) -> Self {
+        let mut random = Pcg64::seed_from_u64(seed);
+        let mut off = || random.random_range(-most..=most);
+        let magnets = (0..2 * pairs).map(|_| (1.0 + off(), off())).collect();
+        Self { model: Model::nominal(12, 1000.0, ElectricalAngle::from_degrees(120.0)), magnets, random }
+    }
+
+    fn codes(&mut self, position: Position) -> Codes {
+        let hall = self.model.hall(position.angle());
+        let magnets = &self.magnets;
+        [0, 1, 2].map(|k| {
+            let sensor = &self.model.sensors[k];
+            let half_turns = (position.to_turns() - f64::from(k as u8) / 3.0) * 2.0;
+            let (strength, place) = magnets[(half_turns.floor() as i64).rem_euclid(magnets.len() as i64) as usize];
+            let wave = sensor.wave(hall + ElectricalAngle::from_radians(place));
+            let second = 0.04 * (2.0 * (hall - sensor.placement).to_radians()).cos();
+            let noise = self.random.random_range(-1.0..1.0) * 0.017;
+            (sensor.offset + 1000.0 * (strength * wave + second + 0.03 + noise)) as u16
+        })
+    }
+
+    /// Turned by `turns` electrical turns at a steady speed from a place, as a drive counts that began `behind` it.
+    fn turn(&mut self, collector: &mut Collector, begin: f64, turns: f64, behind: f64) {
+        for k in 0..4000 {
+            let position = begin + turns * f64::from(k) / 4000.0;
+            let codes = self.codes(Position::from_turns(position));
+            collector.push(&self.model, &codes, Position::from_turns(position - behind));
+        }
+    }
+}
+
+fn collected(poles: &mut Poles, pairs: u8, begin: f64, turns: f64, behind: f64) -> Collector {
+    let mut collector = Collector::OFF;
+    collector.begin(PolePairs::new(pairs).unwrap());
+    poles.turn(&mut collector, begin, turns, behind);
+    collector
+}
+
+/// A map that differs from pole to pole, so that all of them matter.
+fn any_map(pairs: u8) -> Map {
+    let mut random = Pcg64::seed_from_u64(pairs.into());
+    let pole_pairs = PolePairs::new(pairs).unwrap();
+    Map::of_points(pole_pairs, (0..Map::points_for(pole_pairs)).map(|_| random.random_range(-2000..2000))).unwrap()
+}
+
+#[test]
+fn a_signature_tells_every_pole_either_way() {
+    for pairs in [2, 4, 7, 21, 64] {
+        let mut poles = Poles::new(pairs, 0.05, pairs.into());
+        let once = f64::from(pairs);
+        let signature = collected(&mut poles, pairs, 0.0, once, 0.0).signature().unwrap();
+        for behind in (0..pairs).step_by(usize::from(pairs / 5 + 1)) {
+            for turns in [3.02 * once, -3.02 * once] {
+                let mut collector = collected(&mut poles, pairs, 3.3, turns, f64::from(behind));
+                let verdict = collector.judge(&signature, &any_map(pairs), None).unwrap();
+                assert!(verdict.sure && verdict.fit > 0.6, "{pairs} {behind} {turns}: {verdict:?}");
+                assert_eq!(verdict.electrical_turns, i32::from(behind), "{pairs} {turns}");
+            }
+        }
+        // Nothing is said of less than a turn.
+        let mut collector = collected(&mut poles, pairs, 0.0, 0.9 * once, 0.0);
+        assert!(collector.signature().is_none() && collector.judge(&signature, &any_map(pairs), None).is_none());
+    }
+}
+
+#[test]
+fn a_signature_in_use_contradicts_a_wrong_pole_and_another_rotor_is_never_sure() {
+    for pairs in [4, 11] {
+        let mut poles = Poles::new(pairs, 0.05, 1);
+        let once = 1.02 * f64::from(pairs);
+        let signature = collected(&mut poles, pairs, 0.0, once, 0.0).signature().unwrap();
+        for used in 0..i32::from(pairs) {
+            let mut collector = collected(&mut poles, pairs, 1.0, once, 2.0);
+            let verdict = collector.judge(&signature, &any_map(pairs), Some(used)).unwrap();
+            assert_eq!((verdict.sure, verdict.misfit), (used == 2, used != 2), "{pairs} {used}: {verdict:?}");
+        }
+        for seed in 2..40 {
+            for most in [0.0, 0.02, 0.05, 0.1] {
+                let mut other = Poles::new(pairs, most, seed);
+                let mut collector = collected(&mut other, pairs, 1.0, once, 2.0);
+                let verdict = collector.judge(&signature, &any_map(pairs), None).unwrap();
+                assert!(!verdict.sure, "{pairs} {seed} {most}: {verdict:?}");
+            }
+        }
+    }
+}
+
+#[test]
+fn a_signature_counts_the_other_way_with_the_angle() {
+    let mut poles = Poles::new(4, 0.05, 3);
+    let signature = collected(&mut poles, 4, 0.0, 4.1, 0.0).signature().unwrap();
+    assert_eq!(signature.reversed().reversed(), signature);
+    // The same rotor and Halls, of which the drive takes the angle to fall.
+    let mut collector = Collector::OFF;
+    collector.begin(PolePairs::new(4).unwrap());
+    let reversed = Model { reversed: true, ..poles.model };
+    for k in 0..4000 {
+        let position = 4.1 * f64::from(k) / 4000.0;
+        let codes = poles.codes(Position::from_turns(position));
+        collector.push(&reversed, &codes, Position::from_turns(-position - 1.0));
+    }
+    let verdict = collector.judge(&signature.reversed(), &any_map(4), None).unwrap();
+    assert!(verdict.sure && verdict.electrical_turns == 1, "{verdict:?}");
+}
+
+#[test]
+fn even_magnets_have_next_to_no_signature() {
+    let rms = |most| collected(&mut Poles::new(4, most, 1), 4, 0.0, 4.1, 0.0).signature().unwrap().rms();
+    assert!(rms(0.0).iter().all(|&rms| rms < 0.004), "{:?}", rms(0.0));
+    assert!(rms(0.05).iter().all(|&rms| rms > 0.006), "{:?}", rms(0.05));
 }

@@ -254,7 +254,7 @@ impl Campaign {
             let too_large = verdict == Verdict::Fault(Fault::OverCurrent)
                 && broken.overloads()
                 && current_a > 0.97 * f64::from(control.guard.over_current_a);
-            too_large || broken.is_named_by(verdict)
+            too_large || broken.is_named_by(verdict, machine.bench.halls())
         });
         let over_speed = verdict.and_then(Verdict::fault) == Some(Fault::OverSpeed);
         let in_time = motion.map_or(0.0, |motion| motion.speed_rad_s) < self.over_speed_rad_s();

@@ -97,8 +97,10 @@ pub(super) struct Broken {
 
 impl Broken {
     /// Whether a fault or a refusal says what is wrong.
-    pub fn is_named_by(self, verdict: Verdict) -> bool {
+    pub fn is_named_by(self, verdict: Verdict, halls: usize) -> bool {
         match (self.defect, verdict) {
+            // Two Halls that are wrong make a rotor seem to turn against its torque, as what is stronger than it does.
+            (Defect::Driven | Defect::Dragged, Verdict::Fault(Fault::Hall(_))) if halls == 2 => true,
             (Defect::HallWiresMoved | Defect::HallWiresSwapped, Verdict::Refused(Refusal::NoAngle)) => true,
             _ => verdict.fault().is_some_and(|fault| self.is_named_by_fault(fault)),
         }
@@ -138,8 +140,8 @@ impl Broken {
             | Defect::HallNoisy
             | Defect::HallsSwapped => matches!(fault, Hall(_) | AngleJump | Commutation),
             // With one sensor frozen, the angle runs unevenly: once in two thousand times, that looks like over-speed
-            // first.
-            Defect::HallFrozen => matches!(fault, Hall(_) | AngleJump | OverSpeed),
+            // first. Of two, at arming, the rotor does not go where it is pushed.
+            Defect::HallFrozen => matches!(fault, Hall(_) | AngleJump | OverSpeed | Commutation),
             // The sensors may contradict each other by then.
             Defect::HallWiresMoved | Defect::HallWiresSwapped | Defect::WrongDirection => {
                 matches!(fault, Hall(_) | AngleJump | Commutation)

@@ -142,7 +142,9 @@ fn of_two_halls_a_frozen_one_is_found_and_does_no_harm() {
     let figures = json(&folder("two_halls_frozen"), &arguments);
     assert!(figures["false_alarms"] == 0, "{}", figures["alarmed_at"]);
     assert_eq!(figures["bridge_off_within_one_period"], true);
-    for (name, kind) in figures["kinds"].as_object().unwrap() {
+    let kinds = figures["kinds"].as_object().unwrap();
+    assert_eq!(kinds.len(), 2);
+    for (name, kind) in kinds {
         let count = |what: &str| kind[what].as_u64().unwrap();
         assert!(count("injected") > 100, "{name}: {kind}");
         let harm = count("injected") - count("detected");

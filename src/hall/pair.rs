@@ -37,7 +37,7 @@ const AWAY_FROM_PEAK: f32 = 0.65;
 const UNMOVED_RECORDS: u8 = 4;
 /// A rotor that turns by half a turn from record to record, within so much, shows a healthy sensor that is at zero the
 /// same value each time, while the other goes from peak to peak.
-const ABOUT_HALF_DEG: f32 = 8.0;
+const ABOUT_HALF: u32 = u32::MAX / 45;
 
 /// Share of the largest torque from which on it counts: well above its noise.
 const LARGE: f32 = 0.5;
@@ -130,7 +130,7 @@ impl Pair {
         let healthy = libm::fabsf(strength_error(model, signals, electrical)) <= HEALTHY;
         self.score = if healthy { self.score.saturating_sub(1) } else { (self.score + BEYOND).min(CONTRADICTION) };
         let turned = electrical - core::mem::replace(&mut self.at, electrical);
-        if libm::fabsf((turned + ElectricalAngle::HALF).to_degrees()) < ABOUT_HALF_DEG {
+        if (turned + ElectricalAngle::HALF).to_bits().unsigned_abs() < ABOUT_HALF {
             self.still = [NOWHERE; 2];
         }
         let [first, second] = &mut self.still;

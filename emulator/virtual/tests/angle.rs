@@ -30,7 +30,7 @@ mod esc1;
 #[allow(dead_code, missing_docs)]
 #[path = "../../../boards/nucleo-g474re-ihm08m1/src/constants.rs"]
 mod nucleo;
-#[allow(dead_code, missing_docs)]
+#[allow(dead_code, missing_docs, unexpected_cfgs)]
 #[path = "../../../boards/nucleo-g431rb-ihm16m1/src/constants.rs"]
 mod small_nucleo;
 

@@ -131,7 +131,7 @@ impl Pair {
         self.score = if healthy { self.score.saturating_sub(1) } else { (self.score + BEYOND).min(CONTRADICTION) };
         let turned = electrical - core::mem::replace(&mut self.at, electrical);
         if (turned + ElectricalAngle::HALF).to_bits().unsigned_abs() < ABOUT_HALF {
-            self.still = [NOWHERE; 2];
+            self.still.iter_mut().for_each(|still| still.at = NOWHERE.at);
         }
         let [first, second] = &mut self.still;
         first.take(signals[0], signals[1]) | second.take(signals[1], signals[0]) | (self.score >= CONTRADICTION)

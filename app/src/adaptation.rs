@@ -2,10 +2,10 @@
 //! other.
 
 use crate::storage::Sensors;
+use hallservo::config::Config;
 use hallservo::hall::adapt::{self, Status};
 use hallservo::hall::model::Model;
-use hallservo::hall::pair::{Motion, Pair};
-use hallservo::mode::Mode;
+use hallservo::hall::pair::Pair;
 use hallservo::service::Service;
 use hallservo::service::adaptation::Watch;
 use hallservo::settings::Settings;
@@ -58,14 +58,8 @@ impl SensorAdaptation {
     }
 
     /// Whether a record of a running drive says that its two sensors do not fit each other.
-    pub fn contradicts(&mut self, record: &Record, sensors: &Sensors, motion: Option<Motion>) -> bool {
-        let Watch::Two(pair) = &mut self.watch else { return false };
-        if record.status.mode() != Mode::Running {
-            *pair = Pair::NEW;
-            return false;
-        }
-        pair.take(&sensors.model, &record.codes, record.rotor.angle())
-            | motion.is_some_and(|motion| pair.turns_against(motion))
+    pub fn contradicts(&mut self, record: &Record, sensors: &Sensors, torque_nm: f32, config: &Config) -> bool {
+        self.watch.contradicts(record, &sensors.model, torque_nm, config)
     }
 
     /// Learns from a record; returns the fault that ends it.

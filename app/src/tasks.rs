@@ -30,7 +30,6 @@ use hallservo::control::cogging::Table;
 use hallservo::drive::standstill::Window;
 use hallservo::drive::{Refusal, Reply};
 use hallservo::fault::Fault;
-use hallservo::hall::pair::Motion;
 use hallservo::hall::plausibility::Implausible;
 use hallservo::mode::Mode;
 use hallservo::service::identify;
@@ -250,13 +249,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Of two Halls nothing in the control interrupt tells whether they fit each other.
     #[inline(never)]
     fn watch_two_halls(&mut self, record: &DriveRecord, torque_nm: f32) {
-        let config = self.service.config();
-        let motion = config
-            .control
-            .as_ref()
-            .map(|control| Motion::of(control, torque_nm, record.rotor.speed(), config.record_every()));
         if let Some(sensors) = &self.sensors
-            && self.adaptation.contradicts(record, sensors, motion)
+            && self.adaptation.contradicts(record, sensors, torque_nm, self.service.config())
         {
             // Told again with the next record, where the queue is full.
             let _ = self.service.trip(Fault::Hall(Implausible::Inconsistent));

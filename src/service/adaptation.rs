@@ -1,13 +1,14 @@
 //! The adaptation at a drive: records in, new estimators out.
 
 use super::{InstallError, Service};
+use crate::config::Config;
 use crate::control::config::Config as Control;
 use crate::fault::Limits;
 use crate::hall::Channel;
 use crate::hall::adapt::{self, Adapter, Observation, Status};
 use crate::hall::estimate::{self, BadModel};
 use crate::hall::model::Model;
-use crate::hall::pair::Pair;
+use crate::hall::pair::{Motion, Pair};
 use crate::mode::Mode;
 use crate::telemetry::{Measurement, Record};
 
@@ -61,6 +62,19 @@ impl Watch {
             *self = Self::Nothing;
         }
         result
+    }
+
+    /// Whether a record of a running drive says that its two sensors do not fit each other, with the torque of
+    /// [`torque_nm`]: what the task that asks answers by [`Service::trip`].
+    pub fn contradicts(&mut self, record: &Record, model: &Model, torque_nm: f32, config: &Config) -> bool {
+        let Self::Two(pair) = self else { return false };
+        if record.status.mode() != Mode::Running {
+            *pair = Pair::NEW;
+            return false;
+        }
+        let motion = |control| Motion::of(control, torque_nm, record.rotor.speed(), config.record_every());
+        pair.take(model, &record.codes, record.rotor.angle())
+            | config.control.as_ref().map(motion).is_some_and(|motion| pair.turns_against(motion))
     }
 
     /// Of three Halls.

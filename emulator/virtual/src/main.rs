@@ -56,6 +56,10 @@ struct Arguments {
     /// The board's firmware for two rings on the shaft
     #[arg(long, conflicts_with = "elf")]
     encoder: bool,
+    /// Two Halls, the second so many electrical degrees from the first, and nothing at the third input; the drive is told
+    /// by its setting `halls`
+    #[arg(long, value_name = "DEGREES", num_args = 0..=1, default_missing_value = "90", allow_negative_numbers = true)]
+    two_halls: Option<f64>,
     /// The firmware, instead of building the board's
     #[arg(long)]
     elf: Option<PathBuf>,
@@ -119,7 +123,9 @@ fn at_power_on(arguments: &Arguments, board: &Arc<Board>, seed: u64) -> Result<S
     };
     let elf = arguments.elf.clone().map_or_else(build, Ok)?;
     let image = std::fs::read(&elf).with_context(|| format!("cannot read {}", elf.display()))?;
-    let mut session = Session::new(board, image, &PlantParameters::imperfect(seed), seed)?;
+    let motor = PlantParameters::imperfect(seed);
+    let motor = arguments.two_halls.map_or(motor, |apart_deg| motor.with_two_halls(apart_deg));
+    let mut session = Session::new(board, image, &motor, seed)?;
     session.machine.set_fill(match arguments.fill {
         Fill::Words => bus::Fill::WordByWord,
         Fill::Once => bus::Fill::AtOnce,

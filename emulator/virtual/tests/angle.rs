@@ -2,6 +2,8 @@
 //! the same motor.
 
 mod common;
+#[path = "angle/two_halls.rs"]
+mod two_halls;
 
 use chip::{Disturbance, Trace};
 use common::{ESC, NUCLEO, ask, calibrated, run, says};
@@ -28,6 +30,9 @@ mod esc1;
 #[allow(dead_code, missing_docs)]
 #[path = "../../../boards/nucleo-g474re-ihm08m1/src/constants.rs"]
 mod nucleo;
+#[allow(dead_code, missing_docs, unexpected_cfgs)]
+#[path = "../../../boards/nucleo-g431rb-ihm16m1/src/constants.rs"]
+mod small_nucleo;
 
 /// Supply and reference of the chips, V.
 const VDDA: f64 = 3.3;
@@ -46,8 +51,12 @@ struct Host {
 impl Host {
     /// Settings of a board, and ticks that its Hall 1 is held before the others.
     fn new(settings: Settings, early: u32, seed: u64) -> Self {
-        let motor = motor(&settings, early);
-        let mut simulator = Simulator::with(settings, &motor, seed, Flash::blank(), Vec::new()).expect("a drive");
+        Self::at(&motor(&settings, early), settings, early, seed)
+    }
+
+    /// The same at any motor.
+    fn at(motor: &PlantParameters, settings: Settings, early: u32, seed: u64) -> Self {
+        let mut simulator = Simulator::with(settings, motor, seed, Flash::blank(), Vec::new()).expect("a drive");
         let period_s = 1.0 / f64::from(settings.pwm_hz);
         let names = ["time / s", "angle / turns", "electrical angle / turns"].map(String::from).to_vec();
         let trace = Rc::new(RefCell::new(Trace { names, rows: Vec::new() }));

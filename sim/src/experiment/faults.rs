@@ -10,6 +10,7 @@ mod kind;
 mod machine;
 mod motion;
 mod summary;
+mod two_halls;
 mod words;
 
 use super::Common;
@@ -28,6 +29,9 @@ pub struct Options {
     /// Faults to inject; 100000 for the long form
     #[arg(long, default_value_t = 10_000, value_parser = clap::value_parser!(u32).range(1..))]
     injections: u32,
+    /// Sensors of the drives: three, or two that are 90°, 120° or 60° apart
+    #[arg(long, default_value_t = 3, value_parser = clap::value_parser!(u8).range(2..=3))]
+    halls: u8,
     /// Only the kinds whose name contains this
     #[arg(long, value_name = "TEXT", default_value = "")]
     only: String,
@@ -49,8 +53,8 @@ const ENCODER_CAMPAIGNS: u32 = 4;
 /// Files that cannot be written, or a drive that refuses without a reason.
 pub fn main(options: &Options) -> Result<()> {
     options.common.prepare()?;
-    let summary = run(options.common.seed, options.injections, &options.only)?;
-    println!("Faults at random times (seed {}):\n", options.common.seed);
+    let summary = run(options.common.seed, options.injections, options.halls, &options.only)?;
+    println!("Faults at random times, {} Halls (seed {}):\n", summary.halls, summary.seed);
     let rows = summary.table();
     // What was said is in words: it has room on the page.
     print_table(&rows.iter().map(|row| row[..row.len() - 1].to_vec()).collect::<Vec<_>>());
@@ -125,20 +129,20 @@ fn print_examples(summary: &Summary) {
     }
 }
 
-/// Injects so many faults, of the kinds whose name contains `only`.
+/// Injects so many faults into drives with three Halls or two, of the kinds whose name contains `only`.
 ///
 /// # Errors
 /// A drive that refuses without a reason.
-pub fn run(seed: u64, injections: u32, only: &str) -> Result<Summary> {
-    let with_encoder = if only.is_empty() { injections / ENCODERS } else { 0 };
+pub fn run(seed: u64, injections: u32, halls: u8, only: &str) -> Result<Summary> {
+    let with_encoder = if only.is_empty() && halls == 3 { injections / ENCODERS } else { 0 };
     let machines = (injections - with_encoder).div_ceil(EACH);
     let share = |whole: u32, parts: u32, number: u32| whole / parts + u32::from(number < whole % parts);
     let boards = (0..machines).into_par_iter().map(|number| {
         let seed = seed.wrapping_mul(1_000_003) + u64::from(number);
-        match Campaign::new(seed) {
+        match Campaign::new(seed, halls) {
             Ok(campaign) => Ok(campaign.run(share(injections - with_encoder, machines, number), only)),
             Err(error) => {
-                let mut summary = Summary::new(seed);
+                let mut summary = Summary::new(seed, halls);
                 summary.abandoned.insert(format!("{error:#}"), 1);
                 Ok(summary)
             }
@@ -147,14 +151,15 @@ pub fn run(seed: u64, injections: u32, only: &str) -> Result<Summary> {
     let encoders = (0..ENCODER_CAMPAIGNS).into_par_iter().map(|number| {
         let seed = seed.wrapping_mul(ENCODER_CAMPAIGNS.into()) + u64::from(number);
         match share(with_encoder, ENCODER_CAMPAIGNS, number) {
-            0 => Ok(Summary::new(seed)),
+            0 => Ok(Summary::new(seed, halls)),
             injections => EncoderCampaign::new(seed)?.run(injections),
         }
     });
     let parts = boards.chain(encoders).collect::<Result<Vec<_>>>()?;
-    let mut total = Summary::new(seed);
+    let mut total = Summary::new(seed, halls);
     for part in parts {
         total.add(&part);
     }
+    total.finish();
     Ok(total)
 }

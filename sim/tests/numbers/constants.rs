@@ -82,6 +82,13 @@ const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[
     (EMULATOR, "in steps of {} µs", "emulator/chip/src/can/wire.rs", "STEP_S: f64 = {}", 1e6),
     (EMULATOR, "a period and {} µs", "emulator/virtual/tests/boards/faults.rs", "REACTION_S: f64 = {}", 1e6),
     (EMULATOR, "`watchdog.rs`, {} ms", WATCHDOG, "const MILLISECONDS: u32 = {}", 1.0),
+    (
+        EMULATOR,
+        "places the second {}° from the first",
+        "emulator/virtual/src/main.rs",
+        "default_missing_value = \"{}\"",
+        1.0,
+    ),
     (EMULATOR, "the port's {} bytes", "boards/stm32g4/src/chip/line.rs", "ROOM: usize = {}", 1.0),
 ];
 

@@ -26,6 +26,7 @@ pub const CHECKS: &[fn(&Pages)] = &[
     impedance,
     field_weakening,
     campaign,
+    campaign_of_two,
 ];
 
 fn a_hundred_motors(pages: &Pages) {
@@ -329,6 +330,32 @@ fn field_weakening(pages: &Pages) {
     pages.quote(NUMBERS, "turns with {} rad/s both ways, where it reaches {} to {} rad/s", &figures);
     let most = run.all("hub transistor dead: Faulted(OverVoltage), Stretch { current_a: {}, bus_v: {}")[0][1];
     pages.quote("SAFETY.md", "does_no_harm`: {} V where", &[Is(most)]);
+}
+
+/// Of the drives with two Halls: what may befall those, and what else was missed.
+fn campaign_of_two(pages: &Pages) {
+    let run: Value = serde_json::from_str(&read("docs/recorded/faults_two.json")).unwrap();
+    let of = |value: &Value, name: &str| value[name].as_f64().unwrap_or_else(|| panic!("no {name}"));
+    let page = "SAFETY.md";
+    assert_eq!(of(&run, "halls"), 2.0);
+    pages.quote(
+        page,
+        "With two Halls {} of {} were missed, and {} false in {} s of running.",
+        &[of(&run, "missed"), of(&run, "injected"), of(&run, "false_alarms"), of(&run, "quiet_periods") / 40e3].map(Is),
+    );
+    let missed = |kind: &Value| of(kind, "injected") - of(kind, "detected");
+    let kinds = run["kinds"].as_object().unwrap();
+    let two = read("sim/src/experiment/faults/two_halls.rs");
+    let rows: Vec<_> =
+        kinds.iter().filter(|(name, kind)| two.contains(&format!("\"{name}\"")) || missed(kind) > 0.0).collect();
+    assert!(rows.len() > 10);
+    for (name, kind) in rows {
+        let figures = ["harmful_unnamed", "harmless_unnamed", "median_ms", "late_ms", "worst_wrong_deg"];
+        let [harmful, harmless, median, late, wrong] = figures.map(|figure| Is(of(kind, figure)));
+        let row = format!("| {name} | {{}} | {{}} | {{}} | {{}} | {{}} ms | {{}} ms | {{}}° |");
+        let count = [of(kind, "injected"), missed(kind)].map(Is);
+        pages.quote(page, &row, &[count[0], count[1], harmful, harmless, median, late, wrong]);
+    }
 }
 
 fn campaign(pages: &Pages) {

@@ -16,6 +16,8 @@ const REFERENCE_V: f64 = 3.3;
 pub(super) const SLOW_RAD_S: f32 = 200.0;
 /// Pole pairs of the motors; four are the most common. With one, the checks at arming move the shaft by up to 42°.
 const POLE_PAIRS: [u8; 7] = [2, 4, 4, 7, 11, 15, 21];
+/// How far the second of two Halls may be from the first, electrical degrees.
+const APART_DEG: [f64; 5] = [90.0, -90.0, 120.0, -120.0, 60.0];
 /// Magnets of the most uneven rotor; the field of the windings is meant at the boards' largest current.
 const UNEVEN: Unevenness = Unevenness { rated_a: 3.0, ..Unevenness::CHEAP };
 /// Longest time to come to rest that a user sets, s.
@@ -39,14 +41,19 @@ pub(super) struct Bench {
 
 impl Bench {
     /// One at random: a board as shipped, told of the motor what a data sheet says, which is wrong by so much as motors
-    /// are; sensors as in [`PlantParameters::imperfect`]; every other rotor with magnets up to as uneven as cheap ones are.
-    pub fn draw(random: &mut Pcg64, seed: u64) -> Result<Self> {
+    /// are; three sensors, or two, as in [`PlantParameters::imperfect`]; every other rotor with magnets up to as uneven as
+    /// cheap ones are.
+    pub fn draw(random: &mut Pcg64, seed: u64, halls: u8) -> Result<Self> {
         let board = BOARDS.choose(random).context("no board")?;
         let mut settings = board.settings()?;
         let pole_pairs = *POLE_PAIRS.choose(random).context("no motor")?;
         let uneven = random.random_range(-1.0_f64..1.0).max(0.0);
-        let mut parameters =
-            PlantParameters::imperfect(seed).with_pole_pairs(pole_pairs).with_unevenness(&UNEVEN.scaled(uneven), seed);
+        let mut parameters = PlantParameters::imperfect(seed);
+        settings.halls = halls;
+        if halls == 2 {
+            parameters = parameters.with_two_halls(*APART_DEG.choose(random).context("no spacing")?);
+        }
+        let mut parameters = parameters.with_pole_pairs(pole_pairs).with_unevenness(&UNEVEN.scaled(uneven), seed);
         settings.pole_pairs = pole_pairs;
         settings.reversed = random.random_bool(0.5);
         let control = settings.control.as_mut().context("a board without current sensing")?;
@@ -93,13 +100,19 @@ impl Bench {
         })
     }
 
+    /// Sensors of the drive.
+    pub fn halls(&self) -> usize {
+        self.settings.halls.into()
+    }
+
     /// In words, for what went wrong at it.
     pub fn describe(&self) -> String {
         let motor = &self.parameters.motor;
         format!(
-            "{}, {} pole pairs{}, R {:.2} Ω, λ {:.2} mWb, J {:.1} g·cm², {:.1} V{}{}",
+            "{}, {} pole pairs{}{}, R {:.2} Ω, λ {:.2} mWb, J {:.1} g·cm², {:.1} V{}{}",
             self.board.name,
             motor.pole_pairs,
+            self.halls_apart(),
             if self.uneven > 0.0 { format!(", magnets {:.0} % uneven", 100.0 * self.uneven) } else { String::new() },
             motor.resistance_ohm,
             1e3 * motor.back_emf.flux_linkage_vs,
@@ -108,5 +121,13 @@ impl Bench {
             if self.parameters.bus.regenerative { " taking back" } else { "" },
             if self.settings.reversed { ", reversed" } else { "" },
         )
+    }
+
+    fn halls_apart(&self) -> String {
+        if self.halls() == 3 {
+            return String::new();
+        }
+        let [first, second, _] = self.parameters.halls.map(|hall| hall.placement_rad.to_degrees());
+        format!(", Halls {:.0}° apart", second - first)
     }
 }

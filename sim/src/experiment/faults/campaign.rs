@@ -6,6 +6,7 @@ use super::kind::{KINDS, Kind, MOST_WRONG, Outcome, Stage};
 use super::machine::{Machine, Verdict};
 use super::motion::Way;
 use super::summary::{Found, Summary};
+use super::two_halls;
 use super::words;
 use anyhow::{Context, Result, bail};
 use hallservo::commutation::{Commutation, Modulation};
@@ -58,11 +59,11 @@ impl Campaign {
     ///
     /// # Errors
     /// The calibration refused one motor after the other.
-    pub fn new(seed: u64) -> Result<Self> {
+    pub fn new(seed: u64, halls: u8) -> Result<Self> {
         let mut random = Pcg64::seed_from_u64(seed);
         let mut refused_motors = 0;
         let machine = loop {
-            match Machine::new(Bench::draw(&mut random, seed)?, seed) {
+            match Machine::new(Bench::draw(&mut random, seed, halls)?, seed) {
                 Ok(machine) => break machine,
                 Err(error) if refused_motors == 5 => return Err(error),
                 Err(_) => refused_motors += 1,
@@ -73,7 +74,7 @@ impl Campaign {
         Ok(Self {
             machine,
             random,
-            summary: Summary { refused_motors, ..Summary::new(seed) },
+            summary: Summary { refused_motors, ..Summary::new(seed, halls) },
             wish,
             demand,
             commutation,
@@ -82,8 +83,9 @@ impl Campaign {
 
     /// Injects kinds whose name contains `only`.
     pub fn run(mut self, injections: u32, only: &str) -> Summary {
-        let kinds: Vec<_> =
-            KINDS.iter().filter(|kind| kind.fits(&self.machine.bench) && kind.name.contains(only)).collect();
+        let of_two = if self.machine.bench.halls() == 2 { two_halls::KINDS } else { &[] };
+        let wanted = |kind: &&Kind| kind.fits(&self.machine.bench) && kind.name.contains(only);
+        let kinds: Vec<_> = KINDS.iter().chain(of_two).filter(wanted).collect();
         for _ in 0..injections {
             let Some(mut kind) = kinds.choose(&mut self.random) else { break };
             while kind.is_long() && kinds.len() > 2 && self.random.random_bool(0.75) {
@@ -182,6 +184,7 @@ impl Campaign {
     fn break_it(&mut self, kind: &Kind) -> Result<Broken> {
         let Machine { rig, bench, model, .. } = &mut self.machine;
         let broken = Broken::set(kind.defect, rig, bench, model, &mut self.random)?;
+        self.machine.in_use = broken.model;
         match kind.defect {
             Defect::StuckTrigger => {
                 let periods = self.random.random_range(2..400);
@@ -208,7 +211,8 @@ impl Campaign {
             Outcome::Named(seconds)
             | Outcome::NamedOrHarmless(seconds)
             | Outcome::NoFault(seconds)
-            | Outcome::NotTooFast(seconds) => seconds,
+            | Outcome::NotTooFast(seconds)
+            | Outcome::NoHarm(seconds) => seconds,
             Outcome::AtRest(seconds) => seconds + timeout_s + f64::from(guard.stop_s),
             Outcome::NamedInATurn => f64::from(LONGEST_TURN) * self.machine.rig.period_s(),
         };
@@ -250,7 +254,7 @@ impl Campaign {
             let too_large = verdict == Verdict::Fault(Fault::OverCurrent)
                 && broken.overloads()
                 && current_a > 0.97 * f64::from(control.guard.over_current_a);
-            too_large || broken.is_named_by(verdict)
+            too_large || broken.is_named_by(verdict, machine.bench.halls())
         });
         let over_speed = verdict.and_then(Verdict::fault) == Some(Fault::OverSpeed);
         let in_time = motion.map_or(0.0, |motion| motion.speed_rad_s) < self.over_speed_rad_s();
@@ -265,10 +269,19 @@ impl Campaign {
                 let faint = broken.overloads() && self.asks_for_less_than_shows() && over_speed && in_time;
                 named || (held || faint) && harmless
             }
+            Outcome::NoHarm(_) => {
+                let fault = verdict.and_then(Verdict::fault);
+                named || matches!(fault, None | Some(Fault::Stall | Fault::FollowingError | Fault::OverSpeed))
+            }
             Outcome::NotTooFast(_) => (verdict.is_none() || over_speed) && in_time,
         };
         let period_s = machine.rig.period_s();
+        let fast_rad_s = motion.map_or(0.0, |motion| motion.speed_rad_s) - self.allowed_rad_s();
+        let judged = matches!(kind.outcome, Outcome::NoHarm(_));
         Found {
+            named: verdict.is_some(),
+            fast: judged && fast_rad_s > 0.0,
+            overloaded: judged && !harmless,
             reported: verdict.map_or("nothing".into(), Verdict::name),
             right,
             misnamed: !right && verdict.is_some(),
@@ -378,6 +391,17 @@ impl Campaign {
     fn over_speed_rad_s(&self) -> f64 {
         let max_speed_rad_s = self.machine.bench.settings.control.unwrap_or_default().max_speed_rad_s;
         1.2 * f64::from(max_speed_rad_s) + 10.0 * TAU / f64::from(self.machine.bench.parameters.motor.pole_pairs)
+    }
+
+    /// What a rotor may turn at: what was commanded, and what over-speed leaves above the largest speed; of a torque or
+    /// a position that.
+    fn allowed_rad_s(&self) -> f64 {
+        let over_rad_s = self.over_speed_rad_s();
+        let max_rad_s = f64::from(self.machine.bench.settings.control.unwrap_or_default().max_speed_rad_s);
+        match self.wish {
+            Wish::Speed(speed_rad_s) => speed_rad_s.abs() + over_rad_s - max_rad_s,
+            Wish::Voltage(_) | Wish::Current(_) | Wish::By(_) => over_rad_s,
+        }
     }
 
     /// A torque whose current is less than [`SHOWS`].

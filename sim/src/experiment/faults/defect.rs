@@ -9,10 +9,11 @@ use hallservo::board::{LostPeriods, Sample};
 use hallservo::drive::Refusal;
 use hallservo::fault::Fault;
 use hallservo::hall::model::{Model, Sensor};
-use plant::{AmplifierFault, ThermistorFault, Transistor, Wires};
+use plant::{AmplifierFault, HallFault, HallParameters, PlantParameters, ThermistorFault, Transistor, Wires};
 use rand::RngExt;
 use rand::seq::IndexedRandom;
 use rand_pcg::Pcg64;
+use std::ops::Range;
 
 /// What breaks.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,6 +34,17 @@ pub(super) enum Defect {
     HallAtGround,
     HallsShorted,
     HallFrozen,
+    /// One sensor shows less, or more, of its field than it was calibrated with.
+    HallWeak,
+    HallStrong,
+    /// All of them show less.
+    HallsWeak,
+    HallOffset,
+    HallNoisy,
+    /// While the drive runs.
+    HallsSwapped,
+    /// The input that a drive with two Halls does not use.
+    ThirdAtRail,
     HallWiresMoved,
     HallWiresSwapped,
     OpenPhase,
@@ -59,6 +71,17 @@ pub(super) enum Defect {
     Nothing,
 }
 
+impl Defect {
+    /// Whether one of the sensors that the drive uses is what breaks.
+    fn is_of_a_hall(self) -> bool {
+        use Defect::*;
+        matches!(
+            self,
+            HallAtRail | HallAtGround | HallsShorted | HallFrozen | HallWeak | HallStrong | HallOffset | HallNoisy
+        )
+    }
+}
+
 /// After so long without a step, a board's hardware has switched the bridge off, s.
 pub(super) const WATCHDOG_S: f64 = 1e-3;
 
@@ -68,12 +91,16 @@ pub(super) struct Broken {
     pub defect: Defect,
     /// Leg, winding or sensor.
     pub channel: usize,
+    /// What the drive takes for its calibration.
+    pub model: Model,
 }
 
 impl Broken {
     /// Whether a fault or a refusal says what is wrong.
-    pub fn is_named_by(self, verdict: Verdict) -> bool {
+    pub fn is_named_by(self, verdict: Verdict, halls: usize) -> bool {
         match (self.defect, verdict) {
+            // Two Halls that are wrong make a rotor seem to turn against its torque, as what is stronger than it does.
+            (Defect::Driven | Defect::Dragged, Verdict::Fault(Fault::Hall(_))) if halls == 2 => true,
             (Defect::HallWiresMoved | Defect::HallWiresSwapped, Verdict::Refused(Refusal::NoAngle)) => true,
             _ => verdict.fault().is_some_and(|fault| self.is_named_by_fault(fault)),
         }
@@ -105,10 +132,16 @@ impl Broken {
             Defect::LostPeriod | Defect::StuckTrigger => fault == Deadline,
             Defect::HallAtRail | Defect::HallAtGround => matches!(fault, Hall(_) | AngleJump),
             // The angle is wrong, and so the torque.
-            Defect::HallsShorted => matches!(fault, Hall(_) | AngleJump | Commutation),
+            Defect::HallsShorted
+            | Defect::HallWeak
+            | Defect::HallStrong
+            | Defect::HallsWeak
+            | Defect::HallOffset
+            | Defect::HallNoisy
+            | Defect::HallsSwapped => matches!(fault, Hall(_) | AngleJump | Commutation),
             // With one sensor frozen, the angle runs unevenly: once in two thousand times, that looks like over-speed
-            // first.
-            Defect::HallFrozen => matches!(fault, Hall(_) | AngleJump | OverSpeed),
+            // first. Of two, at arming, the rotor does not go where it is pushed.
+            Defect::HallFrozen => matches!(fault, Hall(_) | AngleJump | OverSpeed | Commutation),
             // The sensors may contradict each other by then.
             Defect::HallWiresMoved | Defect::HallWiresSwapped | Defect::WrongDirection => {
                 matches!(fault, Hall(_) | AngleJump | Commutation)
@@ -132,7 +165,7 @@ impl Broken {
             Defect::Driven => matches!(fault, OverSpeed | FollowingError | Commutation),
             Defect::Dragged => matches!(fault, FollowingError | Stall | Commutation),
             Defect::Silence => matches!(fault, CommandTimeout | NotStopped),
-            Defect::Nothing => false,
+            Defect::ThirdAtRail | Defect::Nothing => false,
         }
     }
 
@@ -143,9 +176,13 @@ impl Broken {
             Defect::OpenPhase | Defect::DeadTransistor | Defect::AmplifierDead | Defect::AmplifierGain => {
                 largest(rig.plant.currents_a()).unwrap_or(random.random_range(0..3))
             }
+            // The wire of the one that stays.
+            Defect::HallWiresSwapped if bench.halls() == 2 => 2,
+            Defect::ThirdAtRail => 2,
+            _ if defect.is_of_a_hall() => random.random_range(0..bench.halls()),
             _ => random.random_range(0..3),
         };
-        let broken = Self { defect, channel };
+        let mut broken = Self { defect, channel, model: *model };
         let plant = &mut rig.plant;
         match defect {
             Defect::Thermistor(which, fault) => {
@@ -180,13 +217,18 @@ impl Broken {
             }
             Defect::WrongAngle(degrees) => {
                 let off = ElectricalAngle::from_degrees(if random.random_bool(0.5) { degrees } else { -degrees });
-                install(rig, &Model { alignment: model.alignment + off, ..*model })?;
+                broken.model.alignment += off;
+                install(rig, &broken.model)?;
             }
             Defect::WrongDirection => {
-                let sensors = model.sensors.map(|sensor| Sensor { placement: -sensor.placement, ..sensor });
-                install(rig, &Model { sensors, ..*model })?;
+                broken.model.sensors = model.sensors.map(|sensor| Sensor { placement: -sensor.placement, ..sensor });
+                install(rig, &broken.model)?;
             }
             Defect::Blocked => plant.set_dyno(Some(0.0))?,
+            Defect::HallNoisy => {
+                let noise_v = random.random_range(0.05..0.5) * bench.parameters.halls[channel].amplitude_v;
+                plant.set_hall_fault(channel, Some(HallFault::Noisy(noise_v)));
+            }
             _ => rig.disturb = disturbance(defect, channel, bench, random)?,
         }
         Ok(broken)
@@ -201,6 +243,7 @@ pub(super) fn mend(rig: &mut Rig, bench: &mut Bench) -> Result<()> {
         plant.set_phase_open(channel, false);
         plant.set_dead_transistor(channel, None);
         plant.set_amplifier_fault(channel, None)?;
+        plant.set_hall_fault(channel, None);
     }
     plant.set_motor_wires(Wires::STRAIGHT);
     plant.set_hall_wires(Wires::STRAIGHT);
@@ -234,7 +277,7 @@ fn largest(currents_a: [f64; 3]) -> Option<usize> {
 fn disturbance(defect: Defect, channel: usize, bench: &Bench, random: &mut Pcg64) -> Result<Option<Disturb>> {
     let control = bench.settings.control.as_ref().context("a board without current sensing")?;
     let guard = &control.guard;
-    let up = random.random_bool(0.5);
+    let (up, halls) = (random.random_bool(0.5), bench.halls());
     let volts = |volts: f32| (volts / control.bus_full_scale_v * 4096.0) as u16;
     let amperes = |amperes: f32| (amperes / control.current_full_scale_a * 2048.0) as u16;
     let margin = amperes(0.2 * guard.over_current_a) + 8;
@@ -269,7 +312,7 @@ fn disturbance(defect: Defect, channel: usize, bench: &Bench, random: &mut Pcg64
         Defect::HallAtRail => Box::new(move |sample| sample.halls[channel] = 4095),
         Defect::HallAtGround => Box::new(move |sample| sample.halls[channel] = 0),
         Defect::HallsShorted => Box::new(move |sample| {
-            let other = (channel + 1) % 3;
+            let other = (channel + 1) % halls;
             let both = (sample.halls[channel] + sample.halls[other]) / 2;
             (sample.halls[channel], sample.halls[other]) = (both, both);
         }),
@@ -280,6 +323,46 @@ fn disturbance(defect: Defect, channel: usize, bench: &Bench, random: &mut Pcg64
                 *code = *held.get_or_insert(*code);
             })
         }
+        Defect::HallWeak => {
+            let gain = random.random_range(0.1..0.9);
+            scaled(&bench.parameters, channel..channel + 1, gain)
+        }
+        Defect::HallStrong => {
+            let gain = random.random_range(1.1..1.6);
+            scaled(&bench.parameters, channel..channel + 1, gain)
+        }
+        Defect::HallsWeak => {
+            let gain = random.random_range(0.1..0.9);
+            scaled(&bench.parameters, 0..halls, gain)
+        }
+        Defect::HallOffset => {
+            let amplitude = bench.parameters.halls[channel].amplitude_v * random.random_range(0.1..1.2);
+            let off = codes_of(&bench.parameters, if up { amplitude } else { -amplitude });
+            Box::new(move |sample| sample.halls[channel] = in_range(f64::from(sample.halls[channel]) + off))
+        }
+        Defect::HallsSwapped => Box::new(move |sample| sample.halls.swap(channel % 2, 1 - channel % 2)),
+        Defect::ThirdAtRail => Box::new(move |sample| sample.halls[channel] = if up { 4095 } else { 0 }),
         _ => return Ok(None),
     }))
+}
+
+/// Some of the sensors show so much of their field.
+fn scaled(parameters: &PlantParameters, which: Range<usize>, gain: f64) -> Disturb {
+    let zero = parameters.halls.map(|hall: HallParameters| codes_of(parameters, hall.offset_v));
+    Box::new(move |sample| {
+        for channel in which.clone() {
+            let code = &mut sample.halls[channel];
+            *code = in_range(zero[channel] + gain * (f64::from(*code) - zero[channel]));
+        }
+    })
+}
+
+/// What a voltage is to the ADC.
+fn codes_of(parameters: &PlantParameters, volts: f64) -> f64 {
+    volts / parameters.adc.reference_v * 4096.0
+}
+
+/// A code that the ADC has.
+fn in_range(code: f64) -> u16 {
+    code.round().clamp(0.0, 4095.0) as u16
 }

@@ -219,6 +219,7 @@ impl Trial {
         Found {
             reported: self.fault.map_or("nothing".into(), |fault| fault.to_string()),
             right,
+            named: self.fault.is_some(),
             misnamed: !right && self.fault.is_some(),
             seconds: f64::from(self.periods) / 40e3,
             turns: self.turns,
@@ -246,7 +247,7 @@ impl EncoderCampaign {
             machine.run(400)?;
         }
         machine.run(20_000)?;
-        let summary = Summary::new(seed);
+        let summary = Summary::new(seed, 3);
         Ok(Self { machine, random: Pcg64::seed_from_u64(seed ^ 0x5eed), summary })
     }
 

@@ -44,6 +44,9 @@ pub(super) enum Outcome {
     NamedOrHarmless(f64),
     /// The rotor stays within its speed limit for so many seconds, or over-speed is named.
     NotTooFast(f64),
+    /// A fault that names it, or tells that the rotor does not follow, or none; and by the truth of the plant no harm for
+    /// so many seconds: the current below its limit, the rotor no faster than it may be and not too long the wrong way.
+    NoHarm(f64),
 }
 
 /// A kind of injection.
@@ -55,7 +58,7 @@ pub(super) struct Kind {
     pub outcome: Outcome,
 }
 
-const fn kind(name: &'static str, defect: Defect, stage: Stage, outcome: Outcome) -> Kind {
+pub(super) const fn kind(name: &'static str, defect: Defect, stage: Stage, outcome: Outcome) -> Kind {
     Kind { name, defect, stage, outcome }
 }
 
@@ -81,7 +84,7 @@ pub(super) const MOST_WRONG: (f64, f64) = (30.0, 0.05);
 use Defect::*;
 use Stage::*;
 
-/// All of them.
+/// All of them, but for those of [two Halls](super::two_halls).
 pub(super) const KINDS: &[Kind] = &[
     kind("over-voltage", OverVoltage, Running, AT_ONCE),
     kind("under-voltage", UnderVoltage, Running, AT_ONCE),
@@ -142,6 +145,8 @@ impl Kind {
         let emf_v = |speed: f64| 1.8 * speed * f64::from(motor.pole_pairs) * motor.back_emf.flux_linkage_vs;
         let bus_v = bench.parameters.bus.supply_v;
         match (self.defect, self.stage) {
+            // With two it is another matter.
+            _ if self.outcome == Outcome::NamedInATurn && bench.halls() == 2 => false,
             (Hot(1) | Thermistor(1, _), _) => bench.thermistors[1].is_some(),
             // Beyond the bus, the diodes pump it up first.
             (Driven, _) => slow && emf_v(1.5 * f64::from(SLOW_RAD_S)) < 0.9 * bus_v,

@@ -9,8 +9,12 @@ use hallservo::board::{Legs, LostPeriods};
 use hallservo::drive::{Command, Refusal, Reply};
 use hallservo::fault::{Fault, Limits};
 use hallservo::hall::model::Model;
+use hallservo::hall::pair::Pair;
+use hallservo::hall::plausibility::Implausible;
 use hallservo::mode::Mode;
 use hallservo::service::Event;
+use hallservo::service::adaptation::{Watch, torque_nm};
+use hallservo::telemetry::Record;
 use std::f64::consts::TAU;
 
 /// Longest check when the bridge is switched on, s.
@@ -20,7 +24,9 @@ const LONGEST_CHECK_S: f64 = 1.3;
 pub(super) struct Machine {
     pub rig: Rig,
     pub bench: Bench,
+    /// As it was calibrated, and what it takes for that.
     pub model: Model,
+    pub in_use: Model,
     pub motion: Option<Motion>,
     /// Something outside imposes the motion.
     pub held: bool,
@@ -28,6 +34,8 @@ pub(super) struct Machine {
     pub periods: u32,
     /// Whether every step that latched a fault switched the bridge off.
     pub off_at_once: bool,
+    /// What the tasks make of the records of two Halls.
+    watch: Watch,
     reply: Option<Reply>,
 }
 
@@ -61,7 +69,19 @@ impl Machine {
         rig.temperatures = bench.temperatures();
         let model = rig.calibrate(|_| ()).with_context(|| bench.describe())?.model;
         rig.run(0.2, |_, _| ());
-        Ok(Self { rig, bench, model, motion: None, held: false, periods: 0, off_at_once: true, reply: None })
+        let watch = if bench.halls() == 2 { Watch::Two(Pair::NEW) } else { Watch::Nothing };
+        Ok(Self {
+            rig,
+            bench,
+            model,
+            in_use: model,
+            motion: None,
+            held: false,
+            periods: 0,
+            off_at_once: true,
+            watch,
+            reply: None,
+        })
     }
 
     /// Watches the shaft from here on.
@@ -96,11 +116,30 @@ impl Machine {
     }
 
     fn serve(&mut self) {
-        while self.rig.service.measurement().is_some() {}
+        let torque_nm = self.mean_torque_nm();
         while let Some(event) = self.rig.service.poll() {
-            if let Event::Reply(reply) = event {
-                self.reply = Some(reply);
+            match event {
+                Event::Reply(reply) => self.reply = Some(reply),
+                Event::Record(record) => self.watch_halls(&record, torque_nm),
+                _ => {}
             }
+        }
+    }
+
+    /// Since the tasks looked last, as the drive measured it.
+    fn mean_torque_nm(&mut self) -> f32 {
+        let (mut sum, mut count) = (0.0, 0.0);
+        while let Some(measurement) = self.rig.service.measurement() {
+            sum += self.rig.config.control.map_or(0.0, |control| torque_nm(&measurement, &control));
+            count += 1.0;
+        }
+        if count > 0.0 { sum / count } else { 0.0 }
+    }
+
+    /// What the boards' tasks do with two Halls.
+    fn watch_halls(&mut self, record: &Record, torque_nm: f32) {
+        if self.watch.contradicts(record, &self.in_use, torque_nm, &self.rig.config) {
+            let _ = self.rig.service.trip(Fault::Hall(Implausible::Inconsistent));
         }
     }
 
@@ -179,6 +218,7 @@ impl Machine {
         if matches!(self.rig.drive.mode(), Mode::Faulted(_)) {
             self.ask(Command::Clear)??;
         }
+        self.in_use = self.model;
         super::defect::install(&mut self.rig, &self.model)?;
         match self.rig.drive.mode() {
             Mode::Ready => Ok(()),

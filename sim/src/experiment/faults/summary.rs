@@ -17,6 +17,18 @@ pub struct Kind {
     pub misnamed: u32,
     /// Named, but the shaft was moved too far the wrong way.
     pub moved: u32,
+    /// Where that is asked: the rotor turned faster than it may.
+    pub fast: u32,
+    /// Where that is asked: the true current was above its limit.
+    pub overloaded: u32,
+    /// Never named, and harm done.
+    pub harmful_unnamed: u32,
+    /// Never named, and none done.
+    pub harmless_unnamed: u32,
+    /// Time from the injection until half of those that were named had been, ms.
+    pub median_ms: f64,
+    /// The same for 99 % of them.
+    pub late_ms: f64,
     /// Longest from the injection (or from switching on) to the fault that names it, ms.
     pub worst_ms: f64,
     /// Of the faults that only a turning rotor shows: most electrical turns until then.
@@ -37,6 +49,9 @@ pub struct Kind {
     pub missed_in: BTreeMap<String, u32>,
     /// Where it was missed: some of them.
     pub missed_at: Vec<String>,
+    /// Of all that were named.
+    #[serde(skip)]
+    times_ms: Vec<f64>,
 }
 
 /// What became of one injection.
@@ -48,6 +63,11 @@ pub(super) struct Found {
     pub right: bool,
     /// It said something else.
     pub misnamed: bool,
+    /// It said anything.
+    pub named: bool,
+    /// The rotor turned faster than it may, or the current was above its limit, where that is asked.
+    pub fast: bool,
+    pub overloaded: bool,
     /// Whether the time counts.
     pub seconds: f64,
     pub turns: f64,
@@ -66,6 +86,8 @@ pub(super) struct Found {
 pub struct Summary {
     /// Seed.
     pub seed: u64,
+    /// Sensors of the drives.
+    pub halls: u8,
     /// Faults injected.
     pub injected: u32,
     /// Faults found and named in time, the shaft not moved too far the wrong way.
@@ -118,8 +140,16 @@ fn some_of(examples: &mut Vec<String>, others: &[String], most: usize) {
 }
 
 impl Summary {
-    pub(super) fn new(seed: u64) -> Self {
-        Self { seed, bridge_off_within_one_period: true, ..Self::default() }
+    pub(super) fn new(seed: u64, halls: u8) -> Self {
+        Self { seed, halls, bridge_off_within_one_period: true, ..Self::default() }
+    }
+
+    /// Of all its parts, the times by when so many were named.
+    pub(super) fn finish(&mut self) {
+        for kind in self.kinds.values_mut() {
+            kind.times_ms.sort_by(f64::total_cmp);
+            (kind.median_ms, kind.late_ms) = (kind.time_ms(0.5), kind.time_ms(0.99));
+        }
     }
 
     /// Adds another part of the campaign.
@@ -149,7 +179,8 @@ impl Summary {
     /// Counts an injection.
     pub(super) fn count(&mut self, name: &str, found: Found, most_wrong: (f64, f64)) {
         let moved = found.wrong_deg > most_wrong.0 || found.wrong_ms > 1e3 * most_wrong.1;
-        let detected = found.right && !moved;
+        let harmful = moved || found.fast || found.overloaded;
+        let detected = found.right && !harmful;
         self.injected += 1;
         self.detected += u32::from(detected);
         self.missed += u32::from(!detected);
@@ -159,6 +190,11 @@ impl Summary {
             unnoticed: (!found.right && !found.misnamed).into(),
             misnamed: found.misnamed.into(),
             moved: (found.right && moved).into(),
+            fast: (found.right && found.fast).into(),
+            overloaded: (found.right && found.overloaded).into(),
+            harmful_unnamed: (!found.named && harmful).into(),
+            harmless_unnamed: (!found.named && !harmful).into(),
+            times_ms: if found.named { vec![1e3 * found.seconds] } else { Vec::new() },
             worst_current_a: found.current_a,
             worst_current: found.current,
             worst_bus: found.bus,
@@ -191,6 +227,9 @@ impl Summary {
             "unnoticed",
             "misnamed",
             "moved",
+            "fast",
+            "current",
+            "half, ms",
             "ms",
             "A",
             "of the limit",
@@ -217,6 +256,11 @@ impl Kind {
         self.unnoticed += other.unnoticed;
         self.misnamed += other.misnamed;
         self.moved += other.moved;
+        self.fast += other.fast;
+        self.overloaded += other.overloaded;
+        self.harmful_unnamed += other.harmful_unnamed;
+        self.harmless_unnamed += other.harmless_unnamed;
+        self.times_ms.extend(&other.times_ms);
         for (worst, value) in [
             (&mut self.worst_ms, other.worst_ms),
             (&mut self.worst_turns, other.worst_turns),
@@ -233,6 +277,12 @@ impl Kind {
         some_of(&mut self.missed_at, &other.missed_at, EXAMPLES);
     }
 
+    /// By when a share of those that were named was named.
+    fn time_ms(&self, share: f64) -> f64 {
+        let last = self.times_ms.len().saturating_sub(1);
+        self.times_ms.get((share * last as f64).ceil() as usize).copied().unwrap_or(0.0)
+    }
+
     fn row(&self, name: &str) -> Vec<String> {
         let mut reported: Vec<_> = self.reported.iter().collect();
         reported.sort_by(|a, b| b.1.cmp(a.1).then(a.0.cmp(b.0)));
@@ -244,6 +294,9 @@ impl Kind {
             self.unnoticed.to_string(),
             self.misnamed.to_string(),
             self.moved.to_string(),
+            self.fast.to_string(),
+            self.overloaded.to_string(),
+            format!("{:.2}", self.median_ms),
             format!("{:.2}", self.worst_ms),
             format!("{:.2}", self.worst_current_a),
             format!("{:.2}", self.worst_current),

@@ -16,7 +16,7 @@ use std::error::Error;
 
 const ADC_BITS: u8 = 12;
 
-pub(crate) fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Result<(), Box<dyn Error>> {
     // Three imperfect sensors: misplaced by up to 8°, unequal, offset, distorted and noisy, at 1 kHz.
     let motor = PlantParameters::imperfect(1);
     let parameters = BenchParameters {

@@ -17,7 +17,7 @@ use std::error::Error;
 static CHANNELS: ConstStaticCell<Channels> = ConstStaticCell::new(Channels::new());
 static ESTIMATORS: [ConstStaticCell<Estimator>; 2] = [const { ConstStaticCell::new(Estimator::blank()) }; 2];
 
-pub(crate) fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Result<(), Box<dyn Error>> {
     let config = Settings { pole_pairs: 4, ..Settings::default() }.validate()?;
     let (interrupt, tasks) = CHANNELS.take().split();
     let mut drive = Drive::new(config, interrupt);

@@ -59,7 +59,7 @@ impl Port {
     }
 }
 
-pub(crate) fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Result<(), Box<dyn Error>> {
     let [first, second] = MEMORY.each_ref().map(ConstStaticCell::take);
     let motor = Motor::new(1, world::settings().validate()?.period)?;
     let (mut port, mut tool) = (Port::power_up(motor, first)?, Tool::default());

@@ -38,7 +38,7 @@ fn tasks(supervisor: &mut Supervisor<Flash>, now_ms: u64, line: &mut Line) {
     line.from_drive.extend(&bytes[..length]);
 }
 
-pub(crate) fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Result<(), Box<dyn Error>> {
     let settings = world::settings();
     let identity = Identity { board: "my board", firmware: "1.0" };
     let (drive, supervisor) = Supervisor::start(identity, settings, Flash::second(), 0, MEMORY.take())?;

@@ -19,7 +19,7 @@ use std::error::Error;
 /// Samples a turn while calibrating.
 const SAMPLES: f64 = 8000.0;
 
-pub(crate) fn main() -> Result<(), Box<dyn Error>> {
+fn main() -> Result<(), Box<dyn Error>> {
     // Rings 0.05 mm off their axis, 2 mm a pole pair, with heads on opposite sides; readings of 12 bits.
     let rings = Rings::new(37, 45, 12)?;
     let imperfect = Imperfections {

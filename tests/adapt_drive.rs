@@ -78,9 +78,11 @@ fn warmed(seed: u64, publish: bool) -> (Statistics, u32) {
     (by_angle.means(20.0).map(|(_, mean)| mean).collect(), adapted.published)
 }
 
+/// The short form has two of four motors.
 #[test]
 fn a_running_drive_takes_up_what_is_learnt() {
-    let results = (1..5).into_par_iter().map(|seed| (warmed(seed, true), warmed(seed, false))).collect::<Vec<_>>();
+    let results =
+        (1..sim::of(3, 5)).into_par_iter().map(|seed| (warmed(seed, true), warmed(seed, false))).collect::<Vec<_>>();
     for ((adapted, published), (untouched, _)) in results {
         println!("{published} models, systematic {:.3}°; without {:.3}°", adapted.rms(), untouched.rms());
         assert!(published > 100);
@@ -176,9 +178,13 @@ fn swinging(seed: u64, tell: bool) -> (Statistics, f64) {
     (error, told / exact)
 }
 
+/// The short form has two of four motors.
 #[test]
 fn the_current_s_torque_helps_to_follow() {
-    let results = (1..5).into_par_iter().map(|seed| (swinging(seed, true), swinging(seed, false))).collect::<Vec<_>>();
+    let results = (1..sim::of(3, 5))
+        .into_par_iter()
+        .map(|seed| (swinging(seed, true), swinging(seed, false)))
+        .collect::<Vec<_>>();
     for ((with, share), (without, _)) in results {
         println!("{:.3}°, torque {share:.3} of the motor's; not told {:.3}°", with.rms(), without.rms());
         assert!((share - 1.0).abs() < 0.03, "{share}");

@@ -20,10 +20,11 @@ fn rms_deg(outcomes: &[Outcome]) -> f64 {
     (outcomes.iter().map(|outcome| outcome.error_deg_rms.powi(2)).sum::<f64>() / outcomes.len() as f64).sqrt()
 }
 
+/// The short form has one rotor of each kind, and of the motions every other one in turn.
 #[test]
 fn healthy_halls_are_never_declared_lost_and_learning_does_no_harm() {
-    for kind in kinds() {
-        for motion in MOTIONS {
+    for (number, kind) in kinds().into_iter().enumerate() {
+        for motion in MOTIONS.into_iter().skip(sim::of(number % 2, 0)).step_by(sim::of(2, 1)) {
             let [learning, following] = [true, false].map(|learns| {
                 let run = |seed| rotors::run(rotors::trial(seed, &kind.unevenness, motion, learns).unwrap(), SECONDS);
                 (0..sim::rotors(sim::of(1, 3))).into_par_iter().map(run).collect::<Vec<_>>()

@@ -15,6 +15,7 @@ mod examples;
 mod heat;
 mod identify;
 mod impedance;
+mod known;
 mod magnets;
 mod motors;
 mod pole_pairs;

@@ -153,15 +153,16 @@ fn jobs() -> Vec<(Case, Unlike)> {
     jobs.step_by(sim::of(4, 1)).collect()
 }
 
-/// From near ones to those that reach the largest speed.
+/// From near ones to those that reach the largest speed; the short form makes two of the four ways, in turn.
 #[test]
 fn a_move_ends_at_its_goal() {
-    let rows = jobs().into_par_iter().flat_map_iter(|(case, unlike)| {
+    let rows = jobs().into_par_iter().enumerate().flat_map_iter(|(number, (case, unlike))| {
         let mut rig = armed(&other(case, &unlike), [1.0; 3]);
         rig.run(0.3, |_, _| ());
         let full = stopping_turns(&case);
         let mut rows = vec![];
-        for turns in [1.0, 0.3 * full, -full, 2.5 * full] {
+        let ways = [1.0, 0.3 * full, -full, 2.5 * full].into_iter();
+        for turns in ways.skip(sim::of(number % 2, 0)).step_by(sim::of(2, 1)) {
             let goal = here(&rig) + turns;
             let seconds = 3.0 + turns.abs() * TAU / f64::from(case.speed_rad_s);
             let way = travel(&mut rig, goal, seconds);
@@ -179,12 +180,12 @@ fn a_move_ends_at_its_goal() {
     judge(rows.collect());
 }
 
-/// It brakes as a stop does, and comes back.
+/// It brakes as a stop does, and comes back. The short form makes it from the one speed and from the other in turn.
 #[test]
 fn a_position_commanded_at_speed_is_come_back_to() {
-    let rows = jobs().into_par_iter().flat_map_iter(|(case, unlike)| {
+    let rows = jobs().into_par_iter().enumerate().flat_map_iter(|(number, (case, unlike))| {
         let mut rows = vec![];
-        for (share, direction) in [(0.4, 1.0_f32), (1.0, -1.0)] {
+        for (share, direction) in sim::either(number, [(0.4, 1.0_f32), (1.0, -1.0)]) {
             let case = other(case, &unlike);
             let mut rig = armed(&case, [1.0; 3]);
             let mut stop = f64::NAN;
@@ -219,13 +220,14 @@ fn a_position_commanded_at_speed_is_come_back_to() {
     judge(rows.collect());
 }
 
-/// A commanded speed that a rotor cannot follow at once waits for it; a position that is commanded meanwhile does not.
+/// A commanded speed that a rotor cannot follow at once waits for it; a position that is commanded meanwhile does not. The
+/// short form begins in the one direction and in the other in turn.
 #[test]
 fn a_position_follows_a_speed_that_waits() {
-    for (case, unlike) in jobs().iter().filter(|(case, _)| case.name != "default") {
+    for (number, (case, unlike)) in jobs().iter().filter(|(case, _)| case.name != "default").enumerate() {
         let case = other(*case, unlike);
         let mut rig = armed(&case, [1.0; 3]);
-        for direction in [1.0, -1.0] {
+        for direction in sim::either(number, [1.0, -1.0]) {
             speed(&mut rig, direction * case.speed_rad_s);
             rig.run(2.5, |_, _| ());
             speed(&mut rig, -direction * case.speed_rad_s);
@@ -241,10 +243,12 @@ fn a_position_follows_a_speed_that_waits() {
     }
 }
 
-/// Light and heavy ones, of a low resistance, with the settings that commissioning has left.
+/// Light and heavy ones, of a low resistance, with the settings that commissioning has left. The short form has the
+/// lightest, the one of the least resistance, and the heaviest.
 #[test]
 fn commissioned_motors_reach_their_goals() {
-    let names = std::env::var("MOTORS").unwrap_or("drone-15uh drone-20uh drone-loose 20mohm hub".into());
+    let names = sim::of("drone-20uh 20mohm hub", "drone-15uh drone-20uh drone-loose 20mohm hub");
+    let names = std::env::var("MOTORS").unwrap_or(names.into());
     let all = names == "all";
     let motors: Vec<_> = MOTORS.iter().filter(|motor| all || names.split(' ').any(|name| name == motor.name)).collect();
     let rows = motors.par_iter().flat_map_iter(|motor| {
@@ -287,6 +291,7 @@ fn commissioned_motors_reach_their_goals() {
 }
 
 /// Uneven magnets make the measured speed of a heavy rotor swing, which is neither a wrong commutation nor a rotor that is lost.
+/// The short form has one rotor of each motor, and stops it six times instead of twelve: from each speed, on the way to each.
 #[test]
 fn a_heavy_rotor_of_uneven_magnets_is_stopped_by_a_position() {
     let motors: Vec<_> = MOTORS.iter().filter(|motor| ["paper-heavy", "drone-heavy"].contains(&motor.name)).collect();
@@ -303,7 +308,7 @@ fn a_heavy_rotor_of_uneven_magnets_is_stopped_by_a_position() {
         rig.arm().unwrap();
         let most = rig.control().unwrap().largest_speed_rad_s();
         let mut rows = vec![];
-        for k in 0..12_u8 {
+        for k in 0..sim::of(6, 12_u8) {
             let share = [0.25, -0.25, 0.6, -0.6][usize::from(k % 4)];
             speed(&mut rig, share * most);
             rig.run(3.0, |_, _| ());

@@ -51,9 +51,10 @@ fn net_torque(rig: &mut Rig) -> f64 {
     by_angle.means(1.0).map(|(_, torque)| torque).collect::<Statistics>().rms()
 }
 
+/// The short form has one motor with each of the bandwidths.
 #[test]
 fn the_procedure_balances_the_cogging_and_ends_at_rest() {
-    for (seed, bandwidths) in [(1, SMOOTH), (2, SMOOTH), (3, STIFF)] {
+    for (seed, bandwidths) in [(1, SMOOTH), (2, SMOOTH), (3, STIFF)].into_iter().step_by(sim::of(2, 1)) {
         let mut plant = PlantParameters::imperfect(seed);
         // Twice the friction: it must not get into the table.
         plant.motor.friction = Friction { viscous_nms: 2e-6, coulomb_nm: 1e-3, breakaway_nm: 1.2e-3 };
@@ -133,14 +134,15 @@ fn what_is_alike_at_all_poles_is_not_taken_for_different() {
     });
 }
 
-/// The table of another motor, at motors with cogging of their own, and at one without.
+/// The table of another motor, at motors with cogging of their own, and at one without: at one in the short form, at two in
+/// the whole one, and at more with ROTORS.
 #[test]
 fn a_table_of_another_motor_is_not_used_for_long() {
     let mut rig = experiment::commissioned(motor("gimbal-7"), 12, 0.5, 3).unwrap();
     rig.learn(&Plan::new(&rig.config).unwrap()).unwrap();
     let table = *rig.by_pole.table().unwrap();
     let cases = [(9, 0.5), (15, 0.5), (12, 0.0), (3, 1.0)];
-    let count = (sim::rotors(2) as usize).min(cases.len());
+    let count = (sim::rotors(sim::of(1, 2)) as usize).min(cases.len());
     cases[..count].par_iter().for_each(|&(slots, share)| {
         let mut rig = experiment::commissioned(motor("gimbal-7"), slots, share, 4).unwrap();
         rig.by_pole.set(Some(table));

@@ -1,5 +1,6 @@
 //! What heats motor and bridge is limited first and switched off then; a thermistor that tells nothing is a fault.
 
+use crate::known;
 use hallservo::board::TemperatureCode;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
@@ -20,8 +21,7 @@ fn settings(control: Control) -> Settings {
 fn blocked(settings: &Settings, resistance: f64) -> Rig {
     let mut plant = PlantParameters::imperfect(1);
     plant.motor.resistance_ohm *= resistance;
-    let mut rig = Rig::new(&plant, settings, 1).unwrap();
-    rig.calibrate(|_| ()).unwrap();
+    let mut rig = known::rig(&plant, settings, 1).unwrap();
     rig.run(0.1, |_, _| ());
     rig.plant.set_dyno(Some(0.0)).unwrap();
     rig.command(Command::Arm).unwrap();
@@ -248,14 +248,18 @@ fn warmest(speed_rad_s: f64, settings: &Settings) -> (f64, f64) {
     (most, off)
 }
 
+/// The short form blocks the rotor and turns it one way; how warm it gets without the measurement is seen once.
 #[test]
 fn a_winding_that_warms_twice_as_far_is_seen_by_its_resistance() {
+    let allowed = f64::from(ALLOWED_K);
     for speed_rad_s in [0.0, 8.0, -15.0].into_iter().step_by(sim::of(2, 1)) {
-        let (without, _) = warmest(speed_rad_s, &warming(0.0));
+        if speed_rad_s == 0.0 || sim::of(false, true) {
+            let (without, _) = warmest(speed_rad_s, &warming(0.0));
+            println!("{speed_rad_s} rad/s: {without:.1} K without");
+            assert!(without > 1.5 * allowed, "{without:.1} K");
+        }
         let (with, off) = warmest(speed_rad_s, &warming(ALLOWED_K));
-        println!("{speed_rad_s} rad/s: {without:.1} K without, {with:.1} K with, off by {off:.1} K");
-        let allowed = f64::from(ALLOWED_K);
-        assert!(without > 1.5 * allowed, "{without:.1} K");
+        println!("{speed_rad_s} rad/s: {with:.1} K with, off by {off:.1} K");
         assert!(with < allowed + ERROR_K && off < ERROR_K, "{with:.1} K, off by {off:.1} K");
     }
 }

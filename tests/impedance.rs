@@ -1,6 +1,7 @@
 //! Impedance control at simulated motors: stiffness and damping as commanded, and passive at a hard wall, whatever rotor,
 //! load and bearings.
 
+use crate::known;
 use hallservo::commutation::Commutation;
 use hallservo::control::impedance::{Motion, Request};
 use hallservo::drive::Command;
@@ -12,8 +13,16 @@ use rayon::prelude::*;
 use sim::rig::Rig;
 use std::f64::consts::{PI, TAU};
 
-/// Rotors that are tried.
-const ROTORS: u64 = 8;
+/// Rotors that are tried: three in the short form, each with every gain.
+fn rotors() -> u64 {
+    sim::of(3, 8)
+}
+
+/// The same of those that meet a wall.
+fn at_walls() -> u64 {
+    sim::of(2, 4)
+}
+
 /// Stiffness of a wall per inertia up to which nothing swings on, N·m/rad per kg·m²: at 142 Hz. Beyond, the tracker turns
 /// the damping about.
 const WALL: f64 = 8e5;
@@ -50,8 +59,7 @@ fn rotor(seed: u64, load: f64, friction: bool, magnets: Magnets) -> PlantParamet
 fn armed(seed: u64, load: f64, friction: bool, magnets: Magnets, change: impl Fn(&mut Control)) -> Rig {
     let mut settings = settings(PlantParameters::imperfect(seed).motor.inertia_kgm2);
     settings.control.iter_mut().for_each(change);
-    let mut bare = Rig::new(&rotor(seed, 1.0, true, magnets), &settings, seed).unwrap();
-    let model = bare.calibrate(|_| ()).unwrap().model;
+    let model = known::model(&rotor(seed, 1.0, true, magnets), &settings, seed);
     let mut rig = Rig::new(&rotor(seed, load, friction, magnets), &settings, seed).unwrap();
     rig.run(0.02, |_, _| ());
     rig.service.install(&model).unwrap();
@@ -110,7 +118,7 @@ fn the_stiffness_is_as_commanded() {
     for (share, magnets, most) in
         [(0.05, Magnets::Even, 0.03), (0.3, Magnets::Even, 0.03), (0.3, Magnets::Eccentric, 0.03)]
     {
-        let error = worst(ROTORS, |seed| {
+        let error = worst(rotors(), |seed| {
             let mut rig = armed(seed, 1.0, true, magnets, |_| ());
             let kp = share * largest(&rig)[0];
             let origin = rig.plant.truth().mechanical_angle_rad;
@@ -151,7 +159,7 @@ fn the_damping_is_as_commanded() {
         (0.05, 0.5, 15.0, Magnets::Even, 0.05),
         (0.3, 0.3, 5.0, Magnets::Eccentric, 0.05),
     ] {
-        let error = worst(ROTORS, |seed| {
+        let error = worst(rotors(), |seed| {
             let mut rig = armed(seed, 1.0, true, magnets, |_| ());
             let most = largest(&rig);
             let (kp, kd) = (kp * most[0], kd * most[1]);
@@ -226,7 +234,7 @@ fn a_hard_wall_is_met_without_swinging_on() {
     // Bare and with loads that the settings do not know; shares of the largest gains.
     for load in [1.0, 3.0, 10.0] {
         for (kp, kd) in [(0.2, 0.2), (0.8, 0.9)] {
-            let left = worst(4, |seed| {
+            let left = worst(at_walls(), |seed| {
                 let mut rig = armed(seed, load, false, Magnets::Even, |_| ());
                 let [most_kp, most_kd] = largest(&rig);
                 let inertia = load * PlantParameters::imperfect(seed).motor.inertia_kgm2;
@@ -242,7 +250,7 @@ fn a_hard_wall_is_met_without_swinging_on() {
 
 #[test]
 fn half_the_inertia_is_still_stable() {
-    let left = worst(4, |seed| {
+    let left = worst(at_walls(), |seed| {
         let mut rig = armed(seed, 0.5, false, Magnets::Even, |_| ());
         let [kp, kd] = largest(&rig);
         let energies = impact(&mut rig, 0.5, kp, kd, 0.0);
@@ -255,7 +263,7 @@ fn half_the_inertia_is_still_stable() {
 
 #[test]
 fn at_any_wall_the_shaft_hums_but_no_more() {
-    let left = worst(4, |seed| {
+    let left = worst(at_walls(), |seed| {
         let mut rig = rig(seed);
         let [kp, kd] = largest(&rig);
         let energies = impact(&mut rig, 1.0, 0.2 * kp, 0.5 * kd, 200.0);
@@ -312,7 +320,7 @@ fn a_free_motor_goes_any_way_by_a_weak_spring() {
         }
     }
     // The short form has every gain, every way, and the last, which swings past the farthest.
-    let ways: Vec<_> = ways.into_iter().enumerate().rev().step_by(sim::of(4, 1)).collect();
+    let ways: Vec<_> = ways.into_iter().enumerate().rev().step_by(sim::of(5, 1)).collect();
     ways.into_par_iter().for_each(|(number, (kp, kd, turns, load))| {
         let past = overshoot(1 + number as u64 % 3, load, kp, kd, turns);
         // The weakest damper of these lets it swing past by 2.4 turns of ten; the others stay within one.

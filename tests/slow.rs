@@ -12,11 +12,14 @@ fn length([a, b, c]: [f64; 3]) -> f64 {
     ((a * a + b * b + c * c) * 2.0 / 3.0).sqrt()
 }
 
+/// The short form has every other of the largest speeds.
 #[test]
 fn an_armed_drive_with_a_small_largest_speed_is_at_rest() {
     for case in [supply::default_motor(), supply::drone(), supply::hub()] {
-        for (max_speed_rad_s, free) in
-            [0.2, 0.5, 1.0, 2.0, 5.0, 20.0].into_iter().flat_map(|max| [(max, false), (max, true)])
+        for (max_speed_rad_s, free) in [0.2, 0.5, 1.0, 2.0, 5.0, 20.0]
+            .into_iter()
+            .step_by(sim::of(2, 1))
+            .flat_map(|max| [(max, false), (max, true)])
         {
             let mut plant = case.plant;
             if free {

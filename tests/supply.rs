@@ -1,5 +1,6 @@
 //! Braking into a supply that takes nothing back, and driving from one that gives little.
 
+use crate::known;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::fault::Limits;
@@ -133,8 +134,7 @@ pub(crate) fn armed(case: &Case, unlike: [f64; 3]) -> Rig {
     plant.motor.resistance_ohm *= unlike[0];
     plant.motor.back_emf.flux_linkage_vs *= unlike[1];
     plant.bus.capacitance_f *= unlike[2];
-    let mut rig = Rig::new(&plant, &case.settings, 1).unwrap();
-    rig.calibrate(|_| ()).unwrap();
+    let mut rig = known::rig(&plant, &case.settings, 1).unwrap();
     rig.run(0.1, |_, _| ());
     rig.command(Command::Arm).unwrap();
     rig

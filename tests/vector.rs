@@ -1,5 +1,6 @@
 //! The length of the current's vector is what is commanded, whatever the commutation and the speed.
 
+use crate::known;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
@@ -65,8 +66,7 @@ fn hub() -> Case {
 fn armed((_, plant, settings, _): &Case, commutation: Commutation) -> Rig {
     let mut plant = *plant;
     plant.bus.regenerative = true;
-    let mut rig = Rig::new(&plant, &Settings { commutation, ..*settings }, 1).unwrap();
-    rig.calibrate(|_| ()).unwrap();
+    let mut rig = known::rig(&plant, &Settings { commutation, ..*settings }, 1).unwrap();
     rig.run(0.2, |_, _| ());
     rig.command(Command::Arm).unwrap();
     rig

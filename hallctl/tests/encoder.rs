@@ -19,11 +19,12 @@ fn random(seed: u64) -> Pcg64 {
     Pcg64::seed_from_u64(seed)
 }
 
+/// The short form goes over a quarter of them.
 #[test]
 fn the_position_is_absolute_after_each_of_a_thousand_power_ups_without_motion() {
     let mut random = random(1);
     let mut errors = Vec::new();
-    for number in 0..1000 {
+    for number in 0..sim::of(250, 1000) {
         let shaft_rad = random.random_range(-TAU..TAU);
         let mut drive = calibrated(shaft_rad, number);
         // A brake holds the shaft.
@@ -37,15 +38,17 @@ fn the_position_is_absolute_after_each_of_a_thousand_power_ups_without_motion() 
     let without: Vec<f64> = errors.iter().map(|error| error - mean).collect();
     let rms = (without.iter().map(|error| error * error).sum::<f64>() / without.len() as f64).sqrt();
     let largest = without.iter().fold(0.0_f64, |most, error| most.max(error.abs()));
-    println!("1000 power-ups: constant {mean:.4}°, {rms:.4}° RMS, {largest:.4}° at most beyond that");
+    println!("{} power-ups: constant {mean:.4}°, {rms:.4}° RMS, {largest:.4}° at most beyond that", errors.len());
     assert!(rms <= 0.005 && largest <= 0.02, "{rms} {largest}");
 }
 
+/// The short form breaks 40 drives in each of the four ways, not 100.
 #[test]
 fn at_power_up_no_defect_makes_a_wrong_pole_pair() {
     let mut random = random(2);
     let mut told = [0; 4];
-    for number in 0..400 {
+    let each = sim::of(40, 100);
+    for number in 0..4 * each {
         let mut drive = calibrated(random.random_range(0.0..TAU), number);
         let ring = random.random_range(0..2);
         let kind = number as usize % 4;
@@ -73,10 +76,10 @@ fn at_power_up_no_defect_makes_a_wrong_pole_pair() {
         }
     }
     println!(
-        "of 100 each told at power-up: stuck {}, slipped {}, both slipped {}, chipped {}",
+        "of {each} each told at power-up: stuck {}, slipped {}, both slipped {}, chipped {}",
         told[0], told[1], told[2], told[3]
     );
-    assert!(told.iter().all(|&told| told > 30), "{told:?}");
+    assert!(told.iter().all(|&told| told > 3 * each / 10), "{told:?}");
 }
 
 /// Multi-turn position of the drive, mechanical degrees off.

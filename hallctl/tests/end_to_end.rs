@@ -247,18 +247,23 @@ fn what_is_no_drive_is_told_apart() {
 
 #[test]
 fn a_line_that_loses_frames_is_asked_again() {
-    let drive = Drive::start(&[]);
-    // The first three are those of every command: who is there, and no telemetry.
-    for lost in 1..=3 {
-        let port = lossy(&drive.port, lost);
-        // Asked again after a quarter of it.
-        let output = call(&port, &["--alone", "--patience", "8", "status"]);
-        assert!(output.status.success(), "{lost}: {}", String::from_utf8_lossy(&output.stderr));
-        assert!(String::from_utf8(output.stdout).unwrap().contains("unarmed"));
-    }
-    // What may have begun is not begun again.
-    assert!(fails(&lossy(&drive.port, 3), 4, &["--alone", "--patience", "3", "calibrate"]).contains("no answer"));
-    assert!(drive.ok(&["status"]).contains("unarmed: bridge off, not calibrated"));
+    // They wait on the wall, so all at once.
+    thread::scope(|scope| {
+        // The first three are those of every command: who is there, and no telemetry.
+        for lost in 1..=3 {
+            scope.spawn(move || {
+                let drive = Drive::start(&[]);
+                // Asked again after a quarter of it.
+                let output = call(&lossy(&drive.port, lost), &["--alone", "--patience", "8", "status"]);
+                assert!(output.status.success(), "{lost}: {}", String::from_utf8_lossy(&output.stderr));
+                assert!(String::from_utf8(output.stdout).unwrap().contains("unarmed"));
+            });
+        }
+        // What may have begun is not begun again.
+        let drive = Drive::start(&[]);
+        assert!(fails(&lossy(&drive.port, 3), 4, &["--alone", "--patience", "3", "calibrate"]).contains("no answer"));
+        assert!(drive.ok(&["status"]).contains("unarmed: bridge off, not calibrated"));
+    });
 }
 
 /// A line to a port that loses the `lost`th frame on the way there.

@@ -113,10 +113,11 @@ fn find(drive: &mut Simulator, rad_s: f32, longest_ms: u64) -> bool {
     magnets(drive).state == Use::Used
 }
 
+/// The short form leaves out one of two cheap rotors, and a second power-up of each.
 #[test]
 fn a_map_is_learnt_used_stored_and_found_again_after_power_up() {
     let mut random = Pcg64::seed_from_u64(1);
-    for (seed, times) in [(1, 1.0), (2, 1.0), (3, 0.25)] {
+    for (seed, times) in [(1, 1.0), (2, 1.0), (3, 0.25)].into_iter().step_by(sim::of(2, 1)) {
         let plant = uneven(seed, times);
         let mut drive = calibrated(&plant, seed);
         arm(&mut drive);
@@ -135,7 +136,7 @@ fn a_map_is_learnt_used_stored_and_found_again_after_power_up() {
         let (said, kept) = (f64::from(without_deg), f64::from(with_deg));
         assert!((said - before).abs() < 0.15 * before + 0.05 && (kept - after).abs() < 0.05, "{seed}");
         let flash = drive.flash();
-        for _ in 0..sim::rotors(2).min(4) {
+        for _ in 0..sim::rotors(sim::of(1, 2)).min(4) {
             let mut drive = at(&plant, seed, Flash::of(flash.clone()));
             drive.plant.place(random.random_range(0.0..TAU), 0.0).unwrap();
             run(&mut drive, 20);
@@ -152,12 +153,12 @@ fn a_map_is_learnt_used_stored_and_found_again_after_power_up() {
     }
 }
 
+/// The short form goes over every other speed and time between the reversals.
 #[test]
 fn a_map_is_found_while_the_motor_reverses_and_never_at_a_wrong_pole() {
     let plant = uneven(1, 1.0);
-    for (number, (speed, period)) in
-        [(100.0, 2), (60.0, 5), (30.0, 10), (200.0, 3), (10.0, 40), (100.0, 1)].into_iter().enumerate()
-    {
+    let ways = [(100.0, 2), (60.0, 5), (30.0, 10), (200.0, 3), (10.0, 40), (100.0, 1)];
+    for (number, (speed, period)) in ways.into_iter().enumerate().skip(sim::of(1, 0)).step_by(sim::of(2, 1)) {
         let mut drive = powered_up(&plant, LEARNT.clone(), 1.7 * number as f64);
         arm(&mut drive);
         let mut found = false;
@@ -221,21 +222,32 @@ fn a_rotor_swapped_while_the_map_is_at_work_ends_it() {
     assert!(error(&mut drive, 100.0) < 0.2);
 }
 
-/// What shakes the rotor faster than its torque is measured tells nothing of the map, at a board's motor and at a light one.
+/// What shakes the rotor faster than its torque is measured tells nothing of the map.
+fn a_map_stays_in_use_while_it_is_shaken(options: &[&str], prepare: &[&str], shaken: &[&[&str]]) {
+    let drive = Drive::start(options);
+    drive.ok(prepare);
+    drive.ok(&["magnets", "learn"]);
+    for shaken in shaken {
+        drive.ok(shaken);
+        let shown = drive.ok(&["magnets", "show"]);
+        assert!(shown.contains("The map is in use"), "{options:?} {shaken:?}: {shown}");
+    }
+}
+
+const SHAKEN: [&[&str]; 4] = [&["tune"], &["chirp", "speed"], &["tune"], &["tune"]];
+
+/// The short form tunes once, not three times.
 #[test]
 fn a_map_stays_in_use_while_the_loops_are_tuned_and_swept() {
+    a_map_stays_in_use_while_it_is_shaken(&["--uneven", "1"], &["calibrate"], &SHAKEN[..sim::of(2, 4)]);
+}
+
+/// The short form only sweeps it: steps are made at the motor above.
+#[test]
+fn a_map_stays_in_use_while_a_light_motor_is_tuned_and_swept() {
     let commission = ["commission", "--max-current", "2", "--pole-pairs", "11", "--yes"];
     let gimbal = ["--uneven", "1", "--motor", "gimbal-11"];
-    for (options, prepare) in [(&gimbal[..2], &["calibrate"][..]), (&gimbal[..], &commission[..])] {
-        let drive = Drive::start(options);
-        drive.ok(prepare);
-        drive.ok(&["magnets", "learn"]);
-        for shaken in [&["tune"][..], &["chirp", "speed"], &["tune"], &["tune"]].into_iter().take(sim::of(2, 4)) {
-            drive.ok(shaken);
-            let shown = drive.ok(&["magnets", "show"]);
-            assert!(shown.contains("The map is in use"), "{options:?} {shaken:?}: {shown}");
-        }
-    }
+    a_map_stays_in_use_while_it_is_shaken(&gimbal, &commission, sim::of(&SHAKEN[1..2], &SHAKEN));
 }
 
 #[test]
@@ -297,10 +309,11 @@ fn a_map_counts_the_other_way_when_the_drive_does() {
     assert_eq!(magnets(&mut drive).state, Use::Used);
 }
 
+/// The short form cuts the power before, in the middle of and near the end of what is written.
 #[test]
 fn a_power_cut_while_the_map_is_saved_leaves_the_one_before_or_the_new_one() {
     let plant = uneven(1, 1.0);
-    for cut in [0, 1, 2, 40, 80, 130, 131, 132, 140].into_iter().step_by(sim::of(2, 1)) {
+    for cut in [0, 1, 2, 40, 80, 130, 131, 132, 140].into_iter().step_by(sim::of(3, 1)) {
         let flash = Flash::of(LEARNT.clone());
         let mut drive = at(&plant, 1, flash.clone());
         run(&mut drive, 20);

@@ -159,11 +159,12 @@ fn no_calibration_is_a_fault_of_the_client_alone() {
     assert_eq!(mode(&mut drive), (0, 0));
 }
 
-/// "Not a number" elsewhere means for ever.
+/// "Not a number" elsewhere means for ever. The short form leaves out the number that is only too large.
 #[test]
 fn no_watchdog_of_a_client_is_for_ever() {
     // As MOVE, and the time-out, register 0x27, which counts from the line, the check at arming included.
-    for [timeout, holds_s] in [[f32::NAN, 60.0], [f32::INFINITY, 60.0], [1e30, 60.0], [0.2, 0.2]] {
+    let cases = [[0.2, 0.2], [f32::NAN, 60.0], [f32::INFINITY, 60.0], [1e30, 60.0]];
+    for [timeout, holds_s] in cases.into_iter().take(sim::of(3, 4)) {
         let mut drive = ready();
         let timeout: String = timeout.to_le_bytes().iter().map(|byte| format!("{byte:02x}")).collect();
         line(&mut drive, &format!("can send 8001 01000a0e200000c07f0000803f0d27{timeout}"), 1200);

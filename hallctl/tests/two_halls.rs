@@ -206,7 +206,8 @@ fn after(drive: &mut Simulator, kind: Kind, rad_s: f32) -> Aftermath {
     }
 }
 
-/// The form for a night: `ROTORS=12 cargo test -p hallctl --test all two_halls -- --nocapture`.
+/// The short form breaks each Hall at one place, the whole one at two. The form for a night:
+/// `ROTORS=12 cargo test -p hallctl --test all two_halls -- --nocapture`.
 #[test]
 fn one_of_two_halls_that_fails_is_a_fault() {
     let (mut stuck, mut stalls, mut unnoticed, mut back_deg) = (0, 0, 0, 0.0_f64);
@@ -214,7 +215,7 @@ fn one_of_two_halls_that_fails_is_a_fault() {
         let plant = motor(apart_deg, seed);
         let flash = calibrated(&plant, seed).flash();
         for (hall, rad_s) in [0, 1].into_iter().flat_map(|hall| [1.0, -10.0, 60.0, -300.0].map(|speed| (hall, speed))) {
-            for when in (0..sim::rotors(2)).map(|k| 7 * k as u32) {
+            for when in (0..sim::rotors(sim::of(1, 2))).map(|k| 7 * k as u32) {
                 let running = |wire| {
                     let mut drive = with_flash(&plant, seed, Flash::of(flash.clone()));
                     done(&mut drive, Ask::Set { name: "halls", value: 2.0 });
@@ -263,9 +264,10 @@ fn keep(drive: &mut Simulator, what: Ask<'_>, milliseconds: u32) {
     }
 }
 
+/// The short form has one rotor with its Halls 90° apart and one with 120°, not each in both directions.
 #[test]
 fn healthy_halls_at_uneven_magnets_and_loads_are_not_taken_for_broken() {
-    for seed in 1..=sim::rotors(4) {
+    for seed in 1..=sim::rotors(sim::of(2, 4)) {
         let apart_deg = [90.0, -90.0, 120.0, -120.0][seed as usize % 4];
         let plant = simulate::uneven(motor(apart_deg, seed), 0.5, seed);
         let mut drive = calibrated(&plant, seed);

@@ -1,7 +1,7 @@
 //! Linear Hall sensors, with what is wrong with cheap ones, and with broken ones.
 
 use crate::error::{Error, finite, not_negative, positive, require};
-use crate::magnets::Magnets;
+use crate::magnets::{Magnets, Neighbours};
 use crate::noise::Noise;
 use crate::phasor::Phasor;
 
@@ -198,6 +198,8 @@ struct Hall {
     parameters: HallParameters,
     /// Where it sits, mechanical radians.
     place_rad: f64,
+    /// The magnets that it is between.
+    neighbours: Neighbours,
     /// Second to seventh harmonic: size · cos and size · sin of the phase; `None`: not one.
     harmonics: Option<[Phasor; HARMONICS]>,
     /// Of -φ-ψ.
@@ -283,6 +285,7 @@ impl Hall {
         Ok(Self {
             parameters: *parameters,
             place_rad: electrical_rad / f64::from(pole_pairs),
+            neighbours: Neighbours::default(),
             harmonics: (parameters.harmonics != [Harmonic::NONE; HARMONICS]).then(|| parameters.harmonics.map(wave)),
             placement: Phasor::new(-phase_rad - parameters.placement_rad),
             offset_v: parameters.offset_v,
@@ -294,12 +297,13 @@ impl Hall {
     }
 
     /// Field as a voltage.
-    fn field_v(&self, view: &View, ring: &Ring, currents_a: &[f64; 3]) -> f64 {
+    fn field_v(&mut self, view: &View, ring: &Ring, currents_a: &[f64; 3]) -> f64 {
         let HallParameters { third, fifth, coupling_v_a, .. } = self.parameters;
         let mut x = view.electrical.plus(self.placement);
         let mut strength = 1.0;
         if !ring.even {
-            let (here, displaced_rad) = ring.magnets.at(view.mechanical_rad - self.place_rad, ring.pole_pairs);
+            let place_rad = view.mechanical_rad - self.place_rad;
+            let (here, displaced_rad) = ring.magnets.at_near(place_rad, ring.pole_pairs, &mut self.neighbours);
             strength = here;
             x = x.plus(Phasor::new(-displaced_rad));
         }
@@ -395,14 +399,16 @@ impl Halls {
     /// The sensors have long seen this.
     pub fn settle(&mut self, view: View, currents_a: &[f64; 3]) {
         for hall in &mut self.halls {
-            hall.settle(hall.field_v(&view, &self.ring, currents_a));
+            let field_v = hall.field_v(&view, &self.ring, currents_a);
+            hall.settle(field_v);
         }
     }
 
     /// A span later they see this.
     pub fn advance(&mut self, view: View, currents_a: &[f64; 3], span_s: f64) {
         for hall in &mut self.halls {
-            hall.advance(hall.field_v(&view, &self.ring, currents_a), span_s);
+            let field_v = hall.field_v(&view, &self.ring, currents_a);
+            hall.advance(field_v, span_s);
         }
     }
 

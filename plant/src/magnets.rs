@@ -69,6 +69,11 @@ impl Magnets {
     /// mechanical radians.
     #[must_use]
     pub fn at(&self, place_rad: f64, pole_pairs: u8) -> (f64, f64) {
+        self.at_near(place_rad, pole_pairs, &mut Neighbours::default())
+    }
+
+    /// The same for a sensor that was elsewhere just before: it keeps its neighbours.
+    pub(crate) fn at_near(&self, place_rad: f64, pole_pairs: u8, neighbours: &mut Neighbours) -> (f64, f64) {
         let (mut strength, mut displaced) = (1.0, 0.0);
         if self.gain != 0.0 || self.pitch_rad != 0.0 {
             // In poles, from the middle of the first.
@@ -76,8 +81,7 @@ impl Magnets {
             let first = libm::floor(poles);
             let over = poles - first;
             let weight = over * over * (3.0 - 2.0 * over);
-            let count = 2 * i64::from(pole_pairs);
-            let [a, b] = [0, 1].map(|next| self.pole((first as i64 + next).rem_euclid(count) as u32));
+            let [a, b] = neighbours.from(self, first as i64, pole_pairs);
             strength = a.0 + weight * (b.0 - a.0);
             displaced = a.1 + weight * (b.1 - a.1);
         }
@@ -87,6 +91,28 @@ impl Magnets {
             }
         }
         (strength, displaced)
+    }
+}
+
+/// The two poles that a sensor is between, as they were drawn: to draw them takes longer than the rest of a step.
+#[derive(Clone, Copy, Debug, Default)]
+pub(crate) struct Neighbours {
+    /// Number of the first, and both.
+    drawn: Option<(i64, [(f64, f64); 2])>,
+}
+
+impl Neighbours {
+    /// The pole of this number, counted through all turns, and the next.
+    fn from(&mut self, magnets: &Magnets, first: i64, pole_pairs: u8) -> [(f64, f64); 2] {
+        if let Some((number, poles)) = self.drawn
+            && number == first
+        {
+            return poles;
+        }
+        let count = 2 * i64::from(pole_pairs);
+        let poles = [0, 1].map(|next| magnets.pole((first + next).rem_euclid(count) as u32));
+        self.drawn = Some((first, poles));
+        poles
     }
 }
 
@@ -198,6 +224,16 @@ mod tests {
         let first = UNEVEN.at(0.0, 4);
         assert!((last.0 - first.0).abs() < 1e-9 && (last.1 - first.1).abs() < 1e-9);
         assert!((UNEVEN.at(-0.1, 4).1 - UNEVEN.at(TAU - 0.1, 4).1).abs() < 1e-12);
+    }
+
+    #[test]
+    fn what_is_kept_of_the_poles_changes_nothing() {
+        let mut neighbours = Neighbours::default();
+        for k in -3000..3000 {
+            // To and fro, over more than two turns each way.
+            let place = 14.0 * libm::sin(f64::from(k) / 300.0) + f64::from(k) / 3000.0;
+            assert_eq!(UNEVEN.at_near(place, 4, &mut neighbours), UNEVEN.at(place, 4), "{k}");
+        }
     }
 
     #[test]

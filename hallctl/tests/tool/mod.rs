@@ -5,6 +5,7 @@ pub mod rings;
 use hallctl::simulate::Simulator;
 use hallctl::simulate::flash::Flash;
 use hallservo_protocol::*;
+use std::sync::LazyLock;
 
 /// Milliseconds that a tool waits.
 const PATIENCE: u32 = 300;
@@ -87,12 +88,18 @@ pub fn drive(flash: Flash) -> Simulator {
     Simulator::new(1, flash, Vec::new()).unwrap()
 }
 
-/// A drive that has calibrated itself, and what its flash holds then.
-pub fn calibrated() -> (Simulator, Vec<u8>) {
+/// What the flash of a drive holds that has calibrated itself: one does it for all tests.
+static CALIBRATED: LazyLock<Vec<u8>> = LazyLock::new(|| {
     let mut drive = drive(Flash::blank());
     run(&mut drive, 10);
     done(&mut drive, Ask::Calibrate);
     wait(&mut drive);
-    let flash = drive.flash();
-    (drive, flash)
+    drive.flash()
+});
+
+/// A drive that is calibrated, just powered up, and what its flash holds.
+pub fn calibrated() -> (Simulator, Vec<u8>) {
+    let mut drive = drive(Flash::of(CALIBRATED.clone()));
+    run(&mut drive, 10);
+    (drive, CALIBRATED.clone())
 }

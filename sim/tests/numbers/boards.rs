@@ -1,8 +1,8 @@
 //! What the virtual boards and the emulated chip printed, as `docs/record` keeps it, and where the pages quote it.
 
-use crate::page::Figure::{AtMost, Is};
-use crate::page::{Pages, read};
-use crate::text::Recorded;
+use super::page::Figure::{AtMost, Is};
+use super::page::{Pages, read};
+use super::text::Recorded;
 
 const HARDWARE: &str = "docs/hardware.md";
 const EMULATOR: &str = "emulator/README.md";

@@ -1,8 +1,8 @@
 //! Figures that the code sets: the constant, and where a page says it.
 
-use crate::page::Figure::Is;
-use crate::page::{Pages, read};
-use crate::text::Narrow;
+use super::page::Figure::Is;
+use super::page::{Pages, read};
+use super::text::Narrow;
 
 /// Page and its words, file and its words, and how many of the page's unit one of the code's is.
 const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[

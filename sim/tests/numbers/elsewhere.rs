@@ -1,6 +1,6 @@
 //! Tables that have figures of another kind: what is wired or set, or what another check compares.
 
-use crate::page::{Pages, exists};
+use super::page::{Pages, exists};
 
 /// Pages and headings (all, where there is none), and what the figures are, or which file makes them and bounds them.
 const ELSEWHERE: &[(&str, &str, &str)] = &[

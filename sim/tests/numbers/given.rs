@@ -1,7 +1,7 @@
 //! Figures in prose that nobody measured: what is bought, wired and set, what others print, what a sum of two lines
 //! gives. Each stands here as the page says it, with the reason why it needs no source.
 
-use crate::page::Pages;
+use super::page::Pages;
 
 /// Page, where its figures come from, and the figures.
 const GIVEN: &[(&str, &str, &[&str])] = &[

@@ -1,6 +1,6 @@
 //! The cheap ones: experiments that are run again, and tables that are kept as they were printed.
 
-use crate::page::{Figure, Pages, read};
+use super::page::{Figure, Pages, read};
 use hallservo::service::by_pole::ByPole;
 use hallservo::settings::{Control, Settings};
 use hallservo::turn::Live;

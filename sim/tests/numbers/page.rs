@@ -1,7 +1,7 @@
 //! The pages, what they quote, and which of their figures have a source.
 
-use crate::prose;
-use crate::text::{Narrow, Number};
+use super::prose;
+use super::text::{Narrow, Number};
 use std::path::{Path, PathBuf};
 use std::sync::Mutex;
 use std::{fs, ops::Range};

@@ -1,6 +1,6 @@
 //! Figures in running text: a number with a unit, or so many of so many. Code, links, headings and tables have none.
 
-use crate::text::number;
+use super::text::number;
 use std::ops::Range;
 
 /// What makes a number a figure when it follows it.

@@ -1,8 +1,8 @@
 //! What long tests and experiments print, as `docs/record` keeps it, and where the pages quote it.
 
-use crate::page::Figure::{AtMost, Is};
-use crate::page::{Pages, read};
-use crate::text::Recorded;
+use super::page::Figure::{AtMost, Is};
+use super::page::{Pages, read};
+use super::text::Recorded;
 use serde_json::Value;
 
 const NUMBERS: &str = "docs/numbers.md";

@@ -1,6 +1,6 @@
 //! Figures in a text, by the words around them.
 
-use crate::page::read;
+use super::page::read;
 use std::ops::Range;
 
 /// A figure as it stands in a text.

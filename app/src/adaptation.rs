@@ -44,16 +44,19 @@ impl SensorAdaptation {
     }
 
     /// Starts anew from what is known of the sensors, and of the unevenness of the rotor.
-    pub fn restart(&mut self, settings: &Settings, sensors: Option<&Sensors>, unevenness: [f32; 3], every: u32) {
+    pub fn restart(&mut self, settings: &Settings, sensors: Option<&Sensors>, uneven: Option<[f32; 3]>, every: u32) {
         self.ended = None;
         self.wait = RECORDS_PER_MODEL;
         self.watch = if settings.halls == 2 { Watch::Two(Pair::NEW) } else { Watch::Nothing };
         if let Some(sensors) = sensors.filter(|_| settings.adaptation && settings.halls == 3)
-            && let Some(config) = config(settings, sensors.noise, unevenness, every)
+            && let Some(config) = config(settings, sensors.noise, uneven.is_some(), every)
         {
             let Sensors { calibrated, model, .. } = sensors;
             // An error leaves it off.
             let _ = self.watch.resume(&config, calibrated, model, every);
+            if let (Some(rms), Some(adaptation)) = (uneven, self.watch.adaptation()) {
+                adaptation.expect_unexplained(rms);
+            }
         }
     }
 
@@ -103,16 +106,14 @@ impl SensorAdaptation {
     }
 }
 
-fn config(settings: &Settings, noise_codes: [f32; 3], unexplained: [f32; 3], every: u32) -> Option<adapt::Config> {
+fn config(settings: &Settings, noise_codes: [f32; 3], uneven: bool, every: u32) -> Option<adapt::Config> {
     let default = adapt::Settings::default();
     let inertia_kgm2 = settings.control.map_or(default.inertia_kgm2, |control| control.inertia_kgm2);
-    let uneven = unexplained.iter().any(|&rms| rms > 0.0);
     adapt::Settings {
         slowest_hz: if uneven { SLOWEST_UNEVEN_HZ } else { default.slowest_hz },
         adc_bits: settings.adc_bits,
         update_hz: settings.pwm_hz / every as f32,
         noise_codes,
-        unexplained,
         pole_pairs: settings.pole_pairs,
         inertia_kgm2,
         damping_nms: DAMPING * inertia_kgm2,

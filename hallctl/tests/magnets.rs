@@ -11,7 +11,7 @@ use hallservo_protocol::*;
 use plant::{PlantParameters, Unevenness};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use sim::motors::{MOTORS, Motor};
+use sim::motors::MOTORS;
 use sim::rig::error_deg;
 use std::cell::RefCell;
 use std::f64::consts::TAU;

@@ -120,7 +120,7 @@ enum Phase {
     Tracking,
 }
 
-/// The adaptation of one drive; at most 804 bytes.
+/// The adaptation of one drive; at most 800 bytes.
 #[derive(Clone, Debug)]
 #[repr(C)]
 pub struct Adapter {

@@ -170,6 +170,11 @@ impl Adaptation {
         result.map(|()| true)
     }
 
+    /// As [`Adapter::expect_unexplained`].
+    pub fn expect_unexplained(&mut self, rms: [f32; 3]) {
+        self.adapter.expect_unexplained(rms);
+    }
+
     /// The filter.
     pub const fn adapter(&self) -> &Adapter {
         &self.adapter

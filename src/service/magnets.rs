@@ -177,8 +177,8 @@ impl Magnets {
     }
 
     /// What the magnets are known to differ by at each Hall, share of the amplitude RMS.
-    pub fn unevenness(&self) -> [f32; 3] {
-        self.known.as_ref().and_then(|known| known.signature.as_ref()).map(Signature::rms).unwrap_or_default()
+    pub fn unevenness(&self) -> Option<[f32; 3]> {
+        self.known.as_ref().and_then(|known| known.signature.as_ref()).map(Signature::rms)
     }
 
     /// The map.

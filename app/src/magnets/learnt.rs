@@ -138,7 +138,7 @@ impl MagnetMap {
     }
 
     /// What the magnets are known to differ by at each Hall, share of the amplitude RMS.
-    pub fn unevenness(&self) -> [f32; 3] {
+    pub fn unevenness(&self) -> Option<[f32; 3]> {
         self.magnets.unevenness()
     }
 

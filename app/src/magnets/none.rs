@@ -37,8 +37,8 @@ impl MagnetMap {
 
     pub fn record(&mut self, _: &Record, _: &Sensors) {}
 
-    pub const fn unevenness(&self) -> [f32; 3] {
-        [0.0; 3]
+    pub const fn unevenness(&self) -> Option<[f32; 3]> {
+        None
     }
 
     pub fn measurement(&mut self, _: &Measurement, _: &Control) {}

@@ -194,6 +194,9 @@ fn magnets_in_the_drive(pages: &Pages) {
     let again = "found again after {} turns";
     let turns = [run.least(again), run.most(again)].map(Is);
     pages.quote(NUMBERS, "found again at 100 rad/s after | {} to {} turns |", &turns);
+    let [before, _, after, said]: [f64; 4] = run.only("{}°; Some({}) turns, {}° where {}° are said");
+    let many = [after, before, said].map(Is);
+    pages.quote(NUMBERS, "a direct drive's map leaves {}° of {}° ({}° are said)", &many);
     // The test fails at the first.
     pages.say(NUMBERS, "six other rotors over the same Halls, even magnets | 0 |");
     let ended = run.only::<1>("ended after {} tenths of a second")[0] / 10.0;

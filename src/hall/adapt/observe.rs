@@ -55,12 +55,17 @@ impl Attenuation {
 }
 
 impl CalibratedSensor {
-    /// With its noise, and the RMS of what the rotor is known to leave unexplained, relative to the amplitude.
-    pub fn new(sensor: &Sensor, noise_codes: f32, unexplained: f32) -> Self {
+    pub fn new(sensor: &Sensor, noise_codes: f32) -> Self {
         let per_code = 1.0 / sensor.amplitude;
         let white = (noise_codes * noise_codes + 1.0 / 12.0) * per_code * per_code;
-        let known = (unexplained * unexplained).clamp(LEAST_UNEXPLAINED, MOST_UNEXPLAINED);
+        let known = LEAST_UNEXPLAINED;
         Self { sensor: *sensor, per_code, white, unexplained: known, known, behind: [0.0; 2] }
+    }
+
+    /// The rotor is known to leave so much unexplained, relative to the amplitude, RMS.
+    pub fn expect_unexplained(&mut self, rms: f32) {
+        self.known = (rms * rms).clamp(LEAST_UNEXPLAINED, MOST_UNEXPLAINED);
+        self.unexplained = self.unexplained.max(self.known);
     }
 
     /// Variance of one sample, relative to the squared amplitude.

@@ -28,9 +28,6 @@ pub struct Settings {
     /// Standard deviation of each sensor's noise in ADC codes, 0 to a tenth of the ADC's range. The calibration
     /// measures it; half a code of quantisation comes on top.
     pub noise_codes: [f32; 3],
-    /// What the rotor is known to leave unexplained at each sensor, share of the amplitude RMS, 0 to 0.15: what its magnets
-    /// differ by, which a [signature](crate::hall::map::Signature) tells. 0 where nothing is known of it.
-    pub unexplained: [f32; 3],
     /// Pole pairs of the rotor, 1 to 64.
     pub pole_pairs: u8,
     /// J: inertia of all that turns, 1e-9 to 10 kg·m².
@@ -61,7 +58,6 @@ impl Default for Settings {
             adc_bits: 12,
             update_hz: 1e3,
             noise_codes: [2.5; 3],
-            unexplained: [0.0; 3],
             pole_pairs: 4,
             inertia_kgm2: 1e-5,
             damping_nms: 1.6e-4,
@@ -102,7 +98,6 @@ impl core::error::Error for OutOfRange {}
 pub struct Config {
     pub(crate) adc_bits: u8,
     pub(crate) noise_codes: [f32; 3],
-    pub(crate) unexplained: [f32; 3],
     /// Share of the speed that friction takes in a sample, 0 to 1.
     pub(crate) damping: f32,
     /// Acceleration by a torque, rad/sample² for 1 N·m.
@@ -173,9 +168,6 @@ impl Settings {
         for noise in self.noise_codes {
             within("noise_codes", noise, 0.0, range / 10.0)?;
         }
-        for unexplained in self.unexplained {
-            within("unexplained", unexplained, 0.0, 0.15)?;
-        }
         let pairs = within("pole_pairs", self.pole_pairs.into(), 1.0, 64.0)?;
         let inertia = within("inertia_kgm2", self.inertia_kgm2, 1e-9, 10.0)?;
         let damping = within("damping_nms", self.damping_nms, 0.0, 10.0)?;
@@ -191,7 +183,6 @@ impl Settings {
         Ok(Config {
             adc_bits: self.adc_bits,
             noise_codes: self.noise_codes,
-            unexplained: self.unexplained,
             // A speed that dies within a sample is gone, not reversed.
             damping: (damping / inertia / hz).min(1.0),
             per_nm: per_nm / (hz * hz),

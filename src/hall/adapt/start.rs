@@ -53,8 +53,7 @@ impl Adapter {
     #[inline(never)]
     pub(crate) fn at(config: &Config, model: &Model) -> Self {
         let start = parameters(&config.start);
-        let sensors =
-            [0, 1, 2].map(|k| CalibratedSensor::new(&model.sensors[k], config.noise_codes[k], config.unexplained[k]));
+        let sensors = [0, 1, 2].map(|k| CalibratedSensor::new(&model.sensors[k], config.noise_codes[k]));
         let mut adapter = Self {
             config: *config,
             sensors,
@@ -91,6 +90,13 @@ impl Adapter {
         };
         adapter.tune();
         adapter
+    }
+
+    /// The rotor is known to leave so much unexplained at each sensor, share of the amplitude RMS: what its magnets differ by,
+    /// which a [signature](crate::hall::map::Signature) tells. A slow rotor shows less, as its angle follows.
+    pub fn expect_unexplained(&mut self, rms: [f32; 3]) {
+        self.sensors.iter_mut().zip(rms).for_each(|(sensor, rms)| sensor.expect_unexplained(rms));
+        self.tune();
     }
 
     /// Fits the estimate of the load to the noise, that which the rotor leaves unexplained included.

@@ -154,7 +154,7 @@ impl Learner {
         let by = behind / (1.0 / FIRST_SHARE + mean_of);
         self.points[index] += by * (1.0 - share);
         self.points[next] += by * share;
-        if self.samples % self.layout.points() as u32 == 0 {
+        if self.samples.is_multiple_of(self.layout.points() as u32) {
             self.centre();
         }
     }

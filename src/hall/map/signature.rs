@@ -19,8 +19,8 @@ use crate::angle::{PolePairs, Position};
 use crate::hall::Codes;
 use crate::hall::model::Model;
 
-/// Most cells of a mechanical turn.
-pub const CELLS: usize = 128;
+/// Most cells of a mechanical turn, and most pole pairs: four cells in each of eleven electrical turns, two in 22.
+pub const CELLS: usize = 44;
 /// log₂ of the most cells of an electrical turn.
 const MOST_BITS: u32 = 3;
 /// Sensors.
@@ -30,7 +30,7 @@ pub const LONGEST: usize = SENSORS * CELLS;
 /// Stored values for one amplitude.
 const UNIT: f32 = 256.0;
 /// Samples in each cell, at least.
-const LEAST: f32 = 8.0;
+const LEAST: u16 = 8;
 /// Samples are apart by a cell over this, at least, or a rotor at rest would weigh one place most.
 const FINENESS: u32 = 16;
 /// Times that as many samples again are waited for, before all begins anew.
@@ -42,15 +42,16 @@ const LEFT: f32 = 0.05;
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 struct Grid {
     poles: usize,
-    /// log₂ of the cells in an electrical turn, from 1 on.
+    /// log₂ of the cells in an electrical turn.
     bits: u32,
 }
 
 impl Grid {
-    const fn new(pole_pairs: PolePairs) -> Self {
-        let poles = pole_pairs.get() as usize;
-        let bits = (CELLS / poles).ilog2();
-        Self { poles, bits: if bits > MOST_BITS { MOST_BITS } else { bits } }
+    /// `None` for more pole pairs than cells.
+    fn new(pole_pairs: PolePairs) -> Option<Self> {
+        let poles = usize::from(pole_pairs.get());
+        let bits = (CELLS / poles).checked_ilog2()?.min(MOST_BITS);
+        Some(Self { poles, bits })
     }
 
     const fn cells(self) -> usize {
@@ -83,7 +84,7 @@ pub struct Signature {
 impl Signature {
     /// Of values as [`Self::values`] has them, each a byte. `None` where their number does not fit the pole pairs.
     pub fn of_bytes(pole_pairs: PolePairs, bytes: &[u8]) -> Option<Self> {
-        let grid = Grid::new(pole_pairs);
+        let grid = Grid::new(pole_pairs)?;
         if bytes.len() != SENSORS * grid.cells() {
             return None;
         }
@@ -121,38 +122,14 @@ impl Signature {
     }
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Cell {
-    sums: [f32; SENSORS],
-    squares: f32,
-    samples: f32,
-}
-
-impl Cell {
-    const EMPTY: Self = Self { sums: [0.0; SENSORS], squares: 0.0, samples: 0.0 };
-
-    fn take(&mut self, shown: [f32; SENSORS]) {
-        self.sums.iter_mut().zip(shown).for_each(|(sum, shown)| *sum += shown);
-        self.squares += square(shown, [0.0; SENSORS]);
-        self.samples += 1.0;
-    }
-
-    fn mean(&self) -> [f32; SENSORS] {
-        self.sums.map(|sum| sum / self.samples.max(1.0))
-    }
-
-    /// Variance of the mean, of all sensors together.
-    fn variance(&self) -> f32 {
-        let samples = self.samples.max(1.0);
-        (self.squares / samples - square(self.mean(), [0.0; SENSORS])) / samples
-    }
-}
-
-/// Averages what the Halls show over the mechanical turn: 2.5 KiB.
+/// Averages what the Halls show over the mechanical turn: 700 bytes.
 #[derive(Clone, Debug)]
 pub struct Collector {
     grid: Option<Grid>,
-    cells: [Cell; CELLS],
+    /// Sums in each cell, and of how many samples; the sum of all squares.
+    sums: [[f32; SENSORS]; CELLS],
+    counts: [u16; CELLS],
+    squares: f32,
     /// Where the last sample was taken.
     last: Position,
     /// Samples in all, and with how many the next verdict is due.
@@ -165,17 +142,19 @@ impl Collector {
     /// Takes nothing until it is [begun](Self::begin).
     pub const OFF: Self = Self {
         grid: None,
-        cells: [Cell::EMPTY; CELLS],
+        sums: [[0.0; SENSORS]; CELLS],
+        counts: [0; CELLS],
+        squares: 0.0,
         last: Position::from_bits(0),
         samples: 0,
         due: 0,
         doublings: 0,
     };
 
-    /// Begins anew.
+    /// Begins anew; stays off for a rotor of more pole pairs than there are cells.
     pub fn begin(&mut self, pole_pairs: PolePairs) {
         *self = Self::OFF;
-        self.grid = Some(Grid::new(pole_pairs));
+        self.grid = Grid::new(pole_pairs);
     }
 
     /// Takes the codes of sensors of a model at a tracked position.
@@ -185,17 +164,18 @@ impl Collector {
         if self.samples > 0 && apart < (1 << (32 - grid.bits)) / u64::from(FINENESS) {
             return;
         }
-        (self.last, self.samples) = (position, self.samples.saturating_add(1));
-        self.cells[grid.cell(position) % CELLS].take(beside_the_angle(model, codes, position));
+        let cell = grid.cell(position) % CELLS;
+        let Some(count) = self.counts[cell].checked_add(1) else { return };
+        (self.last, self.samples, self.counts[cell]) = (position, self.samples.saturating_add(1), count);
+        let shown = beside_the_angle(model, codes, position);
+        self.sums[cell].iter_mut().zip(shown).for_each(|(sum, shown)| *sum += shown);
+        self.squares += square(shown, [0.0; SENSORS]);
     }
 
     /// Whether every cell has its samples.
     fn is_complete(&self) -> bool {
-        self.used().iter().all(|cell| cell.samples >= LEAST)
-    }
-
-    fn used(&self) -> &[Cell] {
-        self.grid.and_then(|grid| self.cells.get(..grid.cells())).unwrap_or_default()
+        let used = self.grid.and_then(|grid| self.counts.get(..grid.cells()));
+        used.is_some_and(|counts| counts.iter().all(|&count| count >= LEAST))
     }
 
     /// What has been seen of this rotor, once the turn is complete.
@@ -210,14 +190,14 @@ impl Collector {
 
     fn seen(&self) -> Option<Seen<'_>> {
         let grid = self.grid?;
-        let mut common = [[0.0; SENSORS]; 1 << MOST_BITS];
-        for (index, cell) in self.used().iter().enumerate() {
-            let common = &mut common[index % grid.sectors()];
-            for (common, mean) in common.iter_mut().zip(cell.mean()) {
+        let mut seen = Seen { grid, collector: self, common: [[0.0; SENSORS]; 1 << MOST_BITS] };
+        for cell in 0..grid.cells() {
+            let mean = seen.mean(cell);
+            for (common, mean) in seen.common[cell % grid.sectors()].iter_mut().zip(mean) {
                 *common += mean / grid.poles as f32;
             }
         }
-        Some(Seen { grid, cells: &self.cells, common })
+        Some(seen)
     }
 
     /// Judges the poles by a signature of this rotor, where it is time for that: every time that a turn is complete, of
@@ -240,15 +220,31 @@ impl Collector {
 /// What was collected, and what it has in common at all poles.
 struct Seen<'a> {
     grid: Grid,
-    cells: &'a [Cell; CELLS],
+    collector: &'a Collector,
     common: [[f32; SENSORS]; 1 << MOST_BITS],
 }
 
 impl Seen<'_> {
-    fn at(&self, index: usize) -> [f32; SENSORS] {
-        let (cell, common) = (&self.cells[index % CELLS], &self.common[index % self.grid.sectors()]);
-        let mean = cell.mean();
+    fn count(&self, cell: usize) -> f32 {
+        f32::from(self.collector.counts[cell % CELLS].max(1))
+    }
+
+    fn mean(&self, cell: usize) -> [f32; SENSORS] {
+        let count = self.count(cell);
+        self.collector.sums[cell % CELLS].map(|sum| sum / count)
+    }
+
+    fn at(&self, cell: usize) -> [f32; SENSORS] {
+        let (mean, common) = (self.mean(cell), &self.common[cell % self.grid.sectors()]);
         [0, 1, 2].map(|k| mean[k] - common[k])
+    }
+
+    /// What noise leaves over of the means: samples of all cells have the same.
+    fn noise(&self) -> f32 {
+        let cells = || 0..self.grid.cells();
+        let of_means: f32 = cells().map(|cell| self.count(cell) * square(self.mean(cell), [0.0; SENSORS])).sum();
+        let of_one = (self.collector.squares - of_means) / self.collector.samples.max(1) as f32;
+        cells().map(|cell| of_one / self.count(cell)).sum()
     }
 
     /// Sum of squares over the turn of what a signature, where it is `scale` and begins at a pole, leaves over.
@@ -285,12 +281,11 @@ impl Seen<'_> {
             sigmas = sigmas.min(more / moved.max(f32::MIN_POSITIVE));
             nearest = nearest.min(apart);
         }
-        let noise: f32 = self.cells.iter().take(self.grid.cells()).map(Cell::variance).sum();
         Some(Verdict {
             electrical_turns: chosen as i32,
             fit,
             left_deg: f32::NAN,
-            sure: fit >= FIT && sigmas >= SIGMAS && left - noise <= LEFT * nearest,
+            sure: fit >= FIT && sigmas >= SIGMAS && left - self.noise() <= LEFT * nearest,
             misfit: fit <= -FIT && sigmas <= -SIGMAS,
         })
     }

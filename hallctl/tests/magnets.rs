@@ -474,3 +474,21 @@ fn a_map_of_many_poles_is_true_and_its_pole_found_after_a_turn() {
     assert!(turns.is_some_and(|turns| turns < 1.5), "{turns:?}");
     assert!(before > 2.5 && after < 0.4 && after < said + 0.2, "{before} {after} {said}");
 }
+
+/// A second harmonic that all poles have alike: a map takes it off, and there is no signature of one pole against another.
+#[test]
+fn a_map_of_poles_that_are_alike_is_found_and_watched_by_the_rotors_motion() {
+    let mut harmonics = Unevenness::NONE.harmonics;
+    harmonics[0] = 0.05;
+    let plant = PlantParameters::imperfect(1).with_unevenness(&Unevenness { harmonics, ..Unevenness::NONE }, 1);
+    let mut drive = powered_up(&plant, learnt_of(&plant, 1), 1.0);
+    arm(&mut drive);
+    assert!(find(&mut drive, 100.0, 5000), "{:?}", magnets(&mut drive));
+    let found_after = magnets(&mut drive).turns;
+    turn(&mut drive, 100.0, 2000);
+    let status = magnets(&mut drive);
+    assert_eq!(status.state, Use::Used);
+    // What watches it has something to compare with.
+    assert!(status.turns > found_after && status.fit > 0.5 && status.left_deg < 1.0, "{status:?}");
+    assert!(error(&mut drive, 100.0) < 0.2);
+}

@@ -6,7 +6,7 @@
 //! effect over a tenth of a second. From then on every turn is asked whether another pole, or no map, would fit better: three
 //! answers in a row that say so end it, and the search begins again. A map that was dropped three times is not this
 //! rotor's. The signature answers, as what it says does not depend on how the rotor is shaken; the finder where a map was
-//! stored without one.
+//! stored without one, or where it tells nothing, as all poles are alike.
 
 use crate::angle::{PolePairs, Position};
 use crate::control::config::Config as Control;
@@ -59,7 +59,7 @@ impl Magnets {
     /// its pole is looked for.
     pub fn set(&mut self, known: Option<Known>, learnt_in: Option<u32>) {
         self.suspend();
-        self.known = known;
+        self.known = known.map(|known| Known { signature: known.signature.filter(Signature::tells), ..known });
         if let Some(known) = &self.known {
             self.live().load(known.map.table());
         }

@@ -196,9 +196,7 @@ fn state(status: &MagnetsStatus) -> String {
         Use::Used => {
             format!("in use: its pole fits by {:.1} against the next, where 1 is right and −1 wrong", status.fit)
         }
-        Use::Searching if status.turns == 0 => {
-            "not used yet: its pole is known after a turn, by the motor or by hand".into()
-        }
+        Use::Searching if status.turns == 0 => "not used yet: its pole is looked for while the rotor turns".into(),
         Use::Searching => format!(
             "not used yet: looked for {} times, the best pole fits by {:.1} against the next, {FIT} is wanted",
             status.turns, status.fit

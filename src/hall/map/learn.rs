@@ -18,7 +18,7 @@ const SETTLING_TURNS: f32 = 3.0;
 const SETTLING: f32 = 3.0;
 /// Fastest that the reference may be, rad a record.
 const FASTEST: f32 = 0.1;
-/// What a sample counts for the points beside it until half of the samples are there; later, ever less.
+/// What a sample counts for the points beside it until a quarter of the samples are there; later, ever less.
 const FIRST_SHARE: f32 = 0.25;
 
 /// Where a rotor is whose speed changes slowly: three integrators, all poles at one real frequency.
@@ -114,7 +114,8 @@ impl Learner {
         }
     }
 
-    /// Samples of both directions together with which the map's own noise is well below that of the tracked angle.
+    /// Samples of both directions together with which the map's own noise is well below that of the tracked angle. Twice as
+    /// many for each point of a rotor of many pole pairs: they pass in too few mechanical turns to settle otherwise.
     pub fn samples_for(pole_pairs: PolePairs) -> u32 {
         let layout = Layout::new(pole_pairs);
         let each = if layout.bits < MOST_BITS { 256 } else { 128 };

@@ -29,6 +29,8 @@ const SENSORS: usize = 3;
 pub const LONGEST: usize = SENSORS * CELLS;
 /// Stored values for one amplitude.
 const UNIT: f32 = 256.0;
+/// RMS of a signature that tells something, share of the amplitude: half a stored value.
+const LEAST_TOLD: f32 = 0.5 / UNIT;
 /// Samples in each cell, at least.
 const LEAST: u16 = 8;
 /// Samples are apart by a cell over this, at least, or a rotor at rest would weigh one place most.
@@ -114,6 +116,11 @@ impl Signature {
             squares.iter_mut().zip(value).for_each(|(square, value)| *square += value * value);
         }
         squares.map(|square| crate::float::root(square / cells.len() as f32))
+    }
+
+    /// Whether it tells anything: where all poles are alike, as the only one is, nothing but noise is left of it.
+    pub fn tells(&self) -> bool {
+        self.rms().iter().any(|&rms| rms > LEAST_TOLD)
     }
 
     /// In amplitudes, where the rotor is so many electrical turns further than its position says.

@@ -263,6 +263,12 @@ fn a_signature_counts_the_other_way_with_the_angle() {
 }
 
 #[test]
+fn a_rotor_of_one_pole_pair_has_nothing_to_tell() {
+    assert!(!collected(&mut Poles::new(1, 0.1, 1), 1, 0.0, 9.0, 0.0).signature().unwrap().tells());
+    assert!(collected(&mut Poles::new(4, 0.05, 1), 4, 0.0, 9.0, 0.0).signature().unwrap().tells());
+}
+
+#[test]
 fn even_magnets_have_next_to_no_signature() {
     let rms = |most| collected(&mut Poles::new(4, most, 1), 4, 0.0, 4.1, 0.0).signature().unwrap().rms();
     assert!(rms(0.0).iter().all(|&rms| rms < 0.004), "{:?}", rms(0.0));

@@ -12,7 +12,7 @@ use hallservo::settings::Control;
 use hallservo::settings::Settings;
 use plant::{HallFault, PlantParameters, Rail};
 use rayon::prelude::*;
-use sim::rig::{Rig, error_deg};
+use rig::{Rig, error_deg};
 use sim::statistics::{ByAngle, Statistics};
 
 /// A rig with an adaptation.

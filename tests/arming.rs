@@ -7,7 +7,7 @@ use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, OnTimeout, Settings};
 use plant::{AmplifierFault, LoadParameters, PlantParameters, Transistor, Unevenness, Wires};
-use sim::rig::Rig;
+use rig::Rig;
 
 fn calibrated(seed: u64, commutation: Commutation) -> Rig {
     calibrated_as(&PlantParameters::imperfect(seed), commutation, seed).unwrap()

@@ -7,9 +7,9 @@ use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{PlantParameters, Unevenness};
 use rayon::prelude::*;
-use sim::commissioning::{Bench, commission};
-use sim::motors::MOTORS;
-use sim::rig::Rig;
+use rig::Rig;
+use rig::commissioning::{Bench, commission};
+use rig::motors::MOTORS;
 use std::f64::consts::TAU;
 
 /// Resistance, flux linkage, capacitor, source resistance and inertia as they are, times what is told; friction as a

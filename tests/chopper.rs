@@ -8,7 +8,7 @@ use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::PlantParameters;
-use sim::rig::Rig;
+use rig::Rig;
 
 /// Rated, Ω: 2.6 A at 26 V. A resistor is as much larger or smaller than that.
 const OHM: f64 = 10.0;

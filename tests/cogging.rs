@@ -9,9 +9,9 @@ use hallservo::settings::{Control, GuardSettings, Settings};
 use hallservo::turn::Use;
 use plant::{Friction, PlantParameters};
 use rayon::prelude::*;
+use rig::Rig;
+use rig::motors::{MOTORS, Motor};
 use sim::experiment::cogging as experiment;
-use sim::motors::{MOTORS, Motor};
-use sim::rig::Rig;
 use sim::statistics::Statistics;
 use std::f64::consts::TAU;
 

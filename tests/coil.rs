@@ -6,10 +6,11 @@ use hallservo::drive::Command;
 use hallservo::settings::{Control, Settings};
 use plant::PlantParameters;
 use rayon::prelude::*;
-use sim::experiment::coil::{Trial, trial, true_deg_a, with_windings};
+use rig::motors::MOTORS;
+use rig::motors::with_windings;
+use rig::{Rig, error_deg};
+use sim::experiment::coil::{Trial, trial, true_deg_a};
 use sim::experiment::magnets;
-use sim::motors::MOTORS;
-use sim::rig::{Rig, error_deg};
 use sim::statistics::Statistics;
 
 /// Light, heavy, and with a noisy current.

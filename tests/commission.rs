@@ -11,9 +11,9 @@ use hallservo::service::standstill::Standstill;
 use hallservo::settings::Settings;
 use plant::Iron;
 use rayon::prelude::*;
-use sim::commissioning::{Bench, Outcome, commission};
-use sim::motors::{MOTORS, Motor};
-use sim::rig::Rig;
+use rig::Rig;
+use rig::commissioning::{Bench, Outcome, commission};
+use rig::motors::{MOTORS, Motor};
 
 /// Speed reached at a share of the largest, relative to what was asked for, and its ripple.
 fn turn(bench: &mut Bench, settings: &Settings, share: f64) -> Result<(f64, f64), String> {

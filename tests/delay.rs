@@ -5,9 +5,9 @@ use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, Settings};
 use plant::{HallFault, Rail, Unevenness};
+use rig::{Rig, error_deg};
 use sim::experiment::delay::{Late, SPEEDS_RAD_S, trial};
 use sim::experiment::magnets;
-use sim::rig::{Rig, error_deg};
 use sim::statistics::Statistics;
 
 #[test]

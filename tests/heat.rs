@@ -8,7 +8,7 @@ use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings, Thermistor};
 use plant::{BackEmf, HeatParameters, PlantParameters};
-use sim::rig::Rig;
+use rig::Rig;
 
 fn settings(control: Control) -> Settings {
     // What is commanded once has to hold.

@@ -7,8 +7,8 @@ use hallservo::service::identify::{Estimate, Report};
 use hallservo::settings::Control;
 use hallservo::settings::Settings;
 use plant::{Friction, PlantParameters, Unevenness};
+use rig::Rig;
 use sim::experiment::identify::{QUANTITIES, inside, trials};
-use sim::rig::Rig;
 
 /// The drive is told parameters that are off by a fifth.
 fn told() -> Control {

@@ -10,7 +10,7 @@ use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, OnTimeout, Settings};
 use plant::{Friction, PlantParameters, Unevenness};
 use rayon::prelude::*;
-use sim::rig::Rig;
+use rig::Rig;
 use std::f64::consts::{PI, TAU};
 
 /// Rotors that are tried: three in the short form, each with every gain.

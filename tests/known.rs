@@ -5,7 +5,7 @@ use hallservo::commutation::Commutation;
 use hallservo::hall::model::Model;
 use hallservo::settings::Settings;
 use plant::PlantParameters;
-use sim::rig::Rig;
+use rig::Rig;
 use std::collections::BTreeMap;
 use std::sync::{Arc, Mutex, OnceLock};
 

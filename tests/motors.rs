@@ -3,7 +3,7 @@
 use hallservo::hall::calibrate::Finding;
 use hallservo::settings::Settings;
 use plant::{AdcParameters, BackEmf, PlantParameters, Shape};
-use sim::rig::{Rig, error_deg};
+use rig::{Rig, error_deg};
 use sim::statistics::Statistics;
 
 /// RMS error of the tracked angle at a constant command, and the electrical turns made.

@@ -4,7 +4,7 @@ use hallservo::drive::Command;
 use hallservo::service::pole_pairs::{ByHand, Error};
 use hallservo::settings::Settings;
 use plant::PlantParameters;
-use sim::rig::Rig;
+use rig::Rig;
 use std::f64::consts::{PI, TAU};
 
 /// Turns the shaft in strokes with rests between, to `turns` and `off_deg`.

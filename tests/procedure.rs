@@ -11,7 +11,7 @@ use hallservo::service::procedure::{Error, Procedure, Serve, State};
 use hallservo::settings::Settings;
 use hallservo::settings::{Control, GuardSettings};
 use plant::PlantParameters;
-use sim::rig::Rig;
+use rig::Rig;
 
 fn settings() -> Settings {
     Settings { control: Some(Control::default()), ..Settings::default() }

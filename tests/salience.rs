@@ -12,8 +12,8 @@ use hallservo::service::standstill::{Electrical, Standstill};
 use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{Iron, PlantParameters, Unevenness};
 use rayon::prelude::*;
-use sim::motors::{MOTORS, Motor};
-use sim::rig::Rig;
+use rig::Rig;
+use rig::motors::{MOTORS, Motor};
 
 /// Lq/Ld of the physics.
 fn saliency(iron: &Iron) -> f64 {

@@ -8,7 +8,7 @@ use hallservo::mode::Mode;
 use hallservo::settings::Settings;
 use hallservo::settings::{Control, GuardSettings};
 use plant::{PlantParameters, Unevenness};
-use sim::rig::{Rig, error_deg};
+use rig::{Rig, error_deg};
 
 fn settings() -> Settings {
     let commutation = Commutation::FieldOriented;

@@ -5,7 +5,7 @@ use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use hallservo::settings::Control;
 use plant::{Cogging, Friction};
-use sim::rig::Rig;
+use rig::Rig;
 
 /// Length of the current vector, A.
 fn length([a, b, c]: [f64; 3]) -> f64 {

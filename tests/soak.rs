@@ -12,9 +12,9 @@ use plant::{PlantParameters, Unevenness};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64Mcg;
 use rayon::prelude::*;
-use sim::commissioning::{Bench, commission};
-use sim::motors::{MOTORS, Motor};
-use sim::rig::Rig;
+use rig::Rig;
+use rig::commissioning::{Bench, commission};
+use rig::motors::{MOTORS, Motor};
 use std::f64::consts::TAU;
 
 /// Beside the first of each motor's relatives: what has found faults of earlier versions.

@@ -352,7 +352,7 @@ fn what_is_stored_is_used_at_the_next_power_up() {
     use hallservo::mode::Mode;
     use hallservo::settings::Settings;
     use plant::PlantParameters;
-    use sim::rig::{Rig, error_deg};
+    use rig::{Rig, error_deg};
     use sim::statistics::Statistics;
 
     let motor = PlantParameters::imperfect(5);

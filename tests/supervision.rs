@@ -8,9 +8,9 @@ use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, OnStopFailure, OnTimeout, Settings};
 use plant::{AmplifierFault, PlantParameters, Wires};
 use rayon::prelude::*;
-use sim::commissioning::{Bench, commission};
-use sim::motors::MOTORS;
-use sim::rig::Rig;
+use rig::Rig;
+use rig::commissioning::{Bench, commission};
+use rig::motors::MOTORS;
 
 const COMMUTATIONS: [Commutation; 3] = [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block];
 

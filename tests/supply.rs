@@ -7,7 +7,7 @@ use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{BackEmf, Cogging, PlantParameters};
-use sim::rig::Rig;
+use rig::Rig;
 
 /// A motor and its supply as they are, and what the drive is told.
 #[derive(Clone, Copy)]

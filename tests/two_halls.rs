@@ -6,8 +6,8 @@ use hallservo::hall::calibrate::Finding;
 use hallservo::hall::estimate::Estimator;
 use hallservo::settings::Settings;
 use plant::PlantParameters;
+use rig::{Period, Rig, error_deg};
 use sim::experiment::{magnets, spin};
-use sim::rig::{Period, Rig, error_deg};
 use sim::statistics::Statistics;
 
 fn settings() -> Settings {

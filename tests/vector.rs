@@ -6,7 +6,7 @@ use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{BackEmf, Cogging, PlantParameters};
-use sim::rig::Rig;
+use rig::Rig;
 
 /// A motor with its settings, and its full speed.
 type Case = (&'static str, PlantParameters, Settings, f64);

@@ -1,10 +1,10 @@
 //! The vernier decoder against every reading that ideal rings can give, and against a scan of the whole table.
 
+use baseline::rings::{PairTable, ZeroTable, decode_by_search};
 use hallservo::vernier::decode::{AverageTable, IdealTable};
 use hallservo::vernier::rings::Rings;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg32;
-use sim::baseline::rings::{PairTable, ZeroTable, decode_by_search};
 
 /// What the vernier's head shows at a position in counts of the reference ring, rounded.
 fn vernier_at(position: u64, p: u64, q: u64, bits: u8) -> u16 {

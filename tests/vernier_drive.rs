@@ -16,8 +16,8 @@ use hallservo::vernier::rings::Rings;
 use hallservo::vernier::turns::{Disagreement, TurnCheck, TurnZero};
 use plant::PlantParameters;
 use plant::construction::Construction;
+use rig::Rig;
 use sim::experiment::vernier::{Build, read};
-use sim::rig::Rig;
 
 /// A motor with rings on its shaft.
 struct Machine {
@@ -112,7 +112,7 @@ impl Absolute {
     fn new() -> Self {
         let build = Build { eccentricity: 0.05, head_angle: 40.0, pairs: true };
         let config = Settings::default().validate().unwrap();
-        let (drive, service) = sim::rig::connected(config);
+        let (drive, service) = rig::connected(config);
         let (absolute_interrupt, absolute_tasks) = Box::leak(Box::new(AbsoluteChannels::new())).split();
         let mut plant = plant::Plant::new(&PlantParameters::imperfect(2), 2).unwrap();
         plant.place(1.0, 0.0).unwrap();
@@ -132,7 +132,7 @@ impl Absolute {
         let shaft = self.plant.truth().mechanical_angle_rad;
         let reading = (self.disturb)(read(&self.rings, &mut self.construction, shaft));
         let output = self.drive.step(&Sample { halls: self.plant.sample().halls, ..Sample::default() }, reading);
-        self.plant.advance(&sim::rig::legs(&output, self.period));
+        self.plant.advance(&rig::legs(&output, self.period));
     }
 
     /// Runs and serves the tasks; tells each sample of the encoder, and whether the Halls agree.

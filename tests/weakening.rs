@@ -8,7 +8,7 @@ use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{AmplifierFault, BackEmf, HallFault, Iron, PlantParameters, Rail, Transistor, Unevenness};
-use sim::rig::Rig;
+use rig::Rig;
 
 impl Case {
     fn control(&self) -> Control {

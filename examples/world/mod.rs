@@ -38,7 +38,7 @@ impl Motor {
 
     /// A PWM period with these compare values.
     pub fn turn(&mut self, output: &Output) {
-        self.plant.advance(&sim::rig::legs(output, self.period));
+        self.plant.advance(&rig::legs(output, self.period));
     }
 }
 

@@ -30,7 +30,7 @@ use crate::out::Out;
 use crate::say;
 #[cfg(unix)]
 use crate::share;
-use crate::simulate::serve;
+use crate::simulate;
 use crate::units::{self, PositionUnit, Quantity, SpeedUnit, Units};
 use clap::{Parser, Subcommand, ValueEnum};
 use config::Config;
@@ -174,7 +174,7 @@ enum Command {
     /// What went wrong since power-up, and what to do
     Faults,
     /// Be a drive with a simulated motor
-    Simulate(serve::Options),
+    Simulate(simulate::Options),
     /// Ports that may be boards
     List,
     /// Where the file with defaults is, and what it says
@@ -228,7 +228,7 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     };
     let out = Out { json: arguments.json, units };
     match &arguments.command {
-        Command::Simulate(options) => return Ok(serve::main(options, out)?),
+        Command::Simulate(options) => return Ok(simulate::main(options, out)?),
         Command::List => return list::list(out),
         Command::Config => return config.show(out),
         Command::Completions { shell } => return help::completions(*shell),

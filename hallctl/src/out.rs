@@ -48,7 +48,7 @@ impl Out {
     /// It cannot be written.
     pub fn table(self, rows: &[Vec<String>]) -> Result<()> {
         if !self.json {
-            write(format_args!("{}", sim::report::table(rows)))?;
+            write(format_args!("{}", plots::table(rows)))?;
         }
         Ok(())
     }

@@ -1,367 +1,362 @@
-//! A drive without a board: the application of every board and its control interrupt, at the simulated motor, in time
-//! of its own.
+//! The simulated drive at the end of a line: TCP on loopback, or a pseudo-terminal.
 
-pub mod fault;
-mod firmware;
-pub mod flash;
 pub mod load;
-pub mod rings;
-pub mod serve;
+#[cfg(unix)]
+mod terminal;
 
-use anyhow::{Context as _, Result, anyhow};
-use fault::ScheduledEvent;
-use firmware::Firmware;
-use flash::Flash;
-use hallservo::board::{Interlock, Output, Sample, TemperatureCode};
-use hallservo::commutation::Commutation;
-use hallservo::drive::Drive;
+use crate::out::Out;
+use crate::say;
+use anyhow::{Context, Result};
+use clap::builder::PossibleValuesParser;
 use hallservo::mode::Mode;
-use hallservo::settings::{Ceiling, Control, GuardSettings, OnTimeout, Settings};
-use hallservo_app::{Housekeeping, Identity, Listener, Stop};
-use plant::heads::{Defect, Encoder as Rings};
-use plant::{Plant, PlantParameters, Truth, Unevenness};
-use sim::motors::Motor;
-use std::collections::VecDeque;
+use hallservo::settings::Control;
+use hallservo_protocol::{Answer, Ask, Decoder, Reply, Request};
+use hallservo_registers::line;
+use load::LoadOptions;
+use plant::PlantParameters;
+use plant::heads::Encoder;
+use rig::motors::{MOTORS, with_windings};
+use rig::simulator::fault::{Kind, ScheduledEvent};
+use rig::simulator::flash::Flash;
+use rig::simulator::rings::Pairs;
+use rig::simulator::{Simulator, defaults, of_motor, uneven};
+use serde_json::json;
+use std::io::{Read, Write};
+use std::net::{TcpListener, TcpStream};
+use std::path::PathBuf;
+use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
 
-/// What it says it is.
-const IDENTITY: Identity = Identity { board: "simulated", firmware: env!("CARGO_PKG_VERSION") };
-/// Both thermistors at 25 °C, 12 bit.
-const COOL: TemperatureCode = TemperatureCode::new(2048);
-
-/// What no setting exceeds: transistors of 40 V that stand 6 A, and no brake resistor.
-const CEILINGS: &[Ceiling] = &[
-    ("max_current_a", 6.0),
-    ("over_current_a", 7.5),
-    ("over_voltage_v", 34.0),
-    ("bridge_max_c", 110.0),
-    ("chopper_v", 0.0),
-];
-
-/// What the simulated board has by default: the motor of Simpkins and Todorov, field-oriented; a command holds for a
-/// second.
-pub fn defaults() -> Settings {
-    let guard = GuardSettings { on_timeout: OnTimeout::Stop, ..GuardSettings::default() };
-    let control = Control { guard, ..Control::default() };
-    Settings {
-        commutation: Commutation::FieldOriented,
-        ceilings: CEILINGS,
-        control: Some(control),
-        ..Settings::default()
-    }
+/// How the drive's time passes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Pace {
+    /// As on the wall
+    Real,
+    /// Each request is worth 20 ms, or what its answer takes, as fast as this machine computes; nobody asks, no time
+    /// passes
+    Fast,
 }
 
-/// A motor, its magnets so many times as uneven as those of a cheap one; the field of the windings is meant at the
-/// largest current.
-pub fn uneven(plant: PlantParameters, times: f64, seed: u64) -> PlantParameters {
-    if times == 0.0 {
-        return plant;
-    }
-    let cheap = Unevenness { rated_a: Control::default().max_current_a.into(), ..Unevenness::CHEAP };
-    plant.with_unevenness(&cheap.scaled(times), seed)
+/// What to simulate, and where.
+#[derive(Clone, Debug, clap::Args)]
+pub struct Options {
+    /// Listen here; port 0 takes a free one
+    #[arg(long, value_name = "tcp:HOST:PORT", default_value = "tcp:127.0.0.1:0")]
+    pub listen: String,
+    /// Be a pseudo-terminal instead
+    #[cfg(unix)]
+    #[arg(long)]
+    pub pty: bool,
+    /// Seed of the motor, its sensors and the noise
+    #[arg(long, default_value_t = 1)]
+    pub seed: u64,
+    /// Another motor, on a board that fits it
+    #[arg(long, value_parser = PossibleValuesParser::new(MOTORS.map(|motor| motor.name)))]
+    pub motor: Option<String>,
+    /// Two rings of so many pole pairs on the shaft, under two opposite heads each
+    #[arg(long, value_name = "37/45")]
+    pub encoder: Option<Pairs>,
+    /// Distance of the rings' centre from the axis, in mm
+    #[arg(long, value_name = "MM", default_value_t = 0.05, requires = "encoder")]
+    pub eccentricity: f64,
+    /// Uneven magnets: 1 is as bad as cheap ones are, 0.5 half of it
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub uneven: f64,
+    /// Two Halls instead of three, so many electrical degrees apart; the drive is told by `settings set halls 2`
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true)]
+    pub two_halls: Option<f64>,
+    /// Field of the windings at the largest current, as a share of the magnets'
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    pub coil_field: f64,
+    /// What the shaft turns
+    #[command(flatten)]
+    pub load: LoadOptions,
+    /// How time passes
+    #[arg(long, value_enum, default_value_t = Pace::Real)]
+    pub speed: Pace,
+    /// Keep the flash in this file; without, it is forgotten in the end
+    #[arg(long, value_name = "FILE")]
+    pub flash: Option<PathBuf>,
+    /// Something happens after so long in the state running: hall-open@40s, hall-2-stuck@5s, bus-60V@1s,
+    /// load-0.05Nm@1s, hot@1s, late@1s, mend@5s; typed, it happens at once
+    #[arg(long, value_name = "EVENT@TIME")]
+    pub fault: Vec<String>,
+    /// Print what it is told and each change of its state, with its time and the motor's speed
+    #[arg(long)]
+    pub log: bool,
 }
 
-/// What a board that fits a motor has by default: nothing of the motor but its pole pairs.
-pub fn of_motor(motor: &Motor) -> Settings {
-    let mut settings = Settings { commutation: Commutation::FieldOriented, ..motor.settings() };
-    if let Some(control) = &mut settings.control {
-        control.guard.command_timeout_s = GuardSettings::default().command_timeout_s;
-        control.guard.on_timeout = OnTimeout::Stop;
-    }
-    settings
+/// Milliseconds that a request is worth.
+const WORTH: u32 = 20;
+/// At most, while it is not answered: more than the drive takes for any.
+const LONGEST: u32 = 300;
+/// Pieces on their way to a tool that may not read them.
+const OUT: usize = 256;
+/// Pieces on their way from a tool that asks faster than the drive answers: it has to wait.
+const IN: usize = 16;
+/// Bytes that the drive leaves untaken, at most, before it hears no more.
+const BACKLOG: usize = 1024;
+
+/// From the line.
+enum Event {
+    /// A tool has come; what is written here reaches it.
+    Came(SyncSender<Vec<u8>>),
+    /// It has sent something.
+    Bytes(Vec<u8>),
+    /// A person does something to the drive, with the words for it.
+    Typed(Kind, String),
 }
 
-/// From check to check of the watchdog, ms.
-const WATCHDOG_MS: u64 = 20;
-
-/// Sees each sample before the drive does, with how things really are, and may change it.
-pub type Observe = Box<dyn FnMut(&mut Sample, &Truth)>;
-
-/// A drive, its tasks and its motor.
-pub struct Simulator {
-    /// The motor.
-    pub plant: Plant,
-    /// Somebody who looks on.
-    pub observe: Option<Observe>,
-    firmware: Box<dyn Firmware>,
-    housekeeping: Housekeeping,
-    stop: Stop,
-    listener: Listener,
-    flash: Flash,
-    now_ms: u64,
-    input: VecDeque<u8>,
-    output: Vec<u8>,
-    fed: u32,
-    last: Output,
-    digest: u64,
-    /// Of the timer, in counts.
-    period: u16,
-    /// Control periods in a millisecond, and in the state running.
-    periods: u32,
-    running: u64,
-    planned: Vec<ScheduledEvent>,
-    /// What happens to each sample.
-    disturbed: Option<fault::Kind>,
-    /// Supply, V, and load, N·m, at power-up.
-    usual: (f64, f64),
-    /// Control periods for which a hand turns the shaft.
-    hand: u32,
+/// Simulates a drive until the process is ended. Events on the standard input happen at once: `turn 2` turns its shaft
+/// by hand, by two turns in two seconds.
+///
+/// # Errors
+/// What is wrong with the options.
+pub fn main(options: &Options, out: Out) -> Result<()> {
+    let planned = options.fault.iter().map(|text| text.parse()).collect::<Result<Vec<ScheduledEvent>>>()?;
+    let flash = match &options.flash {
+        Some(path) => Flash::in_file(path)?,
+        None => Flash::blank(),
+    };
+    let rings = options.encoder.map(|pairs| Encoder::new(pairs.0, options.eccentricity, options.seed));
+    let motor = options.motor.as_ref().and_then(|name| MOTORS.iter().find(|motor| motor.name == name));
+    let (settings, plant) = match motor {
+        None => (defaults(), PlantParameters::imperfect(options.seed)),
+        Some(motor) => (of_motor(motor), motor.plant(options.seed)),
+    };
+    let plant = match options.two_halls {
+        Some(apart_deg) => plant.with_two_halls(apart_deg),
+        None => plant,
+    };
+    let mut plant = options.load.on(uneven(plant, options.uneven, options.seed));
+    if options.coil_field != 0.0 {
+        let rated_a = motor.map_or(Control::default().max_current_a, |motor| motor.limit_a);
+        plant = with_windings(plant, options.coil_field, rated_a.into(), options.seed);
+    }
+    let mut simulator = Simulator::with_rings(settings, &plant, rings, options.seed, flash, planned)?;
+    let (events, line) = sync_channel(IN);
+    listen_to_keyboard(events.clone());
+    let name = open(options, events)?;
+    say!(out, "The simulated drive is at {name}")?;
+    out.value(&json!({ "port": name }))?;
+    let tool = Tool { log: options.log.then_some(Log { out, mode: Mode::Unarmed }), ..Tool::default() };
+    match options.speed {
+        Pace::Real => real(&mut simulator, tool, &line),
+        Pace::Fast => fast(&mut simulator, tool, &line),
+    }
+    Ok(())
 }
 
-impl Simulator {
-    /// At power-up, an imperfect motor at rest.
-    ///
-    /// # Errors
-    /// What is wrong with the defaults.
-    pub fn new(seed: u64, flash: Flash, planned: Vec<ScheduledEvent>) -> Result<Self> {
-        Self::at(&PlantParameters::imperfect(seed), seed, flash, planned)
-    }
+#[cfg(unix)]
+fn open(options: &Options, events: SyncSender<Event>) -> Result<String> {
+    if options.pty { terminal::open(events) } else { listen(&options.listen, events) }
+}
 
-    /// The same at any motor.
-    ///
-    /// # Errors
-    /// What is wrong with the motor's parameters.
-    pub fn at(plant: &PlantParameters, seed: u64, flash: Flash, planned: Vec<ScheduledEvent>) -> Result<Self> {
-        Self::with(defaults(), plant, seed, flash, planned)
-    }
+#[cfg(not(unix))]
+fn open(options: &Options, events: SyncSender<Event>) -> Result<String> {
+    listen(&options.listen, events)
+}
 
-    /// The same with the settings of a board, whose PWM the motor has to have.
-    ///
-    /// # Errors
-    /// What is wrong with the settings or the motor's parameters.
-    pub fn with(
-        settings: Settings,
-        plant: &PlantParameters,
-        seed: u64,
-        flash: Flash,
-        planned: Vec<ScheduledEvent>,
-    ) -> Result<Self> {
-        Self::with_rings(settings, plant, None, seed, flash, planned)
-    }
+/// Tells what the drive is told and does.
+struct Log {
+    out: Out,
+    mode: Mode,
+}
 
-    /// The same with rings on the motor's shaft.
-    ///
-    /// # Errors
-    /// What is wrong with the settings or the motor's parameters.
-    pub fn with_rings(
-        settings: Settings,
-        plant: &PlantParameters,
-        rings: Option<Rings>,
-        seed: u64,
-        flash: Flash,
-        planned: Vec<ScheduledEvent>,
-    ) -> Result<Self> {
-        let config = settings.validate().context("the settings")?;
-        let usual = (plant.bus.supply_v, plant.motor.load_nm);
-        let mut plant = Plant::new(plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
-        plant.place(0.3, 0.0)?;
-        let firmware = firmware::start(IDENTITY, settings, flash.clone(), rings)?;
-        let periods = (1e-3 / plant.period_s()).round() as u32;
-        Ok(Self {
-            plant,
-            observe: None,
-            firmware,
-            housekeeping: Housekeeping::new(),
-            stop: Stop::new(),
-            listener: Listener::new(),
-            flash,
-            now_ms: 0,
-            input: VecDeque::new(),
-            output: Vec::new(),
-            fed: 0,
-            last: Output::OFF,
-            digest: 0xcbf2_9ce4_8422_2325,
-            period: config.period,
-            periods,
-            running: 0,
-            planned,
-            disturbed: None,
-            usual,
-            hand: 0,
-        })
-    }
-
-    /// A millisecond of the drive's life.
-    pub fn step(&mut self) {
-        self.neglect();
-        self.tasks();
-    }
-
-    /// Something happens, now.
-    ///
-    /// # Errors
-    /// A number that the motor refuses.
-    pub fn happen(&mut self, kind: fault::Kind) -> Result<()> {
-        match kind {
-            fault::Kind::Turn(turns) => return self.turn_by_hand(turns),
-            fault::Kind::Hot | fault::Kind::Late => self.disturbed = Some(kind),
-            fault::Kind::Mend => return self.mend(),
-            fault::Kind::Rings(defect) => return self.break_rings(defect),
-            _ => {}
+impl Log {
+    /// What does not change the drive is not told.
+    fn asked(&self, simulator: &Simulator, ask: &Ask<'_>) {
+        if ask.controls() || matches!(ask, Ask::Disarm) {
+            self.tell(simulator, &format!("{ask:?}"));
         }
-        kind.act(&mut self.plant)
     }
 
-    /// Something breaks of the rings, or they are mended.
-    fn break_rings(&mut self, defect: Option<Defect>) -> Result<()> {
-        let rings = self.firmware.rings().context("this drive has no rings: simulate it with --encoder 37/45")?;
-        match defect {
-            Some(defect) => rings.suffer(defect),
-            None => rings.mend(),
+    fn is(&mut self, simulator: &Simulator) {
+        let mode = simulator.drive().mode();
+        if mode != self.mode {
+            self.mode = mode;
+            self.tell(simulator, crate::words::mode_word(mode));
         }
-        Ok(())
     }
 
-    /// Everything is as at power-up, but for the rotor.
-    fn mend(&mut self) -> Result<()> {
-        self.disturbed = None;
-        self.firmware.rings().into_iter().for_each(Rings::mend);
-        (0..3).for_each(|hall| self.plant.set_hall_fault(hall, None));
-        let (supply_v, load_nm) = self.usual;
-        self.plant.set_supply(supply_v)?;
-        Ok(self.plant.set_load(load_nm)?)
+    fn tell(&self, simulator: &Simulator, what: &str) {
+        let (at_s, speed_rad_s) = (simulator.now_ms() as f64 / 1000.0, simulator.plant.truth().speed_rad_s);
+        // A screen that is gone is no reason to end.
+        let _ = say!(self.out, "{at_s:.3} s  {speed_rad_s:.1} rad/s  {what}");
+        let _ = self.out.value(&json!({ "at_s": at_s, "speed_rad_s": speed_rad_s, "what": what }));
     }
+}
 
-    /// Time since power-up, ms.
-    pub const fn now_ms(&self) -> u64 {
-        self.now_ms
-    }
+/// The end of a line at the drive.
+#[derive(Default)]
+struct Tool {
+    out: Option<SyncSender<Vec<u8>>>,
+    requests: Decoder,
+    /// The same of register clients.
+    lines: line::Decoder,
+    answers: Decoder,
+    /// Whether a request has no answer yet.
+    waits: bool,
+    log: Option<Log>,
+}
 
-    /// Bytes that the drive has not taken yet.
-    pub fn backlog(&self) -> usize {
-        self.input.len()
-    }
-
-    /// A hand takes the shaft, turns it by so many turns, negative ones backwards, and lets it go: a turn takes a
-    /// second.
-    ///
-    /// # Errors
-    /// A number of turns that is not finite.
-    pub fn turn_by_hand(&mut self, turns: f64) -> Result<()> {
-        self.plant.set_dyno(Some(std::f64::consts::TAU.copysign(turns)))?;
-        self.hand = (turns.abs() / self.plant.period_s()).round() as u32;
-        Ok(())
-    }
-
-    /// A period of the hand, which stops the shaft before it lets it go.
-    fn hold(&mut self) {
-        if self.hand > 0 {
-            self.hand -= 1;
-            if self.hand == 0 {
-                let stopped = self.plant.set_dyno(Some(0.0)).and_then(|()| self.plant.set_dyno(None));
-                debug_assert!(stopped.is_ok(), "both speeds are finite");
+impl Tool {
+    /// A byte to the drive. If it ends a frame, time passes: until it is answered, if it is a request.
+    fn ask(&mut self, simulator: &mut Simulator, byte: u8) {
+        if !self.hear(simulator, byte) {
+            return;
+        }
+        for passed in 0..LONGEST {
+            if passed < WORTH || self.waits {
+                self.step(simulator);
             }
         }
     }
 
-    /// A millisecond in which the control interrupt does not come.
-    pub fn stall(&mut self) {
-        self.tasks();
+    /// A byte to the drive: true if it ends a frame or a line.
+    fn hear(&mut self, simulator: &mut Simulator, byte: u8) -> bool {
+        simulator.write(&[byte]);
+        if self.lines.push(byte).is_some() {
+            return true;
+        }
+        let Some(frame) = self.requests.push::<Request<'_>>(byte) else { return false };
+        self.waits = frame.is_ok();
+        if let (Some(log), Ok(Request { ask, .. })) = (&self.log, &frame) {
+            log.asked(simulator, ask);
+        }
+        true
     }
 
-    /// A millisecond in which the tasks have no time.
-    pub fn neglect(&mut self) {
-        for _ in 0..self.periods {
-            self.period();
+    /// A millisecond.
+    fn step(&mut self, simulator: &mut Simulator) {
+        simulator.step();
+        if let Some(log) = &mut self.log {
+            log.is(simulator);
         }
-    }
-
-    /// The tasks' share of a millisecond, as a main loop would do it.
-    fn tasks(&mut self) {
-        self.now_ms += 1;
-        let tasks = self.firmware.tasks();
-        tasks.tick(self.now_ms, self.housekeeping.read());
-        if let Some(dealt) = tasks.dealt_with() {
-            self.stop.release(&dealt);
-        }
-        let taken = tasks.receive(self.input.make_contiguous());
-        self.input.drain(..taken);
-        let mut bytes = [0; 64];
-        loop {
-            match tasks.transmit(&mut bytes) {
-                0 => break,
-                length => self.output.extend(&bytes[..length]),
+        let bytes = simulator.read();
+        for &byte in &bytes {
+            if let Some(Ok(Reply { answer, .. })) = self.answers.push::<Reply<'_>>(byte) {
+                self.waits &= matches!(answer, Answer::Telemetry(_));
             }
         }
-        if self.now_ms.is_multiple_of(WATCHDOG_MS) && tasks.is_alive() {
-            self.fed += 1;
+        if let Some(tool) = self.out.as_ref().filter(|_| !bytes.is_empty()) {
+            // A tool that does not read loses frames, and the drive goes on.
+            let _ = tool.try_send(bytes);
         }
     }
+}
 
-    /// The control interrupt.
-    fn period(&mut self) {
-        let plant::Codes { halls, currents, bus } = self.plant.sample();
-        let mut sample = Sample { halls, currents, bus, temperatures: [COOL; 2], ..Sample::default() };
-        if let Some(kind) = self.disturbed {
-            kind.disturb(&mut sample);
+/// What a person has typed happens; how many milliseconds it takes.
+fn happen(simulator: &mut Simulator, kind: Kind, text: &str) -> u32 {
+    if let Err(error) = simulator.happen(kind) {
+        eprintln!("{text}: {error}");
+        return 0;
+    }
+    match kind {
+        Kind::Turn(turns) => {
+            println!("The shaft is turned by {turns} turns.");
+            (1000.0 * turns.abs()) as u32
         }
-        if let Some(observe) = &mut self.observe {
-            observe(&mut sample, &self.plant.truth());
-        }
-        self.housekeeping.update(&sample);
-        let interlock = self.stop.holds().then_some(Interlock::Stop);
-        self.last = self.firmware.step(&sample, interlock, self.plant.truth().mechanical_angle_rad);
-        let [a, b, c] = self.last.compare;
-        for word in [a, b, c, self.last.legs.bits().into()] {
-            self.digest = (self.digest ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3);
-        }
-        self.plant.advance(&sim::rig::legs(&self.last, self.period));
-        self.hold();
-        if self.firmware.drive().mode() == Mode::Running {
-            self.running += 1;
-            self.inject();
+        _ => {
+            println!("{text}: done");
+            0
         }
     }
+}
 
-    /// Faults whose time has come.
-    fn inject(&mut self) {
-        let seconds = self.running as f64 * self.plant.period_s();
-        while let Some(at) = self.planned.iter().position(|planned| planned.after_s <= seconds) {
-            let kind = self.planned.swap_remove(at).kind;
-            // The numbers are finite, and the motor takes any.
-            let done = self.happen(kind);
-            debug_assert!(done.is_ok(), "{kind:?}: {done:?}");
+fn real(simulator: &mut Simulator, mut tool: Tool, line: &Receiver<Event>) {
+    let mut next = Instant::now();
+    loop {
+        while simulator.backlog() < BACKLOG {
+            match line.try_recv() {
+                Ok(Event::Came(out)) => tool.out = Some(out),
+                Ok(Event::Bytes(bytes)) => bytes.iter().for_each(|&byte| _ = tool.hear(simulator, byte)),
+                Ok(Event::Typed(kind, text)) => _ = happen(simulator, kind, &text),
+                Err(TryRecvError::Empty) => break,
+                Err(TryRecvError::Disconnected) => return,
+            }
+        }
+        tool.step(simulator);
+        // A machine that is too slow makes the drive's time slower, not jerky.
+        next = (next + Duration::from_millis(1)).max(Instant::now() - Duration::from_millis(20));
+        thread::sleep(next.saturating_duration_since(Instant::now()));
+    }
+}
+
+/// What the drive does depends on what comes, in which order, and on nothing else: neither on when, nor on how it is
+/// cut in pieces.
+fn fast(simulator: &mut Simulator, mut tool: Tool, line: &Receiver<Event>) {
+    while let Ok(event) = line.recv() {
+        match event {
+            Event::Came(out) => tool.out = Some(out),
+            Event::Bytes(bytes) => bytes.into_iter().for_each(|byte| tool.ask(simulator, byte)),
+            Event::Typed(kind, text) => {
+                (0..happen(simulator, kind, &text)).for_each(|_| tool.step(simulator));
+            }
         }
     }
+}
 
-    /// Bytes to the drive.
-    pub fn write(&mut self, bytes: &[u8]) {
-        self.input.extend(bytes);
-        bytes.iter().for_each(|byte| self.listener.hear(*byte, true, &self.stop));
-    }
+/// What a person types, line by line from the standard input.
+fn listen_to_keyboard(events: SyncSender<Event>) {
+    thread::spawn(move || {
+        for line in std::io::stdin().lines().map_while(Result::ok) {
+            let kind = script::event(&line).map_err(anyhow::Error::msg).and_then(|event| Kind::of(&event));
+            match kind {
+                Ok(kind) => {
+                    if events.send(Event::Typed(kind, line)).is_err() {
+                        return;
+                    }
+                }
+                Err(error) => {
+                    eprintln!("{line:?}: {error}; `turn 2` turns the shaft by hand, `mend` ends what was broken")
+                }
+            }
+        }
+    });
+}
 
-    /// Bytes from the drive since the last call.
-    pub fn read(&mut self) -> Vec<u8> {
-        std::mem::take(&mut self.output)
-    }
+fn listen(address: &str, events: SyncSender<Event>) -> Result<String> {
+    let address = address.strip_prefix("tcp:").context("the address is to be tcp:HOST:PORT")?;
+    let listener = TcpListener::bind(address).with_context(|| format!("cannot listen at {address}"))?;
+    let name = format!("tcp:{}", listener.local_addr().context("the socket")?);
+    thread::spawn(move || {
+        for stream in listener.incoming().flatten() {
+            if serve(stream, &events).is_none() {
+                return;
+            }
+        }
+    });
+    Ok(name)
+}
 
-    /// What the control interrupt wrote to the timer last.
-    pub const fn output(&self) -> &Output {
-        &self.last
-    }
+/// One tool after the other; `None` when the drive is gone.
+fn serve(stream: TcpStream, events: &SyncSender<Event>) -> Option<()> {
+    let _ = stream.set_nodelay(true);
+    let Ok(out) = stream.try_clone() else { return Some(()) };
+    events.send(Event::Came(pour(out))).ok()?;
+    pump(stream, events)
+}
 
-    /// A digest (FNV-1a, a word at a time) of all that it ever wrote: two drives with the same have turned their motors
-    /// alike.
-    pub const fn digest(&self) -> u64 {
-        self.digest
-    }
+/// Writes in a thread of its own, for a tool may not read.
+fn pour(mut out: impl Write + Send + 'static) -> SyncSender<Vec<u8>> {
+    let (sender, receiver) = sync_channel::<Vec<u8>>(OUT);
+    thread::spawn(move || {
+        while let Ok(bytes) = receiver.recv() {
+            if out.write_all(&bytes).is_err() {
+                return;
+            }
+        }
+    });
+    sender
+}
 
-    /// What its flash holds.
-    pub fn flash(&self) -> Vec<u8> {
-        self.flash.bytes()
+/// Reads until the tool is gone; `None` when the drive is.
+fn pump(mut from: impl Read, events: &SyncSender<Event>) -> Option<()> {
+    let mut bytes = [0; 256];
+    while let Ok(length @ 1..) = from.read(&mut bytes) {
+        events.send(Event::Bytes(bytes[..length].to_vec())).ok()?;
     }
-
-    /// The drive, to look at.
-    pub fn drive(&self) -> &Drive {
-        self.firmware.drive()
-    }
-
-    /// The rings on its shaft, to break them.
-    pub fn rings(&mut self) -> Option<&mut Rings> {
-        self.firmware.rings()
-    }
-
-    /// How often the watchdog was fed.
-    pub const fn fed(&self) -> u32 {
-        self.fed
-    }
+    Some(())
 }

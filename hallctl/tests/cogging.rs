@@ -2,11 +2,11 @@
 //! power-up, ended and counted the other way as the settings say.
 
 use crate::tool::{ask, done, run, wait};
-use hallctl::simulate::Simulator;
-use hallctl::simulate::flash::Flash;
 use hallservo::service::magnets::Use;
 use hallservo_protocol::*;
 use plant::{Cogging, PlantParameters};
+use rig::simulator::Simulator;
+use rig::simulator::flash::Flash;
 
 /// A motor of four pole pairs whose magnets differ: a stronger one passes nine teeth in a turn.
 fn plant(seed: u64) -> PlantParameters {

@@ -1,14 +1,14 @@
 //! Who may say what: one tool controls, others read, anyone stops; and what begins without a tool that lives ends.
 
 use crate::tool::{ask, ask_as, calibrated, done, drive, request_of, run, status, wait};
-use hallctl::simulate::flash::Flash;
-use hallctl::simulate::{Simulator, defaults};
 use hallservo::drive::Refusal as DriveRefusal;
 use hallservo::hall::adapt::{Fault, Parameter};
 use hallservo::mode::Mode;
 use hallservo::settings::{self, Settings};
 use hallservo_protocol::*;
 use plant::PlantParameters;
+use rig::simulator::flash::Flash;
+use rig::simulator::{Simulator, defaults};
 use std::sync::LazyLock;
 
 const FIRST: u32 = 1;

@@ -2,12 +2,12 @@
 //! settings.
 
 use crate::tool::{ask, ask_as, calibrated, done, drive, run, status};
-use hallctl::simulate::Simulator;
-use hallctl::simulate::flash::Flash;
 use hallservo::board::Output;
 use hallservo::mode::Mode;
 use hallservo::settings::TABLE;
 use hallservo_protocol::{Answer, Ask, Refusal};
+use rig::simulator::Simulator;
+use rig::simulator::flash::Flash;
 use std::fmt::Write;
 use std::sync::LazyLock;
 

@@ -2,8 +2,6 @@
 
 use crate::tool::rings::{CALIBRATED, at, calibrate, calibrated, encoder, error_deg, powered_up};
 use crate::tool::{self, arm, ask, done, run, status, wait};
-use hallctl::simulate::Simulator;
-use hallctl::simulate::flash::Flash;
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::vernier::rings::RingsError;
@@ -13,6 +11,8 @@ use plant::PlantParameters;
 use plant::heads::Defect;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use rig::simulator::Simulator;
+use rig::simulator::flash::Flash;
 use std::f64::consts::TAU;
 
 fn random(seed: u64) -> Pcg64 {

@@ -1,11 +1,11 @@
 //! Garbage, truncated and hostile frames never move the motor, stop the control loop or panic.
 
 use crate::tool::{calibrated, done, drive, request, run, status};
-use hallctl::simulate::Simulator;
-use hallctl::simulate::flash::Flash;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Ask, Problem};
 use proptest::prelude::*;
+use rig::simulator::Simulator;
+use rig::simulator::flash::Flash;
 use std::sync::LazyLock;
 
 /// A flash with a calibration.

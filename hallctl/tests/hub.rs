@@ -3,11 +3,11 @@
 
 use crate::tool::{calibrated, drive, request_of, run};
 use hallctl::hub::{Hub, To, Tool};
-use hallctl::simulate::Simulator;
-use hallctl::simulate::flash::Flash;
 use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Answer, Ask, Decoder, Refusal, Reply};
+use rig::simulator::Simulator;
+use rig::simulator::flash::Flash;
 use std::collections::BTreeMap;
 
 /// A drive, the hub, and what each tool has heard.

@@ -1,12 +1,12 @@
 //! The sensors are learnt after every kind of start, at motors that the settings do not fit.
 
 use crate::tool::{done, run, status, wait};
-use hallctl::simulate::Simulator;
-use hallctl::simulate::flash::Flash;
 use hallservo_protocol::{Ask, Learning};
 use plant::{PlantParameters, Unevenness};
 use rayon::prelude::*;
-use sim::rig::error_deg;
+use rig::error_deg;
+use rig::simulator::Simulator;
+use rig::simulator::flash::Flash;
 use sim::statistics::Statistics;
 
 /// Motors of which some have half the inertia that the settings say, some the whole and some three times as much.

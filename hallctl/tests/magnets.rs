@@ -2,8 +2,6 @@
 
 use crate::process::Drive;
 use crate::tool::{ask, done, run, status, wait};
-use hallctl::simulate::flash::Flash;
-use hallctl::simulate::{self, Simulator};
 use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo::service::magnets::Use;
@@ -11,8 +9,10 @@ use hallservo_protocol::*;
 use plant::{PlantParameters, Unevenness};
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use sim::motors::MOTORS;
-use sim::rig::error_deg;
+use rig::error_deg;
+use rig::motors::MOTORS;
+use rig::simulator::flash::Flash;
+use rig::simulator::{self, Simulator};
 use std::cell::RefCell;
 use std::f64::consts::TAU;
 use std::rc::Rc;
@@ -31,7 +31,7 @@ fn magnets(drive: &mut Simulator) -> MagnetsStatus {
 
 /// A motor whose magnets are so many times as uneven as those of a cheap one.
 fn uneven(seed: u64, times: f64) -> PlantParameters {
-    simulate::uneven(PlantParameters::imperfect(seed), times, seed)
+    simulator::uneven(PlantParameters::imperfect(seed), times, seed)
 }
 
 fn calibrated(plant: &PlantParameters, seed: u64) -> Simulator {
@@ -442,12 +442,12 @@ fn a_slow_rotor_that_slips_by_a_magnet_loses_its_map() {
 #[test]
 fn a_map_of_many_poles_is_true_and_its_pole_found_after_a_turn() {
     let motor = MOTORS.iter().find(|motor| motor.name == "direct-drive").unwrap();
-    let mut settings = simulate::of_motor(motor);
+    let mut settings = simulator::of_motor(motor);
     let control = settings.control.as_mut().unwrap();
     (control.resistance_ohm, control.inductance_h) = (motor.ohm as f32, motor.henry as f32);
     (control.flux_linkage_wb, control.inertia_kgm2) = (motor.flux_vs as f32, motor.inertia_kgm2 as f32);
     (control.max_current_a, control.max_speed_rad_s) = (motor.limit_a, 30.0);
-    let plant = simulate::uneven(motor.plant(1), 1.0, 1);
+    let plant = simulator::uneven(motor.plant(1), 1.0, 1);
     let mut drive = Simulator::with(settings, &plant, 1, Flash::blank(), Vec::new()).unwrap();
     run(&mut drive, 10);
     done(&mut drive, Ask::Calibrate);

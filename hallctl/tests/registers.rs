@@ -1,13 +1,13 @@
 //! Register clients and our own tools on one line: neither is ever mistaken for the other, and one controls at a time.
 
 use crate::tool::{arm, ask_as, calibrated, done, drive, request, run, status};
-use hallctl::simulate::Simulator;
-use hallctl::simulate::flash::Flash;
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::settings::Settings;
 use hallservo_protocol::{Answer, Ask, Refusal};
 use proptest::prelude::*;
+use rig::simulator::Simulator;
+use rig::simulator::flash::Flash;
 use std::sync::LazyLock;
 
 /// A flash with a calibration.

@@ -1,12 +1,12 @@
 //! Bandwidths of the loops changed while the motor turns under load: no jump of the current, whatever is asked for.
 
 use crate::tool::{arm, ask, calibrated, done, drive, run, status};
-use hallctl::simulate::Simulator;
-use hallctl::simulate::flash::Flash;
 use hallservo::mode::Mode;
 use hallservo::scope::{Channel, Setup, State, Trigger};
 use hallservo::settings::Error;
 use hallservo_protocol::{Answer, Ask, ROWS_AT_ONCE, Refusal, ScopeAsk, ScopeStatus};
+use rig::simulator::Simulator;
+use rig::simulator::flash::Flash;
 use std::sync::LazyLock;
 
 /// A flash with a calibration.

@@ -2,12 +2,12 @@
 
 use crate::tool::{arm, ask, ask_as, calibrated, done, drive, run};
 use hallctl::scope::Recording;
-use hallctl::simulate::Simulator;
-use hallctl::simulate::fault::Kind;
-use hallctl::simulate::flash::Flash;
 use hallservo::mode::Mode;
 use hallservo::scope::{Channel, Error, ROWS, Setup, State, Trigger};
 use hallservo_protocol::{Answer, Ask, ROWS_AT_ONCE, Refusal, ScopeAsk, ScopeRefusal, ScopeStatus};
+use rig::simulator::Simulator;
+use rig::simulator::fault::Kind;
+use rig::simulator::flash::Flash;
 use std::sync::LazyLock;
 
 /// A flash with a calibration.

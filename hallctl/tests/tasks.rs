@@ -1,14 +1,14 @@
 //! The tasks of a drive: watchdog, time-out, storage, procedures.
 
 use crate::tool::{self, arm, ask, calibrated, done, drive, run, status, wait};
-use hallctl::simulate::flash::Flash;
-use hallctl::simulate::{Simulator, defaults, fault};
 use hallservo::board::Legs;
 use hallservo::drive::Refusal as DriveRefusal;
 use hallservo::mode::Mode;
 use hallservo_app::{Identity, Memory, Readings, Supervisor};
 use hallservo_protocol::{Answer, Ask, Cause, Decoder, Learning, Problem, Procedure, Record, Refusal, Reply};
 use plant::{HallFault, PlantParameters, Rail};
+use rig::simulator::flash::Flash;
+use rig::simulator::{Simulator, defaults, fault};
 
 #[test]
 fn the_watchdog_is_fed_only_while_the_control_interrupt_comes() {

@@ -1,9 +1,6 @@
 //! A drive with two Halls from the start: set up, armed, used, and what it does when one of the two fails.
 
 use crate::tool::{arm, ask, done, run, status, wait};
-use hallctl::simulate::fault::Kind;
-use hallctl::simulate::flash::Flash;
-use hallctl::simulate::{self, Simulator};
 use hallservo::drive::Refusal as DriveRefusal;
 use hallservo::fault::Fault;
 use hallservo::hall::Channel;
@@ -12,8 +9,11 @@ use hallservo::hall::plausibility::Implausible;
 use hallservo::mode::Mode;
 use hallservo_protocol::*;
 use plant::PlantParameters;
+use rig::error_deg;
+use rig::simulator::fault::Kind;
+use rig::simulator::flash::Flash;
+use rig::simulator::{self, Simulator};
 use script::HallWire;
-use sim::rig::error_deg;
 use std::cell::RefCell;
 use std::rc::Rc;
 
@@ -140,7 +140,7 @@ fn watch(drive: &mut Simulator, rad_s: f32, milliseconds: u32) -> f64 {
 #[test]
 fn a_map_of_uneven_magnets_is_learnt_and_used_with_two_halls() {
     for (apart_deg, seed) in [(90.0, 11), (120.0, 12)] {
-        let mut drive = calibrated(&simulate::uneven(motor(apart_deg, seed), 0.5, seed), seed);
+        let mut drive = calibrated(&simulator::uneven(motor(apart_deg, seed), 0.5, seed), seed);
         let before = error_at_speed(&mut drive);
         done(&mut drive, Ask::Magnets(MagnetsAsk::Learn));
         wait(&mut drive);
@@ -269,7 +269,7 @@ fn keep(drive: &mut Simulator, what: Ask<'_>, milliseconds: u32) {
 fn healthy_halls_at_uneven_magnets_and_loads_are_not_taken_for_broken() {
     for seed in 1..=sim::rotors(sim::of(2, 4)) {
         let apart_deg = [90.0, -90.0, 120.0, -120.0][seed as usize % 4];
-        let plant = simulate::uneven(motor(apart_deg, seed), 0.5, seed);
+        let plant = simulator::uneven(motor(apart_deg, seed), 0.5, seed);
         let mut drive = calibrated(&plant, seed);
         arm(&mut drive);
         for rad_s in [1.0, -5.0, 30.0, -100.0, 300.0, -300.0] {

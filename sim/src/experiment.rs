@@ -14,9 +14,9 @@ pub mod servo;
 pub mod spin;
 pub mod vernier;
 
-use crate::motors::Motor;
 use crate::report::Report;
 use anyhow::{Context, Result};
+use rig::motors::Motor;
 use serde::Serialize;
 use std::fs;
 use std::path::PathBuf;

@@ -6,11 +6,7 @@ macro_rules! println {
     ($($text:tt)*) => { $crate::report::line(format_args!($($text)*)) };
 }
 
-pub mod baseline;
-pub mod commissioning;
 pub mod experiment;
-pub mod motors;
-pub mod rig;
 pub mod statistics;
 
 pub use plots as report;

@@ -7,7 +7,7 @@ mod two_halls;
 
 use chip::{Disturbance, Trace};
 use common::{ESC, NUCLEO, ask, calibrated, run, says};
-use hallctl::simulate::{Simulator, flash::Flash};
+use rig::simulator::{Simulator, flash::Flash};
 use hallservo::board::TemperatureCode;
 use hallservo::board::sensing::SkewCompensation;
 use hallservo::settings::Settings;

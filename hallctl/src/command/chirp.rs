@@ -17,8 +17,8 @@ use hallservo::mode::Mode;
 use hallservo::scope::{Channel, Setup, Trigger};
 use hallservo_protocol::Ask;
 use num_complex::Complex64;
+use plots::{Plot, Report, Series};
 use serde_json::json;
-use sim::report::{Plot, Report, Series};
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 

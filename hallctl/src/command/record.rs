@@ -7,8 +7,8 @@ use crate::say;
 use crate::scope::{self, Recording, name};
 use anyhow::Context as _;
 use hallservo::scope::{Channel, ROWS, Setup, Trigger};
+use plots::{Plot, Report, Series};
 use serde_json::{Map, Value, json};
-use sim::report::{Plot, Report, Series};
 use std::path::{Path, PathBuf};
 
 /// What to record. It may be asked for while another tool controls the drive.

@@ -9,8 +9,8 @@ use crate::response::{Point, Profile, Sine, Step, bandwidth};
 use crate::say;
 use crate::units::{self, Quantity};
 use clap::Subcommand;
+use plots::{Plot, Report, Series};
 use serde_json::json;
-use sim::report::{Plot, Report, Series};
 use std::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 

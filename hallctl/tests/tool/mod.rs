@@ -2,9 +2,9 @@
 
 pub mod rings;
 
-use hallctl::simulate::Simulator;
-use hallctl::simulate::flash::Flash;
 use hallservo_protocol::*;
+use rig::simulator::Simulator;
+use rig::simulator::flash::Flash;
 use std::sync::LazyLock;
 
 /// Milliseconds that a tool waits.

@@ -1,11 +1,11 @@
 //! A simulated drive with two rings on the shaft.
 
 use super::{ask, done, run, status, wait};
-use hallctl::simulate::flash::Flash;
-use hallctl::simulate::{Simulator, defaults};
 use hallservo_protocol::{Activity, Answer, Ask, EncoderAsk, EncoderCalibration, EncoderStatus, Problem};
 use plant::PlantParameters;
 use plant::heads::Encoder;
+use rig::simulator::flash::Flash;
+use rig::simulator::{Simulator, defaults};
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
 

@@ -2,10 +2,7 @@
 //! poles, and with all of it; and after a power-up, until the pole is found.
 
 use super::OfMotors;
-use crate::commissioning::{Bench, commission};
-use crate::motors::{MOTORS, Motor};
 use crate::report::{Plot, Report, Series, print_table};
-use crate::rig::Rig;
 use crate::statistics::Statistics;
 use anyhow::{Context, Result, anyhow};
 use hallservo::angle::PolePairs;
@@ -16,6 +13,9 @@ use hallservo::service::learning::Plan;
 use hallservo::turn::{Table, Use};
 use plant::Cogging;
 use rayon::prelude::*;
+use rig::Rig;
+use rig::commissioning::{Bench, commission};
+use rig::motors::{MOTORS, Motor};
 use serde::Serialize;
 use std::f64::consts::TAU;
 

@@ -2,10 +2,7 @@
 //! angle before and after.
 
 use super::OfMotors;
-use crate::commissioning::{Bench, commission};
-use crate::motors::{MOTORS, Motor};
 use crate::report::{Report, print_table};
-use crate::rig::{Rig, error_deg};
 use crate::statistics::Statistics;
 use anyhow::{Context, Result, anyhow, bail};
 use hallservo::angle::Position;
@@ -16,29 +13,18 @@ use hallservo::scope::{Channel, Setup, State, Trigger};
 use hallservo::service::coil::{BEFORE, Plan, ROWS, Row, STEPS, field};
 use hallservo::service::identify::Estimate;
 use hallservo::settings::{Control, Settings};
-use plant::{Noise, PlantParameters};
+use plant::PlantParameters;
 use rayon::prelude::*;
+use rig::commissioning::{Bench, commission};
+use rig::motors::{MOTORS, Motor, with_windings};
+use rig::{Rig, error_deg};
 use serde::Serialize;
 use std::f64::consts::TAU;
 
 /// Fields of the windings at the largest current, relative to the magnets'.
 pub const SHARES: [f64; 4] = [0.0, 0.02, 0.05, 0.1];
-/// How much the Halls differ in what they see of it at most: in size, as a share, and in direction, degrees.
-const APART: (f64, f64) = (0.2, 15.0);
 /// Speed at which a load is turned, turns a second.
 const LOADED_HZ: f64 = 1.0;
-
-/// The field of the windings at Halls that do not see it alike.
-pub fn with_windings(mut plant: PlantParameters, share: f64, rated_a: f64, seed: u64) -> PlantParameters {
-    let mut random = Noise::new(seed ^ 0xC011);
-    let phase_rad = plant.hall_phase_rad;
-    for hall in &mut plant.halls {
-        let own = share * (1.0 + APART.0 * random.uniform());
-        let turned_rad = APART.1.to_radians() * random.uniform();
-        *hall = hall.with_windings(own, rated_a, phase_rad + turned_rad);
-    }
-    plant
-}
 
 /// Electrical degrees an ampere by which a current along q turns the Halls' angle, in the mean over a turn.
 pub fn true_deg_a(plant: &PlantParameters) -> f64 {

@@ -2,7 +2,6 @@
 
 use super::Common;
 use crate::report::{Plot, Report, Series, print_table};
-use crate::rig::{Rig, legs};
 use crate::statistics::{ByAngle, ripple_pct};
 use anyhow::Result;
 use hallservo::commutation::block::Sextant;
@@ -12,6 +11,7 @@ use hallservo::drive::Command;
 use hallservo::pwm::Limits;
 use hallservo::settings::Settings;
 use plant::{Cogging, InverterModel, InverterParameters, MotorParameters, Plant, PlantParameters, Shape};
+use rig::{Rig, legs};
 use rustfft::{FftPlanner, num_complex::Complex};
 use serde::Serialize;
 use std::f64::consts::TAU;

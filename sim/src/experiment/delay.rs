@@ -2,7 +2,6 @@
 
 use super::{Common, magnets};
 use crate::report::{Plot, Report, Series, print_table};
-use crate::rig::{Rig, error_deg};
 use crate::statistics::Statistics;
 use anyhow::{Context, Result};
 use hallservo::drive::Command;
@@ -10,6 +9,7 @@ use hallservo::service::{identification, mapping};
 use hallservo::settings::{Control, Settings};
 use plant::{Noise, PlantParameters, Unevenness};
 use rayon::prelude::*;
+use rig::{Rig, error_deg};
 use serde::Serialize;
 use std::f64::consts::TAU;
 

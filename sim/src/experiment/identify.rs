@@ -1,15 +1,15 @@
 //! What the drive says of motors that it commissions, and whether that is true: each value with its ± beside the motor.
 
 use super::Common;
-use crate::commissioning::{Bench, Outcome, commission};
-use crate::motors::MOTORS;
 use crate::report::{Report, print_table};
-use crate::rig::Rig;
 use crate::statistics::Statistics;
 use anyhow::Result;
 use hallservo::service::identify::Estimate;
 use plant::{AmplifierFault, InverterModel, Noise, PlantParameters, Unevenness};
 use rayon::prelude::*;
+use rig::Rig;
+use rig::commissioning::{Bench, Outcome, commission};
+use rig::motors::MOTORS;
 use serde::Serialize;
 
 /// What data sheets of a board's parts allow: shunts of one reel, resistors of an amplifier, those of the bus divider.

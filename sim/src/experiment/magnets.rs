@@ -2,7 +2,6 @@
 
 use super::Common;
 use crate::report::{Plot, Report, Series, print_table};
-use crate::rig::{Rig, error_deg};
 use crate::statistics::Statistics;
 use anyhow::{Context, Result};
 use hallservo::commutation::Commutation;
@@ -11,6 +10,7 @@ use hallservo::service::mapping;
 use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{PlantParameters, Unevenness};
 use rayon::prelude::*;
+use rig::{Rig, error_deg};
 use serde::Serialize;
 use std::f64::consts::TAU;
 

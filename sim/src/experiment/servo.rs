@@ -4,7 +4,6 @@ mod identified;
 
 use super::Common;
 use crate::report::{Plot, Report, Series, print_table};
-use crate::rig::Rig;
 use crate::statistics::{Statistics, ripple_pct};
 use anyhow::{Context, Result, anyhow};
 use hallservo::commutation::Commutation;
@@ -14,6 +13,7 @@ use hallservo::settings::{Control, GuardSettings, Settings};
 use identified::identified;
 pub use identified::{Compared, Identification};
 use plant::{PlantParameters, Truth};
+use rig::Rig;
 use serde::Serialize;
 use std::f64::consts::TAU;
 

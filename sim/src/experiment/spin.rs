@@ -1,11 +1,10 @@
 //! Calibrates an imperfect motor and turns it through start, reversal, slow and fast.
 
 use super::Common;
-use crate::baseline::halls::{Normalizer, Signal, single_sensor};
 use crate::report::{Plot, Report, Series, print_table};
-use crate::rig::{Period, Rig, error_deg};
 use crate::statistics::{ByAngle, Statistics};
 use anyhow::Result;
+use baseline::halls::{Normalizer, Signal, single_sensor};
 use hallservo::angle::ElectricalAngle;
 use hallservo::drive::Command;
 use hallservo::hall::Channel;
@@ -14,6 +13,7 @@ use hallservo::settings::Settings;
 use hallservo::trig;
 use indicatif::{ProgressBar, ProgressStyle};
 use plant::PlantParameters;
+use rig::{Period, Rig, error_deg};
 use serde::Serialize;
 use std::f64::consts::TAU;
 

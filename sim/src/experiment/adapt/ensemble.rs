@@ -1,9 +1,9 @@
 //! Many motors: how fast and how well the filters find unknown sensors.
 
 use super::trial::{self, ACCELERATION_NOISE, DAMPING_1_S, Motion, PERIOD_S, Start, Trial};
-use crate::baseline::filter::{Noises, PaperFilter};
 use crate::statistics::Statistics;
 use anyhow::Result;
+use baseline::filter::{Noises, PaperFilter};
 use hallservo::hall::adapt::Status;
 use std::f64::consts::TAU;
 

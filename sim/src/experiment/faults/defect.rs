@@ -2,7 +2,6 @@
 
 use super::bench::{Bench, COOL};
 use super::machine::Verdict;
-use crate::rig::{Disturb, Rig};
 use anyhow::{Context, Result};
 use hallservo::angle::ElectricalAngle;
 use hallservo::board::{LostPeriods, Sample};
@@ -13,6 +12,7 @@ use plant::{AmplifierFault, HallFault, HallParameters, PlantParameters, Thermist
 use rand::RngExt;
 use rand::seq::IndexedRandom;
 use rand_pcg::Pcg64;
+use rig::{Disturb, Rig};
 use std::ops::Range;
 
 /// What breaks.

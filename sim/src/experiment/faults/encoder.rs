@@ -8,7 +8,6 @@
 use super::kind::MOST_WRONG;
 use super::summary::{Found, Summary, settings};
 use crate::experiment::vernier::{Build, calibrate, read};
-use crate::rig::{connected, legs};
 use anyhow::{Context, Result, anyhow, bail};
 use hallservo::angle::{ElectricalAngle, MechanicalAngle};
 use hallservo::board::{Legs, Sample, TemperatureCode};
@@ -28,6 +27,7 @@ use plant::{Plant, PlantParameters};
 use rand::seq::IndexedRandom;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
+use rig::{connected, legs};
 use std::f64::consts::TAU;
 
 /// Two heads over each ring.

@@ -3,7 +3,6 @@
 use super::bench::{Bench, COOL};
 use super::defect::WATCHDOG_S;
 use super::motion::{Motion, Way};
-use crate::rig::Rig;
 use anyhow::{Context, Result, bail};
 use hallservo::board::{Legs, LostPeriods};
 use hallservo::drive::{Command, Refusal, Reply};
@@ -15,6 +14,7 @@ use hallservo::mode::Mode;
 use hallservo::service::Event;
 use hallservo::service::adaptation::{Watch, torque_nm};
 use hallservo::telemetry::Record;
+use rig::Rig;
 use std::f64::consts::TAU;
 
 /// Longest check when the bridge is switched on, s.

@@ -1,16 +1,16 @@
 //! Fig. 9(a) to (c): the estimate against an encoder while a hand turns the rotor, and the Hall against the back-EMF.
 
 use super::claim::{Claim, Figure, Paper};
-use crate::baseline::halls::{Normalizer, Signal, three_sensors};
 use crate::report::{Plot, Series};
-use crate::rig::{Rig, error_deg};
 use crate::statistics::Statistics;
 use anyhow::Result;
+use baseline::halls::{Normalizer, Signal, three_sensors};
 use hallservo::angle::ElectricalAngle;
 use hallservo::hall::Channel;
 use hallservo::hall::calibrate::Calibration;
 use hallservo::settings::Settings;
 use plant::{Plant, PlantParameters};
+use rig::{Rig, error_deg};
 use std::f64::consts::TAU;
 
 const POLE_PAIRS: f64 = 4.0;

@@ -2,12 +2,12 @@
 
 use super::claim::{Claim, Figure, Paper};
 use super::eccentric::{self, ECCENTRICITY_MM, HEADS_DEG};
-use crate::baseline::rings::{PairTable, ZeroTable, decode_by_search};
 use crate::experiment::Common;
 use crate::experiment::vernier::plots::Bench;
 use crate::experiment::vernier::{self, Build, Options};
 use crate::report::Plot;
 use anyhow::{Context, Result};
+use baseline::rings::{PairTable, ZeroTable, decode_by_search};
 use hallservo::vernier::decode::{AverageTable, IdealTable};
 use hallservo::vernier::rings::Rings;
 

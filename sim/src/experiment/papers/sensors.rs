@@ -1,12 +1,11 @@
 //! Fig. 4(b), eq. (7) and Fig. 5: what three Halls tell, how finely, and the six steps.
 
 use super::claim::{Claim, Figure, Paper};
-use crate::baseline::halls::{Normalizer, Signal, single_sensor, three_sensors};
 use crate::experiment::{adapt::trial, commutation};
 use crate::report::{Plot, Series};
-use crate::rig::error_deg;
 use crate::statistics::{Statistics, ripple_pct};
 use anyhow::Result;
+use baseline::halls::{Normalizer, Signal, single_sensor, three_sensors};
 use hallservo::angle::ElectricalAngle;
 use hallservo::commutation::block::Sextant;
 use hallservo::commutation::sinusoidal::PhaseOrder;
@@ -14,6 +13,7 @@ use hallservo::hall::Channel;
 use hallservo::hall::estimate::Estimator;
 use hallservo::hall::model::Model;
 use plant::{AdcParameters, Bench, BenchParameters, HallParameters, PlantParameters, Shape};
+use rig::error_deg;
 use std::f64::consts::TAU;
 
 const POLE_PAIRS: f64 = 4.0;

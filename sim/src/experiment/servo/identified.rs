@@ -1,12 +1,12 @@
 //! The motor as the drive measures it, beside the true one.
 
-use crate::rig::Rig;
 use anyhow::Result;
 use hallservo::service::identification::Plan;
 use hallservo::service::identify::{Estimate, Report};
 use hallservo::settings::Control;
 use hallservo::settings::Settings;
 use plant::PlantParameters;
+use rig::Rig;
 use serde::Serialize;
 
 /// Has a drive that was told a motor off by a fifth measure the one that it has.

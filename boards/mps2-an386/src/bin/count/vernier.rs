@@ -2,7 +2,7 @@
 //! methods.
 
 /// The paper's methods, as the host tests them.
-#[path = "../../../../../sim/src/baseline/rings.rs"]
+#[path = "../../../../../baseline/src/rings.rs"]
 #[allow(dead_code, reason = "the host's tests use all of it")]
 mod baseline;
 

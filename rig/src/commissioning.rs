@@ -1,6 +1,6 @@
 //! The whole commissioning of a simulated motor, as `hallctl commission` does it over a line.
 
-use crate::rig::Rig;
+use crate::Rig;
 use hallservo::config::Config;
 use hallservo::drive::Command;
 use hallservo::hall::calibrate::{self, report::Report as Sensors};

@@ -1,7 +1,7 @@
 //! Motors of every impedance, each on a board that fits it, to be commissioned.
 
 use hallservo::settings::{Control, GuardSettings, Settings};
-use plant::{Cogging, Friction, PlantParameters, SenseParameters};
+use plant::{Cogging, Friction, Noise, PlantParameters, SenseParameters};
 
 /// A motor on a board that fits it.
 #[derive(Clone, Copy)]
@@ -115,4 +115,19 @@ impl Motor {
             ..Settings::default()
         }
     }
+}
+
+/// How much the Halls differ in what they see of it at most: in size, as a share, and in direction, degrees.
+const APART: (f64, f64) = (0.2, 15.0);
+
+/// The field of the windings at Halls that do not see it alike.
+pub fn with_windings(mut plant: PlantParameters, share: f64, rated_a: f64, seed: u64) -> PlantParameters {
+    let mut random = Noise::new(seed ^ 0xC011);
+    let phase_rad = plant.hall_phase_rad;
+    for hall in &mut plant.halls {
+        let own = share * (1.0 + APART.0 * random.uniform());
+        let turned_rad = APART.1.to_radians() * random.uniform();
+        *hall = hall.with_windings(own, rated_a, phase_rad + turned_rad);
+    }
+    plant
 }

@@ -227,6 +227,28 @@ fn a_bandwidth_is_proposed_and_kept_only_if_asked_to() {
     assert!(drive.ok(&["status"]).contains("bridge off"));
 }
 
+/// A load that is stronger than the motor drives it beyond its largest speed: nobody but a person clears that.
+#[test]
+fn tuning_arms_no_rotor_that_something_else_drives() {
+    let drive = Drive::start(&["--fault", "load-0.2Nm@1.5s"]);
+    drive.ok(&["calibrate"]);
+    let said = drive.fails(7, &["tune"]);
+    assert!(said.contains("the rotor turned faster than allowed") && said.contains("hallctl clear"), "{said}");
+    assert!(drive.ok(&["status"]).contains("faulted: the rotor turned faster than allowed"));
+}
+
+#[test]
+fn a_calibration_that_fails_says_what_comes_next() {
+    let mut drive = Drive::start(&[]);
+    drive.typed("hall 2 open");
+    let said = drive.fails(7, &["calibrate"]);
+    assert!(said.contains("Hall 2 sees no magnet turning") && said.contains("`hallctl clear`"), "{said}");
+    let drive = Drive::start(&["--encoder", "37/45", "--fault", "hall-2-open@1s"]);
+    drive.ok(&["calibrate"]);
+    let said = drive.fails(7, &["encoder", "calibrate"]);
+    assert!(said.contains("Hall 2 is at the end") && said.contains("`hallctl clear`"), "{said}");
+}
+
 #[test]
 fn a_recording_waits_for_what_it_is_told_to() {
     let drive = Drive::start(&[]);

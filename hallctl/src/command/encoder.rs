@@ -7,6 +7,7 @@ use crate::error::{Error, Result};
 use crate::out::{Out, create};
 use crate::{say, words};
 use anyhow::Context as _;
+use hallservo::mode::Mode;
 use hallservo::vernier::calibrate::Report;
 use hallservo::vernier::eccentricity::Geometry;
 use hallservo::vernier::rings::Rings;
@@ -101,7 +102,10 @@ fn calibrate(client: &mut Client, by_hand: bool, out: Out) -> Result<()> {
             out.value(&report)?;
             show_report(&status(client)?, &report, out)
         }
-        EncoderCalibration::Failed(error) => Err(Error::Failed(format!("the calibration failed: {error}"))),
+        EncoderCalibration::Failed(error) => Err(Error::Failed(match client.status()?.mode {
+            Mode::Faulted(fault) => format!("the calibration failed: {fault}\n  {}.", words::what_to_do(fault)),
+            _ => format!("the calibration failed: {error}"),
+        })),
         EncoderCalibration::None | EncoderCalibration::Running(_) => {
             Err(Error::Failed("the drive was restarted while it calibrated".into()))
         }

@@ -162,6 +162,18 @@ pub fn torque(text: &str) -> Result<Quantity, String> {
     quantity(text, &[("mNm", 1e-3), ("Nm", 1.0), ("N·m", 1.0)])
 }
 
+/// A number in the drive's own unit; the drive says what is wrong with one that is none.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn real(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(number) if number.is_infinite() => Err(format!("{text} is beyond what a drive can be told")),
+        Ok(number) => Ok(number),
+        Err(_) => Err("a number is wanted".into()),
+    }
+}
+
 /// A fraction.
 ///
 /// # Errors

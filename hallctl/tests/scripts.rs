@@ -119,6 +119,12 @@ fn settings_travel_through_standard_streams() {
     // Nothing was set by halves.
     assert!(drive.ok(&["settings", "get", "stall_s"]).contains("0.7"));
     assert!(drive.fails(6, &["settings", "set", "stall_s", "1e99"]).contains("1e99"));
+    // What is left of a file that was cut short.
+    for text in ["", "# Settings of"] {
+        let nothing = import(text);
+        let said = String::from_utf8(nothing.stderr).unwrap();
+        assert!(nothing.status.code() == Some(1) && said.contains("there is no setting in -"), "{said}");
+    }
 }
 
 #[test]
@@ -171,6 +177,11 @@ fn what_is_refused_is_named_as_it_was_typed() {
     for (option, value) in [("--kp", "-1"), ("--kp", "nan"), ("--kd", "-1"), ("--max-torque", "-1")] {
         let said = drive.fails(6, &["impedance", "0", &format!("{option}={value}"), "--once"]);
         assert!(said.contains("must be 0 or more") && !said.contains("unstable"), "{said}");
+    }
+    // Of infinity it would be said that it must be 0 or more.
+    for value in ["1e99", "inf"] {
+        let said = drive.fails(2, &["impedance", "0", "--kp", value, "--once"]);
+        assert!(said.contains(&format!("{value} is beyond what a drive can be told")), "{said}");
     }
 }
 

@@ -178,6 +178,10 @@ fn what_is_refused_is_named_as_it_was_typed() {
         let said = drive.fails(6, &["impedance", "0", &format!("{option}={value}"), "--once"]);
         assert!(said.contains("must be 0 or more") && !said.contains("unstable"), "{said}");
     }
+    // What does nothing has no rise, gain or bandwidth.
+    for nothing in [&["step", "speed", "0"][..], &["sine", "position", "0"], &["tune", "--step", "0"]] {
+        assert!(drive.fails(2, nothing).contains("a size other than 0 is wanted"));
+    }
     // Of infinity it would be said that it must be 0 or more.
     for value in ["1e99", "inf"] {
         let said = drive.fails(2, &["impedance", "0", "--kp", value, "--once"]);

@@ -36,7 +36,7 @@ const HALVINGS: usize = 3;
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Options {
     /// Size of the steps that are tried; a fifth of max_speed_rad_s, if it is not given
-    #[arg(long, value_parser = units::speed)]
+    #[arg(long, value_parser = |text: &str| units::not_zero(units::speed(text)?))]
     step: Option<Quantity>,
     /// Speed before them; a quarter of the step, if it is not given
     #[arg(long, value_parser = units::speed)]

@@ -162,6 +162,26 @@ pub fn torque(text: &str) -> Result<Quantity, String> {
     quantity(text, &[("mNm", 1e-3), ("Nm", 1.0), ("N·m", 1.0)])
 }
 
+/// The size of what is to be measured.
+///
+/// # Errors
+/// It is zero.
+pub fn not_zero(size: Quantity) -> Result<Quantity, String> {
+    if size.number == 0.0 { Err("a size other than 0 is wanted".into()) } else { Ok(size) }
+}
+
+/// A number in the drive's own unit; the drive says what is wrong with one that is none.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn real(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(number) if number.is_infinite() => Err(format!("{text} is beyond what a drive can be told")),
+        Ok(number) => Ok(number),
+        Err(_) => Err("a number is wanted".into()),
+    }
+}
+
 /// A fraction.
 ///
 /// # Errors

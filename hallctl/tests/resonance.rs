@@ -155,3 +155,20 @@ fn a_load_that_cannot_be_is_refused_in_words() {
         assert!(output.status.code() == Some(2) && text.contains(said), "{options:?}: {text}");
     }
 }
+
+/// Uneven magnets make the speed of a rotor without any load swing: no shaft is blamed for it, and with a map the loop is
+/// faster.
+#[test]
+fn uneven_magnets_are_no_shaft_that_twists() {
+    for uneven in ["0.5", "1"] {
+        let drive = Drive::start(&["--seed", "2", "--uneven", uneven]);
+        drive.ok(&["calibrate"]);
+        let said = drive.ok(&["tune"]);
+        assert!(said.contains("The magnets are uneven") && said.contains("`hallctl magnets learn`"), "{said}");
+        assert!(!said.contains("shaft twists") && !said.contains("play between"), "{said}");
+        drive.ok(&["magnets", "learn"]);
+        let tuned = json(&drive, &["tune"]);
+        assert!(tuned["uneven_magnets"] == false && tuned["found"]["load"]["resonance"].is_null(), "{tuned}");
+        assert!(number(&tuned, "/proposed_hz") >= 60.0, "{tuned}");
+    }
+}

@@ -119,6 +119,12 @@ fn settings_travel_through_standard_streams() {
     // Nothing was set by halves.
     assert!(drive.ok(&["settings", "get", "stall_s"]).contains("0.7"));
     assert!(drive.fails(6, &["settings", "set", "stall_s", "1e99"]).contains("1e99"));
+    // What is left of a file that was cut short.
+    for text in ["", "# Settings of"] {
+        let nothing = import(text);
+        let said = String::from_utf8(nothing.stderr).unwrap();
+        assert!(nothing.status.code() == Some(1) && said.contains("there is no setting in -"), "{said}");
+    }
 }
 
 #[test]
@@ -171,6 +177,15 @@ fn what_is_refused_is_named_as_it_was_typed() {
     for (option, value) in [("--kp", "-1"), ("--kp", "nan"), ("--kd", "-1"), ("--max-torque", "-1")] {
         let said = drive.fails(6, &["impedance", "0", &format!("{option}={value}"), "--once"]);
         assert!(said.contains("must be 0 or more") && !said.contains("unstable"), "{said}");
+    }
+    // What does nothing has no rise, gain or bandwidth.
+    for nothing in [&["step", "speed", "0"][..], &["sine", "position", "0"], &["tune", "--step", "0"]] {
+        assert!(drive.fails(2, nothing).contains("a size other than 0 is wanted"));
+    }
+    // Of infinity it would be said that it must be 0 or more.
+    for value in ["1e99", "inf"] {
+        let said = drive.fails(2, &["impedance", "0", "--kp", value, "--once"]);
+        assert!(said.contains(&format!("{value} is beyond what a drive can be told")), "{said}");
     }
 }
 
@@ -225,6 +240,28 @@ fn a_bandwidth_is_proposed_and_kept_only_if_asked_to() {
     let table = drive.ok(&["tune", "--keep"]);
     assert!(table.contains("proposed") && table.contains("speed_bandwidth_hz is"), "{table}");
     assert!(drive.ok(&["status"]).contains("bridge off"));
+}
+
+/// A load that is stronger than the motor drives it beyond its largest speed: nobody but a person clears that.
+#[test]
+fn tuning_arms_no_rotor_that_something_else_drives() {
+    let drive = Drive::start(&["--fault", "load-0.2Nm@1.5s"]);
+    drive.ok(&["calibrate"]);
+    let said = drive.fails(7, &["tune"]);
+    assert!(said.contains("the rotor turned faster than allowed") && said.contains("hallctl clear"), "{said}");
+    assert!(drive.ok(&["status"]).contains("faulted: the rotor turned faster than allowed"));
+}
+
+#[test]
+fn a_calibration_that_fails_says_what_comes_next() {
+    let mut drive = Drive::start(&[]);
+    drive.typed("hall 2 open");
+    let said = drive.fails(7, &["calibrate"]);
+    assert!(said.contains("Hall 2 sees no magnet turning") && said.contains("`hallctl clear`"), "{said}");
+    let drive = Drive::start(&["--encoder", "37/45", "--fault", "hall-2-open@1s"]);
+    drive.ok(&["calibrate"]);
+    let said = drive.fails(7, &["encoder", "calibrate"]);
+    assert!(said.contains("Hall 2 is at the end") && said.contains("`hallctl clear`"), "{said}");
 }
 
 #[test]

@@ -1,12 +1,13 @@
 //! `hallctl encoder`: two rings on the shaft.
 
 use super::procedures::wait;
-use super::seconds;
+use super::{rate, seconds};
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
 use crate::out::{Out, create};
 use crate::{say, words};
 use anyhow::Context as _;
+use hallservo::mode::Mode;
 use hallservo::vernier::calibrate::Report;
 use hallservo::vernier::eccentricity::Geometry;
 use hallservo::vernier::rings::Rings;
@@ -50,8 +51,8 @@ pub(super) struct Watch {
     #[arg(long, value_parser = seconds)]
     seconds: Option<f64>,
     /// Times a second
-    #[arg(long, default_value_t = 10.0, value_parser = seconds)]
-    hz: f64,
+    #[arg(long, default_value_t = 10.0, value_parser = rate)]
+    hz: f32,
     /// Write it into this file instead of showing it
     #[arg(long, value_name = "FILE")]
     csv: Option<PathBuf>,
@@ -101,7 +102,10 @@ fn calibrate(client: &mut Client, by_hand: bool, out: Out) -> Result<()> {
             out.value(&report)?;
             show_report(&status(client)?, &report, out)
         }
-        EncoderCalibration::Failed(error) => Err(Error::Failed(format!("the calibration failed: {error}"))),
+        EncoderCalibration::Failed(error) => Err(Error::Failed(match client.status()?.mode {
+            Mode::Faulted(fault) => format!("the calibration failed: {fault}\n  {}.", words::what_to_do(fault)),
+            _ => format!("the calibration failed: {error}"),
+        })),
         EncoderCalibration::None | EncoderCalibration::Running(_) => {
             Err(Error::Failed("the drive was restarted while it calibrated".into()))
         }
@@ -146,7 +150,7 @@ fn show(client: &mut Client, out: Out) -> Result<()> {
         let [worst, limit, margin] = status.residual_counts;
         line("residual", &format!("{worst:.1} counts at most; limit {limit:.1}, margin {margin:.1}"))?;
     }
-    if !status.halls_ahead_deg.is_nan() {
+    if !status.halls_ahead_deg.is_nan() && !status.tolerance_deg.is_nan() {
         let (ahead, most) = (status.halls_ahead_deg, status.tolerance_deg);
         line("Halls", &format!("{ahead:+.2}° electrical ahead; up to {most:.1}° at power-up"))?;
     }
@@ -246,7 +250,7 @@ fn watch(client: &mut Client, options: &Watch, out: Out) -> Result<()> {
                 )?;
             }
         }
-        next += Duration::from_secs_f64(1.0 / options.hz);
+        next += Duration::from_secs_f32(1.0 / options.hz);
         std::thread::sleep(next.saturating_duration_since(Instant::now()));
     }
     if let Some(file) = &mut file {

@@ -15,10 +15,10 @@ pub(super) struct Options {
     #[arg(value_parser = units::position, conflicts_with_all = ["within", "velocity", "stop"])]
     position: Option<Quantity>,
     /// Stiffness, N·m/rad [default: by position_bandwidth_hz, speed_bandwidth_hz and inertia_kgm2]
-    #[arg(long, value_name = "NM_RAD")]
+    #[arg(long, value_name = "NM_RAD", value_parser = units::real)]
     kp: Option<f32>,
     /// Damping, N·m·s/rad [default: by speed_bandwidth_hz and inertia_kgm2]
-    #[arg(long, value_name = "NMS_RAD")]
+    #[arg(long, value_name = "NMS_RAD", value_parser = units::real)]
     kd: Option<f32>,
     /// Feed-forward torque, N·m, or 50mNm
     #[arg(long, value_parser = units::torque)]

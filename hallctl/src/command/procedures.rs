@@ -4,6 +4,7 @@ use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
 use crate::out::Out;
 use crate::{say, words};
+use hallservo::fault::Fault;
 use hallservo::hall::calibrate::{self, report::Report};
 use hallservo::service::identify;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure};
@@ -54,7 +55,9 @@ pub(super) fn calibrate(client: &mut Client, options: &Options, out: Out) -> Res
     }
     match calibrated(client)? {
         Ok(report) => show(&report, out),
-        Err(error) => Err(Error::Failed(format!("the calibration failed: {error}"))),
+        Err(error) => {
+            Err(Error::Failed(format!("the calibration failed: {error}\n  {}.", words::what_to_do(Fault::Calibration))))
+        }
     }
 }
 

@@ -21,7 +21,7 @@ pub(super) enum Axis {
     #[command(allow_negative_numbers = true)]
     Speed {
         /// Size of the step, or amplitude of the sine
-        #[arg(value_parser = units::speed)]
+        #[arg(value_parser = |text: &str| units::not_zero(units::speed(text)?))]
         size: Quantity,
         /// Speed before, or in the middle
         #[arg(long, value_parser = units::speed, default_value = "0")]
@@ -31,7 +31,7 @@ pub(super) enum Axis {
     #[command(allow_negative_numbers = true)]
     Position {
         /// Size of the step, or amplitude of the sine
-        #[arg(value_parser = units::position)]
+        #[arg(value_parser = |text: &str| units::not_zero(units::position(text)?))]
         size: Quantity,
     },
 }

@@ -249,6 +249,10 @@ fn export(client: &mut Client, path: &Path) -> Result<()> {
 fn import(client: &mut Client, path: &Path, out: Out) -> Result<()> {
     let text = out::load(path)?;
     let table: toml::Table = text.parse().with_context(|| format!("in {}", path.display()))?;
+    // A file that was cut short must not look as if it had been taken over.
+    if table.is_empty() {
+        return Err(anyhow::anyhow!("there is no setting in {}", path.display()).into());
+    }
     let (mut wanted, mut before) = (Vec::<(&str, f32)>::new(), BTreeMap::new());
     for (name, value) in &table {
         let text = match value {

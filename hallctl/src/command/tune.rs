@@ -16,7 +16,7 @@ use crate::say;
 use crate::units::{self, Quantity};
 use hallservo::commutation::Commutation;
 use hallservo::mode::Mode;
-use hallservo_protocol::Ask;
+use hallservo_protocol::{Ask, Learning};
 use judge::Judge;
 use recover::unless_it_swings;
 use trial::Trial;
@@ -36,7 +36,7 @@ const HALVINGS: usize = 3;
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Options {
     /// Size of the steps that are tried; a fifth of max_speed_rad_s, if it is not given
-    #[arg(long, value_parser = units::speed)]
+    #[arg(long, value_parser = |text: &str| units::not_zero(units::speed(text)?))]
     step: Option<Quantity>,
     /// Speed before them; a quarter of the step, if it is not given
     #[arg(long, value_parser = units::speed)]
@@ -76,6 +76,8 @@ struct Outcome {
     proposed: Option<Trial>,
     /// Whether that is good, and not merely calm.
     good: bool,
+    /// Whether uneven magnets look like a loop that swings.
+    uneven: bool,
     found: Found,
 }
 
@@ -128,7 +130,10 @@ fn find(client: &mut Client, wanted: &Wanted, judge: Judge, before: Bandwidths) 
         Some(calm) if is_open => look(client, wanted, calm.bandwidths())?,
         _ => first,
     };
-    Ok(Outcome { judge, swings, proposed, good: best.is_some(), found, trials })
+    let uneven = client.status()?.learning == Learning::Uneven && judge.swings_by_turning(&trials);
+    // What repeats with the poles looks like a shaft that twists.
+    let found = if uneven { Found::default() } else { found };
+    Ok(Outcome { judge, swings, proposed, good: best.is_some(), uneven, found, trials })
 }
 
 /// What turns, by steps of the speed; nothing where no current along q is asked for, or the loop swings.

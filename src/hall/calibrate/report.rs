@@ -133,8 +133,8 @@ impl fmt::Display for Finding {
             }
             Self::Unexplained(percent) => write!(
                 f,
-                "{percent:.1} % of the signals fit no turning magnet: the rotor slips or sticks, a magnet is uneven, \
-                 or the motor's current reaches the Halls"
+                "{percent:.1} % of the signals fit no turning magnet: the rotor slips or sticks, a Hall's wire is loose, \
+                 a magnet is uneven, or the motor's current reaches the Halls"
             ),
             Self::Hunting(degrees) => write!(
                 f,

@@ -11,6 +11,8 @@ const NOISE: f64 = 0.05;
 /// Noise of the speed that is none, as a share of the step; and in that of the calmest trial.
 const CALM: f64 = 0.01;
 const LOUD: f64 = 2.0;
+/// Noise of the speed while the motor turns, in that while it stands, from which on something turns with it.
+const TURNING: f64 = 3.0;
 /// From a bandwidth that is proposed to one that swings, at least: the gain margin, 6 dB.
 const MARGIN: f32 = 2.0;
 
@@ -37,6 +39,15 @@ impl Judge {
             current_a > SWINGS * self.max_current_a || speed_rad_s > (LOUD * calmest).max(CALM * self.size_rad_s)
         };
         trial.switched_off || loud(|trial| trial.turning) || loud(|trial| trial.standing)
+    }
+
+    /// Whether the speed swings while the motor turns and not while it stands, at the slowest bandwidth as well: by
+    /// magnets, and no loop.
+    pub fn swings_by_turning(&self, trials: &[Trial]) -> bool {
+        let slowest = trials.iter().min_by(|a, b| a.bandwidth_hz.total_cmp(&b.bandwidth_hz));
+        slowest.is_some_and(|Trial { turning, standing, .. }| {
+            turning.speed_rad_s > (TURNING * standing.speed_rad_s).max(CALM * self.size_rad_s)
+        })
     }
 
     /// Whether the noise of the sensors makes too much current; one that is not a number is not measured.

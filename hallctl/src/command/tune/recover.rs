@@ -22,17 +22,28 @@ pub(super) fn unless_it_swings<T>(
 ) -> Result<Option<T>> {
     match work(client) {
         Err(error @ (Error::Failed(_) | Error::Refused(_))) => match client.status()?.mode {
-            Mode::Faulted(fault) if BY_SWINGING.contains(&fault) => again(client).map(|()| None),
+            Mode::Faulted(fault) if BY_SWINGING.contains(&fault) => {
+                if again(client)? {
+                    Ok(None)
+                } else {
+                    Err(error)
+                }
+            }
             _ => Err(error),
         },
         result => result.map(Some),
     }
 }
 
-fn again(client: &mut Client) -> Result<()> {
+/// Whether the drive is armed again: not where the rotor is still too fast, for something else drives it.
+fn again(client: &mut Client) -> Result<bool> {
     wait(client, |_| Ok(()))?;
+    let most_rad_s = client.setting(Ask::Get("max_speed_rad_s"), |setting| setting.value)?;
+    if client.status()?.speed_rad_s.abs() > most_rad_s {
+        return Ok(false);
+    }
     client.order(Ask::Clear)?;
-    client.arm()
+    client.arm().map(|()| true)
 }
 
 /// Waits until the load behind the shaft swings no more, while the drive holds the rotor at rest; a loop that swings by

@@ -21,6 +21,7 @@ pub(super) fn show(outcome: &Outcome, before: Bandwidths, kept: bool, out: Out) 
         "proposed_position_hz": proposed.map(|both| both.position_hz),
         "good": outcome.good,
         "swings_from_hz": outcome.swings.map(|trial| trial.bandwidth_hz),
+        "uneven_magnets": outcome.uneven,
         "found": outcome.found,
         "kept": kept,
     }))
@@ -61,6 +62,14 @@ fn known(value: f64, digits: usize, unit: &str) -> String {
 
 /// Why none is faster.
 fn why(outcome: &Outcome, out: Out) -> Result<()> {
+    if outcome.uneven {
+        return say!(
+            out,
+            "The magnets are uneven: while the motor turns, the measured speed swings with them at any bandwidth, and a fast \
+             loop makes a current of that. Larger bandwidths are possible after `hallctl magnets learn` (with an encoder \
+             on the shaft, `hallctl encoder calibrate`): then `hallctl tune` again."
+        );
+    }
     let Some(swings) = outcome.swings else { return Ok(()) };
     say!(
         out,

@@ -308,7 +308,7 @@ fn a_heavy_rotor_of_uneven_magnets_is_stopped_by_a_position() {
         rig.arm().unwrap();
         let most = rig.control().unwrap().largest_speed_rad_s();
         let mut rows = vec![];
-        for k in 0..sim::of(6, 12_u8) {
+        for k in 0..sim::of(3, 12_u8) {
             let share = [0.25, -0.25, 0.6, -0.6][usize::from(k % 4)];
             speed(&mut rig, share * most);
             rig.run(3.0, |_, _| ());

@@ -126,7 +126,7 @@ fn what_differs_from_pole_to_pole_is_balanced_and_its_pole_found_after_power_up(
 #[test]
 fn what_is_alike_at_all_poles_is_not_taken_for_different() {
     let names = ["gimbal-loose", "paper-heavy", "drone-heavy", "20ohm", "gimbal-7", "hub", "hoverboard", "paper"];
-    let count = (sim::rotors(sim::of(2, 4)) as usize).min(names.len());
+    let count = (sim::rotors(sim::of(1, 4)) as usize).min(names.len());
     names[..count].par_iter().for_each(|name| {
         let mut rig = experiment::commissioned(motor(name), 9, 0.0, 1).unwrap();
         rig.learn(&Plan::new(&rig.config).unwrap()).unwrap();

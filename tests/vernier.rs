@@ -16,7 +16,7 @@ fn summary(build: Build, seed: u64) -> Summary {
 /// The short form has 25 encoders, not a hundred, each at ten thousand positions.
 #[test]
 fn a_million_positions_of_a_hundred_encoders() {
-    let encoders = sim::of(25, 100);
+    let encoders = sim::of(10, 100);
     let summaries = (1..=encoders).into_par_iter().map(|seed| summary(PAIRS, seed)).collect::<Vec<_>>();
     let worst = |of: fn(&Summary) -> f64| summaries.iter().map(of).fold(0.0, f64::max);
     let positions: usize = summaries.iter().map(|s| s.positions).sum();
@@ -56,13 +56,13 @@ fn check(outcome: &Outcome, trials: usize) {
 
 #[test]
 fn no_fault_lets_a_wrong_angle_pass_with_one_head_a_ring() {
-    let each = sim::of(1_000, 10_000);
+    let each = sim::of(400, 10_000);
     trials::<1>(&ONE_HEAD, each).iter().for_each(|outcome| check(outcome, 10 * each));
 }
 
 #[test]
 fn no_fault_lets_a_wrong_angle_pass_with_opposite_heads() {
-    let each = sim::of(250, 1_000);
+    let each = sim::of(100, 1_000);
     trials::<2>(&PAIRS, each).iter().for_each(|outcome| check(outcome, 10 * each));
 }
 

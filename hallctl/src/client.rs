@@ -404,14 +404,15 @@ impl Client {
     /// # Errors
     /// As [`Self::ask`].
     pub fn wait_ms(&mut self, ms: u64) -> Result<()> {
-        let began = self.status()?;
-        let mut look = (Instant::now(), began.uptime_ms);
-        let mut status = began;
-        while status.uptime_ms < began.uptime_ms + ms {
+        let began_ms = self.status()?.uptime_ms;
+        let mut look = (Instant::now(), began_ms);
+        loop {
+            let status = self.status()?;
+            if status.uptime_ms >= began_ms + ms {
+                return Ok(());
+            }
             self.pause(&mut look, &status, SHORT)?;
-            status = self.status()?;
         }
-        Ok(())
     }
 
     /// Collects telemetry for a time on the wall.

@@ -7,12 +7,12 @@ mod two_halls;
 
 use chip::{Disturbance, Trace};
 use common::{ESC, NUCLEO, ask, calibrated, run, says};
-use rig::simulator::{Simulator, flash::Flash};
 use hallservo::board::TemperatureCode;
 use hallservo::board::sensing::SkewCompensation;
 use hallservo::settings::Settings;
 use hallservo_protocol::{Answer, Decoder, Reply};
 use plant::{InverterModel, PlantParameters};
+use rig::simulator::{Simulator, flash::Flash};
 use std::cell::RefCell;
 use std::f64::consts::TAU;
 use std::ops::Range;

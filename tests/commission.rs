@@ -4,6 +4,8 @@ use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::drive::standstill::Probe;
 use hallservo::fault::Fault;
+use hallservo::hall::Channel;
+use hallservo::hall::calibrate;
 use hallservo::mode::Mode;
 use hallservo::service::commission::Commission;
 use hallservo::service::procedure::{Error, Procedure, Serve, State};
@@ -147,6 +149,21 @@ fn complaint(case: &Motor, break_it: impl FnOnce(&mut Rig)) -> String {
     let Err(error) = commission(&mut bench, case.settings(), case.limit_a) else { panic!("nothing was wrong") };
     assert!(!bench.rig.drive.mode().drives() && bench.largest_a <= 1.2 * f64::from(case.limit_a), "{error}");
     error
+}
+
+/// It does not turn the rotor at all four speeds, the last for a quarter of a minute.
+#[test]
+fn a_hall_that_sees_nothing_twice_ends_the_search_for_a_speed() {
+    let tries = |errors: [calibrate::Error; 4]| {
+        let mut commission = Commission::new(MOTORS[8].settings(), None).unwrap();
+        errors.into_iter().position(|error| commission.calibrated(Err(error)).is_err()).unwrap() + 1
+    };
+    let (dead, heavy) = (calibrate::Error::NoSignal(Channel::THIRD), calibrate::Error::NotTurning);
+    assert_eq!(tries([dead; 4]), 2);
+    assert_eq!(tries([heavy, dead, dead, dead]), 3);
+    // A heavy rotor may look so for once.
+    assert_eq!(tries([dead, heavy, dead, heavy]), 4);
+    assert_eq!(tries([heavy; 4]), 4);
 }
 
 #[test]

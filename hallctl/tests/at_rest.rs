@@ -5,8 +5,8 @@ use crate::tool::{ask, begin, calibrated, done, drive, run, status, wait};
 use hallservo::mode::Mode;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Problem, Procedure, Refusal, Status};
 use plant::{Cogging, Friction, HallFault, PlantParameters, Rail};
-use rig::simulator::Simulator;
-use rig::simulator::flash::Flash;
+use simulator::Simulator;
+use simulator::flash::Flash;
 
 /// Longest wait beyond what a procedure itself takes, ms, and what looks at it add.
 const LONGEST_MS: u64 = 5000 + 10;

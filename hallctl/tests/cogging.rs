@@ -5,8 +5,8 @@ use crate::tool::{ask, done, run, wait};
 use hallservo::service::magnets::Use;
 use hallservo_protocol::*;
 use plant::{Cogging, PlantParameters};
-use rig::simulator::Simulator;
-use rig::simulator::flash::Flash;
+use simulator::Simulator;
+use simulator::flash::Flash;
 
 /// A motor of four pole pairs whose magnets differ: a stronger one passes nine teeth in a turn.
 fn plant(seed: u64) -> PlantParameters {

@@ -68,7 +68,7 @@ fn speed_at_a_tenth(drive: &Drive) -> f64 {
 
 #[test]
 fn eleven_motors_are_commissioned_unattended() {
-    let motors: Vec<_> = MOTORS.iter().step_by(sim::of(3, 1)).collect();
+    let motors: Vec<_> = MOTORS.iter().step_by(sim::of(5, 1)).collect();
     std::thread::scope(|scope| {
         for some in motors.chunks(sim::of(2, 6)) {
             scope.spawn(move || {

@@ -7,8 +7,8 @@ use hallservo::mode::Mode;
 use hallservo::settings::{self, Settings};
 use hallservo_protocol::*;
 use plant::PlantParameters;
-use rig::simulator::flash::Flash;
-use rig::simulator::{Simulator, defaults};
+use simulator::flash::Flash;
+use simulator::{Simulator, defaults};
 use std::sync::LazyLock;
 
 const FIRST: u32 = 1;

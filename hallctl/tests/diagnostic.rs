@@ -6,8 +6,8 @@ use hallservo::board::Output;
 use hallservo::mode::Mode;
 use hallservo::settings::TABLE;
 use hallservo_protocol::{Answer, Ask, Refusal};
-use rig::simulator::Simulator;
-use rig::simulator::flash::Flash;
+use simulator::Simulator;
+use simulator::flash::Flash;
 use std::fmt::Write;
 use std::sync::LazyLock;
 

@@ -11,8 +11,8 @@ use plant::PlantParameters;
 use plant::heads::Defect;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
-use rig::simulator::Simulator;
-use rig::simulator::flash::Flash;
+use simulator::Simulator;
+use simulator::flash::Flash;
 use std::f64::consts::TAU;
 
 fn random(seed: u64) -> Pcg64 {

@@ -4,7 +4,7 @@ use crate::tool::rings::{CALIBRATED, calibrated};
 use crate::tool::{arm, done, run};
 use hallservo::mode::Mode;
 use hallservo_protocol::Ask;
-use rig::simulator::Simulator;
+use simulator::Simulator;
 use std::f64::consts::TAU;
 
 const POLE_PAIRS: f64 = 4.0;

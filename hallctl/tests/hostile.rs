@@ -4,8 +4,8 @@ use crate::tool::{calibrated, done, drive, request, run, status};
 use hallservo::mode::Mode;
 use hallservo_protocol::{Ask, Problem};
 use proptest::prelude::*;
-use rig::simulator::Simulator;
-use rig::simulator::flash::Flash;
+use simulator::Simulator;
+use simulator::flash::Flash;
 use std::sync::LazyLock;
 
 /// A flash with a calibration.

@@ -6,8 +6,8 @@ use hallctl::hub::{Hub, To, Tool};
 use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Answer, Ask, Decoder, Refusal, Reply};
-use rig::simulator::Simulator;
-use rig::simulator::flash::Flash;
+use simulator::Simulator;
+use simulator::flash::Flash;
 use std::collections::BTreeMap;
 
 /// A drive, the hub, and what each tool has heard.

@@ -5,9 +5,9 @@ use hallservo_protocol::{Ask, Learning};
 use plant::{PlantParameters, Unevenness};
 use rayon::prelude::*;
 use rig::error_deg;
-use rig::simulator::Simulator;
-use rig::simulator::flash::Flash;
 use sim::statistics::Statistics;
+use simulator::Simulator;
+use simulator::flash::Flash;
 
 /// Motors of which some have half the inertia that the settings say, some the whole and some three times as much.
 const MOTORS: [u64; 12] = [4, 8, 3, 10, 1, 2, 5, 6, 7, 9, 11, 12];

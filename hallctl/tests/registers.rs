@@ -6,8 +6,8 @@ use hallservo::mode::Mode;
 use hallservo::settings::Settings;
 use hallservo_protocol::{Answer, Ask, Refusal};
 use proptest::prelude::*;
-use rig::simulator::Simulator;
-use rig::simulator::flash::Flash;
+use simulator::Simulator;
+use simulator::flash::Flash;
 use std::sync::LazyLock;
 
 /// A flash with a calibration.

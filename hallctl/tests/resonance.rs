@@ -160,7 +160,7 @@ fn a_load_that_cannot_be_is_refused_in_words() {
 /// faster.
 #[test]
 fn uneven_magnets_are_no_shaft_that_twists() {
-    for uneven in ["0.5", "1"] {
+    for uneven in ["1", "0.5"].into_iter().take(sim::of(1, 2)) {
         let drive = Drive::start(&["--seed", "2", "--uneven", uneven]);
         drive.ok(&["calibrate"]);
         let said = drive.ok(&["tune"]);

@@ -5,8 +5,8 @@ use hallservo::mode::Mode;
 use hallservo::scope::{Channel, Setup, State, Trigger};
 use hallservo::settings::Error;
 use hallservo_protocol::{Answer, Ask, ROWS_AT_ONCE, Refusal, ScopeAsk, ScopeStatus};
-use rig::simulator::Simulator;
-use rig::simulator::flash::Flash;
+use simulator::Simulator;
+use simulator::flash::Flash;
 use std::sync::LazyLock;
 
 /// A flash with a calibration.

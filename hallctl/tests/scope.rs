@@ -5,9 +5,9 @@ use hallctl::scope::Recording;
 use hallservo::mode::Mode;
 use hallservo::scope::{Channel, Error, ROWS, Setup, State, Trigger};
 use hallservo_protocol::{Answer, Ask, ROWS_AT_ONCE, Refusal, ScopeAsk, ScopeRefusal, ScopeStatus};
-use rig::simulator::Simulator;
-use rig::simulator::fault::Kind;
-use rig::simulator::flash::Flash;
+use simulator::Simulator;
+use simulator::fault::Kind;
+use simulator::flash::Flash;
 use std::sync::LazyLock;
 
 /// A flash with a calibration.

@@ -7,8 +7,8 @@ use hallservo::mode::Mode;
 use hallservo_app::{Identity, Memory, Readings, Supervisor};
 use hallservo_protocol::{Answer, Ask, Cause, Decoder, Learning, Problem, Procedure, Record, Refusal, Reply};
 use plant::{HallFault, PlantParameters, Rail};
-use rig::simulator::flash::Flash;
-use rig::simulator::{Simulator, defaults, fault};
+use simulator::flash::Flash;
+use simulator::{Simulator, defaults, fault};
 
 #[test]
 fn the_watchdog_is_fed_only_while_the_control_interrupt_comes() {

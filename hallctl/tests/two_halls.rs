@@ -10,10 +10,10 @@ use hallservo::mode::Mode;
 use hallservo_protocol::*;
 use plant::PlantParameters;
 use rig::error_deg;
-use rig::simulator::fault::Kind;
-use rig::simulator::flash::Flash;
-use rig::simulator::{self, Simulator};
 use script::HallWire;
+use simulator::fault::Kind;
+use simulator::flash::Flash;
+use simulator::{self, Simulator};
 use std::cell::RefCell;
 use std::rc::Rc;
 

@@ -1,10 +1,7 @@
-//! A drive at the simulated motor: a [`Rig`] is the library's control code and service in a closed loop with it, as the
-//! experiments and the tests have it; a [`Simulator`](simulator::Simulator) is a whole drive, with its tasks, its flash
-//! and its line, as `hallctl simulate` has it.
+//! The drive's control code in a closed loop with the simulated motor: what a board and its motor are to each other.
 
 pub mod commissioning;
 pub mod motors;
-pub mod simulator;
 
 use anyhow::{Context, Result, anyhow, bail};
 use hallservo::angle::{ElectricalAngle, PolePairs};

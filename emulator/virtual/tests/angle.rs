@@ -12,7 +12,7 @@ use hallservo::board::sensing::SkewCompensation;
 use hallservo::settings::Settings;
 use hallservo_protocol::{Answer, Decoder, Reply};
 use plant::{InverterModel, PlantParameters};
-use rig::simulator::{Simulator, flash::Flash};
+use simulator::{Simulator, flash::Flash};
 use std::cell::RefCell;
 use std::f64::consts::TAU;
 use std::ops::Range;

@@ -3,8 +3,8 @@
 pub mod rings;
 
 use hallservo_protocol::*;
-use rig::simulator::Simulator;
-use rig::simulator::flash::Flash;
+use simulator::Simulator;
+use simulator::flash::Flash;
 use std::sync::LazyLock;
 
 /// Milliseconds that a tool waits.

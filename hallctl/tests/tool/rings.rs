@@ -4,8 +4,8 @@ use super::{ask, done, run, status, wait};
 use hallservo_protocol::{Activity, Answer, Ask, EncoderAsk, EncoderCalibration, EncoderStatus, Problem};
 use plant::PlantParameters;
 use plant::heads::Encoder;
-use rig::simulator::flash::Flash;
-use rig::simulator::{Simulator, defaults};
+use simulator::flash::Flash;
+use simulator::{Simulator, defaults};
 use std::f64::consts::TAU;
 use std::sync::LazyLock;
 

@@ -6,7 +6,6 @@ mod firmware;
 pub mod flash;
 pub mod rings;
 
-use crate::motors::Motor;
 use anyhow::{Context as _, Result, anyhow};
 use fault::ScheduledEvent;
 use firmware::Firmware;
@@ -19,6 +18,7 @@ use hallservo::settings::{Ceiling, Control, GuardSettings, OnTimeout, Settings};
 use hallservo_app::{Housekeeping, Identity, Listener, Stop};
 use plant::heads::{Defect, Encoder as Rings};
 use plant::{Plant, PlantParameters, Truth, Unevenness};
+use rig::motors::Motor;
 use std::collections::VecDeque;
 
 /// What it says it is.
@@ -302,7 +302,7 @@ impl Simulator {
         for word in [a, b, c, self.last.legs.bits().into()] {
             self.digest = (self.digest ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3);
         }
-        self.plant.advance(&crate::legs(&self.last, self.period));
+        self.plant.advance(&rig::legs(&self.last, self.period));
         self.hold();
         if self.firmware.drive().mode() == Mode::Running {
             self.running += 1;

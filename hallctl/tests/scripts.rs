@@ -120,11 +120,18 @@ fn settings_travel_through_standard_streams() {
     assert!(drive.ok(&["settings", "get", "stall_s"]).contains("0.7"));
     assert!(drive.fails(6, &["settings", "set", "stall_s", "1e99"]).contains("1e99"));
     // What is left of a file that was cut short.
-    for text in ["", "# Settings of"] {
-        let nothing = import(text);
-        let said = String::from_utf8(nothing.stderr).unwrap();
-        assert!(nothing.status.code() == Some(1) && said.contains("there is no setting in -"), "{said}");
+    let within = file.find("stall_s = 0.7").unwrap() + "stall_s = 0.".len();
+    let cut = [("", "there is no setting in -"), ("# Settings of", "there is no setting in -")]
+        .into_iter()
+        .chain([&file[..within], file.trim_end().trim_end_matches('.')].map(|text| (text, "- has been cut")));
+    for (text, words) in cut {
+        let refused = import(text);
+        let said = String::from_utf8(refused.stderr).unwrap();
+        assert!(refused.status.code() == Some(1) && said.contains(words), "{text}: {said}");
+        assert!(drive.ok(&["settings", "get", "stall_s"]).contains("stall_s = 0.7 s"));
     }
+    // Who writes a file by hand needs no such line.
+    assert!(import("stall_s = 0.8").status.success());
 }
 
 #[test]

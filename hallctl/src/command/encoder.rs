@@ -72,7 +72,10 @@ pub(super) fn run(client: &mut Client, command: &Command, out: Out) -> Result<()
         }
         Command::Align => align(client, out),
         Command::Rings { pairs } => set_rings(client, pairs),
-        Command::Forget => client.order(Ask::Encoder(EncoderAsk::Forget)),
+        Command::Forget => {
+            client.order(Ask::Encoder(EncoderAsk::Forget))?;
+            say!(out, "The encoder is not calibrated any more.")
+        }
         Command::Watch(options) => watch(client, options, out),
     }
 }

@@ -228,9 +228,13 @@ pub(super) const fn saved(waits: bool) -> &'static str {
     if waits { "will be saved when the bridge is off: `hallctl stop`" } else { "saved" }
 }
 
+/// First words and last line of an exported file: one that was cut may still be read, with a number that has lost digits.
+const BEGIN: &str = "# Settings of ";
+const END: &str = "# End of the settings.";
+
 fn export(client: &mut Client, path: &Path) -> Result<()> {
     let identity = client.identity();
-    let mut text = format!("# {}, firmware {}\n", identity.board, identity.firmware);
+    let mut text = format!("{BEGIN}{}, firmware {}\n", identity.board, identity.firmware);
     each(client, |setting| {
         let value = words::value(setting, setting.value);
         let value = match setting.kind {
@@ -243,13 +247,18 @@ fn export(client: &mut Client, path: &Path) -> Result<()> {
         // Writing into a string does not fail.
         let _ = writeln!(text, "\n# {}{unit}\n{fixed}{} = {value}", about(setting.name), setting.name);
     })?;
+    let _ = writeln!(text, "\n{END}");
     out::save(path, text)
 }
 
 fn import(client: &mut Client, path: &Path, out: Out) -> Result<()> {
     let text = out::load(path)?;
+    if text.starts_with(BEGIN) && !text.trim_end().ends_with(END) {
+        let place = path.display();
+        return Err(anyhow::anyhow!("{place} has been cut: its last line, {END:?}, is not there").into());
+    }
     let table: toml::Table = text.parse().with_context(|| format!("in {}", path.display()))?;
-    // A file that was cut short must not look as if it had been taken over.
+    // A file of which nothing is left must not look as if it had been taken over.
     if table.is_empty() {
         return Err(anyhow::anyhow!("there is no setting in {}", path.display()).into());
     }

@@ -48,7 +48,10 @@ pub(super) fn show(client: &mut Client, out: Out) -> Result<()> {
         )?;
     }
     if status.unsaved {
-        line("", "there is something that it does not hold yet")?;
+        line(
+            "",
+            "it does not hold all yet: settings wait for `hallctl settings save`, what was learnt for the bridge to be off",
+        )?;
     }
     let lost = format!(
         "{} samples, {} frames to the tools, {} from them",

@@ -18,7 +18,7 @@ fn calibrated_as(parameters: &PlantParameters, commutation: Commutation, seed: u
     let settings = Settings { commutation, control: Some(Control::default()), ..Settings::default() };
     let mut rig = known::rig(parameters, &settings, seed)?;
     rig.plant.set_dyno(Some(0.0)).unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     rig.plant.set_dyno(None).unwrap();
     Ok(rig)
 }
@@ -54,7 +54,7 @@ fn a_sound_motor_passes_and_hardly_moves() {
                 assert_eq!(rig.drive.mode(), Mode::Running);
                 assert!(time_s < LONGEST_S && moved_deg < FARTHEST_DEG && current_a < 2.0, "{seed}");
                 rig.command(Command::Disarm).unwrap();
-                rig.run(0.1, |_, _| ());
+                rig.wait(0.1);
             }
         }
     }
@@ -65,10 +65,10 @@ fn a_sound_motor_passes_and_hardly_moves() {
 fn a_check_that_was_broken_off_begins_anew() {
     let mut rig = calibrated(3, Commutation::FieldOriented);
     rig.command(Command::Arm).unwrap();
-    rig.run(0.05, |_, _| ());
+    rig.wait(0.05);
     assert!(rig.drive.limits().contains(Limits::CHECKING));
     rig.command(Command::Disarm).unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     let (time_s, ..) = check(&mut rig);
     assert!(rig.drive.mode() == Mode::Running && time_s > 0.1, "{time_s}");
 }
@@ -79,7 +79,7 @@ fn broken(motors: u64, mut break_it: impl FnMut(&mut Rig, usize)) -> Vec<Mode> {
     for seed in 0..motors {
         let mut rig = calibrated(seed, Commutation::FieldOriented);
         break_it(&mut rig, seed as usize % 3);
-        rig.run(0.1, |_, _| ());
+        rig.wait(0.1);
         let (time_s, moved_deg, current_a) = check(&mut rig);
         println!("{seed}: {:.1} ms {moved_deg:.2}° {current_a:.2} A {:?}", 1e3 * time_s, rig.drive.mode());
         assert!(current_a < 3.2, "{current_a} A");
@@ -155,10 +155,10 @@ fn swapped_halls_are_found() {
     for seed in 0..24 {
         let mut rig = calibrated(seed, Commutation::FieldOriented);
         rig.plant.set_hall_wires(Wires::swapped(seed as usize % 3));
-        rig.run(0.1, |_, _| ());
+        rig.wait(0.1);
         // Where they contradict each other, nothing is switched on.
         if rig.command(Command::Arm).is_ok() {
-            rig.run(0.95, |_, _| ());
+            rig.wait(0.95);
             let mode = rig.drive.mode();
             let told = matches!(mode, Mode::Faulted(Fault::Commutation | Fault::Hall(_) | Fault::AngleJump));
             assert!(told, "{seed}: {mode:?}");
@@ -197,9 +197,9 @@ fn refusal(rig: &mut Rig, places: usize) -> Option<(usize, Mode)> {
         }
         rig.command(Command::Disarm).unwrap();
         rig.plant.set_dyno(Some(30.0)).unwrap();
-        rig.run(0.037, |_, _| ());
+        rig.wait(0.037);
         rig.plant.set_dyno(Some(0.0)).unwrap();
-        rig.run(0.05, |_, _| ());
+        rig.wait(0.05);
         rig.plant.set_dyno(None).unwrap();
     }
     None
@@ -234,9 +234,9 @@ fn mounted_on(cheap: bool, seed: u64, mount: impl FnOnce(&mut PlantParameters)) 
     let model = known::model(&parameters, &settings, seed);
     mount(&mut parameters);
     let mut rig = Rig::new(&parameters, &settings, seed).unwrap();
-    rig.run(0.02, |_, _| ());
+    rig.wait(0.02);
     rig.service.install(&model).unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     rig
 }
 
@@ -291,7 +291,7 @@ fn hardly_a_load_on_a_shaft_that_twists_looks_wrong_when_driven() {
         for speed in [5.0, -20.0, 60.0, 0.0] {
             if rig.drive.mode() == Mode::Running {
                 rig.command(Command::Speed(rig.control().unwrap().speed(speed).unwrap())).unwrap();
-                rig.run(0.4, |_, _| ());
+                rig.wait(0.4);
             }
         }
         if rig.drive.mode() != Mode::Running {
@@ -351,7 +351,7 @@ fn wrong_wires_at_a_flywheel_on_uneven_magnets_are_found() {
             let at_arming = rig.drive.mode();
             if at_arming == Mode::Running {
                 rig.command(Command::Speed(rig.control().unwrap().speed(20.0).unwrap())).unwrap();
-                rig.run(0.95, |_, _| ());
+                rig.wait(0.95);
             }
             let way = (rig.plant.truth().mechanical_angle_rad - start).to_degrees();
             println!("{seed} {wires:?}: {at_arming:?} {:?} {way:.1}°", rig.drive.mode());
@@ -370,7 +370,7 @@ fn what_was_changed_under_power_is_found() {
         rig.arm().unwrap();
         assert_eq!(rig.drive.mode(), Mode::Running);
         rig.command(Command::Disarm).unwrap();
-        rig.run(0.1, |_, _| ());
+        rig.wait(0.1);
         rig.plant.set_motor_wires(Wires::swapped(phase));
     });
     assert!(moved.iter().all(|mode| *mode == Mode::Faulted(Fault::Commutation)), "{moved:?}");
@@ -383,7 +383,7 @@ fn with_short_time_out(on_timeout: OnTimeout) -> Rig {
     (control.guard.command_timeout_s, control.guard.on_timeout) = (0.05, on_timeout);
     rig.configure(&Settings { commutation: Commutation::FieldOriented, control: Some(control), ..Settings::default() })
         .unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     rig
 }
 
@@ -393,7 +393,7 @@ fn a_short_time_out_does_not_end_the_check() {
     let mut rig = with_short_time_out(OnTimeout::Fault);
     rig.arm().unwrap();
     assert_eq!(rig.drive.mode(), Mode::Running);
-    rig.run(0.06, |_, _| ());
+    rig.wait(0.06);
     assert_eq!(rig.drive.mode(), Mode::Faulted(Fault::CommandTimeout));
 }
 
@@ -424,7 +424,7 @@ fn a_command_that_is_repeated_during_the_check_is_done_after_it() {
     for _ in 0..60 {
         let speed = rig.control().unwrap().speed(50.0).unwrap();
         rig.command(Command::Speed(speed)).unwrap();
-        rig.run(0.02, |_, _| ());
+        rig.wait(0.02);
     }
     let speed = rig.plant.truth().speed_rad_s;
     assert!(rig.drive.mode() == Mode::Running && (speed - 50.0).abs() < 5.0, "{speed}");

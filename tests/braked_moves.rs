@@ -158,7 +158,7 @@ fn jobs() -> Vec<(Case, Unlike)> {
 fn a_move_ends_at_its_goal() {
     let rows = jobs().into_par_iter().enumerate().flat_map_iter(|(number, (case, unlike))| {
         let mut rig = armed(&other(case, &unlike), [1.0; 3]);
-        rig.run(0.3, |_, _| ());
+        rig.wait(0.3);
         let full = stopping_turns(&case);
         let mut rows = vec![];
         let ways = [1.0, 0.3 * full, -full, 2.5 * full].into_iter();
@@ -191,11 +191,11 @@ fn a_position_commanded_at_speed_is_come_back_to() {
             let mut stop = f64::NAN;
             for ahead in [f64::NAN, 0.0, 1.0, -3.0] {
                 speed(&mut rig, share * direction * case.speed_rad_s);
-                rig.run(2.5, |_, _| ());
+                rig.wait(2.5);
                 let from = here(&rig);
                 if ahead.is_nan() {
                     speed(&mut rig, 0.0);
-                    rig.run(3.0, |_, _| ());
+                    rig.wait(3.0);
                     stop = (here(&rig) - from).abs();
                     continue;
                 }
@@ -229,7 +229,7 @@ fn a_position_follows_a_speed_that_waits() {
         let mut rig = armed(&case, [1.0; 3]);
         for direction in sim::either(number, [1.0, -1.0]) {
             speed(&mut rig, direction * case.speed_rad_s);
-            rig.run(2.5, |_, _| ());
+            rig.wait(2.5);
             speed(&mut rig, -direction * case.speed_rad_s);
             rig.run(
                 0.2 * f64::from(case.speed_rad_s / case.settings.control.unwrap().max_acceleration_rad_s2),
@@ -280,7 +280,7 @@ fn commissioned_motors_reach_their_goals() {
             }
         }
         speed(&mut rig, most as f32);
-        rig.run(2.0 + 2.0 * most / acceleration, |_, _| ());
+        rig.wait(2.0 + 2.0 * most / acceleration);
         let goal = here(&rig);
         let way = travel(&mut rig, goal, 4.0 + 20.0 * most / acceleration);
         let good = way.mode == Mode::Running && way.left.abs() < 0.05 && way.shrinks();
@@ -311,13 +311,13 @@ fn a_heavy_rotor_of_uneven_magnets_is_stopped_by_a_position() {
         for k in 0..sim::of(3, 12_u8) {
             let share = [0.25, -0.25, 0.6, -0.6][usize::from(k % 4)];
             speed(&mut rig, share * most);
-            rig.run(3.0, |_, _| ());
+            rig.wait(3.0);
             speed(&mut rig, [0.0, most, -most][usize::from(k % 3)]);
-            rig.run(0.01 * f64::from(k * 2), |_, _| ());
+            rig.wait(0.01 * f64::from(k * 2));
             let from = rig.plant.truth().speed_rad_s;
             let goal = here(&rig);
             go(&mut rig, goal);
-            rig.run(1.0, |_, _| ());
+            rig.wait(1.0);
             rows.push((
                 format!("{} {seed} {k} from {from:.1} of {most:.1}: {:?}", motor.name, rig.drive.mode()),
                 rig.drive.mode() == Mode::Running,

@@ -39,7 +39,7 @@ fn rig(settings: &Settings, gain: f64, brake_ohm: Option<f64>, capacitance_f: f6
     let mut rig = Rig::new(&plant, settings, 1).unwrap();
     rig.brake_ohm = brake_ohm;
     rig.calibrate(|_| ()).unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     rig
 }
 
@@ -92,7 +92,7 @@ fn what_it_is_told_to_brake_with_stays_below_the_range_that_limits_braking() {
         let mut rig = rig(&settings(told), 0.98, unlike.map(|unlike| unlike * OHM), 470e-6);
         rig.command(Command::Arm).unwrap();
         speed(&mut rig, 500.0);
-        rig.run(2.0, |_, _| ());
+        rig.wait(2.0);
         speed(&mut rig, -500.0);
         let mut to_rest = 0.0;
         let mut most = 0.0_f64;
@@ -167,7 +167,7 @@ fn a_supply_above_its_voltage_for_good_does_not_burn_it() {
     println!("on for {share:.3} of 20 s");
     assert!(share <= f64::from(chopper_share) * 1.05 && share > f64::from(chopper_share) * 0.5, "{share}");
     rig.plant.set_supply(24.0).unwrap();
-    rig.run(5.0, |_, _| ());
+    rig.wait(5.0);
     assert!(!rig.brakes());
     rig.command(Command::Arm).unwrap();
     assert_eq!(rig.drive.mode(), Mode::Running);

@@ -27,7 +27,7 @@ fn calibrated(plant: &PlantParameters, [speed_hz, tracking_hz]: [f32; 2], seed: 
     let mut rig = Rig::new(plant, &settings, seed).unwrap();
     rig.calibrate(|_| ()).unwrap();
     // The amplifiers' zeros are averaged while the bridge is off.
-    rig.run(0.05, |_, _| ());
+    rig.wait(0.05);
     rig
 }
 
@@ -37,7 +37,7 @@ fn net_torque(rig: &mut Rig) -> f64 {
     rig.arm().unwrap();
     rig.command(Command::Current(rig.control().unwrap().current(0.0).unwrap())).unwrap();
     rig.plant.set_dyno(Some(3.0)).unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     // The mean over the angle, for the currents are noisy.
     let mut by_angle = sim::statistics::ByAngle::new(360);
     rig.run(TAU / 3.0, |_, period| {
@@ -45,7 +45,7 @@ fn net_torque(rig: &mut Rig) -> f64 {
         by_angle.push(truth.electrical_angle_rad.to_degrees(), truth.torque_nm + truth.cogging_nm);
     });
     rig.plant.set_dyno(Some(0.0)).unwrap();
-    rig.run(0.05, |_, _| ());
+    rig.wait(0.05);
     rig.plant.set_dyno(None).unwrap();
     rig.command(Command::Disarm).unwrap();
     by_angle.means(1.0).map(|(_, torque)| torque).collect::<Statistics>().rms()
@@ -68,11 +68,11 @@ fn the_procedure_balances_the_cogging_and_ends_at_rest() {
         assert!(off / on > 5.0, "seed {seed}: {off} {on}");
         // No longer, and again, as after a power-up.
         rig.service.set_anti_cogging(None).unwrap();
-        rig.run(0.01, |_, _| ());
+        rig.wait(0.01);
         let again = net_torque(&mut rig);
         assert!(again > 0.85 * off, "{again} {off}");
         rig.service.set_anti_cogging(Some(&table)).unwrap();
-        rig.run(0.05, |_, _| ());
+        rig.wait(0.05);
         let again = net_torque(&mut rig);
         assert!(again < 1.5 * on, "{again} {on}");
     }
@@ -87,7 +87,7 @@ fn lent_tables_are_two_and_come_back() {
     assert!(add_table(&mut rig).is_some());
     for _ in 0..20 {
         rig.service.set_anti_cogging(Some(&Table::ZERO)).unwrap();
-        rig.run(0.001, |_, _| ());
+        rig.wait(0.001);
     }
 }
 

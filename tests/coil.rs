@@ -62,7 +62,7 @@ fn nothing_is_taken_off_once_the_current_is_gone() {
         rig.arm().unwrap();
         rig.plant.set_dyno(Some(3.0)).unwrap();
         rig.command(Command::Current(rig.control().unwrap().current(2.5).unwrap())).unwrap();
-        rig.run(0.2, |_, _| ());
+        rig.wait(0.2);
         let mut errors = [Statistics::default(); 3];
         let mut look = |rig: &mut Rig, which: usize| {
             rig.run(0.5, |rig, period| {
@@ -72,10 +72,10 @@ fn nothing_is_taken_off_once_the_current_is_gone() {
         look(&mut rig, 0);
         // By a modulation, whose current is not looked at; then the bridge is off.
         rig.drive_with(0.0).unwrap();
-        rig.run(0.05, |_, _| ());
+        rig.wait(0.05);
         look(&mut rig, 1);
         rig.command(Command::Disarm).unwrap();
-        rig.run(0.05, |_, _| ());
+        rig.wait(0.05);
         look(&mut rig, 2);
         println!("{commutation:?}: {errors:?}");
         // 5.3° if it were not taken off, or still. Block commutation has a current along d as well.

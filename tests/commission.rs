@@ -207,7 +207,7 @@ fn a_measurement_at_standstill_ends_with_the_bridge_off() {
                 meddle(&mut rig, &mut standstill);
             }
             end = standstill.serve(&mut rig.service, ms);
-            rig.run(1e-3, |_, _| ());
+            rig.wait(1e-3);
         }
         assert_eq!(end, State::Failed(expected));
         assert!(!rig.drive.mode().drives());
@@ -222,9 +222,9 @@ fn a_drive_that_nobody_asks_any_more_ends_the_measurement_by_itself() {
         probe: Probe { phase: 0, current: 1000, ripple: 0, across: false, swings_across: false },
     })
     .unwrap();
-    rig.run(0.3, |_, _| ());
+    rig.wait(0.3);
     assert_eq!(rig.drive.mode(), Mode::Aligning);
-    rig.run(0.2, |_, _| ());
+    rig.wait(0.2);
     assert_eq!(rig.drive.mode(), Mode::Unarmed);
     // It is not begun again by going on, nor with more than the largest current.
     for (begins, current) in [(false, 1000), (true, 32_000)] {

@@ -45,7 +45,7 @@ fn running(late: Late, settings: &Settings, speed_rad_s: f32) -> Rig {
     rig.arm().unwrap();
     let speed = rig.control().unwrap().speed(speed_rad_s).unwrap();
     rig.command(Command::Speed(speed)).unwrap();
-    rig.run(0.8, |_, _| ());
+    rig.wait(0.8);
     rig
 }
 

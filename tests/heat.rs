@@ -22,7 +22,7 @@ fn blocked(settings: &Settings, resistance: f64) -> Rig {
     let mut plant = PlantParameters::imperfect(1);
     plant.motor.resistance_ohm *= resistance;
     let mut rig = known::rig(&plant, settings, 1).unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     rig.plant.set_dyno(Some(0.0)).unwrap();
     rig.command(Command::Arm).unwrap();
     rig
@@ -121,7 +121,7 @@ fn current_that_is_not_controlled_is_a_fault() {
     rig.drive_with(0.75).unwrap();
     let mut rose = 0.0;
     for _ in 0..100 {
-        rig.run(0.1, |_, _| ());
+        rig.wait(0.1);
         rose += 0.1;
         if rig.drive.mode() != Mode::Running {
             break;
@@ -133,7 +133,7 @@ fn current_that_is_not_controlled_is_a_fault() {
     rig.command(Command::Clear).unwrap();
     let refused = rig.command(Command::Arm).unwrap_err().to_string();
     assert_eq!(refused, Fault::WindingHot.to_string());
-    rig.run(2.0, |_, _| ());
+    rig.wait(2.0);
     rig.command(Command::Arm).unwrap();
 }
 
@@ -146,7 +146,7 @@ fn calibrating_a_blocked_rotor_heats_it_too() {
         let mut rig = Rig::new(&PlantParameters::imperfect(1), &settings(control), 1).unwrap();
         rig.plant.set_dyno(Some(0.0)).unwrap();
         rig.command(Command::Calibrate).unwrap();
-        rig.run(5.0, |_, _| ());
+        rig.wait(5.0);
         assert_eq!(rig.drive.mode(), Mode::Faulted(fault));
     }
 }
@@ -161,7 +161,7 @@ fn the_bridge_has_a_limit_of_its_own() {
     assert_eq!(rig.drive.mode(), Mode::Running);
     assert!(early.sqrt() > 2.9 && (late.sqrt() - 1.0).abs() < 0.03, "{} {}", early.sqrt(), late.sqrt());
     rig.drive_with(0.75).unwrap();
-    rig.run(1.0, |_, _| ());
+    rig.wait(1.0);
     assert_eq!(rig.drive.mode(), Mode::Faulted(Fault::BridgeOverload));
 }
 
@@ -181,7 +181,7 @@ fn a_thermistor_that_is_open_or_shorted_is_a_fault_and_never_cold() {
         for (code, fault) in codes {
             let mut rig = blocked(&settings(Control::default()), 1.0);
             rig.temperatures[place] = TemperatureCode::new(code);
-            rig.run(0.06, |_, _| ());
+            rig.wait(0.06);
             let expected = fault.map_or(Mode::Running, Mode::Faulted);
             assert_eq!(rig.drive.mode(), expected, "{code}");
             if let Some(fault) = fault {
@@ -191,7 +191,7 @@ fn a_thermistor_that_is_open_or_shorted_is_a_fault_and_never_cold() {
         }
         let mut rig = blocked(&settings(Control::default()), 1.0);
         rig.temperatures[place] = TemperatureCode::MISSING;
-        rig.run(0.06, |_, _| ());
+        rig.wait(0.06);
         assert_eq!(rig.drive.mode(), Mode::Running);
     }
 }
@@ -224,7 +224,7 @@ fn warmest(speed_rad_s: f64, settings: &Settings) -> (f64, f64) {
     warms_twice_as_far(&mut plant);
     let mut rig = Rig::new(&plant, settings, 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     rig.plant.set_dyno(Some(speed_rad_s)).unwrap();
     rig.command(Command::Arm).unwrap();
     let (mut most, mut off) = (0.0_f64, 0.0_f64);
@@ -280,7 +280,7 @@ fn cold(way: f64) -> Rig {
     let settings = settings(control);
     let mut rig = Rig::new(&plant, &settings, 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     rig
 }
 

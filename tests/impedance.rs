@@ -61,9 +61,9 @@ fn armed(seed: u64, load: f64, friction: bool, magnets: Magnets, change: impl Fn
     settings.control.iter_mut().for_each(change);
     let model = known::model(&rotor(seed, 1.0, true, magnets), &settings, seed);
     let mut rig = Rig::new(&rotor(seed, load, friction, magnets), &settings, seed).unwrap();
-    rig.run(0.02, |_, _| ());
+    rig.wait(0.02);
     rig.service.install(&model).unwrap();
-    rig.run(0.02, |_, _| ());
+    rig.wait(0.02);
     rig.plant.set_dyno(Some(0.0)).unwrap();
     rig.command(Command::Arm).unwrap();
     rig.plant.set_dyno(None).unwrap();
@@ -138,7 +138,7 @@ fn the_stiffness_is_as_commanded() {
                 (products - angles * torques / count) / (squares - angles * angles / count)
             };
             rig.plant.set_dyno(Some(-1.0)).unwrap();
-            rig.run(far, |_, _| ());
+            rig.wait(far);
             let stiffness = [1.0, -1.0].map(|speed| -slope(&mut rig, speed));
             assert_eq!(rig.drive.mode(), Mode::Running);
             stiffness.map(|found| (found / kp - 1.0).abs()).into_iter().fold(0.0, f64::max)
@@ -280,9 +280,9 @@ fn a_shaft_that_is_pushed_too_far_is_a_fault() {
     let here = here_turns(&rig);
     follow(&mut rig, &spring(0.01, 0.0, here));
     rig.plant.set_dyno(Some(5.0)).unwrap();
-    rig.run(1.2, |_, _| ());
+    rig.wait(1.2);
     assert_eq!(rig.drive.mode(), Mode::Running);
-    rig.run(0.2, |_, _| ());
+    rig.wait(0.2);
     assert_eq!(rig.drive.mode(), Mode::Faulted(Fault::FollowingError));
 }
 
@@ -345,7 +345,7 @@ fn the_torque_respects_speed_and_bounds() {
 
     let mut rig = armed(1, 1.0, true, Magnets::Even, |control| control.max_position_turns = 2.0);
     follow(&mut rig, &push(0.02, 2e-3));
-    rig.run(3.0, |_, _| ());
+    rig.wait(3.0);
     assert_eq!(rig.drive.mode(), Mode::Running);
     let there = here_turns(&rig);
     assert!((1.95..2.3).contains(&there), "{there}");
@@ -358,7 +358,7 @@ fn a_load_is_braked_though_the_supply_takes_nothing_back() {
     let here = here_turns(&rig);
     follow(&mut rig, &spring(0.0, kd, here));
     rig.plant.set_dyno(Some(300.0)).unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     rig.plant.set_dyno(None).unwrap();
     let mut most = 0.0_f64;
     rig.run(2.0, |_, period| most = most.max(period.truth.bus_v));
@@ -378,13 +378,13 @@ fn a_command_that_times_out_stops_the_shaft() {
         max_acceleration_rad_s2: None,
     };
     follow(&mut rig, &Request { motion: travel, timeout_s: Some(0.3), ..Request::default() });
-    rig.run(0.29, |_, _| ());
+    rig.wait(0.29);
     assert!((rig.plant.truth().speed_rad_s - 50.0).abs() < 5.0, "{}", rig.plant.truth().speed_rad_s);
-    rig.run(0.2, |_, _| ());
+    rig.wait(0.2);
     assert!(rig.plant.truth().speed_rad_s.abs() < 3.0, "{}", rig.plant.truth().speed_rad_s);
     assert!(rig.drive.limits().contains(hallservo::fault::Limits::TIMEOUT));
     // The next command moves it on.
     follow(&mut rig, &Request { motion: travel, ..Request::default() });
-    rig.run(0.3, |_, _| ());
+    rig.wait(0.3);
     assert!((rig.plant.truth().speed_rad_s - 50.0).abs() < 5.0, "{}", rig.plant.truth().speed_rad_s);
 }

@@ -39,8 +39,8 @@ pub(crate) fn rig(plant: &PlantParameters, settings: &Settings, seed: u64) -> Re
     let (model, angle_rad) = found(plant, settings, seed)?;
     let mut rig = Rig::new(plant, settings, seed).map_err(|error| error.to_string())?;
     rig.plant.place(angle_rad, 0.0).unwrap();
-    rig.run(0.02, |_, _| ());
+    rig.wait(0.02);
     rig.service.install(&model).unwrap();
-    rig.run(0.02, |_, _| ());
+    rig.wait(0.02);
     Ok(rig)
 }

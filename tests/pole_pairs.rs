@@ -32,7 +32,7 @@ fn calibrated(pole_pairs: u8) -> Rig {
     // Told four, whatever there are.
     let mut rig = Rig::new(&plant, &Settings { calibration_hz, ..Settings::default() }, 5).unwrap();
     rig.calibrate(|_| ()).unwrap();
-    rig.run(0.5, |_, _| ());
+    rig.wait(0.5);
     rig
 }
 

@@ -21,7 +21,7 @@ fn rig(settings: &Settings) -> Rig {
     let mut rig = Rig::new(&PlantParameters::imperfect(1), settings, 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
     // The field has let go of a turning rotor.
-    rig.run(0.5, |_, _| ());
+    rig.wait(0.5);
     for _ in 0..2 {
         assert!(rig.service.add_table(Box::leak(Box::new(Table::ZERO))).is_none());
     }
@@ -99,7 +99,7 @@ fn a_fault_ends_them_and_is_named() {
         }
         rig.command(Command::Clear).unwrap();
         rig.plant.set_dyno(Some(0.0)).unwrap();
-        rig.run(0.05, |_, _| ());
+        rig.wait(0.05);
         rig.plant.set_dyno(None).unwrap();
     }
 }
@@ -136,7 +136,7 @@ fn somebody_may_switch_the_bridge_off() {
         .0;
         assert_eq!(state, State::Failed(Error::Disarmed));
         assert!(ready(&rig));
-        rig.run(1.0, |_, _| ());
+        rig.wait(1.0);
     }
 }
 
@@ -155,7 +155,7 @@ fn a_drive_that_stops_to_answer_is_told() {
             }
             assert_eq!(state, State::Failed(Error::NoAnswer));
             // Should it come to itself, it finds that it is to switch off.
-            rig.run(0.01, |_, _| ());
+            rig.wait(0.01);
             assert!(!rig.drive.mode().drives());
         }
     }

@@ -26,7 +26,7 @@ fn measured(case: &Motor, plant: &PlantParameters, seed: u64) -> Result<Electric
     let mut standstill = Standstill::new(&rig.config).unwrap();
     for ms in 0..60_000 {
         match standstill.serve(&mut rig.service, ms) {
-            State::Running => rig.run(1e-3, |_, _| ()),
+            State::Running => rig.wait(1e-3),
             State::Done => return Ok(*standstill.report().unwrap()),
             State::Failed(error) => return Err(format!("{error:?}")),
         }
@@ -101,12 +101,12 @@ fn inside(told: f32) -> Case {
 fn steady(case: &Case, rad_s: f32, load_nm: f64) -> (f64, f64) {
     let mut rig = supply::armed(case, [1.0; 3]);
     speed(&mut rig, rad_s);
-    rig.run(0.5, |_, _| ());
+    rig.wait(0.5);
     for tenths in 1..=10 {
         rig.plant.set_load(f64::from(tenths) / 10.0 * load_nm * f64::from(rad_s.signum())).unwrap();
-        rig.run(0.05, |_, _| ());
+        rig.wait(0.05);
     }
-    rig.run(1.0, |_, _| ());
+    rig.wait(1.0);
     let (mut sum_a, mut torque, mut count) = (0.0, 0.0, 0.0);
     rig.run(0.5, |_, period| {
         let truth = &period.truth;
@@ -196,7 +196,7 @@ fn a_salient_motor_is_identified_again() {
     let case = inside(1.4 / 0.6);
     let mut rig = supply::armed(&case, [1.0; 3]);
     rig.command(Command::Disarm).unwrap();
-    rig.run(0.5, |_, _| ());
+    rig.wait(0.5);
     let report = rig.identify(&Plan::new(&rig.config).unwrap()).unwrap();
     let motor = &case.plant.motor;
     let resistance_ohm = motor.resistance_ohm + case.plant.inverter.switch_ohm;

@@ -34,21 +34,21 @@ fn every_commutation_controls_current_speed_and_position() {
         let mut rig = armed(commutation);
         rig.plant.set_dyno(Some(20.0)).unwrap();
         rig.command(Command::Current(rig.control().unwrap().torque(0.03).unwrap())).unwrap();
-        rig.run(0.05, |_, _| ());
+        rig.wait(0.05);
         let (mut torque, mut count) = (0.0, 0.0);
         rig.run(0.2, |_, period| (torque, count) = (torque + period.truth.torque_nm, count + 1.0));
         assert!((torque / count - 0.03).abs() < 0.0015, "{commutation:?} {}", torque / count);
         rig.plant.set_dyno(None).unwrap();
 
         rig.command(Command::Speed(rig.control().unwrap().speed(-100.0).unwrap())).unwrap();
-        rig.run(0.3, |_, _| ());
+        rig.wait(0.3);
         let (mut speed, mut count) = (0.0, 0.0);
         rig.run(0.2, |_, period| (speed, count) = (speed + period.truth.speed_rad_s, count + 1.0));
         assert!((speed / count + 100.0).abs() < 0.5, "{commutation:?} {}", speed / count);
 
         let here = rig.drive.tracker().position().to_turns() / 4.0;
         rig.command(Command::Position(rig.control().unwrap().position(here + 3.25).unwrap())).unwrap();
-        rig.run(0.8, |_, _| ());
+        rig.wait(0.8);
         let there = rig.drive.tracker().position().to_turns() / 4.0;
         assert!((there - here - 3.25).abs() < 1e-3, "{commutation:?} {} {:?}", there - here, rig.drive.mode());
         assert_eq!(rig.drive.mode(), Mode::Running);
@@ -70,7 +70,7 @@ fn after_a_stall_the_drive_arms_again() {
         }
         rig.command(Command::Arm).unwrap();
         rig.command(Command::Speed(rig.control().unwrap().speed(100.0).unwrap())).unwrap();
-        rig.run(0.3, |_, _| ());
+        rig.wait(0.3);
         assert_eq!(rig.drive.mode(), Mode::Faulted(Fault::Stall));
         rig.command(Command::Clear).unwrap();
     }
@@ -85,7 +85,7 @@ fn a_wrong_alignment_heals_while_turning() {
         model.alignment += ElectricalAngle::from_degrees(off_deg);
         rig.serve();
         rig.service.install(&model).unwrap();
-        rig.run(0.02, |_, _| ());
+        rig.wait(0.02);
         rig.command(Command::Arm).unwrap();
         for speed in [200.0, -200.0] {
             rig.command(Command::Speed(rig.control().unwrap().speed(speed).unwrap())).unwrap();
@@ -108,10 +108,10 @@ fn off_at_speed_the_alignment_stays() {
     rig.arm().unwrap();
     for k in 0..20 {
         rig.command(Command::Speed(rig.control().unwrap().speed(300.0).unwrap())).unwrap();
-        rig.run(0.4 + 0.0013 * f64::from(k), |_, _| ());
+        rig.wait(0.4 + 0.0013 * f64::from(k));
         rig.command(Command::Disarm).unwrap();
         let before = rig.drive.trim();
-        rig.run(0.1, |_, _| ());
+        rig.wait(0.1);
         assert_eq!(rig.drive.trim(), before, "{k}");
         rig.arm().unwrap();
     }

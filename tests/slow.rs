@@ -30,11 +30,11 @@ fn an_armed_drive_with_a_small_largest_speed_is_at_rest() {
             rig.calibrate(|_| ()).unwrap();
             // A hand stops it.
             rig.plant.set_dyno(Some(0.0)).unwrap();
-            rig.run(0.3, |_, _| ());
+            rig.wait(0.3);
             rig.plant.set_dyno(None).unwrap();
             rig.command(Command::Arm).unwrap();
             rig.command(Command::Current(rig.control().unwrap().current(0.0).unwrap())).unwrap();
-            rig.run(0.02, |_, _| ());
+            rig.wait(0.02);
             let (mut square, mut fastest, mut count) = (0.0, 0.0_f64, 0.0);
             rig.run(0.8, |_, period| {
                 square += length(period.truth.currents_a).powi(2);

@@ -66,7 +66,7 @@ impl Soak {
         let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), seed).map_err(|error| error.to_string())?);
         commission(&mut bench, motor.settings(), motor.limit_a)?;
         let mut rig = bench.rig;
-        rig.run(0.5, |_, _| ());
+        rig.wait(0.5);
         rig.command(Command::Commutate(Commutation::FieldOriented)).map_err(|error| error.to_string())?;
         rig.arm().map_err(|error| error.to_string())?;
         let torque_nm = 1.5 * f64::from(motor.pairs) * motor.flux_vs * f64::from(motor.limit_a);
@@ -131,7 +131,7 @@ impl Soak {
         self.tell("off and on again".into());
         self.rig.command(Command::Disarm).map_err(|error| error.to_string())?;
         let seconds = self.random.random_range(0.01..0.5);
-        self.rig.run(seconds, |_, _| ());
+        self.rig.wait(seconds);
         Ok(Command::Arm)
     }
 
@@ -163,7 +163,7 @@ impl Soak {
         self.rig.command(command).map_err(|error| error.to_string())?;
         let seconds = 10.0_f64.powf(self.random.random_range(-2.5..0.3));
         for _ in 0..1 + (seconds / 0.01) as u32 {
-            self.rig.run(seconds.min(0.01), |_, _| ());
+            self.rig.wait(seconds.min(0.01));
             if self.rig.drive.mode() != Mode::Running {
                 let (mode, speed) = (self.rig.drive.mode(), self.rig.plant.truth().speed_rad_s);
                 return Err(format!("{mode:?} at {speed:.1} rad/s"));

@@ -26,7 +26,7 @@ fn ready(parameters: &PlantParameters, settings: &Settings, seed: u64) -> Rig {
 
 fn at_rest(mut rig: Rig) -> Rig {
     rig.plant.set_dyno(Some(0.0)).unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     rig.plant.set_dyno(None).unwrap();
     rig
 }
@@ -142,7 +142,7 @@ fn defects_while_running_are_named_or_harmless() {
                     ready(&PlantParameters::imperfect(seed as u64), &settings(commutation, true), seed as u64);
                 rig.command(Command::Arm).unwrap();
                 follow(&mut rig, what);
-                rig.run(0.2, |_, _| ());
+                rig.wait(0.2);
                 assert_eq!(rig.drive.mode(), Mode::Running, "{commutation:?} {what:?}");
                 defect(&mut rig, seed % 3);
                 let outcome = outcome(&mut rig, 0.6);
@@ -170,10 +170,10 @@ fn nothing_is_wrong_with_other_motors() {
                 let mut rig = ready(&parameters, &settings(commutation, true), seed as u64);
                 rig.command(Command::Arm).unwrap();
                 follow(&mut rig, what);
-                rig.run(0.5, |_, _| ());
+                rig.wait(0.5);
                 // And back again.
                 follow(&mut rig, FOLLOWED[(seed + 1) % FOLLOWED.len()]);
-                rig.run(0.4, |_, _| ());
+                rig.wait(0.4);
                 let case = format!("{commutation:?} {what:?} R {r} L {l} λ {flux} {:?}", rig.plant.truth());
                 assert_eq!(rig.drive.mode(), Mode::Running, "{case}");
             }
@@ -210,7 +210,7 @@ fn a_speed_beyond_the_supply_is_no_fault() {
                 for volts in [24.0, 24.0, 24.0, 17.0, 24.0, 20.0, 28.0, 18.0] {
                     follow(&mut rig, Follow::Speed(1400.0));
                     rig.plant.set_supply(volts).unwrap();
-                    rig.run(0.2, |_, _| ());
+                    rig.wait(0.2);
                     assert_eq!(rig.drive.mode(), Mode::Running, "{}", case(&rig, volts));
                 }
             }
@@ -231,7 +231,7 @@ fn dead_amplifiers_at_speed_are_found() {
             let mut rig = ready(&parameters, &settings(commutation, true), seed);
             rig.arm().unwrap();
             follow(&mut rig, Follow::Speed(if seed % 2 == 0 { 100.0 } else { -40.0 }));
-            rig.run(0.3, |_, _| ());
+            rig.wait(0.3);
             (0..3).for_each(|k| rig.plant.set_amplifier_fault(k, Some(AmplifierFault::Dead)).unwrap());
             let outcome = outcome(&mut rig, 0.6);
             let case = format!("{commutation:?}, seed {seed}: {outcome:?}");
@@ -251,12 +251,12 @@ fn a_torque_does_not_run_away_from_the_largest_speed() {
     let mut rig = ready(&PlantParameters::imperfect(3), &with, 3);
     rig.command(Command::Arm).unwrap();
     follow(&mut rig, Follow::Torque(1.0));
-    rig.run(0.8, |_, _| ());
+    rig.wait(0.8);
     let speed = rig.plant.truth().speed_rad_s;
     assert!(rig.drive.mode() == Mode::Running && (95.0..112.0).contains(&speed), "{speed}");
     // Driven from outside, it is a fault.
     rig.plant.set_dyno(Some(150.0)).unwrap();
-    rig.run(0.05, |_, _| ());
+    rig.wait(0.05);
     assert_eq!(rig.drive.mode(), Mode::Faulted(Fault::OverSpeed));
 }
 
@@ -290,7 +290,7 @@ fn a_torque_keeps_the_largest_speed_though_a_load_helps() {
         }
         rig.plant.set_dyno(Some(0.0)).unwrap();
         follow(&mut rig, Follow::Torque((2.0 * sign) as f32));
-        rig.run(0.1, |_, _| ());
+        rig.wait(0.1);
         let squares: f64 = rig.plant.currents_a().iter().map(|current| current * current).sum();
         let flows = (squares / 1.5).sqrt();
         assert!((flows - 2.0).abs() < 0.3, "seed {seed}: {flows} A at rest");
@@ -302,12 +302,12 @@ fn a_blocked_move_waits_and_does_not_shoot_afterwards() {
     let mut rig = ready(&PlantParameters::imperfect(2), &settings(Commutation::FieldOriented, true), 2);
     rig.arm().unwrap();
     follow(&mut rig, Follow::Position(3.0));
-    rig.run(0.05, |_, _| ());
+    rig.wait(0.05);
     rig.plant.set_dyno(Some(0.0)).unwrap();
-    rig.run(0.3, |_, _| ());
+    rig.wait(0.3);
     rig.plant.set_dyno(None).unwrap();
     let start = rig.plant.truth().mechanical_angle_rad;
-    rig.run(0.005, |_, _| ());
+    rig.wait(0.005);
     let shot = (rig.plant.truth().mechanical_angle_rad - start).abs() / std::f64::consts::TAU;
     assert!(shot < 0.2, "{shot} turns");
     assert_eq!(rig.drive.mode(), Mode::Running);
@@ -323,7 +323,7 @@ fn the_rotor_stays_within_its_bounds() {
     let turns = |rig: &Rig| rig.drive.tracker().position().to_turns() / 4.0;
     for (what, bound) in [(Follow::Speed(60.0), 1.5), (Follow::Speed(-60.0), -1.0), (Follow::Torque(0.3), 1.5)] {
         follow(&mut rig, what);
-        rig.run(0.6, |_, _| ());
+        rig.wait(0.6);
         if matches!(what, Follow::Speed(_)) {
             assert!((turns(&rig) - bound).abs() < 0.1, "{what:?} {}", turns(&rig));
             assert_eq!(rig.drive.mode(), Mode::Running);
@@ -355,7 +355,7 @@ fn a_torque_that_steps_is_no_open_phase() {
         for step in 0..200 {
             if step % 3 == 0 {
                 rig.command(Command::Current(rig.control().unwrap().current(0.0).unwrap())).unwrap();
-                rig.run(0.08, |_, _| ());
+                rig.wait(0.08);
             }
             let current_a = if step % 2 == 0 { half_a } else { -half_a };
             rig.command(Command::Current(rig.control().unwrap().current(current_a).unwrap())).unwrap();
@@ -367,7 +367,7 @@ fn a_torque_that_steps_is_no_open_phase() {
             assert_eq!(rig.drive.mode(), Mode::Running, "{}, step {step}", motor.name);
             if step % 20 == 19 {
                 rig.command(Command::Speed(rig.control().unwrap().speed(0.0).unwrap())).unwrap();
-                rig.run(0.3, |_, _| ());
+                rig.wait(0.3);
             }
         }
     });
@@ -393,15 +393,15 @@ fn a_stop_that_fails_brakes_for_as_long_as_the_shaft_is_turned() {
             });
             let mut rig =
                 supply::armed(&supply::Case { settings: Settings { control, ..case.settings }, ..case }, [1.0; 3]);
-            rig.run(0.25, |_, _| ());
+            rig.wait(0.25);
             let speed = rig.control().unwrap().speed(0.2 * case.speed_rad_s).unwrap();
             for _ in 0..30 {
                 rig.command(Command::Speed(speed)).unwrap();
-                rig.run(0.05, |_, _| ());
+                rig.wait(0.05);
             }
             let turning = rig.plant.truth().speed_rad_s;
             rig.plant.set_dyno(Some(turning)).unwrap();
-            rig.run(2.0, |_, _| ());
+            rig.wait(2.0);
             let mut shorted = true;
             rig.run(2.0, |rig, period| {
                 shorted &= period.output.compare == [0; 3] && rig.drive.mode() == Mode::Running;
@@ -411,7 +411,7 @@ fn a_stop_that_fails_brakes_for_as_long_as_the_shaft_is_turned() {
             // And it is to be had again.
             rig.plant.set_dyno(None).unwrap();
             rig.command(Command::Speed(speed)).unwrap();
-            rig.run(0.2, |_, _| ());
+            rig.wait(0.2);
             let speed = rig.plant.truth().speed_rad_s;
             assert!((speed / turning - 1.0).abs() < 0.1, "{what}, {speed}");
         }
@@ -432,9 +432,9 @@ fn a_load_that_wins_after_off_and_on_at_speed_is_no_wrong_commutation() {
         let control = *rig.control().unwrap();
         let slow = control.speed(0.06 * control.largest_speed_rad_s()).unwrap();
         rig.command(Command::Speed(slow)).unwrap();
-        rig.run(1.0, |_, _| ());
+        rig.wait(1.0);
         rig.command(Command::Disarm).unwrap();
-        rig.run(0.002, |_, _| ());
+        rig.wait(0.002);
         rig.arm().unwrap();
         let current_a = 0.3 * control.largest_current_a();
         rig.command(Command::Current(control.current(-current_a).unwrap())).unwrap();
@@ -442,7 +442,7 @@ fn a_load_that_wins_after_off_and_on_at_speed_is_no_wrong_commutation() {
         rig.plant.set_load(-2.0 * torque_nm).unwrap();
         let before = rig.plant.truth().speed_rad_s;
         while rig.plant.truth().speed_rad_s < 2.5 * before {
-            rig.run(0.001, |_, _| ());
+            rig.wait(0.001);
             assert_eq!(rig.drive.mode(), Mode::Running, "{name} at {} rad/s", rig.plant.truth().speed_rad_s);
         }
     }
@@ -459,17 +459,17 @@ fn a_load_that_wins_after_some_turns_is_no_wrong_commutation() {
         rig.command(Command::Arm).unwrap();
         for slow in [30.0, -30.0] {
             follow(&mut rig, Follow::Speed(slow));
-            rig.run(0.2, |_, _| ());
+            rig.wait(0.2);
             rig.plant.set_load(f64::from(0.02_f32.copysign(slow))).unwrap();
             for _ in 0..8 {
                 follow(&mut rig, Follow::Speed(slow));
-                rig.run(0.2, |_, _| ());
+                rig.wait(0.2);
             }
             follow(&mut rig, Follow::Torque(-0.5_f32.copysign(slow)));
             let before = rig.plant.truth().speed_rad_s;
             rig.plant.set_load(f64::from(-0.06_f32.copysign(slow))).unwrap();
             while rig.plant.truth().speed_rad_s.abs() < 3.0 * before.abs() {
-                rig.run(0.001, |_, _| ());
+                rig.wait(0.001);
                 assert_eq!(rig.drive.mode(), Mode::Running, "{seed}, at {} rad/s", rig.plant.truth().speed_rad_s);
             }
             rig.plant.set_load(0.0).unwrap();

@@ -135,7 +135,7 @@ pub(crate) fn armed(case: &Case, unlike: [f64; 3]) -> Rig {
     plant.motor.back_emf.flux_linkage_vs *= unlike[1];
     plant.bus.capacitance_f *= unlike[2];
     let mut rig = known::rig(&plant, &case.settings, 1).unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     rig.command(Command::Arm).unwrap();
     rig
 }
@@ -191,13 +191,13 @@ fn a_torque_that_brakes_for_ever_returns_nothing() {
             let mut rig = armed(&case, unlike);
             for percent in 0..80 {
                 rig.plant.set_dyno(Some(f64::from(direction * 0.01 * percent as f32 * case.speed_rad_s))).unwrap();
-                rig.run(0.005, |_, _| ());
+                rig.wait(0.005);
             }
             let current = rig.control().unwrap().current(-direction * control.max_current_a).unwrap();
             rig.command(Command::Current(current)).unwrap();
             let (mut most, mut longest, mut limited, mut torque) = (0.0_f64, 0.0_f64, true, 0.0);
             // What limits is told every 26 ms.
-            rig.run(0.06, |_, _| ());
+            rig.wait(0.06);
             rig.run(0.3, |rig, period| {
                 let length = period.truth.currents_a.iter().map(|i| i * i).sum::<f64>() / 1.5;
                 (most, longest) = (most.max(period.truth.bus_v), longest.max(length.sqrt()));
@@ -221,7 +221,7 @@ fn what_the_settings_do_not_tell_is_left_to_the_bus_voltage() {
     let case = Case { settings: Settings { control: Some(control), ..case.settings }, ..case };
     let mut rig = armed(&case, UNLIKE[0]);
     speed(&mut rig, case.speed_rad_s);
-    rig.run(2.0, |_, _| ());
+    rig.wait(2.0);
     let (most, rest) = stop(&mut rig, 5.0);
     println!("{}: {most:.2} V, {rest:.3?} s, {:?}", case.name, rig.drive.mode());
     assert_eq!(rig.drive.mode(), Mode::Running);
@@ -235,7 +235,7 @@ fn with_local_feedback_the_braking_current_is_limited() {
         let case = Case { settings: Settings { commutation, ..case.settings }, ..case };
         let mut rig = armed(&case, UNLIKE[0]);
         speed(&mut rig, 0.5 * case.speed_rad_s);
-        rig.run(1.0, |_, _| ());
+        rig.wait(1.0);
         let (most, rest) = stop(&mut rig, 15.0);
         println!("{commutation:?}: {most:.2} V, {rest:.3?} s, {:?}", rig.drive.mode());
         assert!(most < 32.0 && rig.drive.mode() == Mode::Running && rest.is_some());
@@ -259,9 +259,9 @@ fn a_battery_is_charged_with_what_it_may_be() {
         case.settings.control = Some(control);
         let mut rig = armed(&case, UNLIKE[1]);
         rig.plant.set_dyno(Some(400.0)).unwrap();
-        rig.run(0.1, |_, _| ());
+        rig.wait(0.1);
         rig.command(Command::Current(rig.control().unwrap().current(-1.5).unwrap())).unwrap();
-        rig.run(0.05, |_, _| ());
+        rig.wait(0.05);
         let current = drawn(&mut rig, 0.1);
         println!("{allowed} A allowed: {current:.3} A");
         assert!(current > least, "{current}");
@@ -277,9 +277,9 @@ fn the_supply_gives_no_more_than_it_may() {
         let mut rig = armed(&case, unlike);
         for turning in [0.0, 100.0, 300.0] {
             rig.plant.set_dyno(Some(turning)).unwrap();
-            rig.run(0.1, |_, _| ());
+            rig.wait(0.1);
             rig.command(Command::Current(rig.control().unwrap().current(3.0).unwrap())).unwrap();
-            rig.run(0.05, |_, _| ());
+            rig.wait(0.05);
             let current = drawn(&mut rig, 0.1);
             println!("{unlike:?} {turning} rad/s: {current:.3} A");
             assert!(current < 0.6 && current > 0.3, "{current}");
@@ -304,14 +304,14 @@ fn a_load_that_drives_is_held_on_a_supply_that_takes_nothing_back() {
                 let radians_s = radians_s.min(case.speed_rad_s.into()).copysign(load);
                 let mut rig = armed(&case, unlike);
                 speed(&mut rig, radians_s as f32);
-                rig.run(0.2 + radians_s.abs() / f64::from(control.max_acceleration_rad_s2), |_, _| ());
+                rig.wait(0.2 + radians_s.abs() / f64::from(control.max_acceleration_rad_s2));
                 // With the motion.
                 let load_nm = -load * most_a * 1.5 * pairs * flux_vs;
                 for part in 1..=20 {
                     rig.plant.set_load(f64::from(part) / 20.0 * load_nm).unwrap();
-                    rig.run(0.02, |_, _| ());
+                    rig.wait(0.02);
                 }
-                rig.run(0.2, |_, _| ());
+                rig.wait(0.2);
                 let (mut off, mut bus_v) = (0.0_f64, 0.0_f64);
                 rig.run(2.0, |_, period| {
                     off = off.max((period.truth.speed_rad_s / radians_s - 1.0).abs());

@@ -67,7 +67,7 @@ fn armed((_, plant, settings, _): &Case, commutation: Commutation) -> Rig {
     let mut plant = *plant;
     plant.bus.regenerative = true;
     let mut rig = known::rig(&plant, &Settings { commutation, ..*settings }, 1).unwrap();
-    rig.run(0.2, |_, _| ());
+    rig.wait(0.2);
     rig.command(Command::Arm).unwrap();
     rig
 }
@@ -86,7 +86,7 @@ fn the_vector_is_no_longer_than_what_is_commanded() {
                 let mut ratios = Vec::new();
                 for percent in 0..=100 {
                     rig.plant.set_dyno(Some(direction * 0.01 * f64::from(percent) * case.3)).unwrap();
-                    rig.run(0.01, |_, _| ());
+                    rig.wait(0.01);
                     if percent % 10 == 0 {
                         let (mut sum, periods) = (0.0, f64::from(rig.periods(0.1)));
                         rig.run(0.1, |_, period| {

@@ -65,7 +65,7 @@ fn hub() -> Case {
 fn armed(case: &Case) -> Rig {
     let mut rig = Rig::new(&case.plant, &case.settings, 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     rig.command(Command::Arm).unwrap();
     rig
 }
@@ -156,7 +156,7 @@ fn a_speed_beyond_the_supply_is_reached_and_held_by_motors_that_are_not_as_told(
         // Without: what the supply gives.
         let mut rig = armed(&case.with(|control| control.field_weakening_a = 0.0));
         speed(&mut rig, case.speed_rad_s);
-        rig.run(3.0, |_, _| ());
+        rig.wait(3.0);
         let base = rig.plant.truth().speed_rad_s;
         for (number, unlike) in UNLIKE.into_iter().step_by(sim::of(2, 1)).enumerate() {
             let case = case.unlike(&unlike);
@@ -203,7 +203,7 @@ fn it_reverses_stands_a_load_and_stops_from_there_into_a_supply_that_takes_nothi
             let case = case.unlike(&unlike);
             let mut rig = armed(&case);
             speed(&mut rig, case.speed_rad_s);
-            rig.run(2.5, |_, _| ());
+            rig.wait(2.5);
             let check = |what: &str, rig: &mut Rig, seconds: f64| {
                 let stretch = watch(rig, seconds);
                 println!("{} {what}: {stretch:.2?}, d {:.2} A", case.name, along_d(rig, &case));
@@ -234,7 +234,7 @@ fn a_supply_that_sags_and_comes_back_costs_speed_only() {
         let case = case.unlike(&UNLIKE[1]);
         let mut rig = armed(&case);
         speed(&mut rig, case.speed_rad_s);
-        rig.run(2.5, |_, _| ());
+        rig.wait(2.5);
         let supply_v = case.plant.bus.supply_v;
         for share in [0.8, 1.0] {
             rig.plant.set_supply(share * supply_v).unwrap();
@@ -253,7 +253,7 @@ fn switched_off_there_the_bus_stays_within_its_limit() {
         let case = case.unlike(&UNLIKE[3]);
         let mut rig = armed(&case);
         speed(&mut rig, case.speed_rad_s);
-        rig.run(2.5, |_, _| ());
+        rig.wait(2.5);
         rig.command(Command::Disarm).unwrap();
         let off = watch(&mut rig, 0.5);
         println!("{} off: {off:.2?}", case.name);
@@ -282,7 +282,7 @@ fn what_breaks_there_is_named_or_does_no_harm() {
         for (name, breaks) in DEFECTS.into_iter().skip(sim::of(number % 2, 0)).step_by(sim::of(2, 1)) {
             let mut rig = armed(&case);
             speed(&mut rig, case.speed_rad_s);
-            rig.run(2.5, |_, _| ());
+            rig.wait(2.5);
             breaks(&mut rig);
             let stretch = watch(&mut rig, 1.0);
             println!("{} {name}: {:?}, {stretch:.2?}", case.name, rig.drive.mode());
@@ -365,7 +365,7 @@ fn a_torque_and_a_position_go_there_too() {
     let speed_rad_s = rig.plant.truth().speed_rad_s;
     assert!((780.0..890.0).contains(&speed_rad_s), "{speed_rad_s}: {torque:?}");
     speed(&mut rig, 0.0);
-    rig.run(2.0, |_, _| ());
+    rig.wait(2.0);
 
     let here = rig.plant.truth().mechanical_angle_rad / std::f64::consts::TAU;
     let target = rig.drive.tracker().position().to_bits();

@@ -251,6 +251,12 @@ impl Plant {
         self.bus.volts
     }
 
+    /// Mechanical angle now, unwrapped, rad: that of the [`truth`](Self::truth) alone.
+    #[must_use]
+    pub fn mechanical_angle_rad(&self) -> f64 {
+        self.motor.rotor.angle_rad
+    }
+
     /// The state at this instant.
     #[must_use]
     pub fn truth(&self) -> Truth {

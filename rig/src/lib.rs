@@ -119,19 +119,37 @@ impl Rig {
 
     /// One control period.
     pub fn step(&mut self) -> Period {
+        let sample = self.sample();
+        let truth = self.plant.truth();
+        let output = self.act(&sample);
+        Period { sample, truth, output }
+    }
+
+    /// The same where nobody looks: how things really are need not be computed.
+    pub fn tick(&mut self) {
+        let sample = self.sample();
+        self.act(&sample);
+    }
+
+    /// What the ADC delivers now.
+    fn sample(&mut self) -> Sample {
         let plant::Codes { halls, currents, bus } = self.plant.sample();
         let mut sample = Sample { halls, currents, bus, temperatures: self.temperatures, ..Sample::default() };
         if let Some(disturb) = &mut self.disturb {
             disturb(&mut sample);
         }
-        let truth = self.plant.truth();
-        let output = self.drive.step(&sample);
-        self.recorder.take(&self.drive, &sample, &output);
+        sample
+    }
+
+    /// What the drive makes of it, until the next period.
+    fn act(&mut self, sample: &Sample) -> Output {
+        let output = self.drive.step(sample);
+        self.recorder.take(&self.drive, sample, &output);
         self.plant.set_brake(self.brake_ohm.filter(|_| self.brakes)).expect("a brake resistor has a resistance");
         // A decision is for the next period.
-        self.brakes = self.drive.chopper(&sample).unwrap_or(self.brakes);
+        self.brakes = self.drive.chopper(sample).unwrap_or(self.brakes);
         self.plant.advance(&legs(&output, self.config.period));
-        Period { sample, truth, output }
+        output
     }
 
     /// Control periods in a time.
@@ -154,7 +172,7 @@ impl Rig {
         if self.service.configure(lent).is_err() {
             bail!("the drive's queue is full");
         }
-        self.run(0.01, |_, _| ());
+        self.wait(0.01);
         Ok(())
     }
 
@@ -165,7 +183,7 @@ impl Rig {
     pub fn command(&mut self, command: Command) -> Result<()> {
         self.service.send(command)?;
         for _ in 0..100 {
-            self.step();
+            self.tick();
             while let Some(event) = self.service.poll() {
                 if let Event::Reply(reply) = event {
                     return Ok(reply?);
@@ -182,7 +200,7 @@ impl Rig {
     pub fn arm(&mut self) -> Result<()> {
         self.command(Command::Arm)?;
         while self.drive.limits().contains(Limits::CHECKING) {
-            self.step();
+            self.tick();
         }
         Ok(())
     }
@@ -214,6 +232,16 @@ impl Rig {
         }
     }
 
+    /// The same where nobody looks.
+    pub fn wait(&mut self, seconds: f64) {
+        for k in 0..self.periods(seconds) {
+            self.tick();
+            if k % 40 == 0 {
+                self.serve();
+            }
+        }
+    }
+
     /// Lets the drive calibrate itself; `progress` hears from 0 to 1.
     ///
     /// # Errors
@@ -221,7 +249,7 @@ impl Rig {
     pub fn calibrate(&mut self, mut progress: impl FnMut(f32)) -> Result<Calibration> {
         self.command(Command::Calibrate)?;
         for step in 0..self.periods(60.0) {
-            self.step();
+            self.tick();
             if step % 40 == 0 {
                 progress(self.service.progress());
                 if let Mode::Faulted(fault) = self.drive.mode() {
@@ -288,7 +316,7 @@ impl Rig {
     pub fn use_map(&mut self, electrical_turns: i32) {
         for share in 1..=WHOLE {
             self.map.use_from(electrical_turns, self.map.count(), share);
-            self.run(0.1 / f64::from(WHOLE), |_, _| ());
+            self.wait(0.1 / f64::from(WHOLE));
         }
     }
 
@@ -301,7 +329,7 @@ impl Rig {
                 State::Failed(error) => return Err(error.into()),
             }
             for _ in 0..self.periods(1e-3) {
-                self.step();
+                self.tick();
             }
         }
         bail!("the procedure did not come to an end")

@@ -297,7 +297,7 @@ impl Simulator {
         }
         self.housekeeping.update(&sample);
         let interlock = self.stop.holds().then_some(Interlock::Stop);
-        self.last = self.firmware.step(&sample, interlock, self.plant.truth().mechanical_angle_rad);
+        self.last = self.firmware.step(&sample, interlock, self.plant.mechanical_angle_rad());
         let [a, b, c] = self.last.compare;
         for word in [a, b, c, self.last.legs.bits().into()] {
             self.digest = (self.digest ^ u64::from(word)).wrapping_mul(0x0100_0000_01b3);

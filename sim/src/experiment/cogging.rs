@@ -63,7 +63,7 @@ pub fn turn(rig: &mut Rig, hz: f64, seconds: f64) -> Result<()> {
         rig.arm()?;
     }
     rig.command(Command::Speed(rig.control()?.speed((TAU * hz) as f32)?))?;
-    rig.run(seconds, |_, _| ());
+    rig.wait(seconds);
     Ok(())
 }
 
@@ -94,7 +94,7 @@ pub fn ripple(rig: &mut Rig, hz: f64) -> Result<(f64, Vec<(f64, f64)>)> {
 pub fn stop(rig: &mut Rig) -> Result<()> {
     turn(rig, 0.0, 1.0)?;
     rig.command(Command::Disarm)?;
-    rig.run(0.2, |_, _| ());
+    rig.wait(0.2);
     Ok(())
 }
 
@@ -169,7 +169,7 @@ pub fn trial(motor: &Motor, seed: u64) -> Result<Trial> {
     let (learnt_pct, learnt) = ripple(&mut rig, SPEEDS_HZ[0])?;
     let table = rig.by_pole.table().copied();
     let begin = forget_pole(&mut rig);
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     let (alike_pct, alike) = ripple(&mut rig, SPEEDS_HZ[0])?;
     // What it has turned so far is no part of the search.
     let moved = rig.by_pole.table().copied();

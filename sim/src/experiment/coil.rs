@@ -62,22 +62,22 @@ pub fn measure(rig: &mut Rig) -> Result<Estimate> {
         if plan.is_light {
             let place = begun + plan.place(step);
             rig.command(Command::Position(Position::from_bits((place * 4_294_967_296.0) as i64)))?;
-            rig.run(0.15, |_, _| ());
+            rig.wait(0.15);
         }
         rig.command(Command::Current(rig.control()?.current(0.0)?))?;
         recordings.push(record(rig, plan.step_a(step), pole_pairs)?);
         // What a line takes to end it.
-        rig.run(0.01, |_, _| ());
+        rig.wait(0.01);
         let end = if plan.is_light {
             Command::Speed(rig.control()?.speed(0.0)?)
         } else {
             Command::Current(rig.control()?.current(0.0)?)
         };
         rig.command(end)?;
-        rig.run(0.1, |_, _| ());
+        rig.wait(0.1);
     }
     rig.command(Command::Disarm)?;
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     field(&recordings.iter().map(Vec::as_slice).collect::<Vec<_>>()).context("the recordings tell nothing")
 }
 
@@ -88,10 +88,10 @@ fn record(rig: &mut Rig, size_a: f32, pole_pairs: f64) -> Result<Vec<Row>> {
     let step_hz = 1.0 / rig.period_s();
     let plan = setup.plan(&rig.config, step_hz as f32, 0).map_err(|error| anyhow!("{error}"))?;
     rig.scope.begin(&plan).map_err(|_| anyhow!("the scope is busy"))?;
-    rig.run(0.003, |_, _| ());
+    rig.wait(0.003);
     rig.scope.commanded();
     rig.command(Command::Current(rig.control()?.current(size_a)?))?;
-    rig.run(0.003, |_, _| ());
+    rig.wait(0.003);
     if rig.scope.state() != State::Done {
         bail!("the recording is not complete");
     }
@@ -139,14 +139,14 @@ pub fn errors(rig: &mut Rig, torque_nm: f64, inertia_kgm2: f64) -> Result<Errors
     for side in [1.0, -1.0] {
         rig.plant.set_dyno(Some(side * LOADED_HZ * TAU)).map_err(|error| anyhow!("{error}"))?;
         rig.command(Command::Current(rig.control()?.current(0.7 * side as f32 * largest_a)?)).context("load")?;
-        rig.run(0.1, |_, _| ());
+        rig.wait(0.1);
         rig.run(0.5 / LOADED_HZ, |rig, period| loaded.push(error(rig, period.truth.electrical_angle_rad)));
         rig.command(Command::Current(rig.control()?.current(0.0)?)).context("unload")?;
-        rig.run(0.02, |_, _| ());
+        rig.wait(0.02);
     }
     rig.plant.set_dyno(None).map_err(|error| anyhow!("{error}"))?;
     rig.command(Command::Speed(rig.control()?.speed(0.0)?)).context("free")?;
-    rig.run(0.3, |_, _| ());
+    rig.wait(0.3);
     let mut torque = Statistics::default();
     let fast_rad_s = f64::from(rig.control()?.largest_speed_rad_s());
     let seconds = (0.3 * fast_rad_s * inertia_kgm2 / torque_nm).min(0.02);
@@ -158,9 +158,9 @@ pub fn errors(rig: &mut Rig, torque_nm: f64, inertia_kgm2: f64) -> Result<Errors
         rig.run(seconds, |rig, period| torque.push(error(rig, period.truth.electrical_angle_rad)));
     }
     rig.command(Command::Speed(rig.control()?.speed(0.0)?))?;
-    rig.run(0.3, |_, _| ());
+    rig.wait(0.3);
     rig.command(Command::Disarm)?;
-    rig.run(0.2, |_, _| ());
+    rig.wait(0.2);
     Ok(Errors { loaded_deg: loaded.rms(), torque_deg: torque.rms() })
 }
 

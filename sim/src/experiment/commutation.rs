@@ -110,7 +110,7 @@ fn torque(seed: u64, commutation: Commutation) -> Result<Vec<(f64, f64)>> {
     rig.drive_with(MODULATION)?;
     let settle = rig.periods(0.1);
     for _ in 0..settle {
-        rig.step();
+        rig.tick();
     }
     let mut by_angle = ByAngle::new(720);
     for k in 0..rig.periods(4.5) {

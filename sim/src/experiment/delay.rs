@@ -108,7 +108,7 @@ pub fn errors(rig: &mut Rig) -> Result<[Error; 4]> {
     let mut all = [Error::default(); 4];
     for (error, speed) in all.iter_mut().zip(SPEEDS_RAD_S) {
         rig.command(Command::Speed(rig.control()?.speed(speed)?))?;
-        rig.run(0.4, |_, _| ());
+        rig.wait(0.4);
         let mut errors = Statistics::default();
         rig.run(0.5, |rig, period| {
             errors.push(error_deg(rig.drive.tracker().angle(), period.truth.electrical_angle_rad));
@@ -116,7 +116,7 @@ pub fn errors(rig: &mut Rig) -> Result<[Error; 4]> {
         *error = Error { rms_deg: errors.rms(), mean_deg: errors.mean() };
     }
     rig.command(Command::Speed(rig.control()?.speed(0.0)?))?;
-    rig.run(0.3, |_, _| ());
+    rig.wait(0.3);
     rig.command(Command::Disarm)?;
     Ok(all)
 }

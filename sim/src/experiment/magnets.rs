@@ -126,7 +126,7 @@ pub fn mapped(plant: &PlantParameters, seed: u64) -> Result<Rig> {
 /// A drive that refuses.
 pub fn steady(rig: &mut Rig) -> Result<Error> {
     rig.command(Command::Speed(rig.control()?.speed(SPEED_RAD_S)?))?;
-    rig.run(1.0, |_, _| ());
+    rig.wait(1.0);
     let mut errors = Statistics::default();
     let mut parts = vec![Statistics::default(); PARTS];
     rig.run(1.0, |rig, period| {
@@ -163,7 +163,7 @@ fn part(mechanical_rad: f64) -> usize {
 /// A quantity over the mechanical turn, in degrees, by the mean of each part.
 fn over_the_turn(name: &str, rig: &mut Rig, of: impl Fn(&Rig, f64) -> f64) -> Result<Series> {
     rig.command(Command::Speed(rig.control()?.speed(SPEED_RAD_S)?))?;
-    rig.run(1.0, |_, _| ());
+    rig.wait(1.0);
     let mut parts = vec![Statistics::default(); PARTS];
     rig.run(1.0, |rig, period| {
         parts[part(period.truth.mechanical_angle_rad)].push(of(rig, period.truth.electrical_angle_rad));

@@ -165,7 +165,7 @@ fn current_step(seed: u64) -> Result<Vec<(f64, f64)>> {
     let mut rig = armed(seed, Commutation::FieldOriented, SMOOTH)?;
     rig.plant.set_dyno(Some(0.0))?;
     rig.command(Command::Current(rig.control()?.current(0.0)?))?;
-    rig.run(0.02, |_, _| ());
+    rig.wait(0.02);
     let demand = rig.control()?.current(1.5)?;
     rig.service.send(Command::Current(demand))?;
     let mut currents = Vec::new();
@@ -225,14 +225,14 @@ fn turn(seed: u64, commutation: Commutation) -> Result<Turn> {
         learn(&mut rig)?;
     }
     rig.command(Command::Speed(rig.control()?.speed(0.0)?))?;
-    rig.run(0.3, |_, _| ());
+    rig.wait(0.3);
     rig.plant.set_load(LOAD_NM)?;
-    rig.run(0.3, |_, _| ());
+    rig.wait(0.3);
     rig.command(Command::Speed(rig.control()?.speed(SLOW_RAD_S)?))?;
     let rpm = |truth: &Truth| truth.speed_rad_s * 60.0 / TAU;
     let mut start = Vec::new();
     rig.run(0.1, |_, period| start.push((start.len() as f64 / 40.0, rpm(&period.truth))));
-    rig.run(0.5, |_, _| ());
+    rig.wait(0.5);
     let mut turn = Turn { start, rpm: Vec::new(), torque: Vec::new(), loss: 0.0 };
     rig.run(0.6, |_, period| {
         turn.rpm.push(rpm(&period.truth));
@@ -263,7 +263,7 @@ fn hold(seed: u64) -> Result<Hold> {
     let target = here + 1.0;
     let true_deg = |truth: &Truth| 360.0 * (truth.mechanical_angle_rad / TAU - zero / pole_pairs - target);
     rig.command(Command::Position(rig.control()?.position(here)?))?;
-    rig.run(0.4, |_, _| ());
+    rig.wait(0.4);
     rig.command(Command::Position(rig.control()?.position(target)?))?;
     let mut position = Vec::new();
     rig.run(0.5, |_, period| position.push((position.len() as f64 / 40.0, true_deg(&period.truth))));
@@ -293,7 +293,7 @@ const TURNING_RAD_S: f64 = 3.0;
 /// Has an armed drive learn the cogging, and arms it again.
 fn learn(rig: &mut Rig) -> Result<()> {
     rig.command(Command::Disarm)?;
-    rig.run(0.3, |_, _| ());
+    rig.wait(0.3);
     rig.learn(&learning::Plan::new(&rig.config)?)?;
     rig.arm()
 }
@@ -314,7 +314,7 @@ fn cogging(seed: u64) -> Result<(Vec<Series>, f64)> {
 fn net_torque(rig: &mut Rig) -> Result<Vec<(f64, f64)>> {
     rig.command(Command::Current(rig.control()?.current(0.0)?))?;
     rig.plant.set_dyno(Some(TURNING_RAD_S))?;
-    rig.run(0.1, |_, _| ());
+    rig.wait(0.1);
     let mut by_angle = crate::statistics::ByAngle::new(360);
     rig.run(TAU / TURNING_RAD_S, |_, period| {
         let truth = &period.truth;

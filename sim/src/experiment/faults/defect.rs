@@ -259,10 +259,10 @@ pub(super) fn mend(rig: &mut Rig, bench: &mut Bench) -> Result<()> {
 pub(super) fn install(rig: &mut Rig, model: &Model) -> Result<()> {
     for _ in 0..100 {
         if rig.service.install(model).is_ok() {
-            rig.run(2e-3, |_, _| ());
+            rig.wait(2e-3);
             return Ok(());
         }
-        rig.run(1e-3, |_, _| ());
+        rig.wait(1e-3);
     }
     anyhow::bail!("the drive takes no model")
 }

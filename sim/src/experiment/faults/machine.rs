@@ -68,7 +68,7 @@ impl Machine {
         let mut rig = Rig::new(&bench.parameters, &bench.settings, seed)?;
         rig.temperatures = bench.temperatures();
         let model = rig.calibrate(|_| ()).with_context(|| bench.describe())?.model;
-        rig.run(0.2, |_, _| ());
+        rig.wait(0.2);
         let watch = if bench.halls() == 2 { Watch::Two(Pair::NEW) } else { Watch::Nothing };
         Ok(Self {
             rig,

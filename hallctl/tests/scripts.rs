@@ -130,8 +130,11 @@ fn settings_travel_through_standard_streams() {
         assert!(refused.status.code() == Some(1) && said.contains(words), "{text}: {said}");
         assert!(drive.ok(&["settings", "get", "stall_s"]).contains("stall_s = 0.7 s"));
     }
-    // Who writes a file by hand needs no such line.
+    // Who writes a file by hand needs no such line; who adds to an exported one, as an editor on Windows does, neither.
     assert!(import("stall_s = 0.8").status.success());
+    let added = file.replace("stall_s = 0.7\n", "").replace('\n', "\r\n") + "stall_s = 0.9";
+    assert!(import(&added).status.success());
+    assert!(drive.ok(&["settings", "get", "stall_s"]).contains("stall_s = 0.9 s"));
 }
 
 #[test]

@@ -228,7 +228,7 @@ pub(super) const fn saved(waits: bool) -> &'static str {
     if waits { "will be saved when the bridge is off: `hallctl stop`" } else { "saved" }
 }
 
-/// First words and last line of an exported file: one that was cut may still be read, with a number that has lost digits.
+/// First words and last line of an exported file. One that was cut may still be read, with a number that has lost digits.
 const BEGIN: &str = "# Settings of ";
 const END: &str = "# End of the settings.";
 
@@ -253,9 +253,9 @@ fn export(client: &mut Client, path: &Path) -> Result<()> {
 
 fn import(client: &mut Client, path: &Path, out: Out) -> Result<()> {
     let text = out::load(path)?;
-    if text.starts_with(BEGIN) && !text.trim_end().ends_with(END) {
-        let place = path.display();
-        return Err(anyhow::anyhow!("{place} has been cut: its last line, {END:?}, is not there").into());
+    // Below it somebody may have added what is their own.
+    if text.starts_with(BEGIN) && !text.lines().any(|line| line.trim_end() == END) {
+        return Err(anyhow::anyhow!("{} has been cut: its line {END:?} is not there", path.display()).into());
     }
     let table: toml::Table = text.parse().with_context(|| format!("in {}", path.display()))?;
     // A file of which nothing is left must not look as if it had been taken over.

@@ -8,7 +8,7 @@ use sim::statistics::Statistics;
 
 #[test]
 fn a_thousand_unknown_motors_are_learnt_followed_and_lost() {
-    let motors = sim::of(120, 1000);
+    let motors = sim::of(60, 1000);
     let summary = run(1, motors).unwrap().summary;
     println!("{summary:#?}");
     assert_eq!(summary.diverged, 0);

@@ -249,12 +249,12 @@ fn warmest(speed_rad_s: f64, settings: &Settings) -> (f64, f64) {
     (most, off)
 }
 
-/// The short form blocks the rotor and turns it one way; how warm it gets without the measurement is seen once.
+/// The short form blocks the rotor, and does not look how warm it gets without the measurement.
 #[test]
 fn a_winding_that_warms_twice_as_far_is_seen_by_its_resistance() {
     let allowed = f64::from(ALLOWED_K);
-    for speed_rad_s in [0.0, 8.0, -15.0].into_iter().step_by(sim::of(2, 1)) {
-        if speed_rad_s == 0.0 || sim::of(false, true) {
+    for speed_rad_s in [0.0, 8.0, -15.0].into_iter().take(sim::of(1, 3)) {
+        if sim::of(false, true) {
             let (without, _) = warmest(speed_rad_s, &warming(0.0));
             println!("{speed_rad_s} rad/s: {without:.1} K without");
             assert!(without > 1.5 * allowed, "{without:.1} K");
@@ -284,10 +284,11 @@ fn cold(way: f64) -> Rig {
     rig
 }
 
+/// The short form has one of the two ways.
 #[test]
 fn a_cold_motor_is_not_taken_for_a_warm_one() {
     const SPEEDS: [f32; 12] = [5.0, -5.0, 15.0, 300.0, -300.0, 0.0, 22.0, -40.0, 100.0, -2.0, -150.0, 0.5];
-    for way in [-1.0, 1.0] {
+    for way in sim::either(0, [-1.0, 1.0]) {
         let mut rig = cold(way);
         rig.command(Command::Arm).unwrap();
         let (mut least, mut most, mut measured) = (0.0_f32, 0.0_f32, 0);

@@ -16,7 +16,7 @@ fn worst(summaries: &[Summary], of: impl Fn(&Summary) -> f64) -> f64 {
 
 #[test]
 fn a_hundred_imperfect_motors_reach_the_bounds() {
-    let motors = sim::of(12, 100);
+    let motors = sim::of(8, 100);
     let summaries = summaries(1..1 + motors, PlantParameters::imperfect);
     let untracked = worst(&summaries, |s| s.angle_error_deg_rms / s.crlb_deg);
     let placed = worst(&summaries, |s| s.angle_error_deg_rms / s.crlb_placed_deg);
@@ -40,7 +40,7 @@ fn a_hundred_imperfect_motors_reach_the_bounds() {
 #[test]
 fn every_layout_of_the_sensors_is_calibrated() {
     // A third of the motors for each: the arithmetic is the same.
-    let motors = sim::of(4, 33);
+    let motors = sim::of(3, 33);
     for layout in [HallLayout::Deg120Reversed, HallLayout::Deg60, HallLayout::Deg60Reversed] {
         let summaries = summaries(1..1 + motors, |seed| PlantParameters::imperfect_with(seed, layout));
         let untracked = worst(&summaries, |s| s.angle_error_deg_rms / s.crlb_deg);

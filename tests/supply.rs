@@ -297,7 +297,7 @@ fn a_load_that_drives_is_held_on_a_supply_that_takes_nothing_back() {
         let control = case.settings.control.unwrap();
         let (most_a, over_v) = (f64::from(control.max_current_a), f64::from(control.guard.over_voltage_v));
         let pairs = f64::from(case.settings.pole_pairs);
-        for unlike in UNLIKE.into_iter().step_by(sim::of(2, 1)) {
+        for unlike in UNLIKE.into_iter().step_by(sim::of(3, 1)) {
             let flux_vs = case.plant.motor.back_emf.flux_linkage_vs * unlike[1];
             for (share, load) in [(0.08, 0.3), (0.15, 0.4), (0.3, 0.3), (0.3, -0.5)] {
                 let radians_s = 2.0 * share * most_a * f64::from(control.resistance_ohm) / flux_vs / pairs;

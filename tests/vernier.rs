@@ -13,10 +13,10 @@ fn summary(build: Build, seed: u64) -> Summary {
     run(&Options { common, build, positions: 10_000, trials: 0 }).unwrap()
 }
 
-/// The short form has 25 encoders, not a hundred, each at ten thousand positions.
+/// The short form has six encoders, not a hundred, each at ten thousand positions.
 #[test]
 fn a_million_positions_of_a_hundred_encoders() {
-    let encoders = sim::of(10, 100);
+    let encoders = sim::of(6, 100);
     let summaries = (1..=encoders).into_par_iter().map(|seed| summary(PAIRS, seed)).collect::<Vec<_>>();
     let worst = |of: fn(&Summary) -> f64| summaries.iter().map(of).fold(0.0, f64::max);
     let positions: usize = summaries.iter().map(|s| s.positions).sum();
@@ -35,14 +35,19 @@ fn a_million_positions_of_a_hundred_encoders() {
     assert!(before > 100 * encoders as usize, "{before}");
 }
 
-/// Trials of each fault, over ten encoders.
+/// Encoders with faults.
+fn faulty() -> usize {
+    sim::of(5, 10)
+}
+
+/// Trials of each fault, over all of these encoders.
 fn trials<const HEADS: usize>(build: &Build, each: usize) -> [Outcome; FAULTS.len()] {
     let of_one = |seed| {
         let recorded = Recorded::<HEADS>::new(build, seed).unwrap();
         FAULTS.map(|fault| recorded.trials(fault, each, seed))
     };
-    let ten: Vec<_> = (1..11).into_par_iter().map(of_one).collect();
-    std::array::from_fn(|fault| ten.iter().map(|outcomes| outcomes[fault]).reduce(Outcome::plus).unwrap())
+    let all: Vec<_> = (1..=faulty() as u64).into_par_iter().map(of_one).collect();
+    std::array::from_fn(|fault| all.iter().map(|outcomes| outcomes[fault]).reduce(Outcome::plus).unwrap())
 }
 
 fn check(outcome: &Outcome, trials: usize) {
@@ -56,14 +61,14 @@ fn check(outcome: &Outcome, trials: usize) {
 
 #[test]
 fn no_fault_lets_a_wrong_angle_pass_with_one_head_a_ring() {
-    let each = sim::of(400, 10_000);
-    trials::<1>(&ONE_HEAD, each).iter().for_each(|outcome| check(outcome, 10 * each));
+    let each = sim::of(200, 10_000);
+    trials::<1>(&ONE_HEAD, each).iter().for_each(|outcome| check(outcome, faulty() * each));
 }
 
 #[test]
 fn no_fault_lets_a_wrong_angle_pass_with_opposite_heads() {
-    let each = sim::of(100, 1_000);
-    trials::<2>(&PAIRS, each).iter().for_each(|outcome| check(outcome, 10 * each));
+    let each = sim::of(50, 1_000);
+    trials::<2>(&PAIRS, each).iter().for_each(|outcome| check(outcome, faulty() * each));
 }
 
 #[test]

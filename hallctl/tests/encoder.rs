@@ -19,12 +19,12 @@ fn random(seed: u64) -> Pcg64 {
     Pcg64::seed_from_u64(seed)
 }
 
-/// The short form goes over a quarter of them.
+/// The short form has 150.
 #[test]
 fn the_position_is_absolute_after_each_of_a_thousand_power_ups_without_motion() {
     let mut random = random(1);
     let mut errors = Vec::new();
-    for number in 0..sim::of(250, 1000) {
+    for number in 0..sim::of(150, 1000) {
         let shaft_rad = random.random_range(-TAU..TAU);
         let mut drive = calibrated(shaft_rad, number);
         // A brake holds the shaft.
@@ -42,12 +42,12 @@ fn the_position_is_absolute_after_each_of_a_thousand_power_ups_without_motion() 
     assert!(rms <= 0.005 && largest <= 0.02, "{rms} {largest}");
 }
 
-/// The short form breaks 40 drives in each of the four ways, not 100.
+/// The short form breaks 25 drives in each of the four ways, not 100.
 #[test]
 fn at_power_up_no_defect_makes_a_wrong_pole_pair() {
     let mut random = random(2);
     let mut told = [0; 4];
-    let each = sim::of(40, 100);
+    let each = sim::of(25, 100);
     for number in 0..4 * each {
         let mut drive = calibrated(random.random_range(0.0..TAU), number);
         let ring = random.random_range(0..2);

@@ -135,7 +135,7 @@ fn what_a_fast_drive_does_depends_on_no_clock() {
         }
         said + &drive.ok(&["status"]) + &fs::read_to_string(file).unwrap()
     };
-    assert_eq!(telling(Duration::ZERO), telling(Duration::from_millis(300)));
+    assert_eq!(telling(Duration::ZERO), telling(Duration::from_millis(100)));
 }
 
 #[test]
@@ -241,7 +241,7 @@ fn what_is_no_drive_is_told_apart() {
     let text = fails(&serve(&frame_of_version(newer)), 5, &["status"]);
     let both = text.contains(&format!("version {newer}")) && text.contains(&format!("version {VERSION}"));
     assert!(both && text.contains("Update hallctl"), "{text}");
-    let text = fails(&serve(b"\x00hello, I am a modem\x00"), 4, &["--patience", "3", "status"]);
+    let text = fails(&serve(b"\x00hello, I am a modem\x00"), 4, &["--patience", "1", "status"]);
     assert!(text.contains("not the protocol of a hallservo drive"), "{text}");
 }
 
@@ -254,14 +254,14 @@ fn a_line_that_loses_frames_is_asked_again() {
             scope.spawn(move || {
                 let drive = Drive::start(&[]);
                 // Asked again after a quarter of it.
-                let output = call(&lossy(&drive.port, lost), &["--alone", "--patience", "8", "status"]);
+                let output = call(&lossy(&drive.port, lost), &["--alone", "--patience", "6", "status"]);
                 assert!(output.status.success(), "{lost}: {}", String::from_utf8_lossy(&output.stderr));
                 assert!(String::from_utf8(output.stdout).unwrap().contains("unarmed"));
             });
         }
         // What may have begun is not begun again.
         let drive = Drive::start(&[]);
-        assert!(fails(&lossy(&drive.port, 3), 4, &["--alone", "--patience", "3", "calibrate"]).contains("no answer"));
+        assert!(fails(&lossy(&drive.port, 3), 4, &["--alone", "--patience", "2", "calibrate"]).contains("no answer"));
         assert!(drive.ok(&["status"]).contains("unarmed: bridge off, not calibrated"));
     });
 }

@@ -224,14 +224,11 @@ impl Motor {
             Some((iron, inductance_h)) => {
                 let (begin, sequence) = (self.phasor, self.back_emf.sequence);
                 let turns_rad = 2.0 * self.pole_pairs * ahead_rad;
-                let flux_vs = |share: f64, currents_a: &[f64; 3]| {
-                    Axes::new(begin.turned_by(share * turns_rad), sequence).flux_beyond_vs(
-                        &iron,
-                        inductance_h,
-                        currents_a,
-                    )
+                let flux_vs_at = |share: f64| {
+                    let axes = Axes::new(begin.turned_by(share * turns_rad), sequence);
+                    move |currents_a: &[f64; 3]| axes.flux_beyond_vs(&iron, inductance_h, currents_a)
                 };
-                self.windings.advance_in_iron(terminals, &back_emf_v, diodes, span_s, flux_vs)
+                self.windings.advance_in_iron(terminals, &back_emf_v, diodes, span_s, flux_vs_at)
             }
         };
         if let Some(copper_ohm) = self.heat.as_mut().and_then(|heat| heat.take(&flow.currents_a, span_s)) {

@@ -99,6 +99,9 @@ impl Windings {
 
     /// Lets the currents flow for a span of constant terminal voltages and back-EMF.
     pub fn advance(&mut self, terminals: &[Terminal; 3], emf_v: &[f64; 3], diodes: Diodes, span_s: f64) -> Flow {
+        if let [Terminal::Driven(a), Terminal::Driven(b), Terminal::Driven(c)] = *terminals {
+            return self.driven(&[a, b, c], emf_v, span_s);
+        }
         let mut mean = Flow::default();
         let mut left_s = span_s;
         // A phase goes out at most once for each time that it starts to conduct; three phases
@@ -126,23 +129,43 @@ impl Windings {
         mean
     }
 
+    /// The same where every terminal is held, as nearly always: no diode conducts.
+    fn driven(&mut self, terminals_v: &[f64; 3], emf_v: &[f64; 3], span_s: f64) -> Flow {
+        let decay = self.decay(span_s);
+        let across_v = less(terminals_v, emf_v);
+        let star_v = (across_v[0] + across_v[1] + across_v[2]) * (1.0 / 3.0);
+        let mut mean_a = [0.0; 3];
+        for phase in 0..3 {
+            let target_a = (across_v[phase] - star_v) * self.conductance_s;
+            let old_a = self.currents_a[phase];
+            mean_a[phase] = target_a + (old_a - target_a) * decay.old_in_mean;
+            self.currents_a[phase] = old_a + (target_a - old_a) * decay.lost;
+        }
+        Flow { currents_a: mean_a, terminals_v: *terminals_v, returned_a: 0.0 }
+    }
+
+    fn decay(&self, span_s: f64) -> Decay {
+        if span_s == self.usual.span_s { self.usual } else { Decay::over(span_s, self.time_constant_s) }
+    }
+
     /// The same with a flux of each phase beyond what the inductance links, which follows from the share of the span and
     /// the currents. In parts so short that the currents are exact to some thousandths of their change.
-    pub fn advance_in_iron(
+    pub fn advance_in_iron<Flux: Fn(&[f64; 3]) -> [f64; 3]>(
         &mut self,
         terminals: &[Terminal; 3],
         emf_v: &[f64; 3],
         diodes: Diodes,
         span_s: f64,
-        flux_vs: impl Fn(f64, &[f64; 3]) -> [f64; 3],
+        flux_vs_at: impl Fn(f64) -> Flux,
     ) -> Flow {
         let parts = libm::ceil(span_s / (0.05 * self.time_constant_s)).clamp(1.0, 20.0);
         let (part_s, share) = (span_s / parts, 1.0 / parts);
         let mut mean = Flow::default();
+        let mut beyond_v = [0.0; 3];
         for part in 0..parts as u32 {
-            let begin_vs = flux_vs(share * f64::from(part), &self.currents_a);
-            let end_vs = |currents_a: &[f64; 3]| flux_vs(share * f64::from(part + 1), currents_a);
-            let flow = self.advance_until(terminals, emf_v, diodes, part_s, |currents_a| {
+            let begin_vs = flux_vs_at(share * f64::from(part))(&self.currents_a);
+            let end_vs = flux_vs_at(share * f64::from(part + 1));
+            let flow = self.advance_until(terminals, emf_v, diodes, part_s, &mut beyond_v, |currents_a| {
                 let end_vs = end_vs(currents_a);
                 [0, 1, 2].map(|k| (end_vs[k] - begin_vs[k]) / part_s)
             });
@@ -151,29 +174,40 @@ impl Windings {
         mean
     }
 
-    /// With a voltage in each phase, beside the back-EMF, that follows from the currents at the end.
+    /// With a voltage in each phase, beside the back-EMF, that follows from the currents at the end; `beyond_v` is about what
+    /// it is, and then what it was.
     fn advance_until(
         &mut self,
         terminals: &[Terminal; 3],
         emf_v: &[f64; 3],
         diodes: Diodes,
         span_s: f64,
+        beyond_v: &mut [f64; 3],
         induced_v: impl Fn(&[f64; 3]) -> [f64; 3],
     ) -> Flow {
         let before_a = self.currents_a;
-        let mut beyond_v = induced_v(&before_a);
+        let mut last: Option<([f64; 3], [f64; 3])> = None;
         let mut tries = 0;
         loop {
-            let emf_v = [0, 1, 2].map(|k| emf_v[k] + beyond_v[k]);
-            let flow = self.advance(terminals, &emf_v, diodes, span_s);
-            let now_v = induced_v(&self.currents_a);
-            let off_v = (0..3).map(|k| (now_v[k] - beyond_v[k]).abs()).fold(0.0, f64::max);
-            // Each time the error falls to the share of the inductance that is beyond; where diodes switch, it may not.
+            let flow = self.advance(terminals, &sum(emf_v, beyond_v), diodes, span_s);
+            let off_v = less(&induced_v(&self.currents_a), beyond_v);
+            // Where diodes switch, it may not settle.
             tries += 1;
-            if off_v < 1e-7 || tries == 60 {
+            if off_v.iter().all(|off| off.abs() < 1e-7) || tries == 60 {
                 return flow;
             }
-            (self.currents_a, beyond_v) = (before_a, now_v);
+            self.currents_a = before_a;
+            let tried_v = *beyond_v;
+            *beyond_v = sum(&tried_v, &off_v);
+            // What the step before has changed tells how far to go (Anderson's acceleration).
+            if let Some((tried_before_v, off_before_v)) = last {
+                let (moved_v, changed_v) = (less(&tried_v, &tried_before_v), less(&off_v, &off_before_v));
+                let share = dot(&off_v, &changed_v) / dot(&changed_v, &changed_v);
+                if share.abs() < 2.0 {
+                    *beyond_v = less(beyond_v, &sum(&moved_v, &changed_v).map(|volts| share * volts));
+                }
+            }
+            last = Some((tried_v, off_v));
         }
     }
 
@@ -246,7 +280,7 @@ impl Windings {
         terminals: &[Terminal; 3],
         span_s: f64,
     ) -> Flow {
-        let decay = if span_s == self.usual.span_s { self.usual } else { Decay::over(span_s, self.time_constant_s) };
+        let decay = self.decay(span_s);
         let mut flow = Flow::default();
         for phase in 0..3 {
             let (old, target) = (self.currents_a[phase], target_a[phase]);
@@ -270,6 +304,18 @@ impl Flow {
         }
         self.returned_a += weight * part.returned_a;
     }
+}
+
+fn sum(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    [a[0] + b[0], a[1] + b[1], a[2] + b[2]]
+}
+
+fn less(a: &[f64; 3], b: &[f64; 3]) -> [f64; 3] {
+    [a[0] - b[0], a[1] - b[1], a[2] - b[2]]
+}
+
+fn dot(a: &[f64; 3], b: &[f64; 3]) -> f64 {
+    a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 }
 
 /// Star point of the phases that conduct: their currents add up to nothing.

@@ -211,6 +211,7 @@ impl Client {
                 Some(Ok(Reply { id, answer: Answer::Telemetry(telemetry) })) => self.keep(id, telemetry),
                 Some(Ok(Reply { id, answer })) if id == self.id => {
                     return match answer {
+                        Answer::Refused(Refusal::Demand(bad)) => Err(Error::Refused(words::demand(&ask, bad))),
                         Answer::Refused(refusal) => Err(Error::Refused(words::refusal(&refusal))),
                         answer => {
                             if ask.controls() {

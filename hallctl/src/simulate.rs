@@ -58,16 +58,16 @@ pub struct Options {
     #[arg(long, value_name = "37/45")]
     pub encoder: Option<Pairs>,
     /// Distance of the rings' centre from the axis, in mm
-    #[arg(long, value_name = "MM", default_value_t = 0.05, requires = "encoder")]
+    #[arg(long, value_name = "MM", default_value_t = 0.05, requires = "encoder", value_parser = eccentricity)]
     pub eccentricity: f64,
     /// Uneven magnets: 1 is as bad as cheap ones are, 0.5 half of it
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = unevenness)]
     pub uneven: f64,
     /// Two Halls instead of three, so many electrical degrees apart; the drive is told by `settings set halls 2`
-    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEGREES", allow_negative_numbers = true, value_parser = apart)]
     pub two_halls: Option<f64>,
     /// Field of the windings at the largest current, as a share of the magnets'
-    #[arg(long, value_name = "SHARE", default_value_t = 0.0)]
+    #[arg(long, value_name = "SHARE", default_value_t = 0.0, value_parser = coil_field)]
     pub coil_field: f64,
     /// What the shaft turns
     #[command(flatten)]
@@ -85,6 +85,26 @@ pub struct Options {
     /// Print what it is told and each change of its state, with its time and the motor's speed
     #[arg(long)]
     pub log: bool,
+}
+
+fn eccentricity(text: &str) -> Result<f64, String> {
+    load::within(text, 0.0..=2.0, "millimetres")
+}
+
+fn unevenness(text: &str) -> Result<f64, String> {
+    load::within(text, 0.0..=5.0, "times as uneven as cheap magnets are")
+}
+
+/// Halls in line, or in one place, are no two.
+fn apart(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(degrees) if (20.0..=160.0).contains(&degrees.abs()) => Ok(degrees),
+        _ => Err("20 to 160 electrical degrees are wanted, or as many in the other direction".into()),
+    }
+}
+
+fn coil_field(text: &str) -> Result<f64, String> {
+    load::within(text, 0.0..=1.0, "of the magnets' field")
 }
 
 /// Milliseconds that a request is worth.

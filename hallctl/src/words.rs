@@ -4,6 +4,7 @@ pub mod encoder;
 
 use crate::scope::name;
 use hallservo::commutation::Commutation;
+use hallservo::control::config::BadDemand;
 use hallservo::control::impedance;
 use hallservo::drive;
 use hallservo::fault::{Fault, Limits};
@@ -12,7 +13,7 @@ use hallservo::scope;
 use hallservo::service::procedure;
 use hallservo::settings::{self, Kind};
 use hallservo_protocol::{
-    Activity, Cause, Incident, Learning, MagnetsRefusal, Problem, Record, Refusal, ScopeRefusal, Setting,
+    Activity, Ask, Cause, Incident, Learning, MagnetsRefusal, Problem, Record, Refusal, ScopeRefusal, Setting,
 };
 use serde_json::{Value, json};
 
@@ -208,6 +209,19 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
     }
 }
 
+/// Why a demand is refused, with its unit and what limits it.
+pub fn demand(ask: &Ask<'_>, bad: BadDemand) -> String {
+    let (what, unit, limit) = match ask {
+        Ask::Voltage(_) => ("a voltage", "", "max_modulation allows"),
+        Ask::Torque(_) => ("a torque", " Nm", "max_current_a allows"),
+        Ask::Speed(_) => ("a speed", " rad/s", "max_speed_rad_s allows"),
+        Ask::Position(_) => ("a position", " turns", "is as far as the drive counts"),
+        Ask::Telemetry(_) => return format!("{} Hz is beyond 0 to {} Hz", short(bad.value), short(bad.most)),
+        _ => return refusal(&Refusal::Demand(bad)),
+    };
+    format!("{what} of {}{unit} is beyond ±{}{unit}, which {limit}", short(bad.value), digits(bad.most, 4))
+}
+
 /// What cannot be in a spring and a damper. A limit that no float exceeds is none.
 fn impedance_error(error: &impedance::Error) -> String {
     let said = error.to_string();
@@ -255,7 +269,7 @@ fn drive_refusal(refusal: drive::Refusal) -> String {
         }
         drive::Refusal::TooFar => {
             "the position, or the range, is farther from the rotor than following_error_turns\n  \
-             Let the reference go there by limits of speed and acceleration."
+             `hallctl position` first, or let the reference go there by limits of speed and acceleration."
                 .into()
         }
     }
@@ -325,7 +339,12 @@ pub fn value(setting: &Setting<'_>, value: f32) -> String {
 
 /// With six digits, for a limit that was computed.
 pub fn short(value: f32) -> String {
-    format!("{value:.5e}").parse().map_or_else(|_| value.to_string(), number)
+    digits(value, 6)
+}
+
+/// With so many digits.
+fn digits(value: f32, count: usize) -> String {
+    format!("{value:.*e}", count - 1).parse().map_or_else(|_| value.to_string(), number)
 }
 
 /// With as many digits as a float has, and an exponent where that is shorter.

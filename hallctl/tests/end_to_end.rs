@@ -81,7 +81,8 @@ fn evening(options: &[&str]) {
 #[test]
 fn pole_pairs_are_counted_by_a_turn_of_the_hand() {
     let mut drive = Drive::start(&[]);
-    assert!(drive.fails(7, &["pole-pairs"]).contains("the drive must be calibrated"));
+    let said = drive.fails(7, &["pole-pairs"]);
+    assert!(said.contains("the drive must be calibrated") && said.contains("`hallctl calibrate` first"), "{said}");
     drive.ok(&["calibrate"]);
     // It has four.
     drive.ok(&["settings", "set", "pole_pairs", "7"]);

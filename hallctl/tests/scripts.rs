@@ -188,6 +188,20 @@ fn what_is_refused_is_named_as_it_was_typed() {
         let said = drive.fails(6, &["impedance", "0", &format!("{option}={value}"), "--once"]);
         assert!(said.contains("must be 0 or more") && !said.contains("unstable"), "{said}");
     }
+    // With its unit, and what limits it.
+    for (demand, said) in [
+        (
+            &["--speed-unit", "rpm", "speed", "10000"][..],
+            "1047.2 rad/s is beyond ±500 rad/s, which max_speed_rad_s allows",
+        ),
+        (&["torque", "9"], "a torque of 9 Nm is beyond ±0.09 Nm, which max_current_a allows"),
+        (&["voltage", "1.2"], "a voltage of 1.2 is beyond ±1, which max_modulation allows"),
+        (&["position", "1e9"], "turns, which is as far as the drive counts"),
+        (&["impedance", "--within", "400", "410", "--kp", "0.01"], "`hallctl position` first"),
+    ] {
+        let text = drive.fails(6, &[demand, &["--once"]].concat());
+        assert!(text.contains(said), "{demand:?}: {text}");
+    }
     // What does nothing has no rise, gain or bandwidth.
     for nothing in [&["step", "speed", "0"][..], &["sine", "position", "0"], &["tune", "--step", "0"]] {
         assert!(drive.fails(2, nothing).contains("a size other than 0 is wanted"));

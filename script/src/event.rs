@@ -14,7 +14,7 @@ pub fn event(words: &[&str]) -> Result<Event, String> {
         ["rings", "slip", angle] => Event::Rings(Some(Defect::BothSlipped(degrees(angle)?))),
         ["ring", ring, "chipped", pair] => Event::Rings(Some(Defect::Chipped(one_or_two(ring)?, pole_pair(pair)?))),
         ["rings", "good"] => Event::Rings(None),
-        ["bus", volts] => Event::Bus(quantity(volts, "V")?),
+        ["bus", volts] => Event::Bus(supply(volts)?),
         ["current", phase, amperes] => Event::Current(self::phase(phase)?, quantity(amperes, "A")?),
         ["break", level] => Event::Break(break_level(level)?),
         ["enable", "open"] => Event::Enable(false),
@@ -107,4 +107,10 @@ fn break_level(word: &str) -> Result<Option<bool>, String> {
 fn exception(word: &str) -> Result<u16, String> {
     let number = u16::try_from(whole(word)?).ok().filter(|number| (2..128).contains(number));
     number.ok_or_else(|| format!("exceptions are 2 to 127, not {word:?}"))
+}
+
+/// A supply's voltage.
+fn supply(text: &str) -> Result<f64, String> {
+    let volts = quantity(text, "V")?;
+    if volts < 0.0 { Err(format!("a supply has 0V or more, not {text:?}")) } else { Ok(volts) }
 }

@@ -263,6 +263,7 @@ mod tests {
             ("at nans bus 12V", 1, "a time is like 0.5s, 20ms or 300us, not \"nans\""),
             ("at infs bus 12V", 1, "a time is like 0.5s, 20ms or 300us, not \"infs\""),
             ("at 1s bus 12", 1, "expected a number with V, found \"12\""),
+            ("at 1s bus -5V", 1, "a supply has 0V or more, not \"-5V\""),
             ("at 1s bus nanV", 1, "expected a number with V, found \"nanV\""),
             ("at 1s load infNm", 1, "expected a number with Nm, found \"infNm\""),
             ("at 1s current X 1A", 1, "phases are U, V and W, not \"X\""),

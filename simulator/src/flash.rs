@@ -69,6 +69,8 @@ impl Flash {
         let name = || format!("the flash in {}", path.display());
         let mut file =
             OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).with_context(name)?;
+        // A device may have no end.
+        ensure!(file.metadata().with_context(name)?.is_file(), "{} is not a file", path.display());
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).with_context(name)?;
         if bytes.is_empty() || SMALLER.contains(&bytes.len()) {

@@ -16,8 +16,12 @@ impl FromStr for Pairs {
         let Some((reference, vernier)) = text.split_once('/') else { bail!("two rings are like 37/45, not {text:?}") };
         let pairs =
             |text: &str| text.trim().parse().map_err(|_| anyhow!("a ring has 1 to 64 pole pairs, not {text:?}"));
-        let pairs = [pairs(reference)?, pairs(vernier)?];
+        let pairs: [usize; 2] = [pairs(reference)?, pairs(vernier)?];
         ensure!(pairs.iter().all(|pairs| (1..=64).contains(pairs)), "a ring has 1 to 64 pole pairs");
+        let both = (2..=64).find(|number| pairs.iter().all(|pairs| pairs.is_multiple_of(*number)));
+        if let Some(both) = both {
+            bail!("both rings' pole pairs are multiples of {both}: they look alike {both} times in a turn");
+        }
         Ok(Self(pairs))
     }
 }

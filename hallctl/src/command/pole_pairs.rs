@@ -116,7 +116,11 @@ fn observe(client: &mut Client, count: &mut ByHand, assumed: f64) -> Result<Stat
 }
 
 fn failed(error: pole_pairs::Error) -> Error {
-    Error::Failed(error.to_string())
+    let next = match error {
+        pole_pairs::Error::NotReady => "\n  `hallctl calibrate` first, or `hallctl stop` where it is calibrated.",
+        _ => "",
+    };
+    Error::Failed(format!("{error}{next}"))
 }
 
 /// Lines on the standard input; disconnected where that ends.

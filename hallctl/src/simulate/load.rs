@@ -48,7 +48,8 @@ fn degrees(text: &str) -> Result<f64, String> {
     within(text, 0.0..=45.0, "degrees of the rotor")
 }
 
-fn within(text: &str, range: RangeInclusive<f64>, of: &str) -> Result<f64, String> {
+/// A number of a range, of what it is named.
+pub fn within(text: &str, range: RangeInclusive<f64>, of: &str) -> Result<f64, String> {
     let number = text.parse().ok().filter(|number| range.contains(number));
     number.ok_or_else(|| format!("a number from {} to {} is wanted, {of}", range.start(), range.end()))
 }

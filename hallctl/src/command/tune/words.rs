@@ -66,8 +66,9 @@ fn why(outcome: &Outcome, out: Out) -> Result<()> {
         return say!(
             out,
             "The magnets are uneven: while the motor turns, the measured speed swings with them at any bandwidth, and a fast \
-             loop makes a current of that. Larger bandwidths are possible after `hallctl magnets learn` (with an encoder \
-             on the shaft, `hallctl encoder calibrate`): then `hallctl tune` again."
+             loop makes a current of that. Larger bandwidths are possible after `hallctl magnets learn`, on a board that \
+             has room for a map (with an encoder on the shaft, after `hallctl encoder calibrate`): then `hallctl tune` \
+             again."
         );
     }
     let Some(swings) = outcome.swings else { return Ok(()) };

@@ -9,7 +9,7 @@ use hallservo::service::commission::Commission;
 use hallservo::service::procedure::{Error, Procedure, Serve, State};
 use hallservo::service::standstill::Standstill;
 use hallservo::settings::Settings;
-use plant::Iron;
+use plant::{HallFault, Iron};
 use rayon::prelude::*;
 use rig::Rig;
 use rig::commissioning::{Bench, Outcome, commission};
@@ -263,4 +263,43 @@ fn a_heavy_motor_is_commissioned_by_a_small_current() {
         assert!(good, "{text}");
         println!("{text}");
     });
+}
+
+/// What calibrating says of a motor whose rotor is so many times as heavy, with one Hall dead or none.
+fn calibrated(case: &Motor, times: f64, seed: u64, dead: Option<usize>) -> Result<(), String> {
+    let mut plant = case.plant(seed);
+    plant.motor.inertia_kgm2 *= times;
+    let mut rig = Rig::new(&plant, &case.settings(), seed).unwrap();
+    if let Some(hall) = dead {
+        let level_v = [1.65, 0.3, 3.0][seed as usize % 3];
+        rig.plant.set_hall_fault(hall, Some(HallFault::StuckAt(level_v)));
+    }
+    rig.calibrate(|_| ()).map(drop).map_err(|error| error.to_string())
+}
+
+/// Rotors that are too heavy for the field rock: then no Hall is at fault. Where the rotor turns, a dead one is named. The
+/// short form has every seventeenth.
+#[test]
+fn a_hall_is_blamed_where_it_is_dead_and_not_where_a_heavy_rotor_rocks() {
+    let inertias = [1.0, 3.0, 10.0, 30.0, 100.0, 1000.0];
+    let jobs = MOTORS.iter().flat_map(|case| inertias.map(|times| (case, times)));
+    let jobs: Vec<_> = jobs.flat_map(|job| [1, 2, 3].map(|seed| (job, seed))).step_by(sim::of(17, 1)).collect();
+    let rows = jobs.par_iter().map(|&((case, times), seed)| {
+        let name = format!("{} {times} times as heavy, {seed}", case.name);
+        let healthy = calibrated(case, times, seed, None);
+        if let Err(said) = healthy {
+            assert!(!said.contains("sees no magnet turning"), "{name}: {said}");
+            return (format!("{name}: {said}"), false);
+        }
+        for hall in 0..3 {
+            let said = calibrated(case, times, seed, Some(hall)).unwrap_err();
+            assert!(said.contains(&format!("Hall {} sees no magnet turning", hall + 1)), "{name}, {hall} dead: {said}");
+        }
+        (name, true)
+    });
+    let rows: Vec<_> = rows.collect();
+    rows.iter().filter(|(_, turns)| !turns).for_each(|(said, _)| println!("{said}"));
+    let turning = rows.iter().filter(|(_, turns)| *turns).count();
+    println!("{turning} of {} turn", rows.len());
+    assert!((rows.len() / 6..rows.len()).contains(&turning));
 }

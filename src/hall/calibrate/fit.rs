@@ -24,9 +24,9 @@ pub const BINS: usize = 64;
 /// Why no sensors fit.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum NoFit {
-    /// The first harmonic of this sensor is below four codes.
+    /// The first harmonic of this sensor is below four codes, while the others see a rotor that turns.
     NoSignal(Channel),
-    /// Those of all three are.
+    /// None of them sees one.
     NotTurning,
     /// The iteration does not settle.
     Diverged,
@@ -55,6 +55,11 @@ const PARAMETERS: usize = 14;
 const ITERATIONS: usize = 12;
 /// Smallest amplitude in ADC codes that is a signal.
 const NO_SIGNAL: f32 = 4.0;
+/// Smallest of a single sensor that is that of a turning rotor: a calibration refuses less in any case.
+const TURNING: f32 = 20.0;
+/// Sine of the angle by which the waves of two sensors differ at least where the rotor turns: they sit farther apart, and
+/// from opposite each other. 20°.
+const APART: f32 = 0.34;
 /// Weight of what is expected of two sensors' harmonics, over the mean of the equations' diagonal.
 const EXPECTED: f32 = 0.02;
 
@@ -119,7 +124,7 @@ fn point(k: u32, &[a, b, c, count]: &Bin) -> Point {
 /// First harmonic over the field's angle, of the first sweep.
 fn start(bins: &Bins, halls: Halls) -> Result<[Sensor; 3], NoFit> {
     let mut sensors = [Sensor::ABSENT; 3];
-    let (mut weak, mut why) = (0, NoFit::NotTurning);
+    let mut weak = None;
     for (channel, sensor) in sensors.iter_mut().enumerate().take(halls.count()) {
         let (mut mean, mut sine, mut cosine) = (0.0, 0.0, 0.0);
         for point in sweep(&bins[0]) {
@@ -130,16 +135,26 @@ fn start(bins: &Bins, halls: Halls) -> Result<[Sensor; 3], NoFit> {
         }
         let amplitude = crate::float::root(sine * sine + cosine * cosine);
         if !(amplitude >= NO_SIGNAL) {
-            weak += 1;
-            why = NoFit::NoSignal(Channel(channel as u8));
+            weak = Some(Channel(channel as u8));
         }
         let placement = ElectricalAngle::from_radians(-crate::float::atan2(cosine, sine));
         *sensor = Sensor::sinusoidal(mean, amplitude, placement);
     }
     match weak {
-        0 => Ok(sensors),
-        _ if weak == halls.count() => Err(NoFit::NotTurning),
-        _ => Err(why),
+        None => Ok(sensors),
+        Some(channel) if turns(&sensors) => Err(NoFit::NoSignal(channel)),
+        Some(_) => Err(NoFit::NotTurning),
+    }
+}
+
+/// Whether the sensors that have a signal see a rotor that turns. Of one that rocks about a place, they all see the same
+/// motion, and their waves over the field's angle are alike or opposite; which of them sees nothing of it is chance.
+fn turns(sensors: &[Sensor; 3]) -> bool {
+    let mut strong = sensors.iter().filter(|sensor| sensor.amplitude >= NO_SIGNAL);
+    match (strong.next(), strong.next()) {
+        (Some(one), Some(other)) => sin_cos_f32(one.placement - other.placement).0.abs() >= APART,
+        (Some(only), None) => only.amplitude >= TURNING,
+        _ => false,
     }
 }
 

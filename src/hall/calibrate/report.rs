@@ -131,10 +131,12 @@ impl fmt::Display for Finding {
             Self::Noisy(channel, percent) => {
                 write!(f, "{channel} has {percent:.1} % noise: shield its wire from the motor's, or filter it")
             }
+            // Of a rotor that rocks the amplitude is nearly nothing, and all else many times as large.
             Self::Unexplained(percent) => write!(
                 f,
-                "{percent:.1} % of the signals fit no turning magnet: the rotor slips or sticks, a Hall's wire is loose, \
-                 a magnet is uneven, or the motor's current reaches the Halls"
+                "{:.1} % of the signals fit no turning magnet: the rotor slips or sticks (turn it slower, or with more \
+                 current), a Hall's wire is loose, a magnet is uneven, or the motor's current reaches the Halls",
+                percent.min(100.0)
             ),
             Self::Hunting(degrees) => write!(
                 f,

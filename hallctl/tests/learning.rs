@@ -136,3 +136,48 @@ fn what_was_learnt_is_taken_back_where_the_magnets_turn_out_uneven() {
         assert!(taken_back < 1.05 * fixed && kept > 1.15 * fixed, "{number}");
     }
 }
+
+/// Error of the tracked angle over the last of six mechanical turns, electrical degrees RMS.
+fn after_turns(plant: &PlantParameters, flash: &[u8], rad_s: f32, learns: bool) -> f64 {
+    let seconds = |turns: f32| (turns * std::f32::consts::TAU / rad_s) as u32 + 1;
+    let mut drive = Simulator::at(plant, 1, Flash::of(flash.to_vec()), Vec::new()).unwrap();
+    run(&mut drive, 10);
+    done(&mut drive, Ask::Set { name: "adaptation", value: f32::from(u8::from(learns)) });
+    done(&mut drive, Ask::Arm);
+    run(&mut drive, 300);
+    let mut errors = Statistics::default();
+    let tenths = 10 * seconds(6.0);
+    for tenth in 0..tenths {
+        done(&mut drive, Ask::Speed(rad_s));
+        for _ in 0..98 {
+            drive.step();
+            if tenth + 10 * seconds(1.0) >= tenths {
+                let truth = drive.plant.truth().electrical_angle_rad;
+                errors.push(error_deg(drive.drive().tracker().angle(), truth));
+            }
+        }
+    }
+    errors.rms()
+}
+
+/// Magnets that are not uneven enough to be doubted: the first of them bent the parameters, and the angle's error doubled.
+/// Slower still, a part of that is left. The short form has the rotor at which it was worst.
+#[test]
+fn a_slow_rotor_of_somewhat_uneven_magnets_is_tracked_nearly_as_well_as_without_learning() {
+    let all = || (11..17).flat_map(|seed| [0.15, 0.25, 0.35].map(|times| (seed, times))).collect();
+    let worst = sim::of(vec![(13, 0.25)], all()).into_par_iter().map(|(seed, times)| {
+        let plant = simulator::uneven(PlantParameters::imperfect(seed), times, seed);
+        let flash = calibrated(&plant);
+        [0.8, 1.5, 3.0].map(|rad_s| {
+            if rad_s != 1.5 && sim::of(true, false) {
+                return 0.0;
+            }
+            let [fixed, learning] = [false, true].map(|learns| after_turns(&plant, &flash, rad_s, learns));
+            println!("{seed}, {times} at {rad_s} rad/s: {learning:.2}°, without learning {fixed:.2}°");
+            learning / fixed
+        })
+    });
+    let worst = worst.reduce(|| [0.0; 3], |a, b| [0, 1, 2].map(|k| f64::max(a[k], b[k])));
+    println!("worst at 0.8, 1.5 and 3 rad/s: {worst:.2?} times the error without");
+    assert!(worst[0] < 1.7 && worst[1] < 1.1 && worst[2] < 1.1, "{worst:.2?}");
+}

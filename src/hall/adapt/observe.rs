@@ -25,6 +25,9 @@ pub struct CalibratedSensor {
 
 /// What the best model leaves unexplained of the best rotor, relative to the amplitude, squared.
 const LEAST_UNEXPLAINED: f32 = 4e-6;
+/// What is taken for it at first where there is a calibration: 0.55 % RMS. As on the best rotor, the first half turn would
+/// bend the parameters by what its magnet differs, and from then on they would be taken for known.
+const FIRST_UNEXPLAINED: f32 = 3e-5;
 /// The same of the worst rotor: 15 % RMS.
 const MOST_UNEXPLAINED: f32 = 0.0225;
 /// Electrical turns over which it is averaged. The longer, the less a mean over it depends on where the poles differ.
@@ -66,6 +69,11 @@ impl CalibratedSensor {
     pub fn expect_unexplained(&mut self, rms: f32) {
         self.known = (rms * rms).clamp(LEAST_UNEXPLAINED, MOST_UNEXPLAINED);
         self.unexplained = self.unexplained.max(self.known);
+    }
+
+    /// Starts from a calibration: nothing is known of the rotor yet.
+    pub fn be_cautious(&mut self) {
+        self.unexplained = FIRST_UNEXPLAINED;
     }
 
     /// Variance of one sample, relative to the squared amplitude.

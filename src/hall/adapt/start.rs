@@ -89,6 +89,10 @@ impl Adapter {
             model: *model,
         };
         adapter.tune();
+        // The angle is followed as on the best rotor.
+        if adapter.calibrated {
+            adapter.sensors.iter_mut().for_each(CalibratedSensor::be_cautious);
+        }
         adapter
     }
 

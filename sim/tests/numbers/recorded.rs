@@ -18,6 +18,7 @@ pub const CHECKS: &[fn(&Pages)] = &[
     late_halls_and_uneven_magnets,
     damaged_lines,
     magnets_in_the_drive,
+    slow_and_uneven,
     vernier,
     encoder_in_the_drive,
     aligned,
@@ -205,6 +206,13 @@ fn magnets_in_the_drive(pages: &Pages) {
         Recorded::of("many_rotors").only(" 40 rotors: {} maps kept, {} whose pole can be told, {} found,");
     assert!(found <= told);
     pages.quote(NUMBERS, "found / at a wrong pole | {} / 0 |", &[Is(found)]);
+}
+
+fn slow_and_uneven(pages: &Pages) {
+    let [slowest, slow, usual] =
+        Recorded::of("slow_learning").only("worst at 0.8, 1.5 and 3 rad/s: [{}, {}, {}] times the error without");
+    let figures = [Is(f64::max(slow, usual)), Is(slowest)];
+    pages.quote(NUMBERS, "at 1.5 and 3 rad/s with at most {} times the error, at 0.8 rad/s with {} times", &figures);
 }
 
 fn vernier(pages: &Pages) {

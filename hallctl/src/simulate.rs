@@ -23,6 +23,7 @@ use simulator::rings::Pairs;
 use simulator::{Simulator, defaults, of_motor, uneven};
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::sync::mpsc::{Receiver, SyncSender, TryRecvError, sync_channel};
 use std::thread;
@@ -87,12 +88,18 @@ pub struct Options {
     pub log: bool,
 }
 
+/// A number from a range; `of` says what it counts.
+fn within(text: &str, range: RangeInclusive<f64>, of: &str) -> Result<f64, String> {
+    let number = text.parse().ok().filter(|number| range.contains(number));
+    number.ok_or_else(|| format!("a number from {} to {} is wanted, {of}", range.start(), range.end()))
+}
+
 fn eccentricity(text: &str) -> Result<f64, String> {
-    load::within(text, 0.0..=2.0, "millimetres")
+    within(text, 0.0..=2.0, "millimetres")
 }
 
 fn unevenness(text: &str) -> Result<f64, String> {
-    load::within(text, 0.0..=5.0, "times as uneven as cheap magnets are")
+    within(text, 0.0..=5.0, "times as uneven as cheap magnets are")
 }
 
 /// Halls in line, or in one place, are no two.
@@ -104,7 +111,7 @@ fn apart(text: &str) -> Result<f64, String> {
 }
 
 fn coil_field(text: &str) -> Result<f64, String> {
-    load::within(text, 0.0..=1.0, "of the magnets' field")
+    within(text, 0.0..=1.0, "of the magnets' field")
 }
 
 /// Milliseconds that a request is worth.

@@ -41,7 +41,7 @@ impl Noise {
     /// Marsaglia's polar method: one logarithm and one root for two numbers, no sine.
     #[inline(never)]
     fn prepare(&mut self) {
-        // Of the last place only what is refused is written, too; no branch depends on the draw.
+        // What is refused is written, too, and the next is written over it: no branch depends on the draw.
         let mut points = [(0.0, 0.0, 0.5); PAIRS];
         let mut found = 0;
         while found < PAIRS {

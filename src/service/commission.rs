@@ -149,7 +149,7 @@ impl Commission {
                 self.best = Some((number, bad));
             }
         }
-        // A heavy rotor that rocks may look twice as if the same Hall were dead, so nothing ends the search early.
+        // Nothing ends the search early: of two Halls, one may look dead twice where a heavy rotor only rocks.
         match (self.best, result) {
             _ if self.tries < SWEEPS.len() => self.choose_sweep(self.tries),
             // The last one was the best: its calibration is in use.

@@ -117,7 +117,7 @@ fn observe(client: &mut Client, count: &mut ByHand, assumed: f64) -> Result<Stat
 
 fn failed(error: pole_pairs::Error) -> Error {
     let next = match error {
-        pole_pairs::Error::NotReady => "\n  `hallctl calibrate` first, or `hallctl stop` where it is calibrated.",
+        pole_pairs::Error::NotReady => "\n  `hallctl calibrate` first; where the bridge is on, `hallctl stop`.",
         _ => "",
     };
     Error::Failed(format!("{error}{next}"))

@@ -1,7 +1,7 @@
 //! A load on a shaft that twists, as the options of `hallctl simulate` have it.
 
+use super::within;
 use plant::{LoadParameters, PlantParameters};
-use std::ops::RangeInclusive;
 
 /// The load on the simulated motor's shaft.
 #[derive(Clone, Copy, Debug, clap::Args)]
@@ -46,10 +46,4 @@ fn damping(text: &str) -> Result<f64, String> {
 
 fn degrees(text: &str) -> Result<f64, String> {
     within(text, 0.0..=45.0, "degrees of the rotor")
-}
-
-/// A number of a range, of what it is named.
-pub fn within(text: &str, range: RangeInclusive<f64>, of: &str) -> Result<f64, String> {
-    let number = text.parse().ok().filter(|number| range.contains(number));
-    number.ok_or_else(|| format!("a number from {} to {} is wanted, {of}", range.start(), range.end()))
 }

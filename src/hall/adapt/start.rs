@@ -89,7 +89,7 @@ impl Adapter {
             model: *model,
         };
         adapter.tune();
-        // The angle is followed as on the best rotor.
+        // After that, so that the load is estimated as on the best rotor.
         if adapter.calibrated {
             adapter.sensors.iter_mut().for_each(CalibratedSensor::be_cautious);
         }

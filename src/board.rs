@@ -4,8 +4,8 @@
 //! the phase currents. Once a period, at the valley:
 //!
 //! 1. The ADCs hold Halls, currents, bus voltage and thermistors. That instant is the sample's; an input that is held
-//!    earlier is brought up to it by [`sensing::SkewCompensation`], and how far it is from the middle of the period
-//!    that acts on it is told to the drive by [`delay_periods`](timing::delay_periods).
+//!    earlier is brought up to it by [`sensing::SkewCompensation`], and how far it is from the valley is told to the drive
+//!    by the setting [`halls_held_s`](crate::settings::Settings::halls_held_s).
 //! 2. The end of the conversion is the control interrupt, the highest of all. It builds a [`Sample`] and calls
 //!    [`Drive::step`](crate::drive::Drive::step).
 //! 3. It writes the [`Output`] to preloaded compare registers, which the timer takes up at the next valley, or switches

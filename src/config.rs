@@ -229,7 +229,7 @@ impl Settings {
     }
 
     fn every(&self, hz: f32) -> u32 {
-        crate::float::nearest(self.pwm_hz / hz) as u32
+        (crate::float::nearest(self.pwm_hz / hz) as u32).max(1)
     }
 
     /// With current control, records have their places in the drive's schedule.
@@ -240,12 +240,13 @@ impl Settings {
     }
 
     fn tracking(&self) -> Result<track::Config, Error<'static>> {
-        let delay = self.delay_periods;
+        let Self { halls_held_s: held, pwm_hz, .. } = *self;
+        let delay = 1.5 - held * pwm_hz;
         // Noise and an estimate off by some degrees on top of the fastest turning.
         let jump =
             ElectricalAngle::from_turns(self.max_electrical_hz / self.pwm_hz) + ElectricalAngle::from_degrees(20.0);
         let smoothing = track::Config::smoothing_for(self.tracking_bandwidth_hz, self.pwm_hz);
-        let out_of_range = Error::OutOfRange { field: "delay_periods", value: delay, min: 0.0, max: 16.0 };
+        let out_of_range = Error::OutOfRange { field: "halls_held_s", value: held, min: -20e-6, max: 1.5 / pwm_hz };
         track::Config::new(smoothing, jump, delay).ok_or(out_of_range)
     }
 

@@ -509,6 +509,13 @@ impl Drive {
         self.paths.field_oriented.trim()
     }
 
+    /// Counts of the timer in half a PWM period, as the settings of now have it. It changes in a step with the bridge off
+    /// only.
+    #[inline(always)]
+    pub const fn period(&self) -> u16 {
+        self.config.period
+    }
+
     /// How the phases are driven.
     pub const fn commutation(&self) -> Commutation {
         self.config.commutation

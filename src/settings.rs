@@ -59,7 +59,7 @@ impl Settings {
     /// Why it cannot be changed, whatever the others are.
     pub fn change(&mut self, name: &str, value: f32) -> Result<(), Error<'static>> {
         let entry = find(name).ok_or(Error::Unknown)?;
-        if entry.fixed() {
+        if entry.fixed(self) {
             return Err(Error::Fixed);
         }
         entry.assign(self, value)

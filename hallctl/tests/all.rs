@@ -28,6 +28,7 @@ mod scope;
 mod scripts;
 #[cfg(unix)]
 mod stopping;
+mod switching;
 mod tasks;
 mod tool;
 mod two_halls;

@@ -184,7 +184,7 @@ fn a_refused_import_changes_no_setting() {
             "stall_s would be",
         ),
         ("max_current_a = 2.5\nno_such_setting = 1\n", "no such setting"),
-        ("max_current_a = 2.5\npwm_hz = 20000\n", "pwm_hz: this setting follows from the board's parts"),
+        ("max_current_a = 2.5\ntimer_hz = 1e8\n", "timer_hz: this setting follows from the board's parts"),
         ("max_current_a = 2.5\npole_pairs = \"many\"\n", "pole_pairs: it takes a number, not many"),
     ] {
         fs::write(&file, text).unwrap();

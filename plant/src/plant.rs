@@ -60,6 +60,15 @@ pub struct Truth {
     pub last: Option<Slice>,
 }
 
+/// A switching period and a step of the simulation, s.
+fn spans_s(inverter: &InverterParameters) -> (f64, f64) {
+    let period_s = 1.0 / inverter.pwm_hz;
+    match inverter.model {
+        InverterModel::Averaged { steps } => (period_s, period_s / f64::from(steps)),
+        InverterModel::Switched => (period_s, period_s),
+    }
+}
+
 /// A motor with its inverter and sensors.
 ///
 /// The order of use is that of the control interrupt: [`sample`](Self::sample) at the valley, then
@@ -68,6 +77,7 @@ pub struct Truth {
 pub struct Plant {
     motor: Motor,
     inverter: InverterParameters,
+    inductance_h: f64,
     period_s: f64,
     step_s: f64,
     dead_time: DeadTime,
@@ -82,7 +92,7 @@ pub struct Plant {
     /// Compare registers as loaded at the coming valley.
     preloaded: Legs,
     periods: u64,
-    /// Time spent in [`Plant::conduct`], s.
+    /// Time spent in [`Plant::conduct`] and in periods of another length, s.
     conducted_s: f64,
     last: Option<Slice>,
 }
@@ -95,16 +105,13 @@ impl Plant {
     pub fn new(parameters: &PlantParameters, seed: u64) -> Result<Self, Error> {
         let inverter = parameters.inverter;
         inverter.check()?;
-        let period_s = 1.0 / inverter.pwm_hz;
-        let step_s = match inverter.model {
-            InverterModel::Averaged { steps } => period_s / f64::from(steps),
-            InverterModel::Switched => period_s,
-        };
+        let (period_s, step_s) = spans_s(&inverter);
         parameters.current_sense.check(["current_sense.gain", "current_sense.offset_v", "current_sense.noise_v"])?;
         parameters.bus_sense.check(["bus_sense.gain", "bus_sense.offset_v", "bus_sense.noise_v"])?;
         let mut plant = Self {
             motor: Motor::new(&parameters.motor, inverter.switch_ohm, step_s)?,
             inverter,
+            inductance_h: parameters.motor.inductance_h,
             period_s,
             step_s,
             dead_time: DeadTime::new(&inverter, parameters.motor.inductance_h),
@@ -135,6 +142,23 @@ impl Plant {
     #[must_use]
     pub fn period_s(&self) -> f64 {
         self.period_s
+    }
+
+    /// Another switching frequency from this valley on, Hz.
+    ///
+    /// # Errors
+    /// The inverter cannot have it.
+    pub fn set_pwm(&mut self, pwm_hz: f64) -> Result<(), Error> {
+        let inverter = InverterParameters { pwm_hz, ..self.inverter };
+        inverter.check()?;
+        // What has passed is no number of the new periods.
+        self.conducted_s += self.periods as f64 * self.period_s;
+        self.periods = 0;
+        self.inverter = inverter;
+        (self.period_s, self.step_s) = spans_s(&inverter);
+        self.dead_time = DeadTime::new(&inverter, self.inductance_h);
+        self.switched = SwitchedLegs::new(self.period_s, inverter.dead_time_s);
+        Ok(())
     }
 
     /// What the converter reads now, at the valley. Each call draws fresh noise.

@@ -47,9 +47,7 @@ impl Bench {
             if state != State::Running {
                 return state;
             }
-            for _ in 0..40 {
-                self.step();
-            }
+            self.millisecond();
         }
         State::Running
     }
@@ -58,7 +56,7 @@ impl Bench {
     pub fn wait(&mut self, seconds: f64) {
         for k in 0..self.rig.periods(seconds) {
             self.step();
-            if k % 40 == 0 {
+            if k.is_multiple_of(self.rig.periods(1e-3)) {
                 self.rig.serve();
             }
         }
@@ -81,9 +79,7 @@ impl Bench {
         self.rig.command(Command::Calibrate).map_err(|error| error.to_string())?;
         let mut result = None;
         for _ in 0..120_000 {
-            for _ in 0..40 {
-                self.step();
-            }
+            self.millisecond();
             while let Some(event) = self.rig.service.poll() {
                 match event {
                     Event::Calibrated(found) => result = Some(Ok(found.report)),
@@ -109,6 +105,12 @@ impl Bench {
             }
         }
         Err("the calibration is stuck".into())
+    }
+
+    fn millisecond(&mut self) {
+        for _ in 0..self.rig.periods(1e-3) {
+            self.step();
+        }
     }
 
     /// One control period.

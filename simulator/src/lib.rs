@@ -26,8 +26,12 @@ const IDENTITY: Identity = Identity { board: "simulated", firmware: env!("CARGO_
 /// Both thermistors at 25 °C, 12 bit.
 const COOL: TemperatureCode = TemperatureCode::new(2048);
 
+/// A control step of some six microseconds.
+const FASTEST_PWM: Ceiling = ("pwm_hz", 80e3);
+
 /// What no setting exceeds: transistors of 40 V that stand 6 A, and no brake resistor.
 const CEILINGS: &[Ceiling] = &[
+    FASTEST_PWM,
     ("max_current_a", 6.0),
     ("over_current_a", 7.5),
     ("over_voltage_v", 34.0),
@@ -60,7 +64,8 @@ pub fn uneven(plant: PlantParameters, times: f64, seed: u64) -> PlantParameters 
 
 /// What a board that fits a motor has by default: nothing of the motor but its pole pairs.
 pub fn of_motor(motor: &Motor) -> Settings {
-    let mut settings = Settings { commutation: Commutation::FieldOriented, ..motor.settings() };
+    let ceilings = &[FASTEST_PWM];
+    let mut settings = Settings { commutation: Commutation::FieldOriented, ceilings, ..motor.settings() };
     if let Some(control) = &mut settings.control {
         control.guard.command_timeout_s = GuardSettings::default().command_timeout_s;
         control.guard.on_timeout = OnTimeout::Stop;
@@ -91,11 +96,14 @@ pub struct Simulator {
     fed: u32,
     last: Output,
     digest: u64,
-    /// Of the timer, in counts.
+    /// Of the timer, in counts, and its clock.
     period: u16,
-    /// Control periods in a millisecond, and in the state running.
-    periods: u32,
+    timer_hz: f64,
+    /// What the control interrupt is behind the tasks by, s.
+    behind_s: f64,
+    /// Control periods in the state running, and the time of those that had another length.
     running: u64,
+    ran_s: f64,
     planned: Vec<ScheduledEvent>,
     /// What happens to each sample.
     disturbed: Option<fault::Kind>,
@@ -148,12 +156,16 @@ impl Simulator {
         flash: Flash,
         planned: Vec<ScheduledEvent>,
     ) -> Result<Self> {
+        let mut settings = settings;
+        // The vernier's share in the steps is planned once, for the board's own frequency.
+        if let (Some(_), Some((&FASTEST_PWM, others))) = (&rings, settings.ceilings.split_first()) {
+            settings.ceilings = others;
+        }
         let config = settings.validate().context("the settings")?;
         let usual = (plant.bus.supply_v, plant.motor.load_nm);
         let mut plant = Plant::new(plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
         plant.place(0.3, 0.0)?;
         let firmware = firmware::start(IDENTITY, settings, flash.clone(), rings)?;
-        let periods = (1e-3 / plant.period_s()).round() as u32;
         Ok(Self {
             plant,
             observe: None,
@@ -169,8 +181,10 @@ impl Simulator {
             last: Output::OFF,
             digest: 0xcbf2_9ce4_8422_2325,
             period: config.period,
-            periods,
+            timer_hz: settings.timer_hz.into(),
+            behind_s: 0.0,
             running: 0,
+            ran_s: 0.0,
             planned,
             disturbed: None,
             usual,
@@ -258,7 +272,9 @@ impl Simulator {
 
     /// A millisecond in which the tasks have no time.
     pub fn neglect(&mut self) {
-        for _ in 0..self.periods {
+        self.behind_s += 1e-3;
+        while self.behind_s > 0.5 * self.plant.period_s() {
+            self.behind_s -= self.plant.period_s();
             self.period();
         }
     }
@@ -308,11 +324,23 @@ impl Simulator {
             self.running += 1;
             self.inject();
         }
+        if self.firmware.drive().period() != self.period {
+            self.retime();
+        }
+    }
+
+    /// The timer takes up what the drive's settings say, as on a board.
+    fn retime(&mut self) {
+        self.ran_s += self.running as f64 * self.plant.period_s();
+        self.running = 0;
+        self.period = self.firmware.drive().period();
+        let pwm_hz = self.timer_hz / (2.0 * f64::from(self.period));
+        self.plant.set_pwm(pwm_hz).expect("what the settings allow, the motor's bridge can do");
     }
 
     /// Faults whose time has come.
     fn inject(&mut self) {
-        let seconds = self.running as f64 * self.plant.period_s();
+        let seconds = self.ran_s + self.running as f64 * self.plant.period_s();
         while let Some(at) = self.planned.iter().position(|planned| planned.after_s <= seconds) {
             let kind = self.planned.swap_remove(at).kind;
             // The numbers are finite, and the motor takes any.

@@ -1,6 +1,7 @@
 //! From an ADC's results to a [`Sample`], where they are not the same.
 
 use crate::board::{Sample, TemperatureCode};
+use core::num::NonZeroU32;
 
 /// An ADC of a resolution.
 pub struct Adc<const BITS: u32>;
@@ -65,8 +66,8 @@ pub struct SkewCompensation<const BITS: u32> {
 
 impl<const BITS: u32> SkewCompensation<BITS> {
     /// Held `early` ticks before the others, in a PWM period of `period` ticks.
-    pub const fn new(early: u32, period: u32) -> Self {
-        Self { last: Adc::<BITS>::MIDDLE, share: ((early << 16) / period) as i32 }
+    pub const fn new(early: u32, period: NonZeroU32) -> Self {
+        Self { last: Adc::<BITS>::MIDDLE, share: ((early << 16) / period.get()) as i32 }
     }
 
     /// The code that the channel would have had later. One at an end of the range stays there, so a lost sensor shows.
@@ -111,7 +112,7 @@ mod tests {
         let (early, period, amplitude) = (100.0, 4250.0, 1500.0);
         let omega = core::f64::consts::TAU * 1000.0 / 170e6;
         let wave = |tick: f64| 2048.0 + amplitude * libm::sin(omega * tick);
-        let mut channel = SkewCompensation::<12>::new(100, 4250);
+        let mut channel = SkewCompensation::<12>::new(100, NonZeroU32::new(4250).unwrap());
         channel.at_once(libm::round(wave(-period - early)) as u16);
         let (mut worst, mut without) = (0_f64, 0_f64);
         for n in 0..1000 {
@@ -127,7 +128,7 @@ mod tests {
 
     #[test]
     fn a_channel_at_a_rail_stays_there() {
-        let mut channel = SkewCompensation::<12>::new(100, 8500);
+        let mut channel = SkewCompensation::<12>::new(100, NonZeroU32::new(8500).unwrap());
         for code in [2000, 4095, 4095, 0, 0, 4095] {
             let at_once = channel.at_once(code);
             assert!(code == 2000 || at_once == code);

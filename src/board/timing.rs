@@ -3,11 +3,10 @@
 use crate::board::{Legs, LostPeriods, Output};
 use core::num::NonZeroU32;
 
-/// From an input to the middle of the PWM period that acts on it, in PWM periods: a period and a half from the valley.
-/// The ADCs are triggered `lead` timer ticks before the valley and hold the input `held` ticks after the trigger; half
-/// a PWM period is `period` ticks.
-pub const fn delay_periods(lead: u32, held: u32, period: u16) -> f32 {
-    1.5 + (lead as f32 - held as f32) / (2.0 * period as f32)
+/// From the valley to where an input is held, s: the ADCs are triggered `lead` timer ticks before the valley and hold it
+/// `held` ticks after the trigger.
+pub const fn held_s(lead: u32, held: u32, timer_hz: f32) -> f32 {
+    (held as f32 - lead as f32) / timer_hz
 }
 
 /// Counts the periods that passed without an interrupt, by a free-running counter.
@@ -103,10 +102,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_delay_is_from_where_the_input_is_held() {
-        assert_eq!(delay_periods(100, 100, 2125), 1.5);
-        // 425 ticks after the valley, a tenth of a period.
-        assert!((delay_periods(0, 425, 2125) - 1.4).abs() < 1e-6);
+    fn an_input_is_held_after_the_valley_or_before_it() {
+        assert_eq!(held_s(100, 100, 170e6), 0.0);
+        assert_eq!((held_s(0, 17, 170e6), held_s(34, 0, 170e6)), (100e-9, -200e-9));
     }
 
     #[test]

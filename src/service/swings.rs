@@ -17,7 +17,7 @@ use crate::config::Config;
 use crate::control::{Current, Motor, Scale};
 use crate::telemetry::Measurement;
 
-/// What was found: against twenty simulated motors, flux linkage within 6 %, inertia up to 40 % too large.
+/// What was found: against twenty simulated motors, flux linkage within 6 %, inertia up to 50 % too large.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -32,7 +32,7 @@ pub struct Rough {
 const EMF: f32 = 0.4;
 /// Largest power that braking may return, W, where it is not burnt because the back-EMF is more than so many times that
 /// of the settings, and where the rotor stores more than this energy, J, which raises 100 µF from 12 V to 15.6 V.
-const RETURNS_W: f32 = 2.0;
+const RETURNS_W: f32 = 1.0;
 const KNOWN: f32 = 2.0;
 const STORES_J: f32 = 5e-3;
 /// Share of the largest speed that the rotor may reach.

@@ -163,17 +163,20 @@ settings! {
         adc_bits: u8 = 12, 8.0 => 16.0, "bit", Whole, BOARD, "Resolution of the ADC";
         timer_hz: f32 = 170e6, 1e6 => 1e9, "Hz", Real, BOARD, "Clock of the PWM timer";
         /// [`FrequencyNeeds`](crate::pwm::FrequencyNeeds) chooses one.
-        pwm_hz: f32 = 40e3, 1e3 => 200e3, "Hz", Real, BOARD, "Switching frequency and rate of the control";
+        /// A board whose timer takes up the [period](crate::drive::Drive::period) of the drive names a ceiling up to which
+        /// it may be set.
+        pwm_hz: f32 = 40e3, 20e3 => 200e3, "Hz", Real, BOARD, "Switching frequency and rate of the control";
         dead_time_s: f32 = 500e-9, 0.0 => 0.1 / s.pwm_hz, "s", Real, BOARD, "Dead time of a leg";
         /// Before and after the valley, in all.
         sampling_window_s: f32 = 1e-6, 0.0 => 20e-6, "s", Real, BOARD,
             "Time for which sampling needs the lower transistors to conduct";
-        /// 1.5 with preloaded compare registers.
-        delay_periods: f32 = 1.5, 0.0 => 16.0, "periods", Real, BOARD,
-            "From a sample to the middle of the PWM period that acts on it";
+        /// A period and a half after the valley is the middle of the period that acts on it.
+        halls_held_s: f32 = 0.0, -20e-6 => (1.5 / s.pwm_hz).min(20e-6), "s", Real, BOARD,
+            "From the valley to where the ADC holds the Halls; negative: before";
         /// With current control, records come every 32 steps or the nearest multiple: 1250 Hz for 1 kHz at 40 kHz.
         record_hz: f32 = 1e3, 1.0 => s.pwm_hz / 2.0, "Hz", Real, BOARD, "Rate of the records to the tasks";
-        calibration_record_hz: f32 = 40e3, 1.0 => s.pwm_hz, "Hz", Real, BOARD, "Rate of the records while calibrating";
+        calibration_record_hz: f32 = 40e3, 1.0 => 200e3, "Hz", Real, BOARD,
+            "Rate of the records while calibrating, at most the control's";
         pole_pairs: u8 = 4, 1.0 => 64.0, "", Whole, FREE, "Pole pairs of the rotor";
         reversed: bool = false, 0.0 => 1.0, "", Switch, FREE, "Count positive against the order of the phases A, B, C";
         commutation: Commutation = Commutation::Sinusoidal, 0.0 => if s.control.is_some() { 2.0 } else { 1.0 },

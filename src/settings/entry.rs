@@ -33,10 +33,8 @@ pub struct Entry {
 pub(super) const BOARD: u8 = 0x80;
 
 /// Every unit.
-const UNITS: [&str; 19] = [
-    "", "bit", "Hz", "s", "µs", "periods", "°", "°C", "K", "A", "V", "Ω", "H", "Wb", "kg·m²", "turns", "rad/s",
-    "rad/s²", "°/A",
-];
+const UNITS: [&str; 18] =
+    ["", "bit", "Hz", "s", "µs", "°", "°C", "K", "A", "V", "Ω", "H", "Wb", "kg·m²", "turns", "rad/s", "rad/s²", "°/A"];
 
 /// Every kind.
 const KINDS: [Kind<'static>; 7] = [
@@ -95,9 +93,10 @@ impl Entry {
         *KINDS.get(usize::from(self.kind & !BOARD)).unwrap_or(&Kind::Real)
     }
 
-    /// Whether it follows from the board's parts.
-    pub const fn fixed(&self) -> bool {
-        self.kind & BOARD != 0
+    /// Whether it follows from the board's parts. One of these that the board names a ceiling for may be changed up to
+    /// that.
+    pub fn fixed(&self, settings: &Settings) -> bool {
+        self.kind & BOARD != 0 && settings.ceiling(self.name) == f32::INFINITY
     }
 
     /// The value; `None` where the drive has no current control, and so no such setting.

@@ -35,7 +35,7 @@ fn names_and_keys_are_unique_and_all_are_described() {
 fn every_field_out_of_range_is_named() {
     assert!(full().validate().is_ok());
     type Spoil = fn(&mut Settings);
-    let cases: [(&str, Spoil); 61] = [
+    let cases: [(&str, Spoil); 62] = [
         ("adc_bits", |s| s.adc_bits = 7),
         ("adc_bits", |s| s.adc_bits = 17),
         ("timer_hz", |s| s.timer_hz = f32::NAN),
@@ -51,8 +51,9 @@ fn every_field_out_of_range_is_named() {
         ("max_modulation", |s| s.max_modulation = -0.1),
         ("tracking_bandwidth_hz", |s| s.tracking_bandwidth_hz = 0.0),
         ("tracking_bandwidth_hz", |s| s.tracking_bandwidth_hz = f32::NAN),
-        ("delay_periods", |s| s.delay_periods = 17.0),
-        ("delay_periods", |s| s.delay_periods = f32::NAN),
+        ("halls_held_s", |s| s.halls_held_s = -21e-6),
+        ("halls_held_s", |s| (s.pwm_hz, s.halls_held_s) = (100e3, 16e-6)),
+        ("halls_held_s", |s| s.halls_held_s = f32::NAN),
         ("max_electrical_hz", |s| s.max_electrical_hz = 2001.0),
         ("max_electrical_hz", |s| s.max_electrical_hz = 0.0),
         ("tolerated_samples", |s| s.tolerated_samples = 101),
@@ -132,7 +133,7 @@ fn both_ends_of_every_range_are_allowed_and_nothing_beyond_nor_what_is_no_number
 #[test]
 fn whole_numbers_and_choices_are_kept_and_nothing_between() {
     let settings = full();
-    for entry in TABLE.iter().filter(|entry| entry.kind() != Kind::Real && !entry.fixed()) {
+    for entry in TABLE.iter().filter(|entry| entry.kind() != Kind::Real && !entry.fixed(&full())) {
         let (min, max) = entry.range(&settings);
         for value in [min, max] {
             // Fewer pole pairs leave the largest speed allowed; more do not.
@@ -211,6 +212,12 @@ fn no_setting_exceeds_the_boards_ceilings_and_the_refusal_names_them() {
     }
     // Nor do those that a board itself or a drive without a check of the ceilings would start with.
     assert_eq!(board.validate(), Err(Error::Ceiling { field: "max_current_a", value: 3.0, most: 2.0 }));
+    // What is the board's may be changed up to a ceiling that it names, and not otherwise.
+    let board = Settings { ceilings: &[("pwm_hz", 80e3)], ..full() };
+    assert_eq!(board.with("pwm_hz", 80e3).unwrap().validate().unwrap().period, 1063);
+    assert!(matches!(board.with("pwm_hz", 81e3), Err(Error::Ceiling { field: "pwm_hz", .. })));
+    assert!(matches!(board.with("pwm_hz", 19e3), Err(Error::OutOfRange { field: "pwm_hz", .. })));
+    assert_eq!((full().with("pwm_hz", 40e3), board.with("timer_hz", 170e6)), (Err(Error::Fixed), Err(Error::Fixed)));
     // A range that is narrower stays.
     assert!(matches!(settings.with("stall_s", 1e-3), Err(Error::OutOfRange { field: "stall_s", .. })));
     // A ceiling of nothing is found by the test of the board.

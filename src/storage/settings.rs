@@ -25,7 +25,7 @@ pub fn key(name: &str) -> u16 {
 pub fn encode(settings: &Settings, defaults: &Settings, record: &mut [u8]) -> Option<usize> {
     let mut pairs = record.chunks_exact_mut(PAIR);
     let mut length = 0;
-    for entry in TABLE.iter().filter(|entry| !entry.fixed() && entry.get(settings) != entry.get(defaults)) {
+    for entry in TABLE.iter().filter(|entry| !entry.fixed(defaults) && entry.get(settings) != entry.get(defaults)) {
         let pair = pairs.next()?;
         pair[..2].copy_from_slice(&key(entry.name).to_le_bytes());
         pair[2..].copy_from_slice(&entry.get(settings).unwrap_or_default().to_le_bytes());
@@ -41,7 +41,7 @@ pub fn decode(defaults: &Settings, record: &[u8]) -> (Settings, bool) {
     let mut settings = *defaults;
     let mut complete = record.len().is_multiple_of(PAIR);
     for pair in record.chunks_exact(PAIR) {
-        complete &= pair_of(pair).is_some_and(|(entry, value)| entry.assign(&mut settings, value).is_ok());
+        complete &= pair_of(pair, defaults).is_some_and(|(entry, value)| entry.assign(&mut settings, value).is_ok());
     }
     while let Err(error) = settings.validate() {
         complete = false;
@@ -52,10 +52,10 @@ pub fn decode(defaults: &Settings, record: &[u8]) -> (Settings, bool) {
     (settings, complete)
 }
 
-fn pair_of(pair: &[u8]) -> Option<(&'static Entry, f32)> {
+fn pair_of(pair: &[u8], defaults: &Settings) -> Option<(&'static Entry, f32)> {
     let [low, high, value @ ..] = pair else { return None };
     let found = u16::from_le_bytes([*low, *high]);
-    let entry = TABLE.iter().find(|entry| !entry.fixed() && key(entry.name) == found)?;
+    let entry = TABLE.iter().find(|entry| !entry.fixed(defaults) && key(entry.name) == found)?;
     Some((entry, f32::from_le_bytes(value.try_into().ok()?)))
 }
 

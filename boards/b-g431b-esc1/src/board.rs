@@ -1,6 +1,7 @@
 //! Pins, and the way from ADC results to a sample. Schematic: MB1419.
 
 use b_g431b_esc1::constants::{self, EARLY, FIRST, SECOND, ZERO};
+use core::num::NonZeroU32;
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, GPIOA, GPIOB, GPIOC};
 use hallservo::board::Sample;
@@ -18,7 +19,7 @@ impl Esc1 {
     /// With the op-amps and comparators on.
     pub fn new() -> Self {
         crate::analog::start();
-        Self { first_hall: SkewCompensation::new(EARLY, 2 * Self::BRIDGE.period() as u32) }
+        Self { first_hall: SkewCompensation::new(EARLY, Self::BRIDGE.whole_period()) }
     }
 }
 
@@ -43,6 +44,10 @@ impl Board for Esc1 {
     fn settings() -> Settings {
         // A constant, which is copied, takes less flash than code that makes it.
         const { constants::settings() }
+    }
+
+    fn retime(&mut self, period: NonZeroU32) {
+        self.first_hall = SkewCompensation::new(EARLY, period);
     }
 
     #[inline(always)]

@@ -63,6 +63,8 @@ const FULL_SCALE_A: f32 = 1.65 / VOLTS_PER_AMPERE;
 
 /// What no setting exceeds.
 const CEILINGS: &[Ceiling] = &[
+    // What the longest step leaves time for.
+    ("pwm_hz", PWM_HZ as f32),
     // 40 A peak is what UM2516 gives the board.
     ("max_current_a", 40.0),
     // Current out of the motor is seen up to 45 A only.

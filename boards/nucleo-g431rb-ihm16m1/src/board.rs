@@ -1,5 +1,6 @@
 //! Pins, and the way from ADC results to a sample. Schematics: X-NUCLEO-IHM16M1 (UM2415), MB1367 (UM2505).
 
+use core::num::NonZeroU32;
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::{ADC1, ADC2, ADC12_COMMON, GPIOA, GPIOB};
@@ -23,7 +24,7 @@ impl Nucleo {
     pub fn new() -> Self {
         GPIOB.bsrr().write(|set| set.set_bs(STANDBY, true));
         GPIOB.moder().modify(|mode| mode.set_moder(STANDBY, Moder::OUTPUT));
-        Self { first_hall: SkewCompensation::new(EARLY, 2 * Self::BRIDGE.period() as u32) }
+        Self { first_hall: SkewCompensation::new(EARLY, Self::BRIDGE.whole_period()) }
     }
 }
 
@@ -49,6 +50,10 @@ impl Board for Nucleo {
     fn settings() -> Settings {
         // A constant, which is copied, takes less flash than code that makes it.
         const { constants::settings() }
+    }
+
+    fn retime(&mut self, period: NonZeroU32) {
+        self.first_hall = SkewCompensation::new(EARLY, period);
     }
 
     #[inline(always)]

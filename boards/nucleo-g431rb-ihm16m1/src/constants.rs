@@ -68,6 +68,8 @@ const FULL_SCALE_A: f32 = 1.65 / VOLTS_PER_AMPERE;
 
 /// What no setting exceeds.
 const CEILINGS: &[Ceiling] = &[
+    // What the longest step leaves time for.
+    ("pwm_hz", PWM_HZ as f32),
     // The STSPIN830's 1.5 A RMS.
     ("max_current_a", 2.1),
     // Current into the motor is seen up to 3.09 A only.

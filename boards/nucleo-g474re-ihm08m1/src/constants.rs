@@ -57,7 +57,10 @@ pub const BRIDGE: Wiring = Wiring {
 const FULL_SCALE_A: f32 = 1.65 / VOLTS_PER_AMPERE;
 
 /// What no setting exceeds.
-const CEILINGS: &[Ceiling] = &[
+/// Not with an encoder, whose share in a step is planned at the start.
+pub const CEILINGS: &[Ceiling] = &[
+    // The longest step, 1972 cycles, has 2125 there.
+    ("pwm_hz", 80e3),
     // 15 A RMS is what UM1996 gives the shield.
     ("max_current_a", 21.0),
     // Below the 30 A of the comparators, with a margin for the tolerance of both.

@@ -24,7 +24,9 @@ pub use line::Listen;
 pub use memory::before_memory;
 
 use crate::registers::clock::{HCLK_HZ, PCLK1_HZ, baud};
+use crate::registers::timer;
 use crate::wiring::Wiring;
+use core::num::NonZeroU32;
 use core::ptr::addr_of;
 use defmt_rtt as _;
 use embassy_executor::Executor;
@@ -32,7 +34,7 @@ use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{DBGMCU, Interrupt, RCC};
 use embassy_stm32::usart::{self, BufferedUart, BufferedUartRx, BufferedUartTx};
 use embassy_stm32::{Peri, Peripherals, peripherals};
-use encoder::{OnShaft, OwnDrive};
+use encoder::{OnShaft, OwnDrive, own};
 use hallservo::board::Sample;
 use hallservo::settings::Settings;
 use hallservo_app::{Identity, Memory, Stop, Supervisor, embassy};
@@ -63,6 +65,12 @@ pub trait Board: Send + 'static {
     /// The results of the sequences that have just ended, into their place: all but the periods that were lost. What it
     /// never sets stays as in [`Sample::default`]. In the control interrupt.
     fn sample(&mut self, sample: &mut Sample);
+
+    /// The PWM has another period from the next valley on, in ticks of its timer. In the control interrupt, with the bridge
+    /// off.
+    fn retime(&mut self, period: NonZeroU32) {
+        let _ = period;
+    }
 
     /// What the heads of the encoder show, at the same instant.
     #[cfg(feature = "encoder")]
@@ -161,11 +169,12 @@ fn prepare<B: Board>(
     control: &'static Control<B>,
     flash: Peri<'static, peripherals::FLASH>,
 ) -> &'static mut Tasks {
-    greet(B::NAME, &B::BRIDGE);
+    greet(B::NAME);
     converters::start(B::GROUPS, B::CONVERTERS);
     watchdog::start();
     let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
     let (drive, supervisor) = begin(identity, B::settings(), Storage::new(flash));
+    tell(&B::BRIDGE, own(drive).period());
     control.start(
         board,
         drive,
@@ -213,15 +222,8 @@ fn place() -> u32 {
 
 /// What a person with a probe wants to know at first.
 #[inline(never)]
-fn greet(name: &str, wiring: &Wiring) {
+fn greet(name: &str) {
     defmt::info!("{=str}, hallservo {=str}: the bridge is off", name, env!("CARGO_PKG_VERSION"));
-    defmt::info!(
-        "{=u32} MHz from the internal oscillator; PWM {=u32} Hz, {=u16} counts; dead time {=u32} ns",
-        HCLK_HZ / 1_000_000,
-        wiring.pwm_hz,
-        wiring.period(),
-        u32::from(wiring.dead_time_ticks()) * 1000 / (HCLK_HZ / 1_000_000)
-    );
     let causes = RCC.csr().read();
     if causes.iwdgrstf() {
         defmt::error!("the watchdog has reset the chip: the control interrupt or a task had stopped");
@@ -230,4 +232,16 @@ fn greet(name: &str, wiring: &Wiring) {
         defmt::error!("the window watchdog has reset the chip: the control interrupt had stopped");
     }
     RCC.csr().modify(|csr| csr.set_rmvf(true));
+}
+
+/// How the bridge switches, with the settings that were stored.
+#[inline(never)]
+fn tell(wiring: &Wiring, period: u16) {
+    defmt::info!(
+        "{=u32} MHz from the internal oscillator; PWM {=u32} Hz, {=u16} counts; dead time {=u32} ns",
+        HCLK_HZ / 1_000_000,
+        HCLK_HZ / timer::whole(period),
+        period,
+        u32::from(wiring.dead_time_ticks()) * 1000 / (HCLK_HZ / 1_000_000)
+    );
 }

@@ -2,6 +2,7 @@
 
 use crate::registers::clock::HCLK_HZ;
 use crate::registers::timer::{self, Break, Gates};
+use core::num::NonZeroU32;
 use hallservo::board::timing;
 use hallservo::commutation::Commutation;
 use hallservo::settings::Settings;
@@ -52,6 +53,11 @@ impl Wiring {
         timer::auto_reload(HCLK_HZ, self.pwm_hz)
     }
 
+    /// Ticks of a whole period.
+    pub const fn whole_period(&self) -> NonZeroU32 {
+        timer::whole(self.period())
+    }
+
     /// Dead time as a field of BDTR.
     const fn dead_time_field(&self) -> u8 {
         timer::dead_time_field(timer::ticks(HCLK_HZ, self.dead_time_ns) as u16).expect("a dead time of 1 to 1008 ticks")
@@ -65,12 +71,6 @@ impl Wiring {
     /// The same in seconds.
     pub const fn dead_time_s(&self) -> f32 {
         self.dead_time_ticks() as f32 / HCLK_HZ as f32
-    }
-
-    /// From an input that is held so many ticks after the trigger to the middle of the period that acts on it, in
-    /// periods.
-    pub const fn delay_periods(&self, held: u32) -> f32 {
-        timing::delay_periods(self.lead, held, self.period())
     }
 
     /// TIM1_BDTR.
@@ -89,14 +89,14 @@ impl Wiring {
             pwm_hz,
             dead_time_s: self.dead_time_s(),
             sampling_window_s,
-            delay_periods: self.delay_periods(held),
+            halls_held_s: timing::held_s(self.lead, held, HCLK_HZ as f32),
             commutation: Commutation::FieldOriented,
             max_electrical_hz: 1000.0,
             // A spark disturbs one sample. A second one in a row is a fault, and the bridge is off a period after the
             // first.
             tolerated_samples: 1,
-            // Each costs the tasks some microseconds: half of the samples is what they can take.
-            calibration_record_hz: pwm_hz / 2.0,
+            // Each costs the tasks some microseconds: half of the samples at 40 kHz is what they can take.
+            calibration_record_hz: 20e3,
             control: Some(Control { guard, ..control }),
             ..Settings::DEFAULT
         }

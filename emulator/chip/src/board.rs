@@ -59,7 +59,9 @@ pub struct Promises {
     /// Cycles of the control interrupt at 40 kHz while it turns field-oriented, in the mean and at most, and at most
     /// whatever it does.
     pub control_cycles: [u64; 3],
-    /// The same of the firmware for two rings on the shaft, where there is one.
+    /// Lowest and highest switching frequency that it may be set to, with the settings of its motor as they come, Hz.
+    pub pwm_hz: [f64; 2],
+    /// The same cycles of the firmware for two rings on the shaft, where there is one.
     pub encoder_cycles: Option<[u64; 3]>,
 }
 

@@ -7,6 +7,7 @@ mod two_halls;
 
 use chip::{Disturbance, Trace};
 use common::{ESC, NUCLEO, ask, calibrated, run, says};
+use core::num::NonZeroU32;
 use hallservo::board::TemperatureCode;
 use hallservo::board::sensing::SkewCompensation;
 use hallservo::settings::Settings;
@@ -61,7 +62,8 @@ impl Host {
         let names = ["time / s", "angle / turns", "electrical angle / turns"].map(String::from).to_vec();
         let trace = Rc::new(RefCell::new(Trace { names, rows: Vec::new() }));
         let seen = Rc::clone(&trace);
-        let mut first_hall = SkewCompensation::<12>::new(early, HCLK_HZ / settings.pwm_hz as u32);
+        let mut first_hall =
+            SkewCompensation::<12>::new(early, NonZeroU32::new(HCLK_HZ / settings.pwm_hz as u32).unwrap());
         simulator.observe = Some(Box::new(move |sample, truth| {
             sample.temperatures = [Adc::ntc_to_reference(COOL), TemperatureCode::MISSING];
             sample.halls[0] = first_hall.at_once(sample.halls[0]);
@@ -274,10 +276,8 @@ fn samples_as_the_settings_say(session: &Session, settings: &Settings, early: u3
     let tick_ns = 1e9 / f64::from(HCLK_HZ);
     assert_eq!(held_ns[1], held_ns[2]);
     assert!((held_ns[1] - held_ns[0] - f64::from(early) * tick_ns).abs() < tick_ns, "{held_ns:?}, {early}");
-    let period_ns = 1e9 / f64::from(settings.pwm_hz);
-    let delay_ns = 1.5 * period_ns - held_ns[1];
-    let told_ns = f64::from(settings.delay_periods) * period_ns;
-    assert!((delay_ns - told_ns).abs() < 2.0 * tick_ns, "{delay_ns} ns, and the drive believes {told_ns} ns");
+    let told_ns = 1e9 * f64::from(settings.halls_held_s);
+    assert!((held_ns[1] - told_ns).abs() < 2.0 * tick_ns, "{held_ns:?} ns, and the drive believes {told_ns} ns");
 }
 
 #[test]

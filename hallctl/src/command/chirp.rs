@@ -202,14 +202,14 @@ pub(super) fn chirp(client: &mut Client, options: &Options, out: Out) -> Result<
 fn model(client: &mut Client) -> Result<Model> {
     let mut get = |name| client.setting(Ask::Get(name), |setting| f64::from(setting.value));
     let (flux, pole_pairs, inertia) = (get("flux_linkage_wb")?, get("pole_pairs")?, get("inertia_kgm2")?);
-    let (tracking, delay_periods) = (get("tracking_bandwidth_hz")?, get("delay_periods")?);
+    let (tracking, held_s) = (get("tracking_bandwidth_hz")?, get("halls_held_s")?);
     let (current_hz, speed_hz) = (get("current_bandwidth_hz")?, get("speed_bandwidth_hz")?);
     let step_hz = client.identity().step_hz;
     let smoothing = track::Config::smoothing_for(tracking as f32, step_hz as f32);
     let tracking_hz = step_hz / f64::from(1_u32 << smoothing) / 8.886;
     Ok(Model {
         step_hz,
-        delay_periods,
+        delay_periods: 1.5 - held_s * step_hz,
         current_hz,
         speed_hz,
         tracking_hz,

@@ -264,7 +264,7 @@ fn write(client: &mut Client, wanted: &Settings) -> Result<()> {
     let value = |settings: &Settings, name: &str| find(name).and_then(|entry| entry.get(settings));
     let mut changes: Vec<(&str, f32)> = TABLE
         .iter()
-        .filter(|entry| !entry.fixed() && entry.get(wanted) != entry.get(&present))
+        .filter(|entry| !entry.fixed(&present) && entry.get(wanted) != entry.get(&present))
         .filter_map(|entry| Some((entry.name, entry.get(wanted)?)))
         .collect();
     if changes.is_empty() {

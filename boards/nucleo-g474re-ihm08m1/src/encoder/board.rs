@@ -26,7 +26,7 @@ impl Nucleo {
         RCC.apb2enr().modify(|enable| enable.set_syscfgen(true));
         OPAMP4.csr().write_value(Csr(OPAMP_FOLLOWER));
         OPAMP5.csr().write_value(Csr(OPAMP_FOLLOWER));
-        Self { second: ReadingSkew::new(LATER as i32, 2 * constants::BRIDGE.period() as u32) }
+        Self { second: ReadingSkew::new(LATER as i32, constants::BRIDGE.whole_period().get()) }
     }
 }
 
@@ -47,7 +47,9 @@ impl Board for Nucleo {
     const CAN: Wires = pins::CAN;
 
     fn settings() -> Settings {
-        constants::settings()
+        // The vernier's share in the steps is planned once, for the board's own frequency.
+        let ceilings = constants::CEILINGS.split_first().map_or(constants::CEILINGS, |(_, others)| others);
+        Settings { ceilings, ..constants::settings() }
     }
 
     #[inline(always)]

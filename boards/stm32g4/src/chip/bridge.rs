@@ -86,15 +86,15 @@ impl Bridge {
     }
 
     /// What a step returned. Off is at once; anything else is from the next valley on, when all of it is taken up
-    /// together.
+    /// together. While the bridge is off another `period` of the drive is, too; true where it is another one.
     #[inline(always)]
-    pub(crate) fn apply(&mut self, output: &Output) {
+    pub(crate) fn apply(&mut self, output: &Output, period: u16) -> bool {
         // As a rule: on, and nothing changes but the compare values. These legs are never none.
         if self.enable.is_on() && output.legs == self.legs {
             self.compare(output);
-        } else {
-            self.change(output);
+            return false;
         }
+        self.change(output, period)
     }
 
     #[inline(always)]
@@ -110,11 +110,11 @@ impl Bridge {
     /// registers' functions assert is known to hold.
     #[cold]
     #[inline]
-    fn change(&mut self, output: &Output) {
+    fn change(&mut self, output: &Output, period: u16) -> bool {
         let enable = self.enable.step(output);
         if enable == Enable::Off {
             off();
-            return;
+            return self.take_up(period);
         }
         self.compare(output);
         if output.legs != self.legs {
@@ -131,6 +131,18 @@ impl Bridge {
                 TIM1.bdtr().modify(|bdtr| bdtr.0 |= timer::MOE);
             }
         }
+        false
+    }
+
+    /// A period, from the next valley on; whether it is another one.
+    #[inline(always)]
+    fn take_up(&mut self, period: u16) -> bool {
+        let other = period != self.period;
+        if other {
+            self.period = period;
+            TIM1.arr().write_value(regs::ArrCore(period.into()));
+        }
+        other
     }
 }
 

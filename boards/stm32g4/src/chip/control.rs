@@ -2,13 +2,11 @@
 
 use crate::Adc;
 use crate::chip::bridge::Bridge;
-#[cfg(feature = "scope")]
-use crate::chip::encoder::own;
-use crate::chip::encoder::{OwnDrive, period};
+use crate::chip::encoder::{OwnDrive, own, period};
 use crate::chip::{Board, STOP, chopper, converters, enable, latest, watchdog};
+use crate::registers::timer;
 use crate::wiring::EnableInput;
 use core::cell::UnsafeCell;
-use core::num::NonZeroU32;
 use cortex_m::peripheral::{DWT, NVIC};
 use embassy_stm32::pac::Interrupt;
 use hallservo::board::Interlock;
@@ -45,12 +43,11 @@ impl<B: Board> Control<B> {
         bridge: Bridge,
         #[cfg(feature = "scope")] recorder: Recorder,
     ) {
-        let period = NonZeroU32::MIN.saturating_add(2 * u32::from(B::BRIDGE.period()) - 1);
         let owned = Owned {
             board,
             drive,
             bridge,
-            periods: PeriodCounter::new(period),
+            periods: PeriodCounter::new(const { B::BRIDGE.whole_period() }),
             #[cfg(feature = "scope")]
             recorder,
         };
@@ -82,7 +79,9 @@ impl<B: Board> Control<B> {
         }
         let interlock = interlock(const { B::BRIDGE.enable });
         let output = period(&mut owned.board, owned.drive, sample, interlock);
-        owned.bridge.apply(&output);
+        if owned.bridge.apply(&output, own(owned.drive).period()) {
+            owned.retime();
+        }
         if let Some(output) = const { B::BRIDGE.chopper }
             && let Some(on) = owned.drive.chopper(sample)
         {
@@ -90,6 +89,17 @@ impl<B: Board> Control<B> {
         }
         #[cfg(feature = "scope")]
         owned.recorder.take(own(owned.drive), sample, &output);
+    }
+}
+
+impl<B: Board> Owned<B> {
+    /// The drive has another period: its settings have changed, or are not the board's own from the start.
+    #[cold]
+    #[inline(never)]
+    fn retime(&mut self) {
+        let period = timer::whole(own(self.drive).period());
+        self.periods = PeriodCounter::new(period);
+        self.board.retime(period);
     }
 }
 

@@ -20,7 +20,6 @@ mod without {
     pub type OwnDrive = Drive;
 
     /// The drive in it.
-    #[cfg(feature = "scope")]
     #[inline(always)]
     pub const fn own(drive: &OwnDrive) -> &Drive {
         drive
@@ -53,7 +52,6 @@ mod rings {
     pub type OwnDrive = AbsoluteDrive<Encoder<HEADS>>;
 
     /// The drive in it.
-    #[cfg(feature = "scope")]
     #[inline(always)]
     pub fn own(drive: &OwnDrive) -> &hallservo::drive::Drive {
         drive.drive()

@@ -5,6 +5,7 @@
 //! counter zero, all lower transistors conduct and their shunts carry the phase currents.
 
 use super::{bit, field};
+use core::num::NonZeroU32;
 
 /// The level at which an input of a gate driver switches its transistor on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -70,6 +71,11 @@ pub const fn dead_time_ticks(field: u8) -> u16 {
         6 => (32 + (field & 0x1F)) * 8,
         _ => (32 + (field & 0x1F)) * 16,
     }
+}
+
+/// Ticks of a whole PWM period, of which half has so many counts.
+pub const fn whole(period: u16) -> NonZeroU32 {
+    NonZeroU32::MIN.saturating_add((2 * period as u32).saturating_sub(1))
 }
 
 /// CR1: centre-aligned, auto-reload preloaded, t_DTS one tick; not counting yet (TIM1_CR1).

@@ -111,6 +111,7 @@ struct PromisesFile {
     over_current_a: f64,
     trip_a: f64,
     control_cycles: [u64; 3],
+    pwm_hz: [f64; 2],
     encoder_cycles: Option<[u64; 3]>,
 }
 
@@ -184,7 +185,7 @@ impl Board {
             analog.push((*pin, entry.net().map_err(at)?, ohm));
         }
         let DriverFile { name: driver, low_inverted, own_dead_time_ns, overlap_ns, standby } = file.driver;
-        let PromisesFile { bus_v, over_current_a, trip_a, control_cycles, encoder_cycles } = file.promises;
+        let PromisesFile { bus_v, over_current_a, trip_a, control_cycles, pwm_hz, encoder_cycles } = file.promises;
         let board = Board {
             name: name.into(),
             device: file.chip,
@@ -221,6 +222,7 @@ impl Board {
                 over_current_a: positive("promises.over_current_a", over_current_a)?,
                 trip_a: positive("promises.trip_a", trip_a)?,
                 control_cycles,
+                pwm_hz: [positive("promises.pwm_hz", pwm_hz[0])?, positive("promises.pwm_hz", pwm_hz[1])?],
                 encoder_cycles,
             },
         };

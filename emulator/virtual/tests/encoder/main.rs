@@ -250,6 +250,6 @@ fn turns_at_40_khz() {
     done(&mut session, Ask::Set { name: "command_timeout_s", value: 60.0 });
     run(&mut session, 0.1);
     assert!(encoder(&mut session).used);
-    common::rate::turns_at_40_khz(&mut session, promised);
+    common::rate::turns_at(&mut session, 40e3, promised);
     assert!(encoder(&mut session).used);
 }

@@ -100,6 +100,21 @@ fn a_command_of_another_tool_is_recorded() {
     assert!(of("position", 511) > of("position", 0));
 }
 
+/// What 80 kHz are for: the current control has the bandwidth that it is set to, of more than 40 kHz allow with a margin.
+#[test]
+fn the_current_control_is_faster_where_the_bridge_switches_faster() {
+    let drive = calibrated();
+    drive.ok(&["settings", "set", "pwm_hz", "80000"]);
+    drive.ok(&["settings", "set", "current_bandwidth_hz", "2500"]);
+    let found = json(&drive.ok(&["--json", "chirp", "current", "--steps", "8"]));
+    let of = |loops: &str, name: &str| found[loops][name].as_f64().unwrap_or_else(|| panic!("{name}: {found}"));
+    let [bandwidth, crossover, margin] =
+        ["bandwidth_hz", "crossover_hz", "phase_margin_deg"].map(|name| of("measured", name));
+    println!("at 80 kHz: {bandwidth:.0} Hz to -3 dB, gain of one at {crossover:.0} Hz, {margin:.0}° of margin");
+    assert!((crossover / 2500.0 - 1.0).abs() < 0.12 && margin > 60.0, "{found}");
+    assert!((margin - of("model", "phase_margin_deg")).abs() < 8.0, "{found}");
+}
+
 /// The loops have the bandwidths that the settings ask for, and the margins of the model.
 #[test]
 fn loops_are_measured_beside_the_model() {

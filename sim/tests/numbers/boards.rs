@@ -14,8 +14,19 @@ const BOARDS: [&str; 3] = [NUCLEO, SMALL_NUCLEO, ESC1];
 /// Cycles in a microsecond.
 const MHZ: f64 = 170.0;
 
-pub const CHECKS: &[fn(&Pages)] =
-    &[control_periods, long_runs, angles, tools, switching_off, brake_resistor, stopping, feeding, step_alone, encoder];
+pub const CHECKS: &[fn(&Pages)] = &[
+    control_periods,
+    other_frequencies,
+    long_runs,
+    angles,
+    tools,
+    switching_off,
+    brake_resistor,
+    stopping,
+    feeding,
+    step_alone,
+    encoder,
+];
 
 /// Cycles of a control period's work on a board: in the mean and at most while it turns, and at most whatever it does.
 fn cycles(recorded: &str, board: &str) -> [f64; 3] {
@@ -39,6 +50,28 @@ fn control_periods(pages: &Pages) {
         "… at most, whatever it does, of 25 µs | {} µs | {} µs |",
         &[nucleo[2] / MHZ, esc1[2] / MHZ].map(Is),
     );
+}
+
+/// At the lowest and the highest frequency that a board may be set to; at 40 kHz of the runs at that alone.
+fn other_frequencies(pages: &Pages) {
+    let share = |recorded: &str, board: &str, khz: f64| {
+        let run = Recorded::of(recorded);
+        let spans = run.all(&format!(
+            "{board}: {{}} Hz; a period's work begins {{}} ns after the trigger and takes {{}} to {{}} \
+             cycles, {{}} in the mean, of which it waits {{}} for the flash; {{}} % of the period"
+        ));
+        let turning = spans.iter().rfind(|span| (span[0] / khz / 1e3 - 1.0).abs() < 0.01);
+        Is(turning.unwrap_or_else(|| panic!("{board} at {khz} kHz"))[6])
+    };
+    let of = |board: &str, khz: f64| share("virtual_switching", board, khz);
+    pages.quote(
+        HARDWARE,
+        "in `emulator/`) | {} % / {} % / {} % | {} % / {} % / – on the ESC1 |",
+        &[of(NUCLEO, 20.0), share("virtual_rate", NUCLEO, 40.0), of(NUCLEO, 80.0), of(ESC1, 20.0), of(ESC1, 40.0)],
+    );
+    let run = Recorded::of("virtual_long");
+    let triggers = run.all(&format!("board {NUCLEO} triggers of the ADC {{}} missed triggers 0")).pop().unwrap()[0];
+    pages.quote(HARDWARE, "triggers of the ADCs / missed | {} / 0 |", &[Is(triggers)]);
 }
 
 /// Ten seconds of turning; the command fails where a trigger is missed or anything else is wrong.

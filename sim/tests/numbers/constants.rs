@@ -4,6 +4,9 @@ use super::page::Figure::Is;
 use super::page::{Pages, read};
 use super::text::Narrow;
 
+const HARDWARE: &str = "docs/hardware.md";
+const SETTINGS: &str = "src/settings/declaration.rs";
+
 /// Page and its words, file and its words, and how many of the page's unit one of the code's is.
 const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[
     (SAFETY, "by more than {}° (mechanical)", KIND, "MOST_WRONG: (f64, f64) = ({}", 1.0),
@@ -35,7 +38,12 @@ const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[
     (IHM16, "Control at {} kHz", IHM16_CODE, "PWM_HZ: u32 = {}", 1e-3),
     (IHM16, "Hall 1 is held {} ns", "boards/nucleo-g431rb-ihm16m1/src/registers.rs", "ADC cycles early: {} ns", 1.0),
     (IHM16, "{} ns between the edges", IHM16_CODE, "dead_time_ns: {}", 1.0),
-    (IHM08, "What {} kHz cost", IHM08_CODE, "PWM_HZ: u32 = {}", 1e-3),
+    (IHM08, "| 80 kHz | {} kHz, the default", IHM08_CODE, "PWM_HZ: u32 = {}", 1e-3),
+    (IHM08, "another one of 20 to {} kHz", IHM08_CODE, "(\"pwm_hz\", {})", 1e-3),
+    (ESC1, "another one of 20 to {} kHz", ESC1_CODE, "PWM_HZ: u32 = {}", 1e-3),
+    (HARDWARE, "the control runs, with {} kHz", IHM08_CODE, "PWM_HZ: u32 = {}", 1e-3),
+    (HARDWARE, "may be set to | 20 to {} kHz", IHM08_CODE, "(\"pwm_hz\", {})", 1e-3),
+    (HARDWARE, "may be set to | {} to", SETTINGS, "pwm_hz: f32 = 40e3, {} =>", 1e-3),
     (IHM08, "{} ns between the edges", IHM08_CODE, "dead_time_ns: {}", 1.0),
     (IHM08, "beyond {}° it refuses", "app/src/encoder/vernier.rs", "TOLERANCE_DEG: f32 = {}", 1.0),
     (ESC1, "| dead time | {} ns", ESC1_CODE, "dead_time_ns: {}", 1.0),

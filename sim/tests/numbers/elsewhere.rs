@@ -8,7 +8,7 @@ const ELSEWHERE: &[(&str, &str, &str)] = &[
     ("SAFETY.md", "Promises", "tests/safety.rs"),
     ("boards/b-g431b-esc1/README.md", "Wiring", "boards/b-g431b-esc1/virtual.toml"),
     ("boards/b-g431b-esc1/README.md", "What the firmware sets", "boards/b-g431b-esc1/src/registers.rs"),
-    ("boards/b-g431b-esc1/README.md", "What 40 kHz cost", "worked out by hand"),
+    ("boards/b-g431b-esc1/README.md", "The switching frequency", "worked out by hand"),
     ("boards/nucleo-g431rb-ihm16m1/README.md", "Wiring", "boards/nucleo-g431rb-ihm16m1/virtual.toml"),
     (
         "boards/nucleo-g431rb-ihm16m1/README.md",
@@ -32,6 +32,8 @@ const ELSEWHERE: &[(&str, &str, &str)] = &[
     ("docs/can.md", "Identifiers", "bits of an identifier"),
     ("docs/faults.md", "", "hallctl/tests/docs.rs"),
     ("docs/glossary.md", "", "units and ranges"),
+    // The rows above the cycles', beside what sim/tests/numbers/constants.rs compares.
+    ("docs/hardware.md", "The switching frequency", "boards/nucleo-g474re-ihm08m1/src/registers.rs"),
     ("docs/moteus-clients.md", "Modes", "registers/tests/hostile.rs"),
     ("docs/moteus-clients.md", "ROS 2", "registers that others' sources name"),
     ("docs/moteus-clients.md", "Registers", "registers/tests/hostile.rs"),

@@ -80,16 +80,20 @@ const GIVEN: &[(&str, &str, &[&str])] = &[
     (
         "boards/nucleo-g474re-ihm08m1/README.md",
         "what to set, and what to look for",
+        &["0.05 mm off the axis", "0.1 A at 12 V", "below 50 mA", "within 3 %", "by 100 Ω", "limited to 1 A"],
+    ),
+    ("boards/b-g431b-esc1/README.md", "the table above it", &["better off with 20 kHz"]),
+    (
+        "docs/hardware.md",
+        "what may be set, and what a test is done with",
         &[
-            "beside 20 kHz",
-            "0.05 mm off the axis",
-            "0.1 A at 12 V",
-            "below 50 mA",
-            "within 3 %",
-            "by 100 Ω",
-            "limited to 1 A",
+            "Below 20 kHz it would",
+            "and at 80 kHz a loop of 2500 Hz",
+            "two rings keeps its 40 kHz",
+            "at 20 and at 80 kHz in simulation as at 40 kHz",
         ],
     ),
+    ("docs/porting.md", "an example", &["in time at 80 kHz"]),
     (
         "docs/building.md",
         "what to buy, and where to put it",

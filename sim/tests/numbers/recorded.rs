@@ -24,6 +24,7 @@ pub const CHECKS: &[fn(&Pages)] = &[
     aligned,
     encoder_loops,
     measured_motors,
+    other_frequencies,
     impedance,
     field_weakening,
     campaign,
@@ -295,13 +296,28 @@ fn measured_motors(pages: &Pages) {
     let within = [r.max(l), flux.max(kt), j].map(|share| AtMost(100.0 * share));
     pages.quote(NUMBERS, "--test all identify:: -- --nocapture`) | within {} % / {} % / {} % |", &within);
     let run = Recorded::of("commission");
-    let motors = run.all(" s; R {} L {} λ {} J {} % (rough");
-    assert_eq!(motors.len(), 40);
+    let motors = run.all(" s; R {} L {} λ {} J {} Lq/Ld {} % (rough");
+    // Of twenty, one has a run more, and another two with a smaller current.
+    assert_eq!(motors.len(), 43);
     let worst = |of: &[usize]| AtMost(motors.iter().flat_map(|m| of.iter().map(|k| m[*k].abs())).fold(0.0, f64::max));
     let within = [worst(&[0, 1]), worst(&[2]), worst(&[3])];
     pages.quote(NUMBERS, "--test all commission:: -- --nocapture`) | within {} % / {} % / {} % |", &within);
     let share = run.most("{} % of the limit, ") / 100.0;
     pages.quote(NUMBERS, "as a share of the limit | {} | ≤ 1.2 |", &[Is(share)]);
+}
+
+/// At 20 and at 80 kHz, and what 80 kHz are for.
+fn other_frequencies(pages: &Pages) {
+    let run = Recorded::of("switching");
+    let motors = run.all(" s; R {} L {} λ {} J {} Lq/Ld {} % (rough");
+    assert_eq!(motors.len(), 40);
+    let worst = |of: &[usize]| AtMost(motors.iter().flat_map(|m| of.iter().map(|k| m[*k].abs())).fold(0.0, f64::max));
+    let within = [worst(&[0, 1]), worst(&[2]), worst(&[3])];
+    pages.quote(NUMBERS, "--test all at_twenty -- --nocapture`) | within {} % / {} % / {} % |", &within);
+    pages.quote(NUMBERS, "as a share of the limit | {} | |", &[Is(run.most("{} % of the limit, ") / 100.0)]);
+    let [_, crossover, margin] = run.only("at 80 kHz: {} Hz to -3 dB, gain of one at {} Hz, {}° of margin");
+    pages.quote(NUMBERS, "where_the_bridge -- --nocapture`) | {} Hz / {}° | 2500 Hz |", &[Is(crossover), Is(margin)]);
+    pages.quote("docs/hardware.md", "has {}° of phase margin", &[Is(margin)]);
 }
 
 fn impedance(pages: &Pages) {

@@ -253,12 +253,17 @@ impl Settings {
     fn open_loop(&self, dead_time: u16) -> OpenLoop {
         let Self { calibration_modulation: modulation, calibration_align_s: align_s, .. } = *self;
         let mechanical = crate::float::ceil(f32::from(self.calibration_turns) / f32::from(self.pole_pairs));
+        let turns = mechanical as u32 * u32::from(self.pole_pairs);
+        // An odd number of records in a sweep lies evenly in the bins of the field's turn. Where each turn has them at the
+        // same places, their mean is beside the bins' middles: 0.02° of the alignment.
+        let every = self.every(self.calibration_record_hz) as f32;
+        let records = (turns as f32 * self.pwm_hz / (self.calibration_hz * every)) as u32 | 1;
         OpenLoop {
             modulation: commutation::modulation(modulation),
             rise: ((2_147_483_648.0 / (align_s * self.pwm_hz)) as i32).max(1),
             stand: (align_s * self.pwm_hz) as u32,
-            speed: (self.calibration_hz / self.pwm_hz * TURN) as i32,
-            turns: mechanical as u32 * u32::from(self.pole_pairs),
+            speed: (turns as f32 * TURN / (every * records as f32)) as i32,
+            turns,
             regulator: self.control.as_ref().map(|control| Regulator::new(self, control, dead_time)),
         }
     }

@@ -14,7 +14,8 @@ use hallservo::drive::{Channels, Command, Drive};
 use hallservo::fault::Limits;
 use hallservo::hall::calibrate::Calibration;
 use hallservo::hall::estimate::Estimator;
-use hallservo::hall::map::Map;
+use hallservo::hall::map::{Collector, Map};
+use hallservo::hall::model::Model;
 use hallservo::mode::Mode;
 use hallservo::scope::{self, Recorder, Recording, Scope};
 use hallservo::service::by_pole::ByPole;
@@ -54,6 +55,8 @@ pub struct Rig {
     recorder: Recorder,
     /// Whether it is on from the next period on: a driver and a transistor take their time.
     brakes: bool,
+    /// Of the last calibration.
+    model: Option<Model>,
     pole_pairs: PolePairs,
     period_s: f64,
 }
@@ -108,6 +111,7 @@ impl Rig {
             scope,
             recorder,
             brakes: false,
+            model: None,
             period_s,
         })
     }
@@ -257,7 +261,10 @@ impl Rig {
                 }
                 while let Some(event) = self.service.poll() {
                     match event {
-                        Event::Calibrated(calibration) => return Ok(calibration),
+                        Event::Calibrated(calibration) => {
+                            self.model = Some(calibration.model);
+                            return Ok(calibration);
+                        }
                         Event::Refused(error) => return Err(error.into()),
                         Event::Reply(_) | Event::Installed(_) | Event::Record(_) => {}
                     }
@@ -304,9 +311,14 @@ impl Rig {
     /// Why it came to nothing.
     pub fn learn_map(&mut self, plan: &mapping::Plan) -> Result<Map> {
         self.map.end();
-        let mut procedure = Mapping::new(&self.config, plan)?;
+        let model = self.model.context("learning a map before a calibration")?;
+        let mut collector = Collector::OFF;
+        collector.begin(self.pole_pairs);
+        let mut procedure = WholeMapping { mapping: Mapping::new(&self.config, plan)?, collector, model };
         self.proceed(&mut procedure)?;
-        let map = procedure.map().context("done without a map")?;
+        let WholeMapping { mapping, collector, model } = procedure;
+        let map = mapping.map().context("done without a map")?;
+        let map = collector.signature().map_or(map, |signature| map.aligned(&signature, &model));
         self.map.load(map.table());
         self.use_map(0);
         Ok(map)
@@ -348,6 +360,41 @@ impl Rig {
 }
 
 /// The cogging, what is alike at all poles and what differs.
+struct WholeMapping {
+    mapping: Mapping,
+    collector: Collector,
+    model: Model,
+}
+
+impl Procedure for WholeMapping {
+    fn event(&mut self, event: &Event) {
+        self.mapping.event(event);
+        if let Event::Record(record) = event
+            && record.missed == 0
+            && record.status.mode() == Mode::Running
+        {
+            self.collector.push(&self.model, &record.codes, record.rotor.position());
+        }
+    }
+
+    fn measurement(&mut self, measurement: &Measurement) {
+        self.mapping.measurement(measurement);
+    }
+
+    fn step(&mut self, service: &mut Service, now_ms: u32) -> State {
+        self.mapping.step(service, now_ms)
+    }
+
+    fn cancel(&mut self) {
+        self.mapping.cancel();
+    }
+
+    fn progress(&self) -> f32 {
+        self.mapping.progress()
+    }
+}
+
+/// Learns the cogging that all poles have and the one that differs from pole to pole.
 struct WholeLearning {
     learning: Learning,
     by_pole: ByPole,

@@ -15,7 +15,8 @@ mod find;
 mod learn;
 mod signature;
 
-use crate::angle::{ElectricalAngle, PolePairs, Position};
+use crate::angle::{ElectricalAngle, PolePairs, Position, TURN};
+use crate::hall::model::Model;
 use crate::turn::{FRACTION, Layout, MOST_BITS, POINTS, Table};
 pub use find::{FIT, Finder, Seen, Verdict};
 pub use learn::Learner;
@@ -30,6 +31,19 @@ impl Map {
     /// A map of points as [`Self::points`] has them. `None` where their number does not fit the pole pairs.
     pub fn of_points(pole_pairs: PolePairs, points: impl ExactSizeIterator<Item = i16>) -> Option<Self> {
         Table::of_points(pole_pairs, points).map(Self)
+    }
+
+    /// A map as it was learnt, without a mean, of a rotor whose magnets have a signature: with what the alignment of the
+    /// calibration is off by, as magnets that differ in strength and in place do not count alike there. What it does is
+    /// small, a tenth of a degree at cheap magnets.
+    #[must_use]
+    pub fn aligned(&self, signature: &Signature, model: &Model) -> Self {
+        let by = signature.misalignment(model, self) * TURN / (1 << FRACTION) as f32;
+        let mut table = self.0;
+        for point in &mut table.points[..self.0.layout.points()] {
+            *point = point.saturating_sub(crate::float::nearest(by) as i16);
+        }
+        Self(table)
     }
 
     /// As a table, for [`Live`](crate::turn::Live).

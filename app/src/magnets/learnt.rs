@@ -204,6 +204,7 @@ impl MagnetMap {
         let Some(map) = mapping.map() else { return self.failed(Error::Inconclusive) };
         let calibration = fingerprint(&sensors.calibrated);
         let (signature, reversed) = (self.magnets.signature(), config.is_reversed());
+        let map = signature.map_or(map, |signature| map.aligned(&signature, &sensors.model));
         let known = Known { map, signature, noise_deg: mapping.noise_deg(), calibration, reversed };
         let report = report(&known, config);
         self.learning = Procedure::Done(report);

@@ -15,9 +15,10 @@
 
 use super::Map;
 use super::find::{ALIKE_DEG, FIT, SIGMAS, Verdict};
-use crate::angle::{PolePairs, Position};
-use crate::hall::Codes;
+use crate::angle::{ElectricalAngle, PolePairs, Position, TURN};
 use crate::hall::model::Model;
+use crate::hall::{Codes, Halls};
+use core::f32::consts::PI;
 
 /// Most cells of a mechanical turn, and most pole pairs: four cells in each of eleven electrical turns, two in 22.
 pub const CELLS: usize = 44;
@@ -68,6 +69,12 @@ impl Grid {
         let pole = (position.to_bits() >> 32).rem_euclid(self.poles as i64) as usize;
         let sector = (position.to_bits() as u32).unbounded_shr(32 - self.bits) as usize;
         (pole << self.bits) + sector
+    }
+
+    /// A place within a cell, from its begin to its end.
+    fn position(self, cell: usize, share: f32) -> Position {
+        let width = TURN / self.sectors() as f32;
+        Position::from_bits(((cell as i64) << (32 - self.bits)) + (share * width) as i64)
     }
 
     /// The cell so many electrical turns further on.
@@ -121,6 +128,36 @@ impl Signature {
     /// Whether it tells anything: where all poles are alike, as the only one is, nothing but noise is left of it.
     pub fn tells(&self) -> bool {
         self.rms().iter().any(|&rms| rms > LEAST_TOLD)
+    }
+
+    /// What a calibration's alignment is off by, electrical turns, for magnets that a `map` without a mean has. It took the
+    /// angle of the codes' mean over all poles at an angle of the field, Σ rₖ δₖ / Σ rₖ, where a strong magnet (rₖ) counts
+    /// for more than a weak one, and not the mean of their angles (δₖ). Nothing for two sensors, and where there is no
+    /// more than a cell for an electrical turn: over that, no strength shows.
+    pub(super) fn misalignment(&self, model: &Model, map: &Map) -> f32 {
+        let (cells, sectors) = (self.grid.cells(), self.grid.sectors());
+        if sectors < 2 || model.halls() == Halls::Two {
+            return 0.0;
+        }
+        // The mean over a cell takes this from what turns with the angle.
+        let half = PI / sectors as f32;
+        let seen = libm::sinf(half) / half;
+        let sum: f32 = (0..cells).map(|cell| self.stronger(cell, model) * self.mean_error(cell, map)).sum();
+        sum / (seen * cells as f32)
+    }
+
+    /// How much stronger a magnet is than the same part of the other poles' mean, as a share.
+    fn stronger(&self, cell: usize, model: &Model) -> f32 {
+        let hall = model.hall(self.grid.position(cell, 0.5).angle());
+        // What all signals would grow by, but for what an error of the angle could explain.
+        let waves = without_slope(model, hall, model.sensors.each_ref().map(|sensor| sensor.wave(hall)));
+        dot(&self.at(cell, 0), &waves) / dot(&waves, &waves).max(f32::MIN_POSITIVE)
+    }
+
+    /// Mean of a map over a cell, electrical turns.
+    fn mean_error(&self, cell: usize, map: &Map) -> f32 {
+        let at = |share: f32| map.error(self.grid.position(cell, share)).to_bits() as f32;
+        [0.125, 0.375, 0.625, 0.875].into_iter().map(at).sum::<f32>() / (4.0 * TURN)
     }
 
     /// In amplitudes, where the rotor is so many electrical turns further than its position says.
@@ -306,9 +343,17 @@ fn square(one: [f32; SENSORS], other: [f32; SENSORS]) -> f32 {
 /// The signals less the model's, in amplitudes, without what an error of the angle could explain.
 fn beside_the_angle(model: &Model, codes: &Codes, position: Position) -> [f32; SENSORS] {
     let hall = model.hall(position.angle());
-    let slopes = model.sensors.each_ref().map(|sensor| sensor.slope(hall));
     let left = [0, 1, 2].map(|k| (f32::from(codes[k]) - model.sensors[k].code(hall)) / model.sensors[k].amplitude);
-    let dot = |one: &[f32; SENSORS], other: &[f32; SENSORS]| -> f32 { one.iter().zip(other).map(|(a, b)| a * b).sum() };
-    let error = dot(&left, &slopes) / dot(&slopes, &slopes).max(f32::MIN_POSITIVE);
-    [0, 1, 2].map(|k| left[k] - error * slopes[k])
+    without_slope(model, hall, left)
+}
+
+/// A change of the signals without what an error of the angle could explain.
+fn without_slope(model: &Model, hall: ElectricalAngle, change: [f32; SENSORS]) -> [f32; SENSORS] {
+    let slopes = model.sensors.each_ref().map(|sensor| sensor.slope(hall));
+    let error = dot(&change, &slopes) / dot(&slopes, &slopes).max(f32::MIN_POSITIVE);
+    [0, 1, 2].map(|k| change[k] - error * slopes[k])
+}
+
+fn dot(one: &[f32; SENSORS], other: &[f32; SENSORS]) -> f32 {
+    one.iter().zip(other).map(|(a, b)| a * b).sum()
 }

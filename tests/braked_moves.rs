@@ -202,7 +202,7 @@ fn a_position_commanded_at_speed_is_come_back_to() {
                 let way = travel(&mut rig, from + f64::from(direction) * ahead, 6.0);
                 let good = way.mode == Mode::Running && way.left.abs() < 0.01 && way.shrinks();
                 let beyond = if ahead < 0.0 { 0.0 } else { way.overshoot() };
-                let brakes = beyond < (1.4 * stop - ahead).max(0.0) + 0.5;
+                let brakes = beyond < (1.6 * stop - ahead).max(0.0) + 0.5;
                 rows.push((
                     format!(
                         "{} {unlike:?} from {share} {direction}, {ahead} ahead, stops in {stop:.2}: {way:.3?}",

@@ -241,7 +241,7 @@ fn a_supply_that_sags_and_comes_back_costs_speed_only() {
             let stretch = watch(&mut rig, 2.0);
             println!("{} at {share}: {stretch:.2?}, d {:.2} A", case.name, along_d(&rig, &case));
             assert_eq!(rig.drive.mode(), Mode::Running, "{} at {share}: {stretch:?}", case.name);
-            assert!(stretch.current_a < 1.12 * case.most_a() && stretch.bus_v < 0.95 * case.over_v(), "{stretch:?}");
+            assert!(stretch.current_a < 1.12 * case.most_a() && stretch.bus_v < 0.96 * case.over_v(), "{stretch:?}");
         }
         assert!(rig.plant.truth().speed_rad_s > 0.97 * f64::from(case.speed_rad_s));
     }

@@ -32,7 +32,9 @@ pub struct Rough {
 const EMF: f32 = 0.4;
 /// Largest power that braking may return, W, where it is not burnt because the back-EMF is more than so many times that
 /// of the settings, and where the rotor stores more than this energy, J, which raises 100 µF from 12 V to 15.6 V.
-const RETURNS_W: f32 = 1.0;
+const RETURNS_W: f32 = 2.0;
+/// What the dead times take of a period where that is so; where they take less, less of it is lost in the diodes.
+const DEAD: f32 = 0.02;
 const KNOWN: f32 = 2.0;
 const STORES_J: f32 = 5e-3;
 /// Share of the largest speed that the rotor may reach.
@@ -55,6 +57,7 @@ pub struct Swings {
     scale: Scale,
     motor: Motor,
     most: f32,
+    returns_w: f32,
     fastest: f32,
     current: f32,
     sign: f32,
@@ -84,11 +87,13 @@ impl Swings {
     pub fn new(config: &Config) -> Result<Self, Error> {
         let control = config.control.as_ref().ok_or(Error::NoControl)?;
         let most = control.max_current as f32;
+        let dead = f32::from(config.dead_time) / (2.0 * f32::from(config.period));
         Ok(Self {
             sequence: Sequence::new(config, config.commutation)?,
             scale: control.scale,
             motor: control.motor,
             most,
+            returns_w: RETURNS_W * (dead / DEAD).min(1.0),
             fastest: FASTEST * control.trajectory.speed().min(config.fastest / 2) as f32,
             current: FIRST * most,
             sign: 1.0,
@@ -167,7 +172,7 @@ impl Swings {
         let returned_w = 1.5 * (emf_v - self.motor.resistance_ohm * current_a) * current_a;
         let known_v = KNOWN * self.motor.flux_linkage_wb * self.speed.abs();
         // There is no larger current to brake with, should the bus be full.
-        let most_w = RETURNS_W * (1.0 - 1.2 * self.current / (LARGEST * self.most));
+        let most_w = self.returns_w * (1.0 - 1.2 * self.current / (LARGEST * self.most));
         self.energy_j > STORES_J && emf_v >= known_v && returned_w > most_w
     }
 

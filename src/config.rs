@@ -166,6 +166,10 @@ impl Config {
     }
 }
 
+/// What the field of a calibration turns by in the time of a turn. In that of a whole one, each turn would have its records
+/// at the same places of the bins, and their mean beside the bins' middles: 0.02° of the alignment.
+const ALMOST_A_TURN: f32 = TURN * (1.0 - 1.0 / 48_001.0);
+
 impl Settings {
     /// Checks all settings together and makes what the interrupt works with of them.
     ///
@@ -246,7 +250,7 @@ impl Settings {
         let jump =
             ElectricalAngle::from_turns(self.max_electrical_hz / self.pwm_hz) + ElectricalAngle::from_degrees(20.0);
         let smoothing = track::Config::smoothing_for(self.tracking_bandwidth_hz, self.pwm_hz);
-        let out_of_range = Error::OutOfRange { field: "halls_held_s", value: held, min: -20e-6, max: 1.5 / pwm_hz };
+        let out_of_range = Error::OutOfRange { field: "halls_held_s", value: held, min: -20e-6, max: 20e-6 };
         track::Config::new(smoothing, jump, delay).ok_or(out_of_range)
     }
 
@@ -254,15 +258,11 @@ impl Settings {
         let Self { calibration_modulation: modulation, calibration_align_s: align_s, .. } = *self;
         let mechanical = crate::float::ceil(f32::from(self.calibration_turns) / f32::from(self.pole_pairs));
         let turns = mechanical as u32 * u32::from(self.pole_pairs);
-        // An odd number of records in a sweep lies evenly in the bins of the field's turn. Where each turn has them at the
-        // same places, their mean is beside the bins' middles: 0.02° of the alignment.
-        let every = self.every(self.calibration_record_hz) as f32;
-        let records = (turns as f32 * self.pwm_hz / (self.calibration_hz * every)) as u32 | 1;
         OpenLoop {
             modulation: commutation::modulation(modulation),
             rise: ((2_147_483_648.0 / (align_s * self.pwm_hz)) as i32).max(1),
             stand: (align_s * self.pwm_hz) as u32,
-            speed: (turns as f32 * TURN / (every * records as f32)) as i32,
+            speed: (self.calibration_hz / self.pwm_hz * ALMOST_A_TURN) as i32,
             turns,
             regulator: self.control.as_ref().map(|control| Regulator::new(self, control, dead_time)),
         }

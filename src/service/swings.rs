@@ -33,8 +33,9 @@ const EMF: f32 = 0.4;
 /// Largest power that braking may return, W, where it is not burnt because the back-EMF is more than so many times that
 /// of the settings, and where the rotor stores more than this energy, J, which raises 100 µF from 12 V to 15.6 V.
 const RETURNS_W: f32 = 2.0;
-/// What the dead times take of a period where that is so; where they take less, less of it is lost in the diodes.
-const DEAD: f32 = 0.02;
+/// Where the dead times take a fiftieth of a period at least; where they take less, less of the power is lost in the diodes,
+/// and half of it is allowed.
+const DEAD: u32 = 50;
 const KNOWN: f32 = 2.0;
 const STORES_J: f32 = 5e-3;
 /// Share of the largest speed that the rotor may reach.
@@ -87,13 +88,13 @@ impl Swings {
     pub fn new(config: &Config) -> Result<Self, Error> {
         let control = config.control.as_ref().ok_or(Error::NoControl)?;
         let most = control.max_current as f32;
-        let dead = f32::from(config.dead_time) / (2.0 * f32::from(config.period));
+        let dead = DEAD * u32::from(config.dead_time) >= 2 * u32::from(config.period);
         Ok(Self {
             sequence: Sequence::new(config, config.commutation)?,
             scale: control.scale,
             motor: control.motor,
             most,
-            returns_w: RETURNS_W * (dead / DEAD).min(1.0),
+            returns_w: if dead { RETURNS_W } else { 0.5 * RETURNS_W },
             fastest: FASTEST * control.trajectory.speed().min(config.fastest / 2) as f32,
             current: FIRST * most,
             sign: 1.0,

@@ -95,6 +95,7 @@ impl Entry {
 
     /// Whether it follows from the board's parts. One of these that the board names a ceiling for may be changed up to
     /// that.
+    #[inline(never)]
     pub fn fixed(&self, settings: &Settings) -> bool {
         self.kind & BOARD != 0 && settings.ceiling(self.name) == f32::INFINITY
     }

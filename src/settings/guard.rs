@@ -51,6 +51,7 @@ impl GuardSettings {
 
 impl Settings {
     /// The board's ceiling of a setting; infinite without.
+    #[inline(never)]
     pub(super) fn ceiling(&self, name: &str) -> f32 {
         self.ceilings.iter().find(|(field, _)| *field == name).map_or(f32::INFINITY, |(_, most)| *most)
     }

@@ -272,6 +272,7 @@ impl Settings {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::hall::track::Tracker;
 
     #[test]
     fn the_default_is_valid() {
@@ -279,6 +280,24 @@ mod tests {
         assert_eq!((config.period, config.dead_time), (2125, 85));
         assert_eq!(config.record_every, 40);
         assert_eq!(config.open_loop.turns, 12);
+    }
+
+    /// An input that is held a tenth of a period after the valley, and the same before it: the period that acts on it is
+    /// nearer, or farther.
+    #[test]
+    fn the_prediction_is_from_where_the_halls_are_held() {
+        for (pwm_hz, held_s, periods) in
+            [(40e3, 0.0, 1.5), (40e3, 2.5e-6, 1.4), (40e3, -2.5e-6, 1.6), (80e3, 2.5e-6, 1.3)]
+        {
+            let tracking =
+                Settings { pwm_hz, halls_held_s: held_s, ..Settings::default() }.validate().unwrap().tracking;
+            let mut rotor = Tracker::at(ElectricalAngle::ZERO);
+            for step in 1..4000 {
+                rotor.step(&tracking, ElectricalAngle::from_degrees((2 * step % 360) as f32)).unwrap();
+            }
+            let ahead = (rotor.predicted(&tracking) - rotor.angle()).to_degrees() / 2.0;
+            assert!((ahead - periods).abs() < 0.01, "{ahead} of {periods} periods");
+        }
     }
 
     #[test]

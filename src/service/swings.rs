@@ -33,11 +33,11 @@ const EMF: f32 = 0.4;
 /// Largest power that braking may return, W, where it is not burnt because the back-EMF is more than so many times that
 /// of the settings, and where the rotor stores more than this energy, J, which raises 100 µF from 12 V to 15.6 V.
 const RETURNS_W: f32 = 2.0;
-/// Where the dead times take a fiftieth of a period at least; where they take less, less of the power is lost in the diodes,
-/// and half of it is allowed.
-const DEAD: u32 = 50;
 const KNOWN: f32 = 2.0;
 const STORES_J: f32 = 5e-3;
+/// That power is for dead times that take one part of so many of a period at least. Shorter ones lose less of it in the
+/// diodes, and half of it is allowed.
+const DEAD: u32 = 50;
 /// Share of the largest speed that the rotor may reach.
 const FASTEST: f32 = 0.8;
 /// First, and largest, share of the largest current.

@@ -15,7 +15,7 @@ pub use live::{Live, WHOLE};
 pub const POINTS: usize = 512;
 /// log₂ of the most points in an electrical turn. What magnets do to the angle ends at its eighth harmonic; higher ones
 /// could not be told from a slow motion of the rotor, of which there are some sixteen samples in an electrical turn.
-pub(crate) const MOST_BITS: u32 = 5;
+const MOST_BITS: u32 = 5;
 /// Bits that [`Table::value`] has beyond a point's.
 pub const FRACTION: u32 = 14;
 

@@ -4,7 +4,8 @@
 //! `fit` finds offset, amplitude, placement and harmonics of all sensors and the rotor's true angle in
 //! every bin at once, by least squares. (Minimum and maximum, which Simpkins and Todorov propose with eq. (2), are
 //! biased by noise: the larger the number of samples, the more.) The rotor lags behind the field by friction, the
-//! opposite way in the opposite direction, so the mean over both directions is the alignment φ.
+//! opposite way in the opposite direction, so the mean over both directions is the alignment φ: of the angle that the
+//! estimator will tell, which is not quite the one that fits best.
 //!
 //! The wave's shape is taken as alike for north and south poles and locked to the placement. Then the third harmonic
 //! can be told from an uneven turning of the rotor, which it looks like to a single sensor, by what it does to the
@@ -19,7 +20,7 @@ use crate::hall::model::Model;
 use crate::hall::{Channel, Codes, Halls};
 use core::fmt;
 pub use fit::BINS;
-use fit::NoFit;
+use fit::{Fit, NoFit};
 use report::Raw;
 pub use report::{Finding, Report};
 
@@ -212,6 +213,7 @@ impl<M: Memory> Collector<M> {
         }
         let mut angles = [[ElectricalAngle::ZERO; BINS]; 2];
         let fit = fit::fit(both, halls, &mut angles)?;
+        tell(both, &fit, &mut angles);
         let (forward, backward) = (offset(&both[0], &angles[0]), offset(&both[1], &angles[1]));
         let swings = [swing(&both[0], &angles[0], forward), swing(&both[1], &angles[1], backward)];
         let hunting =
@@ -232,6 +234,15 @@ impl<M: Memory> Collector<M> {
             None => Ok(Calibration { model, report }),
         }
     }
+}
+
+/// The angles that an estimator with these sensors will tell of the bins, in place of those that fit best. Where magnets
+/// have harmonics that the model lacks, the two differ, also in the mean, and it is the estimator that is to be aligned.
+#[inline(never)]
+fn tell(bins: &Bins, fit: &Fit, angles: &mut [[ElectricalAngle; BINS]; 2]) {
+    let model = Model { sensors: fit.sensors, alignment: ElectricalAngle::ZERO, reversed: false };
+    let told = estimate::hall_angles(&model, fit::sweep(bins.as_flattened()).map(|point| point.codes));
+    angles.as_flattened_mut().iter_mut().zip(told).for_each(|(angle, told)| *angle = told);
 }
 
 /// Rotor's angle less field's angle, of a sweep.

@@ -18,7 +18,7 @@
 mod inverse;
 
 use crate::angle::ElectricalAngle;
-use crate::hall::model::Model;
+use crate::hall::model::{Model, Sensor};
 use crate::hall::plausibility::{Implausible, Window};
 use crate::hall::{Channel, Codes, Halls};
 use crate::trig::{self, Direction, QuadrantTable, Segment};
@@ -366,6 +366,21 @@ fn fill_table(table: &mut QuadrantTable, model: &Model, inverse: &Inverse) {
         end = angle(2);
         *segment = Segment::along(start, angle(1), end, trig::QUOTIENT_LOW);
     }
+}
+
+/// The Hall angles that an estimator tells of codes, which need not be whole.
+pub(crate) fn hall_angles(
+    model: &Model,
+    codes: impl Iterator<Item = [f32; 3]>,
+) -> impl Iterator<Item = ElectricalAngle> {
+    let inverse = model.absent().map_or_else(|| Inverse::new(model), |lost| Inverse::without(lost, model));
+    let signal = |code: f32, sensor: &Sensor| {
+        if sensor.amplitude > 0.0 { (code - sensor.offset) / sensor.amplitude } else { 0.0 }
+    };
+    codes.map(move |codes| {
+        let (cosine, sine) = inverse.apply(core::array::from_fn(|k| signal(codes[k], &model.sensors[k])));
+        hall_angle(model, &inverse, sine, cosine)
+    })
 }
 
 /// The Hall angle at which the model's (cosine, sine) points along (`x`, `y`).

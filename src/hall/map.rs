@@ -17,7 +17,7 @@ mod signature;
 
 use crate::angle::{ElectricalAngle, PolePairs, Position, TURN};
 use crate::hall::model::Model;
-use crate::turn::{FRACTION, Layout, MOST_BITS, POINTS, Table};
+use crate::turn::{FRACTION, Layout, POINTS, Table};
 pub use find::{FIT, Finder, Seen, Verdict};
 pub use learn::Learner;
 pub use signature::{Collector, LONGEST as LONGEST_SIGNATURE, Signature};

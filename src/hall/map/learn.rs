@@ -6,7 +6,7 @@
 //! of it, over the turn, is the map. It is taken off before the reference sees the angle, so that in the end nothing
 //! of it is left there.
 
-use super::{FRACTION, Layout, MOST_BITS, Map, POINTS, Table};
+use super::{FRACTION, Layout, Map, POINTS, Table};
 use crate::angle::{PolePairs, Position, TURN};
 use core::f32::consts::TAU;
 
@@ -114,12 +114,9 @@ impl Learner {
         }
     }
 
-    /// Samples of both directions together with which the map's own noise is well below that of the tracked angle. Twice as
-    /// many for each point of a rotor of many pole pairs: they pass in too few mechanical turns to settle otherwise.
+    /// Samples of both directions together with which the map's own noise is a third of that of the tracked angle.
     pub fn samples_for(pole_pairs: PolePairs) -> u32 {
-        let layout = Layout::new(pole_pairs);
-        let each = if layout.bits < MOST_BITS { 256 } else { 128 };
-        each * layout.points() as u32
+        256 * Layout::new(pole_pairs).points() as u32
     }
 
     /// The rotor does not turn freely until the next sample.
@@ -188,18 +185,10 @@ impl Learner {
     /// The map. Its mean is none: that is the alignment's.
     pub fn map(&self) -> Map {
         let count = self.layout.points();
-        let at = |index: usize| self.points[index % count];
         let mean = self.mean();
         let mut table = Table { layout: self.layout, ..Table::ZERO };
-        for (index, point) in table.points[..count].iter_mut().enumerate() {
-            // Without what only neighbours differ by; 0.7 % of the third harmonic, a fifth of the noise's power.
-            let around = |by: usize| at(index + by) + at(index + count - by);
-            let smooth = if self.layout.bits < MOST_BITS {
-                at(index)
-            } else {
-                (10.0 * at(index) + 4.0 * around(1) - around(2)) * (1.0 / 16.0)
-            };
-            *point = libm::roundf((smooth - mean) * TURN / (1 << FRACTION) as f32) as i16;
+        for (place, point) in table.points.iter_mut().zip(&self.points[..count]) {
+            *place = libm::roundf((point - mean) * TURN / (1 << FRACTION) as f32) as i16;
         }
         Map(table)
     }

@@ -31,7 +31,7 @@ impl Drive {
         if let Some(map) = self.map() {
             // The fastest rotor turns a twentieth in a step, so this does not overflow.
             let ahead = rotor.speed().wrapping_mul(OUTER as i32 + 1) >> 1;
-            let position = Position::from_bits(rotor.position().to_bits().wrapping_add(ahead.into()));
+            let position = Position::from_bits(rotor.smoothed().to_bits().wrapping_add(ahead.into()));
             correction = ElectricalAngle::from_bits(map.value(position));
         }
         if let Some(control) = &self.config.control {

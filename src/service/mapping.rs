@@ -38,15 +38,18 @@ impl Plan {
     }
 }
 
-/// Most that a map may leave over of single records, degrees RMS: beyond it the rotor was moved by something else.
-const MOST_NOISE_DEG: f32 = 2.0;
+/// Most that a map may leave over of single records, degrees RMS: beyond it the rotor was moved by something else. A slow
+/// direct drive of 21 pole pairs wanders by 1.5° about any mean.
+const MOST_NOISE_DEG: f32 = 3.0;
 /// Records over which the speed is averaged.
 const RECORDS_OF_MEAN: i32 = 64;
+/// Measurements over which the speed control's current is averaged, some 0.2 s: what friction takes, to begin with.
+const MEASUREMENTS_OF_MEAN: f32 = 256.0;
 /// Records in an electrical turn: the golden ratio spreads them evenly over those to come.
 const RECORDS_IN_A_TURN: f32 = 16.618;
 /// Time for the speed to settle, and to find what torque that takes, ms.
 const SETTLING_MS: u32 = 600;
-const WEIGHING_MS: u32 = 2000;
+const WEIGHING_MS: u32 = 3000;
 /// Bandwidth of the control of the mean speed meanwhile, and while the map is learnt, rad/s.
 const WEIGHING: f32 = 5.0;
 const FREE: f32 = 1.0;
@@ -134,7 +137,7 @@ impl Mapping {
             Stage::Settling => {
                 self.sequence.follow(Demand::Speed(speed));
                 if elapsed_ms >= SETTLING_MS && self.is_near(10) {
-                    (self.friction, self.controlled_ms) = (0.0, now_ms);
+                    self.controlled_ms = now_ms;
                     self.enter(Stage::Weighing);
                 }
             }
@@ -205,7 +208,11 @@ impl Procedure for Mapping {
         }
     }
 
-    fn measurement(&mut self, _: &Measurement) {}
+    fn measurement(&mut self, measurement: &Measurement) {
+        if self.stage == Stage::Settling {
+            self.friction += (measurement.state.current_reference as f32 - self.friction) / MEASUREMENTS_OF_MEAN;
+        }
+    }
 
     fn step(&mut self, service: &mut Service, now_ms: u32) -> State {
         if self.sequence.step(service, now_ms) {

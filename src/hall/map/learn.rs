@@ -94,7 +94,7 @@ pub struct Learner {
     /// 2⁻³² electrical turns.
     points: [f32; POINTS],
     reference: Option<Reference>,
-    /// Mean square of what is left over, of about the last turn's samples.
+    /// Mean square of what is left over, of the samples that are averaged.
     square: f32,
     /// Samples so far, and from which on their mean is taken.
     samples: u32,
@@ -147,9 +147,9 @@ impl Learner {
         }
         self.samples += 1;
         let all = self.layout.points() as f32;
-        self.square += (behind * behind - self.square) / all;
-        let mean_of = self.samples.saturating_sub(self.averages_from) as f32 / all;
-        let by = behind / (1.0 / FIRST_SHARE + mean_of);
+        let averaged = self.samples.saturating_sub(self.averages_from) as f32;
+        self.square += (behind * behind - self.square) / averaged.max(all);
+        let by = behind / (1.0 / FIRST_SHARE + averaged / all);
         self.points[index] += by * (1.0 - share);
         self.points[next] += by * share;
         if self.samples.is_multiple_of(self.layout.points() as u32) {

@@ -214,10 +214,8 @@ impl<M: Memory> Collector<M> {
         let mut angles = [[ElectricalAngle::ZERO; BINS]; 2];
         let fit = fit::fit(both, halls, &mut angles)?;
         tell(both, &fit, &mut angles);
-        let (forward, backward) = (offset(&both[0], &angles[0]), offset(&both[1], &angles[1]));
-        let swings = [swing(&both[0], &angles[0], forward), swing(&both[1], &angles[1], backward)];
-        let hunting =
-            ElectricalAngle::from_radians(crate::float::root((swings[0] * swings[0] + swings[1] * swings[1]) / 2.0));
+        let [(forward, swing), (backward, swing_back)] = [0, 1].map(|sweep| lag(&both[sweep], &angles[sweep]));
+        let hunting = ElectricalAngle::from_radians(crate::float::root(((swing + swing_back) / 2.0).max(0.0)));
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
         let model = Model { sensors: fit.sensors, alignment: forward + lag, reversed };
@@ -245,28 +243,19 @@ fn tell(bins: &Bins, fit: &Fit, angles: &mut [[ElectricalAngle; BINS]; 2]) {
     angles.as_flattened_mut().iter_mut().zip(told).for_each(|(angle, told)| *angle = told);
 }
 
-/// Rotor's angle less field's angle, of a sweep.
-fn lags(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS]) -> impl Iterator<Item = ElectricalAngle> {
-    fit::sweep(bins).zip(angles).map(|(point, &angle)| angle - point.field)
-}
-
-/// Mean of rotor's angle less field's angle.
+/// Rotor's angle less field's angle, of a sweep: the mean, and the mean square about it in radians².
 #[inline(never)]
-fn offset(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS]) -> ElectricalAngle {
-    // Around the first, so that the mean does not see the wrap.
-    let first = lags(bins, angles).next().unwrap_or_default();
-    let sum: i64 = lags(bins, angles).map(|lag| i64::from((lag - first).to_bits())).sum();
-    first + ElectricalAngle::from_bits((sum / BINS as i64) as i32)
-}
-
-/// RMS of rotor's angle less field's angle about a mean, in radians.
-#[inline(never)]
-fn swing(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS], mean: ElectricalAngle) -> f32 {
-    let square = |lag: ElectricalAngle| {
-        let off = (lag - mean).to_radians();
-        off * off
-    };
-    crate::float::root(lags(bins, angles).map(square).sum::<f32>() / BINS as f32)
+fn lag(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS]) -> (ElectricalAngle, f32) {
+    // About the first, or nearly, so that the mean does not see the wrap.
+    let about = angles[0];
+    let (mut sum, mut squares) = (0.0, 0.0);
+    for (point, &angle) in fit::sweep(bins).zip(angles) {
+        let off = (angle - point.field - about).to_radians();
+        sum += off;
+        squares += off * off;
+    }
+    let mean = sum / BINS as f32;
+    (about + ElectricalAngle::from_radians(mean), squares / BINS as f32 - mean * mean)
 }
 
 /// Noise from second differences of successive samples, in which the turning of the rotor cancels.

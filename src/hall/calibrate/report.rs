@@ -202,23 +202,25 @@ impl Report {
 
     /// All findings, those of single sensors first.
     pub fn findings(&self) -> impl Iterator<Item = Finding> {
-        let ratio = self.sensors.iter().fold(0.0_f32, |most, sensor| most.max(sensor.swing)) / self.weakest_swing();
-        let lag = self.lag.to_degrees().abs();
-        let common = [
-            self.misplaced(),
-            (ratio > 2.0).then_some(Finding::Unequal(ratio)),
-            (self.residual_pct > 2.0).then_some(Finding::Unexplained(self.residual_pct)),
-            (lag > 30.0).then_some(Finding::Lagging(lag)),
-            (self.hunting_deg > 5.0).then_some(Finding::Hunting(self.hunting_deg)),
-        ];
-        // One list: an iterator over parts of parts takes more flash.
-        let mut all = [None; 14];
-        let (single, rest) = all.split_at_mut(9);
-        for ((k, sensor), place) in (0..).zip(self.present()).zip(single.chunks_exact_mut(3)) {
-            place.copy_from_slice(&sensor.findings(Channel(k)));
+        (0..3 * self.sensors.len() + 5).filter_map(|number| self.finding(number))
+    }
+
+    /// Three of each sensor, and then those of all.
+    fn finding(&self, number: usize) -> Option<Finding> {
+        if let Some(sensor) = self.present().get(number / 3) {
+            return sensor.finding(Channel(number as u8 / 3), number % 3);
         }
-        rest.copy_from_slice(&common);
-        all.into_iter().flatten()
+        let strongest = self.sensors.iter().fold(0.0_f32, |most, sensor| most.max(sensor.swing));
+        let ratio = strongest / self.weakest_swing();
+        let lag = self.lag.to_degrees().abs();
+        match number.wrapping_sub(3 * self.sensors.len()) {
+            0 => self.misplaced(),
+            1 => (ratio > 2.0).then_some(Finding::Unequal(ratio)),
+            2 => (self.residual_pct > 2.0).then_some(Finding::Unexplained(self.residual_pct)),
+            3 => (lag > 30.0).then_some(Finding::Lagging(lag)),
+            4 => (self.hunting_deg > 5.0).then_some(Finding::Hunting(self.hunting_deg)),
+            _ => None,
+        }
     }
 
     /// The Hall that is farthest from its place, and by how much. The placement errors have mean zero, so that one of
@@ -265,14 +267,14 @@ impl SensorReport {
         at_rail: 0,
     };
 
-    fn findings(self, channel: Channel) -> [Option<Finding>; 3] {
+    fn finding(&self, channel: Channel, number: usize) -> Option<Finding> {
         // A sine clipped at 80 % of its peak has 10 % third harmonic; no magnet's own field is as flat.
         let flat = self.third_pct > 15.0;
-        [
-            (self.swing < 150.0).then_some(Finding::TooFar(channel, self.swing)),
-            (self.at_rail > 0 || flat).then_some(Finding::TooClose(channel)),
-            (self.noise_pct > 3.0).then_some(Finding::Noisy(channel, self.noise_pct)),
-        ]
+        match number {
+            0 => (self.swing < 150.0).then_some(Finding::TooFar(channel, self.swing)),
+            1 => (self.at_rail > 0 || flat).then_some(Finding::TooClose(channel)),
+            _ => (self.noise_pct > 3.0).then_some(Finding::Noisy(channel, self.noise_pct)),
+        }
     }
 }
 

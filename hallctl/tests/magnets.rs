@@ -437,17 +437,36 @@ fn a_slow_rotor_that_slips_by_a_magnet_loses_its_map() {
     assert!(error(&mut drive, 100.0) < 0.2);
 }
 
-/// A direct drive of 21 pole pairs: its reference is late by so many times as much of an electrical turn, a map has fewer
-/// points in each, and there are fewer turns to learn it in.
+/// A direct drive: its reference is late by so many times as much of an electrical turn, the noise of its currents moves it by
+/// degrees, a map has fewer points in each electrical turn, and there are fewer turns to learn it in.
 #[test]
 fn a_map_of_many_poles_is_true_and_its_pole_found_after_a_turn() {
+    for (pole_pairs, seed, left) in [(21, 1, 0.4), (21, 2, 0.45), (44, 1, 1.3)] {
+        let (before, turns, after, said) = direct_drive(pole_pairs, seed);
+        println!(
+            "{pole_pairs} pole pairs, {seed}: {before:.2}°; {turns:.1?} turns, {after:.2}° where {said:.2}° are said"
+        );
+        assert!(turns.is_some_and(|turns| turns < 1.5), "{turns:?}");
+        assert!(before > 2.5 && after < left, "{before} {after} {said}");
+        // The error between so few points as there are then is not among what is said.
+        assert!(pole_pairs > 32 || after < said + 0.2, "{after} {said}");
+    }
+}
+
+/// Degrees before and after such a motor has learnt its map, found again after so many turns, and what it says of itself.
+fn direct_drive(pole_pairs: u8, seed: u64) -> (f64, Option<f64>, f64, f64) {
     let motor = MOTORS.iter().find(|motor| motor.name == "direct-drive").unwrap();
+    let alike = f64::from(motor.pairs) / f64::from(pole_pairs);
     let mut settings = simulator::of_motor(motor);
+    settings.pole_pairs = pole_pairs;
     let control = settings.control.as_mut().unwrap();
     (control.resistance_ohm, control.inductance_h) = (motor.ohm as f32, motor.henry as f32);
-    (control.flux_linkage_wb, control.inertia_kgm2) = (motor.flux_vs as f32, motor.inertia_kgm2 as f32);
+    (control.flux_linkage_wb, control.inertia_kgm2) = ((motor.flux_vs * alike) as f32, motor.inertia_kgm2 as f32);
     (control.max_current_a, control.max_speed_rad_s) = (motor.limit_a, 30.0);
-    let plant = simulator::uneven(motor.plant(1), 1.0, 1);
+    let mut plant = motor.plant(1);
+    plant.motor.pole_pairs = pole_pairs;
+    plant.motor.back_emf.flux_linkage_vs *= alike;
+    let plant = simulator::uneven(plant, 1.0, seed);
     let mut drive = Simulator::with(settings, &plant, 1, Flash::blank(), Vec::new()).unwrap();
     run(&mut drive, 10);
     done(&mut drive, Ask::Calibrate);
@@ -469,10 +488,7 @@ fn a_map_of_many_poles_is_true_and_its_pole_found_after_a_turn() {
     arm(&mut drive);
     let turns = turns_until_found(&mut drive, 4.0, |drive| turn(drive, 3.0, 100));
     let after = error(&mut drive, 10.0);
-    let said = f64::from(learnt.report.with_deg);
-    println!("{before:.2}°; {turns:.1?} turns, {after:.2}° where {said:.2}° are said");
-    assert!(turns.is_some_and(|turns| turns < 1.5), "{turns:?}");
-    assert!(before > 2.5 && after < 0.4 && after < said + 0.2, "{before} {after} {said}");
+    (before, turns, after, f64::from(learnt.report.with_deg))
 }
 
 /// A second harmonic that all poles have alike: a map takes it off, and there is no signature of one pole against another.

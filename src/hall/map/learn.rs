@@ -11,7 +11,7 @@ use crate::angle::{PolePairs, Position, TURN};
 use core::f32::consts::TAU;
 
 /// Bandwidth of the reference, in radians of it in a radian of the mechanical turn.
-const BANDWIDTH: f32 = 1.0 / 6.0;
+const BANDWIDTH: f32 = 1.0 / 4.0;
 /// Mechanical turns in which it settles, and what its bandwidth is over the radians since the begin meanwhile, if that is
 /// more: what it is behind by at first must have died before anything is learnt of it.
 const SETTLING_TURNS: f32 = 3.0;

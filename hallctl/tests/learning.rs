@@ -179,5 +179,5 @@ fn a_slow_rotor_of_somewhat_uneven_magnets_is_tracked_nearly_as_well_as_without_
     });
     let worst = worst.reduce(|| [0.0; 3], |a, b| [0, 1, 2].map(|k| f64::max(a[k], b[k])));
     println!("worst at 0.8, 1.5 and 3 rad/s: {worst:.2?} times the error without");
-    assert!(worst[0] < 1.7 && worst[1] < 1.1 && worst[2] < 1.1, "{worst:.2?}");
+    assert!(worst[0] < 1.8 && worst[1] < 1.1 && worst[2] < 1.1, "{worst:.2?}");
 }

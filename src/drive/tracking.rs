@@ -1,7 +1,7 @@
 //! Tracking of the rotor, and what is done about samples without a plausible angle.
 
 use super::{Drive, OUTER};
-use crate::angle::{ElectricalAngle, Position};
+use crate::angle::ElectricalAngle;
 use crate::control::current::PARK_BITS;
 use crate::fault::{Fault, Limits};
 use crate::hall::Codes;
@@ -29,9 +29,10 @@ impl Drive {
         let rotor = &self.record.rotor;
         let mut correction = ElectricalAngle::ZERO;
         if let Some(map) = self.map() {
-            // The fastest rotor turns a twentieth in a step, so this does not overflow.
+            // The fastest rotor turns a twentieth in a step, so this is no half turn. The smoothed angle, as the last
+            // measured one still has the correction of where the rotor was.
             let ahead = rotor.speed().wrapping_mul(OUTER as i32 + 1) >> 1;
-            let position = Position::from_bits(rotor.smoothed().to_bits().wrapping_add(ahead.into()));
+            let position = rotor.position().advance_to(rotor.angle() + ElectricalAngle::from_bits(ahead));
             correction = ElectricalAngle::from_bits(map.value(position));
         }
         if let Some(control) = &self.config.control {

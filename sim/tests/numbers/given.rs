@@ -171,7 +171,6 @@ const GIVEN: &[(&str, &str, &[&str])] = &[
         "docs/numbers.md",
         "what the experiment sets",
         &[
-            "the motor of 20 mΩ",
             "do not see it alike (±20 % in size, ±15° in direction)",
             "the field at the largest current 5 % of the magnets'",
         ],

@@ -214,8 +214,8 @@ impl<M: Memory> Collector<M> {
         let mut angles = [[ElectricalAngle::ZERO; BINS]; 2];
         let fit = fit::fit(both, halls, &mut angles)?;
         tell(both, &fit, &mut angles);
-        let [(forward, swing), (backward, swing_back)] = [0, 1].map(|sweep| lag(&both[sweep], &angles[sweep]));
-        let hunting = ElectricalAngle::from_radians(crate::float::root(((swing + swing_back) / 2.0).max(0.0)));
+        let [(forward, variance), (backward, variance_back)] = [0, 1].map(|sweep| lags(&both[sweep], &angles[sweep]));
+        let hunting = ElectricalAngle::from_radians(crate::float::root(((variance + variance_back) / 2.0).max(0.0)));
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
         let model = Model { sensors: fit.sensors, alignment: forward + lag, reversed };
@@ -243,9 +243,9 @@ fn tell(bins: &Bins, fit: &Fit, angles: &mut [[ElectricalAngle; BINS]; 2]) {
     angles.as_flattened_mut().iter_mut().zip(told).for_each(|(angle, told)| *angle = told);
 }
 
-/// Rotor's angle less field's angle, of a sweep: the mean, and the mean square about it in radians².
+/// Rotor's angle less field's angle, of a sweep: the mean, and the variance in radians².
 #[inline(never)]
-fn lag(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS]) -> (ElectricalAngle, f32) {
+fn lags(bins: &[Bin; BINS], angles: &[ElectricalAngle; BINS]) -> (ElectricalAngle, f32) {
     // About the first, or nearly, so that the mean does not see the wrap.
     let about = angles[0];
     let (mut sum, mut squares) = (0.0, 0.0);

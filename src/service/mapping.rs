@@ -38,8 +38,8 @@ impl Plan {
     }
 }
 
-/// Most that a map may leave over of single records, degrees RMS: beyond it the rotor was moved by something else. A slow
-/// direct drive of 21 pole pairs wanders by 1.5° about any mean.
+/// Most that a map may leave over of single records, degrees RMS: beyond it the rotor was moved by something else. The
+/// speed of a slow direct drive is never quite steady: with 21 pole pairs that alone makes 1.5°.
 const MOST_NOISE_DEG: f32 = 3.0;
 /// Records over which the speed is averaged.
 const RECORDS_OF_MEAN: i32 = 64;

@@ -18,8 +18,8 @@ use std::path::{Path, PathBuf};
 /// What to do.
 #[derive(Debug, clap::Subcommand)]
 pub(super) enum Command {
-    /// Turn the rotor both ways, freely, and learn a map of its mechanical turn, in 40 seconds at four pole pairs and
-    /// some two minutes at fifteen; after `calibrate`
+    /// Turn the rotor both ways, freely, and learn a map of its mechanical turn, in some 35 seconds at four pole
+    /// pairs and under two minutes at fifteen; after `calibrate`
     Learn(procedures::Options),
     /// What each magnet does, what accuracy that allows, and whether the map is in use
     Show(Show),

@@ -205,7 +205,7 @@ impl Report {
         (0..3 * self.sensors.len() + 5).filter_map(|number| self.finding(number))
     }
 
-    /// Three of each sensor, and then those of all.
+    /// Three of each sensor, and then those of all. One at a time takes a fifth of a KiB of flash less than a list of all.
     fn finding(&self, number: usize) -> Option<Finding> {
         if let Some(sensor) = self.present().get(number / 3) {
             return sensor.finding(Channel(number as u8 / 3), number % 3);

@@ -10,7 +10,8 @@ use super::{FRACTION, Layout, Map, POINTS, Table};
 use crate::angle::{PolePairs, Position, TURN};
 use core::f32::consts::TAU;
 
-/// Bandwidth of the reference, in radians of it in a radian of the mechanical turn.
+/// Bandwidth of the reference, in radians of it in a radian of the mechanical turn. A slower one does not follow the speed of
+/// a slow machine, which is never quite steady; to a faster one, what repeats once a turn looks like motion.
 const BANDWIDTH: f32 = 1.0 / 4.0;
 /// Mechanical turns in which it settles, and what its bandwidth is over the radians since the begin meanwhile, if that is
 /// more: what it is behind by at first must have died before anything is learnt of it.

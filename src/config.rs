@@ -184,8 +184,7 @@ impl Settings {
         let Self { timer_hz, pwm_hz, .. } = *self;
         let period = pwm::period_counts(timer_hz, pwm_hz)?;
         let dead_time = pwm::dead_time_counts(timer_hz, pwm_hz, self.dead_time_s)?;
-        let highest = pwm::highest_compare(period, timer_hz, self.sampling_window_s, self.dead_time_s);
-        let limits = pwm::Limits::new(period, 0, highest)?;
+        let limits = self.limits(period)?;
         let frame = control::config::Frame {
             adc_bits: self.adc_bits,
             pole_pairs: self.pole_pairs,
@@ -237,6 +236,21 @@ impl Settings {
     }
 
     /// With current control, records have their places in the drive's schedule.
+    /// The range of compare values with so many counts in half a PWM period.
+    ///
+    /// # Errors
+    /// No room for a voltage.
+    #[inline]
+    pub fn limits(&self, period: u16) -> Result<pwm::Limits, pwm::Error> {
+        let highest = |window_s: f32| pwm::highest_compare(period, self.timer_hz, window_s, self.dead_time_s);
+        let limits = pwm::Limits::new(period, 0, highest(self.sampling_window_s))?;
+        #[cfg(not(feature = "small"))]
+        if self.least_low_side_s > 0.0 {
+            return Ok(limits.with_top(highest(self.least_low_side_s)));
+        }
+        Ok(limits)
+    }
+
     fn record_every(&self) -> u32 {
         let every = self.every(self.record_hz);
         let scheduled = |every: u32| ((every + RECORDS / 2 - 1) / RECORDS).max(1) * RECORDS;

@@ -38,6 +38,7 @@ mod schedule;
 mod servo;
 pub mod standstill;
 mod supervision;
+mod third_current;
 mod tracking;
 mod voltage;
 
@@ -66,6 +67,7 @@ use servo::Servo;
 pub use servo::{Demand, State};
 use standstill::Standstill;
 pub(crate) use supervision::PARTS;
+use third_current::ThirdCurrent;
 use voltage::Voltage;
 
 /// The drive. What every step needs comes first, within reach of the short forms of the load instructions.
@@ -92,6 +94,7 @@ pub struct Drive {
     progress: Progress,
     /// The map of the rotor's magnets, if there is memory for one.
     map: Option<&'static Live>,
+    third_current: ThirdCurrent,
     /// Whether the enable input is off, in a step with that interlock.
     disabled: bool,
     /// What a command has left to do.
@@ -126,7 +129,7 @@ enum Path {
 }
 
 /// How the next step is done. Two paths have a short step beside the general one, for the time that nothing is amiss:
-/// no sample was missed and no Hall is lost. A short step that meets anything else hands over to the general one.
+/// no sample was missed, no Hall is lost and all currents are sampled. A short step that meets anything else hands over to the general one.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Route {
     /// The short step of the voltage path: sinusoidal, without current sensing.
@@ -166,6 +169,7 @@ impl Drive {
             #[cfg(not(feature = "no-chopper"))]
             chopper: Chopper::OFF,
             map: None,
+            third_current: ThirdCurrent::NONE,
             disabled: false,
             later: Later::Nothing,
         }
@@ -219,8 +223,17 @@ impl Drive {
         if !self.is_healthy(sample) {
             return Output::OFF;
         }
+        self.field_oriented_output(sample)
+    }
+
+    #[inline(always)]
+    fn field_oriented_output(&mut self, sample: &Sample) -> Output {
         let Self { paths, servo, record, config, .. } = self;
-        let compare = paths.field_oriented.step(servo, &record.rotor, &config.tracking, sample);
+        let (compare, beyond) = paths.field_oriented.step(servo, &record.rotor, &config.tracking, sample);
+        let [a, b, c] = compare;
+        if ThirdCurrent::MAY_MISS && beyond {
+            return Output::unpack(self.leave_out(a as i16, b as i16, c as i16));
+        }
         Output { compare, legs: Legs::ALL }
     }
 
@@ -267,6 +280,13 @@ impl Drive {
     #[cold]
     #[inline(never)]
     fn general_step(&mut self, sample: &Sample) -> u64 {
+        let completed;
+        let sample = if ThirdCurrent::MAY_MISS {
+            completed = self.completed(sample);
+            &completed
+        } else {
+            sample
+        };
         let (mut records, mut busy) = (false, false);
         if !self.servo.schedule.records {
             self.until_record = self.until_record.wrapping_sub(1);
@@ -325,7 +345,8 @@ impl Drive {
     }
 
     fn route(&self) -> Route {
-        let complete = self.record.missed == 0 && self.hall_loss.lost.is_none() && self.estimator.is_some();
+        let sampled = u32::from(self.record.missed) | u32::from(self.third_current.left()) == 0;
+        let complete = sampled && self.hall_loss.lost.is_none() && self.estimator.is_some();
         let Config { commutation, control, .. } = &self.config;
         match self.path {
             Path::FieldOriented if complete => Route::FieldOriented,
@@ -421,9 +442,7 @@ impl Drive {
         if !self.mode.drives() {
             return Output::OFF;
         }
-        let Self { config, paths, servo, record, .. } = self;
-        let compare = paths.field_oriented.step(servo, &record.rotor, &config.tracking, sample);
-        Output { compare, legs: Legs::ALL }
+        self.field_oriented_output(sample)
     }
 
     #[inline(always)]

@@ -94,6 +94,7 @@ pub struct Limits {
     largest: i32,
     low: u16,
     high: u16,
+    top: u16,
 }
 
 impl Limits {
@@ -110,7 +111,26 @@ impl Limits {
         if room < 4 || high > period {
             return Err(Error::Limits { low, high });
         }
-        Ok(Self { half, largest: (room << Amplitude::FRACTION) - (room << Amplitude::FRACTION) / 8192, low, high })
+        Ok(Self {
+            half,
+            largest: (room << Amplitude::FRACTION) - (room << Amplitude::FRACTION) / 8192,
+            low,
+            high,
+            top: high,
+        })
+    }
+
+    /// The same for a range that begins at zero, but one phase may go up to `top` at a time: the one whose current follows
+    /// from the other two. Only [`svpwm`](crate::commutation::svpwm) makes use of it.
+    #[must_use]
+    pub const fn with_top(self, top: u16) -> Self {
+        // A count less, for rounding.
+        if self.low == 0 && top > self.high { Self { top, high: self.high - 1, ..self } } else { self }
+    }
+
+    /// Highest compare value of a phase whose current is sampled.
+    pub const fn high(&self) -> u16 {
+        self.high
     }
 
     /// Compare value of one half.
@@ -137,9 +157,12 @@ impl Limits {
     }
 
     /// Length in counts of the longest voltage vector that fits the range in every direction with
-    /// [`svpwm`](crate::commutation::svpwm): its line voltage is the whole range, less two counts for rounding.
-    pub fn longest_vector(&self) -> f32 {
-        f32::from(self.high - self.low - 2) / SQRT_3
+    /// [`svpwm`](crate::commutation::svpwm), after what the dead time takes from a line voltage. With two counts for
+    /// rounding: the largest line voltage, √3 of it, fits below the top, and the voltage from the lowest to the middle
+    /// phase, up to 3/2 of it, below what is sampled.
+    pub fn longest_vector(&self, dead_time: u16) -> f32 {
+        let room = |highest: u16| f32::from(highest - self.low - 2) - f32::from(dead_time);
+        (room(self.top) / SQRT_3).min(room(self.high) / 1.5)
     }
 
     /// The amplitude that a command asks for, or the largest that the limits allow.

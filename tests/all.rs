@@ -16,6 +16,7 @@ mod heat;
 mod identify;
 mod impedance;
 mod known;
+mod long_vectors;
 mod magnets;
 mod motors;
 mod pole_pairs;

@@ -11,11 +11,11 @@ use plant::{AmplifierFault, BackEmf, HallFault, Iron, PlantParameters, Rail, Tra
 use rig::Rig;
 
 impl Case {
-    fn control(&self) -> Control {
+    pub(crate) fn control(&self) -> Control {
         self.settings.control.unwrap()
     }
 
-    fn with(mut self, change: impl Fn(&mut Control)) -> Self {
+    pub(crate) fn with(mut self, change: impl Fn(&mut Control)) -> Self {
         self.settings.control.as_mut().map(change).unwrap();
         self
     }
@@ -32,7 +32,7 @@ impl Case {
 }
 
 /// The paper's motor with a smaller magnet and a larger bridge.
-fn paper() -> Case {
+pub(crate) fn paper() -> Case {
     let mut plant = PlantParameters::imperfect(1);
     plant.motor.resistance_ohm = 1.0;
     let control = supply::plain(Control {
@@ -48,21 +48,21 @@ fn paper() -> Case {
 }
 
 /// 50 mΩ, 25 µH, seven pole pairs, four lithium cells that take nothing back.
-fn drone() -> Case {
+pub(crate) fn drone() -> Case {
     let mut case = supply::drone().with(|control| control.flux_linkage_wb = 1e-3);
     case.plant.motor.back_emf = BackEmf::sinusoidal(1e-3);
     case.beyond(25e-6, 1450.0, 20.0)
 }
 
 /// A wheel with magnets inside its rotor: 0.2 mH along and 0.3 mH across them.
-fn hub() -> Case {
+pub(crate) fn hub() -> Case {
     let mut case = supply::hub().with(|control| control.max_acceleration_rad_s2 = 50.0);
     case.plant.motor.iron = Iron { salience: 0.2, saturation_a: 60.0 };
     case.beyond(0.25e-3, 56.0, 18.0)
 }
 
 /// Calibrated by itself: what is measured here is recorded.
-fn armed(case: &Case) -> Rig {
+pub(crate) fn armed(case: &Case) -> Rig {
     let mut rig = Rig::new(&case.plant, &case.settings, 1).unwrap();
     rig.calibrate(|_| ()).unwrap();
     rig.wait(0.1);
@@ -103,11 +103,11 @@ impl Case {
         self
     }
 
-    fn most_a(&self) -> f64 {
+    pub(crate) fn most_a(&self) -> f64 {
         self.control().max_current_a.into()
     }
 
-    fn over_v(&self) -> f64 {
+    pub(crate) fn over_v(&self) -> f64 {
         self.control().guard.over_voltage_v.into()
     }
 }
@@ -119,16 +119,16 @@ pub(crate) fn length(currents_a: &[f64; 3]) -> f64 {
 
 /// The largest of a stretch of time, and what the speed did.
 #[derive(Debug, Default)]
-struct Stretch {
-    current_a: f64,
-    bus_v: f64,
-    mean_rad_s: f64,
-    swing_rad_s: f64,
+pub(crate) struct Stretch {
+    pub(crate) current_a: f64,
+    pub(crate) bus_v: f64,
+    pub(crate) mean_rad_s: f64,
+    pub(crate) swing_rad_s: f64,
     /// Whether heat was said to limit the current.
     heat: bool,
 }
 
-fn watch(rig: &mut Rig, seconds: f64) -> Stretch {
+pub(crate) fn watch(rig: &mut Rig, seconds: f64) -> Stretch {
     let mut stretch = Stretch::default();
     let (mut least, mut most, mut sum, mut count) = (f64::MAX, f64::MIN, 0.0, 0.0);
     rig.run(seconds, |rig, period| {
@@ -262,9 +262,9 @@ fn switched_off_there_the_bus_stays_within_its_limit() {
 }
 
 /// What breaks at the largest speed, in the motor or before the drive.
-type Breaks = fn(&mut Rig);
+pub(crate) type Breaks = fn(&mut Rig);
 
-const DEFECTS: [(&str, Breaks); 8] = [
+pub(crate) const DEFECTS: [(&str, Breaks); 8] = [
     ("Hall at ground", |rig| rig.plant.set_hall_fault(1, Some(HallFault::Open(Rail::Low)))),
     ("Hall frozen", |rig| rig.plant.set_hall_fault(2, Some(HallFault::StuckAt(1.9)))),
     ("open phase", |rig| rig.plant.set_phase_open(1, true)),

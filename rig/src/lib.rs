@@ -2,6 +2,7 @@
 
 pub mod commissioning;
 pub mod motors;
+mod shunts;
 
 use anyhow::{Context, Result, anyhow, bail};
 use hallservo::angle::{ElectricalAngle, PolePairs};
@@ -29,6 +30,7 @@ use hallservo::settings::Settings;
 use hallservo::telemetry::Measurement;
 use hallservo::turn::{Live, WHOLE};
 use plant::{Legs, Plant, PlantParameters, Truth};
+use shunts::Shunts;
 
 /// A drive, its service and its motor.
 pub struct Rig {
@@ -59,6 +61,7 @@ pub struct Rig {
     model: Option<Model>,
     pole_pairs: PolePairs,
     period_s: f64,
+    shunts: Shunts,
 }
 
 /// A change of a sample.
@@ -113,6 +116,7 @@ impl Rig {
             brakes: false,
             model: None,
             period_s,
+            shunts: Shunts::new(settings),
         })
     }
 
@@ -138,6 +142,7 @@ impl Rig {
     /// What the ADC delivers now.
     fn sample(&mut self) -> Sample {
         let plant::Codes { halls, currents, bus } = self.plant.sample();
+        let currents = self.shunts.show(currents);
         let mut sample = Sample { halls, currents, bus, temperatures: self.temperatures, ..Sample::default() };
         if let Some(disturb) = &mut self.disturb {
             disturb(&mut sample);
@@ -153,6 +158,7 @@ impl Rig {
         // A decision is for the next period.
         self.brakes = self.drive.chopper(sample).unwrap_or(self.brakes);
         self.plant.advance(&legs(&output, self.config.period));
+        self.shunts.advance(output.compare, self.config.period);
         output
     }
 
@@ -172,6 +178,7 @@ impl Rig {
     /// What is wrong with the settings.
     pub fn configure(&mut self, settings: &Settings) -> Result<()> {
         self.config = settings.validate().context("the drive's settings")?;
+        self.shunts = Shunts::new(settings);
         let lent = Box::leak(Box::new(self.config));
         if self.service.configure(lent).is_err() {
             bail!("the drive's queue is full");

@@ -2,11 +2,12 @@
 //!
 //! The star point is free, so the three compare values are moved together until the highest and the lowest lie
 //! symmetrically in the allowed range. That makes 2/√3 of the amplitude of centred sines possible, the circle inside
-//! the hexagon of space vectors, less what the dead time's correction needs.
+//! the hexagon of space vectors, less what the dead time's correction needs. A vector that is longer than the range of the
+//! phases whose currents are sampled begins at its lower end, and the highest phase alone goes beyond.
 
 use crate::commutation::frames::{Dq, InverseClarke, Rotation};
 use crate::math::{clamp, high};
-use crate::pwm::{Limits, SQRT_3};
+use crate::pwm::Limits;
 
 /// The largest voltage along d. The unit of the voltages follows from it: [`LONGEST`] is the longest vector in every
 /// direction.
@@ -71,7 +72,7 @@ const fn between(x: i32, low: i32, top: i32) -> i32 {
 pub struct Modulator {
     /// Counts for a phase voltage of 2³².
     counts: i32,
-    /// Middle of the allowed range, and half a count for rounding, as an eighth of a voltage.
+    /// Middle of the range in which the currents are sampled, and half a count for rounding, as an eighth of a voltage.
     middle: i32,
     phases: InverseClarke,
     /// What half of the dead time takes, as an eighth of a voltage, in 2¹¹.
@@ -86,10 +87,10 @@ impl Modulator {
     pub const NONE: Self = Self { counts: 0, middle: 0, phases: InverseClarke::new(false), dead_time: 0 };
 
     /// For a timer, and a dead time in counts, up to a fifth of the period.
-    pub fn new(period: u16, dead_time: u16, limits: &Limits, reversed: bool) -> Self {
-        let share = Self::longest(period, dead_time, limits);
+    /// `longest` is the [longest](Self::longest) vector.
+    pub fn new(period: u16, dead_time: u16, limits: &Limits, longest: f32, reversed: bool) -> Self {
         // An eighth of a voltage of one count.
-        let eighth = LONGEST as f32 / share / f32::from(period) / 8.0;
+        let eighth = LONGEST as f32 / longest / f32::from(period) / 8.0;
         Self {
             counts: (4_294_967_296.0 / eighth) as i32,
             middle: (limits.middle(8) as f32 / 256.0 * eighth + 0.5) as i32,
@@ -106,16 +107,17 @@ impl Modulator {
     /// The longest vector that fits the limits in every direction, with the correction of the dead time, as a share of
     /// the bus.
     pub fn longest(period: u16, dead_time: u16, limits: &Limits) -> f32 {
-        (limits.longest_vector() - f32::from(dead_time) / SQRT_3) / f32::from(period)
+        limits.longest_vector(dead_time) / f32::from(period)
     }
 
-    /// Compare values of a `voltage` within the [circle](Circle) for a rotor at an angle. Within one count of the exact
-    /// value, and in the limits.
+    /// Compare values of a `voltage` within the [circle](Circle) for a rotor at an angle, and whether they exceed the range
+    /// in which all currents are sampled, to either side: then they are to be raised until the lowest, which has wrapped, is
+    /// zero. Within one count of the exact value.
     ///
     /// To each phase is added what the dead time takes: half of its counts, with the sign of the phase's share of the
     /// `current` along q and in proportion to it below [`RAMP`], where the terminal floats for part of the dead time.
     #[inline(always)]
-    pub const fn compare(&self, rotor: Rotation, voltage: Dq, current: i32) -> [u16; 3] {
+    pub const fn compare(&self, rotor: Rotation, voltage: Dq, current: i32) -> ([u16; 3], bool) {
         let [a, b, c] = self.phases.of(rotor.inverse_park(voltage));
         // A vector along d stands a quarter turn behind one along q, which saves two signs.
         let behind = rotor.inverse_park_d(current);
@@ -125,7 +127,9 @@ impl Modulator {
         let low = if c < low { c } else { low };
         let top = if c > top { c } else { top };
         let shift = self.middle - ((low + top) >> 1);
-        [self.compare_of(a + shift), self.compare_of(b + shift), self.compare_of(c + shift)]
+        let [a, b, c] = [self.counts(a + shift), self.counts(b + shift), self.counts(c + shift)];
+        // The range begins at zero and ends as far above its middle.
+        ([a as u16, b as u16, c as u16], low + shift < 0)
     }
 
     /// What the dead time takes from a phase with an eighth of a current.
@@ -135,8 +139,8 @@ impl Modulator {
     }
 
     #[inline(always)]
-    const fn compare_of(&self, eighth: i32) -> u16 {
-        high(eighth, self.counts) as u16
+    const fn counts(&self, eighth: i32) -> i32 {
+        high(eighth, self.counts)
     }
 }
 
@@ -144,10 +148,18 @@ impl Modulator {
 mod tests {
     use super::*;
     use crate::angle::ElectricalAngle;
+    use crate::pwm::SQRT_3;
     use core::f64::consts::TAU;
     use proptest::prelude::*;
 
     extern crate std;
+
+    /// Compare values of which the lowest may have wrapped below zero, raised so far that it is zero.
+    fn raised(compare: [u16; 3]) -> [u16; 3] {
+        let counts = compare.map(|compare| compare as i16);
+        let lowest = counts.iter().fold(i16::MAX, |least, count| least.min(*count));
+        counts.map(|count| (count - lowest) as u16)
+    }
 
     fn vector(length: f64, angle: f64) -> Dq {
         Dq { d: (length * libm::cos(angle)) as i32, q: (length * libm::sin(angle)) as i32 }
@@ -157,16 +169,16 @@ mod tests {
     fn the_line_voltages_are_the_vectors_and_the_range_is_used_evenly() {
         let limits = Limits::new(2125, 0, 1997).unwrap();
         for (reversed, sign) in [(false, 1.0), (true, -1.0)] {
-            let modulator = Modulator::new(2125, 0, &limits, reversed);
+            let modulator = Modulator::new(2125, 0, &limits, Modulator::longest(2125, 0, &limits), reversed);
             for tenth in 0..3600 {
                 for share in [0.01, 0.5, 1.0] {
                     let angle = f64::from(tenth) / 3600.0 * TAU;
                     let rotor = ElectricalAngle::from_degrees(0.1 * tenth as f32);
                     let voltage = vector(share * f64::from(LONGEST), 0.4);
-                    let compare = modulator.compare(Rotation::at(rotor), voltage, 0).map(f64::from);
+                    let compare = modulator.compare(Rotation::at(rotor), voltage, 0).0.map(f64::from);
                     let phase = |k: usize| {
                         share
-                            * f64::from(limits.longest_vector())
+                            * f64::from(limits.longest_vector(0))
                             * libm::cos(angle + 0.4 - sign * k as f64 / 3.0 * TAU)
                     };
                     for (k, next) in [(0, 1), (1, 2), (2, 0)] {
@@ -204,12 +216,53 @@ mod tests {
         ) {
             let limits = Limits::new(period, low, period - window).unwrap();
             let dead_time = (dead_time * f64::from(period)) as u16;
-            let modulator = Modulator::new(period, dead_time, &limits, reversed);
+            let modulator = Modulator::new(period, dead_time, &limits, Modulator::longest(period, dead_time, &limits), reversed);
             let rotation = Rotation::at(ElectricalAngle::from_bits(rotor));
             for voltage in [Dq { d, q }, vector(length * f64::from(LONGEST), angle)] {
-                for compare in modulator.compare(rotation, Circle::NEW.cut(voltage), current) {
+                let (compare, beyond) = modulator.compare(rotation, Circle::NEW.cut(voltage), current);
+                for compare in compare {
                     prop_assert!((low..=period - window).contains(&compare), "{compare}");
                 }
+                prop_assert!(!beyond);
+            }
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn one_phase_alone_goes_beyond_what_is_sampled(
+            window in 0..=500_u16, left in 0..=40_u16, dead_time in 0..=140_u16, length in 0.0..1.0, angle in 0.0..TAU,
+            rotor in any::<i32>(), current in -(1 << 30)..(1 << 30), reversed: bool,
+        ) {
+            let top = 2125 - left.min(window);
+            let limits = Limits::new(2125, 0, 2125 - window).unwrap().with_top(top);
+            let high = 2125 - window;
+            let modulator = Modulator::new(2125, dead_time, &limits, Modulator::longest(2125, dead_time, &limits), reversed);
+            let voltage = Circle::NEW.cut(vector(length * f64::from(LONGEST), angle));
+            let (compare, beyond) = modulator.compare(Rotation::at(ElectricalAngle::from_bits(rotor)), voltage, current);
+            let compare = if beyond { raised(compare) } else { compare };
+            let unsampled = compare.iter().filter(|compare| **compare > high).count();
+            prop_assert!(compare.iter().all(|compare| *compare <= top), "{compare:?}");
+            prop_assert!(unsampled <= 1 && (beyond || unsampled == 0), "{compare:?} {beyond}");
+        }
+    }
+
+    #[test]
+    fn a_top_beyond_what_is_sampled_makes_longer_vectors_with_the_same_line_voltages() {
+        let sampled = Limits::new(2125, 0, 1717).unwrap();
+        let limits = sampled.with_top(1972);
+        let [before, after] = [sampled, limits].map(|limits| Modulator::longest(2125, 0, &limits) * SQRT_3);
+        assert!((before - 0.807).abs() < 1e-3 && (after - 0.927).abs() < 1e-3, "{before} {after}");
+        let modulator = Modulator::new(2125, 0, &limits, Modulator::longest(2125, 0, &limits), false);
+        for degree in 0..360 {
+            let rotor = ElectricalAngle::from_degrees(degree as f32);
+            let (compare, beyond) = modulator.compare(Rotation::at(rotor), vector(f64::from(LONGEST), 0.0), 0);
+            let compare = if beyond { raised(compare) } else { compare }.map(f64::from);
+            let phase = |k: usize| {
+                f64::from(limits.longest_vector(0)) * libm::cos(f64::from(degree).to_radians() - k as f64 / 3.0 * TAU)
+            };
+            for (k, next) in [(0, 1), (1, 2), (2, 0)] {
+                assert!((compare[k] - compare[next] - phase(k) + phase(next)).abs() <= 1.2, "{degree} {compare:?}");
             }
         }
     }
@@ -237,11 +290,11 @@ mod tests {
     #[test]
     fn the_dead_time_is_given_back_with_the_sign_of_the_current() {
         let limits = Limits::new(2125, 0, 2125).unwrap();
-        let modulator = Modulator::new(2125, 84, &limits, false);
+        let modulator = Modulator::new(2125, 84, &limits, Modulator::longest(2125, 84, &limits), false);
         // The vector along q at −90° is along phase A.
         let rotation = Rotation::at(ElectricalAngle::from_degrees(-90.0));
         let line = |current: i32| {
-            let [a, b, c] = modulator.compare(rotation, Dq { d: 0, q: 0 }, current).map(i32::from);
+            let [a, b, c] = modulator.compare(rotation, Dq { d: 0, q: 0 }, current).0.map(i32::from);
             assert_eq!(b, c);
             a - b
         };

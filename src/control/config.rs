@@ -154,7 +154,7 @@ impl Config {
             max_current: nearest(max_current),
             shift: 16 - frame.adc_bits,
             volts: (longest * 65_536.0 * 4_194_304.0 / svpwm::LONGEST as f32) as i32,
-            modulator: svpwm::Modulator::new(frame.period, frame.dead_time, &frame.limits, frame.reversed),
+            modulator: svpwm::Modulator::new(frame.period, frame.dead_time, &frame.limits, longest, frame.reversed),
             ramp: (svpwm::RAMP as f32 / ramp.max(1.0)) as i32,
             dead_time_saturation: (RAMPS as f32 * ramp.max(1.0)) as i32,
             // A back-EMF of a fiftieth of the bus divider's full scale.

@@ -52,9 +52,15 @@ impl FieldOriented {
         self.take_up_speed(config, speed);
     }
 
-    /// One step on: compare values of the three legs.
+    /// One step on: compare values of the three legs, and whether the highest is beyond what is sampled.
     #[inline(always)]
-    pub fn step(&mut self, servo: &mut Servo, rotor: &Tracker, tracking: &track::Config, sample: &Sample) -> [u16; 3] {
+    pub fn step(
+        &mut self,
+        servo: &mut Servo,
+        rotor: &Tracker,
+        tracking: &track::Config,
+        sample: &Sample,
+    ) -> ([u16; 3], bool) {
         let current = servo.measure_current(rotor.angle() + self.trim, sample);
         self.voltage = self.integrators.step(&self.gains, servo.reference.current, current);
         // What is computed now acts in the next period.

@@ -170,6 +170,13 @@ settings! {
         /// Before and after the valley, in all.
         sampling_window_s: f32 = 1e-6, 0.0 => 20e-6, "s", Real, BOARD,
             "Time for which sampling needs the lower transistors to conduct";
+        /// With more than 0 a field-oriented drive makes longer voltage vectors: the current of the phase on top follows from
+        /// the other two, and its lower transistor conducts in each valley for this long alone. It is what the driver takes
+        /// to charge its bootstrap capacitor through R, at standstill for ever: the capacitor lacks the gate's charge times
+        /// `pwm_hz` times R over the share of the period.
+        [cfg(not(feature = "small"))]
+        least_low_side_s: f32 = 0.0, 0.0 => s.sampling_window_s, "s", Real, FREE,
+            "Time for which at least the lower transistors conduct, if two currents are enough; 0: three are sampled";
         /// A period and a half after the valley is the middle of the period that acts on it.
         halls_held_s: f32 = 0.0, -20e-6 => (1.5 / s.pwm_hz).min(20e-6), "s", Real, BOARD,
             "From the valley to where the ADC holds the Halls; negative: before";

@@ -77,7 +77,7 @@ fn the_drive_can_start_and_agrees_with_the_registers() {
 #[test]
 fn what_sampling_and_dead_time_leave_of_the_voltage() {
     for (hz, expected) in [(40e3, 0.74), (20e3, 0.87)] {
-        let left = check::voltage_left(&settings(), hz);
+        let left = check::voltage_left(&settings(), hz, None);
         assert!((left - expected).abs() < 0.005, "{hz}: {left}");
     }
 }

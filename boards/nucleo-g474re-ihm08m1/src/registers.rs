@@ -52,7 +52,11 @@ fn the_drive_can_start_and_agrees_with_the_registers() {
 #[test]
 fn what_sampling_and_dead_time_leave_of_the_voltage() {
     for (hz, expected) in [(80e3, 0.68), (40e3, 0.84), (20e3, 0.92)] {
-        let left = check::voltage_left(&settings(), hz);
+        let left = check::voltage_left(&settings(), hz, None);
         assert!((left - expected).abs() < 0.005, "{hz}: {left}");
+    }
+    for (hz, expected) in [(80e3, 0.78), (40e3, 0.90), (20e3, 0.95)] {
+        let left = check::voltage_left(&settings(), hz, Some(1e-6));
+        assert!((left - expected).abs() < 0.005, "{hz}: {left}, with two currents");
     }
 }

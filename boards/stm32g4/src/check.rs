@@ -50,16 +50,19 @@ pub fn currents(settings: &Settings, wiring: &Wiring, sequence: &Sequence, ranks
     assert!(begins + 0.5e-6 * settings.timer_hz < half && ends < half, "{begins} {ends} {half}");
 }
 
-/// The longest voltage vector at a PWM frequency, of that of a bridge without sampling and dead time: 1/√3 of the bus.
+/// The longest voltage vector at a PWM frequency, of that of a bridge without sampling and dead time: 1/√3 of the bus. Of
+/// three sampled currents, or of two where the third phase's low side conducts for a time.
 ///
 /// # Panics
 /// Where the settings do not allow that frequency.
-pub fn voltage_left(settings: &Settings, pwm_hz: f32) -> f64 {
-    let Settings { timer_hz, sampling_window_s, dead_time_s, .. } = *settings;
+pub fn voltage_left(settings: &Settings, pwm_hz: f32, least_low_side_s: Option<f32>) -> f64 {
+    let Settings { timer_hz, dead_time_s, .. } = *settings;
     let period = pwm::period_counts(timer_hz, pwm_hz).expect("a period");
     let dead_time = pwm::dead_time_counts(timer_hz, pwm_hz, dead_time_s).expect("a dead time");
-    let highest = pwm::highest_compare(period, timer_hz, sampling_window_s, dead_time_s);
-    let limits = pwm::Limits::new(period, 0, highest).expect("limits");
+    let mut limits = settings.limits(period).expect("limits");
+    if let Some(least_s) = least_low_side_s {
+        limits = limits.with_top(pwm::highest_compare(period, timer_hz, least_s, dead_time_s));
+    }
     f64::from(Modulator::longest(period, dead_time, &limits)) * 3.0_f64.sqrt()
 }
 

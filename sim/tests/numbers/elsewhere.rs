@@ -34,6 +34,7 @@ const ELSEWHERE: &[(&str, &str, &str)] = &[
     ("docs/glossary.md", "", "units and ranges"),
     // The rows above the cycles', beside what sim/tests/numbers/constants.rs compares.
     ("docs/hardware.md", "The switching frequency", "boards/nucleo-g474re-ihm08m1/src/registers.rs"),
+    ("docs/hardware.md", "Longer voltage vectors", "boards/nucleo-g474re-ihm08m1/src/registers.rs"),
     ("docs/moteus-clients.md", "Modes", "registers/tests/hostile.rs"),
     ("docs/moteus-clients.md", "ROS 2", "registers that others' sources name"),
     ("docs/moteus-clients.md", "Registers", "registers/tests/hostile.rs"),

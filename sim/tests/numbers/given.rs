@@ -141,6 +141,16 @@ const GIVEN: &[(&str, &str, &[&str])] = &[
     ),
     ("docs/first-motor.md", "what to set", &["supply at 15 V"]),
     ("docs/hardware.md", "data sheets", &["(1.5 A: the safest"]),
+    (
+        "docs/hardware.md",
+        "physics: 50 nC · 40 kHz · 10 Ω / (1 µs / 25 µs)",
+        &["with 50 nC, 40 kHz and 10 Ω, 1 µs of 25 costs 0.5 V", "driver of 100 Ω", "it would be 5 V"],
+    ),
+    (
+        "docs/numbers.md",
+        "conditions of tests/long_vectors.rs",
+        &["(`least_low_side_s` 1 µs", "amplifiers that take 4 µs", "a dead time of 0.8 µs"],
+    ),
     ("docs/impedance.md", "every eighth period of 40 kHz", &["0.2 ms apart"]),
     ("docs/impedance.md", "an example", &["with 20 mN·m and may move the shaft by 0.1 rad wants 0.2 N·m/rad"]),
     (

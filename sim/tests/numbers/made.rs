@@ -95,6 +95,11 @@ fn instructions(pages: &Pages) {
     let map = "field-oriented, fast, with a map and all tables, speed";
     let mean: f64 = count(map, "hallservo", 4).parse().unwrap();
     numbers(&format!("both tables against cogging (mean {mean:.0}) | {} |", ours(map)));
+    let two = "field-oriented, fast, with two currents, speed";
+    let mean: f64 = count(two, "hallservo", 4).parse().unwrap();
+    let steps = [two, "Drive::step, field-oriented, speed"].map(|row| Figure::Is(ours(row).parse().unwrap()));
+    pages.quote("docs/hardware.md", "takes up to {} instructions then, instead of {}", &steps);
+    numbers(&format!("(`least_low_side_s`; mean {mean:.0}) | {} |", ours(two)));
     let most = Figure::Is(ours(map).parse().unwrap());
     pages.quote(NUMBERS, "the longest, with a map and all tables, is {} instructions with it, too", &[most]);
     numbers(&format!("at most every 8th | {} |", ours("field-oriented, with a command")));

@@ -27,6 +27,7 @@ pub const CHECKS: &[fn(&Pages)] = &[
     other_frequencies,
     impedance,
     field_weakening,
+    long_vectors,
     campaign,
     campaign_of_two,
 ];
@@ -366,6 +367,20 @@ fn field_weakening(pages: &Pages) {
     pages.quote(NUMBERS, "turns with {} rad/s both ways, where it reaches {} to {} rad/s", &figures);
     let most = run.all("hub transistor dead: Faulted(OverVoltage), Stretch { current_a: {}, bus_v: {}")[0][1];
     pages.quote("SAFETY.md", "does_no_harm`: {} V where", &[Is(most)]);
+}
+
+fn long_vectors(pages: &Pages) {
+    let run = Recorded::of("long_vectors");
+    for (name, motor) in
+        [("paper", "| 1 Ω, 0.6 mH, 4 pole pairs, 24 V |"), ("drone", "14.8 V |"), ("hub", "15 pole pairs, 24 V |")]
+    {
+        let reached: [f64; 2] = run.only(&format!("{name}: {{}} rad/s with three currents, {{}} with two"));
+        pages.quote(NUMBERS, &format!("{motor} {{}} | {{}} |"), &reached.map(Is));
+    }
+    let board = Recorded::of("virtual_weakening");
+    let reached: [f64; 2] = board.only("nucleo-g474re-ihm08m1: {} rad/s with three currents, {} rad/s with two");
+    pages.quote(NUMBERS, "virtual Nucleo-G474RE {} rad/s become {}, both ways", &reached.map(Is));
+    pages.quote("docs/hardware.md", "rises from {} to {} rad/s", &reached.map(Is));
 }
 
 /// Of the drives with two Halls: what may befall those, and what else was missed.

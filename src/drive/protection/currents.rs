@@ -75,6 +75,11 @@ impl Currents {
         }
     }
 
+    /// Sum of the codes of three currents that add up to none.
+    pub fn sum(&self, config: &Config) -> u16 {
+        self.sum_floor.wrapping_add(config.guard.imbalance) as u16
+    }
+
     /// Checks the sum of the currents: a fault when it is wrong [`IMBALANCES`] times in a row.
     #[inline(always)]
     pub fn imbalance(&mut self, config: &Config, sample: &Sample) -> Option<Fault> {

@@ -77,6 +77,7 @@ fn main() {
         ("calibrates_and_spins", spins),
         ("turns_at_the_lowest_voltage", turns_at_the_lowest_voltage),
         ("turns_beyond_its_supply", weakening::turns_beyond_its_supply),
+        ("turns_beyond_what_three_currents_allow", weakening::turns_beyond_what_three_currents_allow),
         ("every_fault_switches_it_off", faults::switch_off),
         ("garbage_does_not_disturb_it", line::hears_through_garbage),
         ("disarm_acts_whatever_the_tasks_do", disarm::acts_whatever_the_tasks_do),

@@ -16,10 +16,10 @@ use static_cell::StaticCell;
 
 pub const ROWS: &[Row] = &[
     Row::new("Drive::step, running", "hallservo", function!(step), running, no_error).budget(150),
-    Row::new("Drive::step, field-oriented, current", "hallservo", function!(step), with_current, stays_on).budget(315),
-    Row::new("Drive::step, field-oriented, speed", "hallservo", function!(step), with_speed, stays_on).budget(315),
+    Row::new("Drive::step, field-oriented, current", "hallservo", function!(step), with_current, stays_on).budget(318),
+    Row::new("Drive::step, field-oriented, speed", "hallservo", function!(step), with_speed, stays_on).budget(318),
     Row::new("Drive::step, field-oriented, position", "hallservo", function!(step), with_position, stays_on)
-        .budget(315),
+        .budget(318),
     Row::new("Drive::step, with a command", "hallservo", function!(step), commanded, no_error),
     Row::new("Drive::step, a Hall at a rail", "hallservo", function!(step), blind, no_error),
 ];

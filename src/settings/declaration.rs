@@ -176,7 +176,7 @@ settings! {
         /// `pwm_hz` times R over the share of the period.
         [cfg(not(feature = "small"))]
         least_low_side_s: f32 = 0.0, 0.0 => s.sampling_window_s, "s", Real, FREE,
-            "Time for which at least the lower transistors conduct, if two currents are enough; 0: three are sampled";
+            "Least time a low side conducts where two currents are sampled; 0: three are";
         /// A period and a half after the valley is the middle of the period that acts on it.
         halls_held_s: f32 = 0.0, -20e-6 => (1.5 / s.pwm_hz).min(20e-6), "s", Real, BOARD,
             "From the valley to where the ADC holds the Halls; negative: before";

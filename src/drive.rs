@@ -304,6 +304,9 @@ impl Drive {
         } else {
             self.attend(sample);
         }
+        if ThirdCurrent::MAY_MISS {
+            self.third_current.end_step();
+        }
         self.finish_step(sample, records)
     }
 

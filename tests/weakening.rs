@@ -191,7 +191,7 @@ fn a_speed_beyond_the_supply_is_reached_and_held_by_motors_that_are_not_as_told(
 }
 
 /// Torque of a share of the largest current, N·m.
-fn torque_nm(case: &Case, share: f64) -> f64 {
+pub(crate) fn torque_nm(case: &Case, share: f64) -> f64 {
     1.5 * f64::from(case.settings.pole_pairs) * case.plant.motor.back_emf.flux_linkage_vs * share * case.most_a()
 }
 

@@ -174,8 +174,8 @@ impl Drive {
     /// rest of the step finds the angle as after a missed sample.
     #[inline(never)]
     fn protection_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
-        // The check at arming tells more of amplifiers that disagree.
-        let checks = self.arming.is_active();
+        // The check at arming tells more of amplifiers that disagree; and what follows from two never disagrees.
+        let checks = self.arming.is_active() || self.third_current.is_missing_now();
         let fault = self.with_servo(sample, |servo, _, with| {
             if checks { None } else { servo.protection.currents.imbalance(with.config, with.sample) }
         });

@@ -11,6 +11,7 @@ mod interlock;
 mod records;
 mod refusals;
 mod seams;
+mod third_current;
 
 use super::*;
 use crate::angle::Position;

@@ -8,16 +8,17 @@ use crate::hall::Codes;
 /// Samples that a compare value has a share in: it takes effect in one valley and ends in the next.
 const SAMPLES: u8 = 2;
 
-/// Which current is not sampled, and in how many samples from now on.
+/// Which current is not sampled, in how many samples from now on, and whether the present one lacks it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) struct ThirdCurrent {
     phase: u8,
     left: u8,
+    now: bool,
 }
 
 impl ThirdCurrent {
     /// All three are sampled.
-    pub const NONE: Self = Self { phase: 0, left: 0 };
+    pub const NONE: Self = Self { phase: 0, left: 0, now: false };
 
     /// Where flash is scarce, all three always are.
     pub const MAY_MISS: bool = !cfg!(feature = "small");
@@ -34,6 +35,17 @@ impl ThirdCurrent {
         self.left() != 0
     }
 
+    /// Whether the present sample lacks one: then the sum of the three tells nothing.
+    #[inline(always)]
+    pub const fn is_missing_now(self) -> bool {
+        Self::MAY_MISS && self.now
+    }
+
+    /// The next sample has all three, unless it is told otherwise.
+    pub const fn end_step(&mut self) {
+        self.now = false;
+    }
+
     /// Of compare values of which the lowest is below zero: that one, and the highest that is allowed, so far apart as the
     /// highest of them is. While another phase is still missing, the highest has to wait within what is `sampled`: two
     /// currents do not follow from one.
@@ -43,7 +55,7 @@ impl ThirdCurrent {
         if self.is_missing() && self.phase != phase {
             return [lowest, lowest + i32::from(sampled)];
         }
-        *self = Self { phase, left: SAMPLES };
+        (self.phase, self.left) = (phase, SAMPLES);
         [lowest, highest]
     }
 }
@@ -76,7 +88,7 @@ impl Drive {
     #[inline(never)]
     fn complete(&mut self, currents: &mut Codes) {
         let missing = &mut self.third_current;
-        missing.left -= 1;
+        (missing.left, missing.now) = (missing.left - 1, true);
         if let (Some(control), Some(current)) = (&self.config.control, currents.get_mut(usize::from(missing.phase))) {
             *current = 0;
             let others = currents.iter().fold(0_u16, |sum, code| sum.wrapping_add(*code));
@@ -98,16 +110,16 @@ mod tests {
             let mut fresh = ThirdCurrent::NONE;
             let [lowest, highest] = fresh.leave_out(compare, 1716);
             assert!(compare.contains(&lowest) && compare.iter().all(|count| (lowest..=highest).contains(count)));
-            assert_eq!((fresh, compare[usize::from(phase)]), (ThirdCurrent { phase, left: 2 }, highest));
+            assert_eq!((fresh, compare[usize::from(phase)]), (ThirdCurrent { phase, left: 2, now: false }, highest));
         }
         assert_eq!(third.leave_out([1800, -100, 1600], 1716), [-100, 1800]);
         third.left = 1;
         // Another has to wait, the same goes on.
         assert_eq!(third.leave_out([1550, -100, 1700], 1716), [-100, 1616]);
         assert_eq!(third.leave_out([1701, -100, 1600], 1716), [-100, 1701]);
-        assert_eq!(third, ThirdCurrent { phase: 0, left: 2 });
+        assert_eq!(third, ThirdCurrent { phase: 0, left: 2, now: false });
         third.left = 0;
         assert_eq!(third.leave_out([1550, -100, 1700], 1716), [-100, 1700]);
-        assert_eq!(third, ThirdCurrent { phase: 2, left: 2 });
+        assert_eq!(third, ThirdCurrent { phase: 2, left: 2, now: false });
     }
 }

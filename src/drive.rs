@@ -281,7 +281,7 @@ impl Drive {
     #[inline(never)]
     fn general_step(&mut self, sample: &Sample) -> u64 {
         let completed;
-        let sample = if ThirdCurrent::MAY_MISS {
+        let sample = if self.third_current.is_missing() {
             completed = self.completed(sample);
             &completed
         } else {

@@ -3,7 +3,6 @@
 
 use super::{Drive, Route, Sample};
 use crate::board::{Legs, Output};
-use crate::hall::Codes;
 
 /// Samples that a compare value has a share in: it takes effect in one valley and ends in the next.
 const SAMPLES: u8 = 2;
@@ -75,25 +74,19 @@ impl Drive {
 
     /// A sample with the missing current in its place: the three add up to what their amplifiers show without a current. A
     /// sum that no code can be is an over-current.
-    #[inline(always)]
-    pub(super) fn completed(&mut self, sample: &Sample) -> Sample {
-        let mut sample = *sample;
-        if self.third_current.is_missing() {
-            self.complete(&mut sample.currents);
-        }
-        sample
-    }
-
     #[cold]
     #[inline(never)]
-    fn complete(&mut self, currents: &mut Codes) {
+    pub(super) fn completed(&mut self, sample: &Sample) -> Sample {
         let missing = &mut self.third_current;
         (missing.left, missing.now) = (missing.left - 1, true);
+        let mut sample = *sample;
+        let currents = &mut sample.currents;
         if let (Some(control), Some(current)) = (&self.config.control, currents.get_mut(usize::from(missing.phase))) {
             *current = 0;
             let others = currents.iter().fold(0_u16, |sum, code| sum.wrapping_add(*code));
             currents[usize::from(missing.phase)] = self.servo.protection.currents.sum(control).wrapping_sub(others);
         }
+        sample
     }
 }
 

@@ -235,7 +235,6 @@ impl Settings {
         (crate::float::nearest(self.pwm_hz / hz) as u32).max(1)
     }
 
-    /// With current control, records have their places in the drive's schedule.
     /// The range of compare values with so many counts in half a PWM period.
     ///
     /// # Errors
@@ -251,6 +250,7 @@ impl Settings {
         Ok(limits)
     }
 
+    /// With current control, records have their places in the drive's schedule.
     fn record_every(&self) -> u32 {
         let every = self.every(self.record_hz);
         let scheduled = |every: u32| ((every + RECORDS / 2 - 1) / RECORDS).max(1) * RECORDS;

@@ -129,7 +129,8 @@ enum Path {
 }
 
 /// How the next step is done. Two paths have a short step beside the general one, for the time that nothing is amiss:
-/// no sample was missed, no Hall is lost and all currents are sampled. A short step that meets anything else hands over to the general one.
+/// no sample was missed, no Hall is lost and all currents are sampled. A short step that meets anything else hands over to
+/// the general one.
 #[derive(Clone, Copy, PartialEq, Eq)]
 enum Route {
     /// The short step of the voltage path: sinusoidal, without current sensing.

@@ -2,7 +2,7 @@
 //! current follows from the other two.
 
 use crate::supply::{Case, speed};
-use crate::weakening::{DEFECTS, armed, drone, hub, paper, torque_nm, watch};
+use crate::weakening::{armed, broken, defects, drone, hub, paper, torque_nm, watch};
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use hallservo::settings::Control;
@@ -75,14 +75,8 @@ fn a_reversal_a_load_and_a_stop_at_the_longest_vectors() {
 #[test]
 fn what_breaks_there_is_named_or_does_no_harm() {
     for (number, case) in cases().map(Case::with_two_currents).into_iter().enumerate() {
-        for (name, breaks) in DEFECTS.into_iter().skip(sim::of(number % 2, 0)).step_by(sim::of(2, 1)) {
-            let mut rig = armed(&case);
-            speed(&mut rig, case.speed_rad_s);
-            rig.wait(2.5);
-            breaks(&mut rig);
-            let stretch = watch(&mut rig, 1.0);
-            println!("{} {name}: {:?}, {stretch:.2?}", case.name, rig.drive.mode());
-            assert!(stretch.current_a < f64::from(case.control().guard.over_current_a), "{} {name}", case.name);
+        for (name, breaks) in defects(number) {
+            broken(&case, name, breaks);
         }
     }
 }

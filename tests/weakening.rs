@@ -264,7 +264,7 @@ fn switched_off_there_the_bus_stays_within_its_limit() {
 /// What breaks at the largest speed, in the motor or before the drive.
 pub(crate) type Breaks = fn(&mut Rig);
 
-pub(crate) const DEFECTS: [(&str, Breaks); 8] = [
+const DEFECTS: [(&str, Breaks); 8] = [
     ("Hall at ground", |rig| rig.plant.set_hall_fault(1, Some(HallFault::Open(Rail::Low)))),
     ("Hall frozen", |rig| rig.plant.set_hall_fault(2, Some(HallFault::StuckAt(1.9)))),
     ("open phase", |rig| rig.plant.set_phase_open(1, true)),
@@ -275,23 +275,30 @@ pub(crate) const DEFECTS: [(&str, Breaks); 8] = [
     ("blocked", |rig| rig.plant.set_dyno(Some(0.0)).unwrap()),
 ];
 
-/// The short form has every other defect with each motor, in turn.
+/// What breaks with one of some motors: in the short form every other defect, in turn.
+pub(crate) fn defects(number: usize) -> impl Iterator<Item = (&'static str, Breaks)> {
+    DEFECTS.into_iter().skip(sim::of(number % 2, 0)).step_by(sim::of(2, 1))
+}
+
+/// A motor of which something breaks at the largest speed, and the second after it.
+pub(crate) fn broken(case: &Case, name: &str, breaks: Breaks) -> (Rig, Stretch) {
+    let mut rig = armed(case);
+    speed(&mut rig, case.speed_rad_s);
+    rig.wait(2.5);
+    breaks(&mut rig);
+    let stretch = watch(&mut rig, 1.0);
+    println!("{} {name}: {:?}, {stretch:.2?}", case.name, rig.drive.mode());
+    let most_a = f64::from(case.control().guard.over_current_a);
+    assert!(stretch.current_a < most_a, "{} {name}: {stretch:?}", case.name);
+    (rig, stretch)
+}
+
 #[test]
 fn what_breaks_there_is_named_or_does_no_harm() {
     for (number, case) in [paper(), drone(), hub()].into_iter().enumerate() {
-        for (name, breaks) in DEFECTS.into_iter().skip(sim::of(number % 2, 0)).step_by(sim::of(2, 1)) {
-            let mut rig = armed(&case);
-            speed(&mut rig, case.speed_rad_s);
-            rig.wait(2.5);
-            breaks(&mut rig);
-            let stretch = watch(&mut rig, 1.0);
-            println!("{} {name}: {:?}, {stretch:.2?}", case.name, rig.drive.mode());
+        for (name, breaks) in defects(number) {
+            let (rig, stretch) = broken(&case, name, breaks);
             let motor = &case.plant.motor;
-            assert!(
-                stretch.current_a < f64::from(case.control().guard.over_current_a),
-                "{} {name}: {stretch:?}",
-                case.name
-            );
             // What the winding still holds when the bus is found to be too high goes there, too.
             let held_j = 0.75 * motor.inductance_h * case.most_a().powi(2) * 1.2;
             let most_v = (case.over_v().powi(2) + 2.0 * held_j / case.plant.bus.capacitance_f).sqrt();

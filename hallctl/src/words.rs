@@ -284,6 +284,10 @@ fn reason(field: &str) -> &'static str {
             "\n  More than seven eighths of max_current_a leave no torque; more than eight tenths of flux_linkage_wb over \
              inductance_h would turn the field round."
         }
+        "least_low_side_s" => {
+            "\n  Set field_weakening_a to 0, or this: they do not go together. Without field weakening, sampling_window_s \
+             limits it."
+        }
         "max_speed_rad_s" => {
             "\n  With field_weakening_a, the voltage of a motor that is switched off at this speed must be below \
              over_voltage_v: it reaches the supply through the bridge's diodes. Else max_electrical_hz limits it."

@@ -1,8 +1,12 @@
 //! Amplifiers at shunts below the lower transistors: they show a phase's current only while its lower transistor
-//! conducts for as long as sampling takes, half of it before the valley and half after. Otherwise anything.
+//! conducts for as long as sampling takes, half of it before the valley and half after. Otherwise anything, and its edge
+//! falls into the time in which the others are sampled.
 
 use hallservo::hall::Codes;
 use hallservo::settings::Settings;
+
+/// What an edge disturbs the other phases' samples by at most, in codes.
+const DISTURBED: i32 = 40;
 
 /// What the timer made of the last two outputs: one ends in this valley, the other begins.
 #[derive(Clone, Copy, Debug)]
@@ -26,15 +30,21 @@ impl Shunts {
         self.recent = [self.recent[1], compare.map(|compare| f64::from(period) - f64::from(compare))];
     }
 
-    /// Of what is not shown any code takes the place.
+    /// Of what is not shown any code takes the place, and what is shown beside it is disturbed.
     pub fn show(&mut self, currents: Codes) -> Codes {
-        let mut shown = currents;
-        for (phase, code) in shown.iter_mut().enumerate() {
-            if self.recent.iter().any(|low| low[phase] < self.least) {
-                self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
-                *code = (self.random >> 20) as u16;
-            }
+        let shown = [0, 1, 2].map(|phase| self.recent.iter().all(|low: &[f64; 3]| low[phase] >= self.least));
+        if shown == [true; 3] {
+            return currents;
         }
-        shown
+        core::array::from_fn(|phase| {
+            let any = i32::from(self.any_code());
+            let disturbed = i32::from(currents[phase]) + any % (2 * DISTURBED + 1) - DISTURBED;
+            if shown[phase] { disturbed.clamp(0, 4095) as u16 } else { any as u16 }
+        })
+    }
+
+    fn any_code(&mut self) -> u16 {
+        self.random = self.random.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        (self.random >> 20) as u16
     }
 }

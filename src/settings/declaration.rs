@@ -142,6 +142,11 @@ const fn control(settings: &mut Settings) -> Option<&mut Control> {
     settings.control.as_mut()
 }
 
+#[cfg(not(feature = "small"))]
+fn weakens_field(control: Option<&Control>) -> bool {
+    control.is_some_and(|control| control.field_weakening_a > 0.0)
+}
+
 fn guard(settings: &mut Settings) -> Option<&mut GuardSettings> {
     control(settings).map(|control| &mut control.guard)
 }
@@ -173,9 +178,11 @@ settings! {
         /// With more than 0 a field-oriented drive makes longer voltage vectors: the current of the phase on top follows from
         /// the other two, and its lower transistor conducts in each valley for this long alone. It is what the driver takes
         /// to charge its bootstrap capacitor through R, at standstill for ever: the capacitor lacks the gate's charge times
-        /// `pwm_hz` times R over the share of the period.
+        /// `pwm_hz` times R over the share of the period. Not with [`field_weakening_a`](Control::field_weakening_a), whose
+        /// current rises where the voltage ends: an amplifier that fails there has to show in the sum of three.
         [cfg(not(feature = "small"))]
-        least_low_side_s: f32 = 0.0, 0.0 => s.sampling_window_s, "s", Real, FREE,
+        least_low_side_s: f32 = 0.0, 0.0 => if weakens_field(s.control.as_ref()) { 0.0 } else { s.sampling_window_s },
+            "s", Real, FREE,
             "Least time a low side conducts where two currents are sampled; 0: three are";
         /// A period and a half after the valley is the middle of the period that acts on it.
         halls_held_s: f32 = 0.0, -20e-6 => (1.5 / s.pwm_hz).min(20e-6), "s", Real, BOARD,

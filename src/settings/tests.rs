@@ -35,7 +35,7 @@ fn names_and_keys_are_unique_and_all_are_described() {
 fn every_field_out_of_range_is_named() {
     assert!(full().validate().is_ok());
     type Spoil = fn(&mut Settings);
-    let cases: [(&str, Spoil); 65] = [
+    let cases: [(&str, Spoil); 66] = [
         ("adc_bits", |s| s.adc_bits = 7),
         ("adc_bits", |s| s.adc_bits = 17),
         ("timer_hz", |s| s.timer_hz = f32::NAN),
@@ -53,6 +53,7 @@ fn every_field_out_of_range_is_named() {
         ("tracking_bandwidth_hz", |s| s.tracking_bandwidth_hz = f32::NAN),
         ("least_low_side_s", |s| s.least_low_side_s = 1.1e-6),
         ("least_low_side_s", |s| s.least_low_side_s = -1e-9),
+        ("least_low_side_s", |s| (s.least_low_side_s, control(s).field_weakening_a) = (1e-6, 0.1)),
         ("least_low_side_s", |s| s.least_low_side_s = f32::NAN),
         ("halls_held_s", |s| s.halls_held_s = -21e-6),
         ("halls_held_s", |s| (s.pwm_hz, s.halls_held_s) = (100e3, 16e-6)),

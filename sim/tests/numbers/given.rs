@@ -149,7 +149,7 @@ const GIVEN: &[(&str, &str, &[&str])] = &[
     (
         "docs/numbers.md",
         "conditions of tests/long_vectors.rs",
-        &["(`least_low_side_s` 1 µs", "amplifiers that take 4 µs", "a dead time of 0.8 µs"],
+        &["(`least_low_side_s` 1 µs", "amplifiers that take 4 µs", "a dead time of 0.8 µs", "by up to 40 codes"],
     ),
     ("docs/impedance.md", "every eighth period of 40 kHz", &["0.2 ms apart"]),
     ("docs/impedance.md", "an example", &["with 20 mN·m and may move the shaft by 0.1 rad wants 0.2 N·m/rad"]),

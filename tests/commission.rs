@@ -167,9 +167,26 @@ fn any_motor_is_commissioned_at_twenty_and_at_eighty_kilohertz() {
     for ((text, good), (_, pwm_hz)) in results.iter().zip(&jobs) {
         println!("{} {:2.0} kHz {text}", if *good { " " } else { "!" }, pwm_hz / 1e3);
     }
-    // The motor of 22 pole pairs rocks about the field of the check at arming, which is taken for an open phase now and then.
-    let bad = results.iter().filter(|(_, good)| !good).count();
-    assert!(bad <= sim::of(0, 1), "{bad} of {}", results.len());
+    assert!(results.iter().all(|(_, good)| *good));
+}
+
+/// A rotor that follows the voltages of the check at arming: at 20 kHz they stand twice as long, and its back-EMF takes most of
+/// a phase's current. That was taken for an open phase in a third of the checks. The short form has one drive of six.
+#[test]
+fn a_light_rotor_of_many_pole_pairs_arms_wherever_it_rests() {
+    let case = MOTORS.iter().find(|motor| motor.name == "22-pairs").unwrap();
+    (1..=sim::of(1, 6)).into_par_iter().for_each(|seed| {
+        let board = switching(case, 20e3);
+        let mut plant = case.plant(seed);
+        plant.inverter.pwm_hz = board.pwm_hz.into();
+        let mut bench = Bench::new(Rig::new(&plant, &board, seed).unwrap());
+        let settings = commission(&mut bench, board, case.limit_a).unwrap().settings;
+        for k in 0..sim::of(8, 30) {
+            turn(&mut bench, &settings, 0.01 * f64::from(5 + 7 * k % 29))
+                .unwrap_or_else(|why| panic!("{seed} {k}: {why}"));
+            bench.wait(0.02 * f64::from(k % 8));
+        }
+    });
 }
 
 /// The short form has a light motor, and leaves out those with many pole pairs and the larger inductance along the magnets.

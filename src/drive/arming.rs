@@ -68,6 +68,8 @@ enum Stage {
     Settle,
     /// A voltage along a phase rises.
     Raise,
+    /// It keeps up the current until the rotor rests.
+    Steady,
     /// It stands while the currents are averaged.
     Hold,
     /// No voltage until the currents have faded.
@@ -95,7 +97,7 @@ pub(super) struct Arming {
     from: i32,
     farthest: u32,
     settled: u32,
-    /// Whether the rotor swung when the currents told of a fault, and all of it is done once more.
+    /// Whether the rotor swung when the currents told of a fault, and all of it is done once more, with a rotor at rest.
     again: bool,
     /// Currents of each voltage, in 2⁻¹⁵ of the full scale, times [`AVERAGED`].
     currents: [[i32; 3]; 4],
@@ -178,6 +180,7 @@ impl Arming {
             Stage::Wait => Step::Begin { slow: control.arming.enabled && !turns(rotor, control) },
             Stage::Settle => self.settle(control, rotor, config),
             Stage::Raise => self.raise(control, phases, config),
+            Stage::Steady => self.steady(control, phases, rotor, config),
             Stage::Hold => self.hold(phases, config),
             Stage::Fade => self.fade(control, phases, rotor, config),
             Stage::Rotor => match self.rotor.step(config, control, phases, rotor) {
@@ -218,7 +221,20 @@ impl Arming {
 
     /// Brakes a rotor that turns slowly by shorting its windings, until it rests.
     fn settle(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
-        let check = &control.arming;
+        // A quarter of the period of a swing looks like rest.
+        if let Some(rests) =
+            self.watched(u32::from(control.arming.watched) << (2 * u32::from(self.again)), control, rotor)
+        {
+            self.enter(if rests { Stage::Fade } else { Stage::Settle });
+            if self.settled >= LONGEST_SETTLED {
+                return self.over(false, config);
+            }
+        }
+        Step::Output(no_voltage(config))
+    }
+
+    /// After so many steps, whether the rotor has rested in them.
+    fn watched(&mut self, steps: u32, control: &Control, rotor: &Tracker) -> Option<bool> {
         let position = rotor.smoothed().to_bits() as i32;
         if self.steps == 1 {
             (self.from, self.farthest) = (position, 0);
@@ -226,16 +242,10 @@ impl Arming {
         // One that swings comes back to where it was.
         let way = position.wrapping_sub(self.from).unsigned_abs();
         self.farthest = if turns(rotor, control) { u32::MAX } else { self.farthest.max(way) };
-        // A quarter of the period of a swing looks like rest.
-        if self.steps > u32::from(check.watched) << (2 * u32::from(self.again)) {
-            let rests = self.farthest <= check.rests_within;
-            self.enter(if rests { Stage::Fade } else { Stage::Settle });
+        (self.steps > steps).then(|| {
             self.settled += 1;
-            if self.settled >= LONGEST_SETTLED {
-                return self.over(false, config);
-            }
-        }
-        Step::Output(no_voltage(config))
+            self.farthest <= control.arming.rests_within
+        })
     }
 
     /// Ends, a little in each of the next steps.
@@ -247,7 +257,22 @@ impl Arming {
     fn raise(&mut self, control: &Control, phases: [i32; 3], config: &Config) -> Step {
         self.modulation = self.modulation.saturating_add(self.rise);
         if self.flowing(phases) >= i32::from(control.arming.current) || self.modulation >= self.most {
-            self.enter(Stage::Hold);
+            self.enter(if self.again { Stage::Steady } else { Stage::Hold });
+        }
+        self.along_phase(config)
+    }
+
+    /// A light rotor turns towards the voltage, and its back-EMF changes the currents until it is there.
+    fn steady(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
+        let (flowing, wanted) = (self.flowing(phases), i32::from(control.arming.current));
+        if flowing > wanted + wanted / 4 {
+            self.modulation = (self.modulation - self.rise).max(0);
+        } else if flowing < wanted - wanted / 4 && self.modulation < self.most {
+            self.modulation += self.rise;
+        }
+        if let Some(rests) = self.watched(control.arming.watched.into(), control, rotor) {
+            let over = rests || self.settled >= LONGEST_SETTLED;
+            self.enter(if over { Stage::Hold } else { Stage::Steady });
         }
         self.along_phase(config)
     }
@@ -375,8 +400,9 @@ fn wiring_fault(currents: &[[i32; 3]; 4], wanted: i32) -> Option<Fault> {
     if hidden > most / 3 {
         return Some(Fault::CurrentImbalance);
     }
-    // A half bridge of which one transistor does not conduct.
-    if let Some(phase) = ranges.iter().position(|[up, down]| *up.min(down) < most / 5) {
+    // A half bridge of which one transistor does not conduct. The back-EMF of a light rotor that follows the voltages can take
+    // most of what flows one way in C.
+    if let Some(phase) = ranges.iter().position(|[up, down]| *up.min(down) < most / 10) {
         return OPEN.get(phase).copied();
     }
     // Along A, then along B: the phase carries the largest current, and that in the voltage's direction.

@@ -349,6 +349,15 @@ fn the_torque_respects_speed_and_bounds() {
     assert_eq!(rig.drive.mode(), Mode::Running);
     let there = here_turns(&rig);
     assert!((1.95..2.3).contains(&there), "{there}");
+
+    // Without a damper.
+    let mut rig = armed(1, 1.0, true, Magnets::Even, |control| control.max_position_turns = 8.0);
+    follow(&mut rig, &push(0.02, 0.0));
+    let mut farthest = 0.0_f64;
+    rig.run(2.0, |rig, _| farthest = farthest.max(here_turns(rig)));
+    println!("a torque alone leads to {farthest:.3} turns of 8");
+    assert_eq!(rig.drive.mode(), Mode::Running);
+    assert!((7.9..8.1).contains(&farthest), "{farthest}");
 }
 
 #[test]

@@ -45,6 +45,8 @@ pub struct Config {
     pub(crate) trajectory: trajectory::Limits,
     /// Speed above which the supply leaves less to brake with than the trajectory's acceleration takes.
     pub(crate) full_braking: i32,
+    /// A deceleration that always brakes from the largest speed to rest.
+    pub(crate) deceleration: i32,
     /// Largest speed reference of the position loop, in 2⁻³² electrical turns a step: 9/8 of the trajectory's largest
     /// speed, so that the rotor can catch up with it.
     pub(crate) max_speed_reference: i32,
@@ -148,6 +150,7 @@ impl Config {
             trajectory: trajectory::Limits::new((acceleration as i32).max(1), speed as i32)
                 .ok_or(gain("max_acceleration_rad_s2", max_acceleration_rad_s2))?,
             full_braking: i32::MAX,
+            deceleration: 1,
             max_speed_reference: (1.125 * speed) as i32,
             torque_ends: (1.1 * speed) as i32,
             torque_gain: (TURN * max_current / (0.6 * speed.max(1.0))) as i32,
@@ -203,6 +206,7 @@ impl Config {
         }
         config.supply = Supply::new(settings, &motor, &scale);
         config.full_braking = Supply::full_braking(settings, &scale);
+        config.deceleration = config.trajectory.deceleration(config.full_braking);
         #[cfg(not(feature = "no-chopper"))]
         {
             config.chopper = Chopper::new(settings, loop_hz, &scale);
@@ -242,6 +246,7 @@ impl Config {
         self.torque_gain = other.torque_gain;
         self.motion.model.asked = other.motion.model.asked;
         (self.arming.averages, self.arming.lag) = (other.arming.averages, other.arming.lag);
+        self.motion.reserve = other.motion.reserve;
     }
 
     /// A bus voltage in 2⁻¹⁵ of its full scale.

@@ -57,9 +57,15 @@ impl Limits {
         self.acceleration = (self.acceleration >> (times & 15)) | 1;
     }
 
+    /// A deceleration that always brakes from the largest speed to rest, whose power is limited above a speed `full_braking`.
+    pub(crate) const fn deceleration(&self, full_braking: i32) -> i32 {
+        self.braking(self.speed, full_braking)[1]
+    }
+
     /// The deceleration at a speed, if its power is limited above another one, and the constant one that takes the same
     /// way to rest, or hardly more.
-    #[inline(always)]
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
     const fn braking(&self, speed: i32, full: i32) -> [i32; 2] {
         let speed = speed.unsigned_abs();
         if speed <= full as u32 {
@@ -158,13 +164,6 @@ impl Trajectory {
         self.move_on(along(next, direction));
     }
 
-    /// Whether braking from now ends within a distance ahead, which is negative where the end has been passed.
-    #[inline(always)]
-    pub const fn stops_within(&self, left: i64, limits: &Limits) -> bool {
-        let left = if left < 0 { return false } else { left as u64 };
-        stops(self.speed.abs() + limits.acceleration, limits.acceleration, stopping(left, limits.acceleration))
-    }
-
     /// Whether half of the acceleration that was planned with stops it in time.
     #[inline(always)]
     pub(crate) const fn stops_gently(&self) -> bool {
@@ -245,6 +244,12 @@ impl Trajectory {
 #[inline(always)]
 const fn along(speed: i32, direction: i32) -> i32 {
     (speed ^ direction) - direction
+}
+
+/// Whether a deceleration brakes a speed, which is not negative, to rest within a distance.
+#[inline(always)]
+pub(crate) const fn stops_within(left: i64, speed: i32, braking: i32) -> bool {
+    left >= 0 && stops(speed, braking, stopping(left as u64, braking))
 }
 
 /// Twice a deceleration times a distance, or a number beyond the square of any speed.

@@ -68,7 +68,7 @@ enum Stage {
     Settle,
     /// A voltage along a phase rises.
     Raise,
-    /// It keeps up the current until the rotor rests.
+    /// It stands until the rotor rests.
     Steady,
     /// It stands while the currents are averaged.
     Hold,
@@ -220,6 +220,7 @@ impl Arming {
     }
 
     /// Brakes a rotor that turns slowly by shorting its windings, until it rests.
+    #[cfg_attr(not(feature = "small"), inline(never))]
     fn settle(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
         // A quarter of the period of a swing looks like rest.
         if let Some(rests) =
@@ -262,13 +263,12 @@ impl Arming {
         self.along_phase(config)
     }
 
-    /// A light rotor turns towards the voltage, and its back-EMF changes the currents until it is there.
+    /// A light rotor turns towards the voltage, and its back-EMF changes the currents until it is there. What it took off the
+    /// current is taken off the voltage, then.
+    #[inline(never)]
     fn steady(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
-        let (flowing, wanted) = (self.flowing(phases), i32::from(control.arming.current));
-        if flowing > wanted + wanted / 4 {
+        if self.flowing(phases) > i32::from(control.arming.current) {
             self.modulation = (self.modulation - self.rise).max(0);
-        } else if flowing < wanted - wanted / 4 && self.modulation < self.most {
-            self.modulation += self.rise;
         }
         if let Some(rests) = self.watched(control.arming.watched.into(), control, rotor) {
             let over = rests || self.settled >= LONGEST_SETTLED;
@@ -378,13 +378,19 @@ fn largest(phases: [i32; 3]) -> i32 {
 }
 
 /// What the currents of the four voltages, times [`AVERAGED`], tell of the wiring.
+// Not inlined, so that a board may place it where there is room.
+#[inline(never)]
 fn wiring_fault(currents: &[[i32; 3]; 4], wanted: i32) -> Option<Fault> {
     const OPEN: [Fault; 3] = [Fault::OpenPhaseA, Fault::OpenPhaseB, Fault::OpenPhaseC];
     const BLIND: [Fault; 3] = [Fault::AmplifierA, Fault::AmplifierB, Fault::AmplifierC];
     let [[a0, a1, a2], [b0, b1, b2], [c0, c1, c2], [d0, d1, d2]] = *currents;
     // How much flows in each phase, out of the bridge and into it.
-    let ranges = [[a0, b0, c0, d0], [a1, b1, c1, d1], [a2, b2, c2, d2]]
-        .map(|[a, b, c, d]| [a.max(b).max(c).max(d), -a.min(b).min(c).min(d)]);
+    let mut ranges = [[0; 2]; 3];
+    for sums in currents {
+        for ([up, down], sum) in ranges.iter_mut().zip(sums) {
+            (*up, *down) = ((*up).max(*sum), (*down).max(-sum));
+        }
+    }
     let most = ranges.iter().map(|[up, down]| *up.max(down)).max().unwrap_or(0);
     if most < wanted * AVERAGED as i32 / 4 {
         return Some(Fault::NoCurrent);

@@ -2,7 +2,7 @@
 //! slots do with them.
 
 use super::arming::Pending;
-use super::servo::{Context, Servo, coarse, within_speed};
+use super::servo::{Context, Servo, coarse};
 use super::{Demand, Drive, Refusal, Reply};
 use crate::angle::Position;
 use crate::control::Impedance;
@@ -26,8 +26,6 @@ pub(super) struct Shaft {
     /// Strains that count as none, from here to there, and that they do: outside of a range only, spring and damper act.
     dead: [i32; 2],
     ranges: bool,
-    /// The way out of the bounds that the rotor has left: −1 or 1.
-    outward: i32,
     /// Whether a speed is to be reached rather than a position.
     travels: bool,
     /// Whether the reference has come to where it was commanded to.
@@ -49,7 +47,6 @@ impl Shaft {
         far: u32::MAX,
         dead: [0; 2],
         ranges: false,
-        outward: 1,
         travels: false,
         complete: false,
         softened: 0,
@@ -164,7 +161,6 @@ impl Servo {
                 self.goal = end.map_or(self.trajectory.position(), Position::from_bits);
                 self.trajectory = Trajectory::at(self.goal, 0);
                 (self.shaft.ranges, self.shaft.dead) = (true, dead);
-                self.ends = true;
             }
         }
         // The same command again goes on as gently.
@@ -178,33 +174,17 @@ impl Servo {
     pub(super) fn impedance_loop(&mut self, with: &Context) {
         let Shaft { spring, strain, forward, .. } = &self.shaft;
         self.asked = spring.current(*strain, self.speed_reference.wrapping_sub(with.rotor.speed())) + forward;
-        if self.ends {
-            return self.limit_impedance();
+        // Within the range, they do not act.
+        if self.shaft.ranges && self.shaft.strain == 0 {
+            self.asked = self.shaft.forward;
         }
-        self.current_request = within_speed(self.protection.window.cut(self.asked), with);
+        self.request_current(self.protection.window.cut(self.asked), with);
     }
 
-    /// Where they do not act everywhere: nothing but the feed-forward current within the range, and no current that leads
-    /// a rotor that is outside of its bounds farther away.
-    #[cold]
-    #[inline(never)]
-    fn limit_impedance(&mut self) {
-        let Shaft { ranges, strain, forward, outward, .. } = self.shaft;
-        if ranges && strain == 0 {
-            self.asked = forward;
-        }
-        let current = self.protection.window.cut(self.asked);
-        let leads_away = !ranges && (current < 0) == (outward < 0);
-        self.current_request = if leads_away { 0 } else { current };
-    }
-
-    /// Whether the rotor is outside of its bounds; whether the reference has arrived: then the next way begins with the
-    /// acceleration of its command.
+    /// Whether the reference has arrived: then the next way begins with the acceleration of its command.
     #[inline(always)]
-    pub(super) fn attend_to_impedance(&mut self, here: i64, [least, most]: &[i64; 2]) {
+    pub(super) fn attend_to_impedance(&mut self) {
         let (shaft, trajectory) = (&mut self.shaft, &self.trajectory);
-        shaft.outward = if here < *least { -1 } else { 1 };
-        self.ends = shaft.ranges || here < *least || here > *most;
         let reached = trajectory.position() == self.goal && trajectory.speed() == 0;
         if reached {
             shaft.softened = 0;

@@ -60,6 +60,12 @@ impl Schedule {
         self.tick & 1 == 0
     }
 
+    /// Whether this is every other time that the rotor's position is looked at.
+    #[inline(always)]
+    pub const fn is_odd_part(&self) -> bool {
+        self.tick / LONG & 4 != 0
+    }
+
     #[inline(always)]
     const fn is_due(&self, due: u32) -> bool {
         self.records && due.wrapping_sub(self.tick) as i32 <= 0

@@ -72,8 +72,8 @@ pub(super) struct Servo {
     pub(super) goal: Position,
     pub(super) limits_on_way: trajectory::Limits,
     pub shaft: Shaft,
-    /// Whether what is commanded has to end because of a bound of the position.
-    pub(super) ends: bool,
+    /// The way, −1 or 1, on which the rotor must not go on because of a bound of the position; 0: neither.
+    pub(super) outward: i32,
     /// Speed reference ω*, from the position loop or the trajectory, in 2⁻³² electrical turns a step.
     pub(super) speed_reference: i32,
     /// Current along q that the speed loop or the command asks for, in 2⁻¹⁵ of the full scale; before anti-cogging and
@@ -124,7 +124,7 @@ impl Servo {
             goal: Position::from_bits(0),
             limits_on_way: trajectory::Limits::SLOWEST,
             shaft: Shaft::NONE,
-            ends: false,
+            outward: 0,
             waits: false,
             arrives: false,
             has_burnt: false,
@@ -199,7 +199,6 @@ impl Servo {
             self.waits = false;
         }
         self.demand = demand;
-        self.ends = false;
         self.protection.held = i32::MAX;
         match demand {
             Demand::Voltage | Demand::Speed(_) => {}
@@ -241,11 +240,16 @@ impl Servo {
         }
     }
 
-    /// Plans the trajectory for the distance that is left to a commanded position.
+    /// Plans the trajectory for the distance that is left to a commanded position. A current may make a light rotor so fast
+    /// before the next look at its position that it could not be braked any more.
     #[inline(always)]
     pub fn plan_trajectory(&mut self, with: &Context) {
-        if let Demand::Position(_) | Demand::Impedance = self.demand {
-            self.trajectory.plan(self.goal, &self.limits_on_way, with.config.full_braking);
+        match self.demand {
+            Demand::Position(_) | Demand::Impedance => {
+                self.trajectory.plan(self.goal, &self.limits_on_way, with.config.full_braking);
+            }
+            Demand::Current(_) => self.look_ahead_of_rotor(with),
+            Demand::Voltage | Demand::Speed(_) => {}
         }
     }
 
@@ -255,13 +259,18 @@ impl Servo {
         match self.demand {
             Demand::Voltage | Demand::Current(_) => {}
             Demand::Speed(Speed(speed)) => {
-                let speed = if self.waits { self.trajectory.speed() } else { speed };
-                let target = if self.ends { 0 } else { speed };
+                let target = if self.waits { self.trajectory.speed() } else { self.allowed(speed) };
                 self.trajectory.towards_speed(target, &with.config.trajectory);
             }
             Demand::Position(_) if self.waits => self.trajectory.wait(),
             Demand::Position(_) | Demand::Impedance => self.trajectory.advance(&self.limits_on_way),
         }
+    }
+
+    /// A commanded speed, or none where it leads out of the bounds of the position.
+    #[inline(always)]
+    const fn allowed(&self, speed: i32) -> i32 {
+        if self.outward != 0 && (speed < 0) == (self.outward < 0) { 0 } else { speed }
     }
 
     /// The position loop: the reference of the speed.
@@ -285,8 +294,8 @@ impl Servo {
         };
     }
 
-    /// The speed loop: the current that is asked for. A commanded current fades out about the largest speed, and
-    /// outside of the bounds of the position where it leads away from them.
+    /// The speed loop: the current that is asked for. A commanded current fades out about the largest speed, and brakes
+    /// before the bounds of the position.
     #[inline(always)]
     pub fn speed_loop(&mut self, with: &Context) {
         if self.moves() {
@@ -297,9 +306,24 @@ impl Servo {
             let request = self.speed_integrator.step(gains, reference, measured, forward, window);
             (self.asked, self.current_request) = (request.asked, request.current);
         } else if let Demand::Current(Current(current)) = self.demand {
-            self.current_request = if self.ends { 0 } else { within_speed(current, with) };
+            self.asked = current;
+            self.request_current(current, with);
         } else if matches!(self.demand, Demand::Impedance) {
             self.impedance_loop(with);
+        }
+    }
+
+    /// A commanded current within the largest speed. Where the rotor must not go on, it brakes as the speed loop would, and
+    /// asks for the current that burns what is returned.
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
+    pub(super) fn request_current(&mut self, current: i32, with: &Context) {
+        self.current_request = within_speed(current, with);
+        if self.outward != 0 {
+            let braking = high(-with.rotor.speed(), with.config.torque_gain);
+            let outward = self.outward > 0;
+            let most = if outward { self.current_request.min(braking) } else { self.current_request.max(braking) };
+            (self.asked, self.current_request) = (most, most);
         }
     }
 
@@ -316,13 +340,35 @@ impl Servo {
                 let reference = self.trajectory.speed();
                 let ahead = reference.wrapping_sub(with.rotor.speed());
                 let far = ahead.saturating_abs() > motion.far_speed >> 1;
-                self.waits = far && (ahead < 0) == (speed < reference);
+                self.waits = far && (ahead < 0) == (self.allowed(speed) < reference);
             }
             Demand::Position(_) => {
                 self.protection.held = if self.trajectory.speed() == 0 { motion.hold.into() } else { i32::MAX };
             }
         }
         (self.supervised && supervision::is_outside(motion, with.rotor)).then_some(Fault::PositionBounds)
+    }
+
+    /// Whether a rotor that turns so fast, back or forward, must not go on: it is outside of the bounds of its position, or
+    /// could hardly be braked before.
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
+    fn look_ahead(&mut self, back: bool, fast: i32, with: &Context) {
+        let Motion { bounds: [least, most], reserve, .. } = with.config.motion;
+        let here = coarse(with.rotor.position()).to_bits();
+        let (left, way) = if back { (here - least, -1) } else { (most - here, 1) };
+        let left = left - i64::from(fast) * (i64::from(reserve) << 3);
+        self.outward = if trajectory::stops_within(left, fast, with.config.deceleration) { 0 } else { way };
+    }
+
+    /// The same of the rotor as it turns; at rest it may be outside.
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
+    fn look_ahead_of_rotor(&mut self, with: &Context) {
+        let (speed, motion) = (with.rotor.speed(), &with.config.motion);
+        let fast = speed.wrapping_abs();
+        let below = coarse(with.rotor.position()).to_bits() < motion.bounds[0];
+        self.look_ahead(if fast > motion.turning { speed < 0 } else { below }, fast, with);
     }
 
     /// How far the trajectory's position is ahead of the rotor's.
@@ -332,21 +378,19 @@ impl Servo {
         self.trajectory.position().to_bits().wrapping_sub(coarse(with.rotor.position()).to_bits())
     }
 
-    /// What the rotor's position allows: the trajectory does not run away from a rotor that cannot follow, but waits. A
-    /// commanded speed ends before the bound of the position, and a commanded current does not turn the rotor farther
-    /// out of its bounds.
+    /// What the rotor's position allows: the trajectory does not run away from a rotor that cannot follow, but waits.
+    /// Anything else ends before a bound of the position.
     #[inline(always)]
     pub fn attend_to_position(&mut self, with: &Context) {
-        let here = coarse(with.rotor.position()).to_bits();
         let motion = &with.config.motion;
-        let [least, most] = motion.bounds;
         match self.demand {
-            Demand::Voltage => {}
-            Demand::Impedance => self.attend_to_impedance(here, &motion.bounds),
-            Demand::Current(Current(current)) => self.ends = if current < 0 { here < least } else { here > most },
+            Demand::Voltage | Demand::Current(_) => {}
+            Demand::Impedance if self.schedule.is_odd_part() => self.look_ahead_of_rotor(with),
+            Demand::Impedance => self.attend_to_impedance(),
+            // A heavy rotor may be faster than its reference.
             Demand::Speed(Speed(speed)) => {
-                let left = if speed < 0 { here - least } else { most - here };
-                self.ends = !self.trajectory.stops_within(left, &with.config.trajectory);
+                let fast = self.trajectory.speed().wrapping_abs().max(with.rotor.speed().wrapping_abs());
+                self.look_ahead(speed < 0, fast, with);
             }
             Demand::Position(_) => {
                 let (ahead, rotor) = (self.distance(with), with.rotor.speed());
@@ -359,7 +403,7 @@ impl Servo {
                     // too. Not one that is dragged away from where it is held.
                     let narrowed = &self.protection.window.narrowed[usize::from(!behind)];
                     if self.arrives && behind == (rotor > 0) && narrowed.contains(Limits::SUPPLY) {
-                        self.trajectory.take_along(Position::from_bits(here), rotor);
+                        self.trajectory.take_along(coarse(with.rotor.position()), rotor);
                     } else {
                         self.waits = ((ahead >> 32) as i32 ^ self.trajectory.direction()) >= 0;
                     }
@@ -527,7 +571,7 @@ impl Servo {
 /// more than the speed loop would ask for, lest a light rotor shoots past it. Beyond, it brakes as the speed loop would:
 /// what an error of the sensing leaves of a current turns a rotor of little friction ever faster.
 #[inline(always)]
-pub(super) fn within_speed(current: i32, with: &Context) -> i32 {
+fn within_speed(current: i32, with: &Context) -> i32 {
     let (speed, config) = (with.rotor.speed(), with.config);
     let most = |end: i32| high(end - speed, config.torque_gain);
     current.min(most(config.torque_ends)).max(most(-config.torque_ends))

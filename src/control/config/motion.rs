@@ -24,6 +24,9 @@ pub(crate) struct Motion {
     pub late: u16,
     /// Least and largest position.
     pub bounds: [i64; 2],
+    /// Eight steps of the outer loops each in which a rotor goes on before it brakes: from one look at its position to the
+    /// next, and what the speed loop lags by.
+    pub reserve: u8,
     /// Time to come to rest after a stop, and whether it is braked then.
     pub stop: u16,
     pub brakes: bool,
@@ -53,6 +56,9 @@ pub(crate) struct Model {
     pub most: i32,
 }
 
+/// The first of them.
+const LOOK: f32 = (LONG / OUTER) as f32;
+
 /// Steps of a round.
 const ROUND: u32 = PARTS as u32 * LONG;
 /// Time in which an unexplained voltage of a tenth of the bus's full scale is a fault, s.
@@ -71,6 +77,7 @@ impl Motion {
             far_speed: (settings.following_error_rad_s * scale.per_radian_s()).min(1_073_741_824.0) as i32,
             late: checks(settings.guard.stall_s),
             bounds: [bound(settings.min_position_turns, turns), bound(settings.max_position_turns, turns)],
+            reserve: (LOOK + scale.step_hz / (8 * OUTER) as f32 / (TAU * settings.speed_bandwidth_hz)) as u8,
             stop: checks(settings.guard.stop_s),
             brakes: settings.guard.if_stop_fails == OnStopFailure::Brake,
             hold: hold as i16,

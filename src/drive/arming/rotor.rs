@@ -21,18 +21,18 @@ use crate::control::config::Config as Control;
 use crate::fault::Fault;
 use crate::hall::track::Tracker;
 
-/// Way by which the push is told from noise: 3° electrical, in 2⁻³² turns.
-const MOVED: i64 = 35_791_394;
+/// Way by which the push is told from noise: 3° electrical, in 2⁻²⁶ turns as all ways are.
+const MOVED: i32 = 559_241;
 /// Way after which the push is over: 12°.
-const FAR: i64 = 4 * MOVED;
+const FAR: i32 = 4 * MOVED;
 /// Longest way in which a sound rotor is stopped: 27°.
-const STOPPED: i64 = 9 * MOVED;
+const STOPPED: i32 = 9 * MOVED;
 /// Farthest that a field along its own moves a sound rotor: 21°; twice as far where it slows down.
-const HELD: i64 = 7 * MOVED;
+const HELD: i32 = 7 * MOVED;
 /// Way in which no field along its own pulls a sound rotor as fast as the push did: 6°.
-const PULLED: i64 = 2 * MOVED;
+const PULLED: i32 = 2 * MOVED;
 /// Way against the field that is turned back which no sound rotor goes: 9°.
-const AGAINST: i64 = 3 * MOVED;
+const AGAINST: i32 = 3 * MOVED;
 /// The field is turned back by so much at most, 75°, in 2⁻³² turns; a sound rotor has followed it before.
 const TURNED: u32 = 894_784_853;
 /// All of it takes so many longest pushes at most.
@@ -40,7 +40,7 @@ const LONGEST: u32 = 8;
 /// How often a rotor may be found turning by itself before it is not pushed at all.
 const MOST_WAITED: u32 = 40;
 /// Farthest that the rotor is left to swing after the stop: 6°.
-const SETTLES: i64 = 2 * MOVED;
+const SETTLES: i32 = 2 * MOVED;
 /// How often one that was stopped may be found swinging before the field holds it.
 const MOST_SETTLED: u32 = 6;
 
@@ -111,12 +111,12 @@ pub(super) struct RotorCheck {
     has_followed: bool,
     proven: bool,
     /// Farthest that the rotor went the wrong way; while it is held, how far it had come in half the time of the push.
-    farthest: i64,
+    farthest: i32,
     /// Its speed when it is to be stopped, and its fastest while it is held, in 2⁻³² turns a control step.
     speed: i32,
     /// Averaged speed, in 2⁻³² turns a step.
     averaged: i32,
-    /// How the rotor turned before the voltage, in 2⁻³² turns a step.
+    /// How the rotor turned before the voltage, in 2⁻²⁶ turns a step.
     coasting: i32,
     /// How far the voltage leans from its axis so that the current is along it, in 2⁻³² turns.
     lean: i32,
@@ -183,7 +183,7 @@ impl RotorCheck {
         if self.is_watched(control, rotor) {
             let window = u32::from(control.arming.longest_push) / 2;
             let way = self.way(rotor);
-            self.coasting = (way / i64::from(window.max(1))) as i32;
+            self.coasting = way / window.max(1) as i32;
             // What friction or cogging does to a rotor that turns looks like a push the wrong way; the shorted windings
             // stop it.
             if self.rests(control) {
@@ -224,7 +224,7 @@ impl RotorCheck {
                 return Step::Done { step: 0, proven: true };
             }
         } else {
-            let far = i64::from((rotor.angle() - self.anchor).to_bits().unsigned_abs()) > SETTLES;
+            let far = (rotor.angle() - self.anchor).to_bits().unsigned_abs() >> 6 > SETTLES.unsigned_abs();
             if far || watched && (self.rests(control) || self.waited >= MOST_SETTLED) {
                 return self.begin_hold(self.least, rotor, config);
             }
@@ -284,6 +284,7 @@ impl RotorCheck {
     }
 
     /// Raises the voltage, while the current allows it.
+    #[cfg_attr(feature = "small", inline(never))]
     fn raise(&mut self, most: i32, control: &Control, phases: [i32; 3]) {
         if largest(phases) < i32::from(control.arming.push) {
             self.modulation = self.modulation.saturating_add(self.rise).min(most);
@@ -291,17 +292,17 @@ impl RotorCheck {
     }
 
     /// How far the voltage has moved the rotor.
-    fn moved(&self, rotor: &Tracker) -> i64 {
+    fn moved(&self, rotor: &Tracker) -> i32 {
         self.way(rotor) - self.coasted()
     }
 
     /// How far it would have turned by itself.
-    fn coasted(&self) -> i64 {
-        i64::from(self.coasting) * i64::from(self.steps)
+    fn coasted(&self) -> i32 {
+        self.coasting.wrapping_mul(self.steps as i32)
     }
 
     /// Way by which a motion that should not be is told from noise, that of the speed before included.
-    fn wrong(&self) -> i64 {
+    fn wrong(&self) -> i32 {
         MOVED + self.coasted().abs() / 2
     }
 
@@ -368,7 +369,7 @@ impl RotorCheck {
         if self.steps == self.pushed / 2 {
             self.farthest = forward;
         }
-        let gains = forward * i64::from(self.pushed) > 3 * self.farthest * i64::from(self.steps);
+        let gains = i64::from(forward) * i64::from(self.pushed) > i64::from(3 * self.farthest) * i64::from(self.steps);
         let soon = |least, quarters| forward > least && 4 * self.steps < quarters * self.pushed;
         let at_once = self.steps > self.pushed / 2 && gains && (soon(PULLED, 5) || soon(FAR, 7));
         if way > 2 * HELD || faster && (way > HELD || at_once) {
@@ -477,8 +478,8 @@ impl RotorCheck {
     }
 
     #[cfg_attr(feature = "small", inline(never))]
-    fn way(&self, rotor: &Tracker) -> i64 {
-        rotor.smoothed().to_bits().wrapping_sub(self.from.to_bits())
+    fn way(&self, rotor: &Tracker) -> i32 {
+        (rotor.smoothed().to_bits().wrapping_sub(self.from.to_bits()) >> 6) as i32
     }
 
     #[cfg_attr(feature = "small", inline(never))]

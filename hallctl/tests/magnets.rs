@@ -281,6 +281,24 @@ fn a_calibration_gives_the_map_up_and_so_does_forgetting_it() {
     assert_eq!((magnets(&mut drive).state, magnets(&mut drive).stored), (Use::None, Problem::Blank));
 }
 
+/// A setting that is tried and not saved takes nothing out of the flash.
+#[test]
+fn a_trial_of_other_pole_pairs_leaves_the_map() {
+    let plant = uneven(1, 1.0);
+    let mut drive = powered_up(&plant, LEARNT.clone(), 0.0);
+    done(&mut drive, Ask::Set { name: "pole_pairs", value: 5.0 });
+    run(&mut drive, 200);
+    assert_eq!((magnets(&mut drive).state, magnets(&mut drive).stored), (Use::None, Problem::Foreign));
+    let mut cut = powered_up(&plant, drive.flash(), 2.0);
+    for drive in [&mut cut, &mut drive] {
+        done(drive, Ask::Set { name: "pole_pairs", value: 4.0 });
+        run(drive, 200);
+        assert_eq!(magnets(drive).stored, Problem::None);
+        arm(drive);
+        assert!(find(drive, 100.0, 5000), "{:?}", magnets(drive));
+    }
+}
+
 #[test]
 fn a_lost_hall_ends_the_map_and_the_drive_runs_on() {
     let mut drive = powered_up(&uneven(1, 1.0), LEARNT.clone(), 0.0);

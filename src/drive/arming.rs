@@ -265,7 +265,7 @@ impl Arming {
 
     /// A light rotor turns towards the voltage, and its back-EMF changes the currents until it is there. What it took off the
     /// current is taken off the voltage, then.
-    #[inline(never)]
+    #[cfg_attr(not(feature = "small"), inline(never))]
     fn steady(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
         if self.flowing(phases) > i32::from(control.arming.current) {
             self.modulation = (self.modulation - self.rise).max(0);
@@ -379,7 +379,7 @@ fn largest(phases: [i32; 3]) -> i32 {
 
 /// What the currents of the four voltages, times [`AVERAGED`], tell of the wiring.
 // Not inlined, so that a board may place it where there is room.
-#[inline(never)]
+#[cfg_attr(not(feature = "small"), inline(never))]
 fn wiring_fault(currents: &[[i32; 3]; 4], wanted: i32) -> Option<Fault> {
     const OPEN: [Fault; 3] = [Fault::OpenPhaseA, Fault::OpenPhaseB, Fault::OpenPhaseC];
     const BLIND: [Fault; 3] = [Fault::AmplifierA, Fault::AmplifierB, Fault::AmplifierC];

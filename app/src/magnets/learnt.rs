@@ -152,16 +152,26 @@ impl MagnetMap {
         self.cogging.tick(anti_cogging);
     }
 
-    /// The drive works with these settings now.
-    pub fn adopt(&mut self, settings: &Settings) {
+    /// The drive works with these settings now. The map of so many pole pairs that the flash holds comes back.
+    pub fn adopt<F: NorFlash>(&mut self, storage: &mut Storage<F>, sensors: Option<&Sensors>, settings: &Settings) {
         if self.cogging.pole_pairs().is_some_and(|pairs| pairs != settings.pole_pairs) {
             self.set_by_pole(Waves::NONE, settings);
         } else if self.reversed != settings.reversed {
             self.set_by_pole(self.by_pole.reversed(), settings);
         }
-        let Some(known) = self.magnets.known() else { return };
+        let Some(known) = self.magnets.known() else {
+            if self.problem == Problem::Foreign
+                && !self.unsaved
+                && self.restore(storage, sensors, settings) == Problem::None
+            {
+                self.set_by_pole(storage.by_pole(settings), settings);
+            }
+            return;
+        };
         if known.map.pole_pairs() != settings.pole_pairs {
-            self.forget();
+            // Other pole pairs may be a trial.
+            self.magnets.set(None, None);
+            (self.unsaved, self.problem) = (false, Problem::Foreign);
         } else if known.reversed != settings.reversed {
             let mut known = *known;
             known.direct(settings.reversed);

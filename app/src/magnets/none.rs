@@ -49,7 +49,7 @@ impl MagnetMap {
 
     pub fn tick(&mut self, _: Status, _: bool) {}
 
-    pub fn adopt(&mut self, _: &Settings) {}
+    pub fn adopt<F: NorFlash>(&mut self, _: &mut Storage<F>, _: Option<&Sensors>, _: &Settings) {}
 
     pub fn forget(&mut self) {}
 

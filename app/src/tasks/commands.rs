@@ -157,7 +157,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         }
         self.table_due |= settings.anti_cogging != self.settings.anti_cogging;
         self.settings = settings;
-        self.magnets.adopt(&settings);
+        self.magnets.adopt(&mut self.storage, self.sensors.as_ref(), &settings);
         self.relearn();
     }
 }

@@ -170,6 +170,20 @@ fn settings_go_into_a_file_and_back() {
 }
 
 #[test]
+fn what_turns_by_whole_turns_is_refused_where_the_shaft_has_bounds() {
+    let (drive, folder) = (Drive::start(&[]), tempfile::tempdir().unwrap());
+    let journal = folder.path().join("commission.toml");
+    drive.ok(&["settings", "set", "max_position_turns", "0.5"]);
+    let commission = ["commission", "--max-current", "2", "--yes", "--file", journal.to_str().unwrap()];
+    for command in [&["calibrate"][..], &["identify"], &["cogging", "learn"], &["magnets", "learn"], &commission] {
+        let why = drive.fails(6, command);
+        assert!(why.contains("max_position_turns is 0.5") && why.contains("1e6"), "{command:?}: {why}");
+    }
+    drive.ok(&["settings", "set", "max_position_turns", "1e6"]);
+    drive.ok(&["calibrate"]);
+}
+
+#[test]
 fn a_refused_import_changes_no_setting() {
     let (drive, folder) = (Drive::start(&[]), tempfile::tempdir().unwrap());
     let file = folder.path().join("settings.toml");
@@ -260,9 +274,9 @@ fn a_line_that_loses_frames_is_asked_again() {
                 assert!(String::from_utf8(output.stdout).unwrap().contains("unarmed"));
             });
         }
-        // What may have begun is not begun again.
+        // What may have begun is not begun again. Before it, the bounds of the position are asked for.
         let drive = Drive::start(&[]);
-        assert!(fails(&lossy(&drive.port, 3), 4, &["--alone", "--patience", "2", "calibrate"]).contains("no answer"));
+        assert!(fails(&lossy(&drive.port, 5), 4, &["--alone", "--patience", "2", "calibrate"]).contains("no answer"));
         assert!(drive.ok(&["status"]).contains("unarmed: bridge off, not calibrated"));
     });
 }

@@ -68,6 +68,7 @@ fn still_turns(client: &mut Client, out: Out) -> Result<String> {
 }
 
 fn steps(client: &mut Client, options: &Options, out: Out) -> Result<()> {
+    procedures::free_shaft(client)?;
     let mut journal = begin(client, options)?;
     let mut commission = journal.commission()?;
     words::stands(&journal, commission.action(), out)?;

@@ -95,6 +95,9 @@ fn align(client: &mut Client, out: Out) -> Result<()> {
 }
 
 fn calibrate(client: &mut Client, by_hand: bool, out: Out) -> Result<()> {
+    if !by_hand {
+        super::procedures::free_shaft(client)?;
+    }
     client.order(Ask::Encoder(EncoderAsk::Calibrate { by_hand }))?;
     if by_hand {
         say!(out, "Turn the shaft, always the same way, steadily, about a turn in two seconds, until this ends.")?;

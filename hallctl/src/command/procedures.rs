@@ -22,6 +22,7 @@ pub(super) struct Options {
 
 /// Begins a procedure; true if this tool is to wait for its end.
 pub(super) fn begin(client: &mut Client, options: &Options, ask: Ask<'_>, out: Out) -> Result<bool> {
+    free_shaft(client)?;
     client.unattended(options.unattended);
     client.order(ask)?;
     if options.unattended {
@@ -29,6 +30,20 @@ pub(super) fn begin(client: &mut Client, options: &Options, ask: Ask<'_>, out: O
         out.value(&json!({ "begun": true }))?;
     }
     Ok(!options.unattended)
+}
+
+/// What turns the motor by whole turns wants a shaft without bounds: it does not look at them.
+pub(super) fn free_shaft(client: &mut Client) -> Result<()> {
+    for (name, free) in [("min_position_turns", "-1e6"), ("max_position_turns", "1e6")] {
+        let bound = client.setting(Ask::Get(name), |setting| setting.value)?;
+        if bound.abs() < 1e6 {
+            return Err(Error::Refused(format!(
+                "{name} is {bound}, and this turns the shaft by whole turns, past its bounds\n  Free the shaft, \
+                 `hallctl settings set {name} {free}`, and set it again afterwards."
+            )));
+        }
+    }
+    Ok(())
 }
 
 /// Shows a bar until the drive has nothing going on any more.

@@ -63,7 +63,7 @@ impl Schedule {
     /// Whether this is every other time that the rotor's position is looked at.
     #[inline(always)]
     pub const fn is_odd_part(&self) -> bool {
-        self.tick / (4 * LONG) % 2 != 0
+        (self.tick / LONG) & 4 != 0
     }
 
     #[inline(always)]

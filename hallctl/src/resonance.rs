@@ -25,6 +25,8 @@ pub struct Load {
     pub inertia: f64,
     /// Where the shaft twists.
     pub resonance: Option<Resonance>,
+    /// What that leaves of a point, in its variance: 1 where nothing but noise.
+    pub misfit: f64,
 }
 
 /// The response at a frequency, in that of a stiff shaft and the inertia of the settings.
@@ -52,6 +54,9 @@ const BETTER: f64 = 3.0;
 const SAME: RangeInclusive<f64> = 0.7..=1.4;
 /// What leaves more than this of a point, in its variance, explains nothing.
 const WRONG: f64 = 50.0;
+/// What leaves more than this says nothing of the inertia: a light rotor that cogs, or one whose current the supply limits,
+/// answers as one of another inertia would.
+const VAGUE: f64 = 4.0;
 /// Of the weights, which depend on the denominator.
 const ROUNDS: usize = 12;
 
@@ -68,13 +73,14 @@ impl Load {
         let resonance = twists.and_then(|fit| fit.resonance(&points));
         let fit = twists.filter(|_| resonance.is_some()).unwrap_or(stiff);
         // A swing that is known too badly is no stiff shaft.
-        let explains = fit.left < WRONG * points.len() as f64;
-        (explains && fit.numerator[0] > 0.0).then(|| Self { inertia: 1.0 / fit.numerator[0], resonance })
+        let misfit = fit.left / points.len() as f64;
+        let explains = misfit < WRONG && fit.numerator[0] > 0.0;
+        explains.then(|| Self { inertia: 1.0 / fit.numerator[0], resonance, misfit })
     }
 
     /// Whether the settings have another inertia.
     pub fn is_off(&self) -> bool {
-        !SAME.contains(&self.inertia)
+        self.misfit < VAGUE && !SAME.contains(&self.inertia)
     }
 }
 

@@ -112,6 +112,18 @@ fn an_inertia_that_is_not_the_settings_is_said() {
     is_calm(&drive);
 }
 
+/// One that turns hard from pole to pole answers small steps as a heavier one would: no reason to doubt what was measured.
+#[test]
+fn a_light_rotor_that_cogs_is_not_told_another_inertia() {
+    let (drive, folder) = (Drive::start(&["--motor", "22-pairs", "--seed", "2"]), tempfile::tempdir().unwrap());
+    let journal = folder.path().join("commission.toml");
+    let said = drive.ok(&["commission", "--max-current", "30", "--yes", "--file", journal.to_str().unwrap()]);
+    drive.ok(&["arm"]);
+    for said in [said, drive.ok(&["chirp", "speed"]), drive.ok(&["chirp", "speed"])] {
+        assert!(!said.contains("times the inertia"), "{said}");
+    }
+}
+
 #[test]
 fn chirp_says_that_a_loop_howls() {
     let drive = Load::new(3.0, 110.0).drive();

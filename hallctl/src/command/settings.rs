@@ -27,7 +27,8 @@ pub(super) enum Command {
         /// Its name
         name: String,
     },
-    /// Another value, while the bridge is off, bandwidths at any time; until the power goes, or for good after `save`
+    /// Another value, while the bridge is off, bandwidths at any time; until the power goes, or for good after `save`.
+    /// Those of an encoder (encoder_…) are stored at once
     #[command(allow_negative_numbers = true)]
     Set {
         /// Its name
@@ -39,9 +40,9 @@ pub(super) enum Command {
     Save,
     /// Confirm them as they are, after those in the flash could not be taken over; `save` does, too, for good
     Accept,
-    /// Back to those in the flash
+    /// Back to those in the flash; those of an encoder are what is set
     Load,
-    /// Back to the board's defaults
+    /// Back to the board's defaults, but for those of an encoder
     Reset,
     /// Write all to a TOML file
     Export {
@@ -225,7 +226,7 @@ pub(super) fn save(client: &mut Client) -> Result<bool> {
 }
 
 pub(super) const fn saved(waits: bool) -> &'static str {
-    if waits { "will be saved when the bridge is off: `hallctl stop`" } else { "saved" }
+    if waits { "will be saved when the bridge is off and the rotor rests: `hallctl stop`" } else { "saved" }
 }
 
 /// First words and last line of an exported file. One that was cut may still be read, with a number that has lost digits.

@@ -360,6 +360,36 @@ fn the_torque_respects_speed_and_bounds() {
     assert!((7.9..8.1).contains(&farthest), "{farthest}");
 }
 
+/// The way along which a spring leads the rotor is one on which it can stop.
+#[test]
+fn a_move_that_ends_at_a_bound_is_as_smooth_as_another() {
+    for (kp, kd) in [(0.3, 0.3), (0.1, 0.1), (0.02, 0.3)] {
+        let [free, bound] = [1e6, 4.0].map(|most| {
+            let mut rig = armed(1, 1.0, true, Magnets::Even, |control| control.max_position_turns = most);
+            let [largest_kp, largest_kd] = largest(&rig);
+            let request = Request {
+                kp_nm_rad: Some((kp * largest_kp) as f32),
+                kd_nms_rad: Some((kd * largest_kd) as f32),
+                motion: Motion::to(3.99),
+                ..Request::default()
+            };
+            follow(&mut rig, &request);
+            let (mut farthest, mut time_s, mut squares) = (0.0_f64, 0.0, 0.0);
+            rig.run(1.0, |rig, period| {
+                farthest = farthest.max(here_turns(rig));
+                if here_turns(rig) < 3.95 {
+                    time_s += rig.period_s();
+                }
+                squares += period.truth.currents_a.iter().map(|a| a * a).sum::<f64>();
+            });
+            assert_eq!(rig.drive.mode(), Mode::Running, "{kp} {kd} {most}");
+            [farthest, time_s, squares]
+        });
+        println!("{kp} {kd}: farthest, time, squares of the current: {free:.3?}, with a bound {bound:.3?}");
+        assert!(bound[0] < free[0] + 0.02 && bound[1] < 1.05 * free[1] && bound[2] < 1.2 * free[2], "{kp} {kd}");
+    }
+}
+
 #[test]
 fn a_load_is_braked_though_the_supply_takes_nothing_back() {
     let mut rig = armed(1, 10.0, true, Magnets::Even, |_| ());

@@ -248,7 +248,7 @@ impl Servo {
             Demand::Position(_) | Demand::Impedance => {
                 self.trajectory.plan(self.goal, &self.limits_on_way, with.config.full_braking);
             }
-            Demand::Current(_) => self.look_ahead_of_rotor(with),
+            Demand::Current(_) => self.look_ahead_of_rotor(0, with),
             Demand::Voltage | Demand::Speed(_) => {}
         }
     }
@@ -361,12 +361,14 @@ impl Servo {
         self.outward = if trajectory::stops_within(left, fast, with.config.deceleration) { 0 } else { way };
     }
 
-    /// The same of the rotor as it turns; at rest it may be outside.
+    /// The same of the rotor as it turns; at rest it may be outside. One that is hardly faster than the reference that leads it
+    /// stops with that.
     #[cfg_attr(not(feature = "small"), inline(always))]
     #[cfg_attr(feature = "small", inline(never))]
-    fn look_ahead_of_rotor(&mut self, with: &Context) {
+    fn look_ahead_of_rotor(&mut self, led: i32, with: &Context) {
         let (speed, motion) = (with.rotor.speed(), &with.config.motion);
         let fast = speed.wrapping_abs();
+        let fast = if fast - led > fast >> 2 { fast } else { 0 };
         let below = coarse(with.rotor.position()).to_bits() < motion.bounds[0];
         self.look_ahead(if fast > motion.turning { speed < 0 } else { below }, fast, with);
     }
@@ -385,7 +387,9 @@ impl Servo {
         let motion = &with.config.motion;
         match self.demand {
             Demand::Voltage | Demand::Current(_) => {}
-            Demand::Impedance if self.schedule.is_odd_part() => self.look_ahead_of_rotor(with),
+            Demand::Impedance if self.schedule.is_odd_part() => {
+                self.look_ahead_of_rotor(self.trajectory.speed().wrapping_abs(), with);
+            }
             Demand::Impedance => self.attend_to_impedance(),
             // A heavy rotor may be faster than its reference.
             Demand::Speed(Speed(speed)) => {

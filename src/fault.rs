@@ -120,7 +120,8 @@ faults! {
     /// together.
     Commutation = 29,
         "the rotor turned against the motor's torque: wires, Halls and calibration do not belong together",
-        "see whether a motor wire is broken, or motor or Halls were rewired or exchanged; else the load is stronger, or tracking_bandwidth_hz is below 100 Hz";
+        "see whether a motor wire is broken, or motor or Halls were rewired or exchanged; else the load is stronger, or \
+         tracking_bandwidth_hz is below 100 Hz";
     /// The rotor did not follow the commanded position or speed.
     FollowingError = 30,
         "the rotor did not follow the command",

@@ -35,7 +35,11 @@ pub(super) fn begin(client: &mut Client, options: &Options, ask: Ask<'_>, out: O
 /// What turns the motor by whole turns wants a shaft without bounds: it does not look at them.
 pub(super) fn free_shaft(client: &mut Client) -> Result<()> {
     for (name, free) in [("min_position_turns", "-1e6"), ("max_position_turns", "1e6")] {
-        let bound = client.setting(Ask::Get(name), |setting| setting.value)?;
+        let bound = match client.setting(Ask::Get(name), |setting| setting.value) {
+            // A drive without current control follows no position.
+            Err(Error::Refused(_)) => continue,
+            bound => bound?,
+        };
         if bound.abs() < 1e6 {
             return Err(Error::Refused(format!(
                 "{name} is {bound}, and this turns the shaft by whole turns, past its bounds\n  Free the shaft, \

@@ -56,7 +56,7 @@ pub(crate) struct Model {
     pub most: i32,
 }
 
-/// The first of them.
+/// That of the looks: every 512 steps for a spring, every 256 for a speed.
 const LOOK: f32 = (LONG / OUTER) as f32;
 
 /// Steps of a round.

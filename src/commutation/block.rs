@@ -46,7 +46,8 @@ impl Sextant {
 
     /// The sextant of an angle, or still this one while the angle is less than half a degree outside, so that noise at
     /// the border does not step to and fro.
-    #[inline(always)]
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
     pub const fn follow(self, angle: ElectricalAngle) -> Self {
         const SIXTH: i64 = (1 << 32) / 6;
         const MARGIN: u32 = ((1_u64 << 32) / 720) as u32;
@@ -79,13 +80,15 @@ impl Sextant {
     /// Which legs pull up and down in the step of this sextant, 0 to 2.
     #[inline(always)]
     pub const fn conducting(self, order: PhaseOrder) -> (usize, usize) {
-        const PAIRS: [(usize, usize); 6] = [(0, 2), (1, 2), (1, 0), (2, 0), (2, 1), (0, 1)];
-        const REVERSED: [(usize, usize); 6] = [(0, 1), (2, 1), (2, 0), (1, 0), (1, 2), (0, 2)];
-        if order.is_forward() { PAIRS[self as usize] } else { REVERSED[self as usize] }
+        const PAIRS: [(u8, u8); 6] = [(0, 2), (1, 2), (1, 0), (2, 0), (2, 1), (0, 1)];
+        const REVERSED: [(u8, u8); 6] = [(0, 1), (2, 1), (2, 0), (1, 0), (1, 2), (0, 2)];
+        let (up, down) = if order.is_forward() { PAIRS[self as usize] } else { REVERSED[self as usize] };
+        (up as usize, down as usize)
     }
 
     /// The step whose vector points at the middle of this sextant; a negative amplitude points it the other way.
-    #[inline(always)]
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
     pub const fn output(self, order: PhaseOrder, amplitude: Amplitude, half: u16) -> Output {
         let [a, second, third] = STEPS[self as usize];
         let (b, c) = if order.is_forward() { (second, third) } else { (third, second) };

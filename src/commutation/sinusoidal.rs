@@ -58,7 +58,8 @@ impl Axes {
 /// Compare values for a voltage vector at an angle.
 ///
 /// Within 0.6 counts of the exact value; never outside the limits that the [`Amplitude`] was made for.
-#[inline(always)]
+#[cfg_attr(not(feature = "small"), inline(always))]
+#[cfg_attr(feature = "small", inline(never))]
 pub const fn compare(vector: ElectricalAngle, axes: &Axes) -> [u16; 3] {
     let (sin, cos) = trig::sin_cos(vector);
     let a = axes.middle + high(axes.along, cos.to_bits());

@@ -62,16 +62,32 @@ impl LocalFeedback {
         } else {
             current.q >> PARK_BITS
         };
-        let half_bus = control.bus(sample.bus) / 2;
-        self.limit_vector(current, servo.current_reference(), control.max_current);
-        let reference = (servo.current_reference() * self.share) >> 16;
-        let voltage = self.controller.step(&control.local, reference, measured, rotor.speed(), half_bus);
+        let bus = control.bus(sample.bus);
+        let half_bus = bus / 2;
+        let (asked, speed, left) = (servo.reference.current.q >> PARK_BITS, rotor.speed(), control.supply.end - bus);
+        let room = if left < control.supply.band {
+            servo.protection.room_for(control, left, asked, speed, servo.moves())
+        } else {
+            Some(asked)
+        };
+        if room.is_none() {
+            // What would make up for a current that is not controlled meanwhile.
+            self.controller = Local::ZERO;
+        }
+        let reference = room.unwrap_or(0);
+        servo.measurement.state.current_reference = reference;
+        self.limit_vector(current, reference, control.max_current);
+        let reference = (reference * self.share) >> 16;
+        let voltage = self.controller.step(&control.local, reference, measured, speed, half_bus);
         // What was noted for the tasks is the field-oriented control's, which is not at work.
         servo.measurement.state.voltage = Dq { d: 0, q: voltage };
         servo.measurement.trim = ElectricalAngle::ZERO;
         let modulation = Modulation::from_bits(clamp((voltage << 15) / half_bus.max(1), 32_767) as i16);
         servo.limits = servo.limits.set(Limits::DUTY, limits.limits(modulation));
         let amplitude = limits.amplitude(modulation);
+        if room.is_none() {
+            return Output::OFF;
+        }
         let vector = rotor.predicted(&config.tracking) + ElectricalAngle::QUARTER;
         if block {
             self.sextant = self.sextant.follow(vector);

@@ -164,6 +164,11 @@ impl Protection {
         self.weakening.limit(&config.weakening, induced, self.most << 13);
     }
 
+    /// What the bus, `left` below its end, has room for of a current, where the one along d is not controlled.
+    pub fn room_for(&self, config: &Config, left: i32, current: i32, speed: i32, moves: bool) -> Option<i32> {
+        self.supply.room_for(config, left, current, speed, moves)
+    }
+
     /// What is left to brake with.
     #[inline(always)]
     pub fn limit_braking(&mut self, config: &Config, bus: i32) {

@@ -177,7 +177,7 @@ impl Servo {
     }
 
     /// Whether a speed or a position is followed.
-    const fn moves(&self) -> bool {
+    pub const fn moves(&self) -> bool {
         matches!(self.demand, Demand::Speed(_) | Demand::Position(_))
     }
 

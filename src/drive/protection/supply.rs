@@ -4,7 +4,7 @@
 //! in the windings by a current along d, which makes no torque: 1.5 (e q − R (q² + d²)) is what goes back. The current
 //! along d comes first, and the braking current follows it as far as it has room, so that nothing is returned on the
 //! way either. All of it stays within the largest current, so a fast motor of a low resistance brakes with
-//! q = I²R/e only. Where d is not controlled, with local feedback, the bus voltage alone limits the braking.
+//! q = I²R/e only. Where d is not controlled, with local feedback, the bus voltage limits the braking: see [`Supply::room_for`].
 //!
 //! What the settings of the motor do not tell is left to the bus voltage: towards `over_voltage_v`, less and less brakes.
 
@@ -12,7 +12,7 @@ use super::beside;
 use crate::control::Window;
 use crate::control::config::Config;
 use crate::fault::Limits;
-use crate::math::high;
+use crate::math::{clamp, high};
 
 /// Currents in 2⁻¹³ of the full scale, their squares for powers.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -27,7 +27,8 @@ pub struct Supply {
     braking: i16,
     driving: i16,
     forward: bool,
-    /// So slow that next to nothing is returned, whatever the flux linkage.
+    /// So slow that next to nothing is returned, whatever the flux linkage; where d is not controlled, so slow that that
+    /// the current of shorted windings is within the largest.
     slow: bool,
 }
 
@@ -45,12 +46,15 @@ impl Supply {
     pub fn take_up(&mut self, config: &Config, speed: i32, bus: i32, most: i32, controls_field: bool) {
         let supply = &config.supply;
         self.forward = speed >= 0;
-        self.slow = speed.abs() < 4 * config.motion.turning;
         self.short = high(speed.abs(), supply.short).min(MOST_SHORT) | 1;
         // What nobody notices: the noise of the speed loop must not move the current along d.
         let little = most >> 3;
-        // Without control of the current along d, the bus voltage alone limits what brakes.
-        self.returns = if controls_field { high(bus << 16, supply.returns) + little * little } else { 1 << 29 };
+        (self.returns, self.slow) = if controls_field {
+            (high(bus << 16, supply.returns) + little * little, speed.abs() < 4 * config.motion.turning)
+        } else {
+            // Without control of the current along d, the bus voltage alone limits what brakes.
+            (1 << 29, self.short - (self.short >> 2) < most)
+        };
     }
 
     /// Takes up what the supply has to drive with, beside the losses of a current along d.
@@ -111,6 +115,27 @@ impl Supply {
         self.braking = if self.slow { braking } else { (braking * share) >> 16 } as i16;
     }
 
+    /// What the bus, `left` below its end, has room for of a current, where the one along d is not controlled: at once, as a
+    /// strong motor charges a small capacitor within a few steps. More than is asked for only for a motion. `None`: not even
+    /// for the error of a current of none.
+    #[cold]
+    #[inline(never)]
+    pub fn room_for(&self, config: &Config, left: i32, current: i32, speed: i32, moves: bool) -> Option<i32> {
+        let drives = current != 0 && (current ^ speed) >= 0;
+        if drives || left > 0 && self.slow {
+            return Some(current);
+        }
+        if left > 0 {
+            let most = (config.max_current * ((left * config.supply.slope) >> 4)) >> 12;
+            return Some(clamp(current, most));
+        }
+        // A current beyond that of shorted windings draws from the bus. A small one is the noise of a speed that is held.
+        let draws = self.short.min(i32::from(self.braking)) << 2;
+        let brakes = if current < 0 { current.min(-draws) } else { current.max(draws) };
+        let least = if moves { draws >> 2 } else { draws };
+        self.slow.then_some(if current.abs() < least { 0 } else { brakes })
+    }
+
     /// Narrows a window.
     #[inline(always)]
     pub fn narrow(&self, window: &mut Window) {
@@ -147,6 +172,43 @@ mod tests {
             let burnt = field * field + supply.returns;
             let needed = braking * (supply.short - braking);
             assert!(burnt >= needed / 100 * 95 || field == most - most / 16, "{hz} Hz: {burnt} of {needed}");
+        }
+    }
+
+    /// Without control of the current along d: what drives is left alone, what brakes returns less and less, and nothing where
+    /// the bus is full.
+    #[test]
+    fn a_full_bus_has_room_for_what_draws_only() {
+        let settings = Settings { control: Some(Control::default()), ..Settings::default() };
+        let config = settings.validate().unwrap().control.unwrap();
+        let (most, band) = (config.max_current, config.supply.band);
+        for hz in (1..1000).step_by(7) {
+            for way in [1, -1] {
+                let speed = way * (f64::from(hz) / 40e3 * 4_294_967_296.0) as i32;
+                let mut supply = Supply::NONE;
+                supply.take_up(&config, speed, 16_000, most >> 2, false);
+                supply.limit(&config, 16_000, most >> 2);
+                // The back-EMF of the settings drives this through shorted windings; at half of it most is returned.
+                let short = 5 * supply.short / 2;
+                for current in (-most..=most).step_by(97) {
+                    let moves = hz & 1 == 0;
+                    let room = |left| supply.room_for(&config, left, current, speed, moves);
+                    let drives = current * way > 0;
+                    for left in [-band, 0, 1, band / 2, band - 1] {
+                        let Some(allowed) = room(left) else {
+                            assert!(!drives && left <= 0 && short > most / 2, "{hz} Hz, {current}");
+                            continue;
+                        };
+                        assert!(allowed.abs() <= most && allowed * current >= 0);
+                        assert!(!drives || allowed == current);
+                        assert!(
+                            drives || left > 0 || allowed == 0 || allowed.abs() > short,
+                            "{hz} Hz: {allowed} of {short}"
+                        );
+                        assert!(drives || left <= 0 && moves || allowed.abs() <= current.abs());
+                    }
+                }
+            }
         }
     }
 }

@@ -79,7 +79,8 @@ faults! {
     /// The bus voltage is above `over_voltage_v`.
     OverVoltage = 19,
         "the bus voltage is too high",
-        "braking feeds the supply: set max_regeneration_a to what the supply takes back (0: nothing), or add a capacitor";
+        "braking feeds the supply: set max_regeneration_a to what it takes back (0: nothing), add a capacitor or a brake \
+         resistor, or use field-oriented commutation; wait until the bus is down";
     /// The bus voltage is below `under_voltage_v`.
     UnderVoltage = 20,
         "the bus voltage is too low",

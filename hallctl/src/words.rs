@@ -48,6 +48,7 @@ pub fn limits(limits: Limits) -> Vec<&'static str> {
         (Limits::EXTRAPOLATED, "an angle extrapolated"),
         (Limits::CURRENT, "current"),
         (Limits::HEAT, "heat"),
+        (Limits::SUPPLY, "what the supply gives or takes back"),
         (Limits::TIMEOUT, "stopped: no command came for too long"),
         (Limits::TWO_HALLS, "running on two Halls"),
     ];
@@ -299,6 +300,11 @@ fn reason(field: &str) -> &'static str {
 /// Why a setting cannot be changed so, and what to do.
 pub fn setting_error(error: &settings::Error<'_>) -> String {
     match error {
+        settings::Error::OutOfRange { field, value, min, max } if max <= min => format!(
+            "{field} of {value} is beyond the integers of the control, with the other settings as they are\n  Choose a smaller \
+             one. Where none is small enough, one of resistance_ohm, inductance_h, flux_linkage_wb and inertia_kgm2 is far from \
+             that of any motor for this board."
+        ),
         settings::Error::OutOfRange { field, value, min, max } => {
             let (min, max) = (short(*min), short(*max));
             let why = reason(field);

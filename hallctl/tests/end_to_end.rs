@@ -61,6 +61,9 @@ fn evening(options: &[&str]) {
     drive.ok(&["settings", "set", "max_current_a", "2.5"]);
     assert!(drive.fails(6, &["settings", "set", "max_current_a", "99"]).contains("the board's ceiling is 6"));
     assert!(drive.fails(6, &["settings", "set", "stall_s", "99"]).contains("must be from 0.01 to 5"));
+    // No bandwidth goes with it: a range from nothing to nothing would tell little.
+    let refused = drive.fails(6, &["settings", "set", "flux_linkage_wb", "10"]);
+    assert!(refused.contains("beyond the integers") && refused.contains("flux_linkage_wb"), "{refused}");
     assert!(drive.fails(6, &["settings", "set", "adc_bits", "16"]).contains("follows from the board's parts"));
     assert_eq!(drive.ok(&["settings", "save"]), "saved\n");
     drop(drive);

@@ -263,6 +263,38 @@ fn with_local_feedback_the_bus_stays_within_its_limit() {
     }
 }
 
+/// A supply that is always where nothing brakes any more: a slow speed is held all the same, and not by jerks for which the
+/// noise of the measured speed asks.
+#[test]
+fn with_local_feedback_a_speed_is_held_just_below_the_limit_of_the_bus() {
+    let motors: Vec<_> =
+        MOTORS.iter().filter(|motor| ["paper", "20mohm", "gimbal-loose"].contains(&motor.name)).collect();
+    motors.par_iter().for_each(|motor| {
+        let mut plant = motor.plant(1);
+        plant.bus.regenerative = true;
+        let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), 1).unwrap());
+        commission(&mut bench, motor.settings(), motor.limit_a).unwrap();
+        let mut rig = bench.rig;
+        rig.command(Command::Commutate(Commutation::Sinusoidal)).unwrap();
+        rig.plant.set_supply(31.0).unwrap();
+        rig.arm().unwrap();
+        for share in [0.02_f32, 0.1] {
+            let wanted = share * rig.control().unwrap().largest_speed_rad_s();
+            speed(&mut rig, wanted);
+            rig.wait(1.5);
+            let (periods, mut mean, mut square) = (f64::from(rig.periods(0.5)), 0.0, 0.0);
+            rig.run(0.5, |_, period| {
+                let share = period.truth.speed_rad_s / f64::from(wanted);
+                mean += share / periods;
+                square += share * share / periods;
+            });
+            let ripple = (square - mean * mean).max(0.0).sqrt();
+            println!("{} at {share}: {mean:.3} of it, ripple {:.2} %", motor.name, 100.0 * ripple);
+            assert!((mean - 1.0).abs() < 0.02 && ripple < if share < 0.1 { 0.1 } else { 0.02 });
+        }
+    });
+}
+
 /// What takes up the energy of the windings' largest current between the voltage above which nothing brakes, a sixteenth
 /// of the range below `over_voltage_v`, and that: the rule of docs/hardware.md. At least that of a small board.
 fn small_capacitor(motor: &Motor) -> f64 {

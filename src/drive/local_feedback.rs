@@ -65,13 +65,14 @@ impl LocalFeedback {
         let bus = control.bus(sample.bus);
         let half_bus = bus / 2;
         let (asked, speed, left) = (servo.reference.current.q >> PARK_BITS, rotor.speed(), control.supply.end - bus);
+        // What of the current the bus has room for.
         let room = if left < control.supply.band {
             servo.protection.room_for(control, left, asked, speed, servo.moves())
         } else {
             Some(asked)
         };
         if room.is_none() {
-            // What would make up for a current that is not controlled meanwhile.
+            // Or the integrator would wind up while no current is controlled.
             self.controller = Local::ZERO;
         }
         let reference = room.unwrap_or(0);

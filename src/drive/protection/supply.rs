@@ -27,8 +27,8 @@ pub struct Supply {
     braking: i16,
     driving: i16,
     forward: bool,
-    /// So slow that next to nothing is returned, whatever the flux linkage; where d is not controlled, so slow that that
-    /// the current of shorted windings is within the largest.
+    /// So slow that next to nothing is returned, whatever the flux linkage; where d is not controlled, so slow that
+    /// the largest current is beyond that of shorted windings.
     slow: bool,
 }
 

@@ -26,6 +26,15 @@ macro_rules! faults {
             pub const fn code(self) -> u8 {
                 match self {
                     Self::Hall(why) => hall_code(why),
+                    _ => self.other_code(),
+                }
+            }
+
+            /// That of any but a Hall's: apart, so that it is one table.
+            #[inline(never)]
+            const fn other_code(self) -> u8 {
+                match self {
+                    Self::Hall(_) => 0,
                     $(Self::$variant => $code,)*
                 }
             }
@@ -44,8 +53,11 @@ macro_rules! faults {
             /// What a person does about it, with the tool `hallctl`.
             pub const fn advice(self) -> &'static str {
                 match self {
-                    Self::Hall(_) => {
+                    Self::Hall(Implausible::AtRail(_) | Implausible::OutOfRange(_)) => {
                         "check that Hall's supply, wire and distance to the magnet"
+                    }
+                    Self::Hall(_) => {
+                        "check the Halls' supply, their wires (are two swapped?) and the distance to the magnet"
                     }
                     $(Self::$variant => $advice,)*
                 }
@@ -68,10 +80,11 @@ faults! {
     AngleJump = 16,
         "the angle jumps from sample to sample: a loose connection or interference",
         "look for a loose connector and for motor wires beside those of the Halls";
-    /// The rotor turns faster than `max_electrical_hz`.
+    /// The rotor turns faster than `max_electrical_hz`, or by a fifth faster than `max_speed_rad_s`.
     OverSpeed = 17,
         "the rotor turned faster than allowed",
-        "lower the command, or raise max_electrical_hz if the motor may turn so fast";
+        "lower the command; if the motor may turn so fast, raise max_speed_rad_s (the limit is a fifth above it) or \
+         max_electrical_hz, whichever is lower";
     /// The calibration failed; the service that ran it knows why.
     Calibration = 18,
         "the calibration failed",
@@ -89,13 +102,13 @@ faults! {
     OverCurrent = 21,
         "a phase current is too large",
         "check for a short; a wrong resistance_ohm or inductance_h makes the current control overshoot";
-    /// The bridge is hotter than its `max_c`, or its thermistor shorted.
+    /// The bridge is hotter than its `max_c`.
     BridgeHot = 22,
-        "the bridge is too hot, or its thermistor shorted",
+        "the bridge is too hot",
         "let it cool, improve the cooling, or lower max_current_a";
-    /// The motor is hotter than its `max_c`, or its thermistor shorted.
+    /// The motor is hotter than its `max_c`.
     MotorHot = 23,
-        "the motor is too hot, or its thermistor shorted",
+        "the motor is too hot",
         "let it cool, lower the load or max_current_a";
     /// The rotor does not turn though the current is at its limit.
     Stall = 24,

@@ -330,3 +330,53 @@ fn a_heavy_rotor_of_uneven_magnets_is_stopped_by_a_position() {
     });
     judge(rows.collect());
 }
+
+/// The inertia of the settings or three times that, and a supply of the motor's voltage or 0.6 of it: a heavy rotor speeds up
+/// and brakes with a third of what is planned for, goes too far, and comes to its goal all the same, by smaller and smaller
+/// swings. The short form has two motors.
+#[test]
+fn a_load_that_the_settings_do_not_know_comes_to_its_goal() {
+    let names = sim::of("paper drone-15uh", "paper drone-15uh drone-60a 20mohm 20ohm gimbal-7 slotless");
+    let motors: Vec<_> = MOTORS.iter().filter(|motor| names.split(' ').any(|name| name == motor.name)).collect();
+    let jobs: Vec<_> = motors.iter().flat_map(|motor| [(motor, 1.0), (motor, 3.0)]).collect();
+    let rows = jobs.par_iter().flat_map_iter(|&(motor, heavier)| {
+        let mut plant = motor.plant(5);
+        plant.motor.inertia_kgm2 *= heavier;
+        plant.bus.regenerative = true;
+        let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), 5).unwrap());
+        let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
+        let mut rig = bench.rig;
+        let control = settings.control.as_mut().unwrap();
+        control.inertia_kgm2 /= heavier as f32;
+        control.max_acceleration_rad_s2 *= heavier as f32;
+        control.guard = GuardSettings { command_timeout_s: 60.0, ..control.guard };
+        let acceleration = f64::from(control.max_acceleration_rad_s2);
+        let least_v = 1.2 * f64::from(control.guard.under_voltage_v);
+        let mut rows = vec![];
+        for commutation in [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block] {
+            settings.commutation = commutation;
+            rig.configure(&settings).unwrap();
+            rig.arm().unwrap();
+            let most = f64::from(rig.control().unwrap().largest_speed_rad_s());
+            let full = most * most / acceleration / TAU;
+            for (volts, turns) in [(1.0, 0.4 * full), (0.6, -1.3 * full)] {
+                rig.plant.set_supply((volts * motor.bus_v).max(least_v)).unwrap();
+                let goal = here(&rig) + turns;
+                let way = travel(&mut rig, goal, 5.0 + 3.0 * turns.abs() * TAU / most + 20.0 * most / acceleration);
+                let most_beyond = if heavier > 1.0 { 2.5 * full } else { 0.5 };
+                let good = way.mode == Mode::Running && way.left.abs() < 0.05 && way.overshoot() < most_beyond;
+                rows.push((
+                    format!("{} ×{heavier} {commutation:?} {volts} V, {turns:.1} turns: {way:.2?}", motor.name),
+                    good,
+                ));
+                if way.mode != Mode::Running {
+                    return rows;
+                }
+            }
+            rig.command(Command::Disarm).unwrap();
+            rig.wait(3.0);
+        }
+        rows
+    });
+    judge(rows.collect());
+}

@@ -21,7 +21,7 @@ use serde_json::{Value, json};
 pub fn mode(mode: Mode) -> String {
     match mode {
         Mode::Unarmed => "unarmed: bridge off, not calibrated".into(),
-        Mode::Aligning => "aligning: the field pulls the rotor to it".into(),
+        Mode::Aligning => "aligning: a standing field pulls the rotor into line".into(),
         Mode::Calibrating => "calibrating: the field drags the rotor along".into(),
         Mode::Ready => "ready: bridge off, calibrated".into(),
         Mode::Running => "running: bridge on".into(),
@@ -95,7 +95,9 @@ pub fn problem(problem: Problem) -> String {
         Problem::Blank => "never stored".into(),
         Problem::Corrupt => "corrupt, not used".into(),
         Problem::Version(found) => format!("of version {found}, another firmware's, not used"),
-        Problem::Foreign => "stored, but for what this firmware does not know or allow".into(),
+        Problem::Foreign => {
+            "stored, but for a setting that this firmware does not know or allow: that has its default".into()
+        }
         Problem::Flash => "the flash failed".into(),
     }
 }
@@ -199,7 +201,7 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
         }
         Refusal::Unconfirmed(why) => format!(
             "the settings in the flash: {}; those in use may be less strict\n  Look through `hallctl settings list`, \
-             set what is missing, then `hallctl settings save` (or `accept` until the power goes).",
+             set what is missing, then `hallctl settings save` (or `hallctl settings accept`, until the power is switched off).",
             problem(*why)
         ),
         Refusal::Impedance(impedance::Error::NoControl) => NO_CONTROL.into(),

@@ -180,12 +180,6 @@ impl Trajectory {
         Position::from_bits(self.position.to_bits().wrapping_add(way))
     }
 
-    /// Stays where it is.
-    #[inline(always)]
-    pub const fn wait(&mut self) {
-        self.speed = 0;
-    }
-
     /// Makes the last step towards the position no longer than that of a rotor at a speed.
     #[inline(always)]
     pub const fn wait_for(&mut self, speed: i32) {

@@ -24,6 +24,9 @@ pub struct Gains {
     far: i32,
 }
 
+/// The full scale of the current, in 2⁻⁷ of it.
+const FULL_SCALE: i32 = 1 << 7;
+
 /// What is too large, and the most that it may be.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum TooLarge {
@@ -56,10 +59,15 @@ impl Gains {
         })
     }
 
-    /// The current that accelerates by `acceleration`, in units of speed a step of the loop.
+    /// The current that accelerates by `acceleration`, in units of speed a step of the loop; up to ± the full scale. The
+    /// integrator makes up for what is beyond the limit of the current, and would brake when so much of it ends.
     #[inline(always)]
     pub const fn feed_forward(&self, acceleration: i32) -> i32 {
-        ((acceleration as i64 * self.inertia as i64) >> 24) as i32
+        let wide = acceleration as i64 * self.inertia as i64;
+        // Of what is beyond, the upper half says enough.
+        let upper = (wide >> 32) as i32;
+        let clamped = clamp(upper, FULL_SCALE);
+        if clamped == upper { (wide >> 24) as i32 } else { clamped << 8 }
     }
 
     /// Current per speed, in 2⁻³².
@@ -173,5 +181,39 @@ mod tests {
         let acceleration = (2000.0 * SCALE.per_radian_s() / SCALE.step_hz) as i32;
         let current = gains.feed_forward(acceleration) as f32 / SCALE.per_ampere();
         assert!((current - 0.6667).abs() < 1e-3, "{current}");
+    }
+
+    /// What heavy rotors are asked for by a ramp that they cannot follow drives them on, all the way to the speed.
+    #[test]
+    fn a_feed_forward_beyond_the_limit_never_turns_the_current_round() {
+        let window = Window::symmetric((3.0 * SCALE.per_ampere()) as i32);
+        for (inertia, acceleration, bandwidth) in [
+            (1e-4, 5e4, 60.0),
+            (1e-4, 2e4, 60.0),
+            (5e-4, 5e3, 60.0),
+            (1e-3, 5e3, 30.0),
+            (1e-3, 1e4, 30.0),
+            (1.5e-3, 1e6, 5.0),
+        ] {
+            let gains =
+                Gains::new(&Motor { inertia_kgm2: inertia, ..MOTOR }, bandwidth, SCALE.step_hz, &SCALE).unwrap();
+            let mut integrator = Integrator::default();
+            let target = (450.0 * SCALE.per_radian_s()) as i32;
+            let most = (acceleration * SCALE.per_radian_s() / SCALE.step_hz) as i32;
+            let (mut speed, mut reference, mut largest) = (0.0_f32, 0, 0.0_f32);
+            // Until it is there: 3 A make 90 mN·m.
+            for step in 0..(1.3 * 450.0 * inertia / 0.09 * SCALE.step_hz) as u32 {
+                let change = (target - reference).min(most);
+                reference += change;
+                let measured = (speed * SCALE.per_radian_s()) as i32;
+                let forward = gains.feed_forward(change);
+                assert!(forward >= 0, "{inertia} {acceleration}: {forward}");
+                let current = integrator.step(&gains, reference, measured, forward, &window).current;
+                assert!(current >= 0 || speed > 400.0, "{inertia} {acceleration} {bandwidth} {step}: {current}");
+                speed += 0.03 * current as f32 / SCALE.per_ampere() / inertia / SCALE.step_hz;
+                largest = largest.max(speed);
+            }
+            assert!((430.0..480.0).contains(&speed) && largest < 490.0, "{inertia} {acceleration}: {speed} {largest}");
+        }
     }
 }

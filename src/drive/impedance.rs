@@ -2,7 +2,7 @@
 //! slots do with them.
 
 use super::arming::Pending;
-use super::servo::{Context, Servo, coarse};
+use super::servo::{Context, SOFTEST, Servo, coarse};
 use super::{Demand, Drive, Refusal, Reply};
 use crate::angle::Position;
 use crate::control::Impedance;
@@ -30,12 +30,7 @@ pub(super) struct Shaft {
     travels: bool,
     /// Whether the reference has come to where it was commanded to.
     complete: bool,
-    /// How often the acceleration was halved on the way there.
-    softened: u8,
 }
-
-/// Most of that.
-const SOFTEST: u8 = 4;
 
 impl Shaft {
     /// Neither.
@@ -49,7 +44,6 @@ impl Shaft {
         ranges: false,
         travels: false,
         complete: false,
-        softened: 0,
     };
 
     /// Whether there is a reference to go on from.
@@ -164,7 +158,7 @@ impl Servo {
             }
         }
         // The same command again goes on as gently.
-        self.limits_on_way.soften(self.shaft.softened);
+        self.limits_on_way.soften(self.softened);
         // The largest torque counts at once.
         self.protection.narrow_now(config);
     }
@@ -184,11 +178,11 @@ impl Servo {
     /// Whether the reference has arrived: then the next way begins with the acceleration of its command.
     #[inline(always)]
     pub(super) fn attend_to_impedance(&mut self) {
-        let (shaft, trajectory) = (&mut self.shaft, &self.trajectory);
-        let reached = trajectory.position() == self.goal && trajectory.speed() == 0;
+        let reached = self.is_at_goal();
         if reached {
-            shaft.softened = 0;
+            self.softened = 0;
         }
+        let (shaft, trajectory) = (&mut self.shaft, &self.trajectory);
         shaft.complete = reached || shaft.travels && trajectory.speed().abs() == self.limits_on_way.speed();
     }
 
@@ -197,13 +191,13 @@ impl Servo {
     /// but once, for that leads past the place.
     #[inline(always)]
     pub(super) fn go_on_with_rotor(&mut self) {
-        let (shaft, trajectory) = (&mut self.shaft, &self.trajectory);
+        let (shaft, trajectory) = (&self.shaft, &self.trajectory);
         let far = shaft.strain.unsigned_abs() > shaft.far >> 2;
         self.waits = far && (shaft.strain ^ trajectory.direction()) >= 0;
         let gentler =
-            if self.waits { shaft.softened < SOFTEST && trajectory.stops_gently() } else { far && shaft.softened == 0 };
+            if self.waits { self.softened < SOFTEST && trajectory.stops_gently() } else { far && self.softened == 0 };
         if gentler {
-            shaft.softened += 1;
+            self.softened += 1;
             self.limits_on_way.soften(1);
         }
         // A rotor that a weak spring does not brake as its reference does takes that along, beyond the place, too; not one

@@ -71,6 +71,8 @@ pub(super) struct Servo {
     /// Where the trajectory to a position ends, in the unit of the outer loops, and its limits.
     pub(super) goal: Position,
     pub(super) limits_on_way: trajectory::Limits,
+    /// How often the acceleration was halved on the way there.
+    pub(super) softened: u8,
     pub shaft: Shaft,
     /// The way, −1 or 1, on which the rotor must not go on because of a bound of the position; 0: neither.
     pub(super) outward: i32,
@@ -94,6 +96,15 @@ pub(super) struct Servo {
     pub(super) waits: bool,
     /// Whether the rotor is on its way to a position, and has not been at rest there.
     arrives: bool,
+    /// Whether the way to a position is to go on with less acceleration.
+    gentler: bool,
+    /// Whether the rotor lags behind its reference.
+    lags: bool,
+    /// Whether its reference is to go on from where the rotor is.
+    joins: bool,
+    /// Speed of the rotor, in even 2⁻¹⁶ electrical turns a step, when its reference was last taken along, since that was in
+    /// front of it; beyond them: none, and none on all of the way.
+    braked_from: i16,
     /// Whether braking was burnt 64 steps before the alignment may be trimmed.
     pub has_burnt: bool,
     /// Whether the motion is supervised: something is followed, and not checked before.
@@ -107,6 +118,13 @@ pub(super) struct Servo {
     pub schedule: Schedule,
     pub supervision: Supervision,
 }
+
+/// How often the acceleration of a motion is halved at most.
+pub(super) const SOFTEST: u8 = 4;
+/// A rotor that has not been in front of its reference, on the way to a position.
+const NEVER: i16 = i16::MAX;
+/// One that has been, but is not.
+const NOT_NOW: i16 = i16::MAX - 1;
 
 impl Servo {
     /// Reasons for which a current is cut.
@@ -123,10 +141,15 @@ impl Servo {
             trajectory: Trajectory::at(Position::from_bits(0), 0),
             goal: Position::from_bits(0),
             limits_on_way: trajectory::Limits::SLOWEST,
+            softened: 0,
             shaft: Shaft::NONE,
             outward: 0,
             waits: false,
             arrives: false,
+            gentler: false,
+            joins: false,
+            lags: false,
+            braked_from: NEVER,
             has_burnt: false,
             supervised: false,
             too_fast: 0,
@@ -196,7 +219,7 @@ impl Servo {
             self.speed_reference = rotor.speed();
             self.current_request = self.current_reference();
             self.speed_integrator = Integrator::holding(self.current_request);
-            self.waits = false;
+            (self.waits, self.softened, self.braked_from) = (false, 0, NEVER);
         }
         self.demand = demand;
         self.protection.held = i32::MAX;
@@ -206,7 +229,13 @@ impl Servo {
                 (self.asked, self.current_request) = (current, current);
                 self.set_reference(config, current);
             }
-            Demand::Position(position) => (self.goal, self.limits_on_way) = (coarse(position), config.trajectory),
+            Demand::Position(position) => {
+                if self.trajectory.speed() == 0 {
+                    (self.softened, self.braked_from) = (0, NEVER);
+                }
+                (self.goal, self.limits_on_way) = (coarse(position), config.trajectory);
+                self.limits_on_way.soften(self.softened);
+            }
             Demand::Impedance => self.begin_impedance(config),
         }
     }
@@ -262,7 +291,6 @@ impl Servo {
                 let target = if self.waits { self.trajectory.speed() } else { self.allowed(speed) };
                 self.trajectory.towards_speed(target, &with.config.trajectory);
             }
-            Demand::Position(_) if self.waits => self.trajectory.wait(),
             Demand::Position(_) | Demand::Impedance => self.trajectory.advance(&self.limits_on_way),
         }
     }
@@ -276,22 +304,27 @@ impl Servo {
     /// The position loop: the reference of the speed.
     #[inline(always)]
     pub fn position_loop(&mut self, with: &Context) {
-        let speed = self.trajectory.speed();
+        if self.waits && !matches!(self.demand, Demand::Speed(_)) {
+            self.wait_for_rotor(with);
+        }
         self.speed_reference = match self.demand {
             Demand::Position(_) => {
                 let (reference, measured) = (self.trajectory.position(), coarse(with.rotor.smoothed()));
                 let Config { position, max_speed_reference, .. } = with.config;
-                position.speed(reference, measured, speed, *max_speed_reference)
+                position.speed(reference, measured, self.trajectory.speed(), *max_speed_reference)
             }
-            Demand::Impedance => {
-                // If it stopped dead, the damper would brake, and a fast rotor be far past it before the next look.
-                if self.waits {
-                    self.trajectory.wait_for(with.rotor.speed());
-                }
-                self.shaft.deviate(&self.trajectory, with.rotor)
-            }
-            _ => speed,
+            Demand::Impedance => self.shaft.deviate(&self.trajectory, with.rotor),
+            _ => self.trajectory.speed(),
         };
+    }
+
+    /// A reference of the position that the rotor cannot follow goes on as fast as the rotor turns. If it stopped dead, a
+    /// rotor that is fast would be braked.
+    #[inline(always)]
+    fn wait_for_rotor(&mut self, with: &Context) {
+        let speed = with.rotor.speed();
+        let turns = speed.saturating_abs() > with.config.motion.turning;
+        self.trajectory.wait_for(if turns { speed } else { 0 });
     }
 
     /// The speed loop: the current that is asked for. A commanded current fades out about the largest speed, and brakes
@@ -343,6 +376,17 @@ impl Servo {
                 self.waits = far && (ahead < 0) == (self.allowed(speed) < reference);
             }
             Demand::Position(_) => {
+                // It would go on as fast until it has caught up, and be too fast then.
+                let (reference, rotor) = (self.trajectory.speed(), with.rotor.speed());
+                let slows = (self.trajectory.acceleration() ^ reference) < 0;
+                self.joins |= self.lags && slows && reference.wrapping_abs() < rotor.wrapping_abs();
+                if core::mem::take(&mut self.joins) {
+                    self.trajectory.take_along(coarse(with.rotor.position()), with.rotor.speed());
+                    self.speed_integrator = Integrator::holding(self.current.q >> PARK_BITS);
+                }
+                if core::mem::take(&mut self.gentler) {
+                    self.soften();
+                }
                 self.protection.held = if self.trajectory.speed() == 0 { motion.hold.into() } else { i32::MAX };
             }
         }
@@ -398,21 +442,47 @@ impl Servo {
             }
             Demand::Position(_) => {
                 let (ahead, rotor) = (self.distance(with), with.rotor.speed());
-                let behind = ahead < 0;
+                let (speed, reference) = (rotor.wrapping_abs(), self.trajectory.speed());
+                let overtakes = (ahead < 0) == (rotor > 0);
                 self.waits = false;
-                let turns = rotor.saturating_abs() > motion.turning;
-                self.arrives = self.trajectory.speed() != 0 || self.arrives && turns;
+                self.arrives = reference != 0 || self.arrives && speed > motion.turning;
+                self.lags &= !overtakes;
+                if !overtakes {
+                    self.braked_from |= NOT_NOW;
+                }
                 if ahead.unsigned_abs() > motion.far as u64 / 4 {
-                    // A rotor that the supply does not let brake as its reference does takes that along, beyond the goal,
-                    // too. Not one that is dragged away from where it is held.
-                    let narrowed = &self.protection.window.narrowed[usize::from(!behind)];
-                    if self.arrives && behind == (rotor > 0) && narrowed.contains(Limits::SUPPLY) {
-                        self.trajectory.take_along(coarse(with.rotor.position()), rotor);
+                    // A rotor that cannot brake as its reference does takes that along, beyond the goal, too: if it gets
+                    // slower, or the supply limits the braking. Not one that is dragged away from where it is held.
+                    let narrowed = &self.protection.window.narrowed[usize::from(ahead >= 0)];
+                    let coarse_speed = (speed >> 16) as i16 & !1;
+                    let brakes = coarse_speed < self.braked_from || narrowed.contains(Limits::SUPPLY);
+                    if self.arrives && overtakes && brakes {
+                        self.gentler = self.braked_from == NOT_NOW;
+                        (self.joins, self.braked_from) = (true, coarse_speed);
                     } else {
                         self.waits = ((ahead >> 32) as i32 ^ self.trajectory.direction()) >= 0;
+                        // What speeds up with much less than its reference brakes with less, too.
+                        let led = reference.wrapping_abs();
+                        self.gentler = speed < led - (led >> 2);
                     }
                 }
             }
+        }
+    }
+
+    /// Whether the reference has arrived.
+    #[inline(always)]
+    pub(super) fn is_at_goal(&self) -> bool {
+        self.trajectory.position() == self.goal && self.trajectory.speed() == 0
+    }
+
+    /// Halves the acceleration on the way to the goal, which the rotor could not follow.
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
+    pub(super) fn soften(&mut self) {
+        if self.softened < SOFTEST {
+            self.softened += 1;
+            self.limits_on_way.soften(1);
         }
     }
 
@@ -447,7 +517,9 @@ impl Servo {
                 }
                 Demand::Position(_) => {
                     supervision.is_in_time();
-                    let far = self.distance(with).unsigned_abs() > motion.far as u64;
+                    let ahead = self.distance(with);
+                    self.lags = ahead.unsigned_abs() > motion.far as u64 / 16;
+                    let far = ahead.unsigned_abs() > motion.far as u64;
                     return far.then_some(Fault::FollowingError);
                 }
             },

@@ -1,4 +1,4 @@
-//! Power-up calibration: the model of the sensors from turning the rotor open loop, both ways.
+//! Calibration: the model of the sensors from turning the rotor open loop, both ways.
 //!
 //! The stator's field drags the rotor along; [`Collector`] averages the three codes over the field's angle, and
 //! `fit` finds offset, amplitude, placement and harmonics of all sensors and the rotor's true angle in

@@ -183,7 +183,7 @@ settings! {
         [cfg(not(feature = "small"))]
         least_low_side_s: f32 = 0.0, 0.0 => if weakens_field(s.control.as_ref()) { 0.0 } else { s.sampling_window_s },
             "s", Real, FREE,
-            "Least time a low side conducts where two currents are sampled; 0: three are";
+            "Shortest on-time of the low side whose current is calculated; 0: three are sampled";
         /// A period and a half after the valley is the middle of the period that acts on it.
         halls_held_s: f32 = 0.0, -20e-6 => (1.5 / s.pwm_hz).min(20e-6), "s", Real, BOARD,
             "From the valley to where the ADC holds the Halls; negative: before";
@@ -199,7 +199,7 @@ settings! {
         phase_advance_deg: f32 = 0.0, -60.0 => 60.0, "°", Real, FREE, "Phase advance beyond a quarter turn, electrical";
         max_modulation: f32 = 1.0, 0.0 => 1.0, "", Real, FREE, "Largest voltage command";
         tracking_bandwidth_hz: f32 = 280.0, 5.0 => 5000.0, "Hz", Real, FREE,
-            "Natural frequency of the tracker, rounded to the next octave";
+            "Natural frequency of the tracker, rounded to the nearest of a series of octaves";
         max_electrical_hz: f32 = 2000.0, 1.0 => s.pwm_hz / 20.0, "Hz", Real, FREE, "A faster rotor is a fault";
         tolerated_samples: u8 = 8, 0.0 => 100.0, "", Whole, FREE,
             "Successive samples without an angle that are bridged; one more is a fault";
@@ -261,11 +261,11 @@ settings! {
         max_current_a: f32 = 3.0, 0.0 => 0.9 * c.current_full_scale_a, "A", Real, FREE, "Largest current";
         /// What the winding stands for ever; more than this flows until it is warm.
         continuous_current_a: f32 = 1.5, 0.0 => 0.9 * c.current_full_scale_a, "A", Real, FREE,
-            "Current that the motor stands for ever";
+            "Continuous current of the motor";
         winding_time_s: f32 = 30.0, 0.1 => 1e4, "s", Real, FREE, "Thermal time constant of the winding";
         housing_time_s: f32 = 900.0, 1.0 => 1e5, "s", Real, FREE, "Thermal time constant of the motor's housing";
         /// At rest one half bridge carries all of it.
-        bridge_continuous_a: f32 = 6.0, 0.1 => 1000.0, "A", Real, BOARD, "Current that the bridge stands for ever";
+        bridge_continuous_a: f32 = 6.0, 0.1 => 1000.0, "A", Real, BOARD, "Continuous current of the bridge";
         max_supply_a: f32 = 30.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current from the supply";
         /// A laboratory supply or one behind a diode: 0. A battery: what it may be charged with.
         max_regeneration_a: f32 = 0.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current back into the supply";
@@ -316,7 +316,7 @@ settings! {
         chopper_on_s: f32 = 0.5, 0.01 => 60.0, "s", Real, FREE, "Longest time that the brake resistor is on in one go";
         /// Of its rated power over its power at [`chopper_v`](Self::chopper_v).
         [cfg(not(feature = "no-chopper"))]
-        chopper_share: f32 = 0.1, 0.01 => 1.0, "", Real, FREE, "Share of time that the brake resistor is on for ever";
+        chopper_share: f32 = 0.1, 0.01 => 1.0, "", Real, FREE, "Largest share of the time that the brake resistor may be on in the long run";
         over_current_a: f32 = 6.0, 0.0 => 0.99 * c.current_full_scale_a, "A", Real, FREE,
             "A larger phase current is a fault";
         /// At two checks, eight steps apart: an amplifier is wrong. [`GuardSettings::for_full_scale`] says what it

@@ -2,8 +2,8 @@
 //! bandwidth.
 //!
 //! Units of the loops: a current of 2¹⁵ is the full scale of the current amplifiers, a voltage of 2¹⁵ that of the bus
-//! divider; speeds are in 2⁻³² electrical turns a step, as the [tracker](crate::hall::track)'s, positions in 2⁻³²
-//! electrical turns.
+//! divider; speeds are in 2⁻³² electrical turns a step, as the [tracker](crate::hall::track)'s, positions in 2⁻²⁹
+//! electrical turns, so that a speed is what they change by in each of the outer loops, every 8 steps.
 
 pub mod cogging;
 pub mod config;

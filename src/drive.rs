@@ -82,7 +82,8 @@ pub struct Drive {
     path: Path,
     /// The estimator in use; none before the first calibration.
     estimator: Option<&'static mut Estimator>,
-    /// What the map takes off the Halls' angle, for some steps.
+    /// What is taken off the Halls' angle until it is looked up again: the map of the magnets, the delay of the Halls at this
+    /// speed, and the field of the windings.
     correction: ElectricalAngle,
     channels: Interrupt,
     paths: Paths,
@@ -201,9 +202,10 @@ impl Drive {
     /// One PWM period. What it returns is to be written to the preloaded compare registers at once; if the bridge is to
     /// be off, it must be switched off at once.
     ///
-    /// A step that hands over a record leaves what can wait to the next one: a command, the check of the speed and the
-    /// comparison of the Halls with each other. That keeps the longest step short. After a missed sample the Halls are
-    /// compared in every step.
+    /// With a current control, everything but angle and current has its slots: a command each 8 steps at most, the speed each
+    /// 64, the Halls against each other each 8. Without, a step that hands over a record leaves to the next one what can
+    /// wait: a command, the check of the speed, and the comparison of the Halls, which after a missed sample is made in
+    /// every step. That keeps the longest step short.
     #[inline]
     pub fn step(&mut self, sample: &Sample) -> Output {
         match self.route {

@@ -73,7 +73,7 @@ impl Mode {
         Some(match (self, event) {
             (Unarmed | Ready, Event::Calibrate) => Aligning,
             (Aligning, Event::Aligned) => Calibrating,
-            // The fit takes a while, and the old calibration, if any, is no longer trusted.
+            // The fit takes a while; the old calibration, if any, was given back when this one began.
             (Calibrating, Event::Swept) => Unarmed,
             (Unarmed | Ready, Event::Installed) => Ready,
             // Adaptation, while running.

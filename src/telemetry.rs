@@ -60,7 +60,7 @@ pub struct State {
     pub current: Dq,
     /// Reference of the current along q, with the anti-cogging current, within its limit.
     pub current_reference: i32,
-    /// Voltage of the last step under field-oriented commutation.
+    /// Voltage of the last step; with block and sinusoidal commutation that along q only.
     pub voltage: Dq,
     /// Bus voltage.
     pub bus: u16,

@@ -169,7 +169,7 @@ fn a_move_ends_at_its_goal() {
             let good = way.mode == Mode::Running
                 && way.left.abs() < 0.01
                 && way.shrinks()
-                && way.overshoot() < 0.5 + 0.2 * turns.abs();
+                && way.overshoot() < 0.5 + 0.22 * turns.abs();
             rows.push((format!("{} {unlike:?} {turns:.1} turns: {way:.3?}", case.name), good));
             if way.mode != Mode::Running {
                 break;

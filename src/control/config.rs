@@ -333,7 +333,7 @@ impl Config {
     /// A mechanical position in turns.
     ///
     /// # Errors
-    /// Not a number, or beyond a quarter of the range of a [`Position`].
+    /// Not a number, or beyond ± 2²⁹ electrical turns: a quarter of the way to either end of the range of a [`Position`].
     pub fn position(&self, turns: f64) -> Result<Position, BadDemand> {
         let most = (1 << 29) as f32 / self.scale.pole_pairs;
         let bad = BadDemand { value: double::narrow(turns), most };

@@ -5,7 +5,8 @@
 //! the rotor can still stop in time. It arrives exactly.
 //!
 //! Above a speed c the power of braking may be limited rather than its torque. From there on, a rotor of the speed v slows
-//! down by a·c/v only, and takes the way v³ / 3ac + c² / 6a to rest: as much as with 3ac/v / (2 + (c/v)³) all the way.
+//! down by a·c/v only, and takes the way v³ / 3ac + c² / 6a to rest. A constant deceleration of 3a(c/v) / (2 + (c/v)³) takes
+//! the same way; the plan is made with that.
 
 use crate::angle::Position;
 use crate::math::{clamp, high};
@@ -89,7 +90,7 @@ pub struct Trajectory {
     speed: i32,
     /// Change of the speed in the last step.
     acceleration: i32,
-    /// Largest one that slows down, at this speed; negative if the target lies in the negative direction.
+    /// Deceleration that it has at this speed; negative if the target lies in the negative direction.
     braking: i32,
     /// Twice the deceleration times the distance to the target: the square of the speed from which the rotor just stops
     /// there.

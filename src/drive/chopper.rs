@@ -30,13 +30,13 @@ mod switched {
     use super::{Drive, Sample};
     use crate::fault::Fault;
 
-    /// The turn of the decision: not that of a slot with an outer loop, lest the longest step become longer.
-    const TURN: u32 = 5;
+    /// The step, of each eight, that decides: not one with an outer loop, lest the longest step become longer.
+    const STEP: u32 = 5;
 
     impl Drive {
         #[inline(always)]
         pub(super) fn switch_chopper(&mut self, sample: &Sample) -> Option<bool> {
-            self.servo.schedule.is_turn(TURN).then(|| self.decide_chopper(sample))
+            self.servo.schedule.is_step(STEP).then(|| self.decide_chopper(sample))
         }
 
         /// A resistor that is cold and not needed, as nearly always, is dealt with here, in few registers: the rest would

@@ -22,11 +22,12 @@ pub(super) struct LocalFeedback {
     controller: Local,
     /// The step of block commutation.
     sextant: Sextant,
-    /// Share of the reference that keeps the current's vector within it, in 2⁻¹⁶: what flows along d is not controlled.
+    /// Factor on the reference, in 2⁻¹⁶. What flows along d is not controlled and makes the vector longer than the reference;
+    /// then the factor falls until it is as long.
     share: i32,
 }
 
-/// Steps in which a vector twice as long as it may be would take all of the reference.
+/// Steps in which a vector of twice the square that it may have, or more, takes all of the reference.
 const SLOWNESS: i32 = 512;
 /// Part of the square of the reference by which that of the vector may be larger: 4.4 % of its length, and with block
 /// commutation a vector is 4.7 % longer than one along q of the same torque.
@@ -65,7 +66,7 @@ impl LocalFeedback {
         let bus = control.bus(sample.bus);
         let half_bus = bus / 2;
         let (asked, speed, left) = (servo.reference.current.q >> PARK_BITS, rotor.speed(), control.supply.end - bus);
-        // What of the current the bus has room for.
+        // Limited by the bus voltage; none where it is full and the bridge has to open.
         let room = if left < control.supply.band {
             servo.protection.room_for(control, left, asked, speed, servo.moves())
         } else {
@@ -116,7 +117,7 @@ impl LocalFeedback {
 }
 
 /// Current that flows in at one leg and out at another, as the length of a vector along q that makes the same mean
-/// torque under block commutation: 2/√3 · 3/π = 1.103 times it.
+/// torque under block commutation: 2/√3 · 3/π = 1.103 times it. The difference of the two phases is twice that current.
 fn between(phases: [i32; 3], (up, down): (usize, usize)) -> i32 {
     // Never out of range, which the compiler does not see.
     let phase = |leg: usize| phases.get(leg).copied().unwrap_or(0);

@@ -21,8 +21,8 @@ use supply::Supply;
 use temperature::Temperature;
 pub use timeout::Timeout;
 
-/// What a current along d takes from the largest along q: within the circle, from its top to the largest current along d
-/// by a straight line.
+/// What a current along d takes from the largest along q: by a straight line instead of the circle of the largest current,
+/// which it meets at d = 0 and at 0.866 of that current. Beyond, up to 15/16, the vector is up to 4.4 % too long.
 #[inline(always)]
 const fn beside(field: i32) -> i32 {
     (field * 37) >> 6

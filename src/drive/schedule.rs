@@ -43,10 +43,10 @@ impl Schedule {
         self.tick = self.tick.wrapping_add(1);
     }
 
-    /// Whether this is the step of a number among each [`OUTER`].
+    /// Whether this step is number 0 to 7 of its group of [`OUTER`].
     #[cfg(not(feature = "no-chopper"))]
     #[inline(always)]
-    pub const fn is_turn(&self, number: u32) -> bool {
+    pub const fn is_step(&self, number: u32) -> bool {
         self.tick % OUTER == number
     }
 
@@ -60,7 +60,7 @@ impl Schedule {
         self.tick & 1 == 0
     }
 
-    /// Whether this is every other time that the rotor's position is looked at.
+    /// The rotor's position is looked at each fourth [`LONG`]: whether this is every other of these looks.
     #[inline(always)]
     pub const fn is_odd_part(&self) -> bool {
         (self.tick / LONG) & 4 != 0
@@ -223,8 +223,9 @@ impl Drive {
             if weakening.is_needed(along_d, free) {
                 weakening.step(&with.config.weakening, along_d, free);
             }
-            // A current along d takes a voltage in the resistance, which is told within a quarter: little beside the
-            // back-EMF where the field is weakened, and where the angle has to be right, as it would drive there.
+            // The trim takes R·i_d off the voltage along d, and R is known to a quarter only: so not while a current along d
+            // burns what braking returns. Where the field is weakened that is little beside the back-EMF, and a wrong angle
+            // would make a torque of that current.
             if weakening.is_allowed() || !servo.has_burnt && !servo.protection.burns() {
                 field.trim_alignment(with.config, with.rotor.speed(), along_d, free);
             }
@@ -245,8 +246,9 @@ impl Drive {
         self.estimator()
     }
 
-    /// A part of the supervision. Until the commutation is proven, most of them ask whether the rotor turns as it is
-    /// driven to; not where a current does not come, and the check of the model has to find out why.
+    /// A part of the supervision. Until the commutation is proven, three of four look whether the rotor speeds up against its
+    /// torque; the fourth, and all of them where a current is asked for and none flows, go on with the check of voltages
+    /// against currents.
     #[inline(never)]
     fn supervision_slot(&mut self, sample: &Sample) -> Option<&Estimator> {
         if !self.servo.supervised {

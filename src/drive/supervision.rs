@@ -51,9 +51,7 @@ pub(super) struct Supervision {
     /// Since the rotor turned back: the speed at first, and the work of the currents that drove it.
     first_speed: i32,
     work: i32,
-    /// What the check of the model has noted: voltage, currents now and before, reference and its change, how far the
-    /// current is from it, what of that is new and then the voltage that it takes, speed, the voltage less that at
-    /// resistance and inductance, the back-EMF that there should be, and what may be wrong with all that.
+    /// What the check of the model has noted, part by part: voltage, current, and the current at the check before.
     voltage: Dq,
     current: Dq,
     before: Dq,
@@ -62,15 +60,22 @@ pub(super) struct Supervision {
     /// Back-EMF along q and the one that there should have been, when last a current flowed or none was asked for.
     before_emf: i32,
     before_expected: i32,
+    /// Reference of the current along q, and how much it has changed since the check before.
     reference: i32,
     asked: i32,
+    /// How far the current along q was from its reference at the check before.
     error: i32,
+    /// The same now; after the next part, how much that has changed; after the next, the voltage that it takes.
     coming: i32,
+    /// Whether the current is nearer to its reference than half of that.
     follows: bool,
     speed: i32,
+    /// The voltage less what drops at resistance and inductance, and the back-EMF of the speed.
     emf: Dq,
     expected: i32,
+    /// What drops at the resistance.
     dropped: i32,
+    /// How much of the voltage is beyond what the model allows, if positive.
     unexplained: i32,
     /// Unexplained voltage, summed up.
     misfit: i32,

@@ -278,11 +278,12 @@ impl Estimator {
         Some((if self.reversed { -angle } else { angle }, u32::try_from(strength).unwrap_or(u32::MAX)))
     }
 
-    /// Whether it was made for this ADC and this direction.
+    /// Angle of the Halls where the rotor's is 0.
     pub(crate) const fn alignment(&self) -> ElectricalAngle {
         self.alignment
     }
 
+    /// Whether it was made for this ADC, this direction and so many Halls.
     pub(crate) const fn is_for(&self, adc_bits: u8, reversed: bool, halls: Halls) -> bool {
         let third_is_used = !matches!(self.lost, Some(Channel::THIRD));
         self.adc_bits == adc_bits && self.reversed == reversed && !(third_is_used && matches!(halls, Halls::Two))

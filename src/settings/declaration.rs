@@ -204,7 +204,7 @@ settings! {
         tolerated_samples: u8 = 8, 0.0 => 100.0, "", Whole, FREE,
             "Successive samples without an angle that are bridged; one more is a fault";
         /// Of two, the third input is not looked at; a change of it is followed by a calibration.
-        halls: u8 = 3, 2.0 => 3.0, "", Whole, FREE, "Hall sensors: 3, or 2 that are 90° or 120° apart, electrical";
+        halls: u8 = 3, 2.0 => 3.0, "", Whole, FREE, "Hall sensors: 3, or 2 that are 60°, 90° or 120° apart, electrical";
         /// With a limit reported; otherwise the loss is a fault.
         run_on_two_halls: bool = false, 0.0 => 1.0, "", Switch, FREE,
             "A running drive that loses a Hall runs on until it is stopped";
@@ -333,7 +333,7 @@ settings! {
         if_stop_fails: OnStopFailure = OnStopFailure::Off, 0.0 => 1.0, "", Choice("off|brake"), FREE,
             "If a stop fails: bridge off, or the windings shorted first";
         stop_s: f32 = 1.0, 0.01 => 60.0, "s", Real, FREE, "Longest time to come to rest when a command times out";
-        /// Moves the shaft by a degree or so for some hundredths of a second.
+        /// Takes up to 0.35 s and turns the rotor by some 30 electrical degrees and back, by more where cogging carries it on.
         arming_check: bool = true, 0.0 => 1.0, "", Switch, FREE,
             "Check phases, amplifiers and commutation when the bridge is switched on";
         /// The default needs nothing that may be wrong. A drive whose control has been tried is better stopped.

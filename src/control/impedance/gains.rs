@@ -9,8 +9,8 @@ use core::f32::consts::TAU;
 /// Stiffness and damping at the shaft.
 ///
 /// What limits them is the time from a motion to the torque that answers it: τp for the position, which the hold between
-/// two computations and the current control make (0.37 ms with the default settings), and τd = τp + 2ᵃ⁺¹/f for the speed,
-/// which the tracker smooths (1.12 ms). A damper may take half of the inertia J in that time, kd + kp τp ≤ J / 2τd; the
+/// two computations and the current control make (0.37 ms with the default settings), and τd = τp + (2ᵃ⁺¹ − 2)/f for the
+/// speed, which the tracker smooths (1.12 ms). A damper may take half of the inertia J in that time, kd + kp τp ≤ J / 2τd; the
 /// spring's natural frequency may be a quarter of what the delay turns by a radian, kp ≤ J / 16τd².
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]

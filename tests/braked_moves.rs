@@ -95,9 +95,9 @@ impl Way {
         self.swings.first().copied().unwrap_or(0.0)
     }
 
-    /// Whether each swing is smaller than the one before.
+    /// Whether each swing is smaller than the one before, but for some of ten degrees.
     fn shrinks(&self) -> bool {
-        self.swings.windows(2).all(|pair| pair[1] < 0.85 * pair[0] + 0.01)
+        self.swings.windows(2).all(|pair| pair[1] < 0.85 * pair[0] + 0.03)
     }
 }
 

@@ -518,7 +518,8 @@ impl Servo {
                 Demand::Position(_) => {
                     supervision.is_in_time();
                     let ahead = self.distance(with);
-                    self.lags = ahead.unsigned_abs() > motion.far as u64 / 16;
+                    self.lags =
+                        ahead.unsigned_abs() > motion.far as u64 / 16 && (ahead < 0) == (with.rotor.speed() < 0);
                     let far = ahead.unsigned_abs() > motion.far as u64;
                     return far.then_some(Fault::FollowingError);
                 }

@@ -234,17 +234,20 @@ fn commissioning_that_is_stopped_says_so() {
         stopped(&drive, tool).contains("R and L at standstill: the bridge was switched off meanwhile")
     });
     assert!(said);
-    // Later the motor is fast, and takes a while to come to rest.
-    let mut tool = drive.begin(&commission);
-    let mut lines = BufReader::new(tool.stdout.take().unwrap()).lines().map_while(Result::ok);
-    assert!(lines.any(|line| line.starts_with("4 of 6")));
+    // Later the motor is fast, and takes a while to come to rest; on a busy machine it may be slow again when it is stopped.
     let speed_rad_s = |drive: &Drive| {
         let status: serde_json::Value = serde_json::from_str(&drive.ok(&["--json", "status"])).unwrap();
         (status["state"] == "running").then(|| status["speed_rad_s"].as_f64().unwrap().abs())
     };
-    while speed_rad_s(&drive).is_none_or(|speed| speed < 100.0) {}
-    let said = stopped(&drive, tool);
-    assert!(said.contains("The motor still turns: ") && said.contains("wait until it stands"), "{said}");
+    let said = (0..10).any(|_| {
+        let mut tool = drive.begin(&[&commission[..], &["--restart"]].concat());
+        let mut lines = BufReader::new(tool.stdout.take().unwrap()).lines().map_while(Result::ok);
+        assert!(lines.any(|line| line.starts_with("4 of 6")));
+        while speed_rad_s(&drive).is_none_or(|speed| speed < 100.0) {}
+        let said = stopped(&drive, tool);
+        said.contains("The motor still turns: ") && said.contains("wait until it stands")
+    });
+    assert!(said);
 }
 
 #[test]

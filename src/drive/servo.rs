@@ -92,18 +92,18 @@ pub(super) struct Servo {
     /// The current against it.
     #[cfg(not(feature = "small"))]
     current_by_pole: i32,
-    /// Whether a commanded speed waits for a rotor that cannot follow.
+    /// Whether the reference waits for a rotor that cannot follow.
     pub(super) waits: bool,
     /// Whether the rotor is on its way to a position, and has not been at rest there.
     arrives: bool,
     /// Whether the way to a position is to go on with less acceleration.
     gentler: bool,
-    /// Whether the rotor lags behind its reference.
+    /// Whether the rotor lags behind its reference by more than a sixteenth of the largest distance.
     lags: bool,
     /// Whether its reference is to go on from where the rotor is.
     joins: bool,
-    /// Speed of the rotor, in even 2⁻¹⁶ electrical turns a step, when its reference was last taken along, since that was in
-    /// front of it; beyond them: none, and none on all of the way.
+    /// Speed of the rotor, in even multiples of 2⁻¹⁶ electrical turns a step, when its reference was last taken along while
+    /// the rotor was in front of it; or [`NEVER`] or [`NOT_NOW`], which are above any speed.
     braked_from: i16,
     /// Whether braking was burnt 64 steps before the alignment may be trimmed.
     pub has_burnt: bool,
@@ -121,9 +121,9 @@ pub(super) struct Servo {
 
 /// How often the acceleration of a motion is halved at most.
 pub(super) const SOFTEST: u8 = 4;
-/// A rotor that has not been in front of its reference, on the way to a position.
+/// The reference has not been taken along by a rotor in front of it, on the way to a position.
 const NEVER: i16 = i16::MAX;
-/// One that has been, but is not.
+/// It has been, but the rotor is behind it again. NEVER | NOT_NOW is NEVER, any speed | NOT_NOW this.
 const NOT_NOW: i16 = i16::MAX - 1;
 
 impl Servo {
@@ -376,12 +376,14 @@ impl Servo {
                 self.waits = far && (ahead < 0) == (self.allowed(speed) < reference);
             }
             Demand::Position(_) => {
-                // It would go on as fast until it has caught up, and be too fast then.
+                // A rotor that lags would go on as fast, while its reference brakes, until it has caught up, and be too fast
+                // then: the reference brakes from where the rotor is.
                 let (reference, rotor) = (self.trajectory.speed(), with.rotor.speed());
                 let slows = (self.trajectory.acceleration() ^ reference) < 0;
                 self.joins |= self.lags && slows && reference.wrapping_abs() < rotor.wrapping_abs();
                 if core::mem::take(&mut self.joins) {
                     self.trajectory.take_along(coarse(with.rotor.position()), with.rotor.speed());
+                    // What it has asked for beyond the current that flows does not count.
                     self.speed_integrator = Integrator::holding(self.current.q >> PARK_BITS);
                 }
                 if core::mem::take(&mut self.gentler) {
@@ -457,6 +459,7 @@ impl Servo {
                     let coarse_speed = (speed >> 16) as i16 & !1;
                     let brakes = coarse_speed < self.braked_from || narrowed.contains(Limits::SUPPLY);
                     if self.arrives && overtakes && brakes {
+                        // From the second time on: the first may be a little friction or resistance that is told wrong.
                         self.gentler = self.braked_from == NOT_NOW;
                         (self.joins, self.braked_from) = (true, coarse_speed);
                     } else {

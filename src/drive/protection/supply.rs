@@ -3,8 +3,8 @@
 //! A current −q that brakes returns the power 1.5 (e q − R q²) of the back-EMF e. What the supply does not take is burnt
 //! in the windings by a current along d, which makes no torque: 1.5 (e q − R (q² + d²)) is what goes back. The current
 //! along d comes first, and the braking current follows it as far as it has room, so that nothing is returned on the
-//! way either. Both together stay within 1.05 of the largest current (see [`beside`]), so a fast motor of a low resistance brakes with
-//! q = I²R/e only. Where d is not controlled, with local feedback, the bus voltage limits the braking: see [`Supply::room_for`].
+//! way either. Both together stay within 1.05 of the largest current (see [`beside`]), so a fast motor of a low
+//! resistance brakes with q = I²R/e only. Where d is not controlled, with local feedback, the bus voltage limits the braking: see [`Supply::room_for`].
 //!
 //! What the settings of the motor do not tell is left to the bus voltage: towards `over_voltage_v`, less and less brakes.
 

@@ -25,6 +25,7 @@ mod channels;
 mod chopper;
 mod command;
 mod field_oriented;
+mod following;
 mod hall_loss;
 mod idle;
 mod impedance;

@@ -380,3 +380,53 @@ fn a_load_that_the_settings_do_not_know_comes_to_its_goal() {
     });
     judge(rows.collect());
 }
+
+/// A load that comes on the way, as a rope that takes the weight, along the motion and against it; on a supply that takes
+/// back what braking returns. What the motor can hold ends at the goal; by more than its torque the rotor is dragged away, and
+/// the bridge is off before it is far: the reference is not taken along for ever.
+#[test]
+fn a_rotor_that_is_dragged_away_is_not_followed_for_ever() {
+    let names = sim::of("hub paper-heavy", "hub paper paper-heavy drone-15uh drone-heavy gimbal-7 hoverboard slotless");
+    let motors: Vec<_> = MOTORS.iter().filter(|motor| names.split(' ').any(|name| name == motor.name)).collect();
+    let jobs: Vec<_> = motors.iter().flat_map(|motor| [-1.3, -0.3, 0.3, 1.3].map(|load| (motor, load))).collect();
+    let rows = jobs.par_iter().map(|&(motor, load)| {
+        let mut plant = motor.plant(5);
+        plant.bus.regenerative = true;
+        let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), 5).unwrap());
+        let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
+        let mut rig = bench.rig;
+        let control = settings.control.as_mut().unwrap();
+        control.guard = GuardSettings { command_timeout_s: 60.0, ..control.guard };
+        (control.continuous_current_a, control.max_regeneration_a) = (control.max_current_a, 1000.0);
+        let constant = 1.5 * f64::from(settings.pole_pairs) * f64::from(control.flux_linkage_wb);
+        let torque = constant * f64::from(control.max_current_a);
+        let (fastest, acceleration) = (f64::from(control.max_speed_rad_s), f64::from(control.max_acceleration_rad_s2));
+        rig.configure(&settings).unwrap();
+        rig.arm().unwrap();
+        let (start, turns) = (here(&rig), (2.0 * fastest * fastest / acceleration / TAU).clamp(2.0, 40.0));
+        go(&mut rig, start + turns);
+        while here(&rig) < start + turns / 5.0 {
+            rig.wait(0.01);
+        }
+        rig.plant.set_load(load * torque).unwrap();
+        let (mut off, mut farthest) = (false, [0.0_f64; 2]);
+        rig.run(40.0, |rig, _| {
+            off |= rig.drive.mode() != Mode::Running;
+            if !off {
+                let beyond = here(rig) - start - turns;
+                farthest = [farthest[0].min(beyond), farthest[1].max(beyond)];
+            }
+        });
+        let left = here(&rig) - start - turns;
+        // Or faster than it may be, before it is so far away.
+        let good =
+            if load.abs() < 1.0 { !off && left.abs() < 0.05 } else { off && farthest[0] > -turns && farthest[1] < 3.0 };
+        let text = format!(
+            "{} {load}: {turns:.1} turns, {:?}, {farthest:.2?} beyond, {left:.2} left",
+            motor.name,
+            rig.drive.mode()
+        );
+        (text, good)
+    });
+    judge(rows.collect());
+}

@@ -65,7 +65,7 @@ impl FieldOriented {
         self.voltage = self.integrators.step(&self.gains, servo.reference.current, current);
         // What is computed now acts in the next period.
         let ahead = Rotation::at(rotor.predicted(tracking) + self.trim);
-        self.modulator.compare(ahead, self.voltage, servo.reference.dead_time)
+        self.modulator.compare(ahead, self.voltage, servo.reference.in_ramps)
     }
 
     /// Gains and integrators for the bus voltage of now.

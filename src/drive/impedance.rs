@@ -2,7 +2,7 @@
 //! slots do with them.
 
 use super::arming::Pending;
-use super::servo::{Context, SOFTEST, Servo, coarse};
+use super::servo::{Context, Servo, coarse};
 use super::{Demand, Drive, Refusal, Reply};
 use crate::angle::Position;
 use crate::control::Impedance;
@@ -132,7 +132,7 @@ impl Servo {
         self.shaft.dead = [0; 2];
         let far = strain(config.motion.far).unsigned_abs();
         self.shaft.far = if impedance.spring.stiffness == 0 { u32::MAX } else { far };
-        self.protection.held = impedance.most;
+        self.protection.most_of_demand = impedance.most;
         self.protection.timeout.restart(config, Some(impedance.timeout));
         match impedance.course {
             Course::Travel { from, travel } => {
@@ -158,7 +158,7 @@ impl Servo {
             }
         }
         // The same command again goes on as gently.
-        self.limits_on_way.soften(self.softened);
+        self.following.soften_like_before(&mut self.limits_on_way);
         // The largest torque counts at once.
         self.protection.narrow_now(config);
     }
@@ -180,26 +180,17 @@ impl Servo {
     pub(super) fn attend_to_impedance(&mut self) {
         let reached = self.is_at_goal();
         if reached {
-            self.softened = 0;
+            self.following.forget();
         }
         let (shaft, trajectory) = (&mut self.shaft, &self.trajectory);
         shaft.complete = reached || shaft.travels && trajectory.speed().abs() == self.limits_on_way.speed();
     }
 
-    /// Whether the reference, which does not run away from a rotor that cannot follow, has to wait. What lags behind is
-    /// asked for less acceleration, as far as it still stops in time: it cannot brake as fast, either. What runs ahead, too,
-    /// but once, for that leads past the place.
+    /// The reference of a spring does not run away from a rotor that cannot follow.
     #[inline(always)]
     pub(super) fn go_on_with_rotor(&mut self) {
-        let (shaft, trajectory) = (&self.shaft, &self.trajectory);
-        let far = shaft.strain.unsigned_abs() > shaft.far >> 2;
-        self.waits = far && (shaft.strain ^ trajectory.direction()) >= 0;
-        let gentler =
-            if self.waits { self.softened < SOFTEST && trajectory.stops_gently() } else { far && self.softened == 0 };
-        if gentler {
-            self.softened += 1;
-            self.limits_on_way.soften(1);
-        }
+        let (shaft, limits) = (&self.shaft, &mut self.limits_on_way);
+        self.following.look_at_spring(shaft.strain, shaft.far, &self.trajectory, limits);
         // A rotor that a weak spring does not brake as its reference does takes that along, beyond the place, too; not one
         // that is dragged away from where it is held.
         let most = (shaft.far >> 1) as i32;

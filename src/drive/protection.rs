@@ -38,8 +38,8 @@ pub(super) struct Protection {
     pub timeout: Timeout,
     temperatures: [Temperature; 2],
     overload: Overload,
-    /// Largest current while a position is held.
-    pub held: i32,
+    /// Largest current of what is followed: of a position that is held, of a spring.
+    pub most_of_demand: i32,
     /// Largest current that heat allows, in 2⁻¹⁵ of the full scale.
     most: i32,
     supply: Supply,
@@ -56,7 +56,7 @@ impl Protection {
         timeout: Timeout::NONE,
         temperatures: [Temperature::NONE; 2],
         overload: Overload::POWER_UP,
-        held: i32::MAX,
+        most_of_demand: i32::MAX,
         most: 0,
         supply: Supply::NONE,
         weakening: Weakening::NONE,
@@ -190,8 +190,8 @@ impl Protection {
         self.window = Window::symmetric(config.max_current - against_field);
         self.window.from_below(-most, Limits::HEAT);
         self.window.from_above(most, Limits::HEAT);
-        self.window.from_below(-self.held, Limits::NONE);
-        self.window.from_above(self.held, Limits::NONE);
+        self.window.from_below(-self.most_of_demand, Limits::NONE);
+        self.window.from_above(self.most_of_demand, Limits::NONE);
         self.supply.narrow(&mut self.window);
     }
 }
@@ -208,7 +208,7 @@ mod tests {
         let settings = Settings { control: Some(control), ..Settings::default() };
         let config = settings.validate().unwrap().control.unwrap();
         let mut protection = Protection { most: config.max_current, ..Protection::NONE };
-        protection.held = i32::MAX;
+        protection.most_of_demand = i32::MAX;
         protection.weakening.limit(&config.weakening, LONGEST, i32::MAX);
         for _ in 0..1000 {
             protection.weakening.step(&config.weakening, -protection.weakening.current(), -LONGEST);

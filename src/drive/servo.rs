@@ -2,6 +2,7 @@
 //! measured, the protection and the schedule. Shared by [local feedback](super::local_feedback) and [field
 //! orientation](super::field_oriented).
 
+use super::following::Following;
 use super::impedance::Shaft;
 use super::protection::Protection;
 use super::schedule::{OUTER, Schedule};
@@ -47,9 +48,9 @@ pub enum Demand {
 pub(super) struct Reference {
     /// In 2⁻²⁸ of the full scale.
     pub current: Dq,
-    /// For the compensation of the dead time, in the unit of
+    /// The one along q for the compensation of the dead time, in the unit of
     /// [`Modulator::compare`](crate::commutation::svpwm::Modulator::compare).
-    pub dead_time: i32,
+    pub in_ramps: i32,
 }
 
 /// What a slot of the schedule works with.
@@ -71,8 +72,7 @@ pub(super) struct Servo {
     /// Where the trajectory to a position ends, in the unit of the outer loops, and its limits.
     pub(super) goal: Position,
     pub(super) limits_on_way: trajectory::Limits,
-    /// How often the acceleration was halved on the way there.
-    pub(super) softened: u8,
+    pub(super) following: Following,
     pub shaft: Shaft,
     /// The way, −1 or 1, on which the rotor must not go on because of a bound of the position; 0: neither.
     pub(super) outward: i32,
@@ -92,19 +92,6 @@ pub(super) struct Servo {
     /// The current against it.
     #[cfg(not(feature = "small"))]
     current_by_pole: i32,
-    /// Whether the reference waits for a rotor that cannot follow.
-    pub(super) waits: bool,
-    /// Whether the rotor is on its way to a position, and has not been at rest there.
-    arrives: bool,
-    /// Whether the way to a position is to go on with less acceleration.
-    gentler: bool,
-    /// Whether the rotor lags behind its reference by more than a sixteenth of the largest distance.
-    lags: bool,
-    /// Whether its reference is to go on from where the rotor is.
-    joins: bool,
-    /// Speed of the rotor, in even multiples of 2⁻¹⁶ electrical turns a step, when its reference was last taken along while
-    /// the rotor was in front of it; or [`NEVER`] or [`NOT_NOW`], which are above any speed.
-    braked_from: i16,
     /// Whether braking was burnt 64 steps before the alignment may be trimmed.
     pub has_burnt: bool,
     /// Whether the motion is supervised: something is followed, and not checked before.
@@ -119,13 +106,6 @@ pub(super) struct Servo {
     pub supervision: Supervision,
 }
 
-/// How often the acceleration of a motion is halved at most.
-pub(super) const SOFTEST: u8 = 4;
-/// The reference has not been taken along by a rotor in front of it, on the way to a position.
-const NEVER: i16 = i16::MAX;
-/// It has been, but the rotor is behind it again. NEVER | NOT_NOW is NEVER, any speed | NOT_NOW this.
-const NOT_NOW: i16 = i16::MAX - 1;
-
 impl Servo {
     /// Reasons for which a current is cut.
     const CUTS: Limits = Limits::CURRENT.with(Limits::HEAT).with(Limits::SUPPLY);
@@ -135,21 +115,15 @@ impl Servo {
             protection: Protection::NONE,
             supervision: Supervision::NONE,
             clarke: Clarke::new(0, [0; 3], false),
-            reference: Reference { current: Dq { d: 0, q: 0 }, dead_time: 0 },
+            reference: Reference { current: Dq { d: 0, q: 0 }, in_ramps: 0 },
             current: Dq { d: 0, q: 0 },
             demand: Demand::Voltage,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
             goal: Position::from_bits(0),
             limits_on_way: trajectory::Limits::SLOWEST,
-            softened: 0,
+            following: Following::NEW,
             shaft: Shaft::NONE,
             outward: 0,
-            waits: false,
-            arrives: false,
-            gentler: false,
-            joins: false,
-            lags: false,
-            braked_from: NEVER,
             has_burnt: false,
             supervised: false,
             too_fast: 0,
@@ -219,10 +193,10 @@ impl Servo {
             self.speed_reference = rotor.speed();
             self.current_request = self.current_reference();
             self.speed_integrator = Integrator::holding(self.current_request);
-            (self.waits, self.softened, self.braked_from) = (false, 0, NEVER);
+            self.following.begin();
         }
         self.demand = demand;
-        self.protection.held = i32::MAX;
+        self.protection.most_of_demand = i32::MAX;
         match demand {
             Demand::Voltage | Demand::Speed(_) => {}
             Demand::Current(Current(current)) => {
@@ -231,10 +205,10 @@ impl Servo {
             }
             Demand::Position(position) => {
                 if self.trajectory.speed() == 0 {
-                    (self.softened, self.braked_from) = (0, NEVER);
+                    self.following.forget();
                 }
                 (self.goal, self.limits_on_way) = (coarse(position), config.trajectory);
-                self.limits_on_way.soften(self.softened);
+                self.following.soften_like_before(&mut self.limits_on_way);
             }
             Demand::Impedance => self.begin_impedance(config),
         }
@@ -288,7 +262,7 @@ impl Servo {
         match self.demand {
             Demand::Voltage | Demand::Current(_) => {}
             Demand::Speed(Speed(speed)) => {
-                let target = if self.waits { self.trajectory.speed() } else { self.allowed(speed) };
+                let target = if self.following.waits { self.trajectory.speed() } else { self.allowed(speed) };
                 self.trajectory.towards_speed(target, &with.config.trajectory);
             }
             Demand::Position(_) | Demand::Impedance => self.trajectory.advance(&self.limits_on_way),
@@ -304,7 +278,7 @@ impl Servo {
     /// The position loop: the reference of the speed.
     #[inline(always)]
     pub fn position_loop(&mut self, with: &Context) {
-        if self.waits && !matches!(self.demand, Demand::Speed(_)) {
+        if self.following.waits && !matches!(self.demand, Demand::Speed(_)) {
             self.wait_for_rotor(with);
         }
         self.speed_reference = match self.demand {
@@ -373,23 +347,17 @@ impl Servo {
                 let reference = self.trajectory.speed();
                 let ahead = reference.wrapping_sub(with.rotor.speed());
                 let far = ahead.saturating_abs() > motion.far_speed >> 1;
-                self.waits = far && (ahead < 0) == (self.allowed(speed) < reference);
+                self.following.waits = far && (ahead < 0) == (self.allowed(speed) < reference);
             }
             Demand::Position(_) => {
-                // A rotor that lags would go on as fast, while its reference brakes, until it has caught up, and be too fast
-                // then: the reference brakes from where the rotor is.
-                let (reference, rotor) = (self.trajectory.speed(), with.rotor.speed());
-                let slows = (self.trajectory.acceleration() ^ reference) < 0;
-                self.joins |= self.lags && slows && reference.wrapping_abs() < rotor.wrapping_abs();
-                if core::mem::take(&mut self.joins) {
+                if self.following.joins(&self.trajectory, with.rotor.speed()) {
                     self.trajectory.take_along(coarse(with.rotor.position()), with.rotor.speed());
                     // What it has asked for beyond the current that flows does not count.
                     self.speed_integrator = Integrator::holding(self.current.q >> PARK_BITS);
                 }
-                if core::mem::take(&mut self.gentler) {
-                    self.soften();
-                }
-                self.protection.held = if self.trajectory.speed() == 0 { motion.hold.into() } else { i32::MAX };
+                self.following.adapt(&mut self.limits_on_way);
+                self.protection.most_of_demand =
+                    if self.trajectory.speed() == 0 { motion.hold.into() } else { i32::MAX };
             }
         }
         (self.supervised && supervision::is_outside(motion, with.rotor)).then_some(Fault::PositionBounds)
@@ -430,7 +398,6 @@ impl Servo {
     /// Anything else ends before a bound of the position.
     #[inline(always)]
     pub fn attend_to_position(&mut self, with: &Context) {
-        let motion = &with.config.motion;
         match self.demand {
             Demand::Voltage | Demand::Current(_) => {}
             Demand::Impedance if self.schedule.is_odd_part() => {
@@ -443,32 +410,8 @@ impl Servo {
                 self.look_ahead(speed < 0, fast, with);
             }
             Demand::Position(_) => {
-                let (ahead, rotor) = (self.distance(with), with.rotor.speed());
-                let (speed, reference) = (rotor.wrapping_abs(), self.trajectory.speed());
-                let overtakes = (ahead < 0) == (rotor > 0);
-                self.waits = false;
-                self.arrives = reference != 0 || self.arrives && speed > motion.turning;
-                self.lags &= !overtakes;
-                if !overtakes {
-                    self.braked_from |= NOT_NOW;
-                }
-                if ahead.unsigned_abs() > motion.far as u64 / 4 {
-                    // A rotor that cannot brake as its reference does takes that along, beyond the goal, too: if it gets
-                    // slower, or the supply limits the braking. Not one that is dragged away from where it is held.
-                    let narrowed = &self.protection.window.narrowed[usize::from(ahead >= 0)];
-                    let coarse_speed = (speed >> 16) as i16 & !1;
-                    let brakes = coarse_speed < self.braked_from || narrowed.contains(Limits::SUPPLY);
-                    if self.arrives && overtakes && brakes {
-                        // From the second time on: the first may be a little friction or resistance that is told wrong.
-                        self.gentler = self.braked_from == NOT_NOW;
-                        (self.joins, self.braked_from) = (true, coarse_speed);
-                    } else {
-                        self.waits = ((ahead >> 32) as i32 ^ self.trajectory.direction()) >= 0;
-                        // What speeds up with much less than its reference brakes with less, too.
-                        let led = reference.wrapping_abs();
-                        self.gentler = speed < led - (led >> 2);
-                    }
-                }
+                let ahead = self.distance(with);
+                self.following.look(ahead, &self.trajectory, with.rotor.speed(), with.config, &self.protection.window);
             }
         }
     }
@@ -477,16 +420,6 @@ impl Servo {
     #[inline(always)]
     pub(super) fn is_at_goal(&self) -> bool {
         self.trajectory.position() == self.goal && self.trajectory.speed() == 0
-    }
-
-    /// Halves the acceleration on the way to the goal, which the rotor could not follow.
-    #[cfg_attr(not(feature = "small"), inline(always))]
-    #[cfg_attr(feature = "small", inline(never))]
-    pub(super) fn soften(&mut self) {
-        if self.softened < SOFTEST {
-            self.softened += 1;
-            self.limits_on_way.soften(1);
-        }
     }
 
     /// Whether the rotor turns against the torque.
@@ -521,8 +454,7 @@ impl Servo {
                 Demand::Position(_) => {
                     supervision.is_in_time();
                     let ahead = self.distance(with);
-                    self.lags =
-                        ahead.unsigned_abs() > motion.far as u64 / 16 && (ahead < 0) == (with.rotor.speed() < 0);
+                    self.following.note_lag(ahead, with.rotor.speed(), motion);
                     let far = ahead.unsigned_abs() > motion.far as u64;
                     return far.then_some(Fault::FollowingError);
                 }
@@ -605,7 +537,7 @@ impl Servo {
         let limited = self.protection.window.cut(request);
         self.measurement.state.current_reference = limited;
         self.reference.current.q = limited << PARK_BITS;
-        self.reference.dead_time = clamp(limited, config.dead_time_saturation) * config.ramp;
+        self.reference.in_ramps = clamp(limited, config.dead_time_saturation) * config.ramp;
     }
 
     /// Reference of the current along q, in 2⁻¹⁵ of the full scale.

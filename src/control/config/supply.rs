@@ -45,15 +45,18 @@ impl Supply {
         let guard = &settings.guard;
         let per_volt = 32_768.0 / scale.volts;
         let room = (guard.over_voltage_v - guard.under_voltage_v) / 16.0 * per_volt;
-        let band = (2.0 * room).max(1.0);
+        // Both so that all may brake where the bus is below the range, but for less than a thousandth: a rounding must not look
+        // like a limit of the supply.
+        let slope = (32_768.0 / room.max(0.5)) as i32;
+        let band = (65_535 + slope) / slope;
         Self {
             short: fixed(short, 0).unwrap_or(i32::MAX),
             returns: power(settings.max_regeneration_a, resistance),
             // A winding that is hot takes more, and so does the bridge.
             gives: power(settings.max_supply_a, 1.4 * resistance),
             end: (guard.over_voltage_v * per_volt - room) as i32,
-            band: band as i32,
-            slope: (65_536.0 / band) as i32,
+            band,
+            slope,
         }
     }
 

@@ -113,7 +113,7 @@ faults! {
     /// The rotor does not turn though the current is at its limit.
     Stall = 24,
         "the rotor does not turn at the largest current",
-        "free the shaft, or raise max_current_a or stall_s";
+        "free the shaft, or raise max_current_a, max_supply_a or stall_s";
     /// A current amplifier shows more than `offset_a` while no current flows.
     CurrentOffset = 25,
         "a current amplifier shows a current while none flows",

@@ -92,7 +92,7 @@ pub const fn record(record: Record) -> &'static str {
 pub fn problem(problem: Problem) -> String {
     match problem {
         Problem::None => "stored".into(),
-        Problem::Blank => "never stored".into(),
+        Problem::Blank => "none stored".into(),
         Problem::Corrupt => "corrupt, not used".into(),
         Problem::Version(found) => format!("of version {found}, another firmware's, not used"),
         Problem::Foreign => {
@@ -286,6 +286,10 @@ fn reason(field: &str) -> &'static str {
         "field_weakening_a" => {
             "\n  More than seven eighths of max_current_a leave no torque; more than eight tenths of flux_linkage_wb over \
              inductance_h would turn the field round."
+        }
+        "over_current_a" => {
+            "\n  It is at least 8.8 % above max_current_a, for noise and overshoot: raise this one first, lower that one first, or \
+             let `hallctl commission --max-current` set both."
         }
         "least_low_side_s" => {
             "\n  Set field_weakening_a to 0, or this: they do not go together. Without field weakening, sampling_window_s \

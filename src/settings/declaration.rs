@@ -258,15 +258,15 @@ settings! {
             "Bandwidth of the position control";
         dead_time_ramp_a: f32 = 0.05, 1e-3 => c.current_full_scale_a, "A", Real, FREE,
             "Current below which the dead time acts in part only";
-        max_current_a: f32 = 3.0, 0.0 => 0.9 * c.current_full_scale_a, "A", Real, FREE, "Largest current";
+        max_current_a: f32 = 3.0, 1e-3 * c.current_full_scale_a => 0.9 * c.current_full_scale_a, "A", Real, FREE, "Largest current";
         /// What the winding stands for ever; more than this flows until it is warm.
-        continuous_current_a: f32 = 1.5, 0.0 => 0.9 * c.current_full_scale_a, "A", Real, FREE,
+        continuous_current_a: f32 = 1.5, 1e-3 * c.current_full_scale_a => 0.9 * c.current_full_scale_a, "A", Real, FREE,
             "Continuous current of the motor";
         winding_time_s: f32 = 30.0, 0.1 => 1e4, "s", Real, FREE, "Thermal time constant of the winding";
         housing_time_s: f32 = 900.0, 1.0 => 1e5, "s", Real, FREE, "Thermal time constant of the motor's housing";
         /// At rest one half bridge carries all of it.
         bridge_continuous_a: f32 = 6.0, 0.1 => 1000.0, "A", Real, BOARD, "Continuous current of the bridge";
-        max_supply_a: f32 = 30.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current from the supply";
+        max_supply_a: f32 = 30.0, 0.01 => 1000.0, "A", Real, FREE, "Largest current from the supply";
         /// A laboratory supply or one behind a diode: 0. A battery: what it may be charged with.
         max_regeneration_a: f32 = 0.0, 0.0 => 1000.0, "A", Real, FREE, "Largest current back into the supply";
         /// 0: a third of `max_current_a`, at most `continuous_current_a`. Takes the place of `calibration_modulation`.
@@ -317,7 +317,8 @@ settings! {
         /// Of its rated power over its power at [`chopper_v`](Self::chopper_v).
         [cfg(not(feature = "no-chopper"))]
         chopper_share: f32 = 0.1, 0.01 => 1.0, "", Real, FREE, "Largest share of the time that the brake resistor may be on in the long run";
-        over_current_a: f32 = 6.0, 0.0 => 0.99 * c.current_full_scale_a, "A", Real, FREE,
+        /// Above `max_current_a` by noise and overshoot.
+        over_current_a: f32 = 6.0, 1.088 * c.max_current_a => 0.99 * c.current_full_scale_a, "A", Real, FREE,
             "A larger phase current is a fault";
         /// At two checks, eight steps apart: an amplifier is wrong. [`GuardSettings::for_full_scale`] says what it
         /// follows from.
@@ -327,7 +328,7 @@ settings! {
             "Largest reading of an amplifier while no current flows";
         /// Under speed or position control.
         stall_s: f32 = 0.5, 0.01 => 5.0, "s", Real, FREE, "At rest at the largest current for longer is a fault";
-        /// Also how long a tool controls the drive, and a procedure goes on, without a request.
+        /// Also how long a tool controls the drive without a request, and, but for 0.1 s at least, a procedure goes on.
         command_timeout_s: f32 = 1.0, 1e-3 => 60.0, "s", Real, FREE, "How long a command holds";
         /// After [`stop_s`](Self::stop_s) without coming to rest.
         if_stop_fails: OnStopFailure = OnStopFailure::Off, 0.0 => 1.0, "", Choice("off|brake"), FREE,

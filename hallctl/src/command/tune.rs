@@ -213,7 +213,11 @@ fn settled(client: &mut Client, trial: &Trial) -> Result<Trial> {
             return Ok(slower);
         }
         let position_hz = slower.position_bandwidth_hz / 2.0;
-        Bandwidths { position_hz, ..slower.bandwidths() }.set(client)?;
+        match (Bandwidths { position_hz, ..slower.bandwidths() }).set(client) {
+            // Below what a position can be held with.
+            Err(Error::Refused(_)) => break,
+            result => result?,
+        }
         match unless_it_swings(client, |client| slower.with_position(client, position_hz))? {
             Some(trial) => slower = trial,
             None => break,

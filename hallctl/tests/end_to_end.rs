@@ -164,7 +164,7 @@ fn settings_go_into_a_file_and_back() {
     let changed = list.lines().filter(|line| line.starts_with("* ") && !line.contains("differs")).count();
     assert_eq!(changed, 5, "{list}");
     assert!(list.contains("* commutation                  sinusoidal"), "{list}");
-    assert!(drive.fails(6, &["settings", "load"]).contains("never stored"));
+    assert!(drive.fails(6, &["settings", "load"]).contains("none stored"));
 
     fs::write(&file, "stall_s = 0.7\nno_such_setting = 1\n").unwrap();
     assert!(drive.fails(6, &["settings", "import", path]).contains("no such setting"));

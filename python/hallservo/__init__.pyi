@@ -22,7 +22,9 @@ class Drive:
 
     @property
     def board(self) -> str: ...
-    def status(self) -> dict[str, Any]: ...
+    def status(self) -> dict[str, Any]:
+        """As `hallctl status --json`: state, fault, limits, position_turns, speed_rad_s, current_a, …; None where a
+        quantity is not measured."""
     def arm(self) -> None:
         """Bridge on, command zero; returns when wires, amplifiers and direction have been checked."""
     def stop(self) -> None:
@@ -53,7 +55,7 @@ class Drive:
         settings.
         """
     def calibrate(self) -> dict[str, Any]:
-        """Turns the rotor both ways and finds out what the Halls deliver."""
+        """Turns the rotor both ways and finds out what the Halls deliver: as `hallctl calibrate --json`."""
     def identify(self) -> dict[str, Any]:
         """Turns to and fro and measures the motor, from a drive that is ready."""
     def get(self, name: str) -> float: ...

@@ -18,7 +18,9 @@ class Drive:
     """
 
     async def board(self) -> str: ...
-    async def status(self) -> dict[str, Any]: ...
+    async def status(self) -> dict[str, Any]:
+        """As `hallctl status --json`: state, fault, limits, position_turns, speed_rad_s, current_a, …; None where a
+        quantity is not measured."""
     async def arm(self) -> None:
         """Bridge on, command zero; returns when wires, amplifiers and direction have been checked."""
     async def stop(self) -> None:
@@ -49,7 +51,7 @@ class Drive:
         settings.
         """
     async def calibrate(self) -> dict[str, Any]:
-        """Turns the rotor both ways and finds out what the Halls deliver."""
+        """Turns the rotor both ways and finds out what the Halls deliver: as `hallctl calibrate --json`."""
     async def identify(self) -> dict[str, Any]:
         """Turns to and fro and measures the motor, from a drive that is ready."""
     async def get(self, name: str) -> float: ...

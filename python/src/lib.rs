@@ -6,7 +6,7 @@ mod telemetry;
 
 use hallctl::client::{Client, unexpected};
 use hallctl::error::Error;
-use hallctl::words;
+use hallctl::{values, words};
 use hallservo::control::impedance::{Motion, Request};
 use hallservo::scope::ROWS;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure};
@@ -145,7 +145,7 @@ impl Drive {
     }
 
     fn status<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
-        Ok(pythonize::pythonize(py, &self.with(py, Client::status)?)?)
+        Ok(pythonize::pythonize(py, &self.with(py, values::status)?)?)
     }
 
     fn arm(&mut self, py: Python<'_>) -> PyResult<()> {
@@ -227,7 +227,7 @@ impl Drive {
             })
         })?;
         match found {
-            Calibration::Done(report) => Ok(pythonize::pythonize(py, &report)?),
+            Calibration::Done(report) => Ok(pythonize::pythonize(py, &values::calibration(&report))?),
             Calibration::Failed(why) => Err(DriveError::new_err(why.to_string())),
             _ => Err(DriveError::new_err("it was ended by a command or a fault")),
         }

@@ -19,7 +19,7 @@ def at(port, work):
 def resting(port):
     with hallservo.connect(port, patience=60) as drive:
         status = drive.status()
-    assert status["mode"] in ("Ready", "Unarmed") and abs(status["speed_rad_s"]) < 5
+    assert status["state"] in ("ready", "unarmed") and abs(status["speed_rad_s"]) < 5
     return status
 
 
@@ -45,7 +45,7 @@ def test_a_motor_turns_while_other_tasks_go_on(port):
         # One after the other, in the order in which they were asked.
         frames, status = await asyncio.gather(drive.telemetry(0.3, hz=500, speed=40.0), drive.status())
         assert abs(frames["speed_rad_s"].mean() - 40) < 0.5
-        assert status["mode"] == "Running"
+        assert status["state"] == "running"
 
     at(port, work)
     resting(port)
@@ -67,7 +67,7 @@ def test_a_task_that_is_cancelled_stops_the_motor(port):
         with pytest.raises(asyncio.CancelledError):
             await turning
         status = await drive.status()
-        assert status["mode"] == "Ready" and abs(status["speed_rad_s"]) < 5
+        assert status["state"] == "ready" and abs(status["speed_rad_s"]) < 5
 
     at(port, work)
 
@@ -83,10 +83,10 @@ def test_stop_ends_what_goes_on(port):
         with pytest.raises(hallservo.DriveError):
             await turning
         status = await drive.status()
-        assert status["mode"] == "Ready" and abs(status["speed_rad_s"]) < 5
+        assert status["state"] == "ready" and abs(status["speed_rad_s"]) < 5
         # It can be used again.
         await drive.arm()
-        assert (await drive.status())["mode"] == "Running"
+        assert (await drive.status())["state"] == "running"
 
     at(port, work)
 

@@ -14,7 +14,7 @@ def drive(shared):
     """Calibrated, at rest before and after."""
     with hallservo.connect(shared, patience=600) as drive:
         if not drive.status()["calibrated"]:
-            assert len(drive.calibrate()["sensors"]) == 3
+            assert len(drive.calibrate()["halls"]) == 3
         yield drive
 
 
@@ -94,7 +94,7 @@ def test_asyncio_records_and_a_stop_ends_it(drive, shared):
             with pytest.raises(hallservo.DriveError, match="cancelled"):
                 await never
             status = await drive.status()
-            assert status["mode"] == "Ready" and abs(status["speed_rad_s"]) < 5
+            assert status["state"] == "ready" and abs(status["speed_rad_s"]) < 5
             # It is free again.
             assert len((await drive.record(["bus"], rows=9))["bus"]) == 9
 

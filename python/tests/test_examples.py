@@ -27,6 +27,6 @@ def test_the_notebook(port, monkeypatch):
         # Nothing that was printed is kept.
         assert not cell["outputs"] and cell["execution_count"] is None
         exec(compile("".join(cell["source"]), "tour.ipynb", "exec"), names)
-    assert names["drive"].status()["mode"] == "Ready"
+    assert names["drive"].status()["state"] == "ready"
     assert 1.0 < names["rise_ms"] < 100.0
     names["drive"].close()

@@ -1,15 +1,16 @@
 //! What takes a while: calibration, identification, cogging.
 
+use super::magnets;
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
 use crate::out::Out;
-use crate::{say, words};
+use crate::{say, values, words};
 use hallservo::fault::Fault;
 use hallservo::hall::calibrate::{self, report::Report};
 use hallservo::service::identify;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure};
 use indicatif::{ProgressBar, ProgressStyle};
-use serde_json::{Value, json};
+use serde_json::json;
 use std::time::Instant;
 
 /// How a procedure runs.
@@ -69,11 +70,18 @@ pub(super) fn wait(client: &mut Client, name: &'static str) -> Result<()> {
 }
 
 pub(super) fn calibrate(client: &mut Client, options: &Options, out: Out) -> Result<()> {
+    let had_map = magnets::is_known(client)?;
     if !begin(client, options, Ask::Calibrate, out)? {
         return Ok(());
     }
     match calibrated(client)? {
-        Ok(report) => show(&report, out),
+        Ok(report) => {
+            show(&report, out)?;
+            if had_map {
+                say!(out, "The map of the magnets was that of the calibration before: `hallctl magnets learn` again.")?;
+            }
+            Ok(())
+        }
         Err(error) => {
             Err(Error::Failed(format!("the calibration failed: {error}\n  {}.", words::what_to_do(Fault::Calibration))))
         }
@@ -135,36 +143,12 @@ fn show(report: &Report, out: Out) -> Result<()> {
     for finding in report.findings() {
         say!(out, "Worth mending: {finding}.")?;
     }
-    out.value(&value(report))
+    out.value(&values::calibration(report))
 }
 
 /// To a tenth, and zero without a sign.
 fn percent(value: f32) -> String {
     format!("{:.1} %", (10.0 * value).round() / 10.0 + 0.0)
-}
-
-/// All of it for a script.
-fn value(report: &Report) -> Value {
-    let halls = report.present().iter().map(|sensor| {
-        json!({
-            "swing_codes": sensor.swing,
-            "offset_codes": sensor.offset,
-            "placement_error_deg": sensor.placement_error.to_degrees(),
-            "third_pct": sensor.third_pct,
-            "fifth_pct": sensor.fifth_pct,
-            "noise_pct": sensor.noise_pct,
-        })
-    });
-    json!({
-        "halls": halls.collect::<Vec<_>>(),
-        "spacing_deg": report.pattern.spacing,
-        "in_order_of_phases": report.pattern.forward,
-        "angle_noise_deg": report.angle_noise_deg,
-        "lag_deg": report.lag.to_degrees().abs(),
-        "hunting_deg": report.hunting_deg,
-        "residual_pct": report.residual_pct,
-        "findings": report.findings().map(|finding| finding.to_string()).collect::<Vec<_>>(),
-    })
 }
 
 pub(super) fn identify(client: &mut Client, options: &Options, out: Out) -> Result<()> {

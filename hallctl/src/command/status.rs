@@ -3,11 +3,10 @@
 use crate::client::Client;
 use crate::error::Result;
 use crate::out::Out;
+use crate::values::{self, has_no_angle, is_controlled, position_lost_s};
 use crate::{say, words};
-use hallservo::fault::Fault;
 use hallservo::mode::Mode;
-use hallservo_protocol::{Activity, Cause, Status};
-use serde_json::{Value, json};
+use hallservo_protocol::{Activity, Status};
 
 pub(super) fn show(client: &mut Client, out: Out) -> Result<()> {
     let identity = client.identity().clone();
@@ -61,26 +60,7 @@ pub(super) fn show(client: &mut Client, out: Out) -> Result<()> {
     if status.incidents > 0 {
         line("history", &format!("{} entries: `hallctl faults`", status.incidents))?;
     }
-    out.value(&value(client, &status, lost_s))
-}
-
-fn is_controlled(client: &Client, status: &Status) -> bool {
-    status.client != 0 && !client.is_me(status.client)
-}
-
-/// When the count of turns was lost last, seconds since power-up: without an angle, nobody counts.
-fn position_lost_s(client: &mut Client, status: &Status) -> Result<Option<f64>> {
-    if status.incidents == 0 {
-        return Ok(None);
-    }
-    let loses = |cause| matches!(cause, Cause::Fault(Fault::Hall(_) | Fault::AngleJump));
-    let (_, incidents) = client.incidents()?;
-    Ok(incidents.iter().find(|incident| loses(incident.cause)).map(|incident| incident.at_ms as f64 / 1000.0))
-}
-
-/// Whether there is no angle at the moment.
-const fn has_no_angle(mode: Mode) -> bool {
-    matches!(mode, Mode::Faulted(Fault::Hall(_) | Fault::AngleJump))
+    out.value(&values::status_of(client, &status, lost_s))
 }
 
 fn position(status: &Status, lost_s: Option<f64>, out: Out) -> String {
@@ -91,45 +71,6 @@ fn position(status: &Status, lost_s: Option<f64>, out: Out) -> String {
             format!("{} (turns before the fault at {at_s:.1} s are lost)", out.units.position(status.position_turns))
         }
     }
-}
-
-/// All of it for a script.
-fn value(client: &Client, status: &Status, lost_s: Option<f64>) -> Value {
-    let identity = client.identity();
-    let fault = if let Mode::Faulted(fault) = status.mode { Some(words::fault_value(fault)) } else { None };
-    let [bridge_c, motor_c] = status.temperatures_c;
-    let [sensors, cogging, settings] = status.stored.map(words::problem);
-    json!({
-        "board": identity.board,
-        "firmware": identity.firmware,
-        "uptime_s": status.uptime_ms as f64 / 1000.0,
-        "state": words::mode_word(status.mode),
-        "fault": fault,
-        "limits": words::limits(status.limits),
-        "activity": (status.activity != Activity::None).then(|| words::activity(status.activity)),
-        "progress": status.progress,
-        "calibrated": status.calibrated,
-        "position_turns": (!has_no_angle(status.mode)).then_some(status.position_turns),
-        "position_lost_at_s": lost_s,
-        "speed_rad_s": status.speed_rad_s,
-        "current_a": status.current_a,
-        "bus_v": status.bus_v,
-        "bridge_c": bridge_c,
-        "motor_c": motor_c,
-        "commutation": words::commutation(status.commutation),
-        "anti_cogging": status.anti_cogging,
-        "learning": words::learning(status.learning),
-        "models_learnt": status.learnt,
-        "command_timeout_s": status.command_timeout_s,
-        "controlled_by_another": is_controlled(client, status),
-        "flash": { "sensors": sensors, "cogging": cogging, "settings": settings },
-        "unconfirmed": status.unconfirmed,
-        "unsaved": status.unsaved,
-        "lost_samples": status.lost_records,
-        "lost_frames": status.lost_frames,
-        "garbage": status.garbage,
-        "incidents": status.incidents,
-    })
 }
 
 fn uptime(milliseconds: u64) -> String {

@@ -14,7 +14,7 @@ use ratatui::crossterm::event::{self, Event, KeyCode, KeyEvent, KeyModifiers};
 use ratatui::layout::{Constraint, Layout, Rect};
 use ratatui::style::{Color, Modifier, Style};
 use ratatui::text::{Line, Span};
-use ratatui::widgets::{Block, Gauge, Paragraph, Sparkline};
+use ratatui::widgets::{Block, Gauge, Paragraph, Sparkline, Wrap};
 use std::collections::VecDeque;
 use std::io::{IsTerminal, stdout};
 use std::time::{Duration, Instant};
@@ -140,10 +140,11 @@ fn pressed(key: &KeyEvent) -> Option<Key> {
 }
 
 fn draw(frame: &mut Frame<'_>, view: &View) {
-    let [head, halls, motion, curve] =
-        Layout::vertical([Constraint::Length(4), Constraint::Length(8), Constraint::Length(7), Constraint::Min(3)])
-            .areas(frame.area());
-    frame.render_widget(state(view), head);
+    let next = next(view);
+    let height = 3 + lines(&next, usize::from(frame.area().width.saturating_sub(2)));
+    let heights = [Constraint::Length(height), Constraint::Length(8), Constraint::Length(7), Constraint::Min(3)];
+    let [head, halls, motion, curve] = Layout::vertical(heights).areas(frame.area());
+    frame.render_widget(state(view, next), head);
     draw_halls(frame, view, halls);
     frame.render_widget(figures(view), motion);
     let least = view.speeds.iter().copied().fold(0.0, f32::min);
@@ -153,7 +154,32 @@ fn draw(frame: &mut Frame<'_>, view: &View) {
     frame.render_widget(Sparkline::default().data(latest).block(Block::bordered().title(" Speed ")), curve);
 }
 
-fn state(view: &View) -> Paragraph<'static> {
+/// What to do about a fault, or what limits the drive.
+fn next(view: &View) -> String {
+    match view.status.mode {
+        Mode::Faulted(fault) => words::what_to_do(fault),
+        _ => match words::limits(view.frame.limits) {
+            limits if limits.is_empty() => String::new(),
+            limits => format!("limited by {}", limits.join(", ")),
+        },
+    }
+}
+
+/// Lines of a text that is broken between words.
+fn lines(text: &str, width: usize) -> u16 {
+    let mut used = 0;
+    1 + text
+        .split(' ')
+        .map(|word| word.chars().count())
+        .filter(|&word| {
+            let breaks = used > 0 && used + 1 + word > width;
+            used = if breaks || used == 0 { word } else { used + 1 + word };
+            breaks
+        })
+        .count() as u16
+}
+
+fn state(view: &View, next: String) -> Paragraph<'static> {
     let mode = view.status.mode;
     let colour = match mode {
         Mode::Faulted(_) => Color::Red,
@@ -161,15 +187,9 @@ fn state(view: &View) -> Paragraph<'static> {
         Mode::Ready | Mode::Unarmed => Color::Gray,
     };
     let bold = Style::default().fg(colour).add_modifier(Modifier::BOLD);
-    let next = match mode {
-        Mode::Faulted(fault) => words::what_to_do(fault),
-        _ => match words::limits(view.frame.limits) {
-            limits if limits.is_empty() => String::new(),
-            limits => format!("limited by {}", limits.join(", ")),
-        },
-    };
     let lines = vec![Line::from(Span::styled(words::mode(mode), bold)), Line::from(next)];
-    Paragraph::new(lines).block(Block::bordered().title(format!(" {} ", view.board)).title_bottom(KEYS))
+    let block = Block::bordered().title(format!(" {} ", view.board)).title_bottom(KEYS);
+    Paragraph::new(lines).wrap(Wrap { trim: true }).block(block)
 }
 
 fn draw_halls(frame: &mut Frame<'_>, view: &View, area: Rect) {
@@ -257,7 +277,7 @@ mod tests {
         let screen = screen(&view, 80, 24);
         for part in [
             "faulted: the rotor does not turn at the largest current",
-            "then `hallctl clear`",
+            "then `hallctl│\"\n\"│clear`",
             "Hall 1: 2000, swung 1900 … 2100, calibrated 1800 … 2300",
             "Hall 3: 4095",
             "12.50 rad/s",

@@ -47,7 +47,7 @@ impl Following {
     /// The reference begins where the rotor is.
     #[inline(always)]
     pub const fn begin(&mut self) {
-        self.waits = false;
+        (self.waits, self.joins) = (false, false);
         self.forget();
     }
 
@@ -66,7 +66,7 @@ impl Following {
     /// Halves the acceleration of the way that the rotor could not follow.
     #[cfg_attr(not(feature = "small"), inline(always))]
     #[cfg_attr(feature = "small", inline(never))]
-    pub const fn soften(&mut self, limits: &mut Limits) {
+    const fn soften(&mut self, limits: &mut Limits) {
         if self.softened < SOFTEST {
             self.softened += 1;
             limits.soften(1);
@@ -91,13 +91,12 @@ impl Following {
         }
         // A rotor that cannot brake as its reference does takes that along, beyond the goal, too: if it gets slower, or the
         // supply limits the braking. Not one that is dragged away from where it is held, or on to more than the largest speed.
-        let coarse_speed = (speed >> 16) as i16 & !1;
         let supply_limits = || window.narrowed[usize::from(ahead >= 0)].contains(fault::Limits::SUPPLY);
         let arrives = self.arrives && speed < config.max_speed_reference;
-        if arrives && overtakes && (coarse_speed < self.braked_from || supply_limits()) {
+        if arrives && overtakes && (coarse(speed) < self.braked_from || supply_limits()) {
             // From the second time on: the first may be a little friction or resistance that is told wrong.
             self.gentler = self.braked_from == NOT_NOW;
-            (self.joins, self.braked_from) = (true, coarse_speed);
+            (self.joins, self.braked_from) = (true, coarse(speed));
         } else {
             self.waits = ((ahead >> 32) as i32 ^ reference.direction()) >= 0;
             // What speeds up with much less than its reference brakes with less, too.
@@ -113,10 +112,31 @@ impl Following {
         let far = strain.unsigned_abs() > far >> 2;
         self.waits = far && (strain ^ reference.direction()) >= 0;
         let may = self.softened < SOFTEST;
-        if if self.waits { may && reference.stops_gently() } else { far && self.softened == 0 } {
+        let gentler = if self.waits { may && reference.stops_gently() } else { far && self.softened == 0 };
+        if gentler {
             self.softened += 1;
             limits.soften(1);
         }
+    }
+
+    /// Looks whether the reference of a spring may go along with a rotor that is `on_way` to its place, but not braked as fast as
+    /// planned: while that gets no faster, from the largest speed on.
+    #[inline(always)]
+    pub fn look_on_way(&mut self, on_way: bool, is_far: bool, rotor: i32, config: &Config) {
+        let speed = (rotor.wrapping_abs() >> 16) as i16;
+        if !is_far {
+            self.braked_from = (config.max_speed_reference >> 16) as i16;
+        }
+        self.joins = on_way && speed <= self.braked_from;
+        if self.joins {
+            self.braked_from = speed;
+        }
+    }
+
+    /// Whether the reference of a spring goes along.
+    #[inline(always)]
+    pub const fn goes_along(&self) -> bool {
+        self.joins
     }
 
     /// Notes whether a reference that is `ahead` has left its rotor behind.
@@ -143,4 +163,10 @@ impl Following {
             self.soften(limits);
         }
     }
+}
+
+/// A speed in even multiples of 2⁻¹⁶ electrical turns a step.
+#[inline(always)]
+const fn coarse(speed: i32) -> i16 {
+    (speed >> 16) as i16 & !1
 }

@@ -175,15 +175,18 @@ impl Servo {
         self.request_current(self.protection.window.cut(self.asked), with);
     }
 
-    /// Whether the reference has arrived: then the next way begins with the acceleration of its command.
+    /// Whether the reference has arrived: then the next way begins with the acceleration of its command. Whether it may go along
+    /// with the rotor.
     #[inline(always)]
-    pub(super) fn attend_to_impedance(&mut self) {
+    pub(super) fn attend_to_impedance(&mut self, with: &Context) {
         let reached = self.is_at_goal();
         if reached {
             self.following.forget();
         }
         let (shaft, trajectory) = (&mut self.shaft, &self.trajectory);
         shaft.complete = reached || shaft.travels && trajectory.speed().abs() == self.limits_on_way.speed();
+        let is_far = shaft.strain.unsigned_abs() > shaft.far >> 2;
+        self.following.look_on_way(!shaft.complete, is_far, with.rotor.speed(), with.config);
     }
 
     /// The reference of a spring does not run away from a rotor that cannot follow.
@@ -194,7 +197,7 @@ impl Servo {
         // A rotor that a weak spring does not brake as its reference does takes that along, beyond the place, too; not one
         // that is dragged away from where it is held.
         let most = (shaft.far >> 1) as i32;
-        if !shaft.complete {
+        if self.following.goes_along() {
             self.trajectory.shift(Spring::deviation(shaft.strain.clamp(-most, most) - shaft.strain));
         }
     }

@@ -403,7 +403,7 @@ impl Servo {
             Demand::Impedance if self.schedule.is_odd_part() => {
                 self.look_ahead_of_rotor(self.trajectory.speed().wrapping_abs(), with);
             }
-            Demand::Impedance => self.attend_to_impedance(),
+            Demand::Impedance => self.attend_to_impedance(with),
             // A heavy rotor may be faster than its reference.
             Demand::Speed(Speed(speed)) => {
                 let fast = self.trajectory.speed().wrapping_abs().max(with.rotor.speed().wrapping_abs());

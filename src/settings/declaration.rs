@@ -258,9 +258,9 @@ settings! {
             "Bandwidth of the position control";
         dead_time_ramp_a: f32 = 0.05, 1e-3 => c.current_full_scale_a, "A", Real, FREE,
             "Current below which the dead time acts in part only";
-        max_current_a: f32 = 3.0, 1e-3 * c.current_full_scale_a => 0.9 * c.current_full_scale_a, "A", Real, FREE, "Largest current";
+        max_current_a: f32 = 3.0, 0.01 => 0.9 * c.current_full_scale_a, "A", Real, FREE, "Largest current";
         /// What the winding stands for ever; more than this flows until it is warm.
-        continuous_current_a: f32 = 1.5, 1e-3 * c.current_full_scale_a => 0.9 * c.current_full_scale_a, "A", Real, FREE,
+        continuous_current_a: f32 = 1.5, 0.01 => 0.9 * c.current_full_scale_a, "A", Real, FREE,
             "Continuous current of the motor";
         winding_time_s: f32 = 30.0, 0.1 => 1e4, "s", Real, FREE, "Thermal time constant of the winding";
         housing_time_s: f32 = 900.0, 1.0 => 1e5, "s", Real, FREE, "Thermal time constant of the motor's housing";

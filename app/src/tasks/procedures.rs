@@ -16,7 +16,7 @@ use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Record,
 /// How long a tool may be silent where the settings do not say, as there is no current control, s.
 const TIMEOUT_S: f32 = 1.0;
 /// The least of either: a tool's requests pass two operating systems.
-const LEAST_S: f32 = 0.1;
+const LEAST_MS: u32 = 100;
 
 impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Whether a procedure may begin: with the drive ready.
@@ -40,8 +40,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Ends what turns the motor, the bridge off at once, when the tool that began it has fallen silent.
     pub(super) fn end_abandoned(&mut self) {
         let timeout_s = self.settings.control.as_ref().map_or(TIMEOUT_S, |control| control.guard.command_timeout_s);
-        let timeout_s = timeout_s.max(LEAST_S);
-        if !self.controller.is_abandoned(self.now_ms, ((1000.0 * timeout_s) as u32).into()) {
+        let timeout_ms = ((1000.0 * timeout_s) as u32).max(LEAST_MS);
+        if !self.controller.is_abandoned(self.now_ms, timeout_ms.into()) {
             return;
         }
         let calibrates = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);

@@ -432,10 +432,11 @@ impl RotorCheck {
     fn stop(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
         let (speed, before) = if self.speed < 0 { (-self.averaged, -self.speed) } else { (self.averaged, self.speed) };
         let halfway = self.steps > self.pushed / 2;
-        // To three quarters in half the time of the push, to half in all of it.
+        // To three quarters in half the time of the push, to half in all of it, but for what cogging and the noise of the speed
+        // make of a slow one.
         let (steps, pushed) = (i64::from(self.steps), i64::from(self.pushed));
         let slows =
-            i64::from(speed - control.arming.turning / 2) * 2 * pushed <= i64::from(before) * (2 * pushed - steps);
+            i64::from(speed - control.arming.turning / 8 * 5) * 2 * pushed <= i64::from(before) * (2 * pushed - steps);
         let late = self.steps > self.pushed || halfway && !slows;
         if late || self.way(rotor).abs() > STOPPED || speed > 2 * (before + control.arming.turning) {
             return Step::Failed(Fault::Commutation);

@@ -4,6 +4,7 @@ use crate::supply::{Case, armed, drone, hub, speed};
 use hallservo::commutation::Commutation;
 use hallservo::control::impedance::{Motion, Request};
 use hallservo::drive::Command;
+use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{PlantParameters, Unevenness};
@@ -441,6 +442,41 @@ fn a_rotor_that_is_dragged_away_is_not_followed_for_ever() {
             rig.drive.mode()
         );
         (text, good)
+    });
+    judge(rows.collect());
+}
+
+/// A commanded speed, and a load of more than the motor's torque that turns it the other way, no faster than it may turn.
+#[test]
+fn a_motor_that_is_dragged_against_its_speed_is_a_following_error() {
+    let names = sim::of("hub", "hub hoverboard direct-drive paper gimbal-7");
+    let motors: Vec<_> = MOTORS.iter().filter(|motor| names.split(' ').any(|name| name == motor.name)).collect();
+    let rows = motors.par_iter().map(|motor| {
+        let mut plant = motor.plant(5);
+        plant.bus.regenerative = true;
+        let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), 5).unwrap());
+        let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
+        let mut rig = bench.rig;
+        let control = settings.control.as_mut().unwrap();
+        control.guard = GuardSettings { command_timeout_s: 60.0, ..control.guard };
+        control.max_regeneration_a = 1000.0;
+        let constant = 1.5 * f64::from(settings.pole_pairs) * f64::from(control.flux_linkage_wb);
+        let torque = constant * f64::from(control.max_current_a);
+        let (fastest, acceleration) = (f64::from(control.max_speed_rad_s), f64::from(control.max_acceleration_rad_s2));
+        rig.configure(&settings).unwrap();
+        rig.arm().unwrap();
+        speed(&mut rig, (0.5 * fastest) as f32);
+        rig.wait(1.0 + fastest / acceleration);
+        let mut time_s = 0.0;
+        while rig.drive.mode() == Mode::Running && time_s < 20.0 {
+            // It falls at 0.9 of the largest speed against all of the motor's torque.
+            let share = 1.4 + 0.4 * rig.plant.truth().speed_rad_s / (0.9 * fastest);
+            rig.plant.set_load(share * torque).unwrap();
+            rig.wait(0.002);
+            time_s += 0.002;
+        }
+        let good = rig.drive.mode() == Mode::Faulted(Fault::FollowingError) && time_s < 4.0;
+        (format!("{}: {:?} after {time_s:.2} s", motor.name, rig.drive.mode()), good)
     });
     judge(rows.collect());
 }

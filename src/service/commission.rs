@@ -211,6 +211,9 @@ impl Commission {
         control.max_speed_rad_s = control.max_speed_rad_s.min(reached).min(allowed).max(0.2);
         let most = 0.35 * max_current_a * constant / inertia_kgm2;
         control.max_acceleration_rad_s2 = most.min(10.0 * control.max_speed_rad_s).clamp(1.0, 1e6);
+        // A slow motor that is dragged the wrong way would never be so far from its speed as a fast one.
+        let far_rad_s = (0.5 * control.max_speed_rad_s).max(1.0);
+        control.following_error_rad_s = control.following_error_rad_s.min(far_rad_s);
         // A supply that takes little back makes braking slower.
         let stop_s = 2.0 * control.max_speed_rad_s / control.max_acceleration_rad_s2;
         control.guard.stop_s = control.guard.stop_s.max(stop_s).min(60.0);

@@ -13,6 +13,7 @@ mod commission;
 mod delay;
 mod examples;
 mod heat;
+mod holding_brake;
 mod identify;
 mod impedance;
 mod known;

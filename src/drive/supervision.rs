@@ -79,6 +79,9 @@ pub(super) struct Supervision {
     unexplained: i32,
     /// Unexplained voltage, summed up.
     misfit: i32,
+    /// Sum of the currents against the motion at which to look again at a rotor that got faster meanwhile; how much faster it was.
+    looked: i32,
+    gained: i32,
     /// Checks with a speed far from its reference.
     late: u16,
     /// Checks since a stop, and those after its time that found the rotor turning.
@@ -108,6 +111,8 @@ impl Supervision {
         braked: 0,
         before_speed: 0,
         slowest: 0,
+        looked: 0,
+        gained: 0,
         first_speed: 0,
         work: 0,
         voltage: Dq { d: 0, q: 0 },
@@ -170,6 +175,7 @@ impl Supervision {
         if braking < 2 * QUIET || turned_back {
             // It is driven, or nothing flows but what the amplifiers' noise and offsets show.
             (self.braking, self.braked) = (0, 0);
+            (self.looked, self.gained) = (motion.impulse, 0);
             self.turns_along(motion, -braking, speed, turned_back);
             return None;
         }
@@ -181,13 +187,29 @@ impl Supervision {
         // without having been found out.
         let lasts = self.braked > SOON || self.slowest > FAST * motion.turning;
         let swing = if lasts { self.slowest } else { (self.slowest >> 2) + (self.slowest >> 3) };
-        let faster = speed - self.slowest > motion.turning + swing;
-        (faster && self.braking > motion.impulse).then_some(Fault::Commutation)
+        let gained = speed - self.slowest;
+        if gained <= motion.turning + swing || self.braking <= self.looked {
+            return None;
+        }
+        self.is_turned_by(braking, gained).then_some(Fault::Commutation)
+    }
+
+    /// Whether the current turns a rotor that got faster against it. A load that was let go, as by a brake, does so as well,
+    /// while the current is still rising, but by less and less; a wrong commutation by as much as the current has done.
+    #[cfg_attr(not(feature = "small"), cold, inline(never))]
+    #[cfg_attr(feature = "small", inline(always))]
+    fn is_turned_by(&mut self, current: i32, gained: i32) -> bool {
+        self.looked = self.braking << 1;
+        match core::mem::replace(&mut self.gained, gained) {
+            0 => current * i32::from(self.braked) <= self.braking + (self.braking >> 2),
+            before => (gained >> 3) * 5 > before,
+        }
     }
 
     /// A rotor that has become more than twice as fast by the work of some turns shows that the commutation is right: a
     /// wrong one lets it swing about where it has no torque, or brakes it.
-    #[inline(always)]
+    #[cfg_attr(not(feature = "small"), cold, inline(never))]
+    #[cfg_attr(feature = "small", inline(always))]
     fn turns_along(&mut self, motion: &Motion, current: i32, speed: i32, turned_back: bool) {
         let before = if turned_back { 0 } else { self.work };
         self.first_speed = if before <= 0 { speed } else { self.first_speed };

@@ -1,0 +1,76 @@
+//! A holding brake, as vertical axes have: closed while nothing is powered, opened when the drive has armed.
+
+use hallservo::commutation::Commutation;
+use hallservo::drive::Command;
+use hallservo::mode::Mode;
+use rayon::prelude::*;
+use rig::Rig;
+use rig::commissioning::{Bench, commission};
+use rig::motors::{MOTORS, Motor};
+use std::f64::consts::TAU;
+
+/// A commissioned motor whose brake is closed.
+fn braked(motor: &Motor, seed: u64) -> Rig {
+    let mut plant = motor.plant(seed);
+    plant.bus.regenerative = true;
+    let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), seed).unwrap());
+    let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
+    let mut rig = bench.rig;
+    let control = settings.control.as_mut().unwrap();
+    (control.continuous_current_a, control.max_regeneration_a) = (control.max_current_a, 1000.0);
+    rig.configure(&settings).unwrap();
+    rig.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
+    rig.plant.set_dyno(Some(0.0)).unwrap();
+    rig
+}
+
+fn torque_nm(motor: &Motor, rig: &Rig) -> f64 {
+    1.5 * f64::from(motor.pairs) * motor.flux_vs * f64::from(rig.control().unwrap().largest_current_a())
+}
+
+#[derive(Clone, Copy, Debug)]
+enum Hold {
+    Position,
+    Still,
+}
+
+fn hold(rig: &mut Rig, how: Hold) {
+    let control = *rig.control().unwrap();
+    let here = rig.drive.tracker().position().to_turns() / f64::from(rig.config.pole_pairs.get());
+    let command = match how {
+        Hold::Position => Command::Position(control.position(here).unwrap()),
+        Hold::Still => Command::Speed(control.speed(0.0).unwrap()),
+    };
+    rig.command(command).unwrap();
+}
+
+/// Held where it is or at a standstill for 0.2 s, then the brake is opened, and what hangs at the shaft turns it until the
+/// current holds it. The short form has four motors.
+#[test]
+fn a_load_that_a_brake_lets_go_is_no_wrong_commutation() {
+    let jobs: Vec<_> = MOTORS
+        .iter()
+        .step_by(sim::of(5, 1))
+        .flat_map(|motor| [-0.3, 0.8].map(|load| (motor, load)))
+        .flat_map(|(motor, load)| [Hold::Position, Hold::Still].map(|how| (motor, load, how)))
+        .collect();
+    let rows = jobs.par_iter().map(|&(motor, load, how)| {
+        let mut rig = braked(motor, 3);
+        rig.arm().unwrap();
+        hold(&mut rig, how);
+        rig.wait(0.2);
+        let from = rig.plant.truth().mechanical_angle_rad;
+        rig.plant.set_load(load * torque_nm(motor, &rig)).unwrap();
+        rig.plant.set_dyno(None).unwrap();
+        let mut farthest = 0.0_f64;
+        rig.run(2.0, |rig, _| farthest = farthest.max((rig.plant.truth().mechanical_angle_rad - from).abs()));
+        let still = rig.plant.truth().speed_rad_s.abs() < 0.1 * f64::from(rig.control().unwrap().largest_speed_rad_s());
+        let (turns, mode) = (farthest / TAU, rig.drive.mode());
+        (format!("{} {load} {how:?}: {mode:?}, {turns:.2} turns", motor.name), still && mode == Mode::Running)
+    });
+    let rows: Vec<_> = rows.collect();
+    for (text, good) in &rows {
+        println!("{} {text}", if *good { " " } else { "!" });
+    }
+    assert!(rows.iter().all(|(_, good)| *good));
+}

@@ -277,9 +277,9 @@ fn a_line_that_loses_frames_is_asked_again() {
                 assert!(String::from_utf8(output.stdout).unwrap().contains("unarmed"));
             });
         }
-        // What may have begun is not begun again. Before it, the map and the bounds of the position are asked for.
+        // What may have begun is not begun again. Before it, the bounds of the position are asked for.
         let drive = Drive::start(&[]);
-        assert!(fails(&lossy(&drive.port, 6), 4, &["--alone", "--patience", "2", "calibrate"]).contains("no answer"));
+        assert!(fails(&lossy(&drive.port, 5), 4, &["--alone", "--patience", "2", "calibrate"]).contains("no answer"));
         assert!(drive.ok(&["status"]).contains("unarmed: bridge off, not calibrated"));
     });
 }

@@ -54,15 +54,6 @@ fn status(client: &mut Client) -> Result<MagnetsStatus> {
     })
 }
 
-/// Whether there is a map; not where the firmware knows none.
-pub(super) fn is_known(client: &mut Client) -> Result<bool> {
-    match status(client) {
-        Ok(status) => Ok(status.state != Use::None),
-        Err(Error::Refused(_)) => Ok(false),
-        Err(error) => Err(error),
-    }
-}
-
 fn learn(client: &mut Client, options: &procedures::Options, out: Out) -> Result<()> {
     if !begin(client, options, Ask::Magnets(MagnetsAsk::Learn), out)? {
         return Ok(());

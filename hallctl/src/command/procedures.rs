@@ -1,6 +1,5 @@
 //! What takes a while: calibration, identification, cogging.
 
-use super::magnets;
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
 use crate::out::Out;
@@ -70,18 +69,11 @@ pub(super) fn wait(client: &mut Client, name: &'static str) -> Result<()> {
 }
 
 pub(super) fn calibrate(client: &mut Client, options: &Options, out: Out) -> Result<()> {
-    let had_map = magnets::is_known(client)?;
     if !begin(client, options, Ask::Calibrate, out)? {
         return Ok(());
     }
     match calibrated(client)? {
-        Ok(report) => {
-            show(&report, out)?;
-            if had_map {
-                say!(out, "The map of the magnets was that of the calibration before: `hallctl magnets learn` again.")?;
-            }
-            Ok(())
-        }
+        Ok(report) => show(&report, out),
         Err(error) => {
             Err(Error::Failed(format!("the calibration failed: {error}\n  {}.", words::what_to_do(Fault::Calibration))))
         }

@@ -52,6 +52,11 @@ impl Scale {
         32_768.0 / self.amperes
     }
 
+    /// The pole pairs as an integer, by way of one of 32 bits: the direct way takes a function of its own.
+    pub(crate) fn whole_pole_pairs(&self) -> i64 {
+        i64::from(self.pole_pairs as i32)
+    }
+
     /// Units of speed in a mechanical radian a second.
     pub fn per_radian_s(&self) -> f32 {
         self.pole_pairs / core::f32::consts::TAU / self.step_hz * TURN

@@ -29,6 +29,7 @@ mod following;
 mod hall_loss;
 mod idle;
 mod impedance;
+mod inertia;
 mod interlock;
 mod local_feedback;
 mod look;

@@ -20,6 +20,7 @@ mod known;
 mod long_vectors;
 mod magnets;
 mod motors;
+mod mounted_mass;
 mod pole_pairs;
 mod procedure;
 mod safety;

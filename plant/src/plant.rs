@@ -332,6 +332,14 @@ impl Plant {
         Ok(())
     }
 
+    /// Sets the inertia of the rotor, kg·m²: a mass is mounted or taken off.
+    ///
+    /// # Errors
+    /// The inertia is not finite or not above zero.
+    pub fn set_inertia(&mut self, inertia_kgm2: f64) -> Result<(), Error> {
+        self.motor.rotor.set_inertia(inertia_kgm2)
+    }
+
     /// Sets the torque of the load against positive rotation, N·m.
     ///
     /// # Errors

@@ -91,6 +91,12 @@ impl Rotor {
         })
     }
 
+    pub fn set_inertia(&mut self, inertia_kgm2: f64) -> Result<(), Error> {
+        positive(inertia_kgm2, "inertia_kgm2")?;
+        self.mobility = 1.0 / inertia_kgm2;
+        Ok(())
+    }
+
     pub fn place(&mut self, angle_rad: f64, speed_rad_s: f64) {
         self.angle_rad = angle_rad;
         self.speed_rad_s = speed_rad_s;

@@ -339,7 +339,7 @@ impl Config {
         let bad = BadDemand { value: double::narrow(turns), most };
         let mechanical = double::to_fixed(turns).ok_or(bad)?;
         demand(bad.value, most)?;
-        Ok(Position::from_bits(mechanical * self.scale.pole_pairs as i64))
+        Ok(Position::from_bits(mechanical * self.scale.whole_pole_pairs()))
     }
 }
 

@@ -17,6 +17,12 @@ impl Gain {
         Some(Self(fixed(TAU * bandwidth_hz / loop_hz, 32)?.max(1)))
     }
 
+    /// The gain, halved so many times.
+    #[inline(always)]
+    pub(crate) const fn halved(&self, times: u8) -> Self {
+        Self(self.0 >> (times & 15))
+    }
+
     /// The bandwidth in rad/s, for the same loop.
     pub fn rad_s(&self, loop_hz: f32) -> f32 {
         self.0 as f32 / 4_294_967_296.0 * loop_hz

@@ -5,7 +5,7 @@
 //! limit took off.
 
 use crate::control::{Motor, Scale, Window, fixed};
-use crate::math::clamp;
+use crate::math::{clamp, high};
 use core::f32::consts::TAU;
 
 /// Gains of the speed controller.
@@ -68,6 +68,19 @@ impl Gains {
         let upper = (wide >> 32) as i32;
         let clamped = clamp(upper, FULL_SCALE);
         if clamped == upper { (wide >> 24) as i32 } else { clamped << 8 }
+    }
+
+    /// The gains for an inertia that is so often `doubled`: with the same current per speed, the bandwidth is the less, and
+    /// that of the integral with it.
+    #[inline(always)]
+    pub(crate) const fn for_inertia(&self, doubled: u8) -> Self {
+        Self { integral: self.integral >> (doubled & 15), ..*self }
+    }
+
+    /// A quarter of the current that changes the speed so much within 512 steps.
+    #[inline(always)]
+    pub(crate) const fn quarter_of_impulse(&self, change: i32) -> i32 {
+        high(change, self.inertia)
     }
 
     /// Current per speed, in 2⁻³².

@@ -46,15 +46,15 @@ impl Following {
 
     /// The reference begins where the rotor is.
     #[inline(always)]
-    pub const fn begin(&mut self) {
+    pub const fn begin(&mut self, doubled: u8) {
         (self.waits, self.joins) = (false, false);
-        self.forget();
+        self.forget(doubled);
     }
 
-    /// A way begins with the acceleration of its command.
+    /// A way begins with the acceleration of its command, for an inertia that is so often `doubled`.
     #[inline(always)]
-    pub const fn forget(&mut self) {
-        (self.softened, self.braked_from) = (0, NEVER);
+    pub const fn forget(&mut self, doubled: u8) {
+        (self.softened, self.braked_from) = (doubled, NEVER);
     }
 
     /// The limits of a new command, on a way that the rotor could not follow.

@@ -181,7 +181,7 @@ impl Servo {
     pub(super) fn attend_to_impedance(&mut self, with: &Context) {
         let reached = self.is_at_goal();
         if reached {
-            self.following.forget();
+            self.following.forget(self.inertia.doubled);
         }
         let (shaft, trajectory) = (&mut self.shaft, &self.trajectory);
         shaft.complete = reached || shaft.travels && trajectory.speed().abs() == self.limits_on_way.speed();

@@ -66,6 +66,12 @@ impl Schedule {
         (self.tick / LONG) & 4 != 0
     }
 
+    /// Whether this step's slot is the one of 512 steps that looks for a swing.
+    #[inline(always)]
+    pub const fn looks_for_swing(&self) -> bool {
+        self.tick % (8 * LONG) == 37
+    }
+
     #[inline(always)]
     const fn is_due(&self, due: u32) -> bool {
         self.records && due.wrapping_sub(self.tick) as i32 <= 0
@@ -99,7 +105,13 @@ impl Drive {
             6 | 14 | 22 | 30 | 38 | 46 | 54 | 62 => self.reference_slot(sample),
             // Every 32 steps.
             RECORD | 39 => self.record_slot(sample),
-            5 | 37 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
+            5 | 37 => self.slot(sample, |servo, paths, with| {
+                if servo.schedule.looks_for_swing() {
+                    servo.look_for_swing(with);
+                } else {
+                    paths.field_oriented.take_up_bus(with.config, with.sample);
+                }
+            }),
             // Slots 13 and 45 are late after a change of the current reference, so the currents that they note have
             // settled.
             13 | 45 => self.slot(sample, Self::measurement_slot),

@@ -4,6 +4,7 @@
 
 use super::following::Following;
 use super::impedance::Shaft;
+use super::inertia::Inertia;
 use super::protection::Protection;
 use super::schedule::{OUTER, Schedule};
 use super::supervision::{self, Supervision};
@@ -73,6 +74,7 @@ pub(super) struct Servo {
     pub(super) goal: Position,
     pub(super) limits_on_way: trajectory::Limits,
     pub(super) following: Following,
+    pub(super) inertia: Inertia,
     pub shaft: Shaft,
     /// The way, −1 or 1, on which the rotor must not go on because of a bound of the position; 0: neither.
     pub(super) outward: i32,
@@ -122,6 +124,7 @@ impl Servo {
             goal: Position::from_bits(0),
             limits_on_way: trajectory::Limits::SLOWEST,
             following: Following::NEW,
+            inertia: Inertia::NEW,
             shaft: Shaft::NONE,
             outward: 0,
             has_burnt: false,
@@ -152,6 +155,7 @@ impl Servo {
         self.trajectory = Trajectory::at(Position::from_bits(0), 0);
         (self.speed_reference, self.current_request, self.asked) = (0, 0, 0);
         self.speed_integrator = Integrator::ZERO;
+        self.inertia = Inertia::NEW;
         self.limits = Limits::NONE;
         self.reference.current.d = 0;
         self.protection.weakening = Weakening::NONE;
@@ -193,7 +197,7 @@ impl Servo {
             self.speed_reference = rotor.speed();
             self.current_request = self.current_reference();
             self.speed_integrator = Integrator::holding(self.current_request);
-            self.following.begin();
+            self.following.begin(self.inertia.doubled);
         }
         self.demand = demand;
         self.protection.most_of_demand = i32::MAX;
@@ -205,7 +209,7 @@ impl Servo {
             }
             Demand::Position(position) => {
                 if self.trajectory.speed() == 0 {
-                    self.following.forget();
+                    self.following.forget(self.inertia.doubled);
                 }
                 (self.goal, self.limits_on_way) = (coarse(position), config.trajectory);
                 self.following.soften_like_before(&mut self.limits_on_way);
@@ -217,6 +221,7 @@ impl Servo {
     /// After other gains: the speed loop's integrator makes up for what the position and the speed loop would ask for
     /// now, so that the current stays.
     pub fn go_on(&mut self, config: &Config, rotor: &Tracker) {
+        self.inertia = Inertia::NEW;
         if !self.moves() {
             return;
         }
@@ -285,7 +290,8 @@ impl Servo {
             Demand::Position(_) => {
                 let (reference, measured) = (self.trajectory.position(), coarse(with.rotor.smoothed()));
                 let Config { position, max_speed_reference, .. } = with.config;
-                position.speed(reference, measured, self.trajectory.speed(), *max_speed_reference)
+                let gain = position.halved(self.inertia.doubled);
+                gain.speed(reference, measured, self.trajectory.speed(), *max_speed_reference)
             }
             Demand::Impedance => self.shaft.deviate(&self.trajectory, with.rotor),
             _ => self.trajectory.speed(),
@@ -306,7 +312,7 @@ impl Servo {
     #[inline(always)]
     pub fn speed_loop(&mut self, with: &Context) {
         if self.moves() {
-            let gains = &with.config.velocity;
+            let gains = &with.config.velocity.for_inertia(self.inertia.doubled);
             let (reference, measured) = (self.speed_reference, with.rotor.speed());
             let forward = gains.feed_forward(self.trajectory.acceleration());
             let window = &self.protection.window;
@@ -427,6 +433,14 @@ impl Servo {
     pub fn turns_against(&mut self, with: &Context) -> Option<Fault> {
         let current = self.current_reference();
         self.supervision.turns_against(&with.config.motion, current, with.rotor.speed())
+    }
+
+    /// Looks for a swing that the position control keeps up.
+    #[inline(always)]
+    pub fn look_for_swing(&mut self, with: &Context) {
+        if let Demand::Position(_) = self.demand {
+            self.inertia.look(self.current_reference(), with.rotor.speed(), with.config);
+        }
     }
 
     /// The next part of the supervision: the check of voltages against currents, and what the rotor does.

@@ -38,7 +38,7 @@ impl Reference {
         let electrical = Spring::turns(self.strain);
         let position = rotor.position().to_bits().wrapping_add(whole(electrical * TURN)).wrapping_sub(origin.to_bits());
         State {
-            position_turns: double::from_fixed(position / (scale.pole_pairs as i64).max(1)),
+            position_turns: double::from_fixed(position / scale.whole_pole_pairs().max(1)),
             speed_rad_s: self.speed as f32 / scale.per_radian_s(),
             torque_nm: torque(state.current_reference),
             position_error_turns: electrical / scale.pole_pairs,

@@ -10,8 +10,20 @@ use embassy_stm32::pac::{RCC, SYSCFG, TIM1};
 use hallservo::board::timing::{Enable, OutputEnable};
 use hallservo::board::{Legs, Output};
 
-/// A pin that TIM1 drives or watches: port, number, alternate function.
-pub type Pin = (Gpio, usize, u8);
+/// A pin with a function, as those that TIM1 drives or watches: port, number, alternate function.
+pub type Pin = (Gpio, u8, u8);
+
+/// Hands pins over to their functions. Not inlined, it is a loop instead of all pins one after the other.
+#[inline(never)]
+pub(super) fn connect(pins: &[Pin]) {
+    for &(port, pin, function) in pins {
+        // Never more, which the compiler does not know.
+        let pin = usize::from(pin % 16);
+        port.afr(pin / 8).modify(|afr| afr.set_afr(pin % 8, function));
+        port.ospeedr().modify(|speed| speed.set_ospeedr(pin, Ospeedr::HIGH_SPEED));
+        port.moder().modify(|mode| mode.set_moder(pin, Moder::ALTERNATE));
+    }
+}
 
 /// TIM1 as it drives the bridge.
 pub struct Bridge {
@@ -55,11 +67,7 @@ impl Bridge {
         TIM1.af1().write_value(regs::Af1Adv(timer::af1(wiring.source)));
         TIM1.egr().write_value(regs::EgrAdv(timer::EGR_UPDATE | timer::EGR_COMMUTATE));
         TIM1.bdtr().write_value(regs::BdtrAdv(wiring.bdtr()));
-        for &(port, pin, function) in pins {
-            port.afr(pin / 8).modify(|afr| afr.set_afr(pin % 8, function));
-            port.ospeedr().modify(|speed| speed.set_ospeedr(pin, Ospeedr::HIGH_SPEED));
-            port.moder().modify(|mode| mode.set_moder(pin, Moder::ALTERNATE));
-        }
+        connect(pins);
     }
 
     /// A locked-up core, a parity error of the SRAM and a double error of the flash are breaks as well, without code.

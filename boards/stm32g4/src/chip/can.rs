@@ -3,6 +3,7 @@
 //! The HAL has a driver, which leaves the delay of the transceiver uncompensated and so does not see its own bits at 5
 //! Mbit/s.
 
+use crate::chip::bridge::connect;
 use crate::chip::{Pin, STOP};
 use crate::registers::can::*;
 use core::cell::RefCell;
@@ -14,7 +15,7 @@ use critical_section::Mutex;
 use embassy_stm32::interrupt;
 use embassy_stm32::pac::can::regs::{Cccr, Dbtp, Ie, Ile, Ir, Nbtp, Rxgfc, Tdcr, Txbar, Txbcr};
 use embassy_stm32::pac::gpio::Gpio;
-use embassy_stm32::pac::gpio::vals::{Moder, Ospeedr};
+use embassy_stm32::pac::gpio::vals::Moder;
 use embassy_stm32::pac::rcc::vals::Fdcansel;
 use embassy_stm32::pac::{FDCAN1, FDCANRAM1, Interrupt, RCC};
 use embassy_sync::waitqueue::AtomicWaker;
@@ -71,11 +72,7 @@ impl Bus {
             port.bsrr().write(|set| if level { set.set_bs(pin, true) } else { set.set_br(pin, true) });
             port.moder().modify(|mode| mode.set_moder(pin, Moder::OUTPUT));
         }
-        for (port, pin, function) in wires.pins {
-            port.afr(pin / 8).modify(|afr| afr.set_afr(pin % 8, function));
-            port.ospeedr().modify(|speed| speed.set_ospeedr(pin, Ospeedr::HIGH_SPEED));
-            port.moder().modify(|mode| mode.set_moder(pin, Moder::ALTERNATE));
-        }
+        connect(&wires.pins);
         RCC.ccipr().modify(|ccipr| ccipr.set_fdcansel(Fdcansel::PCLK1));
         RCC.apb1enr1().modify(|enable| enable.set_fdcanen(true));
         configure();

@@ -42,6 +42,8 @@ fn size_of_vectors() -> usize {
 
 /// # Safety
 /// `to` up to `end` is memory that nothing else refers to, and as much can be read from `from`.
+// Not inlined, it is compiled for size.
+#[inline(never)]
 unsafe fn copy(mut from: *const u32, mut to: *mut u32, end: *const u32) {
     while to.cast_const() < end {
         // SAFETY: as the caller promises. Volatile, so that it is no call to what would have to be copied first.

@@ -12,6 +12,9 @@ use rig::motors::{MOTORS, Motor};
 /// one swing with the largest current takes seconds.
 const SLOW: [&str; 4] = ["hub", "drone-heavy", "paper-heavy", "hoverboard"];
 
+/// Turns from the goal at most.
+const AWAY: f64 = 0.03;
+
 /// A commissioned motor whose inertia is now so many times what it was.
 fn loaded(motor: &Motor, times: f64) -> Rig {
     let plant = motor.plant(5);
@@ -59,7 +62,7 @@ fn a_mass_that_is_mounted_later_does_not_swing_for_ever() {
         let mut text = format!("{} ×{times}:", motor.name);
         for turns in [0.5, -3.0, 0.1] {
             let (away, current) = go(&mut rig, motor, turns);
-            good &= rig.drive.mode() == Mode::Running && away < 0.03 && current < 0.25 * most;
+            good &= rig.drive.mode() == Mode::Running && away < AWAY && current < 0.25 * most;
             text += &format!(" {turns} turns: {:?}, {away:.3} away, {current:.2} of {most} A;", rig.drive.mode());
             if rig.drive.mode() != Mode::Running {
                 break;

@@ -17,6 +17,7 @@ const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[
     (NUMBERS, "inductance by {} %, flux", WEAKENING, "resistance: 1.25, inductance: 1.{}", 10.0),
     (NUMBERS, "flux linkage by {} %, the inductance", WEAKENING, "Unlike { flux: 1.0{}", 1.0),
     (SAFETY, "V where {} V are the limit", "src/settings/declaration.rs", "over_voltage_v: f32 = {}", 1.0),
+    (SAFETY, "come to rest within {} turns", "tests/mounted_mass.rs", "AWAY: f64 = {}", 1.0),
     (SAFETY, "differs by more than {} % from the calibrated", "src/hall/pair.rs", "HEALTHY: f32 = {}", 100.0),
     (BOARDS, "every {} periods", "boards/twin/src/lib.rs", "CHECKPOINT: u32 = {}", 1.0),
     (BOARDS, "The watchdog, {} ms", WATCHDOG, "const MILLISECONDS: u32 = {}", 1.0),

@@ -28,6 +28,12 @@ impl Inertia {
     /// As in the settings.
     pub const NEW: Self = Self { doubled: 0, reversals: 0, impulse: 0, from: 0 };
 
+    /// A way to another place begins. Moves to and fro against friction are no swing: one place has to be swung about.
+    #[inline(always)]
+    pub const fn begin_way(&mut self) {
+        self.reversals = 0;
+    }
+
     /// Looks at a current and a speed, 512 steps after the last time. A rotor that swings, more than two and two thirds
     /// times as heavy as it counts, counts as twice as heavy from now on.
     // So seldom that it need not lie in the fast memory.

@@ -211,7 +211,11 @@ impl Servo {
                 if self.trajectory.speed() == 0 {
                     self.following.forget(self.inertia.doubled);
                 }
-                (self.goal, self.limits_on_way) = (coarse(position), config.trajectory);
+                let goal = coarse(position);
+                if goal != self.goal {
+                    self.inertia.begin_way();
+                }
+                (self.goal, self.limits_on_way) = (goal, config.trajectory);
                 self.following.soften_like_before(&mut self.limits_on_way);
             }
             Demand::Impedance => self.begin_impedance(config),

@@ -70,13 +70,6 @@ impl Gains {
         if clamped == upper { (wide >> 24) as i32 } else { clamped << 8 }
     }
 
-    /// The gains for an inertia that is so often `doubled`: with the same current per speed, the bandwidth is the less, and
-    /// that of the integral with it.
-    #[inline(always)]
-    pub(crate) const fn for_inertia(&self, doubled: u8) -> Self {
-        Self { integral: self.integral >> (doubled & 15), ..*self }
-    }
-
     /// A quarter of the current that changes the speed so much within 512 steps.
     #[inline(always)]
     pub(crate) const fn quarter_of_impulse(&self, change: i32) -> i32 {

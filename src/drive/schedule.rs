@@ -66,12 +66,6 @@ impl Schedule {
         (self.tick / LONG) & 4 != 0
     }
 
-    /// Whether this step's slot is the one of 512 steps that looks for a swing.
-    #[inline(always)]
-    pub const fn looks_for_swing(&self) -> bool {
-        self.tick % (8 * LONG) == 37
-    }
-
     #[inline(always)]
     const fn is_due(&self, due: u32) -> bool {
         self.records && due.wrapping_sub(self.tick) as i32 <= 0
@@ -105,17 +99,11 @@ impl Drive {
             6 | 14 | 22 | 30 | 38 | 46 | 54 | 62 => self.reference_slot(sample),
             // Every 32 steps.
             RECORD | 39 => self.record_slot(sample),
-            5 | 37 => self.slot(sample, |servo, paths, with| {
-                if servo.schedule.looks_for_swing() {
-                    servo.look_for_swing(with);
-                } else {
-                    paths.field_oriented.take_up_bus(with.config, with.sample);
-                }
-            }),
+            5 | 37 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
             // Slots 13 and 45 are late after a change of the current reference, so the currents that they note have
             // settled.
             13 | 45 => self.slot(sample, Self::measurement_slot),
-            31 => self.hand_over_slot(),
+            31 => self.swing_slot(sample),
             63 => self.reluctance_slot(sample),
             // Every 64 steps.
             ALIGNMENT => self.alignment_slot(sample),
@@ -361,6 +349,18 @@ impl Drive {
         self.with_servo(sample, |servo, _, with| servo.protection.narrow(with.config));
         if matches!(self.servo.demand(), Demand::Impedance) {
             self.channels.reference.tell(self.servo.reference_of_impedance());
+        }
+    }
+
+    /// A measurement to the tasks, or, one time in eight on the way to a position or there, a look for a swing about it: the
+    /// measurement comes half a cycle later then.
+    #[inline(never)]
+    fn swing_slot(&mut self, sample: &Sample) {
+        let looks = self.servo.schedule.tick & (7 * LONG) == 0;
+        if looks && matches!(self.servo.demand(), Demand::Position(_)) {
+            self.with_servo(sample, |servo, _, with| servo.look_for_swing(with));
+        } else {
+            self.hand_over_slot();
         }
     }
 

@@ -316,7 +316,7 @@ impl Servo {
     #[inline(always)]
     pub fn speed_loop(&mut self, with: &Context) {
         if self.moves() {
-            let gains = &with.config.velocity.for_inertia(self.inertia.doubled);
+            let gains = &with.config.velocity;
             let (reference, measured) = (self.speed_reference, with.rotor.speed());
             let forward = gains.feed_forward(self.trajectory.acceleration());
             let window = &self.protection.window;
@@ -442,9 +442,7 @@ impl Servo {
     /// Looks for a swing that the position control keeps up.
     #[inline(always)]
     pub fn look_for_swing(&mut self, with: &Context) {
-        if let Demand::Position(_) = self.demand {
-            self.inertia.look(self.current_reference(), with.rotor.speed(), with.config);
-        }
+        self.inertia.look(self.current_reference(), with.rotor.speed(), with.config);
     }
 
     /// The next part of the supervision: the check of voltages against currents, and what the rotor does.

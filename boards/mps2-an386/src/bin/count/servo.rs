@@ -58,7 +58,7 @@ pub const ROWS: &[Row] = &[
     Row::new("field-oriented, fast, with a map and all tables, speed", "hallservo", function!(step), mapped, stays_on)
         .budget(362),
     Row::new("field-oriented, fast, with two currents, speed", "hallservo", function!(step), with_two, stays_on)
-        .budget(650),
+        .budget(655),
     Row::new("field-oriented, with a command", "hallservo", function!(step), commanded, stays_on),
 ];
 

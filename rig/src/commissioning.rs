@@ -30,7 +30,12 @@ impl Bench {
 
     /// Until it ends; else why it came to nothing, and what the rotor did.
     fn run(&mut self, procedure: &mut dyn Procedure) -> Result<(), String> {
-        let error = match self.end_of(procedure) {
+        let state = self.end_of(procedure);
+        self.ended(procedure, state)
+    }
+
+    fn ended(&self, procedure: &dyn Procedure, state: State) -> Result<(), String> {
+        let error = match state {
             State::Done => return Ok(()),
             State::Failed(Error::Fault(fault)) => format!("{fault:?}"),
             State::Failed(error) => format!("{error:?}"),
@@ -133,8 +138,8 @@ pub struct Outcome {
     pub tries: u32,
     /// Flux linkage and inertia by swings.
     pub rough: Rough,
-    /// The identification.
-    pub report: Report,
+    /// The identification; none where its measurements do not determine the motor.
+    pub report: Option<Report>,
     /// How long it all took.
     pub seconds: f64,
 }
@@ -173,15 +178,25 @@ pub fn commission(bench: &mut Bench, settings: Settings, limit_a: f32) -> Result
             Action::Identify => {
                 let plan = Plan::new(&bench.rig.config).unwrap();
                 let mut identification = Identification::new(&bench.rig.config, &plan).unwrap();
-                bench.run(&mut identification).map_err(|error| format!("identification: {error}, {plan:?}"))?;
-                let found = *identification.report().ok_or("identification: no report")?;
-                commission.identified(&found).map_err(|error| format!("identified: {error}"))?;
-                report = Some(found);
+                let state = bench.end_of(&mut identification);
+                report = if state == State::Failed(Error::Inconclusive) {
+                    None
+                } else {
+                    bench
+                        .ended(&identification, state)
+                        .map_err(|error| format!("identification: {error}, {plan:?}"))?;
+                    Some(*identification.report().ok_or("identification: no report")?)
+                };
+                let known = match &report {
+                    Some(found) => commission.identified(found),
+                    None => commission.unidentified(),
+                };
+                known.map_err(|error| format!("identified: {error}"))?;
             }
             Action::Done => break,
         }
     }
-    let (Some(electrical), Some(sensors), Some(rough), Some(report)) = (electrical, sensors, rough, report) else {
+    let (Some(electrical), Some(sensors), Some(rough)) = (electrical, sensors, rough) else {
         return Err("a step was left out".into());
     };
     let (settings, seconds) = (*commission.settings(), bench.rig.plant.truth().time_s);

@@ -189,6 +189,16 @@ impl Commission {
         if inertia.error < ROUGHLY * inertia.value {
             control.inertia_kgm2 = inertia.value;
         }
+        self.unidentified()
+    }
+
+    /// The measurements of the identification do not determine the motor, as where a load on a shaft that twists lets the
+    /// rotor leap from speed to speed: flux linkage and inertia stay as roughly known as they are.
+    ///
+    /// # Errors
+    /// The settings have no room for the motor.
+    pub fn unidentified(&mut self) -> Result<(), Error<'static>> {
+        let control = self.settings.control.as_mut().ok_or(Error::NoControl)?;
         // At standstill what the dead time leaves cancels.
         if let Some(electrical) = &self.electrical {
             set_electrical(control, electrical);

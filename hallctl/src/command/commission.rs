@@ -167,7 +167,9 @@ fn find_out(client: &mut Client, action: Action, commission: &Commission) -> Res
             Found::Calibration(result)
         }
         Action::Swing => Found::Swings(measure::swings(client)?),
-        Action::Identify | Action::Done => Found::Motor(procedures::identification(client)?),
+        Action::Identify | Action::Done => {
+            procedures::identification(client)?.map_or(Found::Unidentified, Found::Motor)
+        }
     })
 }
 

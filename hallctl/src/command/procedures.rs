@@ -6,7 +6,7 @@ use crate::out::Out;
 use crate::{say, values, words};
 use hallservo::fault::Fault;
 use hallservo::hall::calibrate::{self, report::Report};
-use hallservo::service::identify;
+use hallservo::service::{identify, procedure};
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure};
 use indicatif::{ProgressBar, ProgressStyle};
 use serde_json::json;
@@ -147,27 +147,33 @@ pub(super) fn identify(client: &mut Client, options: &Options, out: Out) -> Resu
     if !begin(client, options, Ask::Identify, out)? {
         return Ok(());
     }
-    let report = identified(client)?;
+    let report = identified(client)?.map_err(|error| unidentified(&error))?;
     say!(out, "{report}What is not doubtful is in the settings now; `hallctl settings save` keeps it.")?;
     out.value(&report)
 }
 
-/// Measures the motor.
-pub(super) fn identification(client: &mut Client) -> Result<identify::Report> {
+/// Measures the motor; none where the measurements do not determine it.
+pub(super) fn identification(client: &mut Client) -> Result<Option<identify::Report>> {
     client.order(Ask::Identify)?;
-    identified(client)
+    match identified(client)? {
+        Ok(report) => Ok(Some(report)),
+        Err(procedure::Error::Inconclusive) => Ok(None),
+        Err(error) => Err(unidentified(&error)),
+    }
 }
 
 /// What a measurement that was begun comes to.
-fn identified(client: &mut Client) -> Result<identify::Report> {
+fn identified(client: &mut Client) -> Result<std::result::Result<identify::Report, procedure::Error>> {
     wait(client, "measuring the motor")?;
     client.ask(Ask::Identification, |answer| match answer {
-        Answer::Identification(Procedure::Done(report)) => Ok(report),
-        Answer::Identification(Procedure::Failed(error)) => {
-            Err(Error::Failed(format!("the identification failed: {}", words::procedure_error(&error))))
-        }
+        Answer::Identification(Procedure::Done(report)) => Ok(Ok(report)),
+        Answer::Identification(Procedure::Failed(error)) => Ok(Err(error)),
         other => unexpected(&other),
     })
+}
+
+fn unidentified(error: &procedure::Error) -> Error {
+    Error::Failed(format!("the identification failed: {}", words::procedure_error(error)))
 }
 
 pub(super) fn learn_cogging(client: &mut Client, options: &Options, out: Out) -> Result<()> {

@@ -79,12 +79,16 @@ impl Machine {
     }
 
     /// Everything that a ± belongs to.
-    pub fn compared(&self, outcome: &Outcome) -> [Compared; QUANTITIES.len()] {
+    ///
+    /// # Errors
+    /// The identification does not determine the motor.
+    pub fn compared(&self, outcome: &Outcome) -> Result<[Compared; QUANTITIES.len()], String> {
         let PlantParameters { motor, inverter, .. } = &self.plant;
         let flux = motor.back_emf.flux_linkage_vs;
         let resistance = motor.resistance_ohm + inverter.switch_ohm;
         let Outcome { electrical, report, .. } = outcome;
-        [
+        let report = report.ok_or("identification: the measurements do not determine the result")?;
+        Ok([
             (electrical.resistance_ohm, resistance),
             (electrical.inductance_h, motor.inductance_h),
             (report.resistance_ohm, resistance),
@@ -99,7 +103,7 @@ impl Machine {
             found: value.into(),
             stated: error.into(),
             exact,
-        })
+        }))
     }
 }
 
@@ -149,7 +153,7 @@ pub struct Trial {
 pub fn trials(seeds: std::ops::Range<u64>, unevenness: &Unevenness, model: Option<InverterModel>) -> Vec<Trial> {
     let trial = |seed| {
         let machine = Machine::new(seed, unevenness);
-        let compared = machine.outcome(model).map(|outcome| machine.compared(&outcome));
+        let compared = machine.outcome(model).and_then(|outcome| machine.compared(&outcome));
         Trial { name: machine.name, seed, compared }
     };
     seeds.into_par_iter().map(trial).collect()

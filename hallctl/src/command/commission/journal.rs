@@ -26,6 +26,8 @@ pub(super) enum Found {
     Swings(Rough),
     /// The motor.
     Motor(Report),
+    /// The measurements do not determine it.
+    Unidentified,
 }
 
 /// Last line of a file that is whole: one cut off between two lines would be read as less.
@@ -104,7 +106,7 @@ impl Journal {
     /// Other pole pairs: what depends on them is to be measured again.
     pub fn set_pole_pairs(&mut self, pairs: u8) {
         if self.settings.insert("pole_pairs".into(), pairs.into()) != Some(pairs.into()) {
-            self.forget(|found| matches!(found, Found::Swings(_) | Found::Motor(_)));
+            self.forget(|found| matches!(found, Found::Swings(_) | Found::Motor(_) | Found::Unidentified));
         }
     }
 
@@ -136,6 +138,7 @@ pub(super) fn take(commission: &mut Commission, found: &Found) -> Result<()> {
             .map_err(|error| super::step("the calibration", &error.to_string())),
         Found::Swings(found) => commission.swung(found).map_err(|error| super::words_of(&error)),
         Found::Motor(found) => commission.identified(found).map_err(|error| super::words_of(&error)),
+        Found::Unidentified => commission.unidentified().map_err(|error| super::words_of(&error)),
     }
 }
 
@@ -150,6 +153,7 @@ mod tests {
         journal.found = vec![
             Found::Calibration(Err(calibrate::Error::NoFit)),
             Found::Swings(Rough { flux_linkage_wb: 5e-3, inertia_kgm2: 1e-6 }),
+            Found::Unidentified,
         ];
         journal
     }
@@ -178,7 +182,7 @@ mod tests {
     fn what_depends_on_the_pole_pairs_is_measured_again() {
         let mut journal = journal();
         journal.set_pole_pairs(Settings::default().pole_pairs);
-        assert_eq!(journal.found.len(), 2);
+        assert_eq!(journal.found.len(), 3);
         journal.set_pole_pairs(11);
         assert_eq!((journal.found.len(), journal.settings().pole_pairs), (1, 11));
         journal.forget_calibration();

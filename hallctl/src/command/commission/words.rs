@@ -77,6 +77,13 @@ pub(super) fn tell(found: &Found, settings: &Settings, told_pole_pairs: bool, ou
             // As `Commission::identified` decides.
             say!(out, "  R, L and flux linkage stay as found by 1 and 3, where the dead time cancels.")?;
         }
+        Found::Unidentified => {
+            say!(
+                out,
+                "  The measurements do not determine the motor, as with a load on a shaft that twists: flux linkage and \
+                 inertia stay as found by 3. On a free shaft, or with a stiffer coupling, `hallctl identify` tells more."
+            )?;
+        }
     }
     out.value(found)
 }
@@ -96,7 +103,7 @@ pub(super) fn stands(journal: &Journal, action: Action, out: Out) -> Result<()> 
             Found::Standstill(_) => Some("R and L"),
             Found::Calibration(result) => result.is_ok().then_some("the Halls"),
             Found::Swings(_) => Some("flux linkage and inertia"),
-            Found::Motor(_) => Some("the motor"),
+            Found::Motor(_) | Found::Unidentified => Some("the motor"),
         })
         .collect();
     if done.is_empty() {

@@ -331,7 +331,7 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
         Command::Step(options) => response::step(client, options, out),
         Command::Sine(options) => response::sine(client, options, out),
         Command::Chirp(options) => chirp::chirp(client, options, out),
-        Command::Tune(options) => tune::tune(client, options, out),
+        Command::Tune(options) => tune::tune(client, options, out).map(|_| ()),
         Command::Faults => faults::show(client, out),
         // These need no drive.
         Command::Simulate(_)

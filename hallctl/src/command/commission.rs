@@ -174,25 +174,30 @@ fn find_out(client: &mut Client, action: Action, commission: &Commission) -> Res
 }
 
 /// Measures the field of the windings, and tries bandwidths of the speed control. What comes to nothing leaves what was
-/// set, and what was computed.
+/// set, and what was computed, as far as it holds a position quietly.
 fn refine(client: &mut Client, out: Out) -> Result<()> {
     let measured = coil::measure(client, out);
     unless_hot(client, measured, "The field of the windings is not known", out)?;
     let tuned = tune::tune(client, &tune::KEEP, out);
-    unless_hot(client, tuned, "The bandwidths stay as computed", out)
+    // What it leaves has not held a position quietly as one of its trials, or it came to nothing.
+    if unless_hot(client, tuned, "The bandwidths stay as computed", out)? != Some(true) {
+        let held = tune::quieten(client, out);
+        unless_hot(client, held, "Whether the motor holds a position quietly is not known", out)?;
+    }
+    Ok(())
 }
 
-/// Goes on without what came to nothing, unless that has to cool.
-fn unless_hot(client: &mut Client, result: Result<()>, words: &str, out: Out) -> Result<()> {
+/// Goes on without what came to nothing, unless that has to cool; none then.
+fn unless_hot<T>(client: &mut Client, result: Result<T>, words: &str, out: Out) -> Result<Option<T>> {
     match result {
         Err(error @ (Error::Failed(_) | Error::Refused(_))) if !is_hot(client, &error)? => {
             say!(out, "  {words}: {error}")?;
             if matches!(client.status()?.mode, Mode::Faulted(_)) {
                 client.order(Ask::Clear)?;
             }
-            Ok(())
+            Ok(None)
         }
-        result => result,
+        result => result.map(Some),
     }
 }
 

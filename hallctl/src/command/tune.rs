@@ -1,5 +1,6 @@
 //! `hallctl tune`: which bandwidths of the speed and position control this motor, its load and its noise stand.
 
+mod hold;
 mod judge;
 mod recover;
 mod trial;
@@ -17,6 +18,7 @@ use crate::units::{self, Quantity};
 use hallservo::commutation::Commutation;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Ask, Learning};
+pub(super) use hold::quieten;
 use judge::Judge;
 use recover::unless_it_swings;
 use trial::Trial;
@@ -30,6 +32,8 @@ const DOWN: [f32; 7] = [0.35, 0.25, 0.18, 0.125, 0.09, 0.06, 0.04];
 const LEAST_STEP: f64 = 0.01;
 /// Position's bandwidth in that of the speed, at most.
 const INNER_TO_OUTER: f32 = 4.0;
+/// Share of a position's bandwidth from which on it is as good as that.
+const SAME: f32 = 0.9;
 /// How often a bandwidth is tried: what swung before may have left the drive far from its reference.
 const ATTEMPTS: usize = 2;
 /// How often the position's bandwidth is halved, at most, until it does not overshoot.
@@ -52,13 +56,19 @@ pub(super) struct Options {
 pub(super) const KEEP: Options = Options { step: None, from: None, keep: true };
 
 /// Of speed and position.
-#[derive(Clone, Copy, Debug)]
+#[derive(Clone, Copy, Debug, PartialEq, serde::Serialize)]
 struct Bandwidths {
     speed_hz: f32,
     position_hz: f32,
 }
 
 impl Bandwidths {
+    /// Those that are set.
+    fn get(client: &mut Client) -> Result<Self> {
+        let mut get = |name| client.setting(Ask::Get(name), |setting| setting.value);
+        Ok(Self { speed_hz: get(NAMES[0])?, position_hz: get(NAMES[1])? })
+    }
+
     /// Both, with another one of the speed; `slower` is how many times slower the speed's loop is than it should be.
     fn with_speed(self, speed_hz: f32, slower: f32) -> Self {
         Self { speed_hz, position_hz: self.position_hz.min(speed_hz / (INNER_TO_OUTER * slower)) }
@@ -83,9 +93,20 @@ struct Outcome {
     found: Found,
 }
 
-pub(super) fn tune(client: &mut Client, options: &Options, out: Out) -> Result<()> {
+impl Outcome {
+    fn stood_quietly(&self, before: Bandwidths) -> bool {
+        let is_same = |trial: &Trial| {
+            trial.bandwidth_hz == before.speed_hz && trial.position_bandwidth_hz > SAME * before.position_hz
+        };
+        let stood = |trial: &Trial| is_same(trial) && !self.judge.swings(trial, &self.trials);
+        self.proposed.is_some() || self.trials.iter().any(stood)
+    }
+}
+
+/// Whether what is proposed, or else what is set, has held a position quietly as one of the trials.
+pub(super) fn tune(client: &mut Client, options: &Options, out: Out) -> Result<bool> {
+    let before = Bandwidths::get(client)?;
     let mut get = |name| client.setting(Ask::Get(name), |setting| setting.value);
-    let before = Bandwidths { speed_hz: get(NAMES[0])?, position_hz: get(NAMES[1])? };
     let max_current_a = f64::from(get("max_current_a")?);
     let of =
         |quantity: Option<Quantity>, usual| quantity.map_or(usual, |quantity| quantity.value(out.units.speed.rad_s()));
@@ -102,26 +123,39 @@ pub(super) fn tune(client: &mut Client, options: &Options, out: Out) -> Result<(
     let wanted = Wanted::speed(of(options.from, step / 4.0), step);
     let (from, to) = wanted.ends();
     say!(out, "The motor steps between {from:.1} and {to:.1} rad/s, and by {} turns.", trial::TURNS)?;
+    let judge = Judge { max_current_a, size_rad_s: step.abs() };
+    let proposed = |outcome: &Outcome| outcome.proposed.map(|trial| trial.bandwidths());
+    let kept = |outcome: &Outcome| proposed(outcome).filter(|_| options.keep);
+    let outcome = armed(client, before, |client| find(client, &wanted, judge, before), kept)?;
+    words::show(&outcome, before, kept(&outcome).is_some(), out)?;
+    Ok(outcome.stood_quietly(before))
+}
+
+/// Does work that tries bandwidths, and leaves those that it has found, else those of before; armed for it, if need be.
+fn armed<T>(
+    client: &mut Client,
+    before: Bandwidths,
+    work: impl FnOnce(&mut Client) -> Result<T>,
+    kept: impl FnOnce(&T) -> Option<Bandwidths>,
+) -> Result<T> {
     let found = client.status()?;
     if found.mode != Mode::Running {
         client.arm()?;
     }
-    let judge = Judge { max_current_a, size_rad_s: step.abs() };
-    let outcome = find(client, &wanted, judge, before);
+    let outcome = work(client);
     // Whatever has happened, a signal included.
     client.carry_on();
-    let proposed = outcome.as_ref().ok().and_then(|outcome| outcome.proposed).filter(|_| options.keep);
     let interrupted = matches!(outcome, Err(Error::Interrupted));
     if interrupted {
         motion::brake(client)?;
     }
-    let restored = proposed.map_or(before, |trial| trial.bandwidths()).set(client);
+    let restored = outcome.as_ref().ok().and_then(kept).unwrap_or(before).set(client);
     if interrupted || found.mode != Mode::Running {
         motion::rest(client)?;
         client.order(Ask::Disarm)?;
     }
     restored?;
-    words::show(&outcome?, before, proposed.is_some(), out)
+    outcome
 }
 
 fn find(client: &mut Client, wanted: &Wanted, judge: Judge, before: Bandwidths) -> Result<Outcome> {

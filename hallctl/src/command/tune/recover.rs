@@ -9,7 +9,7 @@ use hallservo_protocol::Ask;
 use std::time::Instant;
 
 /// What a loop that swings comes to.
-const BY_SWINGING: [Fault; 3] = [Fault::FollowingError, Fault::Commutation, Fault::OverSpeed];
+pub(super) const BY_SWINGING: [Fault; 3] = [Fault::FollowingError, Fault::Commutation, Fault::OverSpeed];
 /// A load behind its shaft has come to rest, in the drive's time, ms.
 const STILL_MS: u64 = 300;
 /// Longest wait for that, ms.
@@ -20,9 +20,18 @@ pub(super) fn unless_it_swings<T>(
     client: &mut Client,
     work: impl FnOnce(&mut Client) -> Result<T>,
 ) -> Result<Option<T>> {
+    unless(client, &BY_SWINGING, work)
+}
+
+/// The same with other faults.
+pub(super) fn unless<T>(
+    client: &mut Client,
+    faults: &[Fault],
+    work: impl FnOnce(&mut Client) -> Result<T>,
+) -> Result<Option<T>> {
     match work(client) {
         Err(error @ (Error::Failed(_) | Error::Refused(_))) => match client.status()?.mode {
-            Mode::Faulted(fault) if BY_SWINGING.contains(&fault) => {
+            Mode::Faulted(fault) if faults.contains(&fault) => {
                 if again(client)? {
                     Ok(None)
                 } else {

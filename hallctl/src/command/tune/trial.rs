@@ -60,7 +60,7 @@ impl Trial {
     /// With bandwidths that are set.
     pub fn of(client: &mut Client, wanted: &Wanted, bandwidths: Bandwidths) -> Result<Self> {
         let (step, turning) = made(client, RECORD_S, |_| *wanted)?;
-        let (position_step, standing) = stand(client, bandwidths)?;
+        let (position_step, standing) = stand(client, bandwidths, STAND_S)?;
         let Bandwidths { speed_hz: bandwidth_hz, position_hz: position_bandwidth_hz } = bandwidths;
         Ok(Self { bandwidth_hz, position_bandwidth_hz, step, position_step, turning, standing, switched_off: false })
     }
@@ -81,7 +81,7 @@ impl Trial {
     /// The same speed loop with another bandwidth of the position, which is set.
     pub fn with_position(&self, client: &mut Client, position_hz: f32) -> Result<Self> {
         let bandwidths = Bandwidths { speed_hz: self.bandwidth_hz, position_hz };
-        let (position_step, standing) = stand(client, bandwidths)?;
+        let (position_step, standing) = stand(client, bandwidths, STAND_S)?;
         Ok(Self { position_bandwidth_hz: position_hz, position_step, standing, ..*self })
     }
 
@@ -90,8 +90,9 @@ impl Trial {
     }
 }
 
-fn stand(client: &mut Client, bandwidths: Bandwidths) -> Result<(Step, Noise)> {
-    let seconds = STAND_S.max(2.0 * SETTLED / (TAU * f64::from(bandwidths.position_hz)));
+/// A step of the position, after which the motor stands for so long at least.
+pub(super) fn stand(client: &mut Client, bandwidths: Bandwidths, least_s: f64) -> Result<(Step, Noise)> {
+    let seconds = least_s.max(2.0 * SETTLED / (TAU * f64::from(bandwidths.position_hz)));
     made(client, seconds, |session| Wanted::position(session.began_turns(), TURNS))
 }
 

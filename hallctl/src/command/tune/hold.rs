@@ -1,0 +1,80 @@
+//! Whether the motor holds a position quietly: what swings by itself there gets slower loops until it does.
+
+use super::recover::{BY_SWINGING, calm, unless};
+use super::trial::stand;
+use super::{Bandwidths, armed};
+use crate::client::Client;
+use crate::command::chirp::load::SWINGS;
+use crate::error::{Error, Result};
+use crate::out::Out;
+use crate::say;
+use hallservo::fault::Fault;
+use hallservo_protocol::Ask;
+use serde_json::json;
+
+/// So long it holds after a step, s: a load on a soft shaft swings for long, though the loop damps it.
+const HELD_S: f64 = 3.0;
+/// How often a bandwidth is halved at most.
+const HALVINGS: usize = 10;
+/// What a loop that swings comes to; one that does so at the largest current hardly turns the rotor.
+const FAULTS: [Fault; 4] = [BY_SWINGING[0], BY_SWINGING[1], BY_SWINGING[2], Fault::Stall];
+
+/// Halves the bandwidths, that of the position first, until the motor holds a position quietly; where none is quiet, they
+/// stay. Leaves the drive armed or not, as it was.
+pub(in crate::command) fn quieten(client: &mut Client, out: Out) -> Result<()> {
+    let before = Bandwidths::get(client)?;
+    let max_current_a = client.setting(Ask::Get("max_current_a"), |setting| f64::from(setting.value))?;
+    let search = |client: &mut Client| search(client, before, SWINGS * max_current_a);
+    let Found { loudest_a, quiet } = armed(client, before, search, |found| found.quiet)?;
+    let swings = loudest_a.map_or_else(|| "the drive switched off".into(), |noise_a| format!("{noise_a:.2} A RMS"));
+    match quiet {
+        Some(quiet) if quiet == before => say!(out, "It holds a position quietly with the bandwidths as they are.")?,
+        Some(Bandwidths { speed_hz, position_hz }) => say!(
+            out,
+            "With faster loops the motor swings by itself where it holds a position ({swings}): speed_bandwidth_hz is \
+             {speed_hz:.1} now and position_bandwidth_hz {position_hz:.2}, and it holds one quietly."
+        )?,
+        None => say!(
+            out,
+            "The motor swings by itself where it holds a position ({swings}), and slower loops do not help; the bandwidths \
+             stay.\n  By hand: see whether the shaft is free, and stiff up to the load."
+        )?,
+    }
+    out.value(&json!({ "holds_quietly": quiet.is_some(), "swung_a": loudest_a, "bandwidths_hz": quiet }))
+}
+
+/// What came of it.
+struct Found {
+    /// Noise of the current, A RMS, of the fastest that swing; none where the drive switched off.
+    loudest_a: Option<f64>,
+    /// The fastest that do not.
+    quiet: Option<Bandwidths>,
+}
+
+fn search(client: &mut Client, before: Bandwidths, most_a: f64) -> Result<Found> {
+    let (mut bandwidths, mut first) = (before, None);
+    for halving in 0..=HALVINGS {
+        match bandwidths.set(client) {
+            // Below what the drive can hold a position with.
+            Err(Error::Refused(_)) => break,
+            result => result?,
+        }
+        let noise_a = unless(client, &FAULTS, |client| noise_a(client, bandwidths))?;
+        let loudest_a = *first.get_or_insert(noise_a);
+        if noise_a.is_some_and(|noise_a| noise_a <= most_a) {
+            return Ok(Found { loudest_a, quiet: Some(bandwidths) });
+        }
+        if halving % 2 == 0 {
+            bandwidths.position_hz /= 2.0;
+        } else {
+            bandwidths.speed_hz /= 2.0;
+        }
+    }
+    Ok(Found { loudest_a: first.flatten(), quiet: None })
+}
+
+/// Of the current while a position is held, A RMS.
+fn noise_a(client: &mut Client, bandwidths: Bandwidths) -> Result<f64> {
+    calm(client)?;
+    stand(client, bandwidths, HELD_S).map(|(_, noise)| noise.current_a)
+}

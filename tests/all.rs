@@ -12,6 +12,7 @@ mod coil;
 mod commission;
 mod delay;
 mod examples;
+mod hall_loss;
 mod heat;
 mod holding_brake;
 mod identify;

@@ -1,19 +1,26 @@
 //! Running on from two Halls when the third is lost.
 
 use super::Drive;
-use crate::angle::ElectricalAngle;
+use crate::angle::{ElectricalAngle, Position};
 use crate::fault::{Fault, Limits};
 use crate::hall::estimate::Estimator;
 use crate::hall::plausibility::Implausible;
 use crate::hall::{Channel, Codes, Halls};
 use crate::mode::Mode;
 
-/// Farthest that two Halls' angle may be from the tracked one to be believed, in bits: 45°.
-const NEAR: u32 = 1 << 29;
+/// Farthest that two Halls' angle may be from the tracked one to be believed, in bits: 90°.
+const NEAR: u32 = 1 << 30;
 
 /// Farthest that two Halls' strength may be from [`Estimator::NOMINAL_STRENGTH`]: harmonics and drift together stay
 /// below.
 const UNHEALTHY: u32 = 450;
+
+/// A Hall that goes through so many times less than another one is stuck. At the peak of a healthy one, where it changes
+/// least, another goes through four times as much.
+const UNMOVED: u32 = 8;
+
+/// The doubt is about the mean of so many steps, 2ⁿ.
+const DOUBT_BITS: u32 = 10;
 
 /// What is known and suspected of a lost Hall.
 #[derive(Clone, Copy, Debug)]
@@ -22,11 +29,45 @@ pub(super) struct HallLoss {
     pub lost: Option<Channel>,
     /// The fault to latch unless the other two Halls give the angle; set and resolved within a step.
     suspicion: Option<Fault>,
+    /// By Hall, the rotor as the other two see it, from the loss on.
+    without: [View; 3],
+}
+
+/// The rotor as two Halls see it, and what the third one does.
+#[derive(Clone, Copy, Debug)]
+struct View {
+    /// With its turns: each view counts its own, as that of a pair with the lost Hall in it goes to and fro.
+    position: Position,
+    /// What their strength is off by, in 1/1024.
+    off: u32,
+    /// The mean of that over the last steps, times 2ⁿ of them.
+    doubt: u32,
+    /// Lowest and highest code of the third.
+    lowest: u16,
+    highest: u16,
+}
+
+impl View {
+    const NONE: Self = Self { position: Position::from_bits(0), off: 0, doubt: 0, lowest: u16::MAX, highest: 0 };
+
+    /// Takes the next angle and strength, and the code of the third.
+    fn take(&mut self, angle: ElectricalAngle, strength: u32, third: u16) {
+        self.position = self.position.advance_to(angle);
+        self.off = strength.abs_diff(Estimator::NOMINAL_STRENGTH).min(Estimator::NOMINAL_STRENGTH);
+        self.doubt = self.doubt - (self.doubt >> DOUBT_BITS) + self.off;
+        self.lowest = self.lowest.min(third);
+        self.highest = self.highest.max(third);
+    }
+
+    /// Codes that the third Hall went through.
+    const fn span(&self) -> u32 {
+        self.highest.saturating_sub(self.lowest) as u32
+    }
 }
 
 impl HallLoss {
     /// All three are there.
-    pub const NONE: Self = Self { lost: None, suspicion: None };
+    pub const NONE: Self = Self { lost: None, suspicion: None, without: [View::NONE; 3] };
 }
 
 impl Drive {
@@ -43,67 +84,86 @@ impl Drive {
     /// about where it was tracked; otherwise it is a fault.
     pub(super) fn resolve_suspicion(&mut self, codes: Codes) {
         let Some(fault) = self.hall_loss.suspicion.take() else { return };
-        let Some((lost, angle)) = self.find_lost_hall(fault, codes) else { return self.fail(fault) };
-        self.hall_loss.lost = Some(lost);
-        self.limits = self.limits.with(Limits::TWO_HALLS);
-        // Until it was found, the lost Hall has pulled the tracked angle away.
-        self.record.rotor.move_to(angle);
-        self.angle_found();
-    }
-
-    /// The lost Hall, and the angle by the other two.
-    fn find_lost_hall(&self, fault: Fault, codes: Codes) -> Option<(Channel, ElectricalAngle)> {
-        let estimator = self.estimator()?;
-        let tracked = self.record.rotor.angle();
         let suspects = match fault {
             Fault::Hall(Implausible::AtRail(channel) | Implausible::OutOfRange(channel)) => channel.0..=channel.0,
             Fault::Hall(Implausible::Inconsistent) | Fault::AngleJump => 0..=2,
-            _ => return None,
+            _ => return self.fail(fault),
         };
-        let (_, distance, channel, angle) = suspects
-            .filter_map(|k| {
-                let (angle, strength) = estimator.angle_without(Channel(k), &codes)?;
-                let angle = angle - self.correction;
-                let distance = (angle - tracked).to_bits().unsigned_abs();
-                // A pair with the lost Hall in it is in the wrong place, and too strong or too weak: 30° count as much
-                // as a third of the strength.
-                let doubt = (distance >> 20).saturating_add(strength.abs_diff(Estimator::NOMINAL_STRENGTH));
-                Some((doubt, distance, Channel(k), angle))
-            })
-            .min_by_key(|&(doubt, ..)| doubt)?;
-        (distance <= NEAR).then_some((channel, angle))
+        let rotor = &self.record.rotor;
+        self.hall_loss.without = [View { position: rotor.smoothed(), ..View::NONE }; 3];
+        if !self.view_by_two(&codes) {
+            return self.fail(fault);
+        }
+        let tracked = self.record.rotor.angle();
+        let distance = |view: &View| (view.position.angle() - tracked).to_bits().unsigned_abs();
+        // A pair with the lost Hall in it is in the wrong place, and too strong or too weak: 30° count as much as a third
+        // of the strength.
+        let lost = suspects.min_by_key(|&k| {
+            let view = &self.hall_loss.without[usize::from(k)];
+            (distance(view) >> 20) + view.off
+        });
+        let best = lost.map(|k| (k, self.hall_loss.without[usize::from(k)]));
+        match best.filter(|(_, view)| distance(view) <= NEAR) {
+            Some((k, _)) => self.go_on_without(Channel(k)),
+            None => self.fail(fault),
+        }
+    }
+
+    /// What each two of the Halls say; false where the estimator knows of two only.
+    fn view_by_two(&mut self, codes: &Codes) -> bool {
+        let correction = self.correction;
+        for k in 0..3 {
+            let Some((angle, strength)) = self.estimator().and_then(|e| e.angle_without(Channel(k), codes)) else {
+                return false;
+            };
+            self.hall_loss.without[usize::from(k)].take(angle - correction, strength, codes[usize::from(k)]);
+        }
+        true
+    }
+
+    /// Takes a Hall for lost. Until it was found, it has pulled the tracked angle away.
+    fn go_on_without(&mut self, lost: Channel) {
+        self.hall_loss.lost = Some(lost);
+        self.limits = self.limits.with(Limits::TWO_HALLS);
+        self.record.rotor.put_at(self.hall_loss.without[usize::from(lost.0)].position);
+        self.record.missed = 0;
+        self.limits = self.limits.without(Limits::EXTRAPOLATED);
+        self.publish();
     }
 
     /// Angle and speed from the other two.
     #[cold]
     pub(super) fn measure_without(&mut self, lost: Channel, codes: Codes) {
-        let pair = self.estimator().and_then(|estimator| estimator.angle_without(lost, &codes));
-        let healthy = pair.filter(|(_, strength)| strength.abs_diff(Estimator::NOMINAL_STRENGTH) <= UNHEALTHY);
-        match healthy.map(|(angle, _)| self.record.rotor.step(&self.config.tracking, angle - self.correction)) {
-            Some(Ok(())) => self.angle_found(),
-            _ => self.find_other_loss(lost, codes),
+        self.view_by_two(&codes);
+        let view = self.hall_loss.without[usize::from(lost.0)];
+        if view.off > UNHEALTHY {
+            self.record.rotor.coast();
+        } else if self.record.rotor.step(&self.config.tracking, view.position.angle()).is_ok() {
+            return match self.find_unmoved(&view) {
+                Some(lost) => self.go_on_without(lost),
+                None => self.angle_found(),
+            };
         }
+        self.find_other_loss();
     }
 
-    /// The two do not agree: the wrong Hall was taken for the lost one, or another is lost, too. The wrong pair has
-    /// moved the tracked angle, so the strength alone decides.
-    fn find_other_loss(&mut self, lost: Channel, codes: Codes) {
-        let best = self.estimator().and_then(|estimator| {
-            let others = (0..3).map(Channel).filter(|&channel| channel != lost);
-            let pair = |channel| Some((channel, estimator.angle_without(channel, &codes)?));
-            others.filter_map(pair).min_by_key(|(_, (_, strength))| strength.abs_diff(Estimator::NOMINAL_STRENGTH))
-        });
-        match best {
-            Some((channel, (angle, strength))) if strength.abs_diff(Estimator::NOMINAL_STRENGTH) <= UNHEALTHY => {
-                self.hall_loss.lost = Some(channel);
-                self.record.rotor.move_to(angle - self.correction);
-            }
-            _ => {
-                self.record.rotor.coast();
-                if !self.count_missed() {
-                    self.fail(Fault::Hall(Implausible::Inconsistent));
-                }
-            }
+    /// The Hall that is stuck though it was not taken for the lost one: it stays where it is while that one moves, and
+    /// the two others fit better without it. Otherwise a rotor may rock for ever about where the wrong two see it turn
+    /// the other way, with a strength that a magnet may have.
+    fn find_unmoved(&self, taken: &View) -> Option<Channel> {
+        let stuck = |view: &View| UNMOVED * view.span() < taken.span() && view.doubt < taken.doubt;
+        (0..).map(Channel).zip(&self.hall_loss.without).find_map(|(k, view)| stuck(view).then_some(k))
+    }
+
+    /// The two do not agree: the wrong Hall was taken for the lost one, or another is lost, too.
+    fn find_other_loss(&mut self) {
+        if self.count_missed() {
+            return;
+        }
+        let views = self.hall_loss.without.iter().zip(0..);
+        match views.min_by_key(|(view, _)| view.doubt).filter(|(view, _)| view.off <= UNHEALTHY) {
+            Some((_, lost)) => self.go_on_without(Channel(lost)),
+            None => self.fail(Fault::Hall(Implausible::Inconsistent)),
         }
     }
 

@@ -120,10 +120,10 @@ impl Tracker {
         self.angle = ElectricalAngle::from_bits(self.angle.to_bits().wrapping_add(self.speed));
     }
 
-    /// Moves to an angle by the shorter way, however far, and goes on at the present speed.
-    pub const fn move_to(&mut self, angle: ElectricalAngle) {
-        self.position = self.position.advance_to(angle);
-        self.angle = angle;
+    /// Moves to a position, however far, and goes on at the present speed.
+    pub(crate) const fn put_at(&mut self, position: Position) {
+        self.position = position;
+        self.angle = position.angle();
     }
 
     /// Counts on from a position farther by whole turns, in 2⁻³².
@@ -216,7 +216,7 @@ mod tests {
             tracker.step(&config(), angle(0.01 * f64::from(k))).unwrap();
         }
         let speed = tracker.speed();
-        tracker.move_to(angle(40.2));
+        tracker.put_at(Position::from_turns(40.2));
         assert_eq!((tracker.speed(), tracker.position().turns()), (speed, 40));
         assert_eq!(tracker.angle(), angle(40.2));
     }

@@ -513,7 +513,7 @@ impl Drive {
     }
 
     fn status(&self) -> Status {
-        Status::new(self.mode, self.limits(), self.progress)
+        Status::new(self.mode, self.limits(), self.progress).with_heavier(self.servo.inertia.doubled > 0)
     }
 
     /// The state.

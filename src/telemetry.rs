@@ -135,8 +135,12 @@ pub struct Status {
     mode: u8,
     fault: u8,
     limits: Limits,
+    /// And [`HEAVIER`].
     progress: u8,
 }
+
+/// Bit of [`Status::progress`]: see [`Status::is_heavier`].
+const HEAVIER: u8 = 4;
 
 impl Status {
     /// The word.
@@ -163,6 +167,17 @@ impl Status {
         Self { limits, ..self }
     }
 
+    /// The same with what is known of the rotor's inertia.
+    pub(crate) const fn with_heavier(self, heavier: bool) -> Self {
+        Self { progress: self.progress & !HEAVIER | if heavier { HEAVIER } else { 0 }, ..self }
+    }
+
+    /// Whether the position is controlled with less than the bandwidth of the settings, until the drive is armed again:
+    /// by a swing, the rotor was found to be much heavier than its inertia in the settings.
+    pub const fn is_heavier(self) -> bool {
+        self.progress & HEAVIER != 0
+    }
+
     /// State of the drive.
     pub const fn mode(self) -> Mode {
         match (self.mode, Fault::from_code(self.fault)) {
@@ -182,7 +197,7 @@ impl Status {
 
     /// What the sample is to a calibration.
     pub const fn progress(self) -> Progress {
-        match self.progress {
+        match self.progress & !HEAVIER {
             1 => Progress::Sample(Sweep::Forward),
             2 => Progress::Sample(Sweep::Backward),
             3 => Progress::Complete,
@@ -225,8 +240,11 @@ mod tests {
                     Progress::Sample(Sweep::Backward),
                     Progress::Complete,
                 ] {
-                    let status = Status::new(mode, limits, progress);
-                    assert_eq!((status.mode(), status.limits(), status.progress()), (mode, limits, progress));
+                    for heavier in [true, false] {
+                        let status = Status::new(mode, limits, progress).with_heavier(true).with_heavier(heavier);
+                        assert_eq!((status.mode(), status.limits()), (mode, limits));
+                        assert_eq!((status.progress(), status.is_heavier()), (progress, heavier));
+                    }
                 }
             }
         }

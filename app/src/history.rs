@@ -53,5 +53,6 @@ fn log_incident(cause: Cause) {
         Cause::NotSaved(record) => log!(error, "record {} could not be saved", record as u8),
         Cause::Adaptation(fault) => log!(warn, "the adaptation gave up: {}", fault),
         Cause::Abandoned(_) => log!(warn, "ended: the tool that began it fell silent"),
+        Cause::Heavier => log!(warn, "the rotor is heavier than inertia_kgm2: the position is controlled more slowly"),
     }
 }

@@ -234,6 +234,9 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         if mode != Mode::Running {
             self.measurement = None;
         }
+        if record.status.is_heavier() && !self.record.status.is_heavier() {
+            self.note(Cause::Heavier);
+        }
         self.record = record;
         if let Some(sensors) = &self.sensors {
             self.magnets.record(&record, sensors);

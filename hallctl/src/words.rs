@@ -159,6 +159,12 @@ pub fn incident(incident: &Incident) -> (String, String) {
             "keep hallctl running, or begin it by `--unattended`".into(),
         ),
         Cause::Adaptation(why) => (why.to_string(), "`hallctl calibrate`, after a look at that Hall".into()),
+        Cause::Heavier => (
+            "the rotor swung about its position, much heavier than inertia_kgm2: until it is armed again, the position is \
+             controlled more slowly"
+                .into(),
+            "`hallctl commission` with everything on the shaft that it is to turn".into(),
+        ),
     }
 }
 

@@ -1,6 +1,6 @@
 //! Who may say what: one tool controls, others read, anyone stops; and what begins without a tool that lives ends.
 
-use crate::tool::{ask, ask_as, calibrated, done, drive, request_of, run, status, wait};
+use crate::tool::{arm, ask, ask_as, calibrated, done, drive, request_of, run, status, wait};
 use hallservo::drive::Refusal as DriveRefusal;
 use hallservo::hall::adapt::{Fault, Parameter};
 use hallservo::mode::Mode;
@@ -130,6 +130,36 @@ fn a_procedure_ends_bridge_off_when_its_tool_falls_silent() {
             other => panic!("{other:?}"),
         });
     }
+}
+
+/// The inertia of the settings is a tenth of the rotor's, as where a mass has been mounted since.
+#[test]
+fn a_rotor_that_is_much_heavier_than_known_is_told() {
+    let (mut drive, _) = calibrated();
+    done(&mut drive, Ask::Set { name: "command_timeout_s", value: 60.0 });
+    let inertia_kgm2 = ask(&mut drive, Ask::Get("inertia_kgm2"), |answer| match answer {
+        Answer::Setting(setting) => setting.value,
+        other => panic!("{other:?}"),
+    });
+    for (share, incidents) in [(1.0, 0), (0.1, 1)] {
+        done(&mut drive, Ask::Set { name: "inertia_kgm2", value: share * inertia_kgm2 });
+        arm(&mut drive);
+        for turns in [1.0, 0.0] {
+            done(&mut drive, Ask::Position(turns));
+            run(&mut drive, 4000);
+        }
+        let found = status(&mut drive);
+        assert_eq!((found.mode, found.incidents), (Mode::Running, incidents), "{share} of the inertia");
+        done(&mut drive, Ask::Disarm);
+    }
+    ask(&mut drive, Ask::History(0), |answer| match answer {
+        Answer::History(History { entry: Some(incident), .. }) => {
+            assert_eq!(incident.cause, Cause::Heavier);
+            let (what, advice) = hallctl::words::incident(&incident);
+            assert!(what.contains("heavier than inertia_kgm2") && advice.contains("commission"), "{what} {advice}");
+        }
+        other => panic!("{other:?}"),
+    });
 }
 
 #[test]

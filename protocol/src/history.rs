@@ -19,6 +19,9 @@ pub enum Cause {
     Adaptation(adapt::Fault),
     /// Ended, for the tool that began it fell silent.
     Abandoned(Activity),
+    /// The rotor was found to be much heavier than its inertia in the settings, by a swing about its position: until the
+    /// drive is armed again, the position is controlled with less bandwidth.
+    Heavier,
 }
 
 /// What went wrong, and when.

@@ -35,7 +35,7 @@ fn hex<'a, T: Serialize + Deserialize<'a> + PartialEq + std::fmt::Debug>(value: 
 
 #[test]
 fn the_version_is_this_one() {
-    assert_eq!(VERSION, 10);
+    assert_eq!(VERSION, 11);
 }
 
 #[test]
@@ -314,6 +314,7 @@ fn incidents() {
         (Cause::Adaptation(adapt::Fault::Distorted), "0303"),
         (Cause::Adaptation(adapt::Fault::Contradiction), "0304"),
         (Cause::Abandoned(Activity::Cogging), "0403"),
+        (Cause::Heavier, "05"),
     ];
     for (cause, bytes) in causes {
         assert_eq!(hex(&cause), bytes, "{cause:?}");

@@ -359,6 +359,7 @@ impl Drive {
         let looks = self.servo.schedule.tick & (7 * LONG) == 0;
         if looks && matches!(self.servo.demand(), Demand::Position(_)) {
             self.with_servo(sample, |servo, _, with| servo.look_for_swing(with));
+            self.record.status = self.record.status.with_heavier(self.servo.inertia.doubled > 0);
         } else {
             self.hand_over_slot();
         }

@@ -321,7 +321,8 @@ impl Drive {
         let Schedule { record_due, .. } = self.servo.schedule;
         if self.servo.schedule.is_due(record_due) {
             self.servo.schedule.record_due = record_due.wrapping_add(self.config.record_every);
-            self.record.status = self.record.status.with_limits(self.limits());
+            let heavier = self.servo.inertia.doubled > 0;
+            self.record.status = self.record.status.with_limits(self.limits()).with_heavier(heavier);
             self.record.codes = sample.halls;
             self.record.sequence = self.servo.schedule.sequence();
             let _ = self.channels.records.enqueue(self.record);
@@ -359,7 +360,6 @@ impl Drive {
         let looks = self.servo.schedule.tick & (7 * LONG) == 0;
         if looks && matches!(self.servo.demand(), Demand::Position(_)) {
             self.with_servo(sample, |servo, _, with| servo.look_for_swing(with));
-            self.record.status = self.record.status.with_heavier(self.servo.inertia.doubled > 0);
         } else {
             self.hand_over_slot();
         }

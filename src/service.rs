@@ -410,6 +410,7 @@ impl Service {
     /// 63 records. After a calibration's last sample the fit runs in here, for some ten million instructions.
     pub fn poll(&mut self) -> Option<Event> {
         while let Some(reply) = self.tasks.replies.dequeue() {
+            self.phases.begin_following();
             match self.unanswered.pop_front() {
                 Some(Origin::Install) => return Some(Event::Installed(reply)),
                 Some(origin @ (Origin::Configure | Origin::Retune)) => {

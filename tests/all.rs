@@ -4,6 +4,7 @@ mod adapt_bounds;
 mod adapt_drive;
 mod adapt_rotors;
 mod adapt_safety;
+mod alternation;
 mod arming;
 mod braked_moves;
 mod chopper;

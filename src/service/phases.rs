@@ -9,6 +9,7 @@
 use crate::angle::ElectricalAngle;
 use crate::commutation::frames::Dq;
 use crate::fault::Fault;
+use crate::math::high;
 use crate::telemetry::{Measurement, State};
 
 /// Measurements in a row that are a fault.
@@ -21,6 +22,10 @@ const LEAST: i32 = 512;
 const QUIET: u8 = 3;
 /// Weight of a measurement in the mean, 2⁻³.
 const MEAN_BITS: u32 = 3;
+/// Bits that a current is shortened by, for products of two that fit in 32.
+const SHORTER: u32 = 2;
+/// A third of a turn.
+const THIRD: i32 = 1_431_655_765;
 
 /// What is counted.
 #[derive(Clone, Copy, Debug, Default)]
@@ -63,11 +68,23 @@ impl Phases {
         // where the phase that is open would carry the most.
         let none_flows = state.phases.iter().all(|flows| flows.abs() < LEAST / 4);
         self.quiet = if none_flows { self.quiet.saturating_add(1) } else { 0 };
-        if !self.is_steady(Dq { d: state.field_reference.into(), q: state.current_reference }) {
+        let reference = Dq { d: state.field_reference.into(), q: state.current_reference };
+        let judges = self.quiet <= QUIET && self.is_steady(reference);
+        // The least flash has no room for more than what is judged.
+        if cfg!(feature = "small") && !judges {
             return None;
         }
-        let angle = measurement.rotor.angle() + measurement.trim;
-        (0..3).find_map(|phase| self.is_missing(phase, angle, state, reversed))
+        let angle = (measurement.rotor.angle() + measurement.trim).to_bits();
+        let third = if reversed { -THIRD } else { THIRD };
+        (0..3).find_map(|phase| {
+            let from_phase = ElectricalAngle::from_bits(angle.wrapping_sub(third.wrapping_mul(phase as i32)));
+            self.is_missing(phase, from_phase, state, judges)
+        })
+    }
+
+    /// A set-point has arrived: in the measurements to come, the current may be on its way to it each time.
+    pub const fn begin_following(&mut self) {
+        self.unfollowed = 0;
     }
 
     /// Whether the mean is what is due: the reference has not changed much, neither in length nor in direction.
@@ -96,15 +113,26 @@ impl Phases {
         self.unfollowed >= TIMES
     }
 
-    fn is_missing(&mut self, phase: usize, angle: ElectricalAngle, state: &State, reversed: bool) -> Option<Fault> {
+    /// Whether a phase carries nothing that the rotor is ahead of by an angle.
+    fn is_missing(&mut self, phase: usize, from_phase: ElectricalAngle, state: &State, judges: bool) -> Option<Fault> {
         const OPEN: [Fault; 3] = [Fault::OpenPhaseA, Fault::OpenPhaseB, Fault::OpenPhaseC];
         const BLIND: [Fault; 3] = [Fault::AmplifierA, Fault::AmplifierB, Fault::AmplifierC];
         let mean = self.mean();
-        let due = along(mean, if reversed { (3 - phase) % 3 } else { phase }, angle);
-        let (flows, due, side) = if due < 0 { (-state.phases[phase], -due, 1) } else { (state.phases[phase], due, 0) };
+        let due = along(mean, from_phase);
+        let sum: i32 = state.phases.iter().sum();
+        // The phases were measured a step later, by when a current that changes is another one. What they have in common is not
+        // in the frame of the rotor.
+        #[cfg(not(feature = "small"))]
+        let flows = along(state.current, from_phase) + sum / 3;
+        #[cfg(feature = "small")]
+        let flows = state.phases[phase];
+        let (flows, due, side) = if due < 0 { (-flows, -due, 1) } else { (flows, due, 0) };
         let missing = &mut self.missing[phase][side];
         // Near the zero crossing of its current a phase tells little.
-        if due < LEAST || 64 * i64::from(due).pow(2) < 25 * dot(mean, mean) || self.quiet > QUIET {
+        let tells = judges && due >= LEAST && ((due * 8 / 5) >> SHORTER).pow(2) >= dot(mean, mean);
+        // What flows counts also where nothing is judged: a current that is turned back again and again may be about what is
+        // asked for in those moments only in which it does not flow.
+        if !tells && (cfg!(feature = "small") || flows <= LEAST.max(due / 4)) {
             return None;
         }
         *missing = if flows > due / 4 { 0 } else { *missing + 1 };
@@ -112,23 +140,19 @@ impl Phases {
             return None;
         }
         // What the other two carry and does not come back is a current that is not shown.
-        let sum: i32 = state.phases.iter().sum();
         Some(if sum.abs() > due / 2 { BLIND[phase] } else { OPEN[phase] })
     }
 }
 
-/// Product of two currents' lengths and the cosine of the angle between them.
-fn dot(a: Dq, b: Dq) -> i64 {
-    i64::from(a.d) * i64::from(b.d) + i64::from(a.q) * i64::from(b.q)
+/// Product of two currents' lengths and the cosine of the angle between them, each without its last bits.
+fn dot(a: Dq, b: Dq) -> i32 {
+    (a.d >> SHORTER) * (b.d >> SHORTER) + (a.q >> SHORTER) * (b.q >> SHORTER)
 }
 
-/// What a current in the frame of the rotor is along a phase.
-fn along(current: Dq, phase: usize, angle: ElectricalAngle) -> i32 {
-    const THIRD: i32 = 1_431_655_765;
-    let from_phase = ElectricalAngle::from_bits(angle.to_bits().wrapping_sub(THIRD.wrapping_mul(phase as i32)));
+/// What a current in the frame of the rotor is along a phase that the rotor is ahead of by an angle.
+fn along(current: Dq, from_phase: ElectricalAngle) -> i32 {
     let (sin, cos) = crate::trig::sin_cos(from_phase);
-    let part = |current: i32, share: i32| ((i64::from(current) * i64::from(share)) >> 30) as i32;
-    part(current.d, cos.to_bits()) - part(current.q, sin.to_bits())
+    high(current.d << 2, cos.to_bits()) - high(current.q << 2, sin.to_bits())
 }
 
 #[cfg(test)]

@@ -1,0 +1,137 @@
+//! Set-points that alternate, as of a user's own outer loop or of a dither: a healthy drive stays on, whatever they are and
+//! however often they come; and one whose phase opens meanwhile is switched off or harmless.
+
+use hallservo::commutation::Commutation;
+use hallservo::drive::Command;
+use hallservo::mode::Mode;
+use rayon::prelude::*;
+use rig::Rig;
+use rig::commissioning::{Bench, commission};
+use rig::motors::{MOTORS, Motor};
+
+/// Times between two set-points, ms. The first two are whole parts of the times between measurements and between checks: each
+/// of those finds the current at the same place, on its way to the other side.
+const EACH_MS: [f64; 4] = [0.4, 0.8, 1.2, 2.5];
+/// Motors that earlier versions switched off, by a phase and by a current that does not follow.
+const FOUND: [&str; 3] = ["paper", "drone-20uh", "drone-15uh"];
+/// Whose voltages, or commutation, the checks in the control step still doubt: currents are on the way at each of their looks.
+const LEFT: [&str; 5] = ["hub", "direct-drive", "hoverboard", "22-pairs", "drone-stiff"];
+const SEED: u64 = 1;
+
+#[derive(Clone, Copy, Debug, PartialEq)]
+enum Demand {
+    Torque,
+    Speed,
+    Position,
+}
+
+const DEMANDS: [Demand; 3] = [Demand::Torque, Demand::Speed, Demand::Position];
+
+/// Commissioned, on a supply that takes back what braking returns.
+fn commissioned(motor: &Motor) -> Rig {
+    let mut plant = motor.plant(SEED);
+    plant.bus.regenerative = true;
+    let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), SEED).unwrap());
+    let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
+    settings.commutation = Commutation::FieldOriented;
+    let control = settings.control.as_mut().unwrap();
+    control.max_regeneration_a = 1000.0;
+    control.continuous_current_a = control.max_current_a;
+    let mut rig = bench.rig;
+    rig.configure(&settings).unwrap();
+    rig
+}
+
+/// Switched on at rest, without the fault of before.
+fn begin(rig: &mut Rig) {
+    rig.service.send(Command::Disarm).unwrap();
+    rig.plant.place(0.3, 0.0).unwrap();
+    rig.wait(0.2);
+    rig.service.send(Command::Clear).unwrap();
+    rig.wait(0.01);
+    rig.arm().unwrap();
+}
+
+/// Lets set-points alternate for a time: after how long the drive was switched off, and the largest current, A.
+fn alternate(rig: &mut Rig, demand: Demand, each_ms: f64, seconds: f64) -> (Option<f64>, f64) {
+    let control = *rig.control().unwrap();
+    let turns = rig.drive.tracker().position().to_turns() / f64::from(rig.config.pole_pairs.get());
+    let each = rig.periods(1e-3 * each_ms);
+    let mut largest_a = 0.0;
+    for k in 0..rig.periods(seconds) {
+        if k.is_multiple_of(each) {
+            let sign = if (k / each).is_multiple_of(2) { -1.0 } else { 1.0 };
+            let command = match demand {
+                Demand::Torque => Command::Current(control.current(0.3 * sign * control.largest_current_a()).unwrap()),
+                Demand::Speed => Command::Speed(control.speed(0.2 * sign * control.largest_speed_rad_s()).unwrap()),
+                Demand::Position => Command::Position(control.position(turns + 0.02 * f64::from(sign)).unwrap()),
+            };
+            rig.service.send(command).unwrap();
+            rig.serve();
+        }
+        let currents_a = rig.step().truth.currents_a;
+        largest_a = currents_a.into_iter().map(f64::abs).fold(largest_a, f64::max);
+        if k % 40 == 0 {
+            rig.serve();
+        }
+        if rig.drive.mode() != Mode::Running {
+            return (Some(f64::from(k) * rig.period_s()), largest_a);
+        }
+    }
+    (None, largest_a)
+}
+
+fn motors() -> Vec<&'static Motor> {
+    MOTORS.iter().filter(|motor| sim::of(FOUND.contains(&motor.name), !LEFT.contains(&motor.name))).collect()
+}
+
+#[test]
+fn set_points_that_alternate_are_no_fault_of_a_healthy_drive() {
+    let faults: Vec<_> = motors()
+        .par_iter()
+        .flat_map_iter(|motor| {
+            let mut rig = commissioned(motor);
+            let cases = DEMANDS.iter().flat_map(|&demand| EACH_MS.map(|each_ms| (demand, each_ms)));
+            cases
+                .filter_map(|(demand, each_ms)| {
+                    begin(&mut rig);
+                    let (after_s, _) = alternate(&mut rig, demand, each_ms, sim::of(0.3, 1.0));
+                    after_s.map(|s| {
+                        format!("{}: {:?} after {s:.3} s of {demand:?} each {each_ms} ms", motor.name, rig.drive.mode())
+                    })
+                })
+                .collect::<Vec<_>>()
+        })
+        .collect();
+    assert!(faults.is_empty(), "{faults:#?}");
+}
+
+/// Found within 0.6 s, or the rotor's jitter tells nothing of the phase, and no current is beyond its limit.
+#[test]
+fn a_phase_that_opens_meanwhile_is_found_or_harmless() {
+    const WITHIN_S: f64 = 0.6;
+    let outcomes: Vec<_> = motors()
+        .par_iter()
+        .flat_map_iter(|motor| {
+            let mut rig = commissioned(motor);
+            let most_a = f64::from(rig.control().unwrap().largest_current_a());
+            DEMANDS.map(|demand| {
+                begin(&mut rig);
+                assert_eq!(alternate(&mut rig, demand, 0.8, 0.1).0, None);
+                rig.plant.set_phase_open(0, true);
+                let (after_s, largest_a) = alternate(&mut rig, demand, 0.8, WITHIN_S);
+                rig.plant.set_phase_open(0, false);
+                assert!(largest_a < 1.3 * most_a, "{} {demand:?}: {largest_a} of {most_a} A", motor.name);
+                println!(
+                    "{} {demand:?}: {:?} {after_s:?}, {:.2} of the limit",
+                    motor.name,
+                    rig.drive.mode(),
+                    largest_a / most_a
+                );
+                (demand, after_s)
+            })
+        })
+        .collect();
+    let found = outcomes.iter().filter(|(demand, after_s)| *demand != Demand::Torque && after_s.is_some()).count();
+    assert!(found >= motors().len(), "{outcomes:?}");
+}

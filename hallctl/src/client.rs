@@ -8,8 +8,7 @@ use anyhow::Context;
 use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo_protocol::{
-    Answer, Ask, Decoder, Error as Frame, FRAME, Incident, Refusal, Reply, Request, ScopeAsk, ScopeRefusal, Setting,
-    Status, Telemetry, encode,
+    Answer, Ask, Decoder, Error as Frame, FRAME, Incident, Refusal, Reply, Request, Setting, Status, Telemetry, encode,
 };
 use std::collections::VecDeque;
 use std::hash::{BuildHasher, Hasher, RandomState};
@@ -181,23 +180,24 @@ impl Client {
         let length = encode(&request, &mut frame).context("the request is too long")?;
         // A drive that does not know what is asked leaves it unanswered, but not what comes behind.
         let (mut behind, behind_id) = ([0; FRAME], self.id.wrapping_sub(1));
-        let behind_length = match ask {
-            Ask::Scope(ScopeAsk::Status) => {
-                let hello = Request { id: behind_id, ask: Ask::Hello, ..request };
-                encode(&hello, &mut behind).context("the request is too long")?
-            }
-            _ => 0,
+        let lacks = words::lacks(&ask);
+        let behind_length = if lacks.is_some() {
+            let hello = Request { id: behind_id, ask: Ask::Hello, ..request };
+            encode(&hello, &mut behind).context("the request is too long")?
+        } else {
+            0
         };
         self.controls |= ask.controls();
         if matches!(ask, Ask::Telemetry(hz) if hz > 0.0) {
             self.stream = self.id;
         }
-        let (asked, mut attempts, mut byte) = (Instant::now(), 0, [0]);
+        let (asked, mut attempts, mut passed_over, mut byte) = (Instant::now(), 0, 0, [0]);
         while asked.elapsed() < self.patience {
             self.check()?;
             // What came while this process was suspended is read before anything is asked again.
             let nothing = attempts > 0 && !self.read(&mut byte)?;
-            let again = nothing && may_repeat(&ask) && asked.elapsed() > self.patience * attempts / ATTEMPTS;
+            let late = passed_over > 0 || asked.elapsed() > self.patience * attempts / ATTEMPTS;
+            let again = nothing && may_repeat(&ask) && late && attempts < ATTEMPTS;
             if attempts == 0 || again {
                 self.write(&[&frame[..length], &behind[..behind_length]])?;
                 attempts += 1;
@@ -221,9 +221,12 @@ impl Client {
                         }
                     };
                 }
-                // Once, a byte may have been lost.
-                Some(Ok(Reply { id, .. })) if behind_length > 0 && id == behind_id && attempts > 1 => {
-                    return Err(Error::Refused(words::refusal(&Refusal::Scope(ScopeRefusal::None))));
+                Some(Ok(Reply { id, .. })) if id == behind_id => {
+                    passed_over += 1;
+                    // Once, a byte may have been lost.
+                    if let Some(lacks) = lacks.filter(|_| passed_over > 1) {
+                        return Err(Error::Refused(lacks.into()));
+                    }
                 }
                 Some(Ok(_)) => {}
                 Some(Err(Frame::Version { found })) => return Err(Error::Version { found }),

@@ -13,7 +13,8 @@ use hallservo::scope;
 use hallservo::service::procedure;
 use hallservo::settings::{self, Kind};
 use hallservo_protocol::{
-    Activity, Ask, Cause, Incident, Learning, MagnetsRefusal, Problem, Record, Refusal, ScopeRefusal, Setting,
+    Activity, Ask, Cause, Incident, Learning, MagnetsAsk, MagnetsRefusal, Problem, Record, Refusal, ScopeAsk,
+    ScopeRefusal, Setting,
 };
 use serde_json::{Value, json};
 
@@ -168,6 +169,21 @@ pub fn incident(incident: &Incident) -> (String, String) {
     }
 }
 
+const NO_SCOPE: &str = "this drive has no scope: its memory is too small for one\n  `hallctl telemetry` records up to \
+                        1000 times a second.";
+
+/// What a drive lacks that does not answer this, though it answers what comes behind.
+pub const fn lacks(ask: &Ask<'_>) -> Option<&'static str> {
+    match ask {
+        Ask::Scope(ScopeAsk::Status) => Some(NO_SCOPE),
+        Ask::Magnets(MagnetsAsk::Status) => Some(
+            "the firmware of this drive knows no map of the magnets: it leaves no room for one\n  A board with more flash \
+             does, as the Nucleo-G474RE's; without it the angle is as good as the magnets are even.",
+        ),
+        _ => None,
+    }
+}
+
 /// Why something is refused, and what to do.
 pub fn refusal(refusal: &Refusal<'_>) -> String {
     match refusal {
@@ -185,17 +201,14 @@ pub fn refusal(refusal: &Refusal<'_>) -> String {
         Refusal::Magnets(MagnetsRefusal::Encoder) => {
             "there is an encoder on the shaft: a map of the magnets is for drives without".into()
         }
-        Refusal::Scope(ScopeRefusal::None) => {
-            "this drive has no scope: its memory is too small for one\n  `hallctl telemetry` records up to 1000 times a \
-             second."
-                .into()
-        }
+        Refusal::Scope(ScopeRefusal::None) => NO_SCOPE.into(),
         Refusal::Scope(ScopeRefusal::Setup(error)) => setup_error(error),
         Refusal::Scope(ScopeRefusal::Busy) => {
             "another tool records\n  Wait until it ends; two seconds after one was killed the scope is free.".into()
         }
         Refusal::Scope(ScopeRefusal::Gone) => {
-            "the recording is gone: the drive was restarted or calibrated, or another tool records\n  Record again.".into()
+            "the recording is gone: the drive was restarted or calibrated, or another tool records\n  Record again."
+                .into()
         }
         Refusal::Flash => "the flash did not take it\n  Try again; the flash may be worn out.".into(),
         Refusal::NoTable => "the cogging is not learnt yet\n  `hallctl cogging learn` first.".into(),

@@ -293,6 +293,12 @@ fn evening(name: &str, serial: &str) {
     let report = board.ok(&["calibrate"]);
     assert!(report.contains("Calibrated.") && report.contains("120° apart"), "{report}");
     records(name, &board);
+    // On a board with little flash there is no map, and there never will be.
+    let shown = board.call(&["magnets", "show"]);
+    let why = String::from_utf8_lossy(&shown.stderr);
+    let code = if name == "nucleo-g474re-ihm08m1" { 0 } else { 6 };
+    assert_eq!(shown.status.code(), Some(code), "{why}");
+    assert_eq!(why.contains("the firmware of this drive knows no map of the magnets"), code == 6, "{why}");
     calibrates_amid_a_recording(name, &board);
     measures_its_loop(name, &board);
     let motions = ["field-oriented", "sinusoidal", "block"].map(|commutation| moves(&board, commutation));

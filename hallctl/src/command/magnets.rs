@@ -36,6 +36,8 @@ pub(super) struct Show {
 }
 
 pub(super) fn run(client: &mut Client, command: &Command, out: Out) -> Result<()> {
+    // A drive that knows of no map says so to this.
+    status(client)?;
     match command {
         Command::Learn(options) => learn(client, options, out),
         Command::Show(options) => show(client, options, out),

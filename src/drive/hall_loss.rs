@@ -13,7 +13,7 @@ const NEAR: u32 = 1 << 30;
 
 /// Farthest that two Halls' strength may be from [`Estimator::NOMINAL_STRENGTH`]: harmonics and drift together stay
 /// below.
-const UNHEALTHY: u32 = 450;
+const UNHEALTHY: u16 = 450;
 
 /// A Hall that goes through so many times less than another one is stuck. At the peak of a healthy one, where it changes
 /// least, another goes through four times as much.
@@ -21,6 +21,10 @@ const UNMOVED: u32 = 8;
 
 /// The doubt is about the mean of so many steps, 2ⁿ.
 const DOUBT_BITS: u32 = 10;
+
+/// A pair of more doubt has the lost Hall in it, and has lost its turns. If that Hall heals, a pair that counts on from
+/// there may be taken at the next loss.
+const ASTRAY: u32 = (UNHEALTHY as u32) << DOUBT_BITS;
 
 /// What is known and suspected of a lost Hall.
 #[derive(Clone, Copy, Debug)]
@@ -38,23 +42,25 @@ pub(super) struct HallLoss {
 struct View {
     /// With its turns: each view counts its own, as that of a pair with the lost Hall in it goes to and fro.
     position: Position,
-    /// What their strength is off by, in 1/1024.
-    off: u32,
-    /// The mean of that over the last steps, times 2ⁿ of them.
+    /// The mean of `off` over the last steps, times 2ⁿ of them.
     doubt: u32,
+    /// What their strength is off by, in 1/1024.
+    off: u16,
     /// Lowest and highest code of the third.
     lowest: u16,
     highest: u16,
 }
 
 impl View {
-    const NONE: Self = Self { position: Position::from_bits(0), off: 0, doubt: 0, lowest: u16::MAX, highest: 0 };
+    const NONE: Self = Self { position: Position::from_bits(0), doubt: 0, off: 0, lowest: u16::MAX, highest: 0 };
 
-    /// Takes the next angle and strength, and the code of the third.
-    fn take(&mut self, angle: ElectricalAngle, strength: u32, third: u16) {
-        self.position = self.position.advance_to(angle);
-        self.off = strength.abs_diff(Estimator::NOMINAL_STRENGTH).min(Estimator::NOMINAL_STRENGTH);
-        self.doubt = self.doubt - (self.doubt >> DOUBT_BITS) + self.off;
+    /// Takes the next angle and strength, and the code of the third, of a rotor that is tracked there.
+    fn take(&mut self, angle: ElectricalAngle, strength: u32, third: u16, tracked: Position) {
+        let counted = if self.doubt > ASTRAY { tracked } else { self.position };
+        self.position = counted.advance_to(angle);
+        let off = strength.abs_diff(Estimator::NOMINAL_STRENGTH).min(Estimator::NOMINAL_STRENGTH);
+        self.doubt = self.doubt - (self.doubt >> DOUBT_BITS) + off;
+        self.off = off as u16;
         self.lowest = self.lowest.min(third);
         self.highest = self.highest.max(third);
     }
@@ -68,6 +74,11 @@ impl View {
 impl HallLoss {
     /// All three are there.
     pub const NONE: Self = Self { lost: None, suspicion: None, without: [View::NONE; 3] };
+
+    fn without(&mut self, lost: Channel) -> &mut View {
+        // So that the compiler sees that it is in range.
+        &mut self.without[usize::from(lost.0.min(2))]
+    }
 }
 
 impl Drive {
@@ -96,27 +107,37 @@ impl Drive {
         }
         let tracked = self.record.rotor.angle();
         let distance = |view: &View| (view.position.angle() - tracked).to_bits().unsigned_abs();
-        // A pair with the lost Hall in it is in the wrong place, and too strong or too weak: 30° count as much as a third
-        // of the strength.
-        let lost = suspects.min_by_key(|&k| {
-            let view = &self.hall_loss.without[usize::from(k)];
-            (distance(view) >> 20) + view.off
-        });
-        let best = lost.map(|k| (k, self.hall_loss.without[usize::from(k)]));
-        match best.filter(|(_, view)| distance(view) <= NEAR) {
-            Some((k, _)) => self.go_on_without(Channel(k)),
+        for (k, view) in (0..).zip(&mut self.hall_loss.without) {
+            // A pair with the lost Hall in it is in the wrong place, and too strong or too weak: 30° count as much as a
+            // third of the strength.
+            let doubt = ((distance(view) >> 20) + u32::from(view.off)).min(UNHEALTHY.into());
+            view.doubt = if suspects.contains(&k) { doubt << DOUBT_BITS } else { u32::MAX / 2 };
+        }
+        let lost = self.least_doubted();
+        match lost.filter(|&lost| distance(self.hall_loss.without(lost)) <= NEAR) {
+            Some(lost) => self.go_on_without(lost),
             None => self.fail(fault),
         }
     }
 
+    /// The Hall without which the other two fit best.
+    #[inline(never)]
+    fn least_doubted(&self) -> Option<Channel> {
+        let (mut least, mut found) = (u32::MAX, None);
+        for (k, view) in (0..).zip(&self.hall_loss.without) {
+            if view.off <= UNHEALTHY && view.doubt < least {
+                (least, found) = (view.doubt, Some(Channel(k)));
+            }
+        }
+        found
+    }
+
     /// What each two of the Halls say; false where the estimator knows of two only.
     fn view_by_two(&mut self, codes: &Codes) -> bool {
-        let correction = self.correction;
-        for k in 0..3 {
-            let Some((angle, strength)) = self.estimator().and_then(|e| e.angle_without(Channel(k), codes)) else {
-                return false;
-            };
-            self.hall_loss.without[usize::from(k)].take(angle - correction, strength, codes[usize::from(k)]);
+        let Self { estimator: Some(estimator), hall_loss, correction, record, .. } = self else { return false };
+        for ((view, &third), k) in hall_loss.without.iter_mut().zip(codes).zip(0..) {
+            let Some((angle, strength)) = estimator.angle_without(Channel(k), codes) else { return false };
+            view.take(angle - *correction, strength, third, record.rotor.position());
         }
         true
     }
@@ -125,7 +146,7 @@ impl Drive {
     fn go_on_without(&mut self, lost: Channel) {
         self.hall_loss.lost = Some(lost);
         self.limits = self.limits.with(Limits::TWO_HALLS);
-        self.record.rotor.put_at(self.hall_loss.without[usize::from(lost.0)].position);
+        self.record.rotor.put_at(self.hall_loss.without(lost).position);
         self.record.missed = 0;
         self.limits = self.limits.without(Limits::EXTRAPOLATED);
         self.publish();
@@ -135,11 +156,14 @@ impl Drive {
     #[cold]
     pub(super) fn measure_without(&mut self, lost: Channel, codes: Codes) {
         self.view_by_two(&codes);
-        let view = self.hall_loss.without[usize::from(lost.0)];
+        let (view, rotor) = (self.hall_loss.without(lost), &mut self.record.rotor);
         if view.off > UNHEALTHY {
-            self.record.rotor.coast();
-        } else if self.record.rotor.step(&self.config.tracking, view.position.angle()).is_ok() {
-            return match self.find_unmoved(&view) {
+            rotor.coast();
+        } else if rotor.step(&self.config.tracking, view.position.angle()).is_ok() {
+            // Samples that were refused may have taken it half a turn and more away.
+            view.position = rotor.position();
+            let doubt = view.doubt;
+            return match self.find_unmoved(doubt) {
                 Some(lost) => self.go_on_without(lost),
                 None => self.angle_found(),
             };
@@ -147,12 +171,19 @@ impl Drive {
         self.find_other_loss();
     }
 
-    /// The Hall that is stuck though it was not taken for the lost one: it stays where it is while that one moves, and
-    /// the two others fit better without it. Otherwise a rotor may rock for ever about where the wrong two see it turn
-    /// the other way, with a strength that a magnet may have.
-    fn find_unmoved(&self, taken: &View) -> Option<Channel> {
-        let stuck = |view: &View| UNMOVED * view.span() < taken.span() && view.doubt < taken.doubt;
-        (0..).map(Channel).zip(&self.hall_loss.without).find_map(|(k, view)| stuck(view).then_some(k))
+    /// The Hall that is stuck though it was not taken for the lost one: it stays where it is while both others move, and
+    /// they fit better without it. Otherwise a rotor may rock for ever about where the wrong two see it turn the other
+    /// way, with a strength that a magnet may have. Were one enough, a lost Hall that wanders would do at a rotor at rest.
+    fn find_unmoved(&self, doubt: u32) -> Option<Channel> {
+        let (mut least, mut other, mut found) = (u32::MAX, u32::MAX, None);
+        for (k, view) in (0..).zip(&self.hall_loss.without) {
+            let span = view.span();
+            other = other.min(span.max(least));
+            if span < least {
+                (least, found) = (span, (view.doubt < doubt).then_some(Channel(k)));
+            }
+        }
+        found.filter(|_| UNMOVED * least < other)
     }
 
     /// The two do not agree: the wrong Hall was taken for the lost one, or another is lost, too.
@@ -160,9 +191,8 @@ impl Drive {
         if self.count_missed() {
             return;
         }
-        let views = self.hall_loss.without.iter().zip(0..);
-        match views.min_by_key(|(view, _)| view.doubt).filter(|(view, _)| view.off <= UNHEALTHY) {
-            Some((_, lost)) => self.go_on_without(Channel(lost)),
+        match self.least_doubted() {
+            Some(lost) => self.go_on_without(lost),
             None => self.fail(Fault::Hall(Implausible::Inconsistent)),
         }
     }

@@ -91,10 +91,19 @@ impl Drive {
         }
     }
 
-    /// Resolves a suspicion: names the Hall that is lost and goes on without it, if the other two say that the rotor is
-    /// about where it was tracked; otherwise it is a fault.
+    /// Resolves a suspicion, if there is one.
+    #[inline(always)]
     pub(super) fn resolve_suspicion(&mut self, codes: Codes) {
-        let Some(fault) = self.hall_loss.suspicion.take() else { return };
+        if let Some(fault) = self.hall_loss.suspicion.take() {
+            self.suspect(fault, codes);
+        }
+    }
+
+    /// Names the Hall that is lost and goes on without it, if the other two say that the rotor is about where it was
+    /// tracked; otherwise it is a fault.
+    #[cfg_attr(not(feature = "small"), cold, inline(never))]
+    #[cfg_attr(feature = "small", inline(always))]
+    fn suspect(&mut self, fault: Fault, codes: Codes) {
         let suspects = match fault {
             Fault::Hall(Implausible::AtRail(channel) | Implausible::OutOfRange(channel)) => channel.0..=channel.0,
             Fault::Hall(Implausible::Inconsistent) | Fault::AngleJump => 0..=2,

@@ -119,8 +119,10 @@ impl Drive {
         for (k, view) in (0..).zip(&mut self.hall_loss.without) {
             // A pair with the lost Hall in it is in the wrong place, and too strong or too weak: 30° count as much as a
             // third of the strength.
-            let doubt = ((distance(view) >> 20) + u32::from(view.off)).min(UNHEALTHY.into());
-            view.doubt = if suspects.contains(&k) { doubt << DOUBT_BITS } else { u32::MAX / 2 };
+            view.doubt = ((distance(view) >> 20) + u32::from(view.off)).min(UNHEALTHY.into()) << DOUBT_BITS;
+            if !suspects.contains(&k) {
+                view.off = u16::MAX;
+            }
         }
         let lost = self.least_doubted();
         match lost.filter(|&lost| distance(self.hall_loss.without(lost)) <= NEAR) {
@@ -184,15 +186,15 @@ impl Drive {
     /// they fit better without it. Otherwise a rotor may rock for ever about where the wrong two see it turn the other
     /// way, with a strength that a magnet may have. Were one enough, a lost Hall that wanders would do at a rotor at rest.
     fn find_unmoved(&self, doubt: u32) -> Option<Channel> {
-        let (mut least, mut other, mut found) = (u32::MAX, u32::MAX, None);
+        let (mut least, mut second, mut found) = (u32::MAX, u32::MAX, None);
         for (k, view) in (0..).zip(&self.hall_loss.without) {
             let span = view.span();
-            other = other.min(span.max(least));
+            second = second.min(span.max(least));
             if span < least {
                 (least, found) = (span, (view.doubt < doubt).then_some(Channel(k)));
             }
         }
-        found.filter(|_| UNMOVED * least < other)
+        found.filter(|_| UNMOVED * least < second)
     }
 
     /// The two do not agree: the wrong Hall was taken for the lost one, or another is lost, too.

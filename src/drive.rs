@@ -38,6 +38,7 @@ mod protection;
 mod records;
 mod schedule;
 mod servo;
+mod set_points;
 pub mod standstill;
 mod supervision;
 mod third_current;

@@ -331,6 +331,9 @@ impl Service {
     /// are lost.
     pub fn measurement(&mut self) -> Option<Measurement> {
         let measurement = self.tasks.measurements.dequeue()?;
+        if self.tasks.told.has_turned() {
+            self.phases.begin_following();
+        }
         if self.commutation != Commutation::Block
             && let Some(fault) = self.phases.look(&measurement, self.config.is_reversed())
         {
@@ -410,7 +413,6 @@ impl Service {
     /// 63 records. After a calibration's last sample the fit runs in here, for some ten million instructions.
     pub fn poll(&mut self) -> Option<Event> {
         while let Some(reply) = self.tasks.replies.dequeue() {
-            self.phases.begin_following();
             match self.unanswered.pop_front() {
                 Some(Origin::Install) => return Some(Event::Installed(reply)),
                 Some(origin @ (Origin::Configure | Origin::Retune)) => {

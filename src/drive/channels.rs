@@ -128,17 +128,23 @@ const RECORDS: usize = if cfg!(feature = "small") { 32 } else { 64 };
 /// Length of the queue of measurements, of which one comes every 32 steps at most.
 const MEASUREMENTS: usize = RECORDS / 4;
 
-/// The last [`Reference`], which the tasks may read at any time.
+/// What the drive tells the tasks, which may read it at any time.
 #[derive(Default)]
 pub struct Told {
     strain: AtomicI32,
     speed: AtomicI32,
     complete: AtomicBool,
+    turned: AtomicBool,
 }
 
 impl Told {
     const fn new() -> Self {
-        Self { strain: AtomicI32::new(0), speed: AtomicI32::new(0), complete: AtomicBool::new(false) }
+        Self {
+            strain: AtomicI32::new(0),
+            speed: AtomicI32::new(0),
+            complete: AtomicBool::new(false),
+            turned: AtomicBool::new(false),
+        }
     }
 
     #[inline(always)]
@@ -148,10 +154,24 @@ impl Told {
         self.complete.store(complete, Relaxed);
     }
 
-    /// What was told last. A part of it may be newer, by 64 steps.
+    /// The last reference of a spring and a damper. A part of it may be newer, by 64 steps.
     pub fn get(&self) -> Reference {
-        let Self { strain, speed, complete } = self;
+        let Self { strain, speed, complete, .. } = self;
         Reference { strain: strain.load(Relaxed), speed: speed.load(Relaxed), complete: complete.load(Relaxed) }
+    }
+
+    /// A set-point has turned the current round.
+    pub(super) fn tell_turn(&self) {
+        self.turned.store(true, Relaxed);
+    }
+
+    /// Whether one has since this was asked last.
+    pub(crate) fn has_turned(&self) -> bool {
+        let turned = self.turned.load(Relaxed);
+        if turned {
+            self.turned.store(false, Relaxed);
+        }
+        turned
     }
 }
 
@@ -167,7 +187,7 @@ pub struct Channels {
     configs: Queue<&'static mut Config, 8>,
     windows: Queue<Window, 4>,
     impedances: Queue<&'static mut Impedance, 4>,
-    reference: Told,
+    told: Told,
     /// Where there is little memory, one for the calibration's sums and the scope's rows.
     #[cfg(feature = "small")]
     recording: Recording,
@@ -184,7 +204,7 @@ pub struct Interrupt {
     pub(super) configs: Producer<'static, &'static mut Config, 8>,
     pub(super) windows: Producer<'static, Window, 4>,
     pub(super) impedances: Producer<'static, &'static mut Impedance, 4>,
-    pub(super) reference: &'static Told,
+    pub(super) told: &'static Told,
 }
 
 /// The tasks' ends of the queues.
@@ -207,8 +227,8 @@ pub struct Tasks {
     pub windows: Consumer<'static, Window, 4>,
     /// Springs and dampers that the drive no longer uses.
     pub impedances: Consumer<'static, &'static mut Impedance, 4>,
-    /// Where the reference of a spring and a damper is.
-    pub reference: &'static Told,
+    /// Where the reference of a spring and a damper is, and whether a set-point has turned the current round.
+    pub told: &'static Told,
     /// Memory for the calibration's sums, which a scope may borrow.
     #[cfg(feature = "small")]
     pub recording: Option<&'static mut Recording>,
@@ -227,7 +247,7 @@ impl Channels {
             configs: Queue::new(),
             windows: Queue::new(),
             impedances: Queue::new(),
-            reference: Told::new(),
+            told: Told::new(),
             #[cfg(feature = "small")]
             recording: Recording::new(),
         }
@@ -255,7 +275,7 @@ impl Channels {
                 configs,
                 windows,
                 impedances,
-                reference: &self.reference,
+                told: &self.told,
             },
             Tasks {
                 commands: commands_in,
@@ -267,7 +287,7 @@ impl Channels {
                 configs: configs_out,
                 windows: windows_out,
                 impedances: impedances_out,
-                reference: &self.reference,
+                told: &self.told,
                 #[cfg(feature = "small")]
                 recording: Some(&mut self.recording),
             },

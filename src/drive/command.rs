@@ -350,6 +350,10 @@ impl Drive {
         if let Some(control) = &self.config.control {
             self.servo.follow(control, demand, &self.record.rotor);
         }
+        if self.servo.set_points.turns_round(demand) {
+            self.servo.supervision.begin_following();
+            self.channels.told.tell_turn();
+        }
         // Where something was followed before, nothing else changes.
         if !matches!(self.path, Path::FieldOriented | Path::LocalFeedback) {
             self.publish();

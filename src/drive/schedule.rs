@@ -349,7 +349,7 @@ impl Drive {
     fn window_slot(&mut self, sample: &Sample) {
         self.with_servo(sample, |servo, _, with| servo.protection.narrow(with.config));
         if matches!(self.servo.demand(), Demand::Impedance) {
-            self.channels.reference.tell(self.servo.reference_of_impedance());
+            self.channels.told.tell(self.servo.reference_of_impedance());
         }
     }
 

@@ -7,6 +7,7 @@ use super::impedance::Shaft;
 use super::inertia::Inertia;
 use super::protection::Protection;
 use super::schedule::{OUTER, Schedule};
+use super::set_points::SetPoints;
 use super::supervision::{self, Supervision};
 use super::{FieldOriented, Idle, Sample};
 use crate::angle::{ElectricalAngle, Position};
@@ -69,6 +70,7 @@ pub(super) struct Servo {
     /// Currents of the last step in the frame of the rotor, in 2⁻²⁸ of the full scale.
     current: Dq,
     demand: Demand,
+    pub set_points: SetPoints,
     pub(super) trajectory: Trajectory,
     /// Where the trajectory to a position ends, in the unit of the outer loops, and its limits.
     pub(super) goal: Position,
@@ -120,6 +122,7 @@ impl Servo {
             reference: Reference { current: Dq { d: 0, q: 0 }, in_ramps: 0 },
             current: Dq { d: 0, q: 0 },
             demand: Demand::Voltage,
+            set_points: SetPoints::NONE,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
             goal: Position::from_bits(0),
             limits_on_way: trajectory::Limits::SLOWEST,

@@ -270,6 +270,11 @@ impl Supervision {
         self.is_without_current() && !self.follows
     }
 
+    /// The current has a new way to go: all that is missing of it may be coming.
+    pub const fn begin_following(&mut self) {
+        self.error = 0;
+    }
+
     /// First part of the check of the model: what was noted last.
     #[inline(always)]
     pub fn note(&mut self, state: &State, speed: i32) {

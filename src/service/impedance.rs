@@ -35,6 +35,6 @@ impl Service {
 
     /// Where the reference of the spring and the damper is, as of the last 64 steps; while one is followed.
     pub fn reference(&self) -> Reference {
-        self.tasks.reference.get()
+        self.tasks.told.get()
     }
 }

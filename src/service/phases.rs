@@ -82,7 +82,7 @@ impl Phases {
         })
     }
 
-    /// A set-point has arrived: in the measurements to come, the current may be on its way to it each time.
+    /// The current has a new way to go: in the measurements to come, it may be on its way each time.
     pub const fn begin_following(&mut self) {
         self.unfollowed = 0;
     }

@@ -349,10 +349,9 @@ impl Drive {
     pub(super) fn take_up(&mut self, demand: Demand) {
         if let Some(control) = &self.config.control {
             self.servo.follow(control, demand, &self.record.rotor);
-        }
-        if self.servo.set_points.turns_round(demand) {
-            self.servo.supervision.begin_following();
-            self.channels.told.tell_turn();
+            if self.servo.turns_round(&self.record.rotor) {
+                self.channels.told.tell_turn();
+            }
         }
         // Where something was followed before, nothing else changes.
         if !matches!(self.path, Path::FieldOriented | Path::LocalFeedback) {

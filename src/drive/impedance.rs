@@ -163,15 +163,21 @@ impl Servo {
         self.protection.narrow_now(config);
     }
 
+    /// What spring and damper ask for.
+    #[inline(always)]
+    pub(super) fn current_of_impedance(&self, rotor: &Tracker) -> i32 {
+        let Shaft { spring, strain, forward, ranges, .. } = &self.shaft;
+        // Within the range, they do not act.
+        if *ranges && *strain == 0 {
+            return *forward;
+        }
+        spring.current(*strain, self.speed_reference.wrapping_sub(rotor.speed())) + forward
+    }
+
     /// The current of the spring and the damper: none that makes a rotor faster which is faster than allowed.
     #[inline(always)]
     pub(super) fn impedance_loop(&mut self, with: &Context) {
-        let Shaft { spring, strain, forward, .. } = &self.shaft;
-        self.asked = spring.current(*strain, self.speed_reference.wrapping_sub(with.rotor.speed())) + forward;
-        // Within the range, they do not act.
-        if self.shaft.ranges && self.shaft.strain == 0 {
-            self.asked = self.shaft.forward;
-        }
+        self.asked = self.current_of_impedance(with.rotor);
         self.request_current(self.protection.window.cut(self.asked), with);
     }
 

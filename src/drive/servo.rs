@@ -70,7 +70,7 @@ pub(super) struct Servo {
     /// Currents of the last step in the frame of the rotor, in 2⁻²⁸ of the full scale.
     current: Dq,
     demand: Demand,
-    pub set_points: SetPoints,
+    set_points: SetPoints,
     pub(super) trajectory: Trajectory,
     /// Where the trajectory to a position ends, in the unit of the outer loops, and its limits.
     pub(super) goal: Position,
@@ -223,6 +223,25 @@ impl Servo {
             }
             Demand::Impedance => self.begin_impedance(config),
         }
+    }
+
+    /// Whether the demand that was just taken up turns the current round: it may be on its way at each look at it.
+    pub fn turns_round(&mut self, rotor: &Tracker) -> bool {
+        let turns = match self.demand {
+            Demand::Voltage => false,
+            Demand::Current(Current(current)) => self.set_points.steps(current),
+            Demand::Speed(Speed(speed)) => self.set_points.comes_back(speed),
+            // In 2⁻¹⁶ electrical turns, wrapping.
+            Demand::Position(position) => self.set_points.comes_back((position.to_bits() >> 16) as i32),
+            Demand::Impedance => {
+                self.speed_reference = self.shaft.deviate(&self.trajectory, rotor);
+                self.set_points.steps(self.current_of_impedance(rotor))
+            }
+        };
+        if turns {
+            self.supervision.begin_following();
+        }
+        turns
     }
 
     /// After other gains: the speed loop's integrator makes up for what the position and the speed loop would ask for

@@ -3,13 +3,10 @@
 //! A current that is turned round again and again may be on its way at every look at it: what is missing of it then is no
 //! fault. One that is asked for again and again, and does not come, is.
 
-use super::Demand;
-use crate::control::{Current, Speed};
-
 /// The last set-point.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct SetPoints {
-    /// Its value, whatever it is of; a position in 2⁻¹⁶ electrical turns, wrapping.
+    /// Its value, whatever it is of.
     last: i32,
     /// Whether it was beyond the one before.
     rises: bool,
@@ -19,18 +16,18 @@ impl SetPoints {
     /// None yet.
     pub const NONE: Self = Self { last: 0, rises: false };
 
-    /// Takes one up: whether the current has a new way to go. A current has by a step of more than half of it, and so not by the
-    /// noise of a user's own loop; a speed or a position where it comes back after it went away, or goes away after it came back.
-    pub fn turns_round(&mut self, demand: Demand) -> bool {
-        let value = match demand {
-            Demand::Current(Current(value)) | Demand::Speed(Speed(value)) => value,
-            Demand::Position(position) => (position.to_bits() >> 16) as i32,
-            Demand::Voltage | Demand::Impedance => return false,
-        };
+    /// Whether a current has a new way to go: by a step of more than half of it, and so not by the noise of a user's own loop.
+    #[inline(always)]
+    pub const fn steps(&mut self, current: i32) -> bool {
+        let change = current.wrapping_sub(core::mem::replace(&mut self.last, current));
+        change.unsigned_abs() > current.unsigned_abs() / 2
+    }
+
+    /// Whether a speed or a position comes back after it went away, or goes away after it came back: the acceleration turns
+    /// round.
+    #[inline(always)]
+    pub const fn comes_back(&mut self, value: i32) -> bool {
         let change = value.wrapping_sub(core::mem::replace(&mut self.last, value));
-        if let Demand::Current(_) = demand {
-            return change.unsigned_abs() > value.unsigned_abs() / 2;
-        }
         change != 0 && core::mem::replace(&mut self.rises, change > 0) != (change > 0)
     }
 }
@@ -38,27 +35,18 @@ impl SetPoints {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::angle::Position;
-
-    /// Which of these turn round, the first one aside.
-    fn turned<const N: usize>(set_points: [Demand; N]) -> [bool; N] {
-        let mut before = SetPoints::NONE;
-        set_points.map(|demand| before.turns_round(demand))
-    }
 
     #[test]
-    fn a_current_turns_round_by_a_step_and_not_by_its_noise() {
-        let currents = [100, 100, 110, 95, -95, -100, 0, 0, 100, 300].map(|value| Demand::Current(Current(value)));
-        assert_eq!(turned(currents)[1..], [false, false, false, true, false, true, false, true, true]);
+    fn a_current_has_a_new_way_to_go_by_a_step_and_not_by_its_noise() {
+        let mut set_points = SetPoints::NONE;
+        let turned = [100, 100, 110, 95, -95, -100, 0, 0, 100, 300].map(|current| set_points.steps(current));
+        assert_eq!(turned, [true, false, false, false, true, false, true, false, true, true]);
     }
 
     #[test]
     fn a_speed_or_a_position_turns_round_where_it_comes_back() {
-        let values = [0, 100, 200, 200, 300, -300, -300, -400, 400, 100];
-        let speeds = values.map(|value| Demand::Speed(Speed(value)));
-        let positions = values.map(|value| Demand::Position(Position::from_bits(i64::from(value) << 20)));
-        for set_points in [speeds, positions] {
-            assert_eq!(turned(set_points), [false, true, false, false, false, true, false, false, true, true]);
-        }
+        let mut set_points = SetPoints::NONE;
+        let turned = [0, 100, 200, 200, 300, -300, -300, -400, 400, 100].map(|value| set_points.comes_back(value));
+        assert_eq!(turned, [false, true, false, false, false, true, false, false, true, true]);
     }
 }

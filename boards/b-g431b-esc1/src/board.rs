@@ -29,6 +29,7 @@ impl Board for Esc1 {
     const BRIDGE: Wiring = constants::BRIDGE;
     const PINS: &'static [Pin] =
         &[(GPIOA, 8, 6), (GPIOC, 13, 4), (GPIOA, 9, 6), (GPIOA, 12, 6), (GPIOA, 10, 6), (GPIOB, 15, 4)];
+    const SERIAL: [Pin; 2] = [(GPIOB, 3, 7), (GPIOB, 4, 7)];
 
     const CONVERTERS: &'static [Converter] =
         &[Converter { adc: ADC1, sequence: FIRST }, Converter { adc: ADC2, sequence: SECOND }];

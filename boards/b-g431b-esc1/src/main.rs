@@ -6,4 +6,4 @@ mod analog;
 mod board;
 
 // The virtual COM port of the ST-LINK.
-stm32g4::firmware!(board::Esc1, board::Esc1::new(), tx: PB3, rx: PB4);
+stm32g4::firmware!(board::Esc1, board::Esc1::new());

@@ -42,6 +42,7 @@ impl Board for Nucleo {
         (GPIOB, 15, 4),
         (GPIOB, 12, 6),
     ];
+    const SERIAL: [Pin; 2] = [(GPIOA, 2, 7), (GPIOA, 3, 7)];
 
     const CONVERTERS: &'static [Converter] =
         &[Converter { adc: ADC1, sequence: FIRST }, Converter { adc: ADC2, sequence: SECOND }];

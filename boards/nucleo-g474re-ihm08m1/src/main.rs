@@ -6,4 +6,4 @@
 mod board;
 
 // The virtual COM port of the ST-LINK.
-stm32g4::firmware!(board::Nucleo, board::Nucleo, tx: PA2, rx: PA3);
+stm32g4::firmware!(board::Nucleo, board::Nucleo);

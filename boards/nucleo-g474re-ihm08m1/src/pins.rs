@@ -19,6 +19,9 @@ pub const PINS: &[Pin] = &[
     (GPIOA, 6, 6),
 ];
 
+/// TX and RX of USART2.
+pub const SERIAL: [Pin; 2] = [(GPIOA, 2, 7), (GPIOA, 3, 7)];
+
 /// PA11 and PB9 to a transceiver: PB8, the other pin for RX, is BOOT0, which an idle bus holds high.
 pub const CAN: Wires = Wires { pins: [(GPIOA, 11, 9), (GPIOB, 9, 9)], transceiver: &[] };
 

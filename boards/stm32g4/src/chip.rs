@@ -20,10 +20,9 @@ mod watchdog;
 pub use bridge::{Bridge, Pin};
 pub use control::Control;
 pub use converters::{Converter, low_side_current, ntc_to_reference, result};
-pub use line::Listen;
 pub use memory::before_memory;
 
-use crate::registers::clock::{HCLK_HZ, PCLK1_HZ, baud};
+use crate::registers::clock::HCLK_HZ;
 use crate::registers::timer;
 use crate::wiring::Wiring;
 use core::num::NonZeroU32;
@@ -32,13 +31,12 @@ use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{DBGMCU, Interrupt, RCC};
-use embassy_stm32::usart::{self, BufferedUart, BufferedUartRx, BufferedUartTx};
 use embassy_stm32::{Peri, Peripherals, peripherals};
 use encoder::{OnShaft, OwnDrive, own};
 use hallservo::board::Sample;
 use hallservo::settings::Settings;
 use hallservo_app::{Identity, Memory, Stop, Supervisor, embassy};
-use line::Received;
+use line::{Received, Sending};
 use static_cell::{ConstStaticCell, StaticCell};
 use storage::Storage;
 
@@ -50,6 +48,8 @@ pub trait Board: Send + 'static {
     const BRIDGE: Wiring;
     /// Outputs of TIM1, and its break input if that is a pin.
     const PINS: &'static [Pin];
+    /// TX and RX of the serial line, USART2.
+    const SERIAL: [Pin; 2];
     /// The ADCs. The end of the first one's sequence is the control interrupt.
     const CONVERTERS: &'static [Converter];
     /// What the ADCs share.
@@ -80,10 +80,6 @@ pub trait Board: Send + 'static {
 /// The tasks.
 type Tasks = Supervisor<Storage, OnShaft>;
 
-/// Baud rate of the serial line.
-const BAUD: u32 = 460_800;
-const _: () = assert!(baud(PCLK1_HZ, BAUD).1.abs() < 100, "the baud rate is off by more than 1 %");
-
 static STOP: Stop = Stop::new();
 
 /// Clocks, priorities and time.
@@ -110,30 +106,16 @@ pub fn start<B: Board>() -> (Bridge, Peripherals) {
     (bridge, peripherals)
 }
 
-/// The serial line as `hallctl` expects it.
-pub fn serial() -> usart::Config {
-    let mut config = usart::Config::default();
-    config.baudrate = BAUD;
-    config
-}
-
 /// Everything else. Never returns.
 pub fn run<B: Board>(
     board: B,
     bridge: Bridge,
     control: &'static Control<B>,
     flash: Peri<'static, peripherals::FLASH>,
-    serial: BufferedUart<'static>,
 ) -> ! {
-    // In places of their own nothing has to know how to drop them.
-    static TX: StaticCell<BufferedUartTx<'static>> = StaticCell::new();
-    static RX: StaticCell<BufferedUartRx<'static>> = StaticCell::new();
-    let (tx, rx) = serial.split();
-    let (tx, rx) = (TX.init(tx), RX.init(rx));
     execute(
         prepare(board, bridge, control, flash),
-        tx,
-        rx,
+        &B::SERIAL,
         #[cfg(feature = "can")]
         can::Bus::start(&B::CAN),
     )
@@ -141,17 +123,13 @@ pub fn run<B: Board>(
 
 /// Runs the tasks. Not generic, so that it is compiled for size.
 #[inline(never)]
-fn execute(
-    supervisor: &'static mut Tasks,
-    tx: &'static mut BufferedUartTx<'static>,
-    rx: &'static mut BufferedUartRx<'static>,
-    #[cfg(feature = "can")] bus: can::Bus,
-) -> ! {
+fn execute(supervisor: &'static mut Tasks, serial: &[Pin; 2], #[cfg(feature = "can")] bus: can::Bus) -> ! {
     static EXECUTOR: StaticCell<Executor> = StaticCell::new();
+    let (rx, tx) = line::open(serial);
     let tasks = tasks(
         supervisor,
-        tx,
         rx,
+        tx,
         #[cfg(feature = "can")]
         bus,
     );
@@ -200,16 +178,11 @@ fn begin(identity: Identity, defaults: Settings, flash: Storage) -> (&'static mu
 
 /// All that is not the control interrupt. Here, and not generic, so that it is compiled for size.
 #[embassy_executor::task]
-async fn tasks(
-    supervisor: &'static mut Tasks,
-    tx: &'static mut BufferedUartTx<'static>,
-    rx: &'static mut BufferedUartRx<'static>,
-    #[cfg(feature = "can")] bus: can::Bus,
-) -> ! {
+async fn tasks(supervisor: &'static mut Tasks, rx: Received, tx: Sending, #[cfg(feature = "can")] bus: can::Bus) -> ! {
     #[cfg(feature = "can")]
-    embassy::run_with_bus(supervisor, (Received::open(rx), tx), latest::readings, &STOP, watchdog::feed, bus).await;
+    embassy::run_with_bus(supervisor, (rx, tx), latest::readings, &STOP, watchdog::feed, bus).await;
     #[cfg(not(feature = "can"))]
-    embassy::run(supervisor, Received::open(rx), tx, latest::readings, &STOP, watchdog::feed).await
+    embassy::run(supervisor, rx, tx, latest::readings, &STOP, watchdog::feed).await
 }
 
 /// Where the place for settings begins, from the begin of the flash: memory.x reserves it.

@@ -8,6 +8,7 @@ pub mod analog;
 pub mod can;
 pub mod clock;
 pub mod timer;
+pub mod usart;
 pub mod watchdog;
 
 /// A value of `bits` bits, placed at a bit of a register.

@@ -35,6 +35,7 @@ impl Board for Nucleo {
 
     const BRIDGE: Wiring = constants::BRIDGE;
     const PINS: &'static [Pin] = pins::PINS;
+    const SERIAL: [Pin; 2] = pins::SERIAL;
     const CONVERTERS: &'static [Converter] = &[
         Converter { adc: ADC1, sequence: FIRST_WITH },
         Converter { adc: ADC2, sequence: SECOND_WITH },

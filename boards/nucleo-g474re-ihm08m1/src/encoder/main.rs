@@ -5,4 +5,4 @@
 mod board;
 
 // The virtual COM port of the ST-LINK.
-stm32g4::firmware!(board::Nucleo, board::Nucleo::new(), tx: PA2, rx: PA3);
+stm32g4::firmware!(board::Nucleo, board::Nucleo::new());

@@ -1,23 +1,14 @@
 //! What the program of every board is.
 
-/// The whole of a board's `main.rs` but its modules: what starts it and its two interrupts. Of the board's type, how
-/// one is made once the clocks run, and the pins of the serial line, which is USART2.
+/// The whole of a board's `main.rs` but its modules: what starts it and the control interrupt. Of the board's type, and
+/// how one is made once the clocks run.
 #[macro_export]
 macro_rules! firmware {
-    ($board:ty, $new:expr, tx: $tx:ident, rx: $rx:ident) => {
+    ($board:ty, $new:expr) => {
         use cortex_m_rt::entry;
-        use embassy_stm32::usart::BufferedUart;
-        use embassy_stm32::{bind_interrupts, interrupt, peripherals, usart};
-        use static_cell::ConstStaticCell;
-
-        bind_interrupts!(struct Interrupts {
-            USART2 => usart::BufferedInterruptHandler<peripherals::USART2>, $crate::Listen;
-        });
+        use embassy_stm32::interrupt;
 
         static CONTROL: $crate::Control<$board> = $crate::Control::new();
-        static TX: ConstStaticCell<[u8; 256]> = ConstStaticCell::new([0; 256]);
-        /// Emptied at each byte.
-        static RX: ConstStaticCell<[u8; 16]> = ConstStaticCell::new([0; 16]);
 
         /// Called by `Reset` of cortex-m-rt before the memory is filled.
         #[unsafe(no_mangle)]
@@ -29,11 +20,7 @@ macro_rules! firmware {
         #[entry]
         fn main() -> ! {
             let (bridge, chip) = $crate::start::<$board>();
-            let board = $new;
-            let (tx, rx) = (TX.take(), RX.take());
-            let serial = BufferedUart::new(chip.USART2, chip.$rx, chip.$tx, tx, rx, Interrupts, $crate::serial());
-            let Ok(serial) = serial else { panic!("the serial line cannot be set up") };
-            $crate::run(board, bridge, &CONTROL, chip.FLASH, serial)
+            $crate::run($new, bridge, &CONTROL, chip.FLASH)
         }
 
         #[interrupt]

@@ -15,6 +15,7 @@ mod latest;
 mod line;
 mod memory;
 mod storage;
+mod time;
 mod watchdog;
 
 pub use bridge::{Bridge, Pin};
@@ -31,7 +32,6 @@ use defmt_rtt as _;
 use embassy_executor::Executor;
 use embassy_stm32::pac::adccommon::AdcCommon;
 use embassy_stm32::pac::{DBGMCU, Interrupt, RCC};
-use embassy_stm32::{Peri, Peripherals, peripherals};
 use encoder::{OnShaft, OwnDrive, own};
 use hallservo::board::Sample;
 use hallservo::settings::Settings;
@@ -83,38 +83,42 @@ type Tasks = Supervisor<Storage, OnShaft>;
 static STOP: Stop = Stop::new();
 
 /// Clocks, priorities and time.
-pub fn start<B: Board>() -> (Bridge, Peripherals) {
-    let bridge = Bridge::new(&B::BRIDGE);
+pub fn start<B: Board>() -> Bridge {
     if let Some(input) = B::BRIDGE.enable {
         enable::start(input);
     }
     if let Some(output) = B::BRIDGE.chopper {
         chopper::start(output);
     }
-    let Some(mut core) = cortex_m::Peripherals::take() else { panic!("started twice") };
+    start_core();
+    Bridge::new(&B::BRIDGE)
+}
+
+/// What no board has another way. Not generic, so that it is compiled for size.
+#[inline(never)]
+fn start_core() {
+    // SAFETY: out of reset, and once.
+    let mut core = unsafe { cortex_m::Peripherals::steal() };
     shared::priority::init(&mut core.NVIC, &mut core.SCB, Interrupt::ADC1_2);
     core.DCB.enable_trace();
     core.DWT.enable_cycle_counter();
-    let peripherals = clock::start();
-    bridge.guard_against_the_core();
-    // A breakpoint stops the timer, which takes its outputs to their idle levels, and the watchdogs.
+    clock::start();
+    time::start();
+    bridge::guard_against_the_core();
+    // A breakpoint stops the timer, which takes its outputs to their idle levels, and the watchdogs. A probe reads the log
+    // while the core sleeps.
+    DBGMCU.cr().modify(|cr| cr.set_dbg_sleep(true));
     DBGMCU.apb2fzr().modify(|freeze| freeze.set_tim1(true));
     DBGMCU.apb1lfzr().modify(|freeze| {
         freeze.set_iwdg(true);
         freeze.set_wwdg(true);
     });
-    (bridge, peripherals)
 }
 
 /// Everything else. Never returns.
-pub fn run<B: Board>(
-    board: B,
-    bridge: Bridge,
-    control: &'static Control<B>,
-    flash: Peri<'static, peripherals::FLASH>,
-) -> ! {
+pub fn run<B: Board>(board: B, bridge: Bridge, control: &'static Control<B>) -> ! {
     execute(
-        prepare(board, bridge, control, flash),
+        prepare(board, bridge, control),
         &B::SERIAL,
         #[cfg(feature = "can")]
         can::Bus::start(&B::CAN),
@@ -141,17 +145,12 @@ fn execute(supervisor: &'static mut Tasks, serial: &[Pin; 2], #[cfg(feature = "c
 
 /// What the start takes of the stack is given back before the tasks run.
 #[inline(never)]
-fn prepare<B: Board>(
-    board: B,
-    bridge: Bridge,
-    control: &'static Control<B>,
-    flash: Peri<'static, peripherals::FLASH>,
-) -> &'static mut Tasks {
+fn prepare<B: Board>(board: B, bridge: Bridge, control: &'static Control<B>) -> &'static mut Tasks {
     greet(B::NAME);
     converters::start(B::GROUPS, B::CONVERTERS);
     watchdog::start();
     let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
-    let (drive, supervisor) = begin(identity, B::settings(), Storage::new(flash));
+    let (drive, supervisor) = begin(identity, B::settings(), Storage::new());
     tell(&B::BRIDGE, own(drive).period());
     control.start(
         board,

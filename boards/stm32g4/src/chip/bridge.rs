@@ -70,11 +70,6 @@ impl Bridge {
         connect(pins);
     }
 
-    /// A locked-up core, a parity error of the SRAM and a double error of the flash are breaks as well, without code.
-    pub(crate) fn guard_against_the_core(&self) {
-        SYSCFG.cfgr2().write_value(embassy_stm32::pac::syscfg::regs::Cfgr2(timer::SYSTEM_BREAKS));
-    }
-
     /// Starts to count, and so to trigger the ADCs. The bridge stays off.
     pub(crate) fn start(&self) {
         TIM1.cr1().write_value(regs::Cr1Gp16(timer::CR1_COUNTING));
@@ -152,6 +147,11 @@ impl Bridge {
         }
         other
     }
+}
+
+/// A locked-up core, a parity error of the SRAM and a double error of the flash are breaks as well, without code.
+pub(crate) fn guard_against_the_core() {
+    SYSCFG.cfgr2().write_value(embassy_stm32::pac::syscfg::regs::Cfgr2(timer::SYSTEM_BREAKS));
 }
 
 /// Whether the timer drives the bridge.

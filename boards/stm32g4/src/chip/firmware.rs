@@ -19,8 +19,8 @@ macro_rules! firmware {
 
         #[entry]
         fn main() -> ! {
-            let (bridge, chip) = $crate::start::<$board>();
-            $crate::run($new, bridge, &CONTROL, chip.FLASH)
+            let bridge = $crate::start::<$board>();
+            $crate::run($new, bridge, &CONTROL)
         }
 
         #[interrupt]

@@ -8,7 +8,7 @@ use crate::chip::watchdog;
 use core::sync::atomic::{AtomicBool, Ordering};
 use embassy_stm32::flash::{Blocking, Error, Flash};
 use embassy_stm32::pac::FLASH;
-use embassy_stm32::{Peri, peripherals};
+use embassy_stm32::peripherals;
 use embedded_storage::nor_flash::{ErrorType, NorFlash, ReadNorFlash};
 
 static READING: AtomicBool = AtomicBool::new(false);
@@ -31,8 +31,10 @@ pub(crate) fn is_torn_record() -> bool {
 pub(crate) struct Storage(Flash<'static, Blocking>);
 
 impl Storage {
-    pub fn new(flash: Peri<'static, peripherals::FLASH>) -> Self {
-        Self(Flash::new_blocking(flash))
+    /// To be called once.
+    pub fn new() -> Self {
+        // SAFETY: nothing else writes to the flash.
+        Self(Flash::new_blocking(unsafe { peripherals::FLASH::steal() }))
     }
 }
 

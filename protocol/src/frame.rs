@@ -54,7 +54,7 @@ impl core::error::Error for Error {}
 pub fn encode<T: Serialize>(message: &T, frame: &mut [u8; FRAME]) -> Result<usize, Error> {
     let mut inside = [0; INSIDE];
     inside[0] = VERSION;
-    let flavor = Counted { bytes: &mut inside[1..=MESSAGE], length: 0 };
+    let flavor = Counted { bytes: &mut inside[1..1 + MESSAGE], length: 0 };
     // Only counting can fail, and that is looked at once, here.
     let length = postcard::serialize_with_flavor(message, flavor).map_err(|_| Error::TooLong)? + 1;
     if length > 1 + MESSAGE {
@@ -76,6 +76,19 @@ struct Counted<'a> {
     length: usize,
 }
 
+impl Counted<'_> {
+    #[inline(never)]
+    fn push_all(&mut self, bytes: &[u8]) -> postcard::Result<()> {
+        bytes.iter().try_for_each(|byte| self.try_push(*byte))
+    }
+
+    /// Most numbers have four bytes, and a register takes less code than an address: 176 bytes of a chip's flash.
+    #[inline(never)]
+    fn push_word(&mut self, word: u32) -> postcard::Result<()> {
+        self.push_all(&word.to_le_bytes())
+    }
+}
+
 impl Flavor for Counted<'_> {
     type Output = usize;
 
@@ -88,9 +101,12 @@ impl Flavor for Counted<'_> {
         Ok(())
     }
 
-    #[inline(never)]
+    #[inline(always)]
     fn try_extend(&mut self, bytes: &[u8]) -> postcard::Result<()> {
-        bytes.iter().try_for_each(|byte| self.try_push(*byte))
+        match bytes.try_into() {
+            Ok(word) => self.push_word(u32::from_le_bytes(word)),
+            Err(_) => self.push_all(bytes),
+        }
     }
 
     fn finalize(self) -> postcard::Result<usize> {

@@ -70,10 +70,6 @@ impl Phases {
         self.quiet = if none_flows { self.quiet.saturating_add(1) } else { 0 };
         let reference = Dq { d: state.field_reference.into(), q: state.current_reference };
         let judges = self.quiet <= QUIET && self.is_steady(reference);
-        // The least flash has no room for more than what is judged.
-        if cfg!(feature = "small") && !judges {
-            return None;
-        }
         let angle = (measurement.rotor.angle() + measurement.trim).to_bits();
         let third = if reversed { -THIRD } else { THIRD };
         (0..3).find_map(|phase| {
@@ -122,17 +118,14 @@ impl Phases {
         let sum: i32 = state.phases.iter().sum();
         // The phases were measured a step later, by when a current that changes is another one. What they have in common is not
         // in the frame of the rotor.
-        #[cfg(not(feature = "small"))]
         let flows = along(state.current, from_phase) + sum / 3;
-        #[cfg(feature = "small")]
-        let flows = state.phases[phase];
         let (flows, due, side) = if due < 0 { (-flows, -due, 1) } else { (flows, due, 0) };
         let missing = &mut self.missing[phase][side];
         // Near the zero crossing of its current a phase tells little.
         let tells = judges && due >= LEAST && ((due * 8 / 5) >> SHORTER).pow(2) >= dot(mean, mean);
         // What flows counts also where nothing is judged: a current that is turned back again and again may be about what is
         // asked for in those moments only in which it does not flow.
-        if !tells && (cfg!(feature = "small") || flows <= LEAST.max(due / 4)) {
+        if !tells && flows <= LEAST.max(due / 4) {
             return None;
         }
         *missing = if flows > due / 4 { 0 } else { *missing + 1 };

@@ -25,6 +25,7 @@ mod motors;
 mod mounted_mass;
 mod pole_pairs;
 mod procedure;
+mod rolling;
 mod safety;
 mod salience;
 mod servo;

@@ -274,12 +274,13 @@ impl Drive {
         Ok(())
     }
 
-    /// The step after the one that armed. A drive with current sensing follows a current of zero until it is commanded
-    /// something else, which lets a rotor that turns turn on; at rest it first checks what it is connected to.
+    /// The step after the one that armed. At rest, a drive with current sensing checks what it is connected to, and then holds
+    /// a speed of zero until it is commanded something else. A rotor that turns turns on, by a current of zero, and so one whose
+    /// commutation the check has not shown to be right.
     pub(super) fn begin_arming(&mut self, slow: bool, sample: &Sample) {
         let Some(control) = &self.config.control else { return };
         if !slow {
-            return self.take_up_pending();
+            return self.take_up_pending(Demand::Current(Current(0)));
         }
         self.servo.supervision.doubt();
         self.arming.begin(control, control.bus(sample.bus));
@@ -295,11 +296,13 @@ impl Drive {
         if proven {
             self.servo.supervision.prove();
         }
-        self.take_up_pending();
+        // What the last push has left would roll a heavy rotor on.
+        let rest = if proven { Demand::Speed(Speed(0)) } else { Demand::Current(Current(0)) };
+        self.take_up_pending(rest);
     }
 
-    /// The check is over, or there was none.
-    fn take_up_pending(&mut self) {
+    /// The check is over, or there was none: what was commanded meanwhile, or what is to be followed until something is.
+    fn take_up_pending(&mut self, otherwise: Demand) {
         self.limits = self.limits.without(Limits::CHECKING);
         let pending = self.arming.pending.take();
         self.arming.end();
@@ -309,7 +312,7 @@ impl Drive {
             None => {
                 // The check is no time in which a command is missing.
                 self.restart_timeout();
-                self.take_up(Demand::Current(Current(0)));
+                self.take_up(otherwise);
             }
         }
     }

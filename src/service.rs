@@ -34,6 +34,7 @@ use crate::hall::calibrate::{self, Calibration, Collector, Sweep};
 use crate::hall::estimate::{BadModel, Estimator};
 use crate::hall::model::Model;
 use crate::hall::{Channel, Halls};
+use crate::math::high;
 use crate::mode::Mode;
 use crate::scope::Recording;
 use crate::telemetry::{Measurement, Progress, Record};
@@ -335,7 +336,9 @@ impl Service {
             self.phases.begin_following();
         }
         if self.commutation != Commutation::Block
-            && let Some(fault) = self.phases.look(&measurement, self.config.is_reversed())
+            && let Some(control) = &self.config.control
+            && let induced = high(measurement.rotor.speed(), control.motion.model.flux)
+            && let Some(fault) = self.phases.look(&measurement, self.config.is_reversed(), induced)
         {
             // Found again, where the queue is full.
             let _ = self.trip(fault);

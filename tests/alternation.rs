@@ -52,14 +52,21 @@ fn commissioned(motor: &Motor) -> Rig {
     rig
 }
 
-/// Switched on at rest, without the fault of before.
+/// Switched on at rest, without the fault of before. The check at arming takes a sound motor for a wrongly wired one about once
+/// in two thousand times, which is not what is asked here.
 fn begin(rig: &mut Rig) {
-    rig.service.send(Command::Disarm).unwrap();
-    rig.plant.place(0.3, 0.0).unwrap();
-    rig.wait(0.2);
-    rig.service.send(Command::Clear).unwrap();
-    rig.wait(0.01);
-    rig.arm().unwrap();
+    for _ in 0..2 {
+        rig.service.send(Command::Disarm).unwrap();
+        rig.plant.place(0.3, 0.0).unwrap();
+        rig.wait(0.2);
+        rig.service.send(Command::Clear).unwrap();
+        rig.wait(0.01);
+        rig.arm().unwrap();
+        if rig.drive.mode() == Mode::Running {
+            return;
+        }
+    }
+    panic!("{:?}", rig.drive.mode());
 }
 
 /// A set-point to one side of where the rotor was, or to the other.
@@ -235,8 +242,8 @@ fn dead_for(rig: &mut Rig, stream: Stream, share: f32) -> Option<f64> {
 }
 
 /// A torque that streams, with noise or without, hides nothing: what is found soon where it was commanded once, as where the
-/// resistance is low and the current grows to several times the largest meanwhile, is found soon. The others are found by the
-/// voltage, when the noise has it.
+/// current grows to several times the largest meanwhile, is found soon. The others are found by the voltage, when the noise
+/// has it.
 #[test]
 fn set_points_that_stream_do_not_hide_that_no_current_comes() {
     const SOON_S: f64 = 0.02;

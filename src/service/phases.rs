@@ -45,8 +45,8 @@ pub(super) struct Phases {
 
 impl Phases {
     /// Takes a measurement in, of a commutation that drives all three phases; with `reversed` ones, B and C are
-    /// exchanged.
-    pub fn look(&mut self, measurement: &Measurement, reversed: bool) -> Option<Fault> {
+    /// exchanged. The back-EMF is in the unit of the voltage.
+    pub fn look(&mut self, measurement: &Measurement, reversed: bool, induced: i32) -> Option<Fault> {
         let state = &measurement.state;
         if state.voltage == (Dq { d: 0, q: 0 }) {
             // Nothing is controlled, as during the check at arming: all begins anew.
@@ -55,7 +55,7 @@ impl Phases {
         }
         self.mean.d += state.current.d - (self.mean.d >> MEAN_BITS);
         self.mean.q += state.current.q - (self.mean.q >> MEAN_BITS);
-        if self.is_unfollowed(state) {
+        if self.is_unfollowed(state, induced) {
             return Some(Fault::CurrentModel);
         }
         self.count = self.count.wrapping_add(1);
@@ -96,15 +96,19 @@ impl Phases {
         Dq { d: self.mean.d >> MEAN_BITS, q: self.mean.q >> MEAN_BITS }
     }
 
-    /// A current that nothing hinders, and that does not flow: no amplifier shows it.
-    fn is_unfollowed(&mut self, state: &State) -> bool {
-        let State { current_reference, field_reference, current, voltage, bus, .. } = *state;
+    /// A current that nothing hinders, and that does not flow: no amplifier shows it. At a rotor that hardly turns, all of the
+    /// voltage cannot but drive some, and what flows unseen is large.
+    fn is_unfollowed(&mut self, state: &State, induced: i32) -> bool {
+        let State { current_reference, field_reference, current, voltage, .. } = *state;
         let reference = current_reference.abs() + i32::from(field_reference).abs();
-        let limited = voltage.q.abs() + voltage.d.abs() > i32::from(bus) / 5 * 2;
-        if current.q.abs() + current.d.abs() > reference / 4 {
+        let (flows, bus) = (current.q.abs() + current.d.abs(), i32::from(state.bus));
+        let limited = voltage.q.abs() + voltage.d.abs() > bus / 5 * 2;
+        if flows > reference / 4 {
             self.unfollowed = 0;
         } else if reference > LEAST && !limited {
             self.unfollowed += 1;
+        } else if reference > LEAST && flows < LEAST / 4 && induced.abs() < bus / 10 {
+            self.unfollowed += TIMES / 4;
         }
         self.unfollowed >= TIMES
     }
@@ -182,6 +186,8 @@ mod tests {
     const MOTOR: Motor = Motor { d: 0.0, q: 3000.0, from: 0.1, turns: 0.03, broken: Broken::Nothing, reversed: false };
     const OPEN: [Fault; 3] = [Fault::OpenPhaseA, Fault::OpenPhaseB, Fault::OpenPhaseC];
     const BLIND: [Fault; 3] = [Fault::AmplifierA, Fault::AmplifierB, Fault::AmplifierC];
+    /// Of a rotor that turns.
+    const INDUCED: i32 = 8000;
 
     impl Motor {
         fn measurement(&self, k: u32, random: &mut Pcg64) -> Measurement {
@@ -223,7 +229,7 @@ mod tests {
         /// The first fault in so many measurements.
         fn look(&self, measurements: u32) -> Option<Fault> {
             let (mut phases, mut random) = (Phases::default(), Pcg64::seed_from_u64(1));
-            (0..measurements).find_map(|k| phases.look(&self.measurement(k, &mut random), self.reversed))
+            (0..measurements).find_map(|k| phases.look(&self.measurement(k, &mut random), self.reversed, INDUCED))
         }
     }
 
@@ -272,7 +278,7 @@ mod tests {
                 turns += motor.turns;
                 let ripple = 1.0 + libm::cos(TAU * turns);
                 let now = Motor { q: motor.q * ripple, from: turns, turns: 0.0, ..motor };
-                assert_eq!(phases.look(&now.measurement(0, &mut random), false), None, "{k} {motor:?}");
+                assert_eq!(phases.look(&now.measurement(0, &mut random), false, INDUCED), None, "{k} {motor:?}");
             }
         }
     }
@@ -304,7 +310,7 @@ mod tests {
         let mut look = |k, voltage| {
             let mut measurement = still.measurement(k, &mut random);
             measurement.state.voltage.q = voltage;
-            phases.look(&measurement, false)
+            phases.look(&measurement, false, INDUCED)
         };
         let short = u32::from(TIMES) - 1;
         assert!((0..short).all(|k| look(k, 1000).is_none()));
@@ -327,7 +333,7 @@ mod tests {
                 let mut measurement = Motor { q, turns, broken, ..MOTOR }.measurement(k, &mut random);
                 measurement.state.voltage = Dq { d: 3000, q: 11_000 };
                 measurement.state.current_reference = (q * libm::exp(-f64::from(k.saturating_sub(200)) / 10.0)) as i32;
-                phases.look(&measurement, false)
+                phases.look(&measurement, false, INDUCED)
             });
             assert_eq!(fault, None, "{turns} {q}");
         }
@@ -341,7 +347,22 @@ mod tests {
             let mut measurement = MOTOR.measurement(k, &mut random);
             measurement.state.current_reference = 30_000;
             measurement.state.voltage = Dq { d: 0, q: 11_000 };
-            assert_eq!(phases.look(&measurement, false), None);
+            assert_eq!(phases.look(&measurement, false, INDUCED), None);
+        }
+    }
+
+    /// At rest the limit of the voltage drives some current, if little: none at all is what no amplifier shows.
+    #[test]
+    fn all_of_the_voltage_at_rest_drives_a_current() {
+        for (flows, fault) in [(0.0, Some(Fault::CurrentModel)), (200.0, None)] {
+            let (mut phases, mut random) = (Phases::default(), Pcg64::seed_from_u64(5));
+            let found = (0..4).find_map(|k| {
+                let mut measurement = Motor { q: flows, turns: 0.0, ..MOTOR }.measurement(k, &mut random);
+                measurement.state.current_reference = 30_000;
+                measurement.state.voltage = Dq { d: 0, q: 11_000 };
+                phases.look(&measurement, false, 0)
+            });
+            assert_eq!(found, fault);
         }
     }
 }

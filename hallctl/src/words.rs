@@ -50,6 +50,7 @@ pub fn limits(limits: Limits) -> Vec<&'static str> {
         (Limits::CURRENT, "current"),
         (Limits::HEAT, "heat"),
         (Limits::SUPPLY, "what the supply gives or takes back"),
+        (Limits::CHECKING, "the check at arming"),
         (Limits::TIMEOUT, "stopped: no command came for too long"),
         (Limits::TWO_HALLS, "running on two Halls"),
     ];

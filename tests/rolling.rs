@@ -1,4 +1,5 @@
-//! What is left of the push of the check at arming, where nothing is commanded after it: the drive holds a speed of zero.
+//! What is left of the push of the check at arming: where nothing is commanded after it, the drive holds a speed of zero; and a
+//! rotor too heavy to be pushed rolls on while it is held.
 
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
@@ -99,4 +100,26 @@ fn a_rotor_that_turns_when_armed_is_not_braked() {
         assert!(rig.drive.mode() == Mode::Running && left > 0.9, "{left}");
         rig.command(Command::Disarm).unwrap();
     }
+}
+
+/// A mass that was mounted after commissioning: too heavy for the push, it proves nothing.
+#[test]
+fn a_heavy_mass_that_is_mounted_later_is_no_wrong_commutation() {
+    let motors: Vec<_> = MOTORS
+        .iter()
+        .filter(|motor| sim::of(["paper-heavy", "hoverboard"].contains(&motor.name), true))
+        .flat_map(|motor| (1..=sim::of(1, 2)).map(move |seed| (motor, seed)))
+        .collect();
+    motors.par_iter().for_each(|&(motor, seed)| {
+        let mut rig = commissioned(motor, seed);
+        for times in sim::of(vec![20.0], vec![5.0, 10.0, 20.0, 50.0]) {
+            rig.plant.set_inertia(motor.inertia_kgm2 * times).unwrap();
+            for k in 0..sim::of(4, 12) {
+                place(&mut rig, 0.3 + 0.37 * f64::from(k), 0.0);
+                rig.arm().unwrap();
+                assert_eq!(rig.drive.mode(), Mode::Running, "{} {seed}: {times} times as heavy, {k}", motor.name);
+                rig.command(Command::Disarm).unwrap();
+            }
+        }
+    });
 }

@@ -110,7 +110,8 @@ pub(super) struct RotorCheck {
     /// Whether the rotor has followed the field that turned back, and forward again.
     has_followed: bool,
     proven: bool,
-    /// Farthest that the rotor went the wrong way; while it is held, how far it had come in half the time of the push.
+    /// How far the push had moved it in three quarters of its longest time; farthest that the rotor went the wrong way; while it
+    /// is held, how far it had come in half the time of the push.
     farthest: i32,
     /// Its speed when it is to be stopped, and its fastest while it is held, in 2⁻³² turns a control step.
     speed: i32,
@@ -301,6 +302,13 @@ impl RotorCheck {
         self.coasting.wrapping_mul(self.steps as i32)
     }
 
+    /// Whether it has gone no farther than it would by itself, or than a field along its own holds it back.
+    fn coasts(&self, rotor: &Tracker) -> bool {
+        let (way, coasted) = (self.way(rotor), self.coasted());
+        let most = coasted + coasted / 2;
+        (most.min(0) - MOVED..=most.max(0) + MOVED).contains(&way)
+    }
+
     /// Way by which a motion that should not be is told from noise, that of the speed before included.
     fn wrong(&self) -> i32 {
         MOVED + self.coasted().abs() / 2
@@ -314,7 +322,11 @@ impl RotorCheck {
         if moved < MOVED {
             self.rested = self.steps;
         }
-        let over = self.steps >= u32::from(control.arming.longest_push);
+        let longest = u32::from(control.arming.longest_push);
+        if self.steps == longest / 4 * 3 {
+            self.farthest = moved;
+        }
+        let over = self.steps >= longest;
         if moved >= FAR || over && moved >= MOVED {
             (self.pushed, self.strongest) = (self.steps, self.modulation);
             return self.begin_stop(rotor, config);
@@ -328,6 +340,8 @@ impl RotorCheck {
         }
         if over {
             self.pushed = 0;
+            // A heavy rotor rolls on with what little speed the push has given it.
+            self.coasting += (moved - self.farthest).max(0) / (longest / 4).max(1) as i32;
             return self.begin_hold(self.least, rotor, config);
         }
         self.voltage(Axis::Forward, rotor, config)
@@ -349,7 +363,7 @@ impl RotorCheck {
         self.raise(if self.pushed == 0 || swings { self.most } else { self.strongest }, control, phases);
         if self.pushed == 0 {
             // The push did not move it.
-            return if self.moved(rotor).abs() > self.wrong() {
+            return if !self.coasts(rotor) {
                 Step::Failed(Fault::Commutation)
             } else if self.steps >= u32::from(control.arming.longest_push) {
                 Step::Done { step: 0, proven: false }

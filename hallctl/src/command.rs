@@ -83,7 +83,7 @@ enum Command {
     /// Stop: bridge off; ends whatever goes on. From any terminal, at any time
     #[command(visible_alias = "disarm")]
     Stop,
-    /// Bridge on, command zero
+    /// Bridge on: the shaft is checked and held
     Arm,
     /// Take note of a fault
     Clear,

@@ -58,7 +58,7 @@ pub enum Ask<'a> {
     Hello,
     /// How it is: [`Answer::Status`].
     Status,
-    /// Bridge on, command zero.
+    /// Bridge on; a rotor at rest is checked and held.
     Arm,
     /// Bridge off; ends whatever is going on, and the control by a tool. From anyone.
     Disarm,

@@ -26,7 +26,7 @@ class Drive:
         """As `hallctl status --json`: state, fault, limits, position_turns, speed_rad_s, current_a, …; None where a
         quantity is not measured."""
     def arm(self) -> None:
-        """Bridge on, command zero; returns when wires, amplifiers and direction have been checked."""
+        """Bridge on, the shaft held; returns when wires, amplifiers and direction have been checked."""
     def stop(self) -> None:
         """Brakes, then bridge off."""
     def clear(self) -> None:

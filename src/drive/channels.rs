@@ -33,7 +33,7 @@ pub enum Command {
     Install(&'static mut Estimator),
     /// The samples of the calibration made no model: a fault.
     CalibrationFailed,
-    /// Bridge on, command zero.
+    /// Bridge on; a rotor at rest is checked, and held at a speed of zero until something is commanded.
     Arm,
     /// Bridge off.
     Disarm,

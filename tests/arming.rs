@@ -1,6 +1,7 @@
 //! The check when the bridge is switched on: wires, amplifiers and commutation.
 
 use crate::known;
+use hallservo::board::Legs;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::fault::{Fault, Limits};
@@ -313,8 +314,8 @@ fn wrong_wires_with_a_load_on_a_shaft_that_twists_are_found() {
         rig.plant.set_motor_wires(wires);
         let start = rig.plant.truth().mechanical_angle_rad;
         let mut follow = |rig: &mut Rig, seconds| {
-            rig.run(seconds, |rig, period| {
-                if !matches!(rig.drive.mode(), Mode::Faulted(_)) {
+            rig.run(seconds, |_, period| {
+                if period.output.legs != Legs::NONE {
                     farthest = farthest.max((period.truth.mechanical_angle_rad - start).to_degrees().abs());
                 }
             });
@@ -347,15 +348,24 @@ fn wrong_wires_at_a_flywheel_on_uneven_magnets_are_found() {
             let mut rig = flywheel(seed);
             rig.plant.set_motor_wires(wires);
             let start = rig.plant.truth().mechanical_angle_rad;
-            rig.arm().unwrap();
+            let mut way = 0.0_f64;
+            // While the bridge is on.
+            let mut follow = |rig: &mut Rig, seconds| {
+                rig.run(seconds, |_, period| {
+                    if period.output.legs != Legs::NONE {
+                        way = way.max((period.truth.mechanical_angle_rad - start).to_degrees().abs());
+                    }
+                });
+            };
+            rig.command(Command::Arm).unwrap();
+            follow(&mut rig, 0.95);
             let at_arming = rig.drive.mode();
             if at_arming == Mode::Running {
                 rig.command(Command::Speed(rig.control().unwrap().speed(20.0).unwrap())).unwrap();
-                rig.wait(0.95);
+                follow(&mut rig, 0.95);
             }
-            let way = (rig.plant.truth().mechanical_angle_rad - start).to_degrees();
             println!("{seed} {wires:?}: {at_arming:?} {:?} {way:.1}°", rig.drive.mode());
-            if !matches!(rig.drive.mode(), Mode::Faulted(Fault::Commutation)) || way.abs() > 30.0 {
+            if !matches!(rig.drive.mode(), Mode::Faulted(Fault::Commutation)) || way > 30.0 {
                 late.push((seed, at_arming, rig.drive.mode(), way));
             }
         }

@@ -3,12 +3,14 @@
 //!
 //! 1. A voltage along phase A, against it, along B and against it, raised until a small current flows. It uses all six
 //!    transistors and all three amplifiers, each in both directions.
-//! 2. A push, and a field that holds the rotor and turns it back: the [`rotor`].
+//! 2. A push, and a field that holds the rotor and turns it back: the [`rotor`]. What it finds wrong may be a load that was
+//!    [let go](let_go).
 //!
 //! All of it takes some 0.2 s and moves the rotor by some 30 electrical degrees and back, by more where cogging carries
 //! it on. A rotor that does not move, because it is blocked or heavy, proves nothing, and one that turns
 //! is not pushed; the [supervision](super::supervision) then goes on asking.
 
+mod let_go;
 mod rotor;
 
 use super::{Demand, Idle};
@@ -20,6 +22,7 @@ use crate::config::Config;
 use crate::control::config::{ARMING_EVERY as EVERY, Config as Control};
 use crate::fault::Fault;
 use crate::hall::track::Tracker;
+use let_go::LetGo;
 use rotor::RotorCheck;
 
 /// Control steps over which the currents of a voltage are averaged.
@@ -76,6 +79,8 @@ enum Stage {
     Fade,
     /// The rotor is pushed.
     Rotor,
+    /// The bridge is off: does something else turn the rotor?
+    LetGo,
     /// Over; whether the rotor moved as pushed.
     Over { proven: bool },
 }
@@ -102,6 +107,7 @@ pub(super) struct Arming {
     /// Currents of each voltage, in 2⁻¹⁵ of the full scale, times [`AVERAGED`].
     currents: [[i32; 3]; 4],
     rotor: RotorCheck,
+    let_go: LetGo,
     /// What the steps between do.
     held: Output,
     /// The last command meanwhile.
@@ -124,6 +130,7 @@ impl Arming {
         again: false,
         currents: [[0; 3]; 4],
         rotor: RotorCheck::new(0, 0, 0),
+        let_go: LetGo::NEW,
         held: Output::OFF,
         pending: None,
     };
@@ -185,6 +192,14 @@ impl Arming {
             Stage::Fade => self.fade(control, phases, rotor, config),
             Stage::Rotor => match self.rotor.step(config, control, phases, rotor) {
                 Step::Done { proven, .. } => self.over(proven, config),
+                Step::Failed(_) => {
+                    self.enter(Stage::LetGo);
+                    self.let_go.begin(control, rotor)
+                }
+                step => step,
+            },
+            Stage::LetGo => match self.let_go.step(control, rotor) {
+                Step::Done { .. } => self.over(false, config),
                 step => step,
             },
             Stage::Over { proven } => Step::Done { step: self.steps, proven },

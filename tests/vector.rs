@@ -1,5 +1,6 @@
 //! The length of the current's vector is what is commanded, whatever the commutation and the speed.
 
+use crate::commissioned::here_turns;
 use crate::known;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
@@ -108,13 +109,13 @@ fn the_vector_is_no_longer_than_what_is_commanded() {
 fn a_wheel_moves_to_a_position_without_an_over_current() {
     for commutation in COMMUTATIONS {
         let mut rig = armed(&hub(), commutation);
-        let here = rig.drive.tracker().position().to_turns() / 15.0;
+        let here = here_turns(&rig);
         rig.command(Command::Position(rig.control().unwrap().position(here + 8.0).unwrap())).unwrap();
         let mut longest = 0.0_f64;
         rig.run(4.0, |_, period| {
             longest = longest.max((period.truth.currents_a.iter().map(|i| i * i).sum::<f64>() / 1.5).sqrt());
         });
-        let there = rig.drive.tracker().position().to_turns() / 15.0;
+        let there = here_turns(&rig);
         println!("{commutation:?}: {longest:.1} A, {:.4} turns, {:?}", there - here, rig.drive.mode());
         assert_eq!(rig.drive.mode(), Mode::Running);
     }

@@ -344,10 +344,9 @@ impl Arming {
 
     /// The present voltage, along a phase or against it.
     fn along_phase(&self, config: &Config) -> Step {
-        let against = if self.vector & 1 == 0 { 0 } else { i32::MIN };
-        let phase = if self.vector < 2 { 0 } else { THIRD };
-        let angle = ElectricalAngle::from_bits(against.wrapping_add(phase));
-        Step::Output(turned(self.modulation, angle, PhaseOrder::FORWARD, config))
+        let against = if self.vector & 1 == 0 { ElectricalAngle::ZERO } else { ElectricalAngle::HALF };
+        let phase = if self.vector < 2 { ElectricalAngle::ZERO } else { ElectricalAngle::THIRD };
+        Step::Output(turned(self.modulation, against + phase, PhaseOrder::FORWARD, config))
     }
 }
 
@@ -355,9 +354,6 @@ impl Arming {
 fn turns(rotor: &Tracker, control: &Control) -> bool {
     rotor.speed().unsigned_abs() > control.arming.turns.unsigned_abs()
 }
-
-/// A third of a turn.
-const THIRD: i32 = 1_431_655_765;
 
 /// All three legs alike.
 pub(super) fn no_voltage(config: &Config) -> Output {

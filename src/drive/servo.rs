@@ -8,7 +8,7 @@ use super::following::Following;
 use super::impedance::Shaft;
 use super::inertia::Inertia;
 use super::protection::Protection;
-use super::schedule::{OUTER, Schedule};
+use super::schedule::Schedule;
 use super::set_points::SetPoints;
 use super::supervision::{self, Supervision};
 use super::{FieldOriented, Idle, Sample};
@@ -24,6 +24,7 @@ use crate::control::{Current, Speed};
 use crate::fault::{Fault, Limits};
 use crate::hall::track::Tracker;
 use crate::math::{clamp, high};
+use crate::schedule::coarse;
 use crate::telemetry::Measurement;
 pub use crate::telemetry::State;
 #[cfg(not(feature = "small"))]
@@ -121,8 +122,8 @@ impl Servo {
             protection: Protection::NONE,
             supervision: Supervision::NONE,
             clarke: Clarke::new(0, [0; 3], false),
-            reference: Reference { current: Dq { d: 0, q: 0 }, in_ramps: 0 },
-            current: Dq { d: 0, q: 0 },
+            reference: Reference { current: Dq::ZERO, in_ramps: 0 },
+            current: Dq::ZERO,
             demand: Demand::Voltage,
             set_points: SetPoints::NONE,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
@@ -155,7 +156,7 @@ impl Servo {
         self.protection.currents.set_zeros(config, zeros.zeros());
         self.clarke = Clarke::new(config.shift.into(), zeros.zeros(), config.modulator.is_reversed());
         // One by one: a whole new servo on its way over the stack would take as long as all the rest of the step.
-        self.current = Dq { d: 0, q: 0 };
+        self.current = Dq::ZERO;
         self.demand = Demand::Voltage;
         self.trajectory = Trajectory::at(Position::from_bits(0), 0);
         (self.speed_reference, self.current_request, self.asked) = (0, 0, 0);
@@ -513,7 +514,7 @@ impl Servo {
 
     /// No current is measured any more.
     pub const fn forget_current(&mut self) {
-        self.current = Dq { d: 0, q: 0 };
+        self.current = Dq::ZERO;
     }
 
     /// Currents of the last step in the frame of the rotor, in 2⁻²⁸ of the full scale.
@@ -546,9 +547,4 @@ fn within_speed(current: i32, with: &Context) -> i32 {
     let (speed, config) = (with.rotor.speed(), with.config);
     let most = |end: i32| high(end - speed, config.torque_gain);
     current.min(most(config.torque_ends)).max(most(-config.torque_ends))
-}
-
-/// A position in the unit of the outer loops: what a speed moves on by in a step of theirs is its number.
-pub(super) const fn coarse(position: Position) -> Position {
-    Position::from_bits(position.to_bits() >> OUTER.ilog2())
 }

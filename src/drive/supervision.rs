@@ -14,7 +14,7 @@ use crate::control::config::{Model, Motion};
 use crate::fault::Fault;
 use crate::hall::track::Tracker;
 use crate::math::high;
-use crate::schedule::OUTER;
+use crate::schedule::coarse;
 use crate::telemetry::State;
 
 /// Parts of the supervision.
@@ -91,7 +91,7 @@ pub(super) struct Supervision {
 
 /// Whether the rotor is outside of its bounds by more than it may be from its reference.
 pub(super) fn is_outside(motion: &Motion, rotor: &Tracker) -> bool {
-    let position = rotor.position().to_bits() >> OUTER.ilog2();
+    let position = coarse(rotor.position()).to_bits();
     let [least, most] = motion.bounds;
     position < least - motion.far || position > most + motion.far
 }
@@ -115,9 +115,9 @@ impl Supervision {
         gained: 0,
         first_speed: 0,
         work: 0,
-        voltage: Dq { d: 0, q: 0 },
-        current: Dq { d: 0, q: 0 },
-        before: Dq { d: 0, q: 0 },
+        voltage: Dq::ZERO,
+        current: Dq::ZERO,
+        before: Dq::ZERO,
         without_current: 0,
         before_emf: 0,
         before_expected: 0,
@@ -127,7 +127,7 @@ impl Supervision {
         coming: 0,
         follows: true,
         speed: 0,
-        emf: Dq { d: 0, q: 0 },
+        emf: Dq::ZERO,
         expected: 0,
         dropped: 0,
         unexplained: i32::MIN / 2,

@@ -1,12 +1,12 @@
 //! What is asked for, in SI, and how it becomes what the interrupt works with.
 
 use super::gains::Loop;
-use super::motion::{Course, Start, Travel, coarse};
+use super::motion::{Course, Start, Travel};
 use super::{Error, Field, Gains, Impedance, Spring};
 use crate::config::Config;
 use crate::control::config::Config as Control;
 use crate::control::trajectory::Limits;
-use crate::schedule::OUTER;
+use crate::schedule::{OUTER, coarse};
 
 /// A spring and a damper at the shaft. The default takes all that it can from the settings, and stays where it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -250,7 +250,7 @@ impl Control {
             least: -bad.most,
             most: bad.most,
         })?;
-        Ok(coarse(position))
+        Ok(coarse(position).to_bits())
     }
 
     /// Largest speed of the reference; `None` for no limit.

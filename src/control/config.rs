@@ -244,7 +244,7 @@ impl Config {
         (self.gains, self.local) = (other.gains, other.local);
         (self.velocity, self.position, self.current_rad_s) = (other.velocity, other.position, other.current_rad_s);
         self.torque_gain = other.torque_gain;
-        self.motion.model.asked = other.motion.model.asked;
+        self.motion.model.proportional = other.motion.model.proportional;
         (self.arming.averages, self.arming.lag) = (other.arming.averages, other.arming.lag);
         self.motion.reserve = other.motion.reserve;
     }

@@ -81,7 +81,7 @@ impl Following {
         let (speed, led) = (rotor.wrapping_abs(), reference.speed().wrapping_abs());
         let overtakes = (ahead < 0) == (rotor > 0);
         self.waits = false;
-        self.arrives = led != 0 || self.arrives && speed > motion.turning;
+        self.arrives = led != 0 || self.arrives && speed > motion.turning_speed;
         self.lags &= !overtakes;
         if !overtakes {
             self.braked_from |= NOT_NOW;

@@ -138,7 +138,7 @@ impl Servo {
         match impedance.course {
             Course::Travel { from, travel } => {
                 let at = if let Start::At(at) = from { Position::from_bits(at) } else { self.trajectory.position() };
-                if from != Start::Here {
+                if from != Start::Smoothly {
                     self.trajectory = Trajectory::at(at, travel.speed);
                 }
                 self.limits_on_way = travel.limits;

@@ -1,6 +1,10 @@
 //! Control with currents, beside the current control itself: the outer loops, the reference of the current, what is
 //! measured, the protection and the schedule. Shared by [local feedback](super::local_feedback) and [field
 //! orientation](super::field_oriented).
+//!
+//! On its way from a command to the bridge a current has three names: it is *asked* for by a loop or a command, whatever the
+//! limits; the *request* is what their limits leave of it; the *reference*, which the current control follows, has the
+//! current against the cogging as well, and is within all limits.
 
 mod follow;
 
@@ -85,11 +89,10 @@ pub(super) struct Servo {
     pub(super) outward: i32,
     /// Speed reference ω*, from the position loop or the trajectory, in 2⁻³² electrical turns a step.
     pub(super) speed_reference: i32,
-    /// Current along q that the speed loop or the command asks for, in 2⁻¹⁵ of the full scale; before anti-cogging and
-    /// limit.
-    pub(super) current_request: i32,
-    /// … before the speed loop has limited it.
+    /// Current along q that the speed loop or the command asks for, in 2⁻¹⁵ of the full scale, and what their limits leave
+    /// of it.
     pub(super) asked: i32,
+    pub(super) current_request: i32,
     speed_integrator: Integrator,
     /// Anti-cogging current over the electrical angle, if it is on.
     pub cogging: Option<&'static mut cogging::Table>,
@@ -251,7 +254,7 @@ impl Servo {
     #[inline(always)]
     fn wait_for_rotor(&mut self, with: &Context) {
         let speed = with.rotor.speed();
-        let turns = speed.saturating_abs() > with.config.motion.turning;
+        let turns = speed.saturating_abs() > with.config.motion.turning_speed;
         self.trajectory.wait_for(if turns { speed } else { 0 });
     }
 
@@ -338,7 +341,7 @@ impl Servo {
         let fast = speed.wrapping_abs();
         let fast = if fast - led > fast >> 2 { fast } else { 0 };
         let below = coarse(with.rotor.position()).to_bits() < motion.bounds[0];
-        self.look_ahead(if fast > motion.turning { speed < 0 } else { below }, fast, with);
+        self.look_ahead(if fast > motion.turning_speed { speed < 0 } else { below }, fast, with);
     }
 
     /// How far the trajectory's position is ahead of the rotor's.

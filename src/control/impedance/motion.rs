@@ -21,9 +21,9 @@ pub(crate) enum Course {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) enum Start {
     /// Where the reference is, with the speed that it has.
-    Here,
+    Smoothly,
     /// Where the reference is, with the travel's speed at once.
-    Now,
+    AtSpeed,
     /// At a position with the travel's speed, at once.
     At(i64),
 }
@@ -53,7 +53,7 @@ impl Travel {
 impl Course {
     /// Stays where it is.
     pub const REST: Self =
-        Self::Travel { from: Start::Here, travel: Travel { speed: 0, stop: None, limits: Limits::SLOWEST } };
+        Self::Travel { from: Start::Smoothly, travel: Travel { speed: 0, stop: None, limits: Limits::SLOWEST } };
 
     /// Moved by the position at which the user's is zero.
     pub fn shift(&mut self, origin: Position) {

@@ -229,10 +229,10 @@ impl Control {
                 let travel =
                     Travel { speed, stop, limits: limits(if speed == 0 { Limits::MOST } else { speed.abs() }) };
                 if fastest.is_none() && acceleration.is_none() {
-                    return Ok(Course::Travel { from: at.map_or(Start::Now, Start::At), travel });
+                    return Ok(Course::Travel { from: at.map_or(Start::AtSpeed, Start::At), travel });
                 }
                 match at {
-                    None => Ok(Course::Travel { from: Start::Here, travel }),
+                    None => Ok(Course::Travel { from: Start::Smoothly, travel }),
                     Some(_) if speed != 0 || stop.is_some() => Err(Error::Moving),
                     Some(target) => {
                         let fastest = fastest.unwrap_or(self.trajectory.speed());

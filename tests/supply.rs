@@ -88,13 +88,18 @@ pub(crate) fn drone() -> Case {
 }
 
 /// A wheel: 0.1 Ω, 0.2 mH, 15 pole pairs, 0.05 kg·m².
-pub(crate) fn hub() -> Case {
+pub(crate) fn wheel() -> PlantParameters {
     let mut plant = PlantParameters::imperfect(3).with_pole_pairs(15);
     plant.motor.resistance_ohm = 0.1;
     plant.motor.inductance_h = 0.2e-3;
     plant.motor.back_emf = BackEmf::sinusoidal(0.018);
     plant.motor.inertia_kgm2 = 0.05;
     plant.motor.cogging = [Cogging::NONE; 2];
+    plant
+}
+
+pub(crate) fn hub() -> Case {
+    let mut plant = wheel();
     plant.inverter.switch_ohm = 4e-3;
     plant.bus.capacitance_f = 1000e-6;
     let control = strong(

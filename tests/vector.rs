@@ -2,11 +2,12 @@
 
 use crate::commissioned::here_turns;
 use crate::known;
+use crate::supply::wheel;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
-use plant::{BackEmf, Cogging, PlantParameters};
+use plant::PlantParameters;
 use rig::Rig;
 
 /// A motor with its settings, and its full speed.
@@ -21,12 +22,7 @@ fn default_motor() -> Case {
 
 /// 0.1 Ω and 0.2 mH: at full speed its reactance is as large as its resistance.
 fn hub() -> Case {
-    let mut plant = PlantParameters::imperfect(3).with_pole_pairs(15);
-    plant.motor.resistance_ohm = 0.1;
-    plant.motor.inductance_h = 0.2e-3;
-    plant.motor.back_emf = BackEmf::sinusoidal(0.018);
-    plant.motor.inertia_kgm2 = 0.05;
-    plant.motor.cogging = [Cogging::NONE; 2];
+    let mut plant = wheel();
     plant.current_sense.gain = 1.65 / 60.0;
     let guard = GuardSettings {
         over_current_a: 35.0,

@@ -7,7 +7,7 @@ use crate::control;
 use crate::control::config::SPEED_NOISE_HZ;
 use crate::hall::{Halls, track};
 use crate::pwm;
-use crate::schedule::{OUTER, RECORDS};
+use crate::schedule::{RECORDS, coarse};
 use crate::settings::{Control, Error, Settings};
 
 /// [`Settings`] in the units of the interrupt. What the shortest steps need comes first, as in
@@ -123,7 +123,7 @@ impl Config {
     /// Moves the bounds of the position, where that is zero at an electrical position of its own.
     pub fn shift_bounds(&mut self, origin: Position) {
         if let Some(control) = &mut self.control {
-            let way = origin.to_bits() >> OUTER.ilog2();
+            let way = coarse(origin).to_bits();
             control.motion.bounds = control.motion.bounds.map(|bound| bound.saturating_add(way));
         }
     }

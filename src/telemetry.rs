@@ -70,14 +70,8 @@ pub struct State {
 
 impl State {
     /// All zero.
-    pub(crate) const NONE: Self = Self {
-        phases: [0; 3],
-        current: Dq { d: 0, q: 0 },
-        current_reference: 0,
-        voltage: Dq { d: 0, q: 0 },
-        bus: 0,
-        field_reference: 0,
-    };
+    pub(crate) const NONE: Self =
+        Self { phases: [0; 3], current: Dq::ZERO, current_reference: 0, voltage: Dq::ZERO, bus: 0, field_reference: 0 };
 }
 
 /// The reference of a spring and a damper, told every 64 steps while they are followed.

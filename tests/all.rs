@@ -11,6 +11,7 @@ mod chopper;
 mod cogging;
 mod coil;
 mod commission;
+mod commissioned;
 mod delay;
 mod examples;
 mod hall_loss;

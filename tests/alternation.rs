@@ -2,6 +2,7 @@
 //! however often they come; and one whose phase opens meanwhile is switched off or harmless. Nor does a stream of set-points
 //! hide that no current comes.
 
+use crate::commissioned::{commissioned, here_turns, lift_limits, on_battery};
 use hallservo::commutation::Commutation;
 use hallservo::control::impedance::{Motion, Request};
 use hallservo::drive::Command;
@@ -11,7 +12,6 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use rig::Rig;
-use rig::commissioning::{Bench, commission};
 use rig::motors::{MOTORS, Motor};
 
 /// Times between two set-points, ms. The first two are whole parts of the times between measurements and between checks: each
@@ -37,17 +37,11 @@ enum Demand {
 
 const DEMANDS: [Demand; 5] = [Demand::Torque, Demand::Speed, Demand::Position, Demand::Spring, Demand::Forward];
 
-/// Commissioned, on a supply that takes back what braking returns.
-fn commissioned(motor: &Motor) -> Rig {
-    let mut plant = motor.plant(SEED);
-    plant.bus.regenerative = true;
-    let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), SEED).unwrap());
-    let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
+/// Commissioned, without limits that bound how long it may be driven like this.
+fn unlimited(motor: &Motor) -> Rig {
+    let (mut rig, mut settings) = commissioned(motor, &on_battery(motor, SEED), SEED);
     settings.commutation = Commutation::FieldOriented;
-    let control = settings.control.as_mut().unwrap();
-    control.max_regeneration_a = 1000.0;
-    control.continuous_current_a = control.max_current_a;
-    let mut rig = bench.rig;
+    lift_limits(&mut settings);
     rig.configure(&settings).unwrap();
     rig
 }
@@ -119,7 +113,7 @@ fn send_spring(rig: &mut Rig, request: &Request) {
 
 /// Lets set-points alternate for a time: after how long the drive was switched off, and the largest current, A.
 fn alternate(rig: &mut Rig, demand: Demand, each_ms: f64, seconds: f64) -> (Option<f64>, f64) {
-    let turns = rig.drive.tracker().position().to_turns() / f64::from(rig.config.pole_pairs.get());
+    let turns = here_turns(rig);
     let each = rig.periods(1e-3 * each_ms);
     let mut largest_a = 0.0;
     for k in 0..rig.periods(seconds) {
@@ -148,7 +142,7 @@ fn set_points_that_alternate_are_no_fault_of_a_healthy_drive() {
     let faults: Vec<_> = motors()
         .par_iter()
         .flat_map_iter(|motor| {
-            let mut rig = commissioned(motor);
+            let mut rig = unlimited(motor);
             let cases = DEMANDS.iter().flat_map(|&demand| EACH_MS.map(|each_ms| (demand, each_ms)));
             cases
                 .filter_map(|(demand, each_ms)| {
@@ -171,7 +165,7 @@ fn a_phase_that_opens_meanwhile_is_found_or_harmless() {
     let outcomes: Vec<_> = motors()
         .par_iter()
         .flat_map_iter(|motor| {
-            let mut rig = commissioned(motor);
+            let mut rig = unlimited(motor);
             let most_a = f64::from(rig.control().unwrap().largest_current_a());
             [Demand::Torque, Demand::Speed, Demand::Position].map(|demand| {
                 begin(&mut rig);
@@ -249,7 +243,7 @@ fn set_points_that_stream_do_not_hide_that_no_current_comes() {
     const SOON_S: f64 = 0.02;
     const WITHIN_S: f64 = 0.25;
     motors().par_iter().for_each(|motor| {
-        let mut rig = commissioned(motor);
+        let mut rig = unlimited(motor);
         for share in sim::of(vec![0.05], vec![0.05, 0.15, 0.3]) {
             let [once, constant, noisy, ramp, spring] =
                 [Stream::Nothing, Stream::Constant, Stream::Noisy, Stream::Ramp, Stream::Spring].map(|stream| {

@@ -1,16 +1,16 @@
 //! Moves to positions on a supply that takes nothing back, which leaves less torque to brake with than to drive.
 
+use crate::commissioned::{commissioned, here_turns, judge, lift_limits, motors, on_battery};
 use crate::supply::{Case, armed, drone, hub, speed};
 use hallservo::commutation::Commutation;
 use hallservo::control::impedance::{Motion, Request};
 use hallservo::drive::Command;
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
-use hallservo::settings::{Control, GuardSettings, Settings};
+use hallservo::settings::{Control, Settings};
 use plant::{PlantParameters, Unevenness};
 use rayon::prelude::*;
 use rig::Rig;
-use rig::commissioning::{Bench, commission};
 use rig::motors::MOTORS;
 use std::f64::consts::TAU;
 
@@ -70,10 +70,6 @@ fn other(mut case: Case, unlike: &Unlike) -> Case {
     case
 }
 
-fn here(rig: &Rig) -> f64 {
-    rig.drive.tracker().position().to_turns() / f64::from(rig.config.pole_pairs.get())
-}
-
 fn go(rig: &mut Rig, turns: f64) {
     let position = rig.control().unwrap().position(turns).unwrap();
     rig.command(Command::Position(position)).unwrap();
@@ -107,7 +103,7 @@ impl Way {
 fn travel(rig: &mut Rig, goal: f64, seconds: f64) -> Way {
     let pairs = f64::from(rig.config.pole_pairs.get());
     let turning = rig.plant.truth().speed_rad_s;
-    let ahead = goal - here(rig);
+    let ahead = goal - here_turns(rig);
     let forward = if ahead.abs() < 1e-3 { turning > 0.0 } else { ahead > 0.0 };
     go(rig, goal);
     let mut way = Way { mode: Mode::Running, swings: vec![], left: 0.0, settled_s: 0.0, bus_v: 0.0 };
@@ -129,7 +125,7 @@ fn travel(rig: &mut Rig, goal: f64, seconds: f64) -> Way {
     if most > 0.01 {
         way.swings.push(most);
     }
-    (way.mode, way.left) = (rig.drive.mode(), here(rig) - goal);
+    (way.mode, way.left) = (rig.drive.mode(), here_turns(rig) - goal);
     way
 }
 
@@ -137,15 +133,6 @@ fn travel(rig: &mut Rig, goal: f64, seconds: f64) -> Way {
 fn stopping_turns(case: &Case) -> f64 {
     let control = case.settings.control.unwrap();
     f64::from(case.speed_rad_s).powi(2) / 2.0 / f64::from(control.max_acceleration_rad_s2) / TAU
-}
-
-/// Prints all, then says which were bad.
-fn judge(rows: Vec<(String, bool)>) {
-    for (text, good) in &rows {
-        println!("{} {text}", if *good { " " } else { "!" });
-    }
-    let bad = rows.iter().filter(|(_, good)| !good).count();
-    assert_eq!(bad, 0, "of {}", rows.len());
 }
 
 /// The short form has every kind of unlike once, and every case.
@@ -165,7 +152,7 @@ fn a_move_ends_at_its_goal() {
         let mut rows = vec![];
         let ways = [1.0, 0.3 * full, -full, 2.5 * full].into_iter();
         for turns in ways.skip(sim::of(number % 2, 0)).step_by(sim::of(2, 1)) {
-            let goal = here(&rig) + turns;
+            let goal = here_turns(&rig) + turns;
             let seconds = 3.0 + turns.abs() * TAU / f64::from(case.speed_rad_s);
             let way = travel(&mut rig, goal, seconds);
             let good = way.mode == Mode::Running
@@ -179,7 +166,7 @@ fn a_move_ends_at_its_goal() {
         }
         rows
     });
-    judge(rows.collect());
+    judge(&rows.collect::<Vec<_>>());
 }
 
 /// It brakes as a stop does, and comes back. The short form makes it from the one speed and from the other in turn.
@@ -194,11 +181,11 @@ fn a_position_commanded_at_speed_is_come_back_to() {
             for ahead in [f64::NAN, 0.0, 1.0, -3.0] {
                 speed(&mut rig, share * direction * case.speed_rad_s);
                 rig.wait(2.5);
-                let from = here(&rig);
+                let from = here_turns(&rig);
                 if ahead.is_nan() {
                     speed(&mut rig, 0.0);
                     rig.wait(3.0);
-                    stop = (here(&rig) - from).abs();
+                    stop = (here_turns(&rig) - from).abs();
                     continue;
                 }
                 let way = travel(&mut rig, from + f64::from(direction) * ahead, 6.0);
@@ -219,7 +206,7 @@ fn a_position_commanded_at_speed_is_come_back_to() {
         }
         rows
     });
-    judge(rows.collect());
+    judge(&rows.collect::<Vec<_>>());
 }
 
 /// A commanded speed that a rotor cannot follow at once waits for it; a position that is commanded meanwhile does not. The
@@ -237,7 +224,7 @@ fn a_position_follows_a_speed_that_waits() {
                 0.2 * f64::from(case.speed_rad_s / case.settings.control.unwrap().max_acceleration_rad_s2),
                 |_, _| (),
             );
-            let goal = here(&rig);
+            let goal = here_turns(&rig);
             let way = travel(&mut rig, goal, 6.0);
             println!("{} {unlike:?} {direction}: {way:.3?}", case.name);
             assert_eq!(way.mode, Mode::Running, "{} {unlike:?} {direction}: {way:.3?}", case.name);
@@ -251,15 +238,9 @@ fn a_position_follows_a_speed_that_waits() {
 fn commissioned_motors_reach_their_goals() {
     let names = sim::of("drone-20uh hub", "drone-15uh drone-20uh drone-loose 20mohm hub");
     let names = std::env::var("MOTORS").unwrap_or(names.into());
-    let all = names == "all";
-    let motors: Vec<_> = MOTORS.iter().filter(|motor| all || names.split(' ').any(|name| name == motor.name)).collect();
-    let rows = motors.par_iter().flat_map_iter(|motor| {
-        let mut bench = Bench::new(Rig::new(&motor.plant(5), &motor.settings(), 5).unwrap());
-        let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
-        let mut rig = bench.rig;
-        // What is commanded once has to hold.
-        let control = settings.control.as_mut().unwrap();
-        control.guard = GuardSettings { command_timeout_s: 60.0, ..control.guard };
+    let motors = if names == "all" { MOTORS.iter().collect() } else { motors(&names) };
+    let rows = motors.into_par_iter().flat_map_iter(|motor| {
+        let (mut rig, mut settings) = commissioned(motor, &motor.plant(5), 5);
         settings.commutation = Commutation::FieldOriented;
         rig.configure(&settings).unwrap();
         rig.arm().unwrap();
@@ -270,7 +251,7 @@ fn commissioned_motors_reach_their_goals() {
         let full = most * most / acceleration / TAU;
         let mut rows = vec![];
         for turns in [0.2 * full, -full - 1.0, 1.5 * full + 1.0] {
-            let goal = here(&rig) + turns;
+            let goal = here_turns(&rig) + turns;
             let way = travel(&mut rig, goal, 4.0 + turns.abs() * TAU / most + 8.0 * most / acceleration);
             let good = way.mode == Mode::Running && way.left.abs() < 0.05 && way.overshoot() < 0.5 && way.shrinks();
             rows.push((
@@ -283,29 +264,27 @@ fn commissioned_motors_reach_their_goals() {
         }
         speed(&mut rig, most as f32);
         rig.wait(2.0 + 2.0 * most / acceleration);
-        let goal = here(&rig);
+        let goal = here_turns(&rig);
         let way = travel(&mut rig, goal, 4.0 + 20.0 * most / acceleration);
         let good = way.mode == Mode::Running && way.left.abs() < 0.05 && way.shrinks();
         rows.push((format!("{} stop at full speed: {way:.3?}", motor.name), good));
         rows
     });
-    judge(rows.collect());
+    judge(&rows.collect::<Vec<_>>());
 }
 
 /// Uneven magnets make the measured speed of a heavy rotor swing, which is neither a wrong commutation nor a rotor that is lost.
 /// The short form has one rotor, and stops it three times instead of twelve: from each speed, on the way to each.
 #[test]
 fn a_heavy_rotor_of_uneven_magnets_is_stopped_by_a_position() {
-    let motors: Vec<_> = MOTORS.iter().filter(|motor| ["paper-heavy", "drone-heavy"].contains(&motor.name)).collect();
+    let motors = motors("paper-heavy drone-heavy");
     let jobs = motors.iter().flat_map(|motor| (1..5).map(move |seed| (*motor, seed)));
     let jobs: Vec<_> = jobs.step_by(sim::of(8, 1)).collect();
     let rows = jobs.par_iter().flat_map_iter(|&(motor, seed)| {
         let magnets = Unevenness { rated_a: motor.limit_a.into(), ..Unevenness::CHEAP };
         let mut plant = motor.plant(seed).with_unevenness(&magnets, seed);
         plant.bus.regenerative = seed % 2 == 0;
-        let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), seed).unwrap());
-        commission(&mut bench, motor.settings(), motor.limit_a).unwrap();
-        let mut rig = bench.rig;
+        let (mut rig, _) = commissioned(motor, &plant, seed);
         rig.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
         rig.arm().unwrap();
         let most = rig.control().unwrap().largest_speed_rad_s();
@@ -317,7 +296,7 @@ fn a_heavy_rotor_of_uneven_magnets_is_stopped_by_a_position() {
             speed(&mut rig, [0.0, most, -most][usize::from(k % 3)]);
             rig.wait(0.01 * f64::from(k * 2));
             let from = rig.plant.truth().speed_rad_s;
-            let goal = here(&rig);
+            let goal = here_turns(&rig);
             go(&mut rig, goal);
             rig.wait(1.0);
             rows.push((
@@ -330,7 +309,7 @@ fn a_heavy_rotor_of_uneven_magnets_is_stopped_by_a_position() {
         }
         rows
     });
-    judge(rows.collect());
+    judge(&rows.collect::<Vec<_>>());
 }
 
 /// The inertia of the settings or three times that, and a supply of the motor's voltage or 0.6 of it: a heavy rotor speeds up
@@ -339,19 +318,15 @@ fn a_heavy_rotor_of_uneven_magnets_is_stopped_by_a_position() {
 #[test]
 fn a_load_that_the_settings_do_not_know_comes_to_its_goal() {
     let names = sim::of("paper drone-15uh", "paper drone-15uh drone-60a 20mohm 20ohm gimbal-7 slotless");
-    let motors: Vec<_> = MOTORS.iter().filter(|motor| names.split(' ').any(|name| name == motor.name)).collect();
+    let motors = motors(names);
     let jobs: Vec<_> = motors.iter().flat_map(|motor| [(motor, 1.0), (motor, 3.0)]).collect();
     let rows = jobs.par_iter().flat_map_iter(|&(motor, heavier)| {
-        let mut plant = motor.plant(5);
+        let mut plant = on_battery(motor, 5);
         plant.motor.inertia_kgm2 *= heavier;
-        plant.bus.regenerative = true;
-        let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), 5).unwrap());
-        let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
-        let mut rig = bench.rig;
+        let (mut rig, mut settings) = commissioned(motor, &plant, 5);
         let control = settings.control.as_mut().unwrap();
         control.inertia_kgm2 /= heavier as f32;
         control.max_acceleration_rad_s2 *= heavier as f32;
-        control.guard = GuardSettings { command_timeout_s: 60.0, ..control.guard };
         let acceleration = f64::from(control.max_acceleration_rad_s2);
         let least_v = 1.2 * f64::from(control.guard.under_voltage_v);
         let mut rows = vec![];
@@ -363,7 +338,7 @@ fn a_load_that_the_settings_do_not_know_comes_to_its_goal() {
             let full = most * most / acceleration / TAU;
             for (volts, turns) in [(1.0, 0.4 * full), (0.6, -1.3 * full)] {
                 rig.plant.set_supply((volts * motor.bus_v).max(least_v)).unwrap();
-                let goal = here(&rig) + turns;
+                let goal = here_turns(&rig) + turns;
                 let way = travel(&mut rig, goal, 5.0 + 3.0 * turns.abs() * TAU / most + 20.0 * most / acceleration);
                 let most_beyond = if heavier > 1.0 { 2.5 * full } else { 0.5 };
                 let good = way.mode == Mode::Running && way.left.abs() < 0.05 && way.overshoot() < most_beyond;
@@ -380,7 +355,7 @@ fn a_load_that_the_settings_do_not_know_comes_to_its_goal() {
         }
         rows
     });
-    judge(rows.collect());
+    judge(&rows.collect::<Vec<_>>());
 }
 
 /// A load that comes on the way, as a rope that takes the weight, along the motion and against it; on a supply that takes
@@ -389,25 +364,20 @@ fn a_load_that_the_settings_do_not_know_comes_to_its_goal() {
 #[test]
 fn a_rotor_that_is_dragged_away_is_not_followed_for_ever() {
     let names = sim::of("hub paper-heavy", "hub paper paper-heavy drone-15uh drone-heavy hoverboard");
-    let motors: Vec<_> = MOTORS.iter().filter(|motor| names.split(' ').any(|name| name == motor.name)).collect();
+    let motors = motors(names);
     let loads = [-1.3, -0.3, 0.3, 1.3].into_iter().flat_map(|load| [(load, false), (load, true)]);
     let jobs: Vec<_> =
         motors.iter().flat_map(|motor| loads.clone().map(move |(load, spring)| (motor, load, spring))).collect();
     let rows = jobs.par_iter().map(|&(motor, load, spring)| {
-        let mut plant = motor.plant(5);
-        plant.bus.regenerative = true;
-        let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), 5).unwrap());
-        let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
-        let mut rig = bench.rig;
-        let control = settings.control.as_mut().unwrap();
-        control.guard = GuardSettings { command_timeout_s: 60.0, ..control.guard };
-        (control.continuous_current_a, control.max_regeneration_a) = (control.max_current_a, 1000.0);
+        let (mut rig, mut settings) = commissioned(motor, &on_battery(motor, 5), 5);
+        lift_limits(&mut settings);
+        let control = settings.control.unwrap();
         let constant = 1.5 * f64::from(settings.pole_pairs) * f64::from(control.flux_linkage_wb);
         let torque = constant * f64::from(control.max_current_a);
         let (fastest, acceleration) = (f64::from(control.max_speed_rad_s), f64::from(control.max_acceleration_rad_s2));
         rig.configure(&settings).unwrap();
         rig.arm().unwrap();
-        let (start, turns) = (here(&rig), (2.0 * fastest * fastest / acceleration / TAU).clamp(2.0, 40.0));
+        let (start, turns) = (here_turns(&rig), (2.0 * fastest * fastest / acceleration / TAU).clamp(2.0, 40.0));
         if spring {
             let request = Request { motion: Motion::to(start + turns), timeout_s: Some(60.0), ..Request::default() };
             let impedance = rig.config.impedance(&request).unwrap();
@@ -415,7 +385,7 @@ fn a_rotor_that_is_dragged_away_is_not_followed_for_ever() {
         } else {
             go(&mut rig, start + turns);
         }
-        while here(&rig) < start + turns / 5.0 {
+        while here_turns(&rig) < start + turns / 5.0 {
             rig.wait(0.01);
         }
         rig.plant.set_load(load * torque).unwrap();
@@ -426,10 +396,10 @@ fn a_rotor_that_is_dragged_away_is_not_followed_for_ever() {
             if off {
                 break;
             }
-            let beyond = here(&rig) - start - turns;
+            let beyond = here_turns(&rig) - start - turns;
             farthest = [farthest[0].min(beyond), farthest[1].max(beyond)];
         }
-        let left = here(&rig) - start - turns;
+        let left = here_turns(&rig) - start - turns;
         // Or faster than it may be, before it is so far away.
         let good = match load.abs() < 1.0 {
             // A soft spring gives way.
@@ -443,22 +413,17 @@ fn a_rotor_that_is_dragged_away_is_not_followed_for_ever() {
         );
         (text, good)
     });
-    judge(rows.collect());
+    judge(&rows.collect::<Vec<_>>());
 }
 
 /// A commanded speed, and a load of more than the motor's torque that turns it the other way, no faster than it may turn.
 #[test]
 fn a_motor_that_is_dragged_against_its_speed_is_a_following_error() {
     let names = sim::of("hub", "hub hoverboard direct-drive paper gimbal-7");
-    let motors: Vec<_> = MOTORS.iter().filter(|motor| names.split(' ').any(|name| name == motor.name)).collect();
+    let motors = motors(names);
     let rows = motors.par_iter().map(|motor| {
-        let mut plant = motor.plant(5);
-        plant.bus.regenerative = true;
-        let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), 5).unwrap());
-        let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
-        let mut rig = bench.rig;
+        let (mut rig, mut settings) = commissioned(motor, &on_battery(motor, 5), 5);
         let control = settings.control.as_mut().unwrap();
-        control.guard = GuardSettings { command_timeout_s: 60.0, ..control.guard };
         control.max_regeneration_a = 1000.0;
         let constant = 1.5 * f64::from(settings.pole_pairs) * f64::from(control.flux_linkage_wb);
         let torque = constant * f64::from(control.max_current_a);
@@ -478,5 +443,5 @@ fn a_motor_that_is_dragged_against_its_speed_is_a_following_error() {
         let good = rig.drive.mode() == Mode::Faulted(Fault::FollowingError) && time_s < 4.0;
         (format!("{}: {:?} after {time_s:.2} s", motor.name, rig.drive.mode()), good)
     });
-    judge(rows.collect());
+    judge(&rows.collect::<Vec<_>>());
 }

@@ -2,6 +2,7 @@
 //! The conditions are unkind: the measured voltage is noisy and off by two per cent, the resistor by thirty, and it acts
 //! a period late.
 
+use crate::supply::speed;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::fault::Fault;
@@ -115,10 +116,6 @@ fn what_it_is_told_to_brake_with_stays_below_the_range_that_limits_braking() {
 
 fn no_torque(rig: &mut Rig) {
     rig.command(Command::Current(rig.control().unwrap().current(0.0).unwrap())).unwrap();
-}
-
-fn speed(rig: &mut Rig, radians_s: f32) {
-    rig.command(Command::Speed(rig.control().unwrap().speed(radians_s).unwrap())).unwrap();
 }
 
 #[test]

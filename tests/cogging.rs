@@ -1,5 +1,6 @@
 //! The drive learns the cogging and balances it, against what the simulated motor's magnets do.
 
+use crate::commissioned::motor;
 use hallservo::commutation::Commutation;
 use hallservo::control::cogging::Table;
 use hallservo::drive::Command;
@@ -10,7 +11,6 @@ use hallservo::turn::Use;
 use plant::{Friction, PlantParameters};
 use rayon::prelude::*;
 use rig::Rig;
-use rig::motors::{MOTORS, Motor};
 use sim::experiment::cogging as experiment;
 use sim::statistics::Statistics;
 use std::f64::consts::TAU;
@@ -89,11 +89,6 @@ fn lent_tables_are_two_and_come_back() {
         rig.service.set_anti_cogging(Some(&Table::ZERO)).unwrap();
         rig.wait(0.001);
     }
-}
-
-/// A motor of the list.
-fn motor(name: &str) -> &'static Motor {
-    MOTORS.iter().find(|motor| motor.name == name).unwrap()
 }
 
 /// Where cogging is large beside the noise of the Halls.

@@ -1,5 +1,6 @@
 //! Motors of every impedance, from the default settings and a current limit to speed control.
 
+use crate::commissioned::{judge, motor};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::drive::standstill::Probe;
@@ -144,16 +145,13 @@ fn attempt(case: &Motor, seed: u64, iron: Iron, settings: &Settings, most: &Most
 /// The short form has two of them.
 #[test]
 fn any_motor_is_commissioned_by_its_current_limit() {
-    let hoverboard = MOTORS.iter().find(|motor| motor.name == "hoverboard").unwrap();
+    let hoverboard = motor("hoverboard");
     // At the tenth, the voltage that turned a current round looked like a back-EMF: a heavy rotor was not reached.
     let jobs = MOTORS.iter().flat_map(|case| [1, 2].map(|seed| (case, seed))).step_by(sim::of(20, 1));
     let jobs: Vec<_> = jobs.chain([(hoverboard, 10)]).collect();
     let results: Vec<_> =
         jobs.par_iter().map(|(case, seed)| attempt(case, *seed, Iron::NONE, &case.settings(), &MOST)).collect();
-    for (text, good) in &results {
-        println!("{} {text}", if *good { " " } else { "!" });
-    }
-    assert!(results.iter().all(|(_, good)| *good));
+    judge(&results);
 }
 
 /// At 80 kHz dead times of 0.8 µs are 6 % of a period. The short form has one of 40.
@@ -174,7 +172,7 @@ fn any_motor_is_commissioned_at_twenty_and_at_eighty_kilohertz() {
 /// a phase's current. That was taken for an open phase in a third of the checks. The short form has one drive of six.
 #[test]
 fn a_light_rotor_of_many_pole_pairs_arms_wherever_it_rests() {
-    let case = MOTORS.iter().find(|motor| motor.name == "22-pairs").unwrap();
+    let case = motor("22-pairs");
     (1..=sim::of(1, 6)).into_par_iter().for_each(|seed| {
         let board = switching(case, 20e3);
         let mut plant = case.plant(seed);
@@ -193,8 +191,7 @@ fn a_light_rotor_of_many_pole_pairs_arms_wherever_it_rests() {
 #[test]
 fn a_motor_whose_inductances_differ_and_saturate_is_commissioned_as_well() {
     let jobs = sim::of(&[("paper", 0.2)][..], &[("hub", 0.2), ("22-pairs", 0.2), ("paper", -0.1)]);
-    let jobs =
-        jobs.iter().map(|(name, salience)| (MOTORS.iter().find(|motor| motor.name == *name).unwrap(), *salience));
+    let jobs = jobs.iter().map(|(name, salience)| (motor(name), *salience));
     let results: Vec<_> = jobs
         .par_bridge()
         .map(|(case, salience)| {
@@ -220,7 +217,7 @@ fn complaint(case: &Motor, break_it: impl FnOnce(&mut Rig)) -> String {
 /// It rocks at two speeds as if the same Hall were dead, and turns at another.
 #[test]
 fn a_heavy_rotor_that_rocks_is_not_taken_for_a_dead_hall() {
-    let heavy = MOTORS.iter().find(|motor| motor.name == "paper-heavy").unwrap();
+    let heavy = motor("paper-heavy");
     let heavier = Motor { inertia_kgm2: 3.0 * heavy.inertia_kgm2, ..*heavy };
     let mut bench = Bench::new(Rig::new(&heavier.plant(1), &heavier.settings(), 1).unwrap());
     commission(&mut bench, heavier.settings(), heavier.limit_a).unwrap();
@@ -325,7 +322,7 @@ fn a_calibration_with_the_settings_of_another_motor_keeps_the_current_limit() {
 /// two rotors.
 #[test]
 fn a_heavy_motor_is_commissioned_by_a_small_current() {
-    let heavy = MOTORS.iter().find(|motor| motor.name == "drone-heavy").unwrap();
+    let heavy = motor("drone-heavy");
     [5, 1][..sim::of(1, 2)].par_iter().for_each(|&seed| {
         let heavy = Motor { limit_a: 10.0, ..*heavy };
         let (text, good) = attempt(&heavy, seed, Iron::NONE, &heavy.settings(), &MOST);

@@ -1,6 +1,7 @@
 //! What a lost Hall does while the drive runs on the other two: it gets stuck where it is as the motor turns slowly, it
 //! wanders, heals, or is lost among bad samples.
 
+use crate::commissioned::{commissioned, here_turns, lift_limits, on_battery};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
@@ -10,7 +11,6 @@ use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use rayon::prelude::*;
 use rig::Rig;
-use rig::commissioning::{Bench, commission};
 use rig::motors::{MOTORS, Motor};
 use std::f64::consts::TAU;
 
@@ -33,17 +33,13 @@ fn motors(step: usize) -> impl ParallelIterator<Item = &'static Motor> {
     MOTORS.iter().filter(|motor| motor.name != UNEVEN).step_by(sim::of(step, 1)).par_bridge()
 }
 
-/// A motor, and the settings of a drive that has commissioned it.
-fn commissioned(motor: &Motor) -> (PlantParameters, Settings) {
-    let mut plant = motor.plant(5);
-    plant.bus.regenerative = true;
-    let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), 5).unwrap());
-    let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
+/// A motor, and the settings of a drive that has commissioned it and may run on two Halls.
+fn on_two_halls(motor: &Motor) -> (PlantParameters, Settings) {
+    let plant = on_battery(motor, 5);
+    let (_, mut settings) = commissioned(motor, &plant, 5);
     settings.commutation = Commutation::FieldOriented;
     settings.run_on_two_halls = true;
-    let control = settings.control.as_mut().unwrap();
-    control.max_regeneration_a = 1000.0;
-    control.continuous_current_a = control.max_current_a;
+    lift_limits(&mut settings);
     (plant, settings)
 }
 
@@ -60,7 +56,7 @@ fn turning(plant: &PlantParameters, settings: &Settings, seed: u64, share: f64) 
     rig.arm().unwrap();
     let asked = share * f64::from(settings.control.unwrap().max_speed_rad_s);
     let control = rig.control().unwrap();
-    let here = rig.drive.tracker().position().to_turns() / f64::from(rig.config.pole_pairs.get());
+    let here = here_turns(&rig);
     rig.command(if share == 0.0 {
         Command::Position(control.position(here).unwrap())
     } else {
@@ -98,7 +94,7 @@ fn stuck(plant: &PlantParameters, settings: &Settings, seed: u64, share: f64) ->
 #[test]
 fn a_hall_that_gets_stuck_costs_no_turn() {
     let rows = motors(7).flat_map(|motor| {
-        let (plant, settings) = commissioned(motor);
+        let (plant, settings) = on_two_halls(motor);
         (0..sim::of(6, 12)).into_par_iter().map(move |seed| {
             let share = [0.02, -0.05, 0.1, -0.2, 0.15, -0.03, 0.07][seed as usize % 7];
             (motor.name, seed, share, stuck(&plant, &settings, seed, share))
@@ -124,7 +120,7 @@ fn a_hall_that_gets_stuck_costs_no_turn() {
 #[test]
 fn a_lost_hall_that_wanders_moves_no_rotor_at_rest() {
     motors(7).for_each(|motor| {
-        let (plant, settings) = commissioned(motor);
+        let (plant, settings) = on_two_halls(motor);
         for seed in 0..sim::of(2, 3) {
             let (mut rig, _) = turning(&plant, &settings, seed, 0.0);
             let sensor = (seed % 3) as usize;
@@ -152,7 +148,7 @@ fn a_lost_hall_that_wanders_moves_no_rotor_at_rest() {
 #[test]
 fn a_hall_that_heals_costs_no_turn_when_another_is_lost() {
     motors(7).for_each(|motor| {
-        let (plant, settings) = commissioned(motor);
+        let (plant, settings) = on_two_halls(motor);
         for seed in 0..sim::of(2, 3) {
             let (mut rig, asked) = turning(&plant, &settings, seed, [0.1, -0.05, 0.2][seed as usize]);
             let mut step = 0;
@@ -176,7 +172,7 @@ fn a_hall_that_heals_costs_no_turn_when_another_is_lost() {
 #[test]
 fn bad_samples_after_a_loss_cost_no_turn() {
     motors(7).for_each(|motor| {
-        let (plant, settings) = commissioned(motor);
+        let (plant, settings) = on_two_halls(motor);
         for seed in 0..sim::of(2, 3) {
             let (mut rig, asked) = turning(&plant, &settings, seed, [1.0, -1.0, 0.5][seed as usize]);
             let mut random = Pcg64::seed_from_u64(seed);

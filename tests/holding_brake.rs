@@ -1,32 +1,23 @@
 //! A holding brake, as vertical axes have: closed while nothing is powered, opened when the drive has armed.
 
+use crate::commissioned::{commissioned, here_turns, judge, lift_limits, on_battery, torque_nm};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use rayon::prelude::*;
 use rig::Rig;
-use rig::commissioning::{Bench, commission};
 use rig::motors::{MOTORS, Motor};
 use std::f64::consts::TAU;
 
 /// A commissioned motor whose brake is closed.
 fn braked(motor: &Motor, seed: u64) -> Rig {
-    let mut plant = motor.plant(seed);
-    plant.bus.regenerative = true;
-    let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), seed).unwrap());
-    let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
-    let mut rig = bench.rig;
-    let control = settings.control.as_mut().unwrap();
-    (control.continuous_current_a, control.max_regeneration_a) = (control.max_current_a, 1000.0);
+    let (mut rig, mut settings) = commissioned(motor, &on_battery(motor, seed), seed);
+    lift_limits(&mut settings);
     rig.configure(&settings).unwrap();
     rig.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
     rig.plant.set_dyno(Some(0.0)).unwrap();
     rig
-}
-
-fn torque_nm(motor: &Motor, rig: &Rig) -> f64 {
-    1.5 * f64::from(motor.pairs) * motor.flux_vs * f64::from(rig.control().unwrap().largest_current_a())
 }
 
 #[derive(Clone, Copy, Debug)]
@@ -37,9 +28,8 @@ enum Hold {
 
 fn hold(rig: &mut Rig, how: Hold) {
     let control = *rig.control().unwrap();
-    let here = rig.drive.tracker().position().to_turns() / f64::from(rig.config.pole_pairs.get());
     let command = match how {
-        Hold::Position => Command::Position(control.position(here).unwrap()),
+        Hold::Position => Command::Position(control.position(here_turns(rig)).unwrap()),
         Hold::Still => Command::Speed(control.speed(0.0).unwrap()),
     };
     rig.command(command).unwrap();
@@ -61,7 +51,7 @@ fn a_load_that_a_brake_lets_go_is_no_wrong_commutation() {
         hold(&mut rig, how);
         rig.wait(0.2);
         let from = rig.plant.truth().mechanical_angle_rad;
-        rig.plant.set_load(load * torque_nm(motor, &rig)).unwrap();
+        rig.plant.set_load(load * torque_nm(motor, rig.control().unwrap().largest_current_a().into())).unwrap();
         rig.plant.set_dyno(None).unwrap();
         let mut farthest = 0.0_f64;
         rig.run(2.0, |rig, _| farthest = farthest.max((rig.plant.truth().mechanical_angle_rad - from).abs()));
@@ -69,11 +59,7 @@ fn a_load_that_a_brake_lets_go_is_no_wrong_commutation() {
         let (turns, mode) = (farthest / TAU, rig.drive.mode());
         (format!("{} {load} {how:?}: {mode:?}, {turns:.2} turns", motor.name), still && mode == Mode::Running)
     });
-    let rows: Vec<_> = rows.collect();
-    for (text, good) in &rows {
-        println!("{} {text}", if *good { " " } else { "!" });
-    }
-    assert!(rows.iter().all(|(_, good)| *good));
+    judge(&rows.collect::<Vec<_>>());
 }
 
 /// Off, without a fault, at rest behind the closed brake.
@@ -95,7 +81,7 @@ fn rest(rig: &mut Rig, angle_rad: f64) {
 /// check ends, and whether the load is held.
 fn open_during_check(motor: &Motor, rig: &mut Rig, load: f64, ms: u32) -> (Mode, Mode, bool) {
     rest(rig, 0.3 + 0.01 * f64::from(ms));
-    rig.plant.set_load(load * torque_nm(motor, rig)).unwrap();
+    rig.plant.set_load(load * torque_nm(motor, rig.control().unwrap().largest_current_a().into())).unwrap();
     rig.command(Command::Arm).unwrap();
     rig.wait(1e-3 * f64::from(ms));
     rig.plant.set_dyno(None).unwrap();

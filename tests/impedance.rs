@@ -1,6 +1,7 @@
 //! Impedance control at simulated motors: stiffness and damping as commanded, and passive at a hard wall, whatever rotor,
 //! load and bearings.
 
+use crate::commissioned::here_turns;
 use crate::known;
 use hallservo::commutation::Commutation;
 use hallservo::control::impedance::{Motion, Request};
@@ -80,10 +81,6 @@ fn rig(seed: u64) -> Rig {
 fn follow(rig: &mut Rig, request: &Request) {
     let impedance = rig.config.impedance(request).unwrap_or_else(|error| panic!("{error}"));
     rig.command(Command::Impedance(Box::leak(Box::new(impedance)))).unwrap();
-}
-
-fn here_turns(rig: &Rig) -> f64 {
-    rig.drive.tracker().position().to_turns() / f64::from(rig.config.pole_pairs.get())
 }
 
 /// A spring at a place in turns, at once.

@@ -1,11 +1,11 @@
 //! A mass that is mounted on the shaft after commissioning, which the settings do not know.
 
+use crate::commissioned::{commissioned, here_turns, judge, motors, torque_nm};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use rayon::prelude::*;
 use rig::Rig;
-use rig::commissioning::{Bench, commission};
 use rig::motors::{MOTORS, Motor};
 
 /// Those that turn round within a second or two at most. The others are as heavy as wheels before anything is mounted, and
@@ -19,9 +19,7 @@ const AWAY: f64 = 0.03;
 /// acceleration.
 fn loaded(motor: &Motor, times: f64, faster: f32) -> Rig {
     let plant = motor.plant(5);
-    let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), 5).unwrap());
-    let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
-    let mut rig = bench.rig;
+    let (mut rig, mut settings) = commissioned(motor, &plant, 5);
     let control = settings.control.as_mut().unwrap();
     control.continuous_current_a = control.max_current_a;
     control.max_acceleration_rad_s2 *= faster;
@@ -31,19 +29,15 @@ fn loaded(motor: &Motor, times: f64, faster: f32) -> Rig {
     rig
 }
 
-fn here(rig: &Rig) -> f64 {
-    rig.drive.tracker().position().to_turns() / f64::from(rig.config.pole_pairs.get())
-}
-
 /// Goes so many turns on. How far from there it is at most in the last two of twelve seconds, and the effective current.
 fn go(rig: &mut Rig, motor: &Motor, turns: f64) -> (f64, f64) {
-    let goal = here(rig) + turns;
+    let goal = here_turns(rig) + turns;
     rig.command(Command::Position(rig.control().unwrap().position(goal).unwrap())).unwrap();
     rig.wait(10.0);
-    let constant = 1.5 * f64::from(motor.pairs) * motor.flux_vs;
+    let constant = torque_nm(motor, 1.0);
     let (mut away, mut square, mut count) = (0.0_f64, 0.0, 0.0);
     rig.run(2.0, |rig, period| {
-        away = away.max((here(rig) - goal).abs());
+        away = away.max((here_turns(rig) - goal).abs());
         square += (period.truth.torque_nm / constant).powi(2);
         count += 1.0;
     });
@@ -72,11 +66,7 @@ fn a_mass_that_is_mounted_later_does_not_swing_for_ever() {
         }
         (text, good)
     });
-    let rows: Vec<_> = rows.collect();
-    for (text, good) in &rows {
-        println!("{} {text}", if *good { " " } else { "!" });
-    }
-    assert!(rows.iter().all(|(_, good)| *good));
+    judge(&rows.collect::<Vec<_>>());
 }
 
 /// Long moves to and fro against a friction of 0.3 of the torque, as of a machine with gears, are no swing: the eighth
@@ -84,14 +74,13 @@ fn a_mass_that_is_mounted_later_does_not_swing_for_ever() {
 #[test]
 fn friction_is_no_mass() {
     let names = sim::of("paper", "paper drone-15uh gimbal-7 20ohm direct-drive");
-    let motors: Vec<_> = MOTORS.iter().filter(|motor| names.split(' ').any(|name| name == motor.name)).collect();
-    let rows = motors.par_iter().map(|motor| {
+    let rows = motors(names).into_par_iter().map(|motor| {
         let mut rig = loaded(motor, 1.0, 1.2);
         rig.arm().unwrap();
         let control = *rig.control().unwrap();
-        let torque = 1.5 * f64::from(motor.pairs) * motor.flux_vs * f64::from(control.largest_current_a());
+        let torque = torque_nm(motor, control.largest_current_a().into());
         let fastest = f64::from(control.largest_speed_rad_s());
-        let (start, turns) = (here(&rig), 3.0 * fastest / std::f64::consts::TAU);
+        let (start, turns) = (here_turns(&rig), 3.0 * fastest / std::f64::consts::TAU);
         let times_s: Vec<_> = (0..8)
             .map(|k| {
                 let goal = start + if k % 2 == 0 { turns } else { 0.0 };
@@ -102,7 +91,7 @@ fn friction_is_no_mass() {
                     rig.plant.set_load(0.3 * torque * (speed / (1e-3 * fastest)).clamp(-1.0, 1.0)).unwrap();
                     rig.wait(5e-4);
                     time_s += 5e-4;
-                    if (here(&rig) - goal).abs() > AWAY {
+                    if (here_turns(&rig) - goal).abs() > AWAY {
                         arrived_s = time_s;
                     }
                 }
@@ -112,9 +101,5 @@ fn friction_is_no_mass() {
         let good = rig.drive.mode() == Mode::Running && times_s[7] < 1.1 * times_s[1] + 0.05;
         (format!("{}: {:?}, {times_s:.3?} s", motor.name, rig.drive.mode()), good)
     });
-    let rows: Vec<_> = rows.collect();
-    for (text, good) in &rows {
-        println!("{} {text}", if *good { " " } else { "!" });
-    }
-    assert!(rows.iter().all(|(_, good)| *good));
+    judge(&rows.collect::<Vec<_>>());
 }

@@ -1,12 +1,12 @@
 //! What is left of the push of the check at arming: where nothing is commanded after it, the drive holds a speed of zero; and a
 //! rotor too heavy to be pushed rolls on while it is held.
 
+use crate::commissioned::{commissioned, motor, on_battery};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use rayon::prelude::*;
 use rig::Rig;
-use rig::commissioning::{Bench, commission};
 use rig::motors::{MOTORS, Motor};
 
 /// Without friction, it turns while it is checked as often as not, which proves nothing: then no speed is held.
@@ -14,14 +14,10 @@ const TURNS: &str = "gimbal-loose";
 /// Heavy, or with little friction.
 const ROLLING: [&str; 4] = ["drone-heavy", "drone-loose", "paper-heavy", "hoverboard"];
 
-/// Commissioned, on a supply that takes back what braking returns, and at rest.
-fn commissioned(motor: &Motor, seed: u64) -> Rig {
-    let mut plant = motor.plant(seed);
-    plant.bus.regenerative = true;
-    let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), seed).unwrap());
-    let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
+/// Commissioned, and at rest.
+fn at_rest(motor: &Motor, seed: u64) -> Rig {
+    let (mut rig, mut settings) = commissioned(motor, &on_battery(motor, seed), seed);
     settings.commutation = Commutation::FieldOriented;
-    let mut rig = bench.rig;
     rig.configure(&settings).unwrap();
     place(&mut rig, 0.3, 0.0);
     rig
@@ -58,7 +54,7 @@ fn a_shaft_that_nobody_commands_stands_after_the_check() {
         .flat_map(|motor| (1..=sim::of(1, 3)).map(move |seed| (motor, seed)))
         .collect();
     motors.par_iter().for_each(|&(motor, seed)| {
-        let mut rig = commissioned(motor, seed);
+        let mut rig = at_rest(motor, seed);
         for place_rad in [0.3, 0.67, 1.04, 1.41] {
             place(&mut rig, place_rad, 0.0);
             let way_deg = farthest_deg(motor, &mut rig);
@@ -72,9 +68,9 @@ fn a_shaft_that_nobody_commands_stands_after_the_check() {
 /// A torque that is commanded is followed, whenever it comes.
 #[test]
 fn a_torque_commanded_after_the_check_is_followed() {
-    let motor = MOTORS.iter().find(|motor| motor.name == "paper-heavy").unwrap();
+    let motor = motor("paper-heavy");
     for after_s in [0.0, 0.02, 0.1, 0.3] {
-        let mut rig = commissioned(motor, 1);
+        let mut rig = at_rest(motor, 1);
         rig.arm().unwrap();
         rig.wait(after_s);
         let control = *rig.control().unwrap();
@@ -90,8 +86,7 @@ fn a_torque_commanded_after_the_check_is_followed() {
 /// A rotor that turns when the drive is armed turns on.
 #[test]
 fn a_rotor_that_turns_when_armed_is_not_braked() {
-    let motor = MOTORS.iter().find(|motor| motor.name == "paper-heavy").unwrap();
-    let mut rig = commissioned(motor, 1);
+    let mut rig = at_rest(motor("paper-heavy"), 1);
     for speed_rad_s in [-60.0, 60.0] {
         place(&mut rig, 0.3, speed_rad_s);
         rig.arm().unwrap();
@@ -111,7 +106,7 @@ fn a_heavy_mass_that_is_mounted_later_is_no_wrong_commutation() {
         .flat_map(|motor| (1..=sim::of(1, 2)).map(move |seed| (motor, seed)))
         .collect();
     motors.par_iter().for_each(|&(motor, seed)| {
-        let mut rig = commissioned(motor, seed);
+        let mut rig = at_rest(motor, seed);
         for times in sim::of(vec![20.0], vec![5.0, 10.0, 20.0, 50.0]) {
             rig.plant.set_inertia(motor.inertia_kgm2 * times).unwrap();
             for k in 0..sim::of(4, 12) {

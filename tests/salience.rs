@@ -1,5 +1,6 @@
 //! Motors whose inductances along and across the magnets' field differ: what is measured of them, and what is made of it.
 
+use crate::commissioned::judge;
 use crate::supply::{self, Case, speed};
 use crate::weakening::length;
 use hallservo::commutation::Commutation;
@@ -70,10 +71,7 @@ fn the_saliency_is_measured_within_its_error() {
             }
         })
         .collect();
-    for (text, good) in &results {
-        println!("{} {text}", if *good { " " } else { "!" });
-    }
-    assert!(results.iter().all(|(_, good)| *good));
+    judge(&results);
 }
 
 /// Magnets inside the rotor: 0.6 mH along them and 1.4 mH across, of which the drive knows what it is told.

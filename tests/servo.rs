@@ -1,5 +1,6 @@
 //! Torque, speed and position control against the simulated motor.
 
+use crate::commissioned::here_turns;
 use hallservo::angle::ElectricalAngle;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
@@ -46,10 +47,10 @@ fn every_commutation_controls_current_speed_and_position() {
         rig.run(0.2, |_, period| (speed, count) = (speed + period.truth.speed_rad_s, count + 1.0));
         assert!((speed / count + 100.0).abs() < 0.5, "{commutation:?} {}", speed / count);
 
-        let here = rig.drive.tracker().position().to_turns() / 4.0;
+        let here = here_turns(&rig);
         rig.command(Command::Position(rig.control().unwrap().position(here + 3.25).unwrap())).unwrap();
         rig.wait(0.8);
-        let there = rig.drive.tracker().position().to_turns() / 4.0;
+        let there = here_turns(&rig);
         assert!((there - here - 3.25).abs() < 1e-3, "{commutation:?} {} {:?}", there - here, rig.drive.mode());
         assert_eq!(rig.drive.mode(), Mode::Running);
     }

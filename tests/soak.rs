@@ -4,6 +4,7 @@
 //! The short form takes one motor and what has found faults, `FULL=1 cargo test --test all soak` every motor, and
 //! `ROTORS=20 cargo test --test all soak -- --nocapture` twenty relatives of each.
 
+use crate::commissioned::{motor, torque_nm};
 use hallservo::commutation::Commutation;
 use hallservo::control::impedance::{Motion, Request};
 use hallservo::drive::Command;
@@ -69,7 +70,7 @@ impl Soak {
         rig.wait(0.5);
         rig.command(Command::Commutate(Commutation::FieldOriented)).map_err(|error| error.to_string())?;
         rig.arm().map_err(|error| error.to_string())?;
-        let torque_nm = 1.5 * f64::from(motor.pairs) * motor.flux_vs * f64::from(motor.limit_a);
+        let torque_nm = torque_nm(&motor, motor.limit_a.into());
         Ok(Self { motor, rig, random, torque_nm, told: Vec::new() })
     }
 
@@ -185,7 +186,7 @@ fn any_order_of_commands_leaves_a_healthy_drive_running() {
     let rotors = sim::rotors(1);
     let motors = MOTORS.iter().step_by(sim::of(20, 1));
     let first = motors.flat_map(|motor| (1..=rotors).map(move |seed| (motor, seed)));
-    let found = FOUND.iter().map(|&(name, seed)| (MOTORS.iter().find(|motor| motor.name == name).unwrap(), seed));
+    let found = FOUND.iter().map(|&(name, seed)| (motor(name), seed));
     let jobs: Vec<_> = first.chain(found.filter(|&(_, seed)| seed > rotors)).collect();
     let faults: Vec<_> = jobs
         .par_iter()

@@ -1,5 +1,6 @@
 //! Supervision of a running drive: nothing turns the wrong way, runs away, or pretends to follow.
 
+use crate::commissioned::{commissioned, here_turns, motor, motors, torque_nm};
 use crate::{known, supply};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
@@ -9,7 +10,6 @@ use hallservo::settings::{Control, GuardSettings, OnStopFailure, OnTimeout, Sett
 use plant::{AmplifierFault, PlantParameters, Wires};
 use rayon::prelude::*;
 use rig::Rig;
-use rig::commissioning::{Bench, commission};
 use rig::motors::MOTORS;
 
 const COMMUTATIONS: [Commutation; 3] = [Commutation::FieldOriented, Commutation::Sinusoidal, Commutation::Block];
@@ -63,7 +63,7 @@ enum Follow {
 
 fn follow(rig: &mut Rig, what: Follow) {
     let control = *rig.control().unwrap();
-    let here = rig.drive.tracker().position().to_turns() / f64::from(rig.config.pole_pairs.get());
+    let here = here_turns(rig);
     rig.command(match what {
         Follow::Torque(current) => Command::Current(control.current(current).unwrap()),
         Follow::Speed(speed) => Command::Speed(control.speed(speed).unwrap()),
@@ -315,14 +315,13 @@ fn a_blocked_move_waits_and_does_not_shoot_afterwards() {
 
 /// Bounds of the position, by how much a rotor left them at most, in turns, and in which mode that ended.
 fn left_its_bounds(rig: &mut Rig, [least, most]: [f64; 2], command: Follow, seconds: f64) -> (f64, Mode) {
-    let turns = |rig: &Rig| rig.drive.tracker().position().to_turns() / f64::from(rig.config.pole_pairs.get());
     let mut farthest = 0.0_f64;
     // As a tool sends it again and again.
     for _ in 0..(seconds / 0.05) as u32 {
         if rig.drive.mode() == Mode::Running {
             follow(rig, command);
         }
-        rig.run(0.05, |rig, _| farthest = farthest.max(turns(rig) - most).max(least - turns(rig)));
+        rig.run(0.05, |rig, _| farthest = farthest.max(here_turns(rig) - most).max(least - here_turns(rig)));
     }
     (farthest, rig.drive.mode())
 }
@@ -359,14 +358,12 @@ fn any_rotor_stays_within_its_bounds() {
     let motors = MOTORS.iter().filter(|motor| motor.name != "drone-heavy");
     let jobs: Vec<_> = motors.skip(sim::of(2, 0)).step_by(sim::of(5, 1)).collect();
     jobs.par_iter().for_each(|motor| {
-        let mut bench = Bench::new(Rig::new(&motor.plant(3), &motor.settings(), 3).unwrap());
-        let mut settings = commission(&mut bench, motor.settings(), motor.limit_a).unwrap().settings;
-        let mut rig = bench.rig;
+        let (mut rig, mut settings) = commissioned(motor, &motor.plant(3), 3);
         settings.commutation = Commutation::FieldOriented;
         let Control { max_speed_rad_s, max_acceleration_rad_s2, .. } = settings.control.unwrap();
         // A way in which the largest speed is reached.
         let way = f64::from(max_speed_rad_s.powi(2) / max_acceleration_rad_s2) / std::f64::consts::TAU + 2.0;
-        let here = rig.drive.tracker().position().to_turns() / f64::from(motor.pairs);
+        let here = here_turns(&rig);
         let bounds = [here - way, here + way];
         let [min_position_turns, max_position_turns] = bounds.map(|bound| bound as f32);
         settings.control =
@@ -390,14 +387,11 @@ fn any_rotor_stays_within_its_bounds() {
 /// also after a while without a current: none is taken for an open phase.
 #[test]
 fn a_torque_that_steps_is_no_open_phase() {
-    let names = ["hub", "hoverboard", "paper", "gimbal-7"];
-    let motors: Vec<_> = MOTORS.iter().filter(|motor| names.contains(&motor.name)).collect();
+    let motors = motors("hub hoverboard paper gimbal-7");
     let jobs: Vec<_> =
         motors.iter().flat_map(|motor| [5, 8].map(|seed| (*motor, seed))).step_by(sim::of(3, 1)).collect();
     jobs.par_iter().for_each(|&(motor, seed)| {
-        let mut bench = Bench::new(Rig::new(&motor.plant(seed), &motor.settings(), seed).unwrap());
-        commission(&mut bench, motor.settings(), motor.limit_a).unwrap();
-        let mut rig = bench.rig;
+        let (mut rig, _) = commissioned(motor, &motor.plant(seed), seed);
         rig.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
         rig.arm().unwrap();
         let half_a = 0.5 * rig.control().unwrap().largest_current_a();
@@ -472,10 +466,8 @@ fn a_stop_that_fails_brakes_for_as_long_as_the_shaft_is_turned() {
 #[test]
 fn a_load_that_wins_after_off_and_on_at_speed_is_no_wrong_commutation() {
     for name in ["20mohm", "drone-heavy", "gimbal-11", "hub", "paper"].into_iter().step_by(sim::of(2, 1)) {
-        let motor = MOTORS.iter().find(|motor| motor.name == name).unwrap();
-        let mut bench = Bench::new(Rig::new(&motor.plant(1), &motor.settings(), 1).unwrap());
-        commission(&mut bench, motor.settings(), motor.limit_a).unwrap();
-        let mut rig = bench.rig;
+        let motor = motor(name);
+        let (mut rig, _) = commissioned(motor, &motor.plant(1), 1);
         rig.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
         rig.arm().unwrap();
         let control = *rig.control().unwrap();
@@ -487,7 +479,7 @@ fn a_load_that_wins_after_off_and_on_at_speed_is_no_wrong_commutation() {
         rig.arm().unwrap();
         let current_a = 0.3 * control.largest_current_a();
         rig.command(Command::Current(control.current(-current_a).unwrap())).unwrap();
-        let torque_nm = 1.5 * f64::from(motor.pairs) * motor.flux_vs * f64::from(current_a);
+        let torque_nm = torque_nm(motor, current_a.into());
         rig.plant.set_load(-2.0 * torque_nm).unwrap();
         let before = rig.plant.truth().speed_rad_s;
         while rig.plant.truth().speed_rad_s < 2.5 * before {

@@ -1,5 +1,6 @@
 //! Braking into a supply that takes nothing back, and driving from one that gives little.
 
+use crate::commissioned::{commissioned, motors, on_battery};
 use crate::known;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
@@ -9,7 +10,6 @@ use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{BackEmf, Cogging, PlantParameters};
 use rayon::prelude::*;
 use rig::Rig;
-use rig::commissioning::{Bench, commission};
 use rig::motors::{MOTORS, Motor};
 
 /// A motor and its supply as they are, and what the drive is told.
@@ -88,13 +88,18 @@ pub(crate) fn drone() -> Case {
 }
 
 /// A wheel: 0.1 Ω, 0.2 mH, 15 pole pairs, 0.05 kg·m².
-pub(crate) fn hub() -> Case {
+pub(crate) fn wheel() -> PlantParameters {
     let mut plant = PlantParameters::imperfect(3).with_pole_pairs(15);
     plant.motor.resistance_ohm = 0.1;
     plant.motor.inductance_h = 0.2e-3;
     plant.motor.back_emf = BackEmf::sinusoidal(0.018);
     plant.motor.inertia_kgm2 = 0.05;
     plant.motor.cogging = [Cogging::NONE; 2];
+    plant
+}
+
+pub(crate) fn hub() -> Case {
+    let mut plant = wheel();
     plant.inverter.switch_ohm = 4e-3;
     plant.bus.capacitance_f = 1000e-6;
     let control = strong(
@@ -267,14 +272,8 @@ fn with_local_feedback_the_bus_stays_within_its_limit() {
 /// noise of the measured speed asks.
 #[test]
 fn with_local_feedback_a_speed_is_held_just_below_the_limit_of_the_bus() {
-    let motors: Vec<_> =
-        MOTORS.iter().filter(|motor| ["paper", "20mohm", "gimbal-loose"].contains(&motor.name)).collect();
-    motors.par_iter().for_each(|motor| {
-        let mut plant = motor.plant(1);
-        plant.bus.regenerative = true;
-        let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), 1).unwrap());
-        commission(&mut bench, motor.settings(), motor.limit_a).unwrap();
-        let mut rig = bench.rig;
+    motors("paper 20mohm gimbal-loose").into_par_iter().for_each(|motor| {
+        let (mut rig, _) = commissioned(motor, &on_battery(motor, 1), 1);
         rig.command(Command::Commutate(Commutation::Sinusoidal)).unwrap();
         rig.plant.set_supply(31.0).unwrap();
         rig.arm().unwrap();
@@ -315,9 +314,7 @@ fn commissioned_motors_brake_with_local_feedback() {
         .flat_map_iter(|motor| {
             let mut plant = motor.plant(1);
             plant.bus.capacitance_f = small_capacitor(motor);
-            let mut bench = Bench::new(Rig::new(&plant, &motor.settings(), 1).unwrap());
-            commission(&mut bench, motor.settings(), motor.limit_a).unwrap();
-            let mut rig = bench.rig;
+            let (mut rig, _) = commissioned(motor, &plant, 1);
             let most = rig.control().unwrap().largest_speed_rad_s();
             let mut rows = vec![];
             for commutation in [Commutation::Sinusoidal, Commutation::Block] {

@@ -1,11 +1,13 @@
 //! The length of the current's vector is what is commanded, whatever the commutation and the speed.
 
+use crate::commissioned::here_turns;
 use crate::known;
+use crate::supply::wheel;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
-use plant::{BackEmf, Cogging, PlantParameters};
+use plant::PlantParameters;
 use rig::Rig;
 
 /// A motor with its settings, and its full speed.
@@ -20,12 +22,7 @@ fn default_motor() -> Case {
 
 /// 0.1 Ω and 0.2 mH: at full speed its reactance is as large as its resistance.
 fn hub() -> Case {
-    let mut plant = PlantParameters::imperfect(3).with_pole_pairs(15);
-    plant.motor.resistance_ohm = 0.1;
-    plant.motor.inductance_h = 0.2e-3;
-    plant.motor.back_emf = BackEmf::sinusoidal(0.018);
-    plant.motor.inertia_kgm2 = 0.05;
-    plant.motor.cogging = [Cogging::NONE; 2];
+    let mut plant = wheel();
     plant.current_sense.gain = 1.65 / 60.0;
     let guard = GuardSettings {
         over_current_a: 35.0,
@@ -108,13 +105,13 @@ fn the_vector_is_no_longer_than_what_is_commanded() {
 fn a_wheel_moves_to_a_position_without_an_over_current() {
     for commutation in COMMUTATIONS {
         let mut rig = armed(&hub(), commutation);
-        let here = rig.drive.tracker().position().to_turns() / 15.0;
+        let here = here_turns(&rig);
         rig.command(Command::Position(rig.control().unwrap().position(here + 8.0).unwrap())).unwrap();
         let mut longest = 0.0_f64;
         rig.run(4.0, |_, period| {
             longest = longest.max((period.truth.currents_a.iter().map(|i| i * i).sum::<f64>() / 1.5).sqrt());
         });
-        let there = rig.drive.tracker().position().to_turns() / 15.0;
+        let there = here_turns(&rig);
         println!("{commutation:?}: {longest:.1} A, {:.4} turns, {:?}", there - here, rig.drive.mode());
         assert_eq!(rig.drive.mode(), Mode::Running);
     }

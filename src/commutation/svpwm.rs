@@ -294,7 +294,7 @@ mod tests {
         // The vector along q at −90° is along phase A.
         let rotation = Rotation::at(ElectricalAngle::from_degrees(-90.0));
         let line = |current: i32| {
-            let [a, b, c] = modulator.compare(rotation, Dq { d: 0, q: 0 }, current).0.map(i32::from);
+            let [a, b, c] = modulator.compare(rotation, Dq::ZERO, current).0.map(i32::from);
             assert_eq!(b, c);
             a - b
         };

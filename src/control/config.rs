@@ -117,13 +117,7 @@ impl Config {
         let Control { position_bandwidth_hz: position_hz, max_acceleration_rad_s2, .. } = *settings;
         let (amperes, volts) = (settings.current_full_scale_a, settings.bus_full_scale_v);
         let scale = Scale { step_hz: frame.pwm_hz, amperes, volts, pole_pairs: frame.pole_pairs.into() };
-        let motor = Motor {
-            resistance_ohm: settings.resistance_ohm,
-            inductance_h: settings.inductance_h,
-            saliency: settings.saliency,
-            flux_linkage_wb: settings.flux_linkage_wb,
-            inertia_kgm2: settings.inertia_kgm2,
-        };
+        let motor = Motor::of(settings);
         let ramp = settings.dead_time_ramp_a * scale.per_ampere();
         let max_current = settings.max_current_a * scale.per_ampere();
         let fastest_hz = frame.max_electrical_hz;
@@ -138,14 +132,7 @@ impl Config {
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,
             local: LocalGains::new(&motor, settings.feedback, current_hz, &scale)
                 .ok_or(gain("current_bandwidth_hz", current_hz))?,
-            velocity: velocity::Gains::new(&motor, speed_hz, loop_hz, &scale).map_err(|why| match why {
-                TooLarge::BandwidthHz(max) => {
-                    Error::OutOfRange { field: "speed_bandwidth_hz", value: speed_hz, min: 0.0, max }
-                }
-                TooLarge::InertiaKgm2(max) => {
-                    Error::OutOfRange { field: "inertia_kgm2", value: settings.inertia_kgm2, min: 0.0, max }
-                }
-            })?,
+            velocity: velocity::Gains::new(&motor, speed_hz, loop_hz, &scale).map_err(|why| why.of(settings))?,
             position: position::Gain::new(position_hz, loop_hz).ok_or(gain("position_bandwidth_hz", position_hz))?,
             trajectory: trajectory::Limits::new((acceleration as i32).max(1), speed as i32)
                 .ok_or(gain("max_acceleration_rad_s2", max_acceleration_rad_s2))?,
@@ -160,16 +147,8 @@ impl Config {
             modulator: svpwm::Modulator::new(frame.period, frame.dead_time, &frame.limits, longest, frame.reversed),
             ramp: (svpwm::RAMP as f32 / ramp.max(1.0)) as i32,
             dead_time_saturation: (RAMPS as f32 * ramp.max(1.0)) as i32,
-            // A back-EMF of a fiftieth of the bus divider's full scale.
-            trim_from: (volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * TURN).min(536_870_912.0) as i32,
-            // There, a time constant of half a second on a bus of the full scale: an electrical radian over that
-            // voltage and the corrections of the time.
-            trim_gain: (TURN
-                / TAU
-                / (svpwm::LONGEST as f32 / longest / 50.0)
-                / (0.5 * scale.step_hz / (2 * LONG) as f32)
-                * 16_777_216.0)
-                .clamp(1.0, 2_147_483_520.0) as i32,
+            trim_from: trim_from(&motor, &scale),
+            trim_gain: trim_gain(longest, &scale),
             hall_delay: nearest(settings.hall_delay_us * 256e-6 * scale.step_hz).clamp(-32_768, 32_767) as i16,
             hall_coil: nearest(settings.hall_coil_deg_a / scale.per_ampere() * (TURN / 360.0)),
             scale,
@@ -189,14 +168,7 @@ impl Config {
             chopper: Chopper::NONE,
             guard: Guard::default(),
         });
-        // A much larger gain than the speed loop's, where the largest speed is small, would make a current of the speed's
-        // noise.
-        let own = config.velocity.proportional();
-        config.torque_gain = config.torque_gain.min(own.saturating_mul(3)).max(own);
-        // All torque at half the largest speed still, or what of it is left half way to where the speed is a fault.
-        let fade = max_current * TURN / config.torque_gain as f32;
-        let farthest = 1.15 * speed + SPEED_NOISE_HZ / 2.0 / scale.step_hz * TURN;
-        config.torque_ends = config.torque_ends.max((0.5 * speed + fade).min(farthest) as i32);
+        config.fade_torque(max_current, speed);
         config.motion = Motion::new(settings, frame, &motor, &scale);
         config.arming = ArmingCheck::new(settings, frame, &scale);
         config.overload = Overload::new(settings, &scale);
@@ -213,6 +185,58 @@ impl Config {
         }
         config.guard = Guard::new(settings, frame.adc_bits, loop_hz, &scale);
         Ok(())
+    }
+
+    /// How a commanded torque ends about the largest speed.
+    #[inline(always)]
+    fn fade_torque(&mut self, max_current: f32, speed: f32) {
+        // A much larger gain than the speed loop's, where the largest speed is small, would make a current of the speed's
+        // noise.
+        let own = self.velocity.proportional();
+        self.torque_gain = self.torque_gain.min(own.saturating_mul(3)).max(own);
+        // All torque at half the largest speed still, or what of it is left half way to where the speed is a fault.
+        let fade = max_current * TURN / self.torque_gain as f32;
+        let farthest = 1.15 * speed + SPEED_NOISE_HZ / 2.0 / self.scale.step_hz * TURN;
+        self.torque_ends = self.torque_ends.max((0.5 * speed + fade).min(farthest) as i32);
+    }
+}
+
+/// Speed of a back-EMF of a fiftieth of the bus divider's full scale.
+#[inline(always)]
+fn trim_from(motor: &Motor, scale: &Scale) -> i32 {
+    (scale.volts / 50.0 / motor.flux_linkage_wb / TAU / scale.step_hz * TURN).min(536_870_912.0) as i32
+}
+
+/// There, a time constant of half a second on a bus of the full scale: an electrical radian over that voltage and the
+/// corrections of the time.
+#[inline(always)]
+fn trim_gain(longest: f32, scale: &Scale) -> i32 {
+    let corrections = 0.5 * scale.step_hz / (2 * LONG) as f32;
+    (TURN / TAU / (svpwm::LONGEST as f32 / longest / 50.0) / corrections * 16_777_216.0).clamp(1.0, 2_147_483_520.0)
+        as i32
+}
+
+impl TooLarge {
+    /// As the setting that is at fault.
+    #[inline(always)]
+    const fn of(self, settings: &Control) -> Error<'static> {
+        let (field, value, max) = match self {
+            Self::BandwidthHz(max) => ("speed_bandwidth_hz", settings.speed_bandwidth_hz, max),
+            Self::InertiaKgm2(max) => ("inertia_kgm2", settings.inertia_kgm2, max),
+        };
+        Error::OutOfRange { field, value, min: 0.0, max }
+    }
+}
+
+impl Motor {
+    const fn of(settings: &Control) -> Self {
+        Self {
+            resistance_ohm: settings.resistance_ohm,
+            inductance_h: settings.inductance_h,
+            saliency: settings.saliency,
+            flux_linkage_wb: settings.flux_linkage_wb,
+            inertia_kgm2: settings.inertia_kgm2,
+        }
     }
 }
 
@@ -244,7 +268,7 @@ impl Config {
         (self.gains, self.local) = (other.gains, other.local);
         (self.velocity, self.position, self.current_rad_s) = (other.velocity, other.position, other.current_rad_s);
         self.torque_gain = other.torque_gain;
-        self.motion.model.asked = other.motion.model.asked;
+        self.motion.model.proportional = other.motion.model.proportional;
         (self.arming.averages, self.arming.lag) = (other.arming.averages, other.arming.lag);
         self.motion.reserve = other.motion.reserve;
     }

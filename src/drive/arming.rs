@@ -359,10 +359,9 @@ impl Arming {
 
     /// The present voltage, along a phase or against it.
     fn along_phase(&self, config: &Config) -> Step {
-        let against = if self.vector & 1 == 0 { 0 } else { i32::MIN };
-        let phase = if self.vector < 2 { 0 } else { THIRD };
-        let angle = ElectricalAngle::from_bits(against.wrapping_add(phase));
-        Step::Output(turned(self.modulation, angle, PhaseOrder::FORWARD, config))
+        let against = if self.vector & 1 == 0 { ElectricalAngle::ZERO } else { ElectricalAngle::HALF };
+        let phase = if self.vector < 2 { ElectricalAngle::ZERO } else { ElectricalAngle::THIRD };
+        Step::Output(turned(self.modulation, against + phase, PhaseOrder::FORWARD, config))
     }
 }
 
@@ -370,9 +369,6 @@ impl Arming {
 fn turns(rotor: &Tracker, control: &Control) -> bool {
     rotor.speed().unsigned_abs() > control.arming.turns.unsigned_abs()
 }
-
-/// A third of a turn.
-const THIRD: i32 = 1_431_655_765;
 
 /// All three legs alike.
 pub(super) fn no_voltage(config: &Config) -> Output {
@@ -395,7 +391,7 @@ fn largest(phases: [i32; 3]) -> i32 {
 /// What the currents of the four voltages, times [`AVERAGED`], tell of the wiring.
 // Not inlined, so that a board may place it where there is room.
 #[cfg_attr(not(feature = "small"), inline(never))]
-fn wiring_fault(currents: &[[i32; 3]; 4], wanted: i32) -> Option<Fault> {
+fn wiring_fault(currents: &[[i32; 3]; 4], reference: i32) -> Option<Fault> {
     const OPEN: [Fault; 3] = [Fault::OpenPhaseA, Fault::OpenPhaseB, Fault::OpenPhaseC];
     const BLIND: [Fault; 3] = [Fault::AmplifierA, Fault::AmplifierB, Fault::AmplifierC];
     let [[a0, a1, a2], [b0, b1, b2], [c0, c1, c2], [d0, d1, d2]] = *currents;
@@ -407,7 +403,7 @@ fn wiring_fault(currents: &[[i32; 3]; 4], wanted: i32) -> Option<Fault> {
         }
     }
     let most = ranges.iter().map(|[up, down]| *up.max(down)).max().unwrap_or(0);
-    if most < wanted * AVERAGED as i32 / 4 {
+    if most < reference * AVERAGED as i32 / 4 {
         return Some(Fault::NoCurrent);
     }
     // The three of a voltage sum to zero. Opposite voltages differ by twice what an amplifier does not show, and errors of
@@ -444,8 +440,8 @@ mod tests {
             .map(|([a, b, c], sign)| [a * sign + zeros[0], b * sign * shown + zeros[1], c * sign + zeros[2]])
     }
 
-    const WANTED: i32 = 100;
-    const I: i32 = WANTED * AVERAGED as i32;
+    const REFERENCE: i32 = 100;
+    const I: i32 = REFERENCE * AVERAGED as i32;
     const SOUND: [[i32; 3]; 2] = [[I, -I / 2, -I / 2], [-I / 2, I, -I / 2]];
     /// A voltage along B makes no current where B is open.
     const OPEN_B: [[i32; 3]; 2] = [[I, 0, -I], [0, 0, 0]];
@@ -454,10 +450,10 @@ mod tests {
     fn errors_of_the_zeros_do_not_make_an_open_phase_a_blind_amplifier() {
         for zero in [-I / 12, 0, I / 12] {
             let open = currents(OPEN_B, [zero; 3], 1);
-            assert_eq!(wiring_fault(&open, WANTED), Some(Fault::OpenPhaseB), "{zero}");
+            assert_eq!(wiring_fault(&open, REFERENCE), Some(Fault::OpenPhaseB), "{zero}");
             let blind = currents(SOUND, [zero; 3], 0);
-            assert_eq!(wiring_fault(&blind, WANTED), Some(Fault::AmplifierB), "{zero}");
+            assert_eq!(wiring_fault(&blind, REFERENCE), Some(Fault::AmplifierB), "{zero}");
         }
-        assert_eq!(wiring_fault(&currents(SOUND, [0; 3], 1), WANTED), None);
+        assert_eq!(wiring_fault(&currents(SOUND, [0; 3], 1), REFERENCE), None);
     }
 }

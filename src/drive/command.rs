@@ -1,7 +1,6 @@
 //! What each command does. A refused one changes nothing.
 
 use super::arming::Pending;
-use super::schedule::OUTER;
 use super::supervision;
 use super::{Command, Demand, Drive, OpenLoop, Path, Refusal, Reply, Sample};
 use crate::angle::ElectricalAngle;
@@ -13,6 +12,7 @@ use crate::hall::Codes;
 use crate::hall::estimate::Estimator;
 use crate::hall::track::Tracker;
 use crate::mode::{Event, Mode};
+use crate::schedule::coarse;
 use crate::telemetry::Progress;
 
 /// What a command has left to do in the steps after it, before another one.
@@ -329,7 +329,7 @@ impl Drive {
         }
         let [least, largest] = control.motion.bounds;
         if let Demand::Position(position) = demand
-            && !(least..=largest).contains(&(position.to_bits() >> OUTER.ilog2()))
+            && !(least..=largest).contains(&(coarse(position).to_bits()))
         {
             return Err(Refusal::OutOfBounds);
         }

@@ -37,7 +37,7 @@ impl FieldOriented {
             modulator: Modulator::NONE,
             gains: Present::ZERO,
             integrators: Integrators::ZERO,
-            voltage: Dq { d: 0, q: 0 },
+            voltage: Dq::ZERO,
             bus: 1,
         }
     }
@@ -46,7 +46,7 @@ impl FieldOriented {
     pub fn reset(&mut self, config: &Config, speed: i32, sample: &Sample) {
         self.modulator = config.modulator;
         self.integrators = Integrators::ZERO;
-        self.voltage = Dq { d: 0, q: 0 };
+        self.voltage = Dq::ZERO;
         self.bus = config.bus(sample.bus);
         self.take_up_bus(config, sample);
         self.take_up_speed(config, speed);

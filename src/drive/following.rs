@@ -81,7 +81,7 @@ impl Following {
         let (speed, led) = (rotor.wrapping_abs(), reference.speed().wrapping_abs());
         let overtakes = (ahead < 0) == (rotor > 0);
         self.waits = false;
-        self.arrives = led != 0 || self.arrives && speed > motion.turning;
+        self.arrives = led != 0 || self.arrives && speed > motion.turning_speed;
         self.lags &= !overtakes;
         if !overtakes {
             self.braked_from |= NOT_NOW;
@@ -93,10 +93,10 @@ impl Following {
         // supply limits the braking. Not one that is dragged away from where it is held, or on to more than the largest speed.
         let supply_limits = || window.narrowed[usize::from(ahead >= 0)].contains(fault::Limits::SUPPLY);
         let arrives = self.arrives && speed < config.max_speed_reference;
-        if arrives && overtakes && (coarse(speed) < self.braked_from || supply_limits()) {
+        if arrives && overtakes && (shortened(speed) < self.braked_from || supply_limits()) {
             // From the second time on: the first may be a little friction or resistance that is told wrong.
             self.gentler = self.braked_from == NOT_NOW;
-            (self.joins, self.braked_from) = (true, coarse(speed));
+            (self.joins, self.braked_from) = (true, shortened(speed));
         } else {
             self.waits = ((ahead >> 32) as i32 ^ reference.direction()) >= 0;
             // What speeds up with much less than its reference brakes with less, too.
@@ -167,6 +167,6 @@ impl Following {
 
 /// A speed in even multiples of 2⁻¹⁶ electrical turns a step.
 #[inline(always)]
-const fn coarse(speed: i32) -> i16 {
+const fn shortened(speed: i32) -> i16 {
     (speed >> 16) as i16 & !1
 }

@@ -2,7 +2,7 @@
 //! slots do with them.
 
 use super::arming::Pending;
-use super::servo::{Context, Servo, coarse};
+use super::servo::{Context, Servo};
 use super::{Demand, Drive, Refusal, Reply};
 use crate::angle::Position;
 use crate::control::Impedance;
@@ -11,6 +11,7 @@ use crate::control::impedance::{Course, Spring, Start};
 use crate::control::trajectory::Trajectory;
 use crate::hall::track::Tracker;
 use crate::mode::Mode;
+use crate::schedule::coarse;
 use crate::telemetry::Reference;
 
 /// The spring and the damper, and their reference beside the trajectory.
@@ -137,7 +138,7 @@ impl Servo {
         match impedance.course {
             Course::Travel { from, travel } => {
                 let at = if let Start::At(at) = from { Position::from_bits(at) } else { self.trajectory.position() };
-                if from != Start::Here {
+                if from != Start::Smoothly {
                     self.trajectory = Trajectory::at(at, travel.speed);
                 }
                 self.limits_on_way = travel.limits;

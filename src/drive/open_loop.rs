@@ -102,9 +102,9 @@ impl OpenLoop {
 
     /// Changes the strength towards the current that the field is to have by now.
     pub fn regulate(&mut self, regulator: &Regulator, measured: Dq) {
-        let wanted = ((self.risen >> 15) * regulator.current) >> 16;
+        let reference = ((self.risen >> 15) * regulator.current) >> 16;
         let square = |x: i32| i64::from(x) * i64::from(x);
-        let lacking = square(wanted) - square(measured.d >> PARK_BITS) - square(measured.q >> PARK_BITS);
+        let lacking = square(reference) - square(measured.d >> PARK_BITS) - square(measured.q >> PARK_BITS);
         let change = (lacking * i64::from(regulator.gain)) >> 16;
         let slew = i64::from(regulator.slew);
         self.strength = self.strength.saturating_add(change.min(slew).max(-slew) as i32).clamp(0, STRONGEST);

@@ -1,6 +1,10 @@
 //! Control with currents, beside the current control itself: the outer loops, the reference of the current, what is
 //! measured, the protection and the schedule. Shared by [local feedback](super::local_feedback) and [field
 //! orientation](super::field_oriented).
+//!
+//! On its way from a command to the bridge a current has three names: it is *asked* for by a loop or a command, whatever the
+//! limits; the *request* is what their limits leave of it; the *reference*, which the current control follows, has the
+//! current against the cogging as well, and is within all limits.
 
 mod follow;
 
@@ -8,7 +12,7 @@ use super::following::Following;
 use super::impedance::Shaft;
 use super::inertia::Inertia;
 use super::protection::Protection;
-use super::schedule::{OUTER, Schedule};
+use super::schedule::Schedule;
 use super::set_points::SetPoints;
 use super::supervision::{self, Supervision};
 use super::{FieldOriented, Idle, Sample};
@@ -24,6 +28,7 @@ use crate::control::{Current, Speed};
 use crate::fault::{Fault, Limits};
 use crate::hall::track::Tracker;
 use crate::math::{clamp, high};
+use crate::schedule::coarse;
 use crate::telemetry::Measurement;
 pub use crate::telemetry::State;
 #[cfg(not(feature = "small"))]
@@ -84,11 +89,10 @@ pub(super) struct Servo {
     pub(super) outward: i32,
     /// Speed reference ω*, from the position loop or the trajectory, in 2⁻³² electrical turns a step.
     pub(super) speed_reference: i32,
-    /// Current along q that the speed loop or the command asks for, in 2⁻¹⁵ of the full scale; before anti-cogging and
-    /// limit.
-    pub(super) current_request: i32,
-    /// … before the speed loop has limited it.
+    /// Current along q that the speed loop or the command asks for, in 2⁻¹⁵ of the full scale, and what their limits leave
+    /// of it.
     pub(super) asked: i32,
+    pub(super) current_request: i32,
     speed_integrator: Integrator,
     /// Anti-cogging current over the electrical angle, if it is on.
     pub cogging: Option<&'static mut cogging::Table>,
@@ -121,8 +125,8 @@ impl Servo {
             protection: Protection::NONE,
             supervision: Supervision::NONE,
             clarke: Clarke::new(0, [0; 3], false),
-            reference: Reference { current: Dq { d: 0, q: 0 }, in_ramps: 0 },
-            current: Dq { d: 0, q: 0 },
+            reference: Reference { current: Dq::ZERO, in_ramps: 0 },
+            current: Dq::ZERO,
             demand: Demand::Voltage,
             set_points: SetPoints::NONE,
             trajectory: Trajectory::at(Position::from_bits(0), 0),
@@ -155,7 +159,7 @@ impl Servo {
         self.protection.currents.set_zeros(config, zeros.zeros());
         self.clarke = Clarke::new(config.shift.into(), zeros.zeros(), config.modulator.is_reversed());
         // One by one: a whole new servo on its way over the stack would take as long as all the rest of the step.
-        self.current = Dq { d: 0, q: 0 };
+        self.current = Dq::ZERO;
         self.demand = Demand::Voltage;
         self.trajectory = Trajectory::at(Position::from_bits(0), 0);
         (self.speed_reference, self.current_request, self.asked) = (0, 0, 0);
@@ -250,7 +254,7 @@ impl Servo {
     #[inline(always)]
     fn wait_for_rotor(&mut self, with: &Context) {
         let speed = with.rotor.speed();
-        let turns = speed.saturating_abs() > with.config.motion.turning;
+        let turns = speed.saturating_abs() > with.config.motion.turning_speed;
         self.trajectory.wait_for(if turns { speed } else { 0 });
     }
 
@@ -337,7 +341,7 @@ impl Servo {
         let fast = speed.wrapping_abs();
         let fast = if fast - led > fast >> 2 { fast } else { 0 };
         let below = coarse(with.rotor.position()).to_bits() < motion.bounds[0];
-        self.look_ahead(if fast > motion.turning { speed < 0 } else { below }, fast, with);
+        self.look_ahead(if fast > motion.turning_speed { speed < 0 } else { below }, fast, with);
     }
 
     /// How far the trajectory's position is ahead of the rotor's.
@@ -513,7 +517,7 @@ impl Servo {
 
     /// No current is measured any more.
     pub const fn forget_current(&mut self) {
-        self.current = Dq { d: 0, q: 0 };
+        self.current = Dq::ZERO;
     }
 
     /// Currents of the last step in the frame of the rotor, in 2⁻²⁸ of the full scale.
@@ -546,9 +550,4 @@ fn within_speed(current: i32, with: &Context) -> i32 {
     let (speed, config) = (with.rotor.speed(), with.config);
     let most = |end: i32| high(end - speed, config.torque_gain);
     current.min(most(config.torque_ends)).max(most(-config.torque_ends))
-}
-
-/// A position in the unit of the outer loops: what a speed moves on by in a step of theirs is its number.
-pub(super) const fn coarse(position: Position) -> Position {
-    Position::from_bits(position.to_bits() >> OUTER.ilog2())
 }

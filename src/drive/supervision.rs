@@ -14,7 +14,7 @@ use crate::control::config::{Model, Motion};
 use crate::fault::Fault;
 use crate::hall::track::Tracker;
 use crate::math::high;
-use crate::schedule::OUTER;
+use crate::schedule::coarse;
 use crate::telemetry::State;
 
 /// Parts of the supervision.
@@ -25,7 +25,7 @@ const PROOF: u8 = 4;
 const QUIET: i32 = 32;
 /// Checks for which the tracked speed may go on rising when the torque has turned.
 const LAG: u8 = 3;
-/// Checks without a current after which none is coming.
+/// Checks without a current after which none is expected any more.
 const NO_CURRENT: u8 = 4;
 /// Multiple of the speed of a rotor that turns, from which on it is fast: 48 Hz electrical.
 const FAST: i32 = 16;
@@ -33,8 +33,8 @@ const FAST: i32 = 16;
 const SOON: u8 = 6;
 /// The work of some turns by the largest current, over the current that makes a torque plain, as a power of two.
 const WORK: u32 = 14;
-/// Checks that find the rotor turning after a stop.
-const TURNING: u8 = 2;
+/// Checks that may find the rotor turning when a stop has had its time.
+const UNSTOPPED: u8 = 2;
 
 /// What is counted from check to check.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -62,11 +62,12 @@ pub(super) struct Supervision {
     before_expected: i32,
     /// Reference of the current along q, and how much it has changed since the check before.
     reference: i32,
-    asked: i32,
-    /// How far the current along q was from its reference at the check before.
-    error: i32,
-    /// The same now; after the next part, how much that has changed; after the next, the voltage that it takes.
-    coming: i32,
+    reference_change: u16,
+    /// What the current along q misses of its reference, now and at the check before.
+    missing: i32,
+    missing_before: i32,
+    /// Voltage that the proportional control has for what is missing now and was not before.
+    voltage_ahead: i32,
     /// Whether the current is nearer to its reference than half of that.
     follows: bool,
     speed: i32,
@@ -86,12 +87,12 @@ pub(super) struct Supervision {
     late: u16,
     /// Checks since a stop, and those after its time that found the rotor turning.
     stopping: u16,
-    turning: u8,
+    unstopped: u8,
 }
 
 /// Whether the rotor is outside of its bounds by more than it may be from its reference.
 pub(super) fn is_outside(motion: &Motion, rotor: &Tracker) -> bool {
-    let position = rotor.position().to_bits() >> OUTER.ilog2();
+    let position = coarse(rotor.position()).to_bits();
     let [least, most] = motion.bounds;
     position < least - motion.far || position > most + motion.far
 }
@@ -115,26 +116,27 @@ impl Supervision {
         gained: 0,
         first_speed: 0,
         work: 0,
-        voltage: Dq { d: 0, q: 0 },
-        current: Dq { d: 0, q: 0 },
-        before: Dq { d: 0, q: 0 },
+        voltage: Dq::ZERO,
+        current: Dq::ZERO,
+        before: Dq::ZERO,
         without_current: 0,
         before_emf: 0,
         before_expected: 0,
         reference: 0,
-        asked: 0,
-        error: 0,
-        coming: 0,
+        reference_change: 0,
+        missing: 0,
+        missing_before: 0,
+        voltage_ahead: 0,
         follows: true,
         speed: 0,
-        emf: Dq { d: 0, q: 0 },
+        emf: Dq::ZERO,
         expected: 0,
         dropped: 0,
         unexplained: i32::MIN / 2,
         misfit: 0,
         late: 0,
         stopping: 0,
-        turning: 0,
+        unstopped: 0,
     };
 
     /// Nothing is known yet, but what was: a commutation that was right is right for a rotor that has turned since.
@@ -185,10 +187,10 @@ impl Supervision {
         // An angle that uneven magnets mislead makes the measured speed swing in proportion to itself, by up to two thirds
         // from its least to its largest. With a wrong commutation a rotor does not come to be fast, or to brake for long,
         // without having been found out.
-        let lasts = self.braked > SOON || self.slowest > FAST * motion.turning;
+        let lasts = self.braked > SOON || self.slowest > FAST * motion.turning_speed;
         let swing = if lasts { self.slowest } else { (self.slowest >> 2) + (self.slowest >> 3) };
         let gained = speed - self.slowest;
-        if gained <= motion.turning + swing || self.braking <= self.looked {
+        if gained <= motion.turning_speed + swing || self.braking <= self.looked {
             return None;
         }
         self.is_turned_by(braking, gained).then_some(Fault::Commutation)
@@ -214,7 +216,7 @@ impl Supervision {
         let before = if turned_back { 0 } else { self.work };
         self.first_speed = if before <= 0 { speed } else { self.first_speed };
         self.work = before.saturating_add(current * (speed >> 16));
-        if self.work > motion.impulse << WORK && speed >> 1 > self.first_speed + motion.turning {
+        if self.work > motion.impulse << WORK && speed >> 1 > self.first_speed + motion.turning_speed {
             self.prove();
         }
     }
@@ -241,17 +243,17 @@ impl Supervision {
             return None;
         }
         self.stopping = self.stopping.saturating_add(1);
-        let turns = self.stopping > motion.stop && speed.saturating_abs() > motion.turning;
-        self.turning = if turns { self.turning + 1 } else { self.turning.saturating_sub(1) };
-        (self.turning > TURNING).then_some(Fault::NotStopped)
+        let turns = self.stopping > motion.stop && speed.saturating_abs() > motion.turning_speed;
+        self.unstopped = if turns { self.unstopped + 1 } else { self.unstopped.saturating_sub(1) };
+        (self.unstopped > UNSTOPPED).then_some(Fault::NotStopped)
     }
 
     /// Gives a stop its time once more.
     pub fn stop_again(&mut self) {
-        (self.stopping, self.turning) = (0, 0);
+        (self.stopping, self.unstopped) = (0, 0);
     }
 
-    /// Whether there is no current, and none is coming.
+    /// Whether there has been no current for so long that none is expected any more.
     #[inline(always)]
     const fn is_without_current(&self) -> bool {
         self.without_current > NO_CURRENT
@@ -270,9 +272,9 @@ impl Supervision {
         self.is_without_current() && !self.follows
     }
 
-    /// The current has a new way to go: all that is missing of it may be coming.
+    /// The current has a new way to go: all that is missing of it may be on its way.
     pub const fn begin_following(&mut self) {
-        self.error = 0;
+        self.missing_before = 0;
     }
 
     /// First part of the check of the model: what was noted last.
@@ -280,18 +282,19 @@ impl Supervision {
     pub fn note(&mut self, state: &State, speed: i32) {
         (self.voltage, self.current, self.speed) = (state.voltage, state.current, speed);
         let reference = state.current_reference;
-        self.coming = reference - state.current.q;
-        self.asked = (reference - self.reference).abs();
+        self.missing = reference - state.current.q;
+        self.reference_change = (reference - self.reference).unsigned_abs() as u16;
         self.reference = reference;
-        self.follows = self.coming.abs() <= reference.abs() / 2 + 2 * QUIET;
+        self.follows = self.missing.abs() <= reference.abs() / 2 + 2 * QUIET;
     }
 
-    /// The voltage that is left for the back-EMF.
+    /// Second part: the voltage that is left for the back-EMF, and the one that is ahead of its current.
     #[inline(always)]
     pub fn note_emf(&mut self, model: &Model) {
         // What was missing at the last check, too, does not come; what has changed since does.
-        let error = core::mem::replace(&mut self.error, self.coming);
-        self.coming = (self.coming - error).abs().min(32_767);
+        let before = core::mem::replace(&mut self.missing_before, self.missing);
+        let newly_missing = (self.missing - before).abs().min(32_767);
+        self.voltage_ahead = times(newly_missing, model.proportional);
         let (v, i) = (self.voltage, self.current);
         let reactance = high(self.speed, model.reactance);
         self.emf = Dq {
@@ -300,19 +303,19 @@ impl Supervision {
         };
     }
 
-    /// Second part: what the motor should induce, and what resistance takes.
+    /// Third part: what the motor should induce, and what resistance takes.
     #[inline(always)]
     pub fn note_motor(&mut self, model: &Model) {
         let (d, q) = (self.current.d.abs(), self.current.q.abs());
         self.expected = high(self.speed, model.flux);
         // A voltage for a current that was just asked for is ahead of it where the inductance is large. It is not for one
         // that never comes.
-        let asked = if self.is_without_current() { 0 } else { self.asked / 2 };
-        let current = d.max(q) + d.min(q) / 2 + asked;
+        let ahead = if self.is_without_current() { 0 } else { i32::from(self.reference_change / 2) };
+        let current = d.max(q) + d.min(q) / 2 + ahead;
         self.dropped = times(current.min(32_767), model.resistance);
     }
 
-    /// Third part: what may be wrong. The back-EMF may be as much off as it is large, and the resistance three times as
+    /// Fourth part: what may be wrong. The back-EMF may be as much off as it is large, and the resistance three times as
     /// large; a current that changes needs a voltage for it, and one that was just asked for has it already.
     #[inline(always)]
     pub fn explain(&mut self, model: &Model) {
@@ -320,11 +323,10 @@ impl Supervision {
         let changed = (current.d - before.d).abs().max((current.q - before.q).abs());
         self.before = current;
         let change = times(changed.min(32_767), model.change);
-        self.coming = times(self.coming, model.asked);
-        self.unexplained = -(model.dead + 2 * self.dropped + self.expected.abs() + change + self.coming);
+        self.unexplained = -(model.dead + 2 * self.dropped + self.expected.abs() + change + self.voltage_ahead);
     }
 
-    /// Fourth part: what is unexplained. A back-EMF in the right direction may be several times as large as it
+    /// Fifth part: what is unexplained. A back-EMF in the right direction may be several times as large as it
     /// should be, or as large as it likes where the current follows its reference: the flux linkage may not be known
     /// yet.
     #[inline(always)]
@@ -342,7 +344,7 @@ impl Supervision {
         self.unexplained = self.unexplained.min(model.most);
     }
 
-    /// Fifth part: sums it up. Where a current is asked for and none comes, all of the voltage is back-EMF: what of it has
+    /// Sixth part: sums it up. Where a current is asked for and none comes, all of the voltage is back-EMF: what of it has
     /// changed since then though the speed has not, or lies across, is unexplained, and nothing makes up for what was
     /// wrong before.
     #[inline(always)]
@@ -354,7 +356,7 @@ impl Supervision {
             let changed =
                 (emf.q - before_emf).abs() - 5 * (expected - before_expected).abs() - expected.abs() - model.dead;
             let across = emf.d.abs() - emf.q.abs() / 2 - model.dead / 2;
-            self.unexplained = self.unexplained.max((changed - self.coming).max(across).max(0));
+            self.unexplained = self.unexplained.max((changed - self.voltage_ahead).max(across).max(0));
         } else {
             (self.before_emf, self.before_expected) = (emf.q, expected);
         }

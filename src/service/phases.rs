@@ -24,8 +24,6 @@ const QUIET: u8 = 3;
 const MEAN_BITS: u32 = 3;
 /// Bits that a current is shortened by, for products of two that fit in 32.
 const SHORTER: u32 = 2;
-/// A third of a turn.
-const THIRD: i32 = 1_431_655_765;
 
 /// What is counted.
 #[derive(Clone, Copy, Debug, Default)]
@@ -48,7 +46,7 @@ impl Phases {
     /// exchanged. The back-EMF is in the unit of the voltage.
     pub fn look(&mut self, measurement: &Measurement, reversed: bool, induced: i32) -> Option<Fault> {
         let state = &measurement.state;
-        if state.voltage == (Dq { d: 0, q: 0 }) {
+        if state.voltage == Dq::ZERO {
             // Nothing is controlled, as during the check at arming: all begins anew.
             *self = Self::default();
             return None;
@@ -71,7 +69,7 @@ impl Phases {
         let reference = Dq { d: state.field_reference.into(), q: state.current_reference };
         let judges = self.quiet <= QUIET && self.is_steady(reference);
         let angle = (measurement.rotor.angle() + measurement.trim).to_bits();
-        let third = if reversed { -THIRD } else { THIRD };
+        let third = (if reversed { -ElectricalAngle::THIRD } else { ElectricalAngle::THIRD }).to_bits();
         (0..3).find_map(|phase| {
             let from_phase = ElectricalAngle::from_bits(angle.wrapping_sub(third.wrapping_mul(phase as i32)));
             self.is_missing(phase, from_phase, state, judges)

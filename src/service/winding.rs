@@ -23,7 +23,7 @@ const MEAN: f32 = 64.0;
 /// Measurements between two results, and before the first.
 const EVERY: u8 = 64;
 /// Largest back-EMF as a share of the voltage at the cold resistance.
-const TURNING: f32 = 0.125;
+const LARGEST_EMF: f32 = 0.125;
 /// Largest change of a current as a share of it.
 const CHANGING: f32 = 0.125;
 
@@ -51,7 +51,7 @@ impl Winding {
         let square = of(current.d) * of(current.d) + of(current.q) * of(current.q);
         let least = copper.least.max(copper.least_per_bus * of(state.bus.into()));
         let emf = copper.flux * of(speed);
-        let turning = TURNING * copper.cold;
+        let largest = LARGEST_EMF * copper.cold;
         let (d, q) = (of(current.d - self.before.d), of(current.q - self.before.q));
         self.before = *current;
         // Without a voltage nothing is controlled, as during the check at arming.
@@ -59,7 +59,7 @@ impl Winding {
         let tells = copper.doubled > 0.0
             && controlled
             && square >= least * least
-            && emf * emf <= turning * turning * square
+            && emf * emf <= largest * largest * square
             && d * d + q * q <= CHANGING * CHANGING * square;
         if !tells {
             return None;

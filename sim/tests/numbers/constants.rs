@@ -42,7 +42,7 @@ const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[
     (IHM08, "| 80 kHz | {} kHz, the default", IHM08_CODE, "PWM_HZ: u32 = {}", 1e-3),
     (IHM08, "another one of 20 to {} kHz", IHM08_CODE, "(\"pwm_hz\", {})", 1e-3),
     (ESC1, "another one of 20 to {} kHz", ESC1_CODE, "PWM_HZ: u32 = {}", 1e-3),
-    (HARDWARE, "the control runs, with {} kHz", IHM08_CODE, "PWM_HZ: u32 = {}", 1e-3),
+    (HARDWARE, "the control runs at {} kHz", IHM08_CODE, "PWM_HZ: u32 = {}", 1e-3),
     (HARDWARE, "may be set to | 20 to {} kHz", IHM08_CODE, "(\"pwm_hz\", {})", 1e-3),
     (HARDWARE, "may be set to | {} to", SETTINGS, "pwm_hz: f32 = 40e3, {} =>", 1e-3),
     (IHM08, "{} ns between the edges", IHM08_CODE, "dead_time_ns: {}", 1.0),

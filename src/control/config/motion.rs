@@ -14,9 +14,10 @@ use core::f32::consts::TAU;
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) struct Motion {
-    /// Sum of the currents, one every [`LONG`] cycle, that makes a torque plain, and speed that says that the rotor turns.
+    /// Sum of the currents, one every [`LONG`] cycle, that makes a torque plain.
     pub impulse: i32,
-    pub turning: i32,
+    /// Speed from which on the rotor counts as turning.
+    pub turning_speed: i32,
     /// Farthest from the reference of a position, and of a speed.
     pub far: i64,
     pub far_speed: i32,
@@ -44,7 +45,7 @@ pub(crate) struct Model {
     /// Voltage per current that changes from check to check, in 2⁻¹⁶.
     pub change: i32,
     /// Voltage per current that does not flow yet, in 2⁻¹⁶: that of the proportional control.
-    pub asked: i32,
+    pub proportional: i32,
     /// Voltage per current and speed: 2⁻¹⁶ by the product with a speed over 2³². That of the current along q: where the one
     /// along d is large, it is against the field, and what is too much for it looks like more back-EMF.
     pub reactance: i32,
@@ -72,7 +73,7 @@ impl Motion {
         let hold = (settings.hold_current_a * scale.per_ampere()).min(32_767.0);
         Self {
             impulse: (0.1 * settings.max_current_a * scale.per_ampere()).max(128.0) as i32,
-            turning: (3.0 / scale.step_hz * TURN) as i32,
+            turning_speed: (3.0 / scale.step_hz * TURN) as i32,
             far: whole(settings.following_error_turns * turns / OUTER as f32),
             far_speed: (settings.following_error_rad_s * scale.per_radian_s()).min(1_073_741_824.0) as i32,
             late: checks(settings.guard.stall_s),
@@ -108,7 +109,7 @@ impl Model {
         Self {
             resistance: fixed(motor.resistance_ohm * per_current),
             change: fixed(2.0 * largest_h / check_s * per_current),
-            asked: fixed(TAU * current_hz * largest_h * per_current),
+            proportional: fixed(TAU * current_hz * largest_h * per_current),
             reactance: fixed(along_q * radians_s * per_current),
             flux: fixed(motor.flux_linkage_wb * radians_s / scale.volts * 32_768.0),
             dead: fixed((2.0 * frame.dead_time_s * frame.pwm_hz + 0.01) * 32_768.0),

@@ -2,7 +2,7 @@
 
 use crate::angle::Position;
 use crate::control::trajectory::Limits;
-use crate::schedule::OUTER;
+use crate::schedule::coarse;
 
 /// What the reference does. Positions in 2⁻²⁹ electrical turns, speeds in those a step of the outer loops.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -21,9 +21,9 @@ pub(crate) enum Course {
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub(crate) enum Start {
     /// Where the reference is, with the speed that it has.
-    Here,
+    Smoothly,
     /// Where the reference is, with the travel's speed at once.
-    Now,
+    AtSpeed,
     /// At a position with the travel's speed, at once.
     At(i64),
 }
@@ -53,11 +53,11 @@ impl Travel {
 impl Course {
     /// Stays where it is.
     pub const REST: Self =
-        Self::Travel { from: Start::Here, travel: Travel { speed: 0, stop: None, limits: Limits::SLOWEST } };
+        Self::Travel { from: Start::Smoothly, travel: Travel { speed: 0, stop: None, limits: Limits::SLOWEST } };
 
     /// Moved by the position at which the user's is zero.
     pub fn shift(&mut self, origin: Position) {
-        let way = coarse(origin);
+        let way = coarse(origin).to_bits();
         let moved = |position: i64| position.saturating_add(way);
         match self {
             Self::Travel { from, travel } => {
@@ -81,9 +81,4 @@ impl Course {
             Self::Within { .. } => true,
         }
     }
-}
-
-/// A position in the unit of the outer loops: what a speed moves on by in a step of theirs is its number.
-pub(super) const fn coarse(position: Position) -> i64 {
-    position.to_bits() >> OUTER.ilog2()
 }

@@ -1,12 +1,12 @@
 //! What is asked for, in SI, and how it becomes what the interrupt works with.
 
 use super::gains::Loop;
-use super::motion::{Course, Start, Travel, coarse};
+use super::motion::{Course, Start, Travel};
 use super::{Error, Field, Gains, Impedance, Spring};
 use crate::config::Config;
 use crate::control::config::Config as Control;
 use crate::control::trajectory::Limits;
-use crate::schedule::OUTER;
+use crate::schedule::{OUTER, coarse};
 
 /// A spring and a damper at the shaft. The default takes all that it can from the settings, and stays where it is.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -229,10 +229,10 @@ impl Control {
                 let travel =
                     Travel { speed, stop, limits: limits(if speed == 0 { Limits::MOST } else { speed.abs() }) };
                 if fastest.is_none() && acceleration.is_none() {
-                    return Ok(Course::Travel { from: at.map_or(Start::Now, Start::At), travel });
+                    return Ok(Course::Travel { from: at.map_or(Start::AtSpeed, Start::At), travel });
                 }
                 match at {
-                    None => Ok(Course::Travel { from: Start::Here, travel }),
+                    None => Ok(Course::Travel { from: Start::Smoothly, travel }),
                     Some(_) if speed != 0 || stop.is_some() => Err(Error::Moving),
                     Some(target) => {
                         let fastest = fastest.unwrap_or(self.trajectory.speed());
@@ -250,7 +250,7 @@ impl Control {
             least: -bad.most,
             most: bad.most,
         })?;
-        Ok(coarse(position))
+        Ok(coarse(position).to_bits())
     }
 
     /// Largest speed of the reference; `None` for no limit.

@@ -50,7 +50,7 @@ impl Supply {
         // What nobody notices: the noise of the speed loop must not move the current along d.
         let little = most >> 3;
         (self.returns, self.slow) = if controls_field {
-            (high(bus << 16, supply.returns) + little * little, speed.abs() < 4 * config.motion.turning)
+            (high(bus << 16, supply.returns) + little * little, speed.abs() < 4 * config.motion.turning_speed)
         } else {
             // Without control of the current along d, the bus voltage alone limits what brakes.
             (1 << 29, self.short - (self.short >> 2) < most)

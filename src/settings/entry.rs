@@ -148,8 +148,8 @@ pub fn about(name: &str) -> &'static str {
 }
 
 /// The row with a name.
-pub fn find(name: &str) -> Option<&'static Entry> {
-    TABLE.iter().find(|entry| entry.name == name)
+pub fn find(name: impl AsRef<[u8]>) -> Option<&'static Entry> {
+    TABLE.iter().find(|entry| entry.name.as_bytes() == name.as_ref())
 }
 
 /// A field of the settings. No trait object, whose tables of functions would take more flash.

@@ -2,12 +2,11 @@
 
 use crate::{FRAME, MESSAGE, VERSION};
 use core::fmt;
-use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
+use hallservo::crc::crc32;
 use postcard::Serializer;
 use postcard::ser_flavors::Flavor;
 use serde::{Deserialize, Serialize};
 
-const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 /// Where a frame has the byte of COBS, behind the zero, and what is encoded: version, message, CRC.
 const CODE: usize = 1;
 const INSIDE: usize = CODE + 1;
@@ -62,7 +61,7 @@ pub fn encode<T: Serialize>(message: &T, frame: &mut [u8; FRAME]) -> Result<usiz
     if !fits || frame.length > INSIDE + 1 + MESSAGE {
         return Err(Error::TooLong);
     }
-    let checksum = CRC.checksum(frame.written(INSIDE));
+    let checksum = crc32(frame.written(INSIDE));
     frame.push_word(checksum);
     stuff(frame.written(CODE));
     frame.push(0);
@@ -196,7 +195,7 @@ impl<const ROOM: usize> FrameDecoder<ROOM> {
 #[inline(never)]
 fn decode<'a, T: Deserialize<'a>>(frame: &'a mut [u8]) -> Result<T, Error> {
     let (inside, checksum) = unstuff(frame).and_then(<[u8]>::split_last_chunk).ok_or(Error::Garbled)?;
-    if CRC.checksum(inside) != u32::from_le_bytes(*checksum) {
+    if crc32(inside) != u32::from_le_bytes(*checksum) {
         return Err(Error::Checksum);
     }
     match inside.split_first().ok_or(Error::Garbled)? {

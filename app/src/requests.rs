@@ -399,9 +399,11 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     fn setting(&self, entry: &Entry) -> Result<Setting<'static>, Refusal<'static>> {
         let (name, unit, kind, fixed) = (entry.name, entry.unit(), entry.kind(), entry.fixed(&self.defaults));
-        let value = entry.get(&self.settings).ok_or(Refusal::Drive(drive::Refusal::NoControl))?;
-        let default = entry.get(&self.defaults).ok_or(Refusal::Drive(drive::Refusal::NoControl))?;
-        let (min, max) = entry.range(&self.settings);
+        let (Some(value), Some(default), Some((min, max))) =
+            (entry.get(&self.settings), entry.get(&self.defaults), entry.range(&self.settings))
+        else {
+            return Err(Refusal::Drive(drive::Refusal::NoControl));
+        };
         Ok(Setting { name, unit, kind, value, default, min, max, fixed })
     }
 

@@ -118,7 +118,7 @@ impl Servo {
 
     pub const fn new() -> Self {
         Self {
-            protection: Protection::NONE,
+            protection: Protection::none(),
             supervision: Supervision::NONE,
             clarke: Clarke::new(0, [0; 3], false),
             reference: Reference { current: Dq { d: 0, q: 0 }, in_ramps: 0 },

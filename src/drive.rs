@@ -170,7 +170,7 @@ impl Drive {
             mode: Mode::Unarmed,
             limits: Limits::NONE,
             progress: Progress::None,
-            arming: Arming::OFF,
+            arming: Arming::off(),
             #[cfg(not(feature = "no-chopper"))]
             chopper: Chopper::OFF,
             map: None,

@@ -74,6 +74,7 @@ pub mod board;
 pub mod commutation;
 pub mod config;
 pub mod control;
+pub mod crc;
 pub mod double;
 pub mod drive;
 pub mod fault;

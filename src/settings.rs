@@ -12,7 +12,7 @@ mod entry;
 mod error;
 mod guard;
 
-use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
+use crate::crc::crc32_of;
 
 pub use choice::{Feedback, OnStopFailure, OnTimeout};
 pub use declaration::{ABOUT, Control, GuardSettings, Settings, TABLE, Thermistor};
@@ -21,8 +21,6 @@ pub use error::Error;
 pub use guard::Ceiling;
 #[cfg(not(feature = "small"))]
 pub(crate) use guard::DEAD_TIMES;
-
-const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 
 /// Settings that a drive takes over while it turns: bandwidths of its loops.
 const TUNABLE: [&str; 4] =
@@ -67,11 +65,7 @@ impl Settings {
 
     /// A checksum of all values, which tells settings apart without keeping both.
     pub fn digest(&self) -> u32 {
-        let mut digest = CRC.digest();
-        for entry in TABLE {
-            digest.update(&entry.get(self).unwrap_or(f32::NAN).to_le_bytes());
-        }
-        digest.finalize()
+        crc32_of(TABLE.iter().map(|entry| entry.get(self).unwrap_or(f32::NAN).to_le_bytes()))
     }
 
     /// Full scale of the current sensing, A; zero without.

@@ -32,11 +32,10 @@ pub mod map;
 pub mod settings;
 pub mod vernier;
 
+use crate::crc::crc32_of;
 use core::fmt;
-use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use embedded_storage::nor_flash::NorFlash;
 
-const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
 /// "HSRV".
 const MAGIC: u32 = 0x5652_5348;
 const HEADER: usize = 16;
@@ -258,10 +257,7 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
 
 /// Over all but the CRC itself.
 fn checksum(buffer: &[u8], length: usize) -> u32 {
-    let mut digest = CRC.digest();
-    digest.update(&buffer[..12]);
-    digest.update(&buffer[HEADER..HEADER + length]);
-    digest.finalize()
+    crc32_of([&buffer[..12], &buffer[HEADER..HEADER + length]])
 }
 
 /// Numbers wrap.

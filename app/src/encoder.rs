@@ -111,7 +111,7 @@ pub trait Encoder: Sized + 'static {
     }
 
     /// The number of a setting.
-    fn find(_name: &str) -> Option<u16> {
+    fn find(_name: &[u8]) -> Option<u16> {
         None
     }
 

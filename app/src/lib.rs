@@ -107,6 +107,10 @@ use magnets::MagnetMemory;
 use procedure::Procedure;
 use scope::ScopeMemory;
 
+/// A request and what it asks as a drive takes them, with the bytes of names.
+type Request<'a> = hallservo_protocol::RequestBy<&'a [u8]>;
+type Ask<'a> = hallservo_protocol::AskBy<&'a [u8]>;
+
 /// Name of the board and version of its firmware, for a person who asks.
 #[derive(Clone, Copy, Debug)]
 pub struct Identity {

@@ -6,6 +6,7 @@ use crate::procedure::Procedure;
 #[cfg(feature = "scope")]
 use crate::scope::From;
 use crate::tasks::Tasks;
+use crate::{Ask, Request};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::angle::Position;
 use hallservo::commutation::{Commutation, Modulation, modulation};
@@ -20,9 +21,7 @@ use hallservo::settings::{self, Entry, Settings, TABLE, find};
 use hallservo_protocol::EncoderAsk;
 #[cfg(feature = "scope")]
 use hallservo_protocol::ScopeAsk;
-use hallservo_protocol::{
-    self as protocol, Activity, Answer, Ask, Calibration, Hello, History, Record, Refusal, Request, Setting,
-};
+use hallservo_protocol::{self as protocol, Activity, Answer, Calibration, Hello, History, Record, Refusal, Setting};
 #[cfg(feature = "map")]
 use hallservo_protocol::{MagnetsAsk, MagnetsRefusal};
 
@@ -198,7 +197,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                     Commutation::Sinusoidal => 1.0,
                     Commutation::FieldOriented => 2.0,
                 };
-                self.change("commutation", number)
+                self.change(b"commutation", number)
             }
             Ask::Calibrate => self.command(drive::Command::Calibrate, Command::Calibrate),
             Ask::Identify => {
@@ -215,7 +214,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 Ok(Step::Answer(Answer::Done))
             }
             Ask::AntiCogging(true) if !self.has_table() => Err(Refusal::NoTable),
-            Ask::AntiCogging(on) => self.change("anti_cogging", u8::from(on).into()),
+            Ask::AntiCogging(on) => self.change(b"anti_cogging", u8::from(on).into()),
             Ask::Set { name, value } => self.change(name, value),
             #[cfg(feature = "encoder")]
             Ask::Encoder(EncoderAsk::Calibrate { by_hand: false }) if self.unconfirmed => {
@@ -376,8 +375,9 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     }
 
     #[inline(never)]
-    fn change(&mut self, name: &str, value: f32) -> StepResult {
+    fn change(&mut self, name: &[u8], value: f32) -> StepResult {
         let entry = find(name).ok_or(UNKNOWN)?;
+        let name = entry.name;
         let mut settings = self.settings;
         settings.change(name, value).map_err(Refusal::Setting)?;
         if settings::is_tunable(name) {
@@ -399,9 +399,11 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     fn setting(&self, entry: &Entry) -> Result<Setting<'static>, Refusal<'static>> {
         let (name, unit, kind, fixed) = (entry.name, entry.unit(), entry.kind(), entry.fixed(&self.defaults));
-        let value = entry.get(&self.settings).ok_or(Refusal::Drive(drive::Refusal::NoControl))?;
-        let default = entry.get(&self.defaults).ok_or(Refusal::Drive(drive::Refusal::NoControl))?;
-        let (min, max) = entry.range(&self.settings);
+        let (Some(value), Some(default), Some((min, max))) =
+            (entry.get(&self.settings), entry.get(&self.defaults), entry.range(&self.settings))
+        else {
+            return Err(Refusal::Drive(drive::Refusal::NoControl));
+        };
         Ok(Setting { name, unit, kind, value, default, min, max, fixed })
     }
 

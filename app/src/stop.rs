@@ -10,10 +10,11 @@
 #[cfg(feature = "registers")]
 mod frames;
 
+use crate::{Ask, Request};
 use core::sync::atomic::{AtomicU32, Ordering::Relaxed};
 #[cfg(feature = "registers")]
 pub use frames::FrameListener;
-use hallservo_protocol::{Ask, FrameDecoder, Request};
+use hallservo_protocol::FrameDecoder;
 #[cfg(feature = "registers")]
 use hallservo_registers::{Address, line};
 

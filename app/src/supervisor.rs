@@ -1,5 +1,6 @@
 //! The tasks of a drive without a runtime: three calls.
 
+use crate::Request;
 use crate::encoder::{Encoder, NoEncoder};
 use crate::housekeeping::Readings;
 use crate::outbox::Outbox;
@@ -12,7 +13,7 @@ use crate::{Identity, Memory};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::drive::Drive;
 use hallservo::settings::{self, Settings};
-use hallservo_protocol::{Answer, Decoder, Error, Refusal, Reply, Request};
+use hallservo_protocol::{Answer, Decoder, Error, Refusal, Reply};
 
 /// Ticks until a control interrupt that does not answer is given up.
 const ANSWER_TIMEOUT: u32 = 100;

@@ -2,16 +2,17 @@
 
 use crate::{FRAME, MESSAGE, VERSION};
 use core::fmt;
-use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
+use hallservo::crc::crc32;
+use postcard::Serializer;
 use postcard::ser_flavors::Flavor;
 use serde::{Deserialize, Serialize};
 
-const CRC: Crc<u32, NoTable> = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC);
-const CHECKSUM: usize = 4;
-/// Version, message, CRC.
-const INSIDE: usize = 1 + MESSAGE + CHECKSUM;
-/// With the byte of COBS.
-const OUTSIDE: usize = INSIDE + 1;
+/// Where a frame has the byte of COBS, behind the zero, and what is encoded: version, message, CRC.
+const CODE: usize = 1;
+const INSIDE: usize = CODE + 1;
+/// Most bytes between the zeros.
+const OUTSIDE: usize = FRAME - 2;
+const _: () = assert!(OUTSIDE < 255, "distances of COBS are one byte");
 
 /// Why bytes are no message, or a message is no frame.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -52,21 +53,42 @@ impl core::error::Error for Error {}
 /// # Errors
 /// [`Error::TooLong`] for a message of more than [`MESSAGE`] bytes.
 pub fn encode<T: Serialize>(message: &T, frame: &mut [u8; FRAME]) -> Result<usize, Error> {
-    let mut inside = [0; INSIDE];
-    inside[0] = VERSION;
-    let flavor = Counted { bytes: &mut inside[1..1 + MESSAGE], length: 0 };
+    let mut serializer = Serializer { output: Counted { bytes: frame, length: 0 } };
+    serializer.output.push_all(&[0, 0, VERSION]);
     // Only counting can fail, and that is looked at once, here.
-    let length = postcard::serialize_with_flavor(message, flavor).map_err(|_| Error::TooLong)? + 1;
-    if length > 1 + MESSAGE {
+    let fits = message.serialize(&mut serializer).is_ok();
+    let mut frame = serializer.output;
+    if !fits || frame.length > INSIDE + 1 + MESSAGE {
         return Err(Error::TooLong);
     }
-    let checksum = CRC.checksum(&inside[..length]).to_le_bytes();
-    inside[length..length + CHECKSUM].copy_from_slice(&checksum);
-    frame[0] = 0;
-    // One byte longer than what it encodes, as that is shorter than 254 bytes.
-    let encoded = cobs::encode(&inside[..length + CHECKSUM], &mut frame[1..]);
-    frame[1 + encoded] = 0;
-    Ok(encoded + 2)
+    let checksum = crc32(frame.written(INSIDE));
+    frame.push_word(checksum);
+    stuff(frame.written(CODE));
+    frame.push(0);
+    Ok(frame.length)
+}
+
+/// COBS of what is shorter than 254 bytes, behind a zero: every zero becomes the distance to the next one, the last to the
+/// end.
+fn stuff(bytes: &mut [u8]) {
+    let mut distance = 1;
+    for byte in bytes.iter_mut().rev() {
+        if *byte == 0 {
+            *byte = core::mem::take(&mut distance);
+        }
+        distance += 1;
+    }
+}
+
+/// What [`stuff`] made a frame of; none where a distance leads beyond the end.
+fn unstuff(frame: &mut [u8]) -> Option<&[u8]> {
+    let mut next = 0;
+    for (place, byte) in frame.iter_mut().enumerate() {
+        if place == next {
+            next += usize::from(core::mem::take(byte));
+        }
+    }
+    if next == frame.len() { frame.get(1..) } else { None }
 }
 
 /// Takes every byte, and counts those that have no room as well: no field has to look whether the one before was taken,
@@ -78,26 +100,38 @@ struct Counted<'a> {
 
 impl Counted<'_> {
     #[inline(never)]
-    fn push_all(&mut self, bytes: &[u8]) -> postcard::Result<()> {
-        bytes.iter().try_for_each(|byte| self.try_push(*byte))
+    fn push(&mut self, byte: u8) {
+        if let Some(place) = self.bytes.get_mut(self.length) {
+            *place = byte;
+        }
+        self.length += 1;
+    }
+
+    #[inline(never)]
+    fn push_all(&mut self, bytes: &[u8]) {
+        for byte in bytes {
+            self.push(*byte);
+        }
     }
 
     /// Most numbers have four bytes, and a register takes less code than an address: 176 bytes of a chip's flash.
     #[inline(never)]
-    fn push_word(&mut self, word: u32) -> postcard::Result<()> {
-        self.push_all(&word.to_le_bytes())
+    fn push_word(&mut self, word: u32) {
+        self.push_all(&word.to_le_bytes());
+    }
+
+    /// From a place on.
+    fn written(&mut self, from: usize) -> &mut [u8] {
+        self.bytes.get_mut(from..self.length).unwrap_or_default()
     }
 }
 
 impl Flavor for Counted<'_> {
     type Output = usize;
 
-    #[inline(never)]
+    #[inline(always)]
     fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
-        if let Some(place) = self.bytes.get_mut(self.length) {
-            *place = byte;
-        }
-        self.length += 1;
+        self.push(byte);
         Ok(())
     }
 
@@ -107,6 +141,7 @@ impl Flavor for Counted<'_> {
             Ok(word) => self.push_word(u32::from_le_bytes(word)),
             Err(_) => self.push_all(bytes),
         }
+        Ok(())
     }
 
     fn finalize(self) -> postcard::Result<usize> {
@@ -135,6 +170,7 @@ impl<const ROOM: usize> Default for FrameDecoder<ROOM> {
 impl<const ROOM: usize> FrameDecoder<ROOM> {
     /// Between two frames.
     pub const fn new() -> Self {
+        const { assert!(ROOM <= OUTSIDE) };
         Self { frame: [0; ROOM], length: 0 }
     }
 
@@ -158,9 +194,8 @@ impl<const ROOM: usize> FrameDecoder<ROOM> {
 // Shared by the decoders of all sizes.
 #[inline(never)]
 fn decode<'a, T: Deserialize<'a>>(frame: &'a mut [u8]) -> Result<T, Error> {
-    let length = cobs::decode_in_place(frame).map_err(|_| Error::Garbled)?;
-    let (inside, checksum) = frame.get(..length).and_then(<[u8]>::split_last_chunk).ok_or(Error::Garbled)?;
-    if CRC.checksum(inside) != u32::from_le_bytes(*checksum) {
+    let (inside, checksum) = unstuff(frame).and_then(<[u8]>::split_last_chunk).ok_or(Error::Garbled)?;
+    if crc32(inside) != u32::from_le_bytes(*checksum) {
         return Err(Error::Checksum);
     }
     match inside.split_first().ok_or(Error::Garbled)? {

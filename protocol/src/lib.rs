@@ -50,7 +50,7 @@ pub use history::{Cause, History, Incident};
 pub use magnets::{CoggingByPole, MagnetsAsk, MagnetsRefusal, MagnetsReport, MagnetsStatus, POINTS_AT_ONCE};
 #[cfg(all(feature = "scope", not(all(feature = "encoder", feature = "map"))))]
 pub use message::Absent;
-pub use message::{Answer, Ask, Hello, Refusal, Reply, Request, Setting};
+pub use message::{Answer, Ask, AskBy, Hello, Refusal, Reply, Request, RequestBy, Setting};
 pub use report::{Calibration, Cogging, Procedure};
 #[cfg(feature = "scope")]
 pub use scope::{ROWS_AT_ONCE, ScopeAsk, ScopeRefusal, ScopeRows, ScopeStatus};

@@ -25,9 +25,9 @@ use serde::{Deserialize, Serialize};
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
 pub enum Absent {}
 
-/// From a tool to the drive.
+/// From a tool to the drive, with names of settings as [`AskBy`] has them.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub struct Request<'a> {
+pub struct RequestBy<N> {
     /// The reply repeats it.
     pub id: u16,
     /// Who asks: a number other than 0 that each tool draws at random.
@@ -35,9 +35,14 @@ pub struct Request<'a> {
     /// Whether what this begins goes on though its tool falls silent.
     pub unattended: bool,
     /// What is asked.
-    #[serde(borrow)]
-    pub ask: Ask<'a>,
+    pub ask: AskBy<N>,
 }
+
+/// From a tool to the drive.
+pub type Request<'a> = RequestBy<&'a str>;
+
+/// What can be asked.
+pub type Ask<'a> = AskBy<&'a str>;
 
 /// From the drive to a tool.
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
@@ -49,11 +54,13 @@ pub struct Reply<'a> {
     pub answer: Answer<'a>,
 }
 
-/// What can be asked. Numbers that are not finite or beyond what the settings allow are refused.
+/// What can be asked. Numbers that are not finite or beyond what the settings allow are refused. A name of a setting is
+/// text, or what a drive takes it as, which compares it only: its bytes. Whether they are text takes 536 bytes of a
+/// chip's flash to find out.
 // A byte tells which it is: the compiler would take a number of 64 bits inside of one.
 #[repr(u8)]
 #[derive(Clone, Copy, Debug, PartialEq, Serialize, Deserialize)]
-pub enum Ask<'a> {
+pub enum AskBy<N> {
     /// Who is there: [`Answer::Hello`].
     Hello,
     /// How it is: [`Answer::Status`].
@@ -92,12 +99,12 @@ pub enum Ask<'a> {
     /// A setting by its number, from zero: [`Answer::Setting`].
     Setting(u16),
     /// A setting by its name: [`Answer::Setting`].
-    Get(&'a str),
+    Get(N),
     /// Another value, while the bridge is off; bandwidths of the loops and of the tracker at any time. It holds until the
     /// power goes, or for good after [`Ask::Save`].
     Set {
         /// Name of the setting.
-        name: &'a str,
+        name: N,
         /// In its unit; 0 and 1 for no and yes, the number of a choice.
         value: f32,
     },
@@ -150,7 +157,7 @@ pub enum Ask<'a> {
     Scope(ScopeAsk),
 }
 
-impl Ask<'_> {
+impl<N> AskBy<N> {
     /// Whether it changes anything of the drive, which is for the one tool that controls it.
     pub const fn controls(&self) -> bool {
         #[cfg(feature = "encoder")]

@@ -116,24 +116,28 @@ pub(super) struct Arming {
 
 impl Arming {
     /// No check.
-    pub const OFF: Self = Self {
-        stage: Stage::Off,
-        vector: 0,
-        steps: 0,
-        modulation: 0,
-        rise: 0,
-        least: 0,
-        most: 0,
-        from: 0,
-        farthest: 0,
-        settled: 0,
-        again: false,
-        currents: [[0; 3]; 4],
-        rotor: RotorCheck::new(0, 0, 0),
-        let_go: LetGo::NEW,
-        held: Output::OFF,
-        pending: None,
-    };
+    // A constant would lie in the flash with all its zeros: 120 bytes.
+    #[inline(always)]
+    pub const fn off() -> Self {
+        Self {
+            stage: Stage::Off,
+            vector: 0,
+            steps: 0,
+            modulation: 0,
+            rise: 0,
+            least: 0,
+            most: 0,
+            from: 0,
+            farthest: 0,
+            settled: 0,
+            again: false,
+            currents: [[0; 3]; 4],
+            rotor: RotorCheck::new(0, 0, 0),
+            let_go: LetGo::NEW,
+            held: Output::OFF,
+            pending: None,
+        }
+    }
 
     /// The drive has armed; the next step begins.
     pub fn wait(&mut self) {

@@ -49,18 +49,22 @@ pub(super) struct Protection {
 
 impl Protection {
     /// No thresholds, and no current: for a drive without current sensing, and before the bridge is first on.
-    pub const NONE: Self = Self {
-        currents: Currents::NONE,
-        window: Window::ZERO,
-        stall: Stall::NONE,
-        timeout: Timeout::NONE,
-        temperatures: [Temperature::NONE; 2],
-        overload: Overload::POWER_UP,
-        most_of_demand: i32::MAX,
-        most: 0,
-        supply: Supply::NONE,
-        weakening: Weakening::NONE,
-    };
+    // A constant would lie in the flash with all its zeros: 96 bytes.
+    #[inline(always)]
+    pub const fn none() -> Self {
+        Self {
+            currents: Currents::NONE,
+            window: Window::ZERO,
+            stall: Stall::NONE,
+            timeout: Timeout::NONE,
+            temperatures: [Temperature::NONE; 2],
+            overload: Overload::POWER_UP,
+            most_of_demand: i32::MAX,
+            most: 0,
+            supply: Supply::NONE,
+            weakening: Weakening::NONE,
+        }
+    }
 
     /// Clears the counts while the bridge is off. What is warm stays warm.
     pub fn rest(&mut self) {
@@ -207,7 +211,7 @@ mod tests {
         let control = settings::Control { field_weakening_a: 2.625, ..settings::Control::default() };
         let settings = Settings { control: Some(control), ..Settings::default() };
         let config = settings.validate().unwrap().control.unwrap();
-        let mut protection = Protection { most: config.max_current, ..Protection::NONE };
+        let mut protection = Protection { most: config.max_current, ..Protection::none() };
         protection.most_of_demand = i32::MAX;
         protection.weakening.limit(&config.weakening, LONGEST, i32::MAX);
         for _ in 0..1000 {

@@ -122,7 +122,7 @@ impl Servo {
 
     pub const fn new() -> Self {
         Self {
-            protection: Protection::NONE,
+            protection: Protection::none(),
             supervision: Supervision::NONE,
             clarke: Clarke::new(0, [0; 3], false),
             reference: Reference { current: Dq::ZERO, in_ramps: 0 },

@@ -102,15 +102,20 @@ macro_rules! settings {
                 })
             }
 
-            /// Least and most, as the other settings are.
+            /// Least and most, as the other settings are; `None` without current control.
             #[inline(never)]
-            pub fn range(self, $s: &Settings) -> (f32, f32) {
-                static WITHOUT: Control = Control::DEFAULT;
-                let $c = $s.control.as_ref().unwrap_or(&WITHOUT);
-                match self {
-                    $($($(#[$only])? Self::$part($part::Row::$field) => ($min, $max),)*)*
-                    $($(Self::$row_part($row_part::Row::$row_field) => ($row_min, $row_max),)*)*
-                }
+            pub fn range(self, $s: &Settings) -> Option<(f32, f32)> {
+                Some(match self {
+                    $(Self::$part(row) => {
+                        let $c = beside::$part($s)?;
+                        _ = $c;
+                        match row { $($(#[$only])? $part::Row::$field => ($min, $max),)* }
+                    })*
+                    $(Self::$row_part(row) => {
+                        let $c = beside::$row_part($s)?;
+                        match row { $($row_part::Row::$row_field => ($row_min, $row_max),)* }
+                    })*
+                })
             }
         }
 
@@ -140,6 +145,23 @@ const fn drive(settings: &mut Settings) -> Option<&mut Settings> {
 
 const fn control(settings: &mut Settings) -> Option<&mut Control> {
     settings.control.as_mut()
+}
+
+/// The current control, where a setting's range may depend on it.
+mod beside {
+    use super::{Control, Settings};
+
+    pub const fn drive(_: &Settings) -> Option<()> {
+        Some(())
+    }
+
+    pub const fn control(settings: &Settings) -> Option<&Control> {
+        settings.control.as_ref()
+    }
+
+    pub use control as guard;
+    pub use control as bridge;
+    pub use control as motor;
 }
 
 #[cfg(not(feature = "small"))]

@@ -105,10 +105,9 @@ impl Entry {
         self.row.field(&mut { *settings }).map(|field| field.number())
     }
 
-    /// Least and most value, as the other settings are and the board allows.
-    pub fn range(&self, settings: &Settings) -> (f32, f32) {
-        let (min, max) = self.row.range(settings);
-        (min, max.min(settings.ceiling(self.name)))
+    /// Least and most value, as the other settings are and the board allows; `None` as [`Self::get`].
+    pub fn range(&self, settings: &Settings) -> Option<(f32, f32)> {
+        self.row.range(settings).map(|(min, max)| (min, max.min(settings.ceiling(self.name))))
     }
 
     /// Whether the value is in its range.
@@ -118,7 +117,7 @@ impl Entry {
 
     #[inline(never)]
     fn check_value(&self, settings: &Settings, value: f32) -> Result<(), Error<'static>> {
-        let (min, max) = self.row.range(settings);
+        let (min, max) = self.row.range(settings).ok_or(Error::NoControl)?;
         // Not a number is in no range.
         let inside = (min..=max).contains(&value);
         if inside { Ok(()) } else { Err(Error::OutOfRange { field: self.name, value, min, max }) }
@@ -148,8 +147,8 @@ pub fn about(name: &str) -> &'static str {
 }
 
 /// The row with a name.
-pub fn find(name: &str) -> Option<&'static Entry> {
-    TABLE.iter().find(|entry| entry.name == name)
+pub fn find(name: impl AsRef<[u8]>) -> Option<&'static Entry> {
+    TABLE.iter().find(|entry| entry.name.as_bytes() == name.as_ref())
 }
 
 /// A field of the settings. No trait object, whose tables of functions would take more flash.

@@ -116,7 +116,7 @@ fn every_field_out_of_range_is_named() {
 #[test]
 fn both_ends_of_every_range_are_allowed_and_nothing_beyond_nor_what_is_no_number() {
     for entry in TABLE.iter().filter(|entry| entry.kind() == Kind::Real) {
-        let (min, max) = entry.range(&full());
+        let (min, max) = entry.range(&full()).unwrap();
         let with = |value| {
             let mut changed = full();
             entry.assign(&mut changed, value).unwrap();
@@ -138,7 +138,7 @@ fn both_ends_of_every_range_are_allowed_and_nothing_beyond_nor_what_is_no_number
 fn whole_numbers_and_choices_are_kept_and_nothing_between() {
     let settings = full();
     for entry in TABLE.iter().filter(|entry| entry.kind() != Kind::Real && !entry.fixed(&full())) {
-        let (min, max) = entry.range(&settings);
+        let (min, max) = entry.range(&settings).unwrap();
         for value in [min, max] {
             // Fewer pole pairs leave the largest speed allowed; more do not.
             let Ok(changed) = settings.with(entry.name, value) else {
@@ -160,7 +160,10 @@ fn what_cannot_be_set_is_named() {
     assert_eq!(settings.with("adc_bits", 12.0), Err(Error::Fixed));
     assert_eq!(settings.with("nonsense", 12.0), Err(Error::Unknown));
     let plain = Settings::default();
-    assert_eq!(plain.with("max_current_a", 1.0), Err(Error::NoControl));
+    for name in ["max_current_a", "feedback", "stall_s", "bridge_max_c"] {
+        assert_eq!(plain.with(name, 1.0), Err(Error::NoControl));
+        assert_eq!(find(name).unwrap().range(&plain), None);
+    }
     assert!(matches!(plain.with("commutation", 2.0), Err(Error::OutOfRange { field: "commutation", .. })));
     let field_oriented = Settings { commutation: crate::commutation::Commutation::FieldOriented, ..plain };
     assert_eq!(field_oriented.validate(), Err(Error::NoControl));
@@ -212,7 +215,7 @@ fn no_setting_exceeds_the_boards_ceilings_and_the_refusal_names_them() {
         let text = std::format!("{error}");
         assert!(text.contains(field) && text.contains("ceiling"), "{text}");
         // A tool shows the ceiling as the end of the range.
-        assert_eq!(find(field).unwrap().range(&settings).1, most);
+        assert_eq!(find(field).unwrap().range(&settings).unwrap().1, most);
     }
     // Nor do those that a board itself or a drive without a check of the ceilings would start with.
     assert_eq!(board.validate(), Err(Error::Ceiling { field: "max_current_a", value: 3.0, most: 2.0 }));

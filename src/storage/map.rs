@@ -1,8 +1,8 @@
 //! The map of a rotor's magnets as a record.
 
-use super::CRC;
 use super::calibration;
 use crate::angle::PolePairs;
+use crate::crc::crc32;
 use crate::hall::map::{LONGEST_SIGNATURE, Map, Signature};
 use crate::hall::model::Model;
 use crate::turn::POINTS;
@@ -40,7 +40,7 @@ impl Known {
 
 /// Tells calibrations apart. A map is what a calibration does not know of a rotor, and of no use with another one.
 pub fn fingerprint(calibrated: &Model) -> u32 {
-    CRC.checksum(&calibration::encode(&Model { reversed: false, ..*calibrated }))
+    crc32(&calibration::encode(&Model { reversed: false, ..*calibrated }))
 }
 
 /// Writes the record of a map, little endian: pole pairs, whether it is reversed, the number of points, what it leaves

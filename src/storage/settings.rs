@@ -4,8 +4,8 @@
 //! settings keeps the old values and gives the new ones its defaults, and a default that nobody has changed follows the
 //! firmware.
 
+use crate::crc::crc16;
 use crate::settings::{Entry, Error, Settings, TABLE, find};
-use crc::{CRC_16_IBM_SDLC, Crc, NoTable};
 
 /// Version of the form below, for [`super::Store::new`].
 pub const VERSION: u16 = 0x0301;
@@ -14,11 +14,9 @@ pub const LONGEST: usize = PAIR * TABLE.len();
 /// Bytes of a pair.
 pub const PAIR: usize = 6;
 
-const CRC: Crc<u16, NoTable> = Crc::<u16, NoTable>::new(&CRC_16_IBM_SDLC);
-
 /// What stands for a name: its CRC-16. No two names of the table have the same.
 pub fn key(name: &str) -> u16 {
-    CRC.checksum(name.as_bytes())
+    crc16(name.as_bytes())
 }
 
 /// Writes what differs from the defaults; returns the length, or `None` if there is no room.

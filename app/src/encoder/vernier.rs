@@ -235,8 +235,8 @@ impl<const HEADS: usize> Encoder for Vernier<HEADS> {
         })
     }
 
-    fn find(name: &str) -> Option<u16> {
-        TABLE.iter().position(|row| row.name == name).map(|number| number as u16)
+    fn find(name: &[u8]) -> Option<u16> {
+        TABLE.iter().position(|row| row.name.as_bytes() == name).map(|number| number as u16)
     }
 
     fn set(&mut self, number: u16, value: f32, mode: Mode) -> Result<(), Refusal<'static>> {

@@ -6,8 +6,8 @@ use super::sequence::Sequence;
 use crate::encoder::Encoder;
 use crate::tasks::Tasks;
 use core::f32::consts::TAU;
-use crc::{CRC_32_ISO_HDLC, Crc, NoTable};
 use embedded_storage::nor_flash::NorFlash;
+use hallservo::crc::crc32;
 use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 use hallservo_registers::axis::{self, Axis, BusHealth, Command, Identity, Refused, State};
@@ -29,7 +29,7 @@ pub(super) struct Drive<'a, F, E> {
 impl<F: NorFlash, E: Encoder> Axis for Drive<'_, F, E> {
     fn identity(&self) -> Identity {
         let crate::Identity { board, firmware } = self.tasks.identity;
-        let model = Crc::<u32, NoTable>::new(&CRC_32_ISO_HDLC).checksum(board.as_bytes());
+        let model = crc32(board.as_bytes());
         Identity { model, firmware: version(firmware), serial: self.serial }
     }
 

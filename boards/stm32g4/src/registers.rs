@@ -7,6 +7,7 @@ pub mod adc;
 pub mod analog;
 pub mod can;
 pub mod clock;
+pub mod flash;
 pub mod timer;
 pub mod usart;
 pub mod watchdog;

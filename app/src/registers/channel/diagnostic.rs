@@ -5,10 +5,11 @@ use super::super::CLIENT;
 use super::super::axis::Drive;
 use crate::encoder::Encoder;
 use crate::requests::{Awaited, Step};
+use crate::{Ask, Request};
 use core::fmt;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::settings::{self, TABLE, find};
-use hallservo_protocol::{Answer, Ask, Refusal, Request};
+use hallservo_protocol::{Answer, Refusal};
 use hallservo_registers::axis::Command;
 use hallservo_registers::diagnostic::{Build, Change, Diagnostic, Halls, Host, Kind, Setting};
 
@@ -110,11 +111,11 @@ impl<F: NorFlash, E: Encoder> Drive<'_, F, E> {
             None => self.tasks.encoder.setting(number - TABLE.len() as u16).map_or("", |setting| setting.name),
         };
         let ask = match change {
-            Change::Set(number, value) => Ask::Set { name: name(number), value },
+            Change::Set(number, value) => Ask::Set { name: name(number).as_bytes(), value },
             Change::Save => Ask::Save,
             Change::Load => Ask::Load,
             Change::Default => Ask::Restore,
-            Change::Id(id) if find(BUS_ID).is_some() => Ask::Set { name: BUS_ID, value: id.into() },
+            Change::Id(id) if find(BUS_ID).is_some() => Ask::Set { name: BUS_ID.as_bytes(), value: id.into() },
             Change::Id(_) => return Progress::Over(Err(Why::Address)),
         };
         match self.tasks.begin(&Request { id: 0, client: CLIENT, unattended: false, ask }) {

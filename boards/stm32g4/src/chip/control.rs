@@ -53,10 +53,7 @@ impl<B: Board> Control<B> {
         };
         // SAFETY: the interrupt is not enabled, so nothing else looks at it.
         let owned = unsafe { (*self.0.get()).insert(owned) };
-        watchdog::start_window();
-        owned.bridge.start();
-        // SAFETY: no critical section relies on this interrupt's being masked; it could not mask it.
-        unsafe { NVIC::unmask(Interrupt::ADC1_2) };
+        begin(&owned.bridge);
     }
 
     /// One PWM period, from the end of the ADCs' sequences. It must be over before the next valley, which takes its
@@ -101,6 +98,15 @@ impl<B: Board> Owned<B> {
         self.periods = PeriodCounter::new(period);
         self.board.retime(period);
     }
+}
+
+/// From here on the interrupt comes. Not generic, so that it is compiled for size.
+#[inline(never)]
+fn begin(bridge: &Bridge) {
+    watchdog::start_window();
+    bridge.start();
+    // SAFETY: no critical section relies on this interrupt's being masked; it could not mask it.
+    unsafe { NVIC::unmask(Interrupt::ADC1_2) };
 }
 
 /// What keeps the bridge off in this period.

@@ -13,6 +13,8 @@ use embassy_stm32::pac::{IWDG, RCC, WWDG};
 const MILLISECONDS: u32 = 600;
 
 /// Starts it, for good.
+// Not inlined, it is compiled for size.
+#[inline(never)]
 pub(crate) fn start() {
     let (prescaler, counts) = const { reload(MILLISECONDS).unwrap() };
     IWDG.kr().write_value(Kr(START));

@@ -80,7 +80,7 @@ pub struct Options {
     #[arg(long, value_name = "FILE")]
     pub flash: Option<PathBuf>,
     /// Something happens after so long in the state running: hall-open@40s, hall-2-stuck@5s, bus-60V@1s,
-    /// load-0.05Nm@1s, hot@1s, late@1s, mend@5s; typed, it happens at once
+    /// load-0.05Nm@1s, hot@1s, late@1s, mend@5s; typed without its time, as hall-open, it happens at once
     #[arg(long, value_name = "EVENT@TIME")]
     pub fault: Vec<String>,
     /// Print what it is told and each change of its state, with its time and the motor's speed

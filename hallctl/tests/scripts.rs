@@ -241,6 +241,9 @@ fn a_position_that_nobody_has_counted_is_called_lost() {
     drive.ok(&["arm"]);
     drive.ok(&["speed", "50", "--seconds", "0.3"]);
     assert!(drive.json(&["status"])["position_turns"].is_number());
+    // Also as the options have it.
+    assert_eq!(drive.typed("hall-open"), "hall-open: done\n");
+    drive.typed("mend");
     assert_eq!(drive.typed("hall 1 open"), "hall 1 open: done\n");
     assert!(drive.fails(6, &["speed", "50"]).contains("then `hallctl clear`; after a repair, `hallctl calibrate`"));
     assert!(drive.ok(&["status"]).contains("lost: the Halls give no angle"));

@@ -313,3 +313,16 @@ fn a_recording_waits_for_what_it_is_told_to() {
     assert!((fired + 8..fired + 40).contains(&speeds.len()), "{speeds:?}");
     assert!(drive.fails(2, &["telemetry", "--trigger", "speed"]).contains("speed>50"));
 }
+
+/// What the first saves later would be lost by the second, and the other way round.
+#[test]
+fn two_drives_do_not_share_a_flash() {
+    let folder = tempfile::tempdir().unwrap();
+    let flash = folder.path().join("flash");
+    let drive = Drive::with_flash(&flash, &[]);
+    let output = call("", &["simulate", "--flash", flash.to_str().unwrap(), "--listen", "tcp:127.0.0.1:0"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && said.contains("is in use by a simulated drive"), "{said}");
+    drop(drive);
+    Drive::with_flash(&flash, &[]).ok(&["status"]);
+}

@@ -314,6 +314,15 @@ fn a_recording_waits_for_what_it_is_told_to() {
     assert!(drive.fails(2, &["telemetry", "--trigger", "speed"]).contains("speed>50"));
 }
 
+#[test]
+fn a_refused_setting_is_named() {
+    let drive = Drive::start(&[]);
+    let said = drive.fails(6, &["settings", "set", "pole_pairs", "4.5"]);
+    assert!(said.contains("refused: pole_pairs: this setting takes whole numbers"), "{said}");
+    let said = drive.fails(6, &["settings", "set", "pole_pairs", "300"]);
+    assert!(said.contains("refused: pole_pairs would be 300"), "{said}");
+}
+
 /// What the first saves later would be lost by the second, and the other way round.
 #[test]
 fn two_drives_do_not_share_a_flash() {

@@ -315,6 +315,21 @@ fn a_recording_waits_for_what_it_is_told_to() {
 }
 
 #[test]
+fn a_wrong_command_line_has_its_own_exit_code() {
+    for wrong in [
+        &["simulate", "--listen", "here"][..],
+        &["simulate", "--listen", "tcp:127.0.0.1"],
+        &["simulate", "--fault", "hall-open"],
+        &["simulate", "--fault", "dance@1s"],
+        &["record", "-o", "diagram.png"],
+        &["chirp", "speed", "-o", "diagram.HTML"],
+    ] {
+        let output = call("", wrong);
+        assert_eq!(output.status.code(), Some(2), "{wrong:?}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
+#[test]
 fn a_refused_setting_is_named() {
     let drive = Drive::start(&[]);
     let said = drive.fails(6, &["settings", "set", "pole_pairs", "4.5"]);

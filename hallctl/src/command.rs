@@ -131,7 +131,7 @@ enum Command {
         /// The commutation
         kind: Kind,
     },
-    /// Turn the rotor and find out what the Halls deliver
+    /// Turn the rotor and find out what the Halls deliver; the calibration before and the map of the magnets are given up
     Calibrate(procedures::Options),
     /// Measure the motor, calibrate the Halls and set the control: all that a new motor needs but its largest current
     Commission(commission::Options),
@@ -219,7 +219,14 @@ enum Cogging {
 /// # Errors
 /// Each with its exit code.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let config = Config::read()?;
+    let config = match Config::read() {
+        // A motor that has to be stopped does not wait until a file is mended.
+        Err(error) if matches!(arguments.command, Command::Stop) && arguments.port.is_some() => {
+            eprintln!("hallctl: {error}");
+            Config::default()
+        }
+        config => config?,
+    };
     let port = arguments.port.as_deref().or(config.port.as_deref()).unwrap_or(PORT);
     let patience = arguments.patience.or(config.patience).unwrap_or(PATIENCE_S);
     let units = Units {

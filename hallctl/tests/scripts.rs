@@ -350,3 +350,24 @@ fn two_drives_do_not_share_a_flash() {
     drop(drive);
     Drive::with_flash(&flash, &[]).ok(&["status"]);
 }
+
+#[test]
+fn a_motor_is_stopped_though_the_file_with_defaults_is_broken() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("hallctl")).unwrap();
+    std::fs::write(folder.path().join("hallctl/config.toml"), "speed_unit = 3").unwrap();
+    let drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    drive.ok(&["arm"]);
+    let code = |arguments: &[&str]| {
+        let mut tool = Command::new(HALLCTL);
+        tool.args(arguments).env("XDG_CONFIG_HOME", folder.path()).envs([PATIENCE]).env_remove("HALLCTL_PORT");
+        tool.output().unwrap().status.code()
+    };
+    assert_eq!(code(&["--port", &drive.port, "status"]), Some(1));
+    // Whose motor it would be is not known.
+    assert_eq!(code(&["stop"]), Some(1));
+    assert!(drive.ok(&["status"]).contains("bridge on"));
+    assert_eq!(code(&["--port", &drive.port, "stop"]), Some(0));
+    assert!(drive.ok(&["status"]).contains("bridge off"));
+}

@@ -166,13 +166,15 @@ fn phasor(points: &[Point], hz: f64) -> Option<(f64, f64)> {
     Some((squares[1][3] / squares[1][1], squares[2][3] / squares[2][2]))
 }
 
+/// −3 dB.
+pub const LOW: f64 = std::f64::consts::FRAC_1_SQRT_2;
+
 /// Bandwidth: the frequency at which the gain falls below −3 dB, between two that were measured; and the phase margin
 /// of the open loop, where its gain is one.
 pub fn bandwidth(sines: &[Sine]) -> (Option<f64>, Option<f64>) {
     let between = |a: f64, b: f64, wanted: f64| (a.ln() - wanted.ln()) / (a.ln() - b.ln());
-    let low = 0.5_f64.sqrt();
-    let bandwidth_hz = sines.windows(2).find(|pair| pair[0].gain >= low && pair[1].gain < low).map(|pair| {
-        let share = between(pair[0].gain, pair[1].gain, low);
+    let bandwidth_hz = sines.windows(2).find(|pair| pair[0].gain >= LOW && pair[1].gain < LOW).map(|pair| {
+        let share = between(pair[0].gain, pair[1].gain, LOW);
         pair[0].hz * (pair[1].hz / pair[0].hz).powf(share)
     });
     let open: Vec<_> = sines.iter().map(Sine::open_loop).collect();

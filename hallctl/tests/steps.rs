@@ -48,5 +48,8 @@ fn what_no_sine_has_measured_is_not_told_as_a_figure() {
     assert!(told.contains("not measured: 300 Hz, 250 Hz"), "{told}");
     let output = drive.call(&["sine", "speed", "10", "--frequency", "1000", "--periods", "2"]);
     assert_eq!((output.status.code(), output.stdout.len()), (Some(7), 0));
+    // A frequency that it cannot follow is not one that it follows.
+    let said = drive.ok(&["sine", "position", "100", "--frequency", "1"]);
+    assert!(said.contains("below these frequencies"), "{said}");
     assert!(drive.fails(2, &["sine", "speed", "10", "--frequency", "0"]).contains("a frequency"));
 }

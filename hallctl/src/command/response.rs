@@ -5,7 +5,7 @@ use super::session::{Session, Trace};
 use crate::client::Client;
 use crate::error::{Error, Result};
 use crate::out::{self, Out};
-use crate::response::{Point, Profile, Sine, Step, bandwidth};
+use crate::response::{LOW, Point, Profile, Sine, Step, bandwidth};
 use crate::say;
 use crate::units::{self, Quantity};
 use clap::Subcommand;
@@ -279,6 +279,7 @@ pub(super) fn sine(client: &mut Client, options: &SineOptions, out: Out) -> Resu
     match bandwidth_hz {
         Some(hz) => say!(out, "bandwidth, −3 dB: {hz:.2} Hz")?,
         None if sines.is_empty() => {}
+        None if sines.iter().all(|sine| sine.gain < LOW) => say!(out, "bandwidth: below these frequencies")?,
         None => say!(out, "no bandwidth: the gain does not fall through −3 dB at these frequencies")?,
     }
     if let Some(margin_deg) = margin_deg {

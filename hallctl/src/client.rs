@@ -25,6 +25,9 @@ pub const SHORT: Duration = Duration::from_millis(5);
 /// takes as long.
 const SURE: Duration = Duration::from_millis(200);
 
+/// A computer that is merely slow is silent for less, in the drive's time.
+const LEAST_SILENCE_MS: f32 = 500.0;
+
 /// How often a request goes out, at most, while nothing comes back: a line may lose a byte.
 const ATTEMPTS: u32 = 4;
 
@@ -71,6 +74,11 @@ pub struct Client {
     controls: bool,
     /// When it asked for what showed that the drive is controlled by it; none where that showed the opposite.
     in_control: Option<Instant>,
+    /// The drive's time at the latest status since it was first commanded, and from there to the one before, ms.
+    heard_ms: Option<u64>,
+    gap_ms: u64,
+    /// How long a command holds, as of that status, s.
+    holds_s: f32,
     /// Whether a signal ends a wait.
     interruptible: bool,
     id: u16,
@@ -107,6 +115,9 @@ impl Client {
             unattended: false,
             controls: false,
             in_control: None,
+            heard_ms: None,
+            gap_ms: 0,
+            holds_s: f32::INFINITY,
             interruptible: true,
             stream: 0,
             // Another tool's answers may still be on their way; they have other numbers, as far as chance allows.
@@ -262,10 +273,25 @@ impl Client {
     /// # Errors
     /// As [`Self::ask`].
     pub fn order(&mut self, ask: Ask<'_>) -> Result<()> {
+        if ask.controls() {
+            (self.heard_ms, self.gap_ms) = (None, 0);
+        }
+        self.order_on(ask)
+    }
+
+    /// The same where it goes on.
+    fn order_on(&mut self, ask: Ask<'_>) -> Result<()> {
         self.ask(ask, |answer| match answer {
             Answer::Done => Ok(()),
             other => unexpected(&other),
         })
+    }
+
+    /// Whether the drive has stopped for want of commands, and has then obeyed one that lay on the way, as where computer
+    /// or link stood still. Nothing in its status tells that any more, but its time does: of a command between two
+    /// statuses that far apart, either it came too late, or the second tells that the drive has stopped since.
+    fn has_been_silent(&self) -> bool {
+        self.gap_ms as f32 > (2000.0 * self.holds_s).max(LEAST_SILENCE_MS)
     }
 
     /// Whether it has been heard so lately that this tool controls the drive that it still does.
@@ -285,13 +311,19 @@ impl Client {
     }
 
     /// Commands again what is to go on: a tool that was suspended does not turn a motor that somebody else has armed
-    /// meanwhile.
+    /// meanwhile, nor one that has come to rest because nothing came.
     ///
     /// # Errors
     /// As [`Self::still_controls`] and [`Self::ask`].
     pub fn repeat(&mut self, ask: Ask<'_>) -> Result<()> {
         self.still_controls()?;
-        self.order(ask)
+        if self.has_been_silent() {
+            if self.order(Ask::Speed(0.0)).is_err() {
+                self.order(Ask::Voltage(0.0))?;
+            }
+            return Err(Error::Failed(words::TAKEN.into()));
+        }
+        self.order_on(ask)
     }
 
     /// Arms, and waits until the drive has checked wires, amplifiers and direction.
@@ -345,6 +377,8 @@ impl Client {
         } else if !self.is_sure() {
             self.in_control = None;
         }
+        self.gap_ms = self.heard_ms.map_or(0, |before| status.uptime_ms.saturating_sub(before));
+        (self.heard_ms, self.holds_s) = (Some(status.uptime_ms), status.command_timeout_s);
         Ok(status)
     }
 

@@ -71,7 +71,7 @@ pub struct Arguments {
 const EXIT_CODES: &str = "\
 Exit codes: 0 done; 1 files and the like; 2 wrong command line; 3 no port, or it is gone; 4 no answer; 5 another version
 of the protocol; 6 refused, also a value that cannot be; 7 begun, and came to nothing; 130 ended by Ctrl-C or a signal,
-the motor stopped and the bridge off if this tool controlled it.
+the bridge off if this tool controlled it, after 60 ms of braking: a fast or heavy motor coasts on, which is said.
 
 Defaults for --port, --patience, --speed-unit and --position-unit may be in a file, config.toml, in the folder that
 `hallctl config` names: port = \"/dev/ttyACM1\", speed_unit = \"rpm\".";
@@ -131,7 +131,7 @@ enum Command {
         /// The commutation
         kind: Kind,
     },
-    /// Turn the rotor and find out what the Halls deliver
+    /// Turn the rotor and find out what the Halls deliver; the calibration before and the map of the magnets are given up
     Calibrate(procedures::Options),
     /// Measure the motor, calibrate the Halls and set the control: all that a new motor needs but its largest current
     Commission(commission::Options),
@@ -219,7 +219,14 @@ enum Cogging {
 /// # Errors
 /// Each with its exit code.
 pub fn run(arguments: &Arguments) -> Result<()> {
-    let config = Config::read()?;
+    let config = match Config::read() {
+        // A motor that has to be stopped does not wait until a file is mended.
+        Err(error) if matches!(arguments.command, Command::Stop) && arguments.port.is_some() => {
+            eprintln!("hallctl: {error}");
+            Config::default()
+        }
+        config => config?,
+    };
     let port = arguments.port.as_deref().or(config.port.as_deref()).unwrap_or(PORT);
     let patience = arguments.patience.or(config.patience).unwrap_or(PATIENCE_S);
     let units = Units {
@@ -247,12 +254,26 @@ pub fn run(arguments: &Arguments) -> Result<()> {
             let braked = motion::brake(&mut client);
             client.order(Ask::Disarm)?;
             braked?;
+            tell_what_is_left(&mut client, &arguments.command, out);
         }
         // The next command is another process. What does not answer is left to its time-out.
         Ok(()) | Err(Error::Refused(_) | Error::Failed(_)) => client.release()?,
         _ => {}
     }
     result
+}
+
+/// What a person who has broken something off has to know: a motor that is too fast or too heavy to be braked in a moment
+/// is not at rest, and the calibration before is none any more. A drive that does not answer has nothing to tell.
+fn tell_what_is_left(client: &mut Client, command: &Command, out: Out) {
+    let Ok(status) = client.status() else { return };
+    if !status.mode.drives() && status.speed_rad_s.abs() > motion::AT_REST_RAD_S {
+        let speed = out.units.speed(status.speed_rad_s);
+        eprintln!("hallctl: the motor is not at rest: it coasts, the bridge off, at {speed}");
+    }
+    if matches!(command, Command::Calibrate { .. }) && status.mode == Mode::Unarmed {
+        eprintln!("hallctl: there is no calibration now: the one before was given up, in the flash, too");
+    }
 }
 
 /// The port where nobody says another.

@@ -7,7 +7,7 @@ use serde::Serialize;
 use std::fmt::Arguments;
 use std::fs::{self, File};
 use std::io::{self, Read, Write, stdin, stdout};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// Which of the two is wanted.
 #[derive(Clone, Copy, Debug)]
@@ -79,6 +79,18 @@ pub fn create(path: &Path) -> Result<Box<dyn Write>> {
         return Ok(Box::new(stdout()));
     }
     Ok(Box::new(File::create(path).with_context(|| format!("cannot write {}", path.display()))?))
+}
+
+/// A file for a table, whose name says how it is written; without an extension, as CSV.
+///
+/// # Errors
+/// Another extension.
+pub fn table(text: &str) -> std::result::Result<PathBuf, String> {
+    let path = PathBuf::from(text);
+    match path.extension().map(|extension| extension.to_str()) {
+        None | Some(Some("csv" | "json" | "html")) => Ok(path),
+        _ => Err("a file is .csv, .json or .html".into()),
+    }
 }
 
 /// Tries whether a file can be written, before the work begins; what is in it stays.

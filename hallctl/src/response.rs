@@ -113,10 +113,14 @@ pub struct Sine {
 }
 
 impl Sine {
-    /// Of what was set and what was measured at the same times: least squares of a sine with a mean each.
-    pub fn of(set: &[Point], measured: &[Point], hz: f64) -> Option<Self> {
+    /// Of what was set and what was measured at the same times: least squares of a sine with a mean each. Nothing where
+    /// set-points or frames came too seldom: less than half of the amplitude `size` was set then.
+    pub fn of(set: &[Point], measured: &[Point], hz: f64, size: f64) -> Option<Self> {
         let (set, measured) = (phasor(set, hz)?, phasor(measured, hz)?);
         let norm = set.0 * set.0 + set.1 * set.1;
+        if norm.is_nan() || norm < (size / 2.0).powi(2) {
+            return None;
+        }
         let ratio =
             ((measured.0 * set.0 + measured.1 * set.1) / norm, (measured.1 * set.0 - measured.0 * set.1) / norm);
         let phase_deg = ratio.1.atan2(ratio.0).to_degrees();
@@ -162,13 +166,15 @@ fn phasor(points: &[Point], hz: f64) -> Option<(f64, f64)> {
     Some((squares[1][3] / squares[1][1], squares[2][3] / squares[2][2]))
 }
 
+/// −3 dB.
+pub const LOW: f64 = std::f64::consts::FRAC_1_SQRT_2;
+
 /// Bandwidth: the frequency at which the gain falls below −3 dB, between two that were measured; and the phase margin
 /// of the open loop, where its gain is one.
 pub fn bandwidth(sines: &[Sine]) -> (Option<f64>, Option<f64>) {
     let between = |a: f64, b: f64, wanted: f64| (a.ln() - wanted.ln()) / (a.ln() - b.ln());
-    let low = 0.5_f64.sqrt();
-    let bandwidth_hz = sines.windows(2).find(|pair| pair[0].gain >= low && pair[1].gain < low).map(|pair| {
-        let share = between(pair[0].gain, pair[1].gain, low);
+    let bandwidth_hz = sines.windows(2).find(|pair| pair[0].gain >= LOW && pair[1].gain < LOW).map(|pair| {
+        let share = between(pair[0].gain, pair[1].gain, LOW);
         pair[0].hz * (pair[1].hz / pair[0].hz).powf(share)
     });
     let open: Vec<_> = sines.iter().map(Sine::open_loop).collect();
@@ -246,7 +252,7 @@ mod tests {
                 let set: Vec<_> = (0..3000).map(|k| (time(k), 4.0 + 2.0 * (TAU * hz * time(k)).sin())).collect();
                 let found: Vec<_> =
                     (0..3000).map(|k| (time(k), 4.1 + 2.0 * gain * (TAU * hz * time(k) + phase).sin())).collect();
-                let sine = Sine::of(&set, &found, hz).unwrap();
+                let sine = Sine::of(&set, &found, hz, 1.0).unwrap();
                 assert!(
                     (sine.gain - gain).abs() < 1e-6 && (sine.phase_deg - phase.to_degrees()).abs() < 1e-4,
                     "{sine:?}"
@@ -258,6 +264,6 @@ mod tests {
         assert!((bandwidth_hz.unwrap() - lag_hz).abs() < 0.3, "{bandwidth_hz:?}");
         // An integrator alone: 90 degrees, at the same frequency.
         assert!((margin_deg.unwrap() - 90.0).abs() < 1.0, "{margin_deg:?}");
-        assert_eq!(Sine::of(&[], &[], 1.0), None);
+        assert_eq!(Sine::of(&[], &[], 1.0, 1.0), None);
     }
 }

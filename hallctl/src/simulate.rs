@@ -43,7 +43,7 @@ pub enum Pace {
 #[derive(Clone, Debug, clap::Args)]
 pub struct Options {
     /// Listen here; port 0 takes a free one
-    #[arg(long, value_name = "tcp:HOST:PORT", default_value = "tcp:127.0.0.1:0")]
+    #[arg(long, value_name = "tcp:HOST:PORT", default_value = "tcp:127.0.0.1:0", value_parser = address)]
     pub listen: String,
     /// Be a pseudo-terminal instead
     #[cfg(unix)]
@@ -80,12 +80,19 @@ pub struct Options {
     #[arg(long, value_name = "FILE")]
     pub flash: Option<PathBuf>,
     /// Something happens after so long in the state running: hall-open@40s, hall-2-stuck@5s, bus-60V@1s,
-    /// load-0.05Nm@1s, hot@1s, late@1s, mend@5s; typed, it happens at once
+    /// load-0.05Nm@1s, hot@1s, late@1s, mend@5s; typed without its time, as hall-open, it happens at once
     #[arg(long, value_name = "EVENT@TIME")]
-    pub fault: Vec<String>,
+    pub fault: Vec<ScheduledEvent>,
     /// Print what it is told and each change of its state, with its time and the motor's speed
     #[arg(long)]
     pub log: bool,
+}
+
+fn address(text: &str) -> Result<String, String> {
+    match text.strip_prefix("tcp:").and_then(|address| address.rsplit_once(':')) {
+        Some((_, port)) if port.parse::<u16>().is_ok() => Ok(text.into()),
+        _ => Err("the address is to be tcp:HOST:PORT".into()),
+    }
 }
 
 /// A number from a range; `of` says what it counts.
@@ -141,7 +148,6 @@ enum Event {
 /// # Errors
 /// What is wrong with the options.
 pub fn main(options: &Options, out: Out) -> Result<()> {
-    let planned = options.fault.iter().map(|text| text.parse()).collect::<Result<Vec<ScheduledEvent>>>()?;
     let flash = match &options.flash {
         Some(path) => Flash::in_file(path)?,
         None => Flash::blank(),
@@ -161,7 +167,7 @@ pub fn main(options: &Options, out: Out) -> Result<()> {
         let rated_a = motor.map_or(Control::default().max_current_a, |motor| motor.limit_a);
         plant = with_windings(plant, options.coil_field, rated_a.into(), options.seed);
     }
-    let mut simulator = Simulator::with_rings(settings, &plant, rings, options.seed, flash, planned)?;
+    let mut simulator = Simulator::with_rings(settings, &plant, rings, options.seed, flash, options.fault.clone())?;
     let (events, line) = sync_channel(IN);
     listen_to_keyboard(events.clone());
     let name = open(options, events)?;

@@ -26,6 +26,8 @@ mod retune;
 mod scope;
 #[cfg(unix)]
 mod scripts;
+mod silence;
+mod steps;
 #[cfg(unix)]
 mod stopping;
 mod switching;

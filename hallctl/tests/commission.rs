@@ -352,3 +352,15 @@ fn of_two_at_once_one_is_refused() {
     });
     assert!(refused);
 }
+
+#[test]
+fn what_cannot_be_kept_is_told_before_the_motor_turns() {
+    let folder = tempfile::tempdir().unwrap();
+    let drive = Drive::start(&["--log"]);
+    let file = folder.path().join("none/commission.toml");
+    let output = drive.call(&["commission", "--max-current", "2", "--yes", "--file", file.to_str().unwrap()]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && said.contains("cannot write"), "{said}");
+    assert!(!String::from_utf8_lossy(&output.stdout).contains("1 of 6"));
+    assert_eq!(drive.ok(&["settings", "get", "max_current_a"]).split_whitespace().nth(2), Some("3"));
+}

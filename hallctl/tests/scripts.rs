@@ -241,6 +241,9 @@ fn a_position_that_nobody_has_counted_is_called_lost() {
     drive.ok(&["arm"]);
     drive.ok(&["speed", "50", "--seconds", "0.3"]);
     assert!(drive.json(&["status"])["position_turns"].is_number());
+    // Also as the options have it.
+    assert_eq!(drive.typed("hall-open"), "hall-open: done\n");
+    drive.typed("mend");
     assert_eq!(drive.typed("hall 1 open"), "hall 1 open: done\n");
     assert!(drive.fails(6, &["speed", "50"]).contains("then `hallctl clear`; after a repair, `hallctl calibrate`"));
     assert!(drive.ok(&["status"]).contains("lost: the Halls give no angle"));
@@ -309,4 +312,62 @@ fn a_recording_waits_for_what_it_is_told_to() {
     assert!((8..=12).contains(&fired), "{speeds:?}");
     assert!((fired + 8..fired + 40).contains(&speeds.len()), "{speeds:?}");
     assert!(drive.fails(2, &["telemetry", "--trigger", "speed"]).contains("speed>50"));
+}
+
+#[test]
+fn a_wrong_command_line_has_its_own_exit_code() {
+    for wrong in [
+        &["simulate", "--listen", "here"][..],
+        &["simulate", "--listen", "tcp:127.0.0.1"],
+        &["simulate", "--fault", "hall-open"],
+        &["simulate", "--fault", "dance@1s"],
+        &["record", "-o", "diagram.png"],
+        &["chirp", "speed", "-o", "diagram.HTML"],
+    ] {
+        let output = call("", wrong);
+        assert_eq!(output.status.code(), Some(2), "{wrong:?}: {}", String::from_utf8_lossy(&output.stderr));
+    }
+}
+
+#[test]
+fn a_refused_setting_is_named() {
+    let drive = Drive::start(&[]);
+    let said = drive.fails(6, &["settings", "set", "pole_pairs", "4.5"]);
+    assert!(said.contains("refused: pole_pairs: this setting takes whole numbers"), "{said}");
+    let said = drive.fails(6, &["settings", "set", "pole_pairs", "300"]);
+    assert!(said.contains("refused: pole_pairs would be 300"), "{said}");
+}
+
+/// What the first saves later would be lost by the second, and the other way round.
+#[test]
+fn two_drives_do_not_share_a_flash() {
+    let folder = tempfile::tempdir().unwrap();
+    let flash = folder.path().join("flash");
+    let drive = Drive::with_flash(&flash, &[]);
+    let output = call("", &["simulate", "--flash", flash.to_str().unwrap(), "--listen", "tcp:127.0.0.1:0"]);
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.code() == Some(1) && said.contains("is in use by a simulated drive"), "{said}");
+    drop(drive);
+    Drive::with_flash(&flash, &[]).ok(&["status"]);
+}
+
+#[test]
+fn a_motor_is_stopped_though_the_file_with_defaults_is_broken() {
+    let folder = tempfile::tempdir().unwrap();
+    std::fs::create_dir(folder.path().join("hallctl")).unwrap();
+    std::fs::write(folder.path().join("hallctl/config.toml"), "speed_unit = 3").unwrap();
+    let drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    drive.ok(&["arm"]);
+    let code = |arguments: &[&str]| {
+        let mut tool = Command::new(HALLCTL);
+        tool.args(arguments).env("XDG_CONFIG_HOME", folder.path()).envs([PATIENCE]).env_remove("HALLCTL_PORT");
+        tool.output().unwrap().status.code()
+    };
+    assert_eq!(code(&["--port", &drive.port, "status"]), Some(1));
+    // Whose motor it would be is not known.
+    assert_eq!(code(&["stop"]), Some(1));
+    assert!(drive.ok(&["status"]).contains("bridge on"));
+    assert_eq!(code(&["--port", &drive.port, "stop"]), Some(0));
+    assert!(drive.ok(&["status"]).contains("bridge off"));
 }

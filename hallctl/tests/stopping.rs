@@ -69,6 +69,39 @@ fn a_signal_stops_the_motor_and_switches_off() {
 }
 
 #[test]
+fn a_motor_that_a_signal_could_not_stop_is_said_to_coast() {
+    let mut drive = calibrated(&[]);
+    let (code, said) = {
+        drive.ok(&["arm"]);
+        drive.interrupted(Signal::INT, &["speed", "5"], "Speed(5.0)")
+    };
+    assert!(code == Some(130) && !said.contains("coasts"), "{said}");
+    // It would take two seconds to stop.
+    drive.ok(&["settings", "set", "max_acceleration_rad_s2", "50"]);
+    drive.ok(&["arm"]);
+    drive.ok(&["speed", "100", "--seconds", "4"]);
+    let (code, said) = drive.interrupted(Signal::INT, &["--speed-unit", "rpm", "speed", "100rad/s"], "Speed(100.0)");
+    let off = drive.log_until("Disarm");
+    assert!(off.speed_rad_s > 50.0, "{off:?}");
+    assert!(code == Some(130) && said.contains("it coasts, the bridge off, at ") && said.contains(" rpm"), "{said}");
+}
+
+#[test]
+fn a_calibration_that_is_broken_off_says_that_the_one_before_is_gone() {
+    let folder = tempfile::tempdir().unwrap();
+    let flash = folder.path().join("flash");
+    let mut drive = Drive::with_flash(&flash, &["--log"]);
+    drive.ok(&["calibrate"]);
+    let (code, said) = drive.interrupted(Signal::INT, &["calibrate"], "calibrating");
+    assert!(code == Some(130) && said.contains("no calibration now") && said.contains("in the flash"), "{said}");
+    for _ in 0..20 {
+        drive.ok(&["status"]);
+    }
+    drop(drive);
+    assert!(Drive::with_flash(&flash, &[]).fails(6, &["arm"]).contains("there is no calibration"));
+}
+
+#[test]
 fn a_signal_ends_what_takes_a_while() {
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("commission.toml");

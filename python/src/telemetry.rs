@@ -22,6 +22,14 @@ pub(crate) fn telemetry<'py>(
     if !(0.0..=1e6).contains(&seconds) {
         return Err(PyValueError::new_err("some seconds are wanted"));
     }
+    if hz.is_nan() || hz <= 0.0 {
+        return Err(PyValueError::new_err("a number of frames a second above 0 is wanted"));
+    }
+    // One that was interrupted has left its latest.
+    drive.with(py, |client| {
+        while client.telemetry().is_some() {}
+        Ok(())
+    })?;
     drive.order(py, Ask::Telemetry(hz))?;
     let end_ms = drive.with(py, Client::status)?.uptime_ms + (1000.0 * seconds) as u64;
     let mut frames = Vec::new();

@@ -29,6 +29,16 @@ def test_a_motor_is_calibrated_and_turns(port):
         assert abs(drive.status()["position_turns"] - position) < 0.01
 
 
+def test_telemetry_has_nothing_of_one_that_came_to_nothing(port):
+    with connect(port) as drive:
+        with pytest.raises(hallservo.DriveError, match="the bridge is off"):
+            drive.telemetry(0.3, hz=500, speed=40.0)
+        frames = drive.telemetry(0.3, hz=50)
+        assert len(frames["time_s"]) > 5 and np.all(np.diff(frames["time_s"]) > 0.015), frames["time_s"]
+        with pytest.raises(ValueError, match="frames a second"):
+            drive.telemetry(0.1, hz=0)
+
+
 def test_the_motor_rests_when_the_block_ends(port):
     with pytest.raises(ZeroDivisionError):
         with connect(port) as drive:

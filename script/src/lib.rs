@@ -27,7 +27,8 @@
 //! ```
 //!
 //! On a command line an event goes before its time, with hyphens for the spaces, and Hall 1 needs no number:
-//! `bus-12V@1s`, `hall-2-stuck@40s`, `hall-open@40s`. Typed, it has no time, and happens at once: `turn 2`.
+//! `bus-12V@1s`, `hall-2-stuck@40s`, `hall-open@40s`. Typed, it has no time, and happens at once: `turn 2`,
+//! or with hyphens, too: `hall-open`.
 //!
 //! Not every drive can do everything: a virtual board turns no shaft by hand, heats no bridge, loses no period and mends
 //! nothing; a simulated drive has no pins, no wires to swap, no serial port to disturb and no flash that is cut. Each
@@ -165,13 +166,22 @@ fn step(text: &str, line: usize) -> Result<Option<Step>, String> {
     }
 }
 
-/// An event without a time, as it is typed: `turn 2`.
+/// An event without a time, as it is typed: `turn 2`, or with hyphens as on a command line.
 ///
 /// # Errors
 /// What is wrong, with the word.
 pub fn event(text: &str) -> Result<Event, String> {
-    let words = words::split(text)?;
-    event::event(&words.iter().map(String::as_str).collect::<Vec<_>>())
+    let of = |words: &[String]| event::event(&words.iter().map(String::as_str).collect::<Vec<_>>());
+    of(&words::split(text)?).or_else(|wrong| of(&hyphenated(text)).map_err(|_| wrong))
+}
+
+/// The words of an event of a command line, where Hall 1 needs no number.
+fn hyphenated(text: &str) -> Vec<String> {
+    let words = event::hyphenated(text);
+    match &words[..] {
+        [hall, wire] if hall == "hall" => vec![hall.clone(), "1".into(), wire.clone()],
+        _ => words,
+    }
 }
 
 /// An event before its time, as on a command line: `hall-open@40s`.
@@ -181,12 +191,7 @@ pub fn event(text: &str) -> Result<Event, String> {
 pub fn timed(text: &str) -> Result<Step, String> {
     let (what, at) =
         text.rsplit_once('@').ok_or_else(|| format!("an event and its time are like hall-open@2s, not {text:?}"))?;
-    let mut words = event::hyphenated(what);
-    if let [hall, wire] = &words[..]
-        && hall == "hall"
-    {
-        words = vec![hall.clone(), "1".into(), wire.clone()];
-    }
+    let words = hyphenated(what);
     let words: Vec<_> = words.iter().map(String::as_str).collect();
     Ok(Step { at_s: words::time(at)?, event: event::event(&words)?, text: words.join(" "), line: 1 })
 }
@@ -248,6 +253,12 @@ mod tests {
     fn what_is_typed_has_no_time() {
         assert_eq!(event("turn 2"), Ok(Event::Turn(2.0)));
         assert_eq!(event("  turn -0.5  # back"), Ok(Event::Turn(-0.5)));
+        // As the options have them.
+        assert_eq!(event("hall-open"), Ok(Event::Hall(0, HallWire::Open)));
+        assert_eq!(event("hall-2-stuck"), Ok(Event::Hall(1, HallWire::Stuck)));
+        assert_eq!(event("bus-60V"), Ok(Event::Bus(60.0)));
+        assert_eq!(event("load--0.05Nm"), Ok(Event::Load(-0.05)));
+        assert_eq!(event("hall-open@2s"), Err("cannot do \"hall-open@2s\"".into()));
         assert_eq!(event("turn nan"), Err("expected a number, found \"nan\"".into()));
         assert_eq!(event("turn"), Err("cannot do \"turn\"".into()));
         assert_eq!(event(""), Err("nothing is done".into()));

@@ -5,7 +5,7 @@ use anyhow::{Context, Result, ensure};
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
 use hallservo_app::storage::{BLOCKS, ENCODER_BLOCKS, MAP_BLOCKS};
 use std::cell::RefCell;
-use std::fs::{File, OpenOptions};
+use std::fs::{File, OpenOptions, TryLockError};
 use std::io::{Read, Seek, SeekFrom, Write};
 use std::path::Path;
 use std::rc::Rc;
@@ -64,13 +64,19 @@ impl Flash {
     /// In a file; a new one is blank.
     ///
     /// # Errors
-    /// The file cannot be opened, or has another size.
+    /// The file cannot be opened, has another size, or is that of a simulated drive that still runs: each would write
+    /// over what the other has saved.
     pub fn in_file(path: &Path) -> Result<Self> {
         let name = || format!("the flash in {}", path.display());
         let mut file =
             OpenOptions::new().read(true).write(true).create(true).truncate(false).open(path).with_context(name)?;
         // A device may have no end.
         ensure!(file.metadata().with_context(name)?.is_file(), "{} is not a file", path.display());
+        ensure!(
+            !matches!(file.try_lock(), Err(TryLockError::WouldBlock)),
+            "{} is in use by a simulated drive that still runs",
+            name()
+        );
         let mut bytes = Vec::new();
         file.read_to_end(&mut bytes).with_context(name)?;
         if bytes.is_empty() || SMALLER.contains(&bytes.len()) {

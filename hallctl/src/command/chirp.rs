@@ -46,7 +46,7 @@ pub(super) struct Options {
     #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(2..=200))]
     steps: u32,
     /// Into this file, .csv, .json or .html, - for CSV on the standard output; may be given more than once
-    #[arg(long, short, value_name = "FILE")]
+    #[arg(long, short, value_name = "FILE", value_parser = out::table)]
     out: Vec<PathBuf>,
 }
 

@@ -71,6 +71,7 @@ fn steps(client: &mut Client, options: &Options, out: Out) -> Result<()> {
     procedures::free_shaft(client)?;
     let mut journal = begin(client, options)?;
     let mut commission = journal.commission()?;
+    Journal::probe(&options.file)?;
     words::stands(&journal, commission.action(), out)?;
     ask(options.yes, "The motor will turn, in both directions and fast in the end. Is the shaft free, may it begin?")?;
     let mut coolings = 0;

@@ -15,7 +15,7 @@ use std::time::Instant;
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Options {
     /// End after so long, by a command of zero: no voltage, no torque, else speed zero, which stops the motor; without,
-    /// hold until Ctrl-C, which stops and disarms
+    /// hold until Ctrl-C, which brakes for a moment and disarms
     #[arg(long, value_name = "SECONDS", value_parser = super::seconds)]
     seconds: Option<f64>,
     /// Command once and leave; the drive stops by itself after command_timeout_s

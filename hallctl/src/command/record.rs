@@ -34,7 +34,7 @@ pub(super) struct Options {
     #[arg(long, value_parser = super::seconds)]
     seconds: Option<f64>,
     /// Into this file, .csv, .json or .html, - for CSV on the standard output; may be given more than once
-    #[arg(long, short, value_name = "FILE")]
+    #[arg(long, short, value_name = "FILE", value_parser = out::table)]
     out: Vec<PathBuf>,
 }
 

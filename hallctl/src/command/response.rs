@@ -1,11 +1,11 @@
 //! `hallctl step` and `hallctl sine`: what the motor makes of a set-point.
 
-use super::motion::Target;
+use super::motion::{AT_REST_RAD_S, Target};
 use super::session::{Session, Trace};
 use crate::client::Client;
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::out::{self, Out};
-use crate::response::{Point, Profile, Sine, Step, bandwidth};
+use crate::response::{LOW, Point, Profile, Sine, Step, bandwidth};
 use crate::say;
 use crate::units::{self, Quantity};
 use clap::Subcommand;
@@ -65,13 +65,21 @@ pub(super) struct SineOptions {
     #[command(subcommand)]
     axis: Axis,
     /// Frequencies, Hz
-    #[arg(long, value_delimiter = ',', default_value = "1,2,4", value_parser = super::seconds, global = true)]
+    #[arg(long, value_delimiter = ',', default_value = "1,2,4", value_parser = frequency, global = true)]
     frequency: Vec<f64>,
     /// Periods of each
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..), global = true)]
     periods: u32,
     #[command(flatten)]
     files: Files,
+}
+
+/// A frequency of a sine, Hz.
+fn frequency(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(hz) if (1e-3..=1e6).contains(&hz) => Ok(hz),
+        _ => Err("a frequency from 0.001 Hz on is wanted, as a number".into()),
+    }
 }
 
 /// An axis in the drive's units.
@@ -111,6 +119,25 @@ impl Wanted {
         (self.from, self.from + self.size)
     }
 
+    /// Brings the motor to where it begins, which takes a heavy one longer than [`BEFORE_S`]: a motion that is not over
+    /// would look like an answer.
+    fn reach(&self, session: &mut Session<'_>) -> Result<()> {
+        if self.position || self.from == 0.0 {
+            return Ok(());
+        }
+        let near = (SETTLED * self.size.abs()).max(AT_REST_RAD_S.into());
+        for _ in 0..LONGEST {
+            let from_s = session.now_s();
+            session.follow(BEFORE_S / 2.0, |_| self.target(self.from), |moment| moment.position(self.position))?;
+            let late = session.since(from_s);
+            let mean = late.iter().map(|row| row.measured).sum::<f64>() / late.len() as f64;
+            if (mean - self.from).abs() <= near {
+                return Ok(());
+            }
+        }
+        Err(Error::Failed(format!("the motor does not come to {:.1} rad/s, from where it is to go on", self.from)))
+    }
+
     /// Makes the step.
     pub(super) fn step(&self, session: &mut Session<'_>, seconds: f64) -> Result<()> {
         let (from, to) = self.ends();
@@ -138,11 +165,16 @@ impl Wanted {
 
 /// Before the step, s.
 const BEFORE_S: f64 = 0.3;
+/// A step has settled within so much of it.
+const SETTLED: f64 = 0.05;
+/// As many halves of [`BEFORE_S`] may it take to come to where it begins: half a minute.
+const LONGEST: u32 = 200;
 
 pub(super) fn step(client: &mut Client, options: &StepOptions, out: Out) -> Result<()> {
     let limits = Limits::of(client)?;
     let (wanted, trace) = Session::run(client, options.files.hz, |session| {
         let wanted = Wanted::of(options.axis, session, out);
+        wanted.reach(session)?;
         wanted.step(session, options.seconds).map(|()| wanted)
     })?;
     let began_s = wanted.began_s(&trace);
@@ -208,23 +240,30 @@ impl Limits {
 const SETTLE: f64 = 1.0;
 
 pub(super) fn sine(client: &mut Client, options: &SineOptions, out: Out) -> Result<()> {
-    let mut sines = Vec::new();
+    let (mut sines, mut missed) = (Vec::new(), Vec::new());
     let mut all = Vec::new();
     let mut shown = None;
     for &hz in &options.frequency {
         let (wanted, trace) = Session::run(client, options.files.hz, |session| {
             let wanted = Wanted::of(options.axis, session, out);
+            wanted.reach(session)?;
             let began_s = session.now_s();
             let seconds = (f64::from(options.periods) + SETTLE) / hz;
             let value = |now_s: f64| wanted.from + wanted.size * (TAU * hz * (now_s - began_s)).sin();
             session.follow(seconds, |now_s| wanted.target(value(now_s)), |moment| moment.position(wanted.position))?;
             Ok(wanted)
         })?;
-        let (Some(first), Some(last)) = (trace.first(), trace.last()) else { continue };
+        let (Some(first), Some(last)) = (trace.first(), trace.last()) else {
+            missed.push(hz);
+            continue;
+        };
         let from_s = last.time_s - f64::from(options.periods) / hz;
         let late: Vec<_> = trace.iter().filter(|row| row.time_s >= from_s).collect();
         let of = |value: fn(&Trace) -> f64| late.iter().map(|row| (row.time_s, value(row))).collect::<Vec<Point>>();
-        sines.extend(Sine::of(&of(|row| row.set), &of(|row| row.measured), hz));
+        match Sine::of(&of(|row| row.set), &of(|row| row.measured), hz, wanted.size) {
+            Some(sine) => sines.push(sine),
+            None => missed.push(hz),
+        }
         let end_s = all.last().map_or(0.0, |row: &(f64, f64, f64)| row.0);
         all.extend(trace.iter().map(|row| (end_s + row.time_s - first.time_s, row.set, row.measured)));
         shown = Some(wanted);
@@ -233,17 +272,37 @@ pub(super) fn sine(client: &mut Client, options: &SineOptions, out: Out) -> Resu
     let rows = sines
         .iter()
         .map(|sine| vec![format!("{} Hz", sine.hz), format!("{:.3}", sine.gain), format!("{:.1}°", sine.phase_deg)]);
-    out.table(&std::iter::once(head).chain(rows).collect::<Vec<_>>())?;
+    if !sines.is_empty() {
+        out.table(&std::iter::once(head).chain(rows).collect::<Vec<_>>())?;
+    }
     let (bandwidth_hz, margin_deg) = bandwidth(&sines);
     match bandwidth_hz {
         Some(hz) => say!(out, "bandwidth, −3 dB: {hz:.2} Hz")?,
+        None if sines.is_empty() => {}
+        None if sines.iter().all(|sine| sine.gain < LOW) => say!(out, "bandwidth: below these frequencies")?,
         None => say!(out, "no bandwidth: the gain does not fall through −3 dB at these frequencies")?,
     }
     if let Some(margin_deg) = margin_deg {
         say!(out, "phase margin: {margin_deg:.0}°")?;
     }
     out.value(&json!({ "sines": sines, "bandwidth_hz": bandwidth_hz, "phase_margin_deg": margin_deg }))?;
-    shown.map_or(Ok(()), |wanted| save(&options.files, &wanted, &all, None))
+    if let Some(wanted) = shown {
+        save(&options.files, &wanted, &all, None)?;
+    }
+    not_missed(&missed)
+}
+
+/// Frequencies that were not measured are none without a gain.
+fn not_missed(hz: &[f64]) -> Result<()> {
+    if hz.is_empty() {
+        return Ok(());
+    }
+    let named: Vec<_> = hz.iter().map(|hz| format!("{hz} Hz")).collect();
+    Err(Error::Failed(format!(
+        "not measured: {}: set-points or frames come too seldom for it\n  A lower frequency, or a larger --hz; `hallctl \
+         chirp` measures up to the rate of the control.",
+        named.join(", ")
+    )))
 }
 
 /// Time, set-point and measured.

@@ -58,8 +58,15 @@ impl<'a> Session<'a> {
         if found.mode != Mode::Running {
             client.arm()?;
         }
+        // What still turns by a command before would look like an answer to this one.
+        let began = if found.speed_rad_s.abs() > motion::AT_REST_RAD_S {
+            motion::rest(client)?;
+            client.status()?
+        } else {
+            found
+        };
         let target = Target::Speed(0.0);
-        let result = Self::record(client, found, hz, target, work);
+        let result = Self::record(client, began, hz, target, work);
         let interrupted = matches!(result, Err(Error::Interrupted));
         if interrupted {
             client.carry_on();
@@ -94,6 +101,11 @@ impl<'a> Session<'a> {
     /// Position at the start, turns.
     pub(super) const fn began_turns(&self) -> f64 {
         self.began.position_turns
+    }
+
+    /// What was recorded after a time, s.
+    pub(super) fn since(&self, time_s: f64) -> &[Trace] {
+        &self.trace[self.trace.partition_point(|row| row.time_s <= time_s)..]
     }
 
     /// Time of the latest frame, s.

@@ -211,7 +211,8 @@ fn of_another(client: &mut Client, name: &str, error: Error) -> Error {
             Some(other) if other != name && client.setting(Ask::Get(other), |_| ()).is_ok() => {
                 Error::Refused(format!("{name} limits {other}: {why}\n  Set {other} first."))
             }
-            _ => Error::Refused(why),
+            Some(named) if named.trim_end_matches(':') == name => Error::Refused(why),
+            _ => Error::Refused(format!("{name}: {why}")),
         },
         error => error,
     }

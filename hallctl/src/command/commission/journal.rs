@@ -1,6 +1,7 @@
 //! What was found so far, in a file: commissioning goes on where it was broken off, by whatever.
 
 use crate::error::{Error, Result};
+use crate::out;
 use anyhow::Context;
 use hallservo::hall::calibrate::{self, report::Report as Sensors};
 use hallservo::service::commission::Commission;
@@ -12,7 +13,7 @@ use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
 use std::io::ErrorKind;
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 /// What a step has found.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -32,6 +33,11 @@ pub(super) enum Found {
 
 /// Last line of a file that is whole: one cut off between two lines would be read as less.
 const END: &str = "# end";
+
+/// Where it is written before it takes its place.
+fn beside(path: &Path) -> PathBuf {
+    path.with_extension("new")
+}
 
 /// A motor on its way.
 #[derive(Clone, Debug, Serialize, Deserialize)]
@@ -83,10 +89,15 @@ impl Journal {
         Ok(Some(journal))
     }
 
+    /// Tries whether it can be kept, before the motor turns.
+    pub fn probe(path: &Path) -> Result<()> {
+        out::probe(&beside(path))
+    }
+
     /// Whole or not at all, whatever happens meanwhile.
     pub fn write(&self, path: &Path) -> Result<()> {
         let text = toml::to_string(self).context("the results")? + END + "\n";
-        let new = path.with_extension("new");
+        let new = beside(path);
         fs::write(&new, text).with_context(|| format!("cannot write {}", new.display()))?;
         Ok(fs::rename(&new, path).with_context(|| format!("cannot write {}", path.display()))?)
     }

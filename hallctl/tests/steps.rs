@@ -1,0 +1,55 @@
+//! What `step` and `sine` say is what the motor did by them, and by nothing before.
+
+use crate::process::Drive;
+use serde_json::Value;
+
+impl Drive {
+    fn response(&self, arguments: &[&str]) -> Value {
+        let text = self.ok(&[&["--json"], arguments].concat());
+        serde_json::from_str(&text).unwrap_or_else(|error| panic!("{arguments:?}: {error}: {text}"))
+    }
+}
+
+/// It takes seconds to come to rest, like a heavy wheel.
+#[test]
+fn a_step_begins_where_it_says_though_the_motor_was_turning() {
+    let drive = Drive::start(&[]);
+    drive.ok(&["settings", "set", "max_acceleration_rad_s2", "50"]);
+    drive.ok(&["calibrate"]);
+    let is_one = |arguments: &[&str]| {
+        let found = drive.response(&[arguments, &["--seconds", "2"]].concat());
+        let number = |name: &str| found["measured"][name].as_f64().unwrap_or_else(|| panic!("{arguments:?}: {found}"));
+        assert!(number("overshoot_pct") < 20.0 && number("rise_s") > 0.1, "{arguments:?}: {found}");
+    };
+    drive.ok(&["arm"]);
+    is_one(&["step", "speed", "20"]);
+    drive.ok(&["speed", "100", "--seconds", "3"]);
+    is_one(&["step", "speed", "20"]);
+    // From a speed that it has to reach first.
+    is_one(&["step", "speed", "20", "--from", "100"]);
+    // A position is one from where the motor has come to rest.
+    drive.ok(&["speed", "100", "--seconds", "3"]);
+    is_one(&["step", "position", "1"]);
+    // Coasting, the bridge off.
+    drive.ok(&["speed", "-100", "--seconds", "5"]);
+    drive.ok(&["stop"]);
+    is_one(&["step", "speed", "20"]);
+}
+
+#[test]
+fn what_no_sine_has_measured_is_not_told_as_a_figure() {
+    let drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    // The simulated drive takes 50 set-points a second here.
+    let output = drive.call(&["sine", "speed", "10", "--frequency", "1,300,250"]);
+    let (said, told) = (String::from_utf8(output.stdout).unwrap(), String::from_utf8(output.stderr).unwrap());
+    assert_eq!(output.status.code(), Some(7), "{said}{told}");
+    assert!(said.contains("1 Hz") && !said.contains("NaN") && !said.contains("300"), "{said}");
+    assert!(told.contains("not measured: 300 Hz, 250 Hz"), "{told}");
+    let output = drive.call(&["sine", "speed", "10", "--frequency", "1000", "--periods", "2"]);
+    assert_eq!((output.status.code(), output.stdout.len()), (Some(7), 0));
+    // A frequency that it cannot follow is not one that it follows.
+    let said = drive.ok(&["sine", "position", "100", "--frequency", "1"]);
+    assert!(said.contains("below these frequencies"), "{said}");
+    assert!(drive.fails(2, &["sine", "speed", "10", "--frequency", "0"]).contains("a frequency"));
+}

@@ -303,6 +303,17 @@ fn hardly_a_load_on_a_shaft_that_twists_looks_wrong_when_driven() {
     assert!(refused.len() <= sim::of(2, 7), "{refused:?}");
 }
 
+/// How far the rotor gets from where it was within a time, while the bridge is on, degrees.
+fn driven_deg(rig: &mut Rig, seconds: f64, start_rad: f64) -> f64 {
+    let mut farthest = 0.0_f64;
+    rig.run(seconds, |_, period| {
+        if period.output.legs != Legs::NONE {
+            farthest = farthest.max((period.truth.mechanical_angle_rad - start_rad).to_degrees().abs());
+        }
+    });
+    farthest
+}
+
 /// … and what is wrong is found with it, before it has turned far. One pair of swapped wires in fifty holds the rotor
 /// against the field, and it falls and swings back as one that follows would: with a speed commanded, it stalls.
 #[test]
@@ -313,13 +324,7 @@ fn wrong_wires_with_a_load_on_a_shaft_that_twists_are_found() {
         let wires = if number % 2 == 0 { Wires::swapped(number / 2 % 3) } else { Wires::moved_on(1 + number / 2 % 2) };
         rig.plant.set_motor_wires(wires);
         let start = rig.plant.truth().mechanical_angle_rad;
-        let mut follow = |rig: &mut Rig, seconds| {
-            rig.run(seconds, |_, period| {
-                if period.output.legs != Legs::NONE {
-                    farthest = farthest.max((period.truth.mechanical_angle_rad - start).to_degrees().abs());
-                }
-            });
-        };
+        let mut follow = |rig: &mut Rig, seconds| farthest = farthest.max(driven_deg(rig, seconds, start));
         rig.command(Command::Arm).unwrap();
         follow(&mut rig, 0.95);
         for _ in 0..4 {
@@ -349,14 +354,7 @@ fn wrong_wires_at_a_flywheel_on_uneven_magnets_are_found() {
             rig.plant.set_motor_wires(wires);
             let start = rig.plant.truth().mechanical_angle_rad;
             let mut way = 0.0_f64;
-            // While the bridge is on.
-            let mut follow = |rig: &mut Rig, seconds| {
-                rig.run(seconds, |_, period| {
-                    if period.output.legs != Legs::NONE {
-                        way = way.max((period.truth.mechanical_angle_rad - start).to_degrees().abs());
-                    }
-                });
-            };
+            let mut follow = |rig: &mut Rig, seconds| way = way.max(driven_deg(rig, seconds, start));
             rig.command(Command::Arm).unwrap();
             follow(&mut rig, 0.95);
             let at_arming = rig.drive.mode();

@@ -134,6 +134,12 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         if self.pending.is_none() {
             self.registers.tick(&mut self.tasks);
         }
+        self.stream();
+    }
+
+    // Answers are large: what holds one has a stack frame of its own.
+    #[inline(never)]
+    fn stream(&mut self) {
         if let Some((id, telemetry)) = self.tasks.telemetry()
             && !self.outbox.push_if_spare(&Reply { id, answer: Answer::Telemetry(telemetry) })
         {
@@ -254,6 +260,7 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         self.outbox.push(&reply);
     }
 
+    #[inline(never)]
     fn answer_pending(&mut self) {
         let Some(pending) = &mut self.pending else { return };
         pending.ticks += 1;

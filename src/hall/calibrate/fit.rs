@@ -78,8 +78,9 @@ pub(super) fn fit(bins: &Bins, halls: Halls, angles: &mut [[ElectricalAngle; BIN
     for (angle, point) in angles.as_flattened_mut().iter_mut().zip(points(bins)) {
         *angle = point.field - zero;
     }
+    let mut equations = Equations::default();
     for _ in 0..ITERATIONS {
-        let mut equations = Equations::default();
+        equations.clear();
         for (point, angle) in points(bins).zip(angles.as_flattened_mut().iter_mut()) {
             *angle = nearest(&sensors, &point.codes, *angle);
             equations.add(&sensors, &point.codes, *angle);
@@ -206,6 +207,11 @@ fn sensor_of(parameter: usize) -> usize {
 }
 
 impl Equations {
+    fn clear(&mut self) {
+        self.matrix.as_flattened_mut().fill(0.0);
+        self.vector.fill(0.0);
+    }
+
     fn add(&mut self, sensors: &[Sensor; 3], codes: &[f32; 3], angle: ElectricalAngle) {
         let e = residuals(sensors, codes, angle);
         let t = slopes(sensors, angle);

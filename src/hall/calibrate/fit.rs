@@ -70,15 +70,16 @@ const EXPECTED: f32 = 0.02;
 // A stack frame of its own, given back before the report.
 #[inline(never)]
 pub(super) fn fit(bins: &Bins, halls: Halls, angles: &mut [[ElectricalAngle; BINS]; 2]) -> Result<Fit, NoFit> {
-    let start = start(bins, halls)?;
+    let mut sensors = start(bins, halls)?;
     // The Hall angle is zero where the first sensor's fundamental rises through its offset.
-    let zero = start[0].placement;
-    let mut sensors = start.map(|sensor| Sensor { placement: sensor.placement - zero, ..sensor });
-    sensors[halls.count()..].fill(Sensor::ABSENT);
+    let zero = sensors[0].placement;
+    for sensor in sensors.iter_mut().take(halls.count()) {
+        sensor.placement -= zero;
+    }
     for (angle, point) in angles.as_flattened_mut().iter_mut().zip(points(bins)) {
         *angle = point.field - zero;
     }
-    let mut equations = Equations::default();
+    let mut equations = Equations::ZERO;
     for _ in 0..ITERATIONS {
         equations.clear();
         for (point, angle) in points(bins).zip(angles.as_flattened_mut().iter_mut()) {
@@ -100,7 +101,8 @@ pub(super) fn fit(bins: &Bins, halls: Halls, angles: &mut [[ElectricalAngle; BIN
     if !residual.is_finite() {
         return Err(NoFit::Diverged);
     }
-    Ok(Fit { sensors: sensors.map(unaveraged), residual })
+    sensors.iter_mut().for_each(unaverage);
+    Ok(Fit { sensors, residual })
 }
 
 /// All of both sweeps. Made anew each time, which takes less time than a small stack has room.
@@ -195,18 +197,15 @@ struct Equations {
     vector: [f32; PARAMETERS],
 }
 
-impl Default for Equations {
-    fn default() -> Self {
-        Self { matrix: [[0.0; PARAMETERS]; PARAMETERS], vector: [0.0; PARAMETERS] }
-    }
-}
-
 /// Which sensor a parameter belongs to.
 fn sensor_of(parameter: usize) -> usize {
     if parameter < 12 { parameter / 4 } else { parameter - 11 }
 }
 
 impl Equations {
+    // A constant, whose parts the compiler does not make elsewhere first.
+    const ZERO: Self = Self { matrix: [[0.0; PARAMETERS]; PARAMETERS], vector: [0.0; PARAMETERS] };
+
     fn clear(&mut self) {
         self.matrix.as_flattened_mut().fill(0.0);
         self.vector.fill(0.0);
@@ -286,16 +285,13 @@ fn apply(sensors: &mut [Sensor; 3], step: &[f32; PARAMETERS]) {
 }
 
 /// Undoes the averaging over a bin, which shrinks the k-th harmonic by `sin(kπ/BINS)/(kπ/BINS)`.
-fn unaveraged(sensor: Sensor) -> Sensor {
+fn unaverage(sensor: &mut Sensor) {
     let shrunk = |k: f32| {
         // Of the sine's series, what is left out is below 10⁻⁷.
         let square = k * PI / BINS as f32 * (k * PI / BINS as f32);
         1.0 - square / 6.0 * (1.0 - square / 20.0)
     };
-    Sensor {
-        amplitude: sensor.amplitude / shrunk(1.0),
-        third: sensor.third * shrunk(1.0) / shrunk(3.0),
-        fifth: sensor.fifth * shrunk(1.0) / shrunk(5.0),
-        ..sensor
-    }
+    sensor.amplitude /= shrunk(1.0);
+    sensor.third = sensor.third * shrunk(1.0) / shrunk(3.0);
+    sensor.fifth = sensor.fifth * shrunk(1.0) / shrunk(5.0);
 }

@@ -57,6 +57,44 @@ const LONGEST_LEG: f32 = 3.0;
 /// Time that is added to it, ms.
 const MARGIN_MS: f32 = 2000.0;
 
+/// What a plan comes to, which is small.
+#[derive(Clone, Debug)]
+pub struct Outset {
+    sequence: Sequence,
+    plan: Plan,
+    speed: Speed,
+    distance: i64,
+    timeout_ms: u32,
+}
+
+impl Outset {
+    /// Looks at a plan.
+    ///
+    /// # Errors
+    /// A part of the plan is out of its range.
+    #[inline(never)]
+    pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
+        let control = config.control.as_ref().ok_or(Error::NoControl)?;
+        let fields = [
+            ("speed_rad_s", plan.speed_rad_s > 0.0),
+            ("turns", (1..=100).contains(&plan.turns)),
+            ("passes", (1..=4).contains(&plan.passes)),
+            ("harmonics", (1..cogging::POINTS as u8 / 2).contains(&plan.harmonics)),
+        ];
+        if let Some((field, _)) = fields.into_iter().find(|(_, right)| !right) {
+            return Err(Error::Plan { field });
+        }
+        let leg_ms = 1000.0 * plan.turns as f32 * TAU / plan.speed_rad_s;
+        Ok(Self {
+            sequence: Sequence::new(config, plan.commutation)?,
+            plan: *plan,
+            speed: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,
+            distance: (i64::from(plan.turns) * i64::from(config.pole_pairs.get())) << 32,
+            timeout_ms: (LONGEST_LEG * leg_ms + MARGIN_MS) as u32,
+        })
+    }
+}
+
 /// The procedure.
 #[derive(Clone, Debug)]
 pub struct Learning {
@@ -84,36 +122,29 @@ impl Learning {
     ///
     /// # Errors
     /// A part of the plan is out of its range.
-    // Called, it writes to the caller's place; inlined, it would put two more on the stack.
-    #[inline(never)]
     pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
-        let control = config.control.as_ref().ok_or(Error::NoControl)?;
-        let fields = [
-            ("speed_rad_s", plan.speed_rad_s > 0.0),
-            ("turns", (1..=100).contains(&plan.turns)),
-            ("passes", (1..=4).contains(&plan.passes)),
-            ("harmonics", (1..cogging::POINTS as u8 / 2).contains(&plan.harmonics)),
-        ];
-        if let Some((field, _)) = fields.into_iter().find(|(_, right)| !right) {
-            return Err(Error::Plan { field });
-        }
-        let leg_ms = 1000.0 * plan.turns as f32 * TAU / plan.speed_rad_s;
-        let sequence = Sequence::new(config, plan.commutation)?;
-        let speed = control.speed(plan.speed_rad_s).map_err(Error::Demand)?;
-        Ok(Self {
+        Ok(Self::of(Outset::new(config, plan)?))
+    }
+
+    /// The same of what [`Outset::new`] has found.
+    // Inlined, it is made in its place, and takes no stack.
+    #[inline(always)]
+    pub fn of(outset: Outset) -> Self {
+        let Outset { sequence, plan, speed, distance, timeout_ms } = outset;
+        Self {
             sequence,
-            plan: *plan,
+            plan,
             learner: Learner::default(),
             table: None,
             speed,
             leg: 0,
             leg_began_ms: None,
-            distance: (i64::from(plan.turns) * i64::from(config.pole_pairs.get())) << 32,
+            distance,
             start: None,
             position: 0,
             covered: 0.0,
-            timeout_ms: (LONGEST_LEG * leg_ms + MARGIN_MS) as u32,
-        })
+            timeout_ms,
+        }
     }
 
     fn forward(&self) -> bool {

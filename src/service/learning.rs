@@ -95,26 +95,28 @@ impl Outset {
     }
 }
 
-/// The procedure.
+/// The procedure. The learner stands between parts that always hold something: beside what is not filled at first, the
+/// compiler would clear it on the stack and copy it.
 #[derive(Clone, Debug)]
+#[repr(C)]
 pub struct Learning {
     sequence: Sequence,
     plan: Plan,
-    learner: Learner,
-    table: Option<cogging::Table>,
+    /// Distance of a leg, in 2⁻³² electrical turns.
+    distance: i64,
+    timeout_ms: u32,
     speed: Speed,
+    learner: Learner,
     /// Number of the leg, counted from 0: even ones forward, odd ones backward.
     leg: u32,
     leg_began_ms: Option<u32>,
-    /// Distance of a leg, in 2⁻³² electrical turns.
-    distance: i64,
     /// Position at which the learning of this leg began, in 2⁻³² electrical turns.
     start: Option<i64>,
     /// Position of the last measurement, in 2⁻³² electrical turns.
     position: i64,
     /// Largest share of the distance covered in this leg.
     covered: f32,
-    timeout_ms: u32,
+    table: Option<cogging::Table>,
 }
 
 impl Learning {

@@ -193,7 +193,7 @@ fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
 
 /// Normal equations `matrix · step = vector`, lower triangle.
 struct Equations {
-    matrix: [[f32; PARAMETERS]; PARAMETERS],
+    matrix: [f32; math::triangle(PARAMETERS)],
     vector: [f32; PARAMETERS],
 }
 
@@ -204,10 +204,10 @@ fn sensor_of(parameter: usize) -> usize {
 
 impl Equations {
     // A constant, whose parts the compiler does not make elsewhere first.
-    const ZERO: Self = Self { matrix: [[0.0; PARAMETERS]; PARAMETERS], vector: [0.0; PARAMETERS] };
+    const ZERO: Self = Self { matrix: [0.0; math::triangle(PARAMETERS)], vector: [0.0; PARAMETERS] };
 
     fn clear(&mut self) {
-        self.matrix.as_flattened_mut().fill(0.0);
+        self.matrix.fill(0.0);
         self.vector.fill(0.0);
     }
 
@@ -222,7 +222,7 @@ impl Equations {
             for (column, other_d) in derivatives.iter().enumerate().take(row + 1) {
                 let other = sensor_of(column);
                 let same = if own == other { 1.0 } else { 0.0 };
-                self.matrix[row][column] += d * other_d * (same - t[own] * t[other] / length);
+                self.matrix[math::lower(row, column)] += d * other_d * (same - t[own] * t[other] / length);
             }
         }
     }
@@ -233,18 +233,18 @@ impl Equations {
         let weight = EXPECTED * self.mean();
         let difference = first.third - second.third;
         for (third, difference) in [(2, difference), (6, -difference)] {
-            self.matrix[third][third] += weight;
+            self.matrix[math::lower(third, third)] += weight;
             self.vector[third] -= weight * difference;
         }
-        self.matrix[6][2] -= weight;
+        self.matrix[math::lower(6, 2)] -= weight;
         for (fifth, sensor) in [(3, first), (7, second)] {
-            self.matrix[fifth][fifth] += weight;
+            self.matrix[math::lower(fifth, fifth)] += weight;
             self.vector[fifth] -= weight * sensor.fifth;
         }
     }
 
     fn mean(&self) -> f32 {
-        (0..PARAMETERS).map(|k| self.matrix[k][k]).sum::<f32>() / PARAMETERS as f32
+        (0..PARAMETERS).map(|k| self.matrix[math::lower(k, k)]).sum::<f32>() / PARAMETERS as f32
     }
 
     /// Leaves the solution in `vector`; `None` when the matrix is not positive definite.
@@ -252,9 +252,9 @@ impl Equations {
         let mean = self.mean();
         for k in 0..PARAMETERS {
             // Weight of the guess "no change" where the data say nothing, far below what they say elsewhere.
-            self.matrix[k][k] += 1e-5 * mean;
+            self.matrix[math::lower(k, k)] += 1e-5 * mean;
         }
-        math::solve(self.matrix.as_flattened_mut(), &mut self.vector, PARAMETERS, 0.0)
+        math::solve(&mut self.matrix, &mut self.vector, PARAMETERS, 0.0)
     }
 }
 

@@ -145,7 +145,7 @@ fn supervise<F: NorFlash, E: Encoder>(
 ) -> &'static mut Supervisor<F, E> {
     let Start { identity, defaults, settings, problem, storage } = start;
     // Written right into its place, which spares the stack a copy.
-    let supervisor = supervisor.write(Supervisor::new(Tasks {
+    supervisor.write(Supervisor::new(Tasks {
         identity,
         controller: Controller::default(),
         service: places.service,
@@ -191,8 +191,7 @@ fn supervise<F: NorFlash, E: Encoder>(
         garbage: 0,
         lost_frames: 0,
         now_ms: 0,
-    }));
-    supervisor
+    }))
 }
 
 impl<F: NorFlash, E: Encoder> Tasks<F, E> {

@@ -230,6 +230,7 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
 
     /// A frame of registers from a bus, and its reply; not to be called while the drive [is busy](Self::is_busy).
     #[cfg(feature = "registers")]
+    #[inline(never)]
     pub fn frame(&mut self, request: &hallservo_registers::Request) -> Option<hallservo_registers::Reply> {
         self.frames = self.frames.wrapping_add(1);
         self.registers.handle(request, &mut self.tasks)

@@ -120,6 +120,39 @@ const SLEW_V_S: f32 = 40.0;
 const SLOW_V_S: f32 = 8.0;
 
 impl Config {
+    /// Memory for [`Settings::validate_into`].
+    // Inlined, it is made in its place, and takes no stack.
+    #[inline(always)]
+    pub const fn blank() -> Self {
+        Self {
+            tracking: track::Config::BLANK,
+            fastest: 0,
+            record_every: 0,
+            period: 0,
+            dead_time: 0,
+            adc_bits: 0,
+            pole_pairs: PolePairs::ONE,
+            reversed: false,
+            commutation: Commutation::Block,
+            limits: pwm::Limits::BLANK,
+            max_modulation: Modulation::ZERO,
+            advance: ElectricalAngle::ZERO,
+            tolerated: 0,
+            run_on_two_halls: false,
+            halls: Halls::Three,
+            calibration_record_every: 0,
+            open_loop: OpenLoop {
+                modulation: Modulation::ZERO,
+                rise: 0,
+                stand: 0,
+                speed: 0,
+                turns: 0,
+                regulator: None,
+            },
+            control: None,
+        }
+    }
+
     /// Moves the bounds of the position, where that is zero at an electrical position of its own.
     pub fn shift_bounds(&mut self, origin: Position) {
         if let Some(control) = &mut self.control {
@@ -177,50 +210,86 @@ impl Settings {
     /// [`Error::OutOfRange`] names the first setting that is out of its range, [`Error::Pwm`] what does not fit
     /// together.
     pub fn validate(&self) -> Result<Config, Error<'static>> {
+        let mut config = Config::blank();
+        self.validate_into(&mut config)?;
+        Ok(config)
+    }
+
+    /// The same, written to its place, which spares a small stack a copy or two; half of it may be after an error.
+    ///
+    /// # Errors
+    /// As [`Self::validate`].
+    #[inline(never)]
+    pub fn validate_into(&self, place: &mut Config) -> Result<(), Error<'static>> {
         if self.control.is_none() && self.commutation == Commutation::FieldOriented {
             return Err(Error::NoControl);
         }
         self.check()?;
         let Self { timer_hz, pwm_hz, .. } = *self;
-        let period = pwm::period_counts(timer_hz, pwm_hz)?;
-        let dead_time = pwm::dead_time_counts(timer_hz, pwm_hz, self.dead_time_s)?;
-        let limits = self.limits(period)?;
-        let frame = control::config::Frame {
-            adc_bits: self.adc_bits,
-            pole_pairs: self.pole_pairs,
-            pwm_hz,
+        // Each to its place: a whole one would be made on the stack.
+        let Config {
+            tracking,
+            fastest,
+            record_every,
             period,
             dead_time,
-            dead_time_s: self.dead_time_s,
+            adc_bits,
+            pole_pairs,
+            reversed,
+            commutation,
             limits,
-            max_electrical_hz: self.max_electrical_hz,
-            tracking_hz: self.tracking_bandwidth_hz,
-            reversed: self.reversed,
-        };
-        let mut config = Config {
-            control: None,
-            period,
-            dead_time,
-            adc_bits: self.adc_bits,
-            pole_pairs: PolePairs::new(self.pole_pairs).unwrap_or(PolePairs::ONE),
-            reversed: self.reversed,
-            commutation: self.commutation,
-            limits,
-            max_modulation: commutation::modulation(self.max_modulation),
-            advance: ElectricalAngle::from_degrees(self.phase_advance_deg),
-            tracking: self.tracking()?,
-            fastest: (self.fastest_hz() / pwm_hz * TURN) as i32,
-            tolerated: self.tolerated_samples.into(),
-            run_on_two_halls: self.run_on_two_halls,
-            halls: if self.halls == 2 { Halls::Two } else { Halls::Three },
-            record_every: self.record_every(),
-            calibration_record_every: self.every(self.calibration_record_hz),
-            open_loop: self.open_loop(dead_time),
-        };
-        if let Some(control) = &self.control {
-            control::Config::make(&mut config.control, control, &frame)?;
+            max_modulation,
+            advance,
+            tolerated,
+            run_on_two_halls,
+            halls,
+            calibration_record_every,
+            open_loop,
+            control,
+        } = place;
+        *period = pwm::period_counts(timer_hz, pwm_hz)?;
+        *dead_time = pwm::dead_time_counts(timer_hz, pwm_hz, self.dead_time_s)?;
+        *limits = self.limits(*period)?;
+        *adc_bits = self.adc_bits;
+        *pole_pairs = PolePairs::new(self.pole_pairs).unwrap_or(PolePairs::ONE);
+        *reversed = self.reversed;
+        *commutation = self.commutation;
+        *max_modulation = commutation::modulation(self.max_modulation);
+        *advance = ElectricalAngle::from_degrees(self.phase_advance_deg);
+        *tracking = self.tracking()?;
+        *fastest = (self.fastest_hz() / pwm_hz * TURN) as i32;
+        *tolerated = self.tolerated_samples.into();
+        *run_on_two_halls = self.run_on_two_halls;
+        *halls = if self.halls == 2 { Halls::Two } else { Halls::Three };
+        *record_every = self.record_every();
+        *calibration_record_every = self.every(self.calibration_record_hz);
+        *open_loop = self.open_loop(*dead_time);
+        *control = None;
+        if let Some(settings) = &self.control {
+            let frame = control::config::Frame {
+                adc_bits: *adc_bits,
+                pole_pairs: self.pole_pairs,
+                pwm_hz,
+                period: *period,
+                dead_time: *dead_time,
+                dead_time_s: self.dead_time_s,
+                limits: *limits,
+                max_electrical_hz: self.max_electrical_hz,
+                tracking_hz: self.tracking_bandwidth_hz,
+                reversed: *reversed,
+            };
+            control::Config::make(control, settings, &frame)?;
         }
-        Ok(config)
+        Ok(())
+    }
+
+    /// Whether they are valid together, in a stack frame of its own.
+    ///
+    /// # Errors
+    /// As [`Self::validate`].
+    #[inline(never)]
+    pub fn verify(&self) -> Result<(), Error<'static>> {
+        self.validate_into(&mut Config::blank())
     }
 
     /// Electrical frequency that is a fault: a fifth above the largest speed, and what the speed's noise may add.

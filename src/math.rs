@@ -26,9 +26,19 @@ pub(crate) const fn within(value: i32, limit: u32) -> bool {
     (value as u32).wrapping_add(limit) <= 2 * limit
 }
 
+/// Entries of the lower triangle of a matrix, with its diagonal.
+pub(crate) const fn triangle(size: usize) -> usize {
+    size * (size + 1) / 2
+}
+
+/// Place of an entry of a lower triangle, none above the diagonal.
+pub(crate) const fn lower(row: usize, column: usize) -> usize {
+    triangle(row) + column
+}
+
 /// Solves `matrix · x = vector` in place for the first `size` unknowns, by LDLᵀ decomposition of a symmetric, positive
 /// definite matrix, of which only the lower triangle is read. `vector` becomes the solution, the lower triangle the
-/// factors. The matrix is given row by row, each as long as the vector, so that all sizes share one copy of the code.
+/// factors. The triangle is given row by row, as [`lower`] counts, so that all sizes share one copy of the code.
 ///
 /// `None` if a pivot is not above `smallest_pivot` times its diagonal element: then the equations do not determine the
 /// unknown, or a value is not a number.
@@ -37,9 +47,8 @@ pub(crate) fn solve<T>(matrix: &mut [T], vector: &mut [T], size: usize, smallest
 where
     T: Copy + PartialOrd + SubAssign + Mul<Output = T> + Div<Output = T>,
 {
-    let width = vector.len();
-    let size = size.min(width);
-    let at = |row, column| row * width + column;
+    let size = size.min(vector.len());
+    let at = lower;
     for row in 0..size {
         let least = smallest_pivot * matrix[at(row, row)];
         for column in 0..row {
@@ -84,13 +93,15 @@ mod tests {
 
     #[test]
     fn solve_finds_what_the_equations_were_made_of() {
-        let full = [[4.0, 2.0, -1.0, 9.0], [2.0, 5.0, 0.5, 9.0], [-1.0, 0.5, 3.0, 9.0], [9.0; 4]];
+        let full = [[4.0, 2.0, -1.0], [2.0, 5.0, 0.5], [-1.0, 0.5, 3.0]];
         let x = [1.5, -2.0, 0.25];
-        // Only the lower triangle of the first three rows counts.
-        let mut matrix: [[f64; 4]; 4] =
-            core::array::from_fn(|i| core::array::from_fn(|k| if k <= i { full[i][k] } else { f64::NAN }));
+        // Only the first three rows count.
+        let mut matrix = [f64::NAN; triangle(4)];
+        for (row, column) in (0..3).flat_map(|row| (0..=row).map(move |column| (row, column))) {
+            matrix[lower(row, column)] = full[row][column];
+        }
         let mut vector = [0, 1, 2, 3].map(|i: usize| (0..3).map(|k| full[i.min(2)][k] * x[k]).sum());
-        solve(matrix.as_flattened_mut(), &mut vector, 3, 1e-9).unwrap();
+        solve(&mut matrix, &mut vector, 3, 1e-9).unwrap();
         for (found, true_value) in vector.iter().zip(x) {
             assert!((found - true_value).abs() < 1e-12, "{vector:?}");
         }
@@ -98,11 +109,11 @@ mod tests {
 
     #[test]
     fn solve_refuses_what_determines_nothing() {
-        let refused = |mut matrix: [[f32; 2]; 2]| solve(matrix.as_flattened_mut(), &mut [1.0, 1.0], 2, 1e-6).is_none();
-        assert!(refused([[1.0, 2.0], [2.0, 4.0]]));
-        assert!(refused([[1.0, 2.0], [2.0, 1.0]]));
-        assert!(refused([[f32::NAN, 0.0], [0.0, 1.0]]));
-        assert!(refused([[0.0, 0.0], [0.0, 1.0]]));
-        assert!(!refused([[1.0, 0.5], [0.5, 1.0]]));
+        let refused = |mut matrix: [f32; 3]| solve(&mut matrix, &mut [1.0, 1.0], 2, 1e-6).is_none();
+        assert!(refused([1.0, 2.0, 4.0]));
+        assert!(refused([1.0, 2.0, 1.0]));
+        assert!(refused([f32::NAN, 0.0, 1.0]));
+        assert!(refused([0.0, 0.0, 1.0]));
+        assert!(!refused([1.0, 0.5, 1.0]));
     }
 }

@@ -98,6 +98,9 @@ pub struct Limits {
 }
 
 impl Limits {
+    /// Memory for some.
+    pub(crate) const BLANK: Self = Self { half: 0, largest: 0, low: 0, high: 0, top: 0 };
+
     /// For a timer of `period` counts whose compare values must stay from `low` to `high`.
     ///
     /// # Errors

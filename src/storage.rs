@@ -139,7 +139,17 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
     /// [`Error::Blank`], [`Error::Corrupt`] or [`Error::Version`] ask for a calibration.
     pub fn load(&mut self, record: &mut [u8]) -> Result<usize, Error<F::Error>> {
         let mut buffer = [0; SIZE];
-        let blocks = [0, 1].map(|block| self.read(block, self.slot, &mut buffer));
+        let stored = self.load_into(&mut buffer)?;
+        record.get_mut(..stored.len()).ok_or(Error::TooLong)?.copy_from_slice(stored);
+        Ok(stored.len())
+    }
+
+    /// The newest record, in the only memory that this takes.
+    ///
+    /// # Errors
+    /// As [`Self::load`].
+    pub fn load_into<'a>(&mut self, buffer: &'a mut [u8; SIZE]) -> Result<&'a [u8], Error<F::Error>> {
+        let blocks = [0, 1].map(|block| self.read(block, self.slot, buffer));
         let Some((newest, Block::Whole { version, length, .. })) = newest(&blocks) else {
             let blank = blocks == [Block::Blank; 2];
             return Err(if blank { Error::Blank } else { Error::Corrupt });
@@ -148,12 +158,10 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
             return Err(Error::Version { found: version });
         }
         // Once more, for the buffer holds the second; it may fail only now.
-        if self.read(newest, self.slot, &mut buffer) != blocks[newest] {
+        if self.read(newest, self.slot, buffer) != blocks[newest] {
             return Err(Error::Corrupt);
         }
-        let place = record.get_mut(..length).ok_or(Error::TooLong)?;
-        place.copy_from_slice(&buffer[HEADER..HEADER + length]);
-        Ok(length)
+        buffer.get(HEADER..HEADER + length).ok_or(Error::TooLong)
     }
 
     /// Saves a record. When it returns, the record is in the flash; when the power goes before, that or the last one

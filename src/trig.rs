@@ -43,7 +43,19 @@ impl Segment {
 #[inline(always)]
 pub const fn sin(angle: ElectricalAngle) -> I2F30 {
     let bits = angle.to_bits() as u32;
+    if cfg!(feature = "small") {
+        return I2F30::from_bits(folded_sine(bits));
+    }
     I2F30::from_bits(SINE[(bits >> 24) as usize].at((bits >> SINE_OFFSET_LOW) & (SINE_STEPS - 1)))
+}
+
+/// The sine by its first half wave, which the other mirrors: a table of 1 KiB instead of 2.5, which a small chip can keep
+/// where no wait states are.
+#[inline(always)]
+const fn folded_sine(bits: u32) -> i32 {
+    let sine = HALF_SINE[(bits >> 24 & 127) as usize].at((bits >> SINE_OFFSET_LOW) & (SINE_STEPS - 1));
+    let sign = bits as i32 >> 31;
+    (sine ^ sign).wrapping_sub(sign)
 }
 
 /// Cosine of an angle, with the error of [`sin`].
@@ -56,6 +68,9 @@ pub const fn cos(angle: ElectricalAngle) -> I2F30 {
 #[inline(always)]
 pub const fn sin_cos(angle: ElectricalAngle) -> (I2F30, I2F30) {
     let bits = angle.to_bits() as u32;
+    if cfg!(feature = "small") {
+        return (sin(angle), cos(angle));
+    }
     let (index, offset) = ((bits >> 24) as usize, (bits >> SINE_OFFSET_LOW) & (SINE_STEPS - 1));
     (I2F30::from_bits(SINE[index].at(offset)), I2F30::from_bits(SINE[index + QUARTER].at(offset)))
 }
@@ -291,6 +306,17 @@ static SINE: [Segment; 256 + QUARTER] = {
         let start = round(SCALE * sine(index as f64 * STEP));
         let end = round(SCALE * sine((index + 1) as f64 * STEP));
         table[index] = Segment::through(start as i32, end as i32, SINE_STEPS.ilog2());
+        index += 1;
+    }
+    table
+};
+
+/// Half a turn of it.
+static HALF_SINE: [Segment; 128] = {
+    let mut table = [Segment { start: 0, slope: 0 }; 128];
+    let mut index = 0;
+    while index < table.len() {
+        table[index] = SINE[index];
         index += 1;
     }
     table

@@ -1,6 +1,6 @@
 //! Frames on their way out.
 
-use hallservo_protocol::{FRAME, Reply, encode};
+use hallservo_protocol::{Answer, FRAME, encode};
 use heapless::Deque;
 
 /// Bytes that may wait to be transmitted.
@@ -42,20 +42,20 @@ impl Outbox {
     }
 
     /// Adds an answer, for which there [is room](Self::has_room).
-    pub fn push(&mut self, reply: &Reply<'_>) {
-        self.push_beside(reply, 0);
+    pub fn push(&mut self, id: u16, answer: &Answer<'_>) {
+        self.push_beside(id, answer, 0);
     }
 
     /// Adds a frame that may be lost, if an answer still has room after it.
-    pub fn push_if_spare(&mut self, reply: &Reply<'_>) -> bool {
-        self.push_beside(reply, FRAME)
+    pub fn push_if_spare(&mut self, id: u16, answer: &Answer<'_>) -> bool {
+        self.push_beside(id, answer, FRAME)
     }
 
     #[inline(never)]
-    fn push_beside(&mut self, reply: &Reply<'_>, reserve: usize) -> bool {
+    fn push_beside(&mut self, id: u16, answer: &Answer<'_>, reserve: usize) -> bool {
         let mut frame = [0; FRAME];
-        // Every reply fits a frame, which a test shows.
-        let length = encode(reply, &mut frame).unwrap_or(0);
+        // Encoded as a `Reply` is, whose answer would have to be moved there. Every one fits a frame, which a test shows.
+        let length = encode(&(id, answer), &mut frame).unwrap_or(0);
         let fits = length + reserve <= self.spare();
         if fits {
             for byte in frame.into_iter().take(length) {

@@ -77,6 +77,8 @@ impl Registers {
     }
 
     /// Once a millisecond.
+    // A stack frame of its own, which is not to add to what the tasks take.
+    #[inline(never)]
     pub fn tick<F: NorFlash, E: Encoder>(&mut self, tasks: &mut Tasks<F, E>) {
         if !self.pending.waits() {
             self.sequence.tick(tasks);

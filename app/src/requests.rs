@@ -246,10 +246,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             }
             // A record that a power cut has left half written may be a break of the bridge when it is read.
             Ask::Load if self.mode().drives() => Err(Refusal::Drive(drive::Refusal::Mode(self.mode()))),
-            Ask::Load => {
-                let settings = self.load_settings().map_err(Refusal::NothingStored)?;
-                self.reconfigure(&settings, Command::Plain)
-            }
+            Ask::Load => self.load(),
             Ask::Restore => self.restore(),
             // Answered before.
             Ask::Hello
@@ -363,6 +360,13 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     }
 
     // Settings are large: what copies them has a stack frame of its own.
+    #[inline(never)]
+    fn load(&mut self) -> StepResult {
+        let mut settings = self.settings;
+        self.load_settings(&mut settings).map_err(Refusal::NothingStored)?;
+        self.reconfigure(&settings, Command::Plain)
+    }
+
     #[cfg(feature = "encoder")]
     #[inline(never)]
     fn resend(&mut self) -> StepResult {

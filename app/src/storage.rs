@@ -43,7 +43,7 @@ const LONGEST: usize = if settings::LONGEST > cogging::LONGEST { settings::LONGE
 /// All kinds fit a block.
 const _: () = assert!(VERSIONS.len() * size(LONGEST) <= 2048);
 
-type Buffer = [u8; LONGEST];
+type Buffer = [u8; size(LONGEST)];
 
 /// What is known of the sensors.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -128,8 +128,7 @@ impl<F: NorFlash> Storage<F> {
     }
 
     fn load<'a>(&mut self, kind: Record, buffer: &'a mut Buffer) -> Result<&'a [u8], Problem> {
-        let length = self.store(kind)?.load(buffer).map_err(|error| problem(&error))?;
-        buffer.get(..length).ok_or(Problem::Corrupt)
+        self.store(kind)?.load_into(buffer).map_err(|error| problem(&error))
     }
 
     /// Saves a record; it stalls the core for as long as an erase takes.
@@ -179,8 +178,9 @@ impl<F: NorFlash> Storage<F> {
     }
 
     /// The stored sensors, if they can give an angle, or what is wrong with them.
+    #[inline(never)]
     pub fn sensors(&mut self, settings: &Settings) -> Result<Sensors, Problem> {
-        let mut buffer = [0; LONGEST];
+        let mut buffer = [0; size(LONGEST)];
         let record = self.load(Record::Sensors, &mut buffer)?;
         if record.is_empty() {
             return Err(Problem::Blank);
@@ -201,8 +201,9 @@ impl<F: NorFlash> Storage<F> {
     }
 
     /// The stored table of the cogging, for the direction of the settings.
+    #[inline(never)]
     pub fn table(&mut self, settings: &Settings) -> Result<Table, Problem> {
-        let mut buffer = [0; LONGEST];
+        let mut buffer = [0; size(LONGEST)];
         let record = self.load(Record::Cogging, &mut buffer)?;
         let table = cogging::decode(record, settings.full_scale_a()).ok_or(Problem::Corrupt)?;
         Ok(directed(table, settings))
@@ -211,7 +212,7 @@ impl<F: NorFlash> Storage<F> {
     /// What the flash holds of the cogging that differs from pole to pole, for the direction of the settings.
     #[cfg(feature = "map")]
     pub fn by_pole(&mut self, settings: &Settings) -> Waves {
-        let mut buffer = [0; LONGEST];
+        let mut buffer = [0; size(LONGEST)];
         let record = self.load(Record::Cogging, &mut buffer).unwrap_or_default();
         let waves = cogging::decode_by_pole(record, settings.full_scale_a()).unwrap_or_default();
         if settings.reversed { waves.reversed() } else { waves }
@@ -235,15 +236,22 @@ impl<F: NorFlash> Storage<F> {
         self.save(Record::Cogging, &cogging::encode(&table, full_scale_a))
     }
 
-    /// The settings to work with, and what is wrong with those stored.
-    pub fn settings(&mut self, defaults: &Settings) -> (Settings, Problem) {
-        match self.load(Record::Settings, &mut [0; LONGEST]) {
-            Ok(record) => match settings::decode(defaults, record) {
-                (settings, true) => (settings, Problem::None),
-                (settings, false) => (settings, Problem::Foreign),
-            },
-            Err(problem) => (*defaults, problem),
+    /// The settings to work with, to their place, and what is wrong with those stored.
+    pub fn settings(&mut self, defaults: &Settings, place: &mut Settings) -> Problem {
+        *place = *defaults;
+        match self.apply(defaults, place) {
+            Ok(known) if settings::settle(defaults, place) && known => Problem::None,
+            Ok(_) => Problem::Foreign,
+            Err(problem) => problem,
         }
+    }
+
+    // The record has left the stack before the settings are looked at together.
+    #[inline(never)]
+    fn apply(&mut self, defaults: &Settings, place: &mut Settings) -> Result<bool, Problem> {
+        let mut buffer = [0; size(LONGEST)];
+        let record = self.load(Record::Settings, &mut buffer)?;
+        Ok(settings::apply(defaults, record, place))
     }
 
     pub fn save_settings(&mut self, settings: &Settings, defaults: &Settings) -> Result<(), Problem> {

@@ -13,7 +13,7 @@ use crate::{Identity, Memory};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::drive::Drive;
 use hallservo::settings::{self, Settings};
-use hallservo_protocol::{Answer, Decoder, Error, Refusal, Reply};
+use hallservo_protocol::{Answer, Decoder, Error, Refusal};
 
 /// Ticks until a control interrupt that does not answer is given up.
 const ANSWER_TIMEOUT: u32 = 100;
@@ -134,8 +134,14 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         if self.pending.is_none() {
             self.registers.tick(&mut self.tasks);
         }
+        self.stream();
+    }
+
+    // Answers are large: what holds one has a stack frame of its own.
+    #[inline(never)]
+    fn stream(&mut self) {
         if let Some((id, telemetry)) = self.tasks.telemetry()
-            && !self.outbox.push_if_spare(&Reply { id, answer: Answer::Telemetry(telemetry) })
+            && !self.outbox.push_if_spare(id, &Answer::Telemetry(telemetry))
         {
             self.tasks.lost_frames = self.tasks.lost_frames.saturating_add(1);
         }
@@ -224,6 +230,7 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
 
     /// A frame of registers from a bus, and its reply; not to be called while the drive [is busy](Self::is_busy).
     #[cfg(feature = "registers")]
+    #[inline(never)]
     pub fn frame(&mut self, request: &hallservo_registers::Request) -> Option<hallservo_registers::Reply> {
         self.frames = self.frames.wrapping_add(1);
         self.registers.handle(request, &mut self.tasks)
@@ -233,14 +240,11 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         #[cfg(feature = "registers")]
         self.registers.hear(byte, &mut self.tasks, &mut self.outbox);
         let Self { tasks, decoder, .. } = self;
-        let reply = match decoder.push::<Request<'_>>(byte) {
-            None => return,
-            Some(Ok(request)) => match tasks.begin(&request) {
-                Step::Answer(answer) => Reply { id: request.id, answer },
-                Step::Await(awaited) => {
-                    self.pending = Some(Pending { id: request.id, awaited, ticks: 0 });
-                    return;
-                }
+        match decoder.push::<Request<'_>>(byte) {
+            None => {}
+            Some(Ok(request)) => match &tasks.begin(&request) {
+                Step::Answer(answer) => self.outbox.push(request.id, answer),
+                Step::Await(awaited) => self.pending = Some(Pending { id: request.id, awaited: *awaited, ticks: 0 }),
             },
             Some(Err(error)) => {
                 tasks.garbage = tasks.garbage.saturating_add(1);
@@ -248,17 +252,17 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
                     return;
                 }
                 // The tool has to learn the version of the drive.
-                Reply { id: 0, answer: tasks.hello() }
+                self.outbox.push(0, &tasks.hello());
             }
-        };
-        self.outbox.push(&reply);
+        }
     }
 
+    #[inline(never)]
     fn answer_pending(&mut self) {
         let Some(pending) = &mut self.pending else { return };
         pending.ticks += 1;
         let Pending { id, awaited, ticks } = *pending;
-        let answer = match self.tasks.awaited(awaited) {
+        let answer = &match self.tasks.awaited(awaited) {
             Some(answer) => answer,
             None if ticks < ANSWER_TIMEOUT => return,
             None => {
@@ -267,6 +271,6 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
             }
         };
         self.pending = None;
-        self.outbox.push(&Reply { id, answer });
+        self.outbox.push(id, answer);
     }
 }

@@ -115,6 +115,8 @@ pub(crate) struct Tasks<F, E> {
 
 impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Everything that is due every millisecond.
+    // A stack frame of its own, without the answers'.
+    #[inline(never)]
     pub fn tick(&mut self, now_ms: u64, readings: Readings) {
         self.now_ms = now_ms;
         self.readings = readings;

@@ -88,7 +88,7 @@ impl Drive {
         match schedule.tick % LONG {
             // Every 8 steps.
             0 | 8 | 16 | 24 | 32 | 40 | 48 | 56 => return self.trajectory_slot(sample),
-            1 | 9 | 17 | 25 | 33 | 41 | 49 | 57 => self.slot(sample, |servo, _, with| {
+            1 | 9 | 17 | 25 | 33 | 41 | 49 | 57 => self.rare_slot(sample, |servo, _, with| {
                 servo.advance_trajectory(with);
                 #[cfg(not(feature = "small"))]
                 servo.look_up_cogging(with);
@@ -99,10 +99,12 @@ impl Drive {
             6 | 14 | 22 | 30 | 38 | 46 | 54 | 62 => self.reference_slot(sample),
             // Every 32 steps.
             RECORD | 39 => self.record_slot(sample),
-            5 | 37 => self.slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample)),
+            5 | 37 => {
+                self.rare_slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample))
+            }
             // Slots 13 and 45 are late after a change of the current reference, so the currents that they note have
             // settled.
-            13 | 45 => self.slot(sample, Self::measurement_slot),
+            13 | 45 => self.rare_slot(sample, Self::measurement_slot),
             31 => self.swing_slot(sample),
             63 => self.reluctance_slot(sample),
             // Every 64 steps.
@@ -110,7 +112,7 @@ impl Drive {
             21 => return self.speed_slot(sample),
             23 => self.burn_slot(sample),
             29 => return self.over_speed_slot(sample),
-            47 => self.slot(sample, |servo, paths, with| {
+            47 => self.rare_slot(sample, |servo, paths, with| {
                 let field = &paths.field_oriented;
                 servo.protection.limit_braking(with.config, field.bus());
                 servo.protection.limit_weakening(with.config, field.induced());
@@ -141,6 +143,12 @@ impl Drive {
     /// The same as a slot that finds no fault.
     #[inline(never)]
     fn slot(&mut self, sample: &Sample, work: impl FnOnce(&mut Servo, &mut Paths, &Context)) {
+        self.with_servo(sample, work);
+    }
+
+    /// The same of what lies in slower memory where the fast one is small: it is due less often, or does little.
+    #[inline(never)]
+    fn rare_slot(&mut self, sample: &Sample, work: impl FnOnce(&mut Servo, &mut Paths, &Context)) {
         self.with_servo(sample, work);
     }
 

@@ -141,6 +141,15 @@ impl Memory for Bins {
     }
 }
 
+/// What the fit says of a calibration.
+struct Found {
+    fit: Fit,
+    alignment: ElectricalAngle,
+    /// Of the rotor behind the field, and its standard deviation.
+    lag: ElectricalAngle,
+    hunting: ElectricalAngle,
+}
+
 /// Sums up the samples of both sweeps; 2.1 KiB, unless another has the memory.
 #[derive(Clone, Debug)]
 pub struct Collector<M = Bins> {
@@ -211,6 +220,14 @@ impl<M: Memory> Collector<M> {
                 return Err(Error::Incomplete(sweep));
             }
         }
+        self.judge(&self.search(halls)?, reversed)
+    }
+
+    /// The sensors, and how the rotor followed the field.
+    // The angles have left the stack before the report is made.
+    #[inline(never)]
+    fn search(&self, halls: Halls) -> Result<Found, Error> {
+        let both = self.bins.bins();
         let mut angles = [[ElectricalAngle::ZERO; BINS]; 2];
         let fit = fit::fit(both, halls, &mut angles)?;
         tell(both, &fit, &mut angles);
@@ -218,9 +235,15 @@ impl<M: Memory> Collector<M> {
         let hunting = ElectricalAngle::from_radians(crate::float::root(((variance + variance_back) / 2.0).max(0.0)));
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
-        let model = Model { sensors: fit.sensors, alignment: forward + lag, reversed };
+        Ok(Found { fit, alignment: forward + lag, lag, hunting })
+    }
+
+    /// The model, unless what is told of it refuses it.
+    #[inline(never)]
+    fn judge(&self, &Found { ref fit, alignment, lag, hunting }: &Found, reversed: bool) -> Result<Calibration, Error> {
+        let model = Model { sensors: fit.sensors, alignment, reversed };
         let raw = [0, 1, 2].map(|k| Raw { noise: self.noise.deviation(k), at_rail: self.at_rail[k] });
-        let report = Report::new(&model, &raw, &fit, lag, hunting);
+        let report = Report::new(&model, &raw, fit, lag, hunting);
         // A rotor that slipped fits anything, and nothing of what was fitted means anything.
         let unexplained = Finding::Unexplained(report.residual_pct);
         if unexplained.refuses() {

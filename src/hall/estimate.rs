@@ -129,12 +129,13 @@ pub struct Estimator {
     disagreement_span: u32,
     weakest: u32,
     strength_span: u32,
-    adc_bits: u8,
     table: QuadrantTable,
     /// Cosine and sine from two sensors, for each that may be lost, with what an electrical angle is to them.
     pairs: [Pair; 3],
     alignment: ElectricalAngle,
     reversed: bool,
+    // With no gap before the table: the compiler would clear it on the stack and copy it, with what is in the gap.
+    adc_bits: u8,
     lost: Option<Channel>,
 }
 

@@ -23,6 +23,9 @@ impl Config {
     /// Smoothing exponents that make sense: below, noise passes; above, a motor outruns it.
     pub const SMOOTHING: core::ops::RangeInclusive<u32> = 2..=10;
 
+    /// Memory for one.
+    pub(crate) const BLANK: Self = Self { gains: [0; 2], largest_jump: 0, delay: 0 };
+
     /// A tracker with `α = 2^−smoothing`, which refuses jumps of more than `largest_jump` between two samples and
     /// predicts over `delay` samples (0 to 16, in steps of 1/256).
     ///

@@ -56,12 +56,21 @@ impl Watch {
     ) -> Result<(), BadModel> {
         *self = Self::Nothing;
         estimate::validate_three(calibrated, config.adc_bits)?;
-        *self = Self::Three(Adaptation::of(Adapter::at(config, calibrated), model, every));
-        let result = self.adaptation().map_or(Ok(()), |adaptation| adaptation.adapter.go_on_from(model));
+        self.place(config, calibrated, model, every);
+        let result = self.adaptation().map_or(Ok(()), |adaptation| {
+            adaptation.adapter.begin();
+            adaptation.adapter.go_on_from(model)
+        });
         if result.is_err() {
             *self = Self::Nothing;
         }
         result
+    }
+
+    // What this takes of the stack is given back before it goes on.
+    #[inline(never)]
+    fn place(&mut self, config: &adapt::Config, calibrated: &Model, model: &Model, every: u32) {
+        *self = Self::Three(Adaptation::of(Adapter::at(config, calibrated), model, every));
     }
 
     /// Whether a record of a running drive says that its two sensors do not fit each other, with the torque of

@@ -198,7 +198,8 @@ pub(super) const MOST: usize = 5;
 /// Sums of a linear regression; one function for all numbers of regressors is shorter than one for each.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Fit {
-    squares: [[f32; MOST]; MOST],
+    /// The lower triangle.
+    squares: [f32; math::triangle(MOST)],
     products: [f32; MOST],
     square: f32,
     count: u32,
@@ -209,9 +210,9 @@ impl Fit {
     #[inline(never)]
     pub(super) fn push(&mut self, x: [f32; MOST], y: f32, weight: f32) {
         let (x, y) = (x.map(|x| x * weight), y * weight);
-        for (i, (squares, product)) in self.squares.iter_mut().zip(&mut self.products).enumerate() {
+        for (i, product) in self.products.iter_mut().enumerate() {
             *product += x[i] * y;
-            for (square, x_j) in squares.iter_mut().zip(x) {
+            for (square, x_j) in self.squares.iter_mut().skip(math::triangle(i)).zip(x).take(i + 1) {
                 *square += x[i] * x_j;
             }
         }
@@ -238,16 +239,16 @@ impl Fit {
 
     /// Solves the normal equations for a right side.
     fn solve_for(&self, regressors: usize, mut right: [f32; MOST]) -> Option<[f32; MOST]> {
-        math::solve(self.squares.clone().as_flattened_mut(), &mut right, regressors, SINGULAR)?;
+        math::solve(&mut { self.squares }, &mut right, regressors, SINGULAR)?;
         Some(right)
     }
 
     /// Takes the coefficient of this regressor for known: the sums of those before it become those of what it leaves.
     fn eliminate(&mut self, last: usize, coefficient: f32) {
-        let own = self.squares[last][last];
+        let own = self.squares[math::lower(last, last)];
         self.square += coefficient * (coefficient * own - 2.0 * self.products[last]);
-        for (product, squares) in self.products.iter_mut().zip(&self.squares) {
-            *product -= coefficient * squares[last];
+        for (row, product) in self.products.iter_mut().enumerate() {
+            *product -= coefficient * self.squares[math::lower(row.max(last), row.min(last))];
         }
     }
 }

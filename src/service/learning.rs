@@ -57,34 +57,21 @@ const LONGEST_LEG: f32 = 3.0;
 /// Time that is added to it, ms.
 const MARGIN_MS: f32 = 2000.0;
 
-/// The procedure.
+/// What a plan comes to, which is small.
 #[derive(Clone, Debug)]
-pub struct Learning {
+pub struct Outset {
     sequence: Sequence,
     plan: Plan,
-    learner: Learner,
-    table: Option<cogging::Table>,
     speed: Speed,
-    /// Number of the leg, counted from 0: even ones forward, odd ones backward.
-    leg: u32,
-    leg_began_ms: Option<u32>,
-    /// Distance of a leg, in 2⁻³² electrical turns.
     distance: i64,
-    /// Position at which the learning of this leg began, in 2⁻³² electrical turns.
-    start: Option<i64>,
-    /// Position of the last measurement, in 2⁻³² electrical turns.
-    position: i64,
-    /// Largest share of the distance covered in this leg.
-    covered: f32,
     timeout_ms: u32,
 }
 
-impl Learning {
-    /// To be begun by the first [`Self::step`], with the drive ready and its bridge off.
+impl Outset {
+    /// Looks at a plan.
     ///
     /// # Errors
     /// A part of the plan is out of its range.
-    // Called, it writes to the caller's place; inlined, it would put two more on the stack.
     #[inline(never)]
     pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
         let control = config.control.as_ref().ok_or(Error::NoControl)?;
@@ -98,22 +85,68 @@ impl Learning {
             return Err(Error::Plan { field });
         }
         let leg_ms = 1000.0 * plan.turns as f32 * TAU / plan.speed_rad_s;
-        let sequence = Sequence::new(config, plan.commutation)?;
-        let speed = control.speed(plan.speed_rad_s).map_err(Error::Demand)?;
         Ok(Self {
-            sequence,
+            sequence: Sequence::new(config, plan.commutation)?,
             plan: *plan,
+            speed: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,
+            distance: (i64::from(plan.turns) * i64::from(config.pole_pairs.get())) << 32,
+            timeout_ms: (LONGEST_LEG * leg_ms + MARGIN_MS) as u32,
+        })
+    }
+}
+
+/// The procedure. The learner stands between parts that always hold something: beside what is not filled at first, the
+/// compiler would clear it on the stack and copy it.
+#[derive(Clone, Debug)]
+#[repr(C)]
+pub struct Learning {
+    sequence: Sequence,
+    plan: Plan,
+    /// Distance of a leg, in 2⁻³² electrical turns.
+    distance: i64,
+    timeout_ms: u32,
+    speed: Speed,
+    learner: Learner,
+    /// Number of the leg, counted from 0: even ones forward, odd ones backward.
+    leg: u32,
+    leg_began_ms: Option<u32>,
+    /// Position at which the learning of this leg began, in 2⁻³² electrical turns.
+    start: Option<i64>,
+    /// Position of the last measurement, in 2⁻³² electrical turns.
+    position: i64,
+    /// Largest share of the distance covered in this leg.
+    covered: f32,
+    table: Option<cogging::Table>,
+}
+
+impl Learning {
+    /// To be begun by the first [`Self::step`], with the drive ready and its bridge off.
+    ///
+    /// # Errors
+    /// A part of the plan is out of its range.
+    pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
+        Ok(Self::of(Outset::new(config, plan)?))
+    }
+
+    /// The same of what [`Outset::new`] has found.
+    // Inlined, it is made in its place, and takes no stack.
+    #[inline(always)]
+    pub fn of(outset: Outset) -> Self {
+        let Outset { sequence, plan, speed, distance, timeout_ms } = outset;
+        Self {
+            sequence,
+            plan,
             learner: Learner::default(),
             table: None,
             speed,
             leg: 0,
             leg_began_ms: None,
-            distance: (i64::from(plan.turns) * i64::from(config.pole_pairs.get())) << 32,
+            distance,
             start: None,
             position: 0,
             covered: 0.0,
-            timeout_ms: (LONGEST_LEG * leg_ms + MARGIN_MS) as u32,
-        })
+            timeout_ms,
+        }
     }
 
     fn forward(&self) -> bool {

@@ -37,17 +37,31 @@ pub fn encode(settings: &Settings, defaults: &Settings, record: &mut [u8]) -> Op
 /// that does not help, all do.
 pub fn decode(defaults: &Settings, record: &[u8]) -> (Settings, bool) {
     let mut settings = *defaults;
+    let complete = apply(defaults, record, &mut settings) & settle(defaults, &mut settings);
+    (settings, complete)
+}
+
+/// The first half of [`decode`]: changes settings, the defaults at first, as a record says, and tells whether all of it
+/// is known. What takes a stack can be given back before the other half.
+pub fn apply(defaults: &Settings, record: &[u8], settings: &mut Settings) -> bool {
     let mut complete = record.len().is_multiple_of(PAIR);
     for pair in record.chunks_exact(PAIR) {
-        complete &= pair_of(pair, defaults).is_some_and(|(entry, value)| entry.assign(&mut settings, value).is_ok());
+        complete &= pair_of(pair, defaults).is_some_and(|(entry, value)| entry.assign(settings, value).is_ok());
     }
-    while let Err(error) = settings.validate() {
+    complete
+}
+
+/// The second half: makes them valid together, and tells whether they were.
+pub fn settle(defaults: &Settings, settings: &mut Settings) -> bool {
+    let mut complete = true;
+    while let Err(error) = settings.verify() {
         complete = false;
-        if !reset(&mut settings, defaults, error) {
-            return (*defaults, false);
+        if !reset(settings, defaults, error) {
+            *settings = *defaults;
+            break;
         }
     }
-    (settings, complete)
+    complete
 }
 
 fn pair_of(pair: &[u8], defaults: &Settings) -> Option<(&'static Entry, f32)> {

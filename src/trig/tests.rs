@@ -114,3 +114,11 @@ fn one_quadrant_gives_what_four_give() {
         assert_eq!(one, four, "{quadrant} {ratio}");
     }
 }
+
+#[test]
+fn half_a_wave_gives_what_the_whole_gives() {
+    for (segment, offset) in (0..256_u32).flat_map(|segment| (0..SINE_STEPS).map(move |offset| (segment, offset))) {
+        let whole = SINE[segment as usize].at(offset);
+        assert_eq!(folded_sine(segment << 24 | offset << SINE_OFFSET_LOW), whole, "{segment} {offset}");
+    }
+}

@@ -37,16 +37,12 @@ impl Procedure {
         }
     }
 
-    /// Writes the learning of the cogging to its place, as [`Self::motor`].
+    /// Writes the learning of the cogging to its place.
     pub fn cogging(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = learning::Plan::new(config).map_err(Refusal::Procedure)?;
-        match Learning::new(config, &plan) {
-            Ok(learning) => {
-                *place = Some(Self::Cogging(learning));
-                Ok(())
-            }
-            Err(error) => Err(Refusal::Procedure(error)),
-        }
+        let outset = learning::Outset::new(config, &plan).map_err(Refusal::Procedure)?;
+        *place = Some(Self::Cogging(Learning::of(outset)));
+        Ok(())
     }
 
     /// Writes the swings to their place.

@@ -3,24 +3,10 @@
 use super::Tasks;
 use crate::encoder::Encoder;
 use embedded_storage::nor_flash::NorFlash;
-use hallservo::config::Config;
 use hallservo::control::impedance::{self, Motion};
 use hallservo::drive::{Command, Reply};
-use hallservo::settings::{Error, Settings};
+use hallservo::settings::Settings;
 use hallservo_protocol::Refusal;
-
-/// What is made of settings, in its place; a stack frame of its own.
-#[inline(never)]
-fn validate_into(place: &mut Config, settings: &Settings) -> Result<(), Error<'static>> {
-    // A look at it spares the stack a copy.
-    match &settings.validate() {
-        Ok(config) => {
-            *place = *config;
-            Ok(())
-        }
-        Err(error) => Err(*error),
-    }
-}
 
 impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Sends a command to the drive; [`Self::take_reply`] has the answer.
@@ -78,8 +64,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     fn send_settings(&mut self, settings: &Settings, retunes: bool) -> Result<(), Refusal<'static>> {
         // Without memory for them, too, a setting that cannot be is the better refusal.
         match &mut self.spare_config {
-            Some(config) => validate_into(config, settings),
-            None => settings.validate().map(drop),
+            Some(config) => settings.validate_into(config),
+            None => settings.verify(),
         }
         .map_err(Refusal::Setting)?;
         self.ready_for_command()?;

@@ -36,10 +36,10 @@ struct Places<E> {
 }
 
 /// The settings to start with.
-struct Start<F> {
+struct Start<'a, F> {
     identity: Identity,
-    defaults: Settings,
-    settings: Settings,
+    defaults: &'a Settings,
+    settings: &'a Settings,
     /// What is wrong with those stored.
     problem: Problem,
     storage: Storage<F>,
@@ -47,7 +47,9 @@ struct Start<F> {
 
 #[inline(never)]
 fn new_config<'a>(place: &'a mut MaybeUninit<Config>, settings: &Settings) -> Result<&'a mut Config, Error<'static>> {
-    Ok(place.write(settings.validate()?))
+    let config = place.write(Config::blank());
+    settings.validate_into(config)?;
+    Ok(config)
 }
 
 #[inline(never)]
@@ -101,7 +103,8 @@ pub(crate) fn start<F: NorFlash, E: Encoder>(
         supervisor,
     } = memory;
     let mut storage = Storage::new(flash, first_block);
-    let (settings, problem) = storage.settings(&defaults);
+    let mut settings = defaults;
+    let problem = storage.settings(&defaults, &mut settings);
     let config = new_config(config, &settings)?;
     let (mut encoder, encoder_interrupt) = E::start(encoder, &settings);
     restore(&mut encoder, &mut storage);
@@ -119,8 +122,9 @@ pub(crate) fn start<F: NorFlash, E: Encoder>(
     let adaptation = adaptation.write(SensorAdaptation::new());
     let scope = ScopeTasks::start(scope);
     let places = Places { encoder, magnets, scope, service, config, adaptation, procedure: procedure.write(None) };
-    let start = Start { identity, defaults, settings, problem, storage };
+    let start = Start { identity, defaults: &defaults, settings: &settings, problem, storage };
     let supervisor = supervise(start, places, supervisor);
+    supervisor.tasks().take_up_stored();
     supervisor.tasks().relearn();
     Ok((drive, supervisor))
 }
@@ -135,48 +139,37 @@ fn restore<F: NorFlash, E: Encoder>(encoder: &mut E, storage: &mut Storage<F>) {
 
 #[inline(never)]
 fn supervise<F: NorFlash, E: Encoder>(
-    start: Start<F>,
+    start: Start<'_, F>,
     places: Places<E>,
     supervisor: &'static mut MaybeUninit<Supervisor<F, E>>,
 ) -> &'static mut Supervisor<F, E> {
-    let Start { identity, defaults, settings, problem, mut storage } = start;
-    let sensors = storage.sensors(&settings);
-    let table = storage.table(&settings);
-    let mut magnets = places.magnets;
-    let map_problem =
-        if E::SETTINGS == 0 { magnets.restore(&mut storage, sensors.as_ref().ok(), &settings) } else { Problem::None };
-    #[cfg(feature = "map")]
-    if E::SETTINGS == 0 {
-        magnets.restore_by_pole(storage.by_pole(&settings), &settings);
-    }
-    let stored = [sensors.err().unwrap_or_default(), table.err().unwrap_or_default(), problem];
-    let (sensors, table) = (sensors.ok(), table.ok());
+    let Start { identity, defaults, settings, problem, storage } = start;
     // Written right into its place, which spares the stack a copy.
-    let supervisor = supervisor.write(Supervisor::new(Tasks {
+    supervisor.write(Supervisor::new(Tasks {
         identity,
         controller: Controller::default(),
         service: places.service,
         history: History::new(),
-        defaults,
-        settings,
+        defaults: *defaults,
+        settings: *settings,
         sent_settings: None,
         retunes: false,
         spare_config: Some(places.config),
         storage,
         encoder: places.encoder,
-        magnets,
+        magnets: places.magnets,
         scope: places.scope,
-        stored,
+        stored: [Problem::None, Problem::None, problem],
         unconfirmed: !matches!(problem, Problem::None | Problem::Blank),
-        stored_sensors: sensors,
+        stored_sensors: None,
         stored_settings: settings.digest(),
         unsaved: [false; 3],
         learnt_saved_ms: None,
-        sensors,
-        install_due: sensors.is_some(),
+        sensors: None,
+        install_due: false,
         adaptation: places.adaptation,
-        table_due: table.is_some(),
-        table,
+        table_due: false,
+        table: None,
         anti_cogging: false,
         procedure: places.procedure,
         rest: None,
@@ -198,23 +191,62 @@ fn supervise<F: NorFlash, E: Encoder>(
         garbage: 0,
         lost_frames: 0,
         now_ms: 0,
-    }));
-    for (record, problem) in [Record::Sensors, Record::Cogging, Record::Settings].into_iter().zip(stored) {
-        if !matches!(problem, Problem::None | Problem::Blank) {
-            supervisor.tasks().note(Cause::Stored(record, problem));
+    }))
+}
+
+impl<F: NorFlash, E: Encoder> Tasks<F, E> {
+    /// Takes up what the flash holds beside the settings.
+    #[inline(never)]
+    fn take_up_stored(&mut self) {
+        self.restore_sensors();
+        self.restore_table();
+        let map_problem = if E::SETTINGS == 0 {
+            self.magnets.restore(&mut self.storage, self.sensors.as_ref(), &self.settings)
+        } else {
+            Problem::None
+        };
+        #[cfg(feature = "map")]
+        if E::SETTINGS == 0 {
+            self.magnets.restore_by_pole(self.storage.by_pole(&self.settings), &self.settings);
+        }
+        for (record, problem) in [Record::Sensors, Record::Cogging, Record::Settings].into_iter().zip(self.stored) {
+            self.note_problem(record, problem);
+        }
+        #[cfg(feature = "encoder")]
+        if let problem @ (Problem::Corrupt | Problem::Version(_) | Problem::Foreign | Problem::Flash) =
+            self.encoder.problem()
+        {
+            self.note(Cause::Stored(Record::Encoder, problem));
+        }
+        #[cfg(feature = "map")]
+        self.note_problem(Record::Magnets, map_problem);
+        #[cfg(not(feature = "map"))]
+        let _ = map_problem;
+    }
+
+    #[inline(never)]
+    fn restore_sensors(&mut self) {
+        match self.storage.sensors(&self.settings) {
+            Ok(sensors) => {
+                (self.sensors, self.stored_sensors) = (Some(sensors), Some(sensors));
+                self.install_due = true;
+            }
+            Err(problem) => self.stored[Record::Sensors as usize] = problem,
         }
     }
-    #[cfg(feature = "encoder")]
-    if let problem @ (Problem::Corrupt | Problem::Version(_) | Problem::Foreign | Problem::Flash) =
-        supervisor.tasks().encoder.problem()
-    {
-        supervisor.tasks().note(Cause::Stored(Record::Encoder, problem));
+
+    #[inline(never)]
+    fn restore_table(&mut self) {
+        match self.storage.table(&self.settings) {
+            Ok(table) => (self.table, self.table_due) = (Some(table), true),
+            Err(problem) => self.stored[Record::Cogging as usize] = problem,
+        }
     }
-    #[cfg(feature = "map")]
-    if !matches!(map_problem, Problem::None | Problem::Blank) {
-        supervisor.tasks().note(Cause::Stored(Record::Magnets, map_problem));
+
+    /// What is wrong with a stored record, for the history.
+    fn note_problem(&mut self, record: Record, problem: Problem) {
+        if !matches!(problem, Problem::None | Problem::Blank) {
+            self.note(Cause::Stored(record, problem));
+        }
     }
-    #[cfg(not(feature = "map"))]
-    let _ = map_problem;
-    supervisor
 }

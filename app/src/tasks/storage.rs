@@ -135,15 +135,15 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         done.then(|| self.stored[Record::Settings as usize] == Problem::None)
     }
 
-    /// The settings in the flash.
-    pub fn load_settings(&mut self) -> Result<Settings, Problem> {
-        match self.storage.settings(&self.defaults) {
-            (settings, Problem::None) => Ok(settings),
-            (settings, Problem::Foreign) => {
+    /// The settings in the flash, to their place.
+    pub fn load_settings(&mut self, place: &mut Settings) -> Result<(), Problem> {
+        match self.storage.settings(&self.defaults, place) {
+            Problem::None => Ok(()),
+            Problem::Foreign => {
                 self.unconfirmed = true;
-                Ok(settings)
+                Ok(())
             }
-            (_, problem) => Err(problem),
+            problem => Err(problem),
         }
     }
 }

@@ -126,13 +126,10 @@ fn sizes(image: &object::File) -> (u64, u64) {
     (flash, ram)
 }
 
-/// Bytes of the CCM SRAM, from its first section to the end of its last.
+/// Bytes of the CCM SRAM.
 fn ccm(image: &object::File) -> u64 {
-    let ends = |section: object::Section| [section.address(), section.address() + section.size()];
-    let ranges: Vec<_> =
-        image.sections().filter(is_loaded).map(ends).filter(|[begin, _]| (CCM..RAM).contains(begin)).collect();
-    let begin = ranges.iter().map(|[begin, _]| *begin).min();
-    ranges.iter().map(|[_, end]| *end).max().zip(begin).map_or(0, |(end, begin)| end - begin)
+    let is_ccm = |section: &object::Section| is_loaded(section) && (CCM..RAM).contains(&section.address());
+    image.sections().filter(is_ccm).map(|section| section.size()).sum()
 }
 
 /// Where the CCM SRAM begins.

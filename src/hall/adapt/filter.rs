@@ -35,13 +35,15 @@ const fn at(i: usize, j: usize) -> usize {
 }
 
 impl Covariance {
-    /// Independent states of these variances.
-    pub fn diagonal(variances: &Vector) -> Self {
-        let mut entries = [0.0; ENTRIES];
+    /// Nothing varies.
+    pub const ZERO: Self = Self([0.0; ENTRIES]);
+
+    /// Makes it that of independent states of these variances.
+    pub fn set_diagonal(&mut self, variances: &Vector) {
+        self.0.fill(0.0);
         for (k, variance) in variances.iter().enumerate() {
-            entries[at(k, k)] = *variance;
+            self.0[at(k, k)] = *variance;
         }
-        Self(entries)
     }
 
     /// An entry.

@@ -1,6 +1,6 @@
 //! Adaptation of the parameters: coverage of the turn, limits, drift, and a new model.
 
-use super::filter::{Covariance, STATES, THIRD, radians};
+use super::filter::{STATES, THIRD, radians};
 use super::{Adapter, Fault, Parameter, Status};
 use crate::angle::ElectricalAngle;
 use crate::hall::{Channel, estimate};
@@ -89,7 +89,7 @@ impl Adapter {
 
     /// Parameters' variances as at the start.
     pub(super) fn restart(&mut self) {
-        self.covariance = Covariance::diagonal(&self.start);
+        self.covariance.set_diagonal(&self.start);
         self.seen_eighths = 0;
         self.learnt_samples = 0;
         self.model_due = false;

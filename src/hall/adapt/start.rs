@@ -30,6 +30,7 @@ impl Adapter {
     pub fn resume(config: &Config, calibrated: &Model, learnt: &Model) -> Result<Self, BadModel> {
         estimate::validate_three(calibrated, config.adc_bits)?;
         let mut adapter = Self::at(config, calibrated);
+        adapter.begin();
         adapter.go_on_from(learnt)?;
         Ok(adapter)
     }
@@ -49,14 +50,13 @@ impl Adapter {
         estimate::validate(&self.model, self.config.adc_bits)
     }
 
-    /// From a calibration that is valid.
-    #[inline(never)]
+    /// From a calibration that is valid; [`Self::begin`] follows, when it is in its place.
+    // Inlined, it is made there, and takes no stack.
+    #[inline(always)]
     pub(crate) fn at(config: &Config, model: &Model) -> Self {
-        let start = parameters(&config.start);
-        let sensors = [0, 1, 2].map(|k| CalibratedSensor::new(&model.sensors[k], config.noise_codes[k]));
-        let mut adapter = Self {
+        Self {
             config: *config,
-            sensors,
+            sensors: [0, 1, 2].map(|k| CalibratedSensor::new(&model.sensors[k], config.noise_codes[k])),
             state: State {
                 angle: ElectricalAngle::ZERO,
                 speed: 0.0,
@@ -65,8 +65,8 @@ impl Adapter {
                 amplitude: [1.0; 3],
                 placement: model.sensors.map(|sensor| sensor.placement),
             },
-            covariance: Covariance::diagonal(&start),
-            start,
+            covariance: Covariance::ZERO,
+            start: parameters(&config.start),
             drift: parameters(&config.drift),
             natural_frequency: 0.0,
             settled_variance: 0.0,
@@ -87,13 +87,18 @@ impl Adapter {
             fault: None,
             fault_reported: false,
             model: *model,
-        };
-        adapter.tune();
-        // After that, so that the load is estimated as on the best rotor.
-        if adapter.calibrated {
-            adapter.sensors.iter_mut().for_each(CalibratedSensor::be_cautious);
         }
-        adapter
+    }
+
+    /// What follows from the start.
+    #[inline(never)]
+    pub(crate) fn begin(&mut self) {
+        self.covariance.set_diagonal(&self.start);
+        self.tune();
+        // After that, so that the load is estimated as on the best rotor.
+        if self.calibrated {
+            self.sensors.iter_mut().for_each(CalibratedSensor::be_cautious);
+        }
     }
 
     /// The rotor is known to leave so much unexplained at each sensor, share of the amplitude RMS: what its magnets differ by,

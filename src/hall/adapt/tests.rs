@@ -77,7 +77,8 @@ fn an_update_is_the_textbook_s() {
     for (k, variance) in variances.iter_mut().enumerate() {
         *variance = 0.01 + 0.003 * k as f32;
     }
-    let mut p = Covariance::diagonal(&variances);
+    let mut p = Covariance::ZERO;
+    p.set_diagonal(&variances);
     p.advance(1e-3, 1.0);
     let mut state = adapter(Settings::NOMINAL).state;
     let mut x = [0.0_f64; STATES];

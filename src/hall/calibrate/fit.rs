@@ -70,16 +70,18 @@ const EXPECTED: f32 = 0.02;
 // A stack frame of its own, given back before the report.
 #[inline(never)]
 pub(super) fn fit(bins: &Bins, halls: Halls, angles: &mut [[ElectricalAngle; BINS]; 2]) -> Result<Fit, NoFit> {
-    let start = start(bins, halls)?;
+    let mut sensors = start(bins, halls)?;
     // The Hall angle is zero where the first sensor's fundamental rises through its offset.
-    let zero = start[0].placement;
-    let mut sensors = start.map(|sensor| Sensor { placement: sensor.placement - zero, ..sensor });
-    sensors[halls.count()..].fill(Sensor::ABSENT);
+    let zero = sensors[0].placement;
+    for sensor in sensors.iter_mut().take(halls.count()) {
+        sensor.placement -= zero;
+    }
     for (angle, point) in angles.as_flattened_mut().iter_mut().zip(points(bins)) {
         *angle = point.field - zero;
     }
+    let mut equations = Equations::ZERO;
     for _ in 0..ITERATIONS {
-        let mut equations = Equations::default();
+        equations.clear();
         for (point, angle) in points(bins).zip(angles.as_flattened_mut().iter_mut()) {
             *angle = nearest(&sensors, &point.codes, *angle);
             equations.add(&sensors, &point.codes, *angle);
@@ -99,7 +101,8 @@ pub(super) fn fit(bins: &Bins, halls: Halls, angles: &mut [[ElectricalAngle; BIN
     if !residual.is_finite() {
         return Err(NoFit::Diverged);
     }
-    Ok(Fit { sensors: sensors.map(unaveraged), residual })
+    sensors.iter_mut().for_each(unaverage);
+    Ok(Fit { sensors, residual })
 }
 
 /// All of both sweeps. Made anew each time, which takes less time than a small stack has room.
@@ -190,14 +193,8 @@ fn dot(a: &[f32; 3], b: &[f32; 3]) -> f32 {
 
 /// Normal equations `matrix · step = vector`, lower triangle.
 struct Equations {
-    matrix: [[f32; PARAMETERS]; PARAMETERS],
+    matrix: [f32; math::triangle(PARAMETERS)],
     vector: [f32; PARAMETERS],
-}
-
-impl Default for Equations {
-    fn default() -> Self {
-        Self { matrix: [[0.0; PARAMETERS]; PARAMETERS], vector: [0.0; PARAMETERS] }
-    }
 }
 
 /// Which sensor a parameter belongs to.
@@ -206,6 +203,14 @@ fn sensor_of(parameter: usize) -> usize {
 }
 
 impl Equations {
+    // A constant, whose parts the compiler does not make elsewhere first.
+    const ZERO: Self = Self { matrix: [0.0; math::triangle(PARAMETERS)], vector: [0.0; PARAMETERS] };
+
+    fn clear(&mut self) {
+        self.matrix.fill(0.0);
+        self.vector.fill(0.0);
+    }
+
     fn add(&mut self, sensors: &[Sensor; 3], codes: &[f32; 3], angle: ElectricalAngle) {
         let e = residuals(sensors, codes, angle);
         let t = slopes(sensors, angle);
@@ -217,7 +222,7 @@ impl Equations {
             for (column, other_d) in derivatives.iter().enumerate().take(row + 1) {
                 let other = sensor_of(column);
                 let same = if own == other { 1.0 } else { 0.0 };
-                self.matrix[row][column] += d * other_d * (same - t[own] * t[other] / length);
+                self.matrix[math::lower(row, column)] += d * other_d * (same - t[own] * t[other] / length);
             }
         }
     }
@@ -228,18 +233,18 @@ impl Equations {
         let weight = EXPECTED * self.mean();
         let difference = first.third - second.third;
         for (third, difference) in [(2, difference), (6, -difference)] {
-            self.matrix[third][third] += weight;
+            self.matrix[math::lower(third, third)] += weight;
             self.vector[third] -= weight * difference;
         }
-        self.matrix[6][2] -= weight;
+        self.matrix[math::lower(6, 2)] -= weight;
         for (fifth, sensor) in [(3, first), (7, second)] {
-            self.matrix[fifth][fifth] += weight;
+            self.matrix[math::lower(fifth, fifth)] += weight;
             self.vector[fifth] -= weight * sensor.fifth;
         }
     }
 
     fn mean(&self) -> f32 {
-        (0..PARAMETERS).map(|k| self.matrix[k][k]).sum::<f32>() / PARAMETERS as f32
+        (0..PARAMETERS).map(|k| self.matrix[math::lower(k, k)]).sum::<f32>() / PARAMETERS as f32
     }
 
     /// Leaves the solution in `vector`; `None` when the matrix is not positive definite.
@@ -247,9 +252,9 @@ impl Equations {
         let mean = self.mean();
         for k in 0..PARAMETERS {
             // Weight of the guess "no change" where the data say nothing, far below what they say elsewhere.
-            self.matrix[k][k] += 1e-5 * mean;
+            self.matrix[math::lower(k, k)] += 1e-5 * mean;
         }
-        math::solve(self.matrix.as_flattened_mut(), &mut self.vector, PARAMETERS, 0.0)
+        math::solve(&mut self.matrix, &mut self.vector, PARAMETERS, 0.0)
     }
 }
 
@@ -280,16 +285,13 @@ fn apply(sensors: &mut [Sensor; 3], step: &[f32; PARAMETERS]) {
 }
 
 /// Undoes the averaging over a bin, which shrinks the k-th harmonic by `sin(kπ/BINS)/(kπ/BINS)`.
-fn unaveraged(sensor: Sensor) -> Sensor {
+fn unaverage(sensor: &mut Sensor) {
     let shrunk = |k: f32| {
         // Of the sine's series, what is left out is below 10⁻⁷.
         let square = k * PI / BINS as f32 * (k * PI / BINS as f32);
         1.0 - square / 6.0 * (1.0 - square / 20.0)
     };
-    Sensor {
-        amplitude: sensor.amplitude / shrunk(1.0),
-        third: sensor.third * shrunk(1.0) / shrunk(3.0),
-        fifth: sensor.fifth * shrunk(1.0) / shrunk(5.0),
-        ..sensor
-    }
+    sensor.amplitude /= shrunk(1.0);
+    sensor.third = sensor.third * shrunk(1.0) / shrunk(3.0);
+    sensor.fifth = sensor.fifth * shrunk(1.0) / shrunk(5.0);
 }

@@ -110,8 +110,9 @@ impl Drive {
             // Every 64 steps.
             ALIGNMENT => self.alignment_slot(sample),
             21 => return self.speed_slot(sample),
-            23 => self.burn_slot(sample),
-            29 => return self.over_speed_slot(sample),
+            // The speed, what has to be burnt at it, and soon after what may brake: a load that has been let go speeds up.
+            23 => return self.over_speed_slot(sample),
+            29 => self.burn_slot(sample),
             47 => self.rare_slot(sample, |servo, paths, with| {
                 let field = &paths.field_oriented;
                 servo.protection.limit_braking(with.config, field.bus());

@@ -26,6 +26,7 @@ pub(in crate::command) fn quieten(client: &mut Client, out: Out) -> Result<()> {
     let max_current_a = client.setting(Ask::Get("max_current_a"), |setting| f64::from(setting.value))?;
     let search = |client: &mut Client| search(client, before, SWINGS * max_current_a);
     let Found { loudest_a, quiet } = armed(client, before, search, |found| found.quiet)?;
+    let loudest_a = Some(loudest_a).filter(|noise_a| noise_a.is_finite());
     let swings = loudest_a.map_or_else(|| "the drive switched off".into(), |noise_a| format!("{noise_a:.2} A RMS"));
     match quiet {
         Some(quiet) if quiet == before => say!(out, "It holds a position quietly with the bandwidths as they are.")?,
@@ -45,8 +46,8 @@ pub(in crate::command) fn quieten(client: &mut Client, out: Out) -> Result<()> {
 
 /// What came of it.
 struct Found {
-    /// Noise of the current, A RMS, of the fastest that swing; none where the drive switched off.
-    loudest_a: Option<f64>,
+    /// Noise of the current, A RMS, of the fastest; infinite where the drive switched off.
+    loudest_a: f64,
     /// The fastest that do not.
     quiet: Option<Bandwidths>,
 }
@@ -54,15 +55,11 @@ struct Found {
 fn search(client: &mut Client, before: Bandwidths, most_a: f64) -> Result<Found> {
     let (mut bandwidths, mut first) = (before, None);
     for halving in 0..=HALVINGS {
-        match bandwidths.set(client) {
-            // Below what the drive can hold a position with.
-            Err(Error::Refused(_)) => break,
-            result => result?,
-        }
-        let noise_a = unless(client, &FAULTS, |client| noise_a(client, bandwidths))?;
+        let Some(noise_a) = noise_a(client, bandwidths)? else { break };
         let loudest_a = *first.get_or_insert(noise_a);
-        if noise_a.is_some_and(|noise_a| noise_a <= most_a) {
-            return Ok(Found { loudest_a, quiet: Some(bandwidths) });
+        if noise_a <= most_a {
+            let quiet = if bandwidths == before { before } else { with_margin(client, bandwidths, most_a)? };
+            return Ok(Found { loudest_a, quiet: Some(quiet) });
         }
         if halving % 2 == 0 {
             bandwidths.position_hz /= 2.0;
@@ -70,11 +67,30 @@ fn search(client: &mut Client, before: Bandwidths, most_a: f64) -> Result<Found>
             bandwidths.speed_hz /= 2.0;
         }
     }
-    Ok(Found { loudest_a: first.flatten(), quiet: None })
+    Ok(Found { loudest_a: first.unwrap_or(f64::INFINITY), quiet: None })
 }
 
-/// Of the current while a position is held, A RMS.
-fn noise_a(client: &mut Client, bandwidths: Bandwidths) -> Result<f64> {
-    calm(client)?;
-    stand(client, bandwidths, HELD_S).map(|(_, noise)| noise.current_a)
+/// Half of bandwidths that are quiet while slightly faster ones are not, so that a larger step does not set off what a small
+/// one did not; the same where half of them are not quiet.
+fn with_margin(client: &mut Client, quiet: Bandwidths, most_a: f64) -> Result<Bandwidths> {
+    let half = Bandwidths { speed_hz: quiet.speed_hz / 2.0, position_hz: quiet.position_hz / 2.0 };
+    let holds = noise_a(client, half)?.is_some_and(|noise_a| noise_a <= most_a);
+    Ok(if holds { half } else { quiet })
+}
+
+/// Noise of the current while a position is held with some bandwidths, A RMS, infinite where the drive switches off. None
+/// where it can hold no position with such slow ones.
+fn noise_a(client: &mut Client, bandwidths: Bandwidths) -> Result<Option<f64>> {
+    // Armed anew, it forgets what it has learnt of a heavier rotor and slowed its loops for; nothing swings until then.
+    client.order(Ask::Disarm)?;
+    match bandwidths.set(client) {
+        Err(Error::Refused(_)) => return Ok(None),
+        result => result?,
+    }
+    let stood = unless(client, &FAULTS, |client| {
+        client.arm()?;
+        calm(client)?;
+        stand(client, bandwidths, HELD_S)
+    })?;
+    Ok(Some(stood.map_or(f64::INFINITY, |(_, noise)| noise.current_a)))
 }

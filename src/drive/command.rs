@@ -8,7 +8,7 @@ use crate::commutation::{Commutation, Modulation};
 use crate::config::Config;
 use crate::control::{Current, Speed, cogging};
 use crate::fault::{Fault, Limits};
-use crate::hall::Codes;
+use crate::hall::{Codes, Halls};
 use crate::hall::estimate::Estimator;
 use crate::hall::track::Tracker;
 use crate::mode::{Event, Mode};
@@ -192,7 +192,10 @@ impl Drive {
         let calibrated = self.mode == Mode::Unarmed && self.progress == Progress::Complete;
         // It may have been made for settings that have been replaced since.
         let fits = if self.fits(estimator) { Ok(()) } else { Err(Refusal::NotCalibrated) };
-        let mode = fits.and_then(|()| self.mode.after(Event::Installed).ok_or(Refusal::Mode(self.mode)));
+        // One that was learnt while turning changes no state.
+        let runs = self.mode == Mode::Running;
+        let after = || if runs { Some(self.mode) } else { self.mode.after(Event::Installed) };
+        let mode = fits.and_then(|()| after().ok_or(Refusal::Mode(self.mode)));
         let aligned = self.estimator().is_some_and(|before| before.alignment() == estimator.alignment());
         let unused = if mode.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
@@ -204,6 +207,11 @@ impl Drive {
         if !aligned {
             self.paths.field_oriented.forget_trim();
             self.servo.supervision.doubt();
+        }
+        // Nor has it anything to say of a lost Hall, if it is of three. What is followed tells its limits with each record.
+        let of_three = self.estimator().is_some_and(|now| now.lost().is_none()) && self.config.halls == Halls::Three;
+        if runs && of_three && self.servo.follows() {
+            return Ok(());
         }
         self.update_hall_loss(calibrated);
         if self.mode == Mode::Ready && !tracks {

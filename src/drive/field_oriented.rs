@@ -65,7 +65,9 @@ impl FieldOriented {
         let current = servo.measure_current(rotor.angle() + self.trim, sample);
         self.voltage = self.integrators.step(&self.gains, servo.reference.current, current);
         // The integrators are done with before the rest: mixed, as the compiler would, they need more registers than there are.
-        compiler_fence(Ordering::SeqCst);
+        if cfg!(feature = "small") {
+            compiler_fence(Ordering::SeqCst);
+        }
         // What is computed now acts in the next period.
         let ahead = Rotation::at(rotor.predicted(tracking) + self.trim);
         self.modulator.compare(ahead, self.voltage, servo.reference.in_ramps)

@@ -177,16 +177,16 @@ impl Output {
     /// The bridge is off.
     pub const OFF: Self = Self { compare: [0; 3], legs: Legs::NONE };
 
-    /// In two words, which functions return in registers.
+    /// In two words, which functions take and return in registers.
     #[inline(always)]
-    pub(crate) const fn pack(self) -> u64 {
+    pub const fn pack(self) -> u64 {
         let [a, b, c] = self.compare;
         a as u64 | (b as u64) << 16 | (c as u64) << 32 | (self.legs.0 as u64) << 48
     }
 
     /// From what [`Self::pack`] has made.
     #[inline(always)]
-    pub(crate) const fn unpack(bits: u64) -> Self {
+    pub const fn unpack(bits: u64) -> Self {
         Self { compare: [bits as u16, (bits >> 16) as u16, (bits >> 32) as u16], legs: Legs((bits >> 48) as u8) }
     }
 }

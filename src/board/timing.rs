@@ -36,6 +36,7 @@ impl PeriodCounter {
     }
 
     #[cold]
+    #[inline(never)]
     fn look(&mut self, elapsed: u32) -> LostPeriods {
         let half = self.period.get() / 2;
         let first = core::mem::replace(&mut self.most, half.saturating_add(self.period.get())) == 0;

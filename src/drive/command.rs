@@ -8,9 +8,9 @@ use crate::commutation::{Commutation, Modulation};
 use crate::config::Config;
 use crate::control::{Current, Speed, cogging};
 use crate::fault::{Fault, Limits};
-use crate::hall::Codes;
 use crate::hall::estimate::Estimator;
 use crate::hall::track::Tracker;
+use crate::hall::{Codes, Halls};
 use crate::mode::{Event, Mode};
 use crate::schedule::coarse;
 use crate::telemetry::Progress;
@@ -46,6 +46,17 @@ impl Command {
         }
         !matches!(self, Self::Install(_) | Self::CalibrationFailed | Self::AntiCogging(_) | Self::Trip(_))
     }
+
+    /// What it sets the control to follow, if it is a set-point.
+    #[inline(always)]
+    const fn demand(&self) -> Option<Demand> {
+        match *self {
+            Self::Current(current) => Some(Demand::Current(current)),
+            Self::Speed(speed) => Some(Demand::Speed(speed)),
+            Self::Position(position) => Some(Demand::Position(position)),
+            _ => None,
+        }
+    }
 }
 
 impl Drive {
@@ -58,6 +69,15 @@ impl Drive {
             return self.go_on(sample);
         }
         let Some(command) = self.channels.commands.dequeue() else { return false };
+        // What may be streamed to a drive that turns goes the short way.
+        if let Some(demand) = command.demand() {
+            let reply = self.follow(demand);
+            if reply.is_ok() {
+                self.restart_timeout();
+            }
+            self.answer(reply);
+            return true;
+        }
         let reply = self.execute(command, sample);
         if !matches!(self.later, Later::Protect) {
             self.answer(reply);
@@ -116,9 +136,8 @@ impl Drive {
             Command::Arm => self.prepare_to_arm(sample)?,
             Command::Disarm => self.disarm()?,
             Command::Drive(modulation) => self.drive(modulation)?,
-            Command::Current(current) => self.follow(Demand::Current(current))?,
-            Command::Speed(speed) => self.follow(Demand::Speed(speed))?,
-            Command::Position(position) => self.follow(Demand::Position(position))?,
+            // These have gone the short way.
+            Command::Current(_) | Command::Speed(_) | Command::Position(_) => {}
             Command::Impedance(impedance) => self.follow_impedance(impedance)?,
             Command::Commutate(commutation) => self.commutate(commutation)?,
             Command::AntiCogging(table) => self.set_anti_cogging(table),
@@ -192,7 +211,10 @@ impl Drive {
         let calibrated = self.mode == Mode::Unarmed && self.progress == Progress::Complete;
         // It may have been made for settings that have been replaced since.
         let fits = if self.fits(estimator) { Ok(()) } else { Err(Refusal::NotCalibrated) };
-        let mode = fits.and_then(|()| self.mode.after(Event::Installed).ok_or(Refusal::Mode(self.mode)));
+        // One that was learnt while turning changes no state.
+        let runs = matches!(self.mode, Mode::Running);
+        let after = || if runs { Some(self.mode) } else { self.mode.after(Event::Installed) };
+        let mode = fits.and_then(|()| after().ok_or(Refusal::Mode(self.mode)));
         let aligned = self.estimator().is_some_and(|before| before.alignment() == estimator.alignment());
         let unused = if mode.is_ok() { self.estimator.replace(estimator) } else { Some(estimator) };
         if let Some(unused) = unused {
@@ -204,6 +226,11 @@ impl Drive {
         if !aligned {
             self.paths.field_oriented.forget_trim();
             self.servo.supervision.doubt();
+        }
+        // Nor has it anything to say of a lost Hall, if it is of three. What is followed tells its limits with each record.
+        let of_three = self.estimator().is_some_and(|now| now.lost().is_none()) && self.config.halls == Halls::Three;
+        if runs && of_three && self.servo.follows() {
+            return Ok(());
         }
         self.update_hall_loss(calibrated);
         if self.mode == Mode::Ready && !tracks {
@@ -324,7 +351,7 @@ impl Drive {
     /// Takes up a demand for current, speed or position.
     fn follow(&mut self, demand: Demand) -> Reply {
         let control = self.config.control.as_ref().ok_or(Refusal::NoControl)?;
-        if self.mode != Mode::Running {
+        if !matches!(self.mode, Mode::Running) {
             return Err(Refusal::Mode(self.mode));
         }
         let [least, largest] = control.motion.bounds;

@@ -10,6 +10,7 @@ use crate::control::config::Config;
 use crate::control::current::{Integrators, Inverse, Present};
 use crate::hall::track::{self, Tracker};
 use crate::math::{clamp, high};
+use core::sync::atomic::{Ordering, compiler_fence};
 
 /// Largest correction of the alignment: 30°, in 2⁻³² turns.
 const LARGEST_TRIM: i32 = 357_913_941;
@@ -63,6 +64,10 @@ impl FieldOriented {
     ) -> ([u16; 3], bool) {
         let current = servo.measure_current(rotor.angle() + self.trim, sample);
         self.voltage = self.integrators.step(&self.gains, servo.reference.current, current);
+        // The integrators are done with before the rest: mixed, as the compiler would, they need more registers than there are.
+        if cfg!(feature = "small") {
+            compiler_fence(Ordering::SeqCst);
+        }
         // What is computed now acts in the next period.
         let ahead = Rotation::at(rotor.predicted(tracking) + self.trim);
         self.modulator.compare(ahead, self.voltage, servo.reference.in_ramps)

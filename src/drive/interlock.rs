@@ -7,16 +7,22 @@ use crate::fault::Fault;
 impl Drive {
     /// One PWM period with an interlock, in place of [`step`](Self::step), which so has nothing to look at: the bridge
     /// is off, and everything else goes on.
+    #[inline(always)]
+    pub fn step_off(&mut self, sample: &Sample, interlock: Interlock) -> Output {
+        self.go_on_off(sample, interlock);
+        Output::OFF
+    }
+
+    /// The work of such a period: without an output, which would have to lie in memory.
     #[cold]
     #[inline(never)]
-    pub fn step_off(&mut self, sample: &Sample, interlock: Interlock) -> Output {
+    fn go_on_off(&mut self, sample: &Sample, interlock: Interlock) {
         self.disabled = interlock == Interlock::Disabled;
         self.yield_to(interlock);
         self.general_step(sample);
         // A command that was due in this step may have armed.
         self.yield_to(interlock);
         self.disabled = false;
-        Output::OFF
     }
 
     fn yield_to(&mut self, interlock: Interlock) {

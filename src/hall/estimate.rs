@@ -247,11 +247,11 @@ impl Estimator {
         if !(window.contains(codes[0]) && window.contains(codes[1]) && window.contains(codes[2])) {
             return Err(self.explain(codes, Implausible::Inconsistent));
         }
-        let codes = &[codes[0], codes[1], codes[2]];
-        let cosine = self.cosine.dot(codes);
+        let seen = &[codes[0], codes[1], codes[2]];
+        let cosine = self.cosine.dot(seen);
         // One row after the other: mixed, as the compiler would, they need more registers than there are.
         compiler_fence(Ordering::SeqCst);
-        let direction = Direction::of(self.sine.dot(codes), cosine);
+        let direction = Direction::of(self.sine.dot(seen), cosine);
         if direction.length().wrapping_sub(self.weakest) > self.strength_span {
             let weak = direction.length() < self.weakest;
             return Err(self.explain(codes, if weak { Implausible::Weak } else { Implausible::Strong }));

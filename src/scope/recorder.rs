@@ -21,18 +21,18 @@ impl Recorder {
     #[inline(always)]
     pub fn take(&mut self, drive: &Drive, sample: &Sample, output: &Output) {
         if self.recording.is_some() || self.come.ready() {
-            self.go_on(drive, sample, output);
+            self.go_on(drive, sample, output.pack());
         }
     }
 
     #[cold]
     #[inline(never)]
-    fn go_on(&mut self, drive: &Drive, sample: &Sample, output: &Output) {
+    fn go_on(&mut self, drive: &Drive, sample: &Sample, output: u64) {
         let Some(recording) = &mut self.recording else {
             self.recording = self.come.dequeue();
             return;
         };
-        recording.take(drive, sample, output, self.shared.commanded.load(Relaxed));
+        recording.take(drive, sample, &Output::unpack(output), self.shared.commanded.load(Relaxed));
         self.shared.triggered.store(recording.is_triggered(), Relaxed);
         if (recording.is_complete() || self.shared.cancelled.load(Relaxed))
             && let Some(recording) = self.recording.take()

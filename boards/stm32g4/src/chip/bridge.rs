@@ -91,17 +91,17 @@ impl Bridge {
     /// What a step returned. Off is at once; anything else is from the next valley on, when all of it is taken up
     /// together. While the bridge is off another `period` of the drive is, too; true where it is another one.
     #[inline(always)]
-    pub(crate) fn apply(&mut self, output: &Output, period: u16) -> bool {
+    pub(crate) fn apply(&mut self, output: Output, period: impl FnOnce() -> u16) -> bool {
         // As a rule: on, and nothing changes but the compare values. These legs are never none.
         if self.enable.is_on() && output.legs == self.legs {
             self.compare(output);
             return false;
         }
-        self.change(output, period)
+        self.change(period(), output.pack())
     }
 
     #[inline(always)]
-    fn compare(&self, output: &Output) {
+    fn compare(&self, output: Output) {
         for channel in 0..3 {
             // A compare value beyond the period, which there is none of, would keep the lower transistor on.
             let count = u32::from(self.period).wrapping_sub(output.compare[channel].into());
@@ -113,8 +113,9 @@ impl Bridge {
     /// registers' functions assert is known to hold.
     #[cold]
     #[inline]
-    fn change(&mut self, output: &Output, period: u16) -> bool {
-        let enable = self.enable.step(output);
+    fn change(&mut self, period: u16, output: u64) -> bool {
+        let output = Output::unpack(output);
+        let enable = self.enable.step(&output);
         if enable == Enable::Off {
             off();
             return self.take_up(period);

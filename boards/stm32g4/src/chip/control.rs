@@ -9,8 +9,8 @@ use crate::wiring::EnableInput;
 use core::cell::UnsafeCell;
 use cortex_m::peripheral::{DWT, NVIC};
 use embassy_stm32::pac::Interrupt;
-use hallservo::board::Interlock;
 use hallservo::board::timing::PeriodCounter;
+use hallservo::board::{Interlock, Sample};
 #[cfg(feature = "scope")]
 use hallservo::scope::Recorder;
 
@@ -72,11 +72,11 @@ impl<B: Board> Control<B> {
         *cycle = DWT::cycle_count();
         sample.lost = owned.periods.lost(*cycle);
         if owned.bridge.has_tripped() {
-            Adc::show_tripped(sample);
+            show_tripped(sample);
         }
         let interlock = interlock(const { B::BRIDGE.enable });
         let output = period(&mut owned.board, owned.drive, sample, interlock);
-        if owned.bridge.apply(&output, own(owned.drive).period()) {
+        if owned.bridge.apply(output, || own(owned.drive).period()) {
             owned.retime();
         }
         if let Some(output) = const { B::BRIDGE.chopper }
@@ -98,6 +98,12 @@ impl<B: Board> Owned<B> {
         self.periods = PeriodCounter::new(period);
         self.board.retime(period);
     }
+}
+
+#[cold]
+#[inline(never)]
+fn show_tripped(sample: &mut Sample) {
+    Adc::show_tripped(sample);
 }
 
 /// From here on the interrupt comes. Not generic, so that it is compiled for size.

@@ -430,7 +430,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             (Command::Plain | Command::Disarm, Ok(())) => {}
             (Command::Calibrate, Ok(())) => {
                 self.calibration = Calibration::Running;
-                self.give_up_sensors();
+                self.set_sensors_aside();
             }
             (Command::Clear, Ok(())) => {
                 // Before the next request, which may be to arm.

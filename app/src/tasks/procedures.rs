@@ -119,11 +119,12 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         false
     }
 
-    /// Notes that a command or a fault has ended the calibration.
+    /// Notes that a command or a fault has ended the calibration, which leaves the one before.
     pub(super) fn end_calibration(&mut self) {
         let turns = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);
         if self.calibration == Calibration::Running && !turns && self.ticks_since_command > SETTLED {
             self.calibration = Calibration::Ended;
+            self.take_up_sensors();
         }
     }
 

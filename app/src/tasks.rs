@@ -29,7 +29,7 @@ use hallservo::config::Config;
 use hallservo::control::cogging::Table;
 use hallservo::drive::standstill::Window;
 use hallservo::drive::{Refusal, Reply};
-use hallservo::fault::Fault;
+use hallservo::fault::{Fault, Limits};
 use hallservo::hall::plausibility::Implausible;
 use hallservo::mode::Mode;
 use hallservo::service::identify;
@@ -326,6 +326,10 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     pub fn mode(&self) -> Mode {
         self.record.status.mode()
+    }
+
+    pub const fn limits(&self) -> Limits {
+        self.record.status.limits()
     }
 
     /// Control periods a second.

@@ -12,8 +12,8 @@
 //!                                                         Running
 //! ```
 //!
-//! A calibration begins by giving up the one before: who calibrates has a reason. Whatever ends it but success, the
-//! drive is not armed before one has succeeded.
+//! A calibration begins by giving the one before back. Whatever ends it but success, the drive is not armed before one is
+//! installed: the tasks may take up the one before again.
 
 use crate::fault::Fault;
 

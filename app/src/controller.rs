@@ -5,10 +5,12 @@
 pub(crate) struct Controller {
     /// Its number; 0 for none.
     client: u32,
-    /// When it was heard last, ms.
-    heard_ms: u64,
+    /// When it was heard last, ms, wrapping: who is silent loses the control long before.
+    heard_ms: u32,
     /// Whether what it began is to end when it falls silent.
     attended: bool,
+    /// The one that fell silent last while it controlled; 0 for none.
+    silent: u32,
 }
 
 impl Controller {
@@ -20,7 +22,7 @@ impl Controller {
     /// A request of a tool has come, of whatever kind.
     pub const fn hear(&mut self, client: u32, now_ms: u64) {
         if client == self.client {
-            self.heard_ms = now_ms;
+            self.heard_ms = now_ms as u32;
         }
     }
 
@@ -34,7 +36,7 @@ impl Controller {
         if self.is_other(client) {
             return false;
         }
-        *self = Self { client, heard_ms: now_ms, attended: !unattended };
+        (self.client, self.heard_ms, self.attended) = (client, now_ms as u32, !unattended);
         true
     }
 
@@ -43,20 +45,30 @@ impl Controller {
         if client == self.client {
             self.client = 0;
         }
+        if client == self.silent {
+            self.silent = 0;
+        }
     }
 
     /// Nobody controls any more.
     pub const fn end(&mut self) {
-        self.client = 0;
+        (self.client, self.silent) = (0, 0);
+    }
+
+    /// Whether a tool was the last one that has lost the control by its silence, and has not released the drive since.
+    pub const fn has_been_silent(&self, client: u32) -> bool {
+        self.silent != 0 && client == self.silent
     }
 
     /// Ends the control by a tool that was silent for longer than `timeout_ms`. True, once, if what it began has to end
     /// with it.
-    pub const fn is_abandoned(&mut self, now_ms: u64, timeout_ms: u64) -> bool {
-        if now_ms.saturating_sub(self.heard_ms) <= timeout_ms {
+    pub const fn is_abandoned(&mut self, now_ms: u64, timeout_ms: u32) -> bool {
+        if (now_ms as u32).wrapping_sub(self.heard_ms) <= timeout_ms {
             return false;
         }
-        self.client = 0;
+        if self.client != 0 {
+            (self.silent, self.client) = (self.client, 0);
+        }
         core::mem::replace(&mut self.attended, false)
     }
 }
@@ -79,6 +91,27 @@ mod tests {
         assert!(controller.take(8, false, 2001));
         controller.release(8);
         assert!(controller.take(7, false, 2002));
+    }
+
+    #[test]
+    fn who_was_silent_is_known_until_it_releases_or_all_ends() {
+        let silent = || {
+            let mut controller = Controller::default();
+            assert!(!controller.is_abandoned(1001, 1000) && !controller.has_been_silent(0));
+            controller.take(7, false, 2000);
+            assert!(!controller.has_been_silent(7) && controller.is_abandoned(3001, 1000));
+            controller
+        };
+        let mut controller = silent();
+        // What it may do all the same, and what others do, changes nothing.
+        controller.take(7, false, 3100);
+        controller.release(8);
+        assert!(controller.has_been_silent(7) && !controller.has_been_silent(8) && !controller.has_been_silent(0));
+        controller.release(7);
+        assert!(!controller.has_been_silent(7));
+        let mut controller = silent();
+        controller.end();
+        assert!(!controller.has_been_silent(7));
     }
 
     #[test]

@@ -56,9 +56,9 @@
 //! has learnt, when it differs from what is stored by more than [`storage::LEAST_CHANGE`], and not more often than
 //! every [`storage::SAVE_INTERVAL_S`]. Settings are saved on request.
 //!
-//! A calibration gives up the one before as soon as it begins, in the flash when the rotor is at rest again: whatever
-//! ends it but success, the drive is not armed before one has succeeded. A power cut while the rotor turns leaves the old
-//! one.
+//! A calibration takes the place of the one before when it has succeeded, and so of the map of the magnets, which is given
+//! up then, in the flash after the new calibration is there. While it runs, the drive has neither. Whatever ends it but
+//! success, both are as after a power-up: the sensors are no other than before, and what a power cut would leave as well.
 //!
 //! A record that is corrupt or foreign is named in the history, the log and the status; the drive then starts with the
 //! board's settings, or without a calibration, and never with half of either. Settings that could not be taken over may

@@ -13,6 +13,7 @@ use hallservo::commutation::{Commutation, Modulation, modulation};
 use hallservo::control::config::BadDemand;
 use hallservo::control::config::Config;
 use hallservo::drive;
+use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 #[cfg(feature = "scope")]
 use hallservo::scope::BORROWS;
@@ -67,6 +68,14 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         #[cfg(feature = "scope")]
         if let Ask::Scope(ask) = &request.ask {
             return Step::Answer(self.ask_scope(ask, request.client));
+        }
+        // It may have lain in a buffer since before the drive has stopped its motor.
+        if self.controller.has_been_silent(request.client)
+            && request.ask.is_set_point()
+            && self.limits().contains(Limits::TIMEOUT)
+        {
+            let late = drive::Refusal::Fault(Fault::CommandTimeout);
+            return Step::Answer(Answer::Refused(Refusal::Drive(late)));
         }
         self.attempt(request).unwrap_or_else(|refusal| Step::Answer(Answer::Refused(refusal)))
     }
@@ -430,7 +439,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             (Command::Plain | Command::Disarm, Ok(())) => {}
             (Command::Calibrate, Ok(())) => {
                 self.calibration = Calibration::Running;
-                self.give_up_sensors();
+                self.set_sensors_aside();
             }
             (Command::Clear, Ok(())) => {
                 // Before the next request, which may be to arm.

@@ -182,6 +182,7 @@ impl<F: NorFlash> Storage<F> {
     pub fn sensors(&mut self, settings: &Settings) -> Result<Sensors, Problem> {
         let mut buffer = [0; size(LONGEST)];
         let record = self.load(Record::Sensors, &mut buffer)?;
+        // As a firmware of before left it where a calibration had been broken off.
         if record.is_empty() {
             return Err(Problem::Blank);
         }
@@ -194,10 +195,8 @@ impl<F: NorFlash> Storage<F> {
         Ok(sensors)
     }
 
-    /// Saves the sensors; `None` gives up those stored, by a record of nothing.
-    pub fn save_sensors(&mut self, sensors: Option<&Sensors>) -> Result<(), Problem> {
-        let record = sensors.map(Sensors::encode);
-        self.save(Record::Sensors, record.as_ref().map_or(&[], <[u8; SENSORS]>::as_slice))
+    pub fn save_sensors(&mut self, sensors: &Sensors) -> Result<(), Problem> {
+        self.save(Record::Sensors, &sensors.encode())
     }
 
     /// The stored table of the cogging, for the direction of the settings.

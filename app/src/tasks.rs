@@ -29,7 +29,7 @@ use hallservo::config::Config;
 use hallservo::control::cogging::Table;
 use hallservo::drive::standstill::Window;
 use hallservo::drive::{Refusal, Reply};
-use hallservo::fault::Fault;
+use hallservo::fault::{Fault, Limits};
 use hallservo::hall::plausibility::Implausible;
 use hallservo::mode::Mode;
 use hallservo::service::identify;
@@ -136,8 +136,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         self.proceed();
         self.attend_to_encoder();
         self.spare_config = self.spare_config.take().or_else(|| self.service.unused_config());
-        self.update_drive();
         self.end_calibration();
+        self.update_drive();
         self.save();
         self.come_to_rest();
     }
@@ -208,12 +208,14 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 let noise = calibrate.report.sensors.each_ref().map(|sensor| sensor.noise_pct / 200.0 * sensor.swing);
                 self.sensors = Some(Sensors { model: calibrate.model, calibrated: calibrate.model, noise });
                 self.unsaved[Record::Sensors as usize] = true;
+                self.magnets.forget();
                 self.rest = Some(Rest::after(Activity::Calibration, self.now_ms));
                 self.relearn();
             }
             Event::Refused(error) => {
                 log!(warn, "the calibration failed");
                 self.calibration = Calibration::Failed(*error);
+                self.take_up_sensors();
             }
         }
     }
@@ -235,6 +237,10 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         }
         if mode != Mode::Running {
             self.measurement = None;
+        }
+        if before == Mode::Aligning && !mode.drives() {
+            // A measurement at standstill has set the model aside; a calibration leaves none here.
+            self.install_due = self.sensors.is_some();
         }
         if record.status.is_heavier() && !self.record.status.is_heavier() {
             self.note(Cause::Heavier);
@@ -296,12 +302,12 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         }
     }
 
-    /// The sensors are being calibrated: what was known of them is given up, in the flash as well, whatever comes of
-    /// it.
-    pub fn give_up_sensors(&mut self) {
+    /// The sensors are being calibrated: what was known of them is not for the new calibration. The flash keeps it until
+    /// that has succeeded.
+    pub fn set_sensors_aside(&mut self) {
         (self.sensors, self.install_due) = (None, false);
-        self.magnets.forget();
-        self.unsaved[Record::Sensors as usize] = true;
+        self.unsaved[Record::Sensors as usize] = false;
+        self.magnets.set_aside();
         self.relearn();
     }
 
@@ -320,6 +326,10 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     pub fn mode(&self) -> Mode {
         self.record.status.mode()
+    }
+
+    pub const fn limits(&self) -> Limits {
+        self.record.status.limits()
     }
 
     /// Control periods a second.

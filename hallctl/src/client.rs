@@ -5,7 +5,8 @@ use crate::interrupt;
 use crate::link::{self, Line};
 use crate::words;
 use anyhow::Context;
-use hallservo::fault::Limits;
+use hallservo::drive;
+use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 use hallservo_protocol::{
     Answer, Ask, Decoder, Error as Frame, FRAME, Incident, Refusal, Reply, Request, Setting, Status, Telemetry, encode,
@@ -24,9 +25,6 @@ pub const SHORT: Duration = Duration::from_millis(5);
 /// For so long, what the drive said of who controls it is sure: nobody stops and arms it in less, for the check at arming
 /// takes as long.
 const SURE: Duration = Duration::from_millis(200);
-
-/// A computer that is merely slow is silent for less, in the drive's time.
-const LEAST_SILENCE_MS: f32 = 500.0;
 
 /// How often a request goes out, at most, while nothing comes back: a line may lose a byte.
 const ATTEMPTS: u32 = 4;
@@ -74,11 +72,8 @@ pub struct Client {
     controls: bool,
     /// When it asked for what showed that the drive is controlled by it; none where that showed the opposite.
     in_control: Option<Instant>,
-    /// The drive's time at the latest status since it was first commanded, and from there to the one before, ms.
-    heard_ms: Option<u64>,
-    gap_ms: u64,
-    /// How long a command holds, as of that status, s.
-    holds_s: f32,
+    /// Whether the drive has refused the latest request since it had stopped for want of commands.
+    barred: bool,
     /// Whether a signal ends a wait.
     interruptible: bool,
     id: u16,
@@ -115,9 +110,7 @@ impl Client {
             unattended: false,
             controls: false,
             in_control: None,
-            heard_ms: None,
-            gap_ms: 0,
-            holds_s: f32::INFINITY,
+            barred: false,
             interruptible: true,
             stream: 0,
             // Another tool's answers may still be on their way; they have other numbers, as far as chance allows.
@@ -202,6 +195,7 @@ impl Client {
         if matches!(ask, Ask::Telemetry(hz) if hz > 0.0) {
             self.stream = self.id;
         }
+        self.barred = false;
         let (asked, mut attempts, mut passed_over, mut byte) = (Instant::now(), 0, 0, [0]);
         while asked.elapsed() < self.patience {
             self.check()?;
@@ -223,7 +217,10 @@ impl Client {
                 Some(Ok(Reply { id, answer })) if id == self.id => {
                     return match answer {
                         Answer::Refused(Refusal::Demand(bad)) => Err(Error::Refused(words::demand(&ask, bad))),
-                        Answer::Refused(refusal) => Err(Error::Refused(words::refusal(&refusal))),
+                        Answer::Refused(refusal) => {
+                            self.barred = refusal == Refusal::Drive(drive::Refusal::Fault(Fault::CommandTimeout));
+                            Err(Error::Refused(words::refusal(&refusal)))
+                        }
                         answer => {
                             if ask.controls() {
                                 self.in_control = Some(asked);
@@ -268,14 +265,17 @@ impl Client {
         }
     }
 
-    /// Asks for what is answered by `Done`.
+    /// Asks for what is answered by `Done`. A drive that has stopped its motor while this tool asked for nothing is taken
+    /// up again.
     ///
     /// # Errors
     /// As [`Self::ask`].
     pub fn order(&mut self, ask: Ask<'_>) -> Result<()> {
-        if ask.controls() {
-            (self.heard_ms, self.gap_ms) = (None, 0);
+        let ordered = self.order_on(ask);
+        if !self.barred {
+            return ordered;
         }
+        self.order_on(Ask::Release)?;
         self.order_on(ask)
     }
 
@@ -285,13 +285,6 @@ impl Client {
             Answer::Done => Ok(()),
             other => unexpected(&other),
         })
-    }
-
-    /// Whether the drive has stopped for want of commands, and has then obeyed one that lay on the way, as where computer
-    /// or link stood still. Nothing in its status tells that any more, but its time does: of a command between two
-    /// statuses that far apart, either it came too late, or the second tells that the drive has stopped since.
-    fn has_been_silent(&self) -> bool {
-        self.gap_ms as f32 > (2000.0 * self.holds_s).max(LEAST_SILENCE_MS)
     }
 
     /// Whether it has been heard so lately that this tool controls the drive that it still does.
@@ -311,19 +304,14 @@ impl Client {
     }
 
     /// Commands again what is to go on: a tool that was suspended does not turn a motor that somebody else has armed
-    /// meanwhile, nor one that has come to rest because nothing came.
+    /// meanwhile, nor one that has come to rest because nothing came, as where computer or link stood still.
     ///
     /// # Errors
     /// As [`Self::still_controls`] and [`Self::ask`].
     pub fn repeat(&mut self, ask: Ask<'_>) -> Result<()> {
         self.still_controls()?;
-        if self.has_been_silent() {
-            if self.order(Ask::Speed(0.0)).is_err() {
-                self.order(Ask::Voltage(0.0))?;
-            }
-            return Err(Error::Failed(words::TAKEN.into()));
-        }
-        self.order_on(ask)
+        let ordered = self.order_on(ask);
+        if self.barred { Err(Error::Failed(words::TAKEN.into())) } else { ordered }
     }
 
     /// Arms, and waits until the drive has checked wires, amplifiers and direction.
@@ -377,8 +365,6 @@ impl Client {
         } else if !self.is_sure() {
             self.in_control = None;
         }
-        self.gap_ms = self.heard_ms.map_or(0, |before| status.uptime_ms.saturating_sub(before));
-        (self.heard_ms, self.holds_s) = (Some(status.uptime_ms), status.command_timeout_s);
         Ok(status)
     }
 

@@ -131,7 +131,7 @@ enum Command {
         /// The commutation
         kind: Kind,
     },
-    /// Turn the rotor and find out what the Halls deliver; the calibration before and the map of the magnets are given up
+    /// Turn the rotor and find out what the Halls deliver, in the place of the calibration before and the map of the magnets
     Calibrate(procedures::Options),
     /// Measure the motor, calibrate the Halls and set the control: all that a new motor needs but its largest current
     Commission(commission::Options),
@@ -264,15 +264,15 @@ pub fn run(arguments: &Arguments) -> Result<()> {
 }
 
 /// What a person who has broken something off has to know: a motor that is too fast or too heavy to be braked in a moment
-/// is not at rest, and the calibration before is none any more. A drive that does not answer has nothing to tell.
+/// is not at rest, and the calibration before is the one in use. A drive that does not answer has nothing to tell.
 fn tell_what_is_left(client: &mut Client, command: &Command, out: Out) {
     let Ok(status) = client.status() else { return };
     if !status.mode.drives() && status.speed_rad_s.abs() > motion::AT_REST_RAD_S {
         let speed = out.units.speed(status.speed_rad_s);
         eprintln!("hallctl: the motor is not at rest: it coasts, the bridge off, at {speed}");
     }
-    if matches!(command, Command::Calibrate { .. }) && status.mode == Mode::Unarmed {
-        eprintln!("hallctl: there is no calibration now: the one before was given up, in the flash, too");
+    if matches!(command, Command::Calibrate { .. }) {
+        eprintln!("hallctl: the calibration is broken off: the one before, if there was one, is in use again");
     }
 }
 

@@ -1,6 +1,7 @@
 //! All integration tests as one program: linking one for each file takes longer than running most of them.
 
 mod at_rest;
+mod broken_off;
 #[cfg(unix)]
 mod cogging;
 mod coil;

@@ -1,7 +1,6 @@
 //! Who may say what: one tool controls, others read, anyone stops; and what begins without a tool that lives ends.
 
 use crate::tool::{arm, ask, ask_as, calibrated, done, drive, request_of, run, status, wait};
-use hallservo::drive::Refusal as DriveRefusal;
 use hallservo::hall::adapt::{Fault, Parameter};
 use hallservo::mode::Mode;
 use hallservo::settings::{self, Settings};
@@ -238,33 +237,6 @@ fn a_ceiling_is_named_and_changes_nothing() {
             assert!(matches!(answer, Answer::Refused(Refusal::Setting(_))), "{name}: {answer:?}");
         });
     }
-}
-
-#[test]
-fn a_calibration_that_was_broken_off_arms_nothing_after_a_power_up_either() {
-    let mut first = ready();
-    done(&mut first, Ask::Calibrate);
-    run(&mut first, 500);
-    done(&mut first, Ask::Disarm);
-    run(&mut first, 20);
-    refused(&mut first, FIRST, Ask::Arm, Refusal::Drive(DriveRefusal::NotCalibrated));
-    // What else has the model installed anew does not bring it back.
-    for value in [1.0, 0.0] {
-        done(&mut first, Ask::Set { name: "reversed", value });
-        run(&mut first, 50);
-        refused(&mut first, FIRST, Ask::Arm, Refusal::Drive(DriveRefusal::NotCalibrated));
-    }
-    run(&mut first, 3000);
-    let found = status(&mut first);
-    assert!(!found.calibrated && found.stored[0] == Problem::Blank, "{found:?}");
-    let flash = first.flash();
-    drop(first);
-    let mut second = drive(Flash::of(flash));
-    run(&mut second, 10);
-    refused(&mut second, FIRST, Ask::Arm, Refusal::Drive(DriveRefusal::NotCalibrated));
-    done(&mut second, Ask::Calibrate);
-    wait(&mut second);
-    done(&mut second, Ask::Arm);
 }
 
 #[test]

@@ -18,11 +18,11 @@ use std::f64::consts::TAU;
 use std::rc::Rc;
 use std::sync::LazyLock;
 
-fn at(plant: &PlantParameters, seed: u64, flash: Flash) -> Simulator {
+pub fn at(plant: &PlantParameters, seed: u64, flash: Flash) -> Simulator {
     Simulator::at(plant, seed, flash, Vec::new()).unwrap()
 }
 
-fn magnets(drive: &mut Simulator) -> MagnetsStatus {
+pub fn magnets(drive: &mut Simulator) -> MagnetsStatus {
     ask(drive, Ask::Magnets(MagnetsAsk::Status), |answer| match answer {
         Answer::Magnets(status) => status,
         other => panic!("{other:?}"),
@@ -30,7 +30,7 @@ fn magnets(drive: &mut Simulator) -> MagnetsStatus {
 }
 
 /// A motor whose magnets are so many times as uneven as those of a cheap one.
-fn uneven(seed: u64, times: f64) -> PlantParameters {
+pub fn uneven(seed: u64, times: f64) -> PlantParameters {
     simulator::uneven(PlantParameters::imperfect(seed), times, seed)
 }
 
@@ -83,7 +83,7 @@ fn error(drive: &mut Simulator, rad_s: f32) -> f64 {
 }
 
 /// A flash with a calibration and a map of a cheap rotor.
-static LEARNT: LazyLock<Vec<u8>> = LazyLock::new(|| learnt(1));
+pub static LEARNT: LazyLock<Vec<u8>> = LazyLock::new(|| learnt(1));
 
 fn learnt(seed: u64) -> Vec<u8> {
     learnt_of(&uneven(seed, 1.0), seed)
@@ -97,7 +97,7 @@ fn learnt_of(plant: &PlantParameters, seed: u64) -> Vec<u8> {
 }
 
 /// Powered up at an angle, the map not found yet.
-fn powered_up(plant: &PlantParameters, flash: Vec<u8>, angle_rad: f64) -> Simulator {
+pub fn powered_up(plant: &PlantParameters, flash: Vec<u8>, angle_rad: f64) -> Simulator {
     let mut drive = at(plant, 1, Flash::of(flash));
     drive.plant.place(angle_rad, 0.0).unwrap();
     run(&mut drive, 20);
@@ -105,7 +105,7 @@ fn powered_up(plant: &PlantParameters, flash: Vec<u8>, angle_rad: f64) -> Simula
 }
 
 /// Turns until the map is used, or gives up after a time.
-fn find(drive: &mut Simulator, rad_s: f32, longest_ms: u64) -> bool {
+pub fn find(drive: &mut Simulator, rad_s: f32, longest_ms: u64) -> bool {
     let from_ms = drive.now_ms();
     while magnets(drive).state != Use::Used && drive.now_ms() < from_ms + longest_ms {
         turn(drive, rad_s, 100);

@@ -173,6 +173,10 @@ fn no_watchdog_of_a_client_is_for_ever() {
         assert_eq!(turning(&mut drive), holds_s > 1.0, "{timeout}");
         run(&mut drive, 1000);
         assert!(!turning(&mut drive) && drive.plant.truth().speed_rad_s.abs() < 0.1, "{timeout}");
+        // What comes late is not obeyed before the client has stopped the drive.
+        line(&mut drive, MOVE, 500);
+        assert!(drive.plant.truth().speed_rad_s.abs() < 0.1, "{timeout}");
+        assert_eq!(mode(&mut drive), (11, 0));
     }
 }
 

@@ -1,9 +1,12 @@
-//! A computer or a link that stands still for a while, with a command on its way: what lay about is obeyed when it comes,
-//! though the drive has stopped its motor since.
+//! A computer or a link that stands still for a while, with commands on their way: what lay about when the drive has
+//! stopped its motor does not set it in motion again.
 
 use crate::process::{Drive, call};
-use crate::tool::request;
-use hallservo_protocol::{Ask, Decoder, Request};
+use crate::tool::{arm, ask, ask_as, calibrated, done, request, run, status};
+use hallservo::control::impedance::{self, Motion};
+use hallservo::fault::{Fault, Limits};
+use hallservo_protocol::{Answer, Ask, Decoder, Refusal, Request};
+use simulator::Simulator;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::thread;
@@ -55,7 +58,87 @@ fn a_command_that_comes_after_the_drive_has_stopped_does_not_set_the_motor_in_mo
     let said = String::from_utf8(output.stderr).unwrap();
     assert!(output.status.code() == Some(7) && said.contains("heard nothing from this one"), "{said}");
     assert!(call(&line, &["stop"]).status.success());
-    drive.log_until("Disarm");
-    let (driven, stopped) = (drive.log_last("Speed(50.0)"), drive.log_last("Speed(0.0)"));
-    assert!(driven.at_s < stopped.at_s, "{driven:?} {stopped:?}");
+    let (off, late) = (drive.log_until("Disarm"), drive.log_last("Speed(50.0)"));
+    assert!(late.speed_rad_s.abs() < 1.0 && off.speed_rad_s.abs() < 1.0, "{late:?} {off:?}");
+}
+
+/// Arms, turns at 50 rad/s, falls silent until the drive has stopped its motor.
+fn stopped_by_silence() -> Simulator {
+    let (mut drive, _) = calibrated();
+    arm(&mut drive);
+    done(&mut drive, Ask::Speed(50.0));
+    run(&mut drive, 500);
+    assert!(drive.plant.truth().speed_rad_s > 45.0);
+    run(&mut drive, 1500);
+    assert!(drive.plant.truth().speed_rad_s.abs() < 1.0);
+    drive
+}
+
+/// The largest speed while what is asked arrives, one each millisecond, and half a second after.
+fn fastest(drive: &mut Simulator, asked: &[Ask<'_>]) -> f64 {
+    let mut fastest = 0.0_f64;
+    for k in 0..asked.len() + 500 {
+        if let Some(ask) = asked.get(k) {
+            drive.write(&request(k as u16, *ask));
+        }
+        drive.step();
+        fastest = fastest.max(drive.plant.truth().speed_rad_s.abs());
+    }
+    fastest
+}
+
+/// What lay in a buffer of the computer or of an adapter while nothing was heard, the computer being gone.
+#[test]
+fn what_comes_late_of_a_tool_that_has_fallen_silent_moves_nothing() {
+    let motion = Motion::To {
+        position_turns: None,
+        speed_rad_s: 20.0,
+        stop_turns: None,
+        max_speed_rad_s: None,
+        max_acceleration_rad_s2: None,
+    };
+    let impedance = impedance::Request { motion, ..impedance::Request::default() };
+    for late in [Ask::Speed(50.0), Ask::Torque(0.02), Ask::Voltage(0.2), Ask::Position(5.0), Ask::Impedance(impedance)]
+    {
+        let mut drive = stopped_by_silence();
+        let speed = fastest(&mut drive, &[late; 20]);
+        assert!(speed < 1.0, "{late:?}: {speed} rad/s");
+        // A command of zero, which changes nothing, does not open the way for what is behind it.
+        let speed = fastest(&mut drive, &[Ask::Status, Ask::Speed(0.0), late, Ask::Status, late]);
+        assert!(speed < 1.0, "{late:?}: {speed} rad/s");
+        ask(&mut drive, late, |answer| {
+            let why = Refusal::Drive(hallservo::drive::Refusal::Fault(Fault::CommandTimeout));
+            assert_eq!(answer, Answer::Refused(why), "{late:?}");
+        });
+        // However long it takes; and nobody else is kept from it.
+        run(&mut drive, 1200);
+        assert!(fastest(&mut drive, &[late]) < 1.0, "{late:?}");
+        assert!(ask_as(2, &mut drive, Ask::Speed(20.0), |answer| answer == Answer::Done));
+    }
+}
+
+/// By release, which is no set-point; or off and on.
+#[test]
+fn a_tool_takes_up_again_what_has_stopped_for_its_silence() {
+    let mut drive = stopped_by_silence();
+    done(&mut drive, Ask::Release);
+    assert!(fastest(&mut drive, &[Ask::Speed(50.0)]) > 45.0);
+    let mut drive = stopped_by_silence();
+    done(&mut drive, Ask::Disarm);
+    run(&mut drive, 500);
+    arm(&mut drive);
+    assert!(fastest(&mut drive, &[Ask::Speed(50.0)]) > 45.0);
+}
+
+/// The same where it was heard all the time, and only commanded nothing.
+#[test]
+fn a_tool_that_was_heard_is_obeyed_though_the_drive_has_stopped() {
+    let (mut drive, _) = calibrated();
+    arm(&mut drive);
+    for _ in 0..20 {
+        status(&mut drive);
+        run(&mut drive, 100);
+    }
+    assert!(status(&mut drive).limits.contains(Limits::TIMEOUT));
+    assert!(fastest(&mut drive, &[Ask::Speed(50.0)]) > 45.0);
 }

@@ -154,7 +154,7 @@ fn a_lost_hall_is_not_forgotten_before_a_calibration() {
     run(&mut drive, 50);
     done(&mut drive, Ask::Clear);
     run(&mut drive, 500);
-    refused(&mut drive, DriveRefusal::NotCalibrated);
+    refused(&mut drive, DriveRefusal::HallLost);
     // Nor by one that was broken off, with a model that is installed then.
     done(&mut drive, Ask::Calibrate);
     run(&mut drive, 50);
@@ -162,7 +162,7 @@ fn a_lost_hall_is_not_forgotten_before_a_calibration() {
     run(&mut drive, 20);
     done(&mut drive, Ask::Set { name: "reversed", value: 1.0 });
     run(&mut drive, 500);
-    refused(&mut drive, DriveRefusal::NotCalibrated);
+    refused(&mut drive, DriveRefusal::HallLost);
     done(&mut drive, Ask::Calibrate);
     wait(&mut drive);
     done(&mut drive, Ask::Arm);

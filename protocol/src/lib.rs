@@ -25,6 +25,11 @@
 //! procedures that turn the motor end, bridge off, when the tool that controls falls silent for that long, unless it
 //! began them [unattended](Request::unattended). That telemetry is sent is no sign of life.
 //!
+//! Where the drive has stopped its motor for want of commands and the tool has lost the control by its silence, what still
+//! comes of it may have lain in a buffer: its [set-points](Ask::is_set_point) are refused with
+//! [`CommandTimeout`](hallservo::fault::Fault::CommandTimeout) until it asks for [`Ask::Release`], or until the drive is
+//! disarmed.
+//!
 //! # Versions
 //! Framing, CRC and the version's place never change; any change of a message raises [`VERSION`]. Who receives a frame
 //! of another version gets [`Error::Version`], which names both, and must not guess at the rest.

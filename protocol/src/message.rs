@@ -158,6 +158,12 @@ pub enum AskBy<N> {
 }
 
 impl<N> AskBy<N> {
+    /// Whether it says what the motor is to do, until the next one or for `command_timeout_s`.
+    pub const fn is_set_point(&self) -> bool {
+        use AskBy::{Impedance, Position, Speed, Torque, Voltage};
+        matches!(self, Voltage(_) | Torque(_) | Speed(_) | Position(_) | Impedance(_))
+    }
+
     /// Whether it changes anything of the drive, which is for the one tool that controls it.
     pub const fn controls(&self) -> bool {
         #[cfg(feature = "encoder")]

@@ -25,6 +25,8 @@ struct Cells {
     file: Option<File>,
     /// Words and erases until the power goes.
     left: Option<u32>,
+    /// What it held before each word and each erase, where somebody asks.
+    states: Option<Vec<Vec<u8>>>,
 }
 
 /// The file cannot be written.
@@ -48,12 +50,22 @@ impl Flash {
         if SMALLER.contains(&bytes.len()) {
             bytes.resize(SIZE, 0xff);
         }
-        Self(Rc::new(RefCell::new(Cells { bytes, file: None, left: None })))
+        Self(Rc::new(RefCell::new(Cells { bytes, file: None, left: None, states: None })))
     }
 
     /// The power goes after so many more words written or blocks erased: what is written later does not reach it.
     pub fn cut_after(&self, operations: u32) {
         self.0.borrow_mut().left = Some(operations);
+    }
+
+    /// From now on, what it holds before each word and each erase is noted: what a power cut at that moment would leave.
+    pub fn note_states(&self) {
+        self.0.borrow_mut().states = Some(Vec::new());
+    }
+
+    /// What was noted, the oldest first.
+    pub fn states(&self) -> Vec<Vec<u8>> {
+        self.0.borrow().states.clone().unwrap_or_default()
     }
 
     /// What it holds.
@@ -85,13 +97,16 @@ impl Flash {
             file.write_all(&bytes).with_context(name)?;
         }
         ensure!(bytes.len() == SIZE, "{} has {} bytes, not {SIZE}", name(), bytes.len());
-        Ok(Self(Rc::new(RefCell::new(Cells { bytes, file: Some(file), left: None }))))
+        Ok(Self(Rc::new(RefCell::new(Cells { bytes, file: Some(file), left: None, states: None }))))
     }
 }
 
 impl Cells {
     /// Whether there is power for another operation.
     fn is_powered(&mut self) -> bool {
+        if let Some(states) = &mut self.states {
+            states.push(self.bytes.clone());
+        }
         match &mut self.left {
             None => true,
             Some(0) => false,

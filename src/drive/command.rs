@@ -132,7 +132,7 @@ impl Drive {
             Command::Calibrate => self.calibrate()?,
             Command::Measure { begins, probe } => self.measure_standstill(begins, probe)?,
             Command::Install(estimator) => self.install(estimator, sample.halls)?,
-            Command::CalibrationFailed => self.on_command(Event::Fail(Fault::Calibration))?,
+            Command::CalibrationFailed => self.refuse_calibration()?,
             Command::Arm => self.prepare_to_arm(sample)?,
             Command::Disarm => self.disarm()?,
             Command::Drive(modulation) => self.drive(modulation)?,
@@ -196,6 +196,12 @@ impl Drive {
             self.forget_pole();
             let _ = self.channels.retired.enqueue(estimator);
         }
+    }
+
+    /// A model that is installed later is no new calibration.
+    fn refuse_calibration(&mut self) -> Reply {
+        self.progress = Progress::None;
+        self.on_command(Event::Fail(Fault::Calibration))
     }
 
     pub(super) fn disarm(&mut self) -> Reply {

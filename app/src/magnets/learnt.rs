@@ -179,6 +179,12 @@ impl MagnetMap {
         }
     }
 
+    /// The sensors are being calibrated: the map of the calibration before is not used meanwhile, and stays in the flash.
+    pub fn set_aside(&mut self) {
+        self.unsaved = false;
+        self.magnets.set(None, None);
+    }
+
     /// The map is given up, in the flash as well.
     pub fn forget(&mut self) {
         self.unsaved |= self.magnets.known().is_some() || self.problem != Problem::Blank;

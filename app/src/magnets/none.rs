@@ -51,6 +51,8 @@ impl MagnetMap {
 
     pub fn adopt<F: NorFlash>(&mut self, _: &mut Storage<F>, _: Option<&Sensors>, _: &Settings) {}
 
+    pub fn set_aside(&mut self) {}
+
     pub fn forget(&mut self) {}
 
     pub const fn is_settled(&self) -> bool {

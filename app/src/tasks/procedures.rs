@@ -41,7 +41,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     pub(super) fn end_abandoned(&mut self) {
         let timeout_s = self.settings.control.as_ref().map_or(TIMEOUT_S, |control| control.guard.command_timeout_s);
         let timeout_ms = ((1000.0 * timeout_s) as u32).max(LEAST_MS);
-        if !self.controller.is_abandoned(self.now_ms, timeout_ms.into()) {
+        if !self.controller.is_abandoned(self.now_ms, timeout_ms) {
             return;
         }
         let calibrates = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);
@@ -119,11 +119,12 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         false
     }
 
-    /// Notes that a command or a fault has ended the calibration.
+    /// Notes that a command or a fault has ended the calibration, which leaves the one before.
     pub(super) fn end_calibration(&mut self) {
         let turns = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);
         if self.calibration == Calibration::Running && !turns && self.ticks_since_command > SETTLED {
             self.calibration = Calibration::Ended;
+            self.take_up_sensors();
         }
     }
 

@@ -4,7 +4,6 @@ use super::{SETTLED, Tasks};
 use crate::encoder::Encoder;
 use crate::measure;
 use embedded_storage::nor_flash::NorFlash;
-use hallservo::fault::Limits;
 use hallservo::service::adaptation;
 use hallservo_protocol::Activity;
 
@@ -20,10 +19,6 @@ pub struct Flow {
 }
 
 impl<F: NorFlash, E: Encoder> Tasks<F, E> {
-    pub const fn limits(&self) -> Limits {
-        self.record.status.limits()
-    }
-
     /// Whether the bridge is off, nothing goes on, and no command is on its way.
     pub fn is_idle(&self) -> bool {
         !self.mode().drives() && self.activity() == Activity::None && self.ticks_since_command > SETTLED

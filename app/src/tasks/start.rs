@@ -198,13 +198,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Takes up what the flash holds beside the settings.
     #[inline(never)]
     fn take_up_stored(&mut self) {
-        self.restore_sensors();
         self.restore_table();
-        let map_problem = if E::SETTINGS == 0 {
-            self.magnets.restore(&mut self.storage, self.sensors.as_ref(), &self.settings)
-        } else {
-            Problem::None
-        };
+        let map_problem = self.restore_sensors();
         #[cfg(feature = "map")]
         if E::SETTINGS == 0 {
             self.magnets.restore_by_pole(self.storage.by_pole(&self.settings), &self.settings);
@@ -224,8 +219,16 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         let _ = map_problem;
     }
 
+    /// A calibration has come to nothing: the sensors are as after a power-up, with a map that fits them.
     #[inline(never)]
-    fn restore_sensors(&mut self) {
+    pub(super) fn take_up_sensors(&mut self) {
+        self.restore_sensors();
+        self.relearn();
+    }
+
+    /// What the flash holds of the sensors and of the magnets over them; what is wrong with the latter.
+    #[inline(never)]
+    fn restore_sensors(&mut self) -> Problem {
         match self.storage.sensors(&self.settings) {
             Ok(sensors) => {
                 (self.sensors, self.stored_sensors) = (Some(sensors), Some(sensors));
@@ -233,6 +236,10 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             }
             Err(problem) => self.stored[Record::Sensors as usize] = problem,
         }
+        if E::SETTINGS > 0 {
+            return Problem::None;
+        }
+        self.magnets.restore(&mut self.storage, self.sensors.as_ref(), &self.settings)
     }
 
     #[inline(never)]

@@ -20,7 +20,11 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             return;
         }
         self.save_encoder();
-        self.save_magnets();
+        // A map is of no use without its calibration, which comes first: a power cut between them leaves no old one that has
+        // lost its map.
+        if !self.unsaved[Record::Sensors as usize] {
+            self.save_magnets();
+        }
         let interval_over = self.learnt_saved_ms.is_none_or(|then| self.now_ms >= then + 1000 * SAVE_INTERVAL_S);
         if interval_over && self.sensors_changed() {
             self.learnt_saved_ms = Some(self.now_ms);
@@ -85,13 +89,11 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     #[inline(never)]
     fn save_sensors(&mut self) {
-        let saved = self.storage.save_sensors(self.sensors.as_ref());
+        let Some(sensors) = &self.sensors else { return };
+        let saved = self.storage.save_sensors(sensors);
         // A save that failed is not repeated before the model has changed again.
         self.stored_sensors = self.sensors;
         self.saved(Record::Sensors, saved);
-        if self.sensors.is_none() && saved.is_ok() {
-            self.stored[Record::Sensors as usize] = Problem::Blank;
-        }
     }
 
     #[inline(never)]

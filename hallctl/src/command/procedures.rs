@@ -97,8 +97,8 @@ fn calibrated(client: &mut Client) -> Result<std::result::Result<Report, calibra
         Calibration::Done(report) => Ok(Ok(report)),
         Calibration::Failed(error) => Ok(Err(error)),
         Calibration::Ended => Err(Error::Failed(
-            "the calibration was ended by a command or a fault: see `hallctl faults`\n  `hallctl calibrate` again: \
-                 the drive is not armed by what was found before."
+            "the calibration was ended by a command or a fault: see `hallctl faults`\n  The one before, if there was one, \
+                 is in use again; or `hallctl calibrate` again."
                 .into(),
         )),
         Calibration::None | Calibration::Running => {

@@ -5,6 +5,7 @@ use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, Settings};
 use plant::{HallFault, Rail, Unevenness};
+use rayon::prelude::*;
 use rig::{Rig, error_deg};
 use sim::experiment::delay::{Late, SPEEDS_RAD_S, trial};
 use sim::experiment::magnets;
@@ -67,19 +68,25 @@ fn a_known_delay_is_taken_off_while_the_speed_changes() {
     }
 }
 
-/// With late Halls the two that are left see a rotor that has gone on since: 13° at this speed.
+/// With late Halls the two that are left see a rotor that has gone on since: 13° at this speed. How far the angle is off
+/// until that is known depends on where the rotor is when the Hall is lost.
 #[test]
 fn a_hall_that_is_lost_at_speed_is_replaced_by_two_late_ones() {
     let settings = Settings { run_on_two_halls: true, ..magnets::settings() };
-    for sensor in 0..3 {
+    let jobs: Vec<_> = (0..3).flat_map(|sensor| (0..sim::of(3, 12)).map(move |place| (sensor, place))).collect();
+    let worst = jobs.par_iter().map(|&(sensor, place)| {
         let mut rig = running(Late::Delay(150.0), &settings, 390.0);
+        rig.wait(0.33e-3 * f64::from(place));
         rig.plant.set_hall_fault(sensor, Some(HallFault::Open(Rail::Low)));
         let mut worst = 0.0_f64;
         rig.run(0.2, |rig, period| {
             worst = worst.max(error_deg(rig.drive.tracker().angle(), period.truth.electrical_angle_rad).abs());
         });
-        println!("Hall {}: {worst:.1}° at most", sensor + 1);
         assert_eq!(rig.drive.mode(), Mode::Running, "Hall {}", sensor + 1);
-        assert!(rig.drive.limits().contains(Limits::TWO_HALLS) && worst < 10.0, "Hall {}: {worst}", sensor + 1);
-    }
+        assert!(rig.drive.limits().contains(Limits::TWO_HALLS), "Hall {}", sensor + 1);
+        worst
+    });
+    let worst = worst.reduce(|| 0.0, f64::max);
+    println!("{worst:.1}° at most, of {}", jobs.len());
+    assert!(worst < 12.0, "{worst}");
 }

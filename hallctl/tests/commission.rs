@@ -106,7 +106,7 @@ fn eleven_motors_are_commissioned_unattended() {
 
 /// Motors with their largest current, A, and a load on a shaft that twists: how many times the rotor's inertia it has, and
 /// the resonance, Hz.
-const TWISTS: [(&str, &str, &str, &str); 6] = [
+const TWISTS: [(&str, &str, &str, &str); 7] = [
     // The identification determines nothing, and a position was held with 55 % of the largest current.
     ("22-pairs", "30", "10", "20"),
     // The drive switched off where it held one.
@@ -115,6 +115,8 @@ const TWISTS: [(&str, &str, &str, &str); 6] = [
     ("paper", "3", "10", "200"),
     ("direct-drive", "4", "3", "40"),
     ("direct-drive", "4", "10", "40"),
+    // On a supply that takes nothing back, its swings lifted the bus too high where the motor was measured.
+    ("22-pairs", "30", "10", "60"),
 ];
 
 /// RMS about the mean of the current along q, A, in the last second of a position that is held after a small move.
@@ -141,7 +143,7 @@ fn held_a(drive: &Drive, folder: &TempDir) -> f64 {
 #[test]
 fn a_load_on_a_shaft_that_twists_is_held_quietly() {
     std::thread::scope(|scope| {
-        for some in TWISTS[..sim::of(1, 6)].chunks(sim::of(1, 3)) {
+        for some in TWISTS[..sim::of(1, 7)].chunks(sim::of(1, 4)) {
             scope.spawn(move || {
                 for (motor, limit_a, times, hz) in some {
                     let options = ["--seed", "5", "--motor", motor, "--load-inertia", times, "--resonance-hz", hz];

@@ -14,19 +14,23 @@ pub struct BusParameters {
     /// Whether the supply takes current back, as a battery does; otherwise braking pumps the bus
     /// up. Without capacitance it has to.
     pub regenerative: bool,
+    /// What the board's electronics draw, A, which empties a bus that is pumped up; as long as the supply gives it,
+    /// `supply_v` allows for it.
+    pub electronics_a: f64,
 }
 
 impl BusParameters {
     /// Stiff.
     #[must_use]
     pub const fn ideal(supply_v: f64) -> Self {
-        Self { supply_v, source_ohm: 0.0, capacitance_f: 0.0, regenerative: true }
+        Self { supply_v, source_ohm: 0.0, capacitance_f: 0.0, regenerative: true, electronics_a: 0.0 }
     }
 
     pub(crate) fn check(&self) -> Result<(), Error> {
         supply(self.supply_v)?;
         not_negative(self.source_ohm, "bus.source_ohm")?;
         not_negative(self.capacitance_f, "bus.capacitance_f")?;
+        not_negative(self.electronics_a, "bus.electronics_a")?;
         require(
             self.regenerative || (self.capacitance_f > 0.0 && self.source_ohm > 0.0),
             "bus.regenerative",
@@ -86,7 +90,7 @@ impl Bus {
 
     /// Lets the bridge draw a current for a span.
     pub fn draw(&mut self, current_a: f64, span_s: f64) {
-        let BusParameters { supply_v, source_ohm, capacitance_f, regenerative } = self.parameters;
+        let BusParameters { supply_v, source_ohm, capacitance_f, regenerative, electronics_a } = self.parameters;
         if source_ohm == 0.0 {
             return;
         }
@@ -97,7 +101,8 @@ impl Bus {
             return;
         }
         if !regenerative && self.volts > supply_v {
-            self.volts = (self.volts - current_a * span_s / capacitance_f) / (1.0 + brake_s * span_s / capacitance_f);
+            let drawn_a = current_a + electronics_a;
+            self.volts = (self.volts - drawn_a * span_s / capacitance_f) / (1.0 + brake_s * span_s / capacitance_f);
             return;
         }
         // Implicit, so that a small capacitor cannot make it swing.

@@ -135,7 +135,13 @@ impl PlantParameters {
                 diode_v: 0.7,
                 model: InverterModel::Averaged { steps: 1 },
             },
-            bus: BusParameters { supply_v: 24.0, source_ohm: 0.1, capacitance_f: 470e-6, regenerative: false },
+            bus: BusParameters {
+                supply_v: 24.0,
+                source_ohm: 0.1,
+                capacitance_f: 470e-6,
+                regenerative: false,
+                electronics_a: 0.0,
+            },
             current_sense: SenseParameters {
                 offset_v: 0.5 * REFERENCE_V + 0.01 * random.uniform(),
                 noise_v: 1e-3,

@@ -220,7 +220,8 @@ fn a_source_resistance_drops_the_bus() {
     for (capacitance_f, model) in [(0.0, MODELS[0]), (470e-6, MODELS[0]), (470e-6, MODELS[2])] {
         let mut parameters = PlantParameters::ideal();
         parameters.inverter.model = model;
-        parameters.bus = BusParameters { supply_v: BUS_V, source_ohm: 0.5, capacitance_f, regenerative: true };
+        parameters.bus =
+            BusParameters { supply_v: BUS_V, source_ohm: 0.5, capacitance_f, regenerative: true, electronics_a: 0.0 };
         let mut plant = Plant::new(&parameters, 0).unwrap();
         plant.set_dyno(Some(0.0)).unwrap();
         hold(&mut plant, Legs::pwm([1.0, 0.0, 0.0]), 4000);
@@ -238,7 +239,13 @@ fn a_source_resistance_drops_the_bus() {
 #[test]
 fn braking_pumps_the_bus_up() {
     let mut parameters = PlantParameters::ideal();
-    parameters.bus = BusParameters { supply_v: BUS_V, source_ohm: 0.1, capacitance_f: 1000e-6, regenerative: false };
+    parameters.bus = BusParameters {
+        supply_v: BUS_V,
+        source_ohm: 0.1,
+        capacitance_f: 1000e-6,
+        regenerative: false,
+        electronics_a: 0.0,
+    };
     let mut plant = Plant::new(&parameters, 0).unwrap();
     plant.place(0.0, 400.0).unwrap();
     let mut highest = BUS_V;

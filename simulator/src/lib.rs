@@ -17,12 +17,14 @@ use hallservo::mode::Mode;
 use hallservo::settings::{Ceiling, Control, GuardSettings, OnTimeout, Settings};
 use hallservo_app::{Housekeeping, Identity, Listener, Stop};
 use plant::heads::{Defect, Encoder as Rings};
-use plant::{Plant, PlantParameters, Truth, Unevenness};
+use plant::{BusParameters, Plant, PlantParameters, Truth, Unevenness};
 use rig::motors::Motor;
 use std::collections::VecDeque;
 
 /// What it says it is.
 const IDENTITY: Identity = Identity { board: "simulated", firmware: env!("CARGO_PKG_VERSION") };
+/// What the board's electronics draw, A.
+const ELECTRONICS_A: f64 = 0.02;
 /// Both thermistors at 25 °C, 12 bit.
 const COOL: TemperatureCode = TemperatureCode::new(2048);
 
@@ -163,7 +165,9 @@ impl Simulator {
         }
         let config = settings.validate().context("the settings")?;
         let usual = (plant.bus.supply_v, plant.motor.load_nm);
-        let mut plant = Plant::new(plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
+        let bus = BusParameters { electronics_a: ELECTRONICS_A, ..plant.bus };
+        let plant = PlantParameters { bus, ..plant.clone() };
+        let mut plant = Plant::new(&plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
         plant.place(0.3, 0.0)?;
         let firmware = firmware::start(IDENTITY, settings, flash.clone(), rings)?;
         Ok(Self {

@@ -38,12 +38,13 @@ struct Sweep {
     align_s: f32,
 }
 
-/// In the order in which they are tried.
-const SWEEPS: [Sweep; 4] = [
+/// In the order in which they are tried. The last one takes a minute, and is for a rotor that has followed none of the others.
+const SWEEPS: [Sweep; 5] = [
     Sweep { speed_hz: 10.0, share: 0.33, align_s: 0.3 },
     Sweep { speed_hz: 4.0, share: 0.45, align_s: 6.0 },
     Sweep { speed_hz: 20.0, share: 0.45, align_s: 1.0 },
     Sweep { speed_hz: 2.0, share: 0.45, align_s: 6.0 },
+    Sweep { speed_hz: 0.5, share: 0.6, align_s: 10.0 },
 ];
 /// Lag and swing of the rotor in degrees up to which another one is not tried, and the share of the signals in per cent
 /// that no turning magnet explains: cheap magnets leave up to 2.8 %, but a rotor that swings in another rhythm than the
@@ -132,6 +133,12 @@ impl Commission {
         }
     }
 
+    /// How many there are to try, as far as it is known.
+    fn sweeps(&self) -> usize {
+        let followed = self.best.is_some_and(|(number, _)| number < SWEEPS.len() - 1);
+        SWEEPS.len() - usize::from(followed)
+    }
+
     /// The calibration has ended.
     ///
     /// # Errors
@@ -146,7 +153,7 @@ impl Commission {
             let bad = swing / GOOD_SWING + lag / GOOD_LAG + residual / GOOD_RESIDUAL;
             let good = swing <= GOOD_SWING && lag <= GOOD_LAG && residual <= GOOD_RESIDUAL;
             // After all were tried, this was the best one again.
-            if good || number >= SWEEPS.len() {
+            if good || number >= self.sweeps() {
                 self.action = Action::Swing;
                 return Ok(());
             }
@@ -156,10 +163,10 @@ impl Commission {
         }
         // Nothing ends the search early: of two Halls, one may look dead twice where a heavy rotor only rocks.
         match (self.best, result) {
-            _ if self.tries < SWEEPS.len() => self.choose_sweep(self.tries),
+            _ if self.tries < self.sweeps() => self.choose_sweep(self.tries),
             // The last one was the best: its calibration is in use.
             (Some((best, _)), Ok(_)) if best == number => self.action = Action::Swing,
-            (Some((best, _)), _) if self.tries == SWEEPS.len() => self.choose_sweep(best),
+            (Some((best, _)), _) if self.tries == self.sweeps() => self.choose_sweep(best),
             (_, Err(error)) => return Err(error),
             (_, Ok(_)) => self.action = Action::Swing,
         }
@@ -232,6 +239,18 @@ impl Commission {
         let noise_rad_s = self.noise * tracker * crate::float::root(tracker / pwm_hz / 2.8) / pairs;
         let quiet_hz = NOISE * max_current_a * constant / (inertia_kgm2 * noise_rad_s.max(1e-6)) / TAU;
         self.set_bandwidths(current_bandwidth_hz, quiet_hz.clamp(0.6, 60.0))
+    }
+
+    /// A third of the acceleration, which is a third of the current that the next step begins with, and a speed and position
+    /// control that is four times slower: a load on a soft shaft swings less. What that step finds sets all of them anew.
+    ///
+    /// # Errors
+    /// [`Error::NoControl`], or the settings are contradictory.
+    pub fn be_gentle(&mut self) -> Result<(), Error<'static>> {
+        let control = self.settings.control.as_mut().ok_or(Error::NoControl)?;
+        control.max_acceleration_rad_s2 = (control.max_acceleration_rad_s2 / 3.0).max(1.0);
+        let Control { current_bandwidth_hz, speed_bandwidth_hz, .. } = *control;
+        self.set_bandwidths(current_bandwidth_hz, speed_bandwidth_hz / 4.0)
     }
 
     /// Sets bandwidths, or what the integers of the control have room for.

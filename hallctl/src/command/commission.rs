@@ -49,6 +49,10 @@ const LOW: [(&str, f32); 3] =
 /// What is too hot is waited for so long, in the drive's time, and so often at most.
 const COOLING_MS: u64 = 20_000;
 const COOLINGS: u32 = 15;
+/// So often the measurement of the motor is tried more gently, and so long at most their swing is waited for, in the
+/// drive's time.
+const GENTLER: u32 = 2;
+const SETTLING_MS: u64 = 10_000;
 /// Longest wait for the settings to be saved, in the drive's time.
 const SAVING_MS: u64 = 10_000;
 
@@ -74,7 +78,7 @@ fn steps(client: &mut Client, options: &Options, out: Out) -> Result<()> {
     Journal::probe(&options.file)?;
     words::stands(&journal, commission.action(), out)?;
     ask(options.yes, "The motor will turn, in both directions and fast in the end. Is the shaft free, may it begin?")?;
-    let mut coolings = 0;
+    let (mut coolings, mut gentler) = (0, 0);
     loop {
         write(client, commission.settings())?;
         words::announce(commission.action(), commission.settings(), out)?;
@@ -86,6 +90,13 @@ fn steps(client: &mut Client, options: &Options, out: Out) -> Result<()> {
             Err(error) if coolings < COOLINGS && is_hot(client, &error)? => {
                 coolings += 1;
                 cool(client, out)?;
+                continue;
+            }
+            Err(error) if gentler < GENTLER && has_swung(client, commission.action(), &error)? => {
+                gentler += 1;
+                commission.be_gentle().map_err(|error| words_of(&error))?;
+                words::once_more(&error, commission.settings(), out)?;
+                settle(client)?;
                 continue;
             }
             done => done?,
@@ -214,6 +225,30 @@ fn is_hot(client: &mut Client, error: &Error) -> Result<bool> {
     let words = error.to_string();
     let mode = client.status()?.mode;
     Ok(HOT.iter().any(|fault| mode == Mode::Faulted(*fault) || words.contains(&fault.to_string())))
+}
+
+/// What a load on a soft shaft comes to that swings with torques and the speed control.
+const BY_SWINGING: [Fault; 4] = [Fault::OverVoltage, Fault::OverSpeed, Fault::FollowingError, Fault::Commutation];
+
+/// Whether the measurement of the motor came to nothing because a load swings on its shaft.
+fn has_swung(client: &mut Client, action: Action, error: &Error) -> Result<bool> {
+    let failed = action == Action::Identify && matches!(error, Error::Failed(_));
+    Ok(failed && matches!(client.status()?.mode, Mode::Faulted(fault) if BY_SWINGING.contains(&fault)))
+}
+
+/// Waits until the rotor is at rest and the bus is down, the bridge off.
+fn settle(client: &mut Client) -> Result<()> {
+    let most_v = client.setting(Ask::Get("over_voltage_v"), |setting| setting.value)?;
+    let began = client.status()?;
+    let mut look = (Instant::now(), began.uptime_ms);
+    loop {
+        let status = client.status()?;
+        let settled = status.speed_rad_s.abs() <= motion::AT_REST_RAD_S && status.bus_v < most_v;
+        if settled || status.uptime_ms >= began.uptime_ms + SETTLING_MS {
+            return client.order(Ask::Clear);
+        }
+        client.rest(&mut look, &status)?;
+    }
 }
 
 /// Waits, the bridge off.

@@ -1,7 +1,7 @@
 //! What a step is about to do to the motor, and what it has found.
 
 use super::journal::{Found, Journal};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::out::Out;
 use crate::say;
 use hallservo::service::commission::Action;
@@ -34,6 +34,16 @@ pub(super) fn announce(action: Action, settings: &Settings, out: Out) -> Result<
             )
         }
     }
+}
+
+/// That the measurement of the motor is tried again, and why.
+pub(super) fn once_more(error: &Error, settings: &Settings, out: Out) -> Result<()> {
+    let why = error.to_string();
+    let why = why.lines().next().unwrap_or_default();
+    let (rad_s2, hz) = settings
+        .control
+        .map_or((f32::NAN, f32::NAN), |control| (control.max_acceleration_rad_s2, control.speed_bandwidth_hz));
+    say!(out, "  {why}. A load may swing on its shaft: once more, more gently, {rad_s2:.0} rad/s² and {hz:.1} Hz.")
 }
 
 /// What a step has found, and what is to be changed by hand.

@@ -1,6 +1,6 @@
 //! Whether the motor holds a position quietly: what swings by itself there gets slower loops until it does.
 
-use super::recover::{BY_SWINGING, calm, unless};
+use super::recover::{BY_SWINGING, calm, off, unless};
 use super::trial::stand;
 use super::{Bandwidths, armed};
 use crate::client::Client;
@@ -20,8 +20,10 @@ const HALVINGS: usize = 10;
 const FAULTS: [Fault; 4] = [BY_SWINGING[0], BY_SWINGING[1], BY_SWINGING[2], Fault::Stall];
 
 /// Halves the bandwidths, that of the position first, until the motor holds a position quietly; where none is quiet, they
-/// stay. Leaves the drive armed or not, as it was.
+/// stay. Leaves the bridge off.
 pub(in crate::command) fn quieten(client: &mut Client, out: Out) -> Result<()> {
+    // Bandwidths with which it swings may have switched it off since they were set.
+    off(client, &FAULTS)?;
     let before = Bandwidths::get(client)?;
     let max_current_a = client.setting(Ask::Get("max_current_a"), |setting| f64::from(setting.value))?;
     let search = |client: &mut Client| search(client, before, SWINGS * max_current_a);
@@ -81,8 +83,8 @@ fn with_margin(client: &mut Client, quiet: Bandwidths, most_a: f64) -> Result<Ba
 /// Noise of the current while a position is held with some bandwidths, A RMS, infinite where the drive switches off. None
 /// where it can hold no position with such slow ones.
 fn noise_a(client: &mut Client, bandwidths: Bandwidths) -> Result<Option<f64>> {
-    // Armed anew, it forgets what it has learnt of a heavier rotor and slowed its loops for; nothing swings until then.
-    client.order(Ask::Disarm)?;
+    // Armed anew, it forgets what it has learnt of a heavier rotor and slowed its loops for.
+    off(client, &FAULTS)?;
     match bandwidths.set(client) {
         Err(Error::Refused(_)) => return Ok(None),
         result => result?,
@@ -92,5 +94,7 @@ fn noise_a(client: &mut Client, bandwidths: Bandwidths) -> Result<Option<f64>> {
         calm(client)?;
         stand(client, bandwidths, HELD_S)
     })?;
+    // What swings may switch off a moment later.
+    off(client, &FAULTS)?;
     Ok(Some(stood.map_or(f64::INFINITY, |(_, noise)| noise.current_a)))
 }

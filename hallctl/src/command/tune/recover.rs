@@ -61,6 +61,15 @@ pub(super) fn calm(client: &mut Client) -> Result<()> {
     wait(client, |client| client.order(Ask::Speed(0.0)))
 }
 
+/// Switches the bridge off, forgets one of some faults, and waits until the load behind the shaft swings no more.
+pub(super) fn off(client: &mut Client, faults: &[Fault]) -> Result<()> {
+    client.order(Ask::Disarm)?;
+    if matches!(client.status()?.mode, Mode::Faulted(fault) if faults.contains(&fault)) {
+        client.order(Ask::Clear)?;
+    }
+    wait(client, |_| Ok(()))
+}
+
 fn wait(client: &mut Client, hold: impl Fn(&mut Client) -> Result<()>) -> Result<()> {
     let began_ms = client.status()?.uptime_ms;
     let (mut moved_ms, mut look) = (began_ms, (Instant::now(), began_ms));

@@ -54,6 +54,8 @@ pub(crate) struct Tasks<F, E> {
     pub disarm_due: bool,
     /// Whether the model of the sensors is to be sent to the drive.
     install_due: bool,
+    /// The sensors are to be read from the flash again.
+    sensors_due: bool,
     /// Whether the drive is to be sent the table, or to stop using it.
     table_due: bool,
     /// Whether the drive compensates the cogging by the table.
@@ -215,7 +217,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             Event::Refused(error) => {
                 log!(warn, "the calibration failed");
                 self.calibration = Calibration::Failed(*error);
-                self.take_up_sensors();
+                // Later in this tick, where the stack is less deep.
+                self.sensors_due = true;
             }
         }
     }

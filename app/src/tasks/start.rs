@@ -167,6 +167,7 @@ fn supervise<F: NorFlash, E: Encoder>(
         learnt_saved_ms: None,
         sensors: None,
         install_due: false,
+        sensors_due: false,
         adaptation: places.adaptation,
         table_due: false,
         table: None,

@@ -166,7 +166,7 @@ impl Simulator {
         let config = settings.validate().context("the settings")?;
         let usual = (plant.bus.supply_v, plant.motor.load_nm);
         let bus = BusParameters { electronics_a: ELECTRONICS_A, ..plant.bus };
-        let plant = PlantParameters { bus, ..plant.clone() };
+        let plant = PlantParameters { bus, ..*plant };
         let mut plant = Plant::new(&plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
         plant.place(0.3, 0.0)?;
         let firmware = firmware::start(IDENTITY, settings, flash.clone(), rings)?;

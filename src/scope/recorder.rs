@@ -20,7 +20,7 @@ impl Recorder {
     /// computes with integers only.
     #[inline(always)]
     pub fn take(&mut self, drive: &Drive, sample: &Sample, output: &Output) {
-        if self.recording.is_some() || self.come.ready() {
+        if self.shared.lent.load(Relaxed) {
             self.go_on(drive, sample, output.pack());
         }
     }
@@ -37,6 +37,7 @@ impl Recorder {
         if (recording.is_complete() || self.shared.cancelled.load(Relaxed))
             && let Some(recording) = self.recording.take()
         {
+            self.shared.lent.store(false, Relaxed);
             // There is one recording, so it has room.
             let _ = self.done.enqueue(recording);
         }

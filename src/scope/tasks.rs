@@ -13,6 +13,9 @@ pub(super) struct Shared {
     pub cancelled: AtomicBool,
     /// By the interrupt.
     pub triggered: AtomicBool,
+    /// By the tasks once they have sent a recording, by the interrupt before it gives it back. One look at it in every period
+    /// costs less than one at a queue.
+    pub lent: AtomicBool,
 }
 
 /// What connects both ends.
@@ -30,6 +33,7 @@ impl Channels {
             commanded: AtomicBool::new(false),
             cancelled: AtomicBool::new(false),
             triggered: AtomicBool::new(false),
+            lent: AtomicBool::new(false),
         };
         Self { to: Queue::new(), back: Queue::new(), shared }
     }
@@ -81,13 +85,15 @@ impl Scope {
         self.poll();
         let recording = self.recording.take().ok_or(Busy)?;
         recording.restart(plan);
-        let Shared { commanded, cancelled, triggered } = self.shared;
+        let Shared { commanded, cancelled, triggered, lent } = self.shared;
         [commanded, cancelled, triggered].into_iter().for_each(|flag| flag.store(false, Relaxed));
         // It has room, as there is one recording.
         self.to.enqueue(recording).map_err(|recording| {
             self.recording = Some(recording);
             Busy
-        })
+        })?;
+        lent.store(true, Relaxed);
+        Ok(())
     }
 
     /// Ends a recording that is under way, at the next period; a complete one is kept.

@@ -75,10 +75,11 @@ fn let_go_all(loads: &[f64], braked: impl Fn(&Motor, u64) -> Rig + Sync) -> Vec<
     jobs.par_iter().map(|&(motor, load, how)| let_go(motor, braked(motor, 3), load, how)).collect()
 }
 
-/// The short form has four motors.
+/// The short form has four motors. Where a gimbal's cogging holds against the current, too, 0.8 of the torque need all of it,
+/// which is a stall.
 #[test]
 fn a_load_that_a_brake_lets_go_is_no_wrong_commutation() {
-    judge(&let_go_all(&[-0.3, 0.8], braked));
+    judge(&let_go_all(&[-0.3, 0.7], braked));
 }
 
 /// Where the supply takes nothing back, the windings have to burn what the load does to the rotor, from the first moment on:

@@ -7,6 +7,7 @@ use hallservo::control::impedance::{self, Motion};
 use hallservo::fault::{Fault, Limits};
 use hallservo_protocol::{Answer, Ask, Decoder, Refusal, Request};
 use simulator::Simulator;
+use simulator::fault::Kind;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::thread;
@@ -141,4 +142,48 @@ fn a_tool_that_was_heard_is_obeyed_though_the_drive_has_stopped() {
     }
     assert!(status(&mut drive).limits.contains(Limits::TIMEOUT));
     assert!(fastest(&mut drive, &[Ask::Speed(50.0)]) > 45.0);
+}
+
+/// What restarts the time for which a command holds, and is no set-point, does not open the way either: a setting, of
+/// that tool's or another's.
+#[test]
+fn what_comes_late_behind_a_setting_moves_nothing() {
+    let set = Ask::Set { name: "position_bandwidth_hz", value: 10.0 };
+    let mut drive = stopped_by_silence();
+    let speed = fastest(&mut drive, &[set, Ask::Status, Ask::Status, Ask::Speed(50.0)]);
+    assert!(speed < 1.0, "{speed} rad/s");
+    let mut drive = stopped_by_silence();
+    for what in [set, Ask::Release] {
+        assert!(ask_as(2, &mut drive, what, |answer| !matches!(answer, Answer::Refused(_))));
+    }
+    let speed = fastest(&mut drive, &[Ask::Speed(50.0)]);
+    assert!(speed < 1.0, "{speed} rad/s");
+}
+
+/// Who was silent while the bridge was off has missed nothing.
+#[test]
+fn a_tool_that_was_silent_before_it_arms_is_obeyed() {
+    let (mut drive, _) = calibrated();
+    done(&mut drive, Ask::Set { name: "position_bandwidth_hz", value: 10.0 });
+    run(&mut drive, 1500);
+    arm(&mut drive);
+    for _ in 0..20 {
+        status(&mut drive);
+        run(&mut drive, 100);
+    }
+    assert!(status(&mut drive).limits.contains(Limits::TIMEOUT));
+    done(&mut drive, Ask::Speed(50.0));
+    // Nor after a fault, which switches off as well.
+    let mut drive = stopped_by_silence();
+    drive.happen(Kind::Bus(60.0)).unwrap();
+    run(&mut drive, 50);
+    drive.happen(Kind::Bus(24.0)).unwrap();
+    run(&mut drive, 50);
+    done(&mut drive, Ask::Clear);
+    arm(&mut drive);
+    for _ in 0..20 {
+        status(&mut drive);
+        run(&mut drive, 100);
+    }
+    done(&mut drive, Ask::Speed(50.0));
 }

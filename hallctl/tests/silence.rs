@@ -2,10 +2,10 @@
 //! stopped its motor does not set it in motion again.
 
 use crate::process::{Drive, call};
-use crate::tool::{arm, ask, ask_as, calibrated, done, request, run, status};
+use crate::tool::{arm, ask, ask_as, begin, calibrated, done, request, run, status};
 use hallservo::control::impedance::{self, Motion};
 use hallservo::fault::{Fault, Limits};
-use hallservo_protocol::{Answer, Ask, Decoder, Refusal, Request};
+use hallservo_protocol::{Activity, Answer, Ask, Decoder, Refusal, Request};
 use simulator::Simulator;
 use simulator::fault::Kind;
 use std::io::{Read, Write};
@@ -186,4 +186,25 @@ fn a_tool_that_was_silent_before_it_arms_is_obeyed() {
         run(&mut drive, 100);
     }
     done(&mut drive, Ask::Speed(50.0));
+}
+
+/// Who has left what it began unattended may brake it when it comes back, and be obeyed then.
+#[test]
+fn what_goes_on_unattended_is_braked_by_its_tool() {
+    for what in [Ask::Calibrate, Ask::Identify, Ask::LearnCogging, Ask::Swing] {
+        let (mut drive, _) = calibrated();
+        begin(&mut drive, what);
+        run(&mut drive, 2500);
+        let activity = status(&mut drive).activity;
+        assert_ne!(activity, Activity::None, "{what:?}");
+        run(&mut drive, 1200);
+        assert_eq!(status(&mut drive).activity, activity, "{what:?}");
+        done(&mut drive, Ask::Speed(0.0));
+        run(&mut drive, 500);
+        assert!(drive.plant.truth().speed_rad_s.abs() < 1.0, "{what:?}");
+        done(&mut drive, Ask::Disarm);
+        run(&mut drive, 300);
+        arm(&mut drive);
+        assert!(fastest(&mut drive, &[Ask::Speed(50.0)]) > 45.0, "{what:?}");
+    }
 }

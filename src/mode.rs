@@ -12,8 +12,8 @@
 //!                                                         Running
 //! ```
 //!
-//! A calibration begins by giving the one before back. Whatever ends it but success, the drive is not armed before one is
-//! installed: the tasks may take up the one before again.
+//! As a calibration begins, the drive hands the one before back to the tasks. Whatever ends the new one but success, the
+//! drive is not armed before one is installed, which may be the one before.
 
 use crate::fault::Fault;
 

@@ -9,8 +9,10 @@ pub(crate) struct Controller {
     heard_ms: u32,
     /// Whether what it began is to end when it falls silent.
     attended: bool,
-    /// The one that fell silent last while it controlled; 0 for none.
+    /// The one that fell silent last while it controlled, the bridge on; 0 for none.
     silent: u32,
+    /// Whether the drive has stopped its motor for want of commands since.
+    stopped: bool,
 }
 
 impl Controller {
@@ -55,9 +57,19 @@ impl Controller {
         (self.client, self.silent) = (0, 0);
     }
 
-    /// Whether a tool was the last one that has lost the control by its silence, and has not released the drive since.
-    pub const fn has_been_silent(&self, client: u32) -> bool {
-        self.silent != 0 && client == self.silent
+    /// Whether a tool was the last one that has lost the control by its silence, the motor was stopped, and it has not
+    /// released the drive since.
+    pub const fn bars(&self, client: u32) -> bool {
+        self.stopped && self.silent != 0 && client == self.silent
+    }
+
+    /// Once a millisecond: whether the bridge is on, and whether the drive has stopped its motor for want of commands, which
+    /// a setting that comes ends. Who was silent with the bridge off has missed nothing.
+    pub const fn watch(&mut self, drives: bool, stopped: bool) {
+        if !drives {
+            self.silent = 0;
+        }
+        self.stopped = self.silent != 0 && (self.stopped || stopped);
     }
 
     /// Ends the control by a tool that was silent for longer than `timeout_ms`. True, once, if what it began has to end
@@ -67,6 +79,7 @@ impl Controller {
             return false;
         }
         if self.client != 0 {
+            self.stopped = self.stopped && self.silent == self.client;
             (self.silent, self.client) = (self.client, 0);
         }
         core::mem::replace(&mut self.attended, false)
@@ -97,21 +110,43 @@ mod tests {
     fn who_was_silent_is_known_until_it_releases_or_all_ends() {
         let silent = || {
             let mut controller = Controller::default();
-            assert!(!controller.is_abandoned(1001, 1000) && !controller.has_been_silent(0));
+            assert!(!controller.is_abandoned(1001, 1000));
+            controller.watch(true, true);
+            assert!(!controller.bars(0));
             controller.take(7, false, 2000);
-            assert!(!controller.has_been_silent(7) && controller.is_abandoned(3001, 1000));
+            controller.watch(true, true);
+            assert!(!controller.bars(7) && controller.is_abandoned(3001, 1000));
             controller
         };
         let mut controller = silent();
+        // Its command may hold for longer.
+        controller.watch(true, false);
+        assert!(!controller.bars(7));
+        controller.watch(true, true);
         // What it may do all the same, and what others do, changes nothing.
         controller.take(7, false, 3100);
         controller.release(8);
-        assert!(controller.has_been_silent(7) && !controller.has_been_silent(8) && !controller.has_been_silent(0));
-        controller.release(7);
-        assert!(!controller.has_been_silent(7));
-        let mut controller = silent();
-        controller.end();
-        assert!(!controller.has_been_silent(7));
+        controller.watch(true, false);
+        assert!(controller.bars(7) && !controller.bars(8) && !controller.bars(0));
+        // Nor does another silence, but of another tool.
+        controller.is_abandoned(4200, 1000);
+        assert!(controller.bars(7));
+        controller.take(8, false, 4300);
+        controller.is_abandoned(5400, 1000);
+        assert!(!controller.bars(7) && !controller.bars(8));
+        let stopped = || {
+            let mut controller = silent();
+            controller.watch(true, true);
+            assert!(controller.bars(7));
+            controller
+        };
+        let ends: [fn(&mut Controller); 3] = [|of| of.release(7), Controller::end, |of| of.watch(false, true)];
+        for end in ends {
+            let mut controller = stopped();
+            end(&mut controller);
+            controller.watch(true, true);
+            assert!(!controller.bars(7) && !controller.bars(0));
+        }
     }
 
     #[test]

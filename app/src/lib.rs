@@ -58,7 +58,7 @@
 //!
 //! A calibration takes the place of the one before when it has succeeded, and so of the map of the magnets, which is given
 //! up then, in the flash after the new calibration is there. While it runs, the drive has neither. Whatever ends it but
-//! success, both are as after a power-up: the sensors are no other than before, and what a power cut would leave as well.
+//! success, the sensors are those of before, whether the flash holds them yet or not, and the map is that of the flash.
 //!
 //! A record that is corrupt or foreign is named in the history, the log and the status; the drive then starts with the
 //! board's settings, or without a calibration, and never with half of either. Settings that could not be taken over may

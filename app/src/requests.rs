@@ -13,7 +13,7 @@ use hallservo::commutation::{Commutation, Modulation, modulation};
 use hallservo::control::config::BadDemand;
 use hallservo::control::config::Config;
 use hallservo::drive;
-use hallservo::fault::{Fault, Limits};
+use hallservo::fault::Fault;
 use hallservo::mode::Mode;
 #[cfg(feature = "scope")]
 use hallservo::scope::BORROWS;
@@ -70,10 +70,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             return Step::Answer(self.ask_scope(ask, request.client));
         }
         // It may have lain in a buffer since before the drive has stopped its motor.
-        if self.controller.has_been_silent(request.client)
-            && request.ask.is_set_point()
-            && self.limits().contains(Limits::TIMEOUT)
-        {
+        if self.controller.bars(request.client) && request.ask.is_set_point() {
             let late = drive::Refusal::Fault(Fault::CommandTimeout);
             return Step::Answer(Answer::Refused(Refusal::Drive(late)));
         }

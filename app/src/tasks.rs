@@ -54,7 +54,7 @@ pub(crate) struct Tasks<F, E> {
     pub disarm_due: bool,
     /// Whether the model of the sensors is to be sent to the drive.
     install_due: bool,
-    /// The sensors are to be read from the flash again.
+    /// Those of before a calibration are to be taken up again.
     sensors_due: bool,
     /// Whether the drive is to be sent the table, or to stop using it.
     table_due: bool,
@@ -107,6 +107,7 @@ pub(crate) struct Tasks<F, E> {
     pub identification: protocol::Procedure<identify::Report>,
     pub encoder: E,
     pub scope: ScopeTasks,
+    /// Those of the flash; while others are being calibrated, those of before.
     stored_sensors: Option<Sensors>,
     /// Anti-cogging table, once learnt.
     table: Option<Table>,
@@ -305,11 +306,11 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         }
     }
 
-    /// The sensors are being calibrated: what was known of them is not for the new calibration. The flash keeps it until
-    /// that has succeeded.
+    /// The sensors are being calibrated: what was known of them is not for the new calibration, and is kept until that has
+    /// succeeded, saved or not.
     pub fn set_sensors_aside(&mut self) {
-        (self.sensors, self.install_due) = (None, false);
-        self.unsaved[Record::Sensors as usize] = false;
+        self.unsaved[Record::Sensors as usize] |= self.sensors_changed();
+        (self.stored_sensors, self.install_due) = (self.sensors.take(), false);
         self.magnets.set_aside();
         self.relearn();
     }

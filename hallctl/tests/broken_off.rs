@@ -215,3 +215,26 @@ fn begin_unattended(drive: &mut Simulator) {
     drive.write(&request_of(1, true, 1, Ask::Calibrate));
     run(drive, 3);
 }
+
+/// One that no erase could keep yet, for something turns the rotor, is the one before all the same, and kept when it can be.
+#[test]
+fn a_calibration_that_is_not_saved_yet_is_taken_up_again() {
+    let mut drive = drive(Flash::blank());
+    run(&mut drive, 10);
+    begin_unattended(&mut drive);
+    while matches!(drive.drive().mode(), Mode::Aligning | Mode::Calibrating) {
+        drive.step();
+    }
+    drive.plant.set_dyno(Some(15.0)).unwrap();
+    wait(&mut drive);
+    assert!(matches!(outcome(&mut drive), Calibration::Done(_)) && status(&mut drive).unsaved);
+    break_off(&mut drive, End::Disarmed, 500);
+    drive.plant.set_dyno(None).unwrap();
+    run(&mut drive, 3000);
+    let found = status(&mut drive);
+    assert_eq!((found.mode, found.stored[0], found.unsaved), (Mode::Ready, Problem::None, false));
+    turns(&mut drive);
+    let mut again = crate::tool::drive(Flash::of(drive.flash()));
+    run(&mut again, 10);
+    assert!(status(&mut again).calibrated);
+}

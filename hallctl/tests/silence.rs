@@ -2,11 +2,12 @@
 //! stopped its motor does not set it in motion again.
 
 use crate::process::{Drive, call};
-use crate::tool::{arm, ask, ask_as, calibrated, done, request, run, status};
+use crate::tool::{arm, ask, ask_as, begin, calibrated, done, request, run, status};
 use hallservo::control::impedance::{self, Motion};
 use hallservo::fault::{Fault, Limits};
-use hallservo_protocol::{Answer, Ask, Decoder, Refusal, Request};
+use hallservo_protocol::{Activity, Answer, Ask, Decoder, Refusal, Request};
 use simulator::Simulator;
+use simulator::fault::Kind;
 use std::io::{Read, Write};
 use std::net::{TcpListener, TcpStream};
 use std::thread;
@@ -141,4 +142,69 @@ fn a_tool_that_was_heard_is_obeyed_though_the_drive_has_stopped() {
     }
     assert!(status(&mut drive).limits.contains(Limits::TIMEOUT));
     assert!(fastest(&mut drive, &[Ask::Speed(50.0)]) > 45.0);
+}
+
+/// What restarts the time for which a command holds, and is no set-point, does not open the way either: a setting, of
+/// that tool's or another's.
+#[test]
+fn what_comes_late_behind_a_setting_moves_nothing() {
+    let set = Ask::Set { name: "position_bandwidth_hz", value: 10.0 };
+    let mut drive = stopped_by_silence();
+    let speed = fastest(&mut drive, &[set, Ask::Status, Ask::Status, Ask::Speed(50.0)]);
+    assert!(speed < 1.0, "{speed} rad/s");
+    let mut drive = stopped_by_silence();
+    for what in [set, Ask::Release] {
+        assert!(ask_as(2, &mut drive, what, |answer| !matches!(answer, Answer::Refused(_))));
+    }
+    let speed = fastest(&mut drive, &[Ask::Speed(50.0)]);
+    assert!(speed < 1.0, "{speed} rad/s");
+}
+
+/// Who was silent while the bridge was off has missed nothing.
+#[test]
+fn a_tool_that_was_silent_before_it_arms_is_obeyed() {
+    let (mut drive, _) = calibrated();
+    done(&mut drive, Ask::Set { name: "position_bandwidth_hz", value: 10.0 });
+    run(&mut drive, 1500);
+    arm(&mut drive);
+    for _ in 0..20 {
+        status(&mut drive);
+        run(&mut drive, 100);
+    }
+    assert!(status(&mut drive).limits.contains(Limits::TIMEOUT));
+    done(&mut drive, Ask::Speed(50.0));
+    // Nor after a fault, which switches off as well.
+    let mut drive = stopped_by_silence();
+    drive.happen(Kind::Bus(60.0)).unwrap();
+    run(&mut drive, 50);
+    drive.happen(Kind::Bus(24.0)).unwrap();
+    run(&mut drive, 50);
+    done(&mut drive, Ask::Clear);
+    arm(&mut drive);
+    for _ in 0..20 {
+        status(&mut drive);
+        run(&mut drive, 100);
+    }
+    done(&mut drive, Ask::Speed(50.0));
+}
+
+/// Who has left what it began unattended may brake it when it comes back, and be obeyed then.
+#[test]
+fn what_goes_on_unattended_is_braked_by_its_tool() {
+    for what in [Ask::Calibrate, Ask::Identify, Ask::LearnCogging, Ask::Swing] {
+        let (mut drive, _) = calibrated();
+        begin(&mut drive, what);
+        run(&mut drive, 2500);
+        let activity = status(&mut drive).activity;
+        assert_ne!(activity, Activity::None, "{what:?}");
+        run(&mut drive, 1200);
+        assert_eq!(status(&mut drive).activity, activity, "{what:?}");
+        done(&mut drive, Ask::Speed(0.0));
+        run(&mut drive, 500);
+        assert!(drive.plant.truth().speed_rad_s.abs() < 1.0, "{what:?}");
+        done(&mut drive, Ask::Disarm);
+        run(&mut drive, 300);
+        arm(&mut drive);
+        assert!(fastest(&mut drive, &[Ask::Speed(50.0)]) > 45.0, "{what:?}");
+    }
 }

@@ -27,8 +27,8 @@
 //!
 //! Where the drive has stopped its motor for want of commands and the tool has lost the control by its silence, what still
 //! comes of it may have lain in a buffer: its [set-points](Ask::is_set_point) are refused with
-//! [`CommandTimeout`](hallservo::fault::Fault::CommandTimeout) until it asks for [`Ask::Release`], or until the drive is
-//! disarmed.
+//! [`CommandTimeout`](hallservo::fault::Fault::CommandTimeout) until it asks for [`Ask::Release`], or until the bridge has
+//! been off.
 //!
 //! # Versions
 //! Framing, CRC and the version's place never change; any change of a message raises [`VERSION`]. Who receives a frame

@@ -27,7 +27,8 @@ pub(crate) fn command(
 }
 
 impl Drive {
-    /// Sends a command, if there is one, until `over`, which looks at the drive each time.
+    /// Sends a command, if there is one, until `over`, which looks at the drive each time. The first one takes the control,
+    /// the next ones keep it: a process that was suspended meanwhile does not set the motor in motion again.
     pub(crate) fn follow(
         &mut self,
         py: Python<'_>,
@@ -35,11 +36,14 @@ impl Drive {
         mut over: impl FnMut(&mut Client, &Status) -> Result<bool> + Send,
     ) -> PyResult<()> {
         let mut look = (Instant::now(), self.with(py, Client::status)?.uptime_ms);
+        let mut goes_on = false;
         loop {
             self.check(py)?;
             let (look, over) = (&mut look, &mut over);
+            let again = std::mem::replace(&mut goes_on, true);
             let is_over = self.with(py, |client| {
-                let ordered = command.map_or(Ok(()), |command| client.order(command));
+                let order = if again { Client::repeat } else { Client::order };
+                let ordered = command.map_or(Ok(()), |command| order(client, command));
                 let status = client.status()?;
                 // A drive that has switched off refuses, and it is the other's to judge.
                 if !matches!(status.mode, Mode::Faulted(_)) {

@@ -17,9 +17,9 @@ SIMULATED = [os.environ.get("HALLCTL", "hallctl"), "simulate", "--speed", "fast"
 
 
 @contextmanager
-def drive():
+def drive(command=VIRTUAL if BOARD else SIMULATED):
     process = subprocess.Popen(
-        VIRTUAL if BOARD else SIMULATED, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     try:
         found = next(filter(None, (re.search(r"tcp:\S+", line) for line in process.stdout)))

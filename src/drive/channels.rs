@@ -20,8 +20,8 @@ use heapless::spsc::{Consumer, Producer, Queue};
 /// What a task asks the drive to do. Each is answered by one [`Reply`], in order.
 #[derive(Debug)]
 pub enum Command {
-    /// Turn the rotor open loop and record the Halls. The calibration before is given back: where none
-    /// comes of this one, it may be installed again.
+    /// Turn the rotor open loop and record the Halls. The model in use comes back through [`Tasks::retired`]: where none
+    /// comes of this calibration, it may be installed again.
     Calibrate,
     /// Measure at standstill; to be repeated every 0.3 s (at 40 kHz), or the bridge is switched off.
     Measure {

@@ -9,6 +9,7 @@ use crate::procedure::Completion;
 use crate::procedure::Procedure;
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::drive;
+use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo::service::procedure::Error;
 use hallservo_protocol::{self as protocol, Activity, Calibration, Cause, Record, Refusal};
@@ -41,7 +42,9 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     pub(super) fn end_abandoned(&mut self) {
         let timeout_s = self.settings.control.as_ref().map_or(TIMEOUT_S, |control| control.guard.command_timeout_s);
         let timeout_ms = ((1000.0 * timeout_s) as u32).max(LEAST_MS);
-        if !self.controller.is_abandoned(self.now_ms, timeout_ms) {
+        let is_abandoned = self.controller.is_abandoned(self.now_ms, timeout_ms);
+        self.controller.watch(self.mode().drives(), self.limits().contains(Limits::TIMEOUT));
+        if !is_abandoned {
             return;
         }
         let calibrates = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);

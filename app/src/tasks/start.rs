@@ -220,10 +220,12 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         let _ = map_problem;
     }
 
-    /// A calibration has come to nothing: the sensors are as after a power-up, with a map that fits them.
+    /// A calibration has come to nothing: the sensors are those of before, with the map of the flash, if it is of them.
     #[inline(never)]
     pub(super) fn take_up_sensors(&mut self) {
-        self.restore_sensors();
+        self.sensors = self.stored_sensors;
+        self.install_due = self.sensors.is_some();
+        self.restore_map();
         self.relearn();
     }
 
@@ -237,6 +239,10 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             }
             Err(problem) => self.stored[Record::Sensors as usize] = problem,
         }
+        self.restore_map()
+    }
+
+    fn restore_map(&mut self) -> Problem {
         if E::SETTINGS > 0 {
             return Problem::None;
         }

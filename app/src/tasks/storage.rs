@@ -30,7 +30,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             self.learnt_saved_ms = Some(self.now_ms);
             self.unsaved[Record::Sensors as usize] = true;
         }
-        if core::mem::take(&mut self.unsaved[Record::Sensors as usize]) {
+        // While they are being calibrated there are none.
+        if self.sensors.is_some() && core::mem::take(&mut self.unsaved[Record::Sensors as usize]) {
             self.save_sensors();
         } else if core::mem::take(&mut self.unsaved[Record::Cogging as usize]) {
             self.save_table();

@@ -12,7 +12,7 @@ use mps2_an386::failure;
 use static_cell::StaticCell;
 
 pub const ROWS: &[Row] = &[
-    Row::new("scope, nothing to record", "hallservo", function!(take), idle, none).budget(16),
+    Row::new("scope, nothing to record", "hallservo", function!(take), idle, none).budget(8),
     Row::new("scope, four channels", "hallservo", function!(take), recording, none).budget(300),
 ];
 

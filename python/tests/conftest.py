@@ -17,9 +17,9 @@ SIMULATED = [os.environ.get("HALLCTL", "hallctl"), "simulate", "--speed", "fast"
 
 
 @contextmanager
-def drive(command=VIRTUAL if BOARD else SIMULATED):
+def drive():
     process = subprocess.Popen(
-        command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        VIRTUAL if BOARD else SIMULATED, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     try:
         found = next(filter(None, (re.search(r"tcp:\S+", line) for line in process.stdout)))

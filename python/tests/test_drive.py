@@ -1,14 +1,8 @@
 """At a simulated drive."""
 
-import signal
-import subprocess
-import sys
-import time
-
 import hallservo
 import numpy as np
 import pytest
-from conftest import BOARD, SIMULATED, drive
 
 
 def connect(port):
@@ -56,35 +50,6 @@ def test_the_motor_rests_when_the_block_ends(port):
         status = drive.status()
         assert status["state"] == "ready" and status["limits"] == [] and status["fault"] is None
         assert abs(status["speed_rad_s"]) < 5
-
-
-FOLLOWS = """
-import hallservo, sys
-with hallservo.connect(sys.argv[1]) as drive:
-    drive.calibrate()
-    drive.arm()
-    drive.telemetry(0.5, speed=40.0)
-    print("turns", flush=True)
-    drive.telemetry(1e5, hz=10, speed=40.0)
-"""
-
-
-@pytest.mark.skipif(BOARD is not None or sys.platform == "win32", reason="its time is not that on the wall")
-def test_a_process_that_was_suspended_does_not_set_the_motor_in_motion_again():
-    with drive(SIMULATED[:2]) as port:
-        process = subprocess.Popen(
-            [sys.executable, "-c", FOLLOWS, port], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-        )
-        try:
-            assert process.stdout.readline() == "turns\n"
-            time.sleep(0.5)
-            process.send_signal(signal.SIGSTOP)
-            time.sleep(2)
-            process.send_signal(signal.SIGCONT)
-            _, said = process.communicate(timeout=5)
-            assert "heard nothing from this one" in said
-        finally:
-            process.kill()
 
 
 def test_settings(port):

@@ -16,8 +16,8 @@ use serde_json::json;
 const HELD_S: f64 = 3.0;
 /// How often a bandwidth is halved at most.
 const HALVINGS: usize = 10;
-/// What a loop that swings comes to; one that does so at the largest current hardly turns the rotor.
-const FAULTS: [Fault; 4] = [BY_SWINGING[0], BY_SWINGING[1], BY_SWINGING[2], Fault::Stall];
+/// What a loop that swings comes to; one that does so at the largest current hardly turns the rotor, and feeds the supply.
+const FAULTS: [Fault; 5] = [BY_SWINGING[0], BY_SWINGING[1], BY_SWINGING[2], Fault::Stall, Fault::OverVoltage];
 
 /// Halves the bandwidths, that of the position first, until the motor holds a position quietly; where none is quiet, they
 /// stay. Leaves the bridge off.

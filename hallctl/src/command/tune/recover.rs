@@ -20,27 +20,30 @@ pub(super) fn unless_it_swings<T>(
     client: &mut Client,
     work: impl FnOnce(&mut Client) -> Result<T>,
 ) -> Result<Option<T>> {
-    unless(client, &BY_SWINGING, work)
+    match unless(client, &BY_SWINGING, work)? {
+        Ok(done) => Ok(Some(done)),
+        Err(error) => {
+            if again(client)? {
+                Ok(None)
+            } else {
+                Err(error)
+            }
+        }
+    }
 }
 
-/// The same with other faults.
+/// What comes of work; what ended it, if the drive switched off by one of some faults, which it still has then.
 pub(super) fn unless<T>(
     client: &mut Client,
     faults: &[Fault],
     work: impl FnOnce(&mut Client) -> Result<T>,
-) -> Result<Option<T>> {
+) -> Result<Result<T>> {
     match work(client) {
         Err(error @ (Error::Failed(_) | Error::Refused(_))) => match client.status()?.mode {
-            Mode::Faulted(fault) if faults.contains(&fault) => {
-                if again(client)? {
-                    Ok(None)
-                } else {
-                    Err(error)
-                }
-            }
+            Mode::Faulted(fault) if faults.contains(&fault) => Ok(Err(error)),
             _ => Err(error),
         },
-        result => result.map(Some),
+        result => result.map(Ok),
     }
 }
 

@@ -72,8 +72,8 @@ fn search(client: &mut Client, before: Bandwidths, most_a: f64) -> Result<Found>
     Ok(Found { loudest_a: first.unwrap_or(f64::INFINITY), quiet: None })
 }
 
-/// Half of bandwidths that are quiet while slightly faster ones are not, so that a larger step does not set off what a small
-/// one did not; the same where half of them are not quiet.
+/// Half of bandwidths that are quiet while ones twice as fast are not: without this margin, a larger step set off the swing
+/// that a small one had not. The quiet ones themselves where half of them are not quiet.
 fn with_margin(client: &mut Client, quiet: Bandwidths, most_a: f64) -> Result<Bandwidths> {
     let half = Bandwidths { speed_hz: quiet.speed_hz / 2.0, position_hz: quiet.position_hz / 2.0 };
     let holds = noise_a(client, half)?.is_some_and(|noise_a| noise_a <= most_a);

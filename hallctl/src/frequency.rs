@@ -59,6 +59,31 @@ pub fn ratio(records: &[[&[f64]; 3]], row_s: f64, hz: f64) -> Estimate {
     Estimate { value, error: (left * count / (count - 1.0)).sqrt() / from.norm() }
 }
 
+/// From a frequency to the farthest that is smoothed with it.
+const SMOOTHED: f64 = 1.4;
+
+/// A response without a part of its noise: at each frequency what a straight line through the logarithms says, gain and
+/// phase over the frequency, by how well each neighbour is known.
+pub fn smoothed(frequencies: &[f64], found: &[Estimate]) -> Vec<Complex64> {
+    let at = |hz: f64, middle: Complex64| {
+        let neighbours = frequencies.iter().zip(found).map(move |(&other, found)| ((other / hz).ln(), found));
+        let near = neighbours.filter(|(way, _)| way.abs() <= SMOOTHED.ln());
+        let [mut sum, mut ways, mut squares] = [0.0; 3];
+        let [mut values, mut moments] = [Complex64::ZERO; 2];
+        for (way, found) in near {
+            // What is known without any doubt would be the only one that counts.
+            let (weight, value) = (found.doubt().max(1e-6).powi(-2), (found.value / middle).ln());
+            sum += weight;
+            ways += weight * way;
+            squares += weight * way * way;
+            values += weight * value;
+            moments += weight * way * value;
+        }
+        middle * ((squares * values - ways * moments) / (squares * sum - ways * ways)).exp()
+    };
+    frequencies.iter().zip(found).map(|(&hz, found)| at(hz, found.value)).collect()
+}
+
 /// Frequencies from one to another, evenly over their logarithm.
 pub fn grid(from_hz: f64, to_hz: f64, count: usize) -> Vec<f64> {
     (0..count).map(|k| from_hz * (to_hz / from_hz).powf(k as f64 / (count - 1) as f64)).collect()
@@ -200,6 +225,31 @@ mod tests {
             // It knows how good it is.
             assert!((found - expected).norm() < 4.0 * error && error < 0.01, "{hz}: {found} ± {error} {expected}");
         }
+    }
+
+    #[test]
+    fn smoothing_takes_noise_away_and_leaves_the_curve() {
+        let frequencies = grid(200.0, 4000.0, 48);
+        let ideal = |hz| closed(MODEL.current_loop(hz));
+        let sure: Vec<_> = frequencies.iter().map(|&hz| Estimate { value: ideal(hz), error: 0.0 }).collect();
+        let mut seed = 7_u32;
+        let mut noise = || {
+            seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+            f64::from(seed) / f64::from(u32::MAX) - 0.5
+        };
+        let noisy: Vec<_> = frequencies
+            .iter()
+            .map(|&hz| Estimate { value: ideal(hz) + 0.2 * Complex64::new(noise(), noise()), error: 0.08 })
+            .collect();
+        let [smooth, quiet] = [&sure, &noisy].map(|found| smoothed(&frequencies, found));
+        let rms =
+            |values: &mut dyn Iterator<Item = f64>| (values.map(|value| value * value).sum::<f64>() / 48.0).sqrt();
+        let ideals = || frequencies.iter().map(|&hz| ideal(hz));
+        let bent = rms(&mut smooth.iter().zip(ideals()).map(|(found, ideal)| (found - ideal).norm()));
+        let before = rms(&mut noisy.iter().zip(ideals()).map(|(found, ideal)| (found.value - ideal).norm()));
+        let after = rms(&mut quiet.iter().zip(ideals()).map(|(found, ideal)| (found - ideal).norm()));
+        println!("{before:.4} before, {after:.4} after, {bent:.4} of the curve's own");
+        assert!(bent < 0.01 && after < 0.5 * before, "{bent} {before} {after}");
     }
 
     #[test]

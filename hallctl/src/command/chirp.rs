@@ -1,16 +1,18 @@
 //! `hallctl chirp`: the frequency response of the current or the speed control, beside the model's. What excites the
 //! loop is a number of small steps, which hold all frequencies; the scope records each.
 
+mod figures;
 pub(super) mod load;
 
 use super::motion::{self, Target};
 use crate::client::{Client, SHORT};
 use crate::error::{Error, Result};
-use crate::frequency::{Estimate, Model, closed, crossover, grid, ratio, sine};
+use crate::frequency::{Estimate, Model, closed, grid, ratio, smoothed};
 use crate::out::{self, Out, is_stream};
-use crate::response::{Sine, bandwidth};
+use crate::response::Sine;
 use crate::scope::{self, Recording, four};
 use crate::{say, units};
+use figures::{Bode, Figures};
 use hallservo::commutation::Commutation;
 use hallservo::hall::track;
 use hallservo::mode::Mode;
@@ -60,61 +62,16 @@ const SETTLED: f64 = 3.0;
 const LONGEST_S: f64 = 3.0;
 /// A rotor that is slower is at rest, rad/s.
 const AT_REST_RAD_S: f32 = 5.0;
-/// A response of which the records know less than this share tells no figures.
+/// Where the standard error of a response is a larger share of it, no figures are read from it.
 const DOUBT: f64 = 0.1;
+/// The same where frequencies beside it tell as much.
+const DOUBT_OF_ONE: f64 = 0.3;
+/// Into so many parts the steps are divided, at most, for the standard error of what is found.
+const PARTS: usize = 16;
 /// A current that is further from its reference in the end, as a share of it, has not followed.
 const MISSED: f64 = 0.15;
 /// From a step to the next, at least: the rotor comes to rest.
 const PAUSE_MS: u64 = 20;
-
-/// What is measured and what the model says, at the same frequencies.
-#[derive(Clone, Debug, serde::Serialize)]
-struct Bode {
-    measured: Vec<Sine>,
-    model: Vec<Sine>,
-    /// Standard error of what is measured, as a share of it.
-    doubt: Vec<f64>,
-}
-
-impl Bode {
-    fn of(frequencies: &[f64], measured: impl Fn(f64) -> Estimate, model: impl Fn(f64) -> Complex64) -> Self {
-        let found: Vec<_> = frequencies.iter().map(|&hz| measured(hz)).collect();
-        Self {
-            measured: frequencies.iter().zip(&found).map(|(&hz, found)| sine(hz, found.value)).collect(),
-            model: frequencies.iter().map(|&hz| sine(hz, model(hz))).collect(),
-            doubt: found.iter().map(Estimate::doubt).collect(),
-        }
-    }
-
-    /// What of the measured the records agree upon, without a gap.
-    fn sound(&self) -> &[Sine] {
-        let is_sound = |doubt: &f64| *doubt < DOUBT;
-        let first = self.doubt.iter().position(is_sound).unwrap_or(self.doubt.len());
-        let count = self.doubt[first..].iter().take_while(|doubt| is_sound(doubt)).count();
-        &self.measured[first..first + count]
-    }
-}
-
-/// Figures of one of the two.
-#[derive(Clone, Copy, Debug, serde::Serialize)]
-struct Figures {
-    /// −3 dB of what follows the reference.
-    bandwidth_hz: Option<f64>,
-    /// Where the open loop's gain is one.
-    crossover_hz: Option<f64>,
-    phase_margin_deg: Option<f64>,
-}
-
-impl Figures {
-    fn of(closed: &[Sine], open: &[Sine]) -> Self {
-        let cross = crossover(open);
-        Self {
-            bandwidth_hz: bandwidth(closed).0,
-            crossover_hz: cross.map(|cross| cross.0),
-            phase_margin_deg: cross.map(|cross| cross.1),
-        }
-    }
-}
 
 /// How the loop is excited and recorded.
 struct Plan {
@@ -194,9 +151,21 @@ pub(super) fn chirp(client: &mut Client, options: &Options, out: Out) -> Result<
     }
     let records = records?;
     followed(&records, &plan)?;
-    let (closed, open) = responses(options.which, &records, &plan, &model);
+    let responses = |records: &[&Recording]| responses(options.which, records, &plan, &model);
+    let (closed, open) = responses(&records.iter().collect::<Vec<_>>());
+    let parts = records.len().min(PARTS);
+    let without: Vec<_> = (0..parts)
+        .map(|part| {
+            let is_left = |step: usize| step * parts / records.len() != part;
+            let rest: Vec<_> =
+                records.iter().enumerate().filter(|(step, _)| is_left(*step)).map(|(_, of)| of).collect();
+            let (closed, open) = responses(&rest);
+            Figures::of(&closed.sound, &open.sound)
+        })
+        .collect();
+    let measured = Figures::of(&closed.sound, &open.sound).told(&without);
     let found = load::Found::of(&records, &plan, &model);
-    report(&closed, &open, &found, options, out)
+    report(&closed, &open, &measured, &found, options, out)
 }
 
 fn model(client: &mut Client) -> Result<Model> {
@@ -350,15 +319,24 @@ fn followed(records: &[Recording], plan: &Plan) -> Result<()> {
 }
 
 /// What follows the reference, and the open loop.
-fn responses(which: Loop, records: &[Recording], plan: &Plan, model: &Model) -> (Bode, Bode) {
+fn responses(which: Loop, records: &[&Recording], plan: &Plan, model: &Model) -> (Bode, Bode) {
     let of = |channel| records.iter().map(move |record| record.of(channel));
     let pairs = |reference, from, to| -> Vec<_> {
         of(reference).zip(of(from)).zip(of(to)).map(|((a, b), c)| [a, b, c]).collect()
     };
     let least_hz = 2.0 / (plan.row_s * f64::from(plan.setup.rows - plan.setup.before));
     let frequencies = grid(least_hz.max(plan.hz / 8.0), (4.0 * plan.hz).min(0.4 / plan.row_s), 48);
-    let bode =
-        |measured: &dyn Fn(f64) -> Estimate, model: &dyn Fn(f64) -> Complex64| Bode::of(&frequencies, measured, model);
+    let bode = |measured: &dyn Fn(f64) -> Estimate, model: &dyn Fn(f64) -> Complex64| {
+        let found: Vec<_> = frequencies.iter().map(|&hz| measured(hz)).collect();
+        match which {
+            // A winding has no resonance that neighbours could hide.
+            Loop::Current => Bode::of(&frequencies, &found, &smoothed(&frequencies, &found), DOUBT_OF_ONE, model),
+            Loop::Speed => {
+                let curve: Vec<_> = found.iter().map(|found| found.value).collect();
+                Bode::of(&frequencies, &found, &curve, DOUBT, model)
+            }
+        }
+    };
     match which {
         Loop::Current => {
             let pairs = pairs(Channel::ReferenceQ, Channel::ReferenceQ, Channel::CurrentQ);
@@ -382,8 +360,14 @@ fn responses(which: Loop, records: &[Recording], plan: &Plan, model: &Model) -> 
     }
 }
 
-fn report(closed: &Bode, open: &Bode, found: &load::Found, options: &Options, out: Out) -> Result<()> {
-    let measured = Figures::of(closed.sound(), open.sound());
+fn report(
+    closed: &Bode,
+    open: &Bode,
+    measured: &Figures,
+    found: &load::Found,
+    options: &Options,
+    out: Out,
+) -> Result<()> {
     let model = Figures::of(&closed.model, &open.model);
     for path in &options.out {
         save(path, closed, open)?;
@@ -393,7 +377,7 @@ fn report(closed: &Bode, open: &Bode, found: &load::Found, options: &Options, ou
     }
     let row = |name: &str, of: fn(&Figures) -> Option<f64>, unit: &str| {
         let show = |figures| of(figures).map_or_else(|| "not found".into(), |value| format!("{value:.1} {unit}"));
-        vec![name.into(), show(&measured), show(&model)]
+        vec![name.into(), show(measured), show(&model)]
     };
     out.table(&[
         ["", "measured", "model"].map(String::from).to_vec(),
@@ -403,7 +387,7 @@ fn report(closed: &Bode, open: &Bode, found: &load::Found, options: &Options, ou
     ])?;
     say!(out, "The model has the motor and the bandwidths of the settings.")?;
     found.tell(out)?;
-    if open.sound().first().is_some_and(|lowest| lowest.gain < 1.0) {
+    if open.sound.first().is_some_and(|lowest| lowest.gain < 1.0) {
         say!(out, "The open loop's gain is below one at all frequencies that were measured.")?;
     } else if measured.crossover_hz.is_none() && found.swings_a.is_none() {
         say!(out, "The steps differ by too much to tell the rest: a larger --size, or more --steps.")?;

@@ -9,6 +9,7 @@ use crate::hall::track::Tracker;
 
 impl Servo {
     /// Takes up a demand. After one of another kind, the loops start from the present position, speed and current.
+    #[cfg_attr(not(feature = "small"), inline(always))]
     pub fn follow(&mut self, config: &Config, demand: Demand, rotor: &Tracker) {
         if !self.continues(demand) {
             self.trajectory = Trajectory::at(coarse(rotor.smoothed()), rotor.speed());

@@ -58,6 +58,7 @@ impl Scale {
     }
 
     /// Units of speed in a mechanical radian a second.
+    #[cfg_attr(feature = "small", inline(never))]
     pub fn per_radian_s(&self) -> f32 {
         self.pole_pairs / core::f32::consts::TAU / self.step_hz * TURN
     }

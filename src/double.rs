@@ -21,6 +21,7 @@ pub fn to_fixed(value: f64) -> Option<i64> {
 }
 
 /// From 2⁻³², towards zero.
+#[cfg_attr(feature = "small", inline(never))]
 pub const fn from_fixed(fixed: i64) -> f64 {
     let magnitude = fixed.unsigned_abs();
     if magnitude == 0 {

@@ -360,6 +360,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         Ok(Step::Await(Awaited::Reply(kind)))
     }
 
+    #[inline(never)]
     fn reconfigure(&mut self, settings: &Settings, kind: Command) -> StepResult {
         self.configure(settings)?;
         Ok(Step::Await(Awaited::Reply(kind)))

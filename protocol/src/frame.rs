@@ -1,10 +1,9 @@
 //! From a message to a frame, and from a stream of bytes to messages.
 
+use crate::fields::{self, Bytes, write};
 use crate::{FRAME, MESSAGE, VERSION};
 use core::fmt;
 use hallservo::crc::crc32;
-use postcard::Serializer;
-use postcard::ser_flavors::Flavor;
 use serde::{Deserialize, Serialize};
 
 /// Where a frame has the byte of COBS, behind the zero, and what is encoded: version, message, CRC.
@@ -53,19 +52,17 @@ impl core::error::Error for Error {}
 /// # Errors
 /// [`Error::TooLong`] for a message of more than [`MESSAGE`] bytes.
 pub fn encode<T: Serialize>(message: &T, frame: &mut [u8; FRAME]) -> Result<usize, Error> {
-    let mut serializer = Serializer { output: Counted { bytes: frame, length: 0 } };
-    serializer.output.push_all(&[0, 0, VERSION]);
-    // Only counting can fail, and that is looked at once, here.
-    let fits = message.serialize(&mut serializer).is_ok();
-    let mut frame = serializer.output;
-    if !fits || frame.length > INSIDE + 1 + MESSAGE {
+    let mut frame = Bytes::new(frame);
+    frame.push_all(&[0, 0, VERSION]);
+    let can = write(message, &mut frame);
+    if !can || frame.length() > INSIDE + 1 + MESSAGE {
         return Err(Error::TooLong);
     }
     let checksum = crc32(frame.written(INSIDE));
     frame.push_word(checksum);
     stuff(frame.written(CODE));
     frame.push(0);
-    Ok(frame.length)
+    Ok(frame.length())
 }
 
 /// COBS of what is shorter than 254 bytes, behind a zero: every zero becomes the distance to the next one, the last to the
@@ -89,64 +86,6 @@ fn unstuff(frame: &mut [u8]) -> Option<&[u8]> {
         }
     }
     if next == frame.len() { frame.get(1..) } else { None }
-}
-
-/// Takes every byte, and counts those that have no room as well: no field has to look whether the one before was taken,
-/// which would be a kilobyte of code on a chip.
-struct Counted<'a> {
-    bytes: &'a mut [u8],
-    length: usize,
-}
-
-impl Counted<'_> {
-    #[inline(never)]
-    fn push(&mut self, byte: u8) {
-        if let Some(place) = self.bytes.get_mut(self.length) {
-            *place = byte;
-        }
-        self.length += 1;
-    }
-
-    #[inline(never)]
-    fn push_all(&mut self, bytes: &[u8]) {
-        for byte in bytes {
-            self.push(*byte);
-        }
-    }
-
-    /// Most numbers have four bytes, and a register takes less code than an address: 176 bytes of a chip's flash.
-    #[inline(never)]
-    fn push_word(&mut self, word: u32) {
-        self.push_all(&word.to_le_bytes());
-    }
-
-    /// From a place on.
-    fn written(&mut self, from: usize) -> &mut [u8] {
-        self.bytes.get_mut(from..self.length).unwrap_or_default()
-    }
-}
-
-impl Flavor for Counted<'_> {
-    type Output = usize;
-
-    #[inline(always)]
-    fn try_push(&mut self, byte: u8) -> postcard::Result<()> {
-        self.push(byte);
-        Ok(())
-    }
-
-    #[inline(always)]
-    fn try_extend(&mut self, bytes: &[u8]) -> postcard::Result<()> {
-        match bytes.try_into() {
-            Ok(word) => self.push_word(u32::from_le_bytes(word)),
-            Err(_) => self.push_all(bytes),
-        }
-        Ok(())
-    }
-
-    fn finalize(self) -> postcard::Result<usize> {
-        Ok(self.length)
-    }
 }
 
 /// Finds frames in a stream of bytes. Whatever comes, it never holds more than a frame, and is in step again after the
@@ -199,10 +138,7 @@ fn decode<'a, T: Deserialize<'a>>(frame: &'a mut [u8]) -> Result<T, Error> {
         return Err(Error::Checksum);
     }
     match inside.split_first().ok_or(Error::Garbled)? {
-        (&VERSION, message) => match postcard::take_from_bytes(message) {
-            Ok((message, [])) => Ok(message),
-            _ => Err(Error::Meaningless),
-        },
+        (&VERSION, message) => fields::read(message).ok_or(Error::Meaningless),
         (&found, _) => Err(Error::Version { found }),
     }
 }

@@ -37,6 +37,7 @@
 
 #[cfg(feature = "encoder")]
 mod encoder;
+mod fields;
 mod frame;
 mod history;
 #[cfg(feature = "map")]

@@ -26,11 +26,24 @@ use std::fmt::Write;
 fn hex<'a, T: Serialize + Deserialize<'a> + PartialEq + std::fmt::Debug>(value: &T) -> String {
     let bytes: &'static mut [u8] = Box::leak(Box::new([0; MESSAGE]));
     let bytes: &'static [u8] = postcard::to_slice(value, bytes).unwrap();
-    assert_eq!(postcard::from_bytes::<T>(bytes).as_ref(), Ok(value));
+    let frame: &'static mut [u8; FRAME] = Box::leak(Box::new([0; FRAME]));
+    let length = encode(value, frame).unwrap();
+    assert_eq!(message(&frame[..length]), bytes);
+    let decoder: &'static mut Decoder = Box::leak(Box::new(Decoder::new()));
+    // Before the last byte there is nothing to borrow.
+    assert!(frame[1..length - 1].iter().all(|byte| decoder.push::<u8>(*byte).is_none()));
+    assert_eq!(decoder.push::<T>(0).unwrap().as_ref(), Ok(value));
     bytes.iter().fold(String::new(), |mut text, byte| {
         let _ = write!(text, "{byte:02x}");
         text
     })
+}
+
+/// What a frame holds between its version and its CRC.
+fn message(frame: &[u8]) -> Vec<u8> {
+    let mut inside = [0; FRAME];
+    let length = cobs::decode(&frame[1..frame.len() - 1], &mut inside).unwrap();
+    inside[1..length - 4].to_vec()
 }
 
 #[test]

@@ -98,6 +98,29 @@ proptest! {
         prop_assert_eq!(texts(&bytes), Vec::<String>::new());
     }
 
+    // What has bytes to spare, or too few, and what is beyond its range, is no message for either.
+    #[test]
+    fn a_message_is_one_where_postcard_says_so(head in 0_u8..4, kind in 0_u8..40, tail in noise(60)) {
+        let message = [&[head, 1, 0, kind][..], &tail].concat();
+        let known = postcard::take_from_bytes::<Request<'_>>(&message).ok().filter(|(_, rest)| rest.is_empty());
+        let known: Vec<String> = known.into_iter().map(|(request, _)| format!("{request:?}")).collect();
+        prop_assert_eq!(texts(&framed(&[&[VERSION], &message[..]].concat())), known);
+    }
+
+    #[test]
+    fn a_message_with_a_byte_changed_is_one_where_postcard_says_so(
+        frame in asks(), place in any::<prop::sample::Index>(), byte in any::<u8>(), cut in 0_usize..3,
+    ) {
+        let mut message = [0; FRAME];
+        let length = cobs::decode(&frame[1..frame.len() - 1], &mut message).unwrap() - 4;
+        let message = &mut message[1..length];
+        message[place.index(length - 1)] = byte;
+        let message = &message[..(length - 1).saturating_sub(cut)];
+        let known = postcard::take_from_bytes::<Request<'_>>(message).ok().filter(|(_, rest)| rest.is_empty());
+        let known: Vec<String> = known.into_iter().map(|(request, _)| format!("{request:?}")).collect();
+        prop_assert_eq!(texts(&framed(&[&[VERSION], message].concat())), known);
+    }
+
     #[test]
     fn a_frame_is_found_after_any_noise(noise in noise(600), frame in asks()) {
         let alone = texts(&frame);
@@ -163,11 +186,16 @@ fn crc32(bytes: &[u8]) -> u32 {
 
 #[test]
 fn what_follows_a_message_in_its_frame_makes_it_meaningless() {
-    let inside = [VERSION, 0, 1, 0, 1, 77];
-    let inside = [&inside[..], &crc32(&inside).to_le_bytes()].concat();
-    let mut frame = vec![0; 32];
+    assert_eq!(decoded(&framed(&[VERSION, 0, 1, 0, 1, 77])), [Err(Error::Meaningless)]);
+}
+
+/// The frame of any bytes.
+fn framed(inside: &[u8]) -> Vec<u8> {
+    let inside = [inside, &crc32(inside).to_le_bytes()].concat();
+    let mut frame = vec![0; FRAME + 1];
     let length = cobs::encode(&inside, &mut frame);
-    assert_eq!(decoded(&frame[..=length]), [Err(Error::Meaningless)]);
+    frame.truncate(length + 1);
+    frame
 }
 
 /// The largest and the smallest of what is said often.

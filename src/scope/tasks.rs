@@ -117,6 +117,7 @@ impl Scope {
         self.shared.commanded.store(true, Relaxed);
     }
 
+    #[cfg_attr(feature = "small", inline(never))]
     fn poll(&mut self) {
         if let Some(recording) = self.back.dequeue() {
             self.recording = Some(recording);

@@ -59,6 +59,7 @@ impl Procedure {
         Ok(())
     }
 
+    #[inline(never)]
     fn inner(&mut self) -> &mut dyn procedure::Procedure {
         match self {
             Self::Motor(motor) => motor,

@@ -41,7 +41,10 @@ pub(crate) fn readings() -> Readings {
         Readings {
             periods: addr_of!((*latest).1).read_volatile(),
             bus: addr_of!((*latest).0.bus).read_volatile(),
-            temperatures: [0, 1].map(|k| addr_of!((*latest).0.temperatures[k]).read_volatile()),
+            temperatures: [
+                addr_of!((*latest).0.temperatures[0]).read_volatile(),
+                addr_of!((*latest).0.temperatures[1]).read_volatile(),
+            ],
         }
     }
 }

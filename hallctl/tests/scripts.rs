@@ -283,6 +283,14 @@ fn tuning_arms_no_rotor_that_something_else_drives() {
     assert!(drive.ok(&["status"]).contains("faulted: the rotor turned faster than allowed"));
 }
 
+/// Whoever does not wait at all would find every drive silent.
+#[test]
+fn no_patience_is_a_wrong_command_line() {
+    let drive = Drive::start(&[]);
+    assert!(drive.fails(2, &["--patience", "0", "status"]).contains("--patience"));
+    drive.ok(&["--patience", "60", "status"]);
+}
+
 /// 6 is what was never begun, 7 what came to nothing.
 #[test]
 fn a_drive_without_an_encoder_refuses_what_needs_one() {

@@ -3,7 +3,7 @@
 use hallservo::commutation::Commutation;
 use hallservo::control::cogging::Table;
 use hallservo::drive::{Command, Refusal};
-use hallservo::fault::Fault;
+use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 use hallservo::service::identification::{self, Identification};
 use hallservo::service::learning::{self, Learning};
@@ -137,6 +137,26 @@ fn somebody_may_switch_the_bridge_off() {
         assert_eq!(state, State::Failed(Error::Disarmed));
         assert!(ready(&rig));
         rig.wait(1.0);
+    }
+}
+
+/// Whose drive answers is not called silent for it.
+#[test]
+fn somebody_may_switch_the_bridge_off_during_the_check_at_arming() {
+    for k in 0..2 {
+        let mut rig = rig(&settings());
+        let mut procedure = both(&rig).into_iter().nth(k).unwrap();
+        let mut checked = false;
+        let state = run(&mut rig, procedure.as_mut(), |rig, _, _| {
+            if !checked && rig.drive.limits().contains(Limits::CHECKING) {
+                checked = true;
+                rig.service.send(Command::Disarm).unwrap();
+            }
+        })
+        .0;
+        assert!(checked);
+        assert_eq!(state, State::Failed(Error::Disarmed));
+        assert!(ready(&rig));
     }
 }
 

@@ -50,7 +50,7 @@ pub struct Arguments {
     #[arg(long, short, global = true, env = "HALLCTL_PORT")]
     port: Option<String>,
     /// Longest wait for an answer, in seconds on the wall: more for a virtual board on a slow machine [default: 3]
-    #[arg(long, global = true, env = "HALLCTL_PATIENCE", value_name = "SECONDS")]
+    #[arg(long, global = true, env = "HALLCTL_PATIENCE", value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..))]
     patience: Option<u64>,
     /// Results as JSON, a value a line, in the units of the settings; a command that fails prints {"error": …}
     #[arg(long, global = true)]

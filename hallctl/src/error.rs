@@ -86,6 +86,11 @@ impl Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
+            Self::Port { port, source } if port.starts_with("tcp:") => write!(
+                f,
+                "cannot open {port}: {source}\n  Is what listens there still running? `hallctl simulate` and a virtual \
+                 board say their ports, like tcp:127.0.0.1:35993."
+            ),
             Self::Port { port, source } => write!(
                 f,
                 "cannot open {port}: {source}\n  Is the board plugged in? `ls /dev/ttyACM*` shows its port; a \

@@ -2,7 +2,7 @@
 
 use crate::client::{Client, SHORT, unexpected};
 use crate::error::{Error, Result};
-use crate::units;
+use crate::units::{self, Quantity, Units};
 use anyhow::anyhow;
 use hallservo::scope::{CHANNELS, Channel, Row, Setup, State, Trigger};
 use hallservo_protocol::{Answer, Ask, ROWS_AT_ONCE, ScopeAsk, ScopeRows, ScopeStatus};
@@ -78,29 +78,52 @@ pub fn channel(text: &str) -> std::result::Result<Channel, String> {
     })
 }
 
+/// What a recording waits for, as it was written: the unit of a level that has none is chosen elsewhere.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Awaited {
+    trigger: Trigger,
+    level: Option<Quantity>,
+}
+
+impl Awaited {
+    /// With a level in the drive's units.
+    pub fn trigger(self, units: Units) -> Trigger {
+        match (self.trigger, self.level) {
+            (Trigger::Level { channel, rising, .. }, Some(level)) => {
+                let usual = match channel {
+                    Channel::Speed | Channel::SpeedReference => units.speed.rad_s(),
+                    Channel::Position | Channel::PositionReference => units.position.turns(),
+                    _ => 1.0,
+                };
+                Trigger::Level { channel, level: level.value(usual) as f32, rising }
+            }
+            (trigger, _) => trigger,
+        }
+    }
+}
+
 /// What a recording waits for: `now`, `command`, `fault`, or a channel that crosses a level: `i_q>1.5`.
 ///
 /// # Errors
 /// What is wrong with it.
-pub fn trigger(text: &str) -> std::result::Result<Trigger, String> {
+pub fn trigger(text: &str) -> std::result::Result<Awaited, String> {
+    let always = |trigger| Ok(Awaited { trigger, level: None });
     match text {
-        "now" => return Ok(Trigger::Now),
-        "command" => return Ok(Trigger::Command),
-        "fault" => return Ok(Trigger::Fault),
+        "now" => return always(Trigger::Now),
+        "command" => return always(Trigger::Command),
+        "fault" => return always(Trigger::Fault),
         _ => {}
     }
     let at = text.find(['>', '<']).ok_or("now, command, fault, or a channel > or < a level, like i_q>1.5")?;
     let channel = channel(text[..at].trim())?;
     let value = text[at + 1..].trim();
     let level = match channel {
-        Channel::Speed | Channel::SpeedReference => units::speed(value)?.value(1.0),
-        Channel::Position | Channel::PositionReference => units::position(value)?.value(1.0),
-        _ => {
-            let number = value.trim_end_matches(['A', 'V', '°']).trim().parse::<f64>().ok();
-            number.filter(|level| level.is_finite()).ok_or_else(|| format!("{value:?} is no level"))?
-        }
+        Channel::Speed | Channel::SpeedReference => units::speed(value)?,
+        Channel::Position | Channel::PositionReference => units::position(value)?,
+        _ => units::plain(value.trim_end_matches('°')).map_err(|_| format!("{value:?} is no level"))?,
     };
-    Ok(Trigger::Level { channel, level: level as f32, rising: text.as_bytes()[at] == b'>' })
+    let rising = text.as_bytes()[at] == b'>';
+    Ok(Awaited { trigger: Trigger::Level { channel, level: 0.0, rising }, level: Some(level) })
 }
 
 /// As the drive wants them.
@@ -232,6 +255,7 @@ mod tests {
     #[test]
     fn a_trigger_is_written_as_one_says_it() {
         let level = |channel, level, rising| Ok(Trigger::Level { channel, level, rising });
+        let trigger = |text: &str| trigger(text).map(|awaited| awaited.trigger(Units::default()));
         assert_eq!(trigger("i_q>1.5"), level(Channel::CurrentQ, 1.5, true));
         assert_eq!(trigger("bus < 20V"), level(Channel::Bus, 20.0, false));
         assert_eq!(trigger("speed<-1turns/s"), level(Channel::Speed, -std::f32::consts::TAU, false));

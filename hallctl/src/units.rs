@@ -162,6 +162,14 @@ pub fn torque(text: &str) -> Result<Quantity, String> {
     quantity(text, &[("mNm", 1e-3), ("Nm", 1.0), ("N·m", 1.0)])
 }
 
+/// A current or a voltage.
+///
+/// # Errors
+/// What is wrong with it.
+pub fn plain(text: &str) -> Result<Quantity, String> {
+    quantity(text, &[("A", 1.0), ("V", 1.0)])
+}
+
 /// The size of what is to be measured.
 ///
 /// # Errors

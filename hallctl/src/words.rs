@@ -359,6 +359,7 @@ pub fn procedure_error(error: &procedure::Error) -> String {
             format!("{error}\n  Is the rotor blocked or loaded, are pole_pairs and the motor's settings right?")
         }
         Error::Inconclusive => format!("{error}\n  Is the shaft free?"),
+        Error::Disarmed | Error::Cancelled => format!("{error}\n  Another tool, `hallctl stop` perhaps."),
         error => error.to_string(),
     }
 }

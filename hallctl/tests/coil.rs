@@ -34,3 +34,12 @@ fn it_is_refused_while_the_bridge_is_on() {
     let said = drive.fails(6, &["coil-field"]);
     assert!(said.contains("hallctl stop"), "{said}");
 }
+
+/// 6 is what was never begun, 7 what came to nothing.
+#[test]
+fn without_a_current_along_q_it_is_refused() {
+    let drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    drive.ok(&["commutation", "block"]);
+    assert!(drive.fails(6, &["coil-field"]).contains("field-oriented"));
+}

@@ -185,3 +185,14 @@ fn uneven_magnets_are_no_shaft_that_twists() {
         assert!(number(&tuned, "/proposed_hz") >= 60.0, "{tuned}");
     }
 }
+
+/// To learn them once more would not help: a wrong number of pole pairs makes a map of no rotor.
+#[test]
+fn magnets_that_are_uneven_with_a_map_are_not_to_be_learnt_once_more() {
+    let drive = Drive::start(&["--uneven", "1"]);
+    drive.ok(&["settings", "set", "pole_pairs", "3"]);
+    drive.ok(&["calibrate"]);
+    drive.ok(&["magnets", "learn"]);
+    let said = drive.ok(&["tune"]);
+    assert!(said.contains("`hallctl pole-pairs`") && said.contains("a map of them is in use"), "{said}");
+}

@@ -283,6 +283,23 @@ fn tuning_arms_no_rotor_that_something_else_drives() {
     assert!(drive.ok(&["status"]).contains("faulted: the rotor turned faster than allowed"));
 }
 
+/// Whoever does not wait at all would find every drive silent.
+#[test]
+fn no_patience_is_a_wrong_command_line() {
+    let drive = Drive::start(&[]);
+    assert!(drive.fails(2, &["--patience", "0", "status"]).contains("--patience"));
+    drive.ok(&["--patience", "60", "status"]);
+}
+
+/// 6 is what was never begun, 7 what came to nothing.
+#[test]
+fn a_drive_without_an_encoder_refuses_what_needs_one() {
+    let drive = Drive::start(&[]);
+    for what in ["status", "calibrate", "zero"] {
+        assert!(drive.fails(6, &["encoder", what]).contains("no encoder"), "{what}");
+    }
+}
+
 #[test]
 fn a_calibration_that_fails_says_what_comes_next() {
     let mut drive = Drive::start(&[]);
@@ -293,6 +310,34 @@ fn a_calibration_that_fails_says_what_comes_next() {
     drive.ok(&["calibrate"]);
     let said = drive.fails(7, &["encoder", "calibrate"]);
     assert!(said.contains("Hall 2 is at the end") && said.contains("`hallctl clear`"), "{said}");
+}
+
+/// What `--speed-unit` says of numbers without a unit holds for those of a trigger, too.
+#[test]
+fn a_trigger_has_the_unit_that_was_chosen() {
+    let drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    drive.ok(&["arm"]);
+    let first = |unit: &str, of: &str, trigger: &str, name: &str| {
+        // The command holds for a second; then the motor comes to rest.
+        drive.ok(&["speed", "50", "--once"]);
+        let options = ["--before", "0.001", "--seconds", "0.1"];
+        let frames = drive.ok(&[&["--json", unit, of, "telemetry", "--trigger", trigger], &options[..]].concat());
+        let line = frames.lines().next().unwrap_or_else(|| panic!("{trigger}: {frames}"));
+        serde_json::from_str::<Value>(line).unwrap()[name].as_f64().unwrap()
+    };
+    let speed = first("--speed-unit", "rpm", "speed<200", "speed_rad_s");
+    assert!(speed < 21.0, "{speed}");
+    let speed = first("--speed-unit", "rpm", "speed<20rad/s", "speed_rad_s");
+    assert!(speed < 20.0, "{speed}");
+    let turns = drive.json(&["status"])["position_turns"].as_f64().unwrap();
+    let trigger = format!("position>{}", 360.0 * (turns + 2.0));
+    let fired = first("--position-unit", "deg", &trigger, "position_turns");
+    assert!(fired > turns + 2.0 && fired < turns + 4.0, "{turns} {fired}");
+    // It crosses 21 rad/s on its way to rest, and no 200.
+    drive.ok(&["speed", "50", "--once"]);
+    let record = ["record", "--trigger", "speed<200", "--rows", "8", "--seconds", "5"];
+    drive.ok(&[&["--speed-unit", "rpm"], &record[..]].concat());
 }
 
 #[test]

@@ -53,3 +53,47 @@ fn what_no_sine_has_measured_is_not_told_as_a_figure() {
     assert!(said.contains("below these frequencies"), "{said}");
     assert!(drive.fails(2, &["sine", "speed", "10", "--frequency", "0"]).contains("a frequency"));
 }
+
+/// A person has waited for the measurement, and the motor has turned for it.
+#[test]
+fn a_file_that_cannot_be_written_is_found_before_the_motor_turns() {
+    let drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    let turns = || drive.response(&["status"])["position_turns"].as_f64().unwrap();
+    let before = turns();
+    for command in [["step", "speed", "20"], ["sine", "position", "0.1"]] {
+        for option in ["--csv", "--plot"] {
+            let output = drive.call(&[&command[..], &[option, "/no/such/folder/file.html"]].concat());
+            let said = String::from_utf8(output.stderr).unwrap();
+            assert_eq!((output.status.code(), output.stdout.len()), (Some(1), 0), "{command:?}: {said}");
+            assert!(said.contains("cannot write /no/such/folder/file.html"), "{said}");
+        }
+    }
+    assert!((turns() - before).abs() < 0.01, "{before} {}", turns());
+    // One that can be is not left behind empty, nor changed, where nothing was measured.
+    let folder = tempfile::tempdir().unwrap();
+    let file = folder.path().join("kept.csv");
+    std::fs::write(&file, "kept").unwrap();
+    drive.fails(6, &["step", "speed", "1e9", "--csv", file.to_str().unwrap()]);
+    assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept");
+}
+
+/// `--speed-unit` and `--position-unit` are those of what is shown.
+#[test]
+fn a_step_is_told_in_the_unit_that_was_chosen() {
+    let drive = Drive::start(&[]);
+    drive.ok(&["calibrate"]);
+    let said = drive.ok(&["--speed-unit", "rpm", "step", "speed", "200"]);
+    assert!(said.contains(" rpm") && !said.contains("rad/s "), "{said}");
+    let noise = |said: &str| -> f64 {
+        let row = said.lines().find(|line| line.contains("noise, RMS")).unwrap_or_else(|| panic!("{said}"));
+        row.split_whitespace().nth(2).unwrap().parse().unwrap()
+    };
+    // The simulated one's is about 0.5 rad/s.
+    assert!(noise(&said) > 2.0, "{said}");
+    let said = drive.ok(&["--position-unit", "deg", "step", "position", "90"]);
+    assert!(said.contains(" deg") && !said.contains("turns"), "{said}");
+    // Scripts have the drive's.
+    let found = drive.response(&["--speed-unit", "rpm", "step", "speed", "200"]);
+    assert_eq!(found["unit"], "rad/s", "{found}");
+}

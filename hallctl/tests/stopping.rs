@@ -290,8 +290,12 @@ fn telemetry_of_which_nothing_comes_leaves_its_files() {
         let waits = drive.begin(&["telemetry", "--trigger", "bus>30", option, file.to_str().unwrap()]);
         std::thread::sleep(std::time::Duration::from_millis(500));
         kill_process(Pid::from_child(&waits), Signal::INT).unwrap();
-        waits.wait_with_output().unwrap();
+        let output = waits.wait_with_output().unwrap();
         assert_eq!(std::fs::read_to_string(&file).unwrap(), "kept", "{option}");
+        // A script must not take it for a recording.
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(130), "{said}");
+        assert!(said.contains("the trigger did not come"), "{said}");
     }
 }
 
@@ -341,4 +345,20 @@ fn a_tool_that_never_reads_floods_nothing_and_keeps_nobody_from_stopping() {
     assert!(memory_kib(drive.id()) < 200_000, "{} KiB", memory_kib(drive.id()));
     watcher.kill().unwrap();
     watcher.wait().unwrap();
+}
+
+/// Who has ended it is what matters then, and not the shaft.
+#[test]
+fn learning_that_another_tool_ends_blames_no_shaft() {
+    for learn in ["magnets", "cogging"] {
+        let mut drive = calibrated(&[]);
+        drive.forget_log();
+        let tool = drive.begin(&[learn, "learn"]);
+        drive.log_until("running");
+        drive.ok(&["stop"]);
+        let output = tool.wait_with_output().unwrap();
+        let said = String::from_utf8(output.stderr).unwrap();
+        assert_eq!(output.status.code(), Some(7), "{said}");
+        assert!(said.contains("`hallctl stop`") && !said.contains("freely"), "{said}");
+    }
 }

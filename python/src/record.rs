@@ -4,6 +4,7 @@ use crate::Drive;
 use hallctl::client::Client;
 use hallctl::error::Error;
 use hallctl::scope::{self, Recording};
+use hallctl::units::Units;
 use hallctl::words;
 use hallservo::mode::Mode;
 use hallservo::scope::{Channel, Setup, State, Trigger};
@@ -31,7 +32,7 @@ pub(crate) fn setup(
 ) -> PyResult<Setup> {
     let named = |names: Vec<String>| names.iter().map(|name| scope::channel(name)).collect::<Result<_, _>>();
     let channels: Vec<_> = channels.map_or(Ok(USUAL.to_vec()), named).map_err(PyValueError::new_err)?;
-    let trigger = scope::trigger(trigger).map_err(PyValueError::new_err)?;
+    let trigger = scope::trigger(trigger).map_err(PyValueError::new_err)?.trigger(Units::default());
     if !(0.0..=0.99).contains(&before) {
         return Err(PyValueError::new_err("a share from 0 to 0.99 can be before the trigger"));
     }

@@ -178,7 +178,8 @@ impl Sequence {
         let elapsed = self.elapsed_ms();
         match self.phase {
             Phase::Preparing | Phase::Arming if elapsed > self.answer_ms => self.fail(Error::NoAnswer),
-            Phase::Armed if elapsed > self.answer_ms && !self.checks() => self.fail(Error::NoAnswer),
+            // It was switched on, and its records say that it is off: a command has come during the check.
+            Phase::Armed if elapsed > self.answer_ms && !self.checks() => self.fail(Error::Disarmed),
             Phase::Disarming | Phase::Restoring if elapsed > self.answer_ms => {
                 self.failure.get_or_insert(Error::NoAnswer);
                 self.enter(Phase::Over);

@@ -58,7 +58,7 @@ fn measured(client: &mut Client) -> Result<Estimate> {
         return Err(Error::Refused("the bridge is on: `hallctl stop` first".into()));
     }
     if status.commutation != Commutation::FieldOriented {
-        return Err(Error::Failed("there is no current along q: `hallctl commutation field-oriented` first".into()));
+        return Err(Error::Refused("there is no current along q: `hallctl commutation field-oriented` first".into()));
     }
     let present = settings::read(client)?;
     let config = present.validate().map_err(|error| Error::Refused(words::setting_error(&error)))?;

@@ -61,7 +61,7 @@ pub(super) struct Watch {
 pub(super) fn run(client: &mut Client, command: &Command, out: Out) -> Result<()> {
     // A board without an encoder does not understand what it is asked; of settings it says that it has none.
     if let Err(Error::Refused(_)) = client.setting(Ask::Get("encoder_reference_pairs"), |_| ()) {
-        return Err(Error::Failed("this drive has no encoder: its board samples no heads".into()));
+        return Err(Error::Refused("this drive has no encoder: its board samples no heads".into()));
     }
     match command {
         Command::Calibrate { by_hand } => calibrate(client, *by_hand, out),

@@ -9,6 +9,7 @@ use anyhow::Context as _;
 use hallservo::angle::PolePairs;
 use hallservo::hall::map::{FIT, Map};
 use hallservo::service::magnets::Use;
+use hallservo::service::procedure;
 use hallservo_protocol::{
     Answer, Ask, CoggingByPole, MagnetsAsk, MagnetsReport, MagnetsStatus, POINTS_AT_ONCE, Problem, Procedure,
 };
@@ -56,6 +57,15 @@ fn status(client: &mut Client) -> Result<MagnetsStatus> {
     })
 }
 
+/// Whether a map is in use; a firmware that knows none uses none.
+pub(super) fn are_mapped(client: &mut Client) -> Result<bool> {
+    match status(client) {
+        Ok(status) => Ok(status.state == Use::Used),
+        Err(Error::Refused(_)) => Ok(false),
+        Err(error) => Err(error),
+    }
+}
+
 fn learn(client: &mut Client, options: &procedures::Options, out: Out) -> Result<()> {
     if !begin(client, options, Ask::Magnets(MagnetsAsk::Learn), out)? {
         return Ok(());
@@ -64,10 +74,11 @@ fn learn(client: &mut Client, options: &procedures::Options, out: Out) -> Result
     let report = match status(client)?.learning {
         Procedure::Done(report) => report,
         Procedure::Failed(error) => {
-            return Err(Error::Failed(format!(
-                "learning the magnets failed: {}\n  The shaft has to turn freely, with little on it.",
-                words::procedure_error(&error)
-            )));
+            // What else ends it has nothing to do with the shaft.
+            let is_held = matches!(error, procedure::Error::NotReached | procedure::Error::Inconclusive);
+            let hint = if is_held { "\n  The shaft has to turn freely, with little on it." } else { "" };
+            let why = words::procedure_error(&error);
+            return Err(Error::Failed(format!("learning the magnets failed: {why}{hint}")));
         }
         Procedure::None | Procedure::Running => {
             return Err(Error::Failed("the drive was restarted while it learnt the magnets".into()));

@@ -4,9 +4,9 @@ use crate::client::Client;
 use crate::error::Result;
 use crate::out::{self, Out, is_stream};
 use crate::say;
-use crate::scope::{self, Recording, name};
+use crate::scope::{self, Awaited, Recording, name};
 use anyhow::Context as _;
-use hallservo::scope::{Channel, ROWS, Setup, Trigger};
+use hallservo::scope::{Channel, ROWS, Setup};
 use plots::{Plot, Report, Series};
 use serde_json::{Map, Value, json};
 use std::path::{Path, PathBuf};
@@ -26,7 +26,7 @@ pub(super) struct Options {
     rows: Option<u16>,
     /// now, command (the next one to the drive), fault, or a channel that crosses a level: "i_q>1.5", "speed<-100rpm"
     #[arg(long, value_parser = scope::trigger, default_value = "now", allow_hyphen_values = true)]
-    trigger: Trigger,
+    trigger: Awaited,
     /// Share of the rows that is before the trigger, 0 to 0.99
     #[arg(long, default_value_t = 0.25, value_parser = share)]
     before: f64,
@@ -51,7 +51,7 @@ pub(super) fn record(client: &mut Client, options: &Options, out: Out) -> Result
         Some(rows) => *rows,
         None => scope::status(client)?.capacity,
     };
-    let setup = scope::setup(channels, *every, rows, *before, *trigger)?;
+    let setup = scope::setup(channels, *every, rows, *before, trigger.trigger(out.units))?;
     // Tried before the work begins.
     options.out.iter().try_for_each(|path| out::probe(path))?;
     let id = scope::begin(client, setup)?;

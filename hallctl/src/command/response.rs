@@ -49,6 +49,13 @@ pub(super) struct Files {
     plot: Option<PathBuf>,
 }
 
+impl Files {
+    /// Tried before the work begins.
+    fn probe(&self) -> Result<()> {
+        self.csv.iter().chain(&self.plot).try_for_each(|path| out::probe(path))
+    }
+}
+
 #[derive(Clone, Debug, clap::Args)]
 pub(super) struct StepOptions {
     #[command(subcommand)]
@@ -171,6 +178,7 @@ const SETTLED: f64 = 0.05;
 const LONGEST: u32 = 200;
 
 pub(super) fn step(client: &mut Client, options: &StepOptions, out: Out) -> Result<()> {
+    options.files.probe()?;
     let limits = Limits::of(client)?;
     let (wanted, trace) = Session::run(client, options.files.hz, |session| {
         let wanted = Wanted::of(options.axis, session, out);
@@ -201,15 +209,21 @@ pub(super) fn step(client: &mut Client, options: &StepOptions, out: Out) -> Resu
 
 fn tell(found: &Step, asked: &Step, wanted: &Wanted, out: Out) -> Result<()> {
     let time = |time: Option<f64>| time.map_or_else(|| "not reached".into(), |time| format!("{:.1} ms", 1e3 * time));
-    let unit = wanted.unit().1;
+    let of_axis = |value: f64| {
+        let (one, unit) = match wanted.position {
+            true => (out.units.position.turns(), out.units.position.name()),
+            false => (out.units.speed.rad_s(), out.units.speed.name()),
+        };
+        format!("{:.4} {unit}", value / one)
+    };
     let row = |name: &str, measured: String, asked: String| vec![name.into(), measured, asked];
     out.table(&[
         row("", "measured".into(), "as asked".into()),
         row("rise, 10 to 90 %", time(found.rise_s), time(asked.rise_s)),
         row("overshoot", format!("{:.1} %", found.overshoot_pct), format!("{:.1} %", asked.overshoot_pct)),
         row("settled within 5 %", time(found.settling_s), time(asked.settling_s)),
-        row("error in the end", format!("{:.4} {unit}", found.error), String::new()),
-        row("noise, RMS", format!("{:.4} {unit}", found.noise), String::new()),
+        row("error in the end", of_axis(found.error), String::new()),
+        row("noise, RMS", of_axis(found.noise), String::new()),
     ])?;
     say!(out, "Asked is the trajectory, within max_acceleration_rad_s2 and max_speed_rad_s.")
 }
@@ -240,6 +254,7 @@ impl Limits {
 const SETTLE: f64 = 1.0;
 
 pub(super) fn sine(client: &mut Client, options: &SineOptions, out: Out) -> Result<()> {
+    options.files.probe()?;
     let (mut sines, mut missed) = (Vec::new(), Vec::new());
     let mut all = Vec::new();
     let mut shown = None;

@@ -58,7 +58,7 @@ pub(super) fn show(client: &mut Client, out: Out) -> Result<()> {
     );
     line("lost", &lost)?;
     if status.incidents > 0 {
-        line("history", &format!("{} entries: `hallctl faults`", status.incidents))?;
+        line("history", &format!("{} on record: `hallctl faults`", status.incidents))?;
     }
     out.value(&values::status_of(client, &status, lost_s))
 }

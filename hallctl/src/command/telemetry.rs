@@ -114,7 +114,7 @@ impl Sinks {
         let csv = options.csv.as_ref().filter(|path| is_stream(path)).map(|path| table(path)).transpose()?;
         let quiet = options.csv.is_some() || options.plot.is_some();
         Ok(Self {
-            gate: Gate::new(options.trigger, options.before),
+            gate: Gate::new(options.trigger, options.before, out.units),
             path: options.csv.clone(),
             csv,
             kept: options.plot.as_ref().map(|_| Vec::new()),
@@ -165,10 +165,15 @@ pub(super) fn watch(client: &mut Client, options: &Options, out: Out) -> Result<
     } else {
         watched?;
     }
+    let seconds = rows.steps as f64 / rows.step_hz;
+    if sinks.gate.waits() {
+        // Frames came, and none of them was to be kept.
+        eprintln!("the trigger did not come within {seconds:.3} s");
+        return Err(Error::Interrupted);
+    }
     if let (Some(path), Some(kept)) = (&options.plot, &sinks.kept) {
         plot(path, kept)?;
     }
-    let seconds = rows.steps as f64 / rows.step_hz;
     eprintln!("{} frames in {seconds:.3} s, {} lost", sinks.count, rows.lost);
     Ok(())
 }

@@ -90,6 +90,8 @@ struct Outcome {
     good: bool,
     /// Whether uneven magnets look like a loop that swings.
     uneven: bool,
+    /// Whether they do though a map of them is in use.
+    mapped: bool,
     found: Found,
 }
 
@@ -176,9 +178,10 @@ fn find(client: &mut Client, wanted: &Wanted, judge: Judge, before: Bandwidths) 
         _ => first,
     };
     let uneven = client.status()?.learning == Learning::Uneven && judge.swings_by_turning(&trials);
+    let mapped = uneven && super::magnets::are_mapped(client)?;
     // What repeats with the poles looks like a shaft that twists.
     let found = if uneven { Found::default() } else { found };
-    Ok(Outcome { judge, swings, proposed, good: best.is_some(), uneven, found, trials })
+    Ok(Outcome { judge, swings, proposed, good: best.is_some(), uneven, mapped, found, trials })
 }
 
 /// What turns, by steps of the speed; nothing where no current along q is asked for, or the loop swings.

@@ -62,6 +62,14 @@ fn known(value: f64, digits: usize, unit: &str) -> String {
 
 /// Why none is faster.
 fn why(outcome: &Outcome, out: Out) -> Result<()> {
+    if outcome.mapped {
+        return say!(
+            out,
+            "The magnets look uneven though a map of them is in use, and a fast loop makes a current of that. The map is of \
+             another number of pole pairs perhaps: `hallctl pole-pairs` counts them; set pole_pairs, `hallctl calibrate`, \
+             `hallctl magnets learn`, and `hallctl tune` again."
+        );
+    }
     if outcome.uneven {
         return say!(
             out,

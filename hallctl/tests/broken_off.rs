@@ -121,6 +121,32 @@ fn a_measurement_at_standstill_leaves_the_calibration() {
     assert!((speed + 60.0).abs() < 5.0, "{speed}");
 }
 
+/// The other direction may be set when a calibration is there already, and before the next one comes to nothing.
+#[test]
+fn the_calibration_before_counts_the_way_that_is_set_since() {
+    for (before, during) in [(true, false), (false, true), (true, true)] {
+        let (mut drive, _) = calibrated();
+        let reverse = |drive: &mut Simulator, value| {
+            done(drive, Ask::Set { name: "reversed", value });
+            run(drive, 20);
+        };
+        if before {
+            reverse(&mut drive, 1.0);
+        }
+        break_off(&mut drive, if during { End::Faulted } else { End::Disarmed }, 500);
+        if during {
+            reverse(&mut drive, if before { 0.0 } else { 1.0 });
+        }
+        run(&mut drive, 50);
+        arm(&mut drive);
+        done(&mut drive, Ask::Speed(60.0));
+        run(&mut drive, 800);
+        let wanted = if before == during { 60.0 } else { -60.0 };
+        let speed = drive.plant.truth().speed_rad_s;
+        assert!((speed - wanted).abs() < 5.0, "{before} {during}: {speed}, {:?}", status(&mut drive).mode);
+    }
+}
+
 #[test]
 fn a_drive_that_was_never_calibrated_is_not_by_one_that_was_broken_off() {
     for end in [End::Disarmed, End::Faulted] {

@@ -157,7 +157,11 @@ impl fmt::Display for Error {
                 (b'A' + phase) as char
             ),
             Self::Uneven => {
-                write!(f, "the phases' resistances differ: check the motor's wires and the current sensing")
+                write!(
+                    f,
+                    "the phases' resistances differ: check the motor's wires and the current sensing; or a heavy rotor swung \
+                     about the field meanwhile, which friction at the shaft calms"
+                )
             }
             Self::NoTable => write!(f, "the service has no table to fill"),
             Self::Cancelled => write!(f, "cancelled"),

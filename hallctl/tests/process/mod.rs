@@ -20,6 +20,8 @@ pub struct Drive {
     /// Lines that it prints; read all the while, or it would wait.
     screen: Receiver<String>,
     pub port: String,
+    /// What it says of itself before that.
+    pub about: String,
     log: Vec<Entry>,
 }
 
@@ -51,9 +53,15 @@ impl Drive {
         let lines = BufReader::new(process.stdout.take().unwrap()).lines().map_while(Result::ok);
         let (printed, screen) = channel();
         std::thread::spawn(move || lines.take_while(|line| printed.send(format!("{line}\n")).is_ok()).for_each(drop));
-        let line = screen.recv().unwrap();
-        let port = line.trim().strip_prefix("The simulated drive is at ").unwrap_or_else(|| panic!("{line}")).into();
-        Self { process, keyboard, screen, port, log: Vec::new() }
+        let mut about = String::new();
+        let port = loop {
+            let line = screen.recv().unwrap();
+            match line.trim().strip_prefix("The simulated drive is at ") {
+                Some(port) => break port.to_owned(),
+                None => about += &line,
+            }
+        };
+        Self { process, keyboard, screen, port, about, log: Vec::new() }
     }
 
     pub fn with_flash(flash: &Path, options: &[&str]) -> Self {

@@ -1,6 +1,5 @@
 //! The command line of a drive.
 
-use clap::Parser;
 use hallctl::command::{Arguments, run};
 use hallctl::out::Out;
 use hallctl::units::Units;
@@ -10,7 +9,7 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     // `hallctl telemetry | head` ends like any other filter.
     sigpipe::reset();
-    let arguments = Arguments::parse_from(args().map(quantity));
+    let arguments = Arguments::read(args().map(quantity));
     match run(&arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {

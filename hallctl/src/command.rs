@@ -26,13 +26,14 @@ mod watch;
 use crate::client::Client;
 use crate::error::{Error, Result};
 use crate::interrupt;
-use crate::out::Out;
+use crate::out::{Out, is_stream};
 use crate::say;
 #[cfg(unix)]
 use crate::share;
 use crate::simulate;
 use crate::units::{self, PositionUnit, Quantity, SpeedUnit, Units};
-use clap::{Parser, Subcommand, ValueEnum};
+use clap::error::ErrorKind;
+use clap::{CommandFactory, Parser, Subcommand, ValueEnum};
 use config::Config;
 use hallservo::commutation::Commutation;
 use hallservo::mode::Mode;
@@ -66,6 +67,22 @@ pub struct Arguments {
     alone: bool,
     #[command(subcommand)]
     command: Command,
+}
+
+impl Arguments {
+    /// Those of a command line. What is wrong with it is said, and ends the process.
+    pub fn read(line: impl IntoIterator<Item = String>) -> Self {
+        let arguments = Self::parse_from(line);
+        if arguments.command.files().into_iter().filter(|path| is_stream(path)).count() > 1 {
+            Self::command()
+                .error(
+                    ErrorKind::ArgumentConflict,
+                    "one file at most can be -, the standard output: two would be mixed",
+                )
+                .exit();
+        }
+        arguments
+    }
 }
 
 const EXIT_CODES: &str = "\
@@ -192,6 +209,20 @@ enum Command {
     /// Own a port for many tools
     #[command(hide = true)]
     Share,
+}
+
+impl Command {
+    /// What is written beside the words.
+    fn files(&self) -> Vec<&PathBuf> {
+        match self {
+            Self::Telemetry(options) => options.files().collect(),
+            Self::Step(options) => options.files.files().collect(),
+            Self::Sine(options) => options.files.files().collect(),
+            Self::Record(options) => options.out.iter().collect(),
+            Self::Chirp(options) => options.out.iter().collect(),
+            _ => Vec::new(),
+        }
+    }
 }
 
 #[derive(Clone, Copy, Debug, ValueEnum)]

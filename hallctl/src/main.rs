@@ -1,7 +1,8 @@
 //! The command line of a drive.
 
-use clap::Parser;
 use hallctl::command::{Arguments, run};
+use hallctl::error::Error;
+use hallctl::interrupt;
 use hallctl::out::Out;
 use hallctl::units::Units;
 use std::env::args;
@@ -10,10 +11,14 @@ use std::process::ExitCode;
 fn main() -> ExitCode {
     // `hallctl telemetry | head` ends like any other filter.
     sigpipe::reset();
-    let arguments = Arguments::parse_from(args().map(quantity));
+    let arguments = Arguments::read(args().map(quantity));
     match run(&arguments) {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
+            // Who ends all processes at once, the drive's or the port's among them, did not unplug a cable.
+            if matches!(error, Error::Lost { .. }) && interrupt::came() {
+                eprintln!("hallctl: a signal was to end this, and then the drive could not be told");
+            }
             eprintln!("hallctl: {error}");
             if arguments.json {
                 // Nothing is left to be said where that fails.

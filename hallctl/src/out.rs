@@ -86,10 +86,32 @@ pub fn create(path: &Path) -> Result<Box<dyn Write>> {
 /// # Errors
 /// Another extension.
 pub fn table(text: &str) -> std::result::Result<PathBuf, String> {
+    named(text, &["csv", "json", "html"], ".csv, .json or .html")
+}
+
+/// The same where it is written as CSV.
+///
+/// # Errors
+/// Another extension.
+pub fn csv(text: &str) -> std::result::Result<PathBuf, String> {
+    named(text, &["csv", "txt"], ".csv or .txt")
+}
+
+/// The same where it is a page with diagrams.
+///
+/// # Errors
+/// Another extension.
+pub fn page(text: &str) -> std::result::Result<PathBuf, String> {
+    named(text, &["html"], ".html")
+}
+
+/// A file with one of some extensions, or without any.
+fn named(text: &str, extensions: &[&str], words: &str) -> std::result::Result<PathBuf, String> {
     let path = PathBuf::from(text);
     match path.extension().map(|extension| extension.to_str()) {
-        None | Some(Some("csv" | "json" | "html")) => Ok(path),
-        _ => Err("a file is .csv, .json or .html".into()),
+        None => Ok(path),
+        Some(Some(found)) if extensions.contains(&found) => Ok(path),
+        _ => Err(format!("a file is {words}")),
     }
 }
 

@@ -73,6 +73,8 @@ pub struct Step {
 
 /// Band of a settled value, as a share of the step.
 const SETTLED: f64 = 0.05;
+/// Peaks of a noise, in its RMS.
+const PEAKS: f64 = 4.0;
 
 impl Step {
     /// Of points from the time of the step on, which is zero.
@@ -87,8 +89,8 @@ impl Step {
         let share = |value: f64| (value - from) / size;
         let reached = |wanted: f64| points.iter().find(|point| share(point.1) >= wanted).map(|point| point.0);
         let most = points.iter().map(|point| share(point.1)).fold(f64::MIN, f64::max);
-        let beyond = (most - 1.0) * size.abs() - 4.0 * noise;
-        let band = (SETTLED * size.abs()).max(4.0 * noise);
+        let beyond = (most - 1.0) * size.abs() - PEAKS * noise;
+        let band = (SETTLED * size.abs()).max(PEAKS * noise);
         let outside = points.iter().rposition(|point| (point.1 - to).abs() > band);
         let settled = outside.map_or(points.first(), |last| points.get(last + 1));
         Self {
@@ -98,6 +100,17 @@ impl Step {
             error: mean - to,
             noise,
         }
+    }
+}
+
+impl Step {
+    /// The same with an overshoot only as far as it is beyond the noise: that of after the step, and what there was of it
+    /// at rest before, which of a small step is a large share.
+    pub fn beyond_noise(self, size: f64, before: &[Point]) -> Self {
+        let mean = before.iter().map(|point| point.1).sum::<f64>() / before.len() as f64;
+        let peak = before.iter().map(|point| (point.1 - mean).abs()).fold(0.0, f64::max);
+        let noise_pct = 100.0 * peak.max(PEAKS * self.noise) / size.abs();
+        Self { overshoot_pct: (self.overshoot_pct - noise_pct).max(0.0), ..self }
     }
 }
 
@@ -214,6 +227,28 @@ mod tests {
         }
         let rise_s = Step::of(&second_order(0.7), 3.0, 5.0).rise_s.unwrap();
         assert!((rise_s * TAU * 20.0 - 2.13).abs() < 0.05, "{rise_s}");
+    }
+
+    /// A peak now and then, of five times the RMS, as cogging and uneven magnets make them.
+    #[test]
+    fn noise_is_no_overshoot() {
+        let noise = |k: i32| if k.rem_euclid(50) == 7 { 1.0 } else { 0.14 * f64::from(k.rem_euclid(3) - 1) };
+        let points = |from: i32, to: f64| -> Vec<Point> {
+            (from..from + 250).map(|k| (f64::from(k) * 2e-3, to + noise(k))).collect()
+        };
+        let before = points(-250, 0.0);
+        let found = Step::of(&points(0, 2.0), 0.0, 2.0);
+        assert!(found.overshoot_pct > 45.0, "{found:?}");
+        let found = found.beyond_noise(2.0, &before);
+        assert!(found.overshoot_pct < 2.0, "{found:?}");
+        // Of the step itself, it is told.
+        let mut beyond = points(0, 20.0);
+        beyond.iter_mut().take(100).for_each(|point| point.1 += 8.0);
+        let found = Step::of(&beyond, 0.0, 20.0).beyond_noise(20.0, &before);
+        assert!((36.0..44.0).contains(&found.overshoot_pct), "{found:?}");
+        // Without any, it is as it was.
+        let quiet = Step::of(&second_order(0.3), 3.0, 5.0);
+        assert!((quiet.beyond_noise(2.0, &[]).overshoot_pct - quiet.overshoot_pct).abs() < 0.1, "{quiet:?}");
     }
 
     #[test]

@@ -171,6 +171,10 @@ pub fn main(options: &Options, out: Out) -> Result<()> {
     let (events, line) = sync_channel(IN);
     listen_to_keyboard(events.clone());
     let name = open(options, events)?;
+    // Before its port, which scripts look for.
+    for line in about(options) {
+        say!(out, "{line}")?;
+    }
     say!(out, "The simulated drive is at {name}")?;
     out.value(&json!({ "port": name }))?;
     let tool = Tool { log: options.log.then_some(Log { out, mode: Mode::Unarmed }), ..Tool::default() };
@@ -179,6 +183,28 @@ pub fn main(options: &Options, out: Out) -> Result<()> {
         Pace::Fast => fast(&mut simulator, tool, &line),
     }
     Ok(())
+}
+
+/// What is unusual about the drive.
+fn about(options: &Options) -> Vec<String> {
+    let mut lines = Vec::new();
+    if let Some(motor) = &options.motor {
+        lines.push(format!("Its motor is {motor:?}, of which it knows the pole pairs alone."));
+    }
+    if options.uneven > 0.0 {
+        lines.push(format!("The magnets are uneven, {} times as those of a cheap motor.", options.uneven));
+    }
+    if let Some(apart_deg) = options.two_halls {
+        lines.push(format!(
+            "It has two Halls, {apart_deg}° apart (electrical): `hallctl settings set halls 2` tells it so."
+        ));
+    }
+    if let Some(Pairs([reference, vernier])) = options.encoder {
+        let mm = options.eccentricity;
+        lines
+            .push(format!("On its shaft are two rings of {reference} and {vernier} pole pairs, {mm} mm off its axis."));
+    }
+    lines
 }
 
 #[cfg(unix)]

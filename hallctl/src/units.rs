@@ -93,7 +93,23 @@ pub struct Units {
 impl Units {
     /// A speed in rad/s, in words.
     pub fn speed(self, rad_s: f32) -> String {
-        format!("{:.2} {}", f64::from(rad_s) / self.speed.rad_s(), self.speed.name())
+        self.speed_to(rad_s.into(), 2)
+    }
+
+    /// The same with so many digits behind the point.
+    pub fn speed_to(self, rad_s: f64, digits: usize) -> String {
+        format!("{:.digits$} {}", rad_s / self.speed.rad_s(), self.speed.name())
+    }
+
+    /// An acceleration in rad/s², in words.
+    pub fn acceleration(self, rad_s2: f64) -> String {
+        let unit = match self.speed {
+            SpeedUnit::RadiansPerSecond => "rad/s²",
+            SpeedUnit::TurnsPerMinute => "rpm/s",
+            SpeedUnit::TurnsPerSecond => "turns/s²",
+            SpeedUnit::DegreesPerSecond => "deg/s²",
+        };
+        format!("{:.0} {unit}", rad_s2 / self.speed.rad_s())
     }
 
     /// A position in turns, in words.

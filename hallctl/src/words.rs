@@ -14,7 +14,7 @@ use hallservo::service::procedure;
 use hallservo::settings::{self, Kind};
 use hallservo_protocol::{
     Activity, Ask, Cause, Incident, Learning, MagnetsAsk, MagnetsRefusal, Problem, Record, Refusal, ScopeAsk,
-    ScopeRefusal, Setting,
+    ScopeRefusal, Setting, Status,
 };
 use serde_json::{Value, json};
 
@@ -135,6 +135,18 @@ pub const TAKEN: &str = "the bridge was switched off meanwhile, or another tool 
 /// A fault for a script.
 pub fn fault_value(fault: Fault) -> Value {
     json!({ "code": fault.code(), "what": fault.to_string(), "advice": what_to_do(fault) })
+}
+
+/// What to do about a calibration that failed, where the drive is calibrated now.
+const CALIBRATED_SINCE: &str = "nothing: it was calibrated since; `hallctl commission` tries slower fields by itself";
+
+/// What went wrong, and what is left to do of it as the drive is now.
+pub fn incident_of(incident: &Incident, status: &Status) -> (String, String) {
+    let (text, advice) = self::incident(incident);
+    let is_over = incident.cause == Cause::Fault(Fault::Calibration)
+        && status.calibrated
+        && !matches!(status.mode, Mode::Faulted(_) | Mode::Aligning);
+    (text, if is_over { CALIBRATED_SINCE.into() } else { advice })
 }
 
 /// What went wrong, and what to do.

@@ -31,8 +31,27 @@ fn tool(drive: &Drive, folder: &Path, arguments: &[&str]) -> Command {
 
 fn commission(drive: &Drive, folder: &TempDir, arguments: &[&str]) -> (Option<i32>, String) {
     let output: Output = tool(drive, folder.path(), &[&["commission", "--yes"], arguments].concat()).output().unwrap();
-    let said = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap()).concat();
+    let mut said = [output.stdout, output.stderr].map(|text| String::from_utf8(text).unwrap()).concat();
+    if output.status.code() == Some(3) {
+        said += &drive.fate();
+    }
     (output.status.code(), said)
+}
+
+/// A test that fails by a lost drive says which of two processes has ended, and how.
+#[test]
+fn how_a_drive_has_ended_that_is_lost_is_said() {
+    let (drive, folder) = (Drive::start(&[]), tempfile::tempdir().unwrap());
+    let mut tool = answering(&drive, &folder, "y\n");
+    let mut lines = BufReader::new(tool.stdout.take().unwrap()).lines().map_while(Result::ok);
+    assert!(lines.any(|line| line.contains("1 of 6")));
+    kill_process(Pid::from_raw(drive.id() as i32).unwrap(), Signal::KILL).unwrap();
+    let lost = tool.wait_with_output().unwrap();
+    assert_eq!(lost.status.code(), Some(3), "{}", String::from_utf8_lossy(&lost.stderr));
+    assert!(drive.fate().contains("signal: 9"), "{}", drive.fate());
+    // What has ended cannot be opened either.
+    let (code, said) = commission(&drive, &folder, &[]);
+    assert!(code == Some(3) && said.contains("signal: 9"), "{said}");
 }
 
 /// The same, with an answer instead of `--yes`.

@@ -186,6 +186,54 @@ fn what_turns_by_whole_turns_is_refused_where_the_shaft_has_bounds() {
     drive.ok(&["calibrate"]);
 }
 
+/// What TOML says of a word without quotation marks is that it is no number.
+#[test]
+fn a_value_that_is_no_toml_is_named_with_its_line_and_what_is_expected() {
+    let (drive, folder) = (Drive::start(&[]), tempfile::tempdir().unwrap());
+    let file = folder.path().join("settings.toml");
+    for (text, words) in [
+        ("stall_s = 0.7\nreversed = no\n", ["line 2", "reversed", "true or false"]),
+        ("# by hand\n\ncommutation = block\n", ["line 3", "commutation", "\"block\""]),
+        ("pole_pairs = many\n", ["line 1", "pole_pairs", "a number"]),
+        ("nonsense = many\n", ["line 1", "nonsense", "no such setting"]),
+    ] {
+        fs::write(&file, text).unwrap();
+        let said = drive.fails(1, &["settings", "import", file.to_str().unwrap()]);
+        assert!(words.iter().all(|word| said.contains(word)) && !said.contains("nan"), "{text}: {said}");
+    }
+}
+
+/// Of another drive, perhaps: what it was set up for is another motor then.
+#[test]
+fn an_import_says_which_settings_of_the_motor_it_changes() {
+    let (drive, folder) = (Drive::start(&[]), tempfile::tempdir().unwrap());
+    let file = folder.path().join("settings.toml");
+    let path = file.to_str().unwrap();
+    drive.ok(&["settings", "export", path]);
+    let exported = fs::read_to_string(&file).unwrap();
+    let head: Vec<_> = exported.lines().take(2).collect();
+    assert!(head[0].contains("simulated") && head[1].starts_with("# Exported 2") && head[1].contains(&drive.port));
+    fs::write(&file, "pole_pairs = 7\nflux_linkage_wb = 0.002\nstall_s = 0.7\n").unwrap();
+    // Nobody has set it up yet.
+    assert!(!drive.ok(&["settings", "import", path]).contains("pole_pairs"));
+    drive.ok(&["settings", "reset"]);
+    drive.ok(&["calibrate"]);
+    let said = drive.ok(&["settings", "import", path]);
+    for part in ["calibrated", "pole_pairs from 4 to 7", "flux_linkage_wb from 0.005 to 0.002 Wb"] {
+        assert!(said.contains(part), "{part}: {said}");
+    }
+    assert!(!said.contains("stall_s") && !said.contains("resistance_ohm"), "{said}");
+    // The same once more changes nothing.
+    let said = drive.ok(&["settings", "import", path]);
+    assert!(!said.contains("pole_pairs") && said.contains("3 settings set"), "{said}");
+    let told: serde_json::Value = serde_json::from_str(&{
+        fs::write(&file, exported).unwrap();
+        drive.ok(&["--json", "settings", "import", path])
+    })
+    .unwrap();
+    assert_eq!(told["motor"][0], serde_json::json!({ "name": "pole_pairs", "from": 7.0, "to": 4.0 }), "{told}");
+}
+
 #[test]
 fn a_refused_import_changes_no_setting() {
     let (drive, folder) = (Drive::start(&[]), tempfile::tempdir().unwrap());
@@ -209,6 +257,8 @@ fn a_refused_import_changes_no_setting() {
         assert!(said.contains(why), "{text}: {said}");
         assert_eq!(drive.ok(&["settings", "export", "-"]), before, "{text}: {said}");
         assert!(!why.contains("would be") || said.contains("No setting is changed"), "{said}");
+        let name = why.split([' ', ':']).next().unwrap();
+        assert!(!why.contains("would be") || said.matches(name).count() == 1, "{said}");
     }
 }
 

@@ -38,6 +38,24 @@ fn a_recording_is_a_table_a_file_of_json_and_a_page() {
     assert_eq!(drive.ok(&["record", "--rows", "7", "-c", "speed", "-o", "-"]).lines().count(), 8);
 }
 
+/// Of the speed control that held the motor before.
+#[test]
+fn with_the_bridge_off_no_current_is_asked_for() {
+    let drive = calibrated();
+    let references = || {
+        let told = json(&drive.ok(&["--json", "record", "-c", "i_q_ref,i_d_ref", "--rows", "5"]));
+        ["i_q_ref", "i_d_ref"]
+            .map(|name| told[name].as_array().unwrap().iter().map(|row| row.as_f64().unwrap()).collect())
+    };
+    for command in [&["speed", "50", "--seconds", "0.5"][..], &["speed", "-50", "--seconds", "0.5"]] {
+        drive.ok(&["arm"]);
+        drive.ok(command);
+        assert!(references().iter().any(|rows: &Vec<f64>| rows.iter().any(|row| *row != 0.0)));
+        drive.ok(&["stop"]);
+        assert_eq!(references(), [vec![0.0; 5], vec![0.0; 5]], "{command:?}");
+    }
+}
+
 #[test]
 fn what_cannot_be_recorded_is_said_in_words() {
     let drive = Drive::start(&[]);

@@ -196,3 +196,19 @@ fn magnets_that_are_uneven_with_a_map_are_not_to_be_learnt_once_more() {
     let said = drive.ok(&["tune"]);
     assert!(said.contains("`hallctl pole-pairs`") && said.contains("a map of them is in use"), "{said}");
 }
+
+#[test]
+fn a_simulated_drive_says_what_is_unusual_about_it() {
+    for (options, words) in [
+        (&[][..], &[][..]),
+        (&["--two-halls", "45"], &["two Halls, 45° apart", "settings set halls 2"]),
+        (&["--encoder", "37/36"], &["rings of 37 and 36 pole pairs", "0.05 mm"]),
+        (&["--motor", "paper", "--uneven", "1"], &["paper", "uneven"]),
+    ] {
+        let drive = crate::process::Drive::start(options);
+        assert_eq!(drive.about.is_empty(), words.is_empty(), "{options:?}: {}", drive.about);
+        for word in words {
+            assert!(drive.about.contains(word), "{options:?}: {}", drive.about);
+        }
+    }
+}

@@ -416,3 +416,39 @@ fn a_motor_is_stopped_though_the_file_with_defaults_is_broken() {
     assert_eq!(code(&["--port", &drive.port, "stop"]), Some(0));
     assert!(drive.ok(&["status"]).contains("bridge off"));
 }
+
+/// The flash does not hold a setting that was only set; what was learnt has nothing to do with it.
+#[test]
+fn what_waits_to_be_saved_is_named() {
+    let drive = Drive::start(&[]);
+    assert!(!drive.ok(&["status"]).contains("does not hold all"));
+    drive.ok(&["settings", "set", "stall_s", "0.7"]);
+    let said = drive.ok(&["status"]);
+    assert!(said.contains("settings wait for `hallctl settings save`") && !said.contains("learnt"), "{said}");
+    drive.ok(&["calibrate"]);
+    drive.ok(&["arm"]);
+    let said = drive.ok(&["status"]);
+    assert!(said.contains("for the bridge to be off"), "{said}");
+    drive.ok(&["stop"]);
+    drive.ok(&["settings", "save"]);
+    drive.ok(&["settings", "save"]);
+    let said = drive.ok(&["status"]);
+    assert!(!said.contains("does not hold all"), "{said}");
+}
+
+/// A calibration that failed and was followed by another is no work for anybody.
+#[test]
+fn a_fault_that_is_over_asks_for_nothing() {
+    let drive = Drive::start(&["--motor", "direct-drive"]);
+    drive.ok(&["settings", "set", "calibration_hz", "20"]);
+    drive.fails(7, &["calibrate"]);
+    let said = drive.ok(&["faults"]);
+    assert!(said.contains("mend what the calibration named") && !said.contains("over"), "{said}");
+    drive.ok(&["clear"]);
+    drive.ok(&["settings", "set", "calibration_hz", "2"]);
+    drive.ok(&["calibrate"]);
+    let said = drive.ok(&["faults"]);
+    assert!(!said.contains("mend what") && said.contains("calibrated since") && said.contains("commission"), "{said}");
+    let told = drive.json(&["faults"]);
+    assert!(told["incidents"][0]["advice"].as_str().unwrap().contains("calibrated since"), "{told}");
+}

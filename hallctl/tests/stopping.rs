@@ -120,6 +120,26 @@ fn a_signal_ends_what_takes_a_while() {
     }
 }
 
+/// Where a signal ends all processes of a simulation, what is lost is no cable.
+#[test]
+fn a_signal_is_told_of_where_the_drive_is_lost_by_it() {
+    for (signal, said) in [(Some(Signal::TERM), true), (None, false)] {
+        let mut drive = calibrated(&[]);
+        drive.ok(&["arm"]);
+        let tool = drive.begin(&["speed", "50"]);
+        (0..3).for_each(|_| _ = drive.log_until("Speed(50.0)"));
+        let id = Pid::from_child(&tool);
+        kill_process(id, Signal::STOP).unwrap();
+        kill_process(Pid::from_raw(drive.id() as i32).unwrap(), Signal::KILL).unwrap();
+        signal.into_iter().for_each(|signal| kill_process(id, signal).unwrap());
+        kill_process(id, Signal::CONT).unwrap();
+        let output = tool.wait_with_output().unwrap();
+        let told = String::from_utf8(output.stderr).unwrap();
+        assert!(output.status.code() == Some(3) && told.contains("is lost"), "{told}");
+        assert_eq!(told.contains("a signal was to end this"), said, "{told}");
+    }
+}
+
 #[test]
 fn the_motor_of_a_tool_that_is_killed_is_switched_off() {
     let mut drive = calibrated(&[]);

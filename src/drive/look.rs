@@ -11,15 +11,18 @@ impl Drive {
     #[inline(always)]
     pub(crate) fn look_at(&self, channel: Channel, sample: &Sample, output: &Output) -> i32 {
         let [a, b, c] = output.compare;
-        let duty = |compare: u16| if output.legs == Legs::NONE { 0 } else { i32::from(compare) };
+        let is_off = output.legs == Legs::NONE;
+        let duty = |compare: u16| if is_off { 0 } else { i32::from(compare) };
+        // What was asked for last stays there while the bridge is off.
+        let reference = |current: i32| if is_off { 0 } else { current };
         let [hall_1, hall_2, hall_3] = sample.halls;
         match channel {
             // One place, as the three are inlined.
             Channel::PhaseA | Channel::PhaseB | Channel::PhaseC => self.phase(channel as usize, sample),
             Channel::CurrentD => self.servo.current().d,
             Channel::CurrentQ => self.servo.current().q,
-            Channel::ReferenceD => self.servo.reference.current.d,
-            Channel::ReferenceQ => self.servo.reference.current.q,
+            Channel::ReferenceD => reference(self.servo.reference.current.d),
+            Channel::ReferenceQ => reference(self.servo.reference.current.q),
             Channel::VoltageD => self.voltages().0,
             Channel::VoltageQ => self.voltages().1,
             Channel::DutyA => duty(a),

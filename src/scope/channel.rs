@@ -18,9 +18,9 @@ pub enum Channel {
     CurrentD,
     /// Current along q.
     CurrentQ,
-    /// Reference of the current along d.
+    /// Reference of the current along d; 0 while the bridge is off.
     ReferenceD,
-    /// Reference of the current along q.
+    /// Reference of the current along q; 0 while the bridge is off.
     ReferenceQ,
     /// Voltage along d, field-oriented.
     VoltageD,

@@ -49,7 +49,7 @@ pub(super) struct Options {
     steps: u32,
     /// Into this file, .csv, .json or .html, - for CSV on the standard output; may be given more than once
     #[arg(long, short, value_name = "FILE", value_parser = out::table)]
-    out: Vec<PathBuf>,
+    pub(super) out: Vec<PathBuf>,
 }
 
 /// One of so many rows is before a step.
@@ -133,7 +133,7 @@ pub(super) fn chirp(client: &mut Client, options: &Options, out: Out) -> Result<
     let plan = plan(client, options, &model, out)?;
     let found = client.status()?;
     if found.commutation != Commutation::FieldOriented {
-        return Err(Error::Failed("there is no current along q: `hallctl commutation field-oriented` first".into()));
+        return Err(Error::Refused("there is no current along q: `hallctl commutation field-oriented` first".into()));
     }
     if found.mode != Mode::Running {
         client.arm()?;

@@ -35,7 +35,7 @@ pub(super) struct Options {
     seconds: Option<f64>,
     /// Into this file, .csv, .json or .html, - for CSV on the standard output; may be given more than once
     #[arg(long, short, value_name = "FILE", value_parser = out::table)]
-    out: Vec<PathBuf>,
+    pub(super) out: Vec<PathBuf>,
 }
 
 fn share(text: &str) -> std::result::Result<f64, String> {

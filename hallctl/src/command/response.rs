@@ -42,17 +42,22 @@ pub(super) struct Files {
     #[arg(long, default_value_t = 500.0, value_parser = super::rate, global = true)]
     hz: f32,
     /// Time, set-point and measured into this file, - for the standard output
-    #[arg(long, value_name = "FILE", global = true)]
+    #[arg(long, value_name = "FILE", value_parser = out::csv, global = true)]
     csv: Option<PathBuf>,
     /// A diagram into this file, - for the standard output
-    #[arg(long, value_name = "FILE.html", global = true)]
+    #[arg(long, value_name = "FILE.html", value_parser = out::page, global = true)]
     plot: Option<PathBuf>,
 }
 
 impl Files {
+    /// Where it is to be written.
+    pub(super) fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        self.csv.iter().chain(&self.plot)
+    }
+
     /// Tried before the work begins.
     fn probe(&self) -> Result<()> {
-        self.csv.iter().chain(&self.plot).try_for_each(|path| out::probe(path))
+        self.files().try_for_each(|path| out::probe(path))
     }
 }
 
@@ -64,7 +69,7 @@ pub(super) struct StepOptions {
     #[arg(long, value_parser = super::seconds, default_value = "0.5", global = true)]
     seconds: f64,
     #[command(flatten)]
-    files: Files,
+    pub(super) files: Files,
 }
 
 #[derive(Clone, Debug, clap::Args)]
@@ -78,7 +83,7 @@ pub(super) struct SineOptions {
     #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..), global = true)]
     periods: u32,
     #[command(flatten)]
-    files: Files,
+    pub(super) files: Files,
 }
 
 /// A frequency of a sine, Hz.
@@ -128,7 +133,7 @@ impl Wanted {
 
     /// Brings the motor to where it begins, which takes a heavy one longer than [`BEFORE_S`]: a motion that is not over
     /// would look like an answer.
-    fn reach(&self, session: &mut Session<'_>) -> Result<()> {
+    fn reach(&self, session: &mut Session<'_>, out: Out) -> Result<()> {
         if self.position || self.from == 0.0 {
             return Ok(());
         }
@@ -142,7 +147,8 @@ impl Wanted {
                 return Ok(());
             }
         }
-        Err(Error::Failed(format!("the motor does not come to {:.1} rad/s, from where it is to go on", self.from)))
+        let from = out.units.speed_to(self.from, 1);
+        Err(Error::Failed(format!("the motor does not come to {from}, from where it is to go on")))
     }
 
     /// Makes the step.
@@ -182,7 +188,7 @@ pub(super) fn step(client: &mut Client, options: &StepOptions, out: Out) -> Resu
     let limits = Limits::of(client)?;
     let (wanted, trace) = Session::run(client, options.files.hz, |session| {
         let wanted = Wanted::of(options.axis, session, out);
-        wanted.reach(session)?;
+        wanted.reach(session, out)?;
         wanted.step(session, options.seconds).map(|()| wanted)
     })?;
     let began_s = wanted.began_s(&trace);
@@ -190,7 +196,12 @@ pub(super) fn step(client: &mut Client, options: &StepOptions, out: Out) -> Resu
     let model = limits.profile(&wanted);
     let since: Vec<Point> =
         trace.iter().filter(|row| row.time_s >= began_s).map(|row| (row.time_s - began_s, row.measured)).collect();
-    let found = Step::of(&since, wanted.from, to);
+    let before: Vec<Point> = trace
+        .iter()
+        .filter(|row| (began_s - BEFORE_S..began_s).contains(&row.time_s))
+        .map(|row| (row.time_s - began_s, row.measured))
+        .collect();
+    let found = Step::of(&since, wanted.from, to).beyond_noise(wanted.size, &before);
     let ideal: Vec<Point> = since.iter().map(|&(time_s, _)| (time_s, model.at(time_s))).collect();
     let asked = Step::of(&ideal, wanted.from, to);
     tell(&found, &asked, &wanted, out)?;
@@ -220,7 +231,7 @@ fn tell(found: &Step, asked: &Step, wanted: &Wanted, out: Out) -> Result<()> {
     out.table(&[
         row("", "measured".into(), "as asked".into()),
         row("rise, 10 to 90 %", time(found.rise_s), time(asked.rise_s)),
-        row("overshoot", format!("{:.1} %", found.overshoot_pct), format!("{:.1} %", asked.overshoot_pct)),
+        row("overshoot beyond noise", format!("{:.1} %", found.overshoot_pct), format!("{:.1} %", asked.overshoot_pct)),
         row("settled within 5 %", time(found.settling_s), time(asked.settling_s)),
         row("error in the end", of_axis(found.error), String::new()),
         row("noise, RMS", of_axis(found.noise), String::new()),
@@ -261,7 +272,7 @@ pub(super) fn sine(client: &mut Client, options: &SineOptions, out: Out) -> Resu
     for &hz in &options.frequency {
         let (wanted, trace) = Session::run(client, options.files.hz, |session| {
             let wanted = Wanted::of(options.axis, session, out);
-            wanted.reach(session)?;
+            wanted.reach(session, out)?;
             let began_s = session.now_s();
             let seconds = (f64::from(options.periods) + SETTLE) / hz;
             let value = |now_s: f64| wanted.from + wanted.size * (TAU * hz * (now_s - began_s)).sin();

@@ -3,16 +3,16 @@
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
 use crate::out::{self, Out};
-use crate::{say, words};
-use anyhow::Context;
+use crate::{date, say, words};
 use clap::Subcommand;
 use hallservo::service::procedure;
 use hallservo::settings::{self, Control, Kind, Settings, about, find};
-use hallservo_protocol::{Answer, Ask, Setting};
+use hallservo_protocol::{Answer, Ask, Problem, Record, Setting};
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
+use std::time::SystemTime;
 
 #[derive(Debug, Subcommand)]
 pub(super) enum Command {
@@ -211,11 +211,16 @@ fn of_another(client: &mut Client, name: &str, error: Error) -> Error {
             Some(other) if other != name && client.setting(Ask::Get(other), |_| ()).is_ok() => {
                 Error::Refused(format!("{name} limits {other}: {why}\n  Set {other} first."))
             }
-            Some(named) if named.trim_end_matches(':') == name => Error::Refused(why),
-            _ => Error::Refused(format!("{name}: {why}")),
+            _ => Error::Refused(with_name(name, why)),
         },
         error => error,
     }
+}
+
+/// A reason, which names the setting once.
+fn with_name(name: &str, why: String) -> String {
+    let named = why.split_whitespace().next().is_some_and(|word| word.trim_end_matches(':') == name);
+    if named { why } else { format!("{name}: {why}") }
 }
 
 /// True where they are kept only when the bridge is off.
@@ -237,6 +242,7 @@ const END: &str = "# End of the settings.";
 fn export(client: &mut Client, path: &Path) -> Result<()> {
     let identity = client.identity();
     let mut text = format!("{BEGIN}{}, firmware {}\n", identity.board, identity.firmware);
+    text += &format!("# Exported {} from {}\n", date::utc(SystemTime::now()), client.port());
     each(client, |setting| {
         let value = words::value(setting, setting.value);
         let value = match setting.kind {
@@ -259,28 +265,105 @@ fn import(client: &mut Client, path: &Path, out: Out) -> Result<()> {
     if text.starts_with(BEGIN) && !text.lines().any(|line| line.trim_end() == END) {
         return Err(anyhow::anyhow!("{} has been cut: its line {END:?} is not there", path.display()).into());
     }
-    let table: toml::Table = text.parse().with_context(|| format!("in {}", path.display()))?;
+    let table = match text.parse::<toml::Table>() {
+        Ok(table) => table,
+        Err(error) => return Err(no_value(client, path, &text, &error)),
+    };
     // A file of which nothing is left must not look as if it had been taken over.
     if table.is_empty() {
         return Err(anyhow::anyhow!("there is no setting in {}", path.display()).into());
     }
-    let (mut wanted, mut before) = (Vec::<(&str, f32)>::new(), BTreeMap::new());
+    let (mut wanted, mut before, mut changes) = (Vec::<(&str, f32)>::new(), BTreeMap::new(), Vec::new());
     for (name, value) in &table {
         let text = match value {
             toml::Value::String(text) => text.clone(),
             value => value.to_string(),
         };
         wanted.push((name, number(client, name, &text)?));
-        let (value, fixed) = client.setting(Ask::Get(name), |setting| (setting.value, setting.fixed))?;
+        let to = wanted.last().map_or(f32::NAN, |(_, to)| *to);
+        let (value, fixed, change) = client.setting(Ask::Get(name), |setting| {
+            let change = MOTOR.contains(&setting.name) && setting.value != to;
+            (setting.value, setting.fixed, change.then(|| Change::of(setting, to)))
+        })?;
         if fixed {
             return Err(Error::Refused(format!("{name}: {}", settings::Error::Fixed)));
         }
         before.insert(name.as_str(), value);
+        changes.extend(change);
     }
+    let status = client.status()?;
+    let is_set_up = status.calibrated || status.stored[Record::Settings as usize] != Problem::Blank;
+    changes.retain(|_| is_set_up);
+    // Pole pairs first, on which all else depends.
+    changes.sort_by_key(|change: &Change| MOTOR.iter().position(|name| *name == change.name));
     let mut changed = Vec::new();
     set_in_turn(client, wanted, &mut changed).map_err(|error| put_back(client, error, &changed, &before))?;
     say!(out, "{} settings set; `hallctl settings save` keeps them", table.len())?;
-    out.value(&json!({ "set": table.len() }))
+    if !changes.is_empty() {
+        let had = if status.calibrated { "is calibrated" } else { "has settings of its own in the flash" };
+        let words: Vec<_> = changes.iter().map(|change| change.words.as_str()).collect();
+        say!(out, "The drive {had}, and the file is of another motor: {}", words.join(", "))?;
+    }
+    let motor = changes.iter().map(|Change { name, from, to, .. }| json!({ "name": name, "from": from, "to": to }));
+    out.value(&json!({ "set": table.len(), "motor": motor.collect::<Vec<_>>() }))
+}
+
+/// Settings of the motor itself.
+const MOTOR: [&str; 8] = [
+    "pole_pairs",
+    "resistance_ohm",
+    "inductance_h",
+    "saliency",
+    "flux_linkage_wb",
+    "inertia_kgm2",
+    "max_current_a",
+    "continuous_current_a",
+];
+
+/// One of them that a file changes.
+struct Change {
+    name: String,
+    from: f64,
+    to: f64,
+    words: String,
+}
+
+impl Change {
+    fn of(setting: &Setting<'_>, to: f32) -> Self {
+        let unit = if setting.unit.is_empty() { String::new() } else { format!(" {}", setting.unit) };
+        let [from_words, to_words] = [setting.value, to].map(|value| words::value(setting, value));
+        let words = format!("{} from {from_words} to {to_words}{unit}", setting.name);
+        // As many digits as a float has.
+        let [from, to] = [setting.value, to].map(|value| value.to_string().parse().unwrap_or(f64::NAN));
+        Self { name: setting.name.into(), from, to, words }
+    }
+}
+
+/// That a line is no TOML: with what its setting takes, where it names one. The parser takes any word for a number.
+fn no_value(client: &mut Client, path: &Path, text: &str, error: &toml::de::Error) -> Error {
+    let at = error.span().map_or(0, |span| span.start);
+    let before = text.get(..at).unwrap_or_default();
+    let (number, begin) = (before.matches('\n').count(), before.rfind('\n').map_or(0, |end| end + 1));
+    let line = text.get(begin..).and_then(|rest| rest.lines().next()).unwrap_or_default();
+    let place = format!("in {}, line {}", path.display(), number + 1);
+    if let Some((name, value)) = line.split_once('=') {
+        let (name, value) = (name.trim(), value.split('#').next().unwrap_or_default().trim());
+        match client.setting(Ask::Get(name), |setting| takes(setting.kind)) {
+            Ok(wanted) => return anyhow::anyhow!("{place}: {name} takes {wanted}, not {value}").into(),
+            Err(Error::Refused(why)) => return anyhow::anyhow!("{place}: {name}: {why}").into(),
+            Err(_) => {}
+        }
+    }
+    anyhow::anyhow!("{place}: {}", error.message()).into()
+}
+
+/// What a setting takes in a file.
+fn takes(kind: Kind<'_>) -> String {
+    match kind {
+        Kind::Switch => "true or false".into(),
+        Kind::Choice(names) => names.split('|').map(|name| format!("{name:?}")).collect::<Vec<_>>().join(" or "),
+        Kind::Real | Kind::Whole => "a number".into(),
+    }
 }
 
 /// Takes back what was changed, the last first: so the drive has had, and allowed, every step before.
@@ -320,7 +403,7 @@ fn set_in_turn<'a>(client: &mut Client, mut left: Vec<(&'a str, f32)>, changed: 
             match client.setting(Ask::Set { name, value }, |_| ()) {
                 Ok(()) => changed.push(name),
                 Err(Error::Refused(why)) => {
-                    refused = Some(Error::Refused(format!("{name}: {why}")));
+                    refused = Some(Error::Refused(with_name(name, why)));
                     rest.push((name, value));
                 }
                 Err(error) => return Err(error),

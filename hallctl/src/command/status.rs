@@ -1,11 +1,13 @@
 //! `hallctl status`.
 
+use super::motion::AT_REST_RAD_S;
 use crate::client::Client;
 use crate::error::Result;
 use crate::out::Out;
 use crate::values::{self, has_no_angle, is_controlled, position_lost_s};
 use crate::{say, words};
 use hallservo::mode::Mode;
+use hallservo_app::storage::SAVE_INTERVAL_S;
 use hallservo_protocol::{Activity, Status};
 
 pub(super) fn show(client: &mut Client, out: Out) -> Result<()> {
@@ -47,10 +49,7 @@ pub(super) fn show(client: &mut Client, out: Out) -> Result<()> {
         )?;
     }
     if status.unsaved {
-        line(
-            "",
-            "it does not hold all yet: settings wait for `hallctl settings save`, what was learnt for the bridge to be off",
-        )?;
+        line("", &format!("it does not hold all yet: {}", waits(&status)))?;
     }
     let lost = format!(
         "{} samples, {} frames to the tools, {} from them",
@@ -71,6 +70,19 @@ fn position(status: &Status, lost_s: Option<f64>, out: Out) -> String {
             format!("{} (turns before the fault at {at_s:.1} s are lost)", out.units.position(status.position_turns))
         }
     }
+}
+
+/// What the flash does not hold yet, and for what that waits. A calibration is saved as soon as the rotor rests, the bridge
+/// off; what was learnt beyond it not more often than each few minutes.
+fn waits(status: &Status) -> String {
+    let mut waits = vec!["settings wait for `hallctl settings save`".to_owned()];
+    let rests = !status.mode.drives() && status.speed_rad_s.abs() < AT_REST_RAD_S;
+    if !rests {
+        waits.push("what was learnt, for the bridge to be off and the rotor to rest".into());
+    } else if status.learnt > 0 {
+        waits.push(format!("what was learnt, for its turn each {} minutes", SAVE_INTERVAL_S / 60));
+    }
+    waits.join(", or ")
 }
 
 fn uptime(milliseconds: u64) -> String {

@@ -26,17 +26,32 @@ pub(super) struct Options {
     #[arg(long, value_name = "CONDITION")]
     trigger: Option<Trigger>,
     /// Seconds before the trigger that are kept
-    #[arg(long, value_parser = super::seconds, default_value = "0.1", requires = "trigger")]
+    #[arg(long, value_parser = before, default_value = "0.1", requires = "trigger")]
     before: f64,
     /// Show the codes of the Halls instead of speed and currents
     #[arg(long)]
     halls: bool,
     /// Into this file, - for the standard output
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", value_parser = out::csv)]
     csv: Option<PathBuf>,
     /// As diagrams into this file, - for the standard output
-    #[arg(long, value_name = "FILE.html")]
+    #[arg(long, value_name = "FILE.html", value_parser = out::page)]
     plot: Option<PathBuf>,
+}
+
+impl Options {
+    /// Where it is to be written.
+    pub(super) fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        self.csv.iter().chain(&self.plot)
+    }
+}
+
+/// A time before the trigger, in seconds; of a recording, too, it may be none.
+fn before(text: &str) -> std::result::Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if (0.0..=1e9).contains(&seconds) => Ok(seconds),
+        _ => Err("a number of seconds from 0 on is wanted".into()),
+    }
 }
 
 const COLUMNS: [&str; 19] = [
@@ -110,7 +125,7 @@ struct Sinks {
 impl Sinks {
     fn open(options: &Options, out: Out) -> Result<Self> {
         // Tried before the work begins.
-        options.plot.iter().chain(&options.csv).try_for_each(|path| out::probe(path))?;
+        options.files().try_for_each(|path| out::probe(path))?;
         let csv = options.csv.as_ref().filter(|path| is_stream(path)).map(|path| table(path)).transpose()?;
         let quiet = options.csv.is_some() || options.plot.is_some();
         Ok(Self {

@@ -15,6 +15,7 @@ use crate::error::{Error, Result};
 use crate::out::Out;
 use crate::say;
 use crate::units::{self, Quantity};
+use crate::words::short;
 use hallservo::commutation::Commutation;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Ask, Learning};
@@ -117,14 +118,18 @@ pub(super) fn tune(client: &mut Client, options: &Options, out: Out) -> Result<b
     // What follows a smaller one is noise, of which any bandwidth could be made.
     let least = LEAST_STEP * fastest;
     if !(least..=fastest).contains(&step.abs()) {
-        let [step, least, fastest] = [step, least, fastest].map(|rad_s| crate::words::short(rad_s as f32));
+        let unit = out.units.speed;
+        let [step, least, fastest] = [step, least, fastest].map(|rad_s| short((rad_s / unit.rad_s()) as f32));
+        let unit = unit.name();
         return Err(Error::Refused(format!(
-            "--step: {step} rad/s tells nothing of this motor: it must be {least} to {fastest} rad/s, by max_speed_rad_s"
+            "--step: {step} {unit} tells nothing of this motor: it must be {least} to {fastest} {unit}, by max_speed_rad_s"
         )));
     }
     let wanted = Wanted::speed(of(options.from, step / 4.0), step);
     let (from, to) = wanted.ends();
-    say!(out, "The motor steps between {from:.1} and {to:.1} rad/s, and by {} turns.", trial::TURNS)?;
+    let (from, to) = (from / out.units.speed.rad_s(), out.units.speed_to(to, 1));
+    let (turns, unit) = (trial::TURNS / out.units.position.turns(), out.units.position.name());
+    say!(out, "The motor steps between {from:.1} and {to}, and by {} {unit}.", short(turns as f32))?;
     let judge = Judge { max_current_a, size_rad_s: step.abs() };
     let proposed = |outcome: &Outcome| outcome.proposed.map(|trial| trial.bandwidths());
     let kept = |outcome: &Outcome| proposed(outcome).filter(|_| options.keep);

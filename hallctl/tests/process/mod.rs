@@ -3,6 +3,7 @@
 use std::io::{BufRead, BufReader, Write};
 use std::path::Path;
 use std::process::{Child, ChildStdin, Command, Output, Stdio};
+use std::sync::Mutex;
 use std::sync::mpsc::{Receiver, channel};
 use std::time::Duration;
 
@@ -13,13 +14,18 @@ pub const PATIENCE: (&str, &str) = ("HALLCTL_PATIENCE", "60");
 /// Nothing that comes at all takes so long.
 const LONGEST: Duration = Duration::from_secs(300);
 
+/// So often, 10 ms apart, a drive whose line is closed is looked at until it has ended.
+const FATE: u32 = 100;
+
 /// A simulated drive in a process of its own; dropped, its power is cut.
 pub struct Drive {
-    process: Child,
+    process: Mutex<Child>,
     keyboard: ChildStdin,
     /// Lines that it prints; read all the while, or it would wait.
     screen: Receiver<String>,
     pub port: String,
+    /// What it says of itself before that.
+    pub about: String,
     log: Vec<Entry>,
 }
 
@@ -33,8 +39,9 @@ pub struct Entry {
 
 impl Drop for Drive {
     fn drop(&mut self) {
-        let _ = self.process.kill();
-        let _ = self.process.wait();
+        let process = self.process.get_mut().unwrap();
+        let _ = process.kill();
+        let _ = process.wait();
     }
 }
 
@@ -51,9 +58,15 @@ impl Drive {
         let lines = BufReader::new(process.stdout.take().unwrap()).lines().map_while(Result::ok);
         let (printed, screen) = channel();
         std::thread::spawn(move || lines.take_while(|line| printed.send(format!("{line}\n")).is_ok()).for_each(drop));
-        let line = screen.recv().unwrap();
-        let port = line.trim().strip_prefix("The simulated drive is at ").unwrap_or_else(|| panic!("{line}")).into();
-        Self { process, keyboard, screen, port, log: Vec::new() }
+        let mut about = String::new();
+        let port = loop {
+            let line = screen.recv().unwrap();
+            match line.trim().strip_prefix("The simulated drive is at ") {
+                Some(port) => break port.to_owned(),
+                None => about += &line,
+            }
+        };
+        Self { process: Mutex::new(process), keyboard, screen, port, about, log: Vec::new() }
     }
 
     pub fn with_flash(flash: &Path, options: &[&str]) -> Self {
@@ -62,7 +75,19 @@ impl Drive {
 
     /// Of its process.
     pub fn id(&self) -> u32 {
-        self.process.id()
+        self.process.lock().unwrap().id()
+    }
+
+    /// Whether its process goes on, or how it has ended: a tool that has lost it cannot tell a panic of the drive, which
+    /// has the code 101, from somebody who kills it, or from the end of the process that shares the port.
+    pub fn fate(&self) -> String {
+        for _ in 0..FATE {
+            if let Some(status) = self.process.lock().unwrap().try_wait().unwrap() {
+                return format!("the simulated drive has ended: {status}");
+            }
+            std::thread::sleep(Duration::from_millis(10));
+        }
+        "the simulated drive goes on: what shares its port has ended".into()
     }
 
     pub fn call(&self, arguments: &[&str]) -> Output {

@@ -43,7 +43,8 @@ pub(super) fn once_more(error: &Error, settings: &Settings, out: Out) -> Result<
     let (rad_s2, hz) = settings
         .control
         .map_or((f32::NAN, f32::NAN), |control| (control.max_acceleration_rad_s2, control.speed_bandwidth_hz));
-    say!(out, "  {why}. A load may swing on its shaft: once more, more gently, {rad_s2:.0} rad/s² and {hz:.1} Hz.")
+    let gently = out.units.acceleration(rad_s2.into());
+    say!(out, "  {why}. A load may swing on its shaft: once more, more gently, {gently} and {hz:.1} Hz.")
 }
 
 /// What a step has found, and what is to be changed by hand.
@@ -156,7 +157,9 @@ pub(super) fn summary(settings: &Settings, told_pole_pairs: bool, out: Out) -> R
         say!(out, "  saliency     {saliency:>10.2}  inductance across the magnets' field over the one along it")?;
     }
     say!(out, "  flux linkage {mwb:>10} mWb    inertia    {g_cm2:>10} g·cm²")?;
-    say!(out, "  speed up to  {max_speed_rad_s:10.0} rad/s  reached with {max_acceleration_rad_s2:.0} rad/s²")?;
+    let (speed, unit) = (f64::from(max_speed_rad_s) / out.units.speed.rad_s(), out.units.speed.name());
+    let acceleration = out.units.acceleration(max_acceleration_rad_s2.into());
+    say!(out, "  speed up to  {speed:10.0} {unit}  reached with {acceleration}")?;
     say!(out, "  a stop after a time-out may take {stop_s:.1} s (stop_s)")?;
     say!(out, "  current control {current_bandwidth_hz:.0} Hz, speed control {speed_bandwidth_hz:.1} Hz")?;
     if !told_pole_pairs {

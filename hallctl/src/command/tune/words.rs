@@ -5,11 +5,12 @@ use super::{Bandwidths, Outcome};
 use crate::error::Result;
 use crate::out::Out;
 use crate::say;
+use crate::units::Units;
 use serde_json::json;
 
 /// All of it; `kept` is what was set in the end, if it was.
 pub(super) fn show(outcome: &Outcome, before: Bandwidths, kept: bool, out: Out) -> Result<()> {
-    out.table(&table(outcome, before))?;
+    out.table(&table(outcome, before, out.units))?;
     why(outcome, out)?;
     outcome.found.tell(out)?;
     decided(outcome, before, kept, out)?;
@@ -27,7 +28,7 @@ pub(super) fn show(outcome: &Outcome, before: Bandwidths, kept: bool, out: Out) 
     }))
 }
 
-fn table(outcome: &Outcome, before: Bandwidths) -> Vec<Vec<String>> {
+fn table(outcome: &Outcome, before: Bandwidths, units: Units) -> Vec<Vec<String>> {
     let time = |time: Option<f64>| time.map_or_else(|| "never".into(), |time| format!("{:.1} ms", 1e3 * time));
     let head =
         ["bandwidth", "overshoot", "settled", "speed noise", "at rest", "current noise", ""].map(String::from).to_vec();
@@ -46,9 +47,9 @@ fn table(outcome: &Outcome, before: Bandwidths) -> Vec<Vec<String>> {
             format!("{bandwidth_hz:.1} Hz"),
             if trial.switched_off { "-".into() } else { format!("{:.1} %", step.overshoot_pct) },
             if trial.switched_off { "-".into() } else { time(step.settling_s) },
-            known(turning.speed_rad_s, 3, "rad/s"),
-            known(standing.speed_rad_s, 3, "rad/s"),
-            known(current_a, 4, "A"),
+            known(turning.speed_rad_s, |rad_s| units.speed_to(rad_s, 3)),
+            known(standing.speed_rad_s, |rad_s| units.speed_to(rad_s, 3)),
+            known(current_a, |current_a| format!("{current_a:.4} A")),
             mark.into(),
         ]
     });
@@ -56,8 +57,8 @@ fn table(outcome: &Outcome, before: Bandwidths) -> Vec<Vec<String>> {
 }
 
 /// A number, if it is one.
-fn known(value: f64, digits: usize, unit: &str) -> String {
-    if value.is_nan() { "-".into() } else { format!("{value:.digits$} {unit}") }
+fn known(value: f64, words: impl Fn(f64) -> String) -> String {
+    if value.is_nan() { "-".into() } else { words(value) }
 }
 
 /// Why none is faster.

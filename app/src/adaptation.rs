@@ -102,6 +102,7 @@ impl SensorAdaptation {
         match (self.ended, &self.watch) {
             (Some(fault), _) => protocol::Learning::Ended(fault),
             (_, Watch::Three(adaptation)) if adaptation.adapter().doubts() => protocol::Learning::Uneven,
+            (_, Watch::Three(adaptation)) if adaptation.adapter().is_too_fast() => protocol::Learning::TooFast,
             (_, Watch::Three(_)) => protocol::Learning::On,
             _ => protocol::Learning::Off,
         }

@@ -14,7 +14,9 @@ use hallservo_protocol::{self as protocol, Cause};
 
 /// Spectral density of unmeasured torque (cogging, loads), as the electrical acceleration that it causes, rad/s²/√Hz.
 const UNMEASURED_TORQUE: f32 = 16.0;
-/// Viscous damping over inertia, 1/s.
+/// Damping over inertia of a motor at a voltage, 1/s: by its back-EMF. Where the current is measured its torque has that in
+/// it, and friction is a load that is learnt: counted twice, it would have the filter take a fast rotor for slower than it
+/// is, and its magnets for uneven.
 const DAMPING: f32 = 16.0;
 
 /// Slowest speed at which the sensors of a rotor that is known to be uneven are learnt, Hz electrical. The unmeasured torque
@@ -100,6 +102,7 @@ impl SensorAdaptation {
         match (self.ended, &self.watch) {
             (Some(fault), _) => protocol::Learning::Ended(fault),
             (_, Watch::Three(adaptation)) if adaptation.adapter().doubts() => protocol::Learning::Uneven,
+            (_, Watch::Three(adaptation)) if adaptation.adapter().is_too_fast() => protocol::Learning::TooFast,
             (_, Watch::Three(_)) => protocol::Learning::On,
             _ => protocol::Learning::Off,
         }
@@ -108,7 +111,8 @@ impl SensorAdaptation {
 
 fn config(settings: &Settings, noise_codes: [f32; 3], uneven: bool, every: u32) -> Option<adapt::Config> {
     let default = adapt::Settings::default();
-    let inertia_kgm2 = settings.control.map_or(default.inertia_kgm2, |control| control.inertia_kgm2);
+    let (inertia_kgm2, damping) =
+        settings.control.map_or((default.inertia_kgm2, DAMPING), |control| (control.inertia_kgm2, 0.0));
     adapt::Settings {
         slowest_hz: if uneven { SLOWEST_UNEVEN_HZ } else { default.slowest_hz },
         adc_bits: settings.adc_bits,
@@ -116,7 +120,7 @@ fn config(settings: &Settings, noise_codes: [f32; 3], uneven: bool, every: u32) 
         noise_codes,
         pole_pairs: settings.pole_pairs,
         inertia_kgm2,
-        damping_nms: DAMPING * inertia_kgm2,
+        damping_nms: damping * inertia_kgm2,
         torque_noise_nm_rthz: UNMEASURED_TORQUE * inertia_kgm2 / f32::from(settings.pole_pairs),
         ..default
     }

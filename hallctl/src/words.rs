@@ -111,6 +111,7 @@ pub fn learning(learning: Learning) -> String {
         Learning::On => "on".into(),
         Learning::Ended(why) => format!("ended: {why}"),
         Learning::Uneven => "paused, the magnets look uneven: the calibration is used, and it is tried again".into(),
+        Learning::TooFast => "paused, the motor turns too fast to learn: what was learnt is used".into(),
     }
 }
 

@@ -75,6 +75,8 @@ pub enum Learning {
     Ended(adapt::Fault),
     /// The rotor leaves more unexplained than its sensors can be learnt from: the calibration is used until that ends.
     Uneven,
+    /// It follows, and the rotor turns too fast to learn.
+    TooFast,
 }
 
 /// How the drive is.

@@ -48,7 +48,7 @@ fn message(frame: &[u8]) -> Vec<u8> {
 
 #[test]
 fn the_version_is_this_one() {
-    assert_eq!(VERSION, 11);
+    assert_eq!(VERSION, 12);
 }
 
 #[test]
@@ -306,8 +306,13 @@ fn motors_and_cogging() {
 #[test]
 fn learning() {
     let lost = adapt::Fault::Lost(Channel(1));
-    let all =
-        [(Learning::Off, "00"), (Learning::On, "01"), (Learning::Ended(lost), "020101"), (Learning::Uneven, "03")];
+    let all = [
+        (Learning::Off, "00"),
+        (Learning::On, "01"),
+        (Learning::Ended(lost), "020101"),
+        (Learning::Uneven, "03"),
+        (Learning::TooFast, "04"),
+    ];
     for (learning, bytes) in all {
         assert_eq!(hex(&learning), bytes, "{learning:?}");
     }

@@ -236,7 +236,9 @@ impl Adapter {
         let long = observation.elapsed > LONGEST_GAP / 4;
         let lost = observation.elapsed > 1 && (long || !self.is_near(observation.elapsed));
         if self.phase != Phase::Tracking || lost {
-            self.load = if lost { 0.0 } else { self.load };
+            // No other load comes in a few samples. A fast rotor, whose angle has to be acquired anew after each that
+            // is missing, would never be taken for as fast as it is.
+            self.load = if long { 0.0 } else { self.load };
             return self.acquire(observation, unusable);
         }
         self.predict(observation);
@@ -330,7 +332,14 @@ impl Adapter {
     fn turns_well(&self) -> bool {
         let speed = self.state.speed.abs();
         let certain = speed * speed > CERTAIN_SPEED * self.covariance.get(SPEED, SPEED);
-        speed >= self.config.slowest && speed <= FASTEST_SPEED && certain
+        speed >= self.config.slowest && !self.is_too_fast() && certain
+    }
+
+    /// Whether the rotor turns too fast for its sensors to be learnt, or its magnets to be judged: above a fifth of a turn
+    /// from sample to sample. Angle and speed are followed.
+    #[inline]
+    pub fn is_too_fast(&self) -> bool {
+        self.state.speed.abs() > FASTEST_SPEED
     }
 
     /// Whether the rotor leaves more unexplained than parameters can be learnt from: its magnets are uneven. Then

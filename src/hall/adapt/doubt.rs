@@ -58,7 +58,9 @@ impl Adapter {
     /// many that did not, back to the calibration: it counts the turn, so it is asked once for each.
     #[inline(never)]
     pub(super) fn is_even(&mut self) -> bool {
-        if self.doubt.exists || !self.calibrated || self.fault.is_some() {
+        // Where nothing is learnt for the speed, nothing new is known: what a turn before left unexplained, as while it was
+        // accelerated, counts once.
+        if self.doubt.exists || !self.calibrated || self.fault.is_some() || self.is_too_fast() {
             return true;
         }
         let [a, b, c] = self.sensors.each_ref().map(|sensor| sensor.unexplained);

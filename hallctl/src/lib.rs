@@ -6,7 +6,6 @@
 
 pub mod client;
 pub mod command;
-pub mod date;
 pub mod error;
 pub mod frequency;
 pub mod hub;

@@ -101,9 +101,7 @@ impl Step {
             noise,
         }
     }
-}
 
-impl Step {
     /// The same with an overshoot only as far as it is beyond the noise: that of after the step, and what there was of it
     /// at rest before, which of a small step is a large share.
     pub fn beyond_noise(self, size: f64, before: &[Point]) -> Self {

@@ -3,7 +3,7 @@
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
 use crate::out::{self, Out};
-use crate::{date, say, words};
+use crate::{say, words};
 use clap::Subcommand;
 use hallservo::service::procedure;
 use hallservo::settings::{self, Control, Kind, Settings, about, find};
@@ -242,7 +242,8 @@ const END: &str = "# End of the settings.";
 fn export(client: &mut Client, path: &Path) -> Result<()> {
     let identity = client.identity();
     let mut text = format!("{BEGIN}{}, firmware {}\n", identity.board, identity.firmware);
-    text += &format!("# Exported {} from {}\n", date::utc(SystemTime::now()), client.port());
+    let now = humantime::format_rfc3339_seconds(SystemTime::now());
+    text += &format!("# Exported {now} from {}\n", client.port());
     each(client, |setting| {
         let value = words::value(setting, setting.value);
         let value = match setting.kind {

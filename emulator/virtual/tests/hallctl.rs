@@ -235,19 +235,21 @@ fn records(name: &str, board: &Virtual) {
     assert!((1000.0..3000.0).contains(&mean(3)), "{} codes", mean(3));
 }
 
-/// What is told of the current's loop is what the settings ask for, however long the board takes from request to request
-/// while the step's torque speeds the rotor up. In the noise of the ESC1's amplifiers eight steps may tell nothing; on
-/// another board one of twelve times does: on the Nucleo-G431RB half of them tell nothing, and which ones depends on when
-/// the requests come.
+/// What is told of the current's loop is what the settings ask for. Each time may tell nothing, in the noise of the amplifiers
+/// or because this machine was busy: each request is worth 50 ms of the board's time, in which the step's torque speeds the
+/// rotor up, until the voltage is at its limit.
 fn measures_its_loop(name: &str, board: &Virtual) {
-    let times = if name == "b-g431b-esc1" { 1 } else { 12 };
-    let told = (0..times).any(|_| measured(name, board) > 0);
-    assert!(told || times == 1, "{name} tells nothing");
+    assert!((0..12).any(|_| measured(name, board) > 0), "{name} tells nothing");
 }
 
 /// How many figures are told; all have to be right.
 fn measured(name: &str, board: &Virtual) -> u32 {
-    let said = board.ok(&["--json", "chirp", "current", "--steps", "8"]);
+    let output = board.call(&["--json", "chirp", "current", "--steps", "8"]);
+    let [said, error] = [output.stdout, output.stderr].map(|bytes| String::from_utf8(bytes).expect("text"));
+    if !output.status.success() {
+        assert!(error.contains("the current does not follow"), "{error}");
+        return 0;
+    }
     let found: serde_json::Value = serde_json::from_str(said.trim()).expect("JSON");
     println!("{name}: {} {}", found["measured"], found["model"]);
     let mut told = 0;

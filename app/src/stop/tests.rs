@@ -1,5 +1,5 @@
 use super::*;
-use hallservo_protocol::{FRAME, encode};
+use hallservo_protocol::{Ask, FRAME, Request, encode};
 
 fn frame(id: u16, ask: Ask<'_>) -> ([u8; FRAME], usize) {
     let mut frame = [0; FRAME];
@@ -29,7 +29,7 @@ fn a_request_to_disarm_of_any_number_holds_until_it_is_dealt_with() {
     let (mut listener, stop, mut bytes) = (Listener::new(), Stop::new(), 0);
     for id in [0, 1, 127, 128, 300, 0x7fff, 0xffff] {
         bytes += hear(&mut listener, &stop, id, Ask::Arm);
-        bytes += hear(&mut listener, &stop, id, Ask::Get(b"command_timeout_s"));
+        bytes += hear(&mut listener, &stop, id, Ask::Get("command_timeout_s"));
         assert!(!stop.holds());
         let before = bytes;
         bytes += hear(&mut listener, &stop, id, Ask::Disarm);

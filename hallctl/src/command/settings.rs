@@ -303,7 +303,7 @@ fn import(client: &mut Client, path: &Path, out: Out) -> Result<()> {
     if !changes.is_empty() {
         let had = if status.calibrated { "is calibrated" } else { "has settings of its own in the flash" };
         let words: Vec<_> = changes.iter().map(|change| change.words.as_str()).collect();
-        say!(out, "The drive {had}, and the file is of another motor: {}", words.join(", "))?;
+        say!(out, "The drive {had}, and the file changes what is known of its motor: {}", words.join(", "))?;
     }
     let motor = changes.iter().map(|Change { name, from, to, .. }| json!({ "name": name, "from": from, "to": to }));
     out.value(&json!({ "set": table.len(), "motor": motor.collect::<Vec<_>>() }))

@@ -64,8 +64,8 @@ const LONGEST_S: f64 = 3.0;
 const AT_REST_RAD_S: f32 = 5.0;
 /// Where the standard error of a response is a larger share of it, no figures are read from it.
 const DOUBT: f64 = 0.1;
-/// The same where frequencies beside it tell as much.
-const DOUBT_OF_ONE: f64 = 0.3;
+/// The same of a response that is smoothed over its neighbours afterwards, which takes most of its noise away.
+const DOUBT_UNSMOOTHED: f64 = 0.3;
 /// Into so many parts the steps are divided, at most, for the standard error of what is found.
 const PARTS: usize = 16;
 /// A current that is further from its reference in the end, as a share of it, has not followed.
@@ -330,7 +330,7 @@ fn responses(which: Loop, records: &[&Recording], plan: &Plan, model: &Model) ->
         let found: Vec<_> = frequencies.iter().map(|&hz| measured(hz)).collect();
         match which {
             // A winding has no resonance that neighbours could hide.
-            Loop::Current => Bode::of(&frequencies, &found, &smoothed(&frequencies, &found), DOUBT_OF_ONE, model),
+            Loop::Current => Bode::of(&frequencies, &found, &smoothed(&frequencies, &found), DOUBT_UNSMOOTHED, model),
             Loop::Speed => {
                 let curve: Vec<_> = found.iter().map(|found| found.value).collect();
                 Bode::of(&frequencies, &found, &curve, DOUBT, model)

@@ -9,6 +9,8 @@ use crate::hall::track::Tracker;
 
 impl Servo {
     /// Takes up a demand. After one of another kind, the loops start from the present position, speed and current.
+    // A period with a set-point is the longest of a drive that turns: saving registers once less is 20 cycles of it, where there
+    // is memory for a second copy.
     #[cfg_attr(not(feature = "small"), inline(always))]
     pub fn follow(&mut self, config: &Config, demand: Demand, rotor: &Tracker) {
         if !self.continues(demand) {

@@ -33,6 +33,7 @@ mod servo;
 mod slow;
 mod soak;
 mod spin;
+mod standstill;
 mod storage;
 mod supervision;
 mod supply;

@@ -1,38 +1,21 @@
 //! Motors whose inductances along and across the magnets' field differ: what is measured of them, and what is made of it.
 
 use crate::commissioned::judge;
+use crate::standstill::measured;
 use crate::supply::{self, Case, speed};
 use crate::weakening::length;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::mode::Mode;
-use hallservo::service::commission::Commission;
 use hallservo::service::identification::Plan;
-use hallservo::service::procedure::{Serve, State};
-use hallservo::service::standstill::{Electrical, Standstill};
 use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{Iron, PlantParameters, Unevenness};
 use rayon::prelude::*;
-use rig::Rig;
-use rig::motors::{MOTORS, Motor};
+use rig::motors::MOTORS;
 
 /// Lq/Ld of the physics.
 fn saliency(iron: &Iron) -> f64 {
     (1.0 + iron.salience) / (1.0 - iron.salience)
-}
-
-fn measured(case: &Motor, plant: &PlantParameters, seed: u64) -> Result<Electrical, String> {
-    let settings = *Commission::new(case.settings(), Some(case.limit_a)).unwrap().settings();
-    let mut rig = Rig::new(plant, &settings, seed).unwrap();
-    let mut standstill = Standstill::new(&rig.config).unwrap();
-    for ms in 0..60_000 {
-        match standstill.serve(&mut rig.service, ms) {
-            State::Running => rig.wait(1e-3),
-            State::Done => return Ok(*standstill.report().unwrap()),
-            State::Failed(error) => return Err(format!("{error:?}")),
-        }
-    }
-    Err("endless".into())
 }
 
 /// Every motor of the list, with magnets on its rotor and inside it, iron that saturates by a third at the limit, uneven

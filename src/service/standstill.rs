@@ -77,7 +77,9 @@ const ROOT_3: f32 = 1.732_050_8;
 /// is: at a motor of a small current it is noise. Beyond the last, it is a rotor that swings.
 const STEADY_SWING: f32 = 0.02;
 const LONGEST_WAVE: u8 = 16;
-const SWINGS: f32 = 0.08;
+const SWINGS: f32 = 0.03;
+/// Spread of a steady level's voltage, as a share of it, of which no longer a mean is taken.
+const STEADY_MEAN: f32 = 0.01;
 /// Current that shows that there is a winding, as a share of the full one.
 const ANSWERS: f32 = 0.04;
 /// Phases whose resistances differ by more are not alike.
@@ -237,16 +239,24 @@ impl Evaluation {
             let ripple = (self.probe.ripple as f32 * wanted.min(8.0)) as i32;
             return self.go_on(self.level, self.probe.current, ripple.max(self.probe.ripple + 1));
         }
-        if self.averaged == averaged {
+        if self.averaged >= averaged {
             let [spread_v, spread_a] = [self.range_v, self.range_a].map(|[least, most]| 0.5 * (most - least));
-            // A rotor that still swings about the field is waited for.
+            let waved = self.probe.ripple > 0;
+            // A rotor that swings about the field induces a voltage whose mean is zero in the long run, for the flux that it
+            // moves through the phase is limited; the swing of a wave is waited for.
             let unsteady = spread_a / (self.of_full.current_a * SWING);
-            let longest = if unsteady > SWINGS { LONGEST } else { LONGEST_WAVE };
-            if unsteady > STEADY_SWING && self.windows < longest {
+            let longest = if waved && unsteady <= SWINGS { LONGEST_WAVE } else { LONGEST };
+            let is_steady = if waved { unsteady <= STEADY_SWING } else { spread_v <= STEADY_MEAN * voltage_v.abs() };
+            if is_steady || self.windows >= longest {
+                // Of a mean of many, the swing that is not over is a small part.
+                let share = f32::from(averaged) / f32::from(self.averaged);
+                let Mean { current_a, voltage_v, swing_a, .. } = self.sum;
+                let [current_a, voltage_v, swing_a] = [current_a, voltage_v, swing_a].map(|sum| share * sum);
+                let spread_v = spread_v * (2.0 * share).min(1.0);
+                self.complete(Mean { current_a, voltage_v, swing_a, spread_v, spread_a });
+            } else if waved {
                 (self.averaged, self.sum) = (0, Mean::default());
-                return;
             }
-            self.complete(Mean { spread_v, spread_a, ..self.sum });
         }
     }
 

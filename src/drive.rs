@@ -69,7 +69,7 @@ pub use schedule::{CYCLE, OUTER};
 use servo::Servo;
 pub use servo::{Demand, State};
 use standstill::Standstill;
-pub(crate) use supervision::PARTS;
+pub(crate) use supervision::{PARTS, SETTLING};
 use third_current::ThirdCurrent;
 use voltage::Voltage;
 

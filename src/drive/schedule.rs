@@ -99,9 +99,10 @@ impl Drive {
             6 | 14 | 22 | 30 | 38 | 46 | 54 | 62 => self.reference_slot(sample),
             // Every 32 steps.
             RECORD | 39 => self.record_slot(sample),
-            5 | 37 => {
-                self.rare_slot(sample, |_, paths, with| paths.field_oriented.take_up_bus(with.config, with.sample))
-            }
+            5 | 37 => self.rare_slot(sample, |servo, paths, with| {
+                servo.note_current();
+                paths.field_oriented.take_up_bus(with.config, with.sample);
+            }),
             // Slots 13 and 45 are late after a change of the current reference, so the currents that they note have
             // settled.
             13 | 45 => self.rare_slot(sample, Self::measurement_slot),

@@ -431,6 +431,12 @@ impl Servo {
         None
     }
 
+    /// Notes the current before the reference changes that is in effect at the next measurement, for [`Self::supervise`].
+    #[inline(always)]
+    pub const fn note_current(&mut self) {
+        self.supervision.before = self.current;
+    }
+
     /// A part of the protection against heat, or what is told of the limits.
     #[inline(always)]
     pub fn heat(&mut self, part: u32, field: &FieldOriented, with: &Context) -> Option<Fault> {

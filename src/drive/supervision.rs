@@ -11,6 +11,7 @@
 
 use crate::commutation::frames::Dq;
 use crate::control::config::{Model, Motion};
+use crate::control::current::PARK_BITS;
 use crate::fault::Fault;
 use crate::hall::track::Tracker;
 use crate::math::high;
@@ -19,6 +20,8 @@ use crate::telemetry::State;
 
 /// Parts of the supervision.
 pub(crate) const PARTS: u8 = 8;
+/// Steps from a change of the current's reference to a measurement, in which the current follows.
+pub(crate) const SETTLING: u32 = 6;
 /// Checks that show the back-EMF of a right commutation.
 const PROOF: u8 = 4;
 /// Current below which it tells nothing of the torque, in 2⁻¹⁵ of the full scale.
@@ -51,10 +54,13 @@ pub(super) struct Supervision {
     /// Since the rotor turned back: the speed at first, and the work of the currents that drove it.
     first_speed: i32,
     work: i32,
-    /// What the check of the model has noted, part by part: voltage, current, and the current at the check before.
+    /// The current before the last change of its reference before a measurement, in 2⁻²⁸ of the full scale.
+    pub before: Dq,
+    /// What the check of the model has noted, part by part: voltage, current, and by how much that has changed since, along the
+    /// axis where it was more.
     voltage: Dq,
     current: Dq,
-    before: Dq,
+    change: i32,
     /// Checks in a row that found no current.
     without_current: u8,
     /// Back-EMF along q and the one that there should have been, when last a current flowed or none was asked for.
@@ -119,6 +125,7 @@ impl Supervision {
         voltage: Dq::ZERO,
         current: Dq::ZERO,
         before: Dq::ZERO,
+        change: 0,
         without_current: 0,
         before_emf: 0,
         before_expected: 0,
@@ -281,6 +288,8 @@ impl Supervision {
     #[inline(always)]
     pub fn note(&mut self, state: &State, speed: i32) {
         (self.voltage, self.current, self.speed) = (state.voltage, state.current, speed);
+        let [d, q] = [state.current.d - (self.before.d >> PARK_BITS), state.current.q - (self.before.q >> PARK_BITS)];
+        self.change = d.abs().max(q.abs());
         let reference = state.current_reference;
         self.missing = reference - state.current.q;
         self.reference_change = (reference - self.reference).unsigned_abs() as u16;
@@ -316,13 +325,11 @@ impl Supervision {
     }
 
     /// Fourth part: what may be wrong. The back-EMF may be as much off as it is large, and the resistance three times as
-    /// large; a current that changes needs a voltage for it, and one that was just asked for has it already.
+    /// large; a current that changes by more than its noise needs a voltage for it, as while a torque is asked for to and fro, and
+    /// one that was just asked for has it already.
     #[inline(always)]
     pub fn explain(&mut self, model: &Model) {
-        let Self { current, before, .. } = *self;
-        let changed = (current.d - before.d).abs().max((current.q - before.q).abs());
-        self.before = current;
-        let change = times(changed.min(32_767), model.change);
+        let change = times((self.change - 4 * QUIET).clamp(0, 32_767), model.change);
         self.unexplained = -(model.dead + 2 * self.dropped + self.expected.abs() + change + self.voltage_ahead);
     }
 

@@ -3,7 +3,7 @@
 use super::Frame;
 use crate::angle::TURN;
 use crate::control::{Motor, Scale};
-use crate::drive::PARTS;
+use crate::drive::{PARTS, SETTLING};
 use crate::float::whole;
 use crate::schedule::{LONG, OUTER};
 use crate::settings::{Control, OnStopFailure};
@@ -42,7 +42,7 @@ pub(crate) struct Motion {
 pub(crate) struct Model {
     /// Voltage per current, in 2⁻¹⁶.
     pub resistance: i32,
-    /// Voltage per current that changes from check to check, in 2⁻¹⁶.
+    /// Voltage per current that changes in the time that it has to settle, in 2⁻¹⁶.
     pub change: i32,
     /// Voltage per current that does not flow yet, in 2⁻¹⁶: that of the proportional control.
     pub proportional: i32,
@@ -108,7 +108,7 @@ impl Model {
         let largest_h = along_d.max(along_q);
         Self {
             resistance: fixed(motor.resistance_ohm * per_current),
-            change: fixed(2.0 * largest_h / check_s * per_current),
+            change: fixed(largest_h * scale.step_hz / SETTLING as f32 * per_current),
             proportional: fixed(TAU * current_hz * largest_h * per_current),
             reactance: fixed(along_q * radians_s * per_current),
             flux: fixed(motor.flux_linkage_wb * radians_s / scale.volts * 32_768.0),

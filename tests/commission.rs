@@ -1,6 +1,6 @@
 //! Motors of every impedance, from the default settings and a current limit to speed control.
 
-use crate::commissioned::{judge, motor};
+use crate::commissioned::{here_turns, judge, motor, on_battery};
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::drive::standstill::Probe;
@@ -368,4 +368,66 @@ fn a_hall_is_blamed_where_it_is_dead_and_not_where_a_heavy_rotor_rocks() {
     let turning = rows.iter().filter(|(_, turns)| *turns).count();
     println!("{turning} of {} turn", rows.len());
     assert!((rows.len() / 6..rows.len()).contains(&turning));
+}
+
+/// Rotors that are not turned by any sweep: of a hundred times what the motor has its current for.
+const TOO_HEAVY: [(&str, f64); 5] = [
+    ("paper-heavy", 10.0),
+    ("paper-heavy", 30.0),
+    ("paper-heavy", 100.0),
+    ("gimbal-stiff", 100.0),
+    ("hoverboard", 100.0),
+];
+
+/// Every motor with 10, 30 and 100 times its inertia, up to 9 kg·m², and a move of half a turn with the settings that come of
+/// it. The short form has one of ten motors, and one of the inertias.
+#[test]
+fn a_heavy_load_on_the_shaft_is_commissioned_with_it() {
+    let jobs: Vec<_> = MOTORS
+        .iter()
+        .enumerate()
+        .skip(sim::of(7, 0))
+        .step_by(sim::of(10, 1))
+        .flat_map(|(number, case)| {
+            [100.0, 30.0, 10.0].into_iter().take(sim::of(1, 3)).map(move |times| (number, case, times))
+        })
+        .filter(|(_, case, times)| !TOO_HEAVY.contains(&(case.name, *times)))
+        .collect();
+    let rows: Vec<_> =
+        jobs.par_iter().map(|&(number, case, times)| with_inertia(case, times, number as u64 + 21)).collect();
+    judge(&rows);
+}
+
+fn with_inertia(case: &Motor, times: f64, seed: u64) -> (String, bool) {
+    let mut plant = on_battery(case, seed);
+    plant.motor.inertia_kgm2 *= times;
+    let mut bench = Bench::new(Rig::new(&plant, &case.settings(), seed).unwrap());
+    let found = match commission(&mut bench, case.settings(), case.limit_a) {
+        Ok(found) => found,
+        Err(why) => return (format!("{} x{times}: {why}", case.name), false),
+    };
+    let (mut rig, mut settings) = (bench.rig, found.settings);
+    let control = settings.control.unwrap();
+    let flux = f64::from(control.flux_linkage_wb) / case.flux_vs;
+    let inertia = f64::from(control.inertia_kgm2) / plant.motor.inertia_kgm2;
+    settings.commutation = Commutation::FieldOriented;
+    rig.configure(&settings).unwrap();
+    rig.arm().unwrap();
+    let goal = here_turns(&rig) + 0.5;
+    rig.command(Command::Position(rig.control().unwrap().position(goal).unwrap())).unwrap();
+    let mut farthest = f64::NEG_INFINITY;
+    for _ in 0..200 {
+        rig.wait(0.1);
+        farthest = farthest.max(here_turns(&rig) - goal);
+    }
+    let off = here_turns(&rig) - goal;
+    let text = format!(
+        "{} x{times}: flux {flux:.3} and inertia {inertia:.3} times the true ones, {} s, {farthest:.4} turns beyond, {off:.4} off in the end, {:?}",
+        case.name,
+        found.seconds as u32,
+        rig.drive.mode()
+    );
+    let known = if found.report.is_some() { [0.02, 0.1] } else { [0.15, 0.25] };
+    let good = (flux - 1.0).abs() < known[0] && (inertia - 1.0).abs() < known[1];
+    (text, good && farthest < 0.03 && off.abs() < 0.03 && rig.drive.mode() == Mode::Running)
 }

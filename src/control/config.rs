@@ -11,7 +11,6 @@ mod overload;
 mod supply;
 
 use super::current::{self, LocalGains};
-use super::velocity::TooLarge;
 use super::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity, weakening};
 use crate::angle::{Position, TURN};
 use crate::commutation::svpwm;
@@ -132,7 +131,12 @@ impl Config {
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,
             local: LocalGains::new(&motor, settings.feedback, current_hz, &scale)
                 .ok_or(gain("current_bandwidth_hz", current_hz))?,
-            velocity: velocity::Gains::new(&motor, speed_hz, loop_hz, &scale).map_err(|why| why.of(settings))?,
+            velocity: velocity::Gains::new(&motor, speed_hz, loop_hz, &scale).map_err(|max| Error::OutOfRange {
+                field: "speed_bandwidth_hz",
+                value: speed_hz,
+                min: 0.0,
+                max,
+            })?,
             position: position::Gain::new(position_hz, loop_hz).ok_or(gain("position_bandwidth_hz", position_hz))?,
             trajectory: trajectory::Limits::new((acceleration as i32).max(1), speed as i32)
                 .ok_or(gain("max_acceleration_rad_s2", max_acceleration_rad_s2))?,
@@ -183,7 +187,7 @@ impl Config {
         {
             config.chopper = Chopper::new(settings, loop_hz, &scale);
         }
-        config.guard = Guard::new(settings, frame.adc_bits, loop_hz, &scale);
+        config.guard = Guard::new(settings, frame.adc_bits, loop_hz, &scale, &motor);
         Ok(())
     }
 
@@ -214,18 +218,6 @@ fn trim_gain(longest: f32, scale: &Scale) -> i32 {
     let corrections = 0.5 * scale.step_hz / (2 * LONG) as f32;
     (TURN / TAU / (svpwm::LONGEST as f32 / longest / 50.0) / corrections * 16_777_216.0).clamp(1.0, 2_147_483_520.0)
         as i32
-}
-
-impl TooLarge {
-    /// As the setting that is at fault.
-    #[inline(always)]
-    const fn of(self, settings: &Control) -> Error<'static> {
-        let (field, value, max) = match self {
-            Self::BandwidthHz(max) => ("speed_bandwidth_hz", settings.speed_bandwidth_hz, max),
-            Self::InertiaKgm2(max) => ("inertia_kgm2", settings.inertia_kgm2, max),
-        };
-        Error::OutOfRange { field, value, min: 0.0, max }
-    }
 }
 
 impl Motor {

@@ -54,6 +54,9 @@ const GOOD_SWING: f32 = 4.5;
 const GOOD_RESIDUAL: f32 = 2.9;
 /// Share of the largest current that the noise of the speed may make.
 const NOISE: f32 = 0.03;
+/// Least bandwidths of the speed control, and of the tracker for its sake.
+const SLOWEST_HZ: f32 = 0.6;
+const SLOWEST_TRACKER_HZ: f32 = 40.0;
 
 /// Share by which an inertia may be off that is better than the one by [`Swings`](super::swings::Swings).
 const ROUGHLY: f32 = 0.4;
@@ -217,8 +220,9 @@ impl Commission {
 
     /// Speed, acceleration and bandwidths that fit flux linkage and inertia.
     fn set_motion(&mut self) -> Result<(), Error<'static>> {
-        let Settings { pole_pairs, max_electrical_hz, tracking_bandwidth_hz, pwm_hz, .. } = self.settings;
+        let Settings { pole_pairs, max_electrical_hz, pwm_hz, .. } = self.settings;
         let pairs = f32::from(pole_pairs);
+        let noise = self.noise;
         let bus_v = self.electrical.map_or(12.0, |found| found.bus_v);
         let control = self.settings.control.as_mut().ok_or(Error::NoControl)?;
         let Control { flux_linkage_wb, inertia_kgm2, max_current_a, current_bandwidth_hz, .. } = *control;
@@ -227,7 +231,7 @@ impl Commission {
         let allowed = 0.9 * TAU * max_electrical_hz / pairs;
         control.max_speed_rad_s = control.max_speed_rad_s.min(reached).min(allowed).max(0.2);
         let most = 0.35 * max_current_a * constant / inertia_kgm2;
-        control.max_acceleration_rad_s2 = most.min(10.0 * control.max_speed_rad_s).clamp(1.0, 1e6);
+        control.max_acceleration_rad_s2 = most.min(10.0 * control.max_speed_rad_s).clamp(0.01, 1e6);
         // A slow motor that is dragged the wrong way would never be so far from its speed as a fast one.
         let far_rad_s = (0.5 * control.max_speed_rad_s).max(1.0);
         control.following_error_rad_s = control.following_error_rad_s.min(far_rad_s);
@@ -235,10 +239,18 @@ impl Commission {
         let stop_s = 2.0 * control.max_speed_rad_s / control.max_acceleration_rad_s2;
         control.guard.stop_s = control.guard.stop_s.max(stop_s).min(60.0);
         // The tracker's speed is noisy by about this, and the speed loop makes a current of it.
-        let tracker = TAU * tracking_bandwidth_hz;
-        let noise_rad_s = self.noise * tracker * crate::float::root(tracker / pwm_hz / 2.8) / pairs;
-        let quiet_hz = NOISE * max_current_a * constant / (inertia_kgm2 * noise_rad_s.max(1e-6)) / TAU;
-        self.set_bandwidths(current_bandwidth_hz, quiet_hz.clamp(0.6, 60.0))
+        let quiet_hz = |tracking_hz: f32| {
+            let tracker = TAU * tracking_hz;
+            let noise_rad_s = noise * tracker * crate::float::root(tracker / pwm_hz / 2.8) / pairs;
+            NOISE * max_current_a * constant / (inertia_kgm2 * noise_rad_s.max(1e-6)) / TAU
+        };
+        // A heavy rotor changes its speed slowly, and a slower tracker is less noisy.
+        let tracking_hz = &mut self.settings.tracking_bandwidth_hz;
+        while quiet_hz(*tracking_hz) < SLOWEST_HZ && *tracking_hz > SLOWEST_TRACKER_HZ {
+            *tracking_hz *= 0.8;
+        }
+        let speed_hz = quiet_hz(*tracking_hz).clamp(SLOWEST_HZ, 60.0);
+        self.set_bandwidths(current_bandwidth_hz, speed_hz)
     }
 
     /// A third of the acceleration, which is a third of the current that the next step begins with, and a speed and position
@@ -248,7 +260,7 @@ impl Commission {
     /// [`Error::NoControl`], or the settings are contradictory.
     pub fn be_gentle(&mut self) -> Result<(), Error<'static>> {
         let control = self.settings.control.as_mut().ok_or(Error::NoControl)?;
-        control.max_acceleration_rad_s2 = (control.max_acceleration_rad_s2 / 3.0).max(1.0);
+        control.max_acceleration_rad_s2 = (control.max_acceleration_rad_s2 / 3.0).max(0.01);
         let Control { current_bandwidth_hz, speed_bandwidth_hz, .. } = *control;
         self.set_bandwidths(current_bandwidth_hz, speed_bandwidth_hz / 4.0)
     }

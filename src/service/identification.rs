@@ -13,6 +13,9 @@ use crate::control::{Current, Speed};
 use crate::service::identify::{Identifier, Report, Stage};
 use crate::telemetry::Measurement;
 
+/// Longest time to reach the fastest speed.
+const SPEEDING_UP_S: f32 = 12.0;
+
 /// Plan of the measurement.
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
@@ -26,8 +29,9 @@ pub struct Plan {
 }
 
 impl Plan {
-    /// At most four fifths of the allowed speed and of the one that the least allowed voltage reaches, and at most half
-    /// the allowed current and the one that the motor of the settings takes for the allowed acceleration.
+    /// At most four fifths of the allowed speed and of the one that the least allowed voltage reaches, and what the allowed
+    /// acceleration reaches in twelve seconds; at most half the allowed current and the one that the motor of the settings
+    /// takes for the allowed acceleration.
     ///
     /// # Errors
     /// [`Error::NoControl`].
@@ -40,7 +44,7 @@ impl Plan {
             / control.motor.torque_constant(scale.pole_pairs);
         let most = control.max_current as f32 / scale.per_ampere();
         Ok(Self {
-            speed_rad_s: 0.8 * fastest.min(reached),
+            speed_rad_s: (0.8 * fastest.min(reached)).min(SPEEDING_UP_S * control.acceleration_rad_s2()),
             current_a: needed.min(0.5 * most),
             commutation: config.commutation,
         })
@@ -51,8 +55,9 @@ impl Plan {
 /// current is there within some windows of the [`Identifier`], so it swings again.
 const SWINGS: [f32; 6] = [1.0, 0.5, 1.0, 0.5, 1.0, 0.5];
 const SWING_TO: f32 = 0.7;
-/// Longest swing, ms; it need not reach that speed.
+/// Longest swing, ms, and that of a rotor so heavy that it has not reached a fifth of that speed; it need not reach it.
 const SWING_MS: u32 = 1000;
+const HEAVY_SWING_MS: u32 = 5000;
 /// Time from a new current on until it is constant, ms.
 const CHANGING_MS: u32 = 10;
 /// Shares of the speed to keep, each forward and backward.
@@ -160,8 +165,8 @@ impl Identification {
         if elapsed_ms >= CHANGING_MS {
             self.identifier.enter(Stage::Swings);
         }
-        let reached = self.sequence.speed() as f32 * share.signum() >= SWING_TO * self.fastest.0 as f32;
-        if reached || elapsed_ms > SWING_MS {
+        let reached = self.sequence.speed() as f32 * share.signum() / (SWING_TO * self.fastest.0 as f32);
+        if reached >= 1.0 || elapsed_ms > if reached < 0.2 { HEAVY_SWING_MS } else { SWING_MS } {
             self.next();
         }
     }

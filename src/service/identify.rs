@@ -148,6 +148,7 @@ impl Report {
 impl fmt::Display for Report {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         writeln!(f, "  {:<20} {:>9} {:>8}  {:<9} {:>8}", "", "measured", "±", "", "setting")?;
+        let (scale, unit) = inertia_unit(self.inertia_kgm2.value);
         let rows = [
             ("resistance", self.resistance_ohm, 1.0, "Ω", Some(self.configured.resistance_ohm), "resistance_ohm"),
             ("inductance", self.inductance_h, 1e3, "mH", Some(self.configured.inductance_h), "inductance_h"),
@@ -159,7 +160,7 @@ impl fmt::Display for Report {
                 Some(self.configured.flux_linkage_wb),
                 "flux_linkage_wb",
             ),
-            ("inertia", self.inertia_kgm2, 1e7, "g·cm²", Some(self.configured.inertia_kgm2), "inertia_kgm2"),
+            ("inertia", self.inertia_kgm2, scale, unit, Some(self.configured.inertia_kgm2), "inertia_kgm2"),
             ("torque constant", self.torque_constant_nm_a(), 1e3, "mN·m/A", None, ""),
             ("time constant L/R", self.time_constant_s(), 1e6, "µs", None, ""),
             ("Coulomb friction", self.coulomb_nm, 1e3, "mN·m", None, ""),
@@ -190,6 +191,11 @@ impl fmt::Display for Report {
             "pole pairs", self.pole_pairs
         )
     }
+}
+
+/// The unit in which an inertia is told, and how many of it are a kg·m².
+pub const fn inertia_unit(kgm2: f32) -> (f32, &'static str) {
+    if kgm2 < 0.01 { (1e7, "g·cm²") } else { (1.0, "kg·m²") }
 }
 
 /// Most regressors.

@@ -44,10 +44,13 @@ const FASTEST: f32 = 0.8;
 const FIRST: f32 = 0.06;
 const LARGEST: f32 = 0.5;
 /// Shortest time from reversal to reversal, ms; the same for a rotor limited by what it returns, for which a smaller
-/// current would not make it longer; and the longest.
+/// current would not make it longer; the longest; and the longest of a rotor that is so heavy that its back-EMF is not
+/// this share of its limit by then.
 const SHORTEST_MS: u32 = 80;
 const SHORTEST_HEAVY_MS: u32 = 20;
 const LONGEST_MS: u32 = 1500;
+const LONGEST_HEAVY_MS: u32 = 6000;
+const HEAVY_EMF: f32 = 0.4;
 /// Swings that count.
 const SWINGS: u8 = 6;
 
@@ -127,19 +130,21 @@ impl Swings {
         let speed = self.sign * self.sequence.speed() as f32;
         if self.swings > SWINGS {
             // The last one only takes the rotor to rest.
-            if speed >= 0.0 || elapsed_ms > LONGEST_MS {
+            if speed >= 0.0 || elapsed_ms > LONGEST_HEAVY_MS {
                 self.finish();
             }
             return;
         }
         let heavy = self.returns();
         let reached = heavy || speed >= self.fastest || self.sign * self.emf_v >= self.most_emf_v;
-        if !reached && elapsed_ms < LONGEST_MS {
+        let weak = !reached && self.current < LARGEST * self.most;
+        let slow = !weak && self.sign * self.emf_v < HEAVY_EMF * self.most_emf_v;
+        if !reached && elapsed_ms < if slow { LONGEST_HEAVY_MS } else { LONGEST_MS } {
             return;
         }
         let change = self.sign * (self.speed - self.from);
         let shortest_ms = if heavy { SHORTEST_HEAVY_MS } else { SHORTEST_MS };
-        let (fast, weak) = (reached && elapsed_ms < shortest_ms, !reached && self.current < LARGEST * self.most);
+        let fast = reached && elapsed_ms < shortest_ms;
         if fast {
             self.current *= 0.6;
         } else if weak {

@@ -311,7 +311,7 @@ settings! {
         /// of the speed would be a current.
         max_speed_rad_s: f32 = 500.0, 0.1 => super::guard::largest_speed_rad_s(s, c), "rad/s", Real, FREE,
             "Largest speed of a command, mechanical";
-        max_acceleration_rad_s2: f32 = 5000.0, 1.0 => 1e6, "rad/s²", Real, FREE,
+        max_acceleration_rad_s2: f32 = 5000.0, 0.01 => 1e6, "rad/s²", Real, FREE,
             "Largest acceleration of a trajectory, mechanical";
         /// Bandwidth of the sensors, filters, and what the converter samples them earlier or later than the currents.
         hall_delay_us: f32 = 0.0, -20.0 => 200.0, "µs", Real, FREE, "Delay of the Halls' signals";

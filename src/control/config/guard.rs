@@ -1,6 +1,6 @@
 //! Thresholds of the faults in the units of the interrupt.
 
-use crate::control::Scale;
+use crate::control::{Motor, Scale};
 use crate::schedule::LONG;
 use crate::settings::{Control, OnTimeout, Thermistor};
 
@@ -45,7 +45,8 @@ pub(crate) struct Guard {
     pub timeout: u32,
     /// Whether the time-out stops the motor by the speed loop instead of being a fault.
     pub stops: bool,
-    /// Speed below which the rotor is at rest for the stall, in 2⁻³² electrical turns a step: 1 rad/s mechanical.
+    /// Speed below which the rotor is at rest for the stall, in 2⁻³² electrical turns a step: 1 rad/s mechanical, or what
+    /// the largest current gives the inertia in an eighth of `stall_s`, for a heavy rotor reverses slowly.
     pub rest_speed: i32,
 }
 
@@ -65,10 +66,15 @@ impl Heat {
     }
 }
 
+/// A speed that its noise does not hide.
+const SLOWEST_REST_RAD_S: f32 = 0.05;
+
 impl Guard {
     /// Of settings that are in their ranges.
-    pub fn new(control: &Control, adc_bits: u8, loop_hz: f32, scale: &Scale) -> Self {
+    pub fn new(control: &Control, adc_bits: u8, loop_hz: f32, scale: &Scale, motor: &Motor) -> Self {
         let settings = &control.guard;
+        let fastest_rad_s2 = control.max_current_a * motor.torque_constant(scale.pole_pairs) / motor.inertia_kgm2;
+        let rest_rad_s = (settings.stall_s * fastest_rad_s2 / 8.0).clamp(SLOWEST_REST_RAD_S, 1.0);
         let codes = (1_u32 << adc_bits) as f32;
         let per_volt = codes / scale.volts;
         let per_ampere = codes / 2.0 / scale.amperes;
@@ -82,7 +88,7 @@ impl Guard {
             stall: (settings.stall_s * scale.step_hz / LONG as f32) as u32,
             timeout: crate::float::ceil(settings.command_timeout_s * loop_hz) as u32,
             stops: settings.on_timeout == OnTimeout::Stop,
-            rest_speed: scale.per_radian_s() as i32,
+            rest_speed: (rest_rad_s * scale.per_radian_s()) as i32,
         }
     }
 }

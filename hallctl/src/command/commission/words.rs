@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::out::Out;
 use crate::say;
 use hallservo::service::commission::Action;
+use hallservo::service::identify::inertia_unit;
 use hallservo::settings::{Control, GuardSettings, Settings};
 use serde_json::json;
 
@@ -25,7 +26,10 @@ pub(super) fn announce(action: Action, settings: &Settings, out: Out) -> Result<
         Action::Swing => {
             say!(out, "\n3 of 6: flux linkage and inertia. The rotor swings to and fro, by up to {most_a} A.")
         }
-        Action::Identify => say!(out, "\n4 of 6: the motor. It turns to and fro for some seconds, faster than before."),
+        Action::Identify => say!(
+            out,
+            "\n4 of 6: the motor. It turns to and fro for some seconds, a heavy rotor for minutes, faster than before."
+        ),
         Action::Done => {
             say!(
                 out,
@@ -80,8 +84,7 @@ pub(super) fn tell(found: &Found, settings: &Settings, told_pole_pairs: bool, ou
             say!(out, "  No calibration at {} Hz: {error}.", settings.calibration_hz)?;
         }
         Found::Swings(found) => {
-            let [mwb, g_cm2] = [1e3 * found.flux_linkage_wb, 1e7 * found.inertia_kgm2].map(digits);
-            say!(out, "  about {mwb} mWb and {g_cm2} g·cm²")?
+            say!(out, "  about {} mWb and {}", digits(1e3 * found.flux_linkage_wb), inertia(found.inertia_kgm2))?
         }
         Found::Motor(report) => {
             say!(out, "{}", report.to_string().trim_end())?;
@@ -103,6 +106,11 @@ pub(super) fn tell(found: &Found, settings: &Settings, told_pole_pairs: bool, ou
 fn digits(value: f32) -> String {
     let decimals = (4.0 - value.abs().max(1.0).log10().floor()).max(0.0) as usize;
     format!("{value:.decimals$}")
+}
+
+fn inertia(kgm2: f32) -> String {
+    let (scale, unit) = inertia_unit(kgm2);
+    format!("{} {unit}", digits(scale * kgm2))
 }
 
 /// Where it stands.
@@ -151,12 +159,12 @@ pub(super) fn summary(settings: &Settings, told_pole_pairs: bool, out: Out) -> R
         return Ok(());
     };
     say!(out, "\nThe motor, at {max_current_a} A at most:")?;
-    let [mh, mwb, g_cm2] = [1e3 * inductance_h, 1e3 * flux_linkage_wb, 1e7 * inertia_kgm2].map(digits);
+    let [mh, mwb] = [1e3 * inductance_h, 1e3 * flux_linkage_wb].map(digits);
     say!(out, "  resistance   {:>10} Ω      inductance {mh:>10} mH", digits(resistance_ohm))?;
     if saliency != 1.0 {
         say!(out, "  saliency     {saliency:>10.2}  inductance across the magnets' field over the one along it")?;
     }
-    say!(out, "  flux linkage {mwb:>10} mWb    inertia    {g_cm2:>10} g·cm²")?;
+    say!(out, "  flux linkage {mwb:>10} mWb    inertia    {:>16}", inertia(inertia_kgm2))?;
     let (speed, unit) = (f64::from(max_speed_rad_s) / out.units.speed.rad_s(), out.units.speed.name());
     let acceleration = out.units.acceleration(max_acceleration_rad_s2.into());
     say!(out, "  speed up to  {speed:10.0} {unit}  reached with {acceleration}")?;

@@ -85,19 +85,22 @@ impl Procedure {
     }
 
     /// One step; `Some` at the end.
-    pub fn step(&mut self, service: &mut Service, now_ms: u32) -> Option<Completion> {
-        let state = self.inner().step(service, now_ms);
-        let found = match self {
-            Self::Motor(motor) => motor.report().copied().map(Completion::Motor),
-            Self::Cogging(cogging) => cogging.table().copied().map(Completion::Cogging),
-            Self::Swings(swings) => swings.report().copied().map(Completion::Swings),
-            #[cfg(feature = "map")]
-            Self::Magnets(_) => Some(Completion::Magnets),
-        };
-        match state {
+    pub fn step(&mut self, service: &mut Service, now_ms: u32) -> Option<Completion<'_>> {
+        match self.inner().step(service, now_ms) {
             State::Running => None,
             State::Failed(error) => Some(Completion::Failed(self.activity(), error)),
-            State::Done => Some(found.unwrap_or(Completion::Failed(self.activity(), Error::Inconclusive))),
+            State::Done => Some(self.found().unwrap_or(Completion::Failed(self.activity(), Error::Inconclusive))),
+        }
+    }
+
+    /// What it has come to.
+    fn found(&self) -> Option<Completion<'_>> {
+        match self {
+            Self::Motor(motor) => motor.report().map(Completion::Motor),
+            Self::Cogging(cogging) => cogging.table().map(Completion::Cogging),
+            Self::Swings(swings) => swings.report().map(Completion::Swings),
+            #[cfg(feature = "map")]
+            Self::Magnets(mapping) => Some(Completion::Magnets(mapping)),
         }
     }
 

@@ -108,11 +108,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             Ask::Calibration => *answer = Answer::Calibration(self.calibration),
             Ask::Identification => *answer = Answer::Identification(self.identification),
             Ask::Cogging => *answer = Answer::Cogging(self.cogging),
-            Ask::Setting(number) => {
-                let entry = TABLE.get(usize::from(number)).ok_or(UNKNOWN)?;
-                *answer = Answer::Setting(self.setting(entry)?);
-            }
-            Ask::Get(name) => *answer = Answer::Setting(self.setting(find(name).ok_or(UNKNOWN)?)?),
+            Ask::Setting(number) => *answer = self.setting(TABLE.get(usize::from(number))),
+            Ask::Get(name) => *answer = self.setting(find(name)),
             #[cfg(feature = "encoder")]
             Ask::Encoder(EncoderAsk::Status) => *answer = self.ask_encoder(EncoderAsk::Status)?,
             #[cfg(feature = "map")]
@@ -417,14 +414,16 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         Answer::Hello(Hello { board: identity.board, firmware: identity.firmware, settings, step_hz: self.step_hz() })
     }
 
-    fn setting(&self, entry: &Entry) -> Result<Setting<'static>, Refusal<'static>> {
+    #[inline(never)]
+    fn setting(&self, entry: Option<&Entry>) -> Answer<'static> {
+        let Some(entry) = entry else { return Answer::Refused(UNKNOWN) };
         let (name, unit, kind, fixed) = (entry.name, entry.unit(), entry.kind(), entry.fixed(&self.defaults));
         let (Some(value), Some(default), Some((min, max))) =
             (entry.get(&self.settings), entry.get(&self.defaults), entry.range(&self.settings))
         else {
-            return Err(Refusal::Drive(drive::Refusal::NoControl));
+            return Answer::Refused(Refusal::Drive(drive::Refusal::NoControl));
         };
-        Ok(Setting { name, unit, kind, value, default, min, max, fixed })
+        Answer::Setting(Setting { name, unit, kind, value, default, min, max, fixed })
     }
 
     /// The answer that a request waits for, once it is known.
@@ -453,9 +452,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 self.install();
                 self.relearn();
             }
-            (Command::Set(entry), Ok(())) => {
-                return self.setting(entry).map_or_else(Answer::Refused, Answer::Setting);
-            }
+            (Command::Set(entry), Ok(())) => return self.setting(Some(entry)),
         }
         Answer::Done
     }

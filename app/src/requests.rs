@@ -209,19 +209,16 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 self.change(b"commutation", number)
             }
             Ask::Calibrate => self.command(drive::Command::Calibrate, Command::Calibrate),
-            Ask::Identify => {
-                self.identify()?;
-                Ok(Step::Answered)
-            }
-            Ask::LearnCogging => {
-                self.learn_cogging()?;
+            Ask::Identify | Ask::LearnCogging | Ask::Swing => {
+                self.may_turn()?;
+                match ask {
+                    Ask::Identify => self.identify()?,
+                    Ask::LearnCogging => self.learn_cogging()?,
+                    _ => self.swing()?,
+                }
                 Ok(Step::Answered)
             }
             Ask::Measure { begins, probe } => self.command(drive::Command::Measure { begins, probe }, Command::Plain),
-            Ask::Swing => {
-                self.swing()?;
-                Ok(Step::Answered)
-            }
             Ask::AntiCogging(true) if !self.has_table() => Err(Refusal::NoTable),
             Ask::AntiCogging(on) => self.change(b"anti_cogging", u8::from(on).into()),
             Ask::Set { name, value } => self.change(name, value),
@@ -304,7 +301,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     // Procedures are large: not inlined, they do not add to the stack of other requests.
     #[inline(never)]
     fn identify(&mut self) -> Result<(), Refusal<'static>> {
-        self.may_turn()?;
         Procedure::motor(self.procedure, self.service.config())?;
         self.identification = protocol::Procedure::Running;
         Ok(())
@@ -312,7 +308,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     #[inline(never)]
     fn swing(&mut self) -> Result<(), Refusal<'static>> {
-        self.may_turn()?;
         Procedure::swings(self.procedure, self.service.config())?;
         self.swings = protocol::Procedure::Running;
         Ok(())
@@ -320,7 +315,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     #[inline(never)]
     fn learn_cogging(&mut self) -> Result<(), Refusal<'static>> {
-        self.may_turn()?;
         Procedure::cogging(self.procedure, self.service.config())?;
         #[cfg(feature = "map")]
         self.magnets.begin_by_pole(&self.settings);

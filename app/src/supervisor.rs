@@ -92,6 +92,8 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         start(identity, defaults, flash, first_block, memory)
     }
 
+    // Inlined, it is made in its place, and takes no stack.
+    #[inline(always)]
     pub(crate) fn new(tasks: Tasks<F, E>) -> Self {
         Self {
             tasks,

@@ -96,7 +96,9 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             Ask::Hello => *answer = self.hello(),
             Ask::Status => *answer = Answer::Status(self.status()),
             // Its result is answered to a later request.
-            Ask::Calibration if activity == Activity::Calibration => *answer = Answer::Calibration(Calibration::Running),
+            Ask::Calibration if activity == Activity::Calibration => {
+                *answer = Answer::Calibration(Calibration::Running)
+            }
             Ask::Identification if activity == Activity::Identification => {
                 *answer = Answer::Identification(protocol::Procedure::Running);
             }
@@ -113,11 +115,13 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             #[cfg(feature = "encoder")]
             Ask::Encoder(EncoderAsk::Status) => *answer = self.ask_encoder(EncoderAsk::Status)?,
             #[cfg(feature = "map")]
-            Ask::Magnets(MagnetsAsk::Status) => *answer = Answer::Magnets(self.magnets.status(
-                self.is_mapping(),
-                self.service.config(),
-                self.settings.full_scale_a(),
-            )),
+            Ask::Magnets(MagnetsAsk::Status) => {
+                *answer = Answer::Magnets(self.magnets.status(
+                    self.is_mapping(),
+                    self.service.config(),
+                    self.settings.full_scale_a(),
+                ))
+            }
             #[cfg(feature = "map")]
             Ask::Magnets(MagnetsAsk::Points(first)) => *answer = self.magnets.points(first)?,
             Ask::Telemetry(hz) => {

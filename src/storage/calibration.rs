@@ -15,7 +15,8 @@ pub fn encode(model: &Model) -> [u8; LENGTH] {
     let (words, _) = record.as_chunks_mut();
     for (words, sensor) in words.chunks_exact_mut(5).zip(&model.sensors) {
         let Sensor { offset, amplitude, placement, third, fifth } = *sensor;
-        let bits = [offset.to_bits(), amplitude.to_bits(), placement.to_bits() as u32, third.to_bits(), fifth.to_bits()];
+        let bits =
+            [offset.to_bits(), amplitude.to_bits(), placement.to_bits() as u32, third.to_bits(), fifth.to_bits()];
         for (word, bits) in words.iter_mut().zip(bits) {
             *word = bits.to_le_bytes();
         }

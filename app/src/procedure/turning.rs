@@ -24,39 +24,44 @@ pub(crate) enum Procedure {
 }
 
 impl Procedure {
-    /// Writes an identification to its place, as it is large for a stack: by a `match`, for `?` moves it over the stack
-    /// once more.
+    /// Writes an identification to its place.
     pub fn motor(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = identification::Plan::new(config).map_err(Refusal::Procedure)?;
-        match Identification::new(config, &plan) {
-            Ok(identification) => {
-                *place = Some(Self::Motor(identification));
-                Ok(())
-            }
-            Err(error) => Err(Refusal::Procedure(error)),
-        }
+        Self::put(Identification::new(config, &plan), Self::Motor, place)
     }
 
     /// Writes the learning of the cogging to its place.
     pub fn cogging(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = learning::Plan::new(config).map_err(Refusal::Procedure)?;
-        let outset = learning::Outset::new(config, &plan).map_err(Refusal::Procedure)?;
-        *place = Some(Self::Cogging(Learning::of(outset)));
-        Ok(())
+        Self::put(learning::Outset::new(config, &plan), |outset| Self::Cogging(Learning::of(outset)), place)
     }
 
     /// Writes the swings to their place.
     pub fn swings(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
-        *place = Some(Self::Swings(Swings::new(config).map_err(Refusal::Procedure)?));
-        Ok(())
+        Self::put(Swings::new(config), Self::Swings, place)
     }
 
     /// Writes the learning of the map of the magnets to its place.
     #[cfg(feature = "map")]
     pub fn magnets(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = mapping::Plan::new(config).map_err(Refusal::Procedure)?;
-        *place = Some(Self::Magnets(Mapping::new(config, &plan).map_err(Refusal::Procedure)?));
-        Ok(())
+        Self::put(Mapping::new(config, &plan), Self::Magnets, place)
+    }
+
+    /// Procedures are large for a stack: by a `match`, for `?` moves them over it once more.
+    #[inline(always)]
+    fn put<T>(
+        made: Result<T, Error>,
+        procedure: impl FnOnce(T) -> Self,
+        place: &mut Option<Self>,
+    ) -> Result<(), Refusal<'static>> {
+        match made {
+            Ok(made) => {
+                *place = Some(procedure(made));
+                Ok(())
+            }
+            Err(error) => Err(Refusal::Procedure(error)),
+        }
     }
 
     #[inline(never)]

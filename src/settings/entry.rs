@@ -131,7 +131,8 @@ impl Entry {
     pub fn assign(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
         if self.kind() != Kind::Real {
             self.check_value(settings, value)?;
-            if value != libm::truncf(value) {
+            // In its range, which an integer holds.
+            if value != value as i32 as f32 {
                 return Err(Error::NotWhole);
             }
         }

@@ -161,7 +161,7 @@ impl Config {
         }
     }
 
-    /// Takes over the gains of one whose settings differ in those that are [tunable](crate::settings::is_tunable).
+    /// Takes over the gains of one whose settings differ in those that are [tunable](crate::settings::Entry::is_tunable).
     pub(crate) fn retune(&mut self, other: &Self) {
         self.tracking = other.tracking;
         if let (Some(control), Some(other)) = (&mut self.control, &other.control) {

@@ -392,10 +392,9 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     #[inline(never)]
     fn change(&mut self, name: &[u8], value: f32) -> StepResult {
         let entry = find(name).ok_or(UNKNOWN)?;
-        let name = entry.name;
         let mut settings = self.settings;
-        settings.change(name, value).map_err(Refusal::Setting)?;
-        if settings::is_tunable(name) {
+        entry.change(&mut settings, value).map_err(Refusal::Setting)?;
+        if entry.is_tunable() {
             self.retune(&settings)?;
             return Ok(Step::Await(Awaited::Reply(Command::Set(entry))));
         }

@@ -25,12 +25,14 @@ pub struct Entry {
     pub(super) row: Row,
     /// Place in [`UNITS`].
     pub(super) unit: u8,
-    /// Place in [`KINDS`], and [`BOARD`].
+    /// Place in [`KINDS`], and [`BOARD`] or [`TUNABLE`].
     pub(super) kind: u8,
 }
 
 /// Marks a setting that is the board's.
 pub(super) const BOARD: u8 = 0x80;
+/// Marks one that a drive takes over while it turns.
+pub(super) const TUNABLE: u8 = 0x40;
 
 /// Every unit.
 const UNITS: [&str; 18] =
@@ -90,7 +92,7 @@ impl Entry {
 
     /// What values it takes.
     pub fn kind(&self) -> Kind<'static> {
-        *KINDS.get(usize::from(self.kind & !BOARD)).unwrap_or(&Kind::Real)
+        *KINDS.get(usize::from(self.kind & !(BOARD | TUNABLE))).unwrap_or(&Kind::Real)
     }
 
     /// Whether it follows from the board's parts. One of these that the board names a ceiling for may be changed up to
@@ -98,6 +100,11 @@ impl Entry {
     #[inline(never)]
     pub fn fixed(&self, settings: &Settings) -> bool {
         self.kind & BOARD != 0 && settings.ceiling(self.name) == f32::INFINITY
+    }
+
+    /// Whether a drive takes it over while it turns, by [`Command::Retune`](crate::drive::Command::Retune).
+    pub const fn is_tunable(&self) -> bool {
+        self.kind & TUNABLE != 0
     }
 
     /// The value; `None` where the drive has no current control, and so no such setting.
@@ -121,6 +128,14 @@ impl Entry {
         // Not a number is in no range.
         let inside = (min..=max).contains(&value);
         if inside { Ok(()) } else { Err(Error::OutOfRange { field: self.name, value, min, max }) }
+    }
+
+    /// [`Settings::change`] of this one.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn change(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
+        if self.fixed(settings) { Err(Error::Fixed) } else { self.assign(settings, value) }
     }
 
     /// Another value. A real one may be out of its range, for [`Settings::check`] to find out with the others; the rest

@@ -47,7 +47,7 @@ struct Start<'a, F> {
 
 #[inline(never)]
 fn new_config<'a>(place: &'a mut MaybeUninit<Config>, settings: &Settings) -> Result<&'a mut Config, Error<'static>> {
-    let config = place.write(Config::blank());
+    let config = Config::blank_in(place);
     settings.validate_into(config)?;
     Ok(config)
 }

@@ -9,7 +9,7 @@ use crate::tasks::Tasks;
 use crate::{Ask, Request};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::angle::Position;
-use hallservo::commutation::{Commutation, Modulation, modulation};
+use hallservo::commutation::{Modulation, modulation};
 use hallservo::control::config::BadDemand;
 use hallservo::control::config::Config;
 use hallservo::drive;
@@ -204,14 +204,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 self.impedance(&request)?;
                 Ok(Step::Await(Awaited::Reply(Command::Plain)))
             }
-            Ask::Commutate(commutation) => {
-                let number = match commutation {
-                    Commutation::Block => 0.0,
-                    Commutation::Sinusoidal => 1.0,
-                    Commutation::FieldOriented => 2.0,
-                };
-                self.change(b"commutation", number)
-            }
+            Ask::Commutate(commutation) => self.change(b"commutation", (commutation as u8).into()),
             Ask::Calibrate => self.command(drive::Command::Calibrate, Command::Calibrate),
             Ask::Identify | Ask::LearnCogging | Ask::Swing => {
                 self.may_turn()?;

@@ -184,10 +184,10 @@ impl Field<'_> {
             Self::Real(value) => **value,
             Self::Whole(value) => (**value).into(),
             Self::Switch(value) => u8::from(**value).into(),
-            Self::Commutation(value) => place(&COMMUTATIONS, **value),
-            Self::Feedback(value) => place(&FEEDBACKS, **value),
-            Self::OnTimeout(value) => place(&TIMEOUTS, **value),
-            Self::OnStopFailure(value) => place(&STOP_FAILURES, **value),
+            Self::Commutation(value) => (**value as u8).into(),
+            Self::Feedback(value) => (**value as u8).into(),
+            Self::OnTimeout(value) => (**value as u8).into(),
+            Self::OnStopFailure(value) => (**value as u8).into(),
         }
     }
 
@@ -204,15 +204,11 @@ impl Field<'_> {
     }
 }
 
-// The number of a choice is its place in these lists, which is that of its name in the table.
+// The number of a choice is its variant's, which is its place in these lists and that of its name in the table.
 const COMMUTATIONS: [Commutation; 3] = [Commutation::Block, Commutation::Sinusoidal, Commutation::FieldOriented];
 const FEEDBACKS: [Feedback; 4] = [Feedback::P, Feedback::Pi, Feedback::Pd, Feedback::Pid];
 const TIMEOUTS: [OnTimeout; 2] = [OnTimeout::Fault, OnTimeout::Stop];
 const STOP_FAILURES: [OnStopFailure; 2] = [OnStopFailure::Off, OnStopFailure::Brake];
-
-fn place<T: PartialEq>(all: &[T], value: T) -> f32 {
-    all.iter().position(|one| *one == value).unwrap_or(0) as f32
-}
 
 fn choose<T: Copy>(all: &[T], number: f32, value: &mut T) {
     if let Some(one) = all.get(number as usize) {

@@ -150,6 +150,9 @@ fn whole_numbers_and_choices_are_kept_and_nothing_between() {
         assert_eq!(settings.with(entry.name, min + 0.5), Err(Error::NotWhole), "{}", entry.name);
         if let Kind::Choice(names) = entry.kind() {
             assert_eq!(names.split('|').count() as f32, max + 1.0, "{}", entry.name);
+            for number in (0..=max as u8).map(f32::from) {
+                assert_eq!(entry.get(&settings.with(entry.name, number).unwrap()), Some(number), "{}", entry.name);
+            }
         }
     }
 }

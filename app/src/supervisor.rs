@@ -242,11 +242,11 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         #[cfg(feature = "registers")]
         self.registers.hear(byte, &mut self.tasks, &mut self.outbox);
         let Self { tasks, decoder, .. } = self;
-        match decoder.push::<Request<'_>>(byte) {
+        match &decoder.push::<Request<'_>>(byte) {
             None => {}
             Some(Ok(request)) => {
                 let mut answer = Answer::Done;
-                match tasks.begin(&request, &mut answer) {
+                match tasks.begin(request, &mut answer) {
                     Step::Answered => self.outbox.push(request.id, &answer),
                     Step::Await(awaited) => self.pending = Some(Pending { id: request.id, awaited, ticks: 0 }),
                 }

@@ -61,8 +61,9 @@ pub(crate) enum Command {
 type StepResult = Result<Step, Refusal<'static>>;
 
 impl<F: NorFlash, E: Encoder> Tasks<F, E> {
-    /// Begins to answer a request. An answer is written right to its place: made of what is in hand at the end of every
-    /// kind of request, it was 1.3 KiB of moves.
+    /// Begins to answer a request.
+    // An answer is written right to its place: put there in the end, whatever its kind, it takes 470 bytes more of a chip's
+    // flash.
     #[inline(never)]
     pub fn begin(&mut self, request: &Request<'_>, answer: &mut Answer<'static>) -> Step {
         *answer = Answer::Done;

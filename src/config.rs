@@ -9,6 +9,7 @@ use crate::hall::{Halls, track};
 use crate::pwm;
 use crate::schedule::{RECORDS, coarse};
 use crate::settings::{Control, Error, Settings};
+use core::mem::MaybeUninit;
 
 /// [`Settings`] in the units of the interrupt. What the shortest steps need comes first, as in
 /// [`Drive`](crate::drive::Drive).
@@ -153,6 +154,12 @@ impl Config {
         }
     }
 
+    /// The same in its place, in one copy for all.
+    #[inline(never)]
+    pub const fn blank_in(place: &mut MaybeUninit<Self>) -> &mut Self {
+        place.write(Self::blank())
+    }
+
     /// Moves the bounds of the position, where that is zero at an electrical position of its own.
     pub fn shift_bounds(&mut self, origin: Position) {
         if let Some(control) = &mut self.control {
@@ -161,7 +168,7 @@ impl Config {
         }
     }
 
-    /// Takes over the gains of one whose settings differ in those that are [tunable](crate::settings::is_tunable).
+    /// Takes over the gains of one whose settings differ in those that are [tunable](crate::settings::Entry::is_tunable).
     pub(crate) fn retune(&mut self, other: &Self) {
         self.tracking = other.tracking;
         if let (Some(control), Some(other)) = (&mut self.control, &other.control) {
@@ -289,7 +296,7 @@ impl Settings {
     /// As [`Self::validate`].
     #[inline(never)]
     pub fn verify(&self) -> Result<(), Error<'static>> {
-        self.validate_into(&mut Config::blank())
+        self.validate_into(Config::blank_in(&mut MaybeUninit::uninit()))
     }
 
     /// Electrical frequency that is a fault: a fifth above the largest speed, and what the speed's noise may add.

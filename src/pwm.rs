@@ -61,8 +61,11 @@ impl core::error::Error for Error {}
 /// # Errors
 /// [`Error::Period`] below 16 or above 65,535 counts, or for a frequency that is not positive and finite.
 pub fn period_counts(timer_hz: f32, pwm_hz: f32) -> Result<u16, Error> {
-    let counts = libm::roundf(timer_hz / (2.0 * pwm_hz));
-    if (16.0..=65_535.0).contains(&counts) { Ok(counts as u16) } else { Err(Error::Period(counts)) }
+    let counts = timer_hz / (2.0 * pwm_hz);
+    match crate::float::nearest(counts) {
+        whole @ 16..=65_535 => Ok(whole as u16),
+        _ => Err(Error::Period(counts)),
+    }
 }
 
 /// Timer counts of at least a dead time, rounded up: a count too many costs a thousandth of the voltage, a count too

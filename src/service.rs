@@ -229,7 +229,7 @@ impl Service {
         self.send_config(config, Command::Configure, Origin::Configure)
     }
 
-    /// Sends settings that differ from those of now in [tunable](crate::settings::is_tunable) ones, which a drive takes up
+    /// Sends settings that differ from those of now in [tunable](crate::settings::Entry::is_tunable) ones, which a drive takes up
     /// while it turns, too; its answer is a later [`Event::Reply`].
     ///
     /// # Errors

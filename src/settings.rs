@@ -22,15 +22,6 @@ pub use guard::Ceiling;
 #[cfg(not(feature = "small"))]
 pub(crate) use guard::DEAD_TIMES;
 
-/// Settings that a drive takes over while it turns: bandwidths of its loops.
-const TUNABLE: [&str; 4] =
-    ["current_bandwidth_hz", "speed_bandwidth_hz", "position_bandwidth_hz", "tracking_bandwidth_hz"];
-
-/// Whether a drive takes a setting over while it turns, by [`Command::Retune`](crate::drive::Command::Retune).
-pub fn is_tunable(name: &str) -> bool {
-    TUNABLE.contains(&name)
-}
-
 impl Settings {
     /// Checks that no setting exceeds the board's ceilings and every one is in its range, as the others are.
     ///
@@ -56,11 +47,7 @@ impl Settings {
     /// # Errors
     /// Why it cannot be changed, whatever the others are.
     pub fn change(&mut self, name: &str, value: f32) -> Result<(), Error<'static>> {
-        let entry = find(name).ok_or(Error::Unknown)?;
-        if entry.fixed(self) {
-            return Err(Error::Fixed);
-        }
-        entry.assign(self, value)
+        find(name).ok_or(Error::Unknown)?.change(self, value)
     }
 
     /// A checksum of all values, which tells settings apart without keeping both.

@@ -149,9 +149,9 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
     /// # Errors
     /// As [`Self::load`].
     pub fn load_into<'a>(&mut self, buffer: &'a mut [u8; SIZE]) -> Result<&'a [u8], Error<F::Error>> {
-        let blocks = [0, 1].map(|block| self.read(block, self.slot, buffer));
+        let blocks = [self.read(0, self.slot, buffer), self.read(1, self.slot, buffer)];
         let Some((newest, Block::Whole { version, length, .. })) = newest(&blocks) else {
-            let blank = blocks == [Block::Blank; 2];
+            let blank = matches!(blocks, [Block::Blank, Block::Blank]);
             return Err(if blank { Error::Blank } else { Error::Corrupt });
         };
         if version != self.version {
@@ -205,22 +205,21 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
     /// The block with the newest record of all, and that one's number. Only a block that has been written to its end
     /// has a number of its own: a cut one has copies, fewer than are whole in the other.
     fn last(&mut self, buffer: &mut [u8; SIZE]) -> (usize, u32) {
-        let [first, second] = [0, 1].map(|block| {
-            let mut latest: Option<(u32, usize)> = None;
+        let (mut last, mut most) = ((1, 0), 0);
+        for block in 0..2 {
+            let (mut latest, mut count) = (0, 0);
             for slot in 0..Self::SLOTS {
                 if let Block::Whole { number, .. } = self.read(block, slot, buffer) {
-                    let (last, count) = latest.unwrap_or((number, 0));
-                    latest = Some((if is_later(number, last) { number } else { last }, count + 1));
+                    latest = if count == 0 || is_later(number, latest) { number } else { latest };
+                    count += 1;
                 }
             }
-            latest
-        });
-        match (first, second) {
-            (Some((a, some)), Some((b, others))) if is_later(b, a) || (a == b && others > some) => (1, b),
-            (Some((number, _)), _) => (0, number),
-            (None, Some((number, _))) => (1, number),
-            (None, None) => (1, 0),
+            let wins = most == 0 || is_later(latest, last.1) || (latest == last.1 && count > most);
+            if count > 0 && wins {
+                (last, most) = ((block, latest), count);
+            }
         }
+        last
     }
 
     fn place(&self, block: usize, slot: usize) -> u32 {

@@ -4,35 +4,34 @@
 use crate::fmt::log;
 use hallservo::mode::Mode;
 use hallservo_protocol::{Cause, Incident};
-use heapless::Deque;
 
 /// Entries that are kept; older ones are pushed out.
 pub const ENTRIES: usize = 16;
 
-/// The latest incidents.
+/// The latest incidents, the last one first.
 pub(crate) struct History {
-    entries: Deque<Incident, ENTRIES>,
+    entries: [Option<Incident>; ENTRIES],
     total: u32,
 }
 
 impl History {
     pub const fn new() -> Self {
-        Self { entries: Deque::new(), total: 0 }
+        Self { entries: [None; ENTRIES], total: 0 }
     }
 
     pub fn push(&mut self, at_ms: u64, mode: Mode, cause: Cause) {
         #[cfg(feature = "defmt")]
         log_incident(cause);
-        if self.entries.is_full() {
-            self.entries.pop_back();
+        let mut next = Some(Incident { at_ms, mode, cause });
+        for entry in &mut self.entries {
+            core::mem::swap(entry, &mut next);
         }
-        let _ = self.entries.push_front(Incident { at_ms, mode, cause });
         self.total = self.total.saturating_add(1);
     }
 
     /// The entry with a number, 0 the latest.
     pub fn entry(&self, number: u8) -> Option<Incident> {
-        self.entries.iter().nth(number.into()).copied()
+        self.entries.get(usize::from(number)).copied().flatten()
     }
 
     pub const fn total(&self) -> u32 {
@@ -40,7 +39,7 @@ impl History {
     }
 
     pub fn len(&self) -> u8 {
-        self.entries.len() as u8
+        self.total.min(ENTRIES as u32) as u8
     }
 }
 

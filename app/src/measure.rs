@@ -36,7 +36,7 @@ pub(crate) fn temperatures_c(settings: &Settings, readings: Readings) -> [f32; 2
 /// The inverse of [`Thermistor::code`]. One that is shorted reads −273 °C.
 fn celsius(thermistor: &Thermistor, share: f32) -> f32 {
     let resistance = thermistor.pull_up_ohm * share / (1.0 - share);
-    1.0 / (1.0 / 298.15 + libm::logf(resistance / thermistor.nominal_ohm) / thermistor.beta_k) - 273.15
+    1.0 / (1.0 / 298.15 + hallservo::float::ln(resistance / thermistor.nominal_ohm) / thermistor.beta_k) - 273.15
 }
 
 /// A table of the cogging in SI, and beside it what differs from pole to pole.

@@ -8,6 +8,8 @@ mod turning;
 
 use hallservo::control::cogging::Table;
 use hallservo::service::identify::Report;
+#[cfg(feature = "map")]
+use hallservo::service::mapping::Mapping;
 use hallservo::service::procedure::Error;
 use hallservo::service::swings::Rough;
 use hallservo_protocol::Activity;
@@ -16,14 +18,13 @@ pub(crate) use none::Procedure;
 #[cfg(feature = "procedures")]
 pub(crate) use turning::Procedure;
 
-/// How a procedure ended.
+/// How a procedure ended, with what it has found, which is large.
 #[cfg_attr(not(feature = "procedures"), expect(dead_code))]
-pub(crate) enum Completion {
-    Motor(Report),
-    Cogging(Table),
-    Swings(Rough),
-    /// A map, which is with the procedure.
+pub(crate) enum Completion<'a> {
+    Motor(&'a Report),
+    Cogging(&'a Table),
+    Swings(&'a Rough),
     #[cfg(feature = "map")]
-    Magnets,
+    Magnets(&'a Mapping),
     Failed(Activity, Error),
 }

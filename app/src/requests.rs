@@ -9,7 +9,7 @@ use crate::tasks::Tasks;
 use crate::{Ask, Request};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::angle::Position;
-use hallservo::commutation::{Commutation, Modulation, modulation};
+use hallservo::commutation::{Modulation, modulation};
 use hallservo::control::config::BadDemand;
 use hallservo::control::config::Config;
 use hallservo::drive;
@@ -33,8 +33,8 @@ const FASTEST: f32 = 1000.0;
 
 /// What a request leads to.
 pub(crate) enum Step {
-    /// An answer at once.
-    Answer(Answer<'static>),
+    /// An answer at once, which is at its place.
+    Answered,
     /// An answer later.
     Await(Awaited),
 }
@@ -62,74 +62,81 @@ type StepResult = Result<Step, Refusal<'static>>;
 
 impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Begins to answer a request.
+    // An answer is written right to its place: put there in the end, whatever its kind, it takes 470 bytes more of a chip's
+    // flash.
     #[inline(never)]
-    pub fn begin(&mut self, request: &Request<'_>) -> Step {
+    pub fn begin(&mut self, request: &Request<'_>, answer: &mut Answer<'static>) -> Step {
+        *answer = Answer::Done;
         self.controller.hear(request.client, self.now_ms);
         #[cfg(feature = "scope")]
         if let Ask::Scope(ask) = &request.ask {
-            return Step::Answer(self.ask_scope(ask, request.client));
+            *answer = self.ask_scope(ask, request.client);
+            return Step::Answered;
         }
         // It may have lain in a buffer since before the drive has stopped its motor.
         if self.controller.bars(request.client) && request.ask.is_set_point() {
-            let late = drive::Refusal::Fault(Fault::CommandTimeout);
-            return Step::Answer(Answer::Refused(Refusal::Drive(late)));
+            *answer = Answer::Refused(Refusal::Drive(drive::Refusal::Fault(Fault::CommandTimeout)));
+            return Step::Answered;
         }
-        self.attempt(request).unwrap_or_else(|refusal| Step::Answer(Answer::Refused(refusal)))
+        self.attempt(request, answer).unwrap_or_else(|refusal| {
+            *answer = Answer::Refused(refusal);
+            Step::Answered
+        })
     }
 
-    fn attempt(&mut self, request: &Request<'_>) -> StepResult {
+    fn attempt(&mut self, request: &Request<'_>, answer: &mut Answer<'static>) -> StepResult {
         let Request { id, client, unattended, ask } = *request;
         if E::SETTINGS > 0
             && let Some(number) = encoder_setting::<E>(ask)
         {
-            return Ok(Step::Answer(self.encoder_setting(number)?));
+            *answer = self.encoder_setting(number)?;
+            return Ok(Step::Answered);
         }
         let activity = self.activity();
-        let answer = match ask {
-            Ask::Hello => self.hello(),
-            Ask::Status => Answer::Status(self.status()),
+        match ask {
+            Ask::Hello => *answer = self.hello(),
+            Ask::Status => *answer = Answer::Status(self.status()),
             // Its result is answered to a later request.
-            Ask::Calibration if activity == Activity::Calibration => Answer::Calibration(Calibration::Running),
+            Ask::Calibration if activity == Activity::Calibration => {
+                *answer = Answer::Calibration(Calibration::Running)
+            }
             Ask::Identification if activity == Activity::Identification => {
-                Answer::Identification(protocol::Procedure::Running)
+                *answer = Answer::Identification(protocol::Procedure::Running);
             }
-            Ask::Cogging if activity == Activity::Cogging => Answer::Cogging(protocol::Procedure::Running),
-            Ask::Swings if activity == Activity::Swings => Answer::Swings(protocol::Procedure::Running),
-            Ask::Swings => Answer::Swings(self.swings),
-            Ask::Window => Answer::Window(self.window.take()),
-            Ask::Reference => Answer::Reference(self.reference()),
-            Ask::Calibration => Answer::Calibration(self.calibration),
-            Ask::Identification => Answer::Identification(self.identification),
-            Ask::Cogging => Answer::Cogging(self.cogging),
-            Ask::Setting(number) => {
-                let entry = TABLE.get(usize::from(number)).ok_or(UNKNOWN)?;
-                Answer::Setting(self.setting(entry)?)
-            }
-            Ask::Get(name) => Answer::Setting(self.setting(find(name).ok_or(UNKNOWN)?)?),
+            Ask::Cogging if activity == Activity::Cogging => *answer = Answer::Cogging(protocol::Procedure::Running),
+            Ask::Swings if activity == Activity::Swings => *answer = Answer::Swings(protocol::Procedure::Running),
+            Ask::Swings => *answer = Answer::Swings(self.swings),
+            Ask::Window => *answer = Answer::Window(self.window.take()),
+            Ask::Reference => *answer = Answer::Reference(self.reference()),
+            Ask::Calibration => *answer = Answer::Calibration(self.calibration),
+            Ask::Identification => *answer = Answer::Identification(self.identification),
+            Ask::Cogging => *answer = Answer::Cogging(self.cogging),
+            Ask::Setting(number) => *answer = self.setting(TABLE.get(usize::from(number))),
+            Ask::Get(name) => *answer = self.setting(find(name)),
             #[cfg(feature = "encoder")]
-            Ask::Encoder(EncoderAsk::Status) => self.ask_encoder(EncoderAsk::Status)?,
+            Ask::Encoder(EncoderAsk::Status) => *answer = self.ask_encoder(EncoderAsk::Status)?,
             #[cfg(feature = "map")]
-            Ask::Magnets(MagnetsAsk::Status) => Answer::Magnets(self.magnets.status(
-                self.is_mapping(),
-                self.service.config(),
-                self.settings.full_scale_a(),
-            )),
+            Ask::Magnets(MagnetsAsk::Status) => {
+                *answer = Answer::Magnets(self.magnets.status(
+                    self.is_mapping(),
+                    self.service.config(),
+                    self.settings.full_scale_a(),
+                ))
+            }
             #[cfg(feature = "map")]
-            Ask::Magnets(MagnetsAsk::Points(first)) => self.magnets.points(first)?,
+            Ask::Magnets(MagnetsAsk::Points(first)) => *answer = self.magnets.points(first)?,
             Ask::Telemetry(hz) => {
                 if !(0.0..=FASTEST).contains(&hz) {
                     return Err(Refusal::Demand(BadDemand { value: hz, most: FASTEST }));
                 }
                 self.stream(id, hz);
-                Answer::Done
             }
             Ask::History(number) => {
                 let entry = self.history.entry(number.min(ENTRIES as u8));
-                Answer::History(History { total: self.history.total(), entry })
+                *answer = Answer::History(History { total: self.history.total(), entry });
             }
             Ask::Release => {
                 self.controller.release(client);
-                Answer::Done
             }
             Ask::Disarm => {
                 self.controller.end();
@@ -145,21 +152,22 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             _ if activity != Activity::None => return Err(Refusal::Busy(activity)),
             _ => {
                 self.controller.take(client, unattended, self.now_ms);
-                return self.attempt_when_idle(ask);
+                return self.attempt_when_idle(ask, answer);
             }
-        };
-        Ok(Step::Answer(answer))
+        }
+        Ok(Step::Answered)
     }
 
     /// Requests that are refused while a procedure runs.
-    fn attempt_when_idle(&mut self, ask: Ask<'_>) -> StepResult {
+    fn attempt_when_idle(&mut self, ask: Ask<'_>, answer: &mut Answer<'static>) -> StepResult {
         if E::SETTINGS > 0
             && let Ask::Set { name, value } = ask
             && let Some(number) = E::find(name)
         {
             let mode = self.mode();
             self.encoder.set(number, value, mode)?;
-            return Ok(Step::Answer(self.encoder_setting(number)?));
+            *answer = self.encoder_setting(number)?;
+            return Ok(Step::Answered);
         }
         match ask {
             Ask::Arm | Ask::Calibrate | Ask::Identify | Ask::LearnCogging if self.unconfirmed => {
@@ -167,7 +175,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             }
             Ask::Accept => {
                 self.unconfirmed = false;
-                Ok(Step::Answer(Answer::Done))
+                Ok(Step::Answered)
             }
             Ask::Arm => {
                 self.encoder.may_move(false, &self.settings)?;
@@ -197,28 +205,18 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 self.impedance(&request)?;
                 Ok(Step::Await(Awaited::Reply(Command::Plain)))
             }
-            Ask::Commutate(commutation) => {
-                let number = match commutation {
-                    Commutation::Block => 0.0,
-                    Commutation::Sinusoidal => 1.0,
-                    Commutation::FieldOriented => 2.0,
-                };
-                self.change(b"commutation", number)
-            }
+            Ask::Commutate(commutation) => self.change(b"commutation", (commutation as u8).into()),
             Ask::Calibrate => self.command(drive::Command::Calibrate, Command::Calibrate),
-            Ask::Identify => {
-                self.identify()?;
-                Ok(Step::Answer(Answer::Done))
-            }
-            Ask::LearnCogging => {
-                self.learn_cogging()?;
-                Ok(Step::Answer(Answer::Done))
+            Ask::Identify | Ask::LearnCogging | Ask::Swing => {
+                self.may_turn()?;
+                match ask {
+                    Ask::Identify => self.identify()?,
+                    Ask::LearnCogging => self.learn_cogging()?,
+                    _ => self.swing()?,
+                }
+                Ok(Step::Answered)
             }
             Ask::Measure { begins, probe } => self.command(drive::Command::Measure { begins, probe }, Command::Plain),
-            Ask::Swing => {
-                self.swing()?;
-                Ok(Step::Answer(Answer::Done))
-            }
             Ask::AntiCogging(true) if !self.has_table() => Err(Refusal::NoTable),
             Ask::AntiCogging(on) => self.change(b"anti_cogging", u8::from(on).into()),
             Ask::Set { name, value } => self.change(name, value),
@@ -229,26 +227,29 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             #[cfg(feature = "map")]
             Ask::Magnets(ask) => {
                 self.ask_magnets(ask)?;
-                Ok(Step::Answer(Answer::Done))
+                Ok(Step::Answered)
             }
             #[cfg(feature = "encoder")]
             Ask::Encoder(EncoderAsk::Align) => {
                 self.align()?;
-                Ok(Step::Answer(Answer::Done))
+                Ok(Step::Answered)
             }
             #[cfg(feature = "encoder")]
             Ask::Encoder(ask) => {
-                let answer = self.ask_encoder(ask)?;
+                *answer = self.ask_encoder(ask)?;
                 // The bounds of the position go with its zero.
                 if self.encoder.has_moved(&self.settings) {
                     return self.resend();
                 }
-                Ok(Step::Answer(answer))
+                Ok(Step::Answered)
             }
             Ask::Save => {
                 self.request_save();
-                let waits = !self.is_at_rest();
-                Ok(if waits { Step::Answer(Answer::Saved { waits }) } else { Step::Await(Awaited::Saved) })
+                if self.is_at_rest() {
+                    return Ok(Step::Await(Awaited::Saved));
+                }
+                *answer = Answer::Saved { waits: true };
+                Ok(Step::Answered)
             }
             // A record that a power cut has left half written may be a break of the bridge when it is read.
             Ask::Load if self.mode().drives() => Err(Refusal::Drive(drive::Refusal::Mode(self.mode()))),
@@ -268,9 +269,9 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             | Ask::Get(_)
             | Ask::Telemetry(_)
             | Ask::History(_)
-            | Ask::Release => Ok(Step::Answer(Answer::Done)),
+            | Ask::Release => Ok(Step::Answered),
             #[cfg(feature = "scope")]
-            Ask::Scope(_) => Ok(Step::Answer(Answer::Done)),
+            Ask::Scope(_) => Ok(Step::Answered),
         }
     }
 
@@ -298,7 +299,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     // Procedures are large: not inlined, they do not add to the stack of other requests.
     #[inline(never)]
     fn identify(&mut self) -> Result<(), Refusal<'static>> {
-        self.may_turn()?;
         Procedure::motor(self.procedure, self.service.config())?;
         self.identification = protocol::Procedure::Running;
         Ok(())
@@ -306,7 +306,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     #[inline(never)]
     fn swing(&mut self) -> Result<(), Refusal<'static>> {
-        self.may_turn()?;
         Procedure::swings(self.procedure, self.service.config())?;
         self.swings = protocol::Procedure::Running;
         Ok(())
@@ -314,7 +313,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     #[inline(never)]
     fn learn_cogging(&mut self) -> Result<(), Refusal<'static>> {
-        self.may_turn()?;
         Procedure::cogging(self.procedure, self.service.config())?;
         #[cfg(feature = "map")]
         self.magnets.begin_by_pole(&self.settings);
@@ -350,7 +348,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         self.cancel();
         match self.mode() {
             Mode::Aligning | Mode::Calibrating => self.command(drive::Command::Drive(Modulation::ZERO), Command::Plain),
-            _ => Ok(Step::Answer(Answer::Done)),
+            _ => Ok(Step::Answered),
         }
     }
 
@@ -388,10 +386,9 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     #[inline(never)]
     fn change(&mut self, name: &[u8], value: f32) -> StepResult {
         let entry = find(name).ok_or(UNKNOWN)?;
-        let name = entry.name;
         let mut settings = self.settings;
-        settings.change(name, value).map_err(Refusal::Setting)?;
-        if settings::is_tunable(name) {
+        entry.change(&mut settings, value).map_err(Refusal::Setting)?;
+        if entry.is_tunable() {
             self.retune(&settings)?;
             return Ok(Step::Await(Awaited::Reply(Command::Set(entry))));
         }
@@ -408,14 +405,16 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         Answer::Hello(Hello { board: identity.board, firmware: identity.firmware, settings, step_hz: self.step_hz() })
     }
 
-    fn setting(&self, entry: &Entry) -> Result<Setting<'static>, Refusal<'static>> {
+    #[inline(never)]
+    fn setting(&self, entry: Option<&Entry>) -> Answer<'static> {
+        let Some(entry) = entry else { return Answer::Refused(UNKNOWN) };
         let (name, unit, kind, fixed) = (entry.name, entry.unit(), entry.kind(), entry.fixed(&self.defaults));
         let (Some(value), Some(default), Some((min, max))) =
             (entry.get(&self.settings), entry.get(&self.defaults), entry.range(&self.settings))
         else {
-            return Err(Refusal::Drive(drive::Refusal::NoControl));
+            return Answer::Refused(Refusal::Drive(drive::Refusal::NoControl));
         };
-        Ok(Setting { name, unit, kind, value, default, min, max, fixed })
+        Answer::Setting(Setting { name, unit, kind, value, default, min, max, fixed })
     }
 
     /// The answer that a request waits for, once it is known.
@@ -444,9 +443,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 self.install();
                 self.relearn();
             }
-            (Command::Set(entry), Ok(())) => {
-                return self.setting(entry).map_or_else(Answer::Refused, Answer::Setting);
-            }
+            (Command::Set(entry), Ok(())) => return self.setting(Some(entry)),
         }
         Answer::Done
     }

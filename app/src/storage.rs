@@ -90,8 +90,8 @@ impl Sensors {
     fn decode(record: &[u8]) -> Option<Self> {
         let (model, rest) = record.split_at_checked(calibration::LENGTH)?;
         let (calibrated, noise) = rest.split_at_checked(calibration::LENGTH)?;
-        let noise: &[u8; 12] = noise.try_into().ok()?;
-        let noise = [0, 4, 8].map(|at| f32::from_le_bytes([noise[at], noise[at + 1], noise[at + 2], noise[at + 3]]));
+        let (&[a, b, c], []) = noise.as_chunks() else { return None };
+        let noise = [f32::from_le_bytes(a), f32::from_le_bytes(b), f32::from_le_bytes(c)];
         Some(Self { model: calibration::decode(model)?, calibrated: calibration::decode(calibrated)?, noise })
     }
 }

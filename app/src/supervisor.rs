@@ -92,6 +92,8 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         start(identity, defaults, flash, first_block, memory)
     }
 
+    // Inlined, it is made in its place, and takes no stack.
+    #[inline(always)]
     pub(crate) fn new(tasks: Tasks<F, E>) -> Self {
         Self {
             tasks,
@@ -240,12 +242,15 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         #[cfg(feature = "registers")]
         self.registers.hear(byte, &mut self.tasks, &mut self.outbox);
         let Self { tasks, decoder, .. } = self;
-        match decoder.push::<Request<'_>>(byte) {
+        match &decoder.push::<Request<'_>>(byte) {
             None => {}
-            Some(Ok(request)) => match &tasks.begin(&request) {
-                Step::Answer(answer) => self.outbox.push(request.id, answer),
-                Step::Await(awaited) => self.pending = Some(Pending { id: request.id, awaited: *awaited, ticks: 0 }),
-            },
+            Some(Ok(request)) => {
+                let mut answer = Answer::Done;
+                match tasks.begin(request, &mut answer) {
+                    Step::Answered => self.outbox.push(request.id, &answer),
+                    Step::Await(awaited) => self.pending = Some(Pending { id: request.id, awaited, ticks: 0 }),
+                }
+            }
             Some(Err(error)) => {
                 tasks.garbage = tasks.garbage.saturating_add(1);
                 if !matches!(error, Error::Version { .. }) {

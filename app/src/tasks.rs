@@ -148,12 +148,12 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Takes the service's next event; false where there is none.
     #[inline(never)]
     fn next_event(&mut self, torque_nm: f32) -> bool {
-        let Some(event) = self.service.poll() else { return false };
+        let Some(event) = &self.service.poll() else { return false };
         if let Some(procedure) = self.procedure {
-            procedure.event(&event);
+            procedure.event(event);
         }
-        self.encoder.event(&event);
-        self.handle(&event, torque_nm);
+        self.encoder.event(event);
+        self.handle(event, torque_nm);
         true
     }
 
@@ -181,15 +181,15 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         let Some(control) = self.service.config().control else { return 0.0 };
         let (mut sum, mut count) = (0.0, 0.0);
         while let Some(measurement) = self.service.measurement() {
-            sum += adaptation::torque_nm(&measurement, &control);
+            let measurement = self.measurement.insert(measurement);
+            sum += adaptation::torque_nm(measurement, &control);
             count += 1.0;
-            self.measurement = Some(measurement);
-            self.magnets.measurement(&measurement, &control);
+            self.magnets.measurement(measurement, &control);
             if let Some(procedure) = self.procedure {
-                procedure.measurement(&measurement);
+                procedure.measurement(measurement);
                 #[cfg(feature = "map")]
                 if let Some(learning) = procedure.learning() {
-                    self.magnets.learn_by_pole(learning.direction(), &measurement, &control);
+                    self.magnets.learn_by_pole(learning.direction(), measurement, &control);
                 }
             }
         }

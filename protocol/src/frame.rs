@@ -125,7 +125,10 @@ impl<const ROOM: usize> FrameDecoder<ROOM> {
         }
         match core::mem::take(&mut self.length) {
             0 => None,
-            length => Some(self.frame.get_mut(..length).ok_or(Error::TooLong).and_then(decode)),
+            length => Some(match self.frame.get_mut(..length) {
+                Some(frame) => decode(frame),
+                None => Err(Error::TooLong),
+            }),
         }
     }
 }

@@ -1,7 +1,7 @@
 //! The declaration of every setting. A name that has been in a release is never given to another setting.
 
 use super::Kind::{Choice, Real, Switch, Whole};
-use super::entry::{BOARD, Entry, Field, kind, unit};
+use super::entry::{BOARD, Entry, Field, TUNABLE, kind, unit};
 #[cfg(not(feature = "small"))]
 use super::guard::largest_rise_k;
 use super::guard::{NOISE, OFFSET};
@@ -220,7 +220,7 @@ settings! {
         /// ρ, in the direction of the command.
         phase_advance_deg: f32 = 0.0, -60.0 => 60.0, "°", Real, FREE, "Phase advance beyond a quarter turn, electrical";
         max_modulation: f32 = 1.0, 0.0 => 1.0, "", Real, FREE, "Largest voltage command";
-        tracking_bandwidth_hz: f32 = 280.0, 5.0 => 5000.0, "Hz", Real, FREE,
+        tracking_bandwidth_hz: f32 = 280.0, 5.0 => 5000.0, "Hz", Real, TUNABLE,
             "Natural frequency of the tracker, rounded to the nearest of a series of octaves";
         max_electrical_hz: f32 = 2000.0, 1.0 => s.pwm_hz / 20.0, "Hz", Real, FREE, "A faster rotor is a fault";
         tolerated_samples: u8 = 8, 0.0 => 100.0, "", Whole, FREE,
@@ -270,13 +270,13 @@ settings! {
         flux_linkage_wb: f32 = 5e-3, 1e-6 => 10.0, "Wb", Real, FREE,
             "Flux linkage of a phase: back-EMF per electrical rad/s";
         inertia_kgm2: f32 = 1e-5, 1e-9 => 100.0, "kg·m²", Real, FREE, "Inertia of all that turns";
-        current_bandwidth_hz: f32 = 1000.0, 10.0 => s.pwm_hz / 20.0, "Hz", Real, FREE,
+        current_bandwidth_hz: f32 = 1000.0, 10.0 => s.pwm_hz / 20.0, "Hz", Real, TUNABLE,
             "Bandwidth of the current control";
         feedback: Feedback = Feedback::Pi, 0.0 => 3.0, "", Choice("p|pi|pd|pid"), FREE,
             "Current feedback with block and sinusoidal commutation";
-        speed_bandwidth_hz: f32 = 60.0, 0.5 => c.current_bandwidth_hz / 4.0, "Hz", Real, FREE,
+        speed_bandwidth_hz: f32 = 60.0, 0.5 => c.current_bandwidth_hz / 4.0, "Hz", Real, TUNABLE,
             "Bandwidth of the speed control";
-        position_bandwidth_hz: f32 = 15.0, 0.1 => c.speed_bandwidth_hz / 2.0, "Hz", Real, FREE,
+        position_bandwidth_hz: f32 = 15.0, 0.1 => c.speed_bandwidth_hz / 2.0, "Hz", Real, TUNABLE,
             "Bandwidth of the position control";
         dead_time_ramp_a: f32 = 0.05, 1e-3 => c.current_full_scale_a, "A", Real, FREE,
             "Current below which the dead time acts in part only";

@@ -25,12 +25,14 @@ pub struct Entry {
     pub(super) row: Row,
     /// Place in [`UNITS`].
     pub(super) unit: u8,
-    /// Place in [`KINDS`], and [`BOARD`].
+    /// Place in [`KINDS`], and [`BOARD`] or [`TUNABLE`].
     pub(super) kind: u8,
 }
 
 /// Marks a setting that is the board's.
 pub(super) const BOARD: u8 = 0x80;
+/// Marks one that a drive takes over while it turns.
+pub(super) const TUNABLE: u8 = 0x40;
 
 /// Every unit.
 const UNITS: [&str; 18] =
@@ -90,7 +92,7 @@ impl Entry {
 
     /// What values it takes.
     pub fn kind(&self) -> Kind<'static> {
-        *KINDS.get(usize::from(self.kind & !BOARD)).unwrap_or(&Kind::Real)
+        *KINDS.get(usize::from(self.kind & !(BOARD | TUNABLE))).unwrap_or(&Kind::Real)
     }
 
     /// Whether it follows from the board's parts. One of these that the board names a ceiling for may be changed up to
@@ -98,6 +100,11 @@ impl Entry {
     #[inline(never)]
     pub fn fixed(&self, settings: &Settings) -> bool {
         self.kind & BOARD != 0 && settings.ceiling(self.name) == f32::INFINITY
+    }
+
+    /// Whether a drive takes it over while it turns, by [`Command::Retune`](crate::drive::Command::Retune).
+    pub const fn is_tunable(&self) -> bool {
+        self.kind & TUNABLE != 0
     }
 
     /// The value; `None` where the drive has no current control, and so no such setting.
@@ -123,6 +130,14 @@ impl Entry {
         if inside { Ok(()) } else { Err(Error::OutOfRange { field: self.name, value, min, max }) }
     }
 
+    /// [`Settings::change`] of this one.
+    ///
+    /// # Errors
+    /// As there.
+    pub fn change(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
+        if self.fixed(settings) { Err(Error::Fixed) } else { self.assign(settings, value) }
+    }
+
     /// Another value. A real one may be out of its range, for [`Settings::check`] to find out with the others; the rest
     /// may not. Also of a setting that is the board's: for what simulates that board.
     ///
@@ -131,7 +146,8 @@ impl Entry {
     pub fn assign(&self, settings: &mut Settings, value: f32) -> Result<(), Error<'static>> {
         if self.kind() != Kind::Real {
             self.check_value(settings, value)?;
-            if value != libm::truncf(value) {
+            // In its range, which an integer holds.
+            if value != value as i32 as f32 {
                 return Err(Error::NotWhole);
             }
         }
@@ -168,10 +184,10 @@ impl Field<'_> {
             Self::Real(value) => **value,
             Self::Whole(value) => (**value).into(),
             Self::Switch(value) => u8::from(**value).into(),
-            Self::Commutation(value) => place(&COMMUTATIONS, **value),
-            Self::Feedback(value) => place(&FEEDBACKS, **value),
-            Self::OnTimeout(value) => place(&TIMEOUTS, **value),
-            Self::OnStopFailure(value) => place(&STOP_FAILURES, **value),
+            Self::Commutation(value) => (**value as u8).into(),
+            Self::Feedback(value) => (**value as u8).into(),
+            Self::OnTimeout(value) => (**value as u8).into(),
+            Self::OnStopFailure(value) => (**value as u8).into(),
         }
     }
 
@@ -188,15 +204,11 @@ impl Field<'_> {
     }
 }
 
-// The number of a choice is its place in these lists, which is that of its name in the table.
+// The number of a choice is its variant's, which is its place in these lists and that of its name in the table.
 const COMMUTATIONS: [Commutation; 3] = [Commutation::Block, Commutation::Sinusoidal, Commutation::FieldOriented];
 const FEEDBACKS: [Feedback; 4] = [Feedback::P, Feedback::Pi, Feedback::Pd, Feedback::Pid];
 const TIMEOUTS: [OnTimeout; 2] = [OnTimeout::Fault, OnTimeout::Stop];
 const STOP_FAILURES: [OnStopFailure; 2] = [OnStopFailure::Off, OnStopFailure::Brake];
-
-fn place<T: PartialEq>(all: &[T], value: T) -> f32 {
-    all.iter().position(|one| *one == value).unwrap_or(0) as f32
-}
 
 fn choose<T: Copy>(all: &[T], number: f32, value: &mut T) {
     if let Some(one) = all.get(number as usize) {

@@ -11,17 +11,18 @@ pub const LENGTH: usize = 3 * 20 + 8;
 /// The record of a model: little endian, each sensor's offset, amplitude, placement, third and fifth harmonic, then the
 /// alignment and whether it is reversed.
 pub fn encode(model: &Model) -> [u8; LENGTH] {
-    let words = model.sensors.iter().flat_map(|sensor| {
-        let placement = sensor.placement.to_bits().to_le_bytes();
-        let [offset, amplitude, third, fifth] =
-            [sensor.offset, sensor.amplitude, sensor.third, sensor.fifth].map(f32::to_le_bytes);
-        [offset, amplitude, placement, third, fifth]
-    });
-    let common = [model.alignment.to_bits().to_le_bytes(), u32::from(model.reversed).to_le_bytes()];
     let mut record = [0; LENGTH];
-    for (place, word) in record.chunks_exact_mut(4).zip(words.chain(common)) {
-        place.copy_from_slice(&word);
+    let (words, _) = record.as_chunks_mut();
+    for (words, sensor) in words.chunks_exact_mut(5).zip(&model.sensors) {
+        let Sensor { offset, amplitude, placement, third, fifth } = *sensor;
+        let bits =
+            [offset.to_bits(), amplitude.to_bits(), placement.to_bits() as u32, third.to_bits(), fifth.to_bits()];
+        for (word, bits) in words.iter_mut().zip(bits) {
+            *word = bits.to_le_bytes();
+        }
     }
+    words[15] = model.alignment.to_bits().to_le_bytes();
+    words[16] = u32::from(model.reversed).to_le_bytes();
     record
 }
 

@@ -23,11 +23,14 @@ pub fn key(name: &str) -> u16 {
 pub fn encode(settings: &Settings, defaults: &Settings, record: &mut [u8]) -> Option<usize> {
     let mut pairs = record.chunks_exact_mut(PAIR);
     let mut length = 0;
-    for entry in TABLE.iter().filter(|entry| !entry.fixed(defaults) && entry.get(settings) != entry.get(defaults)) {
-        let pair = pairs.next()?;
-        pair[..2].copy_from_slice(&key(entry.name).to_le_bytes());
-        pair[2..].copy_from_slice(&entry.get(settings).unwrap_or_default().to_le_bytes());
-        length += PAIR;
+    for entry in TABLE.iter().filter(|entry| !entry.fixed(defaults)) {
+        let (Some(value), Some(default)) = (entry.get(settings), entry.get(defaults)) else { continue };
+        if value != default {
+            let pair = pairs.next()?;
+            pair[..2].copy_from_slice(&key(entry.name).to_le_bytes());
+            pair[2..].copy_from_slice(&value.to_le_bytes());
+            length += PAIR;
+        }
     }
     Some(length)
 }

@@ -31,7 +31,7 @@ impl Procedure {
         match *self {}
     }
 
-    pub const fn step(&mut self, _: &mut Service, _: u32) -> Option<Completion> {
+    pub const fn step(&mut self, _: &mut Service, _: u32) -> Option<Completion<'_>> {
         match *self {}
     }
 

@@ -24,39 +24,44 @@ pub(crate) enum Procedure {
 }
 
 impl Procedure {
-    /// Writes an identification to its place, as it is large for a stack: by a `match`, for `?` moves it over the stack
-    /// once more.
+    /// Writes an identification to its place.
     pub fn motor(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = identification::Plan::new(config).map_err(Refusal::Procedure)?;
-        match Identification::new(config, &plan) {
-            Ok(identification) => {
-                *place = Some(Self::Motor(identification));
-                Ok(())
-            }
-            Err(error) => Err(Refusal::Procedure(error)),
-        }
+        Self::put(Identification::new(config, &plan), Self::Motor, place)
     }
 
     /// Writes the learning of the cogging to its place.
     pub fn cogging(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = learning::Plan::new(config).map_err(Refusal::Procedure)?;
-        let outset = learning::Outset::new(config, &plan).map_err(Refusal::Procedure)?;
-        *place = Some(Self::Cogging(Learning::of(outset)));
-        Ok(())
+        Self::put(learning::Outset::new(config, &plan), |outset| Self::Cogging(Learning::of(outset)), place)
     }
 
     /// Writes the swings to their place.
     pub fn swings(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
-        *place = Some(Self::Swings(Swings::new(config).map_err(Refusal::Procedure)?));
-        Ok(())
+        Self::put(Swings::new(config), Self::Swings, place)
     }
 
     /// Writes the learning of the map of the magnets to its place.
     #[cfg(feature = "map")]
     pub fn magnets(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = mapping::Plan::new(config).map_err(Refusal::Procedure)?;
-        *place = Some(Self::Magnets(Mapping::new(config, &plan).map_err(Refusal::Procedure)?));
-        Ok(())
+        Self::put(Mapping::new(config, &plan), Self::Magnets, place)
+    }
+
+    /// Procedures are large for a stack: by a `match`, for `?` moves them over it once more.
+    #[inline(always)]
+    fn put<T>(
+        made: Result<T, Error>,
+        procedure: impl FnOnce(T) -> Self,
+        place: &mut Option<Self>,
+    ) -> Result<(), Refusal<'static>> {
+        match made {
+            Ok(made) => {
+                *place = Some(procedure(made));
+                Ok(())
+            }
+            Err(error) => Err(Refusal::Procedure(error)),
+        }
     }
 
     #[inline(never)]
@@ -85,19 +90,22 @@ impl Procedure {
     }
 
     /// One step; `Some` at the end.
-    pub fn step(&mut self, service: &mut Service, now_ms: u32) -> Option<Completion> {
-        let state = self.inner().step(service, now_ms);
-        let found = match self {
-            Self::Motor(motor) => motor.report().copied().map(Completion::Motor),
-            Self::Cogging(cogging) => cogging.table().copied().map(Completion::Cogging),
-            Self::Swings(swings) => swings.report().copied().map(Completion::Swings),
-            #[cfg(feature = "map")]
-            Self::Magnets(_) => Some(Completion::Magnets),
-        };
-        match state {
+    pub fn step(&mut self, service: &mut Service, now_ms: u32) -> Option<Completion<'_>> {
+        match self.inner().step(service, now_ms) {
             State::Running => None,
             State::Failed(error) => Some(Completion::Failed(self.activity(), error)),
-            State::Done => Some(found.unwrap_or(Completion::Failed(self.activity(), Error::Inconclusive))),
+            State::Done => Some(self.found().unwrap_or(Completion::Failed(self.activity(), Error::Inconclusive))),
+        }
+    }
+
+    /// What it has come to.
+    fn found(&self) -> Option<Completion<'_>> {
+        match self {
+            Self::Motor(motor) => motor.report().map(Completion::Motor),
+            Self::Cogging(cogging) => cogging.table().map(Completion::Cogging),
+            Self::Swings(swings) => swings.report().map(Completion::Swings),
+            #[cfg(feature = "map")]
+            Self::Magnets(mapping) => Some(Completion::Magnets(mapping)),
         }
     }
 

@@ -59,19 +59,19 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
 
     #[inline(never)]
     pub(super) fn proceed(&mut self) {
-        let Some(outcome) = self.procedure.as_mut().and_then(|p| p.step(self.service, self.now_ms as u32)) else {
-            return;
-        };
+        let Some(procedure) = self.procedure else { return };
+        let rest = Rest::after(procedure.activity(), self.now_ms);
+        let Some(outcome) = procedure.step(self.service, self.now_ms as u32) else { return };
         // After a cancelled procedure nothing waits for the rotor.
         if !matches!(outcome, Completion::Failed(_, Error::Cancelled | Error::Disarmed)) {
-            self.rest = Some(Rest::after(self.activity(), self.now_ms));
+            self.rest = Some(rest);
         }
         match outcome {
-            Completion::Swings(found) => self.swings = protocol::Procedure::Done(found),
+            Completion::Swings(found) => self.swings = protocol::Procedure::Done(*found),
             Completion::Failed(Activity::Swings, error) => self.swings = protocol::Procedure::Failed(error),
             #[cfg(feature = "map")]
-            Completion::Magnets => {
-                if let (Some(Procedure::Magnets(mapping)), Some(sensors)) = (&*self.procedure, &self.sensors) {
+            Completion::Magnets(mapping) => {
+                if let Some(sensors) = &self.sensors {
                     self.magnets.learnt(mapping, sensors, self.service.config());
                 }
                 self.relearn();
@@ -79,6 +79,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
             #[cfg(feature = "map")]
             Completion::Failed(Activity::Magnets, error) => self.magnets.failed(error),
             Completion::Motor(report) => {
+                self.identification = protocol::Procedure::Done(*report);
                 let mut settings = self.settings;
                 if let Some(control) = &mut settings.control {
                     report.apply(control);
@@ -87,7 +88,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 if self.configure(&settings).is_ok() {
                     self.abandon_reply();
                 }
-                self.identification = protocol::Procedure::Done(report);
             }
             Completion::Cogging(table) => {
                 #[cfg(feature = "map")]
@@ -96,8 +96,8 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
                 }
                 let full_scale_a = self.settings.full_scale_a();
                 let by_pole_a = self.magnets.by_pole_a(full_scale_a);
-                self.cogging = protocol::Procedure::Done(measure::cogging(&table, full_scale_a, by_pole_a));
-                self.table = Some(table);
+                self.cogging = protocol::Procedure::Done(measure::cogging(table, full_scale_a, by_pole_a));
+                self.table = Some(*table);
                 // The drive uses it already, whether the settings want it or not.
                 self.table_due = true;
                 self.unsaved[Record::Cogging as usize] = true;

@@ -31,11 +31,17 @@ impl Rest {
 
     /// Whether the wait is over, with the rotor at this place; `None` as long as there is more to wait for.
     fn is_over(&mut self, place: Option<Position>, now_ms: u64) -> bool {
-        let still = self.still.filter(|(near, _)| {
-            place.is_some_and(|place| place.to_bits().wrapping_sub(near.to_bits()).unsigned_abs() <= STILL)
-        });
-        self.still = still.or(place.map(|place| (place, now_ms)));
-        let rests = self.still.is_some_and(|(_, since_ms)| now_ms >= since_ms + STILL_MS);
+        let rests = match (place, self.still) {
+            (Some(place), Some((near, since_ms)))
+                if place.to_bits().wrapping_sub(near.to_bits()).unsigned_abs() <= STILL =>
+            {
+                now_ms >= since_ms + STILL_MS
+            }
+            _ => {
+                self.still = place.map(|place| (place, now_ms));
+                false
+            }
+        };
         rests || now_ms >= self.since_ms + LONGEST_MS
     }
 }

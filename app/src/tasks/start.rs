@@ -47,7 +47,7 @@ struct Start<'a, F> {
 
 #[inline(never)]
 fn new_config<'a>(place: &'a mut MaybeUninit<Config>, settings: &Settings) -> Result<&'a mut Config, Error<'static>> {
-    let config = place.write(Config::blank());
+    let config = Config::blank_in(place);
     settings.validate_into(config)?;
     Ok(config)
 }
@@ -76,7 +76,13 @@ fn new_drive<E: Encoder>(
     map: ForDrive,
     settings: &Settings,
 ) -> &'static mut E::Drive {
-    place.write(E::drive(map.attach(Drive::new(*config, interrupt)), encoder, settings))
+    place.write(E::drive(map.attach(bare_drive(config, interrupt)), encoder, settings))
+}
+
+// Inlined, it would be taken apart and put together again.
+#[inline(never)]
+fn bare_drive(config: &Config, interrupt: drive::Interrupt) -> Drive {
+    Drive::new(*config, interrupt)
 }
 
 /// See [`Supervisor::start`].

@@ -1,4 +1,5 @@
-//! From bytes to a message. Whether there were enough is looked at once, in the end.
+//! From bytes to a message. Whether there were enough, and whether they were what a message has, is looked at once, in the
+//! end: 320 bytes of a chip's flash less than behind every field.
 
 use super::Meaningless;
 use serde::de::{
@@ -18,7 +19,7 @@ pub(crate) fn read<'a, T: Deserialize<'a>>(bytes: &'a [u8]) -> Option<T> {
 /// zeros without end.
 struct Fields<'a> {
     bytes: &'a [u8],
-    /// Whether no byte was missing so far.
+    /// Whether no byte was missing so far, and none was what no message has.
     whole: bool,
 }
 
@@ -38,48 +39,53 @@ impl<'a> Fields<'a> {
         (0..4).fold(0, |word, k| word | u32::from(self.byte()) << (8 * k))
     }
 
-    /// Seven bits a byte, the lowest first; the eighth tells that more follow.
+    /// Of so many bits, seven a byte, the lowest first; the eighth tells that more follow.
     #[inline(never)]
-    fn number(&mut self, most_bytes: u32) -> Result<u32, Meaningless> {
+    fn number(&mut self, bits: u32) -> u32 {
         let mut number = 0;
-        for shift in (0..most_bytes).map(|k| 7 * k) {
+        for shift in (0..bits).step_by(7) {
             let byte = self.byte();
             number |= u32::from(byte & 0x7F) << shift;
             if byte < 0x80 {
-                return if shift < 28 || byte < 16 { Ok(number) } else { Err(Meaningless) };
+                self.whole &= byte >> (bits - shift).min(7) == 0;
+                return number;
             }
         }
-        Err(Meaningless)
+        self.whole = false;
+        number
     }
 
     /// The same of 64 bits, which no drive is sent.
-    fn long_number(&mut self) -> Result<u64, Meaningless> {
+    fn long_number(&mut self) -> u64 {
         let mut number = 0;
         for shift in (0..64).step_by(7) {
             let byte = self.byte();
             number |= u64::from(byte & 0x7F) << shift;
             if byte < 0x80 {
-                return if shift < 63 || byte < 2 { Ok(number) } else { Err(Meaningless) };
+                self.whole &= shift < 63 || byte < 2;
+                return number;
             }
         }
-        Err(Meaningless)
+        self.whole = false;
+        number
     }
 
     #[inline(never)]
-    fn text(&mut self) -> Result<&'a [u8], Meaningless> {
-        let length = self.number(5)? as usize;
-        let (text, rest) = self.bytes.split_at_checked(length).ok_or(Meaningless)?;
+    fn text(&mut self) -> &'a [u8] {
+        let length = self.number(32) as usize;
+        let Some((text, rest)) = self.bytes.split_at_checked(length) else {
+            self.whole = false;
+            return &[];
+        };
         self.bytes = rest;
-        Ok(text)
+        text
     }
 
     /// No or yes.
-    fn flag(&mut self) -> Result<bool, Meaningless> {
-        match self.byte() {
-            0 => Ok(false),
-            1 => Ok(true),
-            _ => Err(Meaningless),
-        }
+    fn flag(&mut self) -> bool {
+        let byte = self.byte();
+        self.whole &= byte < 2;
+        byte != 0
     }
 }
 
@@ -92,7 +98,7 @@ impl<'a> Deserializer<'a> for &mut Fields<'a> {
     type Error = Meaningless;
 
     fn deserialize_bool<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, Meaningless> {
-        visitor.visit_bool(self.flag()?)
+        visitor.visit_bool(self.flag())
     }
 
     fn deserialize_u8<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, Meaningless> {
@@ -104,23 +110,23 @@ impl<'a> Deserializer<'a> for &mut Fields<'a> {
     }
 
     fn deserialize_u16<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, Meaningless> {
-        visitor.visit_u16(self.number(3)?.try_into().map_err(|_| Meaningless)?)
+        visitor.visit_u16(self.number(16) as u16)
     }
 
     fn deserialize_u32<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, Meaningless> {
-        visitor.visit_u32(self.number(5)?)
+        visitor.visit_u32(self.number(32))
     }
 
     fn deserialize_u64<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, Meaningless> {
-        visitor.visit_u64(self.long_number()?)
+        visitor.visit_u64(self.long_number())
     }
 
     fn deserialize_i16<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, Meaningless> {
-        visitor.visit_i16(signed(self.number(3)?).try_into().map_err(|_| Meaningless)?)
+        visitor.visit_i16(signed(self.number(16)) as i16)
     }
 
     fn deserialize_i32<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, Meaningless> {
-        visitor.visit_i32(signed(self.number(5)?))
+        visitor.visit_i32(signed(self.number(32)))
     }
 
     fn deserialize_f32<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, Meaningless> {
@@ -133,15 +139,15 @@ impl<'a> Deserializer<'a> for &mut Fields<'a> {
     }
 
     fn deserialize_str<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, Meaningless> {
-        visitor.visit_borrowed_str(core::str::from_utf8(self.text()?).map_err(|_| Meaningless)?)
+        visitor.visit_borrowed_str(core::str::from_utf8(self.text()).map_err(|_| Meaningless)?)
     }
 
     fn deserialize_bytes<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, Meaningless> {
-        visitor.visit_borrowed_bytes(self.text()?)
+        visitor.visit_borrowed_bytes(self.text())
     }
 
     fn deserialize_option<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, Meaningless> {
-        if self.flag()? { visitor.visit_some(self) } else { visitor.visit_none() }
+        if self.flag() { visitor.visit_some(self) } else { visitor.visit_none() }
     }
 
     fn deserialize_unit<V: Visitor<'a>>(self, visitor: V) -> Result<V::Value, Meaningless> {
@@ -213,7 +219,7 @@ impl<'a> EnumAccess<'a> for &mut Fields<'a> {
     type Variant = Self;
 
     fn variant_seed<S: DeserializeSeed<'a>>(self, seed: S) -> Result<(S::Value, Self), Meaningless> {
-        let number: U32Deserializer<Meaningless> = self.number(5)?.into_deserializer();
+        let number: U32Deserializer<Meaningless> = self.number(32).into_deserializer();
         Ok((seed.deserialize(number)?, self))
     }
 }

@@ -118,8 +118,9 @@ impl<F: NorFlash, E: Encoder> Drive<'_, F, E> {
             Change::Id(id) if find(BUS_ID).is_some() => Ask::Set { name: BUS_ID.as_bytes(), value: id.into() },
             Change::Id(_) => return Progress::Over(Err(Why::Address)),
         };
-        match self.tasks.begin(&Request { id: 0, client: CLIENT, unattended: false, ask }) {
-            Step::Answer(answer) => Progress::over(answer),
+        let mut answer = Answer::Done;
+        match self.tasks.begin(&Request { id: 0, client: CLIENT, unattended: false, ask }, &mut answer) {
+            Step::Answered => Progress::over(answer),
             Step::Await(awaited) => Progress::Awaited(awaited, 0),
         }
     }

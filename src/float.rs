@@ -104,6 +104,19 @@ pub fn whole(x: f32) -> i64 {
     if x < 0.0 { -whole } else { whole }
 }
 
+/// Without its fraction, as the nearest integer of 16 bits without a sign; 0 of what is not a number. The core converts to 32
+/// bits only, and the compiler compares with either end at each place: one copy, by integers.
+#[inline(never)]
+pub fn whole_u16(x: f32) -> u16 {
+    (x as u32).min(u16::MAX.into()) as u16
+}
+
+/// The same with a sign.
+#[inline(never)]
+pub fn whole_i16(x: f32) -> i16 {
+    (x as i32).clamp(i16::MIN.into(), i16::MAX.into()) as i16
+}
+
 /// A power of two of a normal number's exponent, −126 to 127.
 #[inline(always)]
 pub const fn power_of_two(exponent: i32) -> f32 {
@@ -166,6 +179,19 @@ mod tests {
         }
         assert!(whole(f32::INFINITY) == i64::MAX && whole(1e30) == i64::MAX && whole(f32::NAN) == 0);
         assert!(whole(f32::NEG_INFINITY) == -i64::MAX && whole(-1e30) == -i64::MAX);
+    }
+
+    #[test]
+    fn short_integers_are_the_compilers() {
+        for bits in (0..=u32::MAX).step_by(1009) {
+            let x = f32::from_bits(bits);
+            assert!(whole_u16(x) == x as u16 && whole_i16(x) == x as i16, "{x}");
+        }
+        for x in
+            [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 32_767.0, 32_768.0, -32_768.0, -32_769.0, 65_535.0, 65_536.0]
+        {
+            assert!(whole_u16(x) == x as u16 && whole_i16(x) == x as i16, "{x}");
+        }
     }
 
     #[test]

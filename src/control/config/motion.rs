@@ -4,7 +4,7 @@ use super::Frame;
 use crate::angle::TURN;
 use crate::control::{Motor, Scale};
 use crate::drive::PARTS;
-use crate::float::whole;
+use crate::float::{whole, whole_i16, whole_u16};
 use crate::schedule::{LONG, OUTER};
 use crate::settings::{Control, OnStopFailure};
 use core::f32::consts::TAU;
@@ -68,9 +68,9 @@ const MISFIT_S: f32 = 0.02;
 impl Motion {
     /// Of settings that are in their ranges.
     pub fn new(settings: &Control, frame: &Frame, motor: &Motor, scale: &Scale) -> Self {
-        let checks = |seconds: f32| (seconds * scale.step_hz / ROUND as f32).max(1.0) as u16;
+        let checks = |seconds: f32| whole_u16((seconds * scale.step_hz / ROUND as f32).max(1.0));
         let turns = scale.pole_pairs * TURN;
-        let hold = (settings.hold_current_a * scale.per_ampere()).min(32_767.0);
+        let hold = settings.hold_current_a * scale.per_ampere();
         Self {
             impulse: (0.1 * settings.max_current_a * scale.per_ampere()).max(128.0) as i32,
             turning_speed: (3.0 / scale.step_hz * TURN) as i32,
@@ -81,7 +81,7 @@ impl Motion {
             reserve: (LOOK + scale.step_hz / (8 * OUTER) as f32 / (TAU * settings.speed_bandwidth_hz)) as u8,
             stop: checks(settings.guard.stop_s),
             brakes: settings.guard.if_stop_fails == OnStopFailure::Brake,
-            hold: hold as i16,
+            hold: whole_i16(hold),
             model: Model::new(frame, settings.current_bandwidth_hz, motor, scale),
         }
     }

@@ -66,7 +66,7 @@ impl Adapter {
         let [a, b, c] = self.sensors.each_ref().map(|sensor| sensor.unexplained);
         // Once doubted, a rotor has to be clearly even.
         let in_doubtful = if self.doubt.times > 0 { 4.0 / (3.0 * DOUBTFUL) } else { 1.0 / (3.0 * DOUBTFUL) };
-        let times = ((a + b + c) * in_doubtful) as u16;
+        let times = crate::float::whole_u16((a + b + c) * in_doubtful);
         let turns = &mut self.doubt.turns;
         *turns = if times == 0 { turns.saturating_sub(1) } else { turns.saturating_add(times) };
         if *turns >= UNEVEN_TURNS {

@@ -47,7 +47,7 @@ impl Supply {
         let room = (guard.over_voltage_v - guard.under_voltage_v) / 16.0 * per_volt;
         // Both so that all may brake where the bus is below the range, but for less than a thousandth: a rounding must not look
         // like a limit of the supply.
-        let slope = (32_768.0 / room.max(0.5)) as i32;
+        let slope = ((32_768.0 / room.max(0.5)) as i32).max(1);
         let band = (65_535 + slope) / slope;
         Self {
             short: fixed(short, 0).unwrap_or(i32::MAX),

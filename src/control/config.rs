@@ -12,7 +12,7 @@ mod supply;
 
 use super::current::{self, LocalGains};
 use super::velocity::TooLarge;
-use super::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity, weakening};
+use super::{Current, Motor, Scale, Speed, bounded, position, trajectory, velocity, weakening};
 use crate::angle::{Position, TURN};
 use crate::commutation::svpwm;
 use crate::double;
@@ -212,8 +212,8 @@ fn trim_from(motor: &Motor, scale: &Scale) -> i32 {
 #[inline(always)]
 fn trim_gain(longest: f32, scale: &Scale) -> i32 {
     let corrections = 0.5 * scale.step_hz / (2 * LONG) as f32;
-    (TURN / TAU / (svpwm::LONGEST as f32 / longest / 50.0) / corrections * 16_777_216.0).clamp(1.0, 2_147_483_520.0)
-        as i32
+    let gain = TURN / TAU / (svpwm::LONGEST as f32 / longest / 50.0) / corrections * 16_777_216.0;
+    (gain as i32).max(1)
 }
 
 impl TooLarge {

@@ -87,7 +87,7 @@ impl ArmingCheck {
             enabled: settings.guard.arming_check && current >= 16.0,
             current: whole_i16(current),
             push: whole_i16((0.6 * most_a * scale.per_ampere()).max(current)),
-            rise: (rise * full).clamp(1.0, 2_147_483_520.0) as i32,
+            rise: ((rise * full) as i32).max(1),
             least: (0.7 * dead * full).min(0.5 * full) as i32,
             most: ((1.6 * dead + 0.02) * full).min(0.9 * full) as i32,
             longest: whole_u16(MOST * steps),

@@ -197,9 +197,10 @@ impl Measurement {
     #[inline]
     pub fn cross(&self, sensor: usize, p: &Covariance) -> CrossCovariance {
         match sensor {
-            0 => self.cross_of::<0>(p),
-            1 => self.cross_of::<1>(p),
-            _ => self.cross_of::<2>(p),
+            sensor if cfg!(feature = "small") => self.cross_of(sensor, p),
+            0 => self.cross_of(0, p),
+            1 => self.cross_of(1, p),
+            _ => self.cross_of(2, p),
         }
     }
 
@@ -213,20 +214,22 @@ impl Measurement {
     #[inline]
     pub fn variance(&self, sensor: usize, p: &Covariance) -> f32 {
         match sensor {
-            0 => self.variance_of::<0>(p),
-            1 => self.variance_of::<1>(p),
-            _ => self.variance_of::<2>(p),
+            sensor if cfg!(feature = "small") => self.variance_of(sensor, p),
+            0 => self.variance_of(0, p),
+            1 => self.variance_of(1, p),
+            _ => self.variance_of(2, p),
         }
     }
 
-    #[inline]
-    fn variance_of<const SENSOR: usize>(&self, p: &Covariance) -> f32 {
-        let offset = OFFSET[SENSOR];
+    /// Of a sensor that the compiler knows, in less time; in less code where it does not.
+    #[inline(always)]
+    fn variance_of(&self, sensor: usize, p: &Covariance) -> f32 {
+        let offset = OFFSET[sensor];
         let (amplitude, placement) = (offset + 1, offset + 2);
         let (a, h) = (self.amplitude, self.third);
         let own = |k| p.get(offset, k) + a * p.get(amplitude, k);
-        let angle = |k| if SENSOR == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(placement, k) };
-        let angles = if SENSOR == 0 { angle(ANGLE) } else { angle(ANGLE) - angle(placement) };
+        let angle = |k| if sensor == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(placement, k) };
+        let angles = if sensor == 0 { angle(ANGLE) } else { angle(ANGLE) - angle(placement) };
         let with_angle = angle(offset) + a * angle(amplitude) + h * angle(THIRD);
         let with_third = own(THIRD);
         self.angle * (self.angle * angles + with_angle + with_angle)
@@ -235,22 +238,22 @@ impl Measurement {
     }
 
     /// Product of the derivatives with a vector.
-    #[inline]
-    fn dot<const SENSOR: usize>(&self, v: &Vector) -> f32 {
-        let own = OFFSET[SENSOR];
-        let angle = if SENSOR == 0 { v[ANGLE] } else { v[ANGLE] - v[own + 2] };
+    #[inline(always)]
+    fn dot(&self, sensor: usize, v: &Vector) -> f32 {
+        let own = OFFSET[sensor];
+        let angle = if sensor == 0 { v[ANGLE] } else { v[ANGLE] - v[own + 2] };
         self.angle * angle + self.third * v[THIRD] + v[own] + self.amplitude * v[own + 1]
     }
 
-    #[inline]
-    fn cross_of<const SENSOR: usize>(&self, p: &Covariance) -> CrossCovariance {
-        let own = OFFSET[SENSOR];
+    #[inline(always)]
+    fn cross_of(&self, sensor: usize, p: &Covariance) -> CrossCovariance {
+        let own = OFFSET[sensor];
         let mut spread = [0.0; STATES];
         for (k, b) in spread.iter_mut().enumerate() {
-            let angle = if SENSOR == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(own + 2, k) };
+            let angle = if sensor == 0 { p.get(ANGLE, k) } else { p.get(ANGLE, k) - p.get(own + 2, k) };
             *b = self.angle * angle + self.third * p.get(THIRD, k) + p.get(own, k) + self.amplitude * p.get(own + 1, k);
         }
-        CrossCovariance { variance: self.dot::<SENSOR>(&spread), spread }
+        CrossCovariance { variance: self.dot(sensor, &spread), spread }
     }
 }
 

@@ -264,21 +264,17 @@ impl Covariance {
     #[inline]
     fn reduce(&mut self, cross: &CrossCovariance, noise: f32, share: f32) -> f32 {
         let weight = 1.0 / (cross.variance + noise);
-        self.reduce_rows::<0, 2>(weight, &cross.spread);
-        if share > 0.0 {
-            self.reduce_rows::<2, STATES>(weight * share * (2.0 - share), &cross.spread);
-        }
-        weight
-    }
-
-    #[inline]
-    fn reduce_rows<const FIRST: usize, const END: usize>(&mut self, weight: f32, b: &Vector) {
-        for row in FIRST..END {
-            let gain = weight * b[row];
-            for column in row..STATES {
-                self.0[at(row, column)] -= gain * b[column];
+        let b = &cross.spread;
+        let (rows, of_parameters) = if share > 0.0 { (STATES, weight * share * (2.0 - share)) } else { (THIRD, 0.0) };
+        // Row by row the entries follow each other.
+        let mut entries = self.0.iter_mut();
+        for row in 0..rows {
+            let gain = b[row] * if row < THIRD { weight } else { of_parameters };
+            for (other, entry) in b[row..].iter().zip(entries.by_ref()) {
+                *entry -= gain * other;
             }
         }
+        weight
     }
 
     /// Update by one measurement, whose covariance with the states is `cross`, the parameters by a share of it.

@@ -86,6 +86,12 @@ pub fn nearest(x: f32) -> i32 {
     (x + libm::copysignf(0.499_999_97, x)) as i32
 }
 
+/// One with the sign of a number: `signum` without a look at whether it is one.
+#[inline(always)]
+pub fn sign_of(x: f32) -> f32 {
+    libm::copysignf(1.0, x)
+}
+
 /// The largest power of two that is not more than the magnitude, as its exponent; −127 of what is below all normal
 /// numbers.
 #[inline(always)]

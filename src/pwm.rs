@@ -3,7 +3,7 @@
 //! The timer counts up and down (centre-aligned), so one PWM period is twice `period` counts; the currents are sampled
 //! in the valley, while the lower transistors conduct, and the ripple has twice the switching frequency.
 
-use crate::float::{ceil, whole_u16};
+use crate::float::{ceil, nearest, whole_u16};
 use core::fmt;
 use fixed::types::I1F15;
 
@@ -62,8 +62,8 @@ impl core::error::Error for Error {}
 /// # Errors
 /// [`Error::Period`] below 16 or above 65,535 counts, or for a frequency that is not positive and finite.
 pub fn period_counts(timer_hz: f32, pwm_hz: f32) -> Result<u16, Error> {
-    let counts = libm::roundf(timer_hz / (2.0 * pwm_hz));
-    if (16.0..=65_535.0).contains(&counts) { Ok(whole_u16(counts)) } else { Err(Error::Period(counts)) }
+    let counts = nearest(timer_hz / (2.0 * pwm_hz));
+    if (16..=65_535).contains(&counts) { Ok(counts as u16) } else { Err(Error::Period(counts as f32)) }
 }
 
 /// Timer counts of at least a dead time, rounded up: a count too many costs a thousandth of the voltage, a count too

@@ -10,6 +10,7 @@ use super::{Event, Service};
 use crate::commutation::Commutation;
 use crate::config::Config;
 use crate::control::{Current, Speed};
+use crate::float::sign_of;
 use crate::service::identify::{Identifier, Report, Stage};
 use crate::telemetry::Measurement;
 
@@ -160,7 +161,7 @@ impl Identification {
         if elapsed_ms >= CHANGING_MS {
             self.identifier.enter(Stage::Swings);
         }
-        let reached = self.sequence.speed() as f32 * share.signum() >= SWING_TO * self.fastest.0 as f32;
+        let reached = self.sequence.speed() as f32 * sign_of(share) >= SWING_TO * self.fastest.0 as f32;
         if reached || elapsed_ms > SWING_MS {
             self.next();
         }

@@ -31,6 +31,7 @@
 use crate::angle::{Position, TURN};
 use crate::config::Config;
 use crate::control::{Motor, Scale};
+use crate::float::sign_of;
 use crate::math;
 use crate::settings::Control;
 use crate::telemetry::Measurement;
@@ -468,7 +469,7 @@ impl Identifier {
         // The current along q that would make the same torque without one along d.
         let more = 1.0 - self.configured.reluctance_per_a() * point.burnt;
         *impulse += (before.current + point.current) / 2.0 * seconds * more;
-        *sign += speed.signum() * seconds;
+        *sign += sign_of(speed) * seconds;
         *time += seconds;
         *way += radians(before.position, point.position) / self.scale.pole_pairs;
         let leap = point.current - before.current;
@@ -537,7 +538,7 @@ impl Identifier {
             hall_delay_us: Estimate { value: late.value + self.configured_delay_us, ..late },
             configured: self.configured,
             configured_delay_us: self.configured_delay_us,
-            pole_pairs: self.scale.pole_pairs as u8,
+            pole_pairs: self.scale.whole_pole_pairs() as u8,
             samples: self.samples,
         };
         // What is doubtful is not set.
@@ -560,7 +561,7 @@ fn radians(from: Position, to: Position) -> f32 {
 /// phases' currents pass zero, and the more steeply, the less is missing there. Within 3 % of the mean over a turn.
 fn softened(ramps: f32) -> f32 {
     let size = ramps.abs();
-    ramps.signum() * if size < 1.0 { size } else { 1.273 - 0.212 / (size * size) }
+    sign_of(ramps) * if size < 1.0 { size } else { 1.273 - 0.212 / (size * size) }
 }
 
 /// Length of a window of a swing.

@@ -17,6 +17,7 @@ use crate::angle::{Position, TURN};
 use crate::commutation::svpwm;
 use crate::double;
 use crate::float::nearest;
+use crate::math::clamp;
 use crate::pwm;
 use crate::schedule::{LONG, OUTER};
 use crate::settings::{Control, Error};
@@ -301,7 +302,7 @@ impl Config {
     pub fn current(&self, amperes: f32) -> Result<Current, BadDemand> {
         let most = self.max_current as f32 / self.scale.per_ampere();
         demand(amperes, most)?;
-        Ok(Current(nearest(amperes * self.scale.per_ampere()).clamp(-self.max_current, self.max_current)))
+        Ok(Current(clamp(nearest(amperes * self.scale.per_ampere()), self.max_current)))
     }
 
     /// Largest current, in amperes.
@@ -351,7 +352,7 @@ impl Config {
         let most = self.trajectory.speed() as f32 / self.scale.per_radian_s();
         demand(radians_s, most)?;
         let most = self.trajectory.speed();
-        Ok(Speed(((radians_s * self.scale.per_radian_s()) as i32).clamp(-most, most)))
+        Ok(Speed(clamp((radians_s * self.scale.per_radian_s()) as i32, most)))
     }
 
     /// A mechanical position in turns.

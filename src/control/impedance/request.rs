@@ -174,7 +174,7 @@ fn range(field: Field, value: f32, least: f32, most: f32) -> Result<f32, Error> 
     // A limit may have been rounded on its way.
     let room = |limit: f32| 1e-4 * limit.abs().min(1e30);
     if value >= least - room(least) && value <= most + room(most) {
-        Ok(value.clamp(least, most))
+        Ok(value.max(least).min(most))
     } else {
         Err(Error::OutOfRange { field, value, least, most })
     }

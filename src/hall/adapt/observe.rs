@@ -98,7 +98,7 @@ impl CalibratedSensor {
         *wave += 2.0 * share * rest * m.amplitude;
         let excess = rest * rest - variance;
         let unexplained = self.unexplained + angle * (1.0 / (TAU * TURNS_OF_MEAN)) * excess;
-        self.unexplained = unexplained.clamp(self.known, MOST_UNEXPLAINED);
+        self.unexplained = unexplained.max(self.known).min(MOST_UNEXPLAINED);
     }
 
     /// Learns it from an outlier that an uneven rotor may produce.

@@ -79,10 +79,12 @@ struct Row {
 impl Row {
     /// Weights of the normalised signals, with `unit` for one.
     fn new(weights: [f32; 3], unit: f32, model: &Model) -> Self {
-        let gains = [0, 1, 2].map(|k| crate::float::nearest(unit * weights[k] / model.sensors[k].amplitude));
-        // Offsets are taken in 2⁻¹² codes.
-        let offset = |k: usize| i64::from((model.sensors[k].offset * 4096.0) as i32);
-        let middle: i64 = (0..3).map(|k| i64::from(gains[k]) * offset(k)).sum();
+        let (mut gains, mut middle) = ([0; 3], 0);
+        for ((gain, weight), sensor) in gains.iter_mut().zip(weights).zip(&model.sensors) {
+            *gain = crate::float::nearest(unit * weight / sensor.amplitude);
+            // Offsets are taken in 2⁻¹² codes.
+            middle += i64::from(*gain) * i64::from((sensor.offset * 4096.0) as i32);
+        }
         Self { gains, bias: (-middle >> 12) as i32 }
     }
 

@@ -117,9 +117,11 @@ impl Identification {
     /// A part of the plan is out of its range.
     pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
         let control = config.control.as_ref().ok_or(Error::NoControl)?;
-        let fields = [("speed_rad_s", plan.speed_rad_s > 0.0), ("current_a", plan.current_a > 0.0)];
-        if let Some((field, _)) = fields.into_iter().find(|(_, right)| !right) {
-            return Err(Error::Plan { field });
+        if !(plan.speed_rad_s > 0.0) {
+            return Err(Error::Plan { field: "speed_rad_s" });
+        }
+        if !(plan.current_a > 0.0) {
+            return Err(Error::Plan { field: "current_a" });
         }
         let sequence = Sequence::new(config, plan.commutation)?;
         Ok(Self {

@@ -265,7 +265,7 @@ impl Adapter {
 
     /// The usable sensors of a sample against their prediction, without adaptation of parameters.
     fn measure(&self, codes: &Codes, unusable: [bool; 3]) -> [Measurement; 3] {
-        [0, 1, 2].map(|k| match unusable[k] {
+        core::array::from_fn(|k| match unusable[k] {
             true => Measurement::NONE,
             false => self.sensors[k].measure(k, &self.state, codes[k], self.nonlinearity(k, false, 1.0)),
         })

@@ -16,7 +16,7 @@ pub struct Sample {
 
 impl Sample {
     pub fn new(measurements: [Measurement; 3], p: &Covariance) -> Self {
-        let variances = [0, 1, 2].map(|k| measurements[k].variance(k, p) + measurements[k].noise);
+        let variances: [f32; 3] = core::array::from_fn(|k| measurements[k].variance(k, p) + measurements[k].noise);
         let mut sample = Self { measurements, variances, squares: [0.0; 3] };
         sample.inflate(0.0);
         sample

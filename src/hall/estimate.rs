@@ -392,7 +392,7 @@ fn hall_angle(model: &Model, inverse: &Inverse, y: f32, x: f32) -> ElectricalAng
     let mut hall = ElectricalAngle::from_radians(crate::float::atan2(y, x));
     // Each step divides the error by the size of the harmonics; five reach the bits of a float.
     for _ in 0..5 {
-        let (cosine, sine) = inverse.apply(model.sensors.map(|sensor| sensor.wave(hall)));
+        let (cosine, sine) = inverse.apply(core::array::from_fn(|k| model.sensors[k].wave(hall)));
         hall += ElectricalAngle::from_radians(crate::float::atan2(y * cosine - x * sine, x * cosine + y * sine));
     }
     hall

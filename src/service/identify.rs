@@ -374,14 +374,13 @@ impl Identifier {
         let volts = self.scale.volts / 32_768.0;
         let amperes = self.scale.amperes / 32_768.0;
         let state = &measurement.state;
-        let [d, q] = [state.current.d, state.current.q].map(|current| current as f32 * amperes);
         let newest = Point {
             sequence: measurement.sequence,
             position: measurement.rotor.smoothed(),
             speed: measurement.rotor.speed() as f32 / TURN * TAU * self.scale.step_hz,
-            current: q,
-            burnt: d,
-            voltage: [state.voltage.d, state.voltage.q].map(|voltage| voltage as f32 * volts),
+            current: state.current.q as f32 * amperes,
+            burnt: state.current.d as f32 * amperes,
+            voltage: [state.voltage.d as f32 * volts, state.voltage.q as f32 * volts],
             trim: measurement.trim.to_radians(),
         };
         if let [Some(before), Some(middle)] = self.points {
@@ -516,7 +515,8 @@ impl Identifier {
         let mut motion = self.motion;
         motion.eliminate(3, inertia.value);
         let [viscous, coulomb, load, ..] = motion.solve(3)?;
-        let [inertia, viscous, coulomb, load] = [inertia, viscous, coulomb, load].map(|x| x.times(constant));
+        let torque = |x: Estimate| x.times(constant);
+        let (inertia, viscous, coulomb, load) = (torque(inertia), torque(viscous), torque(coulomb), torque(load));
         // Half the square of a leap is the variance of what swings or is noise.
         let swings_nm = SWINGS_SHARE * constant * crate::float::root(self.leaps[0] / self.leaps[1].max(1.0) / 2.0);
         let more = |x: Estimate, more: f32| Estimate { error: x.error + more, ..x };

@@ -81,7 +81,7 @@ fn common_angle(measurements: &[Measurement; 3]) -> (f32, f32) {
 pub fn combine(measurements: &[Measurement; 3], p: &Covariance) -> (Measurement, CrossCovariance) {
     let (by, certainty) = common_angle(measurements);
     let noise = 1.0 / certainty;
-    let weights = measurements.each_ref().map(|m| noise * m.angle / m.noise);
+    let weights = core::array::from_fn(|k| noise * measurements[k].angle / measurements[k].noise);
     let cross = CrossCovariance::of_all(measurements, &weights, p);
     (Measurement { innovation: by, noise, ..Measurement::NONE }, cross)
 }

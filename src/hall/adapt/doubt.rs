@@ -79,7 +79,7 @@ impl Adapter {
         self.doubt.begin();
         let state = &mut self.state;
         (state.third, state.offset, state.amplitude) = (0.0, [0.0; 3], [1.0; 3]);
-        state.placement = self.sensors.map(|sensor| sensor.sensor.placement);
+        state.placement = core::array::from_fn(|k| self.sensors[k].sensor.placement);
         // They are not in question now: only then does a push settle, and is the load learnt again.
         self.spread_parameters(0.0);
         // They had bent the angle, and unevenness was taken for a load.

@@ -149,7 +149,7 @@ impl<F: NorFlash, const SIZE: usize> Store<F, SIZE> {
     /// # Errors
     /// As [`Self::load`].
     pub fn load_into<'a>(&mut self, buffer: &'a mut [u8; SIZE]) -> Result<&'a [u8], Error<F::Error>> {
-        let blocks = [0, 1].map(|block| self.read(block, self.slot, buffer));
+        let blocks = [self.read(0, self.slot, buffer), self.read(1, self.slot, buffer)];
         let Some((newest, Block::Whole { version, length, .. })) = newest(&blocks) else {
             let blank = blocks == [Block::Blank; 2];
             return Err(if blank { Error::Blank } else { Error::Corrupt });

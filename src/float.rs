@@ -86,6 +86,18 @@ pub fn nearest(x: f32) -> i32 {
     (x + libm::copysignf(0.499_999_97, x)) as i32
 }
 
+/// Cut to ± a limit; not a number stays one.
+#[inline(never)]
+pub fn cut(x: f32, limit: f32) -> f32 {
+    if x > limit {
+        limit
+    } else if x < -limit {
+        -limit
+    } else {
+        x
+    }
+}
+
 /// One with the sign of a number: `signum` without a look at whether it is one.
 #[inline(always)]
 pub fn sign_of(x: f32) -> f32 {

@@ -133,7 +133,7 @@ impl Report {
             *field = estimate.value;
         }
         if self.tells_delay() {
-            settings.hall_delay_us = self.hall_delay_us.value.clamp(*HALL_DELAY_US.start(), *HALL_DELAY_US.end());
+            settings.hall_delay_us = self.hall_delay_us.value.max(*HALL_DELAY_US.start()).min(*HALL_DELAY_US.end());
         }
     }
 

@@ -96,7 +96,7 @@ fn bound(limit: f32, turns: f32) -> i64 {
 /// A positive number of up to 30 bits.
 #[inline(never)]
 fn fixed(value: f32) -> i32 {
-    value.clamp(1.0, 1_073_741_824.0) as i32
+    (value as i32).clamp(1, 1 << 30)
 }
 
 impl Model {

@@ -12,6 +12,7 @@
 
 use super::{Bin, Bins};
 use crate::angle::ElectricalAngle;
+use crate::float::cut;
 use crate::hall::model::Sensor;
 use crate::hall::{Channel, Halls};
 use crate::math;
@@ -181,7 +182,7 @@ fn nearest(sensors: &[Sensor; 3], codes: &[f32; 3], guess: ElectricalAngle) -> E
         let t = slopes(sensors, angle);
         let (along, length) = (dot(&t, &e), dot(&t, &t));
         // A step of more than half a radian leaves the quadratic neighbourhood.
-        angle += ElectricalAngle::from_radians((along / length).clamp(-0.5, 0.5));
+        angle += ElectricalAngle::from_radians(cut(along / length, 0.5));
     }
     angle
 }
@@ -268,11 +269,11 @@ fn apply(sensors: &mut [Sensor; 3], step: &[f32; PARAMETERS]) {
     let (of_sensors, _) = step.as_chunks();
     for (channel, (sensor, &[offset, amplitude, third, fifth])) in sensors.iter_mut().zip(of_sensors).enumerate() {
         sensor.offset += offset * sensor.amplitude;
-        sensor.amplitude *= 1.0 + amplitude.clamp(-0.5, 0.5);
+        sensor.amplitude *= 1.0 + cut(amplitude, 0.5);
         sensor.third += third;
         sensor.fifth += fifth;
         if channel > 0 {
-            sensor.placement += ElectricalAngle::from_radians(step[11 + channel].clamp(-0.5, 0.5));
+            sensor.placement += ElectricalAngle::from_radians(cut(step[11 + channel], 0.5));
         }
     }
 }

@@ -170,7 +170,7 @@ impl Config {
             guard: Guard::default(),
         });
         config.fade_torque(max_current, speed);
-        config.motion = Motion::new(settings, frame, &motor, &scale);
+        config.motion.fill(settings, frame, &motor, &scale);
         config.arming = ArmingCheck::new(settings, frame, &scale);
         config.overload = Overload::new(settings, &scale);
         #[cfg(not(feature = "small"))]

@@ -342,19 +342,19 @@ fn windows(model: &Model, adc_bits: u8, lost: Option<Channel>) -> Result<[Window
     if !(1..=16).contains(&adc_bits) {
         return Err(BadModel::AdcBits(adc_bits));
     }
-    let window = |channel: usize| {
-        if lost == Some(Channel(channel as u8)) {
-            return Ok(Window::all(adc_bits));
+    let rail = ((1_u32 << adc_bits) - 1) as f32;
+    let mut windows = [Window::all(adc_bits); 3];
+    for ((channel, window), sensor) in (0..).map(Channel).zip(&mut windows).zip(&model.sensors) {
+        if lost == Some(channel) {
+            continue;
         }
-        let sensor = &model.sensors[channel];
-        let rail = ((1_u32 << adc_bits) - 1) as f32;
         let possible = sensor.amplitude >= 4.0
             && (0.0..=rail).contains(&sensor.offset)
             && sensor.third.abs() + sensor.fifth.abs() <= 0.5;
-        let window = Window::new(sensor.offset, sensor.amplitude, adc_bits).filter(|_| possible);
-        window.ok_or(BadModel::Sensor(Channel(channel as u8)))
-    };
-    Ok([window(0)?, window(1)?, window(2)?])
+        let found = Window::new(sensor.offset, sensor.amplitude, adc_bits).filter(|_| possible);
+        *window = found.ok_or(BadModel::Sensor(channel))?;
+    }
+    Ok(windows)
 }
 
 /// Makes the table hold, for every quotient, the electrical angle at which the model delivers it.

@@ -76,7 +76,7 @@ impl ArmingCheck {
         // One leg against two: each loses the dead time's share of the bus; in shares of half the bus.
         let dead = 8.0 / 3.0 * frame.dead_time_s * frame.pwm_hz;
         let rest_hz = REST_SHARE * resistance_ohm * current_a / settings.flux_linkage_wb / core::f32::consts::TAU;
-        let rest_hz = rest_hz.max(REST_HZ.start).min(REST_HZ.end);
+        let rest_hz = rest_hz.clamp(REST_HZ.start, REST_HZ.end);
         // Never so slow that it would take long to get over the dead time.
         let rise = (2.0 * resistance_ohm * current_a / scale.volts / steps).max(1e-3 / steps);
         let lag = LAGS * step_hz / (core::f32::consts::TAU * frame.tracking_hz);

@@ -171,20 +171,22 @@ impl Estimator {
     pub(crate) fn rebuild(&mut self, model: &Model, adc_bits: u8, lost: Option<Channel>) -> Result<(), BadModel> {
         let lost = lost.or(model.absent());
         let (windows, inverse) = check(model, adc_bits, lost)?;
-        self.fill(model, adc_bits, windows, &inverse, lost);
+        self.fill(model, adc_bits, &windows, &inverse, lost);
         Ok(())
     }
 
     #[inline(never)]
-    fn fill(&mut self, model: &Model, adc_bits: u8, windows: [Window; 3], inverse: &Inverse, lost: Option<Channel>) {
+    fn fill(&mut self, model: &Model, adc_bits: u8, windows: &[Window; 3], inverse: &Inverse, lost: Option<Channel>) {
         let window = Window::around(windows);
         let unit = inverse.unit(model, window);
         let row = |row: [f32; 3]| Row::new(row, unit, model);
         let strength = |relative: f32| (relative * unit) as u32;
-        let (common, limit) = (row(inverse.common), (DISAGREEMENT * unit) as i32);
-        (self.window, self.windows) = (window, windows);
-        (self.cosine, self.sine) = (row(inverse.cosine), row(inverse.sine));
-        self.disagreement = Row { bias: common.bias.wrapping_add(limit), ..common };
+        (self.window, self.windows) = (window, *windows);
+        self.cosine = row(inverse.cosine);
+        self.sine = row(inverse.sine);
+        self.disagreement = row(inverse.common);
+        let limit = (DISAGREEMENT * unit) as i32;
+        self.disagreement.bias = self.disagreement.bias.wrapping_add(limit);
         self.disagreement_span = 2 * limit as u32;
         self.weakest = strength(WEAKEST);
         self.strength_span = strength(STRONGEST) - strength(WEAKEST);

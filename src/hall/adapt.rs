@@ -328,7 +328,8 @@ impl Adapter {
     }
 
     /// Whether the rotor surely turns, neither too slowly nor too fast to learn.
-    #[inline]
+    #[cfg_attr(not(feature = "small"), inline)]
+    #[cfg_attr(feature = "small", inline(never))]
     fn turns_well(&self) -> bool {
         let speed = self.state.speed.abs();
         let certain = speed * speed > CERTAIN_SPEED * self.covariance.get(SPEED, SPEED);

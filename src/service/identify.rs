@@ -390,6 +390,7 @@ impl Identifier {
     }
 
     /// What the rotor does from now on.
+    #[inline(never)]
     pub fn enter(&mut self, stage: Stage) {
         if stage != self.stage {
             (self.stage, self.window) = (stage, Window::default());

@@ -102,6 +102,7 @@ impl Covariance {
     }
 
     /// Adds to a variance, up to `largest`.
+    #[inline(never)]
     pub fn inflate(&mut self, state: usize, variance: f32, largest: f32) {
         let entry = &mut self.0[at(state, state)];
         let wider = *entry + variance;

@@ -126,7 +126,7 @@ impl Identification {
         let sequence = Sequence::new(config, plan.commutation)?;
         Ok(Self {
             sequence,
-            identifier: Identifier::new(config).ok_or(Error::NoControl)?,
+            identifier: Identifier::of(config, control),
             report: None,
             number: 0,
             fastest: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,

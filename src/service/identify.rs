@@ -30,7 +30,7 @@
 
 use crate::angle::{Position, TURN};
 use crate::config::Config;
-use crate::control::{Motor, Scale};
+use crate::control::{self, Motor, Scale};
 use crate::float::sign_of;
 use crate::math;
 use crate::settings::Control;
@@ -341,9 +341,13 @@ const LEAST: u32 = 500;
 impl Identifier {
     /// For a drive; `None` for one without current control.
     pub fn new(config: &Config) -> Option<Self> {
-        let control = config.control.as_ref()?;
+        Some(Self::of(config, config.control.as_ref()?))
+    }
+
+    /// The same for its current control.
+    pub(super) fn of(config: &Config, control: &control::Config) -> Self {
         let step_hz = control.scale.step_hz;
-        Some(Self {
+        Self {
             scale: control.scale,
             configured: control.motor,
             configured_delay_us: control.hall_delay_us(),
@@ -366,7 +370,7 @@ impl Identifier {
             begun: None,
             marked: false,
             samples: 0,
-        })
+        }
     }
 
     /// Takes a measurement; to be called in their order. One that was lost does no harm.

@@ -16,7 +16,7 @@ pub(super) struct Inverse {
 }
 
 /// The vector product.
-#[inline(never)]
+#[cfg_attr(feature = "small", inline(never))]
 fn cross(a: &[f32; 3], b: &[f32; 3]) -> [f32; 3] {
     [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
 }

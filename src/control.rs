@@ -110,3 +110,9 @@ fn fixed(value: f32, bits: i32) -> Option<i32> {
     let scaled = value * crate::float::power_of_two(bits);
     (scaled.abs() < 2_147_483_648.0).then(|| crate::float::nearest(scaled))
 }
+
+/// The same, or the largest integer.
+#[inline(never)]
+fn bounded(value: f32, bits: i32) -> i32 {
+    fixed(value, bits).unwrap_or(i32::MAX)
+}

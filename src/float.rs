@@ -86,6 +86,24 @@ pub fn nearest(x: f32) -> i32 {
     (x + libm::copysignf(0.499_999_97, x)) as i32
 }
 
+/// Cut to ± a limit; not a number stays one.
+#[inline(never)]
+pub fn cut(x: f32, limit: f32) -> f32 {
+    if x > limit {
+        limit
+    } else if x < -limit {
+        -limit
+    } else {
+        x
+    }
+}
+
+/// One with the sign of a number: `signum` without a look at whether it is one.
+#[inline(always)]
+pub fn sign_of(x: f32) -> f32 {
+    libm::copysignf(1.0, x)
+}
+
 /// The largest power of two that is not more than the magnitude, as its exponent; −127 of what is below all normal
 /// numbers.
 #[inline(always)]
@@ -102,6 +120,19 @@ pub fn whole(x: f32) -> i64 {
     let high = (magnitude / HALF) as i32;
     let whole = (i64::from(high) << 32) + i64::from((magnitude - high as f32 * HALF) as u32);
     if x < 0.0 { -whole } else { whole }
+}
+
+/// Without its fraction, as the nearest integer of 16 bits without a sign; 0 of what is not a number. The core converts to 32
+/// bits only, and the compiler compares with either end at each place: one copy, by integers.
+#[inline(never)]
+pub fn whole_u16(x: f32) -> u16 {
+    (x as u32).min(u16::MAX.into()) as u16
+}
+
+/// The same with a sign.
+#[inline(never)]
+pub fn whole_i16(x: f32) -> i16 {
+    (x as i32).clamp(i16::MIN.into(), i16::MAX.into()) as i16
 }
 
 /// A power of two of a normal number's exponent, −126 to 127.
@@ -193,6 +224,19 @@ mod tests {
         }
         assert!(whole(f32::INFINITY) == i64::MAX && whole(1e30) == i64::MAX && whole(f32::NAN) == 0);
         assert!(whole(f32::NEG_INFINITY) == -i64::MAX && whole(-1e30) == -i64::MAX);
+    }
+
+    #[test]
+    fn short_integers_are_the_compilers() {
+        for bits in (0..=u32::MAX).step_by(1009) {
+            let x = f32::from_bits(bits);
+            assert!(whole_u16(x) == x as u16 && whole_i16(x) == x as i16, "{x}");
+        }
+        for x in
+            [f32::NAN, f32::INFINITY, f32::NEG_INFINITY, 32_767.0, 32_768.0, -32_768.0, -32_769.0, 65_535.0, 65_536.0]
+        {
+            assert!(whole_u16(x) == x as u16 && whole_i16(x) == x as i16, "{x}");
+        }
     }
 
     #[test]

@@ -3,6 +3,7 @@
 //! The timer counts up and down (centre-aligned), so one PWM period is twice `period` counts; the currents are sampled
 //! in the valley, while the lower transistors conduct, and the ripple has twice the switching frequency.
 
+use crate::float::{ceil, nearest, whole_u16};
 use core::fmt;
 use fixed::types::I1F15;
 
@@ -62,7 +63,7 @@ impl core::error::Error for Error {}
 /// [`Error::Period`] below 16 or above 65,535 counts, or for a frequency that is not positive and finite.
 pub fn period_counts(timer_hz: f32, pwm_hz: f32) -> Result<u16, Error> {
     let counts = timer_hz / (2.0 * pwm_hz);
-    match crate::float::nearest(counts) {
+    match nearest(counts) {
         whole @ 16..=65_535 => Ok(whole as u16),
         _ => Err(Error::Period(counts)),
     }
@@ -79,14 +80,14 @@ pub fn dead_time_counts(timer_hz: f32, pwm_hz: f32, dead_time_s: f32) -> Result<
         return Err(Error::DeadTime(fraction));
     }
     // A product a rounding error above a whole count means that count.
-    Ok(crate::float::ceil(dead_time_s * timer_hz * (1.0 - f32::EPSILON) - 1e-4) as u16)
+    Ok(whole_u16(ceil(dead_time_s * timer_hz * (1.0 - f32::EPSILON) - 1e-4)))
 }
 
 /// The largest compare value that leaves the lower transistors conducting for `window_s` in each valley, for sampling
 /// their shunts, after a dead time. Both are subtracted once: half of the time before, half after the valley.
 pub fn highest_compare(period: u16, timer_hz: f32, window_s: f32, dead_time_s: f32) -> u16 {
-    let reserved = crate::float::ceil((window_s + dead_time_s) * timer_hz / 2.0);
-    (f32::from(period) - reserved) as u16
+    let reserved = ceil((window_s + dead_time_s) * timer_hz / 2.0);
+    whole_u16(f32::from(period) - reserved)
 }
 
 /// The range of compare values, and what a full command may be within it.

@@ -75,6 +75,13 @@ pub const fn sin_cos(angle: ElectricalAngle) -> (I2F30, I2F30) {
     (I2F30::from_bits(SINE[index].at(offset)), I2F30::from_bits(SINE[index + QUARTER].at(offset)))
 }
 
+/// The same for tasks: with the feature `small` in one copy.
+#[cfg_attr(not(feature = "small"), inline(always))]
+#[cfg_attr(feature = "small", inline(never))]
+pub(crate) const fn sin_cos_of_tasks(angle: ElectricalAngle) -> (I2F30, I2F30) {
+    sin_cos(angle)
+}
+
 /// A sine as a float. One conversion and one multiplication, where `to_num`, made for every format, shifts 64 bits
 /// about.
 #[inline(always)]
@@ -86,7 +93,7 @@ pub(crate) const fn float(sine: I2F30) -> f32 {
 #[cfg_attr(not(feature = "small"), inline(always))]
 #[cfg_attr(feature = "small", inline(never))]
 pub(crate) const fn sin_cos_f32(angle: ElectricalAngle) -> (f32, f32) {
-    let (sine, cosine) = sin_cos(angle);
+    let (sine, cosine) = sin_cos_of_tasks(angle);
     (float(sine), float(cosine))
 }
 

@@ -132,6 +132,12 @@ impl Rotation {
         Self { sin, cos }
     }
 
+    /// The same for tasks.
+    pub(crate) const fn of_tasks(angle: crate::angle::ElectricalAngle) -> Self {
+        let (sin, cos) = trig::sin_cos_of_tasks(angle);
+        Self { sin, cos }
+    }
+
     /// Park: a quarter of what the rotor sees of a vector. Within 2 + 1.5e-5 of the vector's length.
     #[inline(always)]
     pub const fn park(self, vector: AlphaBeta) -> Dq {

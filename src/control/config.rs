@@ -11,11 +11,12 @@ mod overload;
 mod supply;
 
 use super::current::{self, LocalGains};
-use super::{Current, Motor, Scale, Speed, fixed, position, trajectory, velocity, weakening};
+use super::{Current, Motor, Scale, Speed, bounded, position, trajectory, velocity, weakening};
 use crate::angle::{Position, TURN};
 use crate::commutation::svpwm;
 use crate::double;
 use crate::float::nearest;
+use crate::math::clamp;
 use crate::pwm;
 use crate::schedule::{LONG, OUTER};
 use crate::settings::{Control, Error};
@@ -173,7 +174,7 @@ impl Config {
             guard: Guard::default(),
         });
         config.fade_torque(max_current, speed);
-        config.motion = Motion::new(settings, frame, &motor, &scale);
+        config.motion.fill(settings, frame, &motor, &scale);
         config.arming = ArmingCheck::new(settings, frame, &scale);
         config.overload = Overload::new(settings, &scale);
         #[cfg(not(feature = "small"))]
@@ -216,8 +217,8 @@ fn trim_from(motor: &Motor, scale: &Scale) -> i32 {
 #[inline(always)]
 fn trim_gain(longest: f32, scale: &Scale) -> i32 {
     let corrections = 0.5 * scale.step_hz / (2 * LONG) as f32;
-    (TURN / TAU / (svpwm::LONGEST as f32 / longest / 50.0) / corrections * 16_777_216.0).clamp(1.0, 2_147_483_520.0)
-        as i32
+    let gain = TURN / TAU / (svpwm::LONGEST as f32 / longest / 50.0) / corrections * 16_777_216.0;
+    (gain as i32).max(1)
 }
 
 impl Motor {
@@ -293,7 +294,7 @@ impl Config {
     pub fn current(&self, amperes: f32) -> Result<Current, BadDemand> {
         let most = self.max_current as f32 / self.scale.per_ampere();
         demand(amperes, most)?;
-        Ok(Current(nearest(amperes * self.scale.per_ampere()).clamp(-self.max_current, self.max_current)))
+        Ok(Current(clamp(nearest(amperes * self.scale.per_ampere()), self.max_current)))
     }
 
     /// Largest current, in amperes.
@@ -343,7 +344,7 @@ impl Config {
         let most = self.trajectory.speed() as f32 / self.scale.per_radian_s();
         demand(radians_s, most)?;
         let most = self.trajectory.speed();
-        Ok(Speed(((radians_s * self.scale.per_radian_s()) as i32).clamp(-most, most)))
+        Ok(Speed(clamp((radians_s * self.scale.per_radian_s()) as i32, most)))
     }
 
     /// A mechanical position in turns.

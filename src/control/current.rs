@@ -80,14 +80,15 @@ impl Gains {
         // From shares of the full scale to the unit of the voltages, with 22 bits.
         let unit = LONGEST as f32 / 4_194_304.0 / longest;
         let omega = TAU * bandwidth_hz;
-        let axes_h = motor.inductances_h();
-        let [along_d, along_q] = axes_h.map(|own_h| unit * omega * own_h / scale.conductance());
+        let [d_h, q_h] = motor.inductances_h();
+        let voltage = |per_s: f32, own_h: f32| unit * per_s * own_h / scale.conductance();
+        let (along_d, along_q) = (voltage(omega, d_h), voltage(omega, q_h));
         let proportional = along_d.max(along_q);
         let integral = unit * omega * motor.resistance_ohm / scale.conductance() / scale.step_hz;
         // Radians a second at a turn a step.
         let radians_s = TAU * scale.step_hz;
-        let inductances = axes_h.map(|own_h| unit * radians_s * own_h / scale.conductance());
-        let inductance = inductances[0].max(inductances[1]);
+        let (inductance_d, inductance_q) = (voltage(radians_s, d_h), voltage(radians_s, q_h));
+        let inductance = inductance_d.max(inductance_q);
         let flux = unit * radians_s * motor.flux_linkage_wb / scale.volts;
         let room = |gain: f32| MOST * least_bus / gain;
         if room(proportional.max(integral)) <= 1.0 {
@@ -101,7 +102,7 @@ impl Gains {
             integral: hold(integral, 26).max(1),
             back: hold((integral / proportional).min(0.49), 32),
             constant: crate::float::nearest(4.0 * scale.step_hz / omega).clamp(0, 65_535) as u16,
-            inductance: Dq { d: hold(inductances[0], 23 - shift), q: hold(inductances[1], 23 - shift) },
+            inductance: Dq { d: hold(inductance_d, 23 - shift), q: hold(inductance_q, 23 - shift) },
             flux: hold(flux, 23 - shift),
             shift: shift as u8,
             beyond: i32::MAX - (turns * TURN) as i32,

@@ -13,8 +13,9 @@ impl Measurement {
         // Finer than the phases by 2¹⁰, of which the transform takes 2².
         let vector =
             AlphaBeta { alpha: (2 * a - b - c) * 1024 / 3, beta: ((b - c) as f32 * (1024.0 * 0.577_350_26)) as i32 };
-        let Dq { d, q } = Rotation::at(self.rotor.angle() + self.trim).park(vector);
-        [d, q].map(|current| current as f32 / 256.0 / control.scale.per_ampere())
+        let Dq { d, q } = Rotation::of_tasks(self.rotor.angle() + self.trim).park(vector);
+        let amperes = |current: i32| current as f32 / 256.0 / control.scale.per_ampere();
+        [amperes(d), amperes(q)]
     }
 }
 

@@ -12,6 +12,7 @@
 //! current against the field is never less than that d, whatever the voltage.
 
 use crate::commutation::svpwm::LONGEST;
+use crate::float::whole_i16;
 
 /// What is kept free of the longest vector: 4.4 %, which noise and a change of the load need.
 const FREE: i32 = 1 << 17;
@@ -45,7 +46,7 @@ impl Gains {
         let gain = (short * (CORRECTS * 268_435_456.0 / LONGEST as f32)).min(600.0);
         let reluctance = (32_768.0 / reluctance).max(0.5 * largest) as u32;
         let reluctance = reluctance.min(NO_RELUCTANCE);
-        Self { gain: gain as i16 + 1, most: (most * 8192.0) as i16, reluctance }
+        Self { gain: whole_i16(gain) + 1, most: whole_i16(most * 8192.0), reluctance }
     }
 }
 

@@ -265,7 +265,7 @@ impl Adapter {
 
     /// The usable sensors of a sample against their prediction, without adaptation of parameters.
     fn measure(&self, codes: &Codes, unusable: [bool; 3]) -> [Measurement; 3] {
-        [0, 1, 2].map(|k| match unusable[k] {
+        core::array::from_fn(|k| match unusable[k] {
             true => Measurement::NONE,
             false => self.sensors[k].measure(k, &self.state, codes[k], self.nonlinearity(k, false, 1.0)),
         })
@@ -328,7 +328,8 @@ impl Adapter {
     }
 
     /// Whether the rotor surely turns, neither too slowly nor too fast to learn.
-    #[inline]
+    #[cfg_attr(not(feature = "small"), inline)]
+    #[cfg_attr(feature = "small", inline(never))]
     fn turns_well(&self) -> bool {
         let speed = self.state.speed.abs();
         let certain = speed * speed > CERTAIN_SPEED * self.covariance.get(SPEED, SPEED);

@@ -231,7 +231,8 @@ impl<M: Memory> Collector<M> {
         let mut angles = [[ElectricalAngle::ZERO; BINS]; 2];
         let fit = fit::fit(both, halls, &mut angles)?;
         tell(both, &fit, &mut angles);
-        let [(forward, variance), (backward, variance_back)] = [0, 1].map(|sweep| lags(&both[sweep], &angles[sweep]));
+        let (forward, variance) = lags(&both[0], &angles[0]);
+        let (backward, variance_back) = lags(&both[1], &angles[1]);
         let hunting = ElectricalAngle::from_radians(crate::float::root(((variance + variance_back) / 2.0).max(0.0)));
         // Half way between, on the side where they are closer together.
         let lag = ElectricalAngle::from_bits((backward - forward).to_bits() / 2);
@@ -242,7 +243,7 @@ impl<M: Memory> Collector<M> {
     #[inline(never)]
     fn judge(&self, &Found { ref fit, alignment, lag, hunting }: &Found, reversed: bool) -> Result<Calibration, Error> {
         let model = Model { sensors: fit.sensors, alignment, reversed };
-        let raw = [0, 1, 2].map(|k| Raw { noise: self.noise.deviation(k), at_rail: self.at_rail[k] });
+        let raw: [_; 3] = core::array::from_fn(|k| Raw { noise: self.noise.deviation(k), at_rail: self.at_rail[k] });
         let report = Report::new(&model, &raw, fit, lag, hunting);
         // A rotor that slipped fits anything, and nothing of what was fitted means anything.
         let unexplained = Finding::Unexplained(report.residual_pct);

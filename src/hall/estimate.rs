@@ -79,10 +79,12 @@ struct Row {
 impl Row {
     /// Weights of the normalised signals, with `unit` for one.
     fn new(weights: [f32; 3], unit: f32, model: &Model) -> Self {
-        let gains = [0, 1, 2].map(|k| crate::float::nearest(unit * weights[k] / model.sensors[k].amplitude));
-        // Offsets are taken in 2⁻¹² codes.
-        let offset = |k: usize| i64::from((model.sensors[k].offset * 4096.0) as i32);
-        let middle: i64 = (0..3).map(|k| i64::from(gains[k]) * offset(k)).sum();
+        let (mut gains, mut middle) = ([0; 3], 0);
+        for ((gain, weight), sensor) in gains.iter_mut().zip(weights).zip(&model.sensors) {
+            *gain = crate::float::nearest(unit * weight / sensor.amplitude);
+            // Offsets are taken in 2⁻¹² codes.
+            middle += i64::from(*gain) * i64::from((sensor.offset * 4096.0) as i32);
+        }
         Self { gains, bias: (-middle >> 12) as i32 }
     }
 
@@ -169,20 +171,22 @@ impl Estimator {
     pub(crate) fn rebuild(&mut self, model: &Model, adc_bits: u8, lost: Option<Channel>) -> Result<(), BadModel> {
         let lost = lost.or(model.absent());
         let (windows, inverse) = check(model, adc_bits, lost)?;
-        self.fill(model, adc_bits, windows, &inverse, lost);
+        self.fill(model, adc_bits, &windows, &inverse, lost);
         Ok(())
     }
 
     #[inline(never)]
-    fn fill(&mut self, model: &Model, adc_bits: u8, windows: [Window; 3], inverse: &Inverse, lost: Option<Channel>) {
+    fn fill(&mut self, model: &Model, adc_bits: u8, windows: &[Window; 3], inverse: &Inverse, lost: Option<Channel>) {
         let window = Window::around(windows);
         let unit = inverse.unit(model, window);
         let row = |row: [f32; 3]| Row::new(row, unit, model);
         let strength = |relative: f32| (relative * unit) as u32;
-        let (common, limit) = (row(inverse.common), (DISAGREEMENT * unit) as i32);
-        (self.window, self.windows) = (window, windows);
-        (self.cosine, self.sine) = (row(inverse.cosine), row(inverse.sine));
-        self.disagreement = Row { bias: common.bias.wrapping_add(limit), ..common };
+        (self.window, self.windows) = (window, *windows);
+        self.cosine = row(inverse.cosine);
+        self.sine = row(inverse.sine);
+        self.disagreement = row(inverse.common);
+        let limit = (DISAGREEMENT * unit) as i32;
+        self.disagreement.bias = self.disagreement.bias.wrapping_add(limit);
         self.disagreement_span = 2 * limit as u32;
         self.weakest = strength(WEAKEST);
         self.strength_span = strength(STRONGEST) - strength(WEAKEST);
@@ -340,19 +344,19 @@ fn windows(model: &Model, adc_bits: u8, lost: Option<Channel>) -> Result<[Window
     if !(1..=16).contains(&adc_bits) {
         return Err(BadModel::AdcBits(adc_bits));
     }
-    let window = |channel: usize| {
-        if lost == Some(Channel(channel as u8)) {
-            return Ok(Window::all(adc_bits));
+    let rail = ((1_u32 << adc_bits) - 1) as f32;
+    let mut windows = [Window::all(adc_bits); 3];
+    for ((channel, window), sensor) in (0..).map(Channel).zip(&mut windows).zip(&model.sensors) {
+        if lost == Some(channel) {
+            continue;
         }
-        let sensor = &model.sensors[channel];
-        let rail = ((1_u32 << adc_bits) - 1) as f32;
         let possible = sensor.amplitude >= 4.0
             && (0.0..=rail).contains(&sensor.offset)
             && sensor.third.abs() + sensor.fifth.abs() <= 0.5;
-        let window = Window::new(sensor.offset, sensor.amplitude, adc_bits).filter(|_| possible);
-        window.ok_or(BadModel::Sensor(Channel(channel as u8)))
-    };
-    Ok([window(0)?, window(1)?, window(2)?])
+        let found = Window::new(sensor.offset, sensor.amplitude, adc_bits).filter(|_| possible);
+        *window = found.ok_or(BadModel::Sensor(channel))?;
+    }
+    Ok(windows)
 }
 
 /// Makes the table hold, for every quotient, the electrical angle at which the model delivers it.
@@ -390,7 +394,7 @@ fn hall_angle(model: &Model, inverse: &Inverse, y: f32, x: f32) -> ElectricalAng
     let mut hall = ElectricalAngle::from_radians(crate::float::atan2(y, x));
     // Each step divides the error by the size of the harmonics; five reach the bits of a float.
     for _ in 0..5 {
-        let (cosine, sine) = inverse.apply(model.sensors.map(|sensor| sensor.wave(hall)));
+        let (cosine, sine) = inverse.apply(core::array::from_fn(|k| model.sensors[k].wave(hall)));
         hall += ElectricalAngle::from_radians(crate::float::atan2(y * cosine - x * sine, x * cosine + y * sine));
     }
     hall

@@ -110,7 +110,7 @@ impl Pair {
     /// Takes what the motor does; true when it turns against its torque.
     #[inline(never)]
     pub fn turns_against(&mut self, Motion { torque, speed }: Motion) -> bool {
-        let changed = (speed - core::mem::replace(&mut self.speed, speed)).clamp(-MOST, MOST);
+        let changed = crate::float::cut(speed - core::mem::replace(&mut self.speed, speed), MOST);
         (self.done, self.due) = (KEPT * self.done, KEPT * self.due);
         if libm::fabsf(torque) >= LARGE {
             self.done += torque * changed;

@@ -66,7 +66,7 @@ impl Window {
     }
 
     /// The smallest window that holds three others.
-    pub fn around(windows: [Self; 3]) -> Self {
+    pub fn around(windows: &[Self; 3]) -> Self {
         let low = windows.iter().fold(u32::MAX, |low, window| low.min(window.low));
         let high = windows.iter().fold(0, |high, window| high.max(window.low.saturating_add(window.span)));
         Self { low, span: high.saturating_sub(low) }

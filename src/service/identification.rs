@@ -10,6 +10,7 @@ use super::{Event, Service};
 use crate::commutation::Commutation;
 use crate::config::Config;
 use crate::control::{Current, Speed};
+use crate::float::sign_of;
 use crate::service::identify::{Identifier, Report, Stage};
 use crate::telemetry::Measurement;
 
@@ -121,14 +122,16 @@ impl Identification {
     /// A part of the plan is out of its range.
     pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
         let control = config.control.as_ref().ok_or(Error::NoControl)?;
-        let fields = [("speed_rad_s", plan.speed_rad_s > 0.0), ("current_a", plan.current_a > 0.0)];
-        if let Some((field, _)) = fields.into_iter().find(|(_, right)| !right) {
-            return Err(Error::Plan { field });
+        if !(plan.speed_rad_s > 0.0) {
+            return Err(Error::Plan { field: "speed_rad_s" });
+        }
+        if !(plan.current_a > 0.0) {
+            return Err(Error::Plan { field: "current_a" });
         }
         let sequence = Sequence::new(config, plan.commutation)?;
         Ok(Self {
             sequence,
-            identifier: Identifier::new(config).ok_or(Error::NoControl)?,
+            identifier: Identifier::of(config, control),
             report: None,
             number: 0,
             fastest: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,
@@ -165,7 +168,7 @@ impl Identification {
         if elapsed_ms >= CHANGING_MS {
             self.identifier.enter(Stage::Swings);
         }
-        let reached = self.sequence.speed() as f32 * share.signum() / (SWING_TO * self.fastest.0 as f32);
+        let reached = self.sequence.speed() as f32 * sign_of(share) / (SWING_TO * self.fastest.0 as f32);
         if reached >= 1.0 || elapsed_ms > if reached < 0.2 { HEAVY_SWING_MS } else { SWING_MS } {
             self.next();
         }

@@ -30,7 +30,8 @@
 
 use crate::angle::{Position, TURN};
 use crate::config::Config;
-use crate::control::{Motor, Scale};
+use crate::control::{self, Motor, Scale};
+use crate::float::sign_of;
 use crate::math;
 use crate::settings::Control;
 use crate::telemetry::Measurement;
@@ -132,7 +133,7 @@ impl Report {
             *field = estimate.value;
         }
         if self.tells_delay() {
-            settings.hall_delay_us = self.hall_delay_us.value.clamp(*HALL_DELAY_US.start(), *HALL_DELAY_US.end());
+            settings.hall_delay_us = self.hall_delay_us.value.max(*HALL_DELAY_US.start()).min(*HALL_DELAY_US.end());
         }
     }
 
@@ -346,9 +347,13 @@ const LEAST: u32 = 500;
 impl Identifier {
     /// For a drive; `None` for one without current control.
     pub fn new(config: &Config) -> Option<Self> {
-        let control = config.control.as_ref()?;
+        Some(Self::of(config, config.control.as_ref()?))
+    }
+
+    /// The same for its current control.
+    pub(super) fn of(config: &Config, control: &control::Config) -> Self {
         let step_hz = control.scale.step_hz;
-        Some(Self {
+        Self {
             scale: control.scale,
             configured: control.motor,
             configured_delay_us: control.hall_delay_us(),
@@ -371,7 +376,7 @@ impl Identifier {
             begun: None,
             marked: false,
             samples: 0,
-        })
+        }
     }
 
     /// Takes a measurement; to be called in their order. One that was lost does no harm.
@@ -379,14 +384,13 @@ impl Identifier {
         let volts = self.scale.volts / 32_768.0;
         let amperes = self.scale.amperes / 32_768.0;
         let state = &measurement.state;
-        let [d, q] = [state.current.d, state.current.q].map(|current| current as f32 * amperes);
         let newest = Point {
             sequence: measurement.sequence,
             position: measurement.rotor.smoothed(),
             speed: measurement.rotor.speed() as f32 / TURN * TAU * self.scale.step_hz,
-            current: q,
-            burnt: d,
-            voltage: [state.voltage.d, state.voltage.q].map(|voltage| voltage as f32 * volts),
+            current: state.current.q as f32 * amperes,
+            burnt: state.current.d as f32 * amperes,
+            voltage: [state.voltage.d as f32 * volts, state.voltage.q as f32 * volts],
             trim: measurement.trim.to_radians(),
         };
         if let [Some(before), Some(middle)] = self.points {
@@ -396,6 +400,7 @@ impl Identifier {
     }
 
     /// What the rotor does from now on.
+    #[inline(never)]
     pub fn enter(&mut self, stage: Stage) {
         if stage != self.stage {
             (self.stage, self.window) = (stage, Window::default());
@@ -474,7 +479,7 @@ impl Identifier {
         // The current along q that would make the same torque without one along d.
         let more = 1.0 - self.configured.reluctance_per_a() * point.burnt;
         *impulse += (before.current + point.current) / 2.0 * seconds * more;
-        *sign += speed.signum() * seconds;
+        *sign += sign_of(speed) * seconds;
         *time += seconds;
         *way += radians(before.position, point.position) / self.scale.pole_pairs;
         let leap = point.current - before.current;
@@ -521,7 +526,8 @@ impl Identifier {
         let mut motion = self.motion;
         motion.eliminate(3, inertia.value);
         let [viscous, coulomb, load, ..] = motion.solve(3)?;
-        let [inertia, viscous, coulomb, load] = [inertia, viscous, coulomb, load].map(|x| x.times(constant));
+        let torque = |x: Estimate| x.times(constant);
+        let (inertia, viscous, coulomb, load) = (torque(inertia), torque(viscous), torque(coulomb), torque(load));
         // Half the square of a leap is the variance of what swings or is noise.
         let swings_nm = SWINGS_SHARE * constant * crate::float::root(self.leaps[0] / self.leaps[1].max(1.0) / 2.0);
         let more = |x: Estimate, more: f32| Estimate { error: x.error + more, ..x };
@@ -543,7 +549,7 @@ impl Identifier {
             hall_delay_us: Estimate { value: late.value + self.configured_delay_us, ..late },
             configured: self.configured,
             configured_delay_us: self.configured_delay_us,
-            pole_pairs: self.scale.pole_pairs as u8,
+            pole_pairs: self.scale.whole_pole_pairs() as u8,
             samples: self.samples,
         };
         // What is doubtful is not set.
@@ -566,7 +572,7 @@ fn radians(from: Position, to: Position) -> f32 {
 /// phases' currents pass zero, and the more steeply, the less is missing there. Within 3 % of the mean over a turn.
 fn softened(ramps: f32) -> f32 {
     let size = ramps.abs();
-    ramps.signum() * if size < 1.0 { size } else { 1.273 - 0.212 / (size * size) }
+    sign_of(ramps) * if size < 1.0 { size } else { 1.273 - 0.212 / (size * size) }
 }
 
 /// Length of a window of a swing.

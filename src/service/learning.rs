@@ -75,13 +75,14 @@ impl Outset {
     #[inline(never)]
     pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
         let control = config.control.as_ref().ok_or(Error::NoControl)?;
-        let fields = [
-            ("speed_rad_s", plan.speed_rad_s > 0.0),
-            ("turns", (1..=100).contains(&plan.turns)),
-            ("passes", (1..=4).contains(&plan.passes)),
-            ("harmonics", (1..cogging::POINTS as u8 / 2).contains(&plan.harmonics)),
-        ];
-        if let Some((field, _)) = fields.into_iter().find(|(_, right)| !right) {
+        let wrong = match plan {
+            _ if !(plan.speed_rad_s > 0.0) => Some("speed_rad_s"),
+            _ if !(1..=100).contains(&plan.turns) => Some("turns"),
+            _ if !(1..=4).contains(&plan.passes) => Some("passes"),
+            _ if !(1..cogging::POINTS as u8 / 2).contains(&plan.harmonics) => Some("harmonics"),
+            _ => None,
+        };
+        if let Some(field) = wrong {
             return Err(Error::Plan { field });
         }
         let leg_ms = 1000.0 * plan.turns as f32 * TAU / plan.speed_rad_s;

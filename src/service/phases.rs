@@ -146,7 +146,7 @@ fn dot(a: Dq, b: Dq) -> i32 {
 
 /// What a current in the frame of the rotor is along a phase that the rotor is ahead of by an angle.
 fn along(current: Dq, from_phase: ElectricalAngle) -> i32 {
-    let (sin, cos) = crate::trig::sin_cos(from_phase);
+    let (sin, cos) = crate::trig::sin_cos_of_tasks(from_phase);
     high(current.d << 2, cos.to_bits()) - high(current.q << 2, sin.to_bits())
 }
 

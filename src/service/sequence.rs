@@ -267,6 +267,7 @@ impl Sequence {
     }
 
     /// Where the procedure is; `result` when it went well.
+    #[inline(never)]
     pub const fn state(&self) -> State {
         match (self.phase, self.failure) {
             (Phase::Over, Some(error)) => State::Failed(error),

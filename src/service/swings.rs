@@ -15,6 +15,7 @@ use super::sequence::{Demand, Sequence};
 use super::{Event, Service};
 use crate::config::Config;
 use crate::control::{Current, Motor, Scale};
+use crate::float::sign_of;
 use crate::telemetry::Measurement;
 
 /// What was found: against twenty simulated motors, flux linkage within 6 %, inertia up to 50 % too large.
@@ -248,7 +249,7 @@ impl Procedure for Swings {
             self.energy_j = if brakes { 0.0 } else { self.energy_j + 1.5 * self.emf_v * current_a * elapsed_s };
             // A current along d turns what the dead time takes away from q.
             if follows && 4.0 * field_a.abs() < current_a.abs() {
-                self.fit.add(self.speed, current_a.signum(), self.emf_v);
+                self.fit.add(self.speed, sign_of(current_a), self.emf_v);
             }
         }
     }

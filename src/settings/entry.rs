@@ -3,6 +3,7 @@
 use super::declaration::Row;
 use super::{Error, Feedback, OnStopFailure, OnTimeout, Settings, TABLE};
 use crate::commutation::Commutation;
+use crate::float::whole_u16;
 
 /// What values a setting takes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -194,7 +195,7 @@ impl Field<'_> {
     fn assign(self, number: f32) {
         match self {
             Self::Real(value) => *value = number,
-            Self::Whole(value) => *value = number as u8,
+            Self::Whole(value) => *value = whole_u16(number) as u8,
             Self::Switch(value) => *value = number != 0.0,
             Self::Commutation(value) => choose(&COMMUTATIONS, number, value),
             Self::Feedback(value) => choose(&FEEDBACKS, number, value),

@@ -2,6 +2,7 @@
 
 use super::Frame;
 use crate::control::Scale;
+use crate::float::{whole_i16, whole_u16};
 use crate::settings::Control;
 
 /// Currents in 2⁻¹⁵ of the full scale, modulations in 2⁻³¹, times in steps of the check: one every [`EVERY`] control steps.
@@ -84,17 +85,17 @@ impl ArmingCheck {
         let speed = |hz: f32| (hz / scale.step_hz * crate::angle::TURN) as i32;
         Self {
             enabled: settings.guard.arming_check && current >= 16.0,
-            current: current as i16,
-            push: (0.6 * most_a * scale.per_ampere()).max(current) as i16,
-            rise: (rise * full).clamp(1.0, 2_147_483_520.0) as i32,
+            current: whole_i16(current),
+            push: whole_i16((0.6 * most_a * scale.per_ampere()).max(current)),
+            rise: ((rise * full) as i32).max(1),
             least: (0.7 * dead * full).min(0.5 * full) as i32,
             most: ((1.6 * dead + 0.02) * full).min(0.9 * full) as i32,
-            longest: (MOST * steps) as u16,
-            longest_push: (PUSH_S * step_hz) as u16,
+            longest: whole_u16(MOST * steps),
+            longest_push: whole_u16(PUSH_S * step_hz),
             turning: speed(PUSH_HZ),
             averages,
-            lag: (lag + averaged) as u16,
-            watched: (WATCHED_S * step_hz) as u16,
+            lag: whole_u16(lag + averaged),
+            watched: whole_u16(WATCHED_S * step_hz),
             rests_within: (WATCHED_S * rest_hz * crate::angle::TURN) as u32,
             turns: speed((SHORTED * rest_hz).max(rest_hz + NOISE_HZ)),
         }

@@ -4,7 +4,7 @@ use super::Frame;
 use crate::angle::TURN;
 use crate::control::{Motor, Scale};
 use crate::drive::{PARTS, SETTLING};
-use crate::float::whole;
+use crate::float::{whole, whole_i16, whole_u16};
 use crate::schedule::{LONG, OUTER};
 use crate::settings::{Control, OnStopFailure};
 use core::f32::consts::TAU;
@@ -66,24 +66,24 @@ const ROUND: u32 = PARTS as u32 * LONG;
 const MISFIT_S: f32 = 0.02;
 
 impl Motion {
-    /// Of settings that are in their ranges.
-    pub fn new(settings: &Control, frame: &Frame, motor: &Motor, scale: &Scale) -> Self {
-        let checks = |seconds: f32| (seconds * scale.step_hz / ROUND as f32).max(1.0) as u16;
+    /// Makes it of settings that are in their ranges.
+    pub fn fill(&mut self, settings: &Control, frame: &Frame, motor: &Motor, scale: &Scale) {
+        let checks = |seconds: f32| whole_u16((seconds * scale.step_hz / ROUND as f32).max(1.0));
         let turns = scale.pole_pairs * TURN;
-        let hold = (settings.hold_current_a * scale.per_ampere()).min(32_767.0);
-        Self {
-            impulse: (0.1 * settings.max_current_a * scale.per_ampere()).max(128.0) as i32,
-            turning_speed: (3.0 / scale.step_hz * TURN) as i32,
-            far: whole(settings.following_error_turns * turns / OUTER as f32),
-            far_speed: (settings.following_error_rad_s * scale.per_radian_s()).min(1_073_741_824.0) as i32,
-            late: checks(settings.guard.stall_s),
-            bounds: [bound(settings.min_position_turns, turns), bound(settings.max_position_turns, turns)],
-            reserve: (LOOK + scale.step_hz / (8 * OUTER) as f32 / (TAU * settings.speed_bandwidth_hz)) as u8,
-            stop: checks(settings.guard.stop_s),
-            brakes: settings.guard.if_stop_fails == OnStopFailure::Brake,
-            hold: hold as i16,
-            model: Model::new(frame, settings.current_bandwidth_hz, motor, scale),
-        }
+        // Each to its place: a whole one would be made on the stack.
+        let Self { impulse, turning_speed, far, far_speed, late, bounds, reserve, stop, brakes, hold, model } = self;
+        *impulse = (0.1 * settings.max_current_a * scale.per_ampere()).max(128.0) as i32;
+        *turning_speed = (3.0 / scale.step_hz * TURN) as i32;
+        *far = whole(settings.following_error_turns * turns / OUTER as f32);
+        *far_speed = (settings.following_error_rad_s * scale.per_radian_s()).min(1_073_741_824.0) as i32;
+        *late = checks(settings.guard.stall_s);
+        bounds[0] = bound(settings.min_position_turns, turns);
+        bounds[1] = bound(settings.max_position_turns, turns);
+        *reserve = (LOOK + scale.step_hz / (8 * OUTER) as f32 / (TAU * settings.speed_bandwidth_hz)) as u8;
+        *stop = checks(settings.guard.stop_s);
+        *brakes = settings.guard.if_stop_fails == OnStopFailure::Brake;
+        *hold = whole_i16(settings.hold_current_a * scale.per_ampere());
+        model.fill(frame, settings.current_bandwidth_hz, motor, scale);
     }
 }
 
@@ -96,24 +96,23 @@ fn bound(limit: f32, turns: f32) -> i64 {
 /// A positive number of up to 30 bits.
 #[inline(never)]
 fn fixed(value: f32) -> i32 {
-    value.clamp(1.0, 1_073_741_824.0) as i32
+    (value as i32).clamp(1, 1 << 30)
 }
 
 impl Model {
-    fn new(frame: &Frame, current_hz: f32, motor: &Motor, scale: &Scale) -> Self {
+    fn fill(&mut self, frame: &Frame, current_hz: f32, motor: &Motor, scale: &Scale) {
         let per_current = scale.amperes / scale.volts * 65_536.0;
         let check_s = ROUND as f32 / scale.step_hz;
         let radians_s = TAU * scale.step_hz;
         let [along_d, along_q] = motor.inductances_h();
         let largest_h = along_d.max(along_q);
-        Self {
-            resistance: fixed(motor.resistance_ohm * per_current),
-            change: fixed(largest_h * scale.step_hz / SETTLING as f32 * per_current),
-            proportional: fixed(TAU * current_hz * largest_h * per_current),
-            reactance: fixed(along_q * radians_s * per_current),
-            flux: fixed(motor.flux_linkage_wb * radians_s / scale.volts * 32_768.0),
-            dead: fixed((2.0 * frame.dead_time_s * frame.pwm_hz + 0.01) * 32_768.0),
-            most: fixed(0.1 * 32_768.0 * MISFIT_S / check_s),
-        }
+        let Self { resistance, change, proportional, reactance, flux, dead, most } = self;
+        *resistance = fixed(motor.resistance_ohm * per_current);
+        *change = fixed(largest_h * scale.step_hz / SETTLING as f32 * per_current);
+        *proportional = fixed(TAU * current_hz * largest_h * per_current);
+        *reactance = fixed(along_q * radians_s * per_current);
+        *flux = fixed(motor.flux_linkage_wb * radians_s / scale.volts * 32_768.0);
+        *dead = fixed((2.0 * frame.dead_time_s * frame.pwm_hz + 0.01) * 32_768.0);
+        *most = fixed(0.1 * 32_768.0 * MISFIT_S / check_s);
     }
 }

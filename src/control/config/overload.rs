@@ -2,7 +2,7 @@
 
 #[cfg(not(feature = "small"))]
 use super::Copper;
-use super::fixed;
+use super::bounded;
 use crate::control::Scale;
 use crate::schedule::LONG;
 use crate::settings::Control;
@@ -74,5 +74,5 @@ impl Overload {
 /// The current is counted every so many long cycles.
 fn rate(time_s: f32, cycles: f32, scale: &Scale) -> i32 {
     let share = cycles * LONG as f32 / scale.step_hz / time_s;
-    fixed(share.min(0.49), 32).unwrap_or(i32::MAX).max(1)
+    bounded(share.min(0.49), 32).max(1)
 }

@@ -1,6 +1,6 @@
 //! What the supply gives and takes back, in the units of the interrupt.
 
-use super::fixed;
+use super::bounded;
 use crate::control::{Motor, Scale};
 use crate::settings::Control;
 
@@ -40,17 +40,17 @@ impl Supply {
         let power = |amperes: f32, resistance: f32| {
             let per_bus = scale.volts / 32_768.0 * amperes / (1.5 * resistance) * per_ampere * per_ampere;
             // Up to what the largest current can make of the largest back-EMF.
-            fixed(per_bus, 16).unwrap_or(i32::MAX)
+            bounded(per_bus, 16)
         };
         let guard = &settings.guard;
         let per_volt = 32_768.0 / scale.volts;
         let room = (guard.over_voltage_v - guard.under_voltage_v) / 16.0 * per_volt;
         // Both so that all may brake where the bus is below the range, but for less than a thousandth: a rounding must not look
         // like a limit of the supply.
-        let slope = (32_768.0 / room.max(0.5)) as i32;
+        let slope = ((32_768.0 / room.max(0.5)) as i32).max(1);
         let band = (65_535 + slope) / slope;
         Self {
-            short: fixed(short, 0).unwrap_or(i32::MAX),
+            short: bounded(short, 0),
             returns: power(settings.max_regeneration_a, resistance),
             // A winding that is hot takes more, and so does the bridge.
             gives: power(settings.max_supply_a, 1.4 * resistance),

@@ -174,7 +174,7 @@ fn range(field: Field, value: f32, least: f32, most: f32) -> Result<f32, Error> 
     // A limit may have been rounded on its way.
     let room = |limit: f32| 1e-4 * limit.abs().min(1e30);
     if value >= least - room(least) && value <= most + room(most) {
-        Ok(value.clamp(least, most))
+        Ok(value.max(least).min(most))
     } else {
         Err(Error::OutOfRange { field, value, least, most })
     }
@@ -199,9 +199,8 @@ impl Control {
     fn course(&self, motion: &Motion) -> Result<Course, Error> {
         match *motion {
             Motion::Within { least_turns, most_turns } => {
-                let place = |turns: Option<f64>| turns.map(|turns| self.place(turns)).transpose();
                 let free = i32::MAX;
-                let (end, dead) = match (place(least_turns)?, place(most_turns)?) {
+                let (end, dead) = match (self.place(least_turns)?, self.place(most_turns)?) {
                     (None, None) => (None, [-free, free]),
                     (Some(least), None) => (Some(least), [-free, 0]),
                     (None, Some(most)) => (Some(most), [0, free]),
@@ -220,8 +219,8 @@ impl Control {
                     least: -bad.most,
                     most: bad.most,
                 })?;
-                let at = position_turns.map(|turns| self.place(turns)).transpose()?;
-                let stop = stop_turns.map(|turns| self.place(turns)).transpose()?;
+                let at = self.place(position_turns)?;
+                let stop = self.place(stop_turns)?;
                 let fastest = self.fastest(max_speed_rad_s)?;
                 let acceleration = self.acceleration(max_acceleration_rad_s2)?;
                 let speed = speed.0;
@@ -243,14 +242,17 @@ impl Control {
         }
     }
 
-    fn place(&self, turns: f64) -> Result<i64, Error> {
+    /// The position, if there is one.
+    #[inline(never)]
+    fn place(&self, turns: Option<f64>) -> Result<Option<i64>, Error> {
+        let Some(turns) = turns else { return Ok(None) };
         let position = self.position(turns).map_err(|bad| Error::OutOfRange {
             field: Field::Position,
             value: bad.value,
             least: -bad.most,
             most: bad.most,
         })?;
-        Ok(coarse(position).to_bits())
+        Ok(Some(coarse(position).to_bits()))
     }
 
     /// Largest speed of the reference; `None` for no limit.

@@ -13,7 +13,7 @@ impl Adapter {
         if unusable == [false; 3] {
             unusable = self.suspicions.suspected();
         }
-        let signals = [0, 1, 2].map(|k| self.sensors[k].signal(f32::from(observation.codes[k])));
+        let signals: [f32; 3] = core::array::from_fn(|k| self.sensors[k].signal(f32::from(observation.codes[k])));
         let angle = angle_of_signals(&self.state, &signals, &unusable);
         let step = (angle - self.state.angle).to_radians();
         self.state.angle = angle;

@@ -63,10 +63,10 @@ impl Adapter {
         if self.doubt.exists || !self.calibrated || self.fault.is_some() || self.is_too_fast() {
             return true;
         }
-        let [a, b, c] = self.sensors.each_ref().map(|sensor| sensor.unexplained);
+        let [a, b, c] = &self.sensors;
         // Once doubted, a rotor has to be clearly even.
         let in_doubtful = if self.doubt.times > 0 { 4.0 / (3.0 * DOUBTFUL) } else { 1.0 / (3.0 * DOUBTFUL) };
-        let times = ((a + b + c) * in_doubtful) as u16;
+        let times = crate::float::whole_u16((a.unexplained + b.unexplained + c.unexplained) * in_doubtful);
         let turns = &mut self.doubt.turns;
         *turns = if times == 0 { turns.saturating_sub(1) } else { turns.saturating_add(times) };
         if *turns >= UNEVEN_TURNS {
@@ -79,7 +79,7 @@ impl Adapter {
         self.doubt.begin();
         let state = &mut self.state;
         (state.third, state.offset, state.amplitude) = (0.0, [0.0; 3], [1.0; 3]);
-        state.placement = self.sensors.map(|sensor| sensor.sensor.placement);
+        state.placement = core::array::from_fn(|k| self.sensors[k].sensor.placement);
         // They are not in question now: only then does a push settle, and is the load learnt again.
         self.spread_parameters(0.0);
         // They had bent the angle, and unevenness was taken for a load.

@@ -52,6 +52,14 @@ impl Covariance {
         self.0[at(i, j)]
     }
 
+    /// Of a state with the angle between the rotor and a sensor.
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
+    fn angle_from_placement(&self, sensor: usize, state: usize) -> f32 {
+        let angle = self.get(ANGLE, state);
+        if sensor == 0 { angle } else { angle - self.get(OFFSET[sensor] + 2, state) }
+    }
+
     /// A row without the speed.
     #[inline]
     const fn row<const K: usize>(&self) -> [f32; STATES - 1] {
@@ -102,6 +110,7 @@ impl Covariance {
     }
 
     /// Adds to a variance, up to `largest`.
+    #[cfg_attr(feature = "small", inline(never))]
     pub fn inflate(&mut self, state: usize, variance: f32, largest: f32) {
         let entry = &mut self.0[at(state, state)];
         let wider = *entry + variance;
@@ -197,6 +206,7 @@ impl Measurement {
     #[inline]
     pub fn cross(&self, sensor: usize, p: &Covariance) -> CrossCovariance {
         match sensor {
+            sensor if cfg!(feature = "small") => self.cross_of_any(sensor, p),
             0 => self.cross_of::<0>(p),
             1 => self.cross_of::<1>(p),
             _ => self.cross_of::<2>(p),
@@ -213,6 +223,7 @@ impl Measurement {
     #[inline]
     pub fn variance(&self, sensor: usize, p: &Covariance) -> f32 {
         match sensor {
+            sensor if cfg!(feature = "small") => self.variance_of_any(sensor, p),
             0 => self.variance_of::<0>(p),
             1 => self.variance_of::<1>(p),
             _ => self.variance_of::<2>(p),
@@ -252,6 +263,43 @@ impl Measurement {
         }
         CrossCovariance { variance: self.dot::<SENSOR>(&spread), spread }
     }
+
+    /// [`Self::variance`] in little code: the same sums in the same order.
+    fn variance_of_any(&self, sensor: usize, p: &Covariance) -> f32 {
+        let offset = OFFSET[sensor];
+        let (amplitude, placement) = (offset + 1, offset + 2);
+        let (a, h) = (self.amplitude, self.third);
+        let from_placement = p.angle_from_placement(sensor, ANGLE);
+        let angles =
+            if sensor == 0 { from_placement } else { from_placement - p.angle_from_placement(sensor, placement) };
+        let with_angle = p.angle_from_placement(sensor, offset)
+            + a * p.angle_from_placement(sensor, amplitude)
+            + h * p.angle_from_placement(sensor, THIRD);
+        let with_third = p.get(offset, THIRD) + a * p.get(amplitude, THIRD);
+        self.angle * (self.angle * angles + with_angle + with_angle)
+            + h * (h * p.get(THIRD, THIRD) + with_third + with_third)
+            + (p.get(offset, offset)
+                + a * p.get(amplitude, offset)
+                + a * (p.get(offset, amplitude) + a * p.get(amplitude, amplitude)))
+    }
+
+    /// The same in little code.
+    fn dot_any(&self, sensor: usize, v: &Vector) -> f32 {
+        let own = OFFSET[sensor];
+        let angle = if sensor == 0 { v[ANGLE] } else { v[ANGLE] - v[own + 2] };
+        self.angle * angle + self.third * v[THIRD] + v[own] + self.amplitude * v[own + 1]
+    }
+
+    /// [`Self::cross`] in little code: the same sums in the same order.
+    fn cross_of_any(&self, sensor: usize, p: &Covariance) -> CrossCovariance {
+        let own = OFFSET[sensor];
+        let mut spread = [0.0; STATES];
+        for (k, b) in spread.iter_mut().enumerate() {
+            let angle = p.angle_from_placement(sensor, k);
+            *b = self.angle * angle + self.third * p.get(THIRD, k) + p.get(own, k) + self.amplitude * p.get(own + 1, k);
+        }
+        CrossCovariance { variance: self.dot_any(sensor, &spread), spread }
+    }
 }
 
 impl Covariance {
@@ -261,19 +309,23 @@ impl Covariance {
     #[inline]
     fn reduce(&mut self, cross: &CrossCovariance, noise: f32, share: f32) -> f32 {
         let weight = 1.0 / (cross.variance + noise);
-        self.reduce_rows::<0, 2>(weight, &cross.spread);
+        self.reduce_rows(0, THIRD, weight, &cross.spread);
         if share > 0.0 {
-            self.reduce_rows::<2, STATES>(weight * share * (2.0 - share), &cross.spread);
+            self.reduce_rows(THIRD, STATES, weight * share * (2.0 - share), &cross.spread);
         }
         weight
     }
 
-    #[inline]
-    fn reduce_rows<const FIRST: usize, const END: usize>(&mut self, weight: f32, b: &Vector) {
-        for row in FIRST..END {
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
+    fn reduce_rows(&mut self, first: usize, end: usize, weight: f32, b: &Vector) {
+        // Row by row the entries follow each other.
+        let mut entry = at(first, first);
+        for row in first..end {
             let gain = weight * b[row];
             for column in row..STATES {
-                self.0[at(row, column)] -= gain * b[column];
+                self.0[entry] -= gain * b[column];
+                entry += 1;
             }
         }
     }
@@ -336,5 +388,17 @@ mod tests {
         let covariance = Covariance(core::array::from_fn(|k| (k as f32 + 1.0).recip() - 0.1));
         let h = core::array::from_fn(|k| 0.3 * k as f32 - 1.1);
         assert_eq!(covariance.products_in_a_loop(&h), covariance.products_straight_on(&h));
+    }
+
+    /// Boards with little flash take the one, all others the other.
+    #[test]
+    fn any_sensor_has_what_a_known_one_has() {
+        let covariance = Covariance(core::array::from_fn(|k| (k as f32 + 1.0).recip() - 0.1));
+        let m = Measurement { innovation: 0.1, noise: 0.01, angle: 0.7, amplitude: -0.4, third: 0.3 };
+        for sensor in 0..3 {
+            let (any, known) = (m.cross_of_any(sensor, &covariance), m.cross(sensor, &covariance));
+            assert_eq!((any.spread, any.variance), (known.spread, known.variance));
+            assert_eq!(m.variance_of_any(sensor, &covariance), m.variance(sensor, &covariance));
+        }
     }
 }

@@ -4,6 +4,7 @@ use super::filter::{STATES, THIRD, radians};
 use super::{Adapter, Fault, Parameter, Status};
 use crate::angle::ElectricalAngle;
 use crate::hall::{Channel, estimate};
+use crate::math::clamp;
 
 /// Fewest samples from which a model is made.
 const FEWEST_SAMPLES: u8 = 64;
@@ -104,7 +105,7 @@ impl Adapter {
             state.offset[k] = within(state.offset[k], -limits.offset, limits.offset);
             state.amplitude[k] = within(state.amplitude[k], 1.0 - limits.amplitude, 1.0 + limits.amplitude);
             let middle = sensors.sensor.placement;
-            let placement = (state.placement[k] - middle).to_bits().clamp(-limit, limit);
+            let placement = clamp((state.placement[k] - middle).to_bits(), limit);
             state.placement[k] = middle + ElectricalAngle::from_bits(placement);
         }
     }

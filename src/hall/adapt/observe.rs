@@ -98,7 +98,14 @@ impl CalibratedSensor {
         *wave += 2.0 * share * rest * m.amplitude;
         let excess = rest * rest - variance;
         let unexplained = self.unexplained + angle * (1.0 / (TAU * TURNS_OF_MEAN)) * excess;
-        self.unexplained = unexplained.clamp(self.known, MOST_UNEXPLAINED);
+        // Not `clamp`, which would look at the range as well.
+        self.unexplained = if unexplained < self.known {
+            self.known
+        } else if unexplained > MOST_UNEXPLAINED {
+            MOST_UNEXPLAINED
+        } else {
+            unexplained
+        };
     }
 
     /// Learns it from an outlier that an uneven rotor may produce.

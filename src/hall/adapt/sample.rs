@@ -16,7 +16,7 @@ pub struct Sample {
 
 impl Sample {
     pub fn new(measurements: [Measurement; 3], p: &Covariance) -> Self {
-        let variances = [0, 1, 2].map(|k| measurements[k].variance(k, p) + measurements[k].noise);
+        let variances: [f32; 3] = core::array::from_fn(|k| measurements[k].variance(k, p) + measurements[k].noise);
         let mut sample = Self { measurements, variances, squares: [0.0; 3] };
         sample.inflate(0.0);
         sample
@@ -81,7 +81,7 @@ fn common_angle(measurements: &[Measurement; 3]) -> (f32, f32) {
 pub fn combine(measurements: &[Measurement; 3], p: &Covariance) -> (Measurement, CrossCovariance) {
     let (by, certainty) = common_angle(measurements);
     let noise = 1.0 / certainty;
-    let weights = measurements.each_ref().map(|m| noise * m.angle / m.noise);
+    let weights = core::array::from_fn(|k| noise * measurements[k].angle / measurements[k].noise);
     let cross = CrossCovariance::of_all(measurements, &weights, p);
     (Measurement { innovation: by, noise, ..Measurement::NONE }, cross)
 }

@@ -56,7 +56,7 @@ impl Adapter {
     pub(crate) fn at(config: &Config, model: &Model) -> Self {
         Self {
             config: *config,
-            sensors: [0, 1, 2].map(|k| CalibratedSensor::new(&model.sensors[k], config.noise_codes[k])),
+            sensors: core::array::from_fn(|k| CalibratedSensor::new(&model.sensors[k], config.noise_codes[k])),
             state: State {
                 angle: ElectricalAngle::ZERO,
                 speed: 0.0,

@@ -12,6 +12,7 @@
 
 use super::{Bin, Bins};
 use crate::angle::ElectricalAngle;
+use crate::float::cut;
 use crate::hall::model::Sensor;
 use crate::hall::{Channel, Halls};
 use crate::math;
@@ -70,7 +71,8 @@ const EXPECTED: f32 = 0.02;
 // A stack frame of its own, given back before the report.
 #[inline(never)]
 pub(super) fn fit(bins: &Bins, halls: Halls, angles: &mut [[ElectricalAngle; BINS]; 2]) -> Result<Fit, NoFit> {
-    let mut sensors = start(bins, halls)?;
+    let mut sensors = [Sensor::ABSENT; 3];
+    start(bins, halls, &mut sensors)?;
     // The Hall angle is zero where the first sensor's fundamental rises through its offset.
     let zero = sensors[0].placement;
     for sensor in sensors.iter_mut().take(halls.count()) {
@@ -79,9 +81,8 @@ pub(super) fn fit(bins: &Bins, halls: Halls, angles: &mut [[ElectricalAngle; BIN
     for (angle, point) in angles.as_flattened_mut().iter_mut().zip(points(bins)) {
         *angle = point.field - zero;
     }
-    let mut equations = Equations::ZERO;
     for _ in 0..ITERATIONS {
-        equations.clear();
+        let mut equations = Equations::ZERO;
         for (point, angle) in points(bins).zip(angles.as_flattened_mut().iter_mut()) {
             *angle = nearest(&sensors, &point.codes, *angle);
             equations.add(&sensors, &point.codes, *angle);
@@ -125,8 +126,7 @@ fn point(k: u32, &[a, b, c, count]: &Bin) -> Point {
 }
 
 /// First harmonic over the field's angle, of the first sweep.
-fn start(bins: &Bins, halls: Halls) -> Result<[Sensor; 3], NoFit> {
-    let mut sensors = [Sensor::ABSENT; 3];
+fn start(bins: &Bins, halls: Halls, sensors: &mut [Sensor; 3]) -> Result<(), NoFit> {
     let mut weak = None;
     for (channel, sensor) in sensors.iter_mut().enumerate().take(halls.count()) {
         let (mut mean, mut sine, mut cosine) = (0.0, 0.0, 0.0);
@@ -144,8 +144,8 @@ fn start(bins: &Bins, halls: Halls) -> Result<[Sensor; 3], NoFit> {
         *sensor = Sensor::sinusoidal(mean, amplitude, placement);
     }
     match weak {
-        None => Ok(sensors),
-        Some(channel) if turns(&sensors) => Err(NoFit::NoSignal(channel)),
+        None => Ok(()),
+        Some(channel) if turns(sensors) => Err(NoFit::NoSignal(channel)),
         Some(_) => Err(NoFit::NotTurning),
     }
 }
@@ -182,7 +182,7 @@ fn nearest(sensors: &[Sensor; 3], codes: &[f32; 3], guess: ElectricalAngle) -> E
         let t = slopes(sensors, angle);
         let (along, length) = (dot(&t, &e), dot(&t, &t));
         // A step of more than half a radian leaves the quadratic neighbourhood.
-        angle += ElectricalAngle::from_radians((along / length).clamp(-0.5, 0.5));
+        angle += ElectricalAngle::from_radians(cut(along / length, 0.5));
     }
     angle
 }
@@ -206,23 +206,20 @@ impl Equations {
     // A constant, whose parts the compiler does not make elsewhere first.
     const ZERO: Self = Self { matrix: [0.0; math::triangle(PARAMETERS)], vector: [0.0; PARAMETERS] };
 
-    fn clear(&mut self) {
-        self.matrix.fill(0.0);
-        self.vector.fill(0.0);
-    }
-
     fn add(&mut self, sensors: &[Sensor; 3], codes: &[f32; 3], angle: ElectricalAngle) {
         let e = residuals(sensors, codes, angle);
         let t = slopes(sensors, angle);
         let (along, length) = (dot(&t, &e), dot(&t, &t));
         let derivatives = derivatives(sensors, angle, &t);
+        // Row by row the entries follow each other.
+        let mut entries = self.matrix.iter_mut();
         for (row, d) in derivatives.iter().enumerate() {
             let own = sensor_of(row);
             self.vector[row] += d * (e[own] - t[own] * along / length);
-            for (column, other_d) in derivatives.iter().enumerate().take(row + 1) {
+            for (column, (other_d, entry)) in derivatives.iter().take(row + 1).zip(entries.by_ref()).enumerate() {
                 let other = sensor_of(column);
                 let same = if own == other { 1.0 } else { 0.0 };
-                self.matrix[math::lower(row, column)] += d * other_d * (same - t[own] * t[other] / length);
+                *entry += d * other_d * (same - t[own] * t[other] / length);
             }
         }
     }
@@ -232,15 +229,11 @@ impl Equations {
     fn expect_alike(&mut self, [first, second, _]: &[Sensor; 3]) {
         let weight = EXPECTED * self.mean();
         let difference = first.third - second.third;
-        for (third, difference) in [(2, difference), (6, -difference)] {
-            self.matrix[math::lower(third, third)] += weight;
-            self.vector[third] -= weight * difference;
+        for (harmonic, excess) in [(2, difference), (6, -difference), (3, first.fifth), (7, second.fifth)] {
+            self.matrix[math::lower(harmonic, harmonic)] += weight;
+            self.vector[harmonic] -= weight * excess;
         }
         self.matrix[math::lower(6, 2)] -= weight;
-        for (fifth, sensor) in [(3, first), (7, second)] {
-            self.matrix[math::lower(fifth, fifth)] += weight;
-            self.vector[fifth] -= weight * sensor.fifth;
-        }
     }
 
     fn mean(&self) -> f32 {
@@ -262,9 +255,10 @@ impl Equations {
 /// placement.
 fn derivatives(sensors: &[Sensor; 3], angle: ElectricalAngle, t: &[f32; 3]) -> [f32; PARAMETERS] {
     let mut all = [0.0; PARAMETERS];
-    for (channel, sensor) in sensors.iter().enumerate().filter(|(_, sensor)| sensor.amplitude > 0.0) {
+    let (of_sensors, _) = all.as_chunks_mut();
+    for (sensor, own) in sensors.iter().zip(of_sensors).filter(|(sensor, _)| sensor.amplitude > 0.0) {
         let [_, third, fifth] = sensor.harmonics(angle);
-        all[4 * channel..4 * channel + 4].copy_from_slice(&[1.0, sensor.wave(angle), third, fifth]);
+        *own = [1.0, sensor.wave(angle), third, fifth];
     }
     all[12] = -t[1];
     all[13] = -t[2];
@@ -272,14 +266,14 @@ fn derivatives(sensors: &[Sensor; 3], angle: ElectricalAngle, t: &[f32; 3]) -> [
 }
 
 fn apply(sensors: &mut [Sensor; 3], step: &[f32; PARAMETERS]) {
-    for (channel, sensor) in sensors.iter_mut().enumerate() {
-        let [offset, amplitude, third, fifth] = [0, 1, 2, 3].map(|k| step[4 * channel + k]);
+    let (of_sensors, _) = step.as_chunks();
+    for (channel, (sensor, &[offset, amplitude, third, fifth])) in sensors.iter_mut().zip(of_sensors).enumerate() {
         sensor.offset += offset * sensor.amplitude;
-        sensor.amplitude *= 1.0 + amplitude.clamp(-0.5, 0.5);
+        sensor.amplitude *= 1.0 + cut(amplitude, 0.5);
         sensor.third += third;
         sensor.fifth += fifth;
         if channel > 0 {
-            sensor.placement += ElectricalAngle::from_radians(step[11 + channel].clamp(-0.5, 0.5));
+            sensor.placement += ElectricalAngle::from_radians(cut(step[11 + channel], 0.5));
         }
     }
 }

@@ -206,6 +206,7 @@ impl Report {
     }
 
     /// Three of each sensor, and then those of all. One at a time takes a fifth of a KiB of flash less than a list of all.
+    #[inline(never)]
     fn finding(&self, number: usize) -> Option<Finding> {
         if let Some(sensor) = self.present().get(number / 3) {
             return sensor.finding(Channel(number as u8 / 3), number % 3);
@@ -280,13 +281,20 @@ impl SensorReport {
 
 impl Pattern {
     fn nearest(model: &Model) -> Self {
-        let candidates = [(60, false), (60, true), (120, false), (120, true), (90, false), (90, true)];
-        let candidates = candidates.map(|(spacing, forward)| Self { spacing, forward });
+        let candidates = [60, 60, 120, 120, 90, 90];
         // Three are never 90° apart.
         let possible = if model.halls() == Halls::Two { 6 } else { 4 };
-        let misfit = |pattern: &Self| (0..3).map(|k| i64::from(pattern.error(model, k).to_bits()).abs()).sum::<i64>();
-        let nearest = candidates.into_iter().take(possible).min_by_key(misfit);
-        nearest.unwrap_or(Self { spacing: 120, forward: true })
+        // By quarters, whose sum has room in 32 bits.
+        let misfit = |pattern: &Self| (0..3).map(|k| pattern.error(model, k).to_bits().unsigned_abs() / 4).sum::<u32>();
+        let mut nearest = (u32::MAX, Self { spacing: 120, forward: true });
+        for (k, spacing) in candidates.into_iter().enumerate().take(possible) {
+            let pattern = Self { spacing, forward: k % 2 == 1 };
+            let misfit = misfit(&pattern);
+            if misfit < nearest.0 {
+                nearest = (misfit, pattern);
+            }
+        }
+        nearest.1
     }
 
     /// A sensor's distance from the pattern, which is laid so that the distances have mean zero; zero for one that is

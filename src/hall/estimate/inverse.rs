@@ -15,22 +15,29 @@ pub(super) struct Inverse {
     pub common: [f32; 3],
 }
 
+/// The vector product.
+#[cfg_attr(feature = "small", inline(never))]
+fn cross(a: &[f32; 3], b: &[f32; 3]) -> [f32; 3] {
+    [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]]
+}
+
 impl Inverse {
     pub fn new(model: &Model) -> Self {
-        let f = model.sensors.map(|s| {
-            let (sine, cosine) = sin_cos_f32(s.placement);
-            [-sine, cosine]
-        });
-        let minor = |i: usize, k: usize| f[i][0] * f[k][1] - f[i][1] * f[k][0];
-        // The vector that no angle explains, orthogonal to both columns of F, tells which sensors are upside down.
-        let null = [minor(1, 2), minor(2, 0), minor(0, 1)];
+        // The columns of F.
+        let (mut of_cosine, mut of_sine) = ([0.0; 3], [0.0; 3]);
+        for (k, sensor) in model.sensors.iter().enumerate() {
+            let (sine, cosine) = sin_cos_f32(sensor.placement);
+            (of_cosine[k], of_sine[k]) = (-sine, cosine);
+        }
+        // The vector that no angle explains, orthogonal to both, tells which sensors are upside down.
+        let null = cross(&of_cosine, &of_sine);
         let s = null.map(|component| if component * null[0] < 0.0 { -1.0 } else { 1.0 });
         let determinant: f32 = (0..3).map(|k| null[k] * s[k]).sum();
-        let cosine =
-            [f[1][1] * s[2] - f[2][1] * s[1], f[2][1] * s[0] - f[0][1] * s[2], f[0][1] * s[1] - f[1][1] * s[0]];
-        let sine = [f[2][0] * s[1] - f[1][0] * s[2], f[0][0] * s[2] - f[2][0] * s[0], f[1][0] * s[0] - f[0][0] * s[1]];
-        let divide = |row: [f32; 3]| row.map(|component| component / determinant);
-        Self { cosine: divide(cosine), sine: divide(sine), common: divide(null) }
+        let mut inverse = Self { cosine: cross(&of_sine, &s), sine: cross(&s, &of_cosine), common: null };
+        for row in [&mut inverse.cosine, &mut inverse.sine, &mut inverse.common] {
+            row.iter_mut().for_each(|component| *component /= determinant);
+        }
+        inverse
     }
 
     /// Of the two sensors other than `lost`; nothing is left to check them by.
@@ -41,7 +48,8 @@ impl Inverse {
             _ => (0, 1),
         };
         // r = sin θ · cos ψ − cos θ · sin ψ for both, solved for cosine and sine.
-        let [(sin_a, cos_a), (sin_b, cos_b)] = [a, b].map(|k| sin_cos_f32(model.sensors[k].placement));
+        let (sin_a, cos_a) = sin_cos_f32(model.sensors[a].placement);
+        let (sin_b, cos_b) = sin_cos_f32(model.sensors[b].placement);
         let determinant = sin_b * cos_a - cos_b * sin_a;
         let (mut cosine, mut sine) = ([0.0; 3], [0.0; 3]);
         (cosine[a], cosine[b]) = (cos_b / determinant, -cos_a / determinant);

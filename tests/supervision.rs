@@ -6,7 +6,7 @@ use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
 use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
-use hallservo::settings::{Control, GuardSettings, OnStopFailure, OnTimeout, Settings};
+use hallservo::settings::{Control, Error, GuardSettings, OnStopFailure, OnTimeout, Settings};
 use plant::{AmplifierFault, PlantParameters, Wires};
 use rayon::prelude::*;
 use rig::Rig;
@@ -525,4 +525,39 @@ fn a_load_that_wins_after_some_turns_is_no_wrong_commutation() {
             rig.plant.set_load(0.0).unwrap();
         }
     }
+}
+
+/// The rest of a stall follows from the inertia. One that is told a thousand times too large, as in other units, does not hide
+/// a shaft that is blocked.
+#[test]
+fn a_blocked_shaft_is_a_stall_whatever_the_inertia_is_told_to_be() {
+    let motors =
+        motors(sim::of("slotless", "gimbal-7 drone-15uh hub paper 20ohm slotless direct-drive hoverboard 22-pairs"));
+    motors.par_iter().for_each(|motor| {
+        let (mut rig, mut settings) = commissioned(motor, &motor.plant(6), 6);
+        let control = settings.control.as_mut().unwrap();
+        control.inertia_kgm2 = (1000.0 * control.inertia_kgm2).min(100.0);
+        (control.speed_bandwidth_hz, control.position_bandwidth_hz) = (0.5, 0.1);
+        if let Err(Error::OutOfRange { field: "inertia_kgm2", max, .. }) = settings.validate() {
+            settings.control.as_mut().unwrap().inertia_kgm2 = max;
+        }
+        settings.commutation = Commutation::FieldOriented;
+        rig.configure(&settings).unwrap();
+        rig.arm().unwrap();
+        rig.plant.set_dyno(Some(0.0)).unwrap();
+        let fastest = rig.control().unwrap().largest_speed_rad_s();
+        rig.command(Command::Speed(rig.control().unwrap().speed(fastest).unwrap())).unwrap();
+        let mut limited_s = 0.0;
+        let most_a = f64::from(rig.control().unwrap().largest_current_a());
+        for _ in 0..20_000 {
+            rig.wait(1e-3);
+            if rig.drive.mode() != Mode::Running {
+                break;
+            }
+            let flows_a = rig.plant.currents_a().iter().fold(0.0_f64, |most, a| most.max(a.abs()));
+            limited_s += if flows_a > 0.8 * most_a { 1e-3 } else { 0.0 };
+        }
+        println!("{}: {:?} after {limited_s:.2} s at the largest current", motor.name, rig.drive.mode());
+        assert!(limited_s < 3.0 && rig.drive.mode() != Mode::Running, "{} {limited_s}", motor.name);
+    });
 }

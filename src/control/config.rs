@@ -105,6 +105,9 @@ pub(crate) struct Frame {
     pub reversed: bool,
 }
 
+/// Least bandwidth of the speed control.
+pub(crate) const SLOWEST_SPEED_HZ: f32 = 0.5;
+
 /// What the noise of the measured speed may add to it, electrical, before it is too fast.
 pub(crate) const SPEED_NOISE_HZ: f32 = 10.0;
 
@@ -132,12 +135,8 @@ impl Config {
                 .map_err(|max| Error::OutOfRange { field: "current_bandwidth_hz", value: current_hz, min: 0.0, max })?,
             local: LocalGains::new(&motor, settings.feedback, current_hz, &scale)
                 .ok_or(gain("current_bandwidth_hz", current_hz))?,
-            velocity: velocity::Gains::new(&motor, speed_hz, loop_hz, &scale).map_err(|max| Error::OutOfRange {
-                field: "speed_bandwidth_hz",
-                value: speed_hz,
-                min: 0.0,
-                max,
-            })?,
+            velocity: velocity::Gains::new(&motor, speed_hz, loop_hz, &scale)
+                .map_err(|max| too_heavy(settings, max))?,
             position: position::Gain::new(position_hz, loop_hz).ok_or(gain("position_bandwidth_hz", position_hz))?,
             trajectory: trajectory::Limits::new((acceleration as i32).max(1), speed as i32)
                 .ok_or(gain("max_acceleration_rad_s2", max_acceleration_rad_s2))?,
@@ -204,6 +203,19 @@ impl Config {
         let farthest = 1.15 * speed + SPEED_NOISE_HZ / 2.0 / self.scale.step_hz * TURN;
         self.torque_ends = self.torque_ends.max((0.5 * speed + fade).min(farthest) as i32);
     }
+}
+
+/// What is at fault where the gains of the speed control allow no more than this bandwidth: it, or an inertia with which even
+/// the least one is too much.
+#[inline(always)]
+const fn too_heavy(settings: &Control, most_hz: f32) -> Error<'static> {
+    let Control { speed_bandwidth_hz, inertia_kgm2, .. } = *settings;
+    let (field, value, max) = if most_hz < SLOWEST_SPEED_HZ {
+        ("inertia_kgm2", inertia_kgm2, 0.999 * inertia_kgm2 * most_hz / SLOWEST_SPEED_HZ)
+    } else {
+        ("speed_bandwidth_hz", speed_bandwidth_hz, most_hz)
+    };
+    Error::OutOfRange { field, value, min: 0.0, max }
 }
 
 /// Speed of a back-EMF of a fiftieth of the bus divider's full scale.

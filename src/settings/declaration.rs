@@ -7,6 +7,7 @@ use super::guard::largest_rise_k;
 use super::guard::{NOISE, OFFSET};
 use super::{Ceiling, Feedback, OnStopFailure, OnTimeout};
 use crate::commutation::Commutation;
+use crate::control::config::SLOWEST_SPEED_HZ;
 
 /// The structures, their defaults, the table and the descriptions. A row: `field: type = default, least => most, unit,
 /// kind, whether it is the board's, description`, behind `[cfg(…)]` where not every drive has it; the range may depend
@@ -274,7 +275,7 @@ settings! {
             "Bandwidth of the current control";
         feedback: Feedback = Feedback::Pi, 0.0 => 3.0, "", Choice("p|pi|pd|pid"), FREE,
             "Current feedback with block and sinusoidal commutation";
-        speed_bandwidth_hz: f32 = 60.0, 0.5 => c.current_bandwidth_hz / 4.0, "Hz", Real, TUNABLE,
+        speed_bandwidth_hz: f32 = 60.0, SLOWEST_SPEED_HZ => c.current_bandwidth_hz / 4.0, "Hz", Real, TUNABLE,
             "Bandwidth of the speed control";
         position_bandwidth_hz: f32 = 15.0, 0.1 => c.speed_bandwidth_hz / 2.0, "Hz", Real, TUNABLE,
             "Bandwidth of the position control";

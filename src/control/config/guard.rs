@@ -67,7 +67,7 @@ impl Heat {
 }
 
 /// A speed that its noise does not hide.
-const SLOWEST_REST_RAD_S: f32 = 0.05;
+const SLOWEST_REST_RAD_S: f32 = 0.12;
 
 impl Guard {
     /// Of settings that are in their ranges.

@@ -56,9 +56,12 @@ impl Plan {
 /// current is there within some windows of the [`Identifier`], so it swings again.
 const SWINGS: [f32; 6] = [1.0, 0.5, 1.0, 0.5, 1.0, 0.5];
 const SWING_TO: f32 = 0.7;
-/// Longest swing, ms, and that of a rotor so heavy that it has not reached a fifth of that speed; it need not reach it.
+/// Longest swing, ms; it need not reach that speed. That of a rotor so heavy that it has not reached this share of it by
+/// then, but has become faster by that share.
 const SWING_MS: u32 = 1000;
 const HEAVY_SWING_MS: u32 = 5000;
+const HEAVY_TO: f32 = 0.2;
+const FASTER_BY: f32 = 0.02;
 /// Time from a new current on until it is constant, ms.
 const CHANGING_MS: u32 = 10;
 /// Shares of the speed to keep, each forward and backward.
@@ -106,6 +109,8 @@ pub struct Identification {
     fastest: Speed,
     largest: Current,
     began_ms: Option<u32>,
+    /// Speed at the begin of the leg.
+    from: Speed,
     /// How far from the speed it was last, and when; when it was reached, and when the last mark was made.
     far: f32,
     far_ms: u32,
@@ -137,6 +142,7 @@ impl Identification {
             fastest: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,
             largest: control.current(plan.current_a).map_err(Error::Demand)?,
             began_ms: None,
+            from: Speed(0),
             far: f32::INFINITY,
             far_ms: 0,
             reached_ms: None,
@@ -168,8 +174,10 @@ impl Identification {
         if elapsed_ms >= CHANGING_MS {
             self.identifier.enter(Stage::Swings);
         }
-        let reached = self.sequence.speed() as f32 * sign_of(share) / (SWING_TO * self.fastest.0 as f32);
-        if reached >= 1.0 || elapsed_ms > if reached < 0.2 { HEAVY_SWING_MS } else { SWING_MS } {
+        let [reached, from] = [self.sequence.speed(), self.from.0]
+            .map(|speed| speed as f32 * sign_of(share) / (SWING_TO * self.fastest.0 as f32));
+        let heavy = reached < HEAVY_TO && reached - from > FASTER_BY;
+        if reached >= 1.0 || elapsed_ms > if heavy { HEAVY_SWING_MS } else { SWING_MS } {
             self.next();
         }
     }
@@ -211,6 +219,7 @@ impl Identification {
 
     fn next(&mut self) {
         self.number += 1;
+        self.from = Speed(self.sequence.speed());
         self.began_ms = self.began_ms.map(|_| self.sequence.now_ms());
         (self.reached_ms, self.coasting_ms) = (None, None);
         self.identifier.enter(Stage::Steered);

@@ -45,13 +45,14 @@ const FASTEST: f32 = 0.8;
 const FIRST: f32 = 0.06;
 const LARGEST: f32 = 0.5;
 /// Shortest time from reversal to reversal, ms; the same for a rotor limited by what it returns, for which a smaller
-/// current would not make it longer; the longest; and the longest of a rotor that is so heavy that its back-EMF is not
-/// this share of its limit by then.
+/// current would not make it longer; the longest; and the longest of a rotor so heavy that its back-EMF is not this
+/// share of its limit by then, but that has become faster by this, in electrical rad/s.
 const SHORTEST_MS: u32 = 80;
 const SHORTEST_HEAVY_MS: u32 = 20;
 const LONGEST_MS: u32 = 1500;
 const LONGEST_HEAVY_MS: u32 = 6000;
 const HEAVY_EMF: f32 = 0.4;
+const FASTER_RAD_S: f32 = 4.0;
 /// Swings that count.
 const SWINGS: u8 = 6;
 
@@ -139,11 +140,12 @@ impl Swings {
         let heavy = self.returns();
         let reached = heavy || speed >= self.fastest || self.sign * self.emf_v >= self.most_emf_v;
         let weak = !reached && self.current < LARGEST * self.most;
-        let slow = !weak && self.sign * self.emf_v < HEAVY_EMF * self.most_emf_v;
-        if !reached && elapsed_ms < if slow { LONGEST_HEAVY_MS } else { LONGEST_MS } {
+        let change = self.sign * (self.speed - self.from);
+        let is_slow = change > FASTER_RAD_S && self.sign * self.emf_v < HEAVY_EMF * self.most_emf_v;
+        let longest_ms = if !weak && is_slow { LONGEST_HEAVY_MS } else { LONGEST_MS };
+        if !reached && elapsed_ms < longest_ms {
             return;
         }
-        let change = self.sign * (self.speed - self.from);
         let shortest_ms = if heavy { SHORTEST_HEAVY_MS } else { SHORTEST_MS };
         let fast = reached && elapsed_ms < shortest_ms;
         if fast {

@@ -52,7 +52,9 @@ const SHORTEST_HEAVY_MS: u32 = 20;
 const LONGEST_MS: u32 = 1500;
 const LONGEST_HEAVY_MS: u32 = 6000;
 const HEAVY_EMF: f32 = 0.4;
-const FASTER_RAD_S: f32 = 4.0;
+const FASTER_RAD_S: f32 = 3.0;
+/// Share of a measurement in the averaged speed.
+const AVERAGED: f32 = 0.02;
 /// Swings that count.
 const SWINGS: u8 = 6;
 
@@ -72,10 +74,12 @@ pub struct Swings {
     /// The last measurement: its number, electrical speed in rad/s, back-EMF in V, and its limit.
     last: u32,
     speed: f32,
+    averaged: f32,
     emf_v: f32,
     most_emf_v: f32,
-    /// Of this swing: speed at its begin, ∫ i dt, and the energy of the rotor in J.
+    /// Of this swing: speed at its begin, and the averaged one, ∫ i dt, and the energy of the rotor in J.
     from: f32,
+    averaged_from: f32,
     impulse: f32,
     energy_j: f32,
     /// Of all swings that count: ∫|i| dt and |Δω|.
@@ -107,9 +111,11 @@ impl Swings {
             swings: 0,
             last: 0,
             speed: 0.0,
+            averaged: 0.0,
             emf_v: 0.0,
             most_emf_v: f32::INFINITY,
             from: 0.0,
+            averaged_from: 0.0,
             impulse: 0.0,
             energy_j: 0.0,
             impulses: 0.0,
@@ -141,7 +147,8 @@ impl Swings {
         let reached = heavy || speed >= self.fastest || self.sign * self.emf_v >= self.most_emf_v;
         let weak = !reached && self.current < LARGEST * self.most;
         let change = self.sign * (self.speed - self.from);
-        let is_slow = change > FASTER_RAD_S && self.sign * self.emf_v < HEAVY_EMF * self.most_emf_v;
+        let is_faster = self.sign * (self.averaged - self.averaged_from) > FASTER_RAD_S;
+        let is_slow = is_faster && self.sign * self.emf_v < HEAVY_EMF * self.most_emf_v;
         let longest_ms = if !weak && is_slow { LONGEST_HEAVY_MS } else { LONGEST_MS };
         if !reached && elapsed_ms < longest_ms {
             return;
@@ -171,7 +178,7 @@ impl Swings {
         }
         self.sign = -self.sign;
         self.began_ms = Some(now_ms);
-        (self.from, self.impulse) = (self.speed, 0.0);
+        (self.from, self.averaged_from, self.impulse) = (self.speed, self.averaged, 0.0);
     }
 
     /// Whether a faster rotor would return more by braking than the bus capacitors take.
@@ -235,6 +242,7 @@ impl Procedure for Swings {
         let elapsed_s = measurement.sequence.wrapping_sub(self.last) as f32 / self.scale.step_hz;
         self.last = measurement.sequence;
         self.speed = measurement.rotor.speed() as f32 / self.scale.per_radian_s() * self.scale.pole_pairs;
+        self.averaged += AVERAGED * (self.speed - self.averaged);
         let field_a = state.current.d as f32 / self.scale.per_ampere();
         // The voltage that turns a current round is no back-EMF.
         let reference = state.current_reference;

@@ -8,6 +8,7 @@ use hallservo::mode::Mode;
 use hallservo::service::identification::{self, Identification};
 use hallservo::service::learning::{self, Learning};
 use hallservo::service::procedure::{Error, Procedure, Serve, State};
+use hallservo::service::swings::Swings;
 use hallservo::settings::Settings;
 use hallservo::settings::{Control, GuardSettings};
 use plant::PlantParameters;
@@ -195,6 +196,22 @@ fn a_blocked_rotor_ends_in_time() {
         if rig.drive.mode() != Mode::Ready {
             rig.command(Command::Clear).unwrap();
         }
+    }
+}
+
+/// Nor do the swings of commissioning go on for as long as with a heavy rotor.
+#[test]
+fn a_blocked_rotor_ends_the_swings_in_time() {
+    for seed in 1..sim::of(3, 9) {
+        let mut rig = Rig::new(&PlantParameters::imperfect(seed), &settings(), seed).unwrap();
+        rig.calibrate(|_| ()).unwrap();
+        rig.wait(0.5);
+        rig.plant.set_dyno(Some(0.0)).unwrap();
+        let mut swings = Swings::new(&rig.config).unwrap();
+        let (state, ms) = run(&mut rig, &mut swings, |_, _, _| ());
+        println!("{seed}: {state:?} after {ms} ms");
+        assert!(state != State::Done && ms < 20_000, "{seed}: {state:?} after {ms} ms");
+        assert!(!rig.drive.mode().drives());
     }
 }
 

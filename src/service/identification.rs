@@ -121,21 +121,22 @@ impl Identification {
     /// # Errors
     /// A part of the plan is out of its range.
     pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
-        let control = config.control.as_ref().ok_or(Error::NoControl)?;
+        let control = Sequence::possible(config)?;
         if !(plan.speed_rad_s > 0.0) {
             return Err(Error::Plan { field: "speed_rad_s" });
         }
         if !(plan.current_a > 0.0) {
             return Err(Error::Plan { field: "current_a" });
         }
-        let sequence = Sequence::new(config, plan.commutation)?;
+        let fastest = control.speed(plan.speed_rad_s).map_err(Error::Demand)?;
+        let largest = control.current(plan.current_a).map_err(Error::Demand)?;
         Ok(Self {
-            sequence,
+            sequence: Sequence::new(config, control, plan.commutation),
             identifier: Identifier::of(config, control),
             report: None,
             number: 0,
-            fastest: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,
-            largest: control.current(plan.current_a).map_err(Error::Demand)?,
+            fastest,
+            largest,
             began_ms: None,
             far: f32::INFINITY,
             far_ms: 0,

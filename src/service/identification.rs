@@ -9,7 +9,7 @@ use super::sequence::{Demand, Sequence};
 use super::{Event, Service};
 use crate::commutation::Commutation;
 use crate::config::Config;
-use crate::control::{Current, Speed};
+use crate::control::{self, Current, Speed};
 use crate::float::sign_of;
 use crate::service::identify::{Identifier, Report, Stage};
 use crate::telemetry::Measurement;
@@ -115,12 +115,22 @@ pub struct Identification {
     coasting_ms: Option<u32>,
 }
 
-impl Identification {
-    /// To be begun by the first [`Self::step`], with the drive ready and its bridge off.
+/// What a plan comes to, which is small.
+#[derive(Clone, Copy, Debug)]
+pub struct Outset<'a> {
+    config: &'a Config,
+    control: &'a control::Config,
+    commutation: Commutation,
+    fastest: Speed,
+    largest: Current,
+}
+
+impl<'a> Outset<'a> {
+    /// Looks at a plan.
     ///
     /// # Errors
     /// A part of the plan is out of its range.
-    pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
+    pub fn new(config: &'a Config, plan: &Plan) -> Result<Self, Error> {
         let control = Sequence::possible(config)?;
         if !(plan.speed_rad_s > 0.0) {
             return Err(Error::Plan { field: "speed_rad_s" });
@@ -130,8 +140,26 @@ impl Identification {
         }
         let fastest = control.speed(plan.speed_rad_s).map_err(Error::Demand)?;
         let largest = control.current(plan.current_a).map_err(Error::Demand)?;
-        Ok(Self {
-            sequence: Sequence::new(config, control, plan.commutation),
+        Ok(Self { config, control, commutation: plan.commutation, fastest, largest })
+    }
+}
+
+impl Identification {
+    /// To be begun by the first [`Self::step`], with the drive ready and its bridge off.
+    ///
+    /// # Errors
+    /// A part of the plan is out of its range.
+    pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
+        Outset::new(config, plan).map(Self::of)
+    }
+
+    /// The same of what [`Outset::new`] has found.
+    // Inlined, it is made in its place, and takes no stack.
+    #[inline(always)]
+    pub fn of(outset: Outset<'_>) -> Self {
+        let Outset { config, control, commutation, fastest, largest } = outset;
+        Self {
+            sequence: Sequence::new(config, control, commutation),
             identifier: Identifier::of(config, control),
             report: None,
             number: 0,
@@ -143,7 +171,7 @@ impl Identification {
             reached_ms: None,
             marked_ms: 0,
             coasting_ms: None,
-        })
+        }
     }
 
     fn turn(&mut self) {

@@ -1,8 +1,6 @@
 //! Recordings on request: whose the scope is, and what is answered of it.
 
-use hallservo::scope::{
-    BORROWS, CHANNELS, Channel, Channels, Plan, ROWS, Recorder, Recording, Scope, Setup, State,
-};
+use hallservo::scope::{BORROWS, CHANNELS, Channel, Channels, Plan, ROWS, Recorder, Recording, Scope, Setup, State};
 use hallservo::service::Service;
 use hallservo_protocol::{Answer, ROWS_AT_ONCE, Refusal, ScopeAsk, ScopeRefusal, ScopeRows, ScopeStatus};
 

@@ -262,7 +262,6 @@ impl Service {
     }
 
     /// The drive has answered to settings, and given them back as they were.
-    #[inline(never)]
     fn configured(&mut self, origin: Origin, reply: Reply) {
         self.configures = false;
         self.unused_config = self.tasks.configs.dequeue();

@@ -70,7 +70,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         self.controller.hear(request.client, self.now_ms);
         #[cfg(feature = "scope")]
         if let Ask::Scope(ask) = &request.ask {
-            *answer = self.ask_scope(ask, request.client);
+            self.ask_scope(ask, request.client, answer);
             return Step::Answered;
         }
         // It may have lain in a buffer since before the drive has stopped its motor.
@@ -276,14 +276,15 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     }
 
     #[cfg(feature = "scope")]
-    fn ask_scope(&mut self, ask: &ScopeAsk, client: u32) -> Answer<'static> {
+    fn ask_scope(&mut self, ask: &ScopeAsk, client: u32, answer: &mut Answer<'static>) {
         let (now_ms, step_hz) = (self.now_ms, self.step_hz());
         let origin = (self.encoder.origin().to_bits() >> 16) as i32;
         // The sums of a calibration are where the rows would be.
         if BORROWS && matches!(ask, ScopeAsk::Begin { .. }) && self.activity() == Activity::Calibration {
-            return Answer::Refused(Refusal::Busy(Activity::Calibration));
+            *answer = Answer::Refused(Refusal::Busy(Activity::Calibration));
+            return;
         }
-        self.scope.ask(ask, From { client, now_ms, service: self.service, step_hz, origin })
+        self.scope.ask(ask, From { client, now_ms, service: self.service, step_hz, origin }, answer);
     }
 
     #[cfg(feature = "encoder")]

@@ -262,7 +262,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     }
 
     /// Of two Halls nothing in the control interrupt tells whether they fit each other.
-    #[inline(never)]
     fn watch_two_halls(&mut self, record: &DriveRecord, torque_nm: f32) {
         if let Some(sensors) = &self.sensors
             && self.adaptation.contradicts(record, sensors, torque_nm, self.service.config())
@@ -278,7 +277,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     }
 
     /// Sends the drive the model or the table that is due.
-    #[inline(never)]
     fn update_drive(&mut self) {
         // A faulted drive refuses a model; it gets it when the fault is cleared.
         if self.install_due && !matches!(self.mode(), Mode::Faulted(_)) {

@@ -175,7 +175,6 @@ impl Estimator {
         Ok(())
     }
 
-    #[inline(never)]
     fn fill(&mut self, model: &Model, adc_bits: u8, windows: &[Window; 3], inverse: &Inverse, lost: Option<Channel>) {
         let window = Window::around(windows);
         let unit = inverse.unit(model, window);

@@ -108,7 +108,6 @@ impl Pair {
         Self { score: 0, done: 0.0, due: 0.0, speed: 0.0, at: ElectricalAngle::ZERO, still: [NOWHERE; 2] };
 
     /// Takes what the motor does; true when it turns against its torque.
-    #[inline(never)]
     pub fn turns_against(&mut self, Motion { torque, speed }: Motion) -> bool {
         let changed = crate::float::cut(speed - core::mem::replace(&mut self.speed, speed), MOST);
         (self.done, self.due) = (KEPT * self.done, KEPT * self.due);

@@ -109,11 +109,16 @@ impl Recording {
 
     /// A row of a complete recording, the oldest first.
     pub fn row(&self, number: u16) -> Option<Row> {
+        self.raw(number).map(|row| row.map(u32::cast_signed))
+    }
+
+    /// The same where it lies, as bits.
+    pub fn raw(&self, number: u16) -> Option<&[u32; CHANNELS]> {
         if !self.is_complete() || number >= self.plan.rows {
             return None;
         }
         let place = self.next.wrapping_sub(self.plan.rows).wrapping_add(number) % ROWS as u16;
-        self.rows.as_flattened().get(usize::from(place)).map(|row| row.map(u32::cast_signed))
+        self.rows.as_flattened().get(usize::from(place))
     }
 }
 

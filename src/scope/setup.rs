@@ -120,32 +120,15 @@ impl Setup {
     ///
     /// # Errors
     /// What is wrong with it.
+    #[cfg_attr(feature = "small", inline(never))]
     pub fn plan(&self, config: &Config, step_hz: f32, origin: i32) -> Result<Plan, Error> {
+        self.check(config, step_hz)?;
         let Self { channels, every, rows, before, trigger } = *self;
-        if channels.iter().all(Option::is_none) {
-            return Err(Error::Empty);
-        }
-        for (number, channel) in channels.iter().enumerate() {
-            let Some(channel) = channel else { continue };
-            if channels.iter().take(number).any(|earlier| *earlier == Some(*channel)) {
-                return Err(Error::Twice(*channel));
-            }
-            channel.scale(config, step_hz).ok_or(Error::NoControl(*channel))?;
-        }
-        if every == 0 {
-            return Err(Error::Every);
-        }
-        if rows == 0 || usize::from(rows) > ROWS {
-            return Err(Error::Rows(ROWS as u16));
-        }
-        if before >= rows {
-            return Err(Error::Before);
-        }
-        let plan = Plan { channels, every, rows, before, source: Source::Nothing, level: 1, rising: true };
-        Ok(match trigger {
-            Trigger::Now => Plan { before: 0, ..plan },
-            Trigger::Command => Plan { source: Source::Command, ..plan },
-            Trigger::Fault => Plan { source: Source::Fault, ..plan },
+        let mut plan = Plan { channels, every, rows, before, source: Source::Nothing, level: 1, rising: true };
+        match trigger {
+            Trigger::Now => plan.before = 0,
+            Trigger::Command => plan.source = Source::Command,
+            Trigger::Fault => plan.source = Source::Fault,
             Trigger::Level { channel, level, rising } => {
                 let scale = channel.scale(config, step_hz).ok_or(Error::NoControl(channel))?;
                 let raw = level / scale;
@@ -154,10 +137,40 @@ impl Setup {
                     return Err(Error::Level(LARGEST * scale));
                 }
                 let origin = if channel.is_position() { origin } else { 0 };
-                let level = crate::float::nearest(raw).wrapping_add(origin);
-                Plan { source: Source::Channel(channel), level, rising, ..plan }
+                plan.source = Source::Channel(channel);
+                (plan.level, plan.rising) = (crate::float::nearest(raw).wrapping_add(origin), rising);
             }
-        })
+        }
+        Ok(plan)
+    }
+
+    /// Checks all but the trigger.
+    #[cfg_attr(feature = "small", inline(never))]
+    fn check(&self, config: &Config, step_hz: f32) -> Result<(), Error> {
+        let mut empty = true;
+        for (number, channel) in self.channels.iter().enumerate() {
+            let Some(channel) = *channel else { continue };
+            if self.channels.iter().take(number).any(|earlier| *earlier == Some(channel)) {
+                return Err(Error::Twice(channel));
+            }
+            if channel.scale(config, step_hz).is_none() {
+                return Err(Error::NoControl(channel));
+            }
+            empty = false;
+        }
+        if empty {
+            return Err(Error::Empty);
+        }
+        if self.every == 0 {
+            return Err(Error::Every);
+        }
+        if self.rows == 0 || usize::from(self.rows) > ROWS {
+            return Err(Error::Rows(ROWS as u16));
+        }
+        if self.before >= self.rows {
+            return Err(Error::Before);
+        }
+        Ok(())
     }
 }
 

@@ -1,6 +1,6 @@
 //! The tasks' end.
 
-use super::{Plan, Recorder, Recording, Row};
+use super::{CHANNELS, Plan, Recorder, Recording, Row};
 use core::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use heapless::spsc::{Consumer, Producer, Queue};
 
@@ -86,7 +86,9 @@ impl Scope {
         let recording = self.recording.take().ok_or(Busy)?;
         recording.restart(plan);
         let Shared { commanded, cancelled, triggered, lent } = self.shared;
-        [commanded, cancelled, triggered].into_iter().for_each(|flag| flag.store(false, Relaxed));
+        commanded.store(false, Relaxed);
+        cancelled.store(false, Relaxed);
+        triggered.store(false, Relaxed);
         // It has room, as there is one recording.
         self.to.enqueue(recording).map_err(|recording| {
             self.recording = Some(recording);
@@ -137,7 +139,12 @@ impl Scope {
 
     /// A row of a complete recording, the oldest first.
     pub fn row(&mut self, number: u16) -> Option<Row> {
+        self.raw(number).map(|row| row.map(u32::cast_signed))
+    }
+
+    /// The same where it lies, as bits.
+    pub fn raw(&mut self, number: u16) -> Option<&[u32; CHANNELS]> {
         self.poll();
-        self.recording.as_ref()?.row(number)
+        self.recording.as_ref()?.raw(number)
     }
 }

@@ -67,8 +67,6 @@ impl Watch {
         result
     }
 
-    // What this takes of the stack is given back before it goes on.
-    #[inline(never)]
     fn place(&mut self, config: &adapt::Config, calibrated: &Model, model: &Model, every: u32) {
         *self = Self::Three(Adaptation::of(Adapter::at(config, calibrated), model, every));
     }

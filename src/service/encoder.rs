@@ -122,8 +122,8 @@ impl<const HEADS: usize> EncoderCalibration<HEADS> {
         previous: &Calibration<HEADS>,
         sample_hz: f32,
     ) -> Result<Self, Error> {
-        let control = config.control.as_ref().ok_or(Error::Procedure(procedure::Error::NoControl))?;
-        let sequence = Sequence::new(config, config.commutation).map_err(Error::Procedure)?;
+        let control = Sequence::possible(config).map_err(Error::Procedure)?;
+        let sequence = Sequence::new(config, control, config.commutation);
         let finest = rings.pole_pairs(Ring::Reference).max(rings.pole_pairs(Ring::Vernier));
         let fastest = control.trajectory.speed() as f32 / control.scale.per_radian_s();
         let speed_rad_s = (TAU * sample_hz / (SAMPLES_A_PAIR * f32::from(finest))).min(fastest);

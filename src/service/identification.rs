@@ -9,7 +9,7 @@ use super::sequence::{Demand, Sequence};
 use super::{Event, Service};
 use crate::commutation::Commutation;
 use crate::config::Config;
-use crate::control::{Current, Speed};
+use crate::control::{self, Current, Speed};
 use crate::float::sign_of;
 use crate::service::identify::{Identifier, Report, Stage};
 use crate::telemetry::Measurement;
@@ -120,27 +120,56 @@ pub struct Identification {
     coasting_ms: Option<u32>,
 }
 
-impl Identification {
-    /// To be begun by the first [`Self::step`], with the drive ready and its bridge off.
+/// What a plan comes to, which is small.
+#[derive(Clone, Copy, Debug)]
+pub struct Outset<'a> {
+    config: &'a Config,
+    control: &'a control::Config,
+    commutation: Commutation,
+    fastest: Speed,
+    largest: Current,
+}
+
+impl<'a> Outset<'a> {
+    /// Looks at a plan.
     ///
     /// # Errors
     /// A part of the plan is out of its range.
-    pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
-        let control = config.control.as_ref().ok_or(Error::NoControl)?;
+    pub fn new(config: &'a Config, plan: &Plan) -> Result<Self, Error> {
+        let control = Sequence::possible(config)?;
         if !(plan.speed_rad_s > 0.0) {
             return Err(Error::Plan { field: "speed_rad_s" });
         }
         if !(plan.current_a > 0.0) {
             return Err(Error::Plan { field: "current_a" });
         }
-        let sequence = Sequence::new(config, plan.commutation)?;
-        Ok(Self {
-            sequence,
+        let fastest = control.speed(plan.speed_rad_s).map_err(Error::Demand)?;
+        let largest = control.current(plan.current_a).map_err(Error::Demand)?;
+        Ok(Self { config, control, commutation: plan.commutation, fastest, largest })
+    }
+}
+
+impl Identification {
+    /// To be begun by the first [`Self::step`], with the drive ready and its bridge off.
+    ///
+    /// # Errors
+    /// A part of the plan is out of its range.
+    pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
+        Outset::new(config, plan).map(Self::of)
+    }
+
+    /// The same of what [`Outset::new`] has found.
+    // Inlined, it is made in its place, and takes no stack.
+    #[inline(always)]
+    pub fn of(outset: Outset<'_>) -> Self {
+        let Outset { config, control, commutation, fastest, largest } = outset;
+        Self {
+            sequence: Sequence::new(config, control, commutation),
             identifier: Identifier::of(config, control),
             report: None,
             number: 0,
-            fastest: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,
-            largest: control.current(plan.current_a).map_err(Error::Demand)?,
+            fastest,
+            largest,
             began_ms: None,
             from: Speed(0),
             far: f32::INFINITY,
@@ -148,7 +177,7 @@ impl Identification {
             reached_ms: None,
             marked_ms: 0,
             coasting_ms: None,
-        })
+        }
     }
 
     fn turn(&mut self) {

@@ -74,7 +74,7 @@ impl Outset {
     /// A part of the plan is out of its range.
     #[inline(never)]
     pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
-        let control = config.control.as_ref().ok_or(Error::NoControl)?;
+        let control = Sequence::possible(config)?;
         let wrong = match plan {
             _ if !(plan.speed_rad_s > 0.0) => Some("speed_rad_s"),
             _ if !(1..=100).contains(&plan.turns) => Some("turns"),
@@ -85,11 +85,12 @@ impl Outset {
         if let Some(field) = wrong {
             return Err(Error::Plan { field });
         }
+        let speed = control.speed(plan.speed_rad_s).map_err(Error::Demand)?;
         let leg_ms = 1000.0 * plan.turns as f32 * TAU / plan.speed_rad_s;
         Ok(Self {
-            sequence: Sequence::new(config, plan.commutation)?,
+            sequence: Sequence::new(config, control, plan.commutation),
             plan: *plan,
-            speed: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,
+            speed,
             distance: (i64::from(plan.turns) * i64::from(config.pole_pairs.get())) << 32,
             timeout_ms: (LONGEST_LEG * leg_ms + MARGIN_MS) as u32,
         })

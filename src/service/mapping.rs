@@ -95,7 +95,7 @@ impl Mapping {
     /// A part of the plan is out of its range.
     #[inline(never)]
     pub fn new(config: &Config, plan: &Plan) -> Result<Self, Error> {
-        let control = config.control.as_ref().ok_or(Error::NoControl)?;
+        let control = Sequence::possible(config)?;
         if !(plan.speed_rad_s > 0.0) {
             return Err(Error::Plan { field: "speed_rad_s" });
         }
@@ -104,7 +104,7 @@ impl Mapping {
         }
         let record_hz = control.scale.step_hz / config.record_every as f32;
         Ok(Self {
-            sequence: Sequence::new(config, config.commutation)?,
+            sequence: Sequence::new(config, control, config.commutation),
             plan: *plan,
             learner: Learner::new(config.pole_pairs, 2 * plan.samples),
             speed: control.speed(plan.speed_rad_s).map_err(Error::Demand)?,

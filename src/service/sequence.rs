@@ -4,7 +4,7 @@ use super::procedure::{Error, LEAST_RECORD_HZ, State};
 use super::{Event, Service};
 use crate::commutation::Commutation;
 use crate::config::Config;
-use crate::control::{Current, Speed};
+use crate::control::{self, Current, Speed};
 use crate::drive::{Command, Refusal};
 use crate::fault::Limits;
 use crate::mode::Mode;
@@ -69,15 +69,21 @@ pub(super) struct Sequence {
 }
 
 impl Sequence {
-    /// For a drive, which returns to a commutation at the end.
-    pub fn new(config: &Config, commutation: Commutation) -> Result<Self, Error> {
+    /// The current control of a drive that can do one.
+    pub fn possible(config: &Config) -> Result<&control::Config, Error> {
         let control = config.control.as_ref().ok_or(Error::NoControl)?;
-        let record_hz = control.scale.step_hz / config.record_every as f32;
-        if record_hz < LEAST_RECORD_HZ {
+        if control.scale.step_hz / (config.record_every as f32) < LEAST_RECORD_HZ {
             return Err(Error::FewRecords);
         }
+        Ok(control)
+    }
+
+    /// For a drive, which returns to a commutation at the end.
+    // Made of what has been looked at, it is not moved with a result over the stack.
+    pub fn new(config: &Config, control: &control::Config, commutation: Commutation) -> Self {
+        let record_hz = control.scale.step_hz / config.record_every as f32;
         let braking_s = control.braking_s();
-        Ok(Self {
+        Self {
             phase: Phase::Preparing,
             commutation,
             demand: Demand::REST,
@@ -93,7 +99,7 @@ impl Sequence {
             braking_ms: BRAKING_MS + (1000.0 * braking_s) as u32,
             slowing: i32::MAX,
             rest: control.trajectory.speed() / 50,
-        })
+        }
     }
 
     /// Takes what the service delivered.

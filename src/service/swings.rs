@@ -95,11 +95,11 @@ impl Swings {
     /// # Errors
     /// [`Error::NoControl`], [`Error::FewRecords`].
     pub fn new(config: &Config) -> Result<Self, Error> {
-        let control = config.control.as_ref().ok_or(Error::NoControl)?;
+        let control = Sequence::possible(config)?;
         let most = control.max_current as f32;
         let dead = DEAD * u32::from(config.dead_time) >= 2 * u32::from(config.period);
         Ok(Self {
-            sequence: Sequence::new(config, config.commutation)?,
+            sequence: Sequence::new(config, control, config.commutation),
             scale: control.scale,
             motor: control.motor,
             most,

@@ -27,7 +27,7 @@ impl Procedure {
     /// Writes an identification to its place.
     pub fn motor(place: &mut Option<Self>, config: &Config) -> Result<(), Refusal<'static>> {
         let plan = identification::Plan::new(config).map_err(Refusal::Procedure)?;
-        Self::put(Identification::new(config, &plan), Self::Motor, place)
+        Self::put(identification::Outset::new(config, &plan), |outset| Self::Motor(Identification::of(outset)), place)
     }
 
     /// Writes the learning of the cogging to its place.

@@ -1,8 +1,6 @@
 //! Recordings on request: whose the scope is, and what is answered of it.
 
-use hallservo::scope::{
-    BORROWS, CHANNELS, Channel, Channels, Plan, ROWS, Recorder, Recording, Row, Scope, Setup, State,
-};
+use hallservo::scope::{BORROWS, CHANNELS, Channel, Channels, Plan, ROWS, Recorder, Recording, Scope, Setup, State};
 use hallservo::service::Service;
 use hallservo_protocol::{Answer, ROWS_AT_ONCE, Refusal, ScopeAsk, ScopeRefusal, ScopeRows, ScopeStatus};
 
@@ -79,33 +77,33 @@ impl ScopeTasks {
         self.scope.commanded();
     }
 
+    /// An answer that is there already, [`Answer::Done`], stays where there is no other one.
     // A frame of its own, which is not to add to the stack of other requests; an answer is written right to its place.
     #[inline(never)]
-    pub fn ask(&mut self, ask: &ScopeAsk, mut from: From<'_>) -> Answer<'static> {
+    pub fn ask(&mut self, ask: &ScopeAsk, mut from: From<'_>, answer: &mut Answer<'static>) {
         if let Some(owner) = self.owner.as_mut().filter(|owner| owner.client == from.client) {
             owner.asked_ms = from.now_ms;
         }
         self.begin_due(from.service);
         let done = match ask {
             _ if self.recorder.is_some() => Err(ScopeRefusal::None),
-            ScopeAsk::Status => return Answer::Scope(self.status()),
+            ScopeAsk::Status => {
+                *answer = Answer::Scope(self.status());
+                Ok(())
+            }
             ScopeAsk::Begin { id, setup } => self.begin(*id, setup, &mut from),
-            ScopeAsk::Rows { id, first } => match self.origins(*id) {
-                Some(origins) => {
-                    return Answer::ScopeRows(ScopeRows { id: *id, first: *first, rows: self.rows(*first, origins) });
-                }
-                None => Err(ScopeRefusal::Gone),
-            },
+            ScopeAsk::Rows { id, first } => self.rows(*id, *first, answer),
             ScopeAsk::End => self.end(&from),
         };
-        match done {
-            Ok(()) => Answer::Done,
-            Err(refusal) => Answer::Refused(Refusal::Scope(refusal)),
+        if let Err(refusal) = done {
+            *answer = Answer::Refused(Refusal::Scope(refusal));
         }
     }
 
     fn end(&mut self, from: &From<'_>) -> Result<(), ScopeRefusal> {
-        self.yields(from)?;
+        if !self.yields(from) {
+            return Err(ScopeRefusal::Busy);
+        }
         self.scope.cancel();
         (self.owner, self.due) = (None, None);
         Ok(())
@@ -118,10 +116,10 @@ impl ScopeTasks {
         {
             self.scope.give(memory);
         }
-        if let Some(plan) = self.due.take()
-            && self.scope.begin(&plan).is_err()
+        if let Some(plan) = &self.due
+            && self.scope.begin(plan).is_ok()
         {
-            self.due = Some(plan);
+            self.due = None;
         }
     }
 
@@ -130,14 +128,16 @@ impl ScopeTasks {
     }
 
     /// Whether the scope may be another tool's now.
-    fn yields(&self, from: &From<'_>) -> Result<(), ScopeRefusal> {
-        let Some(owner) = &self.owner else { return Ok(()) };
-        let left = from.now_ms.saturating_sub(owner.asked_ms) >= LEFT_MS;
-        if owner.client == from.client || left { Ok(()) } else { Err(ScopeRefusal::Busy) }
+    #[inline(never)]
+    fn yields(&self, from: &From<'_>) -> bool {
+        let left = |owner: &Owner| from.now_ms >= owner.asked_ms + LEFT_MS;
+        self.owner.as_ref().is_none_or(|owner| owner.client == from.client || left(owner))
     }
 
     fn begin(&mut self, id: u32, setup: &Setup, from: &mut From<'_>) -> Result<(), ScopeRefusal> {
-        self.yields(from)?;
+        if !self.yields(from) {
+            return Err(ScopeRefusal::Busy);
+        }
         // Asked again, as the answer was lost.
         if self.owner.as_ref().is_some_and(|owner| owner.id == id && owner.client == from.client) {
             return Ok(());
@@ -165,22 +165,19 @@ impl ScopeTasks {
         }
     }
 
-    /// What each channel of a complete recording counts from.
-    fn origins(&mut self, id: u32) -> Option<Row> {
+    /// The rows of a complete recording.
+    fn rows(&mut self, id: u32, first: u16, answer: &mut Answer<'static>) -> Result<(), ScopeRefusal> {
         let done = self.state() == State::Done;
-        let owner = self.owner.as_ref().filter(|owner| done && owner.id == id)?;
-        let position = |channel: Option<Channel>| channel.is_some_and(Channel::is_position);
-        Some(owner.setup.channels.map(|channel| if position(channel) { owner.origin } else { 0 }))
-    }
-
-    fn rows(&mut self, first: u16, origins: Row) -> [Row; ROWS_AT_ONCE] {
+        let owner = self.owner.as_ref().filter(|owner| done && owner.id == id).ok_or(ScopeRefusal::Gone)?;
         let mut rows = [[0; CHANNELS]; ROWS_AT_ONCE];
         for (offset, row) in (0..).zip(&mut rows) {
-            let Some(raw) = self.scope.row(first.saturating_add(offset)) else { break };
-            for ((value, raw), origin) in row.iter_mut().zip(raw).zip(origins) {
-                *value = raw.wrapping_sub(origin);
+            let Some(raw) = self.scope.raw(first.saturating_add(offset)) else { break };
+            for ((value, raw), channel) in row.iter_mut().zip(raw).zip(&owner.setup.channels) {
+                let origin = if channel.is_some_and(Channel::is_position) { owner.origin } else { 0 };
+                *value = raw.cast_signed().wrapping_sub(origin);
             }
         }
-        rows
+        *answer = Answer::ScopeRows(ScopeRows { id, first, rows });
+        Ok(())
     }
 }

@@ -236,7 +236,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     }
 
     /// What the flash holds of the sensors and of the magnets over them; what is wrong with the latter.
-    #[inline(never)]
     fn restore_sensors(&mut self) -> Problem {
         match self.storage.sensors(&self.settings) {
             Ok(sensors) => {

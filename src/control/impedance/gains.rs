@@ -40,7 +40,6 @@ const HOLD: f32 = 5.0 + (OUTER as f32 - 1.0) / 2.0;
 const LATER: f32 = 2.0;
 
 impl Loop {
-    #[inline(never)]
     pub fn new(control: &Control, tracking: &track::Config) -> Self {
         let step_s = 1.0 / control.scale.step_hz;
         let position_s = HOLD * step_s + 1.0 / control.current_rad_s;

@@ -132,14 +132,14 @@ impl Config {
     }
 
     fn spring(&self, control: &Control, request: &Request) -> Result<Spring, Error> {
-        let preset = self.default_impedance().ok_or(Error::NoControl)?;
+        let lags = Loop::new(control, &self.tracking);
+        let preset = lags.usual(control);
         let scaled = |field, gain: f32, scale: f32| {
             range(Field::Scale, scale, 0.0, 1.0)?;
             range(field, gain, 0.0, f32::MAX).map(|gain| gain * scale)
         };
         let kp = scaled(Field::Kp, request.kp_nm_rad.unwrap_or(preset.kp_nm_rad), request.kp_scale)?;
         let kd = scaled(Field::Kd, request.kd_nms_rad.unwrap_or(preset.kd_nms_rad), request.kd_scale)?;
-        let lags = Loop::new(control, &self.tracking);
         let most = lags.largest();
         range(Field::Kp, kp, 0.0, most.kp_nm_rad)?;
         range(Field::Kd, kd, 0.0, most.kd_nms_rad)?;
@@ -264,7 +264,7 @@ impl Control {
             Some(speed) => {
                 let largest = most as f32 / self.scale.per_radian_s();
                 let speed = range(Field::MaxSpeed, speed, 1.0 / self.scale.per_radian_s(), largest)?;
-                Some(((speed * self.scale.per_radian_s()) as i32).clamp(1, most))
+                Some(((speed * self.scale.per_radian_s()) as i32).max(1).min(most))
             }
         })
     }

@@ -85,6 +85,18 @@ enum Stage {
     Turn,
 }
 
+/// What a stage comes to in a step.
+enum Act {
+    /// The voltage along an axis, or along the field that holds the rotor.
+    Push(Axis),
+    /// No voltage.
+    Free,
+    /// The commutation is wrong.
+    Fail,
+    /// It is over.
+    End { proven: bool },
+}
+
 /// The check of the rotor and where it is.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RotorCheck {
@@ -174,17 +186,22 @@ impl RotorCheck {
         // Waiting for rest takes as long as it takes.
         self.age += u32::from(self.stage != Stage::Settle);
         self.averaged += (rotor.speed() - self.averaged) >> control.arming.averages;
-        if self.age > LONGEST * u32::from(control.arming.longest_push) {
-            return Self::give_up();
-        }
-        match self.stage {
-            Stage::Coast => self.coast(control, rotor, config),
-            Stage::Press => self.push(control, phases, rotor, config),
-            Stage::Oppose => self.oppose(rotor, config),
-            Stage::Stop => self.stop(control, phases, rotor, config),
-            Stage::Settle => self.settle(control, rotor, config),
-            Stage::Hold => self.hold(control, phases, rotor, config),
-            Stage::Turn => self.turn(rotor, config),
+        let way = self.way(rotor);
+        let act = match self.stage {
+            _ if self.age > LONGEST * u32::from(control.arming.longest_push) => Self::give_up(),
+            Stage::Coast => self.coast(way, control, rotor),
+            Stage::Press => self.push(way, control, phases, rotor, config),
+            Stage::Oppose => self.oppose(way, rotor, config),
+            Stage::Stop => self.stop(way, control, phases, rotor),
+            Stage::Settle => self.settle(way, control, rotor, config),
+            Stage::Hold => self.hold(way, control, phases, rotor),
+            Stage::Turn => self.turn(way, rotor, config),
+        };
+        match act {
+            Act::Push(axis) => Step::Output(self.vector(self.direction(axis, rotor, config), config)),
+            Act::Free => Step::Output(no_voltage(config)),
+            Act::Fail => Step::Failed(Fault::Commutation),
+            Act::End { proven } => Step::Done { step: 0, proven },
         }
     }
 
@@ -194,10 +211,9 @@ impl RotorCheck {
     }
 
     /// Measures how the rotor turns by itself, until it rests.
-    fn coast(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
-        if self.is_watched(control, rotor) {
+    fn coast(&mut self, way: i32, control: &Control, rotor: &Tracker) -> Act {
+        if self.is_watched(way, control, rotor) {
             let window = u32::from(control.arming.longest_push) / 2;
-            let way = self.way(rotor);
             self.coasting = way / window.max(1) as i32;
             // What friction or cogging does to a rotor that turns looks like a push the wrong way; the shorted windings
             // stop it.
@@ -210,16 +226,17 @@ impl RotorCheck {
                 return Self::give_up();
             }
         }
-        Step::Output(no_voltage(config))
+        Act::Free
     }
 
     /// Watches the rotor; whether it has done so for long enough.
-    fn is_watched(&mut self, control: &Control, rotor: &Tracker) -> bool {
+    fn is_watched(&mut self, way: i32, control: &Control, rotor: &Tracker) -> bool {
         if self.steps == 1 {
             self.from = rotor.smoothed();
             self.farthest = 0;
+        } else {
+            self.farthest = self.farthest.max(way.abs());
         }
-        self.farthest = self.farthest.max(self.way(rotor).abs());
         self.steps > u32::from(control.arming.longest_push) / 2
     }
 
@@ -230,13 +247,13 @@ impl RotorCheck {
 
     /// A voltage against the motion brakes what still swings or drags the rotor on. Where that takes it far, the field is to
     /// hold it.
-    fn settle(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
+    fn settle(&mut self, way: i32, control: &Control, rotor: &Tracker, config: &Config) -> Act {
         let (speed, full) = (self.averaged.saturating_abs(), control.arming.turning);
         let slow = speed < full / 4;
-        let watched = self.is_watched(control, rotor);
+        let watched = self.is_watched(way, control, rotor);
         if self.proven {
             if slow && self.steps > u32::from(control.arming.longest_push) / 8 || self.waited >= MOST_SETTLED {
-                return Step::Done { step: 0, proven: true };
+                return Act::End { proven: true };
             }
         } else {
             let far = (rotor.angle() - self.anchor).to_bits().unsigned_abs() >> 6 > SETTLES.unsigned_abs();
@@ -249,15 +266,15 @@ impl RotorCheck {
             self.enter(Stage::Settle);
         }
         if slow {
-            return Step::Output(no_voltage(config));
+            return Act::Free;
         }
         self.modulation = if speed < full { self.strongest / 2 + self.least / 2 } else { self.strongest };
-        self.voltage(if self.averaged > 0 { Axis::Back } else { Axis::Forward }, rotor, config)
+        Act::Push(if self.averaged > 0 { Axis::Back } else { Axis::Forward })
     }
 
     /// It takes too long, or the rotor does not rest.
-    const fn give_up() -> Step {
-        Step::Done { step: 0, proven: false }
+    const fn give_up() -> Act {
+        Act::End { proven: false }
     }
 
     /// The rotor rests: the voltage begins.
@@ -307,8 +324,8 @@ impl RotorCheck {
     }
 
     /// How far the voltage has moved the rotor.
-    fn moved(&self, rotor: &Tracker) -> i32 {
-        self.way(rotor) - self.coasted()
+    fn moved(&self, way: i32) -> i32 {
+        way - self.coasted()
     }
 
     /// How far it would have turned by itself.
@@ -317,8 +334,8 @@ impl RotorCheck {
     }
 
     /// Whether it has gone no farther than it would by itself, or than a field along its own holds it back.
-    fn coasts(&self, rotor: &Tracker) -> bool {
-        let (way, coasted) = (self.way(rotor), self.coasted());
+    fn coasts(&self, way: i32) -> bool {
+        let coasted = self.coasted();
         let most = coasted + coasted / 2;
         (most.min(0) - MOVED..=most.max(0) + MOVED).contains(&way)
     }
@@ -328,11 +345,11 @@ impl RotorCheck {
         MOVED + self.coasted().abs() / 2
     }
 
-    fn push(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
+    fn push(&mut self, way: i32, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Act {
         if self.averaged.unsigned_abs() <= control.arming.turning.unsigned_abs() {
             self.raise(self.most, control, phases);
         }
-        let moved = self.moved(rotor);
+        let moved = self.moved(way);
         if moved < MOVED {
             self.rested = self.steps;
         }
@@ -343,14 +360,14 @@ impl RotorCheck {
         let over = self.steps >= longest;
         if moved >= FAR || over && moved >= MOVED {
             (self.pushed, self.strongest) = (self.steps, self.modulation);
-            return self.begin_stop(rotor, config);
+            return self.begin_stop(rotor);
         }
         if moved <= -self.wrong() {
             self.pushed = self.steps;
             self.from = rotor.smoothed();
             self.farthest = 0;
             self.enter(Stage::Oppose);
-            return self.voltage(Axis::Back, rotor, config);
+            return Act::Push(Axis::Back);
         }
         if over {
             self.pushed = 0;
@@ -358,106 +375,104 @@ impl RotorCheck {
             self.coasting += (moved - self.farthest).max(0) / (longest / 4).max(1) as i32;
             return self.begin_hold(self.least, rotor, config);
         }
-        self.voltage(Axis::Forward, rotor, config)
+        Act::Push(Axis::Forward)
     }
 
     /// The field that stands where the rotor's is, and how strong it is at first.
-    fn begin_hold(&mut self, modulation: i32, rotor: &Tracker, config: &Config) -> Step {
+    fn begin_hold(&mut self, modulation: i32, rotor: &Tracker, config: &Config) -> Act {
         self.from = rotor.smoothed();
         self.anchor = rotor.predicted(&config.tracking);
         (self.modulation, self.lean) = (modulation, 0);
         self.enter(Stage::Hold);
-        Step::Output(no_voltage(config))
+        Act::Free
     }
 
     /// A sound rotor stays where it is, and where the angle is wrong, it is pulled away.
-    fn hold(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
+    fn hold(&mut self, way: i32, control: &Control, phases: [i32; 3], rotor: &Tracker) -> Act {
         // The spring of a load that swings is to be weak beside the field.
         let swings = self.waited > 0;
         self.raise(if self.pushed == 0 || swings { self.most } else { self.strongest }, control, phases);
         if self.pushed == 0 {
             // The push did not move it.
-            return if !self.coasts(rotor) {
-                Step::Failed(Fault::Commutation)
+            return if !self.coasts(way) {
+                Act::Fail
             } else if self.steps >= u32::from(control.arming.longest_push) {
-                Step::Done { step: 0, proven: false }
+                Act::End { proven: false }
             } else {
-                self.voltage(Axis::Forward, rotor, config)
+                Act::Push(Axis::Forward)
             };
         }
         let speed = self.averaged.saturating_abs();
         self.speed = if self.steps <= 2 * u32::from(control.arming.lag) { speed } else { self.speed.max(speed) };
-        let way = self.way(rotor).abs();
+        let far = way.abs();
         // What the rotor still turned with, the field slows down; a wrong one makes it faster.
         let faster = speed > (self.speed / 8 * 7).max(control.arming.turning);
         // Forward, and nearly as fast as by the push itself, it is pulled on by a third of that force and more. Back, cogging
         // may pull as much. One that only goes on with the speed that the stop has left it does not gain: by the time of
         // the push it is twice as far as by half of it, one that is pulled four times and more.
-        let forward = self.way(rotor);
         if self.steps == self.pushed / 2 {
-            self.farthest = forward;
+            self.farthest = way;
         }
-        let gains = i64::from(forward) * i64::from(self.pushed) > i64::from(3 * self.farthest) * i64::from(self.steps);
-        let soon = |least, quarters| forward > least && 4 * self.steps < quarters * self.pushed;
+        let gains = i64::from(way) * i64::from(self.pushed) > i64::from(3 * self.farthest) * i64::from(self.steps);
+        let soon = |least, quarters| way > least && 4 * self.steps < quarters * self.pushed;
         let at_once = self.steps > self.pushed / 2 && gains && (soon(PULLED, 5) || soon(FAR, 7));
-        if way > 2 * HELD || faster && (way > HELD || at_once) {
-            return Step::Failed(Fault::Commutation);
+        if far > 2 * HELD || faster && (far > HELD || at_once) {
+            return Act::Fail;
         }
         // One that it pulls away goes on until it is too far; a sound one swings and is let go where it stands. An angle
         // that is off by 30° moves it as far in twice the time of the push as the push did.
         let turns = speed > control.arming.turning / 4;
         if self.steps < 2 * self.pushed || turns && self.steps < 8 * self.pushed {
-            return self.voltage(Axis::Forward, rotor, config);
+            return Act::Push(Axis::Forward);
         }
-        self.begin_turn(rotor, config)
+        self.begin_turn(rotor)
     }
 
     /// The field turns back, and forward again, as far as it has to for a rotor that cogging holds, in four times the time
     /// of the push.
-    fn begin_turn(&mut self, rotor: &Tracker, config: &Config) -> Step {
+    fn begin_turn(&mut self, rotor: &Tracker) -> Act {
         self.from = rotor.smoothed();
         self.left = TURNED;
         self.rate = TURNED / (4 * self.pushed).max(1);
         self.enter(Stage::Turn);
-        self.voltage(Axis::Forward, rotor, config)
+        Act::Push(Axis::Forward)
     }
 
     /// A sound rotor follows the field both ways. One whose angle counts the wrong way follows the other way. Where it stood
     /// against the field, it falls away from it, back at first, and goes on when the field turns forward.
-    fn turn(&mut self, rotor: &Tracker, config: &Config) -> Step {
-        let way = self.way(rotor);
+    fn turn(&mut self, way: i32, rotor: &Tracker, config: &Config) -> Act {
         if way > AGAINST && !self.has_followed || way < -2 * HELD {
-            return Step::Failed(Fault::Commutation);
+            return Act::Fail;
         }
         if way > FAR {
             self.proven = true;
             self.waited = 0;
-            return self.begin_settle(rotor, config);
+            return self.begin_settle(rotor);
         }
         if way < -FAR && !self.has_followed {
             self.has_followed = true;
             self.anchor = rotor.predicted(&config.tracking);
-            return self.begin_turn(rotor, config);
+            return self.begin_turn(rotor);
         }
         if self.steps > 6 * self.pushed {
-            return Step::Done { step: 0, proven: false };
+            return Act::End { proven: false };
         }
         let by = self.rate.min(self.left);
         self.left -= by;
         let by = ElectricalAngle::from_bits(by as i32);
         self.anchor += if self.has_followed { by } else { -by };
-        self.voltage(Axis::Forward, rotor, config)
+        Act::Push(Axis::Forward)
     }
 
-    fn begin_stop(&mut self, rotor: &Tracker, config: &Config) -> Step {
+    fn begin_stop(&mut self, rotor: &Tracker) -> Act {
         self.speed = self.averaged;
         self.from = rotor.smoothed();
         self.enter(Stage::Stop);
-        self.voltage(Axis::Back, rotor, config)
+        Act::Push(Axis::Back)
     }
 
     /// The opposite voltage, until the rotor stands. A push that cannot be stopped has a wrong commutation.
-    fn stop(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
+    fn stop(&mut self, way: i32, control: &Control, phases: [i32; 3], rotor: &Tracker) -> Act {
         let (speed, before) = if self.speed < 0 { (-self.averaged, -self.speed) } else { (self.averaged, self.speed) };
         let halfway = self.steps > self.pushed / 2;
         // To three quarters in half the time of the push, to half in all of it, but for what cogging and the noise of the speed
@@ -466,8 +481,8 @@ impl RotorCheck {
         let slows =
             i64::from(speed - control.arming.turning / 8 * 5) * 2 * pushed <= i64::from(before) * (2 * pushed - steps);
         let late = self.steps > self.pushed || halfway && !slows;
-        if late || self.way(rotor).abs() > STOPPED || speed > 2 * (before + control.arming.turning) {
-            return Step::Failed(Fault::Commutation);
+        if late || way.abs() > STOPPED || speed > 2 * (before + control.arming.turning) {
+            return Act::Fail;
         }
         if halfway {
             self.raise(self.most, control, phases);
@@ -479,41 +494,35 @@ impl RotorCheck {
         let lag = steps < earliest || i64::from(speed) * steps > i64::from(before - speed) * lag;
         let turns = before > control.arming.turning / 2 && lag;
         if turns {
-            return self.voltage(Axis::Back, rotor, config);
+            return Act::Push(Axis::Back);
         }
-        self.begin_settle(rotor, config)
+        self.begin_settle(rotor)
     }
 
-    fn begin_settle(&mut self, rotor: &Tracker, config: &Config) -> Step {
+    fn begin_settle(&mut self, rotor: &Tracker) -> Act {
         self.anchor = rotor.angle();
         self.enter(Stage::Settle);
-        Step::Output(no_voltage(config))
+        Act::Free
     }
 
     /// With a wrong commutation the opposite voltage stops the rotor and turns it back, and it is found out close to
     /// rest. An outside torque, which made a rotor with the right one move the wrong way, is helped by it.
-    fn oppose(&mut self, rotor: &Tracker, config: &Config) -> Step {
-        let way = self.way(rotor);
+    fn oppose(&mut self, way: i32, rotor: &Tracker, config: &Config) -> Act {
         self.farthest = self.farthest.min(way);
         if way - self.farthest > MOVED / 6 || way < -STOPPED {
-            return Step::Failed(Fault::Commutation);
+            return Act::Fail;
         }
         if self.steps >= 4 * self.pushed {
             // Neither moves it much, as where the angle is wrong by a quarter of a turn.
             self.pushed = 0;
             return self.begin_hold(self.least, rotor, config);
         }
-        self.voltage(Axis::Back, rotor, config)
+        Act::Push(Axis::Back)
     }
 
-    #[cfg_attr(feature = "small", inline(never))]
+    /// How far the rotor is from where the present motion began.
     fn way(&self, rotor: &Tracker) -> i32 {
         (rotor.smoothed().to_bits().wrapping_sub(self.from.to_bits()) >> 6) as i32
-    }
-
-    #[cfg_attr(feature = "small", inline(never))]
-    fn voltage(&self, axis: Axis, rotor: &Tracker, config: &Config) -> Step {
-        Step::Output(self.vector(self.direction(axis, rotor, config), config))
     }
 
     /// Where the voltage is to point.

@@ -36,7 +36,6 @@ impl Adapter {
     }
 
     /// Takes over what was learnt since the calibration that it has just started from.
-    #[inline(never)]
     pub(crate) fn go_on_from(&mut self, learnt: &Model) -> Result<(), BadModel> {
         for (k, (from, to)) in self.sensors.iter().map(|own| &own.sensor).zip(&learnt.sensors).enumerate() {
             self.state.offset[k] = (to.offset - from.offset) / from.amplitude;

@@ -203,7 +203,6 @@ fn supervise<F: NorFlash, E: Encoder>(
 
 impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     /// Takes up what the flash holds beside the settings.
-    #[inline(never)]
     fn take_up_stored(&mut self) {
         self.restore_table();
         let map_problem = self.restore_sensors();
@@ -254,7 +253,6 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         self.magnets.restore(&mut self.storage, self.sensors.as_ref(), &self.settings)
     }
 
-    #[inline(never)]
     fn restore_table(&mut self) {
         match self.storage.table(&self.settings) {
             Ok(table) => (self.table, self.table_due) = (Some(table), true),

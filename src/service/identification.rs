@@ -110,7 +110,7 @@ pub struct Identification {
     largest: Current,
     began_ms: Option<u32>,
     /// Speed at the begin of the leg.
-    from: Speed,
+    from: i32,
     /// How far from the speed it was last, and when; when it was reached, and when the last mark was made.
     far: f32,
     far_ms: u32,
@@ -171,7 +171,7 @@ impl Identification {
             fastest,
             largest,
             began_ms: None,
-            from: Speed(0),
+            from: 0,
             far: f32::INFINITY,
             far_ms: 0,
             reached_ms: None,
@@ -203,9 +203,9 @@ impl Identification {
         if elapsed_ms >= CHANGING_MS {
             self.identifier.enter(Stage::Swings);
         }
-        let [reached, from] = [self.sequence.speed(), self.from.0]
-            .map(|speed| speed as f32 * sign_of(share) / (SWING_TO * self.fastest.0 as f32));
-        let heavy = reached < HEAVY_TO && reached - from > FASTER_BY;
+        let (speed, most) = (self.sequence.speed(), SWING_TO * sign_of(share) * self.fastest.0 as f32);
+        let [reached, faster] = [speed, speed.wrapping_sub(self.from)].map(|speed| speed as f32 / most);
+        let heavy = reached < HEAVY_TO && faster > FASTER_BY;
         if reached >= 1.0 || elapsed_ms > if heavy { HEAVY_SWING_MS } else { SWING_MS } {
             self.next();
         }
@@ -248,7 +248,7 @@ impl Identification {
 
     fn next(&mut self) {
         self.number += 1;
-        self.from = Speed(self.sequence.speed());
+        self.from = self.sequence.speed();
         self.began_ms = self.began_ms.map(|_| self.sequence.now_ms());
         (self.reached_ms, self.coasting_ms) = (None, None);
         self.identifier.enter(Stage::Steered);

@@ -173,9 +173,9 @@ impl RotorCheck {
     /// The same once more, if it has not been that already: cogging may pull a sound rotor out of a field that is just as
     /// strong as the push that moved it, but seldom twice. Only a proof takes the suspicion away.
     pub fn begin_again(&mut self) -> bool {
-        let is_first = !self.again;
-        *self = Self { again: true, ..Self::new(self.rise, self.least, self.most) };
-        is_first
+        self.enter(Stage::Coast);
+        (self.age, self.waited, self.has_followed) = (0, 0, false);
+        !core::mem::replace(&mut self.again, true)
     }
 
     /// One step of the check on, with the phase currents in 2⁻¹⁵ of their full scale.

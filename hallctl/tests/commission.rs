@@ -311,7 +311,7 @@ fn what_is_too_warm_is_waited_for() {
         assert!(code == Some(0) && !said.contains(TOO_WARM), "{said}");
         uptime_s(&long_enough)
     });
-    let cases = [("0.54", "2 of 6", true), ("0.56", "3 of 6", false)];
+    let cases = [("0.48", "2 of 6", true), ("0.51", "3 of 6", false)];
     for (continuous_a, step, faults) in cases.into_iter().take(sim::of(1, 2)) {
         let (drive, folder) = (weak_winding(continuous_a), tempfile::tempdir().unwrap());
         let (code, said) = commission(&drive, &folder, &[]);

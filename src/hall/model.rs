@@ -41,7 +41,7 @@ impl Sensor {
 
     /// sin x, sin 3x and sin 5x at a Hall angle.
     pub(crate) fn harmonics(&self, hall: ElectricalAngle) -> [f32; 3] {
-        odd(hall - self.placement).map(|(sine, _)| sine)
+        odd(hall - self.placement, trig::sin)
     }
 
     /// The wave, about ±1, at a Hall angle.
@@ -52,7 +52,7 @@ impl Sensor {
 
     /// The slope of the wave, per radian.
     pub fn slope(&self, hall: ElectricalAngle) -> f32 {
-        let [c1, c3, c5] = odd(hall - self.placement).map(|(_, cosine)| cosine);
+        let [c1, c3, c5] = odd(hall - self.placement, trig::cos);
         c1 + 3.0 * self.third * c3 + 5.0 * self.fifth * c5
     }
 
@@ -62,10 +62,10 @@ impl Sensor {
     }
 }
 
-/// Sine and cosine of the angle, of three times and of five times the angle.
-#[cfg_attr(feature = "small", inline(never))]
-fn odd(angle: ElectricalAngle) -> [(f32, f32); 3] {
-    [1, 3, 5].map(|k| trig::sin_cos_f32(ElectricalAngle::from_bits(angle.to_bits().wrapping_mul(k))))
+/// A function of the angle, of three times and of five times the angle.
+fn odd(angle: ElectricalAngle, function: fn(ElectricalAngle) -> fixed::types::I2F30) -> [f32; 3] {
+    let multiple = |k: i32| ElectricalAngle::from_bits(angle.to_bits().wrapping_mul(k));
+    [function(angle), function(multiple(3)), function(multiple(5))].map(trig::float)
 }
 
 /// Three sensors, or [two](Self::of_two), and the alignment to the stator.

@@ -72,6 +72,7 @@ impl LetGo {
     }
 
     /// Whether the rotor has come to rest by itself, and soon.
+    #[cfg_attr(not(feature = "small"), inline(never))]
     pub fn has_stopped(&self, control: &Control) -> bool {
         self.way <= SOON && self.averaged.unsigned_abs() <= control.arming.turning.unsigned_abs() / 4
     }

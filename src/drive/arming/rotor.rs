@@ -172,6 +172,7 @@ impl RotorCheck {
 
     /// The same once more, if it has not been that already: cogging may pull a sound rotor out of a field that is just as
     /// strong as the push that moved it, but seldom twice. Only a proof takes the suspicion away.
+    #[cfg_attr(not(feature = "small"), inline(never))]
     pub fn begin_again(&mut self) -> bool {
         self.enter(Stage::Coast);
         (self.age, self.waited, self.has_followed) = (0, 0, false);

@@ -9,6 +9,7 @@
 use super::identify::Report;
 use super::standstill::Electrical;
 use super::swings::Rough;
+use crate::control::config::SLOWEST_SPEED_HZ;
 use crate::hall::calibrate::{self, report::Report as Sensors};
 use crate::settings::{Control, Error, Settings};
 use core::f32::consts::TAU;
@@ -54,8 +55,8 @@ const GOOD_SWING: f32 = 4.5;
 const GOOD_RESIDUAL: f32 = 2.9;
 /// Share of the largest current that the noise of the speed may make.
 const NOISE: f32 = 0.03;
-/// Least bandwidths of the speed control, and of the tracker for its sake.
-const SLOWEST_HZ: f32 = 0.6;
+/// Least bandwidth of the speed control that is chosen for the sake of the noise, and of the tracker.
+const QUIETEST_HZ: f32 = 0.6;
 const SLOWEST_TRACKER_HZ: f32 = 40.0;
 
 /// Share by which an inertia may be off that is better than the one by [`Swings`](super::swings::Swings).
@@ -246,10 +247,10 @@ impl Commission {
         };
         // A heavy rotor changes its speed slowly, and a slower tracker is less noisy.
         let tracking_hz = &mut self.settings.tracking_bandwidth_hz;
-        while quiet_hz(*tracking_hz) < SLOWEST_HZ && *tracking_hz > SLOWEST_TRACKER_HZ {
+        while quiet_hz(*tracking_hz) < QUIETEST_HZ && *tracking_hz > SLOWEST_TRACKER_HZ {
             *tracking_hz *= 0.8;
         }
-        let speed_hz = quiet_hz(*tracking_hz).clamp(SLOWEST_HZ, 60.0);
+        let speed_hz = quiet_hz(*tracking_hz).clamp(QUIETEST_HZ, 60.0);
         self.set_bandwidths(current_bandwidth_hz, speed_hz)
     }
 
@@ -269,7 +270,7 @@ impl Commission {
     fn set_bandwidths(&mut self, mut current_hz: f32, mut speed_hz: f32) -> Result<(), Error<'static>> {
         for _ in 0..24 {
             current_hz = current_hz.clamp(10.0, self.settings.pwm_hz / 20.0);
-            speed_hz = speed_hz.clamp(0.5, current_hz / 5.0);
+            speed_hz = speed_hz.clamp(SLOWEST_SPEED_HZ, current_hz / 5.0);
             let control = self.settings.control.as_mut().ok_or(Error::NoControl)?;
             control.current_bandwidth_hz = current_hz;
             control.speed_bandwidth_hz = speed_hz;
@@ -278,7 +279,9 @@ impl Commission {
                 Err(Error::OutOfRange { field: "current_bandwidth_hz", max, .. }) if current_hz > 10.0 => {
                     current_hz = if max > 0.0 { 0.9 * max.min(current_hz) } else { 0.5 * current_hz };
                 }
-                Err(Error::OutOfRange { field: "speed_bandwidth_hz", .. }) if speed_hz > 0.5 => speed_hz *= 0.7,
+                Err(Error::OutOfRange { field: "speed_bandwidth_hz", .. }) if speed_hz > SLOWEST_SPEED_HZ => {
+                    speed_hz *= 0.7
+                }
                 result => return result.map(|_| ()),
             }
         }

@@ -1,6 +1,5 @@
 //! The check when the bridge is switched on: wires, amplifiers and commutation.
 
-use crate::commissioned::motor;
 use crate::known;
 use hallservo::board::Legs;
 use hallservo::commutation::Commutation;
@@ -9,9 +8,7 @@ use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, OnTimeout, Settings};
 use plant::{AmplifierFault, LoadParameters, PlantParameters, Transistor, Unevenness, Wires};
-use rayon::prelude::*;
 use rig::Rig;
-use sim::experiment::cogging;
 
 fn calibrated(seed: u64, commutation: Commutation) -> Rig {
     calibrated_as(&PlantParameters::imperfect(seed), commutation, seed).unwrap()
@@ -343,7 +340,7 @@ fn wrong_wires_with_a_load_on_a_shaft_that_twists_are_found() {
         }
     });
     println!("{farthest}°, {stalled} stalled");
-    assert!(missed.is_empty() && stalled <= 3 && farthest < 40.0, "{farthest}°, {stalled} stalled, {missed:?}");
+    assert!(missed.is_empty() && stalled <= 3 && farthest < 30.0, "{farthest}°, {stalled} stalled, {missed:?}");
 }
 
 /// With wires that do not belong there it is found out at arming or, where the rotor is too heavy to be pushed, by what it
@@ -366,7 +363,7 @@ fn wrong_wires_at_a_flywheel_on_uneven_magnets_are_found() {
                 follow(&mut rig, 0.95);
             }
             println!("{seed} {wires:?}: {at_arming:?} {:?} {way:.1}°", rig.drive.mode());
-            if !matches!(rig.drive.mode(), Mode::Faulted(Fault::Commutation)) || way > 50.0 {
+            if !matches!(rig.drive.mode(), Mode::Faulted(Fault::Commutation)) || way > 30.0 {
                 late.push((seed, at_arming, rig.drive.mode(), way));
             }
         }
@@ -453,41 +450,4 @@ fn a_load_is_no_wrong_commutation() {
             assert_eq!(rig.drive.mode(), Mode::Running, "{load_nm} N·m, {seed}");
         }
     }
-}
-
-/// Drone motors with as much cogging by the slots as by the poles, 2 and 4.5 % of the largest torque each, armed where they
-/// have come to rest after turning at some speed.
-#[test]
-fn cogging_is_no_wrong_commutation() {
-    let drones = ["drone-20uh", "drone-60a", "drone-15uh", "drone-stiff"];
-    let drones = &drones[..sim::of(2, 4)];
-    let jobs: Vec<_> = drones.iter().flat_map(|name| (3..sim::of(4, 6)).map(move |seed| (*name, seed))).collect();
-    let armings = sim::of(50, 200);
-    let refused: Vec<_> = jobs
-        .par_iter()
-        .map(|&(name, seed)| {
-            let motor = motor(name);
-            let mut rig = cogging::commissioned(motor, cogging::slots(motor.pairs).unwrap(), 1.5, seed).unwrap();
-            rig.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
-            let mut refused = 0;
-            for number in 0..armings {
-                let share = (0.618 * f64::from(number)).fract();
-                rig.arm().unwrap();
-                if rig.drive.mode() == Mode::Running {
-                    let speed_rad_s = (3.0 + 40.0 * share as f32) * if number % 2 == 0 { 1.0 } else { -1.0 };
-                    rig.command(Command::Speed(rig.control().unwrap().speed(speed_rad_s).unwrap())).unwrap();
-                    rig.wait(0.05 + 0.1 * (7.0 * share).fract());
-                    rig.command(Command::Disarm).unwrap();
-                } else {
-                    refused += 1;
-                    rig.command(Command::Clear).unwrap();
-                }
-                rig.wait(0.002 + 0.3 * (11.0 * share).fract());
-            }
-            (name, seed, refused)
-        })
-        .collect();
-    let sum: u32 = refused.iter().map(|(_, _, refused)| refused).sum();
-    println!("{sum} of {}: {refused:?}", armings * jobs.len() as u32);
-    assert!(f64::from(sum) < 0.01 * f64::from(armings) * jobs.len() as f64, "{refused:?}");
 }

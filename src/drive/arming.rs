@@ -195,8 +195,8 @@ impl Arming {
             Stage::Hold => self.hold(phases, config),
             Stage::Fade => self.fade(control, phases, rotor, config),
             Stage::Rotor => match self.rotor.step(config, control, phases, rotor) {
-                Step::Done { proven, .. } if proven || !self.rotor.again => self.over(proven, config),
-                Step::Done { .. } | Step::Failed(_) => {
+                Step::Done { proven, .. } => self.over(proven, config),
+                Step::Failed(_) => {
                     self.enter(Stage::LetGo);
                     self.let_go.begin(control, rotor)
                 }
@@ -204,10 +204,6 @@ impl Arming {
             },
             Stage::LetGo => match self.let_go.step(control, rotor) {
                 Step::Done { .. } => self.over(false, config),
-                Step::Failed(_) if self.let_go.has_stopped(control) && self.rotor.begin_again() => {
-                    self.enter(Stage::Rotor);
-                    Step::Output(no_voltage(config))
-                }
                 step => step,
             },
             Stage::Over { proven } => Step::Done { step: self.steps, proven },

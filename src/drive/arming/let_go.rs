@@ -14,9 +14,6 @@ const TURN: i32 = 1 << 26;
 /// Half of the way that is told from noise: 1.5°.
 const NOISE: i32 = 279_620;
 
-/// Farthest that a rotor rolls on which was hardly driven: from one place where cogging holds it to the next.
-const SOON: i32 = TURN / 3;
-
 /// The watched rotor.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct LetGo {
@@ -69,11 +66,5 @@ impl LetGo {
         let longest = u32::from(control.arming.longest_push);
         let may_gain = self.steps < 2 * longest || self.gained > 0 && self.steps < 4 * longest;
         if may_gain { Step::Output(Output::OFF) } else { Step::Failed(Fault::Commutation) }
-    }
-
-    /// Whether the rotor has come to rest by itself, and soon.
-    #[cfg_attr(not(feature = "small"), inline(never))]
-    pub fn has_stopped(&self, control: &Control) -> bool {
-        self.way <= SOON && self.averaged.unsigned_abs() <= control.arming.turning.unsigned_abs() / 4
     }
 }

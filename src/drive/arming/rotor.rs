@@ -9,9 +9,6 @@
 //! 3. The field is turned back, slowly, and forward again, and the rotor has to follow it. Where two wires are swapped, the
 //!    angle counts the wrong way, and it goes forward at first, or goes on falling back.
 //!
-//! Cogging can do the same to a sound rotor. So where something looks wrong, and the rotor comes to rest soon by itself, all
-//! of it is done once more, and it passes with the third part only.
-//!
 //! A load behind a coupling or with play makes the rotor swing. It is pushed when it has come to rest; after the stop a
 //! voltage against its motion brakes the swing; and the field that holds it then is as strong as it may be.
 
@@ -101,8 +98,6 @@ enum Act {
 #[derive(Clone, Copy, Debug)]
 pub(super) struct RotorCheck {
     stage: Stage,
-    /// Whether it is the second one, after the first has found something wrong.
-    pub again: bool,
     /// Steps of this stage, and of the check.
     steps: u32,
     age: u32,
@@ -145,7 +140,6 @@ impl RotorCheck {
     pub const fn new(rise: i32, least: i32, most: i32) -> Self {
         Self {
             stage: Stage::Coast,
-            again: false,
             steps: 0,
             age: 0,
             modulation: 0,
@@ -168,15 +162,6 @@ impl RotorCheck {
             coasting: 0,
             lean: 0,
         }
-    }
-
-    /// The same once more, if it has not been that already: cogging may pull a sound rotor out of a field that is just as
-    /// strong as the push that moved it, but seldom twice. Only a proof takes the suspicion away.
-    #[cfg_attr(not(feature = "small"), inline(never))]
-    pub fn begin_again(&mut self) -> bool {
-        self.enter(Stage::Coast);
-        (self.age, self.waited, self.has_followed) = (0, 0, false);
-        !core::mem::replace(&mut self.again, true)
     }
 
     /// One step of the check on, with the phase currents in 2⁻¹⁵ of their full scale.

@@ -105,7 +105,10 @@ impl Machine {
         let period = self.rig.step();
         self.periods += 1;
         if let Some(motion) = &mut self.motion {
-            motion.look(&period.truth, self.held, self.rig.period_s());
+            // What rolls on with the bridge off, as while a rotor is watched before a wrong commutation is named, is driven
+            // no more; where the bridge is on again, all of the way since counts.
+            let is_driven = !self.held && period.output.legs != Legs::NONE;
+            motion.look(&period.truth, !is_driven, self.rig.period_s());
         }
         if self.periods.is_multiple_of(40) {
             self.serve();

@@ -74,12 +74,13 @@ impl Motion {
         }
     }
 
-    /// One period. `held` tells that something outside imposes the motion.
-    pub fn look(&mut self, truth: &Truth, held: bool, period_s: f64) {
+    /// One period. `free` tells that it is not the drive that moves the shaft: something outside imposes the motion, or
+    /// the bridge is off.
+    pub fn look(&mut self, truth: &Truth, free: bool, period_s: f64) {
         self.current_a = truth.currents_a.iter().fold(self.current_a, |most, current| most.max(current.abs()));
         self.bus_v = self.bus_v.max(truth.bus_v);
         self.coasting.step(truth.load_nm, period_s);
-        if held {
+        if free {
             return;
         }
         self.speed_rad_s = self.speed_rad_s.max(truth.speed_rad_s.abs());

@@ -1,5 +1,6 @@
 //! The check when the bridge is switched on: wires, amplifiers and commutation.
 
+use crate::commissioned::motor;
 use crate::known;
 use hallservo::board::Legs;
 use hallservo::commutation::Commutation;
@@ -8,7 +9,9 @@ use hallservo::fault::{Fault, Limits};
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, OnTimeout, Settings};
 use plant::{AmplifierFault, LoadParameters, PlantParameters, Transistor, Unevenness, Wires};
+use rayon::prelude::*;
 use rig::Rig;
+use sim::experiment::cogging;
 
 fn calibrated(seed: u64, commutation: Commutation) -> Rig {
     calibrated_as(&PlantParameters::imperfect(seed), commutation, seed).unwrap()
@@ -450,4 +453,91 @@ fn a_load_is_no_wrong_commutation() {
             assert_eq!(rig.drive.mode(), Mode::Running, "{load_nm} N·m, {seed}");
         }
     }
+}
+
+/// What a test finds at drone motors with as much cogging by the slots as by the poles, 2 and 4.5 % of the largest torque each.
+fn each_cogging_drone<T: Send>(test: impl Fn(&str, &mut Rig) -> T + Sync) -> Vec<T> {
+    let drones = ["drone-20uh", "drone-60a", "drone-15uh", "drone-stiff"];
+    let drones = &drones[..sim::of(2, 4)];
+    let jobs: Vec<_> = drones.iter().flat_map(|name| (3..sim::of(4, 6)).map(move |seed| (*name, seed))).collect();
+    let results = jobs.into_par_iter().map(|(name, seed)| {
+        let motor = motor(name);
+        let mut rig = cogging::commissioned(motor, cogging::slots(motor.pairs).unwrap(), 1.5, seed).unwrap();
+        rig.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
+        test(&format!("{name} {seed}"), &mut rig)
+    });
+    results.collect()
+}
+
+fn clear(rig: &mut Rig) {
+    match rig.drive.mode() {
+        Mode::Faulted(_) => rig.command(Command::Clear).unwrap(),
+        Mode::Running => rig.command(Command::Disarm).unwrap(),
+        _ => {}
+    }
+}
+
+/// Clears what may be, turns the motor at some speed for some time and lets it come to rest: at another place each time.
+/// Whether it was armed; the check has to be over soon.
+fn rest_elsewhere(rig: &mut Rig, number: u32) -> bool {
+    let share = (0.618 * f64::from(number)).fract();
+    clear(rig);
+    let (time_s, ..) = check(rig);
+    assert!(time_s < 0.55, "{time_s} s");
+    let armed = rig.drive.mode() == Mode::Running;
+    if armed {
+        let speed_rad_s = (3.0 + 40.0 * share as f32) * if number.is_multiple_of(2) { 1.0 } else { -1.0 };
+        rig.command(Command::Speed(rig.control().unwrap().speed(speed_rad_s).unwrap())).unwrap();
+        rig.wait(0.05 + 0.1 * (7.0 * share).fract());
+        rig.command(Command::Disarm).unwrap();
+    }
+    rig.wait(0.002 + 0.3 * (11.0 * share).fract());
+    armed
+}
+
+/// Cogging carries a rotor on where it was pushed, and out of a field along its own.
+#[test]
+fn cogging_is_no_wrong_commutation() {
+    let armings = sim::of(50, 200);
+    let refused = each_cogging_drone(|name, rig| {
+        let refused = (0..armings).filter(|number| !rest_elsewhere(rig, *number)).count();
+        println!("{name}: {refused} of {armings} refused");
+        refused
+    });
+    assert!(refused.iter().sum::<usize>() <= sim::of(0, 2), "{refused:?}");
+}
+
+/// … and hides none: what passes the check though it is wrong stalls.
+#[test]
+fn wrong_wires_at_motors_that_cog_are_found() {
+    let wires = [Wires::moved_on(1), Wires::swapped(0), Wires::moved_on(2), Wires::swapped(1), Wires::swapped(2)];
+    let found = each_cogging_drone(|name, rig| {
+        let (mut late, mut stalled, mut farthest) = (Vec::new(), 0, 0.0_f64);
+        for number in 0..sim::of(20, 100) {
+            rest_elsewhere(rig, number);
+            rig.wait(0.3);
+            clear(rig);
+            let wires = wires[number as usize % wires.len()];
+            rig.plant.set_motor_wires(wires);
+            let start = rig.plant.truth().mechanical_angle_rad;
+            rig.command(Command::Arm).unwrap();
+            let mut way = driven_deg(rig, 0.95, start);
+            let at_arming = rig.drive.mode();
+            if at_arming == Mode::Running {
+                rig.command(Command::Speed(rig.control().unwrap().speed(20.0).unwrap())).unwrap();
+                way = way.max(driven_deg(rig, 0.95, start));
+            }
+            stalled += u32::from(rig.drive.mode() == Mode::Faulted(Fault::Stall));
+            if !matches!(rig.drive.mode(), Mode::Faulted(Fault::Commutation | Fault::Stall)) || way > 30.0 {
+                late.push(format!("{name}, {number}: {wires:?}, {at_arming:?}, {:?}, {way:.1}°", rig.drive.mode()));
+            }
+            farthest = farthest.max(way);
+            rig.plant.set_motor_wires(Wires::STRAIGHT);
+        }
+        println!("{name}: {farthest:.1}°, {stalled} stalled");
+        (late, stalled)
+    });
+    let (late, stalled): (Vec<_>, Vec<_>) = found.into_iter().unzip();
+    assert!(late.iter().all(Vec::is_empty), "{late:#?}");
+    assert!(stalled.iter().sum::<u32>() <= sim::of(0, 3), "{stalled:?}");
 }

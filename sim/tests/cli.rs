@@ -131,6 +131,23 @@ fn every_promised_fault_is_found_and_none_invented() {
     for name in promised {
         let kind = &figures["kinds"][name];
         assert!(kind["injected"].as_u64() > Some(0), "{name} was not injected");
+    }
+    assert_none_is_missed(&figures);
+}
+
+/// What the check at arming is for, more often.
+#[test]
+fn what_is_wrong_before_arming_turns_no_shaft_far() {
+    for kinds in ["wires", "calibration"] {
+        let arguments = ["faults", "--seed", "12", "--injections", sim::of("200", "2000"), "--only", kinds];
+        let figures = json(&folder(&format!("wrong_{kinds}")), &arguments);
+        assert!(figures["injected"].as_u64() >= Some(200));
+        assert_none_is_missed(&figures);
+    }
+}
+
+fn assert_none_is_missed(figures: &Value) {
+    for (name, kind) in figures["kinds"].as_object().unwrap() {
         assert_eq!(kind["injected"], kind["detected"], "{name}: {}", kind["missed_at"]);
     }
 }

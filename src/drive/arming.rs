@@ -204,6 +204,10 @@ impl Arming {
             },
             Stage::LetGo => match self.let_go.step(control, rotor) {
                 Step::Done { .. } => self.over(false, config),
+                Step::Failed(_) if self.rotor.begin_again(control, rotor) => {
+                    self.enter(Stage::Rotor);
+                    Step::Output(no_voltage(config))
+                }
                 step => step,
             },
             Stage::Over { proven } => Step::Done { step: self.steps, proven },

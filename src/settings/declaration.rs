@@ -357,7 +357,7 @@ settings! {
         if_stop_fails: OnStopFailure = OnStopFailure::Off, 0.0 => 1.0, "", Choice("off|brake"), FREE,
             "If a stop fails: bridge off, or the windings shorted first";
         stop_s: f32 = 1.0, 0.01 => 60.0, "s", Real, FREE, "Longest time to come to rest when a command times out";
-        /// Takes up to 0.35 s and turns the rotor by some 30 electrical degrees and back, by more where cogging carries it on.
+        /// Takes up to 0.35 s and turns the rotor by some 30 electrical degrees and back; longer, and by more, where cogging carries it on.
         arming_check: bool = true, 0.0 => 1.0, "", Switch, FREE,
             "Check phases, amplifiers and commutation when the bridge is switched on";
         /// The default needs nothing that may be wrong. A drive whose control has been tried is better stopped.

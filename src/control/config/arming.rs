@@ -25,6 +25,8 @@ pub(crate) struct ArmingCheck {
     pub longest_push: u16,
     /// Speed of a rotor that the push turns, in 2⁻³² electrical turns a control step.
     pub turning: i32,
+    /// Farthest from where it was pushed that a rotor is checked once more, in 2⁻²⁶ electrical turns.
+    pub carried: u32,
     /// The tracked speed is averaged over 2^`averages` steps, and lags by so many, averaging included.
     pub averages: u8,
     pub lag: u16,
@@ -52,6 +54,14 @@ const NOISY: f32 = 12.0;
 const AVERAGES: u8 = 4;
 /// Speed of the push, electrical Hz.
 const PUSH_HZ: f32 = 2.0;
+/// Farthest that cogging carries a sound rotor on, electrical degrees.
+const CARRIED_DEG: i32 = 150;
+/// So far in all, in degrees of the shaft, a wrong commutation may turn it; the second field takes up to so many electrical
+/// degrees of it.
+const SHAFT_DEG: i32 = 30;
+const HELD_DEG: i32 = 75;
+/// An electrical degree, in 2⁻²⁶ turns.
+const DEGREE: i32 = (1 << 26) / 360;
 /// A rotor slower than this rests, electrical Hz, at least and at most: one whose back-EMF drives no more than a share
 /// of the current of the check through the shorted windings.
 const REST_HZ: core::ops::Range<f32> = 0.5..8.0;
@@ -93,6 +103,7 @@ impl ArmingCheck {
             longest: whole_u16(MOST * steps),
             longest_push: whole_u16(PUSH_S * step_hz),
             turning: speed(PUSH_HZ),
+            carried: ((SHAFT_DEG * scale.pole_pairs as i32 - HELD_DEG).clamp(0, CARRIED_DEG) * DEGREE) as u32,
             averages,
             lag: whole_u16(lag + averaged),
             watched: whole_u16(WATCHED_S * step_hz),

@@ -9,6 +9,11 @@
 //! 3. The field is turned back, slowly, and forward again, and the rotor has to follow it. Where two wires are swapped, the
 //!    angle counts the wrong way, and it goes forward at first, or goes on falling back.
 //!
+//!    The field gets twice as strong as the push meanwhile, so that cogging, which may be as strong as that, is weak beside it.
+//!
+//! Cogging may carry a sound rotor on where it is to stop or to be held. So one that has not gone far is left to come to rest,
+//! held once more, and passes if it follows the field then.
+//!
 //! A load behind a coupling or with play makes the rotor swing. It is pushed when it has come to rest; after the stop a
 //! voltage against its motion brakes the swing; and the field that holds it then is as strong as it may be.
 
@@ -112,7 +117,8 @@ pub(super) struct RotorCheck {
     rested: u32,
     /// How often the rotor was found turning by itself.
     waited: u32,
-    /// Where the present motion began.
+    /// Where the push began, and the present motion.
+    began: Position,
     from: Position,
     /// Where the field stands that holds the rotor, how far it is still to be turned back, and by how much in a step, in
     /// 2⁻³² turns.
@@ -122,6 +128,8 @@ pub(super) struct RotorCheck {
     /// Whether the rotor has followed the field that turned back, and forward again.
     has_followed: bool,
     proven: bool,
+    /// Whether it went wrong once: only that it follows the field takes the suspicion away.
+    suspected: bool,
     /// How far the push had moved it in three quarters of its longest time; farthest that the rotor went the wrong way; while it
     /// is held, how far it had come in half the time of the push.
     farthest: i32,
@@ -150,12 +158,14 @@ impl RotorCheck {
             pushed: 0,
             rested: 0,
             waited: 0,
+            began: Position::from_bits(0),
             from: Position::from_bits(0),
             anchor: ElectricalAngle::ZERO,
             left: 0,
             rate: 0,
             has_followed: false,
             proven: false,
+            suspected: false,
             farthest: 0,
             speed: 0,
             averaged: 0,
@@ -181,14 +191,26 @@ impl RotorCheck {
             Stage::Stop => self.stop(way, control, phases, rotor),
             Stage::Settle => self.settle(way, control, rotor, config),
             Stage::Hold => self.hold(way, control, phases, rotor),
-            Stage::Turn => self.turn(way, rotor, config),
+            Stage::Turn => self.turn(way, control, phases, rotor, config),
         };
         match act {
             Act::Push(axis) => Step::Output(self.vector(self.direction(axis, rotor, config), config)),
             Act::Free => Step::Output(no_voltage(config)),
-            Act::Fail => Step::Failed(Fault::Commutation),
-            Act::End { proven } => Step::Done { step: 0, proven },
+            Act::End { proven } if proven || !self.suspected => Step::Done { step: 0, proven },
+            Act::End { .. } | Act::Fail => Step::Failed(Fault::Commutation),
         }
+    }
+
+    /// Cogging may carry a sound rotor on as well: where it has not gone far, the field holds it once more, as strong as it
+    /// may be, and only that it then follows the field takes the suspicion away. Whether that is to be asked.
+    #[cfg_attr(not(feature = "small"), inline(never))]
+    pub fn begin_again(&mut self, control: &Control, rotor: &Tracker) -> bool {
+        let carried = matches!(self.stage, Stage::Stop | Stage::Hold) && self.pushed > 0;
+        self.from = self.began;
+        let near = self.way(rotor).unsigned_abs() <= control.arming.carried;
+        (self.age, self.waited) = (0, 0);
+        let _ = self.begin_settle(rotor);
+        carried && near && !core::mem::replace(&mut self.suspected, true)
     }
 
     fn enter(&mut self, stage: Stage) {
@@ -242,7 +264,8 @@ impl RotorCheck {
                 return Act::End { proven: true };
             }
         } else {
-            let far = (rotor.angle() - self.anchor).to_bits().unsigned_abs() >> 6 > SETTLES.unsigned_abs();
+            let far =
+                !self.suspected && (rotor.angle() - self.anchor).to_bits().unsigned_abs() >> 6 > SETTLES.unsigned_abs();
             if far || watched && (self.rests(control) || self.waited >= MOST_SETTLED) {
                 return self.begin_hold(self.least, rotor, config);
             }
@@ -251,7 +274,7 @@ impl RotorCheck {
             self.waited += 1;
             self.enter(Stage::Settle);
         }
-        if slow {
+        if slow || self.suspected && !self.proven {
             return Act::Free;
         }
         self.modulation = if speed < full { self.strongest / 2 + self.least / 2 } else { self.strongest };
@@ -266,6 +289,7 @@ impl RotorCheck {
     /// The rotor rests: the voltage begins.
     fn press(&mut self, rotor: &Tracker) {
         self.from = rotor.smoothed();
+        self.began = self.from;
         (self.age, self.waited) = (0, 0);
         self.modulation = self.least;
         self.lean = 0;
@@ -376,7 +400,7 @@ impl RotorCheck {
     /// A sound rotor stays where it is, and where the angle is wrong, it is pulled away.
     fn hold(&mut self, way: i32, control: &Control, phases: [i32; 3], rotor: &Tracker) -> Act {
         // The spring of a load that swings is to be weak beside the field.
-        let swings = self.waited > 0;
+        let swings = self.waited > 0 || self.suspected;
         self.raise(if self.pushed == 0 || swings { self.most } else { self.strongest }, control, phases);
         if self.pushed == 0 {
             // The push did not move it.
@@ -426,12 +450,16 @@ impl RotorCheck {
 
     /// A sound rotor follows the field both ways. One whose angle counts the wrong way follows the other way. Where it stood
     /// against the field, it falls away from it, back at first, and goes on when the field turns forward.
-    fn turn(&mut self, way: i32, rotor: &Tracker, config: &Config) -> Act {
+    fn turn(&mut self, way: i32, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Act {
+        // Cogging, which may be as strong as the push that has turned the rotor, is to be weak beside the field.
+        self.raise(self.strongest.saturating_mul(2).max(self.modulation).min(self.most), control, phases);
         if way > AGAINST && !self.has_followed || way < -2 * HELD {
             return Act::Fail;
         }
         if way > FAR {
             self.proven = true;
+            // What has turned it may brake it.
+            self.strongest = self.modulation;
             self.waited = 0;
             return self.begin_settle(rotor);
         }

@@ -55,7 +55,7 @@ const AVERAGES: u8 = 4;
 /// Speed of the push, electrical Hz.
 const PUSH_HZ: f32 = 2.0;
 /// Farthest that cogging carries a sound rotor on, electrical degrees.
-const CARRIED_DEG: i32 = 150;
+const CARRIED_DEG: i32 = 120;
 /// So far in all, in degrees of the shaft, a wrong commutation may turn it; the second field takes up to so many electrical
 /// degrees of it.
 const SHAFT_DEG: i32 = 30;

@@ -426,7 +426,7 @@ impl RotorCheck {
         let gains = i64::from(way) * i64::from(self.pushed) > i64::from(3 * self.farthest) * i64::from(self.steps);
         let soon = |least, quarters| way > least && 4 * self.steps < quarters * self.pushed;
         let at_once = self.steps > self.pushed / 2 && gains && (soon(PULLED, 5) || soon(FAR, 7));
-        if far > 2 * HELD || faster && (far > HELD || at_once) {
+        if far > 2 * HELD || far > HELD && (faster || self.suspected) || faster && at_once {
             return Act::Fail;
         }
         // One that it pulls away goes on until it is too far; a sound one swings and is let go where it stands. An angle

@@ -209,8 +209,10 @@ impl RotorCheck {
         self.from = self.began;
         let near = self.way(rotor).unsigned_abs() <= control.arming.carried;
         (self.age, self.waited) = (0, 0);
-        let _ = self.begin_settle(rotor);
-        carried && near && !core::mem::replace(&mut self.suspected, true)
+        self.enter(Stage::Settle);
+        let again = carried && near && !self.suspected;
+        self.suspected = true;
+        again
     }
 
     fn enter(&mut self, stage: Stage) {

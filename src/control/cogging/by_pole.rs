@@ -25,7 +25,7 @@ const POINTS_IN_A_PERIOD: usize = 4;
 /// Lower orders are a load's, or the shaft's, and so slow that the speed control has no need of this.
 const LEAST_ORDER: usize = 3;
 /// An order stands out whose amplitude is so many times that of half the difference between both directions, as a rule …
-const STANDS_OUT: f32 = 4.0;
+const STANDS_OUT: f32 = 4.5;
 /// … and so many times that of its own.
 const ALIKE: f32 = 2.0;
 

@@ -56,8 +56,7 @@ const AVERAGES: u8 = 4;
 const PUSH_HZ: f32 = 2.0;
 /// Farthest that cogging carries a sound rotor on, electrical degrees.
 const CARRIED_DEG: i32 = 120;
-/// So far in all, in degrees of the shaft, a wrong commutation may turn it; the second field takes up to so many electrical
-/// degrees of it.
+/// A wrong commutation may turn the shaft by so many degrees in all; of these, the second hold takes so many electrical ones.
 const SHAFT_DEG: i32 = 30;
 const HELD_DEG: i32 = 75;
 /// An electrical degree, in 2⁻²⁶ turns.

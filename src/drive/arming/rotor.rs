@@ -117,7 +117,7 @@ pub(super) struct RotorCheck {
     rested: u32,
     /// How often the rotor was found turning by itself.
     waited: u32,
-    /// Where the push began, and the present motion.
+    /// Where the push began, and where the present motion did.
     began: Position,
     from: Position,
     /// Where the field stands that holds the rotor, how far it is still to be turned back, and by how much in a step, in
@@ -128,7 +128,7 @@ pub(super) struct RotorCheck {
     /// Whether the rotor has followed the field that turned back, and forward again.
     has_followed: bool,
     proven: bool,
-    /// Whether it went wrong once: only that it follows the field takes the suspicion away.
+    /// Whether the rotor was not stopped or not held once: it passes only if it follows the field that turns.
     suspected: bool,
     /// How far the push had moved it in three quarters of its longest time; farthest that the rotor went the wrong way; while it
     /// is held, how far it had come in half the time of the push.
@@ -201,8 +201,8 @@ impl RotorCheck {
         }
     }
 
-    /// Cogging may carry a sound rotor on as well: where it has not gone far, the field holds it once more, as strong as it
-    /// may be, and only that it then follows the field takes the suspicion away. Whether that is to be asked.
+    /// After a failure: whether the rotor is to be held once more, because cogging may have carried it on. Not where it has gone
+    /// far from where it was pushed, or moved against the push, and not twice.
     #[cfg_attr(not(feature = "small"), inline(never))]
     pub fn begin_again(&mut self, control: &Control, rotor: &Tracker) -> bool {
         let carried = matches!(self.stage, Stage::Stop | Stage::Hold) && self.pushed > 0;
@@ -256,7 +256,7 @@ impl RotorCheck {
     }
 
     /// A voltage against the motion brakes what still swings or drags the rotor on. Where that takes it far, the field is to
-    /// hold it.
+    /// hold it. One that is suspected is left to come to rest: with a wrong angle, the voltage would drive it.
     fn settle(&mut self, way: i32, control: &Control, rotor: &Tracker, config: &Config) -> Act {
         let (speed, full) = (self.averaged.saturating_abs(), control.arming.turning);
         let slow = speed < full / 4;

@@ -30,6 +30,7 @@ mod rolling;
 mod safety;
 mod salience;
 mod servo;
+mod slipped;
 mod slow;
 mod soak;
 mod spin;

@@ -119,6 +119,9 @@ pub(crate) struct Motor {
     pub heat: Option<Heat>,
     switch_ohm: f64,
     phasor: Phasor,
+    /// How far what the Halls see has turned on the shaft, mechanical, and the same electrical.
+    slip_rad: f64,
+    slip: Phasor,
 }
 
 impl Motor {
@@ -146,7 +149,15 @@ impl Motor {
             heat: parameters.heat.map(|heat| Heat::new(&heat, parameters.resistance_ohm)).transpose()?,
             switch_ohm,
             phasor: Phasor::new(0.0),
+            slip_rad: 0.0,
+            slip: Phasor::new(0.0),
         })
+    }
+
+    /// Turns what the Halls see on the shaft, by so much from where it was glued.
+    pub fn slip(&mut self, electrical_rad: f64) {
+        self.slip_rad = electrical_rad / self.pole_pairs;
+        self.slip = Phasor::new(electrical_rad);
     }
 
     /// The load: the rotor where the shaft is stiff.
@@ -168,7 +179,7 @@ impl Motor {
 
     /// What the Halls see, as of the last [`resync`](Self::resync) or step.
     pub fn view(&self) -> View {
-        View { electrical: self.phasor, mechanical_rad: self.rotor.angle_rad }
+        View { electrical: self.phasor.plus(self.slip), mechanical_rad: self.rotor.angle_rad + self.slip_rad }
     }
 
     /// Takes sine and cosine from the angle itself.

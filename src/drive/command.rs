@@ -146,7 +146,11 @@ impl Drive {
             #[cfg(not(feature = "small"))]
             Command::Winding(square) => self.servo.protection.measure_winding(square),
             Command::Trip(fault) => self.fail(fault),
-            Command::Clear => self.on_command(Event::Clear { calibrated: self.estimator().is_some() })?,
+            Command::Clear => {
+                self.on_command(Event::Clear { calibrated: self.estimator().is_some() })?;
+                // What it corrected may be what failed, and has been mended since.
+                self.paths.field_oriented.forget_trim();
+            }
         }
         if restarts_timeout {
             self.restart_timeout();

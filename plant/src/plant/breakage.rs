@@ -35,6 +35,17 @@ impl Plant {
         self.faults.hall_wires = wires;
     }
 
+    /// Turns the magnets that the Halls see on the shaft, or the Halls' board about it, by electrical radians from where
+    /// they were: a joint that fails. Nothing else turns with them.
+    ///
+    /// # Errors
+    /// The angle is not finite.
+    pub fn set_slip(&mut self, electrical_rad: f64) -> Result<(), Error> {
+        finite(electrical_rad, "electrical_rad")?;
+        self.motor.slip(electrical_rad);
+        Ok(())
+    }
+
     /// Breaks the current amplifier of a leg (0 to 2), or mends it.
     ///
     /// # Errors

@@ -52,8 +52,7 @@ impl BackEmf {
             *self = Self::default();
             return false;
         }
-        let flows = i.d.abs().max(i.q.abs());
-        if self.is_on_its_way(state, flows) {
+        if self.is_on_its_way(state) {
             return false;
         }
         let reactance = high(speed, model.reactance);
@@ -64,10 +63,12 @@ impl BackEmf {
         let expected = mean(&mut self.expected, high(speed, model.flux));
         let (along, expected) = if expected < 0 { (-along, -expected) } else { (along, expected) };
         let (at_d, at_q) = (at_d.abs(), at_q.abs());
-        // The compensation takes four fifths of the dead time's voltage off, where the current is large.
-        let saturation = control.dead_time_saturation.max(1);
+        // The compensation takes four fifths of the dead time's voltage off where the current is large, and along q as far as it
+        // knows: where much flows along d, it takes a phase near its zero crossing for one of the other sign.
+        let (saturation, q) = (control.dead_time_saturation.max(1), i.q.abs().max(1));
+        let compensated = q.min(saturation) * (q - 2 * i.d.abs()).max(0) / q;
         let dead = times(state.bus.into(), model.dead_of_bus);
-        let dead = dead - dead * flows.min(saturation) / saturation * 13 / 16;
+        let dead = dead - dead * compensated / saturation * 13 / 16;
         // The resistance may be 0.44 times off, as of a hot winding, and the inductance by half: 32° are too much.
         let aside =
             (across - along * 5 / 8).min(across - expected * 7 / 16) - at_d * 7 / 16 - inductive.abs() / 2 - dead;
@@ -80,8 +81,9 @@ impl BackEmf {
 
     /// Whether the voltage is there to change the current: it has changed by more than half, or the voltage drives it away
     /// from where it is to be, as in the moment in which that has turned round.
-    fn is_on_its_way(&mut self, state: &State, flows: i32) -> bool {
+    fn is_on_its_way(&mut self, state: &State) -> bool {
         let (v, i) = (state.voltage, state.current);
+        let flows = i.d.abs().max(i.q.abs());
         let before = core::mem::replace(&mut self.current, i);
         let changed = (i.d - before.d).abs().max((i.q - before.q).abs());
         let opposed = |missing: i32, v: i32| missing.abs() > flows / 4 + NOISE && v != 0 && (missing ^ v) < 0;

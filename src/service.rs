@@ -2,7 +2,6 @@
 
 mod absolute;
 pub mod adaptation;
-mod back_emf;
 #[cfg(not(feature = "small"))]
 pub mod by_pole;
 pub mod coil;
@@ -39,7 +38,6 @@ use crate::math::high;
 use crate::mode::Mode;
 use crate::scope::Recording;
 use crate::telemetry::{Measurement, Progress, Record};
-use back_emf::BackEmf;
 use core::fmt;
 use heapless::{Deque, Vec};
 use phases::Phases;
@@ -129,7 +127,6 @@ pub struct Service {
     /// Commutation that was commanded last.
     commutation: Commutation,
     phases: Phases,
-    back_emf: BackEmf,
     #[cfg(not(feature = "small"))]
     winding: Winding,
 }
@@ -176,7 +173,6 @@ impl Service {
             unused_config: None,
             commutation: config.commutation,
             phases: Phases::default(),
-            back_emf: BackEmf::default(),
             #[cfg(not(feature = "small"))]
             winding: Winding::default(),
         }
@@ -337,7 +333,6 @@ impl Service {
         let measurement = self.tasks.measurements.dequeue()?;
         if self.tasks.told.has_turned() {
             self.phases.begin_following();
-            self.back_emf = BackEmf::default();
         }
         if self.commutation != Commutation::Block
             && let Some(control) = &self.config.control
@@ -347,13 +342,6 @@ impl Service {
             // Found again, where the queue is full.
             let _ = self.trip(fault);
             self.phases = Phases::default();
-        }
-        if self.commutation != Commutation::Block
-            && let Some(control) = &self.config.control
-            && self.back_emf.look(&measurement.state, measurement.rotor.speed(), control)
-        {
-            let _ = self.trip(Fault::Commutation);
-            self.back_emf = BackEmf::default();
         }
         #[cfg(not(feature = "small"))]
         self.look_at_winding(&measurement);

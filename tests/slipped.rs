@@ -104,9 +104,9 @@ fn each(motor: &Motor) -> Vec<(Slip, Outcome)> {
 }
 
 /// Nothing asks a commutation that the check at arming has proven, so that a motor whose magnets slip by more than a right
-/// angle turns the wrong way; what ends it is known, and at which speed.
+/// angle turns the wrong way: over-speed is what bounds it, and the following error where it is to stand still.
 #[test]
-fn magnets_that_slip_are_ended_by_over_speed_at_the_latest() {
+fn magnets_that_slip_make_no_motor_faster_than_over_speed_allows() {
     let names = sim::of("drone-15uh hub", "gimbal-7 drone-15uh hub paper drone-stiff direct-drive 20mohm 22-pairs");
     let found: Vec<_> = motors(names).into_par_iter().map(|motor| (motor.name, each(motor))).collect();
     let outcomes: Vec<_> =

@@ -148,7 +148,7 @@ impl Drive {
             Command::Trip(fault) => self.fail(fault),
             Command::Clear => {
                 self.on_command(Event::Clear { calibrated: self.estimator().is_some() })?;
-                // What it corrected may be what failed, and has been mended since.
+                // It may have made good what had slipped, which has been mended since.
                 self.paths.field_oriented.forget_trim();
             }
         }

@@ -130,12 +130,12 @@ faults! {
     Deadline = 28,
         "control periods passed without a step",
         "the control interrupt was late: report it, with the firmware's version";
-    /// The rotor moves against the torque that the drive applies: motor wires, Halls or calibration do not belong
-    /// together.
+    /// The rotor moves against the torque that the drive applies, or its back-EMF is not where the Halls say: motor wires,
+    /// Halls or calibration do not belong together, or no longer.
     Commutation = 29,
-        "the rotor turned against the motor's torque: wires, Halls and calibration do not belong together",
-        "see whether a motor wire is broken, or motor or Halls were rewired or exchanged; else the load is stronger, or \
-         tracking_bandwidth_hz is below 100 Hz";
+        "the motor does not turn where its Halls say: wires, Halls and calibration do not belong together",
+        "see whether a motor wire is broken, motor or Halls were rewired or exchanged, or the Halls' magnets or board came \
+         loose; else the load is stronger, or tracking_bandwidth_hz is below 100 Hz";
     /// The rotor did not follow the commanded position or speed.
     FollowingError = 30,
         "the rotor did not follow the command",

@@ -2,6 +2,7 @@
 
 mod absolute;
 pub mod adaptation;
+mod back_emf;
 #[cfg(not(feature = "small"))]
 pub mod by_pole;
 pub mod coil;
@@ -38,6 +39,7 @@ use crate::math::high;
 use crate::mode::Mode;
 use crate::scope::Recording;
 use crate::telemetry::{Measurement, Progress, Record};
+use back_emf::BackEmf;
 use core::fmt;
 use heapless::{Deque, Vec};
 use phases::Phases;
@@ -127,6 +129,7 @@ pub struct Service {
     /// Commutation that was commanded last.
     commutation: Commutation,
     phases: Phases,
+    back_emf: BackEmf,
     #[cfg(not(feature = "small"))]
     winding: Winding,
 }
@@ -173,6 +176,7 @@ impl Service {
             unused_config: None,
             commutation: config.commutation,
             phases: Phases::default(),
+            back_emf: BackEmf::default(),
             #[cfg(not(feature = "small"))]
             winding: Winding::default(),
         }
@@ -333,15 +337,21 @@ impl Service {
         let measurement = self.tasks.measurements.dequeue()?;
         if self.tasks.told.has_turned() {
             self.phases.begin_following();
+            self.back_emf = BackEmf::default();
         }
         if self.commutation != Commutation::Block
             && let Some(control) = &self.config.control
-            && let induced = high(measurement.rotor.speed(), control.motion.model.flux)
-            && let Some(fault) = self.phases.look(&measurement, self.config.is_reversed(), induced)
+            && let speed = measurement.rotor.speed()
+            && let elsewhere = self.back_emf.look(&measurement.state, speed, control)
+            && let induced = high(speed, control.motion.model.flux)
+            && let Some(fault) = self
+                .phases
+                .look(&measurement, self.config.is_reversed(), induced)
+                .or(elsewhere.then_some(Fault::Commutation))
         {
             // Found again, where the queue is full.
             let _ = self.trip(fault);
-            self.phases = Phases::default();
+            (self.phases, self.back_emf) = (Phases::default(), BackEmf::default());
         }
         #[cfg(not(feature = "small"))]
         self.look_at_winding(&measurement);

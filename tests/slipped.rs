@@ -103,21 +103,23 @@ fn each(motor: &Motor) -> Vec<(Slip, Outcome)> {
     slips().into_iter().map(|slip| (slip, outcome(&mut rig, largest, slip))).collect()
 }
 
-/// Nothing asks a commutation that the check at arming has proven, so that a motor whose magnets slip by more than a right
-/// angle turns the wrong way: over-speed is what bounds it, and the following error where it is to stand still.
+/// A commutation that the check at arming has proven may be wrong now: the rotor has to turn before its back-EMF says so.
+/// What it does not find, the following error and over-speed end.
 #[test]
-fn magnets_that_slip_make_no_motor_faster_than_over_speed_allows() {
+fn magnets_that_slip_make_few_motors_run_away() {
     let names = sim::of("drone-15uh hub", "gimbal-7 drone-15uh hub paper drone-stiff direct-drive 20mohm 22-pairs");
     let found: Vec<_> = motors(names).into_par_iter().map(|motor| (motor.name, each(motor))).collect();
     let outcomes: Vec<_> =
         found.iter().flat_map(|(name, outcomes)| outcomes.iter().map(move |one| (name, one))).collect();
     outcomes.iter().for_each(|(name, outcome)| println!("{name} {outcome:?}"));
     let count = |is: &dyn Fn(&Slip, &Outcome) -> bool| outcomes.iter().filter(|(_, (slip, end))| is(slip, end)).count();
+    let named = count(&|_, outcome| outcome.end == Mode::Faulted(Fault::Commutation));
     let fast = count(&|_, outcome| outcome.wrong_share > 0.5);
     let fastest = outcomes.iter().fold(0.0_f64, |most, (_, (_, outcome))| most.max(outcome.wrong_share));
-    println!("{fast} of {} faster than half of the largest speed, {fastest:.2} of it at most", outcomes.len());
-    let unnamed = count(&|_, outcome| outcome.end == Mode::Running && outcome.wrong_share > 1.25);
-    assert!(unnamed == 0 && fastest < 1.4, "{unnamed}, {fastest}");
-    let far = count(&|slip, outcome| matches!(slip.does, Does::Rest) && outcome.wrong_turns > 2.0);
-    assert_eq!(far, 0);
+    let all = outcomes.len();
+    println!("{named} of {all} named, {fast} faster than half of the largest speed, {fastest:.2} of it at most");
+    assert!(10 * named > 4 * all && 10 * fast < all && fastest < 1.25, "{named}, {fast} of {all}, {fastest}");
+    // What turns on is slow.
+    assert_eq!(count(&|_, outcome| outcome.end == Mode::Running && outcome.wrong_share > 0.45), 0);
+    assert_eq!(count(&|slip, outcome| matches!(slip.does, Does::Rest) && outcome.wrong_turns > 2.0), 0);
 }

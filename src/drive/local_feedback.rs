@@ -67,11 +67,9 @@ impl LocalFeedback {
         let half_bus = bus / 2;
         let (asked, speed, left) = (servo.reference.current.q >> PARK_BITS, rotor.speed(), control.supply.end - bus);
         // Limited by the bus voltage; none where it is full and the bridge has to open.
-        let room = if left < control.supply.band {
-            servo.protection.room_for(control, left, asked, speed, servo.moves())
-        } else {
-            Some(asked)
-        };
+        let full = left < control.supply.band;
+        let room =
+            if full { servo.protection.room_for(control, left, asked, speed, servo.moves()) } else { Some(asked) };
         if room.is_none() {
             // Or the integrator would wind up while no current is controlled.
             self.controller = Local::ZERO;
@@ -81,8 +79,9 @@ impl LocalFeedback {
         self.limit_vector(current, reference, control.max_current);
         let reference = (reference * self.share) >> 16;
         let voltage = self.controller.step(&control.local, reference, measured, speed, half_bus);
-        // What was noted for the tasks is the field-oriented control's, which is not at work.
-        servo.measurement.state.voltage = Dq { d: 0, q: voltage };
+        // What was noted for the tasks is the field-oriented control's, which is not at work. Where the bridge opens again and
+        // again, no voltage is what drives the current.
+        servo.measurement.state.voltage = Dq { d: 0, q: if full { 0 } else { voltage } };
         servo.measurement.trim = ElectricalAngle::ZERO;
         let modulation = Modulation::from_bits(clamp((voltage << 15) / half_bus.max(1), 32_767) as i16);
         servo.limits = servo.limits.set(Limits::DUTY, limits.limits(modulation));

@@ -53,6 +53,8 @@ pub(crate) struct Model {
     pub flux: i32,
     /// Voltage that the dead time and the noise explain.
     pub dead: i32,
+    /// The same by the voltage that the bus has, in 2⁻¹⁶.
+    pub dead_of_bus: i32,
     /// Sum of unexplained voltages that is a fault.
     pub most: i32,
 }
@@ -106,13 +108,14 @@ impl Model {
         let radians_s = TAU * scale.step_hz;
         let [along_d, along_q] = motor.inductances_h();
         let largest_h = along_d.max(along_q);
-        let Self { resistance, change, proportional, reactance, flux, dead, most } = self;
+        let Self { resistance, change, proportional, reactance, flux, dead, dead_of_bus, most } = self;
         *resistance = fixed(motor.resistance_ohm * per_current);
         *change = fixed(largest_h * scale.step_hz / SETTLING as f32 * per_current);
         *proportional = fixed(TAU * current_hz * largest_h * per_current);
         *reactance = fixed(along_q * radians_s * per_current);
         *flux = fixed(motor.flux_linkage_wb * radians_s / scale.volts * 32_768.0);
         *dead = fixed((2.0 * frame.dead_time_s * frame.pwm_hz + 0.01) * 32_768.0);
+        *dead_of_bus = fixed((frame.dead_time_s * frame.pwm_hz + 0.01) * 65_536.0);
         *most = fixed(0.1 * 32_768.0 * MISFIT_S / check_s);
     }
 }

@@ -77,11 +77,11 @@ impl LocalFeedback {
         let reference = room.unwrap_or(0);
         servo.measurement.state.current_reference = reference;
         self.limit_vector(current, reference, control.max_current);
-        let reference = (reference * self.share) >> 16;
-        let voltage = self.controller.step(&control.local, reference, measured, speed, half_bus);
-        // What was noted for the tasks is the field-oriented control's, which is not at work. Where the bridge opens again and
-        // again, no voltage is what drives the current.
-        servo.measurement.state.voltage = Dq { d: 0, q: if full { 0 } else { voltage } };
+        let voltage = self.controller.step(&control.local, (reference * self.share) >> 16, measured, speed, half_bus);
+        // What was noted for the tasks is the field-oriented control's, which is not at work. Where a full bus has room for no
+        // current, the bridge opens again and again, and this voltage is not what drives it.
+        let opens = full && reference == 0;
+        servo.measurement.state.voltage = Dq { d: 0, q: if opens { 0 } else { voltage } };
         servo.measurement.trim = ElectricalAngle::ZERO;
         let modulation = Modulation::from_bits(clamp((voltage << 15) / half_bus.max(1), 32_767) as i16);
         servo.limits = servo.limits.set(Limits::DUTY, limits.limits(modulation));

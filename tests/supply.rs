@@ -7,7 +7,7 @@ use hallservo::drive::Command;
 use hallservo::fault::Limits;
 use hallservo::mode::Mode;
 use hallservo::settings::{Control, GuardSettings, Settings};
-use plant::{BackEmf, Cogging, PlantParameters};
+use plant::{AmplifierFault, BackEmf, Cogging, PlantParameters};
 use rayon::prelude::*;
 use rig::Rig;
 use rig::motors::{MOTORS, Motor};
@@ -352,6 +352,32 @@ fn commissioned_motors_brake_with_local_feedback() {
         println!("{row}");
     }
     assert!(rows.iter().all(|(_, good)| *good));
+}
+
+/// Up to the voltage at which the bridge opens, what flows unseen through a blocked motor is found.
+#[test]
+fn dead_amplifiers_are_found_up_to_the_highest_voltage() {
+    let case = default_motor();
+    for commutation in [Commutation::Sinusoidal, Commutation::Block, Commutation::FieldOriented] {
+        for supply_v in [24.0, 28.0, 29.5, 30.0, 30.4, 30.8, 31.2, 31.6] {
+            let mut plant = case.plant;
+            plant.bus.supply_v = supply_v;
+            let mut rig = known::rig(&plant, &Settings { commutation, ..case.settings }, 1).unwrap();
+            rig.plant.set_dyno(Some(0.0)).unwrap();
+            rig.arm().unwrap();
+            let current = rig.control().unwrap().current(1.0).unwrap();
+            rig.command(Command::Current(current)).unwrap();
+            rig.wait(0.05);
+            assert_eq!(rig.drive.mode(), Mode::Running, "{commutation:?} {supply_v} V");
+            (0..3).for_each(|leg| rig.plant.set_amplifier_fault(leg, Some(AmplifierFault::Dead)).unwrap());
+            rig.wait(0.3);
+            assert!(
+                matches!(rig.drive.mode(), Mode::Faulted(_)),
+                "{commutation:?} {supply_v} V: {:?}",
+                rig.drive.mode()
+            );
+        }
+    }
 }
 
 /// Mean current from the supply, A, over a time; the bus is taken for steady.

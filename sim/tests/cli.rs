@@ -147,7 +147,7 @@ fn what_is_wrong_before_arming_turns_no_shaft_far() {
 }
 
 /// All are named in time and by the right name. What is wrong before arming may move the shaft for longer than it should,
-/// as rarely as SAFETY.md says: a few of a hundred thousand, by some milliseconds. Never far.
+/// and then not far: of a hundred thousand SAFETY.md counts a few, and other draws have met some more.
 fn assert_none_is_missed(figures: &Value) {
     let (mut moved, mut injected) = (0, 0);
     for (name, kind) in figures["kinds"].as_object().unwrap() {

@@ -32,8 +32,9 @@ fn running(plant: &PlantParameters, settings: &Settings, seed: u64) -> Adapted {
     // Cogging is a torque that is not told.
     let torque_noise_nm_rthz = 4e-5;
     let noise_codes = [0, 1, 2].map(|k| 0.01 * calibration.model.sensors[k].amplitude);
-    let config =
-        adapt::Settings { noise_codes, torque_noise_nm_rthz, ..adapt::Settings::default() }.validate().unwrap();
+    let halls = calibration.model.halls();
+    let config = adapt::Settings { halls, noise_codes, torque_noise_nm_rthz, ..adapt::Settings::default() };
+    let config = config.validate().unwrap();
     let adaptation = Adaptation::new(&config, &calibration.model, rig.config.record_every()).unwrap();
     Adapted { rig, adaptation, published: 0, steps: 0 }
 }
@@ -58,13 +59,12 @@ impl Adapted {
 }
 
 /// Systematic error of the tracked angle over the last of twelve seconds in which the Halls warm by 60 K, degrees.
-fn warmed(seed: u64, publish: bool) -> (Statistics, u32) {
-    let mut plant = PlantParameters::imperfect(seed);
+fn warmed(mut plant: PlantParameters, settings: &Settings, seed: u64, publish: bool) -> (Statistics, u32) {
     for (hall, share) in plant.halls.iter_mut().zip([1.0, 0.75, 0.5]) {
         hall.amplitude_drift_k = -0.2 * share / 60.0;
         hall.offset_drift_v_k = 0.05 * share * hall.amplitude_v / 60.0;
     }
-    let mut adapted = running(&plant, &Settings::default(), seed);
+    let mut adapted = running(&plant, settings, seed);
     let mut by_angle = ByAngle::new(36);
     for k in 0..480_000 {
         adapted.rig.plant.set_temperature(25.0 + 60.0 * (f64::from(k) / 440_000.0).min(1.0)).unwrap();
@@ -81,12 +81,35 @@ fn warmed(seed: u64, publish: bool) -> (Statistics, u32) {
 /// The short form has two of four motors.
 #[test]
 fn a_running_drive_takes_up_what_is_learnt() {
+    let warmed = |seed, publish| warmed(PlantParameters::imperfect(seed), &Settings::default(), seed, publish);
     let results =
         (1..sim::of(3, 5)).into_par_iter().map(|seed| (warmed(seed, true), warmed(seed, false))).collect::<Vec<_>>();
     for ((adapted, published), (untouched, _)) in results {
         println!("{published} models, systematic {:.3}°; without {:.3}°", adapted.rms(), untouched.rms());
         assert!(published > 100);
         assert!(adapted.rms() < 0.3 && adapted.rms() < 0.5 * untouched.rms());
+    }
+}
+
+/// The short form has two of ten motors.
+#[test]
+fn a_running_drive_with_two_halls_takes_up_what_is_learnt() {
+    let apart_deg = [90.0, -120.0, 120.0, -90.0, 60.0];
+    let cases = (1..=sim::of(2, 10)).zip(apart_deg.into_iter().cycle()).collect::<Vec<_>>();
+    let settings = Settings { halls: 2, ..Settings::default() };
+    let results = cases.into_par_iter().map(|(seed, apart_deg)| {
+        let warmed =
+            |publish| warmed(PlantParameters::imperfect(seed).with_two_halls(apart_deg), &settings, seed, publish);
+        (apart_deg, warmed(true), warmed(false))
+    });
+    for (apart_deg, (adapted, published), (untouched, _)) in results.collect::<Vec<_>>() {
+        println!(
+            "{apart_deg}° apart: {published} models, systematic {:.3}°; without {:.3}°",
+            adapted.rms(),
+            untouched.rms()
+        );
+        assert!(published > 100);
+        assert!(adapted.rms() < 0.6 && adapted.rms() < 0.2 * untouched.rms());
     }
 }
 

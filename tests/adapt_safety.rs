@@ -1,10 +1,10 @@
 //! What must not go wrong with the adaptation, whatever happens to it.
 
 use hallservo::angle::ElectricalAngle;
-use hallservo::hall::Channel;
 use hallservo::hall::adapt::{Adapter, Fault, Observation, Parameter, Settings, Status};
 use hallservo::hall::model::Model;
-use plant::HallParameters;
+use hallservo::hall::{Channel, Halls};
+use plant::{HallFault, HallParameters, Rail};
 use proptest::prelude::*;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
@@ -15,6 +15,13 @@ use std::f64::consts::TAU;
 fn calibrated(seed: u64, motion: Motion) -> Trial {
     Trial::new(seed, trial::halls(seed), motion, Start::Calibrated).unwrap()
 }
+
+/// Two Halls, so far apart.
+fn calibrated_of_two(apart_deg: f64, seed: u64, motion: Motion) -> Trial {
+    Trial::new(seed, trial::two_halls(apart_deg, seed), motion, Start::Calibrated).unwrap()
+}
+
+const APART_DEG: [f64; 5] = [90.0, 120.0, -120.0, 60.0, -90.0];
 
 fn error_deg(trial: &Trial) -> f64 {
     trial::wrapped_deg(f64::from(trial.adapter.hall_angle().to_radians()) - trial.hall_rad())
@@ -124,6 +131,57 @@ fn a_pushed_rotor_is_caught_and_nobody_is_blamed() {
 }
 
 #[test]
+fn of_two_halls_none_is_blamed_for_pushes_spikes_and_lost_samples() {
+    let mut error = Statistics::default();
+    for (seed, apart_deg) in (0..100).zip(APART_DEG.into_iter().cycle()) {
+        let mut trial = calibrated_of_two(apart_deg, seed, Motion::Constant(10.0));
+        let mut random = Pcg64::seed_from_u64(seed);
+        let torque_nm = 1.6e-4 * TAU * 10.0 / 4.0;
+        let mut elapsed = 0;
+        for k in 0..8000 {
+            if k < 4000 && k % 500 == 499 {
+                trial.bench.set_speed(random.random_range(-300.0..300.0));
+            }
+            let mut codes = trial.bench.step(torque_nm);
+            elapsed += 1;
+            if random.random_bool(0.1) {
+                continue;
+            }
+            if random.random_bool(0.005) {
+                codes[random.random_range(0..3)] = random.random_range(1..4095);
+            }
+            let outcome = trial.adapter.update(&Observation { codes, elapsed, torque_nm: torque_nm as f32 });
+            elapsed = 0;
+            assert!(!matches!(outcome, Status::Failed(_)), "seed {seed}: {outcome:?} at {k}");
+            if k > 7000 {
+                error.push(error_deg(&trial));
+            }
+        }
+    }
+    println!("{:.3}°", error.rms());
+    assert!(error.rms() < 0.4, "{}", error.rms());
+}
+
+/// A sensor of two that is stuck, or whose wire is broken, is nothing to learn from, and at most both are doubted.
+#[test]
+fn of_two_halls_a_stuck_one_bends_no_model() {
+    let stuck = |amplitudes: f64| HallFault::StuckAt(1.65 + amplitudes * 250.0 * 3.3 / 4096.0);
+    let faults = [stuck(0.0), stuck(0.7), stuck(-1.0), HallFault::Open(Rail::Low), HallFault::Open(Rail::High)];
+    for (seed, apart_deg) in (0..50).zip(APART_DEG.into_iter().cycle()) {
+        let fault = faults[(seed / 5 % 5) as usize];
+        let mut trial = calibrated_of_two(apart_deg, seed, Motion::Constant(10.0));
+        (0..5000 + 13 * seed).for_each(|_| _ = trial.step());
+        let before = *trial.adapter.model();
+        trial.bench.set_fault((seed % 2) as usize, Some(fault));
+        let outcomes: Vec<_> = (0..20_000).map(|_| trial.step().outcome).collect();
+        let worst = reach(trial.adapter.model(), &before, &Settings::default());
+        assert!(worst.iter().all(|&share| share < 0.01), "seed {seed}, {fault:?}: {worst:?}");
+        let named = outcomes.iter().find(|outcome| matches!(outcome, Status::Failed(_)));
+        assert!(matches!(named, None | Some(Status::Failed(Fault::Contradiction))), "seed {seed}: {named:?}");
+    }
+}
+
+#[test]
 fn a_start_from_rest_is_followed() {
     let model = trial::nominal_model();
     let settings = Settings { damping_nms: 0.0, ..Settings::default() };
@@ -226,9 +284,10 @@ proptest! {
 
     /// Whatever comes: no panic, numbers stay numbers, and what is published stays in the box.
     #[test]
-    fn any_codes_are_survived(seed: u64, wild in 0.0..1.0_f64, torque in -1.0_f32..1.0) {
-        let settings = trial::settings(Start::Nominal);
-        let model = trial::nominal_model();
+    fn any_codes_are_survived(seed: u64, two: bool, wild in 0.0..1.0_f64, torque in -1.0_f32..1.0) {
+        let nominal = trial::nominal_model();
+        let (halls, model) = if two { (Halls::Two, nominal.of_two()) } else { (Halls::Three, nominal) };
+        let settings = Settings { halls, ..trial::settings(Start::Nominal) };
         let mut adapter = Adapter::new(&settings.validate().unwrap(), &model).unwrap();
         let mut random = Pcg64::seed_from_u64(seed);
         let (mut angle, mut speed) = (0.0_f32, 0.0_f32);

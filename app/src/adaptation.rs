@@ -3,9 +3,9 @@
 
 use crate::storage::Sensors;
 use hallservo::config::Config;
+use hallservo::hall::Halls;
 use hallservo::hall::adapt::{self, Status};
 use hallservo::hall::model::Model;
-use hallservo::hall::pair::Pair;
 use hallservo::service::Service;
 use hallservo::service::adaptation::Watch;
 use hallservo::settings::Settings;
@@ -41,16 +41,17 @@ pub(crate) struct SensorAdaptation {
 
 impl SensorAdaptation {
     /// Off.
+    #[inline(always)]
     pub const fn new() -> Self {
-        Self { watch: Watch::Nothing, ended: None, count: 0, wait: RECORDS_PER_MODEL }
+        Self { watch: Watch::none(), ended: None, count: 0, wait: RECORDS_PER_MODEL }
     }
 
     /// Starts anew from what is known of the sensors, and of the unevenness of the rotor.
     pub fn restart(&mut self, settings: &Settings, sensors: Option<&Sensors>, uneven: Option<[f32; 3]>, every: u32) {
         self.ended = None;
         self.wait = RECORDS_PER_MODEL;
-        self.watch = if settings.halls == 2 { Watch::Two(Pair::NEW) } else { Watch::Nothing };
-        if let Some(sensors) = sensors.filter(|_| settings.adaptation && settings.halls == 3)
+        self.watch.begin(settings.halls == 2);
+        if let Some(sensors) = sensors.filter(|_| settings.adaptation)
             && let Some(config) = config(settings, sensors.noise, uneven.is_some(), every)
         {
             let Sensors { calibrated, model, .. } = sensors;
@@ -98,13 +99,14 @@ impl SensorAdaptation {
         self.ended.is_none().then(|| *adaptation.adapter().model())
     }
 
+    #[inline(never)]
     pub fn state(&self) -> protocol::Learning {
-        match (self.ended, &self.watch) {
+        match (self.ended, self.watch.adapter()) {
             (Some(fault), _) => protocol::Learning::Ended(fault),
-            (_, Watch::Three(adaptation)) if adaptation.adapter().doubts() => protocol::Learning::Uneven,
-            (_, Watch::Three(adaptation)) if adaptation.adapter().is_too_fast() => protocol::Learning::TooFast,
-            (_, Watch::Three(_)) => protocol::Learning::On,
-            _ => protocol::Learning::Off,
+            (_, None) => protocol::Learning::Off,
+            (_, Some(adapter)) if adapter.doubts() => protocol::Learning::Uneven,
+            (_, Some(adapter)) if adapter.is_too_fast() => protocol::Learning::TooFast,
+            _ => protocol::Learning::On,
         }
     }
 }
@@ -115,6 +117,7 @@ fn config(settings: &Settings, noise_codes: [f32; 3], uneven: bool, every: u32) 
         settings.control.map_or((default.inertia_kgm2, DAMPING), |control| (control.inertia_kgm2, 0.0));
     adapt::Settings {
         slowest_hz: if uneven { SLOWEST_UNEVEN_HZ } else { default.slowest_hz },
+        halls: if settings.halls == 2 { Halls::Two } else { Halls::Three },
         adc_bits: settings.adc_bits,
         update_hz: settings.pwm_hz / every as f32,
         noise_codes,

@@ -1,10 +1,12 @@
 //! The sensors are learnt after every kind of start, at motors that the settings do not fit.
 
 use crate::tool::{done, run, status, wait};
+use hallservo::mode::Mode;
 use hallservo_protocol::{Ask, Learning};
 use plant::{PlantParameters, Unevenness};
 use rayon::prelude::*;
 use rig::error_deg;
+use sim::experiment::magnets::kinds;
 use sim::statistics::Statistics;
 use simulator::Simulator;
 use simulator::flash::Flash;
@@ -22,6 +24,17 @@ fn motor(number: u64) -> PlantParameters {
 fn calibrated(plant: &PlantParameters) -> Vec<u8> {
     let mut drive = Simulator::at(plant, 1, Flash::blank(), Vec::new()).unwrap();
     run(&mut drive, 10);
+    done(&mut drive, Ask::Calibrate);
+    wait(&mut drive);
+    drive.flash()
+}
+
+fn calibrated_of_two(plant: &PlantParameters) -> Vec<u8> {
+    let mut drive = Simulator::at(plant, 1, Flash::blank(), Vec::new()).unwrap();
+    run(&mut drive, 10);
+    done(&mut drive, Ask::Set { name: "halls", value: 2.0 });
+    done(&mut drive, Ask::Save);
+    run(&mut drive, 100);
     done(&mut drive, Ask::Calibrate);
     wait(&mut drive);
     drive.flash()
@@ -89,6 +102,37 @@ fn the_sensors_are_learnt_after_every_kind_of_start() {
         let worst_deg = worst_deg.reduce(|| 0.0, f64::max);
         println!("motor {number}: {worst_deg:.2}°");
         assert!(worst_deg < 1.0, "motor {number}");
+    }
+}
+
+/// Two Halls, and what is learnt of them: at every kind of rotor the angle is as good as without, at a good one whose Halls
+/// have changed better. The short form has every eleventh of them.
+#[test]
+fn two_halls_are_learnt_where_the_magnets_allow_it() {
+    let kinds = kinds().into_iter().map(|kind| (kind.name, kind.unevenness, 0.0));
+    let kinds = kinds.chain([("Halls that have changed", Unevenness::NONE, 0.1)]);
+    let apart_and_speed = [(90.0, 20.0), (-120.0, 60.0), (60.0, -150.0), (120.0, -30.0)];
+    let cases: Vec<_> = kinds.flat_map(|kind| apart_and_speed.map(|rotor| (kind, rotor))).collect();
+    let cases: Vec<_> = cases.into_iter().enumerate().rev().step_by(sim::of(11, 1)).collect();
+    let turned = cases.into_par_iter().map(|(number, ((kind, unevenness, fades), (apart_deg, speed)))| {
+        let number = 1 + number as u64 % 12;
+        let plant = motor(number).with_two_halls(apart_deg).with_unevenness(&unevenness, number);
+        let flash = calibrated_of_two(&plant);
+        let start = Start { rest_ms: 300, speed, fades };
+        let (mut drive, learning) = turned(&plant, &flash, start, 20, true);
+        let (_, fixed) = turned(&plant, &flash, start, 20, false);
+        let what = format!("{kind}, {apart_deg}° apart, {speed} rad/s, motor {number}");
+        (what, fades, status(&mut drive), [learning, fixed].map(|errors| errors.rms()))
+    });
+    for (what, fades, status, [learning, fixed]) in turned.collect::<Vec<_>>() {
+        println!("{what}: {learning:.2}°, without learning {fixed:.2}°; {:?}, {}", status.learning, status.learnt);
+        assert!(matches!(status.learning, Learning::On | Learning::Uneven), "{what}");
+        assert_eq!(status.mode, Mode::Running, "{what}");
+        if fades > 0.0 {
+            assert!(status.learnt > 5 && learning < 1.0 && learning < 0.6 * fixed, "{what}");
+        } else {
+            assert!(learning < 1.15 * fixed + 0.03, "{what}");
+        }
     }
 }
 

@@ -21,6 +21,11 @@
 //! 2 % of the magnet's field, which no Hall can tell from a turned rotor; nor is it learnt here. What differs from
 //! sensor to sensor goes into their parameters.
 //!
+//! Of two sensors without a third, offsets, amplitudes, the angle between them and the third harmonic are seen as well: they
+//! bend the ellipse that the two draw, whatever the rotor does. Neither is blamed for what does not fit, for no third one
+//! tells which it is: nothing is learnt of it, and where it lasts the calibration is to be made anew. The sensor that is not
+//! there has its turns left out.
+//!
 //! What keeps it safe:
 //! - Parameters move only above [`Settings::slowest_hz`]; below, only angle and speed follow.
 //! - A model comes out only when every eighth of the turn was covered since the last.
@@ -54,8 +59,8 @@ mod suspicion;
 mod window;
 
 use crate::angle::ElectricalAngle;
-use crate::hall::Codes;
-use crate::hall::model::Model;
+use crate::hall::model::{Model, Sensor};
+use crate::hall::{Channel, Codes};
 use core::f32::consts::{PI, TAU};
 pub use deviations::Deviations;
 use doubt::Doubt;
@@ -187,14 +192,11 @@ impl Adapter {
             return self.update_all(observation);
         }
         let (sensor, mean) = self.window.push(&observation.codes, observation.elapsed);
-        if self.suspicions.is_lost(sensor) {
+        let lost = self.suspicions.is_lost(sensor);
+        if lost | self.model_due {
+            // For a model a sensor's turn is left out: once in a turn of the rotor that is nothing.
             self.predict(observation);
-            return self.follow();
-        }
-        if self.model_due {
-            // A sensor's turn is left out: once in a turn of the rotor that is nothing.
-            self.predict(observation);
-            return self.publish_model();
+            return if lost { Status::Tracking } else { self.publish_model() };
         }
         let Some(mean) = mean else { return self.update_single(sensor, observation) };
         // The state is that of the sample before, the middle one of the three.
@@ -282,6 +284,25 @@ impl Adapter {
         angle * (0.5 * angle + self.covariance.get(amplitude, amplitude)) * times
     }
 
+    /// Whether it works without a sensor, which was lost or is not there.
+    #[inline]
+    const fn works_with_two(&self) -> bool {
+        self.suspicions.lost.is_some()
+    }
+
+    /// Which sensors it works with.
+    fn sensors_in_use(&self) -> impl Iterator<Item = usize> + use<> {
+        let lost = self.suspicions.lost;
+        (0..3).filter(move |&k| lost != Some(Channel(k as u8)))
+    }
+
+    /// The mean over these.
+    #[inline(never)]
+    fn mean(&self, of: fn(&CalibratedSensor) -> f32) -> f32 {
+        let sum: f32 = self.sensors_in_use().map(|k| of(&self.sensors[k])).sum();
+        sum * if self.works_with_two() { 1.0 / 2.0 } else { 1.0 / 3.0 }
+    }
+
     /// Update by one sensor, unless it is an outlier; whether it was used. What the rotor leaves unexplained is alike
     /// over a pole, so the parameters learn of all samples there together no more than of one.
     #[inline]
@@ -357,7 +378,9 @@ impl Adapter {
     /// The model at this moment, for diagnosis; [`Self::model`] is the one to use.
     pub fn current(&self) -> Model {
         let mut model = self.model;
-        for (k, sensor) in model.sensors.iter_mut().enumerate() {
+        // One that is not there stays so.
+        let present = |(_, sensor): &(usize, &mut Sensor)| sensor.amplitude != 0.0;
+        for (k, sensor) in model.sensors.iter_mut().enumerate().filter(present) {
             let sensors = &self.sensors[k].sensor;
             sensor.offset = sensors.offset + self.state.offset[k] * sensors.amplitude;
             sensor.amplitude = sensors.amplitude * self.state.amplitude[k];

@@ -321,12 +321,12 @@ impl Estimator {
 /// # Errors
 /// Those of [`Estimator::new`].
 pub fn validate(model: &Model, adc_bits: u8) -> Result<(), BadModel> {
-    check(model, adc_bits, model.absent()).map(|_| ())
+    validate_without(model, adc_bits, model.absent())
 }
 
-/// The same for a model that must have all three sensors.
-pub(crate) fn validate_three(model: &Model, adc_bits: u8) -> Result<(), BadModel> {
-    check(model, adc_bits, None).map(|_| ())
+/// The same for a model whose sensors have to be good but for one.
+pub(crate) fn validate_without(model: &Model, adc_bits: u8, lost: Option<Channel>) -> Result<(), BadModel> {
+    check(model, adc_bits, lost).map(|_| ())
 }
 
 fn check(model: &Model, adc_bits: u8, lost: Option<Channel>) -> Result<([Window; 3], Inverse), BadModel> {

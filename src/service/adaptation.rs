@@ -29,20 +29,27 @@ pub fn torque_nm(measurement: &Measurement, control: &Control) -> f32 {
     amperes * control.motor.torque_constant(control.scale.pole_pairs)
 }
 
-/// What looks at a drive's records of the Halls, in one place of memory.
-// Of the three one is large; the others are in its place.
-#[expect(clippy::large_enum_variant)]
+/// What looks at a drive's records of the Halls: it keeps them true, and sees whether two without a third fit each other.
 #[derive(Clone, Debug)]
-pub enum Watch {
-    /// Nothing.
-    Nothing,
-    /// At three Halls: they are kept true.
-    Three(Adaptation),
-    /// At two: whether they fit each other.
-    Two(Pair),
+pub struct Watch {
+    pair: Option<Pair>,
+    adaptation: Option<Adaptation>,
 }
 
 impl Watch {
+    /// Nothing looks.
+    // A constant would lie in the flash with all its zeros: 700 bytes.
+    #[inline(always)]
+    pub const fn none() -> Self {
+        Self { pair: None, adaptation: None }
+    }
+
+    /// Looks whether two Halls fit each other, or not; nothing is learnt.
+    pub fn begin(&mut self, two_halls: bool) {
+        self.pair = two_halls.then_some(Pair::NEW);
+        self.adaptation = None;
+    }
+
     /// [`Adaptation::resume`], written to its place, as it is large for a stack; nothing is left there after an error.
     ///
     /// # Errors
@@ -54,27 +61,27 @@ impl Watch {
         model: &Model,
         every: u32,
     ) -> Result<(), BadModel> {
-        *self = Self::Nothing;
-        estimate::validate_three(calibrated, config.adc_bits)?;
+        self.adaptation = None;
+        estimate::validate_without(calibrated, config.adc_bits, config.absent())?;
         self.place(config, calibrated, model, every);
         let result = self.adaptation().map_or(Ok(()), |adaptation| {
             adaptation.adapter.begin();
             adaptation.adapter.go_on_from(model)
         });
         if result.is_err() {
-            *self = Self::Nothing;
+            self.adaptation = None;
         }
         result
     }
 
     fn place(&mut self, config: &adapt::Config, calibrated: &Model, model: &Model, every: u32) {
-        *self = Self::Three(Adaptation::of(Adapter::at(config, calibrated), model, every));
+        self.adaptation = Some(Adaptation::of(Adapter::at(config, calibrated), model, every));
     }
 
     /// Whether a record of a running drive says that its two sensors do not fit each other, with the torque of
     /// [`torque_nm`]: what the task that asks answers by [`Service::trip`].
     pub fn contradicts(&mut self, record: &Record, model: &Model, torque_nm: f32, config: &Config) -> bool {
-        let Self::Two(pair) = self else { return false };
+        let Some(pair) = &mut self.pair else { return false };
         if record.status.mode() != Mode::Running {
             *pair = Pair::NEW;
             return false;
@@ -84,12 +91,14 @@ impl Watch {
             | config.control.as_ref().map(motion).is_some_and(|motion| pair.turns_against(motion))
     }
 
-    /// Of three Halls.
+    /// The filter of what keeps the Halls true.
+    pub fn adapter(&self) -> Option<&Adapter> {
+        self.adaptation.as_ref().map(Adaptation::adapter)
+    }
+
+    /// What keeps the Halls true.
     pub const fn adaptation(&mut self) -> Option<&mut Adaptation> {
-        match self {
-            Self::Three(adaptation) => Some(adaptation),
-            _ => None,
-        }
+        self.adaptation.as_mut()
     }
 }
 

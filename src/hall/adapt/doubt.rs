@@ -63,10 +63,9 @@ impl Adapter {
         if self.doubt.exists || !self.calibrated || self.fault.is_some() || self.is_too_fast() {
             return true;
         }
-        let [a, b, c] = &self.sensors;
         // Once doubted, a rotor has to be clearly even.
-        let in_doubtful = if self.doubt.times > 0 { 4.0 / (3.0 * DOUBTFUL) } else { 1.0 / (3.0 * DOUBTFUL) };
-        let times = crate::float::whole_u16((a.unexplained + b.unexplained + c.unexplained) * in_doubtful);
+        let in_doubtful = if self.doubt.times > 0 { 4.0 / DOUBTFUL } else { 1.0 / DOUBTFUL };
+        let times = crate::float::whole_u16(self.mean(|sensor| sensor.unexplained) * in_doubtful);
         let turns = &mut self.doubt.turns;
         *turns = if times == 0 { turns.saturating_sub(1) } else { turns.saturating_add(times) };
         if *turns >= UNEVEN_TURNS {

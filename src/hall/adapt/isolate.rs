@@ -58,7 +58,7 @@ impl Adapter {
             }
         }
         self.suspicions.any = self.suspicions.rejected > 0 || self.suspicions.sensors.iter().any(Suspicion::exists);
-        if let (None, Some(k)) = (self.fault, at_rail_for_good) {
+        if let (None, None, Some(k)) = (self.fault, self.suspicions.lost, at_rail_for_good) {
             self.fail(Fault::AtRail(Channel(k as u8)));
         }
         if unusable.iter().filter(|&&unusable| unusable).count() > 1 {
@@ -100,12 +100,14 @@ impl Adapter {
                 return self.accept(sample);
             }
         }
-        // A sensor is wrong only where the others agree: all three are wrong where the angle is.
+        // A sensor is wrong only where the others agree: all three are wrong where the angle is. Of two from the start, no
+        // third one tells which.
         let agrees =
             |k: usize| !outliers[k] && (!self.calibrated || sample.measurements[k].innovation.abs() < AGREEING);
         let others_fit = (0..3).all(|k| k == suspect || agrees(k));
+        let tells = self.suspicions.lost.is_none() || self.fault.is_some();
         sample.discard(suspect);
-        if !others_fit {
+        if !(others_fit && tells) {
             return self.reject();
         }
         // A suspect is compared, but not used until its suspicion has decayed.
@@ -198,7 +200,8 @@ impl Adapter {
         if self.suspicions.reacquisitions < MOST_REACQUISITIONS || self.fault.is_some() {
             return Status::Acquiring;
         }
-        self.suspicions = Suspicions { restarts: self.suspicions.restarts + 1, ..Suspicions::default() };
+        let restarts = self.suspicions.restarts + 1;
+        self.suspicions = Suspicions { restarts, ..Suspicions::without(self.suspicions.lost) };
         if self.suspicions.restarts > MOST_RESTARTS {
             self.fail(Fault::Contradiction);
         } else {
@@ -212,6 +215,6 @@ impl Adapter {
         self.fault = Some(fault);
         self.limit_parameters();
         self.model_due = false;
-        self.suspicions = Suspicions { lost: fault.lost(), ..Suspicions::default() };
+        self.suspicions = Suspicions::without(fault.lost().or(self.suspicions.lost));
     }
 }

@@ -141,7 +141,9 @@ impl Adapter {
         }
         self.last_limit = last_limit;
         let model = self.current();
-        if last_limit.is_some() || estimate::validate(&model, self.config.adc_bits).is_err() {
+        if last_limit.is_some()
+            || estimate::validate_without(&model, self.config.adc_bits, self.config.absent()).is_err()
+        {
             return Status::Adapting;
         }
         self.model = model;

@@ -59,7 +59,8 @@ impl Attenuation {
 
 impl CalibratedSensor {
     pub fn new(sensor: &Sensor, noise_codes: f32) -> Self {
-        let per_code = 1.0 / sensor.amplitude;
+        // Of a sensor that is not there, nothing.
+        let per_code = if sensor.amplitude > 0.0 { 1.0 / sensor.amplitude } else { 0.0 };
         let white = (noise_codes * noise_codes + 1.0 / 12.0) * per_code * per_code;
         let known = LEAST_UNEXPLAINED;
         Self { sensor: *sensor, per_code, white, unexplained: known, known, behind: [0.0; 2] }

@@ -1,5 +1,6 @@
 //! Settings of the adaptation in SI units, and the form the filter works with.
 
+use crate::hall::{Channel, Halls};
 use core::f32::consts::TAU;
 use core::fmt;
 
@@ -21,6 +22,8 @@ pub struct Spread {
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Settings {
+    /// Three, or two: then the third is not looked at.
+    pub halls: Halls,
     /// Resolution of the ADC, 8 to 16.
     pub adc_bits: u8,
     /// Rate of the samples, 50 Hz to 20 kHz.
@@ -55,6 +58,7 @@ impl Settings {
 impl Default for Settings {
     fn default() -> Self {
         Self {
+            halls: Halls::Three,
             adc_bits: 12,
             update_hz: 1e3,
             noise_codes: [2.5; 3],
@@ -96,6 +100,7 @@ impl core::error::Error for OutOfRange {}
 #[derive(Clone, Copy, Debug, PartialEq)]
 #[cfg_attr(feature = "defmt", derive(defmt::Format))]
 pub struct Config {
+    pub(crate) halls: Halls,
     pub(crate) adc_bits: u8,
     pub(crate) noise_codes: [f32; 3],
     /// Share of the speed that friction takes in a sample, 0 to 1.
@@ -117,6 +122,11 @@ pub struct Config {
 }
 
 impl Config {
+    /// The sensor that is not there, if one is not.
+    pub(crate) fn absent(&self) -> Option<Channel> {
+        (self.halls == Halls::Two).then_some(Channel::THIRD)
+    }
+
     /// Whether a code sits at the end of the ADC's range.
     #[inline]
     pub(crate) const fn is_at_rail(&self, code: u16) -> bool {
@@ -181,6 +191,7 @@ impl Settings {
         let limits = spread(names, &self.limits, &self.start, &even(0.6, 25.0))?;
         let slowest = within("slowest_hz", self.slowest_hz, 0.05, hz / 10.0)?;
         Ok(Config {
+            halls: self.halls,
             adc_bits: self.adc_bits,
             noise_codes: self.noise_codes,
             // A speed that dies within a sample is gone, not reversed.

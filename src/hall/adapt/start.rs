@@ -28,7 +28,7 @@ impl Adapter {
     /// # Errors
     /// As [`Self::new`], of either.
     pub fn resume(config: &Config, calibrated: &Model, learnt: &Model) -> Result<Self, BadModel> {
-        estimate::validate_three(calibrated, config.adc_bits)?;
+        estimate::validate_without(calibrated, config.adc_bits, config.absent())?;
         let mut adapter = Self::at(config, calibrated);
         adapter.begin();
         adapter.go_on_from(learnt)?;
@@ -37,7 +37,8 @@ impl Adapter {
 
     /// Takes over what was learnt since the calibration that it has just started from.
     pub(crate) fn go_on_from(&mut self, learnt: &Model) -> Result<(), BadModel> {
-        for (k, (from, to)) in self.sensors.iter().map(|own| &own.sensor).zip(&learnt.sensors).enumerate() {
+        for k in self.sensors_in_use() {
+            let (from, to) = (&self.sensors[k].sensor, &learnt.sensors[k]);
             self.state.offset[k] = (to.offset - from.offset) / from.amplitude;
             self.state.amplitude[k] = to.amplitude / from.amplitude;
             self.state.placement[k] = to.placement;
@@ -46,7 +47,7 @@ impl Adapter {
         self.state.third = learnt.sensors[0].third - self.sensors[0].sensor.third;
         self.limit_parameters();
         self.model = self.current();
-        estimate::validate(&self.model, self.config.adc_bits)
+        estimate::validate_without(&self.model, self.config.adc_bits, self.config.absent())
     }
 
     /// From a calibration that is valid; [`Self::begin`] follows, when it is in its place.
@@ -82,7 +83,7 @@ impl Adapter {
             calibrated: config.start.amplitude < UNCALIBRATED * UNCALIBRATED,
             doubt: Doubt::START,
             last_limit: None,
-            suspicions: Suspicions::default(),
+            suspicions: Suspicions::without(config.absent()),
             fault: None,
             fault_reported: false,
             model: *model,
@@ -109,8 +110,8 @@ impl Adapter {
 
     /// Fits the estimate of the load to the noise, that which the rotor leaves unexplained included.
     pub(super) fn tune(&mut self) {
-        // Of the angle from one sample: two thirds of the sensors' mean.
-        let angle_noise = self.sensors.iter().map(CalibratedSensor::noise).sum::<f32>() * (2.0 / 9.0);
+        // Of the angle from one sample: two thirds of that of three sensors, all of that of two that are 90° apart.
+        let angle_noise = self.mean(CalibratedSensor::noise) * if self.works_with_two() { 1.0 } else { 2.0 / 3.0 };
         self.natural_frequency = fourth_root(self.config.acceleration / angle_noise);
         // Sixteen times √2 · pace · noise, the variance of the angle at a steady speed with known sensors. Less would shut
         // out a friction that is not the settings'.

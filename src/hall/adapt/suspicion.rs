@@ -44,7 +44,7 @@ pub struct Suspicions {
     pub reacquisitions: u32,
     /// Times that all parameters were reset since then.
     pub restarts: u32,
-    /// The sensor that the filter works without.
+    /// The sensor that the filter works without: it was lost, or there are only two.
     pub lost: Option<Channel>,
 }
 
@@ -54,9 +54,14 @@ impl Suspicions {
         self.sensors.map(|suspicion| suspicion.turns > 0.0)
     }
 
+    /// Nothing speaks against any sensor of those that there are.
+    pub fn without(lost: Option<Channel>) -> Self {
+        Self { lost, ..Self::default() }
+    }
+
     /// A turn was understood: nothing speaks against any sensor.
     pub fn clear(&mut self) {
-        *self = Self { lost: self.lost, ..Self::default() };
+        *self = Self::without(self.lost);
     }
 
     /// Whether the filter works without this sensor.

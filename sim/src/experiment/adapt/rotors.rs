@@ -4,7 +4,6 @@ use super::trial::{self, Motion, PERIOD_S, Start, Trial};
 use crate::statistics::Statistics;
 use anyhow::Result;
 use hallservo::angle::ElectricalAngle;
-use hallservo::hall::Halls;
 use hallservo::hall::adapt::{Fault, Settings, Status};
 use hallservo::hall::calibrate::{Calibration, Collector, Sweep};
 use plant::{HallFault, HallParameters, Magnets, Unevenness};
@@ -44,7 +43,7 @@ pub fn calibrated(seed: u64, halls: [HallParameters; 3], magnets: Magnets) -> Re
         }
         sequence += 10;
     }
-    Ok(collector.finish(Halls::Three, false)?)
+    Ok(collector.finish(trial::count(&halls), false)?)
 }
 
 /// A filter that starts from such a calibration.
@@ -52,7 +51,25 @@ pub fn calibrated(seed: u64, halls: [HallParameters; 3], magnets: Magnets) -> Re
 /// # Errors
 /// Parameters that plant or filter refuse.
 pub fn trial(seed: u64, unevenness: &Unevenness, motion: Motion, learns: bool) -> Result<Trial> {
-    let halls = unevenness.halls(trial::halls(seed), 0.0, seed);
+    trial_of(trial::halls(seed), seed, unevenness, motion, learns)
+}
+
+/// The same with two sensors that are so far apart.
+///
+/// # Errors
+/// Parameters that plant or filter refuse.
+pub fn trial_of_two(apart_deg: f64, seed: u64, unevenness: &Unevenness, motion: Motion, learns: bool) -> Result<Trial> {
+    trial_of(trial::two_halls(apart_deg, seed), seed, unevenness, motion, learns)
+}
+
+fn trial_of(
+    halls: [HallParameters; 3],
+    seed: u64,
+    unevenness: &Unevenness,
+    motion: Motion,
+    learns: bool,
+) -> Result<Trial> {
+    let halls = unevenness.halls(halls, 0.0, seed);
     let magnets = unevenness.magnets(seed);
     let calibration = calibrated(seed, halls, magnets)?;
     let settings = trial::settings(Start::Calibrated);

@@ -2,6 +2,7 @@
 
 use anyhow::Result;
 use hallservo::angle::ElectricalAngle;
+use hallservo::hall::Halls;
 use hallservo::hall::adapt::{Adapter, Observation, Settings, Status};
 use hallservo::hall::model::{Model, Sensor};
 use plant::{Bench, BenchParameters, Bound, HallParameters, Magnets, PlantParameters, Prior};
@@ -92,6 +93,16 @@ pub fn halls(seed: u64) -> [HallParameters; 3] {
     PlantParameters::imperfect(seed).halls
 }
 
+/// Two of them, so far apart, besides errors.
+pub fn two_halls(apart_deg: f64, seed: u64) -> [HallParameters; 3] {
+    PlantParameters::imperfect(seed).with_two_halls(apart_deg).halls
+}
+
+/// How many they are: one that is not there sees no magnet.
+pub fn count(halls: &[HallParameters; 3]) -> Halls {
+    if halls[2].amplitude_v == 0.0 { Halls::Two } else { Halls::Three }
+}
+
 /// The model of sensors known exactly; zero is where the first sensor's signal rises through its offset.
 pub fn exact_model(halls: &[HallParameters; 3]) -> Model {
     let mut model = nominal_model();
@@ -178,7 +189,7 @@ impl Trial {
         // Anywhere in the turn, another place for each seed.
         let angle = TAU * (seed as f64 * 0.618_034).fract() - PI;
         let bench = Bench::new(&parameters, angle, motion.at(0.0).0, seed)?;
-        let config = settings.validate()?;
+        let config = Settings { halls: count(&halls), ..*settings }.validate()?;
         let nominal_v = 250.0 * LSB_V;
         let prior = Prior {
             angle_rad: PI / 3.0_f64.sqrt(),

@@ -8,7 +8,6 @@ use hallservo::board::{Legs, LostPeriods};
 use hallservo::drive::{Command, Refusal, Reply};
 use hallservo::fault::{Fault, Limits};
 use hallservo::hall::model::Model;
-use hallservo::hall::pair::Pair;
 use hallservo::hall::plausibility::Implausible;
 use hallservo::mode::Mode;
 use hallservo::service::Event;
@@ -69,7 +68,8 @@ impl Machine {
         rig.temperatures = bench.temperatures();
         let model = rig.calibrate(|_| ()).with_context(|| bench.describe())?.model;
         rig.wait(0.2);
-        let watch = if bench.halls() == 2 { Watch::Two(Pair::NEW) } else { Watch::Nothing };
+        let mut watch = Watch::none();
+        watch.begin(bench.halls() == 2);
         Ok(Self {
             rig,
             bench,

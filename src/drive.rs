@@ -39,6 +39,7 @@ mod records;
 mod schedule;
 mod servo;
 mod set_points;
+mod slowed;
 pub mod standstill;
 mod supervision;
 mod third_current;
@@ -68,6 +69,7 @@ use protection::chopper::Chopper;
 pub use schedule::{CYCLE, OUTER};
 use servo::Servo;
 pub use servo::{Demand, State};
+use slowed::Slowed;
 use standstill::Standstill;
 pub(crate) use supervision::{PARTS, SETTLING};
 use third_current::ThirdCurrent;
@@ -105,6 +107,7 @@ pub struct Drive {
     later: Later,
     /// Last, as nothing of it is needed in every step: what lies further away takes longer addresses.
     arming: Arming,
+    slowed: Slowed,
     /// The brake resistor, for boards that have a pin for it.
     #[cfg(not(feature = "no-chopper"))]
     chopper: Chopper,
@@ -177,6 +180,7 @@ impl Drive {
             third_current: ThirdCurrent::NONE,
             disabled: false,
             later: Later::Nothing,
+            slowed: Slowed::NOT,
         }
     }
 
@@ -514,7 +518,9 @@ impl Drive {
     }
 
     fn status(&self) -> Status {
-        Status::new(self.mode, self.limits(), self.progress).with_heavier(self.servo.inertia.doubled > 0)
+        Status::new(self.mode, self.limits(), self.progress)
+            .with_heavier(self.servo.inertia.doubled > 0)
+            .with_lighter(self.slowed.is_slowed())
     }
 
     /// The state.

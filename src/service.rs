@@ -8,6 +8,7 @@ pub mod by_pole;
 pub mod coil;
 pub mod commission;
 pub mod encoder;
+mod hunting;
 pub mod identification;
 pub mod identify;
 mod impedance;
@@ -42,6 +43,7 @@ use crate::telemetry::{Measurement, Progress, Record};
 use back_emf::BackEmf;
 use core::fmt;
 use heapless::{Deque, Vec};
+use hunting::Hunting;
 use phases::Phases;
 #[cfg(not(feature = "small"))]
 use winding::Winding;
@@ -130,6 +132,7 @@ pub struct Service {
     commutation: Commutation,
     phases: Phases,
     back_emf: BackEmf,
+    hunting: Hunting,
     #[cfg(not(feature = "small"))]
     winding: Winding,
 }
@@ -177,6 +180,7 @@ impl Service {
             commutation: config.commutation,
             phases: Phases::default(),
             back_emf: BackEmf::default(),
+            hunting: Hunting::default(),
             #[cfg(not(feature = "small"))]
             winding: Winding::default(),
         }
@@ -352,6 +356,12 @@ impl Service {
             // Found again, where the queue is full.
             let _ = self.trip(fault);
             (self.phases, self.back_emf) = (Phases::default(), BackEmf::default());
+        }
+        if let Some(control) = &self.config.control
+            && self.hunting.look(measurement.state.current_reference, control.max_current, measurement.rotor.angle())
+        {
+            // Found again, where the queue is full.
+            let _ = self.send_internal(Command::SlowDown);
         }
         #[cfg(not(feature = "small"))]
         self.look_at_winding(&measurement);

@@ -129,12 +129,13 @@ pub struct Status {
     mode: u8,
     fault: u8,
     limits: Limits,
-    /// And [`HEAVIER`].
+    /// And [`HEAVIER`] and [`LIGHTER`].
     progress: u8,
 }
 
-/// Bit of [`Status::progress`]: see [`Status::is_heavier`].
+/// Bits of [`Status::progress`]: see [`Status::is_heavier`] and [`Status::is_lighter`].
 const HEAVIER: u8 = 4;
+const LIGHTER: u8 = 8;
 
 impl Status {
     /// The word.
@@ -172,6 +173,17 @@ impl Status {
         self.progress & HEAVIER != 0
     }
 
+    /// The same with what is known of the speed control.
+    pub(crate) const fn with_lighter(self, lighter: bool) -> Self {
+        Self { progress: self.progress & !LIGHTER | if lighter { LIGHTER } else { 0 }, ..self }
+    }
+
+    /// Whether the speed is controlled with smaller gains than the settings', until the drive is armed again: they swung
+    /// the rotor to and fro, which is much lighter than its inertia in the settings.
+    pub const fn is_lighter(self) -> bool {
+        self.progress & LIGHTER != 0
+    }
+
     /// State of the drive.
     pub const fn mode(self) -> Mode {
         match (self.mode, Fault::from_code(self.fault)) {
@@ -191,7 +203,7 @@ impl Status {
 
     /// What the sample is to a calibration.
     pub const fn progress(self) -> Progress {
-        match self.progress & !HEAVIER {
+        match self.progress & !(HEAVIER | LIGHTER) {
             1 => Progress::Sample(Sweep::Forward),
             2 => Progress::Sample(Sweep::Backward),
             3 => Progress::Complete,

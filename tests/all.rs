@@ -38,6 +38,7 @@ mod standstill;
 mod storage;
 mod supervision;
 mod supply;
+mod taken_off;
 mod turns;
 mod two_halls;
 mod vector;

@@ -53,5 +53,8 @@ fn log_incident(cause: Cause) {
         Cause::Adaptation(fault) => log!(warn, "the adaptation gave up: {}", fault),
         Cause::Abandoned(_) => log!(warn, "ended: the tool that began it fell silent"),
         Cause::Heavier => log!(warn, "the rotor is heavier than inertia_kgm2: the position is controlled more slowly"),
+        Cause::Lighter => {
+            log!(warn, "the speed control swung the rotor, lighter than inertia_kgm2: its gains are smaller")
+        }
     }
 }

@@ -249,6 +249,9 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         if record.status.is_heavier() && !self.record.status.is_heavier() {
             self.note(Cause::Heavier);
         }
+        if record.status.is_lighter() && !self.record.status.is_lighter() {
+            self.note(Cause::Lighter);
+        }
         self.record = record;
         if let Some(sensors) = &self.sensors {
             self.magnets.record(&record, sensors);

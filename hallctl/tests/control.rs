@@ -161,6 +161,33 @@ fn a_rotor_that_is_much_heavier_than_known_is_told() {
     });
 }
 
+/// The inertia of the settings is that of a shaft with something on it that was taken off since.
+#[test]
+fn a_rotor_that_is_much_lighter_than_known_is_told_until_it_is_armed_again() {
+    let (mut drive, _) = calibrated();
+    done(&mut drive, Ask::Set { name: "command_timeout_s", value: 60.0 });
+    for (share, incidents) in [(1.0, 0), (20.0, 1), (1.0, 1), (20.0, 2)] {
+        done(&mut drive, Ask::Set { name: "inertia_kgm2", value: share * 1e-5 });
+        arm(&mut drive);
+        for rad_s in [20.0, 0.0] {
+            done(&mut drive, Ask::Speed(rad_s));
+            run(&mut drive, 1000);
+        }
+        let found = status(&mut drive);
+        assert_eq!((found.mode, found.incidents), (Mode::Running, incidents), "{share} times the inertia");
+        done(&mut drive, Ask::Disarm);
+        run(&mut drive, 100);
+    }
+    ask(&mut drive, Ask::History(0), |answer| match answer {
+        Answer::History(History { entry: Some(incident), .. }) => {
+            assert_eq!(incident.cause, Cause::Lighter);
+            let (what, advice) = hallctl::words::incident(&incident);
+            assert!(what.contains("lighter than inertia_kgm2") && advice.contains("commission"), "{what} {advice}");
+        }
+        other => panic!("{other:?}"),
+    });
+}
+
 #[test]
 fn a_procedure_goes_on_with_a_living_tool_or_unattended() {
     for unattended in [false, true] {

@@ -22,6 +22,9 @@ pub enum Cause {
     /// The rotor was found to be much heavier than its inertia in the settings, by a swing about its position: until the
     /// drive is armed again, the position is controlled with less bandwidth.
     Heavier,
+    /// The rotor was found to be much lighter than that, for the speed control swung it to and fro: until the drive is armed
+    /// again, its gains are smaller.
+    Lighter,
 }
 
 /// What went wrong, and when.

@@ -48,7 +48,7 @@ fn message(frame: &[u8]) -> Vec<u8> {
 
 #[test]
 fn the_version_is_this_one() {
-    assert_eq!(VERSION, 12);
+    assert_eq!(VERSION, 13);
 }
 
 #[test]
@@ -333,6 +333,7 @@ fn incidents() {
         (Cause::Adaptation(adapt::Fault::Contradiction), "0304"),
         (Cause::Abandoned(Activity::Cogging), "0403"),
         (Cause::Heavier, "05"),
+        (Cause::Lighter, "06"),
     ];
     for (cause, bytes) in causes {
         assert_eq!(hex(&cause), bytes, "{cause:?}");

@@ -50,6 +50,18 @@ impl Gains {
         })
     }
 
+    /// Those for half of the inertia.
+    #[must_use]
+    pub(crate) const fn halved(&self) -> Self {
+        Self {
+            proportional: self.proportional / 2,
+            integral: self.integral / 2,
+            inertia: self.inertia / 2,
+            far: if self.far < 1 << 28 { 2 * self.far } else { 1 << 29 },
+            ..*self
+        }
+    }
+
     /// The current that accelerates by `acceleration`, in units of speed a step of the loop; up to ± the full scale. The
     /// integrator makes up for what is beyond the limit of the current, and would brake when so much of it ends.
     #[inline(always)]

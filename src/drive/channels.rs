@@ -60,6 +60,9 @@ pub enum Command {
     /// Other bandwidths of the loops, while turning, too: of these settings nothing else is taken over. No current jumps
     /// by it. Their memory comes back through [`Tasks::configs`].
     Retune(&'static mut Config),
+    /// The speed control swings the rotor by itself: its gains are those for half of the inertia that they are now, until
+    /// the bridge is switched on again or others come.
+    SlowDown,
     /// The winding's rise as it was measured by its resistance, as the square of the current that would make it in the long
     /// run, in 2⁻³⁰ of the full scale's: not negative. It counts where it is hotter than the model.
     #[cfg(not(feature = "small"))]

@@ -1,6 +1,7 @@
 //! What each command does. A refused one changes nothing.
 
 use super::arming::Pending;
+use super::slowed::Slowed;
 use super::supervision;
 use super::{Command, Demand, Drive, OpenLoop, Path, Refusal, Reply, Sample};
 use crate::angle::ElectricalAngle;
@@ -44,7 +45,10 @@ impl Command {
         if matches!(self, Self::Winding(_)) {
             return false;
         }
-        !matches!(self, Self::Install(_) | Self::CalibrationFailed | Self::AntiCogging(_) | Self::Trip(_))
+        !matches!(
+            self,
+            Self::Install(_) | Self::CalibrationFailed | Self::AntiCogging(_) | Self::Trip(_) | Self::SlowDown
+        )
     }
 
     /// What it sets the control to follow, if it is a set-point.
@@ -143,6 +147,7 @@ impl Drive {
             Command::AntiCogging(table) => self.set_anti_cogging(table),
             Command::Configure(config) => self.configure(config)?,
             Command::Retune(config) => self.retune(config)?,
+            Command::SlowDown => self.slow_down(),
             #[cfg(not(feature = "small"))]
             Command::Winding(square) => self.servo.protection.measure_winding(square),
             Command::Trip(fault) => self.fail(fault),
@@ -300,7 +305,8 @@ impl Drive {
         if self.record.missed != 0 {
             return Err(Refusal::NoAngle);
         }
-        if self.config.control.is_some() {
+        if let Some(control) = &mut self.config.control {
+            self.slowed.end(&mut control.velocity);
             self.arming.wait();
             self.servo.supervision.begin_again();
             self.limits = self.limits.with(Limits::CHECKING);
@@ -428,7 +434,7 @@ impl Drive {
     fn configure(&mut self, config: &'static mut Config) -> Reply {
         let allowed = if self.mode.drives() { Err(Refusal::Mode(self.mode)) } else { Ok(()) };
         if allowed.is_ok() {
-            self.config = *config;
+            (self.config, self.slowed) = (*config, Slowed::NOT);
             self.servo.supervision.doubt();
             // What it was measured against may be another resistance now.
             #[cfg(not(feature = "small"))]
@@ -448,12 +454,24 @@ impl Drive {
         let calibrates = matches!(self.mode, Mode::Aligning | Mode::Calibrating);
         if !calibrates {
             self.config.retune(config);
+            self.slowed = Slowed::NOT;
             if let Some(control) = &self.config.control {
                 self.servo.go_on(control, &self.record.rotor);
             }
         }
         let _ = self.channels.configs.enqueue(config);
         if calibrates { Err(Refusal::Mode(self.mode)) } else { Ok(()) }
+    }
+
+    #[inline(never)]
+    fn slow_down(&mut self) {
+        if let Some(control) = &mut self.config.control
+            && self.servo.moves()
+        {
+            self.slowed.halve(&mut control.velocity);
+            self.servo.go_on(control, &self.record.rotor);
+            self.publish();
+        }
     }
 
     fn drive(&mut self, modulation: Modulation) -> Reply {

@@ -1,0 +1,95 @@
+//! Does the speed control swing the rotor to and fro by itself? Where a mass was taken off the shaft since the settings
+//! were found, its gains are too large for the rotor that is left: it hums at rest, at the largest current.
+//!
+//! In such a swing the reference of the current goes from one side to the other many times a second, while the rotor
+//! hardly turns. What uneven magnets or cogging have the current do comes again with the rotor's angle, at most
+//! some times in an electrical turn.
+
+use crate::angle::ElectricalAngle;
+
+/// Reversals of the current, one after the other, that are a swing.
+const REVERSALS: u8 = 16;
+/// Measurements that one takes at most, 20 ms of them: a rotor that is heavier than the settings say swings more slowly.
+const LONGEST: u8 = 25;
+/// Farthest that the rotor turns between two of them, in 2⁻³² turns: 40° electrical.
+const FARTHEST: u32 = 477_218_588;
+
+/// What has been seen.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Hunting {
+    /// Direction of the last large current, the rotor's angle when it came, and measurements since.
+    backward: bool,
+    from: ElectricalAngle,
+    since: u8,
+    /// Reversals, one after the other.
+    reversals: u8,
+}
+
+impl Hunting {
+    /// Takes in the reference of the current and the largest one, and the rotor's angle; whether the control swings.
+    pub fn look(&mut self, reference: i32, largest: i32, angle: ElectricalAngle) -> bool {
+        self.since = self.since.saturating_add(1);
+        if reference.abs() < largest / 2 || (reference < 0) == self.backward {
+            return false;
+        }
+        let turned = (angle - self.from).to_bits().unsigned_abs();
+        let follows = self.since <= LONGEST && turned <= FARTHEST;
+        let reversals = if follows { self.reversals + 1 } else { 0 };
+        *self = Self { backward: reference < 0, from: angle, since: 0, reversals: reversals % REVERSALS };
+        reversals == REVERSALS
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const LARGEST: i32 = 10_000;
+
+    /// After how many measurements of a second the current and the angle of a time, s, are a swing.
+    fn found(current: impl Fn(f64) -> f64, angle_deg: impl Fn(f64) -> f64) -> Option<u32> {
+        let mut hunting = Hunting::default();
+        (0..1250).find(|&k| {
+            let t = f64::from(k) / 1250.0;
+            let angle = ElectricalAngle::from_degrees(angle_deg(t) as f32);
+            hunting.look((current(t) * f64::from(LARGEST)) as i32, LARGEST, angle)
+        })
+    }
+
+    fn sine(hz: f64, t: f64) -> f64 {
+        (core::f64::consts::TAU * hz * t).sin()
+    }
+
+    #[test]
+    fn a_swing_about_any_place_is_found() {
+        for hz in [30.0, 100.0, 220.0, 410.0, 580.0] {
+            for share in [0.7, 1.0] {
+                let found = found(|t| share * sine(hz, t), |t| 100.0 + 15.0 * sine(hz, t + 1.0));
+                assert!(found.is_some_and(|records| records < 600), "{hz} Hz, {share}: {found:?}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_comes_with_the_angle_and_what_is_slow_or_small_is_none() {
+        // Once to four times in an electrical turn, at 10 to 120 Hz electrical.
+        for hz in [10.0, 40.0, 120.0] {
+            for times in [1.0, 2.0, 4.0] {
+                assert_eq!(found(|t| sine(times * hz, t), |t| 360.0 * hz * t), None, "{hz} Hz, {times}");
+            }
+        }
+        assert_eq!(found(|t| sine(15.0, t), |_| 0.0), None);
+        assert_eq!(found(|t| 0.4 * sine(200.0, t), |_| 0.0), None);
+        // A load that comes and goes, with noise.
+        assert_eq!(found(|t| 0.7 + 0.3 * sine(310.0, t), |_| 0.0), None);
+    }
+
+    /// It goes on being told, for as long as it swings.
+    #[test]
+    fn it_is_told_again() {
+        let mut hunting = Hunting::default();
+        let told = (0..320)
+            .filter(|k| hunting.look(if k % 2 == 0 { -LARGEST } else { LARGEST }, LARGEST, ElectricalAngle::ZERO));
+        assert_eq!(told.count(), 20);
+    }
+}

@@ -342,6 +342,7 @@ impl Service {
         if self.tasks.told.has_turned() {
             self.phases.begin_following();
             self.back_emf = BackEmf::default();
+            self.hunting = Hunting::default();
         }
         if self.commutation != Commutation::Block
             && let Some(control) = &self.config.control

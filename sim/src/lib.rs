@@ -12,7 +12,7 @@ pub mod statistics;
 pub use plots as report;
 
 /// How much a long test tries: `few` in plain `cargo test`, so that nobody waits for it, and `all` with the environment
-/// variable FULL, as `.ci/run` does once. Who asks for more by ROTORS wants all of the rest, too.
+/// variable FULL, as `.ci/long` does. Who asks for more by ROTORS wants all of the rest, too.
 pub fn of<T>(few: T, all: T) -> T {
     let full = ["FULL", "ROTORS"].iter().any(|name| std::env::var_os(name).is_some());
     if full { all } else { few }

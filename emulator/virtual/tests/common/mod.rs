@@ -39,9 +39,15 @@ type Test = (&'static str, fn(&str));
 /// Runs every test on every board that there is, as the standard harness would; `cargo test … NAME` chooses by test or
 /// board.
 pub fn on_every_board(tests: &[Test]) {
+    let tests: Vec<_> = tests.iter().map(|&(name, test)| (name, test, (|_| true) as fn(&str) -> bool)).collect();
+    on_boards(&tests);
+}
+
+/// The same on the boards that are meant.
+pub fn on_boards(tests: &[(&'static str, fn(&str), fn(&str) -> bool)]) {
     let boards = Board::names(&firmware::boards()).expect("the boards' folder");
     let trials = boards.iter().flat_map(|board| {
-        tests.iter().map(move |&(name, test)| {
+        tests.iter().filter(|(.., is_meant)| is_meant(board)).map(move |&(name, test, _)| {
             let of = board.clone();
             Trial::test(format!("{board}::{name}"), move || {
                 test(&of);

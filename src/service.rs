@@ -180,7 +180,7 @@ impl Service {
             commutation: config.commutation,
             phases: Phases::default(),
             back_emf: BackEmf::default(),
-            hunting: Hunting::default(),
+            hunting: Hunting::NONE,
             #[cfg(not(feature = "small"))]
             winding: Winding::default(),
         }
@@ -342,7 +342,7 @@ impl Service {
         if self.tasks.told.has_turned() {
             self.phases.begin_following();
             self.back_emf = BackEmf::default();
-            self.hunting = Hunting::default();
+            self.hunting = Hunting::NONE;
         }
         if self.commutation != Commutation::Block
             && let Some(control) = &self.config.control
@@ -359,7 +359,7 @@ impl Service {
             (self.phases, self.back_emf) = (Phases::default(), BackEmf::default());
         }
         if let Some(control) = &self.config.control
-            && self.hunting.look(measurement.state.current_reference, control.max_current, measurement.rotor.angle())
+            && self.hunting.look(measurement.state.current_reference, control.max_current, measurement.rotor.position())
         {
             // Found again, where the queue is full.
             let _ = self.send_internal(Command::SlowDown);

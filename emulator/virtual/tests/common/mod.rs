@@ -35,16 +35,17 @@ impl<T: Clone> PerBoard<T> {
 
 /// A test's name, and the test of a board.
 type Test = (&'static str, fn(&str));
+/// … and whether a board is meant.
+type TestOfSome = (&'static str, fn(&str), fn(&str) -> bool);
 
 /// Runs every test on every board that there is, as the standard harness would; `cargo test … NAME` chooses by test or
 /// board.
 pub fn on_every_board(tests: &[Test]) {
-    let tests: Vec<_> = tests.iter().map(|&(name, test)| (name, test, (|_| true) as fn(&str) -> bool)).collect();
-    on_boards(&tests);
+    on_boards(&tests.iter().map(|&(name, test)| -> TestOfSome { (name, test, |_| true) }).collect::<Vec<_>>());
 }
 
 /// The same on the boards that are meant.
-pub fn on_boards(tests: &[(&'static str, fn(&str), fn(&str) -> bool)]) {
+pub fn on_boards(tests: &[TestOfSome]) {
     let boards = Board::names(&firmware::boards()).expect("the boards' folder");
     let trials = boards.iter().flat_map(|board| {
         tests.iter().filter(|(.., is_meant)| is_meant(board)).map(move |&(name, test, _)| {

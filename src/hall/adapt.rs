@@ -297,7 +297,8 @@ impl Adapter {
     }
 
     /// The mean over these.
-    #[inline(never)]
+    #[cfg_attr(not(feature = "small"), inline(always))]
+    #[cfg_attr(feature = "small", inline(never))]
     fn mean(&self, of: fn(&CalibratedSensor) -> f32) -> f32 {
         let sum: f32 = self.sensors_in_use().map(|k| of(&self.sensors[k])).sum();
         sum * if self.works_with_two() { 1.0 / 2.0 } else { 1.0 / 3.0 }

@@ -71,3 +71,30 @@ fn a_mass_that_is_taken_off_leaves_no_hum() {
     });
     judge(&rows.collect::<Vec<_>>());
 }
+
+/// What hums may have another reason than a rotor that is lighter. With the smallest gains that come of it, and the fastest
+/// position control that the settings allow, any rotor still goes where it is told: with an eighth of the gains, some swung
+/// by tens of turns. The short form has two motors.
+#[test]
+fn smaller_gains_swing_no_rotor_that_is_not_lighter() {
+    let motors: Vec<_> = MOTORS.iter().filter(|motor| !SLOW.contains(&motor.name)).step_by(sim::of(8, 1)).collect();
+    let rows = motors.into_par_iter().map(|motor| {
+        let (mut rig, mut settings) = commissioned(motor, &motor.plant(5), 5);
+        let control = settings.control.as_mut().unwrap();
+        control.position_bandwidth_hz = control.speed_bandwidth_hz / 2.0;
+        rig.configure(&settings).unwrap();
+        rig.command(Command::Commutate(Commutation::FieldOriented)).unwrap();
+        rig.arm().unwrap();
+        rig.command(Command::Speed(rig.control().unwrap().speed(0.0).unwrap())).unwrap();
+        (0..5).for_each(|_| rig.command(Command::SlowDown).unwrap());
+        let goal = here_turns(&rig) + 0.3;
+        rig.command(Command::Position(rig.control().unwrap().position(goal).unwrap())).unwrap();
+        rig.wait(4.0);
+        let mut away = 0.0_f64;
+        rig.run(1.0, |rig, _| away = away.max((here_turns(rig) - goal).abs()));
+        let (mode, effort) = (rig.drive.mode(), effort(&mut rig, motor));
+        let good = mode == Mode::Running && away < 0.02 && effort < 0.25;
+        (format!("{}: {mode:?}, {away:.4} turns away, {effort:.2} of the largest torque", motor.name), good)
+    });
+    judge(&rows.collect::<Vec<_>>());
+}

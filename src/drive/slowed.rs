@@ -4,8 +4,9 @@
 
 use crate::control::velocity::Gains;
 
-/// The inertia counts as 2⁻⁵ times that of the settings at least.
-const LIGHTEST: u8 = 5;
+/// The inertia counts as 2⁻² times that of the settings at least. With gains for less, a position control as fast as the
+/// settings allow would swing a rotor that is not lighter far to and fro.
+const LIGHTEST: u8 = 2;
 
 /// Gains of the speed control that were too large for the rotor, as one from which a mass was taken.
 pub(super) struct Slowed {
@@ -24,7 +25,7 @@ impl Slowed {
         self.own.is_some()
     }
 
-    /// Halves them, five times at most.
+    /// Halves them, twice at most.
     pub fn halve(&mut self, gains: &mut Gains) {
         if self.times < LIGHTEST {
             self.own.get_or_insert(*gains);

@@ -467,8 +467,8 @@ impl Drive {
     fn slow_down(&mut self) {
         if let Some(control) = &mut self.config.control
             && self.servo.moves()
+            && self.slowed.halve(&mut control.velocity)
         {
-            self.slowed.halve(&mut control.velocity);
             self.servo.go_on(control, &self.record.rotor);
             self.publish();
         }

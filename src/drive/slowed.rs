@@ -25,13 +25,15 @@ impl Slowed {
         self.own.is_some()
     }
 
-    /// Halves them, twice at most.
-    pub fn halve(&mut self, gains: &mut Gains) {
-        if self.times < LIGHTEST {
+    /// Halves them, twice at most; whether it has.
+    pub fn halve(&mut self, gains: &mut Gains) -> bool {
+        let halves = self.times < LIGHTEST;
+        if halves {
             self.own.get_or_insert(*gains);
             self.times += 1;
             *gains = gains.halved();
         }
+        halves
     }
 
     /// They are again what the settings say.

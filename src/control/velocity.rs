@@ -192,6 +192,20 @@ mod tests {
         assert!((current - 0.6667).abs() < 1e-3, "{current}");
     }
 
+    #[test]
+    fn halved_gains_are_those_for_half_of_the_inertia() {
+        for inertia_kgm2 in [1e-6, 1e-5, 5e-4] {
+            let [whole, half] = [1.0, 0.5].map(|share| {
+                let motor = Motor { inertia_kgm2: share * inertia_kgm2, ..MOTOR };
+                Gains::new(&motor, 50.0, SCALE.step_hz, &SCALE).unwrap()
+            });
+            let found = whole.halved();
+            assert!((found.proportional - half.proportional).abs() <= 1, "{found:?} {half:?}");
+            assert!((found.integral - half.integral).abs() <= 1 && (found.inertia - half.inertia).abs() <= 1);
+            assert!((found.far - half.far).abs() <= 2 && found.back == half.back, "{found:?} {half:?}");
+        }
+    }
+
     /// What heavy rotors are asked for by a ramp that they cannot follow drives them on, all the way to the speed.
     #[test]
     fn a_feed_forward_beyond_the_limit_never_turns_the_current_round() {

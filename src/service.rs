@@ -243,6 +243,7 @@ impl Service {
     /// # Errors
     /// As [`Self::configure`].
     pub fn retune(&mut self, config: &'static mut Config) -> Result<(), &'static mut Config> {
+        self.hunting = Hunting::NONE;
         self.send_config(config, Command::Retune, Origin::Retune)
     }
 

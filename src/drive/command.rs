@@ -458,6 +458,7 @@ impl Drive {
             if let Some(control) = &self.config.control {
                 self.servo.go_on(control, &self.record.rotor);
             }
+            self.publish();
         }
         let _ = self.channels.configs.enqueue(config);
         if calibrates { Err(Refusal::Mode(self.mode)) } else { Ok(()) }

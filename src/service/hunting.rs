@@ -3,13 +3,16 @@
 //!
 //! In such a swing the reference of the current goes from one side to the other many times a second, while the rotor
 //! hardly turns. What uneven magnets or cogging have the current do comes again with the rotor's angle, at most
-//! some times in an electrical turn. Set-points that go to and fro begin it anew.
+//! some times in an electrical turn. Set-points that go to and fro, and other gains,
+//! begin it anew.
 
 use crate::angle::Position;
 
-/// Reversals of the current, one after the other, that are a swing.
-const REVERSALS: u8 = 64;
-/// Measurements that one takes at most, 20 ms of them: a rotor that is heavier than the settings say swings more slowly.
+/// Measurements for which it has to go on, 8 s of them: longer than `hallctl tune` and `commission` let a bandwidth swing that
+/// they try, which judge it by that.
+const LASTING: u16 = 10_000;
+/// Measurements that a reversal takes at most, 20 ms of them: a rotor that is heavier than the settings say swings more
+/// slowly.
 const LONGEST: u8 = 25;
 /// Farthest that the rotor turns between two of them, in 2⁻³² turns: 40° electrical.
 const FARTHEST: u64 = 477_218_588;
@@ -21,13 +24,13 @@ pub(super) struct Hunting {
     backward: bool,
     from: Position,
     since: u8,
-    /// Reversals, one after the other.
-    reversals: u8,
+    /// Measurements of all reversals, one after the other.
+    lasted: u16,
 }
 
 impl Hunting {
     /// Nothing.
-    pub const NONE: Self = Self { backward: false, from: Position::from_bits(0), since: 0, reversals: 0 };
+    pub const NONE: Self = Self { backward: false, from: Position::from_bits(0), since: 0, lasted: 0 };
 
     /// Takes in the reference of the current and the largest one, and where the rotor is; whether the control swings.
     pub fn look(&mut self, reference: i32, largest: i32, position: Position) -> bool {
@@ -37,9 +40,10 @@ impl Hunting {
         }
         let turned = position.to_bits().wrapping_sub(self.from.to_bits()).unsigned_abs();
         let follows = self.since <= LONGEST && turned <= FARTHEST;
-        let reversals = if follows { self.reversals + 1 } else { 0 };
-        *self = Self { backward: reference < 0, from: position, since: 0, reversals: reversals % REVERSALS };
-        reversals == REVERSALS
+        let lasted = if follows { self.lasted + u16::from(self.since) } else { 0 };
+        let swings = lasted >= LASTING;
+        *self = Self { backward: reference < 0, from: position, since: 0, lasted: if swings { 0 } else { lasted } };
+        swings
     }
 }
 
@@ -49,10 +53,10 @@ mod tests {
 
     const LARGEST: i32 = 10_000;
 
-    /// After how many measurements of three seconds the current and the angle of a time, s, are a swing.
+    /// After how many measurements of sixteen seconds the current and the angle of a time, s, are a swing.
     fn found(current: impl Fn(f64) -> f64, angle_deg: impl Fn(f64) -> f64) -> Option<u32> {
         let mut hunting = Hunting::NONE;
-        (0..3750).find(|&k| {
+        (0..20_000).find(|&k| {
             let t = f64::from(k) / 1250.0;
             let position = Position::from_bits((angle_deg(t) / 360.0 * 4_294_967_296.0) as i64);
             hunting.look((current(t) * f64::from(LARGEST)) as i32, LARGEST, position)
@@ -68,7 +72,10 @@ mod tests {
         for hz in [30.0, 100.0, 220.0, 410.0, 580.0] {
             for share in [0.7, 1.0] {
                 let found = found(|t| share * sine(hz, t), |t| 100.0 + 15.0 * sine(hz, t + 1.0));
-                assert!(found.is_some_and(|records| records < 2000), "{hz} Hz, {share}: {found:?}");
+                assert!(
+                    found.is_some_and(|records| (10_000..10_100).contains(&records)),
+                    "{hz} Hz, {share}: {found:?}"
+                );
             }
         }
     }
@@ -91,8 +98,8 @@ mod tests {
     #[test]
     fn it_is_told_again() {
         let mut hunting = Hunting::NONE;
-        let told = (0..1280)
+        let told = (0..40_100)
             .filter(|k| hunting.look(if k % 2 == 0 { -LARGEST } else { LARGEST }, LARGEST, Position::from_bits(0)));
-        assert_eq!(told.count(), 20);
+        assert_eq!(told.count(), 4);
     }
 }

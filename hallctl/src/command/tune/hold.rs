@@ -29,8 +29,7 @@ pub(in crate::command) fn quieten(client: &mut Client, out: Out) -> Result<()> {
     let search = |client: &mut Client| search(client, before, SWINGS * max_current_a);
     let Found { loudest_a, quiet } = armed(client, before, search, |found| found.quiet)?;
     let loudest_a = Some(loudest_a).filter(|noise_a| noise_a.is_finite());
-    let swings = loudest_a
-        .map_or_else(|| "the drive switched off, or halved its gains".into(), |noise_a| format!("{noise_a:.2} A RMS"));
+    let swings = loudest_a.map_or_else(|| "the drive switched off".into(), |noise_a| format!("{noise_a:.2} A RMS"));
     match quiet {
         Some(quiet) if quiet == before => say!(out, "It holds a position quietly with the bandwidths as they are.")?,
         Some(Bandwidths { speed_hz, position_hz }) => say!(

@@ -5,7 +5,7 @@ use crate::command::motion::AT_REST_RAD_S;
 use crate::error::{Error, Result};
 use hallservo::fault::Fault;
 use hallservo::mode::Mode;
-use hallservo_protocol::{Ask, Cause};
+use hallservo_protocol::Ask;
 use std::time::Instant;
 
 /// What a loop that swings comes to.
@@ -32,19 +32,13 @@ pub(super) fn unless_it_swings<T>(
     }
 }
 
-/// What comes of work; what ended it, if the drive switched off by one of some faults, which it still has then, or if it has
-/// halved gains that swung the rotor, with which it is disarmed.
+/// What comes of work; what ended it, if the drive switched off by one of some faults, which it still has then.
 pub(super) fn unless<T>(
     client: &mut Client,
     faults: &[Fault],
     work: impl FnOnce(&mut Client) -> Result<T>,
 ) -> Result<Result<T>> {
-    let incidents = client.status()?.incidents;
     match work(client) {
-        Ok(_) if client.status()?.incidents != incidents && has_slowed(client)? => {
-            client.order(Ask::Disarm)?;
-            Ok(Err(Error::Failed("the speed control swung the rotor, and the drive has halved its gains".into())))
-        }
         Err(error @ (Error::Failed(_) | Error::Refused(_))) => match client.status()?.mode {
             Mode::Faulted(fault) if faults.contains(&fault) => Ok(Err(error)),
             _ => Err(error),
@@ -53,23 +47,14 @@ pub(super) fn unless<T>(
     }
 }
 
-/// Whether the last incident is that gains were halved.
-fn has_slowed(client: &mut Client) -> Result<bool> {
-    let (_, incidents) = client.incidents()?;
-    Ok(incidents.first().is_some_and(|incident| incident.cause == Cause::Lighter))
-}
-
 /// Whether the drive is armed again: not where the rotor is still too fast, for something else drives it.
 fn again(client: &mut Client) -> Result<bool> {
     wait(client, |_| Ok(()))?;
     let most_rad_s = client.setting(Ask::Get("max_speed_rad_s"), |setting| setting.value)?;
-    let status = client.status()?;
-    if status.speed_rad_s.abs() > most_rad_s {
+    if client.status()?.speed_rad_s.abs() > most_rad_s {
         return Ok(false);
     }
-    if matches!(status.mode, Mode::Faulted(_)) {
-        client.order(Ask::Clear)?;
-    }
+    client.order(Ask::Clear)?;
     client.arm().map(|()| true)
 }
 

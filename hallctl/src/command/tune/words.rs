@@ -36,7 +36,7 @@ fn table(outcome: &Outcome, before: Bandwidths, units: Units) -> Vec<Vec<String>
         let Trial { bandwidth_hz, step, turning, standing, .. } = trial;
         let mark = match () {
             () if outcome.proposed.is_some_and(|proposed| proposed.bandwidth_hz == *bandwidth_hz) => "proposed",
-            () if trial.switched_off => "swings: ended by the drive",
+            () if trial.switched_off => "swings: switched off",
             () if outcome.judge.swings(trial, &outcome.trials) => "swings",
             () if outcome.judge.is_noisy(trial) => "noisy",
             () if *bandwidth_hz == before.speed_hz => "as it was",

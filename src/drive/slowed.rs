@@ -1,6 +1,5 @@
 //! Gains of the speed control for a rotor that is lighter than the settings say: a mass was taken off since they were found,
-//! and with gains for a heavy rotor, a light one hums at rest, at the largest current. The
-//! [tasks](crate::service) find that.
+//! and with gains for a heavy rotor, a light one hums at rest, at the largest current. The [tasks](crate::service) find it.
 
 use crate::control::velocity::Gains;
 

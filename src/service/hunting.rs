@@ -3,8 +3,7 @@
 //!
 //! In such a swing the reference of the current goes from one side to the other many times a second, while the rotor
 //! hardly turns. What uneven magnets or cogging have the current do comes again with the rotor's angle, at most
-//! some times in an electrical turn. Set-points that go to and fro, and other gains,
-//! begin it anew.
+//! some times in an electrical turn. Set-points that go to and fro, and other gains, begin it anew.
 
 use crate::angle::Position;
 

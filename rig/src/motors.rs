@@ -4,7 +4,7 @@ use hallservo::settings::{Control, GuardSettings, Settings};
 use plant::{Cogging, Friction, Noise, PlantParameters, SenseParameters};
 
 /// A motor on a board that fits it.
-#[derive(Clone, Copy)]
+#[derive(Clone, Copy, Debug)]
 pub struct Motor {
     /// Of one word.
     pub name: &'static str,

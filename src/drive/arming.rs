@@ -13,9 +13,9 @@
 mod let_go;
 mod rotor;
 
-use super::{Demand, Idle};
+use super::Demand;
 use crate::angle::ElectricalAngle;
-use crate::board::{Legs, Output, Sample};
+use crate::board::{Legs, Output};
 use crate::commutation::Modulation;
 use crate::commutation::sinusoidal::{self, Axes, PhaseOrder};
 use crate::config::Config;
@@ -181,10 +181,9 @@ impl Arming {
         self.stage != Stage::Off
     }
 
-    /// One step of the check on.
-    pub fn step(&mut self, config: &Config, control: &Control, idle: &Idle, rotor: &Tracker, sample: &Sample) -> Step {
+    /// One step of the check on, with the phase currents in 2⁻¹⁵ of their full scale.
+    pub fn step(&mut self, config: &Config, control: &Control, phases: [i32; 3], rotor: &Tracker) -> Step {
         self.steps += 1;
-        let phases = idle.phases(control, sample);
         let step = match self.stage {
             Stage::Off => Step::Done { step: 2, proven: false },
             Stage::Wait if self.steps == 1 => Step::Output(Output::OFF),
@@ -220,15 +219,7 @@ impl Arming {
 
     /// The control step between two of the check, in which the drive may have a command to take up.
     #[inline(never)]
-    pub fn between(
-        &mut self,
-        config: &Config,
-        control: &Control,
-        idle: &Idle,
-        rotor: &Tracker,
-        sample: &Sample,
-    ) -> Output {
-        let phases = idle.phases(control, sample);
+    pub fn between(&mut self, config: &Config, control: &Control, phases: [i32; 3], rotor: &Tracker) -> Output {
         match self.stage {
             Stage::Hold => self.sum(phases),
             Stage::Rotor if self.rotor.presses() => self.held = self.rotor.lean(config, control, phases, rotor),
@@ -392,7 +383,7 @@ fn turned(modulation: i32, angle: ElectricalAngle, order: PhaseOrder, config: &C
 
 /// The largest phase current.
 #[cfg_attr(feature = "small", inline(never))]
-fn largest(phases: [i32; 3]) -> i32 {
+pub(super) fn largest(phases: [i32; 3]) -> i32 {
     phases.iter().map(|current| current.abs()).max().unwrap_or(0)
 }
 

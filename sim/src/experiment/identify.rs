@@ -9,8 +9,9 @@ use plant::{AmplifierFault, InverterModel, Noise, PlantParameters, Unevenness};
 use rayon::prelude::*;
 use rig::Rig;
 use rig::commissioning::{Bench, Outcome, commission};
-use rig::motors::MOTORS;
+use rig::motors::{MOTORS, Motor};
 use serde::Serialize;
+use std::f64::consts::TAU;
 
 /// What data sheets of a board's parts allow: shunts of one reel, resistors of an amplifier, those of the bus divider.
 const SHUNTS: f64 = 0.01;
@@ -23,11 +24,19 @@ const SUPPLY: f64 = 0.1;
 /// By how much a motor differs from the one of the list, as a share.
 const MOTOR: f64 = 0.3;
 
-/// A motor of the list, and what is wrong with everything around it.
+/// Which motors.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, clap::ValueEnum)]
+pub enum Motors {
+    /// Around those of the list.
+    List,
+    /// Any: every number of the motor drawn for itself.
+    Any,
+}
+
+/// A motor, and what is wrong with everything around it.
 #[derive(Clone, Copy, Debug)]
 pub struct Machine {
-    /// That of the list.
-    pub name: &'static str,
+    case: Motor,
     /// The physics.
     pub plant: PlantParameters,
     /// Gain of each phase's current sensing, relative.
@@ -37,8 +46,11 @@ pub struct Machine {
 
 impl Machine {
     /// The machine of a seed, its magnets at most that uneven.
-    pub fn new(seed: u64, unevenness: &Unevenness) -> Self {
-        let case = &MOTORS[(seed % MOTORS.len() as u64) as usize];
+    pub fn new(seed: u64, motors: Motors, unevenness: &Unevenness) -> Self {
+        let case = match motors {
+            Motors::List => MOTORS[(seed % MOTORS.len() as u64) as usize],
+            Motors::Any => any(seed),
+        };
         let mut random = Noise::new(seed.wrapping_mul(0xD134_2543_DE82_EF95));
         let mut around = |share: f64| 1.0 + share * random.uniform();
         let unevenness = Unevenness { rated_a: case.limit_a.into(), ..*unevenness };
@@ -59,7 +71,7 @@ impl Machine {
         plant.bus_sense.gain *= around(DIVIDER);
         let shunts = around(SHUNTS);
         let amplifiers = [(); 3].map(|()| shunts * around(AMPLIFIER));
-        Self { name: case.name, plant, amplifiers, seed }
+        Self { case, plant, amplifiers, seed }
     }
 
     /// Commissions it.
@@ -67,7 +79,7 @@ impl Machine {
     /// # Errors
     /// The step that failed, and why.
     pub fn outcome(&self, model: Option<InverterModel>) -> Result<Outcome, String> {
-        let case = &MOTORS[(self.seed % MOTORS.len() as u64) as usize];
+        let case = &self.case;
         let settings = case.settings();
         let mut plant = self.plant;
         plant.inverter.model = model.unwrap_or(plant.inverter.model);
@@ -104,6 +116,37 @@ impl Machine {
             stated: error.into(),
             exact,
         }))
+    }
+}
+
+/// A motor of which every number is drawn for itself, evenly in its logarithm: from resistance, supply and the speed without
+/// a load follows what current it takes, from that and a time to speed up its inertia.
+fn any(seed: u64) -> Motor {
+    let mut random = Noise::new(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0xA11);
+    let mut between = |least: f64, most: f64| least * (most / least).powf(0.5 + 0.5 * random.uniform());
+    let bus_v = between(12.0, 28.0);
+    let ohm = between(0.02, 20.0);
+    let henry = (ohm * between(80e-6, 2e-3)).clamp(8e-6, 10e-3);
+    let pairs = between(1.0, 22.99).floor();
+    let idle_hz = between(60.0, 1500.0);
+    let flux_vs = bus_v / 3_f64.sqrt() / (TAU * idle_hz);
+    let full_scale_a: f64 = [8.25, 16.0, 32.0, 60.0][between(1.0, 4.99) as usize - 1];
+    let limit_a = (between(0.05, 0.6) * bus_v / (2.0 * ohm)).clamp(0.02 * full_scale_a, 0.6 * full_scale_a);
+    let torque_nm = 1.5 * pairs * flux_vs * limit_a;
+    let inertia_kgm2 = torque_nm * between(0.01, 3.0) / (0.5 * TAU * idle_hz / pairs);
+    Motor {
+        name: "any",
+        ohm,
+        henry,
+        flux_vs,
+        inertia_kgm2,
+        pairs: pairs as u8,
+        limit_a: limit_a as f32,
+        full_scale_a: full_scale_a as f32,
+        bus_v,
+        dead_time_s: between(0.3e-6, 1e-6) as f32,
+        friction: between(0.002, 0.1),
+        cogging: between(0.002, 0.08),
     }
 }
 
@@ -150,11 +193,16 @@ pub struct Trial {
 }
 
 /// Commissions machines; the inverter as the plant of the list has it, or by another `model`.
-pub fn trials(seeds: std::ops::Range<u64>, unevenness: &Unevenness, model: Option<InverterModel>) -> Vec<Trial> {
+pub fn trials(
+    seeds: std::ops::Range<u64>,
+    motors: Motors,
+    unevenness: &Unevenness,
+    model: Option<InverterModel>,
+) -> Vec<Trial> {
     let trial = |seed| {
-        let machine = Machine::new(seed, unevenness);
+        let machine = Machine::new(seed, motors, unevenness);
         let compared = machine.outcome(model).and_then(|outcome| machine.compared(&outcome));
-        Trial { name: machine.name, seed, compared }
+        Trial { name: machine.case.name, seed, compared }
     };
     seeds.into_par_iter().map(trial).collect()
 }
@@ -197,6 +245,9 @@ pub struct Options {
     /// Machines
     #[arg(long, default_value_t = 200)]
     machines: u64,
+    /// Around the motors of the list, or any
+    #[arg(long, value_enum, default_value_t = Motors::List)]
+    motors: Motors,
     /// With all poles alike
     #[arg(long)]
     even: bool,
@@ -216,7 +267,8 @@ pub fn main(options: &Options) -> Result<()> {
     options.common.prepare()?;
     let unevenness = if options.even { Unevenness::NONE } else { Unevenness::CHEAP };
     let model = options.switched.then_some(InverterModel::Switched);
-    let trials = trials(options.common.seed..options.common.seed + options.machines, &unevenness, model);
+    let seeds = options.common.seed..options.common.seed + options.machines;
+    let trials = trials(seeds, options.motors, &unevenness, model);
     for trial in &trials {
         match &trial.compared {
             Ok(compared) if options.each => {
@@ -228,7 +280,12 @@ pub fn main(options: &Options) -> Result<()> {
                 println!("{:14} {:4} {}", trial.name, trial.seed, off.join(" "));
             }
             Ok(_) => {}
-            Err(error) => println!("{} {}: {error}", trial.name, trial.seed),
+            Err(error) => {
+                println!("{} {}: {error}", trial.name, trial.seed);
+                if options.each && options.motors == Motors::Any {
+                    println!("  {:?}", any(trial.seed));
+                }
+            }
         }
     }
     let head = ["", "within ±", "off by / %", "± / %", "off by at most / ±"].map(String::from).to_vec();

@@ -50,7 +50,7 @@ impl Supply {
         // What nobody notices: the noise of the speed loop must not move the current along d.
         let little = most >> 3;
         (self.returns, self.slow) = if controls_field {
-            (high(bus << 16, supply.returns) + little * little, speed.abs() < 4 * config.motion.turning_speed)
+            (high(bus << 16, supply.returns) + little * little, speed.abs() < config.motion.turning_speed)
         } else {
             // Without control of the current along d, the bus voltage alone limits what brakes.
             (1 << 29, self.short - (self.short >> 2) < most)
@@ -81,7 +81,7 @@ impl Supply {
         } else if against <= 0 || burn <= 0 {
             // What a small current returned that nobody asked for.
             let excess = bus - config.supply.end + config.supply.band;
-            if excess > 0 && self.short > most >> 3 { most >> 3 } else { 0 }
+            if excess > 0 && !self.slow { most >> 3 } else { 0 }
         } else {
             // Newton's square root, which leaps from far below; what limits the current along q follows a while later.
             let field = i32::from(self.field) | 1;

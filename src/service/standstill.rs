@@ -80,6 +80,11 @@ const LONGEST_WAVE: u8 = 16;
 const SWINGS: f32 = 0.03;
 /// Spread of a steady level's voltage, as a share of it, of which no longer a mean is taken.
 const STEADY_MEAN: f32 = 0.01;
+/// Share of what the wave's voltage drives in the end from which on the current counts as settled before the next edge: then
+/// the inductance is told to be what would just do so, ± all of it. L/R of a quarter of the time from edge to edge.
+const SETTLES: f32 = 0.95;
+/// Share by which the resistance may be off then.
+const SETTLED: f32 = 0.12;
 /// Current that shows that there is a winding, as a share of the full one.
 const ANSWERS: f32 = 0.04;
 /// Phases whose resistances differ by more are not alike.
@@ -135,6 +140,8 @@ pub struct Evaluation {
     uncertain: f32,
     /// Largest share by which a swing was unsteady.
     unsteady: f32,
+    /// By how many times more than a swing and a resistance an inductance is off, at most.
+    steepness: f32,
     dead_time_v: f32,
     result: Option<Result<Electrical, Error>>,
 }
@@ -167,6 +174,7 @@ impl Evaluation {
             saliency: [0.0; 3],
             uncertain: 0.0,
             unsteady: 0.0,
+            steepness: 1.0,
             dead_time_v: 0.0,
             result: None,
         })
@@ -328,14 +336,19 @@ impl Evaluation {
         }
     }
 
-    /// The inductance of a swing in amperes, of a volt of the wave.
-    fn inductance_of(&self, swing: f32, phase: usize) -> Option<f32> {
+    /// The inductance of a swing in amperes, of a volt of the wave; of a current that settles before the next edge the largest
+    /// that it may be.
+    fn inductance_of(&mut self, swing: f32, phase: usize) -> Option<f32> {
         let tanh = swing * self.resistance[phase] / 2.0;
-        // atanh, within 1 % up to 0.75.
+        let settles = tanh >= SETTLES;
+        let tanh = tanh.min(SETTLES);
+        // atanh, within 0.2 % up to 0.8, and 4 % too small at 0.95.
         let square = tanh * tanh;
-        let atanh = tanh * (15.0 - 4.0 * square) / (15.0 - 9.0 * square);
+        let atanh = tanh * (945.0 - square * (735.0 - 64.0 * square)) / (945.0 - square * (1050.0 - 225.0 * square));
+        let times = if settles { f32::INFINITY } else { tanh / (atanh * (1.0 - square)) };
+        self.steepness = self.steepness.max(times);
         let time_s = HALF as f32 / self.scale.step_hz;
-        (tanh > 0.0 && tanh < 0.95).then_some(self.resistance[phase] * time_s / (2.0 * atanh))
+        (tanh > 0.0).then_some(self.resistance[phase] * time_s / (2.0 * atanh))
     }
 
     fn go_on(&mut self, level: Level, current: i32, ripple: i32) {
@@ -356,11 +369,14 @@ impl Evaluation {
         }
         let estimate = |value: f32, error: f32| Estimate { value, error };
         let uneven_ohm = range(self.resistance) / 3.0;
+        // The ripple of such a current passes through zero, and the dead time takes less of the smaller level.
+        let settled = if self.steepness.is_finite() { 0.0 } else { SETTLED };
         let gains = VOLTS + AMPERES;
+        let off = |share: f32| (share * self.steepness).min(1.0);
         self.result = Some(Ok(Electrical {
-            resistance_ohm: estimate(resistance, self.uncertain + uneven_ohm + (0.005 + gains) * resistance),
-            inductance_h: estimate(inductance, range(self.inductance) / 3.0 + (0.01 + gains) * inductance),
-            saliency: estimate(saliency, range(self.saliency) / 3.0 + (UNLIKE + 0.5 * self.unsteady) * saliency),
+            resistance_ohm: estimate(resistance, self.uncertain + uneven_ohm + (0.005 + gains + settled) * resistance),
+            inductance_h: estimate(inductance, range(self.inductance) / 3.0 + inductance * off(0.01 + gains)),
+            saliency: estimate(saliency, range(self.saliency) / 3.0 + saliency * off(UNLIKE + 0.5 * self.unsteady)),
             phases_ohm: self.resistance,
             dead_time_v: self.dead_time_v,
             current_a: self.of_full.current_a,

@@ -32,7 +32,19 @@ pub(super) fn standstill(client: &mut Client, settings: &Settings) -> Result<Ele
     // Whatever has happened.
     let disarmed = client.order(Ask::Disarm);
     let found = measured.and_then(|found| disarmed.map(|()| found))?;
-    found.map_err(|error| super::step(STANDSTILL, &words::procedure_error(&error)))
+    found.map_err(|error| super::step(STANDSTILL, &why(&error, settings)))
+}
+
+/// Why nothing was found. At rest nothing but too small a current leaves it open.
+fn why(error: &procedure::Error, settings: &Settings) -> String {
+    match (error, &settings.control) {
+        (procedure::Error::Inconclusive, Some(control)) => format!(
+            "{error}: {:.3} A are little beside the {:.1} A that this board measures at most\n  Allow a larger current, if \
+             the motor stands it (`--max-current`), or take a board for smaller ones.",
+            control.max_current_a, control.current_full_scale_a
+        ),
+        _ => words::procedure_error(error),
+    }
 }
 
 type Measured = std::result::Result<Electrical, procedure::Error>;

@@ -188,7 +188,7 @@ impl Arming {
             Stage::Off => Step::Done { step: 2, proven: false },
             Stage::Wait if self.steps == 1 => Step::Output(Output::OFF),
             Stage::Wait => Step::Begin { slow: control.arming.enabled && !turns(rotor, control) },
-            Stage::Settle => self.settle(control, rotor, config),
+            Stage::Settle => self.settle(control, phases, rotor, config),
             Stage::Raise => self.raise(control, phases, config),
             Stage::Steady => self.steady(control, phases, rotor, config),
             Stage::Hold => self.hold(phases, config),
@@ -233,19 +233,22 @@ impl Arming {
         self.steps = 0;
     }
 
-    /// Brakes a rotor that turns slowly by shorting its windings, until it rests.
+    /// Brakes a rotor that turns slowly by shorting its windings, until it rests. Through the low sides throughout: half of the
+    /// period each, the dead time would take what a slow rotor induces.
     #[cfg_attr(not(feature = "small"), inline(never))]
-    fn settle(&mut self, control: &Control, rotor: &Tracker, config: &Config) -> Step {
+    fn settle(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
         // A quarter of the period of a swing looks like rest.
         if let Some(rests) =
             self.watched(u32::from(control.arming.watched) << (2 * u32::from(self.again)), control, rotor)
         {
+            // One that drives a current turns, whatever flux linkage the settings know.
+            let rests = rests && largest(phases) < i32::from(control.arming.current) / 4;
             self.enter(if rests { Stage::Fade } else { Stage::Settle });
             if self.settled >= LONGEST_SETTLED {
                 return self.over(false, config);
             }
         }
-        Step::Output(no_voltage(config))
+        Step::Output(Output { compare: [0; 3], legs: Legs::ALL })
     }
 
     /// After so many steps, whether the rotor has rested in them.

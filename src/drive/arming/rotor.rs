@@ -189,7 +189,7 @@ impl RotorCheck {
             Stage::Press => self.push(way, control, phases, rotor, config),
             Stage::Oppose => self.oppose(way, rotor, config),
             Stage::Stop => self.stop(way, control, phases, rotor),
-            Stage::Settle => self.settle(way, control, rotor, config),
+            Stage::Settle => self.settle(way, control, phases, rotor, config),
             Stage::Hold => self.hold(way, control, phases, rotor),
             Stage::Turn => self.turn(way, control, phases, rotor, config),
         };
@@ -257,7 +257,7 @@ impl RotorCheck {
 
     /// A voltage against the motion brakes what still swings or drags the rotor on. Where that takes it far, the field is to
     /// hold it. One that is suspected is left to come to rest: with a wrong angle, the voltage would drive it.
-    fn settle(&mut self, way: i32, control: &Control, rotor: &Tracker, config: &Config) -> Act {
+    fn settle(&mut self, way: i32, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Act {
         let (speed, full) = (self.averaged.saturating_abs(), control.arming.turning);
         let slow = speed < full / 4;
         let watched = self.is_watched(way, control, rotor);
@@ -278,6 +278,10 @@ impl RotorCheck {
         }
         if slow || self.suspected && !self.proven {
             return Act::Free;
+        }
+        // The back-EMF adds to what brakes.
+        if largest(phases) > i32::from(control.arming.push) {
+            self.strongest -= (self.strongest - self.least) / 4;
         }
         self.modulation = if speed < full { self.strongest / 2 + self.least / 2 } else { self.strongest };
         Act::Push(if self.averaged > 0 { Axis::Back } else { Axis::Forward })

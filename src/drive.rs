@@ -56,7 +56,7 @@ use crate::hall::track::Tracker;
 use crate::mode::{Event, Mode};
 use crate::telemetry::{Progress, Record, Status};
 use crate::turn::Live;
-use arming::{Arming, Step, largest};
+use arming::{Arming, Step};
 pub use channels::{Channels, Command, Interrupt, Refusal, Reply, Tasks};
 use command::Later;
 use field_oriented::FieldOriented;
@@ -383,21 +383,17 @@ impl Drive {
         let Self { config, paths, record, arming, .. } = self;
         let (Some(control), true) = (&config.control, self.mode.drives()) else { return Output::OFF };
         let phases = paths.idle.phases(control, sample);
-        // The back-EMF of strong magnets drives more through shorted windings, or with a voltage that brakes, than the check asks
-        // for: the bridge is off for a moment then.
-        let is_much = largest(phases) > control.max_current;
-        let limited = |output| if is_much { Output::OFF } else { output };
         if self.servo.schedule.is_even() {
             // A step with the outer loops or a command has enough to do.
-            return limited(arming.between(config, control, phases, &record.rotor));
+            return arming.between(config, control, phases, &record.rotor);
         }
         match arming.step(config, control, phases, &record.rotor) {
-            Step::Output(output) => return limited(output),
+            Step::Output(output) => return output,
             Step::Begin { slow } => self.begin_arming(slow, sample),
             Step::Failed(fault) => self.fail(fault),
             Step::Done { step, proven } => self.end_arming(step, proven, sample),
         }
-        limited(self.arming.held())
+        self.arming.held()
     }
 
     /// Turns the field. Its angle at the sampling instant is recorded as the rotor's, which follows it.

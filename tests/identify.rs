@@ -155,12 +155,12 @@ fn a_wheel_whose_flux_linkage_is_not_known_lifts_the_bus_to_no_fault() {
     }
 }
 
-/// Strong magnets, and a current that is small for them: while the check at arming turned such rotors (25, 11, 20), their
+/// Strong magnets, and a current that is small for them: while the check at arming turned such rotors (25, 11), their
 /// back-EMF, shorted or added to a voltage that brakes, drove more than `over_current_a`. Two that hardly anything brakes (221,
 /// 127) still turned from the calibration, and their back-EMF looked like an open phase. Found among 260 motors of any numbers.
 #[test]
 fn what_a_rotor_induces_while_it_is_checked_is_no_fault() {
-    for seed in [25, 221, 11, 20, 127].into_iter().take(sim::of(2, 5)) {
+    for seed in [25, 221, 11, 127].into_iter().take(sim::of(2, 4)) {
         let trials = trials(seed..seed + 1, Motors::Any, &Unevenness::CHEAP, None);
         assert!(trials[0].compared.is_ok(), "{trials:?}");
     }

@@ -242,7 +242,7 @@ impl Arming {
             self.watched(u32::from(control.arming.watched) << (2 * u32::from(self.again)), control, rotor)
         {
             // One that drives a current turns, whatever flux linkage the settings know.
-            let rests = rests && largest(phases) < i32::from(control.arming.current) / 4;
+            let rests = rests && largest(&phases) < i32::from(control.arming.current) / 4;
             self.enter(if rests { Stage::Fade } else { Stage::Settle });
             if self.settled >= LONGEST_SETTLED {
                 return self.over(false, config);
@@ -315,7 +315,7 @@ impl Arming {
 
     fn fade(&mut self, control: &Control, phases: [i32; 3], rotor: &Tracker, config: &Config) -> Step {
         // Where a voltage has set the rotor turning, its back-EMF drives a current until the shorted windings have braked it.
-        let faded = largest(phases) < i32::from(control.arming.current) / 8 && self.steps >= FADING.start;
+        let faded = largest(&phases) < i32::from(control.arming.current) / 8 && self.steps >= FADING.start;
         if faded || self.steps >= FADING.end {
             if !faded && self.vector == 0 && turns(rotor, control) {
                 // A rotor that turns drives a current of its own, which would be taken for a fault of the wiring.
@@ -345,7 +345,7 @@ impl Arming {
 
     /// Whether no voltage so far has made a current.
     fn shows_nothing(&self, control: &Control) -> bool {
-        let largest = self.currents.iter().map(|sums| largest(*sums)).max().unwrap_or(0);
+        let largest = self.currents.iter().map(|sums| largest(sums)).max().unwrap_or(0);
         largest < i32::from(control.arming.current) * AVERAGED as i32 / 4
     }
 
@@ -386,7 +386,7 @@ fn turned(modulation: i32, angle: ElectricalAngle, order: PhaseOrder, config: &C
 
 /// The largest phase current.
 #[cfg_attr(feature = "small", inline(never))]
-pub(super) fn largest(phases: [i32; 3]) -> i32 {
+fn largest(phases: &[i32; 3]) -> i32 {
     phases.iter().map(|current| current.abs()).max().unwrap_or(0)
 }
 

@@ -195,6 +195,8 @@ impl RotorCheck {
         };
         match act {
             Act::Push(axis) => Step::Output(self.vector(self.direction(axis, rotor, config), config)),
+            // Shorted, the back-EMF of strong magnets drives more than the motor is to carry.
+            Act::Free if largest(&phases) > control.max_current => Step::Output(Output::OFF),
             Act::Free => Step::Output(no_voltage(config)),
             Act::End { proven } if proven || !self.suspected => Step::Done { step: 0, proven },
             Act::End { .. } | Act::Fail => Step::Failed(Fault::Commutation),
@@ -280,7 +282,7 @@ impl RotorCheck {
             return Act::Free;
         }
         // The back-EMF adds to what brakes.
-        if largest(phases) > i32::from(control.arming.push) {
+        if largest(&phases) > i32::from(control.arming.push) {
             self.strongest -= (self.strongest - self.least) / 4;
         }
         self.modulation = if speed < full { self.strongest / 2 + self.least / 2 } else { self.strongest };
@@ -311,7 +313,7 @@ impl RotorCheck {
     /// voltage leans to the other side until the current is along the axis.
     #[inline(never)]
     pub fn lean(&mut self, config: &Config, control: &Control, phases: [i32; 3], rotor: &Tracker) -> Output {
-        if largest(phases) >= i32::from(control.arming.current) / 4 {
+        if largest(&phases) >= i32::from(control.arming.current) / 4 {
             self.lean_towards(config, phases, rotor);
         }
         self.vector(self.direction(Axis::Forward, rotor, config), config)
@@ -334,7 +336,7 @@ impl RotorCheck {
     /// Raises the voltage, while the current allows it.
     #[cfg_attr(feature = "small", inline(never))]
     fn raise(&mut self, most: i32, control: &Control, phases: [i32; 3]) {
-        if largest(phases) < i32::from(control.arming.push) {
+        if largest(&phases) < i32::from(control.arming.push) {
             self.modulation = self.modulation.saturating_add(self.rise).min(most);
         }
     }

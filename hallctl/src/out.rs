@@ -65,6 +65,15 @@ macro_rules! say {
     ($out:expr, $($text:tt)*) => { $out.line(format_args!($($text)*)) };
 }
 
+/// A line on the standard error, beside results. A terminal that is gone takes none, which is no reason to panic.
+#[macro_export]
+macro_rules! tell {
+    ($($text:tt)*) => {{
+        use std::io::Write as _;
+        let _ = writeln!(std::io::stderr().lock(), $($text)*);
+    }};
+}
+
 /// Whether a file is the standard input or output.
 pub fn is_stream(path: &Path) -> bool {
     path.as_os_str() == "-"
@@ -111,7 +120,7 @@ fn named(text: &str, extensions: &[&str], words: &str) -> std::result::Result<Pa
     match path.extension().map(|extension| extension.to_str()) {
         None => Ok(path),
         Some(Some(found)) if extensions.contains(&found) => Ok(path),
-        _ => Err(format!("a file is {words}")),
+        _ => Err(format!("the file's name has to end in {words}")),
     }
 }
 
@@ -120,6 +129,10 @@ fn named(text: &str, extensions: &[&str], words: &str) -> std::result::Result<Pa
 /// # Errors
 /// It cannot.
 pub fn probe(path: &Path) -> Result<()> {
+    if path.is_dir() {
+        let error = anyhow::Error::from(io::Error::from(io::ErrorKind::IsADirectory));
+        return Err(error.context(format!("cannot write {}", path.display())).into());
+    }
     // Who reads from a pipe would take that for its end.
     if is_stream(path) || is_special(path) {
         return Ok(());

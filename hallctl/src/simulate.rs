@@ -309,7 +309,7 @@ impl Tool {
 /// What a person has typed happens; how many milliseconds it takes.
 fn happen(simulator: &mut Simulator, kind: Kind, text: &str) -> u32 {
     if let Err(error) = simulator.happen(kind) {
-        eprintln!("{text}: {error}");
+        crate::tell!("{text}: {error}");
         return 0;
     }
     match kind {
@@ -369,7 +369,7 @@ fn listen_to_keyboard(events: SyncSender<Event>) {
                     }
                 }
                 Err(error) => {
-                    eprintln!("{line:?}: {error}; `turn 2` turns the shaft by hand, `mend` ends what was broken")
+                    crate::tell!("{line:?}: {error}; `turn 2` turns the shaft by hand, `mend` ends what was broken")
                 }
             }
         }

@@ -229,6 +229,24 @@ fn it_goes_on_where_it_was_broken_off() {
     }
 }
 
+/// What a step has failed by is mended by a setting, or by a limit that is lower: neither is undone.
+#[test]
+fn what_was_set_since_it_was_broken_off_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let drive = broken_off(&folder);
+    drive.ok(&["settings", "set", "max_regeneration_a", "2"]);
+    drive.ok(&["settings", "set", "max_speed_rad_s", "100"]);
+    let said = begins(&drive, &folder, &["--max-current", "2.5"]);
+    assert!(said.contains("Set since then, and kept: max_regeneration_a, max_speed_rad_s."), "{said}");
+    let get = |name| drive.ok(&["settings", "get", name]);
+    assert!(get("max_regeneration_a").contains("= 2 A"), "{}", get("max_regeneration_a"));
+    assert!(get("max_speed_rad_s").contains("= 100 rad/s"), "{}", get("max_speed_rad_s"));
+    // Not told again, the largest current is a setting, too: what was found with another one is not used.
+    drive.ok(&["settings", "set", "max_current_a", "1.5"]);
+    let said = begins(&drive, &folder, &[]);
+    assert!(said.contains("1 of 6") && said.contains("up to 1.5 A"), "{said}");
+}
+
 /// The same until it has begun with a step, where a signal ends it: the first of six.
 fn begins(drive: &Drive, folder: &TempDir, arguments: &[&str]) -> String {
     let arguments = [&["commission", "--yes"], arguments].concat();

@@ -392,6 +392,24 @@ fn of_two_at_once_one_is_refused() {
     assert!(refused);
 }
 
+/// A shaft that is held, or that another tool turns, must not be let go by what is refused.
+#[test]
+fn what_is_refused_switches_nothing_off() {
+    let (mut drive, folder) = (Drive::start(&["--log"]), tempfile::tempdir().unwrap());
+    drive.ok(&["calibrate"]);
+    drive.ok(&["arm"]);
+    let is_on = || drive.ok(&["status"]).contains("bridge on");
+    let (code, said) = commission(&drive, &folder, &[]);
+    assert!(code == Some(6) && said.contains("the bridge is on") && is_on(), "{said}");
+    let mut turning = tool(&drive, folder.path(), &["speed", "20"]).stderr(Stdio::piped()).spawn().unwrap();
+    drive.log_until("Speed(20.0)");
+    let (code, said) = commission(&drive, &folder, &[]);
+    assert!(code == Some(6) && said.contains("another tool controls"), "{said}");
+    assert!(drive.ok(&["status"]).contains("bridge on") && turning.try_wait().unwrap().is_none(), "{said}");
+    kill_process(Pid::from_child(&turning), Signal::INT).unwrap();
+    assert_eq!(turning.wait().unwrap().code(), Some(130));
+}
+
 #[test]
 fn what_cannot_be_kept_is_told_before_the_motor_turns() {
     let folder = tempfile::tempdir().unwrap();

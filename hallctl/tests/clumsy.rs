@@ -123,3 +123,11 @@ fn a_step_below_the_noise_is_told_no_times() {
     let large = step("100");
     assert!(large["measured"]["settling_s"].is_number(), "{large}");
 }
+
+#[test]
+fn what_is_typed_amiss_leaves_the_simulated_drive_as_it_was() {
+    let mut drive = Drive::start(&[]);
+    drive.type_bytes(b"\xff\xfe\nbus 1e30V\nload 1e30Nm\nturn 1e30\n\n");
+    drive.hand("0.25");
+    drive.ok(&["calibrate"]);
+}

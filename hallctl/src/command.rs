@@ -33,10 +33,9 @@ use crate::share;
 use crate::simulate;
 use crate::units::{self, PositionUnit, Quantity, SpeedUnit, Units};
 use clap::error::ErrorKind;
-use clap::{CommandFactory, Parser, Subcommand, ValueEnum};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use config::Config;
 use hallservo::commutation::Commutation;
-use hallservo::mode::Mode;
 use hallservo_protocol::Ask;
 use motion::Target;
 use serde_json::{Value, json};
@@ -85,7 +84,15 @@ impl Arguments {
     }
 
     fn understood(line: &[OsString]) -> std::result::Result<Self, clap::Error> {
-        let arguments = Self::try_parse_from(line)?;
+        // A negative number is a value, and refused as one, wherever there is a place for it.
+        let command = Self::command().mut_subcommands(|command| command.allow_negative_numbers(true));
+        let arguments = Self::from_arg_matches(&command.try_get_matches_from(line)?)?;
+        let port = arguments.port.as_ref().filter(|port| !port.is_empty());
+        let told = port.is_some_and(|port| std::env::var("HALLCTL_PORT").as_ref() != Ok(port));
+        if told && matches!(arguments.command, Command::Simulate(_)) {
+            let where_to = "--port is that of a drive to talk to; where a simulated one listens is --listen";
+            return Err(Self::command().error(ErrorKind::ArgumentConflict, where_to));
+        }
         if arguments.command.files().into_iter().filter(|path| is_stream(path)).count() > 1 {
             let mixed = "one file at most can be -, the standard output: two would be mixed";
             return Err(Self::command().error(ErrorKind::ArgumentConflict, mixed));
@@ -363,7 +370,7 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
             say!(out, "the bridge is off")?;
             done(out, Ok(()))
         }
-        Command::Clear => done(out, clear(client)),
+        Command::Clear => done(out, client.clear()),
         Command::Voltage { value, options } => {
             motion::hold(client, options, Target::Voltage(value.value(1.0) as f32), out)
         }
@@ -411,16 +418,6 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
         | Command::Completions { .. }
         | Command::Man { .. }
         | Command::Share => Ok(()),
-    }
-}
-
-/// Takes note of a fault.
-fn clear(client: &mut Client) -> Result<()> {
-    match client.order(Ask::Clear) {
-        Err(Error::Refused(_)) if !matches!(client.status()?.mode, Mode::Faulted(_)) => {
-            Err(Error::Refused("there is no fault to clear".into()))
-        }
-        result => result,
     }
 }
 

@@ -143,7 +143,9 @@ fn quantity(text: &str, units: &[(&str, f64)]) -> Result<Quantity, String> {
         .find(|(_, number)| number.parse::<f64>().is_ok())
         .unwrap_or((None, text));
     let names = || units.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ");
-    let number: f64 = number.parse().map_err(|_| format!("a number is wanted, alone or with one of: {}", names()))?;
+    let point = if number.contains(',') { ", with a point and no comma" } else { "" };
+    let wanted = || format!("a number is wanted{point}, alone or with one of: {}", names());
+    let number: f64 = number.parse().map_err(|_| wanted())?;
     if !number.is_finite() || !((number * unit.unwrap_or(1.0)) as f32).is_finite() {
         return Err(format!("{text} is beyond what a drive can be told"));
     }

@@ -27,6 +27,10 @@ fn a_wrong_command_line_is_told_to_a_script() {
         (&["speed", "nan"][..], "nan is beyond"),
         (&["speed"], "required"),
         (&["chirp", "speed", "--steps", "4.5"], "a whole number from 2 to 200 is wanted"),
+        (&["chirp", "speed", "--steps", "-4"], "a whole number from 2 to 200 is wanted"),
+        (&["telemetry", "--hz", "-5"], "a number of frames a second is wanted"),
+        (&["speed", "1,5"], "with a point and no comma"),
+        (&["simulate"], "--listen"),
         (&["dance"], "dance"),
     ] {
         let output = call("tcp:127.0.0.1:1", &[&["--json"], wrong].concat());

@@ -35,7 +35,15 @@ fn main() -> ExitCode {
 fn quantity(argument: OsString) -> OsString {
     // The name of a file may be anything.
     let Some(argument) = argument.to_str() else { return argument };
+    // `-.5` is no number to who reads the command line.
+    let whole = argument.strip_prefix("-.").map(|rest| format!("-0.{rest}"));
+    let argument = whole.as_deref().unwrap_or(argument);
     let negative =
         argument.strip_prefix('-').is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit() || c == '.'));
-    if negative && argument.parse::<f64>().is_err() { format!(" {argument}").into() } else { argument.into() }
+    match argument.parse::<f64>() {
+        Err(_) if negative => format!(" {argument}").into(),
+        // Nor is `-5e-1`.
+        Ok(number) if negative && argument.contains(['e', 'E']) => number.to_string().into(),
+        _ => argument.into(),
+    }
 }

@@ -1,11 +1,15 @@
 //! A clumsy command line: what is wrong is named, with what to do, and nothing that was measured is lost.
 
 use crate::process::{Drive, HALLCTL, PATIENCE, call, fails};
+use rustix::process::{Pid, Signal, kill_process};
+use rustix::pty::{OpenptFlags, grantpt, openpt, ptsname, unlockpt};
 use serde_json::Value;
 use std::ffi::OsStr;
 use std::fs::File;
+use std::io::Read;
 use std::os::unix::ffi::OsStrExt;
 use std::process::{Command, Stdio};
+use std::time::Duration;
 
 #[test]
 fn a_file_may_have_any_name() {
@@ -42,6 +46,14 @@ fn a_wrong_command_line_is_told_to_a_script() {
     // What is no error is none.
     let help = call("", &["--json", "--help"]);
     assert!(help.status.success() && String::from_utf8(help.stdout).unwrap().starts_with("Talks"));
+}
+
+#[test]
+fn a_negative_number_may_begin_with_its_point() {
+    let drive = Drive::start(&[]);
+    for number in ["-.5", "-.5rpm", "-0.5", "-5e-1"] {
+        assert!(drive.fails(6, &["speed", number]).contains("the bridge is off"), "{number}");
+    }
 }
 
 #[test]
@@ -134,4 +146,29 @@ fn what_is_typed_amiss_leaves_the_simulated_drive_as_it_was() {
     drive.type_bytes(b"\xff\xfe\nbus 1e30V\nload 1e30Nm\nturn 1e30\n\n");
     drive.hand("0.25");
     drive.ok(&["calibrate"]);
+}
+
+/// A window that is closed: who watches there lets the port go.
+#[test]
+fn watching_ends_with_its_terminal() {
+    let drive = Drive::start(&[]);
+    let screen = openpt(OpenptFlags::RDWR | OpenptFlags::NOCTTY | OpenptFlags::CLOEXEC).unwrap();
+    grantpt(&screen).unwrap();
+    unlockpt(&screen).unwrap();
+    let name = ptsname(&screen, Vec::new()).unwrap().into_string().unwrap();
+    let end = || Stdio::from(File::options().read(true).write(true).open(&name).unwrap());
+    let mut tool = Command::new(HALLCTL);
+    tool.args(["--port", &drive.port, "watch"]).envs([PATIENCE, ("TERM", "xterm")]);
+    let mut watching = tool.stdin(end()).stdout(end()).stderr(end()).spawn().unwrap();
+    drop(tool);
+    let mut shown = File::from(screen);
+    assert!(shown.read(&mut [0; 4096]).unwrap() > 0);
+    drop(shown);
+    kill_process(Pid::from_child(&watching), Signal::HUP).unwrap();
+    let code = (0..3000).find_map(|_| {
+        std::thread::sleep(Duration::from_millis(10));
+        watching.try_wait().unwrap()
+    });
+    let _ = watching.kill();
+    assert_eq!(code.expect("it watches for ever").code(), Some(130));
 }

@@ -1,13 +1,17 @@
 //! Where results go: words for a person, or JSON for a script. A full disk is an error, and no panic.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::interrupt;
 use crate::units::Units;
 use anyhow::Context;
 use serde::Serialize;
 use std::fmt::Arguments;
 use std::fs::{self, File};
-use std::io::{self, Read, Write, stdin, stdout};
+use std::io::{self, BufRead, Write, stdin, stdout};
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread;
+use std::time::Duration;
 
 /// Which of the two is wanted.
 #[derive(Clone, Copy, Debug)]
@@ -189,13 +193,40 @@ fn replace(path: &Path, content: &[u8]) -> io::Result<()> {
 /// Reads a file; `-` is the standard input.
 ///
 /// # Errors
-/// It cannot be read.
+/// It cannot be read, or a signal came meanwhile.
 pub fn load(path: &Path) -> Result<String> {
-    let mut text = String::new();
     let read = match is_stream(path) {
-        true => stdin().read_to_string(&mut text),
-        false => File::open(path).and_then(|mut file| file.read_to_string(&mut text)),
+        true => unless_interrupted(|| io::read_to_string(stdin().lock()))?,
+        false => fs::read_to_string(path),
     };
-    read.with_context(|| format!("cannot read {}", path.display()))?;
-    Ok(text)
+    Ok(read.with_context(|| format!("cannot read {}", path.display()))?)
+}
+
+/// A line of the standard input; empty where it has ended.
+///
+/// # Errors
+/// It cannot be read, or a signal came meanwhile.
+pub fn answer() -> Result<String> {
+    let mut line = String::new();
+    let read = unless_interrupted(move || stdin().lock().read_line(&mut line).map(|_| line))?;
+    Ok(read.context("the answer")?)
+}
+
+/// From look to look whether a signal has come.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Reads what may never come. A signal is heard but does not end a read, which is left to a thread.
+fn unless_interrupted<T: Send + 'static>(
+    read: impl FnOnce() -> io::Result<T> + Send + 'static,
+) -> Result<io::Result<T>> {
+    let (sender, receiver) = channel();
+    thread::spawn(move || sender.send(read()));
+    loop {
+        match receiver.recv_timeout(LOOK) {
+            Ok(read) => return Ok(read),
+            Err(_) if interrupt::came() => return Err(Error::Interrupted),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return Ok(Err(io::ErrorKind::UnexpectedEof.into())),
+        }
+    }
 }

@@ -8,7 +8,7 @@ use std::ffi::OsStr;
 use std::fs::File;
 use std::io::Read;
 use std::os::unix::ffi::OsStrExt;
-use std::process::{Command, Stdio};
+use std::process::{Child, Command, Stdio};
 use std::time::Duration;
 
 #[test]
@@ -148,6 +148,29 @@ fn what_is_typed_amiss_leaves_the_simulated_drive_as_it_was() {
     drive.ok(&["calibrate"]);
 }
 
+/// Whoever is asked may not know what to say.
+#[test]
+fn a_signal_ends_a_question() {
+    let (drive, folder) = (Drive::start(&[]), tempfile::tempdir().unwrap());
+    let mut tool = Command::new(HALLCTL);
+    tool.args(["--port", &drive.port, "commission"]).envs([PATIENCE]).current_dir(folder.path());
+    let mut asking = tool.stdin(Stdio::piped()).stderr(Stdio::piped()).spawn().unwrap();
+    let mut asked = asking.stderr.take().unwrap();
+    assert!(asked.read(&mut [0; 100]).unwrap() > 0);
+    kill_process(Pid::from_child(&asking), Signal::INT).unwrap();
+    assert_eq!(ended(&mut asking), Some(130));
+}
+
+/// Its exit code; none, if it goes on for ever.
+fn ended(tool: &mut Child) -> Option<i32> {
+    let status = (0..3000).find_map(|_| {
+        std::thread::sleep(Duration::from_millis(10));
+        tool.try_wait().unwrap()
+    });
+    let _ = tool.kill();
+    status?.code()
+}
+
 /// A window that is closed: who watches there lets the port go.
 #[test]
 fn watching_ends_with_its_terminal() {
@@ -165,10 +188,5 @@ fn watching_ends_with_its_terminal() {
     assert!(shown.read(&mut [0; 4096]).unwrap() > 0);
     drop(shown);
     kill_process(Pid::from_child(&watching), Signal::HUP).unwrap();
-    let code = (0..3000).find_map(|_| {
-        std::thread::sleep(Duration::from_millis(10));
-        watching.try_wait().unwrap()
-    });
-    let _ = watching.kill();
-    assert_eq!(code.expect("it watches for ever").code(), Some(130));
+    assert_eq!(ended(&mut watching), Some(130));
 }

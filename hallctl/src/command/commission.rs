@@ -8,7 +8,7 @@ mod words;
 use super::{coil, motion, procedures, settings, tune};
 use crate::client::Client;
 use crate::error::{Error, Result};
-use crate::out::Out;
+use crate::out::{self, Out};
 use crate::say;
 use crate::units;
 use crate::words as said;
@@ -21,7 +21,7 @@ use hallservo::settings::{Settings, TABLE, find};
 use hallservo_protocol::Ask;
 use journal::{Found, Journal, take};
 use std::fs;
-use std::io::{Write as _, stderr, stdin};
+use std::io::{Write as _, stderr};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
@@ -164,11 +164,10 @@ fn ask(yes: bool, question: &str) -> Result<()> {
     }
     // A screen that is gone shows no question, and gives no answer.
     let _ = write!(stderr(), "{question} [y/N] ");
-    let mut line = String::new();
-    let read = stdin().read_line(&mut line).context("the answer")?;
+    let line = out::answer()?;
     match line.trim() {
         "y" | "Y" | "yes" => Ok(()),
-        _ if read == 0 => {
+        _ if line.is_empty() => {
             Err(Error::Refused("nobody has answered, nothing more was done\n  `--yes` does not ask.".into()))
         }
         _ => Err(Error::Refused("nothing more was done".into())),

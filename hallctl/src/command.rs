@@ -344,6 +344,8 @@ fn connect(port: &str, patience: Duration, alone: bool) -> Result<Client> {
     if alone {
         return Client::connect(port, patience);
     }
+    // What is wrong with it is not wrong with the port.
+    share::folder()?;
     // One that was just about to end is followed by another.
     let mut attempts = 3;
     loop {

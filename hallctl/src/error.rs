@@ -136,8 +136,8 @@ fn advice(port: &str, source: &std::io::Error) -> String {
         }
         None if source.raw_os_error() == Some(NOT_A_TERMINAL) => "It is no serial port.".into(),
         None => {
-            "Is the board plugged in? `ls /dev/ttyACM*` shows its port; a simulated drive says its own. Your user may \
-                 need the group `dialout`."
+            "Is the board plugged in? `ls /dev/ttyACM*` shows its port, and a simulated drive says its own, for --port \
+                 or HALLCTL_PORT. Your user may need the group `dialout`."
                 .into()
         }
     }

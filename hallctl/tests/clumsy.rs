@@ -72,6 +72,20 @@ fn a_port_that_is_none_is_told_what_it_should_be() {
     }
 }
 
+#[test]
+fn a_missing_temporary_folder_is_no_wrong_port() {
+    let mut tool = Command::new(HALLCTL);
+    tool.args(["--port", "tcp:127.0.0.1:1", "status"]).envs([
+        PATIENCE,
+        ("TMPDIR", "/no/such"),
+        ("XDG_RUNTIME_DIR", ""),
+    ]);
+    let output = tool.output().unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(1), "{said}");
+    assert!(said.contains("/no/such/hallctl-") && said.contains("No such file") && !said.contains("listens"), "{said}");
+}
+
 /// A full disk, or a terminal that is gone.
 #[test]
 fn where_nothing_can_be_said_the_exit_code_still_tells() {

@@ -158,10 +158,10 @@ impl Journal {
     /// The settings in the beginning and after each step.
     fn stages(&self) -> Result<Vec<Settings>> {
         let mut replay = Self { found: Vec::new(), ..self.clone() };
-        let mut stages = vec![self.settings(), replay.commission()?.settings().clone()];
+        let mut stages = vec![self.settings(), *replay.commission()?.settings()];
         for found in &self.found {
             replay.found.push(found.clone());
-            stages.push(replay.commission()?.settings().clone());
+            stages.push(*replay.commission()?.settings());
         }
         Ok(stages)
     }
@@ -244,7 +244,7 @@ mod tests {
     #[test]
     fn what_a_person_has_set_since_stays() {
         let mut journal = journal();
-        let mut present = journal.commission().unwrap().settings().clone();
+        let mut present = *journal.commission().unwrap().settings();
         let control = present.control.as_mut().unwrap();
         // As it was left in the midst of a step.
         (control.speed_bandwidth_hz, control.resistance_ohm) = (0.5, 7.0);

@@ -182,7 +182,7 @@ fn draw(frame: &mut Frame<'_>, view: &View) {
 fn next(view: &View) -> String {
     match view.status.mode {
         Mode::Faulted(fault) => words::what_to_do(fault),
-        _ => match words::limits(view.frame.limits) {
+        mode => match words::limits_in(mode, view.frame.limits) {
             limits if limits.is_empty() => String::new(),
             limits => format!("limited by {}", limits.join(", ")),
         },

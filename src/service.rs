@@ -503,6 +503,11 @@ impl Service {
         let _ = recording;
     }
 
+    /// A calibration was broken off: its sums are nobody's, and their memory may be [lent](Self::lend) again.
+    pub const fn give_up_calibration(&mut self) {
+        (self.turns, self.collected) = (false, 0);
+    }
+
     fn collect(&mut self, sweep: Sweep, record: &Record) {
         let (first, bits) = (self.collected == 0, self.config.adc_bits);
         if let Some(collector) = self.collector() {

@@ -133,6 +133,19 @@ impl Client {
         Ok(client)
     }
 
+    /// Takes note of a fault.
+    ///
+    /// # Errors
+    /// As [`Client::ask`], or that there is none.
+    pub fn clear(&mut self) -> Result<()> {
+        match self.order(Ask::Clear) {
+            Err(Error::Refused(_)) if !matches!(self.status()?.mode, Mode::Faulted(_)) => {
+                Err(Error::Refused("there is no fault to clear".into()))
+            }
+            result => result,
+        }
+    }
+
     /// Whether it has asked for anything that only the tool that controls may.
     pub const fn controls(&self) -> bool {
         self.controls

@@ -33,13 +33,14 @@ use crate::share;
 use crate::simulate;
 use crate::units::{self, PositionUnit, Quantity, SpeedUnit, Units};
 use clap::error::ErrorKind;
-use clap::{CommandFactory, Parser, Subcommand, ValueEnum};
+use clap::{CommandFactory, FromArgMatches, Parser, Subcommand, ValueEnum};
 use config::Config;
 use hallservo::commutation::Commutation;
-use hallservo::mode::Mode;
 use hallservo_protocol::Ask;
 use motion::Target;
-use serde_json::json;
+use serde_json::{Value, json};
+use std::ffi::OsString;
+use std::num::NonZeroU64;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -48,19 +49,19 @@ use std::time::Duration;
 #[command(version, about, after_help = EXIT_CODES)]
 pub struct Arguments {
     /// Port of the drive: a serial port, a pseudo-terminal, or tcp:HOST:PORT [default: /dev/ttyACM0]
-    #[arg(long, short, global = true, env = "HALLCTL_PORT")]
+    #[arg(long, short, global = true, env = "HALLCTL_PORT", help_heading = OF_ALL)]
     port: Option<String>,
     /// Longest wait for an answer, in seconds on the wall: more for a virtual board on a slow machine [default: 3]
-    #[arg(long, global = true, env = "HALLCTL_PATIENCE", value_name = "SECONDS", value_parser = clap::value_parser!(u64).range(1..))]
+    #[arg(long, global = true, env = "HALLCTL_PATIENCE", value_name = "SECONDS", value_parser = units::whole::<u64>(1..=1_000_000), help_heading = OF_ALL)]
     patience: Option<u64>,
     /// Results as JSON, a value a line, in the units of the settings; a command that fails prints {"error": …}
-    #[arg(long, global = true)]
+    #[arg(long, global = true, help_heading = OF_ALL)]
     pub json: bool,
     /// Unit of speeds that are shown, and of those given without one [default: rad/s]
-    #[arg(long, global = true, value_enum)]
+    #[arg(long, global = true, value_enum, help_heading = OF_ALL)]
     speed_unit: Option<SpeedUnit>,
     /// Unit of positions that are shown, and of those given without one [default: turns]
-    #[arg(long, global = true, value_enum)]
+    #[arg(long, global = true, value_enum, help_heading = OF_ALL)]
     position_unit: Option<PositionUnit>,
     /// Without a process that shares the port: no other tool at the same time, none that stops the motor
     #[arg(long, global = true, hide = true)]
@@ -71,19 +72,44 @@ pub struct Arguments {
 
 impl Arguments {
     /// Those of a command line. What is wrong with it is said, and ends the process.
-    pub fn read(line: impl IntoIterator<Item = String>) -> Self {
-        let arguments = Self::parse_from(line);
-        if arguments.command.files().into_iter().filter(|path| is_stream(path)).count() > 1 {
-            Self::command()
-                .error(
-                    ErrorKind::ArgumentConflict,
-                    "one file at most can be -, the standard output: two would be mixed",
-                )
-                .exit();
+    pub fn read(line: impl IntoIterator<Item = OsString>) -> Self {
+        let line: Vec<_> = line.into_iter().collect();
+        Self::understood(&line).unwrap_or_else(|error| {
+            if error.use_stderr() && line.iter().any(|word| word == "--json") {
+                // A script reads the standard output. Nothing is left to be said where that fails.
+                let _ = (Out { json: true, units: Units::default() }).value(&wrong_line(&error));
+            }
+            error.exit()
+        })
+    }
+
+    fn understood(line: &[OsString]) -> std::result::Result<Self, clap::Error> {
+        // A negative number is a value, and refused as one, wherever there is a place for it.
+        let command = Self::command().mut_subcommands(|command| command.allow_negative_numbers(true));
+        let arguments = Self::from_arg_matches(&command.try_get_matches_from(line)?)?;
+        let port = arguments.port.as_ref().filter(|port| !port.is_empty());
+        let told = port.is_some_and(|port| std::env::var("HALLCTL_PORT").as_ref() != Ok(port));
+        if told && matches!(arguments.command, Command::Simulate(_)) {
+            let where_to = "--port is that of a drive to talk to; where a simulated one listens is --listen";
+            return Err(Self::command().error(ErrorKind::ArgumentConflict, where_to));
         }
-        arguments
+        if arguments.command.files().into_iter().filter(|path| is_stream(path)).count() > 1 {
+            let mixed = "one file at most can be -, the standard output: two would be mixed";
+            return Err(Self::command().error(ErrorKind::ArgumentConflict, mixed));
+        }
+        Ok(arguments)
     }
 }
+
+/// What is wrong with a command line, as other errors are told to a script.
+fn wrong_line(error: &clap::Error) -> Value {
+    let text = error.to_string();
+    let what = text.strip_prefix("error: ").unwrap_or(&text).split("\n\n").next().unwrap_or_default();
+    json!({ "error": { "code": 2, "kind": "usage", "what": what } })
+}
+
+/// Heading of the options that every command has, below its own.
+const OF_ALL: &str = "Options of all commands";
 
 const EXIT_CODES: &str = "\
 Exit codes: 0 done; 1 files and the like; 2 wrong command line; 3 no port, or it is gone; 4 no answer; 5 another version
@@ -253,13 +279,13 @@ pub fn run(arguments: &Arguments) -> Result<()> {
     let config = match Config::read() {
         // A motor that has to be stopped does not wait until a file is mended.
         Err(error) if matches!(arguments.command, Command::Stop) && arguments.port.is_some() => {
-            eprintln!("hallctl: {error}");
+            crate::tell!("hallctl: {error}");
             Config::default()
         }
         config => config?,
     };
     let port = arguments.port.as_deref().or(config.port.as_deref()).unwrap_or(PORT);
-    let patience = arguments.patience.or(config.patience).unwrap_or(PATIENCE_S);
+    let patience = arguments.patience.or(config.patience.map(NonZeroU64::get)).unwrap_or(PATIENCE_S);
     let units = Units {
         speed: arguments.speed_unit.or(config.speed_unit).unwrap_or_default(),
         position: arguments.position_unit.or(config.position_unit).unwrap_or_default(),
@@ -300,10 +326,10 @@ fn tell_what_is_left(client: &mut Client, command: &Command, out: Out) {
     let Ok(status) = client.status() else { return };
     if !status.mode.drives() && status.speed_rad_s.abs() > motion::AT_REST_RAD_S {
         let speed = out.units.speed(status.speed_rad_s);
-        eprintln!("hallctl: the motor is not at rest: it coasts, the bridge off, at {speed}");
+        crate::tell!("hallctl: the motor is not at rest: it coasts, the bridge off, at {speed}");
     }
     if matches!(command, Command::Calibrate { .. }) {
-        eprintln!("hallctl: the calibration is broken off: the one before, if there was one, is in use again");
+        crate::tell!("hallctl: the calibration is broken off: the one before, if there was one, is in use again");
     }
 }
 
@@ -318,6 +344,8 @@ fn connect(port: &str, patience: Duration, alone: bool) -> Result<Client> {
     if alone {
         return Client::connect(port, patience);
     }
+    // What is wrong with it is not wrong with the port.
+    share::folder()?;
     // One that was just about to end is followed by another.
     let mut attempts = 3;
     loop {
@@ -344,7 +372,7 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
             say!(out, "the bridge is off")?;
             done(out, Ok(()))
         }
-        Command::Clear => done(out, clear(client)),
+        Command::Clear => done(out, client.clear()),
         Command::Voltage { value, options } => {
             motion::hold(client, options, Target::Voltage(value.value(1.0) as f32), out)
         }
@@ -392,16 +420,6 @@ fn obey(client: &mut Client, command: &Command, out: Out) -> Result<()> {
         | Command::Completions { .. }
         | Command::Man { .. }
         | Command::Share => Ok(()),
-    }
-}
-
-/// Takes note of a fault.
-fn clear(client: &mut Client) -> Result<()> {
-    match client.order(Ask::Clear) {
-        Err(Error::Refused(_)) if !matches!(client.status()?.mode, Mode::Faulted(_)) => {
-            Err(Error::Refused("there is no fault to clear".into()))
-        }
-        result => result,
     }
 }
 

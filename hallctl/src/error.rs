@@ -86,16 +86,12 @@ impl Error {
 impl fmt::Display for Error {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::Port { port, source } if port.starts_with("tcp:") => write!(
-                f,
-                "cannot open {port}: {source}\n  Is what listens there still running? `hallctl simulate` and a virtual \
-                 board say their ports, like tcp:127.0.0.1:35993."
-            ),
-            Self::Port { port, source } => write!(
-                f,
-                "cannot open {port}: {source}\n  Is the board plugged in? `ls /dev/ttyACM*` shows its port; a \
-                 simulated drive says its own. Your user may need the group `dialout`."
-            ),
+            Self::Port { port, .. } if port.is_empty() => {
+                f.write_str("the name of the port is empty: see --port and the environment variable HALLCTL_PORT")
+            }
+            Self::Port { port, source } => {
+                write!(f, "cannot open {port}: {source}\n  {}", advice(port, source))
+            }
             Self::Lost { port, source } => write!(
                 f,
                 "the connection to {port} is lost: {source}\n  Was it unplugged, or its power switched off? Where the drive \
@@ -123,6 +119,32 @@ impl fmt::Display for Error {
         }
     }
 }
+
+/// What to do about a port that cannot be opened.
+fn advice(port: &str, source: &std::io::Error) -> String {
+    let is_number = |text: &str| text.parse::<u16>().is_ok();
+    match port.strip_prefix("tcp:") {
+        Some(address) if !address.rsplit_once(':').is_some_and(|(_, number)| is_number(number)) => {
+            "An address is tcp:HOST:PORT, like tcp:127.0.0.1:35993.".into()
+        }
+        Some(address) if address.starts_with("//") => format!("Without slashes: tcp:{}", address.trim_matches('/')),
+        Some(_) => "Is what listens there still running? `hallctl simulate` and a virtual board say their ports, like \
+                    tcp:127.0.0.1:35993."
+            .into(),
+        None if port.rsplit_once(':').is_some_and(|(_, number)| is_number(number)) => {
+            format!("An address begins with tcp: tcp:{port}")
+        }
+        None if source.raw_os_error() == Some(NOT_A_TERMINAL) => "It is no serial port.".into(),
+        None => {
+            "Is the board plugged in? `ls /dev/ttyACM*` shows its port, and a simulated drive says its own, for --port \
+                 or HALLCTL_PORT. Your user may need the group `dialout`."
+                .into()
+        }
+    }
+}
+
+/// ENOTTY, of what takes no baud rate.
+const NOT_A_TERMINAL: i32 = 25;
 
 impl std::error::Error for Error {}
 

@@ -1,13 +1,17 @@
 //! Where results go: words for a person, or JSON for a script. A full disk is an error, and no panic.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::interrupt;
 use crate::units::Units;
 use anyhow::Context;
 use serde::Serialize;
 use std::fmt::Arguments;
 use std::fs::{self, File};
-use std::io::{self, Read, Write, stdin, stdout};
+use std::io::{self, BufRead, Write, stdin, stdout};
 use std::path::{Path, PathBuf};
+use std::sync::mpsc::{RecvTimeoutError, channel};
+use std::thread;
+use std::time::Duration;
 
 /// Which of the two is wanted.
 #[derive(Clone, Copy, Debug)]
@@ -65,6 +69,15 @@ macro_rules! say {
     ($out:expr, $($text:tt)*) => { $out.line(format_args!($($text)*)) };
 }
 
+/// A line on the standard error, beside results. A terminal that is gone takes none, which is no reason to panic.
+#[macro_export]
+macro_rules! tell {
+    ($($text:tt)*) => {{
+        use std::io::Write as _;
+        let _ = writeln!(std::io::stderr().lock(), $($text)*);
+    }};
+}
+
 /// Whether a file is the standard input or output.
 pub fn is_stream(path: &Path) -> bool {
     path.as_os_str() == "-"
@@ -111,7 +124,7 @@ fn named(text: &str, extensions: &[&str], words: &str) -> std::result::Result<Pa
     match path.extension().map(|extension| extension.to_str()) {
         None => Ok(path),
         Some(Some(found)) if extensions.contains(&found) => Ok(path),
-        _ => Err(format!("a file is {words}")),
+        _ => Err(format!("the file's name has to end in {words}")),
     }
 }
 
@@ -120,6 +133,10 @@ fn named(text: &str, extensions: &[&str], words: &str) -> std::result::Result<Pa
 /// # Errors
 /// It cannot.
 pub fn probe(path: &Path) -> Result<()> {
+    if path.is_dir() {
+        let error = anyhow::Error::from(io::Error::from(io::ErrorKind::IsADirectory));
+        return Err(error.context(format!("cannot write {}", path.display())).into());
+    }
     // Who reads from a pipe would take that for its end.
     if is_stream(path) || is_special(path) {
         return Ok(());
@@ -176,13 +193,40 @@ fn replace(path: &Path, content: &[u8]) -> io::Result<()> {
 /// Reads a file; `-` is the standard input.
 ///
 /// # Errors
-/// It cannot be read.
+/// It cannot be read, or a signal came meanwhile.
 pub fn load(path: &Path) -> Result<String> {
-    let mut text = String::new();
     let read = match is_stream(path) {
-        true => stdin().read_to_string(&mut text),
-        false => File::open(path).and_then(|mut file| file.read_to_string(&mut text)),
+        true => unless_interrupted(|| io::read_to_string(stdin().lock()))?,
+        false => fs::read_to_string(path),
     };
-    read.with_context(|| format!("cannot read {}", path.display()))?;
-    Ok(text)
+    Ok(read.with_context(|| format!("cannot read {}", path.display()))?)
+}
+
+/// A line of the standard input; empty where it has ended.
+///
+/// # Errors
+/// It cannot be read, or a signal came meanwhile.
+pub fn answer() -> Result<String> {
+    let mut line = String::new();
+    let read = unless_interrupted(move || stdin().lock().read_line(&mut line).map(|_| line))?;
+    Ok(read.context("the answer")?)
+}
+
+/// From look to look whether a signal has come.
+const LOOK: Duration = Duration::from_millis(50);
+
+/// Reads what may never come. A signal is heard but does not end a read, which is left to a thread.
+fn unless_interrupted<T: Send + 'static>(
+    read: impl FnOnce() -> io::Result<T> + Send + 'static,
+) -> Result<io::Result<T>> {
+    let (sender, receiver) = channel();
+    thread::spawn(move || sender.send(read()));
+    loop {
+        match receiver.recv_timeout(LOOK) {
+            Ok(read) => return Ok(read),
+            Err(_) if interrupt::came() => return Err(Error::Interrupted),
+            Err(RecvTimeoutError::Timeout) => {}
+            Err(RecvTimeoutError::Disconnected) => return Ok(Err(io::ErrorKind::UnexpectedEof.into())),
+        }
+    }
 }

@@ -110,6 +110,16 @@ impl Step {
         let noise_pct = 100.0 * peak.max(PEAKS * self.noise) / size.abs();
         Self { overshoot_pct: (self.overshoot_pct - noise_pct).max(0.0), ..self }
     }
+
+    /// Whether the noise is as large as the step.
+    pub fn is_lost(&self, size: f64) -> bool {
+        PEAKS * self.noise >= size.abs()
+    }
+
+    /// The same without times where they are those of the noise.
+    pub fn unless_lost(self, size: f64) -> Self {
+        if self.is_lost(size) { Self { rise_s: None, settling_s: None, ..self } } else { self }
+    }
 }
 
 /// Gain and phase at a frequency.

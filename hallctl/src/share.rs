@@ -57,8 +57,11 @@ impl Place {
     }
 }
 
-/// A folder for nobody but this user.
-fn folder() -> Result<PathBuf> {
+/// The folder in which the tools of this user find each other, and nobody else's; it is made where there is none.
+///
+/// # Errors
+/// It cannot be made, or is another's.
+pub fn folder() -> Result<PathBuf> {
     let user = rustix::process::geteuid().as_raw();
     let runtime = std::env::var_os("XDG_RUNTIME_DIR").map(PathBuf::from).filter(|path| path.is_dir());
     let folder = match runtime {
@@ -67,7 +70,8 @@ fn folder() -> Result<PathBuf> {
     };
     match DirBuilder::new().mode(0o700).create(&folder) {
         Err(error) if error.kind() != ErrorKind::AlreadyExists => {
-            return Err(error).with_context(|| format!("cannot make {}", folder.display()));
+            return Err(error)
+                .with_context(|| format!("cannot make the folder {}, for tools to share a port", folder.display()));
         }
         _ => {}
     }

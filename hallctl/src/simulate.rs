@@ -21,7 +21,7 @@ use simulator::fault::{Kind, ScheduledEvent};
 use simulator::flash::Flash;
 use simulator::rings::Pairs;
 use simulator::{Simulator, defaults, of_motor, uneven};
-use std::io::{Read, Write};
+use std::io::{BufRead, Read, Write, stdin};
 use std::net::{TcpListener, TcpStream};
 use std::ops::RangeInclusive;
 use std::path::PathBuf;
@@ -309,7 +309,7 @@ impl Tool {
 /// What a person has typed happens; how many milliseconds it takes.
 fn happen(simulator: &mut Simulator, kind: Kind, text: &str) -> u32 {
     if let Err(error) = simulator.happen(kind) {
-        eprintln!("{text}: {error}");
+        crate::tell!("{text}: {error}");
         return 0;
     }
     match kind {
@@ -360,7 +360,9 @@ fn fast(simulator: &mut Simulator, mut tool: Tool, line: &Receiver<Event>) {
 /// What a person types, line by line from the standard input.
 fn listen_to_keyboard(events: SyncSender<Event>) {
     thread::spawn(move || {
-        for line in std::io::stdin().lines().map_while(Result::ok) {
+        // A line that is no text is a wrong one, and not the last.
+        for line in stdin().lock().split(b'\n').map_while(Result::ok) {
+            let line = String::from_utf8_lossy(&line).into_owned();
             let kind = script::event(&line).map_err(anyhow::Error::msg).and_then(|event| Kind::of(&event));
             match kind {
                 Ok(kind) => {
@@ -369,7 +371,7 @@ fn listen_to_keyboard(events: SyncSender<Event>) {
                     }
                 }
                 Err(error) => {
-                    eprintln!("{line:?}: {error}; `turn 2` turns the shaft by hand, `mend` ends what was broken")
+                    crate::tell!("{line:?}: {error}; `turn 2` turns the shaft by hand, `mend` ends what was broken")
                 }
             }
         }

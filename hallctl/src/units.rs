@@ -3,6 +3,7 @@
 use clap::ValueEnum;
 use serde::Deserialize;
 use std::f64::consts::TAU;
+use std::ops::RangeInclusive;
 
 /// Of a speed.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, ValueEnum, Deserialize)]
@@ -142,7 +143,9 @@ fn quantity(text: &str, units: &[(&str, f64)]) -> Result<Quantity, String> {
         .find(|(_, number)| number.parse::<f64>().is_ok())
         .unwrap_or((None, text));
     let names = || units.iter().map(|(name, _)| *name).collect::<Vec<_>>().join(", ");
-    let number: f64 = number.parse().map_err(|_| format!("a number is wanted, alone or with one of: {}", names()))?;
+    let point = if number.contains(',') { ", with a point and no comma" } else { "" };
+    let wanted = || format!("a number is wanted{point}, alone or with one of: {}", names());
+    let number: f64 = number.parse().map_err(|_| wanted())?;
     if !number.is_finite() || !((number * unit.unwrap_or(1.0)) as f32).is_finite() {
         return Err(format!("{text} is beyond what a drive can be told"));
     }
@@ -203,6 +206,15 @@ pub fn real(text: &str) -> Result<f32, String> {
         Ok(number) if number.is_infinite() => Err(format!("{text} is beyond what a drive can be told")),
         Ok(number) => Ok(number),
         Err(_) => Err("a number is wanted".into()),
+    }
+}
+
+/// A whole number from one to another.
+pub fn whole<T: TryFrom<u64>>(range: RangeInclusive<u64>) -> impl Fn(&str) -> Result<T, String> + Clone {
+    move |text| {
+        let number = text.parse().ok().filter(|number| range.contains(number));
+        let wanted = || format!("a whole number from {} to {} is wanted", range.start(), range.end());
+        number.and_then(|number| T::try_from(number).ok()).ok_or_else(wanted)
     }
 }
 

@@ -51,7 +51,7 @@ pub(crate) fn status_of(client: &Client, status: &Status, lost_s: Option<f64>) -
         "uptime_s": status.uptime_ms as f64 / 1000.0,
         "state": words::mode_word(status.mode),
         "fault": fault,
-        "limits": words::limits(status.limits),
+        "limits": words::limits_in(status.mode, status.limits),
         "activity": (status.activity != Activity::None).then(|| words::activity(status.activity)),
         "progress": status.progress,
         "calibrated": status.calibrated,

@@ -57,6 +57,12 @@ pub fn limits(limits: Limits) -> Vec<&'static str> {
     names.into_iter().filter(|(limit, _)| limits.contains(*limit)).map(|(_, name)| name).collect()
 }
 
+/// The same in a mode: with the bridge off nothing is asked for that could be too much, whatever was before.
+pub fn limits_in(mode: Mode, active: Limits) -> Vec<&'static str> {
+    let of_commands = Limits::DUTY.with(Limits::CURRENT).with(Limits::SUPPLY).with(Limits::CHECKING);
+    limits(if mode.drives() { active } else { active.without(of_commands) })
+}
+
 /// A commutation.
 pub const fn commutation(commutation: Commutation) -> &'static str {
     match commutation {
@@ -425,5 +431,17 @@ pub fn parse(setting: &Setting<'_>, text: &str) -> Option<f32> {
             // What is too large for a float is no infinity, and means nothing.
             text.parse().ok().filter(|value: &f32| value.is_finite() || infinite)
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn nothing_limits_what_is_not_asked_for() {
+        let active = Limits::CURRENT.with(Limits::HEAT).with(Limits::TIMEOUT);
+        assert_eq!(limits_in(Mode::Running, active), limits(active));
+        assert_eq!(limits_in(Mode::Ready, active), ["heat", "stopped: no command came for too long"]);
     }
 }

@@ -3,6 +3,8 @@
 mod at_rest;
 mod broken_off;
 #[cfg(unix)]
+mod clumsy;
+#[cfg(unix)]
 mod cogging;
 mod coil;
 mod commission;

@@ -229,6 +229,24 @@ fn it_goes_on_where_it_was_broken_off() {
     }
 }
 
+/// What a step has failed by is mended by a setting, or by a limit that is lower: neither is undone.
+#[test]
+fn what_was_set_since_it_was_broken_off_stays() {
+    let folder = tempfile::tempdir().unwrap();
+    let drive = broken_off(&folder);
+    drive.ok(&["settings", "set", "max_regeneration_a", "2"]);
+    drive.ok(&["settings", "set", "max_speed_rad_s", "100"]);
+    let said = begins(&drive, &folder, &["--max-current", "2.5"]);
+    assert!(said.contains("Set since then, and kept: max_regeneration_a, max_speed_rad_s."), "{said}");
+    let get = |name| drive.ok(&["settings", "get", name]);
+    assert!(get("max_regeneration_a").contains("= 2 A"), "{}", get("max_regeneration_a"));
+    assert!(get("max_speed_rad_s").contains("= 100 rad/s"), "{}", get("max_speed_rad_s"));
+    // Not told again, the largest current is a setting, too: what was found with another one is not used.
+    drive.ok(&["settings", "set", "max_current_a", "1.5"]);
+    let said = begins(&drive, &folder, &[]);
+    assert!(said.contains("1 of 6") && said.contains("up to 1.5 A"), "{said}");
+}
+
 /// The same until it has begun with a step, where a signal ends it: the first of six.
 fn begins(drive: &Drive, folder: &TempDir, arguments: &[&str]) -> String {
     let arguments = [&["commission", "--yes"], arguments].concat();
@@ -372,6 +390,24 @@ fn of_two_at_once_one_is_refused() {
         code == Some(6)
     });
     assert!(refused);
+}
+
+/// A shaft that is held, or that another tool turns, must not be let go by what is refused.
+#[test]
+fn what_is_refused_switches_nothing_off() {
+    let (mut drive, folder) = (Drive::start(&["--log"]), tempfile::tempdir().unwrap());
+    drive.ok(&["calibrate"]);
+    drive.ok(&["arm"]);
+    let is_on = || drive.ok(&["status"]).contains("bridge on");
+    let (code, said) = commission(&drive, &folder, &[]);
+    assert!(code == Some(6) && said.contains("the bridge is on") && is_on(), "{said}");
+    let mut turning = tool(&drive, folder.path(), &["speed", "20"]).stderr(Stdio::piped()).spawn().unwrap();
+    drive.log_until("Speed(20.0)");
+    let (code, said) = commission(&drive, &folder, &[]);
+    assert!(code == Some(6) && said.contains("another tool controls"), "{said}");
+    assert!(drive.ok(&["status"]).contains("bridge on") && turning.try_wait().unwrap().is_none(), "{said}");
+    kill_process(Pid::from_child(&turning), Signal::INT).unwrap();
+    assert_eq!(turning.wait().unwrap().code(), Some(130));
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! The documentation is what the code says: the list of faults, the example frame, the links.
 
 use hallservo::fault::Fault;
-use hallservo_protocol::{Answer, Ask, Decoder, FRAME, Reply, Request, encode};
+use hallservo_protocol::{Answer, Ask, Decoder, FRAME, MESSAGE, Reply, Request, VERSION, encode};
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 use std::{env, fs};
@@ -45,6 +45,9 @@ fn hex(bytes: &[u8]) -> String {
 #[test]
 fn the_frames_of_the_page_are_those_of_the_code() {
     let page = read("docs/protocol.md");
+    assert!(page.contains(&format!("The version is one byte, now {VERSION}.")), "{VERSION}");
+    let limits = format!("A message has at most {MESSAGE} bytes, a frame at most {FRAME}.");
+    assert!(page.contains(&limits), "{limits}");
     let mut frame = [0; FRAME];
     let request = Request { id: 1, client: 300, unattended: false, ask: Ask::Speed(-1.5) };
     let length = encode(&request, &mut frame).unwrap();

@@ -18,7 +18,11 @@ def connect(port: str, patience: float = 3.0) -> Drive:
 
 @final
 class Drive:
-    """A drive. As a context manager it stops the motor in the end, whatever has happened."""
+    """A drive. As a context manager it stops the motor in the end, whatever has happened.
+
+    Several threads may use it: their requests have their turn one after the other, and `stop` ends what another one does,
+    by a `DriveError` there. A process that was forked connects anew.
+    """
 
     @property
     def board(self) -> str: ...
@@ -30,7 +34,7 @@ class Drive:
     def stop(self) -> None:
         """Brakes, then bridge off."""
     def clear(self) -> None:
-        """The fault has been taken note of."""
+        """The fault has been taken note of; refused where there is none."""
     def voltage(self, share: float) -> None:
         """-1 to 1. A command holds for the setting command_timeout_s."""
     def torque(self, newton_metres: float) -> None: ...
@@ -60,7 +64,7 @@ class Drive:
         """Turns to and fro and measures the motor, from a drive that is ready."""
     def get(self, name: str) -> float: ...
     def set(self, name: str, value: float) -> float:
-        """Until the power goes, or for good after `save`; while the bridge is off."""
+        """Until the power goes, or for good after `save`; while the bridge is off, bandwidths at any time."""
     def settings(self) -> dict[str, float]: ...
     def save(self) -> bool:
         """True when they are in the flash; otherwise they will be when the motor rests, bridge off."""
@@ -79,7 +83,7 @@ class Drive:
         channels: Sequence[str] | None = None,
         *,
         every: int = 1,
-        rows: int = 512,
+        rows: int | None = None,
         trigger: str = "now",
         before: float = 0.25,
         seconds: float | None = None,
@@ -92,7 +96,7 @@ class Drive:
         Channels: phase_a|b|c, i_d, i_q, i_d_ref, i_q_ref, v_d, v_q, duty_a|b|c, angle, speed, speed_ref, position,
         position_ref, bus, hall_1|2|3; without, the references of i_q and speed and what follows them.
         Trigger: now, command (the next one), fault, or a channel that crosses a level: "i_q>1.5", "speed<-100rpm".
-        `before` is the share of the rows before it, and `time_s` is zero there.
+        Without `rows` as many as the drive's memory holds. `before` is the share of them before the trigger, and `time_s` is zero there.
         `seconds` is the longest wait; without, until Ctrl-C. The motor follows what is asked for as soon as the rows
         before the trigger are taken; until then a command from before holds for the setting command_timeout_s.
         """

@@ -30,7 +30,7 @@ impl Drive {
     /// Sends a command, if there is one, until `over`, which looks at the drive each time. The first one takes the control,
     /// the next ones keep it: a process that was suspended meanwhile does not set the motor in motion again.
     pub(crate) fn follow(
-        &mut self,
+        &self,
         py: Python<'_>,
         command: Option<Ask<'static>>,
         mut over: impl FnMut(&mut Client, &Status) -> Result<bool> + Send,

@@ -6,14 +6,15 @@ mod telemetry;
 
 use hallctl::client::{Client, unexpected};
 use hallctl::error::Error;
-use hallctl::{values, words};
+use hallctl::{scope, values, words};
 use hallservo::control::impedance::{Motion, Request};
-use hallservo::scope::ROWS;
 use hallservo_protocol::{Activity, Answer, Ask, Calibration, Procedure};
 use pyo3::exceptions::{PyException, PyValueError};
 use pyo3::prelude::*;
 use pyo3::types::PyDict;
+use std::process;
 use std::sync::atomic::{AtomicBool, Ordering};
+use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 
 pyo3::create_exception!(_hallservo, DriveError, PyException, "The drive refuses, fails, or does not answer; in words.");
@@ -42,11 +43,13 @@ impl Cancel {
     }
 }
 
-/// A drive at a port.
-#[pyclass(unsendable, module = "hallservo")]
+/// A drive at a port. Requests of several threads have their turn one after the other.
+#[pyclass(frozen, module = "hallservo")]
 struct Drive {
-    client: Option<Client>,
+    client: Mutex<Option<Client>>,
     cancel: Option<Py<Cancel>>,
+    /// Who has opened it. A process that forks from that one and ends does not stop the motor.
+    process: u32,
 }
 
 /// Opens a port and asks who is there.
@@ -60,32 +63,41 @@ fn connect(py: Python<'_>, port: &str, patience: f64) -> PyResult<Drive> {
 #[pyfunction]
 #[pyo3(signature = (port, patience, cancel))]
 fn cancellable(py: Python<'_>, port: &str, patience: f64, cancel: Option<Py<Cancel>>) -> PyResult<Drive> {
-    let patience = Duration::try_from_secs_f64(patience).map_err(|why| PyValueError::new_err(why.to_string()))?;
+    let patience = Duration::try_from_secs_f64(patience).ok().filter(|patience| !patience.is_zero());
+    let patience = patience.ok_or_else(|| PyValueError::new_err("patience: a number of seconds above 0 is wanted"))?;
     let client = py.detach(|| Client::connect(port, patience)).map_err(error)?;
-    Ok(Drive { client: Some(client), cancel })
+    Ok(Drive { client: Mutex::new(Some(client)), cancel, process: process::id() })
 }
 
 impl Drive {
-    fn client(&mut self) -> PyResult<&mut Client> {
-        self.client.as_mut().ok_or_else(|| DriveError::new_err("it is closed"))
+    /// To be called where other threads of Python may run: one of them may have it, and wait for the interpreter.
+    fn lock(&self) -> MutexGuard<'_, Option<Client>> {
+        self.client.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// Lets other threads of Python run meanwhile.
     fn with<R: Send>(
-        &mut self,
+        &self,
         py: Python<'_>,
         work: impl FnOnce(&mut Client) -> hallctl::error::Result<R> + Send,
     ) -> PyResult<R> {
-        let client = self.client()?;
-        py.detach(|| work(client)).map_err(error)
+        if self.process != process::id() {
+            return Err(DriveError::new_err("another process has opened it: connect anew in this one"));
+        }
+        let done = py.detach(|| self.lock().as_mut().map(work));
+        done.ok_or_else(|| DriveError::new_err("it is closed"))?.map_err(error)
     }
 
-    fn order(&mut self, py: Python<'_>, ask: Ask<'_>) -> PyResult<()> {
+    fn step_hz(&self, py: Python<'_>) -> PyResult<f64> {
+        self.with(py, |client| Ok(client.identity().step_hz))
+    }
+
+    fn order(&self, py: Python<'_>, ask: Ask<'_>) -> PyResult<()> {
         self.with(py, |client| client.order(ask))
     }
 
     /// Waits for what was begun; Ctrl-C ends it.
-    fn wait(&mut self, py: Python<'_>) -> PyResult<()> {
+    fn wait(&self, py: Python<'_>) -> PyResult<()> {
         let mut look = (Instant::now(), 0);
         loop {
             self.check(py)?;
@@ -105,26 +117,15 @@ impl Drive {
     }
 
     /// Ctrl-C stops the motor, and so does another thread that cancels.
-    fn check(&mut self, py: Python<'_>) -> PyResult<()> {
+    fn check(&self, py: Python<'_>) -> PyResult<()> {
         let cancelled = self.cancel.as_ref().is_some_and(|cancel| cancel.get().0.load(Ordering::Relaxed));
         let goes_on = if cancelled { Err(DriveError::new_err("cancelled")) } else { py.check_signals() };
         goes_on.inspect_err(|_| _ = self.halt(py))
     }
 
     /// Brakes, and switches the bridge off.
-    fn halt(&mut self, py: Python<'_>) -> PyResult<()> {
-        self.with(py, |client| {
-            // Refused by a drive that turns nothing.
-            let _ = client.order(Ask::Speed(0.0));
-            let mut until_ms = None;
-            loop {
-                let status = client.status()?;
-                let over = status.uptime_ms >= *until_ms.get_or_insert(status.uptime_ms + BRAKING_MS);
-                if over || !status.mode.drives() {
-                    return client.order(Ask::Disarm);
-                }
-            }
-        })
+    fn halt(&self, py: Python<'_>) -> PyResult<()> {
+        self.with(py, halt)
     }
 
     /// What a procedure has come to.
@@ -137,42 +138,55 @@ impl Drive {
     }
 }
 
+fn halt(client: &mut Client) -> hallctl::error::Result<()> {
+    // Refused by a drive that turns nothing.
+    let _ = client.order(Ask::Speed(0.0));
+    let mut until_ms = None;
+    loop {
+        let status = client.status()?;
+        let over = status.uptime_ms >= *until_ms.get_or_insert(status.uptime_ms + BRAKING_MS);
+        if over || !status.mode.drives() {
+            return client.order(Ask::Disarm);
+        }
+    }
+}
+
 #[pymethods]
 impl Drive {
     #[getter]
-    fn board(&mut self) -> PyResult<String> {
-        Ok(self.client()?.identity().board.clone())
+    fn board(&self, py: Python<'_>) -> PyResult<String> {
+        self.with(py, |client| Ok(client.identity().board.clone()))
     }
 
-    fn status<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn status<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         Ok(pythonize::pythonize(py, &self.with(py, values::status)?)?)
     }
 
-    fn arm(&mut self, py: Python<'_>) -> PyResult<()> {
+    fn arm(&self, py: Python<'_>) -> PyResult<()> {
         self.with(py, Client::arm)
     }
 
-    fn stop(&mut self, py: Python<'_>) -> PyResult<()> {
+    fn stop(&self, py: Python<'_>) -> PyResult<()> {
         self.halt(py)
     }
 
-    fn clear(&mut self, py: Python<'_>) -> PyResult<()> {
-        self.order(py, Ask::Clear)
+    fn clear(&self, py: Python<'_>) -> PyResult<()> {
+        self.with(py, Client::clear)
     }
 
-    fn voltage(&mut self, py: Python<'_>, share: f32) -> PyResult<()> {
+    fn voltage(&self, py: Python<'_>, share: f32) -> PyResult<()> {
         self.order(py, Ask::Voltage(share))
     }
 
-    fn torque(&mut self, py: Python<'_>, newton_metres: f32) -> PyResult<()> {
+    fn torque(&self, py: Python<'_>, newton_metres: f32) -> PyResult<()> {
         self.order(py, Ask::Torque(newton_metres))
     }
 
-    fn speed(&mut self, py: Python<'_>, rad_s: f32) -> PyResult<()> {
+    fn speed(&self, py: Python<'_>, rad_s: f32) -> PyResult<()> {
         self.order(py, Ask::Speed(rad_s))
     }
 
-    fn position(&mut self, py: Python<'_>, turns: f64) -> PyResult<()> {
+    fn position(&self, py: Python<'_>, turns: f64) -> PyResult<()> {
         self.order(py, Ask::Position(turns))
     }
 
@@ -183,7 +197,7 @@ impl Drive {
     ))]
     #[expect(clippy::too_many_arguments, reason = "they are named in Python")]
     fn impedance(
-        &mut self,
+        &self,
         py: Python<'_>,
         position: Option<f64>,
         kp: Option<f32>,
@@ -217,7 +231,7 @@ impl Drive {
         )
     }
 
-    fn calibrate<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn calibrate<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         self.order(py, Ask::Calibrate)?;
         self.wait(py)?;
         let found = self.with(py, |client| {
@@ -233,7 +247,7 @@ impl Drive {
         }
     }
 
-    fn identify<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
+    fn identify<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyAny>> {
         self.order(py, Ask::Identify)?;
         self.wait(py)?;
         let found = self.with(py, |client| {
@@ -245,15 +259,15 @@ impl Drive {
         Self::outcome(py, found)
     }
 
-    fn get(&mut self, py: Python<'_>, name: &str) -> PyResult<f32> {
+    fn get(&self, py: Python<'_>, name: &str) -> PyResult<f32> {
         self.with(py, |client| client.setting(Ask::Get(name), |setting| setting.value))
     }
 
-    fn set(&mut self, py: Python<'_>, name: &str, value: f32) -> PyResult<f32> {
+    fn set(&self, py: Python<'_>, name: &str, value: f32) -> PyResult<f32> {
         self.with(py, |client| client.setting(Ask::Set { name, value }, |setting| setting.value))
     }
 
-    fn settings<'py>(&mut self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
+    fn settings<'py>(&self, py: Python<'py>) -> PyResult<Bound<'py, PyDict>> {
         let all = self.with(py, |client| {
             let mut all = Vec::new();
             for number in 0..client.identity().settings {
@@ -271,7 +285,7 @@ impl Drive {
         Ok(settings)
     }
 
-    fn save(&mut self, py: Python<'_>) -> PyResult<bool> {
+    fn save(&self, py: Python<'_>) -> PyResult<bool> {
         self.with(py, |client| {
             client.ask(Ask::Save, |answer| match answer {
                 Answer::Saved { waits } => Ok(!waits),
@@ -283,7 +297,7 @@ impl Drive {
     /// Telemetry for a time, while the motor follows a command if there is one.
     #[pyo3(signature = (seconds, hz = 1000.0, *, torque = None, speed = None, position = None))]
     fn telemetry<'py>(
-        &mut self,
+        &self,
         py: Python<'py>,
         seconds: f64,
         hz: f32,
@@ -297,16 +311,16 @@ impl Drive {
 
     /// Records with the drive's scope.
     #[pyo3(signature = (
-        channels = None, *, every = 1, rows = 512, trigger = "now", before = 0.25, seconds = None, torque = None,
+        channels = None, *, every = 1, rows = None, trigger = "now", before = 0.25, seconds = None, torque = None,
         speed = None, position = None,
     ))]
     #[expect(clippy::too_many_arguments, reason = "they are named in Python")]
     fn record<'py>(
-        &mut self,
+        &self,
         py: Python<'py>,
         channels: Option<Vec<String>>,
         every: u16,
-        rows: u16,
+        rows: Option<u16>,
         trigger: &str,
         before: f64,
         seconds: Option<f64>,
@@ -314,16 +328,22 @@ impl Drive {
         speed: Option<f32>,
         position: Option<f64>,
     ) -> PyResult<Bound<'py, PyDict>> {
+        let rows = match rows {
+            Some(rows) => rows,
+            None => self.with(py, |client| Ok(scope::status(client)?.capacity))?,
+        };
         let setup = record::setup(channels, every, rows, trigger, before)?;
         record::record(self, py, setup, seconds, follow::command(torque, speed, position)?)
     }
 
     /// Stops the motor, if this has moved it, and lets others have the drive.
-    fn close(&mut self, py: Python<'_>) -> PyResult<()> {
-        let controls = self.client.as_ref().is_some_and(Client::controls);
-        let stopped = if controls { self.halt(py) } else { Ok(()) };
-        self.client = None;
-        stopped
+    fn close(&self, py: Python<'_>) -> PyResult<()> {
+        let client = py.detach(|| self.lock().take());
+        let moved = |client: &Client| client.controls() && self.process == process::id();
+        match client {
+            Some(mut client) if moved(&client) => py.detach(|| halt(&mut client)).map_err(error),
+            _ => Ok(()),
+        }
     }
 
     fn __enter__(this: PyRef<'_, Self>) -> PyRef<'_, Self> {
@@ -331,7 +351,7 @@ impl Drive {
     }
 
     #[pyo3(signature = (*_error))]
-    fn __exit__(&mut self, py: Python<'_>, _error: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
+    fn __exit__(&self, py: Python<'_>, _error: &Bound<'_, pyo3::types::PyTuple>) -> PyResult<()> {
         self.close(py)
     }
 }
@@ -342,8 +362,6 @@ impl Drop for Drive {
         let _ = Python::attach(|py| self.close(py));
     }
 }
-
-const _: () = assert!(ROWS == 512, "as many as are recorded unless fewer are asked for");
 
 #[pymodule]
 fn _hallservo(module: &Bound<'_, PyModule>) -> PyResult<()> {

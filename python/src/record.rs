@@ -41,20 +41,19 @@ pub(crate) fn setup(
 
 /// Records; as soon as the rows before the trigger are taken, the motor follows a command, if there is one.
 pub(crate) fn record<'py>(
-    drive: &mut Drive,
+    drive: &Drive,
     py: Python<'py>,
     setup: Setup,
     seconds: Option<f64>,
     command: Option<Ask<'static>>,
 ) -> PyResult<Bound<'py, PyDict>> {
     let seconds = seconds.unwrap_or(f64::INFINITY);
-    // Not a number is none that is right, either.
-    if !(seconds >= 0.0) {
+    if seconds.is_nan() || seconds < 0.0 {
         return Err(PyValueError::new_err("some seconds are wanted"));
     }
     let id = drive.with(py, |client| scope::begin(client, setup))?;
     let before = if setup.trigger == Trigger::Now { 0 } else { setup.before };
-    let rows_s = f64::from(setup.every) * f64::from(before) / drive.client()?.identity().step_hz;
+    let rows_s = f64::from(setup.every) * f64::from(before) / drive.step_hz(py)?;
     let begun = if command.is_some() { pass(drive, py, rows_s) } else { Ok(()) };
     let recorded = begun.and_then(|()| complete(drive, py, &setup, seconds, command));
     // Free for others, whatever has happened.
@@ -67,7 +66,7 @@ pub(crate) fn record<'py>(
 }
 
 /// Lets time of the drive pass.
-fn pass(drive: &mut Drive, py: Python<'_>, seconds: f64) -> PyResult<()> {
+fn pass(drive: &Drive, py: Python<'_>, seconds: f64) -> PyResult<()> {
     let until_ms = drive.with(py, Client::status)?.uptime_ms + (1000.0 * seconds) as u64 + MARGIN_MS;
     while drive.with(py, Client::status)?.uptime_ms < until_ms {
         drive.check(py)?;
@@ -77,13 +76,7 @@ fn pass(drive: &mut Drive, py: Python<'_>, seconds: f64) -> PyResult<()> {
 }
 
 /// Until all rows are there, `seconds` of the drive's time at most.
-fn complete(
-    drive: &mut Drive,
-    py: Python<'_>,
-    setup: &Setup,
-    seconds: f64,
-    command: Option<Ask<'static>>,
-) -> PyResult<()> {
+fn complete(drive: &Drive, py: Python<'_>, setup: &Setup, seconds: f64, command: Option<Ask<'static>>) -> PyResult<()> {
     let began_ms = drive.with(py, Client::status)?.uptime_ms;
     drive.follow(py, command, |client, status| {
         let state = scope::status(client)?.state;

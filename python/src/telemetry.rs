@@ -12,7 +12,7 @@ use pyo3::prelude::*;
 use pyo3::types::PyDict;
 
 pub(crate) fn telemetry<'py>(
-    drive: &mut Drive,
+    drive: &Drive,
     py: Python<'py>,
     seconds: f64,
     hz: f32,
@@ -42,8 +42,8 @@ pub(crate) fn telemetry<'py>(
     });
     drive.with(py, Client::end_telemetry)?;
     followed?;
-    frames.extend(std::iter::from_fn(|| drive.client.as_mut()?.telemetry()));
-    columns(py, &frames, drive.client()?.identity().step_hz)
+    frames.extend(drive.with(py, |client| Ok(std::iter::from_fn(|| client.telemetry()).collect::<Vec<_>>()))?);
+    columns(py, &frames, drive.step_hz(py)?)
 }
 
 /// An array for each quantity.

@@ -18,6 +18,13 @@ def test_the_step(port, tmp_path, monkeypatch):
     assert picture.stat().st_size > 1000
 
 
+def test_the_page(port):
+    page = (EXAMPLES.parent / "README.md").read_text()
+    names = {"port": port}
+    exec(compile(page.split("```python\n")[1].split("```")[0], "README.md", "exec"), names)
+    assert abs(names["found"]["speed_rad_s"][-50:].mean() - 20.0) < 1.0
+
+
 def test_the_notebook(port, monkeypatch):
     monkeypatch.setitem(os.environ, "HALLCTL_PORT", port)
     notebook = json.loads((EXAMPLES / "tour.ipynb").read_text())

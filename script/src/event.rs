@@ -19,8 +19,8 @@ pub fn event(words: &[&str]) -> Result<Event, String> {
         ["break", level] => Event::Break(break_level(level)?),
         ["enable", "open"] => Event::Enable(false),
         ["enable", "closed"] => Event::Enable(true),
-        ["load", torque] => Event::Load(quantity(torque, "Nm")?),
-        ["turn", turns] => Event::Turn(number(turns)?),
+        ["load", torque] => Event::Load(within(quantity(torque, "Nm")?, torque, "Nm")?),
+        ["turn", turns] => Event::Turn(within(number(turns)?, turns, " turns")?),
         ["hot"] => Event::Hot,
         ["late"] => Event::Late,
         ["mend"] => Event::Mend,
@@ -112,5 +112,12 @@ fn exception(word: &str) -> Result<u16, String> {
 /// A supply's voltage.
 fn supply(text: &str) -> Result<f64, String> {
     let volts = quantity(text, "V")?;
-    if volts < 0.0 { Err(format!("a supply has 0V or more, not {text:?}")) } else { Ok(volts) }
+    if volts < 0.0 { Err(format!("a supply has 0V or more, not {text:?}")) } else { within(volts, text, "V") }
+}
+
+/// Beyond it the motor's equations are no numbers any more, and nothing mends them.
+const MOST: f64 = 1000.0;
+
+fn within(value: f64, text: &str, unit: &str) -> Result<f64, String> {
+    if value.abs() <= MOST { Ok(value) } else { Err(format!("{MOST}{unit} at most, not {text:?}")) }
 }

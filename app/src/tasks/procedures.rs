@@ -127,6 +127,7 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
         let turns = matches!(self.mode(), Mode::Aligning | Mode::Calibrating);
         if self.calibration == Calibration::Running && !turns && self.ticks_since_command > SETTLED {
             self.calibration = Calibration::Ended;
+            self.service.give_up_calibration();
             self.sensors_due = true;
         }
         if core::mem::take(&mut self.sensors_due) {

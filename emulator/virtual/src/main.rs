@@ -6,6 +6,7 @@ use clap::Parser;
 use cortex::LogLine;
 use indicatif::{ProgressBar, ProgressStyle};
 use plant::PlantParameters;
+use std::fs::File;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::sync::Arc;
@@ -32,7 +33,7 @@ struct Arguments {
     #[arg(long, requires = "bus")]
     calibrated: bool,
     /// Virtual time to run; without end with --serial, else 1 s
-    #[arg(long)]
+    #[arg(long, value_parser = seconds)]
     seconds: Option<f64>,
     /// What happens to the board, and when
     #[arg(long)]
@@ -58,7 +59,7 @@ struct Arguments {
     encoder: bool,
     /// Two Halls, the second so many electrical degrees from the first, and nothing at the third input; the drive is told
     /// by its setting `halls`
-    #[arg(long, value_name = "DEGREES", num_args = 0..=1, default_missing_value = "90", allow_negative_numbers = true)]
+    #[arg(long, value_name = "DEGREES", num_args = 0..=1, default_missing_value = "90", allow_negative_numbers = true, value_parser = apart)]
     two_halls: Option<f64>,
     /// The firmware, instead of building the board's
     #[arg(long)]
@@ -81,6 +82,28 @@ enum Fill {
     Once,
 }
 
+fn seconds(text: &str) -> Result<f64, String> {
+    let seconds = text.parse().ok().filter(|seconds| *seconds > 0.0 && *seconds <= 1e9);
+    seconds.ok_or_else(|| "a number of seconds above 0 is wanted".into())
+}
+
+fn apart(text: &str) -> Result<f64, String> {
+    let apart_deg = text.parse().ok().filter(|apart_deg: &f64| (20.0..=160.0).contains(&apart_deg.abs()));
+    apart_deg.ok_or_else(|| "20 to 160 electrical degrees are wanted, or as many in the other direction".into())
+}
+
+/// That what is found can be kept is seen to before it is looked for.
+fn make_room(arguments: &Arguments) -> Result<()> {
+    if let Some(folder) = &arguments.out {
+        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    }
+    if let Some(path) = &arguments.json {
+        let tried = File::options().write(true).create(true).truncate(false).open(path);
+        tried.with_context(|| format!("cannot write {}", path.display()))?;
+    }
+    Ok(())
+}
+
 fn main() -> Result<ExitCode> {
     let arguments = Arguments::parse();
     if arguments.bus {
@@ -93,6 +116,7 @@ fn main() -> Result<ExitCode> {
         script::parse(&text).with_context(|| path.display().to_string())
     });
     let steps = steps.transpose()?;
+    make_room(&arguments)?;
     let mut session = at_power_on(&arguments, &board, arguments.seed)?;
     session.follow(steps.unwrap_or_default());
 
@@ -106,7 +130,6 @@ fn main() -> Result<ExitCode> {
         std::fs::write(path, outcome.json()?).with_context(|| format!("cannot write {}", path.display()))?;
     }
     if let Some(folder) = &arguments.out {
-        std::fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
         std::fs::write(folder.join("report.html"), report::html(&outcome, &session.trace)?)?;
         std::fs::write(folder.join("trace.csv"), report::csv(&session.trace))?;
         println!("plots: {}", folder.join("report.html").display());
@@ -227,4 +250,31 @@ fn bar(end_s: f64) -> Result<ProgressBar> {
 fn show(line: &LogLine) -> String {
     let place = if line.place.is_empty() { String::new() } else { format!(" ({})", line.place) };
     format!("{:12.6} {:6} {}{place}", line.at_ns as f64 * 1e-9, line.level, line.message)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn parse(arguments: &[&str]) -> Result<Arguments, clap::Error> {
+        Arguments::try_parse_from([&["cargo virtual", "board"], arguments].concat())
+    }
+
+    #[test]
+    fn only_a_time_that_passes_is_run() {
+        for text in ["nan", "inf", "0", "-1", "1e30", "", "1,5", "2s"] {
+            assert!(parse(&["--seconds", text]).is_err(), "{text}");
+        }
+        assert!(parse(&["--seconds", "0.5", "--two-halls"]).is_ok_and(|found| found.two_halls == Some(90.0)));
+        assert!(parse(&["--two-halls", "-120"]).is_ok());
+        assert!(parse(&["--two-halls", "nan"]).is_err());
+    }
+
+    #[test]
+    fn what_cannot_be_written_is_told_before_the_run() {
+        let folder = std::env::temp_dir().join("no/such/folder/figures.json");
+        let wrong = parse(&["--json", folder.to_str().unwrap()]).unwrap();
+        assert!(make_room(&wrong).unwrap_err().to_string().contains("cannot write"));
+        assert!(make_room(&parse(&["--out", "/dev/null"]).unwrap()).is_err());
+    }
 }

@@ -2,9 +2,13 @@
 
 use crate::script;
 use crate::session::Session;
-use anyhow::{Context, Result};
+use anyhow::Result;
 use std::io::{Write, stdin, stdout};
 use std::sync::mpsc::{Receiver, channel};
+
+fn perform(board: &mut Session, text: &str) -> Result<()> {
+    script::parse(&format!("at 0s {text}"))?.into_iter().try_for_each(|step| board.perform(step))
+}
 
 /// Lines of standard input.
 pub struct Typed(Receiver<String>);
@@ -17,16 +21,17 @@ impl Typed {
         Self(receiver)
     }
 
-    /// Lets all that was typed happen to a board, and says so for who waits for it.
+    /// Lets all that was typed happen to a board, and says so for who waits for it. What is no event, or one that the
+    /// board cannot do, is told, and the board goes on.
     ///
     /// # Errors
-    /// What is no event, or one that the board cannot do.
+    /// It cannot be told.
     pub fn happen(&self, board: &mut Session) -> Result<()> {
         for text in self.0.try_iter() {
-            for step in script::parse(&format!("at 0s {text}")).context(text.clone())? {
-                board.perform(step)?;
+            match perform(board, &text) {
+                Ok(()) => println!("happens: {text}"),
+                Err(error) => eprintln!("{text:?}: {error:#}"),
             }
-            println!("happens: {text}");
             stdout().flush()?;
         }
         Ok(())

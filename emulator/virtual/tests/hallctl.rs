@@ -288,6 +288,16 @@ fn calibrates_amid_a_recording(name: &str, board: &Virtual) {
     records(name, board);
 }
 
+/// A calibration that is broken off gives the memory back, too: a recording had waited for it for ever.
+fn records_after_a_calibration_that_was_broken_off(name: &str, board: &Virtual) {
+    board.ok(&["calibrate", "--unattended"]);
+    let goes_on = || board.ok(&["status"]).contains("a calibration");
+    assert!((0..10).all(|_| goes_on()));
+    board.ok(&["stop"]);
+    assert!((0..100).any(|_| !goes_on()));
+    records(name, board);
+}
+
 fn evening(name: &str, serial: &str) {
     let board = Virtual::start(name, serial);
     assert!(board.ok(&["status"]).contains("unarmed: bridge off, not calibrated"));
@@ -302,6 +312,7 @@ fn evening(name: &str, serial: &str) {
     assert_eq!(shown.status.code(), Some(code), "{why}");
     assert_eq!(why.contains("the firmware of this drive knows no map of the magnets"), code == 6, "{why}");
     calibrates_amid_a_recording(name, &board);
+    records_after_a_calibration_that_was_broken_off(name, &board);
     measures_its_loop(name, &board);
     let motions = ["field-oriented", "sinusoidal", "block"].map(|commutation| moves(&board, commutation));
     let (told, time) = telemetry(&board);

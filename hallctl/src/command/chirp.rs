@@ -45,7 +45,7 @@ pub(super) struct Options {
     #[arg(long, value_parser = units::speed, default_value = "0", allow_negative_numbers = true)]
     from: units::Quantity,
     /// Number of steps
-    #[arg(long, default_value_t = 16, value_parser = clap::value_parser!(u32).range(2..=200))]
+    #[arg(long, default_value_t = 16, value_parser = crate::units::whole::<u32>(2..=200))]
     steps: u32,
     /// Into this file, .csv, .json or .html, - for CSV on the standard output; may be given more than once
     #[arg(long, short, value_name = "FILE", value_parser = out::table)]
@@ -368,13 +368,16 @@ fn report(
     options: &Options,
     out: Out,
 ) -> Result<()> {
+    if !options.out.iter().any(|path| is_stream(path)) {
+        tell(closed, open, measured, found, out)?;
+    }
+    // One that cannot be written costs none of the others.
+    let saved: Vec<_> = options.out.iter().map(|path| save(path, closed, open)).collect();
+    saved.into_iter().collect()
+}
+
+fn tell(closed: &Bode, open: &Bode, measured: &Figures, found: &load::Found, out: Out) -> Result<()> {
     let model = Figures::of(&closed.model, &open.model);
-    for path in &options.out {
-        save(path, closed, open)?;
-    }
-    if options.out.iter().any(|path| is_stream(path)) {
-        return Ok(());
-    }
     let row = |name: &str, of: fn(&Figures) -> Option<f64>, unit: &str| {
         let show = |figures| of(figures).map_or_else(|| "not found".into(), |value| format!("{value:.1} {unit}"));
         vec![name.into(), show(measured), show(&model)]

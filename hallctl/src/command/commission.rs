@@ -8,8 +8,9 @@ mod words;
 use super::{coil, motion, procedures, settings, tune};
 use crate::client::Client;
 use crate::error::{Error, Result};
-use crate::out::Out;
+use crate::out::{self, Out};
 use crate::say;
+use crate::units;
 use crate::words as said;
 use anyhow::Context;
 use clap::Args;
@@ -20,17 +21,17 @@ use hallservo::settings::{Settings, TABLE, find};
 use hallservo_protocol::Ask;
 use journal::{Found, Journal, take};
 use std::fs;
-use std::io::stdin;
+use std::io::{Write as _, stderr};
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 #[derive(Debug, Args)]
 pub(super) struct Options {
     /// Largest current that motor and bridge stand, A; the setting max_current_a where it is not given
-    #[arg(long, value_name = "AMPERES")]
+    #[arg(long, value_name = "AMPERES", value_parser = units::real)]
     max_current: Option<f32>,
     /// Pole pairs of the rotor, if they are known; otherwise `hallctl pole-pairs` counts them after step 2
-    #[arg(long, value_parser = clap::value_parser!(u8).range(1..=64))]
+    #[arg(long, value_parser = units::whole::<u8>(1..=64))]
     pole_pairs: Option<u8>,
     /// Do not ask whether the motor may turn; without, the answer is read from the standard input
     #[arg(long, short)]
@@ -73,10 +74,10 @@ fn still_turns(client: &mut Client, out: Out) -> Result<String> {
 
 fn steps(client: &mut Client, options: &Options, out: Out) -> Result<()> {
     procedures::free_shaft(client)?;
-    let mut journal = begin(client, options)?;
+    let (mut journal, kept) = begin(client, options)?;
     let mut commission = journal.commission()?;
     Journal::probe(&options.file)?;
-    words::stands(&journal, commission.action(), out)?;
+    words::stands(&journal, commission.action(), &kept, out)?;
     ask(options.yes, "The motor will turn, in both directions and fast in the end. Is the shaft free, may it begin?")?;
     let (mut coolings, mut gentler) = (0, 0);
     loop {
@@ -120,8 +121,8 @@ fn steps(client: &mut Client, options: &Options, out: Out) -> Result<()> {
     words::summary(&settings::read(client)?, journal.told_pole_pairs, out)
 }
 
-/// From the file, or anew.
-fn begin(client: &mut Client, options: &Options) -> Result<Journal> {
+/// From the file, or anew; and what a person has set since the file was written.
+fn begin(client: &mut Client, options: &Options) -> Result<(Journal, Vec<&'static str>)> {
     let status = client.status()?;
     match status.mode {
         Mode::Faulted(fault) if !HOT.contains(&fault) => {
@@ -137,9 +138,15 @@ fn begin(client: &mut Client, options: &Options) -> Result<Journal> {
         let other_limit = options.max_current.is_some() && options.max_current != journal.max_current_a;
         journal.port == client.port() && journal.board == client.identity().board && !other_limit
     };
-    let mut journal = before
-        .filter(is_ours)
-        .unwrap_or_else(|| Journal::new(client.port(), &client.identity().board, options.max_current, &present));
+    let anew = || (Journal::new(client.port(), &client.identity().board, options.max_current, &present), Vec::new());
+    let (mut journal, kept) = match before.filter(is_ours) {
+        None => anew(),
+        Some(mut journal) => match journal.take_over(&present, options.max_current.is_some())? {
+            // What was found with another limit is not used, however that was told.
+            kept if kept.contains(&"max_current_a") => anew(),
+            kept => (journal, kept),
+        },
+    };
     if options.pole_pairs.is_some() || !journal.told_pole_pairs {
         journal.set_pole_pairs(present.pole_pairs);
     }
@@ -147,7 +154,7 @@ fn begin(client: &mut Client, options: &Options) -> Result<Journal> {
     if !status.calibrated {
         journal.forget_calibration();
     }
-    Ok(journal)
+    Ok((journal, kept))
 }
 
 /// Asks a person, or what answers through a pipe; where nobody answers, that is a no.
@@ -155,12 +162,12 @@ fn ask(yes: bool, question: &str) -> Result<()> {
     if yes {
         return Ok(());
     }
-    eprint!("{question} [y/N] ");
-    let mut line = String::new();
-    let read = stdin().read_line(&mut line).context("the answer")?;
+    // A screen that is gone shows no question, and gives no answer.
+    let _ = write!(stderr(), "{question} [y/N] ");
+    let line = out::answer()?;
     match line.trim() {
         "y" | "Y" | "yes" => Ok(()),
-        _ if read == 0 => {
+        _ if line.is_empty() => {
             Err(Error::Refused("nobody has answered, nothing more was done\n  `--yes` does not ask.".into()))
         }
         _ => Err(Error::Refused("nothing more was done".into())),

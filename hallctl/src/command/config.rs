@@ -10,6 +10,7 @@ use serde::Deserialize;
 use serde_json::json;
 use std::fs;
 use std::io::ErrorKind;
+use std::num::NonZeroU64;
 use std::path::PathBuf;
 
 /// What the file says.
@@ -17,7 +18,7 @@ use std::path::PathBuf;
 #[serde(deny_unknown_fields)]
 pub(super) struct Config {
     pub(super) port: Option<String>,
-    pub(super) patience: Option<u64>,
+    pub(super) patience: Option<NonZeroU64>,
     pub(super) speed_unit: Option<SpeedUnit>,
     pub(super) position_unit: Option<PositionUnit>,
 }

@@ -3,7 +3,7 @@
 use super::procedures::{self, begin, wait};
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
-use crate::out::{Out, create};
+use crate::out::{self, Out};
 use crate::{say, words};
 use anyhow::Context as _;
 use hallservo::angle::PolePairs;
@@ -118,6 +118,10 @@ fn map(client: &mut Client, pole_pairs: u8) -> Result<Option<Map>> {
 fn tell(client: &mut Client, out: Out, csv: Option<&Path>) -> Result<()> {
     let status = status(client)?;
     let Some(map) = map(client, status.pole_pairs)? else {
+        if let Some(path) = csv {
+            let why = why_none(&status);
+            return Err(Error::Refused(format!("there is no map for {}{why}", path.display())));
+        }
         say!(out, "There is no map{}", why_none(&status))?;
         let cogging = tell_cogging(client, &status.cogging, out)?;
         return out.value(&json!({ "state": word(status.state), "report": null, "cogging": cogging }));
@@ -223,12 +227,12 @@ fn state(status: &MagnetsStatus) -> String {
 }
 
 fn write(map: &Map, path: &Path) -> Result<()> {
-    let mut file = csv::Writer::from_writer(create(path)?);
+    let mut file = csv::Writer::from_writer(Vec::new());
     file.write_record(["mechanical_deg", "ahead_deg"]).context("the file")?;
     let count = map.points().len();
     for (k, point) in map.points().iter().enumerate() {
         let row = [360.0 * k as f64 / count as f64, f64::from(*point) * 360.0 / 262_144.0];
         file.write_record(row.map(|value| format!("{value:.4}"))).context("the file")?;
     }
-    Ok(file.flush().context("the file")?)
+    out::save(path, file.into_inner().map_err(csv::IntoInnerError::into_error).context("the file")?)
 }

@@ -85,7 +85,7 @@ pub(super) fn hold(client: &mut Client, options: &Options, target: Target, out: 
     }
     let began = client.status()?;
     if began.command_timeout_s.is_infinite() {
-        eprintln!("hallctl: command_timeout_s is infinite, so the motor goes on turning if the link breaks");
+        crate::tell!("hallctl: command_timeout_s is infinite, so the motor goes on turning if the link breaks");
     }
     let line = ProgressBar::new_spinner();
     line.set_style(ProgressStyle::with_template("{msg}").unwrap_or_else(|_| ProgressStyle::default_spinner()));

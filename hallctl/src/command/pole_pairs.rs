@@ -20,7 +20,7 @@ const NAME: &str = "pole_pairs";
 #[derive(Clone, Copy, Debug, clap::Args)]
 pub(super) struct Options {
     /// Turns of the shaft: one tells up to 14 pole pairs, five tell all. Without, you say how many you made
-    #[arg(long, value_parser = clap::value_parser!(u8).range(1..))]
+    #[arg(long, value_parser = crate::units::whole::<u8>(1..=255))]
     turns: Option<u8>,
     /// Take the number even if it is a multiple of the one set, or a part of it
     #[arg(long)]
@@ -81,7 +81,7 @@ fn made(
     loop {
         match typed.trim().parse() {
             Ok(turns @ 1..) => return Ok(turns),
-            _ => eprintln!("How many whole turns was that? A number, and Enter."),
+            _ => crate::tell!("How many whole turns was that? A number, and Enter."),
         }
         typed = follow(client, count, assumed, lines)?;
     }

@@ -5,6 +5,7 @@ use crate::error::Result;
 use crate::out::{self, Out, is_stream};
 use crate::say;
 use crate::scope::{self, Awaited, Recording, name};
+use crate::units;
 use anyhow::Context as _;
 use hallservo::scope::{Channel, ROWS, Setup};
 use plots::{Plot, Report, Series};
@@ -19,10 +20,10 @@ pub(super) struct Options {
     #[arg(long, short, value_delimiter = ',', value_parser = scope::channel, default_value = "i_q_ref,i_q,speed_ref,speed")]
     channels: Vec<Channel>,
     /// Every so many control periods
-    #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u16).range(1..))]
+    #[arg(long, default_value_t = 1, value_parser = units::whole::<u16>(1..=65_535))]
     every: u16,
     /// Rows; without, as many as the drive's memory holds
-    #[arg(long, value_parser = clap::value_parser!(u16).range(1..=ROWS as i64))]
+    #[arg(long, value_parser = units::whole::<u16>(1..=ROWS as u64))]
     rows: Option<u16>,
     /// now, command (the next one to the drive), fault, or a channel that crosses a level: "i_q>1.5", "speed<-100rpm"
     #[arg(long, value_parser = scope::trigger, default_value = "now", allow_hyphen_values = true)]
@@ -56,14 +57,13 @@ pub(super) fn record(client: &mut Client, options: &Options, out: Out) -> Result
     options.out.iter().try_for_each(|path| out::probe(path))?;
     let id = scope::begin(client, setup)?;
     let recording = scope::finish(client, id, options.seconds.unwrap_or(f64::INFINITY))?;
-    for path in &options.out {
-        save(path, &recording)?;
-    }
     if !options.out.iter().any(|path| is_stream(path)) {
         tell(&recording, &setup, client.identity().step_hz, out)?;
         out.value(&value(&recording))?;
     }
-    Ok(())
+    // One that cannot be written costs none of the others.
+    let saved: Vec<_> = options.out.iter().map(|path| save(path, &recording)).collect();
+    saved.into_iter().collect()
 }
 
 fn tell(recording: &Recording, setup: &Setup, step_hz: f64, out: Out) -> Result<()> {

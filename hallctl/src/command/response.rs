@@ -80,7 +80,7 @@ pub(super) struct SineOptions {
     #[arg(long, value_delimiter = ',', default_value = "1,2,4", value_parser = frequency, global = true)]
     frequency: Vec<f64>,
     /// Periods of each
-    #[arg(long, default_value_t = 4, value_parser = clap::value_parser!(u32).range(1..), global = true)]
+    #[arg(long, default_value_t = 4, value_parser = crate::units::whole::<u32>(1..=1_000_000), global = true)]
     periods: u32,
     #[command(flatten)]
     pub(super) files: Files,
@@ -201,7 +201,7 @@ pub(super) fn step(client: &mut Client, options: &StepOptions, out: Out) -> Resu
         .filter(|row| (began_s - BEFORE_S..began_s).contains(&row.time_s))
         .map(|row| (row.time_s - began_s, row.measured))
         .collect();
-    let found = Step::of(&since, wanted.from, to).beyond_noise(wanted.size, &before);
+    let found = Step::of(&since, wanted.from, to).beyond_noise(wanted.size, &before).unless_lost(wanted.size);
     let ideal: Vec<Point> = since.iter().map(|&(time_s, _)| (time_s, model.at(time_s))).collect();
     let asked = Step::of(&ideal, wanted.from, to);
     tell(&found, &asked, &wanted, out)?;
@@ -236,6 +236,9 @@ fn tell(found: &Step, asked: &Step, wanted: &Wanted, out: Out) -> Result<()> {
         row("error in the end", of_axis(found.error), String::new()),
         row("noise, RMS", of_axis(found.noise), String::new()),
     ])?;
+    if found.is_lost(wanted.size) {
+        say!(out, "The step is no larger than the noise, which hides when it rose and settled: a larger one tells.")?;
+    }
     say!(out, "Asked is the trajectory, within max_acceleration_rad_s2 and max_speed_rad_s.")
 }
 

@@ -189,6 +189,7 @@ fn number(client: &mut Client, name: &str, text: &str) -> Result<f32> {
                 Kind::Choice(names) => names.replace('|', ", "),
                 Kind::Real | Kind::Whole => "a number".into(),
             };
+            let text = if text.is_empty() { "nothing" } else { text };
             Error::Refused(format!("it takes {wanted}, not {text}"))
         })
     });

@@ -20,7 +20,7 @@ pub(super) fn show(client: &mut Client, out: Out) -> Result<()> {
     if let Mode::Faulted(fault) = status.mode {
         line("", &format!("→ {}", words::what_to_do(fault)))?;
     }
-    let limits = words::limits(status.limits);
+    let limits = words::limits_in(status.mode, status.limits);
     line("limited by", &if limits.is_empty() { "nothing".into() } else { limits.join(", ") })?;
     if status.activity != Activity::None {
         line("goes on", &format!("{}, {:.0} %", words::activity(status.activity), 100.0 * status.progress))?;

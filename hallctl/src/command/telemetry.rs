@@ -183,13 +183,13 @@ pub(super) fn watch(client: &mut Client, options: &Options, out: Out) -> Result<
     let seconds = rows.steps as f64 / rows.step_hz;
     if sinks.gate.waits() {
         // Frames came, and none of them was to be kept.
-        eprintln!("the trigger did not come within {seconds:.3} s");
+        crate::tell!("the trigger did not come within {seconds:.3} s");
         return Err(Error::Interrupted);
     }
     if let (Some(path), Some(kept)) = (&options.plot, &sinks.kept) {
         plot(path, kept)?;
     }
-    eprintln!("{} frames in {seconds:.3} s, {} lost", sinks.count, rows.lost);
+    crate::tell!("{} frames in {seconds:.3} s, {} lost", sinks.count, rows.lost);
     Ok(())
 }
 

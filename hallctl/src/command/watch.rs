@@ -2,6 +2,7 @@
 
 use crate::client::{Client, unexpected};
 use crate::error::{Error, Result};
+use crate::interrupt;
 use crate::out::Out;
 use crate::units::Units;
 use crate::words;
@@ -17,6 +18,9 @@ use ratatui::text::{Line, Span};
 use ratatui::widgets::{Block, Gauge, Paragraph, Sparkline, Wrap};
 use std::collections::VecDeque;
 use std::io::{IsTerminal, stdout};
+use std::mem::forget;
+use std::process::exit;
+use std::thread;
 use std::time::{Duration, Instant};
 
 /// Frames a second.
@@ -25,6 +29,8 @@ const HZ: f32 = 50.0;
 const PICTURE: Duration = Duration::from_millis(50);
 /// Speeds that are kept for the curve.
 const KEPT: usize = 400;
+/// Within it, who was sent a signal has put the terminal back and ended.
+const GRACE: Duration = Duration::from_secs(2);
 const KEYS: &str = " s or space: stop   r: forget the swings   q: end ";
 
 /// What is shown.
@@ -62,11 +68,26 @@ pub(super) fn watch(client: &mut Client, out: Out) -> Result<()> {
     }
     let mut view = begin(client, out.units)?;
     let mut terminal = ratatui::try_init().context("the terminal")?;
+    end_without_terminal();
     let shown = show(client, &mut view, &mut terminal);
-    ratatui::restore();
+    if ratatui::try_restore().is_err() {
+        // Of a terminal that is gone nothing can be put back, and its end would panic when it could not say so.
+        forget(terminal);
+    }
     client.carry_on();
     client.end_telemetry()?;
     shown
+}
+
+/// Of a terminal that is gone, the keyboard is read for ever: the port would never be free again.
+fn end_without_terminal() {
+    thread::spawn(|| {
+        while !interrupt::came() {
+            thread::sleep(PICTURE);
+        }
+        thread::sleep(GRACE);
+        exit(interrupt::EXIT.into());
+    });
 }
 
 fn begin(client: &mut Client, units: Units) -> Result<View> {
@@ -109,6 +130,9 @@ fn show(client: &mut Client, view: &mut View, terminal: &mut ratatui::DefaultTer
         client.pause(&mut look, &view.status, PICTURE)?;
         while let Some(frame) = client.telemetry() {
             view.see(frame);
+        }
+        if interrupt::came() {
+            return Err(Error::Interrupted);
         }
         terminal.draw(|frame| draw(frame, view)).context("the terminal")?;
         while event::poll(Duration::ZERO).context("the keyboard")? {
@@ -158,7 +182,7 @@ fn draw(frame: &mut Frame<'_>, view: &View) {
 fn next(view: &View) -> String {
     match view.status.mode {
         Mode::Faulted(fault) => words::what_to_do(fault),
-        _ => match words::limits(view.frame.limits) {
+        mode => match words::limits_in(mode, view.frame.limits) {
             limits if limits.is_empty() => String::new(),
             limits => format!("limited by {}", limits.join(", ")),
         },

@@ -99,6 +99,11 @@ impl Drive {
         self.screen.recv_timeout(LONGEST).expect("the drive has ended, or what was waited for never comes")
     }
 
+    /// Something is typed into it that it says nothing of, on its standard output.
+    pub fn type_bytes(&mut self, bytes: &[u8]) {
+        self.keyboard.write_all(bytes).unwrap();
+    }
+
     /// Something is typed into it, and it says that this happened.
     pub fn typed(&mut self, event: &str) -> String {
         writeln!(self.keyboard, "{event}").unwrap();

@@ -8,7 +8,7 @@ use hallservo::service::commission::Commission;
 use hallservo::service::identify::Report;
 use hallservo::service::standstill::Electrical;
 use hallservo::service::swings::Rough;
-use hallservo::settings::{Control, Settings, TABLE, find};
+use hallservo::settings::{Control, Entry, Settings, TABLE, find};
 use serde::{Deserialize, Serialize};
 use std::collections::BTreeMap;
 use std::fs;
@@ -30,6 +30,27 @@ pub(super) enum Found {
     /// The measurements do not determine it.
     Unidentified,
 }
+
+/// What commissioning finds out, whatever it was before: a person's own value of these would not stay anyway.
+const FOUND_OUT: [&str; 15] = [
+    "resistance_ohm",
+    "inductance_h",
+    "saliency",
+    "flux_linkage_wb",
+    "inertia_kgm2",
+    "dead_time_ramp_a",
+    "hall_coil_deg_a",
+    "hall_delay_us",
+    "calibration_current_a",
+    "calibration_hz",
+    "calibration_align_s",
+    "current_bandwidth_hz",
+    "speed_bandwidth_hz",
+    "position_bandwidth_hz",
+    "max_acceleration_rad_s2",
+];
+/// What follows from a limit that it was told.
+const BY_LIMIT: [&str; 2] = ["continuous_current_a", "over_current_a"];
 
 /// Last line of a file that is whole: one cut off between two lines would be read as less.
 const END: &str = "# end";
@@ -58,7 +79,7 @@ pub(super) struct Journal {
 impl Journal {
     /// Nothing is found yet.
     pub fn new(port: &str, board: &str, max_current_a: Option<f32>, settings: &Settings) -> Self {
-        let value = |entry: &hallservo::settings::Entry| Some((entry.name.into(), entry.get(settings)?));
+        let value = |entry: &Entry| Some((entry.name.into(), entry.get(settings)?));
         Self {
             port: port.into(),
             board: board.into(),
@@ -80,7 +101,7 @@ impl Journal {
         };
         let bad = |why: &str| {
             let restart = "`--restart` begins anew, and overwrites it";
-            Error::Failed(format!("{} is none of commissioning: {why}\n  {restart}.", path.display()))
+            Error::Failed(format!("{} is no file of `hallctl commission`: {why}\n  {restart}.", path.display()))
         };
         let journal = toml::from_str(&text).map_err(|error| bad(error.message()))?;
         if !text.trim_end().ends_with(END) {
@@ -112,6 +133,37 @@ impl Journal {
             }
         }
         settings
+    }
+
+    /// What a person has set since it was broken off stays: a limit that was lowered meanwhile must not be raised again.
+    /// It is what neither was so in the beginning nor after any step. These settings' names; the limit is one of them unless
+    /// it is told again.
+    pub fn take_over(&mut self, present: &Settings, told_limit: bool) -> Result<Vec<&'static str>> {
+        let stages = self.stages()?;
+        let decided = |name| match name {
+            "pole_pairs" => true,
+            "max_current_a" => told_limit,
+            _ if BY_LIMIT.contains(&name) => self.max_current_a.is_some(),
+            _ => FOUND_OUT.contains(&name),
+        };
+        let is_new = |entry: &&Entry| {
+            let value = entry.get(present);
+            !decided(entry.name) && value.is_some() && stages.iter().all(|stage| entry.get(stage) != value)
+        };
+        let new: Vec<_> = TABLE.iter().filter(is_new).collect();
+        self.settings.extend(new.iter().filter_map(|entry| Some((entry.name.into(), entry.get(present)?))));
+        Ok(new.iter().map(|entry| entry.name).collect())
+    }
+
+    /// The settings in the beginning and after each step.
+    fn stages(&self) -> Result<Vec<Settings>> {
+        let mut replay = Self { found: Vec::new(), ..self.clone() };
+        let mut stages = vec![self.settings(), *replay.commission()?.settings()];
+        for found in &self.found {
+            replay.found.push(found.clone());
+            stages.push(*replay.commission()?.settings());
+        }
+        Ok(stages)
     }
 
     /// Other pole pairs: what depends on them is to be measured again.
@@ -187,6 +239,25 @@ mod tests {
             fs::write(&path, bad).unwrap();
             assert!(matches!(Journal::read(&path), Err(Error::Failed(why)) if why.contains("--restart")));
         }
+    }
+
+    #[test]
+    fn what_a_person_has_set_since_stays() {
+        let mut journal = journal();
+        let mut present = *journal.commission().unwrap().settings();
+        let control = present.control.as_mut().unwrap();
+        // As it was left in the midst of a step.
+        (control.speed_bandwidth_hz, control.resistance_ohm) = (0.5, 7.0);
+        assert!(journal.take_over(&present, true).unwrap().is_empty());
+        let control = present.control.as_mut().unwrap();
+        (control.max_regeneration_a, control.max_speed_rad_s) = (2.0, 30.0);
+        assert_eq!(journal.take_over(&present, true).unwrap(), ["max_regeneration_a", "max_speed_rad_s"]);
+        let goes_on = journal.commission().unwrap().settings().control.unwrap();
+        assert!(goes_on.max_regeneration_a == 2.0 && goes_on.max_speed_rad_s <= 30.0, "{goes_on:?}");
+        // The limit is what is told; without, it is a setting like any other.
+        present.control.as_mut().unwrap().max_current_a = 0.5;
+        assert!(journal.take_over(&present, true).unwrap().is_empty());
+        assert_eq!(journal.take_over(&present, false).unwrap(), ["max_current_a"]);
     }
 
     #[test]

@@ -1,7 +1,7 @@
 //! The measurements that nothing but commissioning needs.
 
 use crate::client::{Client, unexpected};
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::words;
 use hallservo::mode::Mode;
 use hallservo::service::procedure;
@@ -28,9 +28,11 @@ pub(super) fn standstill(client: &mut Client, settings: &Settings) -> Result<Ele
     let config = settings.validate().map_err(|error| super::words_of(&error))?;
     let mut evaluation =
         Evaluation::new(&config).map_err(|error| super::step(STANDSTILL, &words::procedure_error(&error)))?;
-    let measured = measure(client, &mut evaluation);
-    // Whatever has happened.
-    let disarmed = client.order(Ask::Disarm);
+    let mut begins = true;
+    let measured = measure(client, &mut evaluation, &mut begins);
+    // Whatever has happened; but what was refused has begun nothing, and the bridge is on for something else.
+    let is_on_for_another = begins && matches!(measured, Err(Error::Refused(_)));
+    let disarmed = if is_on_for_another { Ok(()) } else { client.order(Ask::Disarm) };
     let found = measured.and_then(|found| disarmed.map(|()| found))?;
     found.map_err(|error| super::step(STANDSTILL, &why(&error, settings)))
 }
@@ -49,21 +51,20 @@ fn why(error: &procedure::Error, settings: &Settings) -> String {
 
 type Measured = std::result::Result<Electrical, procedure::Error>;
 
-fn measure(client: &mut Client, evaluation: &mut Evaluation) -> Result<Measured> {
-    let mut begins = true;
+fn measure(client: &mut Client, evaluation: &mut Evaluation, begins: &mut bool) -> Result<Measured> {
     loop {
         if let Some(result) = evaluation.result() {
             return Ok(*result);
         }
-        if let Err(error) = client.order(Ask::Measure { begins, probe: evaluation.probe() }) {
+        if let Err(error) = client.order(Ask::Measure { begins: *begins, probe: evaluation.probe() }) {
             let mode = client.status()?.mode;
             return match mode {
-                Mode::Faulted(fault) if !begins => Ok(Err(procedure::Error::Fault(fault))),
-                Mode::Ready | Mode::Unarmed if !begins => Err(super::step(STANDSTILL, words::STOPPED)),
+                Mode::Faulted(fault) if !*begins => Ok(Err(procedure::Error::Fault(fault))),
+                Mode::Ready | Mode::Unarmed if !*begins => Err(super::step(STANDSTILL, words::STOPPED)),
                 _ => Err(error),
             };
         }
-        begins = false;
+        *begins = false;
         let window = client.ask(Ask::Window, |answer| match answer {
             Answer::Window(window) => Ok(window),
             other => unexpected(&other),

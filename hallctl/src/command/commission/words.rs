@@ -114,7 +114,7 @@ fn inertia(kgm2: f32) -> String {
 }
 
 /// Where it stands.
-pub(super) fn stands(journal: &Journal, action: Action, out: Out) -> Result<()> {
+pub(super) fn stands(journal: &Journal, action: Action, kept: &[&str], out: Out) -> Result<()> {
     let done: Vec<_> = journal
         .found
         .iter()
@@ -136,7 +136,10 @@ pub(super) fn stands(journal: &Journal, action: Action, out: Out) -> Result<()> 
         Action::Done => 5,
     };
     say!(out, "It goes on with step {next}; known from before: {}. `--restart` begins anew.", done.join(", "))?;
-    out.value(&json!({ "known": done, "next": next }))
+    if !kept.is_empty() {
+        say!(out, "Set since then, and kept: {}.", kept.join(", "))?;
+    }
+    out.value(&json!({ "known": done, "next": next, "kept": kept }))
 }
 
 /// The motor, and what it is set to.

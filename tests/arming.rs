@@ -95,6 +95,42 @@ fn broken(motors: u64, mut break_it: impl FnMut(&mut Rig, usize)) -> Vec<Mode> {
     modes
 }
 
+/// A gimbal motor at a board for fifty times its current, where `max_current_a` is some steps of the converter; an open phase
+/// is named as far down as there is a check.
+#[test]
+fn a_small_largest_current_is_no_broken_amplifier() {
+    let gimbal = motor("gimbal-7");
+    let (plant, mut settings) = (gimbal.plant(5), gimbal.settings());
+    let control = settings.control.as_mut().unwrap();
+    (control.resistance_ohm, control.inductance_h, control.max_current_a) = (10.0, 5e-3, gimbal.limit_a);
+    (control.flux_linkage_wb, control.inertia_kgm2) = (6e-3, 2e-5);
+    (control.current_bandwidth_hz, control.speed_bandwidth_hz, control.position_bandwidth_hz) = (400.0, 20.0, 5.0);
+    let model = known::model(&plant, &settings, 5);
+    let jobs = [0.05, 0.06, 0.075, 0.085, 0.1, 0.12, 0.15].into_iter().flat_map(|most_a| {
+        let seeds = 0..sim::of(5, 40);
+        seeds.flat_map(move |seed| [None, Some(seed as usize % 3)].map(|open| (most_a, seed, open)))
+    });
+    let jobs: Vec<_> = jobs.collect();
+    jobs.into_par_iter().for_each(|(most_a, seed, open)| {
+        let mut control = settings.control.unwrap();
+        control.max_current_a = most_a;
+        let mut rig = Rig::new(&plant, &Settings { control: Some(control), ..settings }, seed).unwrap();
+        rig.plant.place(0.7 * seed as f64, 0.0).unwrap();
+        if let Some(phase) = open {
+            rig.plant.set_phase_open(phase, true);
+        }
+        rig.wait(0.02);
+        rig.service.install(&model).unwrap();
+        rig.wait(0.05);
+        rig.arm().unwrap();
+        let expected = match open {
+            Some(phase) if most_a > 0.08 => Mode::Faulted(OPEN[phase]),
+            _ => Mode::Running,
+        };
+        assert_eq!(rig.drive.mode(), expected, "{most_a} A, {seed}");
+    });
+}
+
 const BLIND: [Fault; 3] = [Fault::AmplifierA, Fault::AmplifierB, Fault::AmplifierC];
 const OPEN: [Fault; 3] = [Fault::OpenPhaseA, Fault::OpenPhaseB, Fault::OpenPhaseC];
 

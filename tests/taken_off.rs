@@ -1,10 +1,13 @@
-//! A mass that is taken off the shaft after commissioning: with gains for the rotor as it was, a light one hums at rest, at
-//! the largest current.
+//! Gains of the speed control that are too large for what is on the shaft, and swing it at rest, at the largest current: a mass
+//! was taken off after commissioning, or the shaft has become soft.
 
 use crate::commissioned::{commissioned, here_turns, judge, lift_limits, on_battery, torque_nm};
+use crate::known;
 use hallservo::commutation::Commutation;
 use hallservo::drive::Command;
+use hallservo::fault::Fault;
 use hallservo::mode::Mode;
+use plant::LoadParameters;
 use rayon::prelude::*;
 use rig::Rig;
 use rig::motors::{MOTORS, Motor};
@@ -94,6 +97,49 @@ fn smaller_gains_swing_no_rotor_that_is_not_lighter() {
         let (mode, effort) = (rig.drive.mode(), effort(&mut rig, motor));
         let good = mode == Mode::Running && away < 0.02 && effort < 0.25;
         (format!("{}: {mode:?}, {away:.4} turns away, {effort:.2} of the largest torque", motor.name), good)
+    });
+    judge(&rows.collect::<Vec<_>>());
+}
+
+/// A load on a shaft that twists, of which the settings know nothing: so much of the inertia, swinging against the rotor at
+/// so many hertz.
+fn on_soft_shaft(motor: &Motor, share: f64, hz: f64, commutation: Commutation) -> Rig {
+    let mut plant = motor.plant(5);
+    let (_, mut settings) = commissioned(motor, &plant, 5);
+    settings.commutation = commutation;
+    let load_kgm2 = share * plant.motor.inertia_kgm2;
+    plant.motor.inertia_kgm2 -= load_kgm2;
+    plant.motor.load = Some(LoadParameters::resonant(plant.motor.inertia_kgm2, load_kgm2, hz, 0.01));
+    let mut rig = known::rig(&plant, &settings, 5).unwrap();
+    rig.arm().unwrap();
+    rig
+}
+
+/// Turned to and fro, then told to rest. Most rotors swing then, some farther than a hum, and are calm twenty seconds later,
+/// or nearly; nothing is called wrong, but one ends as over-current while it is turned. The short form has two of those that
+/// swing far.
+#[test]
+fn a_soft_shaft_does_not_swing_for_ever() {
+    let motors = MOTORS.iter().filter(|motor| !SLOW.contains(&motor.name)).skip(2);
+    let jobs = motors.flat_map(|motor| [(0.6, 164.0), (0.4, 250.0)].map(|(share, hz)| (motor, share, hz)));
+    let commutations = [Commutation::Sinusoidal, Commutation::Block, Commutation::FieldOriented];
+    let jobs = jobs.zip(commutations.into_iter().cycle()).skip(sim::of(1, 0)).step_by(sim::of(5, 1));
+    let jobs: Vec<_> = jobs.take(sim::of(2, usize::MAX)).collect();
+    let rows = jobs.par_iter().map(|&((motor, share, hz), commutation)| {
+        let mut rig = on_soft_shaft(motor, share, hz, commutation);
+        let control = *rig.control().unwrap();
+        for share in [0.7, -0.7, 0.7, -0.7, 0.7, -0.7, 0.0] {
+            let speed = control.speed(share * control.largest_speed_rad_s()).unwrap();
+            let _ = rig.command(Command::Speed(speed));
+            rig.wait(0.06);
+        }
+        rig.wait(1.0);
+        let before = effort(&mut rig, motor);
+        rig.wait(20.0);
+        let (name, mode, after) = (motor.name, rig.drive.mode(), effort(&mut rig, motor));
+        let text =
+            format!("{name}, {share} of the inertia at {hz} Hz, {commutation:?}: {mode:?}, {before:.2}, {after:.2}");
+        (text, matches!(mode, Mode::Running | Mode::Faulted(Fault::OverCurrent)) && after < 0.3)
     });
     judge(&rows.collect::<Vec<_>>());
 }

@@ -187,8 +187,8 @@ pub fn incident(incident: &Incident) -> (String, String) {
             "`hallctl commission` with everything on the shaft that it is to turn".into(),
         ),
         Cause::Lighter => (
-            "the speed control swung the rotor to and fro, as one much lighter than inertia_kgm2: until it is armed again, \
-             its gains are smaller"
+            "the speed control swung the rotor to and fro, as one much lighter than inertia_kgm2 or on a soft shaft: until \
+             it is armed again, its gains are smaller"
                 .into(),
             "`hallctl commission` with what is on the shaft now, or a smaller `speed_bandwidth_hz`".into(),
         ),

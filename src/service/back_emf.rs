@@ -26,8 +26,9 @@ pub(super) struct BackEmf {
     /// Means of the back-EMF, and of the one along q that the speed should induce, 2² times as large.
     emf: Dq,
     expected: i32,
-    /// Current of the measurement before.
+    /// Current and speed of the measurement before.
     current: Dq,
+    speed: i32,
     /// What was induced elsewhere, summed up.
     elsewhere: i32,
 }
@@ -50,6 +51,12 @@ impl BackEmf {
         if v == Dq::ZERO {
             // Nothing is controlled, as during the check at arming.
             *self = Self::default();
+            return false;
+        }
+        // As while it swings: a speed that the tracker tells late is another one by now.
+        let before = core::mem::replace(&mut self.speed, speed);
+        if (speed - before).abs() > speed.abs() / 2 {
+            *self = Self { current: state.current, speed, ..Self::default() };
             return false;
         }
         if self.is_on_its_way(state) {
@@ -212,6 +219,28 @@ mod tests {
                 let motor = Motor { hz: *hz, amperes: *amperes, wrong_deg, ..sound() };
                 let found = motor.found(100).unwrap_or_else(|| panic!("{motor:?}"));
                 assert!(found < 30, "{found}: {motor:?}");
+            }
+        }
+    }
+
+    /// As by a load on a soft shaft, faster than the tracker follows: its speed is told late by more than a quarter of the swing,
+    /// until that ends. Then little current flows, beside which what was told late would be much.
+    #[test]
+    fn a_rotor_that_swings_is_no_fault() {
+        let config = Settings { control: Some(control()), ..Settings::default() }.validate().unwrap().control.unwrap();
+        for swing_hz in [90.0, 164.0, 204.0, 253.0, 410.0] {
+            for late_deg in [60.0_f64, 110.0, 150.0] {
+                let (mut emf, mut random) = (BackEmf::default(), Pcg64::seed_from_u64(1));
+                let found = (0..6000).find(|&k| {
+                    let turn = core::f64::consts::TAU * swing_hz * f64::from(k) / 1250.0;
+                    let swings = k % 300 < 200;
+                    let hz = |turn: f64| if swings { 200.0 * libm::sin(turn) } else { 0.0 };
+                    let amperes = [0.0, if swings { libm::copysign(3.0, libm::cos(turn)) } else { 0.2 }];
+                    let (state, _) = Motor { hz: hz(turn), amperes, ..sound() }.measurement(&mut random);
+                    let told = Motor { hz: hz(turn - late_deg.to_radians()), ..sound() };
+                    emf.look(&state, told.measurement(&mut random).1, &config)
+                });
+                assert_eq!(found, None, "{swing_hz} Hz, {late_deg}°");
             }
         }
     }

@@ -1,5 +1,6 @@
 //! Does the speed control swing the rotor to and fro by itself? Where a mass was taken off the shaft since the settings
-//! were found, its gains are too large for the rotor that is left: it hums at rest, at the largest current.
+//! were found, its gains are too large for the rotor that is left: it hums at rest, at the largest current. So they are
+//! for a load on a shaft that has become soft, and for a tracker that is too slow for them.
 //!
 //! In such a swing the reference of the current goes from one side to the other many times a second, while the rotor
 //! hardly turns. What uneven magnets or cogging have the current do comes again with the rotor's angle, at most
@@ -13,15 +14,18 @@ const LASTING: u16 = 10_000;
 /// Measurements that a reversal takes at most, 20 ms of them: a rotor that is heavier than the settings say swings more
 /// slowly.
 const LONGEST: u8 = 25;
-/// Farthest that the rotor turns between two of them, in 2⁻³² turns: 40° electrical.
-const FARTHEST: u64 = 477_218_588;
+/// Farthest that the rotor turns on from a reversal to the next but one, in 2⁻³² turns: 80° electrical. How far it goes to and
+/// fro meanwhile does not matter: a load on a soft shaft, or a slow tracker, makes it swing far.
+const FARTHEST: u64 = 954_437_177;
 
 /// What has been seen.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Hunting {
-    /// Direction of the last large current, where the rotor was when it came, and measurements since.
+    /// Direction of the last large current, where the rotor was when it came, where it was at the reversal before, and
+    /// measurements since the last.
     backward: bool,
-    from: Position,
+    here: Position,
+    before: Position,
     since: u8,
     /// Measurements of all reversals, one after the other.
     lasted: u16,
@@ -29,7 +33,8 @@ pub(super) struct Hunting {
 
 impl Hunting {
     /// Nothing.
-    pub const NONE: Self = Self { backward: false, from: Position::from_bits(0), since: 0, lasted: 0 };
+    pub const NONE: Self =
+        Self { backward: false, here: Position::from_bits(0), before: Position::from_bits(0), since: 0, lasted: 0 };
 
     /// Takes in the reference of the current and the largest one, and where the rotor is; whether the control swings.
     pub fn look(&mut self, reference: i32, largest: i32, position: Position) -> bool {
@@ -37,11 +42,12 @@ impl Hunting {
         if reference.abs() < largest / 2 || (reference < 0) == self.backward {
             return false;
         }
-        let turned = position.to_bits().wrapping_sub(self.from.to_bits()).unsigned_abs();
+        let turned = position.to_bits().wrapping_sub(self.before.to_bits()).unsigned_abs();
         let follows = self.since <= LONGEST && turned <= FARTHEST;
         let lasted = if follows { self.lasted + u16::from(self.since) } else { 0 };
         let swings = lasted >= LASTING;
-        *self = Self { backward: reference < 0, from: position, since: 0, lasted: if swings { 0 } else { lasted } };
+        let lasted = if swings { 0 } else { lasted };
+        *self = Self { backward: reference < 0, here: position, before: self.here, since: 0, lasted };
         swings
     }
 }
@@ -74,6 +80,20 @@ mod tests {
                 assert!(
                     found.is_some_and(|records| (10_000..10_100).contains(&records)),
                     "{hz} Hz, {share}: {found:?}"
+                );
+            }
+        }
+    }
+
+    /// As with a load on a soft shaft, or with a tracker that is slow for the gains: what counts is that it comes back.
+    #[test]
+    fn a_swing_may_go_far_to_and_fro() {
+        for hz in [30.0, 50.0, 170.0, 250.0] {
+            for (far_deg, drift_deg_s) in [(30.0, 0.0), (60.0, 0.0), (90.0, 0.0), (45.0, 360.0)] {
+                let found = found(|t| sine(hz, t), |t| drift_deg_s * t + far_deg * sine(hz, t + 1.0));
+                assert!(
+                    found.is_some_and(|records| (10_000..10_100).contains(&records)),
+                    "{hz} Hz, {far_deg}°: {found:?}"
                 );
             }
         }

@@ -41,6 +41,9 @@ pub(crate) struct ArmingCheck {
 /// The check takes every second control step, which keeps the longest step short.
 pub(crate) const EVERY: u32 = 2;
 
+/// Least current that tells anything, in 2⁻¹⁵ of the full scale: of a smaller one, a phase that is whole, too, shows a tenth more
+/// or less by the noise of the amplifiers and the steps of the converter.
+const LEAST: f32 = 160.0;
 /// Time in which the voltage rises by what drives the current through the resistance.
 const RISE_S: f32 = 1e-3;
 /// Multiple of that voltage that has to make the current: a resistance may be so much larger than it is set.
@@ -77,7 +80,7 @@ impl ArmingCheck {
     pub fn new(settings: &Control, frame: &Frame, scale: &Scale) -> Self {
         let Control { max_current_a: most_a, resistance_ohm, .. } = *settings;
         // Enough to be seen beside the noise, but nothing that would move much.
-        let current_a = (0.2 * most_a).max(scale.amperes / 100.0).min(0.5 * most_a);
+        let current_a = (0.2 * most_a).max(scale.amperes / 100.0).min(most_a);
         let current = current_a * scale.per_ampere();
         let full = 2_147_483_648.0;
         let step_hz = scale.step_hz / EVERY as f32;
@@ -93,9 +96,9 @@ impl ArmingCheck {
         let averaged = if averages > 0 { (1 << averages) as f32 } else { 0.0 };
         let speed = |hz: f32| (hz / scale.step_hz * crate::angle::TURN) as i32;
         Self {
-            enabled: settings.guard.arming_check && current >= 16.0,
+            enabled: settings.guard.arming_check && current >= LEAST,
             current: whole_i16(current),
-            push: whole_i16((0.6 * most_a * scale.per_ampere()).max(current)),
+            push: whole_i16(0.6 * most_a * scale.per_ampere()),
             rise: ((rise * full) as i32).max(1),
             least: (0.7 * dead * full).min(0.5 * full) as i32,
             most: ((1.6 * dead + 0.02) * full).min(0.9 * full) as i32,

@@ -57,6 +57,11 @@ fn a_mass_that_is_taken_off_leaves_no_hum() {
         let speed = |share: f32| Command::Speed(control.speed(share * control.largest_speed_rad_s()).unwrap());
         let mut efforts = Vec::new();
         let mut good = true;
+        // A rotor that rests would begin to hum with its first motion only.
+        for share in [0.1, 0.4] {
+            rig.command(speed(share)).unwrap();
+            rig.wait(0.5);
+        }
         for (share, most) in [(Some(0.0), 0.25), (Some(0.1), 0.25), (Some(0.4), 0.5), (Some(0.0), 0.25), (None, 0.25)] {
             let goal = control.position(here_turns(&rig) + 0.02).unwrap();
             rig.command(share.map_or(Command::Position(goal), speed)).unwrap();

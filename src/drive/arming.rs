@@ -345,7 +345,7 @@ impl Arming {
 
     /// Whether no voltage so far has made a current.
     fn shows_nothing(&self, control: &Control) -> bool {
-        let largest = self.currents.iter().map(|sums| largest(sums)).max().unwrap_or(0);
+        let largest = self.currents.iter().map(largest).max().unwrap_or(0);
         largest < i32::from(control.arming.current) * AVERAGED as i32 / 4
     }
 

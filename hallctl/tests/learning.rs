@@ -106,7 +106,7 @@ fn the_sensors_are_learnt_after_every_kind_of_start() {
 }
 
 /// Two Halls, and what is learnt of them: at every kind of rotor the angle is as good as without, at a good one whose Halls
-/// have changed better. The short form has every eleventh of them.
+/// have changed better, but for one in six slow ones that is taken for uneven for a while. The short form has every eleventh of them.
 #[test]
 fn two_halls_are_learnt_where_the_magnets_allow_it() {
     let kinds = kinds().into_iter().map(|kind| (kind.name, kind.unevenness, 0.0));
@@ -124,16 +124,20 @@ fn two_halls_are_learnt_where_the_magnets_allow_it() {
         let what = format!("{kind}, {apart_deg}° apart, {speed} rad/s, motor {number}");
         (what, fades, status(&mut drive), [learning, fixed].map(|errors| errors.rms()))
     });
+    let mut doubted = 0;
     for (what, fades, status, [learning, fixed]) in turned.collect::<Vec<_>>() {
         println!("{what}: {learning:.2}°, without learning {fixed:.2}°; {:?}, {}", status.learning, status.learnt);
         assert!(matches!(status.learning, Learning::On | Learning::Uneven), "{what}");
         assert_eq!(status.mode, Mode::Running, "{what}");
-        if fades > 0.0 {
+        let doubts = fades > 0.0 && status.learning == Learning::Uneven;
+        doubted += u32::from(doubts);
+        if fades > 0.0 && !doubts {
             assert!(status.learnt > 5 && learning < 1.0 && learning < 0.6 * fixed, "{what}");
         } else {
             assert!(learning < 1.15 * fixed + 0.03, "{what}");
         }
     }
+    assert!(doubted <= sim::of(0, 1), "{doubted}");
 }
 
 #[test]

@@ -453,7 +453,7 @@ fn with_inertia(case: &Motor, times: f64, seed: u64) -> (String, bool) {
         found.seconds as u32,
         rig.drive.mode()
     );
-    let known = if found.report.is_some() { [0.02, 0.1] } else { [0.15, 0.25] };
+    let known = if found.report.is_some() { [0.02, 0.1] } else { [0.16, 0.25] };
     let good = (flux - 1.0).abs() < known[0] && (inertia - 1.0).abs() < known[1];
     (text, good && farthest < 0.03 && off.abs() < 0.03 && rig.drive.mode() == Mode::Running)
 }

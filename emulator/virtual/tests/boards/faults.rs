@@ -218,7 +218,7 @@ pub fn switch_off(name: &str) {
         add(-over_a, By::Sample(0));
         add(over_a, By::Sample(0));
     }
-    let bus = By::Bus(low_v - 0.2, high_v + 0.2);
+    let bus = By::Bus(low_v - 0.5, high_v + 0.5);
     faults.push(fault(words(format!("bus {:.1}V", low_v - 2.0)), "bus 24V", bus, &[20]));
     faults.push(fault(words(format!("bus {:.1}V", 1.15 * high_v)), "bus 24V", bus, &[19]));
     if board.trip.is_some() {

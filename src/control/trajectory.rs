@@ -260,13 +260,20 @@ const fn stopping(left: u64, braking: i32) -> u64 {
 /// v (v + a) ≤ 2 a times the distance, which is `stopping`.
 #[inline(always)]
 const fn stops(speed: i32, acceleration: i32, stopping: u64) -> bool {
-    speed as u32 as u64 * (speed + acceleration) as u32 as u64 <= stopping
+    // Of two that are not negative: a rotor out of control may be so fast that no `i32` holds the sum.
+    speed as u32 as u64 * (speed as u32 + acceleration as u32) as u64 <= stopping
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn no_speed_is_too_fast_to_ask_whether_it_stops() {
+        assert!(!stops_within(1 << 40, i32::MAX, Limits::MOST + Limits::MOST / 2));
+        assert!(stops_within(i64::MAX, 1 << 30, Limits::MOST + Limits::MOST / 2));
+    }
 
     /// Steps until at rest at the target; asserts the limits on the way.
     fn arrive(trajectory: &mut Trajectory, target: i64, limits: &Limits) -> u32 {

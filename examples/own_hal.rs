@@ -28,7 +28,7 @@ struct Port {
 
 impl Port {
     fn power_up(motor: Motor, memory: &'static mut Memory<Flash>) -> Result<Self, BadSetting<'static>> {
-        let identity = Identity { board: "my board", firmware: "1.0" };
+        let identity = Identity { board: "my board", firmware: "1.0", serial: [1, 2, 3] };
         let (drive, supervisor) = Supervisor::start(identity, world::settings(), Flash::first(), 0, memory)?;
         Ok(Self { motor, drive, supervisor, now_ms: 0 })
     }

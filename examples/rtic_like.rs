@@ -40,7 +40,7 @@ fn tasks(supervisor: &mut Supervisor<Flash>, now_ms: u64, line: &mut Line) {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let settings = world::settings();
-    let identity = Identity { board: "my board", firmware: "1.0" };
+    let identity = Identity { board: "my board", firmware: "1.0", serial: [1, 2, 3] };
     let (drive, supervisor) = Supervisor::start(identity, settings, Flash::second(), 0, MEMORY.take())?;
     let motor = Motor::new(2, settings.validate()?.period)?;
     // The clock of the simulated chip: a millisecond begins for both at once, and both are done before the next.

@@ -15,9 +15,6 @@ pub trait Bus {
     /// Where the drive is on the bus from now on.
     fn listen(&mut self, address: Address);
 
-    /// The serial number of the chip.
-    fn serial(&self) -> [u32; 3];
-
     /// Called every [`LOOK_MS`] or more often while no frames come: time to get back on a bus that was left.
     fn look_after(&mut self);
 
@@ -39,10 +36,6 @@ impl Bus for NoBus {
     async fn send(&mut self, _: &Reply) {}
 
     fn listen(&mut self, _: Address) {}
-
-    fn serial(&self) -> [u32; 3] {
-        [0; 3]
-    }
 
     fn look_after(&mut self) {}
 

@@ -90,7 +90,7 @@ async fn carry<F: NorFlash, E: Encoder>(supervisor: &Shared<'_, F, E>, mut bus: 
         let address = supervisor.borrow().bus_address();
         if listens != Some(address) {
             listens = Some(address);
-            supervisor.borrow_mut().set_bus(address, bus.serial());
+            supervisor.borrow_mut().set_bus(address);
             bus.listen(address);
         }
         supervisor.borrow_mut().set_bus_health(bus.health());

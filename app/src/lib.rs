@@ -27,7 +27,7 @@
 //!     memory: &'static mut Memory<F>,
 //!     board: &mut impl Board,
 //! ) -> Result<(), Error<'static>> {
-//!     let identity = Identity { board: "mine", firmware: "1.0" };
+//!     let identity = Identity { board: "mine", firmware: "1.0", serial: [1, 2, 3] };
 //!     let (drive, supervisor) = Supervisor::start(identity, Settings::default(), flash, 0, memory)?;
 //!     board.start_control_interrupt(drive);
 //!     let (mut ticked_ms, mut bytes) = (0, [0; 64]);
@@ -111,13 +111,15 @@ use scope::ScopeMemory;
 type Request<'a> = hallservo_protocol::RequestBy<&'a [u8]>;
 type Ask<'a> = hallservo_protocol::AskBy<&'a [u8]>;
 
-/// Name of the board and version of its firmware, for a person who asks.
+/// What the drive says it is, to whoever asks.
 #[derive(Clone, Copy, Debug)]
 pub struct Identity {
     /// Name of the board, up to 40 bytes.
     pub board: &'static str,
     /// Version of the firmware, up to 40 bytes.
     pub firmware: &'static str,
+    /// Serial number of the chip, the lowest word first: it tells a board from others of its kind.
+    pub serial: [u32; 3],
 }
 
 /// The memory of one drive and its supervisor: a static. What [`Supervisor::start`] fills is not initialised, so that

@@ -28,7 +28,6 @@ pub(crate) struct Registers {
     decoder: line::Decoder,
     server: Server,
     sequence: Sequence,
-    serial: [u32; 3],
     id: u8,
     bus: BusHealth,
     channel: Channel,
@@ -42,7 +41,6 @@ impl Registers {
             decoder: line::Decoder::new(),
             server: Server::new(address),
             sequence: Sequence::new(),
-            serial: [0; 3],
             id: address.id,
             bus: BusHealth::NONE,
             channel: Channel::new(),
@@ -50,10 +48,10 @@ impl Registers {
         }
     }
 
-    /// Where the drive is on the bus, and the serial number of its chip.
-    pub const fn set_identity(&mut self, address: Address, serial: [u32; 3]) {
+    /// Where the drive is on the bus.
+    pub const fn set_address(&mut self, address: Address) {
         self.server.set_address(address);
-        (self.serial, self.id) = (serial, address.id);
+        self.id = address.id;
     }
 
     /// How the bus is.
@@ -84,8 +82,8 @@ impl Registers {
             self.sequence.tick(tasks);
         }
         if !self.sequence.waits() {
-            let Self { sequence, serial, id, bus, channel, pending, .. } = self;
-            channel.tick(&mut Drive { tasks, sequence, serial: *serial, id: *id, bus: *bus, pending });
+            let Self { sequence, id, bus, channel, pending, .. } = self;
+            channel.tick(&mut Drive { tasks, sequence, id: *id, bus: *bus, pending });
         }
     }
 
@@ -108,11 +106,11 @@ impl Registers {
     /// A frame of any line, and its reply.
     #[inline(never)]
     pub fn handle<F: NorFlash, E: Encoder>(&mut self, request: &Request, tasks: &mut Tasks<F, E>) -> Option<Reply> {
-        let Self { server, sequence, serial, id, bus, channel, pending, .. } = self;
+        let Self { server, sequence, id, bus, channel, pending, .. } = self;
         if server.is_for(request.identifier) {
             tasks.controller.hear(CLIENT, tasks.now_ms);
         }
-        let mut drive = Drive { tasks, sequence, serial: *serial, id: *id, bus: *bus, pending };
+        let mut drive = Drive { tasks, sequence, id: *id, bus: *bus, pending };
         let reply = server.handle(request, &mut drive, channel.tunnel());
         channel.serve(&mut drive);
         reply

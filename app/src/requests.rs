@@ -6,7 +6,7 @@ use crate::procedure::Procedure;
 #[cfg(feature = "scope")]
 use crate::scope::From;
 use crate::tasks::Tasks;
-use crate::{Ask, Request};
+use crate::{Ask, Identity, Request};
 use embedded_storage::nor_flash::NorFlash;
 use hallservo::angle::Position;
 use hallservo::commutation::{Modulation, modulation};
@@ -401,9 +401,9 @@ impl<F: NorFlash, E: Encoder> Tasks<F, E> {
     }
 
     pub fn hello(&self) -> Answer<'static> {
-        let identity = self.identity;
+        let Identity { board, firmware, serial } = self.identity;
         let settings = TABLE.len() as u16 + E::SETTINGS;
-        Answer::Hello(Hello { board: identity.board, firmware: identity.firmware, settings, step_hz: self.step_hz() })
+        Answer::Hello(Hello { board, firmware, serial, settings, step_hz: self.step_hz() })
     }
 
     #[inline(never)]

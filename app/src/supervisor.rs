@@ -211,10 +211,10 @@ impl<F: NorFlash, E: Encoder> Supervisor<F, E> {
         alive
     }
 
-    /// Where the drive is on a bus that carries registers, and the serial number of its chip.
+    /// Where the drive is on a bus that carries registers.
     #[cfg(feature = "registers")]
-    pub const fn set_bus(&mut self, address: hallservo_registers::Address, serial: [u32; 3]) {
-        self.registers.set_identity(address, serial);
+    pub const fn set_bus(&mut self, address: hallservo_registers::Address) {
+        self.registers.set_address(address);
     }
 
     /// How that bus is.

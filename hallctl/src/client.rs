@@ -46,12 +46,14 @@ const fn may_repeat(ask: &Ask<'_>) -> bool {
 }
 
 /// Who answers.
-#[derive(Clone, Debug)]
+#[derive(Clone, Debug, Default)]
 pub struct Identity {
     /// The board.
     pub board: String,
     /// Version of its firmware.
     pub firmware: String,
+    /// Serial number of its chip, 24 hexadecimal digits.
+    pub serial: String,
     /// Number of settings.
     pub settings: u16,
     /// Control periods a second.
@@ -99,7 +101,6 @@ impl Client {
     /// # Errors
     /// No answer, or another version of the protocol.
     pub fn over(line: Line, port: &str, patience: Duration) -> Result<Self> {
-        let identity = Identity { board: String::new(), firmware: String::new(), settings: 0, step_hz: 1.0 };
         let mut client = Self {
             line,
             port: port.into(),
@@ -115,7 +116,7 @@ impl Client {
             stream: 0,
             // Another tool's answers may still be on their way; they have other numbers, as far as chance allows.
             id: std::process::id() as u16,
-            identity,
+            identity: Identity::default(),
             telemetry: VecDeque::new(),
             garbage: false,
         };
@@ -123,6 +124,7 @@ impl Client {
             Answer::Hello(hello) => Ok(Identity {
                 board: hello.board.into(),
                 firmware: hello.firmware.into(),
+                serial: hello.serial.iter().rev().map(|word| format!("{word:08X}")).collect(),
                 settings: hello.settings,
                 step_hz: hello.step_hz.into(),
             }),

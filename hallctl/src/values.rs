@@ -48,6 +48,7 @@ pub(crate) fn status_of(client: &Client, status: &Status, lost_s: Option<f64>) -
     json!({
         "board": identity.board,
         "firmware": identity.firmware,
+        "serial_number": identity.serial,
         "uptime_s": status.uptime_ms as f64 / 1000.0,
         "state": words::mode_word(status.mode),
         "fault": fault,

@@ -290,10 +290,13 @@ fn what_is_known_of_another_motor_is_not_believed() {
     steps(&["--pole-pairs", "4"], "It goes on with step 3");
     steps(&["--max-current", "2"], "1 of 6");
     steps(&["--restart"], "1 of 6");
-    // Another drive.
+    // Another drive, also where it has taken the place of the first at the same port.
     let other = Drive::start(&[]);
-    let said = said(&other, &["--max-current", "2.5"]);
-    assert!(said.contains("1 of 6"), "{said}");
+    let told = said(&other, &["--max-current", "2.5"]);
+    assert!(told.contains("1 of 6"), "{told}");
+    std::fs::write(&file, left.replace(&drive.port, &other.port)).unwrap();
+    let told = begins(&other, &folder, &["--max-current", "2.5"]);
+    assert!(told.contains("1 of 6"), "{told}");
     // A file that is something else is not overwritten.
     std::fs::write(&file, "a letter").unwrap();
     let (code, said) = commission(&other, &folder, &[]);

@@ -392,8 +392,18 @@ fn two_drives_do_not_share_a_flash() {
     let output = call("", &["simulate", "--flash", flash.to_str().unwrap(), "--listen", "tcp:127.0.0.1:0"]);
     let said = String::from_utf8_lossy(&output.stderr);
     assert!(output.status.code() == Some(1) && said.contains("is in use by a simulated drive"), "{said}");
+    // The same chip after power-up, and no other.
+    let serial = |drive: &Drive| {
+        let said = drive.ok(&["--json", "status"]);
+        let status: Value = serde_json::from_str(&said).unwrap();
+        let serial = status["serial_number"].as_str().unwrap().to_owned();
+        assert!(serial.len() == 24 && drive.ok(&["status"]).contains(&serial), "{said}");
+        serial
+    };
+    let before = serial(&drive);
     drop(drive);
-    Drive::with_flash(&flash, &[]).ok(&["status"]);
+    assert_eq!(serial(&Drive::with_flash(&flash, &[])), before);
+    assert_ne!(serial(&Drive::with_flash(&folder.path().join("another"), &[])), before);
 }
 
 #[test]

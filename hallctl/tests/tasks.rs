@@ -92,7 +92,7 @@ fn disarm_acts_though_the_tasks_do_nothing() {
 #[test]
 fn requests_are_read_though_nobody_takes_the_answers() {
     let memory = Box::leak(Box::new(Memory::new()));
-    let identity = Identity { board: "test", firmware: "test" };
+    let identity = Identity { board: "test", firmware: "test", serial: [1, 2, 3] };
     let (_drive, supervisor) = Supervisor::start(identity, defaults(), Flash::blank(), 0, memory).unwrap();
     let status = tool::request(1, Ask::Status);
     while supervisor.receive(&status) > 0 {}
@@ -173,7 +173,7 @@ fn a_tool_of_another_version_is_told_the_drives() {
     let mut drive = drive(Flash::blank());
     run(&mut drive, 10);
     // COBS of the version after ours and its CRC, which has no zero in it.
-    drive.write(&[0, 6, 14, 0x8a, 0xc2, 0xba, 0x35, 0]);
+    drive.write(&[0, 6, 15, 0x1c, 0xf2, 0xbd, 0x42, 0]);
     run(&mut drive, 10);
     let mut decoder = Decoder::new();
     let hello = drive.read().iter().any(|&byte| {

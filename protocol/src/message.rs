@@ -266,6 +266,8 @@ pub struct Hello<'a> {
     pub board: &'a str,
     /// Version of its firmware.
     pub firmware: &'a str,
+    /// Serial number of its chip, the lowest word first.
+    pub serial: [u32; 3],
     /// Number of settings.
     pub settings: u16,
     /// Control periods a second.

@@ -48,7 +48,13 @@ fn message(frame: &[u8]) -> Vec<u8> {
 
 #[test]
 fn the_version_is_this_one() {
-    assert_eq!(VERSION, 13);
+    assert_eq!(VERSION, 14);
+}
+
+#[test]
+fn who_it_is() {
+    let hello = Hello { board: "b", firmware: "1", serial: [1, 0x80, 0], settings: 2, step_hz: 1.0 };
+    assert_eq!(hex(&Answer::Hello(hello)), "00016201310180010002 0000803f".replace(' ', ""));
 }
 
 #[test]

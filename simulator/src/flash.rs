@@ -3,6 +3,7 @@
 
 use anyhow::{Context, Result, ensure};
 use embedded_storage::nor_flash::{ErrorType, NorFlash, NorFlashError, NorFlashErrorKind, ReadNorFlash};
+use hallservo::crc::crc32;
 use hallservo_app::storage::{BLOCKS, ENCODER_BLOCKS, MAP_BLOCKS};
 use std::cell::RefCell;
 use std::fs::{File, OpenOptions, TryLockError};
@@ -15,6 +16,9 @@ const SIZE: usize = BLOCK * (BLOCKS + ENCODER_BLOCKS + MAP_BLOCKS) as usize;
 /// Those of files from before there were encoders, and maps of the magnets.
 const SMALLER: [usize; 2] = [BLOCK * BLOCKS as usize, BLOCK * (BLOCKS + ENCODER_BLOCKS) as usize];
 
+/// The highest word of the serial number: no chip of ST's has it.
+const SIMULATED: u32 = u32::from_be_bytes(*b"SIM\0");
+
 /// The flash. A clone is the same flash.
 #[derive(Clone, Debug)]
 pub struct Flash(Rc<RefCell<Cells>>);
@@ -23,6 +27,8 @@ pub struct Flash(Rc<RefCell<Cells>>);
 struct Cells {
     bytes: Vec<u8>,
     file: Option<File>,
+    /// Of the chip that it belongs to.
+    serial: [u32; 3],
     /// Words and erases until the power goes.
     left: Option<u32>,
     /// What it held before each word and each erase, where somebody asks.
@@ -50,7 +56,17 @@ impl Flash {
         if SMALLER.contains(&bytes.len()) {
             bytes.resize(SIZE, 0xff);
         }
-        Self(Rc::new(RefCell::new(Cells { bytes, file: None, left: None, states: None })))
+        Self::new(bytes, None, std::process::id())
+    }
+
+    fn new(bytes: Vec<u8>, file: Option<File>, number: u32) -> Self {
+        let serial = [number, file.is_some().into(), SIMULATED];
+        Self(Rc::new(RefCell::new(Cells { bytes, file, serial, left: None, states: None })))
+    }
+
+    /// Serial number of the chip that it belongs to: one for each file, or each process.
+    pub fn serial(&self) -> [u32; 3] {
+        self.0.borrow().serial
     }
 
     /// The power goes after so many more words written or blocks erased: what is written later does not reach it.
@@ -97,7 +113,8 @@ impl Flash {
             file.write_all(&bytes).with_context(name)?;
         }
         ensure!(bytes.len() == SIZE, "{} has {} bytes, not {SIZE}", name(), bytes.len());
-        Ok(Self(Rc::new(RefCell::new(Cells { bytes, file: Some(file), left: None, states: None }))))
+        let place = path.canonicalize().with_context(name)?;
+        Ok(Self::new(bytes, Some(file), crc32(place.as_os_str().as_encoded_bytes())))
     }
 }
 

@@ -21,8 +21,6 @@ use plant::{BusParameters, Plant, PlantParameters, Truth, Unevenness};
 use rig::motors::Motor;
 use std::collections::VecDeque;
 
-/// What it says it is.
-const IDENTITY: Identity = Identity { board: "simulated", firmware: env!("CARGO_PKG_VERSION") };
 /// What the board's electronics draw, A.
 const ELECTRONICS_A: f64 = 0.02;
 /// Both thermistors at 25 °C, 12 bit.
@@ -169,7 +167,9 @@ impl Simulator {
         let plant = PlantParameters { bus, ..*plant };
         let mut plant = Plant::new(&plant, seed).map_err(|error| anyhow!("the motor: {error}"))?;
         plant.place(0.3, 0.0)?;
-        let firmware = firmware::start(IDENTITY, settings, flash.clone(), rings)?;
+        let version = env!("CARGO_PKG_VERSION");
+        let identity = Identity { board: "simulated", firmware: version, serial: flash.serial() };
+        let firmware = firmware::start(identity, settings, flash.clone(), rings)?;
         Ok(Self {
             plant,
             observe: None,

@@ -16,7 +16,6 @@ use hallservo_registers::axis::{self, Axis, BusHealth, Command, Identity, Refuse
 pub(super) struct Drive<'a, F, E> {
     pub tasks: &'a mut Tasks<F, E>,
     pub sequence: &'a mut Sequence,
-    pub serial: [u32; 3],
     /// On the bus.
     #[cfg_attr(not(feature = "diagnostic"), expect(dead_code))]
     pub id: u8,
@@ -28,9 +27,9 @@ pub(super) struct Drive<'a, F, E> {
 
 impl<F: NorFlash, E: Encoder> Axis for Drive<'_, F, E> {
     fn identity(&self) -> Identity {
-        let crate::Identity { board, firmware } = self.tasks.identity;
+        let crate::Identity { board, firmware, serial } = self.tasks.identity;
         let model = crc32(board.as_bytes());
-        Identity { model, firmware: version(firmware), serial: self.serial }
+        Identity { model, firmware: version(firmware), serial }
     }
 
     #[inline(never)]

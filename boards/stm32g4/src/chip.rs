@@ -143,13 +143,20 @@ fn execute(supervisor: &'static mut Tasks, serial: &[Pin; 2], #[cfg(feature = "c
     })
 }
 
+/// Serial number of the chip (RM0440, 48.1), the lowest word first.
+fn serial() -> [u32; 3] {
+    const UID: *const [u32; 3] = 0x1fff_7590 as _;
+    // SAFETY: three aligned words of the factory's, which never change.
+    unsafe { UID.read_volatile() }
+}
+
 /// What the start takes of the stack is given back before the tasks run.
 #[inline(never)]
 fn prepare<B: Board>(board: B, bridge: Bridge, control: &'static Control<B>) -> &'static mut Tasks {
     greet(B::NAME);
     converters::start(B::GROUPS, B::CONVERTERS);
     watchdog::start();
-    let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION") };
+    let identity = Identity { board: B::NAME, firmware: env!("CARGO_PKG_VERSION"), serial: serial() };
     let (drive, supervisor) = begin(identity, B::settings(), Storage::new());
     tell(&B::BRIDGE, own(drive).period());
     control.start(

@@ -73,6 +73,8 @@ const ECCENTRICITY_MM: f64 = 0.05;
 #[derive(Clone, Debug)]
 pub struct Chip {
     pub(crate) board: Arc<Board>,
+    /// Tells the chip from others, by its serial number.
+    pub(crate) number: u16,
     pub(crate) now: Cycle,
     /// Nothing happens before this; 0 where a write may have changed that.
     pub(crate) due: Cycle,
@@ -127,6 +129,7 @@ impl Chip {
             bridge: Bridge::new(board.driver.clone()),
             can: Fdcan::new(board.can.map_or(0.0, |can| can.loop_s)),
             board,
+            number: seed as u16,
             now: 0,
             due: 0,
             time: Time::new(clocks.hclk),

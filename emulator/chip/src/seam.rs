@@ -24,7 +24,7 @@ impl Bus for Chip {
             return (word >> (8 * (address & 3)) & mask, None);
         }
         if let 0x1fff_7000..=0x1fff_7fff = address {
-            let half = |at| factory(at, self.board.device);
+            let half = |at| factory(at, self.board.device, self.number);
             return match (half(address & !3), half(address & !3 | 2)) {
                 (None, None) => (0, Some(unmodelled("factory area", address & 0xfff))),
                 (low, high) => {

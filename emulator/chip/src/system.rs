@@ -122,10 +122,11 @@ impl Dbgmcu {
     }
 }
 
-/// A half-word of the factory's area; calibration words are taken at 3.0 V (48.1, 48.2; DS12288, 3.18).
-pub fn factory(address: u32, device: Device) -> Option<u16> {
+/// A half-word of the factory's area of the chip of this number; calibration words are taken at 3.0 V (48.1, 48.2; DS12288, 3.18).
+pub fn factory(address: u32, device: Device, number: u16) -> Option<u16> {
     let word = match address & !1 {
-        at @ 0x1fff_7590..=0x1fff_759a => 0x4853 + (at as u16 & 0xf) * 0x0101,
+        0x1fff_7590 => number,
+        at @ 0x1fff_7592..=0x1fff_759a => 0x4853 + (at as u16 & 0xf) * 0x0101,
         0x1fff_75e0 => device.flash_kib(),
         // TS_CAL1 at 30 °C, TS_CAL2 at 130 °C: 0.76 V at 30 °C and 2.5 mV/K, in steps of 3.0 V / 4096.
         0x1fff_75a8 => 1038,
@@ -145,10 +146,10 @@ mod tests {
     #[test]
     fn calibration_words_follow_from_the_data_sheet() {
         let code = |volts: f64| (volts / 3.0 * 4096.0).round() as u16;
-        assert_eq!(factory(0x1fff_75aa, Device::G431CB), Some(code(crate::analog::VREFINT)));
-        assert_eq!(factory(0x1fff_75a8, Device::G431CB), Some(code(0.76)));
-        assert_eq!(factory(0x1fff_75ca, Device::G431CB), Some(code(0.76 + 0.0025 * 100.0)));
-        assert_eq!(factory(0x1fff_75e0, Device::G474RE), Some(512));
+        assert_eq!(factory(0x1fff_75aa, Device::G431CB, 0), Some(code(crate::analog::VREFINT)));
+        assert_eq!(factory(0x1fff_75a8, Device::G431CB, 0), Some(code(0.76)));
+        assert_eq!(factory(0x1fff_75ca, Device::G431CB, 0), Some(code(0.76 + 0.0025 * 100.0)));
+        assert_eq!(factory(0x1fff_75e0, Device::G474RE, 0), Some(512));
     }
 
     #[test]

@@ -136,9 +136,10 @@ fn begin(client: &mut Client, options: &Options) -> Result<(Journal, Vec<&'stati
     let before = if options.restart { None } else { Journal::read(&options.file)? };
     let is_ours = |journal: &Journal| {
         let other_limit = options.max_current.is_some() && options.max_current != journal.max_current_a;
-        journal.port == client.port() && journal.board == client.identity().board && !other_limit
+        let drive = client.identity();
+        journal.port == client.port() && journal.board == drive.board && journal.serial == drive.serial && !other_limit
     };
-    let anew = || (Journal::new(client.port(), &client.identity().board, options.max_current, &present), Vec::new());
+    let anew = || (Journal::new(client.port(), client.identity(), options.max_current, &present), Vec::new());
     let (mut journal, kept) = match before.filter(is_ours) {
         None => anew(),
         Some(mut journal) => match journal.take_over(&present, options.max_current.is_some())? {

@@ -242,7 +242,8 @@ const END: &str = "# End of the settings.";
 
 fn export(client: &mut Client, path: &Path) -> Result<()> {
     let identity = client.identity();
-    let mut text = format!("{BEGIN}{}, firmware {}\n", identity.board, identity.firmware);
+    let mut text =
+        format!("{BEGIN}{}, firmware {}, serial number {}\n", identity.board, identity.firmware, identity.serial);
     let now = humantime::format_rfc3339_seconds(SystemTime::now());
     text += &format!("# Exported {now} from {}\n", client.port());
     each(client, |setting| {

@@ -16,6 +16,7 @@ pub(super) fn show(client: &mut Client, out: Out) -> Result<()> {
     let lost_s = position_lost_s(client, &status)?;
     let line = |name: &str, value: &str| say!(out, "  {name:<14}{value}");
     say!(out, "{} (firmware {}), up {}", identity.board, identity.firmware, uptime(status.uptime_ms))?;
+    line("serial number", &identity.serial)?;
     line("state", &words::mode(status.mode))?;
     if let Mode::Faulted(fault) = status.mode {
         line("", &format!("→ {}", words::what_to_do(fault)))?;

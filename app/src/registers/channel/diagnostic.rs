@@ -177,7 +177,7 @@ impl<F: NorFlash, E: Encoder> Host for Drive<'_, F, E> {
     }
 
     fn build(&self) -> Build {
-        let crate::Identity { board, firmware } = self.tasks.identity;
+        let crate::Identity { board, firmware, .. } = self.tasks.identity;
         Build { board, release: firmware, commit: COMMIT }
     }
 

@@ -117,11 +117,6 @@ impl bus::Bus for Bus {
         write_words(EXTENDED, &extended);
     }
 
-    fn serial(&self) -> [u32; 3] {
-        // SAFETY: three words of the factory's, which never change (RM0440, 48.1).
-        core::array::from_fn(|word| unsafe { (UID as *const u32).add(word).read_volatile() })
-    }
-
     /// Who is off the bus comes back: so much later than it might, for the others to get on meanwhile.
     fn look_after(&mut self) {
         if FDCAN1.psr().read().bo() && FDCAN1.cccr().read().init() {
@@ -156,9 +151,6 @@ impl bus::Bus for Bus {
         }
     }
 }
-
-/// Address of the unique identifier of the chip.
-const UID: u32 = 0x1fff_7590;
 
 /// Sets everything up, with INIT set.
 fn configure() {

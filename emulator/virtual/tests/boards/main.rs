@@ -21,6 +21,9 @@ fn boots(board: &str) {
     let outcome = Outcome::of(&session);
     assert_eq!(outcome.verdict(), Vec::<String>::new());
     assert!(says(&session, "Hello(Hello"), "{:#?}", session.lines);
+    // That of the virtual chip number 1.
+    let serial = [0x4a55_0001, 0x4e59_4c57, 0x525d_505b_u32];
+    assert!(says(&session, &format!("serial: {serial:?}")), "{:#?}", session.lines);
     let control = outcome.control.expect("a control interrupt");
     let pwm = outcome.facts.pwm.expect("a PWM");
     assert!((control.rate_hz / pwm.hz - 1.0).abs() < 1e-3, "{} and {}", control.rate_hz, pwm.hz);

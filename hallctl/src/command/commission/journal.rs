@@ -1,5 +1,6 @@
 //! What was found so far, in a file: commissioning goes on where it was broken off, by whatever.
 
+use crate::client::Identity;
 use crate::error::{Error, Result};
 use crate::out;
 use anyhow::Context;
@@ -66,6 +67,9 @@ pub(super) struct Journal {
     /// At which port, and what answered there.
     pub port: String,
     pub board: String,
+    /// Serial number of its chip. A journal of before there were any is of no drive.
+    #[serde(default)]
+    pub serial: String,
     /// As it was told.
     pub max_current_a: Option<f32>,
     /// Whether a person has told the pole pairs.
@@ -78,11 +82,12 @@ pub(super) struct Journal {
 
 impl Journal {
     /// Nothing is found yet.
-    pub fn new(port: &str, board: &str, max_current_a: Option<f32>, settings: &Settings) -> Self {
+    pub fn new(port: &str, drive: &Identity, max_current_a: Option<f32>, settings: &Settings) -> Self {
         let value = |entry: &Entry| Some((entry.name.into(), entry.get(settings)?));
         Self {
             port: port.into(),
-            board: board.into(),
+            board: drive.board.clone(),
+            serial: drive.serial.clone(),
             max_current_a,
             told_pole_pairs: false,
             settings: TABLE.iter().filter_map(value).collect(),
@@ -212,7 +217,8 @@ mod tests {
 
     fn journal() -> Journal {
         let settings = Settings { control: Some(Control::default()), ..Settings::default() };
-        let mut journal = Journal::new("tcp:somewhere", "a board", Some(2.0), &settings);
+        let drive = Identity { board: "a board".into(), serial: "12".into(), ..Identity::default() };
+        let mut journal = Journal::new("tcp:somewhere", &drive, Some(2.0), &settings);
         journal.found = vec![
             Found::Calibration(Err(calibrate::Error::NoFit)),
             Found::Swings(Rough { flux_linkage_wb: 5e-3, inertia_kgm2: 1e-6 }),

@@ -5,6 +5,7 @@ use plant::{HallFault, Rail};
 use rayon::prelude::*;
 use sim::experiment::adapt::rotors::{self, Outcome};
 use sim::experiment::adapt::trial::Motion;
+use sim::experiment::endurance;
 use sim::experiment::magnets::kinds;
 
 const MOTIONS: [Motion; 5] = [
@@ -62,6 +63,25 @@ fn of_two_healthy_halls_none_is_ever_blamed_and_learning_does_little_harm() {
             assert!(learnt_deg < 2.0 * followed_deg, "{name}");
         }
     }
+}
+
+/// Turned by hand, pushed, swayed, coasting, warm and cold. At the first of these, Halls or calibration were blamed as long as
+/// they were judged by the predicted angle alone.
+#[test]
+fn what_turns_the_rotor_speaks_against_no_hall() {
+    let seeds: Vec<_> = [4, 22, 28, 39, 88, 145, 156].into_iter().chain(1000..sim::of(1008, 1200)).collect();
+    let lives = seeds.into_par_iter().map(|seed| endurance::lives(seed..seed + 1, 600.0).unwrap()).flatten();
+    let lives: Vec<_> = lives.flatten().collect();
+    for life in &lives {
+        assert_eq!(life.alarm, None, "{life:?}");
+    }
+    // Where the filter was far from following already, one of a hundred broken Halls is not named, or by another fault.
+    let losses: Vec<_> = lives.iter().filter_map(|life| life.loss).collect();
+    let is_named = |loss: &&endurance::Loss| loss.is_named && loss.turns.is_some_and(|turns| turns < 3.0);
+    assert!(100 * losses.iter().filter(is_named).count() >= 97 * losses.len(), "{losses:?}");
+    assert!(losses.len() > lives.len() / 3, "{}", losses.len());
+    let learning = lives.iter().map(|life| life.learning).sum::<f64>() / lives.len() as f64;
+    assert!(learning > 0.02, "{learning}");
 }
 
 /// Of 9600 losses after 100 to 133 turns at magnets that differ by 20 %, seven took up to three turns: one of a kind may.

@@ -5,6 +5,7 @@ pub mod cogging;
 pub mod coil;
 pub mod commutation;
 pub mod delay;
+pub mod endurance;
 pub mod faults;
 pub mod identify;
 pub mod magnets;

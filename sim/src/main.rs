@@ -28,6 +28,8 @@ enum Experiment {
     Faults(experiment::faults::Options),
     /// Find and follow the sensors' parameters while the motor turns; lose a sensor
     Adapt(experiment::adapt::Options),
+    /// Sound Halls for hours: whether one is ever called broken, and how soon one that is
+    Endurance(experiment::endurance::Options),
     /// Rotors with uneven magnets: the error of the tracked angle
     Magnets(experiment::magnets::Options),
     /// Late Halls: their delay as the drive measures it, and the tracked angle before and after
@@ -56,6 +58,7 @@ fn main() -> ExitCode {
         Some(Experiment::Cogging(options)) => experiment::cogging::main(&options),
         Some(Experiment::Faults(options)) => experiment::faults::main(&options),
         Some(Experiment::Adapt(options)) => experiment::adapt::main(&options),
+        Some(Experiment::Endurance(options)) => experiment::endurance::main(&options),
         Some(Experiment::Magnets(options)) => experiment::magnets::main(&options),
         Some(Experiment::Delay(options)) => experiment::delay::main(&options),
         Some(Experiment::Coil(options)) => experiment::coil::main(&options),

@@ -45,6 +45,7 @@
 //! An unknown load torque is estimated by integrating the corrections of the speed.
 
 mod acquire;
+mod agree;
 mod deviations;
 mod doubt;
 mod fault;
@@ -246,7 +247,7 @@ impl Adapter {
         self.predict(observation);
         self.window.clear();
         let mut sample = Sample::new(self.measure(&observation.codes, unusable), &self.covariance);
-        self.isolate_outlier(f32::from(observation.elapsed), &mut sample)
+        self.isolate_outlier(observation, &mut sample)
     }
 
     /// Prediction of angle and speed by the equation of motion, Simpkins and Todorov, eq. (11).

@@ -59,7 +59,11 @@ impl fmt::Display for BadModel {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
             Self::AdcBits(bits) => write!(f, "an ADC of {bits} bits is not supported: 1 to 16"),
-            Self::Sensor(channel) => write!(f, "{channel} has impossible parameters"),
+            Self::Sensor(channel) => write!(
+                f,
+                "{channel} swings by less than 8 codes, its middle is outside the ADC's range, or its third and fifth \
+                 harmonic are more than half of its swing"
+            ),
             Self::Placement { noise_gain } => {
                 write!(f, "the Halls are placed so that the angle is {noise_gain:.1} times as noisy as it could be")
             }

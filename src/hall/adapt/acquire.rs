@@ -33,7 +33,7 @@ impl Adapter {
 }
 
 /// The angle that explains three (or, ignoring some, two) signals best as sinusoids.
-fn angle_of_signals(state: &State, signals: &[f32; 3], ignore: &[bool; 3]) -> ElectricalAngle {
+pub(super) fn angle_of_signals(state: &State, signals: &[f32; 3], ignore: &[bool; 3]) -> ElectricalAngle {
     // Normal equations of signal = offset + amplitude · (sin θ · cos ψ − cos θ · sin ψ).
     let (mut cc, mut ss, mut cs, mut yc, mut ys) = (0.0, 0.0, 0.0, 0.0, 0.0);
     for k in (0..3).filter(|&k| !ignore[k]) {

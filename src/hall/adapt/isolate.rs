@@ -3,7 +3,7 @@
 use super::filter::{ANGLE, SPEED};
 use super::sample::Sample;
 use super::suspicion::{Suspicion, Suspicions};
-use super::{Adapter, Fault, Phase, Status};
+use super::{Adapter, Fault, Observation, Phase, Status};
 use crate::hall::{Channel, Codes};
 use core::f32::consts::TAU;
 
@@ -13,7 +13,7 @@ const MOST_SUSPECTED_TURNS: f32 = 0.15;
 const FEWEST_CONTRADICTIONS: u32 = 4;
 /// Largest innovation, share of the amplitude, that uneven magnets can produce: 10 % of strength from pole to pole, 10 %
 /// of modulation, 5° of pitch, and 5 % of second harmonic at once. It speaks against no sensor.
-const MOST_OF_A_ROTOR: f32 = 0.35;
+pub(super) const MOST_OF_A_ROTOR: f32 = 0.35;
 /// Largest innovation of sensors that agree against a third, share of the amplitude.
 const AGREEING: f32 = 0.2;
 /// Sum of squared innovations, in variances, that may remain when an outlier is explained by an unexpected torque.
@@ -75,11 +75,11 @@ impl Adapter {
     }
 
     /// Updates angle and speed by a sample in which a sensor is an outlier, was one, or is lost.
-    pub(super) fn isolate_outlier(&mut self, elapsed: f32, sample: &mut Sample) -> Status {
+    pub(super) fn isolate_outlier(&mut self, observation: &Observation, sample: &mut Sample) -> Status {
         let mut outliers = sample.outliers();
         let suspected = self.suspicions.sensors.iter().position(|suspicion| suspicion.turns > 0.0);
         if suspected.is_none() && outliers == [false; 3] {
-            return self.accept(sample);
+            return self.accept(sample, &observation.codes);
         }
         let suspect = suspected.unwrap_or_else(|| sample.farthest());
         let others = sample.squares.iter().sum::<f32>() - sample.squares[suspect];
@@ -91,13 +91,13 @@ impl Adapter {
             Some(_) => f32::INFINITY,
         };
         if outliers != [false; 3] && self.absorb_disturbance(sample, alternative) {
-            return self.accept(sample);
+            return self.accept(sample, &observation.codes);
         }
         if self.calibrated {
             self.excuse(sample, &mut outliers);
             if suspected.is_none() && outliers == [false; 3] {
                 sample.discard(suspect);
-                return self.accept(sample);
+                return self.accept(sample, &observation.codes);
             }
         }
         // A sensor is wrong only where the others agree: all three are wrong where the angle is. Of two from the start, no
@@ -108,16 +108,19 @@ impl Adapter {
         let tells = self.suspicions.lost.is_none() || self.fault.is_some();
         sample.discard(suspect);
         if !(others_fit && tells) {
-            return self.reject();
+            return self.reject(&observation.codes);
         }
         // A suspect is compared, but not used until its suspicion has decayed.
-        let turns = self.turns(elapsed);
+        let turns = self.turns(f32::from(observation.elapsed));
         if outliers[suspect] {
+            if self.calibrated && self.fault.is_none() && self.agrees_with_the_others(suspect, &observation.codes) {
+                return self.reject(&observation.codes);
+            }
             self.suspect(suspect, turns);
         } else {
             self.suspicions.sensors[suspect].decay(turns);
         }
-        self.accept(sample)
+        self.accept(sample, &observation.codes)
     }
 
     /// Outliers that uneven magnets can produce speak against no sensor; they count little.
@@ -165,9 +168,9 @@ impl Adapter {
     }
 
     /// Updates angle and speed by the sensors that were not discarded, unless one of these is an outlier still.
-    fn accept(&mut self, sample: &mut Sample) -> Status {
+    fn accept(&mut self, sample: &mut Sample, codes: &Codes) -> Status {
         if sample.outliers() != [false; 3] {
-            return self.reject();
+            return self.reject(codes);
         }
         self.suspicions.rejected = 0;
         self.track_all(&sample.measurements);
@@ -186,8 +189,9 @@ impl Adapter {
     }
 
     /// Nothing explains the sample. A few in a row are passed over; if there are more, angle and speed are acquired
-    /// anew, and if that does not help, the parameters' variances start anew.
-    fn reject(&mut self) -> Status {
+    /// anew, and if that does not help, the parameters' variances start anew. Where the sensors agree with each other, the
+    /// rotor was turned by something else: that speaks for no other parameters, however often it happens.
+    fn reject(&mut self, codes: &Codes) -> Status {
         self.suspicions.any = true;
         self.followed_eighths = 0;
         self.suspicions.rejected += 1;
@@ -196,6 +200,9 @@ impl Adapter {
         }
         self.suspicions.rejected = 0;
         self.phase = Phase::Unknown;
+        if self.calibrated && self.agree(codes) {
+            return Status::Acquiring;
+        }
         self.suspicions.reacquisitions += 1;
         if self.suspicions.reacquisitions < MOST_REACQUISITIONS || self.fault.is_some() {
             return Status::Acquiring;

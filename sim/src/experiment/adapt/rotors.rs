@@ -62,7 +62,11 @@ pub fn trial_of_two(apart_deg: f64, seed: u64, unevenness: &Unevenness, motion: 
     trial_of(trial::two_halls(apart_deg, seed), seed, unevenness, motion, learns)
 }
 
-fn trial_of(
+/// The same with these sensors.
+///
+/// # Errors
+/// Parameters that plant or filter refuse.
+pub fn trial_of(
     halls: [HallParameters; 3],
     seed: u64,
     unevenness: &Unevenness,

@@ -50,6 +50,11 @@ impl Motion {
     }
 }
 
+/// The torque of an electrical acceleration, rad/s², N·m.
+pub fn torque_nm(acceleration: f64) -> f64 {
+    INERTIA_KGM2 / POLE_PAIRS * acceleration
+}
+
 /// What the filter starts from.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Start {
@@ -212,7 +217,7 @@ impl Trial {
     /// The next sample.
     pub fn step(&mut self) -> Step {
         let (speed, acceleration) = self.motion.at(self.time_s);
-        let torque_nm = (INERTIA_KGM2 * acceleration + DAMPING_NMS * speed) / POLE_PAIRS;
+        let torque_nm = torque_nm(acceleration + DAMPING_1_S * speed);
         let codes = self.sample(torque_nm);
         let observation = Observation { codes, elapsed: 1, torque_nm: torque_nm as f32 };
         let outcome = self.adapter.update(&observation);

@@ -54,6 +54,9 @@ const TELLING: f32 = 32.0;
 /// What the rotor may do against the torque, share of what the torque should do. It is about −1 with the right inertia,
 /// and −⅓ with a third of the inertia that is set.
 const AGAINST: f32 = -0.3;
+/// By how much the sum has to be beyond that, square, as a multiple of the sum of each record's square: twice what
+/// independent ones come to.
+const NOISE: f32 = 4.0;
 /// Most that a record counts for, in what the largest torque would do: a shaft that is stopped dead loses much more.
 const MOST: f32 = 3.0;
 
@@ -84,6 +87,8 @@ pub struct Pair {
     /// Torque times what the speed changed by, and times what it should have; with large torques.
     done: f32,
     due: f32,
+    /// Sum of the squares of what each record is off by from [`AGAINST`]: what the noise of the speed may come to.
+    noise: f32,
     /// At the last record.
     speed: f32,
     at: ElectricalAngle,
@@ -105,17 +110,21 @@ const NOWHERE: Still = Still { at: f32::INFINITY, lowest: 0.0, highest: 0.0, rec
 impl Pair {
     /// Nothing is suspected.
     pub const NEW: Self =
-        Self { score: 0, done: 0.0, due: 0.0, speed: 0.0, at: ElectricalAngle::ZERO, still: [NOWHERE; 2] };
+        Self { score: 0, done: 0.0, due: 0.0, noise: 0.0, speed: 0.0, at: ElectricalAngle::ZERO, still: [NOWHERE; 2] };
 
     /// Takes what the motor does; true when it turns against its torque.
     pub fn turns_against(&mut self, Motion { torque, speed }: Motion) -> bool {
         let changed = crate::float::cut(speed - core::mem::replace(&mut self.speed, speed), MOST);
-        (self.done, self.due) = (KEPT * self.done, KEPT * self.due);
+        (self.done, self.due, self.noise) = (KEPT * self.done, KEPT * self.due, KEPT * self.noise);
         if libm::fabsf(torque) >= LARGE {
-            self.done += torque * changed;
-            self.due += torque * torque;
+            let (done, due) = (torque * changed, torque * torque);
+            self.done += done;
+            self.due += due;
+            self.noise += (AGAINST * due - done) * (AGAINST * due - done);
         }
-        self.done < AGAINST * self.due && self.due > TELLING * LARGE * LARGE
+        // A heavy rotor hardly changes its speed from record to record, and what is left is noise.
+        let beyond = AGAINST * self.due - self.done;
+        beyond > 0.0 && beyond * beyond > NOISE * self.noise && self.due > TELLING * LARGE * LARGE
     }
 
     /// Takes the codes at a tracked electrical angle; true when they contradict the model of the two sensors, or each

@@ -8,25 +8,27 @@ mod judge;
 mod machine;
 mod scenario;
 mod setup;
-#[cfg(test)]
-mod tests;
 mod tool;
+mod trace;
 mod wish;
 mod world;
 
 use super::Common;
 use crate::report::{Report, print_table};
-use anyhow::Result;
+use anyhow::{Context, Result};
 pub use bout::Sabotage;
 use bout::{Bout, Outcome};
 use indicatif::{ProgressBar, ProgressStyle};
 pub use judge::{Breach, Verdict};
 use rayon::prelude::*;
 use scenario::Scenario;
-pub use scenario::Temper;
+pub use scenario::{Only, Temper};
 use serde::Serialize;
 use std::collections::BTreeMap;
+use std::fs;
 use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::PathBuf;
+pub use trace::Trace;
 
 /// Options of `attack`.
 #[derive(Clone, Debug, clap::Args)]
@@ -36,9 +38,14 @@ pub struct Options {
     /// Scenarios, of the seeds from `--seed` on
     #[arg(long, default_value_t = 200, value_parser = clap::value_parser!(u64).range(1..))]
     scenarios: u64,
+    #[command(flatten)]
+    only: Only,
     /// Print every scenario, and what the drive told of it
     #[arg(long)]
     each: bool,
+    /// Write what led to the last breach to this file, a line a control period
+    #[arg(long, value_name = "FILE")]
+    trace: Option<PathBuf>,
 }
 
 /// A scenario that was attacked, and what came of it.
@@ -57,20 +64,31 @@ pub struct Attacked {
     /// In words.
     #[serde(skip)]
     pub words: String,
+    /// What led to the first breach.
+    #[serde(skip)]
+    pub trace: Trace,
 }
 
 /// The scenario of a seed, at a drive that is whole or not.
-pub fn attack(seed: u64, sabotage: Sabotage) -> Attacked {
-    let mut attacked =
-        Attacked { seed, temper: None, verdicts: Vec::new(), told: Vec::new(), idle: None, words: String::new() };
-    let scenario = match Scenario::new(seed) {
+pub fn attack(seed: u64, only: &Only, sabotage: Sabotage) -> Attacked {
+    let mut attacked = Attacked {
+        seed,
+        temper: None,
+        verdicts: Vec::new(),
+        told: Vec::new(),
+        idle: None,
+        words: String::new(),
+        trace: Trace::default(),
+    };
+    let scenario = match Scenario::new(seed, only) {
         Ok(scenario) => scenario,
         Err(error) => return Attacked { idle: Some(format!("{error:#}")), ..attacked },
     };
     attacked.temper = Some(scenario.temper);
     attacked.words = scenario.to_string();
-    match catch_unwind(AssertUnwindSafe(|| Bout::new(&scenario, sabotage)?.run())) {
-        Ok(Ok(Outcome { verdicts, faults, idle })) => {
+    match catch_unwind(AssertUnwindSafe(|| Bout::new(&scenario, sabotage)?.tracing().run())) {
+        Ok(Ok(Outcome { verdicts, faults, idle, trace })) => {
+            attacked.trace = trace;
             attacked.verdicts = verdicts;
             attacked.told = faults.iter().map(|fault| format!("{fault:?}")).collect();
             attacked.idle = idle;
@@ -88,7 +106,7 @@ pub fn attack(seed: u64, sabotage: Sabotage) -> Attacked {
 
 impl Attacked {
     /// What is printed of a breach: what, in which scenario, and how to see it again.
-    fn print(&self) {
+    fn print(&self, only: &Only) {
         for Verdict { breach, at_s, said } in &self.verdicts {
             println!("{breach:?} in scenario {} at {at_s:.3} s: {said}", self.seed);
         }
@@ -99,7 +117,7 @@ impl Attacked {
         if let Some(why) = &self.idle {
             println!("  not attacked: {why}");
         }
-        println!("  again: cargo run --release -- attack --scenarios 1 --each --seed {}\n", self.seed);
+        println!("  again: cargo run --release -- attack --scenarios 1 --each --seed {}{only}\n", self.seed);
     }
 }
 
@@ -160,7 +178,7 @@ pub fn main(options: &Options) -> Result<()> {
     let mut attacked: Vec<_> = seeds
         .into_par_iter()
         .map(|seed| {
-            let attacked = attack(seed, Sabotage::None);
+            let attacked = attack(seed, &options.only, Sabotage::None);
             bar.inc(1);
             attacked
         })
@@ -169,7 +187,10 @@ pub fn main(options: &Options) -> Result<()> {
     let mut summary = Summary::default();
     for one in attacked.drain(..) {
         if options.each || !one.verdicts.is_empty() {
-            one.print();
+            one.print(&options.only);
+        }
+        if let Some(file) = options.trace.as_ref().filter(|_| !one.verdicts.is_empty()) {
+            fs::write(file, one.trace.csv()).with_context(|| format!("cannot write {}", file.display()))?;
         }
         summary.add(one);
     }

@@ -7,6 +7,7 @@ use super::disturbance::Disturbance;
 use super::judge::{Breach, Judge, Verdict};
 use super::scenario::{Event, Happening, Scenario, Temper};
 use super::tool::{Heard, PATIENCE_MS, Tool};
+use super::trace::Trace;
 use super::wish::Wish;
 use super::world::World;
 use anyhow::{Context, Result};
@@ -43,6 +44,7 @@ pub(super) struct Outcome {
     pub faults: Vec<Fault>,
     /// Why nothing was attacked.
     pub idle: Option<String>,
+    pub trace: Trace,
 }
 
 /// How often a tool looks at the drive, ms.
@@ -50,6 +52,8 @@ const LOOK_MS: u64 = 50;
 /// Ways to calibrate, as commissioning tries them: speed of the field, Hz, share of the largest current, and time to raise
 /// it, s.
 const SWEEPS: [[f32; 3]; 4] = [[10.0, 0.33, 0.3], [4.0, 0.45, 6.0], [20.0, 0.45, 1.0], [2.0, 0.45, 6.0]];
+/// After a shaft was seized or let go, its voltage is not what it was a sample before, ms.
+const LEAP_MS: u64 = 50;
 /// After this long with the bridge off no current is left in a winding, ms.
 const DECAYED_MS: u64 = 60;
 
@@ -114,6 +118,12 @@ impl<'a> Bout<'a> {
         })
     }
 
+    /// Keeps what leads to a breach.
+    pub fn tracing(self) -> Self {
+        self.judge.borrow_mut().trace = Some(Trace::default());
+        self
+    }
+
     /// All of it.
     ///
     /// # Errors
@@ -139,8 +149,10 @@ impl<'a> Bout<'a> {
             idle = idle.map(|why| format!("{why}, {:?}", self.faults));
         }
         self.drive.observe = None;
-        let verdicts = std::mem::take(&mut self.judge.borrow_mut().verdicts);
-        Ok(Outcome { verdicts, faults: self.faults, idle })
+        let mut judge = self.judge.borrow_mut();
+        let verdicts = std::mem::take(&mut judge.verdicts);
+        let trace = judge.trace.take().unwrap_or_default();
+        Ok(Outcome { verdicts, faults: std::mem::take(&mut self.faults), idle, trace })
     }
 
     fn is_calm(&self) -> bool {
@@ -177,12 +189,12 @@ impl<'a> Bout<'a> {
             }
             self.obey(Wish::Calibrate)?;
             self.finish_procedure(60_000)?;
-            if self.drive.drive().mode() == Mode::Ready {
+            if self.drive.drive().mode() == Mode::Ready && self.ask(Ask::Calibration)? == Heard::Calibrated(true) {
                 return Ok(None);
             }
             self.obey(Wish::Clear)?;
         }
-        Ok(Some("it does not calibrate".into()))
+        Ok(Some("no good calibration".into()))
     }
 
     /// Waits for what goes on; it may take so many ms.
@@ -243,6 +255,11 @@ impl<'a> Bout<'a> {
             let truth = self.drive.plant.truth();
             let said = format!("{fault:?} after {:?}, at {:.1} rad/s", self.wish, truth.speed_rad_s);
             self.say(Breach::FalseAlarm, said);
+        }
+        let leapt = self.world.leapt_ms.is_some_and(|at_ms| self.drive.now_ms() < at_ms + LEAP_MS);
+        if self.scenario.temper == Temper::Driven && fault == Fault::OverCurrent && !leapt {
+            let said = format!("after {:?}, at {:.1} rad/s", self.wish, self.drive.plant.truth().speed_rad_s);
+            self.say(Breach::Overshoot, said);
         }
     }
 

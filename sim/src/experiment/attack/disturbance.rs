@@ -53,16 +53,20 @@ pub(super) fn draw(dice: &mut Dice, temper: Temper, motor: &Motor) -> Disturbanc
             _ => Disturbance::Load(0.25 * share * most_nm),
         };
     }
-    match dice.below(12) {
+    // What a control that fits its motor has to stand: no other motor, and no hammer.
+    let (kinds, hardest) = if temper == Temper::Driven { (11, 3.0) } else { (12, 20.0) };
+    match dice.below(kinds) {
         0..3 => Disturbance::Load(1.3 * share * most_nm),
-        3 | 4 => Disturbance::Shock(share.signum() * most_nm * dice.between(0.5, 20.0), dice.between(1.0, 50.0) as u32),
+        3 | 4 => {
+            Disturbance::Shock(share.signum() * most_nm * dice.between(0.5, hardest), dice.between(1.0, 50.0) as u32)
+        }
         5 => Disturbance::Shake(share * most_nm, dice.between(1.0, 200.0), dice.between(100.0, 9000.0) as u32),
-        6 => Disturbance::Inertia(dice.around(8.0)),
-        7 => Disturbance::Seize(dice.between(20.0, 4000.0) as u32),
-        8 => Disturbance::Turn(share, dice.between(20.0, 1000.0) as u32),
-        9 => Disturbance::Warm(dice.within(-20.0, 100.0)),
-        10 => Disturbance::Dip(dice.within(0.2, 0.95), dice.between(1.0, 500.0) as u32),
-        _ => Disturbance::Supply(dice.within(0.5, 1.1)),
+        6 => Disturbance::Seize(dice.between(20.0, 4000.0) as u32),
+        7 => Disturbance::Turn(share, dice.between(20.0, 1000.0) as u32),
+        8 => Disturbance::Warm(dice.within(-20.0, 100.0)),
+        9 => Disturbance::Dip(dice.within(0.2, 0.95), dice.between(1.0, 500.0) as u32),
+        10 => Disturbance::Supply(dice.within(0.5, 1.1)),
+        _ => Disturbance::Inertia(dice.around(8.0)),
     }
 }
 

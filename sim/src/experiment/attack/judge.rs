@@ -3,6 +3,7 @@
 
 use super::machine::RISE_K;
 use super::scenario::Scenario;
+use super::trace::Trace;
 use hallservo::settings::Control;
 use plant::Truth;
 use serde::Serialize;
@@ -13,6 +14,8 @@ use std::f64::consts::{PI, TAU};
 pub enum Breach {
     /// A phase current beyond what is a fault, or beyond the largest for longer than an overshoot.
     Current,
+    /// A current that is a fault, by the control of a drive whose settings fit its motor.
+    Overshoot,
     /// A bus that the drive has pumped up beyond what is a fault.
     Bus,
     /// A current in a motor whose bridge is to be off.
@@ -116,8 +119,9 @@ pub(super) struct Judge {
     driven: Lasting,
     fast: Lasting,
     pub allowed: Allowed,
-    pub truth: Option<Truth>,
     pub verdicts: Vec<Verdict>,
+    /// What led to the first verdict, where somebody wants to see it.
+    pub trace: Option<Trace>,
     /// When the attack began, s.
     pub began_s: f64,
     /// What the largest current may truly be, as a share of what the settings say: 1 but to see that the judge judges.
@@ -144,8 +148,8 @@ impl Judge {
                 is_blind: false,
                 is_lost: false,
             },
-            truth: None,
             verdicts: Vec::new(),
+            trace: None,
             began_s: 0.0,
             strictness: 1.0,
         })
@@ -158,7 +162,9 @@ impl Judge {
 
     /// A control period. Once something is judged, it is not judged again.
     pub fn look(&mut self, truth: &Truth) {
-        self.truth = Some(*truth);
+        if let Some(trace) = self.trace.as_mut().filter(|_| self.verdicts.is_empty()) {
+            trace.push(truth, self.began_s);
+        }
         let current_a = truth.currents_a.iter().fold(0.0_f64, |most, a| most.max(a.abs()));
         if !(current_a + truth.bus_v + truth.speed_rad_s).is_finite() {
             return self.say(Breach::NotANumber, truth, format!("{truth:?}"));

@@ -14,9 +14,13 @@ const HOT: f64 = 1.0 + 0.00393 * RISE_K;
 /// How far the second of two Halls may be from the first, electrical degrees.
 const APART_DEG: [f64; 5] = [90.0, -90.0, 120.0, -120.0, 60.0];
 
-/// A motor of the list, or one of which every number is drawn.
-pub(super) fn motor(dice: &mut Dice, seed: u64) -> Motor {
-    if dice.chance(0.5) { dice.one_of(&MOTORS) } else { identify::any(seed) }
+/// A motor of the list, or one of which every number is drawn; one of this name, if there is any.
+pub(super) fn motor(dice: &mut Dice, seed: u64, name: Option<&str>) -> Option<Motor> {
+    let Some(name) = name else {
+        return Some(if dice.chance(0.5) { dice.one_of(&MOTORS) } else { identify::any(seed) });
+    };
+    let named: Vec<_> = MOTORS.into_iter().filter(|motor| motor.name.contains(name)).collect();
+    (!named.is_empty()).then(|| dice.one_of(&named))
 }
 
 /// What there is of it, before the settings are drawn; with two Halls or three.
@@ -25,7 +29,7 @@ pub(super) fn plant(dice: &mut Dice, motor: &Motor, temper: Temper, seed: u64, h
     if halls == 2 {
         plant = plant.with_two_halls(dice.one_of(&APART_DEG));
     }
-    let largest = if temper == Temper::Calm { 0.5 } else { 1.0 };
+    let largest = if temper <= Temper::Driven { 0.5 } else { 1.0 };
     let uneven = if motor.pairs > 1 { dice.within(-largest, largest).max(0.0) } else { 0.0 };
     let cheap = Unevenness { rated_a: motor.limit_a.into(), ..Unevenness::CHEAP };
     plant = plant.with_unevenness(&cheap.scaled(uneven), seed);
@@ -45,7 +49,7 @@ pub(super) fn plant(dice: &mut Dice, motor: &Motor, temper: Temper, seed: u64, h
 /// Salience and saturation.
 fn iron(dice: &mut Dice, plant: &mut PlantParameters, temper: Temper) {
     if dice.chance(0.3) {
-        let most = if temper == Temper::Calm { 0.05 } else { 0.3 };
+        let most = if temper <= Temper::Driven { 0.05 } else { 0.3 };
         let limit_a = 1.65 / plant.current_sense.gain;
         plant.motor.iron = Iron { salience: most * dice.share(), saturation_a: limit_a * dice.within(1.5, 6.0) };
     }
@@ -53,7 +57,7 @@ fn iron(dice: &mut Dice, plant: &mut PlantParameters, temper: Temper) {
 
 /// A load on a shaft that twists. The settings are not meant for it: SAFETY.md says what it does.
 fn shaft(dice: &mut Dice, plant: &mut PlantParameters, temper: Temper) {
-    if temper == Temper::Calm || !dice.chance(0.25) {
+    if temper <= Temper::Driven || !dice.chance(0.25) {
         return;
     }
     let motor = &mut plant.motor;

@@ -5,20 +5,47 @@ use super::disturbance::{self, Disturbance};
 use super::wish::{self, Wish};
 use super::{machine, setup};
 use anyhow::{Context, Result};
+use clap::ValueEnum;
 use hallservo::settings::Settings;
 use plant::PlantParameters;
 use rig::motors::Motor;
 use std::fmt::{self, Display};
 
 /// How much is done to a drive.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, serde::Serialize, clap::ValueEnum)]
 pub enum Temper {
     /// Settings that fit, loads that the motor carries: nothing that a sound drive would have to end.
     Calm,
+    /// Settings that fit, loads that drive it, shocks, supplies that dip: it may be switched off, by no current of its own.
+    Driven,
     /// Settings hardly right, loads that drive it, shocks, supplies that dip: hardware that is whole.
     Rough,
     /// And something breaks.
     Broken,
+}
+
+/// Which scenarios.
+#[derive(Clone, Debug, Default, clap::Args)]
+pub struct Only {
+    /// Only motors of the list whose name contains this
+    #[arg(long, value_name = "TEXT")]
+    pub motor: Option<String>,
+    /// Only so much done to the drives
+    #[arg(long, value_enum)]
+    pub temper: Option<Temper>,
+}
+
+impl Display for Only {
+    /// As options of the command line.
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        if let Some(motor) = &self.motor {
+            write!(f, " --motor {motor}")?;
+        }
+        match self.temper.and_then(|temper| temper.to_possible_value()) {
+            Some(temper) => write!(f, " --temper {}", temper.get_name()),
+            None => Ok(()),
+        }
+    }
 }
 
 /// What happens.
@@ -59,16 +86,18 @@ impl Scenario {
     ///
     /// # Errors
     /// No settings fit the motor.
-    pub fn new(seed: u64) -> Result<Self> {
+    pub fn new(seed: u64, only: &Only) -> Result<Self> {
         let mut dice = Dice::new(seed, 0);
         let temper = match dice.below(20) {
             0..9 => Temper::Calm,
-            9..15 => Temper::Rough,
+            9..12 => Temper::Driven,
+            12..15 => Temper::Rough,
             _ => Temper::Broken,
         };
+        let temper = only.temper.unwrap_or(temper);
         let halls = if dice.chance(0.15) { 2 } else { 3 };
         let (last_s, rests) = (dice.between(1.0, 10.0), dice.chance(0.15));
-        let (motor, plant, settings) = fitting(temper, seed, halls).context("no settings fit the motor")?;
+        let (motor, plant, settings) = fitting(temper, seed, halls, only).context("no settings fit the motor")?;
         let mut events = commands(&mut Dice::new(seed, 3), temper, last_s);
         events.extend(disturbances(&mut Dice::new(seed, 4), temper, &motor, last_s));
         events.sort_by(|one, other| one.at_s.total_cmp(&other.at_s));
@@ -78,10 +107,10 @@ impl Scenario {
 }
 
 /// A machine, and settings that the drive takes for it: some motors fit no board.
-fn fitting(temper: Temper, seed: u64, halls: u8) -> Option<(Motor, PlantParameters, Settings)> {
+fn fitting(temper: Temper, seed: u64, halls: u8, only: &Only) -> Option<(Motor, PlantParameters, Settings)> {
     let mut dice = Dice::new(seed, 1);
     (0..TRIES).find_map(|number| {
-        let motor = machine::motor(&mut dice, seed.wrapping_add(number << 32));
+        let motor = machine::motor(&mut dice, seed.wrapping_add(number << 32), only.motor.as_deref())?;
         let mut plant = machine::plant(&mut dice, &motor, temper, seed, halls);
         let settings = setup::draw(&mut Dice::new(seed, 2), &motor, &plant, temper, halls)?;
         machine::warms(&mut plant, &settings);
@@ -108,7 +137,7 @@ fn commands(dice: &mut Dice, temper: Temper, last_s: f64) -> Vec<Event> {
 fn disturbances(dice: &mut Dice, temper: Temper, motor: &Motor, last_s: f64) -> Vec<Event> {
     let count = match temper {
         Temper::Calm => dice.below(4),
-        Temper::Rough => 1 + dice.below(5),
+        Temper::Driven | Temper::Rough => 1 + dice.below(5),
         Temper::Broken => 1 + dice.below(4),
     };
     let mut events: Vec<_> = (0..count)

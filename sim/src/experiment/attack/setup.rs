@@ -49,7 +49,7 @@ fn any(dice: &mut Dice, motor: &Motor, plant: &PlantParameters, temper: Temper, 
         guard(dice, &mut control, plant, temper);
         settings.control = Some(control);
     }
-    if temper != Temper::Calm {
+    if temper > Temper::Driven {
         daring(dice, &mut settings);
     }
     settings
@@ -59,7 +59,7 @@ fn any(dice: &mut Dice, motor: &Motor, plant: &PlantParameters, temper: Temper, 
 fn electrical(dice: &mut Dice, control: &mut Control, motor: &Motor, plant: &PlantParameters, temper: Temper) {
     let now = &plant.motor;
     let [ohm, henry, weber, kgm2] =
-        if temper == Temper::Calm { [1.05, 1.1, 1.03, 1.15] } else { [1.3, 1.3, 1.15, 2.0] };
+        if temper <= Temper::Driven { [1.05, 1.1, 1.03, 1.15] } else { [1.3, 1.3, 1.15, 2.0] };
     control.resistance_ohm = ((now.resistance_ohm + plant.inverter.switch_ohm) * dice.around(ohm)) as f32;
     // Along the magnets' field, as commissioning finds it.
     let salience = now.iron.salience;
@@ -111,6 +111,9 @@ fn motion(dice: &mut Dice, settings: &mut Settings, control: &mut Control, motor
     let speed_hz = fastest_hz.min(f64::from(control.current_bandwidth_hz) / 5.0) * dice.within(0.5, 1.0);
     control.speed_bandwidth_hz = speed_hz.max(0.2) as f32;
     control.position_bandwidth_hz = (control.speed_bandwidth_hz / 4.0).max(0.1);
+    // As far as a load of half of the torque pushes a position control so slow, or a user would set it so.
+    let stiffness_nm = inertia * TAU * TAU * f64::from(control.speed_bandwidth_hz * control.position_bandwidth_hz);
+    control.following_error_turns = (1.0 + torque_nm / stiffness_nm / TAU) as f32;
 }
 
 fn guard(dice: &mut Dice, control: &mut Control, plant: &PlantParameters, temper: Temper) {
@@ -120,7 +123,7 @@ fn guard(dice: &mut Dice, control: &mut Control, plant: &PlantParameters, temper
     guard.on_timeout = if dice.chance(0.7) { OnTimeout::Stop } else { OnTimeout::Fault };
     guard.if_stop_fails = if dice.chance(0.7) { OnStopFailure::Off } else { OnStopFailure::Brake };
     guard.stall_s = dice.between(0.3, 2.0) as f32;
-    if temper != Temper::Calm {
+    if temper > Temper::Driven {
         guard.command_timeout_s = dice.between(0.1, 60.0) as f32;
         guard.arming_check = dice.chance(0.85);
         control.max_supply_a = dice.between(1.0, 1000.0) as f32;

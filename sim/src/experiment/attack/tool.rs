@@ -1,13 +1,17 @@
 //! A tool at the drive's line.
 
 use anyhow::{Context, Result};
-use hallservo_protocol::{Answer, Ask, Decoder, FRAME, Reply, Request, Status, encode};
+use hallservo::hall::calibrate::report::Report;
+use hallservo_protocol::{Answer, Ask, Calibration, Decoder, FRAME, Reply, Request, Status, encode};
 use simulator::Simulator;
 
 /// Who asks.
 const CLIENT: u32 = 7;
 /// Milliseconds that it waits.
 pub(super) const PATIENCE_MS: u32 = 300;
+
+/// Lag and swing of the rotor, degrees, and what no turning magnet explains, per cent, up to which commissioning is content.
+const GOOD: [f32; 3] = [40.0, 4.5, 2.9];
 
 /// What the drive has answered.
 #[derive(Clone, Debug, PartialEq)]
@@ -17,6 +21,8 @@ pub(super) enum Heard {
     Status(Box<Status>),
     /// A setting's value, after it was set or asked for.
     Setting(f32),
+    /// Whether the calibration is as good as commissioning takes it.
+    Calibrated(bool),
     Other,
 }
 
@@ -61,6 +67,12 @@ fn understood(answer: &Answer<'_>) -> Heard {
         Answer::Refused(refusal) => Heard::Refused(format!("{refusal:?}")),
         Answer::Status(status) => Heard::Status(Box::new(*status)),
         Answer::Setting(setting) => Heard::Setting(setting.value),
+        Answer::Calibration(Calibration::Done(report)) => {
+            let Report { lag, hunting_deg, residual_pct, .. } = report;
+            let [lag_deg, most_deg, most_pct] = GOOD;
+            let good = lag.to_degrees().abs() <= lag_deg && *hunting_deg <= most_deg && *residual_pct <= most_pct;
+            Heard::Calibrated(good)
+        }
         _ => Heard::Other,
     }
 }

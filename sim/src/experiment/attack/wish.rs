@@ -34,7 +34,7 @@ const BANDWIDTHS: [&str; 4] =
 /// Any one.
 pub(super) fn draw(dice: &mut Dice, temper: Temper) -> Wish {
     let share = dice.share();
-    match dice.below(if temper == Temper::Calm { 26 } else { 34 }) {
+    match dice.below(if temper <= Temper::Driven { 26 } else { 34 }) {
         0 | 1 => Wish::Arm,
         2 => Wish::Disarm,
         3..=8 => Wish::Speed(share),

@@ -33,6 +33,8 @@ pub(super) struct World {
     torque_nm: f64,
     /// A holding brake takes the load while the bridge is off or is being checked.
     has_brake: bool,
+    /// Nor does a shock make it faster.
+    is_gentle: bool,
     /// A load drives it up to here.
     fastest_rad_s: f64,
     dice: Dice,
@@ -42,6 +44,8 @@ pub(super) struct World {
     reference: Rc<Cell<f64>>,
     /// Whether something outside has turned the shaft, and when that ended, ms.
     pub driven_ms: u64,
+    /// Whether the shaft was seized or taken along at once, and when, ms: a voltage that leaps is no control's fault.
+    pub leapt_ms: Option<u64>,
     /// Whether a part that measures or carries currents has broken.
     pub blind: bool,
     /// Whether anything has broken.
@@ -57,12 +61,14 @@ impl World {
             torque_nm: torque_nm(&scenario.motor),
             fastest_rad_s: fastest
                 * scenario.settings.control.map_or(0.0, |control| f64::from(control.max_speed_rad_s)),
+            is_gentle: scenario.temper == Temper::Calm,
             has_brake: scenario.temper == Temper::Calm || dice.chance(0.5),
             dice,
             load_nm: 0.0,
             passing: Passing::default(),
             reference: Rc::new(Cell::new(1.0)),
             driven_ms: 0,
+            leapt_ms: None,
             blind: false,
             broken: false,
         }
@@ -95,12 +101,14 @@ impl World {
             Disturbance::Inertia(times) => plant.set_inertia(times * self.parameters.motor.inertia_kgm2)?,
             Disturbance::Seize(ms) => {
                 plant.set_dyno(Some(0.0))?;
+                self.leapt_ms = Some(now_ms);
                 self.passing.held_until = Some(after(ms));
             }
             Disturbance::Turn(share, ms) => {
                 let motor = &self.parameters.motor;
                 let idle_rad_s = supply_v / 3_f64.sqrt() / motor.back_emf.flux_linkage_vs / f64::from(motor.pole_pairs);
                 plant.set_dyno(Some(share * idle_rad_s))?;
+                self.leapt_ms = Some(now_ms);
                 self.passing.held_until = Some(after(ms));
             }
             Disturbance::Warm(celsius) => plant.set_temperature(celsius)?,
@@ -142,8 +150,11 @@ impl World {
         let passing = &mut self.passing;
         // What drives a shaft drives it up to a speed: a rotor that is switched off is not to burst.
         let speed = drive.plant.truth().speed_rad_s;
-        let driving = (-self.load_nm.signum() * speed / self.fastest_rad_s).max(0.0);
-        let mut load_nm = self.load_nm * (1.0 - driving).max(0.0);
+        let fading = |load_nm: f64| {
+            let driving = (-load_nm.signum() * speed / self.fastest_rad_s).max(0.0);
+            load_nm * (1.0 - driving).max(0.0)
+        };
+        let mut load_nm = fading(self.load_nm);
         let holds = drive.drive().mode() == Mode::Running && !drive.drive().limits().contains(Limits::CHECKING);
         if self.has_brake && !holds {
             load_nm = 0.0;
@@ -151,7 +162,7 @@ impl World {
         passing.shock = passing.shock.filter(|&(_, until)| !over(until));
         passing.shake = passing.shake.filter(|&(_, _, until)| !over(until));
         if let Some((nm, _)) = passing.shock {
-            load_nm += nm;
+            load_nm += if self.is_gentle { fading(nm) } else { nm };
         }
         if let Some((nm, hz, _)) = passing.shake {
             load_nm += nm * (TAU * hz * 1e-3 * now_ms as f64).sin();

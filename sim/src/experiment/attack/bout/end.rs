@@ -142,7 +142,7 @@ impl Bout<'_> {
     }
 
     /// Lets a rotor roll out, which is held at last.
-    fn coast(&mut self) -> Result<()> {
+    pub(super) fn coast(&mut self) -> Result<()> {
         let until_ms = self.drive.now_ms() + COAST_MS;
         while self.drive.now_ms() < until_ms && self.drive.plant.truth().speed_rad_s.abs() > 0.1 {
             self.wait(20)?;

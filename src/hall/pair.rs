@@ -294,6 +294,22 @@ mod tests {
         assert!(!against(|k| 0.3 * k as f32 - if k >= 40 { 12.0 } else { 0.0 }));
     }
 
+    /// A hundred seconds of a torque that something holds, of a rotor so heavy that the noise of its speed is more than the torque
+    /// changes that by. With a torque just large enough to count it is told most easily.
+    #[test]
+    fn the_noise_of_a_heavy_rotors_speed_is_no_contradiction() {
+        let mut random = Pcg64::seed_from_u64(34);
+        for (torque, noise) in
+            [0.5, 0.7, 1.0].into_iter().flat_map(|torque| [1.0, 3.0, 10.0].map(|noise| (torque, noise)))
+        {
+            let mut pair = Pair::NEW;
+            for k in 0..125_000 {
+                let gauss = (0..12).map(|_| random.random_range(-0.5_f32..0.5)).sum::<f32>();
+                assert!(!pair.turns_against(Motion { torque, speed: noise * gauss }), "{torque} {noise} {k}");
+            }
+        }
+    }
+
     #[test]
     fn half_of_the_strength_of_one_and_two_wires_swapped_contradict() {
         for (spacing, third, model) in models() {

@@ -256,8 +256,11 @@ impl<'a> Bout<'a> {
             let said = format!("{fault:?} after {:?}, at {:.1} rad/s", self.wish, truth.speed_rad_s);
             self.say(Breach::FalseAlarm, said);
         }
+        // A supply that falls below the rotor's voltage lets the diodes drive the current.
+        let generated_s = self.judge.borrow().generated_s;
+        let generated = self.drive.plant.truth().time_s < generated_s + 1e-3 * LEAP_MS as f64;
         let leapt = self.world.leapt_ms.is_some_and(|at_ms| self.drive.now_ms() < at_ms + LEAP_MS);
-        if self.scenario.temper == Temper::Driven && fault == Fault::OverCurrent && !leapt {
+        if self.scenario.temper == Temper::Driven && fault == Fault::OverCurrent && !leapt && !generated {
             let said = format!("after {:?}, at {:.1} rad/s", self.wish, self.drive.plant.truth().speed_rad_s);
             self.say(Breach::Overshoot, said);
         }

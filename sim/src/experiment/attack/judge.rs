@@ -119,6 +119,9 @@ pub(super) struct Judge {
     driven: Lasting,
     fast: Lasting,
     pub allowed: Allowed,
+    /// When the diodes of the bridge rectified the rotor's voltage last, s, and whether that was by what spun it up.
+    pub generated_s: f64,
+    is_spun: bool,
     pub verdicts: Vec<Verdict>,
     /// What led to the first verdict, where somebody wants to see it.
     pub trace: Option<Trace>,
@@ -148,6 +151,8 @@ impl Judge {
                 is_blind: false,
                 is_lost: false,
             },
+            generated_s: -1.0,
+            is_spun: false,
             verdicts: Vec::new(),
             trace: None,
             began_s: 0.0,
@@ -175,7 +180,12 @@ impl Judge {
         self.current(truth, current_a, generates);
         self.bus(truth, generates);
         self.motion(truth, current_a, generates);
-        if truth.heat_k[0] > HOT * RISE_K {
+        if generates {
+            self.generated_s = truth.time_s;
+            // Spun up from outside, a rotor heats its winding through the diodes of the bridge.
+            self.is_spun |= truth.speed_rad_s.abs() > FAST.0 * f64::from(self.control.max_speed_rad_s);
+        }
+        if truth.heat_k[0] > HOT * RISE_K && !self.is_spun {
             self.say(Breach::Heat, truth, format!("the winding is {:.0} K warm", truth.heat_k[0]));
         }
     }

@@ -14,6 +14,8 @@ use std::f64::consts::TAU;
 const CHECK_MS: u64 = 2500;
 /// Time in which a rotor coasts, before a hand stops it, ms.
 const COAST_MS: u64 = 300;
+/// Time for which the hand holds it, ms.
+const HELD_MS: u64 = 150;
 /// The last part of a rest, which is judged, ms.
 const JUDGED_MS: u64 = 1000;
 /// Share of the largest torque, effective, beyond its mean, from which on a rotor is swung.
@@ -141,13 +143,15 @@ impl Bout<'_> {
         Ok(())
     }
 
-    /// Lets a rotor roll out, which is held at last.
+    /// Lets a rotor roll out; a hand stops it at last, and holds it until any tracker knows: nothing stops in no time.
     pub(super) fn coast(&mut self) -> Result<()> {
         let until_ms = self.drive.now_ms() + COAST_MS;
         while self.drive.now_ms() < until_ms && self.drive.plant.truth().speed_rad_s.abs() > 0.1 {
             self.wait(20)?;
         }
-        Ok(self.drive.plant.set_dyno(Some(0.0)).and_then(|()| self.drive.plant.set_dyno(None))?)
+        self.drive.plant.set_dyno(Some(0.0))?;
+        self.wait(HELD_MS)?;
+        Ok(self.drive.plant.set_dyno(None)?)
     }
 
     /// All is mended, the shaft is at rest: it has to run again, if it has a calibration.

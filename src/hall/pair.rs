@@ -54,9 +54,9 @@ const TELLING: f32 = 32.0;
 /// What the rotor may do against the torque, share of what the torque should do. It is about −1 with the right inertia,
 /// and −⅓ with a third of the inertia that is set.
 const AGAINST: f32 = -0.3;
-/// By how much the sum has to be beyond that, square, as a multiple of the sum of each record's square: twice what
-/// independent ones come to.
-const NOISE: f32 = 4.0;
+/// By how much the sum has to be beyond that, square, as a multiple of the sum of each record's square: what
+/// independent ones come to, which is nearly twice what the noise of a speed does, whose changes take each other back.
+const NOISE: f32 = 1.0;
 /// Most that a record counts for, in what the largest torque would do: a shaft that is stopped dead loses much more.
 const MOST: f32 = 3.0;
 

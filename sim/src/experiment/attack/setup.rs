@@ -90,7 +90,7 @@ fn motion(dice: &mut Dice, settings: &mut Settings, control: &mut Control, motor
     let torque_nm = 1.5 * pairs * flux_vs * f64::from(control.max_current_a);
     let reached = 0.85 * motor.bus_v / 1.732 / (flux_vs * pairs);
     let allowed = 0.9 * TAU * f64::from(settings.max_electrical_hz) / pairs;
-    let max_rad_s = reached.min(allowed).min(500.0).max(0.2) * dice.within(0.3, 1.0);
+    let max_rad_s = reached.min(allowed).clamp(0.2, 500.0) * dice.within(0.3, 1.0);
     control.max_speed_rad_s = max_rad_s as f32;
     let most = (0.35 * torque_nm / inertia).min(10.0 * max_rad_s);
     control.max_acceleration_rad_s2 = (most * dice.within(0.3, 1.0)).clamp(0.01, 1e6) as f32;

@@ -1,6 +1,7 @@
 //! The experiments, one a file: each has its options, runs, and returns a summary and a report.
 
 pub mod adapt;
+pub mod attack;
 pub mod cogging;
 pub mod coil;
 pub mod commutation;

@@ -26,6 +26,8 @@ enum Experiment {
     Cogging(experiment::OfMotors),
     /// Inject every fault at random times into running drives
     Faults(experiment::faults::Options),
+    /// Random settings, commands and worlds, judged by physics alone
+    Attack(experiment::attack::Options),
     /// Find and follow the sensors' parameters while the motor turns; lose a sensor
     Adapt(experiment::adapt::Options),
     /// Sound Halls for hours: whether one is ever called broken, and how soon one that is
@@ -57,6 +59,7 @@ fn main() -> ExitCode {
         Some(Experiment::Servo(common)) => experiment::servo::main(&common),
         Some(Experiment::Cogging(options)) => experiment::cogging::main(&options),
         Some(Experiment::Faults(options)) => experiment::faults::main(&options),
+        Some(Experiment::Attack(options)) => experiment::attack::main(&options),
         Some(Experiment::Adapt(options)) => experiment::adapt::main(&options),
         Some(Experiment::Endurance(options)) => experiment::endurance::main(&options),
         Some(Experiment::Magnets(options)) => experiment::magnets::main(&options),

@@ -54,6 +54,9 @@ const TELLING: f32 = 32.0;
 /// What the rotor may do against the torque, share of what the torque should do. It is about −1 with the right inertia,
 /// and −⅓ with a third of the inertia that is set.
 const AGAINST: f32 = -0.3;
+/// By how much the sum has to be beyond that, square, as a multiple of the sum of each record's square: what
+/// independent ones come to, which is nearly twice what the noise of a speed does, whose changes take each other back.
+const NOISE: f32 = 1.0;
 /// Most that a record counts for, in what the largest torque would do: a shaft that is stopped dead loses much more.
 const MOST: f32 = 3.0;
 
@@ -84,6 +87,8 @@ pub struct Pair {
     /// Torque times what the speed changed by, and times what it should have; with large torques.
     done: f32,
     due: f32,
+    /// Sum of the squares of what each record is off by from [`AGAINST`]: what the noise of the speed may come to.
+    noise: f32,
     /// At the last record.
     speed: f32,
     at: ElectricalAngle,
@@ -105,17 +110,21 @@ const NOWHERE: Still = Still { at: f32::INFINITY, lowest: 0.0, highest: 0.0, rec
 impl Pair {
     /// Nothing is suspected.
     pub const NEW: Self =
-        Self { score: 0, done: 0.0, due: 0.0, speed: 0.0, at: ElectricalAngle::ZERO, still: [NOWHERE; 2] };
+        Self { score: 0, done: 0.0, due: 0.0, noise: 0.0, speed: 0.0, at: ElectricalAngle::ZERO, still: [NOWHERE; 2] };
 
     /// Takes what the motor does; true when it turns against its torque.
     pub fn turns_against(&mut self, Motion { torque, speed }: Motion) -> bool {
         let changed = crate::float::cut(speed - core::mem::replace(&mut self.speed, speed), MOST);
-        (self.done, self.due) = (KEPT * self.done, KEPT * self.due);
+        (self.done, self.due, self.noise) = (KEPT * self.done, KEPT * self.due, KEPT * self.noise);
         if libm::fabsf(torque) >= LARGE {
-            self.done += torque * changed;
-            self.due += torque * torque;
+            let (done, due) = (torque * changed, torque * torque);
+            self.done += done;
+            self.due += due;
+            self.noise += (AGAINST * due - done) * (AGAINST * due - done);
         }
-        self.done < AGAINST * self.due && self.due > TELLING * LARGE * LARGE
+        // A heavy rotor hardly changes its speed from record to record, and what is left is noise.
+        let beyond = AGAINST * self.due - self.done;
+        beyond > 0.0 && beyond * beyond > NOISE * self.noise && self.due > TELLING * LARGE * LARGE
     }
 
     /// Takes the codes at a tracked electrical angle; true when they contradict the model of the two sensors, or each
@@ -283,6 +292,22 @@ mod tests {
         assert!(!against(|k| 0.1 * k as f32));
         // One swing of what uneven magnets have the speed seem, once there is something to compare it with.
         assert!(!against(|k| 0.3 * k as f32 - if k >= 40 { 12.0 } else { 0.0 }));
+    }
+
+    /// A hundred seconds of a torque that something holds, of a rotor so heavy that the noise of its speed is more than the torque
+    /// changes that by. With a torque just large enough to count it is told most easily.
+    #[test]
+    fn the_noise_of_a_heavy_rotors_speed_is_no_contradiction() {
+        let mut random = Pcg64::seed_from_u64(34);
+        for (torque, noise) in
+            [0.5, 0.7, 1.0].into_iter().flat_map(|torque| [1.0, 3.0, 10.0].map(|noise| (torque, noise)))
+        {
+            let mut pair = Pair::NEW;
+            for k in 0..125_000 {
+                let gauss = (0..12).map(|_| random.random_range(-0.5_f32..0.5)).sum::<f32>();
+                assert!(!pair.turns_against(Motion { torque, speed: noise * gauss }), "{torque} {noise} {k}");
+            }
+        }
     }
 
     #[test]

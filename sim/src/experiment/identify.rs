@@ -121,7 +121,7 @@ impl Machine {
 
 /// A motor of which every number is drawn for itself, evenly in its logarithm: from resistance, supply and the speed without
 /// a load follows what current it takes, from that and a time to speed up its inertia.
-fn any(seed: u64) -> Motor {
+pub(super) fn any(seed: u64) -> Motor {
     let mut random = Noise::new(seed.wrapping_mul(0x9E37_79B9_7F4A_7C15) ^ 0xA11);
     let mut between = |least: f64, most: f64| least * (most / least).powf(0.5 + 0.5 * random.uniform());
     let bus_v = between(12.0, 28.0);

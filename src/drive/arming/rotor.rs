@@ -509,6 +509,10 @@ impl RotorCheck {
         if halfway {
             self.raise(self.most, control, phases);
         }
+        // The back-EMF adds to what brakes: that of strong magnets was an over-current.
+        if largest(&phases) > control.max_current {
+            self.modulation -= (self.modulation - self.least) / 8;
+        }
         // It stands by the time that the tracked speed says so, but not at once: the field of the current that turns round
         // reaches the Halls, and looks like a motion of the rotor.
         let lag = i64::from(control.arming.lag);

@@ -13,6 +13,13 @@ const CONSTANTS: &[(&str, &str, &str, &str, f64)] = &[
     (SAFETY, "or for more than {} ms", KIND, "MOST_WRONG: (f64, f64) = (30.0, {})", 1e3),
     (SAFETY, "R and L off by up to {} %", BENCH, "motor.inductance_h *= random.random_range(0.75..1.{})", 1.0),
     (SAFETY, "flux linkage by {} %", BENCH, "flux_linkage_vs *= random.random_range(0.85..1.{})", 1.0),
+    (
+        NUMBERS,
+        "between −20 and {} °C",
+        "sim/src/experiment/endurance/life.rs",
+        "TEMPERATURES_C: [f64; 2] = [-20.0, {}]",
+        1.0,
+    ),
     (NUMBERS, "Resistance is off by up to {} %", WEAKENING, "Unlike { resistance: 1.{}, inductance: 1.3", 1.0),
     (NUMBERS, "inductance by {} %, flux", WEAKENING, "resistance: 1.25, inductance: 1.{}", 10.0),
     (NUMBERS, "flux linkage by {} %, the inductance", WEAKENING, "Unlike { flux: 1.0{}", 1.0),

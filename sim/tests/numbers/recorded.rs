@@ -12,6 +12,7 @@ pub const CHECKS: &[fn(&Pages)] = &[
     a_hundred_motors,
     functions,
     uneven_magnets,
+    endurance,
     cogging,
     field_of_the_windings,
     late_halls,
@@ -89,6 +90,15 @@ fn uneven_magnets(pages: &Pages) {
         ];
         pages.quote(NUMBERS, &format!("{said} {{}} | {{}} | {{}} |"), &figures);
     }
+}
+
+fn endurance(pages: &Pages) {
+    let [hours, blamed, _, lost_s, _, named, broken, soon, last] =
+        Recorded::of("endurance").only("all {} {} {}° {} s {} % {} of {} {} {}");
+    pages.quote(NUMBERS, "In {} hours of that, {} of the rotors", &[hours, blamed].map(Is));
+    pages.quote(NUMBERS, "Of {} Halls that were broken at last, {} were named", &[broken, named].map(Is));
+    pages.quote(NUMBERS, "99 of 100 of these within {} turns, the last after {}.", &[soon, last].map(Is));
+    pages.quote(NUMBERS, "more than 45° wrong for {} s of it", &[Is(lost_s)]);
 }
 
 fn cogging(pages: &Pages) {

@@ -12,9 +12,9 @@ pub const ROWS: &[Row] = &[
     Row::new("adaptation, one update", "hallservo", function!(adapt), turning, |_, _| 0.0).budget(1500),
     Row::new("the same, after lost samples", "hallservo", function!(adapt), skipping, |_, _| 0.0).budget(1700),
     Row::new("the same, with outliers", "hallservo", function!(adapt), spiking, |_, _| 0.0).budget(1700),
-    Row::new("the same, the rotor pushed", "hallservo", function!(adapt), pushing, |_, _| 0.0).budget(1700),
+    Row::new("the same, the rotor pushed", "hallservo", function!(adapt), pushing, |_, _| 0.0).budget(1800),
     Row::new("the same, with a Hall lost", "hallservo", function!(adapt), losing, |_, _| 0.0).budget(1700),
-    Row::new("the same, all of it at once", "hallservo", function!(adapt), everything, |_, _| 0.0).budget(1700),
+    Row::new("the same, all of it at once", "hallservo", function!(adapt), everything, |_, _| 0.0).budget(2200),
     Row::new("the same, on two Halls", "hallservo", function!(adapt), everything_on_two, |_, _| 0.0).budget(1700),
 ];
 

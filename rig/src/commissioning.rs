@@ -2,11 +2,11 @@
 
 use crate::Rig;
 use hallservo::config::Config;
-use hallservo::drive::Command;
+use hallservo::drive::{Command, Refusal};
 use hallservo::hall::calibrate::{self, report::Report as Sensors};
 use hallservo::mode::Mode;
 use hallservo::service::Event;
-use hallservo::service::commission::{Action, Commission};
+use hallservo::service::commission::{Action, COOLING_MS, COOLINGS, Commission, GENTLER, HOT};
 use hallservo::service::identification::{Identification, Plan};
 use hallservo::service::identify::Report;
 use hallservo::service::procedure::{Error, Procedure, Serve, State};
@@ -28,10 +28,34 @@ impl Bench {
         Self { rig, largest_a: 0.0 }
     }
 
-    /// Until it ends; else why it came to nothing, and what the rotor did.
-    fn run(&mut self, procedure: &mut dyn Procedure) -> Result<(), String> {
-        let state = self.end_of(procedure);
-        self.ended(procedure, state)
+    /// Until it ends, begun anew with the motor cooled where it was too hot; else why it came to nothing, and what the rotor did.
+    fn run<P: Procedure>(&mut self, begin: impl Fn(&Config) -> P) -> Result<P, String> {
+        let (procedure, state) = self.end_of_cooled(begin)?;
+        self.ended(&procedure, state).map(|()| procedure)
+    }
+
+    /// How it ends, begun anew with the motor cooled where it was too hot.
+    fn end_of_cooled<P: Procedure>(&mut self, begin: impl Fn(&Config) -> P) -> Result<(P, State), String> {
+        for coolings in 0.. {
+            let mut procedure = begin(&self.rig.config);
+            let state = self.end_of(&mut procedure);
+            let hot = matches!(state, State::Failed(Error::Fault(fault) | Error::Refused(Refusal::Fault(fault)))
+                if HOT.contains(&fault));
+            if !hot || coolings == COOLINGS {
+                return Ok((procedure, state));
+            }
+            self.clear()?;
+            self.wait(f64::from(COOLING_MS) * 1e-3);
+        }
+        unreachable!("it has ended")
+    }
+
+    /// Takes back a fault, if there is one.
+    fn clear(&mut self) -> Result<(), String> {
+        match self.rig.drive.mode() {
+            Mode::Faulted(_) => self.rig.command(Command::Clear).map_err(|error| error.to_string()),
+            _ => Ok(()),
+        }
     }
 
     fn ended(&self, procedure: &dyn Procedure, state: State) -> Result<(), String> {
@@ -112,6 +136,16 @@ impl Bench {
         Err("the calibration is stuck".into())
     }
 
+    /// Waits for the rotor, ten seconds at most.
+    fn rest(&mut self) {
+        for _ in 0..100 {
+            self.wait(0.1);
+            if self.rig.plant.truth().speed_rad_s.abs() < 0.5 {
+                break;
+            }
+        }
+    }
+
     fn millisecond(&mut self) {
         for _ in 0..self.rig.periods(1e-3) {
             self.step();
@@ -150,13 +184,14 @@ pub struct Outcome {
 /// The step that failed, and why.
 pub fn commission(bench: &mut Bench, settings: Settings, limit_a: f32) -> Result<Outcome, String> {
     let mut commission = Commission::new(settings, Some(limit_a)).map_err(|error| error.to_string())?;
-    let (mut electrical, mut sensors, mut rough, mut report, mut tries) = (None, None, None, None, 0);
+    let (mut electrical, mut sensors, mut rough, mut report, mut tries, mut gentler) = (None, None, None, None, 0, 0);
     loop {
         bench.configure(commission.settings());
         match commission.action() {
             Action::Measure => {
-                let mut standstill = Standstill::new(&bench.rig.config).unwrap();
-                bench.run(&mut standstill).map_err(|error| format!("standstill: {error}"))?;
+                let standstill = bench
+                    .run(|config| Standstill::new(config).unwrap())
+                    .map_err(|error| format!("standstill: {error}"))?;
                 let found = *standstill.report().ok_or("standstill: no report")?;
                 commission.measured(&found).map_err(|error| format!("measured: {error}"))?;
                 electrical = Some(found);
@@ -168,8 +203,8 @@ pub fn commission(bench: &mut Bench, settings: Settings, limit_a: f32) -> Result
                 sensors = result.ok().or(sensors);
             }
             Action::Swing => {
-                let mut swings = Swings::new(&bench.rig.config).unwrap();
-                bench.run(&mut swings).map_err(|error| format!("swings: {error}"))?;
+                let swings =
+                    bench.run(|config| Swings::new(config).unwrap()).map_err(|error| format!("swings: {error}"))?;
                 let found = *swings.report().ok_or("swings: no report")?;
                 commission.swung(&found).map_err(|error| format!("swung: {error}"))?;
                 rough = Some(found);
@@ -177,8 +212,18 @@ pub fn commission(bench: &mut Bench, settings: Settings, limit_a: f32) -> Result
             }
             Action::Identify => {
                 let plan = Plan::new(&bench.rig.config).unwrap();
-                let mut identification = Identification::new(&bench.rig.config, &plan).unwrap();
-                let state = bench.end_of(&mut identification);
+                let (identification, state) =
+                    bench.end_of_cooled(|config| Identification::new(config, &plan).unwrap())?;
+                if let State::Failed(Error::Fault(fault)) = state
+                    && gentler < GENTLER
+                    && Action::Identify.may_be_gentler(fault)
+                {
+                    gentler += 1;
+                    bench.rest();
+                    bench.clear()?;
+                    commission.be_gentle().map_err(|error| format!("gentler: {error}"))?;
+                    continue;
+                }
                 report = if state == State::Failed(Error::Inconclusive) {
                     None
                 } else {

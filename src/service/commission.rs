@@ -10,6 +10,7 @@ use super::identify::Report;
 use super::standstill::Electrical;
 use super::swings::Rough;
 use crate::control::config::SLOWEST_SPEED_HZ;
+use crate::fault::Fault;
 use crate::hall::calibrate::{self, report::Report as Sensors};
 use crate::settings::{Control, Error, Settings};
 use core::f32::consts::TAU;
@@ -28,6 +29,28 @@ pub enum Action {
     /// Nothing is left; the settings are to be kept.
     Done,
 }
+
+impl Action {
+    /// Whether it is worth to be done once more, [more gently](Commission::be_gentle), after this fault: a load that swings on its
+    /// shaft, or a speed that uneven magnets make swing, comes to nothing like this where the speed control answers it.
+    pub const fn may_be_gentler(self, fault: Fault) -> bool {
+        let swung = matches!(
+            fault,
+            Fault::OverVoltage | Fault::OverSpeed | Fault::FollowingError | Fault::Commutation | Fault::OverCurrent
+        );
+        swung && matches!(self, Self::Identify)
+    }
+}
+
+/// So often the measurement of the motor is tried more gently.
+pub const GENTLER: u32 = 2;
+
+/// Faults that pass by waiting with the bridge off; and so long a wait, in ms, so often at most.
+pub const HOT: [Fault; 2] = [Fault::WindingHot, Fault::BridgeOverload];
+/// See [`HOT`].
+pub const COOLING_MS: u32 = 20_000;
+/// See [`HOT`].
+pub const COOLINGS: u32 = 15;
 
 /// A way to calibrate.
 struct Sweep {

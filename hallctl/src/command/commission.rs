@@ -14,9 +14,8 @@ use crate::units;
 use crate::words as said;
 use anyhow::Context;
 use clap::Args;
-use hallservo::fault::Fault;
 use hallservo::mode::Mode;
-use hallservo::service::commission::{Action, Commission};
+use hallservo::service::commission::{self, Action, COOLINGS, Commission, GENTLER, HOT};
 use hallservo::settings::{Settings, TABLE, find};
 use hallservo_protocol::Ask;
 use journal::{Found, Journal, take};
@@ -47,12 +46,9 @@ pub(super) struct Options {
 /// Bandwidths from the outer to the inner loop, and values at which the settings have room for any motor.
 const LOW: [(&str, f32); 3] =
     [("position_bandwidth_hz", 0.125), ("speed_bandwidth_hz", 0.5), ("current_bandwidth_hz", 10.0)];
-/// What is too hot is waited for so long, in the drive's time, and so often at most.
-const COOLING_MS: u64 = 20_000;
-const COOLINGS: u32 = 15;
-/// So often the measurement of the motor is tried more gently, and so long at most their swing is waited for, in the
-/// drive's time.
-const GENTLER: u32 = 2;
+/// What is too hot is waited for so long, in the drive's time.
+const COOLING_MS: u64 = commission::COOLING_MS as u64;
+/// So long at most a swing is waited for, in the drive's time.
 const SETTLING_MS: u64 = 10_000;
 /// Longest wait for the settings to be saved, in the drive's time.
 const SAVING_MS: u64 = 10_000;
@@ -221,9 +217,6 @@ fn unless_hot<T>(client: &mut Client, result: Result<T>, words: &str, out: Out) 
     }
 }
 
-/// Faults that pass by waiting.
-const HOT: [Fault; 2] = [Fault::WindingHot, Fault::BridgeOverload];
-
 /// Whether a step came to nothing because the motor or the bridge is too hot by what has flowed: a fault, or the refusal
 /// to begin.
 fn is_hot(client: &mut Client, error: &Error) -> Result<bool> {
@@ -235,13 +228,10 @@ fn is_hot(client: &mut Client, error: &Error) -> Result<bool> {
     Ok(HOT.iter().any(|fault| mode == Mode::Faulted(*fault) || words.contains(&fault.to_string())))
 }
 
-/// What a load on a soft shaft comes to that swings with torques and the speed control.
-const BY_SWINGING: [Fault; 4] = [Fault::OverVoltage, Fault::OverSpeed, Fault::FollowingError, Fault::Commutation];
-
-/// Whether the measurement of the motor came to nothing because a load swings on its shaft.
+/// Whether the measurement of the motor came to nothing because something swings with it.
 fn has_swung(client: &mut Client, action: Action, error: &Error) -> Result<bool> {
-    let failed = action == Action::Identify && matches!(error, Error::Failed(_));
-    Ok(failed && matches!(client.status()?.mode, Mode::Faulted(fault) if BY_SWINGING.contains(&fault)))
+    let failed = matches!(error, Error::Failed(_));
+    Ok(failed && matches!(client.status()?.mode, Mode::Faulted(fault) if action.may_be_gentler(fault)))
 }
 
 /// Waits until the rotor is at rest and the bus is down, the bridge off.

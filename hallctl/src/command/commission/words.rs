@@ -48,7 +48,10 @@ pub(super) fn once_more(error: &Error, settings: &Settings, out: Out) -> Result<
         .control
         .map_or((f32::NAN, f32::NAN), |control| (control.max_acceleration_rad_s2, control.speed_bandwidth_hz));
     let gently = out.units.acceleration(rad_s2.into());
-    say!(out, "  {why}. A load may swing on its shaft: once more, more gently, {gently} and {hz:.1} Hz.")
+    say!(
+        out,
+        "  {why}. A load on its shaft or the measured speed may swing: once more, more gently, {gently} and {hz:.1} Hz."
+    )
 }
 
 /// What a step has found, and what is to be changed by hand.

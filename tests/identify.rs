@@ -182,10 +182,3 @@ fn are_told(seeds: &[u64], quantities: &[&str]) {
 fn a_measured_speed_that_swings_is_tried_more_gently() {
     are_told(&[20, 1047][..sim::of(1, 2)], &["R at standstill", "flux linkage"]);
 }
-
-/// What regulates the current at standstill followed the square wave, and added to it: inductances of a small voltage were up
-/// to 7 % too small.
-#[test]
-fn the_regulation_of_a_current_at_standstill_is_no_inductance() {
-    are_told(&[1005, 45][..sim::of(1, 2)], &["L at standstill"]);
-}

@@ -291,7 +291,7 @@ fn what_is_known_of_another_motor_is_not_believed() {
     steps(&["--max-current", "2"], "1 of 6");
     steps(&["--restart"], "1 of 6");
     // Another drive, also where it has taken the place of the first at the same port.
-    let other = Drive::start(&[]);
+    let other = Drive::with_flash(&folder.path().join("flash"), &[]);
     let told = said(&other, &["--max-current", "2.5"]);
     assert!(told.contains("1 of 6"), "{told}");
     std::fs::write(&file, left.replace(&drive.port, &other.port)).unwrap();

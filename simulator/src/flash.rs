@@ -56,7 +56,7 @@ impl Flash {
         if SMALLER.contains(&bytes.len()) {
             bytes.resize(SIZE, 0xff);
         }
-        Self::new(bytes, None, std::process::id())
+        Self::new(bytes, None, 0)
     }
 
     fn new(bytes: Vec<u8>, file: Option<File>, number: u32) -> Self {
@@ -64,7 +64,7 @@ impl Flash {
         Self(Rc::new(RefCell::new(Cells { bytes, file, serial, left: None, states: None })))
     }
 
-    /// Serial number of the chip that it belongs to: one for each file, or each process.
+    /// Serial number of the chip that it belongs to: another one for each file.
     pub fn serial(&self) -> [u32; 3] {
         self.0.borrow().serial
     }

@@ -120,14 +120,8 @@ impl Standstill {
         let counts = |strength: i32| limits.amplitude(Modulation::from_bits((strength >> 16) as i16)).counts();
         let limited = counts(self.strength) + ripple >= counts(i32::MAX);
         let rises = largest < 3 * current && !limited;
-        let place = self.steps % (2 * HALF);
-        // What follows the swing of the wave would add to it: so only where that begins.
-        let slow = match place {
-            _ if ripple == 0 => slow,
-            0 => slow * HALF as i32,
-            _ => 0,
-        };
         self.strength = self.strength.saturating_add(if rises { slow } else { -slow }).max(0);
+        let place = self.steps % (2 * HALF);
         let wave = if place < HALF { ripple } else { -ripple };
         let [wave_along, wave_across] = if across { [0, wave] } else { [wave, 0] };
         let along = counts(self.strength) + wave_along;

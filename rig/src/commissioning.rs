@@ -36,7 +36,8 @@ impl Bench {
 
     /// How it ends, begun anew with the motor cooled where it was too hot.
     fn end_of_cooled<P: Procedure>(&mut self, begin: impl Fn(&Config) -> P) -> Result<(P, State), String> {
-        for coolings in 0.. {
+        let mut coolings = 0;
+        loop {
             let mut procedure = begin(&self.rig.config);
             let state = self.end_of(&mut procedure);
             let hot = matches!(state, State::Failed(Error::Fault(fault) | Error::Refused(Refusal::Fault(fault)))
@@ -44,10 +45,10 @@ impl Bench {
             if !hot || coolings == COOLINGS {
                 return Ok((procedure, state));
             }
+            coolings += 1;
             self.clear()?;
             self.wait(f64::from(COOLING_MS) * 1e-3);
         }
-        unreachable!("it has ended")
     }
 
     /// Takes back a fault, if there is one.

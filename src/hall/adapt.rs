@@ -14,7 +14,7 @@
 //! the others, so that every sample of every sensor is used once. That costs half of what three scalars a sample cost,
 //! and angle and speed are known a sample later. The work at a turn's end is spread over two updates. On a Cortex-M4F
 //! an update takes some 1050 instructions; the most that were counted, over gaps, outliers, pushes and a lost sensor,
-//! are less than 1700. A sample with an outlier is looked at with all three sensors, which are then worked in as one
+//! are less than 2200. A sample with an outlier is looked at with all three sensors, which are then worked in as one
 //! measurement of the angle. Without a lost sensor, its turns are left out.
 //!
 //! The field of the windings turns with the current, and along q it is a shift of the whole turn, 1.15° electrical for
@@ -38,7 +38,9 @@
 //!   noise, too.
 //! - A measurement more than five standard deviations off is an outlier. Up to what uneven magnets can produce it
 //!   counts little; beyond, it is not used, unless an unexpected torque explains all three sensors. A sensor that is
-//!   such an outlier for 15 % of a turn is a [`Fault::Lost`]; angle and speed are tracked on by the other two.
+//!   such an outlier for 15 % of a turn, and differs from what the other two show without any prediction, is a
+//!   [`Fault::Lost`]; angle and speed are tracked on by the other two. Where all three agree with each other, something
+//!   turned the rotor: angle and speed are acquired anew, and that speaks against no parameter.
 //! - The parameters' variances grow by [`Settings::drift`] only for the time between covered turns, and never beyond
 //!   where they started. At rest nothing grows.
 //!

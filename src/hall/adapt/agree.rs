@@ -11,14 +11,14 @@ impl Adapter {
     /// Whether a sensor shows what it should at the angle that the other two show, as far as any rotor does.
     #[cold]
     pub(super) fn agrees_with_the_others(&self, sensor: usize, codes: &Codes) -> bool {
-        self.fits(sensor, &self.without(Channel(sensor as u8), codes), codes)
+        self.fits(sensor, &self.seen_by_others(Channel(sensor as u8), codes), codes)
     }
 
     /// Whether all sensors in use show what they should at some angle. Of three, two tell it: all of what is wrong with one
     /// shows in a third then, and a third of it in each where all three tell it.
     #[cold]
     pub(super) fn agree(&self, codes: &Codes) -> bool {
-        let state = self.without(self.suspicions.lost.unwrap_or(Channel(2)), codes);
+        let state = self.seen_by_others(self.suspicions.lost.unwrap_or(Channel(2)), codes);
         self.sensors_in_use().all(|k| self.fits(k, &state, codes))
     }
 
@@ -28,7 +28,7 @@ impl Adapter {
     }
 
     /// The state at the angle that the others than this sensor show.
-    fn without(&self, third: Channel, codes: &Codes) -> State {
+    fn seen_by_others(&self, third: Channel, codes: &Codes) -> State {
         let without: [bool; 3] = core::array::from_fn(|k| third == Channel(k as u8));
         let signals: [f32; 3] = core::array::from_fn(|k| self.sensors[k].signal(f32::from(codes[k])));
         let mut state = self.state;

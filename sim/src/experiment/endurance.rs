@@ -71,12 +71,11 @@ fn table(lives: &[Life]) -> Vec<Vec<String>> {
     let head = ["", "h", "blamed", "error", "lost for", "learns", "broken, named", "99 % after / turns", "last after"];
     let mut table = vec![head.map(String::from).to_vec()];
     let of = |is_meant: &dyn Fn(&Life) -> bool| lives.iter().filter(|life| is_meant(life)).collect::<Vec<_>>();
-    for Kind { name, .. } in kinds() {
-        table.push(row(name, &of(&|life| life.kind == name)));
-    }
-    table.push(row("with three Halls", &of(&|life| life.two_apart_deg.is_none())));
-    table.push(row("with two", &of(&|life| life.two_apart_deg.is_some())));
-    table.push(row("all", &of(&|_| true)));
+    let mut groups: Vec<_> = kinds().iter().map(|&Kind { name, .. }| (name, of(&|life| life.kind == name))).collect();
+    groups.push(("with three Halls", of(&|life| life.two_apart_deg.is_none())));
+    groups.push(("with two", of(&|life| life.two_apart_deg.is_some())));
+    groups.push(("all", of(&|_| true)));
+    table.extend(groups.iter().filter(|(_, lives)| !lives.is_empty()).map(|(name, lives)| row(name, lives)));
     table
 }
 
